@@ -1,0 +1,241 @@
+//! A lens as tables: what the pipeline needs to know of the glass, per wavelength.
+//!
+//!     ideal_height_mm[i]  f·tan(field angle), f = the DISTORTION focal length (one f for all bands)
+//!     image_height_mm[i]  REAL chief-ray height of the same field point; both ascend from 0
+//!     relative_illumination[i]  R, 1 on axis; belongs to the field point
+//!     psf(k)              PSF of a field point on +x at REAL height psf_height_mm[k]; row down, column right
+//! Tables are dense: linear interpolation between field points is within 1e-4 px (about 1000 points to 25 mm).
+//! The PSF stack of one band may be large (a traced pack: 60 MB), so it is handed over band by band, apart from these.
+
+use thiserror::Error;
+
+/// What one PSF sample stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PsfSample {
+    /// The PSF at a point; samples lie finer than Nyquist and are integrated over the film pixel when a kernel is made.
+    Point,
+    /// The PSF's mean over the square of one psf pitch.
+    Integrated,
+}
+
+/// Everything of a lens but the PSF samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lens {
+    /// Name shown to people.
+    pub name: String,
+    /// Slope of the paraxial chief ray in this image plane at the primary wavelength, mm.
+    pub distortion_focal_length_mm: f64,
+    /// Effective focal length, mm.
+    pub effective_focal_length_mm: f64,
+    /// Image-space F-number.
+    pub f_number: f64,
+    /// Wavelength the focal lengths belong to, nm.
+    pub primary_wavelength_nm: f64,
+    /// Object distance in mm; `None` = infinity.
+    pub object_distance_mm: Option<f64>,
+    /// Paraxial magnification (0 for an object at infinity).
+    pub magnification: f64,
+    /// What one PSF sample stands for.
+    pub psf_sample: PsfSample,
+    /// The wavelengths, ascending.
+    pub bands: Vec<LensBand>,
+}
+
+/// A lens at one wavelength.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LensBand {
+    /// Wavelength in nm.
+    pub wavelength_nm: f64,
+    /// Ideal heights of the field points, mm, ascending from 0.
+    pub ideal_height_mm: Vec<f64>,
+    /// Real chief-ray heights of the same field points, mm, ascending from 0.
+    pub image_height_mm: Vec<f64>,
+    /// Relative illumination of the same field points, 1 on axis.
+    pub relative_illumination: Vec<f64>,
+    /// REAL image heights of the PSFs, mm, ascending from 0.
+    pub psf_height_mm: Vec<f64>,
+    /// Azimuths J_k per height: 1 on the axis, else a multiple of 4.
+    pub azimuth_count: Vec<usize>,
+    /// Side of the PSF window in samples, odd.
+    pub psf_size: usize,
+    /// Sample pitch in µm.
+    pub psf_pitch_um: f64,
+    /// Share of all the light that the window held before normalisation, per height.
+    pub psf_energy: Vec<f64>,
+    /// Projected solid angle of the pupil seen from the axis, sr (π·NA²).
+    pub solid_angle_sr: f64,
+    /// Lens transmission, 1 if unknown.
+    pub transmission: f64,
+}
+
+/// PSF samples of one band: K windows of n × n, each of sum 1, chief ray at the centre sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PsfStack {
+    /// Side n of a window, odd.
+    pub size: usize,
+    /// Sample pitch in µm.
+    pub pitch_um: f64,
+    /// What a sample stands for.
+    pub sample: PsfSample,
+    /// K × n × n samples, row down, field point on +x.
+    pub samples: Vec<f32>,
+}
+
+impl PsfStack {
+    /// Number of heights.
+    pub fn heights(&self) -> usize {
+        self.samples.len() / (self.size * self.size)
+    }
+
+    /// The window of height `k`.
+    pub fn window(&self, k: usize) -> &[f32] {
+        let n = self.size * self.size;
+        &self.samples[k * n..][..n]
+    }
+}
+
+/// A lens table that cannot be used.
+#[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum LensError {
+    /// A table breaks its contract.
+    #[error("lens band {wavelength_nm} nm: {table} {problem}")]
+    Table {
+        /// The band.
+        wavelength_nm: f64,
+        /// Name of the table, as in the lens pack.
+        table: &'static str,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The film needs more field than the tables hold.
+    #[error(
+        "the film with its margin reaches {needed_mm:.6} mm from the axis, but the lens's {table} at {wavelength_nm} nm ends at {last_mm:.6} mm; use a smaller film or a lens pack with more field, or go on with `--outside clamp`"
+    )]
+    Outside {
+        /// Which table ends too early.
+        table: &'static str,
+        /// The band.
+        wavelength_nm: f64,
+        /// Real image height needed, mm.
+        needed_mm: f64,
+        /// Real image height held, mm.
+        last_mm: f64,
+    },
+    /// A chart band lies outside the lens's wavelengths.
+    #[error("chart band {wavelength_nm} nm lies outside the lens's {first_nm}..{last_nm} nm")]
+    Wavelength {
+        /// Wanted, nm.
+        wavelength_nm: f64,
+        /// First of the lens, nm.
+        first_nm: f64,
+        /// Last of the lens, nm.
+        last_nm: f64,
+    },
+    /// A chart band lies between two of the lens's: a PSF is never interpolated silently.
+    #[error(
+        "chart band {wavelength_nm} nm lies between the lens's {below_nm} and {above_nm} nm; a PSF is not interpolated over wavelength unless you say `--interpolate-psf` (over 20 nm it can be wrong by 30-100 % in the blue)"
+    )]
+    BetweenBands {
+        /// Wanted, nm.
+        wavelength_nm: f64,
+        /// The band below, nm.
+        below_nm: f64,
+        /// The band above, nm.
+        above_nm: f64,
+    },
+    /// Two bands cannot be blended into one.
+    #[error("cannot interpolate the PSF between {below_nm} and {above_nm} nm: their {what} differ")]
+    Blend {
+        /// The band below, nm.
+        below_nm: f64,
+        /// The band above, nm.
+        above_nm: f64,
+        /// What differs.
+        what: &'static str,
+    },
+}
+
+impl LensBand {
+    /// Checks the contract of every table.
+    ///
+    /// # Errors
+    /// [`LensError::Table`] names the first table that breaks it.
+    pub fn check(&self) -> Result<(), LensError> {
+        let bad = |table, problem: String| {
+            Err(LensError::Table { wavelength_nm: self.wavelength_nm, table, problem })
+        };
+        if !(self.wavelength_nm.is_finite() && self.wavelength_nm > 0.0) {
+            return bad("wavelength", format!("is {}, not a positive number of nm", self.wavelength_nm));
+        }
+        let m = self.ideal_height_mm.len();
+        for (name, table) in
+            [("ideal_height", &self.ideal_height_mm), ("image_height", &self.image_height_mm)]
+        {
+            if table.len() != m || m < 2 {
+                return bad(name, format!("has {} field points, expected {}", table.len(), m.max(2)));
+            }
+            if let Err(problem) = ascending_from_zero(table) {
+                return bad(name, problem);
+            }
+        }
+        if self.relative_illumination.len() != m {
+            let n = self.relative_illumination.len();
+            return bad("relative_illumination", format!("has {n} field points, expected {m}"));
+        }
+        if let Some(i) = self.relative_illumination.iter().position(|r| !(r.is_finite() && *r >= 0.0)) {
+            let v = self.relative_illumination[i];
+            return bad("relative_illumination", format!("is {v} at field point {i}"));
+        }
+        let k = self.psf_height_mm.len();
+        if k < 2 {
+            return bad("psf_height", format!("has {k} heights, expected at least 2"));
+        }
+        if let Err(problem) = ascending_from_zero(&self.psf_height_mm) {
+            return bad("psf_height", problem);
+        }
+        if self.azimuth_count.len() != k || self.psf_energy.len() != k {
+            return bad("azimuth_count", format!("or psf_energy does not have {k} heights"));
+        }
+        if self.azimuth_count[0] != 1 {
+            return bad("azimuth_count", format!("is {} on the axis, expected 1", self.azimuth_count[0]));
+        }
+        if let Some(i) = (1..k).find(|&i| self.azimuth_count[i] == 0 || self.azimuth_count[i] % 4 != 0) {
+            let j = self.azimuth_count[i];
+            return bad("azimuth_count", format!("is {j} at height {i}, expected a multiple of 4"));
+        }
+        if self.psf_size % 2 == 0 {
+            return bad("psf", format!("has a window of {} samples, expected an odd number", self.psf_size));
+        }
+        if !(self.psf_pitch_um.is_finite() && self.psf_pitch_um > 0.0) {
+            return bad("psf_pitch", format!("is {} µm", self.psf_pitch_um));
+        }
+        if let Some(i) = self.psf_energy.iter().position(|e| !(e.is_finite() && *e > 0.0 && *e <= 1.0 + 1e-6))
+        {
+            return bad("psf_energy", format!("is {} at height {i}, expected 0..1", self.psf_energy[i]));
+        }
+        if !(self.solid_angle_sr.is_finite() && self.solid_angle_sr > 0.0) {
+            return bad("solid_angle", format!("is {} sr", self.solid_angle_sr));
+        }
+        if !(self.transmission.is_finite() && self.transmission > 0.0 && self.transmission <= 1.0) {
+            return bad("transmission", format!("is {}, expected 0..1", self.transmission));
+        }
+        Ok(())
+    }
+}
+
+fn ascending_from_zero(table: &[f64]) -> Result<(), String> {
+    if table[0] != 0.0 {
+        return Err(format!("starts at {} mm, expected 0", table[0]));
+    }
+    match table.windows(2).position(|w| !(w[1] > w[0] && w[1].is_finite())) {
+        None => Ok(()),
+        Some(i) => Err(format!(
+            "does not ascend: {} mm at index {}, {} mm at index {}",
+            table[i],
+            i,
+            table[i + 1],
+            i + 1
+        )),
+    }
+}
