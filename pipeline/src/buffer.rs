@@ -1,0 +1,47 @@
+//! Float buffers aligned to a cache line, so that every SIMD width loads them aligned.
+
+use bytemuck::{Pod, Zeroable};
+
+/// One cache line of f32.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C, align(64))]
+struct Line([f32; 16]);
+
+/// `len` f32, zero at first, 64-byte aligned.
+#[derive(Clone, Debug, Default)]
+pub struct AlignedBuf {
+    lines: Vec<Line>,
+    len: usize,
+}
+
+impl AlignedBuf {
+    /// A buffer of `len` zeros.
+    pub fn zeroed(len: usize) -> Self {
+        Self { lines: vec![Line::zeroed(); len.div_ceil(16)], len }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.lines.len() * size_of::<Line>()
+    }
+
+    /// Makes it `len` zeros, keeping the allocation where it is large enough.
+    pub fn reset(&mut self, len: usize) {
+        self.lines.clear();
+        self.lines.resize(len.div_ceil(16), Line::zeroed());
+        self.len = len;
+    }
+}
+
+impl std::ops::Deref for AlignedBuf {
+    type Target = [f32];
+    fn deref(&self) -> &[f32] {
+        &bytemuck::cast_slice(&self.lines)[..self.len]
+    }
+}
+
+impl std::ops::DerefMut for AlignedBuf {
+    fn deref_mut(&mut self) -> &mut [f32] {
+        &mut bytemuck::cast_slice_mut(&mut self.lines)[..self.len]
+    }
+}

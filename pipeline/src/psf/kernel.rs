@@ -1,0 +1,387 @@
+//! Kernels: the PSF of each node, turned to its azimuth and integrated over the film pixel, ONCE.
+//!
+//! The stack holds PSFs of field points on +x. Node (k, j) is P_k turned by θ_j = 2πj/J_k about the chief ray (row down:
+//! a tail on +x points down at 90°):  P_kj(x, y) = P_k(x cos θ + y sin θ, −x sin θ + y cos θ).
+//! Turning interpolates by a cubic B-spline. Then
+//!   *point* samples: film pixel i takes ∫ of the interpolant over its width;
+//!   *integrated* samples: differences of the spline through the cumulative sum, which is exact at sample edges; at film
+//!   pitch that is the sample itself, so such a stack is used as it is at quarter turns.
+//! Every kernel sums to 1. Quarter turns are permutations: kernel(j + J/4) is kernel(j) turned by 90°, bit for bit.
+//! What is lost: light that a turned square window pushes out of the film window's corners (normalised away), and, for
+//! integrated samples between quarter turns, the turned pixel square ([`NodeKernels::turning_error`] estimates it).
+
+use crate::lens::{PsfSample, PsfStack};
+use crate::psf::grid::{Node, NodeGrid};
+use crate::psf::spline;
+
+/// Kernels of one band at the film's pitch.
+#[derive(Debug)]
+pub struct NodeKernels {
+    size: usize,
+    samples: usize,
+    coefficients: Vec<f32>,
+    base: Vec<f32>,
+    energy: Vec<f64>,
+    integrate: Option<Integrate>,
+}
+
+/// Buffers of one worker; no allocation after the first kernel.
+#[derive(Debug, Default)]
+pub struct KernelScratch {
+    turned: Vec<f64>,
+    half: Vec<f64>,
+    film: Vec<f64>,
+}
+
+impl NodeKernels {
+    /// Prepares the kernels of `stack` for a film of `film_pitch_um`; `window` crops them to that many film pixels (odd).
+    pub fn new(stack: &PsfStack, film_pitch_um: f64, window: Option<usize>) -> Self {
+        let n = stack.size;
+        let ratio = stack.pitch_um / film_pitch_um;
+        let as_is = stack.sample == PsfSample::Integrated && (ratio - 1.0).abs() < 1e-9;
+        let whole = if as_is { n } else { odd_at_least(n as f64 * ratio) };
+        let size = window.map_or(whole, |w| w.min(whole));
+        let mut kernels = Self {
+            size,
+            samples: n,
+            coefficients: Vec::with_capacity(stack.samples.len()),
+            base: Vec::with_capacity(stack.heights() * size * size),
+            energy: Vec::new(),
+            integrate: (!as_is).then(|| Integrate::new(n, ratio, size, stack.sample)),
+        };
+        let mut scratch = KernelScratch::default();
+        for k in 0..stack.heights() {
+            let window = stack.window(k);
+            kernels.coefficients.extend(spline::coefficients_2d(window, n));
+            let sum = match as_is {
+                true => {
+                    let edge = (n - size) / 2;
+                    scratch.film.clear();
+                    for y in 0..size {
+                        let row = &window[(y + edge) * n + edge..][..size];
+                        scratch.film.extend(row.iter().map(|&v| f64::from(v)));
+                    }
+                    scratch.film.iter().sum::<f64>()
+                }
+                false => {
+                    scratch.turned.clear();
+                    scratch.turned.extend(window.iter().map(|&v| f64::from(v)));
+                    kernels.integrate(&mut scratch)
+                }
+            };
+            let total: f64 = window.iter().map(|&v| f64::from(v)).sum();
+            kernels.energy.push(sum / total);
+            // A whole window of sum 1 is kept bit for bit.
+            let norm = if as_is && size == n && (sum - 1.0).abs() < 1e-6 { 1.0 } else { 1.0 / sum };
+            kernels.base.extend(scratch.film.iter().map(|v| (v * norm) as f32));
+        }
+        kernels
+    }
+
+    /// Side of a kernel in film pixels, odd.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Share of the stack's window (sum 1) that the film window holds, per height.
+    pub fn energy(&self) -> &[f64] {
+        &self.energy
+    }
+
+    /// The kernel of `node` into `out` (size × size, row down).
+    pub fn kernel(&self, grid: &NodeGrid, node: Node, s: &mut KernelScratch, out: &mut [f32]) {
+        let n = self.size;
+        let count = grid.azimuths()[node.k];
+        let base = &self.base[node.k * n * n..][..n * n];
+        if !count.is_multiple_of(4) {
+            assert!(count == 1, "azimuth counts are checked at the door");
+            out.copy_from_slice(base);
+            return;
+        }
+        let (quarter, rest) = (node.j / (count / 4), node.j % (count / 4));
+        if rest == 0 {
+            quarter_turns(base, n, quarter, out);
+            return;
+        }
+        let azimuth = std::f64::consts::TAU * rest as f64 / count as f64;
+        self.turn(node.k, azimuth, &mut s.turned);
+        let sum = match self.integrate {
+            Some(_) => self.integrate(s),
+            None => {
+                let edge = (self.samples - n) / 2;
+                s.film.clear();
+                for y in 0..n {
+                    s.film.extend_from_slice(&s.turned[(y + edge) * self.samples + edge..][..n]);
+                }
+                s.film.iter().sum()
+            }
+        };
+        let turned: Vec<f32> = s.film.iter().map(|v| (v / sum) as f32).collect();
+        quarter_turns(&turned, n, quarter, out);
+    }
+
+    /// Estimated L1 error of turning, worst over heights: a window turned by 45° and back against itself, over √2 because
+    /// two turns made it. Meaningful for integrated samples, whose pitch is too coarse for their turning to be exact.
+    pub fn turning_error(&self) -> f64 {
+        let n = self.samples;
+        let mut worst = 0.0f64;
+        let (mut there, mut back) = (Vec::new(), Vec::new());
+        for k in 0..self.energy.len() {
+            self.turn(k, std::f64::consts::FRAC_PI_4, &mut there);
+            let there: Vec<f32> = there.iter().map(|&v| v as f32).collect();
+            turn(&spline::coefficients_2d(&there, n), n, -std::f64::consts::FRAC_PI_4, &mut back);
+            let mut original = Vec::new();
+            turn(&self.coefficients[k * n * n..][..n * n], n, 0.0, &mut original);
+            let l1: f64 = original.iter().zip(&back).map(|(a, b)| (a - b).abs()).sum();
+            worst = worst.max(l1 / original.iter().sum::<f64>() / std::f64::consts::SQRT_2);
+        }
+        worst
+    }
+
+    fn turn(&self, k: usize, azimuth_rad: f64, out: &mut Vec<f64>) {
+        let n = self.samples;
+        turn(&self.coefficients[k * n * n..][..n * n], n, azimuth_rad, out);
+    }
+
+    /// Integrates `s.turned` (samples²) over the film pixels into `s.film` (size²); returns its sum.
+    fn integrate(&self, s: &mut KernelScratch) -> f64 {
+        let rows = self.integrate.as_ref().expect("only for stacks that need it");
+        let (m, n) = (self.samples, self.size);
+        s.half.clear();
+        s.half.resize(n * m, 0.0);
+        for (row, half) in rows.rows.iter().zip(s.half.chunks_exact_mut(m)) {
+            for (w, line) in row.weights.iter().zip(s.turned[row.first * m..].chunks_exact(m)) {
+                half.iter_mut().zip(line).for_each(|(h, v)| *h += w * v);
+            }
+        }
+        s.film.clear();
+        for half in s.half.chunks_exact(m) {
+            s.film.extend(
+                rows.rows
+                    .iter()
+                    .map(|row| row.weights.iter().zip(&half[row.first..]).map(|(w, v)| w * v).sum::<f64>()),
+            );
+        }
+        debug_assert_eq!(s.film.len(), n * n);
+        s.film.iter().sum()
+    }
+}
+
+/// The smallest odd number of film pixels that covers `width` of them.
+fn odd_at_least(width: f64) -> usize {
+    let n = (width - 1e-9).ceil().max(1.0) as usize;
+    n + usize::from(n.is_multiple_of(2))
+}
+
+/// The spline of `coefficients` (n × n) read at positions turned by −`azimuth_rad` about the centre.
+fn turn(coefficients: &[f32], n: usize, azimuth_rad: f64, out: &mut Vec<f64>) {
+    let (sin, cos) = azimuth_rad.sin_cos();
+    let c = (n as f64 - 1.0) / 2.0;
+    out.clear();
+    for row in 0..n {
+        let y = row as f64 - c;
+        for col in 0..n {
+            let x = col as f64 - c;
+            let (u, v) = (c + x * cos + y * sin, c - x * sin + y * cos);
+            let (iu, iv) = (u.floor(), v.floor());
+            let (wu, wv) = (spline::weights(u - iu), spline::weights(v - iv));
+            let (iu, iv) = (iu as isize - 1, iv as isize - 1);
+            let mut sum = 0.0;
+            for (dy, wy) in wv.iter().enumerate() {
+                let y = iv + dy as isize;
+                if y < 0 || y >= n as isize {
+                    continue;
+                }
+                let line = &coefficients[y as usize * n..][..n];
+                for (dx, wx) in wu.iter().enumerate() {
+                    let x = iu + dx as isize;
+                    if x >= 0 && x < n as isize {
+                        sum += wy * wx * f64::from(line[x as usize]);
+                    }
+                }
+            }
+            out.push(sum);
+        }
+    }
+}
+
+/// `kernel` turned by `quarter` × 90° (+x → +y, down): exact.
+fn quarter_turns(kernel: &[f32], n: usize, quarter: usize, out: &mut [f32]) {
+    let last = n - 1;
+    for y in 0..n {
+        for x in 0..n {
+            let (sy, sx) = match quarter {
+                0 => (y, x),
+                1 => (last - x, y),
+                2 => (last - y, last - x),
+                _ => (x, last - y),
+            };
+            out[y * n + x] = kernel[sy * n + sx];
+        }
+    }
+}
+
+/// Weights of the samples in each film pixel, along one direction.
+#[derive(Debug)]
+struct Integrate {
+    rows: Vec<Weights>,
+}
+
+#[derive(Debug)]
+struct Weights {
+    first: usize,
+    weights: Vec<f64>,
+}
+
+/// Weights below this share are dropped: they fall by 0.27 a sample away from the pixel's edge.
+const NEGLIGIBLE: f64 = 1e-12;
+
+impl Integrate {
+    /// `samples` of `ratio` film pixels each, centre on centre, to `size` film pixels.
+    fn new(samples: usize, ratio: f64, size: usize, kind: PsfSample) -> Self {
+        // Keeps the spline's zero boundary two film pixels and 24 samples (0.27^24 = 2e-14) away from the window.
+        let margin = 24 + (2.0 / ratio).ceil() as usize;
+        let n = samples + 2 * margin;
+        let centre = (samples as f64 - 1.0) / 2.0;
+        let mut upper = vec![0.0; n + 1];
+        let rows = (0..size).map(|i| {
+            let middle = i as f64 - (size as f64 - 1.0) / 2.0;
+            let (a, b) = (centre + (middle - 0.5) / ratio, centre + (middle + 0.5) / ratio);
+            let mut w = vec![0.0; n + 1];
+            match kind {
+                PsfSample::Point => {
+                    for (s, w) in w[..n].iter_mut().enumerate() {
+                        let t = s as f64 - margin as f64;
+                        *w = spline::cumulative(b - t) - spline::cumulative(a - t);
+                    }
+                    // B is symmetric: the weights of the values are B⁻¹ times those of the coefficients.
+                    spline::coefficients(&mut w, 0, 1, n, &mut upper);
+                }
+                PsfSample::Integrated => {
+                    // Edge e lies half a sample before sample e; the cumulative sum at it is Σ_{s<e} F_s.
+                    let mut at = |edge: f64, sign: f64| {
+                        let t = edge + 0.5 + margin as f64;
+                        let cell = t.floor();
+                        for (k, v) in spline::weights(t - cell).iter().enumerate() {
+                            let e = cell as isize - 1 + k as isize;
+                            if (0..=n as isize).contains(&e) {
+                                w[e as usize] += sign * v;
+                            }
+                        }
+                    };
+                    at(b, 1.0);
+                    at(a, -1.0);
+                    spline::coefficients(&mut w, 0, 1, n + 1, &mut upper);
+                    // From weights of the cumulative sums to weights of the samples: Σ over the edges beyond.
+                    let mut beyond = w[n];
+                    for s in (0..n).rev() {
+                        beyond += std::mem::replace(&mut w[s], beyond);
+                    }
+                }
+            }
+            let inside = &w[margin..margin + samples];
+            let first = inside.iter().position(|w| w.abs() > NEGLIGIBLE).unwrap_or(0);
+            let end = inside.iter().rposition(|w| w.abs() > NEGLIGIBLE).map_or(first, |e| e + 1);
+            Weights { first, weights: inside[first..end].to_vec() }
+        });
+        Self { rows: rows.collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An elliptical Gaussian about (cx, 0), axes `a` along +x and `b` across, in film pixels.
+    fn gaussian(x: f64, y: f64, azimuth: f64) -> f64 {
+        let (sin, cos) = azimuth.sin_cos();
+        let (u, v) = (x * cos + y * sin - 0.7, -x * sin + y * cos);
+        (-(u * u / (2.0 * 1.9 * 1.9) + v * v / (2.0 * 0.9 * 0.9))).exp()
+    }
+
+    fn stack(n: usize, pitch_um: f64, sample: PsfSample, film_pitch_um: f64) -> PsfStack {
+        let c = (n as f64 - 1.0) / 2.0;
+        let step = pitch_um / film_pitch_um;
+        let one: Vec<f64> = (0..n * n)
+            .map(|i| gaussian((((i % n) as f64) - c) * step, ((i / n) as f64 - c) * step, 0.0))
+            .collect();
+        let sum: f64 = one.iter().sum();
+        let one: Vec<f32> = one.iter().map(|v| (v / sum) as f32).collect();
+        PsfStack { size: n, pitch_um, sample, samples: [one.clone(), one].concat() }
+    }
+
+    /// The exact mean over each film pixel, by 16 × 16 midpoints.
+    fn exact(n: usize, azimuth: f64) -> Vec<f64> {
+        let c = (n as f64 - 1.0) / 2.0;
+        let mut k: Vec<f64> = (0..n * n)
+            .map(|i| {
+                let (y, x) = ((i / n) as f64 - c, (i % n) as f64 - c);
+                let at = |s: usize| (s as f64 + 0.5) / 16.0 - 0.5;
+                (0..256).map(|s| gaussian(x + at(s % 16), y + at(s / 16), azimuth)).sum()
+            })
+            .collect();
+        let sum: f64 = k.iter().sum();
+        k.iter_mut().for_each(|v| *v /= sum);
+        k
+    }
+
+    #[test]
+    fn fine_points_turn_and_integrate_within_3_permille() {
+        let grid = NodeGrid::new(&[0.0, 1.0], &[1, 72], 2e-3);
+        for pitch in [0.5, 0.6, 0.4] {
+            let stack = stack((4.0 * 13.0 / pitch / 2.0) as usize * 2 + 1, pitch, PsfSample::Point, 2.0);
+            let kernels = NodeKernels::new(&stack, 2.0, None);
+            let n = kernels.size();
+            let mut out = vec![0.0; n * n];
+            for j in [0, 1, 5, 9, 17, 18, 31, 54, 70] {
+                let node = Node { k: 1, j };
+                kernels.kernel(&grid, node, &mut KernelScratch::default(), &mut out);
+                let want = exact(n, grid.azimuth_rad(node));
+                let l1: f64 = out.iter().zip(&want).map(|(a, b)| (f64::from(*a) - b).abs()).sum();
+                assert!(l1 < 3e-3, "pitch {pitch}, azimuth {j} of 72: L1 {l1:.1e}");
+                let sum: f64 = out.iter().map(|&v| f64::from(v)).sum();
+                assert!((sum - 1.0).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn integrated_stacks_at_film_pitch_are_used_as_they_are() {
+        let stack = stack(15, 2.0, PsfSample::Integrated, 2.0);
+        let kernels = NodeKernels::new(&stack, 2.0, None);
+        let grid = NodeGrid::new(&[0.0, 1.0], &[1, 8], 2e-3);
+        let mut out = vec![0.0; 225];
+        kernels.kernel(&grid, Node { k: 1, j: 0 }, &mut KernelScratch::default(), &mut out);
+        assert_eq!(out, stack.window(1));
+        kernels.kernel(&grid, Node { k: 1, j: 2 }, &mut KernelScratch::default(), &mut out);
+        // +x turns to +y, down: what lay 3 right of the centre lies 3 below it.
+        assert_eq!(out[10 * 15 + 7], stack.window(1)[7 * 15 + 10]);
+        assert!((kernels.energy()[1] - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn integrated_samples_add_up_to_a_coarser_pitch() {
+        let fine = stack(45, 2.0, PsfSample::Integrated, 6.0);
+        let kernels = NodeKernels::new(&fine, 6.0, None);
+        assert_eq!(kernels.size(), 15);
+        let grid = NodeGrid::new(&[0.0, 1.0], &[1, 4], 6e-3);
+        let mut out = vec![0.0; 225];
+        kernels.kernel(&grid, Node { k: 1, j: 0 }, &mut KernelScratch::default(), &mut out);
+        for y in 0..15 {
+            for x in 0..15 {
+                let want: f32 = (0..9).map(|s| fine.samples[(3 * y + s / 3) * 45 + 3 * x + s % 3]).sum();
+                assert!((out[y * 15 + x] - want).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn a_cropped_window_is_normalised_and_its_share_recorded() {
+        let stack = stack(15, 2.0, PsfSample::Integrated, 2.0);
+        let kernels = NodeKernels::new(&stack, 2.0, Some(5));
+        assert_eq!(kernels.size(), 5);
+        let share: f32 = (0..25).map(|i| stack.samples[(5 + i / 5) * 15 + 5 + i % 5]).sum();
+        assert!((kernels.energy()[0] - f64::from(share)).abs() < 1e-6);
+        assert!(share < 0.99);
+    }
+}
