@@ -1,0 +1,151 @@
+//! What the lens does to a field point, by its REAL image height: distortion h(r, λ) and relative illumination R(r, λ).
+//!
+//!     h(r)   ideal height of the field point whose chief ray lands at real height r, mm;  h/r is what the scene stage
+//!            multiplies film coordinates by (h/r = h₁/r₁, the paraxial ratio, on the axis)
+//!     R(r)   irradiance there over irradiance on the axis, from the lens's table, not cos⁴; it belongs to the field
+//!            point and already holds distortion's change of area
+//! Both linear between the tables' dense points (error ≤ max|f″|·Δr²/8, 1e-4 px by the lens pack's contract), in f64.
+//! Beyond the last point: an error when the stage is made, or ([`Outside::Clamp`]) the last h/r and R.
+//! Left out: azimuth; a centred lens has none.
+
+use crate::lens::{LensBand, LensError};
+
+/// What to do where the film reaches beyond the lens's tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outside {
+    /// Refuse.
+    Error,
+    /// Go on with the last value.
+    Clamp,
+}
+
+impl Outside {
+    /// Checks that a table reaching `last_mm` covers `needed_mm`.
+    ///
+    /// # Errors
+    /// [`LensError::Outside`] with both ranges, unless clamped.
+    pub fn check(
+        self,
+        table: &'static str,
+        wavelength_nm: f64,
+        needed_mm: f64,
+        last_mm: f64,
+    ) -> Result<(), LensError> {
+        // Rounding of mm from px must not refuse a film that ends just where the table does.
+        match self == Self::Clamp || needed_mm <= last_mm * (1.0 + 1e-9) {
+            true => Ok(()),
+            false => Err(LensError::Outside { table, wavelength_nm, needed_mm, last_mm }),
+        }
+    }
+}
+
+/// h/r and R by real image height, ready for lookup in film pixels.
+#[derive(Clone, Debug)]
+pub struct Field {
+    real_px: Vec<f64>,
+    ideal_px: Vec<f64>,
+    illumination: Vec<f64>,
+    paraxial: f64,
+    buckets: Vec<u32>,
+    per_px: f64,
+}
+
+impl Field {
+    /// The tables of `band` on a film of `pitch_mm`. Without `distortion` h = r; without `illumination` R = 1; `gain`
+    /// multiplies R (film units).
+    pub fn new(band: &LensBand, pitch_mm: f64, distortion: bool, illumination: bool, gain: f64) -> Self {
+        let px = |table: &[f64]| -> Vec<f64> { table.iter().map(|h| h / pitch_mm).collect() };
+        let real_px = px(&band.image_height_mm);
+        let ideal_px = if distortion { px(&band.ideal_height_mm) } else { real_px.clone() };
+        let last = real_px[real_px.len() - 1];
+        let count = 2 * real_px.len();
+        let per_px = count as f64 / last;
+        let mut buckets = Vec::with_capacity(count + 1);
+        let mut i = 0;
+        for b in 0..=count {
+            while i + 2 < real_px.len() && real_px[i + 1] <= b as f64 / per_px {
+                i += 1;
+            }
+            buckets.push(i as u32);
+        }
+        Self {
+            paraxial: if distortion { band.ideal_height_mm[1] / band.image_height_mm[1] } else { 1.0 },
+            illumination: match illumination {
+                true => band.relative_illumination.iter().map(|r| r * gain).collect(),
+                false => vec![gain; real_px.len()],
+            },
+            real_px,
+            ideal_px,
+            buckets,
+            per_px,
+        }
+    }
+
+    /// (h/r, R·gain) at real height `r_px`.
+    #[inline]
+    pub fn at(&self, r_px: f64) -> (f64, f64) {
+        let last = self.real_px.len() - 1;
+        let r = r_px.min(self.real_px[last]);
+        // The bucket's first point may lie a step off by rounding: walk both ways.
+        let mut i = self.buckets[((r * self.per_px) as usize).min(self.buckets.len() - 1)] as usize;
+        while i > 0 && self.real_px[i] > r {
+            i -= 1;
+        }
+        while i + 2 <= last && self.real_px[i + 1] <= r {
+            i += 1;
+        }
+        let u = (r - self.real_px[i]) / (self.real_px[i + 1] - self.real_px[i]);
+        let between = |t: &[f64]| t[i] + u * (t[i + 1] - t[i]);
+        let magnification = if r > 0.0 { between(&self.ideal_px) / r } else { self.paraxial };
+        (magnification, between(&self.illumination))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn band(real: &[f64]) -> LensBand {
+        LensBand {
+            wavelength_nm: 550.0,
+            ideal_height_mm: real.iter().map(|h| h * (1.0 + 1e-3 * h)).collect(),
+            image_height_mm: real.to_vec(),
+            relative_illumination: real.iter().map(|h| 1.0 - 0.01 * h * h).collect(),
+            psf_height_mm: vec![0.0, 1.0],
+            azimuth_count: vec![1, 4],
+            psf_size: 1,
+            psf_pitch_um: 2.0,
+            psf_energy: vec![1.0, 1.0],
+            solid_angle_sr: 0.1,
+            transmission: 1.0,
+        }
+    }
+
+    #[test]
+    fn uneven_tables_interpolate_linearly_everywhere() {
+        let real = [0.0, 1e-4, 0.5, 0.50001, 0.6, 3.0, 3.1, 9.0];
+        let b = band(&real);
+        let field = Field::new(&b, 2e-3, true, true, 2.0);
+        for i in 0..9000 {
+            let r = f64::from(i) * 1e-3;
+            let k = real.partition_point(|&x| x <= r).clamp(1, real.len() - 1);
+            let u = (r - real[k - 1]) / (real[k] - real[k - 1]);
+            let want = |t: &[f64]| t[k - 1] + u * (t[k] - t[k - 1]);
+            let (m, ri) = field.at(r / 2e-3);
+            assert!((ri - 2.0 * want(&b.relative_illumination)).abs() < 1e-12, "R at {r}");
+            if r > 0.0 {
+                assert!((m - want(&b.ideal_height_mm) / r).abs() < 1e-12, "h/r at {r}");
+            }
+        }
+        assert_eq!(field.at(1e9), field.at(9.0 / 2e-3), "beyond the table the last values stay");
+    }
+
+    #[test]
+    fn switched_off_stages_change_nothing() {
+        let field = Field::new(&band(&[0.0, 1.0, 2.0]), 2e-3, false, false, 1.0);
+        for r in [0.0, 0.3, 499.7, 500.0, 812.0] {
+            let (m, ri) = field.at(r);
+            assert!((m - 1.0).abs() < 1e-15 && ri == 1.0);
+        }
+    }
+}

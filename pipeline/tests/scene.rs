@@ -1,0 +1,192 @@
+//! Stages 1-2 against the f64 map: any scale, surround, interpolation, axis, centre, table.
+
+mod oracle;
+
+use lenscube_pipeline::field::Outside;
+use lenscube_pipeline::flow::{ChartSource, DoorError};
+use lenscube_pipeline::geometry::{Frame, Rect, Size};
+use lenscube_pipeline::lens::LensBand;
+use lenscube_pipeline::resample::{Interp, Surround};
+use lenscube_pipeline::scene::{Reading, Scene, SceneScratch, Stages};
+use oracle::{Image, Noise, Tables, errors};
+
+struct Chart(Image);
+
+impl ChartSource for Chart {
+    fn size(&self) -> Size {
+        self.0.size
+    }
+    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        assert!(self.0.size.rect().contains(rect) && out.len() == rect.size().pixels());
+        for (i, v) in out.iter_mut().enumerate() {
+            *v = self.0.at(rect.y as usize + i / rect.width, rect.x as usize + i % rect.width) as f32;
+        }
+        Ok(())
+    }
+}
+
+const ALL: Stages = Stages { ri: true, distortion: true, svpsf: true };
+const FIRST_TWO: Stages = Stages { ri: true, distortion: true, svpsf: false };
+
+fn noise_chart(noise: &mut Noise, size: Size) -> Chart {
+    let data = (0..size.pixels()).map(|_| f64::from(noise.next() as f32)).collect();
+    Chart(Image { size, data })
+}
+
+/// Tables of `points` uneven field points up to `last_mm`, a few per cent of distortion either way.
+fn band(noise: &mut Noise, points: usize, last_mm: f64) -> LensBand {
+    let steps: Vec<f64> = (0..points - 1).map(|_| noise.between(0.3, 1.0)).collect();
+    let sum: f64 = steps.iter().sum();
+    let mut at = 0.0;
+    let mut real = vec![0.0];
+    real.extend(steps.iter().map(|s| {
+        at += s / sum * last_mm;
+        at
+    }));
+    let bend = noise.between(-0.05, 0.05);
+    let ideal = real.iter().map(|r| r * (1.01 + bend * (r / last_mm).powi(2))).collect();
+    let ri = real.iter().map(|r| 1.0 - 0.4 * (r / last_mm).powi(2)).collect();
+    LensBand {
+        wavelength_nm: 550.0,
+        ideal_height_mm: ideal,
+        image_height_mm: real,
+        relative_illumination: ri,
+        psf_height_mm: vec![0.0, last_mm],
+        azimuth_count: vec![1, 4],
+        psf_size: 1,
+        psf_pitch_um: 2.0,
+        psf_energy: vec![1.0, 1.0],
+        solid_angle_sr: 0.1,
+        transmission: 1.0,
+    }
+}
+
+#[test]
+fn scene_equals_the_map() {
+    let mut noise = Noise(3);
+    for case in 0..60 {
+        let film = Size::new(1 + noise.below(90), 1 + noise.below(700));
+        let chart = Size::new(1 + noise.below(120), 1 + noise.below(500));
+        let mut scale = (noise.between(0.9, 2.5), noise.between(0.9, 2.5));
+        match case % 4 {
+            0 => scale = (1.0, 1.0),
+            1 => scale = (noise.between(0.1, 1.0), noise.between(0.1, 2.0)),
+            _ => (),
+        }
+        let mut frame = Frame { scale, ..Frame::centred(film, chart, 2.0) };
+        if case % 3 == 1 {
+            frame.axis_px = (noise.between(-50.0, 100.0), noise.between(-50.0, 600.0));
+            frame.center_mm = (noise.between(-0.1, 0.1), noise.between(-0.1, 0.1));
+        }
+        let margin = noise.below(9);
+        let rect = film.rect().grown(margin);
+        let points = 3 + noise.below(400);
+        let lens = band(&mut noise, points, frame.farthest_mm(rect) + 1e-9);
+        let chart = noise_chart(&mut noise, chart);
+        let t = Tables {
+            ideal: &lens.ideal_height_mm,
+            real: &lens.image_height_mm,
+            ri: &lens.relative_illumination,
+        };
+        for (surround, outside) in [
+            (Surround::Edge, oracle::Outside::Edge),
+            (Surround::Black, oracle::Outside::Black),
+            (Surround::Mirror, oracle::Outside::Mirror),
+        ] {
+            for interp in [Interp::Bicubic, Interp::Bilinear] {
+                let reading = Reading { interp, surround, outside: Outside::Error };
+                let scene = Scene::new(&frame, &lens, ALL, reading, margin, 1.0).unwrap();
+                let mut got = vec![0.0; rect.size().pixels()];
+                scene.apply(&chart, 0, rect, &mut got, &mut SceneScratch::default()).unwrap();
+                let want = oracle::scene(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
+                if want.data.iter().all(|v| *v == 0.0) {
+                    assert!(got.iter().all(|v| *v == 0.0));
+                    continue;
+                }
+                let (worst, l2) = errors(&got, &want.data);
+                assert!(
+                    worst <= 2e-6 && l2 <= 1e-6,
+                    "case {case}, film {film}, chart {}, scale {scale:?}, {surround:?}, {interp:?}: max {worst:.1e}, L2 {l2:.1e}",
+                    chart.0.size
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_uniform_chart_gives_exactly_r() {
+    let mut noise = Noise(5);
+    let film = Size::new(141, 211);
+    let frame = Frame::centred(film, film, 20.0);
+    let lens = band(&mut noise, 1000, frame.farthest_mm(film.rect()));
+    let chart = Chart(Image::new(film, |_, _| 1.0));
+    let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
+    let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0).unwrap();
+    let mut got = vec![0.0; film.pixels()];
+    scene.apply(&chart, 0, film.rect(), &mut got, &mut SceneScratch::default()).unwrap();
+    let t =
+        Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
+    let want = oracle::scene(&chart.0, &frame, &t, film.rect(), true, oracle::Outside::Edge);
+    let worst = got.iter().zip(&want.data).fold(0.0f64, |m, (g, w)| m.max((f64::from(*g) - w).abs()));
+    assert!(worst <= 5e-7, "departs from R by {worst:.1e}");
+}
+
+#[test]
+fn an_identity_lens_returns_the_chart_bit_for_bit() {
+    let mut noise = Noise(9);
+    for film in [Size::new(1, 1), Size::new(64, 65), Size::new(133, 517)] {
+        let frame = Frame::centred(film, film, 1.7);
+        let mut lens = band(&mut noise, 50, frame.farthest_mm(film.rect()) + 1.0);
+        lens.ideal_height_mm = lens.image_height_mm.clone();
+        lens.relative_illumination.fill(1.0);
+        let chart = noise_chart(&mut noise, film);
+        let reading = Reading { interp: Interp::Bicubic, surround: Surround::Black, outside: Outside::Error };
+        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0).unwrap();
+        let mut got = vec![0.0; film.pixels()];
+        scene.apply(&chart, 0, film.rect(), &mut got, &mut SceneScratch::default()).unwrap();
+        assert!(got.iter().zip(&chart.0.data).all(|(g, c)| *g == *c as f32), "film {film}");
+    }
+}
+
+#[test]
+fn pixels_do_not_depend_on_the_cut() {
+    let mut noise = Noise(13);
+    let film = Size::new(200, 700);
+    for scale in [(1.0, 1.0), (0.37, 0.6)] {
+        let frame = Frame { scale, ..Frame::centred(film, Size::new(300, 400), 2.0) };
+        let lens = band(&mut noise, 300, frame.farthest_mm(film.rect()));
+        let chart = noise_chart(&mut noise, frame.chart);
+        let reading =
+            Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
+        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0).unwrap();
+        let mut whole = vec![0.0; film.pixels()];
+        let mut s = SceneScratch::default();
+        scene.apply(&chart, 0, film.rect(), &mut whole, &mut s).unwrap();
+        for part in film.rect().tiles(37, 129) {
+            let mut got = vec![0.0; part.size().pixels()];
+            scene.apply(&chart, 0, part, &mut got, &mut s).unwrap();
+            for (i, v) in got.iter().enumerate() {
+                let (y, x) = (part.y as usize + i / part.width, part.x as usize + i % part.width);
+                assert_eq!(v.to_bits(), whole[y * film.width + x].to_bits());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_film_beyond_the_tables_is_refused_or_clamped() {
+    let mut noise = Noise(1);
+    let film = Size::new(100, 100);
+    let frame = Frame::centred(film, film, 2.0);
+    let needed = frame.farthest_mm(film.rect().grown(3));
+    let lens = band(&mut noise, 20, needed * 0.9);
+    let mut reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
+    let error = Scene::new(&frame, &lens, FIRST_TWO, reading, 3, 1.0).unwrap_err().to_string();
+    assert!(
+        error.contains(&format!("{needed:.6}")) && error.contains(&format!("{:.6}", needed * 0.9)),
+        "{error}"
+    );
+    reading.outside = Outside::Clamp;
+    assert!(Scene::new(&frame, &lens, FIRST_TWO, reading, 3, 1.0).is_ok());
+}
