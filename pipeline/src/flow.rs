@@ -1,6 +1,7 @@
 //! The doors of the pipeline: where charts come from and films go to. Implemented by stores, by generators, by tests.
 
 use crate::geometry::{Rect, Size};
+use crate::plan::ShardId;
 
 /// An error of a source or a sink, kept with its own words.
 pub type DoorError = Box<dyn std::error::Error + Send + Sync>;
@@ -16,3 +17,34 @@ pub trait ChartSource: Sync {
     /// Whatever keeps the pixels from being read, in words for the user: it names band, row and column.
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError>;
 }
+
+/// Where finished shards go. `encode` is pure computing and runs on the workers; `commit` does the writing, elsewhere.
+pub trait FilmSink: Sync {
+    /// A shard ready to be written.
+    type Encoded: Send;
+
+    /// Encodes the pixels of one shard (row-major, `rect` of the film).
+    ///
+    /// # Errors
+    /// A value that the film's type cannot hold.
+    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, DoorError>;
+
+    /// Writes one shard: absent or complete, never half. Returns the bytes written.
+    ///
+    /// # Errors
+    /// What the store says: disk full, permission, gone.
+    fn commit(&self, encoded: Self::Encoded) -> Result<u64, DoorError>;
+}
+
+/// What a run tells while it goes; called from many threads.
+pub trait Progress: Sync {
+    /// A band's first tile is about to start: its position in the job and its number of tiles.
+    fn band(&self, _position: usize, _tiles: usize) {}
+    /// A tile of `pixels` film pixels has been added.
+    fn tile(&self, _position: usize, _pixels: usize) {}
+    /// A shard of `bytes` has been committed.
+    fn shard(&self, _id: ShardId, _bytes: u64) {}
+}
+
+/// Says nothing.
+impl Progress for () {}

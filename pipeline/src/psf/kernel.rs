@@ -38,8 +38,8 @@ impl NodeKernels {
     pub fn new(stack: &PsfStack, film_pitch_um: f64, window: Option<usize>) -> Self {
         let n = stack.size;
         let ratio = stack.pitch_um / film_pitch_um;
-        let as_is = stack.sample == PsfSample::Integrated && (ratio - 1.0).abs() < 1e-9;
-        let whole = if as_is { n } else { odd_at_least(n as f64 * ratio) };
+        let as_is = used_as_it_is(stack.pitch_um, film_pitch_um, stack.sample);
+        let whole = film_window(n, stack.pitch_um, film_pitch_um, stack.sample);
         let size = window.map_or(whole, |w| w.min(whole));
         let mut kernels = Self {
             size,
@@ -167,10 +167,17 @@ impl NodeKernels {
     }
 }
 
-/// The smallest odd number of film pixels that covers `width` of them.
-fn odd_at_least(width: f64) -> usize {
-    let n = (width - 1e-9).ceil().max(1.0) as usize;
-    n + usize::from(n.is_multiple_of(2))
+fn used_as_it_is(psf_pitch_um: f64, film_pitch_um: f64, sample: PsfSample) -> bool {
+    sample == PsfSample::Integrated && (psf_pitch_um / film_pitch_um - 1.0).abs() < 1e-9
+}
+
+/// Side in film pixels, odd, of the kernels made from windows of `samples` samples.
+pub fn film_window(samples: usize, psf_pitch_um: f64, film_pitch_um: f64, sample: PsfSample) -> usize {
+    if used_as_it_is(psf_pitch_um, film_pitch_um, sample) {
+        return samples;
+    }
+    let covering = (samples as f64 * psf_pitch_um / film_pitch_um - 1e-9).ceil().max(1.0) as usize;
+    covering + usize::from(covering.is_multiple_of(2))
 }
 
 /// The spline of `coefficients` (n × n) read at positions turned by −`azimuth_rad` about the centre.

@@ -122,6 +122,15 @@ pub struct Scattered {
     pub stride: usize,
 }
 
+impl Scattered {
+    /// `scene` as it is, rows `width` wide: light that no PSF scatters.
+    pub fn copy(&mut self, scene: &[f32], width: usize) {
+        self.stride = width;
+        self.data.reset(scene.len());
+        self.data.copy_from_slice(scene);
+    }
+}
+
 impl BandPsf {
     /// The stage for band `band` of the job, on a film of `pitch_mm`.
     pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels) -> Self {
@@ -171,10 +180,7 @@ impl BandPsf {
         s: &mut PsfScratch,
     ) {
         let Some(engine) = &self.engine else {
-            out.stride = tile.width;
-            out.data.reset(scene.len());
-            out.data.copy_from_slice(scene);
-            return;
+            return out.copy(scene, tile.width);
         };
         // Room for whole transforms: an engine may add zeros past the last row and column.
         out.stride = (tile.width + self.blocks.fft).next_multiple_of(16);

@@ -1,0 +1,231 @@
+//! One band of a job: which tables of the lens it takes, how it is cut, and its stages once its PSFs are there.
+//!
+//! A band at a wavelength of the lens takes that band's tables as they are. Between two, heights and RI interpolate
+//! linearly in λ at equal IDEAL height; a PSF does so only when asked ([`PsfBetween::Interpolate`]), node by node.
+
+use crate::executor::BandStages;
+use crate::field::Outside;
+use crate::geometry::Frame;
+use crate::lens::{Lens, LensBand, LensError, PsfStack};
+use crate::plan::Tiling;
+use crate::psf::BandPsf;
+use crate::psf::blocks::Blocks;
+use crate::psf::grid::NodeGrid;
+use crate::psf::kernel::{NodeKernels, film_window};
+use crate::scene::{Reading, Scene, Stages};
+
+/// Wavelengths closer than this are the same, nm.
+const SAME_NM: f64 = 1e-6;
+
+/// What to do with a PSF between two wavelengths of the lens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PsfBetween {
+    /// Refuse.
+    Error,
+    /// Interpolate linearly in λ.
+    Interpolate,
+}
+
+/// How bands are made; the same for all of a job.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Stages that are on.
+    pub stages: Stages,
+    /// How the chart is read.
+    pub reading: Reading,
+    /// Azimuths per height instead of the lens's own, a multiple of 4.
+    pub azimuths: Option<usize>,
+    /// Crop of the PSF window in film pixels, odd.
+    pub psf_window: Option<usize>,
+    /// PSFs between the lens's wavelengths.
+    pub between: PsfBetween,
+}
+
+/// The bands of the lens that a wavelength takes its tables from: `first` alone, or both with `second`'s share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Choice {
+    /// Band index in the lens.
+    pub first: usize,
+    /// The next band's index and its share, if between two.
+    pub second: Option<(usize, f64)>,
+}
+
+impl Choice {
+    /// Where `wavelength_nm` lies among the lens's bands.
+    ///
+    /// # Errors
+    /// [`LensError::Wavelength`] outside of them.
+    pub fn new(lens: &Lens, wavelength_nm: f64) -> Result<Self, LensError> {
+        let bands = &lens.bands;
+        let nm = |i: usize| bands[i].wavelength_nm;
+        if let Some(first) = (0..bands.len()).find(|&i| (nm(i) - wavelength_nm).abs() < SAME_NM) {
+            return Ok(Self { first, second: None });
+        }
+        match (1..bands.len()).find(|&i| nm(i - 1) < wavelength_nm && wavelength_nm < nm(i)) {
+            Some(i) => {
+                let share = (wavelength_nm - nm(i - 1)) / (nm(i) - nm(i - 1));
+                Ok(Self { first: i - 1, second: Some((i, share)) })
+            }
+            None => {
+                Err(LensError::Wavelength { wavelength_nm, first_nm: nm(0), last_nm: nm(bands.len() - 1) })
+            }
+        }
+    }
+}
+
+/// A band before its first pixel.
+#[derive(Clone, Debug)]
+pub struct BandPlan {
+    /// Where its tables come from.
+    pub choice: Choice,
+    /// Its tables.
+    pub lens: LensBand,
+    /// Its node grid, if the PSF stage is on.
+    pub grid: Option<NodeGrid>,
+    /// Its FFT cut, if the PSF stage is on.
+    pub blocks: Option<Blocks>,
+    /// Its tiles.
+    pub tiling: Tiling,
+}
+
+impl BandPlan {
+    /// Plans the band at `wavelength_nm` and checks that the lens covers it.
+    ///
+    /// # Errors
+    /// [`LensError`]: wavelength or film outside the lens, PSF between bands, a window no transform is wide enough for.
+    pub fn new(frame: &Frame, lens: &Lens, wavelength_nm: f64, options: &Options) -> Result<Self, LensError> {
+        let choice = Choice::new(lens, wavelength_nm)?;
+        let tables = tables(lens, choice, wavelength_nm, options)?;
+        let (mut grid, mut blocks) = (None, None);
+        if options.stages.svpsf {
+            let whole = film_window(tables.psf_size, tables.psf_pitch_um, frame.pitch_um, lens.psf_sample);
+            let window = options.psf_window.map_or(whole, |w| w.min(whole));
+            if window > Blocks::widest_window() {
+                return Err(LensError::Table {
+                    wavelength_nm,
+                    table: "psf",
+                    problem: format!(
+                        "window covers {window} film pixels, at most {} can be convolved; crop it with `--psf-window`",
+                        Blocks::widest_window()
+                    ),
+                });
+            }
+            let azimuths = match options.azimuths {
+                Some(j) => tables.azimuth_count.iter().map(|&own| if own == 1 { 1 } else { j }).collect(),
+                None => tables.azimuth_count.clone(),
+            };
+            let nodes = NodeGrid::new(&tables.psf_height_mm, &azimuths, frame.pitch_mm());
+            blocks = Some(Blocks::choose(window, &nodes));
+            grid = Some(nodes);
+        }
+        let tiling = Tiling::new(frame.film, blocks.as_ref());
+        let needed = frame.farthest_mm(frame.film.rect().grown(tiling.margin()));
+        let check = |table, last: &[f64]| {
+            options.reading.outside.check(table, wavelength_nm, needed, last[last.len() - 1])
+        };
+        if options.stages.svpsf {
+            check("psf_height table", &tables.psf_height_mm)?;
+        }
+        if options.stages.ri || options.stages.distortion {
+            check("image_height table", &tables.image_height_mm)?;
+        }
+        Ok(Self { choice, lens: tables, grid, blocks, tiling })
+    }
+
+    /// The stages of this band, the `position`-th of the job. `stack` reads a band of the lens's PSFs and is asked only if
+    /// that stage is on; `gain` multiplies the scene (film units).
+    ///
+    /// # Errors
+    /// What `stack` reports, or [`LensError`].
+    pub fn stages<E: From<LensError>>(
+        &self,
+        position: usize,
+        frame: &Frame,
+        options: &Options,
+        gain: f64,
+        mut stack: impl FnMut(usize) -> Result<PsfStack, E>,
+    ) -> Result<BandStages, E> {
+        let reading = Reading { outside: Outside::Clamp, ..options.reading }; // checked by `new`
+        let scene = Scene::new(frame, &self.lens, options.stages, reading, self.tiling.margin(), gain)?;
+        let psf = match &self.grid {
+            None => None,
+            Some(grid) => {
+                let mut samples = stack(self.choice.first)?;
+                if let Some((second, share)) = self.choice.second {
+                    samples = blend(&samples, &stack(second)?, share);
+                }
+                let kernels = NodeKernels::new(&samples, frame.pitch_um, options.psf_window);
+                Some(BandPsf::new(position, grid.clone(), kernels))
+            }
+        };
+        Ok(BandStages { scene, psf })
+    }
+}
+
+/// The tables at a wavelength: a band's own, or the two around it interpolated.
+fn tables(lens: &Lens, choice: Choice, wavelength_nm: f64, options: &Options) -> Result<LensBand, LensError> {
+    let first = &lens.bands[choice.first];
+    let Some((second, share)) = choice.second else { return Ok(first.clone()) };
+    let second = &lens.bands[second];
+    let (below_nm, above_nm) = (first.wavelength_nm, second.wavelength_nm);
+    if options.stages.svpsf {
+        if options.between == PsfBetween::Error {
+            return Err(LensError::BetweenBands { wavelength_nm, below_nm, above_nm });
+        }
+        let differ = |what| Err(LensError::Blend { below_nm, above_nm, what });
+        match (first, second) {
+            (a, b) if a.psf_height_mm.len() != b.psf_height_mm.len() => {
+                return differ("numbers of PSF heights");
+            }
+            (a, b) if a.psf_pitch_um != b.psf_pitch_um => return differ("PSF pitches"),
+            (a, b) if options.azimuths.is_none() && a.azimuth_count != b.azimuth_count => {
+                return differ("azimuth counts");
+            }
+            _ => (),
+        }
+    }
+    let mix = |a: f64, b: f64| a + share * (b - a);
+    let mix_all = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| mix(*a, *b)).collect::<Vec<_>>();
+    let at_first = |table: &[f64]| -> Vec<f64> {
+        let xs = &second.ideal_height_mm;
+        first.ideal_height_mm.iter().map(|&h| linear(h, xs, table)).collect()
+    };
+    Ok(LensBand {
+        wavelength_nm,
+        ideal_height_mm: first.ideal_height_mm.clone(),
+        image_height_mm: mix_all(&first.image_height_mm, &at_first(&second.image_height_mm)),
+        relative_illumination: mix_all(
+            &first.relative_illumination,
+            &at_first(&second.relative_illumination),
+        ),
+        psf_height_mm: mix_all(&first.psf_height_mm, &second.psf_height_mm),
+        azimuth_count: first.azimuth_count.clone(),
+        psf_size: first.psf_size.max(second.psf_size),
+        psf_pitch_um: first.psf_pitch_um,
+        psf_energy: mix_all(&first.psf_energy, &second.psf_energy),
+        solid_angle_sr: mix(first.solid_angle_sr, second.solid_angle_sr),
+        transmission: mix(first.transmission, second.transmission),
+    })
+}
+
+/// Linear interpolation, and extrapolation by the last step.
+fn linear(at: f64, xs: &[f64], ys: &[f64]) -> f64 {
+    let i = xs.partition_point(|&x| x <= at).clamp(1, xs.len() - 1);
+    ys[i - 1] + (at - xs[i - 1]) / (xs[i] - xs[i - 1]) * (ys[i] - ys[i - 1])
+}
+
+/// (1 − share)·a + share·b, the smaller window padded with dark.
+fn blend(a: &PsfStack, b: &PsfStack, share: f64) -> PsfStack {
+    let n = a.size.max(b.size);
+    let mut samples = vec![0f32; a.heights() * n * n];
+    for (from, share) in [(a, 1.0 - share), (b, share)] {
+        let edge = (n - from.size) / 2;
+        for k in 0..from.heights() {
+            for (y, row) in from.window(k).chunks_exact(from.size).enumerate() {
+                let to = &mut samples[k * n * n + (y + edge) * n + edge..][..from.size];
+                to.iter_mut().zip(row).for_each(|(t, f)| *t += share as f32 * f);
+            }
+        }
+    }
+    PsfStack { size: n, pitch_um: a.pitch_um, sample: a.sample, samples }
+}

@@ -1,0 +1,449 @@
+//! Workers, queues, back-pressure; no optics.
+//!
+//! Bands come one after the other from a thread that prepares the next while the present one runs. Workers take, in this
+//! order: a finished shard to encode; the next tile. What a tile's light adds up to is added in tile order by whichever
+//! worker holds the turn. Encoded shards go through a short queue to threads that only write. No queue is unbounded: a
+//! tile may start only [`AHEAD`] tiles a worker before the oldest one not yet added.
+
+use crate::flow::{ChartSource, DoorError, FilmSink, Progress};
+use crate::geometry::{Frame, Rect};
+use crate::overlap_add::{Finished, OverlapAdd, tiles_needed};
+use crate::plan::{ShardId, Tiling, Window};
+use crate::psf::spectra::SpectrumCache;
+use crate::psf::{BandPsf, PsfScratch, Scattered};
+use crate::scene::{Scene, SceneScratch};
+use crossbeam::channel::{Receiver, Sender, bounded};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Instant;
+use thiserror::Error;
+
+/// Tiles in flight or waiting for their turn, per worker.
+pub const AHEAD: usize = 3;
+/// Threads that write encoded shards; each waits on the disk most of the time.
+const WRITERS: usize = 2;
+
+/// The stages of one band, ready to run.
+#[derive(Debug)]
+pub struct BandStages {
+    /// Stages 1-2.
+    pub scene: Scene,
+    /// Stage 3, if on.
+    pub psf: Option<BandPsf>,
+}
+
+/// What is to be made.
+pub struct Work<'a> {
+    /// Film, axis, chart.
+    pub frame: Frame,
+    /// Outputs.
+    pub windows: &'a [Window],
+    /// Per position of the job: band of the chart, tiling, and the shards still to make.
+    pub bands: Vec<BandWork>,
+    /// Worker threads.
+    pub threads: usize,
+    /// Bytes for node spectra.
+    pub spectra_bytes: usize,
+    /// Set from outside to stop early: tiles in flight end, what they finish is committed.
+    pub cancel: &'a AtomicBool,
+}
+
+/// One band of the job.
+#[derive(Clone, Debug)]
+pub struct BandWork {
+    /// Band of the chart.
+    pub chart_band: usize,
+    /// Its cut.
+    pub tiling: Tiling,
+    /// Shards to make; their `band` is the position in the job.
+    pub wanted: BTreeSet<ShardId>,
+}
+
+/// Where the time went: thread seconds per stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StageTimes {
+    /// Reading and decoding the chart.
+    pub read_s: f64,
+    /// RI, distortion and interpolation.
+    pub scene_s: f64,
+    /// SVPSF, kernels included.
+    pub svpsf_s: f64,
+    /// Adding tails.
+    pub add_s: f64,
+    /// Encoding shards.
+    pub encode_s: f64,
+    /// Writing shards (not compute: waiting on the disk).
+    pub write_s: f64,
+    /// Preparing bands: PSF stacks and their splines (beside the workers).
+    pub prepare_s: f64,
+}
+
+/// What a run did.
+#[derive(Clone, Debug, Default)]
+pub struct Summary {
+    /// Thread seconds per stage.
+    pub times: StageTimes,
+    /// Wall time, s.
+    pub wall_s: f64,
+    /// Tiles computed.
+    pub tiles: u64,
+    /// Film pixels of those tiles.
+    pub pixels: u64,
+    /// Node spectra built.
+    pub spectra: u64,
+    /// Shards written.
+    pub shards: u64,
+    /// Bytes written.
+    pub bytes_written: u64,
+    /// Stopped early by `cancel`.
+    pub interrupted: bool,
+}
+
+/// Why a run stopped.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum RunError {
+    /// A band's stages could not be made.
+    #[error("preparing band {position}: {source}")]
+    Prepare {
+        /// Position in the job.
+        position: usize,
+        /// What went wrong.
+        source: DoorError,
+    },
+    /// The chart could not be read.
+    #[error("reading the chart for film rows {}..{}, columns {}..{}: {source}", .rect.y, .rect.bottom(), .rect.x, .rect.right())]
+    Read {
+        /// Film rectangle being made.
+        rect: Rect,
+        /// What went wrong.
+        source: DoorError,
+    },
+    /// A shard could not be encoded or written.
+    #[error("writing shard row {}, column {} of band {}: {source}", .id.row, .id.col, .id.band)]
+    Write {
+        /// Which shard.
+        id: ShardId,
+        /// What went wrong.
+        source: DoorError,
+    },
+}
+
+#[derive(Default)]
+struct Clock {
+    read: AtomicU64,
+    scene: AtomicU64,
+    svpsf: AtomicU64,
+    add: AtomicU64,
+    encode: AtomicU64,
+    write: AtomicU64,
+    prepare: AtomicU64,
+}
+
+fn timed<T>(clock: &AtomicU64, f: impl FnOnce() -> T) -> T {
+    let start = Instant::now();
+    let value = f();
+    clock.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
+    value
+}
+
+/// A chart whose reading time is counted apart from resampling.
+struct Timed<'a>(&'a dyn ChartSource, &'a AtomicU64);
+
+impl ChartSource for Timed<'_> {
+    fn size(&self) -> crate::geometry::Size {
+        self.0.size()
+    }
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        timed(self.1, || self.0.read(band, rect, out))
+    }
+}
+
+/// A band on its way, and its tiles.
+struct Running {
+    position: usize,
+    stages: BandStages,
+    tiles: Vec<(usize, usize)>,
+}
+
+struct Light {
+    band: Arc<Running>,
+    tile: (usize, usize),
+    light: Scattered,
+}
+
+#[derive(Default)]
+struct State {
+    band: Option<Arc<Running>>,
+    next_tile: usize,
+    sequence: usize,
+    bands_over: bool,
+    fetching: bool,
+    added: usize,
+    adding: bool,
+    waiting: BTreeMap<usize, Light>,
+    finished: VecDeque<Finished>,
+    spare: Vec<Scattered>,
+    error: Option<RunError>,
+    tiles: u64,
+    pixels: u64,
+}
+
+enum Task {
+    Tile(usize, Arc<Running>, (usize, usize), Scattered),
+    Encode(Finished),
+    Over,
+}
+
+struct Shared<'a, S: FilmSink> {
+    work: &'a Work<'a>,
+    chart: Timed<'a>,
+    sink: &'a S,
+    progress: &'a dyn Progress,
+    spectra: SpectrumCache,
+    clock: &'a Clock,
+    state: Mutex<State>,
+    changed: Condvar,
+    overlap: Mutex<OverlapAdd>,
+}
+
+/// Runs `work` from `chart` to `sink`; `prepare` makes the stages of the band at a position of the job.
+///
+/// # Errors
+/// The first [`RunError`]; shards committed before it stay.
+pub fn run<S: FilmSink>(
+    work: &Work<'_>,
+    chart: &dyn ChartSource,
+    sink: &S,
+    prepare: &(dyn Fn(usize) -> Result<BandStages, DoorError> + Sync),
+    progress: &dyn Progress,
+) -> Result<Summary, RunError> {
+    let start = Instant::now();
+    let clock = Clock::default();
+    let shared = Shared {
+        work,
+        chart: Timed(chart, &clock.read),
+        sink,
+        progress,
+        spectra: SpectrumCache::new(work.spectra_bytes),
+        clock: &clock,
+        state: Mutex::default(),
+        changed: Condvar::new(),
+        overlap: Mutex::new(OverlapAdd::new(work.windows)),
+    };
+    let (shards, bytes) = (AtomicU64::new(0), AtomicU64::new(0));
+    std::thread::scope(|scope| {
+        let (bands_out, bands_in) = bounded::<Running>(0);
+        let (encoded_out, encoded_in) = bounded::<(ShardId, S::Encoded)>(WRITERS);
+        let shared = &shared;
+        scope.spawn(move || shared.prepare_bands(prepare, &bands_out));
+        for _ in 0..WRITERS {
+            let (inbox, shards, bytes) = (encoded_in.clone(), &shards, &bytes);
+            scope.spawn(move || shared.write(&inbox, shards, bytes));
+        }
+        for _ in 0..work.threads.max(1) {
+            let (bands, encoded) = (bands_in.clone(), encoded_out.clone());
+            scope.spawn(move || shared.compute(&bands, &encoded));
+        }
+    });
+    let state = shared.state.into_inner().expect("workers do not panic");
+    if let Some(error) = state.error {
+        return Err(error);
+    }
+    let seconds = |c: &AtomicU64| c.load(Ordering::Relaxed) as f64 * 1e-9;
+    Ok(Summary {
+        times: StageTimes {
+            read_s: seconds(&clock.read),
+            scene_s: seconds(&clock.scene) - seconds(&clock.read),
+            svpsf_s: seconds(&clock.svpsf),
+            add_s: seconds(&clock.add),
+            encode_s: seconds(&clock.encode),
+            write_s: seconds(&clock.write),
+            prepare_s: seconds(&clock.prepare),
+        },
+        wall_s: start.elapsed().as_secs_f64(),
+        tiles: state.tiles,
+        pixels: state.pixels,
+        spectra: shared.spectra.built(),
+        shards: shards.into_inner(),
+        bytes_written: bytes.into_inner(),
+        interrupted: work.cancel.load(Ordering::Relaxed),
+    })
+}
+
+impl<S: FilmSink> Shared<'_, S> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
+        self.state.lock().expect("workers do not panic")
+    }
+
+    fn fail(&self, error: RunError) {
+        self.lock().error.get_or_insert(error);
+        self.changed.notify_all();
+    }
+
+    fn stopping(&self, state: &State) -> bool {
+        state.error.is_some() || self.work.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Makes bands one ahead of the workers, who take them from `out`.
+    fn prepare_bands(
+        &self,
+        prepare: &(dyn Fn(usize) -> Result<BandStages, DoorError> + Sync),
+        out: &Sender<Running>,
+    ) {
+        for (position, band) in self.work.bands.iter().enumerate() {
+            let tiles = tiles_needed(&band.tiling, self.work.windows, &band.wanted);
+            if tiles.is_empty() || self.stopping(&self.lock()) {
+                continue;
+            }
+            match timed(&self.clock.prepare, || prepare(position)) {
+                Ok(stages) => {
+                    if out.send(Running { position, stages, tiles }).is_err() {
+                        return;
+                    }
+                }
+                Err(source) => return self.fail(RunError::Prepare { position, source }),
+            }
+        }
+    }
+
+    /// What this worker should do next; waits where it must.
+    fn next(&self, bands: &Receiver<Running>) -> Task {
+        let ahead = AHEAD * self.work.threads.max(1);
+        let mut state = self.lock();
+        loop {
+            if state.error.is_some() {
+                return Task::Over;
+            }
+            if let Some(shard) = state.finished.pop_front() {
+                return Task::Encode(shard);
+            }
+            let cancelled = self.work.cancel.load(Ordering::Relaxed);
+            let over = state.bands_over || cancelled;
+            let tiles_left = state.band.as_ref().map_or(0, |b| b.tiles.len() - state.next_tile);
+            if tiles_left > 0 && !cancelled && state.sequence < state.added + ahead {
+                let band = Arc::clone(state.band.as_ref().expect("it has tiles"));
+                let (sequence, tile) = (state.sequence, band.tiles[state.next_tile]);
+                state.sequence += 1;
+                state.next_tile += 1;
+                return Task::Tile(sequence, band, tile, state.spare.pop().unwrap_or_default());
+            }
+            if over && (tiles_left == 0 || cancelled) && state.added == state.sequence && !state.adding {
+                self.changed.notify_all();
+                return Task::Over;
+            }
+            if tiles_left == 0 && !over && !state.fetching {
+                state.fetching = true;
+                drop(state);
+                let band = bands.recv();
+                state = self.lock();
+                state.fetching = false;
+                match band {
+                    Ok(band) => {
+                        self.progress.band(band.position, band.tiles.len());
+                        state.band = Some(Arc::new(band));
+                        state.next_tile = 0;
+                    }
+                    Err(_) => state.bands_over = true,
+                }
+                self.changed.notify_all();
+                continue;
+            }
+            state = self.changed.wait(state).expect("workers do not panic");
+        }
+    }
+
+    fn compute(&self, bands: &Receiver<Running>, encoded: &Sender<(ShardId, S::Encoded)>) {
+        let (mut scene, mut scratch, mut psf) = (Vec::new(), SceneScratch::default(), PsfScratch::default());
+        loop {
+            match self.next(bands) {
+                Task::Over => return,
+                Task::Encode(shard) => {
+                    let done =
+                        timed(&self.clock.encode, || self.sink.encode(shard.id, shard.rect, &shard.pixels));
+                    self.overlap.lock().expect("workers do not panic").recycle(shard.pixels);
+                    match done {
+                        Ok(bytes) => {
+                            // Writers are gone only after an error, which is told elsewhere.
+                            let _ = encoded.send((shard.id, bytes));
+                        }
+                        Err(source) => self.fail(RunError::Write { id: shard.id, source }),
+                    }
+                }
+                Task::Tile(sequence, band, tile, mut light) => {
+                    let work = &self.work.bands[band.position];
+                    let rect = work.tiling.rect(tile);
+                    scene.resize(rect.size().pixels(), 0.0);
+                    let stages = &band.stages;
+                    let read = timed(&self.clock.scene, || {
+                        stages.scene.apply(&self.chart, work.chart_band, rect, &mut scene, &mut scratch)
+                    });
+                    if let Err(source) = read {
+                        self.fail(RunError::Read { rect, source });
+                        return;
+                    }
+                    timed(&self.clock.svpsf, || match &stages.psf {
+                        Some(stage) => {
+                            stage.scatter(
+                                &self.work.frame,
+                                rect,
+                                &scene,
+                                &self.spectra,
+                                &mut light,
+                                &mut psf,
+                            );
+                        }
+                        None => light.copy(&scene, rect.width),
+                    });
+                    self.add(sequence, Light { band, tile, light });
+                }
+            }
+        }
+    }
+
+    /// Hands in a tile's light; if it is this worker's turn, adds all that are next in order.
+    fn add(&self, sequence: usize, light: Light) {
+        let mut state = self.lock();
+        state.waiting.insert(sequence, light);
+        if state.adding {
+            return;
+        }
+        state.adding = true;
+        loop {
+            let turn = state.added;
+            let Some(Light { band, tile, light }) = state.waiting.remove(&turn) else { break };
+            drop(state);
+            let work = &self.work.bands[band.position];
+            let reach = work.tiling.reach(tile);
+            let finished = timed(&self.clock.add, || {
+                let mut overlap = self.overlap.lock().expect("workers do not panic");
+                overlap.add(band.position, &work.tiling, &work.wanted, reach, &light)
+            });
+            let pixels = work.tiling.rect(tile).intersect(self.work.frame.film.rect()).size().pixels();
+            self.progress.tile(band.position, pixels);
+            state = self.lock();
+            state.added += 1;
+            state.tiles += 1;
+            state.pixels += pixels as u64;
+            state.spare.push(light);
+            state.finished.extend(finished);
+            self.changed.notify_all();
+        }
+        state.adding = false;
+        self.changed.notify_all();
+    }
+
+    fn write(&self, inbox: &Receiver<(ShardId, S::Encoded)>, shards: &AtomicU64, bytes: &AtomicU64) {
+        for (id, encoded) in inbox {
+            match timed(&self.clock.write, || self.sink.commit(encoded)) {
+                Ok(written) => {
+                    shards.fetch_add(1, Ordering::Relaxed);
+                    bytes.fetch_add(written, Ordering::Relaxed);
+                    self.progress.shard(id, written);
+                }
+                Err(source) => self.fail(RunError::Write { id, source }),
+            }
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! Decided before any pixel: the cut of each band into tiles, which tiles reach which shard, what must be in memory.
+//!
+//! A band's scene is the film GROWN by half its window. Tiles cut that rectangle row by row from its first pixel; a tile
+//! reaches itself grown by the margin. Outputs are windows of the film (all of it, or regions of interest), each cut into
+//! shards from its own first pixel. None of this depends on memory, threads or timing.
+
+use crate::geometry::{Rect, Size};
+use crate::psf::blocks::Blocks;
+
+/// Side of a tile of a band without PSF, px.
+const PLAIN_TILE: usize = 512;
+
+/// The cut of one band: tiles of the grown film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tiling {
+    grown: Rect,
+    margin: usize,
+    tile: usize,
+}
+
+impl Tiling {
+    /// Tiles for a film of `film` px; `blocks` is `None` for a band without PSF stage.
+    pub fn new(film: Size, blocks: Option<&Blocks>) -> Self {
+        let (margin, tile) = blocks.map_or((0, PLAIN_TILE), |b| (b.window / 2, b.tile));
+        Self { grown: film.rect().grown(margin), margin, tile }
+    }
+
+    /// Half the window, px.
+    pub fn margin(&self) -> usize {
+        self.margin
+    }
+
+    /// Tile side, px.
+    pub fn tile(&self) -> usize {
+        self.tile
+    }
+
+    /// Tile rows and columns.
+    pub fn count(&self) -> (usize, usize) {
+        (self.grown.height.div_ceil(self.tile), self.grown.width.div_ceil(self.tile))
+    }
+
+    /// Scene rectangle of tile (i, j).
+    pub fn rect(&self, (i, j): (usize, usize)) -> Rect {
+        let (y, x) = (i * self.tile, j * self.tile);
+        let at = |start: i64, by: usize| start + by as i64;
+        Rect::new(
+            at(self.grown.y, y),
+            at(self.grown.x, x),
+            self.tile.min(self.grown.height - y),
+            self.tile.min(self.grown.width - x),
+        )
+    }
+
+    /// Film rectangle that the light of tile (i, j) reaches.
+    pub fn reach(&self, tile: (usize, usize)) -> Rect {
+        self.rect(tile).grown(self.margin)
+    }
+
+    /// Tile rows and columns (first, end) whose light reaches the film rectangle `part`.
+    pub fn reaching(&self, part: Rect) -> ((usize, usize), (usize, usize)) {
+        let (rows, cols) = self.count();
+        let range = |first: i64, end: i64, count: usize| {
+            // Tile i reaches [i·tile − 2·margin, (i + 1)·tile).
+            let first = first.max(0) as usize / self.tile;
+            let end = (end.max(0) as usize + 2 * self.margin).div_ceil(self.tile);
+            (first.min(count), end.min(count))
+        };
+        (range(part.y, part.bottom(), rows), range(part.x, part.right(), cols))
+    }
+}
+
+/// One output: a window of the film, cut into square shards from its own first pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// The window on the film.
+    pub rect: Rect,
+    /// Shard side, px.
+    pub shard: usize,
+}
+
+/// A shard of one band of one output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ShardId {
+    /// Band of the job.
+    pub band: usize,
+    /// Output window.
+    pub window: usize,
+    /// Shard row.
+    pub row: usize,
+    /// Shard column.
+    pub col: usize,
+}
+
+impl Window {
+    /// Shard rows and columns.
+    pub fn count(&self) -> (usize, usize) {
+        (self.rect.height.div_ceil(self.shard), self.rect.width.div_ceil(self.shard))
+    }
+
+    /// Film rectangle of shard (row, col), clipped to the window.
+    pub fn shard_rect(&self, row: usize, col: usize) -> Rect {
+        let (y, x) = (row * self.shard, col * self.shard);
+        Rect::new(
+            self.rect.y + y as i64,
+            self.rect.x + x as i64,
+            self.shard.min(self.rect.height - y),
+            self.shard.min(self.rect.width - x),
+        )
+    }
+
+    /// Shards (row, col) that `part` of the film touches.
+    pub fn touched(&self, part: Rect) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let common = self.rect.intersect(part);
+        let shard = self.shard;
+        let range = |first: i64, count: usize, origin: i64| {
+            let first = (first - origin) as usize;
+            first / shard..if count == 0 { first / shard } else { (first + count).div_ceil(shard) }
+        };
+        let rows = range(common.y, common.height, self.rect.y);
+        let cols = if common.is_empty() { 0..0 } else { range(common.x, common.width, self.rect.x) };
+        rows.flat_map(move |row| cols.clone().map(move |col| (row, col)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn blocks(window: usize, tile: usize) -> Blocks {
+        Blocks { window, fft: 64, block: tile, tile }
+    }
+
+    #[test]
+    fn tiles_reaching_a_shard_are_just_those_that_meet_it() {
+        for (film, window, tile) in
+            [(Size::new(700, 333), 51, 142), (Size::new(5, 9), 7, 32), (Size::new(300, 300), 1, 64)]
+        {
+            let tiling = Tiling::new(film, Some(&blocks(window, tile)));
+            let out = Window { rect: film.rect(), shard: 128 };
+            let (rows, cols) = out.count();
+            for (row, col) in (0..rows).flat_map(|r| (0..cols).map(move |c| (r, c))) {
+                let part = out.shard_rect(row, col);
+                let ((i0, i1), (j0, j1)) = tiling.reaching(part);
+                let (ni, nj) = tiling.count();
+                for (i, j) in (0..ni).flat_map(|i| (0..nj).map(move |j| (i, j))) {
+                    let meets = !tiling.reach((i, j)).intersect(part).is_empty();
+                    let listed = (i0..i1).contains(&i) && (j0..j1).contains(&j);
+                    assert_eq!(meets, listed, "film {film}, tile {i},{j}, shard {row},{col}");
+                    assert_eq!(meets, out.touched(tiling.reach((i, j))).any(|s| s == (row, col)));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! The whole flow in memory: chart → film through the executor, against the f64 model; same bits however it is run.
+
+mod oracle;
+
+use lenscube_pipeline::band::{BandPlan, Options, PsfBetween};
+use lenscube_pipeline::executor::{BandWork, Summary, Work, run};
+use lenscube_pipeline::field::Outside;
+use lenscube_pipeline::flow::{ChartSource, DoorError, FilmSink};
+use lenscube_pipeline::geometry::{Frame, Rect, Size};
+use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
+use lenscube_pipeline::plan::{ShardId, Window};
+use lenscube_pipeline::resample::{Interp, Surround};
+use lenscube_pipeline::scene::{Reading, Stages};
+use oracle::{Grid, Image, Noise, Tables, errors};
+use std::collections::BTreeSet;
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+
+struct Chart(Vec<Image>);
+
+impl ChartSource for Chart {
+    fn size(&self) -> Size {
+        self.0[0].size
+    }
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        let image = &self.0[band];
+        for (i, v) in out.iter_mut().enumerate() {
+            *v = image.at(rect.y as usize + i / rect.width, rect.x as usize + i % rect.width) as f32;
+        }
+        Ok(())
+    }
+}
+
+/// Films by window and band; every shard may come once.
+struct Sink {
+    windows: Vec<Window>,
+    films: Mutex<Vec<Vec<Vec<f32>>>>,
+    seen: Mutex<BTreeSet<ShardId>>,
+}
+
+impl Sink {
+    fn new(windows: &[Window], bands: usize) -> Self {
+        let film = |w: &Window| vec![vec![f32::NAN; w.rect.size().pixels()]; bands];
+        Self {
+            windows: windows.to_vec(),
+            films: Mutex::new(windows.iter().map(film).collect()),
+            seen: Mutex::default(),
+        }
+    }
+}
+
+impl FilmSink for Sink {
+    type Encoded = (ShardId, Rect, Vec<f32>);
+    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, DoorError> {
+        assert_eq!(self.windows[id.window].shard_rect(id.row, id.col), rect);
+        Ok((id, rect, pixels.to_vec()))
+    }
+    fn commit(&self, (id, rect, pixels): Self::Encoded) -> Result<u64, DoorError> {
+        assert!(self.seen.lock().unwrap().insert(id), "{id:?} committed twice");
+        let window = self.windows[id.window].rect;
+        let film = &mut self.films.lock().unwrap()[id.window][id.band];
+        for (i, v) in pixels.iter().enumerate() {
+            let y = rect.y - window.y + (i / rect.width) as i64;
+            let x = rect.x - window.x + (i % rect.width) as i64;
+            film[y as usize * window.width + x as usize] = *v;
+        }
+        Ok(4 * pixels.len() as u64)
+    }
+}
+
+struct Case {
+    frame: Frame,
+    lens: Lens,
+    stacks: Vec<PsfStack>,
+    chart: Chart,
+    options: Options,
+}
+
+fn case(noise: &mut Noise, film: Size, chart: Size, windows: &[usize]) -> Case {
+    let mut frame = Frame::centred(film, chart, 2.0);
+    frame.axis_px.0 += noise.between(-20.0, 20.0);
+    frame.axis_px.1 += noise.between(-20.0, 20.0);
+    frame.scale = (noise.between(0.97, 1.3), noise.between(0.7, 1.3));
+    frame.center_mm = (noise.between(-0.02, 0.02), noise.between(-0.02, 0.02));
+    let (mut bands, mut stacks) = (Vec::new(), Vec::new());
+    for (i, &n) in windows.iter().enumerate() {
+        let last = frame.farthest_mm(film.rect().grown(n / 2)) + 1e-9;
+        let m = 300;
+        let real: Vec<f64> = (0..m).map(|k| last * f64::from(k) / f64::from(m - 1)).collect();
+        let bend = noise.between(-0.03, 0.03);
+        let heights: Vec<f64> = [0.0, 0.21, 0.33, 0.71, 1.0].iter().map(|h| h * last).collect();
+        let mut samples = Vec::new();
+        for _ in 0..heights.len() {
+            let w: Vec<f64> = (0..n * n).map(|_| noise.next()).collect();
+            let sum: f64 = w.iter().sum();
+            samples.extend(w.iter().map(|v| (v / sum) as f32));
+        }
+        stacks.push(PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples });
+        bands.push(LensBand {
+            wavelength_nm: 450.0 + 50.0 * i as f64,
+            ideal_height_mm: real.iter().map(|r| r * (1.0 + bend * (r / last).powi(2))).collect(),
+            relative_illumination: real.iter().map(|r| 1.0 - 0.3 * (r / last).powi(2)).collect(),
+            image_height_mm: real,
+            psf_height_mm: heights,
+            azimuth_count: vec![1, 4, 4, 4, 4],
+            psf_size: n,
+            psf_pitch_um: 2.0,
+            psf_energy: vec![1.0; 5],
+            solid_angle_sr: 0.1,
+            transmission: 1.0,
+        });
+    }
+    let images = windows.iter().map(|_| {
+        let data = (0..chart.pixels()).map(|_| f64::from(noise.next() as f32)).collect();
+        Image { size: chart, data }
+    });
+    let chart = Chart(images.collect());
+    let lens = Lens {
+        name: "random".into(),
+        distortion_focal_length_mm: 50.0,
+        effective_focal_length_mm: 50.0,
+        f_number: 2.0,
+        primary_wavelength_nm: 550.0,
+        object_distance_mm: None,
+        magnification: 0.0,
+        psf_sample: PsfSample::Integrated,
+        bands,
+    };
+    let options = Options {
+        stages: Stages { ri: true, distortion: true, svpsf: true },
+        reading: Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
+        azimuths: None,
+        psf_window: None,
+        between: PsfBetween::Error,
+    };
+    Case { frame, lens, stacks, chart, options }
+}
+
+impl Case {
+    fn plans(&self) -> Vec<BandPlan> {
+        let plan =
+            |b: &LensBand| BandPlan::new(&self.frame, &self.lens, b.wavelength_nm, &self.options).unwrap();
+        self.lens.bands.iter().map(plan).collect()
+    }
+
+    fn run(&self, windows: &[Window], threads: usize, spectra_bytes: usize) -> (Vec<Vec<Vec<f32>>>, Summary) {
+        let plans = self.plans();
+        let sink = Sink::new(windows, plans.len());
+        let every = |band: usize| {
+            windows.iter().enumerate().flat_map(move |(window, w)| {
+                let (rows, cols) = w.count();
+                (0..rows).flat_map(move |row| (0..cols).map(move |col| ShardId { band, window, row, col }))
+            })
+        };
+        let cancel = AtomicBool::new(false);
+        let work = Work {
+            frame: self.frame,
+            windows,
+            bands: (0..plans.len())
+                .map(|i| BandWork { chart_band: i, tiling: plans[i].tiling, wanted: every(i).collect() })
+                .collect(),
+            threads,
+            spectra_bytes,
+            cancel: &cancel,
+        };
+        let prepare = |i: usize| {
+            plans[i]
+                .stages(i, &self.frame, &self.options, 1.0, |b| Ok::<_, LensError>(self.stacks[b].clone()))
+                .map_err(DoorError::from)
+        };
+        let summary = run(&work, &self.chart, &sink, &prepare, &()).unwrap();
+        assert!(!summary.interrupted);
+        (sink.films.into_inner().unwrap(), summary)
+    }
+
+    fn whole(&self, shard: usize) -> Vec<Window> {
+        vec![Window { rect: self.frame.film.rect(), shard }]
+    }
+
+    fn oracle(&self, band: usize) -> Image {
+        let b = &self.lens.bands[band];
+        let stack = &self.stacks[band];
+        let t = Tables { ideal: &b.ideal_height_mm, real: &b.image_height_mm, ri: &b.relative_illumination };
+        let grown = self.frame.film.rect().grown(b.psf_size / 2);
+        let scene = oracle::scene(&self.chart.0[band], &self.frame, &t, grown, true, oracle::Outside::Edge);
+        let base: Vec<Vec<f64>> =
+            (0..stack.heights()).map(|k| stack.window(k).iter().map(|&v| f64::from(v)).collect()).collect();
+        let grid = Grid::quarter_turns(b.psf_size, &b.psf_height_mm, &base);
+        oracle::svpsf(&scene, (grown.y, grown.x), &self.frame, &grid, self.frame.film.rect())
+    }
+}
+
+#[test]
+fn the_film_equals_the_model_in_every_band() {
+    let mut noise = Noise(21);
+    for (film, chart, windows) in [
+        (Size::new(301, 277), Size::new(310, 290), vec![9, 21, 5]),
+        (Size::new(37, 1100), Size::new(30, 900), vec![15]),
+        (Size::new(3, 2), Size::new(50, 60), vec![31, 1]),
+    ] {
+        let case = case(&mut noise, film, chart, &windows);
+        let (films, _) = case.run(&case.whole(128), 2, 1 << 20);
+        for (band, got) in films[0].iter().enumerate() {
+            let want = case.oracle(band);
+            let (worst, l2) = errors(got, &want.data);
+            assert!(worst <= 2e-6 && l2 <= 1e-6, "film {film}, band {band}: max {worst:.1e}, L2 {l2:.1e}");
+        }
+    }
+}
+
+#[test]
+fn same_bits_for_threads_memory_shards_and_regions() {
+    let mut noise = Noise(5);
+    let case = case(&mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
+    let (whole, _) = case.run(&case.whole(256), 1, 64 << 20);
+    let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
+    for (threads, spectra, shard) in [(2, 64 << 20, 256), (5, 1, 256), (3, 1 << 20, 64), (2, 1 << 20, 2048)] {
+        let (films, _) = case.run(&case.whole(shard), threads, spectra);
+        for (a, b) in whole[0].iter().zip(&films[0]) {
+            assert!(same(a, b), "{threads} threads, {spectra} bytes, shards of {shard}");
+        }
+    }
+    let regions = [Rect::new(0, 0, 1, 1), Rect::new(411, 300, 200, 320), Rect::new(650, 5, 50, 77)];
+    let windows: Vec<Window> = regions.iter().map(|&rect| Window { rect, shard: 64 }).collect();
+    let (films, _) = case.run(&windows, 2, 1 << 20);
+    for (region, film) in regions.iter().zip(&films) {
+        for (band, got) in film.iter().enumerate() {
+            for (i, v) in got.iter().enumerate() {
+                let (y, x) = (region.y as usize + i / region.width, region.x as usize + i % region.width);
+                assert_eq!(v.to_bits(), whole[0][band][y * 620 + x].to_bits(), "{region}, band {band}");
+            }
+        }
+    }
+    let (_, corner) = case.run(&windows[..1], 2, 1 << 20);
+    assert!(corner.tiles == 2, "one tile of each band reaches the corner, {} were made", corner.tiles);
+}
+
+#[test]
+fn light_is_conserved_and_coma_points_outwards() {
+    let mut noise = Noise(2);
+    let film = Size::new(241, 241);
+    let mut case = case(&mut noise, film, film, &[11]);
+    case.frame = Frame::centred(film, film, 2.0);
+    // A point, and beside it its light two pixels farther out on +x: a comet's tail.
+    let mut tail = vec![0f32; 121];
+    tail[5 * 11 + 5] = 0.6;
+    tail[5 * 11 + 8] = 0.4;
+    let mut on_axis = vec![0f32; 121];
+    on_axis[5 * 11 + 5] = 1.0;
+    case.stacks[0].samples = [on_axis, tail.clone(), tail.clone(), tail.clone(), tail].concat();
+    case.options.stages = Stages { ri: false, distortion: false, svpsf: true };
+    case.frame.scale = (1.0, 1.0);
+    let last = case.frame.farthest_mm(film.rect().grown(5));
+    case.lens.bands[0].psf_height_mm = vec![0.0, 0.05, 0.1, 0.2, last];
+    for (y, x) in [(120, 220), (220, 120), (120, 20), (20, 120), (20, 20), (20, 220), (220, 20), (220, 220)] {
+        case.chart.0[0] = Image::new(film, |row, col| f64::from(u8::from((row, col) == (y, x))));
+        let (films, _) = case.run(&case.whole(256), 1, 1 << 20);
+        let got = &films[0][0];
+        let sum: f64 = got.iter().map(|&v| f64::from(v)).sum();
+        assert!((sum - 1.0).abs() < 1e-6, "light of a point: {sum}");
+        let mean = |axis: fn(usize) -> usize| -> f64 {
+            got.iter().enumerate().map(|(i, v)| axis(i) as f64 * f64::from(*v)).sum()
+        };
+        let (dy, dx) = (mean(|i| i / 241) - y as f64, mean(|i| i % 241) - x as f64);
+        let (oy, ox) = (y as f64 - 120.0, x as f64 - 120.0);
+        let outwards = (dy * oy + dx * ox) / oy.hypot(ox);
+        let across = (dy * ox - dx * oy) / oy.hypot(ox);
+        assert!(outwards > 0.8 && across.abs() < 1e-3, "at {y},{x}: {outwards} out, {across} across");
+    }
+}
