@@ -181,8 +181,7 @@ fn srgb_matrix() -> [[f64; 3]; 3] {
 
 /// The sRGB transfer function: linear 0..1 to display value 0..1, clipped.
 pub fn srgb_encode(linear: f64) -> f64 {
-    // `max` first: it also sends NaN to 0.
-    let v = linear.max(0.0).min(1.0);
+    let v = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };
     if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
