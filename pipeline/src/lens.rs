@@ -200,9 +200,7 @@ impl LensBand {
         if self.azimuth_count[0] != 1 {
             return bad("azimuth_count", format!("is {} on the axis, expected 1", self.azimuth_count[0]));
         }
-        if let Some(i) =
-            (1..k).find(|&i| self.azimuth_count[i] == 0 || !self.azimuth_count[i].is_multiple_of(4))
-        {
+        if let Some(i) = (1..k).find(|&i| self.azimuth_count[i] == 0 || !self.azimuth_count[i].is_multiple_of(4)) {
             let j = self.azimuth_count[i];
             return bad("azimuth_count", format!("is {j} at height {i}, expected a multiple of 4"));
         }

@@ -55,9 +55,9 @@ impl Composite<'_> {
         [self.sheet.film.width as f64 / self.cell / 2.0, self.sheet.film.height as f64 / self.cell / 2.0]
     }
 
-    /// A width of at least `least` pixels that is still seen in the whole picture: a share of a cell.
-    fn stroke(&self, of_cell: f64, least: f64) -> f64 {
-        (of_cell * self.cell).round().clamp(1.0, least.max(of_cell * 1000.0))
+    /// A line's width in whole pixels: a share of a cell, to be seen in the whole picture too.
+    fn stroke(&self, of_cell: f64) -> f64 {
+        (of_cell * self.cell).round().max(1.0)
     }
 
     fn block(&mut self, [x0, y0]: Point, [x1, y1]: Point, ink: Ink) {
@@ -69,7 +69,7 @@ impl Composite<'_> {
     fn ruling(&mut self) {
         let chart = self.sheet.chart();
         let (w, h) = (chart.width as f64 - 0.5, chart.height as f64 - 0.5);
-        let (fine, heavy) = (self.stroke(0.006, 2.0), self.stroke(0.016, 4.0));
+        let (fine, heavy) = (self.stroke(0.006), self.stroke(0.016));
         let mut boxes = Vec::new();
         for (axis, length) in [(0, w), (1, h)] {
             let lines = ((length / self.cell) / 2.0).ceil() as i64 + 1;
@@ -89,7 +89,7 @@ impl Composite<'_> {
     /// Circles of equal field height at fifths of the half diagonal, and both diagonals.
     fn circles(&mut self) {
         let [hx, hy] = self.half();
-        let (half_diagonal, thick) = (hx.hypot(hy) * self.cell, self.stroke(0.01, 3.0));
+        let (half_diagonal, thick) = (hx.hypot(hy) * self.cell, self.stroke(0.01));
         let blue = self.sheet.inks.checker(7);
         for fifth in 1..=4 {
             let radius = half_diagonal * f64::from(fifth) / 5.0;
@@ -97,8 +97,10 @@ impl Composite<'_> {
                 .picture
                 .add(Shape::Ring(self.middle, radius - thick / 2.0, radius + thick / 2.0), blue);
         }
+        let chart = self.sheet.chart();
+        let reach = (chart.width as f64).hypot(chart.height as f64) / 2.0;
         for sign in [-1.0, 1.0] {
-            let bar = Polygon::turned(self.middle, [half_diagonal * 1.1, thick / 2.0], sign * hy.atan2(hx));
+            let bar = Polygon::turned(self.middle, [reach, thick / 2.0], sign * hy.atan2(hx));
             self.sheet.picture.add(Shape::Polygons(vec![bar], None), blue);
         }
     }
@@ -182,12 +184,12 @@ impl Composite<'_> {
 
     /// White paper under a large figure, so that no line of the ruling shows between its own.
     fn backed_disc(&mut self, centre: Point) {
-        self.sheet.disc(centre, 1.5 * self.cell, self.paper);
+        self.sheet.disc(centre, 1.45 * self.cell, self.paper);
     }
 
     /// 3 × 3 cells of detail, framed.
     fn station(&mut self, [x, y]: Point) {
-        let frame = 1.5 + self.stroke(0.012, 3.0) / self.cell;
+        let frame = 1.5 + self.stroke(0.012) / self.cell;
         self.block([x - frame, y - frame], [x + frame, y + frame], self.ink);
         self.block([x - 1.5, y - 1.5], [x + 1.5, y + 1.5], self.paper);
         let toward = y.atan2(x);
@@ -260,11 +262,16 @@ impl Composite<'_> {
 
     /// Upright and level lines of 4, 3, 2 and 1 px in whole pixels: the film's own limit of resolution.
     fn bars(&mut self, cell: Point) {
+        // Smaller, the groups leave their cell.
+        if self.cell < 32.0 {
+            return;
+        }
         let [x, y] = self.at(cell).map(snap);
+        let gap = (0.015 * self.cell).floor().max(1.0);
         let (group, length) = ((0.2 * self.cell).floor(), (0.36 * self.cell).floor());
         let mut boxes = Vec::new();
         for (row, width) in [4.0, 3.0, 2.0, 1.0].into_iter().enumerate() {
-            let top = y + (row as f64 - 2.0) * (group + 4.0).floor() + 2.0;
+            let top = y + (row as f64 - 2.0) * (group + gap);
             let mut across = 0.0;
             while across + width <= length {
                 boxes.push([x - length - 4.0 + across, top, x - length - 4.0 + across + width, top + group]);

@@ -136,28 +136,29 @@ impl Disc {
     /// Signed area of disc ∩ triangle(centre, a, b), a and b from the centre.
     fn area_of_triangle(&self, a: Point, b: Point) -> f64 {
         let r2 = self.radius * self.radius;
-        let cross = |p: Point, q: Point| p[0] * q[1] - p[1] * q[0];
         let dot = |p: Point, q: Point| p[0] * q[0] + p[1] * q[1];
-        let sector = |p, q| r2 / 2.0 * angle(cross(p, q), dot(p, q));
         let d = [b[0] - a[0], b[1] - a[1]];
+        // Seen from the centre, a + s·d and a + t·d span (t − s)·(a × d): a × b itself, a difference of two products of
+        // the radius's size, would lose the digits of one pixel on a large circle.
+        let span = a[0] * d[1] - a[1] * d[0];
+        let at = |t: f64| [a[0] + t * d[0], a[1] + t * d[1]];
+        let sector = |s: f64, t: f64| r2 / 2.0 * angle((t - s) * span, dot(at(s), at(t)));
         let (aa, dd, ad) = (dot(a, a), dot(d, d), dot(a, d));
         if aa <= r2 && dot(b, b) <= r2 {
-            return cross(a, b) / 2.0;
+            return span / 2.0;
         }
         // |a + t·d| = r
         let root = ad * ad - dd * (aa - r2);
         if root <= 0.0 {
-            return sector(a, b);
+            return sector(0.0, 1.0);
         }
-        let (t1, t2) = ((-ad - root.sqrt()) / dd, (-ad + root.sqrt()) / dd);
-        if t1 >= 1.0 || t2 <= 0.0 {
-            return sector(a, b);
+        let (enters, leaves) = ((-ad - root.sqrt()) / dd, (-ad + root.sqrt()) / dd);
+        if enters >= 1.0 || leaves <= 0.0 {
+            return sector(0.0, 1.0);
         }
-        let at = |t: f64| [a[0] + t * d[0], a[1] + t * d[1]];
-        let (enters, leaves) = (at(t1.max(0.0)), at(t2.min(1.0)));
-        let outside_before = if t1 > 0.0 { sector(a, enters) } else { 0.0 };
-        let outside_after = if t2 < 1.0 { sector(leaves, b) } else { 0.0 };
-        outside_before + cross(enters, leaves) / 2.0 + outside_after
+        let outside_before = if enters > 0.0 { sector(0.0, enters) } else { 0.0 };
+        let outside_after = if leaves < 1.0 { sector(leaves, 1.0) } else { 0.0 };
+        outside_before + (leaves.min(1.0) - enters.max(0.0)) * span / 2.0 + outside_after
     }
 
     /// Half width of the disc on lines at most, and at least, |y − centre| within row y ± ½: (inner, outer). On the
@@ -252,6 +253,26 @@ mod tests {
             }
             if radius < 5.0 {
                 assert!((sum - std::f64::consts::PI * radius * radius).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn large_circles_keep_their_digits() {
+        for radius in [900.0, 1e4, 7e5] {
+            for x in [0.0, 0.3 * radius, 0.9 * radius] {
+                let (disc, x) = (Disc { centre: [0.25, 0.0], radius }, f64::round(x));
+                // One column's share of the disc's lower half, in whole and by its pixels.
+                let height = |u: f64| ((radius - u) * (radius + u)).sqrt();
+                let n = 4000;
+                let mean = |i: usize| height(x - 0.25 - 0.5 + (i as f64 + 0.5) / n as f64);
+                let first = height(x).floor() - 12.0;
+                let whole = (0..n).map(|i| mean(i) - (first - 0.5)).sum::<f64>() / n as f64;
+                let pixels: f64 = (0..24)
+                    .map(|i| first + f64::from(i))
+                    .map(|y| disc.share(y, x, disc.half_widths(y)))
+                    .sum();
+                assert!((pixels - whole).abs() < 2e-8, "{radius} {x}: {pixels} {whole}");
             }
         }
     }

@@ -2,8 +2,8 @@
 //!
 //! A chart is flat, lit by one illuminant from all sides to 1000 lx, and reflects as a matt surface does:
 //!   L(λ) = ρ(λ)·E(λ)/π   [W m⁻² sr⁻¹ nm⁻¹],   K_m ∫ E·ȳ dλ = 1000 lx,   K_m = 683 lm/W,
-//! ρ its reflectance. Every pixel is the exact mean over its square ([`coverage`]), a sum of shares of a few inks
-//! ([`picture`]), the same bits whatever rectangle is asked for.
+//! ρ its reflectance. Every pixel is the exact mean over its square (`coverage.rs`), a sum of shares of a few inks
+//! (`picture.rs`), the same bits whatever rectangle is asked for.
 //! The chart is larger than its film by `overscan_px` on every side, so that a lens that draws the field inwards, and
 //! the PSF's tail, find chart beyond the film's border. Places are given in FILM pixels: row and column from the
 //! film's first pixel, centres at integers; chart pixel = film pixel + overscan.

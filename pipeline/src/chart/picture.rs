@@ -2,7 +2,8 @@
 //!
 //!   pixel ← pixel + c·(ink − pixel),   c = share of the pixel that the shape covers
 //! which is the exact mean over the pixel wherever at most one edge crosses it (or edges along both axes, as in a grid).
-//! Drawings keep different shapes' edges at least 1.5 px apart; shapes that meet, as a star's spokes do, are one [`Shape`].
+//! Drawings keep different shapes' edges at least 1.5 px apart, and shapes that meet, as a star's spokes do, are one
+//! [`Shape`]; what is left are the few pixels where a circle or a diagonal crosses the ruling, mixed as even layers.
 //! A pixel's value follows from its own place alone, never from the rectangle asked for, so any tiling gives the same
 //! bits. Work goes where edges are: boxes and rows that miss the rectangle are skipped, runs inside a shape are filled.
 
