@@ -2,7 +2,7 @@
 //!
 //! Film and chart are images: row y grows DOWN, column x grows RIGHT, upright as the viewer sees them, pixel centres
 //! at integers. A film pixel (y, x) lies at
-//!     X = (x − cx)·pitch,  Y = (y − cy)·pitch   [mm],   r = hypot(X, Y) = its REAL image height,
+//!     X = (x − cx)·pitch,  Y = (y − cy)·pitch   (mm),   r = hypot(X, Y) = its REAL image height,
 //!     azimuth θ = atan2(Y, X):  0 on +x, 90° DOWN,
 //! where (cy, cx) is the optical axis in film pixels, by default the middle ((H−1)/2, (W−1)/2). The chart lies on the
 //! IDEAL (undistorted) image plane: one chart pixel covers `scale` film pixels, its centre `center_mm` from the axis.

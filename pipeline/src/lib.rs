@@ -1,7 +1,26 @@
-//! lenscube's physics and flow: what happens to the light, in order; knows no file.
+//! lenscube's physics and flow: what happens to the light, in order. Knows no file.
+//!
+//! A chart lies on the ideal image plane of a lens; the film gets what the lens makes of it, band by band:
+//!
+//! ```text
+//! for band in job:                                            band, lens      tables at this wavelength
+//!     for tile of the film grown by half the PSF window:      plan, geometry  the cut; px and mm
+//!         scene = R(r) · chart at (X, Y)·h(r)/r               scene           stages 1-2, a gather
+//!                                                             field             h(r, λ), R(r, λ)
+//!                                                             resample          between the chart's pixels
+//!         light = Σ_nodes (w_node · scene) ∗ P_node           psf             stage 3, a scatter: tile + tail
+//!         film += light, in tile order                        overlap_add     stage 4
+//!         shards that nothing can reach any more → encode → write
+//! ```
+//!
+//! [`executor`] runs this on all cores with bounded queues and the same bits for any number of threads; [`flow`] holds the
+//! doors (where charts come from, where films go). Beside the path: [`chart`] draws charts without a store ([`colour`],
+//! [`wavelengths`] serve it).
 
 pub mod band;
 pub mod buffer;
+pub mod chart;
+pub mod colour;
 pub mod executor;
 pub mod field;
 pub mod flow;
@@ -12,3 +31,4 @@ pub mod plan;
 pub mod psf;
 pub mod resample;
 pub mod scene;
+pub mod wavelengths;

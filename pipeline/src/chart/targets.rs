@@ -1,0 +1,149 @@
+//! The single-purpose charts: one kind of detail each, for measuring one thing.
+
+use super::coverage::Polygon;
+use super::picture::Shape;
+use super::sheet::{EdgeSite, Sheet};
+use super::spec::{Blob, ChartError, Sites};
+
+/// Reflectance of white paper: what good matt paper has, with room above it for nothing.
+pub(super) const PAPER: f64 = 0.90;
+/// Reflectance of black ink.
+pub(super) const INK: f64 = 0.03;
+
+impl Sheet {
+    /// One value everywhere.
+    pub(super) fn uniform(&mut self, value: f64) {
+        self.inks.radiance(value);
+    }
+
+    /// White blobs on perfect black, `count` × `count`, the outermost ones near the film's corners.
+    pub(super) fn points(&mut self, count: usize, blob: Blob, width_px: f64) -> Result<(), ChartError> {
+        let black = self.inks.grey(0.0);
+        debug_assert_eq!(black, 0);
+        let white = self.inks.grey(PAPER);
+        let (rows, columns) = (self.film.height, self.film.width);
+        let lines =
+            |length: usize| spread(length, count, (0.02 * rows.min(columns) as f64).max(2.0 * width_px));
+        let (ys, xs) = (lines(rows), lines(columns));
+        for places in [&ys, &xs] {
+            if let Some(w) = places.windows(2).find(|w| w[1] - w[0] < 2.0 * width_px) {
+                return Err(ChartError::Crowded {
+                    what: "points",
+                    count,
+                    spacing_px: (w[1] - w[0]).max(0.0),
+                    needed_px: 2.0 * width_px,
+                });
+            }
+        }
+        for &row in &ys {
+            for &column in &xs {
+                let at = self.at(row, column);
+                match blob {
+                    // FWHM = 2√(2 ln 2)·σ
+                    Blob::Gaussian => self.picture.gaussian(at, width_px / 2.354_820_045, white),
+                    Blob::Disc => self.disc(at, width_px / 2.0, white),
+                }
+                self.note_point(at);
+            }
+        }
+        Ok(())
+    }
+
+    /// Dark half-planes, each clipped to its patch; a lone edge without a patch size crosses the whole chart.
+    pub(super) fn slanted_edges(
+        &mut self,
+        angle_deg: f64,
+        contrast: f64,
+        sites: &Sites,
+        patch_px: Option<usize>,
+    ) -> Result<(), ChartError> {
+        self.inks.grey(PAPER);
+        let dark = self.inks.grey(PAPER / contrast);
+        let (height, width) = (self.film.height as f64, self.film.width as f64);
+        let (centres, spacing) = match sites {
+            Sites::Grid(n) => {
+                let line = |length: f64| (0..*n).map(move |i| (i as f64 + 0.5) * length / *n as f64 - 0.5);
+                (
+                    line(height).flat_map(|y| line(width).map(move |x| (y, x))).collect(),
+                    height.min(width) / *n as f64,
+                )
+            }
+            Sites::Centres(list) => (list.clone(), closest(list).min(height.min(width))),
+        };
+        let lone = centres.len() == 1;
+        let patch = patch_px.map_or(0.6 * spacing, |p| p as f64);
+        if !lone && spacing < patch + 2.0 {
+            let (count, needed_px) = (centres.len(), patch + 2.0);
+            return Err(ChartError::Crowded { what: "edge patches", count, spacing_px: spacing, needed_px });
+        }
+        let (sin, cos) = angle_deg.to_radians().sin_cos();
+        let whole = self.chart();
+        for (row, column) in centres {
+            let [x, y] = self.at(row, column);
+            let bounds = if lone && patch_px.is_none() {
+                [-0.5, -0.5, whole.width as f64 - 0.5, whole.height as f64 - 0.5]
+            } else {
+                let h = patch / 2.0;
+                [x - h, y - h, x + h, y + h].map(super::sheet::snap)
+            };
+            let half_plane = Polygon::rectangle(bounds[0], bounds[1], bounds[2], bounds[3])
+                .clipped([cos, sin], x * cos + y * sin);
+            self.picture.add(Shape::Polygons(vec![half_plane], None), dark);
+            let patch = self.film_rect(bounds).intersect(self.film.rect());
+            self.edges.push(EdgeSite { centre_px: (row, column), angle_deg, patch });
+        }
+        Ok(())
+    }
+
+    /// Stars side by side, `grid` × `grid`.
+    pub(super) fn siemens(&mut self, spokes: usize, grid: usize) {
+        self.inks.grey(PAPER);
+        let dark = self.inks.grey(INK);
+        let (height, width, n) = (self.film.height as f64, self.film.width as f64, grid as f64);
+        let radius = 0.45 * height.min(width) / n;
+        for i in 0..grid {
+            for j in 0..grid {
+                let at = self.at((i as f64 + 0.5) * height / n - 0.5, (j as f64 + 0.5) * width / n - 0.5);
+                self.star(at, radius, spokes, dark);
+            }
+        }
+    }
+
+    /// A ColorChecker that fills the film.
+    pub(super) fn checker(&mut self) {
+        self.inks.grey(INK);
+        let (height, width) = (self.film.height as f64, self.film.width as f64);
+        let [x0, y0] = self.at(-0.5, -0.5);
+        self.checker_in([x0, y0, x0 + width, y0 + height], 0.06);
+    }
+
+    /// The 24 patches in 4 rows of 6 within x0..x1, y0..y1, each kept off its cell's border by `gap` of the cell.
+    pub(super) fn checker_in(&mut self, [x0, y0, x1, y1]: [f64; 4], gap: f64) {
+        let (w, h) = ((x1 - x0) / 6.0, (y1 - y0) / 4.0);
+        let inset = gap * w.min(h);
+        for patch in 0..24 {
+            let (left, top) = (x0 + (patch % 6) as f64 * w, y0 + (patch / 6) as f64 * h);
+            let place = [left + inset, top + inset, left + w - inset, top + h - inset];
+            let ink = self.inks.checker(patch);
+            self.block(place, ink);
+            self.patches.push(self.film_rect(place));
+        }
+    }
+}
+
+/// `count` whole places along `length` pixels, evenly from `margin` off one end to the same off the other.
+fn spread(length: usize, count: usize, margin: f64) -> Vec<f64> {
+    let last = length as f64 - 1.0;
+    let margin = margin.min(last / 2.0);
+    let place = |i: usize| match count {
+        1 => last / 2.0,
+        n => margin + (last - 2.0 * margin) * i as f64 / (n - 1) as f64,
+    };
+    (0..count).map(|i| place(i).round()).collect()
+}
+
+/// Least distance along a row or a column between two places (the larger of the two differences).
+fn closest(places: &[(f64, f64)]) -> f64 {
+    let pairs = places.iter().enumerate().flat_map(|(i, a)| places[..i].iter().map(move |b| (a, b)));
+    pairs.map(|(a, b)| (a.0 - b.0).abs().max((a.1 - b.1).abs())).fold(f64::INFINITY, f64::min)
+}

@@ -1,0 +1,266 @@
+//! What every generated chart must keep, and what each promises.
+
+use super::*;
+use crate::colour;
+
+fn generate(spec: &str) -> Generator {
+    spec.parse().unwrap_or_else(|e| panic!("{spec}: {e}"))
+}
+
+fn read(chart: &Generator, band: usize, rect: Rect) -> Vec<f32> {
+    let mut out = vec![f32::NAN; rect.size().pixels()];
+    chart.read(band, rect, &mut out).unwrap();
+    out
+}
+
+/// Numbers below `end`, the same on every run.
+struct Draw(u64);
+
+impl Draw {
+    fn below(&mut self, end: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize % end
+    }
+}
+
+const CHARTS: [&str; 9] = [
+    "uniform?value=3.5&size=40",
+    "points?size=200x301&count=5&overscan=7",
+    "points?size=150&count=5&blob=disc&width_px=5.5",
+    "slanted-edge?size=101x77&overscan=3",
+    "slanted-edge?size=300x200&grid=3&angle_deg=-84",
+    "siemens?size=255&grid=2&spokes=36",
+    "checker?size=97x200&illuminant=A",
+    "composite?size=700&wavelengths=450,550,650",
+    "composite?size=1301x1002&wavelengths=550",
+];
+
+#[test]
+fn any_rectangle_has_the_bits_of_the_whole() {
+    let mut draw = Draw(7);
+    for spec in CHARTS {
+        let chart = generate(spec);
+        let whole = chart.size().rect();
+        let all = read(&chart, 0, whole);
+        assert!(all.iter().all(|v| v.is_finite() && *v >= 0.0), "{spec}");
+        for _ in 0..60 {
+            let (y, x) = (draw.below(whole.height), draw.below(whole.width));
+            let rect = Rect::new(
+                y as i64,
+                x as i64,
+                1 + draw.below((whole.height - y).min(90)),
+                1 + draw.below((whole.width - x).min(90)),
+            );
+            let part = read(&chart, 0, rect);
+            for (i, row) in part.chunks(rect.width).enumerate() {
+                let from = (y + i) * whole.width + x;
+                let same = row.iter().zip(&all[from..]).all(|(a, b)| a.to_bits() == b.to_bits());
+                assert!(same, "{spec}: row {i} of {rect}");
+            }
+        }
+    }
+}
+
+#[test]
+fn tiny_and_odd_films_can_be_drawn() {
+    for size in ["1", "7x5", "2x1", "3x400", "64x1"] {
+        for kind in ["uniform", "points?count=1", "slanted-edge", "siemens", "checker", "composite"] {
+            let mark = if kind.contains('?') { '&' } else { '?' };
+            let chart = generate(&format!("{kind}{mark}size={size}&wavelengths=550&overscan=2"));
+            assert_eq!(chart.size().height, chart.film_size().height + 4);
+            assert!(read(&chart, 0, chart.size().rect()).iter().all(|v| v.is_finite()), "{kind} {size}");
+        }
+    }
+}
+
+#[test]
+fn bands_are_shares_times_spectra() {
+    // A pixel's share of ink is the same in every band.
+    let chart = generate("slanted-edge?size=64&wavelengths=450,550,650&overscan=0");
+    let bands: Vec<_> = (0..3).map(|b| read(&chart, b, chart.size().rect())).collect();
+    let share = |b: usize, i: usize| {
+        let (light, dark) = (f64::from(bands[b][63]), f64::from(bands[b][0]));
+        (f64::from(bands[b][i]) - light) / (dark - light)
+    };
+    for i in 0..64 * 64 {
+        assert!((share(0, i) - share(1, i)).abs() < 1e-6 && (share(0, i) - share(2, i)).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn a_slanted_edge_is_its_exact_coverage() {
+    for (angle, patch) in [(5.0, ""), (-5.0, "&patch_px=60"), (85.0, ""), (45.0, "&patch_px=51"), (0.0, "")] {
+        let spec =
+            format!("slanted-edge?size=91x80&overscan=0&wavelengths=550&contrast=4&angle_deg={angle}{patch}");
+        let chart = generate(&spec);
+        let edge = chart.edges()[0];
+        let (cy, cx) = edge.centre_px;
+        let light = f64::from(generate("checker?size=1").radiance[15][0]) / 0.03 * 0.9;
+        let (sin, cos) = f64::to_radians(angle).sin_cos();
+        let pixels = read(&chart, 0, chart.size().rect());
+        for y in 0..91_i64 {
+            for x in 0..80_i64 {
+                let inside = edge.patch.contains(Rect::new(y, x, 1, 1));
+                // ∫ over the row of the exact share of each line, 4000 midpoints: error ≤ 1/(8·4000²) where it bends.
+                let at = |v: f64| (x as f64 - cx) * cos + (y as f64 + v - cy) * sin;
+                let share = |v: f64| {
+                    if cos.abs() < 1e-12 {
+                        return if at(v) <= 0.0 { 1.0 } else { 0.0 };
+                    }
+                    let cut = (0.5 - at(v) / cos).clamp(0.0, 1.0);
+                    if cos > 0.0 { cut } else { 1.0 - cut }
+                };
+                let near = at(0.0).abs() < 0.8;
+                let n = if near { 4000 } else { 1 };
+                let mean = (0..n).map(|i| share((i as f64 + 0.5) / n as f64 - 0.5)).sum::<f64>() / n as f64;
+                let dark = if inside { mean } else { 0.0 };
+                let got = (1.0 - f64::from(pixels[(y * 80 + x) as usize]) / light) / 0.75;
+                assert!((got - dark).abs() <= 1e-6, "{spec} at {y} {x}: {got} {dark}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_star_is_its_supersampled_self() {
+    for spokes in [5, 36] {
+        let chart = generate(&format!("siemens?size=81&overscan=0&wavelengths=550&spokes={spokes}"));
+        let (centre, radius) = (40.0, 0.45 * 81.0);
+        let light = f64::from(read(&chart, 0, Rect::new(0, 0, 1, 1))[0]);
+        for (i, value) in read(&chart, 0, chart.size().rect()).into_iter().enumerate() {
+            let n = 60;
+            let mut hits = 0;
+            for k in 0..n * n {
+                let at = |j: usize| (j as f64 + 0.5) / n as f64 - 0.5 - centre;
+                let (y, x) = ((i / 81) as f64 + at(k / n), (i % 81) as f64 + at(k % n));
+                let turn = y.atan2(x) / std::f64::consts::TAU * spokes as f64;
+                hits += usize::from(y.hypot(x) <= radius && (turn - turn.round()).abs() <= 0.25);
+            }
+            let got = (1.0 - f64::from(value) / light) / (1.0 - 0.03 / 0.9);
+            // An edge through n × n samples is known to about 1/n at worst.
+            assert!((got - hits as f64 / (n * n) as f64).abs() < 0.02, "{spokes} at {i}: {got}");
+        }
+    }
+}
+
+#[test]
+fn a_blob_is_symmetric_and_where_it_says() {
+    for spec in ["points?size=300x221&count=4&overscan=20", "points?size=256&count=3&blob=disc&width_px=7.3"]
+    {
+        let chart = generate(spec);
+        let m = chart.overscan_px() as i64;
+        assert_eq!(chart.points_px().len(), if spec.contains("count=4") { 16 } else { 9 });
+        for &(row, column) in chart.points_px() {
+            let window = Rect::new(row as i64 + m - 5, column as i64 + m - 5, 11, 11);
+            let blob = read(&chart, 3, window);
+            assert!((0..121).all(|i| blob[i] == blob[120 - i]), "{spec}");
+            assert!(blob[60] > 0.0 && blob.iter().all(|v| *v <= blob[60]));
+        }
+    }
+    let corner = generate("points?size=1000").points_px()[0];
+    assert_eq!(corner, (20.0, 20.0));
+}
+
+#[test]
+fn a_kilolux_lies_on_the_checker() {
+    let chart = generate("checker?size=600x900&wavelengths=380:780:5&overscan=10");
+    let weights = colour::xyz_weights(chart.wavelengths_nm());
+    let luminance = |patch: usize| {
+        let p = chart.patches_px()[patch];
+        let middle = Rect::new(p.y + 10 + p.height as i64 / 2, p.x + 10 + p.width as i64 / 2, 1, 1);
+        (0..weights.len()).map(|b| f64::from(read(&chart, b, middle)[0]) * weights[b][1]).sum::<f64>()
+    };
+    // The white patch reflects about 0.9 of 1000 lx: 0.9·1000/π cd/m².
+    assert!((luminance(18) - 286.0).abs() < 6.0, "{}", luminance(18));
+    assert!((luminance(23) - 10.0).abs() < 1.0, "{}", luminance(23));
+    assert_eq!(chart.patches_px().len(), 24);
+}
+
+#[test]
+fn the_composite_uses_the_whole_film() {
+    let chart = generate("composite?size=3000&wavelengths=550");
+    assert!(chart.points_px().len() > 100 && chart.patches_px().len() == 24);
+    assert_eq!(chart.size(), Size::new(3188, 3188));
+    let film = chart.film_size().rect();
+    assert!(chart.points_px().iter().all(|&(y, x)| film.contains(Rect::new(y as i64, x as i64, 1, 1))));
+    assert!(chart.points_px().iter().any(|&(y, x)| y < 450.0 && x < 450.0));
+}
+
+#[test]
+fn specifications_read_as_they_are_written() {
+    for spec in CHARTS.iter().chain(&["slanted-edge?centers=10,20;300,40.5&patch_px=90", "gen:composite"]) {
+        let read: ChartSpec = spec.parse().unwrap();
+        let written = read.to_string();
+        let again: ChartSpec = written.parse().unwrap();
+        assert_eq!(again.to_string(), written);
+        assert_eq!(ChartSpec { overscan_px: read.overscan_px, ..again }, read);
+    }
+    let chart = generate("gen:composite?size=14141&wavelengths=400:700:10&pitch_um=2");
+    assert_eq!((chart.overscan_px(), chart.size().height, chart.wavelengths_nm().len()), (206, 14553, 31));
+}
+
+#[test]
+fn wrong_words_are_answered_with_the_right_ones() {
+    for (spec, hint) in [
+        ("composit", "'composite'"),
+        ("slantededge", "'slanted-edge'"),
+        ("", "Kinds: uniform, points"),
+        ("points?wavelength=550", "'wavelengths'"),
+        ("checker?spokes=5", "a checker chart has no setting 'spokes'"),
+        ("composite?size=1e18", "size=1e18"),
+        ("composite?size=999999999999999999999999", "1 to 1000000"),
+        ("composite?size=0", "1 to 1000000"),
+        ("composite?size=10x-3", "1 to 1000000"),
+        ("composite?overscan=18446744073709551615", "overscan="),
+        ("composite?size=10&size=20", "twice"),
+        ("composite?size", "key=value"),
+        ("composite?pitch_um=0", "pitch"),
+        ("composite?pitch_um=nan", "a number"),
+        ("composite?wavelengths=400:700:0", "step above 0"),
+        ("composite?wavelengths=350", "380 to 780"),
+        ("composite?illuminant=F2", "D65, A or E"),
+        ("uniform?value=1e300", "32-bit"),
+        ("uniform?value=inf", "a number"),
+        ("points?size=20", "fewer"),
+        ("points?count=100000", "1 to 128"),
+        ("points?blob=square", "gaussian or disc"),
+        ("points?width_px=0.1", "2.2"),
+        ("slanted-edge?contrast=0", "light over dark"),
+        ("slanted-edge?centers=5", "X,Y;X,Y"),
+        ("slanted-edge?centers=5000,5", "on the film"),
+        ("slanted-edge?centers=50,50;52,50&patch_px=9", "apart"),
+        ("siemens?spokes=1", "2 to 720"),
+    ] {
+        let error = spec.parse::<Generator>().err().unwrap_or_else(|| panic!("{spec} was taken")).to_string();
+        assert!(error.contains(hint), "{spec}: {error}");
+    }
+    assert!("uniform?wavelengths=350".parse::<Generator>().is_ok());
+}
+
+#[test]
+fn what_cannot_be_read_is_an_error() {
+    let chart = generate("uniform?size=10&overscan=0");
+    let mut out = [0.0; 4];
+    assert!(chart.read(31, Rect::new(0, 0, 2, 2), &mut out).is_err());
+    assert!(chart.read(0, Rect::new(9, 9, 2, 2), &mut out).is_err());
+    assert!(chart.read(0, Rect::new(0, 0, 3, 2), &mut out).is_err());
+}
+
+/// Prints pixels per second of one core, in tiles of 512 as a job reads them.
+#[test]
+#[ignore = "a measurement: run alone, in release, with --nocapture"]
+fn speed() {
+    for kind in ["uniform", "points", "slanted-edge", "siemens", "checker", "composite"] {
+        let chart = generate(&format!("{kind}?size=14141&wavelengths=550"));
+        let mut out = vec![0.0; 512 * 512];
+        let (start, mut slowest) = (std::time::Instant::now(), std::time::Duration::ZERO);
+        for tile in chart.size().rect().tiles(512, 512) {
+            let began = std::time::Instant::now();
+            chart.read(0, tile, &mut out[..tile.size().pixels()]).unwrap();
+            slowest = slowest.max(began.elapsed());
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        let rate = chart.size().pixels() as f64 / seconds / 1e6;
+        println!("{kind:13} {rate:7.0} Mpx/s  {seconds:.2} s  slowest tile {slowest:?}");
+    }
+}
