@@ -70,13 +70,13 @@ impl Tiling {
     }
 }
 
-/// One output: a window of the film, cut into square shards from its own first pixel.
+/// One output: a window of the film, cut into shards from its own first pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// The window on the film.
     pub rect: Rect,
-    /// Shard side, px.
-    pub shard: usize,
+    /// Shard height and width, px.
+    pub shard: Size,
 }
 
 /// A shard of one band of one output.
@@ -95,30 +95,29 @@ pub struct ShardId {
 impl Window {
     /// Shard rows and columns.
     pub fn count(&self) -> (usize, usize) {
-        (self.rect.height.div_ceil(self.shard), self.rect.width.div_ceil(self.shard))
+        (self.rect.height.div_ceil(self.shard.height), self.rect.width.div_ceil(self.shard.width))
     }
 
     /// Film rectangle of shard (row, col), clipped to the window.
     pub fn shard_rect(&self, row: usize, col: usize) -> Rect {
-        let (y, x) = (row * self.shard, col * self.shard);
+        let (y, x) = (row * self.shard.height, col * self.shard.width);
         Rect::new(
             self.rect.y + y as i64,
             self.rect.x + x as i64,
-            self.shard.min(self.rect.height - y),
-            self.shard.min(self.rect.width - x),
+            self.shard.height.min(self.rect.height - y),
+            self.shard.width.min(self.rect.width - x),
         )
     }
 
     /// Shards (row, col) that `part` of the film touches.
     pub fn touched(&self, part: Rect) -> impl Iterator<Item = (usize, usize)> + use<> {
         let common = self.rect.intersect(part);
-        let shard = self.shard;
-        let range = |first: i64, count: usize, origin: i64| {
-            let first = (first - origin) as usize;
-            first / shard..if count == 0 { first / shard } else { (first + count).div_ceil(shard) }
+        let range = |first: i64, count: usize, shard: usize| match count {
+            0 => 0..0,
+            _ => first as usize / shard..(first as usize + count).div_ceil(shard),
         };
-        let rows = range(common.y, common.height, self.rect.y);
-        let cols = if common.is_empty() { 0..0 } else { range(common.x, common.width, self.rect.x) };
+        let rows = range(common.y - self.rect.y, common.height, self.shard.height);
+        let cols = range(common.x - self.rect.x, common.width, self.shard.width);
         rows.flat_map(move |row| cols.clone().map(move |col| (row, col)))
     }
 }
@@ -137,7 +136,7 @@ mod tests {
             [(Size::new(700, 333), 51, 142), (Size::new(5, 9), 7, 32), (Size::new(300, 300), 1, 64)]
         {
             let tiling = Tiling::new(film, Some(&blocks(window, tile)));
-            let out = Window { rect: film.rect(), shard: 128 };
+            let out = Window { rect: film.rect(), shard: Size::new(128, 100) };
             let (rows, cols) = out.count();
             for (row, col) in (0..rows).flat_map(|r| (0..cols).map(move |c| (r, c))) {
                 let part = out.shard_rect(row, col);

@@ -174,7 +174,7 @@ impl Case {
     }
 
     fn whole(&self, shard: usize) -> Vec<Window> {
-        vec![Window { rect: self.frame.film.rect(), shard }]
+        vec![Window { rect: self.frame.film.rect(), shard: Size::new(shard, 3 * shard / 2) }]
     }
 
     fn oracle(&self, band: usize) -> Image {
@@ -221,7 +221,8 @@ fn same_bits_for_threads_memory_shards_and_regions() {
         }
     }
     let regions = [Rect::new(0, 0, 1, 1), Rect::new(411, 300, 200, 320), Rect::new(650, 5, 50, 77)];
-    let windows: Vec<Window> = regions.iter().map(|&rect| Window { rect, shard: 64 }).collect();
+    let windows: Vec<Window> =
+        regions.iter().map(|&rect| Window { rect, shard: Size::new(64, 48) }).collect();
     let (films, _) = case.run(&windows, 2, 1 << 20);
     for (region, film) in regions.iter().zip(&films) {
         for (band, got) in film.iter().enumerate() {
