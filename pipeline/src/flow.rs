@@ -38,8 +38,8 @@ pub trait FilmSink: Sync {
 
 /// What a run tells while it goes; called from many threads.
 pub trait Progress: Sync {
-    /// A band's first tile is about to start: its position in the job and its number of tiles.
-    fn band(&self, _position: usize, _tiles: usize) {}
+    /// A band's first tile is about to start: its position in the job and the film pixels of its tiles.
+    fn band(&self, _position: usize, _pixels: u64) {}
     /// A tile of `pixels` film pixels has been added.
     fn tile(&self, _position: usize, _pixels: usize) {}
     /// A shard of `bytes` has been committed.

@@ -1,0 +1,69 @@
+//! Errors on their way out: one line for the user, one exit code for scripts.
+
+use formats::chart::ChartError;
+use formats::durable::DurableError;
+use formats::film::FilmError;
+use pipeline::executor::RunError;
+
+/// Exit codes; documented in `--help`, stable.
+pub mod code {
+    /// Something failed.
+    pub const FAILED: u8 = 1;
+    /// The command line asks for what cannot be.
+    pub const USAGE: u8 = 2;
+    /// The output belongs to another job.
+    pub const OTHER_JOB: u8 = 3;
+    /// The same command may succeed later.
+    pub const RETRY: u8 = 75;
+    /// Interrupted; the same command resumes.
+    pub const INTERRUPTED: u8 = 130;
+}
+
+/// An error that knows its exit code.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct Coded {
+    /// Exit code.
+    pub code: u8,
+    /// What the user reads.
+    pub message: String,
+}
+
+/// A command line that asks for what cannot be.
+pub fn usage(message: impl Into<String>) -> anyhow::Error {
+    Coded { code: code::USAGE, message: message.into() }.into()
+}
+
+/// An output that belongs to another job.
+pub fn other_job(message: impl Into<String>) -> anyhow::Error {
+    Coded { code: code::OTHER_JOB, message: message.into() }.into()
+}
+
+/// The exit code of an error, by type, wherever it stands in the chain.
+pub fn exit_code(error: &anyhow::Error) -> u8 {
+    for cause in error.chain() {
+        if let Some(coded) = cause.downcast_ref::<Coded>() {
+            return coded.code;
+        }
+        let retry = cause.downcast_ref::<FilmError>().is_some_and(FilmError::retryable)
+            || cause.downcast_ref::<DurableError>().is_some_and(DurableError::retryable)
+            || cause.downcast_ref::<ChartError>().is_some_and(ChartError::retryable);
+        if retry {
+            return code::RETRY;
+        }
+        if let Some(FilmError::Exists { .. }) = cause.downcast_ref::<FilmError>() {
+            return code::OTHER_JOB;
+        }
+        if let Some(run) = cause.downcast_ref::<RunError>() {
+            let retry = match run {
+                RunError::Read { source, .. } => source.downcast_ref::<ChartError>().is_some_and(ChartError::retryable),
+                RunError::Write { source, .. } => source.downcast_ref::<FilmError>().is_some_and(FilmError::retryable),
+                _ => false,
+            };
+            if retry {
+                return code::RETRY;
+            }
+        }
+    }
+    code::FAILED
+}

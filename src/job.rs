@@ -1,0 +1,334 @@
+//! Flags resolved: chart, lens, film, memory, the job's identity. What can fail early fails here, before any pixel.
+
+use crate::args::{
+    CodecArg, Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg, bands,
+};
+use crate::failure::usage;
+use crate::memory::{Memory, Needs, default_limit};
+use crate::open::{self, Chart};
+use anyhow::{Context, Result};
+use formats::chart::{Codec, NanPolicy};
+use formats::film::{FilmOutput, FilmSpec, SampleType};
+use formats::lens::LensPack;
+use pipeline::band::{BandPlan, Options, PsfBetween};
+use pipeline::field::Outside;
+use pipeline::geometry::{Frame, Size};
+use pipeline::lens::PsfSample;
+use pipeline::plan::Window;
+use pipeline::psf::kernel::NodeKernels;
+use pipeline::resample::{Interp, Surround};
+use pipeline::scene::{Reading, Stages};
+use serde_json::{Map, Value, json};
+
+/// Planck's constant times the speed of light, J·m (SI, exact).
+const HC_J_M: f64 = 6.626_070_15e-34 * 299_792_458.0;
+
+/// A job, ready to run.
+pub struct Job {
+    /// The chart.
+    pub chart: Chart,
+    /// The lens.
+    pub lens: LensPack,
+    /// Film, axis, chart.
+    pub frame: Frame,
+    /// How bands are made.
+    pub options: Options,
+    /// Band of the chart per position of the job.
+    pub chart_bands: Vec<usize>,
+    /// Plan per position.
+    pub plans: Vec<BandPlan>,
+    /// Factor on the scene per position (film units).
+    pub gains: Vec<f64>,
+    /// The film's layout.
+    pub film: FilmSpec,
+    /// Its outputs as the pipeline sees them.
+    pub windows: Vec<Window>,
+    /// All that changes pixels, readable.
+    pub identity: Map<String, Value>,
+    /// Memory.
+    pub memory: Memory,
+    /// Worker threads.
+    pub threads: usize,
+    /// What the user should know before it starts.
+    pub notes: Vec<String>,
+}
+
+/// Worker threads: as asked, or all cores.
+pub fn threads(asked: Option<usize>) -> usize {
+    asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+}
+
+impl Job {
+    /// Resolves `args`.
+    ///
+    /// # Errors
+    /// Whatever would stop the run later and can be known now.
+    pub fn new(args: &RunArgs) -> Result<Self> {
+        if args.device == Device::Cuda {
+            return Err(usage(
+                "--device cuda: this version computes on the CPU only; use `--device cpu` or leave the flag away",
+            ));
+        }
+        let nan = match args.nan {
+            NanArg::Error => NanPolicy::Error,
+            NanArg::Zero => NanPolicy::Zero,
+        };
+        let chart = Chart::open(&args.chart, args.wavelengths.as_deref(), nan, 0)?;
+        let lens = open::lens(&args.lens)?;
+        let all_nm = chart.wavelengths_nm()?;
+        let chart_bands = match &args.bands {
+            None => (0..all_nm.len()).collect(),
+            Some(text) => bands(text, all_nm.len()).map_err(|e| usage(format!("--bands {text}: {e}")))?,
+        };
+        let wavelengths_nm: Vec<f64> = chart_bands.iter().map(|&b| all_nm[b]).collect();
+        let frame = frame(args, &chart)?;
+        let options = options(args);
+        let plan = |&nm: &f64| BandPlan::new(&frame, lens.lens(), nm, &options);
+        let plans: Vec<BandPlan> = wavelengths_nm.iter().map(plan).collect::<Result<_, _>>()?;
+        let gains = plans.iter().map(|p| gain(args.film_units, p, &frame)).collect();
+        let film = film_spec(args, &frame, wavelengths_nm, &chart)?;
+        let windows: Vec<Window> = (0..film.outputs.len())
+            .map(|i| {
+                let (height, width) = film.shard_shape(i);
+                Window { rect: film.outputs[i].rect, shard: Size::new(height, width) }
+            })
+            .collect();
+        let threads = threads(args.threads);
+        let chart_rows = |rows: usize| match &chart {
+            Chart::Store(s) => s.cache_for_rows(rows),
+            Chart::Drawn(_) => 0,
+        };
+        let needs = Needs {
+            plans: &plans,
+            windows: &windows,
+            threads,
+            chart_rows: &chart_rows,
+            scale: frame.scale.0.min(frame.scale.1),
+        };
+        let memory = Memory::plan(args.memory.unwrap_or_else(default_limit), &needs)?;
+        // Opened again now that the cache's size is known; the first time only metadata were read.
+        let chart = Chart::open(&args.chart, args.wavelengths.as_deref(), nan, memory.chart_cache)?;
+        let identity = identity(args, &chart, &lens, &frame, &chart_bands)?;
+        let notes = notes(args, &chart, &lens, &frame, &plans)?;
+        Ok(Self {
+            chart,
+            lens,
+            frame,
+            options,
+            chart_bands,
+            plans,
+            gains,
+            film,
+            windows,
+            identity,
+            memory,
+            threads,
+            notes,
+        })
+    }
+}
+
+fn frame(args: &RunArgs, chart: &Chart) -> Result<Frame> {
+    let size = chart.size();
+    let pitch_um = args.film_pitch_um.or_else(|| chart.pitch_um()).ok_or_else(|| {
+        usage(format!(
+            "chart `{}` has no attribute pitch_um; say the film's pixel pitch, e.g. `--film-pitch-um 2`",
+            args.chart
+        ))
+    })?;
+    let scale = (args.scale.1, args.scale.0);
+    let scaled = |n: usize, s: f64| ((n as f64 * s).round() as usize).max(1);
+    let own = chart.film_size().filter(|_| scale == (1.0, 1.0));
+    let film =
+        args.film_size.or(own).unwrap_or(Size::new(scaled(size.height, scale.0), scaled(size.width, scale.1)));
+    let mut frame = Frame { scale, ..Frame::centred(film, size, pitch_um) };
+    if let Some((x, y)) = args.axis {
+        frame.axis_px = (y, x);
+    }
+    frame.center_mm = (args.center.1, args.center.0);
+    Ok(frame)
+}
+
+fn options(args: &RunArgs) -> Options {
+    let on = |s: Stage| args.stages.contains(&s);
+    Options {
+        stages: Stages { ri: on(Stage::Ri), distortion: on(Stage::Distortion), svpsf: on(Stage::Svpsf) },
+        reading: Reading {
+            interp: match args.interp {
+                InterpArg::Bicubic => Interp::Bicubic,
+                InterpArg::Bilinear => Interp::Bilinear,
+            },
+            surround: match args.surround {
+                SurroundArg::Edge => Surround::Edge,
+                SurroundArg::Black => Surround::Black,
+                SurroundArg::Mirror => Surround::Mirror,
+            },
+            outside: match args.outside {
+                OutsideArg::Error => Outside::Error,
+                OutsideArg::Clamp => Outside::Clamp,
+            },
+        },
+        azimuths: args.azimuths,
+        psf_window: args.psf_window,
+        between: if args.interpolate_psf { PsfBetween::Interpolate } else { PsfBetween::Error },
+    }
+}
+
+/// Film value per chart value on the axis: 1; τ·Ω (E = L·τ·Ω·R); or photons, E·λ/(hc)·pixel area.
+fn gain(units: FilmUnits, plan: &BandPlan, frame: &Frame) -> f64 {
+    let irradiance = plan.lens.transmission * plan.lens.solid_angle_sr;
+    match units {
+        FilmUnits::Relative => 1.0,
+        FilmUnits::Irradiance => irradiance,
+        FilmUnits::Photons => {
+            let per_joule = plan.lens.wavelength_nm * 1e-9 / HC_J_M;
+            irradiance * per_joule * (frame.pitch_um * 1e-6).powi(2)
+        }
+    }
+}
+
+fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart: &Chart) -> Result<FilmSpec> {
+    if args.chunk == 0 || args.shard == 0 || !args.shard.is_multiple_of(args.chunk) {
+        return Err(usage(format!(
+            "--shard {} is not a multiple of --chunk {}; e.g. `--shard 2048 --chunk 512`",
+            args.shard, args.chunk
+        )));
+    }
+    let mut outputs = Vec::new();
+    for (i, rect) in args.roi.iter().enumerate() {
+        if !frame.film.rect().contains(*rect) {
+            return Err(usage(format!(
+                "--roi {},{},{},{} leaves the film of {} (rows x columns)",
+                rect.x, rect.y, rect.width, rect.height, frame.film
+            )));
+        }
+        outputs.push(FilmOutput { name: format!("roi_{i}"), rect: *rect });
+    }
+    if outputs.is_empty() {
+        outputs.push(FilmOutput { name: "film".into(), rect: frame.film.rect() });
+    }
+    let units = match args.film_units {
+        FilmUnits::Relative => chart.units().unwrap_or("relative").to_owned(),
+        FilmUnits::Irradiance => "W m-2 nm-1".into(),
+        FilmUnits::Photons => "s-1 nm-1".into(),
+    };
+    Ok(FilmSpec {
+        outputs,
+        film: frame.film,
+        wavelengths_nm,
+        pitch_um: frame.pitch_um,
+        axis_px: frame.axis_px,
+        units,
+        sample: match args.dtype {
+            DtypeArg::F32 => SampleType::F32,
+            DtypeArg::F16 => SampleType::F16,
+        },
+        shard: args.shard,
+        chunk: args.chunk,
+        codec: codec(args.codec),
+    })
+}
+
+/// The store's codec for a word of the command line.
+pub fn codec(arg: CodecArg) -> Codec {
+    match arg {
+        CodecArg::None => Codec::None,
+        CodecArg::Lz4 => Codec::Lz4,
+        CodecArg::Zstd => Codec::Zstd,
+    }
+}
+
+/// All that changes pixels, in words a person can read and compare.
+fn identity(
+    args: &RunArgs,
+    chart: &Chart,
+    lens: &LensPack,
+    frame: &Frame,
+    chart_bands: &[usize],
+) -> Result<Map<String, Value>> {
+    let stages = Stages { ..options(args).stages };
+    let value = json!({
+        "numeric_version": NUMERIC_VERSION,
+        "chart": chart.identity()?,
+        "chart_bands": chart_bands,
+        "lens_name": lens.lens().name,
+        "lens_digest": lens.digest().context("reading the lens pack")?,
+        "stages": { "ri": stages.ri, "distortion": stages.distortion, "svpsf": stages.svpsf },
+        "film_size": [frame.film.height, frame.film.width],
+        "film_pitch_um": frame.pitch_um,
+        "axis_px": { "x": frame.axis_px.1, "y": frame.axis_px.0 },
+        "scale": { "x": frame.scale.1, "y": frame.scale.0 },
+        "center_mm": { "x": frame.center_mm.1, "y": frame.center_mm.0 },
+        "interp": format!("{:?}", args.interp).to_lowercase(),
+        "surround": format!("{:?}", args.surround).to_lowercase(),
+        "outside": format!("{:?}", args.outside).to_lowercase(),
+        "nan": format!("{:?}", args.nan).to_lowercase(),
+        "azimuths": args.azimuths,
+        "psf_window": args.psf_window,
+        "interpolate_psf": args.interpolate_psf,
+        "film_units": format!("{:?}", args.film_units).to_lowercase(),
+        "rois": args.roi.iter().map(|r| [r.x, r.y, r.width as i64, r.height as i64]).collect::<Vec<_>>(),
+    });
+    let Value::Object(map) = value else { unreachable!("an object is written above") };
+    Ok(map)
+}
+
+/// Raised whenever the program gives other pixel values for the same job.
+const NUMERIC_VERSION: u32 = 1;
+
+fn notes(
+    args: &RunArgs,
+    chart: &Chart,
+    lens: &LensPack,
+    frame: &Frame,
+    plans: &[BandPlan],
+) -> Result<Vec<String>> {
+    let mut notes = lens.notes().to_vec();
+    let tables = lens.lens();
+    if args.stages.contains(&Stage::Svpsf) {
+        let least = tables.bands.iter().flat_map(|b| &b.psf_energy).fold(f64::INFINITY, |m, e| m.min(*e));
+        if least < 0.9 {
+            notes.push(format!(
+                "the lens pack's PSF windows hold as little as {:.0} % of the light at some bands; the rest is \
+                 normalised away (see `lenscube lens show`)",
+                100.0 * least
+            ));
+        }
+        notes.extend(turning_note(lens, plans, frame)?);
+    }
+    if args.film_units != FilmUnits::Relative && chart.units().is_none_or(|u| !is_radiance(u)) {
+        notes.push(format!(
+            "--film-units {:?} takes the chart as spectral radiance in W m-2 sr-1 nm-1, but its units are {}",
+            args.film_units,
+            chart.units().unwrap_or("not given")
+        ));
+    }
+    if args.device == Device::Auto {
+        notes.push("device: cpu".into());
+    }
+    Ok(notes)
+}
+
+/// For integrated samples that are turned by more than quarter turns: the estimated error at the primary wavelength.
+fn turning_note(lens: &LensPack, plans: &[BandPlan], frame: &Frame) -> Result<Option<String>> {
+    let tables = lens.lens();
+    let turned = plans.iter().filter_map(|p| p.grid.as_ref()).any(|g| g.azimuths().iter().any(|&j| j > 4));
+    if tables.psf_sample != PsfSample::Integrated || !turned {
+        return Ok(None);
+    }
+    let off = |p: &&BandPlan| (p.lens.wavelength_nm - tables.primary_wavelength_nm).abs();
+    let Some(plan) = plans.iter().min_by(|a, b| off(a).total_cmp(&off(b))) else { return Ok(None) };
+    let kernels = NodeKernels::new(&lens.psf(plan.choice.first)?, frame.pitch_um, None);
+    Ok(Some(format!(
+        "the lens pack's PSFs are integrated over {} µm: exact at quarter turns, turned by cubic interpolation between; \
+         estimated error there {:.1} % of the light (L1, worst height at {} nm); a pack of point samples has none of it",
+        plan.lens.psf_pitch_um,
+        100.0 * kernels.turning_error(),
+        plan.lens.wavelength_nm
+    )))
+}
+
+fn is_radiance(units: &str) -> bool {
+    let u = units.replace(['^', '·', '*', ' '], "").to_lowercase();
+    u.contains("sr-1") && u.contains("nm-1") && u.starts_with('w')
+}

@@ -1,0 +1,113 @@
+//! Opening what the command line names: charts (stores or generators) and lenses (packs or built in).
+
+use crate::failure::usage;
+use anyhow::{Context, Result};
+use formats::chart::{ChartOptions, ChartStore, NanPolicy};
+use formats::lens::{LensPack, builtin, builtin_names};
+use pipeline::chart::Generator;
+use pipeline::flow::ChartSource;
+use pipeline::geometry::Size;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// A chart, wherever it comes from.
+pub enum Chart {
+    /// A Zarr array.
+    Store(Box<ChartStore>),
+    /// Drawn on the fly.
+    Drawn(Box<Generator>),
+}
+
+impl Chart {
+    /// Opens `PATH`, `PATH//array` or `gen:KIND?…`.
+    pub fn open(spec: &str, wavelengths: Option<&str>, nan: NanPolicy, cache_bytes: usize) -> Result<Self> {
+        let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
+        let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
+        if let Some(drawn) = spec.strip_prefix("gen:") {
+            let mut spec: pipeline::chart::ChartSpec =
+                drawn.parse().map_err(|e| usage(format!("chart `{spec}`: {e}")))?;
+            if let Some(nm) = declared {
+                spec.wavelengths_nm = nm;
+            }
+            let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
+            return Ok(Self::Drawn(Box::new(generator)));
+        }
+        let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
+        Ok(Self::Store(Box::new(ChartStore::open(spec, options)?)))
+    }
+
+    /// The pixels.
+    pub fn source(&self) -> &dyn ChartSource {
+        match self {
+            Self::Store(s) => s.as_ref(),
+            Self::Drawn(g) => g.as_ref(),
+        }
+    }
+
+    /// Size in pixels.
+    pub fn size(&self) -> Size {
+        self.source().size()
+    }
+
+    /// Wavelength of every band in nm.
+    pub fn wavelengths_nm(&self) -> Result<Vec<f64>> {
+        match self {
+            Self::Drawn(g) => Ok(g.wavelengths_nm().to_vec()),
+            Self::Store(s) => s.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| {
+                usage(format!(
+                    "chart {} does not tell the wavelengths of its {} bands; say them, e.g. `--wavelengths 400:700:10`",
+                    s.path().display(),
+                    s.bands()
+                ))
+            }),
+        }
+    }
+
+    /// Pixel pitch in µm, if it is known.
+    pub fn pitch_um(&self) -> Option<f64> {
+        match self {
+            Self::Store(s) => s.pitch_um(),
+            Self::Drawn(g) => Some(g.pitch_um()),
+        }
+    }
+
+    /// Size of the film that it was made for.
+    pub fn film_size(&self) -> Option<Size> {
+        match self {
+            Self::Store(s) => s.film_size(),
+            Self::Drawn(g) => Some(g.film_size()),
+        }
+    }
+
+    /// What its values are.
+    pub fn units(&self) -> Option<&str> {
+        match self {
+            Self::Store(s) => s.units(),
+            Self::Drawn(g) => Some(g.units()),
+        }
+    }
+
+    /// What makes it this chart and no other, for the job's digest.
+    pub fn identity(&self) -> Result<Value> {
+        Ok(match self {
+            Self::Store(s) => json!({ "store": s.identity(true).context("listing the chart's chunks")? }),
+            Self::Drawn(g) => json!({ "drawn": g.spec().to_string() }),
+        })
+    }
+}
+
+/// Opens a lens pack, or a lens inside the program by its name.
+pub fn lens(name: &str) -> Result<LensPack> {
+    if builtin_names().any(|known| known == name) {
+        return Ok(builtin(name)?);
+    }
+    let path = Path::new(name);
+    if !path.exists() && !name.contains(['/', '.']) {
+        let known: Vec<_> = builtin_names().collect();
+        return Err(usage(format!(
+            "`{name}` is neither a lens pack nor a built-in lens ({}); give the path of a *.lens.zarr or its .zip",
+            known.join(", ")
+        )));
+    }
+    Ok(LensPack::open(path)?)
+}

@@ -1,0 +1,144 @@
+//! What a run shows while it goes: bars on a terminal, plain lines elsewhere.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use pipeline::executor::Summary;
+use pipeline::flow::Progress;
+use pipeline::plan::ShardId;
+use std::io::IsTerminal;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// Says a line to the user: results go to files, words to stderr.
+pub fn say(line: impl AsRef<str>) {
+    eprintln!("{}", line.as_ref());
+}
+
+/// Progress of a run over bands.
+pub struct Bars {
+    bar: Option<ProgressBar>,
+    names: Vec<String>,
+    state: Mutex<State>,
+}
+
+struct State {
+    start: Instant,
+    told: Instant,
+    done: u64,
+    total: u64,
+    band: usize,
+    band_done: u64,
+    band_total: u64,
+    band_start: Instant,
+}
+
+/// Seconds between log lines where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+impl Bars {
+    /// For bands called `names` of `pixels` film pixels each to make.
+    pub fn new(names: Vec<String>, pixels: &[u64]) -> Self {
+        let total = pixels.iter().sum();
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let style = "{spinner} {msg}  [{bar:32}] {percent:>3} %  {elapsed_precise} gone, {eta_precise} left";
+            let style = ProgressStyle::with_template(style).expect("a valid template").progress_chars("=> ");
+            ProgressBar::new(total).with_style(style)
+        });
+        let now = Instant::now();
+        let state = State {
+            start: now,
+            told: now,
+            done: 0,
+            total,
+            band: 0,
+            band_done: 0,
+            band_total: 0,
+            band_start: now,
+        };
+        Self { bar, names, state: Mutex::new(state) }
+    }
+
+    /// Leaves the terminal as it was.
+    pub fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+fn clock(seconds: f64) -> String {
+    match seconds {
+        s if !s.is_finite() => "?".into(),
+        s if s < 60.0 => format!("{s:.0} s"),
+        s if s < 3600.0 => format!("{:.0} min {:02.0} s", (s / 60.0).floor(), s % 60.0),
+        s => format!("{:.0} h {:02.0} min", (s / 3600.0).floor(), (s % 3600.0) / 60.0),
+    }
+}
+
+impl Progress for Bars {
+    fn band(&self, position: usize, pixels: u64) {
+        let mut s = self.state.lock().expect("no panic while held");
+        (s.band, s.band_done, s.band_total, s.band_start) = (position, 0, pixels, Instant::now());
+    }
+
+    fn tile(&self, position: usize, pixels: usize) {
+        let mut s = self.state.lock().expect("no panic while held");
+        s.done += pixels as u64;
+        if position == s.band {
+            s.band_done += pixels as u64;
+        }
+        let rate = s.done as f64 / s.start.elapsed().as_secs_f64();
+        let band_rate = s.band_done as f64 / s.band_start.elapsed().as_secs_f64();
+        let left = |done: u64, total: u64, rate: f64| clock(total.saturating_sub(done) as f64 / rate);
+        if let Some(bar) = &self.bar {
+            bar.set_message(format!(
+                "{} ({}/{}, {} left)  {:.1} Mpx/s",
+                self.names[s.band],
+                s.band + 1,
+                self.names.len(),
+                left(s.band_done, s.band_total, band_rate),
+                rate * 1e-6
+            ));
+            bar.set_position(s.done);
+        } else if s.told.elapsed() >= LINE_EVERY {
+            s.told = Instant::now();
+            say(format!(
+                "{} (band {} of {}): {:.0} %, {} left; job {:.0} %, {:.1} Mpx/s, {} left",
+                self.names[s.band],
+                s.band + 1,
+                self.names.len(),
+                100.0 * s.band_done as f64 / s.band_total.max(1) as f64,
+                left(s.band_done, s.band_total, band_rate),
+                100.0 * s.done as f64 / s.total.max(1) as f64,
+                rate * 1e-6,
+                left(s.done, s.total, rate),
+            ));
+        }
+    }
+
+    fn shard(&self, _id: ShardId, _bytes: u64) {}
+}
+
+/// The lines at the end of a run.
+pub fn summary_lines(s: &Summary, bytes_read: u64, peak: Option<u64>, outside_window: (f64, f64)) -> Vec<String> {
+    let t = &s.times;
+    let gb = |b: u64| b as f64 * 1e-9;
+    let rate = s.pixels as f64 / s.wall_s * 1e-6;
+    let mut lines = vec![
+        format!("{} shards in {}, {rate:.1} Mpx/s, {} tiles", s.shards, clock(s.wall_s), s.tiles),
+        format!(
+            "thread seconds: read {:.1}, scene {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
+             prepare {:.1}",
+            t.read_s, t.scene_s, t.svpsf_s, s.spectra, t.add_s, t.encode_s, t.write_s, t.prepare_s
+        ),
+    ];
+    let peak = peak.map_or(String::new(), |p| format!(", peak memory {} MiB", p >> 20));
+    lines.push(format!("read {:.2} GB, wrote {:.2} GB{peak}", gb(bytes_read), gb(s.bytes_written)));
+    if outside_window.1 > 0.0 {
+        lines.push(format!(
+            "light outside the PSF windows, normalised away: {:.1} % to {:.1} % by band (mean over heights)",
+            100.0 * outside_window.0,
+            100.0 * outside_window.1
+        ));
+    }
+    lines
+}
