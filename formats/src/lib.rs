@@ -1,1 +1,3 @@
-//! x
+//! lenscube's doors: chart and film stores, lens packs, pictures. Knows no optics.
+
+pub mod durable;
