@@ -1,3 +1,6 @@
 //! lenscube's doors: chart and film stores, lens packs, pictures. Knows no optics.
 
+pub mod chart;
 pub mod durable;
+mod hierarchy;
+mod shard;
