@@ -2,5 +2,6 @@
 
 pub mod chart;
 pub mod durable;
+pub mod film;
 mod hierarchy;
 mod shard;

@@ -1,6 +1,7 @@
 //! Charts by zarr-python (`tests/data/make_charts.py`), our own, and broken ones.
 
 mod broken;
+mod speed;
 mod stores;
 mod written;
 
