@@ -1,1 +1,7 @@
-//! x
+//! lenscube's doors: chart and film stores, lens packs, pictures. Knows no optics.
+
+pub mod chart;
+pub mod durable;
+pub mod film;
+mod hierarchy;
+mod shard;

@@ -1,0 +1,188 @@
+//! Which axis is which, and the wavelength of each band.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use serde_json::Value;
+use zarrs::array::{Array, ArraySubset, data_type};
+
+use super::ChartError;
+use super::layout::Layout;
+use super::open::{Node, open_array};
+use crate::durable::Directory;
+use crate::shard::single_threaded;
+
+const SPECTRAL: [&str; 14] = [
+    "wavelength",
+    "wavelengths",
+    "wavelength_nm",
+    "wave",
+    "wl",
+    "band",
+    "bands",
+    "lambda",
+    "channel",
+    "channels",
+    "c",
+    "spectral",
+    "spectrum",
+    "λ",
+];
+const ROWS: [&str; 7] = ["y", "row", "rows", "line", "lines", "height", "lat"];
+const COLUMNS: [&str; 8] = ["x", "col", "cols", "column", "columns", "sample", "samples", "width"];
+
+/// Names of the array's dimensions: Zarr v3's own, or xarray's attribute in v2.
+pub(super) fn dimension_names(array: &Array<Directory>) -> Option<Vec<String>> {
+    if let Some(names) = array.dimension_names() {
+        return Some(names.iter().map(|n| n.clone().unwrap_or_default()).collect());
+    }
+    let names = array.attributes().get("_ARRAY_DIMENSIONS")?.as_array()?;
+    Some(names.iter().map(|n| n.as_str().unwrap_or_default().to_owned()).collect())
+}
+
+/// Which axis a name tells: 0 wavelength, 1 row, 2 column.
+fn axis_of(name: &str) -> Option<usize> {
+    let name = name.to_lowercase();
+    let last = name.rsplit('_').next().unwrap_or(&name);
+    [&SPECTRAL[..], &ROWS, &COLUMNS]
+        .iter()
+        .position(|words| words.contains(&name.as_str()) || words.contains(&last))
+}
+
+/// Names that tell another order than (wavelength, y, x) are an error; names that tell nothing are believed.
+pub(super) fn check_order(layout: &Layout, names: Option<&[String]>) -> Result<(), ChartError> {
+    let Some(names) = names else { return Ok(()) };
+    let first = 3usize.saturating_sub(names.len());
+    let right = names.iter().enumerate().all(|(k, n)| axis_of(n).is_none_or(|axis| axis == first + k));
+    if right && names.len() == layout.array.shape().len() {
+        return Ok(());
+    }
+    Err(ChartError::Metadata {
+        path: layout.directory.root().into(),
+        array: layout.name.clone(),
+        what: "order of dimensions",
+        expected: "(wavelength, y, x) or (y, x); transpose the array".into(),
+        found: format!("({})", names.join(", ")),
+    })
+}
+
+/// Wavelengths in nm: the caller's, else the coordinate array's, else an attribute's.
+pub(super) fn wavelengths<'a>(
+    layout: &Layout,
+    names: Option<&[String]>,
+    find: &impl Fn(&str) -> Option<&'a Value>,
+    given: Option<Vec<f64>>,
+) -> Result<Option<Vec<f64>>, ChartError> {
+    let bands = layout.shape[0];
+    let wrong = |expected: String, found: String| ChartError::Metadata {
+        path: layout.directory.root().into(),
+        array: layout.name.clone(),
+        what: "wavelengths",
+        expected,
+        found,
+    };
+    let found = match given {
+        Some(w) => Some(w),
+        None => match coordinate(layout, names)? {
+            Some(w) => Some(w),
+            None => from_attribute(find),
+        },
+    };
+    if let Some(w) = &found {
+        if w.len() != bands {
+            return Err(wrong(format!("one for each of {bands} bands"), format!("{}", w.len())));
+        }
+        if let Some(bad) = w.iter().find(|w| !(w.is_finite() && **w > 0.0)) {
+            return Err(wrong("positive numbers of nm".into(), bad.to_string()));
+        }
+    }
+    Ok(found)
+}
+
+fn from_attribute<'a>(find: &impl Fn(&str) -> Option<&'a Value>) -> Option<Vec<f64>> {
+    ["wavelengths_nm", "wavelength_nm", "wavelengths", "wavelength"]
+        .iter()
+        .find_map(|key| find(key)?.as_array()?.iter().map(Value::as_f64).collect())
+}
+
+/// The 1-D array named as the first dimension, or `wavelength`, beside the chart.
+fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f64>>, ChartError> {
+    if layout.name.is_empty() {
+        return Ok(None);
+    }
+    let group = layout.name.rsplit_once('/').map_or(String::new(), |(group, _)| format!("{group}/"));
+    let own = names.filter(|n| n.len() == 3).map(|n| n[0].as_str()).filter(|n| axis_of(n) == Some(0));
+    let mut tries: Vec<&str> = own.into_iter().collect();
+    tries.push("wavelength");
+    for name in tries {
+        let name = format!("{group}{name}");
+        if !Node::read(&layout.directory, &name)?.is_some_and(|n| n.is_array) {
+            continue;
+        }
+        let array = open_array(&layout.directory, &name)?;
+        // An axis `band` may well hold names or numbers of bands; only lengths are wavelengths.
+        let unit = array.attributes().get("units").and_then(Value::as_str);
+        let counts = axis_of(&name) == Some(0) && (name.ends_with("band") || name.ends_with("bands"));
+        if counts && unit.is_none() {
+            continue;
+        }
+        let wrong = |expected: &str, found: String| ChartError::Metadata {
+            path: layout.directory.root().into(),
+            array: name.clone(),
+            what: "coordinate",
+            expected: expected.into(),
+            found,
+        };
+        let to_nm = match unit.unwrap_or("nm").trim() {
+            "nm" | "nanometer" | "nanometers" | "nanometre" | "nanometres" => 1.0,
+            "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" => 1e3,
+            "m" | "meter" | "metre" => 1e9,
+            other => return Err(wrong("units nm, um or m", format!("{other:?}"))),
+        };
+        let values = numbers(&array).map_err(|found| wrong("a 1-D array of at most 10^6 numbers", found))?;
+        return Ok(Some(values.into_iter().map(|v| v * to_nm).collect()));
+    }
+    Ok(None)
+}
+
+fn numbers(array: &Array<Directory>) -> Result<Vec<f64>, String> {
+    const MOST: u64 = 1_000_000;
+    let shape = array.shape();
+    let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| e.to_string())?;
+    let chunk: u64 = chunk.iter().fold(1u64, |n, c| n.saturating_mul(c.get()));
+    if shape.len() != 1 || shape[0] > MOST || chunk > MOST {
+        return Err(format!("shape {shape:?}, chunks of {chunk}"));
+    }
+    let all = ArraySubset::new_with_shape(shape.to_vec());
+    let options = single_threaded();
+    macro_rules! read {
+        ($t:ty) => {
+            array
+                .retrieve_array_subset_opt::<Vec<$t>>(&all, &options)
+                .map(|v| v.into_iter().map(|v| v as f64).collect())
+                .map_err(|e| e.to_string())
+        };
+    }
+    let t = array.data_type();
+    let run = || {
+        if *t == data_type::float64() {
+            read!(f64)
+        } else if *t == data_type::float32() {
+            read!(f32)
+        } else if *t == data_type::int64() {
+            read!(i64)
+        } else if *t == data_type::int32() {
+            read!(i32)
+        } else if *t == data_type::int16() {
+            read!(i16)
+        } else if *t == data_type::uint64() {
+            read!(u64)
+        } else if *t == data_type::uint32() {
+            read!(u32)
+        } else if *t == data_type::uint16() {
+            read!(u16)
+        } else {
+            Err(format!("samples of type {t}"))
+        }
+    };
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("a chunk that zarrs breaks on".into()))
+}

@@ -1,0 +1,134 @@
+//! Why a chart cannot be opened or read.
+
+use std::path::PathBuf;
+
+use pipeline::geometry::Rect;
+
+use crate::durable::DurableError;
+
+/// A chart cannot be opened or read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ChartError {
+    /// Nothing there.
+    #[error("opening chart {path}: no such directory; give PATH or PATH//array of a Zarr store")]
+    NotFound {
+        /// What was asked for.
+        path: PathBuf,
+    },
+    /// Something else than a Zarr store.
+    #[error(
+        "opening chart {path}: {found}, expected the directory of a Zarr v2 or v3 store (zarr.json, .zgroup or .zarray)"
+    )]
+    NotZarr {
+        /// What was asked for.
+        path: PathBuf,
+        /// What lies there.
+        found: String,
+    },
+    /// The group has no such array.
+    #[error("opening chart {path}: no array {wanted}; arrays there: {found}; name one as {path}//ARRAY", path = path.display())]
+    NoArray {
+        /// The group.
+        path: PathBuf,
+        /// What was looked for.
+        wanted: String,
+        /// Arrays that are there.
+        found: String,
+    },
+    /// Metadata that says what cannot be, or what is not supported.
+    #[error("opening chart {path}, array {array:?}: {what}: expected {expected}, found {found}")]
+    Metadata {
+        /// The store.
+        path: PathBuf,
+        /// The array in it.
+        array: String,
+        /// Which property.
+        what: &'static str,
+        /// What it must be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+    /// The store's files cannot be read.
+    #[error("reading chart: {0}")]
+    Io(#[from] DurableError),
+    /// A chunk that does not decode.
+    #[error(
+        "reading chart {path}, bands {first_band}..{end_band}, {region}: the chunk is damaged: {reason}; restore the file from its source"
+    )]
+    Corrupt {
+        /// The file.
+        path: PathBuf,
+        /// First band of the chunk.
+        first_band: usize,
+        /// One past its last band.
+        end_band: usize,
+        /// Its pixels.
+        region: Rect,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// NaN or infinity.
+    #[error(
+        "reading chart {path}: {value} at band {band}, row {row}, column {column}; --nan zero reads such pixels as 0 and counts them"
+    )]
+    NotFinite {
+        /// The array.
+        path: PathBuf,
+        /// Band.
+        band: usize,
+        /// Row.
+        row: usize,
+        /// Column.
+        column: usize,
+        /// The value.
+        value: f32,
+    },
+    /// A chunk is missing, and its fill value is not a number.
+    #[error(
+        "reading chart {path}, band {band}, {region}: the chunk is missing and the fill value is {fill}; complete the chart, or --nan zero reads it as 0"
+    )]
+    MissingChunk {
+        /// The file that is not there, or lacks the inner chunk.
+        path: PathBuf,
+        /// Band.
+        band: usize,
+        /// Pixels of the chunk.
+        region: Rect,
+        /// The fill value.
+        fill: f32,
+    },
+    /// A request that the chart cannot answer; the caller's fault.
+    #[error(
+        "reading chart {path}: band {band}, {rect} is asked for into {room} pixels; it has {bands} bands of {size}"
+    )]
+    Request {
+        /// The array.
+        path: PathBuf,
+        /// Band.
+        band: usize,
+        /// Pixels.
+        rect: Rect,
+        /// Pixels that the buffer holds.
+        room: usize,
+        /// Bands there are.
+        bands: usize,
+        /// Size of the chart.
+        size: pipeline::geometry::Size,
+    },
+    /// No room for the temporary store.
+    #[error(
+        "re-chunking chart {path}: {needed} bytes are needed in {directory}, {free} are free; choose another directory for temporary files"
+    )]
+    Space {
+        /// The chart.
+        path: PathBuf,
+        /// The directory for temporary files.
+        directory: PathBuf,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes free.
+        free: u64,
+    },
+}

@@ -1,0 +1,385 @@
+//! Where a chart's pieces lie in its files, and how one is decoded.
+
+use std::borrow::Cow;
+use std::num::NonZeroU64;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use pipeline::geometry::{Rect, Size};
+use zarrs::array::codec::CodecChain;
+use zarrs::array::{
+    Array, ArrayMetadata, ArrayToBytesCodecTraits, BytesRepresentation, DataType, FillValue, data_type,
+};
+use zarrs::metadata_ext::codec::sharding::{ShardingCodecConfigurationV1, ShardingIndexLocation};
+
+use super::ChartError;
+use crate::durable::Directory;
+use crate::shard::single_threaded;
+
+/// Largest piece that is decoded: one per thread must fit in memory.
+const LARGEST_PIECE: u64 = 1 << 30;
+/// Largest shard index: 16 million inner chunks.
+const LARGEST_INDEX: u64 = 256 << 20;
+/// Largest side, and largest number of samples: beyond what any disk holds.
+const LARGEST_SIDE: u64 = 1 << 31;
+const MOST_SAMPLES: u64 = 1 << 50;
+
+/// Sample type of a chart in its store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[allow(missing_docs)]
+pub enum Sample {
+    U8,
+    U16,
+    F16,
+    F32,
+    F64,
+}
+
+impl Sample {
+    fn of(t: &DataType) -> Option<Self> {
+        let known = [
+            (data_type::uint8(), Self::U8),
+            (data_type::uint16(), Self::U16),
+            (data_type::float16(), Self::F16),
+            (data_type::float32(), Self::F32),
+            (data_type::float64(), Self::F64),
+        ];
+        known.into_iter().find(|(d, _)| d == t).map(|(_, s)| s)
+    }
+
+    /// Bytes of one sample.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::U16 | Self::F16 => 2,
+            Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Appends the samples in `bytes` (of this machine's byte order) as f32.
+    pub(super) fn extend(self, out: &mut Vec<f32>, bytes: &[u8]) {
+        match self {
+            Self::U8 => out.extend(bytes.iter().map(|&b| f32::from(b))),
+            Self::U16 => out.extend(bytes.as_chunks().0.iter().map(|&b| f32::from(u16::from_ne_bytes(b)))),
+            Self::F16 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| half::f16::from_ne_bytes(b).to_f32()));
+            }
+            Self::F32 => out.extend(bytes.as_chunks().0.iter().map(|&b| f32::from_ne_bytes(b))),
+            Self::F64 => out.extend(bytes.as_chunks().0.iter().map(|&b| f64::from_ne_bytes(b) as f32)),
+        }
+    }
+}
+
+/// How the inner chunks of a shard are found.
+#[derive(Debug)]
+struct ShardIndex {
+    chain: CodecChain,
+    at_start: bool,
+    bytes: u64,
+}
+
+/// The array: its files, their parts, their codecs. Shapes are (bands, rows, columns).
+#[derive(Debug)]
+pub(super) struct Layout {
+    pub(super) directory: Arc<Directory>,
+    /// The array's path in the store; empty for a bare array.
+    pub(super) name: String,
+    pub(super) array: Array<Directory>,
+    pub(super) shape: [usize; 3],
+    /// One file.
+    pub(super) chunk: [usize; 3],
+    /// What is decoded at once.
+    pub(super) piece: [usize; 3],
+    pub(super) sample: Sample,
+    /// Value of pixels that are not stored.
+    pub(super) fill: f32,
+    chain: Arc<CodecChain>,
+    index: Option<ShardIndex>,
+}
+
+impl Layout {
+    pub(super) fn new(
+        directory: Arc<Directory>,
+        name: &str,
+        array: Array<Directory>,
+    ) -> Result<Self, ChartError> {
+        let root = directory.root().to_path_buf();
+        let wrong = |what, expected: &str, found: String| ChartError::Metadata {
+            path: root.clone(),
+            array: name.into(),
+            what,
+            expected: expected.into(),
+            found,
+        };
+        let rank = array.shape().len();
+        if !(2..=3).contains(&rank) {
+            return Err(wrong("dimensions", "(wavelength, y, x) or (y, x)", format!("{:?}", array.shape())));
+        }
+        let samples = array.shape().iter().try_fold(1u64, |n, &s| n.checked_mul(s));
+        let sides = array.shape().iter().all(|s| (1..=LARGEST_SIDE).contains(s));
+        if !sides || samples.is_none_or(|n| n > MOST_SAMPLES) {
+            let expected = "1 to 2^31 pixels a side, at most 2^50 samples";
+            return Err(wrong("shape", expected, format!("{:?}", array.shape())));
+        }
+        let sample = Sample::of(array.data_type()).ok_or_else(|| {
+            wrong(
+                "sample type",
+                "float16, float32, float64, uint8 or uint16",
+                format!("{:?}", array.data_type().to_string()),
+            )
+        })?;
+        let grid = match array.metadata() {
+            ArrayMetadata::V3(m) => m.chunk_grid.name().to_owned(),
+            ArrayMetadata::V2(_) => "regular".to_owned(),
+        };
+        if grid != "regular" {
+            return Err(wrong("chunk grid", "regular", grid));
+        }
+        let chunk = array
+            .chunk_shape(&vec![0; rank])
+            .map_err(|e| wrong("chunks", "a regular chunk grid", e.to_string()))?;
+        let chunk: Vec<u64> = chunk.iter().map(|n| n.get()).collect();
+        let (mut piece, mut chain, mut index) = (chunk.clone(), array.codecs(), None);
+        if let ArrayMetadata::V3(m) = array.metadata()
+            && let [codec] = m.codecs.as_slice()
+            && codec.name() == "sharding_indexed"
+        {
+            let c: ShardingCodecConfigurationV1 = codec
+                .to_typed_configuration()
+                .map_err(|e| wrong("sharding", "a sharding codec", e.to_string()))?;
+            piece = c.chunk_shape.iter().map(|n| n.get()).collect();
+            let divides = piece.len() == rank && piece.iter().zip(&chunk).all(|(p, c)| c % p == 0);
+            if !divides {
+                let found = format!("{piece:?} in shards {chunk:?}");
+                return Err(wrong("inner chunks", "a divisor of the shard", found));
+            }
+            let build = |m: &[_]| {
+                CodecChain::from_metadata(m).map_err(|e| wrong("codecs", "known codecs", e.to_string()))
+            };
+            chain = Arc::new(build(&c.codecs)?);
+            index = Some(
+                ShardIndex::new(
+                    build(&c.index_codecs)?,
+                    matches!(c.index_location, ShardingIndexLocation::Start),
+                    &chunk,
+                    &piece,
+                )
+                .map_err(|found| wrong("shard index", "at most 256 MiB, of fixed size", found))?,
+            );
+        }
+        let bytes = piece.iter().try_fold(sample.bytes() as u64, |n, &s| n.checked_mul(s));
+        if bytes.is_none_or(|b| b > LARGEST_PIECE) {
+            let found = format!("{piece:?}");
+            let expected = "at most 1 GiB when decoded; re-chunk the array, e.g. into (1, 512, 512)";
+            return Err(wrong("chunk", expected, found));
+        }
+        let three = |v: &[u64]| -> [usize; 3] {
+            let first = if rank == 3 { v[0] } else { 1 };
+            [first as usize, v[rank - 2] as usize, v[rank - 1] as usize]
+        };
+        let mut fill = Vec::new();
+        sample.extend(&mut fill, array.fill_value().as_ne_bytes());
+        let fill = *fill.first().ok_or_else(|| wrong("fill value", "one sample", "none".into()))?;
+        let (shape, chunk, piece) = (three(array.shape()), three(&chunk), three(&piece));
+        Ok(Self { directory, name: name.into(), array, shape, chunk, piece, sample, fill, chain, index })
+    }
+
+    /// Number of pieces along each axis.
+    pub(super) fn pieces(&self) -> [usize; 3] {
+        std::array::from_fn(|k| self.shape[k].div_ceil(self.piece[k]))
+    }
+
+    /// One number per piece.
+    pub(super) fn number(&self, p: [usize; 3]) -> u64 {
+        let n = self.pieces().map(|n| n as u64);
+        (p[0] as u64 * n[1] + p[1] as u64) * n[2] + p[2] as u64
+    }
+
+    /// Bands and pixels of piece `p` that lie inside the chart.
+    pub(super) fn extent(&self, p: [usize; 3]) -> (std::ops::Range<usize>, Rect) {
+        let start: [usize; 3] = std::array::from_fn(|k| p[k] * self.piece[k]);
+        let count: [usize; 3] = std::array::from_fn(|k| self.piece[k].min(self.shape[k] - start[k]));
+        let rect = Rect::new(start[1] as i64, start[2] as i64, count[1], count[2]);
+        (start[0]..start[0] + count[0], rect)
+    }
+
+    fn file_of(&self, p: [usize; 3]) -> [usize; 3] {
+        std::array::from_fn(|k| p[k] / (self.chunk[k] / self.piece[k]))
+    }
+
+    /// The key of the file that holds piece `p`, relative to the store.
+    pub(super) fn key(&self, p: [usize; 3]) -> String {
+        let indices = self.file_of(p).map(|i| i as u64);
+        self.array.chunk_key(self.trim(&indices)).as_str().to_owned()
+    }
+
+    /// The path of that file.
+    pub(super) fn file(&self, p: [usize; 3]) -> PathBuf {
+        self.directory.root().join(self.key(p))
+    }
+
+    /// One number per file.
+    pub(super) fn file_number(&self, p: [usize; 3]) -> u64 {
+        let n: [u64; 3] = std::array::from_fn(|k| self.shape[k].div_ceil(self.chunk[k]) as u64);
+        let f = self.file_of(p).map(|i| i as u64);
+        (f[0] * n[1] + f[1]) * n[2] + f[2]
+    }
+
+    /// Drops the band axis that a 2-D array does not have.
+    fn trim<'a, T>(&self, v: &'a [T; 3]) -> &'a [T] {
+        &v[3 - self.array.shape().len()..]
+    }
+
+    pub(super) fn size(&self) -> Size {
+        Size::new(self.shape[1], self.shape[2])
+    }
+
+    /// Whether pieces are found through a shard's index.
+    pub(super) fn is_sharded(&self) -> bool {
+        self.index.is_some()
+    }
+
+    /// Reads the index of the shard that holds `p`: (offset, length) of every inner chunk. `None`: no such shard.
+    pub(super) fn read_index(&self, p: [usize; 3]) -> Result<Option<Vec<u64>>, ChartError> {
+        let Some(index) = &self.index else { return Ok(None) };
+        let offset = if index.at_start { 0 } else { -(index.bytes as i64) };
+        let bytes = match self.directory.read_range(&self.key(p), offset, index.bytes) {
+            Err(e @ crate::durable::DurableError::Range { .. }) => return Err(self.corrupt(p, e.to_string())),
+            other => other?,
+        };
+        let Some(bytes) = bytes else { return Ok(None) };
+        let shape = index_shape(&self.per_file().map(|n| n as u64));
+        let decoded =
+            self.decode(p, &index.chain, bytes, &shape, &data_type::uint64(), &FillValue::from(u64::MAX))?;
+        Ok(Some(decoded.as_chunks().0.iter().map(|&b| u64::from_ne_bytes(b)).collect()))
+    }
+
+    fn per_file(&self) -> [usize; 3] {
+        std::array::from_fn(|k| self.chunk[k] / self.piece[k])
+    }
+
+    /// The encoded bytes of piece `p`, given its shard's index. `None`: not stored.
+    pub(super) fn read_encoded(
+        &self,
+        p: [usize; 3],
+        index: Option<&[u64]>,
+    ) -> Result<Option<Vec<u8>>, ChartError> {
+        // Codecs may lengthen a little what they cannot shorten; more than that is no chunk of ours.
+        let decoded = self.piece.iter().product::<usize>() as u64 * self.sample.bytes() as u64;
+        let limit = decoded * 2 + (1 << 20);
+        let read = match index {
+            None if self.is_sharded() => return Ok(None),
+            None => self.directory.read_at_most(&self.key(p), limit),
+            Some(index) => {
+                let per = self.per_file();
+                let [b, i, j]: [usize; 3] = std::array::from_fn(|k| p[k] % per[k]);
+                let slot = ((b * per[1] + i) * per[2] + j) * 2;
+                let (offset, length) = (index[slot], index[slot + 1]);
+                if offset == u64::MAX && length == u64::MAX {
+                    return Ok(None);
+                }
+                let Some(offset) = i64::try_from(offset).ok().filter(|_| length <= limit) else {
+                    let reason = format!("its index says {length} bytes at offset {offset}");
+                    return Err(self.corrupt(p, reason));
+                };
+                self.directory.read_range(&self.key(p), offset, length)
+            }
+        };
+        use crate::durable::DurableError::{Length, Range};
+        match read {
+            Err(e @ (Length { .. } | Range { .. })) => Err(self.corrupt(p, e.to_string())),
+            other => Ok(other?),
+        }
+    }
+
+    /// Decodes piece `p` into samples of this machine's byte order, the part beyond the chart's edge included.
+    pub(super) fn decode_piece(&self, p: [usize; 3], encoded: Vec<u8>) -> Result<Vec<u8>, ChartError> {
+        let samples = self.piece.iter().product::<usize>() * self.sample.bytes();
+        if let Some(claimed) = zstd_claim(&encoded)
+            && self.chain.bytes_to_bytes_codecs().len() == 1
+            && claimed > samples as u64 * 2 + (1 << 20)
+        {
+            return Err(self.corrupt(p, format!("it claims to hold {claimed} bytes, expected {samples}")));
+        }
+        let shape = self.piece.map(|n| NonZeroU64::new(n as u64).expect("chunks are not empty"));
+        let shape = self.trim(&shape).to_vec();
+        let (t, fill) = (self.array.data_type().clone(), self.array.fill_value().clone());
+        let decoded = self.decode(p, &self.chain, encoded, &shape, &t, &fill)?;
+        if decoded.len() != samples {
+            return Err(self.corrupt(p, format!("it holds {} bytes, expected {samples}", decoded.len())));
+        }
+        Ok(decoded)
+    }
+
+    /// zarrs may panic on bytes that nobody foresaw; to us that is damage like any other.
+    fn decode(
+        &self,
+        p: [usize; 3],
+        chain: &CodecChain,
+        bytes: Vec<u8>,
+        shape: &[NonZeroU64],
+        t: &DataType,
+        fill: &FillValue,
+    ) -> Result<Vec<u8>, ChartError> {
+        let run = || {
+            chain
+                .decode(Cow::Owned(bytes), shape, t, fill, &single_threaded())
+                .and_then(|d| d.into_fixed().map_err(Into::into))
+                .map(Cow::into_owned)
+                .map_err(|e| e.to_string())
+        };
+        catch_unwind(AssertUnwindSafe(run))
+            .unwrap_or_else(|_| Err("its codec broke down".into()))
+            .map_err(|reason| self.corrupt(p, reason))
+    }
+
+    pub(super) fn corrupt(&self, p: [usize; 3], reason: String) -> ChartError {
+        let (bands, region) = self.extent(p);
+        ChartError::Corrupt {
+            path: self.file(p),
+            first_band: bands.start,
+            end_band: bands.end,
+            region,
+            reason,
+        }
+    }
+}
+
+impl ShardIndex {
+    fn new(chain: CodecChain, at_start: bool, chunk: &[u64], piece: &[u64]) -> Result<Self, String> {
+        let per: Vec<u64> = chunk.iter().zip(piece).map(|(c, p)| c / p).collect();
+        let bytes = per.iter().try_fold(16u64, |n, &s| n.checked_mul(s));
+        if bytes.is_none_or(|b| b > LARGEST_INDEX) {
+            return Err(format!("{per:?} inner chunks a shard"));
+        }
+        let shape = index_shape(&per);
+        match chain.encoded_representation(&shape, &data_type::uint64(), &FillValue::from(u64::MAX)) {
+            Ok(BytesRepresentation::FixedSize(bytes)) => Ok(Self { chain, at_start, bytes }),
+            Ok(other) => Err(format!("{other:?}")),
+            Err(e) => Err(e.to_string()),
+        }
+    }
+}
+
+fn index_shape(per: &[u64]) -> Vec<NonZeroU64> {
+    per.iter().copied().chain([2]).filter_map(NonZeroU64::new).collect()
+}
+
+/// The size that a zstd frame says it decodes to (RFC 8878, 3.1.1.1); zarrs allocates it before it reads on.
+fn zstd_claim(bytes: &[u8]) -> Option<u64> {
+    let rest = bytes.strip_prefix(&[0x28, 0xb5, 0x2f, 0xfd])?;
+    let (&descriptor, rest) = rest.split_first()?;
+    let single = descriptor >> 5 & 1;
+    let dictionary = [0, 1, 2, 4][usize::from(descriptor & 3)];
+    let size = match (descriptor >> 6, single) {
+        (0, 0) => return None,
+        (0, _) => 1,
+        (n, _) => 1usize << n,
+    };
+    let skip = usize::from(single == 0) + dictionary;
+    let field = rest.get(skip..skip + size)?;
+    let value = field.iter().rev().fold(0u64, |v, &b| v << 8 | u64::from(b));
+    Some(if size == 2 { value + 256 } else { value })
+}

@@ -1,0 +1,217 @@
+//! From `PATH` or `PATH//array` to a chart whose metadata holds together.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use pipeline::geometry::Size;
+use serde_json::{Map, Value};
+use zarrs::array::{Array, ArrayMetadata};
+
+use super::cache::Cache;
+use super::coordinates::{self, dimension_names};
+use super::layout::Layout;
+use super::{ChartError, ChartOptions, ChartStore, Counters};
+use crate::durable::Directory;
+
+/// Metadata larger than this is not metadata.
+const LARGEST_METADATA: u64 = 64 << 20;
+/// Bytes of shard indexes to keep: two hundred thousand inner chunks, thousands of shards.
+const INDEX_CACHE: usize = 4 << 20;
+
+/// A node of a Zarr hierarchy, v2 or v3.
+pub(super) struct Node {
+    pub(super) is_array: bool,
+    pub(super) attributes: Map<String, Value>,
+}
+
+impl Node {
+    /// The node at `name` (empty: the root). `None` if there is none.
+    pub(super) fn read(directory: &Directory, name: &str) -> Result<Option<Self>, ChartError> {
+        let under = |file: &str| if name.is_empty() { file.to_owned() } else { format!("{name}/{file}") };
+        let json = |file: &str| -> Result<Option<Map<String, Value>>, ChartError> {
+            let Some(bytes) = directory.read_at_most(&under(file), LARGEST_METADATA)? else {
+                return Ok(None);
+            };
+            serde_json::from_slice(&bytes).map(Some).map_err(|e| ChartError::Metadata {
+                path: directory.root().into(),
+                array: name.into(),
+                what: "metadata",
+                expected: format!("a JSON object in {}", under(file)),
+                found: e.to_string(),
+            })
+        };
+        let object = |v: Option<Value>| match v {
+            Some(Value::Object(m)) => m,
+            _ => Map::new(),
+        };
+        if let Some(mut m) = json("zarr.json")? {
+            let is_array = m.get("node_type").and_then(Value::as_str) == Some("array");
+            return Ok(Some(Self { is_array, attributes: object(m.remove("attributes")) }));
+        }
+        for (file, is_array) in [(".zarray", true), (".zgroup", false)] {
+            if json(file)?.is_some() {
+                return Ok(Some(Self { is_array, attributes: json(".zattrs")?.unwrap_or_default() }));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// Opens the array `name`; whatever zarrs makes of the metadata, it is an error of ours.
+pub(super) fn open_array(directory: &Arc<Directory>, name: &str) -> Result<Array<Directory>, ChartError> {
+    let open = || Array::open(directory.clone(), &format!("/{name}")).map_err(|e| e.to_string());
+    catch_unwind(AssertUnwindSafe(open))
+        .unwrap_or_else(|_| Err("metadata that zarrs breaks on".into()))
+        .map_err(|found| ChartError::Metadata {
+            path: directory.root().into(),
+            array: name.into(),
+            what: "metadata",
+            expected: "a Zarr v2 or v3 array with known codecs".into(),
+            found,
+        })
+}
+
+impl ChartStore {
+    /// Opens the chart `spec`: `PATH`, a group with an array `chart` or `film` or a bare array, or `PATH//array`.
+    ///
+    /// # Errors
+    /// [`ChartError`] if there is no chart, or its metadata says what cannot be read.
+    pub fn open(spec: &str, options: ChartOptions) -> Result<Self, ChartError> {
+        let (path, array) = match spec.rsplit_once("//") {
+            Some((path, array)) if !path.is_empty() => (path, array.trim_matches('/')),
+            _ => (spec, ""),
+        };
+        let (directory, name, group) = find(Path::new(path), array)?;
+        let array = open_array(&directory, &name)?;
+        let attributes = array.attributes().clone();
+        let dimensions = dimension_names(&array);
+        let layout = Layout::new(directory, &name, array)?;
+        coordinates::check_order(&layout, dimensions.as_deref())?;
+        let find = |key: &str| attributes.get(key).or_else(|| group.get(key));
+        let wavelengths_nm =
+            coordinates::wavelengths(&layout, dimensions.as_deref(), &find, options.wavelengths_nm.clone())?;
+        let pitch_um = find("pitch_um").map(|v| positive(&layout, "pitch_um", v)).transpose()?;
+        let film_size = find("film_size").map(|v| size(&layout, v)).transpose()?;
+        let units = find("units").and_then(Value::as_str).map(str::to_owned);
+        Ok(Self {
+            layout,
+            wavelengths_nm,
+            pitch_um,
+            film_size,
+            units,
+            cache: Cache::new(options.cache_bytes),
+            indexes: Cache::new(INDEX_CACHE),
+            options,
+            counters: Counters::default(),
+            spool: OnceLock::new(),
+        })
+    }
+}
+
+type Found = (Arc<Directory>, String, Map<String, Value>);
+
+/// The store's root, the array's name in it, and the attributes of the group around it.
+fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
+    let not_zarr = |found: &str| ChartError::NotZarr { path: path.into(), found: found.into() };
+    match std::fs::metadata(path) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+            return Err(ChartError::NotFound { path: path.into() });
+        }
+        Err(e) => return Err(not_zarr(&e.to_string())),
+        Ok(m) if !m.is_dir() => return Err(not_zarr("a file")),
+        Ok(_) => {}
+    }
+    let directory = Arc::new(Directory::new(path));
+    let root = Node::read(&directory, "")?;
+    if wanted.is_empty() {
+        let root =
+            root.ok_or_else(|| not_zarr("a directory without Zarr metadata (perhaps an unfinished copy)"))?;
+        if root.is_array {
+            return Ok(around(path).unwrap_or((directory, String::new(), Map::new())));
+        }
+        for name in ["chart", "film"] {
+            if Node::read(&directory, name)?.is_some_and(|n| n.is_array) {
+                return Ok((directory, name.into(), root.attributes));
+            }
+        }
+        return Err(no_array(&directory, "\"chart\" or \"film\""));
+    }
+    if Node::read(&directory, wanted)?.is_none_or(|n| !n.is_array) {
+        return Err(no_array(&directory, &format!("{wanted:?}")));
+    }
+    let attributes = root.map(|n| n.attributes).unwrap_or_default();
+    Ok((directory, wanted.into(), attributes))
+}
+
+/// An array given by its own directory, in its group if it is in one: there are its coordinates.
+fn around(path: &Path) -> Option<Found> {
+    let path = path.canonicalize().ok()?;
+    let (parent, name) = (path.parent()?, path.file_name()?.to_str()?);
+    let directory = Arc::new(Directory::new(parent));
+    let group = Node::read(&directory, "").ok()??;
+    (!group.is_array).then(|| (directory, name.to_owned(), group.attributes))
+}
+
+fn no_array(directory: &Directory, wanted: &str) -> ChartError {
+    let mut names: Vec<String> = std::fs::read_dir(directory.root())
+        .into_iter()
+        .flatten()
+        .filter_map(|e| e.ok()?.file_name().into_string().ok())
+        .filter(|n| Node::read(directory, n).is_ok_and(|n| n.is_some_and(|n| n.is_array)))
+        .collect();
+    names.sort();
+    let found = if names.is_empty() { "none".into() } else { names.join(", ") };
+    ChartError::NoArray { path: directory.root().into(), wanted: wanted.into(), found }
+}
+
+fn wrong(layout: &Layout, what: &'static str, expected: &str, found: &Value) -> ChartError {
+    ChartError::Metadata {
+        path: layout.directory.root().into(),
+        array: layout.name.clone(),
+        what,
+        expected: expected.into(),
+        found: found.to_string(),
+    }
+}
+
+fn positive(layout: &Layout, what: &'static str, v: &Value) -> Result<f64, ChartError> {
+    v.as_f64()
+        .filter(|x| x.is_finite() && *x > 0.0)
+        .ok_or_else(|| wrong(layout, what, "a positive number of µm", v))
+}
+
+fn size(layout: &Layout, v: &Value) -> Result<Size, ChartError> {
+    let side = |v: &Value| v.as_u64().filter(|n| (1..=1 << 31).contains(n)).map(|n| n as usize);
+    match v.as_array().map(Vec::as_slice) {
+        Some([h, w]) => side(h).zip(side(w)).map(|(h, w)| Size::new(h, w)),
+        _ => None,
+    }
+    .ok_or_else(|| wrong(layout, "film_size", "[rows, columns]", v))
+}
+
+/// The metadata of `array` without its attributes, as JSON with sorted keys.
+pub(super) fn canonical(array: &Array<Directory>) -> Value {
+    let mut v = match array.metadata() {
+        ArrayMetadata::V3(m) => serde_json::to_value(m),
+        ArrayMetadata::V2(m) => serde_json::to_value(m),
+    }
+    .unwrap_or_default();
+    if let Value::Object(m) = &mut v {
+        m.remove("attributes");
+    }
+    sorted(v)
+}
+
+/// `v` with the keys of every object sorted.
+pub(super) fn sorted(v: Value) -> Value {
+    match v {
+        Value::Object(m) => {
+            let mut pairs: Vec<_> = m.into_iter().map(|(k, v)| (k, sorted(v))).collect();
+            pairs.sort_by(|a, b| a.0.cmp(&b.0));
+            Value::Object(pairs.into_iter().collect())
+        }
+        Value::Array(a) => Value::Array(a.into_iter().map(sorted).collect()),
+        other => other,
+    }
+}

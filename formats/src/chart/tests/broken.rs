@@ -1,0 +1,213 @@
+//! Stores that are not what they claim: one clear error each, never a panic.
+
+use super::*;
+
+fn with_nan(policy: NanPolicy) -> ChartOptions {
+    ChartOptions { nan: policy, ..ChartOptions::default() }
+}
+
+fn edit(path: &Path, change: impl Fn(String) -> String) {
+    let file = path.join("zarr.json");
+    let json = std::fs::read_to_string(&file).unwrap();
+    let changed = change(json.clone());
+    assert_ne!(json, changed, "the edit must change something");
+    std::fs::write(file, changed).unwrap();
+}
+
+#[test]
+fn what_is_no_chart_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    assert!(matches!(refuse(&dir.path().join("nowhere")), ChartError::NotFound { .. }));
+    assert!(matches!(refuse(dir.path()), ChartError::NotZarr { .. }));
+    let file = dir.path().join("picture.png");
+    std::fs::write(&file, b"PNG").unwrap();
+    assert!(refuse(&file).to_string().contains("a file"));
+    let e = refuse(&PathBuf::from(format!("{}//film", fixture("v3-sharded").display()))).to_string();
+    assert!(e.contains("\"film\"") && e.contains("chart, wavelength"), "{e}");
+    let e = refuse(&fixture("v3-wrong-order")).to_string();
+    assert!(e.contains("(y, x, wavelength)") && e.contains("(wavelength, y, x)"), "{e}");
+    let e = refuse(&fixture("v3-int32")).to_string();
+    assert!(e.contains("int32") && e.contains("float32"), "{e}");
+    let e = refuse(&PathBuf::from(format!("{}//wavelength", fixture("v3-sharded").display()))).to_string();
+    assert!(e.contains("[3]"), "{e}");
+}
+
+#[test]
+fn absurd_sizes_are_refused_before_memory_is() {
+    let edits: [(&str, &str); 4] = [
+        ("37,", "1000000000000000000,"),
+        ("37,", "0,"),
+        ("16,", "100000000,"),
+        ("16,", "18446744073709551615,"),
+    ];
+    for (from, to) in edits {
+        let (_dir, path) = copied("v3-bip-zstd");
+        edit(&path, |s| s.replacen(from, to, 2));
+        let e = refuse(&path).to_string();
+        assert!(e.contains("expected"), "{from} {to}: {e}");
+    }
+    let (_dir, path) = copied("v3-index-first");
+    edit(&path, |s| s.replace("32,", "2000000000000000,"));
+    assert!(refuse(&path).to_string().contains("inner chunks"));
+}
+
+#[test]
+fn a_damaged_chunk_is_named_with_its_place() {
+    let (_dir, path) = copied("v3-sharded");
+    let file = path.join("chart/c/1/0/1");
+    let good = std::fs::read(&file).unwrap();
+    let mut bad = good.clone();
+    bad[40] ^= 1;
+    std::fs::write(&file, &bad).unwrap();
+    let chart = open(&path);
+    let e = all(&chart, 1).unwrap_err();
+    let ChartError::Corrupt { path: named, first_band: 1, region, .. } = &e else { panic!("{e}") };
+    assert_eq!((named, *region), (&file, Rect::new(0, 32, 16, 9)));
+    assert!(all(&chart, 0).is_ok());
+    for cut in [0, 10, good.len() / 2, good.len() - 1] {
+        std::fs::write(&file, &good[..cut]).unwrap();
+        let e = all(&open(&path), 1).unwrap_err();
+        assert!(matches!(e, ChartError::Corrupt { .. }), "cut to {cut}: {e}");
+    }
+    std::fs::write(&file, &good).unwrap();
+    assert!(all(&chart, 1).is_ok(), "an error is not remembered");
+}
+
+#[test]
+fn no_byte_of_a_chunk_makes_a_panic() {
+    for (name, key) in
+        [("v3-bip-zstd", "c/0/0/0"), ("v2-big-endian-fortran", "0.0.0"), ("v3-sharded", "chart/c/0/1/0")]
+    {
+        let (_dir, path) = copied(name);
+        let file = path.join(key);
+        let good = std::fs::read(&file).unwrap();
+        for k in (0..good.len()).step_by(1 + good.len() / 300) {
+            for flip in [0xff, 0x80, 1] {
+                let mut bad = good.clone();
+                bad[k] ^= flip;
+                std::fs::write(&file, &bad).unwrap();
+                let _ = all(&open(&path), 0);
+            }
+        }
+    }
+}
+
+#[test]
+fn nan_is_an_error_with_its_place_or_a_counted_zero() {
+    // No compression: the NaN goes straight into the file. Band 0, chunk (1, 2), row 3, column 4 of it.
+    let (_dir, path) = copied("v3-two-dimensional");
+    let file = path.join("c/1/2");
+    let mut bytes = std::fs::read(&file).unwrap();
+    bytes[(3 * 16 + 4) * 2..][..2].copy_from_slice(&half::f16::NAN.to_le_bytes());
+    // Beyond the edge of the chart (columns 41..48): nobody's business.
+    bytes[(3 * 16 + 12) * 2..][..2].copy_from_slice(&half::f16::INFINITY.to_le_bytes());
+    std::fs::write(&file, bytes).unwrap();
+    let e = all(&open(&path), 0).unwrap_err();
+    assert!(matches!(e, ChartError::NotFinite { band: 0, row: 19, column: 36, .. }), "{e}");
+    let chart = ChartStore::open(path.to_str().unwrap(), with_nan(NanPolicy::Zero)).unwrap();
+    let pixels = all(&chart, 0).unwrap();
+    assert_eq!((pixels[19 * 41 + 36], pixels[19 * 41 + 37]), (0.0, sample(1, 19, 37)));
+    all(&chart, 0).unwrap();
+    assert_eq!(chart.stats().nan_replaced, 1);
+}
+
+#[test]
+fn a_missing_chunk_is_its_fill_value_and_counted() {
+    let (_dir, path) = copied("v3-bip-zstd");
+    std::fs::remove_file(path.join("c/0/1/1")).unwrap();
+    edit(&path, |s| s.replace("\"fill_value\": 0", "\"fill_value\": 9"));
+    let chart = open(&path);
+    for band in 0..3 {
+        assert_eq!(all(&chart, band).unwrap()[20 * 41 + 20], 9.0);
+    }
+    assert_eq!(chart.stats().missing_pieces, 1);
+}
+
+#[test]
+fn a_missing_chunk_that_would_be_nan_is_an_error() {
+    let (_dir, path) = copied("v3-sharded");
+    std::fs::remove_file(path.join("chart/c/2/1/0")).unwrap();
+    let chart = open(&path);
+    let e = all(&chart, 2).unwrap_err();
+    assert!(matches!(e, ChartError::MissingChunk { band: 2, region: Rect { y: 32, x: 0, .. }, .. }), "{e}");
+    assert!(e.to_string().contains("--nan zero"), "{e}");
+    let chart = ChartStore::open(path.to_str().unwrap(), with_nan(NanPolicy::Zero)).unwrap();
+    assert_eq!(all(&chart, 2).unwrap()[36 * 41], 0.0);
+    let stats = chart.stats();
+    assert_eq!((stats.missing_pieces, stats.nan_replaced), (2, 5 * 32));
+}
+
+#[test]
+fn requests_outside_the_chart_are_refused() {
+    let chart = open(&fixture("v3-sharded"));
+    let mut out = vec![0.0; 4];
+    for (band, rect) in [(3, Rect::new(0, 0, 2, 2)), (0, Rect::new(-1, 0, 2, 2)), (0, Rect::new(36, 0, 2, 2))]
+    {
+        assert!(matches!(chart.read_rect(band, rect, &mut out), Err(ChartError::Request { .. })));
+    }
+    assert!(matches!(chart.read_rect(0, Rect::new(0, 0, 3, 2), &mut out), Err(ChartError::Request { .. })));
+}
+
+/// Metadata with bytes changed, cut and doubled at random places (xorshift, fixed seed): it opens or it does not.
+#[test]
+fn no_metadata_makes_a_panic() {
+    let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut random = |n: usize| {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        (seed % n as u64) as usize
+    };
+    let words: [&[u8]; 10] = [
+        b"0",
+        b"-1",
+        b"1e308",
+        b"18446744073709551615",
+        b"null",
+        b"[]",
+        b"{}",
+        b"\"\"",
+        b"999999999",
+        b"NaN",
+    ];
+    for (name, key) in [
+        ("v3-sharded", "chart/zarr.json"),
+        ("v3-index-first", "zarr.json"),
+        ("v3-transposed", "zarr.json"),
+        ("v2-big-endian-fortran", ".zarray"),
+        ("v3-sharded", "wavelength/zarr.json"),
+    ] {
+        let (_dir, path) = copied(name);
+        let good = std::fs::read(path.join(key)).unwrap();
+        for _ in 0..600 {
+            let mut bad = good.clone();
+            for _ in 0..=random(2) {
+                let (at, word) = (random(bad.len()), words[random(words.len())]);
+                match random(4) {
+                    0 => bad[at] = random(256) as u8,
+                    1 => bad.truncate(at + 1),
+                    2 => {
+                        // A whole number or word in place of another.
+                        let is_end = |b: &u8| matches!(b, b',' | b']' | b'}' | b'\n');
+                        let end = bad[at..].iter().position(is_end).map_or(bad.len(), |k| at + k);
+                        let start = bad[..at]
+                            .iter()
+                            .rposition(|b| matches!(b, b' ' | b'[' | b':'))
+                            .map_or(at, |k| k + 1);
+                        bad.splice(start.min(end)..end, word.iter().copied());
+                    }
+                    _ => {
+                        let part = bad[at..(at + 30).min(bad.len())].to_vec();
+                        bad.splice(at..at, part);
+                    }
+                }
+            }
+            std::fs::write(path.join(key), &bad).unwrap();
+            if let Ok(chart) = ChartStore::open(path.to_str().unwrap(), ChartOptions::default())
+                && chart.size().pixels() < 1 << 20
+            {
+                let _ = all(&chart, 0);
+            }
+        }
+    }
+}

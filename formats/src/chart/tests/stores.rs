@@ -1,0 +1,154 @@
+//! Whole stores read right.
+
+use super::*;
+
+fn check(chart: &ChartStore, bands: std::ops::Range<usize>) {
+    let size = chart.size();
+    assert_eq!(size, Size::new(37, 41));
+    for band in 0..chart.bands() {
+        for (k, v) in all(chart, band).unwrap().into_iter().enumerate() {
+            let expected = sample(bands.start + band, k / size.width, k % size.width);
+            assert_eq!(v, expected, "band {band}, pixel {k}");
+        }
+        let rect = Rect::new(9, 14, 20, 25);
+        let mut part = vec![0.0; rect.size().pixels()];
+        chart.read_rect(band, rect, &mut part).unwrap();
+        assert_eq!(part[0], sample(bands.start + band, 9, 14));
+        assert_eq!(part[20 * 25 - 1], sample(bands.start + band, 28, 38));
+    }
+}
+
+#[test]
+fn every_fixture_reads_as_it_was_written() {
+    for name in [
+        "v3-sharded",
+        "v2-blosc",
+        "v3-big-endian-gzip",
+        "v3-bip-zstd",
+        "v3-transposed",
+        "v3-index-first",
+        "v2-big-endian-fortran",
+        "v2-float",
+    ] {
+        let chart = open(&fixture(name));
+        assert_eq!(chart.bands(), 3, "{name}");
+        check(&chart, 0..3);
+        let stats = chart.stats();
+        assert_eq!(stats.missing_pieces, 0, "{name}");
+        let pieces: usize = chart.layout.pieces().iter().product();
+        assert_eq!(stats.pieces_decoded as usize, pieces, "{name}: each piece once");
+        assert!(stats.bytes_read > 0 && stats.decode_ns > 0);
+    }
+    check(&open(&fixture("v3-two-dimensional")), 1..2);
+}
+
+#[test]
+fn a_group_tells_what_its_chart_is() {
+    let chart = open(&fixture("v3-sharded"));
+    assert_eq!(chart.wavelengths_nm(), Some(&[400.0, 410.0, 420.5][..]));
+    assert_eq!((chart.pitch_um(), chart.units()), (Some(2.0), Some("reflectance")));
+    assert_eq!(chart.film_size(), Some(Size::new(33, 35)));
+    assert_eq!(
+        (chart.sample(), chart.file_shape(), chart.piece_shape()),
+        (Sample::F32, [1, 32, 32], [1, 16, 16])
+    );
+    let v2 = open(&fixture("v2-blosc"));
+    let nm = v2.wavelengths_nm().unwrap();
+    assert!((nm[2] - 420.5).abs() < 1e-9 && v2.sample() == Sample::U8, "µm become nm");
+    assert_eq!(open(&fixture("v3-big-endian-gzip")).wavelengths_nm(), Some(&[400.0, 410.0, 420.0][..]));
+    assert_eq!(open(&fixture("v3-bip-zstd")).wavelengths_nm(), None);
+}
+
+#[test]
+fn an_array_is_found_by_path_by_name_and_by_its_own_directory() {
+    let path = fixture("v3-sharded");
+    let by_name = format!("{}//chart", path.display());
+    let inside = format!("{}/chart", path.display());
+    for spec in [by_name, inside] {
+        let chart = ChartStore::open(&spec, ChartOptions::default()).unwrap();
+        assert_eq!(chart.wavelengths_nm().unwrap()[1], 410.0, "{spec}");
+        check(&chart, 0..3);
+    }
+}
+
+#[test]
+fn the_callers_wavelengths_come_first() {
+    let given = |n: usize| ChartOptions {
+        wavelengths_nm: Some((0..n).map(|k| 500.0 + k as f64).collect()),
+        ..ChartOptions::default()
+    };
+    let path = fixture("v3-sharded");
+    let chart = ChartStore::open(path.to_str().unwrap(), given(3)).unwrap();
+    assert_eq!(chart.wavelengths_nm().unwrap()[2], 502.0);
+    let e = ChartStore::open(path.to_str().unwrap(), given(2)).unwrap_err().to_string();
+    assert!(e.contains("wavelengths") && e.contains("3 bands"), "{e}");
+}
+
+#[test]
+fn the_identity_follows_the_chart_and_not_its_place() {
+    let (_dir, path) = copied("v3-sharded");
+    let (here, there) = (open(&fixture("v3-sharded")), open(&path));
+    assert_eq!(here.identity(false).unwrap(), there.identity(false).unwrap());
+    let before = there.identity(true).unwrap();
+    assert_eq!(before, there.identity(true).unwrap());
+    let file = path.join("chart/c/0/0/0");
+    let bytes = std::fs::read(&file).unwrap();
+    std::fs::File::open(&file).unwrap().set_modified(std::time::UNIX_EPOCH).unwrap();
+    assert_ne!(before, there.identity(true).unwrap());
+    assert_eq!(here.identity(false).unwrap(), there.identity(false).unwrap());
+    std::fs::write(&file, &bytes[1..]).unwrap();
+    assert_ne!(here.identity(false).unwrap(), there.identity(false).unwrap());
+}
+
+#[test]
+fn threads_share_what_is_decoded() {
+    let chart = open(&fixture("v3-sharded"));
+    std::thread::scope(|s| {
+        for _ in 0..8 {
+            s.spawn(|| check(&chart, 0..3));
+        }
+    });
+    assert_eq!(chart.stats().pieces_decoded, 27);
+}
+
+#[test]
+fn a_cache_that_holds_nothing_still_reads_right() {
+    let options = ChartOptions { cache_bytes: 0, ..ChartOptions::default() };
+    let chart = ChartStore::open(fixture("v3-index-first").to_str().unwrap(), options).unwrap();
+    check(&chart, 0..3);
+}
+
+#[test]
+fn chunks_of_many_bands_are_taken_apart_once() {
+    for name in ["v3-bip-zstd", "v3-transposed", "v2-big-endian-fortran"] {
+        let path = fixture(name);
+        let options = ChartOptions { cache_bytes: 10_000, ..ChartOptions::default() };
+        let chart = ChartStore::open(path.to_str().unwrap(), options).unwrap();
+        assert!(chart.rechunk_needed(&[0, 1, 2]) && !chart.rechunk_needed(&[1]), "{name}");
+        assert!(!open(&path).rechunk_needed(&[0, 1, 2]), "all of it fits in the cache");
+        let dir = tempfile::tempdir().unwrap();
+        let done = AtomicU64::new(0);
+        chart
+            .rechunk(&[0, 1, 2], dir.path(), 2, &|_, _| {
+                done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            })
+            .unwrap();
+        let pieces: usize = chart.layout.pieces().iter().product();
+        assert_eq!(done.into_inner() as usize, pieces);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "its file has no name");
+        check(&chart, 0..3);
+        assert_eq!(chart.stats().pieces_decoded as usize, pieces);
+    }
+}
+
+#[test]
+fn the_temporary_store_needs_room() {
+    let (_dir, path) = copied("v3-bip-zstd");
+    let json = std::fs::read_to_string(path.join("zarr.json")).unwrap();
+    let huge = json.replace("37,", "20000000,").replace("41\n", "200000\n");
+    std::fs::write(path.join("zarr.json"), huge).unwrap();
+    let chart = open(&path);
+    let dir = tempfile::tempdir().unwrap();
+    let e = chart.rechunk(&[0, 1, 2], dir.path(), 1, &|_, _| {}).unwrap_err();
+    assert!(matches!(e, ChartError::Space { .. }), "{e}");
+}

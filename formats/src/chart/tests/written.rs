@@ -1,0 +1,77 @@
+//! Charts that we write.
+
+use pipeline::flow::{ChartSource, DoorError};
+
+use super::*;
+
+/// 2 bands of noise with a ramp.
+struct Ramp(Size);
+
+fn value(band: usize, y: i64, x: i64) -> f32 {
+    let n = (y * 40_503 + x * 9_973 + band as i64 * 77).rem_euclid(1013) as f32;
+    0.25 + band as f32 + y as f32 * 1e-4 + n * 1e-5
+}
+
+impl ChartSource for Ramp {
+    fn size(&self) -> Size {
+        self.0
+    }
+
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        if band > 1 {
+            return Err("no such band".into());
+        }
+        for (k, v) in out.iter_mut().enumerate() {
+            *v = value(band, rect.y + (k / rect.width) as i64, rect.x + (k % rect.width) as i64);
+        }
+        Ok(())
+    }
+}
+
+fn meta(bands: usize) -> ChartMeta {
+    ChartMeta {
+        wavelengths_nm: (0..bands).map(|b| 500.0 + b as f64).collect(),
+        pitch_um: Some(2.5),
+        film_size: Some(Size::new(2000, 600)),
+        units: Some("radiance".into()),
+        attributes: serde_json::from_str(r#"{"title": "ramp"}"#).unwrap(),
+    }
+}
+
+#[test]
+fn what_is_written_is_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let size = Size::new(2100, 700);
+    let mut files = Vec::new();
+    for codec in [Codec::None, Codec::Lz4, Codec::Zstd] {
+        for threads in [1, 3] {
+            let path = dir.path().join(format!("{codec:?}-{threads}.zarr"));
+            let report = write_chart(&path, &Ramp(size), &meta(2), codec, threads, &|_, _| {}).unwrap();
+            assert_eq!(report.shards, 4);
+            let chart = open(&path);
+            assert_eq!((chart.size(), chart.bands(), chart.pitch_um()), (size, 2, Some(2.5)));
+            assert_eq!((chart.units(), chart.film_size()), (Some("radiance"), Some(Size::new(2000, 600))));
+            assert_eq!(chart.wavelengths_nm(), Some(&[500.0, 501.0][..]));
+            let pixels = all(&chart, 1).unwrap();
+            assert!(
+                pixels.iter().enumerate().all(|(k, v)| *v == value(1, (k / 700) as i64, (k % 700) as i64))
+            );
+            assert_eq!(chart.stats().missing_pieces, 0);
+            files.push(chart.identity(false).unwrap());
+            let e = write_chart(&path, &Ramp(size), &meta(2), codec, 1, &|_, _| {}).unwrap_err();
+            assert!(matches!(e, WriteError::Exists { .. }));
+        }
+        let n = files.len();
+        assert_eq!(files[n - 1], files[n - 2], "the same files for any number of threads");
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 6);
+}
+
+#[test]
+fn a_copy_that_fails_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let e =
+        write_chart(&dir.path().join("c.zarr"), &Ramp(Size::new(8, 8)), &meta(3), Codec::Zstd, 2, &|_, _| {});
+    assert!(matches!(e, Err(WriteError::Source { band: 2, .. })), "{e:?}");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}

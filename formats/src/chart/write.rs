@@ -1,0 +1,177 @@
+//! Writing a chart: any source into a store, in parallel, whole or not at all.
+//!
+//! Shards (1, 2048, 2048) of inner chunks (1, 512, 512); less where the chart is smaller. Each worker holds one shard.
+//! All is written in a temp directory beside the place and renamed at the end, so a killed copy is never a chart.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
+
+use pipeline::flow::{ChartSource, DoorError};
+use pipeline::geometry::{Rect, Size};
+use serde_json::{Map, Value, json};
+
+use crate::durable::DurableError;
+use crate::hierarchy::{NewGroup, array, coordinate};
+use crate::shard::{Codec, SampleType, ShardEncoder, sharding_metadata};
+
+const SHARD: usize = 2048;
+const CHUNK: usize = 512;
+
+/// What a chart is, beside its pixels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ChartMeta {
+    /// Wavelength of each band in nm; as many bands are written.
+    pub wavelengths_nm: Vec<f64>,
+    /// Pixel pitch in µm.
+    pub pitch_um: Option<f64>,
+    /// Size of the film that it is meant for, if the chart has overscan.
+    pub film_size: Option<Size>,
+    /// What the values are.
+    pub units: Option<String>,
+    /// More attributes of the group.
+    pub attributes: Map<String, Value>,
+}
+
+/// What was written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct WriteReport {
+    /// Shards.
+    pub shards: u64,
+    /// Their encoded bytes.
+    pub bytes: u64,
+}
+
+/// A chart cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WriteError {
+    /// Something is there.
+    #[error("writing chart {path}: it exists already; remove it or choose another path")]
+    Exists {
+        /// The chart.
+        path: PathBuf,
+    },
+    /// No bands or no pixels.
+    #[error("writing chart {path}: {bands} bands of {size} pixels; expected at least one of each")]
+    Empty {
+        /// The chart.
+        path: PathBuf,
+        /// Bands.
+        bands: usize,
+        /// Pixels.
+        size: Size,
+    },
+    /// The source fails.
+    #[error("writing chart {path}: reading band {band}, {rect} of its source: {source}")]
+    Source {
+        /// The chart.
+        path: PathBuf,
+        /// Band.
+        band: usize,
+        /// Pixels.
+        rect: Rect,
+        /// In its words.
+        source: DoorError,
+    },
+    /// The codec refuses.
+    #[error("writing chart {path}: {reason}")]
+    Codec {
+        /// The chart.
+        path: PathBuf,
+        /// In its words.
+        reason: String,
+    },
+    /// The files.
+    #[error("writing the chart: {0}")]
+    Storage(#[from] DurableError),
+}
+
+/// Writes `source` as a chart at `path` on `threads` threads that hold one shard each. `progress` is told shards done
+/// and shards in all.
+///
+/// # Errors
+/// [`WriteError`]; there is nothing at `path` then.
+pub fn write_chart(
+    path: &Path,
+    source: &dyn ChartSource,
+    meta: &ChartMeta,
+    codec: Codec,
+    threads: usize,
+    progress: &(dyn Fn(u64, u64) + Sync),
+) -> Result<WriteReport, WriteError> {
+    let (size, bands) = (source.size(), meta.wavelengths_nm.len());
+    if size.pixels() == 0 || bands == 0 {
+        return Err(WriteError::Empty { path: path.into(), bands, size });
+    }
+    let exists = || WriteError::Exists { path: path.into() };
+    let mut group = NewGroup::begin(path, true)?.ok_or_else(exists)?;
+    let refused = |reason: String| WriteError::Codec { path: path.into(), reason };
+    let encoder = ShardEncoder::new(codec, SampleType::F32, CHUNK).map_err(|e| refused(e.to_string()))?;
+    let side = |n: usize| SHARD.min(n.div_ceil(CHUNK) * CHUNK);
+    let (sh, sw) = (side(size.height), side(size.width));
+    let tiles: Vec<Rect> = size.rect().tiles(sh, sw).collect();
+    let total = bands * tiles.len();
+    let (next, done, bytes) = (AtomicUsize::new(0), AtomicU64::new(0), AtomicU64::new(0));
+    let write = |n: usize, data: &mut Vec<f32>| -> Result<(), WriteError> {
+        let (band, rect) = (n / tiles.len(), tiles[n % tiles.len()]);
+        data.resize(rect.size().pixels(), 0.0);
+        source.read(band, rect, data).map_err(|source| WriteError::Source {
+            path: path.into(),
+            band,
+            rect,
+            source,
+        })?;
+        let shard = encoder
+            .encode(data, (rect.height, rect.width), (sh / CHUNK, sw / CHUNK))
+            .map_err(|e| refused(e.to_string()))?;
+        let key = format!("chart/c/{band}/{}/{}", rect.y as usize / sh, rect.x as usize / sw);
+        group.directory.write(&key, &shard)?;
+        bytes.fetch_add(shard.len() as u64, Relaxed);
+        progress(done.fetch_add(1, Relaxed) + 1, total as u64);
+        Ok(())
+    };
+    let work = || -> Result<(), WriteError> {
+        let mut data = Vec::new();
+        loop {
+            let n = next.fetch_add(1, Relaxed);
+            if n >= total {
+                return Ok(());
+            }
+            write(n, &mut data).inspect_err(|_| next.store(total, Relaxed))?;
+        }
+    };
+    std::thread::scope(|s| {
+        let workers: Vec<_> = (0..threads.max(1)).map(|_| s.spawn(work)).collect();
+        workers.into_iter().try_for_each(|w| w.join().expect("workers return their errors"))
+    })?;
+    group.coordinate("wavelength", coordinate("wavelength", "nm", "wavelength", &meta.wavelengths_nm))?;
+    let chart = array(
+        &[bands, size.height, size.width],
+        &[1, sh, sw],
+        SampleType::F32.name(),
+        sharding_metadata(codec, SampleType::F32, CHUNK),
+        &["wavelength", "y", "x"],
+        meta.units.as_ref().map_or(json!({}), |u| json!({"units": u})),
+    );
+    group.array("chart", chart)?;
+    if !group.publish(attributes(meta))? {
+        return Err(exists());
+    }
+    Ok(WriteReport { shards: total as u64, bytes: bytes.into_inner() })
+}
+
+fn attributes(meta: &ChartMeta) -> Value {
+    let mut all = meta.attributes.clone();
+    if let Some(pitch) = meta.pitch_um {
+        all.insert("pitch_um".into(), pitch.into());
+    }
+    if let Some(size) = meta.film_size {
+        all.insert("film_size".into(), json!([size.height, size.width]));
+    }
+    if let Some(units) = &meta.units {
+        all.insert("units".into(), units.clone().into());
+    }
+    all.insert("schema".into(), "lenscube/chart/1".into());
+    Value::Object(all)
+}

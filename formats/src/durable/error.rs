@@ -1,0 +1,129 @@
+//! What can go wrong with a file, and whether trying again helps.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use super::Step;
+
+/// A file could not be written, read or removed. Nothing is ever left half-written under a final name.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DurableError {
+    /// The disk, or the user's share of it, is full.
+    #[error(
+        "no space left to {doing} {path} ({bytes} bytes): {source}; free some space or choose another place, then run \
+         the same command again"
+    )]
+    StorageFull {
+        /// What was being done.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Bytes that were to be written.
+        bytes: u64,
+        /// The system's words.
+        source: std::io::Error,
+    },
+    /// The system forbids it.
+    #[error(
+        "not allowed to {doing} {path}: {source}; check its owner and permissions, or choose another place"
+    )]
+    Permission {
+        /// What was being done.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The system's words.
+        source: std::io::Error,
+    },
+    /// Any other failure of the system.
+    #[error("could not {doing} {path}: {source}")]
+    Io {
+        /// What was being done.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The system's words.
+        source: std::io::Error,
+    },
+    /// A file has another length than it must.
+    #[error("{path} has {found} bytes, expected {expected}")]
+    Length {
+        /// The file.
+        path: PathBuf,
+        /// Bytes it must have, or may have at most.
+        expected: u64,
+        /// Bytes it has.
+        found: u64,
+    },
+    /// A part was asked for that the file does not have.
+    #[error("{path} is cut short: {length} bytes from offset {offset} are wanted, it has {size}")]
+    Range {
+        /// The file.
+        path: PathBuf,
+        /// First byte; negative counts from the end.
+        offset: i64,
+        /// Bytes wanted.
+        length: u64,
+        /// Bytes there are.
+        size: u64,
+    },
+    /// A key that is not a plain relative path.
+    #[error("key {key:?} is not a path inside {root}")]
+    Key {
+        /// The key.
+        key: String,
+        /// The directory.
+        root: PathBuf,
+    },
+}
+
+impl DurableError {
+    /// Sorts an error of the system into its kind.
+    pub fn io(doing: &'static str, path: &Path, bytes: u64, source: std::io::Error) -> Self {
+        let path = path.to_path_buf();
+        match source.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+                Self::StorageFull { doing, path, bytes, source }
+            }
+            ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+                Self::Permission { doing, path, source }
+            }
+            _ => Self::Io { doing, path, source },
+        }
+    }
+
+    /// Whether the disk is full.
+    pub fn is_storage_full(&self) -> bool {
+        matches!(self, Self::StorageFull { .. })
+    }
+
+    /// Whether the same call may succeed a moment later with nobody's help: a network file system that was away.
+    pub fn retryable(&self) -> bool {
+        let Self::Io { source, .. } = self else { return false };
+        matches!(
+            source.kind(),
+            ErrorKind::Interrupted
+                | ErrorKind::TimedOut
+                | ErrorKind::StaleNetworkFileHandle
+                | ErrorKind::HostUnreachable
+                | ErrorKind::NetworkUnreachable
+                | ErrorKind::NetworkDown
+                | ErrorKind::ConnectionReset
+                | ErrorKind::ResourceBusy
+        )
+    }
+}
+
+impl Step {
+    pub(super) const fn doing(self) -> &'static str {
+        match self {
+            Self::Create => "create",
+            Self::Write => "write",
+            Self::Sync => "flush",
+            Self::Rename => "rename to",
+            Self::SyncDirectory => "flush directory",
+            Self::Remove => "remove",
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! The film: what the lens throws, shard by shard, in a Zarr v3 group that other programs open as it is.
+//!
+//! Arrays (wavelength, y, x): `film`, or `roi_0`, `roi_1`, … for windows of it, with coordinates `wavelength` [nm] and
+//! `y`, `x` (`roi_0_y`, …) [mm, from the optical axis, y down]. Fill value NaN. A shard is one file, absent or whole:
+//! present means done. [`FilmStore::create`] makes all metadata at once and in one rename, so a killed creation leaves
+//! no film; the pixels of a shard follow from nothing but their values and the layout, so runs can be compared by file.
+
+mod error;
+mod spec;
+
+use std::path::Path;
+
+use pipeline::geometry::Rect;
+use serde_json::{Map, Value};
+
+pub use crate::shard::{Codec, SampleType};
+pub use error::FilmError;
+pub use spec::{FilmOutput, FilmSpec};
+
+use crate::durable::{Directory, DurableError, Sweep, parent_of, publish, sweep, temp_name};
+use crate::hierarchy::NewGroup;
+use crate::shard::{ShardEncoder, ShardError};
+
+/// What marks a group as a film of ours.
+const SCHEMA: &str = "lenscube/film/1";
+const LARGEST_METADATA: u64 = 64 << 20;
+
+/// A film on disk. Encoding and committing may go on on many threads.
+#[derive(Debug)]
+pub struct FilmStore {
+    directory: Directory,
+    spec: FilmSpec,
+    provenance: Map<String, Value>,
+    encoder: ShardEncoder,
+}
+
+/// A shard ready to be committed.
+#[derive(Debug)]
+pub struct EncodedShard {
+    key: String,
+    bytes: Vec<u8>,
+}
+
+impl EncodedShard {
+    /// Its path in the film.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// Its bytes, all of them.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+impl FilmStore {
+    /// Creates an empty film at `path`, its `provenance` among the attributes. `fsync: false` trades safety against a
+    /// power cut for speed.
+    ///
+    /// # Errors
+    /// [`FilmError::Exists`] if something is there; [`FilmError`] if the spec cannot be, or the files not be written.
+    pub fn create(
+        path: &Path,
+        spec: FilmSpec,
+        provenance: Map<String, Value>,
+        fsync: bool,
+    ) -> Result<Self, FilmError> {
+        spec.check()?;
+        let exists = || FilmError::Exists { path: path.into() };
+        let mut group = NewGroup::begin(path, fsync)?.ok_or_else(exists)?;
+        for (name, coordinate) in spec.coordinates() {
+            group.coordinate(&name, coordinate)?;
+        }
+        for output in &spec.outputs {
+            group.array(&output.name, spec.array(output))?;
+        }
+        if !group.publish(spec.attributes(SCHEMA, &provenance))? {
+            return Err(exists());
+        }
+        Self::with(path, spec, provenance, fsync)
+    }
+
+    /// Opens the film at `path`, to go on with it or to look at it.
+    ///
+    /// # Errors
+    /// [`FilmError::NotFilm`] if there is none; [`FilmError::Damaged`] if its metadata contradict each other.
+    pub fn open(path: &Path, fsync: bool) -> Result<Self, FilmError> {
+        let directory = Directory::new(path);
+        let attributes = film_attributes(&directory)?;
+        let (spec, provenance) = FilmSpec::from_attributes(path, attributes)?;
+        spec.check()?;
+        for output in &spec.outputs {
+            let key = format!("{}/zarr.json", output.name);
+            let found = json(&directory, &key)?;
+            if found.as_ref() != Some(&spec.array(output)) {
+                return Err(FilmError::Damaged {
+                    path: path.join(key),
+                    expected: "the metadata of its film's layout",
+                });
+            }
+        }
+        Self::with(path, spec, provenance, fsync)
+    }
+
+    fn with(
+        path: &Path,
+        spec: FilmSpec,
+        provenance: Map<String, Value>,
+        fsync: bool,
+    ) -> Result<Self, FilmError> {
+        let encoder = ShardEncoder::new(spec.codec, spec.sample, spec.chunk)
+            .map_err(|e| FilmError::Codec { reason: e.to_string() })?;
+        Ok(Self { directory: Directory::new(path).with_fsync(fsync), spec, provenance, encoder })
+    }
+
+    /// The same film over another directory object, for tests that make writes fail.
+    pub fn with_directory(mut self, change: impl FnOnce(Directory) -> Directory) -> Self {
+        self.directory = change(self.directory);
+        self
+    }
+
+    /// Removes the film at `path` with all its pixels; nothing there is fine.
+    ///
+    /// # Errors
+    /// [`FilmError::NotFilm`] for anything but a film of this program.
+    pub fn remove_film(path: &Path) -> Result<(), FilmError> {
+        if path.symlink_metadata().is_err() {
+            return Ok(());
+        }
+        film_attributes(&Directory::new(path))?;
+        // Renamed first: a film is there whole or not at all, also if the removal is cut short.
+        let temp = parent_of(path).join(temp_name());
+        publish(path, &temp, true)?;
+        std::fs::remove_dir_all(&temp).map_err(|e| DurableError::io("remove", &temp, 0, e))?;
+        Ok(())
+    }
+
+    /// Where it lies.
+    pub fn path(&self) -> &Path {
+        self.directory.root()
+    }
+
+    /// What it is.
+    pub fn spec(&self) -> &FilmSpec {
+        &self.spec
+    }
+
+    /// How it came to be, as the caller told.
+    pub fn provenance(&self) -> &Map<String, Value> {
+        &self.provenance
+    }
+
+    /// Removes what dead processes of this host left in it.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`] if it cannot be listed, or files not removed.
+    pub fn sweep(&self) -> Result<Sweep, FilmError> {
+        Ok(sweep(self.path())?)
+    }
+
+    /// Shards (down, across) of output `output`.
+    pub fn shards(&self, output: usize) -> (usize, usize) {
+        let (sh, sw) = self.spec.shard_shape(output);
+        let rect = self.spec.outputs[output].rect;
+        (rect.height.div_ceil(sh), rect.width.div_ceil(sw))
+    }
+
+    /// Pixels of the film in shard (`sy`, `sx`) of `output`, in film coordinates.
+    pub fn shard_rect(&self, output: usize, (sy, sx): (usize, usize)) -> Rect {
+        let (sh, sw) = self.spec.shard_shape(output);
+        let rect = self.spec.outputs[output].rect;
+        Rect::new(rect.y + (sy * sh) as i64, rect.x + (sx * sw) as i64, sh, sw).intersect(rect)
+    }
+
+    fn key(&self, output: usize, band: usize, (sy, sx): (usize, usize)) -> String {
+        format!("{}/c/{band}/{sy}/{sx}", self.spec.outputs[output].name)
+    }
+
+    /// Whether the shard is there, and so done.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`] if the file system does not answer.
+    pub fn shard_present(
+        &self,
+        output: usize,
+        band: usize,
+        shard: (usize, usize),
+    ) -> Result<bool, FilmError> {
+        Ok(self.directory.size_of(&self.key(output, band, shard))?.is_some())
+    }
+
+    /// Encodes a shard, `data` being its pixels inside the film ([`FilmStore::shard_rect`]) row by row. Works on the
+    /// calling thread only; the same pixels give the same bytes.
+    ///
+    /// # Errors
+    /// [`FilmError::Overflow`] for a value that f16 cannot hold; [`FilmError::Request`] for a shard that is not there or
+    /// `data` of another length.
+    pub fn encode_shard(
+        &self,
+        output: usize,
+        band: usize,
+        shard: (usize, usize),
+        data: &[f32],
+    ) -> Result<EncodedShard, FilmError> {
+        let bands = self.spec.wavelengths_nm.len();
+        let there = output < self.spec.outputs.len() && band < bands && {
+            let (down, across) = self.shards(output);
+            shard.0 < down && shard.1 < across
+        };
+        let rect = if there { self.shard_rect(output, shard) } else { Rect::new(0, 0, 0, 0) };
+        if !there || data.len() != rect.size().pixels() {
+            return Err(FilmError::Request {
+                output,
+                band,
+                shard,
+                expected: rect.size().pixels(),
+                found: data.len(),
+            });
+        }
+        let (sh, sw) = self.spec.shard_shape(output);
+        let grid = (sh / self.spec.chunk, sw / self.spec.chunk);
+        let bytes = self.encoder.encode(data, (rect.height, rect.width), grid).map_err(|e| match e {
+            ShardError::Overflow { row, column, value } => FilmError::Overflow {
+                output: self.spec.outputs[output].name.clone(),
+                band,
+                row: rect.y + row as i64,
+                column: rect.x + column as i64,
+                value,
+            },
+            ShardError::Codec(reason) => FilmError::Codec { reason },
+        })?;
+        Ok(EncodedShard { key: self.key(output, band, shard), bytes })
+    }
+
+    /// Writes a shard, durably and all at once; from then on it is present.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`]; the shard then is as it was before.
+    pub fn commit(&self, shard: &EncodedShard) -> Result<(), FilmError> {
+        Ok(self.directory.write(&shard.key, &shard.bytes)?)
+    }
+
+    /// Removes a shard; one that is not there is fine.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`] if it cannot be removed.
+    pub fn remove(&self, output: usize, band: usize, shard: (usize, usize)) -> Result<(), FilmError> {
+        Ok(self.directory.remove(&self.key(output, band, shard))?)
+    }
+}
+
+fn json(directory: &Directory, key: &str) -> Result<Option<Value>, FilmError> {
+    let bytes = directory.read_at_most(key, LARGEST_METADATA)?;
+    Ok(bytes.and_then(|b| serde_json::from_slice(&b).ok()))
+}
+
+fn film_attributes(directory: &Directory) -> Result<Map<String, Value>, FilmError> {
+    let path = directory.root();
+    let not = |found: &str| FilmError::NotFilm { path: path.into(), found: found.into() };
+    if !path.exists() {
+        return Err(not("nothing"));
+    }
+    let mut group = json(directory, "zarr.json")?.ok_or_else(|| not("no readable zarr.json"))?;
+    match group.get("attributes").and_then(|a| a.get("schema")).and_then(Value::as_str) {
+        Some(SCHEMA) => {}
+        Some(other) => return Err(not(&format!("schema {other:?}"))),
+        None => return Err(not("a Zarr node of another program")),
+    }
+    match group["attributes"].take() {
+        Value::Object(m) => Ok(m),
+        _ => Err(not("no attributes")),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,102 @@
+//! Why a film cannot be made, opened or written.
+
+use std::path::PathBuf;
+
+use crate::durable::DurableError;
+
+/// A film cannot be made, opened or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FilmError {
+    /// Something lies where the film is to be.
+    #[error(
+        "creating film {path}: it exists already; choose another path, resume it, or --overwrite a film of this program"
+    )]
+    Exists {
+        /// The film.
+        path: PathBuf,
+    },
+    /// Not a film of this program.
+    #[error(
+        "opening film {path}: found {found}, expected a film of this program (group attribute schema = \"lenscube/film/1\"); nothing was changed"
+    )]
+    NotFilm {
+        /// The film.
+        path: PathBuf,
+        /// What lies there.
+        found: String,
+    },
+    /// Metadata that do not fit together.
+    #[error(
+        "opening film {path}: expected {expected}, found something else; restore the file, or make the film anew with --overwrite"
+    )]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What it must hold.
+        expected: &'static str,
+    },
+    /// A film that cannot be.
+    #[error("laying out the film: {what}: expected {expected}, found {found}")]
+    Spec {
+        /// Which property.
+        what: &'static str,
+        /// What it must be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// A value too large for f16.
+    #[error(
+        "encoding {output}, band {band}, row {row}, column {column}: {value} does not fit float16 (at most 65504); write float32"
+    )]
+    Overflow {
+        /// The array.
+        output: String,
+        /// Band.
+        band: usize,
+        /// Row of the film.
+        row: i64,
+        /// Column of the film.
+        column: i64,
+        /// The value.
+        value: f32,
+    },
+    /// A shard that is not in the film, or pixels of another shard; the caller's fault.
+    #[error(
+        "encoding output {output}, band {band}, shard {shard:?}: expected {expected} pixels, found {found}"
+    )]
+    Request {
+        /// Output.
+        output: usize,
+        /// Band.
+        band: usize,
+        /// Shard (row, column).
+        shard: (usize, usize),
+        /// Pixels of that shard; 0 if there is no such shard.
+        expected: usize,
+        /// Pixels given.
+        found: usize,
+    },
+    /// The codec refuses.
+    #[error("encoding the film: {reason}")]
+    Codec {
+        /// In its words.
+        reason: String,
+    },
+    /// The files.
+    #[error("writing the film: {0}")]
+    Storage(#[from] DurableError),
+}
+
+impl FilmError {
+    /// Whether the disk is full.
+    pub fn is_storage_full(&self) -> bool {
+        matches!(self, Self::Storage(e) if e.is_storage_full())
+    }
+
+    /// Whether the same call may succeed a moment later with nobody's help.
+    pub fn retryable(&self) -> bool {
+        matches!(self, Self::Storage(e) if e.retryable())
+    }
+}

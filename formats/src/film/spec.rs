@@ -1,0 +1,207 @@
+//! What a film is: its arrays, coordinates, sample type, shards; and how the attributes tell it.
+
+use std::path::Path;
+
+use pipeline::geometry::{Rect, Size};
+use serde_json::{Map, Value, json};
+
+use super::{Codec, FilmError, SampleType};
+use crate::hierarchy::{array, coordinate};
+use crate::shard::sharding_metadata;
+
+/// One array of a film: a window of it, or all of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FilmOutput {
+    /// Name of the array: `film`, `roi_0`, …
+    pub name: String,
+    /// Its pixels, in film coordinates.
+    pub rect: Rect,
+}
+
+/// What a film is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FilmSpec {
+    /// The arrays.
+    pub outputs: Vec<FilmOutput>,
+    /// Size of the whole film in pixels.
+    pub film: Size,
+    /// Wavelength of each band in nm.
+    pub wavelengths_nm: Vec<f64>,
+    /// Pixel pitch in µm.
+    pub pitch_um: f64,
+    /// Optical axis (row, column) in film pixels.
+    pub axis_px: (f64, f64),
+    /// What the values are: "relative", "W m-2 nm-1", …
+    pub units: String,
+    /// Sample type.
+    pub sample: SampleType,
+    /// Side of a shard in pixels, a multiple of `chunk`; a smaller film has smaller shards.
+    pub shard: usize,
+    /// Side of an inner chunk in pixels.
+    pub chunk: usize,
+    /// Compression.
+    pub codec: Codec,
+}
+
+impl FilmSpec {
+    /// A whole film with the usual layout: f32, shards of 2048, chunks of 256 pixels, axis in the middle, relative units.
+    pub fn whole(film: Size, wavelengths_nm: Vec<f64>, pitch_um: f64) -> Self {
+        Self {
+            outputs: vec![FilmOutput { name: "film".into(), rect: film.rect() }],
+            film,
+            wavelengths_nm,
+            pitch_um,
+            axis_px: ((film.height as f64 - 1.0) / 2.0, (film.width as f64 - 1.0) / 2.0),
+            units: "relative".into(),
+            sample: SampleType::F32,
+            shard: 2048,
+            chunk: 256,
+            codec: Codec::Zstd,
+        }
+    }
+
+    /// (rows, columns) of a shard of output `output`: `shard`, or less where the output is smaller.
+    pub fn shard_shape(&self, output: usize) -> (usize, usize) {
+        let side = |n: usize| self.shard.min(n.div_ceil(self.chunk) * self.chunk);
+        let rect = self.outputs[output].rect;
+        (side(rect.height), side(rect.width))
+    }
+
+    pub(super) fn check(&self) -> Result<(), FilmError> {
+        let no = |what, expected, found: String| Err(FilmError::Spec { what, expected, found });
+        if self.chunk == 0 || self.shard == 0 || !self.shard.is_multiple_of(self.chunk) || self.shard > 16384
+        {
+            let found = format!("shards of {}, chunks of {}", self.shard, self.chunk);
+            return no("sides", "a shard of at most 16384 pixels that is a multiple of the chunk", found);
+        }
+        if self.wavelengths_nm.is_empty() || self.wavelengths_nm.iter().any(|w| !(w.is_finite() && *w > 0.0))
+        {
+            return no(
+                "wavelengths",
+                "one or more positive numbers of nm",
+                format!("{:?}", self.wavelengths_nm),
+            );
+        }
+        let finite = self.axis_px.0.is_finite() && self.axis_px.1.is_finite();
+        if !(self.pitch_um.is_finite() && self.pitch_um > 0.0 && finite) {
+            let found = format!("{} µm, {:?}", self.pitch_um, self.axis_px);
+            return no("pitch and axis", "a positive pitch and a finite axis", found);
+        }
+        if self.outputs.is_empty() {
+            return no("outputs", "at least one", "none".into());
+        }
+        for (k, o) in self.outputs.iter().enumerate() {
+            if o.rect.is_empty() || !self.film.rect().contains(o.rect) {
+                return no(
+                    "output",
+                    "a window of the film that is not empty",
+                    format!("{} = {}", o.name, o.rect),
+                );
+            }
+            let word = o.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+            let taken = ["wavelength", "x", "y"].contains(&o.name.as_str());
+            if o.name.is_empty() || !word || taken || self.outputs[..k].iter().any(|p| p.name == o.name) {
+                return no("output name", "letters, digits and _, each name once", format!("{:?}", o.name));
+            }
+        }
+        Ok(())
+    }
+
+    /// Names of the (y, x) coordinates of an output.
+    fn axes(name: &str) -> (String, String) {
+        if name == "film" { ("y".into(), "x".into()) } else { (format!("{name}_y"), format!("{name}_x")) }
+    }
+
+    /// The coordinates of all outputs: name, metadata, chunk.
+    pub(super) fn coordinates(&self) -> Vec<(String, (Value, Vec<u8>))> {
+        let mm = |first: i64, n: usize, axis: f64| -> Vec<f64> {
+            (0..n).map(|i| ((first + i as i64) as f64 - axis) * (self.pitch_um * 1e-3)).collect()
+        };
+        let nm = coordinate("wavelength", "nm", "wavelength", &self.wavelengths_nm);
+        let mut all = vec![("wavelength".to_owned(), nm)];
+        for o in &self.outputs {
+            let (y, x) = Self::axes(&o.name);
+            let down = mm(o.rect.y, o.rect.height, self.axis_px.0);
+            let across = mm(o.rect.x, o.rect.width, self.axis_px.1);
+            all.push((y.clone(), coordinate(&y, "mm", "distance below the optical axis", &down)));
+            all.push((x.clone(), coordinate(&x, "mm", "distance right of the optical axis", &across)));
+        }
+        all
+    }
+
+    /// Metadata of an output's array.
+    pub(super) fn array(&self, output: &FilmOutput) -> Value {
+        let k = self.outputs.iter().position(|o| o == output).expect("one of the outputs");
+        let (sh, sw) = self.shard_shape(k);
+        let (y, x) = Self::axes(&output.name);
+        array(
+            &[self.wavelengths_nm.len(), output.rect.height, output.rect.width],
+            &[1, sh, sw],
+            self.sample.name(),
+            sharding_metadata(self.codec, self.sample, self.chunk),
+            &["wavelength", &y, &x],
+            json!({"units": self.units}),
+        )
+    }
+
+    /// Attributes of the group.
+    pub(super) fn attributes(&self, schema: &str, provenance: &Map<String, Value>) -> Value {
+        let outputs: Vec<Value> = self
+            .outputs
+            .iter()
+            .map(|o| json!({"name": o.name, "row": o.rect.y, "column": o.rect.x, "size": [o.rect.height, o.rect.width]}))
+            .collect();
+        json!({
+            "schema": schema,
+            "film_size": [self.film.height, self.film.width],
+            "pitch_um": self.pitch_um,
+            "axis_px": [self.axis_px.0, self.axis_px.1],
+            "wavelengths_nm": self.wavelengths_nm,
+            "units": self.units,
+            "outputs": outputs,
+            "sample": self.sample,
+            "shard": self.shard,
+            "chunk": self.chunk,
+            "codec": self.codec,
+            "provenance": provenance,
+        })
+    }
+
+    /// Reads the attributes back.
+    pub(super) fn from_attributes(
+        path: &Path,
+        mut a: Map<String, Value>,
+    ) -> Result<(Self, Map<String, Value>), FilmError> {
+        let damaged =
+            || FilmError::Damaged { path: path.join("zarr.json"), expected: "the attributes of a film" };
+        let provenance = match a.remove("provenance") {
+            Some(Value::Object(m)) => m,
+            _ => return Err(damaged()),
+        };
+        let parse = || -> Option<Self> {
+            fn get<T: serde::de::DeserializeOwned>(a: &Map<String, Value>, key: &str) -> Option<T> {
+                serde_json::from_value(a.get(key)?.clone()).ok()
+            }
+            let (height, width) = get(&a, "film_size")?;
+            let outputs = a.get("outputs")?.as_array()?.iter().map(|o| {
+                let o = o.as_object()?;
+                let (height, width) = get(o, "size")?;
+                let rect = Rect::new(get(o, "row")?, get(o, "column")?, height, width);
+                Some(FilmOutput { name: get(o, "name")?, rect })
+            });
+            Some(Self {
+                outputs: outputs.collect::<Option<_>>()?,
+                film: Size::new(height, width),
+                wavelengths_nm: get(&a, "wavelengths_nm")?,
+                pitch_um: get(&a, "pitch_um")?,
+                axis_px: get(&a, "axis_px")?,
+                units: get(&a, "units")?,
+                sample: get(&a, "sample")?,
+                shard: get(&a, "shard")?,
+                chunk: get(&a, "chunk")?,
+                codec: get(&a, "codec")?,
+            })
+        };
+        parse().map(|spec| (spec, provenance)).ok_or_else(damaged)
+    }
+}

@@ -1,0 +1,170 @@
+use std::io::{Error, ErrorKind};
+
+use pipeline::geometry::Size;
+
+use super::*;
+use crate::chart::{ChartOptions, ChartStore};
+use crate::durable::Step;
+
+fn spec() -> FilmSpec {
+    FilmSpec {
+        shard: 64,
+        chunk: 32,
+        units: "W m-2 nm-1".into(),
+        axis_px: (70.25, 50.0),
+        ..FilmSpec::whole(Size::new(150, 100), vec![450.0, 550.5], 2.0)
+    }
+}
+
+fn provenance() -> Map<String, Value> {
+    serde_json::from_str(r#"{"program": "lenscube 0.1.0", "chart": {"digest": "ab"}, "f": 0.1}"#).unwrap()
+}
+
+fn value(band: usize, y: i64, x: i64) -> f32 {
+    band as f32 * 100.0 + y as f32 + x as f32 / 128.0
+}
+
+fn fill(film: &FilmStore) {
+    for output in 0..film.spec().outputs.len() {
+        let (down, across) = film.shards(output);
+        for (band, sy, sx) in
+            (0..2).flat_map(|b| (0..down).flat_map(move |i| (0..across).map(move |j| (b, i, j))))
+        {
+            let r = film.shard_rect(output, (sy, sx));
+            let pixels: Vec<f32> =
+                (r.y..r.bottom()).flat_map(|y| (r.x..r.right()).map(move |x| value(band, y, x))).collect();
+            assert!(!film.shard_present(output, band, (sy, sx)).unwrap());
+            let shard = film.encode_shard(output, band, (sy, sx), &pixels).unwrap();
+            assert_eq!(shard.bytes(), film.encode_shard(output, band, (sy, sx), &pixels).unwrap().bytes());
+            film.commit(&shard).unwrap();
+            assert!(film.shard_present(output, band, (sy, sx)).unwrap());
+        }
+    }
+}
+
+fn check(path: &Path, array: &str, rect: Rect, f16: bool) {
+    let chart = ChartStore::open(&format!("{}//{array}", path.display()), ChartOptions::default()).unwrap();
+    assert_eq!((chart.size(), chart.pitch_um()), (rect.size(), Some(2.0)));
+    assert_eq!(chart.wavelengths_nm(), Some(&[450.0, 550.5][..]));
+    assert_eq!((chart.units(), chart.film_size()), (Some("W m-2 nm-1"), Some(Size::new(150, 100))));
+    let mut out = vec![0.0; rect.size().pixels()];
+    for band in 0..2 {
+        chart.read_rect(band, rect.size().rect(), &mut out).unwrap();
+        for (k, v) in out.iter().enumerate() {
+            let e = value(band, rect.y + (k / rect.width) as i64, rect.x + (k % rect.width) as i64);
+            let e = if f16 { half::f16::from_f32(e).to_f32() } else { e };
+            assert_eq!(*v, e);
+        }
+    }
+}
+
+#[test]
+fn a_film_is_read_as_it_was_written() {
+    let dir = tempfile::tempdir().unwrap();
+    for (codec, sample) in
+        [(Codec::Zstd, SampleType::F32), (Codec::Lz4, SampleType::F16), (Codec::None, SampleType::F32)]
+    {
+        let path = dir.path().join(format!("{codec:?}.zarr"));
+        let film =
+            FilmStore::create(&path, FilmSpec { codec, sample, ..spec() }, provenance(), false).unwrap();
+        assert_eq!((film.shards(0), film.spec().shard_shape(0)), ((3, 2), (64, 64)));
+        fill(&film);
+        check(&path, "film", Rect::new(0, 0, 150, 100), sample == SampleType::F16);
+        let again = FilmStore::open(&path, true).unwrap();
+        assert_eq!((again.spec(), again.provenance()), (film.spec(), &provenance()));
+    }
+}
+
+#[test]
+fn windows_are_arrays_of_their_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("roi.zarr");
+    let rects = [Rect::new(10, 20, 40, 30), Rect::new(0, 0, 150, 7)];
+    let outputs = (0..2).map(|k| FilmOutput { name: format!("roi_{k}"), rect: rects[k] }).collect();
+    let film = FilmStore::create(&path, FilmSpec { outputs, ..spec() }, provenance(), false).unwrap();
+    assert_eq!((film.spec().shard_shape(0), film.spec().shard_shape(1)), ((64, 32), (64, 32)));
+    fill(&film);
+    check(&path, "roi_0", rects[0], false);
+    check(&path, "roi_1", rects[1], false);
+    assert_eq!(FilmStore::open(&path, false).unwrap().spec(), film.spec());
+}
+
+#[test]
+fn a_film_is_never_overwritten_by_chance() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("film.zarr");
+    FilmStore::create(&path, spec(), provenance(), true).unwrap();
+    let e = FilmStore::create(&path, spec(), provenance(), true).unwrap_err();
+    assert!(matches!(e, FilmError::Exists { .. }), "{e}");
+    let other = dir.path().join("thesis");
+    std::fs::create_dir(&other).unwrap();
+    std::fs::write(other.join("zarr.json"), r#"{"attributes": {"schema": "mine"}}"#).unwrap();
+    assert!(matches!(FilmStore::remove_film(&other), Err(FilmError::NotFilm { .. })));
+    assert!(other.join("zarr.json").exists());
+    FilmStore::remove_film(&path).unwrap();
+    FilmStore::remove_film(&path).unwrap();
+    assert!(matches!(FilmStore::open(&path, true), Err(FilmError::NotFilm { .. })));
+    FilmStore::create(&path, spec(), provenance(), true).unwrap();
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn metadata_that_were_changed_are_noticed() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("film.zarr");
+    FilmStore::create(&path, spec(), provenance(), false).unwrap();
+    let file = path.join("film/zarr.json");
+    let json = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(&file, json.replace("100", "101")).unwrap();
+    assert!(matches!(FilmStore::open(&path, false), Err(FilmError::Damaged { .. })));
+}
+
+#[test]
+fn a_full_disk_leaves_the_shard_as_it_was() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("film.zarr");
+    let film = FilmStore::create(&path, spec(), provenance(), false).unwrap().with_directory(|d| {
+        d.with_fault(
+            |step, _| if step == Step::Write { Err(Error::from(ErrorKind::StorageFull)) } else { Ok(()) },
+        )
+    });
+    let shard = film.encode_shard(0, 0, (2, 1), &vec![1.0; 22 * 36]).unwrap();
+    let e = film.commit(&shard).unwrap_err();
+    assert!(e.is_storage_full() && !e.retryable(), "{e}");
+    assert!(!film.shard_present(0, 0, (2, 1)).unwrap());
+    assert_eq!(std::fs::read_dir(path.join("film/c/0/2")).unwrap().count(), 0);
+}
+
+#[test]
+fn what_f16_cannot_hold_is_named_with_its_place() {
+    let dir = tempfile::tempdir().unwrap();
+    let spec = FilmSpec { sample: SampleType::F16, ..spec() };
+    let film = FilmStore::create(&dir.path().join("f"), spec, provenance(), false).unwrap();
+    let mut pixels = vec![65504.0; 64 * 36];
+    film.encode_shard(0, 1, (1, 1), &pixels).unwrap();
+    pixels[40 * 36 + 35] = 7e4;
+    let e = film.encode_shard(0, 1, (1, 1), &pixels).unwrap_err();
+    assert!(matches!(e, FilmError::Overflow { band: 1, row: 104, column: 99, .. }), "{e}");
+}
+
+#[test]
+fn films_that_cannot_be_are_refused() {
+    let cases = [
+        FilmSpec { chunk: 48, ..spec() },
+        FilmSpec { chunk: 0, ..spec() },
+        FilmSpec { wavelengths_nm: vec![], ..spec() },
+        FilmSpec { pitch_um: f64::NAN, ..spec() },
+        FilmSpec { outputs: vec![], ..spec() },
+        FilmSpec { outputs: vec![FilmOutput { name: "../x".into(), rect: Rect::new(0, 0, 2, 2) }], ..spec() },
+        FilmSpec {
+            outputs: vec![FilmOutput { name: "roi_0".into(), rect: Rect::new(149, 0, 2, 2) }],
+            ..spec()
+        },
+    ];
+    let dir = tempfile::tempdir().unwrap();
+    for spec in cases {
+        let e = FilmStore::create(&dir.path().join("f"), spec, Map::new(), false).unwrap_err();
+        assert!(matches!(e, FilmError::Spec { .. }), "{e}");
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}
