@@ -1,2 +1,30 @@
-//! x
-fn main() {}
+//! The command: parse, run, turn an error into one line and an exit code.
+
+mod args;
+mod chart;
+mod failure;
+mod job;
+mod memory;
+mod open;
+mod progress;
+mod run;
+
+use args::{Cli, Command};
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = match &cli.command {
+        Command::Chart(args) => chart::command(args).map(|()| 0),
+        Command::Run(args) => run::command(args),
+        _ => Ok(0),
+    };
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(error) => {
+            eprintln!("lenscube: {error:#}");
+            ExitCode::from(failure::exit_code(&error))
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! `lenscube chart`: draws a chart into a store.
+
+use crate::args::ChartArgs;
+use crate::failure::{other_job, usage};
+use crate::job::{codec, threads};
+use crate::progress::say;
+use anyhow::Result;
+use formats::chart::{ChartMeta, WriteError, write_chart};
+use indicatif::{ProgressBar, ProgressStyle};
+use pipeline::chart::{ChartSpec, Generator, Kind};
+use serde_json::Map;
+
+/// Runs the command.
+pub fn command(args: &ChartArgs) -> Result<()> {
+    let mut spec = ChartSpec::new(Kind::named(&args.kind).map_err(|e| usage(e.to_string()))?);
+    let settings = [
+        ("size", &args.size),
+        ("wavelengths", &args.wavelengths),
+        ("pitch_um", &args.pitch_um),
+        ("overscan", &args.overscan),
+        ("illuminant", &args.illuminant),
+        ("value", &args.value),
+        ("count", &args.count),
+        ("blob", &args.blob),
+        ("width_px", &args.width_px),
+        ("angle_deg", &args.angle_deg),
+        ("contrast", &args.contrast),
+        ("grid", &args.grid),
+        ("centers", &args.centers),
+        ("patch_px", &args.patch_px),
+        ("spokes", &args.spokes),
+    ];
+    for (key, value) in settings {
+        if let Some(value) = value {
+            let flag = key.replace('_', "-");
+            spec.set(key, value).map_err(|e| usage(format!("--{flag} {value}: {e}")))?;
+        }
+    }
+    let chart = Generator::new(spec).map_err(|e| usage(e.to_string()))?;
+    write(&chart, args)
+}
+
+fn write(chart: &Generator, args: &ChartArgs) -> Result<()> {
+    if args.overwrite && args.out.exists() {
+        formats::chart::remove_chart(&args.out)?;
+    }
+    let mut attributes = Map::new();
+    attributes.insert("chart".into(), chart.spec().to_string().into());
+    attributes.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
+    let meta = ChartMeta {
+        wavelengths_nm: chart.wavelengths_nm().to_vec(),
+        pitch_um: Some(chart.pitch_um()),
+        film_size: Some(chart.film_size()),
+        units: Some(chart.units().to_owned()),
+        attributes,
+    };
+    let style = ProgressStyle::with_template("drawing  [{bar:32}] {percent:>3} %  {eta_precise} left");
+    let bar = ProgressBar::new(1).with_style(style.expect("a valid template"));
+    let progress = |done: u64, all: u64| {
+        bar.set_length(all);
+        bar.set_position(done);
+    };
+    let result = write_chart(&args.out, chart, &meta, codec(args.codec), threads(args.threads), &progress);
+    bar.finish_and_clear();
+    let report = result.map_err(|e| match e {
+        WriteError::Exists { .. } => other_job(format!("{e}, or replace it with --overwrite")),
+        e => e.into(),
+    })?;
+    say(format!(
+        "{}: {} bands of {} px for a film of {}, {} shards, {:.2} GB",
+        args.out.display(),
+        meta.wavelengths_nm.len(),
+        pipeline::flow::ChartSource::size(chart),
+        chart.film_size(),
+        report.shards,
+        report.bytes as f64 * 1e-9
+    ));
+    Ok(())
+}
