@@ -1,7 +1,7 @@
 //! The film: what the lens throws, shard by shard, in a Zarr v3 group that other programs open as it is.
 //!
-//! Arrays (wavelength, y, x): `film`, or `roi_0`, `roi_1`, … for windows of it, with coordinates `wavelength` [nm] and
-//! `y`, `x` (`roi_0_y`, …) [mm, from the optical axis, y down]. Fill value NaN. A shard is one file, absent or whole:
+//! Arrays (wavelength, y, x): `film`, or `roi_0`, `roi_1`, … for windows of it, with coordinates `wavelength` in nm and
+//! `y`, `x` (`roi_0_y`, …) in mm from the optical axis, y down. Fill value NaN. A shard is one file, absent or whole:
 //! present means done. [`FilmStore::create`] makes all metadata at once and in one rename, so a killed creation leaves
 //! no film; the pixels of a shard follow from nothing but their values and the layout, so runs can be compared by file.
 

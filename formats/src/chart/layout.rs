@@ -27,12 +27,16 @@ const MOST_SAMPLES: u64 = 1 << 50;
 
 /// Sample type of a chart in its store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[allow(missing_docs)]
 pub enum Sample {
+    /// Unsigned 8-bit integer.
     U8,
+    /// Unsigned 16-bit integer.
     U16,
+    /// IEEE binary16.
     F16,
+    /// IEEE binary32.
     F32,
+    /// IEEE binary64.
     F64,
 }
 
