@@ -30,11 +30,14 @@ mod error;
 mod guard;
 mod number;
 mod read;
+mod sink;
 mod store;
 
+mod write;
 
 pub use error::LensPackError;
 
+pub use write::{LensPackWriter, write};
 
 use pipeline::lens::{Lens, PsfStack};
 use serde_json::Value;
