@@ -32,10 +32,12 @@ mod number;
 mod read;
 mod sink;
 mod store;
+mod summary;
 
 mod write;
 
 pub use error::LensPackError;
+pub use summary::{BandSummary, LensSummary, summary};
 
 pub use write::{LensPackWriter, write};
 
