@@ -7,8 +7,10 @@ use std::path::PathBuf;
 /// lenscube turns a multispectral chart into the image a given lens throws on the film.
 #[derive(Debug, Parser)]
 #[command(name = "lenscube", version, about, max_term_width = 110)]
-#[command(after_help = "Start here:  lenscube demo\nExit codes: 0 complete, 1 failed, 2 usage, 3 the output belongs to \
-another job, 4 checked and found wrong, 75 worth a retry, 130 interrupted and resumable")]
+#[command(
+    after_help = "Start here:  lenscube demo\nExit codes: 0 complete, 1 failed, 2 usage, 3 the output belongs to \
+another job, 4 checked and found wrong, 75 worth a retry, 130 interrupted and resumable"
+)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -47,8 +49,10 @@ pub struct DemoArgs {
 
 /// `lenscube chart`
 #[derive(Debug, Args)]
-#[command(after_help = "Example:  lenscube chart slanted-edge edges.zarr --size 14141 --grid 5 --angle-deg 5\n\
-Without a store:  lenscube run 'gen:composite?size=14141' film.zarr")]
+#[command(
+    after_help = "Example:  lenscube chart slanted-edge edges.zarr --size 14141 --grid 5 --angle-deg 5\n\
+Without a store:  lenscube run 'gen:composite?size=14141' film.zarr"
+)]
 pub struct ChartArgs {
     /// uniform, points, slanted-edge, siemens, checker or composite
     #[arg(value_name = "KIND")]
@@ -431,7 +435,9 @@ fn bytes(text: &str) -> Result<u64, String> {
         "gi" | "gib" => 1 << 30,
         "t" | "tb" => 1_000_000_000_000,
         "ti" | "tib" => 1 << 40,
-        other => return Err(format!("`{other}` is not a unit of bytes (KiB, MiB, GiB, TiB, or kB, MB, GB, TB)")),
+        other => {
+            return Err(format!("`{other}` is not a unit of bytes (KiB, MiB, GiB, TiB, or kB, MB, GB, TB)"));
+        }
     };
     match text[..digits].parse::<f64>() {
         Ok(v) if v > 0.0 => Ok((v * unit as f64) as u64),

@@ -56,8 +56,12 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         }
         if let Some(run) = cause.downcast_ref::<RunError>() {
             let retry = match run {
-                RunError::Read { source, .. } => source.downcast_ref::<ChartError>().is_some_and(ChartError::retryable),
-                RunError::Write { source, .. } => source.downcast_ref::<FilmError>().is_some_and(FilmError::retryable),
+                RunError::Read { source, .. } => {
+                    source.downcast_ref::<ChartError>().is_some_and(ChartError::retryable)
+                }
+                RunError::Write { source, .. } => {
+                    source.downcast_ref::<FilmError>().is_some_and(FilmError::retryable)
+                }
                 _ => false,
             };
             if retry {

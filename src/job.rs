@@ -139,8 +139,10 @@ fn frame(args: &RunArgs, chart: &Chart) -> Result<Frame> {
     let scale = (args.scale.1, args.scale.0);
     let scaled = |n: usize, s: f64| ((n as f64 * s).round() as usize).max(1);
     let own = chart.film_size().filter(|_| scale == (1.0, 1.0));
-    let film =
-        args.film_size.or(own).unwrap_or(Size::new(scaled(size.height, scale.0), scaled(size.width, scale.1)));
+    let film = args
+        .film_size
+        .or(own)
+        .unwrap_or(Size::new(scaled(size.height, scale.0), scaled(size.width, scale.1)));
     let mut frame = Frame { scale, ..Frame::centred(film, size, pitch_um) };
     if let Some((x, y)) = args.axis {
         frame.axis_px = (y, x);

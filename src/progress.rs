@@ -39,7 +39,8 @@ impl Bars {
     pub fn new(names: Vec<String>, pixels: &[u64]) -> Self {
         let total = pixels.iter().sum();
         let bar = std::io::stderr().is_terminal().then(|| {
-            let style = "{spinner} {msg}  [{bar:32}] {percent:>3} %  {elapsed_precise} gone, {eta_precise} left";
+            let style =
+                "{spinner} {msg}  [{bar:32}] {percent:>3} %  {elapsed_precise} gone, {eta_precise} left";
             let style = ProgressStyle::with_template(style).expect("a valid template").progress_chars("=> ");
             ProgressBar::new(total).with_style(style)
         });
@@ -119,7 +120,12 @@ impl Progress for Bars {
 }
 
 /// The lines at the end of a run.
-pub fn summary_lines(s: &Summary, bytes_read: u64, peak: Option<u64>, outside_window: (f64, f64)) -> Vec<String> {
+pub fn summary_lines(
+    s: &Summary,
+    bytes_read: u64,
+    peak: Option<u64>,
+    outside_window: (f64, f64),
+) -> Vec<String> {
     let t = &s.times;
     let gb = |b: u64| b as f64 * 1e-9;
     let rate = s.pixels as f64 / s.wall_s * 1e-6;

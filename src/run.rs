@@ -95,7 +95,10 @@ pub fn command(args: &RunArgs) -> Result<u8> {
     let result = run(&work, job.chart.source(), &Sink(&store), &prepare, &bars);
     bars.finish();
     let summary = result.with_context(|| {
-        format!("the film {} is incomplete; once the cause is gone, the same command resumes", args.film.display())
+        format!(
+            "the film {} is incomplete; once the cause is gone, the same command resumes",
+            args.film.display()
+        )
     })?;
     report(&job, &store, &summary);
     if summary.shards < missing as u64 {
@@ -231,7 +234,9 @@ fn rechunk(job: &Job, film: &Path) -> Result<()> {
     if let Chart::Store(store) = &job.chart
         && store.rechunk_needed(&job.chart_bands)
     {
-        say("the chart's chunks span several bands: re-chunking them once into a temporary file beside the film");
+        say(
+            "the chart's chunks span several bands: re-chunking them once into a temporary file beside the film",
+        );
         let beside = film.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         store.rechunk(&job.chart_bands, beside, job.threads, &|_, _| ())?;
     }
@@ -276,7 +281,10 @@ fn report(job: &Job, store: &FilmStore, summary: &Summary) {
     }
     if let Some(s) = stats {
         if s.missing_pieces > 0 {
-            say(format!("note: {} chunks are missing from the chart and were read as its fill value", s.missing_pieces));
+            say(format!(
+                "note: {} chunks are missing from the chart and were read as its fill value",
+                s.missing_pieces
+            ));
         }
         if s.nan_replaced > 0 {
             say(format!("note: {} NaN or infinite pixels of the chart were read as 0", s.nan_replaced));

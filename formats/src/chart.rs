@@ -28,7 +28,7 @@ use pipeline::geometry::Size;
 pub use crate::shard::Codec;
 pub use error::ChartError;
 pub use layout::Sample;
-pub use write::{ChartMeta, WriteError, WriteReport, write_chart};
+pub use write::{ChartMeta, WriteError, WriteReport, remove_chart, write_chart};
 
 use cache::Cache;
 use layout::Layout;

@@ -292,6 +292,16 @@ pub fn parent_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
+/// Removes a directory with all in it. It is renamed first: whole or not there, also if the removal is cut short.
+///
+/// # Errors
+/// [`DurableError`] if it cannot be renamed or removed.
+pub fn remove_directory(path: &Path) -> Result<(), DurableError> {
+    let temp = parent_of(path).join(temp_name());
+    publish(path, &temp, true)?;
+    std::fs::remove_dir_all(&temp).map_err(|e| DurableError::io("remove", &temp, 0, e))
+}
+
 /// Bytes that an ordinary user may still write on the file system that holds `path`, which must exist.
 ///
 /// # Errors

@@ -17,7 +17,7 @@ pub use crate::shard::{Codec, SampleType};
 pub use error::FilmError;
 pub use spec::{FilmOutput, FilmSpec};
 
-use crate::durable::{Directory, DurableError, Sweep, parent_of, publish, sweep, temp_name};
+use crate::durable::{Directory, Sweep, remove_directory, sweep};
 use crate::hierarchy::NewGroup;
 use crate::shard::{ShardEncoder, ShardError};
 
@@ -128,11 +128,7 @@ impl FilmStore {
             return Ok(());
         }
         film_attributes(&Directory::new(path))?;
-        // Renamed first: a film is there whole or not at all, also if the removal is cut short.
-        let temp = parent_of(path).join(temp_name());
-        publish(path, &temp, true)?;
-        std::fs::remove_dir_all(&temp).map_err(|e| DurableError::io("remove", &temp, 0, e))?;
-        Ok(())
+        Ok(remove_directory(path)?)
     }
 
     /// Where it lies.
@@ -238,6 +234,14 @@ impl FilmStore {
     /// [`FilmError::Storage`]; the shard then is as it was before.
     pub fn commit(&self, shard: &EncodedShard) -> Result<(), FilmError> {
         Ok(self.directory.write(&shard.key, &shard.bytes)?)
+    }
+
+    /// Writes a file that is no part of the film's arrays, such as `runs/….json`.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`].
+    pub fn write_beside(&self, key: &str, bytes: &[u8]) -> Result<(), FilmError> {
+        Ok(self.directory.write(key, bytes)?)
     }
 
     /// Removes a shard; one that is not there is fine.

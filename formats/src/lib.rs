@@ -4,4 +4,5 @@ pub mod chart;
 pub mod durable;
 pub mod film;
 mod hierarchy;
+pub mod lens;
 mod shard;

@@ -343,7 +343,8 @@ impl<S: FilmSink> Shared<'_, S> {
                     Ok(band) => {
                         let tiling = &self.work.bands[band.position].tiling;
                         let film = self.work.frame.film.rect();
-                        let on_film = |&t: &(usize, usize)| tiling.rect(t).intersect(film).size().pixels() as u64;
+                        let on_film =
+                            |&t: &(usize, usize)| tiling.rect(t).intersect(film).size().pixels() as u64;
                         self.progress.band(band.position, band.tiles.iter().map(on_film).sum());
                         state.band = Some(Arc::new(band));
                         state.next_tile = 0;

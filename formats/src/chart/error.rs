@@ -132,3 +132,10 @@ pub enum ChartError {
         free: u64,
     },
 }
+
+impl ChartError {
+    /// Whether the same call may succeed a moment later with nobody's help.
+    pub fn retryable(&self) -> bool {
+        matches!(self, Self::Io(e) if e.retryable())
+    }
+}

@@ -10,7 +10,7 @@ use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
-use crate::durable::DurableError;
+use crate::durable::{DurableError, remove_directory};
 use crate::hierarchy::{NewGroup, array, coordinate};
 use crate::shard::{Codec, SampleType, ShardEncoder, sharding_metadata};
 
@@ -52,6 +52,12 @@ pub enum WriteError {
         /// The chart.
         path: PathBuf,
     },
+    /// Something else than a chart is there.
+    #[error("replacing chart {path}: it is no Zarr group with an array `chart`; nothing was changed")]
+    NotChart {
+        /// What lies there.
+        path: PathBuf,
+    },
     /// No bands or no pixels.
     #[error("writing chart {path}: {bands} bands of {size} pixels; expected at least one of each")]
     Empty {
@@ -85,6 +91,20 @@ pub enum WriteError {
     /// The files.
     #[error("writing the chart: {0}")]
     Storage(#[from] DurableError),
+}
+
+/// Removes the chart at `path`; nothing there is fine.
+///
+/// # Errors
+/// [`WriteError::NotChart`] for anything but a group with an array `chart`; [`WriteError::Storage`].
+pub fn remove_chart(path: &Path) -> Result<(), WriteError> {
+    if path.symlink_metadata().is_err() {
+        return Ok(());
+    }
+    if !path.join("zarr.json").is_file() || !path.join("chart/zarr.json").is_file() {
+        return Err(WriteError::NotChart { path: path.into() });
+    }
+    Ok(remove_directory(path)?)
 }
 
 /// Writes `source` as a chart at `path` on `threads` threads that hold one shard each. `progress` is told shards done

@@ -1,0 +1,325 @@
+//! One Zarr v3 array of a pack, read whole and with suspicion.
+//!
+//! The metadata is checked before zarrs sees it: regular grid, number type, a short list of codecs (transpose, bytes, one of
+//! blosc, zstd, gzip, and crc32c; no shards), sizes within bounds. Unlike in Zarr at large a missing chunk is not its fill value.
+//! Every chunk's claimed size is compared with what the array needs before it is decoded ([`guard`]).
+
+use super::error::LensPackError;
+use super::guard;
+use super::number::Number;
+use super::store::Store;
+use serde_json::Value;
+use std::num::NonZeroU64;
+use std::sync::Arc;
+use zarrs::array::{Array, ArrayToBytesCodecTraits, CodecOptions};
+use zarrs::metadata::ArrayMetadata;
+
+/// Largest `zarr.json`: room for a source record, not for a mistake.
+pub(super) const METADATA_LIMIT: u64 = 32 << 20;
+/// Most samples of one array (1 GiB of f32); a traced band needs 15 million.
+const SAMPLES_LIMIT: u64 = 1 << 28;
+/// Most chunks of one array.
+const CHUNKS_LIMIT: u64 = 1 << 18;
+/// No codec here packs tighter: a zstd run of 128 KiB takes 4 bytes.
+const BEST_RATIO: u64 = 1 << 15;
+
+/// An array whose metadata has been read and found sane.
+pub(super) struct PackArray<'a> {
+    store: &'a Store,
+    name: String,
+    pub(super) shape: Vec<u64>,
+    chunk: Vec<NonZeroU64>,
+    number: Number,
+    compressor: String,
+    crc_last: bool,
+    fill_is_zero: bool,
+    array: Array<()>,
+}
+
+/// Samples in C order, and the key of the first chunk that was not there (its samples are 0).
+pub(super) struct Samples<T> {
+    pub(super) values: Vec<T>,
+    pub(super) missing: Option<String>,
+}
+
+impl<'a> PackArray<'a> {
+    /// Reads and checks the metadata; `None` = no such array.
+    pub(super) fn open_if_there(store: &'a Store, name: &str) -> Result<Option<Self>, LensPackError> {
+        let bad = |problem: String| LensPackError::Metadata {
+            path: store.path.clone(),
+            array: name.into(),
+            problem,
+        };
+        let key = format!("{name}/zarr.json");
+        let Some(bytes) = store
+            .read(&key, METADATA_LIMIT)
+            .map_err(|e| bad(format!("its zarr.json cannot be read: {e}")))?
+        else {
+            return Ok(None);
+        };
+        let json: Value =
+            serde_json::from_slice(&bytes).map_err(|e| bad(format!("its zarr.json is not JSON: {e}")))?;
+        if json["zarr_format"] != 3 || json["node_type"] != "array" {
+            return Err(bad(format!(
+                "is zarr_format {}, node_type {}, expected 3, \"array\"",
+                json["zarr_format"], json["node_type"]
+            )));
+        }
+        let shape = sizes(&json["shape"]).ok_or_else(|| bad(format!("has shape {}", json["shape"])))?;
+        let grid = &json["chunk_grid"];
+        let chunk = sizes(&grid["configuration"]["chunk_shape"])
+            .filter(|chunk| grid["name"] == "regular" && chunk.len() == shape.len())
+            .and_then(|chunk| chunk.into_iter().map(NonZeroU64::new).collect::<Option<Vec<_>>>())
+            .ok_or_else(|| bad(format!("has chunk grid {grid}, expected a regular one of its rank")))?;
+        let type_name = &json["data_type"];
+        let number = type_name.as_str().and_then(Number::named).ok_or_else(|| LensPackError::DataType {
+            path: store.path.clone(),
+            array: name.into(),
+            found: type_name.to_string(),
+            expected: "float32, float64 or an integer",
+        })?;
+        let (compressor, crc_last) = codecs(&json["codecs"]).map_err(bad)?;
+        let keys = &json["chunk_key_encoding"]["name"];
+        if keys != "default" && keys != "v2" {
+            return Err(bad(format!("has chunk key encoding {keys}, expected \"default\" or \"v2\"")));
+        }
+        if json["storage_transformers"].as_array().is_some_and(|list| !list.is_empty()) {
+            return Err(bad("has storage transformers, which are not read here".into()));
+        }
+        let too_large = |claim: String, limit: String| LensPackError::TooLarge {
+            path: store.path.clone(),
+            array: name.into(),
+            claim,
+            limit,
+        };
+        let chunks = shape.iter().zip(&chunk).map(|(n, c)| n.div_ceil(c.get()));
+        if product(shape.iter().copied()).is_none_or(|n| n > SAMPLES_LIMIT) {
+            return Err(too_large(format!("shape {shape:?}"), format!("{SAMPLES_LIMIT} samples")));
+        }
+        if product(chunk.iter().map(|c| c.get())).is_none_or(|n| n > SAMPLES_LIMIT) {
+            return Err(too_large(format!("chunks of {chunk:?}"), format!("{SAMPLES_LIMIT} samples")));
+        }
+        if product(chunks).is_none_or(|n| n > CHUNKS_LIMIT) {
+            return Err(too_large(
+                format!("shape {shape:?} in chunks of {chunk:?}"),
+                format!("{CHUNKS_LIMIT} chunks"),
+            ));
+        }
+        let fill_is_zero = json["fill_value"].as_f64() == Some(0.0);
+        let metadata: ArrayMetadata =
+            serde_json::from_value(json).map_err(|e| bad(format!("its zarr.json is unfit: {e}")))?;
+        let array = Array::new_with_metadata(Arc::new(()), &format!("/{name}"), metadata)
+            .map_err(|e| bad(e.to_string()))?;
+        let name = name.into();
+        Ok(Some(Self { store, name, shape, chunk, number, compressor, crc_last, fill_is_zero, array }))
+    }
+
+    /// As [`open_if_there`](Self::open_if_there); an absent array is an error.
+    pub(super) fn open(store: &'a Store, name: &str) -> Result<Self, LensPackError> {
+        Self::open_if_there(store, name)?
+            .ok_or_else(|| LensPackError::MissingArray { path: store.path.clone(), array: name.into() })
+    }
+
+    /// Requires a shape; `what` says it in words.
+    pub(super) fn expect_shape(&self, shape: &[usize], what: &str) -> Result<(), LensPackError> {
+        if self.shape.iter().copied().eq(shape.iter().map(|&n| n as u64)) {
+            return Ok(());
+        }
+        Err(self.shape_error(format!("{shape:?} ({what})")))
+    }
+
+    pub(super) fn shape_error(&self, expected: String) -> LensPackError {
+        LensPackError::Shape {
+            path: self.store.path.clone(),
+            array: self.name.clone(),
+            found: self.shape.clone(),
+            expected,
+        }
+    }
+
+    /// Requires floating point samples.
+    pub(super) fn expect_float(&self) -> Result<(), LensPackError> {
+        if matches!(self.number, Number::F32 | Number::F64) {
+            return Ok(());
+        }
+        Err(LensPackError::DataType {
+            path: self.store.path.clone(),
+            array: self.name.clone(),
+            found: "an integer type".into(),
+            expected: "float32 or float64",
+        })
+    }
+
+    /// Every sample; a missing chunk is an error.
+    pub(super) fn read(&self) -> Result<Vec<f64>, LensPackError> {
+        let samples = self.read_as(|v| v)?;
+        match samples.missing {
+            None => Ok(samples.values),
+            Some(chunk) => Err(self.missing_chunk(chunk)),
+        }
+    }
+
+    pub(super) fn missing_chunk(&self, chunk: String) -> LensPackError {
+        LensPackError::MissingChunk { path: self.store.path.clone(), array: self.name.clone(), chunk }
+    }
+
+    /// Every sample through `convert`. A missing chunk is an error unless the fill value is 0; then it is told.
+    pub(super) fn read_as<T: Copy + Default>(
+        &self,
+        convert: impl Fn(f64) -> T,
+    ) -> Result<Samples<T>, LensPackError> {
+        let chunks = self.chunk_indices();
+        let samples: u64 = self.shape.iter().product();
+        let mut held = 0u64;
+        let mut missing = None;
+        for index in &chunks {
+            match self.store.size(&self.key(index)) {
+                Ok(Some(bytes)) => held = held.saturating_add(bytes),
+                Ok(None) if self.fill_is_zero => missing = missing.or(Some(self.key(index))),
+                Ok(None) => return Err(self.missing_chunk(self.key(index))),
+                Err(e) => return Err(self.damaged(index, e.to_string())),
+            }
+        }
+        if let (0, Some(chunk)) = (held, &missing) {
+            return Err(self.missing_chunk(chunk.clone()));
+        }
+        if samples * self.number.bytes() as u64 > held.saturating_mul(BEST_RATIO) {
+            return Err(LensPackError::TooLarge {
+                path: self.store.path.clone(),
+                array: self.name.clone(),
+                claim: format!("shape {:?}", self.shape),
+                limit: format!("its chunks of {held} bytes altogether could hold"),
+            });
+        }
+        let mut values = vec![T::default(); samples as usize];
+        for index in &chunks {
+            if let Some(decoded) = self.decode(index)? {
+                self.place(index, &decoded, &convert, &mut values);
+            }
+        }
+        Ok(Samples { values, missing })
+    }
+
+    fn key(&self, index: &[u64]) -> String {
+        self.array.chunk_key(index).as_str().to_owned()
+    }
+
+    fn damaged(&self, index: &[u64], problem: String) -> LensPackError {
+        LensPackError::Chunk {
+            path: self.store.path.clone(),
+            array: self.name.clone(),
+            chunk: self.key(index),
+            problem,
+        }
+    }
+
+    /// Indices of every chunk, in C order.
+    fn chunk_indices(&self) -> Vec<Vec<u64>> {
+        let mut all = vec![Vec::new()];
+        for (n, c) in self.shape.iter().zip(&self.chunk) {
+            let along = n.div_ceil(c.get());
+            all = all
+                .into_iter()
+                .flat_map(|head| (0..along).map(move |i| [head.as_slice(), &[i]].concat()))
+                .collect();
+        }
+        all
+    }
+
+    fn decode(&self, index: &[u64]) -> Result<Option<Vec<u8>>, LensPackError> {
+        let expected = self.chunk.iter().map(|c| c.get()).product::<u64>() * self.number.bytes() as u64;
+        let encoded = self
+            .store
+            .read(&self.key(index), 2 * expected + (64 << 10))
+            .map_err(|e| self.damaged(index, e.to_string()))?;
+        let Some(encoded) = encoded else { return Ok(None) };
+        let payload = if self.crc_last { encoded.len().saturating_sub(4) } else { encoded.len() };
+        guard::check(&self.compressor, &encoded[..payload], expected)
+            .map_err(|problem| self.damaged(index, problem))?;
+        let decoded = self
+            .array
+            .codecs()
+            .decode(
+                encoded.into(),
+                &self.chunk,
+                self.array.data_type(),
+                self.array.fill_value(),
+                &CodecOptions::default().with_concurrent_target(1),
+            )
+            .map_err(|e| self.damaged(index, e.to_string()))?
+            .into_fixed()
+            .map_err(|e| self.damaged(index, e.to_string()))?
+            .into_owned();
+        if decoded.len() as u64 != expected {
+            return Err(
+                self.damaged(index, format!("it decodes to {} bytes, expected {expected}", decoded.len()))
+            );
+        }
+        Ok(Some(decoded))
+    }
+
+    /// Copies a decoded chunk's rows to their place; what lies beyond the array's edge is dropped.
+    fn place<T>(&self, index: &[u64], decoded: &[u8], convert: &impl Fn(f64) -> T, values: &mut [T]) {
+        let width = self.number.bytes();
+        let rank = self.shape.len();
+        let chunk: Vec<u64> = self.chunk.iter().map(|c| c.get()).collect();
+        let row = chunk[rank - 1];
+        let rows: u64 = chunk[..rank - 1].iter().product();
+        'rows: for r in 0..rows {
+            let (mut rest, mut to, mut stride) = (r, 0, self.shape[rank - 1]);
+            for axis in (0..rank - 1).rev() {
+                let at = index[axis] * chunk[axis] + rest % chunk[axis];
+                rest /= chunk[axis];
+                if at >= self.shape[axis] {
+                    continue 'rows;
+                }
+                to += at * stride;
+                stride *= self.shape[axis];
+            }
+            let first = index[rank - 1] * row;
+            let count = row.min(self.shape[rank - 1] - first) as usize;
+            let from = &decoded[(r * row) as usize * width..][..count * width];
+            let to = &mut values[(to + first) as usize..][..count];
+            for (value, bytes) in to.iter_mut().zip(from.chunks_exact(width)) {
+                *value = convert(self.number.value(bytes));
+            }
+        }
+    }
+}
+
+fn product(mut sizes: impl Iterator<Item = u64>) -> Option<u64> {
+    sizes.try_fold(1u64, u64::checked_mul)
+}
+
+/// One to three sizes, none 0.
+fn sizes(json: &Value) -> Option<Vec<u64>> {
+    let list: Vec<u64> = json.as_array()?.iter().map(Value::as_u64).collect::<Option<_>>()?;
+    ((1..=3).contains(&list.len()) && !list.contains(&0)).then_some(list)
+}
+
+/// Checks the chain of codecs; gives its compressor's name ("" = none) and whether crc32c is the outermost.
+fn codecs(json: &Value) -> Result<(String, bool), String> {
+    let list = json.as_array().ok_or("has no list of codecs")?;
+    let names: Vec<&str> = list.iter().map(|c| c["name"].as_str().or(c.as_str()).unwrap_or("?")).collect();
+    let unknown = || {
+        format!(
+            "has codecs {names:?}, expected [transpose], bytes, one of blosc, zstd, gzip or none, [crc32c]"
+        )
+    };
+    let (mut compressor, mut crc_last) = ("", false);
+    let mut rest = names.as_slice();
+    while let ["transpose", tail @ ..] = rest {
+        rest = tail;
+    }
+    let ["bytes", tail @ ..] = rest else { return Err(unknown()) };
+    rest = tail;
+    if let [name @ ("blosc" | "zstd" | "gzip"), tail @ ..] = rest {
+        compressor = name;
+        rest = tail;
+    }
+    if let ["crc32c", tail @ ..] = rest {
+        crc_last = true;
+        rest = tail;
+    }
+    if rest.is_empty() { Ok((compressor.into(), crc_last)) } else { Err(unknown()) }
+}

@@ -1,0 +1,278 @@
+//! From a pack's arrays and attributes to the pipeline's tables; everything is checked here, at the door.
+//!
+//! Tables are (bands, field points) or (bands, heights). A band with fewer of them ends its rows with NaN: its number of
+//! heights is the number of entries of `psf_height` before the first NaN, and `psf/<band>` has that many windows.
+
+use super::PackAttributes;
+use super::array::PackArray;
+use super::attributes::Attributes;
+use super::error::LensPackError;
+use super::store::Store;
+use pipeline::lens::{Lens, LensBand, PsfStack};
+use std::f64::consts::PI;
+
+/// Most bands of a pack.
+const BANDS_LIMIT: usize = 4096;
+/// A window's sum may miss 1 by this much before it is an error.
+const SUM_TOLERANCE: f64 = 1e-3;
+/// A window whose sum misses 1 by less is kept as it is: f32 rounding alone gives 1e-7.
+const SUM_EXACT: f64 = 1e-6;
+
+/// Reads every table; `notes` says which defaults were taken.
+pub(super) fn lens(store: &Store, notes: &mut Vec<String>) -> Result<(Lens, PackAttributes), LensPackError> {
+    let head = Attributes::of_group(store)?;
+    let wavelength = PackArray::open(store, "wavelength")?;
+    let bands = match wavelength.shape[..] {
+        [n] if n as usize <= BANDS_LIMIT => n as usize,
+        _ => return Err(wavelength.shape_error(format!("[bands], at most {BANDS_LIMIT}"))),
+    };
+    let tables = Tables { store, bands };
+    let wavelength_nm = tables.per_band("wavelength")?;
+    if let Some(b) = (1..bands).find(|&b| wavelength_nm[b] <= wavelength_nm[b - 1]) {
+        let expected = "wavelengths that ascend";
+        return Err(tables.value("wavelength", b, 0, wavelength_nm[b], expected));
+    }
+    let ideal = tables.rows("ideal_height", None)?;
+    let field_points = ideal.width;
+    let image = tables.rows("image_height", Some((field_points, "bands, field points of ideal_height")))?;
+    let illumination =
+        tables.rows("relative_illumination", Some((field_points, "bands, field points of ideal_height")))?;
+    let heights = tables.rows("psf_height", None)?;
+    let same = Some((heights.width, "bands, heights of psf_height"));
+    let azimuths = tables.rows("azimuth_count", same)?;
+    let energy = tables.rows("psf_energy", same)?;
+    let pitch = tables.per_band("psf_pitch")?;
+    let f_number = head.positive("f_number")?;
+    let solid_angle = tables.per_band_or("solid_angle", || {
+        notes.push(format!("solid_angle is missing: π/(4N²) with N = {f_number} was taken"));
+        PI / (4.0 * f_number * f_number)
+    })?;
+    let transmission = tables.per_band_or("transmission", || {
+        notes.push("transmission is missing: 1 was taken".into());
+        1.0
+    })?;
+    let sample = head.sample()?;
+    let mut lens_bands = Vec::with_capacity(bands);
+    for b in 0..bands {
+        let psf_height_mm = heights.numbers(b)?;
+        let k = psf_height_mm.len();
+        let band = LensBand {
+            wavelength_nm: wavelength_nm[b],
+            ideal_height_mm: ideal.numbers(b)?,
+            image_height_mm: image.numbers(b)?,
+            relative_illumination: illumination.numbers(b)?,
+            azimuth_count: azimuths.counts(b, k)?,
+            psf_size: psf_size(store, b, k)?,
+            psf_pitch_um: pitch[b],
+            psf_energy: energy.first(b, k)?,
+            solid_angle_sr: solid_angle[b],
+            transmission: transmission[b],
+            psf_height_mm,
+        };
+        band.check().map_err(|source| LensPackError::Table { path: store.path.clone(), source })?;
+        lens_bands.push(band);
+    }
+    let lens = Lens {
+        name: head.text("name").unwrap_or_else(|| {
+            notes.push("attribute `name` is missing: the file's name was taken".into());
+            store.path.file_name().map_or("lens".into(), |n| n.to_string_lossy().into_owned())
+        }),
+        distortion_focal_length_mm: head.positive("distortion_focal_length_mm")?,
+        effective_focal_length_mm: head.positive("effective_focal_length_mm")?,
+        f_number,
+        primary_wavelength_nm: head.positive("primary_wavelength_nm")?,
+        object_distance_mm: head.number_or_null("object_distance_mm")?,
+        magnification: head.number_or_null("magnification")?.unwrap_or(0.0),
+        psf_sample: sample,
+        bands: lens_bands,
+    };
+    let other = PackAttributes {
+        image_plane: head.text("image_plane"),
+        defocus_mm: head.number_or_null("defocus_mm")?,
+        frame: head.text("frame"),
+        psf_tolerance: head.any("psf_tolerance"),
+        source: head.any("source"),
+    };
+    Ok((lens, other))
+}
+
+/// Reads one band's windows: finite, each of sum 1.
+pub(super) fn psf(store: &Store, lens: &Lens, index: usize) -> Result<PsfStack, LensPackError> {
+    let bands = lens.bands.len();
+    let band = lens.bands.get(index).ok_or_else(|| LensPackError::Band {
+        path: store.path.clone(),
+        band: index,
+        bands,
+    })?;
+    let name = format!("psf/{index}");
+    let array = PackArray::open(store, &name)?;
+    let n = band.psf_size;
+    array.expect_shape(&[band.psf_height_mm.len(), n, n], "heights, rows, columns")?;
+    let samples = array.read_as(|v| v as f32)?;
+    let mut values = samples.values;
+    for (k, window) in values.chunks_exact_mut(n * n).enumerate() {
+        if let Some(i) = window.iter().position(|v| !v.is_finite()) {
+            return Err(LensPackError::Value {
+                path: store.path.clone(),
+                array: name,
+                band: index,
+                index: k * n * n + i,
+                value: f64::from(window[i]),
+                expected: "a finite number",
+            });
+        }
+        let sum: f64 = window.iter().map(|&v| f64::from(v)).sum();
+        let off = (sum - 1.0).abs();
+        // A writer may drop chunks of nothing but zeros; then the sums are right without them.
+        if let (Some(chunk), true) = (&samples.missing, off > SUM_EXACT) {
+            return Err(array.missing_chunk(chunk.clone()));
+        }
+        if off > SUM_TOLERANCE {
+            return Err(LensPackError::PsfSum {
+                path: store.path.clone(),
+                band: index,
+                index: k,
+                height_mm: band.psf_height_mm[k],
+                sum,
+            });
+        }
+        if off > SUM_EXACT {
+            window.iter_mut().for_each(|v| *v = (f64::from(*v) / sum) as f32);
+        }
+    }
+    Ok(PsfStack { size: n, pitch_um: band.psf_pitch_um, sample: lens.psf_sample, samples: values })
+}
+
+/// Side of band `b`'s windows, from the metadata alone.
+fn psf_size(store: &Store, b: usize, k: usize) -> Result<usize, LensPackError> {
+    let array = PackArray::open(store, &format!("psf/{b}"))?;
+    array.expect_float()?;
+    match array.shape[..] {
+        [windows, rows, columns] if windows as usize == k && rows == columns && rows % 2 == 1 => {
+            Ok(rows as usize)
+        }
+        _ => Err(array.shape_error(format!("[{k}, n, n] with n odd ({k} heights of psf_height)"))),
+    }
+}
+
+struct Tables<'a> {
+    store: &'a Store,
+    bands: usize,
+}
+
+/// A (bands, width) table.
+struct Rows<'a> {
+    tables: &'a Tables<'a>,
+    name: &'static str,
+    width: usize,
+    values: Vec<f64>,
+}
+
+impl Tables<'_> {
+    fn value(
+        &self,
+        array: &'static str,
+        band: usize,
+        index: usize,
+        value: f64,
+        expected: &'static str,
+    ) -> LensPackError {
+        LensPackError::Value {
+            path: self.store.path.clone(),
+            array: array.into(),
+            band,
+            index,
+            value,
+            expected,
+        }
+    }
+
+    fn finite(&self, name: &'static str, values: Vec<f64>) -> Result<Vec<f64>, LensPackError> {
+        match values.iter().position(|v| !v.is_finite()) {
+            Some(b) => Err(self.value(name, b, 0, values[b], "a finite number")),
+            None => Ok(values),
+        }
+    }
+
+    /// A required array of one number a band.
+    fn per_band(&self, name: &'static str) -> Result<Vec<f64>, LensPackError> {
+        let array = PackArray::open(self.store, name)?;
+        array.expect_shape(&[self.bands], "bands")?;
+        self.finite(name, array.read()?)
+    }
+
+    /// An optional array of one number a band.
+    fn per_band_or(
+        &self,
+        name: &'static str,
+        default: impl FnOnce() -> f64,
+    ) -> Result<Vec<f64>, LensPackError> {
+        match PackArray::open_if_there(self.store, name)? {
+            Some(_) => self.per_band(name),
+            None => Ok(vec![default(); self.bands]),
+        }
+    }
+
+    /// A required (bands, width) array; `width` and its name where it is known already.
+    fn rows(&self, name: &'static str, width: Option<(usize, &str)>) -> Result<Rows<'_>, LensPackError> {
+        let array = PackArray::open(self.store, name)?;
+        let (width, words) = match (width, &array.shape[..]) {
+            (Some(known), _) => known,
+            (None, [_, found]) => (*found as usize, "bands, then at least 2"),
+            _ => return Err(array.shape_error(format!("[{}, at least 2]", self.bands))),
+        };
+        array.expect_shape(&[self.bands, width], words)?;
+        Ok(Rows { tables: self, name, width, values: array.read()? })
+    }
+}
+
+impl Rows<'_> {
+    fn row(&self, b: usize) -> &[f64] {
+        &self.values[b * self.width..][..self.width]
+    }
+
+    /// The numbers before the NaN that pad a short row.
+    fn numbers(&self, b: usize) -> Result<Vec<f64>, LensPackError> {
+        let row = self.row(b);
+        let count = row.iter().position(|v| v.is_nan()).unwrap_or(self.width);
+        if let Some(i) = (count..self.width).find(|&i| !row[i].is_nan()) {
+            return Err(self.tables.value(
+                self.name,
+                b,
+                i,
+                row[i],
+                "NaN to the end of the row after the first NaN",
+            ));
+        }
+        if let Some(i) = row[..count].iter().position(|v| v.is_infinite()) {
+            return Err(self.tables.value(self.name, b, i, row[i], "a finite number"));
+        }
+        if count < 2 {
+            return Err(self.tables.value(
+                self.name,
+                b,
+                count,
+                row.get(count).copied().unwrap_or(f64::NAN),
+                "at least 2 numbers",
+            ));
+        }
+        Ok(row[..count].to_vec())
+    }
+
+    /// The first `k` numbers, all finite; what pads the row is not looked at.
+    fn first(&self, b: usize, k: usize) -> Result<Vec<f64>, LensPackError> {
+        let row = &self.row(b)[..k];
+        match row.iter().position(|v| !v.is_finite()) {
+            Some(i) => Err(self.tables.value(self.name, b, i, row[i], "a finite number")),
+            None => Ok(row.to_vec()),
+        }
+    }
+
+    fn counts(&self, b: usize, k: usize) -> Result<Vec<usize>, LensPackError> {
+        let row = &self.row(b)[..k];
+        match row.iter().position(|v| !(*v >= 0.0 && *v <= 65536.0 && v.fract() == 0.0)) {
+            Some(i) => Err(self.tables.value(self.name, b, i, row[i], "a whole number up to 65536")),
+            None => Ok(row.iter().map(|&v| v as usize).collect()),
+        }
+    }
+}

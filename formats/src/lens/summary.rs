@@ -1,0 +1,271 @@
+//! What `lens show` prints: a lens in numbers, and what its PSF samples imply. As text (`Display`) or JSON (serde).
+//!
+//! ```text
+//! distortion = (real - ideal)/ideal of the last field point, ideal = f·tan(field) with the DISTORTION focal length f
+//! lateral colour = real height minus that at the band nearest the primary wavelength, same ideal height (the last both hold)
+//! Nyquist pitch = λ·N/2, N = the F-number: a PSF of an aberrated lens holds no finer detail (pupil autocorrelation 2·NA/λ)
+//! ```
+
+use super::LensPack;
+use pipeline::lens::{LensBand, PsfSample};
+use serde::Serialize;
+use std::fmt;
+
+/// Bands shown unless all are asked for.
+const FEW: usize = 5;
+
+/// A lens in numbers.
+#[derive(Clone, Debug, Serialize)]
+pub struct LensSummary {
+    /// Name.
+    pub name: String,
+    /// Where the pack lies.
+    pub path: String,
+    /// Distortion focal length, mm.
+    pub distortion_focal_length_mm: f64,
+    /// Effective focal length, mm.
+    pub effective_focal_length_mm: f64,
+    /// F-number.
+    pub f_number: f64,
+    /// Primary wavelength, nm.
+    pub primary_wavelength_nm: f64,
+    /// Object distance, mm; null = infinity.
+    pub object_distance_mm: Option<f64>,
+    /// Magnification.
+    pub magnification: f64,
+    /// Where the image plane is, in words.
+    pub image_plane: Option<String>,
+    /// Image plane minus paraxial focus, mm.
+    pub defocus_mm: Option<f64>,
+    /// Number of bands in the pack.
+    pub bands: usize,
+    /// First and last wavelength, nm.
+    pub wavelength_nm: [f64; 2],
+    /// Half field that every band holds, mm of ideal height.
+    pub ideal_field_mm: f64,
+    /// Half field that every band holds, mm of REAL height.
+    pub image_field_mm: f64,
+    /// The same in degrees; `None` unless the object is at infinity.
+    pub field_deg: Option<f64>,
+    /// "point" or "integrated".
+    pub psf_sample: &'static str,
+    /// What the samples imply, in words.
+    pub sampling: String,
+    /// Defaults taken for what the pack does not hold.
+    pub notes: Vec<String>,
+    /// Some bands, or all.
+    pub table: Vec<BandSummary>,
+}
+
+/// One band in numbers; "edge" is the last field point or height.
+#[derive(Clone, Debug, Serialize)]
+pub struct BandSummary {
+    /// Wavelength, nm.
+    pub wavelength_nm: f64,
+    /// REAL height of the last field point, mm.
+    pub edge_height_mm: f64,
+    /// Relative illumination there.
+    pub edge_illumination: f64,
+    /// Distortion there, per cent.
+    pub edge_distortion_percent: f64,
+    /// Lateral colour against the primary wavelength, µm.
+    pub lateral_colour_um: f64,
+    /// Side of the PSF window, samples.
+    pub psf_size: usize,
+    /// Side of the PSF window, µm.
+    pub psf_window_um: f64,
+    /// Sample pitch, µm.
+    pub psf_pitch_um: f64,
+    /// λ·N/2, µm.
+    pub nyquist_pitch_um: f64,
+    /// Share of the light inside the window: on the axis, at the edge, and the least of all heights.
+    pub energy: [f64; 3],
+    /// Number of heights.
+    pub heights: usize,
+    /// REAL height of the last PSF, mm.
+    pub last_psf_height_mm: f64,
+    /// Fewest and most azimuths off the axis.
+    pub azimuths: [usize; 2],
+    /// Kernels of the whole grid.
+    pub nodes: usize,
+}
+
+/// Sums up an open pack. `all_bands` gives every band, else about five; `turning_error` is the estimated L1 error (a ratio) of
+/// turning an integrated pack's kernels between quarter turns, where the caller knows it.
+pub fn summary(pack: &LensPack, all_bands: bool, turning_error: Option<f64>) -> LensSummary {
+    let lens = pack.lens();
+    let bands = &lens.bands;
+    let off = |b: &&LensBand| (b.wavelength_nm - lens.primary_wavelength_nm).abs();
+    let primary = bands.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+    let few = |&b: &usize| (0..FEW).any(|i| b == (i * (bands.len() - 1) + (FEW - 1) / 2) / (FEW - 1));
+    let shown = (0..bands.len()).filter(|b| all_bands || few(b));
+    let table = shown.map(|b| band_summary(&bands[b], primary.unwrap_or(&bands[b]), lens.f_number)).collect();
+    let least = |of: fn(&LensBand) -> f64| bands.iter().map(of).fold(f64::INFINITY, f64::min);
+    let ideal_field_mm = least(|b| last(&b.ideal_height_mm));
+    let other = pack.attributes();
+    LensSummary {
+        name: lens.name.clone(),
+        path: pack.path().display().to_string(),
+        distortion_focal_length_mm: lens.distortion_focal_length_mm,
+        effective_focal_length_mm: lens.effective_focal_length_mm,
+        f_number: lens.f_number,
+        primary_wavelength_nm: lens.primary_wavelength_nm,
+        object_distance_mm: lens.object_distance_mm,
+        magnification: lens.magnification,
+        image_plane: other.image_plane.clone(),
+        defocus_mm: other.defocus_mm,
+        bands: bands.len(),
+        wavelength_nm: [least(|b| b.wavelength_nm), -least(|b| -b.wavelength_nm)],
+        ideal_field_mm,
+        image_field_mm: least(|b| last(&b.image_height_mm)),
+        field_deg: match lens.object_distance_mm {
+            None => Some((ideal_field_mm / lens.distortion_focal_length_mm).atan().to_degrees()),
+            Some(_) => None,
+        },
+        psf_sample: match lens.psf_sample {
+            PsfSample::Point => "point",
+            PsfSample::Integrated => "integrated",
+        },
+        sampling: match lens.psf_sample {
+            PsfSample::Point => point_sampling(bands, lens.f_number),
+            PsfSample::Integrated => integrated_sampling(turning_error),
+        },
+        notes: pack.notes().to_vec(),
+        table,
+    }
+}
+
+fn band_summary(band: &LensBand, primary: &LensBand, f_number: f64) -> BandSummary {
+    let (ideal, real) = (last(&band.ideal_height_mm), last(&band.image_height_mm));
+    let common = ideal.min(last(&primary.ideal_height_mm));
+    let off_axis = &band.azimuth_count[1..];
+    BandSummary {
+        wavelength_nm: band.wavelength_nm,
+        edge_height_mm: real,
+        edge_illumination: last(&band.relative_illumination),
+        edge_distortion_percent: 100.0 * (real - ideal) / ideal,
+        lateral_colour_um: 1000.0 * (image_height(band, common) - image_height(primary, common)),
+        psf_size: band.psf_size,
+        psf_window_um: band.psf_size as f64 * band.psf_pitch_um,
+        psf_pitch_um: band.psf_pitch_um,
+        nyquist_pitch_um: nyquist_pitch_um(band, f_number),
+        energy: [
+            band.psf_energy[0],
+            last(&band.psf_energy),
+            band.psf_energy.iter().copied().fold(f64::INFINITY, f64::min),
+        ],
+        heights: band.psf_height_mm.len(),
+        last_psf_height_mm: last(&band.psf_height_mm),
+        azimuths: [off_axis.iter().copied().min().unwrap_or(1), off_axis.iter().copied().max().unwrap_or(1)],
+        nodes: band.azimuth_count.iter().sum(),
+    }
+}
+
+fn nyquist_pitch_um(band: &LensBand, f_number: f64) -> f64 {
+    band.wavelength_nm * 1e-3 * f_number / 2.0
+}
+
+/// Last number of a table; tables are checked to have two or more.
+fn last(table: &[f64]) -> f64 {
+    table[table.len() - 1]
+}
+
+/// REAL height at an ideal height inside the table, linear between field points.
+fn image_height(band: &LensBand, ideal: f64) -> f64 {
+    let (x, y) = (&band.ideal_height_mm, &band.image_height_mm);
+    let i = x.partition_point(|&v| v < ideal).clamp(1, x.len() - 1);
+    y[i - 1] + (y[i] - y[i - 1]) * (ideal - x[i - 1]) / (x[i] - x[i - 1])
+}
+
+fn integrated_sampling(turning_error: Option<f64>) -> String {
+    let elsewhere = match turning_error {
+        Some(e) => format!("turned by cubic interpolation elsewhere: estimated L1 error {:.1} %", 100.0 * e),
+        None => "turned by cubic interpolation elsewhere, with an error not estimated here".into(),
+    };
+    format!(
+        "samples already integrated over the psf pitch: exact at quarter turns on film of that pitch, {elsewhere}"
+    )
+}
+
+fn point_sampling(bands: &[LensBand], f_number: f64) -> String {
+    let coarse: Vec<String> = bands
+        .iter()
+        .filter(|b| b.psf_pitch_um > nyquist_pitch_um(b, f_number))
+        .map(|b| {
+            let (nm, limit) = (b.wavelength_nm, nyquist_pitch_um(b, f_number));
+            format!("{nm} nm ({:.3} > {limit:.3} µm)", b.psf_pitch_um)
+        })
+        .collect();
+    if coarse.is_empty() {
+        "point samples finer than Nyquist (λ·N/2) in every band: turned by interpolation, then integrated over the film pixel".into()
+    } else {
+        format!(
+            "point samples COARSER than Nyquist (λ·N/2), so turning them aliases, at {}",
+            coarse.join(", ")
+        )
+    }
+}
+
+impl fmt::Display for LensSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}  ({})", self.name, self.path)?;
+        writeln!(
+            f,
+            "focal length   {:.6} mm for distortion, {:.6} mm effective, at {} nm; f/{:.3}",
+            self.distortion_focal_length_mm,
+            self.effective_focal_length_mm,
+            self.primary_wavelength_nm,
+            self.f_number
+        )?;
+        match self.object_distance_mm {
+            None => write!(f, "object         at infinity")?,
+            Some(d) => write!(f, "object         at {d} mm, magnification {}", self.magnification)?,
+        }
+        match (&self.image_plane, self.defocus_mm) {
+            (Some(words), _) => writeln!(f, "; image plane {words}")?,
+            (None, Some(mm)) => writeln!(f, "; image plane {mm} mm from the paraxial focus")?,
+            (None, None) => writeln!(f)?,
+        }
+        let [first, last] = self.wavelength_nm;
+        writeln!(f, "bands          {}, {first}..{last} nm", self.bands)?;
+        write!(f, "half field     {:.4} mm ideal, {:.4} mm real", self.ideal_field_mm, self.image_field_mm)?;
+        match self.field_deg {
+            Some(deg) => writeln!(f, ", {deg:.3}°")?,
+            None => writeln!(f)?,
+        }
+        writeln!(f, "sampling       {}", self.sampling)?;
+        for note in &self.notes {
+            writeln!(f, "note           {note}")?;
+        }
+        writeln!(f)?;
+        writeln!(
+            f,
+            "     nm  edge mm  edge RI  distortion %  lateral µm  window px (µm)  pitch µm  Nyquist  light axis/edge/least  heights to mm  azimuths   nodes"
+        )?;
+        for b in &self.table {
+            let window = format!("{} ({:.1})", b.psf_size, b.psf_window_um);
+            let light = b.energy.map(|e| format!("{e:.4}")).join("/");
+            let heights = format!("{} to {:.3}", b.heights, b.last_psf_height_mm);
+            let azimuths = match b.azimuths {
+                [a, z] if a == z => a.to_string(),
+                [a, z] => format!("{a}..{z}"),
+            };
+            writeln!(
+                f,
+                "{:7.2}  {:7.4}  {:7.5}  {:12.4}  {:10.3}  {window:>14}  {:8.3}  {:7.3}  {light:>21}  {heights:>13}  {azimuths:>8}  {:6}",
+                b.wavelength_nm,
+                b.edge_height_mm,
+                b.edge_illumination,
+                b.edge_distortion_percent,
+                b.lateral_colour_um,
+                b.psf_pitch_um,
+                b.nyquist_pitch_um,
+                b.nodes
+            )?;
+        }
+        if self.table.len() < self.bands {
+            writeln!(f, "({} of {} bands)", self.table.len(), self.bands)?;
+        }
+        Ok(())
+    }
+}

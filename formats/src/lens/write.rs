@@ -1,0 +1,240 @@
+//! Writes a lens pack: PSFs band by band as they are made, then tables, then the group's own metadata.
+//!
+//! Tables are f64, azimuth counts i32, PSFs f32; chunks of one height a PSF, one row a table; blosc (zstd 5, shuffle) + crc32c.
+//! Bands with fewer field points or heights are padded with NaN (azimuths: 0), as [the reader](super) expects.
+
+use super::error::LensPackError;
+use super::sink::Sink;
+use super::{PackAttributes, SCHEMA};
+use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::num::NonZeroU64;
+use std::path::Path;
+use std::sync::Arc;
+use zarrs::array::{Array, ArrayBytes, ArrayToBytesCodecTraits, CodecOptions};
+use zarrs::metadata::ArrayMetadata;
+
+/// A pack in the making: [`psf`](Self::psf) for every band in any order, then [`finish`](Self::finish).
+///
+/// Dropped before that, it leaves nothing.
+pub struct LensPackWriter {
+    sink: Sink,
+    /// Side, pitch, number of heights and meaning of the stacks written so far.
+    written: BTreeMap<usize, (usize, f64, usize, PsfSample)>,
+}
+
+/// Writes a whole pack, one band of PSFs at a time.
+///
+/// # Errors
+/// As [`LensPackWriter`]'s, and whatever an item of `psf` brings.
+pub fn write<E: From<LensPackError>>(
+    path: impl AsRef<Path>,
+    lens: &Lens,
+    attributes: &PackAttributes,
+    psf: impl IntoIterator<Item = Result<PsfStack, E>>,
+) -> Result<(), E> {
+    let mut writer = LensPackWriter::create(path)?;
+    for (band, stack) in psf.into_iter().enumerate() {
+        writer.psf(band, &stack?)?;
+    }
+    Ok(writer.finish(lens, attributes)?)
+}
+
+impl LensPackWriter {
+    /// Starts a pack: a .zip if `path` ends in `.zip`, else a directory.
+    ///
+    /// # Errors
+    /// Something is there already, or nothing can be created there.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, LensPackError> {
+        Ok(Self { sink: Sink::create(path.as_ref())?, written: BTreeMap::new() })
+    }
+
+    /// Writes one band's PSFs.
+    ///
+    /// # Errors
+    /// A window is not finite or does not sum to 1 within 1e-3; a band comes twice; the disk refuses.
+    pub fn psf(&mut self, band: usize, stack: &PsfStack) -> Result<(), LensPackError> {
+        let n = stack.size;
+        if n.is_multiple_of(2) || stack.samples.is_empty() || !stack.samples.len().is_multiple_of(n * n) {
+            let samples = stack.samples.len();
+            return Err(
+                self.refuse(format!("psf/{band} has {samples} samples in windows of {n} × {n}, n odd"))
+            );
+        }
+        let heights = stack.heights();
+        for k in 0..heights {
+            let sum: f64 = stack.window(k).iter().map(|&v| f64::from(v)).sum();
+            if !sum.is_finite() || (sum - 1.0).abs() > 1e-3 {
+                return Err(self.refuse(format!(
+                    "psf/{band}: the window at height index {k} sums to {sum}, expected 1"
+                )));
+            }
+        }
+        if self.written.insert(band, (n, stack.pitch_um, heights, stack.sample)).is_some() {
+            return Err(self.refuse(format!("psf/{band} came twice")));
+        }
+        let bytes = stack.samples.iter().flat_map(|v| v.to_ne_bytes()).collect::<Vec<u8>>();
+        let shape = [heights, n, n];
+        self.array(&format!("psf/{band}"), "float32", &shape, "1", &["psf_height", "row", "column"], &bytes)
+    }
+
+    /// Writes tables and attributes, and gives the pack its name.
+    ///
+    /// # Errors
+    /// A table breaks its contract or does not fit the PSFs; the disk refuses.
+    pub fn finish(mut self, lens: &Lens, attributes: &PackAttributes) -> Result<(), LensPackError> {
+        self.check(lens)?;
+        let bands = &lens.bands;
+        self.column("wavelength", "nm", bands, |b| b.wavelength_nm)?;
+        self.table("ideal_height", "mm", "field_point", bands, |b| &b.ideal_height_mm)?;
+        self.table("image_height", "mm", "field_point", bands, |b| &b.image_height_mm)?;
+        self.table("relative_illumination", "1", "field_point", bands, |b| &b.relative_illumination)?;
+        self.table("psf_height", "mm", "psf_height", bands, |b| &b.psf_height_mm)?;
+        self.table("psf_energy", "1", "psf_height", bands, |b| &b.psf_energy)?;
+        self.column("psf_pitch", "um", bands, |b| b.psf_pitch_um)?;
+        self.column("solid_angle", "sr", bands, |b| b.solid_angle_sr)?;
+        self.column("transmission", "1", bands, |b| b.transmission)?;
+        let width = bands.iter().map(|b| b.azimuth_count.len()).max().unwrap_or(0);
+        let padded =
+            bands.iter().flat_map(|b| (0..width).map(|k| b.azimuth_count.get(k).map_or(0, |&j| j as i32)));
+        let bytes: Vec<u8> = padded.flat_map(i32::to_ne_bytes).collect();
+        let dims = ["wavelength", "psf_height"];
+        self.array("azimuth_count", "int32", &[bands.len(), width], "1", &dims, &bytes)?;
+        self.json("psf/zarr.json", &json!({"zarr_format": 3, "node_type": "group", "attributes": {}}))?;
+        let root =
+            json!({"zarr_format": 3, "node_type": "group", "attributes": root_attributes(lens, attributes)});
+        self.json("zarr.json", &root)?;
+        self.sink.finish()
+    }
+
+    fn check(&self, lens: &Lens) -> Result<(), LensPackError> {
+        if lens.bands.is_empty() || self.written.keys().copied().ne(0..lens.bands.len()) {
+            let have: Vec<_> = self.written.keys().collect();
+            let bands = lens.bands.len();
+            return Err(self.refuse(format!("the lens has {bands} bands, PSFs came for {have:?}")));
+        }
+        for (b, band) in lens.bands.iter().enumerate() {
+            band.check().map_err(|source| LensPackError::Table { path: self.sink.path.clone(), source })?;
+            let expected = (band.psf_size, band.psf_pitch_um, band.psf_height_mm.len(), lens.psf_sample);
+            if self.written[&b] != expected {
+                let have = self.written[&b];
+                let what = "(side, pitch in µm, heights, sample)";
+                return Err(
+                    self.refuse(format!("psf/{b} has {what} {have:?}, the lens's table {expected:?}"))
+                );
+            }
+        }
+        match lens.bands.windows(2).find(|w| w[1].wavelength_nm <= w[0].wavelength_nm) {
+            Some(w) => Err(self.refuse(format!("wavelengths do not ascend at {} nm", w[1].wavelength_nm))),
+            None => Ok(()),
+        }
+    }
+
+    fn column(
+        &mut self,
+        name: &str,
+        unit: &str,
+        bands: &[LensBand],
+        of: impl Fn(&LensBand) -> f64,
+    ) -> Result<(), LensPackError> {
+        let bytes: Vec<u8> = bands.iter().flat_map(|b| of(b).to_ne_bytes()).collect();
+        self.array(name, "float64", &[bands.len()], unit, &["wavelength"], &bytes)
+    }
+
+    fn table(
+        &mut self,
+        name: &str,
+        unit: &str,
+        along: &str,
+        bands: &[LensBand],
+        of: impl Fn(&LensBand) -> &Vec<f64>,
+    ) -> Result<(), LensPackError> {
+        let width = bands.iter().map(|b| of(b).len()).max().unwrap_or(0);
+        let padded = bands.iter().flat_map(|b| (0..width).map(|i| of(b).get(i).copied().unwrap_or(f64::NAN)));
+        let bytes: Vec<u8> = padded.flat_map(f64::to_ne_bytes).collect();
+        self.array(name, "float64", &[bands.len(), width], unit, &["wavelength", along], &bytes)
+    }
+
+    /// Writes one array from its native bytes, in chunks of one along the first axis (a single chunk if it has but one axis).
+    fn array(
+        &mut self,
+        name: &str,
+        data_type: &str,
+        shape: &[usize],
+        unit: &str,
+        dims: &[&str],
+        bytes: &[u8],
+    ) -> Result<(), LensPackError> {
+        let mut chunk = shape.to_vec();
+        if let [first, _, ..] = chunk.as_mut_slice() {
+            *first = 1;
+        }
+        let item = if data_type == "float64" { 8 } else { 4 };
+        let fill = if data_type == "int32" { json!(0) } else { json!("NaN") };
+        let metadata = json!({
+            "zarr_format": 3,
+            "node_type": "array",
+            "shape": shape,
+            "data_type": data_type,
+            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": chunk}},
+            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+            "fill_value": fill,
+            "codecs": [
+                {"name": "bytes", "configuration": {"endian": "little"}},
+                {"name": "blosc", "configuration": {"typesize": item, "cname": "zstd", "clevel": 5, "shuffle": "shuffle", "blocksize": 0}},
+                {"name": "crc32c"},
+            ],
+            "attributes": {"units": unit},
+            "dimension_names": dims,
+        });
+        let failed = |e: String| self.refuse(format!("array {name}: {e}"));
+        let typed: ArrayMetadata =
+            serde_json::from_value(metadata.clone()).map_err(|e| failed(e.to_string()))?;
+        let array = Array::new_with_metadata(Arc::new(()), &format!("/{name}"), typed)
+            .map_err(|e| failed(e.to_string()))?;
+        let chunk: Vec<NonZeroU64> = chunk.iter().filter_map(|&n| NonZeroU64::new(n as u64)).collect();
+        let length = chunk.iter().map(|n| n.get() as usize).product::<usize>() * item;
+        let options = CodecOptions::default().with_concurrent_target(1);
+        for (i, piece) in bytes.chunks_exact(length).enumerate() {
+            let mut index = vec![0; shape.len()];
+            index[0] = i as u64;
+            let encoded = array
+                .codecs()
+                .encode(ArrayBytes::new_flen(piece), &chunk, array.data_type(), array.fill_value(), &options)
+                .map_err(|e| self.refuse(format!("array {name}: {e}")))?;
+            self.sink.put(array.chunk_key(&index).as_str(), &encoded)?;
+        }
+        self.json(&format!("{name}/zarr.json"), &metadata)
+    }
+
+    fn json(&mut self, key: &str, value: &Value) -> Result<(), LensPackError> {
+        self.sink.put(key, format!("{value:#}").as_bytes())
+    }
+
+    fn refuse(&self, problem: String) -> LensPackError {
+        LensPackError::Write { path: self.sink.path.clone(), problem }
+    }
+}
+
+fn root_attributes(lens: &Lens, other: &PackAttributes) -> Value {
+    json!({
+        "schema": SCHEMA,
+        "name": lens.name,
+        "distortion_focal_length_mm": lens.distortion_focal_length_mm,
+        "effective_focal_length_mm": lens.effective_focal_length_mm,
+        "f_number": lens.f_number,
+        "primary_wavelength_nm": lens.primary_wavelength_nm,
+        "psf_sample": match lens.psf_sample {
+            PsfSample::Point => "point",
+            PsfSample::Integrated => "integrated",
+        },
+        "object_distance_mm": lens.object_distance_mm,
+        "magnification": lens.magnification,
+        "image_plane": other.image_plane,
+        "defocus_mm": other.defocus_mm,
+        "frame": other.frame,
+        "psf_tolerance": other.psf_tolerance,
+        "source": other.source,
+    })
+}

@@ -1,0 +1,251 @@
+//! Packs that are wrong: each error names the pack, the array and the way out.
+
+use crate::*;
+use lenscube_formats::lens::{LensPackWriter, builtin};
+use serde_json::{Value, json};
+use std::fs;
+
+/// A small pack in a directory, `change`d; the error that reading all of it gives.
+fn broken(change: impl FnOnce(&Path)) -> LensPackError {
+    let tmp = tempfile::tempdir().unwrap();
+    let path = tmp.path().join("small.lens.zarr");
+    write_small(&path);
+    read_all(&path).unwrap();
+    change(&path);
+    let error = read_all(&path).expect_err("a broken pack was read");
+    assert!(error.to_string().contains("small.lens.zarr"), "{error}");
+    error
+}
+
+fn edit(path: PathBuf, change: impl FnOnce(&mut Value)) {
+    let mut json: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    change(&mut json);
+    fs::write(path, json.to_string()).unwrap();
+}
+
+/// Replaces an array's chunks by one uncompressed one.
+fn replace(array: PathBuf, data_type: &str, shape: &[usize], bytes: &[u8]) {
+    edit(array.join("zarr.json"), |json| {
+        json["shape"] = json!(shape);
+        json["data_type"] = json!(data_type);
+        json["fill_value"] = json!(0);
+        json["chunk_grid"]["configuration"]["chunk_shape"] = json!(shape);
+        json["codecs"] = json!([{"name": "bytes", "configuration": {"endian": "little"}}]);
+    });
+    fs::remove_dir_all(array.join("c")).unwrap();
+    let chunk = shape.iter().fold(array.join("c"), |at, _| at.join("0"));
+    fs::create_dir_all(chunk.parent().unwrap()).unwrap();
+    fs::write(chunk, bytes).unwrap();
+}
+
+fn f64s(values: &[f64]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+#[test]
+fn nothing_there_or_no_pack() {
+    let tmp = tempfile::tempdir().unwrap();
+    assert!(matches!(LensPack::open(tmp.path().join("no")), Err(LensPackError::NotFound { .. })));
+    assert!(matches!(LensPack::open(tmp.path()), Err(LensPackError::NotAPack { .. })));
+    let file = tmp.path().join("file");
+    fs::write(&file, "words").unwrap();
+    assert!(matches!(LensPack::open(&file), Err(LensPackError::NotAPack { .. })));
+    let Err(e) = builtin("planar") else { panic!("there is no such lens") };
+    assert!(e.to_string().contains("double-gauss-28"), "{e}");
+    fs::write(tmp.path().join(".zgroup"), "{}").unwrap();
+    let Err(e) = LensPack::open(tmp.path()) else { panic!("Zarr v2") };
+    assert!(e.to_string().contains("v2"), "{e}");
+}
+
+#[test]
+fn the_group_must_be_a_lens_pack() {
+    let root = |change: fn(&mut Value)| broken(|p| edit(p.join("zarr.json"), change));
+    assert!(matches!(root(|j| j["node_type"] = json!("array")), LensPackError::NotAPack { .. }));
+    assert!(matches!(
+        root(|j| j["attributes"]["schema"] = json!("lenscube/lens-pack/2")),
+        LensPackError::Schema { found, .. } if found == "\"lenscube/lens-pack/2\""
+    ));
+    assert!(
+        matches!(root(|j| j["attributes"] = json!({})), LensPackError::Schema { found, .. } if found == "missing")
+    );
+    for name in ["distortion_focal_length_mm", "f_number", "psf_sample", "primary_wavelength_nm"] {
+        let e = broken(|p| {
+            edit(p.join("zarr.json"), |j| {
+                j["attributes"].as_object_mut().unwrap().remove(name);
+            });
+        });
+        assert!(matches!(e, LensPackError::Attribute { name: found, .. } if found == name), "{name}");
+    }
+}
+
+#[test]
+fn every_required_array_must_be_there() {
+    for name in [
+        "wavelength",
+        "ideal_height",
+        "image_height",
+        "relative_illumination",
+        "psf_height",
+        "azimuth_count",
+        "psf/0",
+        "psf/1",
+        "psf_pitch",
+        "psf_energy",
+    ] {
+        let e = broken(|p| fs::remove_dir_all(p.join(name)).unwrap());
+        assert!(matches!(&e, LensPackError::MissingArray { array, .. } if array == name), "{e}");
+    }
+}
+
+#[test]
+fn shapes_and_types_must_fit() {
+    let e = broken(|p| replace(p.join("psf_pitch"), "float64", &[3], &f64s(&[1.0; 3])));
+    assert!(matches!(&e, LensPackError::Shape { found, .. } if found[..] == [3]), "{e}");
+    let e = broken(|p| replace(p.join("image_height"), "float64", &[2, 3], &f64s(&[1.0; 6])));
+    assert!(matches!(e, LensPackError::Shape { .. }));
+    let e = broken(|p| replace(p.join("psf/0"), "float32", &[2, 4, 4], &[0; 128]));
+    assert!(e.to_string().contains("n odd"), "{e}");
+    let e = broken(|p| replace(p.join("psf/0"), "int32", &[2, 5, 5], &[0; 200]));
+    assert!(matches!(e, LensPackError::DataType { .. }));
+    let e = broken(|p| edit(p.join("psf_energy/zarr.json"), |j| j["data_type"] = json!("complex64")));
+    assert!(matches!(&e, LensPackError::DataType { found, .. } if found.contains("complex64")), "{e}");
+}
+
+#[test]
+fn values_must_be_a_lens() {
+    let nan = f64::NAN;
+    let e = broken(|p| replace(p.join("psf_pitch"), "float64", &[2], &f64s(&[1.0, nan])));
+    assert!(matches!(e, LensPackError::Value { band: 1, .. }));
+    let heights = [0.0, 1.1, nan, 0.0, 1.1, f64::INFINITY];
+    let e = broken(|p| replace(p.join("psf_height"), "float64", &[2, 3], &f64s(&heights)));
+    assert!(matches!(e, LensPackError::Value { band: 1, index: 2, .. }));
+    let e =
+        broken(|p| replace(p.join("psf_height"), "float64", &[2, 3], &f64s(&[0.0, nan, 2.0, 0.0, 1.0, 2.0])));
+    assert!(matches!(e, LensPackError::Value { band: 0, index: 2, .. }), "a hole is no padding");
+    let e =
+        broken(|p| replace(p.join("psf_height"), "float64", &[2, 3], &f64s(&[0.0, 1.1, nan, 0.0, 2.0, 1.0])));
+    assert!(e.to_string().contains("550 nm: psf_height does not ascend"), "{e}");
+    let e = broken(|p| replace(p.join("wavelength"), "float64", &[2], &f64s(&[550.0, 450.0])));
+    assert!(e.to_string().contains("ascend"), "{e}");
+    let e = broken(|p| {
+        replace(p.join("azimuth_count"), "float64", &[2, 3], &f64s(&[1.0, 8.5, 0.0, 1.0, 8.0, 8.0]))
+    });
+    assert!(e.to_string().contains("whole number"), "{e}");
+    let e = broken(|p| {
+        replace(p.join("azimuth_count"), "float64", &[2, 3], &f64s(&[1.0, 9.0, 0.0, 1.0, 8.0, 8.0]))
+    });
+    assert!(e.to_string().contains("multiple of 4"), "{e}");
+}
+
+#[test]
+fn windows_must_be_finite_and_sum_to_one() {
+    let e = broken(|p| replace(p.join("psf/1"), "float64", &[3, 3, 3], &f64s(&[1.002 / 9.0; 27])));
+    let LensPackError::PsfSum { band: 1, index: 0, sum, .. } = e else { panic!("{e}") };
+    assert!((sum - 1.002).abs() < 1e-6);
+    let mut samples = [1.0 / 9.0; 27];
+    samples[13] = f64::INFINITY;
+    let e = broken(|p| replace(p.join("psf/1"), "float64", &[3, 3, 3], &f64s(&samples)));
+    assert!(matches!(e, LensPackError::Value { index: 13, .. }), "{e}");
+}
+
+#[test]
+fn chunks_must_be_there_and_whole() {
+    for chunk in ["image_height/c/1/0", "wavelength/c/0", "psf/1/c/2/0/0"] {
+        let e = broken(|p| fs::remove_file(p.join(chunk)).unwrap());
+        assert!(matches!(&e, LensPackError::MissingChunk { chunk: found, .. } if found == chunk), "{e}");
+        let e = broken(|p| {
+            let mut bytes = fs::read(p.join(chunk)).unwrap();
+            let middle = bytes.len() - 6;
+            bytes[middle] ^= 4;
+            fs::write(p.join(chunk), bytes).unwrap();
+        });
+        assert!(matches!(&e, LensPackError::Chunk { chunk: found, .. } if found == chunk), "{e}");
+        for keep in [0, 3, 20] {
+            let e = broken(|p| {
+                let bytes = fs::read(p.join(chunk)).unwrap();
+                fs::write(p.join(chunk), &bytes[..keep]).unwrap();
+            });
+            assert!(matches!(e, LensPackError::Chunk { .. } | LensPackError::TooLarge { .. }), "{e}");
+        }
+    }
+}
+
+/// zarr-python drops chunks of nothing but the fill value; a window that sums to 1 without them has lost nothing.
+#[test]
+fn a_psf_chunk_of_zeros_may_be_missing() {
+    let tmp = tempfile::tempdir().unwrap();
+    let path = tmp.path().join("a.lens.zarr");
+    write_small(&path);
+    let array = path.join("psf/1");
+    let delta: Vec<f64> = (0..27).map(|i| if i % 9 == 4 { 1.0 } else { 0.0 }).collect();
+    replace(array.clone(), "float64", &[3, 3, 3], &f64s(&delta[..12]));
+    edit(array.join("zarr.json"), |j| {
+        j["chunk_grid"]["configuration"]["chunk_shape"] = json!([3, 2, 2]);
+        j["fill_value"] = json!(0.0);
+    });
+    let chunk = [0.0, 0.0, 0.0, 1.0].repeat(3);
+    fs::write(array.join("c/0/0/0"), f64s(&chunk)).unwrap();
+    let psf = LensPack::open(&path).unwrap().psf(1).unwrap();
+    assert!(psf.samples.iter().map(|&v| f64::from(v)).eq(delta));
+    fs::write(array.join("c/0/0/0"), f64s(&[0.0, 0.0, 0.0, 0.999].repeat(3))).unwrap();
+    assert!(matches!(read_all(&path), Err(LensPackError::MissingChunk { .. })));
+}
+
+#[test]
+fn absurd_sizes_are_refused_before_any_memory_is_taken() {
+    let huge = |array: &'static str, shape: Value, chunk: Value| {
+        broken(move |p| {
+            edit(p.join(array).join("zarr.json"), |j| {
+                j["shape"] = shape;
+                j["chunk_grid"]["configuration"]["chunk_shape"] = chunk;
+            });
+        })
+    };
+    let e = huge("psf/0", json!([1u64 << 40, 1u64 << 40, 5]), json!([1, 5, 5]));
+    assert!(matches!(e, LensPackError::TooLarge { .. }), "{e}");
+    let e = huge("psf/0", json!([2, 5, 5]), json!([1u64 << 60, 5, 5]));
+    assert!(matches!(e, LensPackError::TooLarge { .. }), "{e}");
+    let e = huge("wavelength", json!([4000]), json!([1u64 << 26]));
+    assert!(matches!(e, LensPackError::Chunk { .. }), "{e}");
+    let e = huge("ideal_height", json!([2, 1 << 26]), json!([2, 1 << 26]));
+    assert!(matches!(e, LensPackError::TooLarge { .. }), "{e}");
+    let e = huge("wavelength", json!([0]), json!([1]));
+    assert!(matches!(e, LensPackError::Metadata { .. }), "{e}");
+    let e = huge("wavelength", json!([2]), json!([0]));
+    assert!(matches!(e, LensPackError::Metadata { .. }), "{e}");
+}
+
+#[test]
+fn a_truncated_zip_is_an_error_at_every_length() {
+    let tmp = tempfile::tempdir().unwrap();
+    let whole = tmp.path().join("whole.zip");
+    write_small(&whole);
+    let bytes = fs::read(&whole).unwrap();
+    let cut = tmp.path().join("cut.zip");
+    for keep in (0..bytes.len()).step_by(97) {
+        fs::write(&cut, &bytes[..keep]).unwrap();
+        let e = read_all(&cut).expect_err("a truncated zip was read");
+        assert!(matches!(e, LensPackError::Zip { .. } | LensPackError::NotAPack { .. }), "{keep}: {e}");
+    }
+}
+
+#[test]
+fn an_unfinished_pack_leaves_nothing_and_an_old_one_is_kept() {
+    let tmp = tempfile::tempdir().unwrap();
+    for name in ["a.lens.zarr", "a.lens.zip"] {
+        let path = tmp.path().join(name);
+        let mut writer = LensPackWriter::create(&path).unwrap();
+        writer.psf(0, &small_psf(&small_lens(), 0)).unwrap();
+        assert!(!path.exists());
+        let e = writer.finish(&small_lens(), &small_attributes()).unwrap_err();
+        assert!(e.to_string().contains("2 bands, PSFs came for [0]"), "{e}");
+        assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 0);
+    }
+    let path = tmp.path().join("b.zip");
+    write_small(&path);
+    assert!(matches!(LensPackWriter::create(&path), Err(LensPackError::Exists { .. })));
+    let mut stack = small_psf(&small_lens(), 0);
+    stack.samples[3] = f32::NAN;
+    let mut writer = LensPackWriter::create(tmp.path().join("c.zip")).unwrap();
+    assert!(matches!(writer.psf(0, &stack), Err(LensPackError::Write { .. })));
+}

@@ -1,0 +1,80 @@
+//! Lens packs from outside: what is written is read, what zarr-python writes is read, what is broken is named.
+
+mod errors;
+mod fuzz;
+mod reading;
+
+use lenscube_formats::lens::{LensPack, LensPackError, PackAttributes, write};
+use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
+use std::path::{Path, PathBuf};
+
+/// Written by tests/data/make_lens_pack.py with zarr-python.
+fn fixture() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/zarr_python.lens.zip")
+}
+
+/// Two bands of different numbers of field points, heights and window sizes.
+fn small_lens() -> Lens {
+    let band = |wavelength_nm: f64, m: usize, k: usize, n: usize| LensBand {
+        wavelength_nm,
+        ideal_height_mm: (0..m).map(|i| i as f64 * 0.7).collect(),
+        image_height_mm: (0..m).map(|i| i as f64 * 0.7 - 1e-3 * (i * i) as f64).collect(),
+        relative_illumination: (0..m).map(|i| 1.0 - 0.01 * i as f64).collect(),
+        psf_height_mm: (0..k).map(|i| i as f64 * 1.1).collect(),
+        azimuth_count: (0..k).map(|i| if i == 0 { 1 } else { 8 * i }).collect(),
+        psf_size: n,
+        psf_pitch_um: 0.5 + n as f64 / 8.0,
+        psf_energy: (0..k).map(|i| 0.99 - 0.01 * i as f64).collect(),
+        solid_angle_sr: 0.088,
+        transmission: 0.9,
+    };
+    Lens {
+        name: "small".into(),
+        distortion_focal_length_mm: 99.25,
+        effective_focal_length_mm: 99.5,
+        f_number: 2.985,
+        primary_wavelength_nm: 587.5618,
+        object_distance_mm: None,
+        magnification: 0.0,
+        psf_sample: PsfSample::Integrated,
+        bands: vec![band(450.0, 6, 2, 5), band(550.0, 4, 3, 3)],
+    }
+}
+
+/// Windows of sum 1 (within f32), none like another.
+fn small_psf(lens: &Lens, b: usize) -> PsfStack {
+    let (n, k) = (lens.bands[b].psf_size, lens.bands[b].psf_height_mm.len());
+    let mut samples = Vec::new();
+    for h in 0..k {
+        let raw: Vec<f64> = (0..n * n).map(|i| 1.0 + ((i * 7 + h * 3 + b) % 11) as f64).collect();
+        let sum: f64 = raw.iter().sum();
+        samples.extend(raw.iter().map(|v| (v / sum) as f32));
+    }
+    PsfStack { size: n, pitch_um: lens.bands[b].psf_pitch_um, sample: lens.psf_sample, samples }
+}
+
+fn small_attributes() -> PackAttributes {
+    PackAttributes {
+        image_plane: Some("paraxial focus".into()),
+        defocus_mm: Some(-0.125),
+        frame: None,
+        psf_tolerance: Some(serde_json::json!({"l1": 0.01})),
+        source: Some(serde_json::json!({"program": "test"})),
+    }
+}
+
+fn write_small(path: &Path) -> Lens {
+    let lens = small_lens();
+    let stacks = (0..lens.bands.len()).map(|b| Ok::<_, LensPackError>(small_psf(&lens, b)));
+    write(path, &lens, &small_attributes(), stacks).unwrap();
+    lens
+}
+
+/// Reads all there is; the first error.
+fn read_all(path: &Path) -> Result<(), LensPackError> {
+    let pack = LensPack::open(path)?;
+    for b in 0..pack.lens().bands.len() {
+        pack.psf(b)?;
+    }
+    Ok(())
+}
