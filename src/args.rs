@@ -23,7 +23,7 @@ pub enum Command {
     /// Show what a real lens does to a chart: pictures in under a minute
     Demo(DemoArgs),
     /// Draw a test chart into a Zarr store
-    Chart(ChartArgs),
+    Chart(Box<ChartArgs>),
     /// Look at lens packs
     Lens(LensArgs),
     /// Make the film of a chart

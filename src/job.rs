@@ -15,7 +15,6 @@ use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
 use pipeline::lens::PsfSample;
 use pipeline::plan::Window;
-use pipeline::psf::kernel::NodeKernels;
 use pipeline::resample::{Interp, Surround};
 use pipeline::scene::{Reading, Stages};
 use serde_json::{Map, Value, json};
@@ -109,7 +108,7 @@ impl Job {
         // Opened again now that the cache's size is known; the first time only metadata were read.
         let chart = Chart::open(&args.chart, args.wavelengths.as_deref(), nan, memory.chart_cache)?;
         let identity = identity(args, &chart, &lens, &frame, &chart_bands)?;
-        let notes = notes(args, &chart, &lens, &frame, &plans)?;
+        let notes = notes(args, &chart, &lens, &plans)?;
         Ok(Self {
             chart,
             lens,
@@ -278,13 +277,7 @@ fn identity(
 /// Raised whenever the program gives other pixel values for the same job.
 const NUMERIC_VERSION: u32 = 1;
 
-fn notes(
-    args: &RunArgs,
-    chart: &Chart,
-    lens: &LensPack,
-    frame: &Frame,
-    plans: &[BandPlan],
-) -> Result<Vec<String>> {
+fn notes(args: &RunArgs, chart: &Chart, lens: &LensPack, plans: &[BandPlan]) -> Result<Vec<String>> {
     let mut notes = lens.notes().to_vec();
     let tables = lens.lens();
     if args.stages.contains(&Stage::Svpsf) {
@@ -296,7 +289,7 @@ fn notes(
                 100.0 * least
             ));
         }
-        notes.extend(turning_note(lens, plans, frame)?);
+        notes.extend(turning_note(lens, plans)?);
     }
     if args.film_units != FilmUnits::Relative && chart.units().is_none_or(|u| !is_radiance(u)) {
         notes.push(format!(
@@ -312,22 +305,21 @@ fn notes(
 }
 
 /// For integrated samples that are turned by more than quarter turns: the estimated error at the primary wavelength.
-fn turning_note(lens: &LensPack, plans: &[BandPlan], frame: &Frame) -> Result<Option<String>> {
+fn turning_note(lens: &LensPack, plans: &[BandPlan]) -> Result<Option<String>> {
     let tables = lens.lens();
     let turned = plans.iter().filter_map(|p| p.grid.as_ref()).any(|g| g.azimuths().iter().any(|&j| j > 4));
     if tables.psf_sample != PsfSample::Integrated || !turned {
         return Ok(None);
     }
-    let off = |p: &&BandPlan| (p.lens.wavelength_nm - tables.primary_wavelength_nm).abs();
-    let Some(plan) = plans.iter().min_by(|a, b| off(a).total_cmp(&off(b))) else { return Ok(None) };
-    let kernels = NodeKernels::new(&lens.psf(plan.choice.first)?, frame.pitch_um, None);
-    Ok(Some(format!(
-        "the lens pack's PSFs are integrated over {} µm: exact at quarter turns, turned by cubic interpolation between; \
-         estimated error there {:.1} % of the light (L1, worst height at {} nm); a pack of point samples has none of it",
-        plan.lens.psf_pitch_um,
-        100.0 * kernels.turning_error(),
-        plan.lens.wavelength_nm
-    )))
+    Ok(crate::lens::turning_error(lens)?.map(|error| {
+        format!(
+            "the lens pack's PSFs are integrated over their pitch: exact at quarter turns, turned by cubic interpolation \
+             between; estimated error there {:.0} % of the light (L1, worst height at {:.0} nm); a pack of point samples \
+             has none of it",
+            100.0 * error,
+            tables.primary_wavelength_nm
+        )
+    }))
 }
 
 fn is_radiance(units: &str) -> bool {

@@ -4,6 +4,7 @@ mod args;
 mod chart;
 mod failure;
 mod job;
+mod lens;
 mod memory;
 mod open;
 mod progress;
@@ -18,6 +19,7 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Run(args) => run::command(args),
+        Command::Lens(args) => lens::command(args).map(|()| 0),
         _ => Ok(0),
     };
     match result {
