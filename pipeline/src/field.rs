@@ -43,39 +43,55 @@ impl Outside {
 #[derive(Clone, Debug)]
 pub struct Field {
     real_px: Vec<f64>,
-    ideal_px: Vec<f64>,
-    illumination: Vec<f64>,
-    paraxial: f64,
+    steps: Vec<Step>,
+    paraxial: (f64, f64),
     buckets: Vec<u32>,
     per_px: f64,
+}
+
+/// Between two field points: h = h_at + h_slope·r, R = gain_at + gain_slope·r.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    h_at: f64,
+    h_slope: f64,
+    gain_at: f64,
+    gain_slope: f64,
 }
 
 impl Field {
     /// The tables of `band` on a film of `pitch_mm`. Without `distortion` h = r; without `illumination` R = 1; `gain`
     /// multiplies R (film units).
     pub fn new(band: &LensBand, pitch_mm: f64, distortion: bool, illumination: bool, gain: f64) -> Self {
-        let px = |table: &[f64]| -> Vec<f64> { table.iter().map(|h| h / pitch_mm).collect() };
-        let real_px = px(&band.image_height_mm);
-        let ideal_px = if distortion { px(&band.ideal_height_mm) } else { real_px.clone() };
+        let real = &band.image_height_mm;
+        let ideal = if distortion { &band.ideal_height_mm } else { real };
+        let ri = &band.relative_illumination;
+        let step = |i: usize| {
+            let slope = |t: &[f64]| (t[i + 1] - t[i]) / (real[i + 1] - real[i]);
+            let (h_slope, r_slope) = (slope(ideal), if illumination { slope(ri) } else { 0.0 });
+            Step {
+                h_at: (ideal[i] - h_slope * real[i]) / pitch_mm,
+                h_slope,
+                gain_at: gain * if illumination { ri[i] - r_slope * real[i] } else { 1.0 },
+                gain_slope: gain * r_slope * pitch_mm,
+            }
+        };
+        let real_px: Vec<f64> = real.iter().map(|h| h / pitch_mm).collect();
         let last = real_px[real_px.len() - 1];
-        let count = 2 * real_px.len();
+        let count = 4 * real_px.len();
         let per_px = count as f64 / last;
         let mut buckets = Vec::with_capacity(count + 1);
         let mut i = 0;
         for b in 0..=count {
-            while i + 2 < real_px.len() && real_px[i + 1] <= b as f64 / per_px {
+            // A hair early, so that rounding in the lookup never starts beyond its step.
+            while i + 2 < real_px.len() && real_px[i + 1] <= (b as f64 - 1e-6) / per_px {
                 i += 1;
             }
             buckets.push(i as u32);
         }
         Self {
-            paraxial: if distortion { band.ideal_height_mm[1] / band.image_height_mm[1] } else { 1.0 },
-            illumination: match illumination {
-                true => band.relative_illumination.iter().map(|r| r * gain).collect(),
-                false => vec![gain; real_px.len()],
-            },
+            paraxial: (ideal[1] / real[1], if illumination { gain * ri[0] } else { gain }),
+            steps: (0..real.len() - 1).map(step).collect(),
             real_px,
-            ideal_px,
             buckets,
             per_px,
         }
@@ -86,18 +102,15 @@ impl Field {
     pub fn at(&self, r_px: f64) -> (f64, f64) {
         let last = self.real_px.len() - 1;
         let r = r_px.min(self.real_px[last]);
-        // The bucket's first point may lie a step off by rounding: walk both ways.
         let mut i = self.buckets[((r * self.per_px) as usize).min(self.buckets.len() - 1)] as usize;
-        while i > 0 && self.real_px[i] > r {
-            i -= 1;
-        }
         while i + 2 <= last && self.real_px[i + 1] <= r {
             i += 1;
         }
-        let u = (r - self.real_px[i]) / (self.real_px[i + 1] - self.real_px[i]);
-        let between = |t: &[f64]| t[i] + u * (t[i + 1] - t[i]);
-        let magnification = if r > 0.0 { between(&self.ideal_px) / r } else { self.paraxial };
-        (magnification, between(&self.illumination))
+        let s = &self.steps[i];
+        match r > 0.0 {
+            true => (s.h_slope + s.h_at / r, s.gain_at + s.gain_slope * r),
+            false => self.paraxial,
+        }
     }
 }
 

@@ -53,9 +53,11 @@ const SNAP: f64 = 1.0 / (1u64 << 30) as f64;
 impl Coordinate {
     #[inline]
     pub(crate) fn new(at: f64) -> Self {
-        let cell = at.floor();
-        let fraction = at - cell;
-        Self { cell: cell as i64, fraction: if fraction < SNAP { 0.0 } else { fraction as f32 } }
+        // floor by truncation: `f64::floor` is a call on x86-64 without SSE4.1.
+        let truncated = at as i64;
+        let cell = truncated - i64::from((truncated as f64) > at);
+        let fraction = at - cell as f64;
+        Self { cell, fraction: if fraction < SNAP { 0.0 } else { fraction as f32 } }
     }
 }
 
@@ -74,12 +76,15 @@ pub(crate) fn cubic(f: f32) -> [f32; 4] {
 #[inline(always)]
 pub(crate) fn bicubic(from: &[f32], stride: usize, fy: f32, fx: f32) -> f32 {
     let (wy, wx) = (cubic(fy), cubic(fx));
-    let mut sum = 0.0;
+    // Columns stay in lanes until the end: four multiply-adds of four lanes, one sum across.
+    let mut lanes = [0f32; 4];
     for (i, wy) in wy.iter().enumerate() {
-        let p = &from[i * stride..][..4];
-        sum += wy * (wx[0] * p[0] + wx[1] * p[1] + wx[2] * p[2] + wx[3] * p[3]);
+        let p: &[f32; 4] = from[i * stride..][..4].try_into().expect("four");
+        for (lane, p) in lanes.iter_mut().zip(p) {
+            *lane += wy * p;
+        }
     }
-    sum
+    (wx[0] * lanes[0] + wx[1] * lanes[1]) + (wx[2] * lanes[2] + wx[3] * lanes[3])
 }
 
 /// Bilinear value from the 2 × 2 pixels that start at `from`, rows `stride` apart.
