@@ -31,6 +31,13 @@ pub(super) fn write_atomic<T>(
     Ok(done)
 }
 
+/// Writes text, atomically.
+pub(super) fn write_text(path: &Path, text: &str) -> Result<(), PictureError> {
+    write_atomic(path, |out| {
+        out.write_all(text.as_bytes()).map_err(|source| PictureError::Write { path: path.to_owned(), source })
+    })
+}
+
 /// Removes what was begun, unless it has been renamed.
 struct Temporary(PathBuf);
 

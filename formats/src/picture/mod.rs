@@ -11,14 +11,14 @@
 //! made of half the bands would be a wrong one.
 
 mod average;
-//pub mod curve;
+pub mod curve;
 pub mod exposure;
-//pub mod figure;
+pub mod figure;
 pub mod file;
 pub mod grey;
 pub mod image;
 pub mod preview;
-//pub mod sheet;
+pub mod sheet;
 
 use std::path::PathBuf;
 
