@@ -5,4 +5,5 @@ pub mod durable;
 pub mod film;
 mod hierarchy;
 pub mod lens;
+pub mod picture;
 mod shard;

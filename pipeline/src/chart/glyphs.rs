@@ -1,9 +1,10 @@
-//! Letters of 5 × 7 dots for the charts' legends: drawn in whole pixels, so even the smallest is sharp on the chart.
+//! Letters of 5 × 7 dots for legends on charts and captions on pictures: all of printable ASCII, drawn in whole pixels,
+//! so even the smallest is sharp. What hangs below the line (g, p, q, y) stands on it here: seven rows are all there are.
 
 /// Columns from one letter to the next, in dots.
-pub(super) const ADVANCE: usize = 6;
+pub const ADVANCE: usize = 6;
 /// Rows of a letter, in dots.
-pub(super) const HEIGHT: usize = 7;
+pub const HEIGHT: usize = 7;
 
 /// Rows from the top, bit 4 on the left. What has no letter is a blank.
 #[rustfmt::skip]
@@ -27,22 +28,46 @@ const fn rows(letter: char) -> [u8; HEIGHT] {
         'U' => [17, 17, 17, 17, 17, 17, 14], 'V' => [17, 17, 17, 17, 17, 10, 4],
         'W' => [17, 17, 17, 21, 21, 21, 10], 'X' => [17, 17, 10, 4, 10, 17, 17],
         'Y' => [17, 17, 17, 10, 4, 4, 4],    'Z' => [31, 1, 2, 4, 8, 16, 31],
-        '.' => [0, 0, 0, 0, 0, 12, 12],      '-' => [0, 0, 0, 31, 0, 0, 0],
-        '/' => [0, 1, 2, 4, 8, 16, 0],       '+' => [0, 4, 4, 31, 4, 4, 0],
+        'a' => [0, 0, 14, 1, 15, 17, 15],    'b' => [16, 16, 22, 25, 17, 17, 30],
+        'c' => [0, 0, 14, 16, 16, 17, 14],   'd' => [1, 1, 13, 19, 17, 17, 15],
+        'e' => [0, 0, 14, 17, 31, 16, 14],   'f' => [6, 9, 8, 28, 8, 8, 8],
+        'g' => [0, 0, 15, 17, 15, 1, 14],    'h' => [16, 16, 22, 25, 17, 17, 17],
+        'i' => [4, 0, 12, 4, 4, 4, 14],      'j' => [2, 0, 6, 2, 2, 18, 12],
+        'k' => [16, 16, 18, 20, 24, 20, 18], 'l' => [12, 4, 4, 4, 4, 4, 14],
         'm' => [0, 0, 26, 21, 21, 17, 17],   'n' => [0, 0, 22, 25, 17, 17, 17],
-        'p' => [0, 0, 30, 17, 30, 16, 16],   'x' => [0, 0, 17, 10, 4, 10, 17],
-        'y' => [0, 0, 17, 17, 15, 1, 14],
+        'o' => [0, 0, 14, 17, 17, 17, 14],   'p' => [0, 0, 30, 17, 30, 16, 16],
+        'q' => [0, 0, 13, 19, 15, 1, 1],     'r' => [0, 0, 22, 25, 16, 16, 16],
+        's' => [0, 0, 14, 16, 14, 1, 30],    't' => [8, 8, 28, 8, 8, 9, 6],
+        'u' => [0, 0, 17, 17, 17, 19, 13],   'v' => [0, 0, 17, 17, 17, 10, 4],
+        'w' => [0, 0, 17, 17, 21, 21, 10],   'x' => [0, 0, 17, 10, 4, 10, 17],
+        'y' => [0, 0, 17, 17, 15, 1, 14],    'z' => [0, 0, 31, 2, 4, 8, 31],
+        '.' => [0, 0, 0, 0, 0, 12, 12],      ',' => [0, 0, 0, 0, 12, 4, 8],
+        ':' => [0, 12, 12, 0, 12, 12, 0],    ';' => [0, 12, 12, 0, 12, 4, 8],
+        '-' => [0, 0, 0, 31, 0, 0, 0],       '_' => [0, 0, 0, 0, 0, 0, 31],
+        '/' => [0, 1, 2, 4, 8, 16, 0],       '\\' => [0, 16, 8, 4, 2, 1, 0],
+        '+' => [0, 4, 4, 31, 4, 4, 0],       '=' => [0, 0, 31, 0, 31, 0, 0],
+        '*' => [0, 4, 21, 14, 21, 4, 0],     '%' => [24, 25, 2, 4, 8, 19, 3],
+        '(' => [2, 4, 8, 8, 8, 4, 2],        ')' => [8, 4, 2, 2, 2, 4, 8],
+        '[' => [14, 8, 8, 8, 8, 8, 14],      ']' => [14, 2, 2, 2, 2, 2, 14],
+        '{' => [6, 4, 4, 8, 4, 4, 6],        '}' => [12, 4, 4, 2, 4, 4, 12],
+        '<' => [2, 4, 8, 16, 8, 4, 2],       '>' => [8, 4, 2, 1, 2, 4, 8],
+        '!' => [4, 4, 4, 4, 4, 0, 4],        '?' => [14, 17, 1, 2, 4, 0, 4],
+        '\'' => [12, 4, 8, 0, 0, 0, 0],      '"' => [10, 10, 10, 0, 0, 0, 0],
+        '#' => [10, 10, 31, 10, 31, 10, 10], '$' => [4, 15, 20, 14, 5, 30, 4],
+        '&' => [12, 18, 20, 8, 21, 18, 13],  '@' => [14, 17, 1, 13, 21, 21, 14],
+        '^' => [4, 10, 17, 0, 0, 0, 0],      '`' => [8, 4, 2, 0, 0, 0, 0],
+        '|' => [4, 4, 4, 4, 4, 4, 4],        '~' => [0, 0, 8, 21, 2, 0, 0],
         _ => [0; HEIGHT],
     }
 }
 
 /// Width of a line of text in dots, without the last gap.
-pub(super) fn width(text: &str) -> usize {
+pub fn width(text: &str) -> usize {
     (text.chars().count() * ADVANCE).saturating_sub(1)
 }
 
 /// Runs of dots (row, first column, end column) of a line of text, from its top left.
-pub(super) fn runs(text: &str) -> Vec<(usize, usize, usize)> {
+pub fn runs(text: &str) -> Vec<(usize, usize, usize)> {
     let mut runs = Vec::new();
     for (i, letter) in text.chars().enumerate() {
         for (row, bits) in rows(letter).into_iter().enumerate() {
@@ -65,5 +90,14 @@ mod tests {
         assert_eq!(runs("T")[..2], [(0, 0, 5), (1, 2, 3)]);
         assert_eq!(runs(" L").iter().filter(|r| r.1 == 6).count(), 7);
         assert_eq!((width("AB"), width("")), (11, 0));
+    }
+
+    #[test]
+    fn every_printable_letter_is_its_own() {
+        let all: Vec<char> = ('!'..='~').collect();
+        for (i, &a) in all.iter().enumerate() {
+            assert!(rows(a).iter().any(|&r| r != 0) && rows(a).iter().all(|&r| r < 32), "{a}");
+            assert!(all[..i].iter().all(|&b| rows(a) != rows(b)), "{a}");
+        }
     }
 }

@@ -11,7 +11,7 @@
 
 mod composite;
 mod coverage;
-mod glyphs;
+pub mod glyphs;
 mod inks;
 mod picture;
 mod sheet;
