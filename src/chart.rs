@@ -5,10 +5,11 @@ use crate::failure::{other_job, usage};
 use crate::job::{codec, threads};
 use crate::progress::say;
 use anyhow::Result;
-use formats::chart::{ChartMeta, WriteError, write_chart};
+use formats::chart::{ChartMeta, Codec, WriteError, remove_chart, write_chart};
 use indicatif::{ProgressBar, ProgressStyle};
 use pipeline::chart::{ChartSpec, Generator, Kind};
 use serde_json::Map;
+use std::path::Path;
 
 /// Runs the command.
 pub fn command(args: &ChartArgs) -> Result<()> {
@@ -37,12 +38,13 @@ pub fn command(args: &ChartArgs) -> Result<()> {
         }
     }
     let chart = Generator::new(spec).map_err(|e| usage(e.to_string()))?;
-    write(&chart, args)
+    write(&chart, &args.out, codec(args.codec), threads(args.threads), args.overwrite)
 }
 
-fn write(chart: &Generator, args: &ChartArgs) -> Result<()> {
-    if args.overwrite && args.out.exists() {
-        formats::chart::remove_chart(&args.out)?;
+/// Writes a drawn chart into a store at `out`.
+pub fn write(chart: &Generator, out: &Path, codec: Codec, threads: usize, overwrite: bool) -> Result<()> {
+    if overwrite {
+        remove_chart(out)?;
     }
     let mut attributes = Map::new();
     attributes.insert("chart".into(), chart.spec().to_string().into());
@@ -60,7 +62,7 @@ fn write(chart: &Generator, args: &ChartArgs) -> Result<()> {
         bar.set_length(all);
         bar.set_position(done);
     };
-    let result = write_chart(&args.out, chart, &meta, codec(args.codec), threads(args.threads), &progress);
+    let result = write_chart(out, chart, &meta, codec, threads, &progress);
     bar.finish_and_clear();
     let report = result.map_err(|e| match e {
         WriteError::Exists { .. } => other_job(format!("{e}, or replace it with --overwrite")),
@@ -68,7 +70,7 @@ fn write(chart: &Generator, args: &ChartArgs) -> Result<()> {
     })?;
     say(format!(
         "{}: {} bands of {} px for a film of {}, {} shards, {:.2} GB",
-        args.out.display(),
+        out.display(),
         meta.wavelengths_nm.len(),
         pipeline::flow::ChartSource::size(chart),
         chart.film_size(),

@@ -2,6 +2,8 @@
 
 mod args;
 mod chart;
+mod demo;
+mod export;
 mod failure;
 mod job;
 mod lens;
@@ -20,7 +22,8 @@ fn main() -> ExitCode {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Run(args) => run::command(args),
         Command::Lens(args) => lens::command(args).map(|()| 0),
-        _ => Ok(0),
+        Command::Export(args) => export::command(args).map(|()| 0),
+        Command::Demo(args) => demo::command(args),
     };
     match result {
         Ok(code) => ExitCode::from(code),

@@ -43,6 +43,8 @@ pub enum NanPolicy {
     Error,
     /// Read as 0, and counted.
     Zero,
+    /// Read as they are: for looking at films that are not complete.
+    Keep,
 }
 
 /// How to open a chart.

@@ -85,6 +85,7 @@ impl ChartStore {
                     self.counters.replaced.lock().expect("no panic while counting").insert(number, pixels);
                     fill = 0.0;
                 }
+                NanPolicy::Keep => (),
             }
         }
         Piece { bands, rect, data: Vec::new(), fill, missing: true, bad }
