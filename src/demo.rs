@@ -13,13 +13,14 @@ use crate::run;
 use anyhow::{Context, Result};
 use clap::Parser;
 use formats::chart::{Codec, NanPolicy};
-use formats::picture::View;
+use formats::picture::{View, nearest_band};
 use formats::picture::curve::write_lens_curves;
 use formats::picture::exposure::Exposure;
 use formats::picture::image::Image;
 use formats::picture::preview::{PreviewOptions, preview};
 use formats::picture::sheet::{Crop, contact_sheet};
 use pipeline::chart::Generator;
+use pipeline::colour::srgb_encode;
 use pipeline::geometry::{Rect, Size};
 use std::path::Path;
 
@@ -131,8 +132,34 @@ fn sheet(dir: &Path, full: &str, windows: &[Rect], threads: usize) -> Result<()>
             Crop { image: after, caption: format!("film, {name}, r = {r_mm:.1} mm, at 100 %") },
         ]);
     }
+    let (last, (name, _)) = (STATIONS.len() - 1, STATIONS[STATIONS.len() - 1]);
+    let corner = Chart::open(
+        &format!("{}//roi_{last}", text(&dir.join("windows.zarr"))),
+        None,
+        NanPolicy::Keep,
+        0,
+    )?;
+    let alone = |nm: f64| -> Result<Crop> {
+        Ok(Crop { image: grey(&corner, nm)?, caption: format!("film, {name}, {nm:.0} nm alone") })
+    };
+    pairs.push([alone(550.0)?, alone(400.0)?]);
     let sheet = contact_sheet("Double Gauss 28, 2 um film: chart against film", &pairs, 1)?;
     Ok(sheet.write_png(&dir.join("windows.png"), "lenscube demo: chart against film at 100 %")?)
+}
+
+/// One band in grey, its brightest pixel white.
+fn grey(chart: &Chart, wavelength_nm: f64) -> Result<Image> {
+    let (size, band) = (chart.size(), nearest_band(&chart.wavelengths_nm()?, wavelength_nm)?);
+    let mut pixels = vec![0f32; size.pixels()];
+    chart.source().read(band, size.rect(), &mut pixels).map_err(anyhow::Error::from_boxed)?;
+    let white = pixels.iter().fold(f32::MIN_POSITIVE, |m, v| m.max(*v));
+    let mut image = Image::new(size, [0; 3]);
+    for (y, line) in pixels.chunks_exact(size.width).enumerate() {
+        for (to, v) in image.row_mut(y).iter_mut().zip(line) {
+            *to = [(255.0 * srgb_encode(f64::from(v / white).max(0.0))).round() as u8; 3];
+        }
+    }
+    Ok(image)
 }
 
 fn words(dir: &Path) {
