@@ -1,11 +1,12 @@
 //! A lens's tables as curves: relative illumination and distortion over REAL image height, a few wavelengths each.
 //!
-//!   distortion = (real − ideal) / ideal · 100 %,   ideal = f·tan(field angle)
+//!   distortion = (real − ideal) / ideal · 100 %,   ideal = f·tan w, w the field angle,
 //! with f the DISTORTION focal length of the primary wavelength for all wavelengths, so lateral colour shows as curves
 //! that part already on axis. At height 0 the quotient is taken as its limit: it is even in height, so the first two
 //! field points off axis give it as D₁ − (D₂ − D₁)·r₁²/(r₂² − r₁²).
 //! Up to six wavelengths are drawn, evenly chosen with the first, the last and the one nearest the primary, which is
-//! heavy. Each has its own colour as an eye sees it, darkened to stand out from paper.
+//! heavy. The distortion axis names f and its wavelength. Each curve has its own colour as an eye sees it, darkened to
+//! stand out from paper.
 
 use std::path::Path;
 
@@ -19,16 +20,16 @@ use pipeline::lens::{Lens, LensBand};
 /// Most wavelengths in one plot.
 const MOST_CURVES: usize = 6;
 /// Least size at which labels do not collide.
-const LEAST: Size = Size::new(400, 600);
+const LEAST: Size = Size::new(700, 700);
 const BLACK: Rgb = [0; 3];
 const GREY: Rgb = [222; 3];
 /// Pixels left of, right of, above and below the plots, and between them.
-const MARGIN: (f64, f64, f64, f64, f64) = (120.0, 150.0, 60.0, 60.0, 40.0);
+const MARGIN: (f64, f64, f64, f64, f64) = (136.0, 150.0, 60.0, 60.0, 40.0);
 
 /// Draws the curves of a lens.
 ///
 /// # Errors
-/// If `size` is below 600 × 400, or the lens has no band.
+/// If `size` is below 700 × 700, or the lens has no band.
 pub fn lens_curves(lens: &Lens, size: Size) -> Result<Figure, PictureError> {
     let bad = |setting, problem| Err(PictureError::Setting { setting, problem });
     if size.height < LEAST.height || size.width < LEAST.width {
@@ -61,12 +62,11 @@ pub fn lens_curves(lens: &Lens, size: Size) -> Result<Figure, PictureError> {
     let upper = panel(0.0, range(&illumination, 1.0));
     upper.draw(&mut marks, "relative illumination", None);
     let lower = panel(1.0, range(&distortion, 0.0));
-    lower.draw(&mut marks, "distortion (%)", Some("real image height (mm)"));
-    let reference = format!(
-        "of f tan(field angle), f = {:.4} mm at {} nm",
-        lens.distortion_focal_length_mm, lens.primary_wavelength_nm
-    );
-    marks.push(text((left - 78.0, (lower.top + lower.bottom) / 2.0), reference, 1, Anchor::Middle, true));
+    lower.draw(&mut marks, "distortion (% of f tan w)", Some("real image height (mm)"));
+    let reference =
+        format!("f = {:.4} mm, {} nm", lens.distortion_focal_length_mm, lens.primary_wavelength_nm);
+    let middle = (lower.top + lower.bottom) / 2.0;
+    marks.push(text((left - 92.0, middle), reference, 2, Anchor::Middle, true));
     // The heavy curve last: it lies on top.
     let order =
         (0..chosen.len()).filter(|&i| chosen[i] != heavy).chain(chosen.iter().position(|&b| b == heavy));
@@ -148,15 +148,12 @@ fn range(curves: &[Vec<(f64, f64)>], also: f64) -> (f64, f64) {
 
 /// A wavelength's own colour, dark enough to read on white.
 fn ink(nm: f64) -> Rgb {
-    // Beyond what the eye sees colours go on as at its ends.
-    let xyz = colour::observer(nm.clamp(410.0, 680.0));
-    let rgb = colour::xyz_to_linear_srgb(xyz);
-    let least = rgb.iter().fold(0f64, |a, &b| a.min(b));
-    let rgb = rgb.map(|v| v - least);
+    // Beyond what the eye sees well hues stay as at its ends; from 640 nm up, where all are one red, they darken.
+    let rgb = colour::xyz_to_linear_srgb(colour::observer(nm.clamp(410.0, 680.0))).map(|v| v.max(0.0));
     let most = rgb.iter().fold(1e-12, |a: f64, &b| a.max(b));
     let luminance = (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]) / most;
     // Contrast of at least 4.5 against white asks for luminance up to 0.18.
-    let scale = (0.18 / luminance).min(1.0) / most;
+    let scale = (0.18 / luminance).min(1.0) / most * (1.0 - (nm - 640.0) / 80.0).clamp(0.25, 1.0);
     rgb.map(|v| (255.0 * colour::srgb_encode(v * scale)).round() as u8)
 }
 
@@ -223,7 +220,7 @@ impl Panel {
         ];
         marks.push(Mark::Line { points: corners.into(), width: 1.0, colour: BLACK });
         let middle = (self.top + self.bottom) / 2.0;
-        marks.push(text((self.left - 98.0, middle), y_label.into(), 2, Anchor::Middle, true));
+        marks.push(text((self.left - 116.0, middle), y_label.into(), 2, Anchor::Middle, true));
         if let Some(x_label) = x_label {
             let at = ((self.left + self.right) / 2.0, self.bottom + 42.0);
             marks.push(text(at, x_label.into(), 2, Anchor::Middle, false));
@@ -347,9 +344,7 @@ mod tests {
             write_lens_curves(&folder.path().join(name), &lens(1), size).unwrap();
         }
         assert!(
-            std::fs::read_to_string(folder.path().join("c.svg"))
-                .unwrap()
-                .contains("f = 30.0000 mm at 550 nm")
+            std::fs::read_to_string(folder.path().join("c.svg")).unwrap().contains("f = 30.0000 mm, 550 nm")
         );
         assert!(lens_curves(&lens(3), Size::new(100, 100)).is_err());
         assert!(lens_curves(&Lens { bands: vec![], ..lens(1) }, size).is_err());

@@ -1,10 +1,10 @@
 //! Pictures of charts, films and lenses: PNG (and SVG) for people to look at, never a data format.
 //!
 //! [`preview`] shows a stack of bands in colour, [`grey`] one band; both read any [`ChartSource`] once (twice where the
-//! exposure of a grey picture is to be found) in strips, averaging over area on the way ([`average`]), so that memory
+//! exposure of a grey picture is to be found) in strips, averaging over area on the way (`average.rs`), so that memory
 //! holds the picture, or only a strip, never the cube. [`exposure`] says which value becomes white. [`sheet`] sets
 //! crops side by side, [`curve`] plots a lens's tables through the marks of [`figure`]; both draw on the [`image`].
-//! A file appears whole or not at all: [`file`](mod@file) writes under another name and renames.
+//! A file appears whole or not at all: `file.rs` writes under another name and renames.
 //!
 //! Pixels that are NaN or infinite (shards not yet written) are MISSING: averages leave them out, a picture's pixel with
 //! nothing left shows as a grey chequer, and both are counted. For colour, a pixel is missing if any band is: a colour
@@ -14,7 +14,7 @@ mod average;
 pub mod curve;
 pub mod exposure;
 pub mod figure;
-pub mod file;
+mod file;
 pub mod grey;
 pub mod image;
 pub mod preview;
