@@ -5,6 +5,7 @@
 //! 3. [`ray`]: real rays from a field point through [`surface`] after surface; [`scalar`] lets them carry derivatives.
 //! 4. [`pupil`]: the open part of the pupil (apertures vignette) and where to sample it.
 //! 5. [`illumination`]: RI = its area in direction cosines. [`psf`]: a Huygens sum over its rays, by [`nufft`]. [`spots`]: geometry.
+//! 6. [`trace`]: pitch and window by the light they hold, heights and azimuths by error; one band of a [`crate::lens::Lens`] at a time.
 //!
 //! Frame: z along the light, the field point's image on +x; the meridian y = 0 mirrors everything. mm, wavelengths in µm.
 
@@ -13,6 +14,7 @@ pub mod describe;
 pub mod error;
 pub mod film_pixel;
 pub mod glass;
+mod grid;
 pub mod illumination;
 pub mod nufft;
 pub mod paraxial;
@@ -24,8 +26,10 @@ pub mod spots;
 pub mod surface;
 pub mod system;
 mod text;
+pub mod trace;
 pub mod zmx;
 
 pub use describe::{Description, describe};
 pub use error::DesignError;
 pub use system::System;
+pub use trace::{TraceOptions, trace_lens};

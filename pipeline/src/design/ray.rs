@@ -257,7 +257,7 @@ impl<'a> Tracer<'a> {
         let mut t = height_mm / f;
         let fail = |problem: String| DesignError::Height {
             wanted_mm: height_mm,
-            reached_mm: f64::NAN,
+            reached_mm: self.reach_mm(height_mm),
             wavelength_um: self.wavelength_um,
             problem,
         };
@@ -278,6 +278,13 @@ impl<'a> Tracer<'a> {
             t = next.clamp(0.0, 3.0 * t.max(1e-9));
         }
         Err(fail("no chief ray lands there".to_owned()))
+    }
+
+    /// Highest chief ray found on the way out to `height_mm`, mm.
+    fn reach_mm(&self, height_mm: f64) -> f64 {
+        let step = 0.01 * height_mm / self.ideal_scale_mm();
+        let heights = (1..=150).map_while(|i| self.chief_height_mm(step * f64::from(i)).ok());
+        heights.fold(0.0, f64::max)
     }
 
     /// By how much, and at which surface, the ray through (p, q) oversteps an aperture: (r²/a² − 1, surface); rays that
