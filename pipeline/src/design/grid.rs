@@ -19,6 +19,9 @@ use super::psf::{PsfGrid, PsfScratch, PupilFunction};
 use super::ray::Tracer;
 use super::trace::{Azimuths, PsfHeights, TraceOptions};
 
+/// Part of the tolerance that the grid itself may use: the rest is for the kernel builder's turning, and keeps the median
+/// of the error over the film at half the tolerance (measured: 0.47 % for 1 %).
+const GRID_SHARE: f64 = 0.8;
 /// Probing heights.
 const PROBES: usize = 24;
 /// Most azimuths of a height.
@@ -124,7 +127,8 @@ pub(crate) fn choose(
     if let (Some(heights), Azimuths::Given(j)) = (&given, options.azimuths) {
         return Ok(with_axis(heights.clone(), vec![j; heights.len()], None));
     }
-    let part = 0.5 * options.psf_tolerance;
+    let tolerance = GRID_SHARE * options.psf_tolerance;
+    let part = 0.5 * tolerance;
     let probes: Vec<f64> = (1..=PROBES).map(|i| last_mm * i as f64 / PROBES as f64).collect();
     tell("probing", 0);
     let azimuth_need = match options.azimuths {
@@ -143,13 +147,13 @@ pub(crate) fn choose(
     for round in 0..ROUNDS {
         let errors = check(kernels, &mut cache, &heights, &azimuths, tell)?;
         bound = errors.iter().map(|e| e.whole).fold(0.0, f64::max);
-        if bound <= options.psf_tolerance || round + 1 == ROUNDS {
+        if bound <= tolerance || round + 1 == ROUNDS {
             break;
         }
         let (mut new_heights, mut new_azimuths) = (vec![heights[0]], vec![azimuths[0]]);
         let mut grow = vec![false; heights.len()];
         for (k, e) in errors.iter().enumerate() {
-            let fails = e.whole > options.psf_tolerance;
+            let fails = e.whole > tolerance;
             let split = fails && free_heights && (e.radial >= e.angular || !free_azimuths);
             if fails && !split && free_azimuths {
                 grow[k] = true;

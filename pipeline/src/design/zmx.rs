@@ -320,7 +320,7 @@ impl Reader {
         let object_distance_mm = object.is_finite().then_some(object);
         let mut surfaces = Vec::new();
         for (i, draft) in self.surfaces.iter().enumerate().skip(1) {
-            surfaces.push(draft.surface(i, i == count - 1)?);
+            surfaces.push(draft.surface(i, i == count - 1, scale)?);
         }
         if let Some((line, text)) = self.vignetting {
             if surfaces.iter().all(|s| s.aperture_mm.is_none()) {
@@ -367,7 +367,7 @@ impl Reader {
 }
 
 impl Draft {
-    fn surface(&self, index: usize, is_image: bool) -> Result<Surface, DesignError> {
+    fn surface(&self, index: usize, is_image: bool, scale: f64) -> Result<Surface, DesignError> {
         let mut shape = self.shape.clone();
         for (i, v, line, text) in &self.parameters {
             if !self.asphere || !(1..=8).contains(i) {
@@ -377,7 +377,7 @@ impl Draft {
             if shape.aspheric.len() < *i {
                 shape.aspheric.resize(*i, 0.0);
             }
-            shape.aspheric[i - 1] = *v;
+            shape.aspheric[i - 1] = *v / scale.powi(2 * *i as i32 - 1);
         }
         if !is_image && !self.thickness.is_finite() {
             let problem = format!("has an infinite gap behind surface {index}");
