@@ -2,7 +2,7 @@
 //!
 //! Per band: dense chief-ray heights and RI; one sample pitch, film pitch / m with the least m that stays 10 % finer than the
 //! Nyquist pitch λN/2 of the fastest, most oblique cone; one window, the least odd number of film pixels that holds the share
-//! `energy` of the light of every field point looked at; then the PSFs, at heights and azimuth counts that [`super::grid`]
+//! `energy` of the light of every field point looked at; then the PSFs, at heights and azimuth counts that `grid`
 //! chooses by error. Heights are REAL image heights in mm. Only one band's samples are alive at a time.
 //! Same bits for any number of threads: each PSF is summed by one thread in a fixed order.
 //! Left out: transmission (1), and light between the window and infinity, whose share is recorded.
