@@ -13,12 +13,12 @@ use crate::run;
 use anyhow::{Context, Result};
 use clap::Parser;
 use formats::chart::{Codec, NanPolicy};
-use formats::picture::{View, nearest_band};
 use formats::picture::curve::write_lens_curves;
 use formats::picture::exposure::Exposure;
 use formats::picture::image::Image;
 use formats::picture::preview::{PreviewOptions, preview};
 use formats::picture::sheet::{Crop, contact_sheet};
+use formats::picture::{View, nearest_band};
 use pipeline::chart::Generator;
 use pipeline::colour::srgb_encode;
 use pipeline::geometry::{Rect, Size};
@@ -133,12 +133,8 @@ fn sheet(dir: &Path, full: &str, windows: &[Rect], threads: usize) -> Result<()>
         ]);
     }
     let (last, (name, _)) = (STATIONS.len() - 1, STATIONS[STATIONS.len() - 1]);
-    let corner = Chart::open(
-        &format!("{}//roi_{last}", text(&dir.join("windows.zarr"))),
-        None,
-        NanPolicy::Keep,
-        0,
-    )?;
+    let corner =
+        Chart::open(&format!("{}//roi_{last}", text(&dir.join("windows.zarr"))), None, NanPolicy::Keep, 0)?;
     let alone = |nm: f64| -> Result<Crop> {
         Ok(Crop { image: grey(&corner, nm)?, caption: format!("film, {name}, {nm:.0} nm alone") })
     };

@@ -15,7 +15,7 @@
 //!
 //! [`executor`] runs this on all cores with bounded queues and the same bits for any number of threads; [`flow`] holds the
 //! doors (where charts come from, where films go). Beside the path: [`chart`] draws charts without a store ([`colour`],
-//! [`wavelengths`] serve it).
+//! [`wavelengths`] serve it); [`design`] makes a lens's tables and PSFs from its prescription.
 
 pub mod band;
 pub mod buffer;
@@ -23,6 +23,7 @@ pub mod chart;
 pub mod colour;
 pub mod executor;
 pub mod field;
+pub mod design;
 pub mod flow;
 pub mod geometry;
 pub mod lens;

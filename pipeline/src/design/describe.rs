@@ -1,0 +1,101 @@
+//! A lens's figures under the names a designer expects, at the primary wavelength.
+//!
+//! First-order figures are those of [`super::paraxial`]; *working F-number* is real: 1/(2 sin of the marginal ray's mean angle), from the
+//! projected solid angle, Ω = π NA², N = 1/(2 NA). Lengths in mm; positions from the first surface, exit pupil from the image plane.
+
+use super::error::DesignError;
+use super::illumination::numerical_aperture;
+use super::paraxial::Paraxial;
+use super::ray::Tracer;
+use super::system::{FieldKind, System};
+
+/// System data of a design.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Description {
+    /// Name in the design.
+    pub name: String,
+    /// Primary wavelength, nm.
+    pub primary_wavelength_nm: f64,
+    /// Effective focal length.
+    pub effective_focal_length_mm: f64,
+    /// Slope of the paraxial chief ray in the image plane.
+    pub distortion_focal_length_mm: f64,
+    /// Last surface to paraxial focus of an object at infinity.
+    pub back_focal_length_mm: f64,
+    /// First surface to image plane.
+    pub total_track_mm: f64,
+    /// Image plane to paraxial focus at this conjugate.
+    pub paraxial_focus_mm: f64,
+    /// Focal length over entrance pupil diameter.
+    pub image_space_f_number: f64,
+    /// 1/(2 tan u') of the paraxial marginal ray.
+    pub paraxial_working_f_number: f64,
+    /// 1/(2 NA), real rays.
+    pub working_f_number: f64,
+    /// Image-space numerical aperture, real rays.
+    pub image_space_na: f64,
+    /// Entrance pupil position.
+    pub entrance_pupil_position_mm: f64,
+    /// Entrance pupil diameter.
+    pub entrance_pupil_diameter_mm: f64,
+    /// Exit pupil position, from the image plane.
+    pub exit_pupil_position_mm: f64,
+    /// Exit pupil diameter.
+    pub exit_pupil_diameter_mm: f64,
+    /// Paraxial radius of the stop.
+    pub stop_radius_mm: f64,
+    /// Paraxial image height of the outermost field point.
+    pub paraxial_image_height_mm: f64,
+    /// Angle of the outermost field point at the entrance pupil, degrees.
+    pub maximum_field_deg: f64,
+    /// Image-side over object-side slope of the paraxial chief ray.
+    pub angular_magnification: f64,
+    /// Paraxial transverse magnification, 0 for an object at infinity.
+    pub magnification: f64,
+    /// Object distance before the first surface; `None` = infinity.
+    pub object_distance_mm: Option<f64>,
+}
+
+/// System data of `system`.
+///
+/// # Errors
+/// What its first-order optics, its glasses or its axial rays refuse.
+pub fn describe(system: &System) -> Result<Description, DesignError> {
+    let p = Paraxial::new(system, system.primary_um())?;
+    let na = numerical_aperture(&Tracer::new(system, system.primary_um())?)?;
+    let tan = system.fields.iter().map(|f| field_tan(system, &p, *f).abs()).fold(0.0, f64::max);
+    Ok(Description {
+        name: system.name.clone(),
+        primary_wavelength_nm: system.primary_um() * 1e3,
+        effective_focal_length_mm: p.effective_focal_length_mm,
+        distortion_focal_length_mm: p.distortion_focal_length_mm,
+        back_focal_length_mm: p.back_focal_length_mm,
+        total_track_mm: p.total_track_mm,
+        paraxial_focus_mm: p.focus_shift_mm(),
+        image_space_f_number: p.image_f_number(),
+        paraxial_working_f_number: p.working_f_number(),
+        working_f_number: 0.5 / na,
+        image_space_na: na,
+        entrance_pupil_position_mm: p.entrance_pupil_mm,
+        entrance_pupil_diameter_mm: 2.0 * p.entrance_radius_mm,
+        exit_pupil_position_mm: p.exit_pupil_mm,
+        exit_pupil_diameter_mm: 2.0 * p.exit_radius_mm,
+        stop_radius_mm: p.stop_radius_mm,
+        paraxial_image_height_mm: tan * p.distortion_focal_length_mm.abs(),
+        maximum_field_deg: tan.atan().to_degrees(),
+        angular_magnification: p.angular_magnification,
+        magnification: p.magnification,
+        object_distance_mm: system.object_distance_mm,
+    })
+}
+
+/// Tangent of a field point's angle at the entrance pupil, from the design's own kind of field.
+pub fn field_tan(system: &System, primary: &Paraxial, field: f64) -> f64 {
+    match (system.field_kind, system.object_distance_mm) {
+        (FieldKind::Angle, _) => field.to_radians().tan(),
+        (FieldKind::ObjectHeight, Some(distance)) => field / (distance + primary.entrance_pupil_mm),
+        // Heights of an object at infinity mean nothing; the design program shows them as 0.
+        (FieldKind::ObjectHeight, None) => 0.0,
+        (FieldKind::ParaxialImageHeight, _) => field / primary.distortion_focal_length_mm.abs(),
+    }
+}

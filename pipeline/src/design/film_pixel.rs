@@ -1,0 +1,112 @@
+//! From point samples of a PSF to shares per film pixel.
+//!
+//!     share(i, k) = Σ_j Σ_l w_ij w_kl v_jl,     w_ij = (1/p) ∫_pixel i ℓ((x − x_j)/p) dx
+//! v are samples (share per sample, pitch p finer than Nyquist), ℓ the interpolant: sinc under a Kaiser window 20 samples to each side,
+//! scaled so that constants stay constants. For samples at up to 0.95 Nyquist of a lens's PSF the error is below 1e-5 of the
+//! peak (its spectrum fades to 0 at the band's edge). Film pixel and sample grids share their centre; samples outside the window are 0.
+
+use std::f64::consts::PI;
+
+use super::pupil::unit_interval;
+
+/// Half-width of the interpolant, samples.
+const HALF: i64 = 20;
+/// Kaiser window's shape: images of the spectrum 1e-5, flat to 0.84 Nyquist at this width.
+const SHAPE: f64 = 10.0;
+
+/// The weights of one window, film pitch and size.
+#[derive(Clone, Debug)]
+pub struct FilmPixels {
+    samples: usize,
+    rows: Vec<(usize, Vec<f64>)>,
+}
+
+impl FilmPixels {
+    /// From `samples`² samples of `pitch_um` to `pixels`² film pixels of `film_pitch_um`; both counts odd.
+    pub fn new(samples: usize, pitch_um: f64, pixels: usize, film_pitch_um: f64) -> Self {
+        let ratio = film_pitch_um / pitch_um;
+        let (half_samples, half_pixels) = ((samples / 2) as i64, (pixels / 2) as i64);
+        let quadrature = unit_interval(8);
+        let row = |i: i64| {
+            let (a, b) = ((i as f64 - 0.5) * ratio, (i as f64 + 0.5) * ratio);
+            let first = (a.floor() as i64 - HALF).max(-half_samples);
+            let last = (b.ceil() as i64 + HALF).min(half_samples);
+            let mut w = vec![0.0; (last - first + 1).max(0) as usize];
+            // Piece by piece between samples: the interpolant's ends have kinks there.
+            for near in a.floor() as i64..b.ceil() as i64 {
+                let (from, to) = (a.max(near as f64), b.min(near as f64 + 1.0));
+                for (t, g) in &quadrature {
+                    let u = from + (to - from) * t;
+                    let whole: f64 = (near - HALF..=near + HALF + 1).map(|j| interpolant(u - j as f64)).sum();
+                    for (j, w) in (first..=last).zip(&mut w) {
+                        *w += g * (to - from) * interpolant(u - j as f64) / whole;
+                    }
+                }
+            }
+            ((first + half_samples).max(0) as usize, w)
+        };
+        Self { samples, rows: (-half_pixels..=half_pixels).map(row).collect() }
+    }
+
+    /// Shares per film pixel.
+    pub fn integrate(&self, psf: &[f64]) -> Vec<f64> {
+        let (n, m) = (self.samples, self.rows.len());
+        let mut rows = vec![0.0; m * n];
+        for ((start, w), out) in self.rows.iter().zip(rows.chunks_exact_mut(n)) {
+            for (w, source) in w.iter().zip(psf[start * n..].chunks_exact(n)) {
+                for (o, v) in out.iter_mut().zip(source) {
+                    *o += w * v;
+                }
+            }
+        }
+        let mut out = Vec::with_capacity(m * m);
+        for row in rows.chunks_exact(n) {
+            for (start, w) in &self.rows {
+                out.push(w.iter().zip(&row[*start..]).map(|(w, v)| w * v).sum());
+            }
+        }
+        out
+    }
+}
+
+fn interpolant(u: f64) -> f64 {
+    let x = u / HALF as f64;
+    if x.abs() >= 1.0 {
+        return 0.0;
+    }
+    let sinc = if u == 0.0 { 1.0 } else { (PI * u).sin() / (PI * u) };
+    sinc * bessel_i0(SHAPE * (1.0 - x * x).sqrt()) / bessel_i0(SHAPE)
+}
+
+fn bessel_i0(x: f64) -> f64 {
+    let (mut term, mut sum) = (1.0, 1.0);
+    for k in 1..40 {
+        term *= (x / (2.0 * f64::from(k))).powi(2);
+        sum += term;
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_band_limited_pattern_is_integrated_exactly() {
+        // Separable cosines below Nyquist under a wide Gaussian: the integral over a pixel is known.
+        let (n, pitch, film) = (241, 0.55, 2.0);
+        let f = 0.6 / (2.0 * pitch);
+        let value = |x: f64| (-x * x / 200.0).exp() * (2.0 * PI * f * x).cos();
+        let at = |i: usize| (i as f64 - 120.0) * pitch;
+        let psf: Vec<f64> = (0..n * n).map(|i| value(at(i % n)) * value(at(i / n)) * pitch * pitch).collect();
+        let got = FilmPixels::new(n, pitch, 21, film).integrate(&psf);
+        let nodes = unit_interval(60);
+        let one = |i: usize| {
+            let c = (i as f64 - 10.0) * film;
+            film * nodes.iter().map(|(t, w)| w * value(c + film * (t - 0.5))).sum::<f64>()
+        };
+        for (i, g) in got.iter().enumerate() {
+            assert!((g - one(i % 21) * one(i / 21)).abs() < 2e-6, "{i}: {g}");
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! First-order optics: focal lengths, pupils, F-numbers, where the paraxial image lies.
+//!
+//!     n' u' = n u − y c (n' − n),   y ← y + t u'      y height [mm], u slope (tan of the angle), c curvature, t gap
+//! Two rays from the first vertex, (y, u) = (1, 0) and (0, 1), hold all of it; everything below is their combination.
+//! *Distortion focal length* = d(chief-ray height in the ACTUAL image plane)/d(tan of the field angle at the entrance pupil):
+//! it equals the effective focal length only when the film lies at the paraxial focus of an object at infinity.
+//! Heights are positive up, slopes positive upwards along the light. Source: Welford, chapter 3; Kingslake, chapter 3.
+
+use super::error::DesignError;
+use super::system::{Aperture, System};
+
+/// First-order figures of a system at one wavelength. Positions along z in mm from the first vertex unless said otherwise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Paraxial {
+    /// Wavelength, µm.
+    pub wavelength_um: f64,
+    /// Effective focal length.
+    pub effective_focal_length_mm: f64,
+    /// From the last surface before the image plane to the paraxial focus for an object at infinity.
+    pub back_focal_length_mm: f64,
+    /// Slope of the chief ray in the actual image plane.
+    pub distortion_focal_length_mm: f64,
+    /// Entrance pupil, from the first vertex.
+    pub entrance_pupil_mm: f64,
+    /// Entrance pupil radius.
+    pub entrance_radius_mm: f64,
+    /// Exit pupil, from the image plane (negative: before it; infinite: telecentric).
+    pub exit_pupil_mm: f64,
+    /// Exit pupil radius (infinite: telecentric).
+    pub exit_radius_mm: f64,
+    /// Paraxial radius of the marginal ray in the stop.
+    pub stop_radius_mm: f64,
+    /// Image-side slope of the marginal ray, positive.
+    pub marginal_slope: f64,
+    /// Height of the marginal ray in the image plane: 0 in the paraxial focus.
+    pub marginal_height_mm: f64,
+    /// Transverse magnification of the object's paraxial image, 0 for an object at infinity.
+    pub magnification: f64,
+    /// Image-side over object-side slope of the chief ray.
+    pub angular_magnification: f64,
+    /// First surface to image plane.
+    pub total_track_mm: f64,
+}
+
+impl Paraxial {
+    /// First-order figures at `um`.
+    ///
+    /// # Errors
+    /// [`DesignError::Paraxial`] for a system without power or pupil; what the glasses refuse.
+    pub fn new(system: &System, um: f64) -> Result<Self, DesignError> {
+        system.check()?;
+        let bad = |what, problem: &str| {
+            Err(DesignError::Paraxial { what, wavelength_um: um, problem: problem.to_owned() })
+        };
+        let mut n = 1.0;
+        let (mut y, mut u) = ([1.0, 0.0], [0.0, 1.0]);
+        let mut at_stop = y;
+        let mut last = y;
+        for (i, s) in system.surfaces.iter().enumerate() {
+            if i == system.stop {
+                at_stop = y;
+            }
+            if i == system.image() {
+                break;
+            }
+            let next = s.medium.index(um)?;
+            for k in 0..2 {
+                u[k] = (n * u[k] - y[k] * s.shape.paraxial_curvature() * (next - n)) / next;
+            }
+            n = next;
+            last = y;
+            for k in 0..2 {
+                y[k] += s.thickness_mm * u[k];
+            }
+        }
+        if at_stop[0] == 0.0 {
+            return bad("entrance pupil", "the stop is imaged to infinity on the object side");
+        }
+        let pupil = at_stop[1] / at_stop[0];
+        // A ray with slope 1 through the pupil's centre, and one parallel to the axis at height 1.
+        let chief = |v: [f64; 2]| v[1] - pupil * v[0];
+        let power = -u[0];
+        let efl = 1.0 / power;
+        let distance = system.object_distance_mm.map(|d| d + pupil);
+        if distance.is_some_and(|d| d <= 0.0) {
+            return bad("entrance pupil", "it lies at or before the object");
+        }
+        // Marginal ray at height 1 in the pupil.
+        let slope = distance.map_or(0.0, |d| 1.0 / d);
+        let marginal = |v: [f64; 2]| v[0] + slope * chief(v);
+        let radius = match system.aperture {
+            Aperture::EntrancePupil(d) => d / 2.0,
+            Aperture::ImageFNumber(f) => efl.abs() / f / 2.0,
+            Aperture::WorkingFNumber(f) => 1.0 / (2.0 * f * marginal(u).abs()),
+            Aperture::ObjectNa(na) => na / (1.0 - na * na).sqrt() * distance.unwrap_or(0.0),
+            Aperture::StopRadius(r) => r / at_stop[0].abs(),
+        };
+        if !(radius.is_finite() && radius > 0.0) {
+            return bad("entrance pupil", "the aperture as given leaves no finite pupil");
+        }
+        let f = chief(y);
+        if f == 0.0 || !f.is_finite() {
+            return bad("distortion focal length", "the image plane lies in the exit pupil");
+        }
+        let exit = -chief(y) / chief(u);
+        Ok(Self {
+            wavelength_um: um,
+            effective_focal_length_mm: efl,
+            back_focal_length_mm: -last[0] / u[0],
+            distortion_focal_length_mm: f,
+            entrance_pupil_mm: pupil,
+            entrance_radius_mm: radius,
+            exit_pupil_mm: exit,
+            exit_radius_mm: radius * (y[0] + exit * u[0]).abs(),
+            stop_radius_mm: radius * at_stop[0].abs(),
+            marginal_slope: radius * marginal(u).abs(),
+            marginal_height_mm: radius * marginal(y),
+            magnification: if distance.is_some() { slope / marginal(u) } else { 0.0 },
+            angular_magnification: chief(u),
+            total_track_mm: system.surfaces.iter().map(|s| s.thickness_mm).sum(),
+        }
+        .with_signed_slope(marginal(u)))
+    }
+
+    fn with_signed_slope(self, slope: f64) -> Self {
+        // marginal_slope is kept positive; the height's sign is relative to a ray that converges downwards.
+        Self { marginal_height_mm: -slope.signum() * self.marginal_height_mm, ..self }
+    }
+
+    /// How far the paraxial focus lies behind the image plane, mm.
+    pub fn focus_shift_mm(&self) -> f64 {
+        self.marginal_height_mm / self.marginal_slope
+    }
+
+    /// Paraxial working F-number.
+    pub fn working_f_number(&self) -> f64 {
+        1.0 / (2.0 * self.marginal_slope)
+    }
+
+    /// Image-space F-number: focal length over entrance pupil diameter.
+    pub fn image_f_number(&self) -> f64 {
+        self.effective_focal_length_mm.abs() / (2.0 * self.entrance_radius_mm)
+    }
+}

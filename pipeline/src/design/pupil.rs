@@ -1,0 +1,223 @@
+//! The open part of the pupil seen from a field point, and where to sample it.
+//!
+//!     ∫∫ f(p, q) dp dq = ∫ dθ ∫₀¹ f · ρ B(θ)² dρ        (p, q) = (c, 0) + ρ B(θ) (cos θ, sin θ)
+//! Pupil coordinates as in [`super::ray`]; the meridian q = 0 is a mirror, so only θ in [0, π] is kept. B(θ) is the rim:
+//! the unit circle, or where an aperture clips first. The half circle is cut into segments at the corners where another rim
+//! takes over, so B is smooth on each and quadrature converges fast: Gauss-Legendre in ρ; in θ the midpoint rule on a whole
+//! half circle (spectral for a function that is even and periodic), Gauss-Legendre on segments.
+//! Taken for granted: the open part is star-shaped about its centre c on the meridian (true of overlapping discs).
+//! Source: Davis & Rabinowitz, Methods of Numerical Integration, 2.7 and 2.9.
+
+use std::f64::consts::PI;
+
+use super::error::DesignError;
+use super::ray::Tracer;
+
+/// The rim of one stretch of θ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// First angle, rad.
+    pub from: f64,
+    /// Last angle, rad.
+    pub to: f64,
+    /// The surface whose aperture is the rim; `None` = the pupil's own.
+    pub limit: Option<usize>,
+}
+
+/// The open part of the pupil, upper half.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pupil {
+    /// Centre on the meridian.
+    pub centre: f64,
+    /// Stretches of θ from 0 to π.
+    pub segments: Vec<Segment>,
+}
+
+/// A sample of the pupil.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PupilNode {
+    /// Pupil coordinate along the meridian.
+    pub p: f64,
+    /// Pupil coordinate across it.
+    pub q: f64,
+    /// Its share of dp dq.
+    pub weight: f64,
+}
+
+/// Angles looked at for a change of rim.
+const SCAN: usize = 49;
+
+impl Pupil {
+    /// The open pupil of the field point at tan(field angle) `tan`.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if no light passes.
+    pub fn new(tracer: &Tracer<'_>, tan: f64) -> Result<Self, DesignError> {
+        let open = Self { centre: 0.0, segments: vec![Segment { from: 0.0, to: PI, limit: None }] };
+        if !tracer.has_apertures() {
+            return Ok(open);
+        }
+        let over = |p: f64, q: f64| tracer.overshoot(tan, p, q).0;
+        let angles: Vec<f64> = (0..SCAN).map(|i| PI * i as f64 / (SCAN - 1) as f64).collect();
+        if angles.iter().all(|a| over(a.cos(), a.sin()) <= 0.0) && over(0.0, 0.0) <= 0.0 {
+            return Ok(open);
+        }
+        let centre = Self::find_centre(tracer, tan)?;
+        let mut pupil = Self { centre, segments: Vec::new() };
+        let rims: Vec<Option<usize>> = angles.iter().map(|a| pupil.rim(tracer, tan, *a).1).collect();
+        let mut from = 0.0;
+        for i in 1..SCAN {
+            if rims[i] == rims[i - 1] {
+                continue;
+            }
+            let (mut a, mut b) = (angles[i - 1], angles[i]);
+            for _ in 0..44 {
+                let mid = 0.5 * (a + b);
+                if pupil.rim(tracer, tan, mid).1 == rims[i - 1] { a = mid } else { b = mid }
+            }
+            pupil.segments.push(Segment { from, to: b, limit: rims[i - 1] });
+            from = b;
+        }
+        pupil.segments.push(Segment { from, to: PI, limit: rims[SCAN - 1] });
+        Ok(pupil)
+    }
+
+    /// Middle of the open stretch of the meridian.
+    fn find_centre(tracer: &Tracer<'_>, tan: f64) -> Result<f64, DesignError> {
+        let over = |p: f64| tracer.overshoot(tan, p, 0.0).0;
+        let at: Vec<f64> = (0..=128).map(|i| f64::from(i) / 64.0 - 1.0).collect();
+        let first = at.iter().position(|p| over(*p) <= 0.0);
+        let last = at.iter().rposition(|p| over(*p) <= 0.0);
+        match (first, last) {
+            (Some(a), Some(b)) => Ok(0.5 * (at[a] + at[b])),
+            _ => Err(DesignError::Ray {
+                px: 0.0,
+                py: 0.0,
+                field_tan: tan,
+                wavelength_um: tracer.wavelength_um,
+                problem: "and all others are blocked by apertures".to_owned(),
+            }),
+        }
+    }
+
+    /// B(θ) and which surface sets it.
+    fn rim(&self, tracer: &Tracer<'_>, tan: f64, theta: f64) -> (f64, Option<usize>) {
+        let (s, c) = theta.sin_cos();
+        let along = self.centre * c;
+        let edge = -along + (along * along + 1.0 - self.centre * self.centre).max(0.0).sqrt();
+        if !tracer.has_apertures() {
+            return (edge, None);
+        }
+        let over = |r: f64| tracer.overshoot(tan, self.centre + r * c, r * s);
+        let (mut b, mut fb) = (edge, over(edge));
+        if fb.0 <= 0.0 {
+            return (edge, None);
+        }
+        let (mut a, mut fa) = (0.0, over(0.0).0);
+        let mut surface = fb.1;
+        // Illinois: secant steps that keep the bracket.
+        for _ in 0..80 {
+            if b - a < 1e-13 {
+                break;
+            }
+            let guess = if fa.is_finite() { (a * fb.0 - b * fa) / (fb.0 - fa) } else { 0.5 * (a + b) };
+            let r = if guess > a && guess < b { guess } else { 0.5 * (a + b) };
+            let f = over(r);
+            if f.0 > 0.0 {
+                (b, fb) = (r, f);
+                surface = f.1;
+                fa *= 0.5;
+            } else {
+                (a, fa) = (r, f.0);
+                fb.0 *= 0.5;
+                if f.0 > -1e-14 {
+                    surface = f.1;
+                    break;
+                }
+            }
+        }
+        (0.5 * (a + b), Some(surface))
+    }
+
+    /// B(θ).
+    pub fn radius(&self, tracer: &Tracer<'_>, tan: f64, theta: f64) -> f64 {
+        self.rim(tracer, tan, theta).0
+    }
+
+    /// Whether nothing clips.
+    pub fn is_whole(&self) -> bool {
+        self.centre == 0.0 && self.segments.len() == 1 && self.segments[0].limit.is_none()
+    }
+
+    /// Quadrature nodes: `rings` in ρ, about `spokes` in θ over the half circle.
+    pub fn nodes(&self, tracer: &Tracer<'_>, tan: f64, rings: usize, spokes: usize) -> Vec<PupilNode> {
+        let radial = unit_interval(rings);
+        let mut nodes = Vec::with_capacity(rings * (spokes + 8));
+        for segment in &self.segments {
+            for (theta, wt) in self.angles(segment, spokes) {
+                let b = if self.is_whole() { 1.0 } else { self.radius(tracer, tan, theta) };
+                let (s, c) = theta.sin_cos();
+                nodes.extend(radial.iter().map(|(rho, wr)| PupilNode {
+                    p: self.centre + rho * b * c,
+                    q: rho * b * s,
+                    weight: wt * wr * rho * b * b,
+                }));
+            }
+        }
+        nodes
+    }
+
+    /// Angles of a segment with their weights; `spokes` counts the whole half circle.
+    pub fn angles(&self, segment: &Segment, spokes: usize) -> Vec<(f64, f64)> {
+        if self.is_whole() {
+            let step = PI / spokes as f64;
+            return (0..spokes).map(|i| ((i as f64 + 0.5) * step, step)).collect();
+        }
+        let span = segment.to - segment.from;
+        // Gauss-Legendre needs π/2 times the midpoint rule's density.
+        let n = (spokes as f64 * span / PI * 1.6).ceil() as usize + 6;
+        unit_interval(n).into_iter().map(|(t, w)| (segment.from + span * t, span * w)).collect()
+    }
+}
+
+/// Gauss-Legendre nodes and weights on [0, 1], ascending.
+pub fn unit_interval(n: usize) -> Vec<(f64, f64)> {
+    let mut out = vec![(0.5, 1.0); n];
+    for i in 0..n.div_ceil(2) {
+        let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+        let mut slope = 1.0;
+        for _ in 0..100 {
+            let (mut p, mut before) = (1.0, 0.0);
+            for k in 0..n {
+                let k = k as f64;
+                (p, before) = (((2.0 * k + 1.0) * x * p - k * before) / (k + 1.0), p);
+            }
+            slope = n as f64 * (x * p - before) / (x * x - 1.0);
+            let step = p / slope;
+            x -= step;
+            if step.abs() < 1e-15 {
+                break;
+            }
+        }
+        let w = 1.0 / ((1.0 - x * x) * slope * slope);
+        out[i] = (0.5 - 0.5 * x, w);
+        out[n - 1 - i] = (0.5 + 0.5 * x, w);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gauss_legendre_is_exact_to_its_degree() {
+        for n in [1_usize, 2, 5, 24, 300] {
+            let nodes = unit_interval(n);
+            for power in [0, 1, 2 * n - 1] {
+                let sum: f64 = nodes.iter().map(|(x, w)| w * x.powi(power as i32)).sum();
+                assert!((sum - 1.0 / (power as f64 + 1.0)).abs() < 1e-13, "n {n} power {power}");
+            }
+        }
+    }
+}

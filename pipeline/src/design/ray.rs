@@ -1,0 +1,310 @@
+//! Real rays: from a field point through the pupil to the image plane.
+//!
+//! A field point lies on +x or −x (meridional plane y = 0), given by t = tan of the chief ray's angle at the paraxial entrance pupil
+//! of the primary wavelength: a plane wave for an object at infinity, else a point at height −t·(distance to the pupil). The sign
+//! is taken so that its image lies on +x. Pupil coordinates (p, q) fill the unit disc:
+//!   *paraxial aiming*: the point (p, q)·R of the paraxial entrance pupil plane (every wavelength shares it);
+//!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there),
+//!   by Newton's method with exact derivatives.
+//! Apertures clip: the largest r²/a² − 1 over all surfaces with an aperture a says by how much, and where.
+//! Flux carried by dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
+//! Left out: reflections, absorption, coatings, polarisation, vignetting factors.
+
+use super::error::DesignError;
+use super::paraxial::Paraxial;
+use super::scalar::{Dual, Scalar};
+use super::surface::{Ray, Stopped};
+use super::system::{RayAiming, System};
+
+/// A system made ready for rays of one wavelength.
+#[derive(Clone, Debug)]
+pub struct Tracer<'a> {
+    system: &'a System,
+    indices: Vec<f64>,
+    sign: f64,
+    stop_radius_mm: f64,
+    has_apertures: bool,
+    /// First-order figures at the primary wavelength: they place the pupil.
+    pub primary: Paraxial,
+    /// Wavelength, µm.
+    pub wavelength_um: f64,
+}
+
+/// What ends a ray, and where.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Lost {
+    /// Surface index.
+    pub surface: usize,
+    /// Why.
+    pub why: Stopped,
+}
+
+/// A ray in the image plane with its neighbourhood in the pupil (derivatives by p, q).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageRay {
+    /// Crossing with the image plane, mm.
+    pub x: Dual,
+    /// Crossing with the image plane, mm.
+    pub y: Dual,
+    /// Direction cosine along x.
+    pub l: Dual,
+    /// Direction cosine along y.
+    pub m: Dual,
+    /// Direction cosine along z.
+    pub n: f64,
+    /// Optical path from the object's wavefront, mm.
+    pub path: Dual,
+    /// Flux per dp dq, relative to the field point's other rays.
+    pub flux: f64,
+}
+
+impl ImageRay {
+    /// |d(L, M)/d(p, q)|.
+    pub fn solid_angle(&self) -> f64 {
+        (self.l.d[0] * self.m.d[1] - self.l.d[1] * self.m.d[0]).abs()
+    }
+}
+
+impl<'a> Tracer<'a> {
+    /// Prepares `system` for rays of `um`.
+    ///
+    /// # Errors
+    /// What its glasses or its first-order optics refuse.
+    pub fn new(system: &'a System, um: f64) -> Result<Self, DesignError> {
+        let primary = Paraxial::new(system, system.primary_um())?;
+        let mut tracer = Self {
+            system,
+            indices: indices(system, system.primary_um())?,
+            sign: primary.distortion_focal_length_mm.signum(),
+            stop_radius_mm: primary.stop_radius_mm,
+            has_apertures: system.surfaces.iter().any(|s| s.aperture_mm.is_some()),
+            primary,
+            wavelength_um: system.primary_um(),
+        };
+        if system.aiming == RayAiming::Real
+            && !matches!(system.aperture, super::system::Aperture::StopRadius(_))
+        {
+            let radius = tracer.primary.entrance_radius_mm;
+            let ray = tracer.launch(0.0, radius, 0.0);
+            let at_stop = tracer.run(ray, system.stop, &mut None);
+            tracer.stop_radius_mm = at_stop.map_err(|lost| tracer.lost(0.0, 1.0, 0.0, lost))?.p[0].abs();
+        }
+        tracer.indices = indices(system, um)?;
+        tracer.wavelength_um = um;
+        Ok(tracer)
+    }
+
+    /// Whether any surface can clip light.
+    pub fn has_apertures(&self) -> bool {
+        self.has_apertures
+    }
+
+    /// Ideal height over tan(field angle): the distortion focal length, positive.
+    pub fn ideal_scale_mm(&self) -> f64 {
+        self.primary.distortion_focal_length_mm.abs()
+    }
+
+    fn launch<T: Scalar>(&self, tan: f64, x: T, y: T) -> Ray<T> {
+        let p = [x, y, T::of(self.primary.entrance_pupil_mm)];
+        let t = self.sign * tan;
+        match self.system.object_distance_mm {
+            None => {
+                let n = 1.0 / (1.0 + t * t).sqrt();
+                let d = [T::of(t * n), T::of(0.0), T::of(n)];
+                Ray { p, d, path: T::of(t * n) * x }
+            }
+            Some(distance) => {
+                let z = T::of(distance + self.primary.entrance_pupil_mm);
+                let dx = x + T::of(t) * z;
+                let length = (dx * dx + y * y + z * z).sqrt();
+                Ray { p, d: [dx / length, y / length, z / length], path: length }
+            }
+        }
+    }
+
+    /// Carries `ray` to surface `last` (met, not refracted); `clip` collects the worst overshoot of an aperture on the way.
+    fn run<T: Scalar>(
+        &self,
+        mut ray: Ray<T>,
+        last: usize,
+        clip: &mut Option<(f64, usize)>,
+    ) -> Result<Ray<T>, Lost> {
+        for (i, s) in self.system.surfaces.iter().enumerate().take(last + 1) {
+            let lost = |why| Lost { surface: i, why };
+            s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
+            if let (Some(a), Some(worst)) = (s.aperture_mm, clip.as_mut()) {
+                let (x, y) = (ray.p[0].value(), ray.p[1].value());
+                let over = (x * x + y * y) / (a * a) - 1.0;
+                if over > worst.0 {
+                    *worst = (over, i);
+                }
+            }
+            if i == last {
+                break;
+            }
+            s.shape.refract(&mut ray, self.indices[i], self.indices[i + 1]).map_err(lost)?;
+            ray.p[2] = ray.p[2] - T::of(s.thickness_mm);
+        }
+        Ok(ray)
+    }
+
+    fn lost(&self, tan: f64, p: f64, q: f64, lost: Lost) -> DesignError {
+        let what = match lost.why {
+            Stopped::Misses => "misses",
+            Stopped::Reflected => "is totally reflected at",
+        };
+        self.ray_error(tan, p, q, format!("{what} surface {}", lost.surface + 1))
+    }
+
+    fn ray_error(&self, tan: f64, px: f64, py: f64, problem: String) -> DesignError {
+        DesignError::Ray { px, py, field_tan: tan, wavelength_um: self.wavelength_um, problem }
+    }
+
+    /// The point of the entrance pupil plane, mm, that pupil coordinates stand for, with derivatives by (p, q).
+    fn aim(&self, tan: f64, p: f64, q: f64) -> Result<[Dual; 2], DesignError> {
+        let radius = self.primary.entrance_radius_mm;
+        let paraxial = [Dual::new(p * radius, radius, 0.0), Dual::new(q * radius, 0.0, radius)];
+        if self.system.aiming == RayAiming::Paraxial {
+            return Ok(paraxial);
+        }
+        // From the axis outwards when the direct attempt fails: the pupil moves and tilts with the field.
+        let direct = self.newton(tan, p, q, [p * radius, q * radius]);
+        direct.or_else(|first| {
+            let mut at = [p * radius, q * radius];
+            for step in 1..=16 {
+                let part = f64::from(step) / 16.0;
+                let [x, y] = self.newton(tan * part, p * part, q * part, at).map_err(|_| first.clone())?;
+                at = [x.v, y.v];
+            }
+            self.newton(tan, p, q, at)
+        })
+    }
+
+    fn newton(&self, tan: f64, p: f64, q: f64, mut at: [f64; 2]) -> Result<[Dual; 2], DesignError> {
+        let target = [p * self.stop_radius_mm, q * self.stop_radius_mm];
+        let sign = self.stop_sign();
+        let mut done = false;
+        for _ in 0..40 {
+            let ray = self.launch(tan, Dual::new(at[0], 1.0, 0.0), Dual::new(at[1], 0.0, 1.0));
+            let hit =
+                self.run(ray, self.system.stop, &mut None).map_err(|lost| self.lost(tan, p, q, lost))?.p;
+            let (a, b) = (hit[0].d, hit[1].d);
+            let det = a[0] * b[1] - a[1] * b[0];
+            // Columns of the inverse: d(pupil plane)/d(stop).
+            let inverse = [[b[1] / det, -a[1] / det], [-b[0] / det, a[0] / det]];
+            let miss = [sign * target[0] - hit[0].v, sign * target[1] - hit[1].v];
+            let step = inverse.map(|row| row[0] * miss[0] + row[1] * miss[1]);
+            if !(step[0].is_finite() && step[1].is_finite()) {
+                break;
+            }
+            at = [at[0] + step[0], at[1] + step[1]];
+            if done {
+                let scale = sign * self.stop_radius_mm;
+                return Ok([0, 1].map(|i| Dual::new(at[i], inverse[i][0] * scale, inverse[i][1] * scale)));
+            }
+            // One more round takes the derivatives at the point itself.
+            done = step[0].hypot(step[1]) < 1e-9 * self.stop_radius_mm;
+        }
+        Err(self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
+    }
+
+    /// The stop's paraxial image may be upside down; pupil coordinates follow the entrance pupil.
+    fn stop_sign(&self) -> f64 {
+        let h = 1e-6 * self.primary.entrance_radius_mm;
+        self.run(self.launch(0.0, h, 0.0), self.system.stop, &mut None).map_or(1.0, |r| r.p[0].signum())
+    }
+
+    /// The ray through pupil point (p, q) in the image plane, with derivatives by (p, q). Apertures are not asked.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if it never arrives.
+    pub fn ray(&self, tan: f64, p: f64, q: f64) -> Result<ImageRay, DesignError> {
+        let [x, y] = self.aim(tan, p, q)?;
+        let start = self.launch(tan, x, y);
+        let flux = match self.system.object_distance_mm {
+            None => [x, y],
+            Some(_) => [start.d[0], start.d[1]],
+        };
+        let r = self.run(start, self.system.image(), &mut None).map_err(|lost| self.lost(tan, p, q, lost))?;
+        Ok(ImageRay {
+            x: r.p[0],
+            y: r.p[1],
+            l: r.d[0],
+            m: r.d[1],
+            n: r.d[2].v,
+            path: r.path,
+            flux: (flux[0].d[0] * flux[1].d[1] - flux[0].d[1] * flux[1].d[0]).abs(),
+        })
+    }
+
+    /// Real chief-ray height in the image plane, mm.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if the chief ray never arrives.
+    pub fn chief_height_mm(&self, tan: f64) -> Result<f64, DesignError> {
+        let [x, y] = self.aim(tan, 0.0, 0.0)?;
+        let ray = self.launch(tan, x.v, y.v);
+        let end = self.run(ray, self.system.image(), &mut None);
+        Ok(end.map_err(|lost| self.lost(tan, 0.0, 0.0, lost))?.p[0])
+    }
+
+    /// The field point whose chief ray lands at `height_mm`, as tan of its field angle.
+    ///
+    /// # Errors
+    /// [`DesignError::Height`] if none does.
+    pub fn field_of_height(&self, height_mm: f64) -> Result<f64, DesignError> {
+        let f = self.ideal_scale_mm();
+        let mut t = height_mm / f;
+        let fail = |problem: String| DesignError::Height {
+            wanted_mm: height_mm,
+            reached_mm: self.reach_mm(height_mm),
+            wavelength_um: self.wavelength_um,
+            problem,
+        };
+        if height_mm == 0.0 {
+            return Ok(0.0);
+        }
+        let (mut a, mut fa) = (0.0, -height_mm);
+        for _ in 0..60 {
+            let ft = self.chief_height_mm(t).map_err(|e| fail(e.to_string()))? - height_mm;
+            if ft.abs() < 1e-12 * height_mm.max(1.0) || t == a {
+                return Ok(t);
+            }
+            let next = t - ft * (t - a) / (ft - fa);
+            (a, fa) = (t, ft);
+            if !next.is_finite() {
+                break;
+            }
+            t = next.clamp(0.0, 3.0 * t.max(1e-9));
+        }
+        Err(fail("no chief ray lands there".to_owned()))
+    }
+
+    /// Highest chief ray found on the way out to `height_mm`, mm.
+    fn reach_mm(&self, height_mm: f64) -> f64 {
+        let step = 0.01 * height_mm / self.ideal_scale_mm();
+        let heights = (1..=150).map_while(|i| self.chief_height_mm(step * f64::from(i)).ok());
+        heights.fold(0.0, f64::max)
+    }
+
+    /// By how much, and at which surface, the ray through (p, q) oversteps an aperture: (r²/a² − 1, surface); rays that
+    /// never arrive count as blocked where they end.
+    pub fn overshoot(&self, tan: f64, p: f64, q: f64) -> (f64, usize) {
+        let mut clip = Some((f64::NEG_INFINITY, 0));
+        match self.aim(tan, p, q) {
+            Ok([x, y]) => match self.run(self.launch(tan, x.v, y.v), self.system.image(), &mut clip) {
+                Ok(_) => clip.unwrap_or((f64::NEG_INFINITY, 0)),
+                Err(lost) => (1.0, lost.surface),
+            },
+            Err(_) => (1.0, self.system.stop),
+        }
+    }
+}
+
+fn indices(system: &System, um: f64) -> Result<Vec<f64>, DesignError> {
+    let mut n = vec![1.0];
+    for s in &system.surfaces {
+        n.push(s.medium.index(um)?);
+    }
+    Ok(n)
+}

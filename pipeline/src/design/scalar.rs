@@ -1,0 +1,95 @@
+//! Numbers a ray is traced with: plain f64, or f64 with its two partial derivatives (forward differentiation).
+//!
+//! A [`Dual`] carries v, ∂v/∂p and ∂v/∂q for two pupil coordinates p, q, by the chain rule through every operation. So one
+//! trace gives a ray and its exact neighbourhood: d(L, M)/d(p, q), the Jacobian that RI and PSF amplitudes need, with no step size.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// What a ray's coordinates are made of.
+pub trait Scalar:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
+    /// A constant: its derivatives are 0.
+    fn of(v: f64) -> Self;
+    /// The value.
+    fn value(self) -> f64;
+    /// Square root.
+    fn sqrt(self) -> Self;
+}
+
+impl Scalar for f64 {
+    fn of(v: f64) -> Self {
+        v
+    }
+    fn value(self) -> f64 {
+        self
+    }
+    fn sqrt(self) -> Self {
+        f64::sqrt(self)
+    }
+}
+
+/// A value and its derivatives by two pupil coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dual {
+    /// The value.
+    pub v: f64,
+    /// ∂v/∂p, ∂v/∂q.
+    pub d: [f64; 2],
+}
+
+impl Dual {
+    /// A value with given derivatives.
+    pub fn new(v: f64, dp: f64, dq: f64) -> Self {
+        Self { v, d: [dp, dq] }
+    }
+}
+
+impl Add for Dual {
+    type Output = Self;
+    fn add(self, o: Self) -> Self {
+        Self::new(self.v + o.v, self.d[0] + o.d[0], self.d[1] + o.d[1])
+    }
+}
+
+impl Sub for Dual {
+    type Output = Self;
+    fn sub(self, o: Self) -> Self {
+        Self::new(self.v - o.v, self.d[0] - o.d[0], self.d[1] - o.d[1])
+    }
+}
+
+impl Mul for Dual {
+    type Output = Self;
+    fn mul(self, o: Self) -> Self {
+        Self::new(self.v * o.v, self.d[0] * o.v + self.v * o.d[0], self.d[1] * o.v + self.v * o.d[1])
+    }
+}
+
+impl Div for Dual {
+    type Output = Self;
+    fn div(self, o: Self) -> Self {
+        let v = self.v / o.v;
+        Self::new(v, (self.d[0] - v * o.d[0]) / o.v, (self.d[1] - v * o.d[1]) / o.v)
+    }
+}
+
+impl Neg for Dual {
+    type Output = Self;
+    fn neg(self) -> Self {
+        Self::new(-self.v, -self.d[0], -self.d[1])
+    }
+}
+
+impl Scalar for Dual {
+    fn of(v: f64) -> Self {
+        Self::new(v, 0.0, 0.0)
+    }
+    fn value(self) -> f64 {
+        self.v
+    }
+    fn sqrt(self) -> Self {
+        let v = self.v.sqrt();
+        Self::new(v, 0.5 * self.d[0] / v, 0.5 * self.d[1] / v)
+    }
+}

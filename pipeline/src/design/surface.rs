@@ -1,0 +1,238 @@
+//! One refracting surface: where a ray meets it, its normal, and refraction.
+//!
+//!     sag(r) = c r² / (1 + √(1 − (1 + κ) c² r²)) + Σ α_i r^(2i)      c curvature [1/mm], κ conic constant, α_i [mm^(1−2i)]
+//!     n' d' = n d + (n' cos i' − n cos i) N                          Snell's law in vector form, N along the ray
+//! Coordinates in mm, origin at the vertex, +z along the light. STANDARD surfaces (all α_i = 0) are met in closed form, even
+//! aspheres by Newton from there. Of two intersections the one nearer the vertex is taken.
+//! Source: Welford, Aberrations of Optical Systems, chapters 4.3-4.5. Left out: mirrors, gratings, tilts, coatings.
+
+use super::scalar::Scalar;
+
+/// A ray: a point and a unit direction, with the optical path so far, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray<T> {
+    /// A point of the ray, mm.
+    pub p: [T; 3],
+    /// Direction cosines (L, M, N).
+    pub d: [T; 3],
+    /// Optical path length, mm.
+    pub path: T,
+}
+
+/// Why a ray ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stopped {
+    /// It does not meet the surface.
+    Misses,
+    /// It is totally reflected.
+    Reflected,
+}
+
+/// The shape of a surface.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shape {
+    /// Curvature, 1/mm.
+    pub curvature: f64,
+    /// Conic constant.
+    pub conic: f64,
+    /// Even asphere: coefficient of r², r⁴, r⁶, …
+    pub aspheric: Vec<f64>,
+}
+
+/// Newton stops when it moves less than this, mm: 1e-9 of a wavelength.
+const SAG_TOLERANCE_MM: f64 = 1e-13;
+
+impl Shape {
+    /// Whether it bends paraxial rays or wavefronts at all.
+    pub fn is_flat(&self) -> bool {
+        self.curvature == 0.0 && self.aspheric.iter().all(|a| *a == 0.0)
+    }
+
+    /// Curvature at the vertex, the r² term included, 1/mm.
+    pub fn paraxial_curvature(&self) -> f64 {
+        self.curvature + 2.0 * self.aspheric.first().copied().unwrap_or(0.0)
+    }
+
+    /// Moves `ray` (in this surface's frame) on to the surface, in a medium of index `n`.
+    ///
+    /// # Errors
+    /// [`Stopped::Misses`].
+    pub fn meet<T: Scalar>(&self, ray: &mut Ray<T>, n: f64) -> Result<(), Stopped> {
+        // First to the vertex plane, so that the quadratic below has small numbers.
+        let mut travelled = -ray.p[2] / ray.d[2];
+        if !travelled.value().is_finite() {
+            return Err(Stopped::Misses);
+        }
+        advance(ray, travelled);
+        if !self.is_flat() {
+            let c = T::of(self.curvature);
+            let k = T::of(self.conic);
+            let [x, y, _] = ray.p;
+            let [l, m, nz] = ray.d;
+            // c (x² + y² + (1+κ) z²) − 2 z = 0 along the ray; t = F / (G + √(G² − A F)), the root that is 0 at c = 0.
+            let f = c * (x * x + y * y);
+            let g = nz - c * (x * l + y * m);
+            let a = c * (T::of(1.0) + k * nz * nz);
+            let root = g * g - a * f;
+            if root.value() < 0.0 || !root.value().is_finite() {
+                return Err(Stopped::Misses);
+            }
+            let t = f / (g + root.sqrt());
+            if !t.value().is_finite() {
+                return Err(Stopped::Misses);
+            }
+            advance(ray, t);
+            travelled = travelled + t;
+            if self.aspheric.iter().any(|a| *a != 0.0) {
+                travelled = travelled + self.newton(ray)?;
+            }
+        }
+        ray.path = ray.path + T::of(n) * travelled;
+        Ok(())
+    }
+
+    fn newton<T: Scalar>(&self, ray: &mut Ray<T>) -> Result<T, Stopped> {
+        let mut total = T::of(0.0);
+        let mut settled = 0;
+        for _ in 0..50 {
+            let [x, y, z] = ray.p;
+            let (sag, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;
+            let closing = ray.d[2] - slope * (x * ray.d[0] + y * ray.d[1]);
+            let t = (sag - z) / closing;
+            if !t.value().is_finite() {
+                return Err(Stopped::Misses);
+            }
+            advance(ray, t);
+            total = total + t;
+            // Two steps past convergence: the derivatives settle one step after the value.
+            if t.value().abs() < SAG_TOLERANCE_MM {
+                settled += 1;
+                if settled == 2 {
+                    return Ok(total);
+                }
+            }
+        }
+        Err(Stopped::Misses)
+    }
+
+    /// Sag and (1/r) d(sag)/dr at r²; none beyond the edge of a conic.
+    fn sag<T: Scalar>(&self, r2: T) -> Option<(T, T)> {
+        let c = T::of(self.curvature);
+        let root2 = T::of(1.0) - T::of((1.0 + self.conic) * self.curvature * self.curvature) * r2;
+        if root2.value() <= 0.0 {
+            return None;
+        }
+        let root = root2.sqrt();
+        let mut sag = c * r2 / (T::of(1.0) + root);
+        let mut slope = c / root;
+        let mut power = T::of(1.0);
+        for (i, a) in self.aspheric.iter().enumerate() {
+            slope = slope + T::of(2.0 * (i + 1) as f64 * a) * power;
+            power = power * r2;
+            sag = sag + T::of(*a) * power;
+        }
+        Some((sag, slope))
+    }
+
+    /// Refracts `ray`, which lies on the surface, from index `n1` into `n2`.
+    ///
+    /// # Errors
+    /// [`Stopped::Reflected`], or [`Stopped::Misses`] at the very edge of a conic.
+    pub fn refract<T: Scalar>(&self, ray: &mut Ray<T>, n1: f64, n2: f64) -> Result<(), Stopped> {
+        if n1 == n2 {
+            return Ok(());
+        }
+        let normal = if self.is_flat() {
+            [T::of(0.0), T::of(0.0), T::of(1.0)]
+        } else {
+            let [x, y, _] = ray.p;
+            let (_, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;
+            let (nx, ny) = (-slope * x, -slope * y);
+            let length = (nx * nx + ny * ny + T::of(1.0)).sqrt();
+            [nx / length, ny / length, T::of(1.0) / length]
+        };
+        let mu = T::of(n1 / n2);
+        let cos1 = ray.d[0] * normal[0] + ray.d[1] * normal[1] + ray.d[2] * normal[2];
+        let root = T::of(1.0) - mu * mu * (T::of(1.0) - cos1 * cos1);
+        if root.value() < 0.0 || cos1.value() <= 0.0 {
+            return Err(Stopped::Reflected);
+        }
+        let gamma = root.sqrt() - mu * cos1;
+        for (d, n) in ray.d.iter_mut().zip(normal) {
+            *d = mu * *d + gamma * n;
+        }
+        Ok(())
+    }
+}
+
+fn advance<T: Scalar>(ray: &mut Ray<T>, t: T) {
+    for i in 0..3 {
+        ray.p[i] = ray.p[i] + t * ray.d[i];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::scalar::Dual;
+
+    fn ray(x: f64, y: f64, l: f64, m: f64) -> Ray<f64> {
+        Ray { p: [x, y, -5.0], d: [l, m, (1.0 - l * l - m * m).sqrt()], path: 0.0 }
+    }
+
+    #[test]
+    fn a_sphere_written_as_an_asphere_is_the_same_sphere() {
+        // The parabola c r²/2 as a conic of κ = −1 and as a flat with α1 = c/2.
+        let conic = Shape { curvature: 0.02, conic: -1.0, aspheric: vec![] };
+        let asphere = Shape { curvature: 0.0, conic: 0.0, aspheric: vec![0.01] };
+        for (x, y, l, m) in [(3.0, 1.0, 0.1, -0.05), (-8.0, 2.0, 0.2, 0.1), (0.0, 0.0, 0.0, 0.0)] {
+            let (mut a, mut b) = (ray(x, y, l, m), ray(x, y, l, m));
+            conic.meet(&mut a, 1.3).unwrap();
+            asphere.meet(&mut b, 1.3).unwrap();
+            conic.refract(&mut a, 1.3, 1.6).unwrap();
+            asphere.refract(&mut b, 1.3, 1.6).unwrap();
+            for i in 0..3 {
+                assert!((a.p[i] - b.p[i]).abs() < 1e-12 && (a.d[i] - b.d[i]).abs() < 1e-13);
+            }
+            assert!((a.path - b.path).abs() < 1e-12);
+            let r2 = a.p[0] * a.p[0] + a.p[1] * a.p[1];
+            assert!((a.p[2] - 0.01 * r2).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_neighbouring_rays() {
+        let shape = Shape { curvature: 0.03, conic: 0.4, aspheric: vec![1e-4, -2e-6, 3e-9] };
+        let go = |x: f64, y: f64| {
+            let mut r = ray(x, y, 0.1, 0.02);
+            shape.meet(&mut r, 1.0).unwrap();
+            shape.refract(&mut r, 1.0, 1.5).unwrap();
+            r
+        };
+        let base = ray(4.0, 1.0, 0.1, 0.02);
+        let mut dual = Ray {
+            p: [Dual::new(4.0, 1.0, 0.0), Dual::new(1.0, 0.0, 1.0), Dual::of(-5.0)],
+            d: base.d.map(Dual::of),
+            path: Dual::of(0.0),
+        };
+        shape.meet(&mut dual, 1.0).unwrap();
+        shape.refract(&mut dual, 1.0, 1.5).unwrap();
+        let h = 1e-5;
+        for i in 0..3 {
+            let dx = (go(4.0 + h, 1.0).d[i] - go(4.0 - h, 1.0).d[i]) / (2.0 * h);
+            let dy = (go(4.0, 1.0 + h).d[i] - go(4.0, 1.0 - h).d[i]) / (2.0 * h);
+            assert!((dx - dual.d[i].d[0]).abs() < 1e-9 && (dy - dual.d[i].d[1]).abs() < 1e-9);
+        }
+        let path = (go(4.0 + h, 1.0).path - go(4.0 - h, 1.0).path) / (2.0 * h);
+        assert!((path - dual.path.d[0]).abs() < 1e-8);
+    }
+
+    #[test]
+    fn rays_that_end_say_why() {
+        let ball = Shape { curvature: 0.2, ..Shape::default() };
+        assert_eq!(ball.meet(&mut ray(6.0, 0.0, 0.0, 0.0), 1.0), Err(Stopped::Misses));
+        let mut steep = ray(0.0, 0.0, 0.9, 0.0);
+        Shape::default().meet(&mut steep, 1.5).unwrap();
+        assert_eq!(Shape::default().refract(&mut steep, 1.5, 1.0), Err(Stopped::Reflected));
+    }
+}

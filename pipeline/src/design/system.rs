@@ -1,0 +1,231 @@
+//! A prescription: surfaces along the axis, stop, aperture, fields, wavelengths.
+//!
+//! Lengths in mm, wavelengths in µm. The object lies in air at `object_distance_mm` before surface 0 (`None` = infinity);
+//! `surfaces` runs from the first surface to the image plane, which is the last, flat, and lies in air. Each surface holds the
+//! distance to the next one and the medium in between. Rotationally symmetric: no tilts, no decentres, no mirrors.
+
+use super::error::DesignError;
+use super::glass::Glass;
+use super::paraxial::Paraxial;
+use super::spots;
+use super::surface::Shape;
+
+/// What lies behind a surface.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Medium {
+    /// Air: index 1, as glass catalogues are relative to it.
+    Air,
+    /// A glass.
+    Glass(Glass),
+}
+
+impl Medium {
+    /// Index at `um`.
+    ///
+    /// # Errors
+    /// [`DesignError::Wavelength`] outside the glass's range.
+    pub fn index(&self, um: f64) -> Result<f64, DesignError> {
+        match self {
+            Self::Air => Ok(1.0),
+            Self::Glass(glass) => glass.index(um),
+        }
+    }
+}
+
+/// A surface, the gap behind it and what fills that gap.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surface {
+    /// Its shape.
+    pub shape: Shape,
+    /// Distance to the next surface, mm.
+    pub thickness_mm: f64,
+    /// What lies behind it.
+    pub medium: Medium,
+    /// Radius beyond which it blocks light, mm; `None` = it never does.
+    pub aperture_mm: Option<f64>,
+    /// Clear radius as drawn, mm (0 = unknown); blocks nothing.
+    pub semi_diameter_mm: f64,
+}
+
+impl Surface {
+    /// A surface without aperture.
+    pub fn new(curvature: f64, thickness_mm: f64, medium: Medium) -> Self {
+        let shape = Shape { curvature, ..Shape::default() };
+        Self { shape, thickness_mm, medium, aperture_mm: None, semi_diameter_mm: 0.0 }
+    }
+}
+
+/// How the cone of light is given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Aperture {
+    /// Entrance pupil diameter, mm.
+    EntrancePupil(f64),
+    /// Image-space F-number: focal length over entrance pupil diameter.
+    ImageFNumber(f64),
+    /// Paraxial working F-number 1/(2 tan u') at this conjugate.
+    WorkingFNumber(f64),
+    /// Object-space numerical aperture; finite objects only.
+    ObjectNa(f64),
+    /// Radius of the stop, mm.
+    StopRadius(f64),
+}
+
+/// How field points are given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FieldKind {
+    /// Angle at the entrance pupil, degrees.
+    Angle,
+    /// Object height, mm.
+    ObjectHeight,
+    /// Paraxial image height at the primary wavelength, mm.
+    ParaxialImageHeight,
+}
+
+/// How rays are aimed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RayAiming {
+    /// At the paraxial entrance pupil of the primary wavelength (the design program's "ray aiming off").
+    Paraxial,
+    /// So that they cross the stop where they should.
+    Real,
+}
+
+/// Where the film lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ImagePlane {
+    /// As in the design.
+    AsDesigned,
+    /// At the paraxial focus of this wavelength, µm.
+    Paraxial(f64),
+    /// Where the axial spot of this wavelength (µm) has the least RMS radius.
+    BestRmsSpot(f64),
+    /// Where the axial Strehl ratio of this wavelength (µm) is highest.
+    BestStrehl(f64),
+}
+
+/// A prescription.
+#[derive(Clone, Debug, PartialEq)]
+pub struct System {
+    /// Name shown to people.
+    pub name: String,
+    /// Object distance before surface 0, mm; `None` = infinity.
+    pub object_distance_mm: Option<f64>,
+    /// Surfaces, the last is the image plane.
+    pub surfaces: Vec<Surface>,
+    /// Index of the stop.
+    pub stop: usize,
+    /// How the cone of light is given.
+    pub aperture: Aperture,
+    /// How `fields` are given.
+    pub field_kind: FieldKind,
+    /// Radial field points of the design.
+    pub fields: Vec<f64>,
+    /// Wavelengths in µm with their weights.
+    pub wavelengths_um: Vec<(f64, f64)>,
+    /// Index of the primary wavelength.
+    pub primary: usize,
+    /// How rays are aimed.
+    pub aiming: RayAiming,
+    /// What the reader of the design wants its user to know.
+    pub notes: Vec<String>,
+}
+
+impl System {
+    /// The built-in lens: "Double Gauss 28 degree field".
+    pub fn double_gauss_28() -> Self {
+        let text = include_bytes!("../../data/double-gauss-28.zmx");
+        super::zmx::parse(text, &super::glass::GlassCatalog::schott()).expect("the built-in design is sound")
+    }
+
+    /// Primary wavelength, µm.
+    pub fn primary_um(&self) -> f64 {
+        self.wavelengths_um[self.primary].0
+    }
+
+    /// Index of the image plane among the surfaces.
+    pub fn image(&self) -> usize {
+        self.surfaces.len() - 1
+    }
+
+    /// Checks what the tracer takes for granted.
+    ///
+    /// # Errors
+    /// [`DesignError::Incomplete`] says what is missing or impossible.
+    pub fn check(&self) -> Result<(), DesignError> {
+        let no = |problem: &str| Err(DesignError::Incomplete { problem: problem.to_owned() });
+        if self.surfaces.len() < 2 {
+            return no("has no surface before the image plane");
+        }
+        if self.stop >= self.image() {
+            return no("has no aperture stop before the image plane");
+        }
+        if self.wavelengths_um.get(self.primary).is_none() {
+            return no("has no primary wavelength");
+        }
+        if self.wavelengths_um.iter().any(|(um, w)| !(um.is_finite() && *um > 0.0 && w.is_finite())) {
+            return no("has a wavelength that is not a positive number of µm");
+        }
+        if self.object_distance_mm.is_some_and(|d| !(d.is_finite() && d > 0.0)) {
+            return no("has an object that does not lie before the lens");
+        }
+        let image = &self.surfaces[self.image()];
+        if !image.shape.is_flat() {
+            return no("has a curved image surface; a film is flat");
+        }
+        if self.surfaces[self.image() - 1].medium != Medium::Air {
+            return no("has its image inside glass; put a last surface before it");
+        }
+        for s in &self.surfaces {
+            let numbers = [s.shape.curvature, s.shape.conic, s.thickness_mm, s.semi_diameter_mm];
+            if numbers.iter().chain(&s.shape.aspheric).any(|v| !v.is_finite()) {
+                return no("has a surface with a number that is not finite");
+            }
+            if s.aperture_mm.is_some_and(|a| !(a.is_finite() && a > 0.0)) {
+                return no("has a surface whose aperture lets no light through");
+            }
+        }
+        let (Aperture::EntrancePupil(v)
+        | Aperture::ImageFNumber(v)
+        | Aperture::WorkingFNumber(v)
+        | Aperture::ObjectNa(v)
+        | Aperture::StopRadius(v)) = self.aperture;
+        if !(v.is_finite() && v > 0.0) {
+            return no("has an aperture that lets no light through");
+        }
+        if matches!(self.aperture, Aperture::ObjectNa(na) if na >= 1.0 || self.object_distance_mm.is_none()) {
+            return no("gives an object-space NA that its object distance does not allow");
+        }
+        Ok(())
+    }
+
+    /// The same lens with its film elsewhere, `defocus_mm` further from the lens than `plane` says.
+    ///
+    /// # Errors
+    /// What keeps the plane from being found.
+    pub fn with_image_plane(&self, plane: ImagePlane, defocus_mm: f64) -> Result<Self, DesignError> {
+        let mut moved = self.clone();
+        let gap = self.image() - 1;
+        moved.surfaces[gap].thickness_mm += match plane {
+            ImagePlane::AsDesigned => 0.0,
+            ImagePlane::Paraxial(um) => Paraxial::new(self, um)?.focus_shift_mm(),
+            ImagePlane::BestRmsSpot(um) => spots::best_rms_shift_mm(self, um)?,
+            ImagePlane::BestStrehl(um) => spots::best_strehl_shift_mm(self, um)?,
+        } + defocus_mm;
+        moved.check()?;
+        Ok(moved)
+    }
+
+    /// The same lens for an object at another distance before its first surface (`None` = infinity). Image plane and pupil stay.
+    ///
+    /// # Errors
+    /// What the new conjugate makes impossible.
+    pub fn with_object_distance(&self, distance_mm: Option<f64>) -> Result<Self, DesignError> {
+        let primary = Paraxial::new(self, self.primary_um())?;
+        let mut moved = self.clone();
+        // The iris stays: an F-number or NA given for one conjugate must not open or close it at another.
+        moved.aperture = Aperture::StopRadius(primary.stop_radius_mm);
+        moved.object_distance_mm = distance_mm;
+        moved.check()?;
+        Ok(moved)
+    }
+}

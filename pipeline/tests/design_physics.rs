@@ -1,0 +1,210 @@
+//! The tracer against physics that is known: Airy's pattern, cos⁴, overlapping discs, mirror symmetry, thin lenses.
+
+use std::f64::consts::PI;
+
+use lenscube_pipeline::design::glass::{Dispersion, Glass};
+use lenscube_pipeline::design::illumination::{numerical_aperture, solid_angle_sr};
+use lenscube_pipeline::design::paraxial::Paraxial;
+use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction, direct_sum};
+use lenscube_pipeline::design::pupil::Pupil;
+use lenscube_pipeline::design::ray::Tracer;
+use lenscube_pipeline::design::spots::spot;
+use lenscube_pipeline::design::surface::Shape;
+use lenscube_pipeline::design::system::{Aperture, FieldKind, ImagePlane, Medium, RayAiming, Surface};
+use lenscube_pipeline::design::{DesignError, System, describe};
+
+fn system(surfaces: Vec<Surface>, stop: usize, pupil_mm: f64) -> System {
+    System {
+        name: "test".to_owned(),
+        object_distance_mm: None,
+        surfaces,
+        stop,
+        aperture: Aperture::EntrancePupil(pupil_mm),
+        field_kind: FieldKind::Angle,
+        fields: vec![0.0, 10.0],
+        wavelengths_um: vec![(0.55, 1.0)],
+        primary: 0,
+        aiming: RayAiming::Paraxial,
+        notes: Vec::new(),
+    }
+}
+
+fn flat(thickness: f64) -> Surface {
+    Surface::new(0.0, thickness, Medium::Air)
+}
+
+fn glass(n: f64) -> Medium {
+    Medium::Glass(Glass { name: "n".to_owned(), dispersion: Dispersion::constant(n), range_um: (0.0, 9.0) })
+}
+
+/// Flat front, hyperbolic back: free of spherical aberration for a distant axial point (Descartes' oval).
+fn stigmatic(pupil_mm: f64) -> System {
+    let (n, f): (f64, f64) = (1.5, 100.0);
+    let mut back = Surface::new(0.0, f, Medium::Air);
+    back.shape = Shape { curvature: -1.0 / ((n - 1.0) * f), conic: -n * n, aspheric: vec![] };
+    system(vec![Surface::new(0.0, 2.0, glass(n)), back, flat(0.0)], 0, pupil_mm)
+}
+
+fn bessel_j1_over_x(x: f64) -> f64 {
+    let (mut term, mut sum) = (0.5, 0.5);
+    for k in 1..80 {
+        term *= -(x * x / 4.0) / (f64::from(k) * f64::from(k + 1));
+        sum += term;
+    }
+    sum
+}
+
+#[test]
+fn a_perfect_lens_makes_airys_pattern() {
+    // F/100: apodisation and obliquity are of order NA² = 2.5e-5.
+    let system = stigmatic(1.0);
+    let tracer = Tracer::new(&system, 0.55).unwrap();
+    let f = PupilFunction::trace(&tracer, 0.0).unwrap();
+    let (half, pitch) = (40, 7.0);
+    let psf = PsfGrid::new(half, pitch).psf(&f, 0.0, &mut PsfScratch::default());
+    let na = numerical_aperture(&tracer).unwrap();
+    let n = 2 * half + 1;
+    // Peak of all the light: π NA²/λ² per µm².
+    let peak = PI * (na / 0.55).powi(2) * pitch * pitch;
+    let mut worst = 0.0_f64;
+    for (i, v) in psf.iter().enumerate() {
+        let at = |i: usize| (i as f64 - half as f64) * pitch;
+        let x = 2.0 * PI / 0.55 * na * at(i % n).hypot(at(i / n));
+        worst = worst.max((v / peak - (2.0 * bessel_j1_over_x(x)).powi(2)).abs());
+    }
+    println!("Airy: {worst:.2e} of the peak");
+    assert!(worst < 1e-4);
+    assert!(spot(&tracer, 0.0).unwrap().strehl > 1.0 - 1e-9);
+}
+
+#[test]
+fn the_fast_sum_is_the_direct_sum() {
+    let system = System::double_gauss_28();
+    for (um, tan, azimuth, pitch) in [(0.4, 0.0, 0.0, 0.5), (0.4, 0.2, 0.7, 0.5), (0.6, 0.1, -2.0, 0.66)] {
+        let tracer = Tracer::new(&system, um).unwrap();
+        let f = PupilFunction::trace(&tracer, tan).unwrap();
+        let slow = direct_sum(&f, 12, pitch, azimuth);
+        let fast = PsfGrid::new(12, pitch).psf(&f, azimuth, &mut PsfScratch::default());
+        let peak = slow.iter().fold(0.0_f64, |a, v| a.max(*v));
+        let worst = slow.iter().zip(&fast).map(|(a, b)| (a - b).abs() / peak).fold(0.0, f64::max);
+        assert!(worst < 1e-6, "{um} µm: {worst:.2e} of the peak");
+    }
+}
+
+#[test]
+fn turning_turns_and_the_meridian_mirrors() {
+    let system = System::double_gauss_28();
+    let tracer = Tracer::new(&system, 0.55).unwrap();
+    let f = PupilFunction::trace(&tracer, 0.2).unwrap();
+    let grid = PsfGrid::new(30, 0.6);
+    let n = grid.size();
+    let mut scratch = PsfScratch::default();
+    let mut psf = |azimuth: f64| grid.psf(&f, azimuth, &mut scratch);
+    let (upright, down, a, b) = (psf(0.0), psf(PI / 2.0), psf(0.4), psf(-0.4));
+    let peak = upright.iter().fold(0.0_f64, |a, v| a.max(*v));
+    for i in 0..n * n {
+        let (x, y) = (i % n, i / n);
+        // A quarter turn takes (x, y) to (−y, x), row down: what lay on +x lies below.
+        assert!((upright[i] - down[x * n + (n - 1 - y)]).abs() < 1e-6 * peak);
+        assert!((a[i] - b[(n - 1 - y) * n + x]).abs() < 1e-6 * peak);
+        assert!((upright[i] - upright[(n - 1 - y) * n + x]).abs() < 1e-12 * peak);
+    }
+}
+
+#[test]
+fn a_lone_stop_dims_by_cos4() {
+    let mut system = system(vec![flat(50.0), flat(0.0)], 0, 0.02);
+    system.object_distance_mm = Some(200.0);
+    let tracer = Tracer::new(&system, 0.55).unwrap();
+    let axis = solid_angle_sr(&tracer, 0.0).unwrap();
+    assert!((axis / (PI * (0.01_f64 / 200.0).powi(2)) - 1.0).abs() < 1e-6);
+    for degrees in [5.0_f64, 20.0, 40.0] {
+        let ri = solid_angle_sr(&tracer, degrees.to_radians().tan()).unwrap() / axis;
+        assert!((ri - degrees.to_radians().cos().powi(4)).abs() < 1e-7, "{degrees}: {ri}");
+    }
+}
+
+#[test]
+fn a_vignetted_pupil_is_the_overlap_of_discs() {
+    let (stop, hood, gap) = (5.0_f64, 6.0_f64, 30.0);
+    let mut front = flat(gap);
+    front.aperture_mm = Some(hood);
+    let mut system = system(vec![front, flat(50.0), flat(0.0)], 1, 2.0 * stop);
+    for aiming in [RayAiming::Paraxial, RayAiming::Real] {
+        system.aiming = aiming;
+        let tracer = Tracer::new(&system, 0.55).unwrap();
+        for tan in [0.0, 0.02, 0.1, 0.2, 0.3] {
+            let d: f64 = gap * tan;
+            let want = if d <= hood - stop {
+                PI * stop * stop
+            } else {
+                let angle = |r: f64, s: f64| ((d * d + r * r - s * s) / (2.0 * d * r)).acos();
+                let root =
+                    ((stop + hood - d) * (d + stop - hood) * (d - stop + hood) * (d + stop + hood)).sqrt();
+                stop * stop * angle(stop, hood) + hood * hood * angle(hood, stop) - 0.5 * root
+            };
+            let nodes = Pupil::new(&tracer, tan).unwrap().nodes(&tracer, tan, 7, 9);
+            let area = 2.0 * stop * stop * nodes.iter().map(|n| n.weight).sum::<f64>();
+            assert!((area / want - 1.0).abs() < 1e-7, "tan {tan}: {area} against {want}");
+        }
+        assert!(matches!(Pupil::new(&tracer, 0.4), Err(DesignError::Ray { .. })));
+    }
+}
+
+#[test]
+fn a_thin_lens_obeys_its_formula() {
+    // Thin enough that the principal planes coincide to 1e-6 mm.
+    let n = 1.5;
+    let c = 1.0 / 100.0;
+    let lens = |distance: Option<f64>, image: f64| {
+        let surfaces = vec![Surface::new(c, 1e-6, glass(n)), Surface::new(-c, image, Medium::Air), flat(0.0)];
+        System { object_distance_mm: distance, ..system(surfaces, 0, 10.0) }
+    };
+    let p = Paraxial::new(&lens(None, 100.0), 0.55).unwrap();
+    assert!((p.effective_focal_length_mm - 100.0).abs() < 1e-5 && p.focus_shift_mm().abs() < 1e-5);
+    assert!((p.image_f_number() - 10.0).abs() < 1e-6 && (p.working_f_number() - 10.0).abs() < 1e-6);
+    // 300 mm before a lens of 100 mm: image at 150 mm, half as large, upside down.
+    let finite = lens(Some(300.0), 140.0);
+    let p = Paraxial::new(&finite, 0.55).unwrap();
+    assert!((p.magnification + 0.5).abs() < 1e-6 && (p.focus_shift_mm() - 10.0).abs() < 1e-4, "{p:?}");
+    let focused = finite.with_image_plane(ImagePlane::Paraxial(0.55), 0.0).unwrap();
+    assert!((focused.surfaces[1].thickness_mm - 150.0).abs() < 1e-4);
+    // The same iris at another distance.
+    let moved = lens(None, 100.0).with_object_distance(Some(300.0)).unwrap();
+    let p = Paraxial::new(&moved, 0.55).unwrap();
+    assert!((p.entrance_radius_mm - 5.0).abs() < 1e-9);
+}
+
+#[test]
+fn best_focus_is_where_spots_and_strehl_are_best() {
+    let system = System::double_gauss_28();
+    let um = 0.5876;
+    let at = |s: &System| spot(&Tracer::new(s, um).unwrap(), 0.0).unwrap();
+    let rms = system.with_image_plane(ImagePlane::BestRmsSpot(um), 0.0).unwrap();
+    let strehl = system.with_image_plane(ImagePlane::BestStrehl(um), 0.0).unwrap();
+    for step in [-0.01, 0.01] {
+        let off = |s: &System| at(&s.with_image_plane(ImagePlane::AsDesigned, step).unwrap());
+        assert!(off(&rms).rms_um > at(&rms).rms_um);
+        assert!(off(&strehl).strehl < at(&strehl).strehl);
+    }
+    assert!(at(&strehl).strehl > at(&rms).strehl && at(&rms).rms_um < at(&system).rms_um);
+}
+
+#[test]
+fn aiming_at_the_stop_agrees_where_the_stop_is_the_pupil() {
+    let paraxial = stigmatic(20.0);
+    let real = System { aiming: RayAiming::Real, ..paraxial.clone() };
+    let (a, b) = (Tracer::new(&paraxial, 0.55).unwrap(), Tracer::new(&real, 0.55).unwrap());
+    for (tan, p, q) in [(0.0, 0.3, 0.1), (0.05, -0.7, 0.6), (0.1, 0.0, -1.0)] {
+        let (x, y) = (a.ray(tan, p, q).unwrap(), b.ray(tan, p, q).unwrap());
+        assert!((x.x.v - y.x.v).abs() < 1e-10 && (x.solid_angle() / y.solid_angle() - 1.0).abs() < 1e-9);
+    }
+    // Inside a lens the real pupil moves with the field; the chief rays part, by little.
+    let lens = System::double_gauss_28();
+    let aimed = System { aiming: RayAiming::Real, ..lens.clone() };
+    let (a, b) = (Tracer::new(&lens, 0.55).unwrap(), Tracer::new(&aimed, 0.55).unwrap());
+    let gap = a.chief_height_mm(0.2).unwrap() - b.chief_height_mm(0.2).unwrap();
+    assert!(gap.abs() > 1e-6 && gap.abs() < 0.05, "{gap}");
+    assert!(solid_angle_sr(&b, 0.2).unwrap() > 0.5 * solid_angle_sr(&b, 0.0).unwrap());
+    assert!(PupilFunction::trace(&b, 0.2).is_ok() && describe(&aimed).is_ok());
+}

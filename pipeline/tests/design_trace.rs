@@ -1,0 +1,145 @@
+//! A traced band keeps its promises: its tables' contract, its light, its error bound anywhere between nodes, its bits.
+
+use std::f64::consts::PI;
+
+use lenscube_pipeline::design::film_pixel::FilmPixels;
+use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
+use lenscube_pipeline::design::ray::Tracer;
+use lenscube_pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions, TracedBand};
+use lenscube_pipeline::design::{DesignError, System, trace_lens};
+
+fn band(options: &TraceOptions) -> TracedBand {
+    let system = System::double_gauss_28();
+    let mut steps = 0;
+    let band = LensTrace::new(&system, options).unwrap().band(0, &mut |_| steps += 1).unwrap();
+    assert!(steps > 3);
+    band
+}
+
+/// L1 errors at random places of the kernel that four nodes give, against the one traced there.
+fn errors(band: &TracedBand, places: usize) -> Vec<f64> {
+    let system = System::double_gauss_28();
+    let tables = &band.tables;
+    let tracer = Tracer::new(&system, tables.wavelength_nm / 1e3).unwrap();
+    let grid = PsfGrid::new(tables.psf_size / 2, tables.psf_pitch_um);
+    let film = FilmPixels::new(grid.size(), grid.pitch_um(), band.report.window_px, 2.0);
+    let mut scratch = PsfScratch::default();
+    let mut kernel = |height: f64, azimuth: f64| {
+        let f = PupilFunction::trace(&tracer, tracer.field_of_height(height).unwrap()).unwrap();
+        let k = film.integrate(&grid.psf(&f, azimuth, &mut scratch));
+        let sum: f64 = k.iter().sum();
+        k.into_iter().map(|v| v / sum).collect::<Vec<f64>>()
+    };
+    let mut seed = 11_u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let heights = &tables.psf_height_mm;
+    let mut out: Vec<f64> = (0..places)
+        .map(|_| {
+            let (r, theta) = (random() * heights[heights.len() - 1], random() * 2.0 * PI);
+            let k = heights.partition_point(|h| *h <= r).clamp(1, heights.len() - 1);
+            let u = (r - heights[k - 1]) / (heights[k] - heights[k - 1]);
+            let mut error = kernel(r, theta);
+            for (k, share) in [(k - 1, 1.0 - u), (k, u)] {
+                let step = 2.0 * PI / tables.azimuth_count[k] as f64;
+                let v = (theta / step).fract();
+                let j = (theta / step).floor();
+                for (j, share) in [(j, share * (1.0 - v)), (j + 1.0, share * v)] {
+                    for (e, n) in error.iter_mut().zip(kernel(heights[k], j * step)) {
+                        *e -= share * n;
+                    }
+                }
+            }
+            error.iter().map(|e| e.abs()).sum()
+        })
+        .collect();
+    out.sort_by(f64::total_cmp);
+    out
+}
+
+#[test]
+fn a_band_is_within_its_tolerance_everywhere() {
+    let options = TraceOptions { psf_tolerance: 0.03, ..TraceOptions::new(vec![550.0], 12.0) };
+    let band = band(&options);
+    band.tables.check().unwrap();
+    let bound = band.report.psf_error.unwrap();
+    assert!(bound <= 0.03, "{bound}");
+    assert!(band.report.least_energy >= 0.99);
+    let found = errors(&band, 12);
+    println!("bound {bound:.4}, found {found:.4?}");
+    // The film's orientation in a cell changes the L1 norm a little.
+    assert!(found[found.len() - 1] <= 1.2 * bound);
+    for k in 0..band.psf.heights() {
+        let sum: f64 = band.psf.window(k).iter().map(|v| f64::from(*v)).sum();
+        assert!((sum - 1.0).abs() < 1e-5);
+    }
+    // Dense tables: real heights half-way between field points, to 1e-4 of a 2 µm pixel.
+    let system = System::double_gauss_28();
+    let tracer = Tracer::new(&system, 0.55).unwrap();
+    let t = &band.tables;
+    for i in [0, 300, 999] {
+        let ideal = 0.5 * (t.ideal_height_mm[i] + t.ideal_height_mm[i + 1]);
+        let real = tracer.chief_height_mm(ideal / tracer.ideal_scale_mm()).unwrap();
+        assert!((real - 0.5 * (t.image_height_mm[i] + t.image_height_mm[i + 1])).abs() < 2e-7);
+    }
+    assert!((t.image_height_mm[1000] - 12.0).abs() < 1e-9 && t.relative_illumination[0] == 1.0);
+}
+
+/// The default pack's promise: `cargo test --release -p lenscube-pipeline --test design_trace -- --ignored --nocapture`.
+#[test]
+#[ignore = "half a minute"]
+fn kernels_between_nodes_are_within_a_percent_and_a_half() {
+    for nm in [400.0, 440.0, 480.0, 550.0, 620.0, 700.0] {
+        let band = band(&TraceOptions::new(vec![nm], 20.5));
+        let found = errors(&band, 60);
+        let (median, worst) = (found[30], found[59]);
+        println!(
+            "{nm} nm: bound {:.4}, found median {median:.4}, worst {worst:.4}",
+            band.report.psf_error.unwrap()
+        );
+        assert!(worst <= 0.015 && median <= 0.005);
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let mut options = TraceOptions::new(vec![600.0], 6.0);
+    options.heights = PsfHeights::Given(vec![0.0, 2.0, 6.0]);
+    options.azimuths = Azimuths::Given(8);
+    options.window_px = Some(31);
+    let run = |threads| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| band(&options))
+    };
+    let (one, three) = (run(1), run(3));
+    assert_eq!(one, three);
+    assert_eq!(one.tables.azimuth_count, [1, 8, 8]);
+}
+
+#[test]
+fn bands_stream_and_refusals_come_back() {
+    let system = System::double_gauss_28();
+    let mut options = TraceOptions::new(vec![500.0, 600.0], 3.0);
+    options.heights = PsfHeights::Given(vec![0.0, 3.0]);
+    options.azimuths = Azimuths::Given(8);
+    options.field_points = 11;
+    let mut seen = Vec::new();
+    let lens = trace_lens(&system, &options, &mut |_| (), |i, b| {
+        seen.push((i, b.psf.size));
+        Ok::<(), String>(())
+    });
+    let lens = lens.unwrap();
+    assert_eq!((lens.bands.len(), seen.len()), (2, 2));
+    assert!((lens.distortion_focal_length_mm - 99.332_063).abs() < 1e-6 && lens.object_distance_mm.is_none());
+    let full = trace_lens(&system, &options, &mut |_| (), |_, _| Err("disk full"));
+    assert!(matches!(full, Err(DesignError::Sink { problem, .. }) if problem == "disk full"));
+    let far = TraceOptions::new(vec![550.0], 200.0);
+    assert!(
+        matches!(LensTrace::new(&system, &far), Err(DesignError::Height { reached_mm, .. }) if reached_mm > 20.0)
+    );
+    let odd = TraceOptions { window_px: Some(50), ..TraceOptions::new(vec![550.0], 5.0) };
+    assert!(matches!(LensTrace::new(&system, &odd), Err(DesignError::Option { .. })));
+    let uv = TraceOptions::new(vec![200.0], 5.0);
+    assert!(matches!(LensTrace::new(&system, &uv), Err(DesignError::Wavelength { .. })));
+}

@@ -1,0 +1,159 @@
+//! The .zmx reader: what it takes, what it refuses and with which line, and that no input makes it panic.
+
+use lenscube_pipeline::design::glass::GlassCatalog;
+use lenscube_pipeline::design::paraxial::Paraxial;
+use lenscube_pipeline::design::system::{Aperture, FieldKind, RayAiming};
+use lenscube_pipeline::design::{DesignError, System, agf, describe, zmx};
+use proptest::prelude::*;
+
+/// A finite-conjugate lens as older versions of the design program write it: no quotes, old field words, an asphere, floating apertures.
+const OLD: &str = "VERS 41101 487 13667
+MODE SEQ
+NAME a small lens
+NOTE 0 first
+UNIT IN X W X CM
+FNUM 4.0 1
+GFAC 0 0
+GCAT SCHOTT
+RAIM 1.0E-8 1 1 1 0 0
+FTYP 2 0 2 1
+XFLD 0 0
+YFLD 0 0.1
+WAVL 0.55
+PWAV 1
+SURF 0
+  TYPE STANDARD
+  CURV 0
+  DISZ 10
+SURF 1
+  STOP
+  TYPE EVENASPH
+  CURV 0.5 0 0 0
+  CONI -0.5
+  PARM 2 0.001
+  SLAB 12
+  DISZ 0.2
+  GLAS N-BK7 0 0 1.5 40 0 0 0 0 0 0
+  DIAM 0.4 1 0
+  FLAP 0 0.4 0
+SURF 2
+  TYPE STANDARD
+  CURV -0.5
+  DISZ 1.1
+  DIAM 0.4 0 0
+SURF 3
+  TYPE STANDARD
+  CURV 0
+  DISZ 0
+CONF 1 0 0 0
+EFFL 0 2 0 0 0 0 6 2
+";
+
+fn read(text: &str) -> Result<System, DesignError> {
+    zmx::parse(text.as_bytes(), &GlassCatalog::schott())
+}
+
+#[test]
+fn units_apertures_and_aspheres_arrive_in_mm() {
+    let s = read(OLD).unwrap();
+    assert_eq!((s.stop, s.aiming, s.aperture), (0, RayAiming::Real, Aperture::WorkingFNumber(4.0)));
+    assert!((s.object_distance_mm.unwrap() - 254.0).abs() < 1e-12);
+    assert_eq!(s.field_kind, FieldKind::ParaxialImageHeight);
+    assert!((s.fields[1] - 2.54).abs() < 1e-12);
+    let front = &s.surfaces[0];
+    assert!((front.shape.curvature - 0.5 / 25.4).abs() < 1e-15 && front.shape.conic == -0.5);
+    // α2 multiplies r⁴: in⁻³ to mm⁻³.
+    assert!((front.shape.aspheric[1] - 0.001 / 25.4_f64.powi(3)).abs() < 1e-15);
+    assert!((front.aperture_mm.unwrap() - 10.16).abs() < 1e-12 && s.surfaces[1].aperture_mm.is_none());
+    let p = Paraxial::new(&s, 0.55).unwrap();
+    assert!((p.working_f_number() - 4.0).abs() < 1e-12);
+    assert!((describe(&s).unwrap().paraxial_image_height_mm - 2.54).abs() < 1e-9);
+}
+
+#[test]
+fn utf16_and_latin1_read_the_same() {
+    let mut wide = vec![0xFF, 0xFE];
+    wide.extend(OLD.replace('\n', "\r\n").encode_utf16().flat_map(u16::to_le_bytes));
+    assert_eq!(zmx::parse(&wide, &GlassCatalog::schott()), read(OLD));
+    let latin: Vec<u8> = OLD.replace("first", "f\u{fc}r").chars().map(|c| c as u32 as u8).collect();
+    assert_eq!(zmx::parse(&latin, &GlassCatalog::schott()), read(OLD));
+}
+
+#[test]
+fn what_changes_the_optics_is_refused_with_its_line() {
+    for (from, to, line) in [
+        ("MODE SEQ", "MODE NSC", 2),
+        ("GFAC 0 0", "GFAC 1 0.5", 7),
+        ("FTYP 2 0", "FTYP 3 0", 10),
+        ("FTYP 2 0", "FTYP 2 1", 10),
+        ("GCAT SCHOTT", "ABCD 1", 8),
+        ("TYPE EVENASPH", "TYPE BICONICX", 21),
+        ("TYPE EVENASPH", "TYPE STANDARD", 24),
+        ("PARM 2 0.001", "PARM 9 0.001", 24),
+        ("SLAB 12", "OBSC 0 1", 25),
+        ("CONI -0.5", "CONI x", 23),
+        ("GLAS N-BK7", "GLAS MIRROR", 27),
+        ("GLAS N-BK7", "GLAS N-BK8", 27),
+        ("FLAP 0 0.4", "CLAP 0.1 0.4", 29),
+        ("SURF 2", "SURF 4", 30),
+    ] {
+        let e = read(&OLD.replacen(from, to, 1)).unwrap_err();
+        assert!(matches!(&e, DesignError::Line { line: l, .. } if *l == line), "{to}: {e}");
+    }
+    let e = read(&OLD.replacen("GLAS N-BK7", "GLAS N-BK8", 1)).unwrap_err().to_string();
+    assert!(e.contains("N-BK7"), "{e}");
+    for from in ["STOP\n", "UNIT", "FNUM", "PWAV", "FTYP"] {
+        assert!(from == "PWAV" || read(&OLD.replacen(from, "NOTE", 1)).is_err(), "{from}");
+    }
+    let factors = OLD.replace("PWAV 1", "PWAV 1\nVCYN 0 0.1");
+    assert_eq!(read(&factors).unwrap().notes.len(), 1);
+    let none = factors.replace("FLAP", "COMM").replace("DIAM 0.4 1", "DIAM 0.4 0");
+    assert!(matches!(read(&none), Err(DesignError::Line { line: 15, .. })));
+}
+
+#[test]
+fn a_catalogue_supplies_what_is_not_built_in() {
+    let text = OLD.replace("N-BK7", "MYGLASS");
+    assert!(read(&text).is_err());
+    let mut glasses = GlassCatalog::schott();
+    glasses.extend(agf::parse(b"NM MYGLASS 1 0 1.5 60 0\nCD 2.25 0 0 0 0 0\nLD 0.3 1.0\n").unwrap());
+    let s = zmx::parse(text.as_bytes(), &glasses).unwrap();
+    assert!((s.surfaces[0].medium.index(0.5).unwrap() - 1.5).abs() < 1e-15);
+}
+
+/// Everything a caller does first: it may refuse, it must not panic.
+fn use_it(bytes: &[u8]) {
+    if let Ok(s) = zmx::parse(bytes, &GlassCatalog::schott()) {
+        let _ = describe(&s);
+    }
+    let _ = agf::parse(bytes);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+    #[test]
+    fn mutated_files_never_panic(
+        edits in proptest::collection::vec((0_usize..10_000, any::<u8>(), 0_u8..4), 1..12),
+        built_in in any::<bool>(),
+    ) {
+        let source: &[u8] =
+            if built_in { include_bytes!("../data/double-gauss-28.zmx") } else { OLD.as_bytes() };
+        let mut bytes = source.to_vec();
+        for (at, value, kind) in edits {
+            let at = at % bytes.len().max(1);
+            match kind {
+                0 if !bytes.is_empty() => bytes[at] = value,
+                1 if !bytes.is_empty() => { bytes.remove(at); }
+                2 => bytes.insert(at.min(bytes.len()), b"0123456789.-E \nINF"[usize::from(value) % 18]),
+                _ => {
+                    // A line gone or doubled.
+                    let mut lines: Vec<Vec<u8>> = bytes.split(|b| *b == b'\n').map(<[u8]>::to_vec).collect();
+                    let i = at % lines.len();
+                    if value < 128 { lines.remove(i); } else { lines.insert(i, lines[i].clone()); }
+                    bytes = lines.join(&b'\n');
+                }
+            }
+        }
+        use_it(&bytes);
+    }
+}
