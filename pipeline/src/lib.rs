@@ -5,3 +5,4 @@ pub mod flow;
 pub mod geometry;
 pub mod lens;
 pub mod psf;
+pub mod simd;

@@ -8,6 +8,7 @@ use lenscube_pipeline::psf::grid::NodeGrid;
 use lenscube_pipeline::psf::kernel::NodeKernels;
 use lenscube_pipeline::psf::spectra::SpectrumCache;
 use lenscube_pipeline::psf::{BandPsf, PsfScratch, Scattered};
+use lenscube_pipeline::simd::Simd;
 use oracle::{Grid, Image, Noise, errors};
 
 /// Random, asymmetric windows of sum 1.
@@ -63,7 +64,8 @@ fn check(noise: &mut Noise, n: usize, heights_mm: &[f64], size: Size, axis_px: (
     counts[0] = 1;
     let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
     let grid = NodeGrid::new(heights_mm, &counts, frame.pitch_mm());
-    let psf = BandPsf::new(0, grid, NodeKernels::new(&stack, 2.0, None));
+    let simd = Simd::from_env().expect("a choice this machine can run");
+    let psf = BandPsf::new(0, grid, NodeKernels::new(&stack, 2.0, None), simd);
     let grown = size.rect().grown(psf.margin());
     let pixels: Vec<f64> = (0..grown.size().pixels())
         .map(|i| if i % 977 == 0 { 50.0 } else { f64::from(noise.next() as f32) })
