@@ -96,7 +96,8 @@ impl Engine {
     }
 
     /// Scatters one block of scene into `out` (rows `stride` apart), whose first value is the film pixel (window − 1)/2
-    /// above and left of the block's first. An engine may add zeros as far as F columns from there.
+    /// above and left of the block's first. An engine may add
+    /// up to 15 zeros past the last of the `cols + window − 1` values of a row.
     pub(super) fn scatter(
         &self,
         block: &BlockView<'_>,

@@ -136,9 +136,10 @@ impl BandPsf {
             out.data.copy_from_slice(scene);
             return;
         };
-        // Room for whole transforms: an engine may add zeros past the last row and column.
-        out.stride = (tile.width + self.blocks.fft).next_multiple_of(16);
-        out.data.reset(out.stride * (tile.height + self.blocks.fft));
+        // Engines add whole strips of up to 16 columns, the last one partly zeros.
+        let tail = self.blocks.window - 1;
+        out.stride = (tile.width + tail + 15).next_multiple_of(16);
+        out.data.reset(out.stride * (tile.height + tail));
         if s.engine.as_ref().is_none_or(|(band, _)| *band != self.band) {
             s.engine = Some((self.band, engine.scratch()));
         }

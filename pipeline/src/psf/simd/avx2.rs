@@ -133,6 +133,14 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn prefetch(from: &[f32], at: usize) {
+        if let Some(value) = from.get(at) {
+            // SAFETY: a hint on every x86-64 processor, of an address in the slice.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(value).cast()) }
+        }
+    }
+
+    #[inline(always)]
     fn store(self, to: &mut [f32]) {
         let to = &mut to[..Self::LANES];
         // SAFETY: as in `avx2!`; there is room for 8 values.

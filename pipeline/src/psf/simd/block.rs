@@ -66,17 +66,20 @@ impl<V: Lanes> Work<V> for Pack<'_, V> {
             let mut light = V::splat(0.0);
             let (mut r, mut theta) = (Bounds::nothing(), Bounds::nothing());
             let across = far.columns(first, place.cols);
+            let mut dy = V::splat(-far.half.0);
             for (y, to) in to[..place.rows].iter_mut().enumerate() {
-                let pixels =
-                    load::<V>(&self.block.pixels[y * self.block.stride + first..], lanes).zero_below(tiny);
+                let row = &self.block.pixels[y * self.block.stride + first..];
+                let pixels = load::<V>(row, lanes).zero_below(tiny);
+                V::prefetch(row, 2 * V::LANES - 1); // the next strip's: rows are too far apart for the hardware
                 let polar = match self.near {
                     Some((r, theta)) => {
                         let at = y * place.cols + first;
                         (load::<V>(&r[at..], lanes), load::<V>(&theta[at..], lanes))
                     }
-                    None => far.at(y, across),
+                    None => far.at(dy, across),
                 };
                 *to = [pixels, polar.0, polar.1];
+                dy = dy + V::splat(1.0);
                 light = light.max(pixels.abs());
                 r = r.with(polar.0);
                 theta = theta.with(polar.1);
@@ -146,10 +149,9 @@ impl<V: Lanes> FarMap<V> {
         (dx * self.cos, dx * self.sin)
     }
 
-    /// r and θ in row `y`.
+    /// r and θ in the row `dy` below the block's centre.
     #[inline(always)]
-    fn at(&self, y: usize, columns: (V, V)) -> (V, V) {
-        let dy = V::splat(y as f32 - self.half.0);
+    fn at(&self, dy: V, columns: (V, V)) -> (V, V) {
         let along = dy.mul_add(self.sin, columns.0);
         let across = dy.mul_sub(self.cos, columns.1);
         let t = across / (self.radius + along);
@@ -220,17 +222,18 @@ impl<V: Lanes, const AROUND: bool> Work<V> for Weigh<'_, V, AROUND> {
     fn run(self) {
         let shares = Shares::<V>::new(self.tent);
         let half = self.strip.len();
+        let omega = &self.omega[..half];
         let (upper, lower) = self.pixels.split_at(self.pixels.len().min(half));
-        let (both, rest) = self.strip.split_at_mut(lower.len());
-        for (((z, a), b), w) in both.iter_mut().zip(upper).zip(lower).zip(self.omega) {
-            *z = Complex { re: shares.of::<AROUND>(a), im: shares.of::<AROUND>(b) }.times(*w);
+        let both = lower.len().min(upper.len());
+        for y in 0..both {
+            let (a, b) = (shares.of::<AROUND>(&upper[y]), shares.of::<AROUND>(&lower[y]));
+            self.strip[y] = Complex { re: a, im: b }.times(omega[y]);
         }
-        let (single, nothing) = rest.split_at_mut(upper.len() - lower.len());
-        for ((z, a), w) in single.iter_mut().zip(&upper[lower.len()..]).zip(&self.omega[lower.len()..]) {
-            let a = shares.of::<AROUND>(a);
-            *z = Complex { re: a * V::splat(w[0]), im: a * V::splat(w[1]) };
+        for y in both..upper.len() {
+            let (a, w) = (shares.of::<AROUND>(&upper[y]), omega[y]);
+            self.strip[y] = Complex { re: a * V::splat(w[0]), im: a * V::splat(w[1]) };
         }
-        cast_slice_mut::<_, f32>(nothing).fill(0.0);
+        cast_slice_mut::<_, f32>(&mut self.strip[upper.len()..]).fill(0.0);
     }
 }
 
@@ -270,10 +273,10 @@ impl<V: Lanes> Work<V> for FromGroups<'_, V> {
     }
 }
 
-/// Zeros columns `first`.. of every group.
-pub(super) fn clear_columns<V: Lanes>(groups: &mut [Complex<V>], fft: usize, first: usize, count: usize) {
+/// A strip of zeros in every group.
+pub(super) fn clear_columns<V: Lanes>(groups: &mut [Complex<V>], fft: usize, first_column: usize) {
     for group in groups.chunks_exact_mut(fft) {
-        cast_slice_mut::<_, f32>(&mut group[first..][..count]).fill(0.0);
+        cast_slice_mut::<_, f32>(&mut group[first_column..][..V::LANES]).fill(0.0);
     }
 }
 

@@ -33,6 +33,9 @@ const RADICES: [(usize, f64); 6] = [(2, 1.0), (3, 1.15), (4, 1.1), (5, 1.45), (6
 
 /// The cheapest radices whose product is `n`, ascending: the wide ones last, where arms are short and twiddles few.
 fn radices(n: usize) -> (f64, Vec<usize>) {
+    if let Ok(v) = std::env::var(format!("RAD{n}")) {
+        return (0.0, v.split(',').map(|x| x.parse().unwrap()).collect());
+    }
     if n == 1 {
         return (0.0, Vec::new());
     }
@@ -76,15 +79,18 @@ impl<V: Lanes> Fft<V> {
         }
     }
 
-    /// `sum` += transform of `data` · `spectrum`, or = where this is the `first`. Leaves `data` half transformed.
+    /// `sum` += transform of `data` · `spectrum`, or = where this is the `first`. Elements from `filled` on are taken as 0
+    /// and need not be. Leaves `data` half transformed.
     pub(super) fn forward_onto(
         &self,
         data: &mut [Complex<V>],
+        filled: usize,
         spectrum: &[Complex<V>],
         sum: &mut [Complex<V>],
         first: bool,
     ) {
-        let (last, stages) = self.stages.split_last().expect("a side of at least 2");
+        let [open, stages @ .., last] = &self.stages[..] else { unreachable!("sides of 64 and more") };
+        self.first_butterflies(open, data, filled);
         for stage in stages {
             self.butterflies::<false>(stage, data);
         }
@@ -93,6 +99,19 @@ impl<V: Lanes> Fft<V> {
                 match (last.radix, first) {
                     $(($r, true) => self.gate.run(Onto::<V, $r, true> { data, spectrum, sum }),
                       ($r, false) => self.gate.run(Onto::<V, $r, false> { data, spectrum, sum }),)*
+                    _ => unreachable!("radices"),
+                }
+            };
+        }
+        run!(2 3 4 5 6 8);
+    }
+
+    fn first_butterflies(&self, stage: &Stage, data: &mut [Complex<V>], filled: usize) {
+        let (arm, twiddles) = (stage.arm, &stage.twiddles[..]);
+        macro_rules! run {
+            ($($r:literal)*) => {
+                match stage.radix {
+                    $($r => self.gate.run(Opening::<V, $r> { data, filled, arm, twiddles }),)*
                     _ => unreachable!("radices"),
                 }
             };
@@ -151,6 +170,35 @@ impl<V: Lanes, const R: usize, const INVERSE: bool, const TURN: bool> Work<V>
     }
 }
 
+/// The first forward stage of data that is 0 from `filled` on.
+struct Opening<'a, V, const R: usize> {
+    data: &'a mut [Complex<V>],
+    filled: usize,
+    arm: usize,
+    twiddles: &'a [[f32; 2]],
+}
+
+impl<V: Lanes, const R: usize> Work<V> for Opening<'_, V, R> {
+    #[inline(always)]
+    fn run(self) {
+        let piece = &mut self.data[..R * self.arm];
+        let mut x = [Complex::zeroed(); R];
+        for (j, w) in self.twiddles.chunks_exact(R - 1).take(self.arm).enumerate() {
+            for (q, x) in x.iter_mut().enumerate() {
+                let at = q * self.arm + j;
+                // SAFETY: q < R and j < arm, so it lies in the R·arm elements of the piece.
+                *x = if at < self.filled { unsafe { *piece.get_unchecked(at) } } else { Complex::zeroed() };
+            }
+            butterfly::<V, R, false>(&mut x);
+            for q in 0..R {
+                let y = if q > 0 { x[q].times(w[q - 1]) } else { x[q] };
+                // SAFETY: as above.
+                unsafe { *piece.get_unchecked_mut(q * self.arm + j) = y };
+            }
+        }
+    }
+}
+
 /// The last forward stage, onto a sum; `FIRST` where the sum starts with it.
 struct Onto<'a, V, const R: usize, const FIRST: bool> {
     data: &'a [Complex<V>],
@@ -161,20 +209,27 @@ struct Onto<'a, V, const R: usize, const FIRST: bool> {
 impl<V: Lanes, const R: usize, const FIRST: bool> Work<V> for Onto<'_, V, R, FIRST> {
     #[inline(always)]
     fn run(self) {
+        let len = self.sum.len();
+        let (data, spectrum) = (&self.data[..len], &self.spectrum[..len]);
         let mut x = [Complex::zeroed(); R];
-        let pieces = self.data.chunks_exact(R).zip(self.spectrum.chunks_exact(R));
-        for ((piece, k), sum) in pieces.zip(self.sum.chunks_exact_mut(R)) {
-            x[..R].copy_from_slice(&piece[..R]);
+        for first in (0..len / R).map(|piece| piece * R) {
+            for (q, x) in x.iter_mut().enumerate() {
+                // SAFETY: first + q < R · ⌊len/R⌋ ≤ len, the length of all three.
+                *x = unsafe { *data.get_unchecked(first + q) };
+            }
             butterfly::<V, R, false>(&mut x);
             for q in 0..R {
-                let (x, k) = (x[q], k[q]);
-                sum[q] = match FIRST {
+                // SAFETY: as above.
+                let (x, k) = (x[q], unsafe { spectrum.get_unchecked(first + q) });
+                // SAFETY: as above.
+                let sum = unsafe { self.sum.get_unchecked_mut(first + q) };
+                *sum = match FIRST {
                     true => {
                         Complex { re: x.re.mul_sub(k.re, x.im * k.im), im: x.re.mul_add(k.im, x.im * k.re) }
                     }
                     false => Complex {
-                        re: x.im.neg_mul_add(k.im, x.re.mul_add(k.re, sum[q].re)),
-                        im: x.im.mul_add(k.re, x.re.mul_add(k.im, sum[q].im)),
+                        re: x.im.neg_mul_add(k.im, x.re.mul_add(k.re, sum.re)),
+                        im: x.im.mul_add(k.re, x.re.mul_add(k.im, sum.im)),
                     },
                 };
             }

@@ -50,6 +50,8 @@ pub(in crate::psf) trait Lanes:
     fn load(from: &[f32]) -> Self;
     /// The first `n` < `LANES` values, then zeros.
     fn load_first(from: &[f32], n: usize) -> Self;
+    /// Hints that `from[at]` is wanted soon, where there is one.
+    fn prefetch(from: &[f32], at: usize);
     /// To the first `LANES` values.
     fn store(self, to: &mut [f32]);
     /// The least lane.

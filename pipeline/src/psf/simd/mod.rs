@@ -128,7 +128,7 @@ impl<V: Lanes> Columns<V> {
     }
 
     /// Scatters one block of scene into `out`, whose first value is the film pixel (window − 1)/2 above and left of the
-    /// block's first; `out` has room for F columns in each of `rows + window − 1` rows.
+    /// block's first: `rows + window − 1` rows of `cols + window − 1` values, these rounded up to whole strips.
     pub(super) fn scatter(
         &self,
         block: &BlockView<'_>,
@@ -157,7 +157,7 @@ impl<V: Lanes> Columns<V> {
             for (i, extent) in s.extents[..strips].iter().enumerate() {
                 let first_column = i * V::LANES;
                 if !meets(extent) {
-                    clear_columns(groups, self.fft, first_column, V::LANES);
+                    clear_columns::<V>(groups, self.fft, first_column);
                     continue;
                 }
                 let pixels = &packed[i * self.block..][..rows];
@@ -165,13 +165,11 @@ impl<V: Lanes> Columns<V> {
                 self.along_y.forward(strip);
                 self.gate.run(ToGroups { strip, groups, fft: self.fft, first_column });
             }
-            let used = strips * V::LANES;
-            clear_columns(groups, self.fft, used, self.fft - used);
             let spectrum = spectra.get(*node);
             let spectrum: &[Complex<V>] = cast_slice(&spectrum);
             let pieces = groups.chunks_exact_mut(self.fft).zip(spectrum.chunks_exact(self.fft));
             for ((group, spectrum), sum) in pieces.zip(sum.chunks_exact_mut(self.fft)) {
-                self.along_x.forward_onto(group, spectrum, sum, first);
+                self.along_x.forward_onto(group, strips * V::LANES, spectrum, sum, first);
             }
             first = false;
         }
