@@ -17,6 +17,7 @@ use pipeline::lens::PsfSample;
 use pipeline::plan::Window;
 use pipeline::resample::{Interp, Surround};
 use pipeline::scene::{Reading, Stages};
+use pipeline::simd::Simd;
 use serde_json::{Map, Value, json};
 
 /// Planck's constant times the speed of light, J·m (SI, exact).
@@ -81,7 +82,7 @@ impl Job {
         };
         let wavelengths_nm: Vec<f64> = chart_bands.iter().map(|&b| all_nm[b]).collect();
         let frame = frame(args, &chart)?;
-        let options = options(args);
+        let options = options(args, Simd::from_env().map_err(|e| usage(e.to_string()))?);
         let plan = |&nm: &f64| BandPlan::new(&frame, lens.lens(), nm, &options);
         let plans: Vec<BandPlan> = wavelengths_nm.iter().map(plan).collect::<Result<_, _>>()?;
         let gains = plans.iter().map(|p| gain(args.film_units, p, &frame)).collect();
@@ -107,7 +108,7 @@ impl Job {
         let memory = Memory::plan(args.memory.unwrap_or_else(default_limit), &needs)?;
         // Opened again now that the cache's size is known; the first time only metadata were read.
         let chart = Chart::open(&args.chart, args.wavelengths.as_deref(), nan, memory.chart_cache)?;
-        let identity = identity(args, &chart, &lens, &frame, &chart_bands)?;
+        let identity = identity(args, options.stages, &chart, &lens, &frame, &chart_bands)?;
         let notes = notes(args, &chart, &lens, &plans)?;
         Ok(Self {
             chart,
@@ -150,7 +151,7 @@ fn frame(args: &RunArgs, chart: &Chart) -> Result<Frame> {
     Ok(frame)
 }
 
-fn options(args: &RunArgs) -> Options {
+fn options(args: &RunArgs, simd: Simd) -> Options {
     let on = |s: Stage| args.stages.contains(&s);
     Options {
         stages: Stages { ri: on(Stage::Ri), distortion: on(Stage::Distortion), svpsf: on(Stage::Svpsf) },
@@ -172,6 +173,7 @@ fn options(args: &RunArgs) -> Options {
         azimuths: args.azimuths,
         psf_window: args.psf_window,
         between: if args.interpolate_psf { PsfBetween::Interpolate } else { PsfBetween::Error },
+        simd,
     }
 }
 
@@ -242,12 +244,12 @@ pub fn codec(arg: CodecArg) -> Codec {
 /// All that changes pixels, in words a person can read and compare.
 fn identity(
     args: &RunArgs,
+    stages: Stages,
     chart: &Chart,
     lens: &LensPack,
     frame: &Frame,
     chart_bands: &[usize],
 ) -> Result<Map<String, Value>> {
-    let stages = Stages { ..options(args).stages };
     let value = json!({
         "numeric_version": NUMERIC_VERSION,
         "chart": chart.identity()?,

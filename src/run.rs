@@ -246,13 +246,14 @@ fn rechunk(job: &Job, film: &Path) -> Result<()> {
 fn tell(job: &Job) {
     let f = &job.frame;
     say(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads, memory {} (chart {}, spectra {})",
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}, memory {} (chart {}, spectra {})",
         job.lens.lens().name,
         job.plans.len(),
         f.film,
         f.pitch_um,
         job.windows.iter().map(|w: &Window| w.count().0 * w.count().1).sum::<usize>() * job.plans.len(),
         job.threads,
+        job.options.simd.isa().name(),
         mib(job.memory.limit),
         mib(job.memory.chart_cache),
         mib(job.memory.spectra),
@@ -296,6 +297,7 @@ fn report(job: &Job, store: &FilmStore, summary: &Summary) {
         "finished_unix_s": seconds,
         "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
         "threads": job.threads,
+        "simd": job.options.simd.isa().name(),
         "memory_limit_bytes": job.memory.limit,
         "peak_resident_bytes": peak,
         "wall_s": summary.wall_s,

@@ -13,6 +13,7 @@ use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::{NodeKernels, film_window};
 use crate::scene::{Reading, Scene, Stages};
+use crate::simd::Simd;
 
 /// Wavelengths closer than this are the same, nm.
 const SAME_NM: f64 = 1e-6;
@@ -39,6 +40,8 @@ pub struct Options {
     pub psf_window: Option<usize>,
     /// PSFs between the lens's wavelengths.
     pub between: PsfBetween,
+    /// Instructions to compute with; they change no more than the last bits.
+    pub simd: Simd,
 }
 
 /// The bands of the lens that a wavelength takes its tables from: `first` alone, or both with `second`'s share.
@@ -155,7 +158,7 @@ impl BandPlan {
                     samples = blend(&samples, &stack(second)?, share);
                 }
                 let kernels = NodeKernels::new(&samples, frame.pitch_um, options.psf_window);
-                Some(BandPsf::new(position, grid.clone(), kernels))
+                Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
             }
         };
         Ok(BandStages { scene, psf })

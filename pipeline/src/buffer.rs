@@ -27,9 +27,9 @@ impl AlignedBuf {
 
     /// Makes it `len` zeros, keeping the allocation where it is large enough.
     pub fn reset(&mut self, len: usize) {
-        self.lines.clear();
         self.lines.resize(len.div_ceil(16), Line::zeroed());
         self.len = len;
+        self.fill(0.0);
     }
 }
 

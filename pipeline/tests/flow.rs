@@ -11,6 +11,7 @@ use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{ShardId, Window};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::scene::{Reading, Stages};
+use lenscube_pipeline::simd::Simd;
 use oracle::{Grid, Image, Noise, Tables, errors};
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -132,6 +133,7 @@ fn case(noise: &mut Noise, film: Size, chart: Size, windows: &[usize]) -> Case {
         azimuths: None,
         psf_window: None,
         between: PsfBetween::Error,
+        simd: Simd::detect(),
     };
     Case { frame, lens, stacks, chart, options }
 }

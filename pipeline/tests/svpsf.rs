@@ -1,4 +1,6 @@
 //! SVPSF against the f64 sum: any window, grid, axis; every engine of this machine.
+//!
+//! Each case runs once per instruction set; those that the machine lacks are reported as ignored.
 
 mod oracle;
 
@@ -8,7 +10,11 @@ use lenscube_pipeline::psf::grid::NodeGrid;
 use lenscube_pipeline::psf::kernel::NodeKernels;
 use lenscube_pipeline::psf::spectra::SpectrumCache;
 use lenscube_pipeline::psf::{BandPsf, PsfScratch, Scattered};
+use lenscube_pipeline::simd::{Isa, Simd};
+use libtest_mimic::{Arguments, Trial};
 use oracle::{Grid, Image, Noise, errors};
+use std::process::ExitCode;
+use std::sync::{Arc, OnceLock};
 
 /// Random, asymmetric windows of sum 1.
 fn stack(noise: &mut Noise, n: usize, heights: usize) -> PsfStack {
@@ -28,67 +34,143 @@ fn stack(noise: &mut Noise, n: usize, heights: usize) -> PsfStack {
     PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples }
 }
 
-/// The whole film of `frame` from `scene` on the film grown by the margin, tile by tile.
-fn film(psf: &BandPsf, frame: &Frame, scene: &Image) -> Vec<f32> {
-    let m = psf.margin();
-    let grown = frame.film.rect().grown(m);
-    let cache = SpectrumCache::new(64 << 20);
-    let (mut out, mut scratch) = (Scattered::default(), PsfScratch::default());
-    let mut film = vec![0f32; frame.film.pixels()];
-    for tile in grown.tiles(psf.blocks().tile, psf.blocks().tile) {
-        let pixels: Vec<f32> = (0..tile.size().pixels())
-            .map(|i| {
-                let (y, x) = (tile.y - grown.y, tile.x - grown.x);
-                scene.at(y as usize + i / tile.width, x as usize + i % tile.width) as f32
-            })
-            .collect();
-        psf.scatter(frame, tile, &pixels, &cache, &mut out, &mut scratch);
-        let reach = psf.reaches(tile);
-        let on_film = reach.intersect(frame.film.rect());
-        for y in on_film.y..on_film.bottom() {
-            for x in on_film.x..on_film.right() {
-                film[y as usize * frame.film.width + x as usize] +=
-                    out.data[(y - reach.y) as usize * out.stride + (x - reach.x) as usize];
-            }
+/// A film to make: its PSFs, its place about the axis, and the scene on the film grown by the margin.
+struct Case {
+    name: String,
+    heights_mm: Vec<f64>,
+    stack: PsfStack,
+    frame: Frame,
+    scene: Image,
+    want: OnceLock<Vec<f64>>,
+}
+
+impl Case {
+    /// Heights as parts of the farthest that the scene reaches.
+    fn new(n: usize, heights: &[f64], size: Size, axis_px: (f64, f64)) -> Self {
+        let mut noise = Noise((n * size.width + heights.len()) as u64);
+        let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
+        let grown = size.rect().grown(n / 2);
+        let last = frame.farthest_mm(grown);
+        let pixel = |i: usize| if i.is_multiple_of(977) { 50.0 } else { f64::from(noise.next() as f32) };
+        let scene = Image { size: grown.size(), data: (0..grown.size().pixels()).map(pixel).collect() };
+        Self {
+            name: format!("{n} px, {} heights, film {size}, axis {axis_px:?}", heights.len()),
+            heights_mm: heights.iter().map(|h| h * last).collect(),
+            stack: stack(&mut noise, n, heights.len()),
+            frame,
+            scene,
+            want: OnceLock::new(),
         }
     }
-    film
+
+    fn psf(&self, simd: Simd) -> BandPsf {
+        let mut counts = vec![4; self.heights_mm.len()];
+        counts[0] = 1;
+        let grid = NodeGrid::new(&self.heights_mm, &counts, self.frame.pitch_mm());
+        BandPsf::new(0, grid, NodeKernels::new(&self.stack, 2.0, None), simd)
+    }
+
+    /// The film by the sum over pixels, once for all engines.
+    fn want(&self) -> &[f64] {
+        self.want.get_or_init(|| {
+            let heights = 0..self.heights_mm.len();
+            let base: Vec<Vec<f64>> =
+                heights.map(|k| self.stack.window(k).iter().map(|&v| f64::from(v)).collect()).collect();
+            let film = self.frame.film.rect();
+            let origin = film.grown(self.stack.size / 2);
+            let grid = Grid::quarter_turns(self.stack.size, &self.heights_mm, &base);
+            oracle::svpsf(&self.scene, (origin.y, origin.x), &self.frame, &grid, film).data
+        })
+    }
+
+    /// What each tile of `psf` scatters, made in the order of `path`.
+    fn tiles(
+        &self,
+        psf: &BandPsf,
+        cache: &SpectrumCache,
+        path: impl Fn(&mut Vec<Rect>),
+    ) -> Vec<(Rect, Scattered)> {
+        let grown = psf.reaches(self.frame.film.rect());
+        let mut tiles: Vec<Rect> = grown.tiles(psf.blocks().tile, psf.blocks().tile).collect();
+        path(&mut tiles);
+        let mut scratch = PsfScratch::default();
+        let scatter = |tile: Rect| {
+            let mut out = Scattered::default();
+            let pixels: Vec<f32> = (0..tile.size().pixels())
+                .map(|i| {
+                    let (y, x) = ((tile.y - grown.y) as usize, (tile.x - grown.x) as usize);
+                    self.scene.at(y + i / tile.width, x + i % tile.width) as f32
+                })
+                .collect();
+            psf.scatter(&self.frame, tile, &pixels, cache, &mut out, &mut scratch);
+            (tile, out)
+        };
+        tiles.into_iter().map(scatter).collect()
+    }
+
+    /// The whole film.
+    fn film(&self, simd: Simd) -> Vec<f32> {
+        let psf = self.psf(simd);
+        let size = self.frame.film;
+        let mut film = vec![0f32; size.pixels()];
+        for (tile, out) in self.tiles(&psf, &SpectrumCache::new(64 << 20), |_| ()) {
+            let reach = psf.reaches(tile);
+            let on_film = reach.intersect(size.rect());
+            for y in on_film.y..on_film.bottom() {
+                for x in on_film.x..on_film.right() {
+                    film[y as usize * size.width + x as usize] +=
+                        out.data[(y - reach.y) as usize * out.stride + (x - reach.x) as usize];
+                }
+            }
+        }
+        film
+    }
+
+    fn film_is_the_sum_over_pixels(&self, simd: Simd) {
+        let (worst, l2) = errors(&self.film(simd), self.want());
+        assert!(worst <= 2e-6 && l2 <= 1e-6, "{}: max {worst:.1e}, L2 {l2:.1e}", self.name);
+    }
+
+    /// Whatever was made before, by whatever path, with a cache that holds everything or next to nothing.
+    fn same_bits_along_any_path(&self, simd: Simd) {
+        let psf = self.psf(simd);
+        let plain = self.tiles(&psf, &SpectrumCache::new(usize::MAX), |_| ());
+        assert!(plain.len() > 3, "a case of several tiles");
+        let mut back = self.tiles(&psf, &SpectrumCache::new(1), |tiles| tiles.reverse());
+        back.reverse();
+        for ((tile, a), (other, b)) in plain.iter().zip(&back) {
+            assert_eq!((tile, a.stride), (other, b.stride));
+            assert!(a.data.iter().zip(b.data.iter()).all(|(a, b)| a.to_bits() == b.to_bits()), "{tile:?}");
+        }
+    }
+
+    fn engines_agree(&self, simd: Simd) {
+        let portable: Vec<f64> = self.film(Simd::PORTABLE).into_iter().map(f64::from).collect();
+        let (worst, _) = errors(&self.film(simd), &portable);
+        assert!(worst <= 2e-6, "max {worst:.1e} of the peak");
+    }
+
+    /// Values that would become denormal scatter nothing; darkness beside light stays what it is.
+    fn darkness_is_zero(&self, simd: Simd) {
+        let psf = self.psf(simd);
+        let side = psf.blocks().block;
+        let tile = Rect::new(0, 0, side, side);
+        let (mut out, mut scratch) = (Scattered::default(), PsfScratch::default());
+        let mut scatter = |scene: &[f32]| {
+            psf.scatter(&self.frame, tile, scene, &SpectrumCache::new(64 << 20), &mut out, &mut scratch);
+            out.data.iter().map(|&v| f64::from(v)).sum::<f64>()
+        };
+        let mut scene = vec![1e-38; side * side];
+        assert_eq!(scatter(&scene), 0.0);
+        scene[side + 1] = 1.0;
+        assert!((scatter(&scene) - 1.0).abs() < 1e-5);
+        assert_eq!(scatter(&vec![0.0; side * side]), 0.0);
+    }
 }
 
-fn check(noise: &mut Noise, n: usize, heights_mm: &[f64], size: Size, axis_px: (f64, f64)) {
-    let stack = stack(noise, n, heights_mm.len());
-    let base: Vec<Vec<f64>> =
-        (0..heights_mm.len()).map(|k| stack.window(k).iter().map(|&v| f64::from(v)).collect()).collect();
-    let mut counts = vec![4; heights_mm.len()];
-    counts[0] = 1;
-    let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
-    let grid = NodeGrid::new(heights_mm, &counts, frame.pitch_mm());
-    let psf = BandPsf::new(0, grid, NodeKernels::new(&stack, 2.0, None));
-    let grown = size.rect().grown(psf.margin());
-    let pixels: Vec<f64> = (0..grown.size().pixels())
-        .map(|i| if i % 977 == 0 { 50.0 } else { f64::from(noise.next() as f32) })
-        .collect();
-    let scene = Image { size: grown.size(), data: pixels };
-    let got = film(&psf, &frame, &scene);
-    let want = oracle::svpsf(
-        &scene,
-        (grown.y, grown.x),
-        &frame,
-        &Grid::quarter_turns(n, heights_mm, &base),
-        Rect::new(0, 0, size.height, size.width),
-    );
-    let (worst, l2) = errors(&got, &want.data);
-    println!("n {n}, film {size}, F {}: max {worst:.1e} of the peak, L2 {l2:.1e}", psf.blocks().fft);
-    assert!(worst <= 2e-6 && l2 <= 1e-6, "n {n}, film {size}: max {worst:.1e}, L2 {l2:.1e}");
-}
-
-#[test]
-fn film_equals_the_sum_over_pixels() {
-    let mut noise = Noise(7);
-    let corner = |size: Size, axis: (f64, f64), margin: usize| {
-        let frame = Frame { axis_px: axis, ..Frame::centred(size, size, 2.0) };
-        frame.farthest_mm(size.rect().grown(margin))
-    };
+fn main() -> ExitCode {
+    let uneven = [0.0, 0.11, 0.17, 0.6, 0.95, 1.0];
+    let mut cases = Vec::new();
     for (n, size, axis) in [
         (15, Size::new(61, 77), (30.0, 38.0)),
         (15, Size::new(300, 211), (149.5, 105.0)),
@@ -98,17 +180,33 @@ fn film_equals_the_sum_over_pixels() {
         (33, Size::new(1, 1), (0.0, 0.0)),
         (25, Size::new(130, 120), (-900.0, 5000.5)),
     ] {
-        let last = corner(size, axis, n / 2);
-        for heights in [vec![0.0, last], vec![0.0, 0.11 * last, 0.17 * last, 0.6 * last, 0.95 * last, last]] {
-            check(&mut noise, n, &heights, size, axis);
+        cases.push(Case::new(n, &[0.0, 1.0], size, axis));
+        cases.push(Case::new(n, &uneven, size, axis));
+    }
+    cases.push(Case::new(151, &[0.0, 0.3, 1.0], Size::new(40, 50), (19.5, 24.5)));
+    cases.push(Case::new(401, &[0.0, 0.5, 1.0], Size::new(20, 30), (9.5, 14.5)));
+    let wide = Arc::new(Case::new(9, &uneven, Size::new(1100, 1200), (100.5, 640.0)));
+
+    let mut trials = Vec::new();
+    let mut trial = |isa: Isa, name: &str, case: &Arc<Case>, check: fn(&Case, Simd)| {
+        let case = Arc::clone(case);
+        let run = move || {
+            check(&case, Simd::of(isa)?);
+            Ok(())
+        };
+        trials
+            .push(Trial::test(format!("{}::{name}", isa.name()), run).with_ignored_flag(!isa.is_available()));
+    };
+    for case in cases.into_iter().map(Arc::new) {
+        for isa in Isa::ALL {
+            let name = format!("film_is_the_sum_over_pixels ({})", case.name);
+            trial(isa, &name, &case, Case::film_is_the_sum_over_pixels);
         }
     }
-}
-
-#[test]
-fn wide_windows_too() {
-    let mut noise = Noise(11);
-    let size = Size::new(40, 50);
-    check(&mut noise, 151, &[0.0, 0.1, 0.3], size, (19.5, 24.5));
-    check(&mut noise, 401, &[0.0, 0.5, 1.0], Size::new(20, 30), (9.5, 14.5));
+    for isa in Isa::ALL {
+        trial(isa, "same_bits_along_any_path", &wide, Case::same_bits_along_any_path);
+        trial(isa, "engines_agree", &wide, Case::engines_agree);
+        trial(isa, "darkness_is_zero", &wide, Case::darkness_is_zero);
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

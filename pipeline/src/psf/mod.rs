@@ -10,20 +10,24 @@
 //! Gauss): light is moved, none is lost.
 
 pub mod blocks;
+mod engine;
 pub mod grid;
 pub mod kernel;
 pub mod polar;
 pub mod portable;
+#[cfg(target_arch = "x86_64")]
+mod simd;
 pub mod spectra;
 mod spline;
 
 use crate::buffer::AlignedBuf;
 use crate::geometry::{Frame, Rect};
+use crate::simd::Simd;
 use blocks::Blocks;
+use engine::{Engine, EngineScratch};
 use grid::{Node, NodeGrid};
 use kernel::{KernelScratch, NodeKernels};
 use polar::BlockPlace;
-use portable::Portable;
 use spectra::SpectrumCache;
 use std::sync::{Arc, Mutex};
 
@@ -42,50 +46,6 @@ pub struct BlockView<'a> {
 pub trait Spectra {
     /// The spectrum, in the engine's own layout.
     fn get(&self, node: Node) -> Arc<AlignedBuf>;
-}
-
-/// The transforms behind the door.
-#[derive(Debug)]
-pub enum Engine {
-    /// realfft and rustfft, on any machine.
-    Portable(Portable),
-}
-
-/// Buffers of one worker for one engine.
-#[derive(Debug)]
-pub enum EngineScratch {
-    /// For [`Engine::Portable`].
-    Portable(Box<portable::Scratch>),
-}
-
-impl Engine {
-    /// The engine's name in logs and run records.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Portable(_) => "portable",
-        }
-    }
-
-    /// f32s of one spectrum.
-    pub fn spectrum_len(&self) -> usize {
-        match self {
-            Self::Portable(e) => e.spectrum_len(),
-        }
-    }
-
-    /// Buffers for one worker.
-    pub fn scratch(&self) -> EngineScratch {
-        match self {
-            Self::Portable(e) => EngineScratch::Portable(Box::new(e.scratch())),
-        }
-    }
-
-    /// Spectrum of a kernel of the planned window.
-    pub fn spectrum(&self, kernel: &[f32], scratch: &mut EngineScratch) -> AlignedBuf {
-        match (self, scratch) {
-            (Self::Portable(e), EngineScratch::Portable(s)) => e.spectrum(kernel, s),
-        }
-    }
 }
 
 /// The PSF stage of one band.
@@ -132,10 +92,10 @@ impl Scattered {
 }
 
 impl BandPsf {
-    /// The stage for band `band` of the job, on a film of `pitch_mm`.
-    pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels) -> Self {
+    /// The stage for band `band` of the job, computed with `simd`.
+    pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels, simd: Simd) -> Self {
         let blocks = Blocks::choose(kernels.size(), &grid);
-        let engine = (blocks.fft > 0).then(|| Engine::Portable(Portable::new(&blocks)));
+        let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
         Self { band, grid, kernels, blocks, engine, builders: Mutex::default() }
     }
 
@@ -182,9 +142,10 @@ impl BandPsf {
         let Some(engine) = &self.engine else {
             return out.copy(scene, tile.width);
         };
-        // Room for whole transforms: an engine may add zeros past the last row and column.
-        out.stride = (tile.width + self.blocks.fft).next_multiple_of(16);
-        out.data.reset(out.stride * (tile.height + self.blocks.fft));
+        // Engines add whole strips of up to 16 columns, the last one partly zeros.
+        let tail = self.blocks.window - 1;
+        out.stride = (tile.width + tail + 15).next_multiple_of(16);
+        out.data.reset(out.stride * (tile.height + tail));
         if s.engine.as_ref().is_none_or(|(band, _)| *band != self.band) {
             s.engine = Some((self.band, engine.scratch()));
         }
@@ -201,11 +162,7 @@ impl BandPsf {
             let view = BlockView { pixels: &scene[y * tile.width + x..], stride: tile.width, place };
             let stride = out.stride;
             let to = &mut out.data[y * stride + x..];
-            match (engine, &mut *scratch) {
-                (Engine::Portable(e), EngineScratch::Portable(s)) => {
-                    e.scatter(&view, &self.grid, &spectra, to, stride, s);
-                }
-            }
+            engine.scatter(&view, &self.grid, &spectra, to, stride, scratch);
         }
     }
 }

@@ -1,0 +1,204 @@
+//! 8 lanes: AVX2 with fused multiply-add.
+#![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
+
+use super::lanes::{Complex, Lanes, Work};
+use bytemuck::{Pod, Zeroable};
+use std::arch::x86_64::*;
+use std::ops::{Add, Div, Mul, Sub};
+
+/// 8 f32.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub(in crate::psf) struct Avx2(__m256);
+
+// SAFETY: 8 f32 and nothing else; any bits are valid.
+unsafe impl Zeroable for Avx2 {}
+// SAFETY: as above.
+unsafe impl Pod for Avx2 {}
+
+/// Intrinsics of AVX2 and FMA.
+macro_rules! avx2 {
+    ($e:expr) => {
+        // SAFETY: values of `Avx2` are made under `Lanes::run` only, whose caller vouches for AVX2 and FMA.
+        unsafe { $e }
+    };
+}
+
+impl Add for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(avx2!(_mm256_add_ps(self.0, b.0)))
+    }
+}
+
+impl Sub for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self(avx2!(_mm256_sub_ps(self.0, b.0)))
+    }
+}
+
+impl Mul for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(avx2!(_mm256_mul_ps(self.0, b.0)))
+    }
+}
+
+impl Div for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self(avx2!(_mm256_div_ps(self.0, b.0)))
+    }
+}
+
+impl Lanes for Avx2 {
+    const LANES: usize = 8;
+
+    fn available() -> bool {
+        std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
+    }
+
+    #[target_feature(enable = "avx2,fma")]
+    unsafe fn run<W: Work<Self>>(work: W) {
+        work.run();
+    }
+
+    #[inline(always)]
+    fn splat(v: f32) -> Self {
+        Self(avx2!(_mm256_set1_ps(v)))
+    }
+
+    #[inline(always)]
+    fn count() -> Self {
+        Self::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+    }
+
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        Self(avx2!(_mm256_fmadd_ps(self.0, b.0, c.0)))
+    }
+
+    #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        Self(avx2!(_mm256_fmsub_ps(self.0, b.0, c.0)))
+    }
+
+    #[inline(always)]
+    fn neg_mul_add(self, b: Self, c: Self) -> Self {
+        Self(avx2!(_mm256_fnmadd_ps(self.0, b.0, c.0)))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(avx2!(_mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0)))
+    }
+
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(avx2!(_mm256_min_ps(self.0, b.0)))
+    }
+
+    #[inline(always)]
+    fn max(self, b: Self) -> Self {
+        Self(avx2!(_mm256_max_ps(self.0, b.0)))
+    }
+
+    #[inline(always)]
+    fn zero_below(self, limit: Self) -> Self {
+        let magnitude = self.abs();
+        Self(avx2!(_mm256_and_ps(self.0, _mm256_cmp_ps::<_CMP_GE_OQ>(magnitude.0, limit.0))))
+    }
+
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let from = &from[..Self::LANES];
+        // SAFETY: as in `avx2!`; 8 values lie there.
+        Self(unsafe { _mm256_loadu_ps(from.as_ptr()) })
+    }
+
+    #[inline(always)]
+    fn load_first(from: &[f32], n: usize) -> Self {
+        let from = &from[..n];
+        // SAFETY: as in `avx2!`; masked lanes are not read, and the others lie in the slice.
+        Self(unsafe {
+            let mask =
+                _mm256_cmpgt_epi32(_mm256_set1_epi32(n as i32), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+            _mm256_maskload_ps(from.as_ptr(), mask)
+        })
+    }
+
+    #[inline(always)]
+    fn prefetch(from: &[f32], at: usize) {
+        if let Some(value) = from.get(at) {
+            // SAFETY: a hint on every x86-64 processor, of an address in the slice.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(value).cast()) }
+        }
+    }
+
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        let to = &mut to[..Self::LANES];
+        // SAFETY: as in `avx2!`; there is room for 8 values.
+        unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
+    }
+
+    #[inline(always)]
+    fn least(self) -> f32 {
+        bytemuck::cast::<_, [f32; 8]>(self).into_iter().fold(f32::INFINITY, f32::min)
+    }
+
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        bytemuck::cast::<_, [f32; 8]>(self).into_iter().fold(f32::NEG_INFINITY, f32::max)
+    }
+
+    #[inline(always)]
+    fn transpose(from: &[Complex<Self>], to: &mut [Complex<Self>]) {
+        let from: &[Complex<Self>; 8] = from.try_into().expect("8 elements");
+        let to: &mut [Complex<Self>; 8] = to.try_into().expect("8 elements");
+        let mut rows = [Self::zeroed(); 8];
+        for i in 0..8 {
+            rows[i] = from[i].re;
+        }
+        transpose(&mut rows);
+        for i in 0..8 {
+            to[i].re = rows[i];
+        }
+        for i in 0..8 {
+            rows[i] = from[i].im;
+        }
+        transpose(&mut rows);
+        for i in 0..8 {
+            to[i].im = rows[i];
+        }
+    }
+}
+
+/// 8 × 8 in registers: pairs, then quadruples within 128 bits, then the halves.
+#[inline(always)]
+fn transpose(r: &mut [Avx2; 8]) {
+    let mut t = [Avx2::zeroed(); 8];
+    for i in 0..4 {
+        let (a, b) = (r[2 * i].0, r[2 * i + 1].0);
+        t[2 * i] = Avx2(avx2!(_mm256_unpacklo_ps(a, b)));
+        t[2 * i + 1] = Avx2(avx2!(_mm256_unpackhi_ps(a, b)));
+    }
+    for i in 0..2 {
+        for half in 0..2 {
+            let (a, b) = (t[4 * i + half].0, t[4 * i + 2 + half].0);
+            r[4 * i + 2 * half] = Avx2(avx2!(_mm256_shuffle_ps::<0x44>(a, b)));
+            r[4 * i + 2 * half + 1] = Avx2(avx2!(_mm256_shuffle_ps::<0xee>(a, b)));
+        }
+    }
+    t = *r;
+    for i in 0..4 {
+        let (a, b) = (t[i].0, t[i + 4].0);
+        r[i] = Avx2(avx2!(_mm256_permute2f128_ps::<0x20>(a, b)));
+        r[i + 4] = Avx2(avx2!(_mm256_permute2f128_ps::<0x31>(a, b)));
+    }
+}

@@ -1,0 +1,211 @@
+//! 16 lanes: AVX-512F.
+#![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
+
+use super::lanes::{Complex, Lanes, Work};
+use bytemuck::{Pod, Zeroable};
+use std::arch::x86_64::*;
+use std::ops::{Add, Div, Mul, Sub};
+
+/// 16 f32.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub(in crate::psf) struct Avx512(__m512);
+
+// SAFETY: 16 f32 and nothing else; any bits are valid.
+unsafe impl Zeroable for Avx512 {}
+// SAFETY: as above.
+unsafe impl Pod for Avx512 {}
+
+/// Intrinsics of AVX-512F.
+macro_rules! avx512 {
+    ($e:expr) => {
+        // SAFETY: values of `Avx512` are made under `Lanes::run` only, whose caller vouches for AVX-512F.
+        unsafe { $e }
+    };
+}
+
+impl Add for Avx512 {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(avx512!(_mm512_add_ps(self.0, b.0)))
+    }
+}
+
+impl Sub for Avx512 {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self(avx512!(_mm512_sub_ps(self.0, b.0)))
+    }
+}
+
+impl Mul for Avx512 {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(avx512!(_mm512_mul_ps(self.0, b.0)))
+    }
+}
+
+impl Div for Avx512 {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self(avx512!(_mm512_div_ps(self.0, b.0)))
+    }
+}
+
+impl Lanes for Avx512 {
+    const LANES: usize = 16;
+
+    fn available() -> bool {
+        std::arch::is_x86_feature_detected!("avx512f")
+    }
+
+    #[target_feature(enable = "avx512f")]
+    unsafe fn run<W: Work<Self>>(work: W) {
+        work.run();
+    }
+
+    #[inline(always)]
+    fn splat(v: f32) -> Self {
+        Self(avx512!(_mm512_set1_ps(v)))
+    }
+
+    #[inline(always)]
+    fn count() -> Self {
+        Self::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0])
+    }
+
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        Self(avx512!(_mm512_fmadd_ps(self.0, b.0, c.0)))
+    }
+
+    #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        Self(avx512!(_mm512_fmsub_ps(self.0, b.0, c.0)))
+    }
+
+    #[inline(always)]
+    fn neg_mul_add(self, b: Self, c: Self) -> Self {
+        Self(avx512!(_mm512_fnmadd_ps(self.0, b.0, c.0)))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(avx512!(_mm512_abs_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(avx512!(_mm512_min_ps(self.0, b.0)))
+    }
+
+    #[inline(always)]
+    fn max(self, b: Self) -> Self {
+        Self(avx512!(_mm512_max_ps(self.0, b.0)))
+    }
+
+    #[inline(always)]
+    fn zero_below(self, limit: Self) -> Self {
+        Self(avx512!({
+            let keep = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(_mm512_abs_ps(self.0), limit.0);
+            _mm512_maskz_mov_ps(keep, self.0)
+        }))
+    }
+
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let from = &from[..Self::LANES];
+        // SAFETY: as in `avx512!`; 16 values lie there.
+        Self(unsafe { _mm512_loadu_ps(from.as_ptr()) })
+    }
+
+    #[inline(always)]
+    fn load_first(from: &[f32], n: usize) -> Self {
+        let from = &from[..n];
+        // SAFETY: as in `avx512!`; masked lanes are not read, and the others lie in the slice.
+        Self(unsafe { _mm512_maskz_loadu_ps((1u16 << n) - 1, from.as_ptr()) })
+    }
+
+    #[inline(always)]
+    fn prefetch(from: &[f32], at: usize) {
+        if let Some(value) = from.get(at) {
+            // SAFETY: a hint on every x86-64 processor, of an address in the slice.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(value).cast()) }
+        }
+    }
+
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        let to = &mut to[..Self::LANES];
+        // SAFETY: as in `avx512!`; there is room for 16 values.
+        unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
+    }
+
+    #[inline(always)]
+    fn least(self) -> f32 {
+        avx512!(_mm512_reduce_min_ps(self.0))
+    }
+
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        avx512!(_mm512_reduce_max_ps(self.0))
+    }
+
+    #[inline(always)]
+    fn transpose(from: &[Complex<Self>], to: &mut [Complex<Self>]) {
+        let from: &[Complex<Self>; 16] = from.try_into().expect("16 elements");
+        let to: &mut [Complex<Self>; 16] = to.try_into().expect("16 elements");
+        let mut rows = [Self::zeroed(); 16];
+        for i in 0..16 {
+            rows[i] = from[i].re;
+        }
+        transpose(&mut rows);
+        for i in 0..16 {
+            to[i].re = rows[i];
+        }
+        for i in 0..16 {
+            rows[i] = from[i].im;
+        }
+        transpose(&mut rows);
+        for i in 0..16 {
+            to[i].im = rows[i];
+        }
+    }
+}
+
+/// 16 × 16 in registers: pairs, then quadruples within 128 bits, then the 128-bit quarters.
+#[inline(always)]
+fn transpose(r: &mut [Avx512; 16]) {
+    let mut t = [Avx512::zeroed(); 16];
+    for i in 0..8 {
+        let (a, b) = (r[2 * i].0, r[2 * i + 1].0);
+        t[2 * i] = Avx512(avx512!(_mm512_unpacklo_ps(a, b)));
+        t[2 * i + 1] = Avx512(avx512!(_mm512_unpackhi_ps(a, b)));
+    }
+    for i in 0..4 {
+        for half in 0..2 {
+            let (low, high) = avx512!({
+                let (a, b) = (_mm512_castps_pd(t[4 * i + half].0), _mm512_castps_pd(t[4 * i + 2 + half].0));
+                (_mm512_castpd_ps(_mm512_unpacklo_pd(a, b)), _mm512_castpd_ps(_mm512_unpackhi_pd(a, b)))
+            });
+            r[4 * i + 2 * half] = Avx512(low);
+            r[4 * i + 2 * half + 1] = Avx512(high);
+        }
+    }
+    for i in 0..4 {
+        for half in 0..2 {
+            let (a, b) = (r[8 * half + i].0, r[8 * half + i + 4].0);
+            t[8 * half + i] = Avx512(avx512!(_mm512_shuffle_f32x4::<0x88>(a, b)));
+            t[8 * half + i + 4] = Avx512(avx512!(_mm512_shuffle_f32x4::<0xdd>(a, b)));
+        }
+    }
+    for i in 0..8 {
+        let (a, b) = (t[i].0, t[i + 8].0);
+        r[i] = Avx512(avx512!(_mm512_shuffle_f32x4::<0x88>(a, b)));
+        r[i + 8] = Avx512(avx512!(_mm512_shuffle_f32x4::<0xdd>(a, b)));
+    }
+}
