@@ -183,7 +183,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "HxW", value_parser = size)]
     pub film_size: Option<Size>,
     /// Film pixel pitch in µm [default: the chart's pitch_um]
-    #[arg(long, value_name = "UM", value_parser = positive)]
+    #[arg(long, value_name = "UM", value_parser = pitch)]
     pub film_pitch_um: Option<f64>,
     /// Optical axis in film pixels [default: the middle]
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
@@ -213,10 +213,10 @@ pub struct RunArgs {
     #[arg(long, value_enum, default_value_t = DtypeArg::F32)]
     pub dtype: DtypeArg,
     /// Shard side in pixels, a multiple of the chunk
-    #[arg(long, default_value_t = 2048)]
+    #[arg(long, default_value_t = 2048, value_parser = storage)]
     pub shard: usize,
     /// Inner chunk side in pixels
-    #[arg(long, default_value_t = 512)]
+    #[arg(long, default_value_t = 512, value_parser = storage)]
     pub chunk: usize,
     /// Compression of the film
     #[arg(long, value_enum, default_value_t = CodecArg::Zstd)]
@@ -363,7 +363,19 @@ fn positive(text: &str) -> Result<f64, String> {
 
 fn pair(text: &str) -> Result<(f64, f64), String> {
     let (a, b) = text.split_once(',').ok_or("expected two numbers X,Y")?;
-    Ok((number(a)?, number(b)?))
+    // Beyond this no lens sees the film, and pixels no longer count exactly.
+    let place = |t: &str| match number(t)? {
+        v if v.abs() <= 1e7 => Ok(v),
+        v => Err(format!("{v:e} is beyond ±1e7")),
+    };
+    Ok((place(a)?, place(b)?))
+}
+
+fn pitch(text: &str) -> Result<f64, String> {
+    match positive(text)? {
+        v if (1e-3..=1e6).contains(&v) => Ok(v),
+        v => Err(format!("{v:e} is not from 1e-3 to 1e6 µm")),
+    }
 }
 
 fn scale(text: &str) -> Result<(f64, f64), String> {
@@ -384,6 +396,14 @@ fn side(text: &str) -> Result<usize, String> {
         Ok(n) if (1..=LARGEST_SIDE).contains(&n) => Ok(n),
         _ => Err(format!("`{text}` is not a number of pixels from 1 to {LARGEST_SIDE}")),
     }
+}
+
+/// Sides of shards and chunks; the film's layout checks the same.
+fn storage(text: &str) -> Result<usize, String> {
+    side(text)
+        .ok()
+        .filter(|n| *n <= 16384)
+        .ok_or_else(|| format!("`{text}` is not a number of pixels from 1 to 16384"))
 }
 
 fn size(text: &str) -> Result<Size, String> {

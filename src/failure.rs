@@ -1,6 +1,6 @@
 //! Errors on their way out: one line for the user, one exit code for scripts.
 
-use formats::chart::ChartError;
+use formats::chart::{ChartError, WriteError};
 use formats::durable::DurableError;
 use formats::film::FilmError;
 use pipeline::executor::RunError;
@@ -39,6 +39,18 @@ pub fn other_job(message: impl Into<String>) -> anyhow::Error {
     Coded { code: code::OTHER_JOB, message: message.into() }.into()
 }
 
+/// The error and its causes in one line; what an error above has told already is not told again.
+pub fn line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if !line.contains(&cause) {
+            let colon = if line.is_empty() { "" } else { ": " };
+            line = format!("{line}{colon}{cause}");
+        }
+    }
+    line
+}
+
 /// The exit code of an error, by type, wherever it stands in the chain.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
     for cause in error.chain() {
@@ -51,7 +63,15 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         if retry {
             return code::RETRY;
         }
-        if let Some(FilmError::Exists { .. }) = cause.downcast_ref::<FilmError>() {
+        let other_film = matches!(
+            cause.downcast_ref::<FilmError>(),
+            Some(FilmError::Exists { .. } | FilmError::NotFilm { .. })
+        );
+        let other_chart = matches!(
+            cause.downcast_ref::<WriteError>(),
+            Some(WriteError::Exists { .. } | WriteError::NotChart { .. })
+        );
+        if other_film || other_chart {
             return code::OTHER_JOB;
         }
         if let Some(run) = cause.downcast_ref::<RunError>() {

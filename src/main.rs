@@ -28,7 +28,7 @@ fn main() -> ExitCode {
     match result {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
-            eprintln!("lenscube: {error:#}");
+            eprintln!("lenscube: {}", failure::line(&error));
             ExitCode::from(failure::exit_code(&error))
         }
     }

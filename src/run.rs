@@ -1,7 +1,7 @@
 //! `lenscube run`: chart → scene → film, and the film's life: created, resumed, finished.
 
 use crate::args::RunArgs;
-use crate::failure::{code, other_job};
+use crate::failure::{code, other_job, usage};
 use crate::job::Job;
 use crate::memory::{mib, peak_resident};
 use crate::open::Chart;
@@ -50,6 +50,7 @@ enum StageError {
 /// Runs the command; the exit code.
 pub fn command(args: &RunArgs) -> Result<u8> {
     let job = Job::new(args)?;
+    keep_chart(&job, &args.film)?;
     let store = open_film(&job, &args.film, args.overwrite, !args.no_fsync)?;
     if args.no_fsync {
         say("--no-fsync: a power cut may cost shards that were reported as written");
@@ -117,6 +118,19 @@ fn interrupt() {
         std::process::exit(i32::from(code::INTERRUPTED));
     }
     say("stopping: finishing the tiles in flight (again to stop at once)");
+}
+
+/// A film may be the chart of the next one, never of itself: `--overwrite` would remove what is to be read.
+fn keep_chart(job: &Job, film: &Path) -> Result<()> {
+    let Chart::Store(chart) = &job.chart else { return Ok(()) };
+    match (chart.path().canonicalize(), film.canonicalize()) {
+        (Ok(chart), Ok(there)) if chart.starts_with(&there) => Err(usage(format!(
+            "{} holds its own chart, {}; choose another path",
+            film.display(),
+            chart.display()
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// Creates the film, or opens it to resume if it is this job's own.

@@ -1,0 +1,158 @@
+"""Opens charts and films of the program given with zarr-python, xarray and tensorstore; check-interop runs it.
+
+What must hold: consolidated metadata, dimension names, coordinates and units, NaN as fill value, and values. Values are judged
+three times: the three readers agree bit for bit; a film is the golden one; and a lens that does nothing, run over the store,
+returns what Python read from it, bit for bit: so Rust reads the same numbers.
+"""
+import json
+import subprocess
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+import tensorstore
+import xarray
+import zarr
+
+warnings.simplefilter("error")
+LENSCUBE = Path(sys.argv[1]).resolve()
+GOLDEN = Path(__file__).resolve().parent.parent / "tests" / "golden"
+checks = 0
+
+
+def holds(condition, what):
+    global checks
+    checks += 1
+    if not condition:
+        sys.exit(f"check-interop: {what}")
+
+
+def lenscube(*words):
+    done = subprocess.run([LENSCUBE, *map(str, words)], capture_output=True, text=True)
+    holds(done.returncode == 0, f"lenscube {' '.join(map(str, words))} ended with {done.returncode}: {done.stderr}")
+
+
+def same(a, b):
+    return a.shape == b.shape and a.dtype == b.dtype and np.array_equal(a.view(f"u{a.itemsize}"), b.view(f"u{b.itemsize}"))
+
+
+def coordinate_like(found, expected):
+    return found.dtype == np.float64 and found.shape == (len(expected),) and np.allclose(found, expected, rtol=1e-14, atol=1e-15)
+
+
+def read(path, array, dtype, dims, coordinates, units):
+    """The pixels, after all that can be said of the array was checked in three readers."""
+    at = f"{path.name}/{array}"
+    metadata = json.loads((path / "zarr.json").read_text())
+    members = metadata.get("consolidated_metadata", {}).get("metadata", {})
+    holds(set(members) == {array, *coordinates} or "roi_1" in members, f"{at}: consolidated metadata of {sorted(members)}")
+    for name, member in members.items():
+        holds(member == json.loads((path / name / "zarr.json").read_text()), f"{at}: consolidated metadata of {name} differs from its own")
+
+    a = zarr.open_consolidated(str(path))[array]
+    holds(a.metadata.dimension_names == dims and a.dtype == dtype, f"{at}: zarr-python sees {a.metadata.dimension_names}, {a.dtype}")
+    holds(np.isnan(a.fill_value), f"{at}: fill value {a.fill_value}")
+    holds(a.attrs["units"] == units, f"{at}: units {a.attrs.get('units')}")
+    pixels = a[:]
+
+    with xarray.open_zarr(str(path), consolidated=True) as ds:
+        x = ds[array]
+        holds(x.dims == dims and x.attrs["units"] == units, f"{at}: xarray sees {x.dims}, {x.attrs}")
+        for name, (values, unit) in coordinates.items():
+            c = ds.coords[name] if name in dims else ds[name]
+            holds(c.dims == (name,) and c.attrs["units"] == unit, f"{at}: coordinate {name} has {c.dims}, {c.attrs}")
+            holds(coordinate_like(c.values, values), f"{at}: coordinate {name} is {c.values}, expected {values}")
+        holds(same(x.values, pixels), f"{at}: xarray reads other values than zarr-python")
+
+    t = tensorstore.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": f"{path / array}/"}}, read=True, open=True).result()
+    holds(t.domain.labels == dims and t.dtype.numpy_dtype == dtype, f"{at}: tensorstore sees {t.domain.labels}, {t.dtype}")
+    holds(np.isnan(t.fill_value), f"{at}: tensorstore's fill value {t.fill_value}")
+    holds(same(t.read().result(), pixels), f"{at}: tensorstore reads other values than zarr-python")
+    return pixels
+
+
+def identity_pack(path, wavelengths):
+    """A lens that does nothing up to 100 mm, with PSFs of one sample."""
+    bands, heights = len(wavelengths), np.linspace(0, 100, 5)
+    g = zarr.open_group(path, mode="w", zarr_format=3, attributes={
+        "schema": "lenscube/lens-pack/1", "name": "nothing", "distortion_focal_length_mm": 50.0, "effective_focal_length_mm": 50.0,
+        "f_number": 2.0, "primary_wavelength_nm": 550.0, "psf_sample": "integrated",
+    })
+    every = lambda row: np.tile(np.asarray(row), (bands, 1))
+    g.create_array("wavelength", data=np.array(wavelengths))
+    for name in ("ideal_height", "image_height"):
+        g.create_array(name, data=every(heights))
+    g.create_array("relative_illumination", data=every(np.ones(5)))
+    g.create_array("psf_height", data=every([0.0, 100.0]))
+    g.create_array("azimuth_count", data=every(np.array([1, 4], np.int32)))
+    g.create_array("psf_energy", data=every([1.0, 1.0]))
+    g.create_array("psf_pitch", data=np.full(bands, 2.0))
+    for b in range(bands):
+        g.create_array(f"psf/{b}", data=np.ones((2, 1, 1), np.float32))
+
+
+def read_by_rust(store, array, wavelengths, scratch):
+    pack, copy = scratch / "nothing.lens.zarr", scratch / f"copy-{store.name}-{array}"
+    identity_pack(pack, wavelengths)
+    height, width = zarr.open_group(store, mode="r")[array].shape[1:]
+    lenscube("run", f"{store}//{array}", copy, "--lens", pack, "--film-size", f"{height}x{width}", "--no-fsync", "--codec", "none")
+    return zarr.open_group(copy, mode="r")["film"][:]
+
+
+def charts(scratch):
+    wavelengths = [420.0, 550.0, 600.5]
+    for codec in ("none", "lz4", "zstd"):
+        path = scratch / f"chart-{codec}.zarr"
+        lenscube("chart", "composite", path, "--size", "301x277", "--wavelengths", "420,550,600.5", "--pitch-um", 60, "--overscan", 7, "--codec", codec)
+        units = zarr.open_group(path, mode="r").attrs["units"]
+        pixels = read(path, "chart", np.float32, ("wavelength", "y", "x"), {"wavelength": (wavelengths, "nm")}, units)
+        holds(pixels.shape == (3, 315, 291) and pixels.std() > 0, f"{path.name}: {pixels.shape}")
+        holds(same(read_by_rust(path, "chart", wavelengths, scratch), pixels), f"{path.name}: Rust reads other values than Python")
+
+
+def films(scratch):
+    case = json.loads((GOLDEN / "cases/chain-three-bands/case.json").read_text())
+    where = GOLDEN / "cases/chain-three-bands"
+    expected = zarr.open_group(where / "expected.zarr", mode="r")["part_0"][:].astype(float)
+    bands, height, width = expected.shape
+    wavelengths = 450.0 + 50 * np.arange(bands)
+    mm = lambda first, n, side: (first + np.arange(n) - (side - 1) / 2) * 2e-3
+    run = ("run", where / case["chart"], "--lens", where / case["lens"], *case["flags"], "--no-fsync", "--shard", 64, "--chunk", 32)
+    whole = {}
+    for dtype, codec in [("f32", "none"), ("f32", "lz4"), ("f32", "zstd"), ("f16", "none"), ("f16", "zstd")]:
+        path = scratch / f"film-{dtype}-{codec}.zarr"
+        lenscube(*run, path, "--dtype", dtype, "--codec", codec)
+        coordinates = {"wavelength": (wavelengths, "nm"), "y": (mm(0, height, height), "mm"), "x": (mm(0, width, width), "mm")}
+        pixels = read(path, "film", np.dtype(dtype.replace("f", "float")), ("wavelength", "y", "x"), coordinates, "relative")
+        # f32: the accuracy promised. f16: half a unit in the last of 11 bits more.
+        error = np.abs(pixels.astype(float) - expected)
+        bound = 2e-6 * np.array(case["peak"])[:, None, None] + (0 if dtype == "f32" else 2.0**-11 * np.abs(expected))
+        holds((error <= bound).all(), f"{path.name}: off by {error.max()}")
+        holds(same(read_by_rust(path, "film", wavelengths, scratch), pixels.astype(np.float32)), f"{path.name}: Rust reads other values than Python")
+        holds(dtype not in whole or same(whole[dtype], pixels), f"{path.name}: another codec, other values")
+        whole[dtype] = pixels
+
+    path = scratch / "regions.zarr"
+    regions = [(3, 5, 64, 70), (100, 116, 17, 5)]
+    lenscube(*run, path, *(word for x, y, w, h in regions for word in ("--roi", f"{x},{y},{w},{h}")))
+    for i, (x, y, w, h) in enumerate(regions):
+        names = (f"roi_{i}_y", f"roi_{i}_x")
+        coordinates = {"wavelength": (wavelengths, "nm"), names[0]: (mm(y, h, height), "mm"), names[1]: (mm(x, w, width), "mm")}
+        pixels = read(path, f"roi_{i}", np.float32, ("wavelength", *names), coordinates, "relative")
+        holds(same(pixels, np.ascontiguousarray(whole["f32"][:, y:y + h, x:x + w])), f"{path.name}: region {i} is not that part of the film")
+
+    # A shard that is not there yet reads as NaN, in every program.
+    path = scratch / "film-f32-zstd.zarr"
+    (path / "film/c/1/0/1").unlink()
+    pixels = read(path, "film", np.float32, ("wavelength", "y", "x"), {"wavelength": (wavelengths, "nm"), "y": (mm(0, height, height), "mm"), "x": (mm(0, width, width), "mm")}, "relative")
+    missing = np.zeros(pixels.shape, bool)
+    missing[1, :64, 64:] = True
+    holds((np.isnan(pixels) == missing).all(), f"{path.name}: a missing shard is not NaN")
+
+
+with tempfile.TemporaryDirectory() as tmp:
+    charts(Path(tmp))
+    films(Path(tmp))
+print(f"{checks} checks: zarr-python {zarr.__version__}, xarray {xarray.__version__}, tensorstore read what lenscube wrote")

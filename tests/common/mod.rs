@@ -1,0 +1,204 @@
+//! The binary from outside, and the stores that it reads and writes.
+#![allow(missing_docs, dead_code, reason = "shared by tests that each use a part")]
+
+use formats::chart::{ChartMeta, ChartOptions, ChartStore, Codec, write_chart};
+use formats::lens::{LensPackError, PackAttributes};
+use pipeline::flow::{ChartSource, DoorError};
+use pipeline::geometry::{Rect, Size};
+use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// What a command left behind: exit code and stderr.
+#[derive(Debug)]
+pub struct Ran {
+    pub code: i32,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Ran {
+    pub fn of(output: &Output) -> Self {
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        Self {
+            code: output.status.code().unwrap_or(-1),
+            stdout: text(&output.stdout),
+            stderr: text(&output.stderr),
+        }
+    }
+
+    /// Fails the test unless the command ended well.
+    pub fn ok(self) -> Self {
+        assert_eq!(self.code, 0, "{}", self.stderr);
+        self
+    }
+}
+
+pub fn lenscube(words: &[&str]) -> Ran {
+    Ran::of(&Command::new(env!("CARGO_BIN_EXE_lenscube")).args(words).output().unwrap())
+}
+
+pub fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// `lenscube run CHART FILM --lens LENS FLAGS`, on two threads and without fsync unless the flags say so.
+pub fn run(chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
+    let mut words = vec!["run", chart, text(film), "--lens", lens, "--no-fsync"];
+    if !flags.contains(&"--threads") {
+        words.extend(["--threads", "2"]);
+    }
+    words.extend(flags);
+    lenscube(&words)
+}
+
+/// Every pixel of one array of a store: size and bands.
+pub fn pixels(store: &Path, array: &str) -> (Size, Vec<Vec<f32>>) {
+    let store = ChartStore::open(&format!("{}//{array}", text(store)), ChartOptions::default()).unwrap();
+    let size = store.size();
+    let read = |band| {
+        let mut out = vec![f32::NAN; size.pixels()];
+        store.read_rect(band, size.rect(), &mut out).unwrap();
+        out
+    };
+    (size, (0..store.bands()).map(read).collect())
+}
+
+pub fn bits(bands: &[Vec<f32>]) -> Vec<Vec<u32>> {
+    bands.iter().map(|b| b.iter().map(|v| v.to_bits()).collect()).collect()
+}
+
+/// Files of a film's arrays and all metadata, by path: what must not differ from run to run. `runs/` may.
+pub fn files(store: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut todo = vec![store.to_path_buf()];
+    while let Some(directory) = todo.pop() {
+        for entry in std::fs::read_dir(&directory).unwrap() {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true if path != store.join("runs") => todo.push(path),
+                true => (),
+                false => {
+                    let bytes = std::fs::read(&path).unwrap();
+                    found.insert(path.strip_prefix(store).unwrap().into(), bytes);
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Shard files of a film.
+pub fn shards(store: &Path) -> Vec<PathBuf> {
+    let inside = |p: &PathBuf| p.components().any(|c| c.as_os_str() == "c");
+    files(store).into_keys().filter(inside).collect()
+}
+
+/// Reproducible noise in [0, 1): splitmix64.
+pub struct Noise(pub u64);
+
+impl Noise {
+    pub fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
+    }
+}
+
+/// A chart in memory.
+pub struct Picture {
+    pub size: Size,
+    pub bands: Vec<Vec<f32>>,
+}
+
+impl Picture {
+    pub fn noise(seed: u64, size: Size, bands: usize) -> Self {
+        let mut noise = Noise(seed);
+        let band = |_| (0..size.pixels()).map(|_| noise.next()).collect();
+        Self { size, bands: (0..bands).map(band).collect() }
+    }
+
+    /// Writes it with wavelengths 450, 500, … nm at 2 µm.
+    pub fn write(&self, path: &Path) {
+        let meta = ChartMeta {
+            wavelengths_nm: (0..self.bands.len()).map(|b| 450.0 + 50.0 * b as f64).collect(),
+            pitch_um: Some(2.0),
+            ..ChartMeta::default()
+        };
+        write_chart(path, self, &meta, Codec::Zstd, 1, &|_, _| ()).unwrap();
+    }
+}
+
+impl ChartSource for Picture {
+    fn size(&self) -> Size {
+        self.size
+    }
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        for (row, out) in out.chunks_exact_mut(rect.width).enumerate() {
+            let first = (rect.y as usize + row) * self.size.width + rect.x as usize;
+            out.copy_from_slice(&self.bands[band][first..][..rect.width]);
+        }
+        Ok(())
+    }
+}
+
+/// Tables up to `reach_mm` that change nothing: no distortion, R = 1; PSF windows of `size` samples of 2 µm at four heights.
+pub fn identity_band(wavelength_nm: f64, reach_mm: f64, size: usize) -> LensBand {
+    let heights: Vec<f64> = (0..50).map(|i| reach_mm * f64::from(i) / 49.0).collect();
+    LensBand {
+        wavelength_nm,
+        image_height_mm: heights.clone(),
+        relative_illumination: vec![1.0; heights.len()],
+        ideal_height_mm: heights,
+        psf_height_mm: [0.0, 0.2, 0.7, 1.0].map(|h| h * reach_mm).into(),
+        azimuth_count: vec![1, 4, 4, 4],
+        psf_size: size,
+        psf_pitch_um: 2.0,
+        psf_energy: vec![1.0; 4],
+        solid_angle_sr: 0.1,
+        transmission: 1.0,
+    }
+}
+
+pub fn lens(bands: Vec<LensBand>) -> Lens {
+    Lens {
+        name: "test".into(),
+        distortion_focal_length_mm: 50.0,
+        effective_focal_length_mm: 50.0,
+        f_number: 2.0,
+        primary_wavelength_nm: bands[0].wavelength_nm,
+        object_distance_mm: None,
+        magnification: 0.0,
+        psf_sample: PsfSample::Integrated,
+        bands,
+    }
+}
+
+/// All light on the chief ray.
+pub fn delta(band: &LensBand) -> PsfStack {
+    let n = band.psf_size;
+    let mut samples = vec![0.0; band.psf_height_mm.len() * n * n];
+    samples[n * n / 2..].iter_mut().step_by(n * n).for_each(|v| *v = 1.0);
+    PsfStack { size: n, pitch_um: band.psf_pitch_um, sample: PsfSample::Integrated, samples }
+}
+
+/// Light all over the window, other light at every height.
+pub fn scattered(seed: u64, band: &LensBand) -> PsfStack {
+    let n = band.psf_size;
+    let mut noise = Noise(seed);
+    let mut stack = delta(band);
+    for window in stack.samples.chunks_exact_mut(n * n) {
+        window.iter_mut().for_each(|v| *v = noise.next());
+        let sum: f64 = window.iter().map(|&v| f64::from(v)).sum();
+        window.iter_mut().for_each(|v| *v = (f64::from(*v) / sum) as f32);
+    }
+    stack
+}
+
+pub fn write_pack(path: &Path, lens: &Lens, stacks: Vec<PsfStack>) {
+    let stacks = stacks.into_iter().map(Ok::<_, LensPackError>);
+    formats::lens::write(path, lens, &PackAttributes::default(), stacks).unwrap();
+}

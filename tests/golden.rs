@@ -1,0 +1,101 @@
+//! The binary against films that someone else's code computed: `golden/make_golden.py`, over the executable model of the
+//! lens in f64 Python. Every pixel within 2e-6 of the film's peak, all of them within 1e-6 in relative L2 (DESIGN: f32
+//! sums over FFT blocks; the expected values themselves are stored in f32, 6e-8).
+
+mod common;
+
+use common::{Ran, pixels, run, text};
+use serde_json::Value;
+use std::path::Path;
+
+const MAX_OF_PEAK: f64 = 2e-6;
+const RELATIVE_L2: f64 = 1e-6;
+
+fn number(v: &Value, key: &str) -> usize {
+    v[key].as_u64().unwrap() as usize
+}
+
+/// What is wrong with a case, if anything.
+fn check(case: &Path) -> Result<(), String> {
+    let about: Value = serde_json::from_slice(&std::fs::read(case.join("case.json")).unwrap()).unwrap();
+    let scratch = tempfile::tempdir().unwrap();
+    let film = scratch.path().join("film.zarr");
+    let there = |key: &str| case.join(about[key].as_str().unwrap());
+    let flags: Vec<&str> = about["flags"].as_array().unwrap().iter().map(|v| v.as_str().unwrap()).collect();
+    let chart = there("chart");
+    let Ran { code, stderr, .. } = run(text(&chart), &film, text(&there("lens")), &flags);
+    if code != 0 {
+        return Err(format!("exit {code}: {stderr}"));
+    }
+    for part in about["compared"].as_array().unwrap() {
+        let (size, got) = pixels(&film, part["array"].as_str().unwrap());
+        let (expected_size, expected) =
+            pixels(&case.join("expected.zarr"), part["expected"].as_str().unwrap());
+        let rows =
+            (number(part, "y")..number(part, "y") + number(part, "height")).step_by(number(part, "step_y"));
+        let columns =
+            (number(part, "x")..number(part, "x") + number(part, "width")).step_by(number(part, "step_x"));
+        assert_eq!((rows.len(), columns.len()), (expected_size.height, expected_size.width));
+        assert_eq!(got.len(), expected.len());
+        for (band, (got, expected)) in got.iter().zip(&expected).enumerate() {
+            let places = rows.clone().flat_map(|y| columns.clone().map(move |x| (y, x)));
+            let peak = about["peak"][band].as_f64().unwrap();
+            // NaN cannot be among them: reading refuses it.
+            let (mut worst, mut at, mut off, mut all) = (0.0, (0, 0), 0.0, 0.0);
+            for ((y, x), &e) in places.zip(expected) {
+                let difference = f64::from(got[y * size.width + x]) - f64::from(e);
+                if difference.abs() > worst {
+                    (worst, at) = (difference.abs(), (y, x));
+                }
+                off += difference * difference;
+                all += f64::from(e) * f64::from(e);
+            }
+            let (worst, l2) = (worst / peak, if all > 0.0 { (off / all).sqrt() } else { off });
+            if worst > MAX_OF_PEAK || l2 > RELATIVE_L2 {
+                let array = &part["array"];
+                return Err(format!(
+                    "{array} band {band}: max {worst:.1e} of the peak at row, column {at:?}; L2 {l2:.1e}"
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Runs the cases whose name starts with one of `prefixes`.
+fn cases(prefixes: &[&str], expected: usize) {
+    let all = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/cases");
+    let mut names: Vec<_> =
+        std::fs::read_dir(&all).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names.retain(|n| prefixes.iter().any(|p| n.starts_with(p)));
+    assert_eq!(names.len(), expected, "{names:?}");
+    let wrong: Vec<_> =
+        names.iter().filter_map(|n| Some(format!("{n}: {}", check(&all.join(n)).err()?))).collect();
+    assert!(wrong.is_empty(), "{} of {} cases are wrong:\n{}", wrong.len(), names.len(), wrong.join("\n"));
+}
+
+#[test]
+fn the_whole_chain_on_charts_and_packs_of_all_shapes() {
+    cases(&["chain-"], 8);
+}
+
+#[test]
+fn every_surround_with_every_interpolation() {
+    cases(&["surround-"], 6);
+}
+
+#[test]
+fn films_of_several_tiles_and_regions_of_them() {
+    cases(&["tiles-"], 2);
+}
+
+#[test]
+fn charts_as_other_programs_write_them() {
+    cases(&["chart-"], 2);
+}
+
+#[test]
+fn stages_on_their_own_cropped_windows_and_units() {
+    cases(&["stages-", "window-", "units-"], 8);
+}

@@ -1,0 +1,215 @@
+//! What must not change a film: threads, memory, codec, layout, interruption, regions. And lenses whose film is known.
+
+mod common;
+
+use common::{
+    Noise, Picture, bits, delta, files, identity_band, lens, lenscube, pixels, run, scattered, shards, text,
+    write_pack,
+};
+use pipeline::geometry::Size;
+use std::path::{Path, PathBuf};
+
+struct Place {
+    dir: tempfile::TempDir,
+    chart: PathBuf,
+    pack: PathBuf,
+}
+
+impl Place {
+    /// A chart of two bands, several tiles and shards of film, a lens that bends, dims and scatters.
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let (chart, pack) = (dir.path().join("chart.zarr"), dir.path().join("pack.lens.zarr"));
+        Picture::noise(7, Size::new(631, 705), 2).write(&chart);
+        let band = |nm, size| {
+            let mut band = identity_band(nm, 1.0, size);
+            band.ideal_height_mm.iter_mut().for_each(|h| *h *= 1.01 + 0.02 * *h);
+            band.relative_illumination.iter_mut().enumerate().for_each(|(i, r)| *r -= 0.008 * i as f64);
+            band
+        };
+        let lens = lens(vec![band(450.0, 25), band(500.0, 7)]);
+        let stacks = lens.bands.iter().zip(3..).map(|(b, seed)| scattered(seed, b)).collect();
+        write_pack(&pack, &lens, stacks);
+        Self { dir, chart, pack }
+    }
+
+    fn run(&self, name: &str, flags: &[&str]) -> PathBuf {
+        let film = self.dir.path().join(name);
+        run(text(&self.chart), &film, text(&self.pack), flags).ok();
+        film
+    }
+}
+
+const LAYOUT: [&str; 4] = ["--shard", "256", "--chunk", "128"];
+
+fn with_layout<'a>(flags: &[&'a str]) -> Vec<&'a str> {
+    [&LAYOUT[..], flags].concat()
+}
+
+#[test]
+fn threads_and_memory_change_no_byte() {
+    let place = Place::new();
+    let first = files(&place.run("first", &with_layout(&["--threads", "1", "--memory", "2GiB"])));
+    assert!(first.len() > 2 * 9, "several shards: {:?}", first.keys());
+    // The least memory is what the program itself says when asked for less.
+    let film = place.dir.path().join("refused");
+    let refused = run(
+        text(&place.chart),
+        &film,
+        text(&place.pack),
+        &with_layout(&["--threads", "2", "--memory", "1MiB"]),
+    );
+    assert_eq!(refused.code, 2, "{}", refused.stderr);
+    let least = refused.stderr.split("at least ").nth(1).unwrap().split(';').next().unwrap();
+    for (name, flags) in [
+        ("least", ["--threads", "2", "--memory", least]),
+        ("more", ["--threads", "2", "--memory", "1GiB"]),
+        ("many", ["--threads", "7", "--memory", "2GiB"]),
+    ] {
+        let again = files(&place.run(name, &with_layout(&flags)));
+        assert!(
+            again == first,
+            "{flags:?} changes {:?}",
+            again.iter().find(|(k, v)| first.get(*k) != Some(*v)).map(|d| d.0)
+        );
+    }
+}
+
+#[test]
+fn codecs_shards_and_regions_change_no_pixel() {
+    let place = Place::new();
+    let (size, whole) = pixels(&place.run("whole", &[]), "film");
+    let whole = bits(&whole);
+    for (codec, shard, chunk) in [("none", "128", "128"), ("lz4", "512", "256"), ("zstd", "96", "32")] {
+        let film = place.run(codec, &["--codec", codec, "--shard", shard, "--chunk", chunk]);
+        assert!(bits(&pixels(&film, "film").1) == whole, "{codec}, shards of {shard}");
+    }
+    let regions = [(0, 0, 1, 1), (300, 411, 320, 200), (5, 600, 700, 31), (704, 630, 1, 1)];
+    let words: Vec<String> = regions.iter().map(|(x, y, w, h)| format!("{x},{y},{w},{h}")).collect();
+    let flags: Vec<&str> = words.iter().flat_map(|w| ["--roi", w.as_str()]).collect();
+    let film = place.run("regions", &flags);
+    let band_1 = place.run("regions-of-band-1", &[&flags[..], &["--bands", "1", "--threads", "1"]].concat());
+    for (i, (x, y, w, h)) in regions.into_iter().enumerate() {
+        let (roi_size, got) = pixels(&film, &format!("roi_{i}"));
+        assert_eq!(roi_size, Size::new(h, w));
+        let part = |band: &Vec<u32>| -> Vec<u32> {
+            (y..y + h).flat_map(|row| band[row * size.width + x..][..w].to_vec()).collect()
+        };
+        let expected: Vec<_> = whole.iter().map(part).collect();
+        assert!(bits(&got) == expected, "region {x},{y},{w},{h}");
+        assert!(
+            bits(&pixels(&band_1, &format!("roi_{i}")).1) == expected[1..],
+            "region {x},{y},{w},{h} of band 1"
+        );
+    }
+}
+
+#[test]
+fn a_resumed_film_has_the_same_bytes() {
+    let place = Place::new();
+    let film = place.run("film", &LAYOUT);
+    let first = files(&film);
+    let all = shards(&film);
+    let of_film: Vec<_> = all.iter().filter(|p| p.starts_with("film")).collect();
+    assert_eq!(of_film.len(), 2 * 3 * 3);
+    for lost in [&of_film[..1], &of_film[4..7], &[of_film[2], of_film[8], of_film[9], of_film[17]]] {
+        lost.iter().for_each(|p| std::fs::remove_file(film.join(p)).unwrap());
+        let again =
+            run(text(&place.chart), &film, text(&place.pack), &[&LAYOUT[..], &["--threads", "1"]].concat())
+                .ok();
+        assert!(again.stderr.contains(&format!("{} of 18 shards", lost.len())), "{}", again.stderr);
+        assert!(files(&film) == first, "without {lost:?}");
+    }
+    let done = run(text(&place.chart), &film, text(&place.pack), &LAYOUT).ok();
+    assert!(done.stderr.contains("complete") && files(&film) == first, "{}", done.stderr);
+    let anew =
+        run(text(&place.chart), &film, text(&place.pack), &[&LAYOUT[..], &["--overwrite"]].concat()).ok();
+    assert!(!anew.stderr.contains("resuming") && files(&film) == first, "{}", anew.stderr);
+}
+
+#[test]
+fn a_stored_chart_gives_the_film_of_the_drawn_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let draw = |name: &str, threads: &str| {
+        let path = at(name);
+        let words = ["chart", "composite", text(&path), "--size", "260x300", "--wavelengths", "450,500"];
+        lenscube(&[&words[..], &["--pitch-um", "10", "--threads", threads]].concat()).ok();
+        path
+    };
+    let (one, two) = (draw("one", "1"), draw("two", "2"));
+    assert!(files(&one) == files(&two), "the chart depends on its threads");
+    let flags = ["--psf-window", "5", "--azimuths", "4"];
+    run(text(&one), &at("stored"), "double-gauss-28-npz", &flags).ok();
+    run(
+        "gen:composite?size=260x300&wavelengths=450,500&pitch_um=10",
+        &at("drawn"),
+        "double-gauss-28-npz",
+        &flags,
+    )
+    .ok();
+    let (stored, drawn) = (pixels(&at("stored"), "film"), pixels(&at("drawn"), "film"));
+    assert_eq!(stored.0, Size::new(260, 300));
+    assert!(bits(&stored.1) == bits(&drawn.1));
+}
+
+#[test]
+fn a_uniform_chart_shows_the_illumination_itself() {
+    let dir = tempfile::tempdir().unwrap();
+    let pack = formats::lens::builtin("double-gauss-28").unwrap();
+    for (name, axis) in [("middle", (128.0, 150.0)), ("aside", (100.25, 171.5))] {
+        let film = dir.path().join(name);
+        let words = format!("{},{}", axis.0, axis.1);
+        let chart = "gen:uniform?size=301x257&wavelengths=420,550,700&pitch_um=85";
+        run(chart, &film, "double-gauss-28", &["--stages", "ri,distortion", "--axis", &words]).ok();
+        let (size, got) = pixels(&film, "film");
+        for (band, nm) in got.iter().zip([420.0, 550.0, 700.0]) {
+            let tables = pack.lens().bands.iter().find(|b| b.wavelength_nm == nm).unwrap();
+            let (heights, ri) = (&tables.image_height_mm, &tables.relative_illumination);
+            for (i, v) in band.iter().enumerate() {
+                let (y, x) = ((i / size.width) as f64 - axis.1, (i % size.width) as f64 - axis.0);
+                let r = 0.085 * y.hypot(x);
+                let k = heights.partition_point(|&h| h <= r).clamp(1, heights.len() - 1);
+                let share = (r - heights[k - 1]) / (heights[k] - heights[k - 1]);
+                let expected = ri[k - 1] + share * (ri[k] - ri[k - 1]);
+                assert!(
+                    (f64::from(*v) - expected).abs() <= 1e-6,
+                    "{name}, {nm} nm, r = {r} mm: {v}, not {expected}"
+                );
+            }
+        }
+    }
+}
+
+fn identity_film(dir: &Path, size: Size, window: usize) -> (Picture, Vec<Vec<f32>>) {
+    let at = |name: &str| dir.join(format!("{name}-{size}-{window}"));
+    let mut chart = Picture::noise(size.width as u64, size, 2);
+    // A chart may hold what it likes: light below zero, and over nine decades.
+    let mut noise = Noise(99);
+    for v in chart.bands[1].iter_mut() {
+        *v = (noise.next() - 0.5) * 10f32.powi((noise.next() * 9.0) as i32);
+    }
+    chart.write(&at("chart"));
+    let lens = lens(vec![identity_band(450.0, 1.0, window), identity_band(500.0, 1.0, window)]);
+    write_pack(&at("pack"), &lens, lens.bands.iter().map(delta).collect());
+    run(text(&at("chart")), &at("film"), text(&at("pack")), &[]).ok();
+    let (film_size, film) = pixels(&at("film"), "film");
+    assert_eq!(film_size, size);
+    (chart, film)
+}
+
+#[test]
+fn a_lens_that_does_nothing_returns_the_chart() {
+    let dir = tempfile::tempdir().unwrap();
+    for size in [Size::new(1, 1), Size::new(300, 301), Size::new(129, 640)] {
+        let (chart, film) = identity_film(dir.path(), size, 1);
+        assert!(bits(&film) == bits(&chart.bands), "film of {size}: not bit for bit");
+        // Through the transforms a sum of n² terms rounds: 1e-6 of the largest value.
+        let (chart, film) = identity_film(dir.path(), size, 9);
+        for (got, expected) in film.iter().zip(&chart.bands) {
+            let peak = expected.iter().fold(0f32, |m, v| m.max(v.abs()));
+            let worst = got.iter().zip(expected).fold(0f32, |m, (g, e)| m.max((g - e).abs()));
+            assert!(worst <= 1e-6 * peak, "film of {size}: {worst} of {peak}");
+        }
+    }
+}
