@@ -381,10 +381,10 @@ fn pitch(text: &str) -> Result<f64, String> {
 fn scale(text: &str) -> Result<(f64, f64), String> {
     let (x, y) = text.split_once(',').unwrap_or((text, text));
     let (x, y) = (positive(x)?, positive(y)?);
-    let sane = 1e-4..=1e4;
+    let sane = 1e-3..=1e3;
     match sane.contains(&x) && sane.contains(&y) {
         true => Ok((x, y)),
-        false => Err("expected 0.0001 to 10000 film pixels per chart pixel".into()),
+        false => Err("expected 0.001 to 1000 film pixels per chart pixel".into()),
     }
 }
 

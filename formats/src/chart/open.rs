@@ -79,7 +79,10 @@ impl ChartStore {
     /// [`ChartError`] if there is no chart, or its metadata says what cannot be read.
     pub fn open(spec: &str, options: ChartOptions) -> Result<Self, ChartError> {
         let (path, array) = match spec.rsplit_once("//") {
-            Some((path, array)) if !path.is_empty() => (path, array.trim_matches('/')),
+            // A doubled slash in the path of something that is there is only that.
+            Some((path, array)) if !path.is_empty() && !Path::new(spec).exists() => {
+                (path, array.trim_matches('/'))
+            }
             _ => (spec, ""),
         };
         let (directory, name, group) = find(Path::new(path), array)?;
