@@ -51,7 +51,7 @@ impl Case {
         let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
         let grown = size.rect().grown(n / 2);
         let last = frame.farthest_mm(grown);
-        let pixel = |i: usize| if i % 977 == 0 { 50.0 } else { f64::from(noise.next() as f32) };
+        let pixel = |i: usize| if i.is_multiple_of(977) { 50.0 } else { f64::from(noise.next() as f32) };
         let scene = Image { size: grown.size(), data: (0..grown.size().pixels()).map(pixel).collect() };
         Self {
             name: format!("{n} px, {} heights, film {size}, axis {axis_px:?}", heights.len()),
