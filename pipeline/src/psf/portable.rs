@@ -2,7 +2,7 @@
 //!
 //! For each node that touches the block: weighted copy → rows (real FFT of F) → columns (complex FFT of F) → multiply by
 //! the node's spectrum, accumulate. Then ONE inverse transform, added to the output (overlap-add). Spectra lie
-//! transposed, column by column: [F/2 + 1][F] complex, scaled by 1/F².
+//! transposed, column by column: `[F/2 + 1][F]` complex, scaled by 1/F².
 
 use crate::buffer::AlignedBuf;
 use crate::psf::blocks::Blocks;
