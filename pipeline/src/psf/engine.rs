@@ -33,6 +33,7 @@ pub(super) enum EngineScratch {
 }
 
 /// Why the arms of the wrong pair cannot be reached.
+#[cfg(target_arch = "x86_64")]
 const OWN: &str = "an engine meets the scratch that it made";
 
 impl Engine {

@@ -9,7 +9,7 @@
 //!
 //! Why it is fast: no bit reversal and no half-filled register anywhere, F/2 spectral rows without special ones, weights
 //! from 12 bytes a pixel and not from memory of their own, strips of no share or no light skipped, all buffers of a block
-//! in L2. A spectrum lies as its product meets it: [F/2/LANES groups][F columns, digits reversed][LANES re, LANES im],
+//! in L2. A spectrum lies as its product meets it: `[F/2/LANES groups][F columns, digits reversed][LANES re, LANES im]`,
 //! scaled by 2/F².
 //!
 //! `unsafe` lives in [`lanes`] (the gate), [`avx512`] and [`avx2`] (intrinsics) and one loop of [`fft`].
