@@ -27,8 +27,10 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         LensPackError::Exists { .. } => other_job(e.to_string()),
         e => e.into(),
     })?;
-    let style = ProgressStyle::with_template("{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} gone, {eta} left");
-    let bar = ProgressBar::new(options.wavelengths_nm.len() as u64).with_style(style.expect("a valid template"));
+    let style =
+        ProgressStyle::with_template("{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} gone, {eta} left");
+    let bar =
+        ProgressBar::new(options.wavelengths_nm.len() as u64).with_style(style.expect("a valid template"));
     let mut bounds = Vec::new();
     let mut progress = |p: Progress| {
         bar.set_position(p.band as u64);
@@ -69,7 +71,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         })),
     };
     pack.finish(&lens, &attributes)?;
-    say(format!("{}: {} bands; use it with `lenscube run CHART FILM --lens {0}`", args.out.display(), lens.bands.len()));
+    say(format!(
+        "{}: {} bands; use it with `lenscube run CHART FILM --lens {0}`",
+        args.out.display(),
+        lens.bands.len()
+    ));
     Ok(())
 }
 
@@ -83,7 +89,8 @@ fn system(args: &TraceArgs) -> Result<System> {
     }
     let mut glasses = GlassCatalog::schott();
     for path in &args.glass_catalog {
-        glasses.extend(agf::parse(&read(path)?).with_context(|| format!("reading glasses {}", path.display()))?);
+        glasses
+            .extend(agf::parse(&read(path)?).with_context(|| format!("reading glasses {}", path.display()))?);
     }
     let path = Path::new(&args.design);
     if !path.exists() {
@@ -116,7 +123,8 @@ fn placed(args: &TraceArgs, mut system: System) -> Result<System> {
 
 fn options(args: &TraceArgs) -> Result<TraceOptions> {
     let wavelengths = pipeline::wavelengths::parse(&args.wavelengths);
-    let mut wavelengths = wavelengths.map_err(|e| usage(format!("--wavelengths {}: {e}", args.wavelengths)))?;
+    let mut wavelengths =
+        wavelengths.map_err(|e| usage(format!("--wavelengths {}: {e}", args.wavelengths)))?;
     wavelengths.sort_by(f64::total_cmp);
     let mut options = TraceOptions::new(wavelengths, args.max_height_mm);
     options.energy = args.energy;
@@ -132,7 +140,8 @@ fn options(args: &TraceArgs) -> Result<TraceOptions> {
 
 /// `0:21:1` (both ends) or `0,3,7.5`: real image heights in mm.
 fn heights(text: &str) -> Result<Vec<f64>, String> {
-    let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(format!("`{t}` is no height"));
+    let number =
+        |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(format!("`{t}` is no height"));
     let fields: Vec<&str> = text.split(':').collect();
     let [first, last, step] = fields[..] else { return text.split(',').map(number).collect() };
     let (first, last, step) = (number(first)?, number(last)?, number(step)?);
