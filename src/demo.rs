@@ -164,10 +164,11 @@ fn words(dir: &Path) {
         "
 Look at
   {d}/chart.png    what lies before the lens
-  {d}/film.png     what it throws on the film: the lines bend outwards-in (barrel, 0.6 % at the corner), the corners
-                   are a little darker (RI 0.94)
-  {d}/windows.png  the full film at 100 %: sharp in the centre, then blur growing to the corner, comet tails and
-                   colour fringes (lateral colour: blue and red land up to 7 µm apart)
+  {d}/film.png     what it throws on the film: drawn inwards (barrel distortion, 0.6 % in the corner) and a little darker
+                   there (RI 0.94)
+  {d}/windows.png  the full film at 100 %: round blur with a violet halo in the centre; in the corner points become small
+                   crosses, red towards the centre and blue away from it (lateral colour, 13 µm from 400 to 700 nm); the
+                   last pair is the corner at 550 nm and at 400 nm, where this lens is far out of focus
   {d}/lens.png     relative illumination and distortion over image height, by wavelength
 
 What to type next

@@ -1,7 +1,7 @@
 //! `lenscube lens`: looking at lens packs.
 
 use crate::args::{LensArgs, LensCommand};
-use crate::open;
+use crate::{open, trace};
 use anyhow::Result;
 use formats::lens::{LensPack, summary};
 use pipeline::lens::PsfSample;
@@ -18,6 +18,7 @@ pub fn command(args: &LensArgs) -> Result<()> {
                 false => println!("{summary}"),
             }
         }
+        LensCommand::Trace(args) => return trace::command(args),
     }
     Ok(())
 }

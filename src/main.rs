@@ -11,6 +11,7 @@ mod memory;
 mod open;
 mod progress;
 mod run;
+mod trace;
 
 use args::{Cli, Command};
 use clap::Parser;

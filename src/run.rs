@@ -16,6 +16,7 @@ use pipeline::plan::{ShardId, Window};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
 
@@ -86,10 +87,19 @@ pub fn command(args: &RunArgs) -> Result<u8> {
         spectra_bytes: job.memory.spectra,
         cancel: &CANCEL,
     };
+    let held = Mutex::new(vec![None; job.plans.len()]);
     let prepare = |i: usize| {
         let plan = &job.plans[i];
         let stack = |band: usize| Ok::<_, StageError>(job.lens.psf(band)?);
-        plan.stages(i, &job.frame, &job.options, job.gains[i], stack).map_err(DoorError::from)
+        let stages =
+            plan.stages(i, &job.frame, &job.options, job.gains[i], stack).map_err(DoorError::from)?;
+        if let Some(psf) = &stages.psf {
+            let of_all =
+                plan.lens.psf_energy.iter().zip(psf.kernels().energy()).map(|(pack, crop)| pack * crop);
+            let mean = of_all.sum::<f64>() / plan.lens.psf_energy.len() as f64;
+            held.lock().expect("no panic while held")[i] = Some(mean);
+        }
+        Ok(stages)
     };
     let names = job.plans.iter().map(|p| format!("{} nm", p.lens.wavelength_nm)).collect();
     let bars = Bars::new(names, &pixels(&work));
@@ -101,7 +111,7 @@ pub fn command(args: &RunArgs) -> Result<u8> {
             args.film.display()
         )
     })?;
-    report(&job, &store, &summary);
+    report(&job, &store, &summary, &held.into_inner().expect("no panic while held"));
     if summary.shards < missing as u64 {
         say(format!(
             "interrupted: {} of {missing} shards are left; the same command resumes",
@@ -278,18 +288,13 @@ fn tell(job: &Job) {
 }
 
 /// The summary, on the terminal and in the film's `runs/`.
-fn report(job: &Job, store: &FilmStore, summary: &Summary) {
+fn report(job: &Job, store: &FilmStore, summary: &Summary, light_held: &[Option<f64>]) {
     let stats = match &job.chart {
         Chart::Store(s) => Some(s.stats()),
         Chart::Drawn(_) => None,
     };
-    let outside: Vec<f64> = job
-        .plans
-        .iter()
-        .filter(|p| p.grid.is_some())
-        .map(|p| 1.0 - p.lens.psf_energy.iter().sum::<f64>() / p.lens.psf_energy.len() as f64)
-        .collect();
-    let range = outside.iter().fold((1.0f64, 0.0f64), |(a, b), e| (a.min(*e), b.max(*e)));
+    let outside = light_held.iter().flatten().map(|held| 1.0 - held);
+    let range = outside.fold((1.0f64, 0.0f64), |(a, b), e| (a.min(e), b.max(e)));
     let peak = peak_resident();
     for line in summary_lines(summary, stats.map_or(0, |s| s.bytes_read), peak, range) {
         say(line);
@@ -322,6 +327,7 @@ fn report(job: &Job, store: &FilmStore, summary: &Summary) {
         "bytes_read": stats.map(|s| s.bytes_read),
         "chart_pieces_decoded": stats.map(|s| s.pieces_decoded),
         "spectra_built": summary.spectra,
+        "light_in_psf_window": light_held,
         "interrupted": summary.interrupted,
         "thread_s": {
             "read": t.read_s, "scene": t.scene_s, "svpsf": t.svpsf_s, "add": t.add_s,

@@ -271,3 +271,42 @@ fn light_is_conserved_and_coma_points_outwards() {
         assert!(outwards > 0.8 && across.abs() < 1e-3, "at {y},{x}: {outwards} out, {across} across");
     }
 }
+
+/// A uniform scene keeps its light but moves it: where the PSF's centroid lies c from the chief ray, the film shows
+/// 1 − div c. Here c = α·r outwards, so div c = 2α everywhere, up to the film's border.
+#[test]
+fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid() {
+    const ALPHA: f64 = 0.01;
+    let film = Size::new(150, 170);
+    let mut noise = Noise(4);
+    let mut case = case(&mut noise, film, film, &[25]);
+    case.frame = Frame::centred(film, film, 2.0);
+    case.chart.0[0] = Image::new(film, |_, _| 1.0);
+    case.options.stages = Stages { ri: false, distortion: false, svpsf: true };
+    case.options.azimuths = Some(144);
+    case.lens.psf_sample = PsfSample::Point;
+    let n = 49;
+    case.lens.bands[0].psf_size = n;
+    case.lens.bands[0].psf_pitch_um = 1.0;
+    let last = case.frame.farthest_mm(film.rect().grown(13));
+    let heights: Vec<f64> = (0..5).map(|k| last * f64::from(k) / 4.0).collect();
+    let samples = heights.iter().flat_map(|h| {
+        // Samples of 1 µm: a Gaussian of 3 µm whose centre lies α·h out on +x.
+        let out = ALPHA * h * 1e3;
+        let w = (0..n * n).map(|i| {
+            let (y, x) = ((i / n) as f64 - 24.0, (i % n) as f64 - 24.0 - out);
+            (-(x * x + y * y) / 18.0).exp()
+        });
+        let w: Vec<f64> = w.collect();
+        let sum: f64 = w.iter().sum();
+        w.into_iter().map(move |v| (v / sum) as f32)
+    });
+    case.stacks[0] =
+        PsfStack { size: n, pitch_um: 1.0, sample: PsfSample::Point, samples: samples.collect() };
+    case.lens.bands[0].psf_height_mm = heights;
+    let (films, _) = case.run(&case.whole(256), 2, 64 << 20);
+    for (i, v) in films[0][0].iter().enumerate() {
+        let (y, x) = (i / 170, i % 170);
+        assert!((f64::from(*v) - (1.0 - 2.0 * ALPHA)).abs() < 1e-3, "{v} at {y},{x}");
+    }
+}
