@@ -273,8 +273,8 @@ fn light_is_conserved_and_coma_points_outwards() {
 }
 
 /// A uniform scene keeps its light but moves it: where the PSF's centroid lies c from the chief ray, the film shows
-/// 1 − div c, to first order. Here c = α·r outwards, so div c = 2α everywhere, up to the film's border; terms of α² stay
-/// below 3e-4.
+/// 1 − div c, to first order. Here c = α·r outwards, so div c = 2α everywhere, up to the film's border; terms of α² (times
+/// r₁/r next to the axis, where the PSF is blended with the axis node) stay below 5e-4.
 #[test]
 fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid() {
     const ALPHA: f64 = 0.004;
@@ -308,6 +308,6 @@ fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid() {
     let (films, _) = case.run(&case.whole(256), 2, 64 << 20);
     for (i, v) in films[0][0].iter().enumerate() {
         let (y, x) = (i / 170, i % 170);
-        assert!((f64::from(*v) - (1.0 - 2.0 * ALPHA)).abs() < 3e-4, "{v} at {y},{x}");
+        assert!((f64::from(*v) - (1.0 - 2.0 * ALPHA)).abs() < 5e-4, "{v} at {y},{x}");
     }
 }
