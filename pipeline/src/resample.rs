@@ -43,7 +43,7 @@ impl Surround {
 /// A coordinate as integer and fraction in [0, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Coordinate {
-    pub(crate) cell: i64,
+    pub(crate) cell: i32,
     pub(crate) fraction: f32,
 }
 
@@ -51,12 +51,12 @@ pub(crate) struct Coordinate {
 const SNAP: f64 = 1.0 / (1u64 << 30) as f64;
 
 impl Coordinate {
-    #[inline]
+    #[inline(always)]
     pub(crate) fn new(at: f64) -> Self {
         // floor by truncation: `f64::floor` is a call on x86-64 without SSE4.1.
-        let truncated = at as i64;
-        let cell = truncated - i64::from((truncated as f64) > at);
-        let fraction = at - cell as f64;
+        let truncated = at as i32;
+        let cell = truncated - i32::from(f64::from(truncated) > at);
+        let fraction = at - f64::from(cell);
         Self { cell, fraction: if fraction < SNAP { 0.0 } else { fraction as f32 } }
     }
 }
