@@ -7,6 +7,7 @@
 //! Both linear between the tables' dense points (error ≤ max|f″|·Δr²/8, 1e-4 px by the lens pack's contract), in f64.
 //! Beyond the last point: an error when the stage is made, or ([`Outside::Clamp`]) the last h/r and R.
 //! Left out: azimuth; a centred lens has none.
+#![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use crate::lens::{LensBand, LensError};
 
@@ -125,12 +126,14 @@ impl Field {
         }
     }
 
-    /// [`Field::at`] of `BLOCK` radii, bit for bit; fast where they lie in two steps, as neighbours on a film do.
+    /// [`Field::at`] of `BLOCK` radii, bit for bit, where they lie in two steps, as neighbours on a film do.
     #[inline(always)]
-    pub(crate) fn block(&self, r_px: [f64; BLOCK]) -> ([f64; BLOCK], [f64; BLOCK]) {
-        let (mut magnification, mut gain) = ([0.0; BLOCK], [0.0; BLOCK]);
+    pub(crate) fn block(&self, r_px: [f64; BLOCK]) -> Option<([f64; BLOCK], [f64; BLOCK])> {
+        let (mut magnification, mut gain, mut r) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
         let last = self.real_px[self.real_px.len() - 1];
-        let r = r_px.map(|r| if r < last { r } else { last });
+        for i in 0..BLOCK {
+            r[i] = if r_px[i] < last { r_px[i] } else { last };
+        }
         let i = self.step(if r[0] < r[BLOCK - 1] { r[0] } else { r[BLOCK - 1] });
         let (a, b) = (&self.steps[i], &self.steps[i + 1]);
         let edge = a.until;
@@ -141,17 +144,19 @@ impl Field {
             fits &= (r >= from) & (r < b.until);
         }
         if !fits {
-            for ((magnification, gain), r) in magnification.iter_mut().zip(&mut gain).zip(r) {
-                (*magnification, *gain) = self.at(r);
-            }
-            return (magnification, gain);
+            return None;
         }
-        for ((magnification, gain), r) in magnification.iter_mut().zip(&mut gain).zip(r) {
-            let pick = |a: f64, b: f64| if r < edge { a } else { b };
-            *magnification = pick(a.h_slope, b.h_slope) + pick(a.h_at, b.h_at) / r;
-            *gain = pick(a.gain_at, b.gain_at) + pick(a.gain_slope, b.gain_slope) * r;
+        // By bits: of a plain choice the compiler makes one between addresses, lane by lane.
+        let pick = |r: f64, a: f64, b: f64| {
+            let mask = u64::from(r < edge).wrapping_neg();
+            f64::from_bits(b.to_bits() ^ ((a.to_bits() ^ b.to_bits()) & mask))
+        };
+        for i in 0..BLOCK {
+            let r = r[i];
+            magnification[i] = pick(r, a.h_slope, b.h_slope) + pick(r, a.h_at, b.h_at) / r;
+            gain[i] = pick(r, a.gain_at, b.gain_at) + pick(r, a.gain_slope, b.gain_slope) * r;
         }
-        (magnification, gain)
+        Some((magnification, gain))
     }
 }
 

@@ -17,7 +17,7 @@ mod avx512;
 mod lanes;
 mod map;
 
-use crate::field::{BLOCK, Field, Outside};
+use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, DoorError};
 use crate::geometry::{Frame, Rect};
 use crate::lens::{LensBand, LensError};
@@ -188,16 +188,12 @@ impl Scene {
         let map = Map::new(&self.frame, &self.field);
         let lines = s.chart.chunks_exact_mut(strip.width).zip(s.gain.chunks_exact_mut(strip.width));
         for (line, (at, gain)) in (strip.y..).zip(lines) {
-            for ((first, at), gain) in
-                (strip.x..).step_by(BLOCK).zip(at.chunks_mut(BLOCK)).zip(gain.chunks_mut(BLOCK))
-            {
-                let (row, col, r) = map.block(line, first);
-                for (i, (at, gain)) in at.iter_mut().zip(gain).enumerate() {
-                    (*at, *gain) = ((row[i], col[i]), r[i] as f32);
-                    let ((y0, h), (x0, w)) = (box_span(row[i], by), box_span(col[i], bx));
-                    y = (y.0.min(y0), y.1.max(y0 + h as i64));
-                    x = (x.0.min(x0), x.1.max(x0 + w as i64));
-                }
+            for ((x_film, at), gain) in (strip.x..).zip(at).zip(gain) {
+                let (row, col, r) = map.at(line, x_film);
+                (*at, *gain) = ((row, col), r as f32);
+                let ((y0, h), (x0, w)) = (box_span(row, by), box_span(col, bx));
+                y = (y.0.min(y0), y.1.max(y0 + h as i64));
+                x = (x.0.min(x0), x.1.max(x0 + w as i64));
             }
         }
         let need = Rect::new(y.0, x.0, (y.1 - y.0) as usize, (x.1 - x.0) as usize);

@@ -4,6 +4,7 @@
 //! elsewhere it is gathered pixel by pixel. Either way a pixel's sums run in the same order, so its bits do not depend on
 //! its neighbours. All of it is inlined into the functions compiled for the instructions ([`super::avx512`],
 //! [`super::avx2`]).
+#![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use super::Taps;
 use super::map::PAD;

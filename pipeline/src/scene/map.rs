@@ -2,6 +2,7 @@
 //!
 //! Plain f64 arithmetic without fused operations, the same for every pixel: whatever instructions it is compiled for, and
 //! wherever a line is cut, it gives the same bits.
+#![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use crate::field::{BLOCK, Field};
 use crate::geometry::{Frame, Rect};
@@ -45,9 +46,19 @@ impl<'a> Map<'a> {
         }
     }
 
-    /// (row, column, R) of the `BLOCK` pixels from (y, x) on.
+    /// (row, column, R) of the pixel (y, x).
+    #[inline]
+    pub(super) fn at(&self, y: i64, x: i64) -> (f64, f64, f64) {
+        let (dy, dx) = (y as f64 - self.axis_px.0, x as f64 - self.axis_px.1);
+        let (magnification, gain) = self.field.at((dy * dy + dx * dx).sqrt());
+        let row = self.offset.0 + dy * magnification * self.per_scale.0;
+        let col = self.offset.1 + dx * magnification * self.per_scale.1;
+        (row, col, gain)
+    }
+
+    /// The `BLOCK` pixels from (y, x) on, if the field has them together.
     #[inline(always)]
-    pub(super) fn block(&self, y: i64, x: i64) -> ([f64; BLOCK], [f64; BLOCK], [f64; BLOCK]) {
+    fn block(&self, y: i64, x: i64, to: &mut Block<'_>) -> bool {
         let dy = y as f64 - self.axis_px.0;
         let first = x as f64;
         let (mut dx, mut r) = ([0.0; BLOCK], [0.0; BLOCK]);
@@ -55,13 +66,32 @@ impl<'a> Map<'a> {
             dx[i] = first + i as f64 - self.axis_px.1;
             r[i] = (dy * dy + dx[i] * dx[i]).sqrt();
         }
-        let (magnification, gain) = self.field.block(r);
-        let (mut row, mut col) = ([0.0; BLOCK], [0.0; BLOCK]);
+        let Some((magnification, gain)) = self.field.block(r) else { return false };
         for i in 0..BLOCK {
-            row[i] = self.offset.0 + dy * magnification[i] * self.per_scale.0;
-            col[i] = self.offset.1 + dx[i] * magnification[i] * self.per_scale.1;
+            let row = Coordinate::new(self.offset.0 + dy * magnification[i] * self.per_scale.0);
+            (to.row[i], to.row_fraction[i]) = (row.cell, row.fraction);
         }
-        (row, col, gain)
+        for i in 0..BLOCK {
+            let col = Coordinate::new(self.offset.1 + dx[i] * magnification[i] * self.per_scale.1);
+            (to.col[i], to.col_fraction[i]) = (col.cell, col.fraction);
+        }
+        for i in 0..BLOCK {
+            to.gain[i] = gain[i] as f32;
+        }
+        true
+    }
+
+    /// The same one by one.
+    #[cold]
+    #[inline(never)]
+    fn singly(&self, y: i64, x: i64, to: &mut Block<'_>) {
+        for i in 0..BLOCK {
+            let (row, col, gain) = self.at(y, x + i as i64);
+            let (row, col) = (Coordinate::new(row), Coordinate::new(col));
+            (to.row[i], to.row_fraction[i]) = (row.cell, row.fraction);
+            (to.col[i], to.col_fraction[i]) = (col.cell, col.fraction);
+            to.gain[i] = gain as f32;
+        }
     }
 
     /// Fills `to` with the pixels of `strip`.
@@ -77,11 +107,9 @@ impl<'a> Map<'a> {
             for (x, (((row, col), (row_fraction, col_fraction)), gain)) in
                 (strip.x..).step_by(BLOCK).zip(blocks)
             {
-                let (at_row, at_col, r) = self.block(y, x);
-                split(&at_row, row, row_fraction);
-                split(&at_col, col, col_fraction);
-                for (gain, r) in gain.iter_mut().zip(r) {
-                    *gain = r as f32;
+                let mut to = Block { row, col, row_fraction, col_fraction, gain };
+                if !self.block(y, x, &mut to) {
+                    self.singly(y, x, &mut to);
                 }
             }
             let last = (row[strip.width - 1], col[strip.width - 1]);
@@ -91,12 +119,13 @@ impl<'a> Map<'a> {
     }
 }
 
-#[inline(always)]
-fn split(at: &[f64; BLOCK], cell: &mut [i32; BLOCK], fraction: &mut [f32; BLOCK]) {
-    for i in 0..BLOCK {
-        let c = Coordinate::new(at[i]);
-        (cell[i], fraction[i]) = (c.cell, c.fraction);
-    }
+/// Neighbours in a line of [`Points`].
+struct Block<'a> {
+    row: &'a mut [i32; BLOCK],
+    col: &'a mut [i32; BLOCK],
+    row_fraction: &'a mut [f32; BLOCK],
+    col_fraction: &'a mut [f32; BLOCK],
+    gain: &'a mut [f32; BLOCK],
 }
 
 impl Points {
