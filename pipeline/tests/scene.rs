@@ -227,8 +227,10 @@ fn a_wild_lens_is_followed(simd: Simd) {
     }
 }
 
+type Check = fn(Simd);
+
 fn main() -> ExitCode {
-    let checks: [(&str, fn(Simd)); 6] = [
+    let checks: [(&str, Check); 6] = [
         ("scene_equals_the_map", scene_equals_the_map),
         ("a_wild_lens_is_followed", a_wild_lens_is_followed),
         ("a_uniform_chart_gives_exactly_r", a_uniform_chart_gives_exactly_r),
