@@ -149,7 +149,8 @@ impl BandPlan {
         mut stack: impl FnMut(usize) -> Result<PsfStack, E>,
     ) -> Result<BandStages, E> {
         let reading = Reading { outside: Outside::Clamp, ..options.reading }; // checked by `new`
-        let scene = Scene::new(frame, &self.lens, options.stages, reading, self.tiling.margin(), gain)?;
+        let (margin, simd) = (self.tiling.margin(), options.simd);
+        let scene = Scene::new(frame, &self.lens, options.stages, reading, margin, gain, simd)?;
         let psf = match &self.grid {
             None => None,
             Some(grid) => {

@@ -7,6 +7,7 @@
 //! Both linear between the tables' dense points (error ≤ max|f″|·Δr²/8, 1e-4 px by the lens pack's contract), in f64.
 //! Beyond the last point: an error when the stage is made, or ([`Outside::Clamp`]) the last h/r and R.
 //! Left out: azimuth; a centred lens has none.
+#![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use crate::lens::{LensBand, LensError};
 
@@ -49,9 +50,13 @@ pub struct Field {
     per_px: f64,
 }
 
-/// Between two field points: h = h_at + h_slope·r, R = gain_at + gain_slope·r.
+/// Radii looked up together.
+pub(crate) const BLOCK: usize = 8;
+
+/// Up to the real height `until` (px): h = h_at + h_slope·r, R = gain_at + gain_slope·r.
 #[derive(Clone, Copy, Debug)]
 struct Step {
+    until: f64,
     h_at: f64,
     h_slope: f64,
     gain_at: f64,
@@ -69,6 +74,7 @@ impl Field {
             let slope = |t: &[f64]| (t[i + 1] - t[i]) / (real[i + 1] - real[i]);
             let (h_slope, r_slope) = (slope(ideal), if illumination { slope(ri) } else { 0.0 });
             Step {
+                until: if i + 2 < real.len() { real[i + 1] / pitch_mm } else { f64::INFINITY },
                 h_at: (ideal[i] - h_slope * real[i]) / pitch_mm,
                 h_slope,
                 gain_at: gain * if illumination { ri[i] - r_slope * real[i] } else { 1.0 },
@@ -88,29 +94,69 @@ impl Field {
             }
             buckets.push(i as u32);
         }
+        // The last step twice: a block looks at its step and the next.
+        let last = real.len() - 2;
         Self {
             paraxial: (ideal[1] / real[1], if illumination { gain * ri[0] } else { gain }),
-            steps: (0..real.len() - 1).map(step).collect(),
+            steps: (0..=last).chain([last]).map(step).collect(),
             real_px,
             buckets,
             per_px,
         }
     }
 
+    /// The step that `r` lies in.
+    #[inline(always)]
+    fn step(&self, r: f64) -> usize {
+        let mut i = self.buckets[((r * self.per_px) as usize).min(self.buckets.len() - 1)] as usize;
+        while self.steps[i].until <= r {
+            i += 1;
+        }
+        i
+    }
+
     /// (h/r, R·gain) at real height `r_px`.
     #[inline]
     pub fn at(&self, r_px: f64) -> (f64, f64) {
-        let last = self.real_px.len() - 1;
-        let r = r_px.min(self.real_px[last]);
-        let mut i = self.buckets[((r * self.per_px) as usize).min(self.buckets.len() - 1)] as usize;
-        while i + 2 <= last && self.real_px[i + 1] <= r {
-            i += 1;
-        }
-        let s = &self.steps[i];
+        let r = r_px.min(self.real_px[self.real_px.len() - 1]);
+        let s = &self.steps[self.step(r)];
         match r > 0.0 {
             true => (s.h_slope + s.h_at / r, s.gain_at + s.gain_slope * r),
             false => self.paraxial,
         }
+    }
+
+    /// [`Field::at`] of `BLOCK` radii, bit for bit, where they lie in two steps, as neighbours on a film do.
+    #[inline(always)]
+    pub(crate) fn block(&self, r_px: [f64; BLOCK]) -> Option<([f64; BLOCK], [f64; BLOCK])> {
+        let (mut magnification, mut gain, mut r) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
+        let last = self.real_px[self.real_px.len() - 1];
+        for i in 0..BLOCK {
+            r[i] = if r_px[i] < last { r_px[i] } else { last };
+        }
+        let i = self.step(if r[0] < r[BLOCK - 1] { r[0] } else { r[BLOCK - 1] });
+        let (a, b) = (&self.steps[i], &self.steps[i + 1]);
+        let edge = a.until;
+        // Also false at r = 0.
+        let from = self.real_px[i].max(f64::MIN_POSITIVE);
+        let mut fits = true;
+        for r in r {
+            fits &= (r >= from) & (r < b.until);
+        }
+        if !fits {
+            return None;
+        }
+        // By bits: of a plain choice the compiler makes one between addresses, lane by lane.
+        let pick = |r: f64, a: f64, b: f64| {
+            let mask = u64::from(r < edge).wrapping_neg();
+            f64::from_bits(b.to_bits() ^ ((a.to_bits() ^ b.to_bits()) & mask))
+        };
+        for i in 0..BLOCK {
+            let r = r[i];
+            magnification[i] = pick(r, a.h_slope, b.h_slope) + pick(r, a.h_at, b.h_at) / r;
+            gain[i] = pick(r, a.gain_at, b.gain_at) + pick(r, a.gain_slope, b.gain_slope) * r;
+        }
+        Some((magnification, gain))
     }
 }
 

@@ -43,20 +43,28 @@ impl Surround {
 /// A coordinate as integer and fraction in [0, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Coordinate {
-    pub(crate) cell: i64,
+    pub(crate) cell: i32,
     pub(crate) fraction: f32,
 }
 
 /// Fractions below this are none: under f32's resolution of the weights, and an identity map stays one bit for bit.
 const SNAP: f64 = 1.0 / (1u64 << 30) as f64;
 
+/// Charts are smaller.
+const FARTHEST: f64 = (1u64 << 30) as f64;
+/// 1.5·2^52: its neighbours are integers.
+const WHOLE: f64 = (3u64 << 51) as f64;
+
 impl Coordinate {
-    #[inline]
+    #[inline(always)]
     pub(crate) fn new(at: f64) -> Self {
-        // floor by truncation: `f64::floor` is a call on x86-64 without SSE4.1.
-        let truncated = at as i64;
-        let cell = truncated - i64::from((truncated as f64) > at);
-        let fraction = at - cell as f64;
+        // In this range, and by adding 1.5·2^52 (the sum's low bits are the nearest integer), all of it has lanes.
+        let at = if at > -FARTHEST { at } else { -FARTHEST };
+        let at = if at < FARTHEST { at } else { FARTHEST };
+        let nearest = (at + WHOLE) - WHOLE;
+        let whole = if nearest > at { nearest - 1.0 } else { nearest };
+        let cell = (whole + WHOLE).to_bits() as i32;
+        let fraction = at - whole;
         Self { cell, fraction: if fraction < SNAP { 0.0 } else { fraction as f32 } }
     }
 }

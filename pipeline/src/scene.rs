@@ -5,12 +5,27 @@
 //! the IDEAL image plane: chart pixel = centre of the chart + ((X, Y)·h/r − center)/(pitch·scale). Values, never flux: no
 //! Jacobian, so a uniform chart gives a scene of exactly R. A gather: every film pixel asks the chart, in f64 down to an
 //! integer and an f32 fraction ([`crate::resample`]), so pixels do not depend on how the film is cut.
+//!
+//! Strip by strip: where its pixels lie on the chart ([`map`], the same bits on every path), that rectangle of the chart,
+//! then the taps: scalar here, in lanes in [`lanes`].
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+#[cfg(target_arch = "x86_64")]
+mod lanes;
+mod map;
 
 use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, DoorError};
 use crate::geometry::{Frame, Rect};
 use crate::lens::{LensBand, LensError};
-use crate::resample::{Coordinate, Interp, Surround, bicubic, bilinear, box_span, box_weights};
+use crate::resample::{Interp, Surround, bicubic, bilinear, box_span, box_weights};
+#[cfg(target_arch = "x86_64")]
+use crate::simd::Isa;
+use crate::simd::Simd;
+use map::{Map, Points, ends};
 
 /// Which of the three effects are on; the paper evaluates them independently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,13 +55,13 @@ pub struct Scene {
     frame: Frame,
     field: Field,
     reading: Reading,
+    simd: Simd,
 }
 
 /// Buffers of one worker.
 #[derive(Debug, Default)]
 pub struct SceneScratch {
-    rows: Vec<Coordinate>,
-    cols: Vec<Coordinate>,
+    points: Points,
     gain: Vec<f32>,
     source: Vec<f32>,
     read: Vec<f32>,
@@ -59,9 +74,12 @@ pub struct SceneScratch {
 const STRIP_ROWS: f64 = 64.0;
 /// Columns of film resampled at a time.
 const STRIP_COLS: f64 = 512.0;
+/// Behind the chart's pixels: lanes load more than they need.
+const SPARE: usize = 32;
 
 impl Scene {
-    /// The stage for `band` on the film of `frame` grown by `margin` px; `gain` multiplies every value (film units).
+    /// The stage for `band` on the film of `frame` grown by `margin` px; `gain` multiplies every value (film units);
+    /// `simd` is what it computes with.
     ///
     /// # Errors
     /// [`LensError::Outside`] if the tables end before the grown film's corner and `reading.outside` says error.
@@ -72,6 +90,7 @@ impl Scene {
         reading: Reading,
         margin: usize,
         gain: f64,
+        simd: Simd,
     ) -> Result<Self, LensError> {
         if stages.ri || stages.distortion {
             let needed = frame.farthest_mm(frame.film.rect().grown(margin));
@@ -79,7 +98,7 @@ impl Scene {
             reading.outside.check("image_height table", band.wavelength_nm, needed, last)?;
         }
         let field = Field::new(band, frame.pitch_mm(), stages.distortion, stages.ri, gain);
-        Ok(Self { frame: *frame, field, reading })
+        Ok(Self { frame: *frame, field, reading, simd })
     }
 
     /// Fills `out` (row-major) with the scene on the film rectangle `rect`, read from band `band` of `chart`.
@@ -107,26 +126,6 @@ impl Scene {
         Ok(())
     }
 
-    /// Calls `f(index, chart row, chart column, R)` for the film pixels of `strip`, row by row.
-    fn map(&self, strip: Rect, mut f: impl FnMut(usize, f64, f64, f64)) {
-        let frame = &self.frame;
-        let centre = |n: usize| (n as f64 - 1.0) / 2.0;
-        let offset_y = centre(frame.chart.height) - frame.center_mm.0 / (frame.pitch_mm() * frame.scale.0);
-        let offset_x = centre(frame.chart.width) - frame.center_mm.1 / (frame.pitch_mm() * frame.scale.1);
-        let mut i = 0;
-        for y in strip.y..strip.bottom() {
-            let dy = y as f64 - frame.axis_px.0;
-            for x in strip.x..strip.right() {
-                let dx = x as f64 - frame.axis_px.1;
-                let (magnification, gain) = self.field.at((dy * dy + dx * dx).sqrt());
-                let row = offset_y + dy * magnification / frame.scale.0;
-                let col = offset_x + dx * magnification / frame.scale.1;
-                f(i, row, col, gain);
-                i += 1;
-            }
-        }
-    }
-
     fn interpolate(
         &self,
         chart: &dyn ChartSource,
@@ -136,17 +135,7 @@ impl Scene {
         stride: usize,
         s: &mut SceneScratch,
     ) -> Result<(), DoorError> {
-        let n = strip.size().pixels();
-        s.rows.resize(n, Coordinate::default());
-        s.cols.resize(n, Coordinate::default());
-        s.gain.resize(n, 0.0);
-        let (mut y, mut x) = ((i64::MAX, i64::MIN), (i64::MAX, i64::MIN));
-        let (rows, cols, gain) = (&mut s.rows, &mut s.cols, &mut s.gain);
-        self.map(strip, |i, row, col, r| {
-            (rows[i], cols[i], gain[i]) = (Coordinate::new(row), Coordinate::new(col), r as f32);
-            y = (y.0.min(rows[i].cell), y.1.max(rows[i].cell));
-            x = (x.0.min(cols[i].cell), x.1.max(cols[i].cell));
-        });
+        let (y, x) = self.map(strip, &mut s.points);
         let (before, taps) = match self.reading.interp {
             Interp::Bicubic => (1, 4),
             Interp::Bilinear => (0, 2),
@@ -154,19 +143,32 @@ impl Scene {
         let span = |(low, high): (i64, i64)| (low - before, (high - low) as usize + taps);
         let ((y0, height), (x0, width)) = (span(y), span(x));
         self.fetch(chart, band, Rect::new(y0, x0, height, width), s)?;
-        for (line, to) in out.chunks_mut(stride).take(strip.height).enumerate() {
-            for (x, to) in to[..strip.width].iter_mut().enumerate() {
-                let i = line * strip.width + x;
-                let (row, col) = (s.rows[i], s.cols[i]);
-                let first = (row.cell - before - y0) as usize * width + (col.cell - before - x0) as usize;
-                let value = match self.reading.interp {
-                    Interp::Bicubic => bicubic(&s.source[first..], width, row.fraction, col.fraction),
-                    Interp::Bilinear => bilinear(&s.source[first..], width, row.fraction, col.fraction),
-                };
-                *to = value * s.gain[i];
+        let taps = Taps {
+            points: &s.points,
+            source: &s.source,
+            width,
+            first: ((y0 + before) as i32, (x0 + before) as i32),
+            strip,
+            stride,
+        };
+        taps.apply(self.reading.interp, self.simd, out);
+        Ok(())
+    }
+
+    /// Fills `points`; the least and the greatest chart row and column.
+    fn map(&self, strip: Rect, points: &mut Points) -> ((i64, i64), (i64, i64)) {
+        let map = Map::new(&self.frame, &self.field);
+        points.resize(strip);
+        match self.simd.isa() {
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => avx512::map(self.simd, map, strip, points),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => avx2::map(self.simd, map, strip, points),
+            _ => {
+                map.strip(strip, points);
+                (ends(&points.row), ends(&points.col))
             }
         }
-        Ok(())
     }
 
     fn average(
@@ -183,13 +185,17 @@ impl Scene {
         s.chart.resize(n, (0.0, 0.0));
         s.gain.resize(n, 0.0);
         let (mut y, mut x) = ((i64::MAX, i64::MIN), (i64::MAX, i64::MIN));
-        let (at, gain) = (&mut s.chart, &mut s.gain);
-        self.map(strip, |i, row, col, r| {
-            (at[i], gain[i]) = ((row, col), r as f32);
-            let ((y0, h), (x0, w)) = (box_span(row, by), box_span(col, bx));
-            y = (y.0.min(y0), y.1.max(y0 + h as i64));
-            x = (x.0.min(x0), x.1.max(x0 + w as i64));
-        });
+        let map = Map::new(&self.frame, &self.field);
+        let lines = s.chart.chunks_exact_mut(strip.width).zip(s.gain.chunks_exact_mut(strip.width));
+        for (line, (at, gain)) in (strip.y..).zip(lines) {
+            for ((x_film, at), gain) in (strip.x..).zip(at).zip(gain) {
+                let (row, col, r) = map.at(line, x_film);
+                (*at, *gain) = ((row, col), r as f32);
+                let ((y0, h), (x0, w)) = (box_span(row, by), box_span(col, bx));
+                y = (y.0.min(y0), y.1.max(y0 + h as i64));
+                x = (x.0.min(x0), x.1.max(x0 + w as i64));
+            }
+        }
         let need = Rect::new(y.0, x.0, (y.1 - y.0) as usize, (x.1 - x.0) as usize);
         self.fetch(chart, band, need, s)?;
         for (line, to) in out.chunks_mut(stride).take(strip.height).enumerate() {
@@ -221,9 +227,11 @@ impl Scene {
         s: &mut SceneScratch,
     ) -> Result<(), DoorError> {
         let size = chart.size();
-        s.source.resize(need.size().pixels(), 0.0);
+        let n = need.size().pixels();
+        s.source.resize(n + SPARE, 0.0);
+        let source = &mut s.source[..n];
         if size.rect().contains(need) {
-            return chart.read(band, need, &mut s.source);
+            return chart.read(band, need, source);
         }
         let surround = self.reading.surround;
         let reached = |first: i64, count: usize, n: usize| {
@@ -235,13 +243,13 @@ impl Scene {
         let rows = reached(need.y, need.height, size.height);
         let cols = reached(need.x, need.width, size.width);
         let (Some((y0, y1)), Some((x0, x1))) = (rows, cols) else {
-            s.source.fill(0.0);
+            source.fill(0.0);
             return Ok(());
         };
         let part = Rect::new(y0 as i64, x0 as i64, y1 - y0 + 1, x1 - x0 + 1);
         s.read.resize(part.size().pixels(), 0.0);
         chart.read(band, part, &mut s.read)?;
-        for (y, to) in s.source.chunks_exact_mut(need.width).enumerate() {
+        for (y, to) in source.chunks_exact_mut(need.width).enumerate() {
             let Some(row) = surround.index(need.y + y as i64, size.height) else {
                 to.fill(0.0);
                 continue;
@@ -252,5 +260,47 @@ impl Scene {
             }
         }
         Ok(())
+    }
+}
+
+/// The taps of one strip.
+#[derive(Clone, Copy, Debug)]
+struct Taps<'a> {
+    points: &'a Points,
+    /// The chart, `width` columns; its first pixel is the first tap of a cell at `first`.
+    source: &'a [f32],
+    width: usize,
+    first: (i32, i32),
+    strip: Rect,
+    /// From line to line of the film.
+    stride: usize,
+}
+
+impl Taps<'_> {
+    fn apply(&self, interp: Interp, simd: Simd, out: &mut [f32]) {
+        match simd.isa() {
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => avx512::taps(simd, self, interp, out),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => avx2::taps(simd, self, interp, out),
+            _ => self.scalar(interp, out),
+        }
+    }
+
+    fn scalar(&self, interp: Interp, out: &mut [f32]) {
+        let p = self.points;
+        for (line, to) in out.chunks_mut(self.stride).take(self.strip.height).enumerate() {
+            for (x, to) in to[..self.strip.width].iter_mut().enumerate() {
+                let i = line * p.stride + x;
+                let first =
+                    (p.row[i] - self.first.0) as usize * self.width + (p.col[i] - self.first.1) as usize;
+                let (from, fy, fx) = (&self.source[first..], p.row_fraction[i], p.col_fraction[i]);
+                let value = match interp {
+                    Interp::Bicubic => bicubic(from, self.width, fy, fx),
+                    Interp::Bilinear => bilinear(from, self.width, fy, fx),
+                };
+                *to = value * p.gain[i];
+            }
+        }
     }
 }

@@ -8,7 +8,10 @@ use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::scene::{Reading, Scene, SceneScratch, Stages};
+use lenscube_pipeline::simd::{Isa, Simd};
+use libtest_mimic::{Arguments, Trial};
 use oracle::{Image, Noise, Tables, errors};
+use std::process::ExitCode;
 
 struct Chart(Image);
 
@@ -61,8 +64,7 @@ fn band(noise: &mut Noise, points: usize, last_mm: f64) -> LensBand {
     }
 }
 
-#[test]
-fn scene_equals_the_map() {
+fn scene_equals_the_map(simd: Simd) {
     let mut noise = Noise(3);
     for case in 0..60 {
         let film = Size::new(1 + noise.below(90), 1 + noise.below(700));
@@ -95,7 +97,7 @@ fn scene_equals_the_map() {
         ] {
             for interp in [Interp::Bicubic, Interp::Bilinear] {
                 let reading = Reading { interp, surround, outside: Outside::Error };
-                let scene = Scene::new(&frame, &lens, ALL, reading, margin, 1.0).unwrap();
+                let scene = Scene::new(&frame, &lens, ALL, reading, margin, 1.0, simd).unwrap();
                 let mut got = vec![0.0; rect.size().pixels()];
                 scene.apply(&chart, 0, rect, &mut got, &mut SceneScratch::default()).unwrap();
                 let want = oracle::scene(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
@@ -114,15 +116,14 @@ fn scene_equals_the_map() {
     }
 }
 
-#[test]
-fn a_uniform_chart_gives_exactly_r() {
+fn a_uniform_chart_gives_exactly_r(simd: Simd) {
     let mut noise = Noise(5);
     let film = Size::new(141, 211);
     let frame = Frame::centred(film, film, 20.0);
     let lens = band(&mut noise, 1000, frame.farthest_mm(film.rect()));
     let chart = Chart(Image::new(film, |_, _| 1.0));
     let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
-    let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0).unwrap();
+    let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0, simd).unwrap();
     let mut got = vec![0.0; film.pixels()];
     scene.apply(&chart, 0, film.rect(), &mut got, &mut SceneScratch::default()).unwrap();
     let t =
@@ -132,8 +133,7 @@ fn a_uniform_chart_gives_exactly_r() {
     assert!(worst <= 5e-7, "departs from R by {worst:.1e}");
 }
 
-#[test]
-fn an_identity_lens_returns_the_chart_bit_for_bit() {
+fn an_identity_lens_returns_the_chart_bit_for_bit(simd: Simd) {
     let mut noise = Noise(9);
     for film in [Size::new(1, 1), Size::new(64, 65), Size::new(133, 517)] {
         let frame = Frame::centred(film, film, 1.7);
@@ -142,15 +142,14 @@ fn an_identity_lens_returns_the_chart_bit_for_bit() {
         lens.relative_illumination.fill(1.0);
         let chart = noise_chart(&mut noise, film);
         let reading = Reading { interp: Interp::Bicubic, surround: Surround::Black, outside: Outside::Error };
-        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0).unwrap();
+        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0, simd).unwrap();
         let mut got = vec![0.0; film.pixels()];
         scene.apply(&chart, 0, film.rect(), &mut got, &mut SceneScratch::default()).unwrap();
         assert!(got.iter().zip(&chart.0.data).all(|(g, c)| *g == *c as f32), "film {film}");
     }
 }
 
-#[test]
-fn pixels_do_not_depend_on_the_cut() {
+fn pixels_do_not_depend_on_the_cut(simd: Simd) {
     let mut noise = Noise(13);
     let film = Size::new(200, 700);
     for scale in [(1.0, 1.0), (0.37, 0.6)] {
@@ -159,7 +158,7 @@ fn pixels_do_not_depend_on_the_cut() {
         let chart = noise_chart(&mut noise, frame.chart);
         let reading =
             Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
-        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0).unwrap();
+        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0, simd).unwrap();
         let mut whole = vec![0.0; film.pixels()];
         let mut s = SceneScratch::default();
         scene.apply(&chart, 0, film.rect(), &mut whole, &mut s).unwrap();
@@ -174,19 +173,81 @@ fn pixels_do_not_depend_on_the_cut() {
     }
 }
 
-#[test]
-fn a_film_beyond_the_tables_is_refused_or_clamped() {
+fn a_film_beyond_the_tables_is_refused_or_clamped(simd: Simd) {
     let mut noise = Noise(1);
     let film = Size::new(100, 100);
     let frame = Frame::centred(film, film, 2.0);
     let needed = frame.farthest_mm(film.rect().grown(3));
     let lens = band(&mut noise, 20, needed * 0.9);
     let mut reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
-    let error = Scene::new(&frame, &lens, FIRST_TWO, reading, 3, 1.0).unwrap_err().to_string();
+    let error = Scene::new(&frame, &lens, FIRST_TWO, reading, 3, 1.0, simd).unwrap_err().to_string();
     assert!(
         error.contains(&format!("{needed:.6}")) && error.contains(&format!("{:.6}", needed * 0.9)),
         "{error}"
     );
     reading.outside = Outside::Clamp;
-    assert!(Scene::new(&frame, &lens, FIRST_TWO, reading, 3, 1.0).is_ok());
+    assert!(Scene::new(&frame, &lens, FIRST_TWO, reading, 3, 1.0, simd).is_ok());
+}
+
+/// A lens that turns the map over within a few pixels: cells far apart, rows that jump, steps shorter than a pixel.
+fn a_wild_lens_is_followed(simd: Simd) {
+    let mut noise = Noise(21);
+    let (film, chart) = (Size::new(90, 301), Size::new(120, 260));
+    let frame = Frame::centred(film, chart, 2.0);
+    let mut lens = band(&mut noise, 900, frame.farthest_mm(film.rect()) + 1e-9);
+    for (h, r) in lens.ideal_height_mm.iter_mut().zip(&lens.image_height_mm) {
+        *h = r * (1.0 + 0.2 * (r * 90.0).sin());
+    }
+    let chart = noise_chart(&mut noise, chart);
+    let t =
+        Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
+    for interp in [Interp::Bicubic, Interp::Bilinear] {
+        let reading = Reading { interp, surround: Surround::Mirror, outside: Outside::Error };
+        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0, simd).unwrap();
+        let (mut got, mut s) = (vec![0.0; film.pixels()], SceneScratch::default());
+        scene.apply(&chart, 0, film.rect(), &mut got, &mut s).unwrap();
+        let want = oracle::scene(
+            &chart.0,
+            &frame,
+            &t,
+            film.rect(),
+            interp == Interp::Bicubic,
+            oracle::Outside::Mirror,
+        );
+        let (worst, _) = errors(&got, &want.data);
+        assert!(worst <= 2e-6, "{interp:?}: max {worst:.1e}");
+        for part in film.rect().tiles(13, 37) {
+            let mut cut = vec![0.0; part.size().pixels()];
+            scene.apply(&chart, 0, part, &mut cut, &mut s).unwrap();
+            for (i, v) in cut.iter().enumerate() {
+                let (y, x) = (part.y as usize + i / part.width, part.x as usize + i % part.width);
+                assert_eq!(v.to_bits(), got[y * film.width + x].to_bits());
+            }
+        }
+    }
+}
+
+type Check = fn(Simd);
+
+fn main() -> ExitCode {
+    let checks: [(&str, Check); 6] = [
+        ("scene_equals_the_map", scene_equals_the_map),
+        ("a_wild_lens_is_followed", a_wild_lens_is_followed),
+        ("a_uniform_chart_gives_exactly_r", a_uniform_chart_gives_exactly_r),
+        ("an_identity_lens_returns_the_chart_bit_for_bit", an_identity_lens_returns_the_chart_bit_for_bit),
+        ("pixels_do_not_depend_on_the_cut", pixels_do_not_depend_on_the_cut),
+        ("a_film_beyond_the_tables_is_refused_or_clamped", a_film_beyond_the_tables_is_refused_or_clamped),
+    ];
+    let mut trials = Vec::new();
+    for isa in Isa::ALL {
+        for (name, check) in checks {
+            let run = move || {
+                check(Simd::of(isa)?);
+                Ok(())
+            };
+            let trial = Trial::test(format!("{}::{name}", isa.name()), run);
+            trials.push(trial.with_ignored_flag(!isa.is_available()));
+        }
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

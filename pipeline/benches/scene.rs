@@ -1,0 +1,86 @@
+//! Rate of stages 1-2 on the paper's film (14,141² of 2 µm): one tile halfway out and one at the corner, one thread.
+//!
+//! The lens has 1001 field points and 2 % of distortion at the corner; the chart is in memory.
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use lenscube_pipeline::field::Outside;
+use lenscube_pipeline::flow::{ChartSource, DoorError};
+use lenscube_pipeline::geometry::{Frame, Rect, Size};
+use lenscube_pipeline::lens::LensBand;
+use lenscube_pipeline::resample::{Interp, Surround};
+use lenscube_pipeline::scene::{Reading, Scene, SceneScratch, Stages};
+use lenscube_pipeline::simd::{Isa, Simd};
+
+const FILM: usize = 14_141;
+const TILE: usize = 512;
+
+/// A piece of chart, repeated; rows are read as a chart in memory would be.
+struct Chart(Vec<f32>);
+
+const PIECE: usize = 1024;
+
+impl ChartSource for Chart {
+    fn size(&self) -> Size {
+        Size::new(FILM, FILM)
+    }
+
+    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        for (y, to) in out.chunks_exact_mut(rect.width).enumerate() {
+            let row = (rect.y as usize + y) % PIECE;
+            let at = row * 2 * PIECE + rect.x as usize % PIECE;
+            to.copy_from_slice(&self.0[at..at + rect.width]);
+        }
+        Ok(())
+    }
+}
+
+fn lens(last_mm: f64) -> LensBand {
+    let real: Vec<f64> = (0..=1000).map(|i| last_mm * f64::from(i) / 1000.0).collect();
+    let bent =
+        |at: f64, bend: f64| real.iter().map(|r| at + bend * (r / last_mm).powi(2)).collect::<Vec<_>>();
+    LensBand {
+        wavelength_nm: 550.0,
+        ideal_height_mm: bent(1.0, -0.02).iter().zip(&real).map(|(m, r)| m * r).collect(),
+        relative_illumination: bent(1.0, -0.4),
+        image_height_mm: real,
+        psf_height_mm: vec![0.0, last_mm],
+        azimuth_count: vec![1, 4],
+        psf_size: 1,
+        psf_pitch_um: 2.0,
+        psf_energy: vec![1.0, 1.0],
+        solid_angle_sr: 0.1,
+        transmission: 1.0,
+    }
+}
+
+fn scene(c: &mut Criterion) {
+    let frame = Frame::centred(Size::new(FILM, FILM), Size::new(FILM, FILM), 2.0);
+    let lens = lens(frame.farthest_mm(frame.film.rect()) + 1e-6);
+    let chart = Chart((0..2 * PIECE * PIECE).map(|i| (i * 7919 % 1009) as f32 / 1009.0).collect());
+    let half = (FILM / 4) as i64;
+    let stages = Stages { ri: true, distortion: true, svpsf: false };
+    for (place, rect) in
+        [("halfway", Rect::new(half, half, TILE, TILE)), ("corner", Rect::new(0, 0, TILE, TILE))]
+    {
+        for interp in [Interp::Bicubic, Interp::Bilinear] {
+            let mut group = c.benchmark_group(format!("scene {interp:?} {place}"));
+            group.throughput(Throughput::Elements((TILE * TILE) as u64));
+            for isa in Isa::ALL {
+                let Ok(simd) = Simd::of(isa) else {
+                    eprintln!("{}: ignored, this processor has none", isa.name());
+                    continue;
+                };
+                let reading = Reading { interp, surround: Surround::Edge, outside: Outside::Error };
+                let scene = Scene::new(&frame, &lens, stages, reading, 0, 1.0, simd).unwrap();
+                let (mut out, mut s) = (vec![0.0; TILE * TILE], SceneScratch::default());
+                group.bench_function(isa.name(), |b| {
+                    b.iter(|| scene.apply(&chart, 0, rect, &mut out, &mut s).unwrap());
+                });
+            }
+            group.finish();
+        }
+    }
+}
+
+criterion_group!(benches, scene);
+criterion_main!(benches);
