@@ -83,14 +83,19 @@ impl Engine {
         }
     }
 
-    /// Spectrum of a kernel of the planned window.
-    pub(super) fn spectrum(&self, kernel: &[f32], scratch: &mut EngineScratch) -> AlignedBuf {
+    /// Spectrum of a kernel of the planned window, in the memory of `buffer`.
+    pub(super) fn spectrum(
+        &self,
+        kernel: &[f32],
+        scratch: &mut EngineScratch,
+        buffer: AlignedBuf,
+    ) -> AlignedBuf {
         match (self, scratch) {
-            (Self::Portable(e), EngineScratch::Portable(s)) => e.spectrum(kernel, s),
+            (Self::Portable(e), EngineScratch::Portable(s)) => e.spectrum(kernel, s, buffer),
             #[cfg(target_arch = "x86_64")]
-            (Self::Avx512(e), EngineScratch::Simd(s)) => e.spectrum(kernel, s),
+            (Self::Avx512(e), EngineScratch::Simd(s)) => e.spectrum(kernel, s, buffer),
             #[cfg(target_arch = "x86_64")]
-            (Self::Avx2(e), EngineScratch::Simd(s)) => e.spectrum(kernel, s),
+            (Self::Avx2(e), EngineScratch::Simd(s)) => e.spectrum(kernel, s, buffer),
             #[cfg(target_arch = "x86_64")]
             _ => unreachable!("{OWN}"),
         }

@@ -177,7 +177,7 @@ impl Spectra for CachedSpectra<'_> {
     fn get(&self, node: Node) -> Arc<AlignedBuf> {
         let psf = self.psf;
         let bytes = self.engine.spectrum_len() * size_of::<f32>();
-        self.cache.get((psf.band, psf.grid.id(node)), bytes, || {
+        self.cache.get((psf.band, psf.grid.id(node)), bytes, |buffer| {
             let pooled = psf.builders.lock().expect("no panic while held").pop();
             let mut b = pooled.unwrap_or_else(|| Builder {
                 kernel: vec![0.0; psf.blocks.window * psf.blocks.window],
@@ -185,7 +185,7 @@ impl Spectra for CachedSpectra<'_> {
                 engine: self.engine.scratch(),
             });
             psf.kernels.kernel(&psf.grid, node, &mut b.scratch, &mut b.kernel);
-            let spectrum = self.engine.spectrum(&b.kernel, &mut b.engine);
+            let spectrum = self.engine.spectrum(&b.kernel, &mut b.engine, buffer);
             psf.builders.lock().expect("no panic while held").push(b);
             spectrum
         })

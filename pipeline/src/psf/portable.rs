@@ -91,7 +91,7 @@ impl Portable {
     }
 
     /// Spectrum of a kernel (window × window), its first sample at the origin.
-    pub fn spectrum(&self, kernel: &[f32], s: &mut Scratch) -> AlignedBuf {
+    pub fn spectrum(&self, kernel: &[f32], s: &mut Scratch, buffer: AlignedBuf) -> AlignedBuf {
         let norm = 1.0 / (self.fft * self.fft) as f32;
         for y in 0..self.window {
             for (to, from) in s.row.iter_mut().zip(&kernel[y * self.window..][..self.window]) {
@@ -101,7 +101,8 @@ impl Portable {
             self.row_forward(y, s);
         }
         self.columns_forward(self.window, s);
-        let mut out = AlignedBuf::zeroed(self.spectrum_len());
+        let mut out = buffer;
+        out.reset(self.spectrum_len());
         out.copy_from_slice(bytemuck::cast_slice(&s.turned));
         out
     }

@@ -1,7 +1,8 @@
 //! Node spectra on demand: built where a tile first needs them, kept along the tiles' path in a bounded cache.
 //!
 //! A spectrum is a pure function of the band and the node, so what is evicted and built again has the same bits. Two
-//! workers that need one node at once build it once: the second waits for the first.
+//! workers that need one node at once build it once: the second waits for the first. Buffers of evicted spectra are used
+//! again: given back to the allocator from many threads they would leave it holding twice the bound.
 
 use crate::buffer::AlignedBuf;
 use std::collections::{BTreeMap, HashMap};
@@ -26,6 +27,35 @@ struct State {
     clock: u64,
     bytes: usize,
     built: u64,
+    retired: Vec<Arc<AlignedBuf>>,
+}
+
+/// Evicted buffers kept for the next spectra; more only lie about while a block still uses them.
+const RETIRED: usize = 8;
+
+impl State {
+    fn evict(&mut self, limit: usize) {
+        while self.bytes > limit && self.by_age.len() > 1 {
+            let (_, oldest) = self.by_age.pop_first().expect("not empty");
+            let (slot, _, bytes) = self.slots.remove(&oldest).expect("in both maps");
+            self.bytes -= bytes;
+            let spectrum = Arc::into_inner(slot).and_then(OnceLock::into_inner);
+            if self.retired.len() < RETIRED {
+                self.retired.extend(spectrum);
+            }
+        }
+    }
+
+    /// A buffer nobody uses any more, or an empty one.
+    fn buffer(&mut self) -> AlignedBuf {
+        for i in (0..self.retired.len()).rev() {
+            match Arc::try_unwrap(self.retired.swap_remove(i)) {
+                Ok(buffer) => return buffer,
+                Err(in_use) => self.retired.push(in_use),
+            }
+        }
+        AlignedBuf::default()
+    }
 }
 
 impl SpectrumCache {
@@ -34,8 +64,14 @@ impl SpectrumCache {
         Self { limit, state: Mutex::default() }
     }
 
-    /// The spectrum of `key` of `bytes`, built by `build` if it is not there.
-    pub fn get(&self, key: Key, bytes: usize, build: impl FnOnce() -> AlignedBuf) -> Arc<AlignedBuf> {
+    /// The spectrum of `key` of `bytes`, built by `build` (out of a buffer to use again) if it is not there.
+    pub fn get(
+        &self,
+        key: Key,
+        bytes: usize,
+        build: impl FnOnce(AlignedBuf) -> AlignedBuf,
+    ) -> Arc<AlignedBuf> {
+        let mut buffer = AlignedBuf::default();
         let slot = {
             let mut guard = self.state.lock().expect("no panic while held");
             let state = &mut *guard;
@@ -53,16 +89,13 @@ impl SpectrumCache {
                     state.by_age.insert(now, key);
                     state.bytes += bytes;
                     state.built += 1;
-                    while state.bytes > self.limit && state.by_age.len() > 1 {
-                        let (_, oldest) = state.by_age.pop_first().expect("not empty");
-                        let (_, _, bytes) = state.slots.remove(&oldest).expect("in both maps");
-                        state.bytes -= bytes;
-                    }
+                    state.evict(self.limit);
+                    buffer = state.buffer();
                     slot
                 }
             }
         };
-        Arc::clone(slot.get_or_init(|| Arc::new(build())))
+        Arc::clone(slot.get_or_init(|| Arc::new(build(buffer))))
     }
 
     /// Spectra built so far: more than there are nodes when the cache is smaller than the path's working set.
@@ -79,8 +112,8 @@ mod tests {
     fn the_oldest_leaves_first_and_the_rest_stay() {
         let cache = SpectrumCache::new(3 * 64);
         let make = |v: f32| {
-            move || {
-                let mut b = AlignedBuf::zeroed(16);
+            move |mut b: AlignedBuf| {
+                b.reset(16);
                 b[0] = v;
                 b
             }
@@ -88,9 +121,9 @@ mod tests {
         for i in 0..3 {
             cache.get((0, i), 64, make(i as f32));
         }
-        cache.get((0, 0), 64, || unreachable!("still there"));
+        cache.get((0, 0), 64, |_| unreachable!("still there"));
         cache.get((0, 3), 64, make(3.0));
-        cache.get((0, 0), 64, || unreachable!("used lately"));
+        cache.get((0, 0), 64, |_| unreachable!("used lately"));
         assert_eq!(cache.built(), 4);
         assert_eq!(cache.get((0, 1), 64, make(1.0))[0], 1.0);
         assert_eq!(cache.built(), 5);

@@ -101,10 +101,11 @@ impl<V: Lanes> Columns<V> {
     }
 
     /// Spectrum of a kernel (window × window), its first sample at the origin.
-    pub(super) fn spectrum(&self, kernel: &[f32], s: &mut Scratch) -> AlignedBuf {
+    pub(super) fn spectrum(&self, kernel: &[f32], s: &mut Scratch, buffer: AlignedBuf) -> AlignedBuf {
         let (n, lanes) = (self.window, V::LANES);
         let norm = 2.0 / (self.fft * self.fft) as f32;
-        let mut spectrum = AlignedBuf::zeroed(self.spectrum_len());
+        let mut spectrum = buffer;
+        spectrum.reset(self.spectrum_len());
         let groups: &mut [Complex<V>] = cast_slice_mut(&mut spectrum);
         for first_column in (0..n).step_by(lanes) {
             s.strip.fill(0.0);
