@@ -6,8 +6,8 @@
 //! Jacobian, so a uniform chart gives a scene of exactly R. A gather: every film pixel asks the chart, in f64 down to an
 //! integer and an f32 fraction ([`crate::resample`]), so pixels do not depend on how the film is cut.
 //!
-//! Strip by strip: where its pixels lie on the chart ([`map`], the same bits on every path), that rectangle of the chart,
-//! then the taps: scalar here, in lanes in [`lanes`].
+//! Strip by strip: where its pixels lie on the chart (`map`, the same bits on every path), that rectangle of the chart,
+//! then the taps: scalar here, in lanes in `lanes`.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
