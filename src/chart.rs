@@ -3,10 +3,9 @@
 use crate::args::ChartArgs;
 use crate::failure::{other_job, usage};
 use crate::job::{codec, threads};
-use crate::progress::say;
+use crate::progress::{counting, say};
 use anyhow::Result;
 use formats::chart::{ChartMeta, Codec, WriteError, remove_chart, write_chart};
-use indicatif::{ProgressBar, ProgressStyle};
 use pipeline::chart::{ChartSpec, Generator, Kind};
 use serde_json::Map;
 use std::path::Path;
@@ -56,12 +55,7 @@ pub fn write(chart: &Generator, out: &Path, codec: Codec, threads: usize, overwr
         units: Some(chart.units().to_owned()),
         attributes,
     };
-    let style = ProgressStyle::with_template("drawing  [{bar:32}] {percent:>3} %  {eta_precise} left");
-    let bar = ProgressBar::new(1).with_style(style.expect("a valid template"));
-    let progress = |done: u64, all: u64| {
-        bar.set_length(all);
-        bar.set_position(done);
-    };
+    let (bar, progress) = counting("drawing");
     let result = write_chart(out, chart, &meta, codec, threads, &progress);
     bar.finish_and_clear();
     let report = result.map_err(|e| match e {

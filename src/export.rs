@@ -4,14 +4,13 @@ use crate::args::ExportArgs;
 use crate::failure::usage;
 use crate::job::threads;
 use crate::open::Chart;
-use crate::progress::say;
+use crate::progress::{counting, say};
 use anyhow::Result;
 use formats::chart::NanPolicy;
 use formats::picture::exposure::Exposure;
 use formats::picture::grey::{GreyOptions, write_grey};
 use formats::picture::preview::{PreviewOptions, write_preview};
 use formats::picture::{Shown, View};
-use indicatif::{ProgressBar, ProgressStyle};
 
 /// Decoded chunks kept while a picture is made: a row of them, for the widest films.
 const CACHE_BYTES: usize = 512 << 20;
@@ -29,12 +28,7 @@ pub fn command(args: &ExportArgs) -> Result<()> {
         },
     };
     let view = View { window: None, max_side: Some(args.max_side), threads: threads(args.threads) };
-    let style = ProgressStyle::with_template("reading  [{bar:32}] {percent:>3} %  {eta_precise} left");
-    let bar = ProgressBar::new(1).with_style(style.expect("a valid template"));
-    let progress = |done: u64, all: u64| {
-        bar.set_length(all);
-        bar.set_position(done);
-    };
+    let (bar, progress) = counting("reading");
     let shown = match args.band {
         Some(wanted) => {
             let options = GreyOptions { view, exposure };

@@ -54,7 +54,7 @@ impl Memory {
             let tile = p.tiling.tile();
             let fft = p.blocks.map_or(0, |b| b.fft);
             let light = 4 * (tile + fft) * (tile + fft + 16);
-            let engine = 3 * 8 * fft * (fft / 2 + 1) + 8 * tile * tile;
+            let engine = 3 * p.blocks.map_or(0, |b| b.spectrum_bytes()) + 8 * tile * tile;
             4 * tile * tile + (AHEAD + 1) * light + 2 * engine + (8 << 20)
         });
         let psf = most(&|p| {
@@ -77,13 +77,10 @@ impl Memory {
         let fixed = BASE + needs.threads * worker + psf + tables + open + encode;
         let usable = (limit as f64 * (1.0 - SLACK)) as usize;
         let chart_rows = (needs.chart_rows)(((reach + 64) as f64 / needs.scale.min(1.0)) as usize);
-        let nodes = most(&|p| {
-            let spectrum = p.blocks.map_or(0, |b| 4 * 2 * b.fft * (b.fft / 2 + 1));
-            p.grid.as_ref().map_or(0, |g| g.len() * spectrum)
-        });
+        let spectrum = |p: &BandPlan| p.blocks.map_or(0, |b| b.spectrum_bytes());
+        let nodes = most(&|p| p.grid.as_ref().map_or(0, |g| g.len() * spectrum(p)));
         // Below this every block would build its spectra anew.
-        let least_spectra =
-            nodes.min(needs.threads * 24 * most(&|p| p.blocks.map_or(0, |b| 8 * b.fft * (b.fft / 2 + 1))));
+        let least_spectra = nodes.min(needs.threads * 24 * most(&spectrum));
         let least_chart = chart_rows.min(needs.threads * (16 << 20));
         let least = fixed + least_spectra + least_chart;
         if least > usable {

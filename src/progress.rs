@@ -13,6 +13,18 @@ pub fn say(line: impl AsRef<str>) {
     eprintln!("{}", line.as_ref());
 }
 
+/// A bar for work counted in pieces, called `doing`; with it, what tells it how many of how many are done.
+pub fn counting(doing: &str) -> (ProgressBar, impl Fn(u64, u64) + Sync + use<>) {
+    let style = ProgressStyle::with_template("{msg}  [{bar:32}] {percent:>3} %  {eta_precise} left");
+    let bar = ProgressBar::new(1).with_style(style.expect("a valid template")).with_message(doing.to_owned());
+    let told = bar.clone();
+    let tell = move |done: u64, all: u64| {
+        told.set_length(all);
+        told.set_position(done);
+    };
+    (bar, tell)
+}
+
 /// Progress of a run over bands.
 pub struct Bars {
     bar: Option<ProgressBar>,

@@ -62,7 +62,7 @@ pub fn command(args: &RunArgs) -> Result<u8> {
     }
     let wanted = wanted(&job, &store)?;
     let missing: usize = wanted.iter().map(BTreeSet::len).sum();
-    let all: usize = job.plans.len() * job.windows.iter().map(|w| w.count().0 * w.count().1).sum::<usize>();
+    let all = shards(&job);
     if missing == 0 {
         say(format!("{} is complete: {all} shards, nothing to do", args.film.display()));
         return Ok(0);
@@ -76,12 +76,8 @@ pub fn command(args: &RunArgs) -> Result<u8> {
     let work = Work {
         frame: job.frame,
         windows: &job.windows,
-        bands: (0..job.plans.len())
-            .map(|i| BandWork {
-                chart_band: job.chart_bands[i],
-                tiling: job.plans[i].tiling,
-                wanted: wanted[i].clone(),
-            })
+        bands: std::iter::zip(wanted, std::iter::zip(&job.plans, &job.chart_bands))
+            .map(|(wanted, (plan, &chart_band))| BandWork { chart_band, tiling: plan.tiling, wanted })
             .collect(),
         threads: job.threads,
         spectra_bytes: job.memory.spectra,
@@ -225,6 +221,12 @@ fn provenance(job: &Job) -> Map<String, Value> {
     }
 }
 
+/// Shards of the whole job.
+fn shards(job: &Job) -> usize {
+    let of = |w: &Window| w.count().0 * w.count().1;
+    job.plans.len() * job.windows.iter().map(of).sum::<usize>()
+}
+
 /// The shards still to make, per band.
 fn wanted(job: &Job, store: &FilmStore) -> Result<Vec<BTreeSet<ShardId>>> {
     let mut bands = Vec::new();
@@ -275,7 +277,7 @@ fn tell(job: &Job) {
         job.plans.len(),
         f.film,
         f.pitch_um,
-        job.windows.iter().map(|w: &Window| w.count().0 * w.count().1).sum::<usize>() * job.plans.len(),
+        shards(job),
         job.threads,
         job.options.simd.isa().name(),
         mib(job.memory.limit),

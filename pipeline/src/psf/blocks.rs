@@ -47,7 +47,7 @@ pub struct Blocks {
 
 impl Blocks {
     /// The cheapest cut for kernels of `window` pixels on `grid`, judged over the whole disc of the grid's heights.
-    /// Windows up to 601 px have one; a window of 1 needs no transform and has F = 0.
+    /// Windows up to [`Blocks::widest_window`] have one; a window of 1 needs no transform and has F = 0.
     pub fn choose(window: usize, grid: &NodeGrid) -> Self {
         if window == 1 {
             return Self { window, fft: 0, block: TILE_SIDE, tile: TILE_SIDE };
@@ -69,9 +69,9 @@ impl Blocks {
         FFT_SIDES[FFT_SIDES.len() - 1].0 / 2 - 1
     }
 
-    /// Multiply-adds of the direct sum per pixel over those of this cut: for the curious.
-    pub fn f32s_of_spectrum(&self) -> usize {
-        self.fft * (self.fft / 2) * 2
+    /// Bytes of one node's spectrum in the larger layout, the portable one: F × (F/2 + 1) complex f32.
+    pub const fn spectrum_bytes(&self) -> usize {
+        8 * self.fft * (self.fft / 2 + 1)
     }
 }
 

@@ -50,17 +50,6 @@ impl Engine {
         }
     }
 
-    /// The engine's name in logs and run records.
-    pub(super) fn name(&self) -> &'static str {
-        match self {
-            Self::Portable(_) => Isa::Portable.name(),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512(_) => Isa::Avx512.name(),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2(_) => Isa::Avx2.name(),
-        }
-    }
-
     /// f32s of one spectrum.
     pub(super) fn spectrum_len(&self) -> usize {
         match self {

@@ -114,11 +114,6 @@ impl BandPsf {
         &self.kernels
     }
 
-    /// Name of the engine that transforms, `none` for kernels of one pixel.
-    pub fn engine_name(&self) -> &'static str {
-        self.engine.as_ref().map_or("none", Engine::name)
-    }
-
     /// Half the window: how far light is scattered, in film pixels.
     pub fn margin(&self) -> usize {
         self.blocks.window / 2
