@@ -1,0 +1,20 @@
+//! `lenscube demo`.
+
+use super::values::threads;
+use clap::Args;
+use std::path::PathBuf;
+
+/// `lenscube demo`
+#[derive(Debug, Args)]
+#[command(after_help = "Example:  lenscube demo --dir demo --size 2048")]
+pub struct DemoArgs {
+    /// Where the pictures and stores go
+    #[arg(long, default_value = "lenscube-demo")]
+    pub dir: PathBuf,
+    /// Film side of the overview in pixels; it always spans the whole 28.28 mm
+    #[arg(long, value_name = "PX", default_value_t = 2048, value_parser = clap::value_parser!(u32).range(64..=14141))]
+    pub size: u32,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_parser = threads)]
+    pub threads: Option<usize>,
+}

@@ -1,0 +1,180 @@
+//! Words of the command line and what they mean.
+
+use pipeline::geometry::{Rect, Size};
+
+pub(super) fn number(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err(format!("`{text}` is not a number")),
+    }
+}
+
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("{v} is not above 0")) })
+}
+
+pub(super) fn pair(text: &str) -> Result<(f64, f64), String> {
+    let (a, b) = text.split_once(',').ok_or("expected two numbers X,Y")?;
+    // Beyond this no lens sees the film, and pixels no longer count exactly.
+    let place = |t: &str| match number(t)? {
+        v if v.abs() <= 1e7 => Ok(v),
+        v => Err(format!("{v:e} is beyond ±1e7")),
+    };
+    Ok((place(a)?, place(b)?))
+}
+
+pub(super) fn pitch(text: &str) -> Result<f64, String> {
+    match positive(text)? {
+        v if (1e-3..=1e6).contains(&v) => Ok(v),
+        v => Err(format!("{v:e} is not from 1e-3 to 1e6 µm")),
+    }
+}
+
+pub(super) fn scale(text: &str) -> Result<(f64, f64), String> {
+    let (x, y) = text.split_once(',').unwrap_or((text, text));
+    let (x, y) = (positive(x)?, positive(y)?);
+    let sane = 1e-3..=1e3;
+    match sane.contains(&x) && sane.contains(&y) {
+        true => Ok((x, y)),
+        false => Err("expected 0.001 to 1000 film pixels per chart pixel".into()),
+    }
+}
+
+/// Film sides beyond this are a slip of the finger: 10^12 pixels a band.
+const LARGEST_SIDE: usize = 1_000_000;
+
+pub(super) fn side(text: &str) -> Result<usize, String> {
+    match text.trim().parse::<usize>() {
+        Ok(n) if (1..=LARGEST_SIDE).contains(&n) => Ok(n),
+        _ => Err(format!("`{text}` is not a number of pixels from 1 to {LARGEST_SIDE}")),
+    }
+}
+
+/// Sides of shards and chunks; the film's layout checks the same.
+pub(super) fn storage(text: &str) -> Result<usize, String> {
+    side(text)
+        .ok()
+        .filter(|n| *n <= 16384)
+        .ok_or_else(|| format!("`{text}` is not a number of pixels from 1 to 16384"))
+}
+
+pub(super) fn size(text: &str) -> Result<Size, String> {
+    let (h, w) = text.split_once(['x', 'X']).unwrap_or((text, text));
+    Ok(Size::new(side(h)?, side(w)?))
+}
+
+pub(super) fn roi(text: &str) -> Result<Rect, String> {
+    let parts: Vec<&str> = text.split(',').collect();
+    let [x, y, w, h] = parts[..] else { return Err("expected X,Y,W,H in film pixels".into()) };
+    let at = |t: &str| {
+        t.trim().parse::<u32>().map(i64::from).map_err(|_| format!("`{t}` is not a pixel of the film"))
+    };
+    Ok(Rect::new(at(y)?, at(x)?, side(h)?, side(w)?))
+}
+
+pub(super) fn azimuths(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(n) if n > 0 && n.is_multiple_of(4) && n <= 7200 => Ok(n),
+        _ => Err("expected a multiple of 4, at most 7200 (of 8: seven of eight kernels are flips)".into()),
+    }
+}
+
+pub(super) fn odd(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(n) if n % 2 == 1 => Ok(n),
+        _ => Err("expected an odd number of film pixels".into()),
+    }
+}
+
+pub(super) fn threads(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(n) if (1..=1024).contains(&n) => Ok(n),
+        _ => Err("expected 1 to 1024 threads".into()),
+    }
+}
+
+/// `1GiB`, `512MiB`, `2e9`, `4G`: binary units with i, decimal without.
+pub(super) fn bytes(text: &str) -> Result<u64, String> {
+    let text = text.trim();
+    let digits = text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.').len();
+    let unit = match text[digits..].trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1u64,
+        "k" | "kb" => 1000,
+        "ki" | "kib" => 1 << 10,
+        "m" | "mb" => 1_000_000,
+        "mi" | "mib" => 1 << 20,
+        "g" | "gb" => 1_000_000_000,
+        "gi" | "gib" => 1 << 30,
+        "t" | "tb" => 1_000_000_000_000,
+        "ti" | "tib" => 1 << 40,
+        other => {
+            return Err(format!("`{other}` is not a unit of bytes (KiB, MiB, GiB, TiB, or kB, MB, GB, TB)"));
+        }
+    };
+    match text[..digits].parse::<f64>() {
+        Ok(v) if v > 0.0 => Ok((v * unit as f64) as u64),
+        _ => Err(format!("`{text}` is not an amount of memory such as 1GiB")),
+    }
+}
+
+/// Indices and ranges without their end, as in Python: `0,5,10:15`, `:5`, `::3`; each once, ascending.
+///
+/// # Errors
+/// A word that is none, or an index beyond `count`.
+pub fn bands(text: &str, count: usize) -> Result<Vec<usize>, String> {
+    let mut out = std::collections::BTreeSet::new();
+    for part in text.split(',') {
+        let fields: Vec<&str> = part.trim().split(':').collect();
+        let index = |t: &str, default: usize| match t.trim() {
+            "" => Ok(default),
+            t => t.parse::<usize>().map_err(|_| format!("`{t}` is not a band index")),
+        };
+        let (first, end, step) = match fields[..] {
+            [one] => {
+                let i = one.parse::<usize>().map_err(|_| format!("`{one}` is not a band index"))?;
+                if i >= count {
+                    return Err(format!("band {i} is beyond the chart's last, {}", count - 1));
+                }
+                (i, i + 1, 1)
+            }
+            [a, b] => (index(a, 0)?, index(b, count)?, 1),
+            [a, b, s] => (index(a, 0)?, index(b, count)?, index(s, 1)?),
+            _ => return Err(format!("`{part}` is not a range of bands such as 10:15")),
+        };
+        if step == 0 {
+            return Err(format!("`{part}` has a step of 0"));
+        }
+        if end > count {
+            return Err(format!("range {part} ends beyond the chart's {count} bands"));
+        }
+        out.extend((first..end).step_by(step));
+    }
+    match out.is_empty() {
+        true => Err(format!("`{text}` selects no band of {count}")),
+        false => Ok(out.into_iter().collect()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_of_the_command_line() {
+        assert_eq!(size("14141"), Ok(Size::new(14141, 14141)));
+        assert_eq!(size("7x5"), Ok(Size::new(7, 5)));
+        assert!(size("1e18").is_err() && size("0").is_err() && size("-3x4").is_err());
+        assert_eq!(bytes("1GiB"), Ok(1 << 30));
+        assert_eq!(bytes("1.5 MB"), Ok(1_500_000));
+        assert!(bytes("one").is_err() && bytes("4QiB").is_err());
+        assert_eq!(roi("3,5,10,20"), Ok(Rect::new(5, 3, 20, 10)));
+        assert!(roi("1,2,3").is_err() && roi("-1,0,5,5").is_err() && roi("0,0,0,5").is_err());
+        assert_eq!(bands("0,5,10:15", 31), Ok(vec![0, 5, 10, 11, 12, 13, 14]));
+        assert_eq!(bands(":3", 31), Ok(vec![0, 1, 2]));
+        assert_eq!(bands("::10", 31), Ok(vec![0, 10, 20, 30]));
+        assert!(bands("31", 31).is_err() && bands("5:2", 31).is_err() && bands("x", 31).is_err());
+        assert_eq!(scale("2"), Ok((2.0, 2.0)));
+        assert_eq!(scale("2,0.5"), Ok((2.0, 0.5)));
+        assert!(scale("0").is_err() && scale("nan").is_err());
+    }
+}
