@@ -29,6 +29,7 @@ pub fn command(args: &ChartArgs) -> Result<()> {
         ("centers", &args.centers),
         ("patch_px", &args.patch_px),
         ("spokes", &args.spokes),
+        ("noise", &args.noise),
     ];
     for (key, value) in settings {
         if let Some(value) = value {

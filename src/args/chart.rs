@@ -33,6 +33,9 @@ pub struct ChartArgs {
     /// Light on the chart: D65, A or E
     #[arg(long, value_name = "NAME")]
     pub illuminant: Option<String>,
+    /// Relative standard deviation of a fixed pattern of noise, 0 to 0.28
+    #[arg(long, value_name = "SIGMA")]
+    pub noise: Option<String>,
     /// uniform: the value of every pixel
     #[arg(long, allow_hyphen_values = true)]
     pub value: Option<String>,

@@ -7,12 +7,14 @@
 //! The chart is larger than its film by `overscan_px` on every side, so that a lens that draws the field inwards, and
 //! the PSF's tail, find chart beyond the film's border. Places are given in FILM pixels: row and column from the
 //! film's first pixel, centres at integers; chart pixel = film pixel + overscan.
-//! Left out: gloss, texture, uneven light: what varies on the film is the lens's doing.
+//! Left out: gloss, texture, uneven light: what varies on the film is the lens's doing. `noise` alone is added where it is
+//! asked for (`noise.rs`).
 
 mod composite;
 mod coverage;
 pub mod glyphs;
 mod inks;
+mod noise;
 mod picture;
 mod sheet;
 mod spec;
@@ -148,6 +150,9 @@ impl ChartSource for Generator {
             return Err(format!("{rect} of band {band} does not fit a buffer of {} pixels", out.len()).into());
         }
         self.picture.paint(inks, rect, out);
+        if self.spec.noise > 0.0 {
+            noise::add(self.spec.noise, band, rect, out);
+        }
         Ok(())
     }
 }

@@ -2,6 +2,7 @@
 //! `gen:composite?size=14141&wavelengths=400:700:10&pitch_um=2&overscan=200`. Both ways end in one [`ChartSpec`]; its
 //! `Display` writes every setting, so that equal charts have equal words.
 
+use super::noise;
 use crate::colour::{FIRST_NM, Illuminant, LAST_NM};
 use crate::geometry::Size;
 use crate::wavelengths::{self, WavelengthError};
@@ -11,9 +12,9 @@ const LONGEST_SIDE: usize = 1_000_000;
 /// Most blobs or stars along a side, and most edges of a list: they are searched one by one for every rectangle.
 const MOST_ALONG: usize = 128;
 
-const COMMON_KEYS: [&str; 5] = ["size", "wavelengths", "pitch_um", "overscan", "illuminant"];
+const COMMON_KEYS: [&str; 6] = ["size", "wavelengths", "pitch_um", "overscan", "illuminant", "noise"];
 
-/// Every kind's name, and the keys it knows beside `size`, `wavelengths`, `pitch_um`, `overscan` and `illuminant`.
+/// Every kind's name, and the keys it knows beside `size`, `wavelengths`, `pitch_um`, `overscan`, `illuminant` and `noise`.
 pub const KINDS: [(&str, &[&str]); 6] = [
     ("uniform", &["value"]),
     ("points", &["count", "blob", "width_px"]),
@@ -209,6 +210,8 @@ pub struct ChartSpec {
     pub overscan_px: Option<usize>,
     /// The light on the chart.
     pub illuminant: Illuminant,
+    /// Relative standard deviation of a fixed pattern of noise, 0 to 0.28.
+    pub noise: f64,
 }
 
 impl ChartSpec {
@@ -221,6 +224,7 @@ impl ChartSpec {
             pitch_um: 2.0,
             overscan_px: None,
             illuminant: Illuminant::D65,
+            noise: 0.0,
         }
     }
 
@@ -238,6 +242,7 @@ impl ChartSpec {
             ("illuminant", _) => {
                 self.illuminant = value.parse().map_err(|_| bad("illuminant", value, "D65, A or E"))?;
             }
+            ("noise", _) => self.noise = number("noise", value)?,
             ("value", Kind::Uniform { value: v }) => *v = number("value", value)?,
             ("count", Kind::Points { count: n, .. }) => *n = count("count", value)?,
             ("width_px", Kind::Points { width_px, .. }) => *width_px = number("width_px", value)?,
@@ -280,6 +285,7 @@ impl ChartSpec {
             return Err(bad("size", &self.film.to_string(), SIZE_WANTED));
         }
         within("overscan", self.overscan() as f64, 0.0, longest, "0 to 1000000 pixels")?;
+        within("noise", self.noise, 0.0, noise::MOST, "a relative standard deviation of 0 to 0.28")?;
         within("pitch_um", self.pitch_um, 1e-3, 1e6, "a pitch of 0.001 to 1e6 µm")?;
         if self.wavelengths_nm.is_empty() || self.wavelengths_nm.len() > wavelengths::MOST_BANDS {
             return Err(bad(
@@ -362,6 +368,9 @@ impl std::fmt::Display for ChartSpec {
         let nm = wavelengths::format(&self.wavelengths_nm);
         write!(f, "{}?size={}&wavelengths={nm}&pitch_um={}", self.kind.name(), self.film, self.pitch_um)?;
         write!(f, "&overscan={}&illuminant={}", self.overscan(), self.illuminant.name())?;
+        if self.noise > 0.0 {
+            write!(f, "&noise={}", self.noise)?;
+        }
         match &self.kind {
             Kind::Uniform { value } => write!(f, "&value={value}"),
             Kind::Points { count, blob, width_px } => {

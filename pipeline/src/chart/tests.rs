@@ -23,7 +23,8 @@ impl Draw {
     }
 }
 
-const CHARTS: [&str; 9] = [
+const CHARTS: [&str; 10] = [
+    "checker?size=97x200&noise=0.2&wavelengths=550",
     "uniform?value=3.5&size=40",
     "points?size=200x301&count=5&overscan=7",
     "points?size=150&count=5&blob=disc&width_px=5.5",
