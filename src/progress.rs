@@ -138,15 +138,24 @@ pub fn summary_lines(
     peak: Option<u64>,
     outside_window: (f64, f64),
 ) -> Vec<String> {
-    let t = &s.times;
+    let t = &s.core;
     let gb = |b: u64| b as f64 * 1e-9;
     let rate = s.pixels as f64 / s.wall_s * 1e-6;
     let mut lines = vec![
         format!("{} shards in {}, {rate:.1} Mpx/s, {} tiles", s.shards, clock(s.wall_s), s.tiles),
         format!(
-            "thread seconds: read {:.1}, scene {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
-             prepare {:.1}",
-            t.read_s, t.scene_s, t.svpsf_s, s.spectra, t.add_s, t.encode_s, t.write_s, t.prepare_s
+            "core seconds: read {:.1}, scene {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
+             prepare {:.1}; waiting for the disk: read {:.1}, write {:.1}",
+            t.read_s,
+            t.scene_s,
+            t.svpsf_s,
+            s.spectra,
+            t.add_s,
+            t.encode_s,
+            t.write_s,
+            t.prepare_s,
+            s.times.read_s - t.read_s,
+            s.times.write_s - t.write_s
         ),
     ];
     let peak = peak.map_or(String::new(), |p| format!(", peak memory {} MiB", p >> 20));

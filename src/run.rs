@@ -9,6 +9,7 @@ use crate::progress::{Bars, say, summary_lines};
 use anyhow::{Context, Result};
 use formats::film::{EncodedShard, FilmError, FilmStore};
 use formats::lens::LensPackError;
+use pipeline::clock::StageTimes;
 use pipeline::executor::{BandWork, Summary, Work, run};
 use pipeline::flow::{DoorError, FilmSink};
 use pipeline::geometry::Rect;
@@ -312,7 +313,6 @@ fn report(job: &Job, store: &FilmStore, summary: &Summary, light_held: &[Option<
             say(format!("note: {} NaN or infinite pixels of the chart were read as 0", s.nan_replaced));
         }
     }
-    let t = &summary.times;
     let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let record = json!({
         "finished_unix_s": seconds,
@@ -331,13 +331,18 @@ fn report(job: &Job, store: &FilmStore, summary: &Summary, light_held: &[Option<
         "spectra_built": summary.spectra,
         "light_in_psf_window": light_held,
         "interrupted": summary.interrupted,
-        "thread_s": {
-            "read": t.read_s, "scene": t.scene_s, "svpsf": t.svpsf_s, "add": t.add_s,
-            "encode": t.encode_s, "write": t.write_s, "prepare": t.prepare_s,
-        },
+        "thread_s": stage_times(&summary.times),
+        "core_s": stage_times(&summary.core),
     });
     let name = format!("runs/{seconds}-{}.json", std::process::id());
     if let Err(e) = store.write_beside(&name, record.to_string().as_bytes()) {
         say(format!("note: the run's record {name} could not be written: {e}"));
     }
+}
+
+fn stage_times(t: &StageTimes) -> Value {
+    json!({
+        "read": t.read_s, "scene": t.scene_s, "svpsf": t.svpsf_s, "add": t.add_s,
+        "encode": t.encode_s, "write": t.write_s, "prepare": t.prepare_s,
+    })
 }

@@ -5,6 +5,7 @@
 //! worker holds the turn. Encoded shards go through a short queue to threads that only write. No queue is unbounded: a
 //! tile may start only [`AHEAD`] tiles a worker before the oldest one not yet added.
 
+use crate::clock::{Clock, Stage, StageTimes};
 use crate::flow::{ChartSource, DoorError, FilmSink, Progress};
 use crate::geometry::{Frame, Rect};
 use crate::overlap_add::{Finished, OverlapAdd, tiles_needed};
@@ -60,30 +61,13 @@ pub struct BandWork {
     pub wanted: BTreeSet<ShardId>,
 }
 
-/// Where the time went: thread seconds per stage.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StageTimes {
-    /// Reading and decoding the chart.
-    pub read_s: f64,
-    /// RI, distortion and interpolation.
-    pub scene_s: f64,
-    /// SVPSF, kernels included.
-    pub svpsf_s: f64,
-    /// Adding tails.
-    pub add_s: f64,
-    /// Encoding shards.
-    pub encode_s: f64,
-    /// Writing shards (not compute: waiting on the disk).
-    pub write_s: f64,
-    /// Preparing bands: PSF stacks and their splines (beside the workers).
-    pub prepare_s: f64,
-}
-
 /// What a run did.
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
-    /// Thread seconds per stage.
+    /// Thread seconds per stage, waiting included.
     pub times: StageTimes,
+    /// Core seconds per stage.
+    pub core: StageTimes,
     /// Wall time, s.
     pub wall_s: f64,
     /// Tiles computed.
@@ -130,33 +114,15 @@ pub enum RunError {
     },
 }
 
-#[derive(Default)]
-struct Clock {
-    read: AtomicU64,
-    scene: AtomicU64,
-    svpsf: AtomicU64,
-    add: AtomicU64,
-    encode: AtomicU64,
-    write: AtomicU64,
-    prepare: AtomicU64,
-}
-
-fn timed<T>(clock: &AtomicU64, f: impl FnOnce() -> T) -> T {
-    let start = Instant::now();
-    let value = f();
-    clock.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
-    value
-}
-
 /// A chart whose reading time is counted apart from resampling.
-struct Timed<'a>(&'a dyn ChartSource, &'a AtomicU64);
+struct Timed<'a>(&'a dyn ChartSource, &'a Stage);
 
 impl ChartSource for Timed<'_> {
     fn size(&self) -> crate::geometry::Size {
         self.0.size()
     }
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
-        timed(self.1, || self.0.read(band, rect, out))
+        self.1.time(|| self.0.read(band, rect, out))
     }
 }
 
@@ -251,17 +217,9 @@ pub fn run<S: FilmSink>(
     if let Some(error) = state.error {
         return Err(error);
     }
-    let seconds = |c: &AtomicU64| c.load(Ordering::Relaxed) as f64 * 1e-9;
     Ok(Summary {
-        times: StageTimes {
-            read_s: seconds(&clock.read),
-            scene_s: seconds(&clock.scene) - seconds(&clock.read),
-            svpsf_s: seconds(&clock.svpsf),
-            add_s: seconds(&clock.add),
-            encode_s: seconds(&clock.encode),
-            write_s: seconds(&clock.write),
-            prepare_s: seconds(&clock.prepare),
-        },
+        times: clock.wall(),
+        core: clock.core(),
         wall_s: start.elapsed().as_secs_f64(),
         tiles: state.tiles,
         pixels: state.pixels,
@@ -297,7 +255,7 @@ impl<S: FilmSink> Shared<'_, S> {
             if tiles.is_empty() || self.stopping(&self.lock()) {
                 continue;
             }
-            match timed(&self.clock.prepare, || prepare(position)) {
+            match self.clock.prepare.time(|| prepare(position)) {
                 Ok(stages) => {
                     if out.send(Running { position, stages, tiles }).is_err() {
                         return;
@@ -365,7 +323,7 @@ impl<S: FilmSink> Shared<'_, S> {
                 Task::Over => return,
                 Task::Encode(shard) => {
                     let done =
-                        timed(&self.clock.encode, || self.sink.encode(shard.id, shard.rect, &shard.pixels));
+                        self.clock.encode.time(|| self.sink.encode(shard.id, shard.rect, &shard.pixels));
                     self.overlap.lock().expect("workers do not panic").recycle(shard.pixels);
                     match done {
                         Ok(bytes) => {
@@ -380,14 +338,14 @@ impl<S: FilmSink> Shared<'_, S> {
                     let rect = work.tiling.rect(tile);
                     scene.resize(rect.size().pixels(), 0.0);
                     let stages = &band.stages;
-                    let read = timed(&self.clock.scene, || {
+                    let read = self.clock.scene.time(|| {
                         stages.scene.apply(&self.chart, work.chart_band, rect, &mut scene, &mut scratch)
                     });
                     if let Err(source) = read {
                         self.fail(RunError::Read { rect, source });
                         return;
                     }
-                    timed(&self.clock.svpsf, || match &stages.psf {
+                    self.clock.svpsf.time(|| match &stages.psf {
                         Some(stage) => {
                             stage.scatter(
                                 &self.work.frame,
@@ -420,7 +378,7 @@ impl<S: FilmSink> Shared<'_, S> {
             drop(state);
             let work = &self.work.bands[band.position];
             let reach = work.tiling.reach(tile);
-            let finished = timed(&self.clock.add, || {
+            let finished = self.clock.add.time(|| {
                 let mut overlap = self.overlap.lock().expect("workers do not panic");
                 overlap.add(band.position, &work.tiling, &work.wanted, reach, &light)
             });
@@ -440,7 +398,7 @@ impl<S: FilmSink> Shared<'_, S> {
 
     fn write(&self, inbox: &Receiver<(ShardId, S::Encoded)>, shards: &AtomicU64, bytes: &AtomicU64) {
         for (id, encoded) in inbox {
-            match timed(&self.clock.write, || self.sink.commit(encoded)) {
+            match self.clock.write.time(|| self.sink.commit(encoded)) {
                 Ok(written) => {
                     shards.fetch_add(1, Ordering::Relaxed);
                     bytes.fetch_add(written, Ordering::Relaxed);
