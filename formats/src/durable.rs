@@ -7,6 +7,7 @@
 //! Left out: locks. Two writers of one key each rename a whole file, and the last one wins; that is enough, because all
 //! writers of one job write the same bytes.
 
+mod direct;
 mod error;
 mod sweep;
 mod zarr;
@@ -115,7 +116,11 @@ impl Directory {
         let size = bytes.len() as u64;
         let mut file =
             self.step(Step::Create, temp, |p| File::options().write(true).create_new(true).open(p), size)?;
-        self.step(Step::Write, temp, |_| file.write_all(bytes), size)?;
+        let write = |_: &Path| match self.fsync {
+            true => direct::write_all(&mut file, bytes),
+            false => file.write_all(bytes),
+        };
+        self.step(Step::Write, temp, write, size)?;
         let found = self.step(Step::Write, temp, |_| file.metadata(), size)?.len();
         if found != size {
             return Err(DurableError::Length { path: temp.into(), expected: size, found });
