@@ -1,5 +1,6 @@
 //! Flags exactly as typed. What they mean together is decided in [`crate::job`].
 
+mod bench;
 mod chart;
 mod demo;
 mod export;
@@ -7,6 +8,7 @@ mod lens;
 mod run;
 mod values;
 
+pub use bench::BenchArgs;
 pub use chart::ChartArgs;
 pub use demo::DemoArgs;
 pub use export::ExportArgs;
@@ -42,6 +44,8 @@ pub enum Command {
     Run(Box<RunArgs>),
     /// Make a picture of a film or a chart
     Export(ExportArgs),
+    /// Measure this machine on the paper's film
+    Bench(BenchArgs),
 }
 
 /// Codecs.

@@ -1,6 +1,7 @@
 //! The command: parse, run, turn an error into one line and an exit code.
 
 mod args;
+mod bench;
 mod chart;
 mod demo;
 mod export;
@@ -25,6 +26,7 @@ fn main() -> ExitCode {
         Command::Lens(args) => lens::command(args).map(|()| 0),
         Command::Export(args) => export::command(args).map(|()| 0),
         Command::Demo(args) => demo::command(args),
+        Command::Bench(args) => bench::command(args).map(|()| 0),
     };
     match result {
         Ok(code) => ExitCode::from(code),

@@ -317,5 +317,17 @@ pub fn free_bytes(path: &Path) -> Result<u64, DurableError> {
     Ok(s.f_bavail.saturating_mul(s.f_frsize))
 }
 
+/// Takes a file out of the page cache, so that the next reader meets the disk; a hint that the system may ignore.
+///
+/// # Errors
+/// [`DurableError`] if it cannot be opened.
+pub fn evict(path: &Path) -> Result<(), DurableError> {
+    let file = File::open(path).map_err(|e| DurableError::io("open", path, 0, e))?;
+    #[cfg(target_os = "linux")]
+    rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed)
+        .map_err(|e| DurableError::io("advise about", path, 0, e.into()))?;
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,136 @@
+//! `lenscube bench`: what this machine does with the paper's film, stage by stage and all together.
+//!
+//! Every figure is the median of some rounds. Rates of stages count all threads at once, those of codecs one core. The job
+//! at the end is a `lenscube run` of its own process, store to store, on a chart with 1 % noise; its bound is
+//!     max(disk, core seconds / cores),   disk = bytes read / read rate + bytes written / write rate
+//! with the rates measured here on the same disk, and every stage's core seconds as the run itself counts them.
+
+mod job;
+mod stages;
+mod storage;
+
+use crate::args::BenchArgs;
+use crate::job::threads;
+use crate::progress::say;
+use anyhow::{Context, Result};
+use pipeline::simd::Simd;
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// The paper's film: side in mm and in pixels, bands.
+const FILM_MM: f64 = 28.282;
+const PAPER_PX: f64 = 14_141.0;
+const PAPER_BANDS: f64 = 31.0;
+
+/// What is measured, and with what.
+struct Bench<'a> {
+    args: &'a BenchArgs,
+    threads: usize,
+    rounds: usize,
+    simd: Simd,
+    scratch: Scratch,
+    figures: Vec<Figure>,
+}
+
+/// One number of the report.
+struct Figure {
+    key: &'static str,
+    value: Value,
+    words: String,
+}
+
+impl Bench<'_> {
+    fn number(&mut self, key: &'static str, value: f64, unit: &str, words: &str) {
+        let digits = if value < 10.0 { 2 } else { 1 };
+        let text = format!("{words:<58} {value:>10.digits$} {unit}");
+        self.figures.push(Figure { key, value: json!((value * 1e4).round() / 1e4), words: text });
+    }
+
+    /// The median over the rounds of what `f` tells.
+    fn median(&self, mut f: impl FnMut() -> Result<f64>) -> Result<f64> {
+        let mut all = (0..self.rounds).map(|_| f()).collect::<Result<Vec<f64>>>()?;
+        all.sort_by(f64::total_cmp);
+        Ok((all[(all.len() - 1) / 2] + all[all.len() / 2]) / 2.0)
+    }
+
+    /// Median rate in `amount` per second.
+    fn rate(&self, amount: f64, mut f: impl FnMut() -> Result<()>) -> Result<f64> {
+        self.median(|| {
+            let start = Instant::now();
+            f()?;
+            Ok(amount / start.elapsed().as_secs_f64())
+        })
+    }
+
+    fn get(&self, key: &str) -> f64 {
+        let found = self.figures.iter().find(|f| f.key == key);
+        found.and_then(|f| f.value.as_f64()).expect("measured before")
+    }
+}
+
+/// A directory of the bench's own, gone when it ends however it ends.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(beside: &Path) -> Result<Self> {
+        let path = beside.join(format!("lenscube-bench-{}", std::process::id()));
+        std::fs::create_dir_all(&path).with_context(|| format!("creating {}", path.display()))?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        // What cannot be removed is said by nobody: the measurement is over.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Runs the command.
+pub fn command(args: &BenchArgs) -> Result<()> {
+    let simd = Simd::from_env().map_err(|e| crate::failure::usage(e.to_string()))?;
+    let mut bench = Bench {
+        args,
+        threads: threads(args.threads),
+        rounds: args.rounds as usize,
+        simd,
+        scratch: Scratch::new(&args.dir)?,
+        figures: Vec::new(),
+    };
+    say(format!(
+        "{} threads of {}, medians of {}; film {} px of {:.3} µm",
+        bench.threads,
+        simd.isa().name(),
+        bench.rounds,
+        args.size,
+        FILM_MM * 1e3 / f64::from(args.size)
+    ));
+    say("1/3  stages, in memory");
+    stages::measure(&mut bench)?;
+    say("2/3  codecs and disk");
+    storage::measure(&mut bench)?;
+    say("3/3  a job, store to store");
+    job::measure(&mut bench)?;
+    report(&bench);
+    Ok(())
+}
+
+fn report(bench: &Bench<'_>) {
+    if !bench.args.json {
+        for figure in &bench.figures {
+            println!("{}", figure.words);
+        }
+        return;
+    }
+    let mut map = Map::new();
+    map.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
+    map.insert("threads".into(), bench.threads.into());
+    map.insert("simd".into(), bench.simd.isa().name().into());
+    map.insert("rounds".into(), bench.rounds.into());
+    map.insert("size_px".into(), bench.args.size.into());
+    map.insert("bands".into(), bench.args.bands.into());
+    map.insert("lens".into(), bench.args.lens.clone().into());
+    map.extend(bench.figures.iter().map(|f| (f.key.to_owned(), f.value.clone())));
+    println!("{:#}", Value::Object(map));
+}

@@ -1,0 +1,254 @@
+//! The stages alone, in memory.
+
+use super::{Bench, FILM_MM};
+use crate::open;
+use anyhow::{Context, Result};
+use pipeline::band::{BandPlan, Options, PsfBetween};
+use pipeline::bench::{Strided, fused_multiply_adds};
+use pipeline::field::Outside;
+use pipeline::flow::{ChartSource, DoorError};
+use pipeline::geometry::{Frame, Rect, Size};
+use pipeline::lens::{PsfSample, PsfStack};
+use pipeline::psf::grid::NodeGrid;
+use pipeline::psf::kernel::NodeKernels;
+use pipeline::psf::spectra::SpectrumCache;
+use pipeline::psf::{BandPsf, PsfScratch, Scattered};
+use pipeline::resample::{Interp, Surround};
+use pipeline::scene::{Reading, Scene, SceneScratch, Stages};
+use pipeline::simd::Simd;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// The benchmark grid of the field: 21 heights to 20 mm, 36 azimuths each, 51-px windows.
+const GRID: (usize, usize, usize) = (21, 36, 51);
+/// Tiles along each side of the film where tiles spread over it stand for all.
+const SPREAD: usize = 9;
+/// The lens's band that is measured, nm.
+const LENS_NM: f64 = 550.0;
+/// Share of the job's memory that a run leaves to node spectra, about.
+const SPECTRA_SHARE: f64 = 0.5;
+
+pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
+    let film = Size::new(bench.args.size as usize, bench.args.size as usize);
+    let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.size));
+    peak(bench)?;
+    let pack = open::lens(&bench.args.lens)?;
+    let plan = |stages: Stages, interp: Interp| {
+        let reading = Reading { interp, surround: Surround::Edge, outside: Outside::Clamp };
+        let between = PsfBetween::Interpolate;
+        let options =
+            Options { stages, reading, azimuths: None, psf_window: None, between, simd: bench.simd };
+        BandPlan::new(&frame, pack.lens(), LENS_NM, &options).map(|plan| (plan, options))
+    };
+    let (ri_distortion, all) = (
+        Stages { ri: true, distortion: true, svpsf: false },
+        Stages { ri: true, distortion: true, svpsf: true },
+    );
+    let mut scenes = Vec::new();
+    for interp in [Interp::Bicubic, Interp::Bilinear] {
+        let (plan, options) = plan(ri_distortion, interp)?;
+        let none = |_| -> Result<PsfStack, anyhow::Error> { unreachable!("no PSF stage") };
+        scenes.push(plan.stages(0, &frame, &options, 1.0, none)?.scene);
+    }
+    let (whole, options) = plan(all, Interp::Bicubic)?;
+    let lens = whole.stages(0, &frame, &options, 1.0, |band| anyhow::Ok(pack.psf(band)?))?;
+    let lens = lens.psf.context("the lens pack has no PSF to measure")?;
+
+    let bicubic = remap(bench, &frame, &scenes[0])?;
+    bench.number("remap_mpx_s", bicubic, "Mpx/s", "RI + distortion remap, bicubic");
+    let bilinear = remap(bench, &frame, &scenes[1])?;
+    bench.number("remap_bilinear_mpx_s", bilinear, "Mpx/s", "RI + distortion remap, bilinear");
+
+    let rate = spread(bench, &frame, &benchmark(&frame, bench.simd), bench.threads)?;
+    bench.number("svpsf_mpx_s", rate, "Mpx/s", "SVPSF, benchmark grid (21 x 36 nodes, 51 px)");
+    let rate = spread(bench, &frame, &benchmark(&frame, bench.simd), 1)?;
+    bench.number("svpsf_1_thread_mpx_s", rate, "Mpx/s", "  one thread");
+    let rate = spread(bench, &frame, &benchmark(&frame, Simd::PORTABLE), bench.threads)?;
+    bench.number("svpsf_portable_mpx_s", rate, "Mpx/s", "  portable path");
+    let rate = strided(bench, &frame)?;
+    bench.number(
+        "svpsf_strided_mpx_s",
+        rate,
+        "Mpx/s",
+        "  the paper's strided multiply-accumulate, one thread",
+    );
+    let rate = whole_film(bench, &frame, &lens)?;
+    let words = format!(
+        "SVPSF, lens at {LENS_NM} nm ({} nodes, {} px), kernels made",
+        lens.grid().len(),
+        lens.kernels().size()
+    );
+    bench.number("svpsf_lens_mpx_s", rate, "Mpx/s", &words);
+    let rate = kernels(bench, &lens)?;
+    bench.number("kernels_per_s", rate, "1/s", "  its kernels turned and integrated, one thread");
+    Ok(())
+}
+
+fn peak(bench: &mut Bench<'_>) -> Result<()> {
+    const ROUNDS: usize = 200_000;
+    let per_thread = bench.median(|| {
+        let start = std::time::Instant::now();
+        let done = fused_multiply_adds(bench.simd, ROUNDS);
+        Ok(2.0 * done as f64 / start.elapsed().as_secs_f64())
+    })?;
+    bench.number("fma_gflop_s", per_thread * 1e-9, "GFLOP/s", "multiply-add peak, one thread");
+    Ok(())
+}
+
+/// The whole film's tiles of `side` pixels.
+fn tiles(frame: &Frame, side: usize) -> Vec<Rect> {
+    frame.film.rect().tiles(side, side).collect()
+}
+
+/// Calls `work` for every index below `count`, on `threads` threads; each has a state of its own.
+fn share<S>(threads: usize, count: usize, state: impl Fn() -> S + Sync, work: impl Fn(&mut S, usize) + Sync) {
+    let next = AtomicUsize::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                let mut own = state();
+                loop {
+                    match next.fetch_add(1, Ordering::Relaxed) {
+                        i if i < count => work(&mut own, i),
+                        _ => return,
+                    }
+                }
+            });
+        }
+    });
+}
+
+/// A chart in memory: one piece of it, again and again.
+struct Repeated(Size, Vec<f32>);
+
+impl Repeated {
+    const SIDE: usize = 1024;
+
+    fn new(size: Size) -> Self {
+        Self(size, (0..2 * Self::SIDE * Self::SIDE).map(scene_value).collect())
+    }
+}
+
+impl ChartSource for Repeated {
+    fn size(&self) -> Size {
+        self.0
+    }
+
+    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        for (y, line) in out.chunks_exact_mut(rect.width).enumerate() {
+            let row = (rect.y as usize + y) % Self::SIDE;
+            for (part, to) in line.chunks_mut(Self::SIDE).enumerate() {
+                let col = (rect.x as usize + part * Self::SIDE) % Self::SIDE;
+                to.copy_from_slice(&self.1[row * 2 * Self::SIDE + col..][..to.len()]);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn scene_value(i: usize) -> f32 {
+    0.1 + (i * 7919 % 1009) as f32 / 1009.0
+}
+
+fn remap(bench: &Bench<'_>, frame: &Frame, scene: &Scene) -> Result<f64> {
+    let chart = Repeated::new(frame.film);
+    let tiles = tiles(frame, 512);
+    let pixels = frame.film.pixels() as f64 * 1e-6;
+    bench.rate(pixels, || {
+        let state = || (SceneScratch::default(), vec![0.0; 512 * 512]);
+        share(bench.threads, tiles.len(), state, |(scratch, out), i| {
+            let out = &mut out[..tiles[i].size().pixels()];
+            scene.apply(&chart, 0, tiles[i], out, scratch).expect("a chart in memory can be read");
+        });
+        Ok(())
+    })
+}
+
+fn benchmark_kernels(frame: &Frame) -> (NodeGrid, NodeKernels) {
+    let (heights, azimuths, window) = GRID;
+    let farthest_mm = 20.0 * FILM_MM / 28.282;
+    let height_mm: Vec<f64> = (0..heights).map(|k| farthest_mm * k as f64 / (heights - 1) as f64).collect();
+    let counts: Vec<usize> = (0..heights).map(|k| if k == 0 { 1 } else { azimuths }).collect();
+    let c = (window / 2) as f32;
+    let one = (0..window * window).map(|i| {
+        let (y, x) = ((i / window) as f32 - c, (i % window) as f32 - c - 2.0);
+        (-(y * y + 2.0 * x * x) / window as f32).exp() + 1e-4
+    });
+    let one: Vec<f32> = one.collect();
+    let stack = PsfStack {
+        size: window,
+        pitch_um: frame.pitch_um,
+        sample: PsfSample::Integrated,
+        samples: one.repeat(heights),
+    };
+    (NodeGrid::new(&height_mm, &counts, frame.pitch_mm()), NodeKernels::new(&stack, frame.pitch_um, None))
+}
+
+fn benchmark(frame: &Frame, simd: Simd) -> BandPsf {
+    let (grid, kernels) = benchmark_kernels(frame);
+    BandPsf::new(0, grid, kernels, simd)
+}
+
+/// Rate over tiles spread over the film, spectra in memory.
+fn spread(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf, threads: usize) -> Result<f64> {
+    let side = psf.blocks().tile.min(frame.film.height);
+    let at = |i: usize| ((frame.film.height - side) * i / (SPREAD - 1)) as i64;
+    let rects: Vec<Rect> =
+        (0..SPREAD * SPREAD).map(|i| Rect::new(at(i / SPREAD), at(i % SPREAD), side, side)).collect();
+    let scene: Vec<f32> = (0..side * side).map(scene_value).collect();
+    let cache = SpectrumCache::new(usize::MAX);
+    let state = <(Scattered, PsfScratch)>::default;
+    let work = |(out, scratch): &mut (Scattered, PsfScratch), i: usize| {
+        psf.scatter(frame, rects[i], &scene, &cache, out, scratch);
+    };
+    share(threads, rects.len(), state, work);
+    bench.rate((rects.len() * side * side) as f64 * 1e-6, || {
+        share(threads, rects.len(), state, work);
+        Ok(())
+    })
+}
+
+/// Rate over the whole film in a run's order, from an empty, bounded cache: kernels and spectra are part of it.
+fn whole_film(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf) -> Result<f64> {
+    let tiles = tiles(frame, psf.blocks().tile.max(1));
+    let side = tiles.iter().map(|t| t.size().pixels()).max().unwrap_or(0);
+    let scene: Vec<f32> = (0..side).map(scene_value).collect();
+    bench.rate(frame.film.pixels() as f64 * 1e-6, || {
+        let cache = SpectrumCache::new((bench.args.memory as f64 * SPECTRA_SHARE) as usize);
+        let state = <(Scattered, PsfScratch)>::default;
+        share(bench.threads, tiles.len(), state, |(out, scratch), i| {
+            psf.scatter(frame, tiles[i], &scene[..tiles[i].size().pixels()], &cache, out, scratch);
+        });
+        Ok(())
+    })
+}
+
+fn strided(bench: &Bench<'_>, frame: &Frame) -> Result<f64> {
+    let (grid, kernels) = benchmark_kernels(frame);
+    let third = (frame.film.height / 3) as i64;
+    let tile = Rect::new(third, third, 153, 153);
+    let scene: Vec<f32> = (0..tile.size().pixels()).map(scene_value).collect();
+    let mut film = vec![0.0; (tile.height + kernels.size() - 1) * (tile.width + kernels.size() - 1)];
+    let baseline = Strided::new(frame, &grid, &kernels, tile);
+    bench.rate(tile.size().pixels() as f64 * 1e-6, || {
+        film.fill(0.0);
+        baseline.scatter(tile, &scene, &mut film, bench.simd);
+        Ok(())
+    })
+}
+
+/// Kernels a second, nodes spread over the grid.
+fn kernels(bench: &Bench<'_>, psf: &BandPsf) -> Result<f64> {
+    use pipeline::psf::grid::Node;
+    let counts = psf.grid().azimuths();
+    let nodes: Vec<Node> = (0..counts.len())
+        .flat_map(|k| (0..counts[k]).step_by(counts[k].div_ceil(3)).map(move |j| Node { k, j }))
+        .collect();
+    let mut out = vec![0.0; psf.kernels().size().pow(2)];
+    let mut scratch = pipeline::psf::kernel::KernelScratch::default();
+    bench.rate(nodes.len() as f64, || {
+        for node in &nodes {
+            psf.kernels().kernel(psf.grid(), *node, &mut scratch, &mut out);
+        }
+        Ok(())
+    })
+}

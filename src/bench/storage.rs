@@ -1,0 +1,146 @@
+//! Codecs on one core, and the disk.
+
+use super::{Bench, FILM_MM};
+use crate::job::codec;
+use anyhow::{Context, Result};
+use formats::chart::{ChartMeta, ChartOptions, ChartStore, NanPolicy, write_chart};
+use formats::durable::{Directory, evict};
+use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
+use pipeline::chart::Generator;
+use pipeline::flow::ChartSource;
+use pipeline::geometry::{Rect, Size};
+use serde_json::Map;
+use std::path::Path;
+use std::time::Instant;
+
+/// Side of a shard, px.
+const SHARD: usize = 2048;
+/// Size and number of the files that the disk is measured with: shards as they come from a codec.
+const FILE_BYTES: usize = 14 << 20;
+const FILES: usize = 48;
+/// Threads that write in a run.
+const WRITERS: usize = 2;
+
+pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
+    let chart: Generator = format!("composite?size={SHARD}&wavelengths=550&overscan=0&noise=0.01").parse()?;
+    let pixels = (SHARD * SHARD) as f64 * 1e-6;
+    encode(bench, &chart, pixels)?;
+    decode(bench, &chart, pixels)?;
+    disk(bench)
+}
+
+fn encode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
+    let side = Size::new(SHARD, SHARD);
+    let mut data = vec![0.0; side.pixels()];
+    let full = side.rect();
+    chart.read(0, full, &mut data).map_err(|e| anyhow::anyhow!("{e}"))?;
+    let spec = FilmSpec {
+        outputs: vec![FilmOutput { name: "film".into(), rect: full }],
+        film: side,
+        wavelengths_nm: vec![550.0],
+        pitch_um: FILM_MM * 1e3 / f64::from(bench.args.size),
+        axis_px: ((SHARD - 1) as f64 / 2.0, (SHARD - 1) as f64 / 2.0),
+        units: "relative".into(),
+        sample: SampleType::F32,
+        shard: SHARD,
+        chunk: 512,
+        codec: codec(crate::args::CodecArg::Zstd),
+    };
+    let film = FilmStore::create(&bench.scratch.0.join("encode.zarr"), spec, Map::new(), true)?;
+    let mut bytes = 0;
+    let rate = bench.rate(pixels, || {
+        bytes = film.encode_shard(0, 0, (0, 0), &data)?.bytes().len();
+        Ok(())
+    })?;
+    bench.number("encode_mpx_s", rate, "Mpx/s", "encoding (shuffle, zstd 1, 1 % noise), one core");
+    bench.number("encoded_share", bytes as f64 / (4e6 * pixels), "of f32", "  size it comes down to");
+    Ok(())
+}
+
+fn decode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
+    let path = bench.scratch.0.join("decode.zarr");
+    let meta = ChartMeta {
+        wavelengths_nm: vec![550.0],
+        pitch_um: Some(2.0),
+        film_size: None,
+        units: None,
+        attributes: Map::new(),
+    };
+    write_chart(&path, chart, &meta, codec(crate::args::CodecArg::Zstd), 1, &|_, _| ())?;
+    let mut line = vec![0.0; SHARD];
+    let rate = bench.rate(pixels, || {
+        let nan = NanPolicy::Error;
+        let store = ChartStore::open(
+            &path.to_string_lossy(),
+            ChartOptions { cache_bytes: 64 << 20, nan, wavelengths_nm: None },
+        )?;
+        // One line of each row of chunks decodes them all.
+        for y in (0..SHARD).step_by(store.piece_shape()[1]) {
+            store.read_rect(0, Rect::new(y as i64, 0, 1, SHARD), &mut line)?;
+        }
+        Ok(())
+    })?;
+    bench.number("decode_mpx_s", rate, "Mpx/s", "decoding the same, from the page cache, one core");
+    Ok(())
+}
+
+fn disk(bench: &mut Bench<'_>) -> Result<()> {
+    let root = bench.scratch.0.join("disk");
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let bytes: Vec<u8> = (0..FILE_BYTES / 8)
+        .flat_map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            state.to_le_bytes()
+        })
+        .collect();
+    let megabytes = (FILES * FILE_BYTES) as f64 * 1e-6;
+    let (mut writes, mut reads) = (Vec::new(), Vec::new());
+    for _ in 0..bench.rounds {
+        let start = Instant::now();
+        on_threads(|i| Ok(Directory::new(&root).write(&i.to_string(), &bytes)?))?;
+        writes.push(megabytes / start.elapsed().as_secs_f64());
+        forget(&root)?;
+        let start = Instant::now();
+        on_threads(|i| {
+            let read = Directory::new(&root).read(&i.to_string())?.context("just written")?;
+            anyhow::ensure!(read.len() == bytes.len(), "{i} came back with {} bytes", read.len());
+            Ok(())
+        })?;
+        reads.push(megabytes / start.elapsed().as_secs_f64());
+        std::fs::remove_dir_all(&root)?;
+    }
+    let median = |mut all: Vec<f64>| {
+        all.sort_by(f64::total_cmp);
+        (all[(all.len() - 1) / 2] + all[all.len() / 2]) / 2.0
+    };
+    bench.number(
+        "disk_write_mb_s",
+        median(writes),
+        "MB/s",
+        "disk, writing 14-MiB shards with fsync, two writers",
+    );
+    bench.number("disk_read_mb_s", median(reads), "MB/s", "disk, reading them back cold, two readers");
+    Ok(())
+}
+
+fn on_threads(work: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
+    std::thread::scope(|scope| {
+        let one = |w: usize| {
+            let work = &work;
+            scope.spawn(move || (w..FILES).step_by(WRITERS).try_for_each(work))
+        };
+        let all: Vec<_> = (0..WRITERS).map(one).collect();
+        all.into_iter().try_for_each(|t| t.join().expect("no panic in a bench"))
+    })
+}
+
+/// Takes every file under `path` out of the page cache.
+pub(super) fn forget(path: &Path) -> Result<()> {
+    for entry in std::fs::read_dir(path).with_context(|| format!("listing {}", path.display()))? {
+        let path = entry?.path();
+        if path.is_dir() { forget(&path)? } else { evict(&path)? }
+    }
+    Ok(())
+}
