@@ -193,6 +193,18 @@ impl Directory {
         Ok(Some(bytes))
     }
 
+    /// Tells the system that `length` bytes of `key` from `offset` will be read soon (0: to the end). Only a hint: what
+    /// fails is met again by whoever reads.
+    pub fn will_read(&self, key: &str, offset: u64, length: u64) {
+        #[cfg(target_os = "linux")]
+        if let Ok(path) = self.path(key)
+            && let Ok(Some((file, _))) = open(&path)
+        {
+            let length = std::num::NonZeroU64::new(length);
+            let _ = rustix::fs::fadvise(&file, offset, length, rustix::fs::Advice::WillNeed);
+        }
+    }
+
     /// The size of `key` in bytes, or `None` if there is no such file.
     ///
     /// # Errors

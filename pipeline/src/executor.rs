@@ -22,6 +22,8 @@ use thiserror::Error;
 
 /// Tiles in flight or waiting for their turn, per worker.
 pub const AHEAD: usize = 3;
+/// Tiles, per worker, between the one that is computed and the one whose chart is fetched: some tens of milliseconds.
+const READ_AHEAD: usize = 4;
 /// Threads that write encoded shards; each waits on the disk most of the time.
 const WRITERS: usize = 2;
 
@@ -124,6 +126,9 @@ impl ChartSource for Timed<'_> {
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
         self.1.time(|| self.0.read(band, rect, out))
     }
+    fn expect(&self, band: usize, rect: Rect) {
+        self.1.time(|| self.0.expect(band, rect));
+    }
 }
 
 /// A band on its way, and its tiles.
@@ -157,7 +162,7 @@ struct State {
 }
 
 enum Task {
-    Tile(usize, Arc<Running>, (usize, usize), Scattered),
+    Tile { sequence: usize, band: Arc<Running>, index: usize, light: Scattered },
     Encode(Finished),
     Over,
 }
@@ -282,10 +287,10 @@ impl<S: FilmSink> Shared<'_, S> {
             let tiles_left = state.band.as_ref().map_or(0, |b| b.tiles.len() - state.next_tile);
             if tiles_left > 0 && !cancelled && state.sequence < state.added + ahead {
                 let band = Arc::clone(state.band.as_ref().expect("it has tiles"));
-                let (sequence, tile) = (state.sequence, band.tiles[state.next_tile]);
+                let (sequence, index) = (state.sequence, state.next_tile);
                 state.sequence += 1;
                 state.next_tile += 1;
-                return Task::Tile(sequence, band, tile, state.spare.pop().unwrap_or_default());
+                return Task::Tile { sequence, band, index, light: state.spare.pop().unwrap_or_default() };
             }
             if over && (tiles_left == 0 || cancelled) && state.added == state.sequence && !state.adding {
                 self.changed.notify_all();
@@ -333,11 +338,12 @@ impl<S: FilmSink> Shared<'_, S> {
                         Err(source) => self.fail(RunError::Write { id: shard.id, source }),
                     }
                 }
-                Task::Tile(sequence, band, tile, mut light) => {
+                Task::Tile { sequence, band, index, mut light } => {
                     let work = &self.work.bands[band.position];
+                    let (tile, stages) = (band.tiles[index], &band.stages);
                     let rect = work.tiling.rect(tile);
                     scene.resize(rect.size().pixels(), 0.0);
-                    let stages = &band.stages;
+                    self.expect(&band, index + READ_AHEAD * self.work.threads.max(1));
                     let read = self.clock.scene.time(|| {
                         stages.scene.apply(&self.chart, work.chart_band, rect, &mut scene, &mut scratch)
                     });
@@ -361,6 +367,15 @@ impl<S: FilmSink> Shared<'_, S> {
                     self.add(sequence, Light { band, tile, light });
                 }
             }
+        }
+    }
+
+    /// Lets the chart fetch what a later tile of the band will ask for.
+    fn expect(&self, band: &Running, index: usize) {
+        let work = &self.work.bands[band.position];
+        if let Some(&tile) = band.tiles.get(index) {
+            let rect = band.stages.scene.about(self.chart.size(), work.tiling.rect(tile));
+            self.clock.scene.time(|| self.chart.expect(work.chart_band, rect));
         }
     }
 

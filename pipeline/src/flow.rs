@@ -16,6 +16,10 @@ pub trait ChartSource: Sync {
     /// # Errors
     /// Whatever keeps the pixels from being read, in words for the user: it names band, row and column.
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError>;
+
+    /// Says that about these pixels will be read soon: a source on a disk may start fetching them. Returns at once, changes
+    /// nothing, and whatever fails here fails again, and is told, when they are read.
+    fn expect(&self, _band: usize, _rect: Rect) {}
 }
 
 /// Where finished shards go. `encode` is pure computing and runs on the workers; `commit` does the writing, elsewhere.

@@ -19,7 +19,7 @@ mod map;
 
 use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, DoorError};
-use crate::geometry::{Frame, Rect};
+use crate::geometry::{Frame, Rect, Size};
 use crate::lens::{LensBand, LensError};
 use crate::resample::{Interp, Surround, bicubic, bilinear, box_span, box_weights};
 #[cfg(target_arch = "x86_64")]
@@ -124,6 +124,24 @@ impl Scene {
             }
         }
         Ok(())
+    }
+
+    /// About the chart rectangle that the film rectangle `rect` is made from, cut to a chart of `size`: a hint for
+    /// reading ahead, from the rectangle's corners and the middles of its sides.
+    pub fn about(&self, size: Size, rect: Rect) -> Rect {
+        let map = Map::new(&self.frame, &self.field);
+        let (mut rows, mut cols) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
+        let three = |first: i64, n: usize| [first, first + n as i64 / 2, first + n as i64 - 1];
+        for y in three(rect.y, rect.height) {
+            for x in three(rect.x, rect.width) {
+                let (row, col, _) = map.at(y, x);
+                rows = (rows.0.min(row), rows.1.max(row));
+                cols = (cols.0.min(col), cols.1.max(col));
+            }
+        }
+        let span = |(low, high): (f64, f64)| (low.floor() as i64 - 2, (high - low) as usize + 6);
+        let ((y, height), (x, width)) = (span(rows), span(cols));
+        Rect::new(y, x, height, width).intersect(size.rect())
     }
 
     fn interpolate(

@@ -53,6 +53,11 @@ impl<T> Cache<T> {
         self.limit
     }
 
+    /// Whether `key` is here or on its way.
+    pub(super) fn has(&self, key: u64) -> bool {
+        self.lock().slots.contains_key(&key)
+    }
+
     /// The value of `key`, from the cache or from `load`, which also tells its size in bytes.
     pub(super) fn get<E>(&self, key: u64, load: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
         let mut guard = self.lock();

@@ -277,9 +277,7 @@ impl Layout {
             None if self.is_sharded() => return Ok(None),
             None => self.directory.read_at_most(&self.key(p), limit),
             Some(index) => {
-                let per = self.per_file();
-                let [b, i, j]: [usize; 3] = std::array::from_fn(|k| p[k] % per[k]);
-                let slot = ((b * per[1] + i) * per[2] + j) * 2;
+                let slot = self.slot(p);
                 let (offset, length) = (index[slot], index[slot + 1]);
                 if offset == u64::MAX && length == u64::MAX {
                     return Ok(None);
@@ -296,6 +294,28 @@ impl Layout {
             Err(e @ (Length { .. } | Range { .. })) => Err(self.corrupt(p, e.to_string())),
             other => Ok(other?),
         }
+    }
+
+    /// Tells the system that piece `p` will be read, by its shard's index if it has one.
+    pub(super) fn will_read(&self, p: [usize; 3], index: Option<&[u64]>) {
+        let range = match index {
+            None if self.is_sharded() => return,
+            None => Some((0, 0)),
+            Some(index) => {
+                let slot = self.slot(p);
+                (index[slot] != u64::MAX).then_some((index[slot], index[slot + 1]))
+            }
+        };
+        if let Some((offset, length)) = range {
+            self.directory.will_read(&self.key(p), offset, length);
+        }
+    }
+
+    /// Where piece `p` stands in its shard's index: (offset, length).
+    fn slot(&self, p: [usize; 3]) -> usize {
+        let per = self.per_file();
+        let [b, i, j]: [usize; 3] = std::array::from_fn(|k| p[k] % per[k]);
+        ((b * per[1] + i) * per[2] + j) * 2
     }
 
     /// Decodes piece `p` into samples of this machine's byte order, the part beyond the chart's edge included.

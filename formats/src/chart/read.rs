@@ -47,17 +47,7 @@ impl ChartStore {
 
     /// Decodes piece `p`, cuts it to the chart, and looks for what is not finite.
     pub(super) fn load(&self, p: [usize; 3]) -> Result<Piece, ChartError> {
-        let index = if self.layout.is_sharded() {
-            let read = || {
-                let index = self.layout.read_index(p)?;
-                let bytes = index.as_ref().map_or(0, |i| i.len() * 8);
-                self.counters.bytes_read.fetch_add(bytes as u64, Relaxed);
-                Ok::<_, ChartError>((index, bytes + 64))
-            };
-            Some(self.indexes.get(self.layout.file_number(p), read)?)
-        } else {
-            None
-        };
+        let index = self.index(p)?;
         let index = index.as_ref().and_then(|i| i.as_deref());
         let Some(encoded) = self.layout.read_encoded(p, index)? else { return Ok(self.missing(p)) };
         self.counters.bytes_read.fetch_add(encoded.len() as u64, Relaxed);
@@ -67,6 +57,27 @@ impl ChartStore {
         self.counters.pieces_decoded.fetch_add(1, Relaxed);
         self.counters.decode_ns.fetch_add(start.elapsed().as_nanos() as u64, Relaxed);
         Ok(piece)
+    }
+
+    /// The index of the shard that holds piece `p`, if the array is sharded; `None` inside: the shard is missing.
+    #[allow(clippy::type_complexity, reason = "two reasons for there being none")]
+    fn index(&self, p: [usize; 3]) -> Result<Option<Arc<Option<Vec<u64>>>>, ChartError> {
+        let read = || {
+            let index = self.layout.read_index(p)?;
+            let bytes = index.as_ref().map_or(0, |i| i.len() * 8);
+            self.counters.bytes_read.fetch_add(bytes as u64, Relaxed);
+            Ok::<_, ChartError>((index, bytes + 64))
+        };
+        let sharded = self.layout.is_sharded();
+        sharded.then(|| self.indexes.get(self.layout.file_number(p), read)).transpose()
+    }
+
+    /// The pieces that hold the pixels of `rect` of `band`, row by row.
+    fn pieces_of(&self, band: usize, rect: Rect) -> impl Iterator<Item = [usize; 3]> + use<> {
+        let [bands, rows, columns] = self.layout.piece;
+        let all = |first: i64, end: i64, side: usize| first as usize / side..(end as usize).div_ceil(side);
+        let (down, across) = (all(rect.y, rect.bottom(), rows), all(rect.x, rect.right(), columns));
+        down.flat_map(move |i| across.clone().map(move |j| [band / bands, i, j]))
     }
 
     fn missing(&self, p: [usize; 3]) -> Piece {
@@ -159,21 +170,16 @@ impl ChartStore {
             return Ok(());
         }
         let spool = self.spool.get().filter(|s| s.holds(band));
-        let [bands, rows, columns] = self.layout.piece;
-        let all = |first: i64, end: i64, side: usize| first as usize / side..(end as usize).div_ceil(side);
-        for i in all(rect.y, rect.bottom(), rows) {
-            for j in all(rect.x, rect.right(), columns) {
-                let p = [band / bands, i, j];
-                let piece = match spool {
-                    Some(spool) => self.spooled(spool, band, p)?,
-                    None => self.piece(p)?,
-                };
-                self.check(p, &piece, band)?;
-                let part = rect.intersect(piece.rect);
-                for y in part.y..part.bottom() {
-                    let start = (y - rect.y) as usize * rect.width + (part.x - rect.x) as usize;
-                    piece.copy_row(band, y, part.x, &mut out[start..start + part.width]);
-                }
+        for p in self.pieces_of(band, rect) {
+            let piece = match spool {
+                Some(spool) => self.spooled(spool, band, p)?,
+                None => self.piece(p)?,
+            };
+            self.check(p, &piece, band)?;
+            let part = rect.intersect(piece.rect);
+            for y in part.y..part.bottom() {
+                let start = (y - rect.y) as usize * rect.width + (part.x - rect.x) as usize;
+                piece.copy_row(band, y, part.x, &mut out[start..start + part.width]);
             }
         }
         Ok(())
@@ -214,5 +220,16 @@ impl ChartSource for ChartStore {
 
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
         Ok(self.read_rect(band, rect, out)?)
+    }
+
+    fn expect(&self, band: usize, rect: Rect) {
+        if band < self.bands() && self.spool.get().is_none() {
+            for p in self.pieces_of(band, rect.intersect(self.size().rect())) {
+                if !self.cache.has(self.layout.number(p)) {
+                    self.layout
+                        .will_read(p, self.index(p).ok().flatten().as_ref().and_then(|i| i.as_deref()));
+                }
+            }
+        }
     }
 }
