@@ -30,6 +30,7 @@ pub mod field;
 pub mod flow;
 pub mod geometry;
 pub mod lens;
+pub mod measure;
 pub mod overlap_add;
 pub mod plan;
 pub mod psf;
