@@ -10,10 +10,6 @@
 //! then the taps: scalar here, in lanes in `lanes`.
 
 #[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
-#[cfg(target_arch = "x86_64")]
 mod lanes;
 mod map;
 
@@ -22,9 +18,13 @@ use crate::flow::{ChartSource, DoorError};
 use crate::geometry::{Frame, Rect};
 use crate::lens::{LensBand, LensError};
 use crate::resample::{Interp, Surround, bicubic, bilinear, box_span, box_weights};
-#[cfg(target_arch = "x86_64")]
-use crate::simd::Isa;
 use crate::simd::Simd;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::lanes::Gate;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{Avx2, Avx512, Isa};
+#[cfg(target_arch = "x86_64")]
+use lanes::Resample;
 use map::{Map, Points, ends};
 
 /// Which of the three effects are on; the paper evaluates them independently.
@@ -161,9 +161,9 @@ impl Scene {
         points.resize(strip);
         match self.simd.isa() {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => avx512::map(self.simd, map, strip, points),
+            Isa::Avx512 => lanes::map::<Avx512>(self.simd, map, strip, points),
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => avx2::map(self.simd, map, strip, points),
+            Isa::Avx2 => lanes::map::<Avx2>(self.simd, map, strip, points),
             _ => {
                 map.strip(strip, points);
                 (ends(&points.row), ends(&points.col))
@@ -280,9 +280,9 @@ impl Taps<'_> {
     fn apply(&self, interp: Interp, simd: Simd, out: &mut [f32]) {
         match simd.isa() {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => avx512::taps(simd, self, interp, out),
+            Isa::Avx512 => Gate::<Avx512>::open(simd).run(Resample { taps: self, interp, out }),
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => avx2::taps(simd, self, interp, out),
+            Isa::Avx2 => Gate::<Avx2>::open(simd).run(Resample { taps: self, interp, out }),
             _ => self.scalar(interp, out),
         }
     }

@@ -2,47 +2,70 @@
 //!
 //! Where the cells of a register's pixels span no more than two loads and two rows, a tap is two loads and a permutation;
 //! elsewhere it is gathered pixel by pixel. Either way a pixel's sums run in the same order, so its bits do not depend on
-//! its neighbours. All of it is inlined into the functions compiled for the instructions ([`super::avx512`],
-//! [`super::avx2`]).
+//! its neighbours. All of it is inlined into the gate of the instructions.
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use super::Taps;
-use super::map::PAD;
-use std::ops::{Add, Mul, Sub};
+use super::map::{Map, PAD, Points, ends};
+use crate::geometry::Rect;
+use crate::resample::Interp;
+use crate::simd::Simd;
+use crate::simd::lanes::{Gate, Lanes, Work};
 
-/// A register of f32 lanes; made only where the processor has been asked for its instructions.
-pub(super) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
-    /// Lanes of a register; divides [`PAD`].
-    const LANES: usize;
-    /// One bit a lane.
-    type Mask: Copy;
-    /// Lane → one of `2·LANES` consecutive values.
-    type Index: Copy;
+/// Fills `to`; the least and the greatest chart row and column.
+pub(super) fn map<V: Lanes>(
+    simd: Simd,
+    map: Map<'_>,
+    strip: Rect,
+    to: &mut Points,
+) -> ((i64, i64), (i64, i64)) {
+    let mut ends = ((0, 0), (0, 0));
+    Gate::<V>::open(simd).run(Mapping { map, strip, to, ends: &mut ends });
+    ends
+}
 
-    fn splat(v: f32) -> Self;
-    fn load(from: &[f32]) -> Self;
-    fn store(self, to: &mut [f32]);
-    /// self·b + c, rounded once.
-    fn mul_add(self, b: Self, c: Self) -> Self;
-    /// `self` where `mask`, else `b`.
-    fn or(self, mask: Self::Mask, b: Self) -> Self;
-    /// (cells − base, whether all are in 0..=`limit`).
-    fn index(cells: &[i32], base: i32, limit: i32) -> (Self::Index, bool);
-    /// Where cells = `at`.
-    fn equal(cells: &[i32], at: i32) -> Self::Mask;
-    /// `from[index]`; `from` holds `2·LANES` values.
-    fn pick(from: &[f32], index: Self::Index) -> Self;
+/// [`Map::strip`] and the ends of the chart's rows and columns, compiled for the instructions of a gate.
+struct Mapping<'a> {
+    map: Map<'a>,
+    strip: Rect,
+    to: &'a mut Points,
+    ends: &'a mut ((i64, i64), (i64, i64)),
+}
+
+impl<V: Lanes> Work<V> for Mapping<'_> {
+    #[inline(always)]
+    fn run(self) {
+        self.map.strip(self.strip, self.to);
+        *self.ends = (ends(&self.to.row), ends(&self.to.col));
+    }
+}
+
+/// The taps of a strip into `out`.
+pub(super) struct Resample<'a> {
+    pub(super) taps: &'a Taps<'a>,
+    pub(super) interp: Interp,
+    pub(super) out: &'a mut [f32],
+}
+
+impl<V: Lanes> Work<V> for Resample<'_> {
+    #[inline(always)]
+    fn run(self) {
+        match self.interp {
+            Interp::Bicubic => lines::<V, Cubic, 4>(self.taps, self.out),
+            Interp::Bilinear => lines::<V, Linear, 2>(self.taps, self.out),
+        }
+    }
 }
 
 /// A kind of interpolation over N × N taps, weights from a fraction.
-pub(super) trait Kernel<const N: usize> {
+trait Kernel<const N: usize> {
     fn weights<V: Lanes>(f: V) -> [V; N];
 }
 
 /// Catmull-Rom.
-pub(super) struct Cubic;
+struct Cubic;
 /// Linear.
-pub(super) struct Linear;
+struct Linear;
 
 impl Kernel<4> for Cubic {
     #[inline(always)]
@@ -67,7 +90,7 @@ impl Kernel<2> for Linear {
 
 /// Fills the film lines of `t` in `out`.
 #[inline(always)]
-pub(super) fn lines<V: Lanes, K: Kernel<N>, const N: usize>(t: &Taps<'_>, out: &mut [f32]) {
+fn lines<V: Lanes, K: Kernel<N>, const N: usize>(t: &Taps<'_>, out: &mut [f32]) {
     let (p, width) = (t.points, t.strip.width);
     for (line, to) in out.chunks_mut(t.stride).take(t.strip.height).enumerate() {
         let to = &mut to[..width];
@@ -104,38 +127,37 @@ fn near<V: Lanes, const N: usize>(
 ) -> Option<V> {
     let last = V::LANES - 1;
     let (y, x) = (rows[0].min(rows[last]), cols[0].min(cols[last]));
-    let (index, narrow) = V::index(cols, x, 2 * V::LANES as i32 - 1);
-    let (_, low) = V::index(rows, y, 1);
-    if !(narrow && low) {
+    let (index, row) = (V::plus(V::load_ints(cols), -x), V::plus(V::load_ints(rows), -y));
+    if !(V::within(index, 2 * V::LANES as i32 - 1) && V::within(row, 1)) {
         return None;
     }
     let first = (y - t.first.0) as usize * t.width + (x - t.first.1) as usize;
     let mut sum = near_line(t, first, index, wx) * wy[0];
-    if V::index(rows, y, 0).1 {
+    if V::within(row, 0) {
         for j in 1..N {
             sum = near_line(t, first + j * t.width, index, wx).mul_add(wy[j], sum);
         }
         return Some(sum);
     }
     // The lower pixels begin a row later.
-    let upper = V::equal(rows, y);
+    let upper = V::equal(row, 0);
     let line = near_line(t, first + t.width, index, wx);
-    sum = line.mul_add(wy[1], sum).or(upper, line * wy[0]);
+    sum = V::select(upper, line.mul_add(wy[1], sum), line * wy[0]);
     for j in 2..N {
         let line = near_line(t, first + j * t.width, index, wx);
-        sum = line.mul_add(wy[j].or(upper, wy[j - 1]), sum);
+        sum = line.mul_add(V::select(upper, wy[j], wy[j - 1]), sum);
     }
     let line = near_line(t, first + N * t.width, index, wx);
-    Some(sum.or(upper, line.mul_add(wy[N - 1], sum)))
+    Some(V::select(upper, sum, line.mul_add(wy[N - 1], sum)))
 }
 
 /// Σ of one row's taps, which begin at `first`.
 #[inline(always)]
-fn near_line<V: Lanes, const N: usize>(t: &Taps<'_>, first: usize, index: V::Index, wx: &[V; N]) -> V {
+fn near_line<V: Lanes, const N: usize>(t: &Taps<'_>, first: usize, index: V::Ints, wx: &[V; N]) -> V {
     let from = &t.source[first..][..N - 1 + 2 * V::LANES];
-    let mut sum = V::pick(from, index) * wx[0];
+    let mut sum = V::pick(V::load(from), V::load(&from[V::LANES..]), index) * wx[0];
     for k in 1..N {
-        sum = V::pick(&from[k..], index).mul_add(wx[k], sum);
+        sum = V::pick(V::load(&from[k..]), V::load(&from[k + V::LANES..]), index).mul_add(wx[k], sum);
     }
     sum
 }
