@@ -178,6 +178,23 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn floor(self) -> Self {
+        Self(avx2!(_mm256_floor_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn ints(self) -> Self::Ints {
+        avx2!(_mm256_cvtps_epi32(self.0))
+    }
+
+    #[inline(always)]
+    fn store_ints(a: Self::Ints, to: &mut [i32]) {
+        let to = &mut to[..Self::LANES];
+        // SAFETY: as in `avx2!`; there is room for 8 values.
+        unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), a) }
+    }
+
+    #[inline(always)]
     fn load_ints(from: &[i32]) -> Self::Ints {
         let from = &from[..Self::LANES];
         // SAFETY: as in `avx2!`; 8 values lie there.

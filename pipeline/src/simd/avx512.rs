@@ -171,6 +171,23 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
+    fn floor(self) -> Self {
+        Self(avx512!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(self.0)))
+    }
+
+    #[inline(always)]
+    fn ints(self) -> Self::Ints {
+        avx512!(_mm512_cvtps_epi32(self.0))
+    }
+
+    #[inline(always)]
+    fn store_ints(a: Self::Ints, to: &mut [i32]) {
+        let to = &mut to[..Self::LANES];
+        // SAFETY: as in `avx512!`; there is room for 16 values.
+        unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), a) }
+    }
+
+    #[inline(always)]
     fn load_ints(from: &[i32]) -> Self::Ints {
         let from = &from[..Self::LANES];
         // SAFETY: as in `avx512!`; 16 values lie there.

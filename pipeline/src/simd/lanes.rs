@@ -72,8 +72,14 @@ pub(crate) trait Lanes:
     /// `a` where `mask`, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
+    /// The greatest whole number not above.
+    fn floor(self) -> Self;
+    /// Whole numbers as such.
+    fn ints(self) -> Self::Ints;
     /// The first `LANES` values.
     fn load_ints(from: &[i32]) -> Self::Ints;
+    /// To the first `LANES` values.
+    fn store_ints(a: Self::Ints, to: &mut [i32]);
     /// a + `b`.
     fn plus(a: Self::Ints, b: i32) -> Self::Ints;
     /// Whether every lane is in 0..=`limit`.
