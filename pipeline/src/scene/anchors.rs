@@ -31,7 +31,7 @@ const NEAR: f64 = 256.0;
 /// Slack of the bounds on cells, px: more than any rounding.
 const SLACK: f64 = 1e-3;
 /// Anchors made together.
-const GROUP: usize = 8;
+pub(super) const GROUP: usize = 8;
 
 /// The field's table as the lanes want it: what a step is bent by at its ends.
 #[derive(Clone, Debug)]
@@ -111,170 +111,98 @@ pub(super) struct Exact {
     pub(super) gain: [f32; SIDE],
 }
 
-/// Anchors of a strip, line by line, `stride` a line.
+/// What an anchor gives its pixels.
+pub(super) const VALUES: usize = 13;
+
+/// Anchors made together, side by side.
+#[derive(Clone, Debug)]
+pub(super) struct Group {
+    /// Fractions of row and column; chart columns that a film column moves, less [`Map::whole_columns`]; dx/scale; δ's
+    /// coefficients of t, t², t³, t⁴; 1/ρ; h′ − m; R; ends of the step relative to ρ.
+    pub(super) values: [[f32; GROUP]; VALUES],
+    pub(super) row: [i32; GROUP],
+    pub(super) col: [i32; GROUP],
+    /// Step of the field.
+    pub(super) step: [i32; GROUP],
+    /// 0, or 1 + the index of a [`Special`].
+    special: [u32; GROUP],
+}
+
+impl Group {
+    const EMPTY: Self = Self {
+        values: [[0.0; GROUP]; VALUES],
+        row: [0; GROUP],
+        col: [0; GROUP],
+        step: [0; GROUP],
+        special: [0; GROUP],
+    };
+}
+
+/// Anchors of a strip.
 #[derive(Debug, Default)]
 pub(super) struct Anchors {
     /// First film column of the first block.
     pub(super) x: i64,
     /// Blocks of a line.
     pub(super) count: usize,
-    pub(super) stride: usize,
-    /// 0, or 1 + the index of a [`Special`].
-    pub(super) special: Vec<u32>,
-    pub(super) specials: Vec<Special>,
+    /// Line by line.
+    groups: Vec<Group>,
+    specials: Vec<Special>,
     pub(super) bends: Vec<Bend>,
-    pub(super) row: Vec<i32>,
-    pub(super) col: Vec<i32>,
-    /// Step of the field.
-    pub(super) step: Vec<i32>,
-    /// The rest, by the names below.
-    pub(super) values: [Vec<f32>; VALUES],
     /// (least, greatest) chart row and column of any pixel.
     pub(super) ends: ((i64, i64), (i64, i64)),
 }
 
-/// What [`Anchors::values`] hold: fractions of row and column; columns a film column moves, less
-/// [`Map::whole_columns`]; dx/scale; δ's coefficients of t, t², t³, t⁴; 1/ρ; h′ − m; R; ends of the step relative to ρ.
-pub(super) const VALUES: usize = 13;
-
 impl Anchors {
-    /// What is special about a block, if anything.
+    /// The groups of a line.
     #[inline(always)]
-    pub(super) fn special(&self, block: usize) -> Option<&Special> {
-        match self.special[block] {
-            0 => None,
-            i => Some(&self.specials[i as usize - 1]),
-        }
+    pub(super) fn line(&self, line: usize) -> &[Group] {
+        let groups = self.count.div_ceil(GROUP);
+        &self.groups[line * groups..][..groups]
     }
 
-    fn resize(&mut self, strip: Rect) {
-        let side = SIDE as i64;
-        self.x = strip.x.div_euclid(side) * side;
-        self.count = ((strip.right() - self.x) as usize).div_ceil(SIDE);
-        self.stride = self.count.next_multiple_of(GROUP);
-        let n = self.stride * strip.height;
-        self.special.clear();
-        self.special.resize(n, 0);
-        self.specials.clear();
-        self.bends.clear();
-        for ints in [&mut self.row, &mut self.col, &mut self.step] {
-            ints.resize(n, 0);
-        }
-        for values in &mut self.values {
-            values.resize(n, 0.0);
+    /// What is special about the `i`-th block of a group, if anything.
+    #[inline(always)]
+    pub(super) fn special(&self, group: &Group, i: usize) -> Option<&Special> {
+        match group.special[i] {
+            0 => None,
+            at => Some(&self.specials[at as usize - 1]),
         }
     }
 
     /// Makes the anchors of `strip`.
     #[inline(always)]
     pub(super) fn fill(&mut self, map: &Map<'_>, knots: &Knots, strip: Rect) {
-        self.resize(strip);
+        let side = SIDE as i64;
+        self.x = strip.x.div_euclid(side) * side;
+        self.count = ((strip.right() - self.x) as usize).div_ceil(SIDE);
+        let groups = self.count.div_ceil(GROUP);
+        self.groups.resize(groups * strip.height, Group::EMPTY);
+        self.specials.clear();
+        self.bends.clear();
         let mut ends = Ends::nothing();
-        for (line, y) in (strip.y..strip.bottom()).enumerate() {
-            for block in (0..self.count).step_by(GROUP) {
-                let odd = self.group(map, knots, y, line, block, &mut ends);
+        for line in 0..strip.height {
+            for i in 0..groups {
+                let (y, block) = (strip.y + line as i64, i * GROUP);
+                let at = line * groups + i;
+                let odd = group(&mut self.groups[at], map, knots, y, (self.x, block, self.count), &mut ends);
                 if odd {
-                    self.specials(map, knots, y, line, block, &mut ends);
+                    self.specials(at, map, knots, y, block, &mut ends);
                 }
             }
         }
         self.ends = ends.cells();
     }
 
-    /// The `GROUP` anchors from `block` on; whether any needs more.
-    #[inline(always)]
-    fn group(
-        &mut self,
-        map: &Map<'_>,
-        knots: &Knots,
-        y: i64,
-        line: usize,
-        block: usize,
-        ends: &mut Ends,
-    ) -> bool {
-        type Lane = [f64; GROUP];
-        const NONE: Lane = [0.0; GROUP];
-        let dy = y as f64 - map.axis_px.0;
-        let first = self.x as f64 + HALF - map.axis_px.1;
-        let last = (self.count - 1) as f64;
-        let (mut dx, mut r, mut per_r) = (NONE, NONE, NONE);
-        for i in 0..GROUP {
-            // Behind the line's last block it stands again.
-            let b = (block + i) as f64;
-            dx[i] = first + SIDE as f64 * if b < last { b } else { last };
-            r[i] = (dy * dy + dx[i] * dx[i]).sqrt();
-            per_r[i] = 1.0 / r[i];
-        }
-        let at = line * self.stride + block;
-        let (mut h_at, mut h_slope, mut gain_at, mut gain_slope) = (NONE, NONE, NONE, NONE);
-        let (mut until, mut from, mut bend) = (NONE, NONE, NONE);
-        let steps = part(&mut self.step, at);
-        for i in 0..GROUP {
-            let k = map.field.step(r[i]);
-            let s = &knots.steps[k];
-            steps[i] = k as i32;
-            (h_at[i], h_slope[i], gain_at[i], gain_slope[i]) = (s.h_at, s.h_slope, s.gain_at, s.gain_slope);
-            (until[i], from[i], bend[i]) = (s.until, s.from, knots.bend[k]);
-        }
-        let whole = map.whole_columns();
-        let mut odd = false;
-        let [row_f, col_f, more, dx_at, c1, c2, c3, c4, inverse, slope, gain, outer, inner] =
-            self.values.each_mut();
-        let (row_f, col_f, more) = (part(row_f, at), part(col_f, at), part(more, at));
-        let (dx_at, slope, inverse) = (part(dx_at, at), part(slope, at), part(inverse, at));
-        let (c1, c2, c3, c4) = (part(c1, at), part(c2, at), part(c3, at), part(c4, at));
-        let (gain, outer, inner) = (part(gain, at), part(outer, at), part(inner, at));
-        let (row_cell, col_cell) = (part(&mut self.row, at), part(&mut self.col, at));
-        for i in 0..GROUP {
-            let departs = h_at[i] * per_r[i]; // m − h′
-            let m = h_slope[i] + departs;
-            let row = map.offset.0 + dy * m * map.per_scale.0;
-            let col = map.offset.1 + dx[i] * m * map.per_scale.1;
-            let a_column = m * map.per_scale.1;
-            let moves = HALF * (departs.abs() + bend[i]);
-            let bad = (r[i] < NEAR)
-                | (r[i] + HALF > knots.last_px)
-                | (moves > 1.0)
-                | ((a_column - whole).abs() > 1.0);
-            odd |= bad;
-            // Blocks that are mapped exactly bound themselves.
-            let (tall, wide) = (moves + SLACK, HALF * a_column.abs() + moves + SLACK);
-            lower(&mut ends.row.0[i], if bad { f64::INFINITY } else { row - tall });
-            raise(&mut ends.row.1[i], if bad { f64::NEG_INFINITY } else { row + tall });
-            lower(&mut ends.col.0[i], if bad { f64::INFINITY } else { col - wide });
-            raise(&mut ends.col.1[i], if bad { f64::NEG_INFINITY } else { col + wide });
-            let (row, col) = (Coordinate::new(row), Coordinate::new(col));
-            (row_cell[i], row_f[i]) = (row.cell, row.fraction);
-            (col_cell[i], col_f[i]) = (col.cell, col.fraction);
-            more[i] = (a_column - whole) as f32;
-            dx_at[i] = (dx[i] * map.per_scale.1) as f32;
-            slope[i] = -departs as f32;
-        }
-        for i in 0..GROUP {
-            let u = dx[i] * per_r[i];
-            let across = 0.5 * (1.0 - u * u) * per_r[i];
-            c1[i] = u as f32;
-            c2[i] = across as f32;
-            c3[i] = (-across * u * per_r[i]) as f32;
-            c4[i] = (across * (5.0 * u * u - 1.0) * 0.25 * per_r[i] * per_r[i]) as f32;
-            inverse[i] = per_r[i] as f32;
-            gain[i] = (gain_at[i] + gain_slope[i] * r[i]) as f32;
-            outer[i] = (until[i] - r[i]) as f32;
-            inner[i] = (from[i] - r[i]) as f32;
-        }
-        odd | !knots.sparse
-    }
-
     /// What the anchors of a group need beside their values.
     #[cold]
     #[inline(never)]
-    fn specials(&mut self, map: &Map<'_>, knots: &Knots, y: i64, line: usize, block: usize, ends: &mut Ends) {
-        for b in block..(block + GROUP).min(self.count) {
-            let at = line * self.stride + b;
-            let x = self.x + (b * SIDE) as i64;
+    fn specials(&mut self, at: usize, map: &Map<'_>, knots: &Knots, y: i64, block: usize, ends: &mut Ends) {
+        for b in 0..GROUP.min(self.count - block) {
+            let x = self.x + ((block + b) * SIDE) as i64;
             let (dy, dx) = (y as f64 - map.axis_px.0, (x as f64 + HALF) - map.axis_px.1);
             let r = (dy * dy + dx * dx).sqrt();
-            let i = self.step[at] as usize;
+            let i = self.groups[at].step[b] as usize;
             let first = self.bends.len();
             let mut moves = HALF * ((knots.steps[i].h_at / r).abs() + knots.bend[i]);
             let expandable = r >= NEAR && r + HALF <= knots.last_px && !knots.sparse;
@@ -311,15 +239,114 @@ impl Anchors {
                 }
                 self.specials.push(Special::Exact(Box::new(exact)));
             }
-            self.special[at] = self.specials.len() as u32;
+            self.groups[at].special[b] = self.specials.len() as u32;
         }
     }
 }
 
-/// A group of `values` from `at` on.
+type Lane = [f64; GROUP];
+
+/// The anchors of the line `y` from the `block`-th on, of `count` whose first begins at column `x`; whether any needs more.
 #[inline(always)]
-fn part<T>(values: &mut [T], at: usize) -> &mut [T; GROUP] {
-    (&mut values[at..at + GROUP]).try_into().expect("a group")
+fn group(
+    to: &mut Group,
+    map: &Map<'_>,
+    knots: &Knots,
+    y: i64,
+    (x, block, count): (i64, usize, usize),
+    ends: &mut Ends,
+) -> bool {
+    const NONE: Lane = [0.0; GROUP];
+    let dy = y as f64 - map.axis_px.0;
+    let first = x as f64 + HALF - map.axis_px.1;
+    let last = (count - 1) as f64;
+    let (mut dx, mut r, mut per_r) = (NONE, NONE, NONE);
+    for i in 0..GROUP {
+        // Behind the line's last block it stands again.
+        let b = (block + i) as f64;
+        dx[i] = first + SIDE as f64 * if b < last { b } else { last };
+        r[i] = (dy * dy + dx[i] * dx[i]).sqrt();
+        per_r[i] = 1.0 / r[i];
+    }
+    let (mut h_at, mut h_slope, mut gain_at, mut gain_slope) = (NONE, NONE, NONE, NONE);
+    let (mut until, mut from, mut bend) = (NONE, NONE, NONE);
+    for i in 0..GROUP {
+        let k = map.field.step(r[i]);
+        let s = &knots.steps[k];
+        to.step[i] = k as i32;
+        (h_at[i], h_slope[i], gain_at[i], gain_slope[i]) = (s.h_at, s.h_slope, s.gain_at, s.gain_slope);
+        (until[i], from[i], bend[i]) = (s.until, s.from, knots.bend[k]);
+    }
+    let whole = map.whole_columns();
+    let (mut departs, mut more, mut row, mut col, mut moves) = (NONE, NONE, NONE, NONE, NONE);
+    let mut odd = 0.0;
+    for i in 0..GROUP {
+        departs[i] = h_at[i] * per_r[i]; // m − h′
+        let m = h_slope[i] + departs[i];
+        row[i] = map.offset.0 + dy * m * map.per_scale.0;
+        col[i] = map.offset.1 + dx[i] * m * map.per_scale.1;
+        more[i] = m * map.per_scale.1 - whole;
+        moves[i] = HALF * (departs[i].abs() + bend[i]);
+    }
+    for i in 0..GROUP {
+        let bad = (r[i] < NEAR) | (r[i] + HALF > knots.last_px) | (moves[i] > 1.0) | (more[i].abs() > 1.0);
+        odd += if bad { 1.0 } else { 0.0 };
+        // Blocks that are mapped exactly bound themselves.
+        let tall = if bad { f64::NEG_INFINITY } else { moves[i] + SLACK };
+        let wide = HALF * (whole + more[i].abs()) + tall;
+        lower(&mut ends.row.0[i], row[i] - tall);
+        raise(&mut ends.row.1[i], row[i] + tall);
+        lower(&mut ends.col.0[i], col[i] - wide);
+        raise(&mut ends.col.1[i], col[i] + wide);
+    }
+    let [row_f, col_f, more_f, dx_f, c1, c2, c3, c4, inverse, slope, gain, outer, inner] = &mut to.values;
+    for i in 0..GROUP {
+        let at = Coordinate::new(row[i]);
+        (to.row[i], row_f[i]) = (at.cell, at.fraction);
+    }
+    for i in 0..GROUP {
+        let at = Coordinate::new(col[i]);
+        (to.col[i], col_f[i]) = (at.cell, at.fraction);
+    }
+    let (mut u, mut across) = (NONE, NONE);
+    for i in 0..GROUP {
+        u[i] = dx[i] * per_r[i];
+        across[i] = 0.5 * (1.0 - u[i] * u[i]) * per_r[i];
+    }
+    narrow(more_f, more);
+    narrow(c1, u);
+    narrow(c2, across);
+    narrow(inverse, per_r);
+    for i in 0..GROUP {
+        dx_f[i] = (dx[i] * map.per_scale.1) as f32;
+    }
+    for i in 0..GROUP {
+        c3[i] = (-across[i] * u[i] * per_r[i]) as f32;
+    }
+    for i in 0..GROUP {
+        c4[i] = (across[i] * (5.0 * u[i] * u[i] - 1.0) * 0.25 * per_r[i] * per_r[i]) as f32;
+    }
+    for i in 0..GROUP {
+        slope[i] = -departs[i] as f32;
+    }
+    for i in 0..GROUP {
+        gain[i] = (gain_at[i] + gain_slope[i] * r[i]) as f32;
+    }
+    for i in 0..GROUP {
+        outer[i] = (until[i] - r[i]) as f32;
+    }
+    for i in 0..GROUP {
+        inner[i] = (from[i] - r[i]) as f32;
+    }
+    to.special = [0; GROUP];
+    (odd > 0.0) | !knots.sparse
+}
+
+#[inline(always)]
+fn narrow(to: &mut [f32; GROUP], from: Lane) {
+    for i in 0..GROUP {
+        to[i] = from[i] as f32;
+    }
 }
 
 #[inline(always)]

@@ -6,7 +6,7 @@
 //! instructions: no closures here, which would be compiled without them.
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
-use super::anchors::{Anchors, Exact, Knots, SIDE, Special, VALUES};
+use super::anchors::{Anchors, Exact, GROUP, Group, Knots, SIDE, Special, VALUES};
 use super::map::Map;
 use crate::geometry::Rect;
 use crate::resample::Interp;
@@ -82,14 +82,16 @@ impl Resample<'_> {
             let dy = ((self.strip.y + line as i64) as f64 - self.map.axis_px.0) * self.map.per_scale.0;
             let dy = V::splat(dy as f32);
             let whole = V::splat(self.map.whole_columns() as f32);
+            let groups = a.line(line);
             let mut x = a.x - self.strip.x;
             for step in 0..steps {
                 let first = step * V::LANES % SIDE;
-                let block = line * a.stride + step * V::LANES / SIDE;
-                let pixels = match a.special(block) {
-                    None => self.expanded::<V, false>(block, first, dy, whole, (0, 0)),
+                let block = step * V::LANES / SIDE;
+                let (group, i) = (&groups[block / GROUP], block % GROUP);
+                let pixels = match a.special(group, i) {
+                    None => self.expanded::<V, false>((group, i), first, dy, whole, (0, 0)),
                     Some(Special::Bends(from, to)) => {
-                        self.expanded::<V, true>(block, first, dy, whole, (*from, *to))
+                        self.expanded::<V, true>((group, i), first, dy, whole, (*from, *to))
                     }
                     Some(Special::Exact(exact)) => Pixels::<V>::exact(exact, first),
                 };
@@ -111,11 +113,11 @@ impl Resample<'_> {
         }
     }
 
-    /// The pixels of `block` from its `first` on, by its anchor.
+    /// The pixels of a block from its `first` on, by its anchor.
     #[inline(always)]
     fn expanded<V: Lanes, const BENDS: bool>(
         &self,
-        block: usize,
+        (group, i): (&Group, usize),
         first: usize,
         dy: V,
         whole: V,
@@ -123,11 +125,11 @@ impl Resample<'_> {
     ) -> Pixels<V> {
         let a = self.anchors;
         let mut values = [V::splat(0.0); VALUES];
-        for i in 0..VALUES {
-            values[i] = V::splat(a.values[i][block]);
+        for (value, of) in values.iter_mut().zip(&group.values) {
+            *value = V::splat(of[i]);
         }
         let [row, col, more, dx, c1, c2, c3, c4, inverse, slope, gain, outer, inner] = values;
-        let [gain_slope, h_outer, gain_outer, h_inner, gain_inner] = *self.knots.bends(a.step[block]);
+        let [gain_slope, h_outer, gain_outer, h_inner, gain_inner] = *self.knots.bends(group.step[i]);
         let zero = V::splat(0.0);
         let t = V::count() + V::splat(first as f32 - (SIDE / 2) as f32);
         let r = t * t.mul_add(t.mul_add(t.mul_add(c4, c3), c2), c1);
@@ -149,7 +151,7 @@ impl Resample<'_> {
         let col = dx.mul_add(m, t.mul_add(more, col));
         let (row_cell, col_cell) = (row.floor(), col.floor());
         Pixels {
-            origin: (a.row[block], a.col[block]),
+            origin: (group.row[i], group.col[i]),
             rows: row_cell.ints(),
             cols: t.mul_add(whole, col_cell).ints(),
             row_fraction: row - row_cell,
