@@ -18,7 +18,7 @@ mod map;
 use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, DoorError};
 use crate::geometry::{Frame, Rect};
-use crate::lens::{LensBand, LensError};
+use crate::lens::LensBand;
 use crate::resample::{Interp, Surround, bicubic, bilinear, box_span, box_weights};
 use crate::simd::Simd;
 #[cfg(target_arch = "x86_64")]
@@ -100,34 +100,25 @@ const STRIP_COLS: f64 = 1024.0;
 const SPARE: usize = 32;
 
 impl Scene {
-    /// The stage for `band` on the film of `frame` grown by `margin` px; `gain` multiplies every value (film units);
-    /// `simd` is what it computes with.
-    ///
-    /// # Errors
-    /// [`LensError::Outside`] if the tables end before the grown film's corner and `reading.outside` says error.
+    /// The stage for `band` on the film of `frame`, which the lens's tables cover ([`crate::band`] checks; beyond them the
+    /// last values go on); `gain` multiplies every value (film units); `simd` is what it computes with.
     pub fn new(
         frame: &Frame,
         band: &LensBand,
         stages: Stages,
         reading: Reading,
-        margin: usize,
         gain: f64,
         simd: Simd,
-    ) -> Result<Self, LensError> {
-        if stages.ri || stages.distortion {
-            let needed = frame.farthest_mm(frame.film.rect().grown(margin));
-            let last = band.image_height_mm[band.image_height_mm.len() - 1];
-            reading.outside.check("image_height table", band.wavelength_nm, needed, last)?;
-        }
+    ) -> Self {
         let field = Field::new(band, frame.pitch_mm(), stages.distortion, stages.ri, gain);
-        Ok(Self {
+        Self {
             frame: *frame,
             #[cfg(target_arch = "x86_64")]
             knots: Knots::new(&field),
             field,
             reading,
             simd,
-        })
+        }
     }
 
     /// Fills `out` (row-major) with the scene on the film rectangle `rect`, read from band `band` of `chart`.
