@@ -4,7 +4,6 @@
 //! linearly in λ at equal IDEAL height; a PSF does so only when asked ([`PsfBetween::Interpolate`]), node by node.
 
 use crate::executor::BandStages;
-use crate::field::Outside;
 use crate::geometry::Frame;
 use crate::lens::{Lens, LensBand, LensError, PsfStack};
 use crate::plan::Tiling;
@@ -148,9 +147,7 @@ impl BandPlan {
         gain: f64,
         mut stack: impl FnMut(usize) -> Result<PsfStack, E>,
     ) -> Result<BandStages, E> {
-        let reading = Reading { outside: Outside::Clamp, ..options.reading }; // checked by `new`
-        let (margin, simd) = (self.tiling.margin(), options.simd);
-        let scene = Scene::new(frame, &self.lens, options.stages, reading, margin, gain, simd)?;
+        let scene = Scene::new(frame, &self.lens, options.stages, options.reading, gain, options.simd);
         let psf = match &self.grid {
             None => None,
             Some(grid) => {

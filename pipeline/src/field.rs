@@ -53,14 +53,15 @@ pub struct Field {
 /// Radii looked up together.
 pub(crate) const BLOCK: usize = 8;
 
-/// Up to the real height `until` (px): h = h_at + h_slope·r, R = gain_at + gain_slope·r.
+/// Between the real heights `from` and `until` (px): h = h_at + h_slope·r, R = gain_at + gain_slope·r.
 #[derive(Clone, Copy, Debug)]
-struct Step {
-    until: f64,
-    h_at: f64,
-    h_slope: f64,
-    gain_at: f64,
-    gain_slope: f64,
+pub(crate) struct Step {
+    pub(crate) from: f64,
+    pub(crate) until: f64,
+    pub(crate) h_at: f64,
+    pub(crate) h_slope: f64,
+    pub(crate) gain_at: f64,
+    pub(crate) gain_slope: f64,
 }
 
 impl Field {
@@ -74,6 +75,7 @@ impl Field {
             let slope = |t: &[f64]| (t[i + 1] - t[i]) / (real[i + 1] - real[i]);
             let (h_slope, r_slope) = (slope(ideal), if illumination { slope(ri) } else { 0.0 });
             Step {
+                from: real[i] / pitch_mm,
                 until: if i + 2 < real.len() { real[i + 1] / pitch_mm } else { f64::INFINITY },
                 h_at: (ideal[i] - h_slope * real[i]) / pitch_mm,
                 h_slope,
@@ -105,9 +107,19 @@ impl Field {
         }
     }
 
+    /// The steps, ascending.
+    pub(crate) fn steps(&self) -> &[Step] {
+        &self.steps[..self.steps.len() - 1]
+    }
+
+    /// Where the tables end, px.
+    pub(crate) fn last_px(&self) -> f64 {
+        self.real_px[self.real_px.len() - 1]
+    }
+
     /// The step that `r` lies in.
     #[inline(always)]
-    fn step(&self, r: f64) -> usize {
+    pub(crate) fn step(&self, r: f64) -> usize {
         let mut i = self.buckets[((r * self.per_px) as usize).min(self.buckets.len() - 1)] as usize;
         while self.steps[i].until <= r {
             i += 1;

@@ -6,13 +6,11 @@
 //! Jacobian, so a uniform chart gives a scene of exactly R. A gather: every film pixel asks the chart, in f64 down to an
 //! integer and an f32 fraction ([`crate::resample`]), so pixels do not depend on how the film is cut.
 //!
-//! Strip by strip: where its pixels lie on the chart (`map`, the same bits on every path), that rectangle of the chart,
-//! then the taps: scalar here, in lanes in `lanes`.
+//! Strip by strip: where its pixels lie on the chart, that rectangle of the chart, then the taps. On the portable path
+//! every pixel is mapped in f64 (`map`); in lanes one in sixteen (`anchors`) and the rest from it, within 2e-6 px.
 
 #[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
+mod anchors;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
 mod map;
@@ -20,11 +18,17 @@ mod map;
 use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, DoorError};
 use crate::geometry::{Frame, Rect, Size};
-use crate::lens::{LensBand, LensError};
+use crate::lens::LensBand;
 use crate::resample::{Interp, Surround, bicubic, bilinear, box_span, box_weights};
-#[cfg(target_arch = "x86_64")]
-use crate::simd::Isa;
 use crate::simd::Simd;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::lanes::{Gate, Lanes};
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{Avx2, Avx512, Isa};
+#[cfg(target_arch = "x86_64")]
+use anchors::{Anchors, Knots};
+#[cfg(target_arch = "x86_64")]
+use lanes::{Anchoring, Chart, Resample};
 use map::{Map, Points, ends};
 
 /// Which of the three effects are on; the paper evaluates them independently.
@@ -49,11 +53,27 @@ pub struct Reading {
     pub outside: Outside,
 }
 
+impl Reading {
+    /// The chart for the cells from the least to the greatest (row, column): it, and the cell whose first tap it begins
+    /// with.
+    fn needs(&self, (rows, cols): ((i64, i64), (i64, i64))) -> (Rect, (i32, i32)) {
+        let (before, taps) = match self.interp {
+            Interp::Bicubic => (1, 4),
+            Interp::Bilinear => (0, 2),
+        };
+        let span = |(low, high): (i64, i64)| (low - before, (high - low) as usize + taps);
+        let ((y, height), (x, width)) = (span(rows), span(cols));
+        (Rect::new(y, x, height, width), (rows.0 as i32, cols.0 as i32))
+    }
+}
+
 /// Stages 1-2 of one band.
 #[derive(Debug)]
 pub struct Scene {
     frame: Frame,
     field: Field,
+    #[cfg(target_arch = "x86_64")]
+    knots: Knots,
     reading: Reading,
     simd: Simd,
 }
@@ -62,6 +82,8 @@ pub struct Scene {
 #[derive(Debug, Default)]
 pub struct SceneScratch {
     points: Points,
+    #[cfg(target_arch = "x86_64")]
+    anchors: Anchors,
     gain: Vec<f32>,
     source: Vec<f32>,
     read: Vec<f32>,
@@ -72,33 +94,31 @@ pub struct SceneScratch {
 
 /// Rows of film resampled at a time: their chart pixels stay in the caches.
 const STRIP_ROWS: f64 = 64.0;
-/// Columns of film resampled at a time.
-const STRIP_COLS: f64 = 512.0;
+/// Columns of film resampled at a time: as a rule a whole tile's.
+const STRIP_COLS: f64 = 1024.0;
 /// Behind the chart's pixels: lanes load more than they need.
 const SPARE: usize = 32;
 
 impl Scene {
-    /// The stage for `band` on the film of `frame` grown by `margin` px; `gain` multiplies every value (film units);
-    /// `simd` is what it computes with.
-    ///
-    /// # Errors
-    /// [`LensError::Outside`] if the tables end before the grown film's corner and `reading.outside` says error.
+    /// The stage for `band` on the film of `frame`, which the lens's tables cover ([`crate::band`] checks; beyond them the
+    /// last values go on); `gain` multiplies every value (film units); `simd` is what it computes with.
     pub fn new(
         frame: &Frame,
         band: &LensBand,
         stages: Stages,
         reading: Reading,
-        margin: usize,
         gain: f64,
         simd: Simd,
-    ) -> Result<Self, LensError> {
-        if stages.ri || stages.distortion {
-            let needed = frame.farthest_mm(frame.film.rect().grown(margin));
-            let last = band.image_height_mm[band.image_height_mm.len() - 1];
-            reading.outside.check("image_height table", band.wavelength_nm, needed, last)?;
-        }
+    ) -> Self {
         let field = Field::new(band, frame.pitch_mm(), stages.distortion, stages.ri, gain);
-        Ok(Self { frame: *frame, field, reading, simd })
+        Self {
+            frame: *frame,
+            #[cfg(target_arch = "x86_64")]
+            knots: Knots::new(&field),
+            field,
+            reading,
+            simd,
+        }
     }
 
     /// Fills `out` (row-major) with the scene on the film rectangle `rect`, read from band `band` of `chart`.
@@ -144,6 +164,7 @@ impl Scene {
         Rect::new(y, x, height, width).intersect(size.rect())
     }
 
+    /// One interpolation: where the strip's pixels lie on the chart, that rectangle of the chart, the taps.
     fn interpolate(
         &self,
         chart: &dyn ChartSource,
@@ -153,40 +174,63 @@ impl Scene {
         stride: usize,
         s: &mut SceneScratch,
     ) -> Result<(), DoorError> {
-        let (y, x) = self.map(strip, &mut s.points);
-        let (before, taps) = match self.reading.interp {
-            Interp::Bicubic => (1, 4),
-            Interp::Bilinear => (0, 2),
-        };
-        let span = |(low, high): (i64, i64)| (low - before, (high - low) as usize + taps);
-        let ((y0, height), (x0, width)) = (span(y), span(x));
-        self.fetch(chart, band, Rect::new(y0, x0, height, width), s)?;
-        let taps = Taps {
-            points: &s.points,
-            source: &s.source,
-            width,
-            first: ((y0 + before) as i32, (x0 + before) as i32),
-            strip,
-            stride,
-        };
-        taps.apply(self.reading.interp, self.simd, out);
+        match self.simd.isa() {
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => self.in_lanes::<Avx512>(chart, band, strip, out, stride, s),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => self.in_lanes::<Avx2>(chart, band, strip, out, stride, s),
+            _ => self.one_by_one(chart, band, strip, out, stride, s),
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn in_lanes<V: Lanes>(
+        &self,
+        chart: &dyn ChartSource,
+        band: usize,
+        strip: Rect,
+        out: &mut [f32],
+        stride: usize,
+        s: &mut SceneScratch,
+    ) -> Result<(), DoorError> {
+        let (map, knots, gate) =
+            (Map::new(&self.frame, &self.field), &self.knots, Gate::<V>::open(self.simd));
+        gate.run(Anchoring { map, knots, strip, to: &mut s.anchors });
+        let (need, first) = self.reading.needs(s.anchors.ends);
+        self.fetch(chart, band, need, s)?;
+        let chart = Chart { source: &s.source, width: need.width, first };
+        let interp = self.reading.interp;
+        gate.run(Resample { map, knots, anchors: &s.anchors, chart, interp, strip, out, stride });
         Ok(())
     }
 
-    /// Fills `points`; the least and the greatest chart row and column.
-    fn map(&self, strip: Rect, points: &mut Points) -> ((i64, i64), (i64, i64)) {
-        let map = Map::new(&self.frame, &self.field);
-        points.resize(strip);
-        match self.simd.isa() {
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => avx512::map(self.simd, map, strip, points),
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => avx2::map(self.simd, map, strip, points),
-            _ => {
-                map.strip(strip, points);
-                (ends(&points.row), ends(&points.col))
+    fn one_by_one(
+        &self,
+        chart: &dyn ChartSource,
+        band: usize,
+        strip: Rect,
+        out: &mut [f32],
+        stride: usize,
+        s: &mut SceneScratch,
+    ) -> Result<(), DoorError> {
+        s.points.resize(strip);
+        Map::new(&self.frame, &self.field).strip(strip, &mut s.points);
+        let (need, first) = self.reading.needs((ends(&s.points.row), ends(&s.points.col)));
+        self.fetch(chart, band, need, s)?;
+        let p = &s.points;
+        for (line, to) in out.chunks_mut(stride).take(strip.height).enumerate() {
+            for (x, to) in to[..strip.width].iter_mut().enumerate() {
+                let i = line * p.stride + x;
+                let at = (p.row[i] - first.0) as usize * need.width + (p.col[i] - first.1) as usize;
+                let (from, fy, fx) = (&s.source[at..], p.row_fraction[i], p.col_fraction[i]);
+                let value = match self.reading.interp {
+                    Interp::Bicubic => bicubic(from, need.width, fy, fx),
+                    Interp::Bilinear => bilinear(from, need.width, fy, fx),
+                };
+                *to = value * p.gain[i];
             }
         }
+        Ok(())
     }
 
     fn average(
@@ -278,47 +322,5 @@ impl Scene {
             }
         }
         Ok(())
-    }
-}
-
-/// The taps of one strip.
-#[derive(Clone, Copy, Debug)]
-struct Taps<'a> {
-    points: &'a Points,
-    /// The chart, `width` columns; its first pixel is the first tap of a cell at `first`.
-    source: &'a [f32],
-    width: usize,
-    first: (i32, i32),
-    strip: Rect,
-    /// From line to line of the film.
-    stride: usize,
-}
-
-impl Taps<'_> {
-    fn apply(&self, interp: Interp, simd: Simd, out: &mut [f32]) {
-        match simd.isa() {
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => avx512::taps(simd, self, interp, out),
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => avx2::taps(simd, self, interp, out),
-            _ => self.scalar(interp, out),
-        }
-    }
-
-    fn scalar(&self, interp: Interp, out: &mut [f32]) {
-        let p = self.points;
-        for (line, to) in out.chunks_mut(self.stride).take(self.strip.height).enumerate() {
-            for (x, to) in to[..self.strip.width].iter_mut().enumerate() {
-                let i = line * p.stride + x;
-                let first =
-                    (p.row[i] - self.first.0) as usize * self.width + (p.col[i] - self.first.1) as usize;
-                let (from, fy, fx) = (&self.source[first..], p.row_fraction[i], p.col_fraction[i]);
-                let value = match interp {
-                    Interp::Bicubic => bicubic(from, self.width, fy, fx),
-                    Interp::Bilinear => bilinear(from, self.width, fy, fx),
-                };
-                *to = value * p.gain[i];
-            }
-        }
     }
 }

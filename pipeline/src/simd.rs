@@ -1,7 +1,19 @@
 //! Which instructions a run computes with: found out once, or asked for and then insisted on.
 //!
 //! Films of one choice have the same bits; two choices differ within 2e-6 of the peak, by the order of their roundings.
+//! What is computed in lanes is written once, in the words of `lanes`; `avx512` and `avx2` say what they mean.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod lanes;
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) use avx2::Avx2;
+#[cfg(target_arch = "x86_64")]
+pub(crate) use avx512::Avx512;
 use std::str::FromStr;
 use thiserror::Error;
 

@@ -2,10 +2,11 @@
 
 mod oracle;
 
+use lenscube_pipeline::band::{BandPlan, Options, PsfBetween};
 use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, DoorError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
-use lenscube_pipeline::lens::LensBand;
+use lenscube_pipeline::lens::{Lens, LensBand, PsfSample};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::scene::{Reading, Scene, SceneScratch, Stages};
 use lenscube_pipeline::simd::{Isa, Simd};
@@ -46,22 +47,7 @@ fn band(noise: &mut Noise, points: usize, last_mm: f64) -> LensBand {
         at += s / sum * last_mm;
         at
     }));
-    let bend = noise.between(-0.05, 0.05);
-    let ideal = real.iter().map(|r| r * (1.01 + bend * (r / last_mm).powi(2))).collect();
-    let ri = real.iter().map(|r| 1.0 - 0.4 * (r / last_mm).powi(2)).collect();
-    LensBand {
-        wavelength_nm: 550.0,
-        ideal_height_mm: ideal,
-        image_height_mm: real,
-        relative_illumination: ri,
-        psf_height_mm: vec![0.0, last_mm],
-        azimuth_count: vec![1, 4],
-        psf_size: 1,
-        psf_pitch_um: 2.0,
-        psf_energy: vec![1.0, 1.0],
-        solid_angle_sr: 0.1,
-        transmission: 1.0,
-    }
+    oracle::lens_band(real, 1.01, noise.between(-0.05, 0.05))
 }
 
 fn scene_equals_the_map(simd: Simd) {
@@ -97,7 +83,7 @@ fn scene_equals_the_map(simd: Simd) {
         ] {
             for interp in [Interp::Bicubic, Interp::Bilinear] {
                 let reading = Reading { interp, surround, outside: Outside::Error };
-                let scene = Scene::new(&frame, &lens, ALL, reading, margin, 1.0, simd).unwrap();
+                let scene = Scene::new(&frame, &lens, ALL, reading, 1.0, simd);
                 let mut got = vec![0.0; rect.size().pixels()];
                 scene.apply(&chart, 0, rect, &mut got, &mut SceneScratch::default()).unwrap();
                 let want = oracle::scene(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
@@ -123,7 +109,7 @@ fn a_uniform_chart_gives_exactly_r(simd: Simd) {
     let lens = band(&mut noise, 1000, frame.farthest_mm(film.rect()));
     let chart = Chart(Image::new(film, |_, _| 1.0));
     let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
-    let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0, simd).unwrap();
+    let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 1.0, simd);
     let mut got = vec![0.0; film.pixels()];
     scene.apply(&chart, 0, film.rect(), &mut got, &mut SceneScratch::default()).unwrap();
     let t =
@@ -142,7 +128,7 @@ fn an_identity_lens_returns_the_chart_bit_for_bit(simd: Simd) {
         lens.relative_illumination.fill(1.0);
         let chart = noise_chart(&mut noise, film);
         let reading = Reading { interp: Interp::Bicubic, surround: Surround::Black, outside: Outside::Error };
-        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0, simd).unwrap();
+        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 1.0, simd);
         let mut got = vec![0.0; film.pixels()];
         scene.apply(&chart, 0, film.rect(), &mut got, &mut SceneScratch::default()).unwrap();
         assert!(got.iter().zip(&chart.0.data).all(|(g, c)| *g == *c as f32), "film {film}");
@@ -158,7 +144,7 @@ fn pixels_do_not_depend_on_the_cut(simd: Simd) {
         let chart = noise_chart(&mut noise, frame.chart);
         let reading =
             Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
-        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0, simd).unwrap();
+        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 1.0, simd);
         let mut whole = vec![0.0; film.pixels()];
         let mut s = SceneScratch::default();
         scene.apply(&chart, 0, film.rect(), &mut whole, &mut s).unwrap();
@@ -177,16 +163,114 @@ fn a_film_beyond_the_tables_is_refused_or_clamped(simd: Simd) {
     let mut noise = Noise(1);
     let film = Size::new(100, 100);
     let frame = Frame::centred(film, film, 2.0);
-    let needed = frame.farthest_mm(film.rect().grown(3));
-    let lens = band(&mut noise, 20, needed * 0.9);
-    let mut reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
-    let error = Scene::new(&frame, &lens, FIRST_TWO, reading, 3, 1.0, simd).unwrap_err().to_string();
+    let needed = frame.farthest_mm(film.rect());
+    let band = band(&mut noise, 20, needed * 0.9);
+    let lens = Lens {
+        name: "short".into(),
+        distortion_focal_length_mm: 50.0,
+        effective_focal_length_mm: 50.0,
+        f_number: 2.0,
+        primary_wavelength_nm: 550.0,
+        object_distance_mm: None,
+        magnification: 0.0,
+        psf_sample: PsfSample::Integrated,
+        bands: vec![band.clone()],
+    };
+    let mut options = Options {
+        stages: FIRST_TWO,
+        reading: Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
+        azimuths: None,
+        psf_window: None,
+        between: PsfBetween::Error,
+        simd,
+    };
+    let error = BandPlan::new(&frame, &lens, 550.0, &options).unwrap_err().to_string();
     assert!(
         error.contains(&format!("{needed:.6}")) && error.contains(&format!("{:.6}", needed * 0.9)),
         "{error}"
     );
-    reading.outside = Outside::Clamp;
-    assert!(Scene::new(&frame, &lens, FIRST_TWO, reading, 3, 1.0, simd).is_ok());
+    options.reading.outside = Outside::Clamp;
+    assert!(BandPlan::new(&frame, &lens, 550.0, &options).is_ok());
+    // Beyond the tables the last magnification and R go on.
+    let scene = Scene::new(&frame, &band, FIRST_TWO, options.reading, 1.0, simd);
+    let chart = Chart(Image::new(film, |_, _| 1.0));
+    let mut got = vec![0.0; film.pixels()];
+    scene.apply(&chart, 0, film.rect(), &mut got, &mut SceneScratch::default()).unwrap();
+    assert!((f64::from(got[0]) - band.relative_illumination[19]).abs() < 1e-6);
+}
+
+/// Chart columns (or rows) themselves, from `zero` on: their interpolation is the coordinate.
+struct Ramp {
+    size: Size,
+    zero: i64,
+    rows: bool,
+}
+
+impl ChartSource for Ramp {
+    fn size(&self) -> Size {
+        self.size
+    }
+    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        for (i, v) in out.iter_mut().enumerate() {
+            let at =
+                if self.rows { rect.y + (i / rect.width) as i64 } else { rect.x + (i % rect.width) as i64 };
+            *v = (at - self.zero) as f32;
+        }
+        Ok(())
+    }
+}
+
+/// Anywhere on the paper's film, with any lens: within 1e-5 px (asked: 1e-4), of which the ramp's own f32 sums take most.
+fn coordinates_are_those_of_the_exact_map(simd: Simd) {
+    let mut noise = Noise(17);
+    let (film, chart) = (Size::new(14_141, 14_141), Size::new(40_000, 40_000));
+    for case in 0..400 {
+        let mut frame = Frame::centred(film, chart, noise.between(0.7, 6.0));
+        if case % 2 == 1 {
+            frame.scale = (noise.between(1.0, 2.5), noise.between(1.0, 2.5));
+            frame.axis_px = (noise.between(-2000.0, 9000.0), noise.between(-2000.0, 9000.0));
+            frame.center_mm = (noise.between(-1.0, 1.0), noise.between(-1.0, 1.0));
+        }
+        let rect = Rect::new(noise.below(14_100) as i64, noise.below(14_080) as i64, 9, 50);
+        let last = frame.farthest_mm(film.rect()) + 1e-9;
+        // As dense as lens packs are, and coarser and denser.
+        let points = [100, 1000, 8000][case % 3];
+        let lens = match case % 4 {
+            0 => band(&mut noise, points, last),
+            _ => {
+                let real = (0..points).map(|i| last * i as f64 / (points - 1) as f64).collect();
+                oracle::lens_band(real, 1.0, noise.between(-0.05, 0.05))
+            }
+        };
+        let reading = Reading { interp: Interp::Bilinear, surround: Surround::Edge, outside: Outside::Error };
+        let stages = Stages { ri: false, ..FIRST_TWO };
+        let scene = Scene::new(&frame, &lens, stages, reading, 1.0, simd);
+        for rows in [false, true] {
+            let exact = |i: usize| {
+                let (y, x) = (rect.y + (i / rect.width) as i64, rect.x + (i % rect.width) as i64);
+                let (dy, dx) = (y as f64 - frame.axis_px.0, x as f64 - frame.axis_px.1);
+                let r = dy.hypot(dx) * frame.pitch_mm();
+                let real = &lens.image_height_mm;
+                let k = real.partition_point(|&x| x <= r).clamp(1, real.len() - 1);
+                let u = (r - real[k - 1]) / (real[k] - real[k - 1]);
+                let h =
+                    lens.ideal_height_mm[k - 1] + u * (lens.ideal_height_mm[k] - lens.ideal_height_mm[k - 1]);
+                let (d, scale, center) = match rows {
+                    true => (dy, frame.scale.0, frame.center_mm.0),
+                    false => (dx, frame.scale.1, frame.center_mm.1),
+                };
+                39_999.0 / 2.0 + (d * h / r - center / frame.pitch_mm()) / scale
+            };
+            let zero = exact(0) as i64;
+            let ramp = Ramp { size: chart, zero, rows };
+            let mut got = vec![0.0; rect.size().pixels()];
+            scene.apply(&ramp, 0, rect, &mut got, &mut SceneScratch::default()).unwrap();
+            for (i, v) in got.iter().enumerate() {
+                let off = f64::from(*v) + zero as f64 - exact(i);
+                assert!(off.abs() <= 1e-5, "case {case}, {rect}, rows {rows}, pixel {i}: {off:.1e} px");
+            }
+        }
+    }
 }
 
 /// A lens that turns the map over within a few pixels: cells far apart, rows that jump, steps shorter than a pixel.
@@ -203,7 +287,7 @@ fn a_wild_lens_is_followed(simd: Simd) {
         Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
     for interp in [Interp::Bicubic, Interp::Bilinear] {
         let reading = Reading { interp, surround: Surround::Mirror, outside: Outside::Error };
-        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 0, 1.0, simd).unwrap();
+        let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 1.0, simd);
         let (mut got, mut s) = (vec![0.0; film.pixels()], SceneScratch::default());
         scene.apply(&chart, 0, film.rect(), &mut got, &mut s).unwrap();
         let want = oracle::scene(
@@ -230,7 +314,8 @@ fn a_wild_lens_is_followed(simd: Simd) {
 type Check = fn(Simd);
 
 fn main() -> ExitCode {
-    let checks: [(&str, Check); 6] = [
+    let checks: [(&str, Check); 7] = [
+        ("coordinates_are_those_of_the_exact_map", coordinates_are_those_of_the_exact_map),
         ("scene_equals_the_map", scene_equals_the_map),
         ("a_wild_lens_is_followed", a_wild_lens_is_followed),
         ("a_uniform_chart_gives_exactly_r", a_uniform_chart_gives_exactly_r),

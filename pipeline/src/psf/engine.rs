@@ -5,8 +5,10 @@ use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::portable::{self, Portable};
 #[cfg(target_arch = "x86_64")]
-use crate::psf::simd::{self, Avx2, Avx512, Columns};
+use crate::psf::simd::{self, Columns};
 use crate::psf::{BlockView, Spectra};
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{Avx2, Avx512};
 use crate::simd::{Isa, Simd};
 
 /// An engine for one cut of the film.
@@ -42,9 +44,9 @@ impl Engine {
         match simd.isa() {
             Isa::Portable => Self::Portable(Portable::new(blocks)),
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => Self::Avx512(Columns::new(blocks).expect("a choice this machine can run")),
+            Isa::Avx512 => Self::Avx512(Columns::new(blocks, simd)),
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => Self::Avx2(Columns::new(blocks).expect("a choice this machine can run")),
+            Isa::Avx2 => Self::Avx2(Columns::new(blocks, simd)),
             #[cfg(not(target_arch = "x86_64"))]
             Isa::Avx512 | Isa::Avx2 => unreachable!("a choice this machine can run"),
         }

@@ -4,6 +4,8 @@
 //! wherever a line is cut, it gives the same bits.
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
+#[cfg(target_arch = "x86_64")]
+use super::anchors::{Exact, SIDE};
 use crate::field::{BLOCK, Field};
 use crate::geometry::{Frame, Rect};
 use crate::resample::Coordinate;
@@ -25,10 +27,10 @@ pub(super) struct Points {
 /// Film pixel → chart pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Map<'a> {
-    field: &'a Field,
-    axis_px: (f64, f64),
-    offset: (f64, f64),
-    per_scale: (f64, f64),
+    pub(super) field: &'a Field,
+    pub(super) axis_px: (f64, f64),
+    pub(super) offset: (f64, f64),
+    pub(super) per_scale: (f64, f64),
 }
 
 impl<'a> Map<'a> {
@@ -54,6 +56,28 @@ impl<'a> Map<'a> {
         let row = self.offset.0 + dy * magnification * self.per_scale.0;
         let col = self.offset.1 + dx * magnification * self.per_scale.1;
         (row, col, gain)
+    }
+
+    /// Chart columns of a film column, to the nearest whole one.
+    #[inline(always)]
+    pub(super) fn whole_columns(&self) -> f64 {
+        self.per_scale.1.round()
+    }
+
+    /// The pixels of the block of anchors from (y, x) on, one by one.
+    #[cfg(target_arch = "x86_64")]
+    pub(super) fn exactly(&self, y: i64, x: i64) -> Exact {
+        let zero = [0.0; SIDE];
+        let mut to =
+            Exact { row: [0; SIDE], col: [0; SIDE], row_fraction: zero, col_fraction: zero, gain: zero };
+        for i in 0..SIDE {
+            let (row, col, gain) = self.at(y, x + i as i64);
+            let (row, col) = (Coordinate::new(row), Coordinate::new(col));
+            (to.row[i], to.row_fraction[i]) = (row.cell, row.fraction);
+            (to.col[i], to.col_fraction[i]) = (col.cell, col.fraction);
+            to.gain[i] = gain as f32;
+        }
+        to
     }
 
     /// The `BLOCK` pixels from (y, x) on, if the field has them together.

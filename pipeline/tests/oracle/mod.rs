@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
+use lenscube_pipeline::lens::LensBand;
 use std::f64::consts::TAU;
 
 /// f64 image.
@@ -144,6 +145,25 @@ pub fn scene(
         };
         lookup(r, t.real, t.ri) * value
     })
+}
+
+/// A lens whose field points land at `real` mm, the last at r₁: h = r·(paraxial + bend·(r/r₁)²), R = 1 − 0.4·(r/r₁)², one
+/// sample of PSF.
+pub fn lens_band(real: Vec<f64>, paraxial: f64, bend: f64) -> LensBand {
+    let last = real[real.len() - 1];
+    LensBand {
+        wavelength_nm: 550.0,
+        ideal_height_mm: real.iter().map(|r| r * (paraxial + bend * (r / last).powi(2))).collect(),
+        relative_illumination: real.iter().map(|r| 1.0 - 0.4 * (r / last).powi(2)).collect(),
+        image_height_mm: real,
+        psf_height_mm: vec![0.0, last],
+        azimuth_count: vec![1, 4],
+        psf_size: 1,
+        psf_pitch_um: 2.0,
+        psf_energy: vec![1.0, 1.0],
+        solid_angle_sr: 0.1,
+        transmission: 1.0,
+    }
 }
 
 /// A polar grid of kernels: `kernels[k][j]`, n × n each.

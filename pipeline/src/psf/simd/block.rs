@@ -10,11 +10,12 @@
 //! none, since F ≥ block + window − 1. Back: x_y + i·x_{y+F/2} = z_y·ω̄^y.
 //! Source: Martucci, IEEE Trans. Signal Processing 42 (1994) 1038 (the skew-circular convolution it rests on).
 
-use super::lanes::{Complex, Lanes, Work};
+use super::complex::Complex;
 use crate::psf::BlockView;
 use crate::psf::grid::Tent;
 use crate::psf::polar::{ATAN, BlockPlace, SECANT};
 use crate::psf::portable::TINY;
+use crate::simd::lanes::{Lanes, Work};
 use bytemuck::cast_slice_mut;
 use std::f32::consts::TAU;
 
@@ -250,7 +251,7 @@ impl<V: Lanes> Work<V> for ToGroups<'_, V> {
     fn run(self) {
         let rows = self.strip.chunks_exact(V::LANES);
         for (rows, group) in rows.zip(self.groups.chunks_exact_mut(self.fft)) {
-            V::transpose(rows, &mut group[self.first_column..][..V::LANES]);
+            Complex::transpose(rows, &mut group[self.first_column..][..V::LANES]);
         }
     }
 }
@@ -268,7 +269,7 @@ impl<V: Lanes> Work<V> for FromGroups<'_, V> {
     fn run(self) {
         let rows = self.strip.chunks_exact_mut(V::LANES);
         for (rows, group) in rows.zip(self.groups.chunks_exact(self.fft)) {
-            V::transpose(&group[self.first_column..][..V::LANES], rows);
+            Complex::transpose(&group[self.first_column..][..V::LANES], rows);
         }
     }
 }

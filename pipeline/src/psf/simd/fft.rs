@@ -9,7 +9,8 @@
 //! Source: Cooley and Tukey, Math. Comp. 19 (1965) 297; radix 6 as 2 × 3 by Good's prime factors (no twiddles).
 #![allow(unsafe_code, reason = "bounds are checked once a stage, not once an element")]
 
-use super::lanes::{Complex, Gate, Lanes, Work};
+use super::complex::Complex;
+use crate::simd::lanes::{Gate, Lanes, Work};
 use bytemuck::Zeroable;
 use std::f64::consts::TAU;
 
@@ -33,9 +34,6 @@ const RADICES: [(usize, f64); 6] = [(2, 1.0), (3, 1.15), (4, 1.1), (5, 1.45), (6
 
 /// The cheapest radices whose product is `n`, ascending: the wide ones last, where arms are short and twiddles few.
 fn radices(n: usize) -> (f64, Vec<usize>) {
-    if let Ok(v) = std::env::var(format!("RAD{n}")) {
-        return (0.0, v.split(',').map(|x| x.parse().unwrap()).collect());
-    }
     if n == 1 {
         return (0.0, Vec::new());
     }

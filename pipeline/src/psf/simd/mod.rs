@@ -12,25 +12,22 @@
 //! in L2. A spectrum lies as its product meets it: `[F/2/LANES groups][F columns, digits reversed][LANES re, LANES im]`,
 //! scaled by 2/F².
 //!
-//! `unsafe` lives in [`lanes`] (the gate), [`avx512`] and [`avx2`] (intrinsics) and one loop of [`fft`].
+//! `unsafe` lives in [`crate::simd`]'s rooms (the gate, intrinsics) and one loop of [`fft`].
 
-mod avx2;
-mod avx512;
 mod block;
+mod complex;
 mod fft;
-mod lanes;
-
-pub(super) use avx2::Avx2;
-pub(super) use avx512::Avx512;
 
 use crate::buffer::AlignedBuf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::{Node, NodeGrid, Reach, Tent};
 use crate::psf::{BlockView, Spectra};
+use crate::simd::Simd;
+use crate::simd::lanes::{Gate, Lanes};
 use block::{AddTo, Extent, FromGroups, Pack, Pixels, ToGroups, Weigh, clear_columns};
 use bytemuck::{cast_slice, cast_slice_mut};
+use complex::Complex;
 use fft::Fft;
-use lanes::{Complex, Gate, Lanes};
 
 /// Transforms of one FFT side, columns in the lanes of `V`.
 #[derive(Debug)]
@@ -59,16 +56,16 @@ pub(super) struct Scratch {
 }
 
 impl<V: Lanes> Columns<V> {
-    /// Plans the transforms of `blocks`, if the machine has the instructions.
-    pub(super) fn new(blocks: &Blocks) -> Option<Self> {
-        let gate = Gate::open()?;
+    /// Plans the transforms of `blocks`; `simd` is a choice of `V`'s instructions.
+    pub(super) fn new(blocks: &Blocks, simd: Simd) -> Self {
+        let gate = Gate::open(simd);
         let (fft, half) = (blocks.fft, blocks.fft / 2);
         assert!(half.is_multiple_of(V::LANES), "FFT sides are multiples of 32");
         let omega = |y: usize| {
             let (sin, cos) = (std::f64::consts::PI * y as f64 / fft as f64).sin_cos();
             [cos as f32, sin as f32]
         };
-        Some(Self {
+        Self {
             gate,
             fft,
             half,
@@ -77,7 +74,7 @@ impl<V: Lanes> Columns<V> {
             omega: (0..half).map(omega).collect(),
             along_x: Fft::new(fft, gate),
             along_y: Fft::new(half, gate),
-        })
+        }
     }
 
     /// f32s of one spectrum.

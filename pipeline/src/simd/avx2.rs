@@ -1,7 +1,8 @@
 //! 8 lanes: AVX2 with fused multiply-add.
 #![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
 
-use super::lanes::{Complex, Lanes, Work};
+use super::Isa;
+use super::lanes::{Lanes, Work};
 use bytemuck::{Pod, Zeroable};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
@@ -9,7 +10,7 @@ use std::ops::{Add, Div, Mul, Sub};
 /// 8 f32.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
-pub(in crate::psf) struct Avx2(__m256);
+pub(crate) struct Avx2(__m256);
 
 // SAFETY: 8 f32 and nothing else; any bits are valid.
 unsafe impl Zeroable for Avx2 {}
@@ -57,11 +58,10 @@ impl Div for Avx2 {
 }
 
 impl Lanes for Avx2 {
+    const ISA: Isa = Isa::Avx2;
     const LANES: usize = 8;
-
-    fn available() -> bool {
-        std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
-    }
+    type Ints = __m256i;
+    type Mask = __m256;
 
     #[target_feature(enable = "avx2,fma")]
     unsafe fn run<W: Work<Self>>(work: W) {
@@ -158,24 +158,67 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn transpose(from: &[Complex<Self>], to: &mut [Complex<Self>]) {
-        let from: &[Complex<Self>; 8] = from.try_into().expect("8 elements");
-        let to: &mut [Complex<Self>; 8] = to.try_into().expect("8 elements");
-        let mut rows = [Self::zeroed(); 8];
-        for i in 0..8 {
-            rows[i] = from[i].re;
-        }
-        transpose(&mut rows);
-        for i in 0..8 {
-            to[i].re = rows[i];
-        }
-        for i in 0..8 {
-            rows[i] = from[i].im;
-        }
-        transpose(&mut rows);
-        for i in 0..8 {
-            to[i].im = rows[i];
-        }
+    fn transpose(rows: &mut [Self]) {
+        transpose(rows.try_into().expect("8 rows"));
+    }
+
+    #[inline(always)]
+    fn pick(low: Self, high: Self, index: Self::Ints) -> Self {
+        // The permutation reads three bits of the index; the fourth tells the halves, moved to where the blend looks.
+        Self(avx2!({
+            let upper = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index));
+            let low = _mm256_permutevar8x32_ps(low.0, index);
+            _mm256_blendv_ps(low, _mm256_permutevar8x32_ps(high.0, index), upper)
+        }))
+    }
+
+    #[inline(always)]
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
+        Self(avx2!(_mm256_blendv_ps(b.0, a.0, mask)))
+    }
+
+    #[inline(always)]
+    fn floor(self) -> Self {
+        Self(avx2!(_mm256_floor_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn ints(self) -> Self::Ints {
+        avx2!(_mm256_cvtps_epi32(self.0))
+    }
+
+    #[inline(always)]
+    fn store_ints(a: Self::Ints, to: &mut [i32]) {
+        let to = &mut to[..Self::LANES];
+        // SAFETY: as in `avx2!`; there is room for 8 values.
+        unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), a) }
+    }
+
+    #[inline(always)]
+    fn load_ints(from: &[i32]) -> Self::Ints {
+        let from = &from[..Self::LANES];
+        // SAFETY: as in `avx2!`; 8 values lie there.
+        unsafe { _mm256_loadu_si256(from.as_ptr().cast()) }
+    }
+
+    #[inline(always)]
+    fn plus(a: Self::Ints, b: i32) -> Self::Ints {
+        avx2!(_mm256_add_epi32(a, _mm256_set1_epi32(b)))
+    }
+
+    #[inline(always)]
+    fn within(a: Self::Ints, limit: i32) -> bool {
+        let outside = avx2!({
+            let below = _mm256_cmpgt_epi32(_mm256_setzero_si256(), a);
+            let above = _mm256_cmpgt_epi32(a, _mm256_set1_epi32(limit));
+            _mm256_movemask_epi8(_mm256_or_si256(below, above))
+        });
+        outside == 0
+    }
+
+    #[inline(always)]
+    fn equal(a: Self::Ints, b: i32) -> Self::Mask {
+        avx2!(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, _mm256_set1_epi32(b))))
     }
 }
 

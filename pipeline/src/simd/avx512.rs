@@ -1,7 +1,8 @@
 //! 16 lanes: AVX-512F.
 #![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
 
-use super::lanes::{Complex, Lanes, Work};
+use super::Isa;
+use super::lanes::{Lanes, Work};
 use bytemuck::{Pod, Zeroable};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
@@ -9,7 +10,7 @@ use std::ops::{Add, Div, Mul, Sub};
 /// 16 f32.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
-pub(in crate::psf) struct Avx512(__m512);
+pub(crate) struct Avx512(__m512);
 
 // SAFETY: 16 f32 and nothing else; any bits are valid.
 unsafe impl Zeroable for Avx512 {}
@@ -57,11 +58,10 @@ impl Div for Avx512 {
 }
 
 impl Lanes for Avx512 {
+    const ISA: Isa = Isa::Avx512;
     const LANES: usize = 16;
-
-    fn available() -> bool {
-        std::arch::is_x86_feature_detected!("avx512f")
-    }
+    type Ints = __m512i;
+    type Mask = __mmask16;
 
     #[target_feature(enable = "avx512f")]
     unsafe fn run<W: Work<Self>>(work: W) {
@@ -156,24 +156,57 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
-    fn transpose(from: &[Complex<Self>], to: &mut [Complex<Self>]) {
-        let from: &[Complex<Self>; 16] = from.try_into().expect("16 elements");
-        let to: &mut [Complex<Self>; 16] = to.try_into().expect("16 elements");
-        let mut rows = [Self::zeroed(); 16];
-        for i in 0..16 {
-            rows[i] = from[i].re;
-        }
-        transpose(&mut rows);
-        for i in 0..16 {
-            to[i].re = rows[i];
-        }
-        for i in 0..16 {
-            rows[i] = from[i].im;
-        }
-        transpose(&mut rows);
-        for i in 0..16 {
-            to[i].im = rows[i];
-        }
+    fn transpose(rows: &mut [Self]) {
+        transpose(rows.try_into().expect("16 rows"));
+    }
+
+    #[inline(always)]
+    fn pick(low: Self, high: Self, index: Self::Ints) -> Self {
+        Self(avx512!(_mm512_permutex2var_ps(low.0, index, high.0)))
+    }
+
+    #[inline(always)]
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
+        Self(avx512!(_mm512_mask_blend_ps(mask, b.0, a.0)))
+    }
+
+    #[inline(always)]
+    fn floor(self) -> Self {
+        Self(avx512!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(self.0)))
+    }
+
+    #[inline(always)]
+    fn ints(self) -> Self::Ints {
+        avx512!(_mm512_cvtps_epi32(self.0))
+    }
+
+    #[inline(always)]
+    fn store_ints(a: Self::Ints, to: &mut [i32]) {
+        let to = &mut to[..Self::LANES];
+        // SAFETY: as in `avx512!`; there is room for 16 values.
+        unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), a) }
+    }
+
+    #[inline(always)]
+    fn load_ints(from: &[i32]) -> Self::Ints {
+        let from = &from[..Self::LANES];
+        // SAFETY: as in `avx512!`; 16 values lie there.
+        unsafe { _mm512_loadu_si512(from.as_ptr().cast()) }
+    }
+
+    #[inline(always)]
+    fn plus(a: Self::Ints, b: i32) -> Self::Ints {
+        avx512!(_mm512_add_epi32(a, _mm512_set1_epi32(b)))
+    }
+
+    #[inline(always)]
+    fn within(a: Self::Ints, limit: i32) -> bool {
+        avx512!(_mm512_cmple_epu32_mask(a, _mm512_set1_epi32(limit))) == u16::MAX
+    }
+
+    #[inline(always)]
+    fn equal(a: Self::Ints, b: i32) -> Self::Mask {
+        avx512!(_mm512_cmpeq_epi32_mask(a, _mm512_set1_epi32(b)))
     }
 }
 

@@ -1,31 +1,38 @@
-//! The words that the SIMD rooms are written in: a register of f32 lanes, complex numbers made of two, and the gate.
+//! The words that work in lanes is written in: a register of f32, one of i32, and the gate.
 //!
 //! Everything is inlined into [`Lanes::run`], the one function per instruction set that is compiled for it: what a
 //! [`Work`] does runs in its instructions, and no operation is a call. So every method here and every `run` of a work is
 //! `#[inline(always)]`; works are pieces of microseconds, entered from plain code through a [`Gate`].
 #![allow(unsafe_code, reason = "the gate into instructions that the build does not assume")]
 
-use bytemuck::{Pod, Zeroable};
+use super::{Isa, Simd};
+use bytemuck::Pod;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::ops::{Add, Div, Mul, Sub};
 
+/// The most lanes of any register.
+pub(crate) const WIDEST: usize = 16;
+
 /// A register of f32 lanes.
 ///
 /// Values are made under [`Lanes::run`] only, whose caller vouches for the processor: so operations on them are safe.
-pub(in crate::psf) trait Lanes:
+pub(crate) trait Lanes:
     Pod + Debug + Send + Sync + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// Lanes of a register.
+    /// The instructions.
+    const ISA: Isa;
+    /// Lanes of a register; divides [`WIDEST`].
     const LANES: usize;
-
-    /// Whether this machine has the instructions.
-    fn available() -> bool;
+    /// As many i32.
+    type Ints: Copy;
+    /// One bit a lane.
+    type Mask: Copy;
 
     /// Does `work`, compiled for these instructions.
     ///
     /// # Safety
-    /// The machine has them: [`Lanes::available`].
+    /// The machine has them.
     unsafe fn run<W: Work<Self>>(work: W);
 
     /// `v` in every lane.
@@ -58,74 +65,49 @@ pub(in crate::psf) trait Lanes:
     fn least(self) -> f32;
     /// The greatest lane.
     fn greatest(self) -> f32;
-    /// Turns rows to columns: `from` and `to` hold `LANES` elements.
-    fn transpose(from: &[Complex<Self>], to: &mut [Complex<Self>]);
+    /// Turns rows to columns; there are `LANES` of both.
+    fn transpose(rows: &mut [Self]);
+    /// `low` then `high`, `2·LANES` values, at `index`.
+    fn pick(low: Self, high: Self, index: Self::Ints) -> Self;
+    /// `a` where `mask`, else `b`.
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+
+    /// The greatest whole number not above.
+    fn floor(self) -> Self;
+    /// Whole numbers as such.
+    fn ints(self) -> Self::Ints;
+    /// The first `LANES` values.
+    fn load_ints(from: &[i32]) -> Self::Ints;
+    /// To the first `LANES` values.
+    fn store_ints(a: Self::Ints, to: &mut [i32]);
+    /// a + `b`.
+    fn plus(a: Self::Ints, b: i32) -> Self::Ints;
+    /// Whether every lane is in 0..=`limit`.
+    fn within(a: Self::Ints, limit: i32) -> bool;
+    /// Where a = `b`.
+    fn equal(a: Self::Ints, b: i32) -> Self::Mask;
 }
 
 /// A piece of work in lanes.
-pub(in crate::psf) trait Work<V: Lanes> {
+pub(crate) trait Work<V: Lanes> {
     /// Does it. `#[inline(always)]` in every implementation.
     fn run(self);
 }
 
 /// Proof that the machine has `V`'s instructions.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::psf) struct Gate<V>(PhantomData<V>);
+pub(crate) struct Gate<V>(PhantomData<V>);
 
 impl<V: Lanes> Gate<V> {
-    /// The gate, where the machine has the instructions.
-    pub(in crate::psf) fn open() -> Option<Self> {
-        V::available().then_some(Self(PhantomData))
+    /// The gate for `simd`, which must be a choice of `V`'s instructions.
+    pub(crate) fn open(simd: Simd) -> Self {
+        assert_eq!(simd.isa(), V::ISA);
+        Self(PhantomData)
     }
 
     /// Does `work` on the other side.
-    pub(in crate::psf) fn run(self, work: impl Work<V>) {
-        // SAFETY: a gate is made by `open` only, which asks the machine.
+    pub(crate) fn run(self, work: impl Work<V>) {
+        // SAFETY: a gate is made by `open` only, for a choice that this machine can run.
         unsafe { V::run(work) }
-    }
-}
-
-/// As many complex numbers as there are lanes.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub(in crate::psf) struct Complex<V> {
-    pub(in crate::psf) re: V,
-    pub(in crate::psf) im: V,
-}
-
-// SAFETY: all zeros are zeros of both parts.
-unsafe impl<V: Zeroable> Zeroable for Complex<V> {}
-// SAFETY: two values of one plain type in C's order leave no padding.
-unsafe impl<V: Pod> Pod for Complex<V> {}
-
-impl<V: Lanes> Complex<V> {
-    /// self·w, `w` one number for all lanes.
-    #[inline(always)]
-    pub(in crate::psf) fn times(self, w: [f32; 2]) -> Self {
-        let (re, im) = (V::splat(w[0]), V::splat(w[1]));
-        Self { re: self.re.mul_sub(re, self.im * im), im: self.re.mul_add(im, self.im * re) }
-    }
-
-    /// self·w̄, `w` one number for all lanes.
-    #[inline(always)]
-    pub(in crate::psf) fn times_conjugate(self, w: [f32; 2]) -> Self {
-        let (re, im) = (V::splat(w[0]), V::splat(w[1]));
-        Self { re: self.re.mul_add(re, self.im * im), im: self.im.mul_sub(re, self.re * im) }
-    }
-}
-
-impl<V: Lanes> Add for Complex<V> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self { re: self.re + b.re, im: self.im + b.im }
-    }
-}
-
-impl<V: Lanes> Sub for Complex<V> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self { re: self.re - b.re, im: self.im - b.im }
     }
 }
