@@ -18,7 +18,7 @@ mod zarr;
 pub use error::DurableError;
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
-pub use sweep::{Sweep, is_temp_name, sweep, sweep_entries, temp_name};
+pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -216,6 +216,14 @@ impl Directory {
             Err(e) if absent(&e) => Ok(None),
             Err(e) => Err(DurableError::io("look up", &path, 0, e)),
         }
+    }
+
+    /// Names of what lies in directory `key`, sorted; temp files do not count. None if there is no such directory.
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be listed.
+    pub fn names(&self, key: &str) -> Result<Vec<String>, DurableError> {
+        Ok(zarr::entries(&self.path(key)?)?.into_iter().map(|(name, _)| name).collect())
     }
 
     /// Removes `key`, durably; a key that is not there is fine.

@@ -132,8 +132,14 @@ impl DurableError {
                 | ErrorKind::ConnectionReset
                 | ErrorKind::ResourceBusy
         );
-        let away = [Errno::IO, Errno::NODEV, Errno::NXIO, Errno::MFILE, Errno::NFILE];
-        kind || Errno::from_io_error(source).is_some_and(|e| away.contains(&e))
+        let away = [Errno::NODEV, Errno::NXIO, Errno::MFILE, Errno::NFILE];
+        kind || self.is_device_error() || Errno::from_io_error(source).is_some_and(|e| away.contains(&e))
+    }
+
+    /// Whether a device says that it failed (EIO): the network of a disk that is far, or one bad place of a near one.
+    pub fn is_device_error(&self) -> bool {
+        let Self::Io { source, .. } = self else { return false };
+        rustix::io::Errno::from_io_error(source) == Some(rustix::io::Errno::IO)
     }
 }
 

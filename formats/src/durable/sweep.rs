@@ -53,9 +53,7 @@ pub struct Sweep {
 /// # Errors
 /// [`DurableError`] if a directory cannot be listed or a file not removed. A `root` that is not there is clean.
 pub fn sweep(root: &Path) -> Result<Sweep, DurableError> {
-    let mut found = Sweep::default();
-    walk(root, true, &mut found)?;
-    Ok(found)
+    remove_dead(temp_files(root)?)
 }
 
 /// As [`sweep`], but looks only at the entries of `directory` itself, files and unfinished directories alike.
@@ -63,12 +61,53 @@ pub fn sweep(root: &Path) -> Result<Sweep, DurableError> {
 /// # Errors
 /// As [`sweep`].
 pub fn sweep_entries(directory: &Path) -> Result<Sweep, DurableError> {
-    let mut found = Sweep::default();
+    let mut found = Vec::new();
     walk(directory, false, &mut found)?;
+    remove_dead(found)
+}
+
+/// The temp files and directories below `root`, and whether their maker is dead (`None`: who knows).
+///
+/// # Errors
+/// [`DurableError`] if a directory cannot be listed.
+pub fn temp_files(root: &Path) -> Result<Vec<(PathBuf, Option<bool>)>, DurableError> {
+    let mut found = Vec::new();
+    walk(root, true, &mut found)?;
     Ok(found)
 }
 
-fn walk(directory: &Path, deep: bool, found: &mut Sweep) -> Result<(), DurableError> {
+fn remove_dead(found: Vec<(PathBuf, Option<bool>)>) -> Result<Sweep, DurableError> {
+    let mut sweep = Sweep::default();
+    for (path, dead) in found {
+        match dead {
+            None => sweep.foreign.push(path),
+            Some(false) => sweep.live.push(path),
+            Some(true) => {
+                remove_temp(&path)?;
+                sweep.removed.push(path);
+            }
+        }
+    }
+    Ok(sweep)
+}
+
+/// Removes a temp file or directory; one that is gone already is fine.
+///
+/// # Errors
+/// [`DurableError`] if it cannot be removed.
+pub fn remove_temp(path: &Path) -> Result<(), DurableError> {
+    let is_dir = path.symlink_metadata().is_ok_and(|m| m.is_dir());
+    let gone = strike(Step::Sweep).and_then(|()| match is_dir {
+        true => std::fs::remove_dir_all(path),
+        false => std::fs::remove_file(path),
+    });
+    match gone {
+        Err(e) if !super::absent(&e) => Err(DurableError::io("remove", path, 0, e)),
+        _ => Ok(()),
+    }
+}
+
+fn walk(directory: &Path, deep: bool, found: &mut Vec<(PathBuf, Option<bool>)>) -> Result<(), DurableError> {
     let entries = match std::fs::read_dir(directory) {
         Err(e) if super::absent(&e) => return Ok(()),
         other => other.map_err(|e| DurableError::io("list", directory, 0, e))?,
@@ -76,28 +115,12 @@ fn walk(directory: &Path, deep: bool, found: &mut Sweep) -> Result<(), DurableEr
     for entry in entries {
         let entry = entry.map_err(|e| DurableError::io("list", directory, 0, e))?;
         let path = entry.path();
-        let is_dir = entry.file_type().is_ok_and(|t| t.is_dir());
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        if !is_temp_name(&name) {
-            if is_dir && deep {
-                walk(&path, deep, found)?;
-            }
-            continue;
-        }
-        match maker(&name).and_then(|m| m.is_dead()) {
-            None => found.foreign.push(path),
-            Some(false) => found.live.push(path),
-            Some(true) => {
-                let gone = strike(Step::Sweep).and_then(|()| match is_dir {
-                    true => std::fs::remove_dir_all(&path),
-                    false => std::fs::remove_file(&path),
-                });
-                match gone {
-                    Err(e) if !super::absent(&e) => return Err(DurableError::io("remove", &path, 0, e)),
-                    _ => found.removed.push(path),
-                }
-            }
+        if is_temp_name(&name) {
+            found.push((path, maker(&name).and_then(|m| m.is_dead())));
+        } else if deep && entry.file_type().is_ok_and(|t| t.is_dir()) {
+            walk(&path, deep, found)?;
         }
     }
     Ok(())
