@@ -12,7 +12,6 @@ use crate::shard::Flaw;
 
 /// Something that is not as it must be.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum Finding {
     /// A shard that is not there.
     Missing {
