@@ -6,6 +6,7 @@ mod demo;
 mod export;
 mod lens;
 mod run;
+mod status;
 mod values;
 
 pub use bench::BenchArgs;
@@ -14,6 +15,7 @@ pub use demo::DemoArgs;
 pub use export::ExportArgs;
 pub use lens::{AimingArg, ImagePlaneArg, LensArgs, LensCommand, TraceArgs};
 pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
+pub use status::{StatusArgs, VerifyArgs};
 pub use values::bands;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -42,6 +44,10 @@ pub enum Command {
     Lens(LensArgs),
     /// Make the film of a chart
     Run(Box<RunArgs>),
+    /// Tell what of a film is done
+    Status(StatusArgs),
+    /// Read all of a film and name what is wrong with it
+    Verify(VerifyArgs),
     /// Make a picture of a film or a chart
     Export(ExportArgs),
     /// Measure this machine on the paper's film

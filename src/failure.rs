@@ -1,9 +1,10 @@
 //! Errors on their way out: one line for the user, one exit code for scripts.
 
 use formats::chart::{ChartError, WriteError};
-use formats::durable::DurableError;
+use formats::durable::{DurableError, LockError};
 use formats::film::FilmError;
 use pipeline::executor::RunError;
+use std::error::Error;
 
 /// Exit codes; documented in `--help`, stable.
 pub mod code {
@@ -13,6 +14,8 @@ pub mod code {
     pub const USAGE: u8 = 2;
     /// The output belongs to another job.
     pub const OTHER_JOB: u8 = 3;
+    /// Checked, and found wrong or incomplete.
+    pub const WRONG: u8 = 4;
     /// The same command may succeed later.
     pub const RETRY: u8 = 75;
     /// Interrupted; the same command resumes.
@@ -51,16 +54,23 @@ pub fn line(error: &anyhow::Error) -> String {
     line
 }
 
+/// Whether the same command may succeed later, by the type of this one error.
+pub fn retryable(error: &(dyn Error + 'static)) -> bool {
+    let is = |retry: Option<bool>| retry.unwrap_or(false);
+    is(error.downcast_ref().map(FilmError::retryable))
+        || is(error.downcast_ref().map(DurableError::retryable))
+        || is(error.downcast_ref().map(ChartError::retryable))
+        || is(error.downcast_ref().map(LockError::retryable))
+        || is(error.downcast_ref().map(|run: &RunError| retryable(run.door().as_ref())))
+}
+
 /// The exit code of an error, by type, wherever it stands in the chain.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
     for cause in error.chain() {
         if let Some(coded) = cause.downcast_ref::<Coded>() {
             return coded.code;
         }
-        let retry = cause.downcast_ref::<FilmError>().is_some_and(FilmError::retryable)
-            || cause.downcast_ref::<DurableError>().is_some_and(DurableError::retryable)
-            || cause.downcast_ref::<ChartError>().is_some_and(ChartError::retryable);
-        if retry {
+        if retryable(cause) {
             return code::RETRY;
         }
         let other_film = matches!(
@@ -73,20 +83,6 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         );
         if other_film || other_chart {
             return code::OTHER_JOB;
-        }
-        if let Some(run) = cause.downcast_ref::<RunError>() {
-            let retry = match run {
-                RunError::Read { source, .. } => {
-                    source.downcast_ref::<ChartError>().is_some_and(ChartError::retryable)
-                }
-                RunError::Write { source, .. } => {
-                    source.downcast_ref::<FilmError>().is_some_and(FilmError::retryable)
-                }
-                _ => false,
-            };
-            if retry {
-                return code::RETRY;
-            }
         }
     }
     code::FAILED

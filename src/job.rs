@@ -250,9 +250,11 @@ fn identity(
     frame: &Frame,
     chart_bands: &[usize],
 ) -> Result<Map<String, Value>> {
+    let (content, mtimes) = chart.identity()?;
     let value = json!({
         "numeric_version": NUMERIC_VERSION,
-        "chart": chart.identity()?,
+        "chart": content,
+        "chart_mtimes": mtimes,
         "chart_bands": chart_bands,
         "lens_name": lens.lens().name,
         "lens_digest": lens.digest().context("reading the lens pack")?,

@@ -12,7 +12,9 @@ mod memory;
 mod open;
 mod progress;
 mod run;
+mod status;
 mod trace;
+mod verify;
 
 use args::{Cli, Command};
 use clap::Parser;
@@ -23,6 +25,8 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Run(args) => run::command(args),
+        Command::Status(args) => status::command(args),
+        Command::Verify(args) => verify::command(args),
         Command::Lens(args) => lens::command(args).map(|()| 0),
         Command::Export(args) => export::command(args).map(|()| 0),
         Command::Demo(args) => demo::command(args),

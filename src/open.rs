@@ -87,11 +87,14 @@ impl Chart {
         }
     }
 
-    /// What makes it this chart and no other, for the job's digest.
-    pub fn identity(&self) -> Result<Value> {
+    /// What makes it this chart and no other, for the job's digest: what it is, and when its files were last changed.
+    pub fn identity(&self) -> Result<(Value, Value)> {
         Ok(match self {
-            Self::Store(s) => json!({ "store": s.identity(true).context("listing the chart's chunks")? }),
-            Self::Drawn(g) => json!({ "drawn": g.spec().to_string() }),
+            Self::Store(s) => {
+                let identity = s.identity().context("listing the chart's chunks")?;
+                (json!({ "store": identity.content }), json!(identity.mtimes))
+            }
+            Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
     }
 }

@@ -27,6 +27,7 @@ use pipeline::geometry::Size;
 
 pub use crate::shard::Codec;
 pub use error::ChartError;
+pub use identity::ChartIdentity;
 pub use layout::Sample;
 pub use write::{ChartMeta, WriteError, WriteReport, remove_chart, write_chart};
 

@@ -4,16 +4,21 @@
 //! A reader, or a job resumed after `kill -9` or a power cut, sees the old bytes or the new ones. Directories are made
 //! durable the same way (fsync of the parent). [`sweep`] removes the temp files of processes that are gone.
 //!
-//! Left out: locks. Two writers of one key each rename a whole file, and the last one wins; that is enough, because all
-//! writers of one job write the same bytes.
+//! None of this needs a lock: two writers of one key each rename a whole file, the last one wins, and all writers of one job
+//! write the same bytes. [`Lock`] only keeps two runs from doing the same work twice.
 
 mod direct;
 mod error;
+mod fault;
+mod lock;
+mod maker;
 mod sweep;
 mod zarr;
 
 pub use error::DurableError;
-pub use sweep::{Sweep, is_temp_name, sweep, sweep_entries, temp_name};
+pub use lock::{Lock, LockError, Owner, locks};
+pub use maker::Maker;
+pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -36,6 +41,12 @@ pub enum Step {
     SyncDirectory,
     /// Remove a file.
     Remove,
+    /// Read a file, or a part of it.
+    Read,
+    /// Give a new directory its final name.
+    Publish,
+    /// Remove what a dead process left.
+    Sweep,
 }
 
 type Fault = dyn Fn(Step, &Path) -> std::io::Result<()> + Send + Sync;
@@ -116,11 +127,11 @@ impl Directory {
         let size = bytes.len() as u64;
         let mut file =
             self.step(Step::Create, temp, |p| File::options().write(true).create_new(true).open(p), size)?;
-        let write = |_: &Path| match self.fsync {
-            true => direct::write_all(&mut file, bytes),
-            false => file.write_all(bytes),
+        let mut write = |part: &[u8]| match self.fsync {
+            true => direct::write_all(&mut file, part),
+            false => file.write_all(part),
         };
-        self.step(Step::Write, temp, write, size)?;
+        self.step(Step::Write, temp, |_| fault::write(bytes, &mut write), size)?;
         let found = self.step(Step::Write, temp, |_| file.metadata(), size)?.len();
         if found != size {
             return Err(DurableError::Length { path: temp.into(), expected: size, found });
@@ -141,6 +152,7 @@ impl Directory {
         self.fault
             .as_ref()
             .map_or(Ok(()), |fault| fault(step, path))
+            .and_then(|()| if step == Step::Write { Ok(()) } else { fault::strike(step) })
             .and_then(|()| act(path))
             .map_err(|e| DurableError::io(step.doing(), path, bytes, e))
     }
@@ -171,7 +183,7 @@ impl Directory {
             return Err(DurableError::Length { path, expected: limit, found: size });
         }
         let mut bytes = Vec::with_capacity(size as usize);
-        file.read_to_end(&mut bytes).map_err(|e| DurableError::io("read", &path, size, e))?;
+        self.step(Step::Read, &path, |_| file.read_to_end(&mut bytes), size)?;
         Ok(Some(bytes))
     }
 
@@ -189,7 +201,7 @@ impl Directory {
             return Err(DurableError::Range { path, offset, length, size });
         };
         let mut bytes = vec![0; length as usize];
-        file.read_exact_at(&mut bytes, start).map_err(|e| DurableError::io("read", &path, length, e))?;
+        self.step(Step::Read, &path, |_| file.read_exact_at(&mut bytes, start), length)?;
         Ok(Some(bytes))
     }
 
@@ -216,6 +228,14 @@ impl Directory {
             Err(e) if absent(&e) => Ok(None),
             Err(e) => Err(DurableError::io("look up", &path, 0, e)),
         }
+    }
+
+    /// Names of what lies in directory `key`, sorted; temp files do not count. None if there is no such directory.
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be listed.
+    pub fn names(&self, key: &str) -> Result<Vec<String>, DurableError> {
+        Ok(zarr::entries(&self.path(key)?)?.into_iter().map(|(name, _)| name).collect())
     }
 
     /// Removes `key`, durably; a key that is not there is fine.
@@ -285,7 +305,7 @@ pub fn create_directories(path: &Path, fsync: bool) -> Result<(), DurableError> 
 /// # Errors
 /// [`DurableError`] if it cannot be renamed.
 pub fn publish(temp: &Path, path: &Path, fsync: bool) -> Result<bool, DurableError> {
-    match std::fs::rename(temp, path) {
+    match fault::strike(Step::Publish).and_then(|()| std::fs::rename(temp, path)) {
         Err(e)
             if matches!(
                 e.kind(),

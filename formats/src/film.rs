@@ -7,8 +7,9 @@
 
 mod error;
 mod spec;
+mod verify;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use pipeline::geometry::Rect;
 use serde_json::{Map, Value};
@@ -16,8 +17,11 @@ use serde_json::{Map, Value};
 pub use crate::shard::{Codec, SampleType};
 pub use error::FilmError;
 pub use spec::{FilmOutput, FilmSpec};
+pub use verify::{Finding, Verdict};
 
-use crate::durable::{Directory, Sweep, remove_directory, sweep};
+use crate::durable::{
+    Directory, DurableError, Lock, LockError, Owner, Sweep, locks, remove_directory, sweep,
+};
 use crate::hierarchy::NewGroup;
 use crate::shard::{ShardEncoder, ShardError};
 
@@ -168,7 +172,19 @@ impl FilmStore {
         Rect::new(rect.y + (sy * sh) as i64, rect.x + (sx * sw) as i64, sh, sw).intersect(rect)
     }
 
-    fn key(&self, output: usize, band: usize, (sy, sx): (usize, usize)) -> String {
+    /// Every shard of the film: output, band, (row, column).
+    pub fn every_shard(&self) -> impl Iterator<Item = (usize, usize, (usize, usize))> + '_ {
+        let of = |output: usize| {
+            let (down, across) = self.shards(output);
+            (0..self.spec.wavelengths_nm.len()).flat_map(move |band| {
+                (0..down).flat_map(move |i| (0..across).map(move |j| (output, band, (i, j))))
+            })
+        };
+        (0..self.spec.outputs.len()).flat_map(of)
+    }
+
+    /// Path of a shard in the film.
+    pub fn key(&self, output: usize, band: usize, (sy, sx): (usize, usize)) -> String {
         format!("{}/c/{band}/{sy}/{sx}", self.spec.outputs[output].name)
     }
 
@@ -182,7 +198,7 @@ impl FilmStore {
         band: usize,
         shard: (usize, usize),
     ) -> Result<bool, FilmError> {
-        Ok(self.directory.size_of(&self.key(output, band, shard))?.is_some())
+        Ok(self.shard_bytes(output, band, shard)?.is_some())
     }
 
     /// Encodes a shard, `data` being its pixels inside the film ([`FilmStore::shard_rect`]) row by row. Works on the
@@ -233,6 +249,7 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::Storage`]; the shard then is as it was before.
     pub fn commit(&self, shard: &EncodedShard) -> Result<(), FilmError> {
+        self.still_there()?;
         Ok(self.directory.write(&shard.key, &shard.bytes)?)
     }
 
@@ -241,7 +258,63 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::Storage`].
     pub fn write_beside(&self, key: &str, bytes: &[u8]) -> Result<(), FilmError> {
+        self.still_there()?;
         Ok(self.directory.write(key, bytes)?)
+    }
+
+    /// A film that was removed or unmounted meanwhile must not come back as shards without metadata.
+    fn still_there(&self) -> Result<(), FilmError> {
+        match self.directory.size_of("zarr.json")? {
+            Some(_) => Ok(()),
+            None => {
+                Err(DurableError::Vanished { path: self.path().into(), missing: "zarr.json".into() }.into())
+            }
+        }
+    }
+
+    /// Takes the lock of a unit of work on this film; see [`Lock`].
+    ///
+    /// # Errors
+    /// [`LockError`] if another has it.
+    pub fn lock(&self, unit: &str, take_over: bool) -> Result<Lock, LockError> {
+        Lock::take(&self.path().join("runs"), unit, take_over)
+    }
+
+    /// The locks on the film at `path`, each with its owner and whether that one is dead, as far as can be known.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`] if they cannot be read.
+    #[allow(clippy::type_complexity, reason = "as `locks`")]
+    pub fn locks(path: &Path) -> Result<Vec<(PathBuf, Option<Owner>, Option<bool>)>, FilmError> {
+        Ok(locks(&path.join("runs"))?)
+    }
+
+    /// What runs have left in `runs/*.json`, oldest first; files that are no JSON objects are passed over.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`] if the records cannot be read.
+    pub fn runs(&self) -> Result<Vec<Map<String, Value>>, FilmError> {
+        let mut runs = Vec::new();
+        for name in self.directory.names("runs")?.into_iter().filter(|n| n.ends_with(".json")) {
+            if let Some(Value::Object(run)) = json(&self.directory, &format!("runs/{name}"))? {
+                runs.push(run);
+            }
+        }
+        runs.sort_by_key(|r| r.get("finished_unix_s").and_then(Value::as_u64));
+        Ok(runs)
+    }
+
+    /// Bytes of a shard on the disk; `None` if it is not there.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`] if the file system does not answer.
+    pub fn shard_bytes(
+        &self,
+        output: usize,
+        band: usize,
+        shard: (usize, usize),
+    ) -> Result<Option<u64>, FilmError> {
+        Ok(self.directory.size_of(&self.key(output, band, shard))?)
     }
 
     /// Removes a shard; one that is not there is fine.

@@ -6,6 +6,8 @@
 //! that hold at least one pixel of the image are always stored, also when they equal the fill value; those that lie
 //! wholly beyond its edge never are.
 
+mod check;
+
 use std::borrow::Cow;
 use std::num::NonZeroU64;
 
@@ -92,6 +94,8 @@ pub(crate) fn sharding_metadata(codec: Codec, sample: SampleType, chunk: usize) 
 pub(crate) fn single_threaded() -> CodecOptions {
     CodecOptions::default().with_concurrent_target(1).with_chunk_concurrent_minimum(1)
 }
+
+pub(crate) use check::Flaw;
 
 /// A sample that the film's type cannot hold, at (row, column) of the data given.
 #[derive(Debug, thiserror::Error)]

@@ -91,7 +91,7 @@ pub struct Summary {
 #[non_exhaustive]
 pub enum RunError {
     /// A band's stages could not be made.
-    #[error("preparing band {position}: {source}")]
+    #[error("preparing its stages: {source}")]
     Prepare {
         /// Position in the job.
         position: usize,
@@ -101,19 +101,40 @@ pub enum RunError {
     /// The chart could not be read.
     #[error("reading the chart for film rows {}..{}, columns {}..{}: {source}", .rect.y, .rect.bottom(), .rect.x, .rect.right())]
     Read {
+        /// Position in the job.
+        position: usize,
         /// Film rectangle being made.
         rect: Rect,
+        /// Shards that its light reaches and that cannot be made without it.
+        shards: Vec<ShardId>,
         /// What went wrong.
         source: DoorError,
     },
     /// A shard could not be encoded or written.
-    #[error("writing shard row {}, column {} of band {}: {source}", .id.row, .id.col, .id.band)]
+    #[error("making shard row {}, column {}: {source}", .id.row, .id.col)]
     Write {
         /// Which shard.
         id: ShardId,
         /// What went wrong.
         source: DoorError,
     },
+}
+
+impl RunError {
+    /// The band's position in the job.
+    pub fn position(&self) -> usize {
+        match self {
+            Self::Prepare { position, .. } | Self::Read { position, .. } => *position,
+            Self::Write { id, .. } => id.band,
+        }
+    }
+
+    /// What the source or the sink said.
+    pub fn door(&self) -> &DoorError {
+        match self {
+            Self::Prepare { source, .. } | Self::Read { source, .. } | Self::Write { source, .. } => source,
+        }
+    }
 }
 
 /// A chart whose reading time is counted apart from resampling.
@@ -142,6 +163,8 @@ struct Light {
     band: Arc<Running>,
     tile: (usize, usize),
     light: Scattered,
+    /// The chart could not be read: the shards it reaches cannot be made.
+    lost: bool,
 }
 
 #[derive(Default)]
@@ -182,7 +205,7 @@ struct Shared<'a, S: FilmSink> {
 /// Runs `work` from `chart` to `sink`; `prepare` makes the stages of the band at a position of the job.
 ///
 /// # Errors
-/// The first [`RunError`]; shards committed before it stay.
+/// The first [`RunError`] that [`Progress::fault`] does not pass over; shards committed before it stay.
 pub fn run<S: FilmSink>(
     work: &Work<'_>,
     chart: &dyn ChartSource,
@@ -240,9 +263,12 @@ impl<S: FilmSink> Shared<'_, S> {
         self.state.lock().expect("workers do not panic")
     }
 
+    /// Stops the run, unless whoever follows it would rather go on without what `error` spoils.
     fn fail(&self, error: RunError) {
-        self.lock().error.get_or_insert(error);
-        self.changed.notify_all();
+        if !self.progress.fault(&error) {
+            self.lock().error.get_or_insert(error);
+            self.changed.notify_all();
+        }
     }
 
     fn stopping(&self, state: &State) -> bool {
@@ -266,7 +292,7 @@ impl<S: FilmSink> Shared<'_, S> {
                         return;
                     }
                 }
-                Err(source) => return self.fail(RunError::Prepare { position, source }),
+                Err(source) => self.fail(RunError::Prepare { position, source }),
             }
         }
     }
@@ -347,11 +373,13 @@ impl<S: FilmSink> Shared<'_, S> {
                     let read = self.clock.scene.time(|| {
                         stages.scene.apply(&self.chart, work.chart_band, rect, &mut scene, &mut scratch)
                     });
+                    let lost = read.is_err();
                     if let Err(source) = read {
-                        self.fail(RunError::Read { rect, source });
-                        return;
+                        let shards = self.shards(&band, tile);
+                        self.fail(RunError::Read { position: band.position, rect, shards, source });
                     }
                     self.clock.svpsf.time(|| match &stages.psf {
+                        _ if lost => (),
                         Some(stage) => {
                             stage.scatter(
                                 &self.work.frame,
@@ -364,7 +392,7 @@ impl<S: FilmSink> Shared<'_, S> {
                         }
                         None => light.copy(&scene, rect.width),
                     });
-                    self.add(sequence, Light { band, tile, light });
+                    self.add(sequence, Light { band, tile, light, lost });
                 }
             }
         }
@@ -379,6 +407,17 @@ impl<S: FilmSink> Shared<'_, S> {
         }
     }
 
+    /// The wanted shards that the light of `tile` reaches.
+    fn shards(&self, band: &Running, tile: (usize, usize)) -> Vec<ShardId> {
+        let work = &self.work.bands[band.position];
+        let reach = work.tiling.reach(tile);
+        let of = |(window, w): (usize, &Window)| {
+            let id = move |(row, col)| ShardId { band: band.position, window, row, col };
+            w.touched(reach).map(id).filter(|id| work.wanted.contains(id)).collect::<Vec<_>>()
+        };
+        self.work.windows.iter().enumerate().flat_map(of).collect()
+    }
+
     /// Hands in a tile's light; if it is this worker's turn, adds all that are next in order.
     fn add(&self, sequence: usize, light: Light) {
         let mut state = self.lock();
@@ -389,12 +428,16 @@ impl<S: FilmSink> Shared<'_, S> {
         state.adding = true;
         loop {
             let turn = state.added;
-            let Some(Light { band, tile, light }) = state.waiting.remove(&turn) else { break };
+            let Some(Light { band, tile, light, lost }) = state.waiting.remove(&turn) else { break };
             drop(state);
             let work = &self.work.bands[band.position];
             let reach = work.tiling.reach(tile);
             let finished = self.clock.add.time(|| {
                 let mut overlap = self.overlap.lock().expect("workers do not panic");
+                if lost {
+                    overlap.lose(&self.shards(&band, tile));
+                    return Vec::new();
+                }
                 overlap.add(band.position, &work.tiling, &work.wanted, reach, &light)
             });
             let pixels = work.tiling.rect(tile).intersect(self.work.frame.film.rect()).size().pixels();

@@ -1,5 +1,6 @@
 //! The doors of the pipeline: where charts come from and films go to. Implemented by stores, by generators, by tests.
 
+use crate::executor::RunError;
 use crate::geometry::{Rect, Size};
 use crate::plan::ShardId;
 
@@ -48,6 +49,10 @@ pub trait Progress: Sync {
     fn tile(&self, _position: usize, _pixels: usize) {}
     /// A shard of `bytes` has been committed.
     fn shard(&self, _id: ShardId, _bytes: u64) {}
+    /// Something failed. `true`: go on with all shards that do not depend on it; `false`: stop the run.
+    fn fault(&self, _error: &RunError) -> bool {
+        false
+    }
 }
 
 /// Says nothing.

@@ -13,6 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct OverlapAdd {
     windows: Vec<Window>,
     open: BTreeMap<ShardId, Open>,
+    lost: BTreeSet<ShardId>,
     pool: Vec<Vec<f32>>,
 }
 
@@ -47,7 +48,7 @@ pub fn tiles_needed(tiling: &Tiling, windows: &[Window], wanted: &BTreeSet<Shard
 impl OverlapAdd {
     /// For the outputs `windows`.
     pub fn new(windows: &[Window]) -> Self {
-        Self { windows: windows.to_vec(), open: BTreeMap::new(), pool: Vec::new() }
+        Self { windows: windows.to_vec(), open: BTreeMap::new(), lost: BTreeSet::new(), pool: Vec::new() }
     }
 
     /// Adds a tile of `band` whose light is `light` on the film rectangle `reach`; `wanted` are the shards to make of it.
@@ -64,7 +65,7 @@ impl OverlapAdd {
         for (index, window) in self.windows.iter().enumerate() {
             for (row, col) in window.touched(reach) {
                 let id = ShardId { band, window: index, row, col };
-                if !wanted.contains(&id) {
+                if !wanted.contains(&id) || self.lost.contains(&id) {
                     continue;
                 }
                 let open = self.open.entry(id).or_insert_with(|| {
@@ -90,6 +91,14 @@ impl OverlapAdd {
             }
         }
         finished
+    }
+
+    /// Gives up `shards`: a tile that reaches them has no light to add.
+    pub fn lose(&mut self, shards: &[ShardId]) {
+        for id in shards {
+            self.lost.insert(*id);
+            self.pool.extend(self.open.remove(id).map(|open| open.pixels));
+        }
     }
 
     /// Takes a shard's buffer back for the next one.

@@ -3,9 +3,9 @@
 mod oracle;
 
 use lenscube_pipeline::band::{BandPlan, Options, PsfBetween};
-use lenscube_pipeline::executor::{BandWork, Summary, Work, run};
+use lenscube_pipeline::executor::{BandWork, RunError, Summary, Work, run};
 use lenscube_pipeline::field::Outside;
-use lenscube_pipeline::flow::{ChartSource, DoorError, FilmSink};
+use lenscube_pipeline::flow::{ChartSource, DoorError, FilmSink, Progress};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{ShardId, Window};
@@ -146,8 +146,22 @@ impl Case {
     }
 
     fn run(&self, windows: &[Window], threads: usize, spectra_bytes: usize) -> (Vec<Vec<Vec<f32>>>, Summary) {
+        let sink = Sink::new(windows, self.lens.bands.len());
+        let summary = self.run_into(windows, threads, spectra_bytes, &self.chart, &sink, &()).unwrap();
+        assert!(!summary.interrupted);
+        (sink.films.into_inner().unwrap(), summary)
+    }
+
+    fn run_into(
+        &self,
+        windows: &[Window],
+        threads: usize,
+        spectra_bytes: usize,
+        chart: &dyn ChartSource,
+        sink: &Sink,
+        progress: &dyn Progress,
+    ) -> Result<Summary, RunError> {
         let plans = self.plans();
-        let sink = Sink::new(windows, plans.len());
         let every = |band: usize| {
             windows.iter().enumerate().flat_map(move |(window, w)| {
                 let (rows, cols) = w.count();
@@ -170,9 +184,7 @@ impl Case {
                 .stages(i, &self.frame, &self.options, 1.0, |b| Ok::<_, LensError>(self.stacks[b].clone()))
                 .map_err(DoorError::from)
         };
-        let summary = run(&work, &self.chart, &sink, &prepare, &()).unwrap();
-        assert!(!summary.interrupted);
-        (sink.films.into_inner().unwrap(), summary)
+        run(&work, chart, sink, &prepare, progress)
     }
 
     fn whole(&self, shard: usize) -> Vec<Window> {
@@ -309,5 +321,66 @@ fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid() {
     for (i, v) in films[0][0].iter().enumerate() {
         let (y, x) = (i / 170, i % 170);
         assert!((f64::from(*v) - (1.0 - 2.0 * ALPHA)).abs() < 5e-4, "{v} at {y},{x}");
+    }
+}
+
+/// A chart with a hole: rows and columns of one band that cannot be read.
+struct Holed<'a>(&'a Chart, usize, Rect);
+
+impl ChartSource for Holed<'_> {
+    fn size(&self) -> Size {
+        self.0.size()
+    }
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        match band == self.1 && !rect.intersect(self.2).is_empty() {
+            true => Err("a hole".into()),
+            false => self.0.read(band, rect, out),
+        }
+    }
+}
+
+/// Goes on after every fault, and keeps what each one spoils.
+#[derive(Default)]
+struct Faults(Mutex<BTreeSet<ShardId>>);
+
+impl Progress for Faults {
+    fn fault(&self, error: &RunError) -> bool {
+        let mut lost = self.0.lock().unwrap();
+        match error {
+            RunError::Read { shards, .. } => lost.extend(shards),
+            RunError::Write { id, .. } => drop(lost.insert(*id)),
+            other => panic!("{other}"),
+        }
+        true
+    }
+}
+
+#[test]
+fn a_fault_costs_the_shards_that_depend_on_it_and_no_other() {
+    let mut noise = Noise(8);
+    let case = case(&mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
+    let windows = case.whole(100);
+    let (whole, _) = case.run(&windows, 1, 64 << 20);
+    let hole = Rect::new(300, 310, 4, 4);
+    for threads in [1, 3] {
+        let (sink, faults) = (Sink::new(&windows, 2), Faults::default());
+        case.run_into(&windows, threads, 1 << 20, &Holed(&case.chart, 1, hole), &sink, &faults).unwrap();
+        let (seen, lost) = (sink.seen.into_inner().unwrap(), faults.0.into_inner().unwrap());
+        assert!(!lost.is_empty() && lost.iter().all(|id| id.band == 1), "{lost:?}");
+        assert!(seen.is_disjoint(&lost), "a shard with a hole was committed");
+        assert_eq!(seen.len() + lost.len(), 2 * 7 * 5, "neither made nor lost");
+        assert!(lost.len() < 7 * 5, "one hole cost the whole band");
+        let films = sink.films.into_inner().unwrap();
+        for id in seen {
+            let rect = windows[0].shard_rect(id.row, id.col);
+            for (y, x) in (rect.y..rect.bottom()).flat_map(|y| (rect.x..rect.right()).map(move |x| (y, x))) {
+                let at = y as usize * 620 + x as usize;
+                assert_eq!(films[0][id.band][at].to_bits(), whole[0][id.band][at].to_bits(), "{id:?}");
+            }
+        }
+        let sink = Sink::new(&windows, 2);
+        let holed = Holed(&case.chart, 1, hole);
+        let error = case.run_into(&windows, threads, 1 << 20, &holed, &sink, &()).unwrap_err();
+        assert_eq!((error.position(), error.door().to_string().as_str()), (1, "a hole"));
     }
 }

@@ -100,6 +100,15 @@ pub struct RunArgs {
     /// Start anew if the film exists
     #[arg(long)]
     pub overwrite: bool,
+    /// Resume although the chart's files were touched; names and sizes must still be the same
+    #[arg(long)]
+    pub trust_input: bool,
+    /// After a fault finish all shards that do not depend on it
+    #[arg(long)]
+    pub keep_going: bool,
+    /// Although a run of another host has locked the film: that run has ended
+    #[arg(long)]
+    pub take_over: bool,
 }
 
 /// One of the three effects.

@@ -9,6 +9,15 @@ use super::ChartStore;
 use super::open::{canonical, sorted};
 use crate::durable::{DurableError, is_temp_name};
 
+/// Two BLAKE3 digests, 64 hexadecimal digits each.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChartIdentity {
+    /// Of [`ChartStore::description`] and of the name and size of every file of the array.
+    pub content: String,
+    /// Of the name and time of last change of every file.
+    pub mtimes: String,
+}
+
 impl ChartStore {
     /// What the chart is, as JSON with sorted keys: the array's metadata (without attributes), wavelengths, pitch, film
     /// size, units.
@@ -23,24 +32,26 @@ impl ChartStore {
         .to_string()
     }
 
-    /// BLAKE3 of [`ChartStore::description`] and of the name and size, and with `mtimes` the time of last change, of
-    /// every file of the array, as 64 hexadecimal digits. A copy has the same identity (with `mtimes`: a copy that keeps
-    /// them); pixels changed within a file of the same size show in `mtimes` only.
+    /// What the chart is, in two digests. A copy of the chart has the same `content`, and one that keeps the files' times the
+    /// same `mtimes`; pixels changed within a file of the same size show in `mtimes` only.
     ///
     /// # Errors
     /// [`DurableError`] if the files cannot be listed.
-    pub fn identity(&self, mtimes: bool) -> Result<String, DurableError> {
+    pub fn identity(&self) -> Result<ChartIdentity, DurableError> {
         let mut files = Vec::new();
         list(&self.array_path(), "", &mut files)?;
         files.sort();
-        let mut hash = blake3::Hasher::new();
-        hash.update(b"lenscube/chart-identity/1\n");
-        hash.update(self.description().as_bytes());
+        let mut content = blake3::Hasher::new();
+        content.update(b"lenscube/chart-identity/1\n");
+        content.update(self.description().as_bytes());
+        let mut mtimes = blake3::Hasher::new();
+        mtimes.update(b"lenscube/chart-mtimes/1\n");
         for (name, size, time) in files {
-            let time = if mtimes { time.to_string() } else { String::new() };
-            hash.update(format!("\n{name}\t{size}\t{time}").as_bytes());
+            content.update(format!("\n{name}\t{size}").as_bytes());
+            mtimes.update(format!("\n{name}\t{time}").as_bytes());
         }
-        Ok(hash.finalize().to_hex().to_string())
+        let hex = |hash: blake3::Hasher| hash.finalize().to_hex().to_string();
+        Ok(ChartIdentity { content: hex(content), mtimes: hex(mtimes) })
     }
 }
 

@@ -224,6 +224,18 @@ impl Layout {
         self.directory.root().join(self.key(p))
     }
 
+    /// A chunk may be missing from a chart, but not because the chart itself has been removed or unmounted.
+    pub(super) fn still_there(&self) -> Result<(), ChartError> {
+        let slash = if self.name.is_empty() { "" } else { "/" };
+        for file in ["zarr.json", ".zarray"] {
+            if self.directory.size_of(&format!("{}{slash}{file}", self.name))?.is_some() {
+                return Ok(());
+            }
+        }
+        let path = self.directory.root().join(&self.name);
+        Err(crate::durable::DurableError::Vanished { path, missing: "metadata".into() }.into())
+    }
+
     /// One number per file.
     pub(super) fn file_number(&self, p: [usize; 3]) -> u64 {
         let n: [u64; 3] = std::array::from_fn(|k| self.shape[k].div_ceil(self.chunk[k]) as u64);

@@ -49,7 +49,10 @@ impl ChartStore {
     pub(super) fn load(&self, p: [usize; 3]) -> Result<Piece, ChartError> {
         let index = self.index(p)?;
         let index = index.as_ref().and_then(|i| i.as_deref());
-        let Some(encoded) = self.layout.read_encoded(p, index)? else { return Ok(self.missing(p)) };
+        let Some(encoded) = self.layout.read_encoded(p, index)? else {
+            self.layout.still_there()?;
+            return Ok(self.missing(p));
+        };
         self.counters.bytes_read.fetch_add(encoded.len() as u64, Relaxed);
         let start = Instant::now();
         let decoded = self.layout.decode_piece(p, encoded)?;

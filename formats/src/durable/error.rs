@@ -36,6 +36,16 @@ pub enum DurableError {
         /// The system's words.
         source: std::io::Error,
     },
+    /// A store that was there when the job began is not there any more.
+    #[error(
+        "the store {path} is gone: its {missing} was there when the job began; bring it back (is the disk mounted?)"
+    )]
+    Vanished {
+        /// The store.
+        path: PathBuf,
+        /// The file whose absence shows it.
+        missing: String,
+    },
     /// Any other failure of the system.
     #[error("could not {doing} {path}: {source}")]
     Io {
@@ -98,20 +108,38 @@ impl DurableError {
         matches!(self, Self::StorageFull { .. })
     }
 
-    /// Whether the same call may succeed a moment later with nobody's help: a network file system that was away.
+    /// Whether the same call may succeed later although nobody changes a word of it: the disk is full, the store is away
+    /// (also a device or network file system in trouble: EIO), the host is short of something. Not: forbidden, damaged.
     pub fn retryable(&self) -> bool {
-        let Self::Io { source, .. } = self else { return false };
-        matches!(
+        use rustix::io::Errno;
+        let source = match self {
+            Self::StorageFull { .. } | Self::Vanished { .. } => return true,
+            Self::Io { source, .. } => source,
+            _ => return false,
+        };
+        let kind = matches!(
             source.kind(),
             ErrorKind::Interrupted
+                | ErrorKind::WouldBlock
+                | ErrorKind::OutOfMemory
                 | ErrorKind::TimedOut
                 | ErrorKind::StaleNetworkFileHandle
                 | ErrorKind::HostUnreachable
                 | ErrorKind::NetworkUnreachable
                 | ErrorKind::NetworkDown
+                | ErrorKind::NotConnected
+                | ErrorKind::ConnectionAborted
                 | ErrorKind::ConnectionReset
                 | ErrorKind::ResourceBusy
-        )
+        );
+        let away = [Errno::NODEV, Errno::NXIO, Errno::MFILE, Errno::NFILE];
+        kind || self.is_device_error() || Errno::from_io_error(source).is_some_and(|e| away.contains(&e))
+    }
+
+    /// Whether a device says that it failed (EIO): the network of a disk that is far, or one bad place of a near one.
+    pub fn is_device_error(&self) -> bool {
+        let Self::Io { source, .. } = self else { return false };
+        rustix::io::Errno::from_io_error(source) == Some(rustix::io::Errno::IO)
     }
 }
 
@@ -123,7 +151,9 @@ impl Step {
             Self::Sync => "flush",
             Self::Rename => "rename to",
             Self::SyncDirectory => "flush directory",
-            Self::Remove => "remove",
+            Self::Remove | Self::Sweep => "remove",
+            Self::Read => "read",
+            Self::Publish => "rename to",
         }
     }
 }

@@ -1,89 +1,27 @@
 //! Temp names that tell who made them, and the sweep of those whose maker is gone.
 //!
-//! `.tmp-<host>-<boot>-<pid namespace>-<pid>-<start>-<nonce>`: the boot id tells a restarted host, the namespace another
-//! container on this one, the start time (clock ticks since boot) another process that got the same pid. No zarr key
-//! begins with `.tmp-`, so no reader ever asks for one.
+//! `.tmp-<host>-<boot>-<pid namespace>-<pid>-<start>-<nonce>`, the words of a [`Maker`]. No zarr key begins with `.tmp-`, so
+//! no reader ever asks for one.
 
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::DurableError;
+use super::fault::strike;
+use super::{DurableError, Maker, Step};
 
 const PREFIX: &str = ".tmp-";
 
-/// Who made a temp file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Maker {
-    host: String,
-    boot: String,
-    namespace: String,
-    pid: u32,
-    start: u64,
-}
-
-impl Maker {
-    fn here() -> &'static Self {
-        static HERE: OnceLock<Maker> = OnceLock::new();
-        HERE.get_or_init(|| {
-            let word = |s: &str| -> String {
-                s.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).take(64).collect()
-            };
-            let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
-            let namespace = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
-            let digits = |s: &str| s.chars().filter(char::is_ascii_digit).collect::<String>();
-            let pid = std::process::id();
-            Self {
-                host: word(&rustix::system::uname().nodename().to_string_lossy()),
-                boot: boot.chars().filter(char::is_ascii_hexdigit).take(16).collect(),
-                namespace: digits(&namespace.to_string_lossy()),
-                pid,
-                start: start_of(pid).unwrap_or(0),
-            }
-        })
-    }
-
-    fn parse(name: &str) -> Option<Self> {
-        let mut parts = name.strip_prefix(PREFIX)?.split('-');
-        let mut word = || parts.next().map(str::to_owned);
-        Some(Self {
-            host: word()?,
-            boot: word()?,
-            namespace: word()?,
-            pid: word()?.parse().ok()?,
-            start: word()?.parse().ok()?,
-        })
-    }
-
-    /// `None` when this process cannot know: another host, or another container of this one.
-    fn is_dead(&self) -> Option<bool> {
-        let here = Self::here();
-        if self.host != here.host {
-            None
-        } else if self.boot != here.boot {
-            Some(true)
-        } else if self.namespace != here.namespace {
-            None
-        } else {
-            Some(match start_of(self.pid) {
-                Some(start) => start != self.start,
-                None => !is_alive(self.pid),
-            })
-        }
-    }
-}
-
-/// When process `pid` started, in clock ticks since boot: field 22 of /proc/<pid>/stat, counted after the last `)`
-/// because the command's name may hold anything.
-fn start_of(pid: u32) -> Option<u64> {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    stat.rsplit_once(')')?.1.split_whitespace().nth(19)?.parse().ok()
-}
-
-/// Without /proc: does a signal find it? One that belongs to another user is there as well.
-fn is_alive(pid: u32) -> bool {
-    let Some(pid) = i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw) else { return false };
-    !matches!(rustix::process::test_kill_process(pid), Err(rustix::io::Errno::SRCH))
+/// Who made the file of that name; `None` if the name does not tell.
+fn maker(name: &str) -> Option<Maker> {
+    let mut parts = name.strip_prefix(PREFIX)?.split('-');
+    let mut word = || parts.next().map(str::to_owned);
+    Some(Maker {
+        host: word()?,
+        boot: word()?,
+        namespace: word()?,
+        pid: word()?.parse().ok()?,
+        start: word()?.parse().ok()?,
+    })
 }
 
 /// A name that no other process, and no other call in this one, uses.
@@ -115,9 +53,7 @@ pub struct Sweep {
 /// # Errors
 /// [`DurableError`] if a directory cannot be listed or a file not removed. A `root` that is not there is clean.
 pub fn sweep(root: &Path) -> Result<Sweep, DurableError> {
-    let mut found = Sweep::default();
-    walk(root, true, &mut found)?;
-    Ok(found)
+    remove_dead(temp_files(root)?)
 }
 
 /// As [`sweep`], but looks only at the entries of `directory` itself, files and unfinished directories alike.
@@ -125,12 +61,53 @@ pub fn sweep(root: &Path) -> Result<Sweep, DurableError> {
 /// # Errors
 /// As [`sweep`].
 pub fn sweep_entries(directory: &Path) -> Result<Sweep, DurableError> {
-    let mut found = Sweep::default();
+    let mut found = Vec::new();
     walk(directory, false, &mut found)?;
+    remove_dead(found)
+}
+
+/// The temp files and directories below `root`, and whether their maker is dead (`None`: who knows).
+///
+/// # Errors
+/// [`DurableError`] if a directory cannot be listed.
+pub fn temp_files(root: &Path) -> Result<Vec<(PathBuf, Option<bool>)>, DurableError> {
+    let mut found = Vec::new();
+    walk(root, true, &mut found)?;
     Ok(found)
 }
 
-fn walk(directory: &Path, deep: bool, found: &mut Sweep) -> Result<(), DurableError> {
+fn remove_dead(found: Vec<(PathBuf, Option<bool>)>) -> Result<Sweep, DurableError> {
+    let mut sweep = Sweep::default();
+    for (path, dead) in found {
+        match dead {
+            None => sweep.foreign.push(path),
+            Some(false) => sweep.live.push(path),
+            Some(true) => {
+                remove_temp(&path)?;
+                sweep.removed.push(path);
+            }
+        }
+    }
+    Ok(sweep)
+}
+
+/// Removes a temp file or directory; one that is gone already is fine.
+///
+/// # Errors
+/// [`DurableError`] if it cannot be removed.
+pub fn remove_temp(path: &Path) -> Result<(), DurableError> {
+    let is_dir = path.symlink_metadata().is_ok_and(|m| m.is_dir());
+    let gone = strike(Step::Sweep).and_then(|()| match is_dir {
+        true => std::fs::remove_dir_all(path),
+        false => std::fs::remove_file(path),
+    });
+    match gone {
+        Err(e) if !super::absent(&e) => Err(DurableError::io("remove", path, 0, e)),
+        _ => Ok(()),
+    }
+}
+
+fn walk(directory: &Path, deep: bool, found: &mut Vec<(PathBuf, Option<bool>)>) -> Result<(), DurableError> {
     let entries = match std::fs::read_dir(directory) {
         Err(e) if super::absent(&e) => return Ok(()),
         other => other.map_err(|e| DurableError::io("list", directory, 0, e))?,
@@ -138,25 +115,12 @@ fn walk(directory: &Path, deep: bool, found: &mut Sweep) -> Result<(), DurableEr
     for entry in entries {
         let entry = entry.map_err(|e| DurableError::io("list", directory, 0, e))?;
         let path = entry.path();
-        let is_dir = entry.file_type().is_ok_and(|t| t.is_dir());
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        if !is_temp_name(&name) {
-            if is_dir && deep {
-                walk(&path, deep, found)?;
-            }
-            continue;
-        }
-        match Maker::parse(&name).and_then(|m| m.is_dead()) {
-            None => found.foreign.push(path),
-            Some(false) => found.live.push(path),
-            Some(true) => {
-                let gone = if is_dir { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
-                match gone {
-                    Err(e) if !super::absent(&e) => return Err(DurableError::io("remove", &path, 0, e)),
-                    _ => found.removed.push(path),
-                }
-            }
+        if is_temp_name(&name) {
+            found.push((path, maker(&name).and_then(|m| m.is_dead())));
+        } else if deep && entry.file_type().is_ok_and(|t| t.is_dir()) {
+            walk(&path, deep, found)?;
         }
     }
     Ok(())

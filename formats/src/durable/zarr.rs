@@ -116,7 +116,7 @@ impl ListableStorageTraits for Directory {
 }
 
 /// Names in `directory` and whether each is a directory, sorted; temp files do not count.
-fn entries(directory: &Path) -> Result<Vec<(String, bool)>, DurableError> {
+pub(super) fn entries(directory: &Path) -> Result<Vec<(String, bool)>, DurableError> {
     let failed = |e| DurableError::io("list", directory, 0, e);
     let listing = match std::fs::read_dir(directory) {
         Err(e) if super::absent(&e) => return Ok(Vec::new()),

@@ -130,7 +130,7 @@ fn a_full_disk_leaves_the_shard_as_it_was() {
     });
     let shard = film.encode_shard(0, 0, (2, 1), &vec![1.0; 22 * 36]).unwrap();
     let e = film.commit(&shard).unwrap_err();
-    assert!(e.is_storage_full() && !e.retryable(), "{e}");
+    assert!(e.is_storage_full() && e.retryable(), "{e}");
     assert!(!film.shard_present(0, 0, (2, 1)).unwrap());
     assert_eq!(std::fs::read_dir(path.join("film/c/0/2")).unwrap().count(), 0);
 }
@@ -167,4 +167,63 @@ fn films_that_cannot_be_are_refused() {
         assert!(matches!(e, FilmError::Spec { .. }), "{e}");
     }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn what_is_wrong_with_a_film_is_found_and_named() {
+    let dir = tempfile::tempdir().unwrap();
+    for (sample, codec) in [(SampleType::F32, Codec::Zstd), (SampleType::F16, Codec::None)] {
+        let path = dir.path().join(format!("{codec:?}"));
+        let film =
+            FilmStore::create(&path, FilmSpec { codec, sample, ..spec() }, provenance(), false).unwrap();
+        let empty = film.verify(2, &|_, _| ()).unwrap();
+        assert_eq!((empty.shards, empty.findings.len()), (12, 12));
+        fill(&film);
+        let sound = film.verify(3, &|_, _| ()).unwrap();
+        assert!(sound.findings.is_empty() && sound.temp.is_empty(), "{sound:?}");
+        let of = |key: &str| path.join(key);
+        // Any byte of a shard, flipped, is found: every one is under a checksum.
+        let good = std::fs::read(of("film/c/1/0/1")).unwrap();
+        for k in (0..good.len()).step_by(good.len() / 97) {
+            let mut bad = good.clone();
+            bad[k] ^= 0x10;
+            std::fs::write(of("film/c/1/0/1"), &bad).unwrap();
+            let (_, finding) = film.check_shard(0, 1, (0, 1)).unwrap();
+            assert!(
+                matches!(&finding, Some(Finding::Bad { key, .. }) if key == "film/c/1/0/1"),
+                "{k}: {finding:?}"
+            );
+        }
+        for cut in [&good[..good.len() - 1], &good[1..], &good[..10], &[]] {
+            std::fs::write(of("film/c/1/0/1"), cut).unwrap();
+            assert!(film.check_shard(0, 1, (0, 1)).unwrap().1.is_some());
+        }
+        let mut pixels = vec![0.5; 64 * 36];
+        pixels[3 * 36 + 2] = f32::NAN;
+        film.commit(&film.encode_shard(0, 1, (1, 1), &pixels).unwrap()).unwrap();
+        film.remove(0, 0, (2, 0)).unwrap();
+        std::fs::write(of("wavelength/c/0"), [0; 20]).unwrap();
+        std::fs::write(of("film/c/0/.tmp-elsewhere-1-2-3-4-5"), "half").unwrap();
+        let found = film.verify(2, &|_, _| ()).unwrap();
+        let text = format!("{:?}", found.findings);
+        assert_eq!(found.findings.len(), 4, "{text}");
+        for word in
+            ["Metadata { key: \"wavelength/c/0\"", "Missing { key: \"film/c/0/2/0\"", "row 67, column 66"]
+        {
+            assert!(text.contains(word), "{word}: {text}");
+        }
+        assert_eq!(found.temp.iter().map(|t| t.1).collect::<Vec<_>>(), [None]);
+    }
+}
+
+#[test]
+fn a_film_that_is_gone_is_not_made_again_in_parts() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("film.zarr");
+    let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
+    let shard = film.encode_shard(0, 0, (2, 1), &vec![1.0; 22 * 36]).unwrap();
+    std::fs::remove_dir_all(&path).unwrap();
+    let e = film.commit(&shard).unwrap_err();
+    assert!(e.retryable() && e.to_string().contains("is gone"), "{e}");
+    assert!(film.verify(1, &|_, _| ()).unwrap_err().retryable() && !path.exists());
 }

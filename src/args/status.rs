@@ -1,0 +1,46 @@
+//! `lenscube status` and `lenscube verify`: looking at a film.
+
+use super::values::threads;
+use clap::Args;
+use std::path::PathBuf;
+
+/// `lenscube status`
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  lenscube status film.zarr\n  lenscube status film.zarr --check && echo done\n  \
+lenscube status film.zarr --json | jq .missing"
+)]
+pub struct StatusArgs {
+    /// The film
+    #[arg(value_name = "FILM")]
+    pub film: PathBuf,
+    /// Exit with 4 if shards are missing
+    #[arg(long)]
+    pub check: bool,
+    /// For programs
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lenscube verify`
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  lenscube verify film.zarr\n  \
+lenscube verify film.zarr --repair; lenscube run chart.zarr film.zarr     # makes bad shards again\n\
+Exit codes: 0 all is well, 4 something is wrong or missing")]
+pub struct VerifyArgs {
+    /// The film
+    #[arg(value_name = "FILM")]
+    pub film: PathBuf,
+    /// Remove bad shards and all temp files, so that the same `run` makes the shards again
+    #[arg(long)]
+    pub repair: bool,
+    /// With --repair: although a run of another host has locked the film
+    #[arg(long, requires = "repair")]
+    pub take_over: bool,
+    /// For programs
+    #[arg(long)]
+    pub json: bool,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_parser = threads)]
+    pub threads: Option<usize>,
+}

@@ -1,0 +1,162 @@
+//! Following a run: what it has done so far, and what went wrong, in the user's words.
+
+use crate::failure::{self, Coded, code};
+use crate::job::Job;
+use crate::progress::{Bars, say};
+use anyhow::Result;
+use formats::chart::ChartError;
+use formats::film::{FilmError, FilmStore};
+use pipeline::executor::{RunError, Summary};
+use pipeline::flow::Progress;
+use pipeline::plan::ShardId;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+/// Writes that fail one after the other before `--keep-going` believes that all will.
+const HOPELESS: u64 = 3;
+
+/// Shows progress, counts, and decides whether a run goes on after a fault.
+pub struct Follow {
+    /// What the user sees.
+    pub bars: Bars,
+    /// Tiles added.
+    pub tiles: AtomicU64,
+    /// Their film pixels.
+    pub pixels: AtomicU64,
+    /// Shards committed.
+    pub shards: AtomicU64,
+    /// Their bytes.
+    pub bytes: AtomicU64,
+    /// When it began.
+    pub start: Instant,
+    keep_going: bool,
+    failed_writes: AtomicU64,
+    left_out: Mutex<BTreeMap<(usize, String), LeftOut>>,
+}
+
+/// What one cause has cost one band.
+struct LeftOut {
+    /// Empty: all shards of the band.
+    shards: BTreeSet<ShardId>,
+    retry: bool,
+}
+
+/// A run that did not come to its end, or left something out.
+pub struct Failed {
+    /// For the user.
+    pub error: anyhow::Error,
+    /// What it did nevertheless.
+    pub summary: Option<Summary>,
+}
+
+impl Follow {
+    /// With `keep_going`, a fault costs only the shards that depend on it.
+    pub fn new(bars: Bars, keep_going: bool) -> Self {
+        let zero = || AtomicU64::new(0);
+        let (tiles, pixels, shards, bytes) = (zero(), zero(), zero(), zero());
+        let left_out = Mutex::default();
+        let start = Instant::now();
+        Self { bars, tiles, pixels, shards, bytes, start, keep_going, failed_writes: zero(), left_out }
+    }
+
+    /// The run's result in the user's words: the shards that it was to make and has not, and why.
+    pub fn outcome(
+        &self,
+        job: &Job,
+        store: &FilmStore,
+        missing: u64,
+        result: Result<Summary, RunError>,
+    ) -> Result<Summary, Box<Failed>> {
+        let incomplete = format!(
+            "the film {} is incomplete; once the cause is gone, the same command resumes",
+            store.path().display()
+        );
+        let left_out = self.left_out.lock().expect("no panic while held");
+        let summary = match result {
+            Ok(summary) if left_out.is_empty() => return Ok(summary),
+            Ok(summary) => summary,
+            Err(error) => {
+                let shards = shards_of(&error);
+                let place = place(job, store, error.position(), &shards);
+                let error = anyhow::Error::from(error).context(place).context(incomplete);
+                return Err(Box::new(Failed { error, summary: None }));
+            }
+        };
+        for ((band, reason), what) in left_out.iter() {
+            say(format!("left out: {}: {reason}", place(job, store, *band, &what.shards)));
+        }
+        let retry = left_out.values().all(|l| l.retry);
+        let message =
+            format!("{} of {missing} shards could not be made: {incomplete}", missing - summary.shards);
+        let code = if retry { code::RETRY } else { code::FAILED };
+        Err(Box::new(Failed { error: Coded { code, message }.into(), summary: Some(summary) }))
+    }
+}
+
+/// The shards that depend on what failed; empty: all of the band.
+fn shards_of(error: &RunError) -> BTreeSet<ShardId> {
+    match error {
+        RunError::Read { shards, .. } => shards.iter().copied().collect(),
+        RunError::Write { id, .. } => [*id].into(),
+        _ => BTreeSet::new(),
+    }
+}
+
+/// `band 1 (500 nm), shard film/c/1/0/2 and 3 more`.
+fn place(job: &Job, store: &FilmStore, band: usize, shards: &BTreeSet<ShardId>) -> String {
+    let nm = job.plans[band].lens.wavelength_nm;
+    let first = shards.first().map(|id| store.key(id.window, id.band, (id.row, id.col)));
+    let shards = match (first, shards.len()) {
+        (None, _) => "all its shards".into(),
+        (Some(first), 1) => format!("shard {first}"),
+        (Some(first), n) => format!("shard {first} and {} more", n - 1),
+    };
+    format!("band {band} ({nm} nm), {shards}")
+}
+
+/// Whether the rest may go well: what failed is one chunk of the chart, one value or one band, not the store as a whole.
+fn is_local(error: &RunError) -> bool {
+    let door = error.door();
+    if let Some(FilmError::Storage(e)) = door.downcast_ref() {
+        return !e.retryable();
+    }
+    match door.downcast_ref::<ChartError>() {
+        Some(ChartError::Io(e)) => e.is_device_error() || !e.retryable(),
+        _ => true,
+    }
+}
+
+impl Progress for Follow {
+    fn band(&self, position: usize, pixels: u64) {
+        self.bars.band(position, pixels);
+    }
+
+    fn tile(&self, position: usize, pixels: usize) {
+        self.tiles.fetch_add(1, Ordering::Relaxed);
+        self.pixels.fetch_add(pixels as u64, Ordering::Relaxed);
+        self.bars.tile(position, pixels);
+    }
+
+    fn shard(&self, id: ShardId, bytes: u64) {
+        self.shards.fetch_add(1, Ordering::Relaxed);
+        self.bytes.fetch_add(bytes, Ordering::Relaxed);
+        self.failed_writes.store(0, Ordering::Relaxed);
+        self.bars.shard(id, bytes);
+    }
+
+    fn fault(&self, error: &RunError) -> bool {
+        let storage = matches!(error.door().downcast_ref(), Some(FilmError::Storage(_)));
+        let hopeless = storage && self.failed_writes.fetch_add(1, Ordering::Relaxed) + 1 >= HOPELESS;
+        if !self.keep_going || hopeless || !is_local(error) {
+            return false;
+        }
+        let mut all = self.left_out.lock().expect("no panic while held");
+        let key = (error.position(), error.door().to_string());
+        let retry = failure::retryable(error.door().as_ref());
+        let left = all.entry(key).or_insert_with(|| LeftOut { shards: BTreeSet::new(), retry });
+        left.shards.extend(shards_of(error));
+        true
+    }
+}

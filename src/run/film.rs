@@ -1,0 +1,189 @@
+//! The film of a job: created, or opened to go on if it is this job's own; what it tells of how it came to be.
+
+use crate::args::RunArgs;
+use crate::failure::{other_job, usage};
+use crate::job::Job;
+use crate::open::Chart;
+use anyhow::{Result, bail};
+use formats::durable::{Lock, parent_of, sweep_entries};
+use formats::film::{FilmError, FilmSpec, FilmStore};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// BLAKE3 of a JSON value as it is written, in 64 hexadecimal digits.
+pub fn digest(value: &Value) -> String {
+    blake3::hash(value.to_string().as_bytes()).to_hex().to_string()
+}
+
+/// What changes the film's files and not its pixels.
+pub fn layout(spec: &FilmSpec) -> Value {
+    json!({ "dtype": spec.sample, "shard": spec.shard, "chunk": spec.chunk, "codec": spec.codec })
+}
+
+/// A film may be the chart of the next one, never of itself: `--overwrite` would remove what is to be read. Nor does it
+/// lie inside its chart, whose files it would change.
+pub fn keep_apart(job: &Job, film: &Path) -> Result<()> {
+    let Chart::Store(chart) = &job.chart else { return Ok(()) };
+    let Ok(there) = chart.path().canonicalize() else { return Ok(()) };
+    let words = match film.canonicalize() {
+        Ok(film) if there.starts_with(&film) => "holds its own chart",
+        _ if real(film).starts_with(&there) => "lies inside its own chart",
+        _ => return Ok(()),
+    };
+    let (film, chart) = (film.display(), chart.path().display());
+    Err(usage(format!("{film} {words}, {chart}; choose another path")))
+}
+
+/// The path with all links of its existing part resolved.
+fn real(path: &Path) -> PathBuf {
+    let parent = parent_of(path);
+    match (path.canonicalize(), path.file_name()) {
+        (Ok(real), _) => real,
+        (Err(_), Some(name)) if parent != path => real(parent).join(name),
+        _ => path.into(),
+    }
+}
+
+/// Creates the film, or opens it to resume if it is this job's own.
+pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
+    let (path, fsync) = (args.film.as_path(), !args.no_fsync);
+    if args.overwrite {
+        remove(path, args.take_over)?;
+    }
+    match FilmStore::create(path, job.film.clone(), provenance(job), fsync) {
+        Err(FilmError::Exists { .. }) => (),
+        created => return Ok(created?),
+    }
+    // What a killed creation or removal left beside it.
+    sweep_entries(parent_of(path))?;
+    let store = FilmStore::open(path, fsync).map_err(|e| match e {
+        FilmError::NotFilm { .. } => other_job(e.to_string()),
+        e => e.into(),
+    })?;
+    let theirs = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
+    let differ = [differences(&theirs, &job.identity), layout_differences(store.spec(), &job.film)].concat();
+    let trusted = |key: &&str| args.trust_input && *key == "chart_mtimes";
+    let keys: Vec<&str> = differ.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
+    if keys.is_empty() {
+        return Ok(store);
+    }
+    let way_out = match keys[..] {
+        ["chart_mtimes"] => {
+            "files of the chart have the names and sizes they had, but were touched since; if their pixels are the same, go \
+             on with --trust-input, else start it anew with --overwrite"
+        }
+        _ => "choose another path, or start it anew with --overwrite",
+    };
+    let words: Vec<String> =
+        differ.iter().map(|(key, there, asked)| format!("{key} (there {there}, asked {asked})")).collect();
+    Err(other_job(format!(
+        "{} exists and belongs to another job: {}; {way_out}",
+        path.display(),
+        words.join(", ")
+    )))
+}
+
+/// Removes the film, unless a run is at work on it.
+fn remove(path: &Path, take_over: bool) -> Result<()> {
+    let _held = match FilmStore::locks(path)?.is_empty() {
+        true => Vec::new(),
+        false => lock_all(path, take_over)?,
+    };
+    Ok(FilmStore::remove_film(path)?)
+}
+
+/// Takes the lock of every unit that any run has locked, and that of the whole film.
+pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
+    let mut units: BTreeSet<String> = [super::WHOLE.to_owned()].into();
+    for (lock, _, _) in FilmStore::locks(path)? {
+        units.extend(lock.file_stem().map(|s| s.to_string_lossy().into_owned()));
+    }
+    let take = |unit: &String| Ok(Lock::take(&path.join("runs"), unit, take_over)?);
+    units.iter().map(take).collect()
+}
+
+type Difference = (String, String, String);
+
+/// Words of the job that differ: key, there, asked.
+fn differences(theirs: &Map<String, Value>, own: &Map<String, Value>) -> Vec<Difference> {
+    let show = |map: &Map<String, Value>, key: &String| match map.get(key) {
+        None => "nothing".to_owned(),
+        // Enough of a digest to tell it from another.
+        Some(Value::String(s)) if s.len() == 64 => format!("{}…", &s[..12]),
+        Some(v) => v.to_string(),
+    };
+    let keys: BTreeSet<&String> = own.keys().chain(theirs.keys()).collect();
+    let differ = keys.into_iter().filter(|k| own.get(*k) != theirs.get(*k));
+    differ.map(|k| (k.clone(), show(theirs, k), show(own, k))).collect()
+}
+
+/// As [`differences`], of the layout and what else describes the film.
+fn layout_differences(other: &FilmSpec, own: &FilmSpec) -> Vec<Difference> {
+    if own == other {
+        return Vec::new();
+    }
+    let all = [
+        ("shard", other.shard.to_string(), own.shard.to_string()),
+        ("chunk", other.chunk.to_string(), own.chunk.to_string()),
+        ("codec", format!("{:?}", other.codec), format!("{:?}", own.codec)),
+        ("dtype", format!("{:?}", other.sample), format!("{:?}", own.sample)),
+        ("units", other.units.clone(), own.units.clone()),
+        ("wavelengths", format!("{:?}", other.wavelengths_nm), format!("{:?}", own.wavelengths_nm)),
+    ];
+    let mut differ: Vec<Difference> =
+        all.into_iter().filter(|d| d.1 != d.2).map(|(k, there, asked)| (k.into(), there, asked)).collect();
+    if differ.is_empty() {
+        differ.push(("outputs".into(), format!("{:?}", other.outputs), format!("{:?}", own.outputs)));
+    }
+    differ
+}
+
+/// Fails if the chart is not what it was when the job began: some shards may be of one chart, some of another.
+pub fn same_chart(job: &Job) -> Result<()> {
+    let (content, mtimes) = job.chart.identity()?;
+    if job.identity.get("chart") != Some(&content) || job.identity.get("chart_mtimes") != Some(&mtimes) {
+        bail!(
+            "the chart changed while it was read, so the film may be of both; let the chart rest, then start anew with \
+             --overwrite"
+        );
+    }
+    Ok(())
+}
+
+/// What the film tells of how it came to be; nothing that differs from run to run.
+fn provenance(job: &Job) -> Map<String, Value> {
+    let identity = Value::Object(job.identity.clone());
+    let layout = layout(&job.film);
+    let lens = job.lens.lens();
+    let bands: Vec<Value> = job
+        .plans
+        .iter()
+        .map(|p| {
+            json!({
+                "wavelength_nm": p.lens.wavelength_nm,
+                "psf_window_px": p.blocks.map(|b| b.window),
+                "fft": p.blocks.map(|b| b.fft),
+                "tile_px": p.tiling.tile(),
+            })
+        })
+        .collect();
+    let value = json!({
+        "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+        "job_digest": digest(&identity),
+        "job": identity,
+        "layout_digest": digest(&layout),
+        "layout": layout,
+        "lens": {
+            "name": lens.name,
+            "f_number": lens.f_number,
+            "effective_focal_length_mm": lens.effective_focal_length_mm,
+            "distortion_focal_length_mm": lens.distortion_focal_length_mm,
+        },
+        "bands": bands,
+    });
+    match value {
+        Value::Object(map) => map,
+        _ => unreachable!("an object is written above"),
+    }
+}

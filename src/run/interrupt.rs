@@ -1,0 +1,44 @@
+//! Ctrl-C and SIGTERM: the first lets the tiles in flight end, the second stops at once. Shards are whole or absent either way.
+
+use crate::failure::code;
+use crate::progress::say;
+use formats::durable::Lock;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Tiles are in flight, so that a first signal lets them end.
+static RUNNING: AtomicBool = AtomicBool::new(false);
+/// Set by the first signal.
+static CANCEL: AtomicBool = AtomicBool::new(false);
+/// The lock to give up when the process ends at once.
+static LOCK: Mutex<Option<PathBuf>> = Mutex::new(None);
+
+/// From now on a signal ends the program in order. A second call changes nothing.
+pub fn listen() {
+    let _ = ctrlc::set_handler(signal);
+}
+
+/// The lock to give up when a signal ends the program at once.
+pub fn release_on_exit(lock: &Path) {
+    *LOCK.lock().expect("no panic while held") = Some(lock.into());
+}
+
+/// From now on the first signal only sets what this returns.
+pub fn finish_tiles() -> &'static AtomicBool {
+    RUNNING.store(true, Ordering::SeqCst);
+    &CANCEL
+}
+
+fn signal() {
+    let again = CANCEL.swap(true, Ordering::SeqCst);
+    if RUNNING.load(Ordering::SeqCst) && !again {
+        say("stopping: finishing the tiles in flight (again to stop at once)");
+        return;
+    }
+    if let Some(path) = LOCK.lock().expect("no panic while held").as_deref() {
+        Lock::release(path);
+    }
+    say("stopped; the same command resumes");
+    std::process::exit(i32::from(code::INTERRUPTED));
+}

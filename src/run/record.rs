@@ -1,0 +1,85 @@
+//! What a run did: on the terminal, and in the film's `runs/*.json`, which may differ from run to run.
+
+use super::faults::{Failed, Follow};
+use crate::failure;
+use crate::job::Job;
+use crate::memory::peak_resident;
+use crate::open::Chart;
+use crate::progress::{say, summary_lines};
+use formats::film::FilmStore;
+use pipeline::clock::StageTimes;
+use pipeline::executor::Summary;
+use serde_json::{Value, json};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::SystemTime;
+
+/// Tells and keeps what the run did, however it ended.
+pub fn write(
+    job: &Job,
+    store: &FilmStore,
+    follow: &Follow,
+    outcome: &Result<Summary, Box<Failed>>,
+    light_held: &[Option<f64>],
+) {
+    let (summary, error) = match outcome {
+        Ok(summary) => (Some(summary), None),
+        Err(failed) => (failed.summary.as_ref(), Some(failure::line(&failed.error))),
+    };
+    let stats = match &job.chart {
+        Chart::Store(s) => Some(s.stats()),
+        Chart::Drawn(_) => None,
+    };
+    let peak = peak_resident();
+    if let Some(summary) = summary {
+        let outside = light_held.iter().flatten().map(|held| 1.0 - held);
+        let range = outside.fold((1.0f64, 0.0f64), |(a, b), e| (a.min(e), b.max(e)));
+        summary_lines(summary, stats.map_or(0, |s| s.bytes_read), peak, range).into_iter().for_each(say);
+    }
+    if let Some(s) = stats {
+        if s.missing_pieces > 0 {
+            say(format!(
+                "note: {} chunks are missing from the chart and were read as its fill value",
+                s.missing_pieces
+            ));
+        }
+        if s.nan_replaced > 0 {
+            say(format!("note: {} NaN or infinite pixels of the chart were read as 0", s.nan_replaced));
+        }
+    }
+    let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
+    let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+    let interrupted = summary.is_some_and(|s| s.interrupted);
+    let record = json!({
+        "finished_unix_s": seconds,
+        "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+        "outcome": if error.is_some() { "failed" } else if interrupted { "interrupted" } else { "complete" },
+        "error": error,
+        "threads": job.threads,
+        "simd": job.options.simd.isa().name(),
+        "memory_limit_bytes": job.memory.limit,
+        "peak_resident_bytes": peak,
+        "wall_s": summary.map_or_else(|| follow.start.elapsed().as_secs_f64(), |s| s.wall_s),
+        "tiles": count(&follow.tiles),
+        "pixels": count(&follow.pixels),
+        "shards": count(&follow.shards),
+        "bytes_written": count(&follow.bytes),
+        "bytes_read": stats.map(|s| s.bytes_read),
+        "chart_pieces_decoded": stats.map(|s| s.pieces_decoded),
+        "spectra_built": summary.map(|s| s.spectra),
+        "light_in_psf_window": light_held,
+        "interrupted": interrupted,
+        "thread_s": summary.map(|s| stage_times(&s.times)),
+        "core_s": summary.map(|s| stage_times(&s.core)),
+    });
+    let name = format!("runs/{seconds}-{}.json", std::process::id());
+    if let Err(e) = store.write_beside(&name, record.to_string().as_bytes()) {
+        say(format!("note: the run's record {name} could not be written: {e}"));
+    }
+}
+
+fn stage_times(t: &StageTimes) -> Value {
+    json!({
+        "read": t.read_s, "scene": t.scene_s, "svpsf": t.svpsf_s, "add": t.add_s,
+        "encode": t.encode_s, "write": t.write_s, "prepare": t.prepare_s,
+    })
+}
