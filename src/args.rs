@@ -3,6 +3,7 @@
 mod chart;
 mod demo;
 mod export;
+mod import;
 mod lens;
 mod run;
 mod values;
@@ -10,6 +11,7 @@ mod values;
 pub use chart::ChartArgs;
 pub use demo::DemoArgs;
 pub use export::ExportArgs;
+pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, ImagePlaneArg, LensArgs, LensCommand, TraceArgs};
 pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use values::bands;
