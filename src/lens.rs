@@ -1,7 +1,7 @@
 //! `lenscube lens`: looking at lens packs.
 
 use crate::args::{LensArgs, LensCommand};
-use crate::{open, trace};
+use crate::{import, open, trace};
 use anyhow::Result;
 use formats::lens::{LensPack, summary};
 use pipeline::lens::PsfSample;
@@ -19,6 +19,7 @@ pub fn command(args: &LensArgs) -> Result<()> {
             }
         }
         LensCommand::Trace(args) => return trace::command(args),
+        LensCommand::Import(args) => return import::command(args),
     }
     Ok(())
 }

@@ -6,6 +6,7 @@ mod chart;
 mod demo;
 mod export;
 mod failure;
+mod import;
 mod job;
 mod lens;
 mod memory;

@@ -4,6 +4,7 @@ pub mod chart;
 pub mod durable;
 pub mod film;
 mod hierarchy;
+pub mod import;
 pub mod lens;
 pub mod picture;
 mod shard;

@@ -1,5 +1,6 @@
 //! `lenscube lens`.
 
+use super::import::ImportArgs;
 use super::values::positive;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -30,6 +31,8 @@ pub enum LensCommand {
     },
     /// Make a lens pack from a prescription: heights, RI and PSFs by ray tracing
     Trace(Box<TraceArgs>),
+    /// Make a lens pack from what a design program exported: ISET macros, OpticStudio listings, tables, NPZ
+    Import(Box<ImportArgs>),
 }
 
 /// `lenscube lens trace`

@@ -25,7 +25,7 @@ pub mod scalar;
 pub mod spots;
 pub mod surface;
 pub mod system;
-mod text;
+pub mod text;
 pub mod trace;
 pub mod zmx;
 

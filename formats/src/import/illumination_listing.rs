@@ -1,0 +1,76 @@
+//! OpticStudio's text listing of Relative Illumination.
+//!
+//! ```text
+//! Listing of Relative Illumination Data
+//! Wavelength: 0.5500 µm
+//! Y Field (deg)    Rel. Ill.    Eff. F/#
+//!   0.000000       1.000000     …
+//! ```
+//! No public example was found, so columns are found by their titles: the first is the field angle in degrees, another one has
+//! "rel" and "ill" in it. RI must be 1 on the axis.
+
+use super::ImportError;
+use super::distortion_listing::{titles, wavelength_nm};
+use super::text::number;
+use std::path::Path;
+
+/// RI over field angle, at one wavelength.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Illumination {
+    /// nm.
+    pub wavelength_nm: f64,
+    /// Field angle in degrees, ascending from 0.
+    pub field_deg: Vec<f64>,
+    /// Relative illumination.
+    pub relative_illumination: Vec<f64>,
+}
+
+/// Reads a listing.
+///
+/// # Errors
+/// [`ImportError`] with the line.
+pub fn parse(path: &Path, text: &str) -> Result<Illumination, ImportError> {
+    let (mut wavelength, mut columns) = (None, None);
+    let mut out =
+        Illumination { wavelength_nm: 0.0, field_deg: Vec::new(), relative_illumination: Vec::new() };
+    for (i, line) in text.lines().enumerate() {
+        let words = line.trim().to_lowercase();
+        let bad = |problem: String| ImportError::line(path, i + 1, problem);
+        match columns {
+            None if words.starts_with("wavelength") => {
+                wavelength = Some(wavelength_nm(&words).ok_or_else(|| bad("no wavelength in µm".into()))?);
+            }
+            None if words.contains("rel") && words.contains("ill") && words.contains("field") => {
+                let titles = titles(line);
+                let ri = titles.iter().position(|t| t.contains("rel") && t.contains("ill"));
+                if !titles.first().is_some_and(|t| t.contains("deg")) {
+                    return Err(bad(
+                        "the first column is no field angle in degrees; list it with fields as angles".into(),
+                    ));
+                }
+                columns = ri.filter(|ri| *ri > 0).map(|ri| (ri, titles.len()));
+            }
+            None => {}
+            Some(_) if words.is_empty() => {}
+            Some((ri, count)) => {
+                let row: Option<Vec<f64>> = line.split_whitespace().map(number).collect();
+                let Some(row) = row.filter(|row| row.len() == count) else {
+                    return Err(bad(format!("expected {count} finite numbers as the columns' titles")));
+                };
+                let (f, before) = (row[0], out.field_deg.last());
+                if before.map_or(f != 0.0, |before| f <= *before) || f >= 89.0 {
+                    return Err(bad(format!("field {f}° does not ascend from 0 to 89")));
+                }
+                out.field_deg.push(f);
+                out.relative_illumination.push(row[ri]);
+            }
+        }
+    }
+    out.wavelength_nm = wavelength.ok_or_else(|| {
+        ImportError::file(path, "has no line `Wavelength: … µm`: list one wavelength at a time")
+    })?;
+    match out.field_deg.len() {
+        0 | 1 => Err(ImportError::file(path, "has fewer than 2 field points under a title with `Rel. Ill.`")),
+        _ => Ok(out),
+    }
+}

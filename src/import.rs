@@ -1,0 +1,96 @@
+//! `lenscube lens import`: a lens pack from what a design program exported.
+
+use crate::args::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg, bands};
+use crate::failure::{other_job, usage};
+use crate::progress::say;
+use anyhow::{Context, Result};
+use formats::import::window::{EvenWindow, Outward, RowOrder};
+use formats::import::{Format, ImportError, ImportOptions};
+use formats::lens::LensPackError;
+use pipeline::lens::PsfSample;
+
+/// Runs the command.
+pub fn command(args: &ImportArgs) -> Result<()> {
+    let options = options(args)?;
+    let told = |e: ImportError| match e {
+        e if e.is_usage() => usage(e.to_string()),
+        ImportError::Pack(e @ LensPackError::Exists { .. }) => other_job(e.to_string()),
+        e => e.into(),
+    };
+    let place = || format!("importing {}", args.source.display());
+    if args.out.symlink_metadata().is_ok() {
+        return Err(told(LensPackError::Exists { path: args.out.clone() }.into()));
+    }
+    let imported = formats::import::open(&args.source, &options).map_err(told).with_context(place)?;
+    for note in imported.notes() {
+        say(format!("note: {note}"));
+    }
+    let waves: Vec<f64> = imported.lens().bands.iter().map(|b| b.wavelength_nm).collect();
+    let heights: Vec<f64> =
+        imported.lens().bands.iter().map(|b| b.image_height_mm[b.image_height_mm.len() - 1]).collect();
+    formats::import::write(&args.out, imported, |b, stack| {
+        say(format!(
+            "{} nm: field to {:.3} mm, {} PSFs of {} samples of {} µm",
+            waves[b],
+            heights[b],
+            stack.heights(),
+            stack.size,
+            stack.pitch_um
+        ));
+    })
+    .map_err(told)
+    .with_context(place)?;
+    say(format!("{}: {} bands; look at it with `lenscube lens show {0}`", args.out.display(), waves.len()));
+    Ok(())
+}
+
+fn options(args: &ImportArgs) -> Result<ImportOptions> {
+    let format = args.from.map(|f| match f {
+        FormatArg::Iset => Format::Iset,
+        FormatArg::Listings => Format::Listings,
+        FormatArg::Tables => Format::Tables,
+        FormatArg::Npz => Format::Npz,
+    });
+    // How many wavelengths there are is known later; ranges must have an end.
+    let chosen = args.bands.as_deref().map(|text| {
+        match text.split(',').any(|part| part.trim().ends_with(':') || part.contains("::")) {
+            true => Err(format!("`{text}`: give every range its end")),
+            false => bands(text, 4096),
+        }
+    });
+    let chosen = chosen.transpose().map_err(|e| usage(format!("--bands: {e}")))?;
+    Ok(ImportOptions {
+        format,
+        name: args.name.clone(),
+        sample: args.psf_sample.map(|s| match s {
+            SampleArg::Point => PsfSample::Point,
+            SampleArg::Integrated => PsfSample::Integrated,
+        }),
+        even_window: args.even_window.map(|e| match e {
+            EvenArg::Pad => EvenWindow::Pad,
+            EvenArg::Crop => EvenWindow::Crop,
+            EvenArg::Shift => EvenWindow::Shift,
+        }),
+        rows: match args.psf_rows {
+            RowsArg::Top => RowOrder::Top,
+            RowsArg::Bottom => RowOrder::Bottom,
+        },
+        outward: args.psf_outward.map(|o| match o {
+            OutwardArg::Right => Outward::Right,
+            OutwardArg::Down => Outward::Down,
+            OutwardArg::Left => Outward::Left,
+            OutwardArg::Up => Outward::Up,
+        }),
+        symmetric: args.symmetric_psf,
+        without_psf: args.without_psf,
+        bands: chosen,
+        psf_heights: args.psf_heights.clone(),
+        azimuths: args.azimuths,
+        distortion_focal_length_mm: args.distortion_focal_mm,
+        effective_focal_length_mm: args.efl_mm,
+        f_number: args.f_number,
+        entrance_pupil_mm: args.entrance_pupil_mm,
+        primary_wavelength_nm: args.primary_nm,
+        ..ImportOptions::default()
+    })
+}
