@@ -12,7 +12,7 @@ pub use bench::BenchArgs;
 pub use chart::ChartArgs;
 pub use demo::DemoArgs;
 pub use export::ExportArgs;
-pub use lens::{AimingArg, ImagePlaneArg, LensArgs, LensCommand, TraceArgs};
+pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use values::bands;
 
@@ -38,7 +38,7 @@ pub enum Command {
     Demo(DemoArgs),
     /// Draw a test chart into a Zarr store
     Chart(Box<ChartArgs>),
-    /// Look at lens packs
+    /// Make, show and compare lenses
     Lens(LensArgs),
     /// Make the film of a chart
     Run(Box<RunArgs>),
