@@ -15,7 +15,7 @@ pub use chart::ChartArgs;
 pub use demo::DemoArgs;
 pub use export::ExportArgs;
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
-pub use lens::{AimingArg, ImagePlaneArg, LensArgs, LensCommand, TraceArgs};
+pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
 pub use values::bands;
@@ -42,7 +42,7 @@ pub enum Command {
     Demo(DemoArgs),
     /// Draw a test chart into a Zarr store
     Chart(Box<ChartArgs>),
-    /// Look at lens packs
+    /// Make, show and compare lenses
     Lens(LensArgs),
     /// Make the film of a chart
     Run(Box<RunArgs>),

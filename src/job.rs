@@ -4,12 +4,12 @@ use crate::args::{
     CodecArg, Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg, bands,
 };
 use crate::failure::usage;
+use crate::lens::source::{Named, Source};
 use crate::memory::{Memory, Needs, default_limit};
-use crate::open::{self, Chart};
+use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::{Codec, NanPolicy};
 use formats::film::{FilmOutput, FilmSpec, SampleType};
-use formats::lens::LensPack;
 use pipeline::band::{BandPlan, Options, PsfBetween};
 use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
@@ -28,7 +28,7 @@ pub struct Job {
     /// The chart.
     pub chart: Chart,
     /// The lens.
-    pub lens: LensPack,
+    pub lens: Source,
     /// Film, axis, chart.
     pub frame: Frame,
     /// How bands are made.
@@ -74,26 +74,27 @@ impl Job {
             NanArg::Zero => NanPolicy::Zero,
         };
         let chart = Chart::open(&args.chart, args.wavelengths.as_deref(), nan, 0)?;
-        let lens = open::lens(&args.lens)?;
+        let named = Named::open(&args.lens)?;
         let all_nm = chart.wavelengths_nm()?;
         let chart_bands = match &args.bands {
             None => (0..all_nm.len()).collect(),
             Some(text) => bands(text, all_nm.len()).map_err(|e| usage(format!("--bands {text}: {e}")))?,
         };
         let wavelengths_nm: Vec<f64> = chart_bands.iter().map(|&b| all_nm[b]).collect();
-        let frame = frame(args, &chart)?;
+        let frame = frame(args, &chart, scale(args, &chart, &named)?)?;
         let options = options(args, Simd::from_env().map_err(|e| usage(e.to_string()))?);
+        let film = film_spec(args, &frame, wavelengths_nm.clone(), &chart)?;
+        let threads = threads(args.threads);
+        let lens = Source::new(named, &frame, &wavelengths_nm, &options, threads)?;
         let plan = |&nm: &f64| BandPlan::new(&frame, lens.lens(), nm, &options);
         let plans: Vec<BandPlan> = wavelengths_nm.iter().map(plan).collect::<Result<_, _>>()?;
         let gains = plans.iter().map(|p| gain(args.film_units, p, &frame)).collect();
-        let film = film_spec(args, &frame, wavelengths_nm, &chart)?;
         let windows: Vec<Window> = (0..film.outputs.len())
             .map(|i| {
                 let (height, width) = film.shard_shape(i);
                 Window { rect: film.outputs[i].rect, shard: Size::new(height, width) }
             })
             .collect();
-        let threads = threads(args.threads);
         let chart_rows = |rows: usize| match &chart {
             Chart::Store(s) => s.cache_for_rows(rows),
             Chart::Drawn(_) => 0,
@@ -128,15 +129,41 @@ impl Job {
     }
 }
 
-fn frame(args: &RunArgs, chart: &Chart) -> Result<Frame> {
-    let size = chart.size();
-    let pitch_um = args.film_pitch_um.or_else(|| chart.pitch_um()).ok_or_else(|| {
+/// Film pixel pitch.
+fn pitch_um(args: &RunArgs, chart: &Chart) -> Result<f64> {
+    args.film_pitch_um.or_else(|| chart.pitch_um()).ok_or_else(|| {
         usage(format!(
             "chart `{}` has no attribute pitch_um; say the film's pixel pitch, e.g. `--film-pitch-um 2`",
             args.chart
         ))
-    })?;
-    let scale = (args.scale.1, args.scale.0);
+    })
+}
+
+/// Film pixels per chart pixel, (y, x): as asked, or |magnification| · chart pitch / film pitch. The magnification's sign
+/// turns the image about the axis; the film is upright as its viewer sees it, so only its size counts.
+fn scale(args: &RunArgs, chart: &Chart, lens: &Named) -> Result<(f64, f64)> {
+    let Some(chart_pitch_mm) = args.chart_pitch_mm else { return Ok((args.scale.1, args.scale.0)) };
+    let asked = format!("--chart-pitch-mm {chart_pitch_mm}");
+    let Some((magnification, distance_mm)) = lens.conjugate()? else {
+        return Err(usage(format!(
+            "{asked}: lens `{}` is for an object at infinity, which has no magnification; make its pack for the chart's \
+             distance D by `lenscube lens trace DESIGN OUT.lens.zarr --object-distance-mm D`, or give `--scale`",
+            args.lens
+        )));
+    };
+    let scale = magnification.abs() * chart_pitch_mm * 1e3 / pitch_um(args, chart)?;
+    if !(1e-3..=1e3).contains(&scale) {
+        return Err(usage(format!(
+            "{asked}: at magnification {magnification} (object at {distance_mm} mm) that is {scale:e} film pixels per chart \
+             pixel, expected 0.001 to 1000"
+        )));
+    }
+    Ok((scale, scale))
+}
+
+fn frame(args: &RunArgs, chart: &Chart, scale: (f64, f64)) -> Result<Frame> {
+    let size = chart.size();
+    let pitch_um = pitch_um(args, chart)?;
     let scaled = |n: usize, s: f64| ((n as f64 * s).round() as usize).max(1);
     let own = chart.film_size().filter(|_| scale == (1.0, 1.0));
     let film = args
@@ -246,7 +273,7 @@ fn identity(
     args: &RunArgs,
     stages: Stages,
     chart: &Chart,
-    lens: &LensPack,
+    lens: &Source,
     frame: &Frame,
     chart_bands: &[usize],
 ) -> Result<Map<String, Value>> {
@@ -281,7 +308,7 @@ fn identity(
 /// Raised whenever the program gives other pixel values for the same job.
 const NUMERIC_VERSION: u32 = 1;
 
-fn notes(args: &RunArgs, chart: &Chart, lens: &LensPack, plans: &[BandPlan]) -> Result<Vec<String>> {
+fn notes(args: &RunArgs, chart: &Chart, lens: &Source, plans: &[BandPlan]) -> Result<Vec<String>> {
     let mut notes = lens.notes().to_vec();
     let tables = lens.lens();
     if args.stages.contains(&Stage::Svpsf) {
@@ -309,13 +336,14 @@ fn notes(args: &RunArgs, chart: &Chart, lens: &LensPack, plans: &[BandPlan]) -> 
 }
 
 /// For integrated samples that are turned by more than quarter turns: the estimated error at the primary wavelength.
-fn turning_note(lens: &LensPack, plans: &[BandPlan]) -> Result<Option<String>> {
+fn turning_note(lens: &Source, plans: &[BandPlan]) -> Result<Option<String>> {
+    let Some(pack) = lens.pack() else { return Ok(None) };
     let tables = lens.lens();
     let turned = plans.iter().filter_map(|p| p.grid.as_ref()).any(|g| g.azimuths().iter().any(|&j| j > 4));
     if tables.psf_sample != PsfSample::Integrated || !turned {
         return Ok(None);
     }
-    Ok(crate::lens::turning_error(lens)?.map(|error| {
+    Ok(crate::lens::turning_error(pack)?.map(|error| {
         format!(
             "the lens pack's PSFs are integrated over their pitch: exact at quarter turns, turned by cubic interpolation \
              between; estimated error there {:.0} % of the light (L1, worst height at {:.0} nm); a pack of point samples \

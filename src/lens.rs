@@ -1,27 +1,27 @@
-//! `lenscube lens`: looking at lens packs.
+//! `lenscube lens`: making, showing and comparing lenses; where a run's lens comes from.
+
+pub mod cache;
+mod diff;
+mod look;
+mod plots;
+mod show;
+pub mod source;
 
 use crate::args::{LensArgs, LensCommand};
-use crate::{import, open, trace};
+use crate::{import, trace};
 use anyhow::Result;
-use formats::lens::{LensPack, summary};
+use formats::lens::LensPack;
 use pipeline::lens::PsfSample;
 use pipeline::psf::kernel::NodeKernels;
 
 /// Runs the command.
 pub fn command(args: &LensArgs) -> Result<()> {
     match &args.command {
-        LensCommand::Show { lens, all_bands, json } => {
-            let pack = open::lens(lens)?;
-            let summary = summary(&pack, *all_bands, turning_error(&pack)?);
-            match json {
-                true => println!("{}", serde_json::to_string_pretty(&summary)?),
-                false => println!("{summary}"),
-            }
-        }
-        LensCommand::Trace(args) => return trace::command(args),
-        LensCommand::Import(args) => return import::command(args),
+        LensCommand::Show(args) => show::command(args),
+        LensCommand::Diff(args) => diff::command(args),
+        LensCommand::Trace(args) => trace::command(args),
+        LensCommand::Import(args) => import::command(args),
     }
-    Ok(())
 }
 
 /// Estimated L1 error of turning an integrated pack's kernels at the primary wavelength; none for point samples.

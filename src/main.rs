@@ -4,6 +4,7 @@ mod args;
 mod bench;
 mod chart;
 mod demo;
+mod design;
 mod export;
 mod failure;
 mod import;

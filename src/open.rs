@@ -1,5 +1,6 @@
 //! Opening what the command line names: charts (stores or generators) and lenses (packs or built in).
 
+use crate::design;
 use crate::failure::usage;
 use anyhow::{Context, Result};
 use formats::chart::{ChartOptions, ChartStore, NanPolicy};
@@ -99,16 +100,16 @@ impl Chart {
     }
 }
 
-/// Opens a lens pack, or a lens inside the program by its name.
+/// Opens a lens pack, or one inside the program by its name.
 pub fn lens(name: &str) -> Result<LensPack> {
     if builtin_names().any(|known| known == name) {
         return Ok(builtin(name)?);
     }
     let path = Path::new(name);
     if !path.exists() && !name.contains(['/', '.']) {
-        let known: Vec<_> = builtin_names().collect();
+        let known: Vec<_> = [design::BUILTIN].into_iter().chain(builtin_names()).collect();
         return Err(usage(format!(
-            "`{name}` is neither a lens pack nor a built-in lens ({}); give the path of a *.lens.zarr or its .zip",
+            "`{name}` is neither a lens pack nor a built-in lens ({}); give the path of a *.lens.zarr, its .zip or a .zmx",
             known.join(", ")
         )));
     }

@@ -25,6 +25,13 @@ pub fn counting(doing: &str) -> (ProgressBar, impl Fn(u64, u64) + Sync + use<>) 
     (bar, tell)
 }
 
+/// A bar for bands being traced.
+pub fn tracing_bar(bands: usize) -> ProgressBar {
+    let style =
+        ProgressStyle::with_template("{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} gone, {eta} left");
+    ProgressBar::new(bands as u64).with_style(style.expect("a valid template"))
+}
+
 /// Progress of a run over bands.
 pub struct Bars {
     bar: Option<ProgressBar>,

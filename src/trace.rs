@@ -1,24 +1,20 @@
 //! `lenscube lens trace`: a lens pack from a prescription.
 
-use crate::args::{ImagePlaneArg, TraceArgs};
+use crate::args::{DesignArgs, TraceArgs};
+use crate::design;
 use crate::failure::{other_job, usage};
-use crate::progress::say;
+use crate::progress::{say, tracing_bar};
 use anyhow::{Context, Result};
 use formats::lens::{LensPackError, LensPackWriter, PackAttributes};
-use indicatif::{ProgressBar, ProgressStyle};
-use pipeline::design::glass::GlassCatalog;
-use pipeline::design::system::{ImagePlane, RayAiming, System};
-use pipeline::design::trace::{Progress, PsfHeights, TraceOptions, TracedBand, trace_lens};
-use pipeline::design::{agf, zmx};
+use pipeline::design::trace::{BandReport, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens};
 use serde_json::json;
 use std::path::Path;
-
-/// The design inside the program.
-const BUILTIN: &str = "double-gauss-28";
+use std::time::Instant;
 
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {
-    let system = placed(args, system(args)?)?;
+    let start = Instant::now();
+    let system = design::open(&args.design, &args.place)?;
     for note in &system.notes {
         say(format!("note: {note}"));
     }
@@ -27,11 +23,8 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         LensPackError::Exists { .. } => other_job(e.to_string()),
         e => e.into(),
     })?;
-    let style =
-        ProgressStyle::with_template("{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} gone, {eta} left");
-    let bar =
-        ProgressBar::new(options.wavelengths_nm.len() as u64).with_style(style.expect("a valid template"));
-    let mut bounds = Vec::new();
+    let bar = tracing_bar(options.wavelengths_nm.len());
+    let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
         bar.set_position(p.band as u64);
         bar.set_message(format!("{} nm: {} ({} PSFs)", options.wavelengths_nm[p.band], p.step, p.psfs));
@@ -48,100 +41,110 @@ pub fn command(args: &TraceArgs) -> Result<()> {
             band.tables.psf_height_mm.len(),
         );
         bar.suspend(|| say(line));
-        bounds.push(json!({
-            "wavelength_nm": r.wavelength_nm,
-            "kernel_l1": r.psf_error,
-            "least_energy": r.least_energy,
-        }));
+        reports.push(*r);
         pack.psf(index, &band.psf)
     });
     bar.finish_and_clear();
     let lens = result.with_context(|| format!("tracing {}", args.design))?;
-    let attributes = PackAttributes {
-        image_plane: Some(format!("{:?}", args.image_plane).to_lowercase()),
-        defocus_mm: Some(args.defocus_mm),
-        frame: Some("field point on +x, row down; heights real unless named ideal; mm".into()),
-        psf_tolerance: Some(json!({ "asked_l1": options.psf_tolerance, "bands": bounds })),
-        source: Some(json!({
-            "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
-            "design": args.design,
-            "film_pitch_um": options.film_pitch_um,
-            "energy": options.energy,
-            "aiming": format!("{:?}", system.aiming).to_lowercase(),
-        })),
-    };
-    pack.finish(&lens, &attributes)?;
-    say(format!(
-        "{}: {} bands; use it with `lenscube run CHART FILM --lens {0}`",
-        args.out.display(),
-        lens.bands.len()
-    ));
+    pack.finish(&lens, &attributes(&args.design, &args.place, &options, &reports))?;
+    for line in ending(&args.out, &options, &reports, start.elapsed().as_secs_f64()) {
+        say(line);
+    }
     Ok(())
 }
 
-fn read(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("reading {}", path.display()))
+/// What a traced pack tells of itself.
+pub fn attributes(
+    design: &str,
+    place: &DesignArgs,
+    options: &TraceOptions,
+    reports: &[BandReport],
+) -> PackAttributes {
+    let bands: Vec<_> = reports
+        .iter()
+        .map(|r| {
+            json!({
+                "wavelength_nm": r.wavelength_nm,
+                "kernel_l1": r.psf_error,
+                "least_energy": r.least_energy,
+            })
+        })
+        .collect();
+    PackAttributes {
+        image_plane: Some(format!("{:?}", place.image_plane).to_lowercase()),
+        defocus_mm: Some(place.defocus_mm),
+        frame: Some("field point on +x, row down; heights real unless named ideal; mm".into()),
+        psf_tolerance: Some(json!({ "asked_l1": options.psf_tolerance, "bands": bands })),
+        source: Some(json!({
+            "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+            "design": design,
+            "film_pitch_um": options.film_pitch_um,
+            "energy": options.energy,
+            "aiming": place.aiming.map_or("as in the design".into(), |a| format!("{a:?}").to_lowercase()),
+        })),
+    }
 }
 
-fn system(args: &TraceArgs) -> Result<System> {
-    if args.design == BUILTIN {
-        return Ok(System::double_gauss_28());
-    }
-    let mut glasses = GlassCatalog::schott();
-    for path in &args.glass_catalog {
-        glasses
-            .extend(agf::parse(&read(path)?).with_context(|| format!("reading glasses {}", path.display()))?);
-    }
-    let path = Path::new(&args.design);
-    if !path.exists() {
-        return Err(usage(format!("design `{}` is neither a file nor the built-in {BUILTIN}", args.design)));
-    }
-    zmx::parse(&read(path)?, &glasses).with_context(|| format!("reading design {}", path.display()))
+/// The last lines: bound and light over all bands, time, size, what to type next.
+fn ending(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: f64) -> [String; 2] {
+    let bound = reports.iter().filter_map(|r| r.psf_error).reduce(f64::max).map_or_else(
+        || "heights as given, kernel error not measured".to_owned(),
+        |worst| {
+            format!("kernel error {:.2} % at most ({} % asked)", 100.0 * worst, 100.0 * options.psf_tolerance)
+        },
+    );
+    let least = reports.iter().map(|r| r.least_energy).fold(1.0, f64::min);
+    let psfs: usize = reports.iter().map(|r| r.psfs).sum();
+    [
+        format!("{bound}; every window holds {:.2} % of the light or more", 100.0 * least),
+        format!(
+            "{}: {} bands, {psfs} PSFs traced in {seconds:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0}`",
+            out.display(),
+            reports.len(),
+            bytes_of(out) as f64 * 1e-6,
+        ),
+    ]
 }
 
-/// The system with the conjugate, image plane and aiming that were asked for.
-fn placed(args: &TraceArgs, mut system: System) -> Result<System> {
-    if let Some(distance) = args.object_distance_mm {
-        system = system.with_object_distance(Some(distance))?;
+/// Bytes of a file, or of all files below a directory; what cannot be read counts 0.
+pub fn bytes_of(path: &Path) -> u64 {
+    match std::fs::read_dir(path) {
+        Ok(entries) => entries.flatten().map(|e| bytes_of(&e.path())).sum(),
+        Err(_) => std::fs::metadata(path).map_or(0, |m| m.len()),
     }
-    let um = args.focus_nm.map_or(system.primary_um(), |nm| nm / 1e3);
-    let plane = match args.image_plane {
-        ImagePlaneArg::Design => ImagePlane::AsDesigned,
-        ImagePlaneArg::Paraxial => ImagePlane::Paraxial(um),
-        ImagePlaneArg::Rms => ImagePlane::BestRmsSpot(um),
-        ImagePlaneArg::Strehl => ImagePlane::BestStrehl(um),
-    };
-    system = system.with_image_plane(plane, args.defocus_mm)?;
-    if let Some(aiming) = args.aiming {
-        system.aiming = match aiming {
-            crate::args::AimingArg::Real => RayAiming::Real,
-            crate::args::AimingArg::Paraxial => RayAiming::Paraxial,
-        };
-    }
-    Ok(system)
 }
 
 fn options(args: &TraceArgs) -> Result<TraceOptions> {
-    let wavelengths = pipeline::wavelengths::parse(&args.wavelengths);
-    let mut wavelengths =
-        wavelengths.map_err(|e| usage(format!("--wavelengths {}: {e}", args.wavelengths)))?;
-    wavelengths.sort_by(f64::total_cmp);
+    let wavelengths = wavelengths(&args.wavelengths)?;
     let mut options = TraceOptions::new(wavelengths, args.max_height_mm);
     options.energy = args.energy;
     options.psf_tolerance = args.psf_tolerance;
     options.psf_pitch_um = args.psf_pitch_um;
     options.film_pitch_um = args.film_pitch_um;
     if let Some(text) = &args.heights {
-        let heights = heights(text).map_err(|e| usage(format!("--heights {text}: {e}")))?;
-        options.heights = PsfHeights::Given(heights);
+        options.heights = PsfHeights::Given(heights(text)?);
     }
     Ok(options)
 }
 
-/// `0:21:1` (both ends) or `0,3,7.5`: real image heights in mm.
-fn heights(text: &str) -> Result<Vec<f64>, String> {
-    let number =
-        |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(format!("`{t}` is no height"));
+/// `--wavelengths`, ascending.
+pub fn wavelengths(text: &str) -> Result<Vec<f64>> {
+    let list = pipeline::wavelengths::parse(text);
+    let mut list = list.map_err(|e| usage(format!("--wavelengths {text}: {e}")))?;
+    list.sort_by(f64::total_cmp);
+    Ok(list)
+}
+
+/// `--heights`: `0:21:1` (both ends) or `0,3,7.5`, real image heights in mm.
+pub fn heights(text: &str) -> Result<Vec<f64>> {
+    parse_heights(text).map_err(|e| usage(format!("--heights {text}: {e}")))
+}
+
+fn parse_heights(text: &str) -> Result<Vec<f64>, String> {
+    let number = |t: &str| {
+        let v = t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
+        v.ok_or(format!("`{t}` is no height in mm"))
+    };
     let fields: Vec<&str> = text.split(':').collect();
     let [first, last, step] = fields[..] else { return text.split(',').map(number).collect() };
     let (first, last, step) = (number(first)?, number(last)?, number(step)?);

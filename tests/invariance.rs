@@ -156,12 +156,12 @@ fn a_stored_chart_gives_the_film_of_the_drawn_one() {
 #[test]
 fn a_uniform_chart_shows_the_illumination_itself() {
     let dir = tempfile::tempdir().unwrap();
-    let pack = formats::lens::builtin("double-gauss-28").unwrap();
+    let pack = formats::lens::builtin("double-gauss-28-npz").unwrap();
     for (name, axis) in [("middle", (128.0, 150.0)), ("aside", (100.25, 171.5))] {
         let film = dir.path().join(name);
         let words = format!("{},{}", axis.0, axis.1);
         let chart = "gen:uniform?size=301x257&wavelengths=420,550,700&pitch_um=85";
-        run(chart, &film, "double-gauss-28", &["--stages", "ri,distortion", "--axis", &words]).ok();
+        run(chart, &film, "double-gauss-28-npz", &["--stages", "ri,distortion", "--axis", &words]).ok();
         let (size, got) = pixels(&film, "film");
         for (band, nm) in got.iter().zip([420.0, 550.0, 700.0]) {
             let tables = pack.lens().bands.iter().find(|b| b.wavelength_nm == nm).unwrap();

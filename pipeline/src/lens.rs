@@ -33,7 +33,7 @@ pub struct Lens {
     pub primary_wavelength_nm: f64,
     /// Object distance in mm; `None` = infinity.
     pub object_distance_mm: Option<f64>,
-    /// Paraxial magnification (0 for an object at infinity).
+    /// Ideal height over object height in this image plane, negative for an image upside down (0 for an object at infinity).
     pub magnification: f64,
     /// What one PSF sample stands for.
     pub psf_sample: PsfSample,

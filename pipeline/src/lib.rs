@@ -15,8 +15,8 @@
 //!
 //! [`executor`] runs this on all cores with bounded queues and the same bits for any number of threads; [`flow`] holds the
 //! doors (where charts come from, where films go), [`clock`] where the time went. Beside the path: [`chart`] draws charts without a store ([`colour`],
-//! [`wavelengths`] serve it); [`design`] makes a lens's tables and PSFs from its prescription;
-//! [`bench`] is what speed is measured against.
+//! [`wavelengths`] serve it); [`design`] makes a lens's tables and PSFs from its prescription,
+//! [`figures`] sums them up for people; [`bench`] is what speed is measured against.
 
 pub mod band;
 pub mod bench;
@@ -27,6 +27,7 @@ pub mod colour;
 pub mod design;
 pub mod executor;
 pub mod field;
+pub mod figures;
 pub mod flow;
 pub mod geometry;
 pub mod lens;

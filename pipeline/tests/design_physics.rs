@@ -167,6 +167,8 @@ fn a_thin_lens_obeys_its_formula() {
     let finite = lens(Some(300.0), 140.0);
     let p = Paraxial::new(&finite, 0.55).unwrap();
     assert!((p.magnification + 0.5).abs() < 1e-6 && (p.focus_shift_mm() - 10.0).abs() < 1e-4, "{p:?}");
+    // The film lies 10 mm before the image: its chief ray, through the thin lens's middle, lands at 140/300.
+    assert!((p.film_magnification(Some(300.0)) + 140.0 / 300.0).abs() < 1e-6);
     let focused = finite.with_image_plane(ImagePlane::Paraxial(0.55), 0.0).unwrap();
     assert!((focused.surfaces[1].thickness_mm - 150.0).abs() < 1e-4);
     // The same iris at another distance.

@@ -21,7 +21,7 @@ pub struct BenchArgs {
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
     /// A lens pack (directory or .zip) or the name of a built-in lens
-    #[arg(long, value_name = "NAME|PACK", default_value = "double-gauss-28")]
+    #[arg(long, value_name = "NAME|PACK", default_value = "double-gauss-28-npz")]
     pub lens: String,
     /// Where the chart and the film of the job go; they are removed at the end
     #[arg(long, default_value = ".")]

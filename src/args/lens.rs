@@ -16,23 +16,100 @@ pub struct LensArgs {
 /// The lens commands.
 #[derive(Debug, Subcommand)]
 pub enum LensCommand {
-    /// Print what a lens pack holds and what its sampling implies
-    #[command(after_help = "Example:  lenscube lens show double-gauss-28 --all-bands")]
-    Show {
-        /// A lens pack (directory or .zip) or the name of a built-in lens
-        #[arg(value_name = "PACK")]
-        lens: String,
-        /// Every band, not just a few
-        #[arg(long)]
-        all_bands: bool,
-        /// As JSON
-        #[arg(long)]
-        json: bool,
-    },
+    /// Show a lens in numbers and, with --plot, in pictures
+    Show(Box<ShowArgs>),
+    /// Set two lenses side by side, with what differs
+    Diff(Box<DiffArgs>),
     /// Make a lens pack from a prescription: heights, RI and PSFs by ray tracing
     Trace(Box<TraceArgs>),
     /// Make a lens pack from what a design program exported: ISET macros, OpticStudio listings, tables, NPZ
     Import(Box<ImportArgs>),
+}
+
+/// `lenscube lens show`
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  lenscube lens show double-gauss-28 --plot pictures\n  \
+lenscube lens show my.lens.zarr --all-bands\n  lenscube lens show my.zmx --wavelengths 450:650:50 --json\n\
+A design (.zmx, or double-gauss-28) is traced as it stands; a pack shows its tables. `run` traces double-gauss-28 band by \
+band as charts need it; its tables made with other software are the pack double-gauss-28-npz.")]
+pub struct ShowArgs {
+    /// A lens pack (directory or .zip), a sequential .zmx file, or the name of a built-in lens
+    #[arg(value_name = "PACK|DESIGN")]
+    pub lens: String,
+    /// Wavelengths to show [default: the design's own; some of the pack's]
+    #[arg(long, value_name = "NM")]
+    pub wavelengths: Option<String>,
+    /// REAL image heights to show, 0:20:5 or 0,3,7.5 [default: five, to the edge of the field]
+    #[arg(long, value_name = "MM")]
+    pub heights: Option<String>,
+    /// Every band of a pack, not just a few
+    #[arg(long)]
+    pub all_bands: bool,
+    /// As JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Write plots (SVG) into this directory: RI, distortion, lateral colour, MTF, PSFs, nodes, a design's cross-section
+    #[arg(long, value_name = "DIR")]
+    pub plot: Option<PathBuf>,
+    /// Line pairs per mm of the MTF against field
+    #[arg(long, value_name = "F,…", value_parser = positive, value_delimiter = ',', default_value = "10,20,40")]
+    pub lp_mm: Vec<f64>,
+    /// How a design is taken.
+    #[command(flatten)]
+    pub design: DesignArgs,
+}
+
+/// `lenscube lens diff`
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650"
+)]
+pub struct DiffArgs {
+    /// A lens pack, a sequential .zmx file, or the name of a built-in lens
+    #[arg(value_name = "A")]
+    pub a: String,
+    /// Another
+    #[arg(value_name = "B")]
+    pub b: String,
+    /// Wavelengths to compare [default: those both hold; of two designs, A's own]
+    #[arg(long, value_name = "NM")]
+    pub wavelengths: Option<String>,
+    /// REAL image heights to compare [default: five, to the edge that both hold]
+    #[arg(long, value_name = "MM")]
+    pub heights: Option<String>,
+    /// Film pitch at which kernels are compared
+    #[arg(long, value_name = "UM", value_parser = positive, default_value = "2")]
+    pub film_pitch_um: f64,
+    /// As JSON
+    #[arg(long)]
+    pub json: bool,
+    /// How designs are taken.
+    #[command(flatten)]
+    pub design: DesignArgs,
+}
+
+/// How a design is taken: its film plane, conjugate, aiming and glasses.
+#[derive(Clone, Debug, Default, PartialEq, Args)]
+#[command(next_help_heading = "Designs")]
+pub struct DesignArgs {
+    /// Where the film lies
+    #[arg(long, value_enum, default_value_t = ImagePlaneArg::Design)]
+    pub image_plane: ImagePlaneArg,
+    /// Wavelength of that focus [default: the design's primary]
+    #[arg(long, value_name = "NM", value_parser = positive)]
+    pub focus_nm: Option<f64>,
+    /// Film beyond that plane, away from the lens
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub defocus_mm: f64,
+    /// Distance of the object from the first surface [default: as in the design]
+    #[arg(long, value_name = "MM", value_parser = positive)]
+    pub object_distance_mm: Option<f64>,
+    /// How rays are sent through the stop [default: as in the design]
+    #[arg(long, value_enum)]
+    pub aiming: Option<AimingArg>,
+    /// Glass catalogue in AGF format, beside the built-in Schott glasses; may be repeated
+    #[arg(long, value_name = "FILE.agf")]
+    pub glass_catalog: Vec<PathBuf>,
 }
 
 /// `lenscube lens trace`
@@ -67,30 +144,16 @@ pub struct TraceArgs {
     /// Pitch of the film that the pack is for
     #[arg(long, value_name = "UM", value_parser = positive, default_value = "2")]
     pub film_pitch_um: f64,
-    /// Where the film lies
-    #[arg(long, value_enum, default_value_t = ImagePlaneArg::Design)]
-    pub image_plane: ImagePlaneArg,
-    /// Wavelength of that focus [default: the design's primary]
-    #[arg(long, value_name = "NM", value_parser = positive)]
-    pub focus_nm: Option<f64>,
-    /// Film beyond that plane, away from the lens
-    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_hyphen_values = true)]
-    pub defocus_mm: f64,
-    /// Distance of the object from the first surface [default: as in the design]
-    #[arg(long, value_name = "MM", value_parser = positive)]
-    pub object_distance_mm: Option<f64>,
-    /// How rays are sent through the stop [default: as in the design]
-    #[arg(long, value_enum)]
-    pub aiming: Option<AimingArg>,
-    /// Glass catalogue in AGF format, beside the built-in Schott glasses; may be repeated
-    #[arg(long, value_name = "FILE.agf")]
-    pub glass_catalog: Vec<PathBuf>,
+    /// How the design is taken.
+    #[command(flatten)]
+    pub place: DesignArgs,
 }
 
 /// Where the film lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum ImagePlaneArg {
     /// As in the design
+    #[default]
     Design,
     /// At the paraxial focus
     Paraxial,

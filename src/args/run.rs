@@ -1,7 +1,7 @@
 //! `lenscube run`.
 
 use super::CodecArg;
-use super::values::{azimuths, bytes, odd, pair, pitch, roi, scale, size, storage, threads};
+use super::values::{azimuths, bytes, odd, pair, pitch, positive, roi, scale, size, storage, threads};
 use clap::{Args, ValueEnum};
 use pipeline::geometry::{Rect, Size};
 use std::path::PathBuf;
@@ -19,8 +19,8 @@ pub struct RunArgs {
     /// The film to write, a Zarr v3 group
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// A lens pack (directory or .zip) or the name of a built-in lens
-    #[arg(long, value_name = "NAME|PACK", default_value = "double-gauss-28")]
+    /// A lens pack (directory or .zip), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
+    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Wavelengths of the chart's bands where the store has none: 400:700:10 (both ends) or 450,550
     #[arg(long, value_name = "NM")]
@@ -55,6 +55,10 @@ pub struct RunArgs {
     /// Film pixels per chart pixel
     #[arg(long, value_name = "SX[,SY]", value_parser = scale, default_value = "1")]
     pub scale: (f64, f64),
+    /// Pitch of the chart's pixels in object space, instead of --scale: with a lens for that object's distance the scale is
+    /// |magnification| x this / the film's pitch
+    #[arg(long, value_name = "MM", value_parser = positive, conflicts_with = "scale")]
+    pub chart_pitch_mm: Option<f64>,
     /// Centre of the chart in mm from the axis
     #[arg(long, value_name = "X,Y", value_parser = pair, default_value = "0,0", allow_hyphen_values = true)]
     pub center: (f64, f64),

@@ -17,7 +17,7 @@ pub enum LensPackError {
         path: PathBuf,
     },
     /// No built-in lens has this name.
-    #[error("there is no built-in lens `{name}`; there are: {known}")]
+    #[error("there is no built-in lens pack `{name}`; there is: {known}")]
     NotBuiltin {
         /// Name asked for.
         name: String,

@@ -51,10 +51,8 @@ use store::Store;
 pub const SCHEMA: &str = "lenscube/lens-pack/1";
 
 /// Lenses inside the program: name and .zip (`formats/data/SOURCES.md`).
-const BUILTIN: [(&str, &[u8]); 2] = {
-    const DOUBLE_GAUSS: &[u8] = include_bytes!("../../data/double-gauss-28.lens.zip");
-    [("double-gauss-28", DOUBLE_GAUSS), ("double-gauss-28-npz", DOUBLE_GAUSS)]
-};
+const BUILTIN: [(&str, &[u8]); 1] =
+    [("double-gauss-28-npz", include_bytes!("../../data/double-gauss-28.lens.zip"))];
 
 /// What a pack says about itself in words; shown, never computed with.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -150,13 +148,12 @@ impl LensPack {
     }
 }
 
-/// Names of the lenses inside the program.
+/// Names of the lens packs inside the program.
 pub fn builtin_names() -> impl Iterator<Item = &'static str> {
     BUILTIN.iter().map(|(name, _)| *name)
 }
 
-/// Opens a lens inside the program: `double-gauss-28`, or `double-gauss-28-npz`, the name that always means the tables made
-/// with other software.
+/// Opens a lens pack inside the program: `double-gauss-28-npz`, tables of the Double Gauss 28° made with other software.
 ///
 /// # Errors
 /// [`LensPackError::NotBuiltin`] for any other name.

@@ -1,7 +1,7 @@
 //! A drawing as a list of marks, so that one layout makes both the PNG and the SVG.
 //!
 //! Places are (x, y) in pixels from the top left, y down. Text is placed by its middle line, so that labels sit level with
-//! what they name in either format; the SVG asks for a typeface of even width as high as the PNG's dots.
+//! what they name in either format; the SVG asks for a plain typeface as high as the PNG's dots, and no wider.
 
 use std::fmt::Write;
 
@@ -30,6 +30,31 @@ pub enum Mark {
         width: f64,
         /// Its colour.
         colour: Rgb,
+    },
+    /// A filled shape.
+    Area {
+        /// Its corners, in order.
+        points: Vec<(f64, f64)>,
+        /// Its colour.
+        colour: Rgb,
+    },
+    /// A round dot.
+    Dot {
+        /// Its centre.
+        at: (f64, f64),
+        /// Its radius.
+        radius: f64,
+        /// Its colour.
+        colour: Rgb,
+    },
+    /// A picture; the SVG holds it as PNG, its pixels as squares.
+    Picture {
+        /// Its top left corner.
+        at: (f64, f64),
+        /// The picture.
+        image: Image,
+        /// Side of one of its pixels.
+        enlarge: usize,
     },
     /// A line of text.
     Text {
@@ -64,6 +89,11 @@ impl Figure {
         for mark in &self.marks {
             match mark {
                 Mark::Line { points, width, colour } => image.line(points, *width, *colour),
+                Mark::Area { points, colour } => image.area(points, *colour),
+                Mark::Dot { at, radius, colour } => image.line(&[*at, *at], 2.0 * radius, *colour),
+                Mark::Picture { at: (x, y), image: picture, enlarge } => {
+                    image.lay((y.round() as usize, x.round() as usize), picture, *enlarge);
+                }
                 Mark::Text { at, text, dot, anchor, up, colour } => {
                     let box_ = text_size(text, *dot);
                     let along = match anchor {
@@ -89,7 +119,7 @@ impl Figure {
         let Size { height, width } = self.size;
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" font-family=\"monospace\">\n\
+             viewBox=\"0 0 {width} {height}\" font-family=\"DejaVu Sans, Helvetica, Arial, sans-serif\">\n\
              <rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n"
         );
         for mark in &self.marks {
@@ -104,6 +134,23 @@ impl Figure {
                         hex(*colour)
                     )
                 }
+                Mark::Area { points, colour } => {
+                    let points: Vec<_> = points.iter().map(|(x, y)| format!("{x:.2},{y:.2}")).collect();
+                    writeln!(svg, "<polygon points=\"{}\" fill=\"{}\"/>", points.join(" "), hex(*colour))
+                }
+                Mark::Dot { at: (x, y), radius, colour } => writeln!(
+                    svg,
+                    "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius:.2}\" fill=\"{}\"/>",
+                    hex(*colour)
+                ),
+                Mark::Picture { at: (x, y), image, enlarge } => writeln!(
+                    svg,
+                    "<image x=\"{x:.2}\" y=\"{y:.2}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" \
+                     style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{}\"/>",
+                    image.size().width * enlarge,
+                    image.size().height * enlarge,
+                    base64(&image.to_png())
+                ),
                 Mark::Text { at: (x, y), text, dot, anchor, up, colour } => {
                     let anchor = match anchor {
                         Anchor::Start => "start",
@@ -134,9 +181,58 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
+/// RFC 4648.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let word = three.iter().fold(0u32, |w, &b| w << 8 | u32::from(b)) << (8 * (3 - three.len()));
+        for i in 0..4 {
+            let letter = LETTERS[(word >> (18 - 6 * i)) as usize & 63] as char;
+            out.push(if i <= three.len() { letter } else { '=' });
+        }
+    }
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn base64_as_in_its_standard() {
+        for (plain, coded) in
+            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")]
+        {
+            assert_eq!(base64(plain.as_bytes()), coded);
+        }
+    }
+
+    #[test]
+    fn shapes_dots_and_pictures_in_both() {
+        let mut small = Image::new(Size::new(2, 1), [0, 0, 255]);
+        small.row_mut(1)[0] = [0, 255, 0];
+        let figure = Figure {
+            size: Size::new(60, 80),
+            marks: vec![
+                Mark::Area { points: vec![(10.0, 10.0), (30.0, 10.0), (10.0, 30.0)], colour: [9, 9, 9] },
+                Mark::Dot { at: (50.0, 20.0), radius: 5.0, colour: [255, 0, 0] },
+                Mark::Picture { at: (40.0, 40.0), image: small, enlarge: 4 },
+            ],
+        };
+        let (image, svg) = (figure.to_image(), figure.to_svg());
+        assert_eq!((image.pixel(12, 12), image.pixel(28, 28)), ([9; 3], [255; 3]));
+        let filled = image.pixels().iter().filter(|p| **p == [9; 3]).count();
+        assert!(filled.abs_diff(200) < 25, "{filled}");
+        assert_eq!((image.pixel(20, 50), image.pixel(20, 57)), ([255, 0, 0], [255; 3]));
+        assert_eq!(
+            (image.pixel(43, 43), image.pixel(44, 40), image.pixel(48, 40)),
+            ([0, 0, 255], [0, 255, 0], [255; 3])
+        );
+        for word in ["<polygon", "<circle", "base64,iVBORw0KGgo", "width=\"4\" height=\"8\""] {
+            assert!(svg.contains(word), "{word}");
+        }
+    }
 
     #[test]
     fn one_layout_makes_both() {

@@ -57,6 +57,35 @@ impl Image {
         })
     }
 
+    /// It as the bytes of a PNG.
+    pub fn to_png(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.size.width as u32, self.size.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        // Memory takes whatever comes.
+        let written = encoder.write_header().and_then(|mut w| w.write_image_data(self.pixels.as_flattened()));
+        written.expect("a picture in memory can be encoded");
+        bytes
+    }
+
+    /// Fills the shape with corners (x, y): the pixels whose centre lies inside, by the even-odd rule.
+    pub fn area(&mut self, corners: &[(f64, f64)], colour: Rgb) {
+        for y in 0..self.size.height {
+            let at = y as f64;
+            let edges = (0..corners.len()).map(|i| (corners[i], corners[(i + 1) % corners.len()]));
+            let mut crossings: Vec<f64> = edges
+                .filter(|(a, b)| (a.1 <= at) != (b.1 <= at))
+                .map(|(a, b)| a.0 + (at - a.1) / (b.1 - a.1) * (b.0 - a.0))
+                .collect();
+            crossings.sort_by(f64::total_cmp);
+            for pair in crossings.chunks_exact(2) {
+                let (left, right) = (pair[0].ceil() as i64, pair[1].ceil() as i64);
+                self.fill((y as i64, left), Size::new(1, (right - left).max(0) as usize), colour);
+            }
+        }
+    }
+
     /// Fills the rectangle of `size` at (y, x), as far as it lies on the picture.
     pub fn fill(&mut self, (y, x): (i64, i64), size: Size, colour: Rgb) {
         let bound = |v: i64, most: usize| v.clamp(0, most as i64) as usize;

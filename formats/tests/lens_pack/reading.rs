@@ -112,8 +112,8 @@ fn windows_are_kept_or_normalised_by_how_far_their_sum_is_off() {
 /// Numbers of tables.npz as given (float64 real heights, float32 RI), at its 1 mm field points.
 #[test]
 fn the_builtin_lens_holds_the_given_points() {
-    assert_eq!(builtin_names().collect::<Vec<_>>(), ["double-gauss-28", "double-gauss-28-npz"]);
-    let pack = builtin("double-gauss-28").unwrap();
+    assert_eq!(builtin_names().collect::<Vec<_>>(), ["double-gauss-28-npz"]);
+    let pack = builtin("double-gauss-28-npz").unwrap();
     let lens = pack.lens();
     assert_eq!(lens.bands.len(), 31);
     assert_eq!((lens.bands[0].wavelength_nm, lens.bands[30].wavelength_nm), (400.0, 700.0));
@@ -158,14 +158,13 @@ fn the_builtin_psfs_lean_to_plus_x_and_are_symmetric() {
 #[test]
 fn the_builtin_lens_has_this_digest() {
     // A snapshot: it changes with the pack's numbers, and then old jobs must not resume.
-    let digest = builtin("double-gauss-28").unwrap().digest().unwrap().to_owned();
-    assert_eq!(digest, builtin("double-gauss-28-npz").unwrap().digest().unwrap());
+    let digest = builtin("double-gauss-28-npz").unwrap().digest().unwrap().to_owned();
     assert_eq!(digest, "bbe319b8eb0f71326a6f9f5347698040a818532f46a8184bbe5f9efc9f4d804e");
 }
 
 #[test]
 fn the_summary_tells_the_lens_in_text_and_json() {
-    let pack = builtin("double-gauss-28").unwrap();
+    let pack = builtin("double-gauss-28-npz").unwrap();
     let short = summary(&pack, false, Some(0.055));
     let nm: Vec<f64> = short.table.iter().map(|b| b.wavelength_nm).collect();
     assert_eq!(nm, [400.0, 480.0, 550.0, 630.0, 700.0]);

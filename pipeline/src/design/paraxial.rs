@@ -132,6 +132,12 @@ impl Paraxial {
         self.marginal_height_mm / self.marginal_slope
     }
 
+    /// Height in the ACTUAL image plane over object height, by the chief ray; 0 for an object at infinity. It equals
+    /// `magnification` when the film lies in the paraxial image.
+    pub fn film_magnification(&self, object_distance_mm: Option<f64>) -> f64 {
+        object_distance_mm.map_or(0.0, |d| -self.distortion_focal_length_mm / (d + self.entrance_pupil_mm))
+    }
+
     /// Paraxial working F-number.
     pub fn working_f_number(&self) -> f64 {
         1.0 / (2.0 * self.marginal_slope)

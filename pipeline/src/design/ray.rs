@@ -237,6 +237,30 @@ impl<'a> Tracer<'a> {
         })
     }
 
+    /// Where the meridional ray through pupil height `p` meets surface after surface, (z, x) in mm, z from the first vertex;
+    /// first where it comes from, `before_mm` in front of that vertex.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if it never arrives.
+    pub fn path(&self, tan: f64, p: f64, before_mm: f64) -> Result<Vec<(f64, f64)>, DesignError> {
+        let [x, _] = self.aim(tan, p, 0.0)?;
+        let mut ray = self.launch(tan, x.v, 0.0);
+        let slope = ray.d[0] / ray.d[2];
+        let mut path = vec![(-before_mm, ray.p[0] - slope * (ray.p[2] + before_mm))];
+        let mut vertex = 0.0;
+        for (i, s) in self.system.surfaces.iter().enumerate() {
+            let lost = |why| self.lost(tan, p, 0.0, Lost { surface: i, why });
+            s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
+            path.push((vertex + ray.p[2], ray.p[0]));
+            if i < self.system.image() {
+                s.shape.refract(&mut ray, self.indices[i], self.indices[i + 1]).map_err(lost)?;
+                ray.p[2] -= s.thickness_mm;
+                vertex += s.thickness_mm;
+            }
+        }
+        Ok(path)
+    }
+
     /// Real chief-ray height in the image plane, mm.
     ///
     /// # Errors

@@ -115,6 +115,11 @@ impl Shape {
         Err(Stopped::Misses)
     }
 
+    /// Sag at distance `r_mm` from the axis, mm; none beyond the edge of a conic.
+    pub fn sag_mm(&self, r_mm: f64) -> Option<f64> {
+        self.sag(r_mm * r_mm).map(|(sag, _)| sag)
+    }
+
     /// Sag and (1/r) d(sag)/dr at r²; none beyond the edge of a conic.
     fn sag<T: Scalar>(&self, r2: T) -> Option<(T, T)> {
         let c = T::of(self.curvature);

@@ -18,6 +18,18 @@ use super::ray::Tracer;
 use super::system::System;
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
+/// Raised whenever the tracer gives other numbers for the same design and options.
+pub const TRACER_VERSION: u32 = 1;
+
+/// Runs `work` with so many threads for its rays and sums; the numbers are the same for any.
+pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+        Ok(pool) => pool.install(work),
+        // No new threads to be had: those that are there will do.
+        Err(_) => work(),
+    }
+}
+
 /// Which heights get a PSF.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PsfHeights {
@@ -197,7 +209,7 @@ impl<'a> LensTrace<'a> {
             f_number: self.primary.image_f_number(),
             primary_wavelength_nm: self.system.primary_um() * 1e3,
             object_distance_mm: self.system.object_distance_mm,
-            magnification: self.primary.magnification,
+            magnification: self.primary.film_magnification(self.system.object_distance_mm),
             psf_sample: PsfSample::Point,
             bands: Vec::new(),
         }

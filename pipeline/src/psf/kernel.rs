@@ -88,6 +88,12 @@ impl NodeKernels {
         &self.energy
     }
 
+    /// The kernel of height `k`, not turned.
+    pub fn upright(&self, k: usize) -> &[f32] {
+        let n = self.size * self.size;
+        &self.base[k * n..][..n]
+    }
+
     /// The kernel of `node` into `out` (size × size, row down).
     pub fn kernel(&self, grid: &NodeGrid, node: Node, s: &mut KernelScratch, out: &mut [f32]) {
         let n = self.size;
