@@ -20,8 +20,8 @@ pub struct BenchArgs {
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
-    /// A lens pack (directory or .zip) or the name of a built-in lens
-    #[arg(long, value_name = "NAME|PACK", default_value = "double-gauss-28-npz")]
+    /// A lens pack (directory or .zip), a design (.zmx) or the name of a built-in lens
+    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Where the chart and the film of the job go; they are removed at the end
     #[arg(long, default_value = ".")]

@@ -1,7 +1,7 @@
 //! The stages alone, in memory.
 
 use super::{Bench, FILM_MM};
-use crate::open;
+use crate::lens::source::{Named, Source};
 use anyhow::{Context, Result};
 use pipeline::band::{BandPlan, Options, PsfBetween};
 use pipeline::bench::{Strided, fused_multiply_adds};
@@ -31,27 +31,23 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let film = Size::new(bench.args.size as usize, bench.args.size as usize);
     let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.size));
     peak(bench)?;
-    let pack = open::lens(&bench.args.lens)?;
-    let plan = |stages: Stages, interp: Interp| {
-        let reading = Reading { interp, surround: Surround::Edge, outside: Outside::Clamp };
-        let between = PsfBetween::Interpolate;
-        let options =
-            Options { stages, reading, azimuths: None, psf_window: None, between, simd: bench.simd };
-        BandPlan::new(&frame, pack.lens(), LENS_NM, &options).map(|plan| (plan, options))
+    let options = |svpsf: bool, interp: Interp| Options {
+        stages: Stages { ri: true, distortion: true, svpsf },
+        reading: Reading { interp, surround: Surround::Edge, outside: Outside::Clamp },
+        azimuths: None,
+        psf_window: None,
+        between: PsfBetween::Interpolate,
+        simd: bench.simd,
     };
-    let (ri_distortion, all) = (
-        Stages { ri: true, distortion: true, svpsf: false },
-        Stages { ri: true, distortion: true, svpsf: true },
-    );
-    let mut scenes = Vec::new();
-    for interp in [Interp::Bicubic, Interp::Bilinear] {
-        let (plan, options) = plan(ri_distortion, interp)?;
-        let none = |_| -> Result<PsfStack, anyhow::Error> { unreachable!("no PSF stage") };
-        scenes.push(plan.stages(0, &frame, &options, 1.0, none)?.scene);
-    }
-    let (whole, options) = plan(all, Interp::Bicubic)?;
-    let lens = whole.stages(0, &frame, &options, 1.0, |band| anyhow::Ok(pack.psf(band)?))?;
-    let lens = lens.psf.context("the lens pack has no PSF to measure")?;
+    let all = options(true, Interp::Bicubic);
+    let lens = Source::new(Named::open(&bench.args.lens)?, &frame, &[LENS_NM], &all, bench.threads)?;
+    let stages = |options: Options| {
+        let plan = BandPlan::new(&frame, lens.lens(), LENS_NM, &options)?;
+        plan.stages(0, &frame, &options, 1.0, |band| anyhow::Ok(lens.psf(band)?))
+    };
+    let scenes =
+        [stages(options(false, Interp::Bicubic))?.scene, stages(options(false, Interp::Bilinear))?.scene];
+    let lens = stages(all)?.psf.context("the lens has no PSF to measure")?;
 
     let bicubic = remap(bench, &frame, &scenes[0])?;
     bench.number("remap_mpx_s", bicubic, "Mpx/s", "RI + distortion remap, bicubic");
