@@ -156,6 +156,10 @@ pub fn bands(text: &str, count: usize) -> Result<Vec<usize>, String> {
 }
 
 #[cfg(test)]
+#[path = "../../tests/fuzz_support/mod.rs"]
+mod fuzz_support;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -176,5 +180,59 @@ mod tests {
         assert_eq!(scale("2"), Ok((2.0, 2.0)));
         assert_eq!(scale("2,0.5"), Ok((2.0, 0.5)));
         assert!(scale("0").is_err() && scale("nan").is_err());
+    }
+
+    /// Any words: a value that keeps its promise, or an error in words.
+    #[test]
+    fn no_word_breaks_a_parser() {
+        use super::fuzz_support::{cases, tell};
+        use proptest::prelude::*;
+        use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+        let number = prop_oneof![
+            any::<f64>().prop_map(|v| v.to_string()),
+            any::<u64>().prop_map(|v| v.to_string()),
+            (0u32..50).prop_map(|v| v.to_string()),
+            prop::sample::select(vec![
+                "",
+                "nan",
+                "inf",
+                "1e999",
+                "18446744073709551616",
+                "-1",
+                "+2",
+                "1e-320",
+                "µ",
+                " 3 "
+            ])
+            .prop_map(String::from),
+        ];
+        let part =
+            (number, prop::sample::select(vec!["", ",", ":", "::", "x", "X", " GiB", "kB", "µ", ",,", ";"]));
+        let words = prop::collection::vec(part, 0..5)
+            .prop_map(|parts| parts.into_iter().map(|(n, s)| n + s).collect::<String>());
+        let config = Config { cases: cases(2000) as u32, failure_persistence: None, ..Config::default() };
+        let rng = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
+        let (start, used) = (std::time::Instant::now(), std::cell::Cell::new(0));
+        let result = TestRunner::new_with_rng(config, rng).run(&(words, 0usize..40), |(text, count)| {
+            let whole = positive(&text).is_ok_and(|v| v.is_finite() && v > 0.0);
+            let sides = size(&text).map_or(0, |s| s.height.max(s.width));
+            prop_assert!(sides <= LARGEST_SIDE && storage(&text).unwrap_or(1) <= 16384);
+            prop_assert!(pitch(&text).is_ok_and(|p| p.is_finite()) <= whole);
+            prop_assert!(scale(&text).map_or(1.0, |s| s.0 * s.1).is_finite());
+            prop_assert!(pair(&text).map_or(0.0, |p| p.0 + p.1).is_finite());
+            prop_assert!(azimuths(&text).map_or(4, |j| j % 4 + j) % 4 == 0);
+            prop_assert!(odd(&text).unwrap_or(1) % 2 == 1 && threads(&text).unwrap_or(1) >= 1);
+            let _ = (bytes(&text), roi(&text));
+            if let Ok(list) = bands(&text, count) {
+                used.set(used.get() + 1);
+                prop_assert!(!list.is_empty() && list.iter().all(|b| *b < count));
+                prop_assert!(list.windows(2).all(|w| w[0] < w[1]));
+            }
+            Ok(())
+        });
+        let findings = usize::from(result.is_err());
+        tell("command-line values", cases(2000), start.elapsed().as_secs_f64(), findings, used.get());
+        result.unwrap();
+        assert!(used.get() > 0);
     }
 }

@@ -40,13 +40,15 @@ pub(super) fn is_psf(text: &str) -> bool {
     head(text).any(|(_, l)| l.contains("huygens psf") || l.contains("fft psf"))
 }
 
-/// Lower-case lines before the samples, numbered from 1.
+/// Lower-case lines before the samples, numbered from 1; "Values are …" is the last one wherever it stands.
 pub(super) fn head(text: &str) -> impl Iterator<Item = (usize, String)> {
-    text.lines()
-        .take(60)
-        .enumerate()
-        .map(|(i, l)| (i + 1, l.trim().to_lowercase()))
-        .take_while(|(_, l)| !is_data(l))
+    let mut over = false;
+    let lines = text.lines().take(60).enumerate().map(|(i, l)| (i + 1, l.trim().to_lowercase()));
+    lines.take_while(move |(_, l)| {
+        let before = !over && !is_data(l);
+        over = l.starts_with("values are");
+        before
+    })
 }
 
 /// A row of samples: at least two words, all of them numbers.

@@ -78,7 +78,7 @@ impl Windows {
     }
 }
 
-/// An export that was read and checked; [`write`] fetches its windows.
+/// An export that was read and checked; [`write()`] fetches its windows.
 pub struct Imported {
     lens: Lens,
     source: Map<String, Value>,
@@ -96,6 +96,23 @@ impl Imported {
     /// The dense tables; window sizes and pitches are known only once the pack is written.
     pub fn lens(&self) -> &Lens {
         &self.lens
+    }
+
+    /// Fetches the windows of band `b`.
+    ///
+    /// # Errors
+    /// [`ImportError`]: a file cannot be read, or does not hold what it should.
+    pub fn psf(&mut self, b: usize) -> Result<PsfStack, ImportError> {
+        let windows = (self.fetch)(b)?;
+        let (size, samples) = (windows.size, windows.samples);
+        let stack = PsfStack { size, pitch_um: windows.pitch_um, sample: self.lens.psf_sample, samples };
+        let (found, expected) = (stack.samples.len(), self.lens.bands[b].psf_height_mm.len() * size * size);
+        match size > 0 && found == expected {
+            true => Ok(stack),
+            false => {
+                Err(ImportError::file(&self.path, format!("{found} samples of windows, expected {expected}")))
+            }
+        }
     }
 
     pub(super) fn new(mut given: Given, options: &ImportOptions, fetch: Fetch) -> Result<Self, ImportError> {
@@ -173,17 +190,10 @@ pub fn write(
     mut done: impl FnMut(usize, &PsfStack),
 ) -> Result<(), ImportError> {
     let mut writer = LensPackWriter::create(out)?;
-    let sample = imported.lens.psf_sample;
     for b in 0..imported.lens.bands.len() {
-        let windows = (imported.fetch)(b)?;
-        let stack =
-            PsfStack { size: windows.size, pitch_um: windows.pitch_um, sample, samples: windows.samples };
+        let stack = imported.psf(b)?;
         let band = &mut imported.lens.bands[b];
         (band.psf_size, band.psf_pitch_um) = (stack.size, stack.pitch_um);
-        if stack.samples.len() != stack.size * stack.size * band.psf_height_mm.len() {
-            let (found, expected) = (stack.heights(), band.psf_height_mm.len());
-            return Err(ImportError::file(&imported.path, format!("{found} windows for {expected} heights")));
-        }
         writer.psf(b, &stack)?;
         done(b, &stack);
     }

@@ -43,6 +43,7 @@ pub use write::{LensPackWriter, write};
 
 use pipeline::lens::{Lens, PsfStack};
 use serde_json::Value;
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use store::Store;
@@ -87,15 +88,15 @@ impl LensPack {
         Self::from_store(Store::open(path.as_ref())?)
     }
 
-    /// Opens a .zip inside the program.
+    /// Opens a .zip in memory.
     ///
     /// # Errors
     /// As [`open`](Self::open).
-    pub fn open_bytes(bytes: &'static [u8]) -> Result<Self, LensPackError> {
-        Self::named_bytes(PathBuf::from("<lens pack in memory>"), bytes)
+    pub fn open_bytes(bytes: impl Into<Cow<'static, [u8]>>) -> Result<Self, LensPackError> {
+        Self::named_bytes(PathBuf::from("<lens pack in memory>"), bytes.into())
     }
 
-    fn named_bytes(name: PathBuf, bytes: &'static [u8]) -> Result<Self, LensPackError> {
+    fn named_bytes(name: PathBuf, bytes: Cow<'static, [u8]>) -> Result<Self, LensPackError> {
         Self::from_store(Store::bytes(name, bytes)?)
     }
 
@@ -159,7 +160,7 @@ pub fn builtin_names() -> impl Iterator<Item = &'static str> {
 /// [`LensPackError::NotBuiltin`] for any other name.
 pub fn builtin(name: &str) -> Result<LensPack, LensPackError> {
     match BUILTIN.iter().find(|(known, _)| *known == name) {
-        Some((_, bytes)) => LensPack::named_bytes(format!("built-in lens {name}").into(), bytes),
+        Some((_, bytes)) => LensPack::named_bytes(format!("built-in lens {name}").into(), (*bytes).into()),
         None => Err(LensPackError::NotBuiltin {
             name: name.into(),
             known: builtin_names().collect::<Vec<_>>().join(", "),

@@ -4,6 +4,7 @@
 //! expects, and no size in a header is believed before the bytes are there.
 
 use super::error::LensPackError;
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
@@ -50,8 +51,8 @@ impl Store {
         Self::zip(path.into(), Box::new(BufReader::new(file)))
     }
 
-    /// A .zip inside the program; `path` is what errors call it.
-    pub(super) fn bytes(path: PathBuf, bytes: &'static [u8]) -> Result<Self, LensPackError> {
+    /// A .zip in memory; `path` is what errors call it.
+    pub(super) fn bytes(path: PathBuf, bytes: Cow<'static, [u8]>) -> Result<Self, LensPackError> {
         Self::zip(path, Box::new(Cursor::new(bytes)))
     }
 

@@ -1,7 +1,6 @@
 //! Lens packs from outside: what is written is read, what zarr-python writes is read, what is broken is named.
 
 mod errors;
-mod fuzz;
 mod reading;
 
 use lenscube_formats::lens::{LensPack, LensPackError, PackAttributes, write};

@@ -1,0 +1,245 @@
+//! Every importer: its parsers on damaged files in memory, its folders with one file spoilt.
+
+use crate::fuzz_support::{Random, damage, damage_text, fuzz};
+use crate::{data, folder};
+use lenscube_formats::import::window::{EvenWindow, Outward};
+use lenscube_formats::import::{
+    self, Format, ImportOptions, distortion_listing, illumination_listing, isetparms, npy, npz, psf_listing,
+};
+use pipeline::design::text::decode;
+use pipeline::lens::PsfSample;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const HERE: &str = "here";
+
+fn text_door(door: &str, seeds: &[String], eat: impl Fn(&str) -> bool) {
+    let make = |r: &mut Random| {
+        let mut bytes = seeds[r.below(seeds.len())].clone().into_bytes();
+        damage_text(&mut bytes, r);
+        bytes
+    };
+    fuzz(door, 1000, make, |bytes| eat(&decode(bytes)));
+}
+
+/// A PSF listing of n × n samples.
+fn psf(n: usize, field: &str, chief_ray: &str) -> String {
+    let rows = format!("{}\n", vec!["1.5E-001"; n].join("\t")).repeat(n);
+    let centre = n / 2 + 1;
+    format!(
+        "Listing of Huygens PSF Data\n\nHUYGENS PSF\n0.5500 µm at {field} deg.\nData spacing is 0.25 µm.\n\
+Image grid size: {n} by {n}\nCenter point is: {centre}, {centre}\nCenter coordinates: {chief_ray}\n\
+Values are relative intensity.\n\n{rows}"
+    )
+}
+
+fn grid() -> String {
+    let mut text = "Listing of Grid Distortion Data\n\nUnits are Millimeters.\nField units are degrees\n\
+Wavelength: 0.55000 µm\nReference Coordinates: Xref = 0.0, Yref = 0.0\n\n\
+   i    j  X-Field  Y-Field  R-Field  Predicted X  Predicted Y  Real X  Real Y  Distortion\n"
+        .to_string();
+    for (i, j) in (-2i32..=2).flat_map(|i| (-2i32..=2).map(move |j| (i, j))) {
+        let (x, y) = (f64::from(i), f64::from(j));
+        let (px, py) = (x.to_radians().tan() * 10.0, y.to_radians().tan() * 10.0);
+        let r = (px.hypot(py) / 10.0).atan().to_degrees();
+        text.push_str(&format!("{i} {j} {x} {y} {r} {px} {py} {} {} -1.0%\n", px * 0.99, py * 0.99));
+    }
+    text + "\nMaximum distortion: -1.0%\n"
+}
+
+const ILLUMINATION: &str = "Listing of Relative Illumination Data\n\nWavelength: 0.5500 µm\n\n\
+Y Field (deg)    Rel. Ill.    Eff. F/#\n0.0  1.0  2.8\n1.5 0.99 2.8\n2.9 0.98 2.8\n";
+const PARAMETERS: &str = "% head\nlensFile='rtX.len'\npsfSize=4;\npsfSpacing=0.0005; % MM\nwave=500:100:600; % NM\n\
+imgHeightNum=3;\nimgHeightMax=4;\nobjDist=250\nmag=-0.02\nbaseLensFileName='C:\\a\\rtX'\nrefWave=500\nfov=21.801409486\n\
+efl=10\nfnumber=4\nfnumber_eff=[4.1]\n";
+
+#[test]
+fn iset_parameters() {
+    let seeds =
+        [PARAMETERS.to_string(), PARAMETERS.replace("imgHeightNum=3;\nimgHeightMax=4", "imgHeight=0:2:4")];
+    text_door("ISETPARMS.TXT", &seeds, |text| isetparms::Parameters::parse(Path::new(HERE), text).is_ok());
+}
+
+#[test]
+fn psf_listings() {
+    let commas = psf(8, "10.00, 20.00", "3.5E+00, 7.2E+00").replace('.', ",");
+    let labelled = psf(5, "0.0", "0, 1").replace("3, 3", "row 3, column 4");
+    text_door("PSF listing", &[psf(6, "-2.0", "0.0, -0.35"), commas, labelled], |text| {
+        let Ok(listing) = psf_listing::parse(Path::new(HERE), text) else { return false };
+        let _ = listing.outward();
+        true
+    });
+}
+
+#[test]
+fn distortion_listings() {
+    text_door("grid distortion listing", &[grid()], |text| {
+        distortion_listing::grid(Path::new(HERE), text).is_ok()
+    });
+    let curvature = "Listing of FIELD CURVATURE DISTORTION Data\n\nData for wavelength : 0.5500 µm.\n\
+Distortion focal length = 10.0\n\nY Angle (deg)  Tan Shift  Real Height\n0.0 0.0 0.0\n1.5 0.1 0.26\n2.9 0.1 0.5\n\n\
+Data for wavelength : 0.65 µm.\nY Angle (deg)  Real Height\n0.0 0.0\n1.5 0.26\n";
+    text_door("field curvature listing", &[curvature.to_string()], |text| {
+        distortion_listing::field_curvature(Path::new(HERE), text).is_ok()
+    });
+}
+
+#[test]
+fn illumination_listings() {
+    text_door("illumination listing", &[ILLUMINATION.to_string()], |text| {
+        illumination_listing::parse(Path::new(HERE), text).is_ok()
+    });
+}
+
+#[test]
+fn npy_arrays() {
+    let seed = fs::read(data("tables-example/psf_550.npy")).unwrap();
+    let make = |r: &mut Random| {
+        let mut bytes = seed.clone();
+        match r.below(3) {
+            0 => damage(&mut bytes, r),
+            _ => {
+                let mut head = bytes[10..128].to_vec();
+                damage_text(&mut head, r);
+                bytes[8..10].copy_from_slice(&(head.len() as u16).to_le_bytes());
+                bytes.splice(10..128, head);
+            }
+        }
+        bytes
+    };
+    fuzz("NPY", 1000, make, |bytes| npy::parse(bytes).is_ok());
+}
+
+/// A small archive, arrays damaged before they are packed or the archive after.
+#[test]
+fn npz_archives() {
+    use std::io::{Cursor, Write};
+    let array = |shape: &str, values: &[f32]| {
+        let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n");
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.bytes());
+        bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        bytes
+    };
+    let arrays = [
+        ("wavelength_um", array("(2,)", &[0.5, 0.6])),
+        ("ideal_height_mm", array("(3,)", &[0.0, 1.0, 2.0])),
+        ("real_height_mm", array("(2, 3)", &[0.0, 1.0, 1.9, 0.0, 1.0, 1.8])),
+        ("ri", array("(2, 3)", &[1.0, 0.9, 0.8, 1.0, 0.9, 0.7])),
+        ("psf", array("(2, 3, 3, 3)", &[0.1; 54])),
+        ("efl_mm", array("()", &[50.0])),
+        ("pixel_um", array("()", &[2.0])),
+    ];
+    let pack = |arrays: &[(&str, Vec<u8>)]| {
+        let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
+        let stored =
+            zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+        for (name, bytes) in arrays {
+            zip.start_file(format!("{name}.npy"), stored).unwrap();
+            zip.write_all(bytes).unwrap();
+        }
+        zip.finish().unwrap().into_inner()
+    };
+    let whole = pack(&arrays);
+    let make = |r: &mut Random| {
+        let mut arrays = arrays.clone();
+        let at = r.below(arrays.len());
+        match r.below(4) {
+            0 => {
+                let mut bytes = whole.clone();
+                damage(&mut bytes, r);
+                return bytes;
+            }
+            1 => damage_text(&mut arrays[at].1, r),
+            _ => damage(&mut arrays[at].1, r),
+        }
+        pack(&arrays)
+    };
+    let options = ImportOptions { primary_wavelength_nm: Some(550.0), f_number: Some(4.0), ..told() };
+    fuzz("NPZ", 500, make, |bytes| match npz::open_bytes(Path::new(HERE), bytes, &options) {
+        Ok(mut imported) => imported.psf(0).is_ok() && imported.psf(imported.lens().bands.len() - 1).is_ok(),
+        Err(_) => false,
+    });
+}
+
+/// What no file tells.
+fn told() -> ImportOptions {
+    ImportOptions {
+        sample: Some(PsfSample::Point),
+        outward: Some(Outward::Up),
+        even_window: Some(EvenWindow::Pad),
+        azimuths: 8,
+        field_points: 11,
+        ..ImportOptions::default()
+    }
+}
+
+/// A folder of files, one of them spoilt a case.
+fn folder_door(door: &str, files: &[(&str, Vec<u8>)], options: &ImportOptions) {
+    let dir = folder();
+    let at: Vec<PathBuf> = files.iter().map(|(name, _)| dir.path().join(name)).collect();
+    at.iter().zip(files).for_each(|(path, (_, bytes))| fs::write(path, bytes).unwrap());
+    let mut last = 0;
+    let make = |r: &mut Random| {
+        fs::write(&at[last], &files[last].1).unwrap();
+        last = r.below(files.len());
+        let mut bytes = files[last].1.clone();
+        match files[last].0.ends_with(".npy") {
+            true => damage(&mut bytes, r),
+            false => damage_text(&mut bytes, r),
+        }
+        fs::write(&at[last], &bytes).unwrap();
+        bytes
+    };
+    fuzz(door, 300, make, |_| match import::open(dir.path(), options) {
+        Ok(mut imported) => (0..imported.lens().bands.len()).all(|b| imported.psf(b).is_ok()),
+        Err(_) => false,
+    });
+}
+
+#[test]
+fn iset_folders() {
+    let window = b"0 0 0 0\n0 0 25 0\n0 0 75 0\n0 0 0 0\n".to_vec();
+    let mut files = vec![
+        ("rtX_ISETPARMS.TXT", PARAMETERS.as_bytes().to_vec()),
+        ("rtX_DI_.dat", b"0 0\n1.99 1.98\n3.9 3.8\n".to_vec()),
+        ("rtX_RI_.dat", b"1\n1\n0.9\n0.9\n0.7\n0.6\n".to_vec()),
+    ];
+    for name in
+        ["rtX_PSF_1_1.dat", "rtX_PSF_2_1.dat", "rtX_2D_PSF_Fld1_Wave2.dat", "rtX_2D_PSF_Fld2_Wave2.dat"]
+    {
+        files.push((name, window.clone()));
+    }
+    let options = ImportOptions { psf_heights: Some(vec![1, 2]), ..told() };
+    folder_door("ISET folder", &files, &options);
+}
+
+#[test]
+fn folders_of_listings() {
+    let files = [
+        ("grid.txt", grid().into_bytes()),
+        ("ri.txt", ILLUMINATION.as_bytes().to_vec()),
+        ("axis.txt", psf(6, "0.0", "0.0, 0.0").into_bytes()),
+        ("edge.txt", psf(6, "-2.0", "0.0, -0.35").into_bytes()),
+    ];
+    let options = ImportOptions {
+        format: Some(Format::Listings),
+        primary_wavelength_nm: Some(550.0),
+        effective_focal_length_mm: Some(10.0),
+        f_number: Some(4.0),
+        ..told()
+    };
+    folder_door("folder of listings", &files, &options);
+}
+
+#[test]
+fn folders_of_tables() {
+    let names = ["lens.csv", "heights.csv", "psf.csv", "psf_500.npy", "psf_550.npy"];
+    let files = names.map(|n| (n, fs::read(data("tables-example").join(n)).unwrap()));
+    folder_door(
+        "CSV and NPY folder",
+        &files,
+        &ImportOptions { field_points: 11, ..ImportOptions::default() },
+    );
+}

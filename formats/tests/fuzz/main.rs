@@ -1,0 +1,23 @@
+//! The doors of this crate: lens packs, charts' metadata, every importer. Seeds and cases: `tests/fuzz_support`.
+
+#[path = "../../../tests/fuzz_support/mod.rs"]
+mod fuzz_support;
+
+mod chart;
+mod importers;
+mod json;
+mod pack;
+
+use std::path::{Path, PathBuf};
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
+
+/// A folder in memory where the system has one.
+fn folder() -> tempfile::TempDir {
+    match Path::new("/dev/shm").is_dir() {
+        true => tempfile::tempdir_in("/dev/shm").unwrap(),
+        false => tempfile::tempdir().unwrap(),
+    }
+}

@@ -1,0 +1,96 @@
+//! Plain tables and NumPy archives.
+
+use crate::*;
+use lenscube_formats::import::window::Outward;
+use lenscube_formats::lens::builtin;
+use pipeline::lens::PsfSample;
+
+#[test]
+fn the_worked_example() {
+    let (_keep, pack) = pack(&data("tables-example"), &ImportOptions::default());
+    let lens = pack.lens();
+    assert_eq!(
+        (lens.name.as_str(), lens.bands.len(), lens.psf_sample),
+        ("invented 50 mm", 2, PsfSample::Point)
+    );
+    let band = &lens.bands[1];
+    assert_eq!((band.psf_size, band.psf_pitch_um, band.ideal_height_mm.len()), (11, 0.5, 1001));
+    assert_eq!(band.psf_energy, [0.99, 0.98, 0.97]);
+    // The lens is a cubic and cos⁴, which few points tell well: image height h − 2e-4 h³.
+    for (h, (r, ri)) in
+        band.ideal_height_mm.iter().zip(band.image_height_mm.iter().zip(&band.relative_illumination))
+    {
+        assert!((r - (h - 2e-4 * h.powi(3))).abs() < 1e-8, "{h}: {r}");
+        assert!((ri - (h / 50.0).atan().cos().powi(4)).abs() < 1e-5, "{h}: {ri}");
+    }
+    // Tails of 0, 0.2 and 0.4 samples outward (Gaussian cut at the window's edge).
+    for (k, um) in [(0, 0.0), (1, 0.1), (2, 0.2)] {
+        let (x, y) = centroid_um(&pack, 1, k);
+        assert!((x - um).abs() < 0.01 && y.abs() < 1e-6, "{k}: {x} {y}");
+    }
+    let given = &pack.attributes().source.as_ref().unwrap()["given_points"];
+    assert_eq!(given[0]["image_height_mm"][4], 9.79951);
+}
+
+fn npz() -> ImportOptions {
+    ImportOptions {
+        sample: Some(PsfSample::Integrated),
+        outward: Some(Outward::Down),
+        symmetric: true,
+        distortion_focal_length_mm: Some(99.3320630),
+        entrance_pupil_mm: Some(33.33),
+        primary_wavelength_nm: Some(587.5618),
+        ..ImportOptions::default()
+    }
+}
+
+/// The built-in pack was made of the same archive by other code (NumPy and SciPy): tables and windows agree bit for bit.
+#[test]
+fn an_archive_gives_the_built_in_lens() {
+    let (_keep, pack) = pack(&data("double-gauss-28-550nm.npz"), &npz());
+    let expected = builtin("double-gauss-28-npz").unwrap();
+    assert_eq!(pack.lens().bands[0], expected.lens().bands[15]);
+    assert_eq!(pack.psf(0).unwrap(), expected.psf(15).unwrap());
+    let (a, b) = (pack.lens(), expected.lens());
+    assert_eq!(
+        (a.distortion_focal_length_mm, a.effective_focal_length_mm, a.f_number, a.primary_wavelength_nm),
+        (b.distortion_focal_length_mm, b.effective_focal_length_mm, b.f_number, b.primary_wavelength_nm)
+    );
+}
+
+/// All 31 bands, where the whole archive is at hand.
+#[test]
+#[ignore = "needs LENSCUBE_TABLES_NPZ, the archive of 31 bands that formats/data/SOURCES.md describes"]
+fn the_whole_archive_has_the_built_in_digest() {
+    let path = std::env::var_os("LENSCUBE_TABLES_NPZ").expect("the archive's path");
+    let (_keep, pack) = pack(Path::new(&path), &npz());
+    assert_eq!(pack.digest().unwrap(), builtin("double-gauss-28-npz").unwrap().digest().unwrap());
+}
+
+#[test]
+fn an_archive_does_not_tell_everything() {
+    let path = data("double-gauss-28-550nm.npz");
+    for (options, words) in [
+        (ImportOptions { sample: None, ..npz() }, "--psf-sample"),
+        (ImportOptions { outward: None, ..npz() }, "--psf-outward"),
+        (ImportOptions { entrance_pupil_mm: None, ..npz() }, "--f-number"),
+        (ImportOptions { primary_wavelength_nm: None, ..npz() }, "--primary-nm"),
+        (ImportOptions { bands: Some(vec![1]), ..npz() }, "beyond the last of 1"),
+    ] {
+        let error = refused(&path, &options);
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+#[test]
+fn mirrored_windows_are_exactly_symmetric_and_others_as_given() {
+    let path = data("double-gauss-28-550nm.npz");
+    let (_a, as_given) = pack(&path, &ImportOptions { symmetric: false, ..npz() });
+    let (_b, mirrored) = pack(&path, &npz());
+    let (a, b) = (as_given.psf(0).unwrap(), mirrored.psf(0).unwrap());
+    let worst = a.samples.iter().zip(&b.samples).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst < 1e-6, "{worst}");
+    for row in 0..51 {
+        assert_eq!(b.window(21)[row * 51..][..51], b.window(21)[(50 - row) * 51..][..51]);
+    }
+}

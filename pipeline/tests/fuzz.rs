@@ -1,0 +1,166 @@
+//! The pipeline's doors for words and prescriptions: chart specifications, wavelengths, .zmx, .agf.
+
+#[path = "../../tests/fuzz_support/mod.rs"]
+mod fuzz_support;
+
+use fuzz_support::{cases, damage_text, fuzz, tell};
+use lenscube_pipeline::chart::{ChartSpec, Generator};
+use lenscube_pipeline::design::glass::GlassCatalog;
+use lenscube_pipeline::design::{agf, describe, zmx};
+use lenscube_pipeline::wavelengths;
+use proptest::prelude::*;
+use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+use std::time::Instant;
+
+/// A runner with a fixed seed that shrinks what it finds.
+fn runner(few: usize) -> TestRunner {
+    let config = Config { cases: cases(few) as u32, failure_persistence: None, ..Config::default() };
+    TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha))
+}
+
+fn number() -> impl Strategy<Value = String> {
+    prop_oneof![
+        any::<f64>().prop_map(|v| v.to_string()),
+        (-1000i32..1_000_000).prop_map(|v| v.to_string()),
+        (0u32..2000).prop_map(|v| format!("{}", f64::from(v) / 4.0)),
+        prop::sample::select(vec![
+            "",
+            "nan",
+            "1e999",
+            "18446744073709551616",
+            "-0",
+            "µ",
+            " 7 ",
+            "+3",
+            "1e-320"
+        ])
+        .prop_map(String::from),
+    ]
+}
+
+#[test]
+fn chart_specifications() {
+    let value = prop_oneof![
+        4 => number(),
+        1 => (number(), number()).prop_map(|(a, b)| format!("{a}x{b}")),
+        1 => (number(), number(), number()).prop_map(|(a, b, c)| format!("{a}:{b}:{c}")),
+        1 => (number(), number()).prop_map(|(a, b)| format!("{a},{b};{b},{a}")),
+        1 => prop::sample::select(vec!["D65", "A", "disc", "gaussian"]).prop_map(String::from),
+    ];
+    let key = prop::sample::select(vec![
+        "size",
+        "wavelengths",
+        "pitch_um",
+        "overscan",
+        "illuminant",
+        "value",
+        "count",
+        "blob",
+        "width_px",
+        "angle_deg",
+        "contrast",
+        "grid",
+        "centers",
+        "patch_px",
+        "spokes",
+        "sizé",
+        "",
+    ]);
+    let kind = prop::sample::select(vec![
+        "uniform",
+        "points",
+        "slanted-edge",
+        "siemens",
+        "checker",
+        "composite",
+        "x",
+    ]);
+    let setting = (key, value, prop::sample::select(vec!["=", "=", "=", "=", ""]))
+        .prop_map(|(k, v, e)| format!("{k}{e}{v}"));
+    let words =
+        (kind, prop::collection::vec(setting, 0..4)).prop_map(|(k, s)| format!("{k}?{}", s.join("&")));
+    let (start, used) = (Instant::now(), std::cell::Cell::new(0));
+    let result = runner(300).run(&words, |words| {
+        let Ok(spec) = words.parse::<ChartSpec>() else { return Ok(()) };
+        used.set(used.get() + 1);
+        // Equal charts have equal words.
+        let written = spec.to_string();
+        let again: ChartSpec = written.parse().map_err(|e| TestCaseError::fail(format!("{written}: {e}")))?;
+        prop_assert_eq!(again.to_string(), written);
+        // Laying out a chart of thousands of details takes a while: words are the door here.
+        if spec.film.height.max(spec.film.width) <= 256 && spec.wavelengths_nm.len() <= 31 {
+            let _ = Generator::new(spec);
+        }
+        Ok(())
+    });
+    tell(
+        "gen: specifications",
+        cases(300),
+        start.elapsed().as_secs_f64(),
+        usize::from(result.is_err()),
+        used.get(),
+    );
+    result.unwrap();
+    assert!(used.get() > 0);
+}
+
+#[test]
+fn wavelength_lists() {
+    let range = prop::collection::vec(number(), 1..5).prop_map(|n| n.join(":"));
+    let list = prop::collection::vec(range, 0..4).prop_map(|n| n.join(","));
+    let (start, used) = (Instant::now(), std::cell::Cell::new(0));
+    let result = runner(500).run(&list, |list| {
+        let Ok(nm) = wavelengths::parse(&list) else { return Ok(()) };
+        used.set(used.get() + 1);
+        prop_assert!(nm.len() <= wavelengths::MOST_BANDS);
+        prop_assert_eq!(&wavelengths::parse(&wavelengths::format(&nm)).unwrap(), &nm);
+        Ok(())
+    });
+    tell(
+        "wavelength lists",
+        cases(500),
+        start.elapsed().as_secs_f64(),
+        usize::from(result.is_err()),
+        used.get(),
+    );
+    result.unwrap();
+    assert!(used.get() > 0);
+}
+
+#[test]
+fn prescriptions() {
+    const LENS: &[u8] = include_bytes!("../data/double-gauss-28.zmx");
+    let glasses = GlassCatalog::schott();
+    let make = |r: &mut fuzz_support::Random| {
+        let mut bytes = LENS.to_vec();
+        damage_text(&mut bytes, r);
+        match r.below(16) {
+            0 => std::iter::once([0xFF, 0xFE]).chain(bytes.iter().map(|b| [*b, 0])).flatten().collect(),
+            _ => bytes,
+        }
+    };
+    fuzz(".zmx", 300, make, |bytes| {
+        zmx::parse(bytes, &glasses).is_ok_and(|system| describe(&system).is_ok())
+    });
+}
+
+#[test]
+fn glass_catalogues() {
+    const TWO: &[u8] = b"CC a comment\nNM N-BK7 2 517642.251 1.5168 64.17 0 1 1\nED 7.1 8.3 2.51 -0.0009 0\n\
+CD 1.03961212E+000 6.00069867E-003 2.31792344E-001 2.00179144E-002 1.01046945E+000 1.03560653E+002 0 0 0 0\n\
+TD 0 0 0 0 0 0 20\nLD 3.0E-001 2.5E+000\nIT 3.0E-001 5.0E-002 25\nNM OLD 1 0 1.5 60\nCD 2.25 0 0 0 0 0\nLD 0.4 0.7\n";
+    let make = |r: &mut fuzz_support::Random| {
+        let mut bytes = TWO.to_vec();
+        damage_text(&mut bytes, r);
+        bytes
+    };
+    fuzz(".agf", 1000, make, |bytes| {
+        let Ok(catalogue) = agf::parse(bytes) else { return false };
+        for glass in catalogue.glasses() {
+            for um in [0.0, 0.4, 0.55, 3.0, f64::NAN] {
+                let _ = glass.index(um);
+            }
+        }
+        true
+    });
+}
