@@ -11,7 +11,7 @@ use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 
-use super::{DurableError, Maker, create_directories, temp_name};
+use super::{DurableError, Maker, temp_name};
 
 const SUFFIX: &str = ".lock";
 const LARGEST: u64 = 4096;
@@ -82,7 +82,13 @@ impl Lock {
     /// # Errors
     /// [`LockError`] if another has it, or the files cannot be written.
     pub fn take(directory: &Path, unit: &str, take_over: bool) -> Result<Self, LockError> {
-        create_directories(directory, false)?;
+        // Not what lies above it: a film that is gone does not come back as a lock.
+        match std::fs::create_dir(directory) {
+            Err(e) if e.kind() != ErrorKind::AlreadyExists => {
+                return Err(DurableError::io("create directory", directory, 0, e).into());
+            }
+            _ => (),
+        }
         let path = directory.join(format!("{unit}{SUFFIX}"));
         let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
         let owner = Owner { unit: unit.into(), maker: Maker::here().clone(), since_unix_s: since };
