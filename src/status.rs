@@ -91,7 +91,7 @@ fn pick(run: &Map<String, Value>, keys: &[&str]) -> Map<String, Value> {
     keys.iter().filter_map(|k| Some(((*k).to_owned(), run.get(*k)?.clone()))).collect()
 }
 
-fn lock((path, owner, dead): (std::path::PathBuf, Option<Owner>, Option<bool>)) -> Value {
+fn lock((path, owner, dead): (std::path::PathBuf, Option<Box<Owner>>, Option<bool>)) -> Value {
     let alive = dead.map(|dead| !dead);
     json!({ "path": path, "owner": owner, "alive": alive })
 }

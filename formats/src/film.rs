@@ -287,7 +287,7 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::Storage`] if they cannot be read.
     #[allow(clippy::type_complexity, reason = "as `locks`")]
-    pub fn locks(path: &Path) -> Result<Vec<(PathBuf, Option<Owner>, Option<bool>)>, FilmError> {
+    pub fn locks(path: &Path) -> Result<Vec<(PathBuf, Option<Box<Owner>>, Option<bool>)>, FilmError> {
         Ok(locks(&path.join("runs"))?)
     }
 

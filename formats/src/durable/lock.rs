@@ -41,7 +41,7 @@ pub enum LockError {
         /// The lock.
         path: PathBuf,
         /// Who has it.
-        owner: Owner,
+        owner: Box<Owner>,
     },
     /// Its owner runs, or ran, where this process cannot look.
     #[error(
@@ -52,7 +52,7 @@ pub enum LockError {
         /// The lock.
         path: PathBuf,
         /// Who has it, if the file tells.
-        owner: Option<Owner>,
+        owner: Option<Box<Owner>>,
     },
     /// The files.
     #[error("locking: {0}")]
@@ -135,7 +135,7 @@ impl Drop for Lock {
 /// # Errors
 /// [`DurableError`] if they cannot be listed or read.
 #[allow(clippy::type_complexity, reason = "a list of three plain things")]
-pub fn locks(directory: &Path) -> Result<Vec<(PathBuf, Option<Owner>, Option<bool>)>, DurableError> {
+pub fn locks(directory: &Path) -> Result<Vec<(PathBuf, Option<Box<Owner>>, Option<bool>)>, DurableError> {
     let failed = |e| DurableError::io("list", directory, 0, e);
     let entries = match std::fs::read_dir(directory) {
         Err(e) if super::absent(&e) => return Ok(Vec::new()),
@@ -156,7 +156,7 @@ pub fn locks(directory: &Path) -> Result<Vec<(PathBuf, Option<Owner>, Option<boo
     Ok(found)
 }
 
-fn parse(bytes: &[u8]) -> Option<Owner> {
+fn parse(bytes: &[u8]) -> Option<Box<Owner>> {
     serde_json::from_slice(bytes).ok()
 }
 
