@@ -50,7 +50,8 @@ fn status(store: &FilmStore) -> Result<Value> {
         }
     }
     let runs = store.runs()?;
-    let sum = |key: &str| runs.iter().filter_map(|r| r.get(key)?.as_f64()).sum::<f64>();
+    let sum = |key: &str| runs.iter().filter_map(|r| r.get(key)?.as_u64()).sum::<u64>();
+    let wall_s = runs.iter().filter_map(|r| r.get("wall_s")?.as_f64()).fold(0.0, |sum, s| sum + s);
     let outcomes = |word: &str| runs.iter().filter(|r| r.get("outcome").is_some_and(|o| o == word)).count();
     let locks: Vec<Value> = FilmStore::locks(store.path())?.into_iter().map(lock).collect();
     let provenance = store.provenance();
@@ -71,7 +72,7 @@ fn status(store: &FilmStore) -> Result<Value> {
             "complete": outcomes("complete"),
             "interrupted": outcomes("interrupted"),
             "failed": outcomes("failed"),
-            "wall_s": sum("wall_s"),
+            "wall_s": wall_s,
             "tiles": sum("tiles"),
             "shards": sum("shards"),
         },
@@ -90,7 +91,7 @@ fn pick(run: &Map<String, Value>, keys: &[&str]) -> Map<String, Value> {
     keys.iter().filter_map(|k| Some(((*k).to_owned(), run.get(*k)?.clone()))).collect()
 }
 
-fn lock((path, owner, dead): (std::path::PathBuf, Option<Owner>, Option<bool>)) -> Value {
+fn lock((path, owner, dead): (std::path::PathBuf, Option<Box<Owner>>, Option<bool>)) -> Value {
     let alive = dead.map(|dead| !dead);
     json!({ "path": path, "owner": owner, "alive": alive })
 }
@@ -135,7 +136,14 @@ fn lines(store: &FilmStore, s: &Value) -> Vec<String> {
     let parts: Vec<String> = part
         .iter()
         .take(NAMED)
-        .map(|b| format!("{} nm: {} of {}", b["wavelength_nm"], n(&b["shards_done"]), n(&b["shards"])))
+        .map(|b| {
+            format!(
+                "{} nm: {} of {}",
+                b["wavelength_nm"].as_f64().unwrap_or(f64::NAN),
+                n(&b["shards_done"]),
+                n(&b["shards"])
+            )
+        })
         .collect();
     lines.push(format!(
         "  bands   {} complete, {} in part{}, {} not begun",

@@ -15,7 +15,8 @@ mod maker;
 mod sweep;
 mod zarr;
 
-pub use error::DurableError;
+pub(crate) use error::system_error;
+pub use error::{DurableError, passes};
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
 pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};

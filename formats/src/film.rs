@@ -250,7 +250,9 @@ impl FilmStore {
     /// [`FilmError::Storage`]; the shard then is as it was before.
     pub fn commit(&self, shard: &EncodedShard) -> Result<(), FilmError> {
         self.still_there()?;
-        Ok(self.directory.write(&shard.key, &shard.bytes)?)
+        self.directory
+            .write(&shard.key, &shard.bytes)
+            .map_err(|e| self.still_there().err().unwrap_or(e.into()))
     }
 
     /// Writes a file that is no part of the film's arrays, such as `runs/….json`.
@@ -285,7 +287,7 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::Storage`] if they cannot be read.
     #[allow(clippy::type_complexity, reason = "as `locks`")]
-    pub fn locks(path: &Path) -> Result<Vec<(PathBuf, Option<Owner>, Option<bool>)>, FilmError> {
+    pub fn locks(path: &Path) -> Result<Vec<(PathBuf, Option<Box<Owner>>, Option<bool>)>, FilmError> {
         Ok(locks(&path.join("runs"))?)
     }
 

@@ -1,6 +1,8 @@
 //! The binary from outside, and the stores that it reads and writes.
 #![allow(missing_docs, dead_code, reason = "shared by tests that each use a part")]
 
+pub mod place;
+
 use formats::chart::{ChartMeta, ChartOptions, ChartStore, Codec, write_chart};
 use formats::lens::{LensPackError, PackAttributes};
 use pipeline::flow::{ChartSource, DoorError};

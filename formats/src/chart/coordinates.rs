@@ -8,7 +8,7 @@ use zarrs::array::{Array, ArraySubset, data_type};
 use super::ChartError;
 use super::layout::Layout;
 use super::open::{Node, open_array};
-use crate::durable::Directory;
+use crate::durable::{Directory, DurableError, system_error};
 use crate::shard::single_threaded;
 
 const SPECTRAL: [&str; 14] = [
@@ -138,19 +138,23 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
             "m" | "meter" | "metre" => 1e9,
             other => return Err(wrong("units nm, um or m", format!("{other:?}"))),
         };
-        let values = numbers(&array).map_err(|found| wrong("a 1-D array of at most 10^6 numbers", found))?;
+        let values = numbers(&array).map_err(|(found, system)| match system {
+            Some(e) => DurableError::io("read", &layout.directory.root().join(&name), 0, e).into(),
+            None => wrong("a 1-D array of at most 10^6 numbers", found),
+        })?;
         return Ok(Some(values.into_iter().map(|v| v * to_nm).collect()));
     }
     Ok(None)
 }
 
-fn numbers(array: &Array<Directory>) -> Result<Vec<f64>, String> {
+/// All of a 1-D array, or what is wrong with it; with it, the system's error if that is what kept it from being read.
+fn numbers(array: &Array<Directory>) -> Result<Vec<f64>, (String, Option<std::io::Error>)> {
     const MOST: u64 = 1_000_000;
     let shape = array.shape();
-    let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| e.to_string())?;
+    let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| (e.to_string(), None))?;
     let chunk: u64 = chunk.iter().fold(1u64, |n, c| n.saturating_mul(c.get()));
     if shape.len() != 1 || shape[0] > MOST || chunk > MOST {
-        return Err(format!("shape {shape:?}, chunks of {chunk}"));
+        return Err((format!("shape {shape:?}, chunks of {chunk}"), None));
     }
     let all = ArraySubset::new_with_shape(shape.to_vec());
     let options = single_threaded();
@@ -159,7 +163,7 @@ fn numbers(array: &Array<Directory>) -> Result<Vec<f64>, String> {
             array
                 .retrieve_array_subset_opt::<Vec<$t>>(&all, &options)
                 .map(|v| v.into_iter().map(|v| v as f64).collect())
-                .map_err(|e| e.to_string())
+                .map_err(|e| (e.to_string(), system_error(&e)))
         };
     }
     let t = array.data_type();
@@ -181,8 +185,8 @@ fn numbers(array: &Array<Directory>) -> Result<Vec<f64>, String> {
         } else if *t == data_type::uint16() {
             read!(u16)
         } else {
-            Err(format!("samples of type {t}"))
+            Err((format!("samples of type {t}"), None))
         }
     };
-    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("a chunk that zarrs breaks on".into()))
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err(("a chunk that zarrs breaks on".into(), None)))
 }

@@ -12,7 +12,7 @@ use super::cache::Cache;
 use super::coordinates::{self, dimension_names};
 use super::layout::Layout;
 use super::{ChartError, ChartOptions, ChartStore, Counters};
-use crate::durable::Directory;
+use crate::durable::{Directory, DurableError, system_error};
 
 /// Metadata larger than this is not metadata.
 const LARGEST_METADATA: u64 = 64 << 20;
@@ -60,16 +60,22 @@ impl Node {
 
 /// Opens the array `name`; whatever zarrs makes of the metadata, it is an error of ours.
 pub(super) fn open_array(directory: &Arc<Directory>, name: &str) -> Result<Array<Directory>, ChartError> {
-    let open = || Array::open(directory.clone(), &format!("/{name}")).map_err(|e| e.to_string());
-    catch_unwind(AssertUnwindSafe(open))
-        .unwrap_or_else(|_| Err("metadata that zarrs breaks on".into()))
-        .map_err(|found| ChartError::Metadata {
-            path: directory.root().into(),
-            array: name.into(),
-            what: "metadata",
-            expected: "a Zarr v2 or v3 array with known codecs".into(),
-            found,
+    let path = directory.root();
+    let wrong = |found: String| ChartError::Metadata {
+        path: path.into(),
+        array: name.into(),
+        what: "metadata",
+        expected: "a Zarr v2 or v3 array with known codecs".into(),
+        found,
+    };
+    let open = || {
+        Array::open(directory.clone(), &format!("/{name}")).map_err(|e| match system_error(&e) {
+            Some(e) => DurableError::io("read", &path.join(name), 0, e).into(),
+            None => wrong(e.to_string()),
         })
+    };
+    catch_unwind(AssertUnwindSafe(open))
+        .unwrap_or_else(|_| Err(wrong("metadata that zarrs breaks on".into())))
 }
 
 impl ChartStore {

@@ -3,6 +3,8 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use rustix::io::Errno;
+
 use super::Step;
 
 /// A file could not be written, read or removed. Nothing is ever left half-written under a final name.
@@ -108,39 +110,50 @@ impl DurableError {
         matches!(self, Self::StorageFull { .. })
     }
 
-    /// Whether the same call may succeed later although nobody changes a word of it: the disk is full, the store is away
-    /// (also a device or network file system in trouble: EIO), the host is short of something. Not: forbidden, damaged.
+    /// Whether the same call may succeed later although nobody changes a word of it. Not: forbidden, damaged.
     pub fn retryable(&self) -> bool {
-        use rustix::io::Errno;
-        let source = match self {
-            Self::StorageFull { .. } | Self::Vanished { .. } => return true,
-            Self::Io { source, .. } => source,
-            _ => return false,
-        };
-        let kind = matches!(
-            source.kind(),
-            ErrorKind::Interrupted
-                | ErrorKind::WouldBlock
-                | ErrorKind::OutOfMemory
-                | ErrorKind::TimedOut
-                | ErrorKind::StaleNetworkFileHandle
-                | ErrorKind::HostUnreachable
-                | ErrorKind::NetworkUnreachable
-                | ErrorKind::NetworkDown
-                | ErrorKind::NotConnected
-                | ErrorKind::ConnectionAborted
-                | ErrorKind::ConnectionReset
-                | ErrorKind::ResourceBusy
-        );
-        let away = [Errno::NODEV, Errno::NXIO, Errno::MFILE, Errno::NFILE];
-        kind || self.is_device_error() || Errno::from_io_error(source).is_some_and(|e| away.contains(&e))
+        match self {
+            Self::StorageFull { .. } | Self::Vanished { .. } => true,
+            Self::Io { source, .. } => passes(source),
+            _ => false,
+        }
     }
 
     /// Whether a device says that it failed (EIO): the network of a disk that is far, or one bad place of a near one.
     pub fn is_device_error(&self) -> bool {
         let Self::Io { source, .. } = self else { return false };
-        rustix::io::Errno::from_io_error(source) == Some(rustix::io::Errno::IO)
+        Errno::from_io_error(source) == Some(Errno::IO)
     }
+}
+
+/// Whether an error of the system may pass: the disk is full, the store is away (also a device or network file system in
+/// trouble: EIO), the host is short of something.
+pub fn passes(error: &std::io::Error) -> bool {
+    let kind = matches!(
+        error.kind(),
+        ErrorKind::StorageFull
+            | ErrorKind::QuotaExceeded
+            | ErrorKind::Interrupted
+            | ErrorKind::WouldBlock
+            | ErrorKind::OutOfMemory
+            | ErrorKind::TimedOut
+            | ErrorKind::StaleNetworkFileHandle
+            | ErrorKind::HostUnreachable
+            | ErrorKind::NetworkUnreachable
+            | ErrorKind::NetworkDown
+            | ErrorKind::NotConnected
+            | ErrorKind::ConnectionAborted
+            | ErrorKind::ConnectionReset
+            | ErrorKind::ResourceBusy
+    );
+    let away = [Errno::IO, Errno::NODEV, Errno::NXIO, Errno::MFILE, Errno::NFILE];
+    kind || Errno::from_io_error(error).is_some_and(|e| away.contains(&e))
+}
+
+/// The error of the system under an error of another library, if there is one.
+pub(crate) fn system_error(error: &(dyn std::error::Error + 'static)) -> Option<std::io::Error> {
+    let code = |e: &(dyn std::error::Error + 'static)| e.downcast_ref::<std::io::Error>()?.raw_os_error();
+    std::iter::successors(Some(error), |e| e.source()).find_map(code).map(std::io::Error::from_raw_os_error)
 }
 
 impl Step {

@@ -87,7 +87,11 @@ mod asked {
             return None;
         }
         let n = COUNT.fetch_add(1, Ordering::SeqCst) + 1;
-        (n == asked.from || (asked.on && n > asked.from)).then_some(asked.what)
+        let struck = n == asked.from || (asked.on && n > asked.from);
+        if struck {
+            eprintln!("struck by LENSCUBE_FAULT at {} {n}", name(step));
+        }
+        struck.then_some(asked.what)
     }
 
     fn signal(signal: rustix::process::Signal) {

@@ -11,7 +11,7 @@ use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 
-use super::{DurableError, Maker, create_directories, temp_name};
+use super::{DurableError, Maker, temp_name};
 
 const SUFFIX: &str = ".lock";
 const LARGEST: u64 = 4096;
@@ -41,7 +41,7 @@ pub enum LockError {
         /// The lock.
         path: PathBuf,
         /// Who has it.
-        owner: Owner,
+        owner: Box<Owner>,
     },
     /// Its owner runs, or ran, where this process cannot look.
     #[error(
@@ -52,7 +52,7 @@ pub enum LockError {
         /// The lock.
         path: PathBuf,
         /// Who has it, if the file tells.
-        owner: Option<Owner>,
+        owner: Option<Box<Owner>>,
     },
     /// The files.
     #[error("locking: {0}")]
@@ -82,7 +82,13 @@ impl Lock {
     /// # Errors
     /// [`LockError`] if another has it, or the files cannot be written.
     pub fn take(directory: &Path, unit: &str, take_over: bool) -> Result<Self, LockError> {
-        create_directories(directory, false)?;
+        // Not what lies above it: a film that is gone does not come back as a lock.
+        match std::fs::create_dir(directory) {
+            Err(e) if e.kind() != ErrorKind::AlreadyExists => {
+                return Err(DurableError::io("create directory", directory, 0, e).into());
+            }
+            _ => (),
+        }
         let path = directory.join(format!("{unit}{SUFFIX}"));
         let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
         let owner = Owner { unit: unit.into(), maker: Maker::here().clone(), since_unix_s: since };
@@ -129,7 +135,7 @@ impl Drop for Lock {
 /// # Errors
 /// [`DurableError`] if they cannot be listed or read.
 #[allow(clippy::type_complexity, reason = "a list of three plain things")]
-pub fn locks(directory: &Path) -> Result<Vec<(PathBuf, Option<Owner>, Option<bool>)>, DurableError> {
+pub fn locks(directory: &Path) -> Result<Vec<(PathBuf, Option<Box<Owner>>, Option<bool>)>, DurableError> {
     let failed = |e| DurableError::io("list", directory, 0, e);
     let entries = match std::fs::read_dir(directory) {
         Err(e) if super::absent(&e) => return Ok(Vec::new()),
@@ -150,7 +156,7 @@ pub fn locks(directory: &Path) -> Result<Vec<(PathBuf, Option<Owner>, Option<boo
     Ok(found)
 }
 
-fn parse(bytes: &[u8]) -> Option<Owner> {
+fn parse(bytes: &[u8]) -> Option<Box<Owner>> {
     serde_json::from_slice(bytes).ok()
 }
 

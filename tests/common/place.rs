@@ -1,0 +1,120 @@
+//! A small job to spoil: chart, lens, film, and the film that an undisturbed run makes of them.
+
+use super::{Picture, Ran, files, identity_band, lens, scattered, text, write_pack};
+use pipeline::geometry::Size;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+pub struct Place {
+    pub dir: tempfile::TempDir,
+    pub chart: PathBuf,
+    pub pack: PathBuf,
+    pub film: PathBuf,
+    pub layout: &'static [&'static str],
+}
+
+impl Place {
+    /// Two bands of four shards each.
+    pub fn small() -> Self {
+        Self::new(Size::new(90, 100), &["--shard", "64", "--chunk", "32"])
+    }
+
+    /// Two bands of thirty shards each; the chart has four inner chunks a band.
+    pub fn large() -> Self {
+        Self::new(Size::new(631, 705), &["--shard", "128", "--chunk", "64"])
+    }
+
+    fn new(size: Size, layout: &'static [&'static str]) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let place =
+            Self { chart: at("chart.zarr"), pack: at("pack.lens.zip"), film: at("film.zarr"), layout, dir };
+        Picture::noise(11, size, 2).write(&place.chart);
+        let lens = lens([450.0, 500.0].map(|nm| identity_band(nm, 1.0, 5)).into());
+        let stacks = lens.bands.iter().zip(1..).map(|(b, seed)| scattered(seed, b)).collect();
+        write_pack(&place.pack, &lens, stacks);
+        place
+    }
+
+    pub fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// The command that makes `film`, struck by `fault` (nothing: undisturbed).
+    pub fn command(&self, film: &Path, fault: &str, flags: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(["run", text(&self.chart), text(film), "--lens", text(&self.pack)]);
+        command.args(["--threads", "2"]).args(self.layout).args(flags);
+        if !fault.is_empty() {
+            command.env("LENSCUBE_FAULT", fault);
+        }
+        command
+    }
+
+    pub fn run(&self, fault: &str, flags: &[&str]) -> Ran {
+        Ran::of(&self.command(&self.film, fault, flags).output().unwrap())
+    }
+
+    /// Files of the film that an undisturbed run makes.
+    pub fn whole(&self) -> BTreeMap<PathBuf, Vec<u8>> {
+        let film = self.at("whole.zarr");
+        Ran::of(&self.command(&film, "", &[]).output().unwrap()).ok();
+        let whole = files(&film);
+        std::fs::remove_dir_all(film).unwrap();
+        whole
+    }
+
+    /// Starts a run that stops (SIGSTOP) at `step`, and waits until it does.
+    pub fn stopped(&self, step: &str, flags: &[&str]) -> Stopped {
+        let fault = format!("{step}:stop");
+        let mut command = self.command(&self.film, &fault, flags);
+        let child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut stopped = Stopped(child);
+        assert!(stopped.wait_stopped(), "the run ended before {step}");
+        stopped
+    }
+
+    /// Temp files and locks, in the film or beside it.
+    pub fn leavings(&self) -> Vec<PathBuf> {
+        let all = files(self.dir.path()).into_keys();
+        let records = |p: &PathBuf| text(p).contains(".tmp-") || text(p).ends_with(".lock");
+        all.chain(std::fs::read_dir(self.film.join("runs")).into_iter().flatten().map(|e| e.unwrap().path()))
+            .filter(records)
+            .collect()
+    }
+}
+
+/// A run that a signal has stopped.
+pub struct Stopped(pub Child);
+
+impl Stopped {
+    /// Whether it stops again; `false` if it ends.
+    pub fn wait_stopped(&mut self) -> bool {
+        let start = Instant::now();
+        loop {
+            assert!(start.elapsed() < Duration::from_secs(60), "neither stopped nor ended");
+            let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.0.id())).unwrap_or_default();
+            match stat.rsplit_once(") ").and_then(|s| s.1.chars().next()) {
+                Some('T') => return true,
+                None | Some('Z' | 'X') => return false,
+                _ => std::thread::sleep(Duration::from_millis(2)),
+            }
+        }
+    }
+
+    pub fn signal(&self, name: &str) {
+        let sent = Command::new("kill").args(["-s", name, &self.0.id().to_string()]).status().unwrap();
+        assert!(sent.success(), "kill -s {name}");
+    }
+
+    /// Lets it go on to its end.
+    pub fn go_on(mut self) -> Ran {
+        while self.wait_stopped() {
+            self.signal("CONT");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ran::of(&self.0.wait_with_output().unwrap())
+    }
+}
