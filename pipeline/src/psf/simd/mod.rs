@@ -17,6 +17,7 @@
 mod block;
 mod complex;
 mod fft;
+pub(super) mod turn;
 
 use crate::buffer::AlignedBuf;
 use crate::psf::blocks::Blocks;
