@@ -13,6 +13,7 @@ use anyhow::Result;
 use formats::lens::LensPack;
 use pipeline::lens::PsfSample;
 use pipeline::psf::kernel::NodeKernels;
+use pipeline::simd::Simd;
 
 /// Runs the command.
 pub fn command(args: &LensArgs) -> Result<()> {
@@ -34,6 +35,6 @@ pub fn turning_error(pack: &LensPack) -> Result<Option<f64>> {
     let Some(band) = (0..lens.bands.len()).min_by(|a, b| off(*a).total_cmp(&off(*b))) else {
         return Ok(None);
     };
-    let kernels = NodeKernels::new(&pack.psf(band)?, lens.bands[band].psf_pitch_um, None);
+    let kernels = NodeKernels::new(&pack.psf(band)?, lens.bands[band].psf_pitch_um, None, Simd::PORTABLE);
     Ok(Some(kernels.turning_error()))
 }

@@ -35,7 +35,7 @@ fn stage(window: usize, heights: usize, azimuths: usize, simd: Simd) -> BandPsf 
     let mut counts = vec![azimuths; heights];
     counts[0] = 1;
     let grid = NodeGrid::new(&height_mm, &counts, PITCH_UM * 1e-3);
-    BandPsf::new(0, grid, NodeKernels::new(&stack, PITCH_UM, None), simd)
+    BandPsf::new(0, grid, NodeKernels::new(&stack, PITCH_UM, None, simd), simd)
 }
 
 fn tiles(c: &mut Criterion, name: &str, window: usize, heights: usize, azimuths: usize) {

@@ -155,7 +155,7 @@ impl BandPlan {
                 if let Some((second, share)) = self.choice.second {
                     samples = blend(&samples, &stack(second)?, share);
                 }
-                let kernels = NodeKernels::new(&samples, frame.pitch_um, options.psf_window);
+                let kernels = NodeKernels::new(&samples, frame.pitch_um, options.psf_window, options.simd);
                 Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
             }
         };

@@ -14,6 +14,7 @@ use std::f64::consts::PI;
 
 use crate::lens::{LensBand, PsfSample, PsfStack};
 use crate::psf::kernel::NodeKernels;
+use crate::simd::Simd;
 
 /// The PSF of one field point on +x, sum 1.
 #[derive(Clone, Debug, PartialEq)]
@@ -165,7 +166,7 @@ impl PsfWindow {
             sample: self.sample,
             samples: self.samples.clone(),
         };
-        let kernels = NodeKernels::new(&stack, film_pitch_um, None);
+        let kernels = NodeKernels::new(&stack, film_pitch_um, None, Simd::PORTABLE);
         (kernels.size(), kernels.upright(0).to_vec())
     }
 }

@@ -67,7 +67,7 @@ impl Case {
         let mut counts = vec![4; self.heights_mm.len()];
         counts[0] = 1;
         let grid = NodeGrid::new(&self.heights_mm, &counts, self.frame.pitch_mm());
-        BandPsf::new(0, grid, NodeKernels::new(&self.stack, 2.0, None), simd)
+        BandPsf::new(0, grid, NodeKernels::new(&self.stack, 2.0, None, simd), simd)
     }
 
     /// The film by the sum over pixels, once for all engines.

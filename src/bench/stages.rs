@@ -159,7 +159,7 @@ fn remap(bench: &Bench<'_>, frame: &Frame, scene: &Scene) -> Result<f64> {
     })
 }
 
-fn benchmark_kernels(frame: &Frame) -> (NodeGrid, NodeKernels) {
+fn benchmark_kernels(frame: &Frame, simd: Simd) -> (NodeGrid, NodeKernels) {
     let (heights, azimuths, window) = GRID;
     let farthest_mm = 20.0 * FILM_MM / 28.282;
     let height_mm: Vec<f64> = (0..heights).map(|k| farthest_mm * k as f64 / (heights - 1) as f64).collect();
@@ -176,11 +176,14 @@ fn benchmark_kernels(frame: &Frame) -> (NodeGrid, NodeKernels) {
         sample: PsfSample::Integrated,
         samples: one.repeat(heights),
     };
-    (NodeGrid::new(&height_mm, &counts, frame.pitch_mm()), NodeKernels::new(&stack, frame.pitch_um, None))
+    (
+        NodeGrid::new(&height_mm, &counts, frame.pitch_mm()),
+        NodeKernels::new(&stack, frame.pitch_um, None, simd),
+    )
 }
 
 fn benchmark(frame: &Frame, simd: Simd) -> BandPsf {
-    let (grid, kernels) = benchmark_kernels(frame);
+    let (grid, kernels) = benchmark_kernels(frame, simd);
     BandPsf::new(0, grid, kernels, simd)
 }
 
@@ -219,7 +222,7 @@ fn whole_film(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf) -> Result<f64> {
 }
 
 fn strided(bench: &Bench<'_>, frame: &Frame) -> Result<f64> {
-    let (grid, kernels) = benchmark_kernels(frame);
+    let (grid, kernels) = benchmark_kernels(frame, bench.simd);
     let third = (frame.film.height / 3) as i64;
     let tile = Rect::new(third, third, 153, 153);
     let scene: Vec<f32> = (0..tile.size().pixels()).map(scene_value).collect();

@@ -132,7 +132,7 @@ mod tests {
         let grid = NodeGrid::new(&[0.0, 0.2, 0.6], &[1, 8, 16], 2e-3);
         for simd in Isa::ALL.into_iter().filter_map(|isa| Simd::of(isa).ok()) {
             for tile in [Rect::new(180, 190, 40, 30), Rect::new(20, 300, 30, 40)] {
-                let kernels = || NodeKernels::new(&stack, 2.0, None);
+                let kernels = || NodeKernels::new(&stack, 2.0, None, simd);
                 let scene: Vec<f32> =
                     (0..tile.size().pixels()).map(|i| 0.1 + (i * 7919 % 1009) as f32 / 1009.0).collect();
                 let (height, width) = (tile.height + n - 1, tile.width + n - 1);

@@ -6,13 +6,23 @@
 //!   *point* samples: film pixel i takes ∫ of the interpolant over its width;
 //!   *integrated* samples: differences of the spline through the cumulative sum, which is exact at sample edges; at film
 //!   pitch that is the sample itself, so such a stack is used as it is at quarter turns.
-//! Every kernel sums to 1. Quarter turns are permutations: kernel(j + J/4) is kernel(j) turned by 90°, bit for bit.
+//! Every kernel sums to 1. Quarter turns are permutations: kernel(j + J/4) is kernel(j) turned by 90°, bit for bit. Where
+//! the PSFs are their own mirror images about the meridian (checked by number) and J is a multiple of 8, kernel(J/4 − j) is
+//! kernel(j) with rows and columns exchanged. So one *seed* makes four kernels, or eight.
+//! Seeds are computed in f64, or in f32 lanes (`simd::turn`), which agree within 1e-6 of the kernel's peak.
 //! What is lost: light that a turned square window pushes out of the film window's corners (normalised away), and, for
 //! integrated samples between quarter turns, the turned pixel square ([`NodeKernels::turning_error`] estimates it).
 
 use crate::lens::{PsfSample, PsfStack};
 use crate::psf::grid::{Node, NodeGrid};
+#[cfg(target_arch = "x86_64")]
+use crate::psf::simd::turn::{Integrate as IntegrateLanes, Transpose, Turn};
 use crate::psf::spline;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::lanes::{Gate, Lanes, WIDEST};
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{Avx2, Avx512};
+use crate::simd::{Isa, Simd};
 
 /// Kernels of one band at the film's pitch.
 #[derive(Debug)]
@@ -23,6 +33,30 @@ pub struct NodeKernels {
     base: Vec<f32>,
     energy: Vec<f64>,
     integrate: Option<Integrate>,
+    mirrored: bool,
+    simd: Simd,
+}
+
+/// Zeros around a PSF's coefficients: as far as a spline beside them reaches.
+pub(super) const MARGIN: usize = 4;
+
+/// Samples of a PSF below this are none (their sum is 1): a spline's ringing into the dark ends in denormals, which made
+/// kernels ten times slower.
+pub(super) const DARK: f32 = 1e-20;
+
+/// PSFs count as their own mirror images if those differ by no more than this share of the light: so much may a film then
+/// differ, of its peak, and it may by 2e-6.
+const MIRROR_TOLERANCE: f64 = 5e-7;
+
+/// Which seed makes a node's kernel, and how: exchange rows and columns first, then quarter turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Making {
+    /// The seed: its height, and its azimuth index in the first quadrant (or octant); at 0 it is the PSF itself.
+    pub seed: Node,
+    /// Whether rows and columns are exchanged.
+    pub exchanged: bool,
+    /// Quarter turns.
+    pub quarter: usize,
 }
 
 /// Buffers of one worker; no allocation after the first kernel.
@@ -31,11 +65,15 @@ pub struct KernelScratch {
     turned: Vec<f64>,
     half: Vec<f64>,
     film: Vec<f64>,
+    seed: Vec<f32>,
+    #[cfg(target_arch = "x86_64")]
+    lanes: [Vec<f32>; 4],
 }
 
 impl NodeKernels {
     /// Prepares the kernels of `stack` for a film of `film_pitch_um`; `window` crops them to that many film pixels (odd).
-    pub fn new(stack: &PsfStack, film_pitch_um: f64, window: Option<usize>) -> Self {
+    /// `simd` is what they are computed with.
+    pub fn new(stack: &PsfStack, film_pitch_um: f64, window: Option<usize>, simd: Simd) -> Self {
         let n = stack.size;
         let ratio = stack.pitch_um / film_pitch_um;
         let as_is = used_as_it_is(stack.pitch_um, film_pitch_um, stack.sample);
@@ -44,15 +82,17 @@ impl NodeKernels {
         let mut kernels = Self {
             size,
             samples: n,
-            coefficients: Vec::with_capacity(stack.samples.len()),
+            coefficients: Vec::with_capacity(stack.heights() * (n + 2 * MARGIN).pow(2)),
             base: Vec::with_capacity(stack.heights() * size * size),
             energy: Vec::new(),
             integrate: (!as_is).then(|| Integrate::new(n, ratio, size, stack.sample)),
+            mirrored: (0..stack.heights()).all(|k| asymmetry(stack.window(k), n) <= MIRROR_TOLERANCE),
+            simd,
         };
         let mut scratch = KernelScratch::default();
         for k in 0..stack.heights() {
             let window = stack.window(k);
-            kernels.coefficients.extend(spline::coefficients_2d(window, n));
+            kernels.coefficients.extend(with_margins(&spline::coefficients_2d(window, n), n));
             let sum = match as_is {
                 true => {
                     let edge = (n - size) / 2;
@@ -94,36 +134,106 @@ impl NodeKernels {
         &self.base[k * n..][..n]
     }
 
+    /// Which seed makes the kernel of `node`.
+    pub fn making(&self, grid: &NodeGrid, node: Node) -> Making {
+        let count = grid.azimuths()[node.k];
+        if count == 1 {
+            return Making { seed: node, exchanged: false, quarter: 0 };
+        }
+        assert!(count.is_multiple_of(4), "azimuth counts are checked at the door");
+        let (quarter, j) = (node.j / (count / 4), node.j % (count / 4));
+        // At azimuth π/2 − θ stands the mirror image of what stands at θ.
+        let exchanged = self.mirrored && count.is_multiple_of(8) && j > count / 8;
+        let j = if exchanged { count / 4 - j } else { j };
+        Making { seed: Node { k: node.k, j }, exchanged, quarter }
+    }
+
+    /// The kernel of `seed`, a [`Making::seed`], row down.
+    pub fn seed<'a>(&'a self, grid: &NodeGrid, seed: Node, s: &'a mut KernelScratch) -> &'a [f32] {
+        let n = self.size;
+        if seed.j == 0 {
+            return &self.base[seed.k * n * n..][..n * n];
+        }
+        let azimuth = grid.azimuth_rad(seed);
+        match self.simd.isa() {
+            Isa::Portable => self.turned(seed.k, azimuth, s),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => self.turned_in_lanes::<Avx512>(seed.k, azimuth, s),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => self.turned_in_lanes::<Avx2>(seed.k, azimuth, s),
+            #[cfg(not(target_arch = "x86_64"))]
+            Isa::Avx512 | Isa::Avx2 => unreachable!("a choice this machine can run"),
+        }
+        &s.seed
+    }
+
+    /// `seed` as `making` tells, into `out` (size × size, row down).
+    pub fn lay(&self, making: &Making, seed: &[f32], out: &mut [f32]) {
+        quarter_turns(seed, self.size, making.exchanged, making.quarter, out);
+    }
+
     /// The kernel of `node` into `out` (size × size, row down).
     pub fn kernel(&self, grid: &NodeGrid, node: Node, s: &mut KernelScratch, out: &mut [f32]) {
-        let n = self.size;
-        let count = grid.azimuths()[node.k];
-        let base = &self.base[node.k * n * n..][..n * n];
-        if !count.is_multiple_of(4) {
-            assert!(count == 1, "azimuth counts are checked at the door");
-            out.copy_from_slice(base);
-            return;
-        }
-        let (quarter, rest) = (node.j / (count / 4), node.j % (count / 4));
-        if rest == 0 {
-            quarter_turns(base, n, quarter, out);
-            return;
-        }
-        let azimuth = std::f64::consts::TAU * rest as f64 / count as f64;
-        self.turn(node.k, azimuth, &mut s.turned);
-        let sum = match self.integrate {
+        let making = self.making(grid, node);
+        self.lay(&making, self.seed(grid, making.seed, s), out);
+    }
+
+    /// P_k turned by `azimuth_rad` into `s.seed`: plain f64 sums, what the lanes answer to.
+    fn turned(&self, k: usize, azimuth_rad: f64, s: &mut KernelScratch) {
+        self.turn(k, azimuth_rad, &mut s.turned);
+        let sum: f64 = match self.integrate {
             Some(_) => self.integrate(s),
             None => {
-                let edge = (self.samples - n) / 2;
+                let edge = (self.samples - self.size) / 2;
                 s.film.clear();
-                for y in 0..n {
-                    s.film.extend_from_slice(&s.turned[(y + edge) * self.samples + edge..][..n]);
+                for y in 0..self.size {
+                    s.film.extend_from_slice(&s.turned[(y + edge) * self.samples + edge..][..self.size]);
                 }
                 s.film.iter().sum()
             }
         };
-        let turned: Vec<f32> = s.film.iter().map(|v| (v / sum) as f32).collect();
-        quarter_turns(&turned, n, quarter, out);
+        s.seed.clear();
+        s.seed.extend(s.film.iter().map(|v| (v / sum) as f32));
+    }
+
+    /// The same in lanes.
+    #[cfg(target_arch = "x86_64")]
+    fn turned_in_lanes<V: Lanes>(&self, k: usize, azimuth_rad: f64, s: &mut KernelScratch) {
+        let (n, size, gate) = (self.samples, self.size, Gate::<V>::open(self.simd));
+        let (across, film) = (n.next_multiple_of(WIDEST), size.next_multiple_of(WIDEST));
+        let [turned, half, exchanged, columns] = &mut s.lanes;
+        turned.resize(n * across, 0.0);
+        let coefficients = self.window(k);
+        gate.run(Turn { coefficients, n, azimuth_rad, to: turned, stride: across });
+        s.seed.clear();
+        match &self.integrate {
+            None => {
+                let edge = (n - size) / 2;
+                for y in 0..size {
+                    s.seed.extend_from_slice(&turned[(y + edge) * across + edge..][..size]);
+                }
+            }
+            Some(Integrate { rows: pixels }) => {
+                half.resize(film * across, 0.0);
+                exchanged.resize(across * film, 0.0);
+                columns.resize(size * film, 0.0);
+                gate.run(IntegrateLanes { pixels, from: turned, to: half, stride: across });
+                gate.run(Transpose { from: half, from_stride: across, to: exchanged, to_stride: film });
+                gate.run(IntegrateLanes { pixels, from: exchanged, to: columns, stride: film });
+                for y in 0..size {
+                    s.seed.extend(columns.chunks_exact(film).map(|column| column[y]));
+                }
+            }
+        }
+        let sum: f64 = s.seed.iter().map(|&v| f64::from(v)).sum();
+        let per_sum = (1.0 / sum) as f32;
+        s.seed.iter_mut().for_each(|v| *v *= per_sum);
+    }
+
+    /// Coefficients of the k-th PSF, with their margins.
+    fn window(&self, k: usize) -> &[f32] {
+        let n = self.samples + 2 * MARGIN;
+        &self.coefficients[k * n * n..][..n * n]
     }
 
     /// Estimated L1 error of turning, worst over heights: a window turned by 45° and back against itself, over √2 because
@@ -135,9 +245,14 @@ impl NodeKernels {
         for k in 0..self.energy.len() {
             self.turn(k, std::f64::consts::FRAC_PI_4, &mut there);
             let there: Vec<f32> = there.iter().map(|&v| v as f32).collect();
-            turn(&spline::coefficients_2d(&there, n), n, -std::f64::consts::FRAC_PI_4, &mut back);
+            turn(
+                &with_margins(&spline::coefficients_2d(&there, n), n),
+                n,
+                -std::f64::consts::FRAC_PI_4,
+                &mut back,
+            );
             let mut original = Vec::new();
-            turn(&self.coefficients[k * n * n..][..n * n], n, 0.0, &mut original);
+            turn(self.window(k), n, 0.0, &mut original);
             let l1: f64 = original.iter().zip(&back).map(|(a, b)| (a - b).abs()).sum();
             worst = worst.max(l1 / original.iter().sum::<f64>() / std::f64::consts::SQRT_2);
         }
@@ -145,8 +260,7 @@ impl NodeKernels {
     }
 
     fn turn(&self, k: usize, azimuth_rad: f64, out: &mut Vec<f64>) {
-        let n = self.samples;
-        turn(&self.coefficients[k * n * n..][..n * n], n, azimuth_rad, out);
+        turn(self.window(k), self.samples, azimuth_rad, out);
     }
 
     /// Integrates `s.turned` (samples²) over the film pixels into `s.film` (size²); returns its sum.
@@ -186,10 +300,30 @@ pub fn film_window(samples: usize, psf_pitch_um: f64, film_pitch_um: f64, sample
     covering + usize::from(covering.is_multiple_of(2))
 }
 
-/// The spline of `coefficients` (n × n) read at positions turned by −`azimuth_rad` about the centre.
+/// An n × n image with margins of zeros.
+fn with_margins(image: &[f32], n: usize) -> Vec<f32> {
+    let width = n + 2 * MARGIN;
+    let mut out = vec![0.0; width * width];
+    for (to, from) in out[MARGIN * width..].chunks_exact_mut(width).zip(image.chunks_exact(n)) {
+        for (to, from) in to[MARGIN..MARGIN + n].iter_mut().zip(from) {
+            *to = if from.abs() < DARK { 0.0 } else { *from };
+        }
+    }
+    out
+}
+
+/// Share of the light by which an n × n PSF differs from its image mirrored about the meridian.
+fn asymmetry(window: &[f32], n: usize) -> f64 {
+    let rows = window.chunks_exact(n).zip(window.chunks_exact(n).rev());
+    let differ = rows.flat_map(|(a, b)| a.iter().zip(b)).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>();
+    differ / window.iter().map(|&v| f64::from(v)).sum::<f64>()
+}
+
+/// The spline of `coefficients` (n × n with margins) read at positions turned by −`azimuth_rad` about the centre.
 fn turn(coefficients: &[f32], n: usize, azimuth_rad: f64, out: &mut Vec<f64>) {
     let (sin, cos) = azimuth_rad.sin_cos();
     let c = (n as f64 - 1.0) / 2.0;
+    let width = n + 2 * MARGIN;
     out.clear();
     for row in 0..n {
         let y = row as f64 - c;
@@ -198,19 +332,13 @@ fn turn(coefficients: &[f32], n: usize, azimuth_rad: f64, out: &mut Vec<f64>) {
             let (u, v) = (c + x * cos + y * sin, c - x * sin + y * cos);
             let (iu, iv) = (u.floor(), v.floor());
             let (wu, wv) = (spline::weights(u - iu), spline::weights(v - iv));
-            let (iu, iv) = (iu as isize - 1, iv as isize - 1);
+            // Farther out, among the zeros.
+            let first = |i: f64| (i.clamp(-3.0, n as f64 + 1.0) + (MARGIN - 1) as f64) as usize;
+            let from = &coefficients[first(iv) * width + first(iu)..];
             let mut sum = 0.0;
-            for (dy, wy) in wv.iter().enumerate() {
-                let y = iv + dy as isize;
-                if y < 0 || y >= n as isize {
-                    continue;
-                }
-                let line = &coefficients[y as usize * n..][..n];
-                for (dx, wx) in wu.iter().enumerate() {
-                    let x = iu + dx as isize;
-                    if x >= 0 && x < n as isize {
-                        sum += wy * wx * f64::from(line[x as usize]);
-                    }
+            for (line, wy) in from.chunks(width).zip(&wv) {
+                for (c, wx) in line.iter().zip(&wu) {
+                    sum += wy * wx * f64::from(*c);
                 }
             }
             out.push(sum);
@@ -218,18 +346,18 @@ fn turn(coefficients: &[f32], n: usize, azimuth_rad: f64, out: &mut Vec<f64>) {
     }
 }
 
-/// `kernel` turned by `quarter` × 90° (+x → +y, down): exact.
-fn quarter_turns(kernel: &[f32], n: usize, quarter: usize, out: &mut [f32]) {
+/// `kernel`, rows and columns `exchanged` or not, turned by `quarter` × 90° (+x → +y, down): exact.
+fn quarter_turns(kernel: &[f32], n: usize, exchanged: bool, quarter: usize, out: &mut [f32]) {
     let last = n - 1;
-    for y in 0..n {
-        for x in 0..n {
+    for (y, to) in out.chunks_exact_mut(n).enumerate() {
+        for (x, to) in to.iter_mut().enumerate() {
             let (sy, sx) = match quarter {
                 0 => (y, x),
                 1 => (last - x, y),
                 2 => (last - y, last - x),
                 _ => (x, last - y),
             };
-            out[y * n + x] = kernel[sy * n + sx];
+            *to = kernel[if exchanged { sx * n + sy } else { sy * n + sx }];
         }
     }
 }
@@ -240,14 +368,27 @@ struct Integrate {
     rows: Vec<Weights>,
 }
 
+/// Weights of the samples from `first` on.
 #[derive(Debug)]
-struct Weights {
+pub(super) struct Weights {
     first: usize,
     weights: Vec<f64>,
+    /// Fewer of them, for sums in f32.
+    #[cfg(target_arch = "x86_64")]
+    pub(super) narrow: (usize, Vec<f32>),
 }
 
 /// Weights below this share are dropped: they fall by 0.27 a sample away from the pixel's edge.
 const NEGLIGIBLE: f64 = 1e-12;
+/// The same for sums in f32: under its resolution, summed over all that is dropped.
+#[cfg(target_arch = "x86_64")]
+const NEGLIGIBLE_F32: f64 = 5e-9;
+
+/// Where the first weight above `limit` lies, and the end of the last.
+fn above(weights: &[f64], limit: f64) -> (usize, usize) {
+    let first = weights.iter().position(|w| w.abs() > limit).unwrap_or(0);
+    (first, weights.iter().rposition(|w| w.abs() > limit).map_or(first, |e| e + 1))
+}
 
 impl Integrate {
     /// `samples` of `ratio` film pixels each, centre on centre, to `size` film pixels.
@@ -293,9 +434,16 @@ impl Integrate {
                 }
             }
             let inside = &w[margin..margin + samples];
-            let first = inside.iter().position(|w| w.abs() > NEGLIGIBLE).unwrap_or(0);
-            let end = inside.iter().rposition(|w| w.abs() > NEGLIGIBLE).map_or(first, |e| e + 1);
-            Weights { first, weights: inside[first..end].to_vec() }
+            let (first, end) = above(inside, NEGLIGIBLE);
+            Weights {
+                first,
+                weights: inside[first..end].to_vec(),
+                #[cfg(target_arch = "x86_64")]
+                narrow: {
+                    let (first, end) = above(inside, NEGLIGIBLE_F32);
+                    (first, inside[first..end].iter().map(|&w| w as f32).collect())
+                },
+            }
         });
         Self { rows: rows.collect() }
     }
@@ -343,7 +491,7 @@ mod tests {
         let grid = NodeGrid::new(&[0.0, 1.0], &[1, 72], 2e-3);
         for pitch in [0.5, 0.6, 0.4] {
             let stack = stack((4.0 * 13.0 / pitch / 2.0) as usize * 2 + 1, pitch, PsfSample::Point, 2.0);
-            let kernels = NodeKernels::new(&stack, 2.0, None);
+            let kernels = NodeKernels::new(&stack, 2.0, None, Simd::detect());
             let n = kernels.size();
             let mut out = vec![0.0; n * n];
             for j in [0, 1, 5, 9, 17, 18, 31, 54, 70] {
@@ -361,7 +509,7 @@ mod tests {
     #[test]
     fn integrated_stacks_at_film_pitch_are_used_as_they_are() {
         let stack = stack(15, 2.0, PsfSample::Integrated, 2.0);
-        let kernels = NodeKernels::new(&stack, 2.0, None);
+        let kernels = NodeKernels::new(&stack, 2.0, None, Simd::PORTABLE);
         let grid = NodeGrid::new(&[0.0, 1.0], &[1, 8], 2e-3);
         let mut out = vec![0.0; 225];
         kernels.kernel(&grid, Node { k: 1, j: 0 }, &mut KernelScratch::default(), &mut out);
@@ -375,7 +523,7 @@ mod tests {
     #[test]
     fn integrated_samples_add_up_to_a_coarser_pitch() {
         let fine = stack(45, 2.0, PsfSample::Integrated, 6.0);
-        let kernels = NodeKernels::new(&fine, 6.0, None);
+        let kernels = NodeKernels::new(&fine, 6.0, None, Simd::PORTABLE);
         assert_eq!(kernels.size(), 15);
         let grid = NodeGrid::new(&[0.0, 1.0], &[1, 4], 6e-3);
         let mut out = vec![0.0; 225];
@@ -391,10 +539,75 @@ mod tests {
     #[test]
     fn a_cropped_window_is_normalised_and_its_share_recorded() {
         let stack = stack(15, 2.0, PsfSample::Integrated, 2.0);
-        let kernels = NodeKernels::new(&stack, 2.0, Some(5));
+        let kernels = NodeKernels::new(&stack, 2.0, Some(5), Simd::PORTABLE);
         assert_eq!(kernels.size(), 5);
         let share: f32 = (0..25).map(|i| stack.samples[(5 + i / 5) * 15 + 5 + i % 5]).sum();
         assert!((kernels.energy()[0] - f64::from(share)).abs() < 1e-6);
         assert!(share < 0.99);
+    }
+
+    /// A comet: an elliptical Gaussian and a fainter one farther out, `skew` times off the meridian.
+    fn comet(n: usize, pitch_um: f64, skew: f64) -> PsfStack {
+        let c = (n as f64 - 1.0) / 2.0;
+        let one = (0..n * n).map(|i| {
+            let (y, x) = (((i / n) as f64 - c) * pitch_um, ((i % n) as f64 - c) * pitch_um);
+            let spot = |cx: f64, cy: f64, a: f64, b: f64| {
+                (-((x - cx).powi(2) / (2.0 * a * a) + (y - cy).powi(2) / (2.0 * b * b))).exp()
+            };
+            spot(0.4, 0.0, 1.3, 0.9) + 0.2 * spot(6.0, skew, 4.0, 2.0)
+        });
+        let one: Vec<f64> = one.collect();
+        let sum: f64 = one.iter().sum();
+        let one: Vec<f32> = one.iter().map(|v| (v / sum) as f32).collect();
+        PsfStack { size: n, pitch_um, sample: PsfSample::Point, samples: [one.clone(), one].concat() }
+    }
+
+    fn kernel_of(kernels: &NodeKernels, grid: &NodeGrid, j: usize) -> Vec<f32> {
+        let mut out = vec![0.0; kernels.size() * kernels.size()];
+        kernels.kernel(grid, Node { k: 1, j }, &mut KernelScratch::default(), &mut out);
+        out
+    }
+
+    #[test]
+    fn lanes_make_the_kernels_of_the_f64_sums() {
+        let grid = NodeGrid::new(&[0.0, 1.0], &[1, 72], 2e-3);
+        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+            for (n, pitch, sample, window) in [
+                (205, 0.5, PsfSample::Point, None),
+                (171, 0.6, PsfSample::Point, Some(31)),
+                (33, 2.0, PsfSample::Integrated, None),
+                (33, 2.0, PsfSample::Integrated, Some(21)),
+                (45, 0.9, PsfSample::Integrated, None),
+            ] {
+                let stack = PsfStack { sample, ..comet(n, pitch, 0.7) };
+                let made = |simd| NodeKernels::new(&stack, 2.0, window, simd);
+                let (lanes, plain) = (made(Simd::of(isa).unwrap()), made(Simd::PORTABLE));
+                for j in [1, 4, 9, 13, 17, 35, 60] {
+                    let (a, b) = (kernel_of(&lanes, &grid, j), kernel_of(&plain, &grid, j));
+                    let peak = b.iter().fold(0.0f32, |m, v| m.max(*v));
+                    let worst = a.iter().zip(&b).fold(0.0f32, |m, (a, b)| m.max((a - b).abs())) / peak;
+                    let l1: f64 = a.iter().zip(&b).map(|(a, b)| f64::from((a - b).abs())).sum();
+                    assert!(worst < 1e-6 && l1 < 2e-6, "{isa:?}, {n}, azimuth {j}: {worst:.1e}, L1 {l1:.1e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn mirror_images_are_made_of_one_seed_and_others_are_not() {
+        let grid = NodeGrid::new(&[0.0, 1.0], &[1, 72], 2e-3);
+        let seeds = |skew: f64| {
+            let kernels = NodeKernels::new(&comet(121, 0.5, skew), 2.0, None, Simd::PORTABLE);
+            let seeds: Vec<Node> = (0..72).map(|j| kernels.making(&grid, Node { k: 1, j }).seed).collect();
+            for j in [7, 11, 13, 20, 34, 47, 52, 65] {
+                let mut plain = KernelScratch::default();
+                kernels.turned(1, grid.azimuth_rad(Node { k: 1, j }), &mut plain);
+                let made = kernel_of(&kernels, &grid, j);
+                let l1: f32 = made.iter().zip(&plain.seed).map(|(a, b)| (a - b).abs()).sum();
+                assert!(l1 < 2e-6, "azimuth {j} of 72: L1 {l1:.1e}");
+            }
+            seeds.into_iter().collect::<std::collections::BTreeSet<_>>().len()
+        };
+        assert_eq!((seeds(0.0), seeds(0.01)), (10, 18));
     }
 }

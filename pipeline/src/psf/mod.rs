@@ -160,8 +160,39 @@ impl BandPsf {
             engine.scatter(&view, &self.grid, &spectra, to, stride, scratch);
         }
     }
+
+    /// Builds the spectrum of `node` unless it is in `cache`.
+    pub fn prepare(&self, node: Node, cache: &SpectrumCache) {
+        if let Some(engine) = &self.engine {
+            self.spectrum(engine, node, cache);
+        }
+    }
+
+    fn spectrum(&self, engine: &Engine, node: Node, cache: &SpectrumCache) -> Arc<AlignedBuf> {
+        let bytes = engine.spectrum_len() * size_of::<f32>();
+        cache.get((self.band, self.grid.id(node)), bytes, |buffer| {
+            let pooled = self.builders.lock().expect("no panic while held").pop();
+            let mut b = pooled.unwrap_or_else(|| Builder {
+                kernel: vec![0.0; self.blocks.window * self.blocks.window],
+                scratch: KernelScratch::default(),
+                engine: engine.scratch(),
+            });
+            let making = self.kernels.making(&self.grid, node);
+            let seed = (self.band, self.grid.id(making.seed));
+            let seed = cache.seed(seed, size_of_val(&b.kernel[..]), |mut buffer| {
+                buffer.reset(b.kernel.len());
+                buffer.copy_from_slice(self.kernels.seed(&self.grid, making.seed, &mut b.scratch));
+                buffer
+            });
+            self.kernels.lay(&making, &seed, &mut b.kernel);
+            let spectrum = engine.spectrum(&b.kernel, &mut b.engine, buffer);
+            self.builders.lock().expect("no panic while held").push(b);
+            spectrum
+        })
+    }
 }
 
+/// The cache as an engine sees it.
 struct CachedSpectra<'a> {
     psf: &'a BandPsf,
     engine: &'a Engine,
@@ -170,19 +201,6 @@ struct CachedSpectra<'a> {
 
 impl Spectra for CachedSpectra<'_> {
     fn get(&self, node: Node) -> Arc<AlignedBuf> {
-        let psf = self.psf;
-        let bytes = self.engine.spectrum_len() * size_of::<f32>();
-        self.cache.get((psf.band, psf.grid.id(node)), bytes, |buffer| {
-            let pooled = psf.builders.lock().expect("no panic while held").pop();
-            let mut b = pooled.unwrap_or_else(|| Builder {
-                kernel: vec![0.0; psf.blocks.window * psf.blocks.window],
-                scratch: KernelScratch::default(),
-                engine: self.engine.scratch(),
-            });
-            psf.kernels.kernel(&psf.grid, node, &mut b.scratch, &mut b.kernel);
-            let spectrum = self.engine.spectrum(&b.kernel, &mut b.engine, buffer);
-            psf.builders.lock().expect("no panic while held").push(b);
-            spectrum
-        })
+        self.psf.spectrum(self.engine, node, self.cache)
     }
 }

@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
 
 use super::Isa;
-use super::lanes::{Lanes, Work};
+use super::lanes::{Lanes, WIDEST, Work};
 use bytemuck::{Pod, Zeroable};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
@@ -175,6 +175,40 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
         Self(avx2!(_mm256_blendv_ps(b.0, a.0, mask)))
+    }
+
+    #[inline(always)]
+    fn spread<const I: i32>(self) -> Self {
+        Self(match I {
+            0 => avx2!(_mm256_permute_ps::<0x00>(self.0)),
+            1 => avx2!(_mm256_permute_ps::<0x55>(self.0)),
+            2 => avx2!(_mm256_permute_ps::<0xaa>(self.0)),
+            _ => avx2!(_mm256_permute_ps::<0xff>(self.0)),
+        })
+    }
+
+    #[inline(always)]
+    fn transpose_quads([a, b, c, d]: [Self; 4]) -> [Self; 4] {
+        avx2!({
+            let (ab, cd) = (_mm256_unpacklo_ps(a.0, b.0), _mm256_unpacklo_ps(c.0, d.0));
+            let (ab2, cd2) = (_mm256_unpackhi_ps(a.0, b.0), _mm256_unpackhi_ps(c.0, d.0));
+            [
+                Self(_mm256_shuffle_ps::<0x44>(ab, cd)),
+                Self(_mm256_shuffle_ps::<0xee>(ab, cd)),
+                Self(_mm256_shuffle_ps::<0x44>(ab2, cd2)),
+                Self(_mm256_shuffle_ps::<0xee>(ab2, cd2)),
+            ]
+        })
+    }
+
+    #[inline(always)]
+    unsafe fn quads(from: &[f32], at: &[i32; WIDEST], first: usize, offset: usize) -> Self {
+        // SAFETY: the caller vouches for both.
+        unsafe {
+            let from = from.as_ptr().add(offset);
+            let quad = _mm256_castps128_ps256(_mm_loadu_ps(from.add(at[first] as usize)));
+            Self(_mm256_insertf128_ps::<1>(quad, _mm_loadu_ps(from.add(at[first + 4] as usize))))
+        }
     }
 
     #[inline(always)]

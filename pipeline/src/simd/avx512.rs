@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
 
 use super::Isa;
-use super::lanes::{Lanes, Work};
+use super::lanes::{Lanes, WIDEST, Work};
 use bytemuck::{Pod, Zeroable};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
@@ -168,6 +168,42 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
         Self(avx512!(_mm512_mask_blend_ps(mask, b.0, a.0)))
+    }
+
+    #[inline(always)]
+    fn spread<const I: i32>(self) -> Self {
+        Self(match I {
+            0 => avx512!(_mm512_permute_ps::<0x00>(self.0)),
+            1 => avx512!(_mm512_permute_ps::<0x55>(self.0)),
+            2 => avx512!(_mm512_permute_ps::<0xaa>(self.0)),
+            _ => avx512!(_mm512_permute_ps::<0xff>(self.0)),
+        })
+    }
+
+    #[inline(always)]
+    fn transpose_quads([a, b, c, d]: [Self; 4]) -> [Self; 4] {
+        avx512!({
+            let (ab, cd) = (_mm512_unpacklo_ps(a.0, b.0), _mm512_unpacklo_ps(c.0, d.0));
+            let (ab2, cd2) = (_mm512_unpackhi_ps(a.0, b.0), _mm512_unpackhi_ps(c.0, d.0));
+            [
+                Self(_mm512_shuffle_ps::<0x44>(ab, cd)),
+                Self(_mm512_shuffle_ps::<0xee>(ab, cd)),
+                Self(_mm512_shuffle_ps::<0x44>(ab2, cd2)),
+                Self(_mm512_shuffle_ps::<0xee>(ab2, cd2)),
+            ]
+        })
+    }
+
+    #[inline(always)]
+    unsafe fn quads(from: &[f32], at: &[i32; WIDEST], first: usize, offset: usize) -> Self {
+        // SAFETY: the caller vouches for all four.
+        unsafe {
+            let from = from.as_ptr().add(offset);
+            let quad = _mm512_castps128_ps512(_mm_loadu_ps(from.add(at[first] as usize)));
+            let quad = _mm512_insertf32x4::<1>(quad, _mm_loadu_ps(from.add(at[first + 4] as usize)));
+            let quad = _mm512_insertf32x4::<2>(quad, _mm_loadu_ps(from.add(at[first + 8] as usize)));
+            Self(_mm512_insertf32x4::<3>(quad, _mm_loadu_ps(from.add(at[first + 12] as usize))))
+        }
     }
 
     #[inline(always)]

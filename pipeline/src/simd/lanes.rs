@@ -72,6 +72,16 @@ pub(crate) trait Lanes:
     /// `a` where `mask`, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
+    /// Lane i of each quad of lanes in all four.
+    fn spread<const I: i32>(self) -> Self;
+    /// Turns the rows of four quads to columns, quad by quad.
+    fn transpose_quads(rows: [Self; 4]) -> [Self; 4];
+    /// Four values from each of `at[first]`, `at[first + 4]`, … plus `offset` on.
+    ///
+    /// # Safety
+    /// They lie in `from`.
+    unsafe fn quads(from: &[f32], at: &[i32; WIDEST], first: usize, offset: usize) -> Self;
+
     /// The greatest whole number not above.
     fn floor(self) -> Self;
     /// Whole numbers as such.

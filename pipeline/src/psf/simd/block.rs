@@ -238,6 +238,30 @@ impl<V: Lanes, const AROUND: bool> Work<V> for Weigh<'_, V, AROUND> {
     }
 }
 
+/// Columns of a kernel as z_y, scaled by `norm`. Windows are at most F/2 rows high, so z has no imaginary part before it is
+/// turned by ω.
+pub(super) struct KernelColumns<'a, V> {
+    pub(super) kernel: &'a [f32],
+    pub(super) window: usize,
+    pub(super) first_column: usize,
+    pub(super) norm: f32,
+    pub(super) omega: &'a [[f32; 2]],
+    pub(super) strip: &'a mut [Complex<V>],
+}
+
+impl<V: Lanes> Work<V> for KernelColumns<'_, V> {
+    #[inline(always)]
+    fn run(self) {
+        let lanes = (self.window - self.first_column).min(V::LANES);
+        let rows = self.kernel.chunks_exact(self.window);
+        for ((row, z), w) in rows.zip(self.strip.iter_mut()).zip(self.omega) {
+            let v = load::<V>(&row[self.first_column..], lanes);
+            *z = Complex { re: v * V::splat(self.norm * w[0]), im: v * V::splat(self.norm * w[1]) };
+        }
+        cast_slice_mut::<_, f32>(&mut self.strip[self.window..]).fill(0.0);
+    }
+}
+
 /// A transformed strip to its columns in every group.
 pub(super) struct ToGroups<'a, V> {
     pub(super) strip: &'a [Complex<V>],

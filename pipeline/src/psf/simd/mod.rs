@@ -17,6 +17,7 @@
 mod block;
 mod complex;
 mod fft;
+pub(super) mod turn;
 
 use crate::buffer::AlignedBuf;
 use crate::psf::blocks::Blocks;
@@ -24,7 +25,7 @@ use crate::psf::grid::{Node, NodeGrid, Reach, Tent};
 use crate::psf::{BlockView, Spectra};
 use crate::simd::Simd;
 use crate::simd::lanes::{Gate, Lanes};
-use block::{AddTo, Extent, FromGroups, Pack, Pixels, ToGroups, Weigh, clear_columns};
+use block::{AddTo, Extent, FromGroups, KernelColumns, Pack, Pixels, ToGroups, Weigh, clear_columns};
 use bytemuck::{cast_slice, cast_slice_mut};
 use complex::Complex;
 use fft::Fft;
@@ -105,17 +106,8 @@ impl<V: Lanes> Columns<V> {
         spectrum.reset(self.spectrum_len());
         let groups: &mut [Complex<V>] = cast_slice_mut(&mut spectrum);
         for first_column in (0..n).step_by(lanes) {
-            s.strip.fill(0.0);
-            // Windows are at most F/2 rows high, so z has no imaginary part before it is turned by ω.
-            for ((row, z), w) in
-                kernel.chunks_exact(n).zip(s.strip.chunks_exact_mut(2 * lanes)).zip(&self.omega)
-            {
-                let (re, im) = z.split_at_mut(lanes);
-                for ((re, im), v) in re.iter_mut().zip(im).zip(&row[first_column..]) {
-                    (*re, *im) = (v * norm * w[0], v * norm * w[1]);
-                }
-            }
             let strip: &mut [Complex<V>] = cast_slice_mut(&mut s.strip);
+            self.gate.run(KernelColumns { kernel, window: n, first_column, norm, omega: &self.omega, strip });
             self.along_y.forward(strip);
             self.gate.run(ToGroups { strip, groups, fft: self.fft, first_column });
         }
