@@ -128,6 +128,17 @@ impl Subject {
         }
     }
 
+    /// The band at `nm` with the heights and azimuths that a film's kernels hang on; a design's are chosen by error.
+    pub fn nodes(&self, nm: f64, reach_mm: f64) -> Result<LensBand> {
+        match self {
+            Self::Pack(pack) => Ok(pack.lens().bands[nearest(&pack.lens().bands, nm)].clone()),
+            Self::Design(system, _) => {
+                let options = TraceOptions::new(vec![nm], reach_mm);
+                Ok(LensTrace::new(system, &options)?.band(0, &mut |_| ())?.tables)
+            }
+        }
+    }
+
     /// Looks at `heights_mm` (ascending) at `nm` (ascending).
     pub fn look(&self, nm: &[f64], heights_mm: &[f64]) -> Result<Look> {
         match self {

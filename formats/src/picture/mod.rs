@@ -3,7 +3,7 @@
 //! [`preview`] shows a stack of bands in colour, [`grey`] one band; both read any [`ChartSource`] once (twice where the
 //! exposure of a grey picture is to be found) in strips, averaging over area on the way (`average.rs`), so that memory
 //! holds the picture, or only a strip, never the cube. [`exposure`] says which value becomes white. [`sheet`] sets
-//! crops side by side, [`curve`] plots a lens's tables and [`mod@plot`] any curves through the marks of [`figure`]; all draw on the [`image`].
+//! crops side by side, [`curve`] plots a lens's tables and [`mod@plot`] any curves, [`drawing`] shapes to scale, through the marks of [`figure`]; all draw on the [`image`].
 //! A file appears whole or not at all: `file.rs` writes under another name and renames.
 //!
 //! Pixels that are NaN or infinite (shards not yet written) are MISSING: averages leave them out, a picture's pixel with
@@ -13,6 +13,7 @@
 mod average;
 mod axes;
 pub mod curve;
+pub mod drawing;
 pub mod exposure;
 pub mod figure;
 mod file;
