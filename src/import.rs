@@ -3,7 +3,7 @@
 use crate::args::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg, bands};
 use crate::failure::{other_job, usage};
 use crate::progress::say;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use formats::import::window::{EvenWindow, Outward, RowOrder};
 use formats::import::{Format, ImportError, ImportOptions};
 use formats::lens::LensPackError;
@@ -17,11 +17,10 @@ pub fn command(args: &ImportArgs) -> Result<()> {
         ImportError::Pack(e @ LensPackError::Exists { .. }) => other_job(e.to_string()),
         e => e.into(),
     };
-    let place = || format!("importing {}", args.source.display());
     if args.out.symlink_metadata().is_ok() {
         return Err(told(LensPackError::Exists { path: args.out.clone() }.into()));
     }
-    let imported = formats::import::open(&args.source, &options).map_err(told).with_context(place)?;
+    let imported = formats::import::open(&args.source, &options).map_err(told)?;
     for note in imported.notes() {
         say(format!("note: {note}"));
     }
@@ -38,8 +37,7 @@ pub fn command(args: &ImportArgs) -> Result<()> {
             stack.pitch_um
         ));
     })
-    .map_err(told)
-    .with_context(place)?;
+    .map_err(told)?;
     say(format!("{}: {} bands; look at it with `lenscube lens show {0}`", args.out.display(), waves.len()));
     Ok(())
 }

@@ -24,6 +24,8 @@ fn refused(source: &Path, flags: &[&str], code: i32, words: &[&str]) {
     assert_eq!(ran.code, code, "{}", ran.stderr);
     let lines: Vec<&str> = ran.stderr.lines().filter(|l| l.starts_with("lenscube: ")).collect();
     assert_eq!(lines.len(), 1, "{}", ran.stderr);
+    let parts: Vec<&str> = lines[0].split(": ").collect();
+    assert!(parts.iter().enumerate().all(|(i, p)| !parts[..i].contains(p)), "said twice: {}", lines[0]);
     for word in words {
         assert!(lines[0].contains(word), "`{word}` is not in: {}", lines[0]);
     }

@@ -1,4 +1,4 @@
-//! lenscube's doors: chart and film stores, lens packs, pictures. Knows no optics.
+//! lenscube's doors: chart and film stores, lens packs and their importers, pictures. Knows no optics.
 
 pub mod chart;
 pub mod durable;

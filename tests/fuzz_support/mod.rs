@@ -95,10 +95,8 @@ pub fn fuzz(
 /// One line for `scripts/fuzz`.
 pub fn tell(door: &str, cases: usize, seconds: f64, findings: usize, used: usize) {
     if asked().is_some() {
-        println!(
-            "\nFUZZ\t{door}\t{cases}\t{seconds:.1}\t{findings}\t{:.1}",
-            100.0 * used as f64 / cases as f64
-        );
+        let (used, peak) = (100.0 * used as f64 / cases as f64, peak_memory() >> 20);
+        println!("\nFUZZ\t{door}\t{cases}\t{seconds:.1}\t{findings}\t{used:.1}\t{peak}");
     }
 }
 

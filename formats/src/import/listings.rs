@@ -137,27 +137,28 @@ fn read(folder: &Path, options: &ImportOptions) -> Result<Found, ImportError> {
     let mut found = Found::default();
     for name in text::names(folder)? {
         let path = folder.join(&name);
-        let text = text::read(&path)?;
-        let title = text.lines().take(12).collect::<Vec<_>>().join("\n").to_lowercase();
-        if psf_listing::is_psf(&text) {
+        let head = text::start(&path)?;
+        let whole = || text::read(&path);
+        let title = head.lines().take(12).collect::<Vec<_>>().join("\n").to_lowercase();
+        if psf_listing::is_psf(&head) {
             if options.without_psf {
                 continue;
             }
-            let listing = psf_listing::parse(&path, &text)?;
+            let listing = psf_listing::parse(&path, &whole()?)?;
             let radius = listing.chief_ray_mm.map(|(x, y)| x.hypot(y));
             let field = listing.field_deg.map(|(x, y)| x.hypot(y));
             found.psf.push((path, listing.wavelength_nm, radius, field));
         } else if title.contains("grid distortion") {
-            found.distortion.push((path.clone(), grid(&path, &text)?.distortion));
+            found.distortion.push((path.clone(), grid(&path, &whole()?)?.distortion));
         } else if title.contains("field curvature") {
-            let tables = field_curvature(&path, &text)?;
+            let tables = field_curvature(&path, &whole()?)?;
             found.distortion.extend(tables.into_iter().map(|d| (path.clone(), d)));
         } else if title.contains("relative illumination") {
-            found.illumination.push((path.clone(), illumination_listing::parse(&path, &text)?));
+            found.illumination.push((path.clone(), illumination_listing::parse(&path, &whole()?)?));
         } else {
             found.notes.push(format!(
                 "{name} is no listing that is known (it starts with `{}`): left out",
-                start(&text)
+                start(&head)
             ));
         }
     }

@@ -1,4 +1,4 @@
-//! Lens packs from what design programs export: one file a format, each ending in the same [`Tables`].
+//! Lens packs from what design programs export: one file a format, each ending in the same given tables and windows.
 //!
 //! | source | what it is | room |
 //! |---|---|---|
@@ -42,8 +42,10 @@ pub use write::{Imported, write};
 
 use std::path::Path;
 
-/// Largest file that is read: text listings of 4096 × 4096 samples take 200 MB.
+/// Largest array that is read.
 const LARGEST_FILE: u64 = 1 << 30;
+/// Largest text: a listing of 4096 × 4096 samples takes 200 MB.
+const LARGEST_TEXT: u64 = 1 << 28;
 /// Most wavelengths or heights of a source.
 const MOST: usize = 4096;
 /// Widest window.

@@ -4,12 +4,14 @@
 //! HUYGENS PSF
 //! 0.5500 µm at -27.38 deg.            several wavelengths: "0.4861 to 0.6563 µm", refused
 //! Data spacing is 0.25 µm.
+//! Data area is 32.00 by 32.00 µm.
 //! Image grid size: 128 by 128
 //! Center point is: 65, 65             or "row 129, column 128"; from 1
 //! Center coordinates: 0.00000000E+000, -9.59263593E-001      mm, the chief ray; FFT: "Reference Coordinates"
 //! Values are relative intensity.
 //! (blank) then one line a row of samples
 //! ```
+//! A data area smaller than the grid means that only the middle of the grid is listed; the centre is counted in the grid.
 //! Samples are points, not means over a square. Of two different numbers in the unlabelled "Center point is" none can tell which
 //! is the row, so that is an error. Row order is not told; FFT listings of an even grid name row N/2 + 1, column N/2 where the
 //! program's own data (y ascending) has N/2 for both: the text has its top row first, the default here.
@@ -63,7 +65,7 @@ fn is_data(line: &str) -> bool {
 /// [`ImportError`] with the line.
 pub fn parse(path: &Path, text: &str) -> Result<PsfListing, ImportError> {
     let (mut wavelength, mut pitch, mut grid, mut centre) = (None, None, None, None);
-    let (mut chief_ray_mm, mut field_deg) = (None, None);
+    let (mut chief_ray_mm, mut field_deg, mut area_um) = (None, None, None);
     let mut last = 0;
     for (line, words) in head(text) {
         last = line;
@@ -74,6 +76,8 @@ pub fn parse(path: &Path, text: &str) -> Result<PsfListing, ImportError> {
         }
         if words.starts_with("data spacing is") {
             pitch = Some(length(&words, &found, 1.0).ok_or_else(|| bad("no spacing in µm or mm".into()))?);
+        } else if words.starts_with("data area is") {
+            area_um = length(&words, &found, 1.0);
         } else if words.starts_with("image grid size") {
             grid = Some(pair(&found).ok_or_else(|| bad("no image grid size".into()))?);
         } else if words.starts_with("center point is") {
@@ -91,6 +95,15 @@ pub fn parse(path: &Path, text: &str) -> Result<PsfListing, ImportError> {
     let (rows, columns) = grid.ok_or_else(|| need("Image grid size: …"))?;
     let numbered = text.lines().enumerate().map(|(i, l)| (i + 1, l)).skip(last);
     let m = Matrix::read(path, numbered)?;
+    // The middle of the grid, as wide as the data area.
+    let part =
+        area_um.map(|area| (area / pitch_um).round() as usize).filter(|n| rows == columns && *n < rows);
+    let (rows, columns, centre) = match part {
+        Some(n) if (m.rows, m.columns) != (rows, columns) => {
+            (n, n, centre.map(|c| middle(c, (rows, n))).transpose().map_err(|e| ImportError::file(path, e))?)
+        }
+        _ => (rows, columns, centre),
+    };
     if (m.rows, m.columns) != (rows, columns) {
         let end = m.lines.last().copied().unwrap_or(last);
         let (r, c) = (m.rows, m.columns);
@@ -156,6 +169,15 @@ fn centre_sample(words: &str, found: &[f64]) -> Result<(usize, usize), String> {
         (Some(_), Some(_)) => Ok((b - 1, a - 1)),
         _ if a == b => Ok((a - 1, b - 1)),
         _ => Err(format!("`{a}, {b}` does not tell which is the row; write `row R, column C`")),
+    }
+}
+
+/// A sample of the whole grid, counted in the n × n in its middle.
+fn middle((r, c): (usize, usize), (grid, n): (usize, usize)) -> Result<(usize, usize), String> {
+    let first = (grid - n) / 2;
+    match (r.checked_sub(first), c.checked_sub(first)) {
+        (Some(r), Some(c)) if (grid - n).is_multiple_of(2) => Ok((r, c)),
+        _ => Err(format!("lists {n} of {grid} rows, and its centre is not among them")),
     }
 }
 

@@ -1,28 +1,41 @@
 //! Text files of design programs: Latin-1, UTF-8 or UTF-16, decimal point or comma, names in any case.
 
-use super::{ImportError, LARGEST_FILE};
+use super::{ImportError, LARGEST_FILE, LARGEST_TEXT};
 use pipeline::design::text::decode;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+/// Bytes that tell what a file is.
+const START: u64 = 1 << 14;
+
 /// The bytes of a file that is not absurdly large.
 pub(super) fn bytes(path: &Path) -> Result<Vec<u8>, ImportError> {
+    at_most(path, LARGEST_FILE)
+}
+
+fn at_most(path: &Path, most: u64) -> Result<Vec<u8>, ImportError> {
     let io = |source| ImportError::Io { path: path.into(), action: "read", source };
     let mut bytes = Vec::new();
     let file = File::open(path).map_err(io)?;
-    file.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(io)?;
-    match bytes.len() as u64 > LARGEST_FILE {
-        true => {
-            Err(ImportError::file(path, format!("is larger than {LARGEST_FILE} bytes, so it is no export")))
-        }
+    file.take(most + 1).read_to_end(&mut bytes).map_err(io)?;
+    match bytes.len() as u64 > most {
+        true => Err(ImportError::file(path, format!("is larger than {most} bytes, so it is no export"))),
         false => Ok(bytes),
     }
 }
 
 /// The characters of a text file.
 pub(super) fn read(path: &Path) -> Result<String, ImportError> {
-    Ok(decode(&bytes(path)?))
+    Ok(decode(&at_most(path, LARGEST_TEXT)?))
+}
+
+/// The first characters of a file, to see what it is.
+pub(super) fn start(path: &Path) -> Result<String, ImportError> {
+    let io = |source| ImportError::Io { path: path.into(), action: "read", source };
+    let mut bytes = Vec::new();
+    File::open(path).map_err(io)?.take(START).read_to_end(&mut bytes).map_err(io)?;
+    Ok(decode(&bytes))
 }
 
 /// Names of the files in a folder, sorted.

@@ -115,6 +115,29 @@ fov=21.801409486\nefl=10\nfnumber=4\nfnumber_eff=4.1\n";
     assert_eq!(pack.lens().bands[0].solid_angle_sr, solid_angle);
 }
 
+/// The parameters are real (an object at 250 mm), the tables made up.
+#[test]
+fn a_finite_object_keeps_its_conjugate() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    fs::copy(data("zemax-asphere/ISETPARMS-EO54852.TXT"), at("ISETPARMS.TXT")).unwrap();
+    let table = |of: fn(f64) -> f64| -> String {
+        (0..13).map(|i| format!("{}\n", vec![of(0.25 * f64::from(i)).to_string(); 7].join(" "))).collect()
+    };
+    // This lens images +y on −y.
+    fs::write(at("EO54852_DI_.dat"), table(|h| -h * (1.0 - 0.01 * h * h))).unwrap();
+    fs::write(at("EO54852_RI_.dat"), table(|h| 1.0 - 0.02 * h * h)).unwrap();
+    let (_keep, pack) = pack(dir.path(), &ImportOptions { without_psf: true, ..ImportOptions::default() });
+    let lens = pack.lens();
+    assert_eq!((lens.object_distance_mm, lens.magnification), (Some(250.0), -0.023954));
+    // Slope of the paraxial chief ray: 3 mm at 26.198448°.
+    assert!((lens.distortion_focal_length_mm - 3.0 / 26.198448f64.to_radians().tan()).abs() < 1e-12);
+    assert_eq!((lens.effective_focal_length_mm, lens.f_number), (5.999968, 1.774644));
+    assert!((lens.bands[6].image_height_mm[1000] - 3.0 * 0.91).abs() < 1e-12);
+    let omega = std::f64::consts::PI / (4.0 * 1.780820 * 1.780820);
+    assert_eq!(lens.bands[0].solid_angle_sr, omega);
+}
+
 #[test]
 fn the_only_public_parameter_file_is_read() {
     let path = data("zemax-asphere/ISETPARMS-EO54852.TXT");

@@ -23,6 +23,18 @@ fn decimal_commas_and_a_labelled_centre() {
 }
 
 #[test]
+fn the_middle_of_a_grid_keeps_its_centre() {
+    // As OpticStudio 25.1 heads 32 × 32 samples of a grid of 256 × 256.
+    let head = FFT_HEAD.replace("4 by 4", "256 by 256").replace("row 3, column 2", "row 129, column 128");
+    let rows = format!("{}\n", vec!["0,1"; 32].join(" ")).repeat(32);
+    let l = psf_listing::parse(Path::new("fft"), &format!("{head}{rows}")).unwrap();
+    assert_eq!((l.window.rows, l.window.columns, l.window.centre), (32, 32, Some((16, 15))));
+    let short =
+        psf_listing::parse(Path::new("fft"), &format!("{head}{}", &rows[..rows.len() / 2])).unwrap_err();
+    assert!(short.to_string().contains("16 rows of 32, expected 32 rows of 32"), "{short}");
+}
+
+#[test]
 fn an_unlabelled_centre_of_two_numbers_is_not_guessed() {
     let text = format!("{FFT_HEAD}{}", "1 1 1 1\n".repeat(4)).replace("row 3, column 2", "3, 2");
     let error = psf_listing::parse(Path::new("fft"), &text).unwrap_err().to_string();
