@@ -27,7 +27,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 #[command(name = "lenscube", version, about, max_term_width = 110)]
 #[command(
     after_help = "Start here:  lenscube demo\nExit codes: 0 complete, 1 failed, 2 usage, 3 the output belongs to \
-another job, 4 checked and found wrong, 75 worth a retry, 130 interrupted and resumable"
+another job, 4 checked and found wrong or incomplete, 75 worth a retry, 130 interrupted and resumable"
 )]
 pub struct Cli {
     /// What to do.

@@ -12,7 +12,7 @@ use crate::memory::mib;
 use crate::open::Chart;
 use crate::progress::{Bars, say};
 use anyhow::Result;
-use faults::Follow;
+use faults::{Failed, Follow};
 use formats::film::{EncodedShard, FilmStore};
 use formats::lens::LensPackError;
 use pipeline::executor::{BandWork, Work, run};
@@ -109,9 +109,12 @@ pub fn command(args: &RunArgs) -> Result<u8> {
     let result = run(&work, job.chart.source(), &Sink(&store), &prepare, &follow);
     follow.bars.finish();
     let outcome = follow.outcome(&job, &store, missing as u64, result);
+    let outcome = outcome.and_then(|summary| match film::same_chart(&job) {
+        Ok(()) => Ok(summary),
+        Err(error) => Err(Box::new(Failed { error, summary: Some(summary) })),
+    });
     record::write(&job, &store, &follow, &outcome, &held.into_inner().expect("no panic while held"));
     let summary = outcome.map_err(|e| e.error)?;
-    film::same_chart(&job)?;
     if summary.shards < missing as u64 {
         say(format!(
             "interrupted: {} of {missing} shards are left; the same command resumes",

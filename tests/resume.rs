@@ -82,7 +82,9 @@ fn a_signal_ends_the_run_in_order_and_a_second_at_once() {
         assert!(files(&place.film) == whole, "after SIG{signal}");
         fs::remove_dir_all(&place.film).unwrap();
     }
-    // It stops at every write, so that it is at work when the second signal comes.
+    // It stops at every write, so that it is at work when the second signal comes: a tile alone holds sixteen shards.
+    let place = Place::drawn(&["--shard", "128", "--chunk", "64", "--outside", "clamp"]);
+    let whole = place.whole();
     let mut run = place.stopped("write:12+", &[]);
     run.signal("INT");
     for _ in 0..3 {
@@ -110,12 +112,7 @@ fn tiles(film: &Path) -> (u64, u64, u64) {
 
 #[test]
 fn resuming_costs_what_was_not_committed_and_one_row_of_tiles() {
-    // A drawn chart: more tiles than one would like to store.
-    let place = Place {
-        chart: "gen:composite?size=2300&wavelengths=450,500&pitch_um=2".into(),
-        layout: &["--shard", "256", "--chunk", "128", "--outside", "clamp"],
-        ..Place::small()
-    };
+    let place = Place::drawn(&["--shard", "256", "--chunk", "128", "--outside", "clamp"]);
     says(&place.run("", &[]), 0, &["162 shards"]);
     let (all, row, tile) = tiles(&place.film);
     let record = &records(&place.film)[0];

@@ -12,7 +12,7 @@ pub struct Place {
     pub chart: PathBuf,
     pub pack: PathBuf,
     pub film: PathBuf,
-    pub layout: &'static [&'static str],
+    layout: &'static [&'static str],
 }
 
 impl Place {
@@ -24,6 +24,12 @@ impl Place {
     /// Two bands of thirty shards each; the chart has four inner chunks a band.
     pub fn large() -> Self {
         Self::new(Size::new(631, 705), &["--shard", "128", "--chunk", "64"])
+    }
+
+    /// Two bands of 2300 x 2300 px, drawn: more tiles than one would like to store.
+    pub fn drawn(layout: &'static [&'static str]) -> Self {
+        let chart = "gen:composite?size=2300&wavelengths=450,500&pitch_um=2".into();
+        Self { chart, layout, ..Self::small() }
     }
 
     fn new(size: Size, layout: &'static [&'static str]) -> Self {
