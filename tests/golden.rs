@@ -1,12 +1,15 @@
 //! The binary against films that someone else's code computed: `golden/make_golden.py`, over the executable model of the
 //! lens in f64 Python. Every pixel within 2e-6 of the film's peak, all of them within 1e-6 in relative L2 (DESIGN: f32
-//! sums over FFT blocks; the expected values themselves are stored in f32, 6e-8).
+//! sums over FFT blocks; the expected values themselves are stored in f32, 6e-8), on every instruction set of this machine.
 
 mod common;
 
-use common::{Ran, pixels, run, text};
+use common::{Ran, pixels, run_on, text};
+use libtest_mimic::{Arguments, Trial};
+use pipeline::simd::Isa;
 use serde_json::Value;
 use std::path::Path;
+use std::process::ExitCode;
 
 const MAX_OF_PEAK: f64 = 2e-6;
 const RELATIVE_L2: f64 = 1e-6;
@@ -16,14 +19,14 @@ fn number(v: &Value, key: &str) -> usize {
 }
 
 /// What is wrong with a case, if anything.
-fn check(case: &Path) -> Result<(), String> {
+fn check(isa: Isa, case: &Path) -> Result<(), String> {
     let about: Value = serde_json::from_slice(&std::fs::read(case.join("case.json")).unwrap()).unwrap();
     let scratch = tempfile::tempdir().unwrap();
     let film = scratch.path().join("film.zarr");
     let there = |key: &str| case.join(about[key].as_str().unwrap());
     let flags: Vec<&str> = about["flags"].as_array().unwrap().iter().map(|v| v.as_str().unwrap()).collect();
     let chart = there("chart");
-    let Ran { code, stderr, .. } = run(text(&chart), &film, text(&there("lens")), &flags);
+    let Ran { code, stderr, .. } = run_on(isa, text(&chart), &film, text(&there("lens")), &flags);
     if code != 0 {
         return Err(format!("exit {code}: {stderr}"));
     }
@@ -63,7 +66,7 @@ fn check(case: &Path) -> Result<(), String> {
 }
 
 /// Runs the cases whose name starts with one of `prefixes`.
-fn cases(prefixes: &[&str], expected: usize) {
+fn cases(isa: Isa, prefixes: &[&str], expected: usize) {
     let all = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/cases");
     let mut names: Vec<_> =
         std::fs::read_dir(&all).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
@@ -71,31 +74,31 @@ fn cases(prefixes: &[&str], expected: usize) {
     names.retain(|n| prefixes.iter().any(|p| n.starts_with(p)));
     assert_eq!(names.len(), expected, "{names:?}");
     let wrong: Vec<_> =
-        names.iter().filter_map(|n| Some(format!("{n}: {}", check(&all.join(n)).err()?))).collect();
+        names.iter().filter_map(|n| Some(format!("{n}: {}", check(isa, &all.join(n)).err()?))).collect();
     assert!(wrong.is_empty(), "{} of {} cases are wrong:\n{}", wrong.len(), names.len(), wrong.join("\n"));
 }
 
-#[test]
-fn the_whole_chain_on_charts_and_packs_of_all_shapes() {
-    cases(&["chain-"], 8);
-}
+/// Name, prefixes of the cases, how many there are.
+type Group = (&'static str, &'static [&'static str], usize);
 
-#[test]
-fn every_surround_with_every_interpolation() {
-    cases(&["surround-"], 6);
-}
-
-#[test]
-fn films_of_several_tiles_and_regions_of_them() {
-    cases(&["tiles-"], 2);
-}
-
-#[test]
-fn charts_as_other_programs_write_them() {
-    cases(&["chart-"], 2);
-}
-
-#[test]
-fn stages_on_their_own_cropped_windows_and_units() {
-    cases(&["stages-", "window-", "units-"], 8);
+fn main() -> ExitCode {
+    let groups: [Group; 5] = [
+        ("the_whole_chain_on_charts_and_packs_of_all_shapes", &["chain-"], 8),
+        ("every_surround_with_every_interpolation", &["surround-"], 6),
+        ("films_of_several_tiles_and_regions_of_them", &["tiles-"], 2),
+        ("charts_as_other_programs_write_them", &["chart-"], 2),
+        ("stages_on_their_own_cropped_windows_and_units", &["stages-", "window-", "units-"], 8),
+    ];
+    let mut trials = Vec::new();
+    for isa in Isa::ALL {
+        for (name, prefixes, expected) in groups {
+            let run = move || {
+                cases(isa, prefixes, expected);
+                Ok(())
+            };
+            let trial = Trial::test(format!("{}::{name}", isa.name()), run);
+            trials.push(trial.with_ignored_flag(!isa.is_available()));
+        }
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

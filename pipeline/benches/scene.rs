@@ -1,9 +1,10 @@
-//! Rate of stages 1-2 on the paper's film (14,141² of 2 µm): one tile halfway out and one at the corner, one thread.
+//! Rate of stages 1-2 on the paper's film (14,141² of 2 µm), in core time: one tile halfway out and one at the corner.
 //!
 //! The lens has 1001 field points and 2 % of distortion at the corner; the chart is in memory.
 
 #[path = "../tests/oracle/mod.rs"]
 mod oracle;
+mod shared;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use lenscube_pipeline::field::Outside;
@@ -13,8 +14,8 @@ use lenscube_pipeline::lens::LensBand;
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::scene::{Reading, Scene, SceneScratch, Stages};
 use lenscube_pipeline::simd::{Isa, Simd};
+use shared::{CoreTime, FILM, PITCH_UM};
 
-const FILM: usize = 14_141;
 const TILE: usize = 512;
 
 /// A piece of chart, repeated; rows are read as a chart in memory would be.
@@ -41,8 +42,8 @@ fn lens(last_mm: f64) -> LensBand {
     oracle::lens_band((0..=1000).map(|i| last_mm * f64::from(i) / 1000.0).collect(), 1.0, -0.02)
 }
 
-fn scene(c: &mut Criterion) {
-    let frame = Frame::centred(Size::new(FILM, FILM), Size::new(FILM, FILM), 2.0);
+fn scene(c: &mut Criterion<CoreTime>) {
+    let frame = Frame::centred(Size::new(FILM, FILM), Size::new(FILM, FILM), PITCH_UM);
     let lens = lens(frame.farthest_mm(frame.film.rect()) + 1e-6);
     let chart = Chart((0..2 * PIECE * PIECE).map(|i| (i * 7919 % 1009) as f32 / 1009.0).collect());
     let half = (FILM / 4) as i64;
@@ -70,5 +71,5 @@ fn scene(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, scene);
+criterion_group!(name = benches; config = Criterion::default().with_measurement(CoreTime); targets = scene);
 criterion_main!(benches);

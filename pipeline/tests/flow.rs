@@ -1,4 +1,5 @@
 //! The whole flow in memory: chart → film through the executor, against the f64 model; same bits however it is run.
+//! Each case runs once per instruction set; those that the machine lacks are reported as ignored.
 
 mod oracle;
 
@@ -11,9 +12,11 @@ use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{ShardId, Window};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::scene::{Reading, Stages};
-use lenscube_pipeline::simd::Simd;
+use lenscube_pipeline::simd::{Isa, Simd};
+use libtest_mimic::{Arguments, Trial};
 use oracle::{Grid, Image, Noise, Tables, errors};
 use std::collections::BTreeSet;
+use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
@@ -77,7 +80,7 @@ struct Case {
     options: Options,
 }
 
-fn case(noise: &mut Noise, film: Size, chart: Size, windows: &[usize]) -> Case {
+fn case(simd: Simd, noise: &mut Noise, film: Size, chart: Size, windows: &[usize]) -> Case {
     let mut frame = Frame::centred(film, chart, 2.0);
     frame.axis_px.0 += noise.between(-20.0, 20.0);
     frame.axis_px.1 += noise.between(-20.0, 20.0);
@@ -133,7 +136,7 @@ fn case(noise: &mut Noise, film: Size, chart: Size, windows: &[usize]) -> Case {
         azimuths: None,
         psf_window: None,
         between: PsfBetween::Error,
-        simd: Simd::detect(),
+        simd,
     };
     Case { frame, lens, stacks, chart, options }
 }
@@ -204,15 +207,14 @@ impl Case {
     }
 }
 
-#[test]
-fn the_film_equals_the_model_in_every_band() {
+fn the_film_equals_the_model_in_every_band(simd: Simd) {
     let mut noise = Noise(21);
     for (film, chart, windows) in [
         (Size::new(301, 277), Size::new(310, 290), vec![9, 21, 5]),
         (Size::new(37, 1100), Size::new(30, 900), vec![15]),
         (Size::new(3, 2), Size::new(50, 60), vec![31, 1]),
     ] {
-        let case = case(&mut noise, film, chart, &windows);
+        let case = case(simd, &mut noise, film, chart, &windows);
         let (films, _) = case.run(&case.whole(128), 2, 1 << 20);
         for (band, got) in films[0].iter().enumerate() {
             let want = case.oracle(band);
@@ -222,10 +224,9 @@ fn the_film_equals_the_model_in_every_band() {
     }
 }
 
-#[test]
-fn same_bits_for_threads_memory_shards_and_regions() {
+fn same_bits_for_threads_memory_shards_and_regions(simd: Simd) {
     let mut noise = Noise(5);
-    let case = case(&mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
+    let case = case(simd, &mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
     let (whole, _) = case.run(&case.whole(256), 1, 64 << 20);
     let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
     for (threads, spectra, shard) in [(2, 64 << 20, 256), (5, 1, 256), (3, 1 << 20, 64), (2, 1 << 20, 2048)] {
@@ -250,11 +251,10 @@ fn same_bits_for_threads_memory_shards_and_regions() {
     assert!(corner.tiles == 2, "one tile of each band reaches the corner, {} were made", corner.tiles);
 }
 
-#[test]
-fn light_is_conserved_and_coma_points_outwards() {
+fn light_is_conserved_and_coma_points_outwards(simd: Simd) {
     let mut noise = Noise(2);
     let film = Size::new(241, 241);
-    let mut case = case(&mut noise, film, film, &[11]);
+    let mut case = case(simd, &mut noise, film, film, &[11]);
     case.frame = Frame::centred(film, film, 2.0);
     // A point, and beside it its light two pixels farther out on +x: a comet's tail.
     let mut tail = vec![0f32; 121];
@@ -287,12 +287,11 @@ fn light_is_conserved_and_coma_points_outwards() {
 /// A uniform scene keeps its light but moves it: where the PSF's centroid lies c from the chief ray, the film shows
 /// 1 − div c, to first order. Here c = α·r outwards, so div c = 2α everywhere, up to the film's border; terms of α² (times
 /// r₁/r next to the axis, where the PSF is blended with the axis node) stay below 5e-4.
-#[test]
-fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid() {
+fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid(simd: Simd) {
     const ALPHA: f64 = 0.004;
     let film = Size::new(150, 170);
     let mut noise = Noise(4);
-    let mut case = case(&mut noise, film, film, &[25]);
+    let mut case = case(simd, &mut noise, film, film, &[25]);
     case.frame = Frame::centred(film, film, 2.0);
     case.chart.0[0] = Image::new(film, |_, _| 1.0);
     case.options.stages = Stages { ri: false, distortion: false, svpsf: true };
@@ -355,10 +354,9 @@ impl Progress for Faults {
     }
 }
 
-#[test]
-fn a_fault_costs_the_shards_that_depend_on_it_and_no_other() {
+fn a_fault_costs_the_shards_that_depend_on_it_and_no_other(simd: Simd) {
     let mut noise = Noise(8);
-    let case = case(&mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
+    let case = case(simd, &mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
     let windows = case.whole(100);
     let (whole, _) = case.run(&windows, 1, 64 << 20);
     let hole = Rect::new(300, 310, 4, 4);
@@ -383,4 +381,34 @@ fn a_fault_costs_the_shards_that_depend_on_it_and_no_other() {
         let error = case.run_into(&windows, threads, 1 << 20, &holed, &sink, &()).unwrap_err();
         assert_eq!((error.position(), error.door().to_string().as_str()), (1, "a hole"));
     }
+}
+
+type Check = fn(Simd);
+
+fn main() -> ExitCode {
+    let checks: [(&str, Check); 5] = [
+        ("the_film_equals_the_model_in_every_band", the_film_equals_the_model_in_every_band),
+        ("same_bits_for_threads_memory_shards_and_regions", same_bits_for_threads_memory_shards_and_regions),
+        ("light_is_conserved_and_coma_points_outwards", light_is_conserved_and_coma_points_outwards),
+        (
+            "a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid",
+            a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid,
+        ),
+        (
+            "a_fault_costs_the_shards_that_depend_on_it_and_no_other",
+            a_fault_costs_the_shards_that_depend_on_it_and_no_other,
+        ),
+    ];
+    let mut trials = Vec::new();
+    for isa in Isa::ALL {
+        for (name, check) in checks {
+            let run = move || {
+                check(Simd::of(isa)?);
+                Ok(())
+            };
+            let trial = Trial::test(format!("{}::{name}", isa.name()), run);
+            trials.push(trial.with_ignored_flag(!isa.is_available()));
+        }
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

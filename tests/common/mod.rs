@@ -8,6 +8,7 @@ use formats::lens::{LensPackError, PackAttributes};
 use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
+use pipeline::simd::{Isa, VARIABLE};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -47,12 +48,22 @@ pub fn text(path: &Path) -> &str {
 
 /// `lenscube run CHART FILM --lens LENS FLAGS`, on two threads and without fsync unless the flags say so.
 pub fn run(chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
+    run_by(&mut Command::new(env!("CARGO_BIN_EXE_lenscube")), chart, film, lens, flags)
+}
+
+/// The same, computed with the instructions of `isa`.
+pub fn run_on(isa: Isa, chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    run_by(command.env(VARIABLE, isa.name()), chart, film, lens, flags)
+}
+
+fn run_by(command: &mut Command, chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
     let mut words = vec!["run", chart, text(film), "--lens", lens, "--no-fsync"];
     if !flags.contains(&"--threads") {
         words.extend(["--threads", "2"]);
     }
     words.extend(flags);
-    lenscube(&words)
+    Ran::of(&command.args(&words).output().unwrap())
 }
 
 /// Every pixel of one array of a store: size and bands.
