@@ -73,7 +73,13 @@ impl Job {
             NanArg::Error => NanPolicy::Error,
             NanArg::Zero => NanPolicy::Zero,
         };
-        let chart = Chart::open(&args.chart, args.wavelengths.as_deref(), nan, 0)?;
+        let open = |cache_bytes: usize| match (&args.chart_shape, &args.chart_dtype) {
+            (Some(shape), Some(dtype)) => {
+                Chart::raw(&args.chart, shape, dtype, args.wavelengths.as_deref(), nan)
+            }
+            _ => Chart::open(&args.chart, args.wavelengths.as_deref(), nan, cache_bytes),
+        };
+        let chart = open(0)?;
         let named = Named::open(&args.lens)?;
         let all_nm = chart.wavelengths_nm()?;
         let chart_bands = match &args.bands {
@@ -97,7 +103,7 @@ impl Job {
             .collect();
         let chart_rows = |rows: usize| match &chart {
             Chart::Store(s) => s.cache_for_rows(rows),
-            Chart::Drawn(_) => 0,
+            Chart::Raster(_) | Chart::Drawn(_) => 0,
         };
         let needs = Needs {
             plans: &plans,
@@ -108,7 +114,7 @@ impl Job {
         };
         let memory = Memory::plan(args.memory.unwrap_or_else(default_limit), &needs)?;
         // Opened again now that the cache's size is known; the first time only metadata were read.
-        let chart = Chart::open(&args.chart, args.wavelengths.as_deref(), nan, memory.chart_cache)?;
+        let chart = open(memory.chart_cache)?;
         let identity = identity(args, options.stages, &chart, &lens, &frame, &chart_bands)?;
         let notes = notes(args, &chart, &lens, &plans)?;
         Ok(Self {

@@ -3,7 +3,9 @@
 use crate::design;
 use crate::failure::usage;
 use anyhow::{Context, Result};
-use formats::chart::{ChartOptions, ChartStore, NanPolicy};
+use formats::chart::{
+    ChartOptions, ChartStore, Interleave, NanPolicy, RasterChart, RasterLayout, sample_named,
+};
 use formats::lens::{LensPack, builtin, builtin_names};
 use pipeline::chart::Generator;
 use pipeline::flow::ChartSource;
@@ -15,6 +17,8 @@ use std::path::Path;
 pub enum Chart {
     /// A Zarr array.
     Store(Box<ChartStore>),
+    /// A flat file.
+    Raster(Box<RasterChart>),
     /// Drawn on the fly.
     Drawn(Box<Generator>),
 }
@@ -33,14 +37,49 @@ impl Chart {
             let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
             return Ok(Self::Drawn(Box::new(generator)));
         }
+        if RasterChart::is_one(Path::new(spec)) {
+            return Self::flat(RasterChart::open(Path::new(spec), nan)?, declared);
+        }
         let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
         Ok(Self::Store(Box::new(ChartStore::open(spec, options)?)))
+    }
+
+    /// Opens raw samples of `shape` = `BANDS,ROWS,COLUMNS` and NumPy's type `dtype`, band after band.
+    pub fn raw(
+        spec: &str,
+        shape: &str,
+        dtype: &str,
+        wavelengths: Option<&str>,
+        nan: NanPolicy,
+    ) -> Result<Self> {
+        let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
+        let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
+        let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
+        let Some(&[bands, rows, columns]) = sides.as_deref() else {
+            return Err(usage(format!("--chart-shape {shape}: expected BANDS,ROWS,COLUMNS")));
+        };
+        let Some((sample, little_endian)) = sample_named(dtype) else {
+            return Err(usage(format!(
+                "--chart-dtype {dtype}: expected u1, u2, f2, f4 or f8, `>` before it for highest byte first"
+            )));
+        };
+        let shape = [bands, rows, columns];
+        let layout = RasterLayout { shape, interleave: Interleave::Bsq, sample, little_endian, offset: 0 };
+        Self::flat(RasterChart::raw(Path::new(spec), layout, nan)?, declared)
+    }
+
+    fn flat(chart: RasterChart, declared: Option<Vec<f64>>) -> Result<Self> {
+        Ok(Self::Raster(Box::new(match declared {
+            Some(nm) => chart.with_wavelengths(nm)?,
+            None => chart,
+        })))
     }
 
     /// The pixels.
     pub fn source(&self) -> &dyn ChartSource {
         match self {
             Self::Store(s) => s.as_ref(),
+            Self::Raster(r) => r.as_ref(),
             Self::Drawn(g) => g.as_ref(),
         }
     }
@@ -54,13 +93,12 @@ impl Chart {
     pub fn wavelengths_nm(&self) -> Result<Vec<f64>> {
         match self {
             Self::Drawn(g) => Ok(g.wavelengths_nm().to_vec()),
-            Self::Store(s) => s.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| {
-                usage(format!(
-                    "chart {} does not tell the wavelengths of its {} bands; say them, e.g. `--wavelengths 400:700:10`",
-                    s.path().display(),
-                    s.bands()
-                ))
-            }),
+            Self::Raster(r) => {
+                r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
+            }
+            Self::Store(s) => {
+                s.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(s.path(), s.bands()))
+            }
         }
     }
 
@@ -68,6 +106,7 @@ impl Chart {
     pub fn pitch_um(&self) -> Option<f64> {
         match self {
             Self::Store(s) => s.pitch_um(),
+            Self::Raster(_) => None,
             Self::Drawn(g) => Some(g.pitch_um()),
         }
     }
@@ -76,6 +115,7 @@ impl Chart {
     pub fn film_size(&self) -> Option<Size> {
         match self {
             Self::Store(s) => s.film_size(),
+            Self::Raster(_) => None,
             Self::Drawn(g) => Some(g.film_size()),
         }
     }
@@ -84,6 +124,7 @@ impl Chart {
     pub fn units(&self) -> Option<&str> {
         match self {
             Self::Store(s) => s.units(),
+            Self::Raster(_) => None,
             Self::Drawn(g) => Some(g.units()),
         }
     }
@@ -95,9 +136,17 @@ impl Chart {
                 let identity = s.identity().context("listing the chart's chunks")?;
                 (json!({ "store": identity.content }), json!(identity.mtimes))
             }
+            Self::Raster(r) => r.identity(),
             Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
     }
+}
+
+fn no_wavelengths(path: &Path, bands: usize) -> anyhow::Error {
+    usage(format!(
+        "chart {} does not tell the wavelengths of its {bands} bands; say them, e.g. `--wavelengths 400:700:10`",
+        path.display()
+    ))
 }
 
 /// Opens a lens pack, or one inside the program by its name.

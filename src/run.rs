@@ -53,7 +53,7 @@ pub const WHOLE: &str = "whole";
 
 /// Runs the command; the exit code.
 pub fn command(args: &RunArgs) -> Result<u8> {
-    let job = Job::new(args)?;
+    let mut job = Job::new(args)?;
     film::keep_apart(&job, &args.film)?;
     interrupt::listen();
     let store = film::open(&job, args)?;
@@ -78,7 +78,7 @@ pub fn command(args: &RunArgs) -> Result<u8> {
     if missing < all {
         say(format!("resuming {}: {missing} of {all} shards to make", args.film.display()));
     }
-    rechunk(&job, &args.film, &wanted)?;
+    rechunk(&mut job, &args.film, &wanted)?;
     tell(&job);
     let work = Work {
         frame: job.frame,
@@ -160,16 +160,23 @@ fn pixels(work: &Work<'_>) -> Vec<u64> {
 }
 
 /// A chart whose chunks span bands is cut into bands once, beside the film, rather than decoded once per band.
-fn rechunk(job: &Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
+fn rechunk(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
     let open = std::iter::zip(&job.chart_bands, wanted).filter(|(_, wanted)| !wanted.is_empty());
     let bands: Vec<usize> = open.map(|(band, _)| *band).collect();
+    let beside = film.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if let Chart::Raster(raster) = &mut job.chart
+        && bands.len() > 1
+        && raster.must_be_laid_out()
+    {
+        say("the chart's bands interleave: laying them out once in a temporary file beside the film");
+        raster.in_bands(&bands, beside, &|_, _| ())?;
+    }
     if let Chart::Store(store) = &job.chart
         && store.rechunk_needed(&bands)
     {
         say(
             "the chart's chunks span several bands: re-chunking them once into a temporary file beside the film",
         );
-        let beside = film.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         store.rechunk(&bands, beside, job.threads, &|_, _| ())?;
     }
     Ok(())

@@ -153,6 +153,56 @@ fn a_stored_chart_gives_the_film_of_the_drawn_one() {
     assert!(bits(&stored.1) == bits(&drawn.1));
 }
 
+/// The same samples as Zarr, NPY, raw and ENVI of each order.
+#[test]
+fn a_chart_in_any_file_gives_the_same_film() {
+    let place = Place::new();
+    let whole = pixels(&place.run("film.zarr", &[]), "film");
+    let picture = Picture::noise(7, Size::new(631, 705), 2);
+    let at = |name: &str| place.dir.path().join(name);
+    let plane = |order: &mut dyn FnMut(usize, usize, usize)| {
+        (0..2).for_each(|b| (0..631).for_each(|y| (0..705).for_each(|x| order(b, y, x))));
+    };
+    let value = |b: usize, y: usize, x: usize| picture.bands[b][y * 705 + x];
+    let mut bsq = Vec::new();
+    plane(&mut |b, y, x| bsq.extend(value(b, y, x).to_le_bytes()));
+    let interleaved = |index: fn(usize, usize, usize) -> usize| {
+        let mut bytes = vec![0; bsq.len()];
+        plane(&mut |b, y, x| {
+            bytes[4 * index(b, y, x)..][..4].copy_from_slice(&value(b, y, x).to_be_bytes());
+        });
+        bytes
+    };
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 631, 705), }\n";
+    let mut npy = b"\x93NUMPY\x01\x00".to_vec();
+    npy.extend((header.len() as u16).to_le_bytes());
+    npy.extend(header.as_bytes());
+    npy.extend(&bsq);
+    std::fs::write(at("c.npy"), npy).unwrap();
+    std::fs::write(at("c.samples"), &bsq).unwrap();
+    for (name, bytes) in [
+        ("bil", interleaved(|b, y, x| (y * 2 + b) * 705 + x)),
+        ("bip", interleaved(|b, y, x| (y * 705 + x) * 2 + b)),
+    ] {
+        std::fs::write(at(&format!("{name}.img")), bytes).unwrap();
+        let text = format!(
+            "ENVI\nsamples = 705\nlines = 631\nbands = 2\ndata type = 4\ninterleave = {name}\nbyte order = 1\n\
+             wavelength units = nm\nwavelength = {{450, 500}}\n"
+        );
+        std::fs::write(at(&format!("{name}.hdr")), text).unwrap();
+    }
+    let pitch = ["--film-pitch-um", "2"];
+    let told = [&pitch[..], &["--wavelengths", "450,500"]].concat();
+    let raw = [&told[..], &["--chart-shape", "2,631,705", "--chart-dtype", "<f4"]].concat();
+    for (chart, flags) in
+        [("c.npy", &told[..]), ("c.samples", &raw[..]), ("bil.hdr", &pitch[..]), ("bip.img", &pitch[..])]
+    {
+        let film = at(&format!("{chart}.zarr"));
+        run(text(&at(chart)), &film, text(&place.pack), flags).ok();
+        assert!(bits(&pixels(&film, "film").1) == bits(&whole.1), "{chart}");
+    }
+}
+
 #[test]
 fn a_uniform_chart_shows_the_illumination_itself() {
     let dir = tempfile::tempdir().unwrap();

@@ -14,6 +14,7 @@ mod error;
 mod identity;
 mod layout;
 mod open;
+mod raster;
 mod read;
 mod spool;
 mod write;
@@ -29,6 +30,7 @@ pub use crate::shard::Codec;
 pub use error::ChartError;
 pub use identity::ChartIdentity;
 pub use layout::Sample;
+pub use raster::{Interleave, RasterChart, RasterLayout, RasterSample, sample_named};
 pub use write::{ChartMeta, WriteError, WriteReport, remove_chart, write_chart};
 
 use cache::Cache;

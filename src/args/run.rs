@@ -13,7 +13,7 @@ lenscube run 'gen:composite?size=14141' film.zarr --memory 1GiB\n  \
 lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n\
 The same command again resumes an interrupted run.")]
 pub struct RunArgs {
-    /// PATH, PATH//array or gen:KIND?size=14141&…
+    /// PATH or PATH//array of a Zarr store; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
     pub chart: String,
     /// The film to write, a Zarr v3 group
@@ -22,6 +22,12 @@ pub struct RunArgs {
     /// A lens pack (directory or .zip), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
+    /// Raw samples: the chart's shape, band after band
+    #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype")]
+    pub chart_shape: Option<String>,
+    /// Raw samples: their type, u1, u2, f2, f4 or f8; `>` before it for highest byte first
+    #[arg(long, value_name = "TYPE", requires = "chart_shape")]
+    pub chart_dtype: Option<String>,
     /// Wavelengths of the chart's bands where the store has none: 400:700:10 (both ends) or 450,550
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,

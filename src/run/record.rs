@@ -25,26 +25,28 @@ pub fn write(
         Ok(summary) => (Some(summary), None),
         Err(failed) => (failed.summary.as_ref(), Some(failure::line(&failed.error))),
     };
-    let stats = match &job.chart {
-        Chart::Store(s) => Some(s.stats()),
-        Chart::Drawn(_) => None,
+    let (bytes_read, pieces, missing, replaced) = match &job.chart {
+        Chart::Store(s) => {
+            let s = s.stats();
+            (Some(s.bytes_read), Some(s.pieces_decoded), s.missing_pieces, s.nan_replaced)
+        }
+        Chart::Raster(r) => {
+            let (bytes, replaced) = r.stats();
+            (Some(bytes), None, 0, replaced)
+        }
+        Chart::Drawn(_) => (None, None, 0, 0),
     };
     let peak = peak_resident();
     if let Some(summary) = summary {
         let outside = light_held.iter().flatten().map(|held| 1.0 - held);
         let range = outside.fold((1.0f64, 0.0f64), |(a, b), e| (a.min(e), b.max(e)));
-        summary_lines(summary, stats.map_or(0, |s| s.bytes_read), peak, range).into_iter().for_each(say);
+        summary_lines(summary, bytes_read.unwrap_or(0), peak, range).into_iter().for_each(say);
     }
-    if let Some(s) = stats {
-        if s.missing_pieces > 0 {
-            say(format!(
-                "note: {} chunks are missing from the chart and were read as its fill value",
-                s.missing_pieces
-            ));
-        }
-        if s.nan_replaced > 0 {
-            say(format!("note: {} NaN or infinite pixels of the chart were read as 0", s.nan_replaced));
-        }
+    if missing > 0 {
+        say(format!("note: {missing} chunks are missing from the chart and were read as its fill value"));
+    }
+    if replaced > 0 {
+        say(format!("note: {replaced} NaN or infinite pixels of the chart were read as 0"));
     }
     let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
@@ -63,8 +65,8 @@ pub fn write(
         "pixels": count(&follow.pixels),
         "shards": count(&follow.shards),
         "bytes_written": count(&follow.bytes),
-        "bytes_read": stats.map(|s| s.bytes_read),
-        "chart_pieces_decoded": stats.map(|s| s.pieces_decoded),
+        "bytes_read": bytes_read,
+        "chart_pieces_decoded": pieces,
         "spectra_built": summary.map(|s| s.spectra),
         "light_in_psf_window": light_held,
         "interrupted": interrupted,

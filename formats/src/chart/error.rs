@@ -50,6 +50,30 @@ pub enum ChartError {
         /// What it is.
         found: String,
     },
+    /// The header of a flat file.
+    #[error("opening chart {path}: {what}: expected {expected}, found {found}")]
+    Header {
+        /// The file.
+        path: PathBuf,
+        /// Which property.
+        what: &'static str,
+        /// What it must be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+    /// A flat file that lacks samples, from the beginning or since it was opened.
+    #[error(
+        "reading chart {path}: expected {expected} bytes, found {found}; is the file cut short, or still being written?"
+    )]
+    Short {
+        /// The file.
+        path: PathBuf,
+        /// Bytes that its header asks for.
+        expected: u64,
+        /// Bytes it has.
+        found: u64,
+    },
     /// The store's files cannot be read.
     #[error("reading chart: {0}")]
     Io(#[from] DurableError),

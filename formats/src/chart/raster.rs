@@ -1,0 +1,451 @@
+//! A chart in one flat file, mapped into memory: `.npy`, ENVI, or raw samples of a told shape.
+//!
+//! | order | samples of a line of one band |
+//! |---|---|
+//! | BSQ, NPY, raw | side by side, lines and then bands one after the other |
+//! | BIL | side by side, the bands of a line one after the other |
+//! | BIP | one of each band, band after band |
+//!
+//! Nothing is copied but the rectangle asked for, converted to f32 on the way; integers are read as values, not scaled.
+//! Pages behind the reader are given back, so that a file of any size takes a few rows of memory. Read band by band,
+//! samples that interleave finer than pages would fetch the whole file once per band: [`RasterChart::in_bands`] lays them
+//! out band by band first, in one pass.
+//!
+//! A file may shrink while it is mapped. Then the lost part reads as zeros (`mapped`), the length shows it, and reading is an
+//! error: neither garbage nor a dead process.
+//! Left out: ENVI's scale factors and georeference, Fortran order.
+
+mod envi;
+mod mapped;
+mod npy;
+mod samples;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
+
+use pipeline::flow::{ChartSource, DoorError};
+use pipeline::geometry::{Rect, Size};
+use serde_json::{Value, json};
+
+use super::{ChartError, NanPolicy, Sample};
+use crate::durable::{DurableError, free_bytes, temp_name};
+use mapped::Mapped;
+pub use npy::sample as sample_named;
+
+/// Longest header of an ENVI file.
+const LONGEST_HEADER: u64 = 16 << 20;
+/// Largest side, and most bytes: beyond what any disk holds.
+const LARGEST_SIDE: usize = 1 << 31;
+const MOST_BYTES: u64 = 1 << 60;
+/// Lines of a band shorter than this share too many pages with other bands to be read where they lie.
+const LONG_LINE: u64 = 16 << 10;
+/// Rows kept behind the reader: tiles of several workers lie within.
+const KEPT_ROWS: usize = 2048;
+
+/// How bands lie among each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interleave {
+    /// Band after band.
+    Bsq,
+    /// Line by line.
+    Bil,
+    /// Pixel by pixel.
+    Bip,
+}
+
+/// What a flat file holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RasterLayout {
+    /// (bands, rows, columns).
+    pub shape: [usize; 3],
+    /// How they lie.
+    pub interleave: Interleave,
+    /// Sample type; 16-bit integers of ENVI may be signed.
+    pub sample: RasterSample,
+    /// Lowest byte first.
+    pub little_endian: bool,
+    /// Bytes before the first sample.
+    pub offset: u64,
+}
+
+/// Sample types of flat files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RasterSample {
+    /// Signed 16-bit integer.
+    I16,
+    /// What charts in stores have.
+    Plain(Sample),
+}
+
+impl RasterSample {
+    /// Bytes of one sample.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::I16 => 2,
+            Self::Plain(sample) => sample.bytes(),
+        }
+    }
+}
+
+/// A chart in a flat file.
+#[derive(Debug)]
+pub struct RasterChart {
+    path: PathBuf,
+    map: Mapped,
+    layout: RasterLayout,
+    /// Where each band lies among those of the file.
+    slots: Vec<Option<usize>>,
+    nan: NanPolicy,
+    wavelengths_nm: Option<Vec<f64>>,
+    /// Value that stands for no data.
+    ignore: Option<f32>,
+    replaced: AtomicU64,
+    bytes_read: AtomicU64,
+    /// Per band: rows given back.
+    behind: Vec<AtomicUsize>,
+    identity: (Value, Value),
+}
+
+impl RasterChart {
+    /// Whether `path` looks like a file that [`RasterChart::open`] takes.
+    pub fn is_one(path: &Path) -> bool {
+        path.is_file() && (is_npy(path) || is_header(path) || envi::header_of(path).is_some())
+    }
+
+    /// Opens a `.npy` file, an ENVI header, or the data beside one.
+    ///
+    /// # Errors
+    /// [`ChartError`]: a header that cannot be read or be true, a file shorter than it says.
+    pub fn open(path: &Path, nan: NanPolicy) -> Result<Self, ChartError> {
+        if is_npy(path) {
+            let mut head = Vec::new();
+            let file = open(path)?;
+            file.take(npy::LONGEST)
+                .read_to_end(&mut head)
+                .map_err(|e| DurableError::io("read", path, 0, e))?;
+            let layout =
+                npy::layout(&head).map_err(|(what, expected, found)| header(path, what, expected, found))?;
+            return Self::with(path, layout, None, None, nan);
+        }
+        let hdr = if is_header(path) { Some(path.to_path_buf()) } else { envi::header_of(path) };
+        let hdr = hdr.ok_or_else(|| {
+            header(path, "file", "a .npy file or one with an ENVI header (.hdr)", "neither")
+        })?;
+        let mut text = Vec::new();
+        open(&hdr)?
+            .take(LONGEST_HEADER)
+            .read_to_end(&mut text)
+            .map_err(|e| DurableError::io("read", &hdr, 0, e))?;
+        let envi = envi::parse(&String::from_utf8_lossy(&text)).map_err(|(w, e, f)| header(&hdr, w, e, f))?;
+        let data = if is_header(path) { envi::data_of(path) } else { Some(path.to_path_buf()) };
+        let data =
+            data.ok_or_else(|| header(&hdr, "data file", "a file beside it of the same name", "none"))?;
+        Self::with(&data, envi.layout, envi.wavelengths_nm, envi.ignore, nan)
+    }
+
+    /// Opens raw samples.
+    ///
+    /// # Errors
+    /// As [`RasterChart::open`].
+    pub fn raw(path: &Path, layout: RasterLayout, nan: NanPolicy) -> Result<Self, ChartError> {
+        Self::with(path, layout, None, None, nan)
+    }
+
+    fn with(
+        path: &Path,
+        layout: RasterLayout,
+        wavelengths_nm: Option<Vec<f64>>,
+        ignore: Option<f32>,
+        nan: NanPolicy,
+    ) -> Result<Self, ChartError> {
+        let bytes =
+            samples_bytes(&layout).and_then(|n| n.checked_add(layout.offset)).filter(|n| *n <= MOST_BYTES);
+        let Some(expected) = bytes.filter(|_| layout.shape.iter().all(|n| (1..=LARGEST_SIDE).contains(n)))
+        else {
+            let found = format!("{:?}", layout.shape);
+            return Err(header(
+                path,
+                "shape",
+                "bands, rows and columns of at least 1 and a size that a disk holds",
+                found,
+            ));
+        };
+        let file = open(path)?;
+        let meta = file.metadata().map_err(|e| DurableError::io("look up", path, 0, e))?;
+        if meta.len() < expected {
+            return Err(ChartError::Short { path: path.into(), expected, found: meta.len() });
+        }
+        let modified = meta.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
+        let identity = (
+            json!({ "raster": format!("{layout:?}"), "bytes": meta.len(), "wavelengths_nm": wavelengths_nm }),
+            json!(modified.map_or(0, |t| t.as_nanos() as u64)),
+        );
+        let map = Mapped::new(file, expected).map_err(|e| DurableError::io("map", path, expected, e))?;
+        let behind = (0..layout.shape[0]).map(|_| AtomicUsize::new(0)).collect();
+        Ok(Self {
+            path: path.into(),
+            map,
+            slots: (0..layout.shape[0]).map(Some).collect(),
+            layout,
+            nan,
+            wavelengths_nm,
+            ignore,
+            replaced: AtomicU64::new(0),
+            bytes_read: AtomicU64::new(0),
+            behind,
+            identity,
+        })
+    }
+
+    /// Number of bands.
+    pub fn bands(&self) -> usize {
+        self.layout.shape[0]
+    }
+
+    /// Wavelengths in nm, if the header tells them with their unit.
+    pub fn wavelengths_nm(&self) -> Option<&[f64]> {
+        self.wavelengths_nm.as_deref()
+    }
+
+    /// Takes other wavelengths than the header's.
+    ///
+    /// # Errors
+    /// [`ChartError::Header`] if they are not one a band.
+    pub fn with_wavelengths(mut self, nm: Vec<f64>) -> Result<Self, ChartError> {
+        if nm.len() != self.bands() {
+            let (expected, found) = (format!("{}, one a band", self.bands()), nm.len().to_string());
+            return Err(header(&self.path, "number of wavelengths", expected, found));
+        }
+        self.identity.0["wavelengths_nm"] = json!(nm);
+        self.wavelengths_nm = Some(nm);
+        Ok(self)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How its samples lie.
+    pub fn layout(&self) -> &RasterLayout {
+        &self.layout
+    }
+
+    /// What it is, and when it was last changed.
+    pub fn identity(&self) -> (Value, Value) {
+        self.identity.clone()
+    }
+
+    /// Bytes of samples read so far; pixels read as 0 for not being finite.
+    pub fn stats(&self) -> (u64, u64) {
+        (self.bytes_read.load(Relaxed), self.replaced.load(Relaxed))
+    }
+
+    /// Whether reading band after band would fetch the same pages again and again.
+    pub fn must_be_laid_out(&self) -> bool {
+        let line = (self.layout.shape[2] * self.layout.sample.bytes()) as u64;
+        self.bands() > 1
+            && match self.layout.interleave {
+                Interleave::Bsq => false,
+                Interleave::Bil => line < LONG_LINE,
+                Interleave::Bip => true,
+            }
+    }
+
+    /// Lays `bands` out one after the other in a temporary file in `directory`, which has no name and is gone with the chart;
+    /// bands keep their numbers, and those not asked for cannot be read from then on. `progress` is told rows done and rows
+    /// in all.
+    ///
+    /// # Errors
+    /// [`ChartError::Space`] before anything is written; [`ChartError`] if samples cannot be read, the file not written.
+    pub fn in_bands(
+        &mut self,
+        bands: &[usize],
+        directory: &Path,
+        progress: &dyn Fn(u64, u64),
+    ) -> Result<(), ChartError> {
+        use std::os::unix::fs::FileExt;
+        let [_, rows, columns] = self.layout.shape;
+        let mut wanted: Vec<usize> = bands.iter().copied().filter(|b| *b < self.bands()).collect();
+        wanted.sort_unstable();
+        wanted.dedup();
+        let needed = (wanted.len() * rows * columns) as u64 * 4;
+        let free = free_bytes(directory)?;
+        if needed > free {
+            return Err(ChartError::Space {
+                path: self.path.clone(),
+                directory: directory.into(),
+                needed,
+                free,
+            });
+        }
+        let temp = directory.join(temp_name());
+        let failed = |e| DurableError::io("write", &temp, needed, e);
+        let file = File::options().read(true).write(true).create_new(true).open(&temp).map_err(failed)?;
+        std::fs::remove_file(&temp).map_err(failed)?;
+        file.set_len(needed).map_err(failed)?;
+        // A few megabytes of every band at a time, so that both files are walked in long pieces.
+        let at_once = ((4 << 20) / (columns * 4)).clamp(1, rows);
+        let mut block = vec![0.0f32; at_once * columns];
+        for first in (0..rows).step_by(at_once) {
+            let height = at_once.min(rows - first);
+            let rect = Rect::new(first as i64, 0, height, columns);
+            for (slot, &band) in wanted.iter().enumerate() {
+                let pixels = &mut block[..height * columns];
+                self.read_rect(band, rect, pixels)?;
+                let bytes: Vec<u8> = pixels.iter().flat_map(|v| v.to_ne_bytes()).collect();
+                let at = ((slot * rows + first) * columns * 4) as u64;
+                file.write_all_at(&bytes, at).map_err(failed)?;
+            }
+            progress((first + height) as u64, rows as u64);
+        }
+        self.map = Mapped::new(file, needed).map_err(failed)?;
+        self.layout.interleave = Interleave::Bsq;
+        self.layout.offset = 0;
+        self.layout.sample = RasterSample::Plain(Sample::F32);
+        self.layout.little_endian = cfg!(target_endian = "little");
+        self.ignore = None;
+        self.slots = (0..self.bands()).map(|b| wanted.binary_search(&b).ok()).collect();
+        Ok(())
+    }
+}
+
+impl RasterChart {
+    /// [`ChartSource::read`] with its own error type.
+    ///
+    /// # Errors
+    /// [`ChartError`] if the rectangle is not in the chart, a pixel is not finite, or the file has shrunk.
+    pub fn read_rect(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), ChartError> {
+        let size = ChartSource::size(self);
+        let slot = self.slots.get(band).copied().flatten();
+        let Some(slot) = slot.filter(|_| size.rect().contains(rect) && out.len() == rect.size().pixels())
+        else {
+            return Err(ChartError::Request {
+                path: self.path.clone(),
+                band,
+                rect,
+                room: out.len(),
+                bands: self.bands(),
+                size,
+            });
+        };
+        let mut replaced = 0;
+        for (y, line) in (rect.y as usize..).zip(out.chunks_exact_mut(rect.width.max(1))) {
+            let (first, step) = self.place(slot, y, rect.x as usize);
+            let bytes = self.map.bytes(first, (rect.width - 1) * step + self.layout.sample.bytes());
+            samples::convert(&self.layout, bytes, step, line);
+            if let Some(ignore) = self.ignore {
+                line.iter_mut().filter(|v| **v == ignore).for_each(|v| *v = f32::NAN);
+            }
+            if self.nan != NanPolicy::Keep && line.iter().any(|v| !v.is_finite()) {
+                replaced += self.not_finite(band, y, rect.x as usize, line)?;
+            }
+        }
+        if self.map.is_torn() {
+            let found = self.map.length().map_err(|e| DurableError::io("look up", &self.path, 0, e))?;
+            return Err(ChartError::Short { path: self.path.clone(), expected: self.map.expected(), found });
+        }
+        self.replaced.fetch_add(replaced, Relaxed);
+        self.bytes_read.fetch_add((rect.size().pixels() * self.layout.sample.bytes()) as u64, Relaxed);
+        self.give_back(slot, rect.y as usize);
+        Ok(())
+    }
+
+    /// Offset of a sample, and bytes from one column to the next.
+    fn place(&self, slot: usize, row: usize, column: usize) -> (usize, usize) {
+        let [bands, rows, columns] = self.layout.shape;
+        let n = self.layout.sample.bytes();
+        let (sample, step) = match self.layout.interleave {
+            Interleave::Bsq => ((slot * rows + row) * columns + column, 1),
+            Interleave::Bil => ((row * bands + slot) * columns + column, 1),
+            Interleave::Bip => ((row * columns + column) * bands + slot, bands),
+        };
+        (self.layout.offset as usize + sample * n, step * n)
+    }
+
+    /// Meets the first value that is not finite, or reads all of them as 0 and counts them.
+    fn not_finite(&self, band: usize, row: usize, first: usize, line: &mut [f32]) -> Result<u64, ChartError> {
+        let mut count = 0;
+        for (column, v) in (first..).zip(line).filter(|(_, v)| !v.is_finite()) {
+            if self.nan == NanPolicy::Error {
+                let path = self.path.clone();
+                return Err(ChartError::NotFinite { path, band, row, column, value: *v });
+            }
+            *v = 0.0;
+            count += 1;
+        }
+        Ok(count)
+    }
+
+    /// Gives back the pages of a band well above `row`, once there are enough of them.
+    fn give_back(&self, slot: usize, row: usize) {
+        let behind = &self.behind[slot];
+        let (done, end) = (behind.load(Relaxed), row.saturating_sub(KEPT_ROWS));
+        if end < done + KEPT_ROWS / 4 || self.layout.interleave == Interleave::Bip {
+            return;
+        }
+        if behind.compare_exchange(done, end, Relaxed, Relaxed).is_ok() {
+            let (first, _) = self.place(slot, done, 0);
+            let (last, _) = self.place(slot, end, 0);
+            self.map.give_back(first, last - first);
+        }
+    }
+}
+
+impl ChartSource for RasterChart {
+    fn size(&self) -> Size {
+        Size::new(self.layout.shape[1], self.layout.shape[2])
+    }
+
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        Ok(self.read_rect(band, rect, out)?)
+    }
+
+    fn expect(&self, band: usize, rect: Rect) {
+        let rect = rect.intersect(ChartSource::size(self).rect());
+        if let Some(slot) = self.slots.get(band).copied().flatten().filter(|_| !rect.is_empty()) {
+            for row in rect.y as usize..rect.bottom() as usize {
+                let (first, step) = self.place(slot, row, rect.x as usize);
+                self.map.will_read(first, rect.width * step);
+            }
+        }
+    }
+}
+
+fn samples_bytes(layout: &RasterLayout) -> Option<u64> {
+    let count = layout.shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64))?;
+    count.checked_mul(layout.sample.bytes() as u64)
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+fn is_npy(path: &Path) -> bool {
+    has_extension(path, "npy")
+}
+
+fn is_header(path: &Path) -> bool {
+    has_extension(path, "hdr")
+}
+
+fn open(path: &Path) -> Result<File, ChartError> {
+    match File::open(path) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Err(ChartError::NotFound { path: path.into() }),
+        other => Ok(other.map_err(|e| DurableError::io("open", path, 0, e))?),
+    }
+}
+
+fn header(
+    path: &Path,
+    what: &'static str,
+    expected: impl Into<String>,
+    found: impl Into<String>,
+) -> ChartError {
+    ChartError::Header { path: path.into(), what, expected: expected.into(), found: found.into() }
+}
+
+#[cfg(test)]
+mod tests;

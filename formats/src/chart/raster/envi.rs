@@ -1,0 +1,126 @@
+//! The header of an ENVI file: text, `ENVI` first, then `key = value` with lists in braces over any number of lines
+//! (NV5 Geospatial, "ENVI Header Files").
+//!
+//! Needed: `samples` (columns), `lines` (rows), `bands`, `data type`, `interleave`. Taken where they stand: `header offset` (0),
+//! `byte order` (0: lowest byte first), `wavelength` with `wavelength units` (nanometers or micrometers), `data ignore value`.
+
+use super::npy::Fault;
+use super::{Interleave, RasterLayout, RasterSample};
+use crate::chart::Sample;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// What a header tells.
+#[derive(Debug)]
+pub(super) struct Envi {
+    pub(super) layout: RasterLayout,
+    pub(super) wavelengths_nm: Option<Vec<f64>>,
+    pub(super) ignore: Option<f32>,
+}
+
+/// Extensions of data files.
+const DATA: [&str; 7] = ["img", "dat", "raw", "bsq", "bil", "bip", "bin"];
+
+/// The header beside a data file: `cube.hdr` or `cube.img.hdr` for `cube.img`.
+pub(super) fn header_of(data: &Path) -> Option<PathBuf> {
+    let mut longer = data.as_os_str().to_owned();
+    longer.push(".hdr");
+    [data.with_extension("hdr"), PathBuf::from(longer)].into_iter().find(|p| p != data && p.is_file())
+}
+
+/// The data file beside a header.
+pub(super) fn data_of(header: &Path) -> Option<PathBuf> {
+    let bare = header.with_extension("");
+    let others = DATA.iter().map(|e| header.with_extension(e));
+    std::iter::once(bare).chain(others).find(|p| p.is_file())
+}
+
+/// Reads a header's text.
+pub(super) fn parse(text: &str) -> Result<Envi, Fault> {
+    let mut lines = text.lines();
+    if lines.next().map(str::trim) != Some("ENVI") {
+        return Err(("first line", "ENVI".into(), "something else".into()));
+    }
+    let mut keys = HashMap::new();
+    while let Some(line) = lines.next() {
+        let Some((key, value)) = line.split_once('=') else { continue };
+        let mut value = value.trim().to_owned();
+        if value.starts_with('{') {
+            while !value.contains('}') {
+                let Some(more) = lines.next() else { break };
+                value.push(' ');
+                value.push_str(more.trim());
+            }
+        }
+        keys.insert(key.trim().to_ascii_lowercase(), value);
+    }
+    let short = |t: &str| t.chars().take(40).collect::<String>();
+    let whole = |key: &'static str, default: Option<u64>| match (keys.get(key), default) {
+        (None, Some(n)) => Ok(n),
+        (None, None) => Err((key, "a whole number".to_owned(), "nothing".to_owned())),
+        (Some(t), _) => {
+            t.parse::<u64>().map_err(|_| (key, "a whole number".to_owned(), format!("`{}`", short(t))))
+        }
+    };
+    let side = |key| whole(key, None).map(|n| usize::try_from(n).unwrap_or(usize::MAX));
+    let shape = [side("bands")?, side("lines")?, side("samples")?];
+    let sample = match whole("data type", None)? {
+        1 => RasterSample::Plain(Sample::U8),
+        2 => RasterSample::I16,
+        4 => RasterSample::Plain(Sample::F32),
+        5 => RasterSample::Plain(Sample::F64),
+        12 => RasterSample::Plain(Sample::U16),
+        other => {
+            let expected = "1 (u8), 2 (i16), 4 (f32), 5 (f64) or 12 (u16)";
+            return Err(("data type", expected.into(), other.to_string()));
+        }
+    };
+    let interleave = match keys.get("interleave").map(|t| t.to_ascii_lowercase()).as_deref() {
+        Some("bsq") => Interleave::Bsq,
+        Some("bil") => Interleave::Bil,
+        Some("bip") => Interleave::Bip,
+        other => {
+            return Err(("interleave", "bsq, bil or bip".into(), format!("`{}`", short(other.unwrap_or("")))));
+        }
+    };
+    let little_endian = match whole("byte order", Some(0))? {
+        0 => true,
+        1 => false,
+        other => return Err(("byte order", "0 or 1".into(), other.to_string())),
+    };
+    let ignore = match keys.get("data ignore value") {
+        None => None,
+        Some(t) => {
+            Some(t.parse::<f32>().map_err(|_| ("data ignore value", "a number".to_owned(), short(t)))?)
+        }
+    };
+    let layout =
+        RasterLayout { shape, interleave, sample, little_endian, offset: whole("header offset", Some(0))? };
+    let wavelengths_nm = match keys.get("wavelength") {
+        None => None,
+        Some(list) => wavelengths(list, keys.get("wavelength units").map(String::as_str), shape[0])?,
+    };
+    Ok(Envi { layout, wavelengths_nm, ignore })
+}
+
+/// `{400.0, 410.0}` in nm; none without a unit that is a length, for what 0.55 or 550 mean is not to be guessed.
+fn wavelengths(list: &str, units: Option<&str>, bands: usize) -> Result<Option<Vec<f64>>, Fault> {
+    let per_unit = match units.map(|u| u.trim().to_ascii_lowercase()).as_deref() {
+        Some("nanometers" | "nanometres" | "nm") => 1.0,
+        Some("micrometers" | "micrometres" | "um" | "µm" | "microns") => 1e3,
+        _ => return Ok(None),
+    };
+    let inner = list.trim().trim_start_matches('{').split('}').next().unwrap_or("");
+    let numbers: Option<Vec<f64>> = inner
+        .split(',')
+        .map(str::trim)
+        .filter(|w| !w.is_empty())
+        .map(|w| w.parse::<f64>().ok().map(|v| v * per_unit).filter(|v| *v > 0.0 && v.is_finite()))
+        .collect();
+    match numbers {
+        // 0.55 µm is 550 nm, not 550.0000000000001.
+        Some(nm) if nm.len() == bands => Ok(Some(nm.iter().map(|v| (v * 1e6).round() / 1e6).collect())),
+        Some(nm) => Err(("wavelength", format!("{bands} numbers, one a band"), nm.len().to_string())),
+        None => Err(("wavelength", "positive numbers in braces".into(), "something else".into())),
+    }
+}

@@ -1,0 +1,41 @@
+//! Samples of a flat file as f32.
+
+use super::{RasterLayout, RasterSample};
+use crate::chart::Sample;
+
+/// Converts samples that begin `step` bytes apart in `bytes`.
+pub(super) fn convert(layout: &RasterLayout, bytes: &[u8], step: usize, out: &mut [f32]) {
+    let little = layout.little_endian;
+    match layout.sample {
+        RasterSample::I16 => each(bytes, step, out, |b| {
+            f32::from(if little { i16::from_le_bytes(b) } else { i16::from_be_bytes(b) })
+        }),
+        RasterSample::Plain(Sample::U8) => each(bytes, step, out, |[b]| f32::from(b)),
+        RasterSample::Plain(Sample::U16) => each(bytes, step, out, |b| {
+            f32::from(if little { u16::from_le_bytes(b) } else { u16::from_be_bytes(b) })
+        }),
+        RasterSample::Plain(Sample::F16) => each(bytes, step, out, |b| {
+            if little { half::f16::from_le_bytes(b) } else { half::f16::from_be_bytes(b) }.to_f32()
+        }),
+        RasterSample::Plain(Sample::F32) => {
+            each(bytes, step, out, |b| if little { f32::from_le_bytes(b) } else { f32::from_be_bytes(b) })
+        }
+        RasterSample::Plain(Sample::F64) => each(
+            bytes,
+            step,
+            out,
+            |b| if little { f64::from_le_bytes(b) } else { f64::from_be_bytes(b) } as f32,
+        ),
+    }
+}
+
+#[inline(always)]
+fn each<const N: usize>(bytes: &[u8], step: usize, out: &mut [f32], of: impl Fn([u8; N]) -> f32) {
+    if step == N {
+        out.iter_mut().zip(bytes.as_chunks::<N>().0).for_each(|(to, b)| *to = of(*b));
+        return;
+    }
+    for (to, b) in out.iter_mut().zip(bytes.chunks(step)) {
+        *to = of(*b.first_chunk().expect("a sample is whole"));
+    }
+}

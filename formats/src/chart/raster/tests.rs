@@ -1,0 +1,198 @@
+//! Flat files: every type, order and byte order gives the same pixels; what is wrong is said, what shrinks kills nobody.
+
+use super::*;
+use std::fs;
+
+const SHAPE: [usize; 3] = [3, 7, 5];
+
+fn value(b: usize, y: usize, x: usize) -> f32 {
+    (b * 50 + y * 6 + x) as f32
+}
+
+fn encoded(layout: &RasterLayout) -> Vec<u8> {
+    let [bands, rows, columns] = layout.shape;
+    let mut out = vec![0xEE; layout.offset as usize];
+    let mut put = |b, y, x| {
+        let v = value(b, y, x);
+        let bytes = match layout.sample {
+            RasterSample::I16 => (v as i16).to_le_bytes().to_vec(),
+            RasterSample::Plain(Sample::U8) => vec![v as u8],
+            RasterSample::Plain(Sample::U16) => (v as u16).to_le_bytes().to_vec(),
+            RasterSample::Plain(Sample::F16) => half::f16::from_f32(v).to_le_bytes().to_vec(),
+            RasterSample::Plain(Sample::F32) => v.to_le_bytes().to_vec(),
+            RasterSample::Plain(Sample::F64) => f64::from(v).to_le_bytes().to_vec(),
+        };
+        match layout.little_endian {
+            true => out.extend(bytes),
+            false => out.extend(bytes.iter().rev()),
+        }
+    };
+    match layout.interleave {
+        Interleave::Bsq => {
+            (0..bands).for_each(|b| (0..rows).for_each(|y| (0..columns).for_each(|x| put(b, y, x))));
+        }
+        Interleave::Bil => {
+            (0..rows).for_each(|y| (0..bands).for_each(|b| (0..columns).for_each(|x| put(b, y, x))));
+        }
+        Interleave::Bip => {
+            (0..rows).for_each(|y| (0..columns).for_each(|x| (0..bands).for_each(|b| put(b, y, x))));
+        }
+    }
+    out
+}
+
+fn assert_pixels(chart: &RasterChart, what: &str) {
+    let rect = Rect::new(2, 1, 4, 3);
+    for b in 0..SHAPE[0] {
+        let mut out = vec![0.0; 12];
+        chart.read_rect(b, rect, &mut out).unwrap();
+        let want: Vec<f32> = (0..12).map(|i| value(b, 2 + i / 3, 1 + i % 3)).collect();
+        assert_eq!(out, want, "{what}, band {b}");
+    }
+}
+
+#[test]
+fn every_type_order_and_byte_order() {
+    let directory = tempfile::tempdir().unwrap();
+    let samples = [Sample::U8, Sample::U16, Sample::F16, Sample::F32, Sample::F64].map(RasterSample::Plain);
+    for sample in samples.into_iter().chain([RasterSample::I16]) {
+        for interleave in [Interleave::Bsq, Interleave::Bil, Interleave::Bip] {
+            for little_endian in [true, false] {
+                let layout = RasterLayout { shape: SHAPE, interleave, sample, little_endian, offset: 13 };
+                let path = directory.path().join("cube.raw");
+                fs::write(&path, encoded(&layout)).unwrap();
+                let mut chart = RasterChart::raw(&path, layout.clone(), NanPolicy::Error).unwrap();
+                assert_pixels(&chart, &format!("{layout:?}"));
+                chart.in_bands(&[0, 1, 2], directory.path(), &|_, _| ()).unwrap();
+                assert_pixels(&chart, &format!("{layout:?}, in bands"));
+                assert_eq!(
+                    fs::read_dir(directory.path()).unwrap().count(),
+                    1,
+                    "the temporary file has no name"
+                );
+            }
+        }
+    }
+}
+
+fn npy(descr: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(data);
+    bytes
+}
+
+const ENVI: &str = "ENVI\ndescription = {a\n cube}\nsamples = 5\nlines = 7\nbands = 3\nheader offset = 4\ndata type = 12\n\
+                    interleave = bil\nbyte order = 1\nwavelength units = Micrometers\nwavelength = {0.45,\n 0.55, 0.65}\n";
+
+#[test]
+fn npy_and_envi_are_known_by_their_headers() {
+    let directory = tempfile::tempdir().unwrap();
+    let plain = RasterSample::Plain(Sample::F32);
+    let layout = RasterLayout {
+        shape: SHAPE,
+        interleave: Interleave::Bsq,
+        sample: plain,
+        little_endian: true,
+        offset: 0,
+    };
+    let path = directory.path().join("cube.npy");
+    fs::write(&path, npy("<f4", "(3, 7, 5)", &encoded(&layout))).unwrap();
+    assert!(RasterChart::is_one(&path));
+    assert_pixels(&RasterChart::open(&path, NanPolicy::Error).unwrap(), "npy");
+
+    let sample = RasterSample::Plain(Sample::U16);
+    let layout =
+        RasterLayout { shape: SHAPE, interleave: Interleave::Bil, sample, little_endian: false, offset: 4 };
+    let (data, header) = (directory.path().join("cube.img"), directory.path().join("cube.hdr"));
+    fs::write(&data, encoded(&layout)).unwrap();
+    fs::write(&header, ENVI).unwrap();
+    for path in [&data, &header] {
+        assert!(RasterChart::is_one(path));
+        let chart = RasterChart::open(path, NanPolicy::Error).unwrap();
+        assert_eq!(chart.wavelengths_nm(), Some(&[450.0, 550.0, 650.0][..]));
+        assert!(chart.must_be_laid_out(), "lines of 10 bytes share their pages");
+        assert_pixels(&chart, "ENVI");
+    }
+}
+
+#[test]
+fn malformed_headers_are_one_clear_error() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("bad.npy");
+    let of = |bytes: &[u8]| {
+        fs::write(&path, bytes).unwrap();
+        RasterChart::open(&path, NanPolicy::Error).unwrap_err().to_string()
+    };
+    for (bytes, word) in [
+        (b"".to_vec(), "first bytes"),
+        (b"PNG".to_vec(), "first bytes"),
+        (b"\x93NUMPY\x09\x00aaaa".to_vec(), "NPY version"),
+        (b"\x93NUMPY\x02\x00\xff\xff\xff\xff".to_vec(), "NPY header"),
+        (npy("<i8", "(1, 2)", &[0; 16]), "samples"),
+        (npy("<f4", "(0, 2)", &[]), "shape"),
+        (npy("<f4", "(1000000000, 1000000000, 1000000000)", &[0; 16]), "shape"),
+        (npy("<f4", "(4,)", &[0; 16]), "shape"),
+        (npy("<f4", "(99999999999999999999, 4)", &[0; 16]), "shape"),
+        (npy("<f4", "(2, 4)", &[0; 31]), "expected"),
+    ] {
+        let error = of(&bytes);
+        assert!(error.contains(word) && error.contains("bad.npy"), "{error}");
+    }
+    fs::write(directory.path().join("e.img"), [0; 99]).unwrap();
+    let hdr = directory.path().join("e.hdr");
+    for (from, to, word) in [
+        ("ENVI", "INVE", "first line"),
+        ("samples = 5\n", "", "samples"),
+        ("lines = 7", "lines = -7", "lines"),
+        ("lines = 7", "lines = 0", "shape"),
+        ("data type = 12", "data type = 6", "data type"),
+        ("interleave = bil", "interleave = bog", "interleave"),
+        ("byte order = 1", "byte order = 2", "byte order"),
+        ("0.55, 0.65", "0.55", "wavelength"),
+        ("0.55, 0.65", "x, 0.65", "wavelength"),
+        ("bands = 3", "bands = 18446744073709551615", "wavelength"),
+        ("header offset = 4", "header offset = 18446744073709551615", "shape"),
+        ("header offset = 4", "header offset = 4", "expected 214 bytes"),
+    ] {
+        fs::write(&hdr, ENVI.replace(from, to)).unwrap();
+        let error = RasterChart::open(&hdr, NanPolicy::Error).unwrap_err().to_string();
+        assert!(error.contains(word), "{to}: {error}");
+    }
+}
+
+#[test]
+fn nan_is_an_error_or_counted_and_no_data_is_nan() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("n.npy");
+    let values = [1.0f32, f32::NAN, 3.0, f32::INFINITY];
+    let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    fs::write(&path, npy("<f4", "(2, 2)", &bytes)).unwrap();
+    let rect = Rect::new(0, 0, 2, 2);
+    let error =
+        RasterChart::open(&path, NanPolicy::Error).unwrap().read_rect(0, rect, &mut [0.0; 4]).unwrap_err();
+    assert!(error.to_string().contains("band 0, row 0, column 1"), "{error}");
+    let chart = RasterChart::open(&path, NanPolicy::Zero).unwrap();
+    let mut out = [9.0; 4];
+    chart.read_rect(0, rect, &mut out).unwrap();
+    assert_eq!((out, chart.stats().1), ([1.0, 0.0, 3.0, 0.0], 2));
+}
+
+#[test]
+fn a_file_that_shrinks_is_an_error_and_no_signal() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.raw");
+    let sample = RasterSample::Plain(Sample::F32);
+    let (shape, interleave) = ([1, 64, 4096], Interleave::Bsq);
+    let layout = RasterLayout { shape, interleave, sample, little_endian: true, offset: 0 };
+    fs::write(&path, vec![1u8; 64 * 4096 * 4]).unwrap();
+    let chart = RasterChart::raw(&path, layout, NanPolicy::Error).unwrap();
+    let mut line = vec![0.0; 4096];
+    chart.read_rect(0, Rect::new(3, 0, 1, 4096), &mut line).unwrap();
+    File::options().write(true).open(&path).unwrap().set_len(4096 * 4 * 2).unwrap();
+    let error = chart.read_rect(0, Rect::new(60, 0, 1, 4096), &mut line).unwrap_err();
+    assert!(matches!(error, ChartError::Short { expected: 1_048_576, found: 32_768, .. }), "{error}");
+    assert_eq!(line, vec![0.0; 4096], "zeros stand where the file was");
+}
