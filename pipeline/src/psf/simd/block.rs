@@ -13,6 +13,7 @@
 use super::complex::Complex;
 use crate::psf::BlockView;
 use crate::psf::grid::Tent;
+use crate::psf::kernel::DARK;
 use crate::psf::polar::{ATAN, BlockPlace, SECANT};
 use crate::psf::portable::TINY;
 use crate::simd::lanes::{Lanes, Work};
@@ -253,9 +254,9 @@ impl<V: Lanes> Work<V> for KernelColumns<'_, V> {
     #[inline(always)]
     fn run(self) {
         let lanes = (self.window - self.first_column).min(V::LANES);
-        let rows = self.kernel.chunks_exact(self.window);
+        let (rows, dark) = (self.kernel.chunks_exact(self.window), V::splat(DARK));
         for ((row, z), w) in rows.zip(self.strip.iter_mut()).zip(self.omega) {
-            let v = load::<V>(&row[self.first_column..], lanes);
+            let v = load::<V>(&row[self.first_column..], lanes).zero_below(dark);
             *z = Complex { re: v * V::splat(self.norm * w[0]), im: v * V::splat(self.norm * w[1]) };
         }
         cast_slice_mut::<_, f32>(&mut self.strip[self.window..]).fill(0.0);
