@@ -12,7 +12,9 @@ use crate::failure::usage;
 use crate::trace::{bytes_of, heights, wavelengths};
 use anyhow::Result;
 use formats::lens::summary;
-use pipeline::design::Description;
+use pipeline::design::ray::Tracer;
+use pipeline::design::spots::polychromatic_spot;
+use pipeline::design::{Description, System};
 use serde_json::{Value, json};
 
 /// Bands of a pack that are shown unless more are asked for.
@@ -88,9 +90,13 @@ fn as_json(subject: &Subject, look: &Look, args: &ShowArgs) -> Result<Value> {
             value["fields"] = Value::Array(fields);
             value
         }
-        Subject::Design(_, d) => {
+        Subject::Design(system, d) => {
             let rms = "geometric, about the centroid";
-            json!({ "design": design_json(d), "rms_is": rms, "fields": fields })
+            let spots: Vec<Value> = spots(system, look)?
+                .iter()
+                .map(|(mm, rms, geo)| json!({ "image_height_mm": mm, "rms_um": rms, "geo_um": geo }))
+                .collect();
+            json!({ "design": design_json(d), "rms_is": rms, "fields": fields, "polychromatic_spots": spots })
         }
     })
 }
@@ -174,7 +180,29 @@ fn words(subject: &Subject, look: &Look, args: &ShowArgs) -> Result<String> {
             100.0 * f.energy,
         );
     }
+    if let Subject::Design(system, _) = subject {
+        out += &format!(
+            "\nSpots of all the design's wavelengths by weight, {RINGS} rings of rays, about the centroid\n"
+        );
+        for (mm, rms, geo) in spots(system, look)? {
+            out += &format!("{mm:9.4} mm   RMS {rms:.3} um   GEO {geo:.3} um\n");
+        }
+    }
     Ok(out)
+}
+
+/// Rings of rays of the polychromatic spots: the design programs' default.
+const RINGS: usize = 6;
+
+/// Height at the primary wavelength, RMS and GEO radius.
+fn spots(system: &System, look: &Look) -> Result<Vec<(f64, f64, f64)>> {
+    let tracer = Tracer::new(system, system.primary_um())?;
+    let at = look.fields.first().into_iter().flatten();
+    at.map(|f| {
+        let (rms, geo) = polychromatic_spot(system, tracer.field_of_height(f.height_mm)?, RINGS)?;
+        Ok((f.height_mm, rms, geo))
+    })
+    .collect()
 }
 
 fn design_words(name: &str, d: &Description) -> String {

@@ -2,7 +2,7 @@
 //!
 //!     RMS² = Σ w |ρ − ρ̄|² / Σ w      GEO = max |ρ − reference|      w = flux through the pupil, ρ in the image plane [mm]
 //!     Strehl = |Σ a e^{ikΦ}|² / (Σ a)²      at the chief ray (no tilt removed), Φ the optical path less its value on the chief ray
-//! Pupil: polar Gauss-Legendre, vignetted as the PSF's. Source: Welford, chapters 6 and 13; Born & Wolf 9.1.
+//! Pupil: polar Gauss-Legendre, vignetted as the PSF's; [`polychromatic_spot`] takes the rays of design programs instead. Source: Welford, chapters 6 and 13; Born & Wolf 9.1.
 
 use super::error::DesignError;
 use super::pupil::Pupil;
@@ -46,6 +46,37 @@ pub fn spot(tracer: &Tracer<'_>, tan: f64) -> Result<Spot, DesignError> {
         centroid_um: centroid * 1e3,
         strehl: strehl(tracer.wavelength_um, &rays, &chief, 0.0),
     })
+}
+
+/// RMS and GEO spot radius about the centroid, µm, of all the design's wavelengths by their weights, on a hexapolar pattern of
+/// `rings` (6 k equal rays on ring k, one in the middle): what design programs print. The field point is that at `tan`.
+///
+/// # Errors
+/// What keeps its rays from the image.
+pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f64, f64), DesignError> {
+    let mut points = Vec::new();
+    for (um, weight) in system.wavelengths_um.iter().filter(|w| w.1 > 0.0) {
+        let tracer = Tracer::new(system, *um)?;
+        for k in 0..=rings {
+            let count = if k == 0 { 1 } else { 6 * k };
+            for i in 0..count {
+                let (s, c) = (2.0 * std::f64::consts::PI * i as f64 / count as f64).sin_cos();
+                let rho = k as f64 / rings.max(1) as f64;
+                // The first ray of a ring lies across the meridian.
+                let (p, q) = (rho * s, rho * c);
+                if tracer.overshoot(tan, p, q).0 <= 0.0 {
+                    let ray = tracer.ray(tan, p, q)?;
+                    points.push((*weight, ray.x.v, ray.y.v));
+                }
+            }
+        }
+    }
+    let total: f64 = points.iter().map(|p| p.0).sum();
+    let mean = |of: fn(&(f64, f64, f64)) -> f64| points.iter().map(|p| p.0 * of(p)).sum::<f64>() / total;
+    let (x0, y0) = (mean(|p| p.1), mean(|p| p.2));
+    let off = |p: &(f64, f64, f64)| (p.1 - x0).hypot(p.2 - y0);
+    let square = points.iter().map(|p| p.0 * off(p).powi(2)).sum::<f64>() / total;
+    Ok((1e3 * square.sqrt(), 1e3 * points.iter().map(off).fold(0.0, f64::max)))
 }
 
 /// Rays over the upper half of the pupil (the lower mirrors it), with their share of it.
