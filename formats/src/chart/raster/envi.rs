@@ -80,7 +80,11 @@ pub(super) fn parse(text: &str) -> Result<Envi, Fault> {
         Some("bil") => Interleave::Bil,
         Some("bip") => Interleave::Bip,
         other => {
-            return Err(("interleave", "bsq, bil or bip".into(), format!("`{}`", short(other.unwrap_or("")))));
+            return Err((
+                "interleave",
+                "bsq, bil or bip".into(),
+                format!("`{}`", short(other.unwrap_or(""))),
+            ));
         }
     };
     let little_endian = match whole("byte order", Some(0))? {
