@@ -11,7 +11,7 @@ mod storage;
 
 use crate::args::BenchArgs;
 use crate::job::threads;
-use crate::progress::say;
+use crate::progress::{print, say};
 use anyhow::{Context, Result};
 use pipeline::simd::Simd;
 use serde_json::{Map, Value, json};
@@ -119,7 +119,7 @@ pub fn command(args: &BenchArgs) -> Result<()> {
 fn report(bench: &Bench<'_>) {
     if !bench.args.json {
         for figure in &bench.figures {
-            println!("{}", figure.words);
+            print(&figure.words);
         }
         return;
     }
@@ -132,5 +132,5 @@ fn report(bench: &Bench<'_>) {
     map.insert("bands".into(), bench.args.bands.into());
     map.insert("lens".into(), bench.args.lens.clone().into());
     map.extend(bench.figures.iter().map(|f| (f.key.to_owned(), f.value.clone())));
-    println!("{:#}", Value::Object(map));
+    print(format!("{:#}", Value::Object(map)));
 }

@@ -8,7 +8,7 @@ use crate::chart::write;
 use crate::failure::usage;
 use crate::job::threads;
 use crate::open::{self, Chart};
-use crate::progress::say;
+use crate::progress::{print, say};
 use crate::run;
 use anyhow::{Context, Result};
 use clap::Parser;
@@ -163,7 +163,7 @@ fn grey(chart: &Chart, wavelength_nm: f64) -> Result<Image> {
 
 fn words(dir: &Path) {
     let d = dir.display();
-    println!(
+    print(format!(
         "
 Look at
   {d}/chart.png    what lies before the lens
@@ -180,5 +180,5 @@ What to type next
   lenscube run {d}/chart.zarr no-psf.zarr --stages ri,distortion
   lenscube run 'gen:composite?size=14141' full.zarr         the whole job: 31 bands of 200 Mpx, out of core
   python -c \"import xarray; print(xarray.open_zarr('{d}/film.zarr'))\""
-    );
+    ));
 }

@@ -4,13 +4,24 @@ use indicatif::{ProgressBar, ProgressStyle};
 use pipeline::executor::Summary;
 use pipeline::flow::Progress;
 use pipeline::plan::ShardId;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Says a line to the user: results go to files, words to stderr.
+/// Says a line to the user: results go to files, words to stderr. Whoever closes it wants no words.
 pub fn say(line: impl AsRef<str>) {
-    eprintln!("{}", line.as_ref());
+    let _ = writeln!(std::io::stderr(), "{}", line.as_ref());
+}
+
+/// Writes a line of the result to stdout. A reader that has gone, as `head` goes, is no fault: the rest is for nobody.
+pub fn print(line: impl std::fmt::Display) {
+    match writeln!(std::io::stdout(), "{line}") {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            say(format!("lenscube: writing the result: {e}"));
+            std::process::exit(i32::from(crate::failure::code::FAILED));
+        }
+        _ => (),
+    }
 }
 
 /// A bar for work counted in pieces, called `doing`; with it, what tells it how many of how many are done.

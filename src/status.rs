@@ -2,6 +2,7 @@
 
 use crate::args::StatusArgs;
 use crate::failure::{Coded, code};
+use crate::progress::print;
 use anyhow::Result;
 use formats::durable::Owner;
 use formats::film::{FilmError, FilmStore};
@@ -28,8 +29,8 @@ pub fn command(args: &StatusArgs) -> Result<u8> {
     let store = open(&args.film)?;
     let status = status(&store)?;
     match args.json {
-        true => println!("{}", serde_json::to_string_pretty(&status)?),
-        false => lines(&store, &status).iter().for_each(|line| println!("{line}")),
+        true => print(serde_json::to_string_pretty(&status)?),
+        false => lines(&store, &status).iter().for_each(print),
     }
     let complete = status["complete"] == true;
     Ok(if args.check && !complete { code::WRONG } else { 0 })

@@ -3,7 +3,7 @@
 use crate::args::VerifyArgs;
 use crate::failure::code;
 use crate::job;
-use crate::progress::{counting, say};
+use crate::progress::{counting, print, say};
 use crate::run::film::{digest, layout, lock_all};
 use crate::status;
 use anyhow::Result;
@@ -32,7 +32,7 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     let repair = if args.repair { Some(repair(&store, &verdict)?) } else { None };
     drop(held);
     match args.json {
-        true => println!("{}", serde_json::to_string_pretty(&report(&store, &verdict, repair.as_ref()))?),
+        true => print(serde_json::to_string_pretty(&report(&store, &verdict, repair.as_ref()))?),
         false => tell(&store, &verdict, repair.as_ref()),
     }
     Ok(if verdict.findings.is_empty() { 0 } else { code::WRONG })
@@ -101,13 +101,13 @@ fn report(store: &FilmStore, verdict: &Verdict, repair: Option<&Repair>) -> Valu
 fn tell(store: &FilmStore, verdict: &Verdict, repair: Option<&Repair>) {
     for finding in &verdict.findings {
         let (kind, key, reason) = words(finding);
-        println!("{kind}: {key}: {reason}");
+        print(format!("{kind}: {key}: {reason}"));
     }
     let path = store.path().display();
     let gb = verdict.bytes as f64 * 1e-9;
     match verdict.findings.len() {
-        0 => println!("{path} is sound: {} shards, {gb:.3} GB", verdict.shards),
-        n => println!("{path}: {n} findings in {} shards, {gb:.3} GB", verdict.shards),
+        0 => print(format!("{path} is sound: {} shards, {gb:.3} GB", verdict.shards)),
+        n => print(format!("{path}: {n} findings in {} shards, {gb:.3} GB", verdict.shards)),
     }
     if !verdict.temp.is_empty() && repair.is_none() {
         say(format!(

@@ -7,6 +7,7 @@ use super::look::{Figures, Look, Subject};
 use super::show::chosen_heights;
 use crate::args::DiffArgs;
 use crate::failure::usage;
+use crate::progress::print;
 use crate::trace::wavelengths;
 use anyhow::Result;
 use pipeline::figures::kernel_l1;
@@ -33,8 +34,8 @@ pub fn command(args: &DiffArgs) -> Result<()> {
     let looks = (a.look(&nm, &at)?, b.look(&nm, &at)?);
     let pairs = pairs(&looks.0, &looks.1, args.film_pitch_um);
     match args.json {
-        true => println!("{}", serde_json::to_string_pretty(&as_json(args, &looks, &pairs))?),
-        false => print!("{}", words(args, (&a, &b), &looks, &pairs)),
+        true => print(serde_json::to_string_pretty(&as_json(args, &looks, &pairs))?),
+        false => print(words(args, (&a, &b), &looks, &pairs).trim_end()),
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ use super::{plots, turning_error};
 use crate::args::ShowArgs;
 use crate::design;
 use crate::failure::usage;
+use crate::progress::print;
 use crate::trace::{bytes_of, heights, wavelengths};
 use anyhow::Result;
 use formats::lens::summary;
@@ -32,8 +33,8 @@ pub fn command(args: &ShowArgs) -> Result<()> {
     let at = chosen_heights(args.heights.as_deref(), || subject.reach_mm())?;
     let look = subject.look(&nm, &at)?;
     match args.json {
-        true => println!("{}", serde_json::to_string_pretty(&as_json(&subject, &look, args)?)?),
-        false => print!("{}", words(&subject, &look, args)?),
+        true => print(serde_json::to_string_pretty(&as_json(&subject, &look, args)?)?),
+        false => print(words(&subject, &look, args)?.trim_end()),
     }
     match &args.plot {
         Some(dir) => plots::write(dir, &subject, &nm, &at, &args.lp_mm),
