@@ -140,8 +140,8 @@ fn words(args: &DiffArgs, (a, b): (&Subject, &Subject), looks: &(Look, Look), pa
         out += &format!("{name:<28} {a:>14.6} {b:>14.6} {:>12.2e}\n", b - a);
     }
     out += &format!(
-        "\nPSF L1: film kernels at {} um, in the smaller window, each of sum 1\n",
-        args.film_pitch_um
+        "\nPSF L1: film kernels at {} um, in the smaller window, each of sum 1; lateral colour from {} nm (A), {} nm (B)\n",
+        args.film_pitch_um, looks.0.primary.wavelength_nm, looks.1.primary.wavelength_nm
     );
     out += "     nm  height mm |  ideal mm: A, B - A   |    RI: A, B - A    | distortion %: A, B - A | lateral um: A, B - A | window um: A, B |  light: A, B   | PSF L1\n";
     for p in pairs {
