@@ -312,7 +312,7 @@ fn identity(
 }
 
 /// Raised whenever the program gives other pixel values for the same job.
-const NUMERIC_VERSION: u32 = 1;
+const NUMERIC_VERSION: u32 = 2;
 
 fn notes(args: &RunArgs, chart: &Chart, lens: &Source, plans: &[BandPlan]) -> Result<Vec<String>> {
     let mut notes = lens.notes().to_vec();

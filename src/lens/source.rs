@@ -16,7 +16,7 @@ use crate::trace::attributes;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{BandPlan, Options};
-use pipeline::design::trace::{LensTrace, TraceOptions, with_threads};
+use pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions, with_threads};
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
@@ -209,15 +209,14 @@ impl Bands<'_> {
         let least = if self.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
         let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM).max(least);
         loop {
-            let mut wanted = TraceOptions::new(vec![nm], reach_mm);
-            wanted.film_pitch_um = frame.pitch_um.min(COARSEST_UM);
+            let mut wanted = self::wanted(nm, reach_mm, frame, options);
             let (recipe, pack) = match self.band(&wanted) {
                 Err(e) if options.reading.outside == Outside::Clamp => {
                     // As far as the lens goes; the film goes on with the last values.
                     let Some(DesignError::Height { reached_mm, .. }) = e.downcast_ref() else {
                         return Err(e);
                     };
-                    wanted.max_height_mm = 0.99 * reached_mm;
+                    wanted = self::wanted(nm, 0.99 * reached_mm, frame, options);
                     self.band(&wanted)?
                 }
                 made => made?,
@@ -255,6 +254,18 @@ impl Bands<'_> {
         let pack = self.cache.keep(&recipe, &lens, &words, &band)?;
         Ok((recipe, pack))
     }
+}
+
+/// What to trace for a job: without its PSF stage two small windows stand for all.
+fn wanted(nm: f64, reach_mm: f64, frame: &Frame, options: &Options) -> TraceOptions {
+    let mut wanted = TraceOptions::new(vec![nm], reach_mm);
+    wanted.film_pitch_um = frame.pitch_um.min(COARSEST_UM);
+    if !options.stages.svpsf {
+        wanted.heights = PsfHeights::Given(vec![0.0, reach_mm]);
+        wanted.azimuths = Azimuths::Given(4);
+        wanted.window_px = Some(3);
+    }
+    wanted
 }
 
 #[cfg(test)]
