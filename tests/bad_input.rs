@@ -340,7 +340,7 @@ fn words_that_cannot_be() {
     let place = Place::new();
     place.refused(&["--memory", "1MiB"], USAGE, &["--memory 1MiB", "at least", "--threads"]);
     place.refused(&["--device", "cuda"], USAGE, &["--device cuda", "--device cpu"]);
-    place.refused(&["--bands", "3"], USAGE, &["--bands 3", "beyond", "2"]);
+    place.refused(&["--bands", "3"], USAGE, &["--bands 3", "beyond the last of 3 bands"]);
     place.refused(&["--bands", "1:7"], USAGE, &["--bands 1:7", "3 bands"]);
     place.refused(&["--bands", "red"], USAGE, &["`red`", "band index"]);
     place.refused(&["--bands", "2:1"], USAGE, &["selects no band"]);
