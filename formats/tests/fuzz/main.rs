@@ -7,6 +7,7 @@ mod chart;
 mod importers;
 mod json;
 mod pack;
+mod raster;
 
 use std::path::{Path, PathBuf};
 
