@@ -8,6 +8,7 @@ mod import;
 mod lens;
 mod run;
 mod status;
+mod validate;
 mod values;
 
 pub use bench::BenchArgs;
@@ -18,6 +19,7 @@ pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg}
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
+pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -52,6 +54,8 @@ pub enum Command {
     Verify(VerifyArgs),
     /// Make a picture of a film or a chart
     Export(ExportArgs),
+    /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
+    Validate(Box<ValidateArgs>),
     /// Measure this machine on the paper's film
     Bench(BenchArgs),
 }

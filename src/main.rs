@@ -16,6 +16,7 @@ mod progress;
 mod run;
 mod status;
 mod trace;
+mod validate;
 mod verify;
 
 use args::{Cli, Command};
@@ -32,6 +33,7 @@ fn main() -> ExitCode {
         Command::Lens(args) => lens::command(args).map(|()| 0),
         Command::Export(args) => export::command(args).map(|()| 0),
         Command::Demo(args) => demo::command(args),
+        Command::Validate(args) => validate::command(args),
         Command::Bench(args) => bench::command(args).map(|()| 0),
     };
     match result {
