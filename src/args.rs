@@ -6,6 +6,7 @@ mod demo;
 mod export;
 mod import;
 mod lens;
+mod measure;
 mod run;
 mod status;
 mod validate;
@@ -17,6 +18,7 @@ pub use demo::DemoArgs;
 pub use export::ExportArgs;
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
+pub use measure::MeasureArgs;
 pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
@@ -56,6 +58,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
     Validate(Box<ValidateArgs>),
+    /// Measure edges, points and profiles of a film
+    Measure(Box<MeasureArgs>),
     /// Measure this machine on the paper's film
     Bench(BenchArgs),
 }

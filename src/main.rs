@@ -10,6 +10,7 @@ mod failure;
 mod import;
 mod job;
 mod lens;
+mod measure;
 mod memory;
 mod open;
 mod progress;
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         Command::Export(args) => export::command(args).map(|()| 0),
         Command::Demo(args) => demo::command(args),
         Command::Validate(args) => validate::command(args),
+        Command::Measure(args) => measure::command(args).map(|()| 0),
         Command::Bench(args) => bench::command(args).map(|()| 0),
     };
     match result {

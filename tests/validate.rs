@@ -1,4 +1,4 @@
-//! `validate` from outside: what they write, what they tell, how they end.
+//! `validate` and `measure` from outside: what they write, what they tell, how they end.
 
 mod common;
 
@@ -96,5 +96,58 @@ fn what_cannot_be_validated_is_said_in_one_line() {
         let ran = lenscube(&[&["validate", "--out", text(&out)], flags].concat());
         assert_eq!(ran.code, USAGE, "{}", ran.stderr);
         assert!(ran.stderr.contains(word) && !ran.stderr.contains("panicked"), "{}", ran.stderr);
+    }
+}
+
+#[test]
+fn edges_points_and_profiles_of_a_chart() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    // An edge through the middle of the chart (overscan 67 px), exact pixel means: a box of 1 px, MTF50 at 0.6 cycles/px.
+    let chart = "gen:slanted-edge?size=301&angle_deg=5&overscan=67&wavelengths=500,600";
+    let (csv, all, svg) = (at("edge.csv"), at("edge.json"), at("edge.svg"));
+    lenscube(&[
+        "measure",
+        chart,
+        "--edge",
+        "222,157,212,277",
+        "--band",
+        "600",
+        "--csv",
+        text(&csv),
+        "--json",
+        text(&all),
+        "--svg",
+        text(&svg),
+    ])
+    .ok();
+    let found = json(&all);
+    let figures = &found["bands"][0]["figures"];
+    assert!((figures["normal_deg"].as_f64().unwrap() - 5.0).abs() < 0.02, "{figures}");
+    assert!((figures["mtf50_cy_px"].as_f64().unwrap() - 0.6034).abs() < 0.02, "{figures}");
+    assert!((figures["rise_10_90_px"].as_f64().unwrap() - 0.8).abs() < 0.1, "{figures}");
+    assert_eq!(found["bands"].as_array().unwrap().len(), 1);
+    assert!(fs::read_to_string(&csv).unwrap().lines().count() > 100);
+    assert!(fs::read_to_string(&svg).unwrap().contains("600 nm"));
+
+    let points = "gen:points?size=301&count=3&overscan=10&wavelengths=550";
+    let ran = lenscube(&["measure", points, "--points", "161,159;16.5,17", "--half-px", "8"]).ok();
+    assert!(ran.stdout.contains("160.0000,160.0000; 16.0000,16.0000"), "{}", ran.stdout);
+
+    let ran =
+        lenscube(&["measure", "gen:uniform?size=50&value=3&wavelengths=550", "--profile", "1,2,40,30"]).ok();
+    assert!(ran.stdout.contains("3.000000 to 3.000000"), "{}", ran.stdout);
+
+    for (words, word) in [
+        (["measure", chart, "--edge", "2,157,3,277"], "leaves the image"),
+        (["measure", chart, "--edge", "222,157,222"], "four numbers"),
+        (["measure", points, "--points", "100,100"], "no light near"),
+    ] {
+        let ran = lenscube(&words);
+        assert!(
+            ran.code != 0 && ran.stderr.contains(word) && !ran.stderr.contains("panicked"),
+            "{}",
+            ran.stderr
+        );
     }
 }
