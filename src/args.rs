@@ -6,8 +6,10 @@ mod demo;
 mod export;
 mod import;
 mod lens;
+mod measure;
 mod run;
 mod status;
+mod validate;
 mod values;
 
 pub use bench::BenchArgs;
@@ -16,8 +18,10 @@ pub use demo::DemoArgs;
 pub use export::ExportArgs;
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
+pub use measure::MeasureArgs;
 pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
+pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -52,6 +56,10 @@ pub enum Command {
     Verify(VerifyArgs),
     /// Make a picture of a film or a chart
     Export(ExportArgs),
+    /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
+    Validate(Box<ValidateArgs>),
+    /// Measure edges, points and profiles of a film
+    Measure(Box<MeasureArgs>),
     /// Measure this machine on the paper's film
     Bench(BenchArgs),
 }

@@ -10,12 +10,14 @@ mod failure;
 mod import;
 mod job;
 mod lens;
+mod measure;
 mod memory;
 mod open;
 mod progress;
 mod run;
 mod status;
 mod trace;
+mod validate;
 mod verify;
 
 use args::{Cli, Command};
@@ -32,6 +34,8 @@ fn main() -> ExitCode {
         Command::Lens(args) => lens::command(args).map(|()| 0),
         Command::Export(args) => export::command(args).map(|()| 0),
         Command::Demo(args) => demo::command(args),
+        Command::Validate(args) => validate::command(args),
+        Command::Measure(args) => measure::command(args).map(|()| 0),
         Command::Bench(args) => bench::command(args).map(|()| 0),
     };
     match result {

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 Without a store:  lenscube run 'gen:composite?size=14141' film.zarr"
 )]
 pub struct ChartArgs {
-    /// uniform, points, slanted-edge, siemens, checker or composite
+    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker or composite
     #[arg(value_name = "KIND")]
     pub kind: String,
     /// The store to write
@@ -39,22 +39,22 @@ pub struct ChartArgs {
     /// uniform: the value of every pixel
     #[arg(long, allow_hyphen_values = true)]
     pub value: Option<String>,
-    /// points: blobs per row and column
+    /// points, dot-grid: blobs or dots per row and column
     #[arg(long)]
     pub count: Option<String>,
     /// points: gaussian or disc
     #[arg(long)]
     pub blob: Option<String>,
-    /// points: width of a blob in pixels
+    /// points, dot-grid: width of a blob or dot in pixels
     #[arg(long)]
     pub width_px: Option<String>,
-    /// slanted-edge: angle from the vertical
+    /// slanted-edge, iso12233-esfr: angle from the vertical
     #[arg(long, allow_hyphen_values = true)]
     pub angle_deg: Option<String>,
-    /// slanted-edge: Michelson contrast, 0 to 1
+    /// slanted-edge, iso12233-esfr: light over dark; ISO 12233 asks for 4
     #[arg(long)]
     pub contrast: Option<String>,
-    /// slanted-edge, siemens: places per row and column
+    /// slanted-edge, iso12233-esfr, siemens: places per row and column
     #[arg(long)]
     pub grid: Option<String>,
     /// slanted-edge: places X,Y;X,Y in film pixels

@@ -137,7 +137,7 @@ fn chosen(bands: usize, heavy: usize) -> Vec<usize> {
 }
 
 /// A wavelength's own colour, dark enough to read on white.
-fn ink(nm: f64) -> Rgb {
+pub fn ink(nm: f64) -> Rgb {
     // Beyond what the eye sees well hues stay as at its ends; from 640 nm up, where all are one red, they darken.
     let rgb = colour::xyz_to_linear_srgb(colour::observer(nm.clamp(410.0, 680.0))).map(|v| v.max(0.0));
     let most = rgb.iter().fold(1e-12, |a: f64, &b| a.max(b));

@@ -19,7 +19,7 @@ const MARGIN: (f64, f64, f64, f64) = (136.0, 220.0, 64.0, 76.0);
 /// One curve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
-    /// Its name in the legend; the same name twice is told once.
+    /// Its name in the legend; the same name twice is told once, no name not at all.
     pub name: String,
     /// Its points, x ascending.
     pub points: Vec<(f64, f64)>,
@@ -51,7 +51,7 @@ impl Plot {
     pub fn figure(&self) -> Figure {
         let mut named: Vec<&Curve> = Vec::new();
         for c in &self.curves {
-            if named.iter().all(|n| n.name != c.name) {
+            if !c.name.is_empty() && named.iter().all(|n| n.name != c.name) {
                 named.push(c);
             }
         }
@@ -59,7 +59,7 @@ impl Plot {
         let size = Size::new(600.max(150 + 26 * rows), 960);
         let (left, right, top, bottom) = MARGIN;
         let all = || self.curves.iter().flat_map(|c| &c.points).filter(|p| p.1.is_finite());
-        let most_x = all().map(|p| p.0).fold(0.0, f64::max);
+        let (least_x, most_x) = all().fold((0.0f64, 0.0f64), |(l, m), p| (l.min(p.0), m.max(p.0)));
         let (low, high) = all().fold(self.y_holds, |(l, h), p| (l.min(p.1), h.max(p.1)));
         // A value that the axis holds anyway, such as 0, may lie on the frame; curves get a little air.
         let air = 0.05 * (high - low).max(1e-9);
@@ -69,7 +69,7 @@ impl Plot {
             right: size.width as f64 - right,
             top,
             bottom: size.height as f64 - bottom,
-            x: (0.0, if most_x > 0.0 { most_x } else { 1.0 }),
+            x: (least_x, if most_x > least_x { most_x } else { 1.0 }),
             y: (room(low, self.y_holds.0, -air), room(high, self.y_holds.1, air)),
         };
         let mut marks = vec![text((left, top / 2.0), self.title.clone(), 2, Anchor::Start, false)];
@@ -163,6 +163,27 @@ mod tests {
         };
         assert!((length(&stroke(bent.clone(), 1.0, [0; 3], true)) - 90.0).abs() < 1e-9);
         assert_eq!(length(&stroke(bent, 1.0, [0; 3], false)), 150.0);
+    }
+
+    #[test]
+    fn curves_left_of_the_origin_and_without_a_name() {
+        let curve = |name: &str, points| Curve { name: name.into(), points, colour: [0; 3], dashed: false };
+        let plot = Plot {
+            title: String::new(),
+            x_label: "distance (px)".into(),
+            y_label: "value".into(),
+            y_holds: (0.0, 1.0),
+            curves: vec![curve("", vec![(-20.0, 0.0), (20.0, 1.0)]), curve("film", vec![(0.0, 0.5)])],
+            styles: None,
+        };
+        let figure = plot.figure();
+        let svg = figure.to_svg();
+        assert!(svg.contains(">-20<") && svg.contains(">20<") && svg.contains(">film<"), "{svg}");
+        let left = figure.size.width as f64 - MARGIN.1;
+        let inside = |p: &(f64, f64)| p.0 >= MARGIN.0 - 1e-9 && p.0 <= left + 1e-9;
+        let long = |m: &&Mark| matches!(m, Mark::Line { width: 2.5, points, .. } if points.len() == 2);
+        let Some(Mark::Line { points, .. }) = figure.marks.iter().find(long) else { panic!("no curve") };
+        assert!(points.iter().all(inside), "{points:?}");
     }
 
     #[test]

@@ -61,6 +61,8 @@ impl Generator {
             Kind::SlantedEdge { angle_deg, contrast, sites, patch_px } => {
                 sheet.slanted_edges(*angle_deg, *contrast, sites, *patch_px)?;
             }
+            Kind::Esfr { angle_deg, contrast, grid } => sheet.esfr(*angle_deg, *contrast, *grid)?,
+            Kind::DotGrid { count, width_px } => sheet.dot_grid(*count, *width_px)?,
             Kind::Siemens { spokes, grid } => sheet.siemens(*spokes, *grid),
             Kind::Checker => sheet.checker(),
             Kind::Composite => composite::draw(&mut sheet, spec.pitch_um),
@@ -107,12 +109,12 @@ impl Generator {
         UNITS
     }
 
-    /// Centres (row, column) of all isolated blobs, film pixels: whole numbers, so that each is symmetric in pixels.
+    /// Centres (row, column) of all isolated blobs and dots, film pixels: whole numbers, so that each is symmetric in pixels.
     pub fn points_px(&self) -> &[(f64, f64)] {
         &self.points
     }
 
-    /// The slanted edges of a `slanted-edge` chart.
+    /// The slanted edges of a `slanted-edge` or `iso12233-esfr` chart.
     pub fn edges(&self) -> &[EdgeSite] {
         &self.edges
     }

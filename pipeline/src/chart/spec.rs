@@ -15,10 +15,12 @@ const MOST_ALONG: usize = 128;
 const COMMON_KEYS: [&str; 6] = ["size", "wavelengths", "pitch_um", "overscan", "illuminant", "noise"];
 
 /// Every kind's name, and the keys it knows beside `size`, `wavelengths`, `pitch_um`, `overscan`, `illuminant` and `noise`.
-pub const KINDS: [(&str, &[&str]); 6] = [
+pub const KINDS: [(&str, &[&str]); 8] = [
     ("uniform", &["value"]),
     ("points", &["count", "blob", "width_px"]),
     ("slanted-edge", &["angle_deg", "contrast", "grid", "centers", "patch_px"]),
+    ("iso12233-esfr", &["angle_deg", "contrast", "grid"]),
+    ("dot-grid", &["count", "width_px"]),
     ("siemens", &["spokes", "grid"]),
     ("checker", &[]),
     ("composite", &[]),
@@ -145,6 +147,23 @@ pub enum Kind {
         /// Side of the square that holds an edge; by default 0.6 of their distance, and the whole chart for a lone one.
         patch_px: Option<usize>,
     },
+    /// Slanted squares as on the e-SFR chart of ISO 12233: four edges each, dark on light. Its grey steps and wedges are left
+    /// out.
+    Esfr {
+        /// Turn of the squares.
+        angle_deg: f64,
+        /// Light over dark.
+        contrast: f64,
+        /// Squares along each side.
+        grid: usize,
+    },
+    /// Dark discs on paper, as distortion and lateral colour are measured by (ISO 17850, ISO 19084).
+    DotGrid {
+        /// Discs along each side.
+        count: usize,
+        /// Their diameter in pixels.
+        width_px: f64,
+    },
     /// Siemens stars.
     Siemens {
         /// Dark sectors of a star.
@@ -170,6 +189,8 @@ impl Kind {
             "slanted-edge" => {
                 Self::SlantedEdge { angle_deg: 5.0, contrast: 4.0, sites: Sites::Grid(1), patch_px: None }
             }
+            "iso12233-esfr" => Self::Esfr { angle_deg: 5.0, contrast: 4.0, grid: 5 },
+            "dot-grid" => Self::DotGrid { count: 25, width_px: 20.0 },
             "siemens" => Self::Siemens { spokes: 72, grid: 1 },
             "checker" => Self::Checker,
             "composite" => Self::Composite,
@@ -187,6 +208,8 @@ impl Kind {
             Self::Uniform { .. } => "uniform",
             Self::Points { .. } => "points",
             Self::SlantedEdge { .. } => "slanted-edge",
+            Self::Esfr { .. } => "iso12233-esfr",
+            Self::DotGrid { .. } => "dot-grid",
             Self::Siemens { .. } => "siemens",
             Self::Checker => "checker",
             Self::Composite => "composite",
@@ -244,8 +267,12 @@ impl ChartSpec {
             }
             ("noise", _) => self.noise = number("noise", value)?,
             ("value", Kind::Uniform { value: v }) => *v = number("value", value)?,
-            ("count", Kind::Points { count: n, .. }) => *n = count("count", value)?,
-            ("width_px", Kind::Points { width_px, .. }) => *width_px = number("width_px", value)?,
+            ("count", Kind::Points { count: n, .. } | Kind::DotGrid { count: n, .. }) => {
+                *n = count("count", value)?
+            }
+            ("width_px", Kind::Points { width_px, .. } | Kind::DotGrid { width_px, .. }) => {
+                *width_px = number("width_px", value)?
+            }
             ("blob", Kind::Points { blob, .. }) => {
                 *blob = match value {
                     "gaussian" => Blob::Gaussian,
@@ -253,13 +280,17 @@ impl ChartSpec {
                     _ => return Err(bad("blob", value, "gaussian or disc")),
                 }
             }
-            ("angle_deg", Kind::SlantedEdge { angle_deg, .. }) => *angle_deg = number("angle_deg", value)?,
-            ("contrast", Kind::SlantedEdge { contrast, .. }) => *contrast = number("contrast", value)?,
+            ("angle_deg", Kind::SlantedEdge { angle_deg, .. } | Kind::Esfr { angle_deg, .. }) => {
+                *angle_deg = number("angle_deg", value)?
+            }
+            ("contrast", Kind::SlantedEdge { contrast, .. } | Kind::Esfr { contrast, .. }) => {
+                *contrast = number("contrast", value)?
+            }
             ("grid", Kind::SlantedEdge { sites, .. }) => *sites = Sites::Grid(count("grid", value)?),
             ("centers", Kind::SlantedEdge { sites, .. }) => *sites = Sites::Centres(centres(value)?),
             ("patch_px", Kind::SlantedEdge { patch_px, .. }) => *patch_px = Some(count("patch_px", value)?),
             ("spokes", Kind::Siemens { spokes, .. }) => *spokes = count("spokes", value)?,
-            ("grid", Kind::Siemens { grid, .. }) => *grid = count("grid", value)?,
+            ("grid", Kind::Siemens { grid, .. } | Kind::Esfr { grid, .. }) => *grid = count("grid", value)?,
             _ => {
                 let own = KINDS.iter().find(|k| k.0 == name).map_or(&[][..], |k| k.1);
                 let keys: Vec<_> = COMMON_KEYS.iter().chain(own).copied().collect();
@@ -331,6 +362,15 @@ impl ChartSpec {
                     }
                 }
             }
+            Kind::Esfr { angle_deg, contrast, grid } => {
+                within("angle_deg", *angle_deg, -45.0, 45.0, "-45 to 45 degrees")?;
+                within("contrast", *contrast, 1.0, 1e6, "light over dark, 1 to 1e6")?;
+                along("grid", *grid)
+            }
+            Kind::DotGrid { count, width_px } => {
+                along("count", *count)?;
+                within("width_px", *width_px, 2.2, 1000.0, "2.2 to 1000 px")
+            }
             Kind::Siemens { spokes, grid } => {
                 within("spokes", *spokes as f64, 2.0, 720.0, "2 to 720 dark sectors")?;
                 along("grid", *grid)
@@ -388,6 +428,10 @@ impl std::fmt::Display for ChartSpec {
                 }
                 patch_px.map_or(Ok(()), |p| write!(f, "&patch_px={p}"))
             }
+            Kind::Esfr { angle_deg, contrast, grid } => {
+                write!(f, "&angle_deg={angle_deg}&contrast={contrast}&grid={grid}")
+            }
+            Kind::DotGrid { count, width_px } => write!(f, "&count={count}&width_px={width_px}"),
             Kind::Siemens { spokes, grid } => write!(f, "&spokes={spokes}&grid={grid}"),
             Kind::Checker | Kind::Composite => Ok(()),
         }

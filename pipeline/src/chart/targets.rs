@@ -21,20 +21,7 @@ impl Sheet {
         let black = self.inks.grey(0.0);
         debug_assert_eq!(black, 0);
         let white = self.inks.grey(PAPER);
-        let (rows, columns) = (self.film.height, self.film.width);
-        let lines =
-            |length: usize| spread(length, count, (0.02 * rows.min(columns) as f64).max(2.0 * width_px));
-        let (ys, xs) = (lines(rows), lines(columns));
-        for places in [&ys, &xs] {
-            if let Some(w) = places.windows(2).find(|w| w[1] - w[0] < 2.0 * width_px) {
-                return Err(ChartError::Crowded {
-                    what: "points",
-                    count,
-                    spacing_px: (w[1] - w[0]).max(0.0),
-                    needed_px: 2.0 * width_px,
-                });
-            }
-        }
+        let (ys, xs) = self.lattice("points", count, width_px)?;
         for &row in &ys {
             for &column in &xs {
                 let at = self.at(row, column);
@@ -44,6 +31,78 @@ impl Sheet {
                     Blob::Disc => self.disc(at, width_px / 2.0, white),
                 }
                 self.note_point(at);
+            }
+        }
+        Ok(())
+    }
+
+    /// Dark discs on paper, `count` × `count`, the outermost ones near the film's corners.
+    pub(super) fn dot_grid(&mut self, count: usize, width_px: f64) -> Result<(), ChartError> {
+        self.inks.grey(PAPER);
+        let dark = self.inks.grey(INK);
+        let (ys, xs) = self.lattice("dots", count, width_px)?;
+        for &row in &ys {
+            for &column in &xs {
+                let at = self.at(row, column);
+                self.disc(at, width_px / 2.0, dark);
+                self.note_point(at);
+            }
+        }
+        Ok(())
+    }
+
+    /// Rows and columns of `count` × `count` things `width_px` wide that keep off each other and off the film's border.
+    fn lattice(
+        &self,
+        what: &'static str,
+        count: usize,
+        width_px: f64,
+    ) -> Result<(Vec<f64>, Vec<f64>), ChartError> {
+        let (rows, columns) = (self.film.height, self.film.width);
+        let margin = (0.02 * rows.min(columns) as f64).max(2.0 * width_px);
+        let (ys, xs) = (spread(rows, count, margin), spread(columns, count, margin));
+        for places in [&ys, &xs] {
+            if let Some(w) = places.windows(2).find(|w| w[1] - w[0] < 2.0 * width_px) {
+                let (spacing_px, needed_px) = ((w[1] - w[0]).max(0.0), 2.0 * width_px);
+                return Err(ChartError::Crowded { what, count, spacing_px, needed_px });
+            }
+        }
+        Ok((ys, xs))
+    }
+
+    /// Dark squares on paper, turned by `angle_deg`, in the middle of each of `grid` × `grid` equal parts of the film: half a part
+    /// wide, so that an edge is a quarter of a part away from anything else.
+    pub(super) fn esfr(&mut self, angle_deg: f64, contrast: f64, grid: usize) -> Result<(), ChartError> {
+        self.inks.grey(PAPER);
+        let dark = self.inks.grey(PAPER / contrast);
+        let (height, width, n) = (self.film.height as f64, self.film.width as f64, grid as f64);
+        let spacing_px = height.min(width) / n;
+        // Edges of less than 16 px tell nothing.
+        if spacing_px < 32.0 {
+            return Err(ChartError::Crowded {
+                what: "slanted squares",
+                count: grid,
+                spacing_px,
+                needed_px: 32.0,
+            });
+        }
+        let half = spacing_px / 4.0;
+        for i in 0..grid {
+            for j in 0..grid {
+                let (row, column) = ((i as f64 + 0.5) * height / n - 0.5, (j as f64 + 0.5) * width / n - 0.5);
+                let square = Polygon::turned(self.at(row, column), [half, half], angle_deg.to_radians());
+                self.picture.add(Shape::Polygons(vec![square], None), dark);
+                for turn in [0.0, 90.0, 180.0, -90.0] {
+                    let out_deg = angle_deg + turn;
+                    let side_deg = if out_deg > 180.0 { out_deg - 360.0 } else { out_deg };
+                    let (sin, cos) = side_deg.to_radians().sin_cos();
+                    let centre_px = (row + half * sin, column + half * cos);
+                    let [x, y] = self.at(centre_px.0, centre_px.1);
+                    // Half as wide as the edge is long: the corners stay outside.
+                    let h = half / 2.0;
+                    let patch = self.film_rect([x - h, y - h, x + h, y + h]).intersect(self.film.rect());
+                    self.edges.push(EdgeSite { centre_px, angle_deg: side_deg, patch });
+                }
             }
         }
         Ok(())

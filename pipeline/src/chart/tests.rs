@@ -23,7 +23,7 @@ impl Draw {
     }
 }
 
-const CHARTS: [&str; 10] = [
+const CHARTS: [&str; 12] = [
     "checker?size=97x200&noise=0.2&wavelengths=550",
     "uniform?value=3.5&size=40",
     "points?size=200x301&count=5&overscan=7",
@@ -31,6 +31,8 @@ const CHARTS: [&str; 10] = [
     "slanted-edge?size=101x77&overscan=3",
     "slanted-edge?size=300x200&grid=3&angle_deg=-84",
     "siemens?size=255&grid=2&spokes=36",
+    "iso12233-esfr?size=300x240&grid=3&angle_deg=-7",
+    "dot-grid?size=200x301&count=5&width_px=9.5",
     "checker?size=97x200&illuminant=A",
     "composite?size=700&wavelengths=450,550,650",
     "composite?size=1301x1002&wavelengths=550",
@@ -264,4 +266,41 @@ fn speed() {
         let rate = chart.size().pixels() as f64 / seconds / 1e6;
         println!("{kind:13} {rate:7.0} Mpx/s  {seconds:.2} s  slowest tile {slowest:?}");
     }
+}
+
+#[test]
+fn slanted_squares_are_dark_inside_and_their_edges_are_where_they_say() {
+    let chart = generate("iso12233-esfr?size=600&grid=3&angle_deg=5&contrast=4&wavelengths=550");
+    assert_eq!(chart.edges().len(), 36);
+    let m = chart.overscan_px() as i64;
+    let all = read(&chart, 0, chart.size().rect());
+    let at = |row: f64, column: f64| {
+        all[(row.round() as i64 + m) as usize * chart.size().width + (column.round() as i64 + m) as usize]
+    };
+    for site in chart.edges() {
+        let (sin, cos) = site.angle_deg.to_radians().sin_cos();
+        let (row, column) = site.centre_px;
+        let (dark, light) =
+            (at(row - 6.0 * sin, column - 6.0 * cos), at(row + 6.0 * sin, column + 6.0 * cos));
+        assert!((light / dark - 4.0).abs() < 1e-5, "{site:?}: {dark} {light}");
+        assert!(site.patch.height >= 24 && site.patch.width >= 24, "{site:?}");
+    }
+    assert!("iso12233-esfr?size=100&grid=9".parse::<Generator>().is_err());
+}
+
+#[test]
+fn dots_are_dark_on_paper_and_centred() {
+    let chart = generate("dot-grid?size=400&count=5&width_px=20&wavelengths=550");
+    assert_eq!(chart.points_px().len(), 25);
+    let m = chart.overscan_px() as i64;
+    for &(row, column) in chart.points_px() {
+        let rect = Rect::new(row as i64 + m - 14, column as i64 + m - 14, 29, 29);
+        let pixels = read(&chart, 0, rect);
+        let (paper, ink) = (pixels[0], pixels[14 * 29 + 14]);
+        assert!((f64::from(paper / ink) - 30.0).abs() < 1e-3, "{paper} {ink}");
+        // The light a dot takes away: its area.
+        let taken: f64 = pixels.iter().map(|v| f64::from((paper - v) / (paper - ink))).sum();
+        assert!((taken - std::f64::consts::PI * 100.0).abs() < 1e-2, "{taken}");
+    }
+    assert!("dot-grid?size=100&count=20&width_px=10".parse::<Generator>().is_err());
 }

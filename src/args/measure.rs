@@ -1,0 +1,66 @@
+//! `lenscube measure`.
+
+use super::values::{number, pair};
+use clap::{ArgGroup, Args};
+use std::path::PathBuf;
+
+/// `lenscube measure`
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("what").required(true).args(["edge", "points", "profile"]))]
+#[command(
+    after_help = "Examples:\n  lenscube measure film.zarr --edge 1020,900,1034,1060 --band 550 --svg edge.svg\n  \
+lenscube measure film.zarr//roi_0 --points '100,100;300.5,80'\n  \
+lenscube measure film.zarr --profile 0,512,1023,512 --csv profile.csv\n\
+Places are columns and rows X,Y of the array named, pixel centres at whole numbers."
+)]
+pub struct MeasureArgs {
+    /// A film or chart: PATH, PATH//array or gen:KIND?…
+    #[arg(value_name = "FILM")]
+    pub film: String,
+    /// Edge spread and MTF (e-SFR, ISO 12233) of the edge that runs about between two places; a straight line is fitted
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
+    pub edge: Option<[f64; 4]>,
+    /// Centroids of the light near places
+    #[arg(long, value_name = "X,Y;…", value_parser = places, allow_hyphen_values = true)]
+    pub points: Option<Places>,
+    /// Values along a line, 1 px apart, linear between pixels
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
+    pub profile: Option<[f64; 4]>,
+    /// How far to either side of an edge or a point to look, px
+    #[arg(long, value_name = "PX", default_value_t = 24, value_parser = clap::value_parser!(u32).range(4..=1000))]
+    pub half_px: u32,
+    /// One band, by its wavelength in nm [default: all]
+    #[arg(long, value_name = "NM")]
+    pub band: Option<f64>,
+    /// Wavelengths where the store has none
+    #[arg(long, value_name = "NM")]
+    pub wavelengths: Option<String>,
+    /// Write the curve or the points here as CSV
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write all figures and curves here as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Write a plot of the curves here
+    #[arg(long, value_name = "FILE", conflicts_with = "points")]
+    pub svg: Option<PathBuf>,
+}
+
+/// Places (row, column).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Places(pub Vec<(f64, f64)>);
+
+fn places(text: &str) -> Result<Places, String> {
+    let place = |t: &str| pair(t).map(|(x, y)| (y, x));
+    text.split(';').map(place).collect::<Result<_, _>>().map(Places)
+}
+
+fn four(text: &str) -> Result<[f64; 4], String> {
+    let list: Vec<f64> = text.split(',').map(number).collect::<Result<_, _>>()?;
+    let four: [f64; 4] = list.try_into().map_err(|_| "expected four numbers X0,Y0,X1,Y1")?;
+    let [x0, y0, x1, y1] = four;
+    match (x1 - x0).hypot(y1 - y0) {
+        d if (1.0..=1e6).contains(&d) => Ok(four),
+        d => Err(format!("the two places are {d} px apart, expected 1 to 1e6")),
+    }
+}

@@ -1,0 +1,249 @@
+//! `lenscube measure`: edges, points and profiles of anyone's film, by the estimators that `validate` uses.
+//!
+//! An edge is fitted (ISO 12233: a straight line through the centroids of its rows' line spreads), its pixels sorted by distance
+//! into bins of 1/4 px, between the two places given; its plateaus are what lies beyond 3/4 of the half width looked at.
+
+use crate::args::MeasureArgs;
+use crate::failure::usage;
+use crate::open::Chart;
+use anyhow::{Context, Result};
+use formats::chart::NanPolicy;
+use formats::picture::curve::ink;
+use formats::picture::nearest_band;
+use formats::picture::plot::{Curve, Plot, write_svg};
+use pipeline::geometry::Rect;
+use pipeline::measure::centroid::centroid;
+use pipeline::measure::edge::{EdgeLine, Esf, fit};
+use pipeline::measure::sfr::Mtf;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Share of the half width beyond which an edge is flat.
+const PLATEAU: f64 = 0.75;
+/// Decoded chunks kept.
+const CACHE_BYTES: usize = 256 << 20;
+
+/// What was found in one band.
+struct Found {
+    nm: f64,
+    figures: Value,
+    words: String,
+    curve: Vec<(f64, f64)>,
+    mtf: Vec<(f64, f64)>,
+}
+
+/// Runs the command.
+pub fn command(args: &MeasureArgs) -> Result<()> {
+    let chart = Chart::open(&args.film, args.wavelengths.as_deref(), NanPolicy::Keep, CACHE_BYTES)?;
+    let all_nm = chart.wavelengths_nm()?;
+    let bands = match args.band {
+        Some(nm) => vec![nearest_band(&all_nm, nm)?],
+        None => (0..all_nm.len()).collect(),
+    };
+    let mut found = Vec::new();
+    for band in bands {
+        let nm = all_nm[band];
+        let one =
+            one(args, &chart, band, nm).with_context(|| format!("measuring {} at {nm} nm", args.film))?;
+        println!("{nm} nm: {}", one.words);
+        found.push(one);
+    }
+    let write = |path: &Path, text: String| {
+        std::fs::write(path, text).with_context(|| format!("writing {}", path.display()))
+    };
+    if let Some(path) = &args.csv {
+        write(path, csv(args, &found))?;
+    }
+    if let Some(path) = &args.json {
+        let bands: Vec<Value> = found
+            .iter()
+            .map(|f| json!({ "wavelength_nm": f.nm, "figures": f.figures, "curve": f.curve, "mtf": f.mtf }))
+            .collect();
+        let all = json!({ "film": args.film, "bands": bands });
+        write(path, serde_json::to_string_pretty(&all)? + "\n")?;
+    }
+    if let Some(path) = &args.svg {
+        write_svg(path, &plot(args, &found).figure())?;
+    }
+    Ok(())
+}
+
+fn one(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Found> {
+    let half = args.half_px as usize;
+    if let Some([x0, y0, x1, y1]) = args.edge {
+        return edge(chart, band, nm, ((y0, x0), (y1, x1)), half);
+    }
+    if let Some([x0, y0, x1, y1]) = args.profile {
+        return profile(chart, band, nm, ((y0, x0), (y1, x1)));
+    }
+    let places = args.points.iter().flat_map(|p| &p.0);
+    points(chart, band, nm, places, half)
+}
+
+/// The pixels of a rectangle that must lie in the film.
+fn read(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<Vec<f32>> {
+    let size = chart.size();
+    if !size.rect().contains(rect) {
+        return Err(usage(format!(
+            "{what} needs {rect}, which leaves the image of {size} (rows x columns); take other places or a smaller --half-px"
+        )));
+    }
+    let mut pixels = vec![0f32; rect.size().pixels()];
+    chart.source().read(band, rect, &mut pixels).map_err(anyhow::Error::from_boxed)?;
+    match pixels.iter().position(|v| !v.is_finite()) {
+        None => Ok(pixels),
+        Some(i) => anyhow::bail!(
+            "row {}, column {} is {}: the film is not complete there; finish its run first",
+            rect.y + (i / rect.width) as i64,
+            rect.x + (i % rect.width) as i64,
+            pixels[i]
+        ),
+    }
+}
+
+/// The whole-pixel rectangle around places, `margin` larger on every side.
+fn around(places: [(f64, f64); 2], margin: usize) -> Rect {
+    let [a, b] = places;
+    let (y0, y1) = (a.0.min(b.0).floor() as i64, a.0.max(b.0).ceil() as i64);
+    let (x0, x1) = (a.1.min(b.1).floor() as i64, a.1.max(b.1).ceil() as i64);
+    Rect::new(y0, x0, (y1 - y0 + 1) as usize, (x1 - x0 + 1) as usize).grown(margin)
+}
+
+type Ends = ((f64, f64), (f64, f64));
+
+fn edge(chart: &Chart, band: usize, nm: f64, (a, b): Ends, half: usize) -> Result<Found> {
+    let guess = EdgeLine::through(a, b);
+    let length = (b.0 - a.0).hypot(b.1 - a.1);
+    // Grown across the edge only: beyond its ends other things may stand.
+    let (upright, whole) = (guess.normal_rad.cos().abs() >= guess.normal_rad.sin().abs(), around([a, b], 0));
+    let wide = around([a, b], half + 2);
+    let rect = match upright {
+        true => Rect::new(whole.y, wide.x, whole.height, wide.width),
+        false => Rect::new(wide.y, whole.x, wide.height, whole.width),
+    };
+    let pixels = read(chart, band, rect, "the edge")?;
+    let line = fit(&pixels, rect, guess, half)
+        .context("there is no edge to fit between these places; take places on it, farther apart")?;
+    let (sin, cos) = line.normal_rad.sin_cos();
+    let middle = ((a.0 + b.0) / 2.0, (a.1 + b.1) / 2.0);
+    let distance = |y: i64, x: i64| {
+        let at = (y as f64, x as f64);
+        let along = (at.0 - middle.0) * cos - (at.1 - middle.1) * sin;
+        (along.abs() <= length / 2.0).then(|| line.distance(at))
+    };
+    let reach = half as f64 - 1.0;
+    let esf = Esf::of(&pixels, rect, reach, distance)?.normalised(PLATEAU * reach)?;
+    let mtf = Mtf::of(&esf);
+    let crossing = |level: f64| {
+        let pair = esf.samples.windows(2).find(|w| w[0].value < level && w[1].value >= level)?;
+        let t = (level - pair[0].value) / (pair[1].value - pair[0].value);
+        Some(pair[0].distance_px + t * (pair[1].distance_px - pair[0].distance_px))
+    };
+    let rise = crossing(0.1).zip(crossing(0.9)).map(|(a, b)| b - a);
+    let (angle, mtf50) = (line.normal_rad.to_degrees(), mtf.mtf50_cy_px());
+    let told = |v: Option<f64>| v.map_or("none".into(), |v| format!("{v:.4}"));
+    Ok(Found {
+        nm,
+        words: format!(
+            "edge through row {:.3}, column {:.3}, normal {angle:.3} deg; 10-90 % rise {} px, MTF50 {} cycles/px",
+            line.at_px.0,
+            line.at_px.1,
+            told(rise),
+            told(mtf50)
+        ),
+        figures: json!({
+            "row": line.at_px.0, "column": line.at_px.1, "normal_deg": angle,
+            "rise_10_90_px": rise, "mtf50_cy_px": mtf50,
+        }),
+        curve: esf.samples.iter().map(|s| (s.distance_px, s.value)).collect(),
+        mtf: mtf.frequency_cy_px.iter().copied().zip(mtf.modulation.iter().copied()).collect(),
+    })
+}
+
+fn points<'a>(
+    chart: &Chart,
+    band: usize,
+    nm: f64,
+    places: impl Iterator<Item = &'a (f64, f64)>,
+    half: usize,
+) -> Result<Found> {
+    let mut all = Vec::new();
+    for &(row, col) in places {
+        let rect = around([(row.round(), col.round()); 2], half);
+        let pixels = read(chart, band, rect, "a point")?;
+        let at = centroid(&pixels, rect, (row, col), half);
+        all.push(at.with_context(|| format!("there is no light near {col},{row}"))?);
+    }
+    let words: Vec<String> = all.iter().map(|(y, x)| format!("{x:.4},{y:.4}")).collect();
+    let figures: Vec<Value> = all.iter().map(|(y, x)| json!({ "row": y, "column": x })).collect();
+    let curve = all.iter().map(|(y, x)| (*x, *y)).collect();
+    Ok(Found { nm, figures: json!(figures), words: words.join("; "), curve, mtf: Vec::new() })
+}
+
+fn profile(chart: &Chart, band: usize, nm: f64, (a, b): Ends) -> Result<Found> {
+    let rect = around([a, b], 0);
+    let pixels = read(chart, band, rect, "the profile")?;
+    let length = (b.0 - a.0).hypot(b.1 - a.1);
+    let value = |(y, x): (f64, f64)| {
+        let (y, x) = (y - rect.y as f64, x - rect.x as f64);
+        let (i, j) = (y.floor() as usize, x.floor() as usize);
+        let at = |i: usize, j: usize| {
+            f64::from(pixels[i.min(rect.height - 1) * rect.width + j.min(rect.width - 1)])
+        };
+        let (fy, fx) = (y - y.floor(), x - x.floor());
+        (1.0 - fy) * ((1.0 - fx) * at(i, j) + fx * at(i, j + 1))
+            + fy * ((1.0 - fx) * at(i + 1, j) + fx * at(i + 1, j + 1))
+    };
+    let steps = length.floor() as usize;
+    let curve: Vec<(f64, f64)> = (0..=steps)
+        .map(|i| {
+            let t = i as f64 / length;
+            (i as f64, value((a.0 + t * (b.0 - a.0), a.1 + t * (b.1 - a.1))))
+        })
+        .collect();
+    let (low, high) = curve.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p.1), h.max(p.1)));
+    let mean = curve.iter().map(|p| p.1).sum::<f64>() / curve.len() as f64;
+    Ok(Found {
+        nm,
+        words: format!("{} values, {low:.6} to {high:.6}, mean {mean:.6}", curve.len()),
+        figures: json!({ "least": low, "most": high, "mean": mean }),
+        curve,
+        mtf: Vec::new(),
+    })
+}
+
+fn csv(args: &MeasureArgs, found: &[Found]) -> String {
+    let columns = match (args.edge.is_some(), args.points.is_some()) {
+        (true, _) => "distance_px,edge_spread",
+        (_, true) => "column,row",
+        _ => "distance_px,value",
+    };
+    let mut text = format!("wavelength_nm,{columns}\n");
+    for f in found {
+        for (x, y) in &f.curve {
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "{},{x:.6},{y:.8}", f.nm);
+        }
+    }
+    text
+}
+
+fn plot(args: &MeasureArgs, found: &[Found]) -> Plot {
+    let every = found.len().div_ceil(8).max(1);
+    let curve = |(i, f): (usize, &Found)| Curve {
+        name: if i.is_multiple_of(every) { format!("{} nm", f.nm) } else { String::new() },
+        points: f.curve.clone(),
+        colour: ink(f.nm),
+        dashed: false,
+    };
+    let edge = args.edge.is_some();
+    Plot {
+        title: if edge { "Edge spread function" } else { "Profile" }.into(),
+        x_label: if edge { "distance from the edge (px)" } else { "distance along the line (px)" }.into(),
+        y_label: if edge { "edge spread" } else { "value" }.into(),
+        y_holds: if edge { (0.0, 1.0) } else { (0.0, 0.0) },
+        curves: found.iter().enumerate().map(curve).collect(),
+        styles: None,
+    }
+}

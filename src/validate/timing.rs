@@ -1,0 +1,38 @@
+//! Times of a recorded run, as the paper's Table 2 tells its own.
+
+use anyhow::{Context, Result};
+use formats::film::FilmStore;
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// The newest complete run of `film`; `null` without one.
+pub fn of(film: Option<&Path>) -> Result<Value> {
+    let Some(path) = film else { return Ok(Value::Null) };
+    let store = FilmStore::open(path, false).with_context(|| format!("--timing {}", path.display()))?;
+    let spec = store.spec();
+    let whole: u64 = spec.outputs.iter().map(|o| o.rect.size().pixels() as u64).sum::<u64>()
+        * spec.wavelengths_nm.len() as u64;
+    // A run that only finished another's film says nothing of the whole.
+    let full = |r: &Map<String, Value>| {
+        r.get("outcome").and_then(Value::as_str) == Some("complete")
+            && r.get("pixels").and_then(Value::as_u64).is_some_and(|p| p >= whole)
+    };
+    let Some(run) = store.runs()?.into_iter().rfind(full) else { return Ok(Value::Null) };
+    let windows = store.provenance().get("bands").and_then(Value::as_array).cloned().unwrap_or_default();
+    let windows: Vec<u64> = windows.iter().filter_map(|b| b["psf_window_px"].as_u64()).collect();
+    let core = |stages: &[&str]| stages.iter().filter_map(|s| run["core_s"][*s].as_f64()).sum::<f64>();
+    let wall_s = run["wall_s"].as_f64().unwrap_or(f64::NAN);
+    Ok(json!({
+        "film_px": [spec.film.height, spec.film.width],
+        "bands": spec.wavelengths_nm.len(),
+        "psf_window_px": { "least": windows.iter().min(), "most": windows.iter().max() },
+        "ri_distortion_core_s": core(&["scene"]),
+        "svpsf_core_s": core(&["svpsf", "add", "prepare"]),
+        "io_core_s": core(&["read", "encode", "write"]),
+        "wall_s": wall_s,
+        "mpx_per_s": whole as f64 * 1e-6 / wall_s,
+        "peak_resident_bytes": run.get("peak_resident_bytes"),
+        "threads": run.get("threads"),
+        "device": format!("cpu, {}", run.get("simd").and_then(Value::as_str).unwrap_or("?")),
+    }))
+}
