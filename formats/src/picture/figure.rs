@@ -122,16 +122,21 @@ impl Figure {
              viewBox=\"0 0 {width} {height}\" font-family=\"DejaVu Sans, Helvetica, Arial, sans-serif\">\n\
              <rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n"
         );
-        for mark in &self.marks {
+        let mut marks = self.marks.iter().peekable();
+        while let Some(mark) = marks.next() {
             // Writing to a String cannot fail.
             let _ = match mark {
                 Mark::Line { points, width, colour } => {
-                    let points: Vec<_> = points.iter().map(|(x, y)| format!("{x:.2},{y:.2}")).collect();
+                    // Lines alike that follow each other, as dashes do, are one path.
+                    let mut path = path(points);
+                    let alike = |m: &&Mark| matches!(m, Mark::Line { width: w, colour: c, .. } if w == width && c == colour);
+                    while let Some(Mark::Line { points, .. }) = marks.next_if(alike) {
+                        path.push_str(&self::path(points));
+                    }
+                    let stroke = hex(*colour);
                     writeln!(
                         svg,
-                        "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{width}\" stroke-linejoin=\"round\"/>",
-                        points.join(" "),
-                        hex(*colour)
+                        "<path d=\"{path}\" fill=\"none\" stroke=\"{stroke}\" stroke-width=\"{width}\" stroke-linejoin=\"round\"/>",
                     )
                 }
                 Mark::Area { points, colour } => {
@@ -171,6 +176,23 @@ impl Figure {
         }
         svg + "</svg>\n"
     }
+}
+
+/// A line in SVG's words, to a tenth of a pixel.
+fn path(points: &[(f64, f64)]) -> String {
+    let place = |(i, (x, y)): (usize, &(f64, f64))| {
+        format!(
+            "{}{x:.1} {y:.1}",
+            if i == 0 {
+                "M"
+            } else if i == 1 {
+                "L"
+            } else {
+                " "
+            }
+        )
+    };
+    points.iter().enumerate().map(place).collect()
 }
 
 fn hex([r, g, b]: Rgb) -> String {

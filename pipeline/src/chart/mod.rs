@@ -119,7 +119,8 @@ impl Generator {
         &self.edges
     }
 
-    /// The 24 ColorChecker patches in film pixels, row by row; empty where a chart has none.
+    /// The 24 ColorChecker patches, or the grey steps of an `iso12233-esfr` chart from dark to light, in film pixels, row by row;
+    /// empty where a chart has none.
     pub fn patches_px(&self) -> &[Rect] {
         &self.patches
     }

@@ -147,8 +147,8 @@ pub enum Kind {
         /// Side of the square that holds an edge; by default 0.6 of their distance, and the whole chart for a lone one.
         patch_px: Option<usize>,
     },
-    /// Slanted squares as on the e-SFR chart of ISO 12233: four edges each, dark on light. Its grey steps and wedges are left
-    /// out.
+    /// Slanted squares as on the e-SFR chart of ISO 12233: four edges each, dark on light, and a row of 20 grey steps
+    /// above them. Its resolution wedges are left out.
     Esfr {
         /// Turn of the squares.
         angle_deg: f64,

@@ -7,6 +7,8 @@ use super::spec::{Blob, ChartError, Sites};
 
 /// Reflectance of white paper: what good matt paper has, with room above it for nothing.
 pub(super) const PAPER: f64 = 0.90;
+/// Steps of an OECF wedge, as ISO 14524 counts them.
+const GREY_STEPS: usize = 20;
 /// Reflectance of black ink.
 pub(super) const INK: f64 = 0.03;
 
@@ -105,7 +107,23 @@ impl Sheet {
                 }
             }
         }
+        self.grey_steps(spacing_px);
         Ok(())
+    }
+
+    /// A row of steps from ink to paper, equal in density, in the clear strip above the first squares: a quarter of a part of
+    /// `spacing_px` high. The film's response is read off them (OECF, ISO 14524).
+    fn grey_steps(&mut self, spacing_px: f64) {
+        let [x0, y0] = self.at(-0.5, -0.5);
+        let (step, top) = (self.film.width as f64 / GREY_STEPS as f64, y0 + 0.02 * spacing_px);
+        for i in 0..GREY_STEPS {
+            let share = i as f64 / (GREY_STEPS - 1) as f64;
+            let grey = self.inks.grey(INK * (PAPER / INK).powf(share));
+            let left = x0 + i as f64 * step;
+            let place = [left, top, left + step, top + 0.1 * spacing_px];
+            self.block(place, grey);
+            self.patches.push(self.film_rect(place));
+        }
     }
 
     /// Dark half-planes, each clipped to its patch; a lone edge without a patch size crosses the whole chart.

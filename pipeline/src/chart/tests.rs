@@ -285,6 +285,15 @@ fn slanted_squares_are_dark_inside_and_their_edges_are_where_they_say() {
         assert!((light / dark - 4.0).abs() < 1e-5, "{site:?}: {dark} {light}");
         assert!(site.patch.height >= 24 && site.patch.width >= 24, "{site:?}");
     }
+    let steps = chart.patches_px();
+    assert_eq!(steps.len(), 20);
+    let greys: Vec<f32> = steps
+        .iter()
+        .map(|p| at(p.y as f64 + p.height as f64 / 2.0, p.x as f64 + p.width as f64 / 2.0))
+        .collect();
+    let ratio = (0.90f32 / 0.03).powf(1.0 / 19.0);
+    assert!(greys.windows(2).all(|g| (g[1] / g[0] / ratio - 1.0).abs() < 1e-4), "{greys:?}");
+    assert!(steps.iter().all(|p| p.bottom() < 45), "the steps reach into the squares' strip");
     assert!("iso12233-esfr?size=100&grid=9".parse::<Generator>().is_err());
 }
 
