@@ -125,7 +125,7 @@ fn charts_that_are_none() {
         assert!(!place.film.exists());
     };
     let at = |name: &str| place.dir.path().join(name);
-    is(&at("nowhere.zarr"), &["nowhere.zarr", "no such directory"]);
+    is(&at("nowhere.zarr"), &["nowhere.zarr", "nothing there"]);
     fs::create_dir(at("empty")).unwrap();
     is(&at("empty"), &["empty", "without Zarr metadata", "Zarr v2 or v3"]);
     fs::write(at("file.tif"), "II*").unwrap();

@@ -11,7 +11,9 @@ use crate::durable::DurableError;
 #[non_exhaustive]
 pub enum ChartError {
     /// Nothing there.
-    #[error("opening chart {path}: no such directory; give PATH or PATH//array of a Zarr store")]
+    #[error(
+        "opening chart {path}: nothing there; give a Zarr store (PATH or PATH//array), a .npy file or an ENVI header (.hdr)"
+    )]
     NotFound {
         /// What was asked for.
         path: PathBuf,
