@@ -49,9 +49,7 @@ impl Bench<'_> {
 
     /// The median over the rounds of what `f` tells.
     fn median(&self, mut f: impl FnMut() -> Result<f64>) -> Result<f64> {
-        let mut all = (0..self.rounds).map(|_| f()).collect::<Result<Vec<f64>>>()?;
-        all.sort_by(f64::total_cmp);
-        Ok((all[(all.len() - 1) / 2] + all[all.len() / 2]) / 2.0)
+        Ok(median((0..self.rounds).map(|_| f()).collect::<Result<_>>()?))
     }
 
     /// Median rate in `amount` per second.
@@ -67,6 +65,11 @@ impl Bench<'_> {
         let found = self.figures.iter().find(|f| f.key == key);
         found.and_then(|f| f.value.as_f64()).expect("measured before")
     }
+}
+
+fn median(mut all: Vec<f64>) -> f64 {
+    all.sort_by(f64::total_cmp);
+    (all[(all.len() - 1) / 2] + all[all.len() / 2]) / 2.0
 }
 
 /// A directory of the bench's own, gone when it ends however it ends.

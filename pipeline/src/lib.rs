@@ -39,3 +39,4 @@ pub mod resample;
 pub mod scene;
 pub mod simd;
 pub mod wavelengths;
+mod words;

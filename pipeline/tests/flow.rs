@@ -12,8 +12,7 @@ use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{ShardId, Window};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::scene::{Reading, Stages};
-use lenscube_pipeline::simd::{Isa, Simd};
-use libtest_mimic::{Arguments, Trial};
+use lenscube_pipeline::simd::Simd;
 use oracle::{Grid, Image, Noise, Tables, errors};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
@@ -383,10 +382,8 @@ fn a_fault_costs_the_shards_that_depend_on_it_and_no_other(simd: Simd) {
     }
 }
 
-type Check = fn(Simd);
-
 fn main() -> ExitCode {
-    let checks: [(&str, Check); 5] = [
+    let checks: [(&str, oracle::Check); 5] = [
         ("the_film_equals_the_model_in_every_band", the_film_equals_the_model_in_every_band),
         ("same_bits_for_threads_memory_shards_and_regions", same_bits_for_threads_memory_shards_and_regions),
         ("light_is_conserved_and_coma_points_outwards", light_is_conserved_and_coma_points_outwards),
@@ -399,16 +396,5 @@ fn main() -> ExitCode {
             a_fault_costs_the_shards_that_depend_on_it_and_no_other,
         ),
     ];
-    let mut trials = Vec::new();
-    for isa in Isa::ALL {
-        for (name, check) in checks {
-            let run = move || {
-                check(Simd::of(isa)?);
-                Ok(())
-            };
-            let trial = Trial::test(format!("{}::{name}", isa.name()), run);
-            trials.push(trial.with_ignored_flag(!isa.is_available()));
-        }
-    }
-    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
+    oracle::on_every_isa(&checks)
 }

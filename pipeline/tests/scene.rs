@@ -9,8 +9,7 @@ use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, PsfSample};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::scene::{Reading, Scene, SceneScratch, Stages};
-use lenscube_pipeline::simd::{Isa, Simd};
-use libtest_mimic::{Arguments, Trial};
+use lenscube_pipeline::simd::Simd;
 use oracle::{Image, Noise, Tables, errors};
 use std::process::ExitCode;
 
@@ -311,10 +310,8 @@ fn a_wild_lens_is_followed(simd: Simd) {
     }
 }
 
-type Check = fn(Simd);
-
 fn main() -> ExitCode {
-    let checks: [(&str, Check); 7] = [
+    let checks: [(&str, oracle::Check); 7] = [
         ("coordinates_are_those_of_the_exact_map", coordinates_are_those_of_the_exact_map),
         ("scene_equals_the_map", scene_equals_the_map),
         ("a_wild_lens_is_followed", a_wild_lens_is_followed),
@@ -323,16 +320,5 @@ fn main() -> ExitCode {
         ("pixels_do_not_depend_on_the_cut", pixels_do_not_depend_on_the_cut),
         ("a_film_beyond_the_tables_is_refused_or_clamped", a_film_beyond_the_tables_is_refused_or_clamped),
     ];
-    let mut trials = Vec::new();
-    for isa in Isa::ALL {
-        for (name, check) in checks {
-            let run = move || {
-                check(Simd::of(isa)?);
-                Ok(())
-            };
-            let trial = Trial::test(format!("{}::{name}", isa.name()), run);
-            trials.push(trial.with_ignored_flag(!isa.is_available()));
-        }
-    }
-    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
+    oracle::on_every_isa(&checks)
 }

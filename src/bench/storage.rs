@@ -1,6 +1,6 @@
 //! Codecs on one core, and the disk.
 
-use super::{Bench, FILM_MM};
+use super::{Bench, FILM_MM, median};
 use crate::job::codec;
 use anyhow::{Context, Result};
 use formats::chart::{ChartMeta, ChartOptions, ChartStore, NanPolicy, write_chart};
@@ -111,10 +111,6 @@ fn disk(bench: &mut Bench<'_>) -> Result<()> {
         reads.push(megabytes / start.elapsed().as_secs_f64());
         std::fs::remove_dir_all(&root)?;
     }
-    let median = |mut all: Vec<f64>| {
-        all.sort_by(f64::total_cmp);
-        (all[(all.len() - 1) / 2] + all[all.len() / 2]) / 2.0
-    };
     bench.number(
         "disk_write_mb_s",
         median(writes),

@@ -6,6 +6,7 @@ use super::noise;
 use crate::colour::{FIRST_NM, Illuminant, LAST_NM};
 use crate::geometry::Size;
 use crate::wavelengths::{self, WavelengthError};
+use crate::words::changes;
 
 /// Longest side of a film: beyond any that will be made, and its square still counts exactly.
 const LONGEST_SIDE: usize = 1_000_000;
@@ -476,20 +477,4 @@ fn bad(key: &'static str, value: &str, wanted: &str) -> ChartError {
 /// The word that takes the fewest changes to become.
 fn nearest(word: &str, words: &[&'static str]) -> &'static str {
     words.iter().min_by_key(|w| changes(word, w)).copied().unwrap_or_default()
-}
-
-/// Levenshtein's distance, by rows; a word longer than any setting is cut.
-fn changes(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().take(64).enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }

@@ -7,6 +7,7 @@
 //! Built in: Schott's Sellmeier table (`data/SOURCES.md`). Left out: temperature, pressure, absorption, birefringence.
 
 use super::error::DesignError;
+use crate::words::changes;
 
 /// A dispersion formula with its coefficients, λ in µm.
 #[derive(Clone, Debug, PartialEq)]
@@ -163,22 +164,7 @@ fn distance(a: &str, b: &str) -> usize {
     let plain = |s: &str| s.strip_prefix("N-").map_or(s.to_owned(), str::to_owned);
     let (p, q) = (plain(a), plain(b));
     let successor = usize::from(a.starts_with("N-") != b.starts_with("N-"));
-    levenshtein(a, b).min(levenshtein(&p, &q) + successor)
-}
-
-fn levenshtein(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().take(40).collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().take(40).enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let change = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = change.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
+    changes(a, b).min(changes(&p, &q) + successor)
 }
 
 #[cfg(test)]

@@ -4,7 +4,10 @@
 
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
+use lenscube_pipeline::simd::{Isa, Simd};
+use libtest_mimic::{Arguments, Trial};
 use std::f64::consts::TAU;
+use std::process::ExitCode;
 
 /// f64 image.
 #[derive(Clone, Debug)]
@@ -256,4 +259,23 @@ pub fn errors(got: &[f32], want: &[f64]) -> (f64, f64) {
         w2 += w * w;
     }
     (worst / peak, (d2 / w2).sqrt())
+}
+
+/// A test of one instruction set.
+pub type Check = fn(Simd);
+
+/// Runs every check on every instruction set, those that the machine lacks being ignored.
+pub fn on_every_isa(checks: &[(&'static str, Check)]) -> ExitCode {
+    let mut trials = Vec::new();
+    for isa in Isa::ALL {
+        for &(name, check) in checks {
+            let run = move || {
+                check(Simd::of(isa)?);
+                Ok(())
+            };
+            let trial = Trial::test(format!("{}::{name}", isa.name()), run);
+            trials.push(trial.with_ignored_flag(!isa.is_available()));
+        }
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }
