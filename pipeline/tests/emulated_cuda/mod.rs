@@ -14,7 +14,7 @@ use std::fs;
 use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Output};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
 /// In a child's environment: the case that it runs.
 const CHILD: &str = "LENSCUBE_TEST_CASE";
@@ -171,6 +171,9 @@ pub fn library(build: Build) -> Result<PathBuf, String> {
     if build.sanitized {
         flags.extend(SANITIZED.split(' ').map(str::to_owned));
     }
+    // Once, not by every thread of the tests at a time.
+    static BUILDING: Mutex<()> = Mutex::new(());
+    let _building = BUILDING.lock().map_err(|e| e.to_string())?;
     let place = Path::new(env!("CARGO_TARGET_TMPDIR")).join("emulated-cuda");
     fs::create_dir_all(&place).map_err(|e| format!("{}: {e}", place.display()))?;
     let headers = texts(&sources(), &["h"])?;
