@@ -65,7 +65,9 @@ pub fn command(args: &RunArgs) -> Result<u8> {
         return Ok(0);
     }
     let lock = store.lock(WHOLE, args.take_over)?;
-    interrupt::release_on_exit(lock.path());
+    if let Some(lock) = &lock {
+        interrupt::release_on_exit(lock.path());
+    }
     if args.no_fsync {
         say("--no-fsync: a power cut may cost shards that were reported as written");
     }

@@ -12,6 +12,7 @@ mod error;
 mod fault;
 mod lock;
 mod maker;
+mod store;
 mod sweep;
 mod zarr;
 
@@ -19,6 +20,7 @@ pub(crate) use error::system_error;
 pub use error::{DurableError, passes};
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
+pub use store::Store;
 pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
 
 use std::fs::File;
@@ -236,7 +238,18 @@ impl Directory {
     /// # Errors
     /// [`DurableError`] if it cannot be listed.
     pub fn names(&self, key: &str) -> Result<Vec<String>, DurableError> {
-        Ok(zarr::entries(&self.path(key)?)?.into_iter().map(|(name, _)| name).collect())
+        let path = self.path(key)?;
+        let failed = |e| DurableError::io("list", &path, 0, e);
+        let listing = match std::fs::read_dir(&path) {
+            Err(e) if absent(&e) => return Ok(Vec::new()),
+            other => other.map_err(failed)?,
+        };
+        let mut names = Vec::new();
+        for entry in listing {
+            names.extend(entry.map_err(failed)?.file_name().into_string().ok().filter(|n| !is_temp_name(n)));
+        }
+        names.sort();
+        Ok(names)
     }
 
     /// Removes `key`, durably; a key that is not there is fine.

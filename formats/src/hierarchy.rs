@@ -9,9 +9,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use crate::durable::{
-    Directory, DurableError, create_directories, parent_of, publish, sweep_entries, temp_name,
-};
+use crate::durable::{DurableError, Store, create_directories, parent_of, publish, sweep_entries, temp_name};
 
 fn bytes_and_crc() -> Value {
     json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}])
@@ -61,7 +59,7 @@ fn crc32c(bytes: &[u8]) -> u32 {
 /// A group that is being made. Dropped before [`NewGroup::publish`], it leaves nothing.
 #[derive(Debug)]
 pub(crate) struct NewGroup {
-    pub(crate) directory: Directory,
+    pub(crate) store: Store,
     place: PathBuf,
     fsync: bool,
     arrays: Map<String, Value>,
@@ -76,13 +74,13 @@ impl NewGroup {
         let parent = parent_of(place);
         create_directories(parent, fsync)?;
         sweep_entries(parent)?;
-        let directory = Directory::new(parent.join(temp_name())).with_fsync(fsync);
-        Ok(Some(Self { directory, place: place.into(), fsync, arrays: Map::new() }))
+        let store = Store::at(&parent.join(temp_name()))?.with_fsync(fsync);
+        Ok(Some(Self { store, place: place.into(), fsync, arrays: Map::new() }))
     }
 
     /// Writes an array's metadata.
     pub(crate) fn array(&mut self, name: &str, metadata: Value) -> Result<(), DurableError> {
-        self.directory.write(&format!("{name}/zarr.json"), &pretty(&metadata))?;
+        self.store.write(&format!("{name}/zarr.json"), &pretty(&metadata))?;
         self.arrays.insert(name.into(), metadata);
         Ok(())
     }
@@ -93,7 +91,7 @@ impl NewGroup {
         name: &str,
         (metadata, bytes): (Value, Vec<u8>),
     ) -> Result<(), DurableError> {
-        self.directory.write(&format!("{name}/c/0"), &bytes)?;
+        self.store.write(&format!("{name}/c/0"), &bytes)?;
         self.array(name, metadata)
     }
 
@@ -109,15 +107,15 @@ impl NewGroup {
                 "metadata": std::mem::take(&mut self.arrays)
             }
         });
-        self.directory.write("zarr.json", &pretty(&metadata))?;
-        publish(self.directory.root(), &self.place, self.fsync)
+        self.store.write("zarr.json", &pretty(&metadata))?;
+        publish(self.store.root(), &self.place, self.fsync)
     }
 }
 
 impl Drop for NewGroup {
     fn drop(&mut self) {
         // Published, it is not there any more; otherwise what stays is swept later.
-        let _ = std::fs::remove_dir_all(self.directory.root());
+        let _ = std::fs::remove_dir_all(self.store.root());
     }
 }
 

@@ -5,7 +5,7 @@ use crate::failure::{other_job, usage};
 use crate::job::Job;
 use crate::open::Chart;
 use anyhow::{Result, bail};
-use formats::durable::{Lock, parent_of, sweep_entries};
+use formats::durable::{Lock, Store, parent_of, sweep_entries};
 use formats::film::{FilmError, FilmSpec, FilmStore};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -99,8 +99,9 @@ pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
     for (lock, _, _) in FilmStore::locks(path)? {
         units.extend(lock.file_stem().map(|s| s.to_string_lossy().into_owned()));
     }
-    let take = |unit: &String| Ok(Lock::take(&path.join("runs"), unit, take_over)?);
-    units.iter().map(take).collect()
+    let store = Store::at(path)?;
+    let locks = units.iter().filter_map(|unit| store.lock("runs", unit, take_over).transpose());
+    Ok(locks.collect::<Result<_, _>>()?)
 }
 
 type Difference = (String, String, String);

@@ -10,7 +10,7 @@ use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
-use crate::durable::{DurableError, remove_directory};
+use crate::durable::{DurableError, Store};
 use crate::hierarchy::{NewGroup, array, coordinate};
 use crate::shard::{Codec, SampleType, ShardEncoder, sharding_metadata};
 
@@ -98,13 +98,14 @@ pub enum WriteError {
 /// # Errors
 /// [`WriteError::NotChart`] for anything but a group with an array `chart`; [`WriteError::Storage`].
 pub fn remove_chart(path: &Path) -> Result<(), WriteError> {
-    if path.symlink_metadata().is_err() {
+    let store = Store::at(path)?;
+    if !store.exists()? {
         return Ok(());
     }
-    if !path.join("zarr.json").is_file() || !path.join("chart/zarr.json").is_file() {
+    if store.size_of("zarr.json")?.is_none() || store.size_of("chart/zarr.json")?.is_none() {
         return Err(WriteError::NotChart { path: path.into() });
     }
-    Ok(remove_directory(path)?)
+    Ok(store.remove_all()?)
 }
 
 /// Writes `source` as a chart at `path` on `threads` threads that hold one shard each. `progress` is told shards done
@@ -146,7 +147,7 @@ pub fn write_chart(
             .encode(data, (rect.height, rect.width), (sh / CHUNK, sw / CHUNK))
             .map_err(|e| refused(e.to_string()))?;
         let key = format!("chart/c/{band}/{}/{}", rect.y as usize / sh, rect.x as usize / sw);
-        group.directory.write(&key, &shard)?;
+        group.store.write(&key, &shard)?;
         bytes.fetch_add(shard.len() as u64, Relaxed);
         progress(done.fetch_add(1, Relaxed) + 1, total as u64);
         Ok(())
