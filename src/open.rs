@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use formats::chart::{
     ChartOptions, ChartStore, Interleave, NanPolicy, RasterChart, RasterLayout, sample_named,
 };
+use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
 use pipeline::chart::Generator;
 use pipeline::flow::ChartSource;
@@ -38,6 +39,7 @@ impl Chart {
             return Ok(Self::Drawn(Box::new(generator)));
         }
         if RasterChart::is_one(Path::new(spec)) {
+            on_disk(spec)?;
             return Self::flat(RasterChart::open(Path::new(spec), nan)?, declared);
         }
         let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
@@ -52,6 +54,7 @@ impl Chart {
         wavelengths: Option<&str>,
         nan: NanPolicy,
     ) -> Result<Self> {
+        on_disk(spec)?;
         let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
         let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
         let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
@@ -139,6 +142,14 @@ impl Chart {
             Self::Raster(r) => r.identity(),
             Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
+    }
+}
+
+/// Flat files are mapped into memory.
+fn on_disk(spec: &str) -> Result<()> {
+    match is_url(Path::new(spec)) {
+        true => Err(usage(format!("chart `{spec}`: at a URL only Zarr stores are read; copy the file here"))),
+        false => Ok(()),
     }
 }
 

@@ -13,6 +13,7 @@ use crate::open::Chart;
 use crate::progress::{Bars, say};
 use anyhow::Result;
 use faults::{Failed, Follow};
+use formats::durable::{is_url, parent_of};
 use formats::film::{EncodedShard, FilmStore};
 use formats::lens::LensPackError;
 use pipeline::executor::{BandWork, Work, run};
@@ -165,20 +166,23 @@ fn pixels(work: &Work<'_>) -> Vec<u64> {
 fn rechunk(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
     let open = std::iter::zip(&job.chart_bands, wanted).filter(|(_, wanted)| !wanted.is_empty());
     let bands: Vec<usize> = open.map(|(band, _)| *band).collect();
-    let beside = film.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let temp = std::env::temp_dir();
+    let beside = if is_url(film) { &temp } else { parent_of(film) };
     if let Chart::Raster(raster) = &mut job.chart
         && bands.len() > 1
         && raster.must_be_laid_out()
     {
-        say("the chart's bands interleave: laying them out once in a temporary file beside the film");
+        let place = beside.display();
+        say(format!("the chart's bands interleave: laying them out once in a temporary file in {place}"));
         raster.in_bands(&bands, beside, &|_, _| ())?;
     }
     if let Chart::Store(store) = &job.chart
         && store.rechunk_needed(&bands)
     {
-        say(
-            "the chart's chunks span several bands: re-chunking them once into a temporary file beside the film",
-        );
+        let place = beside.display();
+        say(format!(
+            "the chart's chunks span several bands: re-chunking them once into a temporary file in {place}"
+        ));
         store.rechunk(&bands, beside, job.threads, &|_, _| ())?;
     }
     Ok(())

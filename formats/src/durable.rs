@@ -12,14 +12,16 @@ mod error;
 mod fault;
 mod lock;
 mod maker;
+mod objects;
 mod store;
 mod sweep;
 mod zarr;
 
-pub(crate) use error::system_error;
+pub(crate) use error::store_error;
 pub use error::{DurableError, passes};
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
+pub use objects::{ObjectState, Objects, is_url};
 pub use store::Store;
 pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
 
@@ -300,6 +302,12 @@ fn sync_directory(path: &Path) -> std::io::Result<()> {
 pub fn create_directories(path: &Path, fsync: bool) -> Result<(), DurableError> {
     if path.as_os_str().is_empty() || path.is_dir() {
         return Ok(());
+    }
+    if is_url(path) {
+        return Err(DurableError::Address {
+            path: path.into(),
+            problem: "expected a directory of this machine".into(),
+        });
     }
     let parent = path.parent().unwrap_or(Path::new(""));
     create_directories(parent, fsync)?;

@@ -11,6 +11,7 @@ mod verify;
 
 use std::path::{Path, PathBuf};
 
+use bytes::Bytes;
 use pipeline::geometry::Rect;
 use serde_json::{Map, Value};
 
@@ -40,7 +41,7 @@ pub struct FilmStore {
 #[derive(Debug)]
 pub struct EncodedShard {
     key: String,
-    bytes: Vec<u8>,
+    bytes: Bytes,
 }
 
 impl EncodedShard {
@@ -69,7 +70,12 @@ impl FilmStore {
     ) -> Result<Self, FilmError> {
         spec.check()?;
         let exists = || FilmError::Exists { path: path.into() };
-        let mut group = NewGroup::begin(path, fsync)?.ok_or_else(exists)?;
+        // A film that was not created to its end has no shards.
+        let of = |name: &str| [format!("{name}/zarr.json"), format!("{name}/c/0")];
+        let mut ours: Vec<String> = spec.coordinates().iter().flat_map(|(name, _)| of(name)).collect();
+        ours.extend(spec.outputs.iter().map(|output| format!("{}/zarr.json", output.name)));
+        let mut group =
+            NewGroup::begin(path, fsync, move |key| ours.iter().any(|k| k == key))?.ok_or_else(exists)?;
         for (name, coordinate) in spec.coordinates() {
             group.coordinate(&name, coordinate)?;
         }
@@ -114,6 +120,7 @@ impl FilmStore {
     pub fn with_directory(mut self, change: impl FnOnce(Directory) -> Directory) -> Self {
         self.store = match self.store {
             Store::Directory(directory) => Store::Directory(change(directory)),
+            Store::Objects(_) => unreachable!("tests of a directory"),
         };
         self
     }
@@ -127,8 +134,13 @@ impl FilmStore {
         if !store.exists()? {
             return Ok(());
         }
-        film_attributes(&store)?;
-        Ok(store.remove_all()?)
+        let attributes = film_attributes(&store)?;
+        let film = FilmSpec::from_attributes(path, attributes)
+            .and_then(|(spec, p)| Self::with(store.clone(), spec, p));
+        // One whose layout cannot be read has no shards that anybody could count.
+        let known =
+            film.map_or_else(|_| Vec::new(), |f| f.every_shard().map(|(o, b, s)| f.key(o, b, s)).collect());
+        Ok(store.remove_all(known)?)
     }
 
     /// Where it lies.
@@ -237,7 +249,7 @@ impl FilmStore {
             },
             ShardError::Codec(reason) => FilmError::Codec { reason },
         })?;
-        Ok(EncodedShard { key: self.key(output, band, shard), bytes })
+        Ok(EncodedShard { key: self.key(output, band, shard), bytes: bytes.into() })
     }
 
     /// Writes a shard, durably and all at once; from then on it is present.
@@ -246,7 +258,9 @@ impl FilmStore {
     /// [`FilmError::Storage`]; the shard then is as it was before.
     pub fn commit(&self, shard: &EncodedShard) -> Result<(), FilmError> {
         self.still_there()?;
-        self.store.write(&shard.key, &shard.bytes).map_err(|e| self.still_there().err().unwrap_or(e.into()))
+        self.store
+            .write(&shard.key, shard.bytes.clone())
+            .map_err(|e| self.still_there().err().unwrap_or(e.into()))
     }
 
     /// Writes a file that is no part of the film's arrays, such as `runs/….json`.
@@ -255,14 +269,27 @@ impl FilmStore {
     /// [`FilmError::Storage`].
     pub fn write_beside(&self, key: &str, bytes: &[u8]) -> Result<(), FilmError> {
         self.still_there()?;
-        Ok(self.store.write(key, bytes)?)
+        Ok(self.store.write(key, bytes.to_vec())?)
     }
 
     /// A film that was removed or unmounted meanwhile must not come back as shards without metadata.
     fn still_there(&self) -> Result<(), FilmError> {
-        match self.store.size_of("zarr.json")? {
-            Some(_) => Ok(()),
-            None => {
+        let there = match &self.store {
+            Store::Directory(_) => self.store.size_of("zarr.json")?.is_some(),
+            // Without locks another run may have removed the film and begun its own.
+            Store::Objects(_) => match json(&self.store, "zarr.json")? {
+                Some(group)
+                    if digest(group["attributes"]["provenance"].as_object())
+                        != digest(Some(&self.provenance)) =>
+                {
+                    return Err(FilmError::Replaced { path: self.path().into() });
+                }
+                group => group.is_some(),
+            },
+        };
+        match there {
+            true => Ok(()),
+            false => {
                 Err(DurableError::Vanished { path: self.path().into(), missing: "zarr.json".into() }.into())
             }
         }
@@ -320,6 +347,11 @@ impl FilmStore {
     pub fn remove(&self, output: usize, band: usize, shard: (usize, usize)) -> Result<(), FilmError> {
         Ok(self.store.remove(&self.key(output, band, shard))?)
     }
+}
+
+/// What tells one job's film from another's.
+fn digest(provenance: Option<&Map<String, Value>>) -> Option<&Value> {
+    provenance?.get("job_digest")
 }
 
 fn json(store: &Store, key: &str) -> Result<Option<Value>, FilmError> {

@@ -1,6 +1,7 @@
 //! Which axis is which, and the wavelength of each band.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 
 use serde_json::Value;
 use zarrs::array::{Array, ArraySubset, data_type};
@@ -8,7 +9,7 @@ use zarrs::array::{Array, ArraySubset, data_type};
 use super::ChartError;
 use super::layout::Layout;
 use super::open::{Node, open_array};
-use crate::durable::{DurableError, Store, system_error};
+use crate::durable::{DurableError, Store, store_error};
 use crate::shard::single_threaded;
 
 const SPECTRAL: [&str; 14] = [
@@ -138,17 +139,18 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
             "m" | "meter" | "metre" => 1e9,
             other => return Err(wrong("units nm, um or m", format!("{other:?}"))),
         };
-        let values = numbers(&array).map_err(|(found, system)| match system {
-            Some(e) => DurableError::io("read", &layout.store.root().join(&name), 0, e).into(),
-            None => wrong("a 1-D array of at most 10^6 numbers", found),
-        })?;
+        let values =
+            numbers(&array, &layout.store.root().join(&name)).map_err(|(found, store)| match store {
+                Some(e) => e.into(),
+                None => wrong("a 1-D array of at most 10^6 numbers", found),
+            })?;
         return Ok(Some(values.into_iter().map(|v| v * to_nm).collect()));
     }
     Ok(None)
 }
 
-/// All of a 1-D array, or what is wrong with it; with it, the system's error if that is what kept it from being read.
-fn numbers(array: &Array<Store>) -> Result<Vec<f64>, (String, Option<std::io::Error>)> {
+/// All of a 1-D array, or what is wrong with it; with it, the store's error if that is what kept it from being read.
+fn numbers(array: &Array<Store>, path: &Path) -> Result<Vec<f64>, (String, Option<DurableError>)> {
     const MOST: u64 = 1_000_000;
     let shape = array.shape();
     let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| (e.to_string(), None))?;
@@ -163,7 +165,7 @@ fn numbers(array: &Array<Store>) -> Result<Vec<f64>, (String, Option<std::io::Er
             array
                 .retrieve_array_subset_opt::<Vec<$t>>(&all, &options)
                 .map(|v| v.into_iter().map(|v| v as f64).collect())
-                .map_err(|e| (e.to_string(), system_error(&e)))
+                .map_err(|e| (e.to_string(), store_error("read", path, &e)))
         };
     }
     let t = array.data_type();

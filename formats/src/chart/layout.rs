@@ -215,6 +215,17 @@ impl Layout {
         self.array.chunk_key(self.trim(&indices)).as_str().to_owned()
     }
 
+    /// The keys of all files that the array may have.
+    pub(super) fn keys(&self) -> Vec<String> {
+        let files: [usize; 3] = std::array::from_fn(|k| self.shape[k].div_ceil(self.chunk[k]));
+        let per = self.per_file();
+        let all = (0..files.iter().product()).map(|n: usize| {
+            let file = [n / (files[1] * files[2]), n / files[2] % files[1], n % files[2]];
+            self.key(std::array::from_fn(|k| file[k] * per[k]))
+        });
+        all.collect()
+    }
+
     /// The path of that file.
     pub(super) fn file(&self, p: [usize; 3]) -> PathBuf {
         self.store.root().join(self.key(p))

@@ -12,7 +12,7 @@ use super::cache::Cache;
 use super::coordinates::{self, dimension_names};
 use super::layout::Layout;
 use super::{ChartError, ChartOptions, ChartStore, Counters};
-use crate::durable::{DurableError, Store, system_error};
+use crate::durable::{Store, is_url, store_error};
 
 /// Metadata larger than this is not metadata.
 const LARGEST_METADATA: u64 = 64 << 20;
@@ -69,9 +69,8 @@ pub(super) fn open_array(store: &Arc<Store>, name: &str) -> Result<Array<Store>,
         found,
     };
     let open = || {
-        Array::open(store.clone(), &format!("/{name}")).map_err(|e| match system_error(&e) {
-            Some(e) => DurableError::io("read", &path.join(name), 0, e).into(),
-            None => wrong(e.to_string()),
+        Array::open(store.clone(), &format!("/{name}")).map_err(|e| {
+            store_error("read", &path.join(name), &e).map_or_else(|| wrong(e.to_string()), Into::into)
         })
     };
     catch_unwind(AssertUnwindSafe(open))
@@ -85,6 +84,7 @@ impl ChartStore {
     /// [`ChartError`] if there is no chart, or its metadata says what cannot be read.
     pub fn open(spec: &str, options: ChartOptions) -> Result<Self, ChartError> {
         let (path, array) = match spec.rsplit_once("//") {
+            Some((scheme, _)) if scheme.ends_with(':') && is_url(Path::new(spec)) => (spec, ""),
             // A doubled slash in the path of something that is there is only that.
             Some((path, array)) if !path.is_empty() && !Path::new(spec).exists() => {
                 (path, array.trim_matches('/'))
@@ -123,7 +123,9 @@ type Found = (Arc<Store>, String, Map<String, Value>);
 /// The store's root, the array's name in it, and the attributes of the group around it.
 fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
     let not_zarr = |found: &str| ChartError::NotZarr { path: path.into(), found: found.into() };
+    let store = Arc::new(Store::at(path)?);
     match std::fs::metadata(path) {
+        _ if is_url(path) => {}
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
             return Err(ChartError::NotFound { path: path.into() });
         }
@@ -131,13 +133,16 @@ fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
         Ok(m) if !m.is_dir() => return Err(not_zarr("a file")),
         Ok(_) => {}
     }
-    let store = Arc::new(Store::at(path)?);
     let root = Node::read(&store, "")?;
     if wanted.is_empty() {
-        let root =
-            root.ok_or_else(|| not_zarr("a directory without Zarr metadata (perhaps an unfinished copy)"))?;
+        let Some(root) = root else {
+            return Err(match store.exists()? {
+                true => not_zarr("no Zarr metadata (perhaps an unfinished copy)"),
+                false => ChartError::NotFound { path: path.into() },
+            });
+        };
         if root.is_array {
-            return Ok(around(path).unwrap_or((store, String::new(), Map::new())));
+            return Ok(around(path)?.unwrap_or((store, String::new(), Map::new())));
         }
         for name in ["chart", "film"] {
             if Node::read(&store, name)?.is_some_and(|n| n.is_array) {
@@ -154,12 +159,19 @@ fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
 }
 
 /// An array given by its own directory, in its group if it is in one: there are its coordinates.
-fn around(path: &Path) -> Option<Found> {
-    let path = path.canonicalize().ok()?;
-    let (parent, name) = (path.parent()?, path.file_name()?.to_str()?);
-    let store = Arc::new(Store::at(parent).ok()?);
-    let group = Node::read(&store, "").ok()??;
-    (!group.is_array).then(|| (store, name.to_owned(), group.attributes))
+fn around(path: &Path) -> Result<Option<Found>, ChartError> {
+    let real = if is_url(path) { Some(path.to_path_buf()) } else { path.canonicalize().ok() };
+    let above = real.as_deref().and_then(|p| Some((p.parent()?, p.file_name()?.to_str()?)));
+    let Some((parent, name)) = above.filter(|(parent, _)| is_url(parent) == is_url(path)) else {
+        return Ok(None);
+    };
+    let store = Arc::new(Store::at(parent)?);
+    match Node::read(&store, "") {
+        Ok(Some(group)) if !group.is_array => Ok(Some((store, name.to_owned(), group.attributes))),
+        Err(e) if e.retryable() => Err(e),
+        // What cannot be looked into is no group of this array's.
+        _ => Ok(None),
+    }
 }
 
 fn no_array(store: &Store, wanted: &str) -> ChartError {

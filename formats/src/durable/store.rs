@@ -2,8 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use bytes::Bytes;
+
 use super::{
-    Directory, DurableError, Lock, LockError, Owner, Sweep, locks, remove_directory, sweep, temp_files,
+    Directory, DurableError, Lock, LockError, Objects, Owner, Sweep, is_url, locks, remove_directory, sweep,
+    temp_files,
 };
 
 /// Where a chart, a film or a lens lies. Keys are relative, with `/` (`film/c/0/1/2`).
@@ -11,21 +14,27 @@ use super::{
 pub enum Store {
     /// Files of this machine, or of a network file system.
     Directory(Directory),
+    /// Objects below a URL.
+    Objects(Objects),
 }
 
 impl Store {
-    /// The store at `path`, which need not exist yet.
+    /// The store at `path`, a directory or a URL, which need not exist yet.
     ///
     /// # Errors
-    /// [`DurableError`] if there can be none.
+    /// [`DurableError::Address`] if the URL tells no store.
     pub fn at(path: &Path) -> Result<Self, DurableError> {
-        Ok(Self::Directory(Directory::new(path)))
+        match is_url(path) {
+            true => Ok(Self::Objects(Objects::at(path)?)),
+            false => Ok(Self::Directory(Directory::new(path))),
+        }
     }
 
     /// See [`Directory::with_fsync`].
     pub fn with_fsync(self, fsync: bool) -> Self {
         match self {
             Self::Directory(d) => Self::Directory(d.with_fsync(fsync)),
+            Self::Objects(_) => self,
         }
     }
 
@@ -33,6 +42,7 @@ impl Store {
     pub fn root(&self) -> &Path {
         match self {
             Self::Directory(d) => d.root(),
+            Self::Objects(o) => o.root(),
         }
     }
 
@@ -43,6 +53,7 @@ impl Store {
     pub fn exists(&self) -> Result<bool, DurableError> {
         match self {
             Self::Directory(d) => Ok(d.root().symlink_metadata().is_ok()),
+            Self::Objects(o) => o.exists(),
         }
     }
 
@@ -50,9 +61,10 @@ impl Store {
     ///
     /// # Errors
     /// [`DurableError`]; the key then holds what it held before.
-    pub fn write(&self, key: &str, bytes: &[u8]) -> Result<(), DurableError> {
+    pub fn write(&self, key: &str, bytes: impl Into<Bytes>) -> Result<(), DurableError> {
         match self {
-            Self::Directory(d) => d.write(key, bytes),
+            Self::Directory(d) => d.write(key, &bytes.into()),
+            Self::Objects(o) => o.write(key, bytes.into()),
         }
     }
 
@@ -71,6 +83,7 @@ impl Store {
     pub fn read_at_most(&self, key: &str, limit: u64) -> Result<Option<Vec<u8>>, DurableError> {
         match self {
             Self::Directory(d) => d.read_at_most(key, limit),
+            Self::Objects(o) => o.read_at_most(key, limit),
         }
     }
 
@@ -81,6 +94,7 @@ impl Store {
     pub fn read_range(&self, key: &str, offset: i64, length: u64) -> Result<Option<Vec<u8>>, DurableError> {
         match self {
             Self::Directory(d) => d.read_range(key, offset, length),
+            Self::Objects(o) => o.read_range(key, offset, length),
         }
     }
 
@@ -88,6 +102,7 @@ impl Store {
     pub fn will_read(&self, key: &str, offset: u64, length: u64) {
         match self {
             Self::Directory(d) => d.will_read(key, offset, length),
+            Self::Objects(_) => (),
         }
     }
 
@@ -98,6 +113,7 @@ impl Store {
     pub fn size_of(&self, key: &str) -> Result<Option<u64>, DurableError> {
         match self {
             Self::Directory(d) => d.size_of(key),
+            Self::Objects(o) => o.size_of(key),
         }
     }
 
@@ -108,6 +124,7 @@ impl Store {
     pub fn sizes_of(&self, keys: &[String]) -> Result<Vec<Option<u64>>, DurableError> {
         match self {
             Self::Directory(d) => keys.iter().map(|key| d.size_of(key)).collect(),
+            Self::Objects(o) => Ok(o.states(keys)?.into_iter().map(|state| state.map(|s| s.size)).collect()),
         }
     }
 
@@ -118,6 +135,7 @@ impl Store {
     pub fn names(&self, key: &str) -> Result<Vec<String>, DurableError> {
         match self {
             Self::Directory(d) => d.names(key),
+            Self::Objects(o) => o.names(key),
         }
     }
 
@@ -128,16 +146,18 @@ impl Store {
     pub fn remove(&self, key: &str) -> Result<(), DurableError> {
         match self {
             Self::Directory(d) => d.remove(key),
+            Self::Objects(o) => o.remove(key),
         }
     }
 
-    /// Removes the store with all in it.
+    /// Removes the store with all in it; `known` are keys that a list of objects might not show yet.
     ///
     /// # Errors
     /// [`DurableError`] if it cannot be removed.
-    pub fn remove_all(&self) -> Result<(), DurableError> {
+    pub fn remove_all(&self, known: Vec<String>) -> Result<(), DurableError> {
         match self {
             Self::Directory(d) => remove_directory(d.root()),
+            Self::Objects(o) => o.remove_all(known),
         }
     }
 
@@ -148,6 +168,7 @@ impl Store {
     pub fn sweep(&self) -> Result<Sweep, DurableError> {
         match self {
             Self::Directory(d) => sweep(d.root()),
+            Self::Objects(_) => Ok(Sweep::default()),
         }
     }
 
@@ -158,6 +179,7 @@ impl Store {
     pub fn temp_files(&self) -> Result<Vec<(PathBuf, Option<bool>)>, DurableError> {
         match self {
             Self::Directory(d) => temp_files(d.root()),
+            Self::Objects(_) => Ok(Vec::new()),
         }
     }
 
@@ -168,6 +190,7 @@ impl Store {
     pub fn lock(&self, key: &str, unit: &str, take_over: bool) -> Result<Option<Lock>, LockError> {
         match self {
             Self::Directory(d) => Lock::take(&d.root().join(key), unit, take_over).map(Some),
+            Self::Objects(_) => Ok(None),
         }
     }
 
@@ -179,6 +202,7 @@ impl Store {
     pub fn locks(&self, key: &str) -> Result<Vec<(PathBuf, Option<Box<Owner>>, Option<bool>)>, DurableError> {
         match self {
             Self::Directory(d) => locks(&d.root().join(key)),
+            Self::Objects(_) => Ok(Vec::new()),
         }
     }
 }

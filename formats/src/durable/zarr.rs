@@ -7,13 +7,7 @@ use super::{DurableError, Store};
 
 impl From<DurableError> for StorageError {
     fn from(e: DurableError) -> Self {
-        let kind = match &e {
-            DurableError::StorageFull { source, .. }
-            | DurableError::Permission { source, .. }
-            | DurableError::Io { source, .. } => source.kind(),
-            _ => std::io::ErrorKind::InvalidData,
-        };
-        std::io::Error::new(kind, e).into()
+        std::io::Error::from(e).into()
     }
 }
 
