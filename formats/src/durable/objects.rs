@@ -156,16 +156,16 @@ impl Objects {
     /// # Errors
     /// [`DurableError::Range`] if the object is too short; [`DurableError`] if it cannot be read.
     pub fn read_range(&self, key: &str, offset: i64, length: u64) -> Result<Option<Vec<u8>>, DurableError> {
-        let range = match u64::try_from(offset) {
-            Ok(start) => GetRange::Bounded(start..start.saturating_add(length)),
-            Err(_) => GetRange::Suffix(offset.unsigned_abs()),
+        let (range, asked) = match u64::try_from(offset) {
+            Ok(start) => (GetRange::Bounded(start..start.saturating_add(length)), length),
+            Err(_) => (GetRange::Suffix(offset.unsigned_abs()), offset.unsigned_abs().max(length)),
         };
         let options = GetOptions { range: Some(range), ..GetOptions::default() };
         let (store, location) = (self.store.clone(), self.location(key)?);
         let got = wait(async move { store.get_opts(&location, options).await?.bytes().await });
         match absent(got) {
             Ok(None) => Ok(None),
-            Ok(Some(bytes)) if bytes.len() as u64 >= length => {
+            Ok(Some(bytes)) if bytes.len() as u64 >= asked => {
                 let mut bytes = Vec::from(bytes);
                 bytes.truncate(length as usize);
                 Ok(Some(bytes))
