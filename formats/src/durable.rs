@@ -13,6 +13,7 @@ mod fault;
 mod lock;
 mod maker;
 mod sweep;
+mod whole;
 mod zarr;
 
 pub(crate) use error::system_error;
@@ -20,6 +21,7 @@ pub use error::{DurableError, passes};
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
 pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
+pub use whole::WholeFile;
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
