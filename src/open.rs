@@ -2,6 +2,7 @@
 
 use crate::design;
 use crate::failure::usage;
+use crate::progress::{counting, say};
 use anyhow::{Context, Result};
 use formats::chart::{
     ChartOptions, ChartStore, Interleave, NanPolicy, RasterChart, RasterLayout, sample_named,
@@ -84,6 +85,45 @@ impl Chart {
             Self::Store(s) => s.as_ref(),
             Self::Raster(r) => r.as_ref(),
             Self::Drawn(g) => g.as_ref(),
+        }
+    }
+
+    /// Lays out `bands` one after the other in a temporary file in `directory` where they would otherwise be fetched or decoded
+    /// once per band; says so.
+    pub fn lay_out(&mut self, bands: &[usize], directory: &Path, threads: usize) -> Result<()> {
+        let (bar, progress) = counting("laying the chart's bands out");
+        match self {
+            Self::Raster(raster) if bands.len() > 1 && raster.must_be_laid_out() => {
+                say(
+                    "the chart's bands interleave: laying them out once in a temporary file beside the output",
+                );
+                raster.in_bands(bands, directory, &progress)?;
+            }
+            Self::Store(store) if store.rechunk_needed(bands) => {
+                say(
+                    "the chart's chunks span several bands: re-chunking them once into a temporary file beside the output",
+                );
+                store.rechunk(bands, directory, threads, &progress)?;
+            }
+            _ => (),
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Rows and columns that are decoded at once; one pixel where nothing is.
+    pub fn piece(&self) -> Size {
+        match self {
+            Self::Store(s) => Size::new(s.piece_shape()[1], s.piece_shape()[2]),
+            Self::Raster(_) | Self::Drawn(_) => Size::new(1, 1),
+        }
+    }
+
+    /// Bytes of cache with which strips of `rows` rows, one after the other, decode nothing twice.
+    pub fn cache_for_rows(&self, rows: usize) -> usize {
+        match self {
+            Self::Store(s) => s.cache_for_rows(rows),
+            Self::Raster(_) | Self::Drawn(_) => 0,
         }
     }
 

@@ -2,14 +2,13 @@
 
 mod faults;
 pub mod film;
-mod interrupt;
+pub mod interrupt;
 mod record;
 
 use crate::args::RunArgs;
 use crate::failure::code;
 use crate::job::Job;
 use crate::memory::mib;
-use crate::open::Chart;
 use crate::progress::{Bars, say};
 use anyhow::Result;
 use faults::{Failed, Follow};
@@ -81,7 +80,7 @@ pub fn command(args: &RunArgs) -> Result<u8> {
     if missing < all {
         say(format!("resuming {}: {missing} of {all} shards to make", args.film.display()));
     }
-    rechunk(&mut job, &args.film, &wanted)?;
+    lay_out(&mut job, &args.film, &wanted)?;
     tell(&job);
     let work = Work {
         frame: job.frame,
@@ -162,30 +161,13 @@ fn pixels(work: &Work<'_>) -> Vec<u64> {
     work.bands.iter().map(of).collect()
 }
 
-/// A chart whose chunks span bands is cut into bands once, beside the film, rather than decoded once per band.
-fn rechunk(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
+/// A chart whose bands lie among each other is cut into bands once, beside the film.
+fn lay_out(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
     let open = std::iter::zip(&job.chart_bands, wanted).filter(|(_, wanted)| !wanted.is_empty());
     let bands: Vec<usize> = open.map(|(band, _)| *band).collect();
     let temp = std::env::temp_dir();
     let beside = if is_url(film) { &temp } else { parent_of(film) };
-    if let Chart::Raster(raster) = &mut job.chart
-        && bands.len() > 1
-        && raster.must_be_laid_out()
-    {
-        let place = beside.display();
-        say(format!("the chart's bands interleave: laying them out once in a temporary file in {place}"));
-        raster.in_bands(&bands, beside, &|_, _| ())?;
-    }
-    if let Chart::Store(store) = &job.chart
-        && store.rechunk_needed(&bands)
-    {
-        let place = beside.display();
-        say(format!(
-            "the chart's chunks span several bands: re-chunking them once into a temporary file in {place}"
-        ));
-        store.rechunk(&bands, beside, job.threads, &|_, _| ())?;
-    }
-    Ok(())
+    job.chart.lay_out(&bands, beside, job.threads)
 }
 
 fn tell(job: &Job) {
