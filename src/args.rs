@@ -16,7 +16,7 @@ mod work;
 pub use bench::BenchArgs;
 pub use chart::ChartArgs;
 pub use demo::DemoArgs;
-pub use export::ExportArgs;
+pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use measure::MeasureArgs;
@@ -58,7 +58,7 @@ pub enum Command {
     Status(StatusArgs),
     /// Read all of a film and name what is wrong with it
     Verify(VerifyArgs),
-    /// Make a picture of a film or a chart
+    /// Write a film or a chart as a picture (PNG, TIFF) or as a file for other programs (EXR, TIFF, ENVI, NPY)
     Export(ExportArgs),
     /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
     Validate(Box<ValidateArgs>),

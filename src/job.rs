@@ -146,10 +146,7 @@ impl Job {
                 Window { rect: film.outputs[i].rect, shard: Size::new(height, width) }
             })
             .collect();
-        let chart_rows = |rows: usize| match &chart {
-            Chart::Store(s) => s.cache_for_rows(rows),
-            Chart::Raster(_) | Chart::Drawn(_) => 0,
-        };
+        let chart_rows = |rows: usize| chart.cache_for_rows(rows);
         let needs = Needs {
             plans: &plans,
             windows: &windows,

@@ -34,7 +34,7 @@ fn main() -> ExitCode {
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),
         Command::Lens(args) => lens::command(args).map(|()| 0),
-        Command::Export(args) => export::command(args).map(|()| 0),
+        Command::Export(args) => export::command(args),
         Command::Demo(args) => demo::command(args),
         Command::Validate(args) => validate::command(args),
         Command::Measure(args) => measure::command(args).map(|()| 0),

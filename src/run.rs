@@ -2,7 +2,7 @@
 
 mod faults;
 pub mod film;
-mod interrupt;
+pub mod interrupt;
 mod record;
 mod shards;
 mod shown;
@@ -12,12 +12,11 @@ use crate::args::{ProgressArg, RunArgs, RunCommand};
 use crate::failure::code;
 use crate::job::Job;
 use crate::memory::mib;
-use crate::open::Chart;
 use crate::progress::jsonl::Jsonl;
 use crate::progress::{Bars, say};
 use anyhow::{Context, Result};
 use faults::{Failed, Follow};
-use formats::durable::{Lock, Maker};
+use formats::durable::{Lock, Maker, is_url, parent_of};
 use formats::film::{EncodedShard, FilmStore};
 use formats::lens::LensPackError;
 use pipeline::executor::{BandWork, Work, run};
@@ -124,7 +123,7 @@ impl Task<'_> {
     fn lock(&self) -> Result<Option<Lock>> {
         match self.units {
             Some(units) => units.lock(self.store),
-            None => Ok(Some(self.store.lock(WHOLE, self.args.take_over)?)),
+            None => Ok(self.store.lock(WHOLE, self.args.take_over)?),
         }
     }
 
@@ -176,7 +175,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     if missing < all {
         say(format!("resuming {}: {missing} of {all} shards to make", task.name()));
     }
-    rechunk(&mut job, &args.film, &wanted)?;
+    lay_out(&mut job, &args.film, &wanted)?;
     tell(&job, all);
     let work = Work {
         frame: job.frame,
@@ -232,27 +231,13 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     Ok(0)
 }
 
-/// A chart whose chunks span bands is cut into bands once, beside the film, rather than decoded once per band.
-fn rechunk(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
+/// A chart whose bands lie among each other is cut into bands once, beside the film.
+fn lay_out(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
     let open = std::iter::zip(&job.chart_bands, wanted).filter(|(_, wanted)| !wanted.is_empty());
     let bands: Vec<usize> = open.map(|(band, _)| *band).collect();
-    let beside = film.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if let Chart::Raster(raster) = &mut job.chart
-        && bands.len() > 1
-        && raster.must_be_laid_out()
-    {
-        say("the chart's bands interleave: laying them out once in a temporary file beside the film");
-        raster.in_bands(&bands, beside, &|_, _| ())?;
-    }
-    if let Chart::Store(store) = &job.chart
-        && store.rechunk_needed(&bands)
-    {
-        say(
-            "the chart's chunks span several bands: re-chunking them once into a temporary file beside the film",
-        );
-        store.rechunk(&bands, beside, job.threads, &|_, _| ())?;
-    }
-    Ok(())
+    let temp = std::env::temp_dir();
+    let beside = if is_url(film) { &temp } else { parent_of(film) };
+    job.chart.lay_out(&bands, beside, job.threads)
 }
 
 fn tell(job: &Job, shards: usize) {

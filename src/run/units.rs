@@ -129,7 +129,7 @@ impl Units {
             short => short,
         };
         match store.lock(&format!("units-{}-{listed}", self.name), true) {
-            Ok(lock) => Ok(Some(lock)),
+            Ok(lock) => Ok(lock),
             Err(LockError::Storage(e)) => Err(e.into()),
             Err(other) => {
                 say(format!("note: {other}; working on all the same, both write the same bytes"));
