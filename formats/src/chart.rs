@@ -11,7 +11,9 @@
 mod cache;
 mod coordinates;
 mod error;
+pub mod exr;
 mod identity;
+pub mod image;
 mod layout;
 mod open;
 mod raster;

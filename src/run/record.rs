@@ -69,6 +69,10 @@ pub fn write(
             let (bytes, replaced) = r.stats();
             (Some(bytes), None, 0, replaced)
         }
+        Chart::Exr(e) => {
+            let (bytes, replaced) = e.stats();
+            (Some(bytes), None, 0, replaced)
+        }
         Chart::Drawn(_) => (None, None, 0, 0),
     };
     let peak = peak_resident();
