@@ -145,7 +145,7 @@ pub fn write_preview(
     Ok(shown)
 }
 
-fn luminance(rgb: [f64; 3]) -> f64 {
+pub(super) fn luminance(rgb: [f64; 3]) -> f64 {
     (0..3).map(|c| LUMINANCE[c] * rgb[c]).sum()
 }
 
