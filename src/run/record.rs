@@ -32,6 +32,7 @@ pub fn done(jsonl: Option<&Jsonl>, job: &Job, summary: &Summary) {
     let bytes_read = match &job.chart {
         Chart::Store(s) => Some(s.stats().bytes_read),
         Chart::Raster(r) => Some(r.stats().0),
+        Chart::Exr(e) => Some(e.stats().0),
         Chart::Drawn(_) => None,
     };
     let fields = json!({
