@@ -24,6 +24,7 @@ pub mod buffer;
 pub mod chart;
 pub mod clock;
 pub mod colour;
+pub mod cuda;
 pub mod design;
 pub mod executor;
 pub mod field;
