@@ -15,6 +15,7 @@ use anyhow::Result;
 use faults::{Failed, Follow};
 use formats::film::{EncodedShard, FilmStore};
 use formats::lens::LensPackError;
+use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::{BandWork, Work, run};
 use pipeline::flow::{DoorError, FilmSink};
 use pipeline::geometry::Rect;
@@ -87,6 +88,7 @@ pub fn command(args: &RunArgs) -> Result<u8> {
             .map(|(wanted, (plan, &chart_band))| BandWork { chart_band, tiling: plan.tiling, wanted })
             .collect(),
         threads: job.threads,
+        queues: &job.queues,
         spectra_bytes: job.memory.spectra,
         cancel: interrupt::finish_tiles(),
     };
@@ -184,8 +186,10 @@ fn rechunk(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<(
 
 fn tell(job: &Job) {
     let f = &job.frame;
+    let on: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
+    let on = if on.is_empty() { String::new() } else { format!(" beside {}", on.join(", ")) };
     say(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}, memory {} (chart {}, spectra {})",
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}{on}, memory {} (chart {}, spectra {})",
         job.lens.lens().name,
         job.plans.len(),
         f.film,

@@ -10,6 +10,7 @@
 //! Gauss): light is moved, none is lost.
 
 pub mod blocks;
+pub mod cuda;
 mod engine;
 pub mod grid;
 pub mod kernel;
