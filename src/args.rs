@@ -12,12 +12,13 @@ mod run;
 mod status;
 mod validate;
 mod values;
+mod work;
 
 pub use bench::BenchArgs;
 pub use chart::ChartArgs;
 pub use demo::DemoArgs;
 pub use device::Device;
-pub use export::ExportArgs;
+pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use measure::MeasureArgs;
@@ -25,6 +26,7 @@ pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
+pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use clap::{Parser, Subcommand, ValueEnum};
 
@@ -51,12 +53,14 @@ pub enum Command {
     /// Make, show and compare lenses
     Lens(LensArgs),
     /// Make the film of a chart
-    Run(Box<RunArgs>),
+    Run(Box<RunCommand>),
+    /// Cut a film into units of work for many processes, on one machine or on a cluster
+    Plan(Box<PlanArgs>),
     /// Tell what of a film is done
     Status(StatusArgs),
     /// Read all of a film and name what is wrong with it
     Verify(VerifyArgs),
-    /// Make a picture of a film or a chart
+    /// Write a film or a chart as a picture (PNG, TIFF) or as a file for other programs (EXR, TIFF, ENVI, NPY)
     Export(ExportArgs),
     /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
     Validate(Box<ValidateArgs>),

@@ -78,7 +78,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         }
         let other_film = matches!(
             cause.downcast_ref::<FilmError>(),
-            Some(FilmError::Exists { .. } | FilmError::NotFilm { .. })
+            Some(FilmError::Exists { .. } | FilmError::NotFilm { .. } | FilmError::Replaced { .. })
         );
         let other_chart = matches!(
             cause.downcast_ref::<WriteError>(),

@@ -2,10 +2,12 @@
 
 use crate::design;
 use crate::failure::usage;
+use crate::progress::{counting, say};
 use anyhow::{Context, Result};
 use formats::chart::{
     ChartOptions, ChartStore, Interleave, NanPolicy, RasterChart, RasterLayout, sample_named,
 };
+use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
 use pipeline::chart::Generator;
 use pipeline::flow::ChartSource;
@@ -38,6 +40,7 @@ impl Chart {
             return Ok(Self::Drawn(Box::new(generator)));
         }
         if RasterChart::is_one(Path::new(spec)) {
+            on_disk(spec)?;
             return Self::flat(RasterChart::open(Path::new(spec), nan)?, declared);
         }
         let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
@@ -52,6 +55,7 @@ impl Chart {
         wavelengths: Option<&str>,
         nan: NanPolicy,
     ) -> Result<Self> {
+        on_disk(spec)?;
         let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
         let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
         let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
@@ -81,6 +85,45 @@ impl Chart {
             Self::Store(s) => s.as_ref(),
             Self::Raster(r) => r.as_ref(),
             Self::Drawn(g) => g.as_ref(),
+        }
+    }
+
+    /// Lays out `bands` one after the other in a temporary file in `directory` where they would otherwise be fetched or decoded
+    /// once per band; says so.
+    pub fn lay_out(&mut self, bands: &[usize], directory: &Path, threads: usize) -> Result<()> {
+        let (bar, progress) = counting("laying the chart's bands out");
+        match self {
+            Self::Raster(raster) if bands.len() > 1 && raster.must_be_laid_out() => {
+                say(
+                    "the chart's bands interleave: laying them out once in a temporary file beside the output",
+                );
+                raster.in_bands(bands, directory, &progress)?;
+            }
+            Self::Store(store) if store.rechunk_needed(bands) => {
+                say(
+                    "the chart's chunks span several bands: re-chunking them once into a temporary file beside the output",
+                );
+                store.rechunk(bands, directory, threads, &progress)?;
+            }
+            _ => (),
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Rows and columns that are decoded at once; one pixel where nothing is.
+    pub fn piece(&self) -> Size {
+        match self {
+            Self::Store(s) => Size::new(s.piece_shape()[1], s.piece_shape()[2]),
+            Self::Raster(_) | Self::Drawn(_) => Size::new(1, 1),
+        }
+    }
+
+    /// Bytes of cache with which strips of `rows` rows, one after the other, decode nothing twice.
+    pub fn cache_for_rows(&self, rows: usize) -> usize {
+        match self {
+            Self::Store(s) => s.cache_for_rows(rows),
+            Self::Raster(_) | Self::Drawn(_) => 0,
         }
     }
 
@@ -139,6 +182,14 @@ impl Chart {
             Self::Raster(r) => r.identity(),
             Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
+    }
+}
+
+/// Flat files are mapped into memory.
+fn on_disk(spec: &str) -> Result<()> {
+    match is_url(Path::new(spec)) {
+        true => Err(usage(format!("chart `{spec}`: at a URL only Zarr stores are read; copy the file here"))),
+        false => Ok(()),
     }
 }
 

@@ -31,8 +31,8 @@ use serde_json::{Value, json};
 
 use super::{ChartError, NanPolicy, Sample};
 use crate::durable::{DurableError, free_bytes, temp_name};
+pub use crate::npy::sample as sample_named;
 use mapped::Mapped;
-pub use npy::sample as sample_named;
 
 /// Longest header of an ENVI file.
 const LONGEST_HEADER: u64 = 16 << 20;
@@ -122,7 +122,7 @@ impl RasterChart {
         if is_npy(path) {
             let mut head = Vec::new();
             let file = open(path)?;
-            file.take(npy::LONGEST)
+            file.take(crate::npy::LONGEST)
                 .read_to_end(&mut head)
                 .map_err(|e| DurableError::io("read", path, 0, e))?;
             let layout =

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use serde_json::Value;
 
 use super::{FilmError, FilmStore, json};
-use crate::durable::{DurableError, temp_files};
+use crate::durable::DurableError;
 use crate::shard::Flaw;
 
 /// Something that is not as it must be.
@@ -83,7 +83,7 @@ impl FilmStore {
         found.sort_by_key(|f| f.0);
         let mut findings = self.check_metadata()?;
         findings.extend(found.into_iter().map(|f| f.1));
-        Ok(Verdict { shards: all.len(), bytes, findings, temp: temp_files(self.path())? })
+        Ok(Verdict { shards: all.len(), bytes, findings, temp: self.store.temp_files()? })
     }
 
     /// Reads and decodes one shard: its bytes, and what is wrong with it.
@@ -97,7 +97,7 @@ impl FilmStore {
         let (sh, sw) = self.spec.shard_shape(output);
         // What the encoder may lengthen, and more; a file beyond that is none of ours and is not read.
         let limit = (sh * sw * self.spec.sample.bytes()) as u64 * 2 + (1 << 20);
-        let bytes = match self.directory.read_at_most(&key, limit) {
+        let bytes = match self.store.read_at_most(&key, limit) {
             Ok(Some(bytes)) => bytes,
             Ok(None) => {
                 self.still_there()?;
@@ -136,11 +136,11 @@ impl FilmStore {
         let mut wrong = |key: &str, reason: &str| {
             findings.push(Finding::Metadata { key: key.into(), reason: reason.into() });
         };
-        let group = json(&self.directory, "zarr.json")?.unwrap_or_default();
+        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
         let copies = &group["consolidated_metadata"]["metadata"];
         let mut check = |name: &str, expected: &Value| -> Result<(), FilmError> {
             let key = format!("{name}/zarr.json");
-            if json(&self.directory, &key)?.as_ref() != Some(expected) {
+            if json(&self.store, &key)?.as_ref() != Some(expected) {
                 wrong(&key, "not the metadata of this film's layout");
             }
             if copies.get(name) != Some(expected) {
@@ -157,7 +157,7 @@ impl FilmStore {
         }
         for (name, (_, bytes)) in &coordinates {
             let key = format!("{name}/c/0");
-            if self.directory.read_at_most(&key, bytes.len() as u64).ok().flatten().as_ref() != Some(bytes) {
+            if self.store.read_at_most(&key, bytes.len() as u64).ok().flatten().as_ref() != Some(bytes) {
                 wrong(&key, "not the coordinate of this film");
             }
         }
