@@ -1,5 +1,7 @@
 //! Opening GPUs and what can go wrong, over the emulated driver; and that driver itself: what it runs and what it catches.
 
+#![allow(unsafe_code, reason = "kernels are launched by hand")]
+
 mod emulated_cuda;
 
 use cudarc::driver::{CudaSlice, CudaStream, LaunchConfig, PushKernelArg};
