@@ -191,6 +191,17 @@ impl Job {
     }
 }
 
+impl Job {
+    /// What computes, in a word as `--device` takes it.
+    pub fn device(&self) -> String {
+        let indices = self.queues.iter().map(|q| q.device.index()).collect();
+        match self.queues.is_empty() {
+            true => Device::Cpu.to_string(),
+            false => Device::Cuda(indices).to_string(),
+        }
+    }
+}
+
 /// What each band needs of a GPU; nothing where there is none. The largest rectangle of the chart is taken from tiles spread over
 /// the film; a run looks at all of them.
 fn device_needs(frame: &Frame, options: &Options, plans: &[BandPlan], device: &Choice) -> Vec<BandNeeds> {

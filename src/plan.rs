@@ -27,7 +27,8 @@ const DEAR: f64 = 0.1;
 
 /// Runs the command; the exit code.
 pub fn command(args: &PlanArgs) -> Result<u8> {
-    let mut run = args.job.clone();
+    // A plan is made without the devices that its units will run on.
+    let mut run = RunArgs { device: Device::Cpu, ..args.job.clone() };
     if let Some(path) = &args.lens_pack {
         run.lens = pack::write(&run, path)?;
     }

@@ -131,7 +131,7 @@ impl Task<'_> {
         jsonl.begin(((shards.0 - shards.1) as u64, tiles.0, tiles.1));
         let fields = json!({
             "film": self.store.path(),
-            "device": "cpu",
+            "device": job.device(),
             "threads": job.threads,
             "pid": std::process::id(),
             "host": Maker::here().host,

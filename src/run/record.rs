@@ -1,7 +1,6 @@
 //! What a run did: on the terminal, and in the film's `runs/*.json`, which may differ from run to run.
 
 use super::faults::{Failed, Follow};
-use crate::args::Device;
 use super::units::Units;
 use crate::failure;
 use crate::job::Job;
@@ -99,7 +98,7 @@ pub fn write(
         "bands": job.film_bands,
         "startup_s": follow.startup_s,
         "threads": job.threads,
-        "device": device(job),
+        "device": job.device(),
         "devices": devices(job, summary),
         "simd": job.options.simd.isa().name(),
         "memory_limit_bytes": job.memory.limit,
@@ -121,15 +120,6 @@ pub fn write(
     let name = format!("runs/{seconds}-{}-{}.json", Maker::here().host, std::process::id());
     if let Err(e) = store.write_beside(&name, record.to_string().as_bytes()) {
         say(format!("note: the run's record {name} could not be written: {e}"));
-    }
-}
-
-/// What computes, in a word as `--device` takes it.
-fn device(job: &Job) -> String {
-    let indices = job.queues.iter().map(|q| q.device.index()).collect();
-    match job.queues.is_empty() {
-        true => Device::Cpu.to_string(),
-        false => Device::Cuda(indices).to_string(),
     }
 }
 
