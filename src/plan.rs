@@ -7,7 +7,7 @@ pub mod list;
 mod pack;
 pub mod words;
 
-use crate::args::{PlanArgs, RunArgs};
+use crate::args::{Device, PlanArgs, RunArgs};
 use crate::failure::usage;
 use crate::job::{Job, Part};
 use crate::progress::{print, say};

@@ -193,8 +193,6 @@ impl OnDevice {
         }
         self.scene.launch(stream, &scenes, &slot.chart, &mut slot.scene)?;
         if let (Some(psf), Some(light)) = (&mut self.psf, &mut slot.light) {
-            let rects: Vec<Rect> = tiles.iter().map(|t| t.rect).collect();
-            psf.prepare(&rects, stream)?;
             psf.launch(stream, &lights, &slot.scene, light)?;
         }
         Ok(())
