@@ -15,7 +15,7 @@ mod values;
 mod work;
 
 pub use bench::BenchArgs;
-pub use chart::ChartArgs;
+pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
 pub use demo::DemoArgs;
 pub use device::Device;
 pub use export::{ExportArgs, FileArg, PackingArg};
@@ -48,7 +48,7 @@ pub struct Cli {
 pub enum Command {
     /// Show what a real lens does to a chart: pictures in under a minute
     Demo(DemoArgs),
-    /// Draw a test chart into a Zarr store
+    /// Draw a test chart into a Zarr store, or make one of a picture
     Chart(Box<ChartArgs>),
     /// Make, show and compare lenses
     Lens(LensArgs),

@@ -33,6 +33,7 @@ pub fn done(jsonl: Option<&Jsonl>, job: &Job, summary: &Summary) {
     let bytes_read = match &job.chart {
         Chart::Store(s) => Some(s.stats().bytes_read),
         Chart::Raster(r) => Some(r.stats().0),
+        Chart::Exr(e) => Some(e.stats().0),
         Chart::Drawn(_) => None,
     };
     let fields = json!({
@@ -68,6 +69,10 @@ pub fn write(
         }
         Chart::Raster(r) => {
             let (bytes, replaced) = r.stats();
+            (Some(bytes), None, 0, replaced)
+        }
+        Chart::Exr(e) => {
+            let (bytes, replaced) = e.stats();
             (Some(bytes), None, 0, replaced)
         }
         Chart::Drawn(_) => (None, None, 0, 0),
