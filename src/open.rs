@@ -42,12 +42,12 @@ impl Chart {
             let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
             return Ok(Self::Drawn(Box::new(generator)));
         }
+        if ExrChart::is_one(Path::new(spec)) {
+            return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
+        }
         if RasterChart::is_one(Path::new(spec)) {
             on_disk(spec)?;
             return Self::flat(RasterChart::open(Path::new(spec), nan)?, declared);
-        }
-        if ExrChart::is_one(Path::new(spec)) {
-            return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
         }
         let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
         Ok(Self::Store(Box::new(ChartStore::open(spec, options)?)))
