@@ -11,6 +11,7 @@ mod run;
 mod status;
 mod validate;
 mod values;
+mod work;
 
 pub use bench::BenchArgs;
 pub use chart::ChartArgs;
@@ -23,6 +24,7 @@ pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArg
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
+pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use clap::{Parser, Subcommand, ValueEnum};
 
@@ -49,7 +51,9 @@ pub enum Command {
     /// Make, show and compare lenses
     Lens(LensArgs),
     /// Make the film of a chart
-    Run(Box<RunArgs>),
+    Run(Box<RunCommand>),
+    /// Cut a film into units of work for many processes, on one machine or on a cluster
+    Plan(Box<PlanArgs>),
     /// Tell what of a film is done
     Status(StatusArgs),
     /// Read all of a film and name what is wrong with it

@@ -1,5 +1,7 @@
 //! What a run shows while it goes: bars on a terminal, plain lines elsewhere.
 
+pub mod jsonl;
+
 use indicatif::{ProgressBar, ProgressStyle};
 use pipeline::executor::Summary;
 use pipeline::flow::Progress;

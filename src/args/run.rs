@@ -6,12 +6,8 @@ use clap::{Args, ValueEnum};
 use pipeline::geometry::{Rect, Size};
 use std::path::PathBuf;
 
-/// `lenscube run`
+/// A job: what `lenscube run` makes and `lenscube plan` cuts.
 #[derive(Debug, Args, Clone)]
-#[command(after_help = "Examples:\n  lenscube run chart.zarr film.zarr --lens double-gauss-28\n  \
-lenscube run 'gen:composite?size=14141' film.zarr --memory 1GiB\n  \
-lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n\
-The same command again resumes an interrupted run.")]
 pub struct RunArgs {
     /// PATH or PATH//array of a Zarr store; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
