@@ -23,15 +23,15 @@ def clock(seconds: float) -> str:
 class Display:
     """Counts units, tiles and pixels as their events come (in any thread), and shows them."""
 
-    def __init__(self, tiles: list[int], todo: list[int], log: IO[str] | None = None, out: IO[str] = sys.stderr):
-        self.tiles, self.all, self.log, self.out = tiles, len(tiles), log, out
+    def __init__(self, tiles: list[int], todo: list[int], log: IO[str] | None = None, out: IO[str] | None = None):
+        self.tiles, self.all, self.log, self.out = tiles, len(tiles), log, out or sys.stderr
         self.total = sum(tiles[unit] for unit in todo)
         self.done_units, self.done_tiles, self.pixels = self.all - len(todo), 0, 0
         self.at_work: dict[int, dict] = {}
         self.lock = threading.RLock()
         self.begin: float | None = None
         self.shown = time.monotonic()
-        self.bar = out.isatty()
+        self.bar = self.out.isatty()
 
     def event(self, told: dict) -> None:
         """Something happened on a worker: a unit's start, progress or end."""

@@ -51,7 +51,7 @@ class Units(WorkerPlugin):
                 child.send_signal(signal.SIGTERM)
 
     def tell(self, event: str, unit: int, **more) -> None:
-        told = {"event": event, "unit": unit, "host": socket.gethostname(), "worker": str(self.worker.name), **more}
+        told = {"event": event, "unit": unit, "host": socket.gethostname(), "name": str(self.worker.name), **more}
         self.worker.log_event(self.name, told)
 
     def do(self, unit: int) -> dict:

@@ -71,7 +71,7 @@ def test_a_slurm_job_is_one_worker_with_its_gpu():
     jobqueue = pytest.importorskip("dask_jobqueue")
     words = ["job.json", "--slurm", "3", "--gpu", "--cpus", "16", "--memory", "32GiB", "--partition", "main", "--directive=--qos=low"]
     options = clusters.slurm_options(main.arguments(words))
-    with jobqueue.SLURMCluster(**options, n_workers=0, host="127.0.0.1", scheduler_options={"dashboard_address": ":0"}) as cluster:
+    with jobqueue.SLURMCluster(**options, n_workers=0, scheduler_options={"host": "127.0.0.1", "dashboard_address": ":0"}) as cluster:
         script = cluster.job_script()
     for line in ("--cpus-per-task=16", "--gres=gpu:1", "--qos=low", "-p main", "-t 04:00:00", "--mem=32G"):
         assert f"#SBATCH {line}\n" in script
