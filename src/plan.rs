@@ -85,16 +85,19 @@ fn tell(plan: &Plan, path: &Path) {
     let most = |of: fn(&Totals) -> u64| plan.units.iter().map(|u| of(&u.cost)).max().unwrap_or(0) as f64;
     let core_s =
         |pick: fn(f64, f64) -> f64| plan.units.iter().map(|u| u.cost.core_s).reduce(pick).unwrap_or(0.0);
+    let many = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     say(format!(
-        "{}: {n} units (0 to {}) of {} bands x {rows} shard rows or less, {shards} shards; {tiles_again} of {tiles} tiles ({:.1} %) \
-         are computed twice, for light crosses the cuts",
+        "{}: {}, 0 to {}, of at most {} x {} each, {shards} shards; {tiles_again} of {tiles} tiles ({:.1} %) are computed twice, \
+         for light crosses the cuts",
         path.display(),
+        many(n, "unit"),
         n - 1,
-        first.bands.len(),
+        many(first.bands.len(), "band"),
+        many(rows, "shard row"),
         100.0 * tiles_again as f64 / tiles as f64
     ));
     say(format!(
-        "a unit: about {:.1} to {:.1} core seconds, reads {:.2} GB and writes {:.2} GB at most before compression, GPU memory {:.1} GiB",
+        "a unit: about {:.2} to {:.2} core seconds, reads {:.2} GB and writes {:.2} GB at most before compression, GPU memory {:.1} GiB",
         core_s(f64::min),
         core_s(f64::max),
         most(|c| c.bytes_read) * 1e-9,

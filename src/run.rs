@@ -4,6 +4,7 @@ mod faults;
 pub mod film;
 mod interrupt;
 mod record;
+mod shards;
 mod shown;
 mod units;
 
@@ -90,6 +91,8 @@ fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     interrupt::listen();
     let store = units.film(&args)?;
     if let Some(shards) = units.all_done(&store)? {
+        // Leavings of a worker that was killed after its last shard.
+        let _ = (units.lock(&store), store.sweep());
         say(format!(
             "units {} of {} are complete: {shards} shards, nothing to do",
             units.listed(),
@@ -148,9 +151,9 @@ impl Task<'_> {
 /// Makes the shards of a task that are not there.
 fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     let Task { args, store, units, .. } = task;
-    let asked = asked(&job, units);
+    let asked = shards::asked(&job, units);
     let all: usize = asked.iter().map(BTreeSet::len).sum();
-    if missing(&job, store, &asked)?.iter().all(BTreeSet::is_empty) {
+    if shards::missing(&job, store, &asked)?.iter().all(BTreeSet::is_empty) {
         // Leavings of a run that was killed after its last shard; a film that nobody may write to is complete as well.
         let _ = (task.lock(), store.sweep());
         say(format!("{} is complete: {all} shards, nothing to do", task.name()));
@@ -168,7 +171,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     if !swept.removed.is_empty() {
         say(format!("removed {} temp files of an interrupted run", swept.removed.len()));
     }
-    let wanted = self::missing(&job, store, &asked)?;
+    let wanted = shards::missing(&job, store, &asked)?;
     let missing: usize = wanted.iter().map(BTreeSet::len).sum();
     if missing < all {
         say(format!("resuming {}: {missing} of {all} shards to make", task.name()));
@@ -199,7 +202,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
         }
         Ok(stages)
     };
-    let tiles = tiles(&work);
+    let tiles = shards::tiles(&work);
     task.tell_start(&job, (all, all - missing), tiles.iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1)));
     let shown = match task.jsonl {
         Some(jsonl) => Shown::Lines { jsonl, job: &job, store },
@@ -227,49 +230,6 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     }
     record::done(task.jsonl, &job, &summary);
     Ok(0)
-}
-
-/// All shards to make or made, per position of the job.
-fn asked(job: &Job, units: Option<&Units>) -> Vec<BTreeSet<ShardId>> {
-    let of = |(band, &film_band): (usize, &usize)| {
-        let mut asked = BTreeSet::new();
-        for (window, w) in job.windows.iter().enumerate() {
-            let (rows, cols) = w.count();
-            let own =
-                |row: &usize| units.is_none_or(|u| u.has(&job.film.outputs[window].name, film_band, *row));
-            for row in (0..rows).filter(own) {
-                asked.extend((0..cols).map(|col| ShardId { band, window, row, col }));
-            }
-        }
-        asked
-    };
-    job.film_bands.iter().enumerate().map(of).collect()
-}
-
-/// Those of them that are not there.
-fn missing(job: &Job, store: &FilmStore, asked: &[BTreeSet<ShardId>]) -> Result<Vec<BTreeSet<ShardId>>> {
-    let mut bands = Vec::new();
-    for asked in asked {
-        let mut missing = BTreeSet::new();
-        for id in asked {
-            if !store.shard_present(id.window, job.film_bands[id.band], (id.row, id.col))? {
-                missing.insert(*id);
-            }
-        }
-        bands.push(missing);
-    }
-    Ok(bands)
-}
-
-/// The tiles to make and their film pixels, per position of the job.
-fn tiles(work: &Work<'_>) -> Vec<(u64, u64)> {
-    let film = work.frame.film.rect();
-    let of = |b: &BandWork| {
-        let tiles = pipeline::overlap_add::tiles_needed(&b.tiling, work.windows, &b.wanted);
-        let pixels = tiles.iter().map(|&t| b.tiling.rect(t).intersect(film).size().pixels() as u64);
-        (tiles.len() as u64, pixels.sum())
-    };
-    work.bands.iter().map(of).collect()
 }
 
 /// A chart whose chunks span bands is cut into bands once, beside the film, rather than decoded once per band.

@@ -476,3 +476,50 @@ fn the_papers_job_is_31_units_and_finer_when_asked() {
         "{again} of {tiles}"
     );
 }
+
+/// A design's bands come from the plan's cache, from another cache, or from a pack that the plan wrote: the same film.
+#[test]
+fn workers_of_a_design_share_a_cache_or_a_pack_or_trace_their_own_bands() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    fs::write(at("my.zmx"), include_str!("../pipeline/data/double-gauss-28.zmx")).unwrap();
+    common::Picture::noise(3, Size::new(48, 40), 2).write(&at("chart"));
+    let with = |cache: &str, words: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(words).env("XDG_CACHE_HOME", at(cache)).current_dir(dir.path());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    };
+    let run = |cache: &str, words: &[&str]| Ran::of(&with(cache, words).output().unwrap());
+    let job = ["--lens", "my.zmx", "--film-pitch-um", "10", "--no-fsync", "--shard", "32", "--chunk", "32"];
+    let of = |words: &[&'static str]| [words, &job].concat();
+    run("home", &of(&["run", "chart", "whole"])).ok();
+    run("home", &of(&["plan", "chart", "film", "-o", "job.json", "--unit-rows", "2"])).ok();
+    let entries = |cache: &str| fs::read_dir(at(cache).join("lenscube/lenses")).map_or(0, Iterator::count);
+    assert_eq!(entries("home"), 2);
+    let shared = run("home", &["run", "--plan", "job.json", "--unit", "0"]).ok();
+    assert!(!shared.stderr.contains("traced"), "{}", shared.stderr);
+    // Two that trace the same band at once into one cache, which gets that band alone.
+    let unit_1 = ["run", "--plan", "job.json", "--unit", "1"];
+    let both = [0, 1].map(|_| with("other", &unit_1).spawn().unwrap());
+    for child in both {
+        Ran::of(&child.wait_with_output().unwrap()).ok();
+    }
+    assert_eq!(entries("other"), 1);
+    assert!(files(&at("film")) == files(&at("whole")));
+    // A pack: no cache at all.
+    let packed = of(&["plan", "chart", "packed", "-o", "packed.json", "--lens-pack", "my.lens.zip"]);
+    run("home", &packed).ok();
+    run("home", &packed).ok();
+    fs::remove_file(at("my.zmx")).unwrap();
+    let ran = run("none", &["run", "--plan", "packed.json"]).ok();
+    assert!(!ran.stderr.contains("trac") && entries("none") == 0, "{}", ran.stderr);
+    let pixels = |film: &str| common::bits(&common::pixels(&at(film), "film").1);
+    assert!(pixels("packed") == pixels("whole"));
+    // Another design under that name.
+    let design =
+        include_str!("../pipeline/data/double-gauss-28.zmx").replacen("8.746657850000", "8.756657850000", 1);
+    fs::write(at("my.zmx"), design).unwrap();
+    fs::remove_dir_all(at("film/film/c/0")).unwrap();
+    says(&run("home", &["run", "--plan", "job.json", "--unit", "0"]), OTHER_JOB, &["lens_digest"]);
+}

@@ -97,7 +97,7 @@ impl Plan {
         let lines: Vec<String> =
             units.as_array().into_iter().flatten().map(|unit| format!("    {unit}")).collect();
         let head = serde_json::to_string_pretty(&whole).expect("JSON is text");
-        let head = head.trim_end_matches(['}', '\n']);
+        let head = head.strip_suffix("\n}").expect("it ends with its brace");
         let text = format!("{head},\n  \"units\": [\n{}\n  ]\n}}\n", lines.join(",\n"));
         let digest = blake3::hash(text.as_bytes()).to_hex().to_string();
         // The second line, after the brace.
