@@ -12,7 +12,7 @@ import argparse, collections, hashlib, json, os, shutil, signal, socket, subproc
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-TTL_S = 5
+TTL_S = 3
 
 
 def digest(film):
@@ -185,7 +185,7 @@ class Trial:
         """The drive, with its two accidents: its words."""
         argv = [sys.executable, "-m", "lenscube_dask.main", self.plan, "--scheduler", cluster.scheduler]
         argv += ["--lenscube", self.lenscube, "--log", self.log.path, "--retry-pause", "1"]
-        env = dict(os.environ, PYTHONPATH=str(HERE))
+        env = dict(os.environ, PYTHONPATH=f"{HERE}:{os.environ.get('PYTHONPATH', '')}")
         with open(self.place / "driver.log", "w") as out:
             drive = subprocess.Popen(list(map(str, argv)), env=env, stderr=out)
             try:
@@ -220,29 +220,31 @@ class Trial:
     def judge(self):
         own = digest(self.film)
         self.faults += [f"{k} differs" for k in sorted(own.keys() | self.whole.keys()) if own.get(k) != self.whole.get(k)]
-        begun = collections.Counter(e["unit"] for e in self.log.events() if e["event"] == "start")
+        starts = [e for e in self.log.events() if e["event"] == "start"]
         records = [json.loads(p.read_text()) for p in sorted((self.film / "runs").glob("*.json"))]
-        self.faults += [f"unit {n} was never begun" for n in range(self.units) if not begun[n]]
-        again = {n: count for n, count in begun.items() if count > 1}
-        hand = self.in_hand()
-        self.faults += [f"unit {n} was begun {c} times, and nobody lost it" for n, c in again.items() if n not in hand]
-        back = [e["unit"] for e in self.log.events() if e.get("name") == self.hosts.names[1] and e["event"] == "start" and e["time"] > self.healed_at]
-        temps = [p for p in self.film.rglob(".tmp-*")]
-        print(f"in hand of the two: units {sorted(hand)}; begun again: {sorted(again)}, of {self.units}")
-        print(f"begun by host: {dict(sorted(collections.Counter(e['name'] for e in self.log.events() if e['event'] == 'start').items()))}; "
-              f"{self.hosts.names[1]} after it came back: {len(back)}")
+        done = collections.Counter(int(r["units"]) for r in records if r["outcome"] == "complete" and r["shards"])
+        begun = collections.Counter(e["unit"] for e in starts)
+        again = sorted(n for n in range(self.units) if max(begun[n], done[n]) > 1)
+        hand = self.in_hand(starts, records)
+        self.faults += [f"unit {n} was never done" for n in range(self.units) if not done[n]]
+        self.faults += [f"unit {n} was done again, and nobody had lost it" for n in again if n not in hand]
+        if len(hand) > 4:
+            self.faults.append(f"two workers had {len(hand)} units in hand")
+        two = self.hosts.names[1]
+        back = sum(e["name"] == two and e["time"] > self.healed_at for e in starts)
+        hosts = collections.Counter(e["name"] for e in starts)
+        temps = list(self.film.rglob(".tmp-*"))
+        print(f"in hand of the two: units {sorted(hand)}; begun again: {again}, of {self.units}")
+        print(f"begun by host: {dict(sorted(hosts.items()))}; {two} after it came back: {back}")
         print(f"run records of the film: {len(records)}; temp files left by what was killed: {len(temps)}")
         print(f"{len(own)} files: {'same bytes as one plain run' if own == self.whole else 'DIFFERENT'}")
 
-    def in_hand(self):
-        """Units that the lost hosts had: at work, or next to be (sent there, not begun: at most one more each)."""
-        events = self.log.events()
-        hand = {self.killed["unit"], self.severed["unit"]}
-        ends = {e["unit"]: e["time"] for e in events if e["event"] == "end"}
-        # What a host began just before it was lost may be told after.
-        for host, when in ((self.hosts.names[0], self.killed["time"]), (self.hosts.names[1], self.severed["time"])):
-            hand |= {e["unit"] for e in events if e["event"] == "start" and e["name"] == host and when <= e["time"] <= when + 2 * TTL_S}
-        return hand & (set(ends) | hand)
+    def in_hand(self, starts, records):
+        """Units that the lost hosts had: what they were at, and what the second went on with while it was cut off."""
+        two = self.hosts.names[1]
+        told = {e["unit"] for e in starts if e["name"] == two and self.cut_at <= e["time"] <= self.healed_at}
+        kept = {int(r["units"]) for r in records if r["host"] == two and self.cut_at <= r["finished_unix_s"] <= self.healed_at + 1}
+        return {self.killed["unit"], self.severed["unit"]} | told | kept
 
 
 def main():

@@ -42,6 +42,8 @@ class Display:
                 self.at_work.pop(unit, None)
                 return
             self.begin = self.begin or time.monotonic()
+            if told["event"] == "start":  # a worker of this name that was lost did not tell its end
+                self.at_work = {n: e for n, e in self.at_work.items() if e["name"] != told["name"]}
             self.at_work[unit] = told
 
     def done(self, unit: int, pixels: int) -> None:

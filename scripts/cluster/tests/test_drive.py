@@ -26,7 +26,7 @@ def cluster():
 def driver(job, fake, *words, **more):
     """The driver as a user starts it."""
     argv = [sys.executable, "-m", "lenscube_dask.main", str(job.plan), "--lenscube", fake, "--retry-pause", "0.1", *words]
-    env = dict(os.environ, PYTHONPATH=PACKAGE)
+    env = dict(os.environ, PYTHONPATH=f"{PACKAGE}:{os.environ.get('PYTHONPATH', '')}")
     return subprocess.Popen(argv, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
 
 
