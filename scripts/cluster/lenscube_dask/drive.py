@@ -108,7 +108,7 @@ class Drive:
         if isinstance(error, KilledWorker):
             return self.retry(unit, "its workers were lost", None)
         if isinstance(error, CancelledError):
-            raise Failure("the scheduler is gone; the same command goes on from here", 75)
+            raise error
         raise Failure(f"unit {unit}: {type(error).__name__}: {error}", 1)
 
     def ended(self, unit: int, end: dict) -> int:
@@ -128,7 +128,7 @@ class Drive:
         tried = self.tries[unit]
         self.display.note(event="retry", unit=unit, attempt=tried, why=why)
         if tried > self.settings.retries:
-            raise Failure(f"unit {unit} was tried {tried} times: {why}; the same command goes on from here", 75)
+            raise Failure(f"unit {unit} was tried {tried} times: {why}", 75)
         pause = min(self.settings.retry_pause_s * 2 ** (tried - 1), LONGEST_PAUSE_S)
         self.display.say(f"unit {unit}: {why}; again in {pause:.0f} s (try {tried + 1} of {self.settings.retries + 1})")
         heapq.heappush(self.again, (time.monotonic() + pause, unit, avoid))
@@ -136,7 +136,7 @@ class Drive:
 
     def stop(self) -> None:
         """Ends what runs on the workers, waits a little for it, and drops the rest."""
-        self.client.run(worker.stop_units, self.name, wait=False)
+        self.client.run(worker.stop_units, self.name, wait=False, on_error="ignore")
         end = time.monotonic() + STOP_S
         while self.flying and time.monotonic() < end:
             self.flying = {f: unit for f, unit in self.flying.items() if not f.done()}
@@ -144,6 +144,7 @@ class Drive:
         if self.flying:
             self.display.say(f"units {format_units(list(self.flying.values()))} gave no answer in {STOP_S:.0f} s")
             self.client.cancel(list(self.flying), force=True)
+        self.close()
 
     def close(self) -> None:
         self.client.unsubscribe_topic(self.name)

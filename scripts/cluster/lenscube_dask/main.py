@@ -12,10 +12,12 @@ Exit codes are those of lenscube: 0 complete, 1 failed, 2 usage, 3 not the plann
 
 import argparse
 import contextlib
+import logging
 import os
 import shlex
 import signal
 import sys
+from concurrent.futures import CancelledError
 from pathlib import Path
 
 from distributed import Client
@@ -101,14 +103,14 @@ def drive(args: argparse.Namespace, plan: Plan, todo: list[int], display: Displa
         work = Drive(client, plan, settings(args), display)
         try:
             work.run(todo)
-        except BaseException:
+            work.close()
+        except (KeyboardInterrupt, Failure):
             signal.signal(signal.SIGINT, signal.default_int_handler)  # a second Ctrl-C does not wait
             display.finish()
             work.stop()
             raise
         finally:
             display.finish()
-            work.close()
 
 
 def interrupted(*_) -> None:
@@ -123,7 +125,10 @@ def job(args: argparse.Namespace) -> int:
     display = Display(plan.tiles, todo, log)
     if todo:
         display.say(f"{plan.film}: {len(todo)} of {len(plan.tiles)} units to do")
-        drive(args, plan, todo, display)
+        try:
+            drive(args, plan, todo, display)
+        except (OSError, CancelledError) as e:
+            raise Failure(f"the scheduler is gone: {e}", 75) from e
         if missing := plan.missing(args.lenscube, args.here):
             raise Failure(f"all units ended well, yet {format_units(missing)} are missing: do the workers see the same film?", 4)
     display.say(f"{plan.film}: complete, {len(plan.tiles)} units")
@@ -134,7 +139,8 @@ def main() -> int:
     args = arguments(sys.argv[1:])
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupted)
-    again = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what matters of it is said here
+    again = shlex.join(["lenscube-dask", *sys.argv[1:]])
     try:
         return job(args)
     except KeyboardInterrupt:
