@@ -2,7 +2,7 @@
 
 mod faults;
 pub mod film;
-mod interrupt;
+pub mod interrupt;
 mod record;
 
 use crate::args::RunArgs;
@@ -11,6 +11,7 @@ use crate::job::Job;
 use crate::memory::mib;
 use crate::open::Chart;
 use crate::progress::{Bars, say};
+use crate::pyramid;
 use anyhow::Result;
 use faults::{Failed, Follow};
 use formats::film::{EncodedShard, FilmStore};
@@ -53,6 +54,14 @@ pub const WHOLE: &str = "whole";
 
 /// Runs the command; the exit code.
 pub fn command(args: &RunArgs) -> Result<u8> {
+    match make_film(args)? {
+        0 if args.pyramid => pyramid::make(&args.film, args.threads, args.memory, args.take_over),
+        code => Ok(code),
+    }
+}
+
+/// Makes the film, or what is missing of it; the exit code.
+fn make_film(args: &RunArgs) -> Result<u8> {
     let mut job = Job::new(args)?;
     film::keep_apart(&job, &args.film)?;
     interrupt::listen();
