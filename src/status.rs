@@ -104,6 +104,7 @@ fn status(store: &FilmStore) -> Result<Value> {
         },
         "last_run": runs.last().map(|r| pick(r, &["finished_unix_s", "outcome", "error", "wall_s"])),
         "locks": locks,
+        "pyramid": store.pyramid()?.name(),
         "program": of("program"),
         "job_digest": of("job_digest"),
         "layout_digest": of("layout_digest"),
@@ -189,6 +190,14 @@ fn lines(store: &FilmStore, s: &Value) -> Vec<String> {
         let missing = words(&units["missing"]);
         let missing = if missing.is_empty() { missing } else { format!("; missing {missing}") };
         lines.push(format!("  units   {} of {}{missing}", units["done"], units["all"]));
+    }
+    match words(&s["pyramid"]).as_str() {
+        "none" => (),
+        "complete" => lines.push("  pyramid complete".into()),
+        "stale" => {
+            lines.push("  pyramid of other pixels than the film has; `lenscube pyramid` makes it anew".into())
+        }
+        _ => lines.push("  pyramid unfinished; `lenscube pyramid` goes on".into()),
     }
     let runs = &s["runs"];
     lines.push(format!(

@@ -109,6 +109,9 @@ pub struct RunArgs {
     /// Resume although the chart's files were touched; names and sizes must still be the same
     #[arg(long)]
     pub trust_input: bool,
+    /// Make the film's pyramid when it is complete, as `lenscube pyramid` does
+    #[arg(long)]
+    pub pyramid: bool,
     /// After a fault finish all shards that do not depend on it
     #[arg(long)]
     pub keep_going: bool,
