@@ -3,6 +3,7 @@
 mod bench;
 mod chart;
 mod demo;
+mod device;
 mod export;
 mod import;
 mod lens;
@@ -11,18 +12,21 @@ mod run;
 mod status;
 mod validate;
 mod values;
+mod work;
 
 pub use bench::BenchArgs;
 pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
 pub use demo::DemoArgs;
+pub use device::Device;
 pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use measure::MeasureArgs;
-pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
+pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
+pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use clap::{Parser, Subcommand, ValueEnum};
 
@@ -49,7 +53,9 @@ pub enum Command {
     /// Make, show and compare lenses
     Lens(LensArgs),
     /// Make the film of a chart
-    Run(Box<RunArgs>),
+    Run(Box<RunCommand>),
+    /// Cut a film into units of work for many processes, on one machine or on a cluster
+    Plan(Box<PlanArgs>),
     /// Tell what of a film is done
     Status(StatusArgs),
     /// Read all of a film and name what is wrong with it

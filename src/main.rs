@@ -5,6 +5,7 @@ mod bench;
 mod chart;
 mod demo;
 mod design;
+mod device;
 mod export;
 mod failure;
 mod import;
@@ -13,6 +14,7 @@ mod lens;
 mod measure;
 mod memory;
 mod open;
+mod plan;
 mod progress;
 mod run;
 mod status;
@@ -29,6 +31,7 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Run(args) => run::command(args),
+        Command::Plan(args) => plan::command(args),
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),
         Command::Lens(args) => lens::command(args).map(|()| 0),

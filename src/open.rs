@@ -8,6 +8,7 @@ use formats::chart::exr::{ExrChart, ExrContent};
 use formats::chart::{
     ChartOptions, ChartStore, Interleave, NanPolicy, RasterChart, RasterLayout, sample_named,
 };
+use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
 use pipeline::chart::Generator;
 use pipeline::flow::ChartSource;
@@ -45,6 +46,7 @@ impl Chart {
             return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
         }
         if RasterChart::is_one(Path::new(spec)) {
+            on_disk(spec)?;
             return Self::flat(RasterChart::open(Path::new(spec), nan)?, declared);
         }
         let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
@@ -59,6 +61,7 @@ impl Chart {
         wavelengths: Option<&str>,
         nan: NanPolicy,
     ) -> Result<Self> {
+        on_disk(spec)?;
         let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
         let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
         let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
@@ -211,6 +214,14 @@ impl Chart {
             Self::Exr(e) => e.identity(),
             Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
+    }
+}
+
+/// Flat files are mapped into memory.
+fn on_disk(spec: &str) -> Result<()> {
+    match is_url(Path::new(spec)) {
+        true => Err(usage(format!("chart `{spec}`: at a URL only Zarr stores are read; copy the file here"))),
+        false => Ok(()),
     }
 }
 

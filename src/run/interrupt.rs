@@ -51,3 +51,23 @@ fn signal() {
     say(format!("stopped; {}", LEFT.lock().expect("no panic while held")));
     std::process::exit(i32::from(code::INTERRUPTED));
 }
+
+/// From now on the kernel kills this process when the thread that started it ends: no worker outlives its driver, and no shard
+/// suffers, for they are whole or absent whatever kills a run.
+#[cfg(target_os = "linux")]
+pub fn die_with_parent() -> std::io::Result<()> {
+    use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+    let parent = getppid();
+    set_parent_process_death_signal(Some(Signal::KILL))?;
+    if getppid() != parent {
+        // It ended just before.
+        std::process::exit(i32::from(code::INTERRUPTED));
+    }
+    Ok(())
+}
+
+/// Other systems have no such signal.
+#[cfg(not(target_os = "linux"))]
+pub fn die_with_parent() -> std::io::Result<()> {
+    Err(std::io::ErrorKind::Unsupported.into())
+}
