@@ -171,9 +171,10 @@ def exports(scratch):
         holds(same(np.ascontiguousarray(envi.open_memmap(interleave="bsq")), expected), f"{name}.hdr: spectral reads other values")
         centers = wavelengths[-len(expected):]
         holds(envi.bands.centers == centers and envi.bands.band_unit == "Nanometers", f"{name}.hdr: spectral sees bands at {envi.bands.centers}")
-        pages = tifffile.TiffFile(out("pages.tif"))
-        holds(pages.is_bigtiff and same(np.stack([p.asarray() for p in pages.pages]), expected), f"{name}.pages.tif: tifffile reads other values")
-        holds("wavelength 600.5 nm" in pages.pages[len(expected) - 1].description, f"{name}.pages.tif: {pages.pages[0].description}")
+        with tifffile.TiffFile(out("pages.tif")) as file:
+            holds(file.is_bigtiff and same(np.stack([p.asarray() for p in file.pages]), expected), f"{name}.pages.tif: tifffile reads other values")
+            words = file.pages[len(expected) - 1].description
+            holds("wavelength 600.5 nm" in words, f"{name}.pages.tif: {words}")
         for compression, half in [("zip", False), ("piz", False), ("none", False), ("zip", True)]:
             lenscube("export", chart, out("exr"), *flags, "--compression", compression, "--overwrite", *(["--half"] if half else []))
             with OpenEXR.File(str(out("exr")), separate_channels=True) as exr:
