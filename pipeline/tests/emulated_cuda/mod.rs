@@ -153,7 +153,7 @@ fn sanitizer() -> Option<String> {
 }
 
 /// Whether this machine has a driver.
-fn driver() -> bool {
+pub fn driver() -> bool {
     !matches!(lenscube_pipeline::cuda::devices(), Err(lenscube_pipeline::cuda::CudaError::NoDriver))
 }
 
