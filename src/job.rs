@@ -9,7 +9,7 @@ use crate::memory::{Memory, Needs, default_limit};
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::{Codec, NanPolicy};
-use formats::film::{FilmOutput, FilmSpec, SampleType};
+use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
 use pipeline::band::{BandPlan, Options, PsfBetween};
 use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
@@ -109,6 +109,7 @@ impl Job {
             plans: &plans,
             windows: &windows,
             threads,
+            writers: FilmStore::writers(&args.film),
             chart_rows: &chart_rows,
             scale: frame.scale.0.min(frame.scale.1),
         };

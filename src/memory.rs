@@ -7,7 +7,7 @@
 use crate::failure::usage;
 use anyhow::Result;
 use pipeline::band::BandPlan;
-use pipeline::executor::AHEAD;
+use pipeline::executor::{AHEAD, QUEUE};
 use pipeline::plan::Window;
 
 /// The program itself, its threads' stacks, the allocator's slack.
@@ -36,6 +36,8 @@ pub struct Needs<'a> {
     pub windows: &'a [Window],
     /// Worker threads.
     pub threads: usize,
+    /// Shards written at once.
+    pub writers: usize,
     /// Decoded bytes of chart that tiles of so many rows touch.
     pub chart_rows: &'a dyn Fn(usize) -> usize,
     /// Film pixels per chart pixel, the smaller.
@@ -73,7 +75,7 @@ impl Memory {
             })
             .sum();
         let largest = needs.windows.iter().map(shard).max().unwrap_or(0);
-        let encode = (2 * needs.threads + 4) * largest;
+        let encode = (2 * needs.threads + QUEUE + needs.writers) * largest;
         let fixed = BASE + needs.threads * worker + psf + tables + open + encode;
         let usable = (limit as f64 * (1.0 - SLACK)) as usize;
         let chart_rows = (needs.chart_rows)(((reach + 64) as f64 / needs.scale.min(1.0)) as usize);

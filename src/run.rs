@@ -38,6 +38,10 @@ impl FilmSink for Sink<'_> {
         self.0.commit(&encoded)?;
         Ok(encoded.bytes().len() as u64)
     }
+
+    fn writers(&self) -> usize {
+        FilmStore::writers(self.0.path())
+    }
 }
 
 /// A band's error: of the lens tables or of the pack.
@@ -136,18 +140,12 @@ fn shards(job: &Job) -> usize {
 
 /// The shards still to make, per band.
 fn wanted(job: &Job, store: &FilmStore) -> Result<Vec<BTreeSet<ShardId>>> {
-    let mut bands = Vec::new();
-    for band in 0..job.plans.len() {
-        let mut wanted = BTreeSet::new();
-        for (window, w) in job.windows.iter().enumerate() {
-            let (rows, cols) = w.count();
-            for (row, col) in (0..rows).flat_map(|r| (0..cols).map(move |c| (r, c))) {
-                if !store.shard_present(window, band, (row, col))? {
-                    wanted.insert(ShardId { band, window, row, col });
-                }
-            }
+    let mut bands = vec![BTreeSet::new(); job.plans.len()];
+    let all: Vec<_> = store.every_shard().collect();
+    for (&(window, band, (row, col)), there) in std::iter::zip(&all, store.shards_bytes(&all)?) {
+        if there.is_none() {
+            bands[band].insert(ShardId { band, window, row, col });
         }
-        bands.push(wanted);
     }
     Ok(bands)
 }

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  lenscube export film.zarr film.png\n  \
 lenscube export film.zarr//roi_0 corner.png\n  lenscube export film.zarr band.png --band 450")]
 pub struct ExportArgs {
-    /// A film or chart: PATH, PATH//array or gen:KIND?…
+    /// A film or chart: PATH, URL, either with //array, or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
     /// The picture to write

@@ -10,16 +10,20 @@ use std::path::PathBuf;
 #[derive(Debug, Args, Clone)]
 #[command(after_help = "Examples:\n  lenscube run chart.zarr film.zarr --lens double-gauss-28\n  \
 lenscube run 'gen:composite?size=14141' film.zarr --memory 1GiB\n  \
-lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n\
-The same command again resumes an interrupted run.")]
+lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n  \
+lenscube run s3://bucket/chart.zarr s3://bucket/film.zarr\n\
+The same command again resumes an interrupted run.\n\
+CHART, FILM and a lens pack may be s3://BUCKET/PREFIX, with AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and, for \
+other stores than AWS, AWS_ENDPOINT_URL (AWS_ALLOW_HTTP=true if it is http); CHART and the pack also http(s)://…, to read. There \
+are no locks at a URL: two runs of one film do the same work twice, and no harm.")]
 pub struct RunArgs {
-    /// PATH or PATH//array of a Zarr store; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
+    /// PATH or PATH//array of a Zarr store, here or at a URL; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
     pub chart: String,
-    /// The film to write, a Zarr v3 group
+    /// The film to write, a Zarr v3 group, here or at s3://BUCKET/PREFIX
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// A lens pack (directory or .zip), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
+    /// A lens pack (directory or .zip, also at a URL), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Raw samples: the chart's shape, band after band

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 lenscube status film.zarr --json | jq .missing"
 )]
 pub struct StatusArgs {
-    /// The film
+    /// The film: PATH or URL
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
     /// Exit with 4 if shards are missing
@@ -28,7 +28,7 @@ pub struct StatusArgs {
 lenscube verify film.zarr --repair; lenscube run chart.zarr film.zarr     # makes bad shards again\n\
 Exit codes: 0 all is well, 4 something is wrong or missing")]
 pub struct VerifyArgs {
-    /// The film
+    /// The film: PATH or URL
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
     /// Remove bad shards and all temp files, so that the same `run` makes the shards again
