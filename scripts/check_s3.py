@@ -239,10 +239,10 @@ def refused(place, env, here):
         s.bind(("127.0.0.1", 0))
         nobody = s.getsockname()[1]
     for env_of, code, says in [
-        (environment(nobody, **few), 75, ["Connection refused", "AWS_ENDPOINT_URL"]),
+        (environment(nobody, **few), 75, ["Connection refused", "out of reach"]),
         (environment(port, AWS_ENDPOINT_URL="http://no-such-host.invalid:9000", **few), 75, ["out of reach"]),
         (environment(port, AWS_ALLOW_HTTP=None), 1, ["AWS_ALLOW_HTTP"]),
-        (environment(port, AWS_ACCESS_KEY_ID=None), 1, ["AWS"]),
+        (environment(port, AWS_ACCESS_KEY_ID=None), 1, ["AWS_ACCESS_KEY_ID is not set"]),
         (environment(port, AWS_MAX_ATTEMPTS="many"), 1, ["AWS_MAX_ATTEMPTS"]),
         ({k: v for k, v in env.items() if not k.startswith("AWS_")}, 1, ["no credentials", "AWS_ACCESS_KEY_ID"]),
     ]:

@@ -11,11 +11,12 @@ mod run;
 mod status;
 mod validate;
 mod values;
+mod work;
 
 pub use bench::BenchArgs;
-pub use chart::ChartArgs;
+pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
 pub use demo::DemoArgs;
-pub use export::ExportArgs;
+pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use measure::MeasureArgs;
@@ -23,6 +24,7 @@ pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArg
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
+pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use clap::{Parser, Subcommand, ValueEnum};
 
@@ -44,17 +46,19 @@ pub struct Cli {
 pub enum Command {
     /// Show what a real lens does to a chart: pictures in under a minute
     Demo(DemoArgs),
-    /// Draw a test chart into a Zarr store
+    /// Draw a test chart into a Zarr store, or make one of a picture
     Chart(Box<ChartArgs>),
     /// Make, show and compare lenses
     Lens(LensArgs),
     /// Make the film of a chart
-    Run(Box<RunArgs>),
+    Run(Box<RunCommand>),
+    /// Cut a film into units of work for many processes, on one machine or on a cluster
+    Plan(Box<PlanArgs>),
     /// Tell what of a film is done
     Status(StatusArgs),
     /// Read all of a film and name what is wrong with it
     Verify(VerifyArgs),
-    /// Make a picture of a film or a chart
+    /// Write a film or a chart as a picture (PNG, TIFF) or as a file for other programs (EXR, TIFF, ENVI, NPY)
     Export(ExportArgs),
     /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
     Validate(Box<ValidateArgs>),

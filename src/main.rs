@@ -13,6 +13,7 @@ mod lens;
 mod measure;
 mod memory;
 mod open;
+mod plan;
 mod progress;
 mod run;
 mod status;
@@ -29,10 +30,11 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Run(args) => run::command(args),
+        Command::Plan(args) => plan::command(args),
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),
         Command::Lens(args) => lens::command(args).map(|()| 0),
-        Command::Export(args) => export::command(args).map(|()| 0),
+        Command::Export(args) => export::command(args),
         Command::Demo(args) => demo::command(args),
         Command::Validate(args) => validate::command(args),
         Command::Measure(args) => measure::command(args).map(|()| 0),

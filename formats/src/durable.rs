@@ -15,6 +15,7 @@ mod maker;
 mod objects;
 mod store;
 mod sweep;
+mod whole;
 mod zarr;
 
 pub(crate) use error::store_error;
@@ -24,6 +25,7 @@ pub use maker::Maker;
 pub use objects::{ObjectState, Objects, is_url};
 pub use store::Store;
 pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
+pub use whole::WholeFile;
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};

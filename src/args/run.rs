@@ -6,16 +6,8 @@ use clap::{Args, ValueEnum};
 use pipeline::geometry::{Rect, Size};
 use std::path::PathBuf;
 
-/// `lenscube run`
+/// A job: what `lenscube run` makes and `lenscube plan` cuts.
 #[derive(Debug, Args, Clone)]
-#[command(after_help = "Examples:\n  lenscube run chart.zarr film.zarr --lens double-gauss-28\n  \
-lenscube run 'gen:composite?size=14141' film.zarr --memory 1GiB\n  \
-lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n  \
-lenscube run s3://bucket/chart.zarr s3://bucket/film.zarr\n\
-The same command again resumes an interrupted run.\n\
-CHART, FILM and a lens pack may be s3://BUCKET/PREFIX, with AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and, for \
-other stores than AWS, AWS_ENDPOINT_URL (AWS_ALLOW_HTTP=true if it is http); CHART and the pack also http(s)://…, to read. There \
-are no locks at a URL: two runs of one film do the same work twice, and no harm.")]
 pub struct RunArgs {
     /// PATH or PATH//array of a Zarr store, here or at a URL; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]

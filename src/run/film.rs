@@ -71,12 +71,18 @@ pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
         FilmError::NotFilm { .. } => other_job(e.to_string()),
         e => e.into(),
     })?;
+    same_job(&store, job, args)?;
+    Ok(store)
+}
+
+/// Fails if the film is another job's.
+fn same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
     let theirs = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
     let differ = [differences(&theirs, &job.identity), layout_differences(store.spec(), &job.film)].concat();
     let trusted = |key: &&str| args.trust_input && *key == "chart_mtimes";
     let keys: Vec<&str> = differ.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
     if keys.is_empty() {
-        return Ok(store);
+        return Ok(());
     }
     let way_out = match keys[..] {
         ["chart_mtimes"] => {
@@ -89,9 +95,28 @@ pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
         differ.iter().map(|(key, there, asked)| format!("{key} (there {there}, asked {asked})")).collect();
     Err(other_job(format!(
         "{} exists and belongs to another job: {}; {way_out}",
-        path.display(),
+        store.path().display(),
         words.join(", ")
     )))
+}
+
+/// What differs between a planned job and layout and those at hand; nothing if they are the same.
+pub fn not_planned(
+    (job, layout): (&Map<String, Value>, &Value),
+    (own_job, own_layout): (&Map<String, Value>, &Value),
+    args: &RunArgs,
+) -> Option<String> {
+    let mut differ = differences(job, own_job);
+    if let (Some(theirs), Some(own)) = (layout.as_object(), own_layout.as_object()) {
+        differ.extend(differences(theirs, own));
+    }
+    differ.retain(|d| !(args.trust_input && d.0 == "chart_mtimes"));
+    let hint =
+        |key: &str| if key == "chart_mtimes" { ": if its pixels are the same, --trust-input" } else { "" };
+    let words = differ
+        .iter()
+        .map(|(key, planned, here)| format!("{key} (planned {planned}, here {here}){}", hint(key)));
+    Some(words.collect::<Vec<_>>().join(", ")).filter(|words| !words.is_empty())
 }
 
 /// Removes the film, unless a run is at work on it.

@@ -32,7 +32,8 @@ impl Place {
         Self { chart, layout, ..Self::small() }
     }
 
-    fn new(size: Size, layout: &'static [&'static str]) -> Self {
+    /// Two bands of `size`.
+    pub fn new(size: Size, layout: &'static [&'static str]) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
         let place =
@@ -56,6 +57,14 @@ impl Place {
         if !fault.is_empty() {
             command.env("LENSCUBE_FAULT", fault);
         }
+        command
+    }
+
+    /// The command that cuts the job of `film` into units.
+    pub fn plan(&self, film: &Path, flags: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(["plan", text(&self.chart), text(film), "--lens", text(&self.pack)]);
+        command.args(["--threads", "2"]).args(self.layout).args(flags);
         command
     }
 

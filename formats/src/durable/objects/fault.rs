@@ -78,8 +78,10 @@ pub(super) fn fault(doing: &'static str, path: &Path, error: &Error) -> DurableE
     let refused = |reason, way_out| DurableError::Refused { doing, path: path.clone(), reason, way_out };
     let web = !path.starts_with("s3:");
     match (error, status(error)) {
-        (Error::PermissionDenied { .. } | Error::Unauthenticated { .. }, _) if web => refused(reason, LOGIN),
-        (Error::PermissionDenied { .. } | Error::Unauthenticated { .. }, _) => refused(reason, WHO),
+        _ if names_bucket(error) => refused(reason, WHERE),
+        (Error::PermissionDenied { .. } | Error::Unauthenticated { .. }, _) | (_, Some(401 | 403)) => {
+            refused(reason, if web { LOGIN } else { WHO })
+        }
         (Error::NotFound { .. }, _) => refused(reason, WHERE),
         (Error::NotSupported { .. }, _) => refused(
             "the server sends no parts of files".into(),
