@@ -47,6 +47,10 @@ impl FilmSink for Sink<'_> {
         self.0.commit(&encoded)?;
         Ok(encoded.bytes().len() as u64)
     }
+
+    fn writers(&self) -> usize {
+        FilmStore::writers(self.0.path())
+    }
 }
 
 /// A band's error: of the lens tables or of the pack.

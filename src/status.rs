@@ -65,9 +65,10 @@ fn status(store: &FilmStore) -> Result<Value> {
     let spec = store.spec();
     let mut bands: Vec<(u64, u64)> = vec![(0, 0); spec.wavelengths_nm.len()];
     let (mut missing, mut bytes) = (Vec::new(), 0);
-    for (output, band, shard) in store.every_shard() {
+    let shards: Vec<_> = store.every_shard().collect();
+    for (&(output, band, shard), there) in std::iter::zip(&shards, store.shards_bytes(&shards)?) {
         bands[band].1 += 1;
-        match store.shard_bytes(output, band, shard)? {
+        match there {
             Some(size) => {
                 bands[band].0 += 1;
                 bytes += size;

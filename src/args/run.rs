@@ -9,13 +9,13 @@ use std::path::PathBuf;
 /// A job: what `lenscube run` makes and `lenscube plan` cuts.
 #[derive(Debug, Args, Clone)]
 pub struct RunArgs {
-    /// PATH or PATH//array of a Zarr store; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
+    /// PATH or PATH//array of a Zarr store, here or at a URL; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
     pub chart: String,
-    /// The film to write, a Zarr v3 group
+    /// The film to write, a Zarr v3 group, here or at s3://BUCKET/PREFIX
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// A lens pack (directory or .zip), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
+    /// A lens pack (directory or .zip, also at a URL), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Raw samples: the chart's shape, band after band
