@@ -18,8 +18,8 @@ NEWER = ["sm_100", "sm_120"]
 def constants(source):
     """The constants that a .cu takes from Rust."""
     found = []
-    for file, names in re.findall(r"^// From (\S+\.rs): (.+)$", source.read_text(), re.M):
-        rust = (source.parent / file).read_text()
+    for file, names in re.findall(r"^// From (\S+\.rs): (.+)$", source.read_text("utf-8"), re.M):
+        rust = (source.parent / file).read_text("utf-8")
         for name in re.findall(r"\w+", names):
             value = re.search(rf"\bconst {name}: \w+ = ([0-9_]+(?:\.[0-9_]+)?);", rust)
             if not value:
@@ -60,7 +60,7 @@ def assemble(ptxas, ptx, architecture):
         run.stderr,
         re.S,
     )
-    entries = re.findall(r"\.entry (\w+)", pathlib.Path(ptx).read_text())
+    entries = re.findall(r"\.entry (\w+)", pathlib.Path(ptx).read_text("utf-8"))
     if sorted(name for name, *_ in said) != sorted(entries):
         sys.exit(f"{ptx} on {architecture}: no figures for every kernel in\n{run.stderr}")
     return [(name, int(registers), int(stack), int(a) + int(b)) for name, stack, a, b, registers in said]
@@ -74,7 +74,8 @@ def main():
     for source in sorted(pathlib.Path("pipeline").rglob("*.cu")):
         there, fresh = source.with_suffix(".ptx"), compile_ptx(nvrtc, source)
         if check and (not there.exists() or there.read_bytes() != fresh):
-            wrong.append(f"{there} is not what {source} gives: run scripts/ptx")
+            problem = "is not what its source gives" if there.exists() else "is missing"
+            wrong.append(f"{there} {problem}: run scripts/ptx")
             continue
         if not check:
             there.write_bytes(fresh)

@@ -3,6 +3,7 @@
 mod bench;
 mod chart;
 mod demo;
+mod device;
 mod export;
 mod import;
 mod lens;
@@ -14,13 +15,14 @@ mod values;
 mod work;
 
 pub use bench::BenchArgs;
-pub use chart::ChartArgs;
+pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
 pub use demo::DemoArgs;
+pub use device::Device;
 pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use measure::MeasureArgs;
-pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
+pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
@@ -46,7 +48,7 @@ pub struct Cli {
 pub enum Command {
     /// Show what a real lens does to a chart: pictures in under a minute
     Demo(DemoArgs),
-    /// Draw a test chart into a Zarr store
+    /// Draw a test chart into a Zarr store, or make one of a picture
     Chart(Box<ChartArgs>),
     /// Make, show and compare lenses
     Lens(LensArgs),

@@ -5,6 +5,7 @@ mod bench;
 mod chart;
 mod demo;
 mod design;
+mod device;
 mod export;
 mod failure;
 mod import;

@@ -4,6 +4,7 @@ use crate::design;
 use crate::failure::usage;
 use crate::progress::{counting, say};
 use anyhow::{Context, Result};
+use formats::chart::exr::{ExrChart, ExrContent};
 use formats::chart::{
     ChartOptions, ChartStore, Interleave, NanPolicy, RasterChart, RasterLayout, sample_named,
 };
@@ -21,6 +22,8 @@ pub enum Chart {
     Store(Box<ChartStore>),
     /// A flat file.
     Raster(Box<RasterChart>),
+    /// A spectral OpenEXR file.
+    Exr(Box<ExrChart>),
     /// Drawn on the fly.
     Drawn(Box<Generator>),
 }
@@ -38,6 +41,9 @@ impl Chart {
             }
             let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
             return Ok(Self::Drawn(Box::new(generator)));
+        }
+        if ExrChart::is_one(Path::new(spec)) {
+            return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
         }
         if RasterChart::is_one(Path::new(spec)) {
             on_disk(spec)?;
@@ -79,11 +85,26 @@ impl Chart {
         })))
     }
 
+    fn exr(chart: ExrChart, declared: Option<Vec<f64>>) -> Result<Self> {
+        if !matches!(chart.content(), ExrContent::Spectral { .. }) {
+            return Err(usage(format!(
+                "chart {}: an image of colours, not of wavelengths; `lenscube chart image {} CHART.zarr` makes a chart of it",
+                chart.path().display(),
+                chart.path().display()
+            )));
+        }
+        Ok(Self::Exr(Box::new(match declared {
+            Some(nm) => chart.with_wavelengths(nm)?,
+            None => chart,
+        })))
+    }
+
     /// The pixels.
     pub fn source(&self) -> &dyn ChartSource {
         match self {
             Self::Store(s) => s.as_ref(),
             Self::Raster(r) => r.as_ref(),
+            Self::Exr(e) => e.as_ref(),
             Self::Drawn(g) => g.as_ref(),
         }
     }
@@ -105,6 +126,12 @@ impl Chart {
                 );
                 store.rechunk(bands, directory, threads, &progress)?;
             }
+            Self::Exr(exr) => {
+                say(
+                    "the chart is compressed, its bands line by line: laying them out once in a temporary file beside the output",
+                );
+                exr.lay_out(bands, directory, threads, &progress)?;
+            }
             _ => (),
         }
         bar.finish_and_clear();
@@ -115,7 +142,7 @@ impl Chart {
     pub fn piece(&self) -> Size {
         match self {
             Self::Store(s) => Size::new(s.piece_shape()[1], s.piece_shape()[2]),
-            Self::Raster(_) | Self::Drawn(_) => Size::new(1, 1),
+            Self::Raster(_) | Self::Exr(_) | Self::Drawn(_) => Size::new(1, 1),
         }
     }
 
@@ -123,7 +150,7 @@ impl Chart {
     pub fn cache_for_rows(&self, rows: usize) -> usize {
         match self {
             Self::Store(s) => s.cache_for_rows(rows),
-            Self::Raster(_) | Self::Drawn(_) => 0,
+            Self::Raster(_) | Self::Exr(_) | Self::Drawn(_) => 0,
         }
     }
 
@@ -139,6 +166,9 @@ impl Chart {
             Self::Raster(r) => {
                 r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
             }
+            Self::Exr(e) => {
+                e.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(e.path(), e.bands()))
+            }
             Self::Store(s) => {
                 s.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(s.path(), s.bands()))
             }
@@ -149,7 +179,7 @@ impl Chart {
     pub fn pitch_um(&self) -> Option<f64> {
         match self {
             Self::Store(s) => s.pitch_um(),
-            Self::Raster(_) => None,
+            Self::Raster(_) | Self::Exr(_) => None,
             Self::Drawn(g) => Some(g.pitch_um()),
         }
     }
@@ -158,7 +188,7 @@ impl Chart {
     pub fn film_size(&self) -> Option<Size> {
         match self {
             Self::Store(s) => s.film_size(),
-            Self::Raster(_) => None,
+            Self::Raster(_) | Self::Exr(_) => None,
             Self::Drawn(g) => Some(g.film_size()),
         }
     }
@@ -168,6 +198,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.units(),
             Self::Raster(_) => None,
+            Self::Exr(e) => e.units(),
             Self::Drawn(g) => Some(g.units()),
         }
     }
@@ -180,6 +211,7 @@ impl Chart {
                 (json!({ "store": identity.content }), json!(identity.mtimes))
             }
             Self::Raster(r) => r.identity(),
+            Self::Exr(e) => e.identity(),
             Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
     }

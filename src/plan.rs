@@ -7,7 +7,7 @@ pub mod list;
 mod pack;
 pub mod words;
 
-use crate::args::{PlanArgs, RunArgs};
+use crate::args::{Device, PlanArgs, RunArgs};
 use crate::failure::usage;
 use crate::job::{Job, Part};
 use crate::progress::{print, say};
@@ -27,7 +27,8 @@ const DEAR: f64 = 0.1;
 
 /// Runs the command; the exit code.
 pub fn command(args: &PlanArgs) -> Result<u8> {
-    let mut run = args.job.clone();
+    // A plan is made without the devices that its units will run on.
+    let mut run = RunArgs { device: Device::Cpu, ..args.job.clone() };
     if let Some(path) = &args.lens_pack {
         run.lens = pack::write(&run, path)?;
     }

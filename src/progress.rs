@@ -188,6 +188,20 @@ pub fn summary_lines(
             s.times.write_s - t.write_s
         ),
     ];
+    lines.extend(s.devices.iter().map(|d| {
+        let busy = |seconds: f64| 100.0 * seconds / d.span_s.max(1e-9);
+        format!(
+            "GPU {} ({}): {} tiles in {} batches; of {:.1} s busy: upload {:.0} %, compute {:.0} %, download {:.0} %",
+            d.index,
+            d.name,
+            d.tiles,
+            d.batches,
+            d.span_s,
+            busy(d.upload_s),
+            busy(d.compute_s),
+            busy(d.download_s)
+        )
+    }));
     let peak = peak.map_or(String::new(), |p| format!(", peak memory {} MiB", p >> 20));
     lines.push(format!("read {:.2} GB, wrote {:.2} GB{peak}", gb(bytes_read), gb(s.bytes_written)));
     if outside_window.1 > 0.0 {

@@ -19,6 +19,7 @@ use faults::{Failed, Follow};
 use formats::durable::{Lock, Maker, is_url, parent_of};
 use formats::film::{EncodedShard, FilmStore};
 use formats::lens::LensPackError;
+use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::{BandWork, Work, run};
 use pipeline::flow::{DoorError, FilmSink};
 use pipeline::geometry::Rect;
@@ -133,7 +134,7 @@ impl Task<'_> {
         jsonl.begin(((shards.0 - shards.1) as u64, tiles.0, tiles.1));
         let fields = json!({
             "film": self.store.path(),
-            "device": "cpu",
+            "device": job.device(),
             "threads": job.threads,
             "pid": std::process::id(),
             "host": Maker::here().host,
@@ -184,6 +185,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
             .map(|(wanted, (plan, &chart_band))| BandWork { chart_band, tiling: plan.tiling, wanted })
             .collect(),
         threads: job.threads,
+        queues: &job.queues,
         spectra_bytes: job.memory.spectra,
         cancel: interrupt::finish_tiles(),
     };
@@ -242,8 +244,10 @@ fn lay_out(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<(
 
 fn tell(job: &Job, shards: usize) {
     let f = &job.frame;
+    let on: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
+    let on = if on.is_empty() { String::new() } else { format!(" beside {}", on.join(", ")) };
     say(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}, memory {} (chart {}, spectra {})",
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}{on}, memory {} (chart {}, spectra {})",
         job.lens.lens().name,
         job.plans.len(),
         f.film,

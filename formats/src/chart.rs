@@ -8,10 +8,12 @@
 //! The unit of decoding is the *piece*: the inner chunk of a sharded array, the chunk otherwise. Left out: scale and
 //! offset attributes (CF packing), irregular chunk grids, remote stores.
 
-mod cache;
+pub mod cache;
 mod coordinates;
 mod error;
+pub mod exr;
 mod identity;
+pub mod image;
 mod layout;
 mod open;
 mod raster;

@@ -6,6 +6,7 @@
 //! no film; the pixels of a shard follow from nothing but their values and the layout, so runs can be compared by file.
 
 mod error;
+mod pyramid;
 mod spec;
 mod verify;
 
@@ -17,6 +18,7 @@ use serde_json::{Map, Value};
 
 pub use crate::shard::{Codec, SampleType};
 pub use error::FilmError;
+pub use pyramid::{PyramidState, halve, level_sizes};
 pub use spec::{FilmOutput, FilmSpec};
 pub use verify::{Finding, Verdict};
 

@@ -145,7 +145,7 @@ impl Drop for NewGroup {
     }
 }
 
-fn pretty(v: &Value) -> Vec<u8> {
+pub(crate) fn pretty(v: &Value) -> Vec<u8> {
     serde_json::to_vec_pretty(v).expect("JSON values are JSON")
 }
 

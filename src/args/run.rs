@@ -1,7 +1,7 @@
 //! `lenscube run`.
 
-use super::CodecArg;
 use super::values::{azimuths, bytes, odd, pair, pitch, positive, roi, scale, size, storage, threads};
+use super::{CodecArg, Device};
 use clap::{Args, ValueEnum};
 use pipeline::geometry::{Rect, Size};
 use std::path::PathBuf;
@@ -91,8 +91,8 @@ pub struct RunArgs {
     /// Compression of the film
     #[arg(long, value_enum, default_value_t = CodecArg::Zstd)]
     pub codec: CodecArg,
-    /// cpu, cuda or auto
-    #[arg(long, value_enum, default_value_t = Device::Auto)]
+    /// What computes: cpu; cuda (all GPUs) or cuda:0,2 (a queue for each mention); auto (GPUs if they work, else cpu)
+    #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
     pub device: Device,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
@@ -178,13 +178,4 @@ pub enum FilmUnits {
 pub enum DtypeArg {
     F32,
     F16,
-}
-
-/// Devices.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
-pub enum Device {
-    Cpu,
-    Cuda,
-    Auto,
 }

@@ -86,6 +86,40 @@ pub enum FilmError {
         /// Pixels given.
         found: usize,
     },
+    /// A pyramid is asked of a film that is not all there.
+    #[error(
+        "making the pyramid of {path}: {missing} of {shards} shards of the film are missing ({first} is the first); finish it by the same `lenscube run`, then make its pyramid"
+    )]
+    Incomplete {
+        /// The film.
+        path: PathBuf,
+        /// Shards missing.
+        missing: usize,
+        /// Shards that it must have.
+        shards: usize,
+        /// The first that is missing.
+        first: String,
+    },
+    /// Pixels that a pyramid is to be made of cannot be read.
+    #[error(
+        "making the pyramid: reading {array}, band {band}, {rect}: {reason}; `lenscube verify` tells more"
+    )]
+    Level {
+        /// The array.
+        array: String,
+        /// Band.
+        band: usize,
+        /// Its pixels.
+        rect: pipeline::geometry::Rect,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The film changed while its pyramid was made.
+    #[error("making the pyramid of {path}: the film changed meanwhile; make it again")]
+    Changed {
+        /// The film.
+        path: PathBuf,
+    },
     /// The codec refuses.
     #[error("encoding the film: {reason}")]
     Codec {

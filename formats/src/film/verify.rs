@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use pipeline::geometry::Rect;
 use serde_json::Value;
 
 use super::{FilmError, FilmStore, json};
@@ -83,6 +84,9 @@ impl FilmStore {
         found.sort_by_key(|f| f.0);
         let mut findings = self.check_metadata()?;
         findings.extend(found.into_iter().map(|f| f.1));
+        let (levels, wrong) = self.check_pyramid()?;
+        findings.extend(wrong);
+        let bytes = bytes + levels;
         Ok(Verdict { shards: all.len(), bytes, findings, temp: self.store.temp_files()? })
     }
 
@@ -94,7 +98,16 @@ impl FilmStore {
         shard: (usize, usize),
     ) -> Result<(u64, Option<Finding>), FilmError> {
         let key = self.key(output, band, shard);
-        let (sh, sw) = self.spec.shard_shape(output);
+        self.check_file(key, self.spec.shard_shape(output), self.shard_rect(output, shard))
+    }
+
+    /// The same of the file `key`, which holds the pixels of `rect` in a shard of (`sh`, `sw`).
+    pub(super) fn check_file(
+        &self,
+        key: String,
+        (sh, sw): (usize, usize),
+        rect: Rect,
+    ) -> Result<(u64, Option<Finding>), FilmError> {
         // What the encoder may lengthen, and more; a file beyond that is none of ours and is not read.
         let limit = (sh * sw * self.spec.sample.bytes()) as u64 * 2 + (1 << 20);
         let bytes = match self.store.read_at_most(&key, limit) {
@@ -111,7 +124,6 @@ impl FilmStore {
             }
             Err(e) => return Err(e.into()),
         };
-        let rect = self.shard_rect(output, shard);
         let grid = (sh / self.spec.chunk, sw / self.spec.chunk);
         let flaw = self.encoder.check(&bytes, (rect.height, rect.width), grid).err();
         let finding = flaw.map(|flaw| {

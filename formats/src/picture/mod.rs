@@ -2,7 +2,7 @@
 //!
 //! [`preview`] shows a stack of bands in colour ([`streamed`]: of any size), [`grey`] one band; both read any [`ChartSource`] once (twice where the
 //! exposure of a grey picture is to be found) in strips, averaging over area on the way (`average.rs`), so that memory
-//! holds the picture, or only a strip, never the cube. [`exposure`] says which value becomes white. [`sheet`] sets
+//! holds the picture, or only a strip, never the cube. [`exposure`] says which value becomes white, [`tone`] how values become bytes. [`sheet`] sets
 //! crops side by side, [`curve`] plots a lens's tables and [`mod@plot`] any curves, [`drawing`] shapes to scale, through the marks of [`figure`]; all draw on the [`image`].
 //! A file appears whole or not at all: `file.rs` writes under another name and renames.
 //!
@@ -23,6 +23,7 @@ pub mod plot;
 pub mod preview;
 pub mod sheet;
 pub mod streamed;
+pub mod tone;
 
 use std::path::PathBuf;
 

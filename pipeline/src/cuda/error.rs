@@ -79,6 +79,25 @@ pub enum CudaError {
         /// The device's memory.
         total_bytes: u64,
     },
+    /// A device, or the host's memory for it, that is too small for the job's tiles.
+    #[error(
+        "GPU {device} ({name}): a tile at a time needs {} of its memory and {} of page-locked host memory; {} and {} can be used; end what else uses this GPU, raise --memory, use another GPU or `--device cpu`",
+        mib(.needed_bytes), mib(.host_needed_bytes), mib(.usable_bytes), mib(.host_usable_bytes)
+    )]
+    TooSmall {
+        /// Which GPU.
+        device: usize,
+        /// Its name.
+        name: String,
+        /// The least of its memory.
+        needed_bytes: u64,
+        /// What can be used of it.
+        usable_bytes: u64,
+        /// The least of the host's.
+        host_needed_bytes: u64,
+        /// What can be used of it.
+        host_usable_bytes: u64,
+    },
     /// A kernel did what it must not: a fault of this program.
     #[error(
         "GPU {device}, {doing}: a kernel failed ({code}); what was computed since is discarded; this is a fault of the program, `compute-sanitizer` finds the place"
@@ -151,6 +170,16 @@ impl CudaError {
         move |error| Self::new(device, doing, error)
     }
 
+    /// Whether the same command may succeed later.
+    pub fn retryable(&self) -> bool {
+        self.lost() || self.out_of_memory()
+    }
+
+    /// Whether it may do with less memory.
+    pub fn out_of_memory(&self) -> bool {
+        matches!(self, Self::OutOfMemory { .. })
+    }
+
     /// Whether the device is gone for this process, so that its work goes back to the others.
     pub fn lost(&self) -> bool {
         matches!(self, Self::Lost { .. })
@@ -160,6 +189,10 @@ impl CudaError {
 /// The driver's name and number of an error.
 pub(super) fn code(error: DriverError) -> String {
     format!("{:?}, {}", error.0, error.0 as u32)
+}
+
+fn mib(bytes: &u64) -> String {
+    format!("{} MiB", bytes.div_ceil(1 << 20))
 }
 
 fn dotted((major, minor): &Version) -> String {

@@ -6,8 +6,13 @@
 //! the driver assembles it for its GPU. So any machine builds this, and tests run the same `.cu` text on the CPU.
 #![allow(unsafe_code)]
 
+mod band;
 pub mod device;
 pub mod error;
+pub mod memory;
+pub(crate) mod pool;
+pub mod queue;
 
+pub use band::needs;
 pub use device::{Device, DeviceInfo, devices};
 pub use error::CudaError;

@@ -37,13 +37,23 @@ pub enum RunError {
         /// What went wrong.
         source: DoorError,
     },
+    /// No device is left; what the last one said.
+    #[error("computing on GPUs, of which none is left: {source}")]
+    Device {
+        /// Position in the job.
+        position: usize,
+        /// What went wrong.
+        source: DoorError,
+    },
 }
 
 impl RunError {
     /// The band's position in the job.
     pub fn position(&self) -> usize {
         match self {
-            Self::Prepare { position, .. } | Self::Read { position, .. } => *position,
+            Self::Prepare { position, .. } | Self::Read { position, .. } | Self::Device { position, .. } => {
+                *position
+            }
             Self::Write { id, .. } => id.band,
         }
     }
@@ -51,7 +61,10 @@ impl RunError {
     /// What the source or the sink said.
     pub fn door(&self) -> &DoorError {
         match self {
-            Self::Prepare { source, .. } | Self::Read { source, .. } | Self::Write { source, .. } => source,
+            Self::Prepare { source, .. }
+            | Self::Read { source, .. }
+            | Self::Write { source, .. }
+            | Self::Device { source, .. } => source,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! What comes next: bands one ahead of the workers, tiles in order, shards to encode as they get finished.
 
+use super::devices::{Batch, Fetch};
 use super::turn::Light;
 use super::{AHEAD, BandStages, RunError, Work};
 use crate::clock::{Clock, Stage};
@@ -29,10 +30,10 @@ impl ChartSource for Timed<'_> {
 }
 
 /// A band on its way, and its tiles.
-pub(super) struct Running {
-    pub(super) position: usize,
-    pub(super) stages: BandStages,
-    pub(super) tiles: Vec<(usize, usize)>,
+pub(crate) struct Running {
+    pub(crate) position: usize,
+    pub(crate) stages: BandStages,
+    pub(crate) tiles: Vec<(usize, usize)>,
 }
 
 #[derive(Default)]
@@ -46,6 +47,12 @@ pub(super) struct State {
     pub(super) adding: bool,
     pub(super) waiting: BTreeMap<usize, Light>,
     pub(super) finished: VecDeque<Finished>,
+    /// Charts that devices wait for, in order.
+    pub(super) fetches: VecDeque<Fetch>,
+    /// What devices could not do, by its first tile's place in the sequence.
+    pub(super) returned: BTreeMap<usize, Batch>,
+    /// Devices that are left.
+    pub(super) queues: usize,
     pub(super) spare: Vec<Scattered>,
     pub(super) error: Option<RunError>,
     pub(super) tiles: u64,
@@ -55,14 +62,15 @@ pub(super) struct State {
 pub(super) enum Task {
     Tile { sequence: usize, band: Arc<Running>, index: usize, light: Scattered },
     Encode(Finished),
+    Fetch(Fetch),
     Over,
 }
 
-pub(super) struct Shared<'a, S: FilmSink> {
-    pub(super) work: &'a Work<'a>,
+pub(crate) struct Shared<'a, S: FilmSink> {
+    pub(crate) work: &'a Work<'a>,
     pub(super) chart: Timed<'a>,
     pub(super) sink: &'a S,
-    pub(super) progress: &'a dyn Progress,
+    pub(crate) progress: &'a dyn Progress,
     pub(super) spectra: SpectrumCache,
     pub(super) clock: &'a Clock,
     pub(super) state: Mutex<State>,
@@ -78,7 +86,10 @@ impl<S: FilmSink> Shared<'_, S> {
     /// Stops the run, unless whoever follows it would rather go on without what `error` spoils.
     pub(super) fn fail(&self, error: RunError) {
         if !self.progress.fault(&error) {
-            self.lock().error.get_or_insert(error);
+            let mut state = self.lock();
+            state.error.get_or_insert(error);
+            // Whoever waits for one of them learns that it will not come.
+            state.fetches.clear();
             self.changed.notify_all();
         }
     }
@@ -109,9 +120,10 @@ impl<S: FilmSink> Shared<'_, S> {
         }
     }
 
-    /// What this worker should do next; waits where it must.
+    /// What this worker should do next; waits where it must. Tiles are for workers only where there is no device.
     pub(super) fn next(&self, bands: &Receiver<Running>) -> Task {
         let ahead = AHEAD * self.work.threads.max(1);
+        let computes = self.work.queues.is_empty();
         let mut state = self.lock();
         loop {
             if state.error.is_some() {
@@ -120,42 +132,73 @@ impl<S: FilmSink> Shared<'_, S> {
             if let Some(shard) = state.finished.pop_front() {
                 return Task::Encode(shard);
             }
-            let cancelled = self.work.cancel.load(Ordering::Relaxed);
-            let over = state.bands_over || cancelled;
-            let tiles_left = state.band.as_ref().map_or(0, |b| b.tiles.len() - state.next_tile);
-            if tiles_left > 0 && !cancelled && state.sequence < state.added + ahead {
-                let band = Arc::clone(state.band.as_ref().expect("it has tiles"));
-                let (sequence, index) = (state.sequence, state.next_tile);
-                state.sequence += 1;
-                state.next_tile += 1;
-                return Task::Tile { sequence, band, index, light: state.spare.pop().unwrap_or_default() };
+            if let Some(fetch) = state.fetches.pop_front() {
+                return Task::Fetch(fetch);
             }
-            if over && (tiles_left == 0 || cancelled) && state.added == state.sequence && !state.adding {
+            let cancelled = self.work.cancel.load(Ordering::Relaxed);
+            if computes && state.tiles_left() > 0 && !cancelled && state.sequence < state.added + ahead {
+                let light = state.spare.pop().unwrap_or_default();
+                let Batch { band, first, sequence, .. } = state.take(1);
+                return Task::Tile { sequence, band, index: first, light };
+            }
+            if self.is_over(&state) {
                 self.changed.notify_all();
                 return Task::Over;
             }
-            if tiles_left == 0 && !over && !state.fetching {
+            if computes && state.wants_band() && !cancelled {
                 state.fetching = true;
                 drop(state);
                 let band = bands.recv();
                 state = self.lock();
-                state.fetching = false;
-                match band {
-                    Ok(band) => {
-                        let tiling = &self.work.bands[band.position].tiling;
-                        let film = self.work.frame.film.rect();
-                        let on_film =
-                            |&t: &(usize, usize)| tiling.rect(t).intersect(film).size().pixels() as u64;
-                        self.progress.band(band.position, band.tiles.iter().map(on_film).sum());
-                        state.band = Some(Arc::new(band));
-                        state.next_tile = 0;
-                    }
-                    Err(_) => state.bands_over = true,
-                }
-                self.changed.notify_all();
+                self.begin(&mut state, band.ok());
                 continue;
             }
             state = self.changed.wait(state).expect("workers do not panic");
         }
+    }
+
+    /// All tiles there will be are added.
+    pub(super) fn is_over(&self, state: &State) -> bool {
+        let cancelled = self.work.cancel.load(Ordering::Relaxed);
+        let no_more = cancelled || state.bands_over && state.tiles_left() == 0;
+        no_more && state.added == state.sequence && !state.adding
+    }
+
+    /// The next band is there (`None`: there is none).
+    pub(super) fn begin(&self, state: &mut State, band: Option<Running>) {
+        state.fetching = false;
+        match band {
+            Some(band) => {
+                let tiling = &self.work.bands[band.position].tiling;
+                let film = self.work.frame.film.rect();
+                let on_film = |&t: &(usize, usize)| tiling.rect(t).intersect(film).size().pixels() as u64;
+                self.progress.band(band.position, band.tiles.iter().map(on_film).sum());
+                state.band = Some(Arc::new(band));
+                state.next_tile = 0;
+            }
+            None => state.bands_over = true,
+        }
+        self.changed.notify_all();
+    }
+}
+
+impl State {
+    /// Tiles of the present band that nobody has taken.
+    pub(super) fn tiles_left(&self) -> usize {
+        self.band.as_ref().map_or(0, |b| b.tiles.len() - self.next_tile)
+    }
+
+    /// Somebody must get the next band.
+    pub(super) fn wants_band(&self) -> bool {
+        self.tiles_left() == 0 && !self.bands_over && !self.fetching
+    }
+
+    /// The next `count` tiles of the present band, which has them.
+    pub(super) fn take(&mut self, count: usize) -> Batch {
+        let band = Arc::clone(self.band.as_ref().expect("it has tiles"));
+        let (sequence, first) = (self.sequence, self.next_tile);
+        self.sequence += count;
+        self.next_tile += count;
+        Batch { band, first, count, sequence, returned: false }
     }
 }

@@ -5,12 +5,15 @@
 //! worker holds the turn. Encoded shards go through a short queue to threads that only write. No queue is unbounded: a
 //! tile may start only [`AHEAD`] tiles a worker before the oldest one not yet added.
 
+pub(crate) mod devices;
 mod error;
-mod feed;
-mod turn;
+pub(crate) mod feed;
+pub(crate) mod turn;
 mod worker;
 
 use crate::clock::{Clock, StageTimes};
+use crate::cuda::memory::DeviceQueue;
+use crate::cuda::queue::{DeviceFigures, serve};
 use crate::flow::{ChartSource, DoorError, FilmSink, Progress};
 use crate::geometry::Frame;
 use crate::overlap_add::OverlapAdd;
@@ -20,7 +23,7 @@ use crate::psf::spectra::SpectrumCache;
 use crate::scene::Scene;
 use crossbeam::channel::bounded;
 pub use error::RunError;
-use feed::{Running, Shared, Timed};
+use feed::{Running, Shared, State, Timed};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex};
@@ -50,6 +53,8 @@ pub struct Work<'a> {
     pub bands: Vec<BandWork>,
     /// Worker threads.
     pub threads: usize,
+    /// GPUs that compute the tiles; none: the workers do.
+    pub queues: &'a [DeviceQueue],
     /// Bytes for node spectra.
     pub spectra_bytes: usize,
     /// Set from outside to stop early: tiles in flight end, what they finish is committed.
@@ -86,6 +91,8 @@ pub struct Summary {
     pub shards: u64,
     /// Bytes written.
     pub bytes_written: u64,
+    /// What each device did.
+    pub devices: Vec<DeviceFigures>,
     /// Stopped early by `cancel`.
     pub interrupted: bool,
 }
@@ -110,11 +117,16 @@ pub fn run<S: FilmSink>(
         progress,
         spectra: SpectrumCache::new(work.spectra_bytes),
         clock: &clock,
-        state: Mutex::default(),
+        state: Mutex::new(State { queues: work.queues.len(), ..State::default() }),
         changed: Condvar::new(),
         overlap: Mutex::new(OverlapAdd::new(work.windows)),
     };
     let (shards, bytes) = (AtomicU64::new(0), AtomicU64::new(0));
+    let named = |queue: &DeviceQueue| {
+        let (index, name) = (queue.device.index(), queue.device.info.name.clone());
+        Mutex::new(DeviceFigures { index, name, ..DeviceFigures::default() })
+    };
+    let figures: Vec<_> = work.queues.iter().map(named).collect();
     std::thread::scope(|scope| {
         let (bands_out, bands_in) = bounded::<Running>(0);
         let (encoded_out, encoded_in) = bounded::<(ShardId, S::Encoded)>(WRITERS);
@@ -123,6 +135,10 @@ pub fn run<S: FilmSink>(
         for _ in 0..WRITERS {
             let (inbox, shards, bytes) = (encoded_in.clone(), &shards, &bytes);
             scope.spawn(move || shared.write(&inbox, shards, bytes));
+        }
+        for (queue, figures) in work.queues.iter().zip(&figures) {
+            let bands = bands_in.clone();
+            scope.spawn(move || serve(shared, &bands, queue, figures));
         }
         for _ in 0..work.threads.max(1) {
             let (bands, encoded) = (bands_in.clone(), encoded_out.clone());
@@ -142,6 +158,7 @@ pub fn run<S: FilmSink>(
         spectra: shared.spectra.built(),
         shards: shards.into_inner(),
         bytes_written: bytes.into_inner(),
+        devices: figures.into_iter().map(|f| f.into_inner().expect("workers do not panic")).collect(),
         interrupted: work.cancel.load(Ordering::Relaxed),
     })
 }

@@ -1,18 +1,27 @@
 //! Light in the order of tiles: whoever holds the turn adds all that is next.
 
 use super::feed::{Running, Shared};
+use crate::cuda::pool::Downloaded;
 use crate::flow::FilmSink;
 use crate::plan::{ShardId, Window};
 use crate::psf::Scattered;
 use std::sync::Arc;
 
 /// What a tile throws on the film, on its way to be added.
-pub(super) struct Light {
-    pub(super) band: Arc<Running>,
-    pub(super) tile: (usize, usize),
-    pub(super) light: Scattered,
+pub(crate) struct Light {
+    pub(crate) band: Arc<Running>,
+    pub(crate) tile: (usize, usize),
+    pub(crate) light: Thrown,
+}
+
+/// Where a tile's light lies.
+pub(crate) enum Thrown {
+    /// A worker made it.
+    Here(Scattered),
+    /// A device made it.
+    Down(Downloaded),
     /// The chart could not be read: the shards it reaches cannot be made.
-    pub(super) lost: bool,
+    Lost,
 }
 
 impl<S: FilmSink> Shared<'_, S> {
@@ -28,7 +37,7 @@ impl<S: FilmSink> Shared<'_, S> {
     }
 
     /// Hands in a tile's light; if it is this worker's turn, adds all that are next in order.
-    pub(super) fn add(&self, sequence: usize, light: Light) {
+    pub(crate) fn add(&self, sequence: usize, light: Light) {
         let mut state = self.lock();
         state.waiting.insert(sequence, light);
         if state.adding {
@@ -37,17 +46,21 @@ impl<S: FilmSink> Shared<'_, S> {
         state.adding = true;
         loop {
             let turn = state.added;
-            let Some(Light { band, tile, light, lost }) = state.waiting.remove(&turn) else { break };
+            let Some(Light { band, tile, light }) = state.waiting.remove(&turn) else { break };
             drop(state);
             let work = &self.work.bands[band.position];
             let reach = work.tiling.reach(tile);
             let finished = self.clock.add.time(|| {
                 let mut overlap = self.overlap.lock().expect("workers do not panic");
-                if lost {
-                    overlap.lose(&self.shards(&band, tile));
-                    return Vec::new();
-                }
-                overlap.add(band.position, &work.tiling, &work.wanted, reach, &light)
+                let (data, stride) = match &light {
+                    Thrown::Here(light) => (&light.data[..], light.stride),
+                    Thrown::Down(light) => (light.data(), light.stride),
+                    Thrown::Lost => {
+                        overlap.lose(&self.shards(&band, tile));
+                        return Vec::new();
+                    }
+                };
+                overlap.add(band.position, &work.tiling, &work.wanted, reach, data, stride)
             });
             let pixels = work.tiling.rect(tile).intersect(self.work.frame.film.rect()).size().pixels();
             self.progress.tile(band.position, pixels);
@@ -55,7 +68,9 @@ impl<S: FilmSink> Shared<'_, S> {
             state.added += 1;
             state.tiles += 1;
             state.pixels += pixels as u64;
-            state.spare.push(light);
+            if let Thrown::Here(light) = light {
+                state.spare.push(light);
+            }
             state.finished.extend(finished);
             self.changed.notify_all();
         }

@@ -2,8 +2,8 @@
 
 use super::RunError;
 use super::feed::{Running, Shared, Task};
-use super::turn::Light;
-use crate::flow::{ChartSource, FilmSink};
+use super::turn::{Light, Thrown};
+use crate::flow::{ChartSource, DoorError, FilmSink};
 use crate::plan::ShardId;
 use crate::psf::PsfScratch;
 use crate::scene::SceneScratch;
@@ -11,7 +11,7 @@ use crossbeam::channel::{Receiver, Sender};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Tiles, per worker, between the one that is computed and the one whose chart is fetched: some tens of milliseconds.
-const READ_AHEAD: usize = 4;
+pub(super) const READ_AHEAD: usize = 4;
 
 impl<S: FilmSink> Shared<'_, S> {
     pub(super) fn compute(&self, bands: &Receiver<Running>, encoded: &Sender<(ShardId, S::Encoded)>) {
@@ -31,6 +31,7 @@ impl<S: FilmSink> Shared<'_, S> {
                         Err(source) => self.fail(RunError::Write { id: shard.id, source }),
                     }
                 }
+                Task::Fetch(fetch) => self.fetch(fetch, &mut scratch),
                 Task::Tile { sequence, band, index, mut light } => {
                     let work = &self.work.bands[band.position];
                     let (tile, stages) = (band.tiles[index], &band.stages);
@@ -40,13 +41,12 @@ impl<S: FilmSink> Shared<'_, S> {
                     let read = self.clock.scene.time(|| {
                         stages.scene.apply(&self.chart, work.chart_band, rect, &mut scene, &mut scratch)
                     });
-                    let lost = read.is_err();
                     if let Err(source) = read {
-                        let shards = self.shards(&band, tile);
-                        self.fail(RunError::Read { position: band.position, rect, shards, source });
+                        self.unread(&band, tile, source);
+                        self.add(sequence, Light { band, tile, light: Thrown::Lost });
+                        continue;
                     }
                     self.clock.svpsf.time(|| match &stages.psf {
-                        _ if lost => (),
                         Some(stage) => {
                             stage.scatter(
                                 &self.work.frame,
@@ -59,14 +59,21 @@ impl<S: FilmSink> Shared<'_, S> {
                         }
                         None => light.copy(&scene, rect.width),
                     });
-                    self.add(sequence, Light { band, tile, light, lost });
+                    self.add(sequence, Light { band, tile, light: Thrown::Here(light) });
                 }
             }
         }
     }
 
+    /// The chart under `tile` could not be read.
+    pub(crate) fn unread(&self, band: &Running, tile: (usize, usize), source: DoorError) {
+        let rect = self.work.bands[band.position].tiling.rect(tile);
+        let shards = self.shards(band, tile);
+        self.fail(RunError::Read { position: band.position, rect, shards, source });
+    }
+
     /// Lets the chart fetch what a later tile of the band will ask for.
-    fn expect(&self, band: &Running, index: usize) {
+    pub(super) fn expect(&self, band: &Running, index: usize) {
         let work = &self.work.bands[band.position];
         if let Some(&tile) = band.tiles.get(index) {
             let rect = band.stages.scene.about(self.chart.size(), work.tiling.rect(tile));

@@ -23,6 +23,8 @@
 // Exactness: weights come from (r, theta) made as the CPU makes them (near the axis in f64) and from its own tents, by exact
 // f32 operations: no approximate division or root is used anywhere in this file.
 
+// From cuda/cut.rs: THREADS, GROUP
+
 #ifndef DYNAMIC_SHARED
 #define DYNAMIC_SHARED(type, name) extern __shared__ type name[]
 #endif
@@ -39,11 +41,12 @@ struct Block {            // one block of scene, and where it lies about the axi
     double r, azimuth;    // of the centre
     float cosine, sine;   // of that azimuth
     float half_y, half_x; // centre minus first pixel
-    unsigned scene;       // first pixel
+    unsigned long long scene; // first pixel
     int stride;           // pixels from row to row
     int rows, cols;
     int height, width;    // with zeros behind: what the transform reads
     int around;           // near the axis: azimuths in f64
+    int packed;           // where it goes, in rows of SIDE pixels
     int unused;
 };
 
@@ -54,8 +57,8 @@ struct Tent {             // psf/grid.rs, and which node it belongs to
 };
 
 struct Job {              // what one thread block (of each slice) does: some nodes of a block, one part of their kernels
-    int block;            // number in the batch
-    int height, width;    // of that block, with the zeros
+    int packed;           // where the block lies, in rows of SIDE pixels
+    int height, width;    // of the block, with the zeros
     int first, end;       // nodes in the list of tents
     int part;             // of the kernels
     int unused[2];
@@ -69,16 +72,15 @@ struct Turn {             // one kernel part to transform
 };
 
 struct Tile {             // of light: scene grown by the window
-    unsigned light;       // first value
+    unsigned long long scene, light; // first values
     int stride, rows, cols;
     int block_y, block_x; // side of its blocks
     int down, across;     // blocks
     int last_rows, last_cols; // of the last block in either direction
     int first;            // block in the list of slots
-    int unused;
 };
 
-struct Slots { int first, pieces; }; // of a block: for each kernel part in turn, `pieces` images of SIDE x SIDE
+struct Slots { int first, pieces; }; // of a block: for each piece of its nodes in turn, the images of all kernel parts
 
 // A barrier with a number, so that a test can leave one out and see that it is missed.
 template <int NUMBER> DEVICE void barrier() {
@@ -177,7 +179,6 @@ template <bool INVERSE> struct Fft<16, INVERSE> {
 };
 
 // The cut of a transform.
-#define THREADS 512 // of every transform
 #define POINTS 8192 // complex values of a slice
 #define ROW 18      // values from one j to the next in along_x: 16-byte reads of 8 neighbours meet different banks
 template <int SIDE> struct Cut {
@@ -244,7 +245,7 @@ template <int SIDE> struct Weighted { // a packed block, each pixel times its sh
     DEVICE int height() const { return again(s.job.height); }
     DEVICE Column column(int x, int first_row) const {
         Column c;
-        c.pixels = packed + (size_t)again(s.job.block) * (SIDE * SIDE) + first_row * SIDE + x;
+        c.pixels = packed + (size_t)again(s.job.packed) * SIDE + first_row * SIDE + x;
         c.rise = again(tent.rise);
         c.rise_at = again(tent.rise_at);
         c.fall = again(tent.fall);
@@ -278,8 +279,6 @@ template <int SIDE> struct Kernel { // part of a kernel, made of its seed
         return c;
     }
 };
-
-#define GROUP 5 // source rows fetched together: of 8 * GROUP rows, the height of a packed block is a multiple
 
 // Everything but the last stage. Reads what was written before barrier 1, ends with barrier 4.
 template <int SIDE, class Source> DEVICE void forward(Shared<SIDE> &s, const Source &source) {
@@ -499,7 +498,7 @@ ENTRIES(256)
 //     x(n + 32m) + i x(n + 32m + 128) = exp(-i pi m / 8) sum_s g_s exp(2 pi i m s / 4)
 extern "C" __global__ void __launch_bounds__(256) psf_unfold(float *images) {
     const float C[4] = {1.f, 0.923879532511286756f, 0.707106781186547524f, 0.382683432365089772f};
-    float *own = images + (size_t)blockIdx.y * (256 * 256) + blockIdx.x * 256 + threadIdx.x;
+    float *own = images + (size_t)(blockIdx.x / 32) * (256 * 256) + (blockIdx.x % 32) * 256 + threadIdx.x;
     Complex a[4];
 #pragma unroll
     for (int i = 0; i < 4; ++i) a[i] = complex(own[i * (32 * 256)], own[(i + 4) * (32 * 256)]);
@@ -516,12 +515,12 @@ extern "C" __global__ void __launch_bounds__(256) psf_unfold(float *images) {
 // relative to the block's centre. `polynomials`: ATAN (8) and SECANT (6) of psf/polar.rs.
 extern "C" __global__ void __launch_bounds__(256) psf_pack(const Block *blocks, int side, const float *scene, const float *polynomials, float4 *packed) {
     const Block b = blocks[blockIdx.x];
-    float4 *to = packed + (size_t)blockIdx.x * (side * side);
+    float4 *to = packed + (size_t)b.packed * side;
     for (int i = threadIdx.x; i < b.height * b.width; i += 256) {
         const int y = i / b.width, x = i - y * b.width;
         float4 v = make_float4(0.f, 0.f, 0.f, 0.f);
         if (y < b.rows && x < b.cols) {
-            v.x = __ldg(scene + (size_t)b.scene + (size_t)y * b.stride + x);
+            v.x = __ldg(scene + b.scene + (size_t)y * b.stride + x);
             if (b.around) {
                 const double dy = b.dy + y, dx = b.dx + x, tau = 6.283185307179586, turn = atan2(dy, dx) - b.azimuth;
                 v.y = (float)(hypot(dy, dx) - b.r);
@@ -543,8 +542,8 @@ extern "C" __global__ void __launch_bounds__(256) psf_pack(const Block *blocks, 
     }
 }
 
-// Overlap-add of the tile blockIdx.z: a pixel takes from its blocks row by row, from each block's kernel parts row by row, from
-// each part's pieces in turn. Kernels are cut into `parts` x `parts` of `part` pixels, the last ones smaller.
+// Overlap-add of the tile blockIdx.z: a pixel takes from its blocks row by row, of each from its kernel parts row by row, of each
+// from the pieces in turn. Kernels are cut into `parts` x `parts` of `part` pixels, the last ones smaller.
 extern "C" __global__ void __launch_bounds__(256, 4) psf_add(
     const Tile *tiles, const Slots *slots, const float *images, int side, int window, int parts, int part, float *light) {
     const Tile tile = tiles[blockIdx.z];
@@ -563,18 +562,18 @@ extern "C" __global__ void __launch_bounds__(256, 4) psf_add(
                 for (int b = 0; b < parts; ++b) {
                     const int xx = x - j * tile.block_x - b * part;
                     if (xx < 0 || xx >= cols + min(part, window - b * part) - 1) continue;
-                    const float *image = images + (size_t)(own.first + (a * parts + b) * own.pieces) * side * side + yy * side + xx;
-                    for (int k = 0; k < own.pieces; ++k) sum += __ldg(image + (size_t)k * side * side);
+                    const float *image = images + (size_t)(own.first + a * parts + b) * (side * side) + yy * side + xx;
+                    for (int k = 0; k < own.pieces; ++k) sum += __ldg(image + (size_t)k * (parts * parts) * (side * side));
                 }
             }
         }
-    light[(size_t)tile.light + (size_t)y * tile.stride + x] = sum;
+    light[tile.light + (size_t)y * tile.stride + x] = sum;
 }
 
-// The tile blockIdx.z as it is: map says where its scene begins.
+// The tile blockIdx.z as it is.
 extern "C" __global__ void __launch_bounds__(256) psf_copy(const Tile *tiles, const float *scene, float *light) {
     const Tile tile = tiles[blockIdx.z];
     const int x = blockIdx.x * 32 + (threadIdx.x & 31), y = blockIdx.y * 8 + (threadIdx.x >> 5);
     if (x >= tile.cols || y >= tile.rows) return;
-    light[(size_t)tile.light + (size_t)y * tile.stride + x] = __ldg(scene + (size_t)tile.first + (size_t)y * tile.cols + x);
+    light[tile.light + (size_t)y * tile.stride + x] = __ldg(scene + tile.scene + (size_t)y * tile.cols + x);
 }

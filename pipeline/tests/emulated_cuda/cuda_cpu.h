@@ -27,6 +27,7 @@
 #define __shared__ static thread_local
 #define __forceinline__ inline
 #define __restrict__ __restrict
+#define __grid_constant__
 #define __align__(n) alignas(n)
 #define __launch_bounds__(...)
 #define DYNAMIC_SHARED(type, name) type *name = static_cast<type *>(emulated::dynamic_shared())
@@ -77,13 +78,13 @@ struct Kernel {
 
 void add(const char *name, Kernel kernel);
 
-template <class... A, size_t... I> Call bind(void (*kernel)(A...), void **arguments, std::index_sequence<I...>) {
+template <class... A, size_t... I> Call with_arguments(void (*kernel)(A...), void **arguments, std::index_sequence<I...>) {
     std::tuple<std::decay_t<A>...> copied(*static_cast<std::decay_t<A> *>(arguments[I])...);
     return [=] { std::apply(kernel, copied); };
 }
 
 template <class... A> bool add(const char *name, void (*kernel)(A...)) {
-    auto bound = [=](void **arguments) { return bind(kernel, arguments, std::index_sequence_for<A...>()); };
+    auto bound = [=](void **arguments) { return with_arguments(kernel, arguments, std::index_sequence_for<A...>()); };
     add(name, Kernel{{sizeof(A)...}, bound});
     return true;
 }
