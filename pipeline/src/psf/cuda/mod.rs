@@ -1,8 +1,8 @@
 //! The PSF stage of one band on a GPU: the sums of [`crate::psf`], launched; `psf.cu` beside its CPU twins does them.
 //!
 //! Tiles come as scene and go as light with their tails, both in device memory. A batch of tiles shares its launches; what a tile gets
-//! depends on the tile alone ([`work`]). Kernels are made by the CPU as for its own transforms, one *seed* for four or
-//! eight of them; the device turns them and keeps seeds and spectra in two pools ([`resident`]). Where memory is short a batch is
+//! depends on the tile alone (`work`). Kernels are made by the CPU as for its own transforms, one *seed* for four or
+//! eight of them; the device turns them and keeps seeds and spectra in two pools (`resident`). Where memory is short a batch is
 //! worked off in rounds of fewer tiles, and these in rounds of fewer nodes: the same sums in the same order.
 //!
 //! On a card (H200: 132 multiprocessors at 1.755 GHz; counted, see `scripts/bench`): at 51 px 16 warp instructions a pixel, at 151 px 38.
