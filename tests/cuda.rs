@@ -61,7 +61,9 @@ fn taken(place: &Place) -> Bytes {
 /// The last run's record.
 fn record(film: &Path) -> Value {
     let entries = std::fs::read_dir(film.join("runs")).unwrap().map(|e| e.unwrap().path());
-    let newest = entries.filter(|p| text(p).ends_with(".json")).max_by_key(|p| p.metadata().unwrap().modified().unwrap());
+    let newest = entries
+        .filter(|p| text(p).ends_with(".json"))
+        .max_by_key(|p| p.metadata().unwrap().modified().unwrap());
     serde_json::from_slice(&std::fs::read(newest.unwrap()).unwrap()).unwrap()
 }
 
@@ -146,7 +148,8 @@ fn a_lost_device_leaves_its_tiles_to_the_others() {
     for streams in ["eager", "deferred"] {
         for n in ["1", "4"] {
             let fault = format!("lost:1:{n}");
-            let settings = [("DEVICES", "2"), ("DELAY_US", "2000,0"), ("FAULTS", &fault), ("STREAMS", streams)];
+            let settings =
+                [("DEVICES", "2"), ("DELAY_US", "2000,0"), ("FAULTS", &fault), ("STREAMS", streams)];
             says(&run(&place, "cuda", &settings), 0, &["GPU 1", "takes part no longer", "is lost"]);
             assert!(record(&place.film)["devices"][1]["did"]["left"].is_string());
             assert!(taken(&place) == one, "other bits after {settings:?}");
@@ -236,7 +239,8 @@ fn a_signal_lets_what_is_on_the_device_come_down() {
     let place = Place::wide();
     let one = whole(&place);
     let mut command = command(&place, &place.film, "cuda:0", &[("DELAY_US", "1000")], "write:14:stop");
-    let child = command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let child =
+        command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::piped()).spawn().unwrap();
     let mut stopped = common::place::Stopped(child);
     assert!(stopped.wait_stopped(), "the run ended before it was stopped");
     stopped.signal("TERM");
@@ -269,6 +273,10 @@ fn main() -> ExitCode {
     let mut trials: Vec<Trial> =
         emulated.iter().map(|&(name, run)| trial(name, run, !emulated_cuda::compiler())).collect();
     let without = without_a_driver_nothing_computes_elsewhere_unasked;
-    trials.push(trial("without_a_driver_nothing_computes_elsewhere_unasked", without, emulated_cuda::driver()));
+    trials.push(trial(
+        "without_a_driver_nothing_computes_elsewhere_unasked",
+        without,
+        emulated_cuda::driver(),
+    ));
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

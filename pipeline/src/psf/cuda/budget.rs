@@ -1,9 +1,9 @@
 //! How much device memory the stage takes, told without a device: blocks, their images and lists for the tiles of a round, and the
 //! two pools.
 
+use super::PsfTile;
 use super::cut::Cut;
 use super::work::{PIECE, Work};
-use super::PsfTile;
 use crate::geometry::{Frame, Rect, Size};
 use crate::psf::grid::NodeGrid;
 

@@ -64,8 +64,7 @@ impl Cut {
         let (columns, first) = (width / 4.0, (POINTS / self.side / 8) as f64);
         let node =
             columns * (weigh + row * rows) + columns * first / 8.0 * along_y + 16.0 * (along_x + product);
-        let inverse =
-            16.0 * (back[0] + back[1]) + 32.0 * back[2] + (self.side / 4) as f64 * back[3];
+        let inverse = 16.0 * (back[0] + back[1]) + 32.0 * back[2] + (self.side / 4) as f64 * back[3];
         let all = (self.slices() * self.images()) as f64 * (NODES * node + inverse);
         all / (self.block * self.block) as f64
     }
@@ -146,8 +145,15 @@ mod tests {
             let cut = Cut::choose(n);
             (cut.side, cut.parts, cut.block)
         });
-        let want =
-            [(128, 1, 126), (128, 1, 78), (256, 1, 156), (256, 1, 106), (256, 2, 156), (256, 3, 123), (256, 5, 129)];
+        let want = [
+            (128, 1, 126),
+            (128, 1, 78),
+            (256, 1, 156),
+            (256, 1, 106),
+            (256, 2, 156),
+            (256, 3, 123),
+            (256, 5, 129),
+        ];
         assert_eq!(cuts, want);
     }
 

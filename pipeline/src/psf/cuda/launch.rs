@@ -131,7 +131,8 @@ impl Launcher<'_> {
         let mut launch = self.stream.launch_builder(&self.entries.pack);
         launch.arg(blocks).arg(&side).arg(scene).arg(polynomials).arg(packed);
         // SAFETY: psf_pack(Block *, int, float *, float *, float4 *); blocks lie in their tiles, `packed` holds the rows of all.
-        unsafe { launch.launch(plain((count as u32, 1, 1))) }.map_err(self.device.failed("packing blocks"))?;
+        unsafe { launch.launch(plain((count as u32, 1, 1))) }
+            .map_err(self.device.failed("packing blocks"))?;
         Ok(())
     }
 
@@ -146,7 +147,8 @@ impl Launcher<'_> {
         let mut launch = self.stream.launch_builder(&self.entries.spectra);
         launch.arg(turns).arg(seeds).arg(&window).arg(self.tables).arg(spectra);
         // SAFETY: psf_spectra(Turn *, float *, int, float2 *, float4 *); a turn's seed and spectrum are places of the two pools.
-        unsafe { launch.launch(self.transforms(count)) }.map_err(self.device.failed("transforming kernels"))?;
+        unsafe { launch.launch(self.transforms(count)) }
+            .map_err(self.device.failed("transforming kernels"))?;
         Ok(())
     }
 

@@ -164,7 +164,8 @@ impl PsfOnDevice {
             work.add(tile, &self.frame, &self.grid, &self.cut);
             let (asked, may) = (work.bytes(&self.cut), self.budget.scratch);
             if asked > may && i == 0 {
-                let (device, what) = (self.device.index(), format!("the PSF stage of the tile {}", tile.rect));
+                let (device, what) =
+                    (self.device.index(), format!("the PSF stage of the tile {}", tile.rect));
                 let (asked_bytes, free_bytes) = (asked as u64, may as u64);
                 let total_bytes = self.device.info.memory_bytes;
                 return Err(CudaError::OutOfMemory { device, what, asked_bytes, free_bytes, total_bytes });

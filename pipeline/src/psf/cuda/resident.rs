@@ -71,6 +71,9 @@ mod tests {
         };
         assert_eq!([place(7, false), place(8, false)], [Some((0, true)), Some((1, true))]);
         assert_eq!([place(7, false), place(9, false)], [Some((0, false)), None]);
-        assert_eq!([place(9, true), place(7, false), place(8, false)], [Some((1, true)), Some((0, false)), None]);
+        assert_eq!(
+            [place(9, true), place(7, false), place(8, false)],
+            [Some((1, true)), Some((0, false)), None]
+        );
     }
 }

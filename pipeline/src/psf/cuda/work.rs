@@ -263,7 +263,8 @@ impl Work {
     /// Jobs and tents of piece `i`.
     pub(super) fn piece(&self, i: usize) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         let (job, tent) = self.pieces[i];
-        let (end_job, end_tent) = self.pieces.get(i + 1).copied().unwrap_or((self.jobs.len(), self.tents.len()));
+        let (end_job, end_tent) =
+            self.pieces.get(i + 1).copied().unwrap_or((self.jobs.len(), self.tents.len()));
         (job..end_job, tent..end_tent)
     }
 }
@@ -333,8 +334,16 @@ mod tests {
     #[test]
     fn blocks_anywhere_find_the_nodes_of_the_cpu() {
         let grid = NodeGrid::new(&[0.0, 0.3, 0.4, 1.1, 3.0], &[1, 4, 12, 36, 72], 0.01);
-        let rc: [(f64, f64); 8] =
-            [(-40.0, -35.5), (-80.0, -20.0), (3.0, 4.0), (-90.0, -0.5), (0.0, 100.0), (-31.0, -150.0), (0.0, 0.0), (60.0, -300.0)];
+        let rc: [(f64, f64); 8] = [
+            (-40.0, -35.5),
+            (-80.0, -20.0),
+            (3.0, 4.0),
+            (-90.0, -0.5),
+            (0.0, 100.0),
+            (-31.0, -150.0),
+            (0.0, 0.0),
+            (60.0, -300.0),
+        ];
         for (dy_px, dx_px) in rc {
             let place = BlockPlace { dy_px, dx_px, rows: 71, cols: 78 };
             let mut all = Vec::new();
@@ -367,9 +376,15 @@ mod tests {
     #[test]
     fn every_piece_is_small_and_none_is_left_out() {
         let grid = NodeGrid::new(&[0.0, 0.5, 1.0, 1.5, 2.0], &[1, 72, 72, 72, 72], 0.01);
-        let frame = Frame::centred(crate::geometry::Size::new(300, 300), crate::geometry::Size::new(300, 300), 10.0);
+        let frame =
+            Frame::centred(crate::geometry::Size::new(300, 300), crate::geometry::Size::new(300, 300), 10.0);
         let mut work = Work::default();
-        let tile = PsfTile { rect: Rect::new(-7, -7, 300, 310), scene_offset: 5, light_offset: 9, light_stride: 400 };
+        let tile = PsfTile {
+            rect: Rect::new(-7, -7, 300, 310),
+            scene_offset: 5,
+            light_offset: 9,
+            light_stride: 400,
+        };
         work.add(&tile, &frame, &grid, &Cut::choose(151));
         let mut tents = 0;
         for i in 0..work.pieces.len() {
