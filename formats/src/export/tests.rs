@@ -110,11 +110,11 @@ fn tiff_pages_hold_the_bits() {
     let path = dir.path().join("c.tif");
     assert_eq!(write_pages(&path, &s, &|_, _| ()).unwrap().missing, missing(&s));
     let mut decoder = ::tiff::decoder::Decoder::new(fs::File::open(&path).unwrap()).unwrap();
-    for band in 0..5 {
+    for (band, nm) in NM.iter().enumerate() {
         let ::tiff::decoder::DecodingResult::F32(out) = decoder.read_image().unwrap() else { panic!() };
         same(&out, &s, band, "page");
         let words = decoder.get_tag_ascii_string(::tiff::tags::Tag::ImageDescription).unwrap();
-        assert!(words.contains(&format!("wavelength {} nm", NM[band])), "{words}");
+        assert!(words.contains(&format!("wavelength {nm} nm")), "{words}");
         assert_eq!(decoder.more_images(), band < 4);
         if band < 4 {
             decoder.next_image().unwrap();
@@ -250,7 +250,8 @@ fn regions_cover_all_and_decode_as_planned() {
         assert_eq!(rects.iter().map(|r| r.size().pixels()).sum::<usize>(), window.size().pixels());
         assert!(rects.iter().all(|r| window.contains(*r)));
         let whole_tiles = |r: &Rect| {
-            (r.y - window.y) as usize % plan.tile == 0 && (r.x - window.x) as usize % plan.tile == 0
+            ((r.y - window.y) as usize).is_multiple_of(plan.tile)
+                && ((r.x - window.x) as usize).is_multiple_of(plan.tile)
         };
         assert!(rects.iter().all(whole_tiles));
     }

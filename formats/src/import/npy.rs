@@ -1,4 +1,4 @@
-//! NumPy arrays as tables: f4 and f8 of either byte order. The header is [`crate::npy`]'s; the samples are counted before any is read.
+//! NumPy arrays as tables: f4 and f8 of either byte order. The header is read as for charts; the samples are counted before any is read.
 
 use super::LARGEST_FILE;
 use crate::chart::{RasterSample, Sample};
