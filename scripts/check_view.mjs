@@ -87,7 +87,7 @@ async function looks(browser, url) {
   await ready(page);
   holds(await text(page, "band-text") === "550 nm", "the key , goes one band back");
 
-  // Exposure: the same place, brighter.
+  // Exposure: the same place, darker.
   const mean = () => page.evaluate(() => {
     const c = document.querySelector("#view canvas");
     const data = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
@@ -99,12 +99,12 @@ async function looks(browser, url) {
   await page.keyboard.press("0");
   await page.waitForTimeout(700);
   await ready(page);
-  const dim = await mean();
-  for (let i = 0; i < 4; i += 1) await page.keyboard.press("]");
+  const bright = await mean();
+  for (let i = 0; i < 4; i += 1) await page.keyboard.press("[");
   await page.waitForTimeout(300);
   await ready(page);
   await page.waitForTimeout(200);
-  holds(await mean() > dim * 1.1, `] makes it brighter: ${dim}, then ${await mean()}`);
+  holds(await mean() < bright * 0.9, `[ makes it darker: ${bright}, then ${await mean()}`);
   await page.locator("#reset").click();
   await page.waitForTimeout(200);
   await ready(page);
@@ -129,6 +129,8 @@ async function looks(browser, url) {
   // Keys: a pin in the middle, moved by one pixel.
   await page.keyboard.press("Escape");
   await page.locator("#view .openseadragon-canvas").focus();
+  await page.keyboard.press("0");
+  await page.waitForTimeout(900);
   await page.keyboard.press("Enter");
   await page.waitForFunction(() => document.body.dataset.pixel !== "40,31" && !document.getElementById("pin").hidden);
   const [px, py] = (await page.evaluate(() => document.body.dataset.pixel)).split(",").map(Number);
