@@ -3,6 +3,10 @@
 import { at, lens as showLens, pixel as showPixel, short } from "./panel.js";
 
 const OSD = window.OpenSeadragon;
+// Tiles of a look that has changed meanwhile are dropped on purpose.
+OSD.console = Object.assign(Object.create(console), {
+  warn: (...words) => { if (!String(words[0]).startsWith("Ignoring tile")) console.warn(...words); },
+});
 const site = await (await fetch("api/site")).json();
 const [H, W] = site.size;
 const state = {
