@@ -3,6 +3,7 @@
 mod bench;
 mod chart;
 mod demo;
+mod device;
 mod export;
 mod import;
 mod lens;
@@ -13,20 +14,23 @@ mod run;
 mod status;
 mod validate;
 mod values;
+mod work;
 
 pub use bench::BenchArgs;
-pub use chart::ChartArgs;
+pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
 pub use demo::DemoArgs;
-pub use export::ExportArgs;
+pub use device::Device;
+pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use pyramid::{PyramidArgs, ViewArgs};
-pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
+pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
+pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use clap::{Parser, Subcommand, ValueEnum};
 
@@ -48,17 +52,19 @@ pub struct Cli {
 pub enum Command {
     /// Show what a real lens does to a chart: pictures in under a minute
     Demo(DemoArgs),
-    /// Draw a test chart into a Zarr store
+    /// Draw a test chart into a Zarr store, or make one of a picture
     Chart(Box<ChartArgs>),
     /// Make, show and compare lenses
     Lens(LensArgs),
     /// Make the film of a chart
-    Run(Box<RunArgs>),
+    Run(Box<RunCommand>),
+    /// Cut a film into units of work for many processes, on one machine or on a cluster
+    Plan(Box<PlanArgs>),
     /// Tell what of a film is done
     Status(StatusArgs),
     /// Read all of a film and name what is wrong with it
     Verify(VerifyArgs),
-    /// Make a picture of a film or a chart
+    /// Write a film or a chart as a picture (PNG, TIFF) or as a file for other programs (EXR, TIFF, ENVI, NPY)
     Export(ExportArgs),
     /// Add smaller and smaller films to a film, for viewers: OME-Zarr levels
     Pyramid(PyramidArgs),

@@ -3,7 +3,7 @@
 //! One film of the whole 28.28 mm at a coarse pitch, where distortion and colour show; and three windows of the film at
 //! its full 14,141² px of 2 µm, where the PSF shows. Both run the same code as `lenscube run`.
 
-use crate::args::{Cli, Command, DemoArgs, RunArgs};
+use crate::args::{Cli, Command, DemoArgs};
 use crate::chart::write;
 use crate::failure::usage;
 use crate::job::threads;
@@ -85,7 +85,6 @@ fn film(chart: &str, film: &Path, windows: &[Rect], threads: usize) -> Result<u8
     let Command::Run(args) = Cli::try_parse_from(words)?.command else {
         unreachable!("`run` is typed above")
     };
-    let args: RunArgs = *args;
     run::command(&args)
 }
 

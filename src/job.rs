@@ -3,20 +3,25 @@
 use crate::args::{
     CodecArg, Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg, bands,
 };
-use crate::failure::usage;
+use crate::device::Choice;
+use crate::failure::{self, other_job, usage};
 use crate::lens::source::{Named, Source};
-use crate::memory::{Memory, Needs, default_limit};
+use crate::memory::{Memory, Needs, OnDevices, default_limit};
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::{Codec, NanPolicy};
-use formats::film::{FilmOutput, FilmSpec, SampleType};
+use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
+use formats::lens::LensPackError;
 use pipeline::band::{BandPlan, Options, PsfBetween};
+use pipeline::cuda;
+use pipeline::cuda::memory::{BandNeeds, DeviceQueue};
 use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
 use pipeline::lens::PsfSample;
 use pipeline::plan::Window;
+use pipeline::psf::cuda::PsfOnDevice;
 use pipeline::resample::{Interp, Surround};
-use pipeline::scene::{Reading, Stages};
+use pipeline::scene::{Reading, Scene, Stages};
 use pipeline::simd::Simd;
 use serde_json::{Map, Value, json};
 
@@ -35,6 +40,8 @@ pub struct Job {
     pub options: Options,
     /// Band of the chart per position of the job.
     pub chart_bands: Vec<usize>,
+    /// Band of the film per position: all of them, unless the job is a [`Part`].
+    pub film_bands: Vec<usize>,
     /// Plan per position.
     pub plans: Vec<BandPlan>,
     /// Factor on the scene per position (film units).
@@ -49,8 +56,34 @@ pub struct Job {
     pub memory: Memory,
     /// Worker threads.
     pub threads: usize,
+    /// GPUs that compute, a queue each; none: the workers do.
+    pub queues: Vec<DeviceQueue>,
     /// What the user should know before it starts.
     pub notes: Vec<String>,
+}
+
+/// The part of a planned job that one process does: the bands that it opens, and what the plan knows of the others.
+#[derive(Clone, Copy)]
+pub struct Part<'a> {
+    /// Bands of the film, ascending.
+    pub bands: &'a [usize],
+    /// [`Source::band_digest`] of every band of the film.
+    pub lens_bands: &'a [String],
+    /// Digest of the whole lens.
+    pub lens_digest: &'a str,
+}
+
+impl Part<'_> {
+    /// The whole lens's digest if the bands at hand are the planned ones; else one that differs from it.
+    fn lens_digest(&self, lens: &Source, plans: &[BandPlan]) -> Result<String, LensPackError> {
+        for (band, plan) in std::iter::zip(self.bands, plans) {
+            let own = lens.band_digest(plan.choice)?;
+            if self.lens_bands.get(*band) != Some(&own) {
+                return Ok(own);
+            }
+        }
+        Ok(self.lens_digest.to_owned())
+    }
 }
 
 /// Worker threads: as asked, or all cores.
@@ -64,11 +97,15 @@ impl Job {
     /// # Errors
     /// Whatever would stop the run later and can be known now.
     pub fn new(args: &RunArgs) -> Result<Self> {
-        if args.device == Device::Cuda {
-            return Err(usage(
-                "--device cuda: this version computes on the CPU only; use `--device cpu` or leave the flag away",
-            ));
-        }
+        Self::of(args, None)
+    }
+
+    /// Resolves `args` for some of the job's bands; what is told of the film and the job's identity is of the whole job.
+    ///
+    /// # Errors
+    /// As [`Job::new`]; a chart that has fewer bands than planned.
+    pub fn of(args: &RunArgs, part: Option<Part<'_>>) -> Result<Self> {
+        let mut device = Choice::new(&args.device)?;
         let nan = match args.nan {
             NanArg::Error => NanPolicy::Error,
             NanArg::Zero => NanPolicy::Zero,
@@ -82,14 +119,24 @@ impl Job {
         let chart = open(0)?;
         let named = Named::open(&args.lens)?;
         let all_nm = chart.wavelengths_nm()?;
-        let chart_bands = match &args.bands {
+        let asked: Vec<usize> = match &args.bands {
             None => (0..all_nm.len()).collect(),
             Some(text) => bands(text, all_nm.len()).map_err(|e| usage(format!("--bands {text}: {e}")))?,
         };
-        let wavelengths_nm: Vec<f64> = chart_bands.iter().map(|&b| all_nm[b]).collect();
+        let film_bands: Vec<usize> = part.map_or_else(|| (0..asked.len()).collect(), |p| p.bands.to_vec());
+        if let Some(beyond) = film_bands.iter().find(|b| **b >= asked.len()) {
+            return Err(other_job(format!(
+                "chart `{}` has {} bands, so it is not the planned one, which has a band {beyond}",
+                args.chart,
+                all_nm.len()
+            )));
+        }
+        let chart_bands: Vec<usize> = film_bands.iter().map(|&b| asked[b]).collect();
+        let nm_of = |bands: &[usize]| bands.iter().map(|&b| all_nm[b]).collect::<Vec<f64>>();
+        let wavelengths_nm = nm_of(&chart_bands);
         let frame = frame(args, &chart, scale(args, &chart, &named)?)?;
         let options = options(args, Simd::from_env().map_err(|e| usage(e.to_string()))?);
-        let film = film_spec(args, &frame, wavelengths_nm.clone(), &chart)?;
+        let film = film_spec(args, &frame, nm_of(&asked), &chart)?;
         let threads = threads(args.threads);
         let lens = Source::new(named, &frame, &wavelengths_nm, &options, threads)?;
         let plan = |&nm: &f64| BandPlan::new(&frame, lens.lens(), nm, &options);
@@ -101,28 +148,37 @@ impl Job {
                 Window { rect: film.outputs[i].rect, shard: Size::new(height, width) }
             })
             .collect();
-        let chart_rows = |rows: usize| match &chart {
-            Chart::Store(s) => s.cache_for_rows(rows),
-            Chart::Raster(_) | Chart::Drawn(_) => 0,
-        };
+        let chart_rows = |rows: usize| chart.cache_for_rows(rows);
         let needs = Needs {
+            limit: args.memory.unwrap_or_else(default_limit),
             plans: &plans,
             windows: &windows,
             threads,
+            writers: FilmStore::writers(&args.film),
             chart_rows: &chart_rows,
             scale: frame.scale.0.min(frame.scale.1),
         };
-        let memory = Memory::plan(args.memory.unwrap_or_else(default_limit), &needs)?;
+        let bands = device_needs(&frame, &options, &plans, &device);
+        let (memory, queues) = plan_memory(&needs, &bands, &args.device, &mut device)?;
         // Opened again now that the cache's size is known; the first time only metadata were read.
         let chart = open(memory.chart_cache)?;
-        let identity = identity(args, options.stages, &chart, &lens, &frame, &chart_bands)?;
-        let notes = notes(args, &chart, &lens, &plans)?;
+        let lens_digest = match part {
+            None => lens.digest().map(str::to_owned),
+            Some(part) => part.lens_digest(&lens, &plans),
+        };
+        let lens_words = (lens.lens().name.as_str(), lens_digest.context("reading the lens pack")?);
+        let identity = identity(args, options.stages, &chart, lens_words, &frame, &asked)?;
+        let mut notes = notes(args, &chart, &lens, &plans)?;
+        if args.device == Device::Auto {
+            notes.push(device.why);
+        }
         Ok(Self {
             chart,
             lens,
             frame,
             options,
             chart_bands,
+            film_bands,
             plans,
             gains,
             film,
@@ -130,8 +186,61 @@ impl Job {
             identity,
             memory,
             threads,
+            queues,
             notes,
         })
+    }
+}
+
+impl Job {
+    /// What computes, in a word as `--device` takes it.
+    pub fn device(&self) -> String {
+        let indices = self.queues.iter().map(|q| q.device.index()).collect();
+        match self.queues.is_empty() {
+            true => Device::Cpu.to_string(),
+            false => Device::Cuda(indices).to_string(),
+        }
+    }
+}
+
+/// What each band needs of a GPU; nothing where there is none. The largest rectangle of the chart is taken from tiles spread over
+/// the film; a run looks at all of them.
+fn device_needs(frame: &Frame, options: &Options, plans: &[BandPlan], device: &Choice) -> Vec<BandNeeds> {
+    let of = |plan: &BandPlan| {
+        let scene = Scene::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
+        let (rows, cols) = plan.tiling.count();
+        let spread = |n: usize| [0, n / 2, n - 1];
+        let tiles: Vec<_> = spread(rows).iter().flat_map(|&i| spread(cols).map(|j| (i, j))).collect();
+        let psf = plan.blocks.as_ref().zip(plan.grid.as_ref());
+        let least = psf.map(|(blocks, grid)| PsfOnDevice::least_bytes(blocks, grid, plan.tiling.tile()));
+        cuda::needs(&scene, &plan.tiling, tiles.iter(), least)
+    };
+    match device.devices.is_empty() {
+        true => Vec::new(),
+        false => plans.iter().map(of).collect(),
+    }
+}
+
+/// Memory of the host and of the GPUs; under `auto` the processor computes where it does not suffice for GPUs.
+fn plan_memory(
+    needs: &Needs<'_>,
+    bands: &[BandNeeds],
+    asked: &Device,
+    device: &mut Choice,
+) -> Result<(Memory, Vec<DeviceQueue>)> {
+    if device.devices.is_empty() {
+        return Ok((Memory::plan(needs, &OnDevices::NONE)?, Vec::new()));
+    }
+    let on_gpus = Memory::plan(needs, &OnDevices::new(device.devices.len(), bands)).and_then(|memory| {
+        let queues = device.queues(asked, bands, memory.pinned)?;
+        Ok((memory, queues))
+    });
+    match on_gpus {
+        Err(error) if *asked == Device::Auto => {
+            *device = Choice::cpu(&failure::line(&error));
+            Ok((Memory::plan(needs, &OnDevices::NONE)?, Vec::new()))
+        }
+        planned => planned,
     }
 }
 
@@ -279,7 +388,7 @@ fn identity(
     args: &RunArgs,
     stages: Stages,
     chart: &Chart,
-    lens: &Source,
+    (lens_name, lens_digest): (&str, String),
     frame: &Frame,
     chart_bands: &[usize],
 ) -> Result<Map<String, Value>> {
@@ -289,8 +398,8 @@ fn identity(
         "chart": content,
         "chart_mtimes": mtimes,
         "chart_bands": chart_bands,
-        "lens_name": lens.lens().name,
-        "lens_digest": lens.digest().context("reading the lens pack")?,
+        "lens_name": lens_name,
+        "lens_digest": lens_digest,
         "stages": { "ri": stages.ri, "distortion": stages.distortion, "svpsf": stages.svpsf },
         "film_size": [frame.film.height, frame.film.width],
         "film_pitch_um": frame.pitch_um,
@@ -312,7 +421,7 @@ fn identity(
 }
 
 /// Raised whenever the program gives other pixel values for the same job.
-const NUMERIC_VERSION: u32 = 2;
+pub const NUMERIC_VERSION: u32 = 2;
 
 fn notes(args: &RunArgs, chart: &Chart, lens: &Source, plans: &[BandPlan]) -> Result<Vec<String>> {
     let mut notes = lens.notes().to_vec();
@@ -334,9 +443,6 @@ fn notes(args: &RunArgs, chart: &Chart, lens: &Source, plans: &[BandPlan]) -> Re
             args.film_units,
             chart.units().unwrap_or("not given")
         ));
-    }
-    if args.device == Device::Auto {
-        notes.push("device: cpu".into());
     }
     Ok(notes)
 }

@@ -5,6 +5,7 @@ mod bench;
 mod chart;
 mod demo;
 mod design;
+mod device;
 mod export;
 mod failure;
 mod import;
@@ -14,6 +15,7 @@ mod manual;
 mod measure;
 mod memory;
 mod open;
+mod plan;
 mod progress;
 mod pyramid;
 mod run;
@@ -32,10 +34,11 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Run(args) => run::command(args),
+        Command::Plan(args) => plan::command(args),
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),
         Command::Lens(args) => lens::command(args).map(|()| 0),
-        Command::Export(args) => export::command(args).map(|()| 0),
+        Command::Export(args) => export::command(args),
         Command::Demo(args) => demo::command(args),
         Command::Pyramid(args) => pyramid::command(args),
         Command::View(args) => view::command(args).map(|()| 0),

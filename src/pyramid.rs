@@ -28,7 +28,9 @@ pub fn make(path: &Path, threads: Option<usize>, memory: Option<u64>, take_over:
         return Ok(0);
     }
     let lock = store.lock(WHOLE, take_over)?;
-    interrupt::release_on_exit(lock.path());
+    if let Some(lock) = &lock {
+        interrupt::release_on_exit(lock.path());
+    }
     store.sweep()?;
     match state {
         PyramidState::Unfinished(done, _) => {

@@ -4,39 +4,52 @@ mod faults;
 pub mod film;
 pub mod interrupt;
 mod record;
+mod shards;
+mod shown;
+mod units;
 
-use crate::args::RunArgs;
+use crate::args::{ProgressArg, RunArgs, RunCommand};
 use crate::failure::code;
 use crate::job::Job;
 use crate::memory::mib;
-use crate::open::Chart;
+use crate::progress::jsonl::Jsonl;
 use crate::progress::{Bars, say};
 use crate::pyramid;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use faults::{Failed, Follow};
+use formats::durable::{Lock, Maker, is_url, parent_of};
 use formats::film::{EncodedShard, FilmStore};
 use formats::lens::LensPackError;
+use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::{BandWork, Work, run};
 use pipeline::flow::{DoorError, FilmSink};
 use pipeline::geometry::Rect;
-use pipeline::plan::{ShardId, Window};
+use pipeline::plan::ShardId;
+use serde_json::json;
+use shown::Shown;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Mutex;
+use std::time::Instant;
+use units::Units;
 
-/// The film as the pipeline's sink.
-struct Sink<'a>(&'a FilmStore);
+/// The film as the pipeline's sink, and its bands by position of the job.
+struct Sink<'a>(&'a FilmStore, &'a [usize]);
 
 impl FilmSink for Sink<'_> {
     type Encoded = EncodedShard;
 
     fn encode(&self, id: ShardId, _rect: Rect, pixels: &[f32]) -> Result<EncodedShard, DoorError> {
-        Ok(self.0.encode_shard(id.window, id.band, (id.row, id.col), pixels)?)
+        Ok(self.0.encode_shard(id.window, self.1[id.band], (id.row, id.col), pixels)?)
     }
 
     fn commit(&self, encoded: EncodedShard) -> Result<u64, DoorError> {
         self.0.commit(&encoded)?;
         Ok(encoded.bytes().len() as u64)
+    }
+
+    fn writers(&self) -> usize {
+        FilmStore::writers(self.0.path())
     }
 }
 
@@ -53,28 +66,113 @@ enum StageError {
 pub const WHOLE: &str = "whole";
 
 /// Runs the command; the exit code.
-pub fn command(args: &RunArgs) -> Result<u8> {
-    match make_film(args)? {
-        0 if args.pyramid => pyramid::make(&args.film, args.threads, args.memory, args.take_over),
-        code => Ok(code),
+pub fn command(typed: &RunCommand) -> Result<u8> {
+    if typed.work.die_with_parent {
+        interrupt::die_with_parent().context("--die-with-parent")?;
+    }
+    let jsonl = (typed.work.progress == ProgressArg::Jsonl).then(Jsonl::new);
+    let result = begin(typed, jsonl.as_ref());
+    if let Some(jsonl) = &jsonl {
+        jsonl.end(&result);
+    }
+    result
+}
+
+/// Finds out what is to be done.
+fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
+    let start = Instant::now();
+    let Some(path) = &typed.work.plan else {
+        let job = Job::new(&typed.job)?;
+        film::keep_apart(&job, &typed.job.film)?;
+        interrupt::listen();
+        let store = film::open(&job, &typed.job)?;
+        let args = &typed.job;
+        return match work(Task { args, store: &store, units: None, jsonl, start }, job)? {
+            0 if args.pyramid => pyramid::make(&args.film, args.threads, args.memory, args.take_over),
+            code => Ok(code),
+        };
+    };
+    let units = Units::read(path.clone(), typed.work.unit.as_deref())?;
+    if let Some(jsonl) = jsonl {
+        jsonl.of_plan(&units.name, &units.listed());
+    }
+    let args = units.args(typed)?;
+    interrupt::listen();
+    let store = units.film(&args)?;
+    if let Some(shards) = units.all_done(&store)? {
+        // Leavings of a worker that was killed after its last shard.
+        let _ = (units.lock(&store), store.sweep());
+        say(format!(
+            "units {} of {} are complete: {shards} shards, nothing to do",
+            units.listed(),
+            store.path().display()
+        ));
+        record::nothing_to_do(jsonl, &store, shards);
+        return Ok(0);
+    }
+    let job = units.job(&args)?;
+    work(Task { args: &args, store: &store, units: Some(&units), jsonl, start }, job)
+}
+
+/// What a process is to do of a job.
+struct Task<'a> {
+    args: &'a RunArgs,
+    store: &'a FilmStore,
+    units: Option<&'a Units>,
+    jsonl: Option<&'a Jsonl>,
+    start: Instant,
+}
+
+impl Task<'_> {
+    /// What it is called.
+    fn name(&self) -> String {
+        let film = self.store.path().display();
+        self.units.map_or_else(|| film.to_string(), |u| format!("units {} of {film}", u.listed()))
+    }
+
+    fn lock(&self) -> Result<Option<Lock>> {
+        match self.units {
+            Some(units) => units.lock(self.store),
+            None => Ok(self.store.lock(WHOLE, self.args.take_over)?),
+        }
+    }
+
+    /// Says to programs what is about to be done: shards (all, there already), tiles and their pixels.
+    fn tell_start(&self, job: &Job, shards: (usize, usize), tiles: (u64, u64)) {
+        let Some(jsonl) = self.jsonl else { return };
+        jsonl.begin(((shards.0 - shards.1) as u64, tiles.0, tiles.1));
+        let fields = json!({
+            "film": self.store.path(),
+            "device": job.device(),
+            "threads": job.threads,
+            "pid": std::process::id(),
+            "host": Maker::here().host,
+            "shards": shards.0,
+            "shards_done": shards.1,
+            "tiles": tiles.0,
+            "pixels": tiles.1,
+            "startup_s": self.start.elapsed().as_secs_f64(),
+        });
+        jsonl.line("start", fields);
     }
 }
 
-/// Makes the film, or what is missing of it; the exit code.
-fn make_film(args: &RunArgs) -> Result<u8> {
-    let mut job = Job::new(args)?;
-    film::keep_apart(&job, &args.film)?;
-    interrupt::listen();
-    let store = film::open(&job, args)?;
-    let all = shards(&job);
-    if wanted(&job, &store)?.iter().all(BTreeSet::is_empty) {
+/// Makes the shards of a task that are not there.
+fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
+    let Task { args, store, units, .. } = task;
+    let asked = shards::asked(&job, units);
+    let all: usize = asked.iter().map(BTreeSet::len).sum();
+    if shards::missing(&job, store, &asked)?.iter().all(BTreeSet::is_empty) {
         // Leavings of a run that was killed after its last shard; a film that nobody may write to is complete as well.
-        let _ = (store.lock(WHOLE, false), store.sweep());
-        say(format!("{} is complete: {all} shards, nothing to do", args.film.display()));
+        let _ = (task.lock(), store.sweep());
+        say(format!("{} is complete: {all} shards, nothing to do", task.name()));
+        record::nothing_to_do(task.jsonl, store, all);
         return Ok(0);
     }
-    let lock = store.lock(WHOLE, args.take_over)?;
-    interrupt::release_on_exit(lock.path());
+    let lock = task.lock()?;
+    if let Some(lock) = &lock {
+        interrupt::release_on_exit(lock.path());
+    }
     if args.no_fsync {
         say("--no-fsync: a power cut may cost shards that were reported as written");
     }
@@ -82,13 +180,13 @@ fn make_film(args: &RunArgs) -> Result<u8> {
     if !swept.removed.is_empty() {
         say(format!("removed {} temp files of an interrupted run", swept.removed.len()));
     }
-    let wanted = wanted(&job, &store)?;
+    let wanted = shards::missing(&job, store, &asked)?;
     let missing: usize = wanted.iter().map(BTreeSet::len).sum();
     if missing < all {
-        say(format!("resuming {}: {missing} of {all} shards to make", args.film.display()));
+        say(format!("resuming {}: {missing} of {all} shards to make", task.name()));
     }
-    rechunk(&mut job, &args.film, &wanted)?;
-    tell(&job);
+    lay_out(&mut job, &args.film, &wanted)?;
+    tell(&job, all);
     let work = Work {
         frame: job.frame,
         windows: &job.windows,
@@ -96,6 +194,7 @@ fn make_film(args: &RunArgs) -> Result<u8> {
             .map(|(wanted, (plan, &chart_band))| BandWork { chart_band, tiling: plan.tiling, wanted })
             .collect(),
         threads: job.threads,
+        queues: &job.queues,
         spectra_bytes: job.memory.spectra,
         cancel: interrupt::finish_tiles(),
     };
@@ -113,16 +212,24 @@ fn make_film(args: &RunArgs) -> Result<u8> {
         }
         Ok(stages)
     };
-    let names = job.plans.iter().map(|p| format!("{} nm", p.lens.wavelength_nm)).collect();
-    let follow = Follow::new(Bars::new(names, &pixels(&work)), args.keep_going);
-    let result = run(&work, job.chart.source(), &Sink(&store), &prepare, &follow);
-    follow.bars.finish();
-    let outcome = follow.outcome(&job, &store, missing as u64, result);
+    let tiles = shards::tiles(&work);
+    task.tell_start(&job, (all, all - missing), tiles.iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1)));
+    let shown = match task.jsonl {
+        Some(jsonl) => Shown::Lines { jsonl, job: &job, store },
+        None => {
+            let names = job.plans.iter().map(|p| format!("{} nm", p.lens.wavelength_nm)).collect();
+            Shown::Bars(Bars::new(names, &tiles.iter().map(|t| t.1).collect::<Vec<_>>()))
+        }
+    };
+    let follow = Follow::new(shown, task.start.elapsed().as_secs_f64(), args.keep_going);
+    let result = run(&work, job.chart.source(), &Sink(store, &job.film_bands), &prepare, &follow);
+    follow.shown.finish();
+    let outcome = follow.outcome(&job, store, missing as u64, result);
     let outcome = outcome.and_then(|summary| match film::same_chart(&job) {
         Ok(()) => Ok(summary),
         Err(error) => Err(Box::new(Failed { error, summary: Some(summary) })),
     });
-    record::write(&job, &store, &follow, &outcome, &held.into_inner().expect("no panic while held"));
+    record::write(&job, store, units, &follow, &outcome, &held.into_inner().expect("no panic while held"));
     let summary = outcome.map_err(|e| e.error)?;
     if summary.shards < missing as u64 {
         say(format!(
@@ -131,75 +238,30 @@ fn make_film(args: &RunArgs) -> Result<u8> {
         ));
         return Ok(code::INTERRUPTED);
     }
+    record::done(task.jsonl, &job, &summary);
     Ok(0)
 }
 
-/// Shards of the whole job.
-fn shards(job: &Job) -> usize {
-    let of = |w: &Window| w.count().0 * w.count().1;
-    job.plans.len() * job.windows.iter().map(of).sum::<usize>()
-}
-
-/// The shards still to make, per band.
-fn wanted(job: &Job, store: &FilmStore) -> Result<Vec<BTreeSet<ShardId>>> {
-    let mut bands = Vec::new();
-    for band in 0..job.plans.len() {
-        let mut wanted = BTreeSet::new();
-        for (window, w) in job.windows.iter().enumerate() {
-            let (rows, cols) = w.count();
-            for (row, col) in (0..rows).flat_map(|r| (0..cols).map(move |c| (r, c))) {
-                if !store.shard_present(window, band, (row, col))? {
-                    wanted.insert(ShardId { band, window, row, col });
-                }
-            }
-        }
-        bands.push(wanted);
-    }
-    Ok(bands)
-}
-
-/// Film pixels of the tiles to make, per band.
-fn pixels(work: &Work<'_>) -> Vec<u64> {
-    let film = work.frame.film.rect();
-    let of = |b: &BandWork| {
-        let tiles = pipeline::overlap_add::tiles_needed(&b.tiling, work.windows, &b.wanted);
-        tiles.iter().map(|&t| b.tiling.rect(t).intersect(film).size().pixels() as u64).sum()
-    };
-    work.bands.iter().map(of).collect()
-}
-
-/// A chart whose chunks span bands is cut into bands once, beside the film, rather than decoded once per band.
-fn rechunk(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
+/// A chart whose bands lie among each other is cut into bands once, beside the film.
+fn lay_out(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
     let open = std::iter::zip(&job.chart_bands, wanted).filter(|(_, wanted)| !wanted.is_empty());
     let bands: Vec<usize> = open.map(|(band, _)| *band).collect();
-    let beside = film.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if let Chart::Raster(raster) = &mut job.chart
-        && bands.len() > 1
-        && raster.must_be_laid_out()
-    {
-        say("the chart's bands interleave: laying them out once in a temporary file beside the film");
-        raster.in_bands(&bands, beside, &|_, _| ())?;
-    }
-    if let Chart::Store(store) = &job.chart
-        && store.rechunk_needed(&bands)
-    {
-        say(
-            "the chart's chunks span several bands: re-chunking them once into a temporary file beside the film",
-        );
-        store.rechunk(&bands, beside, job.threads, &|_, _| ())?;
-    }
-    Ok(())
+    let temp = std::env::temp_dir();
+    let beside = if is_url(film) { &temp } else { parent_of(film) };
+    job.chart.lay_out(&bands, beside, job.threads)
 }
 
-fn tell(job: &Job) {
+fn tell(job: &Job, shards: usize) {
     let f = &job.frame;
+    let on: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
+    let on = if on.is_empty() { String::new() } else { format!(" beside {}", on.join(", ")) };
     say(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}, memory {} (chart {}, spectra {})",
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}{on}, memory {} (chart {}, spectra {})",
         job.lens.lens().name,
         job.plans.len(),
         f.film,
         f.pitch_um,
-        shards(job),
+        shards,
         job.threads,
         job.options.simd.isa().name(),
         mib(job.memory.limit),

@@ -2,12 +2,15 @@
 
 use crate::args::StatusArgs;
 use crate::failure::{Coded, code};
+use crate::plan::file::Plan;
+use crate::plan::list;
 use crate::progress::print;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use formats::durable::Owner;
 use formats::film::{FilmError, FilmStore};
 use serde_json::{Map, Value, json};
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 /// Missing shards named on the terminal; `--json` names all.
 const NAMED: usize = 8;
@@ -26,8 +29,30 @@ pub fn open(path: &Path) -> Result<FilmStore> {
 
 /// Runs the command; the exit code.
 pub fn command(args: &StatusArgs) -> Result<u8> {
-    let store = open(&args.film)?;
-    let status = status(&store)?;
+    let plan = args.plan.as_deref().map(Plan::read).transpose()?.map(|(plan, _)| plan);
+    let planned = || plan.as_ref().and_then(|p| p.command.film.as_ref()).map(PathBuf::from);
+    let film = args.film.clone().or_else(planned).context("the plan names no film")?;
+    let store = open(&film)?;
+    let mut to_do = BTreeSet::new();
+    if let (Some(plan), Some(path)) = (&plan, &args.plan) {
+        plan.check_film(path, &store)?;
+        for unit in &plan.units {
+            if !plan.is_done(unit, &store)?.0 {
+                to_do.insert(unit.unit);
+            }
+        }
+        if args.missing {
+            if !to_do.is_empty() {
+                print(list::show(&to_do));
+            }
+            return Ok(if args.check && !to_do.is_empty() { code::WRONG } else { 0 });
+        }
+    }
+    let mut status = status(&store)?;
+    if let Some(plan) = &plan {
+        let (all, missing) = (plan.units.len(), list::show(&to_do));
+        status["units"] = json!({ "all": all, "done": all - to_do.len(), "missing": missing });
+    }
     match args.json {
         true => print(serde_json::to_string_pretty(&status)?),
         false => lines(&store, &status).iter().for_each(print),
@@ -40,9 +65,10 @@ fn status(store: &FilmStore) -> Result<Value> {
     let spec = store.spec();
     let mut bands: Vec<(u64, u64)> = vec![(0, 0); spec.wavelengths_nm.len()];
     let (mut missing, mut bytes) = (Vec::new(), 0);
-    for (output, band, shard) in store.every_shard() {
+    let shards: Vec<_> = store.every_shard().collect();
+    for (&(output, band, shard), there) in std::iter::zip(&shards, store.shards_bytes(&shards)?) {
         bands[band].1 += 1;
-        match store.shard_bytes(output, band, shard)? {
+        match there {
             Some(size) => {
                 bands[band].0 += 1;
                 bytes += size;
@@ -160,6 +186,11 @@ fn lines(store: &FilmStore, s: &Value) -> Vec<String> {
         let more = missing.len() - named.len();
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         lines.push(format!("  missing {}{more}", named.join(", ")));
+    }
+    if let Some(units) = s.get("units") {
+        let missing = words(&units["missing"]);
+        let missing = if missing.is_empty() { missing } else { format!("; missing {missing}") };
+        lines.push(format!("  units   {} of {}{missing}", units["done"], units["all"]));
     }
     match words(&s["pyramid"]).as_str() {
         "none" => (),

@@ -1,25 +1,21 @@
 //! `lenscube run`.
 
-use super::CodecArg;
 use super::values::{azimuths, bytes, odd, pair, pitch, positive, roi, scale, size, storage, threads};
+use super::{CodecArg, Device};
 use clap::{Args, ValueEnum};
 use pipeline::geometry::{Rect, Size};
 use std::path::PathBuf;
 
-/// `lenscube run`
+/// A job: what `lenscube run` makes and `lenscube plan` cuts.
 #[derive(Debug, Args, Clone)]
-#[command(after_help = "Examples:\n  lenscube run chart.zarr film.zarr --lens double-gauss-28\n  \
-lenscube run 'gen:composite?size=14141' film.zarr --memory 1GiB\n  \
-lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n\
-The same command again resumes an interrupted run.")]
 pub struct RunArgs {
-    /// PATH or PATH//array of a Zarr store; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
+    /// PATH or PATH//array of a Zarr store, here or at a URL; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
     pub chart: String,
-    /// The film to write, a Zarr v3 group
+    /// The film to write, a Zarr v3 group, here or at s3://BUCKET/PREFIX
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// A lens pack (directory or .zip), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
+    /// A lens pack (directory or .zip, also at a URL), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Raw samples: the chart's shape, band after band
@@ -95,8 +91,8 @@ pub struct RunArgs {
     /// Compression of the film
     #[arg(long, value_enum, default_value_t = CodecArg::Zstd)]
     pub codec: CodecArg,
-    /// cpu, cuda or auto
-    #[arg(long, value_enum, default_value_t = Device::Auto)]
+    /// What computes: cpu; cuda (all GPUs) or cuda:0,2 (a queue for each mention); auto (GPUs if they work, else cpu)
+    #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
     pub device: Device,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
@@ -185,13 +181,4 @@ pub enum FilmUnits {
 pub enum DtypeArg {
     F32,
     F16,
-}
-
-/// Devices.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
-pub enum Device {
-    Cpu,
-    Cuda,
-    Auto,
 }

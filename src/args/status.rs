@@ -8,12 +8,18 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  lenscube status film.zarr\n  lenscube status film.zarr --check && echo done\n  \
-lenscube status film.zarr --json | jq .missing"
+lenscube status film.zarr --json | jq .missing\n  lenscube status --plan job.json --missing"
 )]
 pub struct StatusArgs {
-    /// The film
-    #[arg(value_name = "FILM")]
-    pub film: PathBuf,
+    /// The film, PATH or URL [default: that of the plan]
+    #[arg(value_name = "FILM", required_unless_present = "plan")]
+    pub film: Option<PathBuf>,
+    /// Of this plan's film, and of its units
+    #[arg(long, value_name = "job.json")]
+    pub plan: Option<PathBuf>,
+    /// Only the units to do, as a list for `run --unit` or `sbatch --array=`; nothing when all are done
+    #[arg(long, requires = "plan", conflicts_with = "json")]
+    pub missing: bool,
     /// Exit with 4 if shards are missing
     #[arg(long)]
     pub check: bool,
@@ -28,7 +34,7 @@ pub struct StatusArgs {
 lenscube verify film.zarr --repair; lenscube run chart.zarr film.zarr     # makes bad shards again\n\
 Exit codes: 0 all is well, 4 something is wrong or missing")]
 pub struct VerifyArgs {
-    /// The film
+    /// The film: PATH or URL
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
     /// Remove bad shards and all temp files, so that the same `run` makes the shards again

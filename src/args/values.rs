@@ -93,6 +93,13 @@ pub(super) fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
+pub(super) fn shard_rows(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(n) if n > 0 => Ok(n),
+        _ => Err("expected a number of shard rows, 1 or more".into()),
+    }
+}
+
 /// `1GiB`, `512MiB`, `2e9`, `4G`: binary units with i, decimal without.
 pub(super) fn bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();

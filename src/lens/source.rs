@@ -15,7 +15,7 @@ use crate::progress::{say, tracing_bar};
 use crate::trace::attributes;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, LensPackError};
-use pipeline::band::{BandPlan, Options};
+use pipeline::band::{BandPlan, Choice, Options};
 use pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions, with_threads};
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
@@ -75,6 +75,8 @@ pub enum Source {
 pub struct Traced {
     lens: Lens,
     packs: Vec<LensPack>,
+    /// Per band, all that it follows from.
+    recipes: Vec<String>,
     digest: String,
     notes: Vec<String>,
     _kept: Cache,
@@ -136,6 +138,23 @@ impl Source {
         }
     }
 
+    /// What makes the tables and PSFs of one band these and no others, whatever the lens's other bands: of a design the
+    /// band's recipe, of a pack the digest of the bands that it is made from.
+    ///
+    /// # Errors
+    /// As [`LensPack::psf`].
+    pub fn band_digest(&self, choice: Choice) -> Result<String, LensPackError> {
+        let of = |band: usize| match self {
+            Self::Pack(pack) => pack.band_digest(band),
+            Self::Traced(traced) => Ok(traced.recipes[band].clone()),
+        };
+        let first = of(choice.first)?;
+        Ok(match choice.second {
+            None => first,
+            Some((second, _)) => format!("{first}+{}", of(second)?),
+        })
+    }
+
     /// What its user should know.
     pub fn notes(&self) -> &[String] {
         match self {
@@ -166,10 +185,10 @@ fn traced(
     let start = Instant::now();
     let mut bands =
         Bands { system, name, cache: Cache::open()?, threads, bar: tracing_bar(nm.len()), fresh: 0 };
-    let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), String::new());
+    let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     for &nm in &nm {
         let (recipe, pack) = bands.reaching(nm, frame, options)?;
-        recipes.push_str(&recipe);
+        recipes.push(recipe);
         let merged = lens.get_or_insert_with(|| Lens { bands: Vec::new(), ..pack.lens().clone() });
         merged.name.clone_from(&system.name);
         merged.bands.extend(pack.lens().bands.iter().cloned());
@@ -188,8 +207,8 @@ fn traced(
         ));
     }
     let lens = lens.context("the chart has no band")?;
-    let digest = blake3::hash(recipes.as_bytes()).to_hex().to_string();
-    Ok(Traced { lens, packs, digest, notes, _kept: bands.cache })
+    let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
+    Ok(Traced { lens, packs, recipes, digest, notes, _kept: bands.cache })
 }
 
 /// What makes bands.

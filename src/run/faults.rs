@@ -1,11 +1,13 @@
 //! Following a run: what it has done so far, and what went wrong, in the user's words.
 
+use super::shown::Shown;
 use crate::failure::{self, Coded, code};
 use crate::job::Job;
-use crate::progress::{Bars, say};
+use crate::progress::say;
 use anyhow::Result;
 use formats::chart::ChartError;
 use formats::film::{FilmError, FilmStore};
+use pipeline::cuda::CudaError;
 use pipeline::executor::{RunError, Summary};
 use pipeline::flow::Progress;
 use pipeline::plan::ShardId;
@@ -18,9 +20,9 @@ use std::time::Instant;
 const HOPELESS: u64 = 3;
 
 /// Shows progress, counts, and decides whether a run goes on after a fault.
-pub struct Follow {
+pub struct Follow<'a> {
     /// What the user sees.
-    pub bars: Bars,
+    pub shown: Shown<'a>,
     /// Tiles added.
     pub tiles: AtomicU64,
     /// Their film pixels.
@@ -31,6 +33,8 @@ pub struct Follow {
     pub bytes: AtomicU64,
     /// When it began.
     pub start: Instant,
+    /// Seconds that opening had taken by then.
+    pub startup_s: f64,
     keep_going: bool,
     failed_writes: AtomicU64,
     left_out: Mutex<BTreeMap<(usize, String), LeftOut>>,
@@ -51,14 +55,25 @@ pub struct Failed {
     pub summary: Option<Summary>,
 }
 
-impl Follow {
+impl<'a> Follow<'a> {
     /// With `keep_going`, a fault costs only the shards that depend on it.
-    pub fn new(bars: Bars, keep_going: bool) -> Self {
+    pub fn new(shown: Shown<'a>, startup_s: f64, keep_going: bool) -> Self {
         let zero = || AtomicU64::new(0);
         let (tiles, pixels, shards, bytes) = (zero(), zero(), zero(), zero());
         let left_out = Mutex::default();
         let start = Instant::now();
-        Self { bars, tiles, pixels, shards, bytes, start, keep_going, failed_writes: zero(), left_out }
+        Self {
+            shown,
+            tiles,
+            pixels,
+            shards,
+            bytes,
+            start,
+            startup_s,
+            keep_going,
+            failed_writes: zero(),
+            left_out,
+        }
     }
 
     /// The run's result in the user's words: the shards that it was to make and has not, and why.
@@ -79,8 +94,15 @@ impl Follow {
             Ok(summary) => summary,
             Err(error) => {
                 let shards = shards_of(&error);
-                let place = place(job, store, error.position(), &shards);
-                let error = anyhow::Error::from(error).context(place).context(incomplete);
+                let place = match error {
+                    RunError::Device { .. } => None,
+                    _ => Some(place(job, store, error.position(), &shards)),
+                };
+                let mut error = anyhow::Error::from(error);
+                if let Some(place) = place {
+                    error = error.context(place);
+                }
+                let error = error.context(incomplete);
                 return Err(Box::new(Failed { error, summary: None }));
             }
         };
@@ -107,17 +129,20 @@ fn shards_of(error: &RunError) -> BTreeSet<ShardId> {
 /// `band 1 (500 nm), shard film/c/1/0/2 and 3 more`.
 fn place(job: &Job, store: &FilmStore, band: usize, shards: &BTreeSet<ShardId>) -> String {
     let nm = job.plans[band].lens.wavelength_nm;
-    let first = shards.first().map(|id| store.key(id.window, id.band, (id.row, id.col)));
+    let first = shards.first().map(|id| store.key(id.window, job.film_bands[id.band], (id.row, id.col)));
     let shards = match (first, shards.len()) {
         (None, _) => "all its shards".into(),
         (Some(first), 1) => format!("shard {first}"),
         (Some(first), n) => format!("shard {first} and {} more", n - 1),
     };
-    format!("band {band} ({nm} nm), {shards}")
+    format!("band {} ({nm} nm), {shards}", job.film_bands[band])
 }
 
 /// Whether the rest may go well: what failed is one chunk of the chart, one value or one band, not the store as a whole.
 fn is_local(error: &RunError) -> bool {
+    if let RunError::Device { .. } = error {
+        return false;
+    }
     let door = error.door();
     if let Some(FilmError::Storage(e)) = door.downcast_ref() {
         return !e.retryable();
@@ -128,22 +153,35 @@ fn is_local(error: &RunError) -> bool {
     }
 }
 
-impl Progress for Follow {
+impl Progress for Follow<'_> {
     fn band(&self, position: usize, pixels: u64) {
-        self.bars.band(position, pixels);
+        self.shown.band(position, pixels);
     }
 
     fn tile(&self, position: usize, pixels: usize) {
         self.tiles.fetch_add(1, Ordering::Relaxed);
         self.pixels.fetch_add(pixels as u64, Ordering::Relaxed);
-        self.bars.tile(position, pixels);
+        self.shown.tile(position, pixels);
     }
 
     fn shard(&self, id: ShardId, bytes: u64) {
         self.shards.fetch_add(1, Ordering::Relaxed);
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
         self.failed_writes.store(0, Ordering::Relaxed);
-        self.bars.shard(id, bytes);
+        self.shown.shard(id, bytes);
+    }
+
+    fn device_left(&self, device: &str, error: &CudaError, left: usize) {
+        // The last one ends the run, which is told then.
+        if left > 0 {
+            say(format!(
+                "{device} takes part no longer, the other queues do its tiles ({left} left): {error}"
+            ));
+        }
+    }
+
+    fn device_short(&self, device: &str, error: &CudaError) {
+        say(format!("{device} goes on with half of the memory it had: {error}"));
     }
 
     fn fault(&self, error: &RunError) -> bool {

@@ -5,7 +5,7 @@ use crate::failure::{other_job, usage};
 use crate::job::Job;
 use crate::open::Chart;
 use anyhow::{Result, bail};
-use formats::durable::{Lock, parent_of, sweep_entries};
+use formats::durable::{Lock, Store, is_url, parent_of, sweep_entries};
 use formats::film::{FilmError, FilmSpec, FilmStore};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -25,14 +25,24 @@ pub fn layout(spec: &FilmSpec) -> Value {
 /// lie inside its chart, whose files it would change.
 pub fn keep_apart(job: &Job, film: &Path) -> Result<()> {
     let Chart::Store(chart) = &job.chart else { return Ok(()) };
+    if is_url(film) {
+        // Of URLs there is no other name.
+        return match (chart.path().starts_with(film), film.starts_with(chart.path())) {
+            (false, false) => Ok(()),
+            (holds, _) => Err(apart(film, chart.path(), holds)),
+        };
+    }
     let Ok(there) = chart.path().canonicalize() else { return Ok(()) };
-    let words = match film.canonicalize() {
-        Ok(film) if there.starts_with(&film) => "holds its own chart",
-        _ if real(film).starts_with(&there) => "lies inside its own chart",
-        _ => return Ok(()),
-    };
-    let (film, chart) = (film.display(), chart.path().display());
-    Err(usage(format!("{film} {words}, {chart}; choose another path")))
+    match film.canonicalize() {
+        Ok(real) if there.starts_with(&real) => Err(apart(film, chart.path(), true)),
+        _ if real(film).starts_with(&there) => Err(apart(film, chart.path(), false)),
+        _ => Ok(()),
+    }
+}
+
+fn apart(film: &Path, chart: &Path, holds: bool) -> anyhow::Error {
+    let words = if holds { "holds" } else { "lies inside" };
+    usage(format!("{} {words} its own chart, {}; choose another path", film.display(), chart.display()))
 }
 
 /// The path with all links of its existing part resolved.
@@ -61,12 +71,18 @@ pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
         FilmError::NotFilm { .. } => other_job(e.to_string()),
         e => e.into(),
     })?;
+    same_job(&store, job, args)?;
+    Ok(store)
+}
+
+/// Fails if the film is another job's.
+fn same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
     let theirs = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
     let differ = [differences(&theirs, &job.identity), layout_differences(store.spec(), &job.film)].concat();
     let trusted = |key: &&str| args.trust_input && *key == "chart_mtimes";
     let keys: Vec<&str> = differ.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
     if keys.is_empty() {
-        return Ok(store);
+        return Ok(());
     }
     let way_out = match keys[..] {
         ["chart_mtimes"] => {
@@ -79,9 +95,28 @@ pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
         differ.iter().map(|(key, there, asked)| format!("{key} (there {there}, asked {asked})")).collect();
     Err(other_job(format!(
         "{} exists and belongs to another job: {}; {way_out}",
-        path.display(),
+        store.path().display(),
         words.join(", ")
     )))
+}
+
+/// What differs between a planned job and layout and those at hand; nothing if they are the same.
+pub fn not_planned(
+    (job, layout): (&Map<String, Value>, &Value),
+    (own_job, own_layout): (&Map<String, Value>, &Value),
+    args: &RunArgs,
+) -> Option<String> {
+    let mut differ = differences(job, own_job);
+    if let (Some(theirs), Some(own)) = (layout.as_object(), own_layout.as_object()) {
+        differ.extend(differences(theirs, own));
+    }
+    differ.retain(|d| !(args.trust_input && d.0 == "chart_mtimes"));
+    let hint =
+        |key: &str| if key == "chart_mtimes" { ": if its pixels are the same, --trust-input" } else { "" };
+    let words = differ
+        .iter()
+        .map(|(key, planned, here)| format!("{key} (planned {planned}, here {here}){}", hint(key)));
+    Some(words.collect::<Vec<_>>().join(", ")).filter(|words| !words.is_empty())
 }
 
 /// Removes the film, unless a run is at work on it.
@@ -99,8 +134,9 @@ pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
     for (lock, _, _) in FilmStore::locks(path)? {
         units.extend(lock.file_stem().map(|s| s.to_string_lossy().into_owned()));
     }
-    let take = |unit: &String| Ok(Lock::take(&path.join("runs"), unit, take_over)?);
-    units.iter().map(take).collect()
+    let store = Store::at(path)?;
+    let locks = units.iter().filter_map(|unit| store.lock("runs", unit, take_over).transpose());
+    Ok(locks.collect::<Result<_, _>>()?)
 }
 
 type Difference = (String, String, String);

@@ -26,13 +26,19 @@ impl Place {
         Self::new(Size::new(631, 705), &["--shard", "128", "--chunk", "64"])
     }
 
+    /// Two bands of one row of three tiles each, twelve shards.
+    pub fn wide() -> Self {
+        Self::new(Size::new(24, 1400), &["--shard", "128", "--chunk", "64", "--outside", "clamp"])
+    }
+
     /// Two bands of 2300 x 2300 px, drawn: more tiles than one would like to store.
     pub fn drawn(layout: &'static [&'static str]) -> Self {
         let chart = "gen:composite?size=2300&wavelengths=450,500&pitch_um=2".into();
         Self { chart, layout, ..Self::small() }
     }
 
-    fn new(size: Size, layout: &'static [&'static str]) -> Self {
+    /// Two bands of `size`.
+    pub fn new(size: Size, layout: &'static [&'static str]) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
         let place =
@@ -56,6 +62,14 @@ impl Place {
         if !fault.is_empty() {
             command.env("LENSCUBE_FAULT", fault);
         }
+        command
+    }
+
+    /// The command that cuts the job of `film` into units.
+    pub fn plan(&self, film: &Path, flags: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(["plan", text(&self.chart), text(film), "--lens", text(&self.pack)]);
+        command.args(["--threads", "2"]).args(self.layout).args(flags);
         command
     }
 

@@ -26,6 +26,14 @@ pub enum FilmError {
         /// What lies there.
         found: String,
     },
+    /// Another run began another film in its place.
+    #[error(
+        "writing film {path}: a run of another job has begun its film there meanwhile; choose another path for one of them"
+    )]
+    Replaced {
+        /// The film.
+        path: PathBuf,
+    },
     /// Metadata that do not fit together.
     #[error(
         "opening film {path}: expected {expected}, found something else; restore the file, or make the film anew with --overwrite"

@@ -105,8 +105,8 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::Storage`] if the store does not answer.
     pub fn pyramid(&self) -> Result<PyramidState, FilmError> {
-        let group = json(&self.directory, "zarr.json")?.unwrap_or_default();
-        let Some(own) = json(&self.directory, &format!("{PLACE}/zarr.json"))? else {
+        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
+        let Some(own) = json(&self.store, &format!("{PLACE}/zarr.json"))? else {
             let told = group["attributes"].get("ome").is_some();
             return Ok(if told { PyramidState::Stale } else { PyramidState::None });
         };
@@ -114,7 +114,7 @@ impl FilmStore {
             return Ok(PyramidState::Stale);
         }
         for (key, metadata) in self.pyramid_metadata() {
-            if json(&self.directory, &format!("{key}/zarr.json"))?.as_ref() != Some(&metadata) {
+            if json(&self.store, &format!("{key}/zarr.json"))?.as_ref() != Some(&metadata) {
                 return Ok(PyramidState::Stale);
             }
         }
@@ -122,7 +122,7 @@ impl FilmStore {
         for level in self.levels() {
             for (band, shard) in level.every_shard(self.spec.wavelengths_nm.len()) {
                 all += 1;
-                done += usize::from(self.directory.size_of(&self.level_key(&level, band, shard))?.is_some());
+                done += usize::from(self.store.size_of(&self.level_key(&level, band, shard))?.is_some());
             }
         }
         let told = self.tells_pyramid(&group, &own);
@@ -142,7 +142,7 @@ impl FilmStore {
     pub fn remove_level_shard(&self, key: &str) -> Result<bool, FilmError> {
         let own = key.starts_with(&format!("{PLACE}/"));
         if own {
-            self.directory.remove(key)?;
+            self.store.remove(key)?;
         }
         Ok(own)
     }
@@ -197,11 +197,11 @@ impl FilmStore {
             let chunks = (sh / self.spec.chunk) * (sw / self.spec.chunk);
             // The table's (offset, length) pairs and its checksum, and before them the last chunk's checksum.
             let tail = (chunks * 16 + 8) as u64;
-            let size = self.directory.size_of(&key)?.unwrap_or(0);
+            let size = self.store.size_of(&key)?.unwrap_or(0);
             let tail = tail.min(size);
             let bytes = match tail {
                 0 => None,
-                _ => self.directory.read_range(&key, -(tail as i64), tail)?,
+                _ => self.store.read_range(&key, -(tail as i64), tail)?,
             };
             hash.update(key.as_bytes());
             hash.update(&size.to_le_bytes());

@@ -8,7 +8,7 @@ use pipeline::geometry::Rect;
 use serde_json::Value;
 
 use super::{FilmError, FilmStore, json};
-use crate::durable::{DurableError, temp_files};
+use crate::durable::DurableError;
 use crate::shard::Flaw;
 
 /// Something that is not as it must be.
@@ -87,7 +87,7 @@ impl FilmStore {
         let (levels, wrong) = self.check_pyramid()?;
         findings.extend(wrong);
         let bytes = bytes + levels;
-        Ok(Verdict { shards: all.len(), bytes, findings, temp: temp_files(self.path())? })
+        Ok(Verdict { shards: all.len(), bytes, findings, temp: self.store.temp_files()? })
     }
 
     /// Reads and decodes one shard: its bytes, and what is wrong with it.
@@ -110,7 +110,7 @@ impl FilmStore {
     ) -> Result<(u64, Option<Finding>), FilmError> {
         // What the encoder may lengthen, and more; a file beyond that is none of ours and is not read.
         let limit = (sh * sw * self.spec.sample.bytes()) as u64 * 2 + (1 << 20);
-        let bytes = match self.directory.read_at_most(&key, limit) {
+        let bytes = match self.store.read_at_most(&key, limit) {
             Ok(Some(bytes)) => bytes,
             Ok(None) => {
                 self.still_there()?;
@@ -148,11 +148,11 @@ impl FilmStore {
         let mut wrong = |key: &str, reason: &str| {
             findings.push(Finding::Metadata { key: key.into(), reason: reason.into() });
         };
-        let group = json(&self.directory, "zarr.json")?.unwrap_or_default();
+        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
         let copies = &group["consolidated_metadata"]["metadata"];
         let mut check = |name: &str, expected: &Value| -> Result<(), FilmError> {
             let key = format!("{name}/zarr.json");
-            if json(&self.directory, &key)?.as_ref() != Some(expected) {
+            if json(&self.store, &key)?.as_ref() != Some(expected) {
                 wrong(&key, "not the metadata of this film's layout");
             }
             if copies.get(name) != Some(expected) {
@@ -169,7 +169,7 @@ impl FilmStore {
         }
         for (name, (_, bytes)) in &coordinates {
             let key = format!("{name}/c/0");
-            if self.directory.read_at_most(&key, bytes.len() as u64).ok().flatten().as_ref() != Some(bytes) {
+            if self.store.read_at_most(&key, bytes.len() as u64).ok().flatten().as_ref() != Some(bytes) {
                 wrong(&key, "not the coordinate of this film");
             }
         }

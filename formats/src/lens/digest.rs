@@ -11,7 +11,16 @@ use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 /// Samples turned to bytes at a time.
 const PIECE: usize = 16384;
 
-pub(super) fn of<E>(lens: &Lens, mut psf: impl FnMut(usize) -> Result<PsfStack, E>) -> Result<String, E> {
+pub(super) fn of<E>(lens: &Lens, psf: impl FnMut(usize) -> Result<PsfStack, E>) -> Result<String, E> {
+    of_bands(lens, 0..lens.bands.len(), psf)
+}
+
+/// The same of some bands alone.
+pub(super) fn of_bands<E>(
+    lens: &Lens,
+    bands: std::ops::Range<usize>,
+    mut psf: impl FnMut(usize) -> Result<PsfStack, E>,
+) -> Result<String, E> {
     let mut h = blake3::Hasher::new();
     h.update(b"lenscube/lens-pack/1 digest\n");
     reals(
@@ -29,10 +38,12 @@ pub(super) fn of<E>(lens: &Lens, mut psf: impl FnMut(usize) -> Result<PsfStack, 
         PsfSample::Point => 0,
         PsfSample::Integrated => 1,
     };
-    counts(&mut h, &[sample, lens.bands.len()]);
-    for (b, band) in lens.bands.iter().enumerate() {
-        tables(&mut h, band);
-        for piece in psf(b)?.samples.chunks(PIECE) {
+    counts(&mut h, &[sample, bands.len()]);
+    for b in bands {
+        // First, for it is what knows which bands there are.
+        let stack = psf(b)?;
+        tables(&mut h, &lens.bands[b]);
+        for piece in stack.samples.chunks(PIECE) {
             let bytes: Vec<u8> = piece.iter().flat_map(|v| v.to_le_bytes()).collect();
             h.update(&bytes);
         }

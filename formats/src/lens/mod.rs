@@ -147,6 +147,14 @@ impl LensPack {
         let digest = digest::of(&self.lens, |band| self.psf(band))?;
         Ok(self.digest.get_or_init(|| digest))
     }
+
+    /// As [`digest`](Self::digest), of band `band` alone: reads no other band's PSFs.
+    ///
+    /// # Errors
+    /// As [`psf`](Self::psf).
+    pub fn band_digest(&self, band: usize) -> Result<String, LensPackError> {
+        digest::of_bands(&self.lens, band..band + 1, |band| self.psf(band))
+    }
 }
 
 /// Names of the lens packs inside the program.

@@ -56,19 +56,21 @@ impl Blocks {
         if window == 1 {
             return Self { window, fft: 0, block: TILE_SIDE, tile: TILE_SIDE };
         }
-        let heights = grid.heights_px();
-        let density = grid.len() as f64 / (std::f64::consts::PI * heights[heights.len() - 1].powi(2));
-        let cost = |&(fft, node, once): &(usize, f64, f64)| {
-            let (block, area) = ((fft - window + 1) as f64, (fft * fft) as f64);
-            let weighed = node * (1.0 - ALONG_Y + ALONG_Y * block / fft as f64);
-            let scattering = (mean_nodes(grid, block) * weighed + once) * area / (block * block);
-            scattering + density * SPECTRUM * node * area
-        };
+        let cost = |side: &&(usize, f64, f64)| cost_ns(window, grid, side);
         let wide_enough = FFT_SIDES.iter().filter(|(fft, ..)| *fft >= 2 * window);
         let cheapest = wide_enough.min_by(|a, b| cost(a).total_cmp(&cost(b)));
         let fft = cheapest.expect("windows are checked at the door").0;
         let block = fft - window + 1;
         Self { window, fft, block, tile: block * (TILE_SIDE / block).max(1) }
+    }
+
+    /// What a source pixel costs on one core, ns, spectra included: the mean over the disc of `grid`'s heights.
+    pub fn cost_ns(&self, grid: &NodeGrid) -> f64 {
+        // A window of 1 is one multiplication, nothing beside the other stages.
+        FFT_SIDES
+            .iter()
+            .find(|(fft, ..)| *fft == self.fft)
+            .map_or(0.0, |side| cost_ns(self.window, grid, side))
     }
 
     /// The widest kernel that has an FFT side.
@@ -80,6 +82,16 @@ impl Blocks {
     pub const fn spectrum_bytes(&self) -> usize {
         8 * self.fft * (self.fft / 2 + 1)
     }
+}
+
+/// What a source pixel costs with the FFT side `side`, ns.
+fn cost_ns(window: usize, grid: &NodeGrid, &(fft, node, once): &(usize, f64, f64)) -> f64 {
+    let heights = grid.heights_px();
+    let density = grid.len() as f64 / (std::f64::consts::PI * heights[heights.len() - 1].powi(2));
+    let (block, area) = ((fft - window + 1) as f64, (fft * fft) as f64);
+    let weighed = node * (1.0 - ALONG_Y + ALONG_Y * block / fft as f64);
+    let scattering = (mean_nodes(grid, block) * weighed + once) * area / (block * block);
+    scattering + density * SPECTRUM * node * area
 }
 
 /// Mean number of nodes that have a share in a square of `side` px: an interval of length s touches s/d + 2 tents of

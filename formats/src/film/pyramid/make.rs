@@ -52,13 +52,11 @@ impl FilmStore {
     }
 
     fn check_complete(&self) -> Result<(), FilmError> {
-        let mut missing = Vec::new();
-        for (output, band, shard) in self.every_shard() {
-            if !self.shard_present(output, band, shard)? {
-                missing.push(self.key(output, band, shard));
-            }
-        }
-        let shards = self.every_shard().count();
+        let all: Vec<_> = self.every_shard().collect();
+        let found = std::iter::zip(&all, self.shards_bytes(&all)?);
+        let absent = found.filter(|(_, there)| there.is_none());
+        let missing: Vec<String> = absent.map(|(&(o, b, s), _)| self.key(o, b, s)).collect();
+        let shards = all.len();
         match missing.first() {
             None => Ok(()),
             Some(first) => Err(FilmError::Incomplete {
@@ -73,23 +71,23 @@ impl FilmStore {
     /// Lays the pyramid's metadata, unless those of this very film are there already.
     fn begin_pyramid(&self, stamp: &str) -> Result<(), FilmError> {
         self.still_there()?;
-        let there = !self.directory.names(PLACE)?.is_empty();
+        let there = !self.store.names(PLACE)?.is_empty();
         if matches!(self.pyramid()?, PyramidState::Complete | PyramidState::Unfinished(..)) {
             return Ok(());
         }
         // The film stops telling of what goes, before it goes.
-        let group = json(&self.directory, "zarr.json")?.unwrap_or_default();
+        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
         if group["attributes"].get("ome").is_some() {
-            self.directory.write("zarr.json", &pretty(&film_group(group, None, Vec::new())))?;
+            self.store.write("zarr.json", pretty(&film_group(group, None, Vec::new())))?;
         }
         if there {
             remove_directory(&self.path().join(PLACE))?;
         }
         for (key, metadata) in self.pyramid_metadata() {
-            self.directory.write(&format!("{key}/zarr.json"), &pretty(&metadata))?;
+            self.store.write(&format!("{key}/zarr.json"), pretty(&metadata))?;
         }
         // Last: a pyramid without it is begun anew.
-        Ok(self.directory.write(&format!("{PLACE}/zarr.json"), &pretty(&self.pyramid_group(stamp)))?)
+        Ok(self.store.write(&format!("{PLACE}/zarr.json"), pretty(&self.pyramid_group(stamp)))?)
     }
 
     fn make_level(
@@ -142,7 +140,7 @@ impl FilmStore {
         shard: (usize, usize),
     ) -> Result<(), FilmError> {
         let key = self.level_key(level, band, shard);
-        if self.directory.size_of(&key)?.is_some() {
+        if self.store.size_of(&key)?.is_some() {
             return Ok(());
         }
         let rect = level.rect(shard);
@@ -173,7 +171,7 @@ impl FilmStore {
             },
             ShardError::Codec(reason) => FilmError::Codec { reason },
         })?;
-        self.commit(&EncodedShard { key, bytes })
+        self.commit(&EncodedShard { key, bytes: bytes.into() })
     }
 
     /// Lets the film's own metadata tell of the pyramid.
@@ -194,10 +192,10 @@ impl FilmStore {
         }
         let mut members = vec![(PLACE.to_owned(), self.pyramid_group(stamp))];
         members.extend(self.pyramid_metadata());
-        let group = json(&self.directory, "zarr.json")?.unwrap_or_default();
+        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
         let told = film_group(group.clone(), Some(ome::ome(self, &whites)), members);
         if told != group {
-            self.directory.write("zarr.json", &pretty(&told))?;
+            self.store.write("zarr.json", pretty(&told))?;
         }
         Ok(())
     }

@@ -104,7 +104,7 @@ fn hardly_any_film_has_a_pyramid_too() {
     assert_eq!((film.pyramid_shards(), film.pyramid().unwrap()), (0, PyramidState::None));
     assert!(make(&film).unwrap());
     assert_eq!(film.pyramid().unwrap(), PyramidState::Complete);
-    let group = json(&film.directory, "zarr.json").unwrap().unwrap();
+    let group = json(&film.store, "zarr.json").unwrap().unwrap();
     let datasets = &group["attributes"]["ome"]["multiscales"][0]["datasets"];
     assert_eq!((datasets[0]["path"].as_str(), datasets.as_array().unwrap().len()), (Some("film"), 1));
     let again = files(film.path());
@@ -121,7 +121,7 @@ fn windows_have_pyramids_of_their_own() {
     });
     assert!(make(&film).unwrap());
     assert_eq!(level(&film, 0, 1, 1).0, Size::new(200, 150));
-    let group = json(&film.directory, "zarr.json").unwrap().unwrap();
+    let group = json(&film.store, "zarr.json").unwrap().unwrap();
     let ome = &group["attributes"]["ome"]["multiscales"];
     assert_eq!((&ome[0]["name"], &ome[1]["name"]), (&json!("roi_0"), &json!("roi_1")));
     assert_eq!(ome[0]["datasets"][1]["path"], "pyramid/roi_0/1");

@@ -1,0 +1,70 @@
+//! What the tiles of a band cost: estimates, for choosing units and for whoever hands them out.
+//!
+//! Core seconds are those of one core of a 2.2 GHz Xeon with AVX-512: SVPSF by its own cost model, the other stages as measured
+//! on the paper's job (scripts/bench). Bytes are those before compression.
+
+use crate::job::Job;
+use crate::open::Chart;
+use pipeline::band::BandPlan;
+use pipeline::scene::Scene;
+
+/// Reading and decoding, remap, overlap-add, encoding, writing: 45.9 + 28.9 + 6.6 + 45.9 + 2.6 core seconds for
+/// 31 bands of 14141² px, store to store, a chart with 1 % noise.
+const OTHER_STAGES_NS: f64 = 21.0;
+/// Kernels of a band: seconds per PSF sample, from 1.9 s for the 31 traced bands' 21 million samples.
+const KERNEL_S: f64 = 90e-9;
+/// Tiles that a GPU has in hand: two slots of a batch.
+const GPU_TILES: usize = 2 * 16;
+
+/// Seconds in milliseconds: more digits would only look exact.
+pub fn rounded(seconds: f64) -> f64 {
+    (seconds * 1e3).round() / 1e3
+}
+
+/// Pixels of `tiles`.
+fn pixels(plan: &BandPlan, tiles: &[(usize, usize)]) -> usize {
+    tiles.iter().map(|&t| plan.tiling.rect(t).size().pixels()).sum()
+}
+
+/// Seconds of one core.
+pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
+    let svpsf = plan.blocks.zip(plan.grid.as_ref()).map_or(0.0, |(blocks, grid)| blocks.cost_ns(grid));
+    let samples = plan.lens.psf_height_mm.len() * plan.lens.psf_size.pow(2);
+    let kernels = if plan.grid.is_some() { samples as f64 * KERNEL_S } else { 0.0 };
+    pixels(plan, tiles) as f64 * (svpsf + OTHER_STAGES_NS) * 1e-9 + kernels
+}
+
+/// Bytes of the chart that `tiles` (row by row) are made from; rows of tiles share what lies between them.
+pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
+    let sample = match &job.chart {
+        Chart::Store(s) => s.sample().bytes(),
+        Chart::Raster(r) => r.layout().sample.bytes(),
+        // As laid out.
+        Chart::Exr(_) => size_of::<f32>(),
+        Chart::Drawn(_) => return 0,
+    };
+    let plan = &job.plans[band];
+    let options = &job.options;
+    let scene =
+        Scene::new(&job.frame, &plan.lens, options.stages, options.reading, job.gains[band], options.simd);
+    let (mut all, mut end) = (0, 0);
+    for row in tiles.chunk_by(|a, b| a.0 == b.0) {
+        let of = |tile| scene.about(job.chart.size(), plan.tiling.rect(tile));
+        let (first, last) = (of(row[0]), of(row[row.len() - 1]));
+        let rows = first.y.min(last.y).max(end)..first.bottom().max(last.bottom());
+        let width = (last.right() - first.x.min(last.x)).max(0);
+        all += (rows.end - rows.start).max(0) * width;
+        end = rows.end.max(end);
+    }
+    all as u64 * sample as u64
+}
+
+/// Bytes on a GPU: the spectra of all nodes that the tiles can meet, and two slots of tiles with their scene and chart.
+pub fn gpu_bytes(plan: &BandPlan, tiles: &[(usize, usize)]) -> u64 {
+    let (down, across) = plan.tiling.count();
+    let share = tiles.len() as f64 / (down * across) as f64;
+    let spectra = plan.blocks.zip(plan.grid.as_ref()).map_or(0, |(b, g)| b.spectrum_bytes() * g.len());
+    let side = plan.tiling.tile() + 2 * plan.tiling.margin();
+    let tile = 4 * (side * side + 2 * plan.tiling.tile().pow(2));
+    (share * spectra as f64) as u64 + (GPU_TILES.min(tiles.len()) * tile) as u64
+}

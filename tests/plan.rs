@@ -1,0 +1,526 @@
+//! One film by many processes: the same bytes from any units, in any order, done twice, killed; and what a plan refuses.
+
+mod common;
+
+use common::place::{Place, Stopped};
+use common::{Noise, Ran, files, lenscube, text};
+use pipeline::geometry::Size;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+const RETRY: i32 = 75;
+const OTHER_JOB: i32 = 3;
+const USAGE: i32 = 2;
+const WRONG: i32 = 4;
+
+/// A place with a plan for its film.
+struct Planned {
+    place: Place,
+    job: PathBuf,
+    plan: Value,
+}
+
+impl Planned {
+    fn new(place: Place, flags: &[&str]) -> Self {
+        let job = place.at("job.json");
+        let ran = Ran::of(&place.plan(&place.film, flags).args(["-o", text(&job)]).output().unwrap()).ok();
+        assert_eq!(ran.stdout.trim(), text(&job), "{}", ran.stderr);
+        let plan = serde_json::from_slice(&fs::read(&job).unwrap()).unwrap();
+        Self { place, job, plan }
+    }
+
+    fn units(&self) -> usize {
+        self.plan["units"].as_array().unwrap().len()
+    }
+
+    fn worker(&self, unit: &str, flags: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(["run", "--plan", text(&self.job), "--unit", unit, "--no-fsync"]).args(flags);
+        command
+    }
+
+    fn run(&self, unit: &str, flags: &[&str]) -> Ran {
+        Ran::of(&self.worker(unit, flags).output().unwrap())
+    }
+
+    /// A worker struck by `fault`.
+    fn struck(&self, unit: &str, fault: &str) -> Command {
+        let mut command = self.worker(unit, &[]);
+        command.env("LENSCUBE_FAULT", fault).stdout(Stdio::null()).stderr(Stdio::piped());
+        command
+    }
+
+    fn missing(&self) -> String {
+        lenscube(&["status", "--plan", text(&self.job), "--missing"]).ok().stdout.trim().to_owned()
+    }
+
+    /// The bytes of the film that one process makes without a plan.
+    fn whole(&self, flags: &[&str]) -> std::collections::BTreeMap<PathBuf, Vec<u8>> {
+        let film = self.place.at("whole.zarr");
+        Ran::of(&self.place.command(&film, "", flags).output().unwrap()).ok();
+        files(&film)
+    }
+}
+
+fn says(ran: &Ran, code: i32, words: &[&str]) {
+    assert_eq!(ran.code, code, "{}{}", ran.stdout, ran.stderr);
+    for word in words {
+        let said = ran.stdout.contains(word) || ran.stderr.contains(word);
+        assert!(said, "`{word}` is not in: {}{}", ran.stdout, ran.stderr);
+    }
+}
+
+/// Eight rows of eight shards, two bands.
+fn place() -> Place {
+    Place::new(Size::new(631, 637), &["--shard", "80", "--chunk", "40"])
+}
+
+/// `0..n` in an order that follows from `seed`.
+fn shuffled(n: usize, seed: u64) -> Vec<usize> {
+    let mut noise = Noise(seed);
+    let mut keys: Vec<(u32, usize)> = (0..n).map(|i| (noise.next().to_bits(), i)).collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|k| k.1).collect()
+}
+
+/// Does all units of a plan, three processes at a time, some units by two of them, one process killed half-way.
+fn by_many(planned: &Planned, seed: u64) {
+    let order = shuffled(planned.units(), seed);
+    let killed = planned.struck(&order[0].to_string(), "rename:2:kill").output().unwrap();
+    assert_eq!(killed.status.code(), None, "killed: {}", String::from_utf8_lossy(&killed.stderr));
+    let twice = order.iter().take(4).chain(&order);
+    let all: Vec<String> = twice.map(usize::to_string).collect();
+    for some in all.chunks(3) {
+        let running: Vec<_> = some
+            .iter()
+            .map(|unit| {
+                planned.worker(unit, &[]).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+            })
+            .collect();
+        for child in running {
+            Ran::of(&child.wait_with_output().unwrap()).ok();
+        }
+    }
+}
+
+#[test]
+fn any_number_of_units_in_any_order_makes_the_same_bytes() {
+    for (flags, units) in [
+        (&["--unit-rows", "8"][..], 2),
+        (&["--unit-rows", "2", "--bands", "1"], 4),
+        (&["--unit-rows", "3"], 6),
+        (&["--unit-rows", "1"], 16),
+        (&[], 1),
+    ] {
+        let planned = Planned::new(place(), flags);
+        assert_eq!(planned.units(), units, "{flags:?}");
+        let whole =
+            planned.whole(flags.iter().position(|f| *f == "--bands").map_or(&[][..], |at| &flags[at..]));
+        by_many(&planned, 7 + units as u64);
+        assert!(files(&planned.place.film) == whole, "{flags:?}");
+        assert_eq!(planned.missing(), "");
+        assert!(planned.place.leavings().is_empty(), "{:?}", planned.place.leavings());
+        says(&lenscube(&["verify", text(&planned.place.film)]), 0, &["is sound"]);
+    }
+}
+
+#[test]
+fn five_units_of_windows_and_bands_make_the_same_bytes() {
+    let flags = ["--roi", "5,600,400,31", "--roi", "100,100,200,200", "--roi", "0,0,637,80"];
+    let planned = Planned::new(place(), &[&flags[..], &["--unit-rows", "2"]].concat());
+    // One, three and one rows of shards: cut into 2, 2 and 1, in each of two bands.
+    let rows: Vec<String> =
+        planned.plan["units"].as_array().unwrap().iter().map(|u| u["rows"].to_string()).collect();
+    let band = [r#"{"roi_0":[0,1],"roi_1":[0,1]}"#, r#"{"roi_1":[1,3]}"#, r#"{"roi_2":[0,1]}"#];
+    assert_eq!(rows, [band, band].concat());
+    let whole = planned.whole(&flags);
+    by_many(&planned, 3);
+    assert!(files(&planned.place.film) == whole);
+}
+
+#[test]
+fn two_at_one_unit_both_work_and_do_no_harm() {
+    let planned = Planned::new(place(), &["--unit-rows", "4"]);
+    let whole = planned.whole(&[]);
+    let mut first = Stopped(planned.struck("0", "rename:9:stop").spawn().unwrap());
+    assert!(first.wait_stopped());
+    let pid = first.0.id().to_string();
+    says(&lenscube(&["status", "--plan", text(&planned.job)]), 0, &["units   0 of 4; missing 0-3", &pid]);
+    says(&planned.run("0", &[]), 0, &[&format!("process {pid}"), "both write the same bytes"]);
+    assert_eq!(planned.missing(), "1-3");
+    says(&first.go_on(), 0, &[]);
+    // Complete: not even the chart is opened.
+    let aside = planned.place.at("aside.zarr");
+    fs::rename(&planned.place.chart, &aside).unwrap();
+    says(&planned.run("0", &[]), 0, &["units 0 of", "are complete: 32 shards"]);
+    fs::rename(&aside, &planned.place.chart).unwrap();
+    says(&planned.run("1-3", &[]), 0, &[]);
+    assert!(files(&planned.place.film) == whole && planned.place.leavings().is_empty());
+}
+
+#[test]
+fn a_lock_of_a_lost_host_stops_nobody() {
+    let planned = Planned::new(place(), &["--unit-rows", "4"]);
+    assert_eq!(planned.struck("2", "rename:5:kill").status().unwrap().code(), None);
+    let runs = planned.place.film.join("runs");
+    let lock =
+        fs::read_dir(&runs).unwrap().map(|e| e.unwrap().path()).find(|p| text(p).ends_with(".lock")).unwrap();
+    let owner = fs::read_to_string(&lock).unwrap();
+    let mut owner: Value = serde_json::from_str(&owner).unwrap();
+    owner["host"] = "elsewhere".into();
+    fs::write(&lock, owner.to_string()).unwrap();
+    says(&planned.run("2", &[]), 0, &["resuming units 2 of"]);
+    assert!(!lock.exists());
+    assert_eq!(planned.missing(), "0-1,3");
+}
+
+#[test]
+fn units_are_named_by_lists_and_by_the_environment() {
+    let planned = Planned::new(place(), &["--unit-rows", "1"]);
+    assert_eq!(planned.missing(), "0-15");
+    says(&planned.run("3-5,12", &[]), 0, &["32 shards"]);
+    assert_eq!(planned.missing(), "0-2,6-11,13-15");
+    for (name, value) in [("SLURM_ARRAY_TASK_ID", "0"), ("JOB_COMPLETION_INDEX", "15"), ("MINE", "1-2,6")] {
+        let ran = planned.worker(&format!("env:{name}"), &[]).env(name, value).output().unwrap();
+        says(&Ran::of(&ran), 0, &[]);
+    }
+    let missing = planned.missing();
+    assert_eq!(missing, "7-11,13-14");
+    for (unit, words) in [
+        ("16", &["beyond the last of 16, which is 15"][..]),
+        ("3-99", &["unit 99 is beyond"]),
+        ("", &["expected 7, or 3-9,12"]),
+        ("5-3", &["ends before it begins"]),
+        ("seven", &["`seven` is no unit"]),
+        ("env:NOT_SET_HERE", &["has no NOT_SET_HERE"]),
+    ] {
+        says(&planned.run(unit, &[]), USAGE, words);
+    }
+    let ran = planned.worker("env:MINE", &[]).env("MINE", "40").output().unwrap();
+    says(&Ran::of(&ran), USAGE, &["env:MINE, which is `40`", "beyond the last"]);
+    says(&lenscube(&["run", "--unit", "3", "a", "b"]), USAGE, &["--plan"]);
+    says(&planned.run("3", &["--overwrite"]), USAGE, &["--overwrite", "--plan"]);
+    let check = |flags: &[&str]| lenscube(&[&["status", "--plan", text(&planned.job)], flags].concat());
+    says(&check(&["--missing", "--check"]), WRONG, &[&missing]);
+    says(&check(&["--check"]), WRONG, &["units   9 of 16; missing 7-11,13-14"]);
+    let status: Value = serde_json::from_str(&check(&["--json"]).ok().stdout).unwrap();
+    assert_eq!(status["units"], serde_json::json!({ "all": 16, "done": 9, "missing": missing }));
+    // The list that is printed is one that is taken.
+    says(&planned.run(&missing, &[]), 0, &[]);
+    let done = check(&["--missing", "--check"]).ok();
+    assert_eq!(done.stdout, "");
+    says(&check(&["--check"]), 0, &["units   16 of 16"]);
+}
+
+#[test]
+fn a_plan_is_made_once_and_not_changed() {
+    let place = place();
+    let plan = |flags: &[&str]| {
+        Ran::of(&place.plan(&place.film, flags).current_dir(place.dir.path()).output().unwrap())
+    };
+    let made = plan(&["--unit-rows", "2"]).ok();
+    let name = made.stdout.trim().trim_start_matches("./").to_owned();
+    let text_of = || fs::read_to_string(place.at(&name)).unwrap();
+    let first = text_of();
+    let json: Value = serde_json::from_str(&first).unwrap();
+    assert_eq!(name, format!("plan-{}.json", &json["digest"].as_str().unwrap()[..12]));
+    // Its digest is that of all the other lines.
+    let others: String =
+        first.lines().filter(|l| !l.contains("\"digest\"")).map(|l| format!("{l}\n")).collect();
+    assert_eq!(json["digest"], blake3::hash(others.as_bytes()).to_hex().as_str());
+    plan(&["--unit-rows", "2"]).ok();
+    assert_eq!(text_of(), first);
+    says(&plan(&["--unit-rows", "4", "-o", &name]), OTHER_JOB, &["is not this plan", "another name"]);
+    says(&plan(&["--interp", "bilinear"]), OTHER_JOB, &["another job", "interp"]);
+    // It tells what each unit is, and the units are the film.
+    let sum =
+        |key: &str| json["units"].as_array().unwrap().iter().map(|u| u[key].as_u64().unwrap()).sum::<u64>();
+    assert_eq!(sum("shards"), 2 * 8 * 8);
+    assert_eq!(sum("bytes_written"), 2 * 631 * 637 * 4);
+    assert!(sum("bytes_read") >= 2 * 631 * 637 * 4 && sum("tiles_again") > 0);
+    for key in ["shards", "tiles", "tiles_again", "bytes_read", "bytes_written"] {
+        assert_eq!(json["totals"][key], sum(key), "{key}");
+    }
+    assert!(
+        json["units"][0]["core_s"].as_f64().unwrap() > 0.0
+            && json["totals"]["gpu_bytes"].as_u64().unwrap() > 0
+    );
+    assert_eq!(json["command"]["chart"], text(&place.chart));
+}
+
+#[test]
+fn what_was_not_planned_is_refused() {
+    let planned = Planned::new(place(), &["--unit-rows", "4"]);
+    let good = fs::read_to_string(&planned.job).unwrap();
+    let with = |text: &str| fs::write(&planned.job, text).unwrap();
+    // Edited, cut short, no plan at all, another program's.
+    for (wrong, words) in [
+        (good.replace("\"unit\":1", "\"unit\":9"), "its digest does not fit"),
+        (good.replace("bicubic", "bilinear"), "its digest does not fit"),
+        (good[..good.len() / 2].to_owned(), "its digest does not fit"),
+        ("{}\n".to_owned(), "no digest"),
+    ] {
+        with(&wrong);
+        says(&planned.run("0", &[]), OTHER_JOB, &[words, "make it again"]);
+        says(&lenscube(&["status", "--plan", text(&planned.job), "--missing"]), OTHER_JOB, &[words]);
+    }
+    with(&signed(&good.replace("lenscube/plan/1", "lenscube/plan/9")));
+    says(&planned.run("0", &[]), OTHER_JOB, &["lenscube/plan/9"]);
+    let version = planned.plan["job"]["numeric_version"].as_u64().unwrap();
+    let newer = format!("\"numeric_version\": {}", version + 1);
+    with(&signed(&good.replace(&format!("\"numeric_version\": {version}"), &newer)));
+    let words = [&format!("numeric version {}", version + 1)[..], "plan a new film"];
+    says(&planned.run("0", &[]), OTHER_JOB, &words);
+    with(&good);
+    // Other flags.
+    says(
+        &planned.run("0", &["--interp", "bilinear"]),
+        OTHER_JOB,
+        &["interp (planned \"bicubic\", here \"bilinear\")"],
+    );
+    says(&planned.run("0", &["--shard", "160"]), OTHER_JOB, &["shard (planned 80, here 160)"]);
+    says(&planned.run("0", &["--bands", "1"]), OTHER_JOB, &["chart_bands (planned [0,1], here [1])"]);
+    says(&planned.run("3", &["--bands", "1"]), OTHER_JOB, &["not the planned one"]);
+    // Another film.
+    let other = planned.place.at("other.zarr");
+    Ran::of(&planned.place.command(&other, "", &["--interp", "bilinear"]).output().unwrap()).ok();
+    let at = |film: &Path| {
+        let mut command = planned.worker("0", &[]);
+        Ran::of(&command.arg(&planned.place.chart).arg(film).output().unwrap())
+    };
+    says(&at(&other), OTHER_JOB, &["is not the film of", "job_digest"]);
+    says(&at(&planned.place.at("nothing.zarr")), OTHER_JOB, &["found nothing", "lenscube plan"]);
+}
+
+/// A plan's text with a digest that fits.
+fn signed(text: &str) -> String {
+    let others: String =
+        text.lines().filter(|l| !l.contains("\"digest\"")).map(|l| format!("{l}\n")).collect();
+    let digest = blake3::hash(others.as_bytes()).to_hex();
+    others.replacen("{\n", &format!("{{\n  \"digest\": \"{digest}\",\n"), 1)
+}
+
+#[test]
+fn a_moved_or_touched_chart_is_noticed_and_one_mounted_elsewhere_is_taken() {
+    let planned = Planned::new(place(), &["--unit-rows", "8"]);
+    let whole = planned.whole(&[]);
+    let moved = planned.place.at("moved.zarr");
+    fs::rename(&planned.place.chart, &moved).unwrap();
+    let gone = planned.run("0", &[]);
+    assert_eq!(gone.code, 1, "{}", gone.stderr);
+    assert!(gone.stderr.contains("chart.zarr"), "{}", gone.stderr);
+    // The same files under another name, and the film by a relative path.
+    let mut command = planned.worker("0", &[]);
+    says(
+        &Ran::of(
+            &command
+                .args(["moved.zarr", "film.zarr"])
+                .current_dir(planned.place.dir.path())
+                .output()
+                .unwrap(),
+        ),
+        0,
+        &[],
+    );
+    assert_eq!(planned.missing(), "1");
+    // Another chart in its place.
+    common::Picture::noise(12, Size::new(631, 637), 2).write(&planned.place.chart);
+    says(&planned.run("1", &[]), OTHER_JOB, &["what is here is not what", "chart_mtimes"]);
+    fs::remove_dir_all(&planned.place.chart).unwrap();
+    fs::rename(&moved, &planned.place.chart).unwrap();
+    // Touched.
+    let chunk = fs::File::open(planned.place.chart.join("chart/c/0/0/0")).unwrap();
+    chunk.set_modified(std::time::UNIX_EPOCH).unwrap();
+    says(&planned.run("1", &[]), OTHER_JOB, &["chart_mtimes", "--trust-input"]);
+    says(&planned.run("1", &["--trust-input"]), 0, &[]);
+    assert!(files(&planned.place.film) == whole);
+}
+
+#[test]
+fn progress_is_lines_of_json() {
+    let planned = Planned::new(place(), &["--unit-rows", "2"]);
+    let lines =
+        |ran: &Ran| -> Vec<Value> { ran.stdout.lines().map(|l| serde_json::from_str(l).unwrap()).collect() };
+    let ran = planned.run("1-2", &["--progress", "jsonl"]).ok();
+    let told = lines(&ran);
+    let of = |event: &str| told.iter().filter(|l| l["event"] == event).collect::<Vec<_>>();
+    let digest = &planned.plan["digest"].as_str().unwrap()[..12];
+    assert!(told.iter().all(|l| l["plan"] == digest && l["units"] == "1-2" && l["elapsed_s"].is_number()));
+    assert_eq!((of("start").len(), of("shard").len(), of("done").len()), (1, 32, 1));
+    assert_eq!((&told[0]["event"], &told[told.len() - 1]["event"]), (&"start".into(), &"done".into()));
+    assert_eq!((&told[0]["shards"], &told[0]["shards_done"]), (&32.into(), &0.into()));
+    let progress = of("progress");
+    assert!(
+        !progress.is_empty()
+            && progress.iter().all(|l| l["tiles_total"] == told[0]["tiles"] && l["mpx_per_s"].is_number())
+    );
+    let bytes = of("shard").iter().map(|l| l["bytes"].as_u64().unwrap()).sum::<u64>();
+    assert_eq!(of("done")[0]["bytes_written"], bytes);
+    assert_eq!(of("done")[0]["shards"], 32);
+    let keys: std::collections::BTreeSet<&str> =
+        of("shard").iter().filter_map(|l| l["key"].as_str()).collect();
+    assert!(keys.len() == 32 && keys.iter().all(|k| planned.place.film.join(k).is_file()), "{keys:?}");
+    // Nothing to do, interrupted work, errors.
+    let again = lines(&planned.run("1-2", &["--progress", "jsonl"]).ok());
+    assert_eq!((again.len(), &again[1]["event"], &again[1]["shards"]), (2, &"done".into(), &0.into()));
+    let full =
+        planned.worker("0", &["--progress", "jsonl"]).env("LENSCUBE_FAULT", "write:2+:28").output().unwrap();
+    let full = Ran::of(&full);
+    let last = lines(&full).pop().unwrap();
+    assert_eq!(
+        (full.code, &last["event"], &last["code"], &last["retry"]),
+        (RETRY, &"error".into(), &RETRY.into(), &true.into())
+    );
+    assert!(last["message"].as_str().unwrap().contains("no space left"), "{last}");
+    let other = lines(&planned.run("0", &["--progress", "jsonl", "--interp", "bilinear"])).pop().unwrap();
+    assert_eq!(
+        (&other["event"], &other["code"], &other["retry"]),
+        (&"error".into(), &OTHER_JOB.into(), &false.into())
+    );
+    // A plain run tells the same, of no plan.
+    let film = planned.place.at("plain.zarr");
+    let plain = Ran::of(&planned.place.command(&film, "", &["--progress", "jsonl"]).output().unwrap()).ok();
+    let told = lines(&plain);
+    assert!(told.iter().all(|l| l.get("plan").is_none()));
+    assert_eq!(
+        (&told[told.len() - 1]["event"], &told[told.len() - 1]["shards"]),
+        (&"done".into(), &128.into())
+    );
+}
+
+/// The letter of a process's state; `None` if there is no such process.
+fn state(pid: &str) -> Option<char> {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    stat.rsplit_once(") ")?.1.chars().next()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_worker_dies_with_its_parent_when_asked() {
+    use std::io::{BufRead, BufReader};
+    use std::time::{Duration, Instant};
+    let wait = |pid: &str, wanted: &[Option<char>]| {
+        let start = Instant::now();
+        while start.elapsed() < Duration::from_secs(20) {
+            if wanted.contains(&state(pid)) {
+                return true;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        false
+    };
+    for asked in [true, false] {
+        let planned = Planned::new(place(), &["--unit-rows", "8"]);
+        let flag = if asked { "--die-with-parent" } else { "--keep-going" };
+        let words = [env!("CARGO_BIN_EXE_lenscube"), "run", "--plan", text(&planned.job), flag];
+        let mut parent = Command::new("sh")
+            .args(["-c", "\"$@\" & echo $!; wait", "sh"])
+            .args(words)
+            .env("LENSCUBE_FAULT", "rename:9:stop")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut pid = String::new();
+        BufReader::new(parent.stdout.take().unwrap()).read_line(&mut pid).unwrap();
+        let pid = pid.trim();
+        assert!(wait(pid, &[Some('T')]), "the worker did not stop at its ninth shard");
+        parent.kill().unwrap();
+        parent.wait().unwrap();
+        // Dead: gone, or a zombie where nobody waits for orphans.
+        let dead = [None, Some('Z'), Some('X')];
+        match asked {
+            true => assert!(wait(pid, &dead), "it outlived its parent"),
+            false => {
+                std::thread::sleep(Duration::from_millis(200));
+                assert_eq!(state(pid), Some('T'), "it died unasked");
+                Command::new("kill").args(["-s", "KILL", pid]).status().unwrap();
+                assert!(wait(pid, &dead));
+            }
+        }
+        assert_eq!(planned.missing(), "0-1");
+        says(&planned.run("0-1", &[]), 0, &["resuming"]);
+    }
+}
+
+#[test]
+fn the_papers_job_is_31_units_and_finer_when_asked() {
+    let dir = tempfile::tempdir().unwrap();
+    let plan = |name: &str, flags: &[&str]| -> Value {
+        let (film, job) = (dir.path().join(format!("{name}.zarr")), dir.path().join(name));
+        let words = [
+            "plan",
+            "gen:composite?size=14141",
+            text(&film),
+            "--lens",
+            "double-gauss-28-npz",
+            "-o",
+            text(&job),
+        ];
+        let told = lenscube(&[&words[..], flags].concat()).ok();
+        assert!(told.stderr.contains("start-up of a worker, measured here"), "{}", told.stderr);
+        serde_json::from_slice(&fs::read(&job).unwrap()).unwrap()
+    };
+    let whole = plan("whole.json", &[]);
+    assert_eq!((whole["units"].as_array().unwrap().len(), &whole["totals"]["tiles_again"]), (31, &0.into()));
+    let rows = plan("rows.json", &["--unit-rows", "1"]);
+    let [again, tiles] = ["tiles_again", "tiles"].map(|key| rows["totals"][key].as_f64().unwrap());
+    assert_eq!(rows["units"].as_array().unwrap().len(), 31 * 7);
+    assert!(again / tiles > 0.1 && again / tiles < 0.3, "{again} of {tiles}");
+    // One band is cut into as many units as cost a tenth of its tiles.
+    let one = plan("one.json", &["--bands", "15"]);
+    let [again, tiles] = ["tiles_again", "tiles"].map(|key| one["totals"][key].as_f64().unwrap());
+    assert!(
+        one["units"].as_array().unwrap().len() == 1 || (again > 0.0 && again / tiles <= 0.1),
+        "{again} of {tiles}"
+    );
+}
+
+/// A design's bands come from the plan's cache, from another cache, or from a pack that the plan wrote: the same film.
+#[test]
+fn workers_of_a_design_share_a_cache_or_a_pack_or_trace_their_own_bands() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    fs::write(at("my.zmx"), include_str!("../pipeline/data/double-gauss-28.zmx")).unwrap();
+    common::Picture::noise(3, Size::new(48, 40), 2).write(&at("chart"));
+    let with = |cache: &str, words: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(words).env("XDG_CACHE_HOME", at(cache)).current_dir(dir.path());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    };
+    let run = |cache: &str, words: &[&str]| Ran::of(&with(cache, words).output().unwrap());
+    let job = ["--lens", "my.zmx", "--film-pitch-um", "10", "--no-fsync", "--shard", "32", "--chunk", "32"];
+    let of = |words: &[&'static str]| [words, &job].concat();
+    run("home", &of(&["run", "chart", "whole"])).ok();
+    run("home", &of(&["plan", "chart", "film", "-o", "job.json", "--unit-rows", "2"])).ok();
+    let entries = |cache: &str| fs::read_dir(at(cache).join("lenscube/lenses")).map_or(0, Iterator::count);
+    assert_eq!(entries("home"), 2);
+    let shared = run("home", &["run", "--plan", "job.json", "--unit", "0"]).ok();
+    assert!(!shared.stderr.contains("traced"), "{}", shared.stderr);
+    // Two that trace the same band at once into one cache, which gets that band alone.
+    let unit_1 = ["run", "--plan", "job.json", "--unit", "1"];
+    let both = [0, 1].map(|_| with("other", &unit_1).spawn().unwrap());
+    for child in both {
+        Ran::of(&child.wait_with_output().unwrap()).ok();
+    }
+    assert_eq!(entries("other"), 1);
+    assert!(files(&at("film")) == files(&at("whole")));
+    // A pack: no cache at all.
+    let packed = of(&["plan", "chart", "packed", "-o", "packed.json", "--lens-pack", "my.lens.zip"]);
+    run("home", &packed).ok();
+    run("home", &packed).ok();
+    fs::remove_file(at("my.zmx")).unwrap();
+    let ran = run("none", &["run", "--plan", "packed.json"]).ok();
+    assert!(!ran.stderr.contains("trac") && entries("none") == 0, "{}", ran.stderr);
+    let pixels = |film: &str| common::bits(&common::pixels(&at(film), "film").1);
+    assert!(pixels("packed") == pixels("whole"));
+    // Another design under that name.
+    let design =
+        include_str!("../pipeline/data/double-gauss-28.zmx").replacen("8.746657850000", "8.756657850000", 1);
+    fs::write(at("my.zmx"), design).unwrap();
+    fs::remove_dir_all(at("film/film/c/0")).unwrap();
+    says(&run("home", &["run", "--plan", "job.json", "--unit", "0"]), OTHER_JOB, &["lens_digest"]);
+}
