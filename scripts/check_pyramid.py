@@ -99,7 +99,7 @@ def readers(path, arrays):
     data, words, kind = layers[0]
     holds(kind == "image" and [d.shape for d in data] == [a.shape for a in arrays], f"{path.name}: napari sees {kind} {words}")
     holds(words["channel_axis"] == 0 and all(same(np.asarray(d), a) for d, a in zip(data, arrays)), f"{path.name}: napari reads other values")
-    holds(words["name"] == [c["label"] for c in zarr.open_group(str(path), mode="r").attrs["ome"]["omero"]["channels"]], f"{path.name}: napari's names {words['name']}")
+    holds([name.split(": ")[-1] for name in words["name"]] == [c["label"] for c in zarr.open_group(str(path), mode="r").attrs["ome"]["omero"]["channels"]], f"{path.name}: napari's names {words['name']}")
 
 
 def consolidated(path):

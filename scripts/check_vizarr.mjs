@@ -36,7 +36,7 @@ try {
     holds(raster.width === shape[1] && raster.height === shape[0] && raster.data.every((v, i) => v === own[i]), `viv: values of level ${level}`);
   }
 
-  const { arr, shapes } = await omezarr.getMultiscaleWithArray(root, 0);
+  const { arr, shapes } = await omezarr.getMultiscaleWithArray(store, 0);
   holds(arr.shape[1] === 777 && arr.shape[2] === 1031, `ome-zarr.js sees ${arr.shape} of ${shapes}`);
   console.log(`${checks} checks: viv's loader and ome-zarr.js opened a pyramid`);
 } catch (fault) {

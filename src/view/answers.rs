@@ -187,3 +187,43 @@ fn seen(site: &Site, query: &Query) -> Result<Arc<super::lens::Seen>, Refusal> {
 fn named<'a>(site: &'a Site, stack: &str) -> Result<&'a Stack, Refusal> {
     site.stack(stack).ok_or_else(|| Refusal::missing("neither `film` nor a `chart` that is on view"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use formats::picture::View;
+    use formats::picture::exposure::Exposure;
+    use formats::picture::preview::{PreviewOptions, White, preview};
+    use pipeline::chart::Generator;
+    use pipeline::colour::Illuminant;
+
+    #[test]
+    fn crops_and_tiles_are_what_export_shows() {
+        let spec = "checker?size=700&overscan=0&wavelengths=400:700:25";
+        let stack = Stack::open(&format!("gen:{spec}"), None, None, 64 << 20).unwrap();
+        let chart: Generator = spec.parse().unwrap();
+        let (rect, never) = (Rect::new(17, 300, 290, 310), AtomicBool::new(false));
+        for light in Illuminant::ALL {
+            let options = PreviewOptions {
+                view: View { window: Some(rect), max_side: None, threads: 1 },
+                white: White::Illuminant(light),
+                exposure: Exposure::Factor(0.031),
+            };
+            let (want, _) = preview(&chart, chart.wavelengths_nm(), &options, &|_, _| ()).unwrap();
+            let tone = Tone { exposure: 0.031, gamma: 1.0 };
+            let mode = Mode::Colour(light);
+            assert!(cropped(&stack, rect, mode, &tone, &never).unwrap() == want, "{light:?}");
+            let mut tile = Image::new(stack.tile_rect(0, (0, 2)).unwrap().size(), [0; 3]);
+            show(&stack.tile(0, (0, 2), mode, &never).unwrap(), &tone, &mut tile, 0);
+            assert_eq!(tile.pixel(100, 10), want.pixel(100 - 17, 512 + 10 - 300));
+        }
+    }
+
+    #[test]
+    fn who_has_gone_is_not_worked_for() {
+        let stack = Stack::open("gen:siemens?size=2000&wavelengths=550", None, None, 64 << 20).unwrap();
+        let e = stack.exposure(Mode::Band(0), &AtomicBool::new(true)).unwrap_err();
+        assert!(e.is::<super::super::stack::Stopped>(), "{e}");
+        assert!(stack.exposure(Mode::Band(0), &AtomicBool::new(false)).unwrap() > 0.0);
+    }
+}

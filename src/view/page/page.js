@@ -3,6 +3,10 @@
 import { at, lens as showLens, pixel as showPixel, short } from "./panel.js";
 
 const OSD = window.OpenSeadragon;
+// Tiles of a look that has changed meanwhile are dropped on purpose.
+OSD.console = Object.assign(Object.create(console), {
+  warn: (...words) => { if (!String(words[0]).startsWith("Ignoring tile")) console.warn(...words); },
+});
 const site = await (await fetch("api/site")).json();
 const [H, W] = site.size;
 const state = {
@@ -249,7 +253,7 @@ function tellCrop() {
   at("crop-note").textContent = !c ? "" : large ? "too large for a crop: lenscube export" : `${c.w} × ${c.h} px`;
   if (!c || large) { save.removeAttribute("href"); return; }
   save.href = `crop.png?x=${c.x}&y=${c.y}&w=${c.w}&h=${c.h}&${look("film")}`;
-  save.download = `${site.name.replace(/^.*\//, "").replace(/[^\w.-]+/g, "-")}-${c.x}-${c.y}-${c.w}x${c.h}.png`;
+  save.download = `${name.replace(/[^\w.-]+/g, "-")}-${c.x}-${c.y}-${c.w}x${c.h}.png`;
 }
 function setCropping(on) {
   at("crop-layer").hidden = !on;
@@ -414,8 +418,10 @@ at("swipe-line").addEventListener("keydown", (event) => {
 
 // Beginning.
 
-document.title = `${site.name} · lenscube view`;
-at("name").textContent = site.name;
+const name = site.name.replace(/^(?!gen:).*\/(?=[^/]+(\/\/[^/]+)?$)/, "");
+document.title = `${name} · lenscube view`;
+at("name").textContent = name;
+at("name").title = site.name;
 at("facts").textContent = [
   `${W} × ${H} px`, site.pitch_um ? `${site.pitch_um} µm` : "", `${site.bands.length} bands`, site.units ?? "",
   site.levels > 1 ? { complete: "pyramid", stale: "stale pyramid", unfinished: "unfinished pyramid", none: "no pyramid" }[site.pyramid] : "",
@@ -425,7 +431,7 @@ at("band-inks").replaceChildren(...site.bands.map((b) => { const ink = document.
 at("mode-colour").disabled = !site.colour;
 at("swipe").hidden = !site.chart;
 at("legend").innerHTML = site.chart ? "<span><i></i>film</span><span><i class=\"c\"></i>chart</span>" : "";
-lensNote(site.lens.error ?? site.lens.note ?? "point at a pixel");
+lensNote(site.lens.error ?? site.lens.note ?? "point at a pixel for its figures and PSF");
 if (site.levels > 1 && site.pyramid !== "complete") note("No pyramid: far views read the whole film and take a while. lenscube pyramid makes one.");
 const firstNote = at("note").textContent;
 relook().then(() => { if (firstNote) note(firstNote); });

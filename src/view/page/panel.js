@@ -32,7 +32,7 @@ function draw(svg, name, attributes, text) {
 export function spectrum(bands, film, chart, now) {
   const svg = at("spectrum");
   svg.replaceChildren();
-  const box = { left: 4, right: 316, top: 16, bottom: 128 };
+  const box = { left: 4, right: 316, top: 16, bottom: 114 };
   const values = [...film, ...(chart ?? [])].filter((v) => v !== null);
   const most = Math.max(...values, 0), least = Math.min(...values, 0);
   const span = most - least || 1;

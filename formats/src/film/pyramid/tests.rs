@@ -10,7 +10,7 @@ use super::*;
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
 use crate::durable::Step;
 
-const NEVER: AtomicBool = AtomicBool::new(false);
+static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn film(path: &Path, size: Size, change: impl FnOnce(&mut FilmSpec)) -> FilmStore {
     let mut spec = FilmSpec { shard: 128, chunk: 64, ..FilmSpec::whole(size, vec![450.0, 550.5], 2.0) };
