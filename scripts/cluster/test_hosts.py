@@ -119,7 +119,8 @@ class Cluster:
         for name in hosts.names:
             words = ["dask_worker", self.scheduler, "--nthreads", "1", "--name", name, "--no-dashboard"]
             words += ["--local-directory", str(place / name), "--memory-limit", "0"]
-            self.start(name, hosts.inside(name), words, {})
+            again = ["sh", "-c", 'while :; do "$@"; sleep 1; done', "sh"]  # a worker that lost its scheduler ends
+            self.start(name, [*hosts.inside(name), *again], words, {})
 
     def start(self, name, inside, words, env):
         argv = [*inside, sys.executable, "-m", f"distributed.cli.{words[0]}", *words[1:]]
@@ -215,7 +216,7 @@ class Trial:
         time.sleep(cut_s)
         self.hosts.heal(two, worker)
         self.healed_at = time.time()
-        print(f"{two}: cut off in unit {self.severed['unit']}, back after {cut_s} s (given up after {TTL_S} to {2 * TTL_S} s)")
+        print(f"{two}: cut off in unit {self.severed['unit']}, back after {cut_s} s (silent for {TTL_S} s: lost; its nanny has 30 s more to restart it)")
 
     def judge(self):
         own = digest(self.film)
