@@ -19,6 +19,7 @@ python_with() {
         echo "$*" >"$place/pins"
     fi
     python=$place/bin/python
+    unset PYTHONPATH
     if [ -d "$place/site" ]; then
         python=python3
         export PYTHONPATH=$PWD/$place/site

@@ -3,10 +3,13 @@
 mod bench;
 mod chart;
 mod demo;
+mod device;
 mod export;
 mod import;
 mod lens;
+mod manual;
 mod measure;
+mod pyramid;
 mod run;
 mod status;
 mod validate;
@@ -14,13 +17,16 @@ mod values;
 mod work;
 
 pub use bench::BenchArgs;
-pub use chart::ChartArgs;
+pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
 pub use demo::DemoArgs;
-pub use export::ExportArgs;
+pub use device::Device;
+pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
+pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
-pub use run::{Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
+pub use pyramid::{PyramidArgs, ViewArgs};
+pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
@@ -46,7 +52,7 @@ pub struct Cli {
 pub enum Command {
     /// Show what a real lens does to a chart: pictures in under a minute
     Demo(DemoArgs),
-    /// Draw a test chart into a Zarr store
+    /// Draw a test chart into a Zarr store, or make one of a picture
     Chart(Box<ChartArgs>),
     /// Make, show and compare lenses
     Lens(LensArgs),
@@ -58,14 +64,22 @@ pub enum Command {
     Status(StatusArgs),
     /// Read all of a film and name what is wrong with it
     Verify(VerifyArgs),
-    /// Make a picture of a film or a chart
+    /// Write a film or a chart as a picture (PNG, TIFF) or as a file for other programs (EXR, TIFF, ENVI, NPY)
     Export(ExportArgs),
+    /// Add smaller and smaller films to a film, for viewers: OME-Zarr levels
+    Pyramid(PyramidArgs),
+    /// Look at a film in the browser: zoom, bands, the chart beside it, spectra, the lens's data
+    View(ViewArgs),
     /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
     Validate(Box<ValidateArgs>),
     /// Measure edges, points and profiles of a film
     Measure(Box<MeasureArgs>),
     /// Measure this machine on the paper's film
     Bench(BenchArgs),
+    /// Write the completions of a shell
+    Completions(CompletionsArgs),
+    /// Write the manual pages
+    Man(ManArgs),
 }
 
 /// Codecs.

@@ -1,17 +1,28 @@
-//! `lenscube chart`: draws a chart into a store.
+//! `lenscube chart`: draws a chart into a store, or makes one of a picture.
 
-use crate::args::ChartArgs;
+mod image;
+
+use crate::args::{ChartArgs, ChartCommand, DrawnArgs};
 use crate::failure::{other_job, usage};
 use crate::job::{codec, threads};
 use crate::progress::{counting, say};
 use anyhow::Result;
 use formats::chart::{ChartMeta, Codec, WriteError, remove_chart, write_chart};
 use pipeline::chart::{ChartSpec, Generator, Kind};
+use pipeline::flow::ChartSource;
 use serde_json::Map;
 use std::path::Path;
 
 /// Runs the command.
 pub fn command(args: &ChartArgs) -> Result<()> {
+    match (&args.made, &args.drawn) {
+        (Some(ChartCommand::Image(args)), _) => image::command(args),
+        (None, Some(args)) => draw(args),
+        (None, None) => Err(usage("what chart? Name a kind or a picture; see `lenscube chart --help`")),
+    }
+}
+
+fn draw(args: &DrawnArgs) -> Result<()> {
     let mut spec = ChartSpec::new(Kind::named(&args.kind).map_err(|e| usage(e.to_string()))?);
     let settings = [
         ("size", &args.size),
@@ -43,9 +54,6 @@ pub fn command(args: &ChartArgs) -> Result<()> {
 
 /// Writes a drawn chart into a store at `out`.
 pub fn write(chart: &Generator, out: &Path, codec: Codec, threads: usize, overwrite: bool) -> Result<()> {
-    if overwrite {
-        remove_chart(out)?;
-    }
     let mut attributes = Map::new();
     attributes.insert("chart".into(), chart.spec().to_string().into());
     attributes.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
@@ -56,8 +64,23 @@ pub fn write(chart: &Generator, out: &Path, codec: Codec, threads: usize, overwr
         units: Some(chart.units().to_owned()),
         attributes,
     };
+    store(chart, &meta, out, codec, threads, overwrite)
+}
+
+/// Writes a source as a chart.
+fn store(
+    source: &dyn ChartSource,
+    meta: &ChartMeta,
+    out: &Path,
+    codec: Codec,
+    threads: usize,
+    overwrite: bool,
+) -> Result<()> {
+    if overwrite {
+        remove_chart(out)?;
+    }
     let (bar, progress) = counting("drawing");
-    let result = write_chart(out, chart, &meta, codec, threads, &progress);
+    let result = write_chart(out, source, meta, codec, threads, &progress);
     bar.finish_and_clear();
     let report = result.map_err(|e| match e {
         WriteError::Exists { .. } => other_job(format!("{e}, or replace it with --overwrite")),
@@ -67,8 +90,8 @@ pub fn write(chart: &Generator, out: &Path, codec: Codec, threads: usize, overwr
         "{}: {} bands of {} px for a film of {}, {} shards, {:.2} GB",
         out.display(),
         meta.wavelengths_nm.len(),
-        pipeline::flow::ChartSource::size(chart),
-        chart.film_size(),
+        source.size(),
+        meta.film_size.unwrap_or(source.size()),
         report.shards,
         report.bytes as f64 * 1e-9
     ));

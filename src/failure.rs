@@ -3,6 +3,7 @@
 use formats::chart::{ChartError, WriteError};
 use formats::durable::{self, DurableError, LockError};
 use formats::film::FilmError;
+use pipeline::cuda::CudaError;
 use pipeline::executor::RunError;
 use std::error::Error;
 
@@ -61,6 +62,7 @@ pub fn retryable(error: &(dyn Error + 'static)) -> bool {
         || is(error.downcast_ref().map(DurableError::retryable))
         || is(error.downcast_ref().map(ChartError::retryable))
         || is(error.downcast_ref().map(LockError::retryable))
+        || is(error.downcast_ref().map(CudaError::retryable))
         || is(error.downcast_ref().map(durable::passes))
         || is(error.downcast_ref().map(|run: &RunError| retryable(run.door().as_ref())))
 }
@@ -76,7 +78,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         }
         let other_film = matches!(
             cause.downcast_ref::<FilmError>(),
-            Some(FilmError::Exists { .. } | FilmError::NotFilm { .. })
+            Some(FilmError::Exists { .. } | FilmError::NotFilm { .. } | FilmError::Replaced { .. })
         );
         let other_chart = matches!(
             cause.downcast_ref::<WriteError>(),

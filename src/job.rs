@@ -3,21 +3,25 @@
 use crate::args::{
     CodecArg, Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg, bands,
 };
-use crate::failure::{other_job, usage};
+use crate::device::Choice;
+use crate::failure::{self, other_job, usage};
 use crate::lens::source::{Named, Source};
-use crate::memory::{Memory, Needs, default_limit};
+use crate::memory::{Memory, Needs, OnDevices, default_limit};
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::{Codec, NanPolicy};
-use formats::film::{FilmOutput, FilmSpec, SampleType};
+use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
 use formats::lens::LensPackError;
 use pipeline::band::{BandPlan, Options, PsfBetween};
+use pipeline::cuda;
+use pipeline::cuda::memory::{BandNeeds, DeviceQueue};
 use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
 use pipeline::lens::PsfSample;
 use pipeline::plan::Window;
+use pipeline::psf::cuda::PsfOnDevice;
 use pipeline::resample::{Interp, Surround};
-use pipeline::scene::{Reading, Stages};
+use pipeline::scene::{Reading, Scene, Stages};
 use pipeline::simd::Simd;
 use serde_json::{Map, Value, json};
 
@@ -52,6 +56,8 @@ pub struct Job {
     pub memory: Memory,
     /// Worker threads.
     pub threads: usize,
+    /// GPUs that compute, a queue each; none: the workers do.
+    pub queues: Vec<DeviceQueue>,
     /// What the user should know before it starts.
     pub notes: Vec<String>,
 }
@@ -99,11 +105,7 @@ impl Job {
     /// # Errors
     /// As [`Job::new`]; a chart that has fewer bands than planned.
     pub fn of(args: &RunArgs, part: Option<Part<'_>>) -> Result<Self> {
-        if args.device == Device::Cuda {
-            return Err(usage(
-                "--device cuda: this version computes on the CPU only; use `--device cpu` or leave the flag away",
-            ));
-        }
+        let mut device = Choice::new(&args.device)?;
         let nan = match args.nan {
             NanArg::Error => NanPolicy::Error,
             NanArg::Zero => NanPolicy::Zero,
@@ -146,18 +148,18 @@ impl Job {
                 Window { rect: film.outputs[i].rect, shard: Size::new(height, width) }
             })
             .collect();
-        let chart_rows = |rows: usize| match &chart {
-            Chart::Store(s) => s.cache_for_rows(rows),
-            Chart::Raster(_) | Chart::Drawn(_) => 0,
-        };
+        let chart_rows = |rows: usize| chart.cache_for_rows(rows);
         let needs = Needs {
+            limit: args.memory.unwrap_or_else(default_limit),
             plans: &plans,
             windows: &windows,
             threads,
+            writers: FilmStore::writers(&args.film),
             chart_rows: &chart_rows,
             scale: frame.scale.0.min(frame.scale.1),
         };
-        let memory = Memory::plan(args.memory.unwrap_or_else(default_limit), &needs)?;
+        let bands = device_needs(&frame, &options, &plans, &device);
+        let (memory, queues) = plan_memory(&needs, &bands, &args.device, &mut device)?;
         // Opened again now that the cache's size is known; the first time only metadata were read.
         let chart = open(memory.chart_cache)?;
         let lens_digest = match part {
@@ -166,7 +168,10 @@ impl Job {
         };
         let lens_words = (lens.lens().name.as_str(), lens_digest.context("reading the lens pack")?);
         let identity = identity(args, options.stages, &chart, lens_words, &frame, &asked)?;
-        let notes = notes(args, &chart, &lens, &plans)?;
+        let mut notes = notes(args, &chart, &lens, &plans)?;
+        if args.device == Device::Auto {
+            notes.push(device.why);
+        }
         Ok(Self {
             chart,
             lens,
@@ -181,8 +186,61 @@ impl Job {
             identity,
             memory,
             threads,
+            queues,
             notes,
         })
+    }
+}
+
+impl Job {
+    /// What computes, in a word as `--device` takes it.
+    pub fn device(&self) -> String {
+        let indices = self.queues.iter().map(|q| q.device.index()).collect();
+        match self.queues.is_empty() {
+            true => Device::Cpu.to_string(),
+            false => Device::Cuda(indices).to_string(),
+        }
+    }
+}
+
+/// What each band needs of a GPU; nothing where there is none. The largest rectangle of the chart is taken from tiles spread over
+/// the film; a run looks at all of them.
+fn device_needs(frame: &Frame, options: &Options, plans: &[BandPlan], device: &Choice) -> Vec<BandNeeds> {
+    let of = |plan: &BandPlan| {
+        let scene = Scene::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
+        let (rows, cols) = plan.tiling.count();
+        let spread = |n: usize| [0, n / 2, n - 1];
+        let tiles: Vec<_> = spread(rows).iter().flat_map(|&i| spread(cols).map(|j| (i, j))).collect();
+        let psf = plan.blocks.as_ref().zip(plan.grid.as_ref());
+        let least = psf.map(|(blocks, grid)| PsfOnDevice::least_bytes(blocks, grid, plan.tiling.tile()));
+        cuda::needs(&scene, &plan.tiling, tiles.iter(), least)
+    };
+    match device.devices.is_empty() {
+        true => Vec::new(),
+        false => plans.iter().map(of).collect(),
+    }
+}
+
+/// Memory of the host and of the GPUs; under `auto` the processor computes where it does not suffice for GPUs.
+fn plan_memory(
+    needs: &Needs<'_>,
+    bands: &[BandNeeds],
+    asked: &Device,
+    device: &mut Choice,
+) -> Result<(Memory, Vec<DeviceQueue>)> {
+    if device.devices.is_empty() {
+        return Ok((Memory::plan(needs, &OnDevices::NONE)?, Vec::new()));
+    }
+    let on_gpus = Memory::plan(needs, &OnDevices::new(device.devices.len(), bands)).and_then(|memory| {
+        let queues = device.queues(asked, bands, memory.pinned)?;
+        Ok((memory, queues))
+    });
+    match on_gpus {
+        Err(error) if *asked == Device::Auto => {
+            *device = Choice::cpu(&failure::line(&error));
+            Ok((Memory::plan(needs, &OnDevices::NONE)?, Vec::new()))
+        }
+        planned => planned,
     }
 }
 
@@ -385,9 +443,6 @@ fn notes(args: &RunArgs, chart: &Chart, lens: &Source, plans: &[BandPlan]) -> Re
             args.film_units,
             chart.units().unwrap_or("not given")
         ));
-    }
-    if args.device == Device::Auto {
-        notes.push("device: cpu".into());
     }
     Ok(notes)
 }

@@ -2,10 +2,13 @@
 
 use crate::design;
 use crate::failure::usage;
+use crate::progress::{counting, say};
 use anyhow::{Context, Result};
+use formats::chart::exr::{ExrChart, ExrContent};
 use formats::chart::{
     ChartOptions, ChartStore, Interleave, NanPolicy, RasterChart, RasterLayout, sample_named,
 };
+use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
 use pipeline::chart::Generator;
 use pipeline::flow::ChartSource;
@@ -19,6 +22,8 @@ pub enum Chart {
     Store(Box<ChartStore>),
     /// A flat file.
     Raster(Box<RasterChart>),
+    /// A spectral OpenEXR file.
+    Exr(Box<ExrChart>),
     /// Drawn on the fly.
     Drawn(Box<Generator>),
 }
@@ -37,7 +42,11 @@ impl Chart {
             let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
             return Ok(Self::Drawn(Box::new(generator)));
         }
+        if ExrChart::is_one(Path::new(spec)) {
+            return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
+        }
         if RasterChart::is_one(Path::new(spec)) {
+            on_disk(spec)?;
             return Self::flat(RasterChart::open(Path::new(spec), nan)?, declared);
         }
         let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
@@ -52,6 +61,7 @@ impl Chart {
         wavelengths: Option<&str>,
         nan: NanPolicy,
     ) -> Result<Self> {
+        on_disk(spec)?;
         let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
         let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
         let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
@@ -75,12 +85,70 @@ impl Chart {
         })))
     }
 
+    fn exr(chart: ExrChart, declared: Option<Vec<f64>>) -> Result<Self> {
+        if !matches!(chart.content(), ExrContent::Spectral { .. }) {
+            return Err(usage(format!(
+                "chart {}: an image of colours, not of wavelengths; `lenscube chart image {} CHART.zarr` makes a chart of it",
+                chart.path().display(),
+                chart.path().display()
+            )));
+        }
+        Ok(Self::Exr(Box::new(match declared {
+            Some(nm) => chart.with_wavelengths(nm)?,
+            None => chart,
+        })))
+    }
+
     /// The pixels.
     pub fn source(&self) -> &dyn ChartSource {
         match self {
             Self::Store(s) => s.as_ref(),
             Self::Raster(r) => r.as_ref(),
+            Self::Exr(e) => e.as_ref(),
             Self::Drawn(g) => g.as_ref(),
+        }
+    }
+
+    /// Lays out `bands` one after the other in a temporary file in `directory` where they would otherwise be fetched or decoded
+    /// once per band; says so.
+    pub fn lay_out(&mut self, bands: &[usize], directory: &Path, threads: usize) -> Result<()> {
+        let (bar, progress) = counting("laying the chart's bands out");
+        match self {
+            Self::Raster(raster) if bands.len() > 1 && raster.must_be_laid_out() => {
+                say("the chart's bands interleave: laying them out once in a temporary file");
+                raster.in_bands(bands, directory, &progress)?;
+            }
+            Self::Store(store) if store.rechunk_needed(bands) => {
+                say(
+                    "the chart's chunks span several bands: re-chunking them once into a temporary file beside the output",
+                );
+                store.rechunk(bands, directory, threads, &progress)?;
+            }
+            Self::Exr(exr) => {
+                say(
+                    "the chart is compressed, its bands line by line: laying them out once in a temporary file",
+                );
+                exr.lay_out(bands, directory, threads, &progress)?;
+            }
+            _ => (),
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Rows and columns that are decoded at once; one pixel where nothing is.
+    pub fn piece(&self) -> Size {
+        match self {
+            Self::Store(s) => Size::new(s.piece_shape()[1], s.piece_shape()[2]),
+            Self::Raster(_) | Self::Exr(_) | Self::Drawn(_) => Size::new(1, 1),
+        }
+    }
+
+    /// Bytes of cache with which strips of `rows` rows, one after the other, decode nothing twice.
+    pub fn cache_for_rows(&self, rows: usize) -> usize {
+        match self {
+            Self::Store(s) => s.cache_for_rows(rows),
+            Self::Raster(_) | Self::Exr(_) | Self::Drawn(_) => 0,
         }
     }
 
@@ -96,6 +164,9 @@ impl Chart {
             Self::Raster(r) => {
                 r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
             }
+            Self::Exr(e) => {
+                e.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(e.path(), e.bands()))
+            }
             Self::Store(s) => {
                 s.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(s.path(), s.bands()))
             }
@@ -106,7 +177,7 @@ impl Chart {
     pub fn pitch_um(&self) -> Option<f64> {
         match self {
             Self::Store(s) => s.pitch_um(),
-            Self::Raster(_) => None,
+            Self::Raster(_) | Self::Exr(_) => None,
             Self::Drawn(g) => Some(g.pitch_um()),
         }
     }
@@ -115,7 +186,7 @@ impl Chart {
     pub fn film_size(&self) -> Option<Size> {
         match self {
             Self::Store(s) => s.film_size(),
-            Self::Raster(_) => None,
+            Self::Raster(_) | Self::Exr(_) => None,
             Self::Drawn(g) => Some(g.film_size()),
         }
     }
@@ -125,6 +196,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.units(),
             Self::Raster(_) => None,
+            Self::Exr(e) => e.units(),
             Self::Drawn(g) => Some(g.units()),
         }
     }
@@ -137,8 +209,17 @@ impl Chart {
                 (json!({ "store": identity.content }), json!(identity.mtimes))
             }
             Self::Raster(r) => r.identity(),
+            Self::Exr(e) => e.identity(),
             Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
+    }
+}
+
+/// Flat files are mapped into memory.
+fn on_disk(spec: &str) -> Result<()> {
+    match is_url(Path::new(spec)) {
+        true => Err(usage(format!("chart `{spec}`: at a URL only Zarr stores are read; copy the file here"))),
+        false => Ok(()),
     }
 }
 

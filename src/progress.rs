@@ -26,14 +26,24 @@ pub fn print(line: impl std::fmt::Display) {
     }
 }
 
-/// A bar for work counted in pieces, called `doing`; with it, what tells it how many of how many are done.
+/// A bar for work counted in pieces, called `doing`; with it, what tells it how many of how many are done. Without a terminal: a
+/// line every ten seconds.
 pub fn counting(doing: &str) -> (ProgressBar, impl Fn(u64, u64) + Sync + use<>) {
     let style = ProgressStyle::with_template("{msg}  [{bar:32}] {percent:>3} %  {eta_precise} left");
     let bar = ProgressBar::new(1).with_style(style.expect("a valid template")).with_message(doing.to_owned());
-    let told = bar.clone();
+    let (told, doing, start) = (bar.clone(), doing.to_owned(), Instant::now());
+    let lines = (!std::io::stderr().is_terminal()).then(|| Mutex::new(start));
     let tell = move |done: u64, all: u64| {
         told.set_length(all);
         told.set_position(done);
+        if let Some(mut last) = lines.as_ref().and_then(|l| l.try_lock().ok())
+            && last.elapsed() >= LINE_EVERY
+        {
+            *last = Instant::now();
+            let share = done as f64 / all.max(1) as f64;
+            let left = start.elapsed().as_secs_f64() * (1.0 / share - 1.0);
+            say(format!("{doing}: {:.0} %, {} left", 100.0 * share, clock(left)));
+        }
     };
     (bar, tell)
 }
@@ -178,6 +188,20 @@ pub fn summary_lines(
             s.times.write_s - t.write_s
         ),
     ];
+    lines.extend(s.devices.iter().map(|d| {
+        let busy = |seconds: f64| 100.0 * seconds / d.span_s.max(1e-9);
+        format!(
+            "GPU {} ({}): {} tiles in {} batches; of {:.1} s busy: upload {:.0} %, compute {:.0} %, download {:.0} %",
+            d.index,
+            d.name,
+            d.tiles,
+            d.batches,
+            d.span_s,
+            busy(d.upload_s),
+            busy(d.compute_s),
+            busy(d.download_s)
+        )
+    }));
     let peak = peak.map_or(String::new(), |p| format!(", peak memory {} MiB", p >> 20));
     lines.push(format!("read {:.2} GB, wrote {:.2} GB{peak}", gb(bytes_read), gb(s.bytes_written)));
     if outside_window.1 > 0.0 {

@@ -2,7 +2,7 @@
 
 mod faults;
 pub mod film;
-mod interrupt;
+pub mod interrupt;
 mod record;
 mod shards;
 mod shown;
@@ -12,14 +12,15 @@ use crate::args::{ProgressArg, RunArgs, RunCommand};
 use crate::failure::code;
 use crate::job::Job;
 use crate::memory::mib;
-use crate::open::Chart;
 use crate::progress::jsonl::Jsonl;
 use crate::progress::{Bars, say};
+use crate::pyramid;
 use anyhow::{Context, Result};
 use faults::{Failed, Follow};
-use formats::durable::{Lock, Maker};
+use formats::durable::{Lock, Maker, is_url, parent_of};
 use formats::film::{EncodedShard, FilmStore};
 use formats::lens::LensPackError;
+use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::{BandWork, Work, run};
 use pipeline::flow::{DoorError, FilmSink};
 use pipeline::geometry::Rect;
@@ -45,6 +46,10 @@ impl FilmSink for Sink<'_> {
     fn commit(&self, encoded: EncodedShard) -> Result<u64, DoorError> {
         self.0.commit(&encoded)?;
         Ok(encoded.bytes().len() as u64)
+    }
+
+    fn writers(&self) -> usize {
+        FilmStore::writers(self.0.path())
     }
 }
 
@@ -81,7 +86,11 @@ fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
         film::keep_apart(&job, &typed.job.film)?;
         interrupt::listen();
         let store = film::open(&job, &typed.job)?;
-        return work(Task { args: &typed.job, store: &store, units: None, jsonl, start }, job);
+        let args = &typed.job;
+        return match work(Task { args, store: &store, units: None, jsonl, start }, job)? {
+            0 if args.pyramid => pyramid::make(&args.film, args.threads, args.memory, args.take_over),
+            code => Ok(code),
+        };
     };
     let units = Units::read(path.clone(), typed.work.unit.as_deref())?;
     if let Some(jsonl) = jsonl {
@@ -124,7 +133,7 @@ impl Task<'_> {
     fn lock(&self) -> Result<Option<Lock>> {
         match self.units {
             Some(units) => units.lock(self.store),
-            None => Ok(Some(self.store.lock(WHOLE, self.args.take_over)?)),
+            None => Ok(self.store.lock(WHOLE, self.args.take_over)?),
         }
     }
 
@@ -134,7 +143,7 @@ impl Task<'_> {
         jsonl.begin(((shards.0 - shards.1) as u64, tiles.0, tiles.1));
         let fields = json!({
             "film": self.store.path(),
-            "device": "cpu",
+            "device": job.device(),
             "threads": job.threads,
             "pid": std::process::id(),
             "host": Maker::here().host,
@@ -176,7 +185,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     if missing < all {
         say(format!("resuming {}: {missing} of {all} shards to make", task.name()));
     }
-    rechunk(&mut job, &args.film, &wanted)?;
+    lay_out(&mut job, &args.film, &wanted)?;
     tell(&job, all);
     let work = Work {
         frame: job.frame,
@@ -185,6 +194,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
             .map(|(wanted, (plan, &chart_band))| BandWork { chart_band, tiling: plan.tiling, wanted })
             .collect(),
         threads: job.threads,
+        queues: &job.queues,
         spectra_bytes: job.memory.spectra,
         cancel: interrupt::finish_tiles(),
     };
@@ -232,33 +242,21 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     Ok(0)
 }
 
-/// A chart whose chunks span bands is cut into bands once, beside the film, rather than decoded once per band.
-fn rechunk(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
+/// A chart whose bands lie among each other is cut into bands once, beside the film.
+fn lay_out(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
     let open = std::iter::zip(&job.chart_bands, wanted).filter(|(_, wanted)| !wanted.is_empty());
     let bands: Vec<usize> = open.map(|(band, _)| *band).collect();
-    let beside = film.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if let Chart::Raster(raster) = &mut job.chart
-        && bands.len() > 1
-        && raster.must_be_laid_out()
-    {
-        say("the chart's bands interleave: laying them out once in a temporary file beside the film");
-        raster.in_bands(&bands, beside, &|_, _| ())?;
-    }
-    if let Chart::Store(store) = &job.chart
-        && store.rechunk_needed(&bands)
-    {
-        say(
-            "the chart's chunks span several bands: re-chunking them once into a temporary file beside the film",
-        );
-        store.rechunk(&bands, beside, job.threads, &|_, _| ())?;
-    }
-    Ok(())
+    let temp = std::env::temp_dir();
+    let beside = if is_url(film) { &temp } else { parent_of(film) };
+    job.chart.lay_out(&bands, beside, job.threads)
 }
 
 fn tell(job: &Job, shards: usize) {
     let f = &job.frame;
+    let on: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
+    let on = if on.is_empty() { String::new() } else { format!(" beside {}", on.join(", ")) };
     say(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}, memory {} (chart {}, spectra {})",
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}{on}, memory {} (chart {}, spectra {})",
         job.lens.lens().name,
         job.plans.len(),
         f.film,

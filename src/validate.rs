@@ -92,7 +92,7 @@ impl Setup {
             bands: wavelengths_nm.len(),
             threads,
             memory: args.memory,
-            device: args.device,
+            device: args.device.clone(),
         };
         let axis_px = frame.axis_px;
         Ok(Self {

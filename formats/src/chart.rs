@@ -8,10 +8,12 @@
 //! The unit of decoding is the *piece*: the inner chunk of a sharded array, the chunk otherwise. Left out: scale and
 //! offset attributes (CF packing), irregular chunk grids, remote stores.
 
-mod cache;
+pub mod cache;
 mod coordinates;
 mod error;
+pub mod exr;
 mod identity;
+pub mod image;
 mod layout;
 mod open;
 mod raster;
@@ -154,14 +156,14 @@ impl ChartStore {
         self.layout.piece
     }
 
-    /// The store's directory.
+    /// Where the store lies.
     pub fn path(&self) -> &Path {
-        self.layout.directory.root()
+        self.layout.store.root()
     }
 
-    /// The array's directory.
+    /// Where the array lies.
     pub fn array_path(&self) -> PathBuf {
-        self.layout.directory.root().join(&self.layout.name)
+        self.layout.store.root().join(&self.layout.name)
     }
 
     /// Bytes of cache with which tiles of `height` rows (halo included), walked row by row, decode each piece once: what

@@ -12,14 +12,20 @@ mod error;
 mod fault;
 mod lock;
 mod maker;
+mod objects;
+mod store;
 mod sweep;
+mod whole;
 mod zarr;
 
-pub(crate) use error::system_error;
+pub(crate) use error::store_error;
 pub use error::{DurableError, passes};
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
+pub use objects::{ObjectState, Objects, is_url};
+pub use store::Store;
 pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
+pub use whole::WholeFile;
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -236,7 +242,18 @@ impl Directory {
     /// # Errors
     /// [`DurableError`] if it cannot be listed.
     pub fn names(&self, key: &str) -> Result<Vec<String>, DurableError> {
-        Ok(zarr::entries(&self.path(key)?)?.into_iter().map(|(name, _)| name).collect())
+        let path = self.path(key)?;
+        let failed = |e| DurableError::io("list", &path, 0, e);
+        let listing = match std::fs::read_dir(&path) {
+            Err(e) if absent(&e) => return Ok(Vec::new()),
+            other => other.map_err(failed)?,
+        };
+        let mut names = Vec::new();
+        for entry in listing {
+            names.extend(entry.map_err(failed)?.file_name().into_string().ok().filter(|n| !is_temp_name(n)));
+        }
+        names.sort();
+        Ok(names)
     }
 
     /// Removes `key`, durably; a key that is not there is fine.
@@ -287,6 +304,12 @@ fn sync_directory(path: &Path) -> std::io::Result<()> {
 pub fn create_directories(path: &Path, fsync: bool) -> Result<(), DurableError> {
     if path.as_os_str().is_empty() || path.is_dir() {
         return Ok(());
+    }
+    if is_url(path) {
+        return Err(DurableError::Address {
+            path: path.into(),
+            problem: "expected a directory of this machine".into(),
+        });
     }
     let parent = path.parent().unwrap_or(Path::new(""));
     create_directories(parent, fsync)?;

@@ -6,22 +6,23 @@
 //! no film; the pixels of a shard follow from nothing but their values and the layout, so runs can be compared by file.
 
 mod error;
+mod pyramid;
 mod spec;
 mod verify;
 
 use std::path::{Path, PathBuf};
 
+use bytes::Bytes;
 use pipeline::geometry::Rect;
 use serde_json::{Map, Value};
 
 pub use crate::shard::{Codec, SampleType};
 pub use error::FilmError;
+pub use pyramid::{PyramidState, halve, level_sizes};
 pub use spec::{FilmOutput, FilmSpec};
 pub use verify::{Finding, Verdict};
 
-use crate::durable::{
-    Directory, DurableError, Lock, LockError, Owner, Sweep, locks, remove_directory, sweep,
-};
+use crate::durable::{Directory, DurableError, Lock, LockError, Owner, Store, Sweep, is_url};
 use crate::hierarchy::NewGroup;
 use crate::shard::{ShardEncoder, ShardError};
 
@@ -32,7 +33,7 @@ const LARGEST_METADATA: u64 = 64 << 20;
 /// A film on disk. Encoding and committing may go on on many threads.
 #[derive(Debug)]
 pub struct FilmStore {
-    directory: Directory,
+    store: Store,
     spec: FilmSpec,
     provenance: Map<String, Value>,
     encoder: ShardEncoder,
@@ -42,7 +43,7 @@ pub struct FilmStore {
 #[derive(Debug)]
 pub struct EncodedShard {
     key: String,
-    bytes: Vec<u8>,
+    bytes: Bytes,
 }
 
 impl EncodedShard {
@@ -71,7 +72,12 @@ impl FilmStore {
     ) -> Result<Self, FilmError> {
         spec.check()?;
         let exists = || FilmError::Exists { path: path.into() };
-        let mut group = NewGroup::begin(path, fsync)?.ok_or_else(exists)?;
+        // A film that was not created to its end has no shards.
+        let of = |name: &str| [format!("{name}/zarr.json"), format!("{name}/c/0")];
+        let mut ours: Vec<String> = spec.coordinates().iter().flat_map(|(name, _)| of(name)).collect();
+        ours.extend(spec.outputs.iter().map(|output| format!("{}/zarr.json", output.name)));
+        let mut group =
+            NewGroup::begin(path, fsync, move |key| ours.iter().any(|k| k == key))?.ok_or_else(exists)?;
         for (name, coordinate) in spec.coordinates() {
             group.coordinate(&name, coordinate)?;
         }
@@ -81,7 +87,7 @@ impl FilmStore {
         if !group.publish(spec.attributes(SCHEMA, &provenance))? {
             return Err(exists());
         }
-        Self::with(path, spec, provenance, fsync)
+        Self::with(Store::at(path)?.with_fsync(fsync), spec, provenance)
     }
 
     /// Opens the film at `path`, to go on with it or to look at it.
@@ -89,13 +95,13 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::NotFilm`] if there is none; [`FilmError::Damaged`] if its metadata contradict each other.
     pub fn open(path: &Path, fsync: bool) -> Result<Self, FilmError> {
-        let directory = Directory::new(path);
-        let attributes = film_attributes(&directory)?;
+        let store = Store::at(path)?;
+        let attributes = film_attributes(&store)?;
         let (spec, provenance) = FilmSpec::from_attributes(path, attributes)?;
         spec.check()?;
         for output in &spec.outputs {
             let key = format!("{}/zarr.json", output.name);
-            let found = json(&directory, &key)?;
+            let found = json(&store, &key)?;
             if found.as_ref() != Some(&spec.array(output)) {
                 return Err(FilmError::Damaged {
                     path: path.join(key),
@@ -103,23 +109,21 @@ impl FilmStore {
                 });
             }
         }
-        Self::with(path, spec, provenance, fsync)
+        Self::with(store.with_fsync(fsync), spec, provenance)
     }
 
-    fn with(
-        path: &Path,
-        spec: FilmSpec,
-        provenance: Map<String, Value>,
-        fsync: bool,
-    ) -> Result<Self, FilmError> {
+    fn with(store: Store, spec: FilmSpec, provenance: Map<String, Value>) -> Result<Self, FilmError> {
         let encoder = ShardEncoder::new(spec.codec, spec.sample, spec.chunk)
             .map_err(|e| FilmError::Codec { reason: e.to_string() })?;
-        Ok(Self { directory: Directory::new(path).with_fsync(fsync), spec, provenance, encoder })
+        Ok(Self { store, spec, provenance, encoder })
     }
 
     /// The same film over another directory object, for tests that make writes fail.
     pub fn with_directory(mut self, change: impl FnOnce(Directory) -> Directory) -> Self {
-        self.directory = change(self.directory);
+        self.store = match self.store {
+            Store::Directory(directory) => Store::Directory(change(directory)),
+            Store::Objects(_) => unreachable!("tests of a directory"),
+        };
         self
     }
 
@@ -128,16 +132,28 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::NotFilm`] for anything but a film of this program.
     pub fn remove_film(path: &Path) -> Result<(), FilmError> {
-        if path.symlink_metadata().is_err() {
+        let store = Store::at(path)?;
+        if !store.exists()? {
             return Ok(());
         }
-        film_attributes(&Directory::new(path))?;
-        Ok(remove_directory(path)?)
+        let attributes = film_attributes(&store)?;
+        let film = FilmSpec::from_attributes(path, attributes)
+            .and_then(|(spec, p)| Self::with(store.clone(), spec, p));
+        // One whose layout cannot be read has no shards that anybody could count.
+        let known =
+            film.map_or_else(|_| Vec::new(), |f| f.every_shard().map(|(o, b, s)| f.key(o, b, s)).collect());
+        Ok(store.remove_all(known)?)
+    }
+
+    /// Shards of the film at `path` to write at once: enough to keep a disk busy, or to hide the way to a store and back, some
+    /// 0.2 s for 10 MB.
+    pub fn writers(path: &Path) -> usize {
+        if is_url(path) { 6 } else { 2 }
     }
 
     /// Where it lies.
     pub fn path(&self) -> &Path {
-        self.directory.root()
+        self.store.root()
     }
 
     /// What it is.
@@ -155,7 +171,7 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::Storage`] if it cannot be listed, or files not removed.
     pub fn sweep(&self) -> Result<Sweep, FilmError> {
-        Ok(sweep(self.path())?)
+        Ok(self.store.sweep()?)
     }
 
     /// Shards (down, across) of output `output`.
@@ -241,7 +257,7 @@ impl FilmStore {
             },
             ShardError::Codec(reason) => FilmError::Codec { reason },
         })?;
-        Ok(EncodedShard { key: self.key(output, band, shard), bytes })
+        Ok(EncodedShard { key: self.key(output, band, shard), bytes: bytes.into() })
     }
 
     /// Writes a shard, durably and all at once; from then on it is present.
@@ -250,8 +266,8 @@ impl FilmStore {
     /// [`FilmError::Storage`]; the shard then is as it was before.
     pub fn commit(&self, shard: &EncodedShard) -> Result<(), FilmError> {
         self.still_there()?;
-        self.directory
-            .write(&shard.key, &shard.bytes)
+        self.store
+            .write(&shard.key, shard.bytes.clone())
             .map_err(|e| self.still_there().err().unwrap_or(e.into()))
     }
 
@@ -261,25 +277,38 @@ impl FilmStore {
     /// [`FilmError::Storage`].
     pub fn write_beside(&self, key: &str, bytes: &[u8]) -> Result<(), FilmError> {
         self.still_there()?;
-        Ok(self.directory.write(key, bytes)?)
+        Ok(self.store.write(key, bytes.to_vec())?)
     }
 
     /// A film that was removed or unmounted meanwhile must not come back as shards without metadata.
     fn still_there(&self) -> Result<(), FilmError> {
-        match self.directory.size_of("zarr.json")? {
-            Some(_) => Ok(()),
-            None => {
+        let there = match &self.store {
+            Store::Directory(_) => self.store.size_of("zarr.json")?.is_some(),
+            // Without locks another run may have removed the film and begun its own.
+            Store::Objects(_) => match json(&self.store, "zarr.json")? {
+                Some(group)
+                    if digest(group["attributes"]["provenance"].as_object())
+                        != digest(Some(&self.provenance)) =>
+                {
+                    return Err(FilmError::Replaced { path: self.path().into() });
+                }
+                group => group.is_some(),
+            },
+        };
+        match there {
+            true => Ok(()),
+            false => {
                 Err(DurableError::Vanished { path: self.path().into(), missing: "zarr.json".into() }.into())
             }
         }
     }
 
-    /// Takes the lock of a unit of work on this film; see [`Lock`].
+    /// Takes the lock of a unit of work on this film; see [`Lock`]. `None`: the store knows no locks.
     ///
     /// # Errors
     /// [`LockError`] if another has it.
-    pub fn lock(&self, unit: &str, take_over: bool) -> Result<Lock, LockError> {
-        Lock::take(&self.path().join("runs"), unit, take_over)
+    pub fn lock(&self, unit: &str, take_over: bool) -> Result<Option<Lock>, LockError> {
+        self.store.lock("runs", unit, take_over)
     }
 
     /// The locks on the film at `path`, each with its owner and whether that one is dead, as far as can be known.
@@ -288,7 +317,7 @@ impl FilmStore {
     /// [`FilmError::Storage`] if they cannot be read.
     #[allow(clippy::type_complexity, reason = "as `locks`")]
     pub fn locks(path: &Path) -> Result<Vec<(PathBuf, Option<Box<Owner>>, Option<bool>)>, FilmError> {
-        Ok(locks(&path.join("runs"))?)
+        Ok(Store::at(path)?.locks("runs")?)
     }
 
     /// What runs have left in `runs/*.json`, oldest first; files that are no JSON objects are passed over.
@@ -297,8 +326,8 @@ impl FilmStore {
     /// [`FilmError::Storage`] if the records cannot be read.
     pub fn runs(&self) -> Result<Vec<Map<String, Value>>, FilmError> {
         let mut runs = Vec::new();
-        for name in self.directory.names("runs")?.into_iter().filter(|n| n.ends_with(".json")) {
-            if let Some(Value::Object(run)) = json(&self.directory, &format!("runs/{name}"))? {
+        for name in self.store.names("runs")?.into_iter().filter(|n| n.ends_with(".json")) {
+            if let Some(Value::Object(run)) = json(&self.store, &format!("runs/{name}"))? {
                 runs.push(run);
             }
         }
@@ -316,7 +345,19 @@ impl FilmStore {
         band: usize,
         shard: (usize, usize),
     ) -> Result<Option<u64>, FilmError> {
-        Ok(self.directory.size_of(&self.key(output, band, shard))?)
+        Ok(self.store.size_of(&self.key(output, band, shard))?)
+    }
+
+    /// As [`FilmStore::shard_bytes`], of many shards, asked about at once where the way is long.
+    ///
+    /// # Errors
+    /// As [`FilmStore::shard_bytes`].
+    pub fn shards_bytes(
+        &self,
+        shards: &[(usize, usize, (usize, usize))],
+    ) -> Result<Vec<Option<u64>>, FilmError> {
+        let keys: Vec<String> = shards.iter().map(|&(o, b, s)| self.key(o, b, s)).collect();
+        Ok(self.store.sizes_of(&keys)?)
     }
 
     /// Removes a shard; one that is not there is fine.
@@ -324,22 +365,27 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::Storage`] if it cannot be removed.
     pub fn remove(&self, output: usize, band: usize, shard: (usize, usize)) -> Result<(), FilmError> {
-        Ok(self.directory.remove(&self.key(output, band, shard))?)
+        Ok(self.store.remove(&self.key(output, band, shard))?)
     }
 }
 
-fn json(directory: &Directory, key: &str) -> Result<Option<Value>, FilmError> {
-    let bytes = directory.read_at_most(key, LARGEST_METADATA)?;
+/// What tells one job's film from another's.
+fn digest(provenance: Option<&Map<String, Value>>) -> Option<&Value> {
+    provenance?.get("job_digest")
+}
+
+fn json(store: &Store, key: &str) -> Result<Option<Value>, FilmError> {
+    let bytes = store.read_at_most(key, LARGEST_METADATA)?;
     Ok(bytes.and_then(|b| serde_json::from_slice(&b).ok()))
 }
 
-fn film_attributes(directory: &Directory) -> Result<Map<String, Value>, FilmError> {
-    let path = directory.root();
+fn film_attributes(store: &Store) -> Result<Map<String, Value>, FilmError> {
+    let path = store.root();
     let not = |found: &str| FilmError::NotFilm { path: path.into(), found: found.into() };
-    if !path.exists() {
+    if !store.exists()? {
         return Err(not("nothing"));
     }
-    let mut group = json(directory, "zarr.json")?.ok_or_else(|| not("no readable zarr.json"))?;
+    let mut group = json(store, "zarr.json")?.ok_or_else(|| not("no readable zarr.json"))?;
     match group.get("attributes").and_then(|a| a.get("schema")).and_then(Value::as_str) {
         Some(SCHEMA) => {}
         Some(other) => return Err(not(&format!("schema {other:?}"))),

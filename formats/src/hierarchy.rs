@@ -3,15 +3,14 @@
 //! The metadata is written as zarr-python 3 writes it, consolidated copies in the group's `zarr.json` included, so that
 //! xarray, zarr-python, tensorstore and napari open the group as it is. A group is made in a temp directory beside its
 //! place and renamed when all of it is on the disk: the place holds nothing or a whole group, also when the process is
-//! killed, and of two that create it at once one wins and the other is told.
+//! killed, and of two that create it at once one wins and the other is told. Objects cannot be renamed: there they lie in
+//! their place from the beginning, and the group's own `zarr.json`, without which nothing is a group, comes last.
 
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use crate::durable::{
-    Directory, DurableError, create_directories, parent_of, publish, sweep_entries, temp_name,
-};
+use crate::durable::{DurableError, Store, create_directories, parent_of, publish, sweep_entries, temp_name};
 
 fn bytes_and_crc() -> Value {
     json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}])
@@ -58,31 +57,48 @@ fn crc32c(bytes: &[u8]) -> u32 {
     })
 }
 
-/// A group that is being made. Dropped before [`NewGroup::publish`], it leaves nothing.
+/// A group that is being made. Dropped before [`NewGroup::publish`], it leaves no group: no file, and of objects at most
+/// such as the next attempt writes again.
 #[derive(Debug)]
 pub(crate) struct NewGroup {
-    pub(crate) directory: Directory,
+    pub(crate) store: Store,
     place: PathBuf,
     fsync: bool,
     arrays: Map<String, Value>,
 }
 
 impl NewGroup {
-    /// Begins a group that is to be at `place`. `None`: something is there already.
-    pub(crate) fn begin(place: &Path, fsync: bool) -> Result<Option<Self>, DurableError> {
-        if place.symlink_metadata().is_ok() {
-            return Ok(None);
-        }
-        let parent = parent_of(place);
-        create_directories(parent, fsync)?;
-        sweep_entries(parent)?;
-        let directory = Directory::new(parent.join(temp_name())).with_fsync(fsync);
-        Ok(Some(Self { directory, place: place.into(), fsync, arrays: Map::new() }))
+    /// Begins a group that is to be at `place`. `None`: something is there already, objects of an earlier attempt excepted,
+    /// which `ours` knows by their keys.
+    pub(crate) fn begin(
+        place: &Path,
+        fsync: bool,
+        ours: impl Fn(&str) -> bool + Send + Sync + 'static,
+    ) -> Result<Option<Self>, DurableError> {
+        let store = match Store::at(place)? {
+            Store::Objects(objects) => {
+                let taken = objects.size_of("zarr.json")?.is_some();
+                if taken || objects.first_key(move |key| !ours(key))?.is_some() {
+                    return Ok(None);
+                }
+                Store::Objects(objects)
+            }
+            there @ Store::Directory(_) => {
+                if there.exists()? {
+                    return Ok(None);
+                }
+                let parent = parent_of(place);
+                create_directories(parent, fsync)?;
+                sweep_entries(parent)?;
+                Store::at(&parent.join(temp_name()))?.with_fsync(fsync)
+            }
+        };
+        Ok(Some(Self { store, place: place.into(), fsync, arrays: Map::new() }))
     }
 
     /// Writes an array's metadata.
     pub(crate) fn array(&mut self, name: &str, metadata: Value) -> Result<(), DurableError> {
-        self.directory.write(&format!("{name}/zarr.json"), &pretty(&metadata))?;
+        self.store.write(&format!("{name}/zarr.json"), pretty(&metadata))?;
         self.arrays.insert(name.into(), metadata);
         Ok(())
     }
@@ -93,7 +109,7 @@ impl NewGroup {
         name: &str,
         (metadata, bytes): (Value, Vec<u8>),
     ) -> Result<(), DurableError> {
-        self.directory.write(&format!("{name}/c/0"), &bytes)?;
+        self.store.write(&format!("{name}/c/0"), bytes)?;
         self.array(name, metadata)
     }
 
@@ -109,19 +125,27 @@ impl NewGroup {
                 "metadata": std::mem::take(&mut self.arrays)
             }
         });
-        self.directory.write("zarr.json", &pretty(&metadata))?;
-        publish(self.directory.root(), &self.place, self.fsync)
+        let bytes = pretty(&metadata);
+        match &self.store {
+            Store::Objects(objects) => objects.write_new("zarr.json", bytes.into()),
+            Store::Directory(directory) => {
+                directory.write("zarr.json", &bytes)?;
+                publish(directory.root(), &self.place, self.fsync)
+            }
+        }
     }
 }
 
 impl Drop for NewGroup {
     fn drop(&mut self) {
-        // Published, it is not there any more; otherwise what stays is swept later.
-        let _ = std::fs::remove_dir_all(self.directory.root());
+        if let Store::Directory(directory) = &self.store {
+            // Published, it is not there any more; otherwise what stays is swept later.
+            let _ = std::fs::remove_dir_all(directory.root());
+        }
     }
 }
 
-fn pretty(v: &Value) -> Vec<u8> {
+pub(crate) fn pretty(v: &Value) -> Vec<u8> {
     serde_json::to_vec_pretty(v).expect("JSON values are JSON")
 }
 

@@ -2,9 +2,11 @@
 
 pub mod chart;
 pub mod durable;
+pub mod export;
 pub mod film;
 mod hierarchy;
 pub mod import;
 pub mod lens;
+mod npy;
 pub mod picture;
 mod shard;

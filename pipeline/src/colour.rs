@@ -185,6 +185,12 @@ pub fn srgb_encode(linear: f64) -> f64 {
     if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
+/// The inverse of [`srgb_encode`]: display value 0..1 to linear 0..1.
+pub fn srgb_decode(shown: f64) -> f64 {
+    let v = shown.clamp(0.0, 1.0);
+    if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
 /// ∫ spectrum·cmf dλ over the tables, trapezoids between their nodes (at both ends the functions are below 1e-3 of their peak).
 fn integrate(spectrum: impl Fn(f64) -> f64) -> [f64; 3] {
     let table = observer_table();
@@ -370,6 +376,10 @@ mod tests {
     #[test]
     fn transfer_function_meets_the_standard() {
         assert!((srgb_encode(0.5) - 0.735_356_9).abs() < 1e-6);
+        for i in 0..=1000 {
+            let v = f64::from(i) / 1000.0;
+            assert!((srgb_encode(srgb_decode(v)) - v).abs() < 1e-6);
+        }
         assert_eq!((srgb_encode(-1.0), srgb_encode(f64::NAN)), (0.0, 0.0));
         assert!((srgb_encode(2.0) - 1.0).abs() < 1e-12);
     }

@@ -112,6 +112,11 @@ impl Field {
         &self.steps[..self.steps.len() - 1]
     }
 
+    /// The step that the radii of each equal part begin in, and such parts a px.
+    pub(crate) fn buckets(&self) -> (&[u32], f64) {
+        (&self.buckets, self.per_px)
+    }
+
     /// Where the tables end, px.
     pub(crate) fn last_px(&self) -> f64 {
         self.real_px[self.real_px.len() - 1]

@@ -1,5 +1,6 @@
 //! The doors of the pipeline: where charts come from and films go to. Implemented by stores, by generators, by tests.
 
+use crate::cuda::CudaError;
 use crate::executor::RunError;
 use crate::geometry::{Rect, Size};
 use crate::plan::ShardId;
@@ -39,6 +40,11 @@ pub trait FilmSink: Sync {
     /// # Errors
     /// What the store says: disk full, permission, gone.
     fn commit(&self, encoded: Self::Encoded) -> Result<u64, DoorError>;
+
+    /// Shards to write at once: each waits most of the time, on a disk or on the way to a store.
+    fn writers(&self) -> usize {
+        2
+    }
 }
 
 /// What a run tells while it goes; called from many threads.
@@ -49,6 +55,10 @@ pub trait Progress: Sync {
     fn tile(&self, _position: usize, _pixels: usize) {}
     /// A shard of `bytes` has been committed.
     fn shard(&self, _id: ShardId, _bytes: u64) {}
+    /// A device failed and takes part no longer; the `left` others go on with its tiles.
+    fn device_left(&self, _device: &str, _error: &CudaError, _left: usize) {}
+    /// A device is short of memory and goes on with half of what it had.
+    fn device_short(&self, _device: &str, _error: &CudaError) {}
     /// Something failed. `true`: go on with all shards that do not depend on it; `false`: stop the run.
     fn fault(&self, _error: &RunError) -> bool {
         false

@@ -14,7 +14,8 @@
 //! ```
 //!
 //! [`executor`] runs this on all cores with bounded queues and the same bits for any number of threads; [`flow`] holds the
-//! doors (where charts come from, where films go), [`clock`] where the time went. Beside the path: [`chart`] draws charts without a store ([`colour`],
+//! doors (where charts come from, where films go), [`clock`] where the time went. [`cuda`] opens GPUs; a stage's kernels for them
+//! lie beside it ([`scene::cuda`]). Beside the path: [`chart`] draws charts without a store ([`colour`], [`reflectance`],
 //! [`wavelengths`] serve it); [`design`] makes a lens's tables and PSFs from its prescription,
 //! [`figures`] sums them up for people; [`mod@bench`] is what speed is measured against.
 
@@ -24,6 +25,7 @@ pub mod buffer;
 pub mod chart;
 pub mod clock;
 pub mod colour;
+pub mod cuda;
 pub mod design;
 pub mod executor;
 pub mod field;
@@ -35,6 +37,7 @@ pub mod measure;
 pub mod overlap_add;
 pub mod plan;
 pub mod psf;
+pub mod reflectance;
 pub mod resample;
 pub mod scene;
 pub mod simd;

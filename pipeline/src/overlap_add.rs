@@ -5,7 +5,6 @@
 
 use crate::geometry::Rect;
 use crate::plan::{ShardId, Tiling, Window};
-use crate::psf::Scattered;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The shards that tiles are being added to.
@@ -51,7 +50,8 @@ impl OverlapAdd {
         Self { windows: windows.to_vec(), open: BTreeMap::new(), lost: BTreeSet::new(), pool: Vec::new() }
     }
 
-    /// Adds a tile of `band` whose light is `light` on the film rectangle `reach`; `wanted` are the shards to make of it.
+    /// Adds a tile of `band` whose light on the film rectangle `reach` is `light`, rows `stride` apart; `wanted` are the shards
+    /// to make of it.
     /// Returns the shards this tile was the last to reach.
     pub fn add(
         &mut self,
@@ -59,7 +59,8 @@ impl OverlapAdd {
         tiling: &Tiling,
         wanted: &BTreeSet<ShardId>,
         reach: Rect,
-        light: &Scattered,
+        light: &[f32],
+        stride: usize,
     ) -> Vec<Finished> {
         let mut finished = Vec::new();
         for (index, window) in self.windows.iter().enumerate() {
@@ -79,9 +80,9 @@ impl OverlapAdd {
                 let common = open.rect.intersect(reach);
                 for y in common.y..common.bottom() {
                     let to = (y - open.rect.y) as usize * open.rect.width + (common.x - open.rect.x) as usize;
-                    let from = (y - reach.y) as usize * light.stride + (common.x - reach.x) as usize;
+                    let from = (y - reach.y) as usize * stride + (common.x - reach.x) as usize;
                     let to = &mut open.pixels[to..][..common.width];
-                    to.iter_mut().zip(&light.data[from..][..common.width]).for_each(|(t, f)| *t += f);
+                    to.iter_mut().zip(&light[from..][..common.width]).for_each(|(t, f)| *t += f);
                 }
                 open.tiles_left -= 1;
                 if open.tiles_left == 0 {

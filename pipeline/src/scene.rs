@@ -7,13 +7,16 @@
 //! integer and an f32 fraction ([`crate::resample`]), so pixels do not depend on how the film is cut.
 //!
 //! Strip by strip: where its pixels lie on the chart, that rectangle of the chart, then the taps. On the portable path
-//! every pixel is mapped in f64 (`map`); in lanes one in sixteen (`anchors`) and the rest from it, within 2e-6 px.
+//! every pixel is mapped in f64 (`map`); in lanes one in sixteen (`anchors`) and the rest from it, within 2e-6 px. On a GPU
+//! ([`cuda`]) likewise, tile by tile: `reach` bounds the rectangle of the chart that a tile needs.
 
 #[cfg(target_arch = "x86_64")]
 mod anchors;
+pub mod cuda;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
 mod map;
+mod reach;
 
 use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, DoorError};
@@ -288,12 +291,30 @@ impl Scene {
         need: Rect,
         s: &mut SceneScratch,
     ) -> Result<(), DoorError> {
-        let size = chart.size();
         let n = need.size().pixels();
-        s.source.resize(n + SPARE, 0.0);
-        let source = &mut s.source[..n];
+        let mut source = std::mem::take(&mut s.source);
+        source.resize(n + SPARE, 0.0);
+        let read = self.fill(chart, band, need, &mut source[..n], s);
+        s.source = source;
+        read
+    }
+
+    /// Fills `out` (row-major) with band `band` of `chart` on `need`, its surround where `need` lies outside.
+    ///
+    /// # Errors
+    /// What `chart` reports.
+    pub fn fill(
+        &self,
+        chart: &dyn ChartSource,
+        band: usize,
+        need: Rect,
+        out: &mut [f32],
+        s: &mut SceneScratch,
+    ) -> Result<(), DoorError> {
+        let read = &mut s.read;
+        let size = chart.size();
         if size.rect().contains(need) {
-            return chart.read(band, need, source);
+            return chart.read(band, need, out);
         }
         let surround = self.reading.surround;
         let reached = |first: i64, count: usize, n: usize| {
@@ -305,18 +326,18 @@ impl Scene {
         let rows = reached(need.y, need.height, size.height);
         let cols = reached(need.x, need.width, size.width);
         let (Some((y0, y1)), Some((x0, x1))) = (rows, cols) else {
-            source.fill(0.0);
+            out.fill(0.0);
             return Ok(());
         };
         let part = Rect::new(y0 as i64, x0 as i64, y1 - y0 + 1, x1 - x0 + 1);
-        s.read.resize(part.size().pixels(), 0.0);
-        chart.read(band, part, &mut s.read)?;
-        for (y, to) in source.chunks_exact_mut(need.width).enumerate() {
+        read.resize(part.size().pixels(), 0.0);
+        chart.read(band, part, read)?;
+        for (y, to) in out.chunks_exact_mut(need.width).enumerate() {
             let Some(row) = surround.index(need.y + y as i64, size.height) else {
                 to.fill(0.0);
                 continue;
             };
-            let from = &s.read[(row - y0) * part.width..][..part.width];
+            let from = &read[(row - y0) * part.width..][..part.width];
             for (x, to) in to.iter_mut().enumerate() {
                 *to = surround.index(need.x + x as i64, size.width).map_or(0.0, |col| from[col - x0]);
             }

@@ -1,21 +1,87 @@
 //! `lenscube chart`.
 
 use super::CodecArg;
-use super::values::threads;
-use clap::Args;
+use super::values::{bytes, pitch, positive, threads};
+use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
 /// `lenscube chart`
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:  lenscube chart slanted-edge edges.zarr --size 14141 --grid 5 --angle-deg 5\n\
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    disable_help_subcommand = true,
+    after_help = "Examples:  lenscube chart slanted-edge edges.zarr --size 14141 --grid 5 --angle-deg 5\n           \
+lenscube chart image photo.png chart.zarr --pitch-um 2\n\
 Without a store:  lenscube run 'gen:composite?size=14141' film.zarr"
 )]
 pub struct ChartArgs {
-    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker or composite
+    /// Where it comes from, if it is not drawn.
+    #[command(subcommand)]
+    pub made: Option<ChartCommand>,
+    /// What is drawn.
+    #[command(flatten)]
+    pub drawn: Option<DrawnArgs>,
+}
+
+/// Charts that are not drawn.
+#[derive(Debug, Subcommand)]
+pub enum ChartCommand {
+    /// Make a chart of a picture: PNG, TIFF or OpenEXR, colours as spectra of reflected light
+    Image(ImageArgs),
+}
+
+/// `lenscube chart image`
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:  lenscube chart image photo.png chart.zarr --pitch-um 2\n           \
+lenscube chart image render.exr chart.zarr --pitch-um 2 --scale-to 300\n\
+PNG and TIFF of 8 or 16 bits are taken as sRGB-encoded, OpenEXR as linear or, with channels S0.…nm, band by band. A colour becomes the \
+mixture of three smooth reflectances that shows as it under the light; the chart's preview gives the colours back:\n  \
+lenscube export chart.zarr back.png --white D65 --exposure 1")]
+pub struct ImageArgs {
+    /// The picture: PNG, TIFF (also BigTIFF) or OpenEXR, without transparency
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// The store to write
+    #[arg(value_name = "OUT.zarr")]
+    pub out: PathBuf,
+    /// Pixel pitch in µm, kept with the chart
+    #[arg(long, value_name = "UM", value_parser = pitch)]
+    pub pitch_um: Option<f64>,
+    /// Bands in nm, at most 20 nm apart over 400 to 700 [default: 400:700:10]
+    #[arg(long, value_name = "NM")]
+    pub wavelengths: Option<String>,
+    /// Light on the picture: D65, A or E
+    #[arg(long, value_name = "NAME", default_value = "D65")]
+    pub illuminant: String,
+    /// Luminance of the picture's white in cd/m²: the chart is spectral radiance in W m-2 sr-1 nm-1 then [default: relative, the
+    /// light's spectrum being 1 at 560 nm]
+    #[arg(long, value_name = "CD_PER_M2", value_parser = positive)]
+    pub scale_to: Option<f64>,
+    /// Whole numbers are linear rather than sRGB-encoded
+    #[arg(long)]
+    pub linear: bool,
+    /// Compression of the store
+    #[arg(long, value_enum, default_value_t = CodecArg::Zstd)]
+    pub codec: CodecArg,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_parser = threads)]
+    pub threads: Option<usize>,
+    /// Memory to stay within, e.g. 1GiB: fewer threads if it is small [default: half of what is available, at most 4 GiB]
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub memory: Option<u64>,
+    /// Replace an existing chart
+    #[arg(long)]
+    pub overwrite: bool,
+}
+
+/// `lenscube chart KIND`
+#[derive(Debug, Args)]
+pub struct DrawnArgs {
+    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker or composite; or image, for a picture
     #[arg(value_name = "KIND")]
     pub kind: String,
-    /// The store to write
+    /// The store to write, here or at s3://BUCKET/PREFIX
     #[arg(value_name = "OUT.zarr")]
     pub out: PathBuf,
     /// FILM size in pixels: N or HxW; the chart is larger by the overscan

@@ -1,36 +1,83 @@
 //! `lenscube export`.
 
-use super::values::threads;
-use clap::Args;
+use super::values::{bytes, roi, side, threads};
+use clap::{Args, ValueEnum};
+use pipeline::geometry::Rect;
 use std::path::PathBuf;
 
 /// `lenscube export`
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  lenscube export film.zarr film.png\n  \
-lenscube export film.zarr//roi_0 corner.png\n  lenscube export film.zarr band.png --band 450")]
+lenscube export film.zarr//roi_0 corner.png\n  lenscube export film.zarr band.png --band 450\n  \
+lenscube export film.zarr film.exr --half --memory 1GiB\n  \
+lenscube export film.zarr corner.hdr --crop 13000,13000,1141,1141 --bands 0:5\n\
+Formats: png (colour preview, or with --band 16-bit grey), tiff (16-bit colour preview), tiff-bands (a 32-bit float page a band), \
+exr (a channel a band), envi (.hdr and BSQ data), npy")]
 pub struct ExportArgs {
-    /// A film or chart: PATH, PATH//array or gen:KIND?…
+    /// A film or chart: PATH or URL, either with //array, a file that `run` takes, or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
-    /// The picture to write
-    #[arg(value_name = "OUT.png")]
+    /// The file to write; its extension tells the format: .png, .tif, .exr, .hdr (and .bsq, .img), .npy
+    #[arg(value_name = "OUT")]
     pub out: PathBuf,
-    /// One band as 16-bit linear grey, by its wavelength in nm
-    #[arg(long, value_name = "NM")]
+    /// The format, whatever the extension
+    #[arg(long, value_enum)]
+    pub format: Option<FileArg>,
+    /// Part of the film only
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    pub crop: Option<Rect>,
+    /// Bands to take: indices and ranges without their end, 0,5,10:15
+    #[arg(long)]
+    pub bands: Option<String>,
+    /// PNG: one band as 16-bit linear grey, by its wavelength in nm
+    #[arg(long, value_name = "NM", conflicts_with = "bands")]
     pub band: Option<f64>,
-    /// Longest side of the picture in pixels; larger films are area-averaged
-    #[arg(long, value_name = "PX", default_value_t = 2048)]
-    pub max_side: usize,
-    /// What is shown as white: D65, A or E
+    /// PNG, TIFF: longest side of the picture in pixels; larger films are area-averaged [default: 2048 for PNG, all for TIFF]
+    #[arg(long, value_name = "PX", value_parser = side)]
+    pub max_side: Option<usize>,
+    /// PNG, TIFF: what is shown as white: D65, A, E or auto
     #[arg(long, value_name = "NAME", default_value = "D65")]
     pub white: String,
-    /// Factor on the values, or auto
+    /// PNG, TIFF: factor on the values, or auto
     #[arg(long, default_value = "auto")]
     pub exposure: String,
+    /// EXR: 16-bit floats
+    #[arg(long)]
+    pub half: bool,
+    /// EXR: compression of its tiles; none of it loses anything [default: zip]
+    #[arg(long, value_enum)]
+    pub compression: Option<PackingArg>,
     /// Wavelengths where the store has none
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
+    /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 4 GiB]
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub memory: Option<u64>,
+    /// Replace an existing file
+    #[arg(long)]
+    pub overwrite: bool,
+}
+
+/// Formats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs, reason = "they are what they say")]
+pub enum FileArg {
+    Png,
+    Tiff,
+    TiffBands,
+    Exr,
+    Envi,
+    Npy,
+}
+
+/// Compression of EXR tiles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs, reason = "they are what they say")]
+pub enum PackingArg {
+    Zip,
+    Piz,
+    None,
 }

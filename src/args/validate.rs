@@ -1,6 +1,6 @@
 //! `lenscube validate`.
 
-use super::run::Device;
+use super::Device;
 use super::values::{bytes, number, pitch, threads};
 use clap::Args;
 use std::path::PathBuf;
@@ -48,8 +48,8 @@ pub struct ValidateArgs {
     /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 4 GiB]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub memory: Option<u64>,
-    /// cpu, cuda or auto
-    #[arg(long, value_enum, default_value_t = Device::Auto)]
+    /// What computes: cpu; cuda (all GPUs) or cuda:0,2 (a queue for each mention); auto (GPUs if they work, else cpu)
+    #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
     pub device: Device,
 }
 

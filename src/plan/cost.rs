@@ -39,6 +39,8 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
     let sample = match &job.chart {
         Chart::Store(s) => s.sample().bytes(),
         Chart::Raster(r) => r.layout().sample.bytes(),
+        // As laid out.
+        Chart::Exr(_) => size_of::<f32>(),
         Chart::Drawn(_) => return 0,
     };
     let plan = &job.plans[band];

@@ -7,6 +7,7 @@ use crate::progress::say;
 use anyhow::Result;
 use formats::chart::ChartError;
 use formats::film::{FilmError, FilmStore};
+use pipeline::cuda::CudaError;
 use pipeline::executor::{RunError, Summary};
 use pipeline::flow::Progress;
 use pipeline::plan::ShardId;
@@ -93,8 +94,15 @@ impl<'a> Follow<'a> {
             Ok(summary) => summary,
             Err(error) => {
                 let shards = shards_of(&error);
-                let place = place(job, store, error.position(), &shards);
-                let error = anyhow::Error::from(error).context(place).context(incomplete);
+                let place = match error {
+                    RunError::Device { .. } => None,
+                    _ => Some(place(job, store, error.position(), &shards)),
+                };
+                let mut error = anyhow::Error::from(error);
+                if let Some(place) = place {
+                    error = error.context(place);
+                }
+                let error = error.context(incomplete);
                 return Err(Box::new(Failed { error, summary: None }));
             }
         };
@@ -132,6 +140,9 @@ fn place(job: &Job, store: &FilmStore, band: usize, shards: &BTreeSet<ShardId>) 
 
 /// Whether the rest may go well: what failed is one chunk of the chart, one value or one band, not the store as a whole.
 fn is_local(error: &RunError) -> bool {
+    if let RunError::Device { .. } = error {
+        return false;
+    }
     let door = error.door();
     if let Some(FilmError::Storage(e)) = door.downcast_ref() {
         return !e.retryable();
@@ -158,6 +169,19 @@ impl Progress for Follow<'_> {
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
         self.failed_writes.store(0, Ordering::Relaxed);
         self.shown.shard(id, bytes);
+    }
+
+    fn device_left(&self, device: &str, error: &CudaError, left: usize) {
+        // The last one ends the run, which is told then.
+        if left > 0 {
+            say(format!(
+                "{device} takes part no longer, the other queues do its tiles ({left} left): {error}"
+            ));
+        }
+    }
+
+    fn device_short(&self, device: &str, error: &CudaError) {
+        say(format!("{device} goes on with half of the memory it had: {error}"));
     }
 
     fn fault(&self, error: &RunError) -> bool {

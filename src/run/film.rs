@@ -5,7 +5,7 @@ use crate::failure::{other_job, usage};
 use crate::job::Job;
 use crate::open::Chart;
 use anyhow::{Result, bail};
-use formats::durable::{Lock, parent_of, sweep_entries};
+use formats::durable::{Lock, Store, is_url, parent_of, sweep_entries};
 use formats::film::{FilmError, FilmSpec, FilmStore};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -25,14 +25,24 @@ pub fn layout(spec: &FilmSpec) -> Value {
 /// lie inside its chart, whose files it would change.
 pub fn keep_apart(job: &Job, film: &Path) -> Result<()> {
     let Chart::Store(chart) = &job.chart else { return Ok(()) };
+    if is_url(film) {
+        // Of URLs there is no other name.
+        return match (chart.path().starts_with(film), film.starts_with(chart.path())) {
+            (false, false) => Ok(()),
+            (holds, _) => Err(apart(film, chart.path(), holds)),
+        };
+    }
     let Ok(there) = chart.path().canonicalize() else { return Ok(()) };
-    let words = match film.canonicalize() {
-        Ok(film) if there.starts_with(&film) => "holds its own chart",
-        _ if real(film).starts_with(&there) => "lies inside its own chart",
-        _ => return Ok(()),
-    };
-    let (film, chart) = (film.display(), chart.path().display());
-    Err(usage(format!("{film} {words}, {chart}; choose another path")))
+    match film.canonicalize() {
+        Ok(real) if there.starts_with(&real) => Err(apart(film, chart.path(), true)),
+        _ if real(film).starts_with(&there) => Err(apart(film, chart.path(), false)),
+        _ => Ok(()),
+    }
+}
+
+fn apart(film: &Path, chart: &Path, holds: bool) -> anyhow::Error {
+    let words = if holds { "holds" } else { "lies inside" };
+    usage(format!("{} {words} its own chart, {}; choose another path", film.display(), chart.display()))
 }
 
 /// The path with all links of its existing part resolved.
@@ -124,8 +134,9 @@ pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
     for (lock, _, _) in FilmStore::locks(path)? {
         units.extend(lock.file_stem().map(|s| s.to_string_lossy().into_owned()));
     }
-    let take = |unit: &String| Ok(Lock::take(&path.join("runs"), unit, take_over)?);
-    units.iter().map(take).collect()
+    let store = Store::at(path)?;
+    let locks = units.iter().filter_map(|unit| store.lock("runs", unit, take_over).transpose());
+    Ok(locks.collect::<Result<_, _>>()?)
 }
 
 type Difference = (String, String, String);

@@ -11,6 +11,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 static RUNNING: AtomicBool = AtomicBool::new(false);
 /// Set by the first signal.
 static CANCEL: AtomicBool = AtomicBool::new(false);
+/// What is left when the process ends at once.
+static LEFT: Mutex<&str> = Mutex::new("the same command resumes");
 /// The lock to give up when the process ends at once.
 static LOCK: Mutex<Option<PathBuf>> = Mutex::new(None);
 
@@ -30,6 +32,13 @@ pub fn finish_tiles() -> &'static AtomicBool {
     &CANCEL
 }
 
+/// From now on the first signal only sets what this returns; nothing that was begun is kept.
+pub fn leave_nothing() -> &'static AtomicBool {
+    *LEFT.lock().expect("no panic while held") = "nothing was written";
+    let _ = ctrlc::set_handler(signal);
+    finish_tiles()
+}
+
 fn signal() {
     let again = CANCEL.swap(true, Ordering::SeqCst);
     if RUNNING.load(Ordering::SeqCst) && !again {
@@ -39,7 +48,7 @@ fn signal() {
     if let Some(path) = LOCK.lock().expect("no panic while held").as_deref() {
         Lock::release(path);
     }
-    say("stopped; the same command resumes");
+    say(format!("stopped; {}", LEFT.lock().expect("no panic while held")));
     std::process::exit(i32::from(code::INTERRUPTED));
 }
 

@@ -11,6 +11,7 @@ use crate::progress::{say, summary_lines};
 use formats::durable::Maker;
 use formats::film::FilmStore;
 use pipeline::clock::StageTimes;
+use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::Summary;
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -32,6 +33,7 @@ pub fn done(jsonl: Option<&Jsonl>, job: &Job, summary: &Summary) {
     let bytes_read = match &job.chart {
         Chart::Store(s) => Some(s.stats().bytes_read),
         Chart::Raster(r) => Some(r.stats().0),
+        Chart::Exr(e) => Some(e.stats().0),
         Chart::Drawn(_) => None,
     };
     let fields = json!({
@@ -69,6 +71,10 @@ pub fn write(
             let (bytes, replaced) = r.stats();
             (Some(bytes), None, 0, replaced)
         }
+        Chart::Exr(e) => {
+            let (bytes, replaced) = e.stats();
+            (Some(bytes), None, 0, replaced)
+        }
         Chart::Drawn(_) => (None, None, 0, 0),
     };
     let peak = peak_resident();
@@ -97,6 +103,8 @@ pub fn write(
         "bands": job.film_bands,
         "startup_s": follow.startup_s,
         "threads": job.threads,
+        "device": job.device(),
+        "devices": devices(job, summary),
         "simd": job.options.simd.isa().name(),
         "memory_limit_bytes": job.memory.limit,
         "peak_resident_bytes": peak,
@@ -118,6 +126,30 @@ pub fn write(
     if let Err(e) = store.write_beside(&name, record.to_string().as_bytes()) {
         say(format!("note: the run's record {name} could not be written: {e}"));
     }
+}
+
+/// Each queue's GPU, and what it did if the run came to an end.
+fn devices(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
+    let one = |(i, queue): (usize, &DeviceQueue)| {
+        let info = &queue.device.info;
+        let mut value = json!({
+            "index": info.index,
+            "name": info.name,
+            "compute_capability": format!("{}.{}", info.compute_capability.0, info.compute_capability.1),
+            "driver": format!("{}.{}", info.driver_version.0, info.driver_version.1),
+            "device_bytes": queue.device_bytes,
+            "host_bytes": queue.host_bytes,
+        });
+        if let Some(f) = summary.and_then(|s| s.devices.get(i)) {
+            value["did"] = json!({
+                "tiles": f.tiles, "batches": f.batches, "pixels": f.pixels,
+                "upload_s": f.upload_s, "compute_s": f.compute_s, "download_s": f.download_s, "span_s": f.span_s,
+                "bytes_up": f.bytes_up, "bytes_down": f.bytes_down, "left": f.left,
+            });
+        }
+        value
+    };
+    job.queues.iter().enumerate().map(one).collect()
 }
 
 fn stage_times(t: &StageTimes) -> Value {

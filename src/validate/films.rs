@@ -81,12 +81,7 @@ impl Films {
         if let Some(memory) = self.memory {
             words.extend(["--memory".into(), memory.to_string()]);
         }
-        let device = match self.device {
-            Device::Cpu => "cpu",
-            Device::Cuda => "cuda",
-            Device::Auto => "auto",
-        };
-        words.extend(["--device".into(), device.into(), "--".into(), chart.into()]);
+        words.extend(["--device".into(), self.device.to_string(), "--".into(), chart.into()]);
         words.push(path.to_string_lossy().into_owned());
         let Command::Run(args) = Cli::try_parse_from(words)?.command else {
             unreachable!("`run` is typed above")

@@ -21,6 +21,7 @@ pub fn of(film: Option<&Path>) -> Result<Value> {
     let windows = store.provenance().get("bands").and_then(Value::as_array).cloned().unwrap_or_default();
     let windows: Vec<u64> = windows.iter().filter_map(|b| b["psf_window_px"].as_u64()).collect();
     let core = |stages: &[&str]| stages.iter().filter_map(|s| run["core_s"][*s].as_f64()).sum::<f64>();
+    let word = |key: &str| run.get(key).and_then(Value::as_str).unwrap_or("?").to_owned();
     let wall_s = run["wall_s"].as_f64().unwrap_or(f64::NAN);
     Ok(json!({
         "film_px": [spec.film.height, spec.film.width],
@@ -33,6 +34,6 @@ pub fn of(film: Option<&Path>) -> Result<Value> {
         "mpx_per_s": whole as f64 * 1e-6 / wall_s,
         "peak_resident_bytes": run.get("peak_resident_bytes"),
         "threads": run.get("threads"),
-        "device": format!("cpu, {}", run.get("simd").and_then(Value::as_str).unwrap_or("?")),
+        "device": format!("{}, {}", word("device"), word("simd")),
     }))
 }

@@ -26,6 +26,11 @@ impl Place {
         Self::new(Size::new(631, 705), &["--shard", "128", "--chunk", "64"])
     }
 
+    /// Two bands of one row of three tiles each, twelve shards.
+    pub fn wide() -> Self {
+        Self::new(Size::new(24, 1400), &["--shard", "128", "--chunk", "64", "--outside", "clamp"])
+    }
+
     /// Two bands of 2300 x 2300 px, drawn: more tiles than one would like to store.
     pub fn drawn(layout: &'static [&'static str]) -> Self {
         let chart = "gen:composite?size=2300&wavelengths=450,500&pitch_um=2".into();

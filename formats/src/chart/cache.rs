@@ -23,7 +23,7 @@ struct State<T> {
 
 /// Values of type `T` by number, at most `limit` bytes of them.
 #[derive(Debug)]
-pub(super) struct Cache<T> {
+pub struct Cache<T> {
     state: Mutex<State<T>>,
     changed: Condvar,
     limit: usize,
@@ -44,7 +44,8 @@ impl<T> Drop for Claim<'_, T> {
 }
 
 impl<T> Cache<T> {
-    pub(super) fn new(limit: usize) -> Self {
+    /// An empty cache of at most `limit` bytes.
+    pub fn new(limit: usize) -> Self {
         let state = State { slots: HashMap::new(), by_age: BTreeMap::new(), bytes: 0, tick: 0 };
         Self { state: Mutex::new(state), changed: Condvar::new(), limit }
     }
@@ -59,7 +60,10 @@ impl<T> Cache<T> {
     }
 
     /// The value of `key`, from the cache or from `load`, which also tells its size in bytes.
-    pub(super) fn get<E>(&self, key: u64, load: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
+    ///
+    /// # Errors
+    /// What `load` says.
+    pub fn get<E>(&self, key: u64, load: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
         let mut guard = self.lock();
         loop {
             let state = &mut *guard;

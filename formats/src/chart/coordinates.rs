@@ -1,6 +1,7 @@
 //! Which axis is which, and the wavelength of each band.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 
 use serde_json::Value;
 use zarrs::array::{Array, ArraySubset, data_type};
@@ -8,7 +9,7 @@ use zarrs::array::{Array, ArraySubset, data_type};
 use super::ChartError;
 use super::layout::Layout;
 use super::open::{Node, open_array};
-use crate::durable::{Directory, DurableError, system_error};
+use crate::durable::{DurableError, Store, store_error};
 use crate::shard::single_threaded;
 
 const SPECTRAL: [&str; 14] = [
@@ -31,7 +32,7 @@ const ROWS: [&str; 7] = ["y", "row", "rows", "line", "lines", "height", "lat"];
 const COLUMNS: [&str; 8] = ["x", "col", "cols", "column", "columns", "sample", "samples", "width"];
 
 /// Names of the array's dimensions: Zarr v3's own, or xarray's attribute in v2.
-pub(super) fn dimension_names(array: &Array<Directory>) -> Option<Vec<String>> {
+pub(super) fn dimension_names(array: &Array<Store>) -> Option<Vec<String>> {
     if let Some(names) = array.dimension_names() {
         return Some(names.iter().map(|n| n.clone().unwrap_or_default()).collect());
     }
@@ -57,7 +58,7 @@ pub(super) fn check_order(layout: &Layout, names: Option<&[String]>) -> Result<(
         return Ok(());
     }
     Err(ChartError::Metadata {
-        path: layout.directory.root().into(),
+        path: layout.store.root().into(),
         array: layout.name.clone(),
         what: "order of dimensions",
         expected: "(wavelength, y, x) or (y, x); transpose the array".into(),
@@ -74,7 +75,7 @@ pub(super) fn wavelengths<'a>(
 ) -> Result<Option<Vec<f64>>, ChartError> {
     let bands = layout.shape[0];
     let wrong = |expected: String, found: String| ChartError::Metadata {
-        path: layout.directory.root().into(),
+        path: layout.store.root().into(),
         array: layout.name.clone(),
         what: "wavelengths",
         expected,
@@ -115,10 +116,10 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
     tries.push("wavelength");
     for name in tries {
         let name = format!("{group}{name}");
-        if !Node::read(&layout.directory, &name)?.is_some_and(|n| n.is_array) {
+        if !Node::read(&layout.store, &name)?.is_some_and(|n| n.is_array) {
             continue;
         }
-        let array = open_array(&layout.directory, &name)?;
+        let array = open_array(&layout.store, &name)?;
         // An axis `band` may well hold names or numbers of bands; only lengths are wavelengths.
         let unit = array.attributes().get("units").and_then(Value::as_str);
         let counts = axis_of(&name) == Some(0) && (name.ends_with("band") || name.ends_with("bands"));
@@ -126,7 +127,7 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
             continue;
         }
         let wrong = |expected: &str, found: String| ChartError::Metadata {
-            path: layout.directory.root().into(),
+            path: layout.store.root().into(),
             array: name.clone(),
             what: "coordinate",
             expected: expected.into(),
@@ -138,17 +139,18 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
             "m" | "meter" | "metre" => 1e9,
             other => return Err(wrong("units nm, um or m", format!("{other:?}"))),
         };
-        let values = numbers(&array).map_err(|(found, system)| match system {
-            Some(e) => DurableError::io("read", &layout.directory.root().join(&name), 0, e).into(),
-            None => wrong("a 1-D array of at most 10^6 numbers", found),
-        })?;
+        let values =
+            numbers(&array, &layout.store.root().join(&name)).map_err(|(found, store)| match store {
+                Some(e) => e.into(),
+                None => wrong("a 1-D array of at most 10^6 numbers", found),
+            })?;
         return Ok(Some(values.into_iter().map(|v| v * to_nm).collect()));
     }
     Ok(None)
 }
 
-/// All of a 1-D array, or what is wrong with it; with it, the system's error if that is what kept it from being read.
-fn numbers(array: &Array<Directory>) -> Result<Vec<f64>, (String, Option<std::io::Error>)> {
+/// All of a 1-D array, or what is wrong with it; with it, the store's error if that is what kept it from being read.
+fn numbers(array: &Array<Store>, path: &Path) -> Result<Vec<f64>, (String, Option<DurableError>)> {
     const MOST: u64 = 1_000_000;
     let shape = array.shape();
     let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| (e.to_string(), None))?;
@@ -163,7 +165,7 @@ fn numbers(array: &Array<Directory>) -> Result<Vec<f64>, (String, Option<std::io
             array
                 .retrieve_array_subset_opt::<Vec<$t>>(&all, &options)
                 .map(|v| v.into_iter().map(|v| v as f64).collect())
-                .map_err(|e| (e.to_string(), system_error(&e)))
+                .map_err(|e| (e.to_string(), store_error("read", path, &e)))
         };
     }
     let t = array.data_type();

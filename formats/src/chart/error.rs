@@ -12,7 +12,7 @@ use crate::durable::DurableError;
 pub enum ChartError {
     /// Nothing there.
     #[error(
-        "opening chart {path}: nothing there; give a Zarr store (PATH or PATH//array), a .npy file or an ENVI header (.hdr)"
+        "opening chart {path}: nothing there; give a Zarr store (PATH or PATH//array), a .npy file, an ENVI header (.hdr) or a spectral .exr"
     )]
     NotFound {
         /// What was asked for.
@@ -75,6 +75,16 @@ pub enum ChartError {
         expected: u64,
         /// Bytes it has.
         found: u64,
+    },
+    /// A compressed file that does not decode.
+    #[error(
+        "reading {path}: the file is damaged, or cut short: {reason}; restore it from its source, or write it anew"
+    )]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
     },
     /// The store's files cannot be read.
     #[error("reading chart: {0}")]

@@ -7,14 +7,14 @@ use serde_json::json;
 
 use super::ChartStore;
 use super::open::{canonical, sorted};
-use crate::durable::{DurableError, is_temp_name};
+use crate::durable::{DurableError, Store, is_temp_name};
 
 /// Two BLAKE3 digests, 64 hexadecimal digits each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChartIdentity {
     /// Of [`ChartStore::description`] and of the name and size of every file of the array.
     pub content: String,
-    /// Of the name and time of last change of every file.
+    /// Of the name and time of last change of every file, or the ETag of every object.
     pub mtimes: String,
 }
 
@@ -38,8 +38,7 @@ impl ChartStore {
     /// # Errors
     /// [`DurableError`] if the files cannot be listed.
     pub fn identity(&self) -> Result<ChartIdentity, DurableError> {
-        let mut files = Vec::new();
-        list(&self.array_path(), "", &mut files)?;
+        let mut files = self.chunks()?;
         files.sort();
         let mut content = blake3::Hasher::new();
         content.update(b"lenscube/chart-identity/1\n");
@@ -55,8 +54,29 @@ impl ChartStore {
     }
 }
 
+impl ChartStore {
+    /// Names in the array, sizes, and what changes with the bytes: time of last change in ns, or ETag. Objects are asked for
+    /// by the keys that the array may have.
+    fn chunks(&self) -> Result<Vec<(String, u64, String)>, DurableError> {
+        let mut files = Vec::new();
+        let objects = match &*self.layout.store {
+            Store::Directory(_) => {
+                list(&self.array_path(), "", &mut files)?;
+                return Ok(files);
+            }
+            Store::Objects(objects) => objects,
+        };
+        let keys = self.layout.keys();
+        let above = if self.layout.name.is_empty() { 0 } else { self.layout.name.len() + 1 };
+        let found = std::iter::zip(&keys, objects.states(&keys)?);
+        files
+            .extend(found.filter_map(|(key, state)| state.map(|s| (key[above..].to_owned(), s.size, s.tag))));
+        Ok(files)
+    }
+}
+
 /// Names below `directory`, sizes and times in ns; metadata is in the description already.
-fn list(directory: &Path, prefix: &str, files: &mut Vec<(String, u64, u128)>) -> Result<(), DurableError> {
+fn list(directory: &Path, prefix: &str, files: &mut Vec<(String, u64, String)>) -> Result<(), DurableError> {
     let failed = |e| DurableError::io("list", directory, 0, e);
     for entry in std::fs::read_dir(directory).map_err(failed)? {
         let entry = entry.map_err(failed)?;
@@ -72,7 +92,7 @@ fn list(directory: &Path, prefix: &str, files: &mut Vec<(String, u64, u128)>) ->
             list(&entry.path(), &(name + "/"), files)?;
         } else {
             let time = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-            files.push((name, meta.len(), time.map_or(0, |t| t.as_nanos())));
+            files.push((name, meta.len(), time.map_or(0, |t| t.as_nanos()).to_string()));
         }
     }
     Ok(())

@@ -14,7 +14,7 @@ use zarrs::array::{
 use zarrs::metadata_ext::codec::sharding::{ShardingCodecConfigurationV1, ShardingIndexLocation};
 
 use super::ChartError;
-use crate::durable::Directory;
+use crate::durable::Store;
 use crate::shard::single_threaded;
 
 /// Largest piece that is decoded: one per thread must fit in memory.
@@ -87,10 +87,10 @@ struct ShardIndex {
 /// The array: its files, their parts, their codecs. Shapes are (bands, rows, columns).
 #[derive(Debug)]
 pub(super) struct Layout {
-    pub(super) directory: Arc<Directory>,
+    pub(super) store: Arc<Store>,
     /// The array's path in the store; empty for a bare array.
     pub(super) name: String,
-    pub(super) array: Array<Directory>,
+    pub(super) array: Array<Store>,
     pub(super) shape: [usize; 3],
     /// One file.
     pub(super) chunk: [usize; 3],
@@ -104,12 +104,8 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    pub(super) fn new(
-        directory: Arc<Directory>,
-        name: &str,
-        array: Array<Directory>,
-    ) -> Result<Self, ChartError> {
-        let root = directory.root().to_path_buf();
+    pub(super) fn new(store: Arc<Store>, name: &str, array: Array<Store>) -> Result<Self, ChartError> {
+        let root = store.root().to_path_buf();
         let wrong = |what, expected: &str, found: String| ChartError::Metadata {
             path: root.clone(),
             array: name.into(),
@@ -187,7 +183,7 @@ impl Layout {
         sample.extend(&mut fill, array.fill_value().as_ne_bytes());
         let fill = *fill.first().ok_or_else(|| wrong("fill value", "one sample", "none".into()))?;
         let (shape, chunk, piece) = (three(array.shape()), three(&chunk), three(&piece));
-        Ok(Self { directory, name: name.into(), array, shape, chunk, piece, sample, fill, chain, index })
+        Ok(Self { store, name: name.into(), array, shape, chunk, piece, sample, fill, chain, index })
     }
 
     /// Number of pieces along each axis.
@@ -219,20 +215,31 @@ impl Layout {
         self.array.chunk_key(self.trim(&indices)).as_str().to_owned()
     }
 
+    /// The keys of all files that the array may have.
+    pub(super) fn keys(&self) -> Vec<String> {
+        let files: [usize; 3] = std::array::from_fn(|k| self.shape[k].div_ceil(self.chunk[k]));
+        let per = self.per_file();
+        let all = (0..files.iter().product()).map(|n: usize| {
+            let file = [n / (files[1] * files[2]), n / files[2] % files[1], n % files[2]];
+            self.key(std::array::from_fn(|k| file[k] * per[k]))
+        });
+        all.collect()
+    }
+
     /// The path of that file.
     pub(super) fn file(&self, p: [usize; 3]) -> PathBuf {
-        self.directory.root().join(self.key(p))
+        self.store.root().join(self.key(p))
     }
 
     /// A chunk may be missing from a chart, but not because the chart itself has been removed or unmounted.
     pub(super) fn still_there(&self) -> Result<(), ChartError> {
         let slash = if self.name.is_empty() { "" } else { "/" };
         for file in ["zarr.json", ".zarray"] {
-            if self.directory.size_of(&format!("{}{slash}{file}", self.name))?.is_some() {
+            if self.store.size_of(&format!("{}{slash}{file}", self.name))?.is_some() {
                 return Ok(());
             }
         }
-        let path = self.directory.root().join(&self.name);
+        let path = self.store.root().join(&self.name);
         Err(crate::durable::DurableError::Vanished { path, missing: "metadata".into() }.into())
     }
 
@@ -261,7 +268,7 @@ impl Layout {
     pub(super) fn read_index(&self, p: [usize; 3]) -> Result<Option<Vec<u64>>, ChartError> {
         let Some(index) = &self.index else { return Ok(None) };
         let offset = if index.at_start { 0 } else { -(index.bytes as i64) };
-        let bytes = match self.directory.read_range(&self.key(p), offset, index.bytes) {
+        let bytes = match self.store.read_range(&self.key(p), offset, index.bytes) {
             Err(e @ crate::durable::DurableError::Range { .. }) => return Err(self.corrupt(p, e.to_string())),
             other => other?,
         };
@@ -287,7 +294,7 @@ impl Layout {
         let limit = decoded * 2 + (1 << 20);
         let read = match index {
             None if self.is_sharded() => return Ok(None),
-            None => self.directory.read_at_most(&self.key(p), limit),
+            None => self.store.read_at_most(&self.key(p), limit),
             Some(index) => {
                 let slot = self.slot(p);
                 let (offset, length) = (index[slot], index[slot + 1]);
@@ -298,7 +305,7 @@ impl Layout {
                     let reason = format!("its index says {length} bytes at offset {offset}");
                     return Err(self.corrupt(p, reason));
                 };
-                self.directory.read_range(&self.key(p), offset, length)
+                self.store.read_range(&self.key(p), offset, length)
             }
         };
         use crate::durable::DurableError::{Length, Range};
@@ -319,7 +326,7 @@ impl Layout {
             }
         };
         if let Some((offset, length)) = range {
-            self.directory.will_read(&self.key(p), offset, length);
+            self.store.will_read(&self.key(p), offset, length);
         }
     }
 

@@ -12,7 +12,7 @@ use super::cache::Cache;
 use super::coordinates::{self, dimension_names};
 use super::layout::Layout;
 use super::{ChartError, ChartOptions, ChartStore, Counters};
-use crate::durable::{Directory, DurableError, system_error};
+use crate::durable::{Store, is_url, store_error};
 
 /// Metadata larger than this is not metadata.
 const LARGEST_METADATA: u64 = 64 << 20;
@@ -27,14 +27,14 @@ pub(super) struct Node {
 
 impl Node {
     /// The node at `name` (empty: the root). `None` if there is none.
-    pub(super) fn read(directory: &Directory, name: &str) -> Result<Option<Self>, ChartError> {
+    pub(super) fn read(store: &Store, name: &str) -> Result<Option<Self>, ChartError> {
         let under = |file: &str| if name.is_empty() { file.to_owned() } else { format!("{name}/{file}") };
         let json = |file: &str| -> Result<Option<Map<String, Value>>, ChartError> {
-            let Some(bytes) = directory.read_at_most(&under(file), LARGEST_METADATA)? else {
+            let Some(bytes) = store.read_at_most(&under(file), LARGEST_METADATA)? else {
                 return Ok(None);
             };
             serde_json::from_slice(&bytes).map(Some).map_err(|e| ChartError::Metadata {
-                path: directory.root().into(),
+                path: store.root().into(),
                 array: name.into(),
                 what: "metadata",
                 expected: format!("a JSON object in {}", under(file)),
@@ -59,8 +59,8 @@ impl Node {
 }
 
 /// Opens the array `name`; whatever zarrs makes of the metadata, it is an error of ours.
-pub(super) fn open_array(directory: &Arc<Directory>, name: &str) -> Result<Array<Directory>, ChartError> {
-    let path = directory.root();
+pub(super) fn open_array(store: &Arc<Store>, name: &str) -> Result<Array<Store>, ChartError> {
+    let path = store.root();
     let wrong = |found: String| ChartError::Metadata {
         path: path.into(),
         array: name.into(),
@@ -69,9 +69,8 @@ pub(super) fn open_array(directory: &Arc<Directory>, name: &str) -> Result<Array
         found,
     };
     let open = || {
-        Array::open(directory.clone(), &format!("/{name}")).map_err(|e| match system_error(&e) {
-            Some(e) => DurableError::io("read", &path.join(name), 0, e).into(),
-            None => wrong(e.to_string()),
+        Array::open(store.clone(), &format!("/{name}")).map_err(|e| {
+            store_error("read", &path.join(name), &e).map_or_else(|| wrong(e.to_string()), Into::into)
         })
     };
     catch_unwind(AssertUnwindSafe(open))
@@ -85,17 +84,18 @@ impl ChartStore {
     /// [`ChartError`] if there is no chart, or its metadata says what cannot be read.
     pub fn open(spec: &str, options: ChartOptions) -> Result<Self, ChartError> {
         let (path, array) = match spec.rsplit_once("//") {
+            Some((scheme, _)) if scheme.ends_with(':') && is_url(Path::new(spec)) => (spec, ""),
             // A doubled slash in the path of something that is there is only that.
             Some((path, array)) if !path.is_empty() && !Path::new(spec).exists() => {
                 (path, array.trim_matches('/'))
             }
             _ => (spec, ""),
         };
-        let (directory, name, group) = find(Path::new(path), array)?;
-        let array = open_array(&directory, &name)?;
+        let (store, name, group) = find(Path::new(path), array)?;
+        let array = open_array(&store, &name)?;
         let attributes = array.attributes().clone();
         let dimensions = dimension_names(&array);
-        let layout = Layout::new(directory, &name, array)?;
+        let layout = Layout::new(store, &name, array)?;
         coordinates::check_order(&layout, dimensions.as_deref())?;
         let find = |key: &str| attributes.get(key).or_else(|| group.get(key));
         let wavelengths_nm =
@@ -118,12 +118,14 @@ impl ChartStore {
     }
 }
 
-type Found = (Arc<Directory>, String, Map<String, Value>);
+type Found = (Arc<Store>, String, Map<String, Value>);
 
 /// The store's root, the array's name in it, and the attributes of the group around it.
 fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
     let not_zarr = |found: &str| ChartError::NotZarr { path: path.into(), found: found.into() };
+    let store = Arc::new(Store::at(path)?);
     match std::fs::metadata(path) {
+        _ if is_url(path) => {}
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
             return Err(ChartError::NotFound { path: path.into() });
         }
@@ -131,52 +133,58 @@ fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
         Ok(m) if !m.is_dir() => return Err(not_zarr("a file")),
         Ok(_) => {}
     }
-    let directory = Arc::new(Directory::new(path));
-    let root = Node::read(&directory, "")?;
+    let root = Node::read(&store, "")?;
     if wanted.is_empty() {
-        let root =
-            root.ok_or_else(|| not_zarr("a directory without Zarr metadata (perhaps an unfinished copy)"))?;
+        let Some(root) = root else {
+            return Err(match store.exists()? {
+                true => not_zarr("no Zarr metadata (perhaps an unfinished copy)"),
+                false => ChartError::NotFound { path: path.into() },
+            });
+        };
         if root.is_array {
-            return Ok(around(path).unwrap_or((directory, String::new(), Map::new())));
+            return Ok(around(path)?.unwrap_or((store, String::new(), Map::new())));
         }
         for name in ["chart", "film"] {
-            if Node::read(&directory, name)?.is_some_and(|n| n.is_array) {
-                return Ok((directory, name.into(), root.attributes));
+            if Node::read(&store, name)?.is_some_and(|n| n.is_array) {
+                return Ok((store, name.into(), root.attributes));
             }
         }
-        return Err(no_array(&directory, "\"chart\" or \"film\""));
+        return Err(no_array(&store, "\"chart\" or \"film\""));
     }
-    if Node::read(&directory, wanted)?.is_none_or(|n| !n.is_array) {
-        return Err(no_array(&directory, &format!("{wanted:?}")));
+    if Node::read(&store, wanted)?.is_none_or(|n| !n.is_array) {
+        return Err(no_array(&store, &format!("{wanted:?}")));
     }
     let attributes = root.map(|n| n.attributes).unwrap_or_default();
-    Ok((directory, wanted.into(), attributes))
+    Ok((store, wanted.into(), attributes))
 }
 
 /// An array given by its own directory, in its group if it is in one: there are its coordinates.
-fn around(path: &Path) -> Option<Found> {
-    let path = path.canonicalize().ok()?;
-    let (parent, name) = (path.parent()?, path.file_name()?.to_str()?);
-    let directory = Arc::new(Directory::new(parent));
-    let group = Node::read(&directory, "").ok()??;
-    (!group.is_array).then(|| (directory, name.to_owned(), group.attributes))
+fn around(path: &Path) -> Result<Option<Found>, ChartError> {
+    let real = if is_url(path) { Some(path.to_path_buf()) } else { path.canonicalize().ok() };
+    let above = real.as_deref().and_then(|p| Some((p.parent()?, p.file_name()?.to_str()?)));
+    let Some((parent, name)) = above.filter(|(parent, _)| is_url(parent) == is_url(path)) else {
+        return Ok(None);
+    };
+    let store = Arc::new(Store::at(parent)?);
+    match Node::read(&store, "") {
+        Ok(Some(group)) if !group.is_array => Ok(Some((store, name.to_owned(), group.attributes))),
+        Err(e) if e.retryable() => Err(e),
+        // What cannot be looked into is no group of this array's.
+        _ => Ok(None),
+    }
 }
 
-fn no_array(directory: &Directory, wanted: &str) -> ChartError {
-    let mut names: Vec<String> = std::fs::read_dir(directory.root())
-        .into_iter()
-        .flatten()
-        .filter_map(|e| e.ok()?.file_name().into_string().ok())
-        .filter(|n| Node::read(directory, n).is_ok_and(|n| n.is_some_and(|n| n.is_array)))
-        .collect();
-    names.sort();
+fn no_array(store: &Store, wanted: &str) -> ChartError {
+    // What cannot be listed is not known; the error in hand is told.
+    let mut names = store.names("").unwrap_or_default();
+    names.retain(|n| Node::read(store, n).is_ok_and(|n| n.is_some_and(|n| n.is_array)));
     let found = if names.is_empty() { "none".into() } else { names.join(", ") };
-    ChartError::NoArray { path: directory.root().into(), wanted: wanted.into(), found }
+    ChartError::NoArray { path: store.root().into(), wanted: wanted.into(), found }
 }
 
 fn wrong(layout: &Layout, what: &'static str, expected: &str, found: &Value) -> ChartError {
     ChartError::Metadata {
-        path: layout.directory.root().into(),
+        path: layout.store.root().into(),
         array: layout.name.clone(),
         what,
         expected: expected.into(),
@@ -200,7 +208,7 @@ fn size(layout: &Layout, v: &Value) -> Result<Size, ChartError> {
 }
 
 /// The metadata of `array` without its attributes, as JSON with sorted keys.
-pub(super) fn canonical(array: &Array<Directory>) -> Value {
+pub(super) fn canonical(array: &Array<Store>) -> Value {
     let mut v = match array.metadata() {
         ArrayMetadata::V3(m) => serde_json::to_value(m),
         ArrayMetadata::V2(m) => serde_json::to_value(m),

@@ -15,6 +15,7 @@
 //! error: neither garbage nor a dead process.
 //! Left out: ENVI's scale factors and georeference, Fortran order.
 
+pub(super) mod bands;
 mod envi;
 mod mapped;
 mod npy;
@@ -30,9 +31,10 @@ use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
 
 use super::{ChartError, NanPolicy, Sample};
-use crate::durable::{DurableError, free_bytes, temp_name};
+use crate::durable::DurableError;
+pub use crate::npy::sample as sample_named;
+use bands::BandFile;
 use mapped::Mapped;
-pub use npy::sample as sample_named;
 
 /// Longest header of an ENVI file.
 const LONGEST_HEADER: u64 = 16 << 20;
@@ -122,7 +124,7 @@ impl RasterChart {
         if is_npy(path) {
             let mut head = Vec::new();
             let file = open(path)?;
-            file.take(npy::LONGEST)
+            file.take(crate::npy::LONGEST)
                 .read_to_end(&mut head)
                 .map_err(|e| DurableError::io("read", path, 0, e))?;
             let layout =
@@ -266,49 +268,50 @@ impl RasterChart {
         directory: &Path,
         progress: &dyn Fn(u64, u64),
     ) -> Result<(), ChartError> {
-        use std::os::unix::fs::FileExt;
-        let [_, rows, columns] = self.layout.shape;
-        let mut wanted: Vec<usize> = bands.iter().copied().filter(|b| *b < self.bands()).collect();
-        wanted.sort_unstable();
-        wanted.dedup();
-        let needed = (wanted.len() * rows * columns) as u64 * 4;
-        let free = free_bytes(directory)?;
-        if needed > free {
-            return Err(ChartError::Space {
-                path: self.path.clone(),
-                directory: directory.into(),
-                needed,
-                free,
-            });
-        }
-        let temp = directory.join(temp_name());
-        let failed = |e| DurableError::io("write", &temp, needed, e);
-        let file = File::options().read(true).write(true).create_new(true).open(&temp).map_err(failed)?;
-        std::fs::remove_file(&temp).map_err(failed)?;
-        file.set_len(needed).map_err(failed)?;
+        let [all, rows, columns] = self.layout.shape;
+        let laid = BandFile::create(directory, &self.path, bands, [all, rows, columns])?;
         // A few megabytes of every band at a time, so that both files are walked in long pieces.
         let at_once = ((4 << 20) / (columns * 4)).clamp(1, rows);
         let mut block = vec![0.0f32; at_once * columns];
         for first in (0..rows).step_by(at_once) {
             let height = at_once.min(rows - first);
             let rect = Rect::new(first as i64, 0, height, columns);
-            for (slot, &band) in wanted.iter().enumerate() {
+            for &band in laid.bands() {
                 let pixels = &mut block[..height * columns];
                 self.read_rect(band, rect, pixels)?;
-                let bytes: Vec<u8> = pixels.iter().flat_map(|v| v.to_ne_bytes()).collect();
-                let at = ((slot * rows + first) * columns * 4) as u64;
-                file.write_all_at(&bytes, at).map_err(failed)?;
+                laid.write(band, first, 0, pixels)?;
             }
             progress((first + height) as u64, rows as u64);
         }
-        self.map = Mapped::new(file, needed).map_err(failed)?;
-        self.layout.interleave = Interleave::Bsq;
-        self.layout.offset = 0;
-        self.layout.sample = RasterSample::Plain(Sample::F32);
-        self.layout.little_endian = cfg!(target_endian = "little");
+        self.layout = laid.layout();
+        (self.map, self.slots) = laid.map()?;
         self.ignore = None;
-        self.slots = (0..self.bands()).map(|b| wanted.binary_search(&b).ok()).collect();
         Ok(())
+    }
+
+    /// A chart of samples laid out in bands, which were read from `path`.
+    pub(super) fn laid_out(
+        path: &Path,
+        laid: BandFile,
+        nan: NanPolicy,
+        wavelengths_nm: Option<Vec<f64>>,
+        identity: (Value, Value),
+    ) -> Result<Self, ChartError> {
+        let layout = laid.layout();
+        let (map, slots) = laid.map()?;
+        Ok(Self {
+            path: path.into(),
+            map,
+            slots,
+            nan,
+            wavelengths_nm,
+            ignore: None,
+            replaced: AtomicU64::new(0),
+            bytes_read: AtomicU64::new(0),
+            behind: (0..layout.shape[0]).map(|_| AtomicUsize::new(0)).collect(),
+            layout,
+            identity,
+        })
     }
 }
 

@@ -1,8 +1,10 @@
 //! Writing a chart: any source into a store, in parallel, whole or not at all.
 //!
 //! Shards (1, 2048, 2048) of inner chunks (1, 512, 512); less where the chart is smaller. Each worker holds one shard.
-//! All is written in a temp directory beside the place and renamed at the end, so a killed copy is never a chart.
+//! It is a chart when all is written, not before: files lie in a temp directory beside the place until then, objects lack
+//! the group's metadata.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 
@@ -10,7 +12,7 @@ use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
-use crate::durable::{DurableError, remove_directory};
+use crate::durable::{DurableError, Store};
 use crate::hierarchy::{NewGroup, array, coordinate};
 use crate::shard::{Codec, SampleType, ShardEncoder, sharding_metadata};
 
@@ -98,13 +100,14 @@ pub enum WriteError {
 /// # Errors
 /// [`WriteError::NotChart`] for anything but a group with an array `chart`; [`WriteError::Storage`].
 pub fn remove_chart(path: &Path) -> Result<(), WriteError> {
-    if path.symlink_metadata().is_err() {
+    let store = Store::at(path)?;
+    if !store.exists()? {
         return Ok(());
     }
-    if !path.join("zarr.json").is_file() || !path.join("chart/zarr.json").is_file() {
+    if store.size_of("zarr.json")?.is_none() || store.size_of("chart/zarr.json")?.is_none() {
         return Err(WriteError::NotChart { path: path.into() });
     }
-    Ok(remove_directory(path)?)
+    Ok(store.remove_all(Vec::new())?)
 }
 
 /// Writes `source` as a chart at `path` on `threads` threads that hold one shard each. `progress` is told shards done
@@ -125,12 +128,18 @@ pub fn write_chart(
         return Err(WriteError::Empty { path: path.into(), bands, size });
     }
     let exists = || WriteError::Exists { path: path.into() };
-    let mut group = NewGroup::begin(path, true)?.ok_or_else(exists)?;
-    let refused = |reason: String| WriteError::Codec { path: path.into(), reason };
-    let encoder = ShardEncoder::new(codec, SampleType::F32, CHUNK).map_err(|e| refused(e.to_string()))?;
     let side = |n: usize| SHARD.min(n.div_ceil(CHUNK) * CHUNK);
     let (sh, sw) = (side(size.height), side(size.width));
     let tiles: Vec<Rect> = size.rect().tiles(sh, sw).collect();
+    let shard = move |band: usize, rect: &Rect| {
+        format!("chart/c/{band}/{}/{}", rect.y as usize / sh, rect.x as usize / sw)
+    };
+    let mut ours: HashSet<String> =
+        (0..bands).flat_map(|band| tiles.iter().map(move |rect| shard(band, rect))).collect();
+    ours.extend(["chart/zarr.json", "wavelength/zarr.json", "wavelength/c/0"].map(str::to_owned));
+    let mut group = NewGroup::begin(path, true, move |key| ours.contains(key))?.ok_or_else(exists)?;
+    let refused = |reason: String| WriteError::Codec { path: path.into(), reason };
+    let encoder = ShardEncoder::new(codec, SampleType::F32, CHUNK).map_err(|e| refused(e.to_string()))?;
     let total = bands * tiles.len();
     let (next, done, bytes) = (AtomicUsize::new(0), AtomicU64::new(0), AtomicU64::new(0));
     let write = |n: usize, data: &mut Vec<f32>| -> Result<(), WriteError> {
@@ -142,12 +151,11 @@ pub fn write_chart(
             rect,
             source,
         })?;
-        let shard = encoder
+        let encoded = encoder
             .encode(data, (rect.height, rect.width), (sh / CHUNK, sw / CHUNK))
             .map_err(|e| refused(e.to_string()))?;
-        let key = format!("chart/c/{band}/{}/{}", rect.y as usize / sh, rect.x as usize / sw);
-        group.directory.write(&key, &shard)?;
-        bytes.fetch_add(shard.len() as u64, Relaxed);
+        bytes.fetch_add(encoded.len() as u64, Relaxed);
+        group.store.write(&shard(band, &rect), encoded)?;
         progress(done.fetch_add(1, Relaxed) + 1, total as u64);
         Ok(())
     };

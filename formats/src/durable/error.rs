@@ -2,6 +2,7 @@
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use rustix::io::Errno;
 
@@ -47,6 +48,39 @@ pub enum DurableError {
         path: PathBuf,
         /// The file whose absence shows it.
         missing: String,
+    },
+    /// A store far away does not answer, or is in trouble, again and again.
+    #[error(
+        "could not {doing} {path}: {reason}; the store is out of reach or in trouble: check the network and the address, then \
+         run the same command again"
+    )]
+    Unreachable {
+        /// What was being done.
+        doing: &'static str,
+        /// The URL.
+        path: PathBuf,
+        /// What came instead of an answer, or the answer.
+        reason: String,
+    },
+    /// A store far away answers, and will not.
+    #[error("could not {doing} {path}: {reason}; {way_out}")]
+    Refused {
+        /// What was being done.
+        doing: &'static str,
+        /// The URL.
+        path: PathBuf,
+        /// The store's words.
+        reason: String,
+        /// What can be done about it.
+        way_out: &'static str,
+    },
+    /// A URL, or what the environment adds to it, tells no store.
+    #[error("{path}: {problem}")]
+    Address {
+        /// The URL, without what may be secret.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
     },
     /// Any other failure of the system.
     #[error("could not {doing} {path}: {source}")]
@@ -113,7 +147,7 @@ impl DurableError {
     /// Whether the same call may succeed later although nobody changes a word of it. Not: forbidden, damaged.
     pub fn retryable(&self) -> bool {
         match self {
-            Self::StorageFull { .. } | Self::Vanished { .. } => true,
+            Self::StorageFull { .. } | Self::Vanished { .. } | Self::Unreachable { .. } => true,
             Self::Io { source, .. } => passes(source),
             _ => false,
         }
@@ -150,10 +184,43 @@ pub fn passes(error: &std::io::Error) -> bool {
     kind || Errno::from_io_error(error).is_some_and(|e| away.contains(&e))
 }
 
-/// The error of the system under an error of another library, if there is one.
-pub(crate) fn system_error(error: &(dyn std::error::Error + 'static)) -> Option<std::io::Error> {
-    let code = |e: &(dyn std::error::Error + 'static)| e.downcast_ref::<std::io::Error>()?.raw_os_error();
-    std::iter::successors(Some(error), |e| e.source()).find_map(code).map(std::io::Error::from_raw_os_error)
+impl From<DurableError> for std::io::Error {
+    fn from(e: DurableError) -> Self {
+        let kind = match &e {
+            DurableError::StorageFull { source, .. }
+            | DurableError::Permission { source, .. }
+            | DurableError::Io { source, .. } => source.kind(),
+            DurableError::Unreachable { .. } => ErrorKind::TimedOut,
+            DurableError::Refused { .. } => ErrorKind::PermissionDenied,
+            _ => ErrorKind::InvalidData,
+        };
+        Self::new(kind, e)
+    }
+}
+
+/// The error of the store under an error of another library, if there is one.
+pub(crate) fn store_error(
+    doing: &'static str,
+    path: &Path,
+    error: &(dyn std::error::Error + 'static),
+) -> Option<DurableError> {
+    use std::io::Error as Io;
+    let of = |e: &Io| {
+        let far = |e: &DurableError| match e {
+            DurableError::Unreachable { doing, path, reason } => {
+                Some(DurableError::Unreachable { doing, path: path.clone(), reason: reason.clone() })
+            }
+            DurableError::Refused { doing, path, reason, way_out } => {
+                Some(DurableError::Refused { doing, path: path.clone(), reason: reason.clone(), way_out })
+            }
+            _ => None,
+        };
+        let system =
+            || e.raw_os_error().map(|code| DurableError::io(doing, path, 0, Io::from_raw_os_error(code)));
+        e.get_ref().and_then(|inner| far(inner.downcast_ref()?)).or_else(system)
+    };
+    std::iter::successors(Some(error), |e| e.source())
+        .find_map(|e| of(e.downcast_ref().or_else(|| e.downcast_ref::<Arc<Io>>().map(AsRef::as_ref))?))
 }
 
 impl Step {

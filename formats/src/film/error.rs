@@ -26,6 +26,14 @@ pub enum FilmError {
         /// What lies there.
         found: String,
     },
+    /// Another run began another film in its place.
+    #[error(
+        "writing film {path}: a run of another job has begun its film there meanwhile; choose another path for one of them"
+    )]
+    Replaced {
+        /// The film.
+        path: PathBuf,
+    },
     /// Metadata that do not fit together.
     #[error(
         "opening film {path}: expected {expected}, found something else; restore the file, or make the film anew with --overwrite"
@@ -77,6 +85,40 @@ pub enum FilmError {
         expected: usize,
         /// Pixels given.
         found: usize,
+    },
+    /// A pyramid is asked of a film that is not all there.
+    #[error(
+        "making the pyramid of {path}: {missing} of {shards} shards of the film are missing ({first} is the first); finish it by the same `lenscube run`, then make its pyramid"
+    )]
+    Incomplete {
+        /// The film.
+        path: PathBuf,
+        /// Shards missing.
+        missing: usize,
+        /// Shards that it must have.
+        shards: usize,
+        /// The first that is missing.
+        first: String,
+    },
+    /// Pixels that a pyramid is to be made of cannot be read.
+    #[error(
+        "making the pyramid: reading {array}, band {band}, {rect}: {reason}; `lenscube verify` tells more"
+    )]
+    Level {
+        /// The array.
+        array: String,
+        /// Band.
+        band: usize,
+        /// Its pixels.
+        rect: pipeline::geometry::Rect,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The film changed while its pyramid was made.
+    #[error("making the pyramid of {path}: the film changed meanwhile; make it again")]
+    Changed {
+        /// The film.
+        path: PathBuf,
     },
     /// The codec refuses.
     #[error("encoding the film: {reason}")]

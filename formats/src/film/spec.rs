@@ -62,9 +62,13 @@ impl FilmSpec {
 
     /// (rows, columns) of a shard of output `output`: `shard`, or less where the output is smaller.
     pub fn shard_shape(&self, output: usize) -> (usize, usize) {
+        self.shard_of(self.outputs[output].rect.size())
+    }
+
+    /// (rows, columns) of a shard of an array of this size.
+    pub(super) fn shard_of(&self, size: Size) -> (usize, usize) {
         let side = |n: usize| self.shard.min(n.div_ceil(self.chunk) * self.chunk);
-        let rect = self.outputs[output].rect;
-        (side(rect.height), side(rect.width))
+        (side(size.height), side(size.width))
     }
 
     pub(super) fn check(&self) -> Result<(), FilmError> {
@@ -108,7 +112,7 @@ impl FilmSpec {
     }
 
     /// Names of the (y, x) coordinates of an output.
-    fn axes(name: &str) -> (String, String) {
+    pub(super) fn axes(name: &str) -> (String, String) {
         if name == "film" { ("y".into(), "x".into()) } else { (format!("{name}_y"), format!("{name}_x")) }
     }
 
@@ -131,11 +135,15 @@ impl FilmSpec {
 
     /// Metadata of an output's array.
     pub(super) fn array(&self, output: &FilmOutput) -> Value {
-        let k = self.outputs.iter().position(|o| o == output).expect("one of the outputs");
-        let (sh, sw) = self.shard_shape(k);
+        self.array_of(output, output.rect.size())
+    }
+
+    /// Metadata of an array of `size` that shows `output`.
+    pub(super) fn array_of(&self, output: &FilmOutput, size: Size) -> Value {
+        let (sh, sw) = self.shard_of(size);
         let (y, x) = Self::axes(&output.name);
         array(
-            &[self.wavelengths_nm.len(), output.rect.height, output.rect.width],
+            &[self.wavelengths_nm.len(), size.height, size.width],
             &[1, sh, sw],
             self.sample.name(),
             sharding_metadata(self.codec, self.sample, self.chunk),

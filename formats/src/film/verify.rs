@@ -4,10 +4,11 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use pipeline::geometry::Rect;
 use serde_json::Value;
 
 use super::{FilmError, FilmStore, json};
-use crate::durable::{DurableError, temp_files};
+use crate::durable::DurableError;
 use crate::shard::Flaw;
 
 /// Something that is not as it must be.
@@ -83,7 +84,10 @@ impl FilmStore {
         found.sort_by_key(|f| f.0);
         let mut findings = self.check_metadata()?;
         findings.extend(found.into_iter().map(|f| f.1));
-        Ok(Verdict { shards: all.len(), bytes, findings, temp: temp_files(self.path())? })
+        let (levels, wrong) = self.check_pyramid()?;
+        findings.extend(wrong);
+        let bytes = bytes + levels;
+        Ok(Verdict { shards: all.len(), bytes, findings, temp: self.store.temp_files()? })
     }
 
     /// Reads and decodes one shard: its bytes, and what is wrong with it.
@@ -94,10 +98,19 @@ impl FilmStore {
         shard: (usize, usize),
     ) -> Result<(u64, Option<Finding>), FilmError> {
         let key = self.key(output, band, shard);
-        let (sh, sw) = self.spec.shard_shape(output);
+        self.check_file(key, self.spec.shard_shape(output), self.shard_rect(output, shard))
+    }
+
+    /// The same of the file `key`, which holds the pixels of `rect` in a shard of (`sh`, `sw`).
+    pub(super) fn check_file(
+        &self,
+        key: String,
+        (sh, sw): (usize, usize),
+        rect: Rect,
+    ) -> Result<(u64, Option<Finding>), FilmError> {
         // What the encoder may lengthen, and more; a file beyond that is none of ours and is not read.
         let limit = (sh * sw * self.spec.sample.bytes()) as u64 * 2 + (1 << 20);
-        let bytes = match self.directory.read_at_most(&key, limit) {
+        let bytes = match self.store.read_at_most(&key, limit) {
             Ok(Some(bytes)) => bytes,
             Ok(None) => {
                 self.still_there()?;
@@ -111,7 +124,6 @@ impl FilmStore {
             }
             Err(e) => return Err(e.into()),
         };
-        let rect = self.shard_rect(output, shard);
         let grid = (sh / self.spec.chunk, sw / self.spec.chunk);
         let flaw = self.encoder.check(&bytes, (rect.height, rect.width), grid).err();
         let finding = flaw.map(|flaw| {
@@ -136,11 +148,11 @@ impl FilmStore {
         let mut wrong = |key: &str, reason: &str| {
             findings.push(Finding::Metadata { key: key.into(), reason: reason.into() });
         };
-        let group = json(&self.directory, "zarr.json")?.unwrap_or_default();
+        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
         let copies = &group["consolidated_metadata"]["metadata"];
         let mut check = |name: &str, expected: &Value| -> Result<(), FilmError> {
             let key = format!("{name}/zarr.json");
-            if json(&self.directory, &key)?.as_ref() != Some(expected) {
+            if json(&self.store, &key)?.as_ref() != Some(expected) {
                 wrong(&key, "not the metadata of this film's layout");
             }
             if copies.get(name) != Some(expected) {
@@ -157,7 +169,7 @@ impl FilmStore {
         }
         for (name, (_, bytes)) in &coordinates {
             let key = format!("{name}/c/0");
-            if self.directory.read_at_most(&key, bytes.len() as u64).ok().flatten().as_ref() != Some(bytes) {
+            if self.store.read_at_most(&key, bytes.len() as u64).ok().flatten().as_ref() != Some(bytes) {
                 wrong(&key, "not the coordinate of this film");
             }
         }

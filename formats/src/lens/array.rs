@@ -53,7 +53,7 @@ impl<'a> PackArray<'a> {
         let key = format!("{name}/zarr.json");
         let Some(bytes) = store
             .read(&key, METADATA_LIMIT)
-            .map_err(|e| bad(format!("its zarr.json cannot be read: {e}")))?
+            .map_err(|e| store.unread(e, |e| bad(format!("its zarr.json cannot be read: {e}"))))?
         else {
             return Ok(None);
         };
@@ -177,7 +177,7 @@ impl<'a> PackArray<'a> {
                 Ok(Some(bytes)) => held = held.saturating_add(bytes),
                 Ok(None) if self.fill_is_zero => missing = missing.or(Some(self.key(index))),
                 Ok(None) => return Err(self.missing_chunk(self.key(index))),
-                Err(e) => return Err(self.damaged(index, e.to_string())),
+                Err(e) => return Err(self.store.unread(e, |e| self.damaged(index, e))),
             }
         }
         if let (0, Some(chunk)) = (held, &missing) {
@@ -231,7 +231,7 @@ impl<'a> PackArray<'a> {
         let encoded = self
             .store
             .read(&self.key(index), 2 * expected + (64 << 10))
-            .map_err(|e| self.damaged(index, e.to_string()))?;
+            .map_err(|e| self.store.unread(e, |e| self.damaged(index, e)))?;
         let Some(encoded) = encoded else { return Ok(None) };
         let payload = if self.crc_last { encoded.len().saturating_sub(4) } else { encoded.len() };
         guard::check(&self.compressor, &encoded[..payload], expected)

@@ -23,7 +23,7 @@ impl<'a> Attributes<'a> {
                 return Err(not("it is a Zarr v2 group".into()));
             }
             Ok(None) => return Err(not("it has no zarr.json".into())),
-            Err(e) => return Err(not(format!("its zarr.json cannot be read: {e}"))),
+            Err(e) => return Err(store.unread(e, |e| not(format!("its zarr.json cannot be read: {e}")))),
         };
         let mut json: Value =
             serde_json::from_slice(&bytes).map_err(|e| not(format!("its zarr.json is not JSON: {e}")))?;

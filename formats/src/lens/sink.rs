@@ -4,6 +4,7 @@
 //! rename are synced, so this also holds after a power cut.
 
 use super::error::LensPackError;
+use crate::durable::is_url;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -19,6 +20,10 @@ pub(super) struct Sink {
 impl Sink {
     /// Starts a .zip if `path` ends in `.zip`, else a directory.
     pub(super) fn create(path: &Path) -> Result<Self, LensPackError> {
+        if is_url(path) {
+            let source = io::Error::other("packs are written to files; write it here and copy it there");
+            return Err(LensPackError::Io { path: path.into(), action: "create the lens pack", source });
+        }
         if path.symlink_metadata().is_ok() {
             return Err(LensPackError::Exists { path: path.into() });
         }

@@ -1,9 +1,12 @@
-//! Where a pack's bytes lie: a directory, a .zip of it, or a .zip inside the program. Keys as in Zarr: `psf/0/zarr.json`.
+//! Where a pack's bytes lie: a directory, objects below a URL, a .zip of them, or a .zip inside the program. Keys as in Zarr:
+//! `psf/0/zarr.json`.
 //!
 //! A zip may hold the group at its root or in one top-level directory. Nothing is read that is longer than the caller
 //! expects, and no size in a header is believed before the bytes are there.
 
+use super::array::METADATA_LIMIT;
 use super::error::LensPackError;
+use crate::durable::{DurableError, Objects, is_url, passes};
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, Cursor, Read, Seek};
@@ -11,6 +14,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
 use zip::result::ZipError;
+
+/// Bytes of a .zip that is an object, fetched at once.
+const AT_ONCE: usize = 1 << 20;
 
 trait ReadSeek: Read + Seek + Send {}
 impl<T: Read + Seek + Send> ReadSeek for T {}
@@ -24,12 +30,16 @@ pub(super) struct Store {
 
 enum Kind {
     Directory,
+    Objects(Objects),
     Zip { archive: Mutex<ZipArchive<Box<dyn ReadSeek>>>, prefix: String },
 }
 
 impl Store {
-    /// A directory, or a .zip file.
+    /// A directory, a .zip file, or one of the two at a URL.
     pub(super) fn open(path: &Path) -> Result<Self, LensPackError> {
+        if is_url(path) {
+            return Self::objects(path);
+        }
         let io = |source| LensPackError::Io { path: path.into(), action: "open the lens pack", source };
         let meta = match std::fs::metadata(path) {
             Ok(meta) => meta,
@@ -51,19 +61,54 @@ impl Store {
         Self::zip(path.into(), Box::new(BufReader::new(file)))
     }
 
+    fn objects(url: &Path) -> Result<Self, LensPackError> {
+        let io = |source: DurableError| LensPackError::Io {
+            path: url.into(),
+            action: "open the lens pack",
+            source: source.into(),
+        };
+        let objects = Objects::at(url).map_err(io)?;
+        if objects.read_at_most("zarr.json", METADATA_LIMIT).map_err(io)?.is_some() {
+            return Ok(Self { path: url.into(), kind: Kind::Objects(objects) });
+        }
+        match objects.size_of("").map_err(io)? {
+            Some(size) => Self::zip(
+                url.into(),
+                Box::new(BufReader::with_capacity(AT_ONCE, Object { objects, size, at: 0 })),
+            ),
+            None => Err(LensPackError::NotFound { path: url.into() }),
+        }
+    }
+
     /// A .zip in memory; `path` is what errors call it.
     pub(super) fn bytes(path: PathBuf, bytes: Cow<'static, [u8]>) -> Result<Self, LensPackError> {
         Self::zip(path, Box::new(Cursor::new(bytes)))
     }
 
     fn zip(path: PathBuf, reader: Box<dyn ReadSeek>) -> Result<Self, LensPackError> {
-        let archive = ZipArchive::new(reader)
-            .map_err(|e| LensPackError::Zip { path: path.clone(), problem: e.to_string() })?;
+        let archive = ZipArchive::new(reader).map_err(|e| match e {
+            ZipError::Io(source) if passes(&source) => {
+                LensPackError::Io { path: path.clone(), action: "read the lens pack", source }
+            }
+            e => LensPackError::Zip { path: path.clone(), problem: e.to_string() },
+        })?;
         let prefix = match group_prefix(&archive) {
             Ok(prefix) => prefix,
             Err(problem) => return Err(LensPackError::NotAPack { path, problem }),
         };
         Ok(Self { path, kind: Kind::Zip { archive: Mutex::new(archive), prefix } })
+    }
+
+    /// The error for what cannot be read: it may be sound if that may pass, else it is what `otherwise` says.
+    pub(super) fn unread(
+        &self,
+        e: io::Error,
+        otherwise: impl FnOnce(String) -> LensPackError,
+    ) -> LensPackError {
+        match passes(&e) {
+            true => LensPackError::Io { path: self.path.clone(), action: "read the lens pack", source: e },
+            false => otherwise(e.to_string()),
+        }
     }
 
     /// Stored length of a key's value in bytes; `None` = no such key.
@@ -74,11 +119,13 @@ impl Store {
                 Ok(_) => Ok(None),
                 Err(e) => absent(e),
             },
+            Kind::Objects(objects) => Ok(objects.size_of(key)?),
             Kind::Zip { archive, prefix } => {
                 let mut archive = archive.lock().unwrap_or_else(PoisonError::into_inner);
                 match archive.by_name(&format!("{prefix}{key}")) {
                     Ok(file) => Ok(Some(file.compressed_size())),
                     Err(ZipError::FileNotFound) => Ok(None),
+                    Err(ZipError::Io(e)) => Err(e),
                     Err(e) => Err(io::Error::other(e)),
                 }
             }
@@ -92,15 +139,48 @@ impl Store {
                 Ok(file) => read_up_to(file, limit).map(Some),
                 Err(e) => absent(e),
             },
+            Kind::Objects(objects) => Ok(objects.read_at_most(key, limit)?),
             Kind::Zip { archive, prefix } => {
                 let mut archive = archive.lock().unwrap_or_else(PoisonError::into_inner);
                 match archive.by_name(&format!("{prefix}{key}")) {
                     Ok(file) => read_up_to(file, limit).map(Some),
                     Err(ZipError::FileNotFound) => Ok(None),
+                    Err(ZipError::Io(e)) => Err(e),
                     Err(e) => Err(io::Error::other(e)),
                 }
             }
         }
+    }
+}
+
+/// A .zip that is an object, read in parts.
+struct Object {
+    objects: Objects,
+    size: u64,
+    at: u64,
+}
+
+impl Read for Object {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let length = (self.size.saturating_sub(self.at)).min(out.len() as u64);
+        let Some(at) = i64::try_from(self.at).ok().filter(|_| length > 0) else { return Ok(0) };
+        let bytes = self.objects.read_range("", at, length)?;
+        let bytes = bytes.ok_or_else(|| io::Error::other("the object vanished while it was read"))?;
+        out[..bytes.len()].copy_from_slice(&bytes);
+        self.at += length;
+        Ok(bytes.len())
+    }
+}
+
+impl Seek for Object {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        let at = match to {
+            io::SeekFrom::Start(n) => Some(n),
+            io::SeekFrom::End(n) => self.size.checked_add_signed(n),
+            io::SeekFrom::Current(n) => self.at.checked_add_signed(n),
+        };
+        self.at = at.ok_or_else(|| io::Error::from(io::ErrorKind::InvalidInput))?;
+        Ok(self.at)
     }
 }
 

@@ -1,11 +1,11 @@
-//! A PNG appears whole or not at all: temp name in the same folder → write → fsync → rename.
+//! A picture appears whole or not at all: temp name in the same folder → write → fsync → rename.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::path::Path;
 
 use super::PictureError;
+use crate::durable::WholeFile;
 use pipeline::geometry::Size;
 
 /// Bytes collected before they become a chunk of the PNG: at the encoder's own 4 KiB a third of the chunks' headers
@@ -15,19 +15,14 @@ const CHUNK_BYTES: usize = 1 << 16;
 /// Writes a file by `fill`, atomically.
 pub(super) fn write_atomic<T>(
     path: &Path,
-    fill: impl FnOnce(&mut BufWriter<File>) -> Result<T, PictureError>,
+    fill: impl FnOnce(&mut BufWriter<&File>) -> Result<T, PictureError>,
 ) -> Result<T, PictureError> {
-    static COUNT: AtomicU32 = AtomicU32::new(0);
     let failed = |source| PictureError::Write { path: path.to_owned(), source };
-    let name = path.file_name().ok_or_else(|| failed(std::io::ErrorKind::InvalidFilename.into()))?;
-    let nonce = COUNT.fetch_add(1, Ordering::Relaxed);
-    let name = format!(".{}.{}-{nonce}.tmp", name.to_string_lossy(), std::process::id());
-    let guard = Temporary(path.with_file_name(name));
-    let file = OpenOptions::new().write(true).create_new(true).open(&guard.0).map_err(failed)?;
-    let mut out = BufWriter::new(file);
+    let whole = WholeFile::create(path)?;
+    let mut out = BufWriter::new(whole.file());
     let done = fill(&mut out)?;
-    out.into_inner().map_err(|e| failed(e.into_error()))?.sync_all().map_err(failed)?;
-    fs::rename(&guard.0, path).map_err(failed)?;
+    out.into_inner().map_err(|e| failed(e.into_error()))?;
+    whole.finish()?;
     Ok(done)
 }
 
@@ -36,16 +31,6 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<(), PictureError> {
     write_atomic(path, |out| {
         out.write_all(text.as_bytes()).map_err(|source| PictureError::Write { path: path.to_owned(), source })
     })
-}
-
-/// Removes what was begun, unless it has been renamed.
-struct Temporary(PathBuf);
-
-impl Drop for Temporary {
-    fn drop(&mut self) {
-        // Gone after a rename; otherwise the error that brought us here is the one to tell.
-        let _ = fs::remove_file(&self.0);
-    }
 }
 
 /// What the samples of a PNG are.
@@ -105,9 +90,47 @@ pub(super) fn write_png<T>(
     })
 }
 
+/// Writes a BigTIFF of three 16-bit samples a pixel, sRGB-encoded, row by row: `fill` gets what takes one row of samples.
+pub(super) fn write_tiff<T>(
+    path: &Path,
+    size: Size,
+    comment: &str,
+    fill: impl FnOnce(&mut (dyn FnMut(&[u16]) -> Result<(), PictureError> + Send)) -> Result<T, PictureError>,
+) -> Result<T, PictureError> {
+    let encode = |source| match source {
+        tiff::TiffError::IoError(source) => PictureError::Write { path: path.to_owned(), source },
+        source => PictureError::Tiff { path: path.to_owned(), source },
+    };
+    let side = |n: usize| {
+        u32::try_from(n).map_err(|_| PictureError::Setting {
+            setting: "max_side",
+            problem: format!("a TIFF has at most {} pixels a side, not {n}", u32::MAX),
+        })
+    };
+    let (width, height) = (side(size.width)?, side(size.height)?);
+    write_atomic(path, |out| {
+        let mut encoder = tiff::encoder::TiffEncoder::new_big(out).map_err(encode)?;
+        let mut image =
+            encoder.new_image::<tiff::encoder::colortype::RGB16>(width, height).map_err(encode)?;
+        image.encoder().write_tag(tiff::tags::Tag::ImageDescription, comment).map_err(encode)?;
+        let mut strip = Vec::new();
+        let done = fill(&mut |row: &[u16]| {
+            strip.extend_from_slice(row);
+            if strip.len() as u64 == image.next_strip_sample_count() {
+                image.write_strip(&strip).map_err(encode)?;
+                strip.clear();
+            }
+            Ok(())
+        })?;
+        image.finish().map_err(encode)?;
+        Ok(done)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn a_picture_that_fails_leaves_nothing_behind() {

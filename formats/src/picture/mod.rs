@@ -1,8 +1,8 @@
 //! Pictures of charts, films and lenses: PNG (and SVG) for people to look at, never a data format.
 //!
-//! [`preview`] shows a stack of bands in colour, [`grey`] one band; both read any [`ChartSource`] once (twice where the
+//! [`preview`] shows a stack of bands in colour ([`streamed`]: of any size), [`grey`] one band; both read any [`ChartSource`] once (twice where the
 //! exposure of a grey picture is to be found) in strips, averaging over area on the way (`average.rs`), so that memory
-//! holds the picture, or only a strip, never the cube. [`exposure`] says which value becomes white. [`sheet`] sets
+//! holds the picture, or only a strip, never the cube. [`exposure`] says which value becomes white, [`tone`] how values become bytes. [`sheet`] sets
 //! crops side by side, [`curve`] plots a lens's tables and [`mod@plot`] any curves, [`drawing`] shapes to scale, through the marks of [`figure`]; all draw on the [`image`].
 //! A file appears whole or not at all: `file.rs` writes under another name and renames.
 //!
@@ -22,6 +22,8 @@ pub mod image;
 pub mod plot;
 pub mod preview;
 pub mod sheet;
+pub mod streamed;
+pub mod tone;
 
 use std::path::PathBuf;
 
@@ -62,6 +64,17 @@ pub enum PictureError {
         /// What the encoder says.
         source: png::EncodingError,
     },
+    /// The TIFF cannot be encoded.
+    #[error("encoding the picture {}: {source}", path.display())]
+    Tiff {
+        /// The file asked for.
+        path: PathBuf,
+        /// What the encoder says.
+        source: tiff::TiffError,
+    },
+    /// The file cannot be made, flushed or given its name.
+    #[error("writing the picture: {0}")]
+    Storage(#[from] crate::durable::DurableError),
     /// No band at the wavelength asked for.
     #[error(
         "no band within {BAND_TOLERANCE_NM} nm of {wanted_nm} nm; the nearest is {nearest_nm} nm, and there are {} nm",

@@ -10,6 +10,7 @@
 //! and (nearly) hue stay, saturation gives way. Luminance beyond white is white, below zero black.
 //! Left out: tone curves, veiling glare, colour appearance in dim light.
 
+use std::collections::VecDeque;
 use std::path::Path;
 
 use pipeline::colour::{self, Illuminant};
@@ -77,27 +78,13 @@ pub fn preview(
     if let Some(problem) = options.exposure.problem() {
         return Err(PictureError::Setting { setting: "exposure", problem });
     }
-    let light = match options.white {
-        White::Illuminant(light) => light,
-        White::Scene => Illuminant::D65,
-    };
-    let weights = colour::srgb_weights(bands_nm, |nm| light.relative_power(nm) / 100.0);
-    if weights.iter().flatten().all(|&w| w == 0.0) {
-        return Err(PictureError::Invisible { bands_nm: bands_nm.to_vec(), white: light.name() });
-    }
-    // A band that adds less than 1e-12 of the white cannot be seen, but would be read, and might be missing.
-    let seen: Vec<usize> =
-        (0..weights.len()).filter(|&b| weights[b].iter().any(|w| w.abs() > 1e-12)).collect();
+    let seen = Seen::new(bands_nm, options.white)?;
     let grid = Grid::new(source.size(), &options.view)?;
-    let mut linear = vec![[0f32; 3]; grid.out.pixels()];
-    let missing_samples =
-        stream(source, &seen, &grid, options.view.threads, progress, &mut |position, y, means| {
-            let w = weights[seen[position]].map(|w| w as f32);
-            let row = &mut linear[y * grid.out.width..][..grid.out.width];
-            // NaN stays NaN in the sum: a pixel missing in one band is missing.
-            row.iter_mut().zip(means).for_each(|(p, &v)| (0..3).for_each(|c| p[c] += w[c] * v));
-            Ok(())
-        })?;
+    let mut linear = Vec::with_capacity(grid.out.pixels());
+    let missing_samples = seen.rows(source, &grid, options.view.threads, progress, &mut |_, row| {
+        linear.extend_from_slice(row);
+        Ok(())
+    })?;
     let factor = |pixels: &[[f32; 3]]| {
         let mut levels = Levels::default();
         pixels.iter().for_each(|p| levels.add(luminance(p.map(f64::from)) as f32));
@@ -145,7 +132,64 @@ pub fn write_preview(
     Ok(shown)
 }
 
-fn luminance(rgb: [f64; 3]) -> f64 {
+/// Takes a row of the picture in linear sRGB, and its number.
+type TakeRow<'a> = dyn FnMut(usize, &[[f32; 3]]) -> Result<(), PictureError> + Send + 'a;
+
+/// The bands that an eye sees, and what each adds to linear sRGB.
+pub(super) struct Seen {
+    bands: Vec<usize>,
+    weights: Vec<[f32; 3]>,
+}
+
+impl Seen {
+    pub(super) fn new(bands_nm: &[f64], white: White) -> Result<Self, PictureError> {
+        let light = match white {
+            White::Illuminant(light) => light,
+            White::Scene => Illuminant::D65,
+        };
+        let weights = colour::srgb_weights(bands_nm, |nm| light.relative_power(nm) / 100.0);
+        if weights.iter().flatten().all(|&w| w == 0.0) {
+            return Err(PictureError::Invisible { bands_nm: bands_nm.to_vec(), white: light.name() });
+        }
+        // A band that adds less than 1e-12 of the white cannot be seen, but would be read, and might be missing.
+        let bands: Vec<usize> =
+            (0..weights.len()).filter(|&b| weights[b].iter().any(|w| w.abs() > 1e-12)).collect();
+        let weights = bands.iter().map(|&b| weights[b].map(|w| w as f32)).collect();
+        Ok(Self { bands, weights })
+    }
+
+    /// Reads the source once and hands on the picture's rows, top to bottom, in linear sRGB; the number of missing samples.
+    pub(super) fn rows(
+        &self,
+        source: &dyn ChartSource,
+        grid: &Grid,
+        threads: usize,
+        progress: Progress<'_>,
+        each: &mut TakeRow<'_>,
+    ) -> Result<u64, PictureError> {
+        let last = self.bands.len() - 1;
+        // Rows that lack bands still: a strip's.
+        let mut open: VecDeque<Vec<[f32; 3]>> = VecDeque::new();
+        let mut first = 0;
+        stream(source, &self.bands, grid, threads, progress, &mut |position, y, means| {
+            while open.len() <= y - first {
+                open.push_back(vec![[0.0; 3]; grid.out.width]);
+            }
+            let w = self.weights[position];
+            // NaN stays NaN in the sum: a pixel missing in one band is missing.
+            open[y - first].iter_mut().zip(means).for_each(|(p, &v)| (0..3).for_each(|c| p[c] += w[c] * v));
+            if position == last
+                && let Some(row) = open.pop_front()
+            {
+                first += 1;
+                each(y, &row)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+pub(super) fn luminance(rgb: [f64; 3]) -> f64 {
     (0..3).map(|c| LUMINANCE[c] * rgb[c]).sum()
 }
 
@@ -184,13 +228,18 @@ fn times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
 
 /// A linear colour as display bytes, brought into the gamut.
 pub(super) fn display(rgb: [f64; 3]) -> Rgb {
+    encoded(rgb).map(|v| (255.0 * v).round() as u8)
+}
+
+/// A linear colour as sRGB-encoded values 0 to 1, brought into the gamut.
+pub(super) fn encoded(rgb: [f64; 3]) -> [f64; 3] {
     let grey = luminance(rgb).clamp(0.0, 1.0);
     // The largest share of the colour that leaves every channel in 0..1.
     let share = rgb.iter().fold(1f64, |share, &v| {
         let bound = if v > 1.0 { 1.0 - grey } else { grey };
         if (0.0..=1.0).contains(&v) { share } else { share.min(bound / (v - grey).abs()) }
     });
-    rgb.map(|v| (255.0 * colour::srgb_encode(grey + share * (v - grey))).round() as u8)
+    rgb.map(|v| colour::srgb_encode(grey + share * (v - grey)))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use super::average::{Grid, stream};
 use super::exposure::Exposure;
 use super::grey::{GreyOptions, write_grey};
 use super::preview::{PreviewOptions, White, preview, write_preview};
+use super::streamed::{ColourFile, write_streamed};
 use super::{PictureError, View, nearest_band};
 
 /// A stack in memory; strips are as in any source.
@@ -305,4 +306,32 @@ fn settings_that_cannot_be_met_are_refused() {
     ] {
         assert!(matches!(preview(&chart, &[550.0], &options, &|_, _| ()), Err(PictureError::Setting { .. })));
     }
+}
+
+#[test]
+fn pictures_made_row_by_row_are_those_made_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut chart = grey(Size::new(150, 131), Illuminant::D65, |y, x| (y * 131 + x) as f32 / 15000.0);
+    chart.bands[7][4321] = f32::NAN;
+    for (max_side, exposure) in [(None, Exposure::Auto), (Some(47), Exposure::Factor(0.9))] {
+        let view = View { max_side, threads: 3, window: Some(Rect::new(3, 5, 140, 120)) };
+        let options = PreviewOptions { view, exposure, ..PreviewOptions::default() };
+        let (image, whole) = preview(&chart, &bands(), &options, &|_, _| ()).unwrap();
+        let (png, tif) = (folder.path().join("s.png"), folder.path().join("s.tif"));
+        let shown = write_streamed(&png, &chart, &bands(), &options, ColourFile::Png, &|_, _| ()).unwrap();
+        assert_eq!(shown, whole);
+        assert!(open(&png).1 == image.pixels().concat());
+        write_streamed(&tif, &chart, &bands(), &options, ColourFile::Tiff, &|_, _| ()).unwrap();
+        let mut decoder = tiff::decoder::Decoder::new(std::fs::File::open(&tif).unwrap()).unwrap();
+        let (w, h) = (shown.size.width as u32, shown.size.height as u32);
+        assert_eq!(decoder.dimensions().unwrap(), (w, h));
+        let tiff::decoder::DecodingResult::U16(samples) = decoder.read_image().unwrap() else { panic!() };
+        for (fine, coarse) in samples.iter().zip(open(&png).1) {
+            assert!((f64::from(*fine) / 257.0 - f64::from(coarse)).abs() <= 0.51, "{fine} {coarse}");
+        }
+    }
+    let scene = PreviewOptions { white: White::Scene, ..PreviewOptions::default() };
+    let refused =
+        write_streamed(&folder.path().join("n.png"), &chart, &bands(), &scene, ColourFile::Png, &|_, _| ());
+    assert!(refused.unwrap_err().to_string().contains("smaller picture"));
 }

@@ -10,6 +10,7 @@
 //! Gauss): light is moved, none is lost.
 
 pub mod blocks;
+pub mod cuda;
 mod engine;
 pub mod grid;
 pub mod kernel;
@@ -53,7 +54,7 @@ pub trait Spectra {
 pub struct BandPsf {
     band: usize,
     grid: NodeGrid,
-    kernels: NodeKernels,
+    kernels: Arc<NodeKernels>,
     blocks: Blocks,
     engine: Option<Engine>,
     builders: Mutex<Vec<Builder>>,
@@ -96,7 +97,7 @@ impl BandPsf {
     pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels, simd: Simd) -> Self {
         let blocks = Blocks::choose(kernels.size(), &grid);
         let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
-        Self { band, grid, kernels, blocks, engine, builders: Mutex::default() }
+        Self { band, grid, kernels: Arc::new(kernels), blocks, engine, builders: Mutex::default() }
     }
 
     /// How the film is cut.
@@ -112,6 +113,11 @@ impl BandPsf {
     /// The kernels.
     pub fn kernels(&self) -> &NodeKernels {
         &self.kernels
+    }
+
+    /// The kernels, to be kept beyond the stage.
+    pub(crate) fn shared_kernels(&self) -> Arc<NodeKernels> {
+        Arc::clone(&self.kernels)
     }
 
     /// Half the window: how far light is scattered, in film pixels.

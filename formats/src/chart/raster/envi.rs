@@ -4,9 +4,9 @@
 //! Needed: `samples` (columns), `lines` (rows), `bands`, `data type`, `interleave`. Taken where they stand: `header offset` (0),
 //! `byte order` (0: lowest byte first), `wavelength` with `wavelength units` (nanometers or micrometers), `data ignore value`.
 
-use super::npy::Fault;
 use super::{Interleave, RasterLayout, RasterSample};
 use crate::chart::Sample;
+use crate::npy::Fault;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,261 @@
+//! Spectral OpenEXR: every band a channel, in tiles (Fichet, Pacanowski, Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3),
+//! 2021).
+//!
+//! Channels `S0.400,000000nm` (Stokes component 0 of emissive light, the wavelength with a decimal comma: a point would begin a
+//! layer's name), sorted by name as OpenEXR wants it; attributes `spectralLayoutVersion` "1.0" and `emissiveUnits`. f32 holds the
+//! samples bit for bit, `half` (IEEE binary16) rounds to 11 bits (2⁻¹¹ of the value; below 6.1e-5 steps of 6e-8), and refuses what
+//! exceeds 65504. ZIP (16 lines at a time) and PIZ (wavelets, quicker) lose nothing.
+//! A tile needs all bands at once: [`super::regions`] says what is read. Tiles of a region are compressed on all threads; where in
+//! the file they lie follows from the regions, what they hold does not.
+//! Left out: the optional RGB channels for viewers that know no spectra, reflective (`T`) and polarised (`S1`-`S3`) channels.
+
+use std::io::BufWriter;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
+
+use ::exr::block::chunk::Chunk;
+use ::exr::block::writer::ChunksWriter;
+use ::exr::block::{BlockIndex, UncompressedBlock};
+use ::exr::meta::attribute::{
+    AttributeValue, ChannelDescription, LevelMode, SampleType, Text, TileDescription,
+};
+use ::exr::meta::header::{Header, LayerAttributes};
+use ::exr::meta::{BlockDescription, attribute::LineOrder};
+use ::exr::prelude::{Compression, SmallVec, Vec2};
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use pipeline::geometry::Rect;
+
+use super::in_order::in_order;
+use super::regions::{Regions, cut};
+use super::{ExportError, Progress, Samples, Written};
+use crate::durable::{DurableError, WholeFile};
+
+/// How tiles are compressed; none of it loses anything.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Packing {
+    /// Deflate, 16 lines at a time.
+    #[default]
+    Zip,
+    /// Wavelets and Huffman codes.
+    Piz,
+    /// As they are.
+    None,
+}
+
+/// How the file is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExrOptions {
+    /// 16-bit floats.
+    pub half: bool,
+    /// Compression.
+    pub packing: Packing,
+    /// What is read at once.
+    pub regions: Regions,
+}
+
+impl ExrOptions {
+    /// Bytes of a sample.
+    pub const fn sample_bytes(half: bool) -> usize {
+        if half { 2 } else { 4 }
+    }
+}
+
+/// The channel of a wavelength.
+pub fn channel_name(nm: f64) -> String {
+    format!("S0.{nm:.6}nm").replacen('.', "\u{1}", 1).replace('.', ",").replace('\u{1}', ".")
+}
+
+/// Writes the file.
+///
+/// # Errors
+/// [`ExportError`]; there is no new file then.
+pub fn write_exr(
+    path: &Path,
+    samples: &Samples<'_>,
+    options: &ExrOptions,
+    progress: Progress<'_>,
+) -> Result<Written, ExportError> {
+    let (header, order) = header(path, samples, options)?;
+    let whole = WholeFile::create(path)?;
+    let out = BufWriter::with_capacity(1 << 20, whole.file());
+    // The encoder has its own errors; ours is kept beside.
+    let mut met = None;
+    let mut missing = 0;
+    let headers = SmallVec::from_vec(vec![header]);
+    let result = ::exr::block::write(out, headers, true, |meta, writer| {
+        let work = Work { path, samples, options, order: &order, headers: &meta.headers };
+        work.write(writer, progress).map(|n| missing = n).map_err(|e| {
+            met = Some(e);
+            ::exr::error::Error::Aborted
+        })
+    });
+    if let Some(error) = met {
+        return Err(error);
+    }
+    result.map_err(|e| failed(path, e))?;
+    let bytes = whole.file().metadata().map_err(|e| DurableError::io("look up", path, 0, e))?.len();
+    whole.finish()?;
+    Ok(Written { bytes, missing })
+}
+
+/// The header, and which band each channel is.
+fn header(
+    path: &Path,
+    samples: &Samples<'_>,
+    options: &ExrOptions,
+) -> Result<(Header, Vec<usize>), ExportError> {
+    let wrong = |what, expected: &str, found: String| ExportError::Format {
+        path: path.into(),
+        what,
+        expected: expected.into(),
+        found,
+    };
+    let window = samples.window;
+    if window.height.max(window.width) > i32::MAX as usize {
+        return Err(wrong("side in pixels", "at most 2147483647", format!("{}", window.size())));
+    }
+    let mut order: Vec<usize> = (0..samples.bands()).collect();
+    let names: Vec<String> = samples.wavelengths_nm.iter().map(|&nm| channel_name(nm)).collect();
+    order.sort_by(|&a, &b| names[a].cmp(&names[b]));
+    if let Some(two) = order.windows(2).find(|two| names[two[0]] == names[two[1]]) {
+        let found = format!("bands {} and {} at {}", two[0], two[1], samples.wavelengths_nm[two[0]]);
+        return Err(wrong("wavelengths", "another one for every band", found));
+    }
+    let sample = if options.half { SampleType::F16 } else { SampleType::F32 };
+    let channels = order.iter().map(|&b| ChannelDescription::new(names[b].as_str(), sample, true));
+    let compression = match options.packing {
+        Packing::Zip => Compression::ZIP16,
+        Packing::Piz => Compression::PIZ,
+        Packing::None => Compression::Uncompressed,
+    };
+    let tile = TileDescription {
+        tile_size: Vec2(options.regions.tile, options.regions.tile),
+        level_mode: LevelMode::Singular,
+        rounding_mode: ::exr::math::RoundingMode::Down,
+    };
+    let size = Vec2(window.width, window.height);
+    let text = |t: &str| AttributeValue::Text(Text::new_or_panic(plain(t)));
+    let comments = Some(Text::new_or_panic(plain(samples.description)));
+    let mut attributes = LayerAttributes { comments, ..LayerAttributes::default() };
+    attributes.other.insert(Text::new_or_panic("spectralLayoutVersion"), text("1.0"));
+    attributes.other.insert(Text::new_or_panic("emissiveUnits"), text(samples.units.unwrap_or("unknown")));
+    let header = Header::new(Text::new_or_panic("spectrum"), size, channels.collect())
+        .with_encoding(compression, BlockDescription::Tiles(tile), LineOrder::Unspecified)
+        .with_attributes(attributes);
+    Ok((header, order))
+}
+
+/// Texts of the format are Latin characters of one byte.
+fn plain(text: &str) -> String {
+    text.chars().map(|c| if c.is_ascii() || c == 'µ' || c == '²' { c } else { '?' }).collect()
+}
+
+struct Work<'a> {
+    path: &'a Path,
+    samples: &'a Samples<'a>,
+    options: &'a ExrOptions,
+    order: &'a [usize],
+    headers: &'a [Header],
+}
+
+impl Work<'_> {
+    /// All regions; the number of missing samples.
+    fn write(&self, writer: &mut impl ChunksWriterSend, progress: Progress<'_>) -> Result<u64, ExportError> {
+        let (samples, regions) = (self.samples, self.options.regions);
+        let window = samples.window;
+        let total = (samples.bands() * window.size().pixels()) as u64;
+        let across = window.width.div_ceil(regions.tile);
+        let (mut missing, mut done) = (0, 0);
+        let mut pixels = Vec::new();
+        for region in regions.rects(window) {
+            missing += self.read(region, &mut pixels)?;
+            let tiles: Vec<Rect> =
+                cut(region, pipeline::geometry::Size::new(regions.tile, regions.tile), false).collect();
+            let make = |n: usize| self.compress(region, tiles[n], &pixels);
+            in_order(tiles.len(), samples.threads, make, |n, chunk: Chunk| {
+                let tile = tiles[n];
+                let (row, column) = ((tile.y - window.y) as usize, (tile.x - window.x) as usize);
+                let index = row / regions.tile * across + column / regions.tile;
+                writer.write_chunk(index, chunk).map_err(|e| failed(self.path, e))?;
+                done += (tile.size().pixels() * samples.bands()) as u64;
+                progress(done, total);
+                Ok(())
+            })?;
+        }
+        Ok(missing)
+    }
+
+    /// All bands of a region, side by side.
+    fn read(&self, region: Rect, pixels: &mut Vec<f32>) -> Result<u64, ExportError> {
+        let n = region.size().pixels();
+        pixels.resize(n * self.samples.bands(), 0.0);
+        let bands: Vec<_> = pixels.chunks_exact_mut(n).map(std::sync::Mutex::new).collect();
+        let (next, missing) = (AtomicUsize::new(0), AtomicU64::new(0));
+        let work = || -> Result<(), ExportError> {
+            loop {
+                let band = next.fetch_add(1, Relaxed);
+                let Some(out) = bands.get(band) else { return Ok(()) };
+                let mut out = out.lock().expect("each band has one reader");
+                let count = self
+                    .samples
+                    .read(band, region, &mut out)
+                    .inspect_err(|_| next.store(bands.len(), Relaxed))?;
+                missing.fetch_add(count, Relaxed);
+            }
+        };
+        std::thread::scope(|s| {
+            let threads: Vec<_> = (0..self.samples.threads.max(1)).map(|_| s.spawn(work)).collect();
+            threads.into_iter().try_for_each(|t| t.join().expect("readers return their errors"))
+        })?;
+        Ok(missing.into_inner())
+    }
+
+    /// One tile out of a region: its lines, in each line every channel.
+    fn compress(&self, region: Rect, tile: Rect, pixels: &[f32]) -> Result<Chunk, ExportError> {
+        let n = region.size().pixels();
+        let bytes = ExrOptions::sample_bytes(self.options.half);
+        let mut data = Vec::with_capacity(tile.size().pixels() * self.order.len() * bytes);
+        let mut halves = vec![f16::ZERO; tile.width];
+        for y in tile.y..tile.bottom() {
+            for &band in self.order {
+                let first = band * n + (y - region.y) as usize * region.width + (tile.x - region.x) as usize;
+                let line = &pixels[first..first + tile.width];
+                if !self.options.half {
+                    line.iter().for_each(|v| data.extend(v.to_ne_bytes()));
+                    continue;
+                }
+                halves.convert_from_f32_slice(line);
+                if let Some(k) = (0..line.len()).find(|&k| halves[k].is_infinite() && line[k].is_finite()) {
+                    let (path, row, value) = (self.path.into(), y as usize, line[k]);
+                    return Err(ExportError::Half { path, band, row, column: tile.x as usize + k, value });
+                }
+                halves.iter().for_each(|v| data.extend(v.to_ne_bytes()));
+            }
+        }
+        let window = self.samples.window;
+        let index = BlockIndex {
+            layer: 0,
+            pixel_position: Vec2((tile.x - window.x) as usize, (tile.y - window.y) as usize),
+            pixel_size: Vec2(tile.width, tile.height),
+            level: Vec2(0, 0),
+        };
+        UncompressedBlock { index, data }.compress_to_chunk(self.headers).map_err(|e| failed(self.path, e))
+    }
+}
+
+/// A writer that threads hand chunks to.
+trait ChunksWriterSend: ChunksWriter + Send {}
+impl<W: ChunksWriter + Send> ChunksWriterSend for W {}
+
+fn failed(path: &Path, error: ::exr::error::Error) -> ExportError {
+    match error {
+        ::exr::error::Error::Io(e) => DurableError::io("write", path, 0, e).into(),
+        other => ExportError::Format {
+            path: path.into(),
+            what: "encoding",
+            expected: "an EXR that can hold it".into(),
+            found: other.to_string(),
+        },
+    }
+}

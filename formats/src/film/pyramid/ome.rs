@@ -1,0 +1,101 @@
+//! What the film's group tells other programs of its pyramid: OME-Zarr 0.5, `multiscales` and `omero`.
+//!
+//! Axes have the names of the arrays' dimensions, as 0.5 demands. A pixel of level n is 2ⁿ film pixels wide, and the middle
+//! of level n's first one lies (2ⁿ − 1)/2 film pixels beyond that of the film's: scale and translation in mm from the
+//! optical axis. `omero` is a hint for viewers: the bands' names, the range that shows the last level without
+//! clipping more than 1 % of it, and three bands in red, green and blue where there are as many, the others off.
+
+use pipeline::geometry::Rect;
+use serde_json::{Value, json};
+
+use super::super::{FilmStore, spec::FilmSpec};
+use super::level_sizes;
+use crate::picture::exposure::{Exposure, Levels};
+
+/// Wavelengths that look most like the primaries of a screen, nm.
+const PRIMARIES: [(f64, &str); 3] = [(610.0, "FF0000"), (550.0, "00FF00"), (460.0, "0000FF")];
+
+/// The attribute `ome` of a film with a pyramid; `whites` are each band's values to be shown as white.
+pub(super) fn ome(film: &FilmStore, whites: &[f64]) -> Value {
+    let spec = film.spec();
+    let multiscales: Vec<Value> = (0..spec.outputs.len()).map(|output| multiscale(film, output)).collect();
+    let colours = colours(&spec.wavelengths_nm);
+    let channel = |band: usize| {
+        json!({
+            "label": format!("{} nm", spec.wavelengths_nm[band]),
+            "color": colours[band].unwrap_or("FFFFFF"),
+            "active": colours[band].is_some(),
+            "window": {"min": 0.0, "max": whites[band], "start": 0.0, "end": whites[band]},
+        })
+    };
+    let channels: Vec<Value> = (0..spec.wavelengths_nm.len()).map(channel).collect();
+    json!({"version": "0.5", "multiscales": multiscales, "omero": {"channels": channels}})
+}
+
+fn multiscale(film: &FilmStore, output: usize) -> Value {
+    let (spec, Rect { y, x, .. }) = (film.spec(), film.spec().outputs[output].rect);
+    let name = &spec.outputs[output].name;
+    let (rows, columns) = FilmSpec::axes(name);
+    let pitch_mm = spec.pitch_um * 1e-3;
+    let dataset = |level: usize| {
+        let side = 2f64.powi(level as i32);
+        let first = |first: i64, axis: f64| (first as f64 - axis + (side - 1.0) / 2.0) * pitch_mm;
+        json!({
+            "path": film.level_path(output, level),
+            "coordinateTransformations": [
+                {"type": "scale", "scale": [1.0, side * pitch_mm, side * pitch_mm]},
+                {"type": "translation", "translation": [0.0, first(y, spec.axis_px.0), first(x, spec.axis_px.1)]},
+            ],
+        })
+    };
+    let levels = level_sizes(spec.outputs[output].rect.size()).len();
+    json!({
+        "name": name,
+        "axes": [
+            {"name": "wavelength", "type": "channel"},
+            {"name": rows, "type": "space", "unit": "millimeter"},
+            {"name": columns, "type": "space", "unit": "millimeter"},
+        ],
+        "datasets": (0..levels).map(dataset).collect::<Vec<_>>(),
+        "type": "mean",
+        "metadata": {"description": "mean over 2 x 2 pixels, missing ones left out"},
+    })
+}
+
+/// The screen's colour of the bands that are to be on.
+fn colours(wavelengths_nm: &[f64]) -> Vec<Option<&'static str>> {
+    let mut colours = vec![None; wavelengths_nm.len()];
+    let nearest = |nm: f64| {
+        let away = |b: &usize| (wavelengths_nm[*b] - nm).abs();
+        (0..wavelengths_nm.len()).min_by(|a, b| away(a).total_cmp(&away(b))).expect("a film has bands")
+    };
+    let bands = PRIMARIES.map(|(nm, colour)| (nearest(nm), colour));
+    if bands[0].0 == bands[1].0 || bands[1].0 == bands[2].0 {
+        colours[bands[1].0] = Some("FFFFFF");
+    } else {
+        bands.iter().for_each(|&(band, colour)| colours[band] = Some(colour));
+    }
+    colours
+}
+
+/// The value that shows a band's pixels without clipping more than 1 % of them.
+pub(super) fn white(pixels: &[f32]) -> f64 {
+    let mut levels = Levels::default();
+    pixels.iter().for_each(|&v| levels.add(v));
+    1.0 / Exposure::Auto.factor(&levels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_bands_are_on_where_there_are_three() {
+        let on = |nm: &[f64]| -> Vec<usize> { (0..nm.len()).filter(|&b| colours(nm)[b].is_some()).collect() };
+        let all: Vec<f64> = (0..31).map(|b| 400.0 + 10.0 * f64::from(b)).collect();
+        assert_eq!(on(&all), [6, 15, 21]);
+        assert_eq!(on(&[450.0, 550.0, 650.0]), [0, 1, 2]);
+        assert_eq!(on(&[900.0, 800.0]), [1]);
+        assert_eq!(on(&[550.0]), [0]);
+    }
+}

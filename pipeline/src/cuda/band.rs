@@ -1,0 +1,200 @@
+//! One band on a device: its stages, the slots that batches of its tiles are computed in, and what is launched for a batch.
+
+use super::memory::{BandMemory, BandNeeds, DeviceQueue};
+use super::pool::{Downloaded, Pinned};
+use super::{CudaError, Device};
+use crate::executor::Work;
+use crate::executor::devices::Batch;
+use crate::executor::feed::Running;
+use crate::geometry::Rect;
+use crate::psf::cuda::{PsfOnDevice, PsfTile};
+use crate::scene::Scene;
+use crate::scene::cuda::{SceneOnDevice, SceneTile};
+use crossbeam::channel::Sender;
+use cudarc::driver::sys::CUevent_flags;
+use cudarc::driver::{CudaEvent, CudaSlice, CudaStream};
+use std::sync::Arc;
+
+/// The streams of a queue: copies in either direction go on beside the kernels.
+#[derive(Debug)]
+pub(crate) struct Streams {
+    upload: Arc<CudaStream>,
+    compute: Arc<CudaStream>,
+    download: Arc<CudaStream>,
+}
+
+impl Streams {
+    /// Streams of a context that is used by nobody else. What one stream needs of another is said here, by events.
+    pub(crate) fn new(device: &Device) -> Result<Self, CudaError> {
+        // SAFETY: buffers are reused once the event behind their last copy or kernel has been waited for by the host, and
+        // `OnDevice::new` waits for all that it has begun.
+        unsafe { device.context.disable_event_tracking() };
+        let stream = || device.context.new_stream().map_err(device.failed("making a stream"));
+        Ok(Self { upload: stream()?, compute: stream()?, download: stream()? })
+    }
+}
+
+/// Device memory for one batch on its way.
+#[derive(Debug)]
+pub(crate) struct Slot {
+    chart: CudaSlice<f32>,
+    scene: CudaSlice<f32>,
+    light: Option<CudaSlice<f32>>,
+}
+
+/// A tile of a batch, its chart in page-locked memory.
+pub(crate) struct Tile {
+    pub(crate) sequence: usize,
+    pub(crate) rect: Rect,
+    pub(crate) chart_rect: Rect,
+    pub(crate) chart: Pinned,
+    /// Where its light will come to.
+    pub(crate) light: Downloaded,
+}
+
+/// A batch on the device, until the last event.
+pub(crate) struct Enqueued {
+    pub(crate) batch: Batch,
+    pub(crate) slot: Slot,
+    pub(crate) tiles: Vec<Tile>,
+    /// Places in the sequence of tiles without a chart.
+    pub(crate) lost: Vec<usize>,
+    pub(crate) events: Events,
+    /// Where the charts' buffers go.
+    pub(crate) home: Sender<Pinned>,
+}
+
+/// Start and end of the batch's part in each stream.
+pub(crate) struct Events {
+    pub(crate) upload: [CudaEvent; 2],
+    pub(crate) compute: [CudaEvent; 2],
+    pub(crate) download: [CudaEvent; 2],
+}
+
+/// What the largest of `tiles` of a band needs. `least_psf`: of its PSF stage, if it has one.
+pub fn needs<'a>(
+    scene: &Scene,
+    tiling: &crate::plan::Tiling,
+    tiles: impl Iterator<Item = &'a (usize, usize)>,
+    least_psf: Option<usize>,
+) -> BandNeeds {
+    let mut needs = BandNeeds { least_psf: least_psf.unwrap_or(0), ..BandNeeds::default() };
+    for &tile in tiles {
+        let rect = tiling.rect(tile);
+        needs.chart_px = needs.chart_px.max(scene.upload_rect(rect).size().pixels());
+        needs.scene_px = needs.scene_px.max(rect.size().pixels());
+        if least_psf.is_some() {
+            needs.light_px = needs.light_px.max(tiling.reach(tile).size().pixels());
+        }
+    }
+    needs
+}
+
+/// A band's stages on a device.
+#[derive(Debug)]
+pub(crate) struct OnDevice {
+    pub(crate) position: usize,
+    pub(crate) memory: BandMemory,
+    pub(crate) needs: BandNeeds,
+    scene: SceneOnDevice,
+    psf: Option<PsfOnDevice>,
+}
+
+impl OnDevice {
+    /// The stages of `band` within the bounds of `queue`, halved `halved` times on the device, and slots for batches.
+    pub(crate) fn new(
+        work: &Work<'_>,
+        band: &Running,
+        queue: &DeviceQueue,
+        halved: u32,
+        streams: &Streams,
+    ) -> Result<(Self, Vec<Slot>), CudaError> {
+        let (device, stages) = (&queue.device, &band.stages);
+        let tiling = &work.bands[band.position].tiling;
+        let least =
+            stages.psf.as_ref().map(|psf| PsfOnDevice::least_bytes(psf.blocks(), psf.grid(), tiling.tile()));
+        let needs = needs(&stages.scene, tiling, band.tiles.iter(), least);
+        let memory = queue.plan(&needs, halved)?;
+        let scene = SceneOnDevice::new(device, &stages.scene)?;
+        let psf = stages.psf.as_ref().map(|psf| PsfOnDevice::new(device, &work.frame, psf, memory.psf_bytes));
+        let psf = psf.transpose()?;
+        let slot = || {
+            let room = |px: usize, what| device.allocate::<f32>(&streams.compute, memory.tiles * px, what);
+            let light = (needs.light_px > 0).then(|| room(needs.light_px, "light")).transpose()?;
+            Ok(Slot { chart: room(needs.chart_px, "charts")?, scene: room(needs.scene_px, "scenes")?, light })
+        };
+        let slots = (0..memory.slots).map(|_| slot()).collect::<Result<_, _>>()?;
+        // Tables and memory are there for every stream.
+        device.context.synchronize().map_err(device.failed("beginning a band"))?;
+        Ok((Self { position: band.position, memory, needs, scene, psf }, slots))
+    }
+
+    /// Sends `tiles` on their way: up, through the stages, down. Nothing of it may be touched before the last event.
+    pub(crate) fn enqueue(
+        &mut self,
+        device: &Device,
+        streams: &Streams,
+        slot: &mut Slot,
+        tiles: &mut [Tile],
+    ) -> Result<Events, CudaError> {
+        let mark = |stream: &CudaStream, doing| {
+            // Timed, and whoever waits for it sleeps.
+            let flags = Some(CUevent_flags::CU_EVENT_BLOCKING_SYNC);
+            stream.record_event(flags).map_err(device.failed(doing))
+        };
+        let after = |stream: &CudaStream, event: &CudaEvent| {
+            stream.wait(event).map_err(device.failed("ordering streams"))
+        };
+        let Streams { upload, compute, download } = streams;
+
+        let up = mark(upload, "uploading charts")?;
+        let mut at = 0;
+        for tile in &*tiles {
+            let n = tile.chart_rect.size().pixels();
+            let to = &mut slot.chart.slice_mut(at..at + n);
+            upload.memcpy_htod(&tile.chart[..n], to).map_err(device.failed("uploading charts"))?;
+            at += n;
+        }
+        let uploaded = mark(upload, "uploading charts")?;
+
+        after(compute, &uploaded)?;
+        let begun = mark(compute, "computing")?;
+        self.compute(compute, slot, tiles)?;
+        let computed = mark(compute, "computing")?;
+
+        after(download, &computed)?;
+        let down = mark(download, "downloading light")?;
+        let (from, mut at) = (slot.light.as_ref().unwrap_or(&slot.scene), 0);
+        for tile in tiles {
+            let to = tile.light.data_mut();
+            let n = to.len();
+            download.memcpy_dtoh(&from.slice(at..at + n), to).map_err(device.failed("downloading light"))?;
+            at += n;
+        }
+        let downloaded = mark(download, "downloading light")?;
+        Ok(Events { upload: [up, uploaded], compute: [begun, computed], download: [down, downloaded] })
+    }
+
+    /// Stages 1-3.
+    fn compute(
+        &mut self,
+        stream: &Arc<CudaStream>,
+        slot: &mut Slot,
+        tiles: &[Tile],
+    ) -> Result<(), CudaError> {
+        let (mut chart_offset, mut scene_offset, mut light_offset) = (0, 0, 0);
+        let (mut scenes, mut lights) = (Vec::new(), Vec::new());
+        for Tile { rect, chart_rect, light, .. } in tiles {
+            scenes.push(SceneTile { rect: *rect, chart_rect: *chart_rect, chart_offset, scene_offset });
+            lights.push(PsfTile { rect: *rect, scene_offset, light_offset, light_stride: light.stride });
+            chart_offset += chart_rect.size().pixels();
+            scene_offset += rect.size().pixels();
+            light_offset += light.data().len();
+        }
+        self.scene.launch(stream, &scenes, &slot.chart, &mut slot.scene)?;
+        if let (Some(psf), Some(light)) = (&mut self.psf, &mut slot.light) {
+            psf.launch(stream, &lights, &slot.scene, light)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,157 @@
+//! Page-locked host memory, which a device copies from and to by itself, and pools of it.
+//!
+//! Ordinary page-locked memory in both directions: write-combined memory would be a little faster to upload from, but charts
+//! look at what they have read (NaN), and reading from it is slow beyond use.
+
+use super::{CudaError, Device};
+use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
+use cudarc::driver::PinnedHostSlice;
+use std::ops::{Deref, DerefMut};
+use std::ptr::NonNull;
+use std::time::Duration;
+
+/// A page-locked buffer. Whoever gives it to a copy keeps it, and does not look at it, until an event behind the copy has been
+/// waited for.
+#[derive(Debug)]
+pub(crate) struct Pinned {
+    /// Where `memory` lies; asking it each time would ask the device, which may be gone by then.
+    start: NonNull<f32>,
+    memory: PinnedHostSlice<f32>,
+}
+
+// SAFETY: the memory belongs to this value alone and lies at one place for all threads.
+unsafe impl Send for Pinned {}
+// SAFETY: shared, it is only read.
+unsafe impl Sync for Pinned {}
+
+impl Pinned {
+    /// `len` zeros.
+    pub(crate) fn zeroed(device: &Device, len: usize) -> Result<Self, CudaError> {
+        let (len, what) = (len.max(1), "page-locked host memory");
+        let refused = |e| device.refused(e, len * size_of::<f32>(), what);
+        // SAFETY: unset memory, set below before anybody reads it.
+        let mut memory = unsafe { device.context.alloc_pinned_with_flags::<f32>(len, 0) }.map_err(refused)?;
+        let start =
+            NonNull::new(memory.as_mut_ptr().map_err(device.failed(what))?).expect("it was allocated");
+        // SAFETY: `len` values from `start` on are this buffer's.
+        unsafe { start.as_ptr().write_bytes(0, len) };
+        Ok(Self { start, memory })
+    }
+}
+
+impl Deref for Pinned {
+    type Target = [f32];
+    fn deref(&self) -> &[f32] {
+        // SAFETY: set values of this buffer, which lives as long as `self`; copies in flight are the owner's concern.
+        unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.memory.len()) }
+    }
+}
+
+impl DerefMut for Pinned {
+    fn deref_mut(&mut self) -> &mut [f32] {
+        // SAFETY: as above, and borrowed by nobody else.
+        unsafe { std::slice::from_raw_parts_mut(self.start.as_ptr(), self.memory.len()) }
+    }
+}
+
+/// Buffers of one length, so many at most, that come home by a channel.
+#[derive(Debug)]
+pub(crate) struct Pool {
+    home: Sender<Pinned>,
+    free: Receiver<Pinned>,
+    len: usize,
+    made: usize,
+    most: usize,
+}
+
+/// How often one who waits for a buffer sees whether the run still goes on.
+const LOOK: Duration = Duration::from_millis(50);
+/// Buffers that are at most so much too long are kept for the next band: to lock pages takes its time.
+const KEPT: f64 = 1.25;
+
+impl Pool {
+    /// Without buffers.
+    pub(crate) fn new() -> Self {
+        let (home, free) = unbounded();
+        Self { home, free, len: 0, made: 0, most: 0 }
+    }
+
+    /// From now on at most `most` buffers of at least `len` values.
+    pub(crate) fn allow(&mut self, most: usize, len: usize) {
+        self.most = most;
+        if len > self.len || KEPT * (len as f64) < self.len as f64 {
+            self.len = len;
+        }
+    }
+
+    /// Where buffers go when they are not needed any more.
+    pub(crate) fn home(&self) -> &Sender<Pinned> {
+        &self.home
+    }
+
+    /// A buffer; `None` when `stopped` while waiting for one. `beyond`: the bound does not hold.
+    pub(crate) fn take(
+        &mut self,
+        device: &Device,
+        beyond: bool,
+        stopped: &dyn Fn() -> bool,
+    ) -> Result<Option<Pinned>, CudaError> {
+        loop {
+            let room = self.made < self.most || beyond;
+            let found = match room {
+                true => self.free.try_recv().map_err(|_| RecvTimeoutError::Timeout),
+                false => self.free.recv_timeout(LOOK),
+            };
+            match found {
+                Ok(pinned) if pinned.len() == self.len && (self.made <= self.most || beyond) => {
+                    return Ok(Some(pinned));
+                }
+                // Of another band, or more than there may be.
+                Ok(_) => self.made -= 1,
+                Err(_) if room => {
+                    let pinned = Pinned::zeroed(device, self.len)?;
+                    self.made += 1;
+                    return Ok(Some(pinned));
+                }
+                Err(_) if stopped() => return Ok(None),
+                Err(_) => (),
+            }
+        }
+    }
+}
+
+/// A tile's light in a pooled buffer, which goes home when this is dropped.
+#[derive(Debug)]
+pub(crate) struct Downloaded {
+    buffer: Option<Pinned>,
+    len: usize,
+    /// Values from one row to the next.
+    pub(crate) stride: usize,
+    home: Sender<Pinned>,
+}
+
+impl Downloaded {
+    /// `len` values in rows `stride` apart, to come into `buffer`.
+    pub(crate) fn new(buffer: Pinned, len: usize, stride: usize, pool: &Pool) -> Self {
+        Self { buffer: Some(buffer), len, stride, home: pool.home.clone() }
+    }
+
+    /// Row-major.
+    pub(crate) fn data(&self) -> &[f32] {
+        &self.buffer.as_deref().expect("there until dropped")[..self.len]
+    }
+
+    /// The same, for a copy.
+    pub(crate) fn data_mut(&mut self) -> &mut [f32] {
+        &mut self.buffer.as_deref_mut().expect("there until dropped")[..self.len]
+    }
+}
+
+impl Drop for Downloaded {
+    fn drop(&mut self) {
+        if let Some(buffer) = self.buffer.take() {
+            // Without a home it is freed.
+            let _ = self.home.send(buffer);
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! Stages 1-2 on a GPU: the field's tables on the device, and launches of `scene.cu` over the tiles of a batch.
+//!
+//! A tile brings the chart rectangle that it needs ([`Scene::upload_rect`]), with its surround in ([`Scene::fill`]), somewhere in
+//! a buffer of charts, and leaves its scene somewhere in a buffer of scenes. Its pixels do not depend on how the film is cut into
+//! tiles, nor on what else a launch holds: a tile whose chart rectangle is too large can go in strips of rows.
+#![allow(unsafe_code)]
+
+use super::Scene;
+use super::map::Map;
+use crate::cuda::{CudaError, Device};
+use crate::field::{Field, Step};
+use crate::geometry::Rect;
+use crate::resample::Interp;
+use cudarc::driver::{CudaFunction, CudaSlice, CudaStream, DeviceRepr, LaunchConfig, PushKernelArg};
+use std::sync::Arc;
+
+/// The kernels, compiled by `scripts/ptx`.
+const PTX: &str = include_str!("scene.ptx");
+
+/// Columns that one anchor serves.
+const SIDE: usize = 16;
+/// Rows and columns of film that a thread block fills: one anchor a thread.
+const AREA_ROWS: usize = 32;
+const AREA_COLS: usize = 128;
+/// Threads of a thread block.
+const THREADS: usize = 256;
+/// Tiles of one launch; descriptors of more would not fit a launch's parameters (4 KB).
+const TILES: usize = 32;
+/// Anchors nearer to the axis than this are not expanded, px (`anchors.rs`).
+const NEAR: f64 = 256.0;
+
+/// What the kernels know of a step of the field: `Step` in `scene.cu`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+struct DeviceStep {
+    from: f64,
+    until: f64,
+    h_at: f64,
+    h_slope: f64,
+    gain_at: f64,
+    gain_slope: f64,
+    clear: (f64, f64),
+    bend: f64,
+    r_slope: f32,
+    outer: (f32, f32),
+    inner: (f32, f32),
+    unused: f32,
+}
+// SAFETY: plain numbers in C's order, as `scene.cu` declares them.
+unsafe impl DeviceRepr for DeviceStep {}
+
+/// `Map` in `scene.cu`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+struct DeviceMap {
+    axis: (f64, f64),
+    offset: (f64, f64),
+    per_scale: (f64, f64),
+    whole: f64,
+    buckets_per_px: f64,
+    last_px: f64,
+    on_axis: (f64, f64),
+    boxes: (f64, f64),
+    buckets: i32,
+    unused: i32,
+}
+// SAFETY: likewise.
+unsafe impl DeviceRepr for DeviceMap {}
+
+/// `Tile` in `scene.cu`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+struct DeviceTile {
+    y: i32,
+    x: i32,
+    height: i32,
+    width: i32,
+    chart_y: i32,
+    chart_x: i32,
+    chart_width: i32,
+    unused: i32,
+    chart_at: i64,
+    scene_at: i64,
+}
+// SAFETY: likewise.
+unsafe impl DeviceRepr for DeviceTile {}
+
+/// A part of the film, and where its chart and its scene lie on the device, rows one after another.
+#[derive(Clone, Copy, Debug)]
+pub struct SceneTile {
+    /// The film rectangle.
+    pub rect: Rect,
+    /// The chart rectangle, no smaller than [`Scene::upload_rect`] of it.
+    pub chart_rect: Rect,
+    /// Its first pixel in the charts.
+    pub chart_offset: usize,
+    /// The scene's first pixel in the scenes.
+    pub scene_offset: usize,
+}
+
+/// Stages 1-2 of one band on one GPU.
+#[derive(Debug)]
+pub struct SceneOnDevice {
+    device: Arc<Device>,
+    kernel: CudaFunction,
+    map: DeviceMap,
+    steps: CudaSlice<DeviceStep>,
+    buckets: CudaSlice<u32>,
+}
+
+impl SceneOnDevice {
+    /// The stage on `device`, its tables there when this returns.
+    ///
+    /// # Errors
+    /// No memory for them, or what else the driver reports.
+    pub fn new(device: &Arc<Device>, scene: &Scene) -> Result<Self, CudaError> {
+        let stream = &device.context.default_stream();
+        let (sy, sx) = scene.frame.scale;
+        let name = match (sy.min(sx) < 1.0, scene.reading.interp) {
+            (true, _) => "scene_mean",
+            (false, Interp::Bicubic) => "scene_bicubic",
+            (false, Interp::Bilinear) => "scene_bilinear",
+        };
+        let steps = device_steps(&scene.field);
+        let (buckets, _) = scene.field.buckets();
+        let mut on_device = Self {
+            kernel: device.kernel(PTX, name)?,
+            map: device_map(scene),
+            steps: device.allocate(stream, steps.len(), "a band's field")?,
+            buckets: device.allocate(stream, buckets.len(), "a band's field")?,
+            device: Arc::clone(device),
+        };
+        let failed = |e| CudaError::new(device.index(), "sending a band's field", e);
+        stream.memcpy_htod(&steps, &mut on_device.steps).map_err(failed)?;
+        stream.memcpy_htod(buckets, &mut on_device.buckets).map_err(failed)?;
+        stream.synchronize().map_err(failed)?;
+        Ok(on_device)
+    }
+
+    /// Bytes of device memory that the stage of `scene` keeps.
+    pub fn bytes(scene: &Scene) -> u64 {
+        let (buckets, _) = scene.field.buckets();
+        (scene.field.steps().len() * size_of::<DeviceStep>() + size_of_val(buckets)) as u64
+    }
+
+    /// Fills the scenes of `tiles` in the order of `stream`.
+    ///
+    /// # Errors
+    /// What the driver reports.
+    ///
+    /// # Panics
+    /// If a tile's chart or scene does not lie within its buffer: a fault of the caller's.
+    pub fn launch(
+        &self,
+        stream: &Arc<CudaStream>,
+        tiles: &[SceneTile],
+        charts: &CudaSlice<f32>,
+        scenes: &mut CudaSlice<f32>,
+    ) -> Result<(), CudaError> {
+        for tile in tiles {
+            assert!(tile.chart_offset + tile.chart_rect.size().pixels() <= charts.len());
+            assert!(tile.scene_offset + tile.rect.size().pixels() <= scenes.len());
+        }
+        for part in tiles.chunks(TILES) {
+            let mut all = [DeviceTile::default(); TILES];
+            all.iter_mut().zip(part).for_each(|(to, tile)| *to = DeviceTile::from(tile));
+            let areas = part.iter().map(|tile| areas(tile.rect));
+            let (rows, cols) = areas.fold((0, 0), |(a, b), (c, d)| (a.max(c), b.max(d)));
+            let shape = LaunchConfig {
+                grid_dim: (cols as u32, rows as u32, part.len() as u32),
+                block_dim: (THREADS as u32, 1, 1),
+                shared_mem_bytes: 0,
+            };
+            let mut launch = stream.launch_builder(&self.kernel);
+            launch.arg(&self.map).arg(&all).arg(&self.steps).arg(&self.buckets).arg(charts).arg(&mut *scenes);
+            // SAFETY: the arguments are those of the kernels in scene.cu; tiles lie within their buffers, and the charts hold
+            // every tap.
+            unsafe { launch.launch(shape) }.map_err(self.device.failed("launching stages 1-2"))?;
+        }
+        Ok(())
+    }
+}
+
+impl From<&SceneTile> for DeviceTile {
+    fn from(tile: &SceneTile) -> Self {
+        let (rect, chart) = (tile.rect, tile.chart_rect);
+        Self {
+            y: rect.y as i32,
+            x: rect.x as i32,
+            height: rect.height as i32,
+            width: rect.width as i32,
+            chart_y: chart.y as i32,
+            chart_x: chart.x as i32,
+            chart_width: chart.width as i32,
+            unused: 0,
+            chart_at: tile.chart_offset as i64,
+            scene_at: tile.scene_offset as i64,
+        }
+    }
+}
+
+/// Thread blocks (down, across) that cover a film rectangle.
+fn areas(rect: Rect) -> (usize, usize) {
+    let before = rect.x.rem_euclid(SIDE as i64) as usize;
+    (rect.height.div_ceil(AREA_ROWS), (before + rect.width).div_ceil(AREA_COLS))
+}
+
+fn device_map(scene: &Scene) -> DeviceMap {
+    let map = Map::new(&scene.frame, &scene.field);
+    let (buckets, buckets_per_px) = scene.field.buckets();
+    let (sy, sx) = scene.frame.scale;
+    DeviceMap {
+        axis: map.axis_px,
+        offset: map.offset,
+        per_scale: map.per_scale,
+        whole: map.whole_columns(),
+        buckets_per_px,
+        last_px: scene.field.last_px(),
+        on_axis: scene.field.at(0.0),
+        boxes: ((1.0 / sy).max(1.0), (1.0 / sx).max(1.0)),
+        buckets: buckets.len() as i32,
+        unused: 0,
+    }
+}
+
+/// The field's steps with what an anchor's pixels see of their neighbours.
+fn device_steps(field: &Field) -> Vec<DeviceStep> {
+    let steps = field.steps();
+    let half = SIDE as f64 / 2.0;
+    let bend = |i: usize| match (1..steps.len()).contains(&i) {
+        true => (steps[i].h_slope - steps[i - 1].h_slope, steps[i].gain_slope - steps[i - 1].gain_slope),
+        false => (0.0, 0.0),
+    };
+    let narrow = |(h, r): (f64, f64)| (h as f32, r as f32);
+    let one = |(i, s): (usize, &Step)| {
+        let before = i.checked_sub(1).map_or(f64::NEG_INFINITY, |k| steps[k].from + half);
+        let after = steps.get(i + 1).map_or(f64::INFINITY, |s| s.until - half);
+        let (inner, outer) = (bend(i), bend(i + 1));
+        DeviceStep {
+            from: s.from,
+            until: s.until,
+            h_at: s.h_at,
+            h_slope: s.h_slope,
+            gain_at: s.gain_at,
+            gain_slope: s.gain_slope,
+            clear: (before.max(NEAR), after),
+            bend: inner.0.abs() + outer.0.abs(),
+            r_slope: s.gain_slope as f32,
+            outer: narrow(outer),
+            inner: narrow(inner),
+            unused: 0.0,
+        }
+    };
+    steps.iter().enumerate().map(one).collect()
+}

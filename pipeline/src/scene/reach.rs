@@ -1,0 +1,78 @@
+//! The chart rectangle that a film rectangle is made from, bounded without mapping its pixels.
+//!
+//! Within one step of the field's table h/r = h′ + c/r is monotone in r, so over a small piece of film h/r lies between its
+//! values at the piece's least and greatest radius and at the knots between; with (dy, dx) between their ends, so does
+//! (dy, dx)·h/r. Pieces of [`PIECE`] px a side: the bound exceeds the exact one by about a pixel.
+
+use super::Scene;
+use super::map::Map;
+use crate::field::Field;
+use crate::geometry::Rect;
+use crate::resample::box_span;
+
+/// Side of a piece, film px.
+const PIECE: usize = 32;
+/// More than any rounding of a coordinate, px.
+const SLACK: f64 = 1e-3;
+
+type Span = (f64, f64);
+
+impl Scene {
+    /// The chart rectangle, surround included, that holds every tap of the film rectangle `rect`: what goes to a GPU.
+    pub fn upload_rect(&self, rect: Rect) -> Rect {
+        let (mut rows, mut cols) = (NOTHING, NOTHING);
+        let map = Map::new(&self.frame, &self.field);
+        for piece in rect.tiles(PIECE, PIECE) {
+            let (row, col) = map.bound(piece);
+            rows = (rows.0.min(row.0), rows.1.max(row.1));
+            cols = (cols.0.min(col.0), cols.1.max(col.1));
+        }
+        let (sy, sx) = self.frame.scale;
+        if sy.min(sx) >= 1.0 {
+            let cells = |(low, high): Span| (low.floor() as i64, high.floor() as i64);
+            return self.reading.needs((cells(rows), cells(cols))).0;
+        }
+        let boxes = |(low, high): Span, scale: f64| {
+            let width = (1.0 / scale).max(1.0);
+            let ((first, _), (last, n)) = (box_span(low, width), box_span(high, width));
+            (first, (last - first) as usize + n)
+        };
+        let ((y, height), (x, width)) = (boxes(rows, sy), boxes(cols, sx));
+        Rect::new(y, x, height, width)
+    }
+}
+
+const NOTHING: Span = (f64::INFINITY, f64::NEG_INFINITY);
+
+impl Map<'_> {
+    /// Bounds of the chart row and column of every pixel of `piece`.
+    fn bound(&self, piece: Rect) -> (Span, Span) {
+        let ends =
+            |first: i64, n: usize, axis: f64| (first as f64 - axis, (first + n as i64 - 1) as f64 - axis);
+        let dy = ends(piece.y, piece.height, self.axis_px.0);
+        let dx = ends(piece.x, piece.width, self.axis_px.1);
+        let least = |d: Span| if d.0 <= 0.0 && d.1 >= 0.0 { 0.0 } else { d.0.abs().min(d.1.abs()) };
+        let greatest = |d: Span| d.0.abs().max(d.1.abs());
+        let m = magnification(self.field, (least(dy).hypot(least(dx)), greatest(dy).hypot(greatest(dx))));
+        let span = |d: Span, offset: f64, per_scale: f64| {
+            let products = [d.0 * m.0, d.0 * m.1, d.1 * m.0, d.1 * m.1].map(|p| offset + p * per_scale);
+            let least = products.iter().copied().fold(f64::INFINITY, f64::min);
+            (least - SLACK, products.iter().copied().fold(f64::NEG_INFINITY, f64::max) + SLACK)
+        };
+        (span(dy, self.offset.0, self.per_scale.0), span(dx, self.offset.1, self.per_scale.1))
+    }
+}
+
+/// Between what h/r lies for radii between `from` and `to`, px.
+fn magnification(field: &Field, (from, to): Span) -> Span {
+    let steps = field.steps();
+    let last = to.min(field.last_px());
+    let knots = steps[field.step(from.min(last))..].iter().map(|s| s.from);
+    let between = knots.skip_while(|&r| r <= from).take_while(|&r| r < last);
+    let at = |r: f64| field.at(r).0;
+    between.map(at).fold(bounds(at(from), at(to)), |b, m| (b.0.min(m), b.1.max(m)))
+}
+
+fn bounds(a: f64, b: f64) -> Span {
+    (a.min(b), a.max(b))
+}

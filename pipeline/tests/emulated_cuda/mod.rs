@@ -1,0 +1,308 @@
+//! An NVIDIA driver for machines without one: a `libcuda.so` that g++ makes of the C++ beside this file and of the project's
+//! own `.cu` files, run thread by thread on the CPU (`cuda_cpu.h`), with streams and faults by choice (`driver.h`,
+//! `devices.cpp` says which settings there are).
+//!
+//! A process finds it by `LD_LIBRARY_PATH`, so each [`Case`] runs in a child of its own: this very test binary, told by [`CHILD`] what
+//! to do. Without g++, or without the sources, such cases are reported as ignored. What asks for no particular setting runs on the
+//! machine's own GPU as well, where it has one.
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+use libtest_mimic::{Arguments, Trial};
+use std::collections::hash_map::DefaultHasher;
+use std::env;
+use std::fs;
+use std::hash::{Hash, Hasher};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, Output};
+use std::sync::{Mutex, OnceLock};
+
+/// In a child's environment: the case that it runs.
+const CHILD: &str = "LENSCUBE_TEST_CASE";
+/// Warnings are on: kernels are read by two compilers.
+const FLAGS: &str =
+    "-std=c++17 -O2 -g1 -fPIC -march=native -Wall -Wextra -Wno-unused-variable -Wno-unknown-pragmas";
+const SANITIZED: &str = "-fsanitize=address,undefined -fno-sanitize-recover=all";
+
+/// How the library is built.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Build {
+    /// With AddressSanitizer and UBSan.
+    pub sanitized: bool,
+    /// `-D` flags for the kernels: mutations.
+    pub defines: &'static str,
+}
+
+/// What every test asks for.
+pub const PLAIN: Build = Build { sanitized: false, defines: "" };
+/// Steps beyond an allocation or out of shared memory end the process.
+pub const WATCHED: Build = Build { sanitized: true, defines: "" };
+
+/// A test in a process of its own.
+pub struct Case {
+    pub name: String,
+    pub run: fn(),
+    pub on: On,
+    /// The child must fail at its check: a mutation, or a step beyond memory.
+    pub must_fail: bool,
+}
+
+/// What a case runs on.
+pub enum On {
+    /// The emulated driver with settings, `EMULATED_CUDA_` left out.
+    Emulated(Build, &'static [(&'static str, &'static str)]),
+    /// The machine's own GPU.
+    Device,
+    /// A machine without a driver.
+    Nothing,
+}
+
+impl Case {
+    pub fn emulated(name: &str, settings: &'static [(&'static str, &'static str)], run: fn()) -> Self {
+        Self { name: format!("emulated::{name}"), run, on: On::Emulated(PLAIN, settings), must_fail: false }
+    }
+
+    pub fn device(name: &str, run: fn()) -> Self {
+        Self { name: format!("device::{name}"), run, on: On::Device, must_fail: false }
+    }
+
+    /// Why it cannot run here.
+    fn ignored(&self) -> bool {
+        match self.on {
+            On::Emulated(build, _) => !compiler() || build.sanitized && sanitizer().is_none(),
+            On::Device => !device(),
+            On::Nothing => driver(),
+        }
+    }
+
+    fn execute(&self) -> Result<(), String> {
+        let mut child = Command::new(env::current_exe().map_err(|e| e.to_string())?);
+        child.env(CHILD, &self.name);
+        if let On::Emulated(build, settings) = self.on {
+            for (name, value) in environment(build)?.into_iter().chain(own(settings)) {
+                child.env(name, value);
+            }
+        }
+        let output = child.output().map_err(|e| e.to_string())?;
+        let failed = !output.status.success();
+        let said = said(&output);
+        // A child that did not come as far as its check has not failed it.
+        let seen =
+            ["panicked at", "ERROR: AddressSanitizer", "runtime error: "].iter().any(|s| said.contains(s));
+        match (self.must_fail, failed) {
+            (false, false) => Ok(()),
+            (true, true) if seen => Ok(()),
+            (true, false) => Err("it passes, and must not".into()),
+            _ => Err(said),
+        }
+    }
+}
+
+/// Runs the cases, each in its child; or, in the child, the case itself.
+pub fn run(cases: Vec<Case>) -> ExitCode {
+    if let Ok(name) = env::var(CHILD) {
+        let case = cases.iter().find(|c| c.name == name).expect("the case that this process was started for");
+        if !case.must_fail || device() {
+            (case.run)();
+        }
+        return ExitCode::SUCCESS;
+    }
+    let trials = cases.into_iter().map(|case| {
+        let ignored = case.ignored();
+        let name = case.name.clone();
+        Trial::test(name, move || Ok(case.execute()?)).with_ignored_flag(ignored)
+    });
+    libtest_mimic::run(&Arguments::from_args(), trials.collect()).exit_code()
+}
+
+/// What a process needs in its environment to find the library, which is built if it is not there.
+pub fn environment(build: Build) -> Result<Vec<(String, String)>, String> {
+    let place = library(build)?;
+    let mut all = vec![("LD_LIBRARY_PATH".to_owned(), place.display().to_string())];
+    if build.sanitized {
+        let runtime = sanitizer().ok_or("g++ has no AddressSanitizer")?;
+        all.push(("LD_PRELOAD".to_owned(), runtime));
+        all.push(("ASAN_OPTIONS".to_owned(), "detect_leaks=0".to_owned()));
+    }
+    Ok(all)
+}
+
+/// Settings under their names in the environment.
+pub fn own(settings: &[(&str, &str)]) -> Vec<(String, String)> {
+    settings.iter().map(|(name, value)| (format!("EMULATED_CUDA_{name}"), (*value).to_owned())).collect()
+}
+
+fn said(output: &Output) -> String {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    format!("{}\n{}{}", output.status, text(&output.stdout), text(&output.stderr))
+}
+
+/// Whether there are a g++ and the sources.
+pub fn compiler() -> bool {
+    static HERE: OnceLock<bool> = OnceLock::new();
+    *HERE.get_or_init(|| {
+        let runs = Command::new("g++").arg("--version").output().is_ok_and(|o| o.status.success());
+        runs && sources().is_dir()
+    })
+}
+
+/// AddressSanitizer's runtime, which a process must load before all else.
+fn sanitizer() -> Option<String> {
+    let output = Command::new("g++").arg("-print-file-name=libasan.so").output().ok()?;
+    let path = String::from_utf8(output.stdout).ok()?.trim().to_owned();
+    Path::new(&path).is_absolute().then_some(path)
+}
+
+/// Whether this machine has a driver.
+pub fn driver() -> bool {
+    !matches!(lenscube_pipeline::cuda::devices(), Err(lenscube_pipeline::cuda::CudaError::NoDriver))
+}
+
+/// Whether this machine has a GPU.
+fn device() -> bool {
+    lenscube_pipeline::cuda::devices().is_ok()
+}
+
+/// `pipeline/`, from whichever package's tests.
+fn pipeline() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let within = here.join("pipeline");
+    if within.is_dir() { within } else { here.to_owned() }
+}
+
+fn sources() -> PathBuf {
+    pipeline().join("tests/emulated_cuda")
+}
+
+/// The directory that holds the library, built as asked.
+pub fn library(build: Build) -> Result<PathBuf, String> {
+    let mut flags: Vec<String> = FLAGS.split(' ').map(str::to_owned).collect();
+    if build.sanitized {
+        flags.extend(SANITIZED.split(' ').map(str::to_owned));
+    }
+    // Once, not by every thread of the tests at a time.
+    static BUILDING: Mutex<()> = Mutex::new(());
+    let _building = BUILDING.lock().map_err(|e| e.to_string())?;
+    let place = Path::new(env!("CARGO_TARGET_TMPDIR")).join("emulated-cuda");
+    fs::create_dir_all(&place).map_err(|e| format!("{}: {e}", place.display()))?;
+    let headers = texts(&sources(), &["h"])?;
+    let mut objects = Vec::new();
+    for (source, _) in texts(&sources(), &["cpp"])? {
+        objects.push(object(&place, &source, &headers, &flags)?);
+    }
+    let defined = build.defines.split_whitespace().map(str::to_owned);
+    let kernel_flags: Vec<String> = flags.iter().cloned().chain(defined).collect();
+    for (source, text) in kernels(&pipeline())? {
+        let mut flags = kernel_flags.clone();
+        flags.push(format!("-I{}", sources().display()));
+        flags.extend(constants(&source, &text)?);
+        let unit = unit(&place, &source, &text)?;
+        let beside = texts(source.parent().expect("a file's folder"), &["cu", "cuh", "h"])?;
+        objects.push(object(&place, &unit, &[&headers[..], &beside[..]].concat(), &flags)?);
+    }
+    let to = place.join(format!("{:016x}", digest(&(&objects, &flags))));
+    let library = to.join("libcuda.so");
+    if !library.exists() {
+        fs::create_dir_all(&to).map_err(|e| format!("{}: {e}", to.display()))?;
+        let linking = ["-shared", "-Wl,-soname,libcuda.so", "-Wl,-z,nodelete", "-pthread"].map(str::to_owned);
+        let inputs = objects.iter().map(|o| o.display().to_string());
+        compile(&library, flags.iter().cloned().chain(linking).chain(inputs))?;
+    }
+    Ok(to)
+}
+
+fn digest(of: &impl Hash) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    of.hash(&mut hasher);
+    hasher.finish()
+}
+
+type Texts = Vec<(PathBuf, String)>;
+
+fn read(path: &Path) -> Result<String, String> {
+    fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+/// The files of a folder that end so, in order.
+fn texts(folder: &Path, ends: &[&str]) -> Result<Texts, String> {
+    let entries = fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let mut paths: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
+    paths.retain(|p| p.extension().is_some_and(|e| ends.iter().any(|end| e == *end)));
+    paths.sort();
+    paths.into_iter().map(|p| Ok((p.clone(), read(&p)?))).collect()
+}
+
+/// All `.cu` files below a folder.
+fn kernels(folder: &Path) -> Result<Texts, String> {
+    let mut all = texts(folder, &["cu"])?;
+    let entries = fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let mut folders: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
+    folders.retain(|p| p.is_dir() && !p.ends_with("target"));
+    folders.sort();
+    for folder in folders {
+        all.extend(kernels(&folder)?);
+    }
+    Ok(all)
+}
+
+/// What a .cu takes from Rust, as `scripts/compile_kernels.py` has it: after `// From cuda.rs: A, B`.
+fn constants(source: &Path, text: &str) -> Result<Vec<String>, String> {
+    let mut flags = Vec::new();
+    for line in text.lines() {
+        let Some((file, names)) = line.strip_prefix("// From ").and_then(|l| l.split_once(".rs: ")) else {
+            continue;
+        };
+        let rust = read(&source.with_file_name(format!("{file}.rs")))?;
+        for name in names.split(',').map(str::trim) {
+            let after =
+                rust.split_once(&format!("const {name}: ")).and_then(|(_, rest)| rest.split_once(" = "));
+            let value =
+                after.and_then(|(_, rest)| rest.split_once(';')).map(|(value, _)| value.replace('_', ""));
+            let value = value.ok_or_else(|| format!("{}: no const {name} in {file}.rs", source.display()))?;
+            flags.push(format!("-D{name}={value}"));
+        }
+    }
+    Ok(flags)
+}
+
+/// A C++ file that makes the kernels of a .cu known: those that its PTX names.
+fn unit(place: &Path, source: &Path, text: &str) -> Result<PathBuf, String> {
+    let ptx = read(&source.with_extension("ptx")).map_err(|e| format!("{e}: run scripts/ptx"))?;
+    let names = ptx.split(".entry ").skip(1).filter_map(|rest| rest.split('(').next()).map(str::trim);
+    let mut unit = format!("#include \"cuda_cpu.h\"\n#include \"{}\"\n", source.display());
+    unit.extend(names.map(|name| format!("EMULATE({name})\n")));
+    let path = place.join(format!("{:016x}.cpp", digest(&(&unit, text))));
+    write_once(&path, |at| fs::write(at, &unit).map_err(|e| e.to_string()))?;
+    Ok(path)
+}
+
+/// The object of a C++ file, unless it is there.
+fn object(
+    place: &Path,
+    source: &Path,
+    with: &[(PathBuf, String)],
+    flags: &[String],
+) -> Result<PathBuf, String> {
+    let path = place.join(format!("{:016x}.o", digest(&(read(source)?, with, flags))));
+    let arguments = ["-c".to_owned(), source.display().to_string()];
+    write_once(&path, |at| compile(at, flags.iter().cloned().chain(arguments)))?;
+    Ok(path)
+}
+
+fn compile(to: &Path, arguments: impl Iterator<Item = String>) -> Result<(), String> {
+    write_once(to, |at| {
+        let output =
+            Command::new("g++").args(arguments).arg("-o").arg(at).output().map_err(|e| e.to_string())?;
+        if output.status.success() { Ok(()) } else { Err(format!("g++: {}", said(&output))) }
+    })
+}
+
+/// Makes a file under another name and gives it its own: several test processes build at once.
+fn write_once(path: &Path, make: impl FnOnce(&Path) -> Result<(), String>) -> Result<(), String> {
+    if path.exists() {
+        return Ok(());
+    }
+    let extension = path.extension().unwrap_or_default().to_string_lossy().into_owned();
+    let aside = path.with_extension(format!("{}.{extension}", std::process::id()));
+    make(&aside)?;
+    fs::rename(&aside, path).map_err(|e| format!("{}: {e}", path.display()))
+}

@@ -1,0 +1,100 @@
+"""What scripts/ptx runs: every .cu under pipeline/ to the .ptx beside it, and what the assemblers say of it.
+
+A .cu may take constants from Rust, so that they stand once: its line `// From cuda.rs: LANES, SIDE` defines LANES and SIDE as the
+literals that `const LANES: usize = 16;` gives in that file (a path relative to the .cu).
+"""
+
+import ctypes
+import pathlib
+import re
+import subprocess
+import sys
+
+TARGET = "compute_80"
+OLDER = ["sm_80", "sm_86", "sm_89", "sm_90"]
+NEWER = ["sm_100", "sm_120"]
+
+
+def constants(source):
+    """The constants that a .cu takes from Rust."""
+    found = []
+    for file, names in re.findall(r"^// From (\S+\.rs): (.+)$", source.read_text("utf-8"), re.M):
+        rust = (source.parent / file).read_text("utf-8")
+        for name in re.findall(r"\w+", names):
+            value = re.search(rf"\bconst {name}: \w+ = ([0-9_]+(?:\.[0-9_]+)?);", rust)
+            if not value:
+                sys.exit(f"{source}: {file} has no `const {name}: TYPE = NUMBER;`")
+            found.append(f"-D{name}={value[1].replace('_', '')}")
+    return found
+
+
+def compile_ptx(nvrtc, source):
+    """The PTX of a .cu."""
+    program, size = ctypes.c_void_p(), ctypes.c_size_t()
+    text = source.read_bytes()
+    nvrtc.nvrtcCreateProgram(ctypes.byref(program), text, source.name.encode(), 0, None, None)
+    options = [f"--gpu-architecture={TARGET}", "--std=c++17", *constants(source)]
+    array = (ctypes.c_char_p * len(options))(*[o.encode() for o in options])
+    failed = nvrtc.nvrtcCompileProgram(program, len(options), array)
+    nvrtc.nvrtcGetProgramLogSize(program, ctypes.byref(size))
+    log = ctypes.create_string_buffer(size.value)
+    nvrtc.nvrtcGetProgramLog(program, log)
+    if failed or log.value.strip():
+        sys.exit(f"{source}: {log.value.decode().strip() or 'NVRTC fails without a word'}")
+    nvrtc.nvrtcGetPTXSize(program, ctypes.byref(size))
+    ptx = ctypes.create_string_buffer(size.value)
+    nvrtc.nvrtcGetPTX(program, ptx)
+    # Without what a header of the compiler's own leaves there; nothing uses it.
+    return b"\n".join(line for line in ptx.value.split(b"\n") if b"2nv6target" not in line)
+
+
+def assemble(ptxas, ptx, architecture):
+    """(kernel, registers, bytes of stack, of spills) of every kernel on an architecture."""
+    command = [ptxas, "-v", f"-arch={architecture}", ptx, "-o", "/dev/null"]
+    run = subprocess.run(command, capture_output=True, text=True)
+    if run.returncode:
+        sys.exit(f"{ptx} on {architecture}: {run.stderr}")
+    said = re.findall(
+        r"Compiling entry function '(\w+)'.*?(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads"
+        r".*?Used (\d+) registers",
+        run.stderr,
+        re.S,
+    )
+    entries = re.findall(r"\.entry (\w+)", pathlib.Path(ptx).read_text("utf-8"))
+    if sorted(name for name, *_ in said) != sorted(entries):
+        sys.exit(f"{ptx} on {architecture}: no figures for every kernel in\n{run.stderr}")
+    return [(name, int(registers), int(stack), int(a) + int(b)) for name, stack, a, b, registers in said]
+
+
+def main():
+    place, check = pathlib.Path(sys.argv[1]), "--check" in sys.argv
+    nvrtc = ctypes.CDLL(str(place / "12.2/nvidia/cuda_nvrtc/lib/libnvrtc.so.12"))
+    assemblers = [(v, place / v / "nvidia/cuda_nvcc/bin/ptxas") for v in ("12.2", "12.9")]
+    wrong, table = [], {}
+    for source in sorted(pathlib.Path("pipeline").rglob("*.cu")):
+        there, fresh = source.with_suffix(".ptx"), compile_ptx(nvrtc, source)
+        if check and (not there.exists() or there.read_bytes() != fresh):
+            problem = "is not what its source gives" if there.exists() else "is missing"
+            wrong.append(f"{there} {problem}: run scripts/ptx")
+            continue
+        if not check:
+            there.write_bytes(fresh)
+        for version, ptxas in assemblers:
+            for architecture in OLDER + (NEWER if version != "12.2" else []):
+                for name, registers, stack, spilled in assemble(ptxas, there, architecture):
+                    table.setdefault(name, {})[version, architecture] = registers
+                    if stack or spilled:
+                        wrong.append(f"{name} on {architecture} ({version}): {stack} bytes of stack, {spilled} spilled")
+    columns = [("12.2", a) for a in OLDER] + [("12.9", a) for a in OLDER + NEWER]
+    width = max([len(name) for name in table] or [0])
+    print("registers".ljust(width), *(f"{a[3:]}" + ("'" if v == "12.9" else "") for v, a in columns), sep="\t")
+    for name, of in sorted(table.items()):
+        print(name.ljust(width), *(of.get(c, "-") for c in columns), sep="\t")
+    print("' by the assembler of 12.9, else of 12.2")
+    for line in wrong:
+        print(line, file=sys.stderr)
+    # What is only being tried may spill.
+    sys.exit(1 if wrong and check else 0)
+
+
+main()
