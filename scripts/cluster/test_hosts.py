@@ -241,9 +241,9 @@ class Trial:
         print(f"{len(own)} files: {'same bytes as one plain run' if own == self.whole else 'DIFFERENT'}")
 
     def in_hand(self, starts, records):
-        """Units that the lost hosts had: what they were at, and what the second went on with while it was cut off."""
+        """Units that the lost hosts had: what they were at, and what the second's worker, given up, went on with."""
         two = self.hosts.names[1]
-        told = {e["unit"] for e in starts if e["name"] == two and self.cut_at <= e["time"] <= self.healed_at}
+        told = {e["unit"] for e in starts if e["worker"] == self.severed["worker"] and e["time"] >= self.cut_at}
         kept = {int(r["units"]) for r in records if r["host"] == two and self.cut_at <= r["finished_unix_s"] <= self.healed_at + 1}
         return {self.killed["unit"], self.severed["unit"]} | told | kept
 
