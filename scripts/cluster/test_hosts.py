@@ -119,7 +119,8 @@ class Cluster:
         for name in hosts.names:
             words = ["dask_worker", self.scheduler, "--nthreads", "1", "--name", name, "--no-dashboard"]
             words += ["--local-directory", str(place / name), "--memory-limit", "0"]
-            self.start(name, hosts.inside(name), words, {})
+            again = ["sh", "-c", 'while :; do "$@"; sleep 1; done', "sh"]  # a worker that lost its scheduler ends
+            self.start(name, [*hosts.inside(name), *again], words, {})
 
     def start(self, name, inside, words, env):
         argv = [*inside, sys.executable, "-m", f"distributed.cli.{words[0]}", *words[1:]]
@@ -215,7 +216,7 @@ class Trial:
         time.sleep(cut_s)
         self.hosts.heal(two, worker)
         self.healed_at = time.time()
-        print(f"{two}: cut off in unit {self.severed['unit']}, back after {cut_s} s (given up after {TTL_S} to {2 * TTL_S} s)")
+        print(f"{two}: cut off in unit {self.severed['unit']}, back after {cut_s} s (silent for {TTL_S} s: lost; its nanny has 30 s more to restart it)")
 
     def judge(self):
         own = digest(self.film)
@@ -240,9 +241,9 @@ class Trial:
         print(f"{len(own)} files: {'same bytes as one plain run' if own == self.whole else 'DIFFERENT'}")
 
     def in_hand(self, starts, records):
-        """Units that the lost hosts had: what they were at, and what the second went on with while it was cut off."""
+        """Units that the lost hosts had: what they were at, and what the second's worker, given up, went on with."""
         two = self.hosts.names[1]
-        told = {e["unit"] for e in starts if e["name"] == two and self.cut_at <= e["time"] <= self.healed_at}
+        told = {e["unit"] for e in starts if e["worker"] == self.severed["worker"] and e["time"] >= self.cut_at}
         kept = {int(r["units"]) for r in records if r["host"] == two and self.cut_at <= r["finished_unix_s"] <= self.healed_at + 1}
         return {self.killed["unit"], self.severed["unit"]} | told | kept
 

@@ -52,7 +52,6 @@ class Drive:
         self.flying: dict[Future, int] = {}
         self.tries: dict[int, int] = {}
         self.again: list[tuple[float, int, str | None]] = []  # when, unit, address to avoid
-        self.done = 0
         s = settings
         plugin = worker.Units(self.name, plan.text, s.lenscube, s.paths, s.flags, s.detach)
         client.subscribe_topic(self.name, lambda event: display.event(event[1]))
@@ -114,7 +113,6 @@ class Drive:
     def ended(self, unit: int, end: dict) -> int:
         code, words = end["code"], end.get("message", "no words")
         if code == 0:
-            self.done += 1
             self.tries.pop(unit, None)
             self.display.done(unit, end.get("pixels", 0))
             return 1
