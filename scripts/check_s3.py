@@ -301,7 +301,7 @@ def replaced(place):
 def encrypted(place, here, whole):
     """TLS, with a certificate of our own."""
     made = subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1",
-                           "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", here / "key.pem", "-out", here / "cert.pem"],
+                           "-addext", "subjectAltName=IP:127.0.0.1", "-addext", "basicConstraints=critical,CA:FALSE", "-keyout", here / "key.pem", "-out", here / "cert.pem"],
                           capture_output=True, text=True)
     holds(made.returncode == 0, f"openssl: {made.stderr}")
     way = Proxy(("127.0.0.1", place.port), certificate=(here / "cert.pem", here / "key.pem"))

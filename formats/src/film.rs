@@ -382,10 +382,12 @@ fn json(store: &Store, key: &str) -> Result<Option<Value>, FilmError> {
 fn film_attributes(store: &Store) -> Result<Map<String, Value>, FilmError> {
     let path = store.root();
     let not = |found: &str| FilmError::NotFilm { path: path.into(), found: found.into() };
-    if !store.exists()? {
-        return Err(not("nothing"));
-    }
-    let mut group = json(store, "zarr.json")?.ok_or_else(|| not("no readable zarr.json"))?;
+    // Read first: a store far away says what is wrong only to those who read.
+    let mut group = match json(store, "zarr.json")? {
+        Some(group) => group,
+        None if store.exists()? => return Err(not("no readable zarr.json")),
+        None => return Err(not("nothing")),
+    };
     match group.get("attributes").and_then(|a| a.get("schema")).and_then(Value::as_str) {
         Some(SCHEMA) => {}
         Some(other) => return Err(not(&format!("schema {other:?}"))),

@@ -77,7 +77,8 @@ impl NewGroup {
     ) -> Result<Option<Self>, DurableError> {
         let store = match Store::at(place)? {
             Store::Objects(objects) => {
-                let taken = objects.size_of("zarr.json")?.is_some();
+                // Read, not asked about: only then a store says what is wrong.
+                let taken = objects.read_at_most("zarr.json", u64::MAX)?.is_some();
                 if taken || objects.first_key(move |key| !ours(key))?.is_some() {
                     return Ok(None);
                 }
