@@ -7,6 +7,7 @@
 #![allow(unsafe_code)]
 
 mod band;
+pub mod bench;
 pub mod device;
 pub mod error;
 pub mod memory;
