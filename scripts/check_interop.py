@@ -1,4 +1,4 @@
-"""Opens charts and films of the program given with zarr-python, xarray and tensorstore; check-interop runs it.
+"""Opens charts, films and exports of the program given with other programs, and theirs with it; check-interop runs it.
 
 What must hold: consolidated metadata, dimension names, coordinates and units, NaN as fill value, and values. Values are judged
 three times: the three readers agree bit for bit; a film is the golden one; and a lens that does nothing, run over the store,
@@ -12,7 +12,10 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
+import spectral.io.envi
 import tensorstore
+import tifffile
 import xarray
 import zarr
 
@@ -152,7 +155,87 @@ def films(scratch):
     holds((np.isnan(pixels) == missing).all(), f"{path.name}: a missing shard is not NaN")
 
 
+def exports(scratch):
+    """Exports of a chart hold its bits: NumPy, spectral (ENVI), OpenEXR, tifffile."""
+    chart, wavelengths = scratch / "chart-zstd.zarr", [420.0, 550.0, 600.5]
+    pixels = zarr.open_group(chart, mode="r")["chart"][:]
+    part = np.ascontiguousarray(pixels[1:, 31:231, 17:117])
+    crop = ("--crop", "17,31,100,200", "--bands", "1:")
+    for name, expected, flags in [("whole", pixels, ()), ("part", part, crop)]:
+        out = lambda extension: scratch / f"{name}.{extension}"
+        for extension in ("npy", "hdr", "exr"):
+            lenscube("export", chart, out(extension), *flags)
+        lenscube("export", chart, out("pages.tif"), "--format", "tiff-bands", *flags)
+        holds(same(np.load(out("npy")), expected), f"{name}.npy: NumPy reads other values")
+        envi = spectral.io.envi.open(out("hdr"))
+        holds(same(np.ascontiguousarray(envi.open_memmap(interleave="bsq")), expected), f"{name}.hdr: spectral reads other values")
+        centers = wavelengths[-len(expected):]
+        holds(envi.bands.centers == centers and envi.bands.band_unit == "Nanometers", f"{name}.hdr: spectral sees bands at {envi.bands.centers}")
+        with tifffile.TiffFile(out("pages.tif")) as file:
+            holds(file.is_bigtiff and same(np.stack([p.asarray() for p in file.pages]), expected), f"{name}.pages.tif: tifffile reads other values")
+            words = file.pages[len(expected) - 1].description
+            holds("wavelength 600.5 nm" in words, f"{name}.pages.tif: {words}")
+        for compression, half in [("zip", False), ("piz", False), ("none", False), ("zip", True)]:
+            lenscube("export", chart, out("exr"), *flags, "--compression", compression, "--overwrite", *(["--half"] if half else []))
+            with OpenEXR.File(str(out("exr")), separate_channels=True) as exr:
+                header, channels = exr.header(), exr.channels()
+                holds(header["spectralLayoutVersion"] == "1.0" and header["emissiveUnits"] == "W m-2 sr-1 nm-1", f"{name}.exr: {header}")
+                names = [f"S0.{nm:.6f}nm".replace(".", ",").replace(",", ".", 1) for nm in centers]
+                holds(sorted(channels) == names, f"{name}.exr: OpenEXR sees {sorted(channels)}")
+                read_back = np.stack([channels[n].pixels for n in names])
+                holds(same(read_back, expected.astype(np.float16) if half else expected), f"{name}.exr, {compression}: OpenEXR reads other values")
+    # The 16-bit preview, and the 8-bit one that it rounds to.
+    lenscube("export", chart, scratch / "preview.tif")
+    preview = tifffile.imread(scratch / "preview.tif")
+    holds(preview.shape == (*pixels.shape[1:], 3) and preview.dtype == np.uint16 and preview.max() == 65535, f"preview.tif: {preview.shape}, {preview.dtype}")
+
+
+def pictures(scratch):
+    """What other programs write becomes a chart of the same values."""
+    rng = np.random.default_rng(5)
+    linear = lambda v: np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+    def chart_of(file, *flags):
+        out = scratch / f"{file.name}.zarr"
+        lenscube("chart", "image", file, out, "--illuminant", "E", "--wavelengths", "400:700:20", *flags)
+        return zarr.open_group(out, mode="r")["chart"][:]
+
+    for dtype in (np.uint8, np.uint16):
+        white = np.iinfo(dtype).max
+        grey, rgb = (rng.integers(0, white, shape, dtype, endpoint=True) for shape in [(150, 131), (150, 131, 3)])
+        for kind, options in {
+            "strips": {}, "tiles": {"tile": (64, 48)}, "packed": {"compression": "zlib", "predictor": True}, "packed-tiles": {"tile": (32, 32), "compression": "zlib"},
+            "big": {"bigtiff": True, "rowsperstrip": 7}, "big-endian": {"byteorder": ">"},
+        }.items():
+            file = scratch / f"{kind}-{dtype.__name__}.tif"
+            tifffile.imwrite(file, grey, photometric="minisblack", **options)
+            got = chart_of(file)
+            holds(np.abs(got - linear(grey / white)).max() < 1e-6, f"{file.name}: a grey picture has other values")
+            tifffile.imwrite(file, rgb, photometric="rgb", **options)
+            (scratch / "back.tif").unlink(missing_ok=True)
+            chart_of(file, "--overwrite")
+            lenscube("export", scratch / f"{file.name}.zarr", scratch / "back.tif", "--white", "E", "--exposure", "1")
+            off = np.abs(tifffile.imread(scratch / "back.tif") / 65535 - rgb / white).max()
+            holds(off < 0.2 / 255, f"{file.name}: the preview of its chart is off by {off}")
+
+    cube = rng.random((3, 70, 90), np.float32)
+    names = ["S0.420,0nm", "S0.550nm", "S0.0,6005um"]
+    for compression in (OpenEXR.ZIP_COMPRESSION, OpenEXR.PIZ_COMPRESSION, OpenEXR.NO_COMPRESSION, OpenEXR.RLE_COMPRESSION):
+        file = scratch / f"theirs-{int(compression)}.exr"
+        with OpenEXR.File({"compression": compression, "type": OpenEXR.scanlineimage}, dict(zip(names, cube))) as exr:
+            exr.write(str(file))
+        lenscube("export", file, file.with_suffix(".npy"))
+        holds(same(np.load(file.with_suffix(".npy")), cube), f"{file.name}: Rust reads other values than OpenEXR wrote")
+        out = scratch / f"{file.name}.zarr"
+        lenscube("chart", "image", file, out)
+        group = zarr.open_group(out, mode="r")
+        holds(same(group["chart"][:], cube) and np.allclose(group["wavelength"][:], [420, 550, 600.5]), f"{file.name}: another chart")
+
+
 with tempfile.TemporaryDirectory() as tmp:
     charts(Path(tmp))
     films(Path(tmp))
-print(f"{checks} checks: zarr-python {zarr.__version__}, xarray {xarray.__version__}, tensorstore read what lenscube wrote")
+    exports(Path(tmp))
+    pictures(Path(tmp))
+print(f"{checks} checks: zarr-python {zarr.__version__}, xarray {xarray.__version__}, tensorstore, OpenEXR {OpenEXR.__version__}, "
+      f"tifffile {tifffile.__version__}, spectral and NumPy read what lenscube wrote, and lenscube what they wrote")

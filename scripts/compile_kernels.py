@@ -74,7 +74,8 @@ def main():
     for source in sorted(pathlib.Path("pipeline").rglob("*.cu")):
         there, fresh = source.with_suffix(".ptx"), compile_ptx(nvrtc, source)
         if check and (not there.exists() or there.read_bytes() != fresh):
-            wrong.append(f"{there} is not what {source} gives: run scripts/ptx")
+            problem = "is not what its source gives" if there.exists() else "is missing"
+            wrong.append(f"{there} {problem}: run scripts/ptx")
             continue
         if not check:
             there.write_bytes(fresh)

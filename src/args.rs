@@ -7,7 +7,9 @@ mod device;
 mod export;
 mod import;
 mod lens;
+mod manual;
 mod measure;
+mod pyramid;
 mod run;
 mod status;
 mod validate;
@@ -21,7 +23,9 @@ pub use device::Device;
 pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
+pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
+pub use pyramid::{PyramidArgs, ViewArgs};
 pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
@@ -62,12 +66,20 @@ pub enum Command {
     Verify(VerifyArgs),
     /// Write a film or a chart as a picture (PNG, TIFF) or as a file for other programs (EXR, TIFF, ENVI, NPY)
     Export(ExportArgs),
+    /// Add smaller and smaller films to a film, for viewers: OME-Zarr levels
+    Pyramid(PyramidArgs),
+    /// Look at a film in the browser: zoom, bands, the chart beside it, spectra, the lens's data
+    View(ViewArgs),
     /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
     Validate(Box<ValidateArgs>),
     /// Measure edges, points and profiles of a film
     Measure(Box<MeasureArgs>),
     /// Measure this machine on the paper's film
     Bench(BenchArgs),
+    /// Write the completions of a shell
+    Completions(CompletionsArgs),
+    /// Write the manual pages
+    Man(ManArgs),
 }
 
 /// Codecs.

@@ -10,7 +10,7 @@ use crate::memory::{Memory, Needs, OnDevices, default_limit};
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::{Codec, NanPolicy};
-use formats::film::{FilmOutput, FilmSpec, SampleType};
+use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
 use formats::lens::LensPackError;
 use pipeline::band::{BandPlan, Options, PsfBetween};
 use pipeline::cuda;
@@ -154,6 +154,7 @@ impl Job {
             plans: &plans,
             windows: &windows,
             threads,
+            writers: FilmStore::writers(&args.film),
             chart_rows: &chart_rows,
             scale: frame.scale.0.min(frame.scale.1),
         };

@@ -2,7 +2,7 @@
 
 pub mod cache;
 mod diff;
-mod look;
+pub mod look;
 mod plots;
 mod show;
 pub mod source;

@@ -11,16 +11,19 @@ mod failure;
 mod import;
 mod job;
 mod lens;
+mod manual;
 mod measure;
 mod memory;
 mod open;
 mod plan;
 mod progress;
+mod pyramid;
 mod run;
 mod status;
 mod trace;
 mod validate;
 mod verify;
+mod view;
 
 use args::{Cli, Command};
 use clap::Parser;
@@ -37,9 +40,13 @@ fn main() -> ExitCode {
         Command::Lens(args) => lens::command(args).map(|()| 0),
         Command::Export(args) => export::command(args),
         Command::Demo(args) => demo::command(args),
+        Command::Pyramid(args) => pyramid::command(args),
+        Command::View(args) => view::command(args).map(|()| 0),
         Command::Validate(args) => validate::command(args),
         Command::Measure(args) => measure::command(args).map(|()| 0),
         Command::Bench(args) => bench::command(args).map(|()| 0),
+        Command::Completions(args) => manual::completions(args).map(|()| 0),
+        Command::Man(args) => manual::man(args).map(|()| 0),
     };
     match result {
         Ok(code) => ExitCode::from(code),

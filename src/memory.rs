@@ -8,7 +8,7 @@ use crate::failure::usage;
 use anyhow::Result;
 use pipeline::band::BandPlan;
 use pipeline::cuda::memory::BandNeeds;
-use pipeline::executor::AHEAD;
+use pipeline::executor::{AHEAD, QUEUE};
 use pipeline::plan::Window;
 
 /// The program itself, its threads' stacks, the allocator's slack.
@@ -66,6 +66,8 @@ pub struct Needs<'a> {
     pub windows: &'a [Window],
     /// Worker threads.
     pub threads: usize,
+    /// Shards written at once.
+    pub writers: usize,
     /// Decoded bytes of chart that tiles of so many rows touch.
     pub chart_rows: &'a dyn Fn(usize) -> usize,
     /// Film pixels per chart pixel, the smaller.
@@ -103,7 +105,7 @@ impl Memory {
             })
             .sum();
         let largest = needs.windows.iter().map(shard).max().unwrap_or(0);
-        let encode = (2 * needs.threads + 4) * largest;
+        let encode = (2 * needs.threads + QUEUE + needs.writers) * largest;
         let workers = match devices.queues {
             0 => needs.threads * worker,
             // Of the driver for each GPU and of its kernels; the workers only read and encode.

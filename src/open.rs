@@ -42,12 +42,12 @@ impl Chart {
             let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
             return Ok(Self::Drawn(Box::new(generator)));
         }
+        if ExrChart::is_one(Path::new(spec)) {
+            return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
+        }
         if RasterChart::is_one(Path::new(spec)) {
             on_disk(spec)?;
             return Self::flat(RasterChart::open(Path::new(spec), nan)?, declared);
-        }
-        if ExrChart::is_one(Path::new(spec)) {
-            return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
         }
         let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
         Ok(Self::Store(Box::new(ChartStore::open(spec, options)?)))
@@ -115,9 +115,7 @@ impl Chart {
         let (bar, progress) = counting("laying the chart's bands out");
         match self {
             Self::Raster(raster) if bands.len() > 1 && raster.must_be_laid_out() => {
-                say(
-                    "the chart's bands interleave: laying them out once in a temporary file beside the output",
-                );
+                say("the chart's bands interleave: laying them out once in a temporary file");
                 raster.in_bands(bands, directory, &progress)?;
             }
             Self::Store(store) if store.rechunk_needed(bands) => {
@@ -128,7 +126,7 @@ impl Chart {
             }
             Self::Exr(exr) => {
                 say(
-                    "the chart is compressed, its bands line by line: laying them out once in a temporary file beside the output",
+                    "the chart is compressed, its bands line by line: laying them out once in a temporary file",
                 );
                 exr.lay_out(bands, directory, threads, &progress)?;
             }

@@ -25,8 +25,19 @@ const MANY: usize = 1000;
 /// Share of a unit beyond which start-up is worth a word.
 const DEAR: f64 = 0.1;
 
+/// Refuses `--pyramid` where no process knows when the film is complete.
+pub fn no_pyramid(args: &RunArgs) -> Result<()> {
+    match args.pyramid {
+        true => Err(usage(
+            "--pyramid: a unit does not end the film; run `lenscube pyramid FILM` after the last one",
+        )),
+        false => Ok(()),
+    }
+}
+
 /// Runs the command; the exit code.
 pub fn command(args: &PlanArgs) -> Result<u8> {
+    no_pyramid(&args.job)?;
     // A plan is made without the devices that its units will run on.
     let mut run = RunArgs { device: Device::Cpu, ..args.job.clone() };
     if let Some(path) = &args.lens_pack {

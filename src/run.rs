@@ -14,6 +14,7 @@ use crate::job::Job;
 use crate::memory::mib;
 use crate::progress::jsonl::Jsonl;
 use crate::progress::{Bars, say};
+use crate::pyramid;
 use anyhow::{Context, Result};
 use faults::{Failed, Follow};
 use formats::durable::{Lock, Maker, is_url, parent_of};
@@ -45,6 +46,10 @@ impl FilmSink for Sink<'_> {
     fn commit(&self, encoded: EncodedShard) -> Result<u64, DoorError> {
         self.0.commit(&encoded)?;
         Ok(encoded.bytes().len() as u64)
+    }
+
+    fn writers(&self) -> usize {
+        FilmStore::writers(self.0.path())
     }
 }
 
@@ -81,7 +86,11 @@ fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
         film::keep_apart(&job, &typed.job.film)?;
         interrupt::listen();
         let store = film::open(&job, &typed.job)?;
-        return work(Task { args: &typed.job, store: &store, units: None, jsonl, start }, job);
+        let args = &typed.job;
+        return match work(Task { args, store: &store, units: None, jsonl, start }, job)? {
+            0 if args.pyramid => pyramid::make(&args.film, args.threads, args.memory, args.take_over),
+            code => Ok(code),
+        };
     };
     let units = Units::read(path.clone(), typed.work.unit.as_deref())?;
     if let Some(jsonl) = jsonl {

@@ -65,9 +65,10 @@ fn status(store: &FilmStore) -> Result<Value> {
     let spec = store.spec();
     let mut bands: Vec<(u64, u64)> = vec![(0, 0); spec.wavelengths_nm.len()];
     let (mut missing, mut bytes) = (Vec::new(), 0);
-    for (output, band, shard) in store.every_shard() {
+    let shards: Vec<_> = store.every_shard().collect();
+    for (&(output, band, shard), there) in std::iter::zip(&shards, store.shards_bytes(&shards)?) {
         bands[band].1 += 1;
-        match store.shard_bytes(output, band, shard)? {
+        match there {
             Some(size) => {
                 bands[band].0 += 1;
                 bytes += size;
@@ -104,6 +105,7 @@ fn status(store: &FilmStore) -> Result<Value> {
         },
         "last_run": runs.last().map(|r| pick(r, &["finished_unix_s", "outcome", "error", "wall_s"])),
         "locks": locks,
+        "pyramid": store.pyramid()?.name(),
         "program": of("program"),
         "job_digest": of("job_digest"),
         "layout_digest": of("layout_digest"),
@@ -189,6 +191,14 @@ fn lines(store: &FilmStore, s: &Value) -> Vec<String> {
         let missing = words(&units["missing"]);
         let missing = if missing.is_empty() { missing } else { format!("; missing {missing}") };
         lines.push(format!("  units   {} of {}{missing}", units["done"], units["all"]));
+    }
+    match words(&s["pyramid"]).as_str() {
+        "none" => (),
+        "complete" => lines.push("  pyramid complete".into()),
+        "stale" => {
+            lines.push("  pyramid of other pixels than the film has; `lenscube pyramid` makes it anew".into())
+        }
+        _ => lines.push("  pyramid unfinished; `lenscube pyramid` goes on".into()),
     }
     let runs = &s["runs"];
     lines.push(format!(

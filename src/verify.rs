@@ -64,6 +64,13 @@ fn repair(store: &FilmStore, verdict: &Verdict) -> Result<Repair> {
             done.shards += 1;
         }
     }
+    for finding in &verdict.findings {
+        if let Finding::Bad { key, .. } = finding
+            && store.remove_level_shard(key)?
+        {
+            done.shards += 1;
+        }
+    }
     for (path, _) in verdict.temp.iter().filter(|(_, dead)| *dead != Some(false)) {
         remove_temp(path)?;
         done.temp += 1;

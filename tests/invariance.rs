@@ -153,7 +153,7 @@ fn a_stored_chart_gives_the_film_of_the_drawn_one() {
     assert!(bits(&stored.1) == bits(&drawn.1));
 }
 
-/// The same samples as Zarr, NPY, raw and ENVI of each order.
+/// The same samples as Zarr, NPY, raw, ENVI of each order and spectral OpenEXR.
 #[test]
 fn a_chart_in_any_file_gives_the_same_film() {
     let place = Place::new();
@@ -191,14 +191,20 @@ fn a_chart_in_any_file_gives_the_same_film() {
         );
         std::fs::write(at(&format!("{name}.hdr")), text).unwrap();
     }
+    lenscube(&["export", text(&place.chart), text(&at("c.exr"))]).ok();
     let pitch = ["--film-pitch-um", "2"];
     let told = [&pitch[..], &["--wavelengths", "450,500"]].concat();
     let raw = [&told[..], &["--chart-shape", "2,631,705", "--chart-dtype", "<f4"]].concat();
-    for (chart, flags) in
-        [("c.npy", &told[..]), ("c.samples", &raw[..]), ("bil.hdr", &pitch[..]), ("bip.img", &pitch[..])]
-    {
+    for (chart, flags) in [
+        ("c.npy", &told[..]),
+        ("c.samples", &raw[..]),
+        ("bil.hdr", &pitch[..]),
+        ("bip.img", &pitch[..]),
+        ("c.exr", &pitch[..]),
+    ] {
         let film = at(&format!("{chart}.zarr"));
-        run(text(&at(chart)), &film, text(&place.pack), flags).ok();
+        let ran = run(text(&at(chart)), &film, text(&place.pack), flags).ok();
+        assert!(!chart.contains("exr") || ran.stderr.contains("laying them out once"), "{}", ran.stderr);
         assert!(bits(&pixels(&film, "film").1) == bits(&whole.1), "{chart}");
     }
 }

@@ -281,7 +281,8 @@ fn what_was_not_planned_is_refused() {
         &["interp (planned \"bicubic\", here \"bilinear\")"],
     );
     says(&planned.run("0", &["--shard", "160"]), OTHER_JOB, &["shard (planned 80, here 160)"]);
-    says(&planned.run("0", &["--bands", "1"]), OTHER_JOB, &["not the planned one"]);
+    says(&planned.run("0", &["--bands", "1"]), OTHER_JOB, &["chart_bands (planned [0,1], here [1])"]);
+    says(&planned.run("3", &["--bands", "1"]), OTHER_JOB, &["not the planned one"]);
     // Another film.
     let other = planned.place.at("other.zarr");
     Ran::of(&planned.place.command(&other, "", &["--interp", "bilinear"]).output().unwrap()).ok();

@@ -40,6 +40,11 @@ pub trait FilmSink: Sync {
     /// # Errors
     /// What the store says: disk full, permission, gone.
     fn commit(&self, encoded: Self::Encoded) -> Result<u64, DoorError>;
+
+    /// Shards to write at once: each waits most of the time, on a disk or on the way to a store.
+    fn writers(&self) -> usize {
+        2
+    }
 }
 
 /// What a run tells while it goes; called from many threads.

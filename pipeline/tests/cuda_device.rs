@@ -38,6 +38,7 @@ fn chain(waits: bool) -> Vec<f32> {
     let n = 1000;
     // SAFETY: filled before it is read.
     let mut source = unsafe { context.alloc_pinned::<f32>(n) }.unwrap();
+    // SAFETY: the copy fills it.
     let mut result = unsafe { context.alloc_pinned_with_flags::<f32>(n, 0) }.unwrap();
     source.as_mut_slice().unwrap().iter_mut().enumerate().for_each(|(i, v)| *v = i as f32);
     let mut a = device.allocate::<f32>(&up, n, "a test").unwrap();
@@ -135,7 +136,7 @@ fn copies_beyond_an_allocation_are_refused() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let there = device.allocate::<f32>(&stream, 16, "a test").unwrap();
-    let mut back = vec![0f32; 17];
+    let mut back = [0f32; 17];
     // SAFETY: none: the driver must refuse 17 of 16 values.
     let copied = unsafe {
         let (at, _read) = cudarc::driver::DevicePtr::device_ptr(&there, &stream);

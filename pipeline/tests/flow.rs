@@ -179,6 +179,7 @@ impl Case {
                 .collect(),
             threads,
             spectra_bytes,
+            queues: &[],
             cancel: &cancel,
         };
         let prepare = |i: usize| {

@@ -81,7 +81,7 @@ pub struct DrawnArgs {
     /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker or composite; or image, for a picture
     #[arg(value_name = "KIND")]
     pub kind: String,
-    /// The store to write
+    /// The store to write, here or at s3://BUCKET/PREFIX
     #[arg(value_name = "OUT.zarr")]
     pub out: PathBuf,
     /// FILM size in pixels: N or HxW; the chart is larger by the overscan

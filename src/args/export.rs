@@ -14,7 +14,7 @@ lenscube export film.zarr corner.hdr --crop 13000,13000,1141,1141 --bands 0:5\n\
 Formats: png (colour preview, or with --band 16-bit grey), tiff (16-bit colour preview), tiff-bands (a 32-bit float page a band), \
 exr (a channel a band), envi (.hdr and BSQ data), npy")]
 pub struct ExportArgs {
-    /// A film or chart: PATH, PATH//array, a file that `run` takes, or gen:KIND?…
+    /// A film or chart: PATH or URL, either with //array, a file that `run` takes, or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
     /// The file to write; its extension tells the format: .png, .tif, .exr, .hdr (and .bsq, .img), .npy

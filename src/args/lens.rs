@@ -33,7 +33,7 @@ lenscube lens show my.lens.zarr --all-bands\n  lenscube lens show my.zmx --wavel
 A design (.zmx, or double-gauss-28) is traced as it stands; a pack shows its tables. `run` traces double-gauss-28 band by \
 band as charts need it; its tables made with other software are the pack double-gauss-28-npz.")]
 pub struct ShowArgs {
-    /// A lens pack (directory or .zip), a sequential .zmx file, or the name of a built-in lens
+    /// A lens pack (directory or .zip, also at a URL), a sequential .zmx file, or the name of a built-in lens
     #[arg(value_name = "PACK|DESIGN")]
     pub lens: String,
     /// Wavelengths to show [default: the design's own; some of the pack's]
@@ -65,7 +65,7 @@ pub struct ShowArgs {
     after_help = "Example:  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650"
 )]
 pub struct DiffArgs {
-    /// A lens pack, a sequential .zmx file, or the name of a built-in lens
+    /// A lens pack (also at a URL), a sequential .zmx file, or the name of a built-in lens
     #[arg(value_name = "A")]
     pub a: String,
     /// Another

@@ -14,7 +14,7 @@ lenscube measure film.zarr --profile 0,512,1023,512 --csv profile.csv\n\
 Places are columns and rows X,Y of the array named, pixel centres at whole numbers."
 )]
 pub struct MeasureArgs {
-    /// A film or chart: PATH, PATH//array or gen:KIND?…
+    /// A film or chart: PATH, URL, either with //array, or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
     /// Edge spread and MTF (e-SFR, ISO 12233) of the edge that runs about between two places; a straight line is fitted

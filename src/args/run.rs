@@ -9,13 +9,13 @@ use std::path::PathBuf;
 /// A job: what `lenscube run` makes and `lenscube plan` cuts.
 #[derive(Debug, Args, Clone)]
 pub struct RunArgs {
-    /// PATH or PATH//array of a Zarr store; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
+    /// PATH or PATH//array of a Zarr store, here or at a URL; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
     pub chart: String,
-    /// The film to write, a Zarr v3 group
+    /// The film to write, a Zarr v3 group, here or at s3://BUCKET/PREFIX
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// A lens pack (directory or .zip), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
+    /// A lens pack (directory or .zip, also at a URL), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Raw samples: the chart's shape, band after band
@@ -109,6 +109,9 @@ pub struct RunArgs {
     /// Resume although the chart's files were touched; names and sizes must still be the same
     #[arg(long)]
     pub trust_input: bool,
+    /// Make the film's pyramid when it is complete, as `lenscube pyramid` does
+    #[arg(long)]
+    pub pyramid: bool,
     /// After a fault finish all shards that do not depend on it
     #[arg(long)]
     pub keep_going: bool,

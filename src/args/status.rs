@@ -11,7 +11,7 @@ use std::path::PathBuf;
 lenscube status film.zarr --json | jq .missing\n  lenscube status --plan job.json --missing"
 )]
 pub struct StatusArgs {
-    /// The film [default: that of the plan]
+    /// The film, PATH or URL [default: that of the plan]
     #[arg(value_name = "FILM", required_unless_present = "plan")]
     pub film: Option<PathBuf>,
     /// Of this plan's film, and of its units
@@ -34,7 +34,7 @@ pub struct StatusArgs {
 lenscube verify film.zarr --repair; lenscube run chart.zarr film.zarr     # makes bad shards again\n\
 Exit codes: 0 all is well, 4 something is wrong or missing")]
 pub struct VerifyArgs {
-    /// The film
+    /// The film: PATH or URL
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
     /// Remove bad shards and all temp files, so that the same `run` makes the shards again

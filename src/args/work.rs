@@ -16,7 +16,10 @@ use std::path::PathBuf;
 lenscube run 'gen:composite?size=14141' film.zarr --memory 1GiB\n  \
 lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n  \
 lenscube run --plan job.json --unit env:SLURM_ARRAY_TASK_ID --progress jsonl\n\
-The same command again resumes an interrupted run."
+The same command again resumes an interrupted run.\n\
+CHART, FILM and a lens pack may be s3://BUCKET/PREFIX, with AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and, for \
+other stores than AWS, AWS_ENDPOINT_URL (AWS_ALLOW_HTTP=true if it is http); CHART and the pack also http(s)://…, to read. There \
+are no locks at a URL: two runs of one film do the same work twice, and no harm."
 )]
 pub struct RunCommand {
     /// The job.

@@ -2,6 +2,7 @@
 
 use super::Opened;
 use crate::args::{ExportArgs, FileArg, PackingArg};
+use crate::failure::usage;
 use crate::job::threads;
 use crate::memory::peak_resident;
 use crate::progress::{counting, say};
@@ -34,6 +35,7 @@ pub(super) fn write(
         .then(|| {
             let samples = samples(&first, &words, threads, cancel);
             Regions::plan(&samples.borrow(), ExrOptions::sample_bytes(args.half), memory)
+                .map_err(|e| usage(format!("--memory: {e}")))
         })
         .transpose()?;
     let cache = match regions {

@@ -28,17 +28,13 @@ pub fn asked(job: &Job, units: Option<&Units>) -> Vec<BTreeSet<ShardId>> {
 
 /// Those of them that are not there.
 pub fn missing(job: &Job, store: &FilmStore, asked: &[BTreeSet<ShardId>]) -> Result<Vec<BTreeSet<ShardId>>> {
-    let mut bands = Vec::new();
-    for asked in asked {
-        let mut missing = BTreeSet::new();
-        for id in asked {
-            if !store.shard_present(id.window, job.film_bands[id.band], (id.row, id.col))? {
-                missing.insert(*id);
-            }
-        }
-        bands.push(missing);
-    }
-    Ok(bands)
+    let place = |id: &ShardId| (id.window, job.film_bands[id.band], (id.row, id.col));
+    let all: Vec<_> = asked.iter().flatten().map(place).collect();
+    let mut there = store.shards_bytes(&all)?.into_iter();
+    let missing = |asked: &BTreeSet<ShardId>| {
+        asked.iter().filter(|_| there.next().flatten().is_none()).copied().collect()
+    };
+    Ok(asked.iter().map(missing).collect())
 }
 
 /// The tiles to make and their film pixels, per position of the job.

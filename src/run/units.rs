@@ -4,6 +4,7 @@ use super::film;
 use crate::args::{RunArgs, RunCommand};
 use crate::failure::other_job;
 use crate::job::{Job, NUMERIC_VERSION};
+use crate::plan;
 use crate::plan::file::Plan;
 use crate::plan::list;
 use crate::plan::words::Words;
@@ -60,6 +61,7 @@ impl Units {
     /// # Errors
     /// Flags that exclude each other.
     pub fn args(&self, typed: &RunCommand) -> Result<RunArgs> {
+        plan::no_pyramid(&typed.job)?;
         let args = self.plan.command.parse(&Words::typed()?)?;
         Ok(RunArgs { take_over: typed.job.take_over, ..args })
     }

@@ -22,7 +22,7 @@ use object_store::{Error, GetOptions, GetRange, ObjectStore, ObjectStoreExt, Put
 
 use super::DurableError;
 use fault::fault;
-use runtime::wait;
+use runtime::{ask, wait};
 
 /// Objects asked about at once.
 const AT_ONCE: usize = 32;
@@ -119,12 +119,11 @@ impl Objects {
         self.writable("write", key)?;
         let (store, location, payload) =
             (self.store.clone(), self.location(key)?, PutPayload::from(bytes.clone()));
-        match wait(async move { store.put_opts(&location, payload, PutMode::Create.into()).await }) {
-            Ok(_) => return Ok(true),
-            Err(Error::NotImplemented { .. } | Error::AlreadyExists { .. }) => (),
-            Err(e) if fault::status(&e) == Some(501) => (),
-            Err(e) => return Err(self.fault("write", key)(e)),
+        if wait(async move { store.put_opts(&location, payload, PutMode::Create.into()).await }).is_ok() {
+            return Ok(true);
         }
+        // Something is there, or the store has no such puts, or its answer was lost: such a put is not sent twice. What is wrong
+        // otherwise is told by the plain one.
         match self.read_at_most(key, u64::MAX)? {
             Some(there) => Ok(there == bytes),
             None => self.write(key, bytes).map(|()| true),
@@ -137,10 +136,13 @@ impl Objects {
     /// [`DurableError::Length`] past the limit; [`DurableError`] if it cannot be read.
     pub fn read_at_most(&self, key: &str, limit: u64) -> Result<Option<Vec<u8>>, DurableError> {
         let (store, location) = (self.store.clone(), self.location(key)?);
-        let got = wait(async move {
-            let found = store.get(&location).await?;
-            let size = found.meta.size;
-            Ok((size, if size > limit { Bytes::new() } else { found.bytes().await? }))
+        let got = ask(|| {
+            let (store, location) = (store.clone(), location.clone());
+            async move {
+                let found = store.get(&location).await?;
+                let size = found.meta.size;
+                Ok((size, if size > limit { Bytes::new() } else { found.bytes().await? }))
+            }
         });
         let Some((size, bytes)) = absent(got).map_err(self.fault("read", key))? else { return Ok(None) };
         let length = |expected| DurableError::Length { path: self.root.join(key), expected, found: size };
@@ -162,7 +164,10 @@ impl Objects {
         };
         let options = GetOptions { range: Some(range), ..GetOptions::default() };
         let (store, location) = (self.store.clone(), self.location(key)?);
-        let got = wait(async move { store.get_opts(&location, options).await?.bytes().await });
+        let got = ask(|| {
+            let (store, location, options) = (store.clone(), location.clone(), options.clone());
+            async move { store.get_opts(&location, options).await?.bytes().await }
+        });
         match absent(got) {
             Ok(None) => Ok(None),
             Ok(Some(bytes)) if bytes.len() as u64 >= asked => {
@@ -243,16 +248,19 @@ impl Objects {
         if self.web {
             return Ok(Vec::new());
         }
-        let (store, prefix) = (self.store.clone(), self.prefix.clone());
-        let below = move |at: &Location| {
-            let parts: Vec<_> = at.prefix_match(&prefix)?.collect();
-            Some(parts.iter().map(AsRef::as_ref).collect::<Vec<&str>>().join("/")).filter(|key| wanted(key))
-        };
-        let prefix = self.prefix.clone();
-        let found = wait(async move {
-            let objects = store.list(Some(&prefix));
-            let keys = objects.try_filter_map(|meta| std::future::ready(Ok(below(&meta.location))));
-            keys.boxed().take(most).try_collect::<Vec<_>>().await
+        let wanted = Arc::new(wanted);
+        let found = ask(|| {
+            let (store, prefix, wanted) = (self.store.clone(), self.prefix.clone(), wanted.clone());
+            async move {
+                let below = |at: &Location| {
+                    let parts: Vec<_> = at.prefix_match(&prefix)?.collect();
+                    let key = parts.iter().map(AsRef::as_ref).collect::<Vec<&str>>().join("/");
+                    Some(key).filter(|key| wanted(key))
+                };
+                let objects = store.list(Some(&prefix));
+                let keys = objects.try_filter_map(|meta| std::future::ready(Ok(below(&meta.location))));
+                keys.boxed().take(most).try_collect::<Vec<_>>().await
+            }
         });
         found.map_err(self.fault("list", ""))
     }
@@ -266,7 +274,10 @@ impl Objects {
             return Ok(Vec::new());
         }
         let (store, prefix) = (self.store.clone(), self.location(key)?);
-        let found = wait(async move { store.list_with_delimiter(Some(&prefix)).await });
+        let found = ask(|| {
+            let (store, prefix) = (store.clone(), prefix.clone());
+            async move { store.list_with_delimiter(Some(&prefix)).await }
+        });
         let found = found.map_err(self.fault("list", key))?;
         let all = found.objects.into_iter().map(|o| o.location).chain(found.common_prefixes);
         let mut names: Vec<String> = all.filter_map(|at| at.filename().map(str::to_owned)).collect();
@@ -287,11 +298,13 @@ impl Objects {
         let Some(first) = keys.first().cloned() else { return Ok(()) };
         self.writable("remove", &first)?;
         let at: Vec<_> = keys.iter().map(|key| self.location(key)).collect::<Result<_, _>>()?;
-        let store = self.store.clone();
-        let gone = wait(async move {
-            let at = futures_util::stream::iter(at.into_iter().map(Ok)).boxed();
-            let removed = store.delete_stream(at).map(absent).map_ok(drop);
-            removed.try_collect::<Vec<()>>().await
+        let gone = ask(|| {
+            let (store, at) = (self.store.clone(), at.clone());
+            async move {
+                let at = futures_util::stream::iter(at.into_iter().map(Ok)).boxed();
+                let removed = store.delete_stream(at).map(absent).map_ok(drop);
+                removed.try_collect::<Vec<()>>().await
+            }
         });
         gone.map(drop).map_err(self.fault("remove", &first))
     }

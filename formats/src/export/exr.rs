@@ -136,8 +136,8 @@ fn header(
     };
     let size = Vec2(window.width, window.height);
     let text = |t: &str| AttributeValue::Text(Text::new_or_panic(plain(t)));
-    let mut attributes = LayerAttributes::default();
-    attributes.comments = Some(Text::new_or_panic(plain(samples.description)));
+    let comments = Some(Text::new_or_panic(plain(samples.description)));
+    let mut attributes = LayerAttributes { comments, ..LayerAttributes::default() };
     attributes.other.insert(Text::new_or_panic("spectralLayoutVersion"), text("1.0"));
     attributes.other.insert(Text::new_or_panic("emissiveUnits"), text(samples.units.unwrap_or("unknown")));
     let header = Header::new(Text::new_or_panic("spectrum"), size, channels.collect())

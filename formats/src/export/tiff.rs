@@ -65,7 +65,6 @@ pub fn write_pages(
         })?;
         page.finish().map_err(|e| failed(path, e))?;
     }
-    drop(encoder);
     out.into_inner().map_err(|e| DurableError::io("write", path, 0, e.into_error()))?;
     written.bytes = whole.file().metadata().map_err(|e| DurableError::io("look up", path, 0, e))?.len();
     whole.finish()?;

@@ -227,3 +227,82 @@ fn a_film_that_is_gone_is_not_made_again_in_parts() {
     assert!(e.retryable() && e.to_string().contains("is gone"), "{e}");
     assert!(film.verify(1, &|_, _| ()).unwrap_err().retryable() && !path.exists());
 }
+
+/// Everything in a directory or below a URL, by key.
+fn contents(film: &FilmStore) -> std::collections::BTreeMap<String, Vec<u8>> {
+    let names = |key: &str| film.store.names(key).unwrap();
+    let mut found = std::collections::BTreeMap::new();
+    let mut todo = vec![String::new()];
+    while let Some(key) = todo.pop() {
+        for name in names(&key) {
+            let key = if key.is_empty() { name } else { format!("{key}/{name}") };
+            match film.store.read(&key).unwrap() {
+                Some(bytes) => drop(found.insert(key, bytes)),
+                None => todo.push(key),
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn objects_hold_what_files_hold() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("film.zarr");
+    let far = Path::new("memory://film/deep/film.zarr");
+    let both = [&path, far].map(|path| {
+        let film = FilmStore::create(path, spec(), provenance(), false).unwrap();
+        fill(&film);
+        film.write_beside("runs/1.json", b"{}").unwrap();
+        check(path, "film", Rect::new(0, 0, 150, 100), false);
+        assert!(matches!(
+            FilmStore::create(path, spec(), provenance(), false),
+            Err(FilmError::Exists { .. })
+        ));
+        FilmStore::open(path, false).unwrap()
+    });
+    assert_eq!(contents(&both[0]), contents(&both[1]));
+    let film = &both[1];
+    assert!(film.lock("whole", false).unwrap().is_none() && film.sweep().unwrap() == Sweep::default());
+    assert_eq!((film.runs().unwrap().len(), film.verify(2, &|_, _| ()).unwrap().findings), (1, vec![]));
+    film.remove(0, 1, (2, 1)).unwrap();
+    let missing = Finding::Missing { key: "film/c/1/2/1".into() };
+    assert_eq!(film.verify(2, &|_, _| ()).unwrap().findings, [missing]);
+    FilmStore::remove_film(far).unwrap();
+    assert!(!film.store.exists().unwrap());
+    assert!(matches!(FilmStore::open(far, false), Err(FilmError::NotFilm { .. })));
+}
+
+#[test]
+fn objects_of_another_make_are_no_beginning_of_a_film() {
+    let far = Path::new("memory://other/film.zarr");
+    let store = Store::at(far).unwrap();
+    // Of a creation that was killed: gone on with.
+    store.write("y/c/0", vec![0; 3]).unwrap();
+    FilmStore::create(far, spec(), provenance(), false).unwrap();
+    FilmStore::remove_film(far).unwrap();
+    // A shard without a film may be of any job.
+    store.write("film/c/0/0/0", vec![0; 3]).unwrap();
+    assert!(matches!(FilmStore::create(far, spec(), provenance(), false), Err(FilmError::Exists { .. })));
+    assert!(matches!(FilmStore::open(far, false), Err(FilmError::NotFilm { .. })));
+    assert!(matches!(FilmStore::remove_film(far), Err(FilmError::NotFilm { .. })));
+}
+
+#[test]
+fn no_shard_is_put_into_the_film_of_another_job() {
+    let far = Path::new("memory://replaced/film.zarr");
+    let job = |digest: &str| {
+        let mut words = provenance();
+        words.insert("job_digest".into(), digest.into());
+        FilmStore::create(far, spec(), words, false).unwrap()
+    };
+    let ours = job("ours");
+    let shard = ours.encode_shard(0, 0, (0, 0), &[1.0; 64 * 64]).unwrap();
+    ours.commit(&shard).unwrap();
+    FilmStore::remove_film(far).unwrap();
+    let e = ours.commit(&shard).unwrap_err();
+    assert!(matches!(e, FilmError::Storage(DurableError::Vanished { .. })) && e.retryable(), "{e}");
+    let theirs = job("theirs");
+    assert!(matches!(ours.commit(&shard), Err(FilmError::Replaced { .. })));
+    assert!(!theirs.shard_present(0, 0, (0, 0)).unwrap());
+}

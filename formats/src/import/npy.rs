@@ -33,10 +33,8 @@ pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
     };
     let data = &bytes[offset..];
     let item = sample.bytes() as u64;
-    let count = shape
-        .iter()
-        .try_fold(1u64, |n, &d| n.checked_mul(d as u64))
-        .filter(|n| *n <= LARGEST_FILE as u64 / item);
+    let count =
+        shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)).filter(|n| *n <= LARGEST_FILE / item);
     let Some(count) = count else {
         return Err(format!("claims a shape of {shape:?}, more than {LARGEST_FILE} bytes"));
     };

@@ -132,6 +132,9 @@ pub fn write_preview(
     Ok(shown)
 }
 
+/// Takes a row of the picture in linear sRGB, and its number.
+type TakeRow<'a> = dyn FnMut(usize, &[[f32; 3]]) -> Result<(), PictureError> + Send + 'a;
+
 /// The bands that an eye sees, and what each adds to linear sRGB.
 pub(super) struct Seen {
     bands: Vec<usize>,
@@ -162,7 +165,7 @@ impl Seen {
         grid: &Grid,
         threads: usize,
         progress: Progress<'_>,
-        each: &mut (dyn FnMut(usize, &[[f32; 3]]) -> Result<(), PictureError> + Send),
+        each: &mut TakeRow<'_>,
     ) -> Result<u64, PictureError> {
         let last = self.bands.len() - 1;
         // Rows that lack bands still: a strip's.

@@ -1,4 +1,4 @@
-//! The doors of this crate: lens packs, charts' metadata, every importer. Seeds and cases: `tests/fuzz_support`.
+//! The doors of this crate: lens packs, charts' metadata, every importer, pictures. Seeds and cases: `tests/fuzz_support`.
 
 #[path = "../../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
@@ -7,6 +7,7 @@ mod chart;
 mod importers;
 mod json;
 mod pack;
+mod pictures;
 mod raster;
 
 use std::path::{Path, PathBuf};

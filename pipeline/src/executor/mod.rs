@@ -34,8 +34,8 @@ use std::time::Instant;
 
 /// Tiles in flight or waiting for their turn, per worker.
 pub const AHEAD: usize = 3;
-/// Threads that write encoded shards; each waits on the disk most of the time.
-const WRITERS: usize = 2;
+/// Encoded shards that wait to be written.
+pub const QUEUE: usize = 2;
 
 /// The stages of one band, ready to run.
 #[derive(Debug)]
@@ -132,10 +132,10 @@ pub fn run<S: FilmSink>(
     let figures: Vec<_> = work.queues.iter().map(named).collect();
     std::thread::scope(|scope| {
         let (bands_out, bands_in) = bounded::<Running>(0);
-        let (encoded_out, encoded_in) = bounded::<(ShardId, S::Encoded)>(WRITERS);
+        let (encoded_out, encoded_in) = bounded::<(ShardId, S::Encoded)>(QUEUE);
         let shared = &shared;
         scope.spawn(move || shared.prepare_bands(prepare, &bands_out));
-        for _ in 0..WRITERS {
+        for _ in 0..sink.writers().max(1) {
             let (inbox, shards, bytes) = (encoded_in.clone(), &shards, &bytes);
             scope.spawn(move || shared.write(&inbox, shards, bytes));
         }

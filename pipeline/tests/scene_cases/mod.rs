@@ -106,7 +106,7 @@ fn scene_equals_the_map(engine: &dyn Engine) {
         ] {
             for interp in [Interp::Bicubic, Interp::Bilinear] {
                 let reading = Reading { interp, surround, outside: Outside::Error };
-                let job = Job { frame: &frame, lens: &lens, stages: ALL, reading: reading, gain: 1.0 };
+                let job = Job { frame: &frame, lens: &lens, stages: ALL, reading, gain: 1.0 };
                 let got = engine.scene(&job, &chart, rect);
                 let want = oracle::scene(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
                 if want.data.iter().all(|v| *v == 0.0) {
@@ -131,7 +131,7 @@ fn a_uniform_chart_gives_exactly_r(engine: &dyn Engine) {
     let lens = band(&mut noise, 1000, frame.farthest_mm(film.rect()));
     let chart = Chart(Image::new(film, |_, _| 1.0));
     let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
-    let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading: reading, gain: 1.0 };
+    let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
     let got = engine.scene(&job, &chart, film.rect());
     let t =
         Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
@@ -149,7 +149,7 @@ fn an_identity_lens_returns_the_chart_bit_for_bit(engine: &dyn Engine) {
         lens.relative_illumination.fill(1.0);
         let chart = noise_chart(&mut noise, film);
         let reading = Reading { interp: Interp::Bicubic, surround: Surround::Black, outside: Outside::Error };
-        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading: reading, gain: 1.0 };
+        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
         let got = engine.scene(&job, &chart, film.rect());
         assert!(got.iter().zip(&chart.0.data).all(|(g, c)| *g == *c as f32), "film {film}");
     }
@@ -164,7 +164,7 @@ fn pixels_do_not_depend_on_the_cut(engine: &dyn Engine) {
         let chart = noise_chart(&mut noise, frame.chart);
         let reading =
             Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
-        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading: reading, gain: 1.0 };
+        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
         let whole = engine.scene(&job, &chart, film.rect());
         for part in film.rect().tiles(37, 129) {
             let got = engine.scene(&job, &chart, part);
@@ -233,7 +233,7 @@ fn coordinates_are_those_of_the_exact_map(engine: &dyn Engine) {
         };
         let reading = Reading { interp: Interp::Bilinear, surround: Surround::Edge, outside: Outside::Error };
         let stages = Stages { ri: false, ..FIRST_TWO };
-        let job = Job { frame: &frame, lens: &lens, stages: stages, reading: reading, gain: 1.0 };
+        let job = Job { frame: &frame, lens: &lens, stages, reading, gain: 1.0 };
         for rows in [false, true] {
             let exact = |i: usize| {
                 let (y, x) = (rect.y + (i / rect.width) as i64, rect.x + (i % rect.width) as i64);
@@ -309,7 +309,7 @@ fn a_wild_lens_is_followed(engine: &dyn Engine) {
         Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
     for interp in [Interp::Bicubic, Interp::Bilinear] {
         let reading = Reading { interp, surround: Surround::Mirror, outside: Outside::Error };
-        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading: reading, gain: 1.0 };
+        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
         let got = engine.scene(&job, &chart, film.rect());
         let want = oracle::scene(
             &chart.0,

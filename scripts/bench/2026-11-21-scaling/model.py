@@ -81,8 +81,8 @@ def job(charts, nodes, workers_a_node, unit_s, store_gb_s):
 def table(charts, store_gb_s):
     kinds = [
         (f"measured: {NODE_CORES} cores a node", 1, unit_cpu),
-        ("ASSUMED: 1 GPU a node", 1, unit_gpu),
-        (f"ASSUMED: {GPUS} GPUs a node", GPUS, unit_gpu),
+        ("ASSUMED: 1 GPU, 8 cores a node", 1, unit_gpu),
+        (f"ASSUMED: {GPUS} GPUs, 32 cores a node", GPUS, unit_gpu),
     ]
     print(f"{'nodes':>5}  " + "  ".join(f"{name:^38}" for name, _, _ in kinds))
     for nodes in NODES:

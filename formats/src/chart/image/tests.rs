@@ -1,1 +1,286 @@
-//! Pictures of every kind.
+//! Pictures of every kind give their samples; what is left out, cut short or lying is one clear error.
+
+use super::*;
+use ::png::{BitDepth, ColorType};
+use ::tiff::encoder::{Compression, TiffEncoder, colortype};
+use pipeline::geometry::Rect;
+use std::fs;
+
+const SIZE: Size = Size::new(11, 17);
+
+fn sample(row: usize, column: usize, channel: usize, white: usize) -> u16 {
+    ((row * 5471 + column * 919 + channel * 29) * 37 % (white + 1)) as u16
+}
+
+fn samples(channels: usize, white: usize) -> Vec<u16> {
+    let row = |y| (0..SIZE.width).flat_map(move |x| (0..channels).map(move |c| sample(y, x, c, white)));
+    (0..SIZE.height).flat_map(row).collect()
+}
+
+fn png(colour: ColorType, depth: BitDepth, data: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = ::png::Encoder::new(&mut bytes, SIZE.width as u32, SIZE.height as u32);
+    encoder.set_color(colour);
+    encoder.set_depth(depth);
+    if colour == ColorType::Indexed {
+        encoder.set_palette((0..=255u8).flat_map(|i| [i, 255 - i, i / 2]).collect::<Vec<u8>>());
+    }
+    encoder.write_header().unwrap().write_image_data(data).unwrap();
+    bytes
+}
+
+fn narrow(v: &[u16]) -> Vec<u8> {
+    v.iter().map(|&v| v as u8).collect()
+}
+
+fn wide(v: &[u16]) -> Vec<u8> {
+    v.iter().flat_map(|v| v.to_be_bytes()).collect()
+}
+
+fn tiff<C: colortype::ColorType>(big: bool, packing: Compression, rows: u32, data: &[C::Inner]) -> Vec<u8>
+where
+    [C::Inner]: ::tiff::encoder::TiffValue,
+{
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let (w, h) = (SIZE.width as u32, SIZE.height as u32);
+    macro_rules! put {
+        ($encoder:expr) => {{
+            let mut encoder = $encoder.unwrap().with_compression(packing);
+            let mut image = encoder.new_image::<C>(w, h).unwrap();
+            image.rows_per_strip(rows).unwrap();
+            image.write_data(data).unwrap();
+        }};
+    }
+    match big {
+        true => put!(TiffEncoder::new_big(&mut bytes)),
+        false => put!(TiffEncoder::new(&mut bytes)),
+    }
+    bytes.into_inner()
+}
+
+fn exr(channels: &[(&str, bool)]) -> Vec<u8> {
+    use ::exr::prelude::*;
+    let list = channels.iter().map(|(name, half)| {
+        let values = (0..SIZE.pixels()).map(|i| i as f32 * 0.37 - 1.0);
+        let data = match half {
+            true => FlatSamples::F16(values.map(half::f16::from_f32).collect()),
+            false => FlatSamples::F32(values.collect()),
+        };
+        AnyChannel::new(*name, data)
+    });
+    let layer = Layer::new(
+        (SIZE.width, SIZE.height),
+        LayerAttributes::default(),
+        Encoding::SMALL_LOSSLESS,
+        AnyChannels::sort(list.collect()),
+    );
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).unwrap();
+    bytes.into_inner()
+}
+
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn open(&self, bytes: &[u8]) -> Result<ImageFile, ChartError> {
+        let path = self.0.path().join("a.picture");
+        fs::write(&path, bytes).unwrap();
+        ImageFile::open(&path)
+    }
+
+    /// All samples, channel after channel.
+    fn linear(&self, bytes: &[u8]) -> Result<Vec<Vec<f32>>, ChartError> {
+        let file = self.open(bytes)?;
+        assert_eq!(file.size(), SIZE);
+        let channels = if file.is_grey() { 1 } else { 3 };
+        let source = file.linear(Transfer::Linear, self.0.path(), 2, &|_, _| ())?;
+        let read = |c| {
+            let mut out = vec![f32::NAN; SIZE.pixels()];
+            source
+                .read(c, SIZE.rect(), &mut out)
+                .map(|()| out)
+                .map_err(|e| *e.downcast::<ChartError>().unwrap())
+        };
+        (0..channels).map(read).collect()
+    }
+
+    fn refused(&self, bytes: &[u8], words: &str) {
+        let error = self.linear(bytes).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("a.picture"), "`{words}` is not in: {error}");
+        assert!(fs::read_dir(self.0.path()).unwrap().count() <= 1, "a temp file is left");
+    }
+}
+
+/// Channel after channel, white being 1.
+fn planes(samples: &[u16], channels: usize, white: f64) -> Vec<Vec<f32>> {
+    let of = |c: usize| samples.iter().skip(c).step_by(channels);
+    (0..channels).map(|c| of(c).map(|&v| (f64::from(v) / white) as f32).collect()).collect()
+}
+
+#[test]
+fn whole_numbers_come_as_they_are() {
+    let place = Place::new();
+    for channels in [1usize, 3] {
+        let (few, many) = (samples(channels, 255), samples(channels, 65535));
+        let colour = if channels == 1 { ColorType::Grayscale } else { ColorType::Rgb };
+        let (eight, sixteen) = (planes(&few, channels, 255.0), planes(&many, channels, 65535.0));
+        assert_eq!(place.linear(&png(colour, BitDepth::Eight, &narrow(&few))).unwrap(), eight);
+        assert_eq!(place.linear(&png(colour, BitDepth::Sixteen, &wide(&many))).unwrap(), sixteen);
+        for big in [true, false] {
+            for (name, packing) in [
+                ("none", Compression::Uncompressed),
+                ("LZW", Compression::Lzw),
+                ("PackBits", Compression::Packbits),
+            ] {
+                for rows in [1, 4, 11] {
+                    let (a, b) = match channels {
+                        1 => (
+                            tiff::<colortype::Gray8>(big, packing, rows, &narrow(&few)),
+                            tiff::<colortype::Gray16>(big, packing, rows, &many),
+                        ),
+                        _ => (
+                            tiff::<colortype::RGB8>(big, packing, rows, &narrow(&few)),
+                            tiff::<colortype::RGB16>(big, packing, rows, &many),
+                        ),
+                    };
+                    assert_eq!(place.linear(&a).unwrap(), eight, "{name}, {big}, {rows}");
+                    assert_eq!(place.linear(&b).unwrap(), sixteen, "{name}, {big}, {rows}");
+                }
+            }
+        }
+    }
+    let few = samples(1, 255);
+    let colours = place.linear(&png(ColorType::Indexed, BitDepth::Eight, &narrow(&few))).unwrap();
+    assert_eq!(colours[1], planes(&few.iter().map(|v| 255 - v).collect::<Vec<_>>(), 1, 255.0)[0]);
+}
+
+#[test]
+fn encoded_samples_are_made_linear() {
+    let place = Place::new();
+    let few = samples(1, 255);
+    let file = place.open(&png(ColorType::Grayscale, BitDepth::Eight, &narrow(&few))).unwrap();
+    let source = file.linear(Transfer::Srgb, place.0.path(), 1, &|_, _| ()).unwrap();
+    let mut out = vec![0.0; SIZE.width];
+    source.read(0, Rect::new(3, 0, 1, SIZE.width), &mut out).unwrap();
+    for (got, v) in out.iter().zip(&few[3 * SIZE.width..]) {
+        assert_eq!(*got, srgb_decode(f64::from(*v) / 255.0) as f32);
+    }
+}
+
+#[test]
+fn exr_is_linear_and_bit_exact() {
+    let place = Place::new();
+    let want: Vec<f32> = (0..SIZE.pixels()).map(|i| i as f32 * 0.37 - 1.0).collect();
+    let rgb = place.linear(&exr(&[("R", false), ("G", false), ("B", true)])).unwrap();
+    assert_eq!((&rgb[0], &rgb[1]), (&want, &want));
+    assert!(rgb[2].iter().zip(&want).all(|(a, b)| *a == half::f16::from_f32(*b).to_f32()));
+    assert_eq!(place.linear(&exr(&[("Y", false)])).unwrap(), vec![want.clone()]);
+    let file = place.open(&exr(&[("T.0,55um", false), ("T.400nm", false), ("R", false)])).unwrap();
+    let spectral = file.spectral().unwrap();
+    let wavelengths_nm = vec![400.0, 550.0];
+    assert_eq!(spectral.content(), &ExrContent::Spectral { wavelengths_nm, reflective: true });
+}
+
+/// CRC-32 of PNG chunks (ISO 3309).
+fn crc(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0, |crc: u32, &b| {
+        (0..8).fold(crc ^ u32::from(b), |c, _| if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 })
+    })
+}
+
+#[test]
+fn what_is_left_out_is_refused() {
+    let place = Place::new();
+    let clear = |c: usize| vec![7u8; SIZE.pixels() * c];
+    for (colour, channels) in [(ColorType::Rgba, 4), (ColorType::GrayscaleAlpha, 2)] {
+        place.refused(&png(colour, BitDepth::Eight, &clear(channels)), "flatten the image");
+    }
+    let whole = png(ColorType::Rgb, BitDepth::Eight, &clear(3));
+    let with_header = |change: &dyn Fn(&mut [u8])| {
+        let mut bytes = whole.clone();
+        change(&mut bytes[16..29]);
+        let sum = crc(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&sum.to_be_bytes());
+        bytes
+    };
+    place.refused(&with_header(&|h| h[12] = 1), "interlac");
+    for side in
+        [0x0000_0000_0000_0011u64, 0x0000_000b_ffff_ffff, 0x7fff_ffff_7fff_ffff, 0x0000_0011_0001_0000]
+    {
+        let lying = with_header(&|h| h[0..8].copy_from_slice(&side.to_be_bytes()));
+        let error = place.linear_any(&lying).unwrap_err().to_string();
+        assert!(error.contains("a.picture"), "{error}");
+    }
+    let rgba = tiff::<colortype::RGBA8>(false, Compression::Uncompressed, 3, &clear(4));
+    place.refused(&rgba, "flatten the image");
+    let float = tiff::<colortype::Gray32Float>(true, Compression::Uncompressed, 3, &vec![0.5; SIZE.pixels()]);
+    place.refused(&float, "8 or 16 bits");
+    let four = tiff::<colortype::CMYK8>(false, Compression::Uncompressed, 3, &clear(4));
+    place.refused(&four, "grey or RGB");
+    place.refused(&exr(&[("R", false), ("G", false), ("B", false), ("A", false)]), "flatten the image");
+    place.refused(&exr(&[("R", false), ("G", false)]), "R, G and B");
+    place.refused(&exr(&[("S0.400nm", false), ("T.400nm", false)]), "both of them");
+    place.refused(&exr(&[("S0.4cm", false), ("S0.400nm", false)]), "a wavelength such as");
+    for junk in [
+        &b""[..],
+        b"\x89PNG",
+        b"II*\0",
+        b"MM\0+",
+        b"\x76\x2f\x31\x01",
+        b"GIF89a..",
+        &[0x89, b'P', b'N', b'G', 0, 0],
+    ] {
+        assert!(place.linear(junk).is_err());
+    }
+    place.refused(b"GIF89a", "first bytes");
+}
+
+impl Place {
+    fn linear_any(&self, bytes: &[u8]) -> Result<(), ChartError> {
+        self.open(bytes)?.linear(Transfer::Srgb, self.0.path(), 1, &|_, _| ()).map(|_| ())
+    }
+}
+
+/// Cut anywhere before its pixels end, no file gives pixels.
+#[test]
+fn files_cut_short_are_damaged() {
+    let place = Place::new();
+    let rgb = samples(3, 255);
+    for (name, whole, pixels_end) in [
+        ("PNG", png(ColorType::Rgb, BitDepth::Eight, &narrow(&rgb)), 40),
+        ("TIFF", tiff::<colortype::RGB8>(false, Compression::Uncompressed, 4, &narrow(&rgb)), 1),
+        ("LZW", tiff::<colortype::RGB8>(true, Compression::Lzw, 4, &narrow(&rgb)), 1),
+        ("EXR", exr(&[("R", false), ("G", true), ("B", false)]), 1),
+    ] {
+        for cut in 0..60 {
+            let length = (whole.len() - pixels_end) * cut / 60;
+            assert!(place.linear_any(&whole[..length]).is_err(), "{name} cut to {length} of {}", whole.len());
+            assert_eq!(fs::read_dir(place.0.path()).unwrap().count(), 1);
+        }
+    }
+}
+
+#[test]
+fn headers_that_claim_too_much_are_refused_before_anything_is_held() {
+    let place = Place::new();
+    let whole = exr(&[("R", false), ("G", false), ("B", false)]);
+    let at = whole.windows(11).position(|w| w == b"dataWindow\0").unwrap() + 11 + 6 + 4;
+    for corner in [i32::MAX - 1, 1 << 28, 60_000] {
+        let mut bytes = whole.clone();
+        bytes[at + 8..at + 12].copy_from_slice(&corner.to_le_bytes());
+        bytes[at + 12..at + 16].copy_from_slice(&corner.to_le_bytes());
+        let error = place.linear_any(&bytes).unwrap_err().to_string();
+        assert!(error.contains("a.picture"), "{error}");
+    }
+    let few = samples(1, 255);
+    let whole = tiff::<colortype::Gray8>(false, Compression::Uncompressed, 11, &narrow(&few));
+    let mut bytes = whole.clone();
+    // The width, in the directory: tag 256, type LONG, one value.
+    let tag = whole.windows(8).position(|w| w == [0, 1, 4, 0, 1, 0, 0, 0]).unwrap();
+    bytes[tag + 8..tag + 12].copy_from_slice(&4_000_000_000u32.to_le_bytes());
+    assert!(place.linear_any(&bytes).is_err());
+}

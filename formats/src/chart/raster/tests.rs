@@ -196,3 +196,76 @@ fn a_file_that_shrinks_is_an_error_and_no_signal() {
     assert!(matches!(error, ChartError::Short { expected: 1_048_576, found: 32_768, .. }), "{error}");
     assert_eq!(line, vec![0.0; 4096], "zeros stand where the file was");
 }
+
+#[test]
+fn every_type_of_envi_and_numpy_is_named_right() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let plain = RasterSample::Plain;
+    let types = [
+        (Some(1), Some("u1"), plain(Sample::U8)),
+        (Some(2), None, RasterSample::I16),
+        (Some(4), Some("f4"), plain(Sample::F32)),
+        (Some(5), Some("f8"), plain(Sample::F64)),
+        (Some(12), Some("u2"), plain(Sample::U16)),
+        (None, Some("f2"), plain(Sample::F16)),
+    ];
+    for (envi, numpy, sample) in types {
+        for little_endian in [true, false] {
+            let mut layout =
+                RasterLayout { shape: SHAPE, interleave: Interleave::Bsq, sample, little_endian, offset: 9 };
+            if let Some(code) = envi {
+                fs::write(at("t.img"), encoded(&layout)).unwrap();
+                for (unit, list) in [("Nanometers", "{450, 550, 650}"), ("Micrometers", "{0.45, 0.55, 0.65}")]
+                {
+                    let header = format!(
+                        "ENVI\nsamples = 5\nlines = 7\nbands = 3\nheader offset = 9\ndata type = {code}\ninterleave = bsq\n\
+                         byte order = {}\nwavelength units = {unit}\nwavelength = {list}\n",
+                        u8::from(!little_endian)
+                    );
+                    fs::write(at("t.hdr"), header).unwrap();
+                    let chart = RasterChart::open(&at("t.hdr"), NanPolicy::Error).unwrap();
+                    assert_eq!(chart.layout(), &layout);
+                    assert_eq!(chart.wavelengths_nm(), Some(&[450.0, 550.0, 650.0][..]));
+                    assert_pixels(&chart, &format!("ENVI {code}, {little_endian}"));
+                }
+            }
+            if let Some(name) = numpy {
+                layout.offset = 0;
+                let order = if little_endian { "<" } else { ">" };
+                fs::write(at("t.npy"), npy(&format!("{order}{name}"), "(3, 7, 5)", &encoded(&layout)))
+                    .unwrap();
+                let chart = RasterChart::open(&at("t.npy"), NanPolicy::Error).unwrap();
+                assert_eq!((chart.layout().sample, chart.layout().little_endian), (sample, little_endian));
+                assert_pixels(&chart, &format!("{order}{name}"));
+            }
+        }
+    }
+}
+
+/// Pages behind the reader are given back: a file of 256 MiB never takes a third of it.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_large_file_takes_a_few_rows_of_memory() {
+    let held = || {
+        let status = fs::read_to_string("/proc/self/status").unwrap();
+        let line = status.lines().find_map(|l| l.strip_prefix("RssFile:")).unwrap();
+        line.split_whitespace().next().unwrap().parse::<u64>().unwrap() << 10
+    };
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("large.raw");
+    let sample = RasterSample::Plain(Sample::F32);
+    let shape = [1, 16384, 4096];
+    let layout = RasterLayout { shape, interleave: Interleave::Bsq, sample, little_endian: true, offset: 0 };
+    File::create(&path).unwrap().set_len(16384 * 4096 * 4).unwrap();
+    let chart = RasterChart::raw(&path, layout, NanPolicy::Error).unwrap();
+    let before = held();
+    let (mut out, mut most) = (vec![0.0; 64 * 4096], 0);
+    for row in (0..16384).step_by(64) {
+        chart.read_rect(0, Rect::new(row, 0, 64, 4096), &mut out).unwrap();
+        most = most.max(held().saturating_sub(before));
+    }
+    assert_eq!(chart.stats().0, 256 << 20);
+    // 2048 rows are kept, and up to 512 more before any go: 40 MiB. Other tests run in this process.
+    assert!(most > 16 << 20 && most < 80 << 20, "{} MiB", most >> 20);
+}

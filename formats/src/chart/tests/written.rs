@@ -75,3 +75,39 @@ fn a_copy_that_fails_leaves_nothing() {
     assert!(matches!(e, Err(WriteError::Source { band: 2, .. })), "{e:?}");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
 }
+
+#[test]
+fn a_chart_of_objects_is_that_of_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let size = Size::new(2100, 700);
+    let (near, far) = (dir.path().join("c.zarr"), Path::new("memory://chart/deep/c.zarr"));
+    for path in [&near, far] {
+        write_chart(path, &Ramp(size), &meta(2), Codec::Zstd, 2, &|_, _| {}).unwrap();
+    }
+    let e = write_chart(far, &Ramp(size), &meta(2), Codec::Zstd, 2, &|_, _| {}).unwrap_err();
+    assert!(matches!(e, WriteError::Exists { .. }));
+    let by_url = |spec: &str| ChartStore::open(spec, ChartOptions::default()).unwrap();
+    for spec in [
+        "memory://chart/deep/c.zarr",
+        "memory://chart/deep/c.zarr//chart",
+        "memory://chart/deep/c.zarr/chart",
+    ] {
+        let chart = by_url(spec);
+        assert_eq!(all(&chart, 1).unwrap(), all(&open(&near), 1).unwrap(), "{spec}");
+        assert_eq!(chart.wavelengths_nm(), Some(&[500.0, 501.0][..]), "{spec}");
+        let identity = chart.identity().unwrap();
+        assert_eq!(identity.content, open(&near).identity().unwrap().content, "{spec}");
+        assert_eq!(identity, by_url(spec).identity().unwrap());
+    }
+    // The same size, other bytes.
+    let before = by_url("memory://chart/deep/c.zarr").identity().unwrap();
+    let store = crate::durable::Store::at(far).unwrap();
+    let mut bytes = store.read("chart/c/1/1/0").unwrap().unwrap();
+    bytes[7] ^= 1;
+    store.write("chart/c/1/1/0", bytes).unwrap();
+    let after = by_url("memory://chart/deep/c.zarr").identity().unwrap();
+    assert!(before.content == after.content && before.mtimes != after.mtimes);
+    remove_chart(far).unwrap();
+    let e = ChartStore::open("memory://chart/deep/c.zarr", ChartOptions::default()).unwrap_err();
+    assert!(matches!(e, ChartError::NotFound { .. }), "{e}");
+}

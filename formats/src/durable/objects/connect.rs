@@ -13,7 +13,7 @@ use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, ObjectStore, R
 
 use super::super::DurableError;
 use super::Objects;
-use super::runtime::within;
+use super::runtime::{wait, within};
 
 /// Requests that fail are sent so often; AWS's own variable says another number.
 const ATTEMPTS: usize = 10;
@@ -26,6 +26,9 @@ const REQUEST: &str = "60 seconds";
 /// Where machines in the cloud ask who they are.
 const METADATA: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::new(169, 254, 169, 254)), 80);
+
+const NOBODY: &str = "no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (files under ~/.aws are not read; `aws \
+                      configure export-credentials --format env` prints them), or AWS_SKIP_SIGNATURE=true for a public bucket";
 
 /// The scheme of a URL, if it is one.
 pub(super) fn scheme(path: &str) -> Option<&str> {
@@ -144,23 +147,29 @@ fn s3(bucket: &str) -> Result<Arc<dyn ObjectStore>, String> {
             ));
         }
     }
+    let (id, secret) = (set(AmazonS3ConfigKey::AccessKeyId), set(AmazonS3ConfigKey::SecretAccessKey));
+    if id.is_some() != secret.is_some() {
+        let missing = if id.is_none() { "AWS_ACCESS_KEY_ID" } else { "AWS_SECRET_ACCESS_KEY" };
+        return Err(format!("of the two halves of the credentials, {missing} is not set"));
+    }
     let sources = [
         AmazonS3ConfigKey::AccessKeyId,
-        AmazonS3ConfigKey::SecretAccessKey,
         AmazonS3ConfigKey::WebIdentityTokenFile,
         AmazonS3ConfigKey::ContainerCredentialsRelativeUri,
         AmazonS3ConfigKey::ContainerCredentialsFullUri,
-        AmazonS3ConfigKey::MetadataEndpoint,
     ];
     let known = sources.into_iter().any(|key| set(key).is_some()) || on(AmazonS3ConfigKey::SkipSignature);
-    if !known && TcpStream::connect_timeout(&METADATA, Duration::from_secs(1)).is_err() {
-        return Err(
-            "no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (files under ~/.aws are not read; `aws configure \
-             export-credentials --format env` prints them), or AWS_SKIP_SIGNATURE=true for a public bucket"
-                .into(),
-        );
+    let elsewhere = set(AmazonS3ConfigKey::MetadataEndpoint).is_some();
+    let store = builder.build().map_err(|e| e.to_string())?;
+    if !known {
+        // What is left is a machine in the cloud that may know who it is.
+        let answers = elsewhere || TcpStream::connect_timeout(&METADATA, Duration::from_secs(1)).is_ok();
+        let provider = store.credentials().clone();
+        if !answers || wait(async move { provider.get_credential().await }).is_err() {
+            return Err(NOBODY.into());
+        }
     }
-    Ok(Arc::new(builder.build().map_err(|e| e.to_string())?))
+    Ok(Arc::new(store))
 }
 
 #[cfg(test)]

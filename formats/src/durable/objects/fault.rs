@@ -12,6 +12,7 @@ type Any = dyn std::error::Error + 'static;
 
 const WHO: &str = "check AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN and AWS_REGION, and that they allow to \
                    get, put, delete and list here (without the right to list, S3 forbids what is not there)";
+const LOGIN: &str = "the web server wants a login, which http(s):// cannot give it here";
 const WHERE: &str = "check the bucket's name, AWS_ENDPOINT_URL and AWS_REGION, or create the bucket";
 
 /// The chain of an error and its causes.
@@ -36,6 +37,12 @@ pub(super) fn status(error: &Any) -> Option<u16> {
 /// Whether an answer says that there is no such bucket.
 pub(super) fn names_bucket(error: &Any) -> bool {
     said(error).any(|text| text.contains("<Code>NoSuchBucket</Code>"))
+}
+
+/// Whether an answer began and broke off, rather than never came after all repetitions of the request.
+pub(super) fn broken_off(error: &Error) -> bool {
+    let transport = chain(error).any(|e| e.is::<HttpError>());
+    transport && !said(error).any(|text| text.starts_with("Error performing"))
 }
 
 /// The text of an element of the answer's XML.
@@ -69,8 +76,12 @@ fn plain(error: &Error) -> String {
 pub(super) fn fault(doing: &'static str, path: &Path, error: &Error) -> DurableError {
     let (path, reason) = (path.to_path_buf(), reason(error));
     let refused = |reason, way_out| DurableError::Refused { doing, path: path.clone(), reason, way_out };
+    let web = !path.starts_with("s3:");
     match (error, status(error)) {
-        (Error::PermissionDenied { .. } | Error::Unauthenticated { .. }, _) => refused(reason, WHO),
+        _ if names_bucket(error) => refused(reason, WHERE),
+        (Error::PermissionDenied { .. } | Error::Unauthenticated { .. }, _) | (_, Some(401 | 403)) => {
+            refused(reason, if web { LOGIN } else { WHO })
+        }
         (Error::NotFound { .. }, _) => refused(reason, WHERE),
         (Error::NotSupported { .. }, _) => refused(
             "the server sends no parts of files".into(),

@@ -3,11 +3,18 @@
 use std::future::Future;
 use std::sync::OnceLock;
 use std::sync::mpsc::sync_channel;
+use std::time::{Duration, Instant};
 
+use object_store::Error;
 use tokio::runtime::{Builder, Runtime};
+
+use super::fault::broken_off;
 
 /// Threads that encrypt and sign; the waiting takes none.
 const THREADS: usize = 2;
+
+/// After so long an answer that breaks off is the last.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 fn runtime() -> &'static Runtime {
     static RUNTIME: OnceLock<Runtime> = OnceLock::new();
@@ -28,6 +35,24 @@ pub(super) fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'st
         let _ = tell.send(work.await);
     });
     told.recv().expect("requests return their errors")
+}
+
+/// As [`wait`], for what may be asked twice. Requests are repeated further below, but not all whose answer begins and then
+/// breaks off: those are repeated here.
+pub(super) fn ask<T, W>(work: impl Fn() -> W) -> Result<T, Error>
+where
+    T: Send + 'static,
+    W: Future<Output = Result<T, Error>> + Send + 'static,
+{
+    let begin = Instant::now();
+    let mut pause = Duration::from_millis(100);
+    loop {
+        match wait(work()) {
+            Err(e) if broken_off(&e) && begin.elapsed() < PATIENCE => std::thread::sleep(pause),
+            answer => return answer,
+        }
+        pause *= 2;
+    }
 }
 
 /// Makes what needs the runtime around it to be made.

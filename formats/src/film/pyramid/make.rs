@@ -52,13 +52,11 @@ impl FilmStore {
     }
 
     fn check_complete(&self) -> Result<(), FilmError> {
-        let mut missing = Vec::new();
-        for (output, band, shard) in self.every_shard() {
-            if !self.shard_present(output, band, shard)? {
-                missing.push(self.key(output, band, shard));
-            }
-        }
-        let shards = self.every_shard().count();
+        let all: Vec<_> = self.every_shard().collect();
+        let found = std::iter::zip(&all, self.shards_bytes(&all)?);
+        let absent = found.filter(|(_, there)| there.is_none());
+        let missing: Vec<String> = absent.map(|(&(o, b, s), _)| self.key(o, b, s)).collect();
+        let shards = all.len();
         match missing.first() {
             None => Ok(()),
             Some(first) => Err(FilmError::Incomplete {

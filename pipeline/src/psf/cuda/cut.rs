@@ -5,7 +5,7 @@
 //! down and right. The cheapest by counted warp instructions is taken; these were read from the machine code for compute capability
 //! 9.0, a stage between two barriers at a time. Direct sums would take 4·n² multiply-adds a pixel, n²/8 warp instructions with the
 //! shares ready: more than the 16 of a 51-px window's transforms from n = 11 on, and less below only where the transforms
-//! (≥ 7 a pixel) already outrun any bus, so there are none.
+//! (8 a pixel and more) already outrun any bus, so there are none.
 
 use std::f64::consts::TAU;
 
@@ -86,7 +86,7 @@ impl Cut {
 
     /// Values of a node's spectrum, all parts.
     pub(super) fn spectrum_len(&self) -> usize {
-        2 * POINTS * self.slices() * self.images()
+        if self.side == 0 { 0 } else { 2 * POINTS * self.slices() * self.images() }
     }
 
     /// Dynamic shared memory of a transform: `Shared` in `psf.cu`.
@@ -152,7 +152,7 @@ mod tests {
             (256, 1, 106),
             (256, 2, 156),
             (256, 3, 123),
-            (256, 5, 129),
+            (256, 4, 97),
         ];
         assert_eq!(cuts, want);
     }

@@ -6,7 +6,7 @@ use crate::cuda::{CudaError, Device};
 use bytemuck::Pod;
 use cudarc::driver::sys::CUfunction_attribute_enum::CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES;
 use cudarc::driver::{
-    CudaFunction, CudaSlice, CudaStream, CudaView, CudaViewMut, DeviceRepr, LaunchConfig, PushKernelArg,
+    CudaFunction, CudaSlice, CudaStream, CudaView, CudaViewMut, LaunchConfig, PushKernelArg,
 };
 use std::ops::Range;
 use std::sync::Arc;
@@ -30,9 +30,9 @@ pub(super) struct Entries {
 
 impl Entries {
     pub(super) fn load(device: &Device, cut: &Cut) -> Result<Self, CudaError> {
-        let side = cut.side.max(128);
+        let cut = Cut { side: cut.side.max(128), ..*cut }; // a window of 1 has none, and launches none
         let transform = |name| {
-            let kernel = device.kernel(PTX, &format!("psf_{name}_{side}"))?;
+            let kernel = device.kernel(PTX, &format!("psf_{name}_{}", cut.side))?;
             let shared = CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES;
             let set = kernel.set_attribute(shared, cut.shared_bytes() as i32);
             set.map_err(device.failed("asking for shared memory"))?;
@@ -52,31 +52,30 @@ impl Entries {
 /// Lists of descriptors, one behind the other: they go up in one copy.
 #[derive(Debug, Default)]
 pub(super) struct Lists {
-    pub(super) bytes: Vec<u8>,
+    pub(super) words: Vec<u32>,
 }
 
 impl Lists {
     /// Adds a list; where it lies.
     pub(super) fn push<T: Pod>(&mut self, list: &[T]) -> Range<usize> {
-        let start = self.bytes.len();
-        self.bytes.extend_from_slice(bytemuck::cast_slice(list));
-        let end = self.bytes.len();
-        self.bytes.resize(end.next_multiple_of(16), 0);
+        let start = self.words.len();
+        self.words.extend_from_slice(bytemuck::cast_slice(list));
+        let end = self.words.len();
+        self.words.resize(end.next_multiple_of(4), 0);
         start..end
     }
 }
 
-/// Room for `len` values in `buffer`, which loses what it holds if it grows.
-pub(super) fn grow<T: DeviceRepr>(
+/// Room for `len` words in `buffer`, which loses what it holds if it grows.
+pub(super) fn grow(
     device: &Device,
     stream: &Arc<CudaStream>,
-    buffer: &mut CudaSlice<T>,
+    buffer: &mut CudaSlice<u32>,
     len: usize,
-    what: &str,
 ) -> Result<(), CudaError> {
     if buffer.len() < len {
-        *buffer = device.allocate(stream, 1, what)?; // the old one goes before the new one comes
-        *buffer = device.allocate(stream, len, what)?;
+        *buffer = device.allocate(stream, 1, "blocks")?; // the old one goes before the new one comes
+        *buffer = device.allocate(stream, len, "blocks and their light")?;
     }
     Ok(())
 }
@@ -108,7 +107,7 @@ impl Launcher<'_> {
     pub(super) fn copy(
         &self,
         grid: (u32, u32, u32),
-        tiles: &CudaView<'_, u8>,
+        tiles: &CudaView<'_, u32>,
         scene: &CudaSlice<f32>,
         light: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
@@ -122,10 +121,10 @@ impl Launcher<'_> {
     pub(super) fn pack(
         &self,
         count: usize,
-        blocks: &CudaView<'_, u8>,
+        blocks: &CudaView<'_, u32>,
         scene: &CudaSlice<f32>,
         polynomials: &CudaSlice<f32>,
-        packed: &mut CudaSlice<f32>,
+        packed: &mut CudaViewMut<'_, u32>,
     ) -> Result<(), CudaError> {
         let side = self.cut.side as i32;
         let mut launch = self.stream.launch_builder(&self.entries.pack);
@@ -139,7 +138,7 @@ impl Launcher<'_> {
     pub(super) fn spectra(
         &self,
         count: usize,
-        turns: &CudaView<'_, u8>,
+        turns: &CudaView<'_, u32>,
         seeds: &CudaSlice<f32>,
         spectra: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
@@ -155,12 +154,13 @@ impl Launcher<'_> {
     pub(super) fn scatter(
         &self,
         count: usize,
-        (jobs, tents): (&CudaView<'_, u8>, &CudaView<'_, u8>),
-        packed: &CudaSlice<f32>,
+        (jobs, tents): (&CudaView<'_, u32>, &CudaView<'_, u32>),
+        packed: &CudaViewMut<'_, u32>,
         spectra: &CudaSlice<f32>,
-        images: &mut CudaViewMut<'_, f32>,
+        images: &mut CudaViewMut<'_, u32>,
     ) -> Result<(), CudaError> {
         let mut launch = self.stream.launch_builder(&self.entries.scatter);
+        let packed = &packed.as_view();
         launch.arg(jobs).arg(tents).arg(packed).arg(spectra).arg(self.tables).arg(images);
         // SAFETY: psf_scatter(Job *, Tent *, float4 *, float4 *, float2 *, float *); jobs name rows of `packed`, tents places of
         // the pool of spectra, and there is an image for every job.
@@ -169,7 +169,7 @@ impl Launcher<'_> {
     }
 
     /// Nothing where a transform is one slice.
-    pub(super) fn unfold(&self, count: usize, images: &mut CudaSlice<f32>) -> Result<(), CudaError> {
+    pub(super) fn unfold(&self, count: usize, images: &mut CudaViewMut<'_, u32>) -> Result<(), CudaError> {
         if self.cut.slices() == 1 {
             return Ok(());
         }
@@ -185,13 +185,14 @@ impl Launcher<'_> {
     pub(super) fn add(
         &self,
         grid: (u32, u32, u32),
-        (tiles, slots): (&CudaView<'_, u8>, &CudaView<'_, u8>),
-        images: &CudaSlice<f32>,
+        (tiles, slots): (&CudaView<'_, u32>, &CudaView<'_, u32>),
+        images: &CudaViewMut<'_, u32>,
         light: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
         let [side, window, parts, part] =
             [self.cut.side, self.cut.window, self.cut.parts, self.cut.part].map(|v| v as i32);
         let mut launch = self.stream.launch_builder(&self.entries.add);
+        let images = &images.as_view();
         launch.arg(tiles).arg(slots).arg(images).arg(&side).arg(&window).arg(&parts).arg(&part).arg(light);
         // SAFETY: psf_add(Tile *, Slots *, float *, int × 4, float *); slots name images that were scattered, and
         // PsfOnDevice::launch has checked that the tiles of light lie in `light`.

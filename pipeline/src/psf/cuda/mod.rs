@@ -63,9 +63,8 @@ pub struct PsfOnDevice {
     seeds: CudaSlice<f32>,
     spectrum_places: Resident,
     seed_places: Resident,
-    packed: CudaSlice<f32>,
-    images: CudaSlice<f32>,
-    lists: CudaSlice<u8>,
+    /// Packed blocks, images, lists.
+    scratch: CudaSlice<u32>,
 }
 
 /// What a round does, in order.
@@ -111,9 +110,7 @@ impl PsfOnDevice {
             polynomials: fill(&[&ATAN[..], &SECANT[..]].concat(), "polynomials")?,
             spectra: room(budget.spectra * cut.spectrum_len(), "spectra")?,
             seeds: room(budget.seeds * cut.window * cut.window, "kernels")?,
-            packed: room(0, "blocks")?,
-            images: room(0, "light of blocks")?,
-            lists: device.allocate(&stream, 1, "lists")?,
+            scratch: device.allocate(&stream, 1, "blocks")?,
             spectrum_places: Resident::new(budget.spectra),
             seed_places: Resident::new(budget.seeds),
             device: Arc::clone(device),
@@ -264,19 +261,19 @@ impl PsfOnDevice {
         ];
         let turn_list = lists.push(&turns);
         let (device, cut) = (&self.device, &self.cut);
-        grow(device, stream, &mut self.lists, lists.bytes.len(), "lists")?;
-        grow(device, stream, &mut self.packed, work.packed_len(cut), "blocks")?;
-        grow(device, stream, &mut self.images, work.jobs.len() * cut.image_len(), "light of blocks")?;
-        let up = &mut self.lists.slice_mut(..lists.bytes.len());
-        stream.memcpy_htod(&lists.bytes, up).map_err(device.failed("uploading lists"))?;
+        let (packed_len, images_len) = (work.packed_len(cut), work.jobs.len() * cut.image_len());
+        grow(device, stream, &mut self.scratch, packed_len + images_len + lists.words.len())?;
+        let (mut packed, mut rest) = self.scratch.split_at_mut(packed_len);
+        let (mut images, mut rest) = rest.split_at_mut(images_len);
+        stream.memcpy_htod(&lists.words, &mut rest).map_err(device.failed("uploading lists"))?;
 
         let on = Launcher { device, stream, cut, entries: &self.entries, tables: &self.tables };
-        let list = |range: &Range<usize>| self.lists.slice(range.clone());
+        let list = |range: &Range<usize>| rest.slice(range.clone());
         let tile_grid = (work.light.1.div_ceil(32), work.light.0.div_ceil(8), work.tiles.len() as u32);
         if cut.side == 0 {
             return on.copy(tile_grid, &list(&tiles), scene, light);
         }
-        on.pack(work.blocks.len(), &list(&blocks), scene, &self.polynomials, &mut self.packed)?;
+        on.pack(work.blocks.len(), &list(&blocks), scene, &self.polynomials, &mut packed)?;
         for step in steps {
             match step {
                 Step::Seeds(seeds) => upload_seeds(&on, &self.kernels, &self.grid, &seeds, &mut self.seeds)?,
@@ -286,20 +283,21 @@ impl PsfOnDevice {
                 }
                 Step::Scatter(range) => {
                     let own = sub::<JobWork>(&jobs, &range);
-                    let images = &mut self.images.slice_mut(range.start * cut.image_len()..);
+                    let images = &mut images.slice_mut(range.start * cut.image_len()..);
                     let lists = (&list(&own), &list(&tents));
-                    on.scatter(range.len(), lists, &self.packed, &self.spectra, images)?;
+                    on.scatter(range.len(), lists, &packed, &self.spectra, images)?;
                 }
             }
         }
-        on.unfold(work.jobs.len(), &mut self.images)?;
-        on.add(tile_grid, (&list(&tiles), &list(&slots)), &self.images, light)
+        on.unfold(work.jobs.len(), &mut images)?;
+        on.add(tile_grid, (&list(&tiles), &list(&slots)), &images, light)
     }
 }
 
 /// The part of a list in `all` that `range` of its entries takes.
 fn sub<T>(all: &Range<usize>, range: &Range<usize>) -> Range<usize> {
-    all.start + range.start * size_of::<T>()..all.start + range.end * size_of::<T>()
+    let words = size_of::<T>() / 4;
+    all.start + range.start * words..all.start + range.end * words
 }
 
 /// Makes seeds, on all cores, and sends them to their places.

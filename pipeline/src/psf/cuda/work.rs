@@ -131,7 +131,7 @@ pub(super) struct Work {
 impl Work {
     /// Device memory that it takes, without spectra and seeds.
     pub(super) fn bytes(&self, cut: &Cut) -> usize {
-        self.packed_len(cut) * 4 + self.jobs.len() * cut.image_len() * 4 + self.descriptor_bytes(cut)
+        4 * (self.packed_len(cut) + self.jobs.len() * cut.image_len()) + self.list_bytes(cut)
     }
 
     /// Values of the packed blocks.
@@ -140,7 +140,7 @@ impl Work {
     }
 
     /// Bytes of all lists, with a turn for every part of every node.
-    fn descriptor_bytes(&self, cut: &Cut) -> usize {
+    fn list_bytes(&self, cut: &Cut) -> usize {
         size_of_val(&self.tiles[..])
             + size_of_val(&self.blocks[..])
             + size_of_val(&self.slots[..])

@@ -1,0 +1,120 @@
+//! Pictures and OpenEXR charts: small whole files of each kind, spoilt, in a folder in memory.
+
+use crate::folder;
+use crate::fuzz_support::{Random, damage, fuzz};
+use lenscube_formats::chart::NanPolicy;
+use lenscube_formats::chart::exr::ExrChart;
+use lenscube_formats::chart::image::{ImageFile, Transfer};
+use lenscube_formats::export::Samples;
+use lenscube_formats::export::exr::{ExrOptions, Packing, write_exr};
+use lenscube_formats::export::regions::Regions;
+use lenscube_formats::picture::grey::{GreyOptions, write_grey};
+use lenscube_formats::picture::preview::{PreviewOptions, write_preview};
+use lenscube_formats::picture::streamed::{ColourFile, write_streamed};
+use pipeline::flow::{ChartSource, DoorError};
+use pipeline::geometry::{Rect, Size};
+use std::fs;
+use std::path::Path;
+
+struct Slope;
+
+impl ChartSource for Slope {
+    fn size(&self) -> Size {
+        Size::new(9, 14)
+    }
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        out.iter_mut().enumerate().for_each(|(i, v)| *v = (i + band + rect.x as usize) as f32 * 0.01);
+        Ok(())
+    }
+}
+
+const NM: [f64; 3] = [450.0, 550.0, 650.0];
+
+fn exr(path: &Path, packing: Packing, half: bool) -> Vec<u8> {
+    let samples = Samples {
+        source: &Slope,
+        wavelengths_nm: &NM,
+        window: Slope.size().rect(),
+        piece: Size::new(1, 1),
+        units: None,
+        description: "",
+        threads: 1,
+    };
+    let regions = Regions::plan(&samples, ExrOptions::sample_bytes(half), 64 << 20).unwrap();
+    write_exr(path, &samples, &ExrOptions { half, packing, regions }, &|_, _| ()).unwrap();
+    fs::read(path).unwrap()
+}
+
+fn spoilt(seeds: &[Vec<u8>], at: &Path, r: &mut Random) -> Vec<u8> {
+    let mut bytes = seeds[r.below(seeds.len())].clone();
+    damage(&mut bytes, r);
+    // Sizes and counts lie in the first bytes: there four of them at a time as well.
+    if r.below(2) == 0 && bytes.len() > 8 {
+        let first = r.below(bytes.len().min(600) - 4);
+        let word = [0u32, 1, 0x7fff_ffff, u32::MAX, 0x1000_0000, 65535][r.below(6)];
+        let word = if r.below(2) == 0 { word.to_le_bytes() } else { word.to_be_bytes() };
+        bytes[first..first + 4].copy_from_slice(&word);
+    }
+    fs::write(at, &bytes).unwrap();
+    bytes
+}
+
+#[test]
+fn exr_charts() {
+    let dir = folder();
+    let at = dir.path().join("c.exr");
+    let seeds = [Packing::Zip, Packing::Piz, Packing::None].map(|p| exr(&at, p, p == Packing::Piz));
+    fuzz(
+        "EXR chart",
+        600,
+        |r| spoilt(&seeds, &at, r),
+        |_| {
+            let Ok(chart) = ExrChart::open(&at, NanPolicy::Zero) else { return false };
+            let all: Vec<usize> = (0..chart.bands()).collect();
+            if chart.lay_out(&all, dir.path(), 1, &|_, _| ()).is_err() {
+                return false;
+            }
+            let size = chart.size();
+            let rect = Rect::new(0, 0, size.height.min(40), size.width.min(40));
+            let mut out = vec![0.0; rect.size().pixels()];
+            all.iter().all(|&band| chart.read_rect(band, rect, &mut out).is_ok())
+        },
+    );
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "a temp file is left");
+}
+
+#[test]
+fn pictures() {
+    let dir = folder();
+    let at = dir.path().join("picture");
+    let none: &(dyn Fn(u64, u64) + Sync) = &|_, _| ();
+    let mut seeds = Vec::new();
+    let (preview, grey) = (PreviewOptions::default(), GreyOptions::default());
+    write_preview(&at, &Slope, &NM, &preview, none).unwrap();
+    seeds.push(fs::read(&at).unwrap());
+    write_grey(&at, &Slope, &NM, 550.0, &grey, none).unwrap();
+    seeds.push(fs::read(&at).unwrap());
+    write_streamed(&at, &Slope, &NM, &preview, ColourFile::Tiff, none).unwrap();
+    seeds.push(fs::read(&at).unwrap());
+    seeds.push(exr(&at, Packing::Zip, false));
+    for packing in [tiff::encoder::Compression::Lzw, tiff::encoder::Compression::Packbits] {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let mut encoder = tiff::encoder::TiffEncoder::new(&mut bytes).unwrap().with_compression(packing);
+        let data: Vec<u8> = (0..9 * 14 * 3).map(|i| i as u8).collect();
+        encoder.write_image::<tiff::encoder::colortype::RGB8>(14, 9, &data).unwrap();
+        seeds.push(bytes.into_inner());
+    }
+    fuzz(
+        "picture",
+        600,
+        |r| spoilt(&seeds, &at, r),
+        |_| {
+            let Ok(file) = ImageFile::open(&at) else { return false };
+            let size = file.size();
+            let Ok(source) = file.linear(Transfer::Srgb, dir.path(), 1, none) else { return false };
+            let rect = Rect::new(0, 0, size.height.min(40), size.width.min(40));
+            source.read(0, rect, &mut vec![0.0; rect.size().pixels()]).is_ok()
+        },
+    );
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "a temp file is left");
+}

@@ -1,0 +1,367 @@
+//! The PSF stage on a GPU against the CPU's and against the f64 sum, over the emulated driver; on the machine's own GPU where it
+//! has one.
+
+mod emulated_cuda;
+mod oracle;
+
+use cudarc::driver::CudaStream;
+use emulated_cuda::{Build, Case, On, WATCHED};
+use lenscube_pipeline::cuda::{CudaError, Device};
+use lenscube_pipeline::geometry::{Frame, Rect, Size};
+use lenscube_pipeline::lens::{PsfSample, PsfStack};
+use lenscube_pipeline::psf::cuda::{PsfOnDevice, PsfTile};
+use lenscube_pipeline::psf::grid::{Node, NodeGrid};
+use lenscube_pipeline::psf::kernel::{KernelScratch, NodeKernels};
+use lenscube_pipeline::psf::spectra::SpectrumCache;
+use lenscube_pipeline::psf::{BandPsf, PsfScratch, Scattered};
+use lenscube_pipeline::simd::Simd;
+use oracle::{Grid, Image, Noise, errors};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+/// Of the peak: what devices may differ by.
+const TOLERANCE: f64 = 2e-6;
+
+/// Random windows of sum 1, their own mirror images if `mirrored`.
+fn stack(noise: &mut Noise, n: usize, heights: usize, mirrored: bool) -> PsfStack {
+    let c = (n as f64 - 1.0) / 2.0;
+    let width = 0.15 * n as f64 + 0.5;
+    let mut samples = Vec::new();
+    for k in 0..heights {
+        let mut w: Vec<f64> = (0..n * n)
+            .map(|i| {
+                let (y, x) = ((i / n) as f64 - c, (i % n) as f64 - c - 0.1 * k as f64);
+                (-(x * x + 1.7 * y * y) / (2.0 * width * width)).exp() * noise.between(0.5, 1.5)
+            })
+            .collect();
+        if mirrored {
+            for y in 0..n / 2 {
+                let (upper, lower) = w.split_at_mut((n - 1 - y) * n);
+                lower[..n].copy_from_slice(&upper[y * n..][..n]);
+            }
+        }
+        let sum: f64 = w.iter().sum();
+        samples.extend(w.iter().map(|v| (v / sum) as f32));
+    }
+    PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples }
+}
+
+/// A band of a film, and its scene on the film grown by the margin.
+struct Film {
+    psf: BandPsf,
+    frame: Frame,
+    scene: Image,
+}
+
+impl Film {
+    /// Heights as parts of the farthest that the scene reaches, with as many azimuths each.
+    fn new(n: usize, heights: &[(f64, usize)], size: Size, axis_px: (f64, f64)) -> Self {
+        let mut noise = Noise((n * 1000 + size.width + heights.len()) as u64);
+        let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
+        let grown = size.rect().grown(n / 2);
+        let last = frame.farthest_mm(grown);
+        let pixel = |i: usize| if i.is_multiple_of(977) { 50.0 } else { f64::from(noise.next() as f32) };
+        let scene = Image { size: grown.size(), data: (0..grown.size().pixels()).map(pixel).collect() };
+        let (height_mm, azimuths): (Vec<f64>, Vec<usize>) =
+            heights.iter().map(|(h, j)| (h * last, *j)).unzip();
+        let grid = NodeGrid::new(&height_mm, &azimuths, frame.pitch_mm());
+        let stack = stack(&mut noise, n, heights.len(), n.is_multiple_of(3));
+        let simd = Simd::detect();
+        Self { psf: BandPsf::new(0, grid, NodeKernels::new(&stack, 2.0, None, simd), simd), frame, scene }
+    }
+
+    fn grown(&self) -> Rect {
+        self.psf.reaches(self.frame.film.rect())
+    }
+
+    fn tiles(&self) -> Vec<Rect> {
+        let side = self.psf.blocks().tile;
+        self.grown().tiles(side, side).collect()
+    }
+
+    fn pixels(&self, tile: Rect) -> Vec<f32> {
+        let (y, x) = ((tile.y - self.grown().y) as usize, (tile.x - self.grown().x) as usize);
+        let at = |i: usize| self.scene.at(y + i / tile.width, x + i % tile.width) as f32;
+        (0..tile.size().pixels()).map(at).collect()
+    }
+
+    fn on(&self, device: &Arc<Device>, bytes: usize) -> Result<PsfOnDevice, CudaError> {
+        PsfOnDevice::new(device, &self.frame, &self.psf, bytes)
+    }
+
+    fn least_bytes(&self) -> usize {
+        PsfOnDevice::least_bytes(self.psf.blocks(), self.psf.grid(), self.psf.blocks().tile)
+    }
+
+    /// The light of `tiles` as one batch, in rows of odd lengths.
+    fn batch(
+        &self,
+        device: &Device,
+        stream: &Arc<CudaStream>,
+        on: &mut PsfOnDevice,
+        tiles: &[Rect],
+    ) -> Vec<Vec<f32>> {
+        let (mut scene, mut light, mut batch) = (vec![7.0; 3], 5, Vec::new());
+        for (i, &rect) in tiles.iter().enumerate() {
+            let (reach, scene_offset) = (self.psf.reaches(rect), scene.len());
+            scene.extend(self.pixels(rect));
+            let light_stride = reach.width + i % 3;
+            batch.push(PsfTile { rect, scene_offset, light_offset: light, light_stride });
+            light += light_stride * reach.height + 1;
+        }
+        let up = stream.clone_htod(&scene).unwrap();
+        let mut out = stream.clone_htod(&vec![f32::NAN; light]).unwrap();
+        on.launch(stream, &batch, &up, &mut out).unwrap();
+        let all = stream.clone_dtoh(&out).unwrap();
+        stream.synchronize().map_err(device.failed("a test")).unwrap();
+        let own = |tile: &PsfTile| -> Vec<f32> {
+            let reach = self.psf.reaches(tile.rect);
+            let rows = all[tile.light_offset..].chunks(tile.light_stride).take(reach.height);
+            rows.flat_map(|row| row[..reach.width].to_vec()).collect()
+        };
+        let untouched = all.iter().filter(|v| v.is_nan()).count();
+        let set: usize = tiles.iter().map(|t| self.psf.reaches(*t).size().pixels()).sum();
+        assert_eq!(all.len() - untouched, set, "only the tiles' light is set, and all of it");
+        batch.iter().map(own).collect()
+    }
+
+    /// Tiles in batches of `batch`.
+    fn lights(&self, batch: usize, bytes: usize) -> Vec<Vec<f32>> {
+        let device = Device::open(0).unwrap();
+        let stream = device.context.new_stream().unwrap();
+        let mut on = self.on(&device, bytes).unwrap();
+        let tiles = self.tiles();
+        let lights =
+            tiles.chunks(batch).flat_map(|some| self.batch(&device, &stream, &mut on, some)).collect();
+        device.context.synchronize().unwrap();
+        lights
+    }
+
+    /// What the CPU's stage makes of a tile.
+    fn cpu(&self, tile: Rect, cache: &SpectrumCache) -> Vec<f64> {
+        let mut out = Scattered::default();
+        self.psf.scatter(&self.frame, tile, &self.pixels(tile), cache, &mut out, &mut PsfScratch::default());
+        let reach = self.psf.reaches(tile);
+        let rows = out.data.chunks(out.stride).take(reach.height);
+        rows.flat_map(|row| row[..reach.width].iter().map(|&v| f64::from(v)).collect::<Vec<_>>()).collect()
+    }
+
+    /// Tile by tile as the CPU's.
+    fn agrees_with_the_cpu(&self, lights: &[Vec<f32>]) {
+        let cache = SpectrumCache::new(64 << 20);
+        for (tile, light) in self.tiles().into_iter().zip(lights) {
+            let (worst, l2) = errors(light, &self.cpu(tile, &cache));
+            assert!(worst <= TOLERANCE, "{tile}: max {worst:.1e}, L2 {l2:.1e} from the CPU's");
+        }
+    }
+
+    /// The film that the tiles add up to is the sum over pixels.
+    fn is_the_sum_over_pixels(&self, lights: &[Vec<f32>]) {
+        let (n, grid, kernels) = (self.psf.kernels().size(), self.psf.grid(), self.psf.kernels());
+        let kernel = |k: usize, j: usize| {
+            let mut out = vec![0.0; n * n];
+            kernels.kernel(grid, Node { k, j }, &mut KernelScratch::default(), &mut out);
+            out.into_iter().map(f64::from).collect::<Vec<_>>()
+        };
+        let ring = |k: usize| (0..grid.azimuths()[k]).map(|j| kernel(k, j)).collect();
+        let heights_mm = grid.heights_px().iter().map(|h| h * self.frame.pitch_mm()).collect::<Vec<_>>();
+        let all = Grid { n, kernels: (0..heights_mm.len()).map(ring).collect(), heights_mm };
+        let (film, origin) = (self.frame.film.rect(), self.grown());
+        let want = oracle::svpsf(&self.scene, (origin.y, origin.x), &self.frame, &all, film);
+        let mut got = vec![0f32; film.size().pixels()];
+        for (tile, light) in self.tiles().into_iter().zip(lights) {
+            let reach = self.psf.reaches(tile);
+            let on_film = reach.intersect(film);
+            for y in on_film.y..on_film.bottom() {
+                for x in on_film.x..on_film.right() {
+                    got[y as usize * film.width + x as usize] +=
+                        light[(y - reach.y) as usize * reach.width + (x - reach.x) as usize];
+                }
+            }
+        }
+        let (worst, l2) = errors(&got, &want.data);
+        assert!(worst <= TOLERANCE && l2 <= 1e-6, "max {worst:.1e}, L2 {l2:.1e} from the sum over pixels");
+        println!("{n} px: max {worst:.1e}, L2 {l2:.1e}");
+    }
+}
+
+const AMPLE: usize = 1 << 30;
+const UNEVEN: [(f64, usize); 6] = [(0.0, 1), (0.11, 4), (0.17, 12), (0.6, 24), (0.95, 36), (1.0, 8)];
+const FINE: [(f64, usize); 9] =
+    [(0.0, 1), (0.05, 16), (0.1, 24), (0.2, 48), (0.3, 72), (0.45, 72), (0.6, 72), (0.8, 72), (1.0, 72)];
+const QUARTERS: [(f64, usize); 3] = [(0.0, 1), (0.4, 4), (1.0, 4)];
+
+fn right(n: usize, heights: &[(f64, usize)], size: Size, axis: (f64, f64)) {
+    let film = Film::new(n, heights, size, axis);
+    let lights = film.lights(2, AMPLE);
+    film.agrees_with_the_cpu(&lights);
+    film.is_the_sum_over_pixels(&lights);
+}
+
+fn narrow_windows() {
+    right(1, &UNEVEN, Size::new(33, 45), (16.0, 22.0));
+    right(3, &UNEVEN, Size::new(61, 77), (30.0, 38.0));
+    right(3, &QUARTERS, Size::new(30, 560), (-40.0, 10.25));
+    right(15, &UNEVEN, Size::new(1, 1), (0.0, 0.0));
+    right(25, &QUARTERS, Size::new(130, 120), (-900.0, 5000.5));
+}
+
+fn windows_of_one_slice() {
+    right(51, &UNEVEN, Size::new(100, 133), (20.3, 101.7));
+    right(51, &FINE, Size::new(90, 80), (44.5, 39.5));
+    right(63, &QUARTERS, Size::new(60, 70), (29.5, 134.5));
+}
+
+fn windows_of_four_slices() {
+    right(65, &FINE, Size::new(60, 70), (29.5, 34.5));
+    right(101, &UNEVEN, Size::new(50, 40), (11.0, 300.0));
+    right(151, &QUARTERS, Size::new(40, 50), (19.5, 24.5));
+    right(151, &UNEVEN, Size::new(20, 20), (-300.0, 500.25));
+}
+
+fn windows_in_parts() {
+    right(201, &QUARTERS, Size::new(30, 20), (9.5, 14.5));
+    right(401, &QUARTERS, Size::new(20, 15), (9.5, 4.5));
+}
+
+fn widest_window() {
+    let film = Film::new(639, &QUARTERS, Size::new(3, 2), (1.0, 700.5));
+    film.agrees_with_the_cpu(&film.lights(1, AMPLE));
+}
+
+/// Cases of chance, told by their number.
+fn random_cases() {
+    for seed in 1..=6u64 {
+        let mut noise = Noise(seed * 77);
+        let n = 3 + 2 * noise.below(40);
+        let heights: Vec<(f64, usize)> = (0..4 + noise.below(5))
+            .scan(0.0, |at, k| {
+                let own = (*at, if k == 0 { 1 } else { 4 * (1 + noise.below(9)) });
+                *at += noise.between(0.05, 0.4);
+                Some(own)
+            })
+            .collect();
+        let size = Size::new(20 + noise.below(90), 20 + noise.below(90));
+        let axis = (noise.between(-80.0, 150.0), noise.between(-80.0, 150.0));
+        println!("{seed}: {n} px, {size}, axis {axis:?}, {heights:?}");
+        right(n, &heights, size, axis);
+    }
+}
+
+fn bits(lights: &[Vec<f32>]) -> Vec<Vec<u32>> {
+    lights.iter().map(|light| light.iter().map(|v| v.to_bits()).collect()).collect()
+}
+
+/// Whatever a batch is, whatever memory there is, run after run.
+fn same_bits_in_any_batch_and_memory() {
+    for (film, several) in [
+        (Film::new(9, &FINE, Size::new(520, 600), (100.5, 340.0)), true),
+        (Film::new(101, &UNEVEN, Size::new(440, 440), (219.5, 219.5)), true),
+        (Film::new(229, &QUARTERS, Size::new(20, 20), (9.5, 9.5)), false),
+    ] {
+        let one = bits(&film.lights(1, AMPLE));
+        assert!(!several || one.len() > 3, "a case of several tiles");
+        assert!(bits(&film.lights(3, AMPLE)) == one, "batches of 3");
+        assert!(bits(&film.lights(usize::MAX, film.least_bytes())) == one, "one batch, the least memory");
+    }
+}
+
+fn too_little_memory_is_said() {
+    let film = Film::new(51, &FINE, Size::new(60, 60), (29.5, 29.5));
+    let device = Device::open(0).unwrap();
+    let least = film.least_bytes();
+    let error = film.on(&device, least - 1).unwrap_err();
+    assert!(
+        matches!(error, CudaError::OutOfMemory { asked_bytes, .. } if asked_bytes == least as u64),
+        "{error}"
+    );
+    film.on(&device, least).unwrap();
+    let narrow = film.on(&device, AMPLE);
+    assert!(narrow.is_ok());
+}
+
+/// What `bytes` allows is all that is taken.
+fn memory_stays_within_its_bytes() {
+    let film = Film::new(101, &FINE, Size::new(300, 300), (149.5, 149.5));
+    let device = Device::open(0).unwrap();
+    let stream = device.context.new_stream().unwrap();
+    for bytes in [film.least_bytes(), film.least_bytes() * 2] {
+        let (free, _) = device.memory().unwrap();
+        let mut on = film.on(&device, bytes).unwrap();
+        let tiles = film.tiles();
+        let scenes: usize =
+            tiles.iter().map(|t| t.size().pixels() + film.psf.reaches(*t).size().pixels()).sum();
+        film.batch(&device, &stream, &mut on, &tiles);
+        let (left, _) = device.memory().unwrap();
+        let took = (free - left) as usize;
+        assert!(took <= bytes + 8 * scenes + (1 << 20), "{took} of {bytes}, light and scene {}", 4 * scenes);
+    }
+}
+
+/// A scene of nothing scatters nothing.
+fn darkness_is_zero() {
+    let mut film = Film::new(51, &UNEVEN, Size::new(60, 60), (29.5, 29.5));
+    film.scene.data.fill(0.0);
+    assert!(film.lights(1, AMPLE).iter().flatten().all(|v| *v == 0.0));
+}
+
+/// Small enough for a run with a barrier missing or under a sanitizer.
+fn one_and_four_slices() {
+    right(25, &UNEVEN, Size::new(60, 50), (20.3, 25.0));
+    right(101, &QUARTERS, Size::new(20, 20), (9.5, -20.0));
+}
+
+fn one_slice() {
+    right(25, &UNEVEN, Size::new(60, 50), (20.3, 25.0));
+}
+
+fn emulated(name: &str, build: Build, settings: &'static [(&'static str, &'static str)], run: fn()) -> Case {
+    Case { name: format!("emulated::{name}"), run, on: On::Emulated(build, settings), must_fail: false }
+}
+
+fn main() -> ExitCode {
+    let all: [(&str, fn()); 9] = [
+        ("narrow_windows", narrow_windows),
+        ("windows_of_one_slice", windows_of_one_slice),
+        ("windows_of_four_slices", windows_of_four_slices),
+        ("windows_in_parts", windows_in_parts),
+        ("widest_window", widest_window),
+        ("random_cases", random_cases),
+        ("same_bits_in_any_batch_and_memory", same_bits_in_any_batch_and_memory),
+        ("too_little_memory_is_said", too_little_memory_is_said),
+        ("darkness_is_zero", darkness_is_zero),
+    ];
+    let mut cases = Vec::new();
+    for (name, run) in all {
+        cases.push(Case::emulated(name, &[], run));
+        cases.push(Case::device(name, run));
+    }
+    cases.push(Case::emulated("memory_stays_within_its_bytes", &[], memory_stays_within_its_bytes));
+    for (name, settings) in [
+        ("reverse", &[("ORDER", "reverse")][..]),
+        ("random", &[("ORDER", "random"), ("CAPABILITY", "8.6")]),
+        ("deferred", &[("STREAMS", "deferred"), ("CAPABILITY", "9.0")]),
+        ("hasty", &[("STREAMS", "hasty")]),
+    ] {
+        cases.push(Case::emulated(&format!("one_and_four_slices::{name}"), settings, one_and_four_slices));
+    }
+    cases.push(emulated("one_and_four_slices::watched", WATCHED, &[], one_and_four_slices));
+    cases.push(emulated("windows_in_parts::watched", WATCHED, &[], || {
+        right(229, &QUARTERS, Size::new(2, 2), (9.5, 9.5))
+    }));
+    for (defines, order) in [
+        ("-DWITHOUT=1", "forward"),
+        ("-DWITHOUT=2", "forward"),
+        ("-DWITHOUT=3", "forward"),
+        ("-DWITHOUT=4", "forward"),
+        ("-DWITHOUT=5", "forward"),
+        ("-DWITHOUT=6", "forward"),
+        ("-DWITHOUT=7", "forward"),
+    ] {
+        let name = format!("a_missing_barrier_shows{}::{order}", defines.trim_start_matches("-DWITHOUT="));
+        let settings: &[(&str, &str)] = if order == "reverse" { &[("ORDER", "reverse")] } else { &[] };
+        let case = emulated(&name, Build { sanitized: false, defines }, settings, one_slice);
+        cases.push(Case { must_fail: true, ..case });
+    }
+    emulated_cuda::run(cases)
+}

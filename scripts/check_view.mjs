@@ -1,0 +1,286 @@
+// The page of `lenscube view` in headless Chromium; check-view runs it.
+//
+// What must hold: no error on the console and no request to any other host; zoom, bands, exposure, swipe, pins and crops by hand and by
+// keyboard; the spectrum read off the page is the store's; a crop has the pixels of `lenscube export`; a foreign Host is refused; every
+// control has a name; it can be read in light and dark and on a narrow screen (SHOTS=folder keeps pictures).
+
+import { execFileSync, spawn } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync, mkdirSync } from "node:fs";
+import http from "node:http";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { chromium } from "playwright-core";
+
+const { LENSCUBE, CHROMIUM, SHOTS } = process.env;
+const place = mkdtempSync(join(tmpdir(), "check-view-"));
+let checks = 0;
+
+function holds(condition, what) {
+  checks += 1;
+  if (!condition) throw new Error(what);
+}
+const run = (...words) => execFileSync(LENSCUBE, words, { stdio: ["ignore", "pipe", "pipe"] });
+
+function view(...words) {
+  const child = spawn(LENSCUBE, ["view", ...words], { stdio: ["ignore", "pipe", "ignore"] });
+  return new Promise((resolve, reject) => {
+    child.once("exit", (code) => reject(new Error(`lenscube view ended with ${code}`)));
+    child.stdout.once("data", (line) => resolve({ child, url: String(line).trim() }));
+  });
+}
+
+const status = (url, headers) => new Promise((resolve, reject) =>
+  http.get(url, { headers }, (answer) => { answer.resume(); resolve(answer.statusCode); }).on("error", reject));
+
+/** A page whose console must stay silent and whose requests must stay at home. */
+async function open(browser, url, options = {}) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 820 }, ...options });
+  const page = await context.newPage();
+  const faults = [];
+  page.on("console", (m) => { if (["error", "warning"].includes(m.type())) faults.push(m.text()); });
+  page.on("pageerror", (e) => faults.push(String(e)));
+  page.on("request", (r) => { if (!r.url().startsWith(url) && !r.url().startsWith("blob:")) faults.push(`request to ${r.url()}`); });
+  await page.goto(url);
+  await ready(page);
+  return { page, context, faults };
+}
+const ready = (page) => page.waitForFunction(() => document.body.dataset.ready === "true" && !document.getElementById("busy").textContent, null, { timeout: 120000 });
+const shot = async (page, name) => { if (SHOTS) { mkdirSync(SHOTS, { recursive: true }); await page.screenshot({ path: join(SHOTS, `${name}.png`) }); } };
+const text = (page, id) => page.locator(`#${id}`).textContent();
+
+/** Pixels of a PNG, as the browser decodes them. */
+const pixels = (page, bytes) => page.evaluate(async (base64) => {
+  const blob = new Blob([Uint8Array.from(atob(base64), (c) => c.charCodeAt(0))], { type: "image/png" });
+  const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none" });
+  const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
+  const ink = canvas.getContext("2d");
+  ink.drawImage(bitmap, 0, 0);
+  return { w: bitmap.width, h: bitmap.height, rgba: [...ink.getImageData(0, 0, bitmap.width, bitmap.height).data] };
+}, Buffer.from(bytes).toString("base64"));
+
+async function looks(browser, url) {
+  const { page, context, faults } = await open(browser, url);
+  holds((await page.title()).includes("film.zarr"), "the title names the film");
+  holds(await page.locator("#view canvas").count() > 0, "there is a picture");
+  const before = await text(page, "zoom");
+  const box = await page.locator("#view").boundingBox();
+  const middle = [box.x + box.width / 2, box.y + box.height / 2];
+  await page.mouse.move(...middle);
+  for (let i = 0; i < 6; i += 1) await page.mouse.wheel(0, -300);
+  await page.waitForTimeout(900);
+  await ready(page);
+  const after = await text(page, "zoom");
+  holds(before !== after && /^[\d.]+ : 1$/.test(after), `the wheel zooms: ${before}, then ${after}`);
+
+  // A band, by its key and by its slider.
+  await page.locator("#view .openseadragon-canvas").focus();
+  await page.keyboard.press("b");
+  await ready(page);
+  const first = await text(page, "band-text");
+  const asked = page.waitForRequest((r) => r.url().includes("/tile/film/") && r.url().includes("band=2"));
+  await page.locator("#band").focus();
+  await page.locator("#band").fill("2");
+  await asked;
+  await ready(page);
+  holds(await text(page, "band-text") === "610 nm" && first !== "610 nm", `band ${first}, then ${await text(page, "band-text")}`);
+  await page.keyboard.press(",");
+  await ready(page);
+  holds(await text(page, "band-text") === "550 nm", "the key , goes one band back");
+
+  // Exposure: the same place, brighter.
+  const mean = () => page.evaluate(() => {
+    const c = document.querySelector("#view canvas");
+    const data = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
+    let sum = 0;
+    for (let i = 0; i < data.length; i += 4) sum += data[i];
+    return sum * 4 / data.length;
+  });
+  await page.keyboard.press("c");
+  await page.keyboard.press("0");
+  await page.waitForTimeout(700);
+  await ready(page);
+  const dim = await mean();
+  for (let i = 0; i < 4; i += 1) await page.keyboard.press("]");
+  await page.waitForTimeout(300);
+  await ready(page);
+  await page.waitForTimeout(200);
+  holds(await mean() > dim * 1.1, `] makes it brighter: ${dim}, then ${await mean()}`);
+  await page.locator("#reset").click();
+  await page.waitForTimeout(200);
+  await ready(page);
+
+  // The spectrum of a pixel is that of the store; so are place and lens.
+  await page.locator("#px").fill("40");
+  await page.locator("#py").fill("31");
+  await page.locator("#go button").click();
+  await page.waitForFunction(() => document.body.dataset.pixel === "40,31");
+  const told = JSON.parse(await page.evaluate(async () => (await fetch("api/pixel?x=40&y=31")).text()));
+  const store = stored(40, 31);
+  holds(told.film.length === 3 && told.film.every((v, b) => Math.fround(v) === store[b]), `the store has ${store}, the page ${told.film}`);
+  const label = await page.locator("#spectrum").getAttribute("aria-label");
+  for (const [b, nm] of [450, 550, 610].entries()) {
+    const shown = Number(label.match(new RegExp(`${nm} nm ([\\d.]+)`))[1]);
+    holds(Math.abs(shown - store[b]) <= 1e-3 * store[b], `the plot shows ${shown} at ${nm} nm, the store has ${store[b]}`);
+  }
+  await page.waitForFunction(() => document.body.dataset.lens?.startsWith("40,31,"), null, { timeout: 120000 });
+  holds((await text(page, "figures")).includes("RI") && await page.locator("#psf").evaluate((i) => i.complete && i.naturalWidth > 4), "lens data are there");
+  await shot(page, "light");
+
+  // Keys: a pin in the middle, moved by one pixel.
+  await page.keyboard.press("Escape");
+  await page.locator("#view .openseadragon-canvas").focus();
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => document.body.dataset.pixel !== "40,31" && !document.getElementById("pin").hidden);
+  const [px, py] = (await page.evaluate(() => document.body.dataset.pixel)).split(",").map(Number);
+  await page.keyboard.press("Shift+ArrowRight");
+  await page.waitForFunction((want) => document.body.dataset.pixel === want, `${px + 1},${py}`);
+  holds(true, "Shift and an arrow move the pin");
+  const at = () => page.evaluate(() => document.getElementById("pin").style.left);
+  const left = await at();
+  await page.keyboard.press("ArrowRight");
+  await page.waitForTimeout(700);
+  holds(await at() !== left, "arrows move the picture");
+  const zoomed = await text(page, "zoom");
+  await page.keyboard.press("+");
+  await page.waitForTimeout(700);
+  holds(await text(page, "zoom") !== zoomed, "plus zooms");
+  await page.keyboard.press("?");
+  holds(await page.locator("#help").evaluate((d) => d.open), "? tells the keys");
+  await page.keyboard.press("Escape");
+
+  // Everything that can be used has a name, and Tab reaches it in order.
+  const nameless = await page.evaluate(() => [...document.querySelectorAll("button, input, select, a, [role=slider]")].filter((e) =>
+    !e.closest("[hidden]") && !(e.getAttribute("aria-label") || e.labels?.length || e.textContent.trim())).map((e) => e.id || e.outerHTML));
+  holds(nameless.length === 0, `without a name: ${nameless}`);
+  await page.locator("#help-open").focus();
+  const order = [];
+  for (let i = 0; i < 14; i += 1) {
+    await page.keyboard.press("Tab");
+    order.push(await page.evaluate(() => document.activeElement.id || document.activeElement.className));
+  }
+  const want = ["openseadragon-canvas", "mode-colour", "band", "ev", "gamma", "white", "reset", "px"];
+  const places = want.map((w) => order.findIndex((o) => o.includes(w)));
+  holds(places.every((p, i) => p >= 0 && (i === 0 || p > places[i - 1])), `the focus goes ${order}`);
+  holds(faults.length === 0, `the console says ${faults.join("; ")}`);
+  await context.close();
+}
+
+/** Values of a pixel of the film by another way than the page's: a window of one pixel computed anew. */
+function stored(x, y) {
+  const film = join(place, `pixel-${x}-${y}.zarr`);
+  run("run", ...chart, film, ...job, "--roi", `${x},${y},1,1`, "--codec", "none", "--chunk", "1", "--shard", "1");
+  return [0, 1, 2].map((band) => new Float32Array(new Uint8Array(readFileSync(join(film, "roi_0", "c", String(band), "0", "0")).subarray(0, 4)).buffer)[0]);
+}
+
+async function swipes(browser, url) {
+  const { page, context, faults } = await open(browser, url, { colorScheme: "dark" });
+  const line = page.locator("#swipe-line");
+  await page.locator("#swipe").click();
+  await page.waitForFunction(() => !document.getElementById("swipe-line").hidden);
+  await page.waitForTimeout(300);
+  await ready(page);
+  const column = (share) => page.evaluate((share) => {
+    const c = document.querySelector("#view canvas");
+    const data = c.getContext("2d").getImageData(Math.round(c.width * share), 0, 1, c.height).data;
+    return [...data].join();
+  }, share);
+  const [film, chart] = [await column(0.42), await column(0.58)];
+  const box = await page.locator("#view").boundingBox();
+  const at = await line.boundingBox();
+  await page.mouse.move(at.x + at.width / 2, at.y + 200);
+  await page.mouse.down();
+  await page.mouse.move(box.x + box.width * 0.8, at.y + 200, { steps: 5 });
+  await page.mouse.up();
+  await page.waitForTimeout(300);
+  holds(await line.getAttribute("aria-valuenow") === "80", `the line is at ${await line.getAttribute("aria-valuenow")}`);
+  holds(await column(0.42) === film && await column(0.58) !== chart, "left of the line is the film, and the film differs from the chart");
+  await line.focus();
+  for (let i = 0; i < 25; i += 1) await page.keyboard.press("ArrowLeft");
+  await page.waitForTimeout(300);
+  holds(await line.getAttribute("aria-valuenow") === "30" && await column(0.58) === chart, "arrows move the line, right of it is the chart");
+  for (let i = 0; i < 10; i += 1) await page.keyboard.press("ArrowRight");
+  await page.mouse.click(box.x + box.width * 0.62, box.y + box.height * 0.3);
+  await page.waitForFunction(() => document.body.dataset.lens, null, { timeout: 120000 });
+  await page.waitForTimeout(300);
+  await shot(page, "dark");
+  await page.locator("#swipe").click();
+  await page.waitForFunction(() => document.getElementById("swipe-line").hidden);
+  await ready(page);
+  holds(faults.length === 0, `the console says ${faults.join("; ")}`);
+  await context.close();
+}
+
+async function crops(browser, url) {
+  const { page, context, faults } = await open(browser, url, { viewport: { width: 420, height: 860 }, acceptDownloads: true });
+  await shot(page, "narrow");
+  await page.evaluate(() => scrollTo(0, 0));
+  await page.keyboard.press("x");
+  const box = await page.locator("#crop-layer").boundingBox();
+  await page.mouse.move(box.x + 150, box.y + 150);
+  await page.mouse.down();
+  await page.mouse.move(box.x + 210, box.y + 190, { steps: 4 });
+  await page.mouse.up();
+  const drawn = await Promise.all(["cw", "ch"].map((id) => page.locator(`#${id}`).inputValue()));
+  holds(drawn.every((v) => Number(v) > 20), `a crop of ${drawn}`);
+  // All of the film: the same pixels as `export` gives at the same exposure.
+  const all = { cx: 0, cy: 0, cw: 541, ch: 463 };
+  for (const [id, v] of Object.entries(all)) await page.locator(`#${id}`).fill(String(v));
+  const [saved] = await Promise.all([page.waitForEvent("download"), page.locator("#save").click()]);
+  const crop = readFileSync(await saved.path());
+  const exposure = (await page.locator("#save").getAttribute("href")).match(/exposure=([^&]+)/)[1];
+  holds(saved.suggestedFilename() === "film.zarr-0-0-541x463.png", saved.suggestedFilename());
+  const out = join(place, "export.png");
+  run("export", join(place, "film.zarr"), out, "--exposure", exposure, "--max-side", "9999");
+  const [a, b] = [await pixels(page, crop), await pixels(page, readFileSync(out))];
+  holds(a.w === 541 && a.h === 463 && b.w === 541, `the crop has ${a.w} x ${a.h} pixels`);
+  const differ = a.rgba.findIndex((v, i) => v !== b.rgba[i]);
+  holds(differ < 0, `crop and export differ at ${differ}: ${a.rgba[differ]}, ${b.rgba[differ]}`);
+  holds(new Set(a.rgba).size > 50, "the crop shows something");
+  const small = await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth);
+  holds(small, "nothing sticks out of a narrow screen");
+  holds(faults.length === 0, `the console says ${faults.join("; ")}`);
+  await context.close();
+}
+
+async function bare(browser, url) {
+  const { page, context, faults } = await open(browser, url);
+  holds((await text(page, "note")).includes("lenscube pyramid"), "the page says that there is no pyramid");
+  holds((await text(page, "lens-name")).includes("No lens data"), "the page says that there is no lens");
+  holds(faults.length === 0, `the console says ${faults.join("; ")}`);
+  await context.close();
+}
+
+const chart = ["gen:composite?size=541x463&wavelengths=450,550,610&pitch_um=50"];
+const job = ["--no-fsync"];
+const servers = [];
+let browser;
+try {
+  run("run", ...chart, join(place, "film.zarr"), ...job, "--pyramid");
+  run("run", ...chart, join(place, "bare.zarr"), ...job);
+  servers.push(await view(join(place, "film.zarr")));
+  servers.push(await view(join(place, "bare.zarr//film"), "--chart", chart[0]));
+  const { url } = servers[0];
+  const { port } = new URL(url);
+  holds(await status(url, {}) === 200, "the page is there");
+  for (const host of ["evil.example", `evil.example:${port}`, "127.0.0.1"]) holds(await status(url, { Host: host }) === 403, `Host ${host} is let in`);
+  holds(await status(`${url}api/site`, { Origin: "http://evil.example" }) === 403, "a foreign Origin is let in");
+  const flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"];
+  browser = await chromium.launch({ executablePath: CHROMIUM, args: flags });
+  await looks(browser, url);
+  await swipes(browser, url);
+  await crops(browser, url);
+  await bare(browser, servers[1].url);
+  const { child } = servers.pop();
+  child.removeAllListeners("exit");
+  const ended = new Promise((resolve) => child.once("exit", resolve));
+  child.kill("SIGINT");
+  holds(await ended === 0, "Ctrl-C ends it well");
+  console.log(`${checks} checks: Chromium ${browser.version()} showed what lenscube served`);
+} catch (fault) {
+  console.error(`check-view: ${fault.message}\n${fault.stack.split("\n").slice(1, 5).join("\n")}`);
+  process.exitCode = 1;
+} finally {
+  await browser?.close();
+  for (const { child } of servers) { child.removeAllListeners("exit"); child.kill("SIGKILL"); }
+  rmSync(place, { recursive: true, force: true });
+}

@@ -1,0 +1,47 @@
+// Opens a pyramid with @vivjs/loaders (vizarr, Avivator) and ome-zarr.js; check-vizarr runs it. Every level must have the values that zarrita
+// reads from its array.
+import { execFileSync } from "node:child_process";
+import { mkdtempSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { loadOmeZarrFromStore } from "@vivjs/loaders";
+import { FileSystemStore } from "@zarrita/storage";
+import * as omezarr from "ome-zarr.js";
+import * as zarr from "zarrita";
+
+const program = process.argv[2];
+const place = mkdtempSync(join(tmpdir(), "check-vizarr-"));
+let checks = 0;
+function holds(condition, what) {
+  checks += 1;
+  if (!condition) throw new Error(what);
+}
+
+try {
+  const film = join(place, "film.zarr");
+  const words = ["run", "gen:composite?size=777x1031&wavelengths=450,550,610&pitch_um=2", film, "--lens", "double-gauss-28-npz", "--stages", "ri", "--no-fsync", "--pyramid"];
+  execFileSync(program, words, { stdio: ["ignore", "ignore", "pipe"] });
+  const store = new FileSystemStore(film);
+  const root = await zarr.open(zarr.root(store), { kind: "group" });
+  const { datasets, axes } = root.attrs.ome.multiscales[0];
+  holds(datasets.length === 4 && axes.map((a) => a.name).join() === "wavelength,y,x", `levels ${datasets.map((d) => d.path)}`);
+
+  const { data, metadata } = await loadOmeZarrFromStore(store);
+  holds(data.length === datasets.length && metadata.omero.channels.length === 3, `viv sees ${data.length} levels`);
+  for (const [level, source] of data.entries()) {
+    const array = await zarr.open(root.resolve(datasets[level].path), { kind: "array" });
+    const { data: own, shape } = await zarr.get(array, [1, null, null]);
+    holds(source.shape.join() === array.shape.join() && source.labels.join() === "wavelength,y,x", `viv: level ${level} is ${source.shape} of ${source.labels}`);
+    const raster = await source.getRaster({ selection: { wavelength: 1 } });
+    holds(raster.width === shape[1] && raster.height === shape[0] && raster.data.every((v, i) => v === own[i]), `viv: values of level ${level}`);
+  }
+
+  const { arr, shapes } = await omezarr.getMultiscaleWithArray(root, 0);
+  holds(arr.shape[1] === 777 && arr.shape[2] === 1031, `ome-zarr.js sees ${arr.shape} of ${shapes}`);
+  console.log(`${checks} checks: viv's loader and ome-zarr.js opened a pyramid`);
+} catch (fault) {
+  console.error(`check-vizarr: ${fault.stack}`);
+  process.exitCode = 1;
+} finally {
+  rmSync(place, { recursive: true, force: true });
+}

@@ -1,0 +1,35 @@
+# Sourced by checks that other people's Python programs make, from the project's root.
+# shellcheck shell=bash
+
+# python_with NAME PIN...: sets `python` to one that has these packages, in an environment under target/ that is made once.
+# Fails if there is no Python, or no way to get the packages.
+python_with() {
+    local place=target/$1-venv
+    shift
+    python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || return 1
+    if [ "$(cat "$place/pins" 2>/dev/null)" != "$*" ]; then
+        rm -rf "$place"
+        mkdir -p target
+        if python3 -m venv "$place" 2>/dev/null; then
+            "$place/bin/python" -m pip install --quiet --disable-pip-version-check "$@" || return 1
+        else # no ensurepip, as on a bare Debian
+            rm -rf "$place"
+            python3 -m pip install --quiet --disable-pip-version-check --target "$place/site" "$@" || return 1
+        fi
+        echo "$*" >"$place/pins"
+    fi
+    python=$place/bin/python
+    unset PYTHONPATH
+    if [ -d "$place/site" ]; then
+        python=python3
+        export PYTHONPATH=$PWD/$place/site
+    fi
+}
+
+# Sets LENSCUBE, unless it is set, to the binary that `cargo test` runs: nothing is built twice.
+built_lenscube() {
+    LENSCUBE=${LENSCUBE:-$(cargo test --quiet --workspace --test golden --no-run --message-format=json | python3 -c '
+import json, sys
+artifacts = [json.loads(line) for line in sys.stdin if line.startswith("{")]
+print(next(a["executable"] for a in artifacts if a.get("target", {}).get("kind") == ["bin"] and a.get("executable") and not a["profile"]["test"]))')}
+}

@@ -1,0 +1,84 @@
+//! `lenscube pyramid`: smaller and smaller films of a film, so that programs show all of it at once.
+
+use crate::args::PyramidArgs;
+use crate::failure::{Coded, code};
+use crate::job;
+use crate::memory::{default_limit, mib};
+use crate::progress::{counting, say};
+use crate::run::{WHOLE, interrupt};
+use crate::status;
+use anyhow::Result;
+use formats::film::{FilmError, FilmStore, PyramidState};
+use std::path::Path;
+use std::time::Instant;
+
+/// Runs the command; the exit code.
+pub fn command(args: &PyramidArgs) -> Result<u8> {
+    interrupt::listen();
+    make(&args.film, args.threads, args.memory, args.take_over)
+}
+
+/// Makes the pyramid of the film at `path`, or what is missing of it; the exit code.
+pub fn make(path: &Path, threads: Option<usize>, memory: Option<u64>, take_over: bool) -> Result<u8> {
+    let store = status::open(path)?;
+    let shards = store.pyramid_shards();
+    let state = store.pyramid()?;
+    if state == PyramidState::Complete {
+        say(format!("the pyramid of {} is complete: {shards} shards, nothing to do", path.display()));
+        return Ok(0);
+    }
+    let lock = store.lock(WHOLE, take_over)?;
+    if let Some(lock) = &lock {
+        interrupt::release_on_exit(lock.path());
+    }
+    store.sweep()?;
+    match state {
+        PyramidState::Unfinished(done, _) => {
+            say(format!("resuming: {} of {shards} shards to make", shards - done))
+        }
+        PyramidState::Stale => {
+            say("the pyramid that is there is of other pixels than the film has: making it anew")
+        }
+        _ => (),
+    }
+    let start = Instant::now();
+    let limit = memory.unwrap_or_else(default_limit);
+    let (bar, progress) = counting("pyramid");
+    let cancel = interrupt::finish_tiles();
+    let limit_bytes = usize::try_from(limit).unwrap_or(usize::MAX);
+    let made = store.make_pyramid(job::threads(threads), limit_bytes, cancel, &progress);
+    bar.finish_and_clear();
+    match made {
+        Ok(true) => {
+            tell(&store, start, limit);
+            Ok(0)
+        }
+        Ok(false) => {
+            say("interrupted; the same command resumes");
+            Ok(code::INTERRUPTED)
+        }
+        Err(e @ FilmError::Incomplete { .. }) => {
+            Err(Coded { code: code::WRONG, message: e.to_string() }.into())
+        }
+        Err(e) => Err(e.into()),
+    }
+}
+
+fn tell(store: &FilmStore, start: Instant, limit: u64) {
+    let levels: Vec<String> = (0..store.spec().outputs.len())
+        .map(|output| {
+            let size = store.spec().outputs[output].rect.size();
+            let levels = formats::film::level_sizes(size);
+            let last = levels[levels.len() - 1];
+            format!("{} in {} levels down to {last} px", store.spec().outputs[output].name, levels.len())
+        })
+        .collect();
+    say(format!(
+        "{}: {}; {} shards in {:.1} s (memory at most {})",
+        store.path().display(),
+        levels.join(", "),
+        store.pyramid_shards(),
+        start.elapsed().as_secs_f64(),
+        mib(limit as usize)
+    ));
+}

@@ -1,0 +1,237 @@
+//! What leaves the program comes back: exported films and charts, pictures made into charts and shown again.
+
+mod common;
+
+use common::{Noise, Picture, bits, files, lenscube, pixels, text};
+use formats::chart::image::{ImageFile, Transfer};
+use formats::chart::{NanPolicy, RasterChart};
+use formats::picture::image::Image;
+use pipeline::geometry::Size;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A chart of noise in a directory of its own.
+fn chart(bands: usize) -> (tempfile::TempDir, PathBuf, Picture) {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, picture) = (dir.path().join("chart.zarr"), Picture::noise(3, Size::new(301, 277), bands));
+    picture.write(&path);
+    (dir, path, picture)
+}
+
+fn flat(path: &Path) -> (Size, Vec<Vec<f32>>) {
+    let chart = RasterChart::open(path, NanPolicy::Keep).unwrap();
+    let size = pipeline::flow::ChartSource::size(&chart);
+    let band = |b| {
+        let mut out = vec![0.0; size.pixels()];
+        chart.read_rect(b, size.rect(), &mut out).unwrap();
+        out
+    };
+    (size, (0..chart.bands()).map(band).collect())
+}
+
+#[test]
+fn every_format_of_samples_holds_the_bits() {
+    let (dir, path, picture) = chart(3);
+    let at = |name: &str| dir.path().join(name);
+    for name in ["c.npy", "c.hdr", "c.exr", "b.tif"] {
+        let mut words = vec!["export", text(&path)];
+        let out = at(name);
+        words.push(text(&out));
+        if name == "b.tif" {
+            words.extend(["--format", "tiff-bands"]);
+        }
+        let ran = lenscube(&words).ok();
+        assert!(ran.stderr.contains("3 bands of 277x301 px"), "{}", ran.stderr);
+    }
+    for name in ["c.npy", "c.hdr"] {
+        assert!(bits(&flat(&at(name)).1) == bits(&picture.bands), "{name}");
+    }
+    // What was written as EXR is read as a chart, and written again.
+    lenscube(&["export", text(&at("c.exr")), text(&at("again.npy"))]).ok();
+    assert!(bits(&flat(&at("again.npy")).1) == bits(&picture.bands), "EXR");
+    let told = lenscube(&[
+        "export",
+        text(&at("c.exr")),
+        text(&at("part.npy")),
+        "--crop",
+        "10,20,60,50",
+        "--bands",
+        "1:",
+    ])
+    .ok();
+    assert!(told.stderr.contains("laying them out once"), "{}", told.stderr);
+    let (size, part) = flat(&at("part.npy"));
+    assert_eq!((size, part.len()), (Size::new(50, 60), 2));
+    let want: Vec<f32> = (20..70).flat_map(|y| picture.bands[1][y * 277 + 10..][..60].to_vec()).collect();
+    assert_eq!(part[0], want);
+    let stray: Vec<_> = files(dir.path()).into_keys().filter(|p| text(p).contains("tmp")).collect();
+    assert!(stray.is_empty(), "{stray:?}");
+}
+
+#[test]
+fn mistakes_are_one_line_and_change_nothing() {
+    let (dir, path, _) = chart(3);
+    let at = |name: &str| dir.path().join(name);
+    std::fs::write(at("there.png"), b"mine").unwrap();
+    std::fs::write(at("there.bsq"), b"mine").unwrap();
+    let before = files(dir.path());
+    for (out, flags, code, words) in [
+        ("there.png", &[][..], 3, "--overwrite"),
+        ("there.hdr", &[], 3, "there.bsq exists already"),
+        ("x.jpeg", &[], 2, "its extension tells no format"),
+        ("x.npy", &["--half"], 2, "--half is for EXR"),
+        ("x.exr", &["--exposure", "2"], 2, "--exposure is for"),
+        ("x.tif", &["--band", "500"], 2, "--band is for PNG"),
+        ("x.npy", &["--crop", "270,0,10,10"], 2, "leaves the image of"),
+        ("x.npy", &["--crop", "0,0,0,10"], 2, "number of pixels"),
+        ("x.npy", &["--bands", "7"], 2, "beyond the last of 3 bands"),
+        ("x.exr", &["--memory", "49MiB"], 2, "need at least"),
+        ("nowhere/x.npy", &[], 1, "nowhere/x.npy"),
+    ] {
+        let out = at(out);
+        let ran = lenscube(&[&["export", text(&path), text(&out)], flags].concat());
+        assert_eq!(ran.code, code, "{flags:?}: {}", ran.stderr);
+        assert!(ran.stderr.contains(words) && !ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);
+        assert!(files(dir.path()) == before, "{words}");
+    }
+    lenscube(&["export", text(&path), text(&at("there.png")), "--overwrite"]).ok();
+    lenscube(&["export", text(&path), text(&at("there.hdr")), "--overwrite"]).ok();
+}
+
+#[test]
+fn an_interrupted_export_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["x.npy", "x.exr", "x.tif"] {
+        let out = dir.path().join(name);
+        let chart = "gen:composite?size=6000&wavelengths=400:700:10";
+        let mut child = Command::new(env!("CARGO_BIN_EXE_lenscube"))
+            .args(["export", chart, text(&out), "--exposure", "auto"])
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let start = Instant::now();
+        let begun = || {
+            std::fs::read_dir(dir.path()).unwrap().count() > 0
+                || name == "x.tif" && start.elapsed().as_secs() > 3
+        };
+        while !begun() && start.elapsed() < Duration::from_secs(120) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let id = child.id().to_string();
+        assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{name}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "{name}");
+    }
+}
+
+/// Display values of a PNG or TIFF, 0 to 1, in bands.
+fn shown(path: &Path) -> Vec<Vec<f32>> {
+    let file = ImageFile::open(path).unwrap();
+    let (size, bands) = (file.size(), if file.is_grey() { 1 } else { 3 });
+    let source = file.linear(Transfer::Linear, path.parent().unwrap(), 1, &|_, _| ()).unwrap();
+    let band = |b| {
+        let mut out = vec![0.0; size.pixels()];
+        source.read(b, size.rect(), &mut out).unwrap();
+        out
+    };
+    (0..bands).map(band).collect()
+}
+
+/// The RGB cube in steps of 15, faces, edges and corners included, and noise.
+fn cube() -> Image {
+    let steps: Vec<u8> = (0..18).map(|i| i * 15).collect();
+    let mut colours = Vec::new();
+    for r in &steps {
+        for g in &steps {
+            colours.extend(steps.iter().map(|b| [*r, *g, *b]));
+        }
+    }
+    let mut noise = Noise(8);
+    colours.extend((0..1224).map(|_| [0; 3].map(|_: u8| (noise.next() * 256.0) as u8)));
+    let mut image = Image::new(Size::new(colours.len() / 84, 84), [0; 3]);
+    for (i, colour) in colours[..colours.len() / 84 * 84].iter().enumerate() {
+        image.row_mut(i / 84)[i % 84] = *colour;
+    }
+    image
+}
+
+#[test]
+fn the_preview_of_a_picture_s_chart_is_the_picture() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let image = cube();
+    image.write_png(&at("cube.png"), "").unwrap();
+    let want = shown(&at("cube.png"));
+    let mut worst = 0f32;
+    for (light, nm, scale) in [
+        ("D65", "400:700:10", None),
+        ("E", "400:700:10", Some("250")),
+        ("A", "400:700:20", None),
+        ("D65", "380:780:5", Some("1000")),
+    ] {
+        let (chart, back) = (at(&format!("{light}-{nm}.zarr")), at("back.png"));
+        let mut words = vec!["chart", "image"];
+        let input = at("cube.png");
+        words.extend([
+            text(&input),
+            text(&chart),
+            "--illuminant",
+            light,
+            "--wavelengths",
+            nm,
+            "--pitch-um",
+            "2",
+        ]);
+        words.extend(scale.iter().flat_map(|s| ["--scale-to", s]));
+        let ran = lenscube(&words).ok();
+        let exposure = ran.stderr.split("--exposure ").nth(1).unwrap().split('`').next().unwrap();
+        let show =
+            ["export", text(&chart), text(&back), "--white", light, "--exposure", exposure, "--overwrite"];
+        lenscube(&show).ok();
+        for (got, want) in shown(&back).iter().flatten().zip(want.iter().flatten()) {
+            worst = worst.max((got - want).abs() * 255.0);
+        }
+        assert!(worst <= 1.0001, "{light}, {nm}: off by {worst} of 255");
+        // No light below zero, none that a surface would have to add.
+        let (_, bands) = pixels(&chart, "chart");
+        assert!(bands.iter().flatten().all(|v| *v >= 0.0));
+    }
+    // Sixteen bits come back finer.
+    let (chart, fine) = (at("D65-400:700:10.zarr"), at("fine.tif"));
+    lenscube(&["export", text(&chart), text(&fine), "--exposure", "1"]).ok();
+    for (got, want) in shown(&fine).iter().flatten().zip(want.iter().flatten()) {
+        assert!((got - want).abs() < 0.2 / 255.0, "{got} {want}");
+    }
+    // And the 16-bit picture is a picture like any other.
+    lenscube(&["chart", "image", text(&fine), text(&at("fine.zarr"))]).ok();
+}
+
+#[test]
+fn what_cannot_become_a_chart_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    cube().write_png(&at("cube.png"), "").unwrap();
+    std::fs::write(at("text.png"), "no picture").unwrap();
+    std::fs::create_dir(at("there.zarr")).unwrap();
+    for (file, out, flags, code, words) in [
+        ("cube.png", "x.zarr", &["--wavelengths", "450,550,650"][..], 2, "cannot hold all colours"),
+        ("cube.png", "x.zarr", &["--illuminant", "F2"], 2, "take D65, A or E"),
+        ("cube.png", "x.zarr", &["--scale-to", "0"], 2, "not above 0"),
+        ("cube.png", "there.zarr", &[], 3, "--overwrite"),
+        ("text.png", "x.zarr", &[], 1, "PNG, TIFF or OpenEXR"),
+        ("none.png", "x.zarr", &[], 1, "nothing there"),
+    ] {
+        let (file, out) = (at(file), at(out));
+        let ran = lenscube(&[&["chart", "image", text(&file), text(&out)], flags].concat());
+        assert_eq!(ran.code, code, "{words}: {}", ran.stderr);
+        assert!(ran.stderr.contains(words) && !ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);
+    }
+    assert!(!at("x.zarr").exists());
+    // The kinds of charts that are drawn stay as they were.
+    let drawn = at("drawn.zarr");
+    lenscube(&["chart", "uniform", text(&drawn), "--size", "40", "--value", "-1", "--wavelengths", "500"])
+        .ok();
+    assert_eq!(lenscube(&["chart"]).code, 2);
+    assert!(lenscube(&["chart", "unifrom", text(&drawn)]).stderr.contains("uniform"));
+}

@@ -1,0 +1,279 @@
+//! The page's server from outside, without a browser: who is let in, what is refused, and what pixels it tells.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::place::Place;
+use common::{lenscube, pixels, text};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+struct Server {
+    child: Child,
+    port: u16,
+}
+
+impl Server {
+    fn start(words: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.arg("view").args(words).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        let mut url = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
+        let port = url.trim().strip_prefix("http://127.0.0.1:").and_then(|u| u.strip_suffix('/'));
+        Self { child, port: port.unwrap_or_else(|| panic!("{url}")).parse().unwrap() }
+    }
+
+    /// Sends a request as it stands; status and all of the answer.
+    fn send(&self, request: &str) -> (u16, Vec<u8>) {
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        let status = String::from_utf8_lossy(&answer[..answer.len().min(12)]).into_owned();
+        (status.get(9..12).and_then(|s| s.parse().ok()).unwrap_or_else(|| panic!("{status}")), answer)
+    }
+
+    fn get_as(&self, path: &str, headers: &str) -> (u16, Vec<u8>) {
+        self.send(&format!("GET {path} HTTP/1.1\r\n{headers}Connection: close\r\n\r\n"))
+    }
+
+    fn get(&self, path: &str) -> (u16, Vec<u8>) {
+        self.get_as(path, &format!("Host: 127.0.0.1:{}\r\n", self.port))
+    }
+
+    fn words(&self, path: &str) -> String {
+        let (status, answer) = self.get(path);
+        let answer = String::from_utf8_lossy(&answer).into_owned();
+        assert_eq!(status, 200, "{path}: {answer}");
+        answer
+    }
+
+    fn body(&self, path: &str) -> Vec<u8> {
+        let (status, answer) = self.get(path);
+        assert_eq!(status, 200, "{path}");
+        let start = answer.windows(4).position(|w| w == b"\r\n\r\n").unwrap() + 4;
+        answer[start..].to_vec()
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn film() -> Place {
+    let place = Place::large();
+    place.run("", &["--no-fsync", "--pyramid"]).ok();
+    place
+}
+
+#[test]
+fn strangers_are_refused() {
+    let place = film();
+    let server = Server::start(&[text(&place.film)]);
+    let own = format!("Host: 127.0.0.1:{}\r\n", server.port);
+    let page = server.words("/");
+    let policy = "content-security-policy: default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'";
+    assert!(
+        page.contains(policy) && page.contains("cache-control: no-store") && page.contains("nosniff"),
+        "{page}"
+    );
+    assert!(
+        page.contains("cross-origin-resource-policy: same-origin") && page.contains("<title>lenscube"),
+        "{page}"
+    );
+    assert_eq!(server.get_as("/", &format!("Host: localhost:{}\r\n", server.port)).0, 200);
+    for host in ["evil.example", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil.example", "169.254.1.1", ""] {
+        for path in ["/", "/api/site", "/tile/film/0/0_0.png?band=0&exposure=1&gamma=1"] {
+            assert_eq!(server.get_as(path, &format!("Host: {host}\r\n")).0, 403, "{host}{path}");
+        }
+    }
+    assert_eq!(server.get_as("/", &format!("{own}Host: evil.example\r\n")).0 / 100, 4);
+    assert_eq!(server.get_as("/", "").0 / 100, 4);
+    let mine = format!("{own}Origin: http://127.0.0.1:{}\r\n", server.port);
+    assert_eq!(server.get_as("/api/site", &mine).0, 200);
+    for origin in ["http://evil.example", "null", "https://127.0.0.1", "http://127.0.0.1:1"] {
+        assert_eq!(server.get_as("/api/site", &format!("{own}Origin: {origin}\r\n")).0, 403, "{origin}");
+    }
+    for site in ["cross-site", "same-site"] {
+        let from = format!("{own}Sec-Fetch-Site: {site}\r\n");
+        assert_eq!(server.get_as("/api/site", &from).0, 403, "{site}");
+        assert_eq!(server.get_as("/", &format!("{from}Sec-Fetch-Mode: navigate\r\n")).0, 200, "{site}");
+        assert_eq!(
+            server.get_as("/crop.png", &format!("{from}Sec-Fetch-Mode: navigate\r\n")).0,
+            403,
+            "{site}"
+        );
+    }
+    assert_eq!(
+        server
+            .send(&format!("POST /api/site HTTP/1.1\r\n{own}Content-Length: 0\r\nConnection: close\r\n\r\n"))
+            .0,
+        405
+    );
+}
+
+#[test]
+fn absurd_addresses_are_refused() {
+    let place = film();
+    let server = Server::start(&[text(&place.film)]);
+    for path in [
+        "/../../etc/passwd",
+        "/..%2f..%2fetc/passwd",
+        "/tile/../../zarr.json",
+        "/tile/film/0/..%2f..%2fzarr.json",
+        "/tile/%2e%2e/0/0_0.png?band=0&exposure=1&gamma=1",
+        "/page/page.html",
+        "//etc/passwd",
+    ] {
+        let (status, answer) = server.get(path);
+        assert!((400..500).contains(&status), "{path}: {status}");
+        assert!(!String::from_utf8_lossy(&answer).contains("root:"), "{path}");
+    }
+    let tile = |what: &str| server.get(&format!("/tile/{what}")).0;
+    let look = "band=0&exposure=1&gamma=1";
+    assert_eq!(tile(&format!("film/0/0_0.png?{look}")), 200);
+    for what in [
+        "film/3/0_0.png",
+        "film/0/3_0.png",
+        "film/0/0_3.png",
+        "film/99999999999999999999/0_0.png",
+        "film/0/-1_0.png",
+        "film/0/0_0.jpg",
+        "film/0/4294967296_0.png",
+        "film/-1/0_0.png",
+        "chart/0/0_0.png",
+        "nothing/0/0_0.png",
+        "film/0/0.png",
+        "film/0/٠_0.png",
+    ] {
+        assert!((400..=404).contains(&tile(&format!("{what}?{look}"))), "{what}");
+    }
+    for look in [
+        "",
+        "band=2&exposure=1&gamma=1",
+        "band=0&exposure=0&gamma=1",
+        "band=0&exposure=1e99&gamma=1",
+        "band=0&exposure=NaN&gamma=1",
+        "band=0&exposure=1&gamma=9",
+        "white=D50&exposure=1&gamma=1",
+    ] {
+        assert_eq!(tile(&format!("film/0/0_0.png?{look}")), 400, "{look}");
+    }
+    for crop in ["x=0&y=0&w=706&h=1", "x=705&y=0&w=1&h=1", "x=0&y=0&w=0&h=0", "x=-1&y=0&w=1&h=1", "w=1&h=1"] {
+        assert_eq!(server.get(&format!("/crop.png?{crop}&{look}")).0, 400, "{crop}");
+    }
+    assert_eq!(server.get("/api/pixel?x=705&y=0").0, 400);
+    assert_eq!(server.get(&format!("/api/pixel?x={}&y=0", "9".repeat(5000))).0, 400);
+    assert!((400..500).contains(&server.get(&format!("/{}", "a".repeat(70_000))).0));
+}
+
+#[test]
+fn a_pixel_is_that_of_the_store() {
+    let place = film();
+    let server =
+        Server::start(&[text(&place.film), "--chart", text(&place.chart), "--lens", text(&place.pack)]);
+    let (size, film) = pixels(&place.film, "film");
+    let (_, chart) = pixels(&place.chart, "chart");
+    for (x, y) in [(0, 0), (704, 630), (300, 77)] {
+        let told = String::from_utf8(server.body(&format!("/api/pixel?x={x}&y={y}"))).unwrap();
+        for (name, bands) in [("film", &film), ("chart", &chart)] {
+            let list = told.split(&format!("\"{name}\":[")).nth(1).and_then(|t| t.split(']').next()).unwrap();
+            let values: Vec<f32> = list.split(',').map(|v| v.parse().unwrap()).collect();
+            let want: Vec<f32> = bands.iter().map(|b| b[y * size.width + x]).collect();
+            assert_eq!(values, want, "{name} {x} {y}");
+        }
+    }
+    let site = server.words("/api/site");
+    for part in [
+        "\"pyramid\":\"complete\"",
+        "\"size\":[631,705]",
+        "\"place\":[0.0,0.0,705.0,631.0]",
+        "\"lens\":{\"name\":\"test\",\"note\":null}",
+    ] {
+        assert!(site.contains(part), "{part}: {site}");
+    }
+    let lens = server.words("/api/lens?x=704&y=0&band=1");
+    assert!(lens.contains("\"relative_illumination\":1.0") && lens.contains("\"size\":5"), "{lens}");
+    assert!(server.body("/psf.png?x=704&y=0&band=1&log=1").starts_with(b"\x89PNG"));
+}
+
+#[test]
+fn levels_look_alike_with_and_without_a_pyramid() {
+    let place = film();
+    let bare = place.at("bare.zarr");
+    place.command(&bare, "", &["--no-fsync"]).output().unwrap();
+    assert!(!bare.join("pyramid").exists());
+    let (with, without) = (Server::start(&[text(&place.film)]), Server::start(&[text(&bare)]));
+    for look in ["band=1&exposure=1&gamma=1", "white=A&exposure=0.7&gamma=1.8"] {
+        for tile in ["2/0_0", "1/1_1", "1/0_0", "0/2_2"] {
+            let path = format!("/tile/film/{tile}.png?{look}");
+            assert_eq!(with.body(&path), without.body(&path), "{path}");
+        }
+    }
+    assert_eq!(with.body("/api/exposure?white=D65"), without.body("/api/exposure?white=D65"));
+}
+
+#[test]
+fn what_cannot_be_opened_is_said() {
+    let place = film();
+    let mut server = Server::start(&[text(&place.film)]);
+    let site = server.words("/api/site");
+    assert!(
+        site.contains("the film was made through test, which is not built in; name its file with --lens"),
+        "{site}"
+    );
+    let (status, answer) = server.get("/api/lens?x=1&y=1&band=0");
+    assert!(status == 404 && String::from_utf8_lossy(&answer).contains("--lens"));
+    let ran = lenscube(&["view", text(&place.film), "--lens", "nothing.lens.zarr"]);
+    assert!(ran.code != 0 && ran.stderr.contains("nothing.lens.zarr"), "{}", ran.stderr);
+    let taken = server.port.to_string();
+    let ran = lenscube(&["view", text(&place.film), "--port", &taken]);
+    assert!(
+        ran.code != 0 && ran.stderr.contains(&taken) && ran.stderr.contains("--port 0"),
+        "{}",
+        ran.stderr
+    );
+    // A browser's idle connection does not keep it from ending.
+    let _idle = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
+    let start = Instant::now();
+    let sent = Command::new("kill").args(["-s", "INT", &server.child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    let status = server.child.wait().unwrap();
+    assert!(status.code() == Some(0) && start.elapsed() < Duration::from_secs(20), "{status}");
+}
+
+#[test]
+fn completions_and_manual_pages_name_every_command() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = lenscube(&["completions", shell]).ok().stdout;
+        assert!(script.contains("pyramid") && script.contains("take-over"), "{shell}");
+    }
+    assert_eq!(lenscube(&["completions", "tcsh"]).code, 2);
+    let dir = tempfile::tempdir().unwrap();
+    let pages = dir.path().join("man1");
+    lenscube(&["man", text(&pages)]).ok();
+    let names: Vec<String> =
+        std::fs::read_dir(&pages).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let help = lenscube(&["--help"]).ok().stdout;
+    let commands = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap();
+    let commands = commands
+        .lines()
+        .filter(|l| l.starts_with("  ") && !l.starts_with("   "))
+        .filter_map(|l| l.split_whitespace().next());
+    let mut count = 0;
+    for command in commands.filter(|c| *c != "help") {
+        assert!(names.contains(&format!("lenscube-{command}.1")), "{command}: {names:?}");
+        count += 1;
+    }
+    assert!(count > 10 && names.contains(&"lenscube-lens-trace.1".to_owned()), "{names:?}");
+    let page = std::fs::read_to_string(pages.join("lenscube-view.1")).unwrap();
+    assert!(page.contains(".TH lenscube") && page.contains("\\-\\-port"), "{page}");
+    assert!(lenscube(&["man"]).ok().stdout.contains(".TH lenscube"));
+}
