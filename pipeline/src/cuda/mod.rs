@@ -9,6 +9,7 @@
 mod band;
 pub mod bench;
 pub mod device;
+mod drain;
 pub mod error;
 pub mod memory;
 pub(crate) mod pool;
@@ -16,4 +17,5 @@ pub mod queue;
 
 pub use band::needs;
 pub use device::{Device, DeviceInfo, devices};
+pub use drain::DeviceFigures;
 pub use error::CudaError;

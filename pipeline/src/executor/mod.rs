@@ -15,8 +15,9 @@ pub(crate) mod turn;
 mod worker;
 
 use crate::clock::{Clock, StageTimes};
+use crate::cuda::DeviceFigures;
 use crate::cuda::memory::DeviceQueue;
-use crate::cuda::queue::{DeviceFigures, serve};
+use crate::cuda::queue::serve;
 use crate::flow::{ChartSource, DoorError, FilmSink, Progress};
 use crate::geometry::Frame;
 use crate::overlap_add::OverlapAdd;
