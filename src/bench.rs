@@ -5,11 +5,12 @@
 //!     max(disk, core seconds / cores),   disk = bytes read / read rate + bytes written / write rate
 //! with the rates measured here on the same disk, and every stage's core seconds as the run itself counts them.
 
+mod gpu;
 mod job;
 mod stages;
 mod storage;
 
-use crate::args::BenchArgs;
+use crate::args::{BenchArgs, Device};
 use crate::job::threads;
 use crate::progress::{print, say};
 use anyhow::{Context, Result};
@@ -45,6 +46,11 @@ impl Bench<'_> {
         let digits = if value < 10.0 { 2 } else { 1 };
         let text = format!("{words:<58} {value:>10.digits$} {unit}");
         self.figures.push(Figure { key, value: json!((value * 1e4).round() / 1e4), words: text });
+    }
+
+    fn word(&mut self, key: &'static str, value: Value) {
+        let words = format!("{key:<58} {}", value.as_str().unwrap_or_default());
+        self.figures.push(Figure { key, value, words });
     }
 
     /// The median over the rounds of what `f` tells.
@@ -109,8 +115,16 @@ pub fn command(args: &BenchArgs) -> Result<()> {
         args.size,
         FILM_MM * 1e3 / f64::from(args.size)
     ));
-    say("1/3  stages, in memory");
-    stages::measure(&mut bench)?;
+    match args.device {
+        Device::Cpu => {
+            say("1/3  stages, in memory");
+            stages::measure(&mut bench)?;
+        }
+        Device::Cuda(_) | Device::Auto => {
+            say("1/3  kernels and copies");
+            gpu::measure(&mut bench)?;
+        }
+    }
     say("2/3  codecs and disk");
     storage::measure(&mut bench)?;
     say("3/3  a job, store to store");
@@ -129,6 +143,7 @@ fn report(bench: &Bench<'_>) {
     let mut map = Map::new();
     map.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
     map.insert("threads".into(), bench.threads.into());
+    map.insert("device".into(), bench.args.device.to_string().into());
     map.insert("simd".into(), bench.simd.isa().name().into());
     map.insert("rounds".into(), bench.rounds.into());
     map.insert("size_px".into(), bench.args.size.into());

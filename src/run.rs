@@ -256,7 +256,7 @@ fn tell(job: &Job, shards: usize) {
     let on: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
     let on = if on.is_empty() { String::new() } else { format!(" beside {}", on.join(", ")) };
     say(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}{on}, memory {} (chart {}, spectra {})",
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}{on}, memory {} (chart {}, {} {})",
         job.lens.lens().name,
         job.plans.len(),
         f.film,
@@ -266,7 +266,8 @@ fn tell(job: &Job, shards: usize) {
         job.options.simd.isa().name(),
         mib(job.memory.limit),
         mib(job.memory.chart_cache),
-        mib(job.memory.spectra),
+        if job.queues.is_empty() { "spectra" } else { "page-locked a GPU" },
+        mib(if job.queues.is_empty() { job.memory.spectra } else { job.memory.pinned }),
     ));
     for note in &job.notes {
         say(format!("note: {note}"));

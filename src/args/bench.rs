@@ -1,5 +1,6 @@
 //! `lenscube bench`.
 
+use super::Device;
 use super::values::{bytes, threads};
 use clap::Args;
 use std::path::PathBuf;
@@ -32,6 +33,9 @@ pub struct BenchArgs {
     /// Each figure is the median of so many rounds
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=99))]
     pub rounds: u32,
+    /// What computes: cpu; or cuda, cuda:0,2: the first GPU's kernels and copies alone, and the job on all of them
+    #[arg(long, value_name = "DEVICE", default_value_t = Device::Cpu)]
+    pub device: Device,
     /// As JSON
     #[arg(long)]
     pub json: bool,

@@ -40,8 +40,13 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         * (number(&record, "bytes_read") / bench.get("disk_read_mb_s")
             + number(&record, "bytes_written") / bench.get("disk_write_mb_s"));
     let cores = std::thread::available_parallelism().map_or(1, usize::from).min(bench.threads) as f64;
-    let bound = disk_s.max(core_s / cores);
-    bench.number("job_bound_s", bound, "s", "  its bound, max(disk, core seconds / cores)");
+    let on_devices = devices(bench, &record);
+    let bound = disk_s.max(core_s / cores).max(on_devices);
+    let words = match on_devices > 0.0 {
+        true => "  its bound, max(disk, core seconds / cores, GPU streams)",
+        false => "  its bound, max(disk, core seconds / cores)",
+    };
+    bench.number("job_bound_s", bound, "s", words);
     bench.number("job_over_bound", wall / bound, "", "  over its bound");
     bench.number("job_disk_s", disk_s, "s", "  disk: bytes over the rates above");
     bench.number("job_core_s", core_s, "s", "  core seconds of all stages");
@@ -60,6 +65,27 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let words = "forecast of the paper's job (31 bands of 14141 x 14141 px)";
     bench.number("forecast_paper_job_s", wall * of_paper, "s", words);
     Ok(())
+}
+
+/// Keys of the busy shares of a GPU's streams.
+const STREAMS: [(&str, &str, &str); 3] = [
+    ("upload_s", "gpu_upload_busy", "  upload stream busy, of the GPU's time"),
+    ("compute_s", "gpu_compute_busy", "  compute stream busy"),
+    ("download_s", "gpu_download_busy", "  download stream busy"),
+];
+
+/// The busy shares of the GPUs' streams, over all of them; the seconds of the busiest stream.
+fn devices(bench: &mut Bench<'_>, record: &Value) -> f64 {
+    let all = record["devices"].as_array().map_or(&[][..], Vec::as_slice);
+    let sum = |key: &str| all.iter().map(|d| number(&d["did"], key)).sum::<f64>();
+    let span = sum("span_s");
+    if span > 0.0 {
+        for (key, share, words) in STREAMS {
+            bench.number(share, sum(key) / span, "", words);
+        }
+    }
+    let busiest = |d: &Value| STREAMS.iter().map(|s| number(&d["did"], s.0)).fold(0.0, f64::max);
+    all.iter().map(busiest).fold(0.0, f64::max)
 }
 
 /// Keys of the stages' core seconds in the report, in the order of [`STAGES`].
@@ -88,6 +114,7 @@ fn run(bench: &Bench<'_>, chart: &Path, film: &Path) -> Result<Value> {
     let program = std::env::current_exe().context("finding this program")?;
     let mut command = Command::new(program);
     command.arg("run").arg(chart).arg(film).args(["--overwrite", "--lens", &bench.args.lens]);
+    command.args(["--device", &bench.args.device.to_string()]);
     command.args(["--threads", &bench.threads.to_string(), "--memory", &bench.args.memory.to_string()]);
     let done = command.stdin(Stdio::null()).output().context("starting `lenscube run`")?;
     let words = String::from_utf8_lossy(&done.stderr);

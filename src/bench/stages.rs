@@ -5,6 +5,7 @@ use crate::lens::source::{Named, Source};
 use anyhow::{Context, Result};
 use pipeline::band::{BandPlan, Options, PsfBetween};
 use pipeline::bench::{Strided, fused_multiply_adds};
+use pipeline::executor::BandStages;
 use pipeline::field::Outside;
 use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Frame, Rect, Size};
@@ -31,34 +32,20 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let film = Size::new(bench.args.size as usize, bench.args.size as usize);
     let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.size));
     peak(bench)?;
-    let options = |svpsf: bool, interp: Interp| Options {
-        stages: Stages { ri: true, distortion: true, svpsf },
-        reading: Reading { interp, surround: Surround::Edge, outside: Outside::Clamp },
-        azimuths: None,
-        psf_window: None,
-        between: PsfBetween::Interpolate,
-        simd: bench.simd,
-    };
-    let all = options(true, Interp::Bicubic);
-    let lens = Source::new(Named::open(&bench.args.lens)?, &frame, &[LENS_NM], &all, bench.threads)?;
-    let stages = |options: Options| {
-        let plan = BandPlan::new(&frame, lens.lens(), LENS_NM, &options)?;
-        plan.stages(0, &frame, &options, 1.0, |band| anyhow::Ok(lens.psf(band)?))
-    };
-    let scenes =
-        [stages(options(false, Interp::Bicubic))?.scene, stages(options(false, Interp::Bilinear))?.scene];
-    let lens = stages(all)?.psf.context("the lens has no PSF to measure")?;
+    let bicubic_scene = stages(bench, &frame, false, Interp::Bicubic)?.scene;
+    let bilinear_scene = stages(bench, &frame, false, Interp::Bilinear)?.scene;
+    let (_, lens) = lens_stages(bench, &frame)?;
 
-    let bicubic = remap(bench, &frame, &scenes[0])?;
+    let bicubic = remap(bench, &frame, &bicubic_scene)?;
     bench.number("remap_mpx_s", bicubic, "Mpx/s", "RI + distortion remap, bicubic");
-    let bilinear = remap(bench, &frame, &scenes[1])?;
+    let bilinear = remap(bench, &frame, &bilinear_scene)?;
     bench.number("remap_bilinear_mpx_s", bilinear, "Mpx/s", "RI + distortion remap, bilinear");
 
-    let rate = spread(bench, &frame, &benchmark(&frame, bench.simd), bench.threads)?;
+    let rate = spread(bench, &frame, &benchmark(&frame, bench.simd, GRID.2), bench.threads)?;
     bench.number("svpsf_mpx_s", rate, "Mpx/s", "SVPSF, benchmark grid (21 x 36 nodes, 51 px)");
-    let rate = spread(bench, &frame, &benchmark(&frame, bench.simd), 1)?;
+    let rate = spread(bench, &frame, &benchmark(&frame, bench.simd, GRID.2), 1)?;
     bench.number("svpsf_1_thread_mpx_s", rate, "Mpx/s", "  one thread");
-    let rate = spread(bench, &frame, &benchmark(&frame, Simd::PORTABLE), bench.threads)?;
+    let rate = spread(bench, &frame, &benchmark(&frame, Simd::PORTABLE, GRID.2), bench.threads)?;
     bench.number("svpsf_portable_mpx_s", rate, "Mpx/s", "  portable path");
     let rate = strided(bench, &frame)?;
     bench.number(
@@ -77,6 +64,27 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let rate = kernels(bench, &lens)?;
     bench.number("kernels_per_s", rate, "1/s", "  its kernels turned and integrated, one thread");
     Ok(())
+}
+
+/// The stages of the lens's band.
+fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Result<BandStages> {
+    let options = Options {
+        stages: Stages { ri: true, distortion: true, svpsf },
+        reading: Reading { interp, surround: Surround::Edge, outside: Outside::Clamp },
+        azimuths: None,
+        psf_window: None,
+        between: PsfBetween::Interpolate,
+        simd: bench.simd,
+    };
+    let lens = Source::new(Named::open(&bench.args.lens)?, frame, &[LENS_NM], &options, bench.threads)?;
+    let plan = BandPlan::new(frame, lens.lens(), LENS_NM, &options)?;
+    plan.stages(0, frame, &options, 1.0, |band| anyhow::Ok(lens.psf(band)?))
+}
+
+/// All three stages of the lens's band.
+pub(super) fn lens_stages(bench: &Bench<'_>, frame: &Frame) -> Result<(Scene, BandPsf)> {
+    let all = stages(bench, frame, true, Interp::Bicubic)?;
+    Ok((all.scene, all.psf.context("the lens has no PSF to measure")?))
 }
 
 fn peak(bench: &mut Bench<'_>) -> Result<()> {
@@ -159,8 +167,8 @@ fn remap(bench: &Bench<'_>, frame: &Frame, scene: &Scene) -> Result<f64> {
     })
 }
 
-fn benchmark_kernels(frame: &Frame, simd: Simd) -> (NodeGrid, NodeKernels) {
-    let (heights, azimuths, window) = GRID;
+fn benchmark_kernels(frame: &Frame, simd: Simd, window: usize) -> (NodeGrid, NodeKernels) {
+    let (heights, azimuths, _) = GRID;
     let farthest_mm = 20.0 * FILM_MM / 28.282;
     let height_mm: Vec<f64> = (0..heights).map(|k| farthest_mm * k as f64 / (heights - 1) as f64).collect();
     let counts: Vec<usize> = (0..heights).map(|k| if k == 0 { 1 } else { azimuths }).collect();
@@ -182,8 +190,9 @@ fn benchmark_kernels(frame: &Frame, simd: Simd) -> (NodeGrid, NodeKernels) {
     )
 }
 
-fn benchmark(frame: &Frame, simd: Simd) -> BandPsf {
-    let (grid, kernels) = benchmark_kernels(frame, simd);
+/// The PSF stage on the benchmark grid, with windows of `window` px.
+pub(super) fn benchmark(frame: &Frame, simd: Simd, window: usize) -> BandPsf {
+    let (grid, kernels) = benchmark_kernels(frame, simd, window);
     BandPsf::new(0, grid, kernels, simd)
 }
 
@@ -222,7 +231,7 @@ fn whole_film(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf) -> Result<f64> {
 }
 
 fn strided(bench: &Bench<'_>, frame: &Frame) -> Result<f64> {
-    let (grid, kernels) = benchmark_kernels(frame, bench.simd);
+    let (grid, kernels) = benchmark_kernels(frame, bench.simd, GRID.2);
     let third = (frame.film.height / 3) as i64;
     let tile = Rect::new(third, third, 153, 153);
     let scene: Vec<f32> = (0..tile.size().pixels()).map(scene_value).collect();

@@ -7,7 +7,9 @@
 #![allow(unsafe_code)]
 
 mod band;
+pub mod bench;
 pub mod device;
+mod drain;
 pub mod error;
 pub mod memory;
 pub(crate) mod pool;
@@ -15,4 +17,5 @@ pub mod queue;
 
 pub use band::needs;
 pub use device::{Device, DeviceInfo, devices};
+pub use drain::DeviceFigures;
 pub use error::CudaError;

@@ -4,6 +4,9 @@
 //! order: a finished shard to encode; the next tile. What a tile's light adds up to is added in tile order by whichever
 //! worker holds the turn. Encoded shards go through a short queue to threads that only write. No queue is unbounded: a
 //! tile may start only [`AHEAD`] tiles a worker before the oldest one not yet added.
+//!
+//! Where GPUs compute ([`Work::queues`]), they take the tiles off the same sequence, a batch at a time ([`crate::cuda::queue`]),
+//! and workers take the charts that batches wait for instead of tiles.
 
 pub(crate) mod devices;
 mod error;
@@ -12,8 +15,9 @@ pub(crate) mod turn;
 mod worker;
 
 use crate::clock::{Clock, StageTimes};
+use crate::cuda::DeviceFigures;
 use crate::cuda::memory::DeviceQueue;
-use crate::cuda::queue::{DeviceFigures, serve};
+use crate::cuda::queue::serve;
 use crate::flow::{ChartSource, DoorError, FilmSink, Progress};
 use crate::geometry::Frame;
 use crate::overlap_add::OverlapAdd;
