@@ -127,7 +127,7 @@ fn charts_that_are_none() {
     let at = |name: &str| place.dir.path().join(name);
     is(&at("nowhere.zarr"), &["nowhere.zarr", "nothing there"]);
     fs::create_dir(at("empty")).unwrap();
-    is(&at("empty"), &["empty", "without Zarr metadata", "Zarr v2 or v3"]);
+    is(&at("empty"), &["empty", "no Zarr metadata", "Zarr v2 or v3"]);
     fs::write(at("file.tif"), "II*").unwrap();
     is(&at("file.tif"), &["file.tif", "a file"]);
     is(&place.pack, &["no array", "chart", "wavelength"]);
