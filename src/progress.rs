@@ -109,11 +109,13 @@ impl Bars {
 }
 
 fn clock(seconds: f64) -> String {
-    match seconds {
-        s if !s.is_finite() => "?".into(),
-        s if s < 60.0 => format!("{s:.0} s"),
-        s if s < 3600.0 => format!("{:.0} min {:02.0} s", (s / 60.0).floor(), s % 60.0),
-        s => format!("{:.0} h {:02.0} min", (s / 3600.0).floor(), (s % 3600.0) / 60.0),
+    if !seconds.is_finite() {
+        return "?".into();
+    }
+    match seconds.round() as u64 {
+        s @ ..60 => format!("{s} s"),
+        s @ 60..3600 => format!("{} min {:02} s", s / 60, s % 60),
+        s => format!("{} h {:02} min", s / 3600, s % 3600 / 60),
     }
 }
 
