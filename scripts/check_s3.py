@@ -233,6 +233,26 @@ def survived(place, whole):
         list(pool.map(film_in_spite_of, [503, 429, 500, "reset", "cut", "lost", 3.0]))
 
 
+def in_units(place, env, here, whole):
+    """The same film by processes of a plan: out of order, twice at once, one of them through faults, the plan elsewhere than the film."""
+    film, plan = s3("units.zarr"), here / "job.json"
+    lenscube(env, 0, [], "plan", *run(film)[1:], "--unit-rows", 1, "-o", plan)
+    units = len(json.loads(plan.read_text())["units"])
+    holds(units > 3, f"a plan of {units} units")
+    missing = lenscube(env, 0, [], "status", "--plan", plan, "--missing").strip()
+    holds(missing == f"0-{units - 1}", f"missing of a new plan: {missing}")
+    way = Proxy(("127.0.0.1", place.port), lambda n, *_: 503 if n % 14 in (6, 7) else None)
+    ways = [env, environment(way.port)]
+    with ThreadPoolExecutor(4) as pool:
+        order = [u for u in reversed(range(units)) for _ in range(2)]
+        list(pool.map(lambda k, u: lenscube(ways[k % 2], 0, [], "run", "--plan", plan, "--unit", u), range(len(order)), order))
+    way.close()
+    missing = lenscube(env, 0, [], "status", "--plan", plan, "--missing", "--check").strip()
+    holds(missing == "", f"missing of a plan that is done: {missing}")
+    same_film(place.objects("films/units.zarr"), whole, "a film made in units")
+    print(f"  {units} units, each twice at once: {way.faults} faults in {way.requests} requests")
+
+
 def refused(place, env, here):
     """What cannot be: one clear error each, with the right code."""
     port = place.port
@@ -346,7 +366,7 @@ def main():
             place, env = Place(port), environment(port)
             whole = stores(place, env, here)
             for step, args in [(looked_at, (place, env, whole)), (other_programs, (place, here / "film.zarr")), (killed, (place, whole)),
-                               (survived, (place, whole)), (refused, (place, env, here)), (replaced, (place,)),
+                               (survived, (place, whole)), (in_units, (place, env, here, whole)), (refused, (place, env, here)), (replaced, (place,)),
                                (encrypted, (place, here, whole)), (in_flight, (place,))]:
                 begin = time.monotonic()
                 step(*args)
