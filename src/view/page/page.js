@@ -30,7 +30,7 @@ const viewer = OSD({
   element: at("view"), drawer: "canvas", showNavigationControl: false, showNavigator: false, prefixUrl: "",
   gestureSettingsMouse: { clickToZoom: false, dblClickToZoom: true }, gestureSettingsTouch: { clickToZoom: false, dblClickToZoom: true },
   animationTime: 0.35, springStiffness: 9, blendTime: 0, maxZoomPixelRatio: 24, minZoomImageRatio: 0.7, visibilityRatio: 0.4,
-  imageLoaderLimit: 4, timeout: 900000, maxImageCacheCount: 600, preserveImageSizeOnResize: false,
+  imageLoaderLimit: 4, immediateRender: true, timeout: 900000, maxImageCacheCount: 600, preserveImageSizeOnResize: false,
 });
 
 function source(stack) {
