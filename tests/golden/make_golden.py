@@ -1,15 +1,14 @@
 #!/usr/bin/env python3
-"""Makes charts/, packs/ and cases/ beside it: films that the executable model computed, for the program to answer to.
+"""Makes charts/, packs/ and cases/: charts, lens packs and the films that the float64 model (reference.py) computes of them.
 
-    python3 -m venv v && v/bin/pip install numpy==2.4.6 zarr==3.1.5
-    v/bin/python tests/golden/make_golden.py svpsf_reference.py
+    python3 -m venv v && v/bin/pip install numpy==2.4.6 zarr==3.1.5 numcodecs==0.16.6
+    v/bin/python tests/golden/make_golden.py [FOLDER]       default: beside this file; half a minute
 
-svpsf_reference.py is the float64 model (scene, svpsf, film), brute force; minutes without numba.  Seeds are fixed: the same
-versions write the same values.  A case is case.json (what follows `lenscube run CHART FILM --lens PACK`, and which pixels
-of the film are compared) and expected.zarr.  Large films are compared on dense strips across tile seams and on a grid with
-steps that are coprime to every tile side, so that the tree stays small; large charts repeat one block of noise.
+Seeds are fixed: the same versions write the same bytes; `scripts/check-golden` writes them anew and compares.  A case is
+case.json (what follows `lenscube run CHART FILM --lens PACK`, and which pixels of the film are compared) and expected.zarr.
+Large films are compared on dense strips across tile seams and on a grid with steps that are coprime to every tile side, so
+that the tree stays small; large charts repeat one block of noise.
 """
-import importlib.util
 import json
 import shutil
 import sys
@@ -21,17 +20,15 @@ import numpy as np
 import zarr
 from zarr.codecs import BloscCodec, ZstdCodec
 
-spec = importlib.util.spec_from_file_location("reference", sys.argv[1])
-ref = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(ref)
+import reference as ref
 
-HERE = Path(__file__).resolve().parent
+OUT = Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parent).resolve()
 PITCH_UM, PITCH = 2.0, 2e-3
 HC = 6.62607015e-34 * 299792458.0
 STAGES = {"ri", "distortion", "svpsf"}
 
 
-# Packs: random kernels (no symmetry to hide a turn or a mirror), uneven heights and field points, J = 4.
+# Packs: random kernels (no symmetry that would hide a rotation or a mirror image), uneven heights and field points, J = 4.
 
 def make_pack(name, seed, reach_mm, windows, heights, points, azimuths=4, tilt=0.0):
     """`heights` per band: shares of the reach; `reach_mm` covers the farthest pixel of any case that uses the pack."""
@@ -70,7 +67,7 @@ def make_pack(name, seed, reach_mm, windows, heights, points, azimuths=4, tilt=0
             put(key, np.array([b[key] for b in pack["bands"]]))
         for i, b in enumerate(pack["bands"]):
             put(f"psf/{i}", b["kernels"])
-        out = HERE / "packs" / f"{name}.lens.zip"
+        out = OUT / "packs" / f"{name}.lens.zip"
         out.parent.mkdir(exist_ok=True)
         with zipfile.ZipFile(out, "w") as z:
             for path in sorted(p for p in Path(tmp).rglob("*") if p.is_file()):
@@ -85,10 +82,11 @@ def make_pack(name, seed, reach_mm, windows, heights, points, azimuths=4, tilt=0
 def make_chart(name, seed, shape, dtype="float32", chunks=None, block=None, low=0.0, zarr_format=3, bare=False):
     rng = np.random.default_rng(seed)
     small = shape if block is None else (shape[0], *block)
-    noise = rng.integers(0, np.iinfo(dtype).max, small) if np.issubdtype(dtype, np.integer) else rng.uniform(low, 1, small)
+    integer = np.issubdtype(dtype, np.integer)
+    noise = rng.integers(0, np.iinfo(dtype).max, small) if integer else rng.uniform(low, 1, small)
     reps = [1, -(-shape[1] // small[1]), -(-shape[2] // small[2])]
     data = np.tile(noise, reps)[:, :shape[1], :shape[2]].astype(dtype)
-    path = HERE / "charts" / f"{name}.zarr"
+    path = OUT / "charts" / f"{name}.zarr"
     chunks = chunks or (1, *shape[1:])
     if zarr_format == 2:
         a = zarr.create_array(path, shape=shape, dtype=dtype, chunks=chunks, zarr_format=2, fill_value=0)
@@ -139,9 +137,9 @@ def make_case(name, chart, pack, size, args=(), axis=None, scale=(1, 1), center=
                 cut = (kernels.shape[-1] - crop) // 2
                 kernels = kernels[:, cut:-cut, cut:-cut]
                 kernels = kernels / kernels.sum((1, 2), keepdims=True)
-            f = ref.film(data[b], *tables, t["r_grid"], ref.quarter_turns(kernels), **kw)
+            f = ref.film(data[b], *tables, t["r_grid"], ref.quarter_rotations(kernels), **kw)
         else:
-            f = ref.scene(data[b], *tables, **kw)
+            f = ref.remap(data[b], *tables, **kw)
         if units != "relative":
             f = f * t["solid_angle"] * t["transmission"]
         if units == "photons":
@@ -149,7 +147,7 @@ def make_case(name, chart, pack, size, args=(), axis=None, scale=(1, 1), center=
         films.append(f)
     films = np.array(films)
     compared = []
-    g = zarr.open_group(HERE / "cases" / name / "expected.zarr", mode="w", zarr_format=3)
+    g = zarr.open_group(OUT / "cases" / name / "expected.zarr", mode="w", zarr_format=3)
     if rois:
         parts = [(f"roi_{i}", (0, 0, h, w, 1, 1), films[:, y:y + h, x:x + w]) for i, (y, x, h, w) in enumerate(rois)]
     else:
@@ -160,12 +158,12 @@ def make_case(name, chart, pack, size, args=(), axis=None, scale=(1, 1), center=
         compared.append({"array": array, "expected": f"part_{i}", "y": y, "x": x, "height": h, "width": w, "step_y": sy, "step_x": sx})
     peaks = [float(np.abs(f).max()) for f in films]
     case = {"chart": chart_file, "lens": pack["file"], "flags": words, "peak": peaks, "compared": compared}
-    (HERE / "cases" / name / "case.json").write_text(json.dumps(case, indent=1) + "\n")
-    print(name, films.shape, sum(p.stat().st_size for p in (HERE / "cases" / name).rglob("*") if p.is_file()), flush=True)
+    (OUT / "cases" / name / "case.json").write_text(json.dumps(case, indent=1) + "\n")
+    print(name, films.shape, sum(p.stat().st_size for p in (OUT / "cases" / name).rglob("*") if p.is_file()), flush=True)
 
 
 for folder in ("charts", "packs", "cases"):
-    shutil.rmtree(HERE / folder, ignore_errors=True)
+    shutil.rmtree(OUT / folder, ignore_errors=True)
 
 uneven = [0, 0.21, 0.33, 0.71, 1]
 three = make_pack("three-bands", 1, 0.42, [9, 21, 5], [uneven, [0, 0.05, 0.1, 0.6, 0.95, 1], [0, 0.5, 1]], 400)
