@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Noise, Picture, bits, files, lenscube, pixels, text};
+use common::{Noise, Picture, bits, files, lenscube, pairs, pixels, text};
 use formats::chart::image::{ImageFile, Transfer};
 use formats::chart::{NanPolicy, RasterChart};
 use formats::picture::image::Image;
@@ -189,7 +189,7 @@ fn the_preview_of_a_picture_s_chart_is_the_picture() {
         let show =
             ["export", text(&chart), text(&back), "--white", light, "--exposure", exposure, "--overwrite"];
         lenscube(&show).ok();
-        for (got, want) in shown(&back).iter().flatten().zip(want.iter().flatten()) {
+        for (got, want) in pairs(&shown(&back), &want) {
             worst = worst.max((got - want).abs() * 255.0);
         }
         assert!(worst <= 1.0001, "{light}, {nm}: off by {worst} of 255");
@@ -200,7 +200,7 @@ fn the_preview_of_a_picture_s_chart_is_the_picture() {
     // Sixteen bits come back finer.
     let (chart, fine) = (at("D65-400:700:10.zarr"), at("fine.tif"));
     lenscube(&["export", text(&chart), text(&fine), "--exposure", "1"]).ok();
-    for (got, want) in shown(&fine).iter().flatten().zip(want.iter().flatten()) {
+    for (got, want) in pairs(&shown(&fine), &want) {
         assert!((got - want).abs() < 0.2 / 255.0, "{got} {want}");
     }
     // And the 16-bit picture is a picture like any other.

@@ -219,6 +219,7 @@ fn a_uniform_chart_shows_the_illumination_itself() {
         let chart = "gen:uniform?size=301x257&wavelengths=420,550,700&pitch_um=85";
         run(chart, &film, "double-gauss-28-npz", &["--stages", "ri,distortion", "--axis", &words]).ok();
         let (size, got) = pixels(&film, "film");
+        assert_eq!(got.len(), 3, "bands");
         for (band, nm) in got.iter().zip([420.0, 550.0, 700.0]) {
             let tables = pack.lens().bands.iter().find(|b| b.wavelength_nm == nm).unwrap();
             let (heights, ri) = (&tables.image_height_mm, &tables.relative_illumination);
@@ -262,7 +263,9 @@ fn a_lens_that_does_nothing_returns_the_chart() {
         assert!(bits(&film) == bits(&chart.bands), "film of {size}: not bit for bit");
         // Through the transforms a sum of n² terms rounds: 1e-6 of the largest value.
         let (chart, film) = identity_film(dir.path(), size, 9);
+        assert_eq!(film.len(), chart.bands.len(), "bands");
         for (got, expected) in film.iter().zip(&chart.bands) {
+            assert_eq!(got.len(), expected.len());
             let peak = expected.iter().fold(0f32, |m, v| m.max(v.abs()));
             let worst = got.iter().zip(expected).fold(0f32, |m, (g, e)| m.max((g - e).abs()));
             assert!(worst <= 1e-6 * peak, "film of {size}: {worst} of {peak}");

@@ -198,7 +198,9 @@ fn pack_and_design_agree_on_strehl() {
         let of = |f: &Value| f["strehl"].as_f64().unwrap();
         shown["fields"].as_array().unwrap().iter().map(of).collect::<Vec<_>>()
     };
-    for (pack, rays) in strehl(text(&out)).into_iter().zip(strehl("double-gauss-28")) {
+    let (of_pack, of_rays) = (strehl(text(&out)), strehl("double-gauss-28"));
+    assert_eq!((of_pack.len(), of_rays.len()), (6, 6));
+    for (pack, rays) in of_pack.into_iter().zip(of_rays) {
         assert!((pack / rays - 1.0).abs() < 2e-3, "{pack} {rays}");
     }
 }

@@ -149,6 +149,7 @@ impl Film {
     /// Tile by tile as the CPU's.
     fn agrees_with_the_cpu(&self, lights: &[Vec<f32>]) {
         let cache = SpectrumCache::new(64 << 20);
+        assert_eq!(self.tiles().len(), lights.len(), "tiles");
         for (tile, light) in self.tiles().into_iter().zip(lights) {
             let (worst, l2) = errors(light, &self.cpu(tile, &cache));
             assert!(worst <= TOLERANCE, "{tile}: max {worst:.1e}, L2 {l2:.1e} from the CPU's");
@@ -169,6 +170,7 @@ impl Film {
         let (film, origin) = (self.frame.film.rect(), self.grown());
         let want = oracle::svpsf(&self.scene, (origin.y, origin.x), &self.frame, &all, film);
         let mut got = vec![0f32; film.size().pixels()];
+        assert_eq!(self.tiles().len(), lights.len(), "tiles");
         for (tile, light) in self.tiles().into_iter().zip(lights) {
             let reach = self.psf.reaches(tile);
             let on_film = reach.intersect(film);

@@ -80,6 +80,7 @@ fn tiles_do_not_change_pixels() {
     let whole = gpu((200, 777)).scene(&job, &chart, rect);
     for tile in [(13, 777), (64, 33), (200, 16)] {
         let cut = gpu(tile).scene(&job, &chart, rect);
+        assert_eq!(cut.len(), whole.len(), "tiles of {tile:?}");
         assert!(cut.iter().zip(&whole).all(|(a, b)| a.to_bits() == b.to_bits()), "tiles of {tile:?}");
     }
 }

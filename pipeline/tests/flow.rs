@@ -228,9 +228,11 @@ fn same_bits_for_threads_memory_shards_and_regions(simd: Simd) {
     let mut noise = Noise(5);
     let case = case(simd, &mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
     let (whole, _) = case.run(&case.whole(256), 1, 64 << 20);
-    let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
+    let same =
+        |a: &[f32], b: &[f32]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
     for (threads, spectra, shard) in [(2, 64 << 20, 256), (5, 1, 256), (3, 1 << 20, 64), (2, 1 << 20, 2048)] {
         let (films, _) = case.run(&case.whole(shard), threads, spectra);
+        assert_eq!((films.len(), films[0].len()), (1, whole[0].len()), "windows, bands");
         for (a, b) in whole[0].iter().zip(&films[0]) {
             assert!(same(a, b), "{threads} threads, {spectra} bytes, shards of {shard}");
         }
@@ -239,7 +241,9 @@ fn same_bits_for_threads_memory_shards_and_regions(simd: Simd) {
     let windows: Vec<Window> =
         regions.iter().map(|&rect| Window { rect, shard: Size::new(64, 48) }).collect();
     let (films, _) = case.run(&windows, 2, 1 << 20);
+    assert_eq!(films.len(), regions.len());
     for (region, film) in regions.iter().zip(&films) {
+        assert_eq!(film.len(), whole[0].len(), "bands of {region}");
         for (band, got) in film.iter().enumerate() {
             for (i, v) in got.iter().enumerate() {
                 let (y, x) = (region.y as usize + i / region.width, region.x as usize + i % region.width);

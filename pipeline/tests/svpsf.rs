@@ -138,8 +138,9 @@ impl Case {
         assert!(plain.len() > 3, "a case of several tiles");
         let mut back = self.tiles(&psf, &SpectrumCache::new(1), |tiles| tiles.reverse());
         back.reverse();
+        assert_eq!(plain.len(), back.len(), "tiles");
         for ((tile, a), (other, b)) in plain.iter().zip(&back) {
-            assert_eq!((tile, a.stride), (other, b.stride));
+            assert_eq!((tile, a.stride, a.data.len()), (other, b.stride, b.data.len()));
             assert!(a.data.iter().zip(b.data.iter()).all(|(a, b)| a.to_bits() == b.to_bits()), "{tile:?}");
         }
     }

@@ -66,6 +66,13 @@ fn run_by(command: &mut Command, chart: &str, film: &Path, lens: &str, flags: &[
     Ran::of(&command.args(&words).output().unwrap())
 }
 
+/// The values of two images of the same bands and sizes, side by side.
+pub fn pairs<'a>(a: &'a [Vec<f32>], b: &'a [Vec<f32>]) -> impl Iterator<Item = (f32, f32)> + 'a {
+    let lengths = |bands: &[Vec<f32>]| bands.iter().map(Vec::len).collect::<Vec<_>>();
+    assert_eq!(lengths(a), lengths(b), "values in each band");
+    a.iter().flatten().copied().zip(b.iter().flatten().copied())
+}
+
 /// Every pixel of one array of a store: size and bands.
 pub fn pixels(store: &Path, array: &str) -> (Size, Vec<Vec<f32>>) {
     let store = ChartStore::open(&format!("{}//{array}", text(store)), ChartOptions::default()).unwrap();

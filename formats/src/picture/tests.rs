@@ -266,6 +266,7 @@ fn a_grey_picture_decodes_to_its_values() {
         assert_eq!((info.bit_depth, info.color_type), (png::BitDepth::Sixteen, png::ColorType::Grayscale));
         assert_eq!(info.gama_chunk, Some(png::ScaledFloat::new(1.0)));
         assert!(info.uncompressed_latin1_text[0].text.contains("band 550 nm"));
+        assert_eq!(bytes.len(), 2 * chart.bands[1].len());
         for (i, (sample, &v)) in bytes.chunks(2).zip(&chart.bands[1]).enumerate().skip(1) {
             let sample = f64::from(u16::from_be_bytes([sample[0], sample[1]]));
             let want = (f64::from(v) * shown.exposure).clamp(0.0, 1.0) * 65535.0;
@@ -326,7 +327,9 @@ fn pictures_made_row_by_row_are_those_made_whole() {
         let (w, h) = (shown.size.width as u32, shown.size.height as u32);
         assert_eq!(decoder.dimensions().unwrap(), (w, h));
         let tiff::decoder::DecodingResult::U16(samples) = decoder.read_image().unwrap() else { panic!() };
-        for (fine, coarse) in samples.iter().zip(open(&png).1) {
+        let coarse = open(&png).1;
+        assert_eq!(samples.len(), coarse.len());
+        for (fine, coarse) in samples.iter().zip(coarse) {
             assert!((f64::from(*fine) / 257.0 - f64::from(coarse)).abs() <= 0.51, "{fine} {coarse}");
         }
     }

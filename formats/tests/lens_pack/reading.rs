@@ -82,7 +82,9 @@ fn a_pack_written_by_zarr_python_is_read() {
         let stack = pack.psf(b).unwrap();
         assert_eq!((stack.size, stack.heights()), (n, lens.bands[b].psf_height_mm.len()));
         for k in 0..stack.heights() {
-            for (got, want) in stack.window(k).iter().zip(fixture_window(k, n)) {
+            let expected = fixture_window(k, n);
+            assert_eq!(stack.window(k).len(), expected.len());
+            for (got, want) in stack.window(k).iter().zip(expected) {
                 assert!((f64::from(*got) - want).abs() < 1e-7);
             }
         }

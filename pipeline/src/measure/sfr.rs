@@ -96,6 +96,7 @@ mod tests {
             let want = (2f64.ln() / 2.0).sqrt() / (PI * sigma);
             let got = mtf.mtf50_cy_px().unwrap();
             assert!((got / want - 1.0).abs() < 5e-3, "σ {sigma}: {got} for {want}");
+            assert_eq!(mtf.frequency_cy_px.len(), mtf.modulation.len());
             for (f, m) in mtf.frequency_cy_px.iter().zip(&mtf.modulation).take_while(|(f, _)| **f <= 0.5) {
                 let truth = (-2.0 * (PI * sigma * f).powi(2)).exp();
                 assert!((m - truth).abs() < 4e-3, "σ {sigma}, {f} cy/px: {m} for {truth}");

@@ -88,6 +88,7 @@ fn every_level_is_the_mean_of_the_one_before() {
                 assert_eq!((there, own.height), (own, below_size.height.div_ceil(2)));
                 let mut want = vec![0.0; own.pixels()];
                 halve(&below, below_size, &mut want);
+                assert_eq!(found.len(), want.len());
                 for (f, w) in found.iter().zip(want) {
                     let w = if sample == SampleType::F16 { half::f16::from_f32(w).to_f32() } else { w };
                     assert!(*f == w || (f.is_nan() && w.is_nan()), "level {number}: {f} {w}");
