@@ -1,12 +1,17 @@
-# Sourced by checks that other people's Python programs make, from the project's root.
+# Sourced by checks that use Python packages, from the project's root.
 # shellcheck shell=bash
 
+# What wrote the golden data.
+GOLDEN_PINS=(numpy==2.4.6 zarr==3.1.5 numcodecs==0.16.6)
+
 # python_with NAME PIN...: sets `python` to one that has these packages, in an environment under target/ that is made once.
-# Fails if there is no Python, or no way to get the packages.
+# Where there is no Python or no way to get the packages it returns 1, and `python_lacks` says why.
 python_with() {
     local place=target/$1-venv
     shift
+    python_lacks="python3 is missing or older than 3.11"
     python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || return 1
+    python_lacks="pip cannot install $*"
     if [ "$(cat "$place/pins" 2>/dev/null)" != "$*" ]; then
         rm -rf "$place"
         mkdir -p target

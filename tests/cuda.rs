@@ -8,8 +8,8 @@ mod common;
 mod emulated_cuda;
 
 use common::place::Place;
-use common::{Ran, bits, files, pixels, text};
-use emulated_cuda::PLAIN;
+use common::{Ran, bits, files, pairs, pixels, text};
+use emulated_cuda::{A_DRIVER, NO_COMPILER, PLAIN};
 use libtest_mimic::{Arguments, Trial};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -80,7 +80,7 @@ fn a_device_makes_the_processors_film() {
         says(&ran, 0, &["GPU 0 (", "compute"]);
         let ((_, here), (_, of_device)) = (pixels(&here, "film"), pixels(&there, "film"));
         let peak = here.iter().flatten().fold(0f32, |m, v| m.max(v.abs()));
-        for (a, b) in here.iter().flatten().zip(of_device.iter().flatten()) {
+        for (a, b) in pairs(&here, &of_device) {
             assert!((a - b).abs() <= TOLERANCE * peak, "{a} here, {b} there, peak {peak}");
         }
         let record = record(&there);
@@ -146,7 +146,7 @@ fn begun_on_one_and_resumed_on_another() {
     std::fs::remove_dir_all(&place.film).unwrap();
     run(&place, "cpu", &[]).ok();
     let (_, here) = pixels(&place.film, "film");
-    assert!(mixed.iter().flatten().zip(here.iter().flatten()).all(|(a, b)| (a - b).abs() <= TOLERANCE));
+    assert!(pairs(&mixed, &here).all(|(a, b)| (a - b).abs() <= TOLERANCE));
     assert!(bits(&mixed) != bits(&here), "nothing of it was made on the device");
 }
 
@@ -267,20 +267,19 @@ fn main() -> ExitCode {
         ("what_is_not_there_is_said", what_is_not_there_is_said),
         ("a_signal_lets_what_is_on_the_device_come_down", a_signal_lets_what_is_on_the_device_come_down),
     ];
-    let trial = |name: &str, run: fn(), ignored: bool| {
+    let trial = |name: &str, run: fn(), ignored: Option<&'static str>| {
         let run = move || {
             run();
             Ok(())
         };
-        Trial::test(name, run).with_ignored_flag(ignored)
+        emulated_cuda::trial(name.to_owned(), ignored, run)
     };
-    let mut trials: Vec<Trial> =
-        emulated.iter().map(|&(name, run)| trial(name, run, !emulated_cuda::compiler())).collect();
-    let without = without_a_driver_nothing_computes_elsewhere_unasked;
+    let no_compiler = (!emulated_cuda::compiler()).then_some(NO_COMPILER);
+    let mut trials: Vec<Trial> = emulated.iter().map(|&(name, run)| trial(name, run, no_compiler)).collect();
     trials.push(trial(
         "without_a_driver_nothing_computes_elsewhere_unasked",
-        without,
-        emulated_cuda::driver(),
+        without_a_driver_nothing_computes_elsewhere_unasked,
+        emulated_cuda::driver().then_some(A_DRIVER),
     ));
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

@@ -82,10 +82,9 @@ fn a_subset_of_the_tables_is_reproduced() {
     check(compare(&read(include_bytes!("data/double-gauss-28-subset.bin"))));
 }
 
-/// All 31 × 22: `make_double_gauss_subset.py tables.npz FILE --full`, then
-/// `LENSCUBE_DOUBLE_GAUSS_TABLES=FILE cargo test --release -p lenscube-pipeline --test design_tables -- --ignored --nocapture`.
+/// All 31 × 22. `scripts/check-long` takes the tables out of the built-in lens pack and runs this.
 #[test]
-#[ignore = "needs the full tables, see above"]
+#[ignore = "long: scripts/check --full"]
 fn all_of_the_tables_are_reproduced() {
     let path =
         std::env::var("LENSCUBE_DOUBLE_GAUSS_TABLES").expect("LENSCUBE_DOUBLE_GAUSS_TABLES names the file");

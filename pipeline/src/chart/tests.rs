@@ -251,7 +251,7 @@ fn what_cannot_be_read_is_an_error() {
 
 /// Prints pixels per second of one core, in tiles of 512 as a job reads them.
 #[test]
-#[ignore = "a measurement: run alone, in release, with --nocapture"]
+#[ignore = "measurement: run alone, in release, with --nocapture"]
 fn speed() {
     for kind in ["uniform", "points", "slanted-edge", "siemens", "checker", "composite"] {
         let chart = generate(&format!("{kind}?size=14141&wavelengths=550"));

@@ -7,7 +7,7 @@
 //! machine's own GPU as well, where it has one.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::{Arguments, Failed, Trial};
 use std::collections::hash_map::DefaultHasher;
 use std::env;
 use std::fs;
@@ -37,6 +37,10 @@ pub const PLAIN: Build = Build { sanitized: false, defines: "" };
 /// Steps beyond an allocation or out of shared memory end the process.
 pub const WATCHED: Build = Build { sanitized: true, defines: "" };
 
+/// Why a case is ignored; `scripts/check_summary.py` knows these by their words.
+pub const NO_COMPILER: &str = "no g++";
+pub const A_DRIVER: &str = "a CUDA driver is installed";
+
 /// A test in a process of its own.
 pub struct Case {
     pub name: String,
@@ -65,12 +69,16 @@ impl Case {
         Self { name: format!("device::{name}"), run, on: On::Device, must_fail: false }
     }
 
-    /// Why it cannot run here.
-    fn ignored(&self) -> bool {
+    /// Why it cannot run here, if it cannot.
+    fn ignored(&self) -> Option<&'static str> {
         match self.on {
-            On::Emulated(build, _) => !compiler() || build.sanitized && sanitizer().is_none(),
-            On::Device => !device(),
-            On::Nothing => driver(),
+            On::Emulated(..) if !compiler() => Some(NO_COMPILER),
+            On::Emulated(build, _) if build.sanitized && sanitizer().is_none() => {
+                Some("g++ without AddressSanitizer")
+            }
+            On::Device if !device() => Some("no GPU"),
+            On::Nothing if driver() => Some(A_DRIVER),
+            _ => None,
         }
     }
 
@@ -109,9 +117,18 @@ pub fn run(cases: Vec<Case>) -> ExitCode {
     let trials = cases.into_iter().map(|case| {
         let ignored = case.ignored();
         let name = case.name.clone();
-        Trial::test(name, move || Ok(case.execute()?)).with_ignored_flag(ignored)
+        trial(name, ignored, move || Ok(case.execute()?))
     });
     libtest_mimic::run(&Arguments::from_args(), trials.collect()).exit_code()
+}
+
+/// A trial; what cannot run is reported as ignored, with the reason as its kind.
+pub fn trial(
+    name: String,
+    ignored: Option<&'static str>,
+    run: impl FnOnce() -> Result<(), Failed> + Send + 'static,
+) -> Trial {
+    Trial::test(name, run).with_kind(ignored.unwrap_or_default()).with_ignored_flag(ignored.is_some())
 }
 
 /// What a process needs in its environment to find the library, which is built if it is not there.

@@ -27,7 +27,7 @@ fn smooth() -> Vec<f32> {
 }
 
 #[test]
-#[ignore = "measures"]
+#[ignore = "measurement: run alone, in release, with --nocapture"]
 fn speed() {
     let dir = tempfile::tempdir_in(std::env::var_os("LENSCUBE_SPEED_DIR").unwrap_or_else(|| "/tmp".into()))
         .unwrap();

@@ -1,0 +1,47 @@
+# Sourced by the checks, from the project's root: what was not checked is recorded.
+# shellcheck shell=bash
+#
+# LENSCUBE_CHECK_REPORT, set by scripts/check, names a file of lines `step TAB state TAB seconds TAB reason`; a check alone only prints.
+# States: ran, failed, skipped. A reason that begins with "unavailable: " names what no installation provides here.
+
+in_ci() { [ "${CI:-false}" != false ] && [ "${CI:-}" != 0 ]; }
+
+# record STEP STATE SECONDS [REASON]
+record() {
+    if [ -n "${LENSCUBE_CHECK_REPORT:-}" ]; then
+        printf '%s\t%s\t%s\t%s\n' "$1" "$2" "$3" "${4:-}" >>"$LENSCUBE_CHECK_REPORT"
+    fi
+}
+
+# skipped_part NAME REASON: this part of a check is not done. In CI that is a failure, unless it cannot be had there.
+skipped_part() {
+    echo "$1: SKIPPED: $2" >&2
+    record "$1" skipped "" "$2"
+    case $2 in unavailable:*) return 0 ;; esac
+    ! in_ci || { echo "$1: must run in CI" >&2; return 1; }
+}
+
+# skipped REASON: nothing of this check is done.
+skipped() {
+    skipped_part "$(basename "$0")" "$*" || exit 1
+    exit 0
+}
+
+# ensure_program PROGRAM PACKAGE...: makes sure that PROGRAM is there, by apt-get where that is possible (Debian and its kin, as root).
+ensure_program() {
+    local program=$1
+    shift
+    command -v "$program" >/dev/null && return
+    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+        { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "$@"; } >/dev/null 2>&1 || true
+    fi
+    command -v "$program" >/dev/null
+}
+
+# node_20: node and npm are there and new enough; else `node_lacks` says what is missing.
+node_20() {
+    node_lacks="node and npm are not installed"
+    ensure_program node nodejs && ensure_program npm npm || return 1
+    node_lacks="node is older than 20: $(node --version)"
+    [ "$(node -p 'process.versions.node.split(".")[0]')" -ge 20 ]
+}
