@@ -1,9 +1,10 @@
-//! The pipeline's doors for words and prescriptions: chart specifications, wavelengths, .zmx, .agf.
+//! Fuzz targets of the pipeline: chart specifications, wavelength lists, .zmx, .agf.
 
 #[path = "../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
 
-use fuzz_support::{cases, damage_text, fuzz, tell};
+use fuzz_support::strange::magnitude;
+use fuzz_support::{Random, cases, damage_text, fuzz, print_row};
 use lenscube_pipeline::chart::{ChartSpec, Generator};
 use lenscube_pipeline::design::glass::GlassCatalog;
 use lenscube_pipeline::design::{agf, describe, zmx};
@@ -21,6 +22,8 @@ fn runner(few: usize) -> TestRunner {
 fn number() -> impl Strategy<Value = String> {
     prop_oneof![
         any::<f64>().prop_map(|v| v.to_string()),
+        any::<u64>().prop_map(|seed| format!("{:e}", magnitude(&mut Random(seed)))),
+        any::<u64>().prop_map(|seed| magnitude(&mut Random(seed)).to_string()),
         (-1000i32..1_000_000).prop_map(|v| v.to_string()),
         (0u32..2000).prop_map(|v| format!("{}", f64::from(v) / 4.0)),
         prop::sample::select(vec![
@@ -87,13 +90,13 @@ fn chart_specifications() {
         let written = spec.to_string();
         let again: ChartSpec = written.parse().map_err(|e| TestCaseError::fail(format!("{written}: {e}")))?;
         prop_assert_eq!(again.to_string(), written);
-        // Laying out a chart of thousands of details takes a while: words are the door here.
+        // Laying out a chart of thousands of details takes a while, and specifications are the target.
         if spec.film.height.max(spec.film.width) <= 256 && spec.wavelengths_nm.len() <= 31 {
             let _ = Generator::new(spec);
         }
         Ok(())
     });
-    tell(
+    print_row(
         "gen: specifications",
         cases(300),
         start.elapsed().as_secs_f64(),
@@ -116,7 +119,7 @@ fn wavelength_lists() {
         prop_assert_eq!(&wavelengths::parse(&wavelengths::format(&nm)).unwrap(), &nm);
         Ok(())
     });
-    tell(
+    print_row(
         "wavelength lists",
         cases(500),
         start.elapsed().as_secs_f64(),
@@ -131,7 +134,7 @@ fn wavelength_lists() {
 fn prescriptions() {
     const LENS: &[u8] = include_bytes!("../data/double-gauss-28.zmx");
     let glasses = GlassCatalog::schott();
-    let make = |r: &mut fuzz_support::Random| {
+    let make = |r: &mut Random| {
         let mut bytes = LENS.to_vec();
         damage_text(&mut bytes, r);
         match r.below(16) {
@@ -149,7 +152,7 @@ fn glass_catalogues() {
     const TWO: &[u8] = b"CC a comment\nNM N-BK7 2 517642.251 1.5168 64.17 0 1 1\nED 7.1 8.3 2.51 -0.0009 0\n\
 CD 1.03961212E+000 6.00069867E-003 2.31792344E-001 2.00179144E-002 1.01046945E+000 1.03560653E+002 0 0 0 0\n\
 TD 0 0 0 0 0 0 20\nLD 3.0E-001 2.5E+000\nIT 3.0E-001 5.0E-002 25\nNM OLD 1 0 1.5 60\nCD 2.25 0 0 0 0 0\nLD 0.4 0.7\n";
-    let make = |r: &mut fuzz_support::Random| {
+    let make = |r: &mut Random| {
         let mut bytes = TWO.to_vec();
         damage_text(&mut bytes, r);
         bytes

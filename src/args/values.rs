@@ -194,12 +194,16 @@ mod tests {
     /// Any words: a value that keeps its promise, or an error in words.
     #[test]
     fn no_word_breaks_a_parser() {
-        use super::fuzz_support::{cases, tell};
+        use super::fuzz_support::strange::{integer, magnitude, text};
+        use super::fuzz_support::{Random, cases, print_row};
         use proptest::prelude::*;
         use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
         let number = prop_oneof![
             any::<f64>().prop_map(|v| v.to_string()),
             any::<u64>().prop_map(|v| v.to_string()),
+            any::<u64>().prop_map(|seed| magnitude(&mut Random(seed)).to_string()),
+            any::<u64>().prop_map(|seed| integer(&mut Random(seed)).to_string()),
+            any::<u64>().prop_map(|seed| text(&mut Random(seed))),
             (0u32..50).prop_map(|v| v.to_string()),
             prop::sample::select(vec![
                 "",
@@ -241,7 +245,7 @@ mod tests {
             Ok(())
         });
         let findings = usize::from(result.is_err());
-        tell("command-line values", cases(2000), start.elapsed().as_secs_f64(), findings, used.get());
+        print_row("command-line values", cases(2000), start.elapsed().as_secs_f64(), findings, used.get());
         result.unwrap();
         assert!(used.get() > 0);
     }

@@ -1,19 +1,33 @@
-//! Damaged and invented input for the doors: any answer but a panic or a heap of memory is right.
+//! Damaged and invented input for everything that reads: any result is right but a panic, a case that takes long, or one that takes
+//! much memory.
 //!
-//! Normal test runs take a few hundred cases; `LENSCUBE_FUZZ_CASES` raises the number and prints one line a door
-//! (`scripts/fuzz` makes a table of them). Seeds are fixed, so a finding is found again; its input goes to the temp folder.
-#![allow(missing_docs, dead_code, reason = "shared by tests that each use a part")]
+//! Normal test runs take a few hundred cases. `LENSCUBE_FUZZ_CASES` raises the number, bounds each case (below) and prints one line a
+//! target, of which `scripts/fuzz` makes a table. Seeds are fixed, so that a finding is found again; its input goes to the temp folder.
+#![allow(missing_docs, dead_code, unused_imports, reason = "shared by tests that each use a part")]
+
+mod damage;
+pub mod strange;
+
+pub use damage::{damage, damage_text};
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Once;
-use std::time::Instant;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Once};
+use std::time::{Duration, Instant};
 
-/// The whole test process may hold this much at its worst.
-const MOST_MEMORY: u64 = 2 << 30;
+/// Bound of the memory of the test process at its largest.
+const PROCESS_MEMORY: u64 = 2 << 30;
+/// Bound of what one case may add to the memory of the process. Seeds are below 1 MiB, declared pieces below 8 MiB.
+const CASE_MEMORY: u64 = 256 << 20;
+/// Bound of a case's time; one beyond it is read again, as the machine may have been busy.
+const CASE_TIME: Duration = Duration::from_secs(1);
+/// A case that has not ended after this time ends the process.
+const HANG: u64 = 60;
 
-/// Cases of a door: `few` unless the environment says more.
+/// Cases of a target: `few` unless the environment asks for another number.
 pub fn cases(few: usize) -> usize {
     asked().unwrap_or(few)
 }
@@ -48,12 +62,53 @@ thread_local! {
     static LAST: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// Feeds `make`'s cases to `eat`, which tells whether it could use them. Fails on panics, on memory, and if nothing passes.
+/// What came of one case.
+enum Outcome {
+    Used(bool),
+    Finding(String),
+}
+
+/// Reads one case, the panic's text being the finding.
+fn outcome(case: &[u8], read: &mut impl FnMut(&[u8]) -> bool) -> Outcome {
+    FUZZING.set(true);
+    let result = catch_unwind(AssertUnwindSafe(|| read(case)));
+    FUZZING.set(false);
+    match result {
+        Ok(used) => Outcome::Used(used),
+        Err(_) => Outcome::Finding(LAST.take()),
+    }
+}
+
+/// Reads one case within the bounds of time and memory.
+fn bounded(case: &[u8], read: &mut impl FnMut(&[u8]) -> bool) -> Outcome {
+    reset_peak_memory();
+    let before = peak_memory();
+    let start = Instant::now();
+    let first = outcome(case, read);
+    let grown = peak_memory().saturating_sub(before);
+    if matches!(first, Outcome::Finding(_)) {
+        return first;
+    }
+    if grown > CASE_MEMORY {
+        return Outcome::Finding("a case takes more than 256 MiB".into());
+    }
+    if start.elapsed() > CASE_TIME {
+        let again = Instant::now();
+        let _ = outcome(case, read);
+        if again.elapsed() > CASE_TIME {
+            return Outcome::Finding("a case takes more than 1 s, twice".into());
+        }
+    }
+    first
+}
+
+/// Feeds `make`'s cases to `read`, which returns whether it could use them. Fails on panics, on time and memory beyond the
+/// bounds, and if no case was used or every case was.
 pub fn fuzz(
-    door: &str,
+    target: &str,
     few: usize,
     mut make: impl FnMut(&mut Random) -> Vec<u8>,
-    mut eat: impl FnMut(&[u8]) -> bool,
+    mut read: impl FnMut(&[u8]) -> bool,
 ) {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -63,144 +118,92 @@ pub fn fuzz(
             false => before(info),
         }));
     });
+    let kept = |name: String| {
+        std::env::temp_dir().join(format!("lenscube-fuzz-{}-{name}", target.replace(' ', "-")))
+    };
+    let long = asked().is_some();
+    let current = kept("current".into());
+    let watch = long.then(|| Watchdog::start(target, current.clone()));
     let (total, start) = (cases(few), Instant::now());
-    let mut r = Random(door.bytes().fold(1, |seed: u64, b| seed.wrapping_mul(31).wrapping_add(b.into())));
+    let mut r = Random(target.bytes().fold(1, |seed: u64, b| seed.wrapping_mul(31).wrapping_add(b.into())));
     let mut findings: BTreeMap<String, usize> = BTreeMap::new();
     let mut used = 0;
     for _ in 0..total {
         let case = make(&mut r);
-        FUZZING.set(true);
-        let result = catch_unwind(AssertUnwindSafe(|| eat(&case)));
-        FUZZING.set(false);
-        match result {
-            Ok(good) => used += usize::from(good),
-            Err(_) => {
-                let place = LAST.take();
-                let count = findings.entry(place).or_default();
+        let outcome = match &watch {
+            None => outcome(&case, &mut read),
+            Some(watch) => {
+                // What a case leaves that ends the process.
+                std::fs::write(&current, &case).expect("the case is kept");
+                watch.begin();
+                bounded(&case, &mut read)
+            }
+        };
+        match outcome {
+            Outcome::Used(good) => used += usize::from(good),
+            Outcome::Finding(what) => {
+                let number = findings.len() + 1;
+                let count = findings.entry(what).or_default();
                 *count += 1;
                 if *count == 1 {
-                    let path = std::env::temp_dir().join(format!("lenscube-fuzz-{door}-{}", findings.len()));
-                    std::fs::write(path, &case).expect("the case is kept");
+                    std::fs::write(kept(number.to_string()), &case).expect("the case is kept");
                 }
             }
         }
     }
-    tell(door, total, start.elapsed().as_secs_f64(), findings.len(), used);
-    assert!(findings.is_empty(), "{door}: {findings:#?}");
-    assert!(used > 0 && used < total, "{door}: {used} of {total} cases passed, so nothing was tried");
+    drop(watch);
+    let _ = std::fs::remove_file(&current);
+    print_row(target, total, start.elapsed().as_secs_f64(), findings.len(), used);
+    assert!(findings.is_empty(), "{target}: {findings:#?}");
+    assert!(used > 0 && used < total, "{target}: {used} of {total} cases passed, so nothing was tried");
     let peak = peak_memory();
-    assert!(peak < MOST_MEMORY, "{door}: the process held {peak} bytes");
+    assert!(peak < PROCESS_MEMORY, "{target}: the process held {peak} bytes");
 }
 
-/// One line for `scripts/fuzz`.
-pub fn tell(door: &str, cases: usize, seconds: f64, findings: usize, used: usize) {
-    if asked().is_some() {
-        let (used, peak) = (100.0 * used as f64 / cases as f64, peak_memory() >> 20);
-        println!("\nFUZZ\t{door}\t{cases}\t{seconds:.1}\t{findings}\t{used:.1}\t{peak}");
+/// Ends the process when a case does not end.
+struct Watchdog(Arc<(AtomicU64, Instant)>);
+
+impl Watchdog {
+    fn start(target: &str, current: PathBuf) -> Self {
+        let (target, state) = (target.to_owned(), Arc::new((AtomicU64::new(0), Instant::now())));
+        let watched = Arc::downgrade(&state);
+        std::thread::spawn(move || {
+            while let Some(state) = watched.upgrade() {
+                if state.1.elapsed().as_secs() > state.0.load(Ordering::Relaxed) + HANG {
+                    eprintln!(
+                        "{target}: a case has not ended after {HANG} s; its input: {}",
+                        current.display()
+                    );
+                    std::process::exit(101);
+                }
+                drop(state);
+                std::thread::sleep(Duration::from_secs(1));
+            }
+        });
+        Self(state)
+    }
+
+    fn begin(&self) {
+        self.0.0.store(self.0.1.elapsed().as_secs(), Ordering::Relaxed);
     }
 }
 
-/// Most memory this process ever held; 0 where the system does not tell.
+/// One line for `scripts/fuzz`.
+pub fn print_row(target: &str, cases: usize, seconds: f64, findings: usize, used: usize) {
+    if asked().is_some() {
+        let (used, peak) = (100.0 * used as f64 / cases as f64, peak_memory() >> 20);
+        println!("\nFUZZ\t{target}\t{cases}\t{seconds:.1}\t{findings}\t{used:.1}\t{peak}");
+    }
+}
+
+/// Largest resident memory of this process since the last reset; 0 where the system does not report it.
 fn peak_memory() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
     line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok()).map_or(0, |kib| kib << 10)
 }
 
-/// Flips bits, sets bytes, cuts, repeats a piece.
-pub fn damage(bytes: &mut Vec<u8>, r: &mut Random) {
-    for _ in 0..=r.below(3) {
-        let at = r.below(bytes.len());
-        match r.below(8) {
-            0 => bytes.truncate(at),
-            1 if at < bytes.len() => {
-                let end = at + r.below(256).min(bytes.len() - at);
-                let piece = bytes[at..end].to_vec();
-                bytes.extend(piece);
-            }
-            2 if at < bytes.len() => bytes[at] = [0, 0xFF, 0x7F, 0x80][r.below(4)],
-            _ if at < bytes.len() => bytes[at] ^= 1 << r.below(8),
-            _ => {}
-        }
-    }
-}
-
-/// Words that have broken parsers before.
-const WORDS: [&str; 40] = [
-    "nan",
-    "inf",
-    "-inf",
-    "-nan(ind)",
-    "1e999",
-    "-1e999",
-    "1e-320",
-    "-1",
-    "0",
-    "-0",
-    "1",
-    "0.5",
-    "2147483648",
-    "4294967296",
-    "1000000000000000000",
-    "18446744073709551615",
-    "18446744073709551616",
-    "1e18",
-    "1e300",
-    "1e-300",
-    "1,5",
-    "1.5,2",
-    ",",
-    ";",
-    "=",
-    ":",
-    "'",
-    "[",
-    "]",
-    "(",
-    ")",
-    "%",
-    "\n",
-    "\r\n",
-    "\t",
-    " ",
-    "µ",
-    "\0",
-    "\u{feff}",
-    "#",
-];
-
-/// Changes words and lines of a text, and now and then its bytes.
-pub fn damage_text(bytes: &mut Vec<u8>, r: &mut Random) {
-    for _ in 0..=r.below(3) {
-        match r.below(8) {
-            0 => damage(bytes, r),
-            1 | 2 => {
-                let at = r.below(bytes.len() + 1);
-                bytes.splice(at..at, r.one(&WORDS).bytes());
-            }
-            3 => {
-                let line = line(bytes, r);
-                bytes.drain(line);
-            }
-            4 => {
-                let (from, to) = (line(bytes, r), line(bytes, r).start);
-                let copy = bytes[from].to_vec();
-                bytes.splice(to..to, copy);
-            }
-            _ => {
-                let at = r.below(bytes.len());
-                let blank = |b: &u8| b.is_ascii_whitespace() || b"=,:;&?\"".contains(b);
-                let start = bytes[..at.min(bytes.len())].iter().rposition(blank).map_or(0, |i| i + 1);
-                let end = bytes[start..].iter().position(blank).map_or(bytes.len(), |i| start + i);
-                bytes.splice(start..end, r.one(&WORDS).bytes());
-            }
-        }
-    }
-}
-
-fn line(bytes: &[u8], r: &mut Random) -> std::ops::Range<usize> {
-    let at = r.below(bytes.len());
-    let start = bytes[..at].iter().rposition(|b| *b == b'\n').map_or(0, |i| i + 1);
-    let end = bytes[start..].iter().position(|b| *b == b'\n').map_or(bytes.len(), |i| start + i + 1);
-    start..end
+/// The peak begins anew (Linux, proc(5)); elsewhere it is that of the whole process, and only new records count.
+fn reset_peak_memory() {
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
 }

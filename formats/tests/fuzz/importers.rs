@@ -13,13 +13,13 @@ use std::path::{Path, PathBuf};
 
 const HERE: &str = "here";
 
-fn text_door(door: &str, seeds: &[String], eat: impl Fn(&str) -> bool) {
+fn text_target(target: &str, seeds: &[String], read: impl Fn(&str) -> bool) {
     let make = |r: &mut Random| {
         let mut bytes = seeds[r.below(seeds.len())].clone().into_bytes();
         damage_text(&mut bytes, r);
         bytes
     };
-    fuzz(door, 1000, make, |bytes| eat(&decode(bytes)));
+    fuzz(target, 1000, make, |bytes| read(&decode(bytes)));
 }
 
 /// A PSF listing of n × n samples.
@@ -57,14 +57,14 @@ efl=10\nfnumber=4\nfnumber_eff=[4.1]\n";
 fn iset_parameters() {
     let seeds =
         [PARAMETERS.to_string(), PARAMETERS.replace("imgHeightNum=3;\nimgHeightMax=4", "imgHeight=0:2:4")];
-    text_door("ISETPARMS.TXT", &seeds, |text| isetparms::Parameters::parse(Path::new(HERE), text).is_ok());
+    text_target("ISETPARMS.TXT", &seeds, |text| isetparms::Parameters::parse(Path::new(HERE), text).is_ok());
 }
 
 #[test]
 fn psf_listings() {
     let commas = psf(8, "10.00, 20.00", "3.5E+00, 7.2E+00").replace('.', ",");
     let labelled = psf(5, "0.0", "0, 1").replace("3, 3", "row 3, column 4");
-    text_door("PSF listing", &[psf(6, "-2.0", "0.0, -0.35"), commas, labelled], |text| {
+    text_target("PSF listing", &[psf(6, "-2.0", "0.0, -0.35"), commas, labelled], |text| {
         let Ok(listing) = psf_listing::parse(Path::new(HERE), text) else { return false };
         let _ = listing.outward();
         true
@@ -73,20 +73,20 @@ fn psf_listings() {
 
 #[test]
 fn distortion_listings() {
-    text_door("grid distortion listing", &[grid()], |text| {
+    text_target("grid distortion listing", &[grid()], |text| {
         distortion_listing::grid(Path::new(HERE), text).is_ok()
     });
     let curvature = "Listing of FIELD CURVATURE DISTORTION Data\n\nData for wavelength : 0.5500 µm.\n\
 Distortion focal length = 10.0\n\nY Angle (deg)  Tan Shift  Real Height\n0.0 0.0 0.0\n1.5 0.1 0.26\n2.9 0.1 0.5\n\n\
 Data for wavelength : 0.65 µm.\nY Angle (deg)  Real Height\n0.0 0.0\n1.5 0.26\n";
-    text_door("field curvature listing", &[curvature.to_string()], |text| {
+    text_target("field curvature listing", &[curvature.to_string()], |text| {
         distortion_listing::field_curvature(Path::new(HERE), text).is_ok()
     });
 }
 
 #[test]
 fn illumination_listings() {
-    text_door("illumination listing", &[ILLUMINATION.to_string()], |text| {
+    text_target("illumination listing", &[ILLUMINATION.to_string()], |text| {
         illumination_listing::parse(Path::new(HERE), text).is_ok()
     });
 }
@@ -176,7 +176,7 @@ fn told() -> ImportOptions {
 }
 
 /// A folder of files, one of them spoilt a case.
-fn folder_door(door: &str, files: &[(&str, Vec<u8>)], options: &ImportOptions) {
+fn folder_target(target: &str, files: &[(&str, Vec<u8>)], options: &ImportOptions) {
     let dir = folder();
     let at: Vec<PathBuf> = files.iter().map(|(name, _)| dir.path().join(name)).collect();
     at.iter().zip(files).for_each(|(path, (_, bytes))| fs::write(path, bytes).unwrap());
@@ -192,7 +192,7 @@ fn folder_door(door: &str, files: &[(&str, Vec<u8>)], options: &ImportOptions) {
         fs::write(&at[last], &bytes).unwrap();
         bytes
     };
-    fuzz(door, 300, make, |_| match import::open(dir.path(), options) {
+    fuzz(target, 300, make, |_| match import::open(dir.path(), options) {
         Ok(mut imported) => (0..imported.lens().bands.len()).all(|b| imported.psf(b).is_ok()),
         Err(_) => false,
     });
@@ -212,7 +212,7 @@ fn iset_folders() {
         files.push((name, window.clone()));
     }
     let options = ImportOptions { psf_heights: Some(vec![1, 2]), ..told() };
-    folder_door("ISET folder", &files, &options);
+    folder_target("ISET folder", &files, &options);
 }
 
 #[test]
@@ -230,14 +230,14 @@ fn folders_of_listings() {
         f_number: Some(4.0),
         ..told()
     };
-    folder_door("folder of listings", &files, &options);
+    folder_target("folder of listings", &files, &options);
 }
 
 #[test]
 fn folders_of_tables() {
     let names = ["lens.csv", "heights.csv", "psf.csv", "psf_500.npy", "psf_550.npy"];
     let files = names.map(|n| (n, fs::read(data("tables-example").join(n)).unwrap()));
-    folder_door(
+    folder_target(
         "CSV and NPY folder",
         &files,
         &ImportOptions { field_points: 11, ..ImportOptions::default() },

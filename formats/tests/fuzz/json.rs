@@ -1,46 +1,100 @@
-//! Metadata that is JSON, and means something else.
+//! Metadata that is JSON of the right syntax and another meaning.
 
+use crate::fuzz_support::strange::{integer, magnitude, text, wavelengths_nm};
 use crate::fuzz_support::{Random, damage_text};
 use serde_json::{Value, json};
 
-/// Puts a strange value somewhere into the tree; what is no JSON is damaged as text.
+/// Stands for what a `Value` cannot hold, until it is text.
+const RAW: &str = "@raw@";
+
+/// Puts strange values somewhere into the tree, or a strange name on a key; what is no JSON is damaged as text.
 pub fn strange(bytes: &mut Vec<u8>, r: &mut Random) {
     let Ok(mut tree) = serde_json::from_slice::<Value>(bytes) else { return damage_text(bytes, r) };
     for _ in 0..=r.below(2) {
-        let values = [
-            json!(0),
-            json!(-1),
-            json!(1),
-            json!(u64::MAX),
-            json!(1u64 << 33),
-            json!(1_000_000_000_000_000_000u64),
-            json!(1e300),
-            json!(1e-300),
-            json!(0.5),
-            json!(null),
-            json!(true),
-            json!(""),
-            json!("NaN"),
-            json!("/../"),
-            json!([]),
-            json!([0, 0, 0]),
-            json!([3, 3]),
-            json!([u64::MAX, u64::MAX, 1]),
-            json!([2, 1, 0]),
-            json!({}),
-            json!({"name": "sharding_indexed"}),
-            json!({"name": "transpose", "configuration": {"order": [0, 0, 9]}}),
-            json!([{"name": "transpose", "configuration": {"order": [1, 0]}}, {"name": "bytes"}]),
-            json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "gzip", "configuration": {"level": 5}}]),
-            json!("float64"),
-            json!("int8"),
-            json!("big"),
-            json!("<f8"),
-            json!("|V9"),
-        ];
-        *pick(&mut tree, r) = values[r.below(values.len())].clone();
+        let at = pick(&mut tree, r);
+        match (r.below(8), &mut *at) {
+            (0, Value::Object(map)) if !map.is_empty() => {
+                let key = map.keys().nth(r.below(map.len())).expect("it has that many").clone();
+                let value = map.remove(&key).expect("it is there");
+                map.insert(text(r), value);
+            }
+            _ => *at = value(r),
+        }
     }
-    *bytes = tree.to_string().into_bytes();
+    let raw = match r.below(7) {
+        0 => "1e999".into(),
+        1 => "-0".into(),
+        2 => "1e-400".into(),
+        3 => "9".repeat(400),
+        4 => format!("{}1{}", "[".repeat(100_000), "]".repeat(100_000)),
+        5 => "{\"a\":".repeat(2000),
+        _ => "NaN".into(),
+    };
+    *bytes = tree.to_string().replace(&format!("\"{RAW}\""), &raw).into_bytes();
+    // Bytes that are no UTF-8.
+    if r.below(16) == 0 {
+        let at = r.below(bytes.len());
+        bytes.splice(at..at, [[0xFF, 0xFE], [0xC3, 0x28]][r.below(2)]);
+    }
+}
+
+fn value(r: &mut Random) -> Value {
+    match r.below(12) {
+        0 | 1 => {
+            let v = magnitude(r);
+            match (v.is_finite(), r.below(2)) {
+                (true, _) => json!(v),
+                (false, 0) => json!(RAW),
+                _ => json!(["NaN", "Infinity", "-Infinity", "0x7fc00000", "0x7f800000"][r.below(5)]),
+            }
+        }
+        2 => json!(integer(r)),
+        3 => json!(-(integer(r) as i64 / 2)),
+        4 => json!(text(r)),
+        5 => json!(wavelengths_nm(3, r).into_iter().map(finite).collect::<Vec<_>>()),
+        6 => json!((0..r.below(5)).map(|_| integer(r)).collect::<Vec<_>>()),
+        7 => json!(RAW),
+        _ => known(r),
+    }
+}
+
+fn finite(v: f64) -> Value {
+    if v.is_finite() { json!(v) } else { json!("NaN") }
+}
+
+/// Types and words that have a meaning in Zarr, elsewhere.
+fn known(r: &mut Random) -> Value {
+    let values = [
+        json!(null),
+        json!(true),
+        json!(""),
+        json!([]),
+        json!([0, 0, 0]),
+        json!([3, 3]),
+        json!([u64::MAX, u64::MAX, 1]),
+        json!([2, 1, 0]),
+        json!([[[]]]),
+        json!({}),
+        json!({"name": "sharding_indexed"}),
+        json!({"name": "transpose", "configuration": {"order": [0, 0, 9]}}),
+        json!([{"name": "transpose", "configuration": {"order": [1, 0]}}, {"name": "bytes"}]),
+        json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "gzip", "configuration": {"level": 5}}]),
+        json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "zstd", "configuration": {"level": 1, "checksum": true}}]),
+        json!([{"name": "bytes"}, {"name": "crc32c"}, {"name": "crc32c"}]),
+        json!({"id": "zlib", "level": 5}),
+        json!({"id": "blosc", "cname": "zstd", "clevel": 9, "shuffle": 2, "blocksize": u32::MAX}),
+        json!("float64"),
+        json!("float16"),
+        json!("int8"),
+        json!("complex64"),
+        json!("big"),
+        json!("<f8"),
+        json!("<f2"),
+        json!("|V9"),
+        json!("<U300"),
+        json!("F"),
+    ];
+    values[r.below(values.len())].clone()
 }
 
 /// Some node of the tree.

@@ -1,9 +1,11 @@
-//! The doors of this crate: lens packs, charts' metadata, every importer, pictures. Seeds and cases: `tests/fuzz_support`.
+//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR), lens packs, importers, pictures. Harness: `tests/fuzz_support`.
 
 #[path = "../../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
 
 mod chart;
+mod chunks;
+mod codecs;
 mod importers;
 mod json;
 mod pack;

@@ -1,10 +1,12 @@
 //! Lens packs, as .zip in memory: entries damaged before they are packed (so that no checksum of the archive hides them), and
-//! archives damaged as they are.
+//! archives damaged as they are; packs whose tables, attributes or entry names lie at the limits.
 
+use crate::fuzz_support::strange::{integer, magnitude, name, text, wavelengths_nm};
 use crate::fuzz_support::{Random, damage, fuzz};
 use crate::{data, folder, json};
 use lenscube_formats::import::{self, ImportOptions};
-use lenscube_formats::lens::LensPack;
+use lenscube_formats::lens::{LensPack, summary};
+use serde_json::json;
 use std::io::{Cursor, Read, Write};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -77,4 +79,126 @@ fn lens_packs() {
             (0..pack.lens().bands.len()).all(|b| pack.psf(b).is_ok())
         },
     );
+}
+
+/// Tables of two bands, uncompressed: (name, shape, values).
+fn tables() -> Vec<(&'static str, Vec<usize>, Vec<f64>)> {
+    let rows = |n: usize, f: fn(usize) -> f64| (0..2).flat_map(move |_| (0..n).map(f)).collect::<Vec<_>>();
+    let window = |k: usize| {
+        (0..25).map(move |i| if i == 12 { 0.76 - 0.1 * k as f64 } else { (0.24 + 0.1 * k as f64) / 24.0 })
+    };
+    let windows: Vec<f64> = (0..3).flat_map(window).collect();
+    vec![
+        ("wavelength", vec![2], vec![500.0, 600.0]),
+        ("ideal_height", vec![2, 6], rows(6, |i| i as f64)),
+        ("image_height", vec![2, 6], rows(6, |i| i as f64 * 0.99)),
+        ("relative_illumination", vec![2, 6], rows(6, |i| 1.0 - 0.05 * i as f64)),
+        ("psf_height", vec![2, 3], rows(3, |i| 2.0 * i as f64)),
+        ("azimuth_count", vec![2, 3], rows(3, |i| if i == 0 { 1.0 } else { 8.0 })),
+        ("psf_energy", vec![2, 3], rows(3, |_| 0.99)),
+        ("psf_pitch", vec![2], vec![2.0; 2]),
+        ("solid_angle", vec![2], vec![0.1; 2]),
+        ("transmission", vec![2], vec![1.0; 2]),
+        ("psf/0", vec![3, 5, 5], windows.clone()),
+        ("psf/1", vec![3, 5, 5], windows),
+    ]
+}
+
+/// A pack with up to three values, wavelengths, attributes or names that are strange.
+fn at_the_limits(r: &mut Random) -> Vec<u8> {
+    let mut tables = tables();
+    let mut attributes = json!({
+        "schema": "lenscube/lens-pack/1", "name": "limits", "distortion_focal_length_mm": 50.0, "effective_focal_length_mm": 50.0,
+        "f_number": 2.0, "primary_wavelength_nm": 550.0, "psf_sample": "integrated", "object_distance_mm": null,
+        "magnification": 0.0, "defocus_mm": 0.1, "frame": "x", "source": {},
+    });
+    let mut names: Vec<String> = Vec::new();
+    for _ in 0..=r.below(3) {
+        match r.below(8) {
+            0 => tables[0].2 = wavelengths_nm(2, r),
+            1 | 2 => {
+                let map = attributes.as_object_mut().unwrap();
+                let value = map.values_mut().nth(r.below(12)).unwrap();
+                *value = match r.below(4) {
+                    0 => json!(text(r)),
+                    1 => json!(integer(r)),
+                    _ => json!(magnitude(r)),
+                };
+            }
+            3 => names.push(text(r)),
+            // A whole row or column of it.
+            4 => {
+                let t = r.below(tables.len());
+                let v = magnitude(r);
+                tables[t].2.fill(v);
+            }
+            _ => {
+                let t = r.below(tables.len());
+                let i = r.below(tables[t].2.len());
+                tables[t].2[i] = magnitude(r);
+            }
+        }
+    }
+    let group = json!({"zarr_format": 3, "node_type": "group", "attributes": attributes});
+    let mut entries: Entries = vec![("zarr.json".into(), group.to_string().into_bytes())];
+    for (name, shape, values) in &tables {
+        let (kind, bytes): (_, Vec<u8>) = match *name {
+            "azimuth_count" => ("int32", values.iter().flat_map(|v| (*v as i32).to_le_bytes()).collect()),
+            _ if name.starts_with("psf/") => {
+                ("float32", values.iter().flat_map(|v| (*v as f32).to_le_bytes()).collect())
+            }
+            _ => ("float64", values.iter().flat_map(|v| v.to_le_bytes()).collect()),
+        };
+        let metadata = json!({
+            "zarr_format": 3, "node_type": "array", "shape": shape, "data_type": kind, "fill_value": 0,
+            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": shape}},
+            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+            "codecs": [{"name": "bytes", "configuration": {"endian": "little"}}], "attributes": {},
+        });
+        entries.push((format!("{name}/zarr.json"), metadata.to_string().into_bytes()));
+        let key = ["c", "c/0", "c/0/0", "c/0/0/0"][shape.len()];
+        entries.push((format!("{name}/{key}"), bytes));
+    }
+    for name in names {
+        // Beside the others, around them, or instead of one.
+        match r.below(3) {
+            0 => entries.push((name, b"x".to_vec())),
+            1 => entries.iter_mut().for_each(|e| e.0 = format!("{name}/{}", e.0)),
+            _ => {
+                let at = r.below(entries.len());
+                entries[at].0 = name;
+            }
+        }
+    }
+    entries.sort();
+    entries.dedup_by(|a, b| a.0 == b.0);
+    let mut bytes = packed(&entries);
+    // A name that is no UTF-8, in place.
+    if r.below(16) == 0 {
+        let raw = name(r);
+        let at = bytes.windows(10).position(|w| w == b"wavelength").unwrap_or(0);
+        let n = raw.len().min(10);
+        bytes[at..at + n].copy_from_slice(&raw[..n]);
+    }
+    bytes
+}
+
+#[test]
+fn lens_packs_at_the_limits() {
+    fuzz("lens pack limits", 500, at_the_limits, |bytes| {
+        let Ok(pack) = LensPack::open_bytes(bytes.to_vec()) else { return false };
+        let _ = summary(&pack, true, None).to_string();
+        let lens = pack.lens();
+        assert!(
+            lens.bands.windows(2).all(|b| b[0].wavelength_nm < b[1].wavelength_nm),
+            "wavelengths do not ascend"
+        );
+        let finite = |v: &[f64]| v.iter().all(|v| v.is_finite());
+        for b in &lens.bands {
+            assert!(finite(&b.ideal_height_mm) && finite(&b.image_height_mm) && finite(&b.psf_height_mm));
+            assert!(finite(&b.relative_illumination) && finite(&b.psf_energy));
+            assert!(finite(&[b.wavelength_nm, b.psf_pitch_um, b.solid_angle_sr, b.transmission]));
+        }
+        (0..lens.bands.len()).all(|b| pack.psf(b).is_ok_and(|p| p.samples.iter().all(|v| v.is_finite())))
+    });
 }

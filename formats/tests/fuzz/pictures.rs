@@ -1,6 +1,7 @@
 //! Pictures and OpenEXR charts: small whole files of each kind, spoilt, in a folder in memory.
 
 use crate::folder;
+use crate::fuzz_support::strange::name;
 use crate::fuzz_support::{Random, damage, fuzz};
 use lenscube_formats::chart::NanPolicy;
 use lenscube_formats::chart::exr::ExrChart;
@@ -54,6 +55,11 @@ fn spoilt(seeds: &[Vec<u8>], at: &Path, r: &mut Random) -> Vec<u8> {
         let word = [0u32, 1, 0x7fff_ffff, u32::MAX, 0x1000_0000, 65535][r.below(6)];
         let word = if r.below(2) == 0 { word.to_le_bytes() } else { word.to_be_bytes() };
         bytes[first..first + 4].copy_from_slice(&word);
+    }
+    // Names of channels, attributes and tags lie there too.
+    if r.below(4) == 0 && bytes.len() > 8 {
+        let first = r.below(bytes.len().min(600));
+        bytes.splice(first..first, name(r));
     }
     fs::write(at, &bytes).unwrap();
     bytes

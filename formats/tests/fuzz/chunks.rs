@@ -1,0 +1,199 @@
+//! Charts' chunks: metadata that hold, and chunks of every codec whose sizes, offsets or values do not.
+
+use crate::codecs::{Bombs, blosc, blosc_header, crc32c, samples, shard, zstd};
+use crate::fuzz_support::{Random, fuzz};
+use crate::{data, folder};
+use lenscube_formats::chart::{ChartOptions, ChartStore};
+use pipeline::geometry::Rect;
+use serde_json::{Value, json};
+use std::cell::RefCell;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const HEIGHT: usize = 20;
+const WIDTH: usize = 24;
+
+/// What a chunk is compressed with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Codec {
+    None,
+    Zstd,
+    Gzip,
+    Zlib,
+    Blosc,
+}
+
+const V3: [Codec; 4] = [Codec::None, Codec::Zstd, Codec::Gzip, Codec::Blosc];
+
+struct Store {
+    path: PathBuf,
+    codec: Codec,
+    /// Of a sample.
+    bytes: usize,
+    checksum: bool,
+    /// Inner chunks of a quarter; whether the index comes first.
+    sharded: Option<bool>,
+    v2: bool,
+}
+
+fn codecs(codec: Codec, bytes: usize, checksum: bool) -> Vec<Value> {
+    let mut list = vec![json!({"name": "bytes", "configuration": {"endian": "little"}})];
+    list.extend(match codec {
+        Codec::None | Codec::Zlib => None,
+        Codec::Zstd => Some(json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}})),
+        Codec::Gzip => Some(json!({"name": "gzip", "configuration": {"level": 1}})),
+        Codec::Blosc => Some(json!({"name": "blosc", "configuration":
+            {"typesize": bytes, "cname": "zstd", "clevel": 1, "shuffle": "noshuffle", "blocksize": 0}})),
+    });
+    list.extend(checksum.then(|| json!({"name": "crc32c"})));
+    list
+}
+
+impl Store {
+    fn v3(root: &Path, codec: Codec, bytes: usize, checksum: bool, sharded: Option<bool>) -> Self {
+        let path = root.join(format!("v3-{codec:?}-{bytes}-{checksum}-{sharded:?}"));
+        let inner = codecs(codec, bytes, checksum);
+        let codecs = match sharded {
+            None => json!(inner),
+            Some(first) => json!([{"name": "sharding_indexed", "configuration": {
+                "chunk_shape": [1, HEIGHT / 2, WIDTH / 2], "codecs": inner,
+                "index_codecs": [{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}],
+                "index_location": if first { "start" } else { "end" }}}]),
+        };
+        let metadata = json!({
+            "zarr_format": 3, "node_type": "array", "shape": [1, HEIGHT, WIDTH], "fill_value": 0.0,
+            "data_type": format!("float{}", 8 * bytes),
+            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [1, HEIGHT, WIDTH]}},
+            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+            "codecs": codecs, "attributes": {"wavelengths_nm": [550], "pitch_um": 2.0},
+        });
+        fs::create_dir_all(path.join("c/0/0")).unwrap();
+        fs::write(path.join("zarr.json"), metadata.to_string()).unwrap();
+        Self { path, codec, bytes, checksum, sharded, v2: false }
+    }
+
+    fn v2(root: &Path, codec: Codec) -> Self {
+        let path = root.join(format!("v2-{codec:?}"));
+        let compressor = match codec {
+            Codec::None => json!(null),
+            Codec::Zstd => json!({"id": "zstd", "level": 1}),
+            Codec::Gzip => json!({"id": "gzip", "level": 1}),
+            Codec::Zlib => json!({"id": "zlib", "level": 1}),
+            Codec::Blosc => {
+                json!({"id": "blosc", "cname": "lz4", "clevel": 5, "shuffle": 0, "blocksize": 0})
+            }
+        };
+        let metadata = json!({
+            "zarr_format": 2, "shape": [1, HEIGHT, WIDTH], "chunks": [1, HEIGHT, WIDTH], "dtype": "<f4", "fill_value": 0.0,
+            "order": "C", "filters": null, "dimension_separator": ".", "compressor": compressor,
+        });
+        fs::create_dir_all(&path).unwrap();
+        fs::write(path.join(".zarray"), metadata.to_string()).unwrap();
+        fs::write(path.join(".zattrs"), r#"{"wavelengths_nm": [550]}"#).unwrap();
+        Self { path, codec, bytes: 4, checksum: false, sharded: None, v2: true }
+    }
+
+    fn chunk_file(&self) -> PathBuf {
+        self.path.join(if self.v2 { "0.0.0" } else { "c/0/0/0" })
+    }
+
+    fn encoded(&self, count: usize, bombs: &Bombs, r: &mut Random) -> Vec<u8> {
+        let data = samples(count, self.bytes, r);
+        let mut out = match self.codec {
+            Codec::None => data,
+            Codec::Zstd => zstd(&data, r),
+            Codec::Gzip => bombs.gzip(&data, r),
+            Codec::Zlib => bombs.zlib(&data, r),
+            Codec::Blosc => blosc(&data, self.bytes, r),
+        };
+        if self.checksum {
+            let sum = crc32c(&out);
+            out.extend(sum.to_le_bytes());
+        }
+        out
+    }
+
+    fn file(&self, bombs: &Bombs, r: &mut Random) -> Vec<u8> {
+        match self.sharded {
+            None => self.encoded(HEIGHT * WIDTH, bombs, r),
+            Some(first) => {
+                let chunks: Vec<_> = (0..4).map(|_| self.encoded(HEIGHT * WIDTH / 4, bombs, r)).collect();
+                shard(&chunks, first, r)
+            }
+        }
+    }
+}
+
+/// Reads all of the first band: what was read is finite.
+fn read(path: &Path) -> bool {
+    let options = ChartOptions::default();
+    let Ok(chart) = ChartStore::open(&path.to_string_lossy(), options) else { return false };
+    let rect = Rect::new(0, 0, chart.size().height.min(40), chart.size().width.min(40));
+    let mut out = vec![f32::NAN; rect.size().pixels()];
+    let whole = chart.read_rect(0, rect, &mut out).is_ok();
+    assert!(
+        !whole || out.iter().all(|v| v.is_finite()),
+        "a value that is not finite was read without an error"
+    );
+    whole
+}
+
+#[test]
+fn chart_chunks() {
+    let dir = folder();
+    let mut stores = Vec::new();
+    for codec in V3 {
+        for bytes in [2, 4, 8] {
+            stores.push(Store::v3(dir.path(), codec, bytes, bytes == 8, None));
+        }
+        for (checksum, first) in [(false, false), (true, true)] {
+            stores.push(Store::v3(dir.path(), codec, 4, checksum, Some(first)));
+        }
+    }
+    stores.extend(
+        [Codec::None, Codec::Zstd, Codec::Gzip, Codec::Zlib, Codec::Blosc].map(|c| Store::v2(dir.path(), c)),
+    );
+    let bombs = Bombs::new();
+    let at = RefCell::new(PathBuf::new());
+    let make = |r: &mut Random| {
+        let store = &stores[r.below(stores.len())];
+        let bytes = store.file(&bombs, r);
+        fs::write(store.chunk_file(), &bytes).unwrap();
+        at.borrow_mut().clone_from(&store.path);
+        // Which store it belongs to lies before the chunk, so that a finding can be read again.
+        [store.path.file_name().unwrap().as_encoded_bytes(), b"\n", &bytes[..]].concat()
+    };
+    fuzz("chart chunks", 1000, make, |_| read(&at.borrow()));
+}
+
+/// Chunks that c-blosc wrote (LZ4), with other sizes in their headers.
+#[test]
+fn blosc_chunks_of_other_software() {
+    let dir = folder();
+    let from = data("charts/v2-blosc/chart");
+    for name in [".zarray", ".zattrs"] {
+        fs::copy(from.join(name), dir.path().join(name)).unwrap();
+    }
+    let names = ["0.0.0", "0.1.1", "0.2.2", "1.0.1"];
+    let whole = names.map(|n| fs::read(from.join(n)).unwrap());
+    whole.iter().zip(names).for_each(|(bytes, name)| fs::write(dir.path().join(name), bytes).unwrap());
+    let mut last = 0;
+    let make = |r: &mut Random| {
+        fs::write(dir.path().join(names[last]), &whole[last]).unwrap();
+        last = r.below(names.len());
+        let mut bytes = whole[last].clone();
+        if r.below(8) != 0 {
+            blosc_header(&mut bytes, r);
+        }
+        fs::write(dir.path().join(names[last]), &bytes).unwrap();
+        bytes
+    };
+    let path = dir.path().to_path_buf();
+    fuzz("blosc headers", 500, make, |_| {
+        let options =
+            ChartOptions { wavelengths_nm: Some(vec![500.0, 550.0, 600.0]), ..ChartOptions::default() };
+        let Ok(chart) = ChartStore::open(&path.to_string_lossy(), options) else { return false };
+        let rect = Rect::new(0, 0, 37, 41);
+        chart.read_rect(0, rect, &mut vec![0.0; rect.size().pixels()]).is_ok()
+    });
+}
