@@ -261,6 +261,11 @@ def refused(place, env, here):
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         nobody = s.getsockname()[1]
+    # Most of the time each of them pauses between its requests.
+    jobs, proxies = [], []
+
+    def later(*command):
+        jobs.append(lambda: lenscube(*command))
     for env_of, code, says in [
         (environment(nobody, **few), 75, ["Connection refused", "out of reach"]),
         (environment(port, AWS_ENDPOINT_URL="http://no-such-host.invalid:9000", **few), 75, ["out of reach"]),
@@ -269,26 +274,30 @@ def refused(place, env, here):
         (environment(port, AWS_MAX_ATTEMPTS="many"), 1, ["AWS_MAX_ATTEMPTS"]),
         ({k: v for k, v in env.items() if not k.startswith("AWS_")}, 1, ["no credentials", "AWS_ACCESS_KEY_ID"]),
     ]:
-        lenscube(env_of, code, says, *run(film, here / "a.zarr", "double-gauss-28-npz"))
+        later(env_of, code, says, *run(film, here / "a.zarr", "double-gauss-28-npz"))
     for words in (run("s3://no-such-bucket/film.zarr"), ["status", "s3://no-such-bucket/film.zarr"],
                   ["chart", "composite", "s3://no-such-bucket/a.zarr", "--size", 64],
                   ["lens", "show", "s3://no-such-bucket/a.lens.zarr"], ["export", "s3://no-such-bucket/a.zarr", here / "x.png"]):
-        lenscube(env, 1, ["NoSuchBucket", "create the bucket"], *words)
+        later(env, 1, ["NoSuchBucket", "create the bucket"], *words)
     for at in ("s3://me:hush-hush-hush@lenscube/film.zarr", "https://127.0.0.1/film.zarr?X-Amz-Signature=hush-hush-hush", "gs://a/b"):
-        lenscube(env, 1, [], "status", at)
+        later(env, 1, [], "status", at)
     for kind, code, says in [(403, 1, ["SignatureDoesNotMatch", "AWS_SECRET_ACCESS_KEY"]), (503, 75, ["SlowDown", "503"]),
                              ("reset", 75, ["out of reach"])]:
-        way = Proxy(("127.0.0.1", port), lambda *_, kind=kind: kind)
+        proxy = Proxy(("127.0.0.1", port), lambda *_, kind=kind: kind)
+        proxies.append(proxy)
         for words in (run(film), ["status", film], ["lens", "show", LENS], ["verify", film],
-                      run(film, lens="double-gauss-28-npz"), run(here / "never.zarr", here / "a.zarr", LENS)):
-            lenscube(environment(way.port, **few), code, says, *words)
-        way.close()
-        # The way breaks while shards are put, or while the chart's pixels or the lens's PSFs are fetched.
+                      run(film, lens="double-gauss-28-npz"), run(here / f"never-{kind}.zarr", here / "a.zarr", LENS)):
+            later(environment(proxy.port, **few), code, says, *words)
+        # The connection breaks while shards are put, or while the chart's pixels or the lens's PSFs are fetched.
         for part, name in (("/film/c/", "puts"), ("/chart/c/", "gets"), ("/psf/", "psfs")):
             here_rule = lambda n, m, path, part=part, kind=kind: kind if part in path and m != "HEAD" else None
-            way = Proxy(("127.0.0.1", port), here_rule)
-            lenscube(environment(way.port, **few), code, says[:1], *run(s3(f"broken-{name}-{kind}.zarr")))
-            way.close()
+            proxy = Proxy(("127.0.0.1", port), here_rule)
+            proxies.append(proxy)
+            later(environment(proxy.port, **few), code, says[:1], *run(s3(f"broken-{name}-{kind}.zarr")))
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda job: job(), jobs))
+    for proxy in proxies:
+        proxy.close()
     server = subprocess.Popen([sys.executable, "-m", "http.server", "0", "-b", "127.0.0.1", "-d", str(here)],
                               stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env={**os.environ, "PYTHONUNBUFFERED": "1"}, text=True)
     try:

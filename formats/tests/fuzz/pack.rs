@@ -29,8 +29,10 @@ fn packed(entries: &Entries) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     for (name, bytes) in entries {
-        zip.start_file(name.as_str(), options).unwrap();
-        zip.write_all(bytes).unwrap();
+        // Names that the library refuses to write are left out.
+        if zip.start_file(name.as_str(), options).is_ok() {
+            zip.write_all(bytes).unwrap();
+        }
     }
     zip.finish().unwrap().into_inner()
 }

@@ -137,7 +137,7 @@ fn a_uniform_chart_gives_exactly_r(engine: &dyn Engine) {
         Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
     let want = oracle::scene(&chart.0, &frame, &t, film.rect(), true, oracle::Outside::Edge);
     // R is at most 1, so that a share of the peak is a difference.
-    let (worst, _) = oracle::errors(&got, &want.data);
+    let (worst, _) = errors(&got, &want.data);
     assert!(worst <= 5e-7, "departs from R by {worst:.1e}");
 }
 
