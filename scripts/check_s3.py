@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import urllib.request
 import zipfile
@@ -30,11 +31,13 @@ SECRET = "hush-hush-hush"
 BUCKET = "lenscube"
 SHARDS = 24
 checks = 0
+counting = threading.Lock()
 
 
 def holds(condition, what):
     global checks
-    checks += 1
+    with counting:
+        checks += 1
     if not condition:
         sys.exit(f"check-s3: {what}")
 
@@ -195,8 +198,8 @@ def other_programs(place, whole_film):
 
 def killed(place, whole):
     """SIGKILL at several moments; the same command resumes. Nothing is left behind but shards, each whole."""
-    for kill, first in enumerate((3, 9, 20)):
-        film, name = s3(f"killed-{kill}.zarr"), f"films/killed-{kill}.zarr"
+    def killed_after(first):
+        film, name = s3(f"killed-{first}.zarr"), f"films/killed-{first}.zarr"
         puts = []
 
         def rule(_, method, path):
@@ -216,6 +219,8 @@ def killed(place, whole):
         holds(0 < len(there) < SHARDS and all(v == whole[k] for k, v in there.items()), f"{len(there)} shards after kill -9")
         lenscube(environment(place.port), 0, ["resuming"], *run(film))
         same_film(place.objects(name), whole, "a film resumed after kill -9")
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(killed_after, (3, 9, 20)))
 
 
 def survived(place, whole):
@@ -229,7 +234,7 @@ def survived(place, whole):
         print(f"  {kind}: {way.faults} faults in {way.requests} requests")
         way.close()
     # Most of the time each of them waits.
-    with ThreadPoolExecutor(4) as pool:
+    with ThreadPoolExecutor(7) as pool:
         list(pool.map(film_in_spite_of, [503, 429, 500, "reset", "cut", "lost", 3.0]))
 
 
