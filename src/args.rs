@@ -32,7 +32,11 @@ pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
 pub use work::{PlanArgs, ProgressArg, RunCommand};
 
+use crate::failure::usage;
 use clap::{Parser, Subcommand, ValueEnum};
+use formats::durable::check_url;
+use std::ffi::OsString;
+use std::path::Path;
 
 /// lenscube turns a multispectral chart into the image a given lens throws on the film.
 #[derive(Debug, Parser)]
@@ -89,6 +93,23 @@ pub enum CodecArg {
     None,
     Lz4,
     Zstd,
+}
+
+/// Fails for a URL on the command line that is malformed or holds credentials, also as the value of a flag (`--lens=URL`).
+pub fn check_urls(words: impl IntoIterator<Item = OsString>) -> Result<(), anyhow::Error> {
+    for word in words {
+        let word = word.to_string_lossy();
+        let value =
+            word.strip_prefix("--").and_then(|flag| flag.split_once('=')).map_or(&*word, |(_, value)| value);
+        check_url(value).map_err(|e| usage(e.to_string()))?;
+    }
+    Ok(())
+}
+
+/// The text of a path that becomes a word of another command line.
+pub fn utf8(path: &Path) -> Result<&str, anyhow::Error> {
+    path.to_str()
+        .ok_or_else(|| usage(format!("{}: the name of this directory must be UTF-8", path.display())))
 }
 
 #[cfg(test)]

@@ -10,10 +10,11 @@ mod job;
 mod stages;
 mod storage;
 
-use crate::args::{BenchArgs, Device};
+use crate::args::{BenchArgs, Device, utf8};
 use crate::job::threads;
 use crate::progress::{print, say};
 use anyhow::{Context, Result};
+use formats::durable::{create_directories, sweep_entries, temp_name};
 use pipeline::simd::Simd;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -78,13 +79,15 @@ fn median(mut all: Vec<f64>) -> f64 {
     (all[(all.len() - 1) / 2] + all[all.len() / 2]) / 2.0
 }
 
-/// A directory of the bench's own, gone when it ends however it ends.
+/// A directory of the bench's own, removed when it ends; what a killed one left is swept by the next in the same place.
 struct Scratch(PathBuf);
 
 impl Scratch {
     fn new(beside: &Path) -> Result<Self> {
-        let path = beside.join(format!("lenscube-bench-{}", std::process::id()));
-        std::fs::create_dir_all(&path).with_context(|| format!("creating {}", path.display()))?;
+        create_directories(beside, false)?;
+        sweep_entries(beside)?;
+        let path = beside.join(temp_name());
+        std::fs::create_dir(&path).with_context(|| format!("creating {}", path.display()))?;
         Ok(Self(path))
     }
 }
@@ -98,6 +101,7 @@ impl Drop for Scratch {
 
 /// Runs the command.
 pub fn command(args: &BenchArgs) -> Result<()> {
+    utf8(&args.dir)?;
     let simd = Simd::from_env().map_err(|e| crate::failure::usage(e.to_string()))?;
     let mut bench = Bench {
         args,

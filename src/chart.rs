@@ -7,7 +7,7 @@ use crate::failure::{other_job, usage};
 use crate::job::{codec, threads};
 use crate::progress::{counting, say};
 use anyhow::Result;
-use formats::chart::{ChartMeta, Codec, WriteError, remove_chart, write_chart};
+use formats::chart::{ChartMeta, Codec, WriteError, replace_chart, write_chart};
 use pipeline::chart::{ChartSpec, Generator, Kind};
 use pipeline::flow::ChartSource;
 use serde_json::Map;
@@ -76,11 +76,11 @@ fn store(
     threads: usize,
     overwrite: bool,
 ) -> Result<()> {
-    if overwrite {
-        remove_chart(out)?;
-    }
     let (bar, progress) = counting("drawing");
-    let result = write_chart(out, source, meta, codec, threads, &progress);
+    let result = match overwrite {
+        true => replace_chart(out, source, meta, codec, threads, &progress),
+        false => write_chart(out, source, meta, codec, threads, &progress),
+    };
     bar.finish_and_clear();
     let report = result.map_err(|e| match e {
         WriteError::Exists { .. } => other_job(format!("{e}, or replace it with --overwrite")),

@@ -3,16 +3,17 @@
 //! One film of the whole 28.28 mm at a coarse pitch, where distortion and colour show; and three windows of the film at
 //! its full 14,141² px of 2 µm, where the PSF shows. Both run the same code as `lenscube run`.
 
-use crate::args::{Cli, Command, DemoArgs};
+use crate::args::{Cli, Command, DemoArgs, utf8};
 use crate::chart::write;
 use crate::failure::usage;
 use crate::job::threads;
 use crate::open::{self, Chart};
 use crate::progress::{print, say};
 use crate::run;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Parser;
 use formats::chart::{Codec, NanPolicy};
+use formats::durable::create_directories;
 use formats::picture::curve::write_lens_curves;
 use formats::picture::exposure::Exposure;
 use formats::picture::image::Image;
@@ -37,7 +38,8 @@ const LENS: &str = "double-gauss-28-npz";
 /// Runs the command; the exit code.
 pub fn command(args: &DemoArgs) -> Result<u8> {
     let dir = &args.dir;
-    std::fs::create_dir_all(dir).with_context(|| format!("creating {}", dir.display()))?;
+    utf8(dir)?;
+    create_directories(dir, true)?;
     let at = |name: &str| dir.join(name);
     let threads = threads(args.threads);
 

@@ -2,7 +2,9 @@
 
 use formats::chart::{ChartError, WriteError};
 use formats::durable::{self, DurableError, LockError};
+use formats::export::ExportError;
 use formats::film::FilmError;
+use formats::picture::PictureError;
 use pipeline::cuda::CudaError;
 use pipeline::executor::RunError;
 use std::error::Error;
@@ -43,7 +45,8 @@ pub fn other_job(message: impl Into<String>) -> anyhow::Error {
     Coded { code: code::OTHER_JOB, message: message.into() }.into()
 }
 
-/// The error and its causes in one line; what an error above has told already is not told again.
+/// The error and its causes in one line; what an error above has told already is not told again. Control characters, which file names
+/// may hold, are escaped.
 pub fn line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -52,7 +55,20 @@ pub fn line(error: &anyhow::Error) -> String {
             line = format!("{line}{colon}{cause}");
         }
     }
-    line
+    line.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.into() }).collect()
+}
+
+/// Whether an address, or what the environment adds to it, is malformed, by the type of this one error.
+fn malformed_address(error: &(dyn Error + 'static)) -> bool {
+    let address = |e: &DurableError| matches!(e, DurableError::Address { .. });
+    let storage = |e: Option<&DurableError>| e.is_some_and(address);
+    storage(error.downcast_ref())
+        || storage(error.downcast_ref::<std::io::Error>().and_then(|e| e.get_ref()?.downcast_ref()))
+        || matches!(error.downcast_ref(), Some(FilmError::Storage(e)) if address(e))
+        || matches!(error.downcast_ref(), Some(ChartError::Io(e)) if address(e))
+        || matches!(error.downcast_ref(), Some(WriteError::Storage(e)) if address(e))
+        || matches!(error.downcast_ref(), Some(PictureError::Storage(e)) if address(e))
+        || matches!(error.downcast_ref(), Some(ExportError::Storage(e)) if address(e))
 }
 
 /// Whether the same command may succeed later, by the type of this one error.
@@ -72,6 +88,9 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     for cause in error.chain() {
         if let Some(coded) = cause.downcast_ref::<Coded>() {
             return coded.code;
+        }
+        if malformed_address(cause) {
+            return code::USAGE;
         }
         if retryable(cause) {
             return code::RETRY;

@@ -27,9 +27,14 @@ mod view;
 
 use args::{Cli, Command};
 use clap::Parser;
+use progress::say;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    // Before any word of the command line is shown or kept.
+    if let Err(error) = args::check_urls(std::env::args_os().skip(1)) {
+        return report(&error);
+    }
     let cli = Cli::parse();
     let result = match &cli.command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
@@ -50,9 +55,11 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(code) => ExitCode::from(code),
-        Err(error) => {
-            eprintln!("lenscube: {}", failure::line(&error));
-            ExitCode::from(failure::exit_code(&error))
-        }
+        Err(error) => report(&error),
     }
+}
+
+fn report(error: &anyhow::Error) -> ExitCode {
+    say(format!("lenscube: {}", failure::line(error)));
+    ExitCode::from(failure::exit_code(error))
 }

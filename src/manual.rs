@@ -4,6 +4,7 @@ use crate::args::{Cli, CompletionsArgs, ManArgs};
 use crate::progress::say;
 use anyhow::{Context, Result};
 use clap::CommandFactory;
+use formats::durable::create_directories;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 
@@ -20,7 +21,7 @@ pub fn man(args: &ManArgs) -> Result<()> {
     // Names the subcommands in full, as `lenscube-lens-trace`.
     cli.build();
     let Some(dir) = &args.dir else { return to_stdout(&page(cli)?) };
-    std::fs::create_dir_all(dir).with_context(|| format!("creating {}", dir.display()))?;
+    create_directories(dir, true)?;
     let pages = write(&cli, "", dir)?;
     say(format!("{pages} pages in {}; try `man {}/lenscube.1`", dir.display(), dir.display()));
     Ok(())

@@ -8,16 +8,16 @@ use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::NanPolicy;
+use formats::durable::{WholeFile, finish_together};
 use formats::picture::curve::ink;
 use formats::picture::nearest_band;
-use formats::picture::plot::{Curve, Plot, write_svg};
+use formats::picture::plot::{Curve, Plot};
 use pipeline::geometry::Rect;
 use pipeline::measure::centroid::centroid;
 use pipeline::measure::edge::{EdgeLine, Esf, fit};
 use pipeline::measure::sfr::Mtf;
 use serde_json::{Value, json};
 use std::fmt::Write;
-use std::path::Path;
 
 /// Share of the half width beyond which an edge is flat.
 const PLATEAU: f64 = 0.75;
@@ -49,11 +49,9 @@ pub fn command(args: &MeasureArgs) -> Result<()> {
         println!("{nm} nm: {}", one.words);
         found.push(one);
     }
-    let write = |path: &Path, text: String| {
-        std::fs::write(path, text).with_context(|| format!("writing {}", path.display()))
-    };
+    let mut files = Vec::new();
     if let Some(path) = &args.csv {
-        write(path, csv(args, &found))?;
+        files.push(WholeFile::with_text(path, &csv(args, &found))?);
     }
     if let Some(path) = &args.json {
         let bands: Vec<Value> = found
@@ -61,12 +59,12 @@ pub fn command(args: &MeasureArgs) -> Result<()> {
             .map(|f| json!({ "wavelength_nm": f.nm, "figures": f.figures, "curve": f.curve, "mtf": f.mtf }))
             .collect();
         let all = json!({ "film": args.film, "bands": bands });
-        write(path, serde_json::to_string_pretty(&all)? + "\n")?;
+        files.push(WholeFile::with_text(path, &(serde_json::to_string_pretty(&all)? + "\n"))?);
     }
     if let Some(path) = &args.svg {
-        write_svg(path, &plot(args, &found).figure())?;
+        files.push(WholeFile::with_text(path, &plot(args, &found).figure().to_svg())?);
     }
-    Ok(())
+    Ok(finish_together(files)?)
 }
 
 fn one(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Found> {

@@ -2,11 +2,13 @@
 
 pub mod jsonl;
 
+use formats::durable::Sweep;
 use indicatif::{ProgressBar, ProgressStyle};
 use pipeline::executor::Summary;
 use pipeline::flow::Progress;
 use pipeline::plan::ShardId;
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -23,6 +25,22 @@ pub fn print(line: impl std::fmt::Display) {
             std::process::exit(i32::from(crate::failure::code::FAILED));
         }
         _ => (),
+    }
+}
+
+/// A path in JSON, which holds Unicode only: bytes of a file name that are not UTF-8 become U+FFFD.
+pub fn json_path(path: &Path) -> serde_json::Value {
+    path.to_string_lossy().into_owned().into()
+}
+
+/// Reports files of ended processes that a sweep was not allowed to remove; they harm no output.
+pub fn report_kept(sweep: &Sweep) {
+    if let Some((path, reason)) = sweep.kept.first() {
+        say(format!(
+            "note: {} temporary files of ended processes may not be removed, the first is {}: {reason}",
+            sweep.kept.len(),
+            path.display()
+        ));
     }
 }
 

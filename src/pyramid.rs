@@ -4,7 +4,7 @@ use crate::args::PyramidArgs;
 use crate::failure::{Coded, code};
 use crate::job;
 use crate::memory::{default_limit, mib};
-use crate::progress::{counting, say};
+use crate::progress::{counting, report_kept, say};
 use crate::run::{WHOLE, interrupt};
 use crate::status;
 use anyhow::Result;
@@ -31,7 +31,7 @@ pub fn make(path: &Path, threads: Option<usize>, memory: Option<u64>, take_over:
     if let Some(lock) = &lock {
         interrupt::release_on_exit(lock.path());
     }
-    store.sweep()?;
+    report_kept(&store.sweep()?);
     match state {
         PyramidState::Unfinished(done, _) => {
             say(format!("resuming: {} of {shards} shards to make", shards - done))

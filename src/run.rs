@@ -13,7 +13,7 @@ use crate::failure::code;
 use crate::job::Job;
 use crate::memory::mib;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{Bars, say};
+use crate::progress::{Bars, json_path, report_kept, say};
 use crate::pyramid;
 use anyhow::{Context, Result};
 use faults::{Failed, Follow};
@@ -142,7 +142,7 @@ impl Task<'_> {
         let Some(jsonl) = self.jsonl else { return };
         jsonl.begin(((shards.0 - shards.1) as u64, tiles.0, tiles.1));
         let fields = json!({
-            "film": self.store.path(),
+            "film": json_path(self.store.path()),
             "device": job.device(),
             "threads": job.threads,
             "pid": std::process::id(),
@@ -177,6 +177,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
         say("--no-fsync: a power cut may cost shards that were reported as written");
     }
     let swept = store.sweep()?;
+    report_kept(&swept);
     if !swept.removed.is_empty() {
         say(format!("removed {} temp files of an interrupted run", swept.removed.len()));
     }

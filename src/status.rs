@@ -4,7 +4,7 @@ use crate::args::StatusArgs;
 use crate::failure::{Coded, code};
 use crate::plan::file::Plan;
 use crate::plan::list;
-use crate::progress::print;
+use crate::progress::{json_path, print};
 use anyhow::{Context, Result};
 use formats::durable::Owner;
 use formats::film::{FilmError, FilmStore};
@@ -85,7 +85,7 @@ fn status(store: &FilmStore) -> Result<Value> {
     let of = |key: &str| provenance.get(key).cloned().unwrap_or_default();
     let all: u64 = bands.iter().map(|b| b.1).sum();
     Ok(json!({
-        "film": store.path(),
+        "film": json_path(store.path()),
         "complete": missing.is_empty(),
         "shards": all,
         "shards_done": all - missing.len() as u64,
@@ -121,7 +121,7 @@ fn pick(run: &Map<String, Value>, keys: &[&str]) -> Map<String, Value> {
 
 fn lock((path, owner, dead): (std::path::PathBuf, Option<Box<Owner>>, Option<bool>)) -> Value {
     let alive = dead.map(|dead| !dead);
-    json!({ "path": path, "owner": owner, "alive": alive })
+    json!({ "path": json_path(&path), "owner": owner, "alive": alive })
 }
 
 fn lines(store: &FilmStore, s: &Value) -> Vec<String> {

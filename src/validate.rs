@@ -16,7 +16,7 @@ pub mod tables;
 pub mod timing;
 pub mod truth;
 
-use crate::args::ValidateArgs;
+use crate::args::{ValidateArgs, utf8};
 use crate::failure::{Coded, code, usage};
 use crate::job::threads;
 use crate::lens::source::{Named, Source};
@@ -26,6 +26,7 @@ use blame::RunPsfs;
 use distortion::Point;
 use esf::Edge;
 use films::Films;
+use formats::durable::{WholeFile, create_directories, finish_together, sweep_entries};
 use pipeline::band::{Options, PsfBetween};
 use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
@@ -84,7 +85,9 @@ impl Setup {
             Ok(film_window(band.psf_size, band.psf_pitch_um, args.film_pitch_um, sample))
         };
         let windows_px = wavelengths_nm.iter().map(window).collect::<Result<_>>()?;
-        std::fs::create_dir_all(&args.out).with_context(|| format!("creating {}", args.out.display()))?;
+        create_directories(&args.out, true)?;
+        // Films of a killed run.
+        sweep_entries(&args.out)?;
         let films = Films {
             lens: args.lens.clone(),
             dir: args.out.clone(),
@@ -225,6 +228,7 @@ pub fn compare(setup: &Setup, shots: &Shots, band: usize) -> Result<Band> {
 /// Runs the command; the exit code.
 pub fn command(args: &ValidateArgs) -> Result<u8> {
     let times = timing::of(args.timing.as_deref())?;
+    utf8(&args.out)?;
     let setup = Setup::new(args)?;
     let shots = Shots::new(&setup, &esf::places(setup.size))?;
     let mut bands = Vec::new();
@@ -241,14 +245,15 @@ pub fn command(args: &ValidateArgs) -> Result<u8> {
         bands.push(found);
     }
     let missed = require::missed(&bands, &args.require);
-    data::write_curves(&args.out.join("curves"), &bands)?;
-    let write = |name: &str, text: String| {
-        let path = args.out.join(name);
-        std::fs::write(&path, text).with_context(|| format!("writing {}", path.display()))
-    };
+    let mut files = data::curves(&args.out.join("curves"), &bands)?;
     let summary = data::summary(args, &setup, &bands, &missed, &times);
-    write("summary.json", serde_json::to_string_pretty(&summary)? + "\n")?;
-    write("report.html", report::html(args, &setup, &bands, &missed, &times))?;
+    let page = report::html(args, &setup, &bands, &missed, &times);
+    let all = [("summary.json", serde_json::to_string_pretty(&summary)? + "\n"), ("report.html", page)];
+    for (name, text) in all {
+        files.push(WholeFile::with_text(&args.out.join(name), &text)?);
+    }
+    // The page last: no page shows figures of one run beside curves of another.
+    finish_together(files)?;
     say(format!("{}", args.out.join("report.html").display()));
     match missed.is_empty() {
         true => Ok(0),

@@ -3,14 +3,13 @@
 use crate::args::VerifyArgs;
 use crate::failure::code;
 use crate::job;
-use crate::progress::{counting, print, say};
+use crate::progress::{counting, json_path, print, say};
 use crate::run::film::{digest, layout, lock_all};
 use crate::status;
 use anyhow::Result;
-use formats::durable::remove_temp;
+use formats::durable::{DurableError, remove_temp};
 use formats::film::{FilmStore, Finding, Verdict};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// What `--repair` has done.
 #[derive(Default)]
@@ -72,8 +71,12 @@ fn repair(store: &FilmStore, verdict: &Verdict) -> Result<Repair> {
         }
     }
     for (path, _) in verdict.temp.iter().filter(|(_, dead)| *dead != Some(false)) {
-        remove_temp(path)?;
-        done.temp += 1;
+        match remove_temp(path) {
+            Ok(()) => done.temp += 1,
+            // Another user's, which harms no film.
+            Err(e @ DurableError::Permission { .. }) => say(format!("note: {e}")),
+            Err(e) => return Err(e.into()),
+        }
     }
     Ok(done)
 }
@@ -93,9 +96,9 @@ fn report(store: &FilmStore, verdict: &Verdict, repair: Option<&Repair>) -> Valu
         let (kind, key, reason) = words(f);
         json!({ "kind": kind, "key": key, "reason": reason })
     };
-    let temp: Vec<&PathBuf> = verdict.temp.iter().map(|t| &t.0).collect();
+    let temp: Vec<Value> = verdict.temp.iter().map(|t| json_path(&t.0)).collect();
     json!({
-        "film": store.path(),
+        "film": json_path(store.path()),
         "sound": verdict.findings.is_empty(),
         "shards": verdict.shards,
         "bytes": verdict.bytes,

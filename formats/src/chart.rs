@@ -32,8 +32,9 @@ pub use crate::shard::Codec;
 pub use error::ChartError;
 pub use identity::ChartIdentity;
 pub use layout::Sample;
+pub use open::split_array;
 pub use raster::{Interleave, RasterChart, RasterLayout, RasterSample, sample_named};
-pub use write::{ChartMeta, WriteError, WriteReport, remove_chart, write_chart};
+pub use write::{ChartMeta, WriteError, WriteReport, remove_chart, replace_chart, write_chart};
 
 use cache::Cache;
 use layout::Layout;

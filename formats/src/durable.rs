@@ -22,10 +22,10 @@ pub(crate) use error::store_error;
 pub use error::{DurableError, passes};
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
-pub use objects::{ObjectState, Objects, is_url};
+pub use objects::{ObjectState, Objects, check_url, is_url};
 pub use store::Store;
 pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
-pub use whole::WholeFile;
+pub use whole::{WholeFile, finish_together, nameless_file, replace_directory};
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};

@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use crate::durable::{DurableError, Store, create_directories, parent_of, publish, sweep_entries, temp_name};
+use crate::durable::{
+    DurableError, Store, create_directories, parent_of, publish, replace_directory, sweep_entries, temp_name,
+};
 
 fn bytes_and_crc() -> Value {
     json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}])
@@ -65,6 +67,8 @@ pub(crate) struct NewGroup {
     place: PathBuf,
     fsync: bool,
     arrays: Map<String, Value>,
+    /// A directory that is at the place stays until the new one replaces it.
+    replace: bool,
 }
 
 impl NewGroup {
@@ -94,7 +98,15 @@ impl NewGroup {
                 Store::at(&parent.join(temp_name()))?.with_fsync(fsync)
             }
         };
-        Ok(Some(Self { store, place: place.into(), fsync, arrays: Map::new() }))
+        Ok(Some(Self { store, place: place.into(), fsync, arrays: Map::new(), replace: false }))
+    }
+
+    /// Begins a group that replaces the directory at `place` when it is complete.
+    pub(crate) fn replacing(place: &Path, fsync: bool) -> Result<Self, DurableError> {
+        let parent = parent_of(place);
+        sweep_entries(parent)?;
+        let store = Store::at(&parent.join(temp_name()))?.with_fsync(fsync);
+        Ok(Self { store, place: place.into(), fsync, arrays: Map::new(), replace: true })
     }
 
     /// Writes an array's metadata.
@@ -131,6 +143,10 @@ impl NewGroup {
             Store::Objects(objects) => objects.write_new("zarr.json", bytes.into()),
             Store::Directory(directory) => {
                 directory.write("zarr.json", &bytes)?;
+                if self.replace {
+                    replace_directory(directory.root(), &self.place)?;
+                    return Ok(true);
+                }
                 publish(directory.root(), &self.place, self.fsync)
             }
         }

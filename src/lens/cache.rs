@@ -58,7 +58,10 @@ impl Cache {
 
     fn aside(problem: &str) -> Result<Self> {
         say(format!("note: traced bands cannot be kept ({problem}); they are traced for this run only"));
-        let dir = std::env::temp_dir().join(format!("lenscube{}", durable::temp_name()));
+        let temp = std::env::temp_dir();
+        // What killed runs left there.
+        durable::sweep_entries(&temp)?;
+        let dir = temp.join(durable::temp_name());
         prepare(&dir).with_context(|| format!("creating {} for traced bands", dir.display()))?;
         Ok(Self { dir, temporary: true })
     }

@@ -6,11 +6,12 @@
 
 use super::look::{Look, Subject};
 use crate::progress::say;
-use anyhow::{Context, Result};
+use anyhow::Result;
+use formats::durable::{WholeFile, create_directories, finish_together};
 use formats::picture::drawing::{Drawing, Shape};
 use formats::picture::figure::{Anchor, Figure, Mark};
 use formats::picture::image::{Image, Rgb};
-use formats::picture::plot::{COLOURS, Curve, Plot, write_svg};
+use formats::picture::plot::{COLOURS, Curve, Plot};
 use pipeline::design::System;
 use pipeline::design::describe::field_tan;
 use pipeline::design::paraxial::Paraxial;
@@ -33,7 +34,7 @@ const DARK: Rgb = [60; 3];
 
 /// Writes every plot that `subject` has data for into `dir`.
 pub fn write(dir: &Path, subject: &Subject, nm: &[f64], at: &[f64], lp_mm: &[f64]) -> Result<()> {
-    std::fs::create_dir_all(dir).with_context(|| format!("creating {}", dir.display()))?;
+    create_directories(dir, true)?;
     let look = subject.look(nm, at)?;
     let reach = at[at.len() - 1];
     let name = subject.name();
@@ -73,9 +74,10 @@ pub fn write(dir: &Path, subject: &Subject, nm: &[f64], at: &[f64], lp_mm: &[f64
     if let Subject::Design(system, _) = subject {
         figures.push(("layout", layout(system)?));
     }
-    for (file, figure) in &figures {
-        write_svg(&dir.join(format!("{file}.svg")), figure)?;
-    }
+    let whole = |(file, figure): &(&str, Figure)| {
+        WholeFile::with_text(&dir.join(format!("{file}.svg")), &figure.to_svg())
+    };
+    finish_together(figures.iter().map(whole).collect::<Result<_, _>>()?)?;
     let names: Vec<&str> = figures.iter().map(|f| f.0).collect();
     say(format!("{}: {}.svg", dir.display(), names.join(".svg, ")));
     Ok(())

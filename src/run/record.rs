@@ -7,7 +7,7 @@ use crate::job::Job;
 use crate::memory::peak_resident;
 use crate::open::Chart;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{say, summary_lines};
+use crate::progress::{json_path, say, summary_lines};
 use formats::durable::Maker;
 use formats::film::FilmStore;
 use pipeline::clock::StageTimes;
@@ -22,7 +22,7 @@ pub fn nothing_to_do(jsonl: Option<&Jsonl>, store: &FilmStore, shards: usize) {
     let Some(jsonl) = jsonl else { return };
     jsonl.line(
         "start",
-        json!({ "film": store.path(), "shards": shards, "shards_done": shards, "tiles": 0, "pixels": 0 }),
+        json!({ "film": json_path(store.path()), "shards": shards, "shards_done": shards, "tiles": 0, "pixels": 0 }),
     );
     jsonl.line("done", json!({ "code": 0, "shards": 0, "tiles": 0, "pixels": 0, "bytes_read": 0, "bytes_written": 0, "wall_s": 0.0 }));
 }

@@ -5,7 +5,8 @@ use super::require::worst;
 use super::ri::DIRECTIONS;
 use super::{Band, Setup, title};
 use crate::args::{Quantity, ValidateArgs};
-use anyhow::{Context, Result};
+use anyhow::Result;
+use formats::durable::{WholeFile, create_directories};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
@@ -71,9 +72,9 @@ pub fn summary(
     })
 }
 
-/// Writes the curves as CSV, one file a quantity, all bands in each.
-pub fn write_curves(dir: &Path, bands: &[Band]) -> Result<()> {
-    std::fs::create_dir_all(dir).with_context(|| format!("creating {}", dir.display()))?;
+/// The curves as CSV, one file a quantity, all bands in each; complete, still without their names.
+pub fn curves(dir: &Path, bands: &[Band]) -> Result<Vec<WholeFile>> {
+    create_directories(dir, true)?;
     let mut ri = String::from("wavelength_nm,direction,image_height_mm,film,lens\n");
     let mut departure = String::from("wavelength_nm,image_height_mm,film_over_r_minus_1,of_the_moments\n");
     let mut points =
@@ -114,9 +115,8 @@ pub fn write_curves(dir: &Path, bands: &[Band]) -> Result<()> {
         ("esf.csv", esf),
         ("mtf.csv", mtf),
     ];
-    for (name, text) in all {
-        let path = dir.join(name);
-        std::fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
-    }
-    Ok(())
+    Ok(all
+        .into_iter()
+        .map(|(name, text)| WholeFile::with_text(&dir.join(name), &text))
+        .collect::<Result<_, _>>()?)
 }

@@ -6,6 +6,7 @@ use crate::run;
 use anyhow::{Context, Result};
 use clap::Parser;
 use formats::chart::{ChartOptions, ChartStore, NanPolicy};
+use formats::durable::temp_name;
 use formats::film::FilmStore;
 use pipeline::geometry::Rect;
 use std::path::{Path, PathBuf};
@@ -47,8 +48,8 @@ impl Films {
     }
 
     fn film(&self, chart: &str, stages: &str, rects: &[Rect], whole: Option<usize>) -> Result<Shots> {
-        // A name that no film of the user's has.
-        let path = self.dir.join(format!("validate-{}.film.zarr", std::process::id()));
+        // A name that no film of the user's has; after a kill the next run in this directory sweeps it.
+        let path = self.dir.join(temp_name());
         let shots = self.film_at(&path, chart, stages, rects, whole);
         // The error that matters is already in hand; a film that never began is not there.
         let removed = FilmStore::remove_film(&path);

@@ -7,8 +7,8 @@
 use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::{Context, Result, bail};
-use formats::chart::NanPolicy;
 use formats::chart::cache::Cache;
+use formats::chart::{NanPolicy, split_array};
 use formats::film::{FilmStore, PyramidState, halve, level_sizes};
 use formats::picture::exposure::{Exposure, Levels};
 use pipeline::colour::{Illuminant, srgb_weights};
@@ -72,20 +72,15 @@ pub struct Stack {
 
 /// The film and the number of its output that `PATH` or `PATH//array` names, if it is a film of ours.
 pub fn film_of(spec: &str) -> Result<Option<(FilmStore, usize)>> {
-    let (path, array) = match spec.rsplit_once("//") {
-        Some((path, array)) if !path.is_empty() && !std::path::Path::new(spec).exists() => {
-            (path, Some(array))
-        }
-        _ => (spec, None),
-    };
+    let (path, array) = split_array(spec);
     let store = match FilmStore::open(path.as_ref(), true) {
         Err(formats::film::FilmError::NotFilm { .. }) => return Ok(None),
         other => other?,
     };
     let names: Vec<&str> = store.spec().outputs.iter().map(|o| o.name.as_str()).collect();
     let output = match array {
-        None => 0,
-        Some(wanted) => names.iter().position(|n| *n == wanted).ok_or_else(|| {
+        "" => 0,
+        wanted => names.iter().position(|n| *n == wanted).ok_or_else(|| {
             usage(format!("film {path} has no array `{wanted}`; there are {}", names.join(", ")))
         })?,
     };

@@ -77,21 +77,34 @@ pub(super) fn open_array(store: &Arc<Store>, name: &str) -> Result<Array<Store>,
         .unwrap_or_else(|_| Err(wrong("metadata that zarrs breaks on".into())))
 }
 
+/// The path or URL of a store, and the array in it (empty: none named), of `PATH` or `PATH//array`.
+pub fn split_array(spec: &str) -> (&str, &str) {
+    match spec.rsplit_once("//") {
+        Some((scheme, _)) if scheme.ends_with(':') && is_url(Path::new(spec)) => (spec, ""),
+        // A doubled slash in the path of something that is there is only that.
+        Some((path, array)) if !path.is_empty() && !Path::new(spec).exists() => {
+            (path, array.trim_matches('/'))
+        }
+        _ => (spec, ""),
+    }
+}
+
 impl ChartStore {
     /// Opens the chart `spec`: `PATH`, a group with an array `chart` or `film` or a bare array, or `PATH//array`.
     ///
     /// # Errors
     /// [`ChartError`] if there is no chart, or its metadata says what cannot be read.
     pub fn open(spec: &str, options: ChartOptions) -> Result<Self, ChartError> {
-        let (path, array) = match spec.rsplit_once("//") {
-            Some((scheme, _)) if scheme.ends_with(':') && is_url(Path::new(spec)) => (spec, ""),
-            // A doubled slash in the path of something that is there is only that.
-            Some((path, array)) if !path.is_empty() && !Path::new(spec).exists() => {
-                (path, array.trim_matches('/'))
-            }
-            _ => (spec, ""),
-        };
-        let (store, name, group) = find(Path::new(path), array)?;
+        let (path, array) = split_array(spec);
+        Self::open_at(Path::new(path), array, options)
+    }
+
+    /// Opens the array `array` (empty: `chart`, `film` or the only one) of the store at `path`, whatever the characters of the path.
+    ///
+    /// # Errors
+    /// As [`ChartStore::open`].
+    pub fn open_at(path: &Path, array: &str, options: ChartOptions) -> Result<Self, ChartError> {
+        let (store, name, group) = find(path, array)?;
         let array = open_array(&store, &name)?;
         let attributes = array.attributes().clone();
         let dimensions = dimension_names(&array);
@@ -230,5 +243,21 @@ pub(super) fn sorted(v: Value) -> Value {
         }
         Value::Array(a) => Value::Array(a.into_iter().map(sorted).collect()),
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_slashes_of_a_scheme_begin_no_array() {
+        for (spec, expected) in [
+            ("s3://bucket/film.zarr", ("s3://bucket/film.zarr", "")),
+            ("s3://bucket/film.zarr//film", ("s3://bucket/film.zarr", "film")),
+            ("http://host:80/a/film.zarr", ("http://host:80/a/film.zarr", "")),
+            ("nowhere/film.zarr//film", ("nowhere/film.zarr", "film")),
+            ("nowhere/film.zarr", ("nowhere/film.zarr", "")),
+        ] {
+            assert_eq!(super::split_array(spec), expected);
+        }
     }
 }

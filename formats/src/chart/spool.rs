@@ -2,7 +2,7 @@
 //!
 //! Read as it is, such a chart would be decoded once per band. [`ChartStore::rechunk`] decodes every piece once and
 //! writes its bands apart into one temporary file: raw f32, offset = ((band, piece row, piece column) · largest piece).
-//! The file loses its name as soon as it is open, so it is gone when the chart is dropped, however the process ends.
+//! The file has no name, so it is gone when the chart is dropped, however the process ends.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use super::{ChartError, ChartStore};
-use crate::durable::{DurableError, free_bytes, temp_name};
+use crate::durable::{DurableError, free_bytes, nameless_file};
 
 /// The temporary file.
 #[derive(Debug)]
@@ -37,10 +37,7 @@ impl Spool {
             let (path, directory) = (chart.array_path(), directory.into());
             return Err(ChartError::Space { path, directory, needed, free });
         }
-        let path = directory.join(temp_name());
-        let failed = |e| DurableError::io("create", &path, needed, e);
-        let file = File::options().read(true).write(true).create_new(true).open(&path).map_err(failed)?;
-        std::fs::remove_file(&path).map_err(failed)?;
+        let (file, path) = (nameless_file(directory)?, directory.join("(temporary file without a name)"));
         let mut slots = vec![None; chart.bands()];
         for (slot, &band) in bands.iter().enumerate() {
             slots[band] = Some(slot);

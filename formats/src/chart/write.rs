@@ -100,14 +100,46 @@ pub enum WriteError {
 /// # Errors
 /// [`WriteError::NotChart`] for anything but a group with an array `chart`; [`WriteError::Storage`].
 pub fn remove_chart(path: &Path) -> Result<(), WriteError> {
+    match chart_at(path)? {
+        Some(store) => Ok(store.remove_all(Vec::new())?),
+        None => Ok(()),
+    }
+}
+
+/// The store of the chart at `path`; `None` if nothing is there.
+fn chart_at(path: &Path) -> Result<Option<Store>, WriteError> {
     let store = Store::at(path)?;
     if !store.exists()? {
-        return Ok(());
+        return Ok(None);
     }
     if store.size_of("zarr.json")?.is_none() || store.size_of("chart/zarr.json")?.is_none() {
         return Err(WriteError::NotChart { path: path.into() });
     }
-    Ok(store.remove_all(Vec::new())?)
+    Ok(Some(store))
+}
+
+/// As [`write_chart`], in place of the chart that is there, which stays as it is until the new one is complete. Objects at a URL
+/// cannot be exchanged: there the old chart is removed first.
+///
+/// # Errors
+/// [`WriteError`]; in a directory the old chart is there then. [`WriteError::NotChart`] for anything but a chart.
+pub fn replace_chart(
+    path: &Path,
+    source: &dyn ChartSource,
+    meta: &ChartMeta,
+    codec: Codec,
+    threads: usize,
+    progress: &(dyn Fn(u64, u64) + Sync),
+) -> Result<WriteReport, WriteError> {
+    let replace = match chart_at(path)? {
+        Some(Store::Directory(_)) => true,
+        Some(Store::Objects(_)) => {
+            remove_chart(path)?;
+            false
+        }
+        None => false,
+    };
+    write(path, source, meta, codec, threads, progress, replace)
 }
 
 /// Writes `source` as a chart at `path` on `threads` threads that hold one shard each. `progress` is told shards done
@@ -123,6 +155,18 @@ pub fn write_chart(
     threads: usize,
     progress: &(dyn Fn(u64, u64) + Sync),
 ) -> Result<WriteReport, WriteError> {
+    write(path, source, meta, codec, threads, progress, false)
+}
+
+fn write(
+    path: &Path,
+    source: &dyn ChartSource,
+    meta: &ChartMeta,
+    codec: Codec,
+    threads: usize,
+    progress: &(dyn Fn(u64, u64) + Sync),
+    replace: bool,
+) -> Result<WriteReport, WriteError> {
     let (size, bands) = (source.size(), meta.wavelengths_nm.len());
     if size.pixels() == 0 || bands == 0 {
         return Err(WriteError::Empty { path: path.into(), bands, size });
@@ -137,7 +181,10 @@ pub fn write_chart(
     let mut ours: HashSet<String> =
         (0..bands).flat_map(|band| tiles.iter().map(move |rect| shard(band, rect))).collect();
     ours.extend(["chart/zarr.json", "wavelength/zarr.json", "wavelength/c/0"].map(str::to_owned));
-    let mut group = NewGroup::begin(path, true, move |key| ours.contains(key))?.ok_or_else(exists)?;
+    let mut group = match replace {
+        true => NewGroup::replacing(path, true)?,
+        false => NewGroup::begin(path, true, move |key| ours.contains(key))?.ok_or_else(exists)?,
+    };
     let refused = |reason: String| WriteError::Codec { path: path.into(), reason };
     let encoder = ShardEncoder::new(codec, SampleType::F32, CHUNK).map_err(|e| refused(e.to_string()))?;
     let total = bands * tiles.len();

@@ -9,6 +9,7 @@
 //! after that is [`DurableError::Unreachable`]. Callers are ordinary threads, and wait.
 
 mod connect;
+mod environment;
 mod fault;
 mod runtime;
 
@@ -26,6 +27,8 @@ use runtime::{ask, wait};
 
 /// Objects asked about at once.
 const AT_ONCE: usize = 32;
+
+pub use connect::check_url;
 
 /// Whether a path is a URL, `SCHEME://…`.
 pub fn is_url(path: &Path) -> bool {
@@ -80,6 +83,14 @@ impl Objects {
         };
         let outside = |_| DurableError::Key { key: key.into(), root: self.root.clone() };
         Location::parse(joined).map_err(outside)
+    }
+
+    /// The objects below `key`.
+    ///
+    /// # Errors
+    /// [`DurableError::Key`] for a key that would leave the prefix.
+    pub fn below(&self, key: &str) -> Result<Self, DurableError> {
+        Ok(Self { root: self.root.join(key), prefix: self.location(key)?, ..self.clone() })
     }
 
     fn fault<'a>(&'a self, doing: &'static str, key: &'a str) -> impl Fn(Error) -> DurableError + 'a {

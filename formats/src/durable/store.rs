@@ -161,6 +161,18 @@ impl Store {
         }
     }
 
+    /// Removes the group `key` with all below it, which is there. `known`: keys below it that a list of a store far away may not
+    /// show yet. Cut short, the group's own metadata is still there, or all of it is gone.
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be removed.
+    pub fn remove_group(&self, key: &str, known: Vec<String>) -> Result<(), DurableError> {
+        match self {
+            Self::Directory(d) => remove_directory(&d.path(key)?),
+            Self::Objects(o) => o.below(key)?.remove_all(known),
+        }
+    }
+
     /// Removes what dead processes of this host left in it.
     ///
     /// # Errors

@@ -1,8 +1,13 @@
-//! Temp names that tell who made them, and the sweep of those whose maker is gone.
+//! Temporary names that state their maker, and the sweep of those whose maker has provably ended.
 //!
-//! `.tmp-<host>-<boot>-<pid namespace>-<pid>-<start>-<nonce>`, the words of a [`Maker`]. No zarr key begins with `.tmp-`, so
-//! no reader ever asks for one.
+//! `.tmp-<host>-<machine>-<boot>-<pid namespace>-<pid>-<start>-<nonce>`, the fields of a [`Maker`]. No zarr key begins with
+//! `.tmp-`, so no reader ever requests one.
+//!
+//! Every temporary file or directory of this program has such a name, beside the output that it becomes; the next command that writes
+//! beside it sweeps. What the system does not let this process remove or list (another user's file in a sticky directory, a
+//! file system mounted read-only, a directory without read permission) harms no output: it is reported in [`Sweep::kept`].
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -11,16 +16,18 @@ use super::{DurableError, Maker, Step};
 
 const PREFIX: &str = ".tmp-";
 
-/// Who made the file of that name; `None` if the name does not tell.
+/// The maker of the file of that name; `None` if the name does not state it.
 fn maker(name: &str) -> Option<Maker> {
-    let mut parts = name.strip_prefix(PREFIX)?.split('-');
-    let mut word = || parts.next().map(str::to_owned);
+    let fields: Vec<&str> = name.strip_prefix(PREFIX)?.split('-').collect();
+    // The nonce may have an ending, as in `.tmp-….zip`.
+    let [host, machine, boot, namespace, pid, start, _nonce] = fields[..] else { return None };
     Some(Maker {
-        host: word()?,
-        boot: word()?,
-        namespace: word()?,
-        pid: word()?.parse().ok()?,
-        start: word()?.parse().ok()?,
+        host: host.into(),
+        machine: machine.into(),
+        boot: boot.into(),
+        namespace: namespace.into(),
+        pid: pid.parse().ok()?,
+        start: start.parse().ok()?,
     })
 }
 
@@ -29,10 +36,10 @@ pub fn temp_name() -> String {
     static NONCE: AtomicU64 = AtomicU64::new(0);
     let m = Maker::here();
     let nonce = NONCE.fetch_add(1, Ordering::Relaxed);
-    format!("{PREFIX}{}-{}-{}-{}-{}-{nonce}", m.host, m.boot, m.namespace, m.pid, m.start)
+    format!("{PREFIX}{}-{}-{}-{}-{}-{}-{nonce}", m.host, m.machine, m.boot, m.namespace, m.pid, m.start)
 }
 
-/// Whether a file name is a temp name, of whatever maker.
+/// Whether a file name is a temporary name, of whatever maker.
 pub fn is_temp_name(name: &str) -> bool {
     name.starts_with(PREFIX)
 }
@@ -40,20 +47,24 @@ pub fn is_temp_name(name: &str) -> bool {
 /// What [`sweep`] found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Sweep {
-    /// Removed: their makers are gone.
+    /// Removed: their makers have ended.
     pub removed: Vec<PathBuf>,
-    /// Left alone: made by a process of this host that lives.
+    /// Left alone: made by a process of this host that runs.
     pub live: Vec<PathBuf>,
-    /// Left alone: made on another host or in another container; only a person can say whether it still runs.
+    /// Left alone: made on another host or in another container; this process cannot know whether their makers run.
     pub foreign: Vec<PathBuf>,
+    /// Not allowed: files of ended makers that could not be removed and directories that could not be listed, with the
+    /// system's reason.
+    pub kept: Vec<(PathBuf, String)>,
 }
 
-/// Removes what dead processes of this host left below `root`; tells what others left.
+/// Removes what ended processes of this host left below `root`.
 ///
 /// # Errors
-/// [`DurableError`] if a directory cannot be listed or a file not removed. A `root` that is not there is clean.
+/// [`DurableError`] if a directory cannot be listed or a file not removed, permissions excepted ([`Sweep::kept`]). A `root`
+/// that is not there is clean.
 pub fn sweep(root: &Path) -> Result<Sweep, DurableError> {
-    remove_dead(temp_files(root)?)
+    sweep_found(root, true)
 }
 
 /// As [`sweep`], but looks only at the entries of `directory` itself, files and unfinished directories alike.
@@ -61,37 +72,39 @@ pub fn sweep(root: &Path) -> Result<Sweep, DurableError> {
 /// # Errors
 /// As [`sweep`].
 pub fn sweep_entries(directory: &Path) -> Result<Sweep, DurableError> {
-    let mut found = Vec::new();
-    walk(directory, false, &mut found)?;
-    remove_dead(found)
+    sweep_found(directory, false)
 }
 
-/// The temp files and directories below `root`, and whether their maker is dead (`None`: who knows).
+/// The temporary files and directories below `root`, and whether their maker has ended (`None`: unknown). Directories that may not
+/// be listed are passed over.
 ///
 /// # Errors
-/// [`DurableError`] if a directory cannot be listed.
+/// [`DurableError`] if a directory cannot be listed for another reason.
 pub fn temp_files(root: &Path) -> Result<Vec<(PathBuf, Option<bool>)>, DurableError> {
-    let mut found = Vec::new();
-    walk(root, true, &mut found)?;
-    Ok(found)
+    let mut found = Found::default();
+    found.walk(root, true)?;
+    Ok(found.temp)
 }
 
-fn remove_dead(found: Vec<(PathBuf, Option<bool>)>) -> Result<Sweep, DurableError> {
-    let mut sweep = Sweep::default();
-    for (path, dead) in found {
+fn sweep_found(root: &Path, deep: bool) -> Result<Sweep, DurableError> {
+    let mut found = Found::default();
+    found.walk(root, deep)?;
+    let mut sweep = Sweep { kept: found.unlisted, ..Sweep::default() };
+    for (path, dead) in found.temp {
         match dead {
             None => sweep.foreign.push(path),
             Some(false) => sweep.live.push(path),
-            Some(true) => {
-                remove_temp(&path)?;
-                sweep.removed.push(path);
-            }
+            Some(true) => match remove_temp(&path) {
+                Ok(()) => sweep.removed.push(path),
+                Err(DurableError::Permission { source, .. }) => sweep.kept.push((path, source.to_string())),
+                Err(e) => return Err(e),
+            },
         }
     }
     Ok(sweep)
 }
 
-/// Removes a temp file or directory; one that is gone already is fine.
+/// Removes a temporary file or directory; one that is gone already is fine.
 ///
 /// # Errors
 /// [`DurableError`] if it cannot be removed.
@@ -107,21 +120,36 @@ pub fn remove_temp(path: &Path) -> Result<(), DurableError> {
     }
 }
 
-fn walk(directory: &Path, deep: bool, found: &mut Vec<(PathBuf, Option<bool>)>) -> Result<(), DurableError> {
-    let entries = match std::fs::read_dir(directory) {
-        Err(e) if super::absent(&e) => return Ok(()),
-        other => other.map_err(|e| DurableError::io("list", directory, 0, e))?,
-    };
-    for entry in entries {
-        let entry = entry.map_err(|e| DurableError::io("list", directory, 0, e))?;
-        let path = entry.path();
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        if is_temp_name(&name) {
-            found.push((path, maker(&name).and_then(|m| m.is_dead())));
-        } else if deep && entry.file_type().is_ok_and(|t| t.is_dir()) {
-            walk(&path, deep, found)?;
+/// What a walk finds.
+#[derive(Default)]
+struct Found {
+    temp: Vec<(PathBuf, Option<bool>)>,
+    /// Directories that may not be listed, and why.
+    unlisted: Vec<(PathBuf, String)>,
+}
+
+impl Found {
+    fn walk(&mut self, directory: &Path, deep: bool) -> Result<(), DurableError> {
+        let failed = |e| DurableError::io("list", directory, 0, e);
+        let entries = match std::fs::read_dir(directory) {
+            Err(e) if super::absent(&e) => return Ok(()),
+            Err(e) if e.kind() == ErrorKind::PermissionDenied => {
+                self.unlisted.push((directory.into(), e.to_string()));
+                return Ok(());
+            }
+            other => other.map_err(failed)?,
+        };
+        for entry in entries {
+            let entry = entry.map_err(failed)?;
+            let path = entry.path();
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            if is_temp_name(&name) {
+                self.temp.push((path, maker(&name).and_then(|m| m.is_dead())));
+            } else if deep && entry.file_type().is_ok_and(|t| t.is_dir()) {
+                self.walk(&path, deep)?;
+            }
         }
+        Ok(())
     }
-    Ok(())
 }

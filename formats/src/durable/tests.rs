@@ -80,21 +80,45 @@ fn the_sweep_takes_dead_files_only() {
     let deep = dir.path().join("film/c/0");
     std::fs::create_dir_all(&deep).unwrap();
     let mine = temp_name();
-    let parts: Vec<&str> = mine.splitn(7, '-').collect();
+    let parts: Vec<&str> = mine.splitn(8, '-').collect();
     let with = |i: usize, word: &str| {
         let mut p = parts.clone();
         p[i] = word;
         p.join("-")
     };
-    let dead = [with(2, "0123456789abcdef"), with(4, "4194303"), with(5, "1")];
-    let foreign = [with(1, "elsewhere"), with(3, "12345"), ".tmp-what".to_owned()];
+    let dead = [with(5, "4194303"), with(6, "1"), with(5, "4194302") + ".zip"];
+    // Another host; another machine of this host name; a container; a name of an older version; no name of this program.
+    let another = format!("{}-another-0123456789abcdef-{}", parts[..2].join("-"), parts[4..].join("-"));
+    let older = [&parts[..2], &parts[3..]].concat().join("-");
+    let foreign = [with(1, "elsewhere"), another, with(4, "12345"), older, ".tmp-what".to_owned()];
     for name in dead.iter().chain(&foreign).chain([&mine]) {
         std::fs::write(deep.join(name), b"half").unwrap();
     }
     std::fs::write(deep.join("7"), b"whole").unwrap();
     assert_eq!(Directory::new(dir.path()).names("film/c/0").unwrap(), ["7"]);
     let s = sweep(dir.path()).unwrap();
-    assert_eq!((s.removed.len(), s.live.len(), s.foreign.len()), (3, 1, 3), "{s:?}");
-    assert_eq!(names(&deep).len(), 5);
+    assert_eq!((s.removed.len(), s.live.len(), s.foreign.len(), s.kept.len()), (3, 1, 5, 0), "{s:?}");
+    assert_eq!(names(&deep).len(), 7);
     assert_eq!(sweep(&dir.path().join("nowhere")).unwrap(), Sweep::default());
+}
+
+#[test]
+fn the_sweep_removes_temporary_files_of_every_kind() {
+    let dir = tempfile::tempdir().unwrap();
+    let dead = |n: &str| {
+        let mine = temp_name();
+        let parts: Vec<&str> = mine.splitn(8, '-').collect();
+        dir.path().join(format!("{}-4194303-{}-{n}", parts[..5].join("-"), parts[6]))
+    };
+    let outside = dir.path().join("outside");
+    std::fs::create_dir(&outside).unwrap();
+    std::fs::write(outside.join("mine"), b"mine").unwrap();
+    rustix::fs::mkfifoat(rustix::fs::CWD, dead("fifo"), 0o600.into()).unwrap();
+    std::os::unix::fs::symlink(&outside, dead("link")).unwrap();
+    drop(std::os::unix::net::UnixListener::bind(dir.path().join("s")).unwrap());
+    std::fs::rename(dir.path().join("s"), dead("socket")).unwrap();
+    std::fs::create_dir_all(dead("directory").join("a/b")).unwrap();
+    let s = sweep(dir.path()).unwrap();
+    assert_eq!((s.removed.len(), s.kept.len()), (4, 0), "{s:?}");
+    assert_eq!((names(dir.path()), names(&outside)), (vec!["outside".to_owned()], vec!["mine".to_owned()]));
 }

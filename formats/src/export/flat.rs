@@ -1,7 +1,8 @@
 //! NPY and ENVI: a header, then f32 samples, lowest byte first, band after band (BSQ).
 //!
-//! NPY is one file, (bands, rows, columns). ENVI is two (NV5 Geospatial, "ENVI Header Files"): data, and a text `NAME.hdr` that is
-//! written last, so that there is a header only beside whole data. A strip of one band is read at a time and thread.
+//! NPY is one file, (bands, rows, columns). ENVI is two (NV5 Geospatial, "ENVI Header Files"): data, and a text `NAME.hdr`. Both are
+//! complete under temporary names before either gets its own, the header last ([`finish_together`]): until then an older pair stays as it
+//! is, and at no time does a header lie beside the data of another export. A strip of one band is read at a time and thread.
 
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -10,7 +11,7 @@ use pipeline::geometry::Rect;
 
 use super::in_order::in_order;
 use super::{ExportError, Progress, Samples, Written};
-use crate::durable::{DurableError, WholeFile};
+use crate::durable::{DurableError, WholeFile, finish_together};
 use crate::npy::header_of_f32;
 
 /// Writes an NPY file.
@@ -19,7 +20,10 @@ use crate::npy::header_of_f32;
 /// [`ExportError`]; there is no new file then.
 pub fn write_npy(path: &Path, samples: &Samples<'_>, progress: Progress<'_>) -> Result<Written, ExportError> {
     let window = samples.window;
-    write_after(path, &header_of_f32(&[samples.bands(), window.height, window.width]), samples, progress)
+    let head = header_of_f32(&[samples.bands(), window.height, window.width]);
+    let (whole, written) = write_after(path, &head, samples, progress)?;
+    whole.finish()?;
+    Ok(written)
 }
 
 /// The data file and the header of an ENVI export to `path`, which may name either.
@@ -32,27 +36,16 @@ pub fn envi_files(path: &Path) -> (PathBuf, PathBuf) {
 /// Writes an ENVI header and its data.
 ///
 /// # Errors
-/// [`ExportError`]; there is no new header then.
+/// [`ExportError`]; an older pair is as it was then.
 pub fn write_envi(
     path: &Path,
     samples: &Samples<'_>,
     progress: Progress<'_>,
 ) -> Result<Written, ExportError> {
     let (data, header) = envi_files(path);
-    // An old header must not describe new data.
-    match std::fs::remove_file(&header) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-            return Err(DurableError::io("remove", &header, 0, e).into());
-        }
-        _ => (),
-    }
-    let written = write_after(&data, &[], samples, progress)?;
-    let text = envi_header(samples);
-    let file = WholeFile::create(&header)?;
-    file.file()
-        .write_all_at(text.as_bytes(), 0)
-        .map_err(|e| DurableError::io("write", &header, text.len() as u64, e))?;
-    file.finish()?;
+    let (whole, written) = write_after(&data, &[], samples, progress)?;
+    let header = WholeFile::with_text(&header, &envi_header(samples))?;
+    finish_together(vec![whole, header])?;
     Ok(written)
 }
 
@@ -71,13 +64,13 @@ fn envi_header(samples: &Samples<'_>) -> String {
     )
 }
 
-/// The bytes `head`, then all samples.
+/// The bytes `head`, then all samples, in a file that is complete but for its name.
 fn write_after(
     path: &Path,
     head: &[u8],
     samples: &Samples<'_>,
     progress: Progress<'_>,
-) -> Result<Written, ExportError> {
+) -> Result<(WholeFile, Written), ExportError> {
     let whole = WholeFile::create(path)?;
     let failed = |bytes: usize| move |e| DurableError::io("write", path, bytes as u64, e);
     whole.file().write_all_at(head, 0).map_err(failed(head.len()))?;
@@ -99,6 +92,5 @@ fn write_after(
         progress((written.bytes - head.len() as u64) / 4, total);
         Ok(())
     })?;
-    whole.finish()?;
-    Ok(written)
+    Ok((whole, written))
 }

@@ -8,7 +8,8 @@
 //!
 //! f32 files hold the source's bits, NaN (shards not yet made) included and counted. The order of reading is the order of the
 //! file as far as that goes: band by band in strips of what the source decodes at once, or for tiles ([`regions`]) all bands of a
-//! region that fits in memory. Whatever is written has a temp name until it is whole ([`crate::durable::WholeFile`]).
+//! region that fits in memory. Whatever is written has a temporary name until all files of the export are complete
+//! ([`crate::durable::WholeFile`]).
 
 pub mod exr;
 pub mod flat;

@@ -174,6 +174,18 @@ impl FilmStore {
         all
     }
 
+    /// Every key that a pyramid of this film may have, below its own group.
+    fn pyramid_keys(&self) -> Vec<String> {
+        let bands = self.spec.wavelengths_nm.len();
+        let metadata = self.pyramid_metadata().into_iter().map(|(key, _)| format!("{key}/zarr.json"));
+        let levels = self.levels();
+        let shards = levels.iter().flat_map(|level| {
+            level.every_shard(bands).map(move |(band, shard)| self.level_key(level, band, shard))
+        });
+        let below = format!("{PLACE}/");
+        metadata.chain(shards).filter_map(|key| key.strip_prefix(&below).map(str::to_owned)).collect()
+    }
+
     fn pyramid_group(&self, stamp: &str) -> Value {
         group(json!({"schema": PYRAMID, "film_stamp": stamp}))
     }

@@ -1,10 +1,11 @@
 //! Where a new pack's bytes go: a directory or a .zip under a temporary name, renamed when whole.
 //!
-//! What stops half-way leaves at most `.NAME.part-…`, never something that looks finished. Files, directory entries and the
-//! rename are synced, so this also holds after a power cut.
+//! What stops half-way leaves at most a temporary name ([`crate::durable::temp_name`]), swept by the next pack that is written beside it,
+//! never something that looks finished. Files, directory entries and the rename are synced, so this also holds after a power
+//! cut.
 
 use super::error::LensPackError;
-use crate::durable::is_url;
+use crate::durable::{is_url, parent_of, sweep_entries, temp_name};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -28,10 +29,9 @@ impl Sink {
             return Err(LensPackError::Exists { path: path.into() });
         }
         let io = |source| LensPackError::Io { path: path.into(), action: "create the lens pack", source };
-        let name =
-            path.file_name().ok_or_else(|| io(io::Error::other("it has no file name")))?.to_string_lossy();
-        let nonce = std::time::SystemTime::UNIX_EPOCH.elapsed().map_or(0, |t| t.as_nanos());
-        let part = path.with_file_name(format!(".{name}.part-{}-{nonce:x}", std::process::id()));
+        path.file_name().ok_or_else(|| io(io::Error::other("it has no file name")))?;
+        sweep_entries(parent_of(path)).map_err(|e| io(e.into()))?;
+        let part = path.with_file_name(temp_name());
         let zip = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zip")) {
             Some(ZipWriter::new(BufWriter::new(File::create_new(&part).map_err(io)?)))
         } else {
@@ -63,8 +63,7 @@ impl Sink {
             return Err(LensPackError::Exists { path: self.path.clone() });
         }
         fs::rename(&self.part, &self.path).map_err(|e| self.io("rename the finished", e))?;
-        let parent = self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        sync_directory(parent).map_err(|e| self.io("sync the directory of", e))
+        sync_directory(parent_of(&self.path)).map_err(|e| self.io("sync the directory of", e))
     }
 
     fn seal(&mut self) -> io::Result<()> {

@@ -1,7 +1,7 @@
 //! A temporary file of bands one after the other: f32 of this machine, every row whole.
 //!
 //! What lies otherwise in its own file (interleaved, compressed, in tiles) is written here once, in any order, and mapped then. The file
-//! loses its name as soon as it is open, so it is gone when the chart is dropped, however the process ends.
+//! has no name, so it is gone when the chart is dropped, however the process ends.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use super::mapped::Mapped;
 use super::{Interleave, RasterLayout, RasterSample};
 use crate::chart::{ChartError, Sample};
-use crate::durable::{DurableError, free_bytes, temp_name};
+use crate::durable::{DurableError, free_bytes, nameless_file};
 
 /// The file while it is written.
 #[derive(Debug)]
@@ -38,10 +38,8 @@ impl BandFile {
             let (path, directory) = (chart.into(), directory.into());
             return Err(ChartError::Space { path, directory, needed, free });
         }
-        let temp = directory.join(temp_name());
+        let (file, temp) = (nameless_file(directory)?, directory.join("(temporary file without a name)"));
         let failed = |e| DurableError::io("write", &temp, needed, e);
-        let file = File::options().read(true).write(true).create_new(true).open(&temp).map_err(failed)?;
-        std::fs::remove_file(&temp).map_err(failed)?;
         file.set_len(needed).map_err(failed)?;
         Ok(Self { file, temp, bands, shape })
     }

@@ -1,4 +1,5 @@
-//! From a URL and the environment to a store. Credentials come from the environment only, and stay inside the client.
+//! From a URL and the environment to a store. Credentials come from the environment only, and stay inside the client: a URL that
+//! holds some is refused before anything can print or keep it, and shown without them.
 
 use std::collections::HashMap;
 use std::net::{SocketAddr, TcpStream};
@@ -12,8 +13,8 @@ use object_store::path::Path as Location;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, ObjectStore, RetryConfig};
 
 use super::super::DurableError;
-use super::Objects;
 use super::runtime::{wait, within};
+use super::{Objects, environment};
 
 /// Requests that fail are sent so often; AWS's own variable says another number.
 const ATTEMPTS: usize = 10;
@@ -29,6 +30,9 @@ const METADATA: SocketAddr =
 
 const NOBODY: &str = "no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (files under ~/.aws are not read; `aws \
                       configure export-credentials --format env` prints them), or AWS_SKIP_SIGNATURE=true for a public bucket";
+
+const CREDENTIALS: &str = "credentials do not belong in a URL, where they are shown and kept; set AWS_ACCESS_KEY_ID and \
+                           AWS_SECRET_ACCESS_KEY";
 
 /// The scheme of a URL, if it is one.
 pub(super) fn scheme(path: &str) -> Option<&str> {
@@ -50,29 +54,72 @@ impl<'a> Address<'a> {
     fn parse(url: &'a str) -> Result<Self, String> {
         let (scheme, rest) = url.split_once("://").ok_or("expected SCHEME://…")?;
         let (place, path) = rest.split_once('/').unwrap_or((rest, ""));
-        if place.contains('@') {
-            return Err("credentials do not belong in a URL, where they are shown and kept; set AWS_ACCESS_KEY_ID and \
-                        AWS_SECRET_ACCESS_KEY"
-                .into());
+        if authority(rest).contains('@') {
+            return Err(CREDENTIALS.into());
         }
         if url.contains(['?', '#']) {
             return Err(
                 "expected no `?` and no `#`: what is signed or asked by the URL is not supported".into()
             );
         }
+        if url.contains(char::is_control) {
+            return Err("a URL holds no line breaks and no other control characters".into());
+        }
         if place.is_empty() {
             return Err("expected s3://BUCKET/PREFIX, or https://HOST/PATH to read".into());
+        }
+        match scheme {
+            "s3" => environment::check_bucket(place)?,
+            "http" | "https" => environment::check_web(url)?,
+            _ => (),
         }
         Ok(Self { scheme, place, path: path.trim_matches('/') })
     }
 }
 
-/// `url` without what may be secret.
-fn shown(url: &str) -> String {
-    let (head, rest) = url.split_once("://").unwrap_or(("", url));
+/// What stands between the scheme and the path, query or fragment.
+fn authority(rest: &str) -> &str {
+    rest.split(['/', '?', '#', '\\']).next().unwrap_or_default()
+}
+
+/// Schemes whose addresses are taken for URLs, and so kept off the screen, also when their slashes are mistyped.
+const KNOWN: [&str; 3] = ["s3", "http", "https"];
+
+/// Checks a word of a command line that may be a URL: what must not be shown is refused here, before it is shown.
+///
+/// # Errors
+/// [`DurableError::Address`] for a URL of this program's schemes that holds credentials, a query or a fragment, or that is no valid
+/// address. Anything that is no URL is fine.
+pub fn check_url(word: &str) -> Result<(), DurableError> {
+    let wrong = |problem: String| DurableError::Address { path: shown(word).into(), problem };
+    let known = |scheme: &str| KNOWN.iter().any(|k| scheme.eq_ignore_ascii_case(k));
+    let Some((head, rest)) = word.split_once(':').filter(|(head, _)| known(head)) else {
+        return match scheme(word) {
+            Some(_) if authority(word.split_once("://").map_or("", |w| w.1)).contains('@') => {
+                Err(wrong(CREDENTIALS.into()))
+            }
+            _ => Ok(()),
+        };
+    };
+    if word.contains("://") {
+        return Address::parse(word).map(drop).map_err(wrong);
+    }
+    if rest.contains(['@', '?']) {
+        return Err(wrong(format!("expected {head}://…")));
+    }
+    Ok(())
+}
+
+/// `url` without what may be secret: user and password, query, fragment; control characters escaped.
+pub(super) fn shown(url: &str) -> String {
+    let (head, rest) = url.split_once(':').unwrap_or(("", url));
+    let rest = rest.trim_start_matches('/');
+    // A password may hold any character, also such as end the authority.
+    let rest = rest.rsplit_once('@').map_or(rest, |(_, rest)| rest);
     let rest = rest.split(['?', '#']).next().unwrap_or_default();
-    let (place, path) = rest.split_once('/').unwrap_or((rest, ""));
-    format!("{head}://{}/{path}", place.rsplit('@').next().unwrap_or_default())
+    let slashes = if url.contains("://") { "//" } else { "" };
+    let plain = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    format!("{head}:{slashes}{rest}").chars().map(plain).collect()
 }
 
 pub(super) fn connect(url: &Path) -> Result<Objects, DurableError> {
@@ -130,6 +177,7 @@ fn retry() -> Result<RetryConfig, String> {
 }
 
 fn s3(bucket: &str) -> Result<Arc<dyn ObjectStore>, String> {
+    environment::check()?;
     let mut builder = AmazonS3Builder::from_env().with_bucket_name(bucket).with_retry(retry()?);
     if std::env::var_os("AWS_TIMEOUT").is_none() {
         builder = builder.with_config(AmazonS3ConfigKey::Client(ClientConfigKey::Timeout), REQUEST);
@@ -205,5 +253,55 @@ mod tests {
         assert!(problem("gs://bucket/x").contains("s3://BUCKET/PREFIX"));
         assert!(problem("s3:///x").contains("s3://BUCKET"));
         assert!(problem("s3://bucket/a//b").contains("s3://bucket/a//b"));
+        for url in [
+            "http://user:hush@host/film.zarr",
+            "http://user:hu?sh@host/x",
+            "http://user:hu/sh@host/x",
+            "https://host/x?X-Amz-Credential=AKIA&X-Amz-Signature=hush",
+            "s3://bucket/film.zarr#token=hush",
+            "http:/user:hush@host/x",
+            "https:user:hush@host",
+            "HTTPS://user:hush@host/x",
+            "ftp://user:hush@host/x",
+            "s3://AKIA:hush@bucket/film.zarr//film",
+        ] {
+            let said = check_url(url).map_or_else(|e| e.to_string(), |()| panic!("{url} is taken"));
+            for secret in ["hu", "sh@", "AKIA"] {
+                assert!(!said.contains(secret), "{url}: {said}");
+            }
+        }
+    }
+
+    #[test]
+    fn words_that_are_no_urls_and_urls_without_secrets_are_fine() {
+        for word in [
+            "s3://bucket/film.zarr",
+            "s3://bucket/film.zarr//film",
+            "http://host:9000/a@b/chart.zarr//chart",
+            "gs://bucket/film.zarr",
+            "gen:checker?size=64",
+            "/data/a://b?c@d",
+            "http",
+            "--half",
+            "me@host:film.zarr",
+            "400:700:10",
+        ] {
+            assert!(check_url(word).is_ok(), "{word}: {}", check_url(word).unwrap_err());
+        }
+    }
+
+    #[test]
+    fn malformed_addresses_are_errors_and_no_panics() {
+        for (url, expected) in [
+            ("s3://my bucket/x", "bucket"),
+            ("s3://bucket\n/x", "line breaks"),
+            ("s3://bücket/x", "bucket"),
+            ("http://ho st/x", "http://ho st/x"),
+            ("http://host:port/x", "port"),
+        ] {
+            let said = problem(url);
+            assert!(said.contains(expected) && !said.contains('\n'), "{url:?}: {said}");
+            assert!(check_url(url).is_err(), "{url:?}");
+        }
     }
 }

@@ -8,7 +8,6 @@ use pipeline::geometry::{Rect, Size};
 use super::super::{EncodedShard, FilmError, FilmStore, json};
 use super::{Level, PLACE, PyramidState, film_group, halve, level_sizes, ome};
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
-use crate::durable::remove_directory;
 use crate::hierarchy::pretty;
 use crate::shard::ShardError;
 
@@ -81,7 +80,7 @@ impl FilmStore {
             self.store.write("zarr.json", pretty(&film_group(group, None, Vec::new())))?;
         }
         if there {
-            remove_directory(&self.path().join(PLACE))?;
+            self.store.remove_group(PLACE, self.pyramid_keys())?;
         }
         for (key, metadata) in self.pyramid_metadata() {
             self.store.write(&format!("{key}/zarr.json"), pretty(&metadata))?;
@@ -127,8 +126,11 @@ impl FilmStore {
             nan: NanPolicy::Keep,
             wavelengths_nm: Some(self.spec.wavelengths_nm.clone()),
         };
-        ChartStore::open(&format!("{}//{array}", self.path().display()), options).map_err(|e| {
-            FilmError::Level { array, band: 0, rect: Rect::new(0, 0, 0, 0), reason: e.to_string() }
+        ChartStore::open_at(self.path(), &array, options).map_err(|e| FilmError::Level {
+            array,
+            band: 0,
+            rect: Rect::new(0, 0, 0, 0),
+            reason: e.to_string(),
         })
     }
 

@@ -226,3 +226,42 @@ fn a_bad_shard_of_a_level_is_found_and_made_again() {
     assert!(make(&film).unwrap());
     assert_eq!(files(film.path()), want);
 }
+
+#[test]
+fn a_pyramid_at_a_url_is_made_and_made_anew_when_the_film_changes() {
+    let size = Size::new(301, 277);
+    let dir = tempfile::tempdir().unwrap();
+    let here = film(&dir.path().join("film.zarr"), size, |_| ());
+    let far = film(Path::new("memory://pyramids/deep/film.zarr"), size, |_| ());
+    let shards = far.every_shard().collect::<Vec<_>>();
+    for factor in [1.0, 3.0] {
+        for f in [&here, &far] {
+            shards.iter().for_each(|&(output, band, shard)| commit(f, output, band, shard, factor));
+            assert_ne!(f.pyramid().unwrap(), PyramidState::Complete, "factor {factor}");
+            assert!(make(f).unwrap());
+            assert_eq!(f.pyramid().unwrap(), PyramidState::Complete);
+        }
+        for (key, _) in far.pyramid_metadata() {
+            assert_eq!(far.store.read(&format!("{key}/zarr.json")).unwrap().is_some(), true, "{key}");
+        }
+        for key in far.pyramid_keys() {
+            let key = format!("{PLACE}/{key}");
+            assert!(
+                far.store.read(&key).unwrap() == here.store.read(&key).unwrap(),
+                "{key}, factor {factor}"
+            );
+        }
+    }
+    assert_eq!(far.store.names("").unwrap(), here.store.names("").unwrap());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_film_whose_path_is_not_utf_8_gets_its_pyramid() {
+    use std::os::unix::ffi::OsStrExt;
+    let dir = tempfile::tempdir().unwrap();
+    let f =
+        film(&dir.path().join(std::ffi::OsStr::from_bytes(b"film-\xff.zarr")), Size::new(301, 277), |_| ());
+    assert!(make(&f).unwrap());
+    assert_eq!(f.pyramid().unwrap(), PyramidState::Complete);
+}
