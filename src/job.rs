@@ -6,13 +6,14 @@ use crate::args::{
 use crate::device::Choice;
 use crate::failure::{self, other_job, usage};
 use crate::lens::source::{Named, Source};
-use crate::memory::{Memory, Needs, OnDevices, default_limit};
+use crate::memory::{Memory, Needs, OnDevices, Remap, default_limit};
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::{Codec, NanPolicy};
 use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
 use formats::lens::LensPackError;
 use pipeline::band::{BandPlan, Options, PsfBetween};
+use pipeline::bounds;
 use pipeline::cuda;
 use pipeline::cuda::memory::{BandNeeds, DeviceQueue};
 use pipeline::field::Outside;
@@ -156,6 +157,11 @@ impl Job {
             threads,
             writers: FilmStore::writers(&args.film),
             chart_rows: &chart_rows,
+            chunks: chart.chunks(&chart_bands),
+            remap: Remap::new(&frame, &plans, &options),
+            chart_px: frame.chart.pixels(),
+            lens_reading: lens.largest_reading_bytes(),
+            psf_reading: &|plan: &BandPlan| lens.psf_reading_bytes(plan.choice.first),
             scale: frame.scale.0.min(frame.scale.1),
         };
         let bands = device_needs(&frame, &options, &plans, &device);
@@ -169,6 +175,7 @@ impl Job {
         let lens_words = (lens.lens().name.as_str(), lens_digest.context("reading the lens pack")?);
         let identity = identity(args, options.stages, &chart, lens_words, &frame, &asked)?;
         let mut notes = notes(args, &chart, &lens, &plans)?;
+        notes.extend(needs.remap.note());
         if args.device == Device::Auto {
             notes.push(device.why);
         }
@@ -267,7 +274,7 @@ fn scale(args: &RunArgs, chart: &Chart, lens: &Named) -> Result<(f64, f64)> {
         )));
     };
     let scale = magnification.abs() * chart_pitch_mm * 1e3 / pitch_um(args, chart)?;
-    if !(1e-3..=1e3).contains(&scale) {
+    if !bounds::SCALE.holds(scale) {
         return Err(usage(format!(
             "{asked}: at magnification {magnification} (object at {distance_mm} mm) that is {scale:e} film pixels per chart \
              pixel, expected 0.001 to 1000"
@@ -285,6 +292,8 @@ fn frame(args: &RunArgs, chart: &Chart, scale: (f64, f64)) -> Result<Frame> {
         .film_size
         .or(own)
         .unwrap_or(Size::new(scaled(size.height, scale.0), scaled(size.width, scale.1)));
+    bounds::film_size(film)
+        .map_err(|e| usage(format!("{e}; give its size, e.g. `--film-size 2000x3000`")))?;
     let mut frame = Frame { scale, ..Frame::centred(film, size, pitch_um) };
     if let Some((x, y)) = args.axis {
         frame.axis_px = (y, x);
@@ -357,7 +366,7 @@ fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart: &Ch
         FilmUnits::Irradiance => "W m-2 nm-1".into(),
         FilmUnits::Photons => "s-1 nm-1".into(),
     };
-    Ok(FilmSpec {
+    let spec = FilmSpec {
         outputs,
         film: frame.film,
         wavelengths_nm,
@@ -371,7 +380,9 @@ fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart: &Ch
         shard: args.shard,
         chunk: args.chunk,
         codec: codec(args.codec),
-    })
+    };
+    spec.check().map_err(|e| usage(e.to_string()))?;
+    Ok(spec)
 }
 
 /// The store's codec for a word of the command line.

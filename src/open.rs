@@ -2,6 +2,7 @@
 
 use crate::design;
 use crate::failure::usage;
+use crate::memory::Chunks;
 use crate::progress::{counting, say};
 use anyhow::{Context, Result};
 use formats::chart::exr::{ExrChart, ExrContent};
@@ -152,6 +153,15 @@ impl Chart {
         }
     }
 
+    /// What its chunks take in memory while `bands` are read one after the other.
+    pub fn chunks(&self, bands: &[usize]) -> Chunks {
+        match self {
+            Self::Store(s) => store_chunks(s, bands),
+            Self::Exr(e) => Chunks { splitting: 3 * e.block_bytes(), ..Chunks::default() },
+            Self::Raster(_) | Self::Drawn(_) => Chunks::default(),
+        }
+    }
+
     /// Size in pixels.
     pub fn size(&self) -> Size {
         self.source().size()
@@ -212,6 +222,20 @@ impl Chart {
             Self::Exr(e) => e.identity(),
             Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
+    }
+}
+
+fn store_chunks(store: &ChartStore, bands: &[usize]) -> Chunks {
+    let ([chunk_bands, rows, columns], size) = (store.piece_shape(), store.size());
+    let held_bands = chunk_bands.min(store.bands());
+    let pixels = rows.min(size.height) * columns.min(size.width);
+    let count = size.height.div_ceil(rows) * size.width.div_ceil(columns);
+    let (encoded, values) = (chunk_bands * rows * columns * store.sample().bytes(), 4 * held_bands * pixels);
+    let apart = 4 * pixels;
+    // Laid out apart a band's part is read as bytes and values; while they are laid out, all of it is held.
+    match held_bands > 1 && bands.len() > 1 {
+        true => Chunks { count, loading: apart, values: apart, splitting: 2 * encoded + values + apart },
+        false => Chunks { count, loading: 2 * encoded, values, splitting: 0 },
     }
 }
 

@@ -39,7 +39,17 @@ struct Sink<'a>(&'a FilmStore, &'a [usize]);
 impl FilmSink for Sink<'_> {
     type Encoded = EncodedShard;
 
-    fn encode(&self, id: ShardId, _rect: Rect, pixels: &[f32]) -> Result<EncodedShard, DoorError> {
+    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<EncodedShard, DoorError> {
+        // No stage makes such a value of finite numbers, unless their products leave f32.
+        if let Some(i) = pixels.iter().position(|v| !v.is_finite()) {
+            let (row, column) = (rect.y + (i / rect.width) as i64, rect.x + (i % rect.width) as i64);
+            return Err(format!(
+                "row {row}, column {column} of the film comes out as {}: values of the chart times illumination and film units \
+                 leave the range of float32; scale the chart down",
+                pixels[i]
+            )
+            .into());
+        }
         Ok(self.0.encode_shard(id.window, self.1[id.band], (id.row, id.col), pixels)?)
     }
 
@@ -226,10 +236,11 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     let result = run(&work, job.chart.source(), &Sink(store, &job.film_bands), &prepare, &follow);
     follow.shown.finish();
     let outcome = follow.outcome(&job, store, missing as u64, result);
-    let outcome = outcome.and_then(|summary| match film::same_chart(&job) {
-        Ok(()) => Ok(summary),
-        Err(error) => Err(Box::new(Failed { error, summary: Some(summary) })),
-    });
+    let outcome =
+        outcome.and_then(|summary| match film::same_chart(&job).and_then(|()| job.lens.check_unchanged()) {
+            Ok(()) => Ok(summary),
+            Err(error) => Err(Box::new(Failed { error, summary: Some(summary) })),
+        });
     record::write(&job, store, units, &follow, &outcome, &held.into_inner().expect("no panic while held"));
     let summary = outcome.map_err(|e| e.error)?;
     if summary.shards < missing as u64 {
@@ -249,7 +260,7 @@ fn lay_out(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<(
     let bands: Vec<usize> = open.map(|(band, _)| *band).collect();
     let temp = std::env::temp_dir();
     let beside = if is_url(film) { &temp } else { parent_of(film) };
-    job.chart.lay_out(&bands, beside, job.threads)
+    job.chart.lay_out(&bands, beside, job.memory.decoders)
 }
 
 fn tell(job: &Job, shards: usize) {

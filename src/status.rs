@@ -19,7 +19,7 @@ const NAMED: usize = 8;
 pub fn open(path: &Path) -> Result<FilmStore> {
     FilmStore::open(path, true).map_err(|e| {
         let code = match &e {
-            FilmError::Damaged { .. } | FilmError::Spec { .. } => code::WRONG,
+            FilmError::Damaged { .. } | FilmError::Attributes { .. } => code::WRONG,
             FilmError::NotFilm { .. } => code::FAILED,
             _ => return e.into(),
         };

@@ -345,3 +345,132 @@ fn a_finite_chart_gets_its_scale_from_the_magnification() {
     bad(text(&pack), &["--chart-pitch-mm", "20", "--scale", "2"], &["--chart-pitch-mm", "--scale"]);
     bad(text(&pack), &["--chart-pitch-mm", "1e9"], &["magnification", "0.001 to 1000"]);
 }
+
+#[test]
+fn an_entry_of_another_band_under_this_bands_name_is_traced_again() {
+    let place = Place::new();
+    // Two processes at once on an empty cache.
+    let start = |film: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        let (chart, film) = (place.at("chart"), place.at(film));
+        command.args([
+            "run",
+            text(&chart),
+            text(&film),
+            "--lens",
+            text(&place.design),
+            "--film-pitch-um",
+            "10",
+        ]);
+        command
+            .args(["--no-fsync", "--threads", "1"])
+            .env("XDG_CACHE_HOME", place.at("cache"))
+            .spawn()
+            .unwrap()
+    };
+    let both = [start("one"), start("two")];
+    both.into_iter().for_each(|mut run| assert!(run.wait().unwrap().success()));
+    assert!(files(&place.at("one")) == files(&place.at("two")));
+    let entries = place.entries("cache");
+    assert_eq!(entries.len(), 2, "{entries:?}");
+    let name = |i: usize| entries[i].file_name().unwrap().to_str().unwrap().to_owned();
+    let (first, second) = (name(0), name(1));
+    // Sound bytes, and a name that tells them, but of the other band.
+    let foreign = entries[0].with_file_name(format!("{}{}", &first[..33], &second[33..]));
+    fs::rename(&entries[0], place.at("aside")).unwrap();
+    fs::copy(&entries[1], &foreign).unwrap();
+    let ran = place.run("cache", "again", &[]).ok();
+    assert!(
+        ran.stderr.contains("not traced for this band") && ran.stderr.contains("1 of 2"),
+        "{}",
+        ran.stderr
+    );
+    assert!(files(&place.at("one")) == files(&place.at("again")));
+    assert_eq!(place.entries("cache"), entries);
+    // What is no file is no entry.
+    fs::remove_file(&entries[0]).unwrap();
+    fs::create_dir(&entries[0]).unwrap();
+    let ran = place.run("cache", "aside-dir", &[]).ok();
+    assert!(ran.stderr.contains("not a regular file"), "{}", ran.stderr);
+}
+
+/// Stops a run after its first shards, changes something, and lets it go on.
+fn changed_meanwhile(film: &Path, command: &mut Command, change: impl FnOnce()) -> Ran {
+    let child = command.env("LENSCUBE_FAULT", "write:12:stop").stderr(std::process::Stdio::piped());
+    let mut run = common::place::Stopped(child.stdout(std::process::Stdio::null()).spawn().unwrap());
+    assert!(run.wait_stopped(), "the run ended before its first shards");
+    assert!(film.exists());
+    change();
+    run.go_on()
+}
+
+#[test]
+fn a_design_that_changes_during_the_run_is_an_error() {
+    let place = Place::new();
+    let film = place.at("film");
+    let chart = place.at("chart");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    command.args(["run", text(&chart), text(&film), "--lens", text(&place.design), "--film-pitch-um", "10"]);
+    command
+        .args(["--threads", "2", "--shard", "16", "--chunk", "16"])
+        .env("XDG_CACHE_HOME", place.at("cache"));
+    let ran = changed_meanwhile(&film, &mut command, || {
+        fs::write(&place.design, format!("{DESIGN}\nNOTE 0 another focus\n")).unwrap();
+    });
+    assert_eq!(ran.code, FAILED, "{}", ran.stderr);
+    assert!(ran.stderr.contains("my.zmx: the design changed"), "{}", ran.stderr);
+}
+
+#[test]
+fn a_pack_that_changes_during_the_run_is_an_error_and_is_not_mixed() {
+    use common::{identity_band, lens, scattered, write_pack};
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    Picture::noise(11, Size::new(90, 100), 2).write(&at("chart"));
+    let tables = lens([450.0, 500.0].map(|nm| identity_band(nm, 1.0, 5)).into());
+    let pack = |path: &Path, seed: u64| {
+        write_pack(path, &tables, tables.bands.iter().zip(seed..).map(|(b, s)| scattered(s, b)).collect());
+    };
+    for ending in ["lens.zarr", "lens.zip"] {
+        let (used, other, film) =
+            (at(&format!("a.{ending}")), at(&format!("b.{ending}")), at(&format!("film.{ending}")));
+        pack(&used, 1);
+        pack(&other, 7);
+        let chart = at("chart");
+        let command = || {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+            command.args(["run", text(&chart), text(&film), "--lens", text(&used), "--no-fsync"]);
+            command.args(["--threads", "1", "--shard", "32", "--chunk", "32"]);
+            command
+        };
+        let ran = changed_meanwhile(&film, &mut command(), || {
+            fs::rename(&used, at("old")).unwrap();
+            fs::rename(&other, &used).unwrap();
+        });
+        assert_eq!(ran.code, FAILED, "{ending}: {}", ran.stderr);
+        assert!(ran.stderr.contains("the lens pack changed"), "{ending}: {}", ran.stderr);
+        // What there is of the film is of the lens that the job began with.
+        let mixed = files(&film);
+        let whole = at("whole");
+        let old = at("old");
+        let words = ["run", text(&chart), text(&whole), "--lens", text(&old), "--no-fsync"];
+        lenscube(&[&words[..], &["--shard", "32", "--chunk", "32"]].concat()).ok();
+        let sound = files(&whole);
+        let shards = |p: &&PathBuf| p.starts_with("film/c");
+        assert!(
+            mixed.keys().any(|p| shards(&p))
+                && mixed.iter().filter(|(p, _)| shards(p)).all(|(p, b)| sound[p] == *b)
+        );
+        // Touched, and the same: no error.
+        fs::remove_dir_all(&film).unwrap();
+        let ran = changed_meanwhile(&film, &mut command(), || {
+            let file = if used.is_dir() { used.join("psf/1/zarr.json") } else { used.clone() };
+            fs::write(&file, fs::read(&file).unwrap()).unwrap();
+        });
+        assert_eq!(ran.code, 0, "{ending}: {}", ran.stderr);
+        for path in [film, whole] {
+            fs::remove_dir_all(path).unwrap();
+        }
+        let _ = fs::remove_dir_all(at("old")).or_else(|_| fs::remove_file(at("old")));
+    }
+}

@@ -277,3 +277,27 @@ fn completions_and_manual_pages_name_every_command() {
     assert!(page.contains(".TH lenscube") && page.contains("\\-\\-port"), "{page}");
     assert!(lenscube(&["man"]).ok().stdout.contains(".TH lenscube"));
 }
+
+#[test]
+fn a_film_of_two_bands_at_one_wavelength_is_shown_band_by_band() {
+    let place = Place::large();
+    std::fs::remove_dir_all(&place.chart).unwrap();
+    let meta = formats::chart::ChartMeta {
+        wavelengths_nm: vec![450.0, 450.0],
+        pitch_um: Some(2.0),
+        ..formats::chart::ChartMeta::default()
+    };
+    let picture = common::Picture::noise(11, pipeline::geometry::Size::new(631, 705), 2);
+    let codec = formats::chart::Codec::Zstd;
+    formats::chart::write_chart(&place.chart, &picture, &meta, codec, 1, &|_, _| ()).unwrap();
+    place.run("", &["--no-fsync", "--pyramid"]).ok();
+    let server = Server::start(&[text(&place.film), "--chart", text(&place.chart)]);
+    assert!(server.words("/api/site").contains("\"pyramid\":\"complete\""));
+    let tile = |stack: &str, band: usize| {
+        server.body(&format!("/tile/{stack}/1/0_0.png?band={band}&exposure=1&gamma=1"))
+    };
+    for stack in ["film", "chart"] {
+        assert_ne!(tile(stack, 0), tile(stack, 1), "{stack}: two bands of noise look the same");
+    }
+    assert!(server.words("/api/site").contains("\"colour\":true"));
+}

@@ -98,7 +98,6 @@ impl FilmStore {
         let store = Store::at(path)?;
         let attributes = film_attributes(&store)?;
         let (spec, provenance) = FilmSpec::from_attributes(path, attributes)?;
-        spec.check()?;
         for output in &spec.outputs {
             let key = format!("{}/zarr.json", output.name);
             let found = json(&store, &key)?;

@@ -22,7 +22,7 @@ pub const CHECKER_PATCHES: usize = 24;
 const STEP_NM: f64 = 5.0;
 
 /// A light with a CIE table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Illuminant {
     /// Average daylight, 6504 K.
     #[default]
@@ -101,22 +101,26 @@ pub fn checker_names() -> &'static [String] {
 }
 
 /// Weights w with XYZ = Σ_b L_b·w_b for bands at `wavelengths_nm`, in any order and at any spacing (nm, and
-/// [`LUMINOUS_EFFICACY`] in it: radiance in W m⁻² sr⁻¹ nm⁻¹ gives Y in cd m⁻²).
+/// [`LUMINOUS_EFFICACY`] in it: radiance in W m⁻² sr⁻¹ nm⁻¹ gives Y in cd m⁻²). Bands of one wavelength share its weight.
 pub fn xyz_weights(wavelengths_nm: &[f64]) -> Vec<[f64; 3]> {
-    let mut order: Vec<usize> = (0..wavelengths_nm.len()).collect();
-    order.sort_by(|&a, &b| wavelengths_nm[a].total_cmp(&wavelengths_nm[b]));
-    let nm: Vec<f64> = order.iter().map(|&b| wavelengths_nm[b]).collect();
-    let mut weights = vec![[0.0; 3]; nm.len()];
-    for (i, &b) in order.iter().enumerate() {
+    let mut nm = wavelengths_nm.to_vec();
+    nm.sort_by(f64::total_cmp);
+    nm.dedup();
+    let weight = |i: usize| {
         // Beyond its outermost neighbour a band stands for as much as it does on the inner side, at its own value.
         let below = i.checked_sub(1).map(|j| nm[i] - nm[j]);
         let above = nm.get(i + 1).map(|next| next - nm[i]);
-        weights[b] = add(
+        add(
             hat_side(nm[i], -below.or(above).unwrap_or(10.0), below.is_none()),
             hat_side(nm[i], above.or(below).unwrap_or(10.0), above.is_none()),
-        );
-    }
-    weights
+        )
+    };
+    let weights: Vec<[f64; 3]> = (0..nm.len()).map(weight).collect();
+    let share = |own: &f64| {
+        let bands = wavelengths_nm.iter().filter(|other| *other == own).count();
+        weights[nm.partition_point(|v| v < own)].map(|v| v / bands as f64)
+    };
+    wavelengths_nm.iter().map(share).collect()
 }
 
 /// One side of a hat: ∫ cmf·(1 − |λ−c|/|reach|) over `reach` (signed), or ∫ cmf over half of it where `flat`.
@@ -382,5 +386,15 @@ mod tests {
         }
         assert_eq!((srgb_encode(-1.0), srgb_encode(f64::NAN)), (0.0, 0.0));
         assert!((srgb_encode(2.0) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn bands_of_one_wavelength_share_its_weight() {
+        let [one, two] = [&[450.0, 550.0, 650.0][..], &[450.0, 550.0, 550.0, 650.0]].map(xyz_weights);
+        assert_eq!((two[0], two[3]), (one[0], one[2]));
+        for c in 0..3 {
+            assert_eq!((two[1][c], two[2][c]), (one[1][c] / 2.0, one[1][c] / 2.0));
+        }
+        assert!(xyz_weights(&[550.0, 550.0]).iter().flatten().all(|v| v.is_finite() && *v > 0.0));
     }
 }

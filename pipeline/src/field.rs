@@ -50,6 +50,19 @@ pub struct Field {
     per_px: f64,
 }
 
+/// How far the remap stretches: ideal over REAL lengths, film px per film px, over all radii up to some reach.
+///
+/// Across the meridian a length is stretched by h/r, along it by h′ = dh/dr; rows and columns exchange (h′ − h/r)/2 at most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch {
+    /// The least of h/r and h′.
+    pub least: f64,
+    /// The greatest of h/r and h′.
+    pub greatest: f64,
+    /// The greatest of |h′ − h/r|/2.
+    pub shear: f64,
+}
+
 /// Radii looked up together.
 pub(crate) const BLOCK: usize = 8;
 
@@ -105,6 +118,23 @@ impl Field {
             buckets,
             per_px,
         }
+    }
+
+    /// The stretch over the radii from 0 to `reach_px`.
+    pub fn stretch(&self, reach_px: f64) -> Stretch {
+        let axis = self.paraxial.0;
+        let mut all = Stretch { least: axis, greatest: axis, shear: 0.0 };
+        let last = self.last_px();
+        // Within a step h′ is constant and h/r monotone. Beyond the tables h/r stays, and h′ with it.
+        for step in self.steps().iter().take_while(|s| s.from <= reach_px) {
+            for r in [step.from, step.until.min(last)] {
+                let (radial, around) = (step.h_slope, self.at(r).0);
+                all.least = all.least.min(radial).min(around);
+                all.greatest = all.greatest.max(radial).max(around);
+                all.shear = all.shear.max((radial - around).abs() / 2.0);
+            }
+        }
+        all
     }
 
     /// The steps, ascending.
@@ -214,6 +244,23 @@ mod tests {
             }
         }
         assert_eq!(field.at(1e9), field.at(9.0 / 2e-3), "beyond the table the last values stay");
+    }
+
+    #[test]
+    fn the_stretch_bounds_every_difference_quotient() {
+        let b = band(&[0.0, 1e-4, 0.5, 0.50001, 0.6, 3.0, 3.1, 9.0]);
+        let field = Field::new(&b, 2e-3, true, true, 1.0);
+        let s = field.stretch(5000.0);
+        let h = |r: f64| r * field.at(r).0;
+        for i in 1..5000 {
+            let (r, step) = (f64::from(i), 1e-3);
+            let (around, radial) = (field.at(r).0, (h(r + step) - h(r)) / step);
+            for v in [around, radial] {
+                assert!((s.least - 1e-6..=s.greatest + 1e-6).contains(&v), "{v} at {r} px, {s:?}");
+            }
+            assert!((radial - around).abs() / 2.0 <= s.shear + 1e-6, "at {r} px");
+        }
+        assert!(s.greatest < 1.03 && s.shear < 0.01, "{s:?}");
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! Tables are dense: linear interpolation between field points is within 1e-4 px (about 1000 points to 25 mm).
 //! The PSF stack of one band may be large (a traced pack: 60 MB), so it is handed over band by band, apart from these.
 
+use crate::bounds::{self, Bound, OutOfBounds};
 use thiserror::Error;
 
 /// What one PSF sample stands for.
@@ -39,6 +40,24 @@ pub struct Lens {
     pub psf_sample: PsfSample,
     /// The wavelengths, ascending.
     pub bands: Vec<LensBand>,
+}
+
+impl Lens {
+    /// Checks the numbers that belong to no band.
+    ///
+    /// # Errors
+    /// The name of the attribute, as in the lens pack, and its bound.
+    pub fn check_head(&self) -> Result<(), (&'static str, OutOfBounds)> {
+        let all = [
+            ("distortion_focal_length_mm", bounds::FOCAL_LENGTH_MM, self.distortion_focal_length_mm),
+            ("effective_focal_length_mm", bounds::FOCAL_LENGTH_MM, self.effective_focal_length_mm),
+            ("f_number", bounds::F_NUMBER, self.f_number),
+            ("primary_wavelength_nm", bounds::WAVELENGTH_NM, self.primary_wavelength_nm),
+            ("object_distance_mm", bounds::OBJECT_DISTANCE_MM, self.object_distance_mm.unwrap_or(0.0)),
+            ("magnification", bounds::MAGNIFICATION, self.magnification),
+        ];
+        all.into_iter().try_for_each(|(name, bound, v)| bound.check(v).map(drop).map_err(|e| (name, e)))
+    }
 }
 
 /// A lens at one wavelength.
@@ -157,7 +176,7 @@ pub enum LensError {
 }
 
 impl LensBand {
-    /// Checks the contract of every table.
+    /// Checks the contract of every table; all numbers lie within [`bounds`].
     ///
     /// # Errors
     /// [`LensError::Table`] names the first table that breaks it.
@@ -165,35 +184,39 @@ impl LensBand {
         let bad = |table, problem: String| {
             Err(LensError::Table { wavelength_nm: self.wavelength_nm, table, problem })
         };
-        if !(self.wavelength_nm.is_finite() && self.wavelength_nm > 0.0) {
-            return bad("wavelength", format!("is {}, not a positive number of nm", self.wavelength_nm));
-        }
+        let one = |table, bound: Bound, value: f64| match bound.check(value) {
+            Ok(_) => Ok(()),
+            Err(e) => bad(table, format!("is out of bounds: {e}")),
+        };
+        let all = |table, bound: Bound, values: &[f64]| match bound.check_all(values) {
+            Ok(()) => Ok(()),
+            Err((i, e)) => bad(table, format!("is out of bounds at index {i}: {e}")),
+        };
+        one("wavelength", bounds::WAVELENGTH_NM, self.wavelength_nm)?;
         let m = self.ideal_height_mm.len();
+        one("ideal_height", bounds::FIELD_POINTS, m as f64)?;
         for (name, table) in
             [("ideal_height", &self.ideal_height_mm), ("image_height", &self.image_height_mm)]
         {
-            if table.len() != m || m < 2 {
-                return bad(name, format!("has {} field points, expected {}", table.len(), m.max(2)));
+            if table.len() != m {
+                return bad(name, format!("has {} field points, expected {m}", table.len()));
             }
             if let Err(problem) = ascending_from_zero(table) {
                 return bad(name, problem);
             }
+            all(name, bounds::HEIGHT_MM, table)?;
         }
         if self.relative_illumination.len() != m {
             let n = self.relative_illumination.len();
             return bad("relative_illumination", format!("has {n} field points, expected {m}"));
         }
-        if let Some(i) = self.relative_illumination.iter().position(|r| !(r.is_finite() && *r >= 0.0)) {
-            let v = self.relative_illumination[i];
-            return bad("relative_illumination", format!("is {v} at field point {i}"));
-        }
+        all("relative_illumination", bounds::RELATIVE_ILLUMINATION, &self.relative_illumination)?;
         let k = self.psf_height_mm.len();
-        if k < 2 {
-            return bad("psf_height", format!("has {k} heights, expected at least 2"));
-        }
+        one("psf_height", bounds::PSF_HEIGHTS, k as f64)?;
         if let Err(problem) = ascending_from_zero(&self.psf_height_mm) {
             return bad("psf_height", problem);
         }
+        all("psf_height", bounds::HEIGHT_MM, &self.psf_height_mm)?;
         if self.azimuth_count.len() != k || self.psf_energy.len() != k {
             return bad("azimuth_count", format!("or psf_energy does not have {k} heights"));
         }
@@ -206,23 +229,17 @@ impl LensBand {
             let j = self.azimuth_count[i];
             return bad("azimuth_count", format!("is {j} at height {i}, expected a multiple of 4"));
         }
+        for &j in &self.azimuth_count {
+            one("azimuth_count", bounds::AZIMUTHS, j as f64)?;
+        }
         if self.psf_size.is_multiple_of(2) {
             return bad("psf", format!("has a window of {} samples, expected an odd number", self.psf_size));
         }
-        if !(self.psf_pitch_um.is_finite() && self.psf_pitch_um > 0.0) {
-            return bad("psf_pitch", format!("is {} µm", self.psf_pitch_um));
-        }
-        if let Some(i) = self.psf_energy.iter().position(|e| !(e.is_finite() && *e > 0.0 && *e <= 1.0 + 1e-6))
-        {
-            return bad("psf_energy", format!("is {} at height {i}, expected 0..1", self.psf_energy[i]));
-        }
-        if !(self.solid_angle_sr.is_finite() && self.solid_angle_sr > 0.0) {
-            return bad("solid_angle", format!("is {} sr", self.solid_angle_sr));
-        }
-        if !(self.transmission.is_finite() && self.transmission > 0.0 && self.transmission <= 1.0) {
-            return bad("transmission", format!("is {}, expected 0..1", self.transmission));
-        }
-        Ok(())
+        one("psf", bounds::PSF_SIDE, self.psf_size as f64)?;
+        one("psf_pitch", bounds::PITCH_UM, self.psf_pitch_um)?;
+        all("psf_energy", bounds::PSF_ENERGY, &self.psf_energy)?;
+        one("solid_angle", bounds::SOLID_ANGLE_SR, self.solid_angle_sr)?;
+        one("transmission", bounds::TRANSMISSION, self.transmission)
     }
 }
 

@@ -17,10 +17,11 @@
 //! doors (where charts come from, where films go), [`clock`] where the time went. [`cuda`] opens GPUs; a stage's kernels for them
 //! lie beside it ([`scene::cuda`]). Beside the path: [`chart`] draws charts without a store ([`colour`], [`reflectance`],
 //! [`wavelengths`] serve it); [`design`] makes a lens's tables and PSFs from its prescription,
-//! [`figures`] sums them up for people; [`mod@bench`] is what speed is measured against.
+//! [`figures`] sums them up for people; [`mod@bench`] is what speed is measured against; [`bounds`] limits every number from outside.
 
 pub mod band;
 pub mod bench;
+pub mod bounds;
 pub mod buffer;
 pub mod chart;
 pub mod clock;

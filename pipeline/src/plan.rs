@@ -25,6 +25,11 @@ impl Tiling {
         Self { grown: film.rect().grown(margin), margin, tile }
     }
 
+    /// The film and the margin around it.
+    pub fn grown(&self) -> Rect {
+        self.grown
+    }
+
     /// Half the window, px.
     pub fn margin(&self) -> usize {
         self.margin

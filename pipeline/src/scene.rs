@@ -137,8 +137,7 @@ impl Scene {
         s: &mut SceneScratch,
     ) -> Result<(), DoorError> {
         let (sy, sx) = self.frame.scale;
-        let rows = (STRIP_ROWS * sy.min(1.0)).max(1.0) as usize;
-        let cols = (STRIP_COLS * sx.min(1.0)).max(1.0) as usize;
+        let (rows, cols) = self.strip();
         for strip in rect.tiles(rows, cols) {
             let first = (strip.y - rect.y) as usize * rect.width + (strip.x - rect.x) as usize;
             match sy.min(sx) < 1.0 {
@@ -147,6 +146,12 @@ impl Scene {
             }
         }
         Ok(())
+    }
+
+    /// Rows and columns of film resampled at a time.
+    fn strip(&self) -> (usize, usize) {
+        let side = |full: f64, scale: f64| (full * scale.min(1.0)).max(1.0) as usize;
+        (side(STRIP_ROWS, self.frame.scale.0), side(STRIP_COLS, self.frame.scale.1))
     }
 
     /// About the chart rectangle that the film rectangle `rect` is made from, cut to a chart of `size`: a hint for
@@ -293,7 +298,7 @@ impl Scene {
     ) -> Result<(), DoorError> {
         let n = need.size().pixels();
         let mut source = std::mem::take(&mut s.source);
-        source.resize(n + SPARE, 0.0);
+        resize_exact(&mut source, n + SPARE);
         let read = self.fill(chart, band, need, &mut source[..n], s);
         s.source = source;
         read
@@ -330,8 +335,8 @@ impl Scene {
             return Ok(());
         };
         let part = Rect::new(y0 as i64, x0 as i64, y1 - y0 + 1, x1 - x0 + 1);
-        read.resize(part.size().pixels(), 0.0);
-        chart.read(band, part, read)?;
+        resize_exact(read, part.size().pixels());
+        chart.read(band, part, &mut read[..part.size().pixels()])?;
         for (y, to) in out.chunks_exact_mut(need.width).enumerate() {
             let Some(row) = surround.index(need.y + y as i64, size.height) else {
                 to.fill(0.0);
@@ -344,4 +349,13 @@ impl Scene {
         }
         Ok(())
     }
+}
+
+/// Resizes a buffer whose old values are not needed, without room for more: its size is part of the memory plan.
+fn resize_exact(buffer: &mut Vec<f32>, n: usize) {
+    if buffer.capacity() < n {
+        *buffer = Vec::new();
+        buffer.reserve_exact(n);
+    }
+    buffer.resize(n, 0.0);
 }

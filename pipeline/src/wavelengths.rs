@@ -1,8 +1,10 @@
 //! Lists of wavelengths in words: `400:700:10` (first:last:step in nm, BOTH ends included), `450,550,650`, or both
 //! mixed, `400:700:10,850`. Order is kept, as a store's bands may lie in any order; no wavelength comes twice.
 
-/// Longest list that is believed: more bands than any instrument has, few enough to hold.
-pub const MOST_BANDS: usize = 10_000;
+use crate::bounds::{BANDS, WAVELENGTH_NM};
+
+/// Longest list that is read.
+pub const MOST_BANDS: usize = BANDS.most as usize;
 
 /// Why a list of wavelengths cannot be read.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -10,7 +12,7 @@ pub const MOST_BANDS: usize = 10_000;
 pub enum WavelengthError {
     /// Not a number, or not one that light has.
     #[error(
-        "wavelength '{word}' in '{list}' is not a positive number of nm (at most 1e6); write 450,550,650 or 400:700:10"
+        "wavelength '{word}' in '{list}' is not a number from {WAVELENGTH_NM}; write 450,550,650 or 400:700:10"
     )]
     NotAWavelength {
         /// The piece at fault.
@@ -98,7 +100,7 @@ pub fn format(wavelengths_nm: &[f64]) -> String {
 
 fn number(word: &str, list: &str) -> Result<f64, WavelengthError> {
     match word.trim().parse::<f64>() {
-        Ok(nm) if nm > 0.0 && nm <= 1e6 => Ok(nm),
+        Ok(nm) if WAVELENGTH_NM.holds(nm) => Ok(nm),
         _ => Err(WavelengthError::NotAWavelength { word: word.trim().into(), list: list.into() }),
     }
 }

@@ -1,7 +1,8 @@
 //! `lenscube export`.
 
-use super::values::{bytes, roi, side, threads};
+use super::values::{bounded, bytes, roi, side, threads};
 use clap::{Args, ValueEnum};
+use pipeline::bounds;
 use pipeline::geometry::Rect;
 use std::path::PathBuf;
 
@@ -30,7 +31,7 @@ pub struct ExportArgs {
     #[arg(long)]
     pub bands: Option<String>,
     /// PNG: one band as 16-bit linear grey, by its wavelength in nm
-    #[arg(long, value_name = "NM", conflicts_with = "bands")]
+    #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM), conflicts_with = "bands")]
     pub band: Option<f64>,
     /// PNG, TIFF: longest side of the picture in pixels; larger films are area-averaged [default: 2048 for PNG, all for TIFF]
     #[arg(long, value_name = "PX", value_parser = side)]

@@ -1,7 +1,8 @@
 //! `lenscube lens import`.
 
-use super::values::{azimuths, positive};
+use super::values::{azimuths, bounded};
 use clap::{Args, ValueEnum};
+use pipeline::bounds;
 use std::path::PathBuf;
 
 /// `lenscube lens import`
@@ -53,19 +54,19 @@ pub struct ImportArgs {
     #[arg(long, value_name = "J", value_parser = azimuths, default_value = "72")]
     pub azimuths: usize,
     /// f of ideal height = f·tan(field): slope of the paraxial chief ray in the image plane [default: as the source says]
-    #[arg(long, value_name = "MM", value_parser = positive)]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::FOCAL_LENGTH_MM))]
     pub distortion_focal_mm: Option<f64>,
     /// Effective focal length [default: as the source says]
-    #[arg(long, value_name = "MM", value_parser = positive)]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::FOCAL_LENGTH_MM))]
     pub efl_mm: Option<f64>,
     /// Image-space F-number [default: as the source says]
-    #[arg(long, value_parser = positive, conflicts_with = "entrance_pupil_mm")]
+    #[arg(long, value_parser = bounded(bounds::F_NUMBER), conflicts_with = "entrance_pupil_mm")]
     pub f_number: Option<f64>,
     /// Entrance pupil diameter, instead of the F-number
-    #[arg(long, value_name = "MM", value_parser = positive)]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::PUPIL_MM))]
     pub entrance_pupil_mm: Option<f64>,
     /// Primary wavelength [default: as the source says]
-    #[arg(long, value_name = "NM", value_parser = positive)]
+    #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub primary_nm: Option<f64>,
 }
 

@@ -1,8 +1,9 @@
 //! `lenscube lens`.
 
 use super::import::ImportArgs;
-use super::values::positive;
+use super::values::{bounded, pitch, positive};
 use clap::{Args, Subcommand, ValueEnum};
+use pipeline::bounds;
 use std::path::PathBuf;
 
 /// `lenscube lens`
@@ -52,7 +53,7 @@ pub struct ShowArgs {
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
     /// Line pairs per mm of the MTF against field
-    #[arg(long, value_name = "F,…", value_parser = positive, value_delimiter = ',', default_value = "10,20,40")]
+    #[arg(long, value_name = "F,…", value_parser = bounded(bounds::FREQUENCY_LP_MM), value_delimiter = ',', default_value = "10,20,40")]
     pub lp_mm: Vec<f64>,
     /// How a design is taken.
     #[command(flatten)]
@@ -78,7 +79,7 @@ pub struct DiffArgs {
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
     /// Film pitch at which kernels are compared
-    #[arg(long, value_name = "UM", value_parser = positive, default_value = "2")]
+    #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
     /// As JSON
     #[arg(long)]
@@ -96,13 +97,13 @@ pub struct DesignArgs {
     #[arg(long, value_enum, default_value_t = ImagePlaneArg::Design)]
     pub image_plane: ImagePlaneArg,
     /// Wavelength of that focus [default: the design's primary]
-    #[arg(long, value_name = "NM", value_parser = positive)]
+    #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub focus_nm: Option<f64>,
     /// Film beyond that plane, away from the lens
-    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::DEFOCUS_MM), default_value_t = 0.0, allow_hyphen_values = true)]
     pub defocus_mm: f64,
     /// Distance of the object from the first surface [default: as in the design]
-    #[arg(long, value_name = "MM", value_parser = positive)]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::GIVEN_DISTANCE_MM))]
     pub object_distance_mm: Option<f64>,
     /// How rays are sent through the stop [default: as in the design]
     #[arg(long, value_enum)]
@@ -127,7 +128,7 @@ pub struct TraceArgs {
     #[arg(long, value_name = "NM", default_value = "400:700:10")]
     pub wavelengths: String,
     /// REAL image height that the tables reach: the film's corner and the PSF's margin
-    #[arg(long, value_name = "MM", value_parser = positive, default_value = "20.5")]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::REACH_MM), default_value = "20.5")]
     pub max_height_mm: f64,
     /// REAL image heights of the PSFs in mm, 0:20.5:0.5 or 0,3,7.5 [default: chosen by error]
     #[arg(long, value_name = "MM")]
@@ -139,10 +140,10 @@ pub struct TraceArgs {
     #[arg(long, value_parser = positive, default_value = "0.01")]
     pub psf_tolerance: f64,
     /// Pitch of the PSF samples [default: finer than Nyquist]
-    #[arg(long, value_name = "UM", value_parser = positive)]
+    #[arg(long, value_name = "UM", value_parser = pitch)]
     pub psf_pitch_um: Option<f64>,
     /// Pitch of the film that the pack is for
-    #[arg(long, value_name = "UM", value_parser = positive, default_value = "2")]
+    #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
     /// How the design is taken.
     #[command(flatten)]

@@ -1,7 +1,8 @@
 //! `lenscube measure`.
 
-use super::values::{number, pair};
+use super::values::{bounded, pair};
 use clap::{ArgGroup, Args};
+use pipeline::bounds;
 use std::path::PathBuf;
 
 /// `lenscube measure`
@@ -30,7 +31,7 @@ pub struct MeasureArgs {
     #[arg(long, value_name = "PX", default_value_t = 24, value_parser = clap::value_parser!(u32).range(4..=1000))]
     pub half_px: u32,
     /// One band, by its wavelength in nm [default: all]
-    #[arg(long, value_name = "NM")]
+    #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub band: Option<f64>,
     /// Wavelengths where the store has none
     #[arg(long, value_name = "NM")]
@@ -56,7 +57,7 @@ fn places(text: &str) -> Result<Places, String> {
 }
 
 fn four(text: &str) -> Result<[f64; 4], String> {
-    let list: Vec<f64> = text.split(',').map(number).collect::<Result<_, _>>()?;
+    let list: Vec<f64> = text.split(',').map(bounded(bounds::AXIS_PX)).collect::<Result<_, _>>()?;
     let four: [f64; 4] = list.try_into().map_err(|_| "expected four numbers X0,Y0,X1,Y1")?;
     let [x0, y0, x1, y1] = four;
     match (x1 - x0).hypot(y1 - y0) {

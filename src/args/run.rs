@@ -1,8 +1,11 @@
 //! `lenscube run`.
 
-use super::values::{azimuths, bytes, odd, pair, pitch, positive, roi, scale, size, storage, threads};
+use super::values::{
+    azimuths, bounded, bytes, odd, pair, pair_mm, pitch, roi, scale, size, storage, threads,
+};
 use super::{CodecArg, Device};
 use clap::{Args, ValueEnum};
+use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
 use std::path::PathBuf;
 
@@ -59,10 +62,10 @@ pub struct RunArgs {
     pub scale: (f64, f64),
     /// Pitch of the chart's pixels in object space, instead of --scale: with a lens for that object's distance the scale is
     /// |magnification| x this / the film's pitch
-    #[arg(long, value_name = "MM", value_parser = positive, conflicts_with = "scale")]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::OBJECT_PITCH_MM), conflicts_with = "scale")]
     pub chart_pitch_mm: Option<f64>,
     /// Centre of the chart in mm from the axis
-    #[arg(long, value_name = "X,Y", value_parser = pair, default_value = "0,0", allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true)]
     pub center: (f64, f64),
     /// Interpolation between chart pixels (bilinear blurs)
     #[arg(long, value_enum, default_value_t = InterpArg::Bicubic)]

@@ -1,5 +1,6 @@
 //! Words of the command line and what they mean.
 
+use pipeline::bounds::{self, Bound};
 use pipeline::geometry::{Rect, Size};
 
 pub(super) fn number(text: &str) -> Result<f64, String> {
@@ -13,49 +14,51 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("{v} is not above 0")) })
 }
 
-pub(super) fn pair(text: &str) -> Result<(f64, f64), String> {
+/// A number within a bound.
+pub(super) fn bounded(bound: Bound) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    move |text| bound.check(number(text)?).map_err(|e| e.to_string())
+}
+
+/// Two numbers `X,Y` within a bound.
+fn pair_within(bound: Bound, text: &str) -> Result<(f64, f64), String> {
     let (a, b) = text.split_once(',').ok_or("expected two numbers X,Y")?;
-    // Beyond this no lens sees the film, and pixels no longer count exactly.
-    let place = |t: &str| match number(t)? {
-        v if v.abs() <= 1e7 => Ok(v),
-        v => Err(format!("{v:e} is beyond ±1e7")),
-    };
-    Ok((place(a)?, place(b)?))
+    let one = bounded(bound);
+    Ok((one(a)?, one(b)?))
+}
+
+/// A place on the film, px.
+pub(super) fn pair(text: &str) -> Result<(f64, f64), String> {
+    pair_within(bounds::AXIS_PX, text)
+}
+
+/// A place on the ideal image plane, mm.
+pub(super) fn pair_mm(text: &str) -> Result<(f64, f64), String> {
+    pair_within(bounds::CENTER_MM, text)
 }
 
 pub(super) fn pitch(text: &str) -> Result<f64, String> {
-    match positive(text)? {
-        v if (1e-3..=1e6).contains(&v) => Ok(v),
-        v => Err(format!("{v:e} is not from 1e-3 to 1e6 µm")),
-    }
+    bounded(bounds::PITCH_UM)(text)
 }
 
 pub(super) fn scale(text: &str) -> Result<(f64, f64), String> {
     let (x, y) = text.split_once(',').unwrap_or((text, text));
-    let (x, y) = (positive(x)?, positive(y)?);
-    let sane = 1e-3..=1e3;
-    match sane.contains(&x) && sane.contains(&y) {
-        true => Ok((x, y)),
-        false => Err("expected 0.001 to 1000 film pixels per chart pixel".into()),
-    }
+    let one = bounded(bounds::SCALE);
+    Ok((one(x)?, one(y)?))
 }
 
-/// Film sides beyond this are a slip of the finger: 10^12 pixels a band.
-const LARGEST_SIDE: usize = 1_000_000;
-
+/// Film sides and places.
 pub(super) fn side(text: &str) -> Result<usize, String> {
-    match text.trim().parse::<usize>() {
-        Ok(n) if (1..=LARGEST_SIDE).contains(&n) => Ok(n),
-        _ => Err(format!("`{text}` is not a number of pixels from 1 to {LARGEST_SIDE}")),
-    }
+    whole(bounds::FILM_SIDE_PX, text)
 }
 
-/// Sides of shards and chunks; the film's layout checks the same.
+/// Sides of shards and chunks.
 pub(super) fn storage(text: &str) -> Result<usize, String> {
-    side(text)
-        .ok()
-        .filter(|n| *n <= 16384)
-        .ok_or_else(|| format!("`{text}` is not a number of pixels from 1 to 16384"))
+    whole(bounds::SHARD_SIDE_PX, text)
+}
+
+fn whole(bound: Bound, text: &str) -> Result<usize, String> {
+    let number = text.trim().parse::<usize>().ok().filter(|n| bound.check_count(*n).is_ok());
+    number.ok_or_else(|| format!("`{text}` is not a whole number from {bound}"))
 }
 
 pub(super) fn size(text: &str) -> Result<Size, String> {
@@ -74,15 +77,15 @@ pub(super) fn roi(text: &str) -> Result<Rect, String> {
 
 pub(super) fn azimuths(text: &str) -> Result<usize, String> {
     match text.parse::<usize>() {
-        Ok(n) if n > 0 && n.is_multiple_of(4) && n <= 7200 => Ok(n),
+        Ok(n) if n.is_multiple_of(4) && bounds::AZIMUTHS.check_count(n).is_ok() => Ok(n),
         _ => Err("expected a multiple of 4, at most 7200 (of 8: seven of eight kernels are flips)".into()),
     }
 }
 
 pub(super) fn odd(text: &str) -> Result<usize, String> {
     match text.parse::<usize>() {
-        Ok(n) if n % 2 == 1 => Ok(n),
-        _ => Err("expected an odd number of film pixels".into()),
+        Ok(n) if n % 2 == 1 && bounds::PSF_SIDE.check_count(n).is_ok() => Ok(n),
+        _ => Err("expected an odd number of film pixels, at most 8191".into()),
     }
 }
 
@@ -229,7 +232,7 @@ mod tests {
         let result = TestRunner::new_with_rng(config, rng).run(&(words, 0usize..40), |(text, count)| {
             let whole = positive(&text).is_ok_and(|v| v.is_finite() && v > 0.0);
             let sides = size(&text).map_or(0, |s| s.height.max(s.width));
-            prop_assert!(sides <= LARGEST_SIDE && storage(&text).unwrap_or(1) <= 16384);
+            prop_assert!(sides as f64 <= bounds::FILM_SIDE_PX.most && storage(&text).unwrap_or(1) <= 16384);
             prop_assert!(pitch(&text).is_ok_and(|p| p.is_finite()) <= whole);
             prop_assert!(scale(&text).map_or(1.0, |s| s.0 * s.1).is_finite());
             prop_assert!(pair(&text).map_or(0.0, |p| p.0 + p.1).is_finite());

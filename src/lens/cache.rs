@@ -6,18 +6,21 @@
 //! Several programs may trace the same band at once: they write the same bytes. Anything in here may be deleted any time.
 
 use crate::progress::say;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use formats::durable;
-use formats::lens::{LensPack, LensPackWriter, PackAttributes};
+use formats::lens::{LensPack, LensPackWriter, PackAttributes, SealedFile};
 use pipeline::design::System;
 use pipeline::design::trace::{TRACER_VERSION, TraceOptions, TracedBand};
 use pipeline::lens::Lens;
+use serde_json::json;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Digits of a digest in an entry's name.
 const DIGITS: usize = 32;
 const ENDING: &str = ".lens.zip";
+/// In an entry's `source`: the recipe that it was made by.
+const RECIPE: &str = "recipe";
 
 /// Where traced bands lie.
 pub struct Cache {
@@ -71,20 +74,21 @@ impl Cache {
         &self.dir
     }
 
-    /// The band of `recipe`, if it is there and sound. One that is damaged is removed.
-    pub fn find(&self, recipe: &str) -> Option<LensPack> {
-        let recipe = &recipe[..DIGITS];
+    /// The band of `recipe` at `wavelength_nm`, if it is there and sound. An entry that is damaged, or not this band's, is removed.
+    pub fn find(&self, recipe: &str, wavelength_nm: f64) -> Option<LensPack> {
+        let start = &recipe[..DIGITS];
         for entry in std::fs::read_dir(&self.dir).ok()?.flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
-            let Some(content) = name.strip_suffix(ENDING).and_then(|n| n.strip_prefix(recipe)) else {
-                continue;
-            };
+            let content = name.strip_suffix(ENDING).and_then(|n| n.strip_prefix(start)?.strip_prefix('-'));
+            let Some(content) = content else { continue };
             let path = entry.path();
-            let whole = content_of(&path).is_ok_and(|own| content.strip_prefix('-') == Some(&own[..]));
-            match LensPack::open(&path) {
-                Ok(pack) if whole => return Some(pack),
-                _ => {
-                    say(format!("note: {} is damaged; its band is traced again", path.display()));
+            match open(&path, content, recipe, wavelength_nm) {
+                Ok(pack) => return Some(pack),
+                Err(problem) => {
+                    say(format!(
+                        "note: {} cannot be used ({problem}); its band is traced again",
+                        path.display()
+                    ));
                     // If it stays, the next find says so again.
                     let _ = std::fs::remove_file(&path);
                 }
@@ -130,9 +134,19 @@ fn prepare(dir: &Path) -> Result<()> {
     Ok(std::fs::remove_file(&probe)?)
 }
 
-fn content_of(path: &Path) -> std::io::Result<String> {
-    let digest = blake3::hash(&std::fs::read(path)?).to_hex();
-    Ok(digest[..DIGITS].to_owned())
+/// Opens an entry whose bytes are those that its name tells, and whose band is the recipe's.
+fn open(path: &Path, content: &str, recipe: &str, wavelength_nm: f64) -> Result<LensPack> {
+    let sealed = SealedFile::open(path)?;
+    if sealed.digest()[..DIGITS] != *content {
+        bail!("it is damaged: its bytes are not those that its name tells");
+    }
+    let pack = LensPack::open_sealed(sealed)?;
+    let told = pack.attributes().source.as_ref().and_then(|s| s[RECIPE].as_str());
+    let bands = &pack.lens().bands;
+    match told == Some(recipe) && bands.len() == 1 && bands[0].wavelength_nm == wavelength_nm {
+        true => Ok(pack),
+        false => bail!("it was not traced for this band"),
+    }
 }
 
 fn store(
@@ -143,13 +157,30 @@ fn store(
     band: &TracedBand,
 ) -> Result<LensPack> {
     let temp = dir.join(format!("{}.zip", durable::temp_name()));
-    let mut writer = LensPackWriter::create(&temp)?;
-    writer.psf(0, &band.psf)?;
-    writer.finish(lens, attributes)?;
-    let named = content_of(&temp).map(|content| dir.join(format!("{}-{content}{ENDING}", &recipe[..DIGITS])));
-    let path = named.and_then(|path| std::fs::rename(&temp, &path).map(|()| path)).inspect_err(|_| {
+    let kept = written(&temp, recipe, lens, attributes, band).and_then(|sealed| {
+        let name = format!("{}-{}{ENDING}", &recipe[..DIGITS], &sealed.digest()[..DIGITS]);
+        // Opened before it has its name: then another process may remove it.
+        let pack = LensPack::open_sealed(sealed)?;
+        std::fs::rename(&temp, dir.join(name))?;
+        Ok(pack)
+    });
+    kept.inspect_err(|_| {
         // The error that matters is already in hand.
         let _ = std::fs::remove_file(&temp);
-    })?;
-    Ok(LensPack::open(path)?)
+    })
+}
+
+fn written(
+    temp: &Path,
+    recipe: &str,
+    lens: &Lens,
+    attributes: &PackAttributes,
+    band: &TracedBand,
+) -> Result<SealedFile> {
+    let mut attributes = attributes.clone();
+    attributes.source.get_or_insert_with(|| json!({}))[RECIPE] = json!(recipe);
+    let mut writer = LensPackWriter::create(temp)?;
+    writer.psf(0, &band.psf)?;
+    writer.finish(lens, &attributes)?;
+    Ok(SealedFile::open(temp)?)
 }

@@ -9,7 +9,7 @@
 
 use super::cache::{self, Cache};
 use crate::args::DesignArgs;
-use crate::design;
+use crate::design::{self, DesignFile};
 use crate::open;
 use crate::progress::{say, tracing_bar};
 use crate::trace::attributes;
@@ -20,7 +20,7 @@ use pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions, wit
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
-use pipeline::lens::{Lens, LensError, PsfStack};
+use pipeline::lens::{Lens, LensBand, LensError, PsfStack};
 use std::time::Instant;
 
 /// Reach beyond the film's corner at the first attempt, mm: half a window of 177 pixels of 2 µm, along the diagonal.
@@ -34,8 +34,8 @@ const COARSEST_UM: f64 = 2.0;
 pub enum Named {
     /// A lens pack.
     Pack(Box<LensPack>),
-    /// A design and its name.
-    Design(Box<System>, String),
+    /// A design, its name, and the file that it was read from.
+    Design(Box<System>, String, Option<DesignFile>),
 }
 
 impl Named {
@@ -43,8 +43,8 @@ impl Named {
     pub fn open(name: &str) -> Result<Self> {
         if design::is_design(name) {
             let hint = "a design with other glasses, focus or object: make its pack by `lenscube lens trace`";
-            let system = design::open(name, &DesignArgs::default()).context(hint)?;
-            return Ok(Self::Design(Box::new(system), name.to_owned()));
+            let (system, file) = design::open_file(name, &DesignArgs::default()).context(hint)?;
+            return Ok(Self::Design(Box::new(system), name.to_owned(), file));
         }
         Ok(Self::Pack(Box::new(open::lens(name)?)))
     }
@@ -53,7 +53,7 @@ impl Named {
     pub fn conjugate(&self) -> Result<Option<(f64, f64)>> {
         let (magnification, distance) = match self {
             Self::Pack(pack) => (pack.lens().magnification, pack.lens().object_distance_mm),
-            Self::Design(system, _) => {
+            Self::Design(system, ..) => {
                 let options = TraceOptions::new(Vec::from([system.primary_um() * 1e3]), 1e-3);
                 let header = LensTrace::new(system, &options)?.header();
                 (header.magnification, header.object_distance_mm)
@@ -79,6 +79,8 @@ pub struct Traced {
     recipes: Vec<String>,
     digest: String,
     notes: Vec<String>,
+    /// The file of the design, unless it is built in.
+    file: Option<DesignFile>,
     _kept: Cache,
 }
 
@@ -93,9 +95,10 @@ impl Source {
     ) -> Result<Self> {
         match named {
             Named::Pack(pack) => Ok(Self::Pack(pack)),
-            Named::Design(system, name) => {
+            Named::Design(system, name, file) => {
                 let traced = traced(&system, &name, frame, wavelengths_nm, options, threads);
-                Ok(Self::Traced(Box::new(traced.with_context(|| format!("tracing {name}"))?)))
+                let traced = traced.with_context(|| format!("tracing {name}"))?;
+                Ok(Self::Traced(Box::new(Traced { file, ..traced })))
             }
         }
     }
@@ -155,6 +158,36 @@ impl Source {
         })
     }
 
+    /// Checks that the pack, or the design's file, is still what it was when the job began.
+    ///
+    /// # Errors
+    /// It changed.
+    pub fn check_unchanged(&self) -> Result<()> {
+        match self {
+            Self::Pack(pack) => Ok(pack.check_unchanged()?),
+            Self::Traced(traced) => {
+                traced.packs.iter().try_for_each(LensPack::check_unchanged)?;
+                traced.file.as_ref().map_or(Ok(()), DesignFile::check_unchanged)
+            }
+        }
+    }
+
+    /// Bytes that reading the PSFs of a band of [`Source::lens`] takes beside the samples.
+    pub fn psf_reading_bytes(&self, band: usize) -> usize {
+        match self {
+            Self::Pack(pack) => pack.psf_reading_bytes(band),
+            Self::Traced(traced) => traced.packs[band].psf_reading_bytes(0),
+        }
+    }
+
+    /// Bytes that reading the PSFs of any one band takes: its digest reads all of them, one after the other.
+    pub fn largest_reading_bytes(&self) -> usize {
+        let of = |(b, band): (usize, &LensBand)| {
+            4 * band.psf_height_mm.len() * band.psf_size * band.psf_size + self.psf_reading_bytes(b)
+        };
+        self.lens().bands.iter().enumerate().map(of).max().unwrap_or(0)
+    }
+
     /// What its user should know.
     pub fn notes(&self) -> &[String] {
         match self {
@@ -208,7 +241,7 @@ fn traced(
     }
     let lens = lens.context("the chart has no band")?;
     let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
-    Ok(Traced { lens, packs, recipes, digest, notes, _kept: bands.cache })
+    Ok(Traced { lens, packs, recipes, digest, notes, file: None, _kept: bands.cache })
 }
 
 /// What makes bands.
@@ -253,7 +286,7 @@ impl Bands<'_> {
     /// A band from the cache, or traced.
     fn band(&mut self, options: &TraceOptions) -> Result<(String, LensPack)> {
         let recipe = cache::recipe(self.system, options);
-        if let Some(pack) = self.cache.find(&recipe) {
+        if let Some(pack) = self.cache.find(&recipe, options.wavelengths_nm[0]) {
             return Ok((recipe, pack));
         }
         if self.fresh == 0 {

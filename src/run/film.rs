@@ -145,8 +145,10 @@ type Difference = (String, String, String);
 fn differences(theirs: &Map<String, Value>, own: &Map<String, Value>) -> Vec<Difference> {
     let show = |map: &Map<String, Value>, key: &String| match map.get(key) {
         None => "nothing".to_owned(),
-        // Enough of a digest to tell it from another.
-        Some(Value::String(s)) if s.len() == 64 => format!("{}…", &s[..12]),
+        // Enough of a digest to tell it from another; a lens's name may be as long.
+        Some(Value::String(s)) if s.len() == 64 && s.bytes().all(|b| b.is_ascii_hexdigit()) => {
+            format!("{}…", &s[..12])
+        }
         Some(v) => v.to_string(),
     };
     let keys: BTreeSet<&String> = own.keys().chain(theirs.keys()).collect();

@@ -21,6 +21,8 @@ use tokio::sync::Semaphore;
 
 /// Most requests that wait for a thread.
 const MOST_WAITING: usize = 512;
+/// The port that browsers leave out of Host and Origin.
+const HTTP: u16 = 80;
 /// Only what this server itself serves; images also from the page's own memory.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
 base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -29,10 +31,31 @@ base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 pub struct Desk {
     /// What is on view.
     pub site: Site,
-    hosts: [String; 3],
+    hosts: Hosts,
     threads: Semaphore,
     waiting: AtomicUsize,
     over: AtomicBool,
+}
+
+/// The names of this server, as a Host header or an origin has them.
+struct Hosts {
+    port: u16,
+}
+
+impl Hosts {
+    /// Whether `host`, `NAME:PORT` or at HTTP's default port also `NAME`, is this server. Names have no case, and a name may end with
+    /// the dot of the root (RFC 3986, section 3.2.2).
+    fn name(&self, host: &[u8]) -> bool {
+        let Ok(host) = std::str::from_utf8(host) else { return false };
+        let own = format!(":{}", self.port);
+        let name = match host.strip_suffix(&own) {
+            Some(name) => name,
+            None if self.port == HTTP => host,
+            None => return false,
+        };
+        let name = name.to_ascii_lowercase();
+        matches!(&*name, "127.0.0.1" | "localhost" | "localhost." | "[::1]")
+    }
 }
 
 /// Why there is no answer.
@@ -88,7 +111,7 @@ impl Drop for Place<'_> {
 impl Desk {
     /// For a server at `port`, with `threads` to read and render on.
     pub fn new(site: Site, port: u16, threads: usize) -> Self {
-        let hosts = ["127.0.0.1", "localhost", "[::1]"].map(|name| format!("{name}:{port}"));
+        let hosts = Hosts { port };
         let (waiting, over) = (AtomicUsize::new(0), AtomicBool::new(false));
         Self { site, hosts, threads: Semaphore::new(threads), waiting, over }
     }
@@ -130,7 +153,7 @@ impl Desk {
     /// Why a request is refused, if it is.
     fn refuses(&self, headers: &HeaderMap, at_home: bool) -> Option<&'static str> {
         let word = |name: HeaderName| headers.get(name).map(HeaderValue::as_bytes);
-        let own = |host: &[u8]| self.hosts.iter().any(|h| host.eq_ignore_ascii_case(h.as_bytes()));
+        let own = |host: &[u8]| self.hosts.name(host);
         if headers.get_all(header::HOST).iter().count() != 1 || !word(header::HOST).is_some_and(own) {
             return Some("this server is for its own machine: ask for it as 127.0.0.1 or localhost");
         }
@@ -198,4 +221,31 @@ async fn guard(State(desk): State<Arc<Desk>>, request: Request, next: Next) -> R
         response.headers_mut().insert(HeaderName::from_static(name), HeaderValue::from_static(value));
     }
     response
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Hosts;
+
+    #[test]
+    fn hosts_are_named_with_port_in_any_case_and_without_it_at_port_80() {
+        let (high, http) = (Hosts { port: 8080 }, Hosts { port: 80 });
+        for name in ["127.0.0.1", "localhost", "LocalHost", "localhost.", "[::1]"] {
+            assert!(high.name(format!("{name}:8080").as_bytes()), "{name}");
+            assert!(!high.name(name.as_bytes()) && !high.name(format!("{name}:80").as_bytes()), "{name}");
+            assert!(http.name(name.as_bytes()) && http.name(format!("{name}:80").as_bytes()), "{name}");
+        }
+        for other in [
+            "",
+            ":80",
+            "evil.example",
+            "localhost.evil.example",
+            "127.0.0.1:8080",
+            "localhost:",
+            "localhost..",
+            "::1",
+        ] {
+            assert!(!http.name(other.as_bytes()), "{other}");
+        }
+    }
 }

@@ -25,7 +25,8 @@ pub struct Lens {
     subject: Subject,
     /// What its user should know.
     pub note: Option<String>,
-    seen: Cache<Seen>,
+    /// By the bits of the wavelength, and steps of height.
+    seen: Cache<Seen, (u64, u64)>,
 }
 
 /// A lens at one field point and wavelength.
@@ -77,8 +78,7 @@ impl Lens {
     /// Looks at REAL image height `height_mm` at `nm`, to the hundredth of a mm.
     pub fn at(&self, nm: f64, height_mm: f64) -> Result<Arc<Seen>> {
         let step = (height_mm * STEPS_PER_MM).round();
-        let key = ((nm * 1e3).round() as u64) << 32 | step as u64;
-        self.seen.get(key, || {
+        self.seen.get((nm.to_bits(), step as u64), || {
             let look = self.subject.look(&[nm], &[step / STEPS_PER_MM])?;
             let figures = look.figures(0, 0).json();
             let field = look.fields.into_iter().flatten().next().context("no field point")?;

@@ -22,22 +22,12 @@ pub const TILE: usize = 256;
 const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// What is shown of a stack.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mode {
     /// All bands as an eye sees them, this light being white.
     Colour(Illuminant),
     /// One band.
     Band(usize),
-}
-
-impl Mode {
-    /// A number of its own.
-    fn number(self) -> u64 {
-        match self {
-            Self::Colour(light) => Illuminant::ALL.iter().position(|l| *l == light).map_or(0, |i| i as u64),
-            Self::Band(band) => 3 + band as u64,
-        }
-    }
 }
 
 /// Linear values: red, green and blue, or one grey.
@@ -66,8 +56,8 @@ pub struct Stack {
     stored: Vec<Option<Chart>>,
     /// Band of the store per band shown.
     bands: Vec<usize>,
-    means: Cache<Vec<f32>>,
-    linear: Cache<Linear>,
+    means: Cache<Vec<f32>, (usize, usize, (usize, usize))>,
+    linear: Cache<Linear, (usize, Mode, (usize, usize))>,
 }
 
 /// The film and the number of its output that `PATH` or `PATH//array` names, if it is a film of ours.
@@ -114,8 +104,8 @@ impl Stack {
                 None => None,
                 Some((store, output)) => {
                     let path = format!("{}//{}", store.path().display(), store.level_path(*output, level));
-                    let nm = pipeline::wavelengths::format(&own);
-                    Some(open(&path, Some(&nm), 4 * sizes.len()).context("opening the pyramid")?)
+                    // Its bands are the film's, by number.
+                    Some(open(&path, None, 4 * sizes.len()).context("opening the pyramid")?)
                 }
             });
         }
@@ -179,7 +169,7 @@ impl Stack {
     ) -> Result<Arc<Linear>> {
         let Some(rect) = self.tile_rect(level, at) else { bail!("no such tile") };
         let bytes = rect.size().pixels() * if matches!(mode, Mode::Band(_)) { 4 } else { 12 };
-        self.linear.get(key(level, mode.number(), at), || Ok((self.window(level, rect, mode, stop)?, bytes)))
+        self.linear.get((level, mode, at), || Ok((self.window(level, rect, mode, stop)?, bytes)))
     }
 
     /// The linear values of any part of a level.
@@ -256,7 +246,7 @@ impl Stack {
         at: (usize, usize),
         stop: &AtomicBool,
     ) -> Result<Arc<Vec<f32>>> {
-        self.means.get(key(level, band as u64, at), || {
+        self.means.get((level, band, at), || {
             let rect = self.tile_rect(level, at).context("no such tile")?;
             let below = Rect::new(2 * rect.y, 2 * rect.x, 2 * rect.height, 2 * rect.width)
                 .intersect(self.sizes[level - 1].rect());
@@ -270,21 +260,48 @@ impl Stack {
     }
 }
 
-/// One number for a level, a band or light, and a tile: 5, 19 and 2 x 20 bits.
-fn key(level: usize, which: u64, (row, column): (usize, usize)) -> u64 {
-    ((level as u64) << 59) | (which << 40) | ((row as u64) << 20) | column as u64
-}
-
-/// The bands at these wavelengths.
+/// The bands at these wavelengths: the nearest within 1e-3 nm, and where several are equally near, each in turn.
 fn bands_at(own: &[f64], wanted: &[f64], spec: &str) -> Result<Vec<usize>> {
-    let band = |&nm: &f64| {
-        let found = own.iter().position(|o| (o - nm).abs() <= 1e-3);
-        found.ok_or_else(|| {
-            usage(format!(
+    let band = |(i, &nm): (usize, &f64)| {
+        let off = |b: usize| (own[b] - nm).abs();
+        let nearest = (0..own.len()).filter(|&b| off(b) <= 1e-3).min_by(|&a, &b| off(a).total_cmp(&off(b)));
+        let Some(nearest) = nearest else {
+            return Err(usage(format!(
                 "{spec} has no band at {nm} nm, which the film has; there are {} nm",
                 pipeline::wavelengths::format(own)
-            ))
-        })
+            )));
+        };
+        let equal = (0..own.len()).filter(|&b| own[b] == own[nearest]);
+        let turn = wanted[..i].iter().filter(|w| **w == nm).count();
+        Ok(equal.clone().nth(turn).or(equal.last()).unwrap_or(nearest))
     };
-    wanted.iter().map(band).collect()
+    wanted.iter().enumerate().map(band).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_of_equal_or_close_wavelengths_keep_apart() {
+        let at = |own: &[f64], wanted: &[f64]| bands_at(own, wanted, "chart").unwrap();
+        assert_eq!(at(&[450.0, 550.0, 450.0], &[450.0, 450.0, 550.0]), [0, 2, 1]);
+        assert_eq!(at(&[500.0, 500.0005], &[500.0005, 500.0]), [1, 0]);
+        assert_eq!(at(&[500.0], &[500.0, 500.0]), [0, 0]);
+        assert!(bands_at(&[500.0], &[501.0], "chart").is_err());
+    }
+
+    #[test]
+    fn tiles_far_out_in_a_large_image_are_not_confused() {
+        // 2^20 tiles across: a column beyond would be column 0 of the next row if both shared one number.
+        let stack =
+            Stack::open("gen:siemens?size=600x900&wavelengths=450,550", None, None, 64 << 20).unwrap();
+        let (never, mode) = (AtomicBool::new(false), Mode::Band(0));
+        let first = stack.tile(0, (0, 0), mode, &never).unwrap();
+        let again =
+            |key| stack.linear.get(key, || Ok::<_, anyhow::Error>((Linear::Grey(vec![7.0]), 4))).unwrap();
+        assert!(Arc::ptr_eq(&first, &again((0, mode, (0, 0)))));
+        assert!(!Arc::ptr_eq(&first, &again((0, mode, (0, 1 << 40)))));
+        assert!(!Arc::ptr_eq(&again((0, mode, (1, 0))), &again((0, mode, (0, 1 << 20)))));
+    }
 }

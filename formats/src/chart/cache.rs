@@ -5,6 +5,7 @@
 //! meets the error itself.
 
 use std::collections::{BTreeMap, HashMap};
+use std::hash::Hash;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
 #[derive(Debug)]
@@ -14,25 +15,25 @@ enum Slot<T> {
 }
 
 #[derive(Debug)]
-struct State<T> {
-    slots: HashMap<u64, Slot<T>>,
-    by_age: BTreeMap<u64, u64>,
+struct State<T, K> {
+    slots: HashMap<K, Slot<T>>,
+    by_age: BTreeMap<u64, K>,
     bytes: usize,
     tick: u64,
 }
 
-/// Values of type `T` by number, at most `limit` bytes of them.
+/// Values of type `T` by key, at most `limit` bytes of them.
 #[derive(Debug)]
-pub struct Cache<T> {
-    state: Mutex<State<T>>,
+pub struct Cache<T, K: Copy + Eq + Hash = u64> {
+    state: Mutex<State<T, K>>,
     changed: Condvar,
     limit: usize,
 }
 
 /// Frees the slot of a load that did not come to its end.
-struct Claim<'a, T>(&'a Cache<T>, u64);
+struct Claim<'a, T, K: Copy + Eq + Hash>(&'a Cache<T, K>, K);
 
-impl<T> Drop for Claim<'_, T> {
+impl<T, K: Copy + Eq + Hash> Drop for Claim<'_, T, K> {
     fn drop(&mut self) {
         let mut state = self.0.lock();
         if let Some(Slot::Loading) = state.slots.get(&self.1) {
@@ -43,7 +44,7 @@ impl<T> Drop for Claim<'_, T> {
     }
 }
 
-impl<T> Cache<T> {
+impl<T, K: Copy + Eq + Hash> Cache<T, K> {
     /// An empty cache of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
         let state = State { slots: HashMap::new(), by_age: BTreeMap::new(), bytes: 0, tick: 0 };
@@ -55,7 +56,7 @@ impl<T> Cache<T> {
     }
 
     /// Whether `key` is here or on its way.
-    pub(super) fn has(&self, key: u64) -> bool {
+    pub(super) fn has(&self, key: K) -> bool {
         self.lock().slots.contains_key(&key)
     }
 
@@ -63,7 +64,7 @@ impl<T> Cache<T> {
     ///
     /// # Errors
     /// What `load` says.
-    pub fn get<E>(&self, key: u64, load: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
+    pub fn get<E>(&self, key: K, load: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
         let mut guard = self.lock();
         loop {
             let state = &mut *guard;
@@ -92,7 +93,7 @@ impl<T> Cache<T> {
         Ok(value)
     }
 
-    fn keep(&self, key: u64, value: Arc<T>, bytes: usize) {
+    fn keep(&self, key: K, value: Arc<T>, bytes: usize) {
         let mut guard = self.lock();
         let state = &mut *guard;
         state.tick += 1;
@@ -107,7 +108,7 @@ impl<T> Cache<T> {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, State<T>> {
+    fn lock(&self) -> MutexGuard<'_, State<T, K>> {
         self.state.lock().expect("no panic while the cache is locked")
     }
 }

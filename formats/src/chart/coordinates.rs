@@ -3,6 +3,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+use pipeline::bounds;
 use serde_json::Value;
 use zarrs::array::{Array, ArraySubset, data_type};
 
@@ -92,8 +93,11 @@ pub(super) fn wavelengths<'a>(
         if w.len() != bands {
             return Err(wrong(format!("one for each of {bands} bands"), format!("{}", w.len())));
         }
-        if let Some(bad) = w.iter().find(|w| !(w.is_finite() && **w > 0.0)) {
-            return Err(wrong("positive numbers of nm".into(), bad.to_string()));
+        if let Err((band, e)) = bounds::WAVELENGTH_NM.check_all(w) {
+            return Err(wrong(
+                format!("{} each", bounds::WAVELENGTH_NM),
+                format!("{} for band {band}", e.found),
+            ));
         }
     }
     Ok(found)

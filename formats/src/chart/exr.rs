@@ -57,6 +57,7 @@ pub enum ExrContent {
 pub struct ExrChart {
     path: PathBuf,
     size: Size,
+    block_bytes: usize,
     /// Channel of the file per band.
     channels: Vec<usize>,
     content: ExrContent,
@@ -96,7 +97,7 @@ impl ExrChart {
         let [header] = &headers[..] else {
             return Err(wrong(path, "layers", "one; save it without others", headers.len().to_string()));
         };
-        check(path, header, meta.len())?;
+        let block_bytes = check(path, header, meta.len())?;
         let (content, channels) = content(path, header)?;
         let text = |name: &str| match header.own_attributes.other.iter().find(|(k, _)| *k == name) {
             Some((_, ::exr::meta::attribute::AttributeValue::Text(t))) => Some(t.to_string()),
@@ -107,6 +108,7 @@ impl ExrChart {
             ExrContent::Spectral { wavelengths_nm, .. } => Some(wavelengths_nm.clone()),
             _ => None,
         };
+        super::raster::check_wavelengths(path, wavelengths_nm.as_deref())?;
         let size = Size::new(header.layer_size.height(), header.layer_size.width());
         let modified = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
         let what =
@@ -114,6 +116,7 @@ impl ExrChart {
         Ok(Self {
             path: path.into(),
             size,
+            block_bytes,
             alpha: header.channels.list.iter().any(|c| c.name == *"A"),
             channels,
             content,
@@ -144,6 +147,11 @@ impl ExrChart {
         self.alpha
     }
 
+    /// Bytes of its largest block, decoded.
+    pub fn block_bytes(&self) -> usize {
+        self.block_bytes
+    }
+
     /// What the values are, in the file's words.
     pub fn units(&self) -> Option<&str> {
         self.units.as_deref()
@@ -163,6 +171,7 @@ impl ExrChart {
             let expected = format!("{}, one a band", self.bands());
             return Err(wrong(&self.path, "number of wavelengths", &expected, nm.len().to_string()));
         }
+        super::raster::check_wavelengths(&self.path, Some(&nm))?;
         self.identity.0["wavelengths_nm"] = json!(nm);
         self.wavelengths_nm = Some(nm);
         Ok(self)
@@ -345,8 +354,8 @@ fn wrong(path: &Path, what: &'static str, expected: &str, found: String) -> Char
     ChartError::Header { path: path.into(), what, expected: expected.into(), found }
 }
 
-/// What a header claims, before anything is allocated for it.
-fn check(path: &Path, header: &Header, length: u64) -> Result<(), ChartError> {
+/// What a header claims, before anything is allocated for it; bytes of a block.
+fn check(path: &Path, header: &Header, length: u64) -> Result<usize, ChartError> {
     let (width, height) = (header.layer_size.width(), header.layer_size.height());
     let channels = &header.channels.list;
     if header.deep {
@@ -376,7 +385,7 @@ fn check(path: &Path, header: &Header, length: u64) -> Result<(), ChartError> {
             found: length,
         });
     }
-    Ok(())
+    Ok(block.unwrap_or_default())
 }
 
 /// What a header's channels are, and which of them are the bands.

@@ -6,6 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
 use zarrs::array::codec::CodecChain;
 use zarrs::array::{
@@ -21,9 +22,8 @@ use crate::shard::single_threaded;
 const LARGEST_PIECE: u64 = 1 << 30;
 /// Largest shard index: 16 million inner chunks.
 const LARGEST_INDEX: u64 = 256 << 20;
-/// Largest side, and largest number of samples: beyond what any disk holds.
-const LARGEST_SIDE: u64 = 1 << 31;
-const MOST_SAMPLES: u64 = 1 << 50;
+/// Most files of an array: their names and sizes are listed in memory.
+const MOST_FILES: u64 = 1 << 24;
 
 /// Sample type of a chart in its store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -117,11 +117,11 @@ impl Layout {
         if !(2..=3).contains(&rank) {
             return Err(wrong("dimensions", "(wavelength, y, x) or (y, x)", format!("{:?}", array.shape())));
         }
-        let samples = array.shape().iter().try_fold(1u64, |n, &s| n.checked_mul(s));
-        let sides = array.shape().iter().all(|s| (1..=LARGEST_SIDE).contains(s));
-        if !sides || samples.is_none_or(|n| n > MOST_SAMPLES) {
-            let expected = "1 to 2^31 pixels a side, at most 2^50 samples";
-            return Err(wrong("shape", expected, format!("{:?}", array.shape())));
+        let sides: Vec<usize> = array.shape().iter().map(|&n| n as usize).collect();
+        let bands = if rank == 3 { sides[0] } else { 1 };
+        let pixels = Size::new(sides[rank - 2], sides[rank - 1]);
+        if let Err(e) = bounds::chart_size(bands, pixels) {
+            return Err(wrong("shape", &e.bound.to_string(), format!("{}: {}", e.bound.name, e.found)));
         }
         let sample = Sample::of(array.data_type()).ok_or_else(|| {
             wrong(
@@ -141,6 +141,16 @@ impl Layout {
             .chunk_shape(&vec![0; rank])
             .map_err(|e| wrong("chunks", "a regular chunk grid", e.to_string()))?;
         let chunk: Vec<u64> = chunk.iter().map(|n| n.get()).collect();
+        let files =
+            array.shape().iter().zip(&chunk).try_fold(1u64, |n, (s, c)| n.checked_mul(s.div_ceil(*c)));
+        if files.is_none_or(|n| n > MOST_FILES) {
+            let found = format!("{:?} in chunks of {chunk:?}", array.shape());
+            return Err(wrong(
+                "chunks",
+                "at most 2^24 files; re-chunk the array, or put it in shards",
+                found,
+            ));
+        }
         let (mut piece, mut chain, mut index) = (chunk.clone(), array.codecs(), None);
         if let ArrayMetadata::V3(m) = array.metadata()
             && let [codec] = m.codecs.as_slice()

@@ -4,6 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
+use pipeline::bounds;
 use pipeline::geometry::Size;
 use serde_json::{Map, Value};
 use zarrs::array::{Array, ArrayMetadata};
@@ -113,7 +114,7 @@ impl ChartStore {
         let find = |key: &str| attributes.get(key).or_else(|| group.get(key));
         let wavelengths_nm =
             coordinates::wavelengths(&layout, dimensions.as_deref(), &find, options.wavelengths_nm.clone())?;
-        let pitch_um = find("pitch_um").map(|v| positive(&layout, "pitch_um", v)).transpose()?;
+        let pitch_um = find("pitch_um").map(|v| pitch(&layout, v)).transpose()?;
         let film_size = find("film_size").map(|v| size(&layout, v)).transpose()?;
         let units = find("units").and_then(Value::as_str).map(str::to_owned);
         Ok(Self {
@@ -205,19 +206,19 @@ fn wrong(layout: &Layout, what: &'static str, expected: &str, found: &Value) -> 
     }
 }
 
-fn positive(layout: &Layout, what: &'static str, v: &Value) -> Result<f64, ChartError> {
-    v.as_f64()
-        .filter(|x| x.is_finite() && *x > 0.0)
-        .ok_or_else(|| wrong(layout, what, "a positive number of µm", v))
+fn pitch(layout: &Layout, v: &Value) -> Result<f64, ChartError> {
+    let number = v.as_f64().filter(|x| bounds::PITCH_UM.holds(*x));
+    number.ok_or_else(|| wrong(layout, "pitch_um", &format!("a number from {}", bounds::PITCH_UM), v))
 }
 
 fn size(layout: &Layout, v: &Value) -> Result<Size, ChartError> {
-    let side = |v: &Value| v.as_u64().filter(|n| (1..=1 << 31).contains(n)).map(|n| n as usize);
-    match v.as_array().map(Vec::as_slice) {
-        Some([h, w]) => side(h).zip(side(w)).map(|(h, w)| Size::new(h, w)),
+    let side = |v: &Value| v.as_u64().and_then(|n| usize::try_from(n).ok());
+    let size = match v.as_array().map(Vec::as_slice) {
+        Some([h, w]) => side(h).zip(side(w)).and_then(|(h, w)| bounds::film_size(Size::new(h, w)).ok()),
         _ => None,
-    }
-    .ok_or_else(|| wrong(layout, "film_size", "[rows, columns]", v))
+    };
+    let expected = format!("[rows, columns], each {}", bounds::FILM_SIDE_PX);
+    size.ok_or_else(|| wrong(layout, "film_size", &expected, v))
 }
 
 /// The metadata of `array` without its attributes, as JSON with sorted keys.

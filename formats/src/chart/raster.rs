@@ -26,6 +26,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 
+use pipeline::bounds;
 use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
@@ -38,8 +39,7 @@ use mapped::Mapped;
 
 /// Longest header of an ENVI file.
 const LONGEST_HEADER: u64 = 16 << 20;
-/// Largest side, and most bytes: beyond what any disk holds.
-const LARGEST_SIDE: usize = 1 << 31;
+/// Beyond what any disk holds.
 const MOST_BYTES: u64 = 1 << 60;
 /// Lines of a band shorter than this share too many pages with other bands to be read where they lie.
 const LONG_LINE: u64 = 16 << 10;
@@ -164,16 +164,14 @@ impl RasterChart {
     ) -> Result<Self, ChartError> {
         let bytes =
             samples_bytes(&layout).and_then(|n| n.checked_add(layout.offset)).filter(|n| *n <= MOST_BYTES);
-        let Some(expected) = bytes.filter(|_| layout.shape.iter().all(|n| (1..=LARGEST_SIDE).contains(n)))
-        else {
-            let found = format!("{:?}", layout.shape);
-            return Err(header(
-                path,
-                "shape",
-                "bands, rows and columns of at least 1 and a size that a disk holds",
-                found,
-            ));
+        let [bands, rows, columns] = layout.shape;
+        if let Err(e) = bounds::chart_size(bands, Size::new(rows, columns)) {
+            return Err(header(path, e.bound.name, e.bound.to_string(), e.found));
+        }
+        let Some(expected) = bytes else {
+            return Err(header(path, "shape", "a size that a disk holds", format!("{:?}", layout.shape)));
         };
+        check_wavelengths(path, wavelengths_nm.as_deref())?;
         let file = open(path)?;
         let meta = file.metadata().map_err(|e| DurableError::io("look up", path, 0, e))?;
         if meta.len() < expected {
@@ -220,6 +218,7 @@ impl RasterChart {
             let (expected, found) = (format!("{}, one a band", self.bands()), nm.len().to_string());
             return Err(header(&self.path, "number of wavelengths", expected, found));
         }
+        check_wavelengths(&self.path, Some(&nm))?;
         self.identity.0["wavelengths_nm"] = json!(nm);
         self.wavelengths_nm = Some(nm);
         Ok(self)
@@ -420,6 +419,13 @@ impl ChartSource for RasterChart {
 fn samples_bytes(layout: &RasterLayout) -> Option<u64> {
     let count = layout.shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64))?;
     count.checked_mul(layout.sample.bytes() as u64)
+}
+
+/// Wavelengths of a header or of the caller within their bounds.
+pub(super) fn check_wavelengths(path: &Path, nm: Option<&[f64]>) -> Result<(), ChartError> {
+    bounds::WAVELENGTH_NM.check_all(nm.unwrap_or_default()).map_err(|(band, e)| {
+        header(path, e.bound.name, e.bound.to_string(), format!("{} for band {band}", e.found))
+    })
 }
 
 fn has_extension(path: &Path, extension: &str) -> bool {

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use pipeline::bounds::OutOfBounds;
+
 use crate::durable::DurableError;
 
 /// A film cannot be made, opened or written.
@@ -54,6 +56,19 @@ pub enum FilmError {
         /// What it is.
         found: String,
     },
+    /// Attributes that no film has.
+    #[error(
+        "opening film {path}: its attributes cannot be: {reason}; restore its zarr.json, or make the film anew with --overwrite"
+    )]
+    Attributes {
+        /// The film.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A number of the film beyond its bounds.
+    #[error("laying out the film: {0}")]
+    Bounds(#[from] OutOfBounds),
     /// A value too large for f16.
     #[error(
         "encoding {output}, band {band}, row {row}, column {column}: {value} does not fit float16 (at most 65504); write float32"

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use pipeline::bounds::{self, OutOfBounds};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
@@ -71,31 +72,20 @@ impl FilmSpec {
         (side(size.height), side(size.width))
     }
 
-    pub(super) fn check(&self) -> Result<(), FilmError> {
+    /// Whether a film can be so: every number within [`bounds`], every output inside the film.
+    ///
+    /// # Errors
+    /// [`FilmError::Spec`] or [`FilmError::Bounds`].
+    pub fn check(&self) -> Result<(), FilmError> {
         let no = |what, expected, found: String| Err(FilmError::Spec { what, expected, found });
-        if self.chunk == 0 || self.shard == 0 || !self.shard.is_multiple_of(self.chunk) || self.shard > 16384
-        {
+        if self.chunk == 0 || self.shard == 0 || !self.shard.is_multiple_of(self.chunk) {
             let found = format!("shards of {}, chunks of {}", self.shard, self.chunk);
-            return no("sides", "a shard of at most 16384 pixels that is a multiple of the chunk", found);
+            return no("sides", "a shard that is a multiple of the chunk", found);
         }
-        if self.wavelengths_nm.is_empty() || self.wavelengths_nm.iter().any(|w| !(w.is_finite() && *w > 0.0))
-        {
-            return no(
-                "wavelengths",
-                "one or more positive numbers of nm",
-                format!("{:?}", self.wavelengths_nm),
-            );
-        }
-        let finite = self.axis_px.0.is_finite() && self.axis_px.1.is_finite();
-        if !(self.pitch_um.is_finite() && self.pitch_um > 0.0 && finite) {
-            let found = format!("{} µm, {:?}", self.pitch_um, self.axis_px);
-            return no("pitch and axis", "a positive pitch and a finite axis", found);
-        }
-        if self.outputs.is_empty() {
-            return no("outputs", "at least one", "none".into());
-        }
+        self.check_bounds()?;
         for (k, o) in self.outputs.iter().enumerate() {
-            if o.rect.is_empty() || !self.film.rect().contains(o.rect) {
+            let placed = |at: i64| (0..=bounds::FILM_SIDE_PX.most as i64).contains(&at);
+            if !placed(o.rect.y) || !placed(o.rect.x) || !self.film.rect().contains(o.rect) {
                 return no(
                     "output",
                     "a window of the film that is not empty",
@@ -109,6 +99,29 @@ impl FilmSpec {
             }
         }
         Ok(())
+    }
+
+    /// All numbers within their bounds, and all products of them, before anything is allocated for them.
+    fn check_bounds(&self) -> Result<(), OutOfBounds> {
+        let bands = self.wavelengths_nm.len();
+        bounds::BANDS.check_count(bands)?;
+        bounds::OUTPUTS.check_count(self.outputs.len())?;
+        bounds::film_size(self.film)?;
+        self.wavelengths_nm.iter().try_for_each(|&nm| bounds::WAVELENGTH_NM.check(nm).map(drop))?;
+        bounds::PITCH_UM.check(self.pitch_um)?;
+        bounds::AXIS_PX.check(self.axis_px.0)?;
+        bounds::AXIS_PX.check(self.axis_px.1)?;
+        bounds::SHARD_SIDE_PX.check_count(self.shard)?;
+        bounds::CHUNKS_PER_SHARD.check_product(&[self.shard / self.chunk, self.shard / self.chunk])?;
+        let mut shards = 0;
+        for output in &self.outputs {
+            let (height, width) = (output.rect.height, output.rect.width);
+            bounds::film_size(output.rect.size())?;
+            bounds::SAMPLES.check_product(&[bands, height, width])?;
+            let (rows, columns) = (height.div_ceil(self.shard), width.div_ceil(self.shard));
+            shards += bounds::SHARDS.check_product(&[bands, rows, columns])?;
+        }
+        bounds::SHARDS.check_product(&[shards as usize]).map(drop)
     }
 
     /// Names of the (y, x) coordinates of an output.
@@ -175,7 +188,7 @@ impl FilmSpec {
         })
     }
 
-    /// Reads the attributes back.
+    /// Reads the attributes back, and checks them.
     pub(super) fn from_attributes(
         path: &Path,
         mut a: Map<String, Value>,
@@ -210,6 +223,8 @@ impl FilmSpec {
                 codec: get(&a, "codec")?,
             })
         };
-        parse().map(|spec| (spec, provenance)).ok_or_else(damaged)
+        let spec = parse().ok_or_else(damaged)?;
+        spec.check().map_err(|e| FilmError::Attributes { path: path.into(), reason: e.to_string() })?;
+        Ok((spec, provenance))
     }
 }

@@ -4,6 +4,7 @@ use super::dense::{Parity, Spline, steps};
 use super::window::{Layout, Outward, RowOrder, Window};
 use super::{ImportError, ImportOptions, MOST};
 use crate::lens::{LensPackWriter, PackAttributes};
+use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -61,8 +62,8 @@ impl Windows {
     ) -> Result<(), ImportError> {
         let ready = window.ready(layout).map_err(|e| ImportError::file(path, format!("the window {e}")))?;
         let bad = |problem: String| Err(ImportError::file(path, problem));
-        if !(pitch_um.is_finite() && pitch_um > 0.0) {
-            return bad(format!("the window's pitch is {pitch_um} µm"));
+        if let Err(e) = bounds::PITCH_UM.check(pitch_um).and(bounds::PSF_SIDE.check_count(ready.size)) {
+            return bad(format!("the window is out of bounds: {e}"));
         }
         if self.samples.is_empty() {
             (self.size, self.pitch_um) = (ready.size, pitch_um);
@@ -116,11 +117,11 @@ impl Imported {
     }
 
     pub(super) fn new(mut given: Given, options: &ImportOptions, fetch: Fetch) -> Result<Self, ImportError> {
-        if options.field_points < 2 || options.field_points > 1_000_000 {
-            return Err(ImportError::Option {
-                option: "field points",
-                problem: "expected 2 to 1000000".into(),
-            });
+        let numbers = bounds::FIELD_POINTS
+            .check_count(options.field_points)
+            .and_then(|n| bounds::TABLE_NUMBERS.check_product(&[n, given.bands.len().max(1)]));
+        if let Err(e) = numbers {
+            return Err(ImportError::Option { option: "field points", problem: e.to_string() });
         }
         let fetch: Fetch = match options.without_psf {
             true => {
@@ -176,6 +177,7 @@ impl Imported {
             psf_sample: given.sample,
             bands,
         };
+        lens.check_head().map_err(|(name, e)| ImportError::file(&given.path, format!("`{name}`: {e}")))?;
         Ok(Self { lens, source, notes: given.notes, path: given.path, fetch })
     }
 }

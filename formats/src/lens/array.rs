@@ -8,6 +8,7 @@ use super::error::LensPackError;
 use super::guard;
 use super::number::Number;
 use super::store::Store;
+use pipeline::bounds::Bound;
 use serde_json::Value;
 use std::num::NonZeroU64;
 use std::sync::Arc;
@@ -128,6 +129,24 @@ impl<'a> PackArray<'a> {
         Err(self.shape_error(format!("{shape:?} ({what})")))
     }
 
+    /// Requires no more numbers than a bound allows.
+    pub(super) fn expect_at_most(&self, bound: &Bound) -> Result<(), LensPackError> {
+        let sides: Vec<usize> = self.shape.iter().map(|&n| n as usize).collect();
+        let chunk: Vec<usize> = self.chunk.iter().map(|c| c.get() as usize).collect();
+        let held = bound.check_product(&sides).and_then(|_| bound.check_product(&chunk));
+        held.map(drop).map_err(|e| LensPackError::TooLarge {
+            path: self.store.path.clone(),
+            array: self.name.clone(),
+            claim: e.found,
+            limit: bound.to_string(),
+        })
+    }
+
+    /// Bytes of one chunk, decoded.
+    pub(super) fn chunk_bytes(&self) -> u64 {
+        self.chunk.iter().map(|c| c.get()).product::<u64>() * self.number.bytes() as u64
+    }
+
     pub(super) fn shape_error(&self, expected: String) -> LensPackError {
         LensPackError::Shape {
             path: self.store.path.clone(),
@@ -227,7 +246,7 @@ impl<'a> PackArray<'a> {
     }
 
     fn decode(&self, index: &[u64]) -> Result<Option<Vec<u8>>, LensPackError> {
-        let expected = self.chunk.iter().map(|c| c.get()).product::<u64>() * self.number.bytes() as u64;
+        let expected = self.chunk_bytes();
         let encoded = self
             .store
             .read(&self.key(index), 2 * expected + (64 << 10))

@@ -4,6 +4,7 @@ use super::SCHEMA;
 use super::array::METADATA_LIMIT;
 use super::error::LensPackError;
 use super::store::Store;
+use pipeline::bounds::OutOfBounds;
 use pipeline::lens::PsfSample;
 use serde_json::{Map, Value};
 
@@ -54,6 +55,12 @@ impl<'a> Attributes<'a> {
             name,
             problem: format!("{found}, expected {expected}"),
         }
+    }
+
+    /// The error for a number beyond its bound.
+    pub(super) fn beyond(&self, name: &'static str, e: &OutOfBounds) -> LensPackError {
+        let problem = format!("is out of bounds: {e}");
+        LensPackError::Attribute { path: self.store.path.clone(), name, problem }
     }
 
     /// Any JSON value.

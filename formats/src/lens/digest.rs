@@ -11,16 +11,23 @@ use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 /// Samples turned to bytes at a time.
 const PIECE: usize = 16384;
 
-pub(super) fn of<E>(lens: &Lens, psf: impl FnMut(usize) -> Result<PsfStack, E>) -> Result<String, E> {
-    of_bands(lens, 0..lens.bands.len(), psf)
+/// Of all bands; `psf` reads the PSFs of one.
+pub(super) fn of<E>(lens: &Lens, mut psf: impl FnMut(usize) -> Result<PsfStack, E>) -> Result<String, E> {
+    let mut h = head(lens, lens.bands.len());
+    for (b, band) in lens.bands.iter().enumerate() {
+        add(&mut h, band, &psf(b)?);
+    }
+    Ok(h.finalize().to_hex().to_string())
 }
 
-/// The same of some bands alone.
-pub(super) fn of_bands<E>(
-    lens: &Lens,
-    bands: std::ops::Range<usize>,
-    mut psf: impl FnMut(usize) -> Result<PsfStack, E>,
-) -> Result<String, E> {
+/// The same of band `band` alone, whose PSFs are `stack`.
+pub(super) fn of_band(lens: &Lens, band: usize, stack: &PsfStack) -> String {
+    let mut h = head(lens, 1);
+    add(&mut h, &lens.bands[band], stack);
+    h.finalize().to_hex().to_string()
+}
+
+fn head(lens: &Lens, bands: usize) -> blake3::Hasher {
     let mut h = blake3::Hasher::new();
     h.update(b"lenscube/lens-pack/1 digest\n");
     reals(
@@ -38,17 +45,16 @@ pub(super) fn of_bands<E>(
         PsfSample::Point => 0,
         PsfSample::Integrated => 1,
     };
-    counts(&mut h, &[sample, bands.len()]);
-    for b in bands {
-        // First, for it is what knows which bands there are.
-        let stack = psf(b)?;
-        tables(&mut h, &lens.bands[b]);
-        for piece in stack.samples.chunks(PIECE) {
-            let bytes: Vec<u8> = piece.iter().flat_map(|v| v.to_le_bytes()).collect();
-            h.update(&bytes);
-        }
+    counts(&mut h, &[sample, bands]);
+    h
+}
+
+fn add(h: &mut blake3::Hasher, band: &LensBand, stack: &PsfStack) {
+    tables(h, band);
+    for piece in stack.samples.chunks(PIECE) {
+        let bytes: Vec<u8> = piece.iter().flat_map(|v| v.to_le_bytes()).collect();
+        h.update(&bytes);
     }
-    Ok(h.finalize().to_hex().to_string())
 }
 
 fn tables(h: &mut blake3::Hasher, band: &LensBand) {

@@ -202,6 +202,16 @@ pub enum LensPackError {
         /// Number of bands.
         bands: usize,
     },
+    /// It is not what it was when it was opened.
+    #[error(
+        "{path}: the lens pack changed while it was used ({what}), so a film may be of both; let it rest, then start anew with --overwrite"
+    )]
+    Changed {
+        /// The pack.
+        path: PathBuf,
+        /// What differs.
+        what: String,
+    },
     /// Something is already there.
     #[error("{path} already exists; a lens pack is never overwritten: remove it or choose another name")]
     Exists {

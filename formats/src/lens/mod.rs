@@ -31,12 +31,14 @@ mod guard;
 mod number;
 mod read;
 mod sink;
+mod stamp;
 mod store;
 mod summary;
 
 mod write;
 
 pub use error::LensPackError;
+pub use stamp::SealedFile;
 pub use summary::{BandSummary, LensSummary, summary};
 
 pub use write::{LensPackWriter, write};
@@ -76,7 +78,13 @@ pub struct LensPack {
     lens: Lens,
     attributes: PackAttributes,
     notes: Vec<String>,
+    /// Bytes of one chunk of PSFs, decoded, per band.
+    psf_chunk_bytes: Vec<usize>,
+    /// Of the PSFs and tables as they were read first, whole and per band.
     digest: OnceLock<String>,
+    band_digests: Vec<OnceLock<String>>,
+    /// The one file that it lies in, if its bytes are known.
+    sealed: Option<SealedFile>,
 }
 
 impl LensPack {
@@ -86,6 +94,15 @@ impl LensPack {
     /// Whatever is wrong with the pack, but for its PSF samples, which are checked when they are read.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LensPackError> {
         Self::from_store(Store::open(path.as_ref())?)
+    }
+
+    /// Opens a .zip whose bytes are known; every later read is checked against them.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_sealed(sealed: SealedFile) -> Result<Self, LensPackError> {
+        let store = Store::sealed(&sealed)?;
+        Ok(Self { sealed: Some(sealed), ..Self::from_store(store)? })
     }
 
     /// Opens a .zip in memory.
@@ -102,8 +119,10 @@ impl LensPack {
 
     fn from_store(store: Store) -> Result<Self, LensPackError> {
         let mut notes = Vec::new();
-        let (lens, attributes) = read::lens(&store, &mut notes)?;
-        Ok(Self { store, lens, attributes, notes, digest: OnceLock::new() })
+        let (lens, attributes, psf_chunk_bytes) = read::lens(&store, &mut notes)?;
+        let band_digests = vec![OnceLock::new(); lens.bands.len()];
+        let digest = OnceLock::new();
+        Ok(Self { store, lens, attributes, notes, psf_chunk_bytes, digest, band_digests, sealed: None })
     }
 
     /// The tables.
@@ -126,12 +145,61 @@ impl LensPack {
         &self.store.path
     }
 
-    /// Reads the PSFs of band `band`: finite, every window of sum 1.
+    /// Reads the PSFs of band `band`: finite, every window of sum 1, and the same as when they were read first.
     ///
     /// # Errors
-    /// No such band; a chunk missing or damaged; a sample not finite; a window whose sum is not 1.
+    /// No such band; a chunk missing or damaged; a sample not finite; a window whose sum is not 1;
+    /// [`LensPackError::Changed`].
     pub fn psf(&self, band: usize) -> Result<PsfStack, LensPackError> {
-        read::psf(&self.store, &self.lens, band)
+        let stack = read::psf(&self.store, &self.lens, band)?;
+        let known = self.band_digests[band].get().filter(|_| self.store.may_change());
+        let same = match known {
+            Some(known) => *known == digest::of_band(&self.lens, band, &stack),
+            None => self.bytes_hold()?,
+        };
+        if same { Ok(stack) } else { Err(self.changed(format!("psf/{band} differs"))) }
+    }
+
+    /// Bytes that reading a band's PSFs takes beside the samples: a chunk as stored and as decoded.
+    pub fn psf_reading_bytes(&self, band: usize) -> usize {
+        // What is stored may be twice as long as what it decodes to.
+        3 * self.psf_chunk_bytes.get(band).copied().unwrap_or_default()
+    }
+
+    /// Checks that what the pack was read from is still the same: files whose size and times are as they were, else the bytes of
+    /// what was read.
+    ///
+    /// # Errors
+    /// [`LensPackError::Changed`].
+    pub fn check_unchanged(&self) -> Result<(), LensPackError> {
+        if self.sealed.is_some() {
+            // Whatever its name stands for now: what was read came from the file that was opened.
+            return if self.bytes_hold()? { Ok(()) } else { Err(self.changed("its bytes differ".into())) };
+        }
+        if !self.store.may_change() || self.store.same_files() {
+            return Ok(());
+        }
+        let now = Self::open(&self.store.path).map_err(|e| self.changed(e.to_string()))?;
+        if now.lens != self.lens {
+            return Err(self.changed("its tables differ".into()));
+        }
+        for (band, known) in self.band_digests.iter().enumerate() {
+            let Some(known) = known.get() else { continue };
+            let own = now.band_digest(band).map_err(|e| self.changed(e.to_string()))?;
+            if own != *known {
+                return Err(self.changed(format!("psf/{band} differs")));
+            }
+        }
+        Ok(())
+    }
+
+    fn bytes_hold(&self) -> Result<bool, LensPackError> {
+        let failed = |source| LensPackError::Io { path: self.path().into(), action: "read again", source };
+        self.sealed.as_ref().map_or(Ok(true), |sealed| sealed.holds().map_err(failed))
+    }
+
+    fn changed(&self, what: String) -> LensPackError {
+        LensPackError::Changed { path: self.path().into(), what }
     }
 
     /// blake3 (hex) of all that changes pixels; the same for a directory, its zip, and any chunks or codecs.
@@ -144,7 +212,11 @@ impl LensPack {
         if let Some(digest) = self.digest.get() {
             return Ok(digest);
         }
-        let digest = digest::of(&self.lens, |band| self.psf(band))?;
+        let digest = digest::of(&self.lens, |band| {
+            let stack = self.psf(band)?;
+            self.band_digests[band].get_or_init(|| digest::of_band(&self.lens, band, &stack));
+            Ok::<_, LensPackError>(stack)
+        })?;
         Ok(self.digest.get_or_init(|| digest))
     }
 
@@ -153,7 +225,8 @@ impl LensPack {
     /// # Errors
     /// As [`psf`](Self::psf).
     pub fn band_digest(&self, band: usize) -> Result<String, LensPackError> {
-        digest::of_bands(&self.lens, band..band + 1, |band| self.psf(band))
+        let stack = self.psf(band)?;
+        Ok(self.band_digests[band].get_or_init(|| digest::of_band(&self.lens, band, &stack)).clone())
     }
 }
 

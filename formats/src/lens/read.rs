@@ -8,23 +8,26 @@ use super::array::PackArray;
 use super::attributes::Attributes;
 use super::error::LensPackError;
 use super::store::Store;
+use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand, PsfStack};
 use std::f64::consts::PI;
 
-/// Most bands of a pack.
-const BANDS_LIMIT: usize = 4096;
 /// A window's sum may miss 1 by this much before it is an error.
 const SUM_TOLERANCE: f64 = 1e-3;
 /// A window whose sum misses 1 by less is kept as it is: f32 rounding alone gives 1e-7.
 const SUM_EXACT: f64 = 1e-6;
 
 /// Reads every table; `notes` says which defaults were taken.
-pub(super) fn lens(store: &Store, notes: &mut Vec<String>) -> Result<(Lens, PackAttributes), LensPackError> {
+/// The chunks' bytes are those of each band's PSFs, decoded.
+pub(super) fn lens(
+    store: &Store,
+    notes: &mut Vec<String>,
+) -> Result<(Lens, PackAttributes, Vec<usize>), LensPackError> {
     let head = Attributes::of_group(store)?;
     let wavelength = PackArray::open(store, "wavelength")?;
     let bands = match wavelength.shape[..] {
-        [n] if n as usize <= BANDS_LIMIT => n as usize,
-        _ => return Err(wavelength.shape_error(format!("[bands], at most {BANDS_LIMIT}"))),
+        [n] if bounds::BANDS.holds(n as f64) => n as usize,
+        _ => return Err(wavelength.shape_error(format!("[bands], {}", bounds::BANDS))),
     };
     let tables = Tables { store, bands };
     let wavelength_nm = tables.per_band("wavelength")?;
@@ -43,6 +46,7 @@ pub(super) fn lens(store: &Store, notes: &mut Vec<String>) -> Result<(Lens, Pack
     let energy = tables.rows("psf_energy", same)?;
     let pitch = tables.per_band("psf_pitch")?;
     let f_number = head.positive("f_number")?;
+    bounds::F_NUMBER.check(f_number).map_err(|e| head.beyond("f_number", &e))?;
     let solid_angle = tables.per_band_or("solid_angle", || {
         notes.push(format!("solid_angle is missing: π/(4N²) with N = {f_number} was taken"));
         PI / (4.0 * f_number * f_number)
@@ -52,17 +56,18 @@ pub(super) fn lens(store: &Store, notes: &mut Vec<String>) -> Result<(Lens, Pack
         1.0
     })?;
     let sample = head.sample()?;
-    let mut lens_bands = Vec::with_capacity(bands);
+    let (mut lens_bands, mut chunks) = (Vec::with_capacity(bands), Vec::with_capacity(bands));
     for b in 0..bands {
         let psf_height_mm = heights.numbers(b)?;
         let k = psf_height_mm.len();
+        let (psf_size, chunk_bytes) = psf_size(store, b, k)?;
         let band = LensBand {
             wavelength_nm: wavelength_nm[b],
             ideal_height_mm: ideal.numbers(b)?,
             image_height_mm: image.numbers(b)?,
             relative_illumination: illumination.numbers(b)?,
             azimuth_count: azimuths.counts(b, k)?,
-            psf_size: psf_size(store, b, k)?,
+            psf_size,
             psf_pitch_um: pitch[b],
             psf_energy: energy.first(b, k)?,
             solid_angle_sr: solid_angle[b],
@@ -71,6 +76,7 @@ pub(super) fn lens(store: &Store, notes: &mut Vec<String>) -> Result<(Lens, Pack
         };
         band.check().map_err(|source| LensPackError::Table { path: store.path.clone(), source })?;
         lens_bands.push(band);
+        chunks.push(chunk_bytes);
     }
     let lens = Lens {
         name: head.text("name").unwrap_or_else(|| {
@@ -86,14 +92,19 @@ pub(super) fn lens(store: &Store, notes: &mut Vec<String>) -> Result<(Lens, Pack
         psf_sample: sample,
         bands: lens_bands,
     };
+    lens.check_head().map_err(|(name, e)| head.beyond(name, &e))?;
+    let defocus_mm = head.number_or_null("defocus_mm")?;
+    if let Some(Err(e)) = defocus_mm.map(|v| bounds::DEFOCUS_MM.check(v)) {
+        return Err(head.beyond("defocus_mm", &e));
+    }
     let other = PackAttributes {
         image_plane: head.text("image_plane"),
-        defocus_mm: head.number_or_null("defocus_mm")?,
+        defocus_mm,
         frame: head.text("frame"),
         psf_tolerance: head.any("psf_tolerance"),
         source: head.any("source"),
     };
-    Ok((lens, other))
+    Ok((lens, other, chunks))
 }
 
 /// Reads one band's windows: finite, each of sum 1.
@@ -143,13 +154,16 @@ pub(super) fn psf(store: &Store, lens: &Lens, index: usize) -> Result<PsfStack, 
     Ok(PsfStack { size: n, pitch_um: band.psf_pitch_um, sample: lens.psf_sample, samples: values })
 }
 
-/// Side of band `b`'s windows, from the metadata alone.
-fn psf_size(store: &Store, b: usize, k: usize) -> Result<usize, LensPackError> {
+/// Side of band `b`'s windows and bytes of a chunk of them, from the metadata alone.
+fn psf_size(store: &Store, b: usize, k: usize) -> Result<(usize, usize), LensPackError> {
     let array = PackArray::open(store, &format!("psf/{b}"))?;
     array.expect_float()?;
     match array.shape[..] {
+        [_, rows, _] if !bounds::PSF_SIDE.holds(rows as f64) => {
+            Err(array.shape_error(format!("[{k}, n, n] with n odd, {}", bounds::PSF_SIDE)))
+        }
         [windows, rows, columns] if windows as usize == k && rows == columns && rows % 2 == 1 => {
-            Ok(rows as usize)
+            Ok((rows as usize, array.chunk_bytes() as usize))
         }
         _ => Err(array.shape_error(format!("[{k}, n, n] with n odd ({k} heights of psf_height)"))),
     }
@@ -222,6 +236,7 @@ impl Tables<'_> {
             _ => return Err(array.shape_error(format!("[{}, at least 2]", self.bands))),
         };
         array.expect_shape(&[self.bands, width], words)?;
+        array.expect_at_most(&bounds::TABLE_NUMBERS)?;
         Ok(Rows { tables: self, name, width, values: array.read()? })
     }
 }
@@ -270,8 +285,9 @@ impl Rows<'_> {
 
     fn counts(&self, b: usize, k: usize) -> Result<Vec<usize>, LensPackError> {
         let row = &self.row(b)[..k];
-        match row.iter().position(|v| !(*v >= 0.0 && *v <= 65536.0 && v.fract() == 0.0)) {
-            Some(i) => Err(self.tables.value(self.name, b, i, row[i], "a whole number up to 65536")),
+        let whole = |v: f64| v >= 0.0 && v <= bounds::AZIMUTHS.most && v.fract() == 0.0;
+        match row.iter().position(|v| !whole(*v)) {
+            Some(i) => Err(self.tables.value(self.name, b, i, row[i], "a whole number up to 7200")),
             None => Ok(row.iter().map(|&v| v as usize).collect()),
         }
     }

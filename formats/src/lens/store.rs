@@ -6,8 +6,10 @@
 
 use super::array::METADATA_LIMIT;
 use super::error::LensPackError;
+use super::stamp::{SealedFile, Stamp};
 use crate::durable::{DurableError, Objects, is_url, passes};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
@@ -29,9 +31,25 @@ pub(super) struct Store {
 }
 
 enum Kind {
-    Directory,
+    /// What was read or asked for, by key, as the file system told of it first; `None`: it was not there.
+    Directory(Mutex<BTreeMap<String, Option<Stamp>>>),
     Objects(Objects),
-    Zip { archive: Mutex<ZipArchive<Box<dyn ReadSeek>>>, prefix: String },
+    Zip {
+        archive: Mutex<ZipArchive<Box<dyn ReadSeek>>>,
+        prefix: String,
+        from: Origin,
+    },
+}
+
+/// Where a zip's bytes come from.
+#[derive(Clone, Copy)]
+enum Origin {
+    /// The program, or a file that is checked elsewhere.
+    Fixed,
+    /// The file of that name.
+    File(Stamp),
+    /// An object.
+    Object,
 }
 
 impl Store {
@@ -49,16 +67,30 @@ impl Store {
             Err(e) => return Err(io(e)),
         };
         if meta.is_dir() {
-            return Ok(Self { path: path.into(), kind: Kind::Directory });
+            return Ok(Self { path: path.into(), kind: Kind::Directory(Mutex::default()) });
         }
-        let mut file = File::open(path).map_err(io)?;
+        let file = File::open(path).map_err(io)?;
+        let stamp = Stamp::new(&file.metadata().map_err(io)?);
+        Self::file(path, file, Origin::File(stamp))
+    }
+
+    /// The .zip in an open file.
+    pub(super) fn sealed(sealed: &SealedFile) -> Result<Self, LensPackError> {
+        let path = &sealed.path;
+        let io = |source| LensPackError::Io { path: path.clone(), action: "open the lens pack", source };
+        Self::file(path, sealed.reader().map_err(io)?, Origin::Fixed)
+    }
+
+    fn file(path: &Path, mut file: File, from: Origin) -> Result<Self, LensPackError> {
+        let io = |source| LensPackError::Io { path: path.into(), action: "open the lens pack", source };
+        file.rewind().map_err(io)?;
         let mut magic = [0; 4];
         if file.read_exact(&mut magic).is_err() || &magic != b"PK\x03\x04" {
             let problem = "it is a file, but not a zip archive".into();
             return Err(LensPackError::NotAPack { path: path.into(), problem });
         }
         file.rewind().map_err(io)?;
-        Self::zip(path.into(), Box::new(BufReader::new(file)))
+        Self::zip(path.into(), Box::new(BufReader::new(file)), from)
     }
 
     fn objects(url: &Path) -> Result<Self, LensPackError> {
@@ -75,6 +107,7 @@ impl Store {
             Some(size) => Self::zip(
                 url.into(),
                 Box::new(BufReader::with_capacity(AT_ONCE, Object { objects, size, at: 0 })),
+                Origin::Object,
             ),
             None => Err(LensPackError::NotFound { path: url.into() }),
         }
@@ -82,10 +115,28 @@ impl Store {
 
     /// A .zip in memory; `path` is what errors call it.
     pub(super) fn bytes(path: PathBuf, bytes: Cow<'static, [u8]>) -> Result<Self, LensPackError> {
-        Self::zip(path, Box::new(Cursor::new(bytes)))
+        Self::zip(path, Box::new(Cursor::new(bytes)), Origin::Fixed)
     }
 
-    fn zip(path: PathBuf, reader: Box<dyn ReadSeek>) -> Result<Self, LensPackError> {
+    /// Whether what it was read from may change.
+    pub(super) fn may_change(&self) -> bool {
+        !matches!(self.kind, Kind::Zip { from: Origin::Fixed, .. })
+    }
+
+    /// Whether all files that were read or asked for are as they were, by size, times and inode; `false` where nothing tells.
+    pub(super) fn same_files(&self) -> bool {
+        match &self.kind {
+            Kind::Directory(seen) => {
+                let seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
+                seen.iter().all(|(key, stamp)| Stamp::at(&self.path.join(key)) == *stamp)
+            }
+            Kind::Zip { from: Origin::File(stamp), .. } => Stamp::at(&self.path) == Some(*stamp),
+            Kind::Zip { from, .. } => matches!(from, Origin::Fixed),
+            Kind::Objects(_) => false,
+        }
+    }
+
+    fn zip(path: PathBuf, reader: Box<dyn ReadSeek>, from: Origin) -> Result<Self, LensPackError> {
         let archive = ZipArchive::new(reader).map_err(|e| match e {
             ZipError::Io(source) if passes(&source) => {
                 LensPackError::Io { path: path.clone(), action: "read the lens pack", source }
@@ -96,7 +147,7 @@ impl Store {
             Ok(prefix) => prefix,
             Err(problem) => return Err(LensPackError::NotAPack { path, problem }),
         };
-        Ok(Self { path, kind: Kind::Zip { archive: Mutex::new(archive), prefix } })
+        Ok(Self { path, kind: Kind::Zip { archive: Mutex::new(archive), prefix, from } })
     }
 
     /// The error for what cannot be read: it may be sound if that may pass, else it is what `otherwise` says.
@@ -114,13 +165,16 @@ impl Store {
     /// Stored length of a key's value in bytes; `None` = no such key.
     pub(super) fn size(&self, key: &str) -> io::Result<Option<u64>> {
         match &self.kind {
-            Kind::Directory => match std::fs::metadata(self.path.join(key)) {
-                Ok(meta) if meta.is_file() => Ok(Some(meta.len())),
+            Kind::Directory(seen) => match std::fs::metadata(self.path.join(key)) {
+                Ok(meta) if meta.is_file() => {
+                    note(seen, key, Some(Stamp::new(&meta)));
+                    Ok(Some(meta.len()))
+                }
                 Ok(_) => Ok(None),
-                Err(e) => absent(e),
+                Err(e) => absent(e).inspect(|_| note(seen, key, None)),
             },
             Kind::Objects(objects) => Ok(objects.size_of(key)?),
-            Kind::Zip { archive, prefix } => {
+            Kind::Zip { archive, prefix, .. } => {
                 let mut archive = archive.lock().unwrap_or_else(PoisonError::into_inner);
                 match archive.by_name(&format!("{prefix}{key}")) {
                     Ok(file) => Ok(Some(file.compressed_size())),
@@ -135,12 +189,15 @@ impl Store {
     /// A key's value; `None` = no such key. Longer than `limit` bytes is an error.
     pub(super) fn read(&self, key: &str, limit: u64) -> io::Result<Option<Vec<u8>>> {
         match &self.kind {
-            Kind::Directory => match File::open(self.path.join(key)) {
-                Ok(file) => read_up_to(file, limit).map(Some),
-                Err(e) => absent(e),
+            Kind::Directory(seen) => match File::open(self.path.join(key)) {
+                Ok(file) => {
+                    note(seen, key, Some(Stamp::new(&file.metadata()?)));
+                    read_up_to(file, limit).map(Some)
+                }
+                Err(e) => absent(e).inspect(|_| note(seen, key, None)),
             },
             Kind::Objects(objects) => Ok(objects.read_at_most(key, limit)?),
-            Kind::Zip { archive, prefix } => {
+            Kind::Zip { archive, prefix, .. } => {
                 let mut archive = archive.lock().unwrap_or_else(PoisonError::into_inner);
                 match archive.by_name(&format!("{prefix}{key}")) {
                     Ok(file) => read_up_to(file, limit).map(Some),
@@ -151,6 +208,11 @@ impl Store {
             }
         }
     }
+}
+
+/// Remembers what the file system told of a key first.
+fn note(seen: &Mutex<BTreeMap<String, Option<Stamp>>>, key: &str, stamp: Option<Stamp>) {
+    seen.lock().unwrap_or_else(PoisonError::into_inner).entry(key.to_owned()).or_insert(stamp);
 }
 
 /// A .zip that is an object, read in parts.

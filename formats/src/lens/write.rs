@@ -114,6 +114,9 @@ impl LensPackWriter {
             let bands = lens.bands.len();
             return Err(self.refuse(format!("the lens has {bands} bands, PSFs came for {have:?}")));
         }
+        if let Err((name, e)) = lens.check_head() {
+            return Err(self.refuse(format!("`{name}` is out of bounds: {e}")));
+        }
         for (b, band) in lens.bands.iter().enumerate() {
             band.check().map_err(|source| LensPackError::Table { path: self.sink.path.clone(), source })?;
             let expected = (band.psf_size, band.psf_pitch_um, band.psf_height_mm.len(), lens.psf_sample);

@@ -3,13 +3,14 @@
 //! `Display` writes every setting, so that equal charts have equal words.
 
 use super::noise;
+use crate::bounds::{BANDS, FILM_SIDE_PX, PITCH_UM, WAVELENGTH_NM};
 use crate::colour::{FIRST_NM, Illuminant, LAST_NM};
 use crate::geometry::Size;
 use crate::wavelengths::{self, WavelengthError};
 use crate::words::changes;
 
-/// Longest side of a film: beyond any that will be made, and its square still counts exactly.
-const LONGEST_SIDE: usize = 1_000_000;
+/// Longest side of a film.
+const LONGEST_SIDE: usize = FILM_SIDE_PX.most as usize;
 /// Most blobs or stars along a side, and most edges of a list: they are searched one by one for every rectangle.
 const MOST_ALONG: usize = 128;
 
@@ -318,8 +319,8 @@ impl ChartSpec {
         }
         within("overscan", self.overscan() as f64, 0.0, longest, "0 to 1000000 pixels")?;
         within("noise", self.noise, 0.0, noise::MOST, "a relative standard deviation of 0 to 0.28")?;
-        within("pitch_um", self.pitch_um, 1e-3, 1e6, "a pitch of 0.001 to 1e6 µm")?;
-        if self.wavelengths_nm.is_empty() || self.wavelengths_nm.len() > wavelengths::MOST_BANDS {
+        within("pitch_um", self.pitch_um, PITCH_UM.least, PITCH_UM.most, "a pitch of 0.001 to 1e6 µm")?;
+        if BANDS.check_count(self.wavelengths_nm.len()).is_err() {
             return Err(bad(
                 "wavelengths",
                 &format!("{} bands", self.wavelengths_nm.len()),
@@ -327,9 +328,11 @@ impl ChartSpec {
             ));
         }
         for &nm in &self.wavelengths_nm {
-            let known =
-                if matches!(self.kind, Kind::Uniform { .. }) { 0.0..=1e6 } else { FIRST_NM..=LAST_NM };
-            if !known.contains(&nm) {
+            let uniform = matches!(self.kind, Kind::Uniform { .. });
+            if uniform && !WAVELENGTH_NM.holds(nm) {
+                return Err(bad("wavelengths", &nm.to_string(), "1 to 1e6 nm"));
+            }
+            if !uniform && !(FIRST_NM..=LAST_NM).contains(&nm) {
                 return Err(ChartError::NoColour { wavelength_nm: nm });
             }
         }

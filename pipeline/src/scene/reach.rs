@@ -6,8 +6,9 @@
 
 use super::Scene;
 use super::map::Map;
-use crate::field::Field;
+use crate::field::{Field, Stretch};
 use crate::geometry::Rect;
+use crate::plan::Tiling;
 use crate::resample::box_span;
 
 /// Side of a piece, film px.
@@ -39,6 +40,64 @@ impl Scene {
         };
         let ((y, height), (x, width)) = (boxes(rows, sy), boxes(cols, sx));
         Rect::new(y, x, height, width)
+    }
+}
+
+/// Chart rectangles of this many pixels need no closer look.
+const SMALL_PX: f64 = (1u64 << 18) as f64;
+/// Up to this stretch the bound of the whole film is near enough that of its strips.
+const USUAL_STRETCH: f64 = 4.0;
+/// Most strips looked at one by one.
+const MOST_STRIPS: usize = 1 << 20;
+
+impl Scene {
+    /// The most chart pixels, surround included, that a worker holds at a time for tiles of `tiling`, or a bound of them
+    /// where that is small.
+    ///
+    /// With J the Jacobian of the remap, |J_yy| ≤ max(h/r, h′) and |J_yx| ≤ |h′ − h/r|/2, so a strip of H × W film px spans at
+    /// most H·|J_yy| + W·|J_yx| rows of a chart of scale 1. Strips for which this bound exceeds the most found so far are
+    /// bounded piece by piece ([`Scene::upload_rect`]).
+    pub fn most_chart_px(&self, tiling: &Tiling) -> u64 {
+        let (rows, cols) = self.strip();
+        let (rows, cols) = (rows.min(tiling.tile()), cols.min(tiling.tile()));
+        let largest = self.strip_bound_px(Rect::new(0, 0, rows, cols), self.farthest_px(tiling.grown()));
+        let (down, across) = tiling.count();
+        let strips = [down, across, tiling.tile().div_ceil(rows), tiling.tile().div_ceil(cols)];
+        let few = strips.iter().try_fold(1usize, |n, &s| n.checked_mul(s)).is_some_and(|n| n <= MOST_STRIPS);
+        if largest <= SMALL_PX || self.stretch(tiling).greatest <= USUAL_STRETCH || !few {
+            return largest as u64;
+        }
+        let mut most = 0u64;
+        for tile in (0..down).flat_map(|i| (0..across).map(move |j| (i, j))) {
+            for strip in tiling.rect(tile).tiles(rows, cols) {
+                if self.strip_bound_px(strip, self.farthest_px(strip)) > most as f64 {
+                    let need = self.upload_rect(strip);
+                    most = most.max((need.height as u64).saturating_mul(need.width as u64));
+                }
+            }
+        }
+        most
+    }
+
+    /// The stretch of the remap over the film and its margin.
+    pub fn stretch(&self, tiling: &Tiling) -> Stretch {
+        self.field.stretch(self.farthest_px(tiling.grown()))
+    }
+
+    fn farthest_px(&self, rect: Rect) -> f64 {
+        self.frame.farthest_mm(rect) / self.frame.pitch_mm()
+    }
+
+    /// Bound of the chart pixels of a strip whose pixels lie within `reach_px` of the axis.
+    fn strip_bound_px(&self, strip: Rect, reach_px: f64) -> f64 {
+        let Stretch { greatest, shear, .. } = self.field.stretch(reach_px);
+        let side = |own: usize, other: usize, scale: f64| {
+            let span = (own as f64 * greatest + other as f64 * shear) / scale;
+            // Taps, or the box of a film pixel, and rounding.
+            span + (1.0 / scale).max(1.0) + 6.0
+        };
+        let (sy, sx) = self.frame.scale;
+        side(strip.height, strip.width, sy) * side(strip.width, strip.height, sx)
     }
 }
 
