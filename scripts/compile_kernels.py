@@ -45,7 +45,9 @@ def compile_ptx(nvrtc, source):
     ptx = ctypes.create_string_buffer(size.value)
     nvrtc.nvrtcGetPTX(program, ptx)
     # Without what a header of the compiler's own leaves there; nothing uses it.
-    return b"\n".join(line for line in ptx.value.split(b"\n") if b"2nv6target" not in line)
+    text = b"\n".join(line for line in ptx.value.split(b"\n") if b"2nv6target" not in line)
+    # Rounding to nearest is what these do; said, it keeps the driver's assembler from fusing them, in which drivers may differ.
+    return re.sub(rb"\b(add|sub|mul)\.(f32|f64)\b", rb"\1.rn.\2", text)
 
 
 def assemble(ptxas, ptx, architecture):

@@ -19,7 +19,7 @@ mod work;
 pub use bench::BenchArgs;
 pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
 pub use demo::DemoArgs;
-pub use device::Device;
+pub use device::{Device, EngineArg};
 pub use export::{ExportArgs, FileArg, PackingArg};
 pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};

@@ -11,6 +11,7 @@ mod stages;
 mod storage;
 
 use crate::args::{BenchArgs, Device, utf8};
+use crate::device::Choice;
 use crate::job::threads;
 use crate::progress::{print, say};
 use anyhow::{Context, Result};
@@ -102,7 +103,12 @@ impl Drop for Scratch {
 /// Runs the command.
 pub fn command(args: &BenchArgs) -> Result<()> {
     utf8(&args.dir)?;
-    let simd = Simd::from_env().map_err(|e| crate::failure::usage(e.to_string()))?;
+    let of_cpu = match args.device {
+        Device::Cpu => Some(Choice::new(&args.device, args.engine.named(), None)?),
+        // The job's choice; what is measured of the processor beside GPUs is not theirs.
+        Device::Cuda(_) | Device::Auto => None,
+    };
+    let simd = of_cpu.map_or_else(Simd::detect, |choice| choice.simd);
     let mut bench = Bench {
         args,
         threads: threads(args.threads),
@@ -148,7 +154,7 @@ fn report(bench: &Bench<'_>) {
     map.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
     map.insert("threads".into(), bench.threads.into());
     map.insert("device".into(), bench.args.device.to_string().into());
-    map.insert("simd".into(), bench.simd.isa().name().into());
+    map.insert("engine".into(), bench.simd.isa().name().into());
     map.insert("rounds".into(), bench.rounds.into());
     map.insert("size_px".into(), bench.args.size.into());
     map.insert("bands".into(), bench.args.bands.into());

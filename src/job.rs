@@ -4,6 +4,7 @@ use crate::args::{
     CodecArg, Device, DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg, bands,
 };
 use crate::device::Choice;
+use crate::engine::{self, Engine};
 use crate::failure::{self, other_job, usage};
 use crate::lens::source::{Named, Source};
 use crate::memory::{Memory, Needs, OnDevices, Remap, default_limit};
@@ -59,6 +60,8 @@ pub struct Job {
     pub threads: usize,
     /// GPUs that compute, a queue each; none: the workers do.
     pub queues: Vec<DeviceQueue>,
+    /// The implementation of the arithmetic that computes the pixels.
+    pub engine: Engine,
     /// What the user should know before it starts.
     pub notes: Vec<String>,
 }
@@ -106,7 +109,8 @@ impl Job {
     /// # Errors
     /// As [`Job::new`]; a chart that has fewer bands than planned.
     pub fn of(args: &RunArgs, part: Option<Part<'_>>) -> Result<Self> {
-        let mut device = Choice::new(&args.device)?;
+        let film_engine = engine::of_film_at(&args.film, args.overwrite)?;
+        let mut device = Choice::new(&args.device, args.engine.named(), film_engine)?;
         let nan = match args.nan {
             NanArg::Error => NanPolicy::Error,
             NanArg::Zero => NanPolicy::Zero,
@@ -136,7 +140,7 @@ impl Job {
         let nm_of = |bands: &[usize]| bands.iter().map(|&b| all_nm[b]).collect::<Vec<f64>>();
         let wavelengths_nm = nm_of(&chart_bands);
         let frame = frame(args, &chart, scale(args, &chart, &named)?)?;
-        let options = options(args, Simd::from_env().map_err(|e| usage(e.to_string()))?);
+        let mut options = options(args, device.simd);
         let film = film_spec(args, &frame, nm_of(&asked), &chart)?;
         let threads = threads(args.threads);
         let lens = Source::new(named, &frame, &wavelengths_nm, &options, threads)?;
@@ -166,6 +170,7 @@ impl Job {
         };
         let bands = device_needs(&frame, &options, &plans, &device);
         let (memory, queues) = plan_memory(&needs, &bands, &args.device, &mut device)?;
+        options.simd = device.simd;
         // Opened again now that the cache's size is known; the first time only metadata were read.
         let chart = open(memory.chart_cache)?;
         let lens_digest = match part {
@@ -179,6 +184,7 @@ impl Job {
         if args.device == Device::Auto {
             notes.push(device.why);
         }
+        notes.extend(device.notes);
         Ok(Self {
             chart,
             lens,
@@ -194,6 +200,7 @@ impl Job {
             memory,
             threads,
             queues,
+            engine: device.engine,
             notes,
         })
     }
@@ -243,7 +250,7 @@ fn plan_memory(
         Ok((memory, queues))
     });
     match on_gpus {
-        Err(error) if *asked == Device::Auto => {
+        Err(error) if device.may_fall_back(asked) => {
             *device = Choice::cpu(&failure::line(&error));
             Ok((Memory::plan(needs, &OnDevices::NONE)?, Vec::new()))
         }
@@ -432,7 +439,7 @@ fn identity(
 }
 
 /// Raised whenever the program gives other pixel values for the same job.
-pub const NUMERIC_VERSION: u32 = 2;
+pub const NUMERIC_VERSION: u32 = 3;
 
 fn notes(args: &RunArgs, chart: &Chart, lens: &Source, plans: &[BandPlan]) -> Result<Vec<String>> {
     let mut notes = lens.notes().to_vec();

@@ -6,6 +6,7 @@ mod chart;
 mod demo;
 mod design;
 mod device;
+mod engine;
 mod export;
 mod failure;
 mod import;

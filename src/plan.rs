@@ -7,7 +7,8 @@ pub mod list;
 mod pack;
 pub mod words;
 
-use crate::args::{Device, PlanArgs, RunArgs};
+use crate::args::{Device, EngineArg, PlanArgs, RunArgs};
+use crate::engine;
 use crate::failure::usage;
 use crate::job::{Job, Part};
 use crate::progress::{print, say};
@@ -39,15 +40,18 @@ pub fn no_pyramid(args: &RunArgs) -> Result<()> {
 pub fn command(args: &PlanArgs) -> Result<u8> {
     no_pyramid(&args.job)?;
     // A plan is made without the devices that its units will run on.
-    let mut run = RunArgs { device: Device::Cpu, ..args.job.clone() };
+    let mut run = RunArgs { device: Device::Cpu, engine: EngineArg::Auto, ..args.job.clone() };
     if let Some(path) = &args.lens_pack {
         run.lens = pack::write(&run, path)?;
     }
     let words = resolved(&run)?;
-    let job = Job::new(&run)?;
+    let engine = engine::planned(&args.job)?;
+    let mut job = Job::new(&run)?;
+    job.engine = engine;
     film::keep_apart(&job, &run.film)?;
     let units = cut::units(&job, args.unit_rows);
     let store = film::open(&job, &run)?;
+    engine::check_planned(&store, engine, run.mixed_engines)?;
     let told = |key: &str| store.provenance().get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
     let bands = job.plans.iter().map(|p| job.lens.band_digest(p.choice)).collect::<Result<_, _>>()?;
     let plan = Plan {
@@ -56,6 +60,7 @@ pub fn command(args: &PlanArgs) -> Result<u8> {
         command: words,
         job_digest: told("job_digest"),
         layout_digest: told("layout_digest"),
+        engine: told("engine"),
         // As the film tells it: a chart that was touched since and trusted is the one that it was begun with.
         job: store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default(),
         layout: film::layout(&job.film),

@@ -9,6 +9,7 @@ mod shown;
 mod units;
 
 use crate::args::{ProgressArg, RunArgs, RunCommand};
+use crate::engine;
 use crate::failure::code;
 use crate::job::Job;
 use crate::memory::mib;
@@ -109,6 +110,7 @@ fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     let args = units.args(typed)?;
     interrupt::listen();
     let store = units.film(&args)?;
+    engine::check_named(&store, &args)?;
     if let Some(shards) = units.all_done(&store)? {
         // Leavings of a worker that was killed after its last shard.
         let _ = (units.lock(&store), store.sweep());
@@ -154,6 +156,7 @@ impl Task<'_> {
         let fields = json!({
             "film": json_path(self.store.path()),
             "device": job.device(),
+            "engine": job.engine.to_string(),
             "threads": job.threads,
             "pid": std::process::id(),
             "host": Maker::here().host,
@@ -170,6 +173,7 @@ impl Task<'_> {
 /// Makes the shards of a task that are not there.
 fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     let Task { args, store, units, .. } = task;
+    engine::check_named(store, args)?;
     let asked = shards::asked(&job, units);
     let all: usize = asked.iter().map(BTreeSet::len).sum();
     if shards::missing(&job, store, &asked)?.iter().all(BTreeSet::is_empty) {
@@ -196,6 +200,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     if missing < all {
         say(format!("resuming {}: {missing} of {all} shards to make", task.name()));
     }
+    engine::check(store, job.engine, args)?;
     lay_out(&mut job, &args.film, &wanted)?;
     tell(&job, all);
     let work = Work {
@@ -268,14 +273,14 @@ fn tell(job: &Job, shards: usize) {
     let on: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
     let on = if on.is_empty() { String::new() } else { format!(" beside {}", on.join(", ")) };
     say(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads of {}{on}, memory {} (chart {}, {} {})",
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads{on}, engine {}, memory {} (chart {}, {} {})",
         job.lens.lens().name,
         job.plans.len(),
         f.film,
         f.pitch_um,
         shards,
         job.threads,
-        job.options.simd.isa().name(),
+        job.engine,
         mib(job.memory.limit),
         mib(job.memory.chart_cache),
         if job.queues.is_empty() { "spectra" } else { "page-locked a GPU" },

@@ -107,6 +107,8 @@ fn status(store: &FilmStore) -> Result<Value> {
         "locks": locks,
         "pyramid": store.pyramid()?.name(),
         "program": of("program"),
+        "engine": store.engine(),
+        "engines": store.engines()?,
         "job_digest": of("job_digest"),
         "layout_digest": of("layout_digest"),
         "job": of("job"),
@@ -122,6 +124,10 @@ fn pick(run: &Map<String, Value>, keys: &[&str]) -> Map<String, Value> {
 fn lock((path, owner, dead): (std::path::PathBuf, Option<Box<Owner>>, Option<bool>)) -> Value {
     let alive = dead.map(|dead| !dead);
     json!({ "path": json_path(&path), "owner": owner, "alive": alive })
+}
+
+fn store_engines(s: &Value) -> Vec<&str> {
+    s["engines"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
 }
 
 fn lines(store: &FilmStore, s: &Value) -> Vec<String> {
@@ -156,6 +162,10 @@ fn lines(store: &FilmStore, s: &Value) -> Vec<String> {
             n(&s["bytes"]) as f64 * 1e-9
         ),
     ];
+    lines.push(match store_engines(s)[..] {
+        [one] => format!("  engine  {one}"),
+        ref several => format!("  engines {}: mixed, up to 2e-6 of the peak apart", several.join(", ")),
+    });
     let bands = s["bands"].as_array().map_or(&[][..], Vec::as_slice);
     let of = |keep: &dyn Fn(u64, u64) -> bool| -> Vec<&Value> {
         bands.iter().filter(|b| keep(n(&b["shards_done"]), n(&b["shards"]))).collect()

@@ -76,7 +76,7 @@ impl Setup {
         let threads = threads(args.threads);
         let film = Size::new(size, size);
         let frame = Frame::centred(film, film, args.film_pitch_um);
-        let options = options()?;
+        let options = options();
         let source = Source::new(Named::open(&args.lens)?, &frame, &wavelengths_nm, &options, threads)?;
         let sample = source.lens().psf_sample;
         let window = |&nm: &f64| -> Result<usize> {
@@ -96,6 +96,7 @@ impl Setup {
             threads,
             memory: args.memory,
             device: args.device.clone(),
+            engine: args.engine,
         };
         let axis_px = frame.axis_px;
         Ok(Self {
@@ -157,15 +158,15 @@ impl Setup {
     }
 }
 
-fn options() -> Result<Options> {
-    Ok(Options {
+fn options() -> Options {
+    Options {
         stages: Stages { ri: true, distortion: true, svpsf: true },
         reading: Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
         azimuths: None,
         psf_window: None,
         between: PsfBetween::Error,
-        simd: Simd::from_env().map_err(|e| usage(e.to_string()))?,
-    })
+        simd: Simd::detect(),
+    }
 }
 
 /// What was found in one band.

@@ -30,9 +30,10 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     verdict.findings.extend(digests(&store));
     let repair = if args.repair { Some(repair(&store, &verdict)?) } else { None };
     drop(held);
+    let engines = store.engines()?;
     match args.json {
-        true => print(serde_json::to_string_pretty(&report(&store, &verdict, repair.as_ref()))?),
-        false => tell(&store, &verdict, repair.as_ref()),
+        true => print(serde_json::to_string_pretty(&report(&store, &engines, &verdict, repair.as_ref()))?),
+        false => tell(&store, &engines, &verdict, repair.as_ref()),
     }
     Ok(if verdict.findings.is_empty() { 0 } else { code::WRONG })
 }
@@ -91,7 +92,7 @@ fn words(finding: &Finding) -> (&'static str, &str, &str) {
     }
 }
 
-fn report(store: &FilmStore, verdict: &Verdict, repair: Option<&Repair>) -> Value {
+fn report(store: &FilmStore, engines: &[String], verdict: &Verdict, repair: Option<&Repair>) -> Value {
     let finding = |f: &Finding| {
         let (kind, key, reason) = words(f);
         json!({ "kind": kind, "key": key, "reason": reason })
@@ -100,6 +101,7 @@ fn report(store: &FilmStore, verdict: &Verdict, repair: Option<&Repair>) -> Valu
     json!({
         "film": json_path(store.path()),
         "sound": verdict.findings.is_empty(),
+        "engines": engines,
         "shards": verdict.shards,
         "bytes": verdict.bytes,
         "findings": verdict.findings.iter().map(finding).collect::<Vec<_>>(),
@@ -108,7 +110,7 @@ fn report(store: &FilmStore, verdict: &Verdict, repair: Option<&Repair>) -> Valu
     })
 }
 
-fn tell(store: &FilmStore, verdict: &Verdict, repair: Option<&Repair>) {
+fn tell(store: &FilmStore, engines: &[String], verdict: &Verdict, repair: Option<&Repair>) {
     for finding in &verdict.findings {
         let (kind, key, reason) = words(finding);
         print(format!("{kind}: {key}: {reason}"));
@@ -118,6 +120,12 @@ fn tell(store: &FilmStore, verdict: &Verdict, repair: Option<&Repair>) {
     match verdict.findings.len() {
         0 => print(format!("{path} is sound: {} shards, {gb:.3} GB", verdict.shards)),
         n => print(format!("{path}: {n} findings in {} shards, {gb:.3} GB", verdict.shards)),
+    }
+    if engines.len() > 1 {
+        say(format!(
+            "note: shards are of several engines, {}, up to 2e-6 of the peak apart (--mixed-engines)",
+            engines.join(", ")
+        ));
     }
     if !verdict.temp.is_empty() && repair.is_none() {
         say(format!(

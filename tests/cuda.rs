@@ -18,6 +18,7 @@ use std::process::{Command, ExitCode};
 
 const FAILED: i32 = 1;
 const USAGE: i32 = 2;
+const OTHER_JOB: i32 = 3;
 const RETRY: i32 = 75;
 const KILLED: i32 = -1;
 /// Devices differ from the processor by their roundings, of the peak.
@@ -137,10 +138,12 @@ fn begun_on_one_and_resumed_on_another() {
     assert_eq!(killed.code, KILLED, "{}", killed.stderr);
     says(&run(&place, "cuda:0,0", &[]), 0, &["resuming"]);
     assert!(taken(&place) == one, "other bits after SIGKILL");
-    // The processor's shards differ in their last bits; the film is one job all the same.
+    // The processor's shards differ in their last bits: only both engines together, when that is asked for.
     let killed = Ran::of(&command(&place, &place.film, "cpu", &[], "rename:20:kill").output().unwrap());
     assert_eq!(killed.code, KILLED, "{}", killed.stderr);
-    says(&run(&place, "cuda", &[]), 0, &["resuming"]);
+    says(&run(&place, "cuda", &[]), OTHER_JOB, &["begun with engine", "cuda-sm_80", "--mixed-engines"]);
+    let mut mixed = command(&place, &place.film, "cuda", &[], "");
+    says(&Ran::of(&mixed.arg("--mixed-engines").output().unwrap()), 0, &["resuming", "cuda-sm_80"]);
     assert_eq!(record(&place.film)["device"], "cuda:0");
     let (_, mixed) = pixels(&place.film, "film");
     std::fs::remove_dir_all(&place.film).unwrap();
@@ -148,6 +151,56 @@ fn begun_on_one_and_resumed_on_another() {
     let (_, here) = pixels(&place.film, "film");
     assert!(pairs(&mixed, &here).all(|(a, b)| (a - b).abs() <= TOLERANCE));
     assert!(bits(&mixed) != bits(&here), "nothing of it was made on the device");
+}
+
+fn auto_goes_on_with_the_films_engine() {
+    let place = Place::wide();
+    run(&place, "cpu", &[]).ok();
+    let of_cpu = taken(&place);
+    let killed = Ran::of(&command(&place, &place.film, "cpu", &[], "rename:20:kill").output().unwrap());
+    assert_eq!(killed.code, KILLED, "{}", killed.stderr);
+    says(&run(&place, "auto", &[]), 0, &["device: cpu (", "the film was begun with it", "GPUs are not used"]);
+    assert!(taken(&place) == of_cpu, "other bits beside a GPU");
+    // GPUs of two engines: those of the film's.
+    let two: Settings<'_> = &[("DEVICES", "2"), ("CAPABILITY", "9.0,8.0")];
+    let of_gpu = whole(&place);
+    let killed = Ran::of(&command(&place, &place.film, "cuda", &[], "rename:20:kill").output().unwrap());
+    assert_eq!(killed.code, KILLED, "{}", killed.stderr);
+    says(&run(&place, "auto", two), 0, &["device: GPU 1", "not used", "cuda-sm_90"]);
+    assert!(taken(&place) == of_gpu, "other bits beside another GPU");
+    says(&run(&place, "cuda:0,1", two), USAGE, &["GPUs of one engine", "cuda-sm_90"]);
+}
+
+fn codes_that_a_driver_may_return_end_the_run_in_order() {
+    let place = Place::wide();
+    for (code, exit, words) in
+        [("226", RETRY, "is lost"), ("721", RETRY, "is lost"), ("4242", FAILED, "4242")]
+    {
+        let fault = format!("error-{code}:0:3");
+        says(
+            &run(&place, "cuda:0", &[("FAULTS", &fault), ("STREAMS", "deferred")]),
+            exit,
+            &[words, code, "resumes"],
+        );
+        std::fs::remove_dir_all(&place.film).unwrap();
+    }
+}
+
+fn a_device_in_exclusive_use_is_worth_a_retry() {
+    let place = Place::wide();
+    says(&run(&place, "cuda", &[("OPEN", "46")]), RETRY, &["in use by another process"]);
+    assert!(!place.film.exists());
+    says(&run(&place, "auto", &[("OPEN", "46")]), 0, &["device: cpu (", "in use by another process"]);
+}
+
+fn out_of_page_locked_memory_is_no_lack_of_the_devices() {
+    let place = Place::wide();
+    let one = whole(&place);
+    let ran = run(&place, "cuda:0", &[("FAULTS", "host-memory:0:2")]);
+    says(&ran, RETRY, &["out of page-locked host memory", "same command resumes"]);
+    assert!(!ran.stderr.contains("half of the memory"), "{}", ran.stderr);
+    says(&run(&place, "cuda", &[("DEVICES", "2"), ("FAULTS", "host-memory:1:1")]), 0, &[]);
+    assert!(taken(&place) == one);
 }
 
 fn a_lost_device_leaves_its_tiles_to_the_others() {
@@ -254,11 +307,21 @@ fn a_signal_lets_what_is_on_the_device_come_down() {
 }
 
 fn main() -> ExitCode {
-    let emulated: [(&str, fn()); 11] = [
+    let emulated: [(&str, fn()); 15] = [
         ("a_device_makes_the_processors_film", a_device_makes_the_processors_film),
         ("queues_order_and_memory_change_no_bit", queues_order_and_memory_change_no_bit),
         ("a_small_device_takes_small_batches", a_small_device_takes_small_batches),
         ("begun_on_one_and_resumed_on_another", begun_on_one_and_resumed_on_another),
+        ("auto_goes_on_with_the_films_engine", auto_goes_on_with_the_films_engine),
+        (
+            "codes_that_a_driver_may_return_end_the_run_in_order",
+            codes_that_a_driver_may_return_end_the_run_in_order,
+        ),
+        ("a_device_in_exclusive_use_is_worth_a_retry", a_device_in_exclusive_use_is_worth_a_retry),
+        (
+            "out_of_page_locked_memory_is_no_lack_of_the_devices",
+            out_of_page_locked_memory_is_no_lack_of_the_devices,
+        ),
         ("a_lost_device_leaves_its_tiles_to_the_others", a_lost_device_leaves_its_tiles_to_the_others),
         ("with_no_device_left_the_run_is_worth_a_retry", with_no_device_left_the_run_is_worth_a_retry),
         ("a_kernels_fault_ends_the_run", a_kernels_fault_ends_the_run),

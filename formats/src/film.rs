@@ -5,6 +5,7 @@
 //! present means done. [`FilmStore::create`] makes all metadata at once and in one rename, so a killed creation leaves
 //! no film; the pixels of a shard follow from nothing but their values and the layout, so runs can be compared by file.
 
+mod engines;
 mod error;
 mod pyramid;
 mod spec;

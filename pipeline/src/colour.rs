@@ -9,6 +9,7 @@
 //! D65 white) after Bradford adaptation (ICC.1:2010, annex E) from the scene's white.
 //! Left out: observers other than the CIE 1931 2° one, fluorescence. Sources: `data/SOURCES.md`.
 
+use crate::real;
 use std::sync::OnceLock;
 
 /// Luminous efficacy of radiation at 555 nm, lm/W.
@@ -186,13 +187,13 @@ fn srgb_matrix() -> [[f64; 3]; 3] {
 /// The sRGB transfer function: linear 0..1 to display value 0..1, clipped.
 pub fn srgb_encode(linear: f64) -> f64 {
     let v = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };
-    if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
+    if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * real::pow(v, 1.0 / 2.4) - 0.055 }
 }
 
 /// The inverse of [`srgb_encode`]: display value 0..1 to linear 0..1.
 pub fn srgb_decode(shown: f64) -> f64 {
     let v = shown.clamp(0.0, 1.0);
-    if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+    if v <= 0.040_45 { v / 12.92 } else { real::pow((v + 0.055) / 1.055, 2.4) }
 }
 
 /// ∫ spectrum·cmf dλ over the tables, trapezoids between their nodes (at both ends the functions are below 1e-3 of their peak).

@@ -10,6 +10,7 @@
 //! the peak is averaged away. Heights are linear between field points, PSFs between their heights, as on the film.
 //! Source: Goodman, Introduction to Fourier Optics, 6.3-6.4; Born & Wolf 9.1.
 
+use crate::real;
 use std::f64::consts::PI;
 
 use crate::lens::{LensBand, PsfSample, PsfStack};
@@ -143,7 +144,7 @@ impl PsfWindow {
         let k = 2e-3 * PI * lp_mm;
         let (mut re, mut im) = (0.0, 0.0);
         for (i, v) in self.line(direction).iter().enumerate() {
-            let (s, c) = (k * self.at_um(i)).sin_cos();
+            let (s, c) = real::sin_cos(k * self.at_um(i));
             re += v * c;
             im += v * s;
         }
@@ -151,7 +152,7 @@ impl PsfWindow {
             PsfSample::Point => 1.0,
             PsfSample::Integrated if lp_mm > 0.0 => {
                 let x = 0.5 * k * self.pitch_um;
-                x.sin() / x
+                real::sin(x) / x
             }
             PsfSample::Integrated => 1.0,
         };

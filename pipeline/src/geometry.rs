@@ -8,6 +8,8 @@
 //! IDEAL (undistorted) image plane: one chart pixel covers `scale` film pixels, its centre `center_mm` from the axis.
 //! This is the only room where px and mm meet.
 
+use crate::real;
+
 /// Height and width of an image in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Size {
@@ -165,7 +167,7 @@ impl Frame {
         };
         let dy = far(rect.y, rect.bottom(), self.axis_px.0);
         let dx = far(rect.x, rect.right(), self.axis_px.1);
-        dy.hypot(dx) * self.pitch_mm()
+        real::hypot(dy, dx) * self.pitch_mm()
     }
 }
 

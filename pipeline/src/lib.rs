@@ -18,6 +18,9 @@
 //! lie beside it ([`scene::cuda`]). Beside the path: [`chart`] draws charts without a store ([`colour`], [`reflectance`],
 //! [`wavelengths`] serve it); [`design`] makes a lens's tables and PSFs from its prescription,
 //! [`figures`] sums them up for people; [`mod@bench`] is what speed is measured against; [`bounds`] limits every number from outside.
+//! [`simd`] chooses the instructions, and [`real`] has the functions whose bits do not depend on the host.
+
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod band;
 pub mod bench;
@@ -38,6 +41,7 @@ pub mod measure;
 pub mod overlap_add;
 pub mod plan;
 pub mod psf;
+pub mod real;
 pub mod reflectance;
 pub mod resample;
 pub mod scene;

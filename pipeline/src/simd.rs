@@ -1,6 +1,8 @@
 //! Which instructions a run computes with: found out once, or asked for and then insisted on.
 //!
-//! Films of one choice have the same bits; two choices differ within 2e-6 of the peak, by the order of their roundings.
+//! Films of one choice have the same bits on every machine that has its instructions; two choices differ within 2e-6 of the
+//! peak, by the order of their roundings. So nothing else that computes pixels may choose instructions by itself: FFTs are
+//! compiled without rustfft's own detection, and functions such as the sine come from the `libm` crate ([`crate::real`]).
 //! What is computed in lanes is written once, in the words of `lanes`; `avx512` and `avx2` say what they mean.
 
 #[cfg(target_arch = "x86_64")]
@@ -17,9 +19,6 @@ pub(crate) use avx512::Avx512;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// The environment variable that forces a choice.
-pub const VARIABLE: &str = "LENSCUBE_SIMD";
-
 /// An instruction set that there is a path for, the fastest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Isa {
@@ -27,7 +26,7 @@ pub enum Isa {
     Avx512,
     /// 8 f32 a lane register with fused multiply-add, x86-64.
     Avx2,
-    /// Whatever the compiler and the libraries make of it, on any machine.
+    /// No particular instructions: the same bits on any machine.
     Portable,
 }
 
@@ -35,7 +34,7 @@ impl Isa {
     /// All of them, the fastest first.
     pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Portable];
 
-    /// Its name in the environment, logs and run records.
+    /// Its name on the command line, in films, logs and run records.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Avx512 => "avx512",
@@ -65,7 +64,7 @@ impl Isa {
 #[non_exhaustive]
 pub enum SimdError {
     /// No such path.
-    #[error("{VARIABLE}={value}: not one of avx512, avx2, portable")]
+    #[error("{value}: not one of avx512, avx2, portable")]
     Unknown {
         /// What was asked for.
         value: String,
@@ -110,17 +109,6 @@ impl Simd {
         match isa.is_available() {
             true => Ok(Self(isa)),
             false => Err(SimdError::Unavailable { wanted: isa, fastest: Self::detect().isa() }),
-        }
-    }
-
-    /// What [`VARIABLE`] asks for; [`Simd::detect`] where it is not set.
-    ///
-    /// # Errors
-    /// An unknown value, or a path that this machine lacks: never a silent change of plan.
-    pub fn from_env() -> Result<Self, SimdError> {
-        match std::env::var_os(VARIABLE) {
-            None => Ok(Self::detect()),
-            Some(value) => Self::of(value.to_string_lossy().parse()?),
         }
     }
 

@@ -4,8 +4,10 @@
 
 mod emulated_cuda;
 
-use cudarc::driver::{CudaSlice, CudaStream, LaunchConfig, PushKernelArg};
 use emulated_cuda::{Build, Case, On, PLAIN, WATCHED};
+use lenscube_pipeline::cuda::handle::CudaStream;
+use lenscube_pipeline::cuda::launch::LaunchConfig;
+use lenscube_pipeline::cuda::slice::CudaSlice;
 use lenscube_pipeline::cuda::{CudaError, Device, devices};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -32,18 +34,14 @@ fn scale(
 fn chain(waits: bool) -> Vec<f32> {
     let device = Device::open(0).unwrap();
     let context = &device.context;
-    // SAFETY: the events below order what the streams do, or the test shows that they are missing.
-    unsafe { context.disable_event_tracking() };
     let [up, compute, down] = [(); 3].map(|()| context.new_stream().unwrap());
     let n = 1000;
-    // SAFETY: filled before it is read.
-    let mut source = unsafe { context.alloc_pinned::<f32>(n) }.unwrap();
-    // SAFETY: the copy fills it.
-    let mut result = unsafe { context.alloc_pinned_with_flags::<f32>(n, 0) }.unwrap();
-    source.as_mut_slice().unwrap().iter_mut().enumerate().for_each(|(i, v)| *v = i as f32);
+    let mut source = context.alloc_pinned::<f32>(n).unwrap();
+    let mut result = context.alloc_pinned::<f32>(n).unwrap();
+    source.as_mut_slice().iter_mut().enumerate().for_each(|(i, v)| *v = i as f32);
     let mut a = device.allocate::<f32>(&up, n, "a test").unwrap();
     let mut b = device.allocate::<f32>(&up, n, "a test").unwrap();
-    up.memcpy_htod(&source, &mut a).unwrap();
+    up.memcpy_htod(source.as_slice(), &mut a).unwrap();
     if waits {
         compute.join(&up).unwrap();
     }
@@ -52,9 +50,9 @@ fn chain(waits: bool) -> Vec<f32> {
     if waits {
         down.join(&compute).unwrap();
     }
-    down.memcpy_dtoh(&a, &mut result).unwrap();
+    down.memcpy_dtoh(&a, result.as_mut_slice()).unwrap();
     down.synchronize().unwrap();
-    let got = result.as_slice().unwrap().to_vec();
+    let got = result.as_slice().to_vec();
     context.synchronize().unwrap();
     got
 }
@@ -73,13 +71,12 @@ fn a_missing_wait_shows() {
 fn host_memory_reused_too_early_shows() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
-    // SAFETY: filled before it is read.
-    let mut source = unsafe { device.context.alloc_pinned::<f32>(4) }.unwrap();
-    let first = source.as_mut_ptr().unwrap();
+    let mut source = device.context.alloc_pinned::<f32>(4).unwrap();
+    let first = source.as_mut_ptr();
     // SAFETY: four values lie there.
     unsafe { std::slice::from_raw_parts_mut(first, 4) }.fill(1.0);
     let mut there = device.allocate::<f32>(&stream, 4, "a test").unwrap();
-    stream.memcpy_htod(&source, &mut there).unwrap();
+    stream.memcpy_htod(source.as_slice(), &mut there).unwrap();
     // SAFETY: as above; the copy may be under way, which is the point.
     unsafe { std::slice::from_raw_parts_mut(first, 4) }.fill(2.0);
     assert_eq!(stream.clone_dtoh(&there).unwrap(), [2.0; 4]);
@@ -132,17 +129,16 @@ fn parted_barriers_are_found() {
     assert!(launched.is_err() || stream.synchronize().is_err());
 }
 
+/// The driver refuses 17 of 16 values; the program's own copies never ask for that.
 fn copies_beyond_an_allocation_are_refused() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
-    let there = device.allocate::<f32>(&stream, 16, "a test").unwrap();
-    let mut back = [0f32; 17];
-    // SAFETY: none: the driver must refuse 17 of 16 values.
-    let copied = unsafe {
-        let (at, _read) = cudarc::driver::DevicePtr::device_ptr(&there, &stream);
-        cudarc::driver::result::memcpy_dtoh_async(&mut back[..], at, stream.cu_stream())
-    };
-    assert!(copied.is_err());
+    let from = stream.clone_htod(&vec![1f32; 17]).unwrap();
+    let mut to = device.allocate::<f32>(&stream, 16, "a test").unwrap();
+    let beyond = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        stream.memcpy_dtoh(&to, &mut [0f32; 17]).is_ok() || stream.memcpy_htod(&[0f32; 17], &mut to).is_ok()
+    }));
+    assert!(beyond.is_err() && from.len() == 17, "17 values of 16");
 }
 
 fn a_kernel_beyond_its_memory_is_caught() {
@@ -245,6 +241,35 @@ fn a_lost_device_leaves_the_others() {
     assert_eq!(stream.clone_dtoh(&to).unwrap(), [2f32; 64]);
 }
 
+/// Codes from drivers newer than this program are integers like any other.
+fn codes_are_classified(code: i32) {
+    let device = Device::open(0).unwrap();
+    let error = broken(&device, &device.context.new_stream().unwrap());
+    assert!(
+        error.to_string().contains(&format!(", {code})"))
+            || error.to_string().ends_with(&format!(", {code}")),
+        "{error}"
+    );
+    match code {
+        4242 => assert!(matches!(error, CudaError::Driver { .. }) && !error.retryable(), "{error}"),
+        _ => assert!(error.lost() && error.retryable(), "{error}"),
+    }
+}
+
+fn exclusive_use_is_not_a_lost_device() {
+    let error = Device::open(0).unwrap_err();
+    assert!(matches!(error, CudaError::InUse { .. }) && error.retryable() && !error.lost(), "{error}");
+    assert!(error.to_string().contains("in use by another process"), "{error}");
+}
+
+fn page_locked_memory_is_not_the_devices() {
+    let device = Device::open(0).unwrap();
+    let error = device.allocate_pinned(100).unwrap_err();
+    assert_eq!(error, CudaError::OutOfHostMemory { device: 0, asked_bytes: 400 });
+    assert!(!error.out_of_memory() && error.retryable());
+    assert_eq!(device.allocate_pinned(100).unwrap().as_slice(), [0f32; 100]);
+}
+
 fn main() -> ExitCode {
     let plain = Case::emulated;
     let must_fail = |case: Case| Case { must_fail: true, ..case };
@@ -282,6 +307,20 @@ fn main() -> ExitCode {
             "a_lost_device_leaves_the_others",
             &[("DEVICES", "2"), ("FAULTS", "lost:1:2"), ("STREAMS", "deferred")],
             a_lost_device_leaves_the_others,
+        ),
+        plain("codes_are_classified::226", &[("FAULTS", "error-226:0:2")], || codes_are_classified(226)),
+        plain("codes_are_classified::721", &[("FAULTS", "error-721:0:2"), ("STREAMS", "deferred")], || {
+            codes_are_classified(721)
+        }),
+        plain("codes_are_classified::999", &[("FAULTS", "error-999:0:2")], || codes_are_classified(999)),
+        plain("codes_are_classified::4242", &[("FAULTS", "error-4242:0:2"), ("STREAMS", "deferred")], || {
+            codes_are_classified(4242)
+        }),
+        plain("exclusive_use_is_not_a_lost_device", &[("OPEN", "46")], exclusive_use_is_not_a_lost_device),
+        plain(
+            "page_locked_memory_is_not_the_devices",
+            &[("FAULTS", "host-memory:0:1")],
+            page_locked_memory_is_not_the_devices,
         ),
         plain("streams_run_in_order::eager", &[], streams_run_in_order),
         plain("streams_run_in_order::deferred", &[("STREAMS", "deferred")], streams_run_in_order),

@@ -4,8 +4,8 @@
 mod emulated_cuda;
 mod oracle;
 
-use cudarc::driver::CudaStream;
 use emulated_cuda::{Build, Case, On, WATCHED};
+use lenscube_pipeline::cuda::handle::CudaStream;
 use lenscube_pipeline::cuda::{CudaError, Device};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{PsfSample, PsfStack};
@@ -66,7 +66,7 @@ impl Film {
             heights.iter().map(|(h, j)| (h * last, *j)).unzip();
         let grid = NodeGrid::new(&height_mm, &azimuths, frame.pitch_mm());
         let stack = stack(&mut noise, n, heights.len(), n.is_multiple_of(3));
-        let simd = Simd::detect();
+        let simd = Simd::PORTABLE;
         Self { psf: BandPsf::new(0, grid, NodeKernels::new(&stack, 2.0, None, simd), simd), frame, scene }
     }
 

@@ -1,7 +1,7 @@
 //! `lenscube bench`.
 
-use super::Device;
 use super::values::{bytes, threads};
+use super::{Device, EngineArg};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -36,6 +36,10 @@ pub struct BenchArgs {
     /// What computes: cpu; or cuda, cuda:0,2: the first GPU's kernels and copies alone, and the job on all of them
     #[arg(long, value_name = "DEVICE", default_value_t = Device::Cpu)]
     pub device: Device,
+    /// Implementation of the arithmetic: avx512, avx2 or portable (processor), cuda-sm_90 (GPUs of that compute capability)
+    /// [default: the fastest]
+    #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true)]
+    pub engine: EngineArg,
     /// As JSON
     #[arg(long)]
     pub json: bool,

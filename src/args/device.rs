@@ -1,5 +1,6 @@
-//! `--device`.
+//! `--device` and `--engine`.
 
+use crate::engine::Engine;
 use std::fmt;
 use std::str::FromStr;
 
@@ -50,6 +51,42 @@ impl fmt::Display for Device {
                 let all: Vec<String> = all.iter().map(usize::to_string).collect();
                 write!(f, "cuda:{}", all.join(","))
             }
+        }
+    }
+}
+
+/// `--engine`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EngineArg {
+    /// The film's own, else the fastest.
+    Auto,
+    /// This one.
+    Named(Engine),
+}
+
+impl EngineArg {
+    /// The engine that is named, if one is.
+    pub fn named(self) -> Option<Engine> {
+        match self {
+            Self::Auto => None,
+            Self::Named(engine) => Some(engine),
+        }
+    }
+}
+
+impl FromStr for EngineArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" { Ok(Self::Auto) } else { text.parse().map(Self::Named) }
+    }
+}
+
+impl fmt::Display for EngineArg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Named(engine) => engine.fmt(f),
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::values::{
     azimuths, bounded, bytes, odd, pair, pair_mm, pitch, roi, scale, size, storage, threads,
 };
-use super::{CodecArg, Device};
+use super::{CodecArg, Device, EngineArg};
 use clap::{Args, ValueEnum};
 use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
@@ -97,6 +97,13 @@ pub struct RunArgs {
     /// What computes: cpu; cuda (all GPUs) or cuda:0,2 (a queue for each mention); auto (GPUs if they work, else cpu)
     #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
     pub device: Device,
+    /// Implementation of the arithmetic: avx512, avx2 or portable (processor), cuda-sm_90 (GPUs of that compute capability)
+    /// [default: that of the film if it exists and this machine has it, else the fastest]
+    #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true)]
+    pub engine: EngineArg,
+    /// Continue a film that another engine began; values of engines differ by up to 2e-6 of the peak
+    #[arg(long)]
+    pub mixed_engines: bool,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,

@@ -1,7 +1,7 @@
 //! `lenscube validate`.
 
-use super::Device;
 use super::values::{bytes, number, pitch, threads};
+use super::{Device, EngineArg};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -51,6 +51,10 @@ pub struct ValidateArgs {
     /// What computes: cpu; cuda (all GPUs) or cuda:0,2 (a queue for each mention); auto (GPUs if they work, else cpu)
     #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
     pub device: Device,
+    /// Implementation of the arithmetic: avx512, avx2 or portable (processor), cuda-sm_90 (GPUs of that compute capability)
+    /// [default: the fastest]
+    #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true)]
+    pub engine: EngineArg,
 }
 
 /// What can be required.

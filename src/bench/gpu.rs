@@ -28,7 +28,7 @@ const WINDOWS: [(usize, [&str; 3]); 2] = [
 ];
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
-    let choice = Choice::new(&bench.args.device)?;
+    let choice = Choice::new(&bench.args.device, bench.args.engine.named(), None)?;
     let device = choice.devices.first().context("no GPU to measure")?;
     let info = &device.info;
     say(format!(

@@ -115,6 +115,7 @@ fn run(bench: &Bench<'_>, chart: &Path, film: &Path) -> Result<Value> {
     let mut command = Command::new(program);
     command.arg("run").arg(chart).arg(film).args(["--overwrite", "--lens", &bench.args.lens]);
     command.args(["--device", &bench.args.device.to_string()]);
+    command.args(["--engine", &bench.args.engine.to_string()]);
     command.args(["--threads", &bench.threads.to_string(), "--memory", &bench.args.memory.to_string()]);
     let done = command.stdin(Stdio::null()).output().context("starting `lenscube run`")?;
     let words = String::from_utf8_lossy(&done.stderr);

@@ -2,7 +2,8 @@
 //!
 //! A design is traced band by band: each band's tables and PSFs depend on the design, its wavelength, and how far the film reaches,
 //! never on the job's other bands; so bands traced together, apart or long ago ([`super::cache`]) are the same. Every wavelength
-//! is traced, none interpolated. Its digest is that of the recipes: numbers that follow from them need not be read.
+//! is traced, none interpolated. Its digest is that of the recipes and of the bands' numbers: a host whose C library made other
+//! bits of a recipe (`pipeline::real`) has another lens.
 //! *Reach*: the film's corner and the PSF's margin, rounded up to a few hundred steps a decade so that films of about one size
 //! share their bands; a band whose window turns out wider reaches further. Kernels keep their tolerance on pixels of the
 //! film's own pitch, of 2 µm where that is coarser: larger pixels only average over more.
@@ -75,7 +76,7 @@ pub enum Source {
 pub struct Traced {
     lens: Lens,
     packs: Vec<LensPack>,
-    /// Per band, all that it follows from.
+    /// Per band, the digest of all that it follows from, and of its numbers.
     recipes: Vec<String>,
     digest: String,
     notes: Vec<String>,
@@ -142,7 +143,7 @@ impl Source {
     }
 
     /// What makes the tables and PSFs of one band these and no others, whatever the lens's other bands: of a design the
-    /// band's recipe, of a pack the digest of the bands that it is made from.
+    /// band's recipe and numbers, of a pack the digest of the bands that it is made from.
     ///
     /// # Errors
     /// As [`LensPack::psf`].
@@ -199,7 +200,7 @@ impl Source {
 
 /// `mm` rounded up to 5 in its third digit: 20.35 to 20.5, 3.02 to 3.05.
 fn rounded_up(mm: f64) -> f64 {
-    let step = 5.0 * 10f64.powi(mm.log10().floor() as i32 - 2);
+    let step = 5.0 * 10f64.powi(pipeline::real::log10(mm).floor() as i32 - 2);
     // Counted in whole steps, so that the same film always asks for the same bits.
     (mm / step - 1e-9).ceil() * step
 }
@@ -221,7 +222,7 @@ fn traced(
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     for &nm in &nm {
         let (recipe, pack) = bands.reaching(nm, frame, options)?;
-        recipes.push(recipe);
+        recipes.push(format!("{recipe}-{}", pack.band_digest(0)?));
         let merged = lens.get_or_insert_with(|| Lens { bands: Vec::new(), ..pack.lens().clone() });
         merged.name.clone_from(&system.name);
         merged.bands.extend(pack.lens().bands.iter().cloned());

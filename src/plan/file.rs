@@ -30,6 +30,9 @@ pub struct Plan {
     pub job_digest: String,
     /// Digest of `layout`.
     pub layout_digest: String,
+    /// The engine of the film, which its workers use; empty in plans of earlier programs.
+    #[serde(default)]
+    pub engine: String,
     /// All that changes pixels, as the film tells it.
     pub job: Map<String, Value>,
     /// What changes the film's files only, as the film tells it.
@@ -179,10 +182,15 @@ impl Plan {
     /// Fails (exit code 3) unless the film is this plan's; `path` is where the plan lies.
     pub fn check_film(&self, path: &Path, film: &FilmStore) -> Result<()> {
         let told = |key: &str| film.provenance().get(key).and_then(Value::as_str).unwrap_or_default();
-        for (key, planned) in [("job_digest", &self.job_digest), ("layout_digest", &self.layout_digest)] {
+        let planned = [
+            ("job_digest", &self.job_digest),
+            ("layout_digest", &self.layout_digest),
+            ("engine", &self.engine),
+        ];
+        for (key, planned) in planned {
             if told(key) != planned {
                 return Err(other_job(format!(
-                    "{} is not the film of {}: {key} there {:.12}…, planned {planned:.12}…",
+                    "{} is not the film of {}: {key} there {:.12}, planned {planned:.12}",
                     film.path().display(),
                     path.display(),
                     told(key)

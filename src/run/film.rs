@@ -212,6 +212,7 @@ fn provenance(job: &Job) -> Map<String, Value> {
         "job": identity,
         "layout_digest": digest(&layout),
         "layout": layout,
+        "engine": job.engine.to_string(),
         "lens": {
             "name": lens.name,
             "f_number": lens.f_number,

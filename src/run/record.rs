@@ -105,7 +105,7 @@ pub fn write(
         "threads": job.threads,
         "device": job.device(),
         "devices": devices(job, summary),
-        "simd": job.options.simd.isa().name(),
+        "engine": job.engine.to_string(),
         "memory_limit_bytes": job.memory.limit,
         "peak_resident_bytes": peak,
         "wall_s": summary.map_or_else(|| follow.start.elapsed().as_secs_f64(), |s| s.wall_s),

@@ -11,7 +11,6 @@
 
 use super::Setup;
 use super::truth::Psf;
-use crate::failure::usage;
 use anyhow::Result;
 use pipeline::lens::PsfStack;
 use pipeline::measure::expected::{ExpectedEsf, Share, Step};
@@ -61,8 +60,7 @@ impl RunPsfs {
         let bands = &setup.source.lens().bands;
         let index = bands.iter().position(|b| (b.wavelength_nm - nm).abs() < 1e-6).unwrap_or(band);
         let stack = setup.source.psf(index)?;
-        let simd = Simd::from_env().map_err(|e| usage(e.to_string()))?;
-        let kernels = NodeKernels::new(&stack, setup.pitch_um, None, simd);
+        let kernels = NodeKernels::new(&stack, setup.pitch_um, None, Simd::detect());
         let tables = &bands[index];
         let grid = NodeGrid::new(&tables.psf_height_mm, &tables.azimuth_count, setup.pitch_um * 1e-3);
         Ok(Self { stack, kernels, grid, band: index })

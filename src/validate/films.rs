@@ -1,6 +1,6 @@
 //! Films for measuring: each made by `lenscube run`, as typed, read back and removed.
 
-use crate::args::{Cli, Command, Device};
+use crate::args::{Cli, Command, Device, EngineArg};
 use crate::failure::{Coded, usage};
 use crate::run;
 use anyhow::{Context, Result};
@@ -28,6 +28,8 @@ pub struct Films {
     pub memory: Option<u64>,
     /// What computes.
     pub device: Device,
+    /// Its engine.
+    pub engine: EngineArg,
 }
 
 /// The pixels of windows: by band, by window.
@@ -82,7 +84,8 @@ impl Films {
         if let Some(memory) = self.memory {
             words.extend(["--memory".into(), memory.to_string()]);
         }
-        words.extend(["--device".into(), self.device.to_string(), "--".into(), chart.into()]);
+        words.extend(["--device".into(), self.device.to_string()]);
+        words.extend(["--engine".into(), self.engine.to_string(), "--".into(), chart.into()]);
         words.push(path.to_string_lossy().into_owned());
         let Command::Run(args) = Cli::try_parse_from(words)?.command else {
             unreachable!("`run` is typed above")

@@ -34,6 +34,6 @@ pub fn of(film: Option<&Path>) -> Result<Value> {
         "mpx_per_s": whole as f64 * 1e-6 / wall_s,
         "peak_resident_bytes": run.get("peak_resident_bytes"),
         "threads": run.get("threads"),
-        "device": format!("{}, {}", word("device"), word("simd")),
+        "device": format!("{}, {}", word("device"), word("engine")),
     }))
 }

@@ -8,7 +8,7 @@ use formats::lens::{LensPackError, PackAttributes};
 use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
-use pipeline::simd::{Isa, VARIABLE};
+use pipeline::simd::Isa;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -51,10 +51,10 @@ pub fn run(chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
     run_by(&mut Command::new(env!("CARGO_BIN_EXE_lenscube")), chart, film, lens, flags)
 }
 
-/// The same, computed with the instructions of `isa`.
+/// The same by the engine of `isa`.
 pub fn run_on(isa: Isa, chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
-    run_by(command.env(VARIABLE, isa.name()), chart, film, lens, flags)
+    let engine = ["--device", "cpu", "--engine", isa.name()];
+    run(chart, film, lens, &[&engine[..], flags].concat())
 }
 
 fn run_by(command: &mut Command, chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {

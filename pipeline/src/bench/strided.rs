@@ -11,6 +11,7 @@
 use crate::geometry::{Frame, Rect};
 use crate::psf::grid::{Node, NodeGrid};
 use crate::psf::kernel::{KernelScratch, NodeKernels};
+use crate::real;
 use crate::simd::{Isa, Simd};
 use std::collections::HashMap;
 
@@ -100,7 +101,8 @@ fn places(tile: Rect) -> impl Iterator<Item = (i64, i64)> {
 /// The four nodes around the film pixel (y, x) and their shares, which sum to 1. A height of one azimuth has it twice.
 fn nodes(frame: &Frame, grid: &NodeGrid, y: i64, x: i64) -> [(Node, f64); 4] {
     let (dy, dx) = (y as f64 - frame.axis_px.0, x as f64 - frame.axis_px.1);
-    let (r, turn) = (dy.hypot(dx), dy.atan2(dx).rem_euclid(std::f64::consts::TAU) / std::f64::consts::TAU);
+    let (r, turn) =
+        (real::hypot(dy, dx), real::atan2(dy, dx).rem_euclid(std::f64::consts::TAU) / std::f64::consts::TAU);
     let heights = grid.heights_px();
     let outer = heights.partition_point(|h| *h <= r).clamp(1, heights.len() - 1);
     let share = ((r - heights[outer - 1]) / (heights[outer] - heights[outer - 1])).clamp(0.0, 1.0);
@@ -113,43 +115,4 @@ fn nodes(frame: &Frame, grid: &NodeGrid, y: i64, x: i64) -> [(Node, f64); 4] {
     };
     let ([a, b], [c, d]) = (along(outer - 1, 1.0 - share), along(outer, share));
     [a, b, c, d]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::geometry::Size;
-    use crate::lens::{PsfSample, PsfStack};
-    use crate::psf::spectra::SpectrumCache;
-    use crate::psf::{BandPsf, PsfScratch, Scattered};
-
-    #[test]
-    fn it_is_the_same_sum_as_the_stage() {
-        let frame = Frame::centred(Size::new(400, 400), Size::new(400, 400), 2.0);
-        let n = 9;
-        let samples: Vec<f32> = (0..3 * n * n).map(|i| (1 + i * 31 % 17) as f32).collect();
-        let stack = PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples };
-        let grid = NodeGrid::new(&[0.0, 0.2, 0.6], &[1, 8, 16], 2e-3);
-        for simd in Isa::ALL.into_iter().filter_map(|isa| Simd::of(isa).ok()) {
-            for tile in [Rect::new(180, 190, 40, 30), Rect::new(20, 300, 30, 40)] {
-                let kernels = || NodeKernels::new(&stack, 2.0, None, simd);
-                let scene: Vec<f32> =
-                    (0..tile.size().pixels()).map(|i| 0.1 + (i * 7919 % 1009) as f32 / 1009.0).collect();
-                let (height, width) = (tile.height + n - 1, tile.width + n - 1);
-                let mut film = vec![0.0; height * width];
-                Strided::new(&frame, &grid, &kernels(), tile).scatter(tile, &scene, &mut film, simd);
-                let stage = BandPsf::new(0, grid.clone(), kernels(), simd);
-                let (mut out, mut scratch) = (Scattered::default(), PsfScratch::default());
-                let cache = SpectrumCache::new(usize::MAX);
-                stage.scatter(&frame, tile, &scene, &cache, &mut out, &mut scratch);
-                let peak = film.iter().fold(0f32, |m, v| m.max(*v));
-                for (y, line) in film.chunks(width).enumerate() {
-                    for (x, v) in line.iter().enumerate() {
-                        let other = out.data[y * out.stride + x];
-                        assert!((v - other).abs() < 2e-6 * peak, "({y}, {x}): {v} and {other}");
-                    }
-                }
-            }
-        }
-    }
 }

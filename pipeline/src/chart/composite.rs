@@ -11,6 +11,7 @@ use super::glyphs;
 use super::picture::{Ink, Shape};
 use super::sheet::{Sheet, snap};
 use super::targets::{INK, PAPER};
+use crate::real;
 
 /// Cells along the film's shorter side.
 const CELLS: f64 = 30.0;
@@ -89,7 +90,7 @@ impl Composite<'_> {
     /// Circles of equal field height at fifths of the half diagonal, and both diagonals.
     fn circles(&mut self) {
         let [hx, hy] = self.half();
-        let (half_diagonal, thick) = (hx.hypot(hy) * self.cell, self.stroke(0.01));
+        let (half_diagonal, thick) = (real::hypot(hx, hy) * self.cell, self.stroke(0.01));
         let blue = self.sheet.inks.checker(7);
         for fifth in 1..=4 {
             let radius = half_diagonal * f64::from(fifth) / 5.0;
@@ -98,9 +99,9 @@ impl Composite<'_> {
                 .add(Shape::Ring(self.middle, radius - thick / 2.0, radius + thick / 2.0), blue);
         }
         let chart = self.sheet.chart();
-        let reach = (chart.width as f64).hypot(chart.height as f64) / 2.0;
+        let reach = real::hypot(chart.width as f64, chart.height as f64) / 2.0;
         for sign in [-1.0, 1.0] {
-            let bar = Polygon::turned(self.middle, [reach, thick / 2.0], sign * hy.atan2(hx));
+            let bar = Polygon::turned(self.middle, [reach, thick / 2.0], sign * real::atan2(hy, hx));
             self.sheet.picture.add(Shape::Polygons(vec![bar], None), blue);
         }
     }
@@ -128,7 +129,8 @@ impl Composite<'_> {
         let steps = 12;
         for i in 0..steps {
             // Equal density steps from 0.9 to 0.02.
-            let ink = self.sheet.inks.grey(0.9 * (0.02_f64 / 0.9).powf(f64::from(i) / f64::from(steps - 1)));
+            let ink =
+                self.sheet.inks.grey(0.9 * real::pow(0.02_f64 / 0.9, f64::from(i) / f64::from(steps - 1)));
             let x = |i: i32| -3.3 + 6.6 * f64::from(i) / f64::from(steps);
             self.block([x(i), -3.95], [x(i + 1), -2.75], ink);
         }
@@ -192,7 +194,7 @@ impl Composite<'_> {
         let frame = 1.5 + self.stroke(0.012) / self.cell;
         self.block([x - frame, y - frame], [x + frame, y + frame], self.ink);
         self.block([x - 1.5, y - 1.5], [x + 1.5, y + 1.5], self.paper);
-        let toward = y.atan2(x);
+        let toward = real::atan2(y, x);
         self.tilted_square([x - 1.0, y - 1.0], self.ink);
         self.turned_lines([x, y - 1.0], toward);
         self.dots([x + 1.0, y - 1.0]);
@@ -218,7 +220,7 @@ impl Composite<'_> {
     fn turned_lines(&mut self, cell: Point, toward: f64) {
         let centre = self.at(cell);
         let side = 0.2 * self.cell;
-        let (sin, cos) = toward.sin_cos();
+        let (sin, cos) = real::sin_cos(toward);
         let mut lines = Vec::new();
         for (row, period) in [12.0, 8.0, 6.0, 4.0].into_iter().enumerate() {
             let v = (row as f64 - 1.5) * 0.165 * self.cell;
@@ -308,7 +310,7 @@ impl Composite<'_> {
     /// Where on the film this is, in mm from its middle, then the alphabet ever smaller.
     fn legend(&mut self, cell: Point, station: Point) {
         let mm = |cells: f64| cells * self.cell * self.pitch_um * 1e-3;
-        let height = format!("{:.2} mm", mm(station[0].hypot(station[1])));
+        let height = format!("{:.2} mm", mm(real::hypot(station[0], station[1])));
         let size = |share: f64| (share * self.cell).floor();
         let lines = [
             (height, -0.32, (0.9 * self.cell / 60.0).floor()),

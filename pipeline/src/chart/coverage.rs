@@ -5,6 +5,8 @@
 //! triangle(centre, a, b) over the polygon's edges a→b; a triangle's part outside the disc is a sector. Both are exact
 //! but for rounding, ≤ 1e-9 of a pixel on any chart. A Gaussian's pixel mean splits into one factor per axis.
 
+use crate::real;
+
 /// A point (x, y) in chart pixels.
 pub(super) type Point = [f64; 2];
 
@@ -33,7 +35,7 @@ impl Polygon {
 
     /// The rectangle of half sizes (along u, along v) about `centre`, u turned by `angle_rad` from +x towards +y.
     pub(super) fn turned(centre: Point, half: [f64; 2], angle_rad: f64) -> Self {
-        let (sin, cos) = angle_rad.sin_cos();
+        let (sin, cos) = real::sin_cos(angle_rad);
         let corner = |u: f64, v: f64| {
             let (u, v) = (u * half[0], v * half[1]);
             [centre[0] + u * cos - v * sin, centre[1] + u * sin + v * cos]
@@ -192,7 +194,7 @@ fn angle(cross: f64, dot: f64) -> f64 {
         let t2 = t * t;
         t * (1.0 - t2 * (1.0 / 3.0 - t2 / 5.0))
     } else {
-        cross.atan2(dot)
+        real::atan2(cross, dot)
     }
 }
 
@@ -206,7 +208,7 @@ pub(super) fn gaussian_mean(offset: f64, sigma: f64) -> f64 {
         (-0.453_089_922_969_332, 0.118_463_442_528_094_6),
         (0.453_089_922_969_332, 0.118_463_442_528_094_6),
     ];
-    NODES.iter().map(|(at, weight)| weight * (-0.5 * ((offset + at) / sigma).powi(2)).exp()).sum()
+    NODES.iter().map(|(at, weight)| weight * real::exp(-0.5 * ((offset + at) / sigma).powi(2))).sum()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::picture::Ink;
 use crate::colour::{Illuminant, checker_reflectance};
+use crate::real;
 
 /// Illuminance on every chart, lux: a well-lit test-chart wall.
 const ILLUMINANCE_LX: f64 = 1000.0;
@@ -41,7 +42,8 @@ impl Inks {
     /// A colour that reflects one narrow range: a Gaussian about `centre_nm` on black.
     pub(super) fn narrow(&mut self, centre_nm: f64, fwhm_nm: f64) -> Ink {
         // FWHM = 2√(2 ln 2)·σ, so exp(−4 ln 2·(Δ/FWHM)²).
-        let at = move |nm: f64| (-4.0 * std::f64::consts::LN_2 * ((nm - centre_nm) / fwhm_nm).powi(2)).exp();
+        let at =
+            move |nm: f64| real::exp(-4.0 * std::f64::consts::LN_2 * ((nm - centre_nm) / fwhm_nm).powi(2));
         self.push(|nm, white| (0.02 + 0.9 * at(nm)) * white)
     }
 

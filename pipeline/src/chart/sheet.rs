@@ -4,6 +4,7 @@ use super::coverage::{Disc, Point, Polygon};
 use super::inks::Inks;
 use super::picture::{Ink, Picture, Shape};
 use crate::geometry::{Rect, Size};
+use crate::real;
 
 /// A straight edge: dark where (x − x₀)·cos α + (y − y₀)·sin α ≤ 0, α its angle from the vertical.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,10 +75,10 @@ impl Sheet {
     pub(super) fn star(&mut self, centre: Point, radius: f64, spokes: usize, ink: Ink) {
         let half = std::f64::consts::PI / (2 * spokes) as f64;
         // Far enough for the triangle's outer side to clear the rim.
-        let far = radius / half.cos() * 1.01;
+        let far = radius / real::cos(half) * 1.01;
         let sector = |k: usize| {
             let middle = 4.0 * half * k as f64;
-            let point = |angle: f64| [centre[0] + far * angle.cos(), centre[1] + far * angle.sin()];
+            let point = |angle: f64| [centre[0] + far * real::cos(angle), centre[1] + far * real::sin(angle)];
             Polygon::new(&[centre, point(middle - half), point(middle + half)])
         };
         let sectors = (0..spokes).map(sector).collect();

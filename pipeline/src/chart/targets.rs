@@ -4,6 +4,7 @@ use super::coverage::Polygon;
 use super::picture::Shape;
 use super::sheet::{EdgeSite, Sheet};
 use super::spec::{Blob, ChartError, Sites};
+use crate::real;
 
 /// Reflectance of white paper: what good matt paper has, with room above it for nothing.
 pub(super) const PAPER: f64 = 0.90;
@@ -97,7 +98,7 @@ impl Sheet {
                 for turn in [0.0, 90.0, 180.0, -90.0] {
                     let out_deg = angle_deg + turn;
                     let side_deg = if out_deg > 180.0 { out_deg - 360.0 } else { out_deg };
-                    let (sin, cos) = side_deg.to_radians().sin_cos();
+                    let (sin, cos) = real::sin_cos(side_deg.to_radians());
                     let centre_px = (row + half * sin, column + half * cos);
                     let [x, y] = self.at(centre_px.0, centre_px.1);
                     // Half as wide as the edge is long: the corners stay outside.
@@ -118,7 +119,7 @@ impl Sheet {
         let (step, top) = (self.film.width as f64 / GREY_STEPS as f64, y0 + 0.02 * spacing_px);
         for i in 0..GREY_STEPS {
             let share = i as f64 / (GREY_STEPS - 1) as f64;
-            let grey = self.inks.grey(INK * (PAPER / INK).powf(share));
+            let grey = self.inks.grey(INK * real::pow(PAPER / INK, share));
             let left = x0 + i as f64 * step;
             let place = [left, top, left + step, top + 0.1 * spacing_px];
             self.block(place, grey);
@@ -153,7 +154,7 @@ impl Sheet {
             let (count, needed_px) = (centres.len(), patch + 2.0);
             return Err(ChartError::Crowded { what: "edge patches", count, spacing_px: spacing, needed_px });
         }
-        let (sin, cos) = angle_deg.to_radians().sin_cos();
+        let (sin, cos) = real::sin_cos(angle_deg.to_radians());
         let whole = self.chart();
         for (row, column) in centres {
             let [x, y] = self.at(row, column);

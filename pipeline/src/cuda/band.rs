@@ -1,7 +1,9 @@
 //! One band on a device: its stages, the slots that batches of its tiles are computed in, and what is launched for a batch.
 
+use super::handle::{CudaEvent, CudaStream};
 use super::memory::{BandMemory, BandNeeds, DeviceQueue};
 use super::pool::{Downloaded, Pinned};
+use super::slice::CudaSlice;
 use super::{CudaError, Device};
 use crate::executor::Work;
 use crate::executor::devices::Batch;
@@ -11,9 +13,10 @@ use crate::psf::cuda::{PsfOnDevice, PsfTile};
 use crate::scene::Scene;
 use crate::scene::cuda::{SceneOnDevice, SceneTile};
 use crossbeam::channel::Sender;
-use cudarc::driver::sys::CUevent_flags;
-use cudarc::driver::{CudaEvent, CudaSlice, CudaStream};
 use std::sync::Arc;
+
+/// `CU_EVENT_BLOCKING_SYNC`.
+const BLOCKING_EVENT: u32 = 1;
 
 /// The streams of a queue: copies in either direction go on beside the kernels.
 #[derive(Debug)]
@@ -24,11 +27,9 @@ pub(crate) struct Streams {
 }
 
 impl Streams {
-    /// Streams of a context that is used by nobody else. What one stream needs of another is said here, by events.
+    /// What one stream needs of another is ordered here, by events; buffers are used again once the host has waited for the event
+    /// behind their last copy or kernel, and `OnDevice::new` waits for all that it has begun.
     pub(crate) fn new(device: &Device) -> Result<Self, CudaError> {
-        // SAFETY: buffers are reused once the event behind their last copy or kernel has been waited for by the host, and
-        // `OnDevice::new` waits for all that it has begun.
-        unsafe { device.context.disable_event_tracking() };
         let stream = || device.context.new_stream().map_err(device.failed("making a stream"));
         Ok(Self { upload: stream()?, compute: stream()?, download: stream()? })
     }
@@ -139,8 +140,7 @@ impl OnDevice {
     ) -> Result<Events, CudaError> {
         let mark = |stream: &CudaStream, doing| {
             // Timed, and whoever waits for it sleeps.
-            let flags = Some(CUevent_flags::CU_EVENT_BLOCKING_SYNC);
-            stream.record_event(flags).map_err(device.failed(doing))
+            stream.record_event(BLOCKING_EVENT).map_err(device.failed(doing))
         };
         let after = |stream: &CudaStream, event: &CudaEvent| {
             stream.wait(event).map_err(device.failed("ordering streams"))

@@ -1,5 +1,6 @@
 //! How fast a GPU is: kernels alone by events on their stream, copies between page-locked memory and the device.
 
+use super::handle::CudaStream;
 use super::pool::Pinned;
 use super::{CudaError, Device};
 use crate::geometry::{Frame, Rect};
@@ -7,8 +8,6 @@ use crate::psf::BandPsf;
 use crate::psf::cuda::{PsfOnDevice, PsfTile};
 use crate::scene::Scene;
 use crate::scene::cuda::{SceneOnDevice, SceneTile};
-use cudarc::driver::CudaStream;
-use cudarc::driver::sys::CUevent_flags;
 use std::sync::Arc;
 
 /// Seconds that what `launch` puts on `stream` takes there, round by round, after one that is not counted.
@@ -18,7 +17,7 @@ fn timed(
     rounds: usize,
     mut launch: impl FnMut() -> Result<(), CudaError>,
 ) -> Result<Vec<f64>, CudaError> {
-    let mark = || stream.record_event(Some(CUevent_flags::CU_EVENT_DEFAULT)).map_err(device.failed("timing"));
+    let mark = || stream.record_event(0).map_err(device.failed("timing"));
     launch()?;
     let mut seconds = Vec::new();
     for _ in 0..rounds {

@@ -1,12 +1,12 @@
 //! The GPUs of this machine, and one of them opened: its context, its memory, the program's kernels on it.
 
-use super::error::{CudaError, OLDEST_CAPABILITY, OLDEST_DRIVER, Version, code};
-use cudarc::driver::sys::{self, CUdevice_attribute as Attribute, CUresult};
-use cudarc::driver::{
-    CudaContext, CudaFunction, CudaModule, CudaSlice, CudaStream, DeviceRepr, DriverError, result,
-};
-use cudarc::nvrtc::Ptx;
+use super::driver::{self, DriverError};
+use super::error::{CudaError, NO_DEVICE, OLDEST_CAPABILITY, OUT_OF_MEMORY, Version};
+use super::handle::{CudaContext, CudaStream};
+use super::launch::{CudaFunction, CudaModule, DeviceRepr};
+use super::slice::{CudaSlice, PinnedHostSlice};
 use std::collections::HashMap;
+use std::ffi::{CStr, c_int};
 use std::sync::{Arc, Mutex};
 
 /// What is known of a GPU without opening it.
@@ -43,53 +43,63 @@ pub fn devices() -> Result<Vec<DeviceInfo>, CudaError> {
 
 /// Starts the driver: how many GPUs there are, and its version.
 fn start() -> Result<(usize, Version), CudaError> {
-    // SAFETY: loads libcuda and unloads it; asked before anything else, as the other calls panic without the library.
-    if !unsafe { sys::is_culib_present() } {
-        return Err(CudaError::NoDriver);
-    }
-    let mut version = 0;
-    // SAFETY: needs no initialised driver and writes one integer.
-    let asked = unsafe { sys::cuDriverGetVersion(&mut version) }.result();
-    asked.map_err(|e| CudaError::Start { code: code(e) })?;
-    let driver = (version / 1000, version % 1000 / 10);
-    if driver < OLDEST_DRIVER {
-        return Err(CudaError::DriverTooOld { found: driver });
-    }
+    let version = driver::version()?;
     let refused = |e: DriverError| match e.0 {
-        CUresult::CUDA_ERROR_NO_DEVICE => CudaError::NoDevice,
-        _ => CudaError::Start { code: code(e) },
+        NO_DEVICE => CudaError::NoDevice,
+        _ => CudaError::Start { code: e.to_string() },
     };
-    result::init().map_err(refused)?;
-    match result::device::get_count().map_err(refused)? {
-        count if count > 0 => Ok((count as usize, driver)),
+    let mut count = 0;
+    // SAFETY: the first call of all but the version; the second writes one number.
+    unsafe { driver::init(0).and_then(|()| driver::device_get_count(&mut count)) }.map_err(refused)?;
+    match usize::try_from(count) {
+        Ok(count) if count > 0 => Ok((count, (version / 1000, version % 1000 / 10))),
         _ => Err(CudaError::NoDevice),
     }
+}
+
+/// Numbers of `CUdevice_attribute`.
+mod attribute {
+    pub(super) const CLOCK_RATE: i32 = 13;
+    pub(super) const MULTIPROCESSOR_COUNT: i32 = 16;
+    pub(super) const MEMORY_CLOCK_RATE: i32 = 36;
+    pub(super) const GLOBAL_MEMORY_BUS_WIDTH: i32 = 37;
+    pub(super) const COMPUTE_CAPABILITY_MAJOR: i32 = 75;
+    pub(super) const COMPUTE_CAPABILITY_MINOR: i32 = 76;
+    pub(super) const MAX_SHARED_MEMORY_PER_BLOCK_OPTIN: i32 = 97;
 }
 
 impl DeviceInfo {
     fn read(index: usize, driver_version: Version) -> Result<Self, CudaError> {
         let read = || -> Result<Self, DriverError> {
-            let device = result::device::get(index as i32)?;
-            // SAFETY: `device` is the driver's.
-            let attribute = |a| unsafe { result::device::get_attribute(device, a) };
-            // SAFETY: likewise.
-            let memory = unsafe { result::device::total_mem(device)? };
+            let (mut device, mut memory, mut name) = (0, 0, [0; 256]);
+            // SAFETY: `device` is the driver's, and each writes one value, or the name no longer than its buffer.
+            unsafe {
+                driver::device_get(&mut device, index as c_int)?;
+                driver::device_total_mem(&mut memory, device)?;
+                driver::device_get_name(name.as_mut_ptr(), name.len() as c_int, device)?;
+            }
+            // SAFETY: the driver ends it with 0; the last byte was 0 before.
+            let name = unsafe { CStr::from_ptr(name.as_ptr()) };
+            let attribute = |attribute| {
+                let mut value = 0;
+                // SAFETY: `device` is the driver's; writes one number.
+                unsafe { driver::device_get_attribute(&mut value, attribute, device) }.map(|()| value)
+            };
             // Two transfers a clock.
-            let bus = f64::from(attribute(Attribute::CU_DEVICE_ATTRIBUTE_GLOBAL_MEMORY_BUS_WIDTH)?) / 8.0;
-            let khz = f64::from(attribute(Attribute::CU_DEVICE_ATTRIBUTE_MEMORY_CLOCK_RATE)?);
+            let bus = f64::from(attribute(attribute::GLOBAL_MEMORY_BUS_WIDTH)?) / 8.0;
+            let khz = f64::from(attribute(attribute::MEMORY_CLOCK_RATE)?);
             Ok(Self {
                 index,
-                name: result::device::get_name(device)?,
+                name: name.to_string_lossy().into_owned(),
                 compute_capability: (
-                    attribute(Attribute::CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR)?,
-                    attribute(Attribute::CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MINOR)?,
+                    attribute(attribute::COMPUTE_CAPABILITY_MAJOR)?,
+                    attribute(attribute::COMPUTE_CAPABILITY_MINOR)?,
                 ),
                 memory_bytes: memory as u64,
-                multiprocessors: attribute(Attribute::CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT)? as u32,
-                clock_mhz: attribute(Attribute::CU_DEVICE_ATTRIBUTE_CLOCK_RATE)? as u32 / 1000,
+                multiprocessors: attribute(attribute::MULTIPROCESSOR_COUNT)? as u32,
+                clock_mhz: attribute(attribute::CLOCK_RATE)? as u32 / 1000,
                 memory_gb_per_s: 2.0 * khz * bus / 1e6,
-                shared_bytes: attribute(Attribute::CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_BLOCK_OPTIN)?
-                    as usize,
+                shared_bytes: attribute(attribute::MAX_SHARED_MEMORY_PER_BLOCK_OPTIN)? as usize,
                 driver_version,
             })
         };
@@ -124,8 +134,6 @@ impl Device {
         }
         let failed = |e| CudaError::new(index, "opening it", e);
         let context = CudaContext::new(index).map_err(failed)?;
-        // A thread that waits leaves its core to others.
-        context.set_blocking_synchronize().map_err(failed)?;
         Ok(Arc::new(Self { info, context, modules: Mutex::default() }))
     }
 
@@ -157,12 +165,12 @@ impl Device {
         let module = match modules.get(&ptx.as_ptr().addr()) {
             Some(module) => module,
             None => {
-                let loaded = self.context.load_module(Ptx::from_src(ptx));
+                let loaded = self.context.load_module(ptx);
                 let loaded = loaded.map_err(self.failed("assembling the kernels"))?;
                 modules.entry(ptx.as_ptr().addr()).or_insert(loaded)
             }
         };
-        module.load_function(name).map_err(self.failed(&format!("looking for the kernel {name}")))
+        module.function(name).map_err(self.failed(&format!("looking for the kernel {name}")))
     }
 
     /// `len` values of device memory for `what`, unset, in the order of `stream`.
@@ -175,14 +183,27 @@ impl Device {
         len: usize,
         what: &str,
     ) -> Result<CudaSlice<T>, CudaError> {
-        // SAFETY: what T allows is up to the kernels; the host reads no unset value but as plain numbers.
-        unsafe { stream.alloc(len) }.map_err(|e| self.refused(e, len * size_of::<T>(), what))
+        stream.alloc(len).map_err(|e| self.refused(e, len * size_of::<T>(), what))
     }
 
-    /// What an error means that came when `bytes` of memory for `what` were asked for.
-    pub fn refused(&self, error: DriverError, bytes: usize, what: &str) -> CudaError {
+    /// `len` values of page-locked host memory, zeros.
+    ///
+    /// # Errors
+    /// Out of host memory, and what else the driver reports.
+    pub fn allocate_pinned(&self, len: usize) -> Result<PinnedHostSlice<f32>, CudaError> {
+        self.context.alloc_pinned(len).map_err(|e| match e.0 {
+            OUT_OF_MEMORY => CudaError::OutOfHostMemory {
+                device: self.index(),
+                asked_bytes: (len * size_of::<f32>()) as u64,
+            },
+            _ => CudaError::new(self.index(), "allocating page-locked host memory", e),
+        })
+    }
+
+    /// What an error means that came when `bytes` of its memory for `what` were asked for.
+    fn refused(&self, error: DriverError, bytes: usize, what: &str) -> CudaError {
         match error.0 {
-            CUresult::CUDA_ERROR_OUT_OF_MEMORY => {
+            OUT_OF_MEMORY => {
                 let (free_bytes, total_bytes) = self.memory().unwrap_or((0, self.info.memory_bytes));
                 let (device, what) = (self.index(), what.to_owned());
                 CudaError::OutOfMemory { device, what, asked_bytes: bytes as u64, free_bytes, total_bytes }

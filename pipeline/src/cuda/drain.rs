@@ -2,6 +2,7 @@
 
 use super::CudaError;
 use super::band::{Enqueued, Events, Tile};
+use super::handle::CudaEvent;
 use super::memory::DeviceQueue;
 use super::queue::Back;
 use crate::executor::devices::Batch;
@@ -9,7 +10,6 @@ use crate::executor::feed::Shared;
 use crate::executor::turn::Thrown;
 use crate::flow::FilmSink;
 use crossbeam::channel::{Receiver, Sender};
-use cudarc::driver::CudaEvent;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -1,12 +1,26 @@
 //! What a GPU can be refused for, and what can become of it.
 //!
-//! Codes are those of the CUDA driver API (`CUresult`). Some leave a context unusable for the rest of the process: a kernel's own
-//! fault (it would fail on any GPU) and a device that is gone, whose work other devices can take over. `LAUNCH_FAILED` is
-//! reported for either; it counts as a lost device.
+//! Codes are those of the CUDA driver API (`CUresult`), integers: newer drivers return some that are not listed here. Some leave
+//! a context unusable for the rest of the process: a kernel's own fault (it would fail on any GPU), and a device that is lost or
+//! a context that is destroyed, whose work other devices can take over. `LAUNCH_FAILED` is reported for either; it counts as a
+//! lost device.
 
-use cudarc::driver::DriverError;
-use cudarc::driver::sys::CUresult;
+use super::driver::DriverError;
 use thiserror::Error;
+
+/// `CUDA_ERROR_OUT_OF_MEMORY`.
+pub(super) const OUT_OF_MEMORY: i32 = 2;
+/// `CUDA_ERROR_NO_DEVICE`.
+pub(super) const NO_DEVICE: i32 = 100;
+/// A kernel did what it must not: ILLEGAL_ADDRESS, LAUNCH_TIMEOUT, ASSERT, HARDWARE_STACK_ERROR, ILLEGAL_INSTRUCTION,
+/// MISALIGNED_ADDRESS, INVALID_ADDRESS_SPACE, INVALID_PC.
+const KERNEL: [i32; 8] = [700, 702, 710, 714, 715, 716, 717, 718];
+/// The device or its context cannot be used any more: DEINITIALIZED, INVALID_CONTEXT, ECC_UNCORRECTABLE, NVLINK_UNCORRECTABLE,
+/// CONTAINED, CONTEXT_IS_DESTROYED, LAUNCH_FAILED, TENSOR_MEMORY_LEAK, MPS_RPC_FAILURE, MPS_CLIENT_TERMINATED, UNKNOWN.
+const LOST: [i32; 11] = [4, 201, 214, 220, 226, 709, 719, 721, 806, 810, 999];
+/// Other processes use the device: DEVICE_UNAVAILABLE (exclusive compute mode), CONTEXT_ALREADY_IN_USE, MPS_SERVER_NOT_READY,
+/// MPS_MAX_CLIENTS_REACHED, MPS_MAX_CONNECTIONS_REACHED.
+const IN_USE: [i32; 5] = [46, 216, 807, 808, 809];
 
 /// A version or a compute capability.
 pub type Version = (i32, i32);
@@ -122,6 +136,28 @@ pub enum CudaError {
         /// The driver's code.
         code: String,
     },
+    /// The device is in use by others.
+    #[error(
+        "GPU {device}, {doing}: the device is in use by another process ({code}); wait for its end, or see its compute mode (`nvidia-smi -q -d COMPUTE`)"
+    )]
+    InUse {
+        /// Which GPU.
+        device: usize,
+        /// What was being done.
+        doing: String,
+        /// The driver's code.
+        code: String,
+    },
+    /// Not enough page-locked host memory, whatever the device has.
+    #[error(
+        "GPU {device}: out of page-locked host memory: {asked_bytes} bytes asked for; lower --memory, end other programs, or raise the limit on locked memory (`ulimit -l`, the container's)"
+    )]
+    OutOfHostMemory {
+        /// For which GPU.
+        device: usize,
+        /// How much was asked for.
+        asked_bytes: u64,
+    },
     /// Any other refusal of the driver.
     #[error("GPU {device}, {doing}: the driver reports {code}")]
     Driver {
@@ -143,24 +179,11 @@ pub enum CudaError {
 impl CudaError {
     /// What `error` of the driver means for `device` while `doing`.
     pub fn new(device: usize, doing: &str, error: DriverError) -> Self {
-        use CUresult as C;
-        let (doing, code) = (doing.to_owned(), code(error));
+        let (doing, code) = (doing.to_owned(), error.to_string());
         match error.0 {
-            C::CUDA_ERROR_ILLEGAL_ADDRESS
-            | C::CUDA_ERROR_LAUNCH_TIMEOUT
-            | C::CUDA_ERROR_ASSERT
-            | C::CUDA_ERROR_HARDWARE_STACK_ERROR
-            | C::CUDA_ERROR_ILLEGAL_INSTRUCTION
-            | C::CUDA_ERROR_MISALIGNED_ADDRESS
-            | C::CUDA_ERROR_INVALID_ADDRESS_SPACE
-            | C::CUDA_ERROR_INVALID_PC => Self::Kernel { device, doing, code },
-            C::CUDA_ERROR_LAUNCH_FAILED
-            | C::CUDA_ERROR_DEVICE_UNAVAILABLE
-            | C::CUDA_ERROR_DEINITIALIZED
-            | C::CUDA_ERROR_CONTEXT_IS_DESTROYED
-            | C::CUDA_ERROR_ECC_UNCORRECTABLE
-            | C::CUDA_ERROR_NVLINK_UNCORRECTABLE
-            | C::CUDA_ERROR_UNKNOWN => Self::Lost { device, doing, code },
+            n if KERNEL.contains(&n) => Self::Kernel { device, doing, code },
+            n if LOST.contains(&n) => Self::Lost { device, doing, code },
+            n if IN_USE.contains(&n) => Self::InUse { device, doing, code },
             _ => Self::Driver { device, doing, code },
         }
     }
@@ -172,10 +195,11 @@ impl CudaError {
 
     /// Whether the same command may succeed later.
     pub fn retryable(&self) -> bool {
-        self.lost() || self.out_of_memory()
+        let passes = matches!(self, Self::InUse { .. } | Self::OutOfHostMemory { .. });
+        passes || self.lost() || self.out_of_memory()
     }
 
-    /// Whether it may do with less memory.
+    /// Whether it may do with less of its memory.
     pub fn out_of_memory(&self) -> bool {
         matches!(self, Self::OutOfMemory { .. })
     }
@@ -184,11 +208,6 @@ impl CudaError {
     pub fn lost(&self) -> bool {
         matches!(self, Self::Lost { .. })
     }
-}
-
-/// The driver's name and number of an error.
-pub(super) fn code(error: DriverError) -> String {
-    format!("{:?}, {}", error.0, error.0 as u32)
 }
 
 fn mib(bytes: &u64) -> String {

@@ -10,10 +10,14 @@ mod band;
 pub mod bench;
 pub mod device;
 mod drain;
+pub mod driver;
 pub mod error;
+pub mod handle;
+pub mod launch;
 pub mod memory;
 pub(crate) mod pool;
 pub mod queue;
+pub mod slice;
 
 pub use band::needs;
 pub use device::{Device, DeviceInfo, devices};

@@ -3,54 +3,34 @@
 //! Ordinary page-locked memory in both directions: write-combined memory would be a little faster to upload from, but charts
 //! look at what they have read (NaN), and reading from it is slow beyond use.
 
+use super::slice::PinnedHostSlice;
 use super::{CudaError, Device};
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
-use cudarc::driver::PinnedHostSlice;
 use std::ops::{Deref, DerefMut};
-use std::ptr::NonNull;
 use std::time::Duration;
 
 /// A page-locked buffer. Whoever gives it to a copy keeps it, and does not look at it, until an event behind the copy has been
 /// waited for.
 #[derive(Debug)]
-pub(crate) struct Pinned {
-    /// Where `memory` lies; asking it each time would ask the device, which may be gone by then.
-    start: NonNull<f32>,
-    memory: PinnedHostSlice<f32>,
-}
-
-// SAFETY: the memory belongs to this value alone and lies at one place for all threads.
-unsafe impl Send for Pinned {}
-// SAFETY: shared, it is only read.
-unsafe impl Sync for Pinned {}
+pub(crate) struct Pinned(PinnedHostSlice<f32>);
 
 impl Pinned {
     /// `len` zeros.
     pub(crate) fn zeroed(device: &Device, len: usize) -> Result<Self, CudaError> {
-        let (len, what) = (len.max(1), "page-locked host memory");
-        let refused = |e| device.refused(e, len * size_of::<f32>(), what);
-        // SAFETY: unset memory, set below before anybody reads it.
-        let mut memory = unsafe { device.context.alloc_pinned_with_flags::<f32>(len, 0) }.map_err(refused)?;
-        let start =
-            NonNull::new(memory.as_mut_ptr().map_err(device.failed(what))?).expect("it was allocated");
-        // SAFETY: `len` values from `start` on are this buffer's.
-        unsafe { start.as_ptr().write_bytes(0, len) };
-        Ok(Self { start, memory })
+        device.allocate_pinned(len.max(1)).map(Self)
     }
 }
 
 impl Deref for Pinned {
     type Target = [f32];
     fn deref(&self) -> &[f32] {
-        // SAFETY: set values of this buffer, which lives as long as `self`; copies in flight are the owner's concern.
-        unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.memory.len()) }
+        self.0.as_slice()
     }
 }
 
 impl DerefMut for Pinned {
     fn deref_mut(&mut self) -> &mut [f32] {
-        // SAFETY: as above, and borrowed by nobody else.
-        unsafe { std::slice::from_raw_parts_mut(self.start.as_ptr(), self.memory.len()) }
+        self.0.as_mut_slice()
     }
 }
 

@@ -8,6 +8,7 @@ use super::illumination::numerical_aperture;
 use super::paraxial::Paraxial;
 use super::ray::Tracer;
 use super::system::{FieldKind, System};
+use crate::real;
 
 /// System data of a design.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +83,7 @@ pub fn describe(system: &System) -> Result<Description, DesignError> {
         exit_pupil_diameter_mm: 2.0 * p.exit_radius_mm,
         stop_radius_mm: p.stop_radius_mm,
         paraxial_image_height_mm: tan * p.distortion_focal_length_mm.abs(),
-        maximum_field_deg: tan.atan().to_degrees(),
+        maximum_field_deg: real::atan(tan).to_degrees(),
         angular_magnification: p.angular_magnification,
         magnification: p.magnification,
         object_distance_mm: system.object_distance_mm,
@@ -92,7 +93,7 @@ pub fn describe(system: &System) -> Result<Description, DesignError> {
 /// Tangent of a field point's angle at the entrance pupil, from the design's own kind of field.
 pub fn field_tan(system: &System, primary: &Paraxial, field: f64) -> f64 {
     match (system.field_kind, system.object_distance_mm) {
-        (FieldKind::Angle, _) => field.to_radians().tan(),
+        (FieldKind::Angle, _) => real::tan(field.to_radians()),
         (FieldKind::ObjectHeight, Some(distance)) => field / (distance + primary.entrance_pupil_mm),
         // Heights of an object at infinity mean nothing; the design program shows them as 0.
         (FieldKind::ObjectHeight, None) => 0.0,

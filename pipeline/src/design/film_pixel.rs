@@ -5,6 +5,7 @@
 //! scaled so that constants stay constants. For samples at up to 0.95 Nyquist of a lens's PSF the error is below 1e-5 of the
 //! peak (its spectrum fades to 0 at the band's edge). Film pixel and sample grids share their centre; samples outside the window are 0.
 
+use crate::real;
 use std::f64::consts::PI;
 
 use super::pupil::unit_interval;
@@ -74,7 +75,7 @@ fn interpolant(u: f64) -> f64 {
     if x.abs() >= 1.0 {
         return 0.0;
     }
-    let sinc = if u == 0.0 { 1.0 } else { (PI * u).sin() / (PI * u) };
+    let sinc = if u == 0.0 { 1.0 } else { real::sin(PI * u) / (PI * u) };
     sinc * bessel_i0(SHAPE * (1.0 - x * x).sqrt()) / bessel_i0(SHAPE)
 }
 

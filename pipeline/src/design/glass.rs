@@ -7,6 +7,7 @@
 //! Built in: Schott's Sellmeier table (`data/SOURCES.md`). Left out: temperature, pressure, absorption, birefringence.
 
 use super::error::DesignError;
+use crate::real;
 use crate::words::changes;
 
 /// A dispersion formula with its coefficients, λ in µm.
@@ -58,7 +59,7 @@ impl Dispersion {
                 return c[0] + c[1] * l + c[2] * l * l + c[3] * w + c[4] * w * w + c[5] * w * w * w;
             }
             4 => 1.0 + c[0] + c[1] * w / (w - c[2] * c[2]) + c[3] / (w - c[4] * c[4]),
-            5 => return c[0] + c[1] / um + c[2] / um.powf(3.5),
+            5 => return c[0] + c[1] / um + c[2] / real::pow(um, 3.5),
             6 => sellmeier(4),
             7 => c[0] + c[1] / (w - c[2]) - c[3] * w,
             8 => c[0] + c[1] * w / (w - c[2]) - c[3] * w,

@@ -7,6 +7,7 @@
 //! Source: Barnett, Magland, af Klinteberg, A parallel nonuniform FFT library based on an "exponential of semicircle" kernel,
 //! SIAM J. Sci. Comput. 41 (2019), sections 2-3. Signs: j runs with x, k with y; an overall (−1)^(j+k) is left in.
 
+use crate::real;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -59,7 +60,7 @@ impl std::fmt::Debug for Nufft {
 }
 
 fn kernel(z: f64) -> f64 {
-    if z.abs() >= 1.0 { 0.0 } else { (BETA * ((1.0 - z * z).sqrt() - 1.0)).exp() }
+    if z.abs() >= 1.0 { 0.0 } else { real::exp(BETA * ((1.0 - z * z).sqrt() - 1.0)) }
 }
 
 impl Nufft {
@@ -70,7 +71,7 @@ impl Nufft {
         let spectrum = |j: usize| {
             let w = WIDTH as f64 / 2.0;
             let f = 2.0 * PI * j as f64 / cells as f64;
-            2.0 * w * nodes.iter().map(|(z, g)| g * kernel(*z) * (f * w * z).cos()).sum::<f64>()
+            2.0 * w * nodes.iter().map(|(z, g)| g * kernel(*z) * real::cos(f * w * z)).sum::<f64>()
         };
         Self {
             half,
@@ -182,7 +183,7 @@ impl Nufft {
 fn kernel_polynomials() -> [[f64; WIDTH]; DEGREE + 1] {
     let n = DEGREE + 1;
     let mut out = [[0.0; WIDTH]; DEGREE + 1];
-    let node = |i: usize| (PI * (i as f64 + 0.5) / n as f64).cos();
+    let node = |i: usize| real::cos(PI * (i as f64 + 0.5) / n as f64);
     for cell in 0..WIDTH {
         let value = |z: f64| kernel((cell as f64 + 0.5 * (z + 1.0)) * 2.0 / WIDTH as f64 - 1.0);
         // Chebyshev coefficients, then T_k as a power series.
@@ -191,7 +192,7 @@ fn kernel_polynomials() -> [[f64; WIDTH]; DEGREE + 1] {
         now[1] = 1.0;
         for k in 0..n {
             let sum: f64 =
-                (0..n).map(|i| value(node(i)) * (k as f64 * PI * (i as f64 + 0.5) / n as f64).cos()).sum();
+                (0..n).map(|i| value(node(i)) * real::cos(k as f64 * PI * (i as f64 + 0.5) / n as f64)).sum();
             let a = sum * if k == 0 { 1.0 } else { 2.0 } / n as f64;
             for (power, c) in out.iter_mut().enumerate() {
                 c[cell] += a * before[power];

@@ -11,6 +11,7 @@
 //! sum over those nodes is one nonuniform FFT ([`super::nufft`]). [`direct_sum`] is the same sum written out: the oracle.
 //! Source: Welford, chapter 4 (path); Goodman, Introduction to Fourier Optics, 3.10 (angular spectrum). Scalar; one polarisation.
 
+use crate::real;
 use std::f64::consts::PI;
 
 use rustfft::num_complex::Complex;
@@ -102,7 +103,7 @@ impl PupilFunction {
         let k = 2.0 * PI / self.wavelength_um;
         let sample = |rho: f64, theta: f64| -> Result<([f64; 4], ImageRay, f64), DesignError> {
             let b = if self.pupil.is_whole() { 1.0 } else { self.pupil.radius(tracer, tan, theta) };
-            let (s, c) = theta.sin_cos();
+            let (s, c) = real::sin_cos(theta);
             let r = tracer.ray(tan, self.pupil.centre + rho * b * c, rho * b * s)?;
             let path = r.path.v - chief.path.v - r.l.v * (r.x.v - chief.x.v) - r.m.v * r.y.v;
             let amplitude = (r.flux * r.solid_angle() / r.n).sqrt() * b * b;
@@ -122,12 +123,12 @@ impl PupilFunction {
                         table.push(v);
                     }
                     extent = (extent.0.min(ray.l.v), extent.1.max(ray.l.v), extent.2.max(ray.m.v));
-                    let (s, c) = t.sin_cos();
+                    let (s, c) = real::sin_cos(*t);
                     let shift = [(ray.x.v - chief.x.v) * 1e3, ray.y.v * 1e3];
                     for (bound, [p, q]) in [(&mut radial, [c, s]), (&mut angular, [-s * r, c * r])] {
                         let (dl, dm) =
                             (b * (ray.l.d[0] * p + ray.l.d[1] * q), b * (ray.m.d[0] * p + ray.m.d[1] * q));
-                        bound.0 = bound.0.max(dl.hypot(dm));
+                        bound.0 = bound.0.max(real::hypot(dl, dm));
                         bound.1 = bound.1.max((shift[0] * dl + shift[1] * dm).abs());
                     }
                 }
@@ -160,7 +161,7 @@ impl PupilFunction {
     pub fn wavelets(&self, reach_um: f64, azimuth_rad: f64, mirrored: bool) -> Vec<Wavelet> {
         let k = 2.0 * PI / self.wavelength_um;
         let corner = std::f64::consts::SQRT_2 * reach_um;
-        let (sin, cos) = azimuth_rad.sin_cos();
+        let (sin, cos) = real::sin_cos(azimuth_rad);
         let middle = 0.5 * (self.extent.0 + self.extent.1);
         let mut out = Vec::new();
         for patch in &self.patches {
@@ -168,8 +169,8 @@ impl PupilFunction {
             // circle from κ/2; the rest takes the error from O(1) to 1e-8.
             let radial = k * (corner * patch.radial.0 + patch.radial.1);
             let angular = k * (corner * patch.angular.0 + patch.angular.1);
-            let rings = unit_interval((radial / 4.0 + 2.0 * radial.cbrt()) as usize + 10);
-            let spokes = (angular / 2.0 + 2.0 * angular.cbrt()) as usize + 10;
+            let rings = unit_interval((radial / 4.0 + 2.0 * real::cbrt(radial)) as usize + 10);
+            let spokes = (angular / 2.0 + 2.0 * real::cbrt(angular)) as usize + 10;
             let spokes = self.pupil.angles(&patch.segment, spokes);
             let fine = patch.along_theta(&spokes);
             let width = spokes.len();
@@ -316,7 +317,7 @@ impl Patch {
 
 /// Chebyshev points of the first kind on [a, b], ascending.
 fn chebyshev(n: usize, a: f64, b: f64) -> Vec<f64> {
-    let x = |i: usize| -(PI * (i as f64 + 0.5) / n as f64).cos();
+    let x = |i: usize| -real::cos(PI * (i as f64 + 0.5) / n as f64);
     (0..n).map(|i| a + (b - a) * 0.5 * (1.0 + x(i))).collect()
 }
 
@@ -339,7 +340,7 @@ impl Lagrange {
         let mut w: Vec<f64> = (0..n)
             .map(|i| {
                 let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
-                let v = sign * (PI * (i as f64 + 0.5) / n as f64).sin() / (x - self.points[i]);
+                let v = sign * real::sin(PI * (i as f64 + 0.5) / n as f64) / (x - self.points[i]);
                 sum += v;
                 v
             })

@@ -8,6 +8,7 @@
 //! Taken for granted: the open part is star-shaped about its centre c on the meridian (true of overlapping discs).
 //! Source: Davis & Rabinowitz, Methods of Numerical Integration, 2.7 and 2.9.
 
+use crate::real;
 use std::f64::consts::PI;
 
 use super::error::DesignError;
@@ -59,7 +60,7 @@ impl Pupil {
         }
         let over = |p: f64, q: f64| tracer.overshoot(tan, p, q).0;
         let angles: Vec<f64> = (0..SCAN).map(|i| PI * i as f64 / (SCAN - 1) as f64).collect();
-        if angles.iter().all(|a| over(a.cos(), a.sin()) <= 0.0) && over(0.0, 0.0) <= 0.0 {
+        if angles.iter().all(|a| over(real::cos(*a), real::sin(*a)) <= 0.0) && over(0.0, 0.0) <= 0.0 {
             return Ok(open);
         }
         let centre = Self::find_centre(tracer, tan)?;
@@ -102,7 +103,7 @@ impl Pupil {
 
     /// B(θ) and which surface sets it.
     fn rim(&self, tracer: &Tracer<'_>, tan: f64, theta: f64) -> (f64, Option<usize>) {
-        let (s, c) = theta.sin_cos();
+        let (s, c) = real::sin_cos(theta);
         let along = self.centre * c;
         let edge = -along + (along * along + 1.0 - self.centre * self.centre).max(0.0).sqrt();
         if !tracer.has_apertures() {
@@ -156,7 +157,7 @@ impl Pupil {
         for segment in &self.segments {
             for (theta, wt) in self.angles(segment, spokes) {
                 let b = if self.is_whole() { 1.0 } else { self.radius(tracer, tan, theta) };
-                let (s, c) = theta.sin_cos();
+                let (s, c) = real::sin_cos(theta);
                 nodes.extend(radial.iter().map(|(rho, wr)| PupilNode {
                     p: self.centre + rho * b * c,
                     q: rho * b * s,
@@ -184,7 +185,7 @@ impl Pupil {
 pub fn unit_interval(n: usize) -> Vec<(f64, f64)> {
     let mut out = vec![(0.5, 1.0); n];
     for i in 0..n.div_ceil(2) {
-        let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+        let mut x = real::cos(PI * (i as f64 + 0.75) / (n as f64 + 0.5));
         let mut slope = 1.0;
         for _ in 0..100 {
             let (mut p, mut before) = (1.0, 0.0);

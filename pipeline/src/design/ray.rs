@@ -15,6 +15,7 @@ use super::paraxial::Paraxial;
 use super::scalar::{Dual, Scalar};
 use super::surface::{Ray, Stopped};
 use super::system::{RayAiming, System};
+use crate::real;
 
 /// A system made ready for rays of one wavelength.
 #[derive(Clone, Debug)]
@@ -203,7 +204,7 @@ impl<'a> Tracer<'a> {
                 return Ok([0, 1].map(|i| Dual::new(at[i], inverse[i][0] * scale, inverse[i][1] * scale)));
             }
             // One more round takes the derivatives at the point itself.
-            done = step[0].hypot(step[1]) < 1e-9 * self.stop_radius_mm;
+            done = real::hypot(step[0], step[1]) < 1e-9 * self.stop_radius_mm;
         }
         Err(self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
     }

@@ -8,6 +8,7 @@ use super::error::DesignError;
 use super::pupil::Pupil;
 use super::ray::{ImageRay, Tracer};
 use super::system::System;
+use crate::real;
 
 /// Spot figures of one field point at one wavelength, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +36,8 @@ pub fn spot(tracer: &Tracer<'_>, tan: f64) -> Result<Spot, DesignError> {
     let chief = tracer.ray(tan, 0.0, 0.0)?;
     let total: f64 = rays.iter().map(|(w, r)| w * r.flux).sum();
     let centroid = rays.iter().map(|(w, r)| w * r.flux * (r.x.v - chief.x.v)).sum::<f64>() / total;
-    let about = |x0: f64| rays.iter().map(move |(w, r)| (w * r.flux, (r.x.v - chief.x.v - x0).hypot(r.y.v)));
+    let about =
+        |x0: f64| rays.iter().map(move |(w, r)| (w * r.flux, real::hypot(r.x.v - chief.x.v - x0, r.y.v)));
     let rms = |x0: f64| (about(x0).map(|(w, d)| w * d * d).sum::<f64>() / total).sqrt() * 1e3;
     let geo = |x0: f64| about(x0).map(|(_, d)| d).fold(0.0, f64::max) * 1e3;
     Ok(Spot {
@@ -60,7 +62,7 @@ pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f6
         for k in 0..=rings {
             let count = if k == 0 { 1 } else { 6 * k };
             for i in 0..count {
-                let (s, c) = (2.0 * std::f64::consts::PI * i as f64 / count as f64).sin_cos();
+                let (s, c) = real::sin_cos(2.0 * std::f64::consts::PI * i as f64 / count as f64);
                 let rho = k as f64 / rings.max(1) as f64;
                 // The first ray of a ring lies across the meridian.
                 let (p, q) = (rho * s, rho * c);
@@ -74,7 +76,7 @@ pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f6
     let total: f64 = points.iter().map(|p| p.0).sum();
     let mean = |of: fn(&(f64, f64, f64)) -> f64| points.iter().map(|p| p.0 * of(p)).sum::<f64>() / total;
     let (x0, y0) = (mean(|p| p.1), mean(|p| p.2));
-    let off = |p: &(f64, f64, f64)| (p.1 - x0).hypot(p.2 - y0);
+    let off = |p: &(f64, f64, f64)| real::hypot(p.1 - x0, p.2 - y0);
     let square = points.iter().map(|p| p.0 * off(p).powi(2)).sum::<f64>() / total;
     Ok((1e3 * square.sqrt(), 1e3 * points.iter().map(off).fold(0.0, f64::max)))
 }
@@ -94,8 +96,8 @@ fn strehl(um: f64, rays: &[(f64, ImageRay)], chief: &ImageRay, shift: f64) -> f6
     for (w, r) in rays {
         let amplitude = w * (r.flux * r.solid_angle() / r.n).sqrt();
         let path = r.path.v - chief.path.v + shift * r.n + r.l.v * (x0 - r.x.v) - r.m.v * r.y.v;
-        re += amplitude * (k * path).cos();
-        im += amplitude * (k * path).sin();
+        re += amplitude * real::cos(k * path);
+        im += amplitude * real::sin(k * path);
         sum += amplitude;
     }
     (re * re + im * im) / (sum * sum)

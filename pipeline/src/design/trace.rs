@@ -19,7 +19,7 @@ use super::system::System;
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Raised whenever the tracer gives other numbers for the same design and options.
-pub const TRACER_VERSION: u32 = 1;
+pub const TRACER_VERSION: u32 = 2;
 
 /// Runs `work` with so many threads for its rays and sums; the numbers are the same for any.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {

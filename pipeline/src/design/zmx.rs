@@ -14,6 +14,7 @@ use super::glass::{Dispersion, Glass, GlassCatalog};
 use super::surface::Shape;
 use super::system::{Aperture, FieldKind, Medium, RayAiming, Surface, System};
 use super::text::decode;
+use crate::real;
 
 /// Header words that do not change the optics: bookkeeping, display, weights, polarisation and non-sequential defaults.
 const HEADER_SKIPPED: &[&str] = &[
@@ -343,8 +344,9 @@ impl Reader {
         let field_kind = self.field_kind.ok_or_else(|| no("gives no field type (FTYP)"))?;
         let unit = if field_kind == FieldKind::Angle { 1.0 } else { scale };
         let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);
-        let fields =
-            (0..self.field_count.max(1)).map(|i| unit * at(&self.x, i).hypot(at(&self.y, i))).collect();
+        let fields = (0..self.field_count.max(1))
+            .map(|i| unit * real::hypot(at(&self.x, i), at(&self.y, i)))
+            .collect();
         if self.aiming.is_none() {
             notes.push("no ray aiming given: rays are aimed at the paraxial entrance pupil".to_owned());
         }

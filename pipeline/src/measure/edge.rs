@@ -6,6 +6,7 @@
 //! lens maps it, which is not quite straight.
 
 use crate::geometry::Rect;
+use crate::real;
 use thiserror::Error;
 
 /// Bins per film pixel.
@@ -23,14 +24,14 @@ pub struct EdgeLine {
 impl EdgeLine {
     /// Distance of (row, column) from the edge, film pixels.
     pub fn distance(&self, (row, col): (f64, f64)) -> f64 {
-        let (sin, cos) = self.normal_rad.sin_cos();
+        let (sin, cos) = real::sin_cos(self.normal_rad);
         (col - self.at_px.1) * cos + (row - self.at_px.0) * sin
     }
 
     /// The edge through two points (row, column), its light side not known yet.
     pub fn through(a: (f64, f64), b: (f64, f64)) -> Self {
         let (dy, dx) = (b.0 - a.0, b.1 - a.1);
-        Self { at_px: ((a.0 + b.0) / 2.0, (a.1 + b.1) / 2.0), normal_rad: dx.atan2(-dy) }
+        Self { at_px: ((a.0 + b.0) / 2.0, (a.1 + b.1) / 2.0), normal_rad: real::atan2(dx, -dy) }
     }
 }
 
@@ -144,7 +145,7 @@ impl Esf {
 /// spread of each row, or of each column for an edge that is nearer level), looking `half_px` to either side; its normal
 /// points from dark to light. `None` where there is no edge to fit.
 pub fn fit(pixels: &[f32], rect: Rect, guess: EdgeLine, half_px: usize) -> Option<EdgeLine> {
-    let (sin, cos) = guess.normal_rad.sin_cos();
+    let (sin, cos) = real::sin_cos(guess.normal_rad);
     let upright = cos.abs() >= sin.abs();
     let (lines, length) = if upright { (rect.height, rect.width) } else { (rect.width, rect.height) };
     let value = |line: usize, i: usize| {
@@ -186,8 +187,8 @@ pub fn fit(pixels: &[f32], rect: Rect, guess: EdgeLine, half_px: usize) -> Optio
     let toward = if rise < 0.0 { std::f64::consts::PI } else { 0.0 };
     Some(match upright {
         // across = mc + slope·(along − ma): the normal of that line, towards rising values.
-        true => EdgeLine { at_px: (ma, mc), normal_rad: (-slope).atan2(1.0) + toward },
-        false => EdgeLine { at_px: (mc, ma), normal_rad: 1f64.atan2(-slope) + toward },
+        true => EdgeLine { at_px: (ma, mc), normal_rad: real::atan2(-slope, 1.0) + toward },
+        false => EdgeLine { at_px: (mc, ma), normal_rad: real::atan2(1f64, -slope) + toward },
     })
 }
 
@@ -199,7 +200,7 @@ pub(super) mod tests {
     pub(in crate::measure) fn phi(x: f64) -> f64 {
         let n = 400;
         let h = x / f64::from(n);
-        let f = |t: f64| (-t * t / 2.0).exp();
+        let f = |t: f64| real::exp(-t * t / 2.0);
         let inner = (1..n).map(|i| if i % 2 == 1 { 4.0 } else { 2.0 } * f(f64::from(i) * h)).sum::<f64>();
         0.5 + (f(0.0) + inner + f(x)) * h / 3.0 / std::f64::consts::TAU.sqrt()
     }

@@ -12,6 +12,8 @@
 //! Numerically: shares are laid out on a line of 1/64 px by linear splitting (second moment wrong by at most 1/4 of a step
 //! squared, 6e-5 px²), every box is a difference of running sums.
 
+use crate::real;
+
 /// Steps of the line per film pixel.
 const FINE: f64 = 64.0;
 
@@ -44,7 +46,7 @@ impl ExpectedEsf {
     /// The ESF of the PSF `shares` (which sum to 1) at azimuth `azimuth_rad` under `step`.
     pub fn new(shares: impl Iterator<Item = Share>, azimuth_rad: f64, step: &Step) -> Self {
         let along = |angle: f64| {
-            let (sin, cos) = angle.sin_cos();
+            let (sin, cos) = real::sin_cos(angle);
             move |(row, col): (f64, f64)| col * cos + row * sin
         };
         let (psf, edge) = (along(step.normal_rad - azimuth_rad), along(step.normal_rad));
@@ -52,7 +54,7 @@ impl ExpectedEsf {
         let taps: Vec<(f64, f64)> = step.taps.iter().map(|&(d, w)| (edge(d), w)).collect();
         let far = |of: &[(f64, f64)]| of.iter().fold(0.0f64, |m, v| m.max(v.0.abs()));
         let widths: Vec<f64> = {
-            let (sin, cos) = step.normal_rad.sin_cos();
+            let (sin, cos) = real::sin_cos(step.normal_rad);
             let both = step.squares_px.iter().flat_map(|w| [w * cos.abs(), w * sin.abs()]);
             both.chain([step.bin_px]).filter(|w| *w > 1.0 / FINE).collect()
         };

@@ -7,6 +7,7 @@
 //! window over 32 px narrows a line of σ = 1 px by 0.9 %).
 
 use super::edge::{Esf, OVERSAMPLING};
+use crate::real;
 use std::f64::consts::{PI, TAU};
 
 /// A modulation transfer function.
@@ -47,17 +48,17 @@ impl Mtf {
             .enumerate()
             .map(|(i, v)| {
                 let out = (i as f64 - half).abs() / half;
-                v * if out <= 0.75 { 1.0 } else { 0.5 + 0.5 * (PI * (out - 0.75) / 0.25).cos() }
+                v * if out <= 0.75 { 1.0 } else { 0.5 + 0.5 * real::cos(PI * (out - 0.75) / 0.25) }
             })
             .collect();
         let frequency_cy_px: Vec<f64> = (0..=STEPS).map(|i| LAST_CY_PX * i as f64 / STEPS as f64).collect();
         let magnitude = |f: f64| {
             let (mut re, mut im) = (0.0, 0.0);
             for (i, v) in windowed.iter().enumerate() {
-                let (sin, cos) = (TAU * f * (i as f64 - half) / OVERSAMPLING).sin_cos();
+                let (sin, cos) = real::sin_cos(TAU * f * (i as f64 - half) / OVERSAMPLING);
                 (re, im) = (re + v * cos, im + v * sin);
             }
-            re.hypot(im)
+            real::hypot(re, im)
         };
         let all = magnitude(0.0);
         let corrected =
@@ -75,7 +76,7 @@ impl Mtf {
 }
 
 fn sinc(x: f64) -> f64 {
-    if x.abs() < 1e-9 { 1.0 } else { (PI * x).sin() / (PI * x) }
+    if x.abs() < 1e-9 { 1.0 } else { real::sin(PI * x) / (PI * x) }
 }
 
 #[cfg(test)]

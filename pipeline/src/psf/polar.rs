@@ -5,6 +5,7 @@
 //! which loses nothing to cancellation and takes one division. Near the axis (rc < 2.6 half sides) both are taken in f64.
 
 use crate::psf::grid::Reach;
+use crate::real;
 use std::f64::consts::TAU;
 
 /// Block half sides below which azimuths are computed in f64 and may wrap. At 2.6 the farthest pixel across,
@@ -46,8 +47,8 @@ impl BlockPlace {
     pub(crate) fn centre(&self) -> (f64, f64, f64, f64, bool) {
         let (hy, hx) = ((self.rows as f64 - 1.0) / 2.0, (self.cols as f64 - 1.0) / 2.0);
         let (y, x) = (self.dy_px + hy, self.dx_px + hx);
-        let r = y.hypot(x);
-        (hy, hx, r, y.atan2(x), r < NEAR * hy.max(hx).max(0.5))
+        let r = real::hypot(y, x);
+        (hy, hx, r, real::atan2(y, x), r < NEAR * hy.max(hx).max(0.5))
     }
 
     /// Fills `r` and `theta` (`rows` × `cols`, row stride `stride`) and tells the block's reach.
@@ -60,7 +61,7 @@ impl BlockPlace {
             theta: (f32::INFINITY, f32::NEG_INFINITY),
             around,
         };
-        let (cos, sin) = (ac.cos() as f32, ac.sin() as f32);
+        let (cos, sin) = (real::cos(ac) as f32, real::sin(ac) as f32);
         let rcf = rc as f32;
         for y in 0..self.rows {
             let r = &mut r[y * stride..][..self.cols];
@@ -68,8 +69,8 @@ impl BlockPlace {
             if around {
                 for (x, (r, theta)) in r.iter_mut().zip(theta.iter_mut()).enumerate() {
                     let (dy, dx) = (self.dy_px + y as f64, self.dx_px + x as f64);
-                    let turn = dy.atan2(dx) - ac;
-                    *r = (dy.hypot(dx) - rc) as f32;
+                    let turn = real::atan2(dy, dx) - ac;
+                    *r = (real::hypot(dy, dx) - rc) as f32;
                     *theta = (turn - TAU * (turn / TAU).round()) as f32;
                 }
             } else {

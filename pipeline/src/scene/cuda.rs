@@ -7,11 +7,13 @@
 
 use super::Scene;
 use super::map::Map;
+use crate::cuda::handle::CudaStream;
+use crate::cuda::launch::{CudaFunction, DeviceRepr, LaunchConfig};
+use crate::cuda::slice::CudaSlice;
 use crate::cuda::{CudaError, Device};
 use crate::field::{Field, Step};
 use crate::geometry::Rect;
 use crate::resample::Interp;
-use cudarc::driver::{CudaFunction, CudaSlice, CudaStream, DeviceRepr, LaunchConfig, PushKernelArg};
 use std::sync::Arc;
 
 /// The kernels, compiled by `scripts/ptx`.

@@ -9,6 +9,7 @@ use super::map::Map;
 use crate::field::{Field, Stretch};
 use crate::geometry::Rect;
 use crate::plan::Tiling;
+use crate::real;
 use crate::resample::box_span;
 
 /// Side of a piece, film px.
@@ -112,7 +113,10 @@ impl Map<'_> {
         let dx = ends(piece.x, piece.width, self.axis_px.1);
         let least = |d: Span| if d.0 <= 0.0 && d.1 >= 0.0 { 0.0 } else { d.0.abs().min(d.1.abs()) };
         let greatest = |d: Span| d.0.abs().max(d.1.abs());
-        let m = magnification(self.field, (least(dy).hypot(least(dx)), greatest(dy).hypot(greatest(dx))));
+        let m = magnification(
+            self.field,
+            (real::hypot(least(dy), least(dx)), real::hypot(greatest(dy), greatest(dx))),
+        );
         let span = |d: Span, offset: f64, per_scale: f64| {
             let products = [d.0 * m.0, d.0 * m.1, d.1 * m.0, d.1 * m.1].map(|p| offset + p * per_scale);
             let least = products.iter().copied().fold(f64::INFINITY, f64::min);

@@ -7,8 +7,11 @@
 //   EMULATED_CUDA_DELAY_US=0,500         what every kernel of each takes more
 //   EMULATED_CUDA_STREAMS, _ORDER        driver.h, cuda_cpu.h
 //   EMULATED_CUDA_FAULTS=lost:1:3,...    KIND:DEVICE:N, the N-th (from 1) launch, or allocation, of a device:
-//                                        lost, kernel (it fails, and the context with it), refused (the launch alone), memory
+//                                        lost, kernel (it fails, and the context with it), refused (the launch alone), memory,
+//                                        host-memory (page-locked); error-CODE: the launch ends with this code, and so does
+//                                        every later call
 //   EMULATED_CUDA_INIT=100               what cuInit reports
+//   EMULATED_CUDA_OPEN=0,46              what making the context of each reports
 //   EMULATED_CUDA_LOG=path               at exit a line for each device that was used is added: what it did and what is left
 #include "driver.h"
 #include <cstdarg>
@@ -34,6 +37,18 @@ bool fails(const char *kind, int device, unsigned long n) {
     char one[64];
     std::snprintf(one, sizeof one, ",%s:%d:%lu,", kind, device, n);
     return ("," + std::string(faults) + ",").find(one) != std::string::npos;
+}
+
+CUresult error_of_launch(int device, unsigned long n) {
+    const char *faults = setting("FAULTS");
+    char place[64];
+    std::snprintf(place, sizeof place, ":%d:%lu,", device, n);
+    const std::string all = faults ? std::string(faults) + "," : "";
+    for (size_t at = 0; (at = all.find("error-", at)) != std::string::npos; ++at) {
+        const size_t colon = all.find(':', at);
+        if (colon != std::string::npos && all.compare(colon, std::strlen(place), place) == 0) return std::atoi(all.c_str() + at + 6);
+    }
+    return SUCCESS;
 }
 
 CUresult wrong(CUresult code, const char *format, ...) {
@@ -188,6 +203,7 @@ CUresult cuDeviceGetAttribute(int *value, int attribute, CUdevice device) {
 CUresult cuDevicePrimaryCtxRetain(CUcontext *context, CUdevice device) {
     Device *d = find(device);
     if (!d) return INVALID_DEVICE;
+    if (const int code = int(setting("OPEN", device, 0))) return code;
     *context = reinterpret_cast<CUcontext>(d);
     return d->lost;
 }
@@ -230,7 +246,11 @@ CUresult cuGetErrorName(CUresult code, const char **name) {
         case LAUNCH_FAILED: *name = "CUDA_ERROR_LAUNCH_FAILED"; break;
         case NOT_SUPPORTED: *name = "CUDA_ERROR_NOT_SUPPORTED"; break;
         case UNKNOWN: *name = "CUDA_ERROR_UNKNOWN"; break;
-        default: *name = "CUDA_ERROR_OTHER"; break;
+        case 46: *name = "CUDA_ERROR_DEVICE_UNAVAILABLE"; break;
+        case 701: *name = "CUDA_ERROR_LAUNCH_OUT_OF_RESOURCES"; break;
+        case 803: *name = "CUDA_ERROR_SYSTEM_DRIVER_MISMATCH"; break;
+        // As a driver does of codes that it does not know.
+        default: *name = nullptr; return INVALID_VALUE;
     }
     return SUCCESS;
 }

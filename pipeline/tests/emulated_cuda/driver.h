@@ -80,7 +80,7 @@ struct Device {
     int major = 9, minor = 0;
     size_t memory = 0, used = 0, peak = 0;
     CUresult lost = SUCCESS;       // what every call reports once the device is lost
-    unsigned long launches = 0, allocations = 0, up = 0, down = 0;
+    unsigned long launches = 0, allocations = 0, host_allocations = 0, up = 0, down = 0;
     int delay_us = 0;              // of every kernel
     std::map<uintptr_t, size_t> live;
     std::map<void *, std::shared_ptr<Stream>> streams;
@@ -112,6 +112,8 @@ void release_all(Device &device);
 
 // The n-th of something on a device fails: EMULATED_CUDA_FAULTS=kind:device:n,...
 bool fails(const char *kind, int device, unsigned long n);
+// The code that the n-th launch of a device ends with, or 0: EMULATED_CUDA_FAULTS=error-CODE:device:n,...
+CUresult error_of_launch(int device, unsigned long n);
 const char *setting(const char *name);
 // The i-th of a list, or its last.
 double setting(const char *name, int i, double otherwise);

@@ -157,6 +157,7 @@ CUresult cuMemFreeAsync(CUdeviceptr at, CUstream handle) {
 CUresult cuMemHostAlloc(void **at, size_t bytes, unsigned) {
     Current c;
     if (c.error) return c.error;
+    if (fails("host-memory", c.device->index, ++c.device->host_allocations)) return OUT_OF_MEMORY;
     if (posix_memalign(at, 4096, std::max<size_t>(bytes, 1))) return OUT_OF_MEMORY;
     std::memset(*at, 0xff, bytes);
     std::lock_guard<std::mutex> guard(host_lock);

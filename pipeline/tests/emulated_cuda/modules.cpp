@@ -182,6 +182,7 @@ CUresult cuLaunchKernel(CUfunction handle, unsigned gx, unsigned gy, unsigned gz
     if (fails("refused", d.index, n)) return 701;
     if (fails("lost", d.index, n)) return ask(stream, {[&d] { return d.lost = UNKNOWN; }, nullptr, true});
     if (fails("kernel", d.index, n)) return ask(stream, {[&d] { return d.lost = ILLEGAL_ADDRESS; }, nullptr, true});
+    if (const CUresult code = error_of_launch(d.index, n)) return ask(stream, {[&d, code] { return d.lost = code; }, nullptr, true});
     const Call call = f.kernel->bind(arguments);
     return ask(stream, {[=, &d, &f] { return execute(d, f, grid, block, shared, call); }, nullptr, true});
 }

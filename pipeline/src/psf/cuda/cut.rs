@@ -7,6 +7,7 @@
 //! shares ready: more than the 16 of a 51-px window's transforms from n = 11 on, and less below only where the transforms
 //! (8 a pixel and more) already outrun any bus, so there are none.
 
+use crate::real;
 use std::f64::consts::TAU;
 
 /// Threads of a transform.
@@ -112,7 +113,7 @@ impl Cut {
         let side = self.side as f64;
         let mut table = Vec::new();
         let mut root = |turns: f64| {
-            let (sin, cos) = (-TAU * turns).sin_cos();
+            let (sin, cos) = real::sin_cos(-TAU * turns);
             table.extend([cos as f32, sin as f32]);
         };
         let first = POINTS / self.side / 8;

@@ -2,18 +2,19 @@
 #![allow(unsafe_code)]
 
 use super::cut::{Cut, THREADS};
+use crate::cuda::handle::CudaStream;
+use crate::cuda::launch::{CudaFunction, LaunchConfig};
+use crate::cuda::slice::{CudaSlice, CudaView, CudaViewMut};
 use crate::cuda::{CudaError, Device};
 use bytemuck::Pod;
-use cudarc::driver::sys::CUfunction_attribute_enum::CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES;
-use cudarc::driver::{
-    CudaFunction, CudaSlice, CudaStream, CudaView, CudaViewMut, LaunchConfig, PushKernelArg,
-};
 use std::ops::Range;
 use std::sync::Arc;
 
 /// The kernels, for the driver to assemble.
 const PTX: &str = include_str!("../psf.ptx");
 
+/// `CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES`.
+const MAX_DYNAMIC_SHARED: i32 = 8;
 /// Threads of the kernels without transforms.
 const PLAIN: u32 = 256;
 
@@ -33,8 +34,7 @@ impl Entries {
         let cut = Cut { side: cut.side.max(128), ..*cut }; // a window of 1 has none, and launches none
         let transform = |name| {
             let kernel = device.kernel(PTX, &format!("psf_{name}_{}", cut.side))?;
-            let shared = CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES;
-            let set = kernel.set_attribute(shared, cut.shared_bytes() as i32);
+            let set = kernel.set_attribute(MAX_DYNAMIC_SHARED, cut.shared_bytes() as i32);
             set.map_err(device.failed("asking for shared memory"))?;
             Ok(kernel)
         };

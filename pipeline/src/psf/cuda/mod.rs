@@ -15,6 +15,8 @@ mod work;
 
 pub use cut::Cut;
 
+use crate::cuda::handle::CudaStream;
+use crate::cuda::slice::CudaSlice;
 use crate::cuda::{CudaError, Device};
 use crate::geometry::{Frame, Rect};
 use crate::psf::BandPsf;
@@ -23,7 +25,6 @@ use crate::psf::grid::{Node, NodeGrid};
 use crate::psf::kernel::{KernelScratch, NodeKernels};
 use crate::psf::polar::{ATAN, SECANT};
 use budget::Budget;
-use cudarc::driver::{CudaSlice, CudaStream};
 use launch::{Entries, Launcher, Lists, grow};
 use rayon::prelude::*;
 use resident::Resident;

@@ -10,6 +10,7 @@ use super::cut::{Cut, packed_width};
 use crate::geometry::{Frame, Rect};
 use crate::psf::grid::{Node, NodeGrid, Reach, Tent};
 use crate::psf::polar::BlockPlace;
+use crate::real;
 use bytemuck::{Pod, Zeroable};
 use std::f64::consts::{PI, TAU};
 
@@ -197,8 +198,8 @@ impl Work {
             dx: place.dx_px,
             r,
             azimuth,
-            cosine: azimuth.cos() as f32,
-            sine: azimuth.sin() as f32,
+            cosine: real::cos(azimuth) as f32,
+            sine: real::sin(azimuth) as f32,
             half_y: half_y as f32,
             half_x: half_x as f32,
             scene: (tile.scene_offset + y * tile.rect.width + x) as u64,
@@ -298,12 +299,12 @@ fn reach(place: &BlockPlace) -> Reach {
     let (_, _, r_px, azimuth_rad, around) = place.centre();
     let (top, left) = (place.dy_px, place.dx_px);
     let (bottom, right) = (top + (place.rows - 1) as f64, left + (place.cols - 1) as f64);
-    let nearest = 0f64.clamp(top, bottom).hypot(0f64.clamp(left, right));
-    let farthest = top.abs().max(bottom.abs()).hypot(left.abs().max(right.abs()));
+    let nearest = real::hypot(0f64.clamp(top, bottom), 0f64.clamp(left, right));
+    let farthest = real::hypot(top.abs().max(bottom.abs()), left.abs().max(right.abs()));
     // Seen from outside, the corners are the outermost.
     let (mut low, mut high) = (0f64, 0f64);
     for (y, x) in [(top, left), (top, right), (bottom, left), (bottom, right)] {
-        let turn = y.atan2(x) - azimuth_rad;
+        let turn = real::atan2(y, x) - azimuth_rad;
         let turn = turn - TAU * (turn / TAU).round();
         (low, high) = (low.min(turn), high.max(turn));
     }

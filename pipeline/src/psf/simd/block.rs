@@ -16,6 +16,7 @@ use crate::psf::grid::Tent;
 use crate::psf::kernel::DARK;
 use crate::psf::polar::{ATAN, BlockPlace, SECANT};
 use crate::psf::portable::TINY;
+use crate::real;
 use crate::simd::lanes::{Lanes, Work};
 use bytemuck::cast_slice_mut;
 use std::f32::consts::TAU;
@@ -134,7 +135,7 @@ impl<V: Lanes> FarMap<V> {
     #[inline(always)]
     fn new(place: &BlockPlace) -> Self {
         let (hy, hx, radius, azimuth, _) = place.centre();
-        let (sin, cos) = azimuth.sin_cos();
+        let (sin, cos) = real::sin_cos(azimuth);
         Self {
             cos: V::splat(cos as f32),
             sin: V::splat(sin as f32),

@@ -10,6 +10,7 @@
 #![allow(unsafe_code, reason = "bounds are checked once a stage, not once an element")]
 
 use super::complex::Complex;
+use crate::real;
 use crate::simd::lanes::{Gate, Lanes, Work};
 use bytemuck::Zeroable;
 use std::f64::consts::TAU;
@@ -54,7 +55,7 @@ impl<V: Lanes> Fft<V> {
             let len = arm;
             arm /= radix;
             let power = |jq: usize| {
-                let (sin, cos) = (-TAU * jq as f64 / len as f64).sin_cos();
+                let (sin, cos) = real::sin_cos(-TAU * jq as f64 / len as f64);
                 [cos as f32, sin as f32]
             };
             let twiddles = (0..arm).flat_map(|j| (1..radix).map(move |q| power(j * q))).collect();

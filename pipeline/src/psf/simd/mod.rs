@@ -23,6 +23,7 @@ use crate::buffer::AlignedBuf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::{Node, NodeGrid, Reach, Tent};
 use crate::psf::{BlockView, Spectra};
+use crate::real;
 use crate::simd::Simd;
 use crate::simd::lanes::{Gate, Lanes};
 use block::{AddTo, Extent, FromGroups, KernelColumns, Pack, Pixels, ToGroups, Weigh, clear_columns};
@@ -63,7 +64,7 @@ impl<V: Lanes> Columns<V> {
         let (fft, half) = (blocks.fft, blocks.fft / 2);
         assert!(half.is_multiple_of(V::LANES), "FFT sides are multiples of 32");
         let omega = |y: usize| {
-            let (sin, cos) = (std::f64::consts::PI * y as f64 / fft as f64).sin_cos();
+            let (sin, cos) = real::sin_cos(std::f64::consts::PI * y as f64 / fft as f64);
             [cos as f32, sin as f32]
         };
         Self {

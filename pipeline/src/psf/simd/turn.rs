@@ -7,6 +7,7 @@
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use crate::psf::kernel::{DARK, MARGIN, Weights};
+use crate::real;
 use crate::simd::lanes::{Lanes, WIDEST, Work};
 
 /// Reads the spline of `coefficients` (n × n, margins of [`MARGIN`] zeros) at positions turned by −azimuth about its
@@ -22,7 +23,7 @@ pub(in crate::psf) struct Turn<'a> {
 impl<V: Lanes> Work<V> for Turn<'_> {
     #[inline(always)]
     fn run(mut self) {
-        let (sin, cos) = self.azimuth_rad.sin_cos();
+        let (sin, cos) = real::sin_cos(self.azimuth_rad);
         let c = (self.n as f64 - 1.0) / 2.0;
         let middle = (V::LANES / 2) as f64;
         let t = V::count() - V::splat(middle as f32);

@@ -1,0 +1,166 @@
+//! The CUDA driver's functions, found in its library when a GPU is first asked for.
+//!
+//! A result is an integer until [`check`] has compared it with 0: newer drivers return codes that no list of ours has, and a
+//! Rust enum of an integer outside its list is undefined behaviour. Signatures and constants are those of `cuda.h` 12.2.
+
+use super::error::{CudaError, OLDEST_DRIVER};
+use libloading::Library;
+use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
+use std::fmt;
+use std::sync::OnceLock;
+
+/// A result of the driver that is not success.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DriverError(pub c_int);
+
+/// Contexts, streams, events, modules and functions, opaque.
+pub(super) type Handle = *mut c_void;
+/// An address on a device.
+pub(super) type Address = u64;
+
+/// `CU_CTX_SCHED_BLOCKING_SYNC`.
+pub(super) const BLOCKING_CONTEXT: c_uint = 4;
+/// `CU_STREAM_NON_BLOCKING`.
+pub(super) const NON_BLOCKING: c_uint = 1;
+
+/// Names of the library, in the order of trying.
+#[cfg(windows)]
+const LIBRARIES: [&str; 1] = ["nvcuda.dll"];
+#[cfg(not(windows))]
+const LIBRARIES: [&str; 2] = ["libcuda.so", "libcuda.so.1"];
+
+/// One field and one function a line: the driver's function, its result checked.
+macro_rules! functions {
+    ($($name:ident = $symbol:literal ($($arg:ident: $kind:ty),*);)*) => {
+        #[derive(Debug)]
+        struct Functions {
+            $($name: unsafe extern "C" fn($($kind),*) -> c_int,)*
+            /// Keeps the functions where they are.
+            _library: Library,
+        }
+
+        impl Functions {
+            fn find(library: Library) -> Result<Self, libloading::Error> {
+                // SAFETY: the symbols have these types in the driver's header.
+                unsafe {
+                    $(let $name = *library.get(concat!($symbol, "\0").as_bytes())?;)*
+                    Ok(Self { $($name,)* _library: library })
+                }
+            }
+        }
+
+        $(
+            /// As the driver's function of this name.
+            ///
+            /// # Safety
+            /// As the driver's manual says of it.
+            pub(super) unsafe fn $name($($arg: $kind),*) -> Result<(), DriverError> {
+                let functions = functions().map_err(|_| NOT_INITIALIZED)?;
+                // SAFETY: the caller's.
+                check(unsafe { (functions.$name)($($arg),*) })
+            }
+        )*
+    };
+}
+
+functions! {
+    init = "cuInit"(flags: c_uint);
+    device_get_count = "cuDeviceGetCount"(count: *mut c_int);
+    device_get = "cuDeviceGet"(device: *mut c_int, index: c_int);
+    device_get_name = "cuDeviceGetName"(name: *mut c_char, len: c_int, device: c_int);
+    device_total_mem = "cuDeviceTotalMem_v2"(bytes: *mut usize, device: c_int);
+    device_get_attribute = "cuDeviceGetAttribute"(value: *mut c_int, attribute: c_int, device: c_int);
+    primary_ctx_retain = "cuDevicePrimaryCtxRetain"(context: *mut Handle, device: c_int);
+    primary_ctx_release = "cuDevicePrimaryCtxRelease_v2"(device: c_int);
+    ctx_set_current = "cuCtxSetCurrent"(context: Handle);
+    ctx_set_flags = "cuCtxSetFlags"(flags: c_uint);
+    ctx_synchronize = "cuCtxSynchronize"();
+    mem_get_info = "cuMemGetInfo_v2"(free: *mut usize, total: *mut usize);
+    mem_alloc = "cuMemAlloc_v2"(at: *mut Address, bytes: usize);
+    mem_alloc_async = "cuMemAllocAsync"(at: *mut Address, bytes: usize, stream: Handle);
+    mem_free = "cuMemFree_v2"(at: Address);
+    mem_free_async = "cuMemFreeAsync"(at: Address, stream: Handle);
+    mem_host_alloc = "cuMemHostAlloc"(at: *mut *mut c_void, bytes: usize, flags: c_uint);
+    mem_free_host = "cuMemFreeHost"(at: *mut c_void);
+    memcpy_htod = "cuMemcpyHtoDAsync_v2"(to: Address, from: *const c_void, bytes: usize, stream: Handle);
+    memcpy_dtoh = "cuMemcpyDtoHAsync_v2"(to: *mut c_void, from: Address, bytes: usize, stream: Handle);
+    memset = "cuMemsetD8Async"(to: Address, value: u8, bytes: usize, stream: Handle);
+    stream_create = "cuStreamCreate"(stream: *mut Handle, flags: c_uint);
+    stream_destroy = "cuStreamDestroy_v2"(stream: Handle);
+    stream_synchronize = "cuStreamSynchronize"(stream: Handle);
+    stream_wait_event = "cuStreamWaitEvent"(stream: Handle, event: Handle, flags: c_uint);
+    event_create = "cuEventCreate"(event: *mut Handle, flags: c_uint);
+    event_destroy = "cuEventDestroy_v2"(event: Handle);
+    event_record = "cuEventRecord"(event: Handle, stream: Handle);
+    event_synchronize = "cuEventSynchronize"(event: Handle);
+    event_elapsed_time = "cuEventElapsedTime"(ms: *mut f32, from: Handle, to: Handle);
+    module_load_data = "cuModuleLoadData"(module: *mut Handle, image: *const c_void);
+    module_unload = "cuModuleUnload"(module: Handle);
+    module_get_function = "cuModuleGetFunction"(function: *mut Handle, module: Handle, name: *const c_char);
+    func_set_attribute = "cuFuncSetAttribute"(function: Handle, attribute: c_int, value: c_int);
+    launch_kernel = "cuLaunchKernel"(function: Handle, grid_x: c_uint, grid_y: c_uint, grid_z: c_uint, block_x: c_uint,
+        block_y: c_uint, block_z: c_uint, shared_bytes: c_uint, stream: Handle, arguments: *mut *mut c_void,
+        extra: *mut *mut c_void);
+    get_error_name = "cuGetErrorName"(code: c_int, name: *mut *const c_char);
+}
+
+/// `CUDA_ERROR_NOT_INITIALIZED`.
+const NOT_INITIALIZED: DriverError = DriverError(3);
+
+/// Success, or which error.
+fn check(code: c_int) -> Result<(), DriverError> {
+    if code == 0 { Ok(()) } else { Err(DriverError(code)) }
+}
+
+/// The library, once for the process.
+fn library() -> Result<&'static (Functions, c_int), CudaError> {
+    static LIBRARY: OnceLock<Result<(Functions, c_int), CudaError>> = OnceLock::new();
+    LIBRARY.get_or_init(load).as_ref().map_err(Clone::clone)
+}
+
+fn functions() -> Result<&'static Functions, CudaError> {
+    library().map(|(functions, _)| functions)
+}
+
+fn load() -> Result<(Functions, c_int), CudaError> {
+    // SAFETY: the driver's initialisation runs nothing of ours.
+    let found = LIBRARIES.iter().find_map(|name| unsafe { Library::new(*name) }.ok());
+    let library = found.ok_or(CudaError::NoDriver)?;
+    let missing = |e: libloading::Error| CudaError::Start { code: e.to_string() };
+    let mut version = 0;
+    {
+        // SAFETY: the type of this function in the driver's header.
+        let get_version =
+            unsafe { library.get::<unsafe extern "C" fn(*mut c_int) -> c_int>(b"cuDriverGetVersion\0") };
+        // SAFETY: needs no initialised driver and writes one integer.
+        let asked = check(unsafe { get_version.map_err(missing)?(&mut version) });
+        asked.map_err(|e| CudaError::Start { code: format!("error {}", e.0) })?;
+    }
+    let found = (version / 1000, version % 1000 / 10);
+    if found < OLDEST_DRIVER {
+        return Err(CudaError::DriverTooOld { found });
+    }
+    Ok((Functions::find(library).map_err(missing)?, version))
+}
+
+/// The driver's version, as 1000 major + 10 minor, from [`OLDEST_DRIVER`] on.
+///
+/// # Errors
+/// No driver, or one that is too old.
+pub(super) fn version() -> Result<c_int, CudaError> {
+    library().map(|(_, version)| *version)
+}
+
+impl fmt::Display for DriverError {
+    /// The driver's name of the error, and its number.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut name = std::ptr::null();
+        // SAFETY: writes one pointer, null or to a constant of the library.
+        let known = unsafe { get_error_name(self.0, &mut name) };
+        if known.is_err() || name.is_null() {
+            return write!(f, "an error that the driver does not name, {}", self.0);
+        }
+        // SAFETY: a string of the library, which stays loaded.
+        write!(f, "{}, {}", unsafe { CStr::from_ptr(name) }.to_string_lossy(), self.0)
+    }
+}

@@ -1,0 +1,29 @@
+//! Functions of a real variable with the same bits on every machine: those of the `libm` crate.
+//!
+//! The methods of `f64` call the C library of the host, whose last bit differs between versions and, in glibc, between
+//! processors with and without fused multiply-add. Lens tables, PSFs, drawn charts and films are computed from the functions
+//! here (clippy's `disallowed_methods` refuses the others in this crate); + − × ÷, the square root and rounding are exact in
+//! IEEE 754 and need no such care. What is left to the host: the roots of unity of rustfft, which are computed in f64; the
+//! PSF stage rounds them to f32, the lens tracing uses them as they are, and a job's lens digest covers what it made.
+
+pub use libm::{atan, atan2, cbrt, cos, exp, hypot, log10, pow, sin, sincos as sin_cos, tan};
+
+#[cfg(test)]
+mod tests {
+    /// FFTs whose instructions follow from the processor are not compiled in.
+    #[test]
+    fn ffts_use_no_instructions_of_their_own() {
+        assert!(rustfft::FftPlannerAvx::<f32>::new().is_err());
+        assert!(rustfft::FftPlannerSse::<f32>::new().is_err());
+        assert!(rustfft::FftPlannerNeon::<f32>::new().is_err());
+    }
+
+    /// Bits that a correctly rounded function has, and two that need not be: the same everywhere.
+    #[test]
+    fn values_have_fixed_bits() {
+        assert_eq!(super::sin(1.0).to_bits(), 0x3fea_ed54_8f09_0cee);
+        assert_eq!(super::exp(1.0).to_bits(), 0x4005_bf0a_8b14_5769);
+        assert_eq!(super::atan2(1.0, 1.0), std::f64::consts::FRAC_PI_4);
+        assert_eq!(super::pow(2.0, 0.5), std::f64::consts::SQRT_2);
+    }
+}
