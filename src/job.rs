@@ -10,7 +10,7 @@ use crate::lens::source::{Named, Source};
 use crate::memory::{Memory, Needs, OnDevices, Remap, default_limit};
 use crate::open::Chart;
 use anyhow::{Context, Result};
-use formats::chart::{Codec, NanPolicy};
+use formats::chart::{Codec, LARGEST_VALUE, NanPolicy};
 use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
 use formats::lens::LensPackError;
 use pipeline::band::{BandPlan, Options, PsfBetween};
@@ -146,7 +146,7 @@ impl Job {
         let lens = Source::new(named, &frame, &wavelengths_nm, &options, threads)?;
         let plan = |&nm: &f64| BandPlan::new(&frame, lens.lens(), nm, &options);
         let plans: Vec<BandPlan> = wavelengths_nm.iter().map(plan).collect::<Result<_, _>>()?;
-        let gains = plans.iter().map(|p| gain(args.film_units, p, &frame)).collect();
+        let gains: Vec<f64> = plans.iter().map(|p| gain(args.film_units, p, &frame)).collect();
         let windows: Vec<Window> = (0..film.outputs.len())
             .map(|i| {
                 let (height, width) = film.shard_shape(i);
@@ -172,7 +172,8 @@ impl Job {
         let (memory, queues) = plan_memory(&needs, &bands, &args.device, &mut device)?;
         options.simd = device.simd;
         // Opened again now that the cache's size is known; the first time only metadata were read.
-        let chart = open(memory.chart_cache)?;
+        let mut chart = open(memory.chart_cache)?;
+        chart.limit_values(largest_value(&gains))?;
         let lens_digest = match part {
             None => lens.digest().map(str::to_owned),
             Some(part) => part.lens_digest(&lens, &plans),
@@ -348,6 +349,11 @@ fn gain(units: FilmUnits, plan: &BandPlan, frame: &Frame) -> f64 {
     }
 }
 
+/// Largest chart value that the bands' gains leave computable.
+fn largest_value(gains: &[f64]) -> f32 {
+    (f64::from(LARGEST_VALUE) / gains.iter().fold(1.0, |m, g| f64::max(m, *g))) as f32
+}
+
 fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart: &Chart) -> Result<FilmSpec> {
     if args.chunk == 0 || args.shard == 0 || !args.shard.is_multiple_of(args.chunk) {
         return Err(usage(format!(
@@ -443,6 +449,7 @@ pub const NUMERIC_VERSION: u32 = 3;
 
 fn notes(args: &RunArgs, chart: &Chart, lens: &Source, plans: &[BandPlan]) -> Result<Vec<String>> {
     let mut notes = lens.notes().to_vec();
+    notes.extend(chart.notes());
     let tables = lens.lens();
     if args.stages.contains(&Stage::Svpsf) {
         let least = tables.bands.iter().flat_map(|b| &b.psf_energy).fold(f64::INFINITY, |m, e| m.min(*e));

@@ -11,7 +11,7 @@ use formats::chart::{
 };
 use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
-use pipeline::chart::Generator;
+use pipeline::chart::{Generator, Kind};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Size;
 use serde_json::{Value, json};
@@ -211,6 +211,43 @@ impl Chart {
         }
     }
 
+    /// Makes values an error that are beyond `largest` in magnitude, where the reader's own limit is larger. Call it before
+    /// anything is read.
+    pub fn limit_values(&mut self, largest: f32) -> Result<()> {
+        match self {
+            Self::Store(s) => s.limit_values(largest),
+            Self::Raster(r) => r.limit_values(largest),
+            Self::Exr(e) => e.limit_values(largest),
+            Self::Drawn(g) => {
+                if let Kind::Uniform { value } = g.spec().kind
+                    && value.abs() > f64::from(largest)
+                {
+                    return Err(usage(format!(
+                        "chart `gen:uniform`: value={value:e}: expected at most {largest:e} in magnitude, so that 32-bit sums do \
+                         not overflow"
+                    )));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What the user should know of how its values are read, a line each.
+    pub fn notes(&self) -> Vec<String> {
+        match self {
+            Self::Store(s) => {
+                let words = |(scale, offset): (f64, f64)| {
+                    format!(
+                        "the chart's scale_factor and add_offset are applied: value = sample · {scale} + {offset}"
+                    )
+                };
+                s.scaling().map(words).into_iter().collect()
+            }
+            Self::Raster(r) => r.notes().to_vec(),
+            Self::Exr(_) | Self::Drawn(_) => Vec::new(),
+        }
+    }
+
     /// What makes it this chart and no other, for the job's digest: what it is, and when its files were last changed.
     pub fn identity(&self) -> Result<(Value, Value)> {
         Ok(match self {
@@ -218,8 +255,8 @@ impl Chart {
                 let identity = s.identity().context("listing the chart's chunks")?;
                 (json!({ "store": identity.content }), json!(identity.mtimes))
             }
-            Self::Raster(r) => r.identity(),
-            Self::Exr(e) => e.identity(),
+            Self::Raster(r) => r.identity()?,
+            Self::Exr(e) => e.identity()?,
             Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
     }

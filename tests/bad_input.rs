@@ -167,6 +167,66 @@ fn what_the_lens_does_not_cover() {
     place.run(&[&axis[..], &["--outside", "clamp"]].concat()).ok();
 }
 
+/// A place whose chart holds `picture` as another program would write it: one file a band, not compressed; this program writes
+/// numbers only. `attributes` are the array's.
+fn written_elsewhere(picture: Picture, attributes: Value) -> Place {
+    let finite = |v: &f32| if v.is_finite() { *v } else { 0.0 };
+    let numbers = picture.bands.iter().map(|b| b.iter().map(finite).collect()).collect();
+    let place = Place::with(Picture { size: picture.size, bands: numbers });
+    let array = place.chart.join("chart");
+    let mut metadata: Value = serde_json::from_slice(&fs::read(array.join("zarr.json")).unwrap()).unwrap();
+    metadata["chunk_grid"]["configuration"]["chunk_shape"] =
+        json!([1, picture.size.height, picture.size.width]);
+    metadata["codecs"] = json!([{"name": "bytes", "configuration": {"endian": "little"}}]);
+    metadata["attributes"] = attributes;
+    fs::write(array.join("zarr.json"), metadata.to_string()).unwrap();
+    fs::remove_dir_all(array.join("c")).unwrap();
+    for (band, values) in picture.bands.iter().enumerate() {
+        let directory = array.join(format!("c/{band}/0"));
+        fs::create_dir_all(&directory).unwrap();
+        fs::write(directory.join("0"), values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>())
+            .unwrap();
+    }
+    place
+}
+
+#[test]
+fn finite_values_too_large_to_compute_with_are_named_and_leave_no_bad_shard() {
+    for huge in [9.969_21e36, -3.4e38] {
+        let mut picture = Picture::noise(5, Size::new(90, 100), 3);
+        picture.bands[1][7 * 100 + 13] = huge;
+        let place = written_elsewhere(picture, json!({}));
+        place.fails(&[], &["band 1, row 7, column 13", "at most 1e30", "_FillValue"]);
+        // Nor is it a zero for being large.
+        place.fails(&["--nan", "zero", "--overwrite"], &["band 1, row 7, column 13"]);
+        place.fails(&["--dtype", "f16", "--overwrite"], &["band 1, row 7, column 13"]);
+    }
+}
+
+#[test]
+fn declared_fill_values_are_errors_or_counted_zeros() {
+    let clean = Picture::noise(5, Size::new(90, 100), 3);
+    let mut holed = Picture { size: clean.size, bands: clean.bands.clone() };
+    let mut zeros = clean;
+    for k in [7 * 100 + 13, 89 * 100 + 99] {
+        (holed.bands[1][k], zeros.bands[1][k]) = (9.969_21e36, 0.0);
+    }
+    let place = written_elsewhere(holed, json!({"_FillValue": 9.969_209_968_386_869e36}));
+    place.fails(&[], &["no data", "band 1, row 7, column 13", "--nan zero"]);
+    let ran = place.run(&["--nan", "zero", "--overwrite"]).ok();
+    assert!(ran.stderr.contains("2 NaN or infinite pixels or fill values"), "{}", ran.stderr);
+    let other = Place::with(zeros);
+    other.run(&[]).ok();
+    assert_eq!(pixels(&place.film, "film"), pixels(&other.film, "film"));
+}
+
+#[test]
+fn a_drawn_value_too_large_to_compute_with_is_refused() {
+    let place = Place::new();
+    let ran = run("gen:uniform?size=40&value=1e35&wavelengths=500", &place.film, text(&place.pack), &[]);
+    check(&ran, USAGE, &["value=1e35", "at most 1e30"]);
+}
+
 #[test]
 fn nan_and_infinity_are_named_with_their_place() {
     let mut picture = Picture::noise(5, Size::new(90, 100), 3);
@@ -177,7 +237,7 @@ fn nan_and_infinity_are_named_with_their_place() {
         .iter()
         .map(|b| b.iter().map(|v| if v.is_finite() { *v } else { 0.0 }).collect())
         .collect();
-    let place = Place::with(picture);
+    let place = written_elsewhere(picture, json!({}));
     place.fails(&[], &["NaN", "band 1, row 7, column 13", "--nan zero"]);
     let film = place.film.clone();
     let place = Place { film: place.dir.path().join("zero.zarr"), ..place };

@@ -1,14 +1,17 @@
 //! The chart: a multispectral image (wavelength, y, x) in a Zarr store, read rectangle by rectangle.
 //!
 //! [`ChartStore::open`] takes `PATH` or `PATH//array`: a group with an array `chart` (or `film`), or any Zarr v2/v3
-//! array of f16/f32/f64/u8/u16; a 2-D array (y, x) counts as one band. Integers are read as values, not scaled.
+//! array of f16/f32/f64/u8/u16; a 2-D array (y, x) counts as one band. Integers are read as values, scaled only by the
+//! attributes `scale_factor` and `add_offset`; fill values and valid ranges are understood as well (CF conventions).
 //! Opening checks all that the metadata can tell; [`pipeline::flow::ChartSource::read`] then decodes each inner chunk
-//! once while it stays in a bounded cache, however many threads and halos ask for it, and checks it for NaN and Inf.
+//! once while it stays in a bounded cache, however many threads and halos ask for it, and checks it for NaN, infinity and
+//! values that are too large to compute with.
 //!
-//! The unit of decoding is the *piece*: the inner chunk of a sharded array, the chunk otherwise. Left out: scale and
-//! offset attributes (CF packing), irregular chunk grids, remote stores.
+//! The unit of decoding is the *piece*: the inner chunk of a sharded array, the chunk otherwise. Left out: irregular chunk
+//! grids, shards inside shards.
 
 pub mod cache;
+mod conventions;
 mod coordinates;
 mod error;
 pub mod exr;
@@ -19,6 +22,8 @@ mod open;
 mod raster;
 mod read;
 mod spool;
+mod values;
+mod watch;
 mod write;
 
 use std::collections::HashMap;
@@ -34,6 +39,7 @@ pub use identity::ChartIdentity;
 pub use layout::Sample;
 pub use open::split_array;
 pub use raster::{Interleave, RasterChart, RasterLayout, RasterSample, sample_named};
+pub use values::LARGEST_VALUE;
 pub use write::{ChartMeta, WriteError, WriteReport, remove_chart, replace_chart, write_chart};
 
 use cache::Cache;
@@ -174,6 +180,16 @@ impl ChartStore {
         let rows = (height.div_ceil(rows) + 1).saturating_mul(rows).min(self.layout.shape[1]);
         let bands = if self.spool.get().is_some() { 1 } else { bands.min(self.layout.shape[0]) };
         rows.saturating_mul(self.layout.shape[2]).saturating_mul(bands * 4)
+    }
+
+    /// Makes values beyond `largest` in magnitude an error, where [`LARGEST_VALUE`] is too much. Call it before anything is read.
+    pub fn limit_values(&mut self, largest: f32) {
+        self.layout.values.largest = largest;
+    }
+
+    /// (scale, offset) of the raw samples, if they are scaled.
+    pub fn scaling(&self) -> Option<(f64, f64)> {
+        self.layout.values.scaling.first().copied()
     }
 
     /// What reading has cost so far, and what it met.

@@ -221,7 +221,7 @@ impl FilmStore {
     /// calling thread only; the same pixels give the same bytes.
     ///
     /// # Errors
-    /// [`FilmError::Overflow`] for a value that f16 cannot hold; [`FilmError::Request`] for a shard that is not there or
+    /// [`FilmError::NotFinite`] for a value that is no number, [`FilmError::Overflow`] for one that f16 cannot hold; [`FilmError::Request`] for a shard that is not there or
     /// `data` of another length.
     pub fn encode_shard(
         &self,
@@ -250,6 +250,13 @@ impl FilmStore {
         let bytes = self.encoder.encode(data, (rect.height, rect.width), grid).map_err(|e| match e {
             ShardError::Overflow { row, column, value } => FilmError::Overflow {
                 output: self.spec.outputs[output].name.clone(),
+                band,
+                row: rect.y + row as i64,
+                column: rect.x + column as i64,
+                value,
+            },
+            ShardError::NotFinite { row, column, value } => FilmError::NotFinite {
+                shard: self.key(output, band, shard),
                 band,
                 row: rect.y + row as i64,
                 column: rect.x + column as i64,

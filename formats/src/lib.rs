@@ -1,5 +1,6 @@
 //! lenscube's doors: chart and film stores, lens packs and their importers, pictures. Knows no optics.
 
+mod bounded;
 pub mod chart;
 pub mod durable;
 pub mod export;

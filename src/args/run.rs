@@ -76,7 +76,7 @@ pub struct RunArgs {
     /// Film beyond the lens's tables: refuse, or go on with the last values
     #[arg(long, value_enum, default_value_t = OutsideArg::Error)]
     pub outside: OutsideArg,
-    /// NaN and infinity in the chart: refuse, or read as zero and count
+    /// NaN, infinity and declared fill values in the chart: refuse, or read as zero and count
     #[arg(long, value_enum, default_value_t = NanArg::Error)]
     pub nan: NanArg,
     /// relative (chart values x RI), irradiance (W m-2 nm-1 of a radiance chart) or photons (per s, nm, pixel)

@@ -87,7 +87,7 @@ pub fn write(
         say(format!("note: {missing} chunks are missing from the chart and were read as its fill value"));
     }
     if replaced > 0 {
-        say(format!("note: {replaced} NaN or infinite pixels of the chart were read as 0"));
+        say(format!("note: {replaced} NaN or infinite pixels or fill values of the chart were read as 0"));
     }
     let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);

@@ -5,13 +5,13 @@ use std::path::Path;
 
 use pipeline::bounds;
 use serde_json::Value;
-use zarrs::array::{Array, ArraySubset, data_type};
+use zarrs::array::{Array, DataType, data_type};
 
 use super::ChartError;
 use super::layout::Layout;
 use super::open::{Node, open_array};
-use crate::durable::{DurableError, Store, store_error};
-use crate::shard::single_threaded;
+use crate::bounded::BoundedChain;
+use crate::durable::{DurableError, Store};
 
 const SPECTRAL: [&str; 14] = [
     "wavelength",
@@ -143,56 +143,67 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
             "m" | "meter" | "metre" => 1e9,
             other => return Err(wrong("units nm, um or m", format!("{other:?}"))),
         };
-        let values =
-            numbers(&array, &layout.store.root().join(&name)).map_err(|(found, store)| match store {
-                Some(e) => e.into(),
-                None => wrong("a 1-D array of at most 10^6 numbers", found),
-            })?;
+        let values = numbers(&layout.store, &array).map_err(|(found, store)| match store {
+            Some(e) => e.into(),
+            None => wrong("a 1-D array of at most 10^6 numbers", found),
+        })?;
         return Ok(Some(values.into_iter().map(|v| v * to_nm).collect()));
     }
     Ok(None)
 }
 
 /// All of a 1-D array, or what is wrong with it; with it, the store's error if that is what kept it from being read.
-fn numbers(array: &Array<Store>, path: &Path) -> Result<Vec<f64>, (String, Option<DurableError>)> {
+fn numbers(store: &Store, array: &Array<Store>) -> Result<Vec<f64>, (String, Option<DurableError>)> {
     const MOST: u64 = 1_000_000;
+    let wrong = |found: String| (found, None);
     let shape = array.shape();
-    let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| (e.to_string(), None))?;
-    let chunk: u64 = chunk.iter().fold(1u64, |n, c| n.saturating_mul(c.get()));
-    if shape.len() != 1 || shape[0] > MOST || chunk > MOST {
-        return Err((format!("shape {shape:?}, chunks of {chunk}"), None));
-    }
-    let all = ArraySubset::new_with_shape(shape.to_vec());
-    let options = single_threaded();
-    macro_rules! read {
-        ($t:ty) => {
-            array
-                .retrieve_array_subset_opt::<Vec<$t>>(&all, &options)
-                .map(|v| v.into_iter().map(|v| v as f64).collect())
-                .map_err(|e| (e.to_string(), store_error("read", path, &e)))
-        };
+    let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| wrong(e.to_string()))?;
+    let samples = chunk.iter().fold(1u64, |n, c| n.saturating_mul(c.get()));
+    if shape.len() != 1 || shape[0] > MOST || samples > MOST {
+        return Err(wrong(format!("shape {shape:?}, chunks of {samples}")));
     }
     let t = array.data_type();
-    let run = || {
-        if *t == data_type::float64() {
-            read!(f64)
-        } else if *t == data_type::float32() {
-            read!(f32)
-        } else if *t == data_type::int64() {
-            read!(i64)
-        } else if *t == data_type::int32() {
-            read!(i32)
-        } else if *t == data_type::int16() {
-            read!(i16)
-        } else if *t == data_type::uint64() {
-            read!(u64)
-        } else if *t == data_type::uint32() {
-            read!(u32)
-        } else if *t == data_type::uint16() {
-            read!(u16)
-        } else {
-            Err((format!("samples of type {t}"), None))
-        }
-    };
-    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err(("a chunk that zarrs breaks on".into(), None)))
+    let (bytes, number) = number(t).ok_or_else(|| wrong(format!("samples of type {t}")))?;
+    let chain = BoundedChain::new(&array.codecs())
+        .map_err(|found| wrong(format!("{found}; say the wavelengths by --wavelengths")))?;
+    let fill = array.fill_value();
+    // Codecs may lengthen a little what they cannot shorten.
+    let limit = samples * bytes as u64 * 2 + (64 << 10);
+    let mut all = Vec::new();
+    for index in 0..shape[0].div_ceil(samples) {
+        let key = array.chunk_key(&[index]);
+        let encoded = match store.read_at_most(key.as_str(), limit) {
+            Ok(encoded) => encoded,
+            Err(e) => return Err((e.to_string(), Some(e))),
+        };
+        let decoded = match encoded {
+            Some(encoded) => chain
+                .decode(encoded.into(), &chunk, t, fill)
+                .map_err(|reason| wrong(format!("chunk {key}: {reason}")))?,
+            None => fill.as_ne_bytes().repeat(samples as usize),
+        };
+        all.extend(decoded.chunks_exact(bytes).map(number));
+    }
+    all.truncate(shape[0] as usize);
+    Ok(all)
+}
+
+/// Bytes of a sample of type `t`, and its value.
+fn number(t: &DataType) -> Option<(usize, fn(&[u8]) -> f64)> {
+    macro_rules! read {
+        ($t:ty) => {
+            (size_of::<$t>(), |b| <$t>::from_ne_bytes(*b.first_chunk().expect("a sample is whole")) as f64)
+        };
+    }
+    let known: [(DataType, (usize, fn(&[u8]) -> f64)); 8] = [
+        (data_type::float64(), read!(f64)),
+        (data_type::float32(), read!(f32)),
+        (data_type::int64(), read!(i64)),
+        (data_type::int32(), read!(i32)),
+        (data_type::int16(), read!(i16)),
+        (data_type::uint64(), read!(u64)),
+        (data_type::uint32(), read!(u32)),
+        (data_type::uint16(), read!(u16)),
+    ];
+    known.into_iter().find(|(known, _)| known == t).map(|(_, read)| read)
 }

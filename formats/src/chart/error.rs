@@ -76,6 +76,16 @@ pub enum ChartError {
         /// Bytes it has.
         found: u64,
     },
+    /// A file is not what it was when the chart was opened.
+    #[error(
+        "reading chart {path}: {what} since the chart was opened, so what was read may be of both; let the chart rest, then start anew with --overwrite"
+    )]
+    Changed {
+        /// The file.
+        path: PathBuf,
+        /// How it differs.
+        what: &'static str,
+    },
     /// A compressed file that does not decode.
     #[error(
         "reading {path}: the file is damaged, or cut short: {reason}; restore it from its source, or write it anew"
@@ -119,11 +129,45 @@ pub enum ChartError {
         /// Column.
         column: usize,
         /// The value.
-        value: f32,
+        value: f64,
+    },
+    /// A sample that the chart declares to be no data.
+    #[error(
+        "reading chart {path}: no data at band {band}, row {row}, column {column}: the sample {value} is a declared fill value or outside the declared valid range; --nan zero reads such pixels as 0 and counts them"
+    )]
+    NoData {
+        /// The array.
+        path: PathBuf,
+        /// Band.
+        band: usize,
+        /// Row.
+        row: usize,
+        /// Column.
+        column: usize,
+        /// The sample as it is stored.
+        value: f64,
+    },
+    /// A value that sums over a tile may overflow on.
+    #[error(
+        "reading chart {path}: {value:e} at band {band}, row {row}, column {column}: expected at most {largest:e} in magnitude, so that 32-bit sums do not overflow; if it stands for no data, declare it (attribute _FillValue, ENVI `data ignore value`) and add --nan zero, else correct the chart"
+    )]
+    TooLarge {
+        /// The array.
+        path: PathBuf,
+        /// Band.
+        band: usize,
+        /// Row.
+        row: usize,
+        /// Column.
+        column: usize,
+        /// The value.
+        value: f64,
+        /// Largest magnitude.
+        largest: f32,
     },
     /// A chunk is missing, and its fill value is not a number.
     #[error(
-        "reading chart {path}, band {band}, {region}: the chunk is missing and the fill value is {fill}; complete the chart, or --nan zero reads it as 0"
+        "reading chart {path}, band {band}, {region}: the chunk is missing and the fill value {fill} stands for no data; complete the chart, or --nan zero reads it as 0"
     )]
     MissingChunk {
         /// The file that is not there, or lacks the inner chunk.
@@ -133,7 +177,7 @@ pub enum ChartError {
         /// Pixels of the chunk.
         region: Rect,
         /// The fill value.
-        fill: f32,
+        fill: f64,
     },
     /// A request that the chart cannot answer; the caller's fault.
     #[error(

@@ -28,7 +28,8 @@ use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
 
 use super::raster::bands::BandFile;
-use super::{ChartError, NanPolicy, RasterChart};
+use super::watch::Watched;
+use super::{ChartError, LARGEST_VALUE, NanPolicy, RasterChart};
 use crate::durable::DurableError;
 
 /// Most bytes of a block, decoded: each thread holds one.
@@ -65,7 +66,9 @@ pub struct ExrChart {
     alpha: bool,
     wavelengths_nm: Option<Vec<f64>>,
     nan: NanPolicy,
+    largest: f32,
     identity: (Value, Value),
+    watched: Watched,
     laid: OnceLock<RasterChart>,
     laying: Mutex<()>,
 }
@@ -111,8 +114,11 @@ impl ExrChart {
         super::raster::check_wavelengths(path, wavelengths_nm.as_deref())?;
         let size = Size::new(header.layer_size.height(), header.layer_size.width());
         let modified = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-        let what =
-            format!("{size}, {channels:?}, {:?}, {:?}, {content:?}", header.compression, header.blocks);
+        let samples: Vec<_> = channels.iter().map(|&c| header.channels.list[c].sample_type).collect();
+        let what = format!(
+            "{size}, {channels:?}, {samples:?}, {:?}, {:?}, {content:?}",
+            header.compression, header.blocks
+        );
         Ok(Self {
             path: path.into(),
             size,
@@ -123,6 +129,8 @@ impl ExrChart {
             units,
             wavelengths_nm,
             nan,
+            largest: LARGEST_VALUE,
+            watched: Watched::data(path, &meta),
             identity: (
                 json!({ "exr": what, "bytes": meta.len() }),
                 json!(modified.map_or(0, |t| t.as_nanos() as u64)),
@@ -182,9 +190,18 @@ impl ExrChart {
         &self.path
     }
 
+    /// Makes values beyond `largest` in magnitude an error, where [`LARGEST_VALUE`] is too much. Call it before bands are laid out.
+    pub fn limit_values(&mut self, largest: f32) {
+        self.largest = largest;
+    }
+
     /// What it is, and when it was last changed.
-    pub fn identity(&self) -> (Value, Value) {
-        self.identity.clone()
+    ///
+    /// # Errors
+    /// [`ChartError::Changed`] if the file is not what it was when it was opened.
+    pub fn identity(&self) -> Result<(Value, Value), ChartError> {
+        self.watched.unchanged()?;
+        Ok(self.identity.clone())
     }
 
     /// Bytes of samples read so far; pixels read as 0 for not being finite.
@@ -211,13 +228,8 @@ impl ExrChart {
         let shape = [self.bands(), self.size.height, self.size.width];
         let out = BandFile::create(directory, &self.path, bands, shape)?;
         self.decode(&out, threads, progress)?;
-        let chart = RasterChart::laid_out(
-            &self.path,
-            out,
-            self.nan,
-            self.wavelengths_nm.clone(),
-            self.identity.clone(),
-        )?;
+        let chart =
+            RasterChart::laid_out(&self.path, out, self.nan, self.wavelengths_nm.clone(), self.largest)?;
         let _ = self.laid.set(chart);
         Ok(())
     }

@@ -6,23 +6,26 @@ use std::time::UNIX_EPOCH;
 use serde_json::json;
 
 use super::ChartStore;
+use super::layout::Layout;
 use super::open::{canonical, sorted};
-use crate::durable::{DurableError, Store, is_temp_name};
+use crate::durable::{DurableError, Store};
 
 /// Two BLAKE3 digests, 64 hexadecimal digits each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChartIdentity {
-    /// Of [`ChartStore::description`] and of the name and size of every file of the array.
+    /// Of [`ChartStore::description`] and of the name and size of every chunk's or shard's file of the array.
     pub content: String,
-    /// Of the name and time of last change of every file, or the ETag of every object.
+    /// Of the name and time of last change of each of those files, or the ETag of each of those objects.
     pub mtimes: String,
 }
 
 impl ChartStore {
-    /// What the chart is, as JSON with sorted keys: the array's metadata (without attributes), wavelengths, pitch, film
-    /// size, units.
+    /// What the chart is, as JSON with sorted keys: the array's name in its store and its metadata (of its attributes what
+    /// changes values: fill values, valid range, scale and offset), wavelengths, pitch, film size, units.
     pub fn description(&self) -> String {
         sorted(json!({
+            "name": self.layout.name,
+            "values": self.layout.values.identity(),
             "array": canonical(&self.layout.array),
             "wavelengths_nm": self.wavelengths_nm,
             "pitch_um": self.pitch_um,
@@ -41,7 +44,7 @@ impl ChartStore {
         let mut files = self.chunks()?;
         files.sort();
         let mut content = blake3::Hasher::new();
-        content.update(b"lenscube/chart-identity/1\n");
+        content.update(b"lenscube/chart-identity/2\n");
         content.update(self.description().as_bytes());
         let mut mtimes = blake3::Hasher::new();
         mtimes.update(b"lenscube/chart-mtimes/1\n");
@@ -61,7 +64,7 @@ impl ChartStore {
         let mut files = Vec::new();
         let objects = match &*self.layout.store {
             Store::Directory(_) => {
-                list(&self.array_path(), "", &mut files)?;
+                list(&self.layout, &self.array_path(), "", &mut files)?;
                 return Ok(files);
             }
             Store::Objects(objects) => objects,
@@ -75,24 +78,32 @@ impl ChartStore {
     }
 }
 
-/// Names below `directory`, sizes and times in ns; metadata is in the description already.
-fn list(directory: &Path, prefix: &str, files: &mut Vec<(String, u64, String)>) -> Result<(), DurableError> {
+/// Keys of chunks below `directory`, sizes and times in ns. What else lies there (metadata, files of an operating system or an
+/// editor) is no part of the pixels.
+fn list(
+    layout: &Layout,
+    directory: &Path,
+    prefix: &str,
+    files: &mut Vec<(String, u64, String)>,
+) -> Result<(), DurableError> {
     let failed = |e| DurableError::io("list", directory, 0, e);
     for entry in std::fs::read_dir(directory).map_err(failed)? {
         let entry = entry.map_err(failed)?;
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        if is_temp_name(&name) || matches!(&*name, "zarr.json" | ".zarray" | ".zattrs" | ".zmetadata") {
-            continue;
+        let Ok(name) = entry.file_name().into_string() else { continue };
+        let path = entry.path();
+        let look_up = || std::fs::metadata(&path).map_err(|e| DurableError::io("look up", &path, 0, e));
+        let key = format!("{prefix}{name}");
+        if layout.is_chunk_key(&key) {
+            let meta = look_up()?;
+            if meta.is_file() {
+                let time = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
+                files.push((key, meta.len(), time.map_or(0, |t| t.as_nanos()).to_string()));
+                continue;
+            }
         }
-        let meta =
-            std::fs::metadata(entry.path()).map_err(|e| DurableError::io("look up", &entry.path(), 0, e))?;
-        let name = format!("{prefix}{name}");
-        if meta.is_dir() {
-            list(&entry.path(), &(name + "/"), files)?;
-        } else {
-            let time = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-            files.push((name, meta.len(), time.map_or(0, |t| t.as_nanos()).to_string()));
+        // Directories of chunk keys are named `c` or by a number.
+        if (name == "c" || name.bytes().all(|b| b.is_ascii_digit())) && look_up()?.is_dir() {
+            list(layout, &path, &(key + "/"), files)?;
         }
     }
     Ok(())

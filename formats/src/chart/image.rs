@@ -23,11 +23,10 @@ use std::path::{Path, PathBuf};
 use pipeline::colour::srgb_decode;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Size;
-use serde_json::Value;
 
 use super::exr::{ExrChart, ExrContent};
 use super::raster::bands::BandFile;
-use super::{ChartError, NanPolicy, RasterChart};
+use super::{ChartError, LARGEST_VALUE, NanPolicy, RasterChart};
 use crate::durable::DurableError;
 
 /// Most bytes that a decoder may hold.
@@ -182,8 +181,7 @@ impl ImageFile {
             let reason = format!("it holds {rows} rows of {height}");
             return Err(ChartError::Damaged { path, reason });
         }
-        let identity = (Value::Null, Value::Null);
-        Ok(Box::new(RasterChart::laid_out(&path, out, NanPolicy::Error, None, identity)?))
+        Ok(Box::new(RasterChart::laid_out(&path, out, NanPolicy::Error, None, LARGEST_VALUE)?))
     }
 }
 

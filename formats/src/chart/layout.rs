@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::num::NonZeroU64;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -14,9 +13,10 @@ use zarrs::array::{
 };
 use zarrs::metadata_ext::codec::sharding::{ShardingCodecConfigurationV1, ShardingIndexLocation};
 
-use super::ChartError;
+use super::values::Values;
+use super::{ChartError, conventions};
+use crate::bounded::BoundedChain;
 use crate::durable::Store;
-use crate::shard::single_threaded;
 
 /// Largest piece that is decoded: one per thread must fit in memory.
 const LARGEST_PIECE: u64 = 1 << 30;
@@ -62,6 +62,44 @@ impl Sample {
         }
     }
 
+    /// Appends `value` of each sample in `bytes` (of this machine's byte order).
+    pub(super) fn extend_by(self, out: &mut Vec<f32>, bytes: &[u8], value: impl Fn(f64) -> f32) {
+        match self {
+            Self::U8 => out.extend(bytes.iter().map(|&b| value(f64::from(b)))),
+            Self::U16 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| value(f64::from(u16::from_ne_bytes(b)))));
+            }
+            Self::F16 => {
+                let samples = bytes.as_chunks().0.iter().map(|&b| half::f16::from_ne_bytes(b).to_f64());
+                out.extend(samples.map(value));
+            }
+            Self::F32 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| value(f64::from(f32::from_ne_bytes(b)))));
+            }
+            Self::F64 => out.extend(bytes.as_chunks().0.iter().map(|&b| value(f64::from_ne_bytes(b)))),
+        }
+    }
+
+    /// Sample `k` of `bytes`.
+    pub(super) fn raw(self, bytes: &[u8], k: usize) -> f64 {
+        match self {
+            Self::U8 => f64::from(bytes[k]),
+            Self::U16 => f64::from(u16::from_ne_bytes(bytes.as_chunks().0[k])),
+            Self::F16 => half::f16::from_ne_bytes(bytes.as_chunks().0[k]).to_f64(),
+            Self::F32 => f64::from(f32::from_ne_bytes(bytes.as_chunks().0[k])),
+            Self::F64 => f64::from_ne_bytes(bytes.as_chunks().0[k]),
+        }
+    }
+
+    /// What a float array stores for `value`; the number itself for integers, which may equal none of their samples.
+    pub(super) fn nearest(self, value: f64) -> f64 {
+        match self {
+            Self::U8 | Self::U16 | Self::F64 => value,
+            Self::F16 => half::f16::from_f64(value).to_f64(),
+            Self::F32 => f64::from(value as f32),
+        }
+    }
+
     /// Appends the samples in `bytes` (of this machine's byte order) as f32.
     pub(super) fn extend(self, out: &mut Vec<f32>, bytes: &[u8]) {
         match self {
@@ -79,7 +117,7 @@ impl Sample {
 /// How the inner chunks of a shard are found.
 #[derive(Debug)]
 struct ShardIndex {
-    chain: CodecChain,
+    chain: BoundedChain,
     at_start: bool,
     bytes: u64,
 }
@@ -97,9 +135,11 @@ pub(super) struct Layout {
     /// What is decoded at once.
     pub(super) piece: [usize; 3],
     pub(super) sample: Sample,
-    /// Value of pixels that are not stored.
-    pub(super) fill: f32,
-    chain: Arc<CodecChain>,
+    /// Raw sample of pixels that are not stored.
+    pub(super) fill: f64,
+    /// What raw samples mean.
+    pub(super) values: Values,
+    chain: BoundedChain,
     index: Option<ShardIndex>,
 }
 
@@ -151,7 +191,11 @@ impl Layout {
                 found,
             ));
         }
-        let (mut piece, mut chain, mut index) = (chunk.clone(), array.codecs(), None);
+        let bounded = |chain: &CodecChain| {
+            let expected = "bytes (and transpose) under zstd, gzip, zlib, blosc, shuffle and crc32c";
+            BoundedChain::new(chain).map_err(|found| wrong("codecs", expected, found))
+        };
+        let (mut piece, mut chain, mut index) = (chunk.clone(), None, None);
         if let ArrayMetadata::V3(m) = array.metadata()
             && let [codec] = m.codecs.as_slice()
             && codec.name() == "sharding_indexed"
@@ -168,10 +212,12 @@ impl Layout {
             let build = |m: &[_]| {
                 CodecChain::from_metadata(m).map_err(|e| wrong("codecs", "known codecs", e.to_string()))
             };
-            chain = Arc::new(build(&c.codecs)?);
+            chain = Some(bounded(&build(&c.codecs)?)?);
+            let index_codecs = build(&c.index_codecs)?;
             index = Some(
                 ShardIndex::new(
-                    build(&c.index_codecs)?,
+                    &index_codecs,
+                    bounded(&index_codecs)?,
                     matches!(c.index_location, ShardingIndexLocation::Start),
                     &chunk,
                     &piece,
@@ -185,15 +231,27 @@ impl Layout {
             let expected = "at most 1 GiB when decoded; re-chunk the array, e.g. into (1, 512, 512)";
             return Err(wrong("chunk", expected, found));
         }
+        let chain = match chain {
+            Some(chain) => chain,
+            None => bounded(&array.codecs())?,
+        };
         let three = |v: &[u64]| -> [usize; 3] {
             let first = if rank == 3 { v[0] } else { 1 };
             [first as usize, v[rank - 2] as usize, v[rank - 1] as usize]
         };
-        let mut fill = Vec::new();
-        sample.extend(&mut fill, array.fill_value().as_ne_bytes());
-        let fill = *fill.first().ok_or_else(|| wrong("fill value", "one sample", "none".into()))?;
+        let fill = array.fill_value().as_ne_bytes();
+        if fill.len() != sample.bytes() {
+            return Err(wrong("fill value", "one sample", format!("{} bytes", fill.len())));
+        }
+        let fill = sample.raw(fill, 0);
+        let written_by_xarray = matches!(array.metadata(), ArrayMetadata::V2(_))
+            && array.attributes().contains_key("_ARRAY_DIMENSIONS")
+            && fill != 0.0;
+        let values = conventions::values(array.attributes(), sample, written_by_xarray.then_some(fill))
+            .map_err(|(what, expected, found)| wrong(what, expected, found))?;
         let (shape, chunk, piece) = (three(array.shape()), three(&chunk), three(&piece));
-        Ok(Self { store, name: name.into(), array, shape, chunk, piece, sample, fill, chain, index })
+        let name = name.into();
+        Ok(Self { store, name, array, shape, chunk, piece, sample, fill, values, chain, index })
     }
 
     /// Number of pieces along each axis.
@@ -234,6 +292,19 @@ impl Layout {
             self.key(std::array::from_fn(|k| file[k] * per[k]))
         });
         all.collect()
+    }
+
+    /// Whether `key`, relative to the array, is that of one of its files, in either key encoding.
+    pub(super) fn is_chunk_key(&self, key: &str) -> bool {
+        let rank = self.array.shape().len();
+        let numbers = key.split(['/', '.']).filter(|w| *w != "c").map(str::parse);
+        let Ok(index) = numbers.collect::<Result<Vec<u64>, _>>() else { return false };
+        let files = std::iter::zip(&self.shape, &self.chunk).map(|(n, c)| n.div_ceil(*c) as u64);
+        let there = std::iter::zip(&index, files.skip(3 - rank)).all(|(i, n)| *i < n);
+        let slash = if self.name.is_empty() { "" } else { "/" };
+        index.len() == rank
+            && there
+            && self.array.chunk_key(&index).as_str() == format!("{}{slash}{key}", self.name)
     }
 
     /// The path of that file.
@@ -350,12 +421,6 @@ impl Layout {
     /// Decodes piece `p` into samples of this machine's byte order, the part beyond the chart's edge included.
     pub(super) fn decode_piece(&self, p: [usize; 3], encoded: Vec<u8>) -> Result<Vec<u8>, ChartError> {
         let samples = self.piece.iter().product::<usize>() * self.sample.bytes();
-        if let Some(claimed) = zstd_claim(&encoded)
-            && self.chain.bytes_to_bytes_codecs().len() == 1
-            && claimed > samples as u64 * 2 + (1 << 20)
-        {
-            return Err(self.corrupt(p, format!("it claims to hold {claimed} bytes, expected {samples}")));
-        }
         let shape = self.piece.map(|n| NonZeroU64::new(n as u64).expect("chunks are not empty"));
         let shape = self.trim(&shape).to_vec();
         let (t, fill) = (self.array.data_type().clone(), self.array.fill_value().clone());
@@ -366,26 +431,16 @@ impl Layout {
         Ok(decoded)
     }
 
-    /// zarrs may panic on bytes that nobody foresaw; to us that is damage like any other.
     fn decode(
         &self,
         p: [usize; 3],
-        chain: &CodecChain,
+        chain: &BoundedChain,
         bytes: Vec<u8>,
         shape: &[NonZeroU64],
         t: &DataType,
         fill: &FillValue,
     ) -> Result<Vec<u8>, ChartError> {
-        let run = || {
-            chain
-                .decode(Cow::Owned(bytes), shape, t, fill, &single_threaded())
-                .and_then(|d| d.into_fixed().map_err(Into::into))
-                .map(Cow::into_owned)
-                .map_err(|e| e.to_string())
-        };
-        catch_unwind(AssertUnwindSafe(run))
-            .unwrap_or_else(|_| Err("its codec broke down".into()))
-            .map_err(|reason| self.corrupt(p, reason))
+        chain.decode(Cow::Owned(bytes), shape, t, fill).map_err(|reason| self.corrupt(p, reason))
     }
 
     pub(super) fn corrupt(&self, p: [usize; 3], reason: String) -> ChartError {
@@ -401,14 +456,20 @@ impl Layout {
 }
 
 impl ShardIndex {
-    fn new(chain: CodecChain, at_start: bool, chunk: &[u64], piece: &[u64]) -> Result<Self, String> {
+    fn new(
+        codecs: &CodecChain,
+        chain: BoundedChain,
+        at_start: bool,
+        chunk: &[u64],
+        piece: &[u64],
+    ) -> Result<Self, String> {
         let per: Vec<u64> = chunk.iter().zip(piece).map(|(c, p)| c / p).collect();
         let bytes = per.iter().try_fold(16u64, |n, &s| n.checked_mul(s));
         if bytes.is_none_or(|b| b > LARGEST_INDEX) {
             return Err(format!("{per:?} inner chunks a shard"));
         }
         let shape = index_shape(&per);
-        match chain.encoded_representation(&shape, &data_type::uint64(), &FillValue::from(u64::MAX)) {
+        match codecs.encoded_representation(&shape, &data_type::uint64(), &FillValue::from(u64::MAX)) {
             Ok(BytesRepresentation::FixedSize(bytes)) => Ok(Self { chain, at_start, bytes }),
             Ok(other) => Err(format!("{other:?}")),
             Err(e) => Err(e.to_string()),
@@ -418,21 +479,4 @@ impl ShardIndex {
 
 fn index_shape(per: &[u64]) -> Vec<NonZeroU64> {
     per.iter().copied().chain([2]).filter_map(NonZeroU64::new).collect()
-}
-
-/// The size that a zstd frame says it decodes to (RFC 8878, 3.1.1.1); zarrs allocates it before it reads on.
-fn zstd_claim(bytes: &[u8]) -> Option<u64> {
-    let rest = bytes.strip_prefix(&[0x28, 0xb5, 0x2f, 0xfd])?;
-    let (&descriptor, rest) = rest.split_first()?;
-    let single = descriptor >> 5 & 1;
-    let dictionary = [0, 1, 2, 4][usize::from(descriptor & 3)];
-    let size = match (descriptor >> 6, single) {
-        (0, 0) => return None,
-        (0, _) => 1,
-        (n, _) => 1usize << n,
-    };
-    let skip = usize::from(single == 0) + dictionary;
-    let field = rest.get(skip..skip + size)?;
-    let value = field.iter().rev().fold(0u64, |v, &b| v << 8 | u64::from(b));
-    Some(if size == 2 { value + 256 } else { value })
 }

@@ -6,14 +6,15 @@
 //! | BIL | side by side, the bands of a line one after the other |
 //! | BIP | one of each band, band after band |
 //!
-//! Nothing is copied but the rectangle asked for, converted to f32 on the way; integers are read as values, not scaled.
+//! Nothing is copied but the rectangle asked for, converted to f32 on the way; integers are read as values, scaled only where an
+//! ENVI header says so (`envi`).
 //! Pages behind the reader are given back, so that a file of any size takes a few rows of memory. Read band by band,
 //! samples that interleave finer than pages would fetch the whole file once per band: [`RasterChart::in_bands`] lays them
 //! out band by band first, in one pass.
 //!
 //! A file may shrink while it is mapped. Then the lost part reads as zeros (`mapped`), the length shows it, and reading is an
 //! error: neither garbage nor a dead process.
-//! Left out: ENVI's scale factors and georeference, Fortran order.
+//! Left out: ENVI's georeference and bad band list, Fortran order.
 
 pub(super) mod bands;
 mod envi;
@@ -31,6 +32,8 @@ use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
 
+use super::values::Values;
+use super::watch::Watched;
 use super::{ChartError, NanPolicy, Sample};
 use crate::durable::DurableError;
 pub use crate::npy::sample as sample_named;
@@ -89,6 +92,14 @@ impl RasterSample {
             Self::Plain(sample) => sample.bytes(),
         }
     }
+
+    /// What a float file stores for `value`; the number itself for integers.
+    fn nearest(self, value: f64) -> f64 {
+        match self {
+            Self::I16 => value,
+            Self::Plain(sample) => sample.nearest(value),
+        }
+    }
 }
 
 /// A chart in a flat file.
@@ -101,13 +112,26 @@ pub struct RasterChart {
     slots: Vec<Option<usize>>,
     nan: NanPolicy,
     wavelengths_nm: Option<Vec<f64>>,
-    /// Value that stands for no data.
-    ignore: Option<f32>,
+    /// What raw samples mean.
+    values: Values,
+    /// What the user should know of how the header is understood.
+    notes: Vec<String>,
     replaced: AtomicU64,
     bytes_read: AtomicU64,
     /// Per band: rows given back.
     behind: Vec<AtomicUsize>,
     identity: (Value, Value),
+    /// The files that it comes from.
+    watched: Vec<Watched>,
+}
+
+/// What a flat file's header tells, beside the layout.
+#[derive(Default)]
+struct Told {
+    wavelengths_nm: Option<Vec<f64>>,
+    values: Values,
+    notes: Vec<String>,
+    header: Option<Watched>,
 }
 
 impl RasterChart {
@@ -129,7 +153,7 @@ impl RasterChart {
                 .map_err(|e| DurableError::io("read", path, 0, e))?;
             let layout =
                 npy::layout(&head).map_err(|(what, expected, found)| header(path, what, expected, found))?;
-            return Self::with(path, layout, None, None, nan);
+            return Self::with(path, layout, Told::default(), nan);
         }
         let hdr = if is_header(path) { Some(path.to_path_buf()) } else { envi::header_of(path) };
         let hdr = hdr.ok_or_else(|| {
@@ -144,7 +168,9 @@ impl RasterChart {
         let data = if is_header(path) { envi::data_of(path) } else { Some(path.to_path_buf()) };
         let data =
             data.ok_or_else(|| header(&hdr, "data file", "a file beside it of the same name", "none"))?;
-        Self::with(&data, envi.layout, envi.wavelengths_nm, envi.ignore, nan)
+        let envi::Envi { layout, wavelengths_nm, values, notes } = envi;
+        let header = Some(Watched::header(&hdr, LONGEST_HEADER, &text));
+        Self::with(&data, layout, Told { wavelengths_nm, values, notes, header }, nan)
     }
 
     /// Opens raw samples.
@@ -152,16 +178,11 @@ impl RasterChart {
     /// # Errors
     /// As [`RasterChart::open`].
     pub fn raw(path: &Path, layout: RasterLayout, nan: NanPolicy) -> Result<Self, ChartError> {
-        Self::with(path, layout, None, None, nan)
+        Self::with(path, layout, Told::default(), nan)
     }
 
-    fn with(
-        path: &Path,
-        layout: RasterLayout,
-        wavelengths_nm: Option<Vec<f64>>,
-        ignore: Option<f32>,
-        nan: NanPolicy,
-    ) -> Result<Self, ChartError> {
+    fn with(path: &Path, layout: RasterLayout, told: Told, nan: NanPolicy) -> Result<Self, ChartError> {
+        let Told { wavelengths_nm, values, notes, header: header_file } = told;
         let bytes =
             samples_bytes(&layout).and_then(|n| n.checked_add(layout.offset)).filter(|n| *n <= MOST_BYTES);
         let [bands, rows, columns] = layout.shape;
@@ -179,9 +200,15 @@ impl RasterChart {
         }
         let modified = meta.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
         let identity = (
-            json!({ "raster": format!("{layout:?}"), "bytes": meta.len(), "wavelengths_nm": wavelengths_nm }),
+            json!({
+                "raster": format!("{layout:?}"),
+                "bytes": meta.len(),
+                "wavelengths_nm": wavelengths_nm,
+                "values": values.identity(),
+            }),
             json!(modified.map_or(0, |t| t.as_nanos() as u64)),
         );
+        let watched = header_file.into_iter().chain([Watched::data(path, &meta)]).collect();
         let map = Mapped::new(file, expected).map_err(|e| DurableError::io("map", path, expected, e))?;
         let behind = (0..layout.shape[0]).map(|_| AtomicUsize::new(0)).collect();
         Ok(Self {
@@ -191,11 +218,13 @@ impl RasterChart {
             layout,
             nan,
             wavelengths_nm,
-            ignore,
+            values,
+            notes,
             replaced: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),
             behind,
             identity,
+            watched,
         })
     }
 
@@ -234,9 +263,23 @@ impl RasterChart {
         &self.layout
     }
 
-    /// What it is, and when it was last changed.
-    pub fn identity(&self) -> (Value, Value) {
-        self.identity.clone()
+    /// What the user should know of how its header is understood, a line each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Makes values beyond `largest` in magnitude an error, where [`LARGEST_VALUE`](super::LARGEST_VALUE) is too much.
+    pub fn limit_values(&mut self, largest: f32) {
+        self.values.largest = largest;
+    }
+
+    /// What it is (all that its values follow from, the samples excepted), and when its data were last changed.
+    ///
+    /// # Errors
+    /// [`ChartError::Changed`] if its files are not what they were when it was opened.
+    pub fn identity(&self) -> Result<(Value, Value), ChartError> {
+        self.watched.iter().try_for_each(Watched::unchanged)?;
+        Ok(self.identity.clone())
     }
 
     /// Bytes of samples read so far; pixels read as 0 for not being finite.
@@ -284,7 +327,8 @@ impl RasterChart {
         }
         self.layout = laid.layout();
         (self.map, self.slots) = laid.map()?;
-        self.ignore = None;
+        // They are values now.
+        self.values = Values { largest: self.values.largest, ..Values::default() };
         Ok(())
     }
 
@@ -294,7 +338,7 @@ impl RasterChart {
         laid: BandFile,
         nan: NanPolicy,
         wavelengths_nm: Option<Vec<f64>>,
-        identity: (Value, Value),
+        largest: f32,
     ) -> Result<Self, ChartError> {
         let layout = laid.layout();
         let (map, slots) = laid.map()?;
@@ -304,12 +348,14 @@ impl RasterChart {
             slots,
             nan,
             wavelengths_nm,
-            ignore: None,
+            values: Values { largest, ..Values::default() },
+            notes: Vec::new(),
             replaced: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),
             behind: (0..layout.shape[0]).map(|_| AtomicUsize::new(0)).collect(),
             layout,
-            identity,
+            identity: (Value::Null, Value::Null),
+            watched: Vec::new(),
         })
     }
 }
@@ -333,21 +379,36 @@ impl RasterChart {
                 size,
             });
         };
-        let mut replaced = 0;
+        let (mut replaced, mut error) = (0, None);
         for (y, line) in (rect.y as usize..).zip(out.chunks_exact_mut(rect.width.max(1))) {
             let (first, step) = self.place(slot, y, rect.x as usize);
             let bytes = self.map.bytes(first, (rect.width - 1) * step + self.layout.sample.bytes());
-            samples::convert(&self.layout, bytes, step, line);
-            if let Some(ignore) = self.ignore {
-                line.iter_mut().filter(|v| **v == ignore).for_each(|v| *v = f32::NAN);
+            let layout = &self.layout;
+            match self.values.are_raw() {
+                true => samples::convert(layout, bytes, step, line),
+                false => samples::convert_by(layout, bytes, step, line, self.values.of_raw(band)),
             }
-            if self.nan != NanPolicy::Keep && line.iter().any(|v| !v.is_finite()) {
-                replaced += self.not_finite(band, y, rect.x as usize, line)?;
+            let checked =
+                self.values.check(band, line, |k| samples::raw(layout, &bytes[k * step..]), self.nan);
+            replaced += checked.replaced;
+            if let Some((column, unusable)) = checked.error {
+                let place = (band, y, rect.x as usize + column);
+                error.get_or_insert(unusable.at(self.path.clone(), place, self.values.largest));
             }
         }
         if self.map.is_torn() {
             let found = self.map.length().map_err(|e| DurableError::io("look up", &self.path, 0, e))?;
-            return Err(ChartError::Short { path: self.path.clone(), expected: self.map.expected(), found });
+            let expected = self.map.expected();
+            if found >= expected {
+                let reason =
+                    "the system could not read a page of it (I/O error, or it was cut short for a while)"
+                        .into();
+                return Err(ChartError::Damaged { path: self.path.clone(), reason });
+            }
+            return Err(ChartError::Short { path: self.path.clone(), expected, found });
+        }
+        if let Some(error) = error {
+            return Err(error);
         }
         self.replaced.fetch_add(replaced, Relaxed);
         self.bytes_read.fetch_add((rect.size().pixels() * self.layout.sample.bytes()) as u64, Relaxed);
@@ -365,20 +426,6 @@ impl RasterChart {
             Interleave::Bip => ((row * columns + column) * bands + slot, bands),
         };
         (self.layout.offset as usize + sample * n, step * n)
-    }
-
-    /// Meets the first value that is not finite, or reads all of them as 0 and counts them.
-    fn not_finite(&self, band: usize, row: usize, first: usize, line: &mut [f32]) -> Result<u64, ChartError> {
-        let mut count = 0;
-        for (column, v) in (first..).zip(line).filter(|(_, v)| !v.is_finite()) {
-            if self.nan == NanPolicy::Error {
-                let path = self.path.clone();
-                return Err(ChartError::NotFinite { path, band, row, column, value: *v });
-            }
-            *v = 0.0;
-            count += 1;
-        }
-        Ok(count)
     }
 
     /// Gives back the pages of a band well above `row`, once there are enough of them.

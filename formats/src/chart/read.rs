@@ -7,7 +7,8 @@ use std::time::Instant;
 use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 
-use super::{ChartError, ChartStore, NanPolicy};
+use super::values::Unusable;
+use super::{ChartError, ChartStore};
 
 /// A decoded piece: f32, band by band, cut to the chart.
 #[derive(Debug)]
@@ -18,8 +19,8 @@ pub(super) struct Piece {
     pub(super) data: Vec<f32>,
     pub(super) fill: f32,
     missing: bool,
-    /// First value of each band that is not finite: (band, row, column, value).
-    bad: Vec<(usize, usize, usize, f32)>,
+    /// First sample of each band that is an error: (band, row, column, sample).
+    bad: Vec<(usize, usize, usize, Unusable)>,
 }
 
 impl Piece {
@@ -88,27 +89,32 @@ impl ChartStore {
         let number = self.layout.number(p);
         let pixels = (bands.len() * rect.size().pixels()) as u64;
         self.counters.missing.lock().expect("no panic while counting").insert(number, pixels);
-        let mut fill = self.layout.fill;
+        let values = &self.layout.values;
         let mut bad = Vec::new();
-        if !fill.is_finite() {
-            match self.options.nan {
-                NanPolicy::Error => {
-                    bad.extend(bands.clone().map(|b| (b, rect.y as usize, rect.x as usize, fill)));
-                }
-                NanPolicy::Zero => {
-                    self.counters.replaced.lock().expect("no panic while counting").insert(number, pixels);
-                    fill = 0.0;
-                }
-                NanPolicy::Keep => (),
-            }
+        let mut replaced = 0;
+        // A store has one scale for all bands.
+        let mut fill = [values.of_raw(bands.start)(self.layout.fill)];
+        let checked = values.check(bands.start, &mut fill, |_| self.layout.fill, self.options.nan);
+        if let Some((_, error)) = checked.error {
+            bad.extend(bands.clone().map(|b| (b, rect.y as usize, rect.x as usize, error)));
         }
-        Piece { bands, rect, data: Vec::new(), fill, missing: true, bad }
+        if checked.replaced > 0 {
+            replaced = pixels;
+        }
+        self.count_replaced(number, replaced);
+        Piece { bands, rect, data: Vec::new(), fill: fill[0], missing: true, bad }
+    }
+
+    fn count_replaced(&self, number: u64, pixels: u64) {
+        if pixels > 0 {
+            self.counters.replaced.lock().expect("no panic while counting").insert(number, pixels);
+        }
     }
 
     fn convert(&self, p: [usize; 3], decoded: &[u8]) -> Piece {
         let (bands, rect) = self.layout.extent(p);
         let [_, rows, columns] = self.layout.piece;
-        let sample = self.layout.sample;
+        let (sample, values) = (self.layout.sample, &self.layout.values);
         let (height, width) = (rect.height, rect.width);
         let mut data = Vec::with_capacity(bands.len() * height * width);
         let mut bad = Vec::new();
@@ -118,37 +124,33 @@ impl ChartStore {
             for row in 0..height {
                 let start = ((band - bands.start) * rows + row) * columns;
                 let from = data.len();
-                sample.extend(&mut data, &decoded[start * sample.bytes()..][..width * sample.bytes()]);
-                let line = &mut data[from..];
-                if all_finite(line) {
-                    continue;
+                let line = &decoded[start * sample.bytes()..][..width * sample.bytes()];
+                match values.are_raw() {
+                    true => sample.extend(&mut data, line),
+                    false => sample.extend_by(&mut data, line, values.of_raw(band)),
                 }
-                for (column, v) in line.iter_mut().enumerate().filter(|(_, v)| !v.is_finite()) {
-                    first.get_or_insert((band, rect.y as usize + row, rect.x as usize + column, *v));
-                    if self.options.nan == NanPolicy::Zero {
-                        *v = 0.0;
-                        replaced += 1;
-                    }
+                let checked =
+                    values.check(band, &mut data[from..], |k| sample.raw(line, k), self.options.nan);
+                replaced += checked.replaced;
+                if let Some((column, error)) = checked.error {
+                    first.get_or_insert((band, rect.y as usize + row, rect.x as usize + column, error));
                 }
             }
-            if self.options.nan == NanPolicy::Error {
-                bad.extend(first);
-            }
+            bad.extend(first);
         }
-        if replaced > 0 {
-            let number = self.layout.number(p);
-            self.counters.replaced.lock().expect("no panic while counting").insert(number, replaced);
-        }
+        self.count_replaced(self.layout.number(p), replaced);
         Piece { bands, rect, data, fill: 0.0, missing: false, bad }
     }
 
     /// The error that a value of `band` in `piece` stands for, if it is not finite.
     pub(super) fn check(&self, p: [usize; 3], piece: &Piece, band: usize) -> Result<(), ChartError> {
-        let Some(&(band, row, column, value)) = piece.bad.iter().find(|b| b.0 == band) else { return Ok(()) };
-        Err(if piece.missing {
-            ChartError::MissingChunk { path: self.layout.file(p), band, region: piece.rect, fill: value }
-        } else {
-            ChartError::NotFinite { path: self.array_path(), band, row, column, value }
+        let Some(&(band, row, column, error)) = piece.bad.iter().find(|b| b.0 == band) else { return Ok(()) };
+        let fill = self.layout.fill;
+        Err(match error {
+            Unusable::NotFinite(_) | Unusable::NoData(_) if piece.missing => {
+                ChartError::MissingChunk { path: self.layout.file(p), band, region: piece.rect, fill }
+            }
+            error => error.at(self.array_path(), (band, row, column), self.layout.values.largest),
         })
     }
 
@@ -209,11 +211,6 @@ impl ChartStore {
             Ok((piece, bytes))
         })
     }
-}
-
-/// Exponent all ones: NaN or infinity. One pass without branches, which the compiler turns into SIMD.
-fn all_finite(line: &[f32]) -> bool {
-    line.iter().map(|v| v.to_bits() & 0x7fff_ffff).fold(0, u32::max) < 0x7f80_0000
 }
 
 impl ChartSource for ChartStore {

@@ -3,6 +3,7 @@
 mod broken;
 mod speed;
 mod stores;
+mod values;
 mod written;
 
 use std::path::{Path, PathBuf};

@@ -200,7 +200,7 @@ fn write(
         })?;
         let encoded = encoder
             .encode(data, (rect.height, rect.width), (sh / CHUNK, sw / CHUNK))
-            .map_err(|e| refused(e.to_string()))?;
+            .map_err(|e| refused(format!("band {band}, shard {}: {e}", shard(band, &rect))))?;
         bytes.fetch_add(encoded.len() as u64, Relaxed);
         group.store.write(&shard(band, &rect), encoded)?;
         progress(done.fetch_add(1, Relaxed) + 1, total as u64);

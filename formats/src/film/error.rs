@@ -85,6 +85,22 @@ pub enum FilmError {
         /// The value.
         value: f32,
     },
+    /// A value that is no number.
+    #[error(
+        "encoding shard {shard}, band {band}: {value} at row {row}, column {column} of the film, so the shard is not written; the arithmetic overflowed: use smaller chart values or film units"
+    )]
+    NotFinite {
+        /// Its path in the film.
+        shard: String,
+        /// Band.
+        band: usize,
+        /// Row of the film.
+        row: i64,
+        /// Column of the film.
+        column: i64,
+        /// The value.
+        value: f32,
+    },
     /// A shard that is not in the film, or pixels of another shard; the caller's fault.
     #[error(
         "encoding output {output}, band {band}, shard {shard:?}: expected {expected} pixels, found {found}"

@@ -200,7 +200,12 @@ fn what_is_wrong_with_a_film_is_found_and_named() {
         }
         let mut pixels = vec![0.5; 64 * 36];
         pixels[3 * 36 + 2] = f32::NAN;
-        film.commit(&film.encode_shard(0, 1, (1, 1), &pixels).unwrap()).unwrap();
+        let refused = film.encode_shard(0, 1, (1, 1), &pixels).unwrap_err();
+        assert!(matches!(refused, FilmError::NotFinite { band: 1, row: 67, column: 66, .. }), "{refused}");
+        // A shard by another program.
+        let sound = film.encode_shard(0, 1, (1, 1), &vec![0.5; 64 * 36]).unwrap();
+        let bytes = film.encoder.encode_pixels(&pixels, (64, 36), (2, 2)).unwrap();
+        film.commit(&EncodedShard { bytes: bytes.into(), ..sound }).unwrap();
         film.remove(0, 0, (2, 0)).unwrap();
         std::fs::write(of("wavelength/c/0"), [0; 20]).unwrap();
         std::fs::write(of("film/c/0/.tmp-elsewhere-1-2-3-4-5"), "half").unwrap();

@@ -83,7 +83,7 @@ fn read<R: Read + Seek>(path: &Path, from: R, options: &ImportOptions) -> Result
             continue;
         }
         let (claim, packed) = (entry.size(), entry.compressed_size());
-        held += claim;
+        held = claim.saturating_add(held);
         if held > LARGEST_FILE || claim > packed.saturating_mul(DEFLATE_MOST).saturating_add(1024) {
             return Err(ImportError::file(
                 path,

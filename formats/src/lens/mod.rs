@@ -27,7 +27,6 @@ mod array;
 mod attributes;
 mod digest;
 mod error;
-mod guard;
 mod number;
 mod read;
 mod sink;

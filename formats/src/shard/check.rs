@@ -2,12 +2,11 @@
 
 use std::borrow::Cow;
 use std::num::NonZeroU64;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use zarrs::array::codec::CodecChain;
-use zarrs::array::{ArrayToBytesCodecTraits, DataType, FillValue, data_type};
+use zarrs::array::{DataType, FillValue, data_type};
 
-use super::{SampleType, ShardEncoder, single_threaded};
+use super::{SampleType, ShardEncoder};
+use crate::bounded::BoundedChain;
 
 /// What is wrong with a shard.
 #[derive(Debug, PartialEq)]
@@ -19,21 +18,13 @@ pub(crate) enum Flaw {
 }
 
 fn decode(
-    chain: &CodecChain,
+    chain: &BoundedChain,
     bytes: &[u8],
     shape: &[NonZeroU64],
     t: &DataType,
     fill: &FillValue,
 ) -> Result<Vec<u8>, String> {
-    let run = || {
-        chain
-            .decode(Cow::Borrowed(bytes), shape, t, fill, &single_threaded())
-            .and_then(|d| d.into_fixed().map_err(Into::into))
-            .map(Cow::into_owned)
-            .map_err(|e| e.to_string())
-    };
-    // zarrs may panic on bytes that nobody foresaw; to us that is damage like any other.
-    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("its codec broke down".into()))
+    chain.decode(Cow::Borrowed(bytes), shape, t, fill)
 }
 
 impl ShardEncoder {
@@ -53,7 +44,7 @@ impl ShardEncoder {
         let shape =
             [1, rows as u64, columns as u64, 2].map(|n| NonZeroU64::new(n).expect("a shard has chunks"));
         let fill = FillValue::from(u64::MAX);
-        let index = decode(&self.index, &bytes[data..], &shape, &data_type::uint64(), &fill)
+        let index = decode(&self.bounded_index, &bytes[data..], &shape, &data_type::uint64(), &fill)
             .map_err(|e| damaged(format!("its index: {e}")))?;
         let index: Vec<u64> = index.as_chunks().0.iter().map(|&b| u64::from_ne_bytes(b)).collect();
         let shape = [1, c as u64, c as u64].map(|n| NonZeroU64::new(n).expect("a chunk has pixels"));
@@ -72,7 +63,7 @@ impl ShardEncoder {
                 }
             }
             let encoded = &bytes[index[slot] as usize..end as usize];
-            let pixels = decode(&self.chain, encoded, &shape, &self.data_type, &fill)
+            let pixels = decode(&self.bounded, encoded, &shape, &self.data_type, &fill)
                 .map_err(|e| damaged(format!("inner chunk {i},{j}: {e}")))?;
             let (h, w) = (c.min(height - i * c), c.min(width - j * c));
             self.finite(&pixels, (h, w)).map_err(|(row, column, value)| Flaw::NotFinite {

@@ -2,9 +2,17 @@
 //! (NV5 Geospatial, "ENVI Header Files").
 //!
 //! Needed: `samples` (columns), `lines` (rows), `bands`, `data type`, `interleave`. Taken where they stand: `header offset` (0),
-//! `byte order` (0: lowest byte first), `wavelength` with `wavelength units` (nanometers or micrometers), `data ignore value`.
+//! `byte order` (0: lowest byte first), `wavelength` with `wavelength units` (nanometers or micrometers), and what the samples mean:
+//!
+//! | key | meaning |
+//! |---|---|
+//! | `data ignore value` | samples that stand for no data, compared before scaling |
+//! | `data gain values`, `data offset values` | value = sample · gain + offset, one of each per band |
+//! | `reflectance scale factor` | reflectance = sample / factor |
+//!
+//! Gains and a factor together are refused: the header does not say in which order they apply.
 
-use super::{Interleave, RasterLayout, RasterSample};
+use super::{Interleave, RasterLayout, RasterSample, Values};
 use crate::chart::Sample;
 use crate::npy::Fault;
 use std::collections::HashMap;
@@ -15,7 +23,9 @@ use std::path::{Path, PathBuf};
 pub(super) struct Envi {
     pub(super) layout: RasterLayout,
     pub(super) wavelengths_nm: Option<Vec<f64>>,
-    pub(super) ignore: Option<f32>,
+    pub(super) values: Values,
+    /// What the user should know, a line each.
+    pub(super) notes: Vec<String>,
 }
 
 /// Extensions of data files.
@@ -92,19 +102,87 @@ pub(super) fn parse(text: &str) -> Result<Envi, Fault> {
         1 => false,
         other => return Err(("byte order", "0 or 1".into(), other.to_string())),
     };
-    let ignore = match keys.get("data ignore value") {
-        None => None,
-        Some(t) => {
-            Some(t.parse::<f32>().map_err(|_| ("data ignore value", "a number".to_owned(), short(t)))?)
-        }
-    };
+    let mut values = Values::default();
+    if let Some(t) = keys.get("data ignore value") {
+        let ignore =
+            t.trim().parse::<f64>().map_err(|_| ("data ignore value", "a number".to_owned(), short(t)))?;
+        // NaN is no data in any case.
+        values.no_data.extend(Some(sample.nearest(ignore)).filter(|v| v.is_finite()));
+    }
+    let mut notes = Vec::new();
+    values.scaling = scaling(&keys, shape[0], &mut notes)?;
     let layout =
         RasterLayout { shape, interleave, sample, little_endian, offset: whole("header offset", Some(0))? };
     let wavelengths_nm = match keys.get("wavelength") {
         None => None,
         Some(list) => wavelengths(list, keys.get("wavelength units").map(String::as_str), shape[0])?,
     };
-    Ok(Envi { layout, wavelengths_nm, ignore })
+    Ok(Envi { layout, wavelengths_nm, values, notes })
+}
+
+/// (gain, offset) per band; nothing where samples are values.
+fn scaling(
+    keys: &HashMap<String, String>,
+    bands: usize,
+    notes: &mut Vec<String>,
+) -> Result<Vec<(f64, f64)>, Fault> {
+    let list = |key: &'static str| match keys.get(key) {
+        None => Ok(None),
+        Some(text) => match numbers(text) {
+            Some(list) if list.len() == bands && list.iter().all(|v| v.is_finite()) => Ok(Some(list)),
+            Some(list) => {
+                Err((key, format!("{bands} finite numbers, one a band"), format!("{} numbers", list.len())))
+            }
+            None => Err((key, "numbers in braces".to_owned(), "something else".to_owned())),
+        },
+    };
+    let (gains, offsets) = (list("data gain values")?, list("data offset values")?);
+    if gains.as_ref().is_some_and(|g| g.contains(&0.0)) {
+        return Err(("data gain values", "numbers other than 0".into(), "0".into()));
+    }
+    let scaling: Vec<_> = match (gains, offsets) {
+        (None, None) => Vec::new(),
+        (Some(gains), None) => gains.into_iter().map(|gain| (gain, 0.0)).collect(),
+        (None, Some(offsets)) => offsets.into_iter().map(|offset| (1.0, offset)).collect(),
+        (Some(gains), Some(offsets)) => gains.into_iter().zip(offsets).collect(),
+    };
+    let scaled = scaling.iter().any(|s| *s != (1.0, 0.0));
+    let key = "reflectance scale factor";
+    let factor = match keys.get(key) {
+        None => 1.0,
+        Some(text) => {
+            let factor = text.trim().parse::<f64>().ok().filter(|f| f.is_finite() && *f > 0.0);
+            let wrong = || (key, "a positive number".to_owned(), text.chars().take(40).collect());
+            factor.ok_or_else(wrong)?
+        }
+    };
+    match (scaled, factor == 1.0) {
+        (true, false) => {
+            let expected =
+                "either it or data gain and offset values; remove from the header what does not apply";
+            Err((key, expected.into(), "both".into()))
+        }
+        (true, true) => {
+            notes.push(
+                "the ENVI header's data gain and offset values are applied: value = sample · gain + offset"
+                    .into(),
+            );
+            Ok(scaling)
+        }
+        (false, true) => Ok(Vec::new()),
+        (false, false) => {
+            notes.push(format!(
+                "the ENVI header's reflectance scale factor is applied: value = sample / {factor}"
+            ));
+            Ok(vec![(1.0 / factor, 0.0)])
+        }
+    }
+}
+
+/// The numbers of a list in braces.
+fn numbers(list: &str) -> Option<Vec<f64>> {
+    let inner = list.trim().strip_prefix('{')?.split('}').next()?;
+    inner.split(',').map(str::trim).filter(|w| !w.is_empty()).map(|w| w.parse().ok()).collect()
 }
 
 /// `{400.0, 410.0}` in nm; none without a unit that is a length, for what 0.55 or 550 mean is not to be guessed.

@@ -29,6 +29,36 @@ pub(super) fn convert(layout: &RasterLayout, bytes: &[u8], step: usize, out: &mu
     }
 }
 
+/// `value` of samples that begin `step` bytes apart in `bytes`.
+pub(super) fn convert_by(
+    layout: &RasterLayout,
+    bytes: &[u8],
+    step: usize,
+    out: &mut [f32],
+    value: impl Fn(f64) -> f32,
+) {
+    out.iter_mut().zip(bytes.chunks(step)).for_each(|(to, b)| *to = value(raw(layout, b)));
+}
+
+/// The first sample in `bytes`.
+pub(super) fn raw(layout: &RasterLayout, bytes: &[u8]) -> f64 {
+    let little = layout.little_endian;
+    macro_rules! read {
+        ($t:ty) => {{
+            let bytes = *bytes.first_chunk().expect("a sample is whole");
+            if little { <$t>::from_le_bytes(bytes) } else { <$t>::from_be_bytes(bytes) }
+        }};
+    }
+    match layout.sample {
+        RasterSample::I16 => f64::from(read!(i16)),
+        RasterSample::Plain(Sample::U8) => f64::from(bytes[0]),
+        RasterSample::Plain(Sample::U16) => f64::from(read!(u16)),
+        RasterSample::Plain(Sample::F16) => read!(half::f16).to_f64(),
+        RasterSample::Plain(Sample::F32) => f64::from(read!(f32)),
+        RasterSample::Plain(Sample::F64) => read!(f64),
+    }
+}
+
 #[inline(always)]
 fn each<const N: usize>(bytes: &[u8], step: usize, out: &mut [f32], of: impl Fn([u8; N]) -> f32) {
     if step == N {

@@ -181,6 +181,166 @@ fn nan_is_an_error_or_counted_and_no_data_is_nan() {
 }
 
 #[test]
+fn values_too_large_and_declared_fill_values_are_told_apart() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let rect = Rect::new(0, 0, 2, 2);
+    let read = |nan, path: &Path| {
+        let chart = RasterChart::open(path, nan).unwrap();
+        let mut out = [9.0; 4];
+        chart.read_rect(0, rect, &mut out).map(|()| (out, chart.stats().1))
+    };
+    for (descr, bytes) in [
+        ("<f4", [1.0f32, 2.0, -3.4e38, 4.0].map(f32::to_le_bytes).concat()),
+        (">f4", [1.0f32, 2.0, 9.97e36, 4.0].map(f32::to_be_bytes).concat()),
+        ("<f8", [1.0f64, 2.0, 1e300, 4.0].map(f64::to_le_bytes).concat()),
+    ] {
+        fs::write(at("n.npy"), npy(descr, "(2, 2)", &bytes)).unwrap();
+        for nan in [NanPolicy::Error, NanPolicy::Zero] {
+            let e = read(nan, &at("n.npy")).unwrap_err();
+            assert!(matches!(e, ChartError::TooLarge { band: 0, row: 1, column: 0, .. }), "{e}");
+        }
+    }
+    let header = "ENVI\nsamples = 2\nlines = 2\nbands = 1\ndata type = 4\ninterleave = bsq\n";
+    fs::write(at("c.img"), [1.0f32, 2.0, -3.4e38, 4.0].map(f32::to_le_bytes).concat()).unwrap();
+    for key in ["data ignore value = -3.4e38", "data ignore value = -3.4e+38 "] {
+        fs::write(at("c.hdr"), format!("{header}{key}\n")).unwrap();
+        let e = read(NanPolicy::Error, &at("c.hdr")).unwrap_err();
+        assert!(matches!(e, ChartError::NoData { row: 1, column: 0, .. }), "{e}");
+        assert_eq!(read(NanPolicy::Zero, &at("c.hdr")).unwrap(), ([1.0, 2.0, 0.0, 4.0], 1));
+    }
+}
+
+#[test]
+fn gains_offsets_and_factors_of_envi_apply_or_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let (data, hdr) = (directory.path().join("c.img"), directory.path().join("c.hdr"));
+    let samples = [0u16, 100, 65535, 5000, 0, 100, 7, 5000];
+    fs::write(&data, samples.map(u16::to_le_bytes).concat()).unwrap();
+    let base = "ENVI\nsamples = 2\nlines = 2\nbands = 2\ndata type = 12\ninterleave = bsq\ndata ignore value = 65535\n";
+    let open = |keys: &str| {
+        fs::write(&hdr, format!("{base}{keys}\n")).unwrap();
+        RasterChart::open(&hdr, NanPolicy::Zero)
+    };
+    let read = |keys: &str, band| {
+        let chart = open(keys).unwrap();
+        assert_eq!(chart.notes().len(), usize::from(!keys.is_empty()), "{keys}");
+        let mut out = [9.0; 4];
+        chart.read_rect(band, Rect::new(0, 0, 2, 2), &mut out).unwrap();
+        out
+    };
+    assert_eq!(read("", 0), [0.0, 100.0, 0.0, 5000.0]);
+    assert_eq!(read("reflectance scale factor = 10000", 0), [0.0, 0.01, 0.0, 0.5]);
+    let per_band = "data gain values = {0.5, 2}\ndata offset values = {1,\n -1}";
+    assert_eq!(
+        (read(per_band, 0), read(per_band, 1)),
+        ([1.0, 51.0, 0.0, 2501.0], [-1.0, 199.0, 13.0, 9999.0])
+    );
+    for (keys, word) in [
+        ("reflectance scale factor = many", "reflectance scale factor"),
+        ("reflectance scale factor = 0", "reflectance scale factor"),
+        ("data gain values = {1}", "data gain values"),
+        ("data gain values = {1, 0}", "data gain values"),
+        ("data offset values = {1, x}", "data offset values"),
+        ("data gain values = {2, 2}\nreflectance scale factor = 10000", "both"),
+        ("data ignore value = none", "data ignore value"),
+    ] {
+        let e = open(keys).unwrap_err().to_string();
+        assert!(e.contains(word) && e.contains("c.hdr"), "{keys}: {e}");
+    }
+    // Laid out in bands, they are scaled once.
+    let mut chart = open(per_band).unwrap();
+    chart.in_bands(&[0, 1], directory.path(), &|_, _| ()).unwrap();
+    let mut out = [9.0; 4];
+    chart.read_rect(1, Rect::new(0, 0, 2, 2), &mut out).unwrap();
+    assert_eq!(out, [-1.0, 199.0, 13.0, 9999.0]);
+}
+
+/// Each of these changes what is read.
+#[test]
+fn the_identity_follows_all_that_reading_depends_on() {
+    let directory = tempfile::tempdir().unwrap();
+    fs::write(directory.path().join("e.img"), [1; 300]).unwrap();
+    let hdr = directory.path().join("e.hdr");
+    let of = |text: &str| {
+        fs::write(&hdr, text).unwrap();
+        RasterChart::open(&hdr, NanPolicy::Error).unwrap().identity().unwrap().0.to_string()
+    };
+    let mut seen = vec![of(ENVI)];
+    assert_eq!(of(&ENVI.replace("a\n cube", "another")), seen[0], "a description changes nothing");
+    for (from, to) in [
+        ("samples = 5\nlines = 7", "samples = 7\nlines = 5"),
+        ("lines = 7", "lines = 6"),
+        ("header offset = 4", "header offset = 6"),
+        ("data type = 12", "data type = 1"),
+        ("data type = 12", "data type = 2"),
+        ("interleave = bil", "interleave = bsq"),
+        ("interleave = bil", "interleave = bip"),
+        ("byte order = 1", "byte order = 0"),
+        ("Micrometers", "Nanometers"),
+        ("Micrometers", "Index"),
+        ("0.45", "0.46"),
+        ("bands = 3", "bands = 3\ndata ignore value = 5"),
+        ("bands = 3", "bands = 3\ndata ignore value = 6"),
+        ("bands = 3", "bands = 3\nreflectance scale factor = 100"),
+        ("bands = 3", "bands = 3\ndata gain values = {2, 2, 2}"),
+        ("bands = 3", "bands = 3\ndata gain values = {2, 2, 3}"),
+        ("bands = 3", "bands = 3\ndata offset values = {2, 2, 2}"),
+    ] {
+        let text = ENVI.replace(from, to);
+        assert_ne!(text, ENVI, "{from}");
+        seen.push(of(&text));
+    }
+    fs::write(&hdr, ENVI).unwrap();
+    let declared = RasterChart::open(&hdr, NanPolicy::Error).unwrap().with_wavelengths(vec![1.0, 2.0, 3.0]);
+    seen.push(declared.unwrap().identity().unwrap().0.to_string());
+    let distinct: std::collections::HashSet<_> = seen.iter().collect();
+    assert_eq!(distinct.len(), seen.len());
+}
+
+#[test]
+fn a_file_that_changes_after_it_was_opened_is_noticed() {
+    let directory = tempfile::tempdir().unwrap();
+    let (data, hdr) = (directory.path().join("e.img"), directory.path().join("e.hdr"));
+    let write = || {
+        fs::write(&data, [1; 300]).unwrap();
+        fs::write(&hdr, ENVI).unwrap();
+    };
+    let noticed = |change: &dyn Fn(), word: &str| {
+        write();
+        let chart = RasterChart::open(&hdr, NanPolicy::Error).unwrap();
+        assert_eq!(chart.identity().unwrap(), chart.identity().unwrap());
+        change();
+        let e = chart.identity().unwrap_err();
+        assert!(matches!(e, ChartError::Changed { .. }) && e.to_string().contains(word), "{word}: {e}");
+    };
+    let time = fs::metadata(directory.path()).unwrap().modified().unwrap();
+    noticed(&|| fs::write(&data, [2; 300]).unwrap(), "e.img");
+    noticed(&|| fs::write(&data, [2; 301]).unwrap(), "another size");
+    // Of the same size, its time set back.
+    let set_back = || {
+        let then = fs::metadata(&data).unwrap().modified().unwrap();
+        fs::write(&data, [2; 300]).unwrap();
+        File::options().write(true).open(&data).unwrap().set_modified(then).unwrap();
+    };
+    noticed(&set_back, "written to");
+    let replaced = || {
+        let other = directory.path().join("other");
+        fs::write(&other, [1; 300]).unwrap();
+        File::options().write(true).open(&other).unwrap().set_modified(time).unwrap();
+        fs::rename(&other, &data).unwrap();
+    };
+    noticed(&replaced, "taken its place");
+    noticed(&|| fs::remove_file(&data).unwrap(), "removed");
+    noticed(&|| fs::write(&hdr, ENVI.replace("byte order = 1", "byte order = 0")).unwrap(), "e.hdr");
+    // The same words again are the same header.
+    write();
+    let chart = RasterChart::open(&hdr, NanPolicy::Error).unwrap();
+    fs::write(&hdr, ENVI).unwrap();
+    assert!(chart.identity().is_ok());
+}
+
+#[test]
 fn a_file_that_shrinks_is_an_error_and_no_signal() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("s.raw");

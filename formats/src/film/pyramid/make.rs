@@ -171,6 +171,12 @@ impl FilmStore {
                 column: rect.x + column as i64,
                 value,
             },
+            ShardError::NotFinite { row, column, value } => FilmError::Level {
+                array: self.level_path(level.output, level.number),
+                band,
+                rect,
+                reason: format!("{value} at row {}, column {}", rect.y + row as i64, rect.x + column as i64),
+            },
             ShardError::Codec(reason) => FilmError::Codec { reason },
         })?;
         self.commit(&EncodedShard { key, bytes: bytes.into() })

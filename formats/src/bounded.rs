@@ -1,0 +1,189 @@
+//! Decoding a chunk into its size and not one byte more, before memory is taken for it.
+//!
+//! zarrs allocates what a compressed chunk claims or turns out to hold: a zstd frame of 1 MB can ask for 32 GB. Here every
+//! decompressor writes into at most the bytes that the array's metadata allow at its place in the chain:
+//!
+//! | codec | bound |
+//! |---|---|
+//! | zstd | the buffer's size; a frame that needs more is an error (RFC 8878) |
+//! | gzip, zlib | reading stops one byte beyond the bound (RFC 1952, RFC 1950) |
+//! | blosc | `nbytes` of its header, checked first (README_CHUNK_FORMAT: u32 LE at 4); the library holds its inner codecs to it |
+//! | crc32c, shuffle | not longer than what they are given |
+//!
+//! Transpose and the other array-to-array codecs keep or fix the size. Shards inside shards are refused.
+
+use std::borrow::Cow;
+use std::io::Read;
+use std::num::NonZeroU64;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+
+use zarrs::array::codec::api::BytesToBytesCodecTraits;
+use zarrs::array::codec::{
+    BloscCodec, BytesCodec, CodecChain, Crc32cCodec, GzipCodec, PackBitsCodec, ShuffleCodec, ZlibCodec,
+    ZstdCodec,
+};
+use zarrs::array::{ArrayToBytesCodecTraits, BytesRepresentation, CodecOptions, DataType, FillValue};
+
+/// The codecs of an array's chunks, for decoding.
+#[derive(Debug)]
+pub(crate) struct BoundedChain {
+    /// In the order of encoding.
+    compression: Vec<(Kind, Arc<dyn BytesToBytesCodecTraits>)>,
+    /// The codecs before them: from the array to bytes.
+    array: CodecChain,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Zstd,
+    Gzip,
+    Zlib,
+    Blosc,
+    /// Decodes to no more than it is given.
+    Shrinks,
+}
+
+/// The most that may come out of one codec.
+#[derive(Clone, Copy, Debug)]
+struct Bound {
+    bytes: u64,
+    /// Whether it must be this and not less.
+    exact: bool,
+}
+
+impl BoundedChain {
+    /// The same codecs as `chain`'s.
+    ///
+    /// # Errors
+    /// In words: a codec whose output cannot be bounded.
+    pub(crate) fn new(chain: &CodecChain) -> Result<Self, String> {
+        let bytes = chain.array_to_bytes_codec();
+        let any = bytes.as_any();
+        if !(any.is::<BytesCodec>() || any.is::<PackBitsCodec>()) {
+            let name = bytes.name_v3().unwrap_or("unnamed".into());
+            return Err(format!("codec `{name}` inside another codec or shard"));
+        }
+        let kinds = chain.bytes_to_bytes_codecs().iter().map(|codec| {
+            let name = || codec.name_v3().unwrap_or("unnamed".into());
+            let kind = kind(codec.as_ref()).ok_or_else(|| format!("codec `{}`", name()))?;
+            Ok((kind, codec.clone()))
+        });
+        Ok(Self {
+            compression: kinds.collect::<Result<_, String>>()?,
+            array: CodecChain::new(chain.array_to_array_codecs().to_vec(), bytes.clone(), Vec::new()),
+        })
+    }
+
+    /// Decodes a chunk of `shape` samples of type `t` on the calling thread, in this machine's byte order.
+    ///
+    /// # Errors
+    /// In words: what is wrong with the bytes; a codec that panics on them counts as that.
+    pub(crate) fn decode(
+        &self,
+        encoded: Cow<'_, [u8]>,
+        shape: &[NonZeroU64],
+        t: &DataType,
+        fill: &FillValue,
+    ) -> Result<Vec<u8>, String> {
+        let run = || self.run(encoded, shape, t, fill);
+        catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("its codec panicked".into()))
+    }
+
+    fn run(
+        &self,
+        mut bytes: Cow<'_, [u8]>,
+        shape: &[NonZeroU64],
+        t: &DataType,
+        fill: &FillValue,
+    ) -> Result<Vec<u8>, String> {
+        let mut size = self.array.encoded_representation(shape, t, fill).map_err(|e| e.to_string())?;
+        let mut steps = Vec::with_capacity(self.compression.len());
+        for (kind, codec) in &self.compression {
+            steps.push((*kind, codec, size));
+            size = codec.encoded_representation(&size);
+        }
+        for (kind, codec, size) in steps.into_iter().rev() {
+            bytes = Cow::Owned(step(kind, codec.as_ref(), bytes, &size)?);
+        }
+        self.array
+            .decode(bytes, shape, t, fill, &options())
+            .and_then(|d| d.into_fixed().map_err(Into::into))
+            .map(Cow::into_owned)
+            .map_err(|e| e.to_string())
+    }
+}
+
+fn kind(codec: &dyn BytesToBytesCodecTraits) -> Option<Kind> {
+    let any = codec.as_any();
+    Some(match () {
+        () if any.is::<ZstdCodec>() => Kind::Zstd,
+        () if any.is::<GzipCodec>() => Kind::Gzip,
+        () if any.is::<ZlibCodec>() => Kind::Zlib,
+        () if any.is::<BloscCodec>() => Kind::Blosc,
+        () if any.is::<Crc32cCodec>() || any.is::<ShuffleCodec>() => Kind::Shrinks,
+        () => return None,
+    })
+}
+
+fn options() -> CodecOptions {
+    crate::shard::single_threaded()
+}
+
+/// Undoes one codec; `size` is what its encoder was given.
+fn step(
+    kind: Kind,
+    codec: &dyn BytesToBytesCodecTraits,
+    bytes: Cow<'_, [u8]>,
+    size: &BytesRepresentation,
+) -> Result<Vec<u8>, String> {
+    let bound = match *size {
+        BytesRepresentation::FixedSize(bytes) => Bound { bytes, exact: true },
+        // The output of another codec: encoders differ a little in what they add.
+        BytesRepresentation::BoundedSize(bytes) => {
+            Bound { bytes: bytes.saturating_add(bytes / 4).saturating_add(64 << 10), exact: false }
+        }
+        BytesRepresentation::UnboundedSize => return Err("a codec without a largest size".into()),
+    };
+    let limit = usize::try_from(bound.bytes).map_err(|_| format!("a chunk of {} bytes", bound.bytes))?;
+    let decoded = match kind {
+        Kind::Zstd => zstd::bulk::decompress(&bytes, limit).map_err(|e| format!("{e}; {bound}"))?,
+        Kind::Gzip => inflate(flate2::read::GzDecoder::new(&*bytes), limit)?,
+        Kind::Zlib => inflate(flate2::read::ZlibDecoder::new(&*bytes), limit)?,
+        Kind::Blosc => {
+            let field = bytes.get(4..8).and_then(|b| b.first_chunk().copied());
+            let claimed = u64::from(u32::from_le_bytes(field.ok_or("it is too short for a blosc header")?));
+            bound.check(claimed)?;
+            codec.decode(bytes, size, &options()).map_err(|e| e.to_string())?.into_owned()
+        }
+        Kind::Shrinks => codec.decode(bytes, size, &options()).map_err(|e| e.to_string())?.into_owned(),
+    };
+    bound.check(decoded.len() as u64)?;
+    Ok(decoded)
+}
+
+/// All that `decoder` gives, or one byte more than `limit`.
+fn inflate(decoder: impl Read, limit: usize) -> Result<Vec<u8>, String> {
+    let mut decoded = Vec::with_capacity(limit);
+    decoder.take(limit as u64 + 1).read_to_end(&mut decoded).map_err(|e| e.to_string())?;
+    Ok(decoded)
+}
+
+impl Bound {
+    fn check(&self, found: u64) -> Result<(), String> {
+        match found == self.bytes || (found < self.bytes && !self.exact) {
+            true => Ok(()),
+            false if found > self.bytes => Err(format!("it decodes to {found} bytes or more, {self}")),
+            false => Err(format!("it decodes to {found} bytes, {self}")),
+        }
+    }
+}
+
+impl std::fmt::Display for Bound {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "expected {}{}", if self.exact { "" } else { "at most " }, self.bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests;

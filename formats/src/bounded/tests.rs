@@ -1,0 +1,112 @@
+//! Chunks that decode to more than their size, or claim to: an error, and memory for the size only.
+
+use super::*;
+use serde_json::{Value, json};
+use zarrs::array::data_type;
+
+#[path = "../../tests/bombs/mod.rs"]
+mod bombs;
+
+const SAMPLES: u64 = 1024;
+
+fn chain(codecs: Value) -> CodecChain {
+    CodecChain::from_metadata(&serde_json::from_value::<Vec<_>>(codecs).unwrap()).unwrap()
+}
+
+fn little_endian() -> Value {
+    json!({"name": "bytes", "configuration": {"endian": "little"}})
+}
+
+fn decode(codecs: &Value, encoded: &[u8]) -> Result<Vec<u8>, String> {
+    let shape = [NonZeroU64::new(SAMPLES).unwrap()];
+    let chain = BoundedChain::new(&chain(codecs.clone()))?;
+    chain.decode(Cow::Borrowed(encoded), &shape, &data_type::float32(), &FillValue::from(0f32))
+}
+
+fn every_compression() -> Vec<Value> {
+    let gzip = json!({"name": "gzip", "configuration": {"level": 1}});
+    let zlib = json!({"name": "numcodecs.zlib", "configuration": {"level": 1}});
+    let zstd = json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}});
+    let crc = json!({"name": "crc32c"});
+    let blosc = |name: &str| {
+        json!({"name": "blosc", "configuration": {
+            "cname": name, "clevel": 5, "shuffle": "shuffle", "typesize": 4, "blocksize": 0
+        }})
+    };
+    let one = [gzip, zlib, zstd]
+        .into_iter()
+        .chain(["lz4", "lz4hc", "blosclz", "zstd", "zlib", "snappy"].map(blosc));
+    one.flat_map(|c| [json!([little_endian(), c]), json!([little_endian(), c, crc])]).collect()
+}
+
+#[test]
+fn what_every_codec_encodes_is_decoded() {
+    let samples: Vec<u8> = (0..SAMPLES).flat_map(|k| (k as f32).sqrt().to_ne_bytes()).collect();
+    let shape = [NonZeroU64::new(SAMPLES).unwrap()];
+    let (t, fill) = (data_type::float32(), FillValue::from(0f32));
+    for codecs in every_compression() {
+        let array = zarrs::array::ArrayBytes::new_flen(samples.clone());
+        let encoded = chain(codecs.clone()).encode(array, &shape, &t, &fill, &options()).unwrap();
+        assert_eq!(decode(&codecs, &encoded).unwrap(), samples, "{codecs}");
+        for cut in [0, 3, 10, encoded.len() / 2, encoded.len() - 1] {
+            assert!(decode(&codecs, &encoded[..cut]).is_err(), "{codecs} cut to {cut}");
+        }
+    }
+}
+
+#[test]
+fn a_chunk_of_another_size_is_refused() {
+    let (t, fill) = (data_type::float32(), FillValue::from(0f32));
+    for codecs in every_compression() {
+        for samples in [SAMPLES - 1, SAMPLES + 1, 100 * SAMPLES] {
+            let shape = [NonZeroU64::new(samples).unwrap()];
+            let zeros = zarrs::array::ArrayBytes::new_flen(vec![0u8; samples as usize * 4]);
+            let encoded = chain(codecs.clone()).encode(zeros, &shape, &t, &fill, &options()).unwrap();
+            let error = decode(&codecs, &encoded).unwrap_err();
+            assert!(error.contains("expected 4096"), "{codecs}, {samples} samples: {error}");
+        }
+    }
+}
+
+#[test]
+fn a_bomb_is_an_error_that_stops_at_the_chunks_size() {
+    let of = |codec: Value| json!([little_endian(), codec]);
+    let gzip = of(json!({"name": "gzip", "configuration": {"level": 1}}));
+    let zlib = of(json!({"name": "numcodecs.zlib", "configuration": {"level": 1}}));
+    let zstd = of(json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}}));
+    let error = decode(&gzip, &bombs::gzip(8 << 20)).unwrap_err();
+    assert!(error.contains("decodes to 4097 bytes or more, expected 4096"), "{error}");
+    let error = decode(&zlib, &bombs::zlib(8 << 20)).unwrap_err();
+    assert!(error.contains("decodes to 4097 bytes or more, expected 4096"), "{error}");
+    // Together 32 GiB, and 16 EiB by their own account.
+    for bomb in [bombs::zstd_without_size(1 << 18), bombs::zstd_claiming(u64::MAX >> 1)] {
+        let error = decode(&zstd, &bomb).unwrap_err();
+        assert!(error.contains("expected 4096"), "{error}");
+    }
+    let blosc = of(json!({"name": "blosc", "configuration": {
+        "cname": "zstd", "clevel": 1, "shuffle": "noshuffle", "typesize": 1, "blocksize": 0
+    }}));
+    for compressor in 0..5 {
+        let error = decode(&blosc, &bombs::blosc_claiming(i32::MAX as u32, compressor)).unwrap_err();
+        assert!(error.contains("decodes to 2147483647 bytes or more, expected 4096"), "{error}");
+    }
+}
+
+#[test]
+fn a_bomb_under_a_second_compression_is_an_error_too() {
+    let zstd = json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}});
+    let gzip = json!({"name": "gzip", "configuration": {"level": 1}});
+    let codecs = json!([little_endian(), gzip, zstd]);
+    let error = decode(&codecs, &bombs::zstd_without_size(1 << 16)).unwrap_err();
+    assert!(error.contains("expected at most"), "{error}");
+}
+
+#[test]
+fn shards_inside_shards_are_refused() {
+    let index = json!([little_endian(), {"name": "crc32c"}]);
+    let shard = json!({"name": "sharding_indexed", "configuration": {
+        "chunk_shape": [16], "codecs": [little_endian()], "index_codecs": index, "index_location": "end"
+    }});
+    let error = BoundedChain::new(&chain(json!([shard]))).unwrap_err();
+    assert!(error.contains("sharding_indexed"), "{error}");
+}
