@@ -1,0 +1,156 @@
+"""Films compared with those of clean runs: one run of one job, alone, from the same chart and lens pack."""
+import hashlib
+import json
+import math
+import re
+import shutil
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from inputs import CHARTS, digest, files
+
+TEMP, LOCK = ".tmp-", ".lock"
+
+
+@dataclass(frozen=True)
+class Job:
+    """What `run` and `plan` are asked for, the places of chart, lens and film apart."""
+
+    name: str
+    chart: str  # kind of chart, a key of CHARTS
+    lens: str  # "built-in", or kind of pack: "pack", "zip"
+    flags: tuple  # what changes the film
+
+    def words(self, folder):
+        """The command's words without the film: chart, flags."""
+        chart, flags = CHARTS[self.chart]
+        pack = {"built-in": "double-gauss-28-npz", "pack": folder / "lens/lens.lens.zarr", "zip": folder / "lens/lens.zip"}[self.lens]
+        window = ["--psf-window", "9", "--memory", "256MiB", "--device", "cpu"]
+        return folder / f"chart-{self.chart}" / chart, [*flags, "--lens", pack, *window, *self.flags]
+
+
+@dataclass
+class CleanFilm:
+    """Digests of a clean run's files by path; of the same film with its pyramid; exports by format."""
+
+    path: Path
+    files: dict
+    provenance: dict
+    with_pyramid: dict = None
+    exports: dict = field(default_factory=dict)
+
+
+def provenance(film):
+    """(job, layout) that a film's metadata name, or None."""
+    try:
+        told = json.loads((film / "zarr.json").read_text())["attributes"]["provenance"]
+        return {"job": told["job"], "layout": told["layout"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def film_files(film):
+    """Digests of the film's files but its run records."""
+    return {name: digest(film / name) for name in files(film) if not name.startswith("runs/")}
+
+
+class CleanFilms:
+    """Made once per job, state of the chart and state of the pack."""
+
+    def __init__(self, folder, blobs, call):
+        self.folder, self.blobs, self.call = folder, blobs, call
+        self.films, self.lock = {}, threading.Lock()
+        self.made = 0
+
+    def get(self, job, chart, lens):
+        """The clean film, or the error of a run that does not end with 0."""
+        told = json.dumps([job.chart, job.lens, job.flags, chart, lens if job.lens != "built-in" else None], sort_keys=True)
+        key = hashlib.sha256(told.encode()).hexdigest()[:20]
+        with self.lock:
+            if key not in self.films:
+                self.films[key] = self.make(job, chart, lens, self.folder / key)
+            return self.films[key]
+
+    def make(self, job, chart, lens, folder):
+        self.made += 1
+        self.blobs.place(chart, folder / f"chart-{job.chart}")
+        self.blobs.place(lens or {}, folder / "lens")
+        source, flags = job.words(folder)
+        film = folder / "film.zarr"
+        try:
+            self.call("run", source, film, "--no-fsync", *flags)
+        except RuntimeError as e:
+            return str(e)
+        self.finite(film)
+        return CleanFilm(film, film_files(film), provenance(film))
+
+    def finite(self, film):
+        """No NaN and no infinity in a clean film, so none in what equals it."""
+        out = film.parent / "pixels.npy"
+        self.call("export", film, out)
+        _, values = npy(out.read_bytes())
+        if not all(map(math.isfinite, values)):
+            raise RuntimeError(f"a clean run made a film with NaN or infinity: {film}")
+        out.unlink()
+
+    def pyramid(self, clean):
+        with self.lock:
+            if clean.with_pyramid is None:
+                copy = clean.path.with_name("pyramid.zarr")
+                shutil.copytree(clean.path, copy)
+                self.call("pyramid", copy)
+                clean.with_pyramid = film_files(copy)
+            return clean.with_pyramid
+
+    def export(self, clean, form):
+        """The exported file's bytes."""
+        with self.lock:
+            if form not in clean.exports:
+                out = clean.path.with_name(f"export.{form}")
+                self.call("export", clean.path, out)
+                clean.exports[form] = out.read_bytes()
+            return clean.exports[form]
+
+
+def npy(data):
+    """(header, values) of a .npy file of f32 or f16."""
+    head = 10 + int.from_bytes(data[8:10], "little")
+    kind = {b"<f4": "f", b"<f2": "e"}[re.search(rb"'descr': '(...)'", data[:head])[1]]
+    return data[:head], memoryview(data[head:]).cast(kind).tolist()
+
+
+def same_or_missing(own, clean):
+    """Whether a .npy file holds the clean one's values, or NaN where its film had no shard yet."""
+    (head, values), (clean_head, clean_values) = npy(own), npy(clean)
+    return head == clean_head and all(a == b or math.isnan(a) for a, b in zip(values, clean_values, strict=True))
+
+
+def compare(film, clean, pyramid, strays, complete):
+    """What is wrong with the film: files that differ from the clean run's or are no part of it; missing ones if it is said to be
+    complete. `pyramid`: digests of the clean film with its pyramid, where the round makes one. Temp files and locks are
+    looked at elsewhere, after the next run."""
+    found = []
+    own = film_files(film)
+    passed = lambda name: name in strays or any(part.startswith(TEMP) for part in name.split("/"))
+    for name, sha in own.items():
+        if passed(name):
+            continue
+        allowed = [clean.files.get(name)] + ([pyramid.get(name)] if pyramid else [])
+        if not any(allowed):
+            found.append(f"{name} is no part of the clean film")
+        elif sha not in allowed:
+            found.append(f"{name} differs from the clean film's")
+    if complete:
+        found += [f"{name} is missing" for name in clean.files if name not in own]
+    return found
+
+
+def leftovers(folder, strays):
+    """Temp files and locks."""
+    found = []
+    for place in [folder, *folder.rglob("*")]:
+        name = place.name
+        if (name.startswith(TEMP) or name.endswith(LOCK)) and str(place.relative_to(folder)) not in strays:
+            found.append(str(place.relative_to(folder)))
+    return found

@@ -1,0 +1,175 @@
+"""Charts and lens packs in two versions each, what is done to them while they are read, and digests of folders.
+
+A state of a folder is {path: (SHA-256, time of last change in ns)}; the bytes lie in a store by their digest, so that every state
+that a round went through can be made again, for a clean run of it.
+"""
+import array
+import hashlib
+import json
+import os
+import re
+import shutil
+import time
+import zipfile
+from pathlib import Path
+
+SIZE = (184, 272)  # of the film; its longer side gives a pyramid one level
+WAVELENGTHS = "450,500,550"
+PITCH_UM = "10"
+# Charts: the file that `run` is given, and the flags that it needs.
+FLAT = ["--film-pitch-um", PITCH_UM]
+CHARTS = {
+    "zarr": ("chart.zarr", []),
+    "zstd": ("chart.zarr", []),
+    "chunks": ("chart.zarr", [*FLAT, "--wavelengths", WAVELENGTHS]),
+    "npy": ("chart.npy", [*FLAT, "--wavelengths", WAVELENGTHS]),
+    "bsq": ("chart.hdr", FLAT),
+    "bip": ("chart.hdr", FLAT),
+    "exr": ("chart.exr", FLAT),
+}
+CHUNK = 80
+
+
+def digest(path):
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def files(folder):
+    """Relative paths of all files below, sorted; those that vanish meanwhile are left out."""
+    found = []
+    for place, _, names in os.walk(folder):
+        found += [os.path.relpath(os.path.join(place, name), folder) for name in names]
+    return sorted(found)
+
+
+class Blobs:
+    """States of folders, and their bytes."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        folder.mkdir(parents=True)
+
+    def state(self, folder):
+        found = {}
+        for name in files(folder):
+            path = Path(folder) / name
+            key = digest(path)
+            found[name] = (key, path.stat().st_mtime_ns)
+            kept = self.folder / key
+            if not kept.exists():
+                temp = self.folder / f"{key}.{os.getpid()}.{time.monotonic_ns()}"
+                shutil.copyfile(path, temp)
+                temp.rename(kept)
+        return found
+
+    def place(self, state, folder):
+        """Makes the folder hold exactly this state."""
+        for name, (key, mtime) in state.items():
+            self.put(key, mtime, Path(folder) / name)
+
+    def put(self, key, mtime, path, how="rename"):
+        """Gives `path` these bytes and this time; `how`: by rename, or into the file that is there."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if how == "rename":
+            temp = path.with_name(f"{path.name}.new")
+            shutil.copyfile(self.folder / key, temp)
+            os.utime(temp, ns=(mtime, mtime))
+            temp.rename(path)
+        else:
+            data = (self.folder / key).read_bytes()
+            half = len(data) // 2 if how == "first half" else len(data)
+            with open(path, "wb" if how == "truncate" else "r+b") as f:
+                f.write(data[:half])
+                if half == len(data):
+                    f.truncate()
+
+
+class Inputs:
+    """The versions: charts[kind][n] and lenses[kind][n] are states, kept with times long past."""
+
+    def __init__(self, folder, call):
+        self.blobs = Blobs(folder / "blobs")
+        self.charts, self.lenses = {}, {}
+        work = folder / "made"
+        size = "x".join(map(str, SIZE))
+        for n, more in enumerate([["--noise", "0.02"], ["--noise", "0.2"]]):
+            drawn = ["--size", size, "--wavelengths", WAVELENGTHS, "--pitch-um", PITCH_UM, "--overscan", "8", *more]
+            for kind, codec in [("zarr", "none"), ("zstd", "zstd")]:
+                call("chart", "composite", work / f"{kind}{n}/chart.zarr", "--codec", codec, *drawn)
+            own = work / f"zarr{n}/chart.zarr"
+            for kind, name in [("npy", "chart.npy"), ("bsq", "chart.hdr"), ("exr", "chart.exr")]:
+                (work / f"{kind}{n}").mkdir()
+                call("export", own, work / f"{kind}{n}" / name)
+            self.bip(work / f"bsq{n}", work / f"bip{n}")
+            self.chunks(work / f"npy{n}/chart.npy", work / f"chunks{n}/chart.zarr")
+            for kind in CHARTS:
+                self.charts.setdefault(kind, []).append(self.keep(work / f"{kind}{n}", n))
+        builtin = Path(__file__).resolve().parents[2] / "formats/data/double-gauss-28.lens.zip"
+        for n in range(2):
+            self.packs(builtin, work / f"pack{n}", work / f"zip{n}", n)
+            for kind in ("pack", "zip"):
+                self.lenses.setdefault(kind, []).append(self.keep(work / f"{kind}{n}", n))
+        shutil.rmtree(work)
+
+    def keep(self, folder, n):
+        past = 1_600_000_000_000_000_000 + n * 3_600_000_000_000
+        for k, name in enumerate(files(folder)):
+            os.utime(folder / name, ns=(past + k, past + k))
+        return self.blobs.state(folder)
+
+    @staticmethod
+    def bip(bsq, to):
+        to.mkdir()
+        header = (bsq / "chart.hdr").read_text()
+        bands = int(re.search(r"^bands\s*=\s*(\d+)", header, re.M)[1])
+        (to / "chart.hdr").write_text(re.sub(r"(?mi)^(interleave\s*=\s*)bsq", r"\1bip", header))
+        (data,) = [p for p in bsq.iterdir() if p.suffix != ".hdr"]
+        flat = array.array("f", data.read_bytes())
+        lying = array.array("f", bytes(len(flat) * 4))
+        for band in range(bands):
+            lying[band::bands] = flat[band * (len(flat) // bands) : (band + 1) * (len(flat) // bands)]
+        (to / data.name).write_bytes(lying.tobytes())
+
+    @staticmethod
+    def chunks(npy, to):
+        """A Zarr array of small raw chunks, each with all bands."""
+        data = npy.read_bytes()
+        head = 10 + int.from_bytes(data[8:10], "little")
+        bands, rows, columns = map(int, re.search(rb"'shape': \((\d+), (\d+), (\d+),?\)", data[:head]).groups())
+        pixels = memoryview(data[head:]).cast("f", (bands, rows, columns)).tolist()
+        to.mkdir(parents=True)
+        grid = {"name": "regular", "configuration": {"chunk_shape": [bands, CHUNK, CHUNK]}}
+        keys = {"name": "default", "configuration": {"separator": "/"}}
+        codecs = [{"name": "bytes", "configuration": {"endian": "little"}}]
+        meta = {"zarr_format": 3, "node_type": "array", "shape": [bands, rows, columns], "data_type": "float32", "chunk_grid": grid}
+        meta |= {"chunk_key_encoding": keys, "fill_value": 0.0, "codecs": codecs, "attributes": {}}
+        (to / "zarr.json").write_text(json.dumps(meta))
+        for i in range(0, rows, CHUNK):
+            for j in range(0, columns, CHUNK):
+                chunk = array.array("f")
+                for band in range(bands):
+                    for y in range(i, i + CHUNK):
+                        row = pixels[band][y][j : j + CHUNK] if y < rows else []
+                        chunk.extend(row + [0.0] * (CHUNK - len(row)))
+                path = to / f"c/0/{i // CHUNK}/{j // CHUNK}"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(chunk.tobytes())
+
+    @staticmethod
+    def packs(builtin, folder, zipped, n):
+        """The built-in pack as a directory and as a .zip; in version 1 the PSFs of neighbouring bands change places."""
+        folder, zipped = folder / "lens.lens.zarr", zipped / "lens.zip"
+        with zipfile.ZipFile(builtin) as z:
+            members = {name: z.read(name) for name in z.namelist() if not name.endswith("/")}
+        shards = [f"psf/{k}/c/0/0/0" for k in range(31)]
+        if n:
+            old = dict(members)
+            for k in range(0, 30, 2):
+                members[shards[k]], members[shards[k + 1]] = old[shards[k + 1]], old[shards[k]]
+        zipped.parent.mkdir(parents=True)
+        with zipfile.ZipFile(zipped, "w") as z:
+            for name, data in members.items():
+                z.writestr(name, data)
+                path = folder / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(data)
