@@ -3,6 +3,8 @@
 //! One film of the whole 28.28 mm at a coarse pitch, where distortion and colour show; and three windows of the film at
 //! its full 14,141² px of 2 µm, where the PSF shows. Both run the same code as `lenscube run`.
 
+mod directory;
+
 use crate::args::{Cli, Command, DemoArgs, utf8};
 use crate::chart::write;
 use crate::failure::usage;
@@ -12,6 +14,7 @@ use crate::progress::{print, say};
 use crate::run;
 use anyhow::Result;
 use clap::Parser;
+use directory::DemoDirectory;
 use formats::chart::{Codec, NanPolicy};
 use formats::durable::create_directories;
 use formats::picture::curve::write_lens_curves;
@@ -39,8 +42,7 @@ const LENS: &str = "double-gauss-28-npz";
 pub fn command(args: &DemoArgs) -> Result<u8> {
     let dir = &args.dir;
     utf8(dir)?;
-    create_directories(dir, true)?;
-    let at = |name: &str| dir.join(name);
+    let mut own = DemoDirectory::open(dir)?;
     let threads = threads(args.threads);
 
     say(
@@ -49,26 +51,30 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     let pitch_um = FILM_MM * 1e3 / f64::from(args.size);
     let spec = format!("composite?size={}&pitch_um={pitch_um}", args.size);
     let chart: Generator = spec.parse().map_err(|e| usage(format!("{e}")))?;
-    write(&chart, &at("chart.zarr"), Codec::Zstd, threads, true)?;
+    own.make("chart.zarr", |path| write(&chart, path, Codec::Zstd, threads, true))?;
 
     say(
         "2/4  the film: the whole 28.28 mm behind the lens (ready-made tables, double-gauss-28-npz; `run` traces its own)",
     );
-    let code = film(&text(&at("chart.zarr")), &at("film.zarr"), &[], threads)?;
+    let chart = text(&dir.join("chart.zarr"));
+    let code = own.make("film.zarr", |path| film(&chart, path, &[], threads))?;
     if code != 0 {
         return Ok(code);
     }
     say("3/4  three windows of the film at its full 14141 x 14141 px of 2 µm");
     let full = format!("gen:composite?size={FULL_PX}");
     let windows = STATIONS.map(|(_, cells)| window(cells));
-    let code = film(&full, &at("windows.zarr"), &windows, threads)?;
+    let code = own.make("windows.zarr", |path| film(&full, path, &windows, threads))?;
     if code != 0 {
         return Ok(code);
     }
     say("4/4  pictures");
-    overview(dir, args.size as usize, threads)?;
-    sheet(dir, &full, &windows, threads)?;
-    write_lens_curves(&at("lens.png"), open::lens(LENS)?.lens(), Size::new(900, 1200))?;
+    let size = args.size as usize;
+    let exposure = own.make("chart.png", |path| chart_picture(dir, path, size, threads))?;
+    own.make("film.png", |path| film_picture(dir, path, exposure, threads))?;
+    own.make("windows.png", |_| sheet(dir, &full, &windows, threads))?;
+    let curves = |path: &Path| Ok(write_lens_curves(path, open::lens(LENS)?.lens(), Size::new(900, 1200))?);
+    own.make("lens.png", curves)?;
     words(dir);
     Ok(0)
 }
@@ -108,16 +114,21 @@ fn picture(source: &str, window: Option<Rect>, exposure: Exposure, threads: usiz
     Ok((image, shown.exposure))
 }
 
-/// chart.png and film.png, one exposure for both.
-fn overview(dir: &Path, size: usize, threads: usize) -> Result<()> {
-    let path = |name: &str| text(&dir.join(name));
-    let chart = Chart::open(&path("chart.zarr"), None, NanPolicy::Keep, 0)?;
+/// chart.png; its exposure, for film.png as well.
+fn chart_picture(dir: &Path, out: &Path, size: usize, threads: usize) -> Result<f64> {
+    let source = text(&dir.join("chart.zarr"));
+    let chart = Chart::open(&source, None, NanPolicy::Keep, 0)?;
     let edge = (chart.size().height - size) / 2;
     let middle = Rect::new(edge as i64, edge as i64, size, size);
-    let (image, exposure) = picture(&path("chart.zarr"), Some(middle), Exposure::Auto, threads)?;
-    image.write_png(&dir.join("chart.png"), "lenscube demo: the chart")?;
-    let (image, _) = picture(&path("film.zarr"), None, Exposure::Factor(exposure), threads)?;
-    Ok(image.write_png(&dir.join("film.png"), "lenscube demo: the film")?)
+    let (image, exposure) = picture(&source, Some(middle), Exposure::Auto, threads)?;
+    image.write_png(out, "lenscube demo: the chart")?;
+    Ok(exposure)
+}
+
+/// film.png.
+fn film_picture(dir: &Path, out: &Path, exposure: f64, threads: usize) -> Result<()> {
+    let (image, _) = picture(&text(&dir.join("film.zarr")), None, Exposure::Factor(exposure), threads)?;
+    Ok(image.write_png(out, "lenscube demo: the film")?)
 }
 
 /// windows.png: chart against film at 100 %.

@@ -97,11 +97,16 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         }
         let other_film = matches!(
             cause.downcast_ref::<FilmError>(),
-            Some(FilmError::Exists { .. } | FilmError::NotFilm { .. } | FilmError::Replaced { .. })
+            Some(
+                FilmError::Exists { .. }
+                    | FilmError::NotFilm { .. }
+                    | FilmError::Replaced { .. }
+                    | FilmError::Foreign { .. }
+            )
         );
         let other_chart = matches!(
             cause.downcast_ref::<WriteError>(),
-            Some(WriteError::Exists { .. } | WriteError::NotChart { .. })
+            Some(WriteError::Exists { .. } | WriteError::NotChart { .. } | WriteError::Foreign { .. })
         );
         if other_film || other_chart {
             return code::OTHER_JOB;

@@ -8,7 +8,7 @@ use crate::engine::{self, Engine};
 use crate::failure::{self, other_job, usage};
 use crate::lens::source::{Named, Source};
 use crate::memory::{Memory, Needs, OnDevices, Remap, default_limit};
-use crate::open::Chart;
+use crate::open::{Chart, is_builtin};
 use anyhow::{Context, Result};
 use formats::chart::{Codec, LARGEST_VALUE, NanPolicy};
 use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
@@ -26,6 +26,7 @@ use pipeline::resample::{Interp, Surround};
 use pipeline::scene::{Reading, Scene, Stages};
 use pipeline::simd::Simd;
 use serde_json::{Map, Value, json};
+use std::path::Path;
 
 /// Planck's constant times the speed of light, J·m (SI, exact).
 const HC_J_M: f64 = 6.626_070_15e-34 * 299_792_458.0;
@@ -450,6 +451,12 @@ pub const NUMERIC_VERSION: u32 = 3;
 fn notes(args: &RunArgs, chart: &Chart, lens: &Source, plans: &[BandPlan]) -> Result<Vec<String>> {
     let mut notes = lens.notes().to_vec();
     notes.extend(chart.notes());
+    if is_builtin(&args.lens) && Path::new(&args.lens).symlink_metadata().is_ok() {
+        notes.push(format!(
+            "--lens {0} is the built-in lens; for the file of that name, --lens ./{0}",
+            args.lens
+        ));
+    }
     let tables = lens.lens();
     if args.stages.contains(&Stage::Svpsf) {
         let least = tables.bands.iter().flat_map(|b| &b.psf_energy).fold(f64::INFINITY, |m, e| m.min(*e));

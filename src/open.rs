@@ -291,6 +291,11 @@ fn no_wavelengths(path: &Path, bands: usize) -> anyhow::Error {
     ))
 }
 
+/// Whether a lens's name is that of a lens inside the program. Such a name never means a file: `./NAME` does.
+pub fn is_builtin(name: &str) -> bool {
+    name == design::BUILTIN || builtin_names().any(|known| known == name)
+}
+
 /// Opens a lens pack, or one inside the program by its name.
 pub fn lens(name: &str) -> Result<LensPack> {
     if builtin_names().any(|known| known == name) {

@@ -4,6 +4,7 @@ mod cost;
 pub mod cut;
 pub mod file;
 pub mod list;
+mod outputs;
 mod pack;
 pub mod words;
 
@@ -11,6 +12,7 @@ use crate::args::{Device, EngineArg, PlanArgs, RunArgs};
 use crate::engine;
 use crate::failure::usage;
 use crate::job::{Job, Part};
+use crate::open::is_builtin;
 use crate::progress::{print, say};
 use crate::run::film;
 use anyhow::Result;
@@ -19,7 +21,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::Instant;
-use words::{Words, absolute};
+use words::{Words, absolute, absolute_path};
 
 /// Units at which a scheduler's array limit is worth a word.
 const MANY: usize = 1000;
@@ -41,6 +43,9 @@ pub fn command(args: &PlanArgs) -> Result<u8> {
     no_pyramid(&args.job)?;
     // A plan is made without the devices that its units will run on.
     let mut run = RunArgs { device: Device::Cpu, engine: EngineArg::Auto, ..args.job.clone() };
+    // All outputs are checked before any is touched.
+    outputs::keep_apart(args)?;
+    file::check_place(&args.output)?;
     if let Some(path) = &args.lens_pack {
         run.lens = pack::write(&run, path)?;
     }
@@ -50,9 +55,8 @@ pub fn command(args: &PlanArgs) -> Result<u8> {
     job.engine = engine;
     film::keep_apart(&job, &run.film)?;
     let units = cut::units(&job, args.unit_rows);
-    let store = film::open(&job, &run)?;
-    engine::check_planned(&store, engine, run.mixed_engines)?;
-    let told = |key: &str| store.provenance().get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
+    let provenance = film::provenance_of(&job, &run)?;
+    let told = |key: &str| provenance.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
     let bands = job.plans.iter().map(|p| job.lens.band_digest(p.choice)).collect::<Result<_, _>>()?;
     let plan = Plan {
         schema: Plan::schema(),
@@ -61,8 +65,8 @@ pub fn command(args: &PlanArgs) -> Result<u8> {
         job_digest: told("job_digest"),
         layout_digest: told("layout_digest"),
         engine: told("engine"),
-        // As the film tells it: a chart that was touched since and trusted is the one that it was begun with.
-        job: store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default(),
+        // As the film says: a chart that was touched since and trusted is the one that it was begun with.
+        job: provenance.get("job").and_then(Value::as_object).cloned().unwrap_or_default(),
         layout: film::layout(&job.film),
         lens_bands: bands,
         wavelengths_nm: job.film.wavelengths_nm.clone(),
@@ -70,6 +74,10 @@ pub fn command(args: &PlanArgs) -> Result<u8> {
         totals: cut::totals(&units),
         units,
     };
+    plan.check_output(&args.output)?;
+    let store = film::open(&job, &run)?;
+    engine::check_planned(&store, engine, run.mixed_engines)?;
+    plan.check_film(&args.output, &store)?;
     let path = plan.write(&args.output)?;
     for note in &job.notes {
         say(format!("note: {note}"));
@@ -80,14 +88,15 @@ pub fn command(args: &PlanArgs) -> Result<u8> {
     Ok(0)
 }
 
-/// The command as other processes must say it: absolute paths, the lens always named.
+/// The command as other processes must give it: absolute paths, the lens always named. A built-in lens keeps its name, which
+/// is no path: what `--lens` means does not depend on the files where a worker starts.
 fn resolved(run: &RunArgs) -> Result<Words> {
     let mut words = Words::typed()?;
     let film =
         run.film.to_str().ok_or_else(|| usage("the film's path is no UTF-8, which a plan cannot hold"))?;
     words.chart = Some(absolute(&run.chart)?);
-    words.film = Some(absolute(film)?);
-    let lens = if Path::new(&run.lens).exists() { absolute(&run.lens)? } else { run.lens.clone() };
+    words.film = Some(absolute_path(film)?);
+    let lens = if is_builtin(&run.lens) { run.lens.clone() } else { absolute_path(&run.lens)? };
     words.flags.retain(|flag| !flag.starts_with("--lens="));
     words.flags.insert(0, format!("--lens={lens}"));
     Ok(words)

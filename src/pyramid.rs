@@ -9,22 +9,21 @@ use crate::run::{WHOLE, interrupt};
 use crate::status;
 use anyhow::Result;
 use formats::film::{FilmError, FilmStore, PyramidState};
-use std::path::Path;
 use std::time::Instant;
 
 /// Runs the command; the exit code.
 pub fn command(args: &PyramidArgs) -> Result<u8> {
     interrupt::listen();
-    make(&args.film, args.threads, args.memory, args.take_over)
+    make(&status::open(&args.film)?, args.threads, args.memory, args.take_over)
 }
 
-/// Makes the pyramid of the film at `path`, or what is missing of it; the exit code.
-pub fn make(path: &Path, threads: Option<usize>, memory: Option<u64>, take_over: bool) -> Result<u8> {
-    let store = status::open(path)?;
+/// Makes the pyramid of a film, or what is missing of it; the exit code.
+pub fn make(store: &FilmStore, threads: Option<usize>, memory: Option<u64>, take_over: bool) -> Result<u8> {
     let shards = store.pyramid_shards();
     let state = store.pyramid()?;
     if state == PyramidState::Complete {
-        say(format!("the pyramid of {} is complete: {shards} shards, nothing to do", path.display()));
+        store.check_in_place()?;
+        say(format!("the pyramid of {} is complete: {shards} shards, nothing to do", store.path().display()));
         return Ok(0);
     }
     let lock = store.lock(WHOLE, take_over)?;
@@ -50,7 +49,7 @@ pub fn make(path: &Path, threads: Option<usize>, memory: Option<u64>, take_over:
     bar.finish_and_clear();
     match made {
         Ok(true) => {
-            tell(&store, start, limit);
+            tell(store, start, limit);
             Ok(0)
         }
         Ok(false) => {

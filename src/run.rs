@@ -18,11 +18,11 @@ use crate::progress::{Bars, json_path, report_kept, say};
 use crate::pyramid;
 use anyhow::{Context, Result};
 use faults::{Failed, Follow};
-use formats::durable::{Lock, Maker, is_url, parent_of};
-use formats::film::{EncodedShard, FilmStore};
+use formats::durable::{Lock, Maker, fault_point, is_url, parent_of};
+use formats::film::{EncodedShard, FilmError, FilmStore};
 use formats::lens::LensPackError;
 use pipeline::cuda::memory::DeviceQueue;
-use pipeline::executor::{BandWork, Work, run};
+use pipeline::executor::{BandWork, Summary, Work, run};
 use pipeline::flow::{DoorError, FilmSink};
 use pipeline::geometry::Rect;
 use pipeline::plan::ShardId;
@@ -97,9 +97,10 @@ fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
         film::keep_apart(&job, &typed.job.film)?;
         interrupt::listen();
         let store = film::open(&job, &typed.job)?;
+        fault_point("film-opened");
         let args = &typed.job;
         return match work(Task { args, store: &store, units: None, jsonl, start }, job)? {
-            0 if args.pyramid => pyramid::make(&args.film, args.threads, args.memory, args.take_over),
+            0 if args.pyramid => pyramid::make(&store, args.threads, args.memory, args.take_over),
             code => Ok(code),
         };
     };
@@ -111,9 +112,12 @@ fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     interrupt::listen();
     let store = units.film(&args)?;
     engine::check_named(&store, &args)?;
+    fault_point("film-opened");
     if let Some(shards) = units.all_done(&store)? {
         // Leavings of a worker that was killed after its last shard.
         let _ = (units.lock(&store), store.sweep());
+        fault_point("shards-made");
+        store.check_in_place()?;
         say(format!(
             "units {} of {} are complete: {shards} shards, nothing to do",
             units.listed(),
@@ -123,6 +127,7 @@ fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
         return Ok(0);
     }
     let job = units.job(&args)?;
+    fault_point("job-ready");
     work(Task { args: &args, store: &store, units: Some(&units), jsonl, start }, job)
 }
 
@@ -179,6 +184,8 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     if shards::missing(&job, store, &asked)?.iter().all(BTreeSet::is_empty) {
         // Leavings of a run that was killed after its last shard; a film that nobody may write to is complete as well.
         let _ = (task.lock(), store.sweep());
+        fault_point("shards-made");
+        store.check_in_place()?;
         say(format!("{} is complete: {all} shards, nothing to do", task.name()));
         record::nothing_to_do(task.jsonl, store, all);
         return Ok(0);
@@ -187,6 +194,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     if let Some(lock) = &lock {
         interrupt::release_on_exit(lock.path());
     }
+    fault_point("locked");
     if args.no_fsync {
         say("--no-fsync: a power cut may cost shards that were reported as written");
     }
@@ -238,9 +246,11 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
         }
     };
     let follow = Follow::new(shown, task.start.elapsed().as_secs_f64(), args.keep_going);
+    fault_point("tiles-begin");
     let result = run(&work, job.chart.source(), &Sink(store, &job.film_bands), &prepare, &follow);
     follow.shown.finish();
-    let outcome = follow.outcome(&job, store, missing as u64, result);
+    fault_point("shards-made");
+    let outcome = in_place(store, follow.outcome(&job, store, missing as u64, result));
     let outcome =
         outcome.and_then(|summary| match film::same_chart(&job).and_then(|()| job.lens.check_unchanged()) {
             Ok(()) => Ok(summary),
@@ -257,6 +267,17 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     }
     record::done(task.jsonl, &job, &summary);
     Ok(0)
+}
+
+/// What a run gave, unless its film was replaced: then whatever it wrote is gone, and that is all there is to report.
+fn in_place(store: &FilmStore, outcome: Result<Summary, Box<Failed>>) -> Result<Summary, Box<Failed>> {
+    let error = match (store.check_in_place(), &outcome) {
+        (Ok(()), _) => return outcome,
+        (Err(e @ (FilmError::Replaced { .. } | FilmError::Renewed { .. })), _) | (Err(e), Ok(_)) => e,
+        (Err(_), Err(_)) => return outcome,
+    };
+    let summary = outcome.map_or_else(|failed| failed.summary, Some);
+    Err(Box::new(Failed { error: error.into(), summary }))
 }
 
 /// A chart whose bands lie among each other is cut into bands once, beside the film.

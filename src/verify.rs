@@ -7,7 +7,7 @@ use crate::progress::{counting, json_path, print, say};
 use crate::run::film::{digest, layout, lock_all};
 use crate::status;
 use anyhow::Result;
-use formats::durable::{DurableError, remove_temp};
+use formats::durable::{DurableError, Lock, fault_point, remove_temp};
 use formats::film::{FilmStore, Finding, Verdict};
 use serde_json::{Value, json};
 
@@ -23,12 +23,15 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     let store = status::open(&args.film)?;
     // Held so that no run writes meanwhile what would be removed.
     let held = if args.repair { lock_all(&args.film, args.take_over)? } else { Vec::new() };
+    store.check_in_place()?;
+    fault_point("locked");
     let (bar, progress) = counting("verifying");
     let verdict = store.verify(job::threads(args.threads), &progress);
     bar.finish_and_clear();
     let mut verdict = verdict?;
+    fault_point("verified");
     verdict.findings.extend(digests(&store));
-    let repair = if args.repair { Some(repair(&store, &verdict)?) } else { None };
+    let repair = if args.repair { Some(repair(&store, &verdict, &held)?) } else { None };
     drop(held);
     let engines = store.engines()?;
     match args.json {
@@ -54,29 +57,27 @@ fn digests(store: &FilmStore) -> Vec<Finding> {
         .collect()
 }
 
-/// Removes bad shards, and temp files of all but live processes of this host.
-fn repair(store: &FilmStore, verdict: &Verdict) -> Result<Repair> {
+/// Removes bad shards, and temp files of all but live processes of this host. Files of processes that this one cannot look up
+/// stay as well while a unit is locked that was not locked when the check began: its worker may be writing them.
+fn repair(store: &FilmStore, verdict: &Verdict, held: &[Lock]) -> Result<Repair> {
     let mut done = Repair::default();
-    for (output, band, shard) in store.every_shard() {
-        let own = store.key(output, band, shard);
-        if verdict.findings.iter().any(|f| matches!(f, Finding::Bad { key, .. } if *key == own)) {
-            store.remove(output, band, shard)?;
-            done.shards += 1;
-        }
-    }
     for finding in &verdict.findings {
         if let Finding::Bad { key, .. } = finding
-            && store.remove_level_shard(key)?
+            && store.remove_bad(key)?
         {
             done.shards += 1;
         }
     }
-    for (path, _) in verdict.temp.iter().filter(|(_, dead)| *dead != Some(false)) {
-        match remove_temp(path) {
-            Ok(()) => done.temp += 1,
-            // Another user's, which harms no film.
-            Err(e @ DurableError::Permission { .. }) => say(format!("note: {e}")),
-            Err(e) => return Err(e.into()),
+    let locks = FilmStore::locks(store.path())?;
+    let others = locks.iter().any(|(path, ..)| !held.iter().any(|own| own.path() == path));
+    for (path, dead) in &verdict.temp {
+        if *dead == Some(true) || (dead.is_none() && !others) {
+            match remove_temp(path) {
+                Ok(()) => done.temp += 1,
+                // Another user's, which harms no film.
+                Err(e @ DurableError::Permission { .. }) => say(format!("note: {e}")),
+                Err(e) => return Err(e.into()),
+            }
         }
     }
     Ok(done)

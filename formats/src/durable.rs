@@ -10,9 +10,11 @@
 mod direct;
 mod error;
 mod fault;
+mod handle;
 mod lock;
 mod maker;
 mod objects;
+mod removal;
 mod store;
 mod sweep;
 mod whole;
@@ -20,17 +22,22 @@ mod zarr;
 
 pub(crate) use error::store_error;
 pub use error::{DurableError, passes};
+pub use fault::point as fault_point;
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
 pub use objects::{ObjectState, Objects, check_url, is_url};
+pub use removal::Removal;
 pub use store::Store;
 pub use sweep::{Sweep, is_temp_name, remove_temp, sweep, sweep_entries, temp_files, temp_name};
 pub use whole::{WholeFile, finish_together, nameless_file, replace_directory};
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
+
+use rustix::fs::{CWD, FileType};
 
 /// What [`Directory::write`] is about to do; a fault hook is asked before each step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -59,9 +66,13 @@ pub enum Step {
 type Fault = dyn Fn(Step, &Path) -> std::io::Result<()> + Send + Sync;
 
 /// A directory with durable, atomic writes. Keys are relative paths with `/` (`film/c/0/1/2`).
+///
+/// Opened ([`Directory::opened`]) it stays the directory that it was, whatever takes its path later; else it is the one that
+/// lies at its path at each call.
 #[derive(Clone)]
 pub struct Directory {
     root: PathBuf,
+    handle: Option<Arc<OwnedFd>>,
     fsync: bool,
     fault: Option<Arc<Fault>>,
 }
@@ -75,7 +86,7 @@ impl std::fmt::Debug for Directory {
 impl Directory {
     /// The directory `root`, which need not exist yet.
     pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into(), fsync: true, fault: None }
+        Self { root: root.into(), handle: None, fsync: true, fault: None }
     }
 
     /// Whether writes are flushed to the disk before they count (default). Without it a power cut may cost complete
@@ -92,6 +103,79 @@ impl Directory {
     ) -> Self {
         self.fault = Some(Arc::new(fault));
         self
+    }
+
+    /// The same directory, held open: all that follows happens in it and in no other of that name. `None` if it is not there.
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be opened.
+    pub fn opened(mut self) -> Result<Option<Self>, DurableError> {
+        match handle::directory(CWD, &self.root) {
+            Ok(fd) => self.handle = Some(Arc::new(fd)),
+            Err(e) if absent(&e) => return Ok(None),
+            Err(e) => return Err(DurableError::io("open directory", &self.root, 0, e)),
+        }
+        Ok(Some(self))
+    }
+
+    /// The same open directory after it was renamed to `root`.
+    #[must_use]
+    pub fn renamed(mut self, root: &Path) -> Self {
+        self.root = root.into();
+        self
+    }
+
+    /// Whether the directory that is open is the one at `path`.
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be looked up.
+    pub fn is_at(&self, path: &Path) -> Result<bool, DurableError> {
+        let Some(fd) = &self.handle else { return Ok(true) };
+        let identity = |found: std::io::Result<rustix::fs::Stat>| match found {
+            Ok(stat) => Ok(Some((stat.st_dev, stat.st_ino))),
+            Err(e) if absent(&e) => Ok(None),
+            Err(e) => Err(DurableError::io("look up", path, 0, e)),
+        };
+        let own = identity(handle::stat(fd.as_fd(), Path::new("")))?;
+        Ok(identity(handle::stat(CWD, path))? == own)
+    }
+
+    /// Paths below it, files and empty directories (these end in `/`), sorted; links are not followed.
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be listed.
+    pub fn all_entries(&self) -> Result<Vec<String>, DurableError> {
+        let mut found = Vec::new();
+        let mut pending = vec![String::new()];
+        while let Some(key) = pending.pop() {
+            let path = self.root.join(&key);
+            let (base, relative) = self.place(&path);
+            let entries = match handle::entries(base, &relative) {
+                // Removed since it was listed.
+                Err(e) if absent(&e) => continue,
+                other => other.map_err(|e| DurableError::io("list", &path, 0, e))?,
+            };
+            if entries.is_empty() && !key.is_empty() {
+                found.push(key.clone());
+            }
+            for (name, kind) in entries {
+                let name = format!("{key}{}", name.to_string_lossy());
+                match kind {
+                    FileType::Directory => pending.push(name + "/"),
+                    _ => found.push(name),
+                }
+            }
+        }
+        found.sort();
+        Ok(found)
+    }
+
+    /// What paths are relative to, and `path` (below the root) in those terms.
+    fn place(&self, path: &Path) -> (BorrowedFd<'_>, PathBuf) {
+        match &self.handle {
+            Some(fd) => (fd.as_fd(), path.strip_prefix(&self.root).unwrap_or(path).to_path_buf()),
+            None => (CWD, path.to_path_buf()),
+        }
     }
 
     /// The directory itself.
@@ -119,21 +203,32 @@ impl Directory {
     pub fn write(&self, key: &str, bytes: &[u8]) -> Result<(), DurableError> {
         let path = self.path(key)?;
         let directory = path.parent().unwrap_or(&self.root).to_path_buf();
-        create_directories(&directory, self.fsync)?;
+        self.create_directories(&directory)?;
         let temp = directory.join(temp_name());
+        let (base, from) = self.place(&temp);
+        let rename = |p: &Path| handle::rename(base, &from, &self.place(p).1);
         self.write_temp(&temp, bytes)
-            .and_then(|()| self.step(Step::Rename, &path, |p| std::fs::rename(&temp, p), bytes.len() as u64))
+            .and_then(|()| self.step(Step::Rename, &path, rename, bytes.len() as u64))
             .inspect_err(|_| {
                 // The error that matters is already in hand; a temp file that stays is swept later.
-                let _ = std::fs::remove_file(&temp);
+                let _ = handle::remove_file(base, &from);
             })?;
         self.sync_directory(&directory)
     }
 
+    fn create_directories(&self, path: &Path) -> Result<(), DurableError> {
+        let (base, relative) = match &self.handle {
+            Some(_) => self.place(path),
+            None => return create_directories(path, self.fsync),
+        };
+        handle::create_directories(base, &relative, self.fsync)
+            .map_err(|e| DurableError::io("create directory", path, 0, e))
+    }
+
     fn write_temp(&self, temp: &Path, bytes: &[u8]) -> Result<(), DurableError> {
         let size = bytes.len() as u64;
-        let mut file =
-            self.step(Step::Create, temp, |p| File::options().write(true).create_new(true).open(p), size)?;
+        let (base, relative) = self.place(temp);
+        let mut file = self.step(Step::Create, temp, |_| handle::create_new(base, &relative), size)?;
         let mut write = |part: &[u8]| match self.fsync {
             true => direct::write_all(&mut file, part),
             false => file.write_all(part),
@@ -166,7 +261,8 @@ impl Directory {
 
     fn sync_directory(&self, directory: &Path) -> Result<(), DurableError> {
         if self.fsync {
-            self.step(Step::SyncDirectory, directory, sync_directory, 0)?;
+            let (base, relative) = self.place(directory);
+            self.step(Step::SyncDirectory, directory, |_| handle::sync_directory(base, &relative), 0)?;
         }
         Ok(())
     }
@@ -185,7 +281,7 @@ impl Directory {
     /// [`DurableError::Length`] past the limit; [`DurableError`] if it cannot be read.
     pub fn read_at_most(&self, key: &str, limit: u64) -> Result<Option<Vec<u8>>, DurableError> {
         let path = self.path(key)?;
-        let Some((mut file, size)) = open(&path)? else { return Ok(None) };
+        let Some((mut file, size)) = self.open(&path)? else { return Ok(None) };
         if size > limit {
             return Err(DurableError::Length { path, expected: limit, found: size });
         }
@@ -201,7 +297,7 @@ impl Directory {
     pub fn read_range(&self, key: &str, offset: i64, length: u64) -> Result<Option<Vec<u8>>, DurableError> {
         use std::os::unix::fs::FileExt;
         let path = self.path(key)?;
-        let Some((file, size)) = open(&path)? else { return Ok(None) };
+        let Some((file, size)) = self.open(&path)? else { return Ok(None) };
         let start = if offset < 0 { size.checked_sub(offset.unsigned_abs()) } else { Some(offset as u64) };
         let fits = |s: &u64| s.checked_add(length).is_some_and(|end| end <= size);
         let Some(start) = start.filter(fits) else {
@@ -217,7 +313,7 @@ impl Directory {
     pub fn will_read(&self, key: &str, offset: u64, length: u64) {
         #[cfg(target_os = "linux")]
         if let Ok(path) = self.path(key)
-            && let Ok(Some((file, _))) = open(&path)
+            && let Ok(Some((file, _))) = self.open(&path)
         {
             let length = std::num::NonZeroU64::new(length);
             let _ = rustix::fs::fadvise(&file, offset, length, rustix::fs::Advice::WillNeed);
@@ -230,8 +326,9 @@ impl Directory {
     /// [`DurableError`] if it cannot be looked up.
     pub fn size_of(&self, key: &str) -> Result<Option<u64>, DurableError> {
         let path = self.path(key)?;
-        match std::fs::metadata(&path) {
-            Ok(m) => Ok(m.is_file().then_some(m.len())),
+        let (base, relative) = self.place(&path);
+        match handle::stat(base, &relative) {
+            Ok(stat) => Ok(handle::is_file(&stat).then_some(stat.st_size as u64)),
             Err(e) if absent(&e) => Ok(None),
             Err(e) => Err(DurableError::io("look up", &path, 0, e)),
         }
@@ -243,15 +340,13 @@ impl Directory {
     /// [`DurableError`] if it cannot be listed.
     pub fn names(&self, key: &str) -> Result<Vec<String>, DurableError> {
         let path = self.path(key)?;
-        let failed = |e| DurableError::io("list", &path, 0, e);
-        let listing = match std::fs::read_dir(&path) {
+        let (base, relative) = self.place(&path);
+        let entries = match handle::entries(base, &relative) {
             Err(e) if absent(&e) => return Ok(Vec::new()),
-            other => other.map_err(failed)?,
+            other => other.map_err(|e| DurableError::io("list", &path, 0, e))?,
         };
-        let mut names = Vec::new();
-        for entry in listing {
-            names.extend(entry.map_err(failed)?.file_name().into_string().ok().filter(|n| !is_temp_name(n)));
-        }
+        let names = entries.into_iter().filter_map(|(name, _)| name.into_string().ok());
+        let mut names: Vec<String> = names.filter(|name| !is_temp_name(name)).collect();
         names.sort();
         Ok(names)
     }
@@ -262,16 +357,52 @@ impl Directory {
     /// [`DurableError`] if it cannot be removed.
     pub fn remove(&self, key: &str) -> Result<(), DurableError> {
         let path = self.path(key)?;
+        let (base, relative) = self.place(&path);
         let gone = self.step(
             Step::Remove,
             &path,
-            |p| match std::fs::remove_file(p) {
+            |_| match handle::remove_file(base, &relative) {
                 Err(e) if absent(&e) => Ok(false),
                 other => other.map(|()| true),
             },
             0,
         )?;
         if gone { self.sync_directory(path.parent().unwrap_or(&self.root)) } else { Ok(()) }
+    }
+
+    /// Gives the file `key` the name `to`, replacing what was there. `false` if there is no such file.
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be renamed.
+    pub fn rename(&self, key: &str, to: &str) -> Result<bool, DurableError> {
+        let (from, to) = (self.path(key)?, self.path(to)?);
+        let ((base, old), (_, new)) = (self.place(&from), self.place(&to));
+        match self.step(Step::Rename, &to, |_| handle::rename(base, &old, &new), 0) {
+            Err(DurableError::Io { source, .. }) if absent(&source) => Ok(false),
+            other => other.map(|()| true),
+        }
+    }
+
+    /// Removes directory `key` with all in it; one that is not there is fine. It is renamed first: whole or not there, also
+    /// if the removal is cut short.
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be renamed or removed.
+    pub fn remove_tree(&self, key: &str) -> Result<(), DurableError> {
+        let path = self.path(key)?;
+        let temp = path.with_file_name(temp_name());
+        let ((base, from), (_, aside)) = (self.place(&path), self.place(&temp));
+        match fault::strike(Step::Publish).and_then(|()| handle::rename(base, &from, &aside)) {
+            Err(e) if absent(&e) => return Ok(()),
+            other => other.map_err(|e| DurableError::io("rename", &path, 0, e))?,
+        }
+        self.sync_directory(path.parent().unwrap_or(&self.root))?;
+        handle::remove_tree(base, &aside).map_err(|e| DurableError::io("remove", &temp, 0, e))
+    }
+
+    fn open(&self, path: &Path) -> Result<Option<(File, u64)>, DurableError> {
+        let (base, relative) = self.place(path);
+        regular(path, handle::open(base, &relative))
     }
 }
 
@@ -280,8 +411,12 @@ fn absent(e: &std::io::Error) -> bool {
 }
 
 fn open(path: &Path) -> Result<Option<(File, u64)>, DurableError> {
-    let opened = File::open(path).and_then(|f| f.metadata().map(|m| (f, m)));
-    match opened {
+    regular(path, File::open(path))
+}
+
+/// The file and its size; `None` if nothing is there, or no regular file.
+fn regular(path: &Path, opened: std::io::Result<File>) -> Result<Option<(File, u64)>, DurableError> {
+    match opened.and_then(|f| f.metadata().map(|m| (f, m))) {
         Ok((file, m)) if m.is_file() => Ok(Some((file, m.len()))),
         Ok(_) => Ok(None),
         Err(e) if absent(&e) => Ok(None),
@@ -289,12 +424,8 @@ fn open(path: &Path) -> Result<Option<(File, u64)>, DurableError> {
     }
 }
 
-/// Flushes a directory's entries. File systems that cannot (some network ones) say so with EINVAL, and are believed.
 fn sync_directory(path: &Path) -> std::io::Result<()> {
-    match File::open(path)?.sync_all() {
-        Err(e) if matches!(e.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
-        other => other,
-    }
+    handle::sync_directory(CWD, path)
 }
 
 /// Creates `path` and what lacks above it; with `fsync` each new entry is flushed in its parent.
@@ -324,12 +455,23 @@ pub fn create_directories(path: &Path, fsync: bool) -> Result<(), DurableError> 
     }
 }
 
-/// Gives the directory `temp` the name `path`, durably. `false` if another has taken the name meanwhile.
+/// Gives the directory or file `temp` the name `path`, durably. `false` if another has taken the name meanwhile.
 ///
 /// # Errors
 /// [`DurableError`] if it cannot be renamed.
 pub fn publish(temp: &Path, path: &Path, fsync: bool) -> Result<bool, DurableError> {
-    match fault::strike(Step::Publish).and_then(|()| std::fs::rename(temp, path)) {
+    // A file would replace another one that has the name, a directory does not.
+    let rename = || match temp.symlink_metadata()?.is_file() {
+        true => match std::fs::hard_link(temp, path) {
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => Err(e),
+            Ok(()) => std::fs::remove_file(temp),
+            // A file system without hard links: a moment is left in which another may take the name.
+            Err(_) if path.symlink_metadata().is_ok() => Err(ErrorKind::AlreadyExists.into()),
+            Err(_) => std::fs::rename(temp, path),
+        },
+        false => std::fs::rename(temp, path),
+    };
+    match fault::strike(Step::Publish).and_then(|()| rename()) {
         Err(e)
             if matches!(
                 e.kind(),
@@ -353,14 +495,29 @@ pub fn parent_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Removes a directory with all in it. It is renamed first: whole or not there, also if the removal is cut short.
+/// Where `path` leads if it is a link, also one to nothing; else `path` itself, without a `/` at its end. Whatever is put
+/// there by renaming then leaves the link as it is.
+pub fn link_target(path: &Path) -> PathBuf {
+    if is_url(path) {
+        return path.to_path_buf();
+    }
+    let mut place: PathBuf = path.components().collect();
+    // As many links in a row as the system follows; a loop is reported by whatever is done to it next.
+    for _ in 0..40 {
+        let Ok(target) = std::fs::read_link(&place) else { break };
+        place = parent_of(&place).join(target).components().collect();
+    }
+    place
+}
+
+/// Fails if this process may not create files in `directory`.
 ///
 /// # Errors
-/// [`DurableError`] if it cannot be renamed or removed.
-pub fn remove_directory(path: &Path) -> Result<(), DurableError> {
-    let temp = parent_of(path).join(temp_name());
-    publish(path, &temp, true)?;
-    std::fs::remove_dir_all(&temp).map_err(|e| DurableError::io("remove", &temp, 0, e))
+/// [`DurableError::Permission`] if it may not; [`DurableError`] if the file system does not answer.
+pub fn check_writable(directory: &Path) -> Result<(), DurableError> {
+    use rustix::fs::Access;
+    rustix::fs::access(directory, Access::WRITE_OK | Access::EXEC_OK)
+        .map_err(|e| DurableError::io("write into", directory, 0, e.into()))
 }
 
 /// Bytes that an ordinary user may still write on the file system that holds `path`, which must exist.

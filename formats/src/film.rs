@@ -4,7 +4,15 @@
 //! `y`, `x` (`roi_0_y`, …) in mm from the optical axis, y down. Fill value NaN. A shard is one file, absent or whole:
 //! present means done. [`FilmStore::create`] makes all metadata at once and in one rename, so a killed creation leaves
 //! no film; the pixels of a shard follow from nothing but their values and the layout, so runs can be compared by file.
+//!
+//! A film that was opened stays that film. In a directory all is read and written through a handle on the directory that was
+//! opened ([`Directory::opened`]): when another film takes its path (`--overwrite`), nothing of this one can reach the new one.
+//! Every commit, and every lock once it is taken, compares the digests of job and layout at the path with those that
+//! were opened ([`FilmStore::check_in_place`]). At a URL there are no handles and the comparison is all there is: between it
+//! and the end of the put that follows, a film that is removed and begun anew there still gets the one object of that put,
+//! and a lock does not exist. Two jobs must not share a URL at the same time.
 
+mod contents;
 mod engines;
 mod error;
 mod pyramid;
@@ -23,7 +31,9 @@ pub use pyramid::{PyramidState, halve, level_sizes};
 pub use spec::{FilmOutput, FilmSpec};
 pub use verify::{Finding, Verdict};
 
-use crate::durable::{Directory, DurableError, Lock, LockError, Owner, Store, Sweep, is_url};
+use crate::durable::{
+    Directory, DurableError, Lock, Owner, Removal, Store, Sweep, fault_point, is_url, link_target,
+};
 use crate::hierarchy::NewGroup;
 use crate::shard::{ShardEncoder, ShardError};
 
@@ -85,10 +95,13 @@ impl FilmStore {
         for output in &spec.outputs {
             group.array(&output.name, spec.array(output))?;
         }
+        let vanished =
+            || DurableError::Vanished { path: group.store.root().into(), missing: "directory".into() };
+        let store = group.opened()?.ok_or_else(vanished)?;
         if !group.publish(spec.attributes(SCHEMA, &provenance))? {
             return Err(exists());
         }
-        Self::with(Store::at(path)?.with_fsync(fsync), spec, provenance)
+        Self::with(store, spec, provenance)
     }
 
     /// Opens the film at `path`, to go on with it or to look at it.
@@ -96,7 +109,7 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::NotFilm`] if there is none; [`FilmError::Damaged`] if its metadata contradict each other.
     pub fn open(path: &Path, fsync: bool) -> Result<Self, FilmError> {
-        let store = Store::at(path)?;
+        let store = open_store(path)?;
         let attributes = film_attributes(&store)?;
         let (spec, provenance) = FilmSpec::from_attributes(path, attributes)?;
         for output in &spec.outputs {
@@ -127,22 +140,35 @@ impl FilmStore {
         self
     }
 
-    /// Removes the film at `path` with all its pixels; nothing there is fine.
+    /// Removes the film at `path` with all its pixels; nothing there is fine. Where `path` is a link, it stays.
     ///
     /// # Errors
-    /// [`FilmError::NotFilm`] for anything but a film of this program.
+    /// [`FilmError::NotFilm`] for anything but a film of this program; [`FilmError::Foreign`] if the film's directory holds
+    /// something that the film did not make; [`FilmError::Renewed`] if another run replaced it meanwhile. Nothing is removed then.
     pub fn remove_film(path: &Path) -> Result<(), FilmError> {
-        let store = Store::at(path)?;
-        if !store.exists()? {
+        let place = link_target(path);
+        if !Store::at(&place)?.exists()? {
             return Ok(());
         }
+        let store = open_store(&place)?;
         let attributes = film_attributes(&store)?;
-        let film = FilmSpec::from_attributes(path, attributes)
+        let film = FilmSpec::from_attributes(&place, attributes)
             .and_then(|(spec, p)| Self::with(store.clone(), spec, p));
-        // One whose layout cannot be read has no shards that anybody could count.
-        let known =
-            film.map_or_else(|_| Vec::new(), |f| f.every_shard().map(|(o, b, s)| f.key(o, b, s)).collect());
-        Ok(store.remove_all(known)?)
+        // One whose layout cannot be read has no shards that could be counted.
+        let (known, arrays) = film.map_or_else(
+            |_| (Vec::new(), Vec::new()),
+            |film| {
+                let known = film.every_shard().map(|(o, b, s)| film.key(o, b, s)).collect();
+                let coordinates = film.spec.coordinates().into_iter().map(|(name, _)| name);
+                (known, film.spec.outputs.iter().map(|o| o.name.clone()).chain(coordinates).collect())
+            },
+        );
+        let own = move |key: &str| contents::is_own(&arrays, key);
+        match store.remove_all(known, own)? {
+            Removal::Done => Ok(()),
+            Removal::Foreign(names) => Err(FilmError::Foreign { path: path.into(), names }),
+            Removal::Replaced => Err(FilmError::Renewed { path: path.into() }),
+        }
     }
 
     /// Shards of the film at `path` to write at once: enough to keep a disk busy, or to hide the way to a store and back, some
@@ -270,52 +296,65 @@ impl FilmStore {
     /// Writes a shard, durably and all at once; from then on it is present.
     ///
     /// # Errors
-    /// [`FilmError::Storage`]; the shard then is as it was before.
+    /// [`FilmError::Storage`]; the shard then is as it was before. [`FilmError::Replaced`] or [`FilmError::Renewed`] if another
+    /// film has taken its place; that one is as it was before.
     pub fn commit(&self, shard: &EncodedShard) -> Result<(), FilmError> {
-        self.still_there()?;
-        self.store
-            .write(&shard.key, shard.bytes.clone())
-            .map_err(|e| self.still_there().err().unwrap_or(e.into()))
+        fault_point("commit");
+        self.check_in_place()?;
+        fault_point("commit-checked");
+        self.in_place(self.store.write(&shard.key, shard.bytes.clone()))
     }
 
     /// Writes a file that is no part of the film's arrays, such as `runs/….json`.
     ///
     /// # Errors
-    /// [`FilmError::Storage`].
+    /// As [`FilmStore::commit`].
     pub fn write_beside(&self, key: &str, bytes: &[u8]) -> Result<(), FilmError> {
-        self.still_there()?;
-        Ok(self.store.write(key, bytes.to_vec())?)
+        self.check_in_place()?;
+        self.in_place(self.store.write(key, bytes.to_vec()))
     }
 
-    /// A film that was removed or unmounted meanwhile must not come back as shards without metadata.
-    fn still_there(&self) -> Result<(), FilmError> {
-        let there = match &self.store {
-            Store::Directory(_) => self.store.size_of("zarr.json")?.is_some(),
-            // Without locks another run may have removed the film and begun its own.
-            Store::Objects(_) => match json(&self.store, "zarr.json")? {
-                Some(group)
-                    if digest(group["attributes"]["provenance"].as_object())
-                        != digest(Some(&self.provenance)) =>
-                {
-                    return Err(FilmError::Replaced { path: self.path().into() });
-                }
-                group => group.is_some(),
-            },
+    /// What a write gave; an error of a film that is gone says that it is gone.
+    fn in_place<T>(&self, written: Result<T, DurableError>) -> Result<T, FilmError> {
+        written.map_err(|e| self.check_in_place().err().unwrap_or(e.into()))
+    }
+
+    /// Fails unless this film still lies at its path: one that was removed or unmounted must not come back as shards without
+    /// metadata, and one that was replaced by another job's must not get shards of this one.
+    ///
+    /// # Errors
+    /// [`FilmError::Replaced`], [`FilmError::Renewed`]; [`DurableError::Vanished`] if no film is there;
+    /// [`FilmError::Storage`] if the store does not answer.
+    pub fn check_in_place(&self) -> Result<(), FilmError> {
+        let in_place = self.store.is_in_place()?;
+        let there = match in_place {
+            true => json(&self.store, "zarr.json")?,
+            false => json(&Store::at(self.path())?, "zarr.json")?,
         };
+        let path = || self.path().into();
         match there {
-            true => Ok(()),
-            false => {
-                Err(DurableError::Vanished { path: self.path().into(), missing: "zarr.json".into() }.into())
+            None => Err(DurableError::Vanished { path: path(), missing: "zarr.json".into() }.into()),
+            Some(group)
+                if identity(group["attributes"]["provenance"].as_object())
+                    != identity(Some(&self.provenance)) =>
+            {
+                Err(FilmError::Replaced { path: path() })
             }
+            Some(_) if in_place => Ok(()),
+            Some(_) => Err(FilmError::Renewed { path: path() }),
         }
     }
 
-    /// Takes the lock of a unit of work on this film; see [`Lock`]. `None`: the store knows no locks.
+    /// Takes the lock of a unit of work on this film; see [`Lock`]. `None`: the store knows no locks. A lock of another film
+    /// that has taken its place meanwhile is released again.
     ///
     /// # Errors
-    /// [`LockError`] if another has it.
-    pub fn lock(&self, unit: &str, take_over: bool) -> Result<Option<Lock>, LockError> {
-        self.store.lock("runs", unit, take_over)
+    /// [`FilmError::Locked`] if another has it; as [`FilmStore::check_in_place`].
+    pub fn lock(&self, unit: &str, take_over: bool) -> Result<Option<Lock>, FilmError> {
+        self.check_in_place()?;
+        let lock = self.store.lock("runs", unit, take_over);
+        self.check_in_place()?;
+        Ok(lock?)
     }
 
     /// The locks on the film at `path`, each with its owner and whether that one is dead, as far as can be known.
@@ -368,17 +407,25 @@ impl FilmStore {
     }
 
     /// Removes a shard; one that is not there is fine.
-    ///
-    /// # Errors
-    /// [`FilmError::Storage`] if it cannot be removed.
-    pub fn remove(&self, output: usize, band: usize, shard: (usize, usize)) -> Result<(), FilmError> {
+    #[cfg(test)]
+    fn remove(&self, output: usize, band: usize, shard: (usize, usize)) -> Result<(), FilmError> {
         Ok(self.store.remove(&self.key(output, band, shard))?)
     }
 }
 
-/// What tells one job's film from another's.
-fn digest(provenance: Option<&Map<String, Value>>) -> Option<&Value> {
-    provenance?.get("job_digest")
+/// What distinguishes one job's film from another's: the digests of the job and of the layout of its files.
+fn identity(provenance: Option<&Map<String, Value>>) -> [Option<&Value>; 2] {
+    ["job_digest", "layout_digest"].map(|key| provenance?.get(key))
+}
+
+/// The store at `path`, held open.
+fn open_store(path: &Path) -> Result<Store, FilmError> {
+    let store = Store::at(path)?;
+    let found = |exists| if exists { "no readable zarr.json" } else { "nothing" };
+    match store.clone().opened()? {
+        Some(open) => Ok(open),
+        None => Err(FilmError::NotFilm { path: path.into(), found: found(store.exists()?).into() }),
+    }
 }
 
 fn json(store: &Store, key: &str) -> Result<Option<Value>, FilmError> {

@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use crate::durable::{
-    DurableError, Store, create_directories, parent_of, publish, replace_directory, sweep_entries, temp_name,
+    DurableError, Store, create_directories, link_target, parent_of, publish, replace_directory, sweep_entries,
+    temp_name,
 };
 
 fn bytes_and_crc() -> Value {
@@ -79,6 +80,8 @@ impl NewGroup {
         fsync: bool,
         ours: impl Fn(&str) -> bool + Send + Sync + 'static,
     ) -> Result<Option<Self>, DurableError> {
+        // A link stays a link: what it leads to is made.
+        let place = &link_target(place);
         let store = match Store::at(place)? {
             Store::Objects(objects) => {
                 // Read, not asked about: only then a store says what is wrong.
@@ -103,6 +106,7 @@ impl NewGroup {
 
     /// Begins a group that replaces the directory at `place` when it is complete.
     pub(crate) fn replacing(place: &Path, fsync: bool) -> Result<Self, DurableError> {
+        let place = &link_target(place);
         let parent = parent_of(place);
         sweep_entries(parent)?;
         let store = Store::at(&parent.join(temp_name()))?.with_fsync(fsync);
@@ -124,6 +128,15 @@ impl NewGroup {
     ) -> Result<(), DurableError> {
         self.store.write(&format!("{name}/c/0"), bytes)?;
         self.array(name, metadata)
+    }
+
+    /// The group's store, held open so that it stays this group after it has its place, whatever takes that place later.
+    pub(crate) fn opened(&self) -> Result<Option<Store>, DurableError> {
+        let place = &self.place;
+        Ok(self.store.clone().opened()?.map(|store| match store {
+            Store::Directory(directory) => Store::Directory(directory.renamed(place)),
+            objects @ Store::Objects(_) => objects,
+        }))
     }
 
     /// Writes the group's own metadata and gives the group its place. `false`: another has taken it meanwhile.

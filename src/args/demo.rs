@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = "Example:  lenscube demo --dir demo --size 2048")]
 pub struct DemoArgs {
-    /// Where the pictures and stores go
+    /// Where the pictures and stores go; a directory that holds anything else than an earlier demo is refused
     #[arg(long, default_value = "lenscube-demo")]
     pub dir: PathBuf,
     /// Film side of the overview in pixels; it always spans the whole 28.28 mm

@@ -18,7 +18,8 @@ pub struct RunArgs {
     /// The film to write, a Zarr v3 group, here or at s3://BUCKET/PREFIX
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// A lens pack (directory or .zip, also at a URL), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in lens
+    /// A lens pack (directory or .zip, also at a URL), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in
+    /// lens; that name always means the built-in lens, a file so named is ./NAME
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Raw samples: the chart's shape, band after band

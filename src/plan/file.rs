@@ -1,9 +1,9 @@
 //! The plan on disk: JSON that a person can read, one line a unit, with the digest of all its other lines.
 
 use super::words::Words;
-use crate::failure::other_job;
+use crate::failure::{other_job, usage};
 use anyhow::{Context, Result};
-use formats::durable::{Directory, parent_of};
+use formats::durable::{Directory, check_writable, link_target, parent_of};
 use formats::film::FilmStore;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -107,27 +107,37 @@ impl Plan {
         (text.replacen("{\n", &format!("{{\n{}", digest_line(&digest)), 1), digest)
     }
 
+    /// Where it goes: `output`, or a file named by its digest in that directory.
+    fn place(&self, output: &Path) -> PathBuf {
+        match output.is_dir() {
+            true => output.join(format!("plan-{}.json", &self.text().1[..NAMED])),
+            false => link_target(output),
+        }
+    }
+
+    /// Whether this very plan is at `output` already.
+    ///
+    /// # Errors
+    /// Another file is there (exit code 3).
+    pub fn check_output(&self, output: &Path) -> Result<bool> {
+        let path = self.place(output);
+        let name = path.file_name().and_then(|n| n.to_str()).context("the plan's name is no UTF-8")?;
+        match Directory::new(parent_of(&path)).read_at_most(name, LARGEST)? {
+            Some(there) if there == self.text().0.as_bytes() => Ok(true),
+            None if path.symlink_metadata().is_err() => Ok(false),
+            _ => Err(not_this(&path)),
+        }
+    }
+
     /// Writes it to `output`, or into that directory under its digest; the same plan there already is left as it is.
     ///
     /// # Errors
     /// Another file is there (exit code 3); the disk.
     pub fn write(&self, output: &Path) -> Result<PathBuf> {
-        let (text, digest) = self.text();
-        let path = match output.is_dir() {
-            true => output.join(format!("plan-{}.json", &digest[..NAMED])),
-            false => output.to_owned(),
-        };
-        let name = path.file_name().and_then(|n| n.to_str()).context("the plan's name is no UTF-8")?;
-        let directory = Directory::new(parent_of(&path));
-        match directory.read_at_most(name, LARGEST)? {
-            Some(there) if there == text.as_bytes() => return Ok(path),
-            Some(_) => {
-                return Err(other_job(format!(
-                    "{} exists and is not this plan; a plan does not change once written: choose another name",
-                    path.display()
-                )));
-            }
-            None => directory.write(name, text.as_bytes())?,
+        let path = self.place(output);
+        if !self.check_output(output)? {
+            let name = path.file_name().and_then(|n| n.to_str()).context("the plan's name is no UTF-8")?;
+            Directory::new(parent_of(&path)).write(name, self.text().0.as_bytes())?;
         }
         Ok(path)
     }
@@ -214,6 +224,34 @@ impl Unit {
         self.bands.contains(&band)
             && self.rows.get(output).is_some_and(|(first, end)| (*first..*end).contains(&row))
     }
+}
+
+/// Fails if no plan can be written to `output`, as far as that is known before the plan is made.
+///
+/// # Errors
+/// Usage: its directory is not there or must not be written; a file that is no plan is there (exit code 3).
+pub fn check_place(output: &Path) -> Result<()> {
+    let output = &link_target(output);
+    let directory = if output.is_dir() { output } else { parent_of(output) };
+    if !directory.is_dir() {
+        return Err(usage(format!(
+            "--output {}: there is no directory {}",
+            output.display(),
+            directory.display()
+        )));
+    }
+    check_writable(directory)?;
+    if !output.is_dir() && output.symlink_metadata().is_ok() {
+        Plan::read(output).map_err(|_| not_this(output))?;
+    }
+    Ok(())
+}
+
+fn not_this(path: &Path) -> anyhow::Error {
+    other_job(format!(
+        "{} exists and is not this plan; a plan does not change once written: choose another name",
+        path.display()
+    ))
 }
 
 fn digest_line(digest: &str) -> String {

@@ -5,6 +5,7 @@ use crate::failure::usage;
 use anyhow::{Context, Result};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, CommandFactory, FromArgMatches};
+use formats::durable::is_url;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -102,12 +103,20 @@ fn values(matches: &ArgMatches, id: &str) -> Result<Vec<String>> {
     matches.get_raw(id).into_iter().flatten().map(text).collect()
 }
 
-/// A path, or anything that is none (`gen:…`, a URL), as processes that start elsewhere must name it.
+/// A chart as processes that start elsewhere must name it: drawn (`gen:…`), a URL, or an absolute path.
 ///
 /// # Errors
 /// The current directory is gone, or is no UTF-8.
 pub fn absolute(word: &str) -> Result<String> {
-    if word.starts_with("gen:") || word.contains("://") || Path::new(word).is_absolute() {
+    if word.starts_with("gen:") { Ok(word.to_owned()) } else { absolute_path(word) }
+}
+
+/// A path as processes that start elsewhere must name it; a URL stays as it is.
+///
+/// # Errors
+/// As [`absolute`].
+pub fn absolute_path(word: &str) -> Result<String> {
+    if is_url(Path::new(word)) || Path::new(word).is_absolute() {
         return Ok(word.to_owned());
     }
     let here = std::env::current_dir().context("asking for the current directory")?;

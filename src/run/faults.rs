@@ -144,8 +144,10 @@ fn is_local(error: &RunError) -> bool {
         return false;
     }
     let door = error.door();
-    if let Some(FilmError::Storage(e)) = door.downcast_ref() {
-        return !e.retryable();
+    match door.downcast_ref() {
+        Some(FilmError::Storage(e)) => return !e.retryable(),
+        Some(FilmError::Replaced { .. } | FilmError::Renewed { .. }) => return false,
+        _ => (),
     }
     match door.downcast_ref::<ChartError>() {
         Some(ChartError::Io(e)) => e.is_device_error() || !e.retryable(),

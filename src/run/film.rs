@@ -5,7 +5,7 @@ use crate::failure::{other_job, usage};
 use crate::job::Job;
 use crate::open::Chart;
 use anyhow::{Result, bail};
-use formats::durable::{Lock, Store, is_url, parent_of, sweep_entries};
+use formats::durable::{Lock, Store, fault_point, is_url, link_target, parent_of, sweep_entries};
 use formats::film::{FilmError, FilmSpec, FilmStore};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -21,32 +21,46 @@ pub fn layout(spec: &FilmSpec) -> Value {
     json!({ "dtype": spec.sample, "shard": spec.shard, "chunk": spec.chunk, "codec": spec.codec })
 }
 
-/// A film may be the chart of the next one, never of itself: `--overwrite` would remove what is to be read. Nor does it
-/// lie inside its chart, whose files it would change.
+/// A film may be the chart of the next one, never of itself: `--overwrite` would remove what is to be read. Nor does it lie inside
+/// its chart or its lens pack, whose files it would change.
 pub fn keep_apart(job: &Job, film: &Path) -> Result<()> {
-    let Chart::Store(chart) = &job.chart else { return Ok(()) };
-    if is_url(film) {
-        // Of URLs there is no other name.
-        return match (chart.path().starts_with(film), film.starts_with(chart.path())) {
-            (false, false) => Ok(()),
-            (holds, _) => Err(apart(film, chart.path(), holds)),
-        };
+    if let Chart::Store(chart) = &job.chart {
+        apart_from_chart(film, chart.path())?;
     }
-    let Ok(there) = chart.path().canonicalize() else { return Ok(()) };
-    match film.canonicalize() {
-        Ok(real) if there.starts_with(&real) => Err(apart(film, chart.path(), true)),
-        _ if real(film).starts_with(&there) => Err(apart(film, chart.path(), false)),
+    match job.lens.pack() {
+        // One that lies inside the film is read, and refuses `--overwrite` as any file does that the film did not make.
+        Some(pack) if !is_url(film) && real(film).starts_with(real(pack.path())) => {
+            Err(apart("lies inside", film, "lens pack", pack.path()))
+        }
         _ => Ok(()),
     }
 }
 
-fn apart(film: &Path, chart: &Path, holds: bool) -> anyhow::Error {
-    let words = if holds { "holds" } else { "lies inside" };
-    usage(format!("{} {words} its own chart, {}; choose another path", film.display(), chart.display()))
+fn apart_from_chart(film: &Path, chart: &Path) -> Result<()> {
+    let error = |words: &str| Err(apart(words, film, "chart", chart));
+    if is_url(film) {
+        // A URL has no other name.
+        return match (chart.starts_with(film), film.starts_with(chart)) {
+            (true, _) => error("holds"),
+            (_, true) => error("lies inside"),
+            _ => Ok(()),
+        };
+    }
+    let Ok(there) = chart.canonicalize() else { return Ok(()) };
+    match film.canonicalize() {
+        Ok(real) if there.starts_with(&real) => error("holds"),
+        _ if real(film).starts_with(&there) => error("lies inside"),
+        _ => Ok(()),
+    }
+}
+
+fn apart(words: &str, film: &Path, what: &str, input: &Path) -> anyhow::Error {
+    let (film, input) = (film.display(), input.display());
+    usage(format!("{film} {words} its own {what}, {input}; choose another path"))
 }
 
 /// The path with all links of its existing part resolved.
-fn real(path: &Path) -> PathBuf {
+pub fn real(path: &Path) -> PathBuf {
     let parent = parent_of(path);
     match (path.canonicalize(), path.file_name()) {
         (Ok(real), _) => real,
@@ -60,14 +74,31 @@ pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
     let (path, fsync) = (args.film.as_path(), !args.no_fsync);
     if args.overwrite {
         remove(path, args.take_over)?;
+        fault_point("film-removed");
     }
     match FilmStore::create(path, job.film.clone(), provenance(job), fsync) {
         Err(FilmError::Exists { .. }) => (),
         created => return Ok(created?),
     }
     // What a killed creation or removal left beside it.
-    sweep_entries(parent_of(path))?;
-    let store = FilmStore::open(path, fsync).map_err(|e| match e {
+    sweep_entries(parent_of(&link_target(path)))?;
+    resumed(job, args)
+}
+
+/// What the film of a job says of itself, or will say once it is created; nothing is changed.
+///
+/// # Errors
+/// As [`open`] of a film that is there.
+pub fn provenance_of(job: &Job, args: &RunArgs) -> Result<Map<String, Value>> {
+    if args.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
+        return Ok(provenance(job));
+    }
+    Ok(resumed(job, args)?.provenance().clone())
+}
+
+/// Opens the film if it is this job's own.
+fn resumed(job: &Job, args: &RunArgs) -> Result<FilmStore> {
+    let store = FilmStore::open(&args.film, !args.no_fsync).map_err(|e| match e {
         FilmError::NotFilm { .. } => other_job(e.to_string()),
         e => e.into(),
     })?;

@@ -132,11 +132,11 @@ impl Units {
         };
         match store.lock(&format!("units-{}-{listed}", self.name), true) {
             Ok(lock) => Ok(lock),
-            Err(LockError::Storage(e)) => Err(e.into()),
-            Err(other) => {
-                say(format!("note: {other}; working on all the same, both write the same bytes"));
+            Err(FilmError::Locked(held @ (LockError::Held { .. } | LockError::Elsewhere { .. }))) => {
+                say(format!("note: {held}; working on all the same, both write the same bytes"));
                 Ok(None)
             }
+            Err(other) => Err(other.into()),
         }
     }
 }

@@ -12,7 +12,7 @@ use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
-use crate::durable::{DurableError, Store};
+use crate::durable::{DurableError, Removal, Store, is_temp_name, link_target};
 use crate::hierarchy::{NewGroup, array, coordinate};
 use crate::shard::{Codec, SampleType, ShardEncoder, sharding_metadata};
 
@@ -60,6 +60,17 @@ pub enum WriteError {
         /// What lies there.
         path: PathBuf,
     },
+    /// The chart's directory holds what this program did not write.
+    #[error(
+        "replacing chart {path}: it holds what this program did not write: {}; nothing was removed: move that away, or choose \
+         another path", .names.join(", ")
+    )]
+    Foreign {
+        /// The chart.
+        path: PathBuf,
+        /// Paths in it, the first few.
+        names: Vec<String>,
+    },
     /// No bands or no pixels.
     #[error("writing chart {path}: {bands} bands of {size} pixels; expected at least one of each")]
     Empty {
@@ -98,20 +109,27 @@ pub enum WriteError {
 /// Removes the chart at `path`; nothing there is fine.
 ///
 /// # Errors
-/// [`WriteError::NotChart`] for anything but a group with an array `chart`; [`WriteError::Storage`].
+/// [`WriteError::NotChart`] for anything but a group with an array `chart`; [`WriteError::Foreign`] if it holds what this
+/// program did not write; [`WriteError::Storage`].
 pub fn remove_chart(path: &Path) -> Result<(), WriteError> {
     match chart_at(path)? {
-        Some(store) => Ok(store.remove_all(Vec::new())?),
+        Some(store) => match store.remove_all(Vec::new(), is_own)? {
+            Removal::Done => Ok(()),
+            Removal::Foreign(names) => Err(WriteError::Foreign { path: path.into(), names }),
+            Removal::Replaced => Err(WriteError::Exists { path: path.into() }),
+        },
         None => Ok(()),
     }
 }
 
-/// The store of the chart at `path`; `None` if nothing is there.
+/// The open store of the chart at `path`; `None` if nothing is there.
 fn chart_at(path: &Path) -> Result<Option<Store>, WriteError> {
-    let store = Store::at(path)?;
+    let place = link_target(path);
+    let store = Store::at(&place)?;
     if !store.exists()? {
         return Ok(None);
     }
+    let Some(store) = store.opened()? else { return Err(WriteError::NotChart { path: path.into() }) };
     if store.size_of("zarr.json")?.is_none() || store.size_of("chart/zarr.json")?.is_none() {
         return Err(WriteError::NotChart { path: path.into() });
     }
@@ -122,7 +140,8 @@ fn chart_at(path: &Path) -> Result<Option<Store>, WriteError> {
 /// cannot be exchanged: there the old chart is removed first.
 ///
 /// # Errors
-/// [`WriteError`]; in a directory the old chart is there then. [`WriteError::NotChart`] for anything but a chart.
+/// [`WriteError`]; in a directory the old chart is there then. [`WriteError::NotChart`] for anything but a chart,
+/// [`WriteError::Foreign`] if it holds what this program did not write.
 pub fn replace_chart(
     path: &Path,
     source: &dyn ChartSource,
@@ -132,7 +151,12 @@ pub fn replace_chart(
     progress: &(dyn Fn(u64, u64) + Sync),
 ) -> Result<WriteReport, WriteError> {
     let replace = match chart_at(path)? {
-        Some(Store::Directory(_)) => true,
+        Some(store @ Store::Directory(_)) => {
+            if let Some(names) = store.foreign(is_own)? {
+                return Err(WriteError::Foreign { path: path.into(), names });
+            }
+            true
+        }
         Some(Store::Objects(_)) => {
             remove_chart(path)?;
             false
@@ -140,6 +164,19 @@ pub fn replace_chart(
         None => false,
     };
     write(path, source, meta, codec, threads, progress, replace)
+}
+
+/// Whether a chart that this program wrote has the file `key`.
+fn is_own(key: &str) -> bool {
+    let parts: Vec<&str> = key.split('/').collect();
+    let numbers = |parts: &[&str]| {
+        !parts.is_empty() && parts.iter().all(|p| !p.is_empty() && p.bytes().all(|b| b.is_ascii_digit()))
+    };
+    match parts[..] {
+        ["zarr.json"] | ["chart" | "wavelength", "zarr.json"] => true,
+        ["chart" | "wavelength", "c", ref indices @ ..] => numbers(indices),
+        _ => parts.iter().any(|part| is_temp_name(part)),
+    }
 }
 
 /// Writes `source` as a chart at `path` on `threads` threads that hold one shard each. `progress` is told shards done

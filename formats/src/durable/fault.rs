@@ -3,7 +3,13 @@
 //! `LENSCUBE_FAULT=STEP:N:WHAT` strikes the N-th time (from 1) that the process comes to STEP: `create`, `write`, `sync`,
 //! `rename`, `sync-directory`, `remove`, `read`, `publish`, `sweep`, or `any` of them. WHAT is an errno (`28`: no space left),
 //! `kill` (SIGKILL before the step), `stop` (SIGSTOP before it), `torn` (a write of half the bytes, then SIGKILL) or `short`
-//! (half the bytes, and no word about it). With a `+` after N every later time is struck as well: `write:3+:28`.
+//! (half the bytes, and no word about it). With a `+` after N every later time is struck as well: `write:3+:28`. Several
+//! faults are separated by commas, each with a count of its own.
+//!
+//! STEP may also be a named point of the program ([`point`]), at which `stop` holds the process until SIGCONT and `kill` ends it.
+//! `any` does not include them. Points: `film-opened`, `job-ready` (chart opened, lens traced), `locked`, `tiles-begin`, `commit`
+//! (before the film's identity is checked), `commit-checked` (after that, before the write), `film-removed` (`--overwrite`,
+//! before the new film is created), `shards-made` (before the end of the run is reported), `shard-aside` (`verify --repair`).
 
 #[cfg(not(debug_assertions))]
 mod none {
@@ -12,6 +18,9 @@ mod none {
     pub(in super::super) const fn strike(_: Step) -> std::io::Result<()> {
         Ok(())
     }
+
+    /// Nothing in a release.
+    pub const fn point(_: &'static str) {}
 
     pub(in super::super) fn write(
         bytes: &[u8],
@@ -44,9 +53,13 @@ mod asked {
         what: What,
     }
 
-    fn asked() -> Option<&'static Asked> {
-        static ASKED: OnceLock<Option<Asked>> = OnceLock::new();
-        ASKED.get_or_init(|| std::env::var("LENSCUBE_FAULT").ok().map(|text| parse(&text))).as_ref()
+    fn asked() -> &'static [(Asked, AtomicU64)] {
+        static ASKED: OnceLock<Vec<(Asked, AtomicU64)>> = OnceLock::new();
+        ASKED.get_or_init(|| {
+            let text = std::env::var("LENSCUBE_FAULT").unwrap_or_default();
+            let each = text.split(',').filter(|part| !part.is_empty());
+            each.map(|part| (parse(part), AtomicU64::new(0))).collect()
+        })
     }
 
     fn parse(text: &str) -> Asked {
@@ -80,18 +93,20 @@ mod asked {
         }
     }
 
-    fn due(step: Step) -> Option<What> {
-        static COUNT: AtomicU64 = AtomicU64::new(0);
-        let asked = asked()?;
-        if asked.step != "any" && asked.step != name(step) {
-            return None;
+    /// The fault that is due at `name`; `any` stands for it if it is a step.
+    fn due(name: &str, is_step: bool) -> Option<What> {
+        let mut what = None;
+        for (asked, count) in asked() {
+            if asked.step != name && !(is_step && asked.step == "any") {
+                continue;
+            }
+            let n = count.fetch_add(1, Ordering::SeqCst) + 1;
+            if what.is_none() && (n == asked.from || (asked.on && n > asked.from)) {
+                eprintln!("struck by LENSCUBE_FAULT at {name} {n}");
+                what = Some(asked.what);
+            }
         }
-        let n = COUNT.fetch_add(1, Ordering::SeqCst) + 1;
-        let struck = n == asked.from || (asked.on && n > asked.from);
-        if struck {
-            eprintln!("struck by LENSCUBE_FAULT at {} {n}", name(step));
-        }
-        struck.then_some(asked.what)
+        what
     }
 
     fn signal(signal: rustix::process::Signal) {
@@ -116,14 +131,23 @@ mod asked {
     }
 
     pub(in super::super) fn strike(step: Step) -> std::io::Result<()> {
-        due(step).map_or(Ok(()), act)
+        due(name(step), true).map_or(Ok(()), act)
+    }
+
+    /// A place in the program at which a test may hold (`stop`) or end (`kill`) the process.
+    pub fn point(name: &'static str) {
+        match due(name, false) {
+            Some(what @ (What::Stop | What::Kill)) => act(what).expect("a signal is no error"),
+            Some(_) => panic!("LENSCUBE_FAULT: {name} takes stop or kill"),
+            None => (),
+        }
     }
 
     pub(in super::super) fn write(
         bytes: &[u8],
         write: &mut dyn FnMut(&[u8]) -> std::io::Result<()>,
     ) -> std::io::Result<()> {
-        let Some(what) = due(Step::Write) else { return write(bytes) };
+        let Some(what) = due(name(Step::Write), true) else { return write(bytes) };
         if matches!(what, What::Torn | What::Short) {
             write(&bytes[..bytes.len() / 2])?;
         }
@@ -133,6 +157,10 @@ mod asked {
 }
 
 #[cfg(debug_assertions)]
+pub use asked::point;
+#[cfg(debug_assertions)]
 pub(super) use asked::{strike, write};
+#[cfg(not(debug_assertions))]
+pub use none::point;
 #[cfg(not(debug_assertions))]
 pub(super) use none::{strike, write};

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 
+use super::removal::{self, Removal};
 use super::{
-    Directory, DurableError, Lock, LockError, Objects, Owner, Sweep, is_url, locks, remove_directory, sweep,
-    temp_files,
+    Directory, DurableError, Lock, LockError, Objects, Owner, Sweep, is_url, locks, sweep, temp_files,
 };
 
 /// Where a chart, a film or a lens lies. Keys are relative, with `/` (`film/c/0/1/2`).
@@ -35,6 +35,28 @@ impl Store {
         match self {
             Self::Directory(d) => Self::Directory(d.with_fsync(fsync)),
             Self::Objects(_) => self,
+        }
+    }
+
+    /// See [`Directory::opened`]; objects cannot be held open, and stay what lies at their URL.
+    ///
+    /// # Errors
+    /// As [`Directory::opened`].
+    pub fn opened(self) -> Result<Option<Self>, DurableError> {
+        match self {
+            Self::Directory(d) => Ok(d.opened()?.map(Self::Directory)),
+            Self::Objects(_) => Ok(Some(self)),
+        }
+    }
+
+    /// Whether the directory that is open still lies at its path. Objects are what lies at their URL.
+    ///
+    /// # Errors
+    /// As [`Directory::is_at`].
+    pub fn is_in_place(&self) -> Result<bool, DurableError> {
+        match self {
+            Self::Directory(d) => d.is_at(d.root()),
+            Self::Objects(_) => Ok(true),
         }
     }
 
@@ -150,26 +172,48 @@ impl Store {
         }
     }
 
-    /// Removes the store with all in it; `known` are keys that a list of objects might not show yet.
+    /// Removes the group `key` with all below it; nothing there is fine. `known`: keys below it that a list of a store far away may
+    /// not show yet. Cut short, the group's own metadata is still there, or all of it is gone.
     ///
     /// # Errors
     /// [`DurableError`] if it cannot be removed.
-    pub fn remove_all(&self, known: Vec<String>) -> Result<(), DurableError> {
+    pub fn remove_tree(&self, key: &str, known: Vec<String>) -> Result<(), DurableError> {
         match self {
-            Self::Directory(d) => remove_directory(d.root()),
-            Self::Objects(o) => o.remove_all(known),
+            Self::Directory(d) => d.remove_tree(key),
+            Self::Objects(o) => o.below(key)?.remove_all(known),
         }
     }
 
-    /// Removes the group `key` with all below it, which is there. `known`: keys below it that a list of a store far away may not
-    /// show yet. Cut short, the group's own metadata is still there, or all of it is gone.
+    /// What lies in it that `own` does not know by its key, the first few; `None` if `own` knows all. A directory must be open.
     ///
     /// # Errors
-    /// [`DurableError`] if it cannot be removed.
-    pub fn remove_group(&self, key: &str, known: Vec<String>) -> Result<(), DurableError> {
+    /// [`DurableError`] if it cannot be listed.
+    pub fn foreign(
+        &self,
+        own: impl Fn(&str) -> bool + Send + Sync + 'static,
+    ) -> Result<Option<Vec<String>>, DurableError> {
         match self {
-            Self::Directory(d) => remove_directory(&d.path(key)?),
-            Self::Objects(o) => o.below(key)?.remove_all(known),
+            Self::Directory(d) => removal::foreign(d, &own),
+            Self::Objects(o) => Ok(o.first_key(move |key| !own(key))?.map(|key| vec![key])),
+        }
+    }
+
+    /// Removes the store with all in it, if `own` knows all of it by its keys; `known` are keys that a list of objects might
+    /// not show yet. A directory must be open ([`Store::opened`]).
+    ///
+    /// # Errors
+    /// [`DurableError`] if it cannot be listed or removed.
+    pub fn remove_all(
+        &self,
+        known: Vec<String>,
+        own: impl Fn(&str) -> bool + Send + Sync + 'static,
+    ) -> Result<Removal, DurableError> {
+        match self {
+            Self::Directory(d) => removal::remove_all(d, &own),
+            Self::Objects(o) => match self.foreign(own)? {
+                Some(names) => Ok(Removal::Foreign(names)),
+                None => o.remove_all(known).map(|()| Removal::Done),
+            },
         }
     }
 

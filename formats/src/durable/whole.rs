@@ -23,7 +23,8 @@ use rustix::fs::{Mode, OFlags, RenameFlags};
 
 use super::fault::strike;
 use super::{
-    DurableError, Step, is_url, parent_of, publish, remove_temp, sweep_entries, sync_directory, temp_name,
+    DurableError, Step, is_url, link_target, parent_of, publish, remove_temp, sweep_entries, sync_directory,
+    temp_name,
 };
 
 /// A file that is being written. Dropped before [`WholeFile::finish`], it leaves nothing.
@@ -44,6 +45,8 @@ impl WholeFile {
         if is_url(place) {
             return Err(not_here(place));
         }
+        // A link stays a link: the file that it leads to is replaced.
+        let place = &link_target(place);
         let parent = parent_of(place);
         let made = || {
             place.file_name().ok_or(ErrorKind::InvalidFilename)?;

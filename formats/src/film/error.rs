@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use pipeline::bounds::OutOfBounds;
 
-use crate::durable::DurableError;
+use crate::durable::{DurableError, LockError};
 
 /// A film cannot be made, opened or written.
 #[derive(Debug, thiserror::Error)]
@@ -28,14 +28,37 @@ pub enum FilmError {
         /// What lies there.
         found: String,
     },
+    /// The film's directory holds what the film did not make.
+    #[error(
+        "removing film {path}: it holds what the film did not make: {}; nothing was removed: move that away, or choose another path",
+        .names.join(", ")
+    )]
+    Foreign {
+        /// The film.
+        path: PathBuf,
+        /// Paths in the film, the first few.
+        names: Vec<String>,
+    },
     /// Another run began another film in its place.
     #[error(
-        "writing film {path}: a run of another job has begun its film there meanwhile; choose another path for one of them"
+        "film {path}: another job's film has replaced it since this command opened it; nothing was written into that one; \
+         choose another path for one of the two"
     )]
     Replaced {
         /// The film.
         path: PathBuf,
     },
+    /// Another run of the same job began the film anew.
+    #[error(
+        "film {path}: a run of the same job has begun it anew since this command opened it; run the same command again"
+    )]
+    Renewed {
+        /// The film.
+        path: PathBuf,
+    },
+    /// Another process holds the lock.
+    #[error(transparent)]
+    Locked(#[from] LockError),
     /// Metadata that do not fit together.
     #[error(
         "opening film {path}: expected {expected}, found something else; restore the file, or make the film anew with --overwrite"
@@ -170,6 +193,11 @@ impl FilmError {
 
     /// Whether the same call may succeed a moment later with nobody's help.
     pub fn retryable(&self) -> bool {
-        matches!(self, Self::Storage(e) if e.retryable())
+        match self {
+            Self::Storage(e) => e.retryable(),
+            Self::Locked(e) => e.retryable(),
+            Self::Renewed { .. } => true,
+            _ => false,
+        }
     }
 }

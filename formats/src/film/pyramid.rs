@@ -135,16 +135,14 @@ impl FilmStore {
         self.levels().iter().map(of).sum()
     }
 
-    /// Removes a shard that a check found to be bad, by its path; one of a pyramid is made again by making the pyramid.
-    ///
-    /// # Errors
-    /// [`FilmError::Storage`] if it cannot be removed.
-    pub fn remove_level_shard(&self, key: &str) -> Result<bool, FilmError> {
-        let own = key.starts_with(&format!("{PLACE}/"));
-        if own {
-            self.store.remove(key)?;
-        }
-        Ok(own)
+    /// Shape and pixels of a level's shard `key`.
+    pub(super) fn level_shard_named(&self, key: &str) -> Option<((usize, usize), Rect)> {
+        let bands = self.spec.wavelengths_nm.len();
+        self.levels().into_iter().find_map(|level| {
+            let mut all = level.every_shard(bands);
+            let (_, shard) = all.find(|&(band, shard)| self.level_key(&level, band, shard) == key)?;
+            Some((level.shard, level.rect(shard)))
+        })
     }
 
     /// The levels beyond the film itself, of all outputs, in the order in which they are made.

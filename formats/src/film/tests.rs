@@ -258,7 +258,7 @@ fn objects_hold_what_files_hold() {
     let both = [&path, far].map(|path| {
         let film = FilmStore::create(path, spec(), provenance(), false).unwrap();
         fill(&film);
-        film.write_beside("runs/1.json", b"{}").unwrap();
+        film.write_beside("runs/1-host-2.json", b"{}").unwrap();
         check(path, "film", Rect::new(0, 0, 150, 100), false);
         assert!(matches!(
             FilmStore::create(path, spec(), provenance(), false),
@@ -310,4 +310,108 @@ fn no_shard_is_put_into_the_film_of_another_job() {
     let theirs = job("theirs");
     assert!(matches!(ours.commit(&shard), Err(FilmError::Replaced { .. })));
     assert!(!theirs.shard_present(0, 0, (0, 0)).unwrap());
+}
+
+/// A film of job `digest`, without a shard.
+fn of_job(path: &Path, digest: &str) -> FilmStore {
+    let mut words = provenance();
+    words.insert("job_digest".into(), digest.into());
+    FilmStore::create(path, spec(), words, true).unwrap()
+}
+
+#[test]
+fn a_film_that_is_replaced_during_a_write_leaves_the_new_one_as_it_is() {
+    use std::sync::atomic::{AtomicBool, Ordering};
+    let dir = tempfile::tempdir().unwrap();
+    for (n, at) in
+        [Step::Create, Step::Write, Step::Sync, Step::Rename, Step::SyncDirectory].into_iter().enumerate()
+    {
+        for digest in ["theirs", "ours"] {
+            let path = dir.path().join(format!("{n}-{digest}.zarr"));
+            let (place, struck) = (path.clone(), AtomicBool::new(false));
+            let ours = of_job(&path, "ours").with_directory(|d| {
+                d.with_fault(move |step, _| {
+                    if step == at && !struck.swap(true, Ordering::SeqCst) {
+                        FilmStore::remove_film(&place).unwrap();
+                        of_job(&place, digest);
+                    }
+                    Ok(())
+                })
+            });
+            let shard = ours.encode_shard(0, 0, (0, 0), &[1.0; 64 * 64]).unwrap();
+            let e = ours.commit(&shard).unwrap_err();
+            let expected = match digest {
+                "theirs" => matches!(e, FilmError::Replaced { .. }) && !e.retryable(),
+                _ => matches!(e, FilmError::Renewed { .. }) && e.retryable(),
+            };
+            assert!(expected, "{at:?}: {e}");
+            assert!(ours.write_beside("runs/1.json", b"{}").is_err() && ours.lock("whole", false).is_err());
+            let fresh = of_job(&dir.path().join(format!("fresh-{n}-{digest}.zarr")), digest);
+            assert_eq!(contents(&FilmStore::open(&path, false).unwrap()), contents(&fresh), "{at:?}");
+            assert!(!path.join("runs").exists());
+        }
+    }
+    let names = std::fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().file_name());
+    assert!(names.into_iter().all(|n| n.to_string_lossy().ends_with(".zarr")), "no temp directory is left");
+}
+
+#[test]
+fn a_film_with_files_of_others_is_not_removed() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("film.zarr");
+    for foreign in ["chart.npy", "pack.lens.zarr/zarr.json", "film/notes.txt", "runs/job.json"] {
+        let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
+        film.write_beside("runs/1763740000-host-7.json", b"{}").unwrap();
+        film.write_beside(foreign, b"mine").unwrap();
+        let before = contents(&film);
+        let e = FilmStore::remove_film(&path).unwrap_err();
+        assert!(matches!(&e, FilmError::Foreign { names, .. } if *names == [foreign]), "{e}");
+        assert_eq!(contents(&film), before);
+        std::fs::remove_file(path.join(foreign)).unwrap();
+        if foreign.starts_with("pack") {
+            // The empty directory is no part of the film either.
+            assert!(matches!(FilmStore::remove_film(&path), Err(FilmError::Foreign { .. })));
+            std::fs::remove_dir(path.join("pack.lens.zarr")).unwrap();
+        }
+        FilmStore::remove_film(&path).unwrap();
+    }
+    // At a URL as well.
+    let far = Path::new("memory://foreign/film.zarr");
+    let film = FilmStore::create(far, spec(), provenance(), false).unwrap();
+    film.write_beside("chart.npy", b"mine").unwrap();
+    assert!(matches!(FilmStore::remove_film(far), Err(FilmError::Foreign { .. })));
+    assert!(
+        film.store.read("chart.npy").unwrap().is_some() && film.store.read("zarr.json").unwrap().is_some()
+    );
+}
+
+#[test]
+fn a_link_to_a_film_stays_a_link() {
+    let dir = tempfile::tempdir().unwrap();
+    let (real, link) = (dir.path().join("disk/film.zarr"), dir.path().join("film.zarr"));
+    std::os::unix::fs::symlink("disk/film.zarr", &link).unwrap();
+    // To nothing yet; then to a film; with a slash at its end.
+    for path in [link.clone(), link.clone(), dir.path().join("film.zarr/")] {
+        FilmStore::remove_film(&path).unwrap();
+        let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
+        fill(&film);
+        assert!(link.is_symlink() && real.join("film/c/0/0/0").is_file() && !real.is_symlink());
+        check(&link, "film", Rect::new(0, 0, 150, 100), false);
+    }
+}
+
+#[test]
+fn a_bad_shard_that_was_replaced_by_a_sound_one_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("film.zarr");
+    let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
+    fill(&film);
+    let (key, sound) = ("film/c/1/0/1", std::fs::read(path.join("film/c/1/0/1")).unwrap());
+    let before = contents(&film);
+    // Judged bad before, sound by now.
+    assert!(!film.remove_bad(key).unwrap());
+    assert_eq!(contents(&film), before);
+    std::fs::write(path.join(key), &sound[..100]).unwrap();
+    assert!(film.remove_bad(key).unwrap() && !path.join(key).exists());
+    assert!(!film.remove_bad(key).unwrap());
 }

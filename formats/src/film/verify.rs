@@ -8,7 +8,7 @@ use pipeline::geometry::Rect;
 use serde_json::Value;
 
 use super::{FilmError, FilmStore, json};
-use crate::durable::DurableError;
+use crate::durable::{DurableError, Store, fault_point, temp_name};
 use crate::shard::Flaw;
 
 /// Something that is not as it must be.
@@ -87,7 +87,49 @@ impl FilmStore {
         let (levels, wrong) = self.check_pyramid()?;
         findings.extend(wrong);
         let bytes = bytes + levels;
+        self.check_in_place()?;
         Ok(Verdict { shards: all.len(), bytes, findings, temp: self.store.temp_files()? })
+    }
+
+    /// Removes the shard (of the film or its pyramid) that a check found to be bad, and returns whether it did: by now another
+    /// process may have replaced it by a sound one. No lock prevents that, so a file is renamed, checked again under its new
+    /// name, which no writer knows, and removed only then; a sound one gets its name back. An object cannot be renamed: it is
+    /// checked again and removed, and one that is put in between is lost and made again by the next run.
+    ///
+    /// # Errors
+    /// [`FilmError::Storage`] if it cannot be read or removed; as [`FilmStore::check_in_place`].
+    pub fn remove_bad(&self, key: &str) -> Result<bool, FilmError> {
+        let Some((shape, rect)) = self.shard_named(key) else { return Ok(false) };
+        self.check_in_place()?;
+        let Store::Directory(directory) = &self.store else {
+            let (_, finding) = self.check_file(key.to_owned(), shape, rect)?;
+            let bad = matches!(finding, Some(Finding::Bad { .. }));
+            return if bad { Ok(self.store.remove(key).map(|()| true)?) } else { Ok(false) };
+        };
+        let aside = match key.rsplit_once('/') {
+            Some((parent, _)) => format!("{parent}/{}", temp_name()),
+            None => temp_name(),
+        };
+        if !directory.rename(key, &aside)? {
+            return Ok(false);
+        }
+        fault_point("shard-aside");
+        let (_, finding) = self.check_file(aside.clone(), shape, rect)?;
+        let bad = matches!(finding, Some(Finding::Bad { .. }));
+        if !bad && directory.size_of(key)?.is_none() {
+            directory.rename(&aside, key)?;
+        } else {
+            // Either bad, or one of the same bytes is there already.
+            directory.remove(&aside)?;
+        }
+        Ok(bad)
+    }
+
+    /// Shape and pixels of the shard `key`, of the film or of its pyramid.
+    fn shard_named(&self, key: &str) -> Option<((usize, usize), Rect)> {
+        let of_film = self.every_shard().find(|&(o, b, s)| self.key(o, b, s) == key);
+        let of_film = of_film.map(|(o, _, s)| (self.spec.shard_shape(o), self.shard_rect(o, s)));
+        of_film.or_else(|| self.level_shard_named(key))
     }
 
     /// Reads and decodes one shard: its bytes, and what is wrong with it.
@@ -113,7 +155,7 @@ impl FilmStore {
         let bytes = match self.store.read_at_most(&key, limit) {
             Ok(Some(bytes)) => bytes,
             Ok(None) => {
-                self.still_there()?;
+                self.check_in_place()?;
                 return Ok((0, Some(Finding::Missing { key })));
             }
             Err(e @ DurableError::Length { .. }) => {

@@ -249,3 +249,26 @@ fn an_unfinished_pack_leaves_nothing_and_an_old_one_is_kept() {
     let mut writer = LensPackWriter::create(tmp.path().join("c.zip")).unwrap();
     assert!(matches!(writer.psf(0, &stack), Err(LensPackError::Write { .. })));
 }
+
+#[test]
+fn psfs_that_change_while_the_pack_is_open_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("small.lens.zarr");
+    write_small(&path);
+    let pack = LensPack::open(&path).unwrap();
+    pack.digest().unwrap();
+    pack.psf(0).unwrap();
+    let other = dir.path().join("other.lens.zarr");
+    let mut lens = small_lens();
+    lens.name = "other".into();
+    let stacks = (0..lens.bands.len()).map(|b| {
+        let mut stack = small_psf(&lens, b);
+        stack.samples.reverse();
+        Ok::<_, LensPackError>(stack)
+    });
+    write(&other, &lens, &small_attributes(), stacks).unwrap();
+    std::fs::remove_dir_all(&path).unwrap();
+    std::fs::rename(&other, &path).unwrap();
+    let e = pack.psf(0).unwrap_err();
+    assert!(matches!(e, LensPackError::Changed { band: 0, .. }), "{e}");
+}

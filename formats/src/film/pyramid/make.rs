@@ -30,6 +30,21 @@ impl FilmStore {
         cancel: &AtomicBool,
         progress: &(dyn Fn(u64, u64) + Sync),
     ) -> Result<bool, FilmError> {
+        let made = self.make_levels(threads, memory, cancel, progress);
+        // Of a film that was replaced nothing else is worth reporting.
+        made.map_err(|e| match self.check_in_place() {
+            Err(gone @ (FilmError::Replaced { .. } | FilmError::Renewed { .. })) => gone,
+            _ => e,
+        })
+    }
+
+    fn make_levels(
+        &self,
+        threads: usize,
+        memory: usize,
+        cancel: &AtomicBool,
+        progress: &(dyn Fn(u64, u64) + Sync),
+    ) -> Result<bool, FilmError> {
         self.check_complete()?;
         let stamp = self.stamp()?;
         self.begin_pyramid(&stamp)?;
@@ -69,7 +84,7 @@ impl FilmStore {
 
     /// Lays the pyramid's metadata, unless those of this very film are there already.
     fn begin_pyramid(&self, stamp: &str) -> Result<(), FilmError> {
-        self.still_there()?;
+        self.check_in_place()?;
         let there = !self.store.names(PLACE)?.is_empty();
         if matches!(self.pyramid()?, PyramidState::Complete | PyramidState::Unfinished(..)) {
             return Ok(());
@@ -80,7 +95,7 @@ impl FilmStore {
             self.store.write("zarr.json", pretty(&film_group(group, None, Vec::new())))?;
         }
         if there {
-            self.store.remove_group(PLACE, self.pyramid_keys())?;
+            self.store.remove_tree(PLACE, self.pyramid_keys())?;
         }
         for (key, metadata) in self.pyramid_metadata() {
             self.store.write(&format!("{key}/zarr.json"), pretty(&metadata))?;
@@ -205,6 +220,6 @@ impl FilmStore {
         if told != group {
             self.store.write("zarr.json", pretty(&told))?;
         }
-        Ok(())
+        self.check_in_place()
     }
 }

@@ -219,7 +219,7 @@ fn a_bad_shard_of_a_level_is_found_and_made_again() {
     std::fs::write(film.path().join(key), b"nothing").unwrap();
     let findings = film.verify(1, &|_, _| ()).unwrap().findings;
     assert!(findings.iter().any(|f| matches!(f, Finding::Bad { key: k, .. } if k == key)), "{findings:?}");
-    assert!(film.remove_level_shard(key).unwrap() && !film.remove_level_shard("film/c/0/0/0").unwrap());
+    assert!(film.remove_bad(key).unwrap() && !film.remove_bad("film/notes").unwrap());
     assert!(matches!(film.pyramid().unwrap(), PyramidState::Unfinished(..)));
     assert!(make(&film).unwrap());
     assert_eq!(files(film.path()), want);
