@@ -34,7 +34,7 @@ pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use crate::failure::usage;
 use clap::{Parser, Subcommand, ValueEnum};
-use formats::durable::check_url;
+use formats::durable::{check_url, is_url};
 use std::ffi::OsString;
 use std::path::Path;
 
@@ -106,10 +106,15 @@ pub fn check_urls(words: impl IntoIterator<Item = OsString>) -> Result<(), anyho
     Ok(())
 }
 
-/// The text of a path that becomes a word of another command line.
-pub fn utf8(path: &Path) -> Result<&str, anyhow::Error> {
-    path.to_str()
-        .ok_or_else(|| usage(format!("{}: the name of this directory must be UTF-8", path.display())))
+/// Fails unless `path` can be a directory of this machine whose files are named on further command lines.
+pub fn check_directory(path: &Path) -> Result<(), anyhow::Error> {
+    if is_url(path) {
+        return Err(usage(format!("{}: expected a directory of this machine", path.display())));
+    }
+    match path.to_str() {
+        Some(_) => Ok(()),
+        None => Err(usage(format!("{}: the name of this directory must be UTF-8", path.display()))),
+    }
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ mod job;
 mod stages;
 mod storage;
 
-use crate::args::{BenchArgs, Device, utf8};
+use crate::args::{BenchArgs, Device, check_directory};
 use crate::device::Choice;
 use crate::job::threads;
 use crate::progress::{print, say};
@@ -102,7 +102,7 @@ impl Drop for Scratch {
 
 /// Runs the command.
 pub fn command(args: &BenchArgs) -> Result<()> {
-    utf8(&args.dir)?;
+    check_directory(&args.dir)?;
     let of_cpu = match args.device {
         Device::Cpu => Some(Choice::new(&args.device, args.engine.named(), None)?),
         // The job's choice; what is measured of the processor beside GPUs is not theirs.

@@ -5,7 +5,7 @@
 
 mod directory;
 
-use crate::args::{Cli, Command, DemoArgs, utf8};
+use crate::args::{Cli, Command, DemoArgs, check_directory};
 use crate::chart::write;
 use crate::failure::usage;
 use crate::job::threads;
@@ -16,7 +16,6 @@ use anyhow::Result;
 use clap::Parser;
 use directory::DemoDirectory;
 use formats::chart::{Codec, NanPolicy};
-use formats::durable::create_directories;
 use formats::picture::curve::write_lens_curves;
 use formats::picture::exposure::Exposure;
 use formats::picture::image::Image;
@@ -41,7 +40,7 @@ const LENS: &str = "double-gauss-28-npz";
 /// Runs the command; the exit code.
 pub fn command(args: &DemoArgs) -> Result<u8> {
     let dir = &args.dir;
-    utf8(dir)?;
+    check_directory(dir)?;
     let mut own = DemoDirectory::open(dir)?;
     let threads = threads(args.threads);
 

@@ -16,8 +16,8 @@ pub mod tables;
 pub mod timing;
 pub mod truth;
 
-use crate::args::{ValidateArgs, utf8};
-use crate::failure::{Coded, code, usage};
+use crate::args::{ValidateArgs, check_directory};
+use crate::failure::{Coded, code, other_job, usage};
 use crate::job::threads;
 use crate::lens::source::{Named, Source};
 use crate::progress::say;
@@ -26,7 +26,7 @@ use blame::RunPsfs;
 use distortion::Point;
 use esf::Edge;
 use films::Films;
-use formats::durable::{WholeFile, create_directories, finish_together, sweep_entries};
+use formats::durable::{Directory, WholeFile, create_directories, finish_together, sweep_entries};
 use pipeline::band::{Options, PsfBetween};
 use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
@@ -35,7 +35,12 @@ use pipeline::resample::{Interp, Surround};
 use pipeline::scene::{Reading, Stages};
 use pipeline::simd::Simd;
 use ri::Illumination;
+use serde_json::Value;
+use std::path::Path;
 use truth::{BandTruth, Truth};
+
+/// Bytes of a summary at most.
+const LARGEST_SUMMARY: u64 = 64 << 20;
 
 /// What is made and what it is compared with.
 pub struct Setup {
@@ -226,10 +231,27 @@ pub fn compare(setup: &Setup, shots: &Shots, band: usize) -> Result<Band> {
     })
 }
 
+/// Fails if the report would replace files that no validation wrote: its summary tells them from others.
+fn check_out(out: &Path) -> Result<()> {
+    let there = |name: &&str| out.join(name).symlink_metadata().is_ok();
+    let Some(name) = ["summary.json", "report.html", "curves"].into_iter().find(there) else { return Ok(()) };
+    let summary = Directory::new(out).read_at_most("summary.json", LARGEST_SUMMARY)?;
+    let summary: Value = summary.and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default();
+    let program = summary["program"].as_str().unwrap_or_default();
+    match program.starts_with("lenscube ") && summary.get("worst").is_some() {
+        true => Ok(()),
+        false => Err(other_job(format!(
+            "{} exists and is not of an earlier validation; move it away, or choose another --out",
+            out.join(name).display()
+        ))),
+    }
+}
+
 /// Runs the command; the exit code.
 pub fn command(args: &ValidateArgs) -> Result<u8> {
     let times = timing::of(args.timing.as_deref())?;
-    utf8(&args.out)?;
+    check_directory(&args.out)?;
+    check_out(&args.out)?;
     let setup = Setup::new(args)?;
     let shots = Shots::new(&setup, &esf::places(setup.size))?;
     let mut bands = Vec::new();

@@ -77,6 +77,20 @@ fn no_command_shows_the_credentials_of_a_url() {
             check(&lenscube(&words), USAGE, &["hush", "AKIAX", "user", "hu#", "sh@"], &words.join(" "));
         }
     }
+    // Directories of this machine are no stores, and no directory called `s3:` is made.
+    let far = "s3://bucket/report";
+    for command in [
+        &["validate", "--out", far][..],
+        &["demo", "--dir", far],
+        &["bench", "--dir", far],
+        &["man", far],
+        &["lens", "show", "double-gauss-28-npz", "--plot", far],
+        &["export", "gen:uniform?size=64", "s3://bucket/x.npy"],
+    ] {
+        let ran = Ran::of(&program().current_dir(dir.path()).args(command).output().unwrap());
+        check(&ran, USAGE, &[], &command.join(" "));
+        assert!(ran.stderr.contains("of this machine"), "{command:?}: {}", ran.stderr);
+    }
     assert_eq!(files(dir.path()).len(), 0, "something was written");
 }
 

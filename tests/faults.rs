@@ -3,7 +3,8 @@
 mod common;
 
 use common::place::Place;
-use common::{Ran, files, shards, text};
+use common::{Picture, Ran, files, shards, text};
+use pipeline::geometry::Size;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -182,4 +183,50 @@ fn a_chart_that_changes_meanwhile_spoils_the_film() {
     let ran = run.go_on();
     assert!(ran.code == 1 && ran.stderr.contains("changed while it was read"), "{}", ran.stderr);
     assert_eq!(place.run("", &[]).code, 3);
+}
+
+/// Changes `file` of the chart while a run is stopped at its first shards, restores it after the run, and resumes.
+fn change_and_restore(place: &Place, file: &Path, changed: &[u8]) {
+    let whole = place.whole();
+    let original = fs::read(file).unwrap();
+    let modified = fs::metadata(file).unwrap().modified().unwrap();
+    assert_ne!(original, changed);
+    let run = place.stopped("write:10", &[]);
+    fs::write(file, changed).unwrap();
+    let ran = run.go_on();
+    assert_eq!(ran.code, 1, "{}", ran.stderr);
+    fs::write(file, original).unwrap();
+    fs::File::options().write(true).open(file).unwrap().set_modified(modified).unwrap();
+    place.run("", &[]).ok();
+    assert!(files(&place.film) == whole, "pixels of the changed chart are in the film");
+}
+
+#[test]
+fn a_film_of_a_chart_changed_while_it_was_read_is_resumed_with_the_restored_chart() {
+    let place = Place::large();
+    let other = place.at("other.zarr");
+    Picture::noise(12, Size::new(631, 705), 2).write(&other);
+    let chunk = Path::new("chart/c/1/0/0");
+    change_and_restore(&place, &place.chart.join(chunk), &fs::read(other.join(chunk)).unwrap());
+}
+
+#[test]
+fn a_film_of_a_flat_chart_changed_while_it_was_read_is_resumed_with_the_restored_chart() {
+    let size = Size::new(631, 705);
+    let layout = &["--shard", "128", "--chunk", "64", "--wavelengths", "450,500", "--film-pitch-um", "2"];
+    let mut place = Place::new(size, layout);
+    let npy = |seed: u64| {
+        let header = format!(
+            "{{'descr': '<f4', 'fortran_order': False, 'shape': (2, {}, {}), }}",
+            size.height, size.width
+        );
+        let header = format!("{header:<117}\n");
+        let pixels = Picture::noise(seed, size, 2).bands.concat();
+        let samples = pixels.iter().flat_map(|v| v.to_le_bytes());
+        let head = [&b"\x93NUMPY\x01\x00\x76\x00"[..], header.as_bytes()].concat();
+        head.into_iter().chain(samples).collect::<Vec<u8>>()
+    };
+    place.chart = place.at("chart.npy");
+    fs::write(&place.chart, npy(11)).unwrap();
+    change_and_restore(&place, &place.chart, &npy(12));
 }

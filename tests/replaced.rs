@@ -370,4 +370,40 @@ fn demo_replaces_only_what_it_made() {
     assert_eq!(ran.code, OTHER_JOB, "{}", ran.stderr);
     assert!(ran.stderr.contains("chart.zarr") && ran.stderr.contains("--dir"), "{}", ran.stderr);
     assert!(files(dir.path()) == before);
+    for name in ["chart.zarr", "film.zarr"] {
+        fs::remove_dir_all(dir.path().join(name)).unwrap();
+    }
+    // Its own directory it takes again.
+    demo().ok();
+    demo().ok();
+    fs::write(dir.path().join("film.png"), "mine").unwrap();
+    let ran = demo();
+    assert!(ran.code == OTHER_JOB && ran.stderr.contains("film.png"), "{}", ran.stderr);
+}
+
+#[test]
+fn validate_replaces_no_report_of_others() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["report.html", "summary.json", "curves"] {
+        let path = dir.path().join(name);
+        fs::write(&path, "{}").unwrap();
+        let ran = lenscube(&["validate", "--lens", "double-gauss-28-npz", "--out", text(dir.path())]);
+        assert_eq!(ran.code, OTHER_JOB, "{}", ran.stderr);
+        assert!(ran.stderr.contains(name), "{}", ran.stderr);
+        fs::remove_file(path).unwrap();
+    }
+}
+
+#[test]
+fn a_film_lies_in_neither_its_chart_nor_its_lens_pack() {
+    let place = Place::small();
+    let pack = place.at("pack.lens.zarr");
+    let lens = common::lens([450.0, 500.0].map(|nm| common::identity_band(nm, 1.0, 5)).into());
+    let stacks = lens.bands.iter().map(common::delta).collect();
+    common::write_pack(&pack, &lens, stacks);
+    let before = files(&pack);
+    let film = pack.join("psf/film.zarr");
+    let ran = common::run(text(&place.chart), &film, text(&pack), &[]);
+    assert!(ran.code == USAGE && ran.stderr.contains("lies inside its own lens pack"), "{}", ran.stderr);
+    assert!(files(&pack) == before);
 }

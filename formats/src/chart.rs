@@ -22,6 +22,7 @@ mod open;
 mod raster;
 mod read;
 mod spool;
+mod stamps;
 mod values;
 mod watch;
 mod write;
@@ -46,6 +47,7 @@ use cache::Cache;
 use layout::Layout;
 use read::Piece;
 use spool::Spool;
+use stamps::Stamps;
 
 /// What to do with NaN and infinity in a chart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -115,6 +117,7 @@ pub struct ChartStore {
     indexes: Cache<Option<Vec<u64>>>,
     counters: Counters,
     spool: OnceLock<Spool>,
+    stamps: Stamps,
 }
 
 impl ChartStore {

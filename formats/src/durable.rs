@@ -4,6 +4,8 @@
 //! A reader, or a job resumed after `kill -9` or a power cut, sees the old bytes or the new ones. Directories are made
 //! durable the same way (fsync of the parent). [`sweep`] removes the temp files of processes that are gone.
 //!
+//! An opened [`Directory`] works through a handle: what later takes its path gets nothing of what is written into it.
+//!
 //! None of this needs a lock: two writers of one key each rename a whole file, the last one wins, and all writers of one job
 //! write the same bytes. [`Lock`] only keeps two runs from doing the same work twice.
 
@@ -406,12 +408,8 @@ impl Directory {
     }
 }
 
-fn absent(e: &std::io::Error) -> bool {
+pub(crate) fn absent(e: &std::io::Error) -> bool {
     matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory)
-}
-
-fn open(path: &Path) -> Result<Option<(File, u64)>, DurableError> {
-    regular(path, File::open(path))
 }
 
 /// The file and its size; `None` if nothing is there, or no regular file.

@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use crate::durable::{
-    DurableError, Store, create_directories, link_target, parent_of, publish, replace_directory, sweep_entries,
-    temp_name,
+    DurableError, Store, create_directories, link_target, parent_of, publish, replace_directory,
+    sweep_entries, temp_name,
 };
 
 fn bytes_and_crc() -> Value {

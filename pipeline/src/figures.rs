@@ -156,7 +156,7 @@ impl PsfWindow {
             }
             PsfSample::Integrated => 1.0,
         };
-        self.energy * f64::hypot(re, im) / own
+        self.energy * real::hypot(re, im) / own
     }
 
     /// The kernel on a film of `film_pitch_um`, sum 1: its side and its pixels.

@@ -87,11 +87,11 @@ fn reverse(shared: u32) -> bool {
     let stream = device.context.new_stream().unwrap();
     let from: Vec<f32> = (0..512).map(|i| i as f32).collect();
     let there = stream.clone_htod(&from).unwrap();
-    let mut back = device.allocate::<f32>(&stream, 512, "a test").unwrap();
+    let back = device.allocate::<f32>(&stream, 512, "a test").unwrap();
     let kernel = device.kernel(PROBE, "probe_reverse").unwrap();
     let shape = LaunchConfig { grid_dim: (2, 1, 1), block_dim: (256, 1, 1), shared_mem_bytes: shared };
     // SAFETY: two blocks of 256 values each; `shared` is what is tested.
-    unsafe { stream.launch_builder(&kernel).arg(&there).arg(&mut back).launch(shape) }.unwrap();
+    unsafe { stream.launch_builder(&kernel).arg(&there).arg(&back).launch(shape) }.unwrap();
     let back = stream.clone_dtoh(&back).unwrap();
     back.iter().enumerate().all(|(i, v)| *v as usize == i / 256 * 256 + 255 - i % 256)
 }
@@ -108,11 +108,11 @@ fn warps_shuffle() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let there = stream.clone_htod(&(0..128).map(|i| i as f32).collect::<Vec<_>>()).unwrap();
-    let mut sums = device.allocate::<f32>(&stream, 128, "a test").unwrap();
+    let sums = device.allocate::<f32>(&stream, 128, "a test").unwrap();
     let kernel = device.kernel(PROBE, "probe_warp_sum").unwrap();
     let shape = LaunchConfig { grid_dim: (2, 1, 1), block_dim: (64, 1, 1), shared_mem_bytes: 0 };
     // SAFETY: the kernel reads and writes one value a thread.
-    unsafe { stream.launch_builder(&kernel).arg(&there).arg(&mut sums).launch(shape) }.unwrap();
+    unsafe { stream.launch_builder(&kernel).arg(&there).arg(&sums).launch(shape) }.unwrap();
     for (i, sum) in stream.clone_dtoh(&sums).unwrap().into_iter().enumerate() {
         assert_eq!(sum, (0..32).map(|k| (i / 32 * 32 + k) as f32).sum::<f32>());
     }
@@ -121,11 +121,11 @@ fn warps_shuffle() {
 fn parted_barriers_are_found() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
-    let mut out = device.allocate::<f32>(&stream, 64, "a test").unwrap();
+    let out = device.allocate::<f32>(&stream, 64, "a test").unwrap();
     let kernel = device.kernel(PROBE, "probe_apart").unwrap();
     let shape = LaunchConfig { grid_dim: (1, 1, 1), block_dim: (64, 1, 1), shared_mem_bytes: 0 };
     // SAFETY: 64 values for 64 threads.
-    let launched = unsafe { stream.launch_builder(&kernel).arg(&mut out).launch(shape) };
+    let launched = unsafe { stream.launch_builder(&kernel).arg(&out).launch(shape) };
     assert!(launched.is_err() || stream.synchronize().is_err());
 }
 
@@ -133,12 +133,11 @@ fn parted_barriers_are_found() {
 fn copies_beyond_an_allocation_are_refused() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
-    let from = stream.clone_htod(&vec![1f32; 17]).unwrap();
     let mut to = device.allocate::<f32>(&stream, 16, "a test").unwrap();
     let beyond = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         stream.memcpy_dtoh(&to, &mut [0f32; 17]).is_ok() || stream.memcpy_htod(&[0f32; 17], &mut to).is_ok()
     }));
-    assert!(beyond.is_err() && from.len() == 17, "17 values of 16");
+    assert!(beyond.is_err(), "17 values of 16");
 }
 
 fn a_kernel_beyond_its_memory_is_caught() {

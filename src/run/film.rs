@@ -29,7 +29,7 @@ pub fn keep_apart(job: &Job, film: &Path) -> Result<()> {
     }
     match job.lens.pack() {
         // One that lies inside the film is read, and refuses `--overwrite` as any file does that the film did not make.
-        Some(pack) if !is_url(film) && real(film).starts_with(real(pack.path())) => {
+        Some(pack) if !is_url(film) && real(parent_of(film)).starts_with(real(pack.path())) => {
             Err(apart("lies inside", film, "lens pack", pack.path()))
         }
         _ => Ok(()),

@@ -52,7 +52,7 @@ impl Truth {
     pub fn open(name: &str) -> Result<Self> {
         Ok(match Named::open(name)? {
             Named::Pack(pack) => Self::Pack(pack),
-            Named::Design(system, _) => Self::Design(system),
+            Named::Design(system, ..) => Self::Design(system),
         })
     }
 

@@ -122,7 +122,7 @@ pub fn fuzz(
         std::env::temp_dir().join(format!("lenscube-fuzz-{}-{name}", target.replace(' ', "-")))
     };
     let long = asked().is_some();
-    let current = kept("current".into());
+    let current = memory_folder().join(kept("current".into()).file_name().expect("a file"));
     let watch = long.then(|| Watchdog::start(target, current.clone()));
     let (total, start) = (cases(few), Instant::now());
     let mut r = Random(target.bytes().fold(1, |seed: u64, b| seed.wrapping_mul(31).wrapping_add(b.into())));
@@ -158,6 +158,12 @@ pub fn fuzz(
     assert!(used > 0 && used < total, "{target}: {used} of {total} cases passed, so nothing was tried");
     let peak = peak_memory();
     assert!(peak < PROCESS_MEMORY, "{target}: the process held {peak} bytes");
+}
+
+/// Where a file may be written for every case: in memory where the system has such a place.
+pub fn memory_folder() -> PathBuf {
+    let shared = PathBuf::from("/dev/shm");
+    if shared.is_dir() { shared } else { std::env::temp_dir() }
 }
 
 /// Ends the process when a case does not end.

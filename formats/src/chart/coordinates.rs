@@ -1,8 +1,5 @@
 //! Which axis is which, and the wavelength of each band.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
-
 use pipeline::bounds;
 use serde_json::Value;
 use zarrs::array::{Array, DataType, data_type};

@@ -227,7 +227,9 @@ impl ExrChart {
         }
         let shape = [self.bands(), self.size.height, self.size.width];
         let out = BandFile::create(directory, &self.path, bands, shape)?;
-        self.decode(&out, threads, progress)?;
+        let decoded = self.decode(&out, threads, progress);
+        self.watched.unchanged()?;
+        decoded?;
         let chart =
             RasterChart::laid_out(&self.path, out, self.nan, self.wavelengths_nm.clone(), self.largest)?;
         let _ = self.laid.set(chart);

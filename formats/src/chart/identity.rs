@@ -1,13 +1,13 @@
 //! Which chart this is: a digest of all that its pixels follow from, the place where it lies excepted.
 
 use std::path::Path;
-use std::time::UNIX_EPOCH;
 
 use serde_json::json;
 
 use super::ChartStore;
 use super::layout::Layout;
 use super::open::{canonical, sorted};
+use super::stamps::modified_ns;
 use crate::durable::{DurableError, Store};
 
 /// Two BLAKE3 digests, 64 hexadecimal digits each.
@@ -43,6 +43,9 @@ impl ChartStore {
     pub fn identity(&self) -> Result<ChartIdentity, DurableError> {
         let mut files = self.chunks()?;
         files.sort();
+        if let Store::Directory(_) = &*self.layout.store {
+            self.stamps.keep(&files);
+        }
         let mut content = blake3::Hasher::new();
         content.update(b"lenscube/chart-identity/2\n");
         content.update(self.description().as_bytes());
@@ -96,8 +99,7 @@ fn list(
         if layout.is_chunk_key(&key) {
             let meta = look_up()?;
             if meta.is_file() {
-                let time = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-                files.push((key, meta.len(), time.map_or(0, |t| t.as_nanos()).to_string()));
+                files.push((key, meta.len(), modified_ns(&meta)));
                 continue;
             }
         }

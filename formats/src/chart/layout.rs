@@ -294,17 +294,18 @@ impl Layout {
         all.collect()
     }
 
-    /// Whether `key`, relative to the array, is that of one of its files, in either key encoding.
+    /// Whether `key`, relative to the array, is that of one of its files, in whatever key encoding the array has.
     pub(super) fn is_chunk_key(&self, key: &str) -> bool {
         let rank = self.array.shape().len();
-        let numbers = key.split(['/', '.']).filter(|w| *w != "c").map(str::parse);
-        let Ok(index) = numbers.collect::<Result<Vec<u64>, _>>() else { return false };
+        let numbers = key.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty());
+        let Ok(index) = numbers.take(rank).map(str::parse).collect::<Result<Vec<u64>, _>>() else {
+            return false;
+        };
         let files = std::iter::zip(&self.shape, &self.chunk).map(|(n, c)| n.div_ceil(*c) as u64);
         let there = std::iter::zip(&index, files.skip(3 - rank)).all(|(i, n)| *i < n);
         let slash = if self.name.is_empty() { "" } else { "/" };
-        index.len() == rank
-            && there
-            && self.array.chunk_key(&index).as_str() == format!("{}{slash}{key}", self.name)
+        let own = || format!("{}{slash}{key}", self.name);
+        index.len() == rank && there && self.array.chunk_key(&index).as_str() == own()
     }
 
     /// The path of that file.

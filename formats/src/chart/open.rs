@@ -12,6 +12,7 @@ use zarrs::array::{Array, ArrayMetadata};
 use super::cache::Cache;
 use super::coordinates::{self, dimension_names};
 use super::layout::Layout;
+use super::stamps::Stamps;
 use super::{ChartError, ChartOptions, ChartStore, Counters};
 use crate::durable::{Store, is_url, store_error};
 
@@ -128,6 +129,7 @@ impl ChartStore {
             options,
             counters: Counters::default(),
             spool: OnceLock::new(),
+            stamps: Stamps::default(),
         })
     }
 }

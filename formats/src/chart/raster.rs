@@ -407,6 +407,8 @@ impl RasterChart {
             }
             return Err(ChartError::Short { path: self.path.clone(), expected, found });
         }
+        // Afterwards, so that what was read is of the file that the identity is of.
+        self.watched.iter().try_for_each(Watched::unchanged)?;
         if let Some(error) = error {
             return Err(error);
         }

@@ -50,7 +50,10 @@ impl ChartStore {
     pub(super) fn load(&self, p: [usize; 3]) -> Result<Piece, ChartError> {
         let index = self.index(p)?;
         let index = index.as_ref().and_then(|i| i.as_deref());
-        let Some(encoded) = self.layout.read_encoded(p, index)? else {
+        let encoded = self.layout.read_encoded(p, index)?;
+        // Afterwards, so that what was read is of the file that the identity is of.
+        self.unchanged(p)?;
+        let Some(encoded) = encoded else {
             self.layout.still_there()?;
             return Ok(self.missing(p));
         };
@@ -61,6 +64,17 @@ impl ChartStore {
         self.counters.pieces_decoded.fetch_add(1, Relaxed);
         self.counters.decode_ns.fetch_add(start.elapsed().as_nanos() as u64, Relaxed);
         Ok(piece)
+    }
+
+    /// Whether the file of piece `p` is still the one that the chart's identity is of, where that was asked for.
+    fn unchanged(&self, p: [usize; 3]) -> Result<(), ChartError> {
+        let file = self.layout.file(p);
+        let array = self.array_path();
+        let key = file.strip_prefix(&array).unwrap_or(&file).to_string_lossy();
+        self.stamps.unchanged(&key, &file).or_else(|changed| {
+            self.layout.still_there()?;
+            Err(changed)
+        })
     }
 
     /// The index of the shard that holds piece `p`, if the array is sharded; `None` inside: the shard is missing.

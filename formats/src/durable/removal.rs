@@ -58,7 +58,10 @@ fn put_back(temp: &Path, root: &Path) -> Result<(), DurableError> {
 }
 
 /// What `own` does not know.
-pub(super) fn foreign(directory: &Directory, own: &dyn Fn(&str) -> bool) -> Result<Option<Vec<String>>, DurableError> {
+pub(super) fn foreign(
+    directory: &Directory,
+    own: &dyn Fn(&str) -> bool,
+) -> Result<Option<Vec<String>>, DurableError> {
     let mut names: Vec<String> = directory.all_entries()?;
     names.retain(|key| match key.strip_suffix('/') {
         None => !own(key),

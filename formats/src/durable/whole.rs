@@ -119,8 +119,8 @@ pub fn finish_together(files: Vec<WholeFile>) -> Result<(), DurableError> {
     let all = files.iter().rev().try_for_each(|f| moved.aside(&f.place));
     all.and_then(|()| if moved.aside.is_empty() { Ok(()) } else { flush() })
         .and_then(|()| files.iter().try_for_each(|f| moved.rename(&f.temp, &f.place, &f.place)))
+        .and_then(|()| flush())
         .inspect_err(|_| moved.undo())?;
-    flush()?;
     // The new files are complete; an old one that stays under its temporary name is swept later.
     moved.aside.iter().for_each(|old| drop(std::fs::remove_file(old)));
     Ok(())

@@ -5,7 +5,7 @@
 //! cut.
 
 use super::error::LensPackError;
-use crate::durable::{is_url, parent_of, sweep_entries, temp_name};
+use crate::durable::{is_url, parent_of, publish, sweep_entries, temp_name};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -59,11 +59,12 @@ impl Sink {
     /// Makes the pack appear, whole.
     pub(super) fn finish(mut self) -> Result<(), LensPackError> {
         self.seal().map_err(|e| self.io("finish", e))?;
-        if self.path.symlink_metadata().is_ok() {
-            return Err(LensPackError::Exists { path: self.path.clone() });
+        // Never over a file that another process has put there meanwhile.
+        match publish(&self.part, &self.path, true) {
+            Ok(true) => Ok(()),
+            Ok(false) => Err(LensPackError::Exists { path: self.path.clone() }),
+            Err(e) => Err(self.io("rename the finished", e.into())),
         }
-        fs::rename(&self.part, &self.path).map_err(|e| self.io("rename the finished", e))?;
-        sync_directory(parent_of(&self.path)).map_err(|e| self.io("sync the directory of", e))
     }
 
     fn seal(&mut self) -> io::Result<()> {

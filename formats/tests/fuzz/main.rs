@@ -20,8 +20,5 @@ fn data(name: &str) -> PathBuf {
 
 /// A folder in memory where the system has one.
 fn folder() -> tempfile::TempDir {
-    match Path::new("/dev/shm").is_dir() {
-        true => tempfile::tempdir_in("/dev/shm").unwrap(),
-        false => tempfile::tempdir().unwrap(),
-    }
+    tempfile::tempdir_in(fuzz_support::memory_folder()).unwrap()
 }

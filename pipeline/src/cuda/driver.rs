@@ -1,10 +1,10 @@
-//! The CUDA driver's functions, found in its library when a GPU is first asked for.
+//! The CUDA driver's functions, found in its library, which cudarc loads when a GPU is first asked for.
 //!
 //! A result is an integer until [`check`] has compared it with 0: newer drivers return codes that no list of ours has, and a
-//! Rust enum of an integer outside its list is undefined behaviour. Signatures and constants are those of `cuda.h` 12.2.
+//! Rust enum (cudarc's result, too) of an integer outside its list is undefined behaviour. Signatures and constants are those of `cuda.h` 12.2.
 
 use super::error::{CudaError, OLDEST_DRIVER};
-use libloading::Library;
+use cudarc::driver::sys;
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 use std::fmt;
 use std::sync::OnceLock;
@@ -23,28 +23,22 @@ pub(super) const BLOCKING_CONTEXT: c_uint = 4;
 /// `CU_STREAM_NON_BLOCKING`.
 pub(super) const NON_BLOCKING: c_uint = 1;
 
-/// Names of the library, in the order of trying.
-#[cfg(windows)]
-const LIBRARIES: [&str; 1] = ["nvcuda.dll"];
-#[cfg(not(windows))]
-const LIBRARIES: [&str; 2] = ["libcuda.so", "libcuda.so.1"];
-
 /// One field and one function a line: the driver's function, its result checked.
 macro_rules! functions {
     ($($name:ident = $symbol:literal ($($arg:ident: $kind:ty),*);)*) => {
         #[derive(Debug)]
         struct Functions {
             $($name: unsafe extern "C" fn($($kind),*) -> c_int,)*
-            /// Keeps the functions where they are.
-            _library: Library,
         }
 
         impl Functions {
-            fn find(library: Library) -> Result<Self, libloading::Error> {
-                // SAFETY: the symbols have these types in the driver's header.
+            /// The functions of the library that cudarc has loaded, which stays loaded.
+            fn find() -> Result<Self, CudaError> {
+                // SAFETY: the library is there (`load`), and its symbols have these types in the driver's header.
                 unsafe {
-                    $(let $name = *library.get(concat!($symbol, "\0").as_bytes())?;)*
-                    Ok(Self { $($name,)* _library: library })
+                    let library = sys::culib();
+                    $(let $name = *library.get(concat!($symbol, "\0").as_bytes()).map_err(missing)?;)*
+                    Ok(Self { $($name,)* })
                 }
             }
         }
@@ -54,6 +48,7 @@ macro_rules! functions {
             ///
             /// # Safety
             /// As the driver's manual says of it.
+            #[allow(clippy::too_many_arguments, reason = "the driver's signatures")]
             pub(super) unsafe fn $name($($arg: $kind),*) -> Result<(), DriverError> {
                 let functions = functions().map_err(|_| NOT_INITIALIZED)?;
                 // SAFETY: the caller's.
@@ -122,16 +117,21 @@ fn functions() -> Result<&'static Functions, CudaError> {
     library().map(|(functions, _)| functions)
 }
 
+/// A function that the library lacks.
+fn missing(error: impl fmt::Display) -> CudaError {
+    CudaError::Start { code: error.to_string() }
+}
+
 fn load() -> Result<(Functions, c_int), CudaError> {
-    // SAFETY: the driver's initialisation runs nothing of ours.
-    let found = LIBRARIES.iter().find_map(|name| unsafe { Library::new(*name) }.ok());
-    let library = found.ok_or(CudaError::NoDriver)?;
-    let missing = |e: libloading::Error| CudaError::Start { code: e.to_string() };
+    // SAFETY: loads the library, whose initialisation runs nothing of ours; asked first, as `culib` panics without it.
+    if !unsafe { sys::is_culib_present() } {
+        return Err(CudaError::NoDriver);
+    }
     let mut version = 0;
     {
-        // SAFETY: the type of this function in the driver's header.
+        // SAFETY: the library is there, and this is the type of the function in the driver's header.
         let get_version =
-            unsafe { library.get::<unsafe extern "C" fn(*mut c_int) -> c_int>(b"cuDriverGetVersion\0") };
+            unsafe { sys::culib().get::<unsafe extern "C" fn(*mut c_int) -> c_int>(b"cuDriverGetVersion\0") };
         // SAFETY: needs no initialised driver and writes one integer.
         let asked = check(unsafe { get_version.map_err(missing)?(&mut version) });
         asked.map_err(|e| CudaError::Start { code: format!("error {}", e.0) })?;
@@ -140,7 +140,7 @@ fn load() -> Result<(Functions, c_int), CudaError> {
     if found < OLDEST_DRIVER {
         return Err(CudaError::DriverTooOld { found });
     }
-    Ok((Functions::find(library).map_err(missing)?, version))
+    Ok((Functions::find()?, version))
 }
 
 /// The driver's version, as 1000 major + 10 minor, from [`OLDEST_DRIVER`] on.

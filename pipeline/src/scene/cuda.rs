@@ -174,7 +174,7 @@ impl SceneOnDevice {
                 shared_mem_bytes: 0,
             };
             let mut launch = stream.launch_builder(&self.kernel);
-            launch.arg(&self.map).arg(&all).arg(&self.steps).arg(&self.buckets).arg(charts).arg(&mut *scenes);
+            launch.arg(&self.map).arg(&all).arg(&self.steps).arg(&self.buckets).arg(charts).arg(&*scenes);
             // SAFETY: the arguments are those of the kernels in scene.cu; tiles lie within their buffers, and the charts hold
             // every tap.
             unsafe { launch.launch(shape) }.map_err(self.device.failed("launching stages 1-2"))?;
