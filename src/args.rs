@@ -12,6 +12,7 @@ mod measure;
 mod pyramid;
 mod run;
 mod status;
+mod style;
 mod validate;
 mod values;
 mod work;

@@ -16,7 +16,7 @@ use anyhow::Result;
 use clap::Parser;
 use directory::DemoDirectory;
 use formats::chart::{Codec, NanPolicy};
-use formats::picture::curve::write_lens_curves;
+use formats::picture::curve::lens_curves;
 use formats::picture::exposure::Exposure;
 use formats::picture::image::Image;
 use formats::picture::preview::{PreviewOptions, preview};
@@ -24,7 +24,7 @@ use formats::picture::sheet::{Crop, contact_sheet};
 use formats::picture::{View, nearest_band};
 use pipeline::chart::Generator;
 use pipeline::colour::srgb_encode;
-use pipeline::geometry::{Rect, Size};
+use pipeline::geometry::Rect;
 use std::path::Path;
 
 /// Side of the paper's film, mm, and its pixels.
@@ -72,7 +72,7 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     let exposure = own.make("chart.png", |path| chart_picture(dir, path, size, threads))?;
     own.make("film.png", |path| film_picture(dir, path, exposure, threads))?;
     own.make("windows.png", |_| sheet(dir, &full, &windows, threads))?;
-    let curves = |path: &Path| Ok(write_lens_curves(path, open::lens(LENS)?.lens(), Size::new(900, 1200))?);
+    let curves = |path: &Path| Ok(lens_curves(open::lens(LENS)?.lens(), args.style.into())?.write(path)?);
     own.make("lens.png", curves)?;
     words(dir);
     Ok(0)
@@ -153,7 +153,7 @@ fn sheet(dir: &Path, full: &str, windows: &[Rect], threads: usize) -> Result<()>
         Ok(Crop { image: grey(&corner, nm)?, caption: format!("film, {name}, {nm:.0} nm alone") })
     };
     pairs.push([alone(550.0)?, alone(400.0)?]);
-    let sheet = contact_sheet("Double Gauss 28, 2 um film: chart against film", &pairs, 1)?;
+    let sheet = contact_sheet("Double Gauss 28°, 2 µm film: chart against film", &pairs, 1)?;
     Ok(sheet.write_png(&dir.join("windows.png"), "lenscube demo: chart against film at 100 %")?)
 }
 

@@ -9,9 +9,11 @@ use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::NanPolicy;
 use formats::durable::{WholeFile, finish_together};
-use formats::picture::curve::ink;
+use formats::picture::bands::{band_key, band_series};
+use formats::picture::figure::Figure;
 use formats::picture::nearest_band;
-use formats::picture::plot::{Curve, Plot};
+use formats::picture::plot::{Axis, Plot, Series, stacked};
+use formats::picture::style::Colour;
 use pipeline::geometry::Rect;
 use pipeline::measure::centroid::centroid;
 use pipeline::measure::edge::{EdgeLine, Esf, fit};
@@ -21,6 +23,8 @@ use std::fmt::Write;
 
 /// Share of the half width beyond which an edge is flat.
 const PLATEAU: f64 = 0.75;
+/// MTFs are drawn to here, twice the film's Nyquist frequency.
+const SHOWN_CY_PX: f64 = 1.0;
 /// Decoded chunks kept.
 const CACHE_BYTES: usize = 256 << 20;
 
@@ -61,8 +65,8 @@ pub fn command(args: &MeasureArgs) -> Result<()> {
         let all = json!({ "film": args.film, "bands": bands });
         files.push(WholeFile::with_text(path, &(serde_json::to_string_pretty(&all)? + "\n"))?);
     }
-    if let Some(path) = &args.svg {
-        files.push(WholeFile::with_text(path, &plot(args, &found).figure().to_svg())?);
+    if let Some(path) = &args.plot {
+        files.push(figure(args, &found, chart.pitch_um()).file(path)?);
     }
     Ok(finish_together(files)?)
 }
@@ -227,21 +231,43 @@ fn csv(args: &MeasureArgs, found: &[Found]) -> String {
     text
 }
 
-fn plot(args: &MeasureArgs, found: &[Found]) -> Plot {
-    let every = found.len().div_ceil(8).max(1);
-    let curve = |(i, f): (usize, &Found)| Curve {
-        name: if i.is_multiple_of(every) { format!("{} nm", f.nm) } else { String::new() },
-        points: f.curve.clone(),
-        colour: ink(f.nm),
-        dashed: false,
+/// Edge spread and MTF of an edge, or values along a line. `pitch_um`: pixel pitch, if it is known.
+fn figure(args: &MeasureArgs, found: &[Found], pitch_um: Option<f64>) -> Figure {
+    let nm: Vec<f64> = found.iter().map(|f| f.nm).collect();
+    let plot = |x: Axis, y: Axis, top: Option<(String, f64)>, of: &dyn Fn(&Found) -> Vec<(f64, f64)>| {
+        let series = found.iter().enumerate().map(|(i, f)| band_series(&nm, i, of(f))).collect();
+        Plot { series, top, key: band_key(&nm), ..Plot::new("", x, y) }
     };
-    let edge = args.edge.is_some();
-    Plot {
-        title: if edge { "Edge spread function" } else { "Profile" }.into(),
-        x_label: if edge { "distance from the edge (px)" } else { "distance along the line (px)" }.into(),
-        y_label: if edge { "edge spread" } else { "value" }.into(),
-        y_holds: if edge { (0.0, 1.0) } else { (0.0, 0.0) },
-        curves: found.iter().enumerate().map(curve).collect(),
-        styles: None,
+    let um = |name: &str| pitch_um.map(|pitch| (format!("{name} (µm)"), pitch));
+    if args.edge.is_none() {
+        let axis = Axis::new("distance along the line (px)", 0.0, 0.0);
+        let value = Axis::new("value", 0.0, 0.0);
+        let profile = plot(axis, value, um("distance along the line"), &|f| f.curve.clone());
+        return stacked("Profile", &[profile], args.style.into());
+    }
+    let axis = Axis::new("distance from the edge (px)", 0.0, 0.0);
+    let spread = Axis::new("edge spread function", -0.05, 1.05);
+    let esf = plot(axis, spread, um("distance from the edge"), &|f| f.curve.clone());
+    let (axis, top, lp_mm) = frequency_axes(pitch_um);
+    let scaled = |f: &Found| {
+        let shown = f.mtf.iter().take_while(|p| p.0 <= SHOWN_CY_PX);
+        shown.map(|(f, m)| (f * lp_mm, *m)).collect::<Vec<_>>()
+    };
+    let mut mtf = plot(axis, Axis::new("MTF", 0.0, 1.05), top, &scaled);
+    mtf.series.push(Series::line("", vec![(0.5 * lp_mm, 0.0), (0.5 * lp_mm, 1.05)], Colour::Muted).dashed(2));
+    stacked("Edge spread function and MTF (dotted: Nyquist frequency)", &[esf, mtf], args.style.into())
+}
+
+/// Axes of a frequency: lp/mm below and cycles/px above if the pitch is known, else cycles/px; and the values of the
+/// first over cycles/px.
+pub fn frequency_axes(pitch_um: Option<f64>) -> (Axis, Option<(String, f64)>, f64) {
+    let name = "spatial frequency";
+    match pitch_um {
+        None => (Axis::new(format!("{name} (cycles/px)"), 0.0, 0.0), None, 1.0),
+        Some(pitch) => {
+            let lp_mm = 1e3 / pitch;
+            let top = Some((format!("{name} (cycles/px)"), 1.0 / lp_mm));
+            (Axis::new(format!("{name} (lp/mm)"), 0.0, 0.0), top, lp_mm)
+        }
     }
 }

@@ -147,16 +147,18 @@ fn a_design_is_shown_with_its_system_data() {
     lenscube(&[&["lens", "show", "double-gauss-28"], &small[..]].concat()).ok();
     for (file, word) in [
         ("relative-illumination", "relative illumination"),
-        ("distortion", "% of f tan w"),
+        ("distortion", "% of f tan θ"),
         ("lateral-colour", "µm"),
         ("mtf-field", "30 lp/mm"),
         ("mtf-frequency", "spatial frequency"),
         ("psf", "base64"),
         ("nodes", "kernels at"),
-        ("layout", "<polygon"),
+        ("layout", "z from the first surface (mm)"),
     ] {
         let svg = fs::read_to_string(plots.join(format!("{file}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.ends_with("</svg>\n") && svg.contains(word), "{file}");
+        let png = fs::read(plots.join(format!("{file}.png"))).unwrap();
+        assert!(png.starts_with(b"\x89PNG"), "{file}");
     }
 }
 

@@ -117,7 +117,7 @@ fn edges_points_and_profiles_of_a_chart() {
         text(&csv),
         "--json",
         text(&all),
-        "--svg",
+        "--plot",
         text(&svg),
     ])
     .ok();
@@ -128,7 +128,11 @@ fn edges_points_and_profiles_of_a_chart() {
     assert!((figures["rise_10_90_px"].as_f64().unwrap() - 0.8).abs() < 0.1, "{figures}");
     assert_eq!(found["bands"].as_array().unwrap().len(), 1);
     assert!(fs::read_to_string(&csv).unwrap().lines().count() > 100);
-    assert!(fs::read_to_string(&svg).unwrap().contains("600 nm"));
+    let svg = fs::read_to_string(&svg).unwrap();
+    for word in ["600 nm", "distance from the edge (px)", "(µm)", "spatial frequency (lp/mm)", "(cycles/px)"]
+    {
+        assert!(svg.contains(word), "{word}");
+    }
 
     let points = "gen:points?size=301&count=3&overscan=10&wavelengths=550";
     let ran = lenscube(&["measure", points, "--points", "161,159;16.5,17", "--half-px", "8"]).ok();

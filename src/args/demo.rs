@@ -1,5 +1,6 @@
 //! `lenscube demo`.
 
+use super::style::StyleArg;
 use super::values::threads;
 use clap::Args;
 use std::path::PathBuf;
@@ -14,6 +15,9 @@ pub struct DemoArgs {
     /// Film side of the overview in pixels; it always spans the whole 28.28 mm
     #[arg(long, value_name = "PX", default_value_t = 2048, value_parser = clap::value_parser!(u32).range(64..=14141))]
     pub size: u32,
+    /// Colours of the plots
+    #[arg(long, value_enum, default_value_t)]
+    pub style: StyleArg,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,

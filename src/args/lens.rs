@@ -1,6 +1,7 @@
 //! `lenscube lens`.
 
 use super::import::ImportArgs;
+use super::style::StyleArg;
 use super::values::{bounded, pitch, positive};
 use clap::{Args, Subcommand, ValueEnum};
 use pipeline::bounds;
@@ -49,9 +50,12 @@ pub struct ShowArgs {
     /// As JSON
     #[arg(long)]
     pub json: bool,
-    /// Write plots (SVG) into this directory: RI, distortion, lateral colour, MTF, PSFs, nodes, a design's cross-section
+    /// Write figures (SVG and PNG) into this directory: RI, distortion, lateral colour, MTF, PSFs, nodes, a design's cross-section
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
+    /// Colours of figures
+    #[arg(long, value_enum, default_value_t)]
+    pub style: StyleArg,
     /// Line pairs per mm of the MTF against field
     #[arg(long, value_name = "F,…", value_parser = bounded(bounds::FREQUENCY_LP_MM), value_delimiter = ',', default_value = "10,20,40")]
     pub lp_mm: Vec<f64>,

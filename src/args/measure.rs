@@ -1,5 +1,6 @@
 //! `lenscube measure`.
 
+use super::style::StyleArg;
 use super::values::{bounded, pair};
 use clap::{ArgGroup, Args};
 use pipeline::bounds;
@@ -9,7 +10,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("what").required(true).args(["edge", "points", "profile"]))]
 #[command(
-    after_help = "Examples:\n  lenscube measure film.zarr --edge 1020,900,1034,1060 --band 550 --svg edge.svg\n  \
+    after_help = "Examples:\n  lenscube measure film.zarr --edge 1020,900,1034,1060 --band 550 --plot edge.svg\n  \
 lenscube measure film.zarr//roi_0 --points '100,100;300.5,80'\n  \
 lenscube measure film.zarr --profile 0,512,1023,512 --csv profile.csv\n\
 Places are columns and rows X,Y of the array named, pixel centres at whole numbers."
@@ -42,9 +43,12 @@ pub struct MeasureArgs {
     /// Write all figures and curves here as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Write a plot of the curves here
-    #[arg(long, value_name = "FILE", conflicts_with = "points")]
-    pub svg: Option<PathBuf>,
+    /// Write a plot of the curves here, PNG or SVG by the name's ending
+    #[arg(long, alias = "svg", value_name = "FILE", conflicts_with = "points")]
+    pub plot: Option<PathBuf>,
+    /// Colours of figures
+    #[arg(long, value_enum, default_value_t)]
+    pub style: StyleArg,
 }
 
 /// Places (row, column).

@@ -1,5 +1,6 @@
 //! `lenscube validate`.
 
+use super::style::StyleArg;
 use super::values::{bytes, number, pitch, threads};
 use super::{Device, EngineArg};
 use clap::Args;
@@ -42,6 +43,9 @@ pub struct ValidateArgs {
     /// A film with the record of its run (runs/*.json), for the table of times
     #[arg(long, value_name = "FILM")]
     pub timing: Option<PathBuf>,
+    /// Colours of figures
+    #[arg(long, value_enum, default_value_t)]
+    pub style: StyleArg,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,

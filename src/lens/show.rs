@@ -37,7 +37,7 @@ pub fn command(args: &ShowArgs) -> Result<()> {
         false => print(words(&subject, &look, args)?.trim_end()),
     }
     match &args.plot {
-        Some(dir) => plots::write(dir, &subject, &nm, &at, &args.lp_mm),
+        Some(dir) => plots::write(dir, &subject, &nm, &at, &args.lp_mm, args.style.into()),
         None => Ok(()),
     }
 }

@@ -1,14 +1,16 @@
 //! `report.html`: one file with its pictures inside, for a screen of 1280 px and for paper.
 
 use super::distortion::mean_max;
-use super::figures;
+use super::figures::Figures;
 use super::require::worst;
 use super::tables::{bands_table, blame_table, edges_table, escape, times_table};
 use super::{Band, Setup, title};
 use crate::args::{Quantity, ValidateArgs};
+use formats::picture::style::{Colour, Style, hex};
+use formats::picture::text::font_css;
 use serde_json::Value;
 
-const STYLE: &str = "body{font:15px/1.5 'DejaVu Sans',Helvetica,Arial,sans-serif;color:#111;max-width:1200px;margin:0 auto;\
+const STYLE: &str = "body{font:15px/1.5 Inter,'DejaVu Sans',Helvetica,Arial,sans-serif;color:#111;max-width:1200px;margin:0 auto;\
 padding:24px}h1{font-size:26px}h2{font-size:20px;margin-top:40px;border-bottom:1px solid #bbb}h3{font-size:16px;margin:24px 0 4px}\
 table{border-collapse:collapse;margin:12px 0;font-size:13px}th,td{padding:3px 9px;border:1px solid #ccc;text-align:right;\
 font-variant-numeric:tabular-nums}th{background:#f2f2f2;font-weight:600}td:first-child,th:first-child{text-align:left}\
@@ -42,23 +44,40 @@ pub fn html(args: &ValidateArgs, setup: &Setup, bands: &[Band], missed: &[String
             format!("<p class=\"miss\">Required and missed:</p><ul class=\"miss\">{}</ul>", lines.concat())
         }
     };
+    let figures = Figures { setup, style: args.style.into() };
     let body = [
         head,
         verdict,
         summary(bands),
-        illumination(bands),
-        distortion(setup, bands),
-        edges(bands),
+        illumination(&figures, bands),
+        distortion(&figures, bands),
+        edges(&figures, bands),
         times_table(times),
-        each_band(bands),
+        each_band(&figures, bands),
     ];
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" \
-         content=\"width=device-width\"><title>lenscube validate: {title}</title><style>{STYLE}</style></head><body>\n\
+         content=\"width=device-width\"><title>lenscube validate: {title}</title><style>{}{STYLE}{}</style></head><body>\n\
          <h1>Validation of {title}</h1>\n{}</body></html>\n",
+        font_css(),
+        dark(figures.style),
         body.join("\n"),
         title = escape(&args.lens),
     )
+}
+
+/// What a dark page has otherwise.
+fn dark(style: Style) -> String {
+    let colour = |c| hex(style.rgb(c));
+    match style {
+        Style::Light => String::new(),
+        Style::Dark => format!(
+            "body{{background:{};color:{}}}th{{background:#2a2d31}}th,td,h2{{border-color:{}}}.miss{{color:#f88}}",
+            colour(Colour::Paper),
+            colour(Colour::Ink),
+            colour(Colour::Grid)
+        ),
+    }
 }
 
 fn pairs(pictures: &[String]) -> String {
@@ -96,9 +115,9 @@ fn summary(bands: &[Band]) -> String {
     )
 }
 
-fn illumination(bands: &[Band]) -> String {
-    let mut pictures = figures::illumination(bands);
-    pictures.push(figures::departure(bands));
+fn illumination(figures: &Figures<'_>, bands: &[Band]) -> String {
+    let mut pictures = figures.illumination(bands);
+    pictures.push(figures.departure(bands));
     format!(
         "<h2>Relative illumination</h2><p>A uniform chart of 1 through relative illumination and distortion, nothing else. The \
          film is read along a strip from the axis to its right edge, along one to its lower edge, and in squares along the four \
@@ -115,16 +134,16 @@ fn illumination(bands: &[Band]) -> String {
     )
 }
 
-fn distortion(setup: &Setup, bands: &[Band]) -> String {
+fn distortion(figures: &Figures<'_>, bands: &[Band]) -> String {
     let worst = bands.iter().max_by(|a, b| mean_max(&a.points).1.total_cmp(&mean_max(&b.points).1));
-    let pictures = worst.map(|b| figures::distortion(setup, b)).unwrap_or_default();
+    let pictures = worst.map(|b| figures.distortion(b)).unwrap_or_default();
     format!(
         "<h2>Distortion</h2><p>A chart of 9 &times; 9 points through relative illumination and distortion. The centroid of each \
          point on the film (the film as it is, not divided by R, whose slope moves a centroid by less than 1e-4 px) against the \
          film place of the chief ray of that field point: traced at that field for a design, the table's for a pack. With the \
          PSF {}: there a point moves by its PSF's centroid, which is taken off. The vectors are those of the band with the \
          largest error.</p>{}",
-        if setup.films.full {
+        if figures.setup.films.full {
             "all points again"
         } else {
             "the points to the right and to the lower right corner again"
@@ -133,7 +152,7 @@ fn distortion(setup: &Setup, bands: &[Band]) -> String {
     )
 }
 
-fn edges(bands: &[Band]) -> String {
+fn edges(figures: &Figures<'_>, bands: &[Band]) -> String {
     let mut out = format!(
         "<h2>Edge spread function</h2><p>Slanted edges of contrast 4, 5&deg; off the radius (normal radial) and off the tangent \
          (normal tangential), as in ISO 12233: at the centre, at mid-field and in a corner. The film is divided by R; a pixel's \
@@ -144,7 +163,7 @@ fn edges(bands: &[Band]) -> String {
          have: shares of whole film pixels, with the chart pixel's square, the bin of 1/4 px and the mean of the bicubic remap's \
          weights at the phases that the pixels really have. No rotation, no interpolation between PSFs, no convolution of the \
          program's is used for it. IoU = &Sigma; min / &Sigma; max; area = &int; |film &minus; lens|, px. MTF: e-SFR of ISO \
-         12233 of both curves.</p>{}{}\
+         12233 of both curves; short vertical lines: MTF50 of the film; dotted line: the film's Nyquist frequency.</p>{}{}\
          <p>Where the largest difference comes from, worst over the bands: <i>heights</i>, the run's PSFs linear between their \
          heights; <i>kernels</i>, all that makes its kernels (heights, azimuths, turning, integration over the pixel); \
          <i>rest</i>, the remap and the PSF's change within its own window. <i>Sampling</i> is no error of the program: it is how \
@@ -159,14 +178,14 @@ fn edges(bands: &[Band]) -> String {
     let places: Vec<String> = bands[0].edges.iter().map(|e| title(&e.place)).collect();
     for (k, place) in places.iter().enumerate() {
         let words = format!("{place}, r = {:.1} mm", bands[0].edges[k].height_mm);
-        out += &pairs(&figures::edge_overlays(bands, k, &words));
+        out += &pairs(&figures.edge_overlays(bands, k, &words));
     }
     out
 }
 
-fn each_band(bands: &[Band]) -> String {
+fn each_band(figures: &Figures<'_>, bands: &[Band]) -> String {
     let one = |b: &Band| {
-        let pictures = pairs(&figures::band_edges(b));
+        let pictures = pairs(&figures.band_edges(b));
         format!("<h3>{} nm, PSF window {} px</h3>{pictures}", b.nm, b.window_px)
     };
     let each: String = bands.iter().map(one).collect();

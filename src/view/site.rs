@@ -8,7 +8,7 @@ use crate::memory::default_limit;
 use crate::progress::say;
 use anyhow::Result;
 use formats::film::FilmSpec;
-use formats::picture::curve::ink;
+use formats::picture::style::wavelength_colour;
 use pipeline::geometry::Rect;
 use serde_json::{Map, Value, json};
 use std::sync::atomic::AtomicBool;
@@ -86,7 +86,7 @@ impl Site {
             .wavelengths_nm
             .iter()
             .map(|&nm| {
-                let [r, g, b] = ink(nm);
+                let [r, g, b] = wavelength_colour(nm);
                 json!({"nm": nm, "ink": format!("#{r:02x}{g:02x}{b:02x}")})
             })
             .collect();

@@ -1,12 +1,27 @@
-//! A drawing as a list of marks, so that one layout makes both the PNG and the SVG.
+//! A figure as an SVG document, and its PNG: the same document drawn by `resvg`.
 //!
-//! Places are (x, y) in pixels from the top left, y down. Text is placed by its middle line, so that labels sit level with
-//! what they name in either format; the SVG asks for a plain typeface as high as the PNG's dots, and no wider.
+//! Places are (x, y) in px from the top left, y down. The SVG holds its text as text and carries the font; for the PNG
+//! the text is laid out in the same places as outlines, so that no font of the machine takes part. The same figure is
+//! always the same bytes.
 
 use std::fmt::Write;
+use std::path::Path;
 
-use super::image::{Image, Rgb, text_size};
+use base64::Engine;
+use resvg::{tiny_skia, usvg};
+
+use super::PictureError;
+use crate::durable::WholeFile;
+use super::image::Image;
+use super::style::{Colour, Rgb, Style, hex};
+use super::text::{self, CAP_HEIGHT, FAMILY, escape};
 use pipeline::geometry::Size;
+
+/// Pixels of a PNG per px of a figure: enough for a column of a printed page.
+pub const PNG_SCALE: f64 = 2.0;
+
+/// Font size of labels and numbers, px.
+pub const FONT: f64 = 15.0;
 
 /// Where a text's anchor lies along its line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,263 +34,344 @@ pub enum Anchor {
     End,
 }
 
-/// One thing drawn.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Mark {
-    /// A line through points.
-    Line {
-        /// Its points.
-        points: Vec<(f64, f64)>,
-        /// Its width.
-        width: f64,
-        /// Its colour.
-        colour: Rgb,
-    },
-    /// A filled shape.
-    Area {
-        /// Its corners, in order.
-        points: Vec<(f64, f64)>,
-        /// Its colour.
-        colour: Rgb,
-    },
-    /// A round dot.
-    Dot {
-        /// Its centre.
-        at: (f64, f64),
-        /// Its radius.
-        radius: f64,
-        /// Its colour.
-        colour: Rgb,
-    },
-    /// A picture; the SVG holds it as PNG, its pixels as squares.
-    Picture {
-        /// Its top left corner.
-        at: (f64, f64),
-        /// The picture.
-        image: Image,
-        /// Side of one of its pixels.
-        enlarge: usize,
-    },
-    /// A line of text.
-    Text {
-        /// Its anchor, on its middle line.
-        at: (f64, f64),
-        /// What it says.
-        text: String,
-        /// Pixels a dot of its letters (7 dots high).
-        dot: usize,
-        /// Where its anchor is.
-        anchor: Anchor,
-        /// Whether it reads upwards.
-        up: bool,
-        /// Its colour.
-        colour: Rgb,
-    },
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stroke {
+    /// Its colour.
+    pub colour: Colour,
+    /// Its width, px.
+    pub width: f64,
+    /// Its pattern, one of [`DASHES`]; 0: solid.
+    pub dash: usize,
 }
 
-/// A drawing on white paper.
-#[derive(Clone, Debug, PartialEq)]
+/// Dash patterns, px: each of a palette's colours has its own.
+pub const DASHES: [&str; 7] = ["", "8 4", "2 3", "10 3 2 3", "16 4", "10 3 2 3 2 3", "5 2"];
+
+/// One line of text.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Text<'a> {
+    /// Its anchor, at half the height of its capitals.
+    pub at: (f64, f64),
+    /// Font size, px.
+    pub size: f64,
+    /// Where the anchor is.
+    pub anchor: Anchor,
+    /// Whether it reads upwards.
+    pub upwards: bool,
+    /// Room, px; longer text is cut with an ellipsis, the SVG keeps the whole as its tooltip.
+    pub most: f64,
+    /// What it says.
+    pub text: &'a str,
+}
+
+impl<'a> Text<'a> {
+    /// A line to the right at the font size of labels, of any length.
+    pub fn new(at: (f64, f64), anchor: Anchor, text: &'a str) -> Self {
+        Self { at, size: FONT, anchor, upwards: false, most: f64::MAX, text }
+    }
+}
+
+enum Mark {
+    Svg(String),
+    Text { start: (f64, f64), size: f64, upwards: bool, text: String, whole: Option<String> },
+}
+
+/// A drawing on paper of one colour.
 pub struct Figure {
-    /// Size in pixels.
-    pub size: Size,
-    /// What is drawn, the first lowest.
-    pub marks: Vec<Mark>,
+    size: Size,
+    style: Style,
+    paper: Rgb,
+    marks: Vec<Mark>,
 }
 
 impl Figure {
-    /// Draws it in pixels.
-    pub fn to_image(&self) -> Image {
-        let mut image = Image::new(self.size, [255; 3]);
-        for mark in &self.marks {
-            match mark {
-                Mark::Line { points, width, colour } => image.line(points, *width, *colour),
-                Mark::Area { points, colour } => image.area(points, *colour),
-                Mark::Dot { at, radius, colour } => image.line(&[*at, *at], 2.0 * radius, *colour),
-                Mark::Picture { at: (x, y), image: picture, enlarge } => {
-                    image.lay((y.round() as usize, x.round() as usize), picture, *enlarge);
-                }
-                Mark::Text { at, text, dot, anchor, up, colour } => {
-                    let box_ = text_size(text, *dot);
-                    let along = match anchor {
-                        Anchor::Start => 0.0,
-                        Anchor::Middle => box_.width as f64 / 2.0,
-                        Anchor::End => box_.width as f64,
-                    };
-                    let across = box_.height as f64 / 2.0;
-                    let whole = |v: f64| v.round() as i64;
-                    if *up {
-                        image.text_up((whole(at.1 + along), whole(at.0 - across)), text, *dot, *colour);
-                    } else {
-                        image.text((whole(at.1 - across), whole(at.0 - along)), text, *dot, *colour);
-                    }
-                }
-            }
-        }
-        image
+    /// An empty figure.
+    pub fn new(size: Size, style: Style) -> Self {
+        Self { size, style, paper: style.rgb(Colour::Paper), marks: Vec::new() }
     }
 
-    /// Writes it as an SVG document.
+    /// The same on paper of another colour.
+    pub fn on(self, paper: Rgb) -> Self {
+        Self { paper, ..self }
+    }
+
+    /// Its style.
+    pub const fn style(&self) -> Style {
+        self.style
+    }
+
+    /// Size, px.
+    pub const fn size(&self) -> Size {
+        self.size
+    }
+
+    fn add(&mut self, element: String) {
+        self.marks.push(Mark::Svg(element));
+    }
+
+    fn stroke(&self, stroke: Stroke) -> String {
+        let dash = DASHES[stroke.dash % DASHES.len()];
+        let dash = if dash.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{dash}\"") };
+        let colour = hex(self.style.rgb(stroke.colour));
+        format!(" stroke=\"{colour}\" stroke-width=\"{}\"{dash}", number(stroke.width))
+    }
+
+    /// A line through points.
+    pub fn line(&mut self, points: &[(f64, f64)], stroke: Stroke) {
+        let style = self.stroke(stroke);
+        let data = path(points);
+        self.add(format!("<path d=\"{data}\" fill=\"none\" stroke-linejoin=\"round\"{style}/>"));
+    }
+
+    /// A filled polygon.
+    pub fn area(&mut self, points: &[(f64, f64)], colour: Colour) {
+        let fill = hex(self.style.rgb(colour));
+        self.add(format!("<path d=\"{}Z\" fill=\"{fill}\"/>", path(points)));
+    }
+
+    /// Round dots.
+    pub fn dots(&mut self, centres: &[(f64, f64)], radius: f64, colour: Colour) {
+        // Lines of no length with round ends: one element for all.
+        let data: String = centres.iter().map(|c| path(&[*c, (c.0 + 0.01, c.1)])).collect();
+        let (stroke, width) = (hex(self.style.rgb(colour)), number(2.0 * radius));
+        self.add(format!(
+            "<path d=\"{data}\" stroke=\"{stroke}\" stroke-width=\"{width}\" stroke-linecap=\"round\"/>"
+        ));
+    }
+
+    /// A marker of shape `kind` (circle, square, triangle, diamond, cross), counted around.
+    pub fn marker(&mut self, (x, y): (f64, f64), kind: usize, colour: Colour) {
+        let polygon: &[(f64, f64)] = match kind % 5 {
+            0 => return self.dots(&[(x, y)], 3.6, colour),
+            1 => &[(-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)],
+            2 => &[(0.0, -4.6), (4.3, 3.4), (-4.3, 3.4)],
+            3 => &[(0.0, -4.8), (4.8, 0.0), (0.0, 4.8), (-4.8, 0.0)],
+            _ => &[(0.0, 4.6), (4.3, -3.4), (-4.3, -3.4)],
+        };
+        let placed: Vec<_> = polygon.iter().map(|(dx, dy)| (x + dx, y + dy)).collect();
+        self.area(&placed, colour);
+    }
+
+    /// A picture, its pixels as squares of `enlarge` px.
+    pub fn picture(&mut self, (x, y): (f64, f64), image: &Image, enlarge: usize) {
+        let data = base64::engine::general_purpose::STANDARD.encode(image.to_quick_png(""));
+        self.add(format!(
+            "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" \
+             style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{data}\"/>",
+            number(x),
+            number(y),
+            image.size().width * enlarge,
+            image.size().height * enlarge,
+        ));
+    }
+
+    /// Draws only inside a rectangle (left, top, width, height) until [`Figure::clip_end`].
+    pub fn clip(&mut self, [x, y, width, height]: [f64; 4]) {
+        let [x, y, width, height] = [x, y, width, height].map(number);
+        self.add(format!(
+            "<svg x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" viewBox=\"{x} {y} {width} {height}\">"
+        ));
+    }
+
+    /// Ends [`Figure::clip`].
+    pub fn clip_end(&mut self) {
+        self.add("</svg>".into());
+    }
+
+    /// A line of text.
+    pub fn text(&mut self, label: Text<'_>) {
+        // As XML will hold it: what is measured is what is shown.
+        let cleaned: String = label.text.chars().map(|c| if c.is_whitespace() { ' ' } else { c }).collect();
+        let shown = text::fit(&cleaned, label.size, label.most).into_owned();
+        if shown.trim().is_empty() {
+            return;
+        }
+        let width = text::width(&shown, label.size);
+        let back = match label.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => width / 2.0,
+            Anchor::End => width,
+        };
+        let down = CAP_HEIGHT * label.size / 2.0;
+        let (x, y) = label.at;
+        let start = if label.upwards { (x + down, y + back) } else { (x - back, y + down) };
+        let whole = (shown != cleaned).then_some(cleaned);
+        self.marks.push(Mark::Text { start, size: label.size, upwards: label.upwards, text: shown, whole });
+    }
+
+    /// The SVG document, with its font.
     pub fn to_svg(&self) -> String {
+        self.document(&format!("<style>{}</style>\n", text::font_css()), false)
+    }
+
+    /// The SVG element for an HTML page that holds [`text::font_css`].
+    pub fn to_svg_element(&self) -> String {
+        self.document("", false)
+    }
+
+    fn document(&self, head: &str, outlined: bool) -> String {
         let Size { height, width } = self.size;
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" font-family=\"DejaVu Sans, Helvetica, Arial, sans-serif\">\n\
-             <rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n"
+             viewBox=\"0 0 {width} {height}\" font-family=\"{FAMILY}\">\n{head}\
+             <rect width=\"{width}\" height=\"{height}\" fill=\"{}\"/>\n",
+            hex(self.paper)
         );
-        let mut marks = self.marks.iter().peekable();
-        while let Some(mark) = marks.next() {
+        let ink = hex(self.style.rgb(Colour::Ink));
+        for mark in &self.marks {
             // Writing to a String cannot fail.
             let _ = match mark {
-                Mark::Line { points, width, colour } => {
-                    // Lines alike that follow each other, as dashes do, are one path.
-                    let mut path = path(points);
-                    let alike = |m: &&Mark| matches!(m, Mark::Line { width: w, colour: c, .. } if w == width && c == colour);
-                    while let Some(Mark::Line { points, .. }) = marks.next_if(alike) {
-                        path.push_str(&self::path(points));
-                    }
-                    let stroke = hex(*colour);
-                    writeln!(
-                        svg,
-                        "<path d=\"{path}\" fill=\"none\" stroke=\"{stroke}\" stroke-width=\"{width}\" stroke-linejoin=\"round\"/>",
-                    )
-                }
-                Mark::Area { points, colour } => {
-                    let points: Vec<_> = points.iter().map(|(x, y)| format!("{x:.2},{y:.2}")).collect();
-                    writeln!(svg, "<polygon points=\"{}\" fill=\"{}\"/>", points.join(" "), hex(*colour))
-                }
-                Mark::Dot { at: (x, y), radius, colour } => writeln!(
-                    svg,
-                    "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius:.2}\" fill=\"{}\"/>",
-                    hex(*colour)
-                ),
-                Mark::Picture { at: (x, y), image, enlarge } => writeln!(
-                    svg,
-                    "<image x=\"{x:.2}\" y=\"{y:.2}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" \
-                     style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{}\"/>",
-                    image.size().width * enlarge,
-                    image.size().height * enlarge,
-                    base64(&image.to_png())
-                ),
-                Mark::Text { at: (x, y), text, dot, anchor, up, colour } => {
-                    let anchor = match anchor {
-                        Anchor::Start => "start",
-                        Anchor::Middle => "middle",
-                        Anchor::End => "end",
+                Mark::Svg(element) => writeln!(svg, "{element}"),
+                Mark::Text { start: (x, y), size, upwards, text, whole } => {
+                    let (sx, sy) = (number(*x), number(*y));
+                    let rotate = if *upwards {
+                        format!(" transform=\"rotate(-90 {sx} {sy})\"")
+                    } else {
+                        String::new()
                     };
-                    let turn =
-                        if *up { format!(" transform=\"rotate(-90 {x:.2} {y:.2})\"") } else { String::new() };
-                    writeln!(
-                        svg,
-                        "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{}\" text-anchor=\"{anchor}\" dominant-baseline=\"central\" fill=\"{}\"{turn}>{}</text>",
-                        9 * dot,
-                        hex(*colour),
-                        escape(text)
-                    )
+                    if outlined {
+                        let data = text::outlines(text, *size, (*x, *y));
+                        writeln!(svg, "<path d=\"{data}\" fill=\"{ink}\"{rotate}/>")
+                    } else {
+                        let whole = whole.as_ref().map(|w| format!("<title>{}</title>", escape(w)));
+                        writeln!(
+                            svg,
+                            "<text x=\"{sx}\" y=\"{sy}\" font-size=\"{}\" fill=\"{ink}\"{rotate}>{}{}</text>",
+                            number(*size),
+                            whole.unwrap_or_default(),
+                            escape(text)
+                        )
+                    }
                 }
             };
         }
         svg + "</svg>\n"
     }
-}
 
-/// A line in SVG's words, to a tenth of a pixel.
-fn path(points: &[(f64, f64)]) -> String {
-    let place = |(i, (x, y)): (usize, &(f64, f64))| {
-        format!(
-            "{}{x:.1} {y:.1}",
-            if i == 0 {
-                "M"
-            } else if i == 1 {
-                "L"
-            } else {
-                " "
+    /// Draws it, `scale` pixels per px.
+    ///
+    /// # Errors
+    /// If the picture would have no pixels, or more than fit a drawing (2³¹ bytes).
+    pub fn to_image(&self, scale: f64) -> Result<Image, PictureError> {
+        let failed = |problem: String| PictureError::Setting { setting: "figure", problem };
+        let tree = usvg::Tree::from_str(&self.document("", true), &usvg::Options::default())
+            .map_err(|e| failed(format!("{} px cannot be drawn: {e}", self.size)))?;
+        let side = |px: usize| (px as f64 * scale).round();
+        let (width, height) = (side(self.size.width), side(self.size.height));
+        let mut pixels = tiny_skia::Pixmap::new(width as u32, height as u32)
+            .ok_or_else(|| failed(format!("a picture of {width} x {height} pixels cannot be drawn")))?;
+        resvg::render(
+            &tree,
+            tiny_skia::Transform::from_scale(scale as f32, scale as f32),
+            &mut pixels.as_mut(),
+        );
+        let mut image = Image::new(Size::new(height as usize, width as usize), [0; 3]);
+        let bytes = pixels.data().chunks_exact(4 * width as usize);
+        for (y, line) in bytes.enumerate() {
+            for (to, from) in image.row_mut(y).iter_mut().zip(line.chunks_exact(4)) {
+                // The paper covers everything: no pixel is transparent.
+                *to = [from[0], from[1], from[2]];
             }
-        )
-    };
-    points.iter().enumerate().map(place).collect()
-}
-
-fn hex([r, g, b]: Rgb) -> String {
-    format!("#{r:02x}{g:02x}{b:02x}")
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
-}
-
-/// RFC 4648.
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for three in bytes.chunks(3) {
-        let word = three.iter().fold(0u32, |w, &b| w << 8 | u32::from(b)) << (8 * (3 - three.len()));
-        for i in 0..4 {
-            let letter = LETTERS[(word >> (18 - 6 * i)) as usize & 63] as char;
-            out.push(if i <= three.len() { letter } else { '=' });
         }
+        Ok(image)
     }
-    out
+
+    /// Writes it, whole or not at all: PNG of [`PNG_SCALE`] pixels per px if the name ends in `.png`, else SVG.
+    ///
+    /// # Errors
+    /// As [`Figure::to_image`], and if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), PictureError> {
+        Ok(self.file(path)?.finish()?)
+    }
+
+    /// As [`Figure::write`], a file that has not got its name yet.
+    ///
+    /// # Errors
+    /// As [`Figure::write`].
+    pub fn file(&self, path: &Path) -> Result<WholeFile, PictureError> {
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+            return self.to_image(PNG_SCALE)?.png_file(path, "lenscube figure");
+        }
+        Ok(WholeFile::with_text(path, &self.to_svg())?)
+    }
+}
+
+/// At most two digits after the point, without zeros at the end.
+fn number(v: f64) -> String {
+    let text = format!("{v:.2}");
+    let short = text.trim_end_matches('0').trim_end_matches('.');
+    if short == "-0" { "0".into() } else { short.to_owned() }
+}
+
+fn path(points: &[(f64, f64)]) -> String {
+    let mut data = String::with_capacity(12 * points.len());
+    for (i, (x, y)) in points.iter().enumerate() {
+        data.push(if i == 0 { 'M' } else { 'L' });
+        data.push_str(&number(*x));
+        data.push(' ');
+        data.push_str(&number(*y));
+    }
+    data
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn base64_as_in_its_standard() {
-        for (plain, coded) in
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")]
-        {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
+    const INK: Stroke = Stroke { colour: Colour::Ink, width: 2.0, dash: 0 };
+
+    fn label(text: &str, at: (f64, f64)) -> Text<'_> {
+        Text { size: 20.0, ..Text::new(at, Anchor::Middle, text) }
     }
 
     #[test]
-    fn shapes_dots_and_pictures_in_both() {
+    fn lines_areas_dots_and_pictures_are_drawn() {
         let mut small = Image::new(Size::new(2, 1), [0, 0, 255]);
         small.row_mut(1)[0] = [0, 255, 0];
-        let figure = Figure {
-            size: Size::new(60, 80),
-            marks: vec![
-                Mark::Area { points: vec![(10.0, 10.0), (30.0, 10.0), (10.0, 30.0)], colour: [9, 9, 9] },
-                Mark::Dot { at: (50.0, 20.0), radius: 5.0, colour: [255, 0, 0] },
-                Mark::Picture { at: (40.0, 40.0), image: small, enlarge: 4 },
-            ],
-        };
-        let (image, svg) = (figure.to_image(), figure.to_svg());
-        assert_eq!((image.pixel(12, 12), image.pixel(28, 28)), ([9; 3], [255; 3]));
-        let filled = image.pixels().iter().filter(|p| **p == [9; 3]).count();
-        assert!(filled.abs_diff(200) < 25, "{filled}");
-        assert_eq!((image.pixel(20, 50), image.pixel(20, 57)), ([255, 0, 0], [255; 3]));
-        assert_eq!(
-            (image.pixel(43, 43), image.pixel(44, 40), image.pixel(48, 40)),
-            ([0, 0, 255], [0, 255, 0], [255; 3])
-        );
-        for word in ["<polygon", "<circle", "base64,iVBORw0KGgo", "width=\"4\" height=\"8\""] {
-            assert!(svg.contains(word), "{word}");
-        }
+        let mut figure = Figure::new(Size::new(60, 80), Style::Light);
+        figure.area(&[(10.0, 10.0), (30.0, 10.0), (10.0, 30.0)], Colour::Ink);
+        figure.dots(&[(50.0, 20.0)], 5.0, Colour::Palette(4));
+        figure.picture((40.0, 40.0), &small, 4);
+        figure.line(&[(5.0, 55.0), (35.0, 55.0)], INK);
+        let image = figure.to_image(1.0).unwrap();
+        let (ink, red) = (Style::Light.rgb(Colour::Ink), Style::Light.rgb(Colour::Palette(4)));
+        assert_eq!((image.pixel(12, 12), image.pixel(28, 28)), (ink, [255; 3]));
+        assert_eq!((image.pixel(20, 50), image.pixel(20, 57)), (red, [255; 3]));
+        assert_eq!((image.pixel(54, 20), image.pixel(50, 20)), (ink, [255; 3]));
+        let picture = [(40, 40), (43, 43), (44, 40), (47, 43)].map(|(y, x)| image.pixel(y, x));
+        assert_eq!(picture, [[0, 0, 255], [0, 0, 255], [0, 255, 0], [0, 255, 0]]);
+        assert_eq!([image.pixel(39, 40), image.pixel(48, 40), image.pixel(41, 44)], [[255; 3]; 3]);
     }
 
     #[test]
-    fn one_layout_makes_both() {
-        let figure = Figure {
-            size: Size::new(60, 80),
-            marks: vec![
-                Mark::Line { points: vec![(5.0, 50.0), (75.0, 50.0)], width: 2.0, colour: [255, 0, 0] },
-                Mark::Text {
-                    at: (40.0, 20.0),
-                    text: "a<b".into(),
-                    dot: 2,
-                    anchor: Anchor::Middle,
-                    up: false,
-                    colour: [0; 3],
-                },
-            ],
+    fn text_is_centred_in_the_png_and_text_in_the_svg() {
+        let mut figure = Figure::new(Size::new(60, 160), Style::Light);
+        figure.text(label("a<b & \"c\"", (80.0, 30.0)));
+        let image = figure.to_image(1.0).unwrap();
+        let dark = |y: usize, x: usize| image.pixel(y, x)[0] < 128;
+        let columns: Vec<usize> = (0..160).filter(|&x| (0..60).any(|y| dark(y, x))).collect();
+        assert!((columns[0] + columns[columns.len() - 1]).abs_diff(160) <= 3, "{columns:?}");
+        let svg = figure.to_svg();
+        let document = usvg::roxmltree::Document::parse(&svg).unwrap();
+        let texts: Vec<_> = document.descendants().filter(|n| n.has_tag_name("text")).collect();
+        assert_eq!(texts[0].text(), Some("a<b & \"c\""));
+    }
+
+    #[test]
+    fn a_figure_is_the_same_bytes_each_time_and_as_large_as_asked() {
+        let make = || {
+            let mut figure = Figure::new(Size::new(60, 80), Style::Dark);
+            figure.text(label("λ = 550 nm", (40.0, 30.0)));
+            figure
         };
-        let (image, svg) = (figure.to_image(), figure.to_svg());
-        assert_eq!(image.pixel(50, 40), [255, 0, 0]);
-        let dark: Vec<usize> = (0..80).filter(|&x| (0..40).any(|y| image.pixel(y, x) == [0; 3])).collect();
-        assert_eq!((dark[0] + dark[dark.len() - 1] + 1).abs_diff(80) / 2, 0, "{dark:?}");
-        assert!(svg.contains("a&lt;b") && svg.contains("#ff0000") && svg.ends_with("</svg>\n"));
+        assert_eq!(make().to_svg(), make().to_svg());
+        for (scale, want) in [(1.0, Size::new(60, 80)), (2.0, Size::new(120, 160)), (1.5, Size::new(90, 120))]
+        {
+            let image = make().to_image(scale).unwrap();
+            assert_eq!(image.size(), want);
+            assert_eq!(image, make().to_image(scale).unwrap());
+        }
+        assert!(make().to_image(0.0).is_err() && make().to_image(1e9).is_err());
     }
 }

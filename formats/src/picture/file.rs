@@ -17,20 +17,22 @@ pub(super) fn write_atomic<T>(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<&File>) -> Result<T, PictureError>,
 ) -> Result<T, PictureError> {
+    let (whole, done) = whole_file(path, fill)?;
+    whole.finish()?;
+    Ok(done)
+}
+
+/// A file filled by `fill` that has not got its name yet.
+fn whole_file<T>(
+    path: &Path,
+    fill: impl FnOnce(&mut BufWriter<&File>) -> Result<T, PictureError>,
+) -> Result<(WholeFile, T), PictureError> {
     let failed = |source| PictureError::Write { path: path.to_owned(), source };
     let whole = WholeFile::create(path)?;
     let mut out = BufWriter::new(whole.file());
     let done = fill(&mut out)?;
     out.into_inner().map_err(|e| failed(e.into_error()))?;
-    whole.finish()?;
-    Ok(done)
-}
-
-/// Writes text, atomically.
-pub(super) fn write_text(path: &Path, text: &str) -> Result<(), PictureError> {
-    write_atomic(path, |out| {
-        out.write_all(text.as_bytes()).map_err(|source| PictureError::Write { path: path.to_owned(), source })
-    })
+    Ok((whole, done))
 }
 
 /// What the samples of a PNG are.
@@ -50,6 +52,19 @@ pub(super) fn write_png<T>(
     comment: &str,
     fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, PictureError>,
 ) -> Result<T, PictureError> {
+    let (whole, done) = png_file(path, size, samples, comment, fill)?;
+    whole.finish()?;
+    Ok(done)
+}
+
+/// As [`write_png`], a file that has not got its name yet.
+pub(super) fn png_file<T>(
+    path: &Path,
+    size: Size,
+    samples: Samples,
+    comment: &str,
+    fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, PictureError>,
+) -> Result<(WholeFile, T), PictureError> {
     let encode = |source| match source {
         png::EncodingError::IoError(source) => PictureError::Write { path: path.to_owned(), source },
         source => PictureError::Encode { path: path.to_owned(), source },
@@ -61,7 +76,7 @@ pub(super) fn write_png<T>(
         })
     };
     let (width, height) = (side(size.width)?, side(size.height)?);
-    write_atomic(path, |out| {
+    whole_file(path, |out| {
         let mut encoder = png::Encoder::new(out, width, height);
         match samples {
             Samples::Srgb8 => {

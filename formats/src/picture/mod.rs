@@ -2,8 +2,9 @@
 //!
 //! [`preview`] shows a stack of bands in colour ([`streamed`]: of any size), [`grey`] one band; both read any [`ChartSource`] once (twice where the
 //! exposure of a grey picture is to be found) in strips, averaging over area on the way (`average.rs`), so that memory
-//! holds the picture, or only a strip, never the cube. [`exposure`] says which value becomes white, [`tone`] how values become bytes. [`sheet`] sets
-//! crops side by side, [`curve`] plots a lens's tables and [`mod@plot`] any curves, [`drawing`] shapes to scale, through the marks of [`figure`]; all draw on the [`image`].
+//! holds the picture, or only a strip, never the cube. [`exposure`] says which value becomes white, [`tone`] how values become bytes.
+//! Figures are SVG documents ([`figure`]) in a light or dark [`style`], and PNG files drawn from the same documents:
+//! [`mod@plot`] draws curves and shapes on axes, [`bands`] gives wavelengths their colours, [`curve`] the tables of a lens, [`sheet`] crops side by side.
 //! A file appears whole or not at all: `file.rs` writes under another name and renames.
 //!
 //! Pixels that are NaN or infinite (shards not yet written) are MISSING: averages leave them out, a picture's pixel with
@@ -12,8 +13,8 @@
 
 mod average;
 mod axes;
+pub mod bands;
 pub mod curve;
-pub mod drawing;
 pub mod exposure;
 pub mod figure;
 mod file;
@@ -23,6 +24,8 @@ pub mod plot;
 pub mod preview;
 pub mod sheet;
 pub mod streamed;
+pub mod style;
+pub mod text;
 pub mod tone;
 
 use std::path::PathBuf;

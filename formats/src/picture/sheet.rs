@@ -1,32 +1,34 @@
-//! A contact sheet: rows of chart and film side by side, pixel for pixel, for the eye to compare.
+//! A contact sheet: rows of chart and film side by side, pixel for pixel.
 //!
-//! Crops stand at 100 % or enlarged a whole number of times, each pixel a square: nothing is interpolated, so what is seen is
-//! what is there. The paper is dark and neutral, so that it takes no part in judging colours. What a caption
-//! says in letters beyond ASCII is left blank.
+//! Crops are shown at 100 % or enlarged by a whole number, each pixel a square: nothing is interpolated. The background
+//! is a neutral dark grey, which does not change how colours are judged.
 
 use super::PictureError;
-use super::image::{Image, Rgb, text_size};
+use super::figure::{Anchor, FONT, Figure, Text};
+use super::image::Image;
+use super::style::{Rgb, Style};
+use super::text;
 use pipeline::geometry::Size;
 
 const PAPER: Rgb = [38; 3];
-const LETTERS: Rgb = [224; 3];
 /// Pixels around and between crops.
 const MARGIN: usize = 16;
-/// Pixels between a crop and its caption.
-const GAP: usize = 6;
-/// Pixels a dot of captions and of the title.
-const DOTS: (usize, usize) = (2, 3);
+/// Pixels that a caption takes below its crop, and the title above all.
+const CAPTION: usize = 26;
+const TITLE: usize = 34;
+/// Font size of the title, px.
+const TITLE_FONT: f64 = 20.0;
 
-/// A picture and what to say about it.
+/// A picture and its caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Crop {
     /// The picture.
     pub image: Image,
-    /// A line under it.
+    /// A line below it.
     pub caption: String,
 }
 
-/// Lays pairs (chart on the left, film on the right) out under a title.
+/// Lays pairs (chart on the left, film on the right) out under a title; one pixel of the sheet is 1 px.
 ///
 /// # Errors
 /// If there is nothing to show, or `enlarge` is 0.
@@ -38,35 +40,34 @@ pub fn contact_sheet(title: &str, pairs: &[[Crop; 2]], enlarge: usize) -> Result
     if enlarge == 0 {
         return bad("enlarge", "is 0; take 1 for every pixel as it is");
     }
-    let caption_height = text_size("", DOTS.0).height;
-    let widths = [0, 1]
-        .map(|side| pairs.iter().map(|pair| cell(&pair[side], enlarge).width).max().unwrap_or_default());
-    let heights = pairs.iter().map(|pair| cell(&pair[0], enlarge).height.max(cell(&pair[1], enlarge).height));
-    let top = 2 * MARGIN + text_size(title, DOTS.1).height;
+    let wide = |text: &str, size: f64| text::width(text, size).ceil() as usize;
+    let cell = |crop: &Crop| {
+        let image = crop.image.size();
+        Size::new(image.height * enlarge + CAPTION, (image.width * enlarge).max(wide(&crop.caption, FONT)))
+    };
+    let widths =
+        [0, 1].map(|side| pairs.iter().map(|pair| cell(&pair[side]).width).max().unwrap_or_default());
+    let heights = pairs.iter().map(|pair| cell(&pair[0]).height.max(cell(&pair[1]).height));
+    let top = MARGIN + TITLE;
     let size = Size::new(
         top + heights.clone().map(|h| h + MARGIN).sum::<usize>(),
-        (widths[0] + widths[1] + 3 * MARGIN).max(text_size(title, DOTS.1).width + 2 * MARGIN),
+        (widths[0] + widths[1] + 3 * MARGIN).max(wide(title, TITLE_FONT) + 2 * MARGIN),
     );
-    let mut sheet = Image::new(size, PAPER);
-    sheet.text((MARGIN as i64, MARGIN as i64), title, DOTS.1, LETTERS);
+    let mut sheet = Figure::new(size, Style::Dark).on(PAPER);
+    let at = (MARGIN as f64, (MARGIN + TITLE / 2) as f64 - 4.0);
+    sheet.text(Text { size: TITLE_FONT, ..Text::new(at, Anchor::Start, title) });
     let mut y = top;
     for (pair, height) in pairs.iter().zip(heights) {
         let mut x = MARGIN;
         for (crop, width) in pair.iter().zip(widths) {
-            sheet.lay((y, x), &crop.image, enlarge);
-            let below = (y + height - caption_height) as i64;
-            sheet.text((below, x as i64), &crop.caption, DOTS.0, LETTERS);
+            sheet.picture((x as f64, y as f64), &crop.image, enlarge);
+            let below = (y + height - CAPTION / 2 + 2) as f64;
+            sheet.text(Text::new((x as f64, below), Anchor::Start, &crop.caption));
             x += width + MARGIN;
         }
         y += height + MARGIN;
     }
-    Ok(sheet)
-}
-
-/// Room that a crop takes with its caption.
-fn cell(crop: &Crop, enlarge: usize) -> Size {
-    let (image, caption) = (crop.image.size(), text_size(&crop.caption, DOTS.0));
-    Size::new(image.height * enlarge + GAP + caption.height, (image.width * enlarge).max(caption.width))
+    sheet.to_image(1.0)
 }
 
 #[cfg(test)]
@@ -81,33 +82,44 @@ mod tests {
     fn every_pixel_becomes_a_square() {
         let mut left = crop(Size::new(20, 30), [200, 0, 0], "chart");
         left.image.row_mut(3)[4] = [1, 2, 3];
-        let right = crop(Size::new(25, 30), [0, 0, 200], "film, 0.0 mm: a caption wider than its crop");
+        let right = crop(Size::new(25, 30), [0, 0, 200], "film, λ = 550 nm: a caption wider than its crop");
         let sheet = contact_sheet("Title", &[[left.clone(), right.clone()], [left, right]], 3).unwrap();
         let count = |c: Rgb| sheet.pixels().iter().filter(|&&p| p == c).count();
         assert_eq!(count([1, 2, 3]), 2 * 9);
         assert_eq!(count([200, 0, 0]), 2 * 9 * (20 * 30 - 1));
         assert_eq!(count([0, 0, 200]), 2 * 9 * 25 * 30);
-        assert!(count(LETTERS) > 1000);
-        // Title 21 high, then two rows of 75 + 6 + 14, every one with a margin below.
-        assert_eq!(sheet.size().height, 2 * 16 + 21 + 2 * (75 + 6 + 14 + 16));
-        let first = 2 * 16 + 21;
+        let first = MARGIN + TITLE;
+        assert_eq!(sheet.size().height, first + 2 * (75 + CAPTION + MARGIN));
         assert_eq!(
             (sheet.pixel(first + 9, 16 + 12), sheet.pixel(first + 11, 16 + 14)),
             ([1, 2, 3], [1, 2, 3])
         );
-        let caption = text_size("film, 0.0 mm: a caption wider than its crop", 2).width;
-        assert_eq!(sheet.size().width, 3 * 16 + 90 + caption);
+        let letters = sheet.pixels().iter().filter(|p| p[0] > 150 && p[0] == p[2]).count();
+        assert!(letters > 300, "{letters}");
+    }
+
+    #[test]
+    fn a_crop_is_shown_pixel_for_pixel() {
+        let mut noise = crop(Size::new(64, 61), [0; 3], "");
+        for y in 0..64 {
+            for (x, p) in noise.image.row_mut(y).iter_mut().enumerate() {
+                *p = [y * 7919 + x * 104_729, x * 31 + y, x * y].map(|v| (v % 251) as u8);
+            }
+        }
+        let sheet = contact_sheet("", &[[noise.clone(), noise.clone()]], 1).unwrap();
+        for y in 0..64 {
+            for x in 0..61 {
+                assert_eq!(sheet.pixel(MARGIN + TITLE + y, MARGIN + x), noise.image.pixel(y, x), "{y} {x}");
+            }
+        }
     }
 
     #[test]
     fn a_long_title_fits() {
-        let pair = [crop(Size::new(1, 1), [0; 3], ""), crop(Size::new(1, 1), [9; 3], "")];
-        let sheet = contact_sheet("A title much longer than its crops", &[pair], 1).unwrap();
-        assert_eq!(sheet.size().width, text_size("A title much longer than its crops", 3).width + 32);
-        assert!(contact_sheet("none", &[], 1).is_err());
-        assert!(
-            contact_sheet("none", &[[crop(Size::new(1, 1), PAPER, ""), crop(Size::new(1, 1), PAPER, "")]], 0)
-                .is_err()
-        );
+        let pair = || [crop(Size::new(1, 1), [0; 3], ""), crop(Size::new(1, 1), [9; 3], "")];
+        let sheet = contact_sheet("A title much longer than its crops", &[pair()], 1).unwrap();
+        assert!(sheet.size().width > 300);
+        assert!((0..sheet.size().height).all(|y| sheet.pixel(y, sheet.size().width - 10) == PAPER));
+        assert!(contact_sheet("none", &[], 1).is_err() && contact_sheet("none", &[pair()], 0).is_err());
     }
 }
