@@ -4,8 +4,8 @@ pub mod jsonl;
 
 use formats::durable::Sweep;
 use indicatif::{ProgressBar, ProgressStyle};
+use pipeline::executor::Progress;
 use pipeline::executor::Summary;
-use pipeline::flow::Progress;
 use pipeline::plan::ShardId;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
@@ -208,7 +208,7 @@ pub fn summary_lines(
             s.times.write_s - t.write_s
         ),
     ];
-    lines.extend(s.devices.iter().map(|d| {
+    lines.extend(s.gpus.iter().map(|d| {
         let busy = |seconds: f64| 100.0 * seconds / d.span_s.max(1e-9);
         format!(
             "GPU {} ({}): {} tiles in {} batches; of {:.1} s busy: upload {:.0} %, compute {:.0} %, download {:.0} %",

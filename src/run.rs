@@ -26,6 +26,7 @@ use pipeline::executor::{BandWork, Summary, Work, run};
 use pipeline::flow::{DoorError, FilmSink};
 use pipeline::geometry::Rect;
 use pipeline::plan::ShardId;
+use pipeline::stages::StageCompute;
 use serde_json::json;
 use shown::Shown;
 use std::collections::BTreeSet;
@@ -212,14 +213,13 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     lay_out(&mut job, &args.film, &wanted)?;
     tell(&job, all);
     let work = Work {
-        frame: job.frame,
+        film: job.frame.film,
         windows: &job.windows,
         bands: std::iter::zip(wanted, std::iter::zip(&job.plans, &job.chart_bands))
             .map(|(wanted, (plan, &chart_band))| BandWork { chart_band, tiling: plan.tiling, wanted })
             .collect(),
         threads: job.threads,
-        queues: &job.queues,
-        spectra_bytes: job.memory.spectra,
+        gpus: &job.queues,
         cancel: interrupt::finish_tiles(),
     };
     let held = Mutex::new(vec![None; job.plans.len()]);
@@ -247,7 +247,8 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
     };
     let follow = Follow::new(shown, task.start.elapsed().as_secs_f64(), args.keep_going);
     fault_point("tiles-begin");
-    let result = run(&work, job.chart.source(), &Sink(store, &job.film_bands), &prepare, &follow);
+    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare);
+    let result = run(&work, job.chart.source(), &Sink(store, &job.film_bands), &compute, &follow);
     follow.shown.finish();
     fault_point("shards-made");
     let outcome = in_place(store, follow.outcome(&job, store, missing as u64, result));

@@ -84,7 +84,7 @@ fn mistakes_are_one_line_and_change_nothing() {
         ("x.exr", &["--exposure", "2"], 2, "--exposure is for"),
         ("x.tif", &["--band", "500"], 2, "--band is for PNG"),
         ("x.npy", &["--crop", "270,0,10,10"], 2, "leaves the image of"),
-        ("x.npy", &["--crop", "0,0,0,10"], 2, "number of pixels"),
+        ("x.npy", &["--crop", "0,0,0,10"], 2, "whole number from 1"),
         ("x.npy", &["--bands", "7"], 2, "beyond the last of 3 bands"),
         ("x.exr", &["--memory", "49MiB"], 2, "need at least"),
         ("nowhere/x.npy", &[], 1, "nowhere/x.npy"),

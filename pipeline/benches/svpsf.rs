@@ -7,12 +7,13 @@
 mod shared;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use lenscube_pipeline::buffer::TileBuffer;
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{PsfSample, PsfStack};
 use lenscube_pipeline::psf::grid::NodeGrid;
 use lenscube_pipeline::psf::kernel::NodeKernels;
 use lenscube_pipeline::psf::spectra::SpectrumCache;
-use lenscube_pipeline::psf::{BandPsf, PsfScratch, Scattered};
+use lenscube_pipeline::psf::{BandPsf, PsfScratch};
 use lenscube_pipeline::simd::{Isa, Simd};
 use shared::{CoreTime, FILM, PITCH_UM, TRACED_HEIGHTS, comet, grid, traced_azimuths};
 
@@ -43,7 +44,7 @@ fn tiles(c: &mut Criterion<CoreTime>, name: &str, stack: &PsfStack, grid: &NodeG
         };
         let scene: Vec<f32> = (0..side * side).map(|i| 0.1 + (i * 7919 % 1009) as f32 / 1009.0).collect();
         let mut cache = SpectrumCache::new(usize::MAX);
-        let (mut out, mut scratch) = (Scattered::default(), PsfScratch::default());
+        let (mut out, mut scratch) = (TileBuffer::default(), PsfScratch::default());
         let pixels: usize = rects.iter().map(|r| r.size().pixels()).sum();
         group.throughput(Throughput::Elements(pixels as u64));
         group.bench_function(isa.name(), |b| {

@@ -3,7 +3,6 @@
 //! A band at a wavelength of the lens takes that band's tables as they are. Between two, heights and RI interpolate
 //! linearly in λ at equal IDEAL height; a PSF does so only when asked ([`PsfBetween::Interpolate`]), node by node.
 
-use crate::executor::BandStages;
 use crate::geometry::Frame;
 use crate::lens::{Lens, LensBand, LensError, PsfStack};
 use crate::plan::Tiling;
@@ -88,6 +87,15 @@ pub struct BandPlan {
     pub blocks: Option<Blocks>,
     /// Its tiles.
     pub tiling: Tiling,
+}
+
+/// The stages of one band, ready to run.
+#[derive(Debug)]
+pub struct BandStages {
+    /// Stages 1-2.
+    pub scene: Scene,
+    /// Stage 3, if on.
+    pub psf: Option<BandPsf>,
 }
 
 impl BandPlan {

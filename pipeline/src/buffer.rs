@@ -45,3 +45,21 @@ impl std::ops::DerefMut for AlignedBuf {
         &mut bytemuck::cast_slice_mut(&mut self.lines)[..self.len]
     }
 }
+
+/// A tile of film light with its tail (the margin that its PSFs reach), rows `stride` apart.
+#[derive(Debug, Default)]
+pub struct TileBuffer {
+    /// Values, row-major.
+    pub data: AlignedBuf,
+    /// Values from one row to the next.
+    pub stride: usize,
+}
+
+impl TileBuffer {
+    /// Becomes `pixels` as they are, rows `width` wide: a tile without a tail.
+    pub fn copy(&mut self, pixels: &[f32], width: usize) {
+        self.stride = width;
+        self.data.reset(pixels.len());
+        self.data.copy_from_slice(pixels);
+    }
+}

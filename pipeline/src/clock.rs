@@ -3,6 +3,8 @@
 //! The two differ by waiting: for the disk, or for a core that another thread has. Σ core seconds / cores bounds the run
 //! from below, whatever overlaps.
 
+use crate::flow::{ChartSource, DoorError};
+use crate::geometry::{Rect, Size};
 use rustix::time::{ClockId, clock_gettime};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
@@ -59,7 +61,7 @@ fn core_ns() -> u64 {
 
 /// All stages. Reading happens inside the scene stage and is taken out of it.
 #[derive(Debug, Default)]
-pub(crate) struct Clock {
+pub struct Clock {
     pub(crate) read: Stage,
     pub(crate) scene: Stage,
     pub(crate) svpsf: Stage,
@@ -91,6 +93,31 @@ impl Clock {
             write_s: seconds(&self.write),
             prepare_s: seconds(&self.prepare),
         }
+    }
+}
+
+/// A chart whose reading time is counted apart from resampling.
+pub(crate) struct TimedChart<'a> {
+    chart: &'a dyn ChartSource,
+    read: &'a Stage,
+}
+
+impl<'a> TimedChart<'a> {
+    /// `chart`, its time on `clock`.
+    pub(crate) fn new(chart: &'a dyn ChartSource, clock: &'a Clock) -> Self {
+        Self { chart, read: &clock.read }
+    }
+}
+
+impl ChartSource for TimedChart<'_> {
+    fn size(&self) -> Size {
+        self.chart.size()
+    }
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+        self.read.time(|| self.chart.read(band, rect, out))
+    }
+    fn expect(&self, band: usize, rect: Rect) {
+        self.read.time(|| self.chart.expect(band, rect));
     }
 }
 

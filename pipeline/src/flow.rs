@@ -1,7 +1,5 @@
 //! The doors of the pipeline: where charts come from and films go to. Implemented by stores, by generators, by tests.
 
-use crate::cuda::CudaError;
-use crate::executor::RunError;
 use crate::geometry::{Rect, Size};
 use crate::plan::ShardId;
 
@@ -46,24 +44,3 @@ pub trait FilmSink: Sync {
         2
     }
 }
-
-/// What a run tells while it goes; called from many threads.
-pub trait Progress: Sync {
-    /// A band's first tile is about to start: its position in the job and the film pixels of its tiles.
-    fn band(&self, _position: usize, _pixels: u64) {}
-    /// A tile of `pixels` film pixels has been added.
-    fn tile(&self, _position: usize, _pixels: usize) {}
-    /// A shard of `bytes` has been committed.
-    fn shard(&self, _id: ShardId, _bytes: u64) {}
-    /// A device failed and takes part no longer; the `left` others go on with its tiles.
-    fn device_left(&self, _device: &str, _error: &CudaError, _left: usize) {}
-    /// A device is short of memory and goes on with half of what it had.
-    fn device_short(&self, _device: &str, _error: &CudaError) {}
-    /// Something failed. `true`: go on with all shards that do not depend on it; `false`: stop the run.
-    fn fault(&self, _error: &RunError) -> bool {
-        false
-    }
-}
-
-/// Says nothing.
-impl Progress for () {}

@@ -46,5 +46,6 @@ pub mod reflectance;
 pub mod resample;
 pub mod scene;
 pub mod simd;
+pub mod stages;
 pub mod wavelengths;
 mod words;

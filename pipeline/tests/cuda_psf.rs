@@ -5,6 +5,7 @@ mod emulated_cuda;
 mod oracle;
 
 use emulated_cuda::{Build, Case, On, WATCHED};
+use lenscube_pipeline::buffer::TileBuffer;
 use lenscube_pipeline::cuda::handle::CudaStream;
 use lenscube_pipeline::cuda::{CudaError, Device};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
@@ -13,7 +14,7 @@ use lenscube_pipeline::psf::cuda::{PsfOnDevice, PsfTile};
 use lenscube_pipeline::psf::grid::{Node, NodeGrid};
 use lenscube_pipeline::psf::kernel::{KernelScratch, NodeKernels};
 use lenscube_pipeline::psf::spectra::SpectrumCache;
-use lenscube_pipeline::psf::{BandPsf, PsfScratch, Scattered};
+use lenscube_pipeline::psf::{BandPsf, PsfScratch};
 use lenscube_pipeline::simd::Simd;
 use oracle::{Grid, Image, Noise, errors};
 use std::process::ExitCode;
@@ -139,7 +140,7 @@ impl Film {
 
     /// What the CPU's stage makes of a tile.
     fn cpu(&self, tile: Rect, cache: &SpectrumCache) -> Vec<f64> {
-        let mut out = Scattered::default();
+        let mut out = TileBuffer::default();
         self.psf.scatter(&self.frame, tile, &self.pixels(tile), cache, &mut out, &mut PsfScratch::default());
         let reach = self.psf.reaches(tile);
         let rows = out.data.chunks(out.stride).take(reach.height);

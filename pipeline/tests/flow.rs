@@ -4,15 +4,17 @@
 mod oracle;
 
 use lenscube_pipeline::band::{BandPlan, Options, PsfBetween};
+use lenscube_pipeline::executor::Progress;
 use lenscube_pipeline::executor::{BandWork, RunError, Summary, Work, run};
 use lenscube_pipeline::field::Outside;
-use lenscube_pipeline::flow::{ChartSource, DoorError, FilmSink, Progress};
+use lenscube_pipeline::flow::{ChartSource, DoorError, FilmSink};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{ShardId, Window};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::scene::{Reading, Stages};
 use lenscube_pipeline::simd::Simd;
+use lenscube_pipeline::stages::StageCompute;
 use oracle::{Grid, Image, Noise, Tables, errors};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
@@ -172,14 +174,13 @@ impl Case {
         };
         let cancel = AtomicBool::new(false);
         let work = Work {
-            frame: self.frame,
+            film: self.frame.film,
             windows,
             bands: (0..plans.len())
                 .map(|i| BandWork { chart_band: i, tiling: plans[i].tiling, wanted: every(i).collect() })
                 .collect(),
             threads,
-            spectra_bytes,
-            queues: &[],
+            gpus: &[],
             cancel: &cancel,
         };
         let prepare = |i: usize| {
@@ -187,7 +188,7 @@ impl Case {
                 .stages(i, &self.frame, &self.options, 1.0, |b| Ok::<_, LensError>(self.stacks[b].clone()))
                 .map_err(DoorError::from)
         };
-        run(&work, chart, sink, &prepare, progress)
+        run(&work, chart, sink, &StageCompute::new(self.frame, spectra_bytes, &prepare), progress)
     }
 
     fn whole(&self, shard: usize) -> Vec<Window> {

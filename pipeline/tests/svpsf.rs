@@ -5,12 +5,13 @@
 mod oracle;
 
 use lenscube_pipeline::bench::Strided;
+use lenscube_pipeline::buffer::TileBuffer;
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{PsfSample, PsfStack};
 use lenscube_pipeline::psf::grid::{Node, NodeGrid};
 use lenscube_pipeline::psf::kernel::{KernelScratch, NodeKernels};
 use lenscube_pipeline::psf::spectra::SpectrumCache;
-use lenscube_pipeline::psf::{BandPsf, PsfScratch, Scattered};
+use lenscube_pipeline::psf::{BandPsf, PsfScratch};
 use lenscube_pipeline::simd::{Isa, Simd};
 use libtest_mimic::{Arguments, Trial};
 use oracle::{Grid, Image, Noise, errors};
@@ -90,13 +91,13 @@ impl Case {
         psf: &BandPsf,
         cache: &SpectrumCache,
         path: impl Fn(&mut Vec<Rect>),
-    ) -> Vec<(Rect, Scattered)> {
+    ) -> Vec<(Rect, TileBuffer)> {
         let grown = psf.reaches(self.frame.film.rect());
         let mut tiles: Vec<Rect> = grown.tiles(psf.blocks().tile, psf.blocks().tile).collect();
         path(&mut tiles);
         let mut scratch = PsfScratch::default();
         let scatter = |tile: Rect| {
-            let mut out = Scattered::default();
+            let mut out = TileBuffer::default();
             let pixels: Vec<f32> = (0..tile.size().pixels())
                 .map(|i| {
                     let (y, x) = ((tile.y - grown.y) as usize, (tile.x - grown.x) as usize);
@@ -157,7 +158,7 @@ impl Case {
         let psf = self.psf(simd);
         let side = psf.blocks().block;
         let tile = Rect::new(0, 0, side, side);
-        let (mut out, mut scratch) = (Scattered::default(), PsfScratch::default());
+        let (mut out, mut scratch) = (TileBuffer::default(), PsfScratch::default());
         let mut scatter = |scene: &[f32]| {
             psf.scatter(&self.frame, tile, scene, &SpectrumCache::new(64 << 20), &mut out, &mut scratch);
             out.data.iter().map(|&v| f64::from(v)).sum::<f64>()

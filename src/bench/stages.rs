@@ -3,9 +3,10 @@
 use super::{Bench, FILM_MM};
 use crate::lens::source::{Named, Source};
 use anyhow::{Context, Result};
+use pipeline::band::BandStages;
 use pipeline::band::{BandPlan, Options, PsfBetween};
 use pipeline::bench::{Strided, fused_multiply_adds};
-use pipeline::executor::BandStages;
+use pipeline::buffer::TileBuffer;
 use pipeline::field::Outside;
 use pipeline::flow::{ChartSource, DoorError};
 use pipeline::geometry::{Frame, Rect, Size};
@@ -13,7 +14,7 @@ use pipeline::lens::{PsfSample, PsfStack};
 use pipeline::psf::grid::NodeGrid;
 use pipeline::psf::kernel::NodeKernels;
 use pipeline::psf::spectra::SpectrumCache;
-use pipeline::psf::{BandPsf, PsfScratch, Scattered};
+use pipeline::psf::{BandPsf, PsfScratch};
 use pipeline::resample::{Interp, Surround};
 use pipeline::scene::{Reading, Scene, SceneScratch, Stages};
 use pipeline::simd::Simd;
@@ -204,8 +205,8 @@ fn spread(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf, threads: usize) -> Re
         (0..SPREAD * SPREAD).map(|i| Rect::new(at(i / SPREAD), at(i % SPREAD), side, side)).collect();
     let scene: Vec<f32> = (0..side * side).map(scene_value).collect();
     let cache = SpectrumCache::new(usize::MAX);
-    let state = <(Scattered, PsfScratch)>::default;
-    let work = |(out, scratch): &mut (Scattered, PsfScratch), i: usize| {
+    let state = <(TileBuffer, PsfScratch)>::default;
+    let work = |(out, scratch): &mut (TileBuffer, PsfScratch), i: usize| {
         psf.scatter(frame, rects[i], &scene, &cache, out, scratch);
     };
     share(threads, rects.len(), state, work);
@@ -222,7 +223,7 @@ fn whole_film(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf) -> Result<f64> {
     let scene: Vec<f32> = (0..side).map(scene_value).collect();
     bench.rate(frame.film.pixels() as f64 * 1e-6, || {
         let cache = SpectrumCache::new((bench.args.memory as f64 * SPECTRA_SHARE) as usize);
-        let state = <(Scattered, PsfScratch)>::default;
+        let state = <(TileBuffer, PsfScratch)>::default;
         share(bench.threads, tiles.len(), state, |(out, scratch), i| {
             psf.scatter(frame, tiles[i], &scene[..tiles[i].size().pixels()], &cache, out, scratch);
         });

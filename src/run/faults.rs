@@ -8,8 +8,8 @@ use anyhow::Result;
 use formats::chart::ChartError;
 use formats::film::{FilmError, FilmStore};
 use pipeline::cuda::CudaError;
+use pipeline::executor::Progress;
 use pipeline::executor::{RunError, Summary};
-use pipeline::flow::Progress;
 use pipeline::plan::ShardId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
@@ -173,7 +173,7 @@ impl Progress for Follow<'_> {
         self.shown.shard(id, bytes);
     }
 
-    fn device_left(&self, device: &str, error: &CudaError, left: usize) {
+    fn gpu_removed(&self, device: &str, error: &CudaError, left: usize) {
         // The last one ends the run, which is told then.
         if left > 0 {
             say(format!(
@@ -182,7 +182,7 @@ impl Progress for Follow<'_> {
         }
     }
 
-    fn device_short(&self, device: &str, error: &CudaError) {
+    fn gpu_short_of_memory(&self, device: &str, error: &CudaError) {
         say(format!("{device} goes on with half of the memory it had: {error}"));
     }
 

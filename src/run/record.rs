@@ -140,11 +140,11 @@ fn devices(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
             "device_bytes": queue.device_bytes,
             "host_bytes": queue.host_bytes,
         });
-        if let Some(f) = summary.and_then(|s| s.devices.get(i)) {
+        if let Some(f) = summary.and_then(|s| s.gpus.get(i)) {
             value["did"] = json!({
                 "tiles": f.tiles, "batches": f.batches, "pixels": f.pixels,
                 "upload_s": f.upload_s, "compute_s": f.compute_s, "download_s": f.download_s, "span_s": f.span_s,
-                "bytes_up": f.bytes_up, "bytes_down": f.bytes_down, "left": f.left,
+                "bytes_up": f.bytes_up, "bytes_down": f.bytes_down, "left": f.removed,
             });
         }
         value

@@ -39,7 +39,7 @@ pub fn missing(job: &Job, store: &FilmStore, asked: &[BTreeSet<ShardId>]) -> Res
 
 /// The tiles to make and their film pixels, per position of the job.
 pub fn tiles(work: &Work<'_>) -> Vec<(u64, u64)> {
-    let film = work.frame.film.rect();
+    let film = work.film.rect();
     let of = |b: &BandWork| {
         let tiles = tiles_needed(&b.tiling, work.windows, &b.wanted);
         let pixels = tiles.iter().map(|&t| b.tiling.rect(t).intersect(film).size().pixels() as u64);

@@ -4,7 +4,7 @@ use crate::job::Job;
 use crate::progress::Bars;
 use crate::progress::jsonl::Jsonl;
 use formats::film::FilmStore;
-use pipeline::flow::Progress;
+use pipeline::executor::Progress;
 use pipeline::plan::ShardId;
 
 /// Progress on its way to whoever looks.

@@ -11,10 +11,10 @@ use base64::Engine;
 use resvg::{tiny_skia, usvg};
 
 use super::PictureError;
-use crate::durable::WholeFile;
 use super::image::Image;
 use super::style::{Colour, Rgb, Style, hex};
 use super::text::{self, CAP_HEIGHT, FAMILY, escape};
+use crate::durable::WholeFile;
 use pipeline::geometry::Size;
 
 /// Pixels of a PNG per px of a figure: enough for a column of a printed page.

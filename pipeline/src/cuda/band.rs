@@ -2,17 +2,15 @@
 
 use super::handle::{CudaEvent, CudaStream};
 use super::memory::{BandMemory, BandNeeds, DeviceQueue};
-use super::pool::{Downloaded, Pinned};
+use super::pool::{GpuTile, Pinned};
 use super::slice::CudaSlice;
 use super::{CudaError, Device};
-use crate::executor::Work;
-use crate::executor::devices::Batch;
-use crate::executor::feed::Running;
-use crate::geometry::Rect;
+use crate::band::BandStages;
+use crate::geometry::{Frame, Rect};
+use crate::plan::Tiling;
 use crate::psf::cuda::{PsfOnDevice, PsfTile};
 use crate::scene::Scene;
 use crate::scene::cuda::{SceneOnDevice, SceneTile};
-use crossbeam::channel::Sender;
 use std::sync::Arc;
 
 /// `CU_EVENT_BLOCKING_SYNC`.
@@ -20,7 +18,7 @@ const BLOCKING_EVENT: u32 = 1;
 
 /// The streams of a queue: copies in either direction go on beside the kernels.
 #[derive(Debug)]
-pub(crate) struct Streams {
+pub struct Streams {
     upload: Arc<CudaStream>,
     compute: Arc<CudaStream>,
     download: Arc<CudaStream>,
@@ -28,7 +26,7 @@ pub(crate) struct Streams {
 
 impl Streams {
     /// What one stream needs of another is ordered here, by events; buffers are used again once the host has waited for the event
-    /// behind their last copy or kernel, and `OnDevice::new` waits for all that it has begun.
+    /// behind their last copy or kernel, and [`GpuBand::new`] waits for all that it has begun.
     pub(crate) fn new(device: &Device) -> Result<Self, CudaError> {
         let stream = || device.context.new_stream().map_err(device.failed("making a stream"));
         Ok(Self { upload: stream()?, compute: stream()?, download: stream()? })
@@ -37,36 +35,24 @@ impl Streams {
 
 /// Device memory for one batch on its way.
 #[derive(Debug)]
-pub(crate) struct Slot {
+pub struct Slot {
     chart: CudaSlice<f32>,
     scene: CudaSlice<f32>,
     light: Option<CudaSlice<f32>>,
 }
 
 /// A tile of a batch, its chart in page-locked memory.
-pub(crate) struct Tile {
+pub(crate) struct GpuBatchTile {
     pub(crate) sequence: usize,
     pub(crate) rect: Rect,
     pub(crate) chart_rect: Rect,
     pub(crate) chart: Pinned,
-    /// Where its light will come to.
-    pub(crate) light: Downloaded,
-}
-
-/// A batch on the device, until the last event.
-pub(crate) struct Enqueued {
-    pub(crate) batch: Batch,
-    pub(crate) slot: Slot,
-    pub(crate) tiles: Vec<Tile>,
-    /// Places in the sequence of tiles without a chart.
-    pub(crate) lost: Vec<usize>,
-    pub(crate) events: Events,
-    /// Where the charts' buffers go.
-    pub(crate) home: Sender<Pinned>,
+    /// Where the computed tile is downloaded to.
+    pub(crate) output: GpuTile,
 }
 
 /// Start and end of the batch's part in each stream.
-pub(crate) struct Events {
+pub(crate) struct BatchEvents {
     pub(crate) upload: [CudaEvent; 2],
     pub(crate) compute: [CudaEvent; 2],
     pub(crate) download: [CudaEvent; 2],
@@ -75,7 +61,7 @@ pub(crate) struct Events {
 /// What the largest of `tiles` of a band needs. `least_psf`: of its PSF stage, if it has one.
 pub fn needs<'a>(
     scene: &Scene,
-    tiling: &crate::plan::Tiling,
+    tiling: &Tiling,
     tiles: impl Iterator<Item = &'a (usize, usize)>,
     least_psf: Option<usize>,
 ) -> BandNeeds {
@@ -93,31 +79,31 @@ pub fn needs<'a>(
 
 /// A band's stages on a device.
 #[derive(Debug)]
-pub(crate) struct OnDevice {
-    pub(crate) position: usize,
+pub struct GpuBand {
     pub(crate) memory: BandMemory,
     pub(crate) needs: BandNeeds,
     scene: SceneOnDevice,
     psf: Option<PsfOnDevice>,
 }
 
-impl OnDevice {
-    /// The stages of `band` within the bounds of `queue`, halved `halved` times on the device, and slots for batches.
+impl GpuBand {
+    /// `stages` for `tiles` of `tiling` within the bounds of `queue`, halved `halved` times on the device, and slots for batches.
     pub(crate) fn new(
-        work: &Work<'_>,
-        band: &Running,
+        frame: &Frame,
+        stages: &BandStages,
+        tiling: &Tiling,
+        tiles: &[(usize, usize)],
         queue: &DeviceQueue,
         halved: u32,
         streams: &Streams,
     ) -> Result<(Self, Vec<Slot>), CudaError> {
-        let (device, stages) = (&queue.device, &band.stages);
-        let tiling = &work.bands[band.position].tiling;
+        let device = &queue.device;
         let least =
             stages.psf.as_ref().map(|psf| PsfOnDevice::least_bytes(psf.blocks(), psf.grid(), tiling.tile()));
-        let needs = needs(&stages.scene, tiling, band.tiles.iter(), least);
+        let needs = needs(&stages.scene, tiling, tiles.iter(), least);
         let memory = queue.plan(&needs, halved)?;
         let scene = SceneOnDevice::new(device, &stages.scene)?;
-        let psf = stages.psf.as_ref().map(|psf| PsfOnDevice::new(device, &work.frame, psf, memory.psf_bytes));
+        let psf = stages.psf.as_ref().map(|psf| PsfOnDevice::new(device, frame, psf, memory.psf_bytes));
         let psf = psf.transpose()?;
         let slot = || {
             let room = |px: usize, what| device.allocate::<f32>(&streams.compute, memory.tiles * px, what);
@@ -126,8 +112,8 @@ impl OnDevice {
         };
         let slots = (0..memory.slots).map(|_| slot()).collect::<Result<_, _>>()?;
         // Tables and memory are there for every stream.
-        device.context.synchronize().map_err(device.failed("beginning a band"))?;
-        Ok((Self { position: band.position, memory, needs, scene, psf }, slots))
+        device.synchronize("beginning a band")?;
+        Ok((Self { memory, needs, scene, psf }, slots))
     }
 
     /// Sends `tiles` on their way: up, through the stages, down. Nothing of it may be touched before the last event.
@@ -136,8 +122,8 @@ impl OnDevice {
         device: &Device,
         streams: &Streams,
         slot: &mut Slot,
-        tiles: &mut [Tile],
-    ) -> Result<Events, CudaError> {
+        tiles: &mut [GpuBatchTile],
+    ) -> Result<BatchEvents, CudaError> {
         let mark = |stream: &CudaStream, doing| {
             // Timed, and whoever waits for it sleeps.
             stream.record_event(BLOCKING_EVENT).map_err(device.failed(doing))
@@ -166,13 +152,13 @@ impl OnDevice {
         let down = mark(download, "downloading light")?;
         let (from, mut at) = (slot.light.as_ref().unwrap_or(&slot.scene), 0);
         for tile in tiles {
-            let to = tile.light.data_mut();
+            let to = tile.output.data_mut();
             let n = to.len();
             download.memcpy_dtoh(&from.slice(at..at + n), to).map_err(device.failed("downloading light"))?;
             at += n;
         }
         let downloaded = mark(download, "downloading light")?;
-        Ok(Events { upload: [up, uploaded], compute: [begun, computed], download: [down, downloaded] })
+        Ok(BatchEvents { upload: [up, uploaded], compute: [begun, computed], download: [down, downloaded] })
     }
 
     /// Stages 1-3.
@@ -180,16 +166,16 @@ impl OnDevice {
         &mut self,
         stream: &Arc<CudaStream>,
         slot: &mut Slot,
-        tiles: &[Tile],
+        tiles: &[GpuBatchTile],
     ) -> Result<(), CudaError> {
         let (mut chart_offset, mut scene_offset, mut light_offset) = (0, 0, 0);
         let (mut scenes, mut lights) = (Vec::new(), Vec::new());
-        for Tile { rect, chart_rect, light, .. } in tiles {
+        for GpuBatchTile { rect, chart_rect, output, .. } in tiles {
             scenes.push(SceneTile { rect: *rect, chart_rect: *chart_rect, chart_offset, scene_offset });
-            lights.push(PsfTile { rect: *rect, scene_offset, light_offset, light_stride: light.stride });
+            lights.push(PsfTile { rect: *rect, scene_offset, light_offset, light_stride: output.stride });
             chart_offset += chart_rect.size().pixels();
             scene_offset += rect.size().pixels();
-            light_offset += light.data().len();
+            light_offset += output.data().len();
         }
         self.scene.launch(stream, &scenes, &slot.chart, &mut slot.scene)?;
         if let (Some(psf), Some(light)) = (&mut self.psf, &mut slot.light) {

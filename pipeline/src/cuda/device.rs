@@ -147,6 +147,14 @@ impl Device {
         CudaError::on(self.index(), doing)
     }
 
+    /// Waits for all that this context has launched, while `doing`.
+    ///
+    /// # Errors
+    /// What the driver reports.
+    pub fn synchronize(&self, doing: &str) -> Result<(), CudaError> {
+        self.context.synchronize().map_err(self.failed(doing))
+    }
+
     /// (free, all) bytes of its memory.
     ///
     /// # Errors

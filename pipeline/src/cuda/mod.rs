@@ -6,20 +6,19 @@
 //! the driver assembles it for its GPU. So any machine builds this, and tests run the same `.cu` text on the CPU.
 #![allow(unsafe_code)]
 
-mod band;
+pub mod band;
 pub mod bench;
 pub mod device;
-mod drain;
 pub mod driver;
 pub mod error;
+mod figures;
 pub mod handle;
 pub mod launch;
 pub mod memory;
 pub(crate) mod pool;
-pub mod queue;
 pub mod slice;
 
 pub use band::needs;
 pub use device::{Device, DeviceInfo, devices};
-pub use drain::DeviceFigures;
 pub use error::CudaError;
+pub use figures::GpuFigures;

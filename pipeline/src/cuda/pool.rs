@@ -34,10 +34,10 @@ impl DerefMut for Pinned {
     }
 }
 
-/// Buffers of one length, so many at most, that come home by a channel.
+/// A bounded number of buffers of one length, returned by a channel.
 #[derive(Debug)]
-pub(crate) struct Pool {
-    home: Sender<Pinned>,
+pub(crate) struct PinnedPool {
+    returns: Sender<Pinned>,
     free: Receiver<Pinned>,
     len: usize,
     made: usize,
@@ -49,11 +49,11 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Buffers that are at most so much too long are kept for the next band: to lock pages takes its time.
 const KEPT: f64 = 1.25;
 
-impl Pool {
+impl PinnedPool {
     /// Without buffers.
     pub(crate) fn new() -> Self {
-        let (home, free) = unbounded();
-        Self { home, free, len: 0, made: 0, most: 0 }
+        let (returns, free) = unbounded();
+        Self { returns, free, len: 0, made: 0, most: 0 }
     }
 
     /// From now on at most `most` buffers of at least `len` values.
@@ -64,9 +64,9 @@ impl Pool {
         }
     }
 
-    /// Where buffers go when they are not needed any more.
-    pub(crate) fn home(&self) -> &Sender<Pinned> {
-        &self.home
+    /// Where buffers are returned to.
+    pub(crate) fn returns(&self) -> &Sender<Pinned> {
+        &self.returns
     }
 
     /// A buffer; `None` when `stopped` while waiting for one. `beyond`: the bound does not hold.
@@ -100,20 +100,20 @@ impl Pool {
     }
 }
 
-/// A tile's light in a pooled buffer, which goes home when this is dropped.
+/// A tile that a GPU computed, in a pooled buffer that is returned when this is dropped.
 #[derive(Debug)]
-pub(crate) struct Downloaded {
+pub(crate) struct GpuTile {
     buffer: Option<Pinned>,
     len: usize,
     /// Values from one row to the next.
     pub(crate) stride: usize,
-    home: Sender<Pinned>,
+    returns: Sender<Pinned>,
 }
 
-impl Downloaded {
+impl GpuTile {
     /// `len` values in rows `stride` apart, to come into `buffer`.
-    pub(crate) fn new(buffer: Pinned, len: usize, stride: usize, pool: &Pool) -> Self {
-        Self { buffer: Some(buffer), len, stride, home: pool.home.clone() }
+    pub(crate) fn new(buffer: Pinned, len: usize, stride: usize, pool: &PinnedPool) -> Self {
+        Self { buffer: Some(buffer), len, stride, returns: pool.returns.clone() }
     }
 
     /// Row-major.
@@ -127,11 +127,11 @@ impl Downloaded {
     }
 }
 
-impl Drop for Downloaded {
+impl Drop for GpuTile {
     fn drop(&mut self) {
         if let Some(buffer) = self.buffer.take() {
-            // Without a home it is freed.
-            let _ = self.home.send(buffer);
+            // Without a pool it is freed.
+            let _ = self.returns.send(buffer);
         }
     }
 }

@@ -1,168 +1,115 @@
-//! Workers, queues, back-pressure; no optics.
+//! The scheduler: claims tiles, has them computed, adds them in order, writes finished shards. It knows no optics.
 //!
-//! Bands come one after the other from a thread that prepares the next while the present one runs. Workers take, in this
-//! order: a finished shard to encode; the next tile. What a tile's light adds up to is added in tile order by whichever
-//! worker holds the turn. Encoded shards go through a short queue to threads that only write. No queue is unbounded: a
-//! tile may start only [`AHEAD`] tiles a worker before the oldest one not yet added.
-//!
-//! Where GPUs compute ([`Work::queues`]), they take the tiles off the same sequence, a batch at a time ([`crate::cuda::queue`]),
-//! and workers take the charts that batches wait for instead of tiles.
+//! ```text
+//! prepare thread   Compute::prepare(band)          → TileSource (one band ahead)
+//! worker           TileSource → Compute::compute   → OrderedAdder → ShardWriter
+//! GPU queue        TileSource → ChartReads (read by workers) → upload │ compute │ download → OrderedAdder
+//! worker           ShardWriter: encode → bounded queue → writing threads: commit
+//! ```
+//! [`Compute`] makes the stages of a band and computes its tiles ([`crate::stages`] implements it). [`tile_source`] deals out tiles in
+//! one sequence and takes back what a failed GPU had; [`ordered_adder`] adds them in that order, so that the film has the same
+//! bits for any number of threads and devices; [`shard_writer`] encodes and writes. Each has a lock of its own; [`signal`] wakes
+//! workers. No queue is unbounded: a tile may start only [`AHEAD`] tiles a worker before the oldest one not yet added.
 
-pub(crate) mod devices;
+mod chart_reads;
+mod compute;
 mod error;
-pub(crate) mod feed;
-pub(crate) mod turn;
+mod gpu_collector;
+mod gpu_queue;
+mod ordered_adder;
+mod progress;
+mod run_state;
+mod shard_writer;
+mod signal;
+mod tile_source;
+mod work;
 mod worker;
 
-use crate::clock::{Clock, StageTimes};
-use crate::cuda::DeviceFigures;
-use crate::cuda::memory::DeviceQueue;
-use crate::cuda::queue::serve;
-use crate::flow::{ChartSource, DoorError, FilmSink, Progress};
-use crate::geometry::Frame;
-use crate::overlap_add::OverlapAdd;
-use crate::plan::{ShardId, Tiling, Window};
-use crate::psf::BandPsf;
-use crate::psf::spectra::SpectrumCache;
-use crate::scene::Scene;
-use crossbeam::channel::bounded;
+pub use compute::Compute;
 pub use error::RunError;
-use feed::{Running, Shared, State, Timed};
-use std::collections::BTreeSet;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Condvar, Mutex};
-use std::time::Instant;
+pub use progress::Progress;
+pub use work::{BandWork, Summary, Work};
 
-/// Tiles in flight or waiting for their turn, per worker.
+use crate::clock::{Clock, TimedChart};
+use crate::cuda::GpuFigures;
+use crate::cuda::memory::DeviceQueue;
+use crate::flow::{ChartSource, FilmSink};
+use chart_reads::ChartReads;
+use ordered_adder::OrderedAdder;
+use run_state::RunState;
+use shard_writer::ShardWriter;
+use signal::Signal;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+use tile_source::TileSource;
+
+/// Tiles in flight or waiting to be added, per worker.
 pub const AHEAD: usize = 3;
 /// Encoded shards that wait to be written.
 pub const QUEUE: usize = 2;
 
-/// The stages of one band, ready to run.
-#[derive(Debug)]
-pub struct BandStages {
-    /// Stages 1-2.
-    pub scene: Scene,
-    /// Stage 3, if on.
-    pub psf: Option<BandPsf>,
-}
-
-/// What is to be made.
-pub struct Work<'a> {
-    /// Film, axis, chart.
-    pub frame: Frame,
-    /// Outputs.
-    pub windows: &'a [Window],
-    /// Per position of the job: band of the chart, tiling, and the shards still to make.
-    pub bands: Vec<BandWork>,
-    /// Worker threads.
-    pub threads: usize,
-    /// GPUs that compute the tiles; none: the workers do.
-    pub queues: &'a [DeviceQueue],
-    /// Bytes for node spectra.
-    pub spectra_bytes: usize,
-    /// Set from outside to stop early: tiles in flight end, what they finish is committed.
-    pub cancel: &'a AtomicBool,
-}
-
-/// One band of the job.
-#[derive(Clone, Debug)]
-pub struct BandWork {
-    /// Band of the chart.
-    pub chart_band: usize,
-    /// Its cut.
-    pub tiling: Tiling,
-    /// Shards to make; their `band` is the position in the job.
-    pub wanted: BTreeSet<ShardId>,
-}
-
-/// What a run did.
-#[derive(Clone, Debug, Default)]
-pub struct Summary {
-    /// Thread seconds per stage, waiting included.
-    pub times: StageTimes,
-    /// Core seconds per stage.
-    pub core: StageTimes,
-    /// Wall time, s.
-    pub wall_s: f64,
-    /// Tiles computed.
-    pub tiles: u64,
-    /// Film pixels of those tiles.
-    pub pixels: u64,
-    /// Node spectra built.
-    pub spectra: u64,
-    /// Shards written.
-    pub shards: u64,
-    /// Bytes written.
-    pub bytes_written: u64,
-    /// What each device did.
-    pub devices: Vec<DeviceFigures>,
-    /// Stopped early by `cancel`.
-    pub interrupted: bool,
-}
-
-/// Runs `work` from `chart` to `sink`; `prepare` makes the stages of the band at a position of the job.
+/// Runs `work` from `chart` to `sink`; `compute` makes the stages of each band.
 ///
 /// # Errors
 /// The first [`RunError`] that [`Progress::fault`] does not pass over; shards committed before it stay.
-pub fn run<S: FilmSink>(
+pub fn run<C: Compute, S: FilmSink>(
     work: &Work<'_>,
     chart: &dyn ChartSource,
     sink: &S,
-    prepare: &(dyn Fn(usize) -> Result<BandStages, DoorError> + Sync),
+    compute: &C,
     progress: &dyn Progress,
 ) -> Result<Summary, RunError> {
     let start = Instant::now();
-    let clock = Clock::default();
-    let shared = Shared {
+    let (clock, signal) = (Clock::default(), Signal::default());
+    let chart = TimedChart::new(chart, &clock);
+    let state = RunState {
         work,
-        chart: Timed(chart, &clock.read),
-        sink,
+        compute,
+        chart: &chart,
         progress,
-        spectra: SpectrumCache::new(work.spectra_bytes),
         clock: &clock,
-        state: Mutex::new(State { queues: work.queues.len(), ..State::default() }),
-        changed: Condvar::new(),
-        overlap: Mutex::new(OverlapAdd::new(work.windows)),
+        signal: &signal,
+        source: TileSource::new(&signal, work.cancel, work.gpus.len()),
+        reads: ChartReads::new(&signal),
+        adder: OrderedAdder::new(work.film, work.windows, &work.bands, &clock),
+        writer: ShardWriter::new(sink, &clock, &signal),
+        error: Mutex::new(None),
+        failed: AtomicBool::new(false),
     };
-    let (shards, bytes) = (AtomicU64::new(0), AtomicU64::new(0));
-    let named = |queue: &DeviceQueue| {
-        let (index, name) = (queue.device.index(), queue.device.info.name.clone());
-        Mutex::new(DeviceFigures { index, name, ..DeviceFigures::default() })
-    };
-    let figures: Vec<_> = work.queues.iter().map(named).collect();
+    let figures = |queue: &DeviceQueue| Mutex::new(GpuFigures::of(&queue.device));
+    let figures: Vec<_> = work.gpus.iter().map(figures).collect();
     std::thread::scope(|scope| {
-        let (bands_out, bands_in) = bounded::<Running>(0);
-        let (encoded_out, encoded_in) = bounded::<(ShardId, S::Encoded)>(QUEUE);
-        let shared = &shared;
-        scope.spawn(move || shared.prepare_bands(prepare, &bands_out));
-        for _ in 0..sink.writers().max(1) {
-            let (inbox, shards, bytes) = (encoded_in.clone(), &shards, &bytes);
-            scope.spawn(move || shared.write(&inbox, shards, bytes));
+        let (encoded_out, encoded_in) = ShardWriter::<S>::queue();
+        let state = &state;
+        scope.spawn(move || state.prepare_bands());
+        for _ in 0..state.writer.threads() {
+            let inbox = encoded_in.clone();
+            scope.spawn(move || state.writer.write(&inbox, progress, &|error| state.fail(error)));
         }
-        for (queue, figures) in work.queues.iter().zip(&figures) {
-            let bands = bands_in.clone();
-            scope.spawn(move || serve(shared, &bands, queue, figures));
+        for (queue, figures) in work.gpus.iter().zip(&figures) {
+            scope.spawn(move || gpu_queue::serve(state, queue, figures));
         }
         for _ in 0..work.threads.max(1) {
-            let (bands, encoded) = (bands_in.clone(), encoded_out.clone());
-            scope.spawn(move || shared.compute(&bands, &encoded));
+            let encoded = encoded_out.clone();
+            scope.spawn(move || state.worker(&encoded));
         }
     });
-    let state = shared.state.into_inner().expect("workers do not panic");
-    if let Some(error) = state.error {
+    let (tiles, pixels) = state.adder.added();
+    let (shards, bytes_written) = state.writer.written();
+    if let Some(error) = state.error.into_inner().expect("no panic while held") {
         return Err(error);
     }
     Ok(Summary {
         times: clock.wall(),
         core: clock.core(),
         wall_s: start.elapsed().as_secs_f64(),
-        tiles: state.tiles,
-        pixels: state.pixels,
-        spectra: shared.spectra.built(),
-        shards: shards.into_inner(),
-        bytes_written: bytes.into_inner(),
-        devices: figures.into_iter().map(|f| f.into_inner().expect("workers do not panic")).collect(),
+        tiles,
+        pixels,
+        spectra: compute.spectra_built(),
+        shards,
+        bytes_written,
+        gpus: figures.into_iter().map(|f| f.into_inner().expect("no panic while held")).collect(),
         interrupted: work.cancel.load(Ordering::Relaxed),
     })
 }

@@ -1,101 +1,117 @@
-//! A worker's loop, and that of a thread that writes.
+//! A worker's loop: a shard to encode, else a chart rectangle to read for a GPU, else a tile to compute.
+//!
+//! Shards come first, for they free memory; where GPUs compute, workers take no tiles.
 
-use super::RunError;
-use super::feed::{Running, Shared, Task};
-use super::turn::{Light, Thrown};
-use crate::flow::{ChartSource, DoorError, FilmSink};
-use crate::plan::ShardId;
-use crate::psf::PsfScratch;
-use crate::scene::SceneScratch;
-use crossbeam::channel::{Receiver, Sender};
-use std::sync::atomic::{AtomicU64, Ordering};
+use super::Compute;
+use super::chart_reads::ChartRead;
+use super::ordered_adder::TileOutput;
+use super::run_state::RunState;
+use super::shard_writer::Encoded;
+use super::tile_source::{Batch, Claim};
+use super::work::BandInFlight;
+use crate::flow::FilmSink;
+use crate::overlap_add::Finished;
+use crossbeam::channel::Sender;
 
 /// Tiles, per worker, between the one that is computed and the one whose chart is fetched: some tens of milliseconds.
-pub(super) const READ_AHEAD: usize = 4;
+const READ_AHEAD: usize = 4;
 
-impl<S: FilmSink> Shared<'_, S> {
-    pub(super) fn compute(&self, bands: &Receiver<Running>, encoded: &Sender<(ShardId, S::Encoded)>) {
-        let (mut scene, mut scratch, mut psf) = (Vec::new(), SceneScratch::default(), PsfScratch::default());
+enum Task<B> {
+    Encode(Finished),
+    Read(ChartRead<B>),
+    Tile(Batch<B>),
+    Over,
+}
+
+impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
+    /// Works until the run is over.
+    pub(super) fn worker(&self, encoded: &Sender<Encoded<S>>) {
+        let mut scratch = C::Scratch::default();
         loop {
-            match self.next(bands) {
-                Task::Over => return,
-                Task::Encode(shard) => {
-                    let done =
-                        self.clock.encode.time(|| self.sink.encode(shard.id, shard.rect, &shard.pixels));
-                    self.overlap.lock().expect("workers do not panic").recycle(shard.pixels);
-                    match done {
-                        Ok(bytes) => {
-                            // Writers are gone only after an error, which is told elsewhere.
-                            let _ = encoded.send((shard.id, bytes));
-                        }
-                        Err(source) => self.fail(RunError::Write { id: shard.id, source }),
-                    }
-                }
-                Task::Fetch(fetch) => self.fetch(fetch, &mut scratch),
-                Task::Tile { sequence, band, index, mut light } => {
-                    let work = &self.work.bands[band.position];
-                    let (tile, stages) = (band.tiles[index], &band.stages);
-                    let rect = work.tiling.rect(tile);
-                    scene.resize(rect.size().pixels(), 0.0);
-                    self.expect(&band, index + READ_AHEAD * self.work.threads.max(1));
-                    let read = self.clock.scene.time(|| {
-                        stages.scene.apply(&self.chart, work.chart_band, rect, &mut scene, &mut scratch)
-                    });
-                    if let Err(source) = read {
-                        self.unread(&band, tile, source);
-                        self.add(sequence, Light { band, tile, light: Thrown::Lost });
-                        continue;
-                    }
-                    self.clock.svpsf.time(|| match &stages.psf {
-                        Some(stage) => {
-                            stage.scatter(
-                                &self.work.frame,
-                                rect,
-                                &scene,
-                                &self.spectra,
-                                &mut light,
-                                &mut psf,
-                            );
-                        }
-                        None => light.copy(&scene, rect.width),
-                    });
-                    self.add(sequence, Light { band, tile, light: Thrown::Here(light) });
-                }
+            match self.next_task() {
+                Task::Over => break,
+                Task::Encode(shard) => self.encode(shard, encoded),
+                Task::Read(read) => self.read_for_gpu(read, &mut scratch),
+                Task::Tile(batch) => self.compute_tile(&batch, &mut scratch),
+            }
+        }
+        // The thread that prepares bands may still offer one.
+        self.source.close();
+    }
+
+    fn next_task(&self) -> Task<C::Band> {
+        loop {
+            let seen = self.signal.generation();
+            if self.failed() {
+                return Task::Over;
+            }
+            if let Some(shard) = self.writer.pop() {
+                return Task::Encode(shard);
+            }
+            if let Some(read) = self.reads.pop() {
+                return Task::Read(read);
+            }
+            let claim = match self.work.gpus.is_empty() {
+                true => self.claim_tile(),
+                false if self.source.is_over() => Claim::Over,
+                false => Claim::None,
+            };
+            match claim {
+                Claim::Batch(batch) => return Task::Tile(batch),
+                // Shards of the last tile were pushed before it was counted as added.
+                Claim::Over => return self.writer.pop().map_or(Task::Over, Task::Encode),
+                Claim::None => self.signal.wait(seen),
             }
         }
     }
 
-    /// The chart under `tile` could not be read.
-    pub(crate) fn unread(&self, band: &Running, tile: (usize, usize), source: DoorError) {
-        let rect = self.work.bands[band.position].tiling.rect(tile);
-        let shards = self.shards(band, tile);
-        self.fail(RunError::Read { position: band.position, rect, shards, source });
+    fn encode(&self, shard: Finished, encoded: &Sender<Encoded<S>>) {
+        let (pixels, result) = self.writer.encode(shard);
+        self.adder.recycle(pixels);
+        match result {
+            // Writing threads end before this one only after an error, which they have reported.
+            Ok(shard) => drop(encoded.send(shard)),
+            Err(error) => self.fail(error),
+        }
     }
 
-    /// Lets the chart fetch what a later tile of the band will ask for.
-    pub(super) fn expect(&self, band: &Running, index: usize) {
+    fn compute_tile(&self, batch: &Batch<C::Band>, scratch: &mut C::Scratch) {
+        let (band, work) = (&batch.band, &self.work.bands[batch.band.position]);
+        let tile = band.tiles[batch.first];
+        let mut out = self.adder.buffer();
+        self.read_ahead(band, batch.first);
+        let (rect, chart_band) = (work.tiling.rect(tile), work.chart_band);
+        let done =
+            self.compute.compute(&band.stages, self.chart, chart_band, rect, &mut out, scratch, self.clock);
+        let output = match done {
+            Ok(()) => TileOutput::Cpu(out),
+            Err(source) => {
+                self.unreadable(band, tile, source);
+                TileOutput::Unreadable
+            }
+        };
+        self.hand_in(band, (batch.sequence, tile), output);
+    }
+
+    fn read_for_gpu(&self, read: ChartRead<C::Band>, scratch: &mut C::Scratch) {
+        let ChartRead { band, index, rect, mut into, reply } = read;
+        self.read_ahead(&band, index);
+        let chart_band = self.work.bands[band.position].chart_band;
+        let out = &mut into[..rect.size().pixels()];
+        let done = self
+            .clock
+            .scene
+            .time(|| self.compute.read_chart(&band.stages, self.chart, chart_band, rect, out, scratch));
+        // A GPU queue that was removed has dropped its end.
+        let _ = reply.send((index, into, done));
+    }
+
+    /// Lets the chart fetch what a later tile of the band will need.
+    fn read_ahead(&self, band: &BandInFlight<C::Band>, index: usize) {
         let work = &self.work.bands[band.position];
-        if let Some(&tile) = band.tiles.get(index) {
-            let rect = band.stages.scene.about(self.chart.size(), work.tiling.rect(tile));
+        if let Some(&tile) = band.tiles.get(index + READ_AHEAD * self.work.threads.max(1)) {
+            let rect = self.compute.chart_hint(&band.stages, self.chart.size(), work.tiling.rect(tile));
             self.clock.scene.time(|| self.chart.expect(work.chart_band, rect));
-        }
-    }
-
-    pub(super) fn write(
-        &self,
-        inbox: &Receiver<(ShardId, S::Encoded)>,
-        shards: &AtomicU64,
-        bytes: &AtomicU64,
-    ) {
-        for (id, encoded) in inbox {
-            match self.clock.write.time(|| self.sink.commit(encoded)) {
-                Ok(written) => {
-                    shards.fetch_add(1, Ordering::Relaxed);
-                    bytes.fetch_add(written, Ordering::Relaxed);
-                    self.progress.shard(id, written);
-                }
-                Err(source) => self.fail(RunError::Write { id, source }),
-            }
         }
     }
 }

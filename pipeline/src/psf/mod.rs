@@ -21,7 +21,7 @@ mod simd;
 pub mod spectra;
 mod spline;
 
-use crate::buffer::AlignedBuf;
+use crate::buffer::{AlignedBuf, TileBuffer};
 use crate::geometry::{Frame, Rect};
 use crate::simd::Simd;
 use blocks::Blocks;
@@ -74,24 +74,6 @@ pub struct PsfScratch {
     engine: Option<(usize, EngineScratch)>,
 }
 
-/// A tile of film light with its tail: `rect` of the film, rows `stride` apart.
-#[derive(Debug, Default)]
-pub struct Scattered {
-    /// Values, row-major.
-    pub data: AlignedBuf,
-    /// Values from one row to the next.
-    pub stride: usize,
-}
-
-impl Scattered {
-    /// `scene` as it is, rows `width` wide: light that no PSF scatters.
-    pub fn copy(&mut self, scene: &[f32], width: usize) {
-        self.stride = width;
-        self.data.reset(scene.len());
-        self.data.copy_from_slice(scene);
-    }
-}
-
 impl BandPsf {
     /// The stage for band `band` of the job, computed with `simd`.
     pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels, simd: Simd) -> Self {
@@ -137,7 +119,7 @@ impl BandPsf {
         tile: Rect,
         scene: &[f32],
         cache: &SpectrumCache,
-        out: &mut Scattered,
+        out: &mut TileBuffer,
         s: &mut PsfScratch,
     ) {
         let Some(engine) = &self.engine else {

@@ -132,8 +132,8 @@ fn malformed_headers_are_one_clear_error() {
         (b"\x93NUMPY\x09\x00aaaa".to_vec(), "NPY version"),
         (b"\x93NUMPY\x02\x00\xff\xff\xff\xff".to_vec(), "NPY header"),
         (npy("<i8", "(1, 2)", &[0; 16]), "samples"),
-        (npy("<f4", "(0, 2)", &[]), "shape"),
-        (npy("<f4", "(1000000000, 1000000000, 1000000000)", &[0; 16]), "shape"),
+        (npy("<f4", "(0, 2)", &[]), "side of the chart"),
+        (npy("<f4", "(1000000000, 1000000000, 1000000000)", &[0; 16]), "chart"),
         (npy("<f4", "(4,)", &[0; 16]), "shape"),
         (npy("<f4", "(99999999999999999999, 4)", &[0; 16]), "shape"),
         (npy("<f4", "(2, 4)", &[0; 31]), "expected"),
@@ -266,8 +266,10 @@ fn the_identity_follows_all_that_reading_depends_on() {
         fs::write(&hdr, text).unwrap();
         RasterChart::open(&hdr, NanPolicy::Error).unwrap().identity().unwrap().0.to_string()
     };
-    let mut seen = vec![of(ENVI)];
-    assert_eq!(of(&ENVI.replace("a\n cube", "another")), seen[0], "a description changes nothing");
+    // Wavelengths that are within bounds in either unit.
+    let envi = ENVI.replace("0.45,\n 0.55, 0.65", "2.45,\n 2.55, 2.65");
+    let mut seen = vec![of(&envi)];
+    assert_eq!(of(&envi.replace("a\n cube", "another")), seen[0], "a description changes nothing");
     for (from, to) in [
         ("samples = 5\nlines = 7", "samples = 7\nlines = 5"),
         ("lines = 7", "lines = 6"),
@@ -279,7 +281,7 @@ fn the_identity_follows_all_that_reading_depends_on() {
         ("byte order = 1", "byte order = 0"),
         ("Micrometers", "Nanometers"),
         ("Micrometers", "Index"),
-        ("0.45", "0.46"),
+        ("2.45", "2.46"),
         ("bands = 3", "bands = 3\ndata ignore value = 5"),
         ("bands = 3", "bands = 3\ndata ignore value = 6"),
         ("bands = 3", "bands = 3\nreflectance scale factor = 100"),
@@ -287,11 +289,11 @@ fn the_identity_follows_all_that_reading_depends_on() {
         ("bands = 3", "bands = 3\ndata gain values = {2, 2, 3}"),
         ("bands = 3", "bands = 3\ndata offset values = {2, 2, 2}"),
     ] {
-        let text = ENVI.replace(from, to);
-        assert_ne!(text, ENVI, "{from}");
+        let text = envi.replace(from, to);
+        assert_ne!(text, envi, "{from}");
         seen.push(of(&text));
     }
-    fs::write(&hdr, ENVI).unwrap();
+    fs::write(&hdr, &envi).unwrap();
     let declared = RasterChart::open(&hdr, NanPolicy::Error).unwrap().with_wavelengths(vec![1.0, 2.0, 3.0]);
     seen.push(declared.unwrap().identity().unwrap().0.to_string());
     let distinct: std::collections::HashSet<_> = seen.iter().collect();
@@ -304,7 +306,7 @@ fn a_file_that_changes_after_it_was_opened_is_noticed() {
     let (data, hdr) = (directory.path().join("e.img"), directory.path().join("e.hdr"));
     let write = || {
         fs::write(&data, [1; 300]).unwrap();
-        fs::write(&hdr, ENVI).unwrap();
+        fs::write(&hdr, &envi).unwrap();
     };
     let noticed = |change: &dyn Fn(), word: &str| {
         write();
@@ -336,7 +338,7 @@ fn a_file_that_changes_after_it_was_opened_is_noticed() {
     // The same words again are the same header.
     write();
     let chart = RasterChart::open(&hdr, NanPolicy::Error).unwrap();
-    fs::write(&hdr, ENVI).unwrap();
+    fs::write(&hdr, &envi).unwrap();
     assert!(chart.identity().is_ok());
 }
 

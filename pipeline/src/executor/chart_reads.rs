@@ -1,0 +1,61 @@
+//! Chart rectangles that GPU queues wait for, read by the workers into page-locked memory.
+
+use super::signal::Signal;
+use super::work::BandInFlight;
+use crate::cuda::pool::Pinned;
+use crate::flow::DoorError;
+use crate::geometry::Rect;
+use crossbeam::channel::Sender;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+
+/// A chart rectangle to read for a tile.
+pub(super) struct ChartRead<B> {
+    pub(super) band: Arc<BandInFlight<B>>,
+    /// Which tile of the band.
+    pub(super) index: usize,
+    pub(super) rect: Rect,
+    pub(super) into: Pinned,
+    pub(super) reply: Sender<ChartReply>,
+}
+
+/// The tile of the band, its buffer, and how reading went.
+pub(super) type ChartReply = (usize, Pinned, Result<(), DoorError>);
+
+/// Reads in order. Once closed, reads are dropped, and with them their reply channels.
+pub(super) struct ChartReads<'a, B> {
+    signal: &'a Signal,
+    state: Mutex<(VecDeque<ChartRead<B>>, bool)>,
+}
+
+impl<'a, B> ChartReads<'a, B> {
+    /// None yet.
+    pub(super) fn new(signal: &'a Signal) -> Self {
+        Self { signal, state: Mutex::new((VecDeque::new(), false)) }
+    }
+
+    /// A read to be done; dropped once closed.
+    pub(super) fn push(&self, read: ChartRead<B>) {
+        let mut state = self.state.lock().expect("no panic while held");
+        if !state.1 {
+            state.0.push_back(read);
+            drop(state);
+            self.signal.notify();
+        }
+    }
+
+    /// The next read.
+    pub(super) fn pop(&self) -> Option<ChartRead<B>> {
+        self.state.lock().expect("no panic while held").0.pop_front()
+    }
+
+    /// Drops all reads, present and future: the run has failed.
+    pub(super) fn close(&self) {
+        let dropped = {
+            let mut state = self.state.lock().expect("no panic while held");
+            state.1 = true;
+            std::mem::take(&mut state.0)
+        };
+        drop(dropped);
+    }
+}

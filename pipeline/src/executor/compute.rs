@@ -1,0 +1,85 @@
+//! What the executor asks of those who compute: the stages of a band, and the film light of one tile of it.
+//!
+//! The executor knows no optics. [`crate::stages::StageCompute`] implements [`Compute`] for the CPU, and
+//! [`Compute::begin_on_gpu`] opens the same band on a GPU, whose batches [`super::gpu_queue`] schedules.
+
+use crate::buffer::TileBuffer;
+use crate::clock::Clock;
+use crate::cuda::CudaError;
+use crate::cuda::band::{GpuBand, Slot, Streams};
+use crate::cuda::memory::DeviceQueue;
+use crate::flow::{ChartSource, DoorError};
+use crate::geometry::{Rect, Size};
+use crate::plan::Tiling;
+
+/// Stages 1-3 of a job. Called from many threads at once.
+pub trait Compute: Sync {
+    /// The stages of one band, ready to run.
+    type Band: Send + Sync;
+    /// Buffers of one worker: no allocation after the first tile of a band.
+    type Scratch: Default;
+
+    /// Intermediate results (node spectra) built so far.
+    fn spectra_built(&self) -> u64;
+
+    /// Makes the stages of the band at a position of the job.
+    ///
+    /// # Errors
+    /// What keeps the band from being computed.
+    fn prepare(&self, position: usize) -> Result<Self::Band, DoorError>;
+
+    /// Computes the light of the film rectangle `tile` (margin included) from `chart`, band `chart_band`, into `out`, which
+    /// becomes the tile with its tail. Time is counted on `clock`.
+    ///
+    /// # Errors
+    /// What `chart` reports; arithmetic cannot fail.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "one tile: of which band, from which chart, into which buffer"
+    )]
+    fn compute(
+        &self,
+        band: &Self::Band,
+        chart: &dyn ChartSource,
+        chart_band: usize,
+        tile: Rect,
+        out: &mut TileBuffer,
+        scratch: &mut Self::Scratch,
+        clock: &Clock,
+    ) -> Result<(), DoorError>;
+
+    /// About the rectangle of a chart of size `chart` that the film rectangle `tile` is made from: a hint for reading ahead.
+    fn chart_hint(&self, band: &Self::Band, chart: Size, tile: Rect) -> Rect;
+
+    /// The chart rectangle that a GPU needs for the film rectangle `tile`; it may lie outside the chart.
+    fn chart_rect(&self, band: &Self::Band, tile: Rect) -> Rect;
+
+    /// Fills `out` (row-major) with band `chart_band` of `chart` on `rect`, its surround where `rect` lies outside.
+    ///
+    /// # Errors
+    /// What `chart` reports.
+    fn read_chart(
+        &self,
+        band: &Self::Band,
+        chart: &dyn ChartSource,
+        chart_band: usize,
+        rect: Rect,
+        out: &mut [f32],
+        scratch: &mut Self::Scratch,
+    ) -> Result<(), DoorError>;
+
+    /// The stages of `band` on the GPU of `queue`, for the tiles `tiles` of `tiling`, its share of the device's memory halved
+    /// `halved` times; and the slots that its batches are computed in.
+    ///
+    /// # Errors
+    /// What the driver reports; memory that does not suffice.
+    fn begin_on_gpu(
+        &self,
+        band: &Self::Band,
+        tiling: &Tiling,
+        tiles: &[(usize, usize)],
+        queue: &DeviceQueue,
+        halved: u32,
+        streams: &Streams,
+    ) -> Result<(GpuBand, Vec<Slot>), CudaError>;
+}

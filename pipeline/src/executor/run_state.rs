@@ -1,0 +1,120 @@
+//! What all threads of a run share: the parts of the scheduler, and the first error.
+
+use super::Compute;
+use super::Progress;
+use super::chart_reads::ChartReads;
+use super::error::RunError;
+use super::ordered_adder::{OrderedAdder, TileOutput};
+use super::shard_writer::ShardWriter;
+use super::signal::Signal;
+use super::tile_source::{Batch, Claim, TileSource};
+use super::work::{BandInFlight, Work};
+use crate::clock::Clock;
+use crate::cuda::CudaError;
+use crate::flow::{ChartSource, DoorError, FilmSink};
+use crate::overlap_add::tiles_needed;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// The parts of a run; each has a lock of its own.
+pub(super) struct RunState<'a, C: Compute, S: FilmSink> {
+    pub(super) work: &'a Work<'a>,
+    pub(super) compute: &'a C,
+    pub(super) chart: &'a dyn ChartSource,
+    pub(super) progress: &'a dyn Progress,
+    pub(super) clock: &'a Clock,
+    pub(super) signal: &'a Signal,
+    pub(super) source: TileSource<'a, C::Band>,
+    pub(super) reads: ChartReads<'a, C::Band>,
+    pub(super) adder: OrderedAdder<'a, C::Band>,
+    pub(super) writer: ShardWriter<'a, S>,
+    pub(super) error: Mutex<Option<RunError>>,
+    pub(super) failed: AtomicBool,
+}
+
+impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
+    /// Stops the run with `error`, unless [`Progress::fault`] says to go on without what depends on it.
+    pub(super) fn fail(&self, error: RunError) {
+        if self.progress.fault(&error) {
+            return;
+        }
+        self.error.lock().expect("no panic while held").get_or_insert(error);
+        self.failed.store(true, Ordering::SeqCst);
+        self.reads.close();
+        self.source.close();
+        self.signal.notify();
+    }
+
+    /// Whether the run has failed.
+    pub(super) fn failed(&self) -> bool {
+        self.failed.load(Ordering::SeqCst)
+    }
+
+    /// Prepares bands, one ahead of those who compute.
+    pub(super) fn prepare_bands(&self) {
+        for (position, band) in self.work.bands.iter().enumerate() {
+            let tiles = tiles_needed(&band.tiling, self.work.windows, &band.wanted);
+            if tiles.is_empty() || !self.source.is_open() {
+                continue;
+            }
+            match self.clock.prepare.time(|| self.compute.prepare(position)) {
+                Ok(stages) => {
+                    if !self.source.offer(BandInFlight { position, stages, tiles }) {
+                        break;
+                    }
+                }
+                Err(source) => self.fail(RunError::Prepare { position, source }),
+            }
+        }
+        self.source.end_of_bands();
+    }
+
+    /// See [`TileSource::claim_tile`].
+    pub(super) fn claim_tile(&self) -> Claim<C::Band> {
+        self.source.claim_tile(super::AHEAD * self.work.threads.max(1), &|band| self.report_band(band))
+    }
+
+    /// See [`TileSource::claim_batch`].
+    pub(super) fn claim_batch(&self, largest: &dyn Fn(&BandInFlight<C::Band>) -> usize) -> Claim<C::Band> {
+        self.source.claim_batch(largest, &|band| self.report_band(band))
+    }
+
+    fn report_band(&self, band: &BandInFlight<C::Band>) {
+        let (tiling, film) = (&self.work.bands[band.position].tiling, self.work.film.rect());
+        let pixels = band.tiles.iter().map(|&t| tiling.rect(t).intersect(film).size().pixels() as u64);
+        self.progress.band(band.position, pixels.sum());
+    }
+
+    /// Hands in a tile of `band`, to be added in order.
+    pub(super) fn hand_in(
+        &self,
+        band: &Arc<BandInFlight<C::Band>>,
+        place: (usize, (usize, usize)),
+        output: TileOutput,
+    ) {
+        let finished = |shards| self.writer.push(shards);
+        let added = |position, pixels| self.progress.tile(position, pixels);
+        self.adder.hand_in(&self.source, band, place, output, &finished, &added);
+    }
+
+    /// The chart under `tile` could not be read.
+    pub(super) fn unreadable(&self, band: &BandInFlight<C::Band>, tile: (usize, usize), source: DoorError) {
+        let rect = self.work.bands[band.position].tiling.rect(tile);
+        let shards = self.adder.shards(band, tile);
+        self.fail(RunError::Read { position: band.position, rect, shards, source });
+    }
+
+    /// Puts back what a GPU could not compute.
+    pub(super) fn requeue(&self, batch: Batch<C::Band>) {
+        self.source.requeue(batch);
+    }
+
+    /// A GPU queue is removed because of `error`. The run ends with the last one.
+    pub(super) fn remove_gpu(&self, gpu: &str, error: CudaError) {
+        let (left, position) = self.source.remove_gpu();
+        self.progress.gpu_removed(gpu, &error, left);
+        if left == 0 {
+            self.fail(RunError::Device { position, source: Box::new(error) });
+        }
+    }
+}

@@ -1,0 +1,236 @@
+//! The sequence of all tiles: bands one after the other, tiles of a band in order, claimed by workers and GPU queues.
+//!
+//! A thread prepares bands one ahead and offers them here. A tile may be claimed by a worker only [`super::AHEAD`] tiles a worker
+//! beyond the oldest one not yet added, which bounds memory. What a GPU could not compute is requeued and claimed first.
+
+use super::signal::Signal;
+use super::work::BandInFlight;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+
+/// Consecutive tiles of one row of a band.
+pub(super) struct Batch<B> {
+    pub(super) band: Arc<BandInFlight<B>>,
+    /// Its first tile among the band's.
+    pub(super) first: usize,
+    pub(super) count: usize,
+    /// The first tile's place in the sequence of all tiles of the job.
+    pub(super) sequence: usize,
+    /// A GPU could not compute it.
+    pub(super) requeued: bool,
+}
+
+impl<B> Batch<B> {
+    /// Its tiles with their places in the sequence.
+    pub(super) fn tiles(&self) -> impl Iterator<Item = (usize, (usize, usize))> + '_ {
+        (self.sequence..).zip(self.band.tiles[self.first..][..self.count].iter().copied())
+    }
+
+    /// Keeps `count` tiles and returns the rest, if any.
+    pub(super) fn split_off(&mut self, count: usize) -> Option<Self> {
+        let rest = self.count.saturating_sub(count);
+        self.count -= rest;
+        (rest > 0).then(|| Self {
+            band: Arc::clone(&self.band),
+            first: self.first + self.count,
+            count: rest,
+            sequence: self.sequence + self.count,
+            requeued: self.requeued,
+        })
+    }
+}
+
+/// The answer to a claim.
+pub(super) enum Claim<B> {
+    /// Tiles to compute.
+    Batch(Batch<B>),
+    /// None now; the [`Signal`] says when to ask again.
+    None,
+    /// All tiles that there will be have been added.
+    Over,
+}
+
+/// Tiles in order; see the module.
+pub(super) struct TileSource<'a, B> {
+    signal: &'a Signal,
+    cancel: &'a AtomicBool,
+    state: Mutex<State<B>>,
+    /// The offered band was taken, or none will be any more.
+    taken: Condvar,
+}
+
+struct State<B> {
+    band: Option<Arc<BandInFlight<B>>>,
+    next_tile: usize,
+    /// Tiles claimed so far.
+    sequence: usize,
+    /// Tiles added so far.
+    added: usize,
+    offered: Option<BandInFlight<B>>,
+    last_band_offered: bool,
+    requeued: BTreeMap<usize, Batch<B>>,
+    gpus: usize,
+    closed: bool,
+}
+
+impl<B> State<B> {
+    fn tiles_left(&self) -> usize {
+        self.band.as_ref().map_or(0, |b| b.tiles.len() - self.next_tile)
+    }
+
+    fn take(&mut self, count: usize) -> Batch<B> {
+        let band = Arc::clone(self.band.as_ref().expect("it has tiles"));
+        let (sequence, first) = (self.sequence, self.next_tile);
+        self.sequence += count;
+        self.next_tile += count;
+        Batch { band, first, count, sequence, requeued: false }
+    }
+
+    fn is_over(&self, cancelled: bool) -> bool {
+        let no_more = cancelled || self.last_band_offered && self.offered.is_none() && self.tiles_left() == 0;
+        no_more && self.added == self.sequence
+    }
+}
+
+impl<'a, B> TileSource<'a, B> {
+    /// Without bands, for `gpus` GPU queues; `cancel` ends it early.
+    pub(super) fn new(signal: &'a Signal, cancel: &'a AtomicBool, gpus: usize) -> Self {
+        let state = State {
+            band: None,
+            next_tile: 0,
+            sequence: 0,
+            added: 0,
+            offered: None,
+            last_band_offered: false,
+            requeued: BTreeMap::new(),
+            gpus,
+            closed: false,
+        };
+        Self { signal, cancel, state: Mutex::new(state), taken: Condvar::new() }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State<B>> {
+        self.state.lock().expect("no panic while held")
+    }
+
+    fn cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Whether bands are still wanted.
+    pub(super) fn is_open(&self) -> bool {
+        !self.cancelled() && !self.lock().closed
+    }
+
+    /// Offers the next band and waits until its tiles come next; `false`: none are wanted any more.
+    pub(super) fn offer(&self, band: BandInFlight<B>) -> bool {
+        let mut state = self.lock();
+        state.offered = Some(band);
+        self.signal.notify();
+        let state = self.taken.wait_while(state, |s| s.offered.is_some() && !s.closed);
+        !state.expect("no panic while held").closed
+    }
+
+    /// No band follows.
+    pub(super) fn end_of_bands(&self) {
+        self.lock().last_band_offered = true;
+        self.signal.notify();
+    }
+
+    /// Ends the preparation of bands: the run is over or has failed.
+    pub(super) fn close(&self) {
+        self.lock().closed = true;
+        self.taken.notify_all();
+    }
+
+    /// One tile for a worker, at most `ahead` tiles beyond the oldest that is not added.
+    pub(super) fn claim_tile(&self, ahead: usize, begun: &dyn Fn(&BandInFlight<B>)) -> Claim<B> {
+        let mut state = self.lock();
+        self.next_band(&mut state, begun);
+        if state.is_over(self.cancelled()) {
+            return Claim::Over;
+        }
+        let free = !self.cancelled() && state.tiles_left() > 0 && state.sequence < state.added + ahead;
+        if free { Claim::Batch(state.take(1)) } else { Claim::None }
+    }
+
+    /// Whether all tiles that there will be have been added.
+    pub(super) fn is_over(&self) -> bool {
+        self.lock().is_over(self.cancelled())
+    }
+
+    /// A batch of at most `largest` tiles for a GPU: first what was requeued, then the next tiles.
+    pub(super) fn claim_batch(
+        &self,
+        largest: &dyn Fn(&BandInFlight<B>) -> usize,
+        begun: &dyn Fn(&BandInFlight<B>),
+    ) -> Claim<B> {
+        let mut state = self.lock();
+        if let Some((_, mut batch)) = state.requeued.pop_first() {
+            if let Some(rest) = batch.split_off(largest(&batch.band).max(1)) {
+                state.requeued.insert(rest.sequence, rest);
+            }
+            return Claim::Batch(batch);
+        }
+        self.next_band(&mut state, begun);
+        if state.is_over(self.cancelled()) {
+            return Claim::Over;
+        }
+        if state.tiles_left() == 0 || self.cancelled() {
+            return Claim::None;
+        }
+        let count = share(&state, largest);
+        Claim::Batch(state.take(count))
+    }
+
+    /// Begins the offered band once all tiles of the present one are claimed.
+    fn next_band(&self, state: &mut State<B>, begun: &dyn Fn(&BandInFlight<B>)) {
+        if state.tiles_left() > 0 || self.cancelled() {
+            return;
+        }
+        if let Some(band) = state.offered.take() {
+            begun(&band);
+            state.band = Some(Arc::new(band));
+            state.next_tile = 0;
+            self.taken.notify_all();
+            self.signal.notify();
+        }
+    }
+
+    /// Puts back what a GPU could not compute.
+    pub(super) fn requeue(&self, batch: Batch<B>) {
+        let batch = Batch { requeued: true, ..batch };
+        self.lock().requeued.insert(batch.sequence, batch);
+        self.signal.notify();
+    }
+
+    /// One more tile is added.
+    pub(super) fn tile_added(&self) {
+        self.lock().added += 1;
+        self.signal.notify();
+    }
+
+    /// A GPU queue is removed: those that are left, and the position of the band in flight.
+    pub(super) fn remove_gpu(&self) -> (usize, usize) {
+        let mut state = self.lock();
+        state.gpus -= 1;
+        let found = (state.gpus, state.band.as_ref().map_or(0, |b| b.position));
+        drop(state);
+        self.signal.notify();
+        found
+    }
+}
+
+/// How many of the next tiles a GPU takes at once: equal parts of a row, and fewer towards the end of a band where several GPUs
+/// share it, so that unequal ones end together.
+fn share<B>(state: &State<B>, largest: &dyn Fn(&BandInFlight<B>) -> usize) -> usize {
+    let band = state.band.as_ref().expect("it has tiles");
+    let left = &band.tiles[state.next_tile..];
+    let row = left.iter().take_while(|tile| tile.0 == left[0].0).count();
+    let part = row.div_ceil(row.div_ceil(largest(band).max(1)));
+    match state.gpus {
+        0 | 1 => part,
+        gpus => part.min(left.len().div_ceil(2 * gpus)),
+    }
+}

@@ -1,0 +1,105 @@
+//! The stages of a job as the executor asks for them: remapped image, then PSF, on the CPU or on a GPU.
+
+use crate::band::BandStages;
+use crate::buffer::TileBuffer;
+use crate::clock::Clock;
+use crate::cuda::CudaError;
+use crate::cuda::band::{GpuBand, Slot, Streams};
+use crate::cuda::memory::DeviceQueue;
+use crate::executor::Compute;
+use crate::flow::{ChartSource, DoorError};
+use crate::geometry::{Frame, Rect, Size};
+use crate::plan::Tiling;
+use crate::psf::PsfScratch;
+use crate::psf::spectra::SpectrumCache;
+use crate::scene::SceneScratch;
+
+/// Makes the stages of the band at a position of the job.
+pub type Prepare<'a> = dyn Fn(usize) -> Result<BandStages, DoorError> + Sync + 'a;
+
+/// Stages 1-3 of a job.
+pub struct StageCompute<'a> {
+    frame: Frame,
+    prepare: &'a Prepare<'a>,
+    spectra: SpectrumCache,
+}
+
+/// Buffers of one worker.
+#[derive(Debug, Default)]
+pub struct StageScratch {
+    remapped: Vec<f32>,
+    scene: SceneScratch,
+    psf: PsfScratch,
+}
+
+impl<'a> StageCompute<'a> {
+    /// On the film of `frame`, with `spectra_bytes` for node spectra; `prepare` makes the stages of a band.
+    pub fn new(frame: Frame, spectra_bytes: usize, prepare: &'a Prepare<'a>) -> Self {
+        Self { frame, prepare, spectra: SpectrumCache::new(spectra_bytes) }
+    }
+}
+
+impl Compute for StageCompute<'_> {
+    type Band = BandStages;
+    type Scratch = StageScratch;
+
+    fn spectra_built(&self) -> u64 {
+        self.spectra.built()
+    }
+
+    fn prepare(&self, position: usize) -> Result<BandStages, DoorError> {
+        (self.prepare)(position)
+    }
+
+    fn compute(
+        &self,
+        band: &BandStages,
+        chart: &dyn ChartSource,
+        chart_band: usize,
+        tile: Rect,
+        out: &mut TileBuffer,
+        scratch: &mut StageScratch,
+        clock: &Clock,
+    ) -> Result<(), DoorError> {
+        let StageScratch { remapped, scene, psf } = scratch;
+        remapped.resize(tile.size().pixels(), 0.0);
+        clock.scene.time(|| band.scene.apply(chart, chart_band, tile, remapped, scene))?;
+        clock.svpsf.time(|| match &band.psf {
+            Some(stage) => stage.scatter(&self.frame, tile, remapped, &self.spectra, out, psf),
+            None => out.copy(remapped, tile.width),
+        });
+        Ok(())
+    }
+
+    fn chart_hint(&self, band: &BandStages, chart: Size, tile: Rect) -> Rect {
+        band.scene.about(chart, tile)
+    }
+
+    fn chart_rect(&self, band: &BandStages, tile: Rect) -> Rect {
+        band.scene.upload_rect(tile)
+    }
+
+    fn read_chart(
+        &self,
+        band: &BandStages,
+        chart: &dyn ChartSource,
+        chart_band: usize,
+        rect: Rect,
+        out: &mut [f32],
+        scratch: &mut StageScratch,
+    ) -> Result<(), DoorError> {
+        band.scene.fill(chart, chart_band, rect, out, &mut scratch.scene)
+    }
+
+    fn begin_on_gpu(
+        &self,
+        band: &BandStages,
+        tiling: &Tiling,
+        tiles: &[(usize, usize)],
+        queue: &DeviceQueue,
+        halved: u32,
+        streams: &Streams,
+    ) -> Result<(GpuBand, Vec<Slot>), CudaError> {
+        GpuBand::new(&self.frame, band, tiling, tiles, queue, halved, streams)
+    }
+}
