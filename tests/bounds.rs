@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Noise, Picture, Ran, identity_band, lens, scattered, shards, text, write_pack};
+use common::{Noise, Picture, Ran, identity_band, lens, scattered, text, write_pack};
 use pipeline::geometry::Size;
 use pipeline::lens::LensBand;
 use serde_json::{Value, json};

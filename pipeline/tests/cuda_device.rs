@@ -278,7 +278,13 @@ fn main() -> ExitCode {
     };
     const NO_BARRIER: Build = Build { sanitized: false, defines: "-DWITHOUT=1" };
     let mut cases = vec![
-        Case { name: "no_driver_is_said".into(), run: no_driver_is_said, on: On::Nothing, must_fail: false },
+        Case {
+            name: "no_driver_is_said".into(),
+            run: no_driver_is_said,
+            on: On::Nothing,
+            must_fail: false,
+            long: false,
+        },
         Case::device("streams_run_in_order", streams_run_in_order),
         Case::device("a_block_shares_memory", || assert!(reverse(1024))),
         Case::device("warps_shuffle", warps_shuffle),

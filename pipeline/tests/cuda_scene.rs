@@ -118,7 +118,7 @@ fn main() -> ExitCode {
         cases.push(Case::device(name, run));
         for (how, build, settings) in settings {
             let name = format!("emulated::{how}::{name}");
-            cases.push(Case { name, run, on: On::Emulated(build, settings), must_fail: false });
+            cases.push(Case { name, run, on: On::Emulated(build, settings), must_fail: false, long: false });
         }
         for (what, build) in [("without_barrier", NO_BARRIER), ("without_halo", NO_HALO)] {
             let seen = match what {
@@ -127,7 +127,7 @@ fn main() -> ExitCode {
             };
             if seen {
                 let name = format!("emulated::{what}_it_is_seen_that::{name}");
-                cases.push(Case { name, run, on: On::Emulated(build, &[]), must_fail: true });
+                cases.push(Case { name, run, on: On::Emulated(build, &[]), must_fail: true, long: false });
             }
         }
     }

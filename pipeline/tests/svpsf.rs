@@ -230,7 +230,7 @@ fn the_strided_sum_is_the_stages(simd: Simd) {
         let mut film = vec![0.0; height * width];
         Strided::new(&frame, &grid, &kernels(), tile).scatter(tile, &scene, &mut film, simd);
         let stage = BandPsf::new(0, grid.clone(), kernels(), simd);
-        let (mut out, mut scratch) = (Scattered::default(), PsfScratch::default());
+        let (mut out, mut scratch) = (TileBuffer::default(), PsfScratch::default());
         let cache = SpectrumCache::new(usize::MAX);
         stage.scatter(&frame, tile, &scene, &cache, &mut out, &mut scratch);
         let peak = film.iter().fold(0f32, |m, v| m.max(*v));

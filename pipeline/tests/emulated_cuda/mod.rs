@@ -39,6 +39,7 @@ pub const WATCHED: Build = Build { sanitized: true, defines: "" };
 
 /// Why a case is ignored; `scripts/check_summary.py` knows these by their words.
 pub const NO_COMPILER: &str = "no g++";
+pub const LONG: &str = "long: scripts/check --full";
 pub const A_DRIVER: &str = "a CUDA driver is installed";
 
 /// A test in a process of its own.
@@ -48,6 +49,8 @@ pub struct Case {
     pub on: On,
     /// The child must fail at its check: a mutation, or a step beyond memory.
     pub must_fail: bool,
+    /// Runs only where it is asked for: `--ignored`.
+    pub long: bool,
 }
 
 /// What a case runs on.
@@ -62,11 +65,17 @@ pub enum On {
 
 impl Case {
     pub fn emulated(name: &str, settings: &'static [(&'static str, &'static str)], run: fn()) -> Self {
-        Self { name: format!("emulated::{name}"), run, on: On::Emulated(PLAIN, settings), must_fail: false }
+        Self {
+            name: format!("emulated::{name}"),
+            run,
+            on: On::Emulated(PLAIN, settings),
+            must_fail: false,
+            long: false,
+        }
     }
 
     pub fn device(name: &str, run: fn()) -> Self {
-        Self { name: format!("device::{name}"), run, on: On::Device, must_fail: false }
+        Self { name: format!("device::{name}"), run, on: On::Device, must_fail: false, long: false }
     }
 
     /// Why it cannot run here, if it cannot.
@@ -78,6 +87,7 @@ impl Case {
             }
             On::Device if !device() => Some("no GPU"),
             On::Nothing if driver() => Some(A_DRIVER),
+            _ if self.long => Some(LONG),
             _ => None,
         }
     }

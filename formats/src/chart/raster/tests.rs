@@ -306,7 +306,7 @@ fn a_file_that_changes_after_it_was_opened_is_noticed() {
     let (data, hdr) = (directory.path().join("e.img"), directory.path().join("e.hdr"));
     let write = || {
         fs::write(&data, [1; 300]).unwrap();
-        fs::write(&hdr, &envi).unwrap();
+        fs::write(&hdr, ENVI).unwrap();
     };
     let noticed = |change: &dyn Fn(), word: &str| {
         write();
@@ -338,7 +338,7 @@ fn a_file_that_changes_after_it_was_opened_is_noticed() {
     // The same words again are the same header.
     write();
     let chart = RasterChart::open(&hdr, NanPolicy::Error).unwrap();
-    fs::write(&hdr, &envi).unwrap();
+    fs::write(&hdr, ENVI).unwrap();
     assert!(chart.identity().is_ok());
 }
 
