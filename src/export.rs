@@ -18,7 +18,7 @@ use formats::picture::grey::{GreyOptions, write_grey};
 use formats::picture::preview::{PreviewOptions, White, write_preview};
 use formats::picture::streamed::{ColourFile, write_streamed};
 use formats::picture::{Shown, View};
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -142,7 +142,7 @@ impl ChartSource for Selected<'_> {
         self.inner.size()
     }
 
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         if self.cancel.load(Relaxed) {
             return Err("interrupted".into());
         }

@@ -80,7 +80,7 @@ pub fn retryable(error: &(dyn Error + 'static)) -> bool {
         || is(error.downcast_ref().map(LockError::retryable))
         || is(error.downcast_ref().map(CudaError::retryable))
         || is(error.downcast_ref().map(durable::passes))
-        || is(error.downcast_ref().map(|run: &RunError| retryable(run.door().as_ref())))
+        || is(error.downcast_ref().map(|run: &RunError| retryable(run.cause().as_ref())))
 }
 
 /// The exit code of an error, by type, wherever it stands in the chain.

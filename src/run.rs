@@ -23,7 +23,7 @@ use formats::film::{EncodedShard, FilmError, FilmStore};
 use formats::lens::LensPackError;
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::{BandWork, Summary, Work, run};
-use pipeline::flow::{DoorError, FilmSink};
+use pipeline::flow::{FilmSink, SourceSinkError};
 use pipeline::geometry::Rect;
 use pipeline::plan::ShardId;
 use pipeline::stages::StageCompute;
@@ -41,7 +41,7 @@ struct Sink<'a>(&'a FilmStore, &'a [usize]);
 impl FilmSink for Sink<'_> {
     type Encoded = EncodedShard;
 
-    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<EncodedShard, DoorError> {
+    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<EncodedShard, SourceSinkError> {
         // No stage makes such a value of finite numbers, unless their products leave f32.
         if let Some(i) = pixels.iter().position(|v| !v.is_finite()) {
             let (row, column) = (rect.y + (i / rect.width) as i64, rect.x + (i % rect.width) as i64);
@@ -55,7 +55,7 @@ impl FilmSink for Sink<'_> {
         Ok(self.0.encode_shard(id.window, self.1[id.band], (id.row, id.col), pixels)?)
     }
 
-    fn commit(&self, encoded: EncodedShard) -> Result<u64, DoorError> {
+    fn commit(&self, encoded: EncodedShard) -> Result<u64, SourceSinkError> {
         self.0.commit(&encoded)?;
         Ok(encoded.bytes().len() as u64)
     }
@@ -227,7 +227,7 @@ fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
         let plan = &job.plans[i];
         let stack = |band: usize| Ok::<_, StageError>(job.lens.psf(band)?);
         let stages =
-            plan.stages(i, &job.frame, &job.options, job.gains[i], stack).map_err(DoorError::from)?;
+            plan.stages(i, &job.frame, &job.options, job.gains[i], stack).map_err(SourceSinkError::from)?;
         if let Some(psf) = &stages.psf {
             let of_all =
                 plan.lens.psf_energy.iter().zip(psf.kernels().energy()).map(|(pack, crop)| pack * crop);

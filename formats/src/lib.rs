@@ -11,3 +11,7 @@ pub mod lens;
 mod npy;
 pub mod picture;
 mod shard;
+
+#[cfg(test)]
+#[path = "../tests/bombs/mod.rs"]
+mod bombs;

@@ -8,7 +8,7 @@ mod shared;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use lenscube_pipeline::field::Outside;
-use lenscube_pipeline::flow::{ChartSource, DoorError};
+use lenscube_pipeline::flow::{ChartSource, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
 use lenscube_pipeline::resample::{Interp, Surround};
@@ -28,7 +28,7 @@ impl ChartSource for Chart {
         Size::new(FILM, FILM)
     }
 
-    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         for (y, to) in out.chunks_exact_mut(rect.width).enumerate() {
             let row = (rect.y as usize + y) % PIECE;
             let at = row * 2 * PIECE + rect.x as usize % PIECE;

@@ -3,7 +3,7 @@
 //! The two differ by waiting: for the disk, or for a core that another thread has. Σ core seconds / cores bounds the run
 //! from below, whatever overlaps.
 
-use crate::flow::{ChartSource, DoorError};
+use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use rustix::time::{ClockId, clock_gettime};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -113,7 +113,7 @@ impl ChartSource for TimedChart<'_> {
     fn size(&self) -> Size {
         self.chart.size()
     }
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         self.read.time(|| self.chart.read(band, rect, out))
     }
     fn expect(&self, band: usize, rect: Rect) {

@@ -13,9 +13,9 @@
 //!         shards that nothing can reach any more → encode → write
 //! ```
 //!
-//! [`executor`] runs this on all cores with bounded queues and the same bits for any number of threads; [`flow`] holds the
-//! doors (where charts come from, where films go), [`clock`] where the time went. [`cuda`] opens GPUs; a stage's kernels for them
-//! lie beside it ([`scene::cuda`]). Beside the path: [`chart`] draws charts without a store ([`colour`], [`reflectance`],
+//! [`executor`] schedules this on all cores and GPUs with bounded queues and the same bits for any number of threads; [`stages`] is what
+//! it calls to compute a tile. [`flow`] holds the traits of chart sources and film sinks, [`clock`] counts the time of each stage. [`cuda`] opens
+//! GPUs and holds their memory; a stage's kernels lie beside it ([`scene::cuda`]). Beside the path: [`chart`] draws charts without a store ([`colour`], [`reflectance`],
 //! [`wavelengths`] serve it); [`design`] makes a lens's tables and PSFs from its prescription,
 //! [`figures`] sums them up for people; [`mod@bench`] is what speed is measured against; [`bounds`] limits every number from outside.
 //! [`simd`] chooses the instructions, and [`real`] has the functions whose bits do not depend on the host.

@@ -19,7 +19,7 @@ mod map;
 mod reach;
 
 use crate::field::{Field, Outside};
-use crate::flow::{ChartSource, DoorError};
+use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
 use crate::lens::LensBand;
 use crate::resample::{Interp, Surround, bicubic, bilinear, box_span, box_weights};
@@ -135,7 +135,7 @@ impl Scene {
         rect: Rect,
         out: &mut [f32],
         s: &mut SceneScratch,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         let (sy, sx) = self.frame.scale;
         let (rows, cols) = self.strip();
         for strip in rect.tiles(rows, cols) {
@@ -181,7 +181,7 @@ impl Scene {
         out: &mut [f32],
         stride: usize,
         s: &mut SceneScratch,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         match self.simd.isa() {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => self.in_lanes::<Avx512>(chart, band, strip, out, stride, s),
@@ -200,7 +200,7 @@ impl Scene {
         out: &mut [f32],
         stride: usize,
         s: &mut SceneScratch,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         let (map, knots, gate) =
             (Map::new(&self.frame, &self.field), &self.knots, Gate::<V>::open(self.simd));
         gate.run(Anchoring { map, knots, strip, to: &mut s.anchors });
@@ -220,7 +220,7 @@ impl Scene {
         out: &mut [f32],
         stride: usize,
         s: &mut SceneScratch,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         s.points.resize(strip);
         Map::new(&self.frame, &self.field).strip(strip, &mut s.points);
         let (need, first) = self.reading.needs((ends(&s.points.row), ends(&s.points.col)));
@@ -249,7 +249,7 @@ impl Scene {
         out: &mut [f32],
         stride: usize,
         s: &mut SceneScratch,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         let n = strip.size().pixels();
         let (by, bx) = ((1.0 / self.frame.scale.0).max(1.0), (1.0 / self.frame.scale.1).max(1.0));
         s.chart.resize(n, (0.0, 0.0));
@@ -295,7 +295,7 @@ impl Scene {
         band: usize,
         need: Rect,
         s: &mut SceneScratch,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         let n = need.size().pixels();
         let mut source = std::mem::take(&mut s.source);
         resize_exact(&mut source, n + SPARE);
@@ -315,7 +315,7 @@ impl Scene {
         need: Rect,
         out: &mut [f32],
         s: &mut SceneScratch,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         let read = &mut s.read;
         let size = chart.size();
         if size.rect().contains(need) {

@@ -7,7 +7,7 @@ use crate::cuda::CudaError;
 use crate::cuda::band::{GpuBand, Slot, Streams};
 use crate::cuda::memory::DeviceQueue;
 use crate::executor::Compute;
-use crate::flow::{ChartSource, DoorError};
+use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
 use crate::plan::Tiling;
 use crate::psf::PsfScratch;
@@ -15,7 +15,7 @@ use crate::psf::spectra::SpectrumCache;
 use crate::scene::SceneScratch;
 
 /// Makes the stages of the band at a position of the job.
-pub type Prepare<'a> = dyn Fn(usize) -> Result<BandStages, DoorError> + Sync + 'a;
+pub type Prepare<'a> = dyn Fn(usize) -> Result<BandStages, SourceSinkError> + Sync + 'a;
 
 /// Stages 1-3 of a job.
 pub struct StageCompute<'a> {
@@ -47,7 +47,7 @@ impl Compute for StageCompute<'_> {
         self.spectra.built()
     }
 
-    fn prepare(&self, position: usize) -> Result<BandStages, DoorError> {
+    fn prepare(&self, position: usize) -> Result<BandStages, SourceSinkError> {
         (self.prepare)(position)
     }
 
@@ -60,7 +60,7 @@ impl Compute for StageCompute<'_> {
         out: &mut TileBuffer,
         scratch: &mut StageScratch,
         clock: &Clock,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         let StageScratch { remapped, scene, psf } = scratch;
         remapped.resize(tile.size().pixels(), 0.0);
         clock.scene.time(|| band.scene.apply(chart, chart_band, tile, remapped, scene))?;
@@ -87,7 +87,7 @@ impl Compute for StageCompute<'_> {
         rect: Rect,
         out: &mut [f32],
         scratch: &mut StageScratch,
-    ) -> Result<(), DoorError> {
+    ) -> Result<(), SourceSinkError> {
         band.scene.fill(chart, chart_band, rect, out, &mut scratch.scene)
     }
 

@@ -7,7 +7,7 @@ use lenscube_pipeline::band::{BandPlan, Options, PsfBetween};
 use lenscube_pipeline::executor::Progress;
 use lenscube_pipeline::executor::{BandWork, RunError, Summary, Work, run};
 use lenscube_pipeline::field::Outside;
-use lenscube_pipeline::flow::{ChartSource, DoorError, FilmSink};
+use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{ShardId, Window};
@@ -27,7 +27,7 @@ impl ChartSource for Chart {
     fn size(&self) -> Size {
         self.0[0].size
     }
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         let image = &self.0[band];
         for (i, v) in out.iter_mut().enumerate() {
             *v = image.at(rect.y as usize + i / rect.width, rect.x as usize + i % rect.width) as f32;
@@ -56,11 +56,11 @@ impl Sink {
 
 impl FilmSink for Sink {
     type Encoded = (ShardId, Rect, Vec<f32>);
-    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, DoorError> {
+    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, SourceSinkError> {
         assert_eq!(self.windows[id.window].shard_rect(id.row, id.col), rect);
         Ok((id, rect, pixels.to_vec()))
     }
-    fn commit(&self, (id, rect, pixels): Self::Encoded) -> Result<u64, DoorError> {
+    fn commit(&self, (id, rect, pixels): Self::Encoded) -> Result<u64, SourceSinkError> {
         assert!(self.seen.lock().unwrap().insert(id), "{id:?} committed twice");
         let window = self.windows[id.window].rect;
         let film = &mut self.films.lock().unwrap()[id.window][id.band];
@@ -186,7 +186,7 @@ impl Case {
         let prepare = |i: usize| {
             plans[i]
                 .stages(i, &self.frame, &self.options, 1.0, |b| Ok::<_, LensError>(self.stacks[b].clone()))
-                .map_err(DoorError::from)
+                .map_err(SourceSinkError::from)
         };
         run(&work, chart, sink, &StageCompute::new(self.frame, spectra_bytes, &prepare), progress)
     }
@@ -335,7 +335,7 @@ impl ChartSource for Holed<'_> {
     fn size(&self) -> Size {
         self.0.size()
     }
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         match band == self.1 && !rect.intersect(self.2).is_empty() {
             true => Err("a hole".into()),
             false => self.0.read(band, rect, out),
@@ -384,7 +384,7 @@ fn a_fault_costs_the_shards_that_depend_on_it_and_no_other(simd: Simd) {
         let sink = Sink::new(&windows, 2);
         let holed = Holed(&case.chart, 1, hole);
         let error = case.run_into(&windows, threads, 1 << 20, &holed, &sink, &()).unwrap_err();
-        assert_eq!((error.position(), error.door().to_string().as_str()), (1, "a hole"));
+        assert_eq!((error.position(), error.cause().to_string().as_str()), (1, "a hole"));
     }
 }
 

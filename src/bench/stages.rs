@@ -8,7 +8,7 @@ use pipeline::band::{BandPlan, Options, PsfBetween};
 use pipeline::bench::{Strided, fused_multiply_adds};
 use pipeline::buffer::TileBuffer;
 use pipeline::field::Outside;
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::lens::{PsfSample, PsfStack};
 use pipeline::psf::grid::NodeGrid;
@@ -138,7 +138,7 @@ impl ChartSource for Repeated {
         self.0
     }
 
-    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         for (y, line) in out.chunks_exact_mut(rect.width).enumerate() {
             let row = (rect.y as usize + y) % Self::SIDE;
             for (part, to) in line.chunks_mut(Self::SIDE).enumerate() {

@@ -18,7 +18,7 @@ use formats::chart::exr::ExrContent;
 use formats::chart::image::{ImageFile, Transfer};
 use formats::durable::{create_directories, parent_of};
 use pipeline::colour::Illuminant;
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::reflectance::primaries;
 use serde_json::{Map, json};
@@ -44,7 +44,7 @@ impl ChartSource for Lit {
         self.linear.size()
     }
 
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         let light = &self.light[band];
         if self.band_by_band {
             self.linear.read(band, rect, out)?;

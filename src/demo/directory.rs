@@ -99,11 +99,11 @@ mod tests {
         let path = dir.path().join("demo");
         let mut demo = DemoDirectory::open(&path).unwrap();
         demo.make("a.png", |p| Ok(fs::write(p, "a")?)).unwrap();
-        let failed = demo.make("b.png", |p| {
+        let failed: Result<()> = demo.make("b.png", |p| {
             fs::write(p, "half")?;
             anyhow::bail!("interrupted")
         });
-        assert!(failed.map(|()| ()).is_err());
+        assert!(failed.is_err());
         // Made, and begun: both are the demo's.
         let mut again = DemoDirectory::open(&path).unwrap();
         again.make("b.png", |p| Ok(fs::write(p, "b")?)).unwrap();

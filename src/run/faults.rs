@@ -143,7 +143,7 @@ fn is_local(error: &RunError) -> bool {
     if let RunError::Device { .. } = error {
         return false;
     }
-    let door = error.door();
+    let door = error.cause();
     match door.downcast_ref() {
         Some(FilmError::Storage(e)) => return !e.retryable(),
         Some(FilmError::Replaced { .. } | FilmError::Renewed { .. }) => return false,
@@ -187,14 +187,14 @@ impl Progress for Follow<'_> {
     }
 
     fn fault(&self, error: &RunError) -> bool {
-        let storage = matches!(error.door().downcast_ref(), Some(FilmError::Storage(_)));
+        let storage = matches!(error.cause().downcast_ref(), Some(FilmError::Storage(_)));
         let hopeless = storage && self.failed_writes.fetch_add(1, Ordering::Relaxed) + 1 >= HOPELESS;
         if !self.keep_going || hopeless || !is_local(error) {
             return false;
         }
         let mut all = self.left_out.lock().expect("no panic while held");
-        let key = (error.position(), error.door().to_string());
-        let retry = failure::retryable(error.door().as_ref());
+        let key = (error.position(), error.cause().to_string());
+        let retry = failure::retryable(error.cause().as_ref());
         let left = all.entry(key).or_insert_with(|| LeftOut { shards: BTreeSet::new(), retry });
         left.shards.extend(shards_of(error));
         true

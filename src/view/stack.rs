@@ -271,9 +271,9 @@ fn bands_at(own: &[f64], wanted: &[f64], spec: &str) -> Result<Vec<usize>> {
                 pipeline::wavelengths::format(own)
             )));
         };
-        let equal = (0..own.len()).filter(|&b| own[b] == own[nearest]);
+        let mut equal = (0..own.len()).filter(|&b| own[b] == own[nearest]);
         let turn = wanted[..i].iter().filter(|w| **w == nm).count();
-        Ok(equal.clone().nth(turn).or(equal.last()).unwrap_or(nearest))
+        Ok(equal.clone().nth(turn).or(equal.next_back()).unwrap_or(nearest))
     };
     wanted.iter().enumerate().map(band).collect()
 }

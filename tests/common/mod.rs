@@ -5,7 +5,7 @@ pub mod place;
 
 use formats::chart::{ChartMeta, ChartOptions, ChartStore, Codec, write_chart};
 use formats::lens::{LensPackError, PackAttributes};
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use pipeline::simd::Isa;
@@ -156,7 +156,7 @@ impl ChartSource for Picture {
     fn size(&self) -> Size {
         self.size
     }
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         for (row, out) in out.chunks_exact_mut(rect.width).enumerate() {
             let first = (rect.y as usize + row) * self.size.width + rect.x as usize;
             out.copy_from_slice(&self.bands[band][first..][..rect.width]);

@@ -4,8 +4,7 @@ use super::*;
 use serde_json::{Value, json};
 use zarrs::array::data_type;
 
-#[path = "../../tests/bombs/mod.rs"]
-mod bombs;
+use crate::bombs;
 
 const SAMPLES: u64 = 1024;
 

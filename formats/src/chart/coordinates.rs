@@ -185,14 +185,17 @@ fn numbers(store: &Store, array: &Array<Store>) -> Result<Vec<f64>, (String, Opt
     Ok(all)
 }
 
-/// Bytes of a sample of type `t`, and its value.
-fn number(t: &DataType) -> Option<(usize, fn(&[u8]) -> f64)> {
+/// Bytes of a sample, and its value.
+type Number = (usize, fn(&[u8]) -> f64);
+
+/// How a sample of type `t` is read.
+fn number(t: &DataType) -> Option<Number> {
     macro_rules! read {
         ($t:ty) => {
             (size_of::<$t>(), |b| <$t>::from_ne_bytes(*b.first_chunk().expect("a sample is whole")) as f64)
         };
     }
-    let known: [(DataType, (usize, fn(&[u8]) -> f64)); 8] = [
+    let known: [(DataType, Number); 8] = [
         (data_type::float64(), read!(f64)),
         (data_type::float32(), read!(f32)),
         (data_type::int64(), read!(i64)),

@@ -23,7 +23,7 @@ use ::exr::block::reader::ChunksReader;
 use ::exr::meta::attribute::SampleType;
 use ::exr::meta::header::Header;
 use ::exr::meta::{BlockDescription, MetaData};
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
 
@@ -352,7 +352,7 @@ impl ChartSource for ExrChart {
         self.size
     }
 
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         Ok(self.read_rect(band, rect, out)?)
     }
 

@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
@@ -91,7 +91,7 @@ pub enum WriteError {
         /// Pixels.
         rect: Rect,
         /// In its words.
-        source: DoorError,
+        source: SourceSinkError,
     },
     /// The codec refuses.
     #[error("writing chart {path}: {reason}")]

@@ -20,7 +20,7 @@ pub mod tiff;
 use std::ops::Range;
 use std::path::PathBuf;
 
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 
 use crate::durable::DurableError;
@@ -88,7 +88,7 @@ pub enum ExportError {
         /// The pixels.
         rect: Rect,
         /// The source's own words.
-        source: DoorError,
+        source: SourceSinkError,
     },
     /// The file cannot be written.
     #[error(transparent)]

@@ -35,7 +35,7 @@ impl ChartSource for Cube {
     fn size(&self) -> Size {
         SIZE
     }
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         if band == 99 {
             return Err("gone".into());
         }
@@ -168,7 +168,7 @@ impl ChartSource for Smooth {
     fn size(&self) -> Size {
         SIZE
     }
-    fn read(&self, _: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, _: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         out.iter_mut().zip(rect.x..).for_each(|(v, x)| *v = self.0 * (x as f32 + 0.37));
         Ok(())
     }

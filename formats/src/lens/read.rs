@@ -285,7 +285,7 @@ impl Rows<'_> {
 
     fn counts(&self, b: usize, k: usize) -> Result<Vec<usize>, LensPackError> {
         let row = &self.row(b)[..k];
-        let whole = |v: f64| v >= 0.0 && v <= bounds::AZIMUTHS.most && v.fract() == 0.0;
+        let whole = |v: f64| (0.0..=bounds::AZIMUTHS.most).contains(&v) && v.fract() == 0.0;
         match row.iter().position(|v| !whole(*v)) {
             Some(i) => Err(self.tables.value(self.name, b, i, row[i], "a whole number up to 7200")),
             None => Ok(row.iter().map(|&v| v as usize).collect()),

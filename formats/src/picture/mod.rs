@@ -30,7 +30,7 @@ pub mod tone;
 
 use std::path::PathBuf;
 
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::wavelengths;
 
@@ -49,7 +49,7 @@ pub enum PictureError {
         /// The strip being read.
         rect: Rect,
         /// The source's own words.
-        source: DoorError,
+        source: SourceSinkError,
     },
     /// The file cannot be written.
     #[error("writing the picture {}: {source}", path.display())]

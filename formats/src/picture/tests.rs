@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use pipeline::chart::Generator;
 use pipeline::colour::Illuminant;
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 
 use super::average::{Grid, stream};
@@ -33,7 +33,7 @@ impl ChartSource for Stack {
         self.size
     }
 
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         if self.bands[band].is_empty() {
             return Err(format!("band {band} is gone").into());
         }

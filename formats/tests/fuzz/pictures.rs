@@ -12,7 +12,7 @@ use lenscube_formats::export::regions::Regions;
 use lenscube_formats::picture::grey::{GreyOptions, write_grey};
 use lenscube_formats::picture::preview::{PreviewOptions, write_preview};
 use lenscube_formats::picture::streamed::{ColourFile, write_streamed};
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use std::fs;
 use std::path::Path;
@@ -23,7 +23,7 @@ impl ChartSource for Slope {
     fn size(&self) -> Size {
         Size::new(9, 14)
     }
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         out.iter_mut().enumerate().for_each(|(i, v)| *v = (i + band + rect.x as usize) as f32 * 0.01);
         Ok(())
     }

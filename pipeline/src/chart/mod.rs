@@ -23,7 +23,7 @@ mod targets;
 pub use sheet::EdgeSite;
 pub use spec::{Blob, ChartError, ChartSpec, KINDS, Kind, Sites};
 
-use crate::flow::{ChartSource, DoorError};
+use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use inks::Inks;
 use picture::Picture;
@@ -140,7 +140,7 @@ impl ChartSource for Generator {
         self.chart
     }
 
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         let inks = self.radiance.get(band).ok_or_else(|| {
             format!("the generated chart has no band {band}: it has {}, counted from 0", self.radiance.len())
         })?;

@@ -1,6 +1,6 @@
 //! The CUDA driver's functions, found in its library, which cudarc loads when a GPU is first asked for.
 //!
-//! A result is an integer until [`check`] has compared it with 0: newer drivers return codes that no list of ours has, and a
+//! A result is an integer until `check` has compared it with 0: newer drivers return codes that no list of ours has, and a
 //! Rust enum (cudarc's result, too) of an integer outside its list is undefined behaviour. Signatures and constants are those of `cuda.h` 12.2.
 
 use super::error::{CudaError, OLDEST_DRIVER};

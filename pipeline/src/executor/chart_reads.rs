@@ -3,7 +3,7 @@
 use super::signal::Signal;
 use super::work::BandInFlight;
 use crate::cuda::pool::Pinned;
-use crate::flow::DoorError;
+use crate::flow::SourceSinkError;
 use crate::geometry::Rect;
 use crossbeam::channel::Sender;
 use std::collections::VecDeque;
@@ -20,7 +20,7 @@ pub(super) struct ChartRead<B> {
 }
 
 /// The tile of the band, its buffer, and how reading went.
-pub(super) type ChartReply = (usize, Pinned, Result<(), DoorError>);
+pub(super) type ChartReply = (usize, Pinned, Result<(), SourceSinkError>);
 
 /// Reads in order. Once closed, reads are dropped, and with them their reply channels.
 pub(super) struct ChartReads<'a, B> {

@@ -8,7 +8,7 @@ use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::cuda::band::{GpuBand, Slot, Streams};
 use crate::cuda::memory::DeviceQueue;
-use crate::flow::{ChartSource, DoorError};
+use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use crate::plan::Tiling;
 
@@ -26,7 +26,7 @@ pub trait Compute: Sync {
     ///
     /// # Errors
     /// What keeps the band from being computed.
-    fn prepare(&self, position: usize) -> Result<Self::Band, DoorError>;
+    fn prepare(&self, position: usize) -> Result<Self::Band, SourceSinkError>;
 
     /// Computes the light of the film rectangle `tile` (margin included) from `chart`, band `chart_band`, into `out`, which
     /// becomes the tile with its tail. Time is counted on `clock`.
@@ -46,7 +46,7 @@ pub trait Compute: Sync {
         out: &mut TileBuffer,
         scratch: &mut Self::Scratch,
         clock: &Clock,
-    ) -> Result<(), DoorError>;
+    ) -> Result<(), SourceSinkError>;
 
     /// About the rectangle of a chart of size `chart` that the film rectangle `tile` is made from: a hint for reading ahead.
     fn chart_hint(&self, band: &Self::Band, chart: Size, tile: Rect) -> Rect;
@@ -66,7 +66,7 @@ pub trait Compute: Sync {
         rect: Rect,
         out: &mut [f32],
         scratch: &mut Self::Scratch,
-    ) -> Result<(), DoorError>;
+    ) -> Result<(), SourceSinkError>;
 
     /// The stages of `band` on the GPU of `queue`, for the tiles `tiles` of `tiling`, its share of the device's memory halved
     /// `halved` times; and the slots that its batches are computed in.

@@ -1,6 +1,6 @@
 //! Why a run stops, and what it costs.
 
-use crate::flow::DoorError;
+use crate::flow::SourceSinkError;
 use crate::geometry::Rect;
 use crate::plan::ShardId;
 use thiserror::Error;
@@ -15,7 +15,7 @@ pub enum RunError {
         /// Position in the job.
         position: usize,
         /// What went wrong.
-        source: DoorError,
+        source: SourceSinkError,
     },
     /// The chart could not be read.
     #[error("reading the chart for film rows {}..{}, columns {}..{}: {source}", .rect.y, .rect.bottom(), .rect.x, .rect.right())]
@@ -27,7 +27,7 @@ pub enum RunError {
         /// Shards that its light reaches and that cannot be made without it.
         shards: Vec<ShardId>,
         /// What went wrong.
-        source: DoorError,
+        source: SourceSinkError,
     },
     /// A shard could not be encoded or written.
     #[error("making shard row {}, column {}: {source}", .id.row, .id.col)]
@@ -35,7 +35,7 @@ pub enum RunError {
         /// Which shard.
         id: ShardId,
         /// What went wrong.
-        source: DoorError,
+        source: SourceSinkError,
     },
     /// No device is left; what the last one said.
     #[error("computing on GPUs, of which none is left: {source}")]
@@ -43,7 +43,7 @@ pub enum RunError {
         /// Position in the job.
         position: usize,
         /// What went wrong.
-        source: DoorError,
+        source: SourceSinkError,
     },
 }
 
@@ -58,8 +58,8 @@ impl RunError {
         }
     }
 
-    /// What the source or the sink said.
-    pub fn door(&self) -> &DoorError {
+    /// The error of the source, the sink or the GPU.
+    pub fn cause(&self) -> &SourceSinkError {
         match self {
             Self::Prepare { source, .. }
             | Self::Read { source, .. }

@@ -6,9 +6,9 @@
 //! GPU queue        TileSource → ChartReads (read by workers) → upload │ compute │ download → OrderedAdder
 //! worker           ShardWriter: encode → bounded queue → writing threads: commit
 //! ```
-//! [`Compute`] makes the stages of a band and computes its tiles ([`crate::stages`] implements it). [`tile_source`] deals out tiles in
-//! one sequence and takes back what a failed GPU had; [`ordered_adder`] adds them in that order, so that the film has the same
-//! bits for any number of threads and devices; [`shard_writer`] encodes and writes. Each has a lock of its own; [`signal`] wakes
+//! [`Compute`] makes the stages of a band and computes its tiles ([`crate::stages`] implements it). `tile_source` deals out tiles in
+//! one sequence and takes back what a failed GPU had; `ordered_adder` adds them in that order, so that the film has the same
+//! bits for any number of threads and devices; `shard_writer` encodes and writes. Each has a lock of its own; `signal` wakes
 //! workers. No queue is unbounded: a tile may start only [`AHEAD`] tiles a worker before the oldest one not yet added.
 
 mod chart_reads;

@@ -11,7 +11,7 @@ use super::tile_source::{Batch, Claim, TileSource};
 use super::work::{BandInFlight, Work};
 use crate::clock::Clock;
 use crate::cuda::CudaError;
-use crate::flow::{ChartSource, DoorError, FilmSink};
+use crate::flow::{ChartSource, FilmSink, SourceSinkError};
 use crate::overlap_add::tiles_needed;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -98,7 +98,12 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     }
 
     /// The chart under `tile` could not be read.
-    pub(super) fn unreadable(&self, band: &BandInFlight<C::Band>, tile: (usize, usize), source: DoorError) {
+    pub(super) fn unreadable(
+        &self,
+        band: &BandInFlight<C::Band>,
+        tile: (usize, usize),
+        source: SourceSinkError,
+    ) {
         let rect = self.work.bands[band.position].tiling.rect(tile);
         let shards = self.adder.shards(band, tile);
         self.fail(RunError::Read { position: band.position, rect, shards, source });

@@ -2,7 +2,7 @@
 
 use crate::oracle::{self, Image, Noise, Tables, errors};
 use lenscube_pipeline::field::Outside;
-use lenscube_pipeline::flow::{ChartSource, DoorError};
+use lenscube_pipeline::flow::{ChartSource, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
 use lenscube_pipeline::resample::{Interp, Surround};
@@ -43,7 +43,7 @@ impl ChartSource for Chart {
     fn size(&self) -> Size {
         self.0.size
     }
-    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         assert!(self.0.size.rect().contains(rect) && out.len() == rect.size().pixels());
         for (i, v) in out.iter_mut().enumerate() {
             *v = self.0.at(rect.y as usize + i / rect.width, rect.x as usize + i % rect.width) as f32;
@@ -201,7 +201,7 @@ impl ChartSource for Ramp {
     fn size(&self) -> Size {
         self.size
     }
-    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         for (i, v) in out.iter_mut().enumerate() {
             let at =
                 if self.rows { rect.y + (i / rect.width) as i64 } else { rect.x + (i % rect.width) as i64 };

@@ -147,7 +147,7 @@ fn malformed_headers_are_one_clear_error() {
         ("ENVI", "INVE", "first line"),
         ("samples = 5\n", "", "samples"),
         ("lines = 7", "lines = -7", "lines"),
-        ("lines = 7", "lines = 0", "shape"),
+        ("lines = 7", "lines = 0", "side of the chart"),
         ("data type = 12", "data type = 6", "data type"),
         ("interleave = bil", "interleave = bog", "interleave"),
         ("byte order = 1", "byte order = 2", "byte order"),

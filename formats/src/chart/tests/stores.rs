@@ -153,7 +153,8 @@ fn chunks_of_many_bands_are_taken_apart_once() {
 fn the_temporary_store_needs_room() {
     let (_dir, path) = copied("v3-bip-zstd");
     let json = std::fs::read_to_string(path.join("zarr.json")).unwrap();
-    let huge = json.replace("37,", "20000000,").replace("41\n", "200000\n").replace("16", "4096");
+    let huge =
+        json.replace("37,", "20000000,").replace("41\n", "200000\n").replace("        16", "        4096");
     std::fs::write(path.join("zarr.json"), huge).unwrap();
     let chart = open(&path);
     let dir = tempfile::tempdir().unwrap();

@@ -4,8 +4,7 @@ use serde_json::{Value, json};
 
 use super::*;
 
-#[path = "../../../tests/bombs/mod.rs"]
-mod bombs;
+use crate::bombs;
 
 /// A bare array (1, 2, 2) in one chunk.
 struct Array {

@@ -1,6 +1,6 @@
 //! Charts that we write.
 
-use pipeline::flow::{ChartSource, DoorError};
+use pipeline::flow::{ChartSource, SourceSinkError};
 
 use super::*;
 
@@ -17,7 +17,7 @@ impl ChartSource for Ramp {
         self.0
     }
 
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), DoorError> {
+    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         if band > 1 {
             return Err("no such band".into());
         }

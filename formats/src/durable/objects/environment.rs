@@ -81,10 +81,8 @@ mod tests {
             for value in ["hush\n", "hu sh", "h\u{e9}sh", "\0hush"] {
                 let said = problem(&key, value);
                 let secret = key != Key::Region;
-                assert!(
-                    !said.contains('\n') && !(secret && said.contains("sh,")),
-                    "{key:?} {value:?}: {said}"
-                );
+                assert!(!said.contains('\n'), "{key:?} {value:?}: {said}");
+                assert!(!secret || !said.contains("sh,"), "{key:?} {value:?}: {said}");
                 assert!(
                     !(secret && (said.contains("hush") || said.contains("hu sh"))),
                     "{key:?} {value:?}: {said}"

@@ -240,7 +240,7 @@ fn a_pyramid_at_a_url_is_made_and_made_anew_when_the_film_changes() {
             assert_eq!(f.pyramid().unwrap(), PyramidState::Complete);
         }
         for (key, _) in far.pyramid_metadata() {
-            assert_eq!(far.store.read(&format!("{key}/zarr.json")).unwrap().is_some(), true, "{key}");
+            assert!(far.store.read(&format!("{key}/zarr.json")).unwrap().is_some(), "{key}");
         }
         for key in far.pyramid_keys() {
             let key = format!("{PLACE}/{key}");
