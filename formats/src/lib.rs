@@ -1,4 +1,4 @@
-//! lenscube's doors: chart and film stores, lens packs and their importers, pictures. Knows no optics.
+//! Readers and writers of lenscube: chart and film stores, lens packs and their importers, pictures. Knows no optics.
 
 mod bounded;
 pub mod chart;

@@ -260,7 +260,7 @@ fn bits(lights: &[Vec<f32>]) -> Vec<Vec<u32>> {
 fn same_bits_in_any_batch_and_memory() {
     for (film, several) in [
         (Film::new(9, &FINE, Size::new(12, 1700), (840.5, -20.0)), true),
-        (Film::new(101, &UNEVEN, Size::new(1300, 8), (3.5, 640.5)), true),
+        (Film::new(101, &UNEVEN, Size::new(1700, 8), (3.5, 840.5)), true),
         (Film::new(229, &QUARTERS, Size::new(20, 20), (9.5, 9.5)), false),
     ] {
         let one = bits(&film.lights(1, AMPLE));
@@ -286,7 +286,7 @@ fn too_little_memory_is_said() {
 
 /// What `bytes` allows is all that is taken.
 fn memory_stays_within_its_bytes() {
-    let film = Film::new(101, &FINE, Size::new(80, 80), (39.5, 39.5));
+    let film = Film::new(101, &FINE, Size::new(240, 240), (119.5, 119.5));
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     for bytes in [film.least_bytes(), film.least_bytes() * 2] {

@@ -110,6 +110,8 @@ class Writer:
 
     def unit(self, job, at, fault=None):
         units = self.rng.choice(["0", "0-1", "1", "1-2", "2", "0-2", "all"])
+        if "2" in units and "--bands" in self.script.jobs[job].flags:
+            units = "0-1"  # a job of two bands may have no third unit
         return self.start("unit", job, at, words=[] if units == "all" else ["--unit", units], fault=fault)
 
     def replace(self, at):

@@ -75,7 +75,9 @@ def damage(case, words, code):
         (film / "film/c/9/0/0").write_bytes(shard.read_bytes())
     elif case == "changed metadata":
         text = (film / "zarr.json").read_text()
-        (film / "zarr.json").write_text(text.replace('"numeric_version": 2', '"numeric_version": 1'))
+        changed = re.sub(r'("numeric_version": *)\d+', r"\g<1>999", text)
+        assert changed != text, "the metadata name no numeric version"
+        (film / "zarr.json").write_text(changed)
     elif case == "no film":
         shutil.rmtree(film)
     elif case == "a temp file of a dead process":

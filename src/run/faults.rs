@@ -143,13 +143,13 @@ fn is_local(error: &RunError) -> bool {
     if let RunError::Device { .. } = error {
         return false;
     }
-    let door = error.cause();
-    match door.downcast_ref() {
+    let cause = error.cause();
+    match cause.downcast_ref() {
         Some(FilmError::Storage(e)) => return !e.retryable(),
         Some(FilmError::Replaced { .. } | FilmError::Renewed { .. }) => return false,
         _ => (),
     }
-    match door.downcast_ref::<ChartError>() {
+    match cause.downcast_ref::<ChartError>() {
         Some(ChartError::Io(e)) => e.is_device_error() || !e.retryable(),
         _ => true,
     }
