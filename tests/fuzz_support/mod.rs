@@ -122,7 +122,8 @@ pub fn fuzz(
         std::env::temp_dir().join(format!("lenscube-fuzz-{}-{name}", target.replace(' ', "-")))
     };
     let long = asked().is_some();
-    let current = memory_folder().join(kept("current".into()).file_name().expect("a file"));
+    let current = kept(format!("current-{}", std::process::id()));
+    let current = memory_folder().join(current.file_name().expect("a file's path"));
     let watch = long.then(|| Watchdog::start(target, current.clone()));
     let (total, start) = (cases(few), Instant::now());
     let mut r = Random(target.bytes().fold(1, |seed: u64, b| seed.wrapping_mul(31).wrapping_add(b.into())));
