@@ -56,6 +56,8 @@ def missing(report, log):
     for name, state, _, reason in steps(report):
         if state == "skipped":
             found.append(Missing(name, reason, reason.startswith("unavailable: ")))
+        elif state == "failed":
+            found.append(Missing("every step after it", f"{name} failed", False))
     later = passed(log)
     by_reason = {}
     for test, reason in ignored(log):

@@ -59,7 +59,7 @@ def ci_fails_on_what_can_be_installed_and_only_on_that():
 
 def a_failed_step_fails():
     code, out = run("tests\tfailed\t3.0\texit code 101\n", "")
-    assert code == 1 and "failed: exit code 101" in out, out
+    assert code == 1 and "failed: exit code 101" in out and "every step after it: tests failed" in out, out
 
 
 def only_a_full_run_on_a_machine_with_everything_says_so():
