@@ -12,7 +12,7 @@ from collections import namedtuple
 Missing = namedtuple("Missing", "what reason allowed")
 
 ISA = {"avx512": "no AVX-512", "avx2": "no AVX2 with FMA"}
-HARDWARE = {"no GPU", "a CUDA driver is installed"}
+HARDWARE = {"no GPU", "a CUDA driver is installed", "one instruction set", "every instruction set is there"}
 
 
 def steps(report):

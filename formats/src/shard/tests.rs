@@ -22,7 +22,7 @@ fn a_pixel_that_is_no_number_is_an_error_with_its_place() {
 
 /// `cargo test -p lenscube-formats --release --lib the_cost_of_checking -- --ignored --nocapture`
 #[test]
-#[ignore = "prints a figure"]
+#[ignore = "measurement: run alone, in release, with --nocapture"]
 fn the_cost_of_checking() {
     let side = 2048;
     let pixels: Vec<f32> = (0..side * side).map(|k| ((k as f32 * 0.37).sin() + 2.0) * 100.0).collect();
