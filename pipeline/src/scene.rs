@@ -351,7 +351,7 @@ impl Scene {
     }
 }
 
-/// Resizes a buffer whose old values are not needed, without room for more: its size is part of the memory plan.
+/// Resizes a buffer whose old values are not needed, without spare capacity: its size is part of the memory plan.
 fn resize_exact(buffer: &mut Vec<f32>, n: usize) {
     if buffer.capacity() < n {
         *buffer = Vec::new();

@@ -26,7 +26,7 @@ enum State {
     Header { limit: u64, digest: blake3::Hash },
 }
 
-/// What the file system tells of a file's state.
+/// State of a file, from its metadata.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stamp {
     device: u64,

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Bytes hashed at a time.
 const PIECE: usize = 1 << 20;
 
-/// What the file system tells of a file.
+/// State of a file, from its metadata.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Stamp {
     inode: (u64, u64),

@@ -59,7 +59,7 @@ pub struct Text<'a> {
     pub anchor: Anchor,
     /// Whether it reads upwards.
     pub upwards: bool,
-    /// Room, px; longer text is cut with an ellipsis, the SVG keeps the whole as its tooltip.
+    /// Largest width, px; longer text is cut with an ellipsis, the SVG keeps the whole as its tooltip.
     pub most: f64,
     /// What it says.
     pub text: &'a str,

@@ -15,9 +15,9 @@ pub const WIDTH: usize = 760;
 const HEIGHT: (f64, f64) = (400.0, 270.0);
 /// Least and most height of axes of one scale, px.
 const SCALED_HEIGHT: (f64, f64) = (140.0, 900.0);
-/// Font size of the title, px, and the room it takes.
+/// Font size of the title, px, and the height reserved for it.
 const TITLE: (f64, f64) = (17.0, 42.0);
-/// Room for names in the legend, px.
+/// Width for names in the legend, px.
 const NAMES: f64 = 170.0;
 /// Distance of rows of the legend, px, and length of its samples of lines.
 const ROW: f64 = 23.0;

@@ -52,7 +52,7 @@ pub struct CudaView<'a, T> {
     of: PhantomData<&'a T>,
 }
 
-/// Part of some device memory that nobody else has.
+/// Exclusive view of a part of device memory.
 #[derive(Debug)]
 pub struct CudaViewMut<'a, T> {
     at: Address,
@@ -192,7 +192,7 @@ impl<T> PinnedHostSlice<T> {
 
     /// Its values, to write.
     pub fn as_mut_slice(&mut self) -> &mut [T] {
-        // SAFETY: as above, and borrowed by nobody else.
+        // SAFETY: as above, and borrowed exclusively.
         unsafe { std::slice::from_raw_parts_mut(self.start, self.len) }
     }
 }
