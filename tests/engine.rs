@@ -150,6 +150,9 @@ fn an_engine_that_the_processor_lacks_exits_2() {
     assert!(!place.film.exists());
 }
 
+/// Name of a case, the case, and why it cannot run here.
+type Check = (&'static str, fn(), Option<&'static str>);
+
 fn main() -> ExitCode {
     // Why a case cannot run here, as scripts/check_summary.py knows it.
     let when = |lacking: bool, why: &'static str| lacking.then_some(why);
@@ -157,7 +160,7 @@ fn main() -> ExitCode {
     let all = when(Isa::ALL.into_iter().all(Isa::is_available), "every instruction set is there");
     let no_driver = matches!(pipeline::cuda::devices(), Err(pipeline::cuda::CudaError::NoDriver));
     let driver = when(!no_driver, "a CUDA driver is installed");
-    let checks: [(&str, fn(), Option<&str>); 8] = [
+    let checks: [Check; 8] = [
         ("resume_uses_the_films_engine_and_logs_it", resume_uses_the_films_engine_and_logs_it, one),
         ("another_engine_exits_3_and_names_both", another_engine_exits_3_and_names_both, one),
         (

@@ -12,6 +12,7 @@
 mod direct;
 mod error;
 mod fault;
+mod file_state;
 mod handle;
 mod lock;
 mod maker;
@@ -25,6 +26,7 @@ mod zarr;
 pub(crate) use error::store_error;
 pub use error::{DurableError, passes};
 pub use fault::point as fault_point;
+pub(crate) use file_state::FileState;
 pub use lock::{Lock, LockError, Owner, locks};
 pub use maker::Maker;
 pub use objects::{ObjectState, Objects, check_url, is_url};

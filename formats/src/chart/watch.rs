@@ -5,11 +5,10 @@
 
 use std::fs::{File, Metadata};
 use std::io::Read;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::ChartError;
-use crate::durable::DurableError;
+use crate::durable::{DurableError, FileState};
 
 /// A file and its state at opening.
 #[derive(Debug)]
@@ -21,38 +20,15 @@ pub(super) struct Watched {
 #[derive(Debug, PartialEq)]
 enum State {
     /// Of data, which are too many to be read twice.
-    Data(Stamp),
+    Data(FileState),
     /// Of a header: a digest of its first bytes.
     Header { limit: u64, digest: blake3::Hash },
-}
-
-/// State of a file, from its metadata.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Stamp {
-    device: u64,
-    inode: u64,
-    bytes: u64,
-    modified_ns: i128,
-    status_changed_ns: i128,
-}
-
-impl Stamp {
-    fn of(meta: &Metadata) -> Self {
-        let ns = |s: i64, ns: i64| i128::from(s) * 1_000_000_000 + i128::from(ns);
-        Self {
-            device: meta.dev(),
-            inode: meta.ino(),
-            bytes: meta.len(),
-            modified_ns: ns(meta.mtime(), meta.mtime_nsec()),
-            status_changed_ns: ns(meta.ctime(), meta.ctime_nsec()),
-        }
-    }
 }
 
 impl Watched {
     /// A data file, by the metadata of the open file.
     pub(super) fn data(path: &Path, meta: &Metadata) -> Self {
-        Self { path: path.into(), state: State::Data(Stamp::of(meta)) }
+        Self { path: path.into(), state: State::Data(FileState::of(meta)) }
     }
 
     /// A header, of whose first `limit` bytes `text` was read.
@@ -71,13 +47,11 @@ impl Watched {
             State::Data(then) => {
                 let now = match std::fs::metadata(&self.path) {
                     Err(e) if e.kind() == std::io::ErrorKind::NotFound => return changed("it was removed"),
-                    other => Stamp::of(&other.map_err(failed)?),
+                    other => FileState::of(&other.map_err(failed)?),
                 };
                 match () {
                     () if now == *then => Ok(()),
-                    () if (now.device, now.inode) != (then.device, then.inode) => {
-                        changed("another file has taken its place")
-                    }
+                    () if now.inode != then.inode => changed("another file has taken its place"),
                     () if now.bytes != then.bytes => changed("it has another size"),
                     () => changed("it was written to, or its status changed"),
                 }

@@ -1,47 +1,21 @@
-//! Whether files are still what they were: size, times, inode; and a file whose bytes are known by their blake3.
-//!
-//! A stamp differs when a file was written, replaced or touched; then its bytes decide. The time of last status change (ctime)
-//! cannot be set by a program, so equal stamps mean equal bytes.
+//! A file whose bytes are known by their blake3: its state is compared first ([`FileState`]); where that differs, its bytes decide.
 
-use std::fs::{File, Metadata};
+use std::fs::File;
 use std::io;
-use std::os::unix::fs::{FileExt, MetadataExt};
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+
+use crate::durable::FileState;
 
 /// Bytes hashed at a time.
 const PIECE: usize = 1 << 20;
-
-/// State of a file, from its metadata.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Stamp {
-    inode: (u64, u64),
-    length: u64,
-    modified_ns: (i64, i64),
-    changed_ns: (i64, i64),
-}
-
-impl Stamp {
-    pub(super) fn new(meta: &Metadata) -> Self {
-        Self {
-            inode: (meta.dev(), meta.ino()),
-            length: meta.len(),
-            modified_ns: (meta.mtime(), meta.mtime_nsec()),
-            changed_ns: (meta.ctime(), meta.ctime_nsec()),
-        }
-    }
-
-    /// Of the file at `path`; `None` if there is none.
-    pub(super) fn at(path: &Path) -> Option<Self> {
-        std::fs::metadata(path).ok().map(|meta| Self::new(&meta))
-    }
-}
 
 /// An open file and the blake3 of its bytes. It stays readable when its name is removed or given to another file.
 #[derive(Debug)]
 pub struct SealedFile {
     pub(super) path: PathBuf,
     file: File,
-    stamp: Stamp,
+    stamp: FileState,
     digest: String,
 }
 
@@ -55,9 +29,9 @@ impl SealedFile {
             return Err(io::Error::other("it is not a regular file"));
         }
         let file = File::open(path)?;
-        let stamp = Stamp::new(&file.metadata()?);
+        let stamp = FileState::of(&file.metadata()?);
         let digest = hash(&file)?;
-        match Stamp::new(&file.metadata()?) == stamp {
+        match FileState::of(&file.metadata()?) == stamp {
             true => Ok(Self { path: path.into(), file, stamp, digest }),
             false => Err(io::Error::other("it changed while it was read")),
         }
@@ -75,7 +49,7 @@ impl SealedFile {
 
     /// Whether the open file still has the bytes that it was opened with.
     pub(super) fn holds(&self) -> io::Result<bool> {
-        Ok(Stamp::new(&self.file.metadata()?) == self.stamp || hash(&self.file)? == self.digest)
+        Ok(FileState::of(&self.file.metadata()?) == self.stamp || hash(&self.file)? == self.digest)
     }
 }
 

@@ -6,7 +6,8 @@
 
 use super::array::METADATA_LIMIT;
 use super::error::LensPackError;
-use super::stamp::{SealedFile, Stamp};
+use super::stamp::SealedFile;
+use crate::durable::FileState;
 use crate::durable::{DurableError, Objects, is_url, passes};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -32,7 +33,7 @@ pub(super) struct Store {
 
 enum Kind {
     /// What was read or asked for, by key, as the file system told of it first; `None`: it was not there.
-    Directory(Mutex<BTreeMap<String, Option<Stamp>>>),
+    Directory(Mutex<BTreeMap<String, Option<FileState>>>),
     Objects(Objects),
     Zip {
         archive: Mutex<ZipArchive<Box<dyn ReadSeek>>>,
@@ -47,7 +48,7 @@ enum Origin {
     /// The program, or a file that is checked elsewhere.
     Fixed,
     /// The file of that name.
-    File(Stamp),
+    File(FileState),
     /// An object.
     Object,
 }
@@ -70,7 +71,7 @@ impl Store {
             return Ok(Self { path: path.into(), kind: Kind::Directory(Mutex::default()) });
         }
         let file = File::open(path).map_err(io)?;
-        let stamp = Stamp::new(&file.metadata().map_err(io)?);
+        let stamp = FileState::of(&file.metadata().map_err(io)?);
         Self::file(path, file, Origin::File(stamp))
     }
 
@@ -128,9 +129,9 @@ impl Store {
         match &self.kind {
             Kind::Directory(seen) => {
                 let seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
-                seen.iter().all(|(key, stamp)| Stamp::at(&self.path.join(key)) == *stamp)
+                seen.iter().all(|(key, stamp)| FileState::at(&self.path.join(key)) == *stamp)
             }
-            Kind::Zip { from: Origin::File(stamp), .. } => Stamp::at(&self.path) == Some(*stamp),
+            Kind::Zip { from: Origin::File(stamp), .. } => FileState::at(&self.path) == Some(*stamp),
             Kind::Zip { from, .. } => matches!(from, Origin::Fixed),
             Kind::Objects(_) => false,
         }
@@ -167,7 +168,7 @@ impl Store {
         match &self.kind {
             Kind::Directory(seen) => match std::fs::metadata(self.path.join(key)) {
                 Ok(meta) if meta.is_file() => {
-                    note(seen, key, Some(Stamp::new(&meta)));
+                    note(seen, key, Some(FileState::of(&meta)));
                     Ok(Some(meta.len()))
                 }
                 Ok(_) => Ok(None),
@@ -191,7 +192,7 @@ impl Store {
         match &self.kind {
             Kind::Directory(seen) => match File::open(self.path.join(key)) {
                 Ok(file) => {
-                    note(seen, key, Some(Stamp::new(&file.metadata()?)));
+                    note(seen, key, Some(FileState::of(&file.metadata()?)));
                     read_up_to(file, limit).map(Some)
                 }
                 Err(e) => absent(e).inspect(|_| note(seen, key, None)),
@@ -211,7 +212,7 @@ impl Store {
 }
 
 /// Remembers what the file system told of a key first.
-fn note(seen: &Mutex<BTreeMap<String, Option<Stamp>>>, key: &str, stamp: Option<Stamp>) {
+fn note(seen: &Mutex<BTreeMap<String, Option<FileState>>>, key: &str, stamp: Option<FileState>) {
     seen.lock().unwrap_or_else(PoisonError::into_inner).entry(key.to_owned()).or_insert(stamp);
 }
 
