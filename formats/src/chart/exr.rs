@@ -32,8 +32,9 @@ use super::watch::Watched;
 use super::{ChartError, LARGEST_VALUE, NanPolicy, RasterChart};
 use crate::durable::DurableError;
 
-/// Most bytes of a block, decoded: each thread holds one.
-const LARGEST_BLOCK: usize = 1 << 28;
+/// Maximum size in bytes of a decoded block. Each thread holds one, and the `exr` crate takes as much memory for the compressed bytes
+/// of a block as its header claims, up to the size of a whole tile, before it reads them.
+const MAX_BLOCK_BYTES: usize = 192 << 20;
 /// Most channels.
 const MOST_CHANNELS: usize = 4096;
 
@@ -384,12 +385,14 @@ fn check(path: &Path, header: &Header, length: u64) -> Result<usize, ChartError>
     }
     let (columns, rows) = match header.blocks {
         BlockDescription::ScanLines => (width, header.compression.scan_lines_per_block().min(height)),
-        BlockDescription::Tiles(t) => (t.tile_size.width().min(width), t.tile_size.height().min(height)),
+        // Not cut at the image's edges: see MAX_BLOCK_BYTES.
+        BlockDescription::Tiles(t) => (t.tile_size.width(), t.tile_size.height()),
     };
-    let block = columns.checked_mul(rows).and_then(|n| n.checked_mul(header.channels.bytes_per_pixel));
-    if block.is_none_or(|n| n > LARGEST_BLOCK) {
-        let found = format!("{columns}x{rows} px of {} bytes", header.channels.bytes_per_pixel);
-        return Err(wrong(path, "block size", "at most 256 MiB; save it in smaller tiles", found));
+    let pixel_bytes = header.channels.bytes_per_pixel;
+    let block_bytes = columns.checked_mul(rows).and_then(|n| n.checked_mul(pixel_bytes));
+    if block_bytes.is_none_or(|n| n > MAX_BLOCK_BYTES) {
+        let found = format!("{columns}x{rows} px of {pixel_bytes} bytes");
+        return Err(wrong(path, "block size", "at most 192 MiB; save it in smaller tiles", found));
     }
     // Each block has at least its offset of eight bytes in the file.
     if header.chunk_count as u64 > length / 8 {
@@ -399,7 +402,7 @@ fn check(path: &Path, header: &Header, length: u64) -> Result<usize, ChartError>
             found: length,
         });
     }
-    Ok(block.unwrap_or_default())
+    Ok(columns.min(width) * rows.min(height) * pixel_bytes)
 }
 
 /// What a header's channels are, and which of them are the bands.

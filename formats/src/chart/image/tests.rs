@@ -186,6 +186,13 @@ fn exr_is_linear_and_bit_exact() {
     assert_eq!(spectral.content(), &ExrContent::Spectral { wavelengths_nm, reflective: true });
 }
 
+/// About 1 KB whose tiles are 65536 x 65537 px of 12 bytes, on an image of 14 x 9 px.
+#[test]
+fn exr_tile_larger_than_memory_is_refused_before_it_is_allocated() {
+    let bytes = include_bytes!("../../../tests/data/tile-of-51-GB.exr");
+    Place::new().refused(bytes, "at most 192 MiB");
+}
+
 /// CRC-32 of PNG chunks (ISO 3309).
 fn crc(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0, |crc: u32, &b| {
