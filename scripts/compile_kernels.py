@@ -1,4 +1,4 @@
-"""What scripts/ptx runs: every .cu under pipeline/ to the .ptx beside it, and what the assemblers say of it.
+"""What scripts/ptx runs: every .cu under pipeline/ to pipeline/ptx/NAME.ptx, and what the assemblers say of it.
 
 A .cu may take constants from Rust, so that they stand once: its line `// From cuda.rs: LANES, SIDE` defines LANES and SIDE as the
 literals that `const LANES: usize = 16;` gives in that file (a path relative to the .cu).
@@ -74,7 +74,7 @@ def main():
     assemblers = [(v, place / v / "nvidia/cuda_nvcc/bin/ptxas") for v in ("12.2", "12.9")]
     wrong, table = [], {}
     for source in sorted(pathlib.Path("pipeline").rglob("*.cu")):
-        there, fresh = source.with_suffix(".ptx"), compile_ptx(nvrtc, source)
+        there, fresh = pathlib.Path("pipeline/ptx", source.stem + ".ptx"), compile_ptx(nvrtc, source)
         if check and (not there.exists() or there.read_bytes() != fresh):
             problem = "is not what its source gives" if there.exists() else "is missing"
             wrong.append(f"{there} {problem}: run scripts/ptx")

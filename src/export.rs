@@ -149,8 +149,8 @@ impl ChartSource for Selected<'_> {
         self.inner.read(self.bands[band], rect, out)
     }
 
-    fn expect(&self, band: usize, rect: Rect) {
-        self.inner.expect(self.bands[band], rect);
+    fn prefetch(&self, band: usize, rect: Rect) {
+        self.inner.prefetch(self.bands[band], rect);
     }
 }
 

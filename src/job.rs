@@ -7,10 +7,10 @@ use crate::device::Choice;
 use crate::engine::{self, Engine};
 use crate::failure::{self, other_job, usage};
 use crate::lens::source::{Named, Source};
-use crate::memory::{Memory, Needs, OnDevices, Remap, default_limit};
+use crate::memory::{Memory, Needs, OnDevices, RemapNeeds, default_limit};
 use crate::open::{Chart, is_builtin};
 use anyhow::{Context, Result};
-use formats::chart::{Codec, LARGEST_VALUE, NanPolicy};
+use formats::chart::{Codec, MAX_VALUE, NanPolicy};
 use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
 use formats::lens::LensPackError;
 use pipeline::band::{BandPlan, Options, PsfBetween};
@@ -22,8 +22,8 @@ use pipeline::geometry::{Frame, Size};
 use pipeline::lens::PsfSample;
 use pipeline::plan::Window;
 use pipeline::psf::cuda::PsfOnDevice;
+use pipeline::remap::{Reading, Remap, Stages};
 use pipeline::resample::{Interp, Surround};
-use pipeline::scene::{Reading, Scene, Stages};
 use pipeline::simd::Simd;
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -47,7 +47,7 @@ pub struct Job {
     pub film_bands: Vec<usize>,
     /// Plan per position.
     pub plans: Vec<BandPlan>,
-    /// Factor on the scene per position (film units).
+    /// Factor on the remap per position (film units).
     pub gains: Vec<f64>,
     /// The film's layout.
     pub film: FilmSpec,
@@ -163,7 +163,7 @@ impl Job {
             writers: FilmStore::writers(&args.film),
             chart_rows: &chart_rows,
             chunks: chart.chunks(&chart_bands),
-            remap: Remap::new(&frame, &plans, &options),
+            remap: RemapNeeds::new(&frame, &plans, &options),
             chart_px: frame.chart.pixels(),
             lens_reading: lens.largest_reading_bytes(),
             psf_reading: &|plan: &BandPlan| lens.psf_reading_bytes(plan.choice.first),
@@ -223,13 +223,13 @@ impl Job {
 /// the film; a run looks at all of them.
 fn device_needs(frame: &Frame, options: &Options, plans: &[BandPlan], device: &Choice) -> Vec<BandNeeds> {
     let of = |plan: &BandPlan| {
-        let scene = Scene::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
+        let remap = Remap::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
         let (rows, cols) = plan.tiling.count();
         let spread = |n: usize| [0, n / 2, n - 1];
         let tiles: Vec<_> = spread(rows).iter().flat_map(|&i| spread(cols).map(|j| (i, j))).collect();
         let psf = plan.blocks.as_ref().zip(plan.grid.as_ref());
         let least = psf.map(|(blocks, grid)| PsfOnDevice::least_bytes(blocks, grid, plan.tiling.tile()));
-        cuda::needs(&scene, &plan.tiling, tiles.iter(), least)
+        cuda::needs(&remap, &plan.tiling, tiles.iter(), least)
     };
     match device.devices.is_empty() {
         true => Vec::new(),
@@ -352,7 +352,7 @@ fn gain(units: FilmUnits, plan: &BandPlan, frame: &Frame) -> f64 {
 
 /// Largest chart value that the bands' gains leave computable.
 fn largest_value(gains: &[f64]) -> f32 {
-    (f64::from(LARGEST_VALUE) / gains.iter().fold(1.0, |m, g| f64::max(m, *g))) as f32
+    (f64::from(MAX_VALUE) / gains.iter().fold(1.0, |m, g| f64::max(m, *g))) as f32
 }
 
 fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart: &Chart) -> Result<FilmSpec> {

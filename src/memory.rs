@@ -13,7 +13,7 @@ use pipeline::cuda::memory::BandNeeds;
 use pipeline::executor::{AHEAD, QUEUE};
 use pipeline::geometry::Frame;
 use pipeline::plan::Window;
-use pipeline::scene::Scene;
+use pipeline::remap::Remap;
 
 /// The program itself, its threads' stacks, the allocator's slack.
 const BASE: usize = 48 << 20;
@@ -64,7 +64,7 @@ pub struct Chunks {
 
 /// What the lens's tables do to the chart, of the band that they do most in.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Remap {
+pub struct RemapNeeds {
     /// The most chart pixels that a worker holds at a time.
     pub chart_px: u64,
     /// Ideal over REAL lengths, the least and the greatest.
@@ -75,15 +75,15 @@ pub struct Remap {
     pub wavelength_nm: f64,
 }
 
-impl Remap {
+impl RemapNeeds {
     /// Of the bands `plans` on the film of `frame`.
     pub fn new(frame: &Frame, plans: &[BandPlan], options: &Options) -> Self {
         let none = Self { chart_px: 0, stretch: (1.0, 1.0), near_axis: 1.0, wavelength_nm: 0.0 };
         plans.iter().fold(none, |all, plan| {
-            let scene = Scene::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
-            let own = scene.stretch(&plan.tiling);
+            let remap = Remap::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
+            let own = remap.stretch(&plan.tiling);
             let (ideal, real) = (&plan.lens.ideal_height_mm, &plan.lens.image_height_mm);
-            let chart_px = all.chart_px.max(scene.most_chart_px(&plan.tiling));
+            let chart_px = all.chart_px.max(remap.most_chart_px(&plan.tiling));
             let stretch = (all.stretch.0.min(own.least), all.stretch.1.max(own.greatest));
             match stretch == all.stretch {
                 true => Self { chart_px, ..all },
@@ -170,7 +170,7 @@ pub struct Needs<'a> {
     /// Chunks of the chart.
     pub chunks: Chunks,
     /// What the lens's tables do to the chart.
-    pub remap: Remap,
+    pub remap: RemapNeeds,
     /// Size of the chart in pixels.
     pub chart_px: usize,
     /// Bytes of a pack's PSFs while they are read, beside the samples, by band of the job.

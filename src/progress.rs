@@ -194,10 +194,10 @@ pub fn summary_lines(
     let mut lines = vec![
         format!("{} shards in {}, {rate:.1} Mpx/s, {} tiles", s.shards, clock(s.wall_s), s.tiles),
         format!(
-            "core seconds: read {:.1}, scene {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
+            "core seconds: read {:.1}, remap {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
              prepare {:.1}; waiting for the disk: read {:.1}, write {:.1}",
             t.read_s,
-            t.scene_s,
+            t.remap_s,
             t.svpsf_s,
             s.spectra,
             t.add_s,

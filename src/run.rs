@@ -1,4 +1,4 @@
-//! `lenscube run`: chart → scene → film, and the film's life: created, resumed, finished.
+//! `lenscube run`: chart → remap → film, and the film's life: created, resumed, finished.
 
 mod faults;
 pub mod film;

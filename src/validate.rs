@@ -31,8 +31,8 @@ use pipeline::band::{Options, PsfBetween};
 use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
 use pipeline::psf::kernel::film_window;
+use pipeline::remap::{Reading, Stages};
 use pipeline::resample::{Interp, Surround};
-use pipeline::scene::{Reading, Stages};
 use pipeline::simd::Simd;
 use ri::Illumination;
 use serde_json::Value;
@@ -40,7 +40,7 @@ use std::path::Path;
 use truth::{BandTruth, Truth};
 
 /// Bytes of a summary at most.
-const LARGEST_SUMMARY: u64 = 64 << 20;
+const MAX_SUMMARY: u64 = 64 << 20;
 
 /// What is made and what it is compared with.
 pub struct Setup {
@@ -235,7 +235,7 @@ pub fn compare(setup: &Setup, shots: &Shots, band: usize) -> Result<Band> {
 fn check_out(out: &Path) -> Result<()> {
     let there = |name: &&str| out.join(name).symlink_metadata().is_ok();
     let Some(name) = ["summary.json", "report.html", "curves"].into_iter().find(there) else { return Ok(()) };
-    let summary = Directory::new(out).read_at_most("summary.json", LARGEST_SUMMARY)?;
+    let summary = Directory::new(out).read_at_most("summary.json", MAX_SUMMARY)?;
     let summary: Value = summary.and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default();
     let program = summary["program"].as_str().unwrap_or_default();
     match program.starts_with("lenscube ") && summary.get("worst").is_some() {

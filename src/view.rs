@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Most threads that read and render, if nobody says how many.
-const MOST_THREADS: usize = 4;
+const MAX_THREADS: usize = 4;
 /// How long answers in hand may take after Ctrl-C.
 const LAST_ANSWERS: Duration = Duration::from_secs(2);
 
@@ -27,7 +27,7 @@ const LAST_ANSWERS: Duration = Duration::from_secs(2);
 pub fn command(args: &ViewArgs) -> Result<()> {
     let site = Site::open(args)?;
     tell(&site);
-    let threads = args.threads.unwrap_or_else(|| job::threads(None).min(MOST_THREADS));
+    let threads = args.threads.unwrap_or_else(|| job::threads(None).min(MAX_THREADS));
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
         .max_blocking_threads(threads + 1)

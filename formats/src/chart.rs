@@ -40,7 +40,7 @@ pub use identity::ChartIdentity;
 pub use layout::Sample;
 pub use open::split_array;
 pub use raster::{Interleave, RasterChart, RasterLayout, RasterSample, sample_named};
-pub use values::LARGEST_VALUE;
+pub use values::MAX_VALUE;
 pub use write::{ChartMeta, WriteError, WriteReport, remove_chart, replace_chart, write_chart};
 
 use cache::Cache;
@@ -185,7 +185,7 @@ impl ChartStore {
         rows.saturating_mul(self.layout.shape[2]).saturating_mul(bands * 4)
     }
 
-    /// Makes values beyond `largest` in magnitude an error, where [`LARGEST_VALUE`] is too much. Call it before anything is read.
+    /// Makes values beyond `largest` in magnitude an error, where [`MAX_VALUE`] is too much. Call it before anything is read.
     pub fn limit_values(&mut self, largest: f32) {
         self.layout.values.largest = largest;
     }

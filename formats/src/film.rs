@@ -39,7 +39,7 @@ use crate::shard::{ShardEncoder, ShardError};
 
 /// What marks a group as a film of ours.
 const SCHEMA: &str = "lenscube/film/1";
-const LARGEST_METADATA: u64 = 64 << 20;
+const MAX_METADATA: u64 = 64 << 20;
 
 /// A film on disk. Encoding and committing may go on on many threads.
 #[derive(Debug)]
@@ -429,7 +429,7 @@ fn open_store(path: &Path) -> Result<Store, FilmError> {
 }
 
 fn json(store: &Store, key: &str) -> Result<Option<Value>, FilmError> {
-    let bytes = store.read_at_most(key, LARGEST_METADATA)?;
+    let bytes = store.read_at_most(key, MAX_METADATA)?;
     Ok(bytes.and_then(|b| serde_json::from_slice(&b).ok()))
 }
 

@@ -7,7 +7,7 @@ use crate::chart::{RasterSample, Sample};
 
 /// Bytes that are read of a file for its header.
 pub(crate) const LONGEST: u64 = (1 << 16) + 12;
-const MOST_AXES: usize = 5;
+const MAX_AXES: usize = 5;
 
 /// What is wrong: the property, what it must be, what it is.
 pub(crate) type Fault = (&'static str, String, String);
@@ -57,9 +57,9 @@ pub(crate) fn header(head: &[u8]) -> Result<Header, Fault> {
     }
     let shape = after("shape")?;
     let inner = shape.strip_prefix('(').and_then(|s| s.split_once(')')).map_or("?", |s| s.0);
-    let words = inner.split(',').map(str::trim).filter(|w| !w.is_empty()).take(MOST_AXES + 1);
+    let words = inner.split(',').map(str::trim).filter(|w| !w.is_empty()).take(MAX_AXES + 1);
     match words.map(|w| w.parse().ok()).collect::<Option<Vec<usize>>>() {
-        Some(shape) if shape.len() <= MOST_AXES => {
+        Some(shape) if shape.len() <= MAX_AXES => {
             Ok(Header { sample, little_endian, shape, offset: start + length })
         }
         _ => Err(fault("shape", "a list of up to 5 sizes", format!("({})", short(inner)))),

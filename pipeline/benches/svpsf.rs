@@ -42,7 +42,7 @@ fn tiles(c: &mut Criterion<CoreTime>, name: &str, stack: &PsfStack, grid: &NodeG
                 (0..SPREAD * SPREAD).map(|i| Rect::new(at(i / SPREAD), at(i % SPREAD), side, side)).collect()
             }
         };
-        let scene: Vec<f32> = (0..side * side).map(|i| 0.1 + (i * 7919 % 1009) as f32 / 1009.0).collect();
+        let remapped: Vec<f32> = (0..side * side).map(|i| 0.1 + (i * 7919 % 1009) as f32 / 1009.0).collect();
         let mut cache = SpectrumCache::new(usize::MAX);
         let (mut out, mut scratch) = (TileBuffer::default(), PsfScratch::default());
         let pixels: usize = rects.iter().map(|r| r.size().pixels()).sum();
@@ -56,7 +56,7 @@ fn tiles(c: &mut Criterion<CoreTime>, name: &str, stack: &PsfStack, grid: &NodeG
                     psf.scatter(
                         &frame,
                         *rect,
-                        &scene[..rect.size().pixels()],
+                        &remapped[..rect.size().pixels()],
                         &cache,
                         &mut out,
                         &mut scratch,

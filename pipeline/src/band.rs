@@ -10,7 +10,7 @@ use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::{NodeKernels, film_window};
-use crate::scene::{Reading, Scene, Stages};
+use crate::remap::{Reading, Remap, Stages};
 use crate::simd::Simd;
 
 /// Wavelengths closer than this are the same, nm.
@@ -93,7 +93,7 @@ pub struct BandPlan {
 #[derive(Debug)]
 pub struct BandStages {
     /// Stages 1-2.
-    pub scene: Scene,
+    pub remap: Remap,
     /// Stage 3, if on.
     pub psf: Option<BandPsf>,
 }
@@ -143,7 +143,7 @@ impl BandPlan {
     }
 
     /// The stages of this band, the `position`-th of the job. `stack` reads a band of the lens's PSFs and is asked only if
-    /// that stage is on; `gain` multiplies the scene (film units).
+    /// that stage is on; `gain` multiplies the remap (film units).
     ///
     /// # Errors
     /// What `stack` reports, or [`LensError`].
@@ -155,7 +155,7 @@ impl BandPlan {
         gain: f64,
         mut stack: impl FnMut(usize) -> Result<PsfStack, E>,
     ) -> Result<BandStages, E> {
-        let scene = Scene::new(frame, &self.lens, options.stages, options.reading, gain, options.simd);
+        let remap = Remap::new(frame, &self.lens, options.stages, options.reading, gain, options.simd);
         let psf = match &self.grid {
             None => None,
             Some(grid) => {
@@ -167,7 +167,7 @@ impl BandPlan {
                 Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
             }
         };
-        Ok(BandStages { scene, psf })
+        Ok(BandStages { remap, psf })
     }
 }
 

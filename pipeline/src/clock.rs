@@ -15,7 +15,7 @@ pub struct StageTimes {
     /// Reading and decoding the chart.
     pub read_s: f64,
     /// RI, distortion and interpolation.
-    pub scene_s: f64,
+    pub remap_s: f64,
     /// SVPSF, kernels and spectra included.
     pub svpsf_s: f64,
     /// Adding tails.
@@ -31,7 +31,7 @@ pub struct StageTimes {
 impl StageTimes {
     /// All of them together.
     pub fn total_s(&self) -> f64 {
-        self.read_s + self.scene_s + self.svpsf_s + self.add_s + self.encode_s + self.write_s + self.prepare_s
+        self.read_s + self.remap_s + self.svpsf_s + self.add_s + self.encode_s + self.write_s + self.prepare_s
     }
 }
 
@@ -59,11 +59,11 @@ fn core_ns() -> u64 {
     t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
 }
 
-/// All stages. Reading happens inside the scene stage and is taken out of it.
+/// All stages. Reading happens inside the remap stage and is taken out of it.
 #[derive(Debug, Default)]
 pub struct Clock {
     pub(crate) read: Stage,
-    pub(crate) scene: Stage,
+    pub(crate) remap: Stage,
     pub(crate) svpsf: Stage,
     pub(crate) add: Stage,
     pub(crate) encode: Stage,
@@ -86,7 +86,7 @@ impl Clock {
         let seconds = |s: &Stage| of(s).load(Relaxed) as f64 * 1e-9;
         StageTimes {
             read_s: seconds(&self.read),
-            scene_s: seconds(&self.scene) - seconds(&self.read),
+            remap_s: seconds(&self.remap) - seconds(&self.read),
             svpsf_s: seconds(&self.svpsf),
             add_s: seconds(&self.add),
             encode_s: seconds(&self.encode),
@@ -116,8 +116,8 @@ impl ChartSource for TimedChart<'_> {
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         self.read.time(|| self.chart.read(band, rect, out))
     }
-    fn expect(&self, band: usize, rect: Rect) {
-        self.read.time(|| self.chart.expect(band, rect));
+    fn prefetch(&self, band: usize, rect: Rect) {
+        self.read.time(|| self.chart.prefetch(band, rect));
     }
 }
 

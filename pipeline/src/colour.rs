@@ -6,7 +6,7 @@
 //! band L stays constant for half a spacing. A lone band stands for 10 nm.
 //! Colour-matching functions, illuminants and ColorChecker reflectances are tables of 5 nm, linear between nodes.
 //! XYZ becomes linear sRGB (IEC 61966-2-1,
-//! D65 white) after Bradford adaptation (ICC.1:2010, annex E) from the scene's white.
+//! D65 white) after Bradford adaptation (ICC.1:2010, annex E) from the remap's white.
 //! Left out: observers other than the CIE 1931 2° one, fluorescence. Sources: `data/SOURCES.md`.
 
 use crate::real;

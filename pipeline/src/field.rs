@@ -1,6 +1,6 @@
 //! What the lens does to a field point, by its REAL image height: distortion h(r, λ) and relative illumination R(r, λ).
 //!
-//!     h(r)   ideal height of the field point whose chief ray lands at real height r, mm;  h/r is what the scene stage
+//!     h(r)   ideal height of the field point whose chief ray lands at real height r, mm;  h/r is what the remap stage
 //!            multiplies film coordinates by (h/r = h₁/r₁, the paraxial ratio, on the axis)
 //!     R(r)   irradiance there over irradiance on the axis, from the lens's table, not cos⁴; it belongs to the field
 //!            point and already holds distortion's change of area

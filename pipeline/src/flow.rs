@@ -19,7 +19,7 @@ pub trait ChartSource: Sync {
 
     /// Says that about these pixels will be read soon: a source on a disk may start fetching them. Returns at once, changes
     /// nothing, and whatever fails here fails again, and is told, when they are read.
-    fn expect(&self, _band: usize, _rect: Rect) {}
+    fn prefetch(&self, _band: usize, _rect: Rect) {}
 }
 
 /// Where finished shards go. `encode` is pure computing and runs on the workers; `commit` does the writing, elsewhere.

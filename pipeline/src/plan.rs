@@ -1,6 +1,6 @@
 //! Decided before any pixel: the cut of each band into tiles, which tiles reach which shard, what must be in memory.
 //!
-//! A band's scene is the film GROWN by half its window. Tiles cut that rectangle row by row from its first pixel; a tile
+//! A band's remap is the film GROWN by half its window. Tiles cut that rectangle row by row from its first pixel; a tile
 //! reaches itself grown by the margin. Outputs are windows of the film (all of it, or regions of interest), each cut into
 //! shards from its own first pixel. None of this depends on memory, threads or timing.
 
@@ -45,7 +45,7 @@ impl Tiling {
         (self.grown.height.div_ceil(self.tile), self.grown.width.div_ceil(self.tile))
     }
 
-    /// Scene rectangle of tile (i, j).
+    /// Remap rectangle of tile (i, j).
     pub fn rect(&self, (i, j): (usize, usize)) -> Rect {
         let (y, x) = (i * self.tile, j * self.tile);
         let at = |start: i64, by: usize| start + by as i64;

@@ -14,7 +14,7 @@ use crate::colour::{self, Illuminant};
 use crate::wavelengths;
 
 /// Most bands: the programme takes time with their cube.
-pub const MOST_BANDS: usize = 512;
+pub const MAX_BANDS: usize = 512;
 /// Error of a channel, of white: 12.92 times less than 1/255 of the encoded value in the dark, and a margin.
 const TOLERANCE: f64 = 1e-4;
 const ITERATIONS: usize = 20_000;
@@ -28,7 +28,7 @@ const CONVERGED: f64 = 1e-7;
 #[non_exhaustive]
 pub enum ReflectanceError {
     /// Too many of them.
-    #[error("{found} bands; expected 1 to {MOST_BANDS} for spectra of colours")]
+    #[error("{found} bands; expected 1 to {MAX_BANDS} for spectra of colours")]
     Bands {
         /// Bands there are.
         found: usize,
@@ -57,7 +57,7 @@ pub enum ReflectanceError {
 /// [`ReflectanceError`] if the bands show too little of the light for all colours.
 pub fn primaries(bands_nm: &[f64], light: Illuminant) -> Result<Vec<[f64; 3]>, ReflectanceError> {
     let n = bands_nm.len();
-    if n == 0 || n > MOST_BANDS {
+    if n == 0 || n > MAX_BANDS {
         return Err(ReflectanceError::Bands { found: n });
     }
     let mut order: Vec<usize> = (0..n).collect();

@@ -12,7 +12,7 @@ use crate::geometry::{Frame, Rect, Size};
 use crate::plan::Tiling;
 use crate::psf::PsfScratch;
 use crate::psf::spectra::SpectrumCache;
-use crate::scene::SceneScratch;
+use crate::remap::RemapScratch;
 
 /// Makes the stages of the band at a position of the job.
 pub type Prepare<'a> = dyn Fn(usize) -> Result<BandStages, SourceSinkError> + Sync + 'a;
@@ -28,7 +28,7 @@ pub struct StageCompute<'a> {
 #[derive(Debug, Default)]
 pub struct StageScratch {
     remapped: Vec<f32>,
-    scene: SceneScratch,
+    remap: RemapScratch,
     psf: PsfScratch,
 }
 
@@ -61,9 +61,9 @@ impl Compute for StageCompute<'_> {
         scratch: &mut StageScratch,
         clock: &Clock,
     ) -> Result<(), SourceSinkError> {
-        let StageScratch { remapped, scene, psf } = scratch;
+        let StageScratch { remapped, remap, psf } = scratch;
         remapped.resize(tile.size().pixels(), 0.0);
-        clock.scene.time(|| band.scene.apply(chart, chart_band, tile, remapped, scene))?;
+        clock.remap.time(|| band.remap.apply(chart, chart_band, tile, remapped, remap))?;
         clock.svpsf.time(|| match &band.psf {
             Some(stage) => stage.scatter(&self.frame, tile, remapped, &self.spectra, out, psf),
             None => out.copy(remapped, tile.width),
@@ -72,11 +72,11 @@ impl Compute for StageCompute<'_> {
     }
 
     fn chart_hint(&self, band: &BandStages, chart: Size, tile: Rect) -> Rect {
-        band.scene.about(chart, tile)
+        band.remap.about(chart, tile)
     }
 
     fn chart_rect(&self, band: &BandStages, tile: Rect) -> Rect {
-        band.scene.upload_rect(tile)
+        band.remap.upload_rect(tile)
     }
 
     fn read_chart(
@@ -88,7 +88,7 @@ impl Compute for StageCompute<'_> {
         out: &mut [f32],
         scratch: &mut StageScratch,
     ) -> Result<(), SourceSinkError> {
-        band.scene.fill(chart, chart_band, rect, out, &mut scratch.scene)
+        band.remap.fill(chart, chart_band, rect, out, &mut scratch.remap)
     }
 
     fn begin_on_gpu(

@@ -4,7 +4,7 @@
 use crate::bounds::{BANDS, WAVELENGTH_NM};
 
 /// Longest list that is read.
-pub const MOST_BANDS: usize = BANDS.most as usize;
+pub const MAX_BANDS: usize = BANDS.most as usize;
 
 /// Why a list of wavelengths cannot be read.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -46,8 +46,8 @@ pub enum WavelengthError {
         /// The last wavelength the steps reach.
         reached_nm: f64,
     },
-    /// More wavelengths than [`MOST_BANDS`].
-    #[error("'{list}' holds more than {MOST_BANDS} wavelengths; take a longer step")]
+    /// More wavelengths than [`MAX_BANDS`].
+    #[error("'{list}' holds more than {MAX_BANDS} wavelengths; take a longer step")]
     TooMany {
         /// The whole list.
         list: String,
@@ -75,7 +75,7 @@ pub fn parse(list: &str) -> Result<Vec<f64>, WavelengthError> {
         } else {
             all.push(number(word, list)?);
         }
-        if all.len() > MOST_BANDS {
+        if all.len() > MAX_BANDS {
             return Err(WavelengthError::TooMany { list: list.into() });
         }
     }
@@ -117,7 +117,7 @@ fn range(word: &str, list: &str) -> Result<Vec<f64>, WavelengthError> {
         return Err(WavelengthError::Backwards { word: word.into() });
     }
     let steps = (last - first) / step;
-    if steps >= MOST_BANDS as f64 {
+    if steps >= MAX_BANDS as f64 {
         return Err(WavelengthError::TooMany { list: list.into() });
     }
     // Decimal steps are not exact in binary: a millionth of a step is rounding, not intent.

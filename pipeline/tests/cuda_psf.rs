@@ -47,28 +47,28 @@ fn stack(noise: &mut Noise, n: usize, heights: usize, mirrored: bool) -> PsfStac
     PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples }
 }
 
-/// A band of a film, and its scene on the film grown by the margin.
+/// A band of a film, and its remapped on the film grown by the margin.
 struct Film {
     psf: BandPsf,
     frame: Frame,
-    scene: Image,
+    remapped: Image,
 }
 
 impl Film {
-    /// Heights as parts of the farthest that the scene reaches, with as many azimuths each.
+    /// Heights as parts of the farthest that the remapped reaches, with as many azimuths each.
     fn new(n: usize, heights: &[(f64, usize)], size: Size, axis_px: (f64, f64)) -> Self {
         let mut noise = Noise((n * 1000 + size.width + heights.len()) as u64);
         let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
         let grown = size.rect().grown(n / 2);
         let last = frame.farthest_mm(grown);
         let pixel = |i: usize| if i.is_multiple_of(977) { 50.0 } else { f64::from(noise.next() as f32) };
-        let scene = Image { size: grown.size(), data: (0..grown.size().pixels()).map(pixel).collect() };
+        let remapped = Image { size: grown.size(), data: (0..grown.size().pixels()).map(pixel).collect() };
         let (height_mm, azimuths): (Vec<f64>, Vec<usize>) =
             heights.iter().map(|(h, j)| (h * last, *j)).unzip();
         let grid = NodeGrid::new(&height_mm, &azimuths, frame.pitch_mm());
         let stack = stack(&mut noise, n, heights.len(), n.is_multiple_of(3));
         let simd = Simd::PORTABLE;
-        Self { psf: BandPsf::new(0, grid, NodeKernels::new(&stack, 2.0, None, simd), simd), frame, scene }
+        Self { psf: BandPsf::new(0, grid, NodeKernels::new(&stack, 2.0, None, simd), simd), frame, remapped }
     }
 
     fn grown(&self) -> Rect {
@@ -82,7 +82,7 @@ impl Film {
 
     fn pixels(&self, tile: Rect) -> Vec<f32> {
         let (y, x) = ((tile.y - self.grown().y) as usize, (tile.x - self.grown().x) as usize);
-        let at = |i: usize| self.scene.at(y + i / tile.width, x + i % tile.width) as f32;
+        let at = |i: usize| self.remapped.at(y + i / tile.width, x + i % tile.width) as f32;
         (0..tile.size().pixels()).map(at).collect()
     }
 
@@ -102,15 +102,15 @@ impl Film {
         on: &mut PsfOnDevice,
         tiles: &[Rect],
     ) -> Vec<Vec<f32>> {
-        let (mut scene, mut light, mut batch) = (vec![7.0; 3], 5, Vec::new());
+        let (mut remapped, mut light, mut batch) = (vec![7.0; 3], 5, Vec::new());
         for (i, &rect) in tiles.iter().enumerate() {
-            let (reach, scene_offset) = (self.psf.reaches(rect), scene.len());
-            scene.extend(self.pixels(rect));
+            let (reach, remapped_offset) = (self.psf.reaches(rect), remapped.len());
+            remapped.extend(self.pixels(rect));
             let light_stride = reach.width + i % 3;
-            batch.push(PsfTile { rect, scene_offset, light_offset: light, light_stride });
+            batch.push(PsfTile { rect, remapped_offset, light_offset: light, light_stride });
             light += light_stride * reach.height + 1;
         }
-        let up = stream.clone_htod(&scene).unwrap();
+        let up = stream.clone_htod(&remapped).unwrap();
         let mut out = stream.clone_htod(&vec![f32::NAN; light]).unwrap();
         on.launch(stream, &batch, &up, &mut out).unwrap();
         let all = stream.clone_dtoh(&out).unwrap();
@@ -169,7 +169,7 @@ impl Film {
         let heights_mm = grid.heights_px().iter().map(|h| h * self.frame.pitch_mm()).collect::<Vec<_>>();
         let all = Grid { n, kernels: (0..heights_mm.len()).map(ring).collect(), heights_mm };
         let (film, origin) = (self.frame.film.rect(), self.grown());
-        let want = oracle::svpsf(&self.scene, (origin.y, origin.x), &self.frame, &all, film);
+        let want = oracle::svpsf(&self.remapped, (origin.y, origin.x), &self.frame, &all, film);
         let mut got = vec![0f32; film.size().pixels()];
         assert_eq!(self.tiles().len(), lights.len(), "tiles");
         for (tile, light) in self.tiles().into_iter().zip(lights) {
@@ -293,19 +293,23 @@ fn memory_stays_within_its_bytes() {
         let (free, _) = device.memory().unwrap();
         let mut on = film.on(&device, bytes).unwrap();
         let tiles = film.tiles();
-        let scenes: usize =
+        let remapped_px: usize =
             tiles.iter().map(|t| t.size().pixels() + film.psf.reaches(*t).size().pixels()).sum();
         film.batch(&device, &stream, &mut on, &tiles);
         let (left, _) = device.memory().unwrap();
         let took = (free - left) as usize;
-        assert!(took <= bytes + 8 * scenes + (1 << 20), "{took} of {bytes}, light and scene {}", 4 * scenes);
+        assert!(
+            took <= bytes + 8 * remapped_px + (1 << 20),
+            "{took} of {bytes}, light and remapped {}",
+            4 * remapped_px
+        );
     }
 }
 
-/// A scene of nothing scatters nothing.
+/// A remapped of nothing scatters nothing.
 fn darkness_is_zero() {
     let mut film = Film::new(51, &UNEVEN, Size::new(60, 60), (29.5, 29.5));
-    film.scene.data.fill(0.0);
+    film.remapped.data.fill(0.0);
     assert!(film.lights(1, AMPLE).iter().flatten().all(|v| *v == 0.0));
 }
 

@@ -11,8 +11,8 @@ use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{ShardId, Window};
+use lenscube_pipeline::remap::{Reading, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
-use lenscube_pipeline::scene::{Reading, Stages};
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stages::StageCompute;
 use oracle::{Grid, Image, Noise, Tables, errors};
@@ -200,11 +200,11 @@ impl Case {
         let stack = &self.stacks[band];
         let t = Tables { ideal: &b.ideal_height_mm, real: &b.image_height_mm, ri: &b.relative_illumination };
         let grown = self.frame.film.rect().grown(b.psf_size / 2);
-        let scene = oracle::scene(&self.chart.0[band], &self.frame, &t, grown, true, oracle::Outside::Edge);
+        let remap = oracle::remap(&self.chart.0[band], &self.frame, &t, grown, true, oracle::Outside::Edge);
         let base: Vec<Vec<f64>> =
             (0..stack.heights()).map(|k| stack.window(k).iter().map(|&v| f64::from(v)).collect()).collect();
         let grid = Grid::quarter_turns(b.psf_size, &b.psf_height_mm, &base);
-        oracle::svpsf(&scene, (grown.y, grown.x), &self.frame, &grid, self.frame.film.rect())
+        oracle::svpsf(&remap, (grown.y, grown.x), &self.frame, &grid, self.frame.film.rect())
     }
 }
 
@@ -289,7 +289,7 @@ fn light_is_conserved_and_coma_points_outwards(simd: Simd) {
     }
 }
 
-/// A uniform scene keeps its light but moves it: where the PSF's centroid lies c from the chief ray, the film shows
+/// A uniform remap keeps its light but moves it: where the PSF's centroid lies c from the chief ray, the film shows
 /// 1 − div c, to first order. Here c = α·r outwards, so div c = 2α everywhere, up to the film's border; terms of α² (times
 /// r₁/r next to the axis, where the PSF is blended with the axis node) stay below 5e-4.
 fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid(simd: Simd) {

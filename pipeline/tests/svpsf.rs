@@ -36,31 +36,31 @@ fn stack(noise: &mut Noise, n: usize, heights: usize) -> PsfStack {
     PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples }
 }
 
-/// A film to make: its PSFs, its place about the axis, and the scene on the film grown by the margin.
+/// A film to make: its PSFs, its place about the axis, and the remapped on the film grown by the margin.
 struct Case {
     name: String,
     heights_mm: Vec<f64>,
     stack: PsfStack,
     frame: Frame,
-    scene: Image,
+    remapped: Image,
     want: OnceLock<Vec<f64>>,
 }
 
 impl Case {
-    /// Heights as parts of the farthest that the scene reaches.
+    /// Heights as parts of the farthest that the remapped reaches.
     fn new(n: usize, heights: &[f64], size: Size, axis_px: (f64, f64)) -> Self {
         let mut noise = Noise((n * size.width + heights.len()) as u64);
         let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
         let grown = size.rect().grown(n / 2);
         let last = frame.farthest_mm(grown);
         let pixel = |i: usize| if i.is_multiple_of(977) { 50.0 } else { f64::from(noise.next() as f32) };
-        let scene = Image { size: grown.size(), data: (0..grown.size().pixels()).map(pixel).collect() };
+        let remapped = Image { size: grown.size(), data: (0..grown.size().pixels()).map(pixel).collect() };
         Self {
             name: format!("{n} px, {} heights, film {size}, axis {axis_px:?}", heights.len()),
             heights_mm: heights.iter().map(|h| h * last).collect(),
             stack: stack(&mut noise, n, heights.len()),
             frame,
-            scene,
+            remapped,
             want: OnceLock::new(),
         }
     }
@@ -81,7 +81,7 @@ impl Case {
             let film = self.frame.film.rect();
             let origin = film.grown(self.stack.size / 2);
             let grid = Grid::quarter_turns(self.stack.size, &self.heights_mm, &base);
-            oracle::svpsf(&self.scene, (origin.y, origin.x), &self.frame, &grid, film).data
+            oracle::svpsf(&self.remapped, (origin.y, origin.x), &self.frame, &grid, film).data
         })
     }
 
@@ -101,7 +101,7 @@ impl Case {
             let pixels: Vec<f32> = (0..tile.size().pixels())
                 .map(|i| {
                     let (y, x) = ((tile.y - grown.y) as usize, (tile.x - grown.x) as usize);
-                    self.scene.at(y + i / tile.width, x + i % tile.width) as f32
+                    self.remapped.at(y + i / tile.width, x + i % tile.width) as f32
                 })
                 .collect();
             psf.scatter(&self.frame, tile, &pixels, cache, &mut out, &mut scratch);
@@ -159,14 +159,14 @@ impl Case {
         let side = psf.blocks().block;
         let tile = Rect::new(0, 0, side, side);
         let (mut out, mut scratch) = (TileBuffer::default(), PsfScratch::default());
-        let mut scatter = |scene: &[f32]| {
-            psf.scatter(&self.frame, tile, scene, &SpectrumCache::new(64 << 20), &mut out, &mut scratch);
+        let mut scatter = |remapped: &[f32]| {
+            psf.scatter(&self.frame, tile, remapped, &SpectrumCache::new(64 << 20), &mut out, &mut scratch);
             out.data.iter().map(|&v| f64::from(v)).sum::<f64>()
         };
-        let mut scene = vec![1e-38; side * side];
-        assert_eq!(scatter(&scene), 0.0);
-        scene[side + 1] = 1.0;
-        assert!((scatter(&scene) - 1.0).abs() < 1e-5);
+        let mut remapped = vec![1e-38; side * side];
+        assert_eq!(scatter(&remapped), 0.0);
+        remapped[side + 1] = 1.0;
+        assert!((scatter(&remapped) - 1.0).abs() < 1e-5);
         assert_eq!(scatter(&vec![0.0; side * side]), 0.0);
     }
 }
@@ -224,15 +224,15 @@ fn the_strided_sum_is_the_stages(simd: Simd) {
     let grid = NodeGrid::new(&[0.0, 0.2, 0.6], &[1, 8, 16], 2e-3);
     for tile in [Rect::new(180, 190, 40, 30), Rect::new(20, 300, 30, 40)] {
         let kernels = || NodeKernels::new(&stack, 2.0, None, simd);
-        let scene: Vec<f32> =
+        let remapped: Vec<f32> =
             (0..tile.size().pixels()).map(|i| 0.1 + (i * 7919 % 1009) as f32 / 1009.0).collect();
         let (height, width) = (tile.height + n - 1, tile.width + n - 1);
         let mut film = vec![0.0; height * width];
-        Strided::new(&frame, &grid, &kernels(), tile).scatter(tile, &scene, &mut film, simd);
+        Strided::new(&frame, &grid, &kernels(), tile).scatter(tile, &remapped, &mut film, simd);
         let stage = BandPsf::new(0, grid.clone(), kernels(), simd);
         let (mut out, mut scratch) = (TileBuffer::default(), PsfScratch::default());
         let cache = SpectrumCache::new(usize::MAX);
-        stage.scatter(&frame, tile, &scene, &cache, &mut out, &mut scratch);
+        stage.scatter(&frame, tile, &remapped, &cache, &mut out, &mut scratch);
         let peak = film.iter().fold(0f32, |m, v| m.max(*v));
         for (y, line) in film.chunks(width).enumerate() {
             for (x, v) in line.iter().enumerate() {

@@ -16,7 +16,7 @@ pub enum Device {
 }
 
 /// More queues than anyone has GPUs are a slip of the finger.
-const MOST_QUEUES: usize = 64;
+const MAX_QUEUES: usize = 64;
 
 impl FromStr for Device {
     type Err = String;
@@ -32,8 +32,8 @@ impl FromStr for Device {
                     |t: &str| t.trim().parse().map_err(|_| format!("`{t}` is not the index of a GPU"));
                 let all = list.split(',').map(index).collect::<Result<Vec<usize>, String>>()?;
                 match all.len() {
-                    n if n <= MOST_QUEUES => Ok(Self::Cuda(all)),
-                    n => Err(format!("{n} queues, at most {MOST_QUEUES}")),
+                    n if n <= MAX_QUEUES => Ok(Self::Cuda(all)),
+                    n => Err(format!("{n} queues, at most {MAX_QUEUES}")),
                 }
             }
             _ => Err("expected auto, cpu, cuda or cuda:0,2".into()),

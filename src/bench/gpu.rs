@@ -1,7 +1,7 @@
 //! GPUs alone: kernels and copies, each against what bounds it.
 //!
 //! The PSF stage is bound by the warp instructions that its kernels issue, counted from machine code ([`Cut::instructions`]), four
-//! a clock on each multiprocessor; stages 1-2 by the bytes of chart and scene, at the memory's own rate. Both clocks are those
+//! a clock on each multiprocessor; stages 1-2 by the bytes of chart and remap, at the memory's own rate. Both clocks are those
 //! that the driver tells.
 
 use super::stages::{benchmark, lens_stages};
@@ -9,7 +9,7 @@ use super::{Bench, FILM_MM, median};
 use crate::device::Choice;
 use crate::progress::say;
 use anyhow::{Context, Result};
-use pipeline::cuda::memory::MOST_TILES;
+use pipeline::cuda::memory::MAX_TILES;
 use pipeline::cuda::{Device, bench as measured};
 use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::psf::BandPsf;
@@ -42,7 +42,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         let psf = benchmark(&frame, bench.simd, window);
         psf_stage(bench, device, &frame, &psf, keys, &format!("GPU: SVPSF, {window} px (21 x 36 nodes)"))?;
     }
-    let (scene, psf) = lens_stages(bench, &frame)?;
+    let (remap, psf) = lens_stages(bench, &frame)?;
     let words = format!("GPU: SVPSF, the lens at 550 nm ({} px)", psf.kernels().size());
     psf_stage(
         bench,
@@ -53,10 +53,10 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         &words,
     )?;
     let tiles = row(&frame, psf.blocks().tile);
-    let rate = gpx(&tiles, measured::scene(device, &scene, &tiles, bench.rounds)?);
-    bench.number("gpu_scene_gpx_s", rate, "Gpx/s", "GPU: RI + distortion remap, bicubic");
+    let rate = gpx(&tiles, measured::remap(device, &remap, &tiles, bench.rounds)?);
+    bench.number("gpu_remap_gpx_s", rate, "Gpx/s", "GPU: RI + distortion remap, bicubic");
     bench.number(
-        "gpu_scene_share",
+        "gpu_remap_share",
         rate * 8.0 / info.memory_gb_per_s,
         "",
         "  share of its bound, 8 bytes a pixel",
@@ -92,7 +92,7 @@ fn psf_stage(
 /// A batch: tiles of a row at a third of the film's height.
 fn row(frame: &Frame, side: usize) -> Vec<Rect> {
     let (side, film) = (side.min(frame.film.height), frame.film);
-    let count = (film.width / side).clamp(1, MOST_TILES);
+    let count = (film.width / side).clamp(1, MAX_TILES);
     let y = ((film.height - side) / 3) as i64;
     (0..count).map(|i| Rect::new(y, (i * side) as i64, side, side)).collect()
 }

@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Stages as the run's record names them.
-const STAGES: [&str; 7] = ["read", "scene", "svpsf", "add", "encode", "write", "prepare"];
+const STAGES: [&str; 7] = ["read", "remap", "svpsf", "add", "encode", "write", "prepare"];
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let args = bench.args;
@@ -91,7 +91,7 @@ fn devices(bench: &mut Bench<'_>, record: &Value) -> f64 {
 /// Keys of the stages' core seconds in the report, in the order of [`STAGES`].
 const KEYS: [&str; 7] = [
     "job_core_read_s",
-    "job_core_scene_s",
+    "job_core_remap_s",
     "job_core_svpsf_s",
     "job_core_add_s",
     "job_core_encode_s",

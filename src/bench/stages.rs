@@ -15,8 +15,8 @@ use pipeline::psf::grid::NodeGrid;
 use pipeline::psf::kernel::NodeKernels;
 use pipeline::psf::spectra::SpectrumCache;
 use pipeline::psf::{BandPsf, PsfScratch};
+use pipeline::remap::{Reading, Remap, RemapScratch, Stages};
 use pipeline::resample::{Interp, Surround};
-use pipeline::scene::{Reading, Scene, SceneScratch, Stages};
 use pipeline::simd::Simd;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -33,13 +33,13 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let film = Size::new(bench.args.size as usize, bench.args.size as usize);
     let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.size));
     peak(bench)?;
-    let bicubic_scene = stages(bench, &frame, false, Interp::Bicubic)?.scene;
-    let bilinear_scene = stages(bench, &frame, false, Interp::Bilinear)?.scene;
+    let bicubic_remap = stages(bench, &frame, false, Interp::Bicubic)?.remap;
+    let bilinear_remap = stages(bench, &frame, false, Interp::Bilinear)?.remap;
     let (_, lens) = lens_stages(bench, &frame)?;
 
-    let bicubic = remap(bench, &frame, &bicubic_scene)?;
+    let bicubic = remap(bench, &frame, &bicubic_remap)?;
     bench.number("remap_mpx_s", bicubic, "Mpx/s", "RI + distortion remap, bicubic");
-    let bilinear = remap(bench, &frame, &bilinear_scene)?;
+    let bilinear = remap(bench, &frame, &bilinear_remap)?;
     bench.number("remap_bilinear_mpx_s", bilinear, "Mpx/s", "RI + distortion remap, bilinear");
 
     let rate = spread(bench, &frame, &benchmark(&frame, bench.simd, GRID.2), bench.threads)?;
@@ -83,9 +83,9 @@ fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Resu
 }
 
 /// All three stages of the lens's band.
-pub(super) fn lens_stages(bench: &Bench<'_>, frame: &Frame) -> Result<(Scene, BandPsf)> {
+pub(super) fn lens_stages(bench: &Bench<'_>, frame: &Frame) -> Result<(Remap, BandPsf)> {
     let all = stages(bench, frame, true, Interp::Bicubic)?;
-    Ok((all.scene, all.psf.context("the lens has no PSF to measure")?))
+    Ok((all.remap, all.psf.context("the lens has no PSF to measure")?))
 }
 
 fn peak(bench: &mut Bench<'_>) -> Result<()> {
@@ -154,15 +154,15 @@ fn scene_value(i: usize) -> f32 {
     0.1 + (i * 7919 % 1009) as f32 / 1009.0
 }
 
-fn remap(bench: &Bench<'_>, frame: &Frame, scene: &Scene) -> Result<f64> {
+fn remap(bench: &Bench<'_>, frame: &Frame, remap: &Remap) -> Result<f64> {
     let chart = Repeated::new(frame.film);
     let tiles = tiles(frame, 512);
     let pixels = frame.film.pixels() as f64 * 1e-6;
     bench.rate(pixels, || {
-        let state = || (SceneScratch::default(), vec![0.0; 512 * 512]);
+        let state = || (RemapScratch::default(), vec![0.0; 512 * 512]);
         share(bench.threads, tiles.len(), state, |(scratch, out), i| {
             let out = &mut out[..tiles[i].size().pixels()];
-            scene.apply(&chart, 0, tiles[i], out, scratch).expect("a chart in memory can be read");
+            remap.apply(&chart, 0, tiles[i], out, scratch).expect("a chart in memory can be read");
         });
         Ok(())
     })
@@ -203,11 +203,11 @@ fn spread(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf, threads: usize) -> Re
     let at = |i: usize| ((frame.film.height - side) * i / (SPREAD - 1)) as i64;
     let rects: Vec<Rect> =
         (0..SPREAD * SPREAD).map(|i| Rect::new(at(i / SPREAD), at(i % SPREAD), side, side)).collect();
-    let scene: Vec<f32> = (0..side * side).map(scene_value).collect();
+    let remap: Vec<f32> = (0..side * side).map(scene_value).collect();
     let cache = SpectrumCache::new(usize::MAX);
     let state = <(TileBuffer, PsfScratch)>::default;
     let work = |(out, scratch): &mut (TileBuffer, PsfScratch), i: usize| {
-        psf.scatter(frame, rects[i], &scene, &cache, out, scratch);
+        psf.scatter(frame, rects[i], &remap, &cache, out, scratch);
     };
     share(threads, rects.len(), state, work);
     bench.rate((rects.len() * side * side) as f64 * 1e-6, || {
@@ -220,12 +220,12 @@ fn spread(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf, threads: usize) -> Re
 fn whole_film(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf) -> Result<f64> {
     let tiles = tiles(frame, psf.blocks().tile.max(1));
     let side = tiles.iter().map(|t| t.size().pixels()).max().unwrap_or(0);
-    let scene: Vec<f32> = (0..side).map(scene_value).collect();
+    let remap: Vec<f32> = (0..side).map(scene_value).collect();
     bench.rate(frame.film.pixels() as f64 * 1e-6, || {
         let cache = SpectrumCache::new((bench.args.memory as f64 * SPECTRA_SHARE) as usize);
         let state = <(TileBuffer, PsfScratch)>::default;
         share(bench.threads, tiles.len(), state, |(out, scratch), i| {
-            psf.scatter(frame, tiles[i], &scene[..tiles[i].size().pixels()], &cache, out, scratch);
+            psf.scatter(frame, tiles[i], &remap[..tiles[i].size().pixels()], &cache, out, scratch);
         });
         Ok(())
     })
@@ -235,12 +235,12 @@ fn strided(bench: &Bench<'_>, frame: &Frame) -> Result<f64> {
     let (grid, kernels) = benchmark_kernels(frame, bench.simd, GRID.2);
     let third = (frame.film.height / 3) as i64;
     let tile = Rect::new(third, third, 153, 153);
-    let scene: Vec<f32> = (0..tile.size().pixels()).map(scene_value).collect();
+    let remap: Vec<f32> = (0..tile.size().pixels()).map(scene_value).collect();
     let mut film = vec![0.0; (tile.height + kernels.size() - 1) * (tile.width + kernels.size() - 1)];
     let baseline = Strided::new(frame, &grid, &kernels, tile);
     bench.rate(tile.size().pixels() as f64 * 1e-6, || {
         film.fill(0.0);
-        baseline.scatter(tile, &scene, &mut film, bench.simd);
+        baseline.scatter(tile, &remap, &mut film, bench.simd);
         Ok(())
     })
 }

@@ -6,7 +6,7 @@
 use crate::job::Job;
 use crate::open::Chart;
 use pipeline::band::BandPlan;
-use pipeline::scene::Scene;
+use pipeline::remap::Remap;
 
 /// Reading and decoding, remap, overlap-add, encoding, writing: 45.9 + 28.9 + 6.6 + 45.9 + 2.6 core seconds for
 /// 31 bands of 14141² px, store to store, a chart with 1 % noise.
@@ -45,11 +45,11 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
     };
     let plan = &job.plans[band];
     let options = &job.options;
-    let scene =
-        Scene::new(&job.frame, &plan.lens, options.stages, options.reading, job.gains[band], options.simd);
+    let remap =
+        Remap::new(&job.frame, &plan.lens, options.stages, options.reading, job.gains[band], options.simd);
     let (mut all, mut end) = (0, 0);
     for row in tiles.chunk_by(|a, b| a.0 == b.0) {
-        let of = |tile| scene.about(job.chart.size(), plan.tiling.rect(tile));
+        let of = |tile| remap.about(job.chart.size(), plan.tiling.rect(tile));
         let (first, last) = (of(row[0]), of(row[row.len() - 1]));
         let rows = first.y.min(last.y).max(end)..first.bottom().max(last.bottom());
         let width = (last.right() - first.x.min(last.x)).max(0);
@@ -59,7 +59,7 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
     all as u64 * sample as u64
 }
 
-/// Bytes on a GPU: the spectra of all nodes that the tiles can meet, and two slots of tiles with their scene and chart.
+/// Bytes on a GPU: the spectra of all nodes that the tiles can meet, and two slots of tiles with their remap and chart.
 pub fn gpu_bytes(plan: &BandPlan, tiles: &[(usize, usize)]) -> u64 {
     let (down, across) = plan.tiling.count();
     let share = tiles.len() as f64 / (down * across) as f64;

@@ -19,7 +19,7 @@ const AGAIN: f64 = 0.1;
 /// Units at most, unless asked: an array job's limit in many clusters is 1001.
 const MOST: usize = 1000;
 /// Seconds of one core below which a unit is bundled with the next band: twenty times a worker's start-up.
-const LEAST_CORE_S: f64 = 4.0;
+const MIN_CORE_S: f64 = 4.0;
 
 /// The film's arrays and their shards.
 pub fn outputs(job: &Job) -> BTreeMap<String, Shards> {
@@ -54,7 +54,7 @@ pub fn units(job: &Job, unit_rows: Option<usize>) -> Vec<Unit> {
     }
     let whole = cut(1, rows.len());
     let core_s = whole.iter().map(|u| u.cost.core_s).sum::<f64>();
-    let dear = (core_s / LEAST_CORE_S) as usize;
+    let dear = (core_s / MIN_CORE_S) as usize;
     let wanted = ENOUGH.min(dear).div_ceil(bands.len()).min(rows.len());
     for parts in (2..=wanted).rev() {
         let units = cut(1, rows.len().div_ceil(parts));

@@ -154,7 +154,7 @@ fn devices(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
 
 fn stage_times(t: &StageTimes) -> Value {
     json!({
-        "read": t.read_s, "scene": t.scene_s, "svpsf": t.svpsf_s, "add": t.add_s,
+        "read": t.read_s, "remap": t.remap_s, "svpsf": t.svpsf_s, "add": t.add_s,
         "encode": t.encode_s, "write": t.write_s, "prepare": t.prepare_s,
     })
 }

@@ -27,7 +27,7 @@ pub fn of(film: Option<&Path>) -> Result<Value> {
         "film_px": [spec.film.height, spec.film.width],
         "bands": spec.wavelengths_nm.len(),
         "psf_window_px": { "least": windows.iter().min(), "most": windows.iter().max() },
-        "ri_distortion_core_s": core(&["scene"]),
+        "ri_distortion_core_s": core(&["remap"]),
         "svpsf_core_s": core(&["svpsf", "add", "prepare"]),
         "io_core_s": core(&["read", "encode", "write"]),
         "wall_s": wall_s,

@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use tokio::sync::Semaphore;
 
 /// Most requests that wait for a thread.
-const MOST_WAITING: usize = 512;
+const MAX_WAITING: usize = 512;
 /// The port that browsers leave out of Host and Origin.
 const HTTP: u16 = 80;
 /// Only what this server itself serves; images also from the page's own memory.
@@ -129,7 +129,7 @@ impl Desk {
     ) -> Result<T, Refusal> {
         let busy = || Refusal(StatusCode::SERVICE_UNAVAILABLE, "too many requests at once".into());
         let place = Place(&self.waiting);
-        if self.waiting.fetch_add(1, Ordering::Relaxed) >= MOST_WAITING {
+        if self.waiting.fetch_add(1, Ordering::Relaxed) >= MAX_WAITING {
             return Err(busy());
         }
         let thread = self.threads.acquire().await.map_err(|_| Refusal::from(Error::new(Stopped)))?;

@@ -7,9 +7,10 @@ use pipeline::colour::Illuminant;
 use pipeline::geometry::{Rect, Size};
 use std::collections::HashMap;
 
-/// Most pixels of a crop, and of one of its sides.
-const LARGEST_CROP: usize = 1 << 24;
-const LONGEST_CROP: usize = 1 << 14;
+/// Maximum number of pixels of a crop.
+const MAX_CROP_PX: usize = 1 << 24;
+/// Maximum number of pixels along one side of a crop.
+const MAX_CROP_SIDE_PX: usize = 1 << 14;
 
 /// The part of an address after `?`.
 pub struct Query(pub HashMap<String, String>);
@@ -59,9 +60,9 @@ impl Query {
     pub fn crop(&self, size: Size) -> Result<Rect, Refusal> {
         let (y, x) = self.pixel(size)?;
         let (height, width) = (self.below("h", size.height - y + 1)?, self.below("w", size.width - x + 1)?);
-        if height * width == 0 || height * width > LARGEST_CROP || height.max(width) > LONGEST_CROP {
+        if height * width == 0 || height * width > MAX_CROP_PX || height.max(width) > MAX_CROP_SIDE_PX {
             return Err(Refusal::bad(format!(
-                "a crop has 1 to {LARGEST_CROP} pixels and sides of at most {LONGEST_CROP}, not {height} x {width}; \
+                "a crop has 1 to {MAX_CROP_PX} pixels and sides of at most {MAX_CROP_SIDE_PX}, not {height} x {width}; \
                  `lenscube export` makes larger pictures"
             )));
         }

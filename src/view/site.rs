@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 use std::sync::atomic::AtomicBool;
 
 /// Most memory for caches, bytes.
-const MOST_MEMORY: u64 = 1 << 30;
+const MAX_MEMORY: u64 = 1 << 30;
 
 /// All that is on view.
 pub struct Site {
@@ -37,7 +37,7 @@ struct Told {
 impl Site {
     /// Opens all that `args` name.
     pub fn open(args: &ViewArgs) -> Result<Self> {
-        let memory = usize::try_from(default_limit().min(MOST_MEMORY)).unwrap_or(usize::MAX);
+        let memory = usize::try_from(default_limit().min(MAX_MEMORY)).unwrap_or(usize::MAX);
         let film = if args.film.starts_with("gen:") { None } else { film_of(&args.film)? };
         let told = film.map(|(store, output)| Told {
             spec: store.spec().clone(),

@@ -29,14 +29,14 @@ use serde_json::{Value, json};
 
 use super::raster::bands::BandFile;
 use super::watch::Watched;
-use super::{ChartError, LARGEST_VALUE, NanPolicy, RasterChart};
+use super::{ChartError, MAX_VALUE, NanPolicy, RasterChart};
 use crate::durable::DurableError;
 
 /// Maximum size in bytes of a decoded block. Each thread holds one, and the `exr` crate takes as much memory for the compressed bytes
 /// of a block as its header claims, up to the size of a whole tile, before it reads them.
 const MAX_BLOCK_BYTES: usize = 192 << 20;
 /// Most channels.
-const MOST_CHANNELS: usize = 4096;
+const MAX_CHANNELS: usize = 4096;
 
 /// What the channels are.
 #[derive(Clone, Debug, PartialEq)]
@@ -130,7 +130,7 @@ impl ExrChart {
             units,
             wavelengths_nm,
             nan,
-            largest: LARGEST_VALUE,
+            largest: MAX_VALUE,
             watched: Watched::data(path, &meta),
             identity: (
                 json!({ "exr": what, "bytes": meta.len() }),
@@ -191,7 +191,7 @@ impl ExrChart {
         &self.path
     }
 
-    /// Makes values beyond `largest` in magnitude an error, where [`LARGEST_VALUE`] is too much. Call it before bands are laid out.
+    /// Makes values beyond `largest` in magnitude an error, where [`MAX_VALUE`] is too much. Call it before bands are laid out.
     pub fn limit_values(&mut self, largest: f32) {
         self.largest = largest;
     }
@@ -357,9 +357,9 @@ impl ChartSource for ExrChart {
         Ok(self.read_rect(band, rect, out)?)
     }
 
-    fn expect(&self, band: usize, rect: Rect) {
+    fn prefetch(&self, band: usize, rect: Rect) {
         if let Some(laid) = self.laid.get() {
-            laid.expect(band, rect);
+            laid.prefetch(band, rect);
         }
     }
 }
@@ -376,7 +376,7 @@ fn check(path: &Path, header: &Header, length: u64) -> Result<usize, ChartError>
     if header.deep {
         return Err(wrong(path, "data", "flat pixels", "deep ones".into()));
     }
-    if width == 0 || height == 0 || channels.is_empty() || channels.len() > MOST_CHANNELS {
+    if width == 0 || height == 0 || channels.is_empty() || channels.len() > MAX_CHANNELS {
         let found = format!("{} channels of {width}x{height} px", channels.len());
         return Err(wrong(path, "size", "at least one pixel and 1 to 4096 channels", found));
     }

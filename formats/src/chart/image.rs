@@ -26,11 +26,11 @@ use pipeline::geometry::Size;
 
 use super::exr::{ExrChart, ExrContent};
 use super::raster::bands::BandFile;
-use super::{ChartError, LARGEST_VALUE, NanPolicy, RasterChart};
+use super::{ChartError, MAX_VALUE, NanPolicy, RasterChart};
 use crate::durable::DurableError;
 
 /// Most bytes that a decoder may hold.
-const MOST_DECODED: usize = 256 << 20;
+const MAX_DECODED: usize = 256 << 20;
 
 /// What whole numbers of a picture mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -181,7 +181,7 @@ impl ImageFile {
             let reason = format!("it holds {rows} rows of {height}");
             return Err(ChartError::Damaged { path, reason });
         }
-        Ok(Box::new(RasterChart::laid_out(&path, out, NanPolicy::Error, None, LARGEST_VALUE)?))
+        Ok(Box::new(RasterChart::laid_out(&path, out, NanPolicy::Error, None, MAX_VALUE)?))
     }
 }
 

@@ -19,11 +19,11 @@ use crate::bounded::BoundedChain;
 use crate::durable::Store;
 
 /// Largest piece that is decoded: one per thread must fit in memory.
-const LARGEST_PIECE: u64 = 1 << 30;
+const MAX_PIECE: u64 = 1 << 30;
 /// Largest shard index: 16 million inner chunks.
-const LARGEST_INDEX: u64 = 256 << 20;
+const MAX_INDEX: u64 = 256 << 20;
 /// Most files of an array: their names and sizes are listed in memory.
-const MOST_FILES: u64 = 1 << 24;
+const MAX_FILES: u64 = 1 << 24;
 
 /// Sample type of a chart in its store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -183,7 +183,7 @@ impl Layout {
         let chunk: Vec<u64> = chunk.iter().map(|n| n.get()).collect();
         let files =
             array.shape().iter().zip(&chunk).try_fold(1u64, |n, (s, c)| n.checked_mul(s.div_ceil(*c)));
-        if files.is_none_or(|n| n > MOST_FILES) {
+        if files.is_none_or(|n| n > MAX_FILES) {
             let found = format!("{:?} in chunks of {chunk:?}", array.shape());
             return Err(wrong(
                 "chunks",
@@ -226,7 +226,7 @@ impl Layout {
             );
         }
         let bytes = piece.iter().try_fold(sample.bytes() as u64, |n, &s| n.checked_mul(s));
-        if bytes.is_none_or(|b| b > LARGEST_PIECE) {
+        if bytes.is_none_or(|b| b > MAX_PIECE) {
             let found = format!("{piece:?}");
             let expected = "at most 1 GiB when decoded; re-chunk the array, e.g. into (1, 512, 512)";
             return Err(wrong("chunk", expected, found));
@@ -466,7 +466,7 @@ impl ShardIndex {
     ) -> Result<Self, String> {
         let per: Vec<u64> = chunk.iter().zip(piece).map(|(c, p)| c / p).collect();
         let bytes = per.iter().try_fold(16u64, |n, &s| n.checked_mul(s));
-        if bytes.is_none_or(|b| b > LARGEST_INDEX) {
+        if bytes.is_none_or(|b| b > MAX_INDEX) {
             return Err(format!("{per:?} inner chunks a shard"));
         }
         let shape = index_shape(&per);

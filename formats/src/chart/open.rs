@@ -17,7 +17,7 @@ use super::{ChartError, ChartOptions, ChartStore, Counters};
 use crate::durable::{Store, is_url, store_error};
 
 /// Metadata larger than this is not metadata.
-const LARGEST_METADATA: u64 = 64 << 20;
+const MAX_METADATA: u64 = 64 << 20;
 /// Bytes of shard indexes to keep: two hundred thousand inner chunks, thousands of shards.
 const INDEX_CACHE: usize = 4 << 20;
 
@@ -32,7 +32,7 @@ impl Node {
     pub(super) fn read(store: &Store, name: &str) -> Result<Option<Self>, ChartError> {
         let under = |file: &str| if name.is_empty() { file.to_owned() } else { format!("{name}/{file}") };
         let json = |file: &str| -> Result<Option<Map<String, Value>>, ChartError> {
-            let Some(bytes) = store.read_at_most(&under(file), LARGEST_METADATA)? else {
+            let Some(bytes) = store.read_at_most(&under(file), MAX_METADATA)? else {
                 return Ok(None);
             };
             serde_json::from_slice(&bytes).map(Some).map_err(|e| ChartError::Metadata {

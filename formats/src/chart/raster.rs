@@ -41,9 +41,9 @@ use bands::BandFile;
 use mapped::Mapped;
 
 /// Longest header of an ENVI file.
-const LONGEST_HEADER: u64 = 16 << 20;
+const MAX_HEADER: u64 = 16 << 20;
 /// Beyond what any disk holds.
-const MOST_BYTES: u64 = 1 << 60;
+const MAX_BYTES: u64 = 1 << 60;
 /// Lines of a band shorter than this share too many pages with other bands to be read where they lie.
 const LONG_LINE: u64 = 16 << 10;
 /// Rows kept behind the reader: tiles of several workers lie within.
@@ -161,7 +161,7 @@ impl RasterChart {
         })?;
         let mut text = Vec::new();
         open(&hdr)?
-            .take(LONGEST_HEADER)
+            .take(MAX_HEADER)
             .read_to_end(&mut text)
             .map_err(|e| DurableError::io("read", &hdr, 0, e))?;
         let envi = envi::parse(&String::from_utf8_lossy(&text)).map_err(|(w, e, f)| header(&hdr, w, e, f))?;
@@ -169,7 +169,7 @@ impl RasterChart {
         let data =
             data.ok_or_else(|| header(&hdr, "data file", "a file beside it of the same name", "none"))?;
         let envi::Envi { layout, wavelengths_nm, values, notes } = envi;
-        let header = Some(Watched::header(&hdr, LONGEST_HEADER, &text));
+        let header = Some(Watched::header(&hdr, MAX_HEADER, &text));
         Self::with(&data, layout, Told { wavelengths_nm, values, notes, header }, nan)
     }
 
@@ -184,7 +184,7 @@ impl RasterChart {
     fn with(path: &Path, layout: RasterLayout, told: Told, nan: NanPolicy) -> Result<Self, ChartError> {
         let Told { wavelengths_nm, values, notes, header: header_file } = told;
         let bytes =
-            samples_bytes(&layout).and_then(|n| n.checked_add(layout.offset)).filter(|n| *n <= MOST_BYTES);
+            samples_bytes(&layout).and_then(|n| n.checked_add(layout.offset)).filter(|n| *n <= MAX_BYTES);
         let [bands, rows, columns] = layout.shape;
         if let Err(e) = bounds::chart_size(bands, Size::new(rows, columns)) {
             return Err(header(path, e.bound.name, e.bound.to_string(), e.found));
@@ -268,7 +268,7 @@ impl RasterChart {
         &self.notes
     }
 
-    /// Makes values beyond `largest` in magnitude an error, where [`LARGEST_VALUE`](super::LARGEST_VALUE) is too much.
+    /// Makes values beyond `largest` in magnitude an error, where [`MAX_VALUE`](super::MAX_VALUE) is too much.
     pub fn limit_values(&mut self, largest: f32) {
         self.values.largest = largest;
     }
@@ -454,7 +454,7 @@ impl ChartSource for RasterChart {
         Ok(self.read_rect(band, rect, out)?)
     }
 
-    fn expect(&self, band: usize, rect: Rect) {
+    fn prefetch(&self, band: usize, rect: Rect) {
         let rect = rect.intersect(ChartSource::size(self).rect());
         if let Some(slot) = self.slots.get(band).copied().flatten().filter(|_| !rect.is_empty()) {
             for row in rect.y as usize..rect.bottom() as usize {

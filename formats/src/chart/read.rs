@@ -236,7 +236,7 @@ impl ChartSource for ChartStore {
         Ok(self.read_rect(band, rect, out)?)
     }
 
-    fn expect(&self, band: usize, rect: Rect) {
+    fn prefetch(&self, band: usize, rect: Rect) {
         if band < self.bands() && self.spool.get().is_none() {
             for p in self.pieces_of(band, rect.intersect(self.size().rect())) {
                 if !self.cache.has(self.layout.number(p)) {

@@ -4,7 +4,7 @@
 //!
 //! A raw sample stands for no data if it is NaN or infinite, equals a declared fill value, or lies outside the declared valid
 //! range; raw samples are compared before they are scaled (CF conventions 1.11, sections 2.5.1 and 8.1).
-//! [`NanPolicy`] decides what becomes of it. A value beyond [`LARGEST_VALUE`] is an error under every policy that checks
+//! [`NanPolicy`] decides what becomes of it. A value beyond [`MAX_VALUE`] is an error under every policy that checks
 //! values: sums over an FFT block would exceed f32 and spread NaN over the whole block.
 
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use super::{ChartError, NanPolicy};
 
 /// Largest magnitude of a chart value times the gain. A transform of 4096 x 4096 such values stays below 2·10³⁷; f32 ends at
 /// 3.4·10³⁸.
-pub const LARGEST_VALUE: f32 = 1e30;
+pub const MAX_VALUE: f32 = 1e30;
 
 /// How raw samples become values.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,7 +36,7 @@ impl Default for Values {
             no_data: Vec::new(),
             valid: (f64::NEG_INFINITY, f64::INFINITY),
             scaling: Vec::new(),
-            largest: LARGEST_VALUE,
+            largest: MAX_VALUE,
         }
     }
 }

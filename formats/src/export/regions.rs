@@ -13,8 +13,8 @@ use pipeline::geometry::{Rect, Size};
 const TILE_BYTES: usize = 8 << 20;
 /// Copies of a tile that a thread holds while it is compressed: as put together, as reordered, as compressed.
 const TILE_COPIES: usize = 4;
-const LARGEST_TILE: usize = 256;
-const SMALLEST_TILE: usize = 16;
+const MAX_TILE: usize = 256;
+const MIN_TILE: usize = 16;
 
 /// How a window is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,8 +36,8 @@ impl Regions {
     /// [`ExportError::Memory`] if they do not hold one row of tiles of the source's pieces.
     pub fn plan(samples: &Samples<'_>, bytes_per_sample: usize, memory: usize) -> Result<Self, ExportError> {
         let (bands, window) = (samples.bands(), samples.window);
-        let mut tile = LARGEST_TILE;
-        while tile > SMALLEST_TILE && tile * tile * bands * bytes_per_sample > TILE_BYTES {
+        let mut tile = MAX_TILE;
+        while tile > MIN_TILE && tile * tile * bands * bytes_per_sample > TILE_BYTES {
             tile /= 2;
         }
         let piece = samples.piece;

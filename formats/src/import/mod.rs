@@ -43,9 +43,9 @@ pub use write::{Imported, write};
 use std::path::Path;
 
 /// Largest array that is read.
-const LARGEST_FILE: u64 = 1 << 30;
+const MAX_FILE: u64 = 1 << 30;
 /// Largest text: a listing of 4096 × 4096 samples takes 200 MB.
-const LARGEST_TEXT: u64 = 1 << 28;
+const MAX_TEXT: u64 = 1 << 28;
 /// Most wavelengths or heights of a source.
 const MOST: usize = 4096;
 /// Widest window.

@@ -1,6 +1,6 @@
 //! NumPy arrays as tables: f4 and f8 of either byte order. The header is read as for charts; the samples are counted before any is read.
 
-use super::LARGEST_FILE;
+use super::MAX_FILE;
 use crate::chart::{RasterSample, Sample};
 use crate::npy::{Header, header};
 
@@ -34,9 +34,9 @@ pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
     let data = &bytes[offset..];
     let item = sample.bytes() as u64;
     let count =
-        shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)).filter(|n| *n <= LARGEST_FILE / item);
+        shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)).filter(|n| *n <= MAX_FILE / item);
     let Some(count) = count else {
-        return Err(format!("claims a shape of {shape:?}, more than {LARGEST_FILE} bytes"));
+        return Err(format!("claims a shape of {shape:?}, more than {MAX_FILE} bytes"));
     };
     if count * item != data.len() as u64 {
         return Err(format!(

@@ -15,7 +15,7 @@
 use super::npy::{self, Npy};
 use super::window::Window;
 use super::write::{Fetch, Given, GivenBand, Imported, Windows, row_order, told};
-use super::{ImportError, ImportOptions, LARGEST_FILE, MOST, WIDEST};
+use super::{ImportError, ImportOptions, MAX_FILE, MOST, WIDEST};
 use serde_json::{Map, json};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -84,7 +84,7 @@ fn read<R: Read + Seek>(path: &Path, from: R, options: &ImportOptions) -> Result
         }
         let (claim, packed) = (entry.size(), entry.compressed_size());
         held = claim.saturating_add(held);
-        if held > LARGEST_FILE || claim > packed.saturating_mul(DEFLATE_MOST).saturating_add(1024) {
+        if held > MAX_FILE || claim > packed.saturating_mul(DEFLATE_MOST).saturating_add(1024) {
             return Err(ImportError::file(
                 path,
                 format!("{name}.npy claims {claim} bytes, more than the archive can hold"),

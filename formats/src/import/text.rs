@@ -1,6 +1,6 @@
 //! Text files of design programs: Latin-1, UTF-8 or UTF-16, decimal point or comma, names in any case.
 
-use super::{ImportError, LARGEST_FILE, LARGEST_TEXT};
+use super::{ImportError, MAX_FILE, MAX_TEXT};
 use pipeline::design::text::decode;
 use std::fs::File;
 use std::io::Read;
@@ -11,7 +11,7 @@ const START: u64 = 1 << 14;
 
 /// The bytes of a file that is not absurdly large.
 pub(super) fn bytes(path: &Path) -> Result<Vec<u8>, ImportError> {
-    at_most(path, LARGEST_FILE)
+    at_most(path, MAX_FILE)
 }
 
 fn at_most(path: &Path, most: u64) -> Result<Vec<u8>, ImportError> {
@@ -27,7 +27,7 @@ fn at_most(path: &Path, most: u64) -> Result<Vec<u8>, ImportError> {
 
 /// The characters of a text file.
 pub(super) fn read(path: &Path) -> Result<String, ImportError> {
-    Ok(decode(&at_most(path, LARGEST_TEXT)?))
+    Ok(decode(&at_most(path, MAX_TEXT)?))
 }
 
 /// The first characters of a file, to see what it is.

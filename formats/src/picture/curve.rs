@@ -14,7 +14,7 @@ use super::style::Style;
 use pipeline::lens::{Lens, LensBand};
 
 /// Most wavelengths in one plot.
-const MOST_CURVES: usize = 6;
+const MAX_CURVES: usize = 6;
 
 /// Draws the curves of a lens.
 ///
@@ -77,7 +77,7 @@ fn primary(lens: &Lens) -> Option<usize> {
 
 /// Evenly chosen bands with the first, the last and `primary` among them, ascending.
 fn chosen(bands: usize, primary: usize) -> Vec<usize> {
-    let count = bands.min(MOST_CURVES);
+    let count = bands.min(MAX_CURVES);
     let mut chosen: Vec<usize> =
         (0..count).map(|i| (i * (bands - 1) + (count - 1) / 2) / (count - 1).max(1)).collect();
     // It takes the place of the nearest that is not an end.
@@ -144,7 +144,7 @@ mod tests {
                 let chosen = chosen(bands, primary);
                 assert!(chosen.contains(&primary) && chosen.windows(2).all(|w| w[0] < w[1]), "{chosen:?}");
                 assert_eq!((chosen[0], chosen[chosen.len() - 1]), (0, bands - 1));
-                assert_eq!(chosen.len(), bands.min(MOST_CURVES));
+                assert_eq!(chosen.len(), bands.min(MAX_CURVES));
             }
         }
     }

@@ -3,7 +3,7 @@
 //!   (R, G, B) = exposure · Σ_b w_b·L_b,   w_b from the CIE 1931 2° observer ([`pipeline::colour::srgb_weights`])
 //! Values are first averaged over area, then turned to colour: both are linear, so the order does not matter.
 //! The white is a light's: a surface that reflects all of it shows neutral, and at exposure 1 a spectrum of the light's
-//! shape that is 1 at 560 nm shows as exactly white. [`White::Scene`] takes the white from the picture: the mean colour
+//! shape that is 1 at 560 nm shows as exactly white. [`White::Auto`] takes the white from the picture: the mean colour
 //! of those of its lit pixels that are at least half as bright as the exposure's white.
 //!
 //! Out of gamut: a colour that sRGB cannot show is mixed with grey of its own luminance until it can be: luminance
@@ -29,7 +29,7 @@ pub enum White {
     /// This light.
     Illuminant(Illuminant),
     /// The brightest part of the picture.
-    Scene,
+    Auto,
 }
 
 impl Default for White {
@@ -41,10 +41,10 @@ impl Default for White {
 impl std::str::FromStr for White {
     type Err = String;
 
-    /// Reads `D65`, `A`, `E` (or `equal-energy`), or `auto` for [`White::Scene`].
+    /// Reads `D65`, `A`, `E` (or `equal-energy`), or `auto` for [`White::Auto`].
     fn from_str(word: &str) -> Result<Self, String> {
         match word.trim().to_ascii_lowercase().as_str() {
-            "auto" => Ok(Self::Scene),
+            "auto" => Ok(Self::Auto),
             "equal-energy" => Ok(Self::Illuminant(Illuminant::E)),
             other => other
                 .parse()
@@ -91,7 +91,7 @@ pub fn preview(
         options.exposure.factor(&levels)
     };
     let mut exposure = factor(&linear);
-    if options.white == White::Scene {
+    if options.white == White::Auto {
         adapt(&mut linear, exposure);
         exposure = factor(&linear);
     }
@@ -125,7 +125,7 @@ pub fn write_preview(
     let (image, shown) = preview(source, bands_nm, options, progress)?;
     let white = match options.white {
         White::Illuminant(light) => light.name(),
-        White::Scene => "from the picture",
+        White::Auto => "from the picture",
     };
     let comment = format!("lenscube preview, CIE 1931 2 deg, white {white}, exposure {}", shown.exposure);
     image.write_png(path, &comment)?;
@@ -145,7 +145,7 @@ impl Seen {
     pub(super) fn new(bands_nm: &[f64], white: White) -> Result<Self, PictureError> {
         let light = match white {
             White::Illuminant(light) => light,
-            White::Scene => Illuminant::D65,
+            White::Auto => Illuminant::D65,
         };
         let weights = colour::srgb_weights(bands_nm, |nm| light.relative_power(nm) / 100.0);
         if weights.iter().flatten().all(|&w| w == 0.0) {
@@ -267,7 +267,7 @@ mod tests {
     fn whites_are_read_from_words() {
         assert_eq!("d65".parse(), Ok(White::default()));
         assert_eq!("equal-energy".parse(), Ok(White::Illuminant(Illuminant::E)));
-        assert_eq!("auto".parse(), Ok(White::Scene));
+        assert_eq!("auto".parse(), Ok(White::Auto));
         assert!("D50".parse::<White>().unwrap_err().contains("D65"));
     }
 }

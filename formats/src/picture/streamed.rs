@@ -23,7 +23,7 @@ pub enum ColourFile {
 /// Writes the picture.
 ///
 /// # Errors
-/// As [`super::preview::write_preview`]; [`White::Scene`] cannot be met without the whole picture.
+/// As [`super::preview::write_preview`]; [`White::Auto`] cannot be met without the whole picture.
 pub fn write_streamed(
     path: &Path,
     source: &dyn ChartSource,

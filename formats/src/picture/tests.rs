@@ -162,7 +162,7 @@ fn greys_are_grey_in_their_own_light() {
 #[test]
 fn white_can_be_taken_from_the_scene() {
     let chart = grey(Size::new(8, 40), Illuminant::A, |_, x| 7.0 * x as f32 / 39.0);
-    let options = PreviewOptions { white: White::Scene, ..PreviewOptions::default() };
+    let options = PreviewOptions { white: White::Auto, ..PreviewOptions::default() };
     let (image, _) = preview(&chart, &bands(), &options, &|_, _| ()).unwrap();
     for p in image.pixels() {
         assert!(p.iter().max().unwrap() - p.iter().min().unwrap() <= 2, "{p:?}");
@@ -333,8 +333,8 @@ fn pictures_made_row_by_row_are_those_made_whole() {
             assert!((f64::from(*fine) / 257.0 - f64::from(coarse)).abs() <= 0.51, "{fine} {coarse}");
         }
     }
-    let scene = PreviewOptions { white: White::Scene, ..PreviewOptions::default() };
+    let auto = PreviewOptions { white: White::Auto, ..PreviewOptions::default() };
     let refused =
-        write_streamed(&folder.path().join("n.png"), &chart, &bands(), &scene, ColourFile::Png, &|_, _| ());
+        write_streamed(&folder.path().join("n.png"), &chart, &bands(), &auto, ColourFile::Png, &|_, _| ());
     assert!(refused.unwrap_err().to_string().contains("smaller picture"));
 }

@@ -42,7 +42,7 @@ impl Measurement for CoreTime {
 /// The paper's film: pixels a side, pitch, and the height that its grids reach.
 pub const FILM: usize = 14_141;
 pub const PITCH_UM: f64 = 2.0;
-pub const FARTHEST_MM: f64 = 20.0;
+pub const MAX_MM: f64 = 20.0;
 
 /// A comet on +x, its own mirror image: `window` film pixels wide, `heights` times the same.
 pub fn comet(window: usize, pitch_um: f64, sample: PsfSample, heights: usize) -> PsfStack {
@@ -66,7 +66,7 @@ pub fn comet(window: usize, pitch_um: f64, sample: PsfSample, heights: usize) ->
 
 /// Evenly spaced heights, `count(k)` azimuths on each but the axis.
 pub fn grid(heights: usize, count: impl Fn(usize) -> usize) -> NodeGrid {
-    let height_mm: Vec<f64> = (0..heights).map(|k| FARTHEST_MM * k as f64 / (heights - 1) as f64).collect();
+    let height_mm: Vec<f64> = (0..heights).map(|k| MAX_MM * k as f64 / (heights - 1) as f64).collect();
     let counts: Vec<usize> = (0..heights).map(|k| if k == 0 { 1 } else { count(k) }).collect();
     NodeGrid::new(&height_mm, &counts, PITCH_UM * 1e-3)
 }

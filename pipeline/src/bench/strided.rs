@@ -1,7 +1,7 @@
 //! The algorithm of the published system, as a baseline: strided multiply-accumulate.
 //!
 //! Every pixel's PSF is made from the four nodes around it and stamped on the film, n² taps a pixel:
-//!     film[y + dy, x + dx] += scene[y, x] · Σ_nodes w_node(y, x) · P_node[dy, dx]
+//!     film[y + dy, x + dx] += remapped[y, x] · Σ_nodes w_node(y, x) · P_node[dy, dx]
 //! Stamps of pixels n apart do not overlap, so all pixels of one phase (y mod n, x mod n) could be stamped at once by
 //! thousands of GPU threads without a lock: n² phases. Here one thread goes through the phases with four fused
 //! multiply-adds a tap, kernels of its nodes in the cache. The same sum as [`crate::psf`], in the order of the source:
@@ -41,39 +41,45 @@ impl<'a> Strided<'a> {
         Self { frame, grid, window, kernels: made }
     }
 
-    /// Adds the light of `scene` (row-major, on `tile`) to `film`, which is `tile` grown by half the window.
-    pub fn scatter(&self, tile: Rect, scene: &[f32], film: &mut [f32], simd: Simd) {
+    /// Adds the light of `remapped` (row-major, on `tile`) to `film`, which is `tile` grown by half the window.
+    pub fn scatter(&self, tile: Rect, remapped: &[f32], film: &mut [f32], simd: Simd) {
         match simd.isa() {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => {
                 #[target_feature(enable = "avx512f")]
-                fn go(s: &Strided<'_>, tile: Rect, scene: &[f32], film: &mut [f32]) {
-                    s.phases(tile, scene, film, f32::mul_add);
+                fn go(s: &Strided<'_>, tile: Rect, remapped: &[f32], film: &mut [f32]) {
+                    s.phases(tile, remapped, film, f32::mul_add);
                 }
                 // SAFETY: a choice of AVX-512F is only made where the processor has it.
-                unsafe { go(self, tile, scene, film) }
+                unsafe { go(self, tile, remapped, film) }
             }
             #[cfg(target_arch = "x86_64")]
             Isa::Avx2 => {
                 #[target_feature(enable = "avx2,fma")]
-                fn go(s: &Strided<'_>, tile: Rect, scene: &[f32], film: &mut [f32]) {
-                    s.phases(tile, scene, film, f32::mul_add);
+                fn go(s: &Strided<'_>, tile: Rect, remapped: &[f32], film: &mut [f32]) {
+                    s.phases(tile, remapped, film, f32::mul_add);
                 }
                 // SAFETY: a choice of AVX2 with FMA is only made where the processor has both.
-                unsafe { go(self, tile, scene, film) }
+                unsafe { go(self, tile, remapped, film) }
             }
-            _ => self.phases(tile, scene, film, |a, b, c| a * b + c),
+            _ => self.phases(tile, remapped, film, |a, b, c| a * b + c),
         }
     }
 
     #[inline(always)]
-    fn phases(&self, tile: Rect, scene: &[f32], film: &mut [f32], fma: impl Fn(f32, f32, f32) -> f32 + Copy) {
+    fn phases(
+        &self,
+        tile: Rect,
+        remapped: &[f32],
+        film: &mut [f32],
+        fma: impl Fn(f32, f32, f32) -> f32 + Copy,
+    ) {
         let n = self.window;
         let stride = tile.width + n - 1;
         for (py, px) in (0..n * n).map(|p| (p / n, p % n)) {
             for y in (py..tile.height).step_by(n) {
                 for x in (px..tile.width).step_by(n) {
-                    let value = scene[y * tile.width + x];
+                    let value = remapped[y * tile.width + x];
                     let around = nodes(self.frame, self.grid, tile.y + y as i64, tile.x + x as i64);
                     let of =
                         |(node, w): (Node, f64)| (&self.kernels[&self.grid.id(node)][..], w as f32 * value);

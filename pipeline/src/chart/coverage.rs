@@ -11,19 +11,19 @@ use crate::real;
 pub(super) type Point = [f64; 2];
 
 /// Corners a polygon can have: five as drawn, plus one for each of the four sides of a row and a pixel, plus slack.
-const MOST_CORNERS: usize = 12;
+const MAX_CORNERS: usize = 12;
 
 /// A convex polygon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Polygon {
-    corners: [Point; MOST_CORNERS],
+    corners: [Point; MAX_CORNERS],
     count: usize,
 }
 
 impl Polygon {
     /// The convex polygon with these corners, in either turn.
     pub(super) fn new(corners: &[Point]) -> Self {
-        let mut polygon = Self { corners: [[0.0; 2]; MOST_CORNERS], count: 0 };
+        let mut polygon = Self { corners: [[0.0; 2]; MAX_CORNERS], count: 0 };
         corners.iter().for_each(|&p| polygon.push(p));
         polygon
     }
@@ -65,7 +65,7 @@ impl Polygon {
 
     fn cut(&self, beyond: impl Fn(Point) -> f64, exact: Option<(usize, f64)>) -> Self {
         let corners = self.corners();
-        let mut kept = Self { corners: [[0.0; 2]; MOST_CORNERS], count: 0 };
+        let mut kept = Self { corners: [[0.0; 2]; MAX_CORNERS], count: 0 };
         let Some(&(mut a)) = corners.last() else { return kept };
         let mut da = beyond(a);
         for &b in corners {

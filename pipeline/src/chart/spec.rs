@@ -10,9 +10,9 @@ use crate::wavelengths::{self, WavelengthError};
 use crate::words::changes;
 
 /// Longest side of a film.
-const LONGEST_SIDE: usize = FILM_SIDE_PX.most as usize;
+const MAX_SIDE: usize = FILM_SIDE_PX.most as usize;
 /// Most blobs or stars along a side, and most edges of a list: they are searched one by one for every rectangle.
-const MOST_ALONG: usize = 128;
+const MAX_ALONG: usize = 128;
 
 const COMMON_KEYS: [&str; 6] = ["size", "wavelengths", "pitch_um", "overscan", "illuminant", "noise"];
 
@@ -313,8 +313,8 @@ impl ChartSpec {
         let within = |key, v: f64, low: f64, high: f64, wanted: &str| {
             if v >= low && v <= high { Ok(()) } else { Err(bad(key, &v.to_string(), wanted)) }
         };
-        let (h, w, longest) = (self.film.height, self.film.width, LONGEST_SIDE as f64);
-        if h.min(w) == 0 || h.max(w) > LONGEST_SIDE {
+        let (h, w, longest) = (self.film.height, self.film.width, MAX_SIDE as f64);
+        if h.min(w) == 0 || h.max(w) > MAX_SIDE {
             return Err(bad("size", &self.film.to_string(), SIZE_WANTED));
         }
         within("overscan", self.overscan() as f64, 0.0, longest, "0 to 1000000 pixels")?;
@@ -336,7 +336,7 @@ impl ChartSpec {
                 return Err(ChartError::NoColour { wavelength_nm: nm });
             }
         }
-        let along = |key, n: usize| within(key, n as f64, 1.0, MOST_ALONG as f64, "1 to 128 along a side");
+        let along = |key, n: usize| within(key, n as f64, 1.0, MAX_ALONG as f64, "1 to 128 along a side");
         match &self.kind {
             Kind::Uniform { value } => {
                 let most = f64::from(f32::MAX);
@@ -447,9 +447,7 @@ const SIZE_WANTED: &str = "a film size N or HxW, each side 1 to 1000000 pixels";
 fn size(value: &str) -> Result<Size, ChartError> {
     let (h, w) = value.split_once('x').unwrap_or((value, value));
     match (h.trim().parse(), w.trim().parse()) {
-        (Ok(h), Ok(w)) if (1..=LONGEST_SIDE).contains(&h) && (1..=LONGEST_SIDE).contains(&w) => {
-            Ok(Size::new(h, w))
-        }
+        (Ok(h), Ok(w)) if (1..=MAX_SIDE).contains(&h) && (1..=MAX_SIDE).contains(&w) => Ok(Size::new(h, w)),
         _ => Err(bad("size", value, SIZE_WANTED)),
     }
 }
@@ -459,7 +457,7 @@ fn number(key: &'static str, value: &str) -> Result<f64, ChartError> {
 }
 
 fn count(key: &'static str, value: &str) -> Result<usize, ChartError> {
-    let whole = value.trim().parse().ok().filter(|n| *n <= LONGEST_SIDE);
+    let whole = value.trim().parse().ok().filter(|n| *n <= MAX_SIDE);
     whole.ok_or_else(|| bad(key, value, "a whole number, at most 1000000"))
 }
 

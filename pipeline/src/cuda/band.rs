@@ -9,8 +9,8 @@ use crate::band::BandStages;
 use crate::geometry::{Frame, Rect};
 use crate::plan::Tiling;
 use crate::psf::cuda::{PsfOnDevice, PsfTile};
-use crate::scene::Scene;
-use crate::scene::cuda::{SceneOnDevice, SceneTile};
+use crate::remap::Remap;
+use crate::remap::cuda::{RemapOnDevice, RemapTile};
 use std::sync::Arc;
 
 /// `CU_EVENT_BLOCKING_SYNC`.
@@ -37,7 +37,7 @@ impl Streams {
 #[derive(Debug)]
 pub struct Slot {
     chart: CudaSlice<f32>,
-    scene: CudaSlice<f32>,
+    remap: CudaSlice<f32>,
     light: Option<CudaSlice<f32>>,
 }
 
@@ -60,7 +60,7 @@ pub(crate) struct BatchEvents {
 
 /// What the largest of `tiles` of a band needs. `least_psf`: of its PSF stage, if it has one.
 pub fn needs<'a>(
-    scene: &Scene,
+    remap: &Remap,
     tiling: &Tiling,
     tiles: impl Iterator<Item = &'a (usize, usize)>,
     least_psf: Option<usize>,
@@ -68,8 +68,8 @@ pub fn needs<'a>(
     let mut needs = BandNeeds { least_psf: least_psf.unwrap_or(0), ..BandNeeds::default() };
     for &tile in tiles {
         let rect = tiling.rect(tile);
-        needs.chart_px = needs.chart_px.max(scene.upload_rect(rect).size().pixels());
-        needs.scene_px = needs.scene_px.max(rect.size().pixels());
+        needs.chart_px = needs.chart_px.max(remap.upload_rect(rect).size().pixels());
+        needs.remapped_px = needs.remapped_px.max(rect.size().pixels());
         if least_psf.is_some() {
             needs.light_px = needs.light_px.max(tiling.reach(tile).size().pixels());
         }
@@ -82,7 +82,7 @@ pub fn needs<'a>(
 pub struct GpuBand {
     pub(crate) memory: BandMemory,
     pub(crate) needs: BandNeeds,
-    scene: SceneOnDevice,
+    remap: RemapOnDevice,
     psf: Option<PsfOnDevice>,
 }
 
@@ -100,20 +100,24 @@ impl GpuBand {
         let device = &queue.device;
         let least =
             stages.psf.as_ref().map(|psf| PsfOnDevice::least_bytes(psf.blocks(), psf.grid(), tiling.tile()));
-        let needs = needs(&stages.scene, tiling, tiles.iter(), least);
+        let needs = needs(&stages.remap, tiling, tiles.iter(), least);
         let memory = queue.plan(&needs, halved)?;
-        let scene = SceneOnDevice::new(device, &stages.scene)?;
+        let remap = RemapOnDevice::new(device, &stages.remap)?;
         let psf = stages.psf.as_ref().map(|psf| PsfOnDevice::new(device, frame, psf, memory.psf_bytes));
         let psf = psf.transpose()?;
         let slot = || {
             let room = |px: usize, what| device.allocate::<f32>(&streams.compute, memory.tiles * px, what);
             let light = (needs.light_px > 0).then(|| room(needs.light_px, "light")).transpose()?;
-            Ok(Slot { chart: room(needs.chart_px, "charts")?, scene: room(needs.scene_px, "scenes")?, light })
+            Ok(Slot {
+                chart: room(needs.chart_px, "charts")?,
+                remap: room(needs.remapped_px, "remapped")?,
+                light,
+            })
         };
         let slots = (0..memory.slots).map(|_| slot()).collect::<Result<_, _>>()?;
         // Tables and memory are there for every stream.
         device.synchronize("beginning a band")?;
-        Ok((Self { memory, needs, scene, psf }, slots))
+        Ok((Self { memory, needs, remap, psf }, slots))
     }
 
     /// Sends `tiles` on their way: up, through the stages, down. Nothing of it may be touched before the last event.
@@ -150,7 +154,7 @@ impl GpuBand {
 
         after(download, &computed)?;
         let down = mark(download, "downloading light")?;
-        let (from, mut at) = (slot.light.as_ref().unwrap_or(&slot.scene), 0);
+        let (from, mut at) = (slot.light.as_ref().unwrap_or(&slot.remap), 0);
         for tile in tiles {
             let to = tile.output.data_mut();
             let n = to.len();
@@ -168,18 +172,18 @@ impl GpuBand {
         slot: &mut Slot,
         tiles: &[GpuBatchTile],
     ) -> Result<(), CudaError> {
-        let (mut chart_offset, mut scene_offset, mut light_offset) = (0, 0, 0);
-        let (mut scenes, mut lights) = (Vec::new(), Vec::new());
+        let (mut chart_offset, mut remapped_offset, mut light_offset) = (0, 0, 0);
+        let (mut remapped, mut lights) = (Vec::new(), Vec::new());
         for GpuBatchTile { rect, chart_rect, output, .. } in tiles {
-            scenes.push(SceneTile { rect: *rect, chart_rect: *chart_rect, chart_offset, scene_offset });
-            lights.push(PsfTile { rect: *rect, scene_offset, light_offset, light_stride: output.stride });
+            remapped.push(RemapTile { rect: *rect, chart_rect: *chart_rect, chart_offset, remapped_offset });
+            lights.push(PsfTile { rect: *rect, remapped_offset, light_offset, light_stride: output.stride });
             chart_offset += chart_rect.size().pixels();
-            scene_offset += rect.size().pixels();
+            remapped_offset += rect.size().pixels();
             light_offset += output.data().len();
         }
-        self.scene.launch(stream, &scenes, &slot.chart, &mut slot.scene)?;
+        self.remap.launch(stream, &remapped, &slot.chart, &mut slot.remap)?;
         if let (Some(psf), Some(light)) = (&mut self.psf, &mut slot.light) {
-            psf.launch(stream, &lights, &slot.scene, light)?;
+            psf.launch(stream, &lights, &slot.remap, light)?;
         }
         Ok(())
     }

@@ -6,8 +6,8 @@ use super::{CudaError, Device};
 use crate::geometry::{Frame, Rect};
 use crate::psf::BandPsf;
 use crate::psf::cuda::{PsfOnDevice, PsfTile};
-use crate::scene::Scene;
-use crate::scene::cuda::{SceneOnDevice, SceneTile};
+use crate::remap::Remap;
+use crate::remap::cuda::{RemapOnDevice, RemapTile};
 use std::sync::Arc;
 
 /// Seconds that what `launch` puts on `stream` takes there, round by round, after one that is not counted.
@@ -34,24 +34,24 @@ fn timed(
 ///
 /// # Errors
 /// What the driver reports.
-pub fn scene(
+pub fn remap(
     device: &Arc<Device>,
-    scene: &Scene,
+    remap: &Remap,
     tiles: &[Rect],
     rounds: usize,
 ) -> Result<Vec<f64>, CudaError> {
     let stream = device.context.new_stream().map_err(device.failed("making a stream"))?;
-    let (mut charts, mut scenes, mut all) = (0, 0, Vec::new());
+    let (mut charts, mut remapped, mut all) = (0, 0, Vec::new());
     for &rect in tiles {
-        let chart_rect = scene.upload_rect(rect);
-        all.push(SceneTile { rect, chart_rect, chart_offset: charts, scene_offset: scenes });
+        let chart_rect = remap.upload_rect(rect);
+        all.push(RemapTile { rect, chart_rect, chart_offset: charts, remapped_offset: remapped });
         charts += chart_rect.size().pixels();
-        scenes += rect.size().pixels();
+        remapped += rect.size().pixels();
     }
     let failed = |e| CudaError::new(device.index(), "measuring", e);
     let chart = stream.clone_htod(&vec![0.5f32; charts]).map_err(failed)?;
-    let mut out = stream.alloc_zeros::<f32>(scenes).map_err(failed)?;
-    let stage = SceneOnDevice::new(device, scene)?;
+    let mut out = stream.alloc_zeros::<f32>(remapped).map_err(failed)?;
+    let stage = RemapOnDevice::new(device, remap)?;
     timed(device, &stream, rounds, || stage.launch(&stream, &all, &chart, &mut out))
 }
 
@@ -68,18 +68,23 @@ pub fn psf(
     rounds: usize,
 ) -> Result<Vec<f64>, CudaError> {
     let stream = device.context.new_stream().map_err(device.failed("making a stream"))?;
-    let (mut scenes, mut lights, mut all) = (0, 0, Vec::new());
+    let (mut remapped, mut lights, mut all) = (0, 0, Vec::new());
     for &rect in tiles {
         let reach = psf.reaches(rect);
-        all.push(PsfTile { rect, scene_offset: scenes, light_offset: lights, light_stride: reach.width });
-        scenes += rect.size().pixels();
+        all.push(PsfTile {
+            rect,
+            remapped_offset: remapped,
+            light_offset: lights,
+            light_stride: reach.width,
+        });
+        remapped += rect.size().pixels();
         lights += reach.size().pixels();
     }
     let failed = |e| CudaError::new(device.index(), "measuring", e);
-    let scene = stream.clone_htod(&vec![0.5f32; scenes]).map_err(failed)?;
+    let remap = stream.clone_htod(&vec![0.5f32; remapped]).map_err(failed)?;
     let mut light = stream.alloc_zeros::<f32>(lights).map_err(failed)?;
     let mut stage = PsfOnDevice::new(device, frame, psf, bytes)?;
-    timed(device, &stream, rounds, || stage.launch(&stream, &all, &scene, &mut light))
+    timed(device, &stream, rounds, || stage.launch(&stream, &all, &remap, &mut light))
 }
 
 /// Seconds of a copy of `values` values up, and of one down.

@@ -1,6 +1,6 @@
 //! Memory of a queue, planned for each band: batches and slots as large as there is room for, the rest for the PSF stage.
 //!
-//! A *slot* is what one batch needs on its way: its tiles' charts (page-locked, and on the device), scene and light. Two slots let
+//! A *slot* is what one batch needs on its way: its tiles' charts (page-locked, and on the device), remap and light. Two slots let
 //! copies and kernels overlap; a third lets the workers read for the next batch meanwhile. Light comes down into a pool of
 //! page-locked buffers, a batch's worth more than the slots hold, for tiles that wait for their turn to be added. None of this has
 //! an influence on any sum.
@@ -42,7 +42,7 @@ impl DeviceQueue {
 }
 
 /// Tiles of a batch where there is room: a 426-px tile is 36 thread blocks, an H200 holds several hundred at once.
-pub const MOST_TILES: usize = 32;
+pub const MAX_TILES: usize = 32;
 /// Slots where there is room, and the least.
 const SLOTS: [usize; 2] = [3, 2];
 /// Share of a queue's device memory that slots may take, unless they are the least; the PSF stage makes use of the rest.
@@ -53,9 +53,9 @@ const SLOTS_SHARE: f64 = 0.5;
 pub struct BandNeeds {
     /// Pixels of chart.
     pub chart_px: usize,
-    /// Pixels of scene.
-    pub scene_px: usize,
-    /// Pixels of light; 0 without a PSF stage, whose light is the scene.
+    /// Pixels of remap.
+    pub remapped_px: usize,
+    /// Pixels of light; 0 without a PSF stage, whose light is the remap.
     pub light_px: usize,
     /// Device memory without which the PSF stage cannot work, bytes.
     pub least_psf: usize,
@@ -84,12 +84,12 @@ pub struct TooSmall {
 impl BandNeeds {
     /// Device memory of slots.
     fn device_bytes(&self, slots: usize, tiles: usize) -> usize {
-        4 * slots * tiles * (self.chart_px + self.scene_px + self.light_px)
+        4 * slots * tiles * (self.chart_px + self.remapped_px + self.light_px)
     }
 
     /// Host memory of slots and of the light that waits.
     fn host_bytes(&self, slots: usize, tiles: usize) -> usize {
-        4 * tiles * (slots * self.chart_px + (slots + 1) * self.light_px.max(self.scene_px))
+        4 * tiles * (slots * self.chart_px + (slots + 1) * self.light_px.max(self.remapped_px))
     }
 
     /// The plan within bounds.
@@ -107,7 +107,7 @@ impl BandNeeds {
         };
         // A third slot is worth more than half the tiles once there are some.
         let orders =
-            [(MOST_TILES, SLOTS[0]), (16, 3), (8, 3), (8, 2), (4, 3), (4, 2), (2, 3), (2, 2), (1, 3), (1, 2)];
+            [(MAX_TILES, SLOTS[0]), (16, 3), (8, 3), (8, 2), (4, 3), (4, 2), (2, 3), (2, 2), (1, 3), (1, 2)];
         match orders.into_iter().find(|&(tiles, slots)| fits(slots, tiles)) {
             Some((tiles, slots)) => {
                 Ok(BandMemory { tiles, slots, psf_bytes: device_bytes - self.device_bytes(slots, tiles) })
@@ -121,7 +121,7 @@ impl BandNeeds {
 
     /// Page-locked host memory that is of use.
     pub fn useful_host_bytes(&self) -> usize {
-        self.host_bytes(SLOTS[0], MOST_TILES)
+        self.host_bytes(SLOTS[0], MAX_TILES)
     }
 
     /// The least of it.
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     const NEEDS: BandNeeds =
-        BandNeeds { chart_px: 200_000, scene_px: 180_000, light_px: 220_000, least_psf: 1 << 20 };
+        BandNeeds { chart_px: 200_000, remapped_px: 180_000, light_px: 220_000, least_psf: 1 << 20 };
 
     #[test]
     fn plans_stay_within_bounds_and_grow_with_them() {
@@ -152,7 +152,7 @@ mod tests {
             let host = NEEDS.plan(usize::MAX / 4, bytes).unwrap();
             assert!(NEEDS.host_bytes(host.slots, host.tiles) <= bytes);
         }
-        assert_eq!(last, MOST_TILES);
+        assert_eq!(last, MAX_TILES);
     }
 
     #[test]

@@ -25,7 +25,7 @@ const GRID_SHARE: f64 = 0.8;
 /// Probing heights.
 const PROBES: usize = 24;
 /// Most azimuths of a height.
-const MOST_AZIMUTHS: usize = 2880;
+const MAX_AZIMUTHS: usize = 2880;
 /// Rounds of checking and refining.
 const ROUNDS: usize = 6;
 
@@ -106,7 +106,7 @@ fn mean(a: &[f32], b: &[f32]) -> Vec<f32> {
 
 /// Multiples of 8: then seven of eight kernels of a height are flips and transposes of the others.
 fn round_azimuths(j: f64) -> usize {
-    (j.clamp(8.0, MOST_AZIMUTHS as f64) as usize).next_multiple_of(8)
+    (j.clamp(8.0, MAX_AZIMUTHS as f64) as usize).next_multiple_of(8)
 }
 
 /// Chooses heights from 0 to `last_mm` and their azimuth counts.
@@ -240,7 +240,7 @@ fn probe_azimuths(
         for (i, h) in probes.iter().enumerate() {
             let turned = kernels.mean_of_turns(cache.get(*h, step(i, &need)));
             let error = l1(&turned, cache.get(*h, 0.0));
-            need[i] = (need[i] * (error / part).sqrt()).clamp(8.0, MOST_AZIMUTHS as f64);
+            need[i] = (need[i] * (error / part).sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
         }
     }
     Ok(need)

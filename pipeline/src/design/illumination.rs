@@ -1,4 +1,4 @@
-//! Relative illumination: how bright a uniform scene's image is against its centre.
+//! Relative illumination: how bright a uniform remap's image is against its centre.
 //!
 //!     R(h) = Ω(h) / Ω(0),      Ω = ∫∫ |d(L, M)/d(p, q)| dp dq over the open pupil      [projected solid angle, sr]
 //! Radiance is kept along rays, so the irradiance at an image point is π-free: E = L·τ·Ω, Ω the pupil's area in direction cosines

@@ -13,7 +13,7 @@ use super::run_state::RunState;
 use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
 use crate::cuda::band::{GpuBand, GpuBatchTile, Slot, Streams};
-use crate::cuda::memory::{DeviceQueue, MOST_TILES};
+use crate::cuda::memory::{DeviceQueue, MAX_TILES};
 use crate::cuda::pool::{GpuTile, PinnedPool};
 use crate::cuda::{CudaError, GpuFigures};
 use crate::flow::FilmSink;
@@ -150,7 +150,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         let largest = |band: &BandInFlight<C::Band>| match &self.band {
             Some((position, present)) if *position == band.position => present.memory.tiles,
             // How many fit is known when the band is begun.
-            _ => MOST_TILES,
+            _ => MAX_TILES,
         };
         loop {
             let seen = self.run.signal.generation();
@@ -231,7 +231,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         )?;
         let (memory, needs) = (gpu_band.memory, gpu_band.needs);
         self.charts.allow(memory.slots * memory.tiles, needs.chart_px);
-        self.outputs.allow((memory.slots + 1) * memory.tiles, needs.light_px.max(needs.scene_px));
+        self.outputs.allow((memory.slots + 1) * memory.tiles, needs.light_px.max(needs.remapped_px));
         (self.band, self.free) = (Some((band.position, gpu_band)), slots);
         Ok(())
     }

@@ -100,7 +100,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         let out = &mut into[..rect.size().pixels()];
         let done = self
             .clock
-            .scene
+            .remap
             .time(|| self.compute.read_chart(&band.stages, self.chart, chart_band, rect, out, scratch));
         // A GPU queue that was removed has dropped its end.
         let _ = reply.send((index, into, done));
@@ -111,7 +111,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         let work = &self.work.bands[band.position];
         if let Some(&tile) = band.tiles.get(index + READ_AHEAD * self.work.threads.max(1)) {
             let rect = self.compute.chart_hint(&band.stages, self.chart.size(), work.tiling.rect(tile));
-            self.clock.scene.time(|| self.chart.expect(work.chart_band, rect));
+            self.clock.remap.time(|| self.chart.prefetch(work.chart_band, rect));
         }
     }
 }

@@ -92,7 +92,7 @@ impl Engine {
         }
     }
 
-    /// Scatters one block of scene into `out` (rows `stride` apart), whose first value is the film pixel (window − 1)/2
+    /// Scatters one block of the remapped image into `out` (rows `stride` apart), whose first value is the film pixel (window − 1)/2
     /// above and left of the block's first. An engine may add
     /// up to 15 zeros past the last of the `cols + window − 1` values of a row.
     pub(super) fn scatter(

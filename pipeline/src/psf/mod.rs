@@ -1,12 +1,12 @@
-//! Stage 3, the spatially variant PSF: every scene pixel scatters a PSF of its own onto the film.
+//! Stage 3, the spatially variant PSF: every pixel of the remapped image scatters a PSF of its own onto the film.
 //!
-//!     film[y + dy, x + dx] += scene[y, x] · P(r, θ)[dy, dx]
+//!     film[y + dy, x + dx] += remapped[y, x] · P(r, θ)[dy, dx]
 //! P is linear between the nodes of a polar grid ([`grid`]), so that
-//!     film = Σ_nodes (w_node · scene) ∗ P_node
+//!     film = Σ_nodes (w_node · remapped) ∗ P_node
 //! exactly: a weighted copy of each block per node that touches it, a convolution by FFT with that node's kernel
 //! ([`kernel`]), one inverse transform, overlap-add. Nothing is approximated, there are no patches and no seams.
 //! Source: DESIGN of the project; kin of Maeda, Catrysse, Wandell, Proc. SPIE 5678 (2005), without their sampling.
-//! A uniform scene R gives R·(1 − div c) on the film, c = the PSF's centroid from the chief ray (1e-3 for a Double
+//! A uniform remapped R gives R·(1 − div c) on the film, c = the PSF's centroid from the chief ray (1e-3 for a Double
 //! Gauss): light is moved, none is lost.
 
 pub mod blocks;
@@ -32,7 +32,7 @@ use polar::BlockPlace;
 use spectra::SpectrumCache;
 use std::sync::{Arc, Mutex};
 
-/// Pixels of a block of scene inside a larger buffer.
+/// Pixels of a block of the remapped image inside a larger buffer.
 #[derive(Clone, Copy, Debug)]
 pub struct BlockView<'a> {
     /// From the block's first pixel on.
@@ -107,23 +107,23 @@ impl BandPsf {
         self.blocks.window / 2
     }
 
-    /// The film rectangle that the scene rectangle `tile` reaches.
+    /// The film rectangle that the rectangle of the remapped image `tile` reaches.
     pub fn reaches(&self, tile: Rect) -> Rect {
         tile.grown(self.margin())
     }
 
-    /// Scatters `scene` (the pixels of `tile`, row-major) into `out`, which becomes [`BandPsf::reaches`] of it.
+    /// Scatters `remapped` (the pixels of `tile`, row-major) into `out`, which becomes [`BandPsf::reaches`] of it.
     pub fn scatter(
         &self,
         frame: &Frame,
         tile: Rect,
-        scene: &[f32],
+        remapped: &[f32],
         cache: &SpectrumCache,
         out: &mut TileBuffer,
         s: &mut PsfScratch,
     ) {
         let Some(engine) = &self.engine else {
-            return out.copy(scene, tile.width);
+            return out.copy(remapped, tile.width);
         };
         // Engines add whole strips of up to 16 columns, the last one partly zeros.
         let tail = self.blocks.window - 1;
@@ -142,7 +142,7 @@ impl BandPsf {
                 rows: block.height,
                 cols: block.width,
             };
-            let view = BlockView { pixels: &scene[y * tile.width + x..], stride: tile.width, place };
+            let view = BlockView { pixels: &remapped[y * tile.width + x..], stride: tile.width, place };
             let stride = out.stride;
             let to = &mut out.data[y * stride + x..];
             engine.scatter(&view, &self.grid, &spectra, to, stride, scratch);

@@ -107,7 +107,7 @@ impl Portable {
         out
     }
 
-    /// Scatters one block of scene into `out`, whose first value is the film pixel (window − 1)/2 above and left of the
+    /// Scatters one block of the remapped image into `out`, whose first value is the film pixel (window − 1)/2 above and left of the
     /// block's first; adds `rows + window − 1` × `cols + window − 1` values.
     pub fn scatter(
         &self,

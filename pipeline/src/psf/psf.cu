@@ -1,9 +1,9 @@
 // Stage 3 on a GPU: the sums of psf/mod.rs, one thread block per FFT block. Launched by psf/cuda; its CPU twins are
 // psf/portable.rs and psf/simd.
 //
-//     film = sum over nodes of (w_node . scene) * P_node,    w_node = the tent of psf/grid.rs
+//     film = sum over nodes of (w_node . remapped) * P_node,    w_node = the tent of psf/grid.rs
 //
-// psf_pack    a block of scene with the polar place of every pixel (psf/polar.rs): once a block, not once a node
+// psf_pack    a block of the remapped image with the polar place of every pixel (psf/polar.rs): once a block, not once a node
 // psf_spectra kernels, turned by quarters from their seeds, to spectra
 // psf_scatter per node: weigh -> FFT along y -> FFT along x -> multiply, accumulate in REGISTERS; one inverse a block
 // psf_unfold  the last radix-4 step of the 256 transforms, which four thread blocks share
@@ -36,12 +36,12 @@
 
 // Descriptors, as psf/cuda/work.rs writes them.
 
-struct Block {            // one block of scene, and where it lies about the axis
+struct Block {            // one block of the remapped image, and where it lies about the axis
     double dy, dx;        // first pixel minus the axis, px
     double r, azimuth;    // of the centre
     float cosine, sine;   // of that azimuth
     float half_y, half_x; // centre minus first pixel
-    unsigned long long scene; // first pixel
+    unsigned long long remapped; // first pixel
     int stride;           // pixels from row to row
     int rows, cols;
     int height, width;    // with zeros behind: what the transform reads
@@ -71,8 +71,8 @@ struct Turn {             // one kernel part to transform
     int spectrum;         // where it goes, in whole spectra
 };
 
-struct Tile {             // of light: scene grown by the window
-    unsigned long long scene, light; // first values
+struct Tile {             // of light: remapped grown by the window
+    unsigned long long remapped, light; // first values
     int stride, rows, cols;
     int block_y, block_x; // side of its blocks
     int down, across;     // blocks
@@ -511,16 +511,16 @@ extern "C" __global__ void __launch_bounds__(256) psf_unfold(float *images) {
     }
 }
 
-// A block of scene (blockIdx.x) as [light, r, theta, 0], rows `side` apart, zeros behind its last row and column. r and theta are
+// A block of the remapped image (blockIdx.x) as [light, r, theta, 0], rows `side` apart, zeros behind its last row and column. r and theta are
 // relative to the block's centre. `polynomials`: ATAN (8) and SECANT (6) of psf/polar.rs.
-extern "C" __global__ void __launch_bounds__(256) psf_pack(const Block *blocks, int side, const float *scene, const float *polynomials, float4 *packed) {
+extern "C" __global__ void __launch_bounds__(256) psf_pack(const Block *blocks, int side, const float *remapped, const float *polynomials, float4 *packed) {
     const Block b = blocks[blockIdx.x];
     float4 *to = packed + (size_t)b.packed * side;
     for (int i = threadIdx.x; i < b.height * b.width; i += 256) {
         const int y = i / b.width, x = i - y * b.width;
         float4 v = make_float4(0.f, 0.f, 0.f, 0.f);
         if (y < b.rows && x < b.cols) {
-            v.x = __ldg(scene + b.scene + (size_t)y * b.stride + x);
+            v.x = __ldg(remapped + b.remapped + (size_t)y * b.stride + x);
             if (b.around) {
                 const double dy = b.dy + y, dx = b.dx + x, tau = 6.283185307179586, turn = atan2(dy, dx) - b.azimuth;
                 v.y = (float)(hypot(dy, dx) - b.r);
@@ -571,9 +571,9 @@ extern "C" __global__ void __launch_bounds__(256, 4) psf_add(
 }
 
 // The tile blockIdx.z as it is.
-extern "C" __global__ void __launch_bounds__(256) psf_copy(const Tile *tiles, const float *scene, float *light) {
+extern "C" __global__ void __launch_bounds__(256) psf_copy(const Tile *tiles, const float *remapped, float *light) {
     const Tile tile = tiles[blockIdx.z];
     const int x = blockIdx.x * 32 + (threadIdx.x & 31), y = blockIdx.y * 8 + (threadIdx.x >> 5);
     if (x >= tile.cols || y >= tile.rows) return;
-    light[tile.light + (size_t)y * tile.stride + x] = __ldg(scene + tile.scene + (size_t)y * tile.cols + x);
+    light[tile.light + (size_t)y * tile.stride + x] = __ldg(remapped + tile.remapped + (size_t)y * tile.cols + x);
 }

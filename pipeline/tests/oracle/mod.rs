@@ -125,7 +125,7 @@ pub struct Tables<'a> {
 }
 
 /// Stages 1-2 on the film rectangle `rect` (which may reach beyond the film).
-pub fn scene(
+pub fn remap(
     chart: &Image,
     frame: &Frame,
     t: &Tables<'_>,
@@ -210,14 +210,14 @@ impl Grid {
     }
 }
 
-/// Stage 3: every pixel of `scene` (whose first pixel is `origin` on the film) scatters its PSF; the result is the film
+/// Stage 3: every pixel of `remap` (whose first pixel is `origin` on the film) scatters its PSF; the result is the film
 /// rectangle `film`.
-pub fn svpsf(scene: &Image, origin: (i64, i64), frame: &Frame, grid: &Grid, film: Rect) -> Image {
+pub fn svpsf(remap: &Image, origin: (i64, i64), frame: &Frame, grid: &Grid, film: Rect) -> Image {
     let (n, c) = (grid.n as i64, grid.n as i64 / 2);
     let mut out = Image::new(film.size(), |_, _| 0.0);
-    for row in 0..scene.size.height {
-        for col in 0..scene.size.width {
-            let value = scene.at(row, col);
+    for row in 0..remap.size.height {
+        for col in 0..remap.size.width {
+            let value = remap.at(row, col);
             let (y, x) = (origin.0 + row as i64, origin.1 + col as i64);
             let pitch = frame.pitch_mm();
             let shares =

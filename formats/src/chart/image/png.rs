@@ -7,7 +7,7 @@ use std::path::Path;
 use ::png::{BitDepth, ColorType, Decoder, Limits, Reader, Transformations};
 use pipeline::geometry::Size;
 
-use super::{Head, MOST_DECODED, Take, alpha, guarded, wrong};
+use super::{Head, MAX_DECODED, Take, alpha, guarded, wrong};
 use crate::chart::ChartError;
 use crate::durable::DurableError;
 
@@ -17,7 +17,7 @@ pub(super) struct Rows(Reader<BufReader<File>>);
 pub(super) fn open(path: &Path) -> Result<(Head, Rows), ChartError> {
     let file = File::open(path).map_err(|e| DurableError::io("open", path, 0, e))?;
     let reader = guarded(path, || {
-        let limits = Limits { bytes: MOST_DECODED };
+        let limits = Limits { bytes: MAX_DECODED };
         let mut decoder = Decoder::new_with_limits(BufReader::with_capacity(1 << 20, file), limits);
         // Palettes become RGB, few bits become eight, and transparent colours an alpha channel.
         decoder.set_transformations(Transformations::EXPAND);

@@ -10,12 +10,12 @@ use ::tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use ::tiff::tags::{ByteOrder, Tag};
 use pipeline::geometry::Size;
 
-use super::{Head, MOST_DECODED, Take, alpha, guarded, wrong};
+use super::{Head, MAX_DECODED, Take, alpha, guarded, wrong};
 use crate::chart::ChartError;
 use crate::durable::DurableError;
 
 /// Longest list of offsets.
-const MOST_TAG: usize = 64 << 20;
+const MAX_TAG: usize = 64 << 20;
 
 /// A file whose header has been read.
 pub(super) struct Rows {
@@ -36,9 +36,9 @@ pub(super) fn open(path: &Path) -> Result<(Head, Rows), ChartError> {
     let (file, again) = (open()?, open()?);
     let length = again.metadata().map_err(|e| DurableError::io("look up", path, 0, e))?.len();
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = MOST_DECODED;
-    limits.intermediate_buffer_size = MOST_DECODED;
-    limits.ifd_value_size = MOST_TAG;
+    limits.decoding_buffer_size = MAX_DECODED;
+    limits.intermediate_buffer_size = MAX_DECODED;
+    limits.ifd_value_size = MAX_TAG;
     let read = || {
         let mut decoder = Decoder::new(BufReader::with_capacity(1 << 20, file))?.with_limits(limits);
         let (size, colour) = (decoder.dimensions()?, decoder.colortype()?);
@@ -111,7 +111,7 @@ impl Plain {
     fn check(&self, path: &Path, head: &Head, length: u64) -> Result<(), ChartError> {
         let (rows, bytes) = (self.rows_per_strip.max(1), row_bytes(head));
         let strips = head.size.height.div_ceil(rows);
-        if head.size.pixels() == 0 || self.offsets.len() != strips || bytes > MOST_DECODED as u64 {
+        if head.size.pixels() == 0 || self.offsets.len() != strips || bytes > MAX_DECODED as u64 {
             let found = format!("{} for {} px", self.offsets.len(), head.size);
             return Err(wrong(path, "strips", format!("{strips}, rows of at most 256 MiB"), found));
         }
@@ -161,7 +161,7 @@ impl Rows {
         let (across, down) = self.decoder.chunk_dimensions();
         let (across, down) = (across as usize, (down as usize).min(height));
         let room = width.checked_mul(down).and_then(|n| n.checked_mul(head.channels * 2));
-        if across == 0 || down == 0 || room.is_none_or(|n| n > MOST_DECODED) {
+        if across == 0 || down == 0 || room.is_none_or(|n| n > MAX_DECODED) {
             let found = format!("{across}x{down} px in an image of {}", head.size);
             return Err(wrong(path, "strips or tiles", "at most 256 MiB in a row of them", found));
         }

@@ -49,7 +49,7 @@ fn scratch_of_a_tile(cut: &Cut, grid: &NodeGrid, tile_side: usize) -> usize {
     let frame = Frame { axis_px: (0.0, 0.0), ..Frame::centred(film, film, 1.0) };
     let bytes = |y: i64, x: i64| {
         let rect = Rect::new(y, x, tile_side, tile_side);
-        let tile = PsfTile { rect, scene_offset: 0, light_offset: 0, light_stride: tile_side };
+        let tile = PsfTile { rect, remapped_offset: 0, light_offset: 0, light_stride: tile_side };
         let mut work = Work::default();
         work.add(&tile, &frame, grid, cut);
         work.bytes(cut)

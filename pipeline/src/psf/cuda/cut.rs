@@ -31,7 +31,7 @@ pub struct Cut {
     pub parts: usize,
     /// Side of a part; the last ones may be smaller.
     pub part: usize,
-    /// The largest block of scene: `side` − `part` + 1.
+    /// The largest block of the remapped image: `side` − `part` + 1.
     pub block: usize,
 }
 
@@ -54,7 +54,7 @@ impl Cut {
         Self { window, side, parts: window.div_ceil(part), part, block: side - part + 1 }
     }
 
-    /// Warp instructions a pixel of scene, if blocks are whole.
+    /// Warp instructions a pixel of remapped, if blocks are whole.
     pub fn instructions(&self) -> f64 {
         // Of a warp in each stage: weighing (without and per source row), the rest along y, along x, last with product; back.
         let (weigh, row, along_y, along_x, product, back) = match self.side {

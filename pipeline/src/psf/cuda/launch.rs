@@ -11,7 +11,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// The kernels, for the driver to assemble.
-const PTX: &str = include_str!("../psf.ptx");
+const PTX: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/psf.ptx"));
 
 /// `CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES`.
 const MAX_DYNAMIC_SHARED: i32 = 8;
@@ -108,11 +108,11 @@ impl Launcher<'_> {
         &self,
         grid: (u32, u32, u32),
         tiles: &CudaView<'_, u32>,
-        scene: &CudaSlice<f32>,
+        remapped: &CudaSlice<f32>,
         light: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
         let mut launch = self.stream.launch_builder(&self.entries.copy);
-        launch.arg(tiles).arg(scene).arg(light);
+        launch.arg(tiles).arg(remapped).arg(light);
         // SAFETY: psf_copy(Tile *, float *, float *); PsfOnDevice::launch has checked that the tiles lie in both.
         unsafe { launch.launch(plain(grid)) }.map_err(self.device.failed("copying tiles"))?;
         Ok(())
@@ -122,13 +122,13 @@ impl Launcher<'_> {
         &self,
         count: usize,
         blocks: &CudaView<'_, u32>,
-        scene: &CudaSlice<f32>,
+        remapped: &CudaSlice<f32>,
         polynomials: &CudaSlice<f32>,
         packed: &mut CudaViewMut<'_, u32>,
     ) -> Result<(), CudaError> {
         let side = self.cut.side as i32;
         let mut launch = self.stream.launch_builder(&self.entries.pack);
-        launch.arg(blocks).arg(&side).arg(scene).arg(polynomials).arg(packed);
+        launch.arg(blocks).arg(&side).arg(remapped).arg(polynomials).arg(packed);
         // SAFETY: psf_pack(Block *, int, float *, float *, float4 *); blocks lie in their tiles, `packed` holds the rows of all.
         unsafe { launch.launch(plain((count as u32, 1, 1))) }
             .map_err(self.device.failed("packing blocks"))?;

@@ -1,6 +1,6 @@
 //! The PSF stage of one band on a GPU: the sums of [`crate::psf`], launched; `psf.cu` beside its CPU twins does them.
 //!
-//! Tiles come as scene and go as light with their tails, both in device memory. A batch of tiles shares its launches; what a tile gets
+//! Tiles come as remapped and go as light with their tails, both in device memory. A batch of tiles shares its launches; what a tile gets
 //! depends on the tile alone (`work`). Kernels are made by the CPU as for its own transforms, one *seed* for four or
 //! eight of them; the device turns them and keeps seeds and spectra in two pools (`resident`). Where memory is short a batch is
 //! worked off in rounds of fewer tiles, and these in rounds of fewer nodes: the same sums in the same order.
@@ -35,13 +35,13 @@ use work::{JobWork, TurnWork, Work};
 /// Seeds that the CPU makes before they go up together.
 const SEEDS_AT_ONCE: usize = 64;
 
-/// One tile of a batch: where its scene lies, and where its light goes.
+/// One tile of a batch: where its remapped lies, and where its light goes.
 #[derive(Clone, Copy, Debug)]
 pub struct PsfTile {
     /// On the film.
     pub rect: Rect,
-    /// Its first value in the scenes; rows are as wide as the tile.
-    pub scene_offset: usize,
+    /// Its first value in the remapped_px; rows are as wide as the tile.
+    pub remapped_offset: usize,
     /// The first value in the lights of [`BandPsf::reaches`] of it.
     pub light_offset: usize,
     /// Values from one row of light to the next.
@@ -125,24 +125,26 @@ impl PsfOnDevice {
         Ok(this)
     }
 
-    /// Scatters the `scene` of `tiles` into their `light`, every value of which is set; in the order of `stream`, on which all
+    /// Scatters the `remapped` of `tiles` into their `light`, every value of which is set; in the order of `stream`, on which all
     /// launches of this stage must be.
     ///
     /// # Errors
     /// What the driver reports; the stage is of no more use then.
     ///
     /// # Panics
-    /// If a tile lies beyond `scene` or `light`.
+    /// If a tile lies beyond `remapped` or `light`.
     pub fn launch(
         &mut self,
         stream: &Arc<CudaStream>,
         tiles: &[PsfTile],
-        scene: &CudaSlice<f32>,
+        remapped: &CudaSlice<f32>,
         light: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
         for tile in tiles {
             let reach = tile.rect.grown(self.cut.window / 2);
-            assert!(!tile.rect.is_empty() && tile.scene_offset + tile.rect.size().pixels() <= scene.len());
+            assert!(
+                !tile.rect.is_empty() && tile.remapped_offset + tile.rect.size().pixels() <= remapped.len()
+            );
             let last = tile.light_offset + (reach.height - 1) * tile.light_stride + reach.width;
             assert!(tile.light_stride >= reach.width && last <= light.len());
         }
@@ -150,7 +152,7 @@ impl PsfOnDevice {
         while !rest.is_empty() {
             let mut work = self.round(rest)?;
             rest = &rest[work.tiles.len()..];
-            self.run(stream, &mut work, scene, light)?;
+            self.run(stream, &mut work, remapped, light)?;
         }
         Ok(())
     }
@@ -248,7 +250,7 @@ impl PsfOnDevice {
         &mut self,
         stream: &Arc<CudaStream>,
         work: &mut Work,
-        scene: &CudaSlice<f32>,
+        remapped: &CudaSlice<f32>,
         light: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
         let (steps, turns) = self.schedule(work);
@@ -272,9 +274,9 @@ impl PsfOnDevice {
         let list = |range: &Range<usize>| rest.slice(range.clone());
         let tile_grid = (work.light.1.div_ceil(32), work.light.0.div_ceil(8), work.tiles.len() as u32);
         if cut.side == 0 {
-            return on.copy(tile_grid, &list(&tiles), scene, light);
+            return on.copy(tile_grid, &list(&tiles), remapped, light);
         }
-        on.pack(work.blocks.len(), &list(&blocks), scene, &self.polynomials, &mut packed)?;
+        on.pack(work.blocks.len(), &list(&blocks), remapped, &self.polynomials, &mut packed)?;
         for step in steps {
             match step {
                 Step::Seeds(seeds) => upload_seeds(&on, &self.kernels, &self.grid, &seeds, &mut self.seeds)?,

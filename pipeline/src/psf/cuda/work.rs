@@ -33,7 +33,7 @@ pub(super) struct BlockWork {
     sine: f32,
     half_y: f32,
     half_x: f32,
-    scene: u64,
+    remapped: u64,
     stride: u32,
     rows: u32,
     cols: u32,
@@ -89,7 +89,7 @@ pub(super) struct TurnWork {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct TileWork {
-    scene: u64,
+    remapped: u64,
     light: u64,
     stride: u32,
     rows: u32,
@@ -156,7 +156,7 @@ impl Work {
         let (rows, cols) = ((rect.height + tail) as u32, (rect.width + tail) as u32);
         self.light = (self.light.0.max(rows), self.light.1.max(cols));
         let whole = TileWork {
-            scene: tile.scene_offset as u64,
+            remapped: tile.remapped_offset as u64,
             light: tile.light_offset as u64,
             stride: tile.light_stride as u32,
             rows,
@@ -202,7 +202,7 @@ impl Work {
             sine: real::sin(azimuth) as f32,
             half_y: half_y as f32,
             half_x: half_x as f32,
-            scene: (tile.scene_offset + y * tile.rect.width + x) as u64,
+            remapped: (tile.remapped_offset + y * tile.rect.width + x) as u64,
             stride: tile.rect.width as u32,
             rows: block.height as u32,
             cols: block.width as u32,
@@ -383,7 +383,7 @@ mod tests {
         let mut work = Work::default();
         let tile = PsfTile {
             rect: Rect::new(-7, -7, 300, 310),
-            scene_offset: 5,
+            remapped_offset: 5,
             light_offset: 9,
             light_stride: 400,
         };

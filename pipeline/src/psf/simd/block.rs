@@ -1,4 +1,4 @@
-//! One block of scene to strips of columns in lanes and back.
+//! One block of the remapped image to strips of columns in lanes and back.
 //!
 //! A *strip* is as many columns as there are lanes. Packed, a strip lies row by row as `[pixels][r][θ]` (the polar maps of
 //! [`crate::psf::polar`]): all that a node needs to weigh it. Transformed, it is F/2 elements; turned, it lies as F/2/LANES

@@ -118,7 +118,7 @@ impl<V: Lanes> Columns<V> {
         spectrum
     }
 
-    /// Scatters one block of scene into `out`, whose first value is the film pixel (window − 1)/2 above and left of the
+    /// Scatters one block of the remapped image into `out`, whose first value is the film pixel (window − 1)/2 above and left of the
     /// block's first: `rows + window − 1` rows of `cols + window − 1` values, these rounded up to whole strips.
     pub(super) fn scatter(
         &self,

@@ -11,8 +11,8 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
+use lenscube_pipeline::remap::{Reading, Remap, RemapScratch, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
-use lenscube_pipeline::scene::{Reading, Scene, SceneScratch, Stages};
 use lenscube_pipeline::simd::{Isa, Simd};
 use shared::{CoreTime, FILM, PITCH_UM};
 
@@ -42,7 +42,7 @@ fn lens(last_mm: f64) -> LensBand {
     oracle::lens_band((0..=1000).map(|i| last_mm * f64::from(i) / 1000.0).collect(), 1.0, -0.02)
 }
 
-fn scene(c: &mut Criterion<CoreTime>) {
+fn remap(c: &mut Criterion<CoreTime>) {
     let frame = Frame::centred(Size::new(FILM, FILM), Size::new(FILM, FILM), PITCH_UM);
     let lens = lens(frame.farthest_mm(frame.film.rect()) + 1e-6);
     let chart = Chart((0..2 * PIECE * PIECE).map(|i| (i * 7919 % 1009) as f32 / 1009.0).collect());
@@ -52,7 +52,7 @@ fn scene(c: &mut Criterion<CoreTime>) {
         [("halfway", Rect::new(half, half, TILE, TILE)), ("corner", Rect::new(0, 0, TILE, TILE))]
     {
         for interp in [Interp::Bicubic, Interp::Bilinear] {
-            let mut group = c.benchmark_group(format!("scene {interp:?} {place}"));
+            let mut group = c.benchmark_group(format!("remap {interp:?} {place}"));
             group.throughput(Throughput::Elements((TILE * TILE) as u64));
             for isa in Isa::ALL {
                 let Ok(simd) = Simd::of(isa) else {
@@ -60,10 +60,10 @@ fn scene(c: &mut Criterion<CoreTime>) {
                     continue;
                 };
                 let reading = Reading { interp, surround: Surround::Edge, outside: Outside::Error };
-                let scene = Scene::new(&frame, &lens, stages, reading, 1.0, simd);
-                let (mut out, mut s) = (vec![0.0; TILE * TILE], SceneScratch::default());
+                let remap = Remap::new(&frame, &lens, stages, reading, 1.0, simd);
+                let (mut out, mut s) = (vec![0.0; TILE * TILE], RemapScratch::default());
                 group.bench_function(isa.name(), |b| {
-                    b.iter(|| scene.apply(&chart, 0, rect, &mut out, &mut s).unwrap());
+                    b.iter(|| remap.apply(&chart, 0, rect, &mut out, &mut s).unwrap());
                 });
             }
             group.finish();
@@ -71,5 +71,5 @@ fn scene(c: &mut Criterion<CoreTime>) {
     }
 }
 
-criterion_group!(name = benches; config = Criterion::default().with_measurement(CoreTime); targets = scene);
+criterion_group!(name = benches; config = Criterion::default().with_measurement(CoreTime); targets = remap);
 criterion_main!(benches);

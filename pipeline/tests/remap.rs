@@ -1,26 +1,26 @@
 //! Stages 1-2 on each instruction set against the f64 map; those that the machine lacks are reported as ignored.
 
 mod oracle;
-mod scene_cases;
+mod remap_cases;
 
 use lenscube_pipeline::band::{BandPlan, Options, PsfBetween};
 use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::ChartSource;
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, PsfSample};
+use lenscube_pipeline::remap::{Reading, Remap, RemapScratch};
 use lenscube_pipeline::resample::{Interp, Surround};
-use lenscube_pipeline::scene::{Reading, Scene, SceneScratch};
 use lenscube_pipeline::simd::{Isa, Simd};
 use libtest_mimic::{Arguments, Trial};
 use oracle::Noise;
-use scene_cases::{CHECKS, Engine, FIRST_TWO, Job, band};
+use remap_cases::{CHECKS, Engine, FIRST_TWO, Job, band};
 use std::process::ExitCode;
 
 impl Engine for Simd {
-    fn scene(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32> {
-        let scene = Scene::new(job.frame, job.lens, job.stages, job.reading, job.gain, *self);
+    fn remap(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32> {
+        let remap = Remap::new(job.frame, job.lens, job.stages, job.reading, job.gain, *self);
         let mut got = vec![0.0; rect.size().pixels()];
-        scene.apply(chart, 0, rect, &mut got, &mut SceneScratch::default()).unwrap();
+        remap.apply(chart, 0, rect, &mut got, &mut RemapScratch::default()).unwrap();
         got
     }
 }

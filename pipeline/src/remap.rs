@@ -1,9 +1,9 @@
-//! Stages 1-2, one pass: chart → scene. Pinhole mapping, relative illumination, distortion.
+//! Stages 1-2, one pass: chart → remap. Pinhole mapping, relative illumination, distortion.
 //!
-//!     scene(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
+//!     remap(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
 //! for the film pixel at (X, Y) mm, r = hypot(X, Y) its REAL height; R and h from [`crate::field`]. The chart lies on
 //! the IDEAL image plane: chart pixel = centre of the chart + ((X, Y)·h/r − center)/(pitch·scale). Values, never flux: no
-//! Jacobian, so a uniform chart gives a scene of exactly R. A gather: every film pixel asks the chart, in f64 down to an
+//! Jacobian, so a uniform chart gives a remap of exactly R. A gather: every film pixel asks the chart, in f64 down to an
 //! integer and an f32 fraction ([`crate::resample`]), so pixels do not depend on how the film is cut.
 //!
 //! Strip by strip: where its pixels lie on the chart, that rectangle of the chart, then the taps. On the portable path
@@ -72,7 +72,7 @@ impl Reading {
 
 /// Stages 1-2 of one band.
 #[derive(Debug)]
-pub struct Scene {
+pub struct Remap {
     frame: Frame,
     field: Field,
     #[cfg(target_arch = "x86_64")]
@@ -83,7 +83,7 @@ pub struct Scene {
 
 /// Buffers of one worker.
 #[derive(Debug, Default)]
-pub struct SceneScratch {
+pub struct RemapScratch {
     points: Points,
     #[cfg(target_arch = "x86_64")]
     anchors: Anchors,
@@ -102,7 +102,7 @@ const STRIP_COLS: f64 = 1024.0;
 /// Behind the chart's pixels: lanes load more than they need.
 const SPARE: usize = 32;
 
-impl Scene {
+impl Remap {
     /// The stage for `band` on the film of `frame`, which the lens's tables cover ([`crate::band`] checks; beyond them the
     /// last values go on); `gain` multiplies every value (film units); `simd` is what it computes with.
     pub fn new(
@@ -124,7 +124,7 @@ impl Scene {
         }
     }
 
-    /// Fills `out` (row-major) with the scene on the film rectangle `rect`, read from band `band` of `chart`.
+    /// Fills `out` (row-major) with the remap on the film rectangle `rect`, read from band `band` of `chart`.
     ///
     /// # Errors
     /// What `chart` reports.
@@ -134,7 +134,7 @@ impl Scene {
         band: usize,
         rect: Rect,
         out: &mut [f32],
-        s: &mut SceneScratch,
+        s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
         let (sy, sx) = self.frame.scale;
         let (rows, cols) = self.strip();
@@ -180,7 +180,7 @@ impl Scene {
         strip: Rect,
         out: &mut [f32],
         stride: usize,
-        s: &mut SceneScratch,
+        s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
         match self.simd.isa() {
             #[cfg(target_arch = "x86_64")]
@@ -199,7 +199,7 @@ impl Scene {
         strip: Rect,
         out: &mut [f32],
         stride: usize,
-        s: &mut SceneScratch,
+        s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
         let (map, knots, gate) =
             (Map::new(&self.frame, &self.field), &self.knots, Gate::<V>::open(self.simd));
@@ -219,7 +219,7 @@ impl Scene {
         strip: Rect,
         out: &mut [f32],
         stride: usize,
-        s: &mut SceneScratch,
+        s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
         s.points.resize(strip);
         Map::new(&self.frame, &self.field).strip(strip, &mut s.points);
@@ -248,7 +248,7 @@ impl Scene {
         strip: Rect,
         out: &mut [f32],
         stride: usize,
-        s: &mut SceneScratch,
+        s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
         let n = strip.size().pixels();
         let (by, bx) = ((1.0 / self.frame.scale.0).max(1.0), (1.0 / self.frame.scale.1).max(1.0));
@@ -294,7 +294,7 @@ impl Scene {
         chart: &dyn ChartSource,
         band: usize,
         need: Rect,
-        s: &mut SceneScratch,
+        s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
         let n = need.size().pixels();
         let mut source = std::mem::take(&mut s.source);
@@ -314,7 +314,7 @@ impl Scene {
         band: usize,
         need: Rect,
         out: &mut [f32],
-        s: &mut SceneScratch,
+        s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
         let read = &mut s.read;
         let size = chart.size();

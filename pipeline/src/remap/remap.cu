@@ -1,8 +1,8 @@
-// Stages 1-2 on a GPU: relative illumination, distortion and resampling, fused. Mirrors scene.rs, anchors.rs, lanes.rs and map.rs.
+// Stages 1-2 on a GPU: relative illumination, distortion and resampling, fused. Mirrors remap.rs, anchors.rs, lanes.rs and map.rs.
 //
-//     scene(y, x) = R(r) · chart at offset + (dy, dx)·(h(r)/r)/scale,   (dy, dx) = (y, x) − axis,  r = hypot(dy, dx),  all in px
+//     remap(y, x) = R(r) · chart at offset + (dy, dx)·(h(r)/r)/scale,   (dy, dx) = (y, x) − axis,  r = hypot(dy, dx),  all in px
 //
-// A thread block fills AREA_ROWS x AREA_COLS pixels of a tile's scene, blocks of SIDE columns at multiples of SIDE on the film, so
+// A thread block fills AREA_ROWS x AREA_COLS pixels of a tile's remap, blocks of SIDE columns at multiples of SIDE on the film, so
 // a pixel's coordinates are its own, however the film is cut. First each thread makes the anchor of one block in f64 (GPUs
 // for graphics do 64 times less of it than of f32), then each pixel is expanded from its anchor in f32, to 2e-6 px of
 // the exact map (anchors.rs derives it). Blocks near the axis, at the table's end, across more than one knot on either side, or bent
@@ -33,7 +33,7 @@ struct Map {
 struct Tile {
     int y, x, height, width;
     int chart_y, chart_x, chart_width, unused;
-    long long chart_at, scene_at;
+    long long chart_at, remapped_at;
 };
 
 // The tiles of a launch: blockIdx.z says which.
@@ -206,7 +206,7 @@ __device__ __forceinline__ bool area(const Tile &tile, int &y, int &x) {
 
 template <int TAPS>
 __device__ __forceinline__ void interpolate(
-    const Map &map, const Tile &tile, const Step *steps, const unsigned *buckets, const float *chart, float *scene) {
+    const Map &map, const Tile &tile, const Step *steps, const unsigned *buckets, const float *chart, float *remap) {
     __shared__ Anchor anchors[AREA_ROWS * (AREA_COLS / SIDE)];
     const int n = AREA_COLS / SIDE, thread = threadIdx.x;
     int y0, x0;
@@ -222,21 +222,21 @@ __device__ __forceinline__ void interpolate(
         const Anchor &a = anchors[i / SIDE];
         const Point p = a.step == EXACT ? exactly(map, steps, buckets, y, x)
                                         : expand(map, steps, a, y, (float)(i % SIDE - SIDE / 2));
-        scene[tile.scene_at + (long long)(y - tile.y) * tile.width + (x - tile.x)] =
+        remap[tile.remapped_at + (long long)(y - tile.y) * tile.width + (x - tile.x)] =
             sample<TAPS>(tile, chart, p) * p.gain;
     }
 }
 
 #define ARGUMENTS                                                                                                      \
     const __grid_constant__ Map map, const __grid_constant__ Tiles tiles, const Step *steps, const unsigned *buckets, \
-        const float *chart, float *scene
+        const float *chart, float *remap
 
-extern "C" __global__ void __launch_bounds__(THREADS) scene_bicubic(ARGUMENTS) {
-    interpolate<4>(map, tiles.of[blockIdx.z], steps, buckets, chart, scene);
+extern "C" __global__ void __launch_bounds__(THREADS) remap_bicubic(ARGUMENTS) {
+    interpolate<4>(map, tiles.of[blockIdx.z], steps, buckets, chart, remap);
 }
 
-extern "C" __global__ void __launch_bounds__(THREADS) scene_bilinear(ARGUMENTS) {
-    interpolate<2>(map, tiles.of[blockIdx.z], steps, buckets, chart, scene);
+extern "C" __global__ void __launch_bounds__(THREADS) remap_bilinear(ARGUMENTS) {
+    interpolate<2>(map, tiles.of[blockIdx.z], steps, buckets, chart, remap);
 }
 
 // The chart pixels that a box about `centre` touches: the first, and how many.
@@ -252,7 +252,7 @@ __device__ __forceinline__ double box_share(double centre, double width, int i) 
 }
 
 // The mean of the chart over each film pixel, a box of 1/scale chart pixels.
-extern "C" __global__ void __launch_bounds__(THREADS) scene_mean(ARGUMENTS) {
+extern "C" __global__ void __launch_bounds__(THREADS) remap_mean(ARGUMENTS) {
     const Tile &tile = tiles.of[blockIdx.z];
     int y0, x0;
     if (!area(tile, y0, x0)) return;
@@ -270,6 +270,6 @@ extern "C" __global__ void __launch_bounds__(THREADS) scene_mean(ARGUMENTS) {
             for (int k = 0; k < cols; ++k) line += box_share(p.col, map.box_x, col + k) * (double)__ldg(from + k);
             sum += box_share(p.row, map.box_y, row + j) * line;
         }
-        scene[tile.scene_at + (long long)(y - tile.y) * tile.width + (x - tile.x)] = (float)sum * (float)p.gain;
+        remap[tile.remapped_at + (long long)(y - tile.y) * tile.width + (x - tile.x)] = (float)sum * (float)p.gain;
     }
 }

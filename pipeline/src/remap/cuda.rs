@@ -1,11 +1,11 @@
-//! Stages 1-2 on a GPU: the field's tables on the device, and launches of `scene.cu` over the tiles of a batch.
+//! Stages 1-2 on a GPU: the field's tables on the device, and launches of `remap.cu` over the tiles of a batch.
 //!
-//! A tile brings the chart rectangle that it needs ([`Scene::upload_rect`]), with its surround in ([`Scene::fill`]), somewhere in
-//! a buffer of charts, and leaves its scene somewhere in a buffer of scenes. Its pixels do not depend on how the film is cut into
+//! A tile brings the chart rectangle that it needs ([`Remap::upload_rect`]), with its surround in ([`Remap::fill`]), somewhere in
+//! a buffer of charts, and leaves its remap somewhere in a buffer of remapped. Its pixels do not depend on how the film is cut into
 //! tiles, nor on what else a launch holds: a tile whose chart rectangle is too large can go in strips of rows.
 #![allow(unsafe_code)]
 
-use super::Scene;
+use super::Remap;
 use super::map::Map;
 use crate::cuda::handle::CudaStream;
 use crate::cuda::launch::{CudaFunction, DeviceRepr, LaunchConfig};
@@ -17,7 +17,7 @@ use crate::resample::Interp;
 use std::sync::Arc;
 
 /// The kernels, compiled by `scripts/ptx`.
-const PTX: &str = include_str!("scene.ptx");
+const PTX: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/remap.ptx"));
 
 /// Columns that one anchor serves.
 const SIDE: usize = 16;
@@ -31,7 +31,7 @@ const TILES: usize = 32;
 /// Anchors nearer to the axis than this are not expanded, px (`anchors.rs`).
 const NEAR: f64 = 256.0;
 
-/// What the kernels know of a step of the field: `Step` in `scene.cu`.
+/// What the kernels know of a step of the field: `Step` in `remap.cu`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 struct DeviceStep {
@@ -48,10 +48,10 @@ struct DeviceStep {
     inner: (f32, f32),
     unused: f32,
 }
-// SAFETY: plain numbers in C's order, as `scene.cu` declares them.
+// SAFETY: plain numbers in C's order, as `remap.cu` declares them.
 unsafe impl DeviceRepr for DeviceStep {}
 
-/// `Map` in `scene.cu`.
+/// `Map` in `remap.cu`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 struct DeviceMap {
@@ -69,7 +69,7 @@ struct DeviceMap {
 // SAFETY: likewise.
 unsafe impl DeviceRepr for DeviceMap {}
 
-/// `Tile` in `scene.cu`.
+/// `Tile` in `remap.cu`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 struct DeviceTile {
@@ -82,27 +82,27 @@ struct DeviceTile {
     chart_width: i32,
     unused: i32,
     chart_at: i64,
-    scene_at: i64,
+    remapped_at: i64,
 }
 // SAFETY: likewise.
 unsafe impl DeviceRepr for DeviceTile {}
 
-/// A part of the film, and where its chart and its scene lie on the device, rows one after another.
+/// A part of the film, and where its chart and its remap lie on the device, rows one after another.
 #[derive(Clone, Copy, Debug)]
-pub struct SceneTile {
+pub struct RemapTile {
     /// The film rectangle.
     pub rect: Rect,
-    /// The chart rectangle, no smaller than [`Scene::upload_rect`] of it.
+    /// The chart rectangle, no smaller than [`Remap::upload_rect`] of it.
     pub chart_rect: Rect,
     /// Its first pixel in the charts.
     pub chart_offset: usize,
-    /// The scene's first pixel in the scenes.
-    pub scene_offset: usize,
+    /// The remap's first pixel in the remapped.
+    pub remapped_offset: usize,
 }
 
 /// Stages 1-2 of one band on one GPU.
 #[derive(Debug)]
-pub struct SceneOnDevice {
+pub struct RemapOnDevice {
     device: Arc<Device>,
     kernel: CudaFunction,
     map: DeviceMap,
@@ -110,24 +110,24 @@ pub struct SceneOnDevice {
     buckets: CudaSlice<u32>,
 }
 
-impl SceneOnDevice {
+impl RemapOnDevice {
     /// The stage on `device`, its tables there when this returns.
     ///
     /// # Errors
     /// No memory for them, or what else the driver reports.
-    pub fn new(device: &Arc<Device>, scene: &Scene) -> Result<Self, CudaError> {
+    pub fn new(device: &Arc<Device>, remap: &Remap) -> Result<Self, CudaError> {
         let stream = &device.context.default_stream();
-        let (sy, sx) = scene.frame.scale;
-        let name = match (sy.min(sx) < 1.0, scene.reading.interp) {
-            (true, _) => "scene_mean",
-            (false, Interp::Bicubic) => "scene_bicubic",
-            (false, Interp::Bilinear) => "scene_bilinear",
+        let (sy, sx) = remap.frame.scale;
+        let name = match (sy.min(sx) < 1.0, remap.reading.interp) {
+            (true, _) => "remap_mean",
+            (false, Interp::Bicubic) => "remap_bicubic",
+            (false, Interp::Bilinear) => "remap_bilinear",
         };
-        let steps = device_steps(&scene.field);
-        let (buckets, _) = scene.field.buckets();
+        let steps = device_steps(&remap.field);
+        let (buckets, _) = remap.field.buckets();
         let mut on_device = Self {
             kernel: device.kernel(PTX, name)?,
-            map: device_map(scene),
+            map: device_map(remap),
             steps: device.allocate(stream, steps.len(), "a band's field")?,
             buckets: device.allocate(stream, buckets.len(), "a band's field")?,
             device: Arc::clone(device),
@@ -139,29 +139,29 @@ impl SceneOnDevice {
         Ok(on_device)
     }
 
-    /// Bytes of device memory that the stage of `scene` keeps.
-    pub fn bytes(scene: &Scene) -> u64 {
-        let (buckets, _) = scene.field.buckets();
-        (scene.field.steps().len() * size_of::<DeviceStep>() + size_of_val(buckets)) as u64
+    /// Bytes of device memory that the stage of `remap` keeps.
+    pub fn bytes(remap: &Remap) -> u64 {
+        let (buckets, _) = remap.field.buckets();
+        (remap.field.steps().len() * size_of::<DeviceStep>() + size_of_val(buckets)) as u64
     }
 
-    /// Fills the scenes of `tiles` in the order of `stream`.
+    /// Fills the remapped of `tiles` in the order of `stream`.
     ///
     /// # Errors
     /// What the driver reports.
     ///
     /// # Panics
-    /// If a tile's chart or scene does not lie within its buffer: a fault of the caller's.
+    /// If a tile's chart or remap does not lie within its buffer: a fault of the caller's.
     pub fn launch(
         &self,
         stream: &Arc<CudaStream>,
-        tiles: &[SceneTile],
+        tiles: &[RemapTile],
         charts: &CudaSlice<f32>,
-        scenes: &mut CudaSlice<f32>,
+        remapped: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
         for tile in tiles {
             assert!(tile.chart_offset + tile.chart_rect.size().pixels() <= charts.len());
-            assert!(tile.scene_offset + tile.rect.size().pixels() <= scenes.len());
+            assert!(tile.remapped_offset + tile.rect.size().pixels() <= remapped.len());
         }
         for part in tiles.chunks(TILES) {
             let mut all = [DeviceTile::default(); TILES];
@@ -174,8 +174,8 @@ impl SceneOnDevice {
                 shared_mem_bytes: 0,
             };
             let mut launch = stream.launch_builder(&self.kernel);
-            launch.arg(&self.map).arg(&all).arg(&self.steps).arg(&self.buckets).arg(charts).arg(&*scenes);
-            // SAFETY: the arguments are those of the kernels in scene.cu; tiles lie within their buffers, and the charts hold
+            launch.arg(&self.map).arg(&all).arg(&self.steps).arg(&self.buckets).arg(charts).arg(&*remapped);
+            // SAFETY: the arguments are those of the kernels in remap.cu; tiles lie within their buffers, and the charts hold
             // every tap.
             unsafe { launch.launch(shape) }.map_err(self.device.failed("launching stages 1-2"))?;
         }
@@ -183,8 +183,8 @@ impl SceneOnDevice {
     }
 }
 
-impl From<&SceneTile> for DeviceTile {
-    fn from(tile: &SceneTile) -> Self {
+impl From<&RemapTile> for DeviceTile {
+    fn from(tile: &RemapTile) -> Self {
         let (rect, chart) = (tile.rect, tile.chart_rect);
         Self {
             y: rect.y as i32,
@@ -196,7 +196,7 @@ impl From<&SceneTile> for DeviceTile {
             chart_width: chart.width as i32,
             unused: 0,
             chart_at: tile.chart_offset as i64,
-            scene_at: tile.scene_offset as i64,
+            remapped_at: tile.remapped_offset as i64,
         }
     }
 }
@@ -207,18 +207,18 @@ fn areas(rect: Rect) -> (usize, usize) {
     (rect.height.div_ceil(AREA_ROWS), (before + rect.width).div_ceil(AREA_COLS))
 }
 
-fn device_map(scene: &Scene) -> DeviceMap {
-    let map = Map::new(&scene.frame, &scene.field);
-    let (buckets, buckets_per_px) = scene.field.buckets();
-    let (sy, sx) = scene.frame.scale;
+fn device_map(remap: &Remap) -> DeviceMap {
+    let map = Map::new(&remap.frame, &remap.field);
+    let (buckets, buckets_per_px) = remap.field.buckets();
+    let (sy, sx) = remap.frame.scale;
     DeviceMap {
         axis: map.axis_px,
         offset: map.offset,
         per_scale: map.per_scale,
         whole: map.whole_columns(),
         buckets_per_px,
-        last_px: scene.field.last_px(),
-        on_axis: scene.field.at(0.0),
+        last_px: remap.field.last_px(),
+        on_axis: remap.field.at(0.0),
         boxes: ((1.0 / sy).max(1.0), (1.0 / sx).max(1.0)),
         buckets: buckets.len() as i32,
         unused: 0,

@@ -5,13 +5,13 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
+use lenscube_pipeline::remap::{Reading, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
-use lenscube_pipeline::scene::{Reading, Stages};
 
-/// What computes the scene.
+/// What computes the remap.
 pub trait Engine {
-    /// The scene on `rect`, made as `job` says from `chart`.
-    fn scene(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32>;
+    /// The remap on `rect`, made as `job` says from `chart`.
+    fn remap(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32>;
 }
 
 /// One band's stages 1-2.
@@ -28,7 +28,7 @@ pub type Check = fn(&dyn Engine);
 /// All of it.
 pub const CHECKS: [(&str, Check); 8] = [
     ("coordinates_are_those_of_the_exact_map", coordinates_are_those_of_the_exact_map),
-    ("scene_equals_the_map", scene_equals_the_map),
+    ("remap_equals_the_map", remap_equals_the_map),
     ("noise_far_from_the_axis_keeps_its_edges", noise_far_from_the_axis_keeps_its_edges),
     ("a_wild_lens_is_followed", a_wild_lens_is_followed),
     ("a_uniform_chart_gives_exactly_r", a_uniform_chart_gives_exactly_r),
@@ -73,7 +73,7 @@ pub fn band(noise: &mut Noise, points: usize, last_mm: f64) -> LensBand {
     oracle::lens_band(real, 1.01, noise.between(-0.05, 0.05))
 }
 
-fn scene_equals_the_map(engine: &dyn Engine) {
+fn remap_equals_the_map(engine: &dyn Engine) {
     let mut noise = Noise(3);
     for case in 0..60 {
         let film = Size::new(1 + noise.below(90), 1 + noise.below(700));
@@ -107,8 +107,8 @@ fn scene_equals_the_map(engine: &dyn Engine) {
             for interp in [Interp::Bicubic, Interp::Bilinear] {
                 let reading = Reading { interp, surround, outside: Outside::Error };
                 let job = Job { frame: &frame, lens: &lens, stages: ALL, reading, gain: 1.0 };
-                let got = engine.scene(&job, &chart, rect);
-                let want = oracle::scene(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
+                let got = engine.remap(&job, &chart, rect);
+                let want = oracle::remap(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
                 if want.data.iter().all(|v| *v == 0.0) {
                     assert!(got.iter().all(|v| *v == 0.0));
                     continue;
@@ -132,10 +132,10 @@ fn a_uniform_chart_gives_exactly_r(engine: &dyn Engine) {
     let chart = Chart(Image::new(film, |_, _| 1.0));
     let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
     let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
-    let got = engine.scene(&job, &chart, film.rect());
+    let got = engine.remap(&job, &chart, film.rect());
     let t =
         Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
-    let want = oracle::scene(&chart.0, &frame, &t, film.rect(), true, oracle::Outside::Edge);
+    let want = oracle::remap(&chart.0, &frame, &t, film.rect(), true, oracle::Outside::Edge);
     // R is at most 1, so that a share of the peak is a difference.
     let (worst, _) = errors(&got, &want.data);
     assert!(worst <= 5e-7, "departs from R by {worst:.1e}");
@@ -151,7 +151,7 @@ fn an_identity_lens_returns_the_chart_bit_for_bit(engine: &dyn Engine) {
         let chart = noise_chart(&mut noise, film);
         let reading = Reading { interp: Interp::Bicubic, surround: Surround::Black, outside: Outside::Error };
         let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
-        let got = engine.scene(&job, &chart, film.rect());
+        let got = engine.remap(&job, &chart, film.rect());
         assert_eq!(got.len(), chart.0.data.len());
         assert!(got.iter().zip(&chart.0.data).all(|(g, c)| *g == *c as f32), "film {film}");
     }
@@ -167,9 +167,9 @@ fn pixels_do_not_depend_on_the_cut(engine: &dyn Engine) {
         let reading =
             Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
         let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
-        let whole = engine.scene(&job, &chart, film.rect());
+        let whole = engine.remap(&job, &chart, film.rect());
         for part in film.rect().tiles(37, 129) {
-            let got = engine.scene(&job, &chart, part);
+            let got = engine.remap(&job, &chart, part);
             for (i, v) in got.iter().enumerate() {
                 let (y, x) = (part.y as usize + i / part.width, part.x as usize + i % part.width);
                 assert_eq!(v.to_bits(), whole[y * film.width + x].to_bits());
@@ -186,7 +186,7 @@ fn beyond_the_tables_the_last_values_go_on(engine: &dyn Engine) {
     let chart = Chart(Image::new(film, |_, _| 1.0));
     let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Clamp };
     let job = Job { frame: &frame, lens: &band, stages: FIRST_TWO, reading, gain: 1.0 };
-    let got = engine.scene(&job, &chart, film.rect());
+    let got = engine.remap(&job, &chart, film.rect());
     assert!((f64::from(got[0]) - band.relative_illumination[19]).abs() < 1e-6);
 }
 
@@ -254,7 +254,7 @@ fn coordinates_are_those_of_the_exact_map(engine: &dyn Engine) {
             };
             let zero = exact(0) as i64;
             let ramp = Ramp { size: chart, zero, rows };
-            let got = engine.scene(&job, &ramp, rect);
+            let got = engine.remap(&job, &ramp, rect);
             for (i, v) in got.iter().enumerate() {
                 let off = f64::from(*v) + zero as f64 - exact(i);
                 assert!(off.abs() <= 1e-5, "case {case}, {rect}, rows {rows}, pixel {i}: {off:.1e} px");
@@ -290,8 +290,8 @@ fn noise_far_from_the_axis_keeps_its_edges(engine: &dyn Engine) {
         let reading =
             Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
         let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
-        let got = engine.scene(&job, &chart, rect);
-        let want = oracle::scene(&chart.0, &frame, &t, rect, true, oracle::Outside::Mirror);
+        let got = engine.remap(&job, &chart, rect);
+        let want = oracle::remap(&chart.0, &frame, &t, rect, true, oracle::Outside::Mirror);
         let (worst, l2) = errors(&got, &want.data);
         assert!(worst <= 2e-6 && l2 <= 1e-6, "case {case}, {rect}: max {worst:.1e}, L2 {l2:.1e}");
     }
@@ -312,8 +312,8 @@ fn a_wild_lens_is_followed(engine: &dyn Engine) {
     for interp in [Interp::Bicubic, Interp::Bilinear] {
         let reading = Reading { interp, surround: Surround::Mirror, outside: Outside::Error };
         let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
-        let got = engine.scene(&job, &chart, film.rect());
-        let want = oracle::scene(
+        let got = engine.remap(&job, &chart, film.rect());
+        let want = oracle::remap(
             &chart.0,
             &frame,
             &t,
@@ -324,7 +324,7 @@ fn a_wild_lens_is_followed(engine: &dyn Engine) {
         let (worst, _) = errors(&got, &want.data);
         assert!(worst <= 2e-6, "{interp:?}: max {worst:.1e}");
         for part in film.rect().tiles(13, 37) {
-            let cut = engine.scene(&job, &chart, part);
+            let cut = engine.remap(&job, &chart, part);
             for (i, v) in cut.iter().enumerate() {
                 let (y, x) = (part.y as usize + i / part.width, part.x as usize + i % part.width);
                 assert_eq!(v.to_bits(), got[y * film.width + x].to_bits());

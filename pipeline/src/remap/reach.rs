@@ -4,7 +4,7 @@
 //! values at the piece's least and greatest radius and at the knots between; with (dy, dx) between their ends, so does
 //! (dy, dx)·h/r. Pieces of [`PIECE`] px a side: the bound exceeds the exact one by about a pixel.
 
-use super::Scene;
+use super::Remap;
 use super::map::Map;
 use crate::field::{Field, Stretch};
 use crate::geometry::Rect;
@@ -19,7 +19,7 @@ const SLACK: f64 = 1e-3;
 
 type Span = (f64, f64);
 
-impl Scene {
+impl Remap {
     /// The chart rectangle, surround included, that holds every tap of the film rectangle `rect`: what goes to a GPU.
     pub fn upload_rect(&self, rect: Rect) -> Rect {
         let (mut rows, mut cols) = (NOTHING, NOTHING);
@@ -49,22 +49,22 @@ const SMALL_PX: f64 = (1u64 << 18) as f64;
 /// Up to this stretch the bound of the whole film is near enough that of its strips.
 const USUAL_STRETCH: f64 = 4.0;
 /// Most strips looked at one by one.
-const MOST_STRIPS: usize = 1 << 20;
+const MAX_STRIPS: usize = 1 << 20;
 
-impl Scene {
+impl Remap {
     /// The most chart pixels, surround included, that a worker holds at a time for tiles of `tiling`, or a bound of them
     /// where that is small.
     ///
     /// With J the Jacobian of the remap, |J_yy| ≤ max(h/r, h′) and |J_yx| ≤ |h′ − h/r|/2, so a strip of H × W film px spans at
     /// most H·|J_yy| + W·|J_yx| rows of a chart of scale 1. Strips for which this bound exceeds the most found so far are
-    /// bounded piece by piece ([`Scene::upload_rect`]).
+    /// bounded piece by piece ([`Remap::upload_rect`]).
     pub fn most_chart_px(&self, tiling: &Tiling) -> u64 {
         let (rows, cols) = self.strip();
         let (rows, cols) = (rows.min(tiling.tile()), cols.min(tiling.tile()));
         let largest = self.strip_bound_px(Rect::new(0, 0, rows, cols), self.farthest_px(tiling.grown()));
         let (down, across) = tiling.count();
         let strips = [down, across, tiling.tile().div_ceil(rows), tiling.tile().div_ceil(cols)];
-        let few = strips.iter().try_fold(1usize, |n, &s| n.checked_mul(s)).is_some_and(|n| n <= MOST_STRIPS);
+        let few = strips.iter().try_fold(1usize, |n, &s| n.checked_mul(s)).is_some_and(|n| n <= MAX_STRIPS);
         if largest <= SMALL_PX || self.stretch(tiling).greatest <= USUAL_STRETCH || !few {
             return largest as u64;
         }

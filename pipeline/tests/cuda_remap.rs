@@ -2,18 +2,18 @@
 
 mod emulated_cuda;
 mod oracle;
-mod scene_cases;
+mod remap_cases;
 
 use emulated_cuda::{Build, Case, On, WATCHED};
 use lenscube_pipeline::cuda::Device;
 use lenscube_pipeline::flow::ChartSource;
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
+use lenscube_pipeline::remap::cuda::{RemapOnDevice, RemapTile};
+use lenscube_pipeline::remap::{Reading, Remap, RemapScratch};
 use lenscube_pipeline::resample::{Interp, Surround};
-use lenscube_pipeline::scene::cuda::{SceneOnDevice, SceneTile};
-use lenscube_pipeline::scene::{Reading, Scene, SceneScratch};
 use lenscube_pipeline::simd::Simd;
 use oracle::Noise;
-use scene_cases::{CHECKS, Check, Engine, FIRST_TWO, Job, band, noise_chart};
+use remap_cases::{CHECKS, Check, Engine, FIRST_TWO, Job, band, noise_chart};
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -24,30 +24,30 @@ struct Gpu {
 }
 
 impl Engine for Gpu {
-    fn scene(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32> {
-        let scene = Scene::new(job.frame, job.lens, job.stages, job.reading, job.gain, Simd::PORTABLE);
-        let stage = SceneOnDevice::new(&self.device, &scene).unwrap();
+    fn remap(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32> {
+        let remap = Remap::new(job.frame, job.lens, job.stages, job.reading, job.gain, Simd::PORTABLE);
+        let stage = RemapOnDevice::new(&self.device, &remap).unwrap();
         let stream = self.device.context.new_stream().unwrap();
-        let (mut charts, mut scratch, mut tiles) = (Vec::new(), SceneScratch::default(), Vec::new());
-        let mut scene_offset = 0;
+        let (mut charts, mut scratch, mut tiles) = (Vec::new(), RemapScratch::default(), Vec::new());
+        let mut remapped_offset = 0;
         for part in rect.tiles(self.tile.0, self.tile.1) {
-            let chart_rect = scene.upload_rect(part);
+            let chart_rect = remap.upload_rect(part);
             let chart_offset = charts.len();
             charts.resize(chart_offset + chart_rect.size().pixels(), f32::NAN);
-            scene.fill(chart, 0, chart_rect, &mut charts[chart_offset..], &mut scratch).unwrap();
-            tiles.push(SceneTile { rect: part, chart_rect, chart_offset, scene_offset });
-            scene_offset += part.size().pixels();
+            remap.fill(chart, 0, chart_rect, &mut charts[chart_offset..], &mut scratch).unwrap();
+            tiles.push(RemapTile { rect: part, chart_rect, chart_offset, remapped_offset });
+            remapped_offset += part.size().pixels();
         }
         let charts = stream.clone_htod(&charts).unwrap();
-        let mut scenes = self.device.allocate::<f32>(&stream, scene_offset, "a test").unwrap();
-        stage.launch(&stream, &tiles, &charts, &mut scenes).unwrap();
-        let scenes = stream.clone_dtoh(&scenes).unwrap();
+        let mut remapped = self.device.allocate::<f32>(&stream, remapped_offset, "a test").unwrap();
+        stage.launch(&stream, &tiles, &charts, &mut remapped).unwrap();
+        let remapped = stream.clone_dtoh(&remapped).unwrap();
         self.device.context.synchronize().unwrap();
-        let mut got = vec![f32::NAN; scene_offset];
+        let mut got = vec![f32::NAN; remapped_offset];
         for tile in &tiles {
             let (y, x) = ((tile.rect.y - rect.y) as usize, (tile.rect.x - rect.x) as usize);
             for (i, row) in
-                scenes[tile.scene_offset..].chunks(tile.rect.width).take(tile.rect.height).enumerate()
+                remapped[tile.remapped_offset..].chunks(tile.rect.width).take(tile.rect.height).enumerate()
             {
                 got[(y + i) * rect.width + x..][..tile.rect.width].copy_from_slice(row);
             }
@@ -77,9 +77,9 @@ fn tiles_do_not_change_pixels() {
     let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: OUTSIDE };
     let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 3.0 };
     let rect = Rect::new(40, 900, 200, 777);
-    let whole = gpu((200, 777)).scene(&job, &chart, rect);
+    let whole = gpu((200, 777)).remap(&job, &chart, rect);
     for tile in [(13, 777), (64, 33), (200, 16)] {
-        let cut = gpu(tile).scene(&job, &chart, rect);
+        let cut = gpu(tile).remap(&job, &chart, rect);
         assert_eq!(cut.len(), whole.len(), "tiles of {tile:?}");
         assert!(cut.iter().zip(&whole).all(|(a, b)| a.to_bits() == b.to_bits()), "tiles of {tile:?}");
     }
@@ -94,9 +94,9 @@ fn reach_is_close() {
     let last = frame.farthest_mm(film.rect()) + 1e-9;
     let lens = oracle::lens_band((0..1000).map(|i| last * f64::from(i) / 999.0).collect(), 1.0, -0.05);
     let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: OUTSIDE };
-    let scene = Scene::new(&frame, &lens, FIRST_TWO, reading, 1.0, Simd::PORTABLE);
+    let remap = Remap::new(&frame, &lens, FIRST_TWO, reading, 1.0, Simd::PORTABLE);
     for (y, x) in [(0, 0), (0, 7000), (7000, 7000), (13_000, 3000)] {
-        let need = scene.upload_rect(Rect::new(y, x, 512, 512)).size();
+        let need = remap.upload_rect(Rect::new(y, x, 512, 512)).size();
         assert!(
             need.height.max(need.width) <= 530 && need.height.min(need.width) >= 440,
             "({y}, {x}): {need}"
@@ -123,7 +123,7 @@ fn main() -> ExitCode {
         for (what, build) in [("without_barrier", NO_BARRIER), ("without_halo", NO_HALO)] {
             let seen = match what {
                 "without_barrier" => name == "noise_far_from_the_axis_keeps_its_edges",
-                _ => name == "scene_equals_the_map",
+                _ => name == "remap_equals_the_map",
             };
             if seen {
                 let name = format!("emulated::{what}_it_is_seen_that::{name}");
