@@ -1,24 +1,49 @@
-//! lenscube's physics and flow: what happens to the light, in order. Knows no file.
+//! Physics and scheduling of lenscube: from a chart on the ideal image plane of a lens to the image that the lens forms of it on the
+//! sensor plane (the film), band by band. No file formats: charts and films are the traits of [`flow`].
 //!
-//! A chart lies on the ideal image plane of a lens; the film gets what the lens makes of it, band by band:
+//! Coordinates: film row y down, column x right, pixel centres at integers, X = (x − cx)·pitch and Y = (y − cy)·pitch in mm from the
+//! optical axis, r = hypot(X, Y) the REAL image height in mm, θ = atan2(Y, X) the azimuth in radians.
 //!
 //! ```text
-//! for band in job:                                            band, lens      tables at this wavelength
-//!     for tile of the film grown by half the PSF window:      plan, geometry  the cut; px and mm
-//!         remap = R(r) · chart at (X, Y)·h(r)/r               remap           stages 1-2, a gather
-//!                                                             field             h(r, λ), R(r, λ)
-//!                                                             resample          between the chart's pixels
-//!         light = Σ_nodes (w_node · remap) ∗ P_node           psf             stage 3, a scatter: tile + tail
-//!         film += light, in tile order                        overlap_add     stage 4
-//!         shards that nothing can reach any more → encode → write
+//! stage                equation (one band of wavelength λ)                                    module
+//! ------------------   -------------------------------------------------------------------   -----------
+//! read                 chart rectangle that a tile needs                                      flow
+//! remap (1, 2)         remapped(X, Y) = R(r, λ) · chart((X, Y) · h(r, λ)/r)                   remap, field, resample
+//! SVPSF (3)            contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node          psf
+//! overlap-add (4)      film += contribution, in tile order                                    overlap_add
+//! encode, commit       shards that no later tile reaches                                      executor, flow
 //! ```
 //!
-//! [`executor`] schedules this on all cores and GPUs with bounded queues and the same bits for any number of threads; [`stages`] is what
-//! it calls to compute a tile. [`flow`] holds the traits of chart sources and film sinks, [`clock`] counts the time of each stage. [`cuda`] opens
-//! GPUs and holds their memory; a stage's kernels lie beside it ([`remap::cuda`]). Beside the path: [`chart`] draws charts without a store ([`colour`], [`reflectance`],
-//! [`wavelengths`] serve it); [`design`] makes a lens's tables and PSFs from its prescription,
-//! [`figures`] sums them up for people; [`mod@bench`] is what speed is measured against; [`bounds`] limits every number from outside.
-//! [`simd`] chooses the instructions, and [`real`] has the functions whose bits do not depend on the host.
+//! h is the ideal height of the field point whose chief ray lands at real height r, R its relative illumination; both come from the tables
+//! of a [`lens`]. Remapping is a gather (each film pixel reads the chart), the PSF a scatter (each pixel of the remapped image spreads
+//! over its window), so the remapped image is computed on the film grown by half the PSF window.
+//!
+//! A tile on the CPU: [`executor`] claims the next tile of a band, [`stages`] remaps it and applies the PSF into a buffer of the tile
+//! and its tail, and the buffer is added to the film's open shards in tile order, so the sums have the same bits for any number of
+//! threads. A shard that no later tile reaches is encoded by a worker and committed by a writer. On a GPU: a queue per device claims a batch
+//! of tiles, workers read their chart rectangles into page-locked memory, the device remaps and applies the PSF, and a collector
+//! downloads the contributions, which are added in the same order.
+//!
+//! Beside the path: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing; [`chart`] draws test charts
+//! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
+//! [`bounds`] limits every number from outside; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
+//! functions whose bits do not depend on the host; [`cuda`] opens GPUs and holds their memory; [`mod@bench`] holds the baselines of benchmarks.
+//!
+//! # Glossary
+//!
+//! - **chart**: the input, a multispectral image on the ideal image plane. **film**: the output, the image on the sensor plane.
+//! - **remapped image**: the chart after relative illumination and distortion, before the PSF. **contribution**: the PSF stage's output for one
+//!   tile: the tile and its tail.
+//! - **ideal height**: f·tan(field angle). **real height**: where the chief ray lands. Both in mm from the axis.
+//! - **node**: a grid point of the PSF field (height, azimuth). **kernel**: its PSF integrated over film pixels. **spectrum**: the kernel's Fourier
+//!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels.
+//! - **tile**: unit of computing (512 px). **block**: unit of a Fourier transform. **shard**: a stored file of the film. **chunk**: a compressed part
+//!   of a store.
+//! - **film region**: a rectangle of the film (`--roi`). **job**: all that determines the pixels of a film. **unit**: a part of a planned job that
+//!   one process computes. **run**: one execution of a command on a film.
+//! - **batch**, **queue**, **worker**: tiles sent to a GPU together; the order of work of one device; a thread. **claim**, **requeue**, **commit**: take
+//!   a tile to compute it; return it after a failure; make a shard visible.
+//! - **engine**: an implementation of the arithmetic: avx512, avx2, portable, cuda-sm_NN. **fault**: an error injected by a test.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
