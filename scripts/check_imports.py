@@ -27,9 +27,10 @@ def modules(source):
 
 
 def without_tests(text):
-    """The text without comments, strings and what follows `#[cfg(test)]` for one item."""
+    """The text without comments, strings, visibilities and what follows `#[cfg(test)]` for one item."""
     text = re.sub(r"//[^\n]*", "", text)
     text = re.sub(r'"(?:[^"\\]|\\.)*"', '""', text)
+    text = re.sub(r"pub\(in [^)]*\)", "pub", text)
     out, start = [], 0
     for match in re.finditer(r"#\[cfg\(test\)\]", text):
         if match.start() < start:

@@ -1,12 +1,10 @@
-"""Opens charts, films and exports of the program given with other programs, and theirs with it; check-interop runs it.
+"""Opens charts, films and exports of the program with other programs, and files of those with it; run by check-interop.
 
-What must hold: consolidated metadata, dimension names, coordinates and units, NaN as fill value, and values. Values are judged
-three times: the three readers agree bit for bit; a film is the golden one; and a lens that does nothing, run over the store,
-returns what Python read from it, bit for bit: so Rust reads the same numbers.
+Checked: consolidated metadata, dimension names, coordinates and units, NaN as fill value, and values. Values are compared three
+times: three readers agree bit for bit; a film equals the golden one; and `run` with an identity lens on the store returns the values
+read by Python bit for bit, so the program reads the same numbers.
 """
 import json
-import subprocess
-import sys
 import tempfile
 import warnings
 from pathlib import Path
@@ -19,22 +17,10 @@ import tifffile
 import xarray
 import zarr
 
+import interop
+from interop import GOLDEN, check, lenscube
+
 warnings.simplefilter("error")
-LENSCUBE = Path(sys.argv[1]).resolve()
-GOLDEN = Path(__file__).resolve().parent.parent / "tests" / "golden"
-checks = 0
-
-
-def holds(condition, what):
-    global checks
-    checks += 1
-    if not condition:
-        sys.exit(f"check-interop: {what}")
-
-
-def lenscube(*words):
-    done = subprocess.run([LENSCUBE, *map(str, words)], capture_output=True, text=True)
-    holds(done.returncode == 0, f"lenscube {' '.join(map(str, words))} ended with {done.returncode}: {done.stderr}")
 
 
 def same(a, b):
@@ -46,58 +32,58 @@ def coordinate_like(found, expected):
 
 
 def read(path, array, dtype, dims, coordinates, units):
-    """The pixels, after all that can be said of the array was checked in three readers."""
+    """The pixels, after metadata and values were compared in three readers."""
     at = f"{path.name}/{array}"
     metadata = json.loads((path / "zarr.json").read_text())
     members = metadata.get("consolidated_metadata", {}).get("metadata", {})
-    holds(set(members) == {array, *coordinates} or "roi_1" in members, f"{at}: consolidated metadata of {sorted(members)}")
+    check(set(members) == {array, *coordinates} or "roi_1" in members, f"{at}: consolidated metadata of {sorted(members)}")
     for name, member in members.items():
-        holds(member == json.loads((path / name / "zarr.json").read_text()), f"{at}: consolidated metadata of {name} differs from its own")
+        check(member == json.loads((path / name / "zarr.json").read_text()), f"{at}: consolidated metadata of {name} differs from its zarr.json")
 
     a = zarr.open_consolidated(str(path))[array]
-    holds(a.metadata.dimension_names == dims and a.dtype == dtype, f"{at}: zarr-python sees {a.metadata.dimension_names}, {a.dtype}")
-    holds(np.isnan(a.fill_value), f"{at}: fill value {a.fill_value}")
-    holds(a.attrs["units"] == units, f"{at}: units {a.attrs.get('units')}")
+    check(a.metadata.dimension_names == dims and a.dtype == dtype, f"{at}: zarr-python sees {a.metadata.dimension_names}, {a.dtype}")
+    check(np.isnan(a.fill_value), f"{at}: fill value {a.fill_value}")
+    check(a.attrs["units"] == units, f"{at}: units {a.attrs.get('units')}")
     pixels = a[:]
 
     with xarray.open_zarr(str(path), consolidated=True) as ds:
         x = ds[array]
-        holds(x.dims == dims and x.attrs["units"] == units, f"{at}: xarray sees {x.dims}, {x.attrs}")
+        check(x.dims == dims and x.attrs["units"] == units, f"{at}: xarray sees {x.dims}, {x.attrs}")
         for name, (values, unit) in coordinates.items():
             c = ds.coords[name] if name in dims else ds[name]
-            holds(c.dims == (name,) and c.attrs["units"] == unit, f"{at}: coordinate {name} has {c.dims}, {c.attrs}")
-            holds(coordinate_like(c.values, values), f"{at}: coordinate {name} is {c.values}, expected {values}")
-        holds(same(x.values, pixels), f"{at}: xarray reads other values than zarr-python")
+            check(c.dims == (name,) and c.attrs["units"] == unit, f"{at}: coordinate {name} has {c.dims}, {c.attrs}")
+            check(coordinate_like(c.values, values), f"{at}: coordinate {name} is {c.values}, expected {values}")
+        check(same(x.values, pixels), f"{at}: xarray reads other values than zarr-python")
 
     t = tensorstore.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": f"{path / array}/"}}, read=True, open=True).result()
-    holds(t.domain.labels == dims and t.dtype.numpy_dtype == dtype, f"{at}: tensorstore sees {t.domain.labels}, {t.dtype}")
-    holds(np.isnan(t.fill_value), f"{at}: tensorstore's fill value {t.fill_value}")
-    holds(same(t.read().result(), pixels), f"{at}: tensorstore reads other values than zarr-python")
+    check(t.domain.labels == dims and t.dtype.numpy_dtype == dtype, f"{at}: tensorstore sees {t.domain.labels}, {t.dtype}")
+    check(np.isnan(t.fill_value), f"{at}: tensorstore's fill value {t.fill_value}")
+    check(same(t.read().result(), pixels), f"{at}: tensorstore reads other values than zarr-python")
     return pixels
 
 
 def identity_pack(path, wavelengths):
-    """A lens that does nothing up to 100 mm, with PSFs of one sample."""
+    """An identity lens up to 100 mm, with PSFs of one sample."""
     bands, heights = len(wavelengths), np.linspace(0, 100, 5)
     g = zarr.open_group(path, mode="w", zarr_format=3, attributes={
-        "schema": "lenscube/lens-pack/1", "name": "nothing", "distortion_focal_length_mm": 50.0, "effective_focal_length_mm": 50.0,
+        "schema": "lenscube/lens-pack/1", "name": "identity", "distortion_focal_length_mm": 50.0, "effective_focal_length_mm": 50.0,
         "f_number": 2.0, "primary_wavelength_nm": 550.0, "psf_sample": "integrated",
     })
-    every = lambda row: np.tile(np.asarray(row), (bands, 1))
+    per_band = lambda row: np.tile(np.asarray(row), (bands, 1))
     g.create_array("wavelength", data=np.array(wavelengths))
     for name in ("ideal_height", "image_height"):
-        g.create_array(name, data=every(heights))
-    g.create_array("relative_illumination", data=every(np.ones(5)))
-    g.create_array("psf_height", data=every([0.0, 100.0]))
-    g.create_array("azimuth_count", data=every(np.array([1, 4], np.int32)))
-    g.create_array("psf_energy", data=every([1.0, 1.0]))
+        g.create_array(name, data=per_band(heights))
+    g.create_array("relative_illumination", data=per_band(np.ones(5)))
+    g.create_array("psf_height", data=per_band([0.0, 100.0]))
+    g.create_array("azimuth_count", data=per_band(np.array([1, 4], np.int32)))
+    g.create_array("psf_energy", data=per_band([1.0, 1.0]))
     g.create_array("psf_pitch", data=np.full(bands, 2.0))
     for b in range(bands):
         g.create_array(f"psf/{b}", data=np.ones((2, 1, 1), np.float32))
 
 
-def read_by_rust(store, array, wavelengths, scratch):
-    pack, copy = scratch / "nothing.lens.zarr", scratch / f"copy-{store.name}-{array}"
+def values_in_lenscube(store, array, wavelengths, scratch):
+    pack, copy = scratch / "identity.lens.zarr", scratch / f"copy-{store.name}-{array}"
     identity_pack(pack, wavelengths)
     height, width = zarr.open_group(store, mode="r")[array].shape[1:]
     lenscube("run", f"{store}//{array}", copy, "--lens", pack, "--film-size", f"{height}x{width}", "--no-fsync", "--codec", "none")
@@ -111,8 +97,8 @@ def charts(scratch):
         lenscube("chart", "composite", path, "--size", "301x277", "--wavelengths", "420,550,600.5", "--pitch-um", 60, "--overscan", 7, "--codec", codec)
         units = zarr.open_group(path, mode="r").attrs["units"]
         pixels = read(path, "chart", np.float32, ("wavelength", "y", "x"), {"wavelength": (wavelengths, "nm")}, units)
-        holds(pixels.shape == (3, 315, 291) and pixels.std() > 0, f"{path.name}: {pixels.shape}")
-        holds(same(read_by_rust(path, "chart", wavelengths, scratch), pixels), f"{path.name}: Rust reads other values than Python")
+        check(pixels.shape == (3, 315, 291) and pixels.std() > 0, f"{path.name}: {pixels.shape}")
+        check(same(values_in_lenscube(path, "chart", wavelengths, scratch), pixels), f"{path.name}: lenscube reads other values than Python")
 
 
 def films(scratch):
@@ -123,7 +109,7 @@ def films(scratch):
     wavelengths = 450.0 + 50 * np.arange(bands)
     mm = lambda first, n, side: (first + np.arange(n) - (side - 1) / 2) * 2e-3
     run = ("run", where / case["chart"], "--lens", where / case["lens"], *case["flags"], "--no-fsync", "--shard", 64, "--chunk", 32)
-    whole = {}
+    complete = {}
     for dtype, codec in [("f32", "none"), ("f32", "lz4"), ("f32", "zstd"), ("f16", "none"), ("f16", "zstd")]:
         path = scratch / f"film-{dtype}-{codec}.zarr"
         lenscube(*run, path, "--dtype", dtype, "--codec", codec)
@@ -132,66 +118,66 @@ def films(scratch):
         # f32: the accuracy promised. f16: half a unit in the last of 11 bits more.
         error = np.abs(pixels.astype(float) - expected)
         bound = 2e-6 * np.array(case["peak"])[:, None, None] + (0 if dtype == "f32" else 2.0**-11 * np.abs(expected))
-        holds((error <= bound).all(), f"{path.name}: off by {error.max()}")
-        holds(same(read_by_rust(path, "film", wavelengths, scratch), pixels.astype(np.float32)), f"{path.name}: Rust reads other values than Python")
-        holds(dtype not in whole or same(whole[dtype], pixels), f"{path.name}: another codec, other values")
-        whole[dtype] = pixels
+        check((error <= bound).all(), f"{path.name}: off by {error.max()}")
+        check(same(values_in_lenscube(path, "film", wavelengths, scratch), pixels.astype(np.float32)), f"{path.name}: lenscube reads other values than Python")
+        check(dtype not in complete or same(complete[dtype], pixels), f"{path.name}: another codec, other values")
+        complete[dtype] = pixels
 
     path = scratch / "regions.zarr"
     regions = [(3, 5, 64, 70), (100, 116, 17, 5)]
-    lenscube(*run, path, *(word for x, y, w, h in regions for word in ("--roi", f"{x},{y},{w},{h}")))
+    lenscube(*run, path, *(argument for x, y, w, h in regions for argument in ("--roi", f"{x},{y},{w},{h}")))
     for i, (x, y, w, h) in enumerate(regions):
         names = (f"roi_{i}_y", f"roi_{i}_x")
         coordinates = {"wavelength": (wavelengths, "nm"), names[0]: (mm(y, h, height), "mm"), names[1]: (mm(x, w, width), "mm")}
         pixels = read(path, f"roi_{i}", np.float32, ("wavelength", *names), coordinates, "relative")
-        holds(same(pixels, np.ascontiguousarray(whole["f32"][:, y:y + h, x:x + w])), f"{path.name}: region {i} is not that part of the film")
+        check(same(pixels, np.ascontiguousarray(complete["f32"][:, y:y + h, x:x + w])), f"{path.name}: region {i} is not that part of the film")
 
-    # A shard that is not there yet reads as NaN, in every program.
+    # A missing shard reads as NaN in every program.
     path = scratch / "film-f32-zstd.zarr"
     (path / "film/c/1/0/1").unlink()
     pixels = read(path, "film", np.float32, ("wavelength", "y", "x"), {"wavelength": (wavelengths, "nm"), "y": (mm(0, height, height), "mm"), "x": (mm(0, width, width), "mm")}, "relative")
     missing = np.zeros(pixels.shape, bool)
     missing[1, :64, 64:] = True
-    holds((np.isnan(pixels) == missing).all(), f"{path.name}: a missing shard is not NaN")
+    check((np.isnan(pixels) == missing).all(), f"{path.name}: a missing shard is not NaN")
 
 
 def exports(scratch):
-    """Exports of a chart hold its bits: NumPy, spectral (ENVI), OpenEXR, tifffile."""
+    """Exports of a chart have its bits in NumPy, spectral (ENVI), OpenEXR and tifffile."""
     chart, wavelengths = scratch / "chart-zstd.zarr", [420.0, 550.0, 600.5]
     pixels = zarr.open_group(chart, mode="r")["chart"][:]
     part = np.ascontiguousarray(pixels[1:, 31:231, 17:117])
     crop = ("--crop", "17,31,100,200", "--bands", "1:")
-    for name, expected, flags in [("whole", pixels, ()), ("part", part, crop)]:
+    for name, expected, flags in [("complete", pixels, ()), ("part", part, crop)]:
         out = lambda extension: scratch / f"{name}.{extension}"
         for extension in ("npy", "hdr", "exr"):
             lenscube("export", chart, out(extension), *flags)
         lenscube("export", chart, out("pages.tif"), "--format", "tiff-bands", *flags)
-        holds(same(np.load(out("npy")), expected), f"{name}.npy: NumPy reads other values")
+        check(same(np.load(out("npy")), expected), f"{name}.npy: NumPy reads other values")
         envi = spectral.io.envi.open(out("hdr"))
-        holds(same(np.ascontiguousarray(envi.open_memmap(interleave="bsq")), expected), f"{name}.hdr: spectral reads other values")
+        check(same(np.ascontiguousarray(envi.open_memmap(interleave="bsq")), expected), f"{name}.hdr: spectral reads other values")
         centers = wavelengths[-len(expected):]
-        holds(envi.bands.centers == centers and envi.bands.band_unit == "Nanometers", f"{name}.hdr: spectral sees bands at {envi.bands.centers}")
+        check(envi.bands.centers == centers and envi.bands.band_unit == "Nanometers", f"{name}.hdr: spectral sees bands at {envi.bands.centers}")
         with tifffile.TiffFile(out("pages.tif")) as file:
-            holds(file.is_bigtiff and same(np.stack([p.asarray() for p in file.pages]), expected), f"{name}.pages.tif: tifffile reads other values")
-            words = file.pages[len(expected) - 1].description
-            holds("wavelength 600.5 nm" in words, f"{name}.pages.tif: {words}")
+            check(file.is_bigtiff and same(np.stack([p.asarray() for p in file.pages]), expected), f"{name}.pages.tif: tifffile reads other values")
+            description = file.pages[len(expected) - 1].description
+            check("wavelength 600.5 nm" in description, f"{name}.pages.tif: {description}")
         for compression, half in [("zip", False), ("piz", False), ("none", False), ("zip", True)]:
             lenscube("export", chart, out("exr"), *flags, "--compression", compression, "--overwrite", *(["--half"] if half else []))
             with OpenEXR.File(str(out("exr")), separate_channels=True) as exr:
                 header, channels = exr.header(), exr.channels()
-                holds(header["spectralLayoutVersion"] == "1.0" and header["emissiveUnits"] == "W m-2 sr-1 nm-1", f"{name}.exr: {header}")
+                check(header["spectralLayoutVersion"] == "1.0" and header["emissiveUnits"] == "W m-2 sr-1 nm-1", f"{name}.exr: {header}")
                 names = [f"S0.{nm:.6f}nm".replace(".", ",").replace(",", ".", 1) for nm in centers]
-                holds(sorted(channels) == names, f"{name}.exr: OpenEXR sees {sorted(channels)}")
+                check(sorted(channels) == names, f"{name}.exr: OpenEXR sees {sorted(channels)}")
                 read_back = np.stack([channels[n].pixels for n in names])
-                holds(same(read_back, expected.astype(np.float16) if half else expected), f"{name}.exr, {compression}: OpenEXR reads other values")
-    # The 16-bit preview, and the 8-bit one that it rounds to.
+                check(same(read_back, expected.astype(np.float16) if half else expected), f"{name}.exr, {compression}: OpenEXR reads other values")
+    # The 16-bit preview.
     lenscube("export", chart, scratch / "preview.tif")
     preview = tifffile.imread(scratch / "preview.tif")
-    holds(preview.shape == (*pixels.shape[1:], 3) and preview.dtype == np.uint16 and preview.max() == 65535, f"preview.tif: {preview.shape}, {preview.dtype}")
+    check(preview.shape == (*pixels.shape[1:], 3) and preview.dtype == np.uint16 and preview.max() == 65535, f"preview.tif: {preview.shape}, {preview.dtype}")
 
 
 def pictures(scratch):
-    """What other programs write becomes a chart of the same values."""
+    """Files of other programs become charts of the same values."""
     rng = np.random.default_rng(5)
     linear = lambda v: np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
@@ -210,26 +196,26 @@ def pictures(scratch):
             file = scratch / f"{kind}-{dtype.__name__}.tif"
             tifffile.imwrite(file, grey, photometric="minisblack", **options)
             got = chart_of(file)
-            holds(np.abs(got - linear(grey / white)).max() < 1e-6, f"{file.name}: a grey picture has other values")
+            check(np.abs(got - linear(grey / white)).max() < 1e-6, f"{file.name}: a grey picture has other values")
             tifffile.imwrite(file, rgb, photometric="rgb", **options)
             (scratch / "back.tif").unlink(missing_ok=True)
             chart_of(file, "--overwrite")
             lenscube("export", scratch / f"{file.name}.zarr", scratch / "back.tif", "--white", "E", "--exposure", "1")
-            off = np.abs(tifffile.imread(scratch / "back.tif") / 65535 - rgb / white).max()
-            holds(off < 0.2 / 255, f"{file.name}: the preview of its chart is off by {off}")
+            error = np.abs(tifffile.imread(scratch / "back.tif") / 65535 - rgb / white).max()
+            check(error < 0.2 / 255, f"{file.name}: the preview of its chart differs by {error}")
 
     cube = rng.random((3, 70, 90), np.float32)
     names = ["S0.420,0nm", "S0.550nm", "S0.0,6005um"]
     for compression in (OpenEXR.ZIP_COMPRESSION, OpenEXR.PIZ_COMPRESSION, OpenEXR.NO_COMPRESSION, OpenEXR.RLE_COMPRESSION):
-        file = scratch / f"theirs-{int(compression)}.exr"
+        file = scratch / f"openexr-{int(compression)}.exr"
         with OpenEXR.File({"compression": compression, "type": OpenEXR.scanlineimage}, dict(zip(names, cube))) as exr:
             exr.write(str(file))
         lenscube("export", file, file.with_suffix(".npy"))
-        holds(same(np.load(file.with_suffix(".npy")), cube), f"{file.name}: Rust reads other values than OpenEXR wrote")
+        check(same(np.load(file.with_suffix(".npy")), cube), f"{file.name}: lenscube reads other values than OpenEXR wrote")
         out = scratch / f"{file.name}.zarr"
         lenscube("chart", "image", file, out)
         group = zarr.open_group(out, mode="r")
-        holds(same(group["chart"][:], cube) and np.allclose(group["wavelength"][:], [420, 550, 600.5]), f"{file.name}: another chart")
+        check(same(group["chart"][:], cube) and np.allclose(group["wavelength"][:], [420, 550, 600.5]), f"{file.name}: another chart")
 
 
 with tempfile.TemporaryDirectory() as tmp:
@@ -237,5 +223,5 @@ with tempfile.TemporaryDirectory() as tmp:
     films(Path(tmp))
     exports(Path(tmp))
     pictures(Path(tmp))
-print(f"{checks} checks: zarr-python {zarr.__version__}, xarray {xarray.__version__}, tensorstore, OpenEXR {OpenEXR.__version__}, "
-      f"tifffile {tifffile.__version__}, spectral and NumPy read what lenscube wrote, and lenscube what they wrote")
+print(f"{interop.done} checks: zarr-python {zarr.__version__}, xarray {xarray.__version__}, tensorstore, OpenEXR {OpenEXR.__version__}, "
+      f"tifffile {tifffile.__version__}, spectral and NumPy read files of lenscube, and lenscube reads theirs")

@@ -1,12 +1,10 @@
-"""Opens pyramids of the program given with the OME-Zarr models and readers from PyPI; check-interop runs it.
+"""Opens pyramids of the program with OME-Zarr models and readers from PyPI; run by check-interop.
 
-What must hold: the metadata are valid OME-Zarr 0.5; ome-zarr-py's reader and napari's plugin find every level; each level is the mean over
-2 x 2 of the one before, as numpy sums it; scales and translations put all levels on one place; and xarray, zarr-python and tensorstore see
-the film as they did before.
+Checked: the metadata are valid OME-Zarr 0.5; ome-zarr-py's reader and napari's plugin find every level; each level is the mean over
+2 x 2 pixels of the one before, as computed by numpy; scales and translations align all levels; and xarray, zarr-python and tensorstore
+read the same film with and without a pyramid.
 """
 import json
-import subprocess
-import sys
 import tempfile
 import warnings
 from pathlib import Path
@@ -20,31 +18,18 @@ import xarray
 import zarr
 from ome_zarr_models.v05 import Image
 
-LENSCUBE = Path(sys.argv[1]).resolve()
-GOLDEN = Path(__file__).resolve().parent.parent / "tests" / "golden"
-checks = 0
-
-
-def holds(condition, what):
-    global checks
-    checks += 1
-    if not condition:
-        sys.exit(f"check-interop: {what}")
-
-
-def lenscube(*words):
-    done = subprocess.run([LENSCUBE, *map(str, words)], capture_output=True, text=True)
-    holds(done.returncode == 0, f"lenscube {' '.join(map(str, words))} ended with {done.returncode}: {done.stderr}")
+import interop
+from interop import GOLDEN, check, lenscube
 
 
 def halved(a):
-    """Means over 2 x 2 in float64, of what is there."""
+    """Means over 2 x 2 pixels in float64, of the samples that are not NaN."""
     bands, h, w = a.shape
-    grown = np.full((bands, h + h % 2, w + w % 2), np.nan)
-    grown[:, :h, :w] = a
+    padded = np.full((bands, h + h % 2, w + w % 2), np.nan)
+    padded[:, :h, :w] = a
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        return np.nanmean(grown.reshape(bands, (h + 1) // 2, 2, (w + 1) // 2, 2), axis=(2, 4)).astype(np.float32)
+        return np.nanmean(padded.reshape(bands, (h + 1) // 2, 2, (w + 1) // 2, 2), axis=(2, 4)).astype(np.float32)
 
 
 def same(a, b):
@@ -61,53 +46,53 @@ def levels(path, number, name):
     at = f"{path.name}, {name}"
     group = zarr.open_consolidated(str(path))
     ome = group.attrs["ome"]
-    holds(ome["version"] == "0.5", f"{at}: version {ome['version']}")
+    check(ome["version"] == "0.5", f"{at}: version {ome['version']}")
     scale = ome["multiscales"][number]
-    holds(scale["name"] == name and scale["datasets"][0]["path"] == name, f"{at}: level 0 is {scale['datasets'][0]['path']}")
+    check(scale["name"] == name and scale["datasets"][0]["path"] == name, f"{at}: level 0 is {scale['datasets'][0]['path']}")
     arrays = []
     first, pitch = None, None
-    for level, told in enumerate(scale["datasets"]):
-        a = group[told["path"]]
-        holds(list(a.metadata.dimension_names) == [axis["name"] for axis in scale["axes"]], f"{at}: {told['path']} has dimensions {a.metadata.dimension_names}")
-        t = tensorstore.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": f"{path / told['path']}/"}}, read=True, open=True).result()
+    for level, entry in enumerate(scale["datasets"]):
+        a = group[entry["path"]]
+        check(list(a.metadata.dimension_names) == [axis["name"] for axis in scale["axes"]], f"{at}: {entry['path']} has dimensions {a.metadata.dimension_names}")
+        t = tensorstore.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": f"{path / entry['path']}/"}}, read=True, open=True).result()
         pixels = a[:]
-        holds(same(t.read().result(), pixels), f"{at}: tensorstore reads level {level} otherwise")
+        check(same(t.read().result(), pixels), f"{at}: tensorstore reads other values of level {level}")
         if arrays:
-            holds(same(pixels, halved(arrays[-1])), f"{at}: level {level} is not the mean of the one before")
+            check(same(pixels, halved(arrays[-1])), f"{at}: level {level} is not the mean of the one before")
         arrays.append(pixels)
-        (factor, shift) = (told["coordinateTransformations"][0]["scale"], told["coordinateTransformations"][1]["translation"])
+        (factor, shift) = (entry["coordinateTransformations"][0]["scale"], entry["coordinateTransformations"][1]["translation"])
         first, pitch = first or shift, pitch or factor
         for axis in (1, 2):
-            holds(np.isclose(factor[axis], pitch[axis] * 2**level, rtol=1e-12), f"{at}: scale {factor}")
+            check(np.isclose(factor[axis], pitch[axis] * 2**level, rtol=1e-12), f"{at}: scale {factor}")
             # The edges of the first pixels coincide.
-            holds(np.isclose(shift[axis] - factor[axis] / 2, first[axis] - pitch[axis] / 2, rtol=1e-9, atol=1e-12), f"{at}: translation {shift}")
-    holds(max(arrays[-1].shape[1:]) <= 256, f"{at}: the last level has {arrays[-1].shape}")
+            check(np.isclose(shift[axis] - factor[axis] / 2, first[axis] - pitch[axis] / 2, rtol=1e-9, atol=1e-12), f"{at}: translation {shift}")
+    check(max(arrays[-1].shape[1:]) <= 256, f"{at}: the last level has {arrays[-1].shape}")
     return arrays, first
 
 
 def readers(path, arrays):
-    """What ome-zarr-py and napari's plugin see is the first multiscale, level by level."""
+    """Checks that ome-zarr-py and napari's plugin read the levels of the first multiscale."""
     Image.from_zarr(zarr.open_group(str(path), mode="r"))
-    holds(True, "valid")
+    check(True, "valid")
     nodes = list(ome_zarr.reader.Reader(ome_zarr.io.parse_url(str(path)))())
-    holds(len(nodes) >= 1 and [d.shape for d in nodes[0].data] == [a.shape for a in arrays], f"{path.name}: ome-zarr-py sees {[n.data for n in nodes]}")
-    for seen, own in zip(nodes[0].data, arrays):
-        holds(same(np.asarray(seen), own), f"{path.name}: ome-zarr-py reads other values")
+    check(len(nodes) >= 1 and [d.shape for d in nodes[0].data] == [a.shape for a in arrays], f"{path.name}: ome-zarr-py sees {[n.data for n in nodes]}")
+    for found, expected in zip(nodes[0].data, arrays):
+        check(same(np.asarray(found), expected), f"{path.name}: ome-zarr-py reads other values")
     reader = napari_ome_zarr.napari_get_reader(str(path))
-    holds(reader is not None, f"{path.name}: napari's plugin refuses it")
+    check(reader is not None, f"{path.name}: napari's plugin does not accept it")
     layers = reader(str(path))
-    data, words, kind = layers[0]
-    holds(kind == "image" and [d.shape for d in data] == [a.shape for a in arrays], f"{path.name}: napari sees {kind} {words}")
-    holds(words["channel_axis"] == 0 and all(same(np.asarray(d), a) for d, a in zip(data, arrays)), f"{path.name}: napari reads other values")
-    holds([name.split(": ")[-1] for name in words["name"]] == [c["label"] for c in zarr.open_group(str(path), mode="r").attrs["ome"]["omero"]["channels"]], f"{path.name}: napari's names {words['name']}")
+    data, options, kind = layers[0]
+    check(kind == "image" and [d.shape for d in data] == [a.shape for a in arrays], f"{path.name}: napari sees {kind} {options}")
+    check(options["channel_axis"] == 0 and all(same(np.asarray(d), a) for d, a in zip(data, arrays)), f"{path.name}: napari reads other values")
+    check([name.split(": ")[-1] for name in options["name"]] == [c["label"] for c in zarr.open_group(str(path), mode="r").attrs["ome"]["omero"]["channels"]], f"{path.name}: napari's names {options['name']}")
 
 
 def consolidated(path):
     members = json.loads((path / "zarr.json").read_text())["consolidated_metadata"]["metadata"]
     files = {str(f.parent.relative_to(path)) for f in path.rglob("zarr.json")} - {"."}
-    holds(set(members) == files, f"{path.name}: consolidated metadata of {sorted(members)}, there are {sorted(files)}")
+    check(set(members) == files, f"{path.name}: consolidated metadata of {sorted(members)}, there are {sorted(files)}")
     for name, member in members.items():
-        holds(member == json.loads((path / name / "zarr.json").read_text()), f"{path.name}: consolidated metadata of {name} differs from its own")
+        check(member == json.loads((path / name / "zarr.json").read_text()), f"{path.name}: consolidated metadata of {name} differs from its zarr.json")
 
 
 with tempfile.TemporaryDirectory() as tmp:
@@ -119,16 +104,16 @@ with tempfile.TemporaryDirectory() as tmp:
         lenscube(*run, path, *flags)
         before = dataset(path)
         lenscube("pyramid", path)
-        holds(dataset(path).identical(before.assign_attrs(dataset(path).attrs)), f"{path.name}: xarray sees another film")
-        holds({k: v for k, v in dataset(path).attrs.items() if k != "ome"} == before.attrs, f"{path.name}: other attributes")
+        check(dataset(path).identical(before.assign_attrs(dataset(path).attrs)), f"{path.name}: xarray reads another film")
+        check({k: v for k, v in dataset(path).attrs.items() if k != "ome"} == before.attrs, f"{path.name}: other attributes")
         consolidated(path)
         for number, array in enumerate([k for k in before.data_vars]):
             if name == "half":
                 continue
             arrays, first = levels(path, number, array)
             dims = before[array].dims
-            holds(np.allclose(first[1:], [before[d].values[0] for d in dims[1:]], rtol=1e-12, atol=1e-12), f"{path.name}: translation {first}")
+            check(np.allclose(first[1:], [before[d].values[0] for d in dims[1:]], rtol=1e-12, atol=1e-12), f"{path.name}: translation {first}")
             if number == 0:
                 readers(path, arrays)
         lenscube("verify", path)
-print(f"{checks} checks: ome-zarr-models, ome-zarr-py {ome_zarr.__version__ if hasattr(ome_zarr, '__version__') else ''} and napari-ome-zarr opened pyramids")
+print(f"{interop.done} checks: ome-zarr-models, ome-zarr-py {ome_zarr.__version__ if hasattr(ome_zarr, '__version__') else ''} and napari-ome-zarr opened pyramids")

@@ -1,8 +1,7 @@
-"""Charts, lenses and films on an S3-compatible store, with the program given; check-s3 runs it.
+"""Charts, lenses and films on an S3-compatible store; run by check-s3.
 
-What must hold: a job gives the same bytes there as in files, however the way to the store fails meanwhile, and whenever the
-program is killed; other programs open the film; what cannot be is one clear error with the right exit code, which tells
-nothing that is secret.
+Checked: a job gives the same bytes on the store as in files, also with failing requests and after kills; other programs open the
+film; errors are reported once with the documented exit code, and never contain credentials.
 """
 import json
 import os
@@ -31,44 +30,44 @@ SECRET = "hush-hush-hush"
 BUCKET = "lenscube"
 SHARDS = 24
 checks = 0
-counting = threading.Lock()
+count_lock = threading.Lock()
 
 
-def holds(condition, what):
+def check(condition, message):
     global checks
-    with counting:
+    with count_lock:
         checks += 1
     if not condition:
-        sys.exit(f"check-s3: {what}")
+        sys.exit(f"check-s3: {message}")
 
 
-def environment(port, scheme="http", **more):
+def environment(port, scheme="http", **changes):
     env = {k: v for k, v in os.environ.items() if not k.startswith("AWS_")}
     env |= {"AWS_ACCESS_KEY_ID": "AKIAHUSHHUSH", "AWS_SECRET_ACCESS_KEY": SECRET, "AWS_REGION": "us-east-1",
             "AWS_ENDPOINT_URL": f"{scheme}://127.0.0.1:{port}", "AWS_ALLOW_HTTP": "true"}
-    return {k: v for k, v in (env | more).items() if v is not None}
+    return {k: v for k, v in (env | changes).items() if v is not None}
 
 
-def start(env, *words):
-    return subprocess.Popen([LENSCUBE, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
+def start(env, *arguments):
+    return subprocess.Popen([LENSCUBE, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
 
 
-def lenscube(env, code, says, *words, seconds=300):
-    """Runs the program; it must end with `code` and say every word of `says`, and nothing that is secret."""
-    p = start(env, *words)
+def lenscube(env, code, expected, *arguments, seconds=300):
+    """Runs the program; it must end with `code` and print all texts of `expected`, and no credentials."""
+    p = start(env, *arguments)
     out, err = p.communicate(timeout=seconds)
-    at = f"lenscube {' '.join(map(str, words))}"
-    holds(p.returncode == code, f"{at}: ended with {p.returncode}, expected {code}: {out}{err}")
-    for word in says:
-        holds(word in out + err, f"{at}: does not say `{word}`: {out}{err}")
-    for word in (SECRET, "secret-string", "AWS4-HMAC", "AKIAHUSH"):
-        holds(word not in out + err, f"{at}: tells what is secret: {out}{err}")
-    holds("panicked" not in err, f"{at}: {err}")
+    at = f"lenscube {' '.join(map(str, arguments))}"
+    check(p.returncode == code, f"{at}: ended with {p.returncode}, expected {code}: {out}{err}")
+    for text in expected:
+        check(text in out + err, f"{at}: does not print `{text}`: {out}{err}")
+    for text in (SECRET, "secret-string", "AWS4-HMAC", "AKIAHUSH"):
+        check(text not in out + err, f"{at}: prints credentials: {out}{err}")
+    check("panicked" not in err, f"{at}: {err}")
     return out
 
 
-class Place:
-    """The store, and how to look at it past the program."""
+class Store:
+    """Direct access to the store."""
 
     def __init__(self, port):
         self.port = port
@@ -88,7 +87,7 @@ class Place:
         self.s3.put_object(Bucket=BUCKET, Key=key, Body=data)
 
     def publish(self, prefix):
-        """Lets anybody read, as from a web server."""
+        """Makes objects publicly readable, as on a web server."""
         for key in self.objects(prefix):
             self.s3.put_object_acl(Bucket=BUCKET, Key=f"{prefix}/{key}", ACL="public-read")
 
@@ -98,21 +97,21 @@ def files(root):
 
 
 def job_of(metadata):
-    """The group's metadata without what tells this copy of the chart from another."""
+    """The group's metadata without the identity of the copy of the chart."""
     group = json.loads(metadata)
     provenance = group["attributes"]["provenance"]
-    for words in (provenance, provenance["job"]):
-        words.pop("chart_mtimes", None), words.pop("job_digest", None)
+    for fields in (provenance, provenance["job"]):
+        fields.pop("chart_mtimes", None), fields.pop("job_digest", None)
     return group
 
 
 def same_film(found, expected, what):
     found = {k: v for k, v in found.items() if not k.startswith("runs/")}
     expected = {k: v for k, v in expected.items() if not k.startswith("runs/")}
-    holds(found.keys() == expected.keys(), f"{what}: keys {sorted(found.keys() ^ expected.keys())[:5]} differ")
+    check(found.keys() == expected.keys(), f"{what}: keys {sorted(found.keys() ^ expected.keys())[:5]} differ")
     for key, data in expected.items():
         same = job_of(data) == job_of(found[key]) if key == "zarr.json" else data == found[key]
-        holds(same, f"{what}: {key} differs")
+        check(same, f"{what}: {key} differs")
 
 
 FLAGS = ["--threads", 2, "--shard", 128, "--chunk", 64, "--psf-window", 9, "--azimuths", 8, "--memory", "1GiB"]
@@ -127,77 +126,77 @@ def s3(name):
     return f"s3://{BUCKET}/films/{name}"
 
 
-def stores(place, env, here):
-    """Charts, lenses and films there are those of files, byte for byte."""
+def stores(store, env, here):
+    """Charts, lenses and films on the store equal those in files byte for byte."""
     draw = ["--size", "360x500", "--wavelengths", "500:550:50"]
     lenscube(env, 0, [], "chart", "composite", here / "a.zarr", *draw)
     lenscube(env, 0, [], "chart", "composite", CHART, *draw)
-    holds(place.objects("charts/a.zarr") == files(here / "a.zarr"), "a chart there has other bytes than in files")
+    check(store.objects("charts/a.zarr") == files(here / "a.zarr"), "a chart on the store has other bytes than in files")
     lenscube(env, 3, ["--overwrite"], "chart", "composite", CHART, *draw)
     lenscube(env, 0, [], "chart", "composite", CHART, *draw, "--overwrite")
     with zipfile.ZipFile(PACK) as pack:
         for name in pack.namelist():
-            place.put(f"lenses/double-gauss.lens.zarr/{name}", pack.read(name))
-    place.put("lenses/double-gauss.lens.zip", PACK.read_bytes())
+            store.put(f"lenses/double-gauss.lens.zarr/{name}", pack.read(name))
+    store.put("lenses/double-gauss.lens.zip", PACK.read_bytes())
     shown = [lenscube(env, 0, [], "lens", "show", at, "--json") for at in (LENS, LENS[:-4] + "zip", PACK)]
     lenscube(env, 0, [], "lens", "diff", LENS, PACK)
     shown = [{k: v for k, v in json.loads(s).items() if k != "path"} for s in shown]
-    holds(shown[0] == shown[2] and shown[1] == shown[2] and shown[2]["bands"] == 31, "a lens shows other tables there")
+    check(shown[0] == shown[2] and shown[1] == shown[2] and shown[2]["bands"] == 31, "a lens on the store shows other tables")
 
     lenscube(env, 0, [], *run(here / "film.zarr", here / "a.zarr", "double-gauss-28-npz"))
-    whole = files(here / "film.zarr")
-    holds(sum("film/c/" in k for k in whole) == SHARDS, "the job has another number of shards than it should")
+    reference = files(here / "film.zarr")
+    check(sum("film/c/" in k for k in reference) == SHARDS, "the job has a wrong number of shards")
     lenscube(env, 0, [], *run(s3("film.zarr")))
-    same_film(place.objects("films/film.zarr"), whole, "the film there")
+    same_film(store.objects("films/film.zarr"), reference, "the film on the store")
     lenscube(env, 0, ["is complete", "nothing to do"], *run(s3("film.zarr"), lens=LENS[:-4] + "zip"))
-    place.publish("charts"), place.publish("lenses")
-    web = f"http://127.0.0.1:{place.port}/{BUCKET}/charts/a.zarr"
+    store.publish("charts"), store.publish("lenses")
+    web = f"http://127.0.0.1:{store.port}/{BUCKET}/charts/a.zarr"
     lenscube(env, 0, ["is complete"], *run(s3("film.zarr"), web))
-    lenscube(env, 1, ["wants a login"], *run(s3("film.zarr"), f"http://127.0.0.1:{place.port}/{BUCKET}/films/film.zarr"))
-    # From a web server into files, by another name of the same array.
-    lenscube(env, 0, [], *run(here / "web.zarr", web + "//chart", f"http://127.0.0.1:{place.port}/{BUCKET}/lenses/double-gauss.lens.zarr"))
-    same_film(files(here / "web.zarr"), whole, "the film of a chart on a web server")
-    lenscube(env, 1, ["only read"], *run(f"http://127.0.0.1:{place.port}/{BUCKET}/films/web.zarr"))
+    lenscube(env, 1, ["wants a login"], *run(s3("film.zarr"), f"http://127.0.0.1:{store.port}/{BUCKET}/films/film.zarr"))
+    # From a web server into files, with the path of the array.
+    lenscube(env, 0, [], *run(here / "web.zarr", web + "//chart", f"http://127.0.0.1:{store.port}/{BUCKET}/lenses/double-gauss.lens.zarr"))
+    same_film(files(here / "web.zarr"), reference, "the film of a chart on a web server")
+    lenscube(env, 1, ["only read"], *run(f"http://127.0.0.1:{store.port}/{BUCKET}/films/web.zarr"))
     lenscube(env, 0, [], "export", s3("film.zarr"), here / "there.png", "--band", 550)
     lenscube(env, 0, [], "export", here / "film.zarr", here / "here.png", "--band", 550)
-    holds((here / "there.png").read_bytes() == (here / "here.png").read_bytes(), "pictures of the two films differ")
-    return whole
+    check((here / "there.png").read_bytes() == (here / "here.png").read_bytes(), "pictures of the two films differ")
+    return reference
 
 
-def looked_at(place, env, whole):
+def status_and_verify(store, env, reference):
     """status, verify and --repair."""
     film = s3("film.zarr")
     status = json.loads(lenscube(env, 0, [], "status", film, "--json", "--check"))
-    holds(status["complete"] and status["shards"] == SHARDS and status["runs"]["complete"] == 1, f"status: {status}")
+    check(status["complete"] and status["shards"] == SHARDS and status["runs"]["complete"] == 1, f"status: {status}")
     lenscube(env, 0, ["is sound"], "verify", film)
     key = "films/film.zarr/film/c/1/1/1"
-    data = bytearray(place.get(key))
+    data = bytearray(store.get(key))
     data[len(data) // 3] ^= 8
-    place.put(key, bytes(data))
-    place.s3.delete_object(Bucket=BUCKET, Key="films/film.zarr/film/c/0/0/0")
+    store.put(key, bytes(data))
+    store.s3.delete_object(Bucket=BUCKET, Key="films/film.zarr/film/c/0/0/0")
     lenscube(env, 4, ["bad: film/c/1/1/1", "missing: film/c/0/0/0"], "verify", film)
     lenscube(env, 4, ["removed 1 bad shards"], "verify", film, "--repair")
     lenscube(env, 4, [f"{SHARDS - 2} of {SHARDS}"], "status", film, "--check")
     lenscube(env, 0, ["resuming"], *run(film))
-    same_film(place.objects("films/film.zarr"), whole, "a repaired film")
+    same_film(store.objects("films/film.zarr"), reference, "a repaired film")
     lenscube(env, 3, ["belongs to another job", "interp"], *run(film), "--interp", "bilinear")
     lenscube(env, 1, ["found nothing"], "status", s3("nowhere.zarr"))
     lenscube(env, 2, ["its own chart"], *run(s3("film.zarr/inside.zarr"), film))
 
 
-def other_programs(place, whole_film):
-    """zarr-python and xarray, past files."""
-    store = S3Store(BUCKET, prefix="films/film.zarr", endpoint=f"http://127.0.0.1:{place.port}", access_key_id="a",
+def other_programs(store, film_path):
+    """zarr-python and xarray on the store."""
+    s3_store = S3Store(BUCKET, prefix="films/film.zarr", endpoint=f"http://127.0.0.1:{store.port}", access_key_id="a",
                     secret_access_key="b", region="us-east-1", client_options={"allow_http": True})
-    there = zarr.storage.ObjectStore(store, read_only=True)
-    here = zarr.open_group(str(whole_film), mode="r")["film"][:]
-    holds(np.array_equal(zarr.open_group(there, mode="r")["film"][:], here), "zarr-python reads another film there")
+    there = zarr.storage.ObjectStore(s3_store, read_only=True)
+    here = zarr.open_group(str(film_path), mode="r")["film"][:]
+    check(np.array_equal(zarr.open_group(there, mode="r")["film"][:], here), "zarr-python reads another film on the store")
     with xarray.open_zarr(there, consolidated=True) as ds:
-        holds(ds["film"].dims == ("wavelength", "y", "x") and np.array_equal(ds["film"].values, here), "xarray reads another film there")
+        check(ds["film"].dims == ("wavelength", "y", "x") and np.array_equal(ds["film"].values, here), "xarray reads another film on the store")
 
 
-def killed(place, whole):
-    """SIGKILL at several moments; the same command resumes. Nothing is left behind but shards, each whole."""
+def kill_and_resume(store, reference):
+    """SIGKILL at several moments; the same command resumes. Only complete shards remain after a kill."""
     def killed_after(first):
         film, name = s3(f"killed-{first}.zarr"), f"films/killed-{first}.zarr"
         puts = []
@@ -206,99 +205,99 @@ def killed(place, whole):
             if method == "PUT" and "/film/c/" in path:
                 puts.append(path)
                 return 0.05
-        way = Proxy(("127.0.0.1", place.port), rule)
-        p = start(environment(way.port), *run(film))
+        proxy = Proxy(("127.0.0.1", store.port), rule)
+        p = start(environment(proxy.port), *run(film))
         while len(puts) < first and p.poll() is None:
             time.sleep(0.005)
         p.send_signal(signal.SIGKILL)
         p.communicate()
-        holds(p.returncode == -signal.SIGKILL, f"the run ended with {p.returncode} before it was killed")
-        way.close()
-        time.sleep(0.3)  # what was under way may still arrive
-        there = {k: v for k, v in place.objects(name).items() if "film/c/" in k}
-        holds(0 < len(there) < SHARDS and all(v == whole[k] for k, v in there.items()), f"{len(there)} shards after kill -9")
-        lenscube(environment(place.port), 0, ["resuming"], *run(film))
-        same_film(place.objects(name), whole, "a film resumed after kill -9")
+        check(p.returncode == -signal.SIGKILL, f"the run ended with {p.returncode} before it was killed")
+        proxy.close()
+        time.sleep(0.3)  # requests in flight may still arrive
+        found = {k: v for k, v in store.objects(name).items() if "film/c/" in k}
+        check(0 < len(found) < SHARDS and all(v == reference[k] for k, v in found.items()), f"{len(found)} shards after kill -9")
+        lenscube(environment(store.port), 0, ["resuming"], *run(film))
+        same_film(store.objects(name), reference, "a film resumed after kill -9")
     with ThreadPoolExecutor(3) as pool:
         list(pool.map(killed_after, (3, 9, 20)))
 
 
-def survived(place, whole):
-    """Faults that pass: the film is the same, and nobody is asked for help."""
-    def film_in_spite_of(kind):
+def transient_faults(store, reference):
+    """Transient faults: the film is the same, and the exit code is 0."""
+    def film_with_fault(kind):
         name = f"fault-{kind}.zarr"
-        # Every seventh request fails, and so does its first repetition.
-        way = Proxy(("127.0.0.1", place.port), lambda n, *_: kind if n % 14 in (6, 7) else None)
-        lenscube(environment(way.port, AWS_TIMEOUT="1 seconds" if kind == 3.0 else None), 0, [], *run(s3(name)))
-        same_film(place.objects("films/" + name), whole, f"a film made in spite of {kind}")
-        print(f"  {kind}: {way.faults} faults in {way.requests} requests")
-        way.close()
-    # Most of the time each of them waits.
+        # Two of 14 requests fail: a request and its first repetition.
+        proxy = Proxy(("127.0.0.1", store.port), lambda n, *_: kind if n % 14 in (6, 7) else None)
+        lenscube(environment(proxy.port, AWS_TIMEOUT="1 seconds" if kind == 3.0 else None), 0, [], *run(s3(name)))
+        same_film(store.objects("films/" + name), reference, f"a film made with fault {kind}")
+        print(f"  {kind}: {proxy.faults} faults in {proxy.requests} requests")
+        proxy.close()
+    # They mostly wait, so they run concurrently.
     with ThreadPoolExecutor(7) as pool:
-        list(pool.map(film_in_spite_of, [503, 429, 500, "reset", "cut", "lost", 3.0]))
+        list(pool.map(film_with_fault, [503, 429, 500, "reset", "cut", "lost", 3.0]))
 
 
-def in_units(place, env, here, whole):
-    """The same film by processes of a plan: out of order, twice at once, one of them through faults, the plan elsewhere than the film."""
+def in_units(store, env, here, reference):
+    """The same film by units of a plan: in reverse order, each twice concurrently, one of them with faults; the plan is a file."""
     film, plan = s3("units.zarr"), here / "job.json"
     lenscube(env, 0, [], "plan", *run(film)[1:], "--unit-rows", 1, "-o", plan)
     units = len(json.loads(plan.read_text())["units"])
-    holds(units > 3, f"a plan of {units} units")
+    check(units > 3, f"a plan of {units} units")
     missing = lenscube(env, 0, [], "status", "--plan", plan, "--missing").strip()
-    holds(missing == f"0-{units - 1}", f"missing of a new plan: {missing}")
-    way = Proxy(("127.0.0.1", place.port), lambda n, *_: 503 if n % 14 in (6, 7) else None)
-    ways = [env, environment(way.port)]
+    check(missing == f"0-{units - 1}", f"missing of a new plan: {missing}")
+    proxy = Proxy(("127.0.0.1", store.port), lambda n, *_: 503 if n % 14 in (6, 7) else None)
+    environments = [env, environment(proxy.port)]
     with ThreadPoolExecutor(4) as pool:
         order = [u for u in reversed(range(units)) for _ in range(2)]
-        list(pool.map(lambda k, u: lenscube(ways[k % 2], 0, [], "run", "--plan", plan, "--unit", u), range(len(order)), order))
-    way.close()
+        list(pool.map(lambda k, u: lenscube(environments[k % 2], 0, [], "run", "--plan", plan, "--unit", u), range(len(order)), order))
+    proxy.close()
     missing = lenscube(env, 0, [], "status", "--plan", plan, "--missing", "--check").strip()
-    holds(missing == "", f"missing of a plan that is done: {missing}")
-    same_film(place.objects("films/units.zarr"), whole, "a film made in units")
-    print(f"  {units} units, each twice at once: {way.faults} faults in {way.requests} requests")
+    check(missing == "", f"missing of a plan that is done: {missing}")
+    same_film(store.objects("films/units.zarr"), reference, "a film made in units")
+    print(f"  {units} units, each twice concurrently: {proxy.faults} faults in {proxy.requests} requests")
 
 
-def refused(place, env, here):
-    """What cannot be: one clear error each, with the right code."""
-    port = place.port
+def permanent_errors(store, env, here):
+    """Permanent errors: an error message and the documented exit code each."""
+    port = store.port
     few = {"AWS_MAX_ATTEMPTS": "3"}
     film = s3("never.zarr")
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
-        nobody = s.getsockname()[1]
-    # Most of the time each of them pauses between its requests.
+        closed_port = s.getsockname()[1]
+    # They mostly pause between requests, so they run concurrently.
     jobs, proxies = [], []
 
     def later(*command):
         jobs.append(lambda: lenscube(*command))
-    for env_of, code, says in [
-        (environment(nobody, **few), 75, ["Connection refused", "out of reach"]),
+    for env_of, code, expected in [
+        (environment(closed_port, **few), 75, ["Connection refused", "out of reach"]),
         (environment(port, AWS_ENDPOINT_URL="http://no-such-host.invalid:9000", **few), 75, ["out of reach"]),
         (environment(port, AWS_ALLOW_HTTP=None), 2, ["AWS_ALLOW_HTTP"]),
         (environment(port, AWS_ACCESS_KEY_ID=None), 2, ["AWS_ACCESS_KEY_ID is not set"]),
         (environment(port, AWS_MAX_ATTEMPTS="many"), 2, ["AWS_MAX_ATTEMPTS"]),
         ({k: v for k, v in env.items() if not k.startswith("AWS_")}, 2, ["no credentials", "AWS_ACCESS_KEY_ID"]),
     ]:
-        later(env_of, code, says, *run(film, here / "a.zarr", "double-gauss-28-npz"))
-    for words in (run("s3://no-such-bucket/film.zarr"), ["status", "s3://no-such-bucket/film.zarr"],
+        later(env_of, code, expected, *run(film, here / "a.zarr", "double-gauss-28-npz"))
+    for arguments in (run("s3://no-such-bucket/film.zarr"), ["status", "s3://no-such-bucket/film.zarr"],
                   ["chart", "composite", "s3://no-such-bucket/a.zarr", "--size", 64],
                   ["lens", "show", "s3://no-such-bucket/a.lens.zarr"], ["export", "s3://no-such-bucket/a.zarr", here / "x.png"]):
-        later(env, 1, ["NoSuchBucket", "create the bucket"], *words)
+        later(env, 1, ["NoSuchBucket", "create the bucket"], *arguments)
     for at in ("s3://me:hush-hush-hush@lenscube/film.zarr", "https://127.0.0.1/film.zarr?X-Amz-Signature=hush-hush-hush", "gs://a/b"):
         later(env, 2, [], "status", at)
-    for kind, code, says in [(403, 1, ["SignatureDoesNotMatch", "AWS_SECRET_ACCESS_KEY"]), (503, 75, ["SlowDown", "503"]),
+    for kind, code, expected in [(403, 1, ["SignatureDoesNotMatch", "AWS_SECRET_ACCESS_KEY"]), (503, 75, ["SlowDown", "503"]),
                              ("reset", 75, ["out of reach"])]:
         proxy = Proxy(("127.0.0.1", port), lambda *_, kind=kind: kind)
         proxies.append(proxy)
-        for words in (run(film), ["status", film], ["lens", "show", LENS], ["verify", film],
+        for arguments in (run(film), ["status", film], ["lens", "show", LENS], ["verify", film],
                       run(film, lens="double-gauss-28-npz"), run(here / f"never-{kind}.zarr", here / "a.zarr", LENS)):
-            later(environment(proxy.port, **few), code, says, *words)
-        # The connection breaks while shards are put, or while the chart's pixels or the lens's PSFs are fetched.
+            later(environment(proxy.port, **few), code, expected, *arguments)
+        # The connection fails while shards are written, or while pixels of the chart or PSFs of the lens are read.
         for part, name in (("/film/c/", "puts"), ("/chart/c/", "gets"), ("/psf/", "psfs")):
             here_rule = lambda n, m, path, part=part, kind=kind: kind if part in path and m != "HEAD" else None
             proxy = Proxy(("127.0.0.1", port), here_rule)
             proxies.append(proxy)
-            later(environment(proxy.port, **few), code, says[:1], *run(s3(f"broken-{name}-{kind}.zarr")))
+            later(environment(proxy.port, **few), code, expected[:1], *run(s3(f"broken-{name}-{kind}.zarr")))
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda job: job(), jobs))
     for proxy in proxies:
@@ -314,51 +313,51 @@ def refused(place, env, here):
         server.wait()
 
 
-def replaced(place):
-    """Without locks a film may be replaced under a run: it writes none of its shards into the other."""
+def replaced(store):
+    """There are no locks on a store, so a film may be replaced during a run, which must not write its shards into the other."""
     name = "films/replaced.zarr"
-    theirs = []
+    replaced = []
 
     def rule(_, method, path):
-        if method == "PUT" and path.endswith("/film/c/0/1/1") and not theirs:
-            group = json.loads(place.get(f"{name}/zarr.json"))
+        if method == "PUT" and path.endswith("/film/c/0/1/1") and not replaced:
+            group = json.loads(store.get(f"{name}/zarr.json"))
             group["attributes"]["provenance"]["job_digest"] = "another"
-            theirs.append(1)
-            place.put(f"{name}/zarr.json", json.dumps(group))
-    way = Proxy(("127.0.0.1", place.port), rule)
-    lenscube(environment(way.port), 3, ["another job"], *run(s3("replaced.zarr")))
-    way.close()
-    there = sum("film/c/" in k for k in place.objects(name))
-    holds(theirs and there < SHARDS, f"{there} shards were put into another job's film")
-    # Anew: nothing of what was there stays.
-    lenscube(environment(place.port), 0, [], *run(s3("replaced.zarr")), "--overwrite")
-    lenscube(environment(place.port), 0, ["is sound"], "verify", s3("replaced.zarr"))
+            replaced.append(1)
+            store.put(f"{name}/zarr.json", json.dumps(group))
+    proxy = Proxy(("127.0.0.1", store.port), rule)
+    lenscube(environment(proxy.port), 3, ["another job"], *run(s3("replaced.zarr")))
+    proxy.close()
+    found = sum("film/c/" in k for k in store.objects(name))
+    check(replaced and found < SHARDS, f"{found} shards were put into another job's film")
+    # With --overwrite nothing of the old film remains.
+    lenscube(environment(store.port), 0, [], *run(s3("replaced.zarr")), "--overwrite")
+    lenscube(environment(store.port), 0, ["is sound"], "verify", s3("replaced.zarr"))
 
 
-def encrypted(place, here, whole):
-    """TLS, with a certificate of our own."""
+def encrypted(store, here, reference):
+    """TLS with a self-signed certificate."""
     made = subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1",
                            "-addext", "subjectAltName=IP:127.0.0.1", "-addext", "basicConstraints=critical,CA:FALSE", "-keyout", here / "key.pem", "-out", here / "cert.pem"],
                           capture_output=True, text=True)
-    holds(made.returncode == 0, f"openssl: {made.stderr}")
-    way = Proxy(("127.0.0.1", place.port), certificate=(here / "cert.pem", here / "key.pem"))
-    trusted = environment(way.port, "https", AWS_ALLOW_HTTP=None, SSL_CERT_FILE=str(here / "cert.pem"))
+    check(made.returncode == 0, f"openssl: {made.stderr}")
+    proxy = Proxy(("127.0.0.1", store.port), certificate=(here / "cert.pem", here / "key.pem"))
+    trusted = environment(proxy.port, "https", AWS_ALLOW_HTTP=None, SSL_CERT_FILE=str(here / "cert.pem"))
     lenscube(trusted, 0, [], *run(s3("tls.zarr")))
-    same_film(place.objects("films/tls.zarr"), whole, "a film put through TLS")
-    lenscube(environment(way.port, "https", AWS_MAX_ATTEMPTS="2"), 75, ["certificate"], "status", s3("tls.zarr"))
-    way.close()
+    same_film(store.objects("films/tls.zarr"), reference, "a film written through TLS")
+    lenscube(environment(proxy.port, "https", AWS_MAX_ATTEMPTS="2"), 75, ["certificate"], "status", s3("tls.zarr"))
+    proxy.close()
 
 
-def in_flight(place):
-    """Puts at once when each takes long."""
-    way = Proxy(("127.0.0.1", place.port), lambda n, m, path: 0.3 if m == "PUT" and "/film/c/" in path else None)
+def in_flight(store):
+    """Number of concurrent puts if each takes long."""
+    proxy = Proxy(("127.0.0.1", store.port), lambda n, m, path: 0.3 if m == "PUT" and "/film/c/" in path else None)
     begin = time.monotonic()
-    lenscube(environment(way.port), 0, [], *run(s3("slow.zarr")))
-    record = next(json.loads(v) for k, v in place.objects("films/slow.zarr").items() if k.startswith("runs/"))
-    print(f"  puts of 300 ms: {way.most_puts} at once, {time.monotonic() - begin:.1f} s; {way.requests} requests; "
+    lenscube(environment(proxy.port), 0, [], *run(s3("slow.zarr")))
+    record = next(json.loads(v) for k, v in store.objects("films/slow.zarr").items() if k.startswith("runs/"))
+    print(f"  puts of 300 ms: {proxy.max_puts} concurrent, {time.monotonic() - begin:.1f} s; {proxy.requests} requests; "
           f"peak {record['peak_resident_bytes'] / 2**20:.0f} MiB")
-    holds(1 < way.most_puts <= 8, f"{way.most_puts} puts at once")
-    way.close()
+    check(1 < proxy.max_puts <= 8, f"{proxy.max_puts} concurrent puts")
+    proxy.close()
 
 
 def main():
@@ -375,20 +374,20 @@ def main():
                     urllib.request.urlopen(f"http://127.0.0.1:{port}/moto-api/", timeout=5).close()
                     break
                 except OSError:
-                    holds(moto.poll() is None, "moto does not start")
+                    check(moto.poll() is None, "moto does not start")
                     time.sleep(0.1)
-            place, env = Place(port), environment(port)
-            whole = stores(place, env, here)
-            for step, args in [(looked_at, (place, env, whole)), (other_programs, (place, here / "film.zarr")), (killed, (place, whole)),
-                               (survived, (place, whole)), (in_units, (place, env, here, whole)), (refused, (place, env, here)), (replaced, (place,)),
-                               (encrypted, (place, here, whole)), (in_flight, (place,))]:
+            store, env = Store(port), environment(port)
+            reference = stores(store, env, here)
+            for step, args in [(status_and_verify, (store, env, reference)), (other_programs, (store, here / "film.zarr")), (kill_and_resume, (store, reference)),
+                               (transient_faults, (store, reference)), (in_units, (store, env, here, reference)), (permanent_errors, (store, env, here)), (replaced, (store,)),
+                               (encrypted, (store, here, reference)), (in_flight, (store,))]:
                 begin = time.monotonic()
                 step(*args)
                 print(f"  {step.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
         finally:
             moto.kill()
             moto.wait()
-    print(f"check-s3: {checks} checks, all is well")
+    print(f"check-s3: {checks} checks passed")
 
 
 main()

@@ -1,9 +1,9 @@
-"""Prints what scripts/check did: seconds of each step and test binary, and everything that was not checked, with the reason.
+"""Prints a summary of scripts/check: seconds of each step and test binary, and all skipped checks with the reason.
 
     python3 check_summary.py REPORT LOG [--ci] [--full]
 
-REPORT is the file of scripts/report.sh, LOG the output of `cargo test`. Exit code 1 with --ci if something was not checked that must be
-there: all but what the machine cannot have (a GPU, an instruction set), the tests that only --full runs, and measurements.
+REPORT is the file of scripts/report.sh, LOG the output of `cargo test`. Exit code 1 with --ci if a required check was skipped: all
+are required except those with unavailable hardware (a GPU, an instruction set), the tests of --full, and measurements.
 """
 import re
 import sys
@@ -23,7 +23,7 @@ def steps(report):
 
 
 def binaries(log):
-    """(test binary, seconds, tests run) in the order of the log, which has stdout and stderr in one stream."""
+    """(test binary, seconds, number of tests) in the order of the log, which contains stdout and stderr."""
     name = "?"
     for line in log.splitlines():
         if found := re.match(r"\s+Running (?:unittests )?(\S+) \((?:\S*/)?(\S+?)-[0-9a-f]{16}(?:\.exe)?\)", line):
@@ -34,7 +34,7 @@ def binaries(log):
 
 
 def ignored(log):
-    """(test, reason) of each test that was reported as ignored."""
+    """(test, reason) of each ignored test."""
     for line in log.splitlines():
         found = re.match(r"test (?:\[([^\]]*)\] )?(.+?)\s+\.\.\. ignored(?:, (.*))?$", line)
         if not found:
@@ -51,17 +51,17 @@ def passed(log):
 
 
 def missing(report, log):
-    """All that was not checked."""
+    """All checks that did not run."""
     found = []
     for name, state, _, reason in steps(report):
         if state == "skipped":
             found.append(Missing(name, reason, reason.startswith("unavailable: ")))
         elif state == "failed":
             found.append(Missing("every step after it", f"{name} failed", False))
-    later = passed(log)
+    passed_later = passed(log)
     by_reason = {}
     for test, reason in ignored(log):
-        if test not in later:
+        if test not in passed_later:
             by_reason.setdefault(reason, []).append(test)
     for reason, tests in by_reason.items():
         allowed = reason.startswith(("unavailable: ", "long: ", "measurement: "))
@@ -79,19 +79,19 @@ def main(report, log, ci, full):
     for name, state, seconds, reason in done:
         print(f"{seconds:8.1f}  {name}" + (f"  {state}: {reason}" if state != "ran" else ""))
     print(f"{sum(s[2] for s in done):8.1f}  in all")
-    lacking = missing(report, log)
+    skipped = missing(report, log)
     if not full:
-        lacking.append(Missing("golden data made anew, 200 kills, longer fuzzing", "long: scripts/check --full", True))
-    print("== not checked" if lacking else "== everything was checked")
-    for item in lacking:
+        skipped.append(Missing("regenerated golden data, 200 kills, longer fuzzing", "long: scripts/check --full", True))
+    print("== not checked" if skipped else "== everything was checked")
+    for item in skipped:
         print(f"  {item.what}: {item.reason}" + ("" if item.allowed or not ci else "  <- MUST RUN IN CI"))
     if any(s[1] == "failed" for s in done):
         print("== FAILED")
         return 1
-    if ci and not all(item.allowed for item in lacking):
+    if ci and not all(item.allowed for item in skipped):
         print("== FAILED: what must run in CI did not")
         return 1
-    print(f"== all {len(done)} steps that ran passed; {len(lacking)} entries under \"not checked\"")
+    print(f"== all {len(done)} steps that ran passed; {len(skipped)} entries under \"not checked\"")
     return 0
 
 

@@ -1,8 +1,8 @@
-// The page of `lenscube view` in headless Chromium; check-view runs it.
+// The page of `lenscube view` in headless Chromium; run by check-view.
 //
-// What must hold: no error on the console and no request to any other host; zoom, bands, exposure, swipe, pins and crops by hand and by
-// keyboard; the spectrum read off the page is the store's; a crop has the pixels of `lenscube export`; a foreign Host is refused; every
-// control has a name; it can be read in light and dark and on a narrow screen (SHOTS=folder keeps pictures).
+// Checked: no error on the console and no request to another host; zoom, bands, exposure, swipe, pins and crops by mouse and by
+// keyboard; the spectrum on the page is that of the store; a crop has the pixels of `lenscube export`; a foreign Host is rejected; every
+// control has an accessible name; light, dark and narrow layouts (SHOTS=folder keeps screenshots).
 
 import { execFileSync, spawn } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync, mkdirSync } from "node:fs";
@@ -15,14 +15,14 @@ const { LENSCUBE, CHROMIUM, SHOTS } = process.env;
 const place = mkdtempSync(join(tmpdir(), "check-view-"));
 let checks = 0;
 
-function holds(condition, what) {
+function check(condition, message) {
   checks += 1;
-  if (!condition) throw new Error(what);
+  if (!condition) throw new Error(message);
 }
-const run = (...words) => execFileSync(LENSCUBE, words, { stdio: ["ignore", "pipe", "pipe"] });
+const run = (...args) => execFileSync(LENSCUBE, args, { stdio: ["ignore", "pipe", "pipe"] });
 
-function view(...words) {
-  const child = spawn(LENSCUBE, ["view", ...words], { stdio: ["ignore", "pipe", "ignore"] });
+function view(...args) {
+  const child = spawn(LENSCUBE, ["view", ...args], { stdio: ["ignore", "pipe", "ignore"] });
   return new Promise((resolve, reject) => {
     child.once("exit", (code) => reject(new Error(`lenscube view ended with ${code}`)));
     child.stdout.once("data", (line) => resolve({ child, url: String(line).trim() }));
@@ -30,24 +30,24 @@ function view(...words) {
 }
 
 const status = (url, headers) => new Promise((resolve, reject) =>
-  http.get(url, { headers }, (answer) => { answer.resume(); resolve(answer.statusCode); }).on("error", reject));
+  http.get(url, { headers }, (response) => { response.resume(); resolve(response.statusCode); }).on("error", reject));
 
-/** A page whose console must stay silent and whose requests must stay at home. */
+/** A page, with its console errors and its requests to other hosts in `errors`. */
 async function open(browser, url, options = {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 820 }, ...options });
   const page = await context.newPage();
-  const faults = [];
-  // The one about reading pixels back is of these checks' own doing.
-  const own = (m) => m.text().includes("willReadFrequently");
-  page.on("console", (m) => { if (["error", "warning"].includes(m.type()) && !own(m)) faults.push(m.text()); });
-  page.on("pageerror", (e) => faults.push(String(e)));
-  page.on("request", (r) => { if (!r.url().startsWith(url) && !r.url().startsWith("blob:")) faults.push(`request to ${r.url()}`); });
+  const errors = [];
+  // The warning about reading pixels back is caused by these checks.
+  const expected = (m) => m.text().includes("willReadFrequently");
+  page.on("console", (m) => { if (["error", "warning"].includes(m.type()) && !expected(m)) errors.push(m.text()); });
+  page.on("pageerror", (e) => errors.push(String(e)));
+  page.on("request", (r) => { if (!r.url().startsWith(url) && !r.url().startsWith("blob:")) errors.push(`request to ${r.url()}`); });
   await page.goto(url);
   await ready(page);
-  return { page, context, faults };
+  return { page, context, errors };
 }
 const ready = (page) => page.waitForFunction(() => document.body.dataset.ready === "true" && !document.getElementById("busy").textContent, null, { timeout: 120000 });
-const shot = async (page, name) => { if (SHOTS) { mkdirSync(SHOTS, { recursive: true }); await page.screenshot({ path: join(SHOTS, `${name}.png`) }); } };
+const screenshot = async (page, name) => { if (SHOTS) { mkdirSync(SHOTS, { recursive: true }); await page.screenshot({ path: join(SHOTS, `${name}.png`) }); } };
 const text = (page, id) => page.locator(`#${id}`).textContent();
 
 /** Pixels of a PNG, as the browser decodes them. */
@@ -55,15 +55,15 @@ const pixels = (page, bytes) => page.evaluate(async (base64) => {
   const blob = new Blob([Uint8Array.from(atob(base64), (c) => c.charCodeAt(0))], { type: "image/png" });
   const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none" });
   const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
-  const ink = canvas.getContext("2d");
-  ink.drawImage(bitmap, 0, 0);
-  return { w: bitmap.width, h: bitmap.height, rgba: [...ink.getImageData(0, 0, bitmap.width, bitmap.height).data] };
+  const context = canvas.getContext("2d");
+  context.drawImage(bitmap, 0, 0);
+  return { w: bitmap.width, h: bitmap.height, rgba: [...context.getImageData(0, 0, bitmap.width, bitmap.height).data] };
 }, Buffer.from(bytes).toString("base64"));
 
-async function looks(browser, url) {
-  const { page, context, faults } = await open(browser, url);
-  holds((await page.title()).includes("film.zarr"), "the title names the film");
-  holds(await page.locator("#view canvas").count() > 0, "there is a picture");
+async function viewing(browser, url) {
+  const { page, context, errors } = await open(browser, url);
+  check((await page.title()).includes("film.zarr"), "the title contains the film name");
+  check(await page.locator("#view canvas").count() > 0, "the film is drawn");
   const before = await text(page, "zoom");
   const box = await page.locator("#view").boundingBox();
   const middle = [box.x + box.width / 2, box.y + box.height / 2];
@@ -72,24 +72,24 @@ async function looks(browser, url) {
   await page.waitForTimeout(900);
   await ready(page);
   const after = await text(page, "zoom");
-  holds(before !== after && /^[\d.]+ : 1$/.test(after), `the wheel zooms: ${before}, then ${after}`);
+  check(before !== after && /^[\d.]+ : 1$/.test(after), `the wheel zooms: ${before}, then ${after}`);
 
   // A band, by its key and by its slider.
   await page.locator("#view .openseadragon-canvas").focus();
   await page.keyboard.press("b");
   await ready(page);
   const first = await text(page, "band-text");
-  const asked = page.waitForRequest((r) => r.url().includes("/tile/film/") && r.url().includes("band=2"));
+  const requested = page.waitForRequest((r) => r.url().includes("/tile/film/") && r.url().includes("band=2"));
   await page.locator("#band").focus();
   await page.locator("#band").fill("2");
-  await asked;
+  await requested;
   await ready(page);
-  holds(await text(page, "band-text") === "610 nm" && first !== "610 nm", `band ${first}, then ${await text(page, "band-text")}`);
+  check(await text(page, "band-text") === "610 nm" && first !== "610 nm", `band ${first}, then ${await text(page, "band-text")}`);
   await page.keyboard.press(",");
   await ready(page);
-  holds(await text(page, "band-text") === "550 nm", "the key , goes one band back");
+  check(await text(page, "band-text") === "550 nm", "the key , goes one band back");
 
-  // Exposure: the same place, darker.
+  // Exposure: the same view, darker.
   const mean = () => page.evaluate(() => {
     const c = document.querySelector("#view canvas");
     const data = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
@@ -106,27 +106,27 @@ async function looks(browser, url) {
   await page.waitForTimeout(300);
   await ready(page);
   await page.waitForTimeout(200);
-  holds(await mean() < bright * 0.9, `[ makes it darker: ${bright}, then ${await mean()}`);
+  check(await mean() < bright * 0.9, `[ makes it darker: ${bright}, then ${await mean()}`);
   await page.locator("#reset").click();
   await page.waitForTimeout(200);
   await ready(page);
 
-  // The spectrum of a pixel is that of the store; so are place and lens.
+  // Spectrum of a pixel, compared with the store; position and lens data.
   await page.locator("#px").fill("40");
   await page.locator("#py").fill("31");
   await page.locator("#go button").click();
   await page.waitForFunction(() => document.body.dataset.pixel === "40,31");
-  const told = JSON.parse(await page.evaluate(async () => (await fetch("api/pixel?x=40&y=31")).text()));
+  const reply = JSON.parse(await page.evaluate(async () => (await fetch("api/pixel?x=40&y=31")).text()));
   const store = stored(40, 31);
-  holds(told.film.length === 3 && told.film.every((v, b) => Math.fround(v) === store[b]), `the store has ${store}, the page ${told.film}`);
+  check(reply.film.length === 3 && reply.film.every((v, b) => Math.fround(v) === store[b]), `the store has ${store}, the page ${reply.film}`);
   const label = await page.locator("#spectrum").getAttribute("aria-label");
   for (const [b, nm] of [450, 550, 610].entries()) {
     const shown = Number(label.match(new RegExp(`${nm} nm ([\\d.]+)`))[1]);
-    holds(Math.abs(shown - store[b]) <= 1e-3 * store[b], `the plot shows ${shown} at ${nm} nm, the store has ${store[b]}`);
+    check(Math.abs(shown - store[b]) <= 1e-3 * store[b], `the plot shows ${shown} at ${nm} nm, the store has ${store[b]}`);
   }
   await page.waitForFunction(() => document.body.dataset.lens?.startsWith("40,31,"), null, { timeout: 120000 });
-  holds((await text(page, "figures")).includes("RI") && await page.locator("#psf").evaluate((i) => i.complete && i.naturalWidth > 4), "lens data are there");
-  await shot(page, "light");
+  check((await text(page, "figures")).includes("RI") && await page.locator("#psf").evaluate((i) => i.complete && i.naturalWidth > 4), "lens data are shown");
+  await screenshot(page, "light");
 
   // Keys: a pin in the middle, moved by one pixel.
   await page.keyboard.press("Escape");
@@ -137,39 +137,39 @@ async function looks(browser, url) {
   await page.waitForFunction(() => document.body.dataset.pixel !== "40,31" && !document.getElementById("pin").hidden);
   const [px, py] = (await page.evaluate(() => document.body.dataset.pixel)).split(",").map(Number);
   await page.keyboard.press("Shift+ArrowRight");
-  await page.waitForFunction((want) => document.body.dataset.pixel === want, `${px + 1},${py}`);
-  holds(true, "Shift and an arrow move the pin");
+  await page.waitForFunction((pixel) => document.body.dataset.pixel === pixel, `${px + 1},${py}`);
+  check(true, "Shift and an arrow move the pin");
   const at = () => page.evaluate(() => document.getElementById("pin").style.left);
   const left = await at();
   await page.keyboard.press("ArrowRight");
   await page.waitForTimeout(700);
-  holds(await at() !== left, "arrows move the picture");
+  check(await at() !== left, "arrows move the picture");
   const zoomed = await text(page, "zoom");
   await page.keyboard.press("+");
   await page.waitForTimeout(700);
-  holds(await text(page, "zoom") !== zoomed, "plus zooms");
+  check(await text(page, "zoom") !== zoomed, "plus zooms");
   await page.keyboard.press("?");
-  holds(await page.locator("#help").evaluate((d) => d.open), "? tells the keys");
+  check(await page.locator("#help").evaluate((d) => d.open), "? shows the keys");
   await page.keyboard.press("Escape");
 
-  // Everything that can be used has a name, and Tab reaches it in order.
+  // Every control has an accessible name, and Tab reaches the controls in order.
   const nameless = await page.evaluate(() => [...document.querySelectorAll("button, input, select, a, [role=slider]")].filter((e) =>
     !e.closest("[hidden]") && !(e.getAttribute("aria-label") || e.labels?.length || e.textContent.trim())).map((e) => e.id || e.outerHTML));
-  holds(nameless.length === 0, `without a name: ${nameless}`);
+  check(nameless.length === 0, `without a name: ${nameless}`);
   await page.locator("#help-open").focus();
   const order = [];
   for (let i = 0; i < 14; i += 1) {
     await page.keyboard.press("Tab");
     order.push(await page.evaluate(() => document.activeElement.id || document.activeElement.className));
   }
-  const want = ["openseadragon-canvas", "mode-colour", "band", "ev", "gamma", "white", "reset", "px"];
-  const places = want.map((w) => order.findIndex((o) => o.includes(w)));
-  holds(places.every((p, i) => p >= 0 && (i === 0 || p > places[i - 1])), `the focus goes ${order}`);
-  holds(faults.length === 0, `the console says ${faults.join("; ")}`);
+  const expected = ["openseadragon-canvas", "mode-colour", "band", "ev", "gamma", "white", "reset", "px"];
+  const places = expected.map((w) => order.findIndex((o) => o.includes(w)));
+  check(places.every((p, i) => p >= 0 && (i === 0 || p > places[i - 1])), `the focus goes ${order}`);
+  check(errors.length === 0, `console: ${errors.join("; ")}`);
   await context.close();
 }
 
-/** Values of a pixel of the film by another way than the page's: a window of one pixel computed anew. */
+/** Values of a pixel of the film, from a separate run with a region of one pixel. */
 function stored(x, y) {
   const film = join(place, `pixel-${x}-${y}.zarr`);
   run("run", ...chart, film, ...job, "--roi", `${x},${y},1,1`, "--codec", "none", "--chunk", "1", "--shard", "1");
@@ -177,7 +177,7 @@ function stored(x, y) {
 }
 
 async function swipes(browser, url) {
-  const { page, context, faults } = await open(browser, url, { colorScheme: "dark" });
+  const { page, context, errors } = await open(browser, url, { colorScheme: "dark" });
   const line = page.locator("#swipe-line");
   await page.locator("#swipe").click();
   await page.waitForFunction(() => !document.getElementById("swipe-line").hidden);
@@ -196,32 +196,32 @@ async function swipes(browser, url) {
   await page.mouse.move(box.x + box.width * 0.8, at.y + 200, { steps: 5 });
   await page.mouse.up();
   await page.waitForTimeout(300);
-  holds(await line.getAttribute("aria-valuenow") === "80", `the line is at ${await line.getAttribute("aria-valuenow")}`);
-  holds(await column(0.42) === film && await column(0.58) !== chart, "left of the line is the film, and the film differs from the chart");
+  check(await line.getAttribute("aria-valuenow") === "80", `the line is at ${await line.getAttribute("aria-valuenow")}`);
+  check(await column(0.42) === film && await column(0.58) !== chart, "left of the line is the film, and the film differs from the chart");
   await line.focus();
   for (let i = 0; i < 25; i += 1) await page.keyboard.press("ArrowLeft");
   await page.waitForTimeout(300);
   const place = await line.getAttribute("aria-valuenow");
-  holds(place === "30", `arrows move the line to ${place}`);
+  check(place === "30", `arrows move the line to ${place}`);
   const again = await column(0.58);
-  const off = (a, b) => Math.max(...a.split(",").map((v, i) => Math.abs(v - b.split(",")[i])));
-  // At the chart's own edge the canvas may blend otherwise.
-  holds(off(again, chart) <= 8, `right of the line is the chart: off by ${off(again, chart)}`);
+  const difference = (a, b) => Math.max(...a.split(",").map((v, i) => Math.abs(v - b.split(",")[i])));
+  // Blending on the canvas may differ at the edge of the chart.
+  check(difference(again, chart) <= 8, `right of the line is the chart: maximum difference ${difference(again, chart)}`);
   for (let i = 0; i < 10; i += 1) await page.keyboard.press("ArrowRight");
   await page.mouse.click(box.x + box.width * 0.62, box.y + box.height * 0.3);
   await page.waitForFunction(() => document.body.dataset.lens, null, { timeout: 120000 });
   await page.waitForTimeout(300);
-  await shot(page, "dark");
+  await screenshot(page, "dark");
   await page.locator("#swipe").click();
   await page.waitForFunction(() => document.getElementById("swipe-line").hidden);
   await ready(page);
-  holds(faults.length === 0, `the console says ${faults.join("; ")}`);
+  check(errors.length === 0, `console: ${errors.join("; ")}`);
   await context.close();
 }
 
 async function crops(browser, url) {
-  const { page, context, faults } = await open(browser, url, { viewport: { width: 420, height: 860 }, acceptDownloads: true });
-  await shot(page, "narrow");
+  const { page, context, errors } = await open(browser, url, { viewport: { width: 420, height: 860 }, acceptDownloads: true });
+  await screenshot(page, "narrow");
   await page.evaluate(() => scrollTo(0, 0));
   await page.keyboard.press("x");
   const box = await page.locator("#crop-layer").boundingBox();
@@ -230,32 +230,32 @@ async function crops(browser, url) {
   await page.mouse.move(box.x + 210, box.y + 190, { steps: 4 });
   await page.mouse.up();
   const drawn = await Promise.all(["cw", "ch"].map((id) => page.locator(`#${id}`).inputValue()));
-  holds(drawn.every((v) => Number(v) > 20), `a crop of ${drawn}`);
-  // All of the film: the same pixels as `export` gives at the same exposure.
+  check(drawn.every((v) => Number(v) > 20), `a crop of ${drawn}`);
+  // The complete film: the pixels of `export` at the same exposure.
   const all = { cx: 0, cy: 0, cw: 463, ch: 541 };
   for (const [id, v] of Object.entries(all)) await page.locator(`#${id}`).fill(String(v));
   const [saved] = await Promise.all([page.waitForEvent("download"), page.locator("#save").click()]);
   const crop = readFileSync(await saved.path());
   const exposure = (await page.locator("#save").getAttribute("href")).match(/exposure=([^&]+)/)[1];
-  holds(saved.suggestedFilename() === "film.zarr-0-0-463x541.png", saved.suggestedFilename());
+  check(saved.suggestedFilename() === "film.zarr-0-0-463x541.png", saved.suggestedFilename());
   const out = join(place, "export.png");
   run("export", join(place, "film.zarr"), out, "--exposure", exposure, "--max-side", "9999");
   const [a, b] = [await pixels(page, crop), await pixels(page, readFileSync(out))];
-  holds(a.w === 463 && a.h === 541 && b.w === 463, `the crop has ${a.w} x ${a.h} pixels`);
+  check(a.w === 463 && a.h === 541 && b.w === 463, `the crop has ${a.w} x ${a.h} pixels`);
   const differ = a.rgba.findIndex((v, i) => v !== b.rgba[i]);
-  holds(differ < 0, `crop and export differ at ${differ}: ${a.rgba[differ]}, ${b.rgba[differ]}`);
-  holds(new Set(a.rgba).size > 50, "the crop shows something");
+  check(differ < 0, `crop and export differ at ${differ}: ${a.rgba[differ]}, ${b.rgba[differ]}`);
+  check(new Set(a.rgba).size > 50, "the crop is not uniform");
   const small = await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth);
-  holds(small, "nothing sticks out of a narrow screen");
-  holds(faults.length === 0, `the console says ${faults.join("; ")}`);
+  check(small, "a narrow screen needs no horizontal scrolling");
+  check(errors.length === 0, `console: ${errors.join("; ")}`);
   await context.close();
 }
 
-async function bare(browser, url) {
-  const { page, context, faults } = await open(browser, url);
-  holds((await text(page, "note")).includes("lenscube pyramid"), "the page says that there is no pyramid");
-  holds((await text(page, "lens-name")).includes("No lens data"), "the page says that there is no lens");
-  holds(faults.length === 0, `the console says ${faults.join("; ")}`);
+async function withoutPyramidAndLens(browser, url) {
+  const { page, context, errors } = await open(browser, url);
+  check((await text(page, "note")).includes("lenscube pyramid"), "the page reports the missing pyramid");
+  check((await text(page, "lens-name")).includes("No lens data"), "the page reports the missing lens data");
+  check(errors.length === 0, `console: ${errors.join("; ")}`);
   await context.close();
 }
 
@@ -270,23 +270,23 @@ try {
   servers.push(await view(join(place, "bare.zarr//film"), "--chart", chart[0]));
   const { url } = servers[0];
   const { port } = new URL(url);
-  holds(await status(url, {}) === 200, "the page is there");
-  for (const host of ["evil.example", `evil.example:${port}`, "127.0.0.1"]) holds(await status(url, { Host: host }) === 403, `Host ${host} is let in`);
-  holds(await status(`${url}api/site`, { Origin: "http://evil.example" }) === 403, "a foreign Origin is let in");
+  check(await status(url, {}) === 200, "the page is served");
+  for (const host of ["evil.example", `evil.example:${port}`, "127.0.0.1"]) check(await status(url, { Host: host }) === 403, `Host ${host} is accepted`);
+  check(await status(`${url}api/content`, { Origin: "http://evil.example" }) === 403, "a foreign Origin is accepted");
   const flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"];
   browser = await chromium.launch({ executablePath: CHROMIUM, args: flags });
-  await looks(browser, url);
+  await viewing(browser, url);
   await swipes(browser, url);
   await crops(browser, url);
-  await bare(browser, servers[1].url);
+  await withoutPyramidAndLens(browser, servers[1].url);
   const { child } = servers.pop();
   child.removeAllListeners("exit");
   const ended = new Promise((resolve) => child.once("exit", resolve));
   child.kill("SIGINT");
-  holds(await ended === 0, "Ctrl-C ends it well");
+  check(await ended === 0, "Ctrl-C ends the server with 0");
   console.log(`${checks} checks: Chromium ${browser.version()} showed what lenscube served`);
-} catch (fault) {
-  console.error(`check-view: ${fault.message}\n${fault.stack.split("\n").slice(1, 5).join("\n")}`);
+} catch (error) {
+  console.error(`check-view: ${error.message}\n${error.stack.split("\n").slice(1, 5).join("\n")}`);
   process.exitCode = 1;
 } finally {
   await browser?.close();

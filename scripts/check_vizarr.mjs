@@ -1,4 +1,4 @@
-// Opens a pyramid with @vivjs/loaders (vizarr, Avivator) and ome-zarr.js; check-vizarr runs it. Every level must have the values that zarrita
+// Opens a pyramid with @vivjs/loaders (vizarr, Avivator) and ome-zarr.js; run by check-vizarr. Every level must have the values that zarrita
 // reads from its array.
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";
@@ -12,35 +12,35 @@ import * as zarr from "zarrita";
 const program = process.argv[2];
 const place = mkdtempSync(join(tmpdir(), "check-vizarr-"));
 let checks = 0;
-function holds(condition, what) {
+function check(condition, message) {
   checks += 1;
-  if (!condition) throw new Error(what);
+  if (!condition) throw new Error(message);
 }
 
 try {
   const film = join(place, "film.zarr");
-  const words = ["run", "gen:composite?size=777x1031&wavelengths=450,550,610&pitch_um=2", film, "--lens", "double-gauss-28-npz", "--stages", "ri", "--no-fsync", "--pyramid"];
-  execFileSync(program, words, { stdio: ["ignore", "ignore", "pipe"] });
+  const args = ["run", "gen:composite?size=777x1031&wavelengths=450,550,610&pitch_um=2", film, "--lens", "double-gauss-28-npz", "--stages", "ri", "--no-fsync", "--pyramid"];
+  execFileSync(program, args, { stdio: ["ignore", "ignore", "pipe"] });
   const store = new FileSystemStore(film);
   const root = await zarr.open(zarr.root(store), { kind: "group" });
   const { datasets, axes } = root.attrs.ome.multiscales[0];
-  holds(datasets.length === 4 && axes.map((a) => a.name).join() === "wavelength,y,x", `levels ${datasets.map((d) => d.path)}`);
+  check(datasets.length === 4 && axes.map((a) => a.name).join() === "wavelength,y,x", `levels ${datasets.map((d) => d.path)}`);
 
   const { data, metadata } = await loadOmeZarrFromStore(store);
-  holds(data.length === datasets.length && metadata.omero.channels.length === 3, `viv sees ${data.length} levels`);
+  check(data.length === datasets.length && metadata.omero.channels.length === 3, `viv sees ${data.length} levels`);
   for (const [level, source] of data.entries()) {
     const array = await zarr.open(root.resolve(datasets[level].path), { kind: "array" });
-    const { data: own, shape } = await zarr.get(array, [1, null, null]);
-    holds(source.shape.join() === array.shape.join() && source.labels.join() === "wavelength,y,x", `viv: level ${level} is ${source.shape} of ${source.labels}`);
+    const { data: expected, shape } = await zarr.get(array, [1, null, null]);
+    check(source.shape.join() === array.shape.join() && source.labels.join() === "wavelength,y,x", `viv: level ${level} is ${source.shape} of ${source.labels}`);
     const raster = await source.getRaster({ selection: { wavelength: 1 } });
-    holds(raster.width === shape[1] && raster.height === shape[0] && raster.data.every((v, i) => v === own[i]), `viv: values of level ${level}`);
+    check(raster.width === shape[1] && raster.height === shape[0] && raster.data.every((v, i) => v === expected[i]), `viv: values of level ${level}`);
   }
 
   const { arr, shapes } = await omezarr.getMultiscaleWithArray(store, 0);
-  holds(arr.shape[1] === 777 && arr.shape[2] === 1031, `ome-zarr.js sees ${arr.shape} of ${shapes}`);
+  check(arr.shape[1] === 777 && arr.shape[2] === 1031, `ome-zarr.js sees ${arr.shape} of ${shapes}`);
   console.log(`${checks} checks: viv's loader and ome-zarr.js opened a pyramid`);
-} catch (fault) {
-  console.error(`check-vizarr: ${fault.stack}`);
+} catch (error) {
+  console.error(`check-vizarr: ${error.stack}`);
   process.exitCode = 1;
 } finally {
   rmSync(place, { recursive: true, force: true });

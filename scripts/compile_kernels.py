@@ -1,7 +1,7 @@
-"""What scripts/ptx runs: every .cu under pipeline/ to pipeline/ptx/NAME.ptx, and what the assemblers say of it.
+"""Compiles every .cu under pipeline/ to pipeline/ptx/NAME.ptx and assembles it; run by scripts/ptx.
 
-A .cu may take constants from Rust, so that they stand once: its line `// From cuda.rs: LANES, SIDE` defines LANES and SIDE as the
-literals that `const LANES: usize = 16;` gives in that file (a path relative to the .cu).
+Constants shared with Rust are defined once, in Rust: a line `// From cuda.rs: THREADS, TILES` of a .cu defines THREADS and TILES as
+the literals of `const THREADS: usize = 256;` etc. in that file (a path relative to the .cu).
 """
 
 import ctypes
@@ -40,32 +40,32 @@ def compile_ptx(nvrtc, source):
     log = ctypes.create_string_buffer(size.value)
     nvrtc.nvrtcGetProgramLog(program, log)
     if failed or log.value.strip():
-        sys.exit(f"{source}: {log.value.decode().strip() or 'NVRTC fails without a word'}")
+        sys.exit(f"{source}: {log.value.decode().strip() or 'NVRTC fails without a message'}")
     nvrtc.nvrtcGetPTXSize(program, ctypes.byref(size))
     ptx = ctypes.create_string_buffer(size.value)
     nvrtc.nvrtcGetPTX(program, ptx)
-    # Without what a header of the compiler's own leaves there; nothing uses it.
+    # Without the declarations of a header of the compiler, which are not used.
     text = b"\n".join(line for line in ptx.value.split(b"\n") if b"2nv6target" not in line)
-    # Rounding to nearest is what these do; said, it keeps the driver's assembler from fusing them, in which drivers may differ.
+    # Explicit rounding prevents the driver's assembler from fusing multiplication and addition, in which drivers may differ.
     return re.sub(rb"\b(add|sub|mul)\.(f32|f64)\b", rb"\1.rn.\2", text)
 
 
 def assemble(ptxas, ptx, architecture):
-    """(kernel, registers, bytes of stack, of spills) of every kernel on an architecture."""
+    """(kernel, registers, stack bytes, spilled bytes) of every kernel on an architecture."""
     command = [ptxas, "-v", f"-arch={architecture}", ptx, "-o", "/dev/null"]
     run = subprocess.run(command, capture_output=True, text=True)
     if run.returncode:
         sys.exit(f"{ptx} on {architecture}: {run.stderr}")
-    said = re.findall(
+    figures = re.findall(
         r"Compiling entry function '(\w+)'.*?(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads"
         r".*?Used (\d+) registers",
         run.stderr,
         re.S,
     )
     entries = re.findall(r"\.entry (\w+)", pathlib.Path(ptx).read_text("utf-8"))
-    if sorted(name for name, *_ in said) != sorted(entries):
-        sys.exit(f"{ptx} on {architecture}: no figures for every kernel in\n{run.stderr}")
-    return [(name, int(registers), int(stack), int(a) + int(b)) for name, stack, a, b, registers in said]
+    if sorted(name for name, *_ in figures) != sorted(entries):
+        sys.exit(f"{ptx} on {architecture}: figures are missing for some kernels in\n{run.stderr}")
+    return [(name, int(registers), int(stack), int(a) + int(b)) for name, stack, a, b, registers in figures]
 
 
 def main():
@@ -76,7 +76,7 @@ def main():
     for source in sorted(pathlib.Path("pipeline").rglob("*.cu")):
         there, fresh = pathlib.Path("pipeline/ptx", source.stem + ".ptx"), compile_ptx(nvrtc, source)
         if check and (not there.exists() or there.read_bytes() != fresh):
-            problem = "is not what its source gives" if there.exists() else "is missing"
+            problem = "differs from the output of its source" if there.exists() else "is missing"
             wrong.append(f"{there} {problem}: run scripts/ptx")
             continue
         if not check:
@@ -95,7 +95,7 @@ def main():
     print("' by the assembler of 12.9, else of 12.2")
     for line in wrong:
         print(line, file=sys.stderr)
-    # What is only being tried may spill.
+    # Without --check, spilling is reported only.
     sys.exit(1 if wrong and check else 0)
 
 

@@ -1,11 +1,11 @@
 # Sourced by checks that use Python packages, from the project's root.
 # shellcheck shell=bash
 
-# What wrote the golden data.
+# Packages with which the golden data were written.
 GOLDEN_PINS=(numpy==2.4.6 zarr==3.1.5 numcodecs==0.16.6)
 
-# python_with NAME PIN...: sets `python` to one that has these packages, in an environment under target/ that is made once.
-# Where there is no Python or no way to get the packages it returns 1, and `python_lacks` says why.
+# python_with NAME PIN...: sets `python` to an interpreter with these packages, in an environment under target/ that is created once.
+# Without Python, or if pip fails, it returns 1 and sets `python_lacks` to the reason.
 python_with() {
     local place=target/$1-venv
     shift
@@ -31,7 +31,7 @@ python_with() {
     fi
 }
 
-# Sets LENSCUBE, unless it is set, to the binary that `cargo test` runs: nothing is built twice.
+# Sets LENSCUBE, unless it is set, to the binary that `cargo test` builds.
 built_lenscube() {
     LENSCUBE=${LENSCUBE:-$(cargo test --quiet --workspace --test golden --no-run --message-format=json | python3 -c '
 import json, sys

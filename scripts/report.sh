@@ -1,8 +1,8 @@
-# Sourced by the checks, from the project's root: what was not checked is recorded.
+# Sourced by the checks, from the project's root: records steps and skipped checks.
 # shellcheck shell=bash
 #
-# LENSCUBE_CHECK_REPORT, set by scripts/check, names a file of lines `step TAB state TAB seconds TAB reason`; a check alone only prints.
-# States: ran, failed, skipped. A reason that begins with "unavailable: " names what no installation provides here.
+# LENSCUBE_CHECK_REPORT, set by scripts/check, is the path of a file of lines `step TAB state TAB seconds TAB reason`; without it a check
+# only prints. States: ran, failed, skipped. A reason starting with "unavailable: " is a requirement that cannot be installed here.
 
 in_ci() { [ "${CI:-false}" != false ] && [ "${CI:-}" != 0 ]; }
 
@@ -13,7 +13,7 @@ record() {
     fi
 }
 
-# skipped_part NAME REASON: this part of a check is not done. In CI that is a failure, unless it cannot be had there.
+# skipped_part NAME REASON: records that a part of a check is skipped. An error in CI unless the requirement is unavailable.
 skipped_part() {
     echo "$1: SKIPPED: $2" >&2
     record "$1" skipped "" "$2"
@@ -21,13 +21,13 @@ skipped_part() {
     ! in_ci || { echo "$1: must run in CI" >&2; return 1; }
 }
 
-# skipped REASON: nothing of this check is done.
+# skipped REASON: records that the check is skipped, and exits.
 skipped() {
     skipped_part "$(basename "$0")" "$*" || exit 1
     exit 0
 }
 
-# ensure_program PROGRAM PACKAGE...: makes sure that PROGRAM is there, by apt-get where that is possible (Debian and its kin, as root).
+# ensure_program PROGRAM PACKAGE...: installs PROGRAM if it is missing, by apt-get (Debian and derivatives, as root).
 ensure_program() {
     local program=$1
     shift
@@ -38,7 +38,7 @@ ensure_program() {
     command -v "$program" >/dev/null
 }
 
-# node_20: node and npm are there and new enough; else `node_lacks` says what is missing.
+# node_20: checks that node >= 20 and npm are installed; else sets `node_lacks` to the reason.
 node_20() {
     node_lacks="node and npm are not installed"
     ensure_program node nodejs && ensure_program npm npm || return 1

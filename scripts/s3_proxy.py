@@ -1,4 +1,4 @@
-"""A web proxy before a store on this machine, that makes the faults it is told to; for check_s3.py."""
+"""HTTP proxy in front of a store on this machine that injects faults; used by check_s3.py."""
 import http.client
 import http.server
 import socket
@@ -7,19 +7,21 @@ import struct
 import threading
 import time
 
-REFUSED = """<?xml version="1.0" encoding="UTF-8"?>
+FORBIDDEN = """<?xml version="1.0" encoding="UTF-8"?>
 <Error><Code>SignatureDoesNotMatch</Code><Message>The request signature we calculated does not match.</Message>\
 <AWSAccessKeyId>{key}</AWSAccessKeyId><StringToSign>AWS4-HMAC-SHA256 {key} secret-string-to-sign</StringToSign></Error>"""
 SLOW_DOWN = "<Error><Code>SlowDown</Code><Message>Please reduce your request rate.</Message></Error>"
 
 
 class Proxy:
-    """Forwards to `upstream` (host, port). `rule(n, method, path)` names a fault for the n-th request, or None."""
+    """Forwards to `upstream` (host, port). `rule(n, method, path)` returns the fault of the n-th request, or None:
+    an HTTP status (403, 429, 500, 503), a delay in seconds (float), "reset" (connection reset inside the request body), "lost" (request
+    executed, connection reset before the response) or "cut" (connection reset inside the response body)."""
 
     def __init__(self, upstream, rule=None, certificate=None):
         self.upstream, self.rule = upstream, rule or (lambda n, method, path: None)
         self.lock = threading.Lock()
-        self.requests = self.faults = self.puts = self.most_puts = 0
+        self.requests = self.faults = self.puts = self.max_puts = 0
         proxy = self
 
         class Handler(http.server.BaseHTTPRequestHandler):
@@ -29,7 +31,7 @@ class Proxy:
                 pass
 
             def do_GET(self):
-                proxy.serve(self)
+                proxy.handle(self)
 
             do_PUT = do_POST = do_HEAD = do_DELETE = do_GET
 
@@ -38,7 +40,7 @@ class Proxy:
             request_queue_size = 64
 
             def handle_error(self, *_):
-                pass  # connections that were broken on purpose
+                pass  # connections reset on purpose
 
         self.server = Server(("127.0.0.1", 0), Handler)
         if certificate:
@@ -52,7 +54,7 @@ class Proxy:
         self.server.shutdown()
         self.server.server_close()
 
-    def serve(self, to):
+    def handle(self, to):
         with self.lock:
             self.requests += 1
             n = self.requests
@@ -64,32 +66,32 @@ class Proxy:
         if put:
             with self.lock:
                 self.puts += 1
-                self.most_puts = max(self.most_puts, self.puts)
+                self.max_puts = max(self.max_puts, self.puts)
         try:
-            self.answer(to, fault)
+            self.respond(to, fault)
         finally:
             if put:
                 with self.lock:
                     self.puts -= 1
 
-    def answer(self, to, fault):
+    def respond(self, to, fault):
         length = int(to.headers.get("Content-Length") or 0)
-        if fault == "reset":  # in the middle of what is sent
+        if fault == "reset":  # after half of the request body
             to.rfile.read(length // 2)
             return self.reset(to)
         body = to.rfile.read(length)
         if isinstance(fault, float):
             time.sleep(fault)
         if fault in (503, 429, 500):
-            return self.say(to, fault, SLOW_DOWN)
+            return self.send(to, fault, SLOW_DOWN)
         if fault == 403:
-            return self.say(to, 403, REFUSED.format(key="AKIAHUSHHUSH"))
+            return self.send(to, 403, FORBIDDEN.format(key="AKIAHUSHHUSH"))
         c = http.client.HTTPConnection(*self.upstream, timeout=60)
         headers = {k: v for k, v in to.headers.items() if k.lower() not in ("connection", "content-length")}
         c.request(to.command, to.path, body if length or to.command == "PUT" else None, headers)
         r = c.getresponse()
         data = r.read()
-        if fault == "lost":  # done, and nobody is told
+        if fault == "lost":  # executed, but no response
             return self.reset(to)
         to.send_response(r.status)
         for k, v in r.getheaders():
@@ -105,7 +107,7 @@ class Proxy:
             return self.reset(to)
         to.wfile.write(data)
 
-    def say(self, to, status, text):
+    def send(self, to, status, text):
         data = b"" if to.command == "HEAD" else text.encode()
         to.send_response(status)
         to.send_header("Content-Type", "application/xml")

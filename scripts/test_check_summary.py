@@ -1,4 +1,4 @@
-"""Tests of check_summary.py: `python3 scripts/test_check_summary.py`. scripts/check runs them first."""
+"""Tests of check_summary.py: `python3 scripts/test_check_summary.py`, the first step of scripts/check."""
 import contextlib
 import io
 
@@ -29,7 +29,7 @@ def missing_of(report, log):
     return {m.reason: (m.what, m.allowed) for m in c.missing(report, log)}
 
 
-def every_ignored_test_and_skipped_step_is_listed_with_its_reason():
+def ignored_tests_and_skipped_steps_are_listed_with_reason():
     assert missing_of(REPORT, LOG) == {
         "node is missing": ("check-view", False),
         "measurement: run alone": ("1 test: speed", True),
@@ -40,15 +40,15 @@ def every_ignored_test_and_skipped_step_is_listed_with_its_reason():
     }
 
 
-def an_ignored_test_that_a_later_step_ran_was_checked():
+def ignored_test_that_passes_in_a_later_step_is_not_listed():
     assert "long: scripts/check --full" not in missing_of(REPORT, LOG + "test tables ... ok\n")
 
 
-def each_binary_has_its_seconds():
+def test_binaries_have_their_seconds():
     assert list(c.binaries(LOG)) == [("lenscube_formats (src/lib.rs)", 1.25, 1), ("golden (tests/golden.rs)", 30.0, 1)]
 
 
-def ci_fails_on_what_can_be_installed_and_only_on_that():
+def ci_fails_on_skipped_checks_that_are_not_unavailable():
     code, out = run(REPORT, LOG)
     assert code == 0 and "check-view: node is missing" in out, out
     code, out = run(REPORT, LOG, ci=True)
@@ -57,15 +57,15 @@ def ci_fails_on_what_can_be_installed_and_only_on_that():
     assert code == 0 and "unavailable: no GPU" in out, out
 
 
-def a_failed_step_fails():
+def failed_step_exits_1_and_prints_its_exit_code():
     code, out = run("tests\tfailed\t3.0\texit code 101\n", "")
     assert code == 1 and "failed: exit code 101" in out and "every step after it: tests failed" in out, out
 
 
-def only_a_full_run_on_a_machine_with_everything_says_so():
-    whole = "tests\tran\t1.0\t\n"
-    assert "everything was checked" in run(whole, "test a ... ok\n", full=True)[1]
-    assert "not checked" in run(whole, "test a ... ok\n")[1]
+def everything_was_checked_is_printed_only_after_a_full_run():
+    report = "tests\tran\t1.0\t\n"
+    assert "everything was checked" in run(report, "test a ... ok\n", full=True)[1]
+    assert "not checked" in run(report, "test a ... ok\n")[1]
 
 
 for name, test in list(globals().items()):

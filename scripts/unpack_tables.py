@@ -1,10 +1,10 @@
-"""Takes the ray-traced tables of the built-in Double Gauss out of its lens pack: `python unpack_tables.py OUT.npz`.
+"""Extracts the ray-traced tables of the built-in Double Gauss from its lens pack: `python unpack_tables.py OUT.npz`.
 
-The pack (formats/data/double-gauss-28.lens.zip) was made of an archive of 31 wavelengths and 22 heights, which
-formats/data/SOURCES.md describes. It keeps them whole: the tables as given in its attribute `source`, to as many digits as their
-type has, and the PSFs, which only have another orientation there (field point on +x; in the archive on +y). Out comes the part
-of the archive that scripts/make-builtin-lens, formats/tests/data/make_import_data.py and
-pipeline/tests/data/make_double_gauss_subset.py read. Needs numpy and zarr 3.
+The pack (formats/data/double-gauss-28.lens.zip) was made from an archive of 31 wavelengths and 22 heights, described in
+formats/data/SOURCES.md. It contains the original tables in its attribute `source`, with all digits of their type, and the PSFs in
+another orientation (field point on +x; in the archive on +y). The output is the part of the archive that is read by
+scripts/make-builtin-lens, formats/tests/data/make_import_data.py and pipeline/tests/data/make_double_gauss_subset.py. Needs numpy
+and zarr 3.
 """
 import sys
 from pathlib import Path

@@ -1,7 +1,8 @@
-//! Flags exactly as typed. What they mean together is decided in [`crate::job`].
+//! Command-line arguments, one module per command. [`crate::job`] resolves those of a job.
 
 mod bench;
 mod chart;
+mod codec;
 mod demo;
 mod device;
 mod export;
@@ -19,6 +20,7 @@ mod work;
 
 pub use bench::BenchArgs;
 pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
+pub use codec::CodecArg;
 pub use demo::DemoArgs;
 pub use device::{Device, EngineArg};
 pub use export::{ExportArgs, FileArg, PackingArg};
@@ -27,27 +29,27 @@ pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCom
 pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use pyramid::{PyramidArgs, ViewArgs};
-pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
+pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, ProcessArgs, RunArgs, Stage, SurroundArg};
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
 pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use crate::failure::usage;
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
 use formats::durable::{check_url, is_url};
 use std::ffi::OsString;
 use std::path::Path;
 
-/// lenscube turns a multispectral chart into the image a given lens throws on the film.
+/// Simulate the sensor-plane image (film) that a lens forms of a multispectral chart.
 #[derive(Debug, Parser)]
-#[command(name = "lenscube", version, about, max_term_width = 110)]
+#[command(name = "lenscube", version, max_term_width = 110)]
 #[command(
     after_help = "Start here:  lenscube demo\nExit codes: 0 complete, 1 failed, 2 usage, 3 the output belongs to \
-another job, 4 checked and found wrong or incomplete, 75 worth a retry, 130 interrupted and resumable"
+another job, 4 a check found errors or missing parts, 75 temporary error (retry), 130 interrupted (the same command resumes)"
 )]
 pub struct Cli {
-    /// What to do.
+    /// Command to run.
     #[command(subcommand)]
     pub command: Command,
 }
@@ -55,62 +57,55 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Show what a real lens does to a chart: pictures in under a minute
+    /// Simulate a chart through a built-in lens and write pictures, in less than a minute
     Demo(DemoArgs),
-    /// Draw a test chart into a Zarr store, or make one of a picture
+    /// Generate a test chart as a Zarr store, or convert a picture to a chart
     Chart(Box<ChartArgs>),
-    /// Make, show and compare lenses
+    /// Trace, import, show and compare lenses
     Lens(LensArgs),
-    /// Make the film of a chart
+    /// Simulate the film of a chart
     Run(Box<RunCommand>),
-    /// Cut a film into units of work for many processes, on one machine or on a cluster
+    /// Divide a job into units for many processes, on one machine or on a cluster
     Plan(Box<PlanArgs>),
-    /// Tell what of a film is done
+    /// Report the progress of a film
     Status(StatusArgs),
-    /// Read all of a film and name what is wrong with it
+    /// Read a complete film and list missing or damaged parts
     Verify(VerifyArgs),
-    /// Write a film or a chart as a picture (PNG, TIFF) or as a file for other programs (EXR, TIFF, ENVI, NPY)
+    /// Export a film or a chart as a picture (PNG, TIFF) or as data (EXR, TIFF, ENVI, NPY)
     Export(ExportArgs),
-    /// Add smaller and smaller films to a film, for viewers: OME-Zarr levels
+    /// Add levels of lower resolution to a film, for viewers (OME-Zarr multiscales)
     Pyramid(PyramidArgs),
-    /// Look at a film in the browser: zoom, bands, the chart beside it, spectra, the lens's data
+    /// View a film in the browser: zoom, bands, comparison with the chart, spectra, lens data
     View(ViewArgs),
-    /// Hold films of test charts against the lens's own data: illumination, distortion, edge spread; a report
+    /// Validate simulated test charts against the lens data: illumination, distortion, edge spread; writes a report
     Validate(Box<ValidateArgs>),
-    /// Measure edges, points and profiles of a film
+    /// Measure edges, points and profiles in a film
     Measure(Box<MeasureArgs>),
-    /// Measure this machine on the paper's film
+    /// Measure the speed of this machine on the film of the reference paper
     Bench(BenchArgs),
-    /// Write the completions of a shell
+    /// Print the completion script of a shell
     Completions(CompletionsArgs),
     /// Write the manual pages
     Man(ManArgs),
 }
 
-/// Codecs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
-pub enum CodecArg {
-    None,
-    Lz4,
-    Zstd,
-}
-
-/// Fails for a URL on the command line that is malformed or holds credentials, also as the value of a flag (`--lens=URL`).
-pub fn check_urls(words: impl IntoIterator<Item = OsString>) -> Result<(), anyhow::Error> {
-    for word in words {
-        let word = word.to_string_lossy();
-        let value =
-            word.strip_prefix("--").and_then(|flag| flag.split_once('=')).map_or(&*word, |(_, value)| value);
+/// Fails for a URL in the arguments that is malformed or contains credentials, also as the value of a flag (`--lens=URL`).
+pub fn check_urls(arguments: impl IntoIterator<Item = OsString>) -> Result<(), anyhow::Error> {
+    for argument in arguments {
+        let argument = argument.to_string_lossy();
+        let value = argument
+            .strip_prefix("--")
+            .and_then(|flag| flag.split_once('='))
+            .map_or(&*argument, |(_, value)| value);
         check_url(value).map_err(|e| usage(e.to_string()))?;
     }
     Ok(())
 }
 
-/// Fails unless `path` can be a directory of this machine whose files are named on further command lines.
+/// Fails unless `path` can be a local directory whose files are passed to other processes.
 pub fn check_directory(path: &Path) -> Result<(), anyhow::Error> {
     if is_url(path) {
-        return Err(usage(format!("{}: expected a directory of this machine", path.display())));
+        return Err(usage(format!("{}: expected a local directory", path.display())));
     }
     match path.to_str() {
         Some(_) => Ok(()),
@@ -123,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clap_finds_no_fault_with_the_flags() {
+    fn argument_definitions_are_consistent() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
     }

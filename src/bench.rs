@@ -1,9 +1,9 @@
-//! `lenscube bench`: what this machine does with the paper's film, stage by stage and all together.
+//! `lenscube bench`: performance of this machine on the paper's film, by stage and of a complete job.
 //!
-//! Every figure is the median of some rounds. Rates of stages count all threads at once, those of codecs one core. The job
-//! at the end is a `lenscube run` of its own process, store to store, on a chart with 1 % noise; its bound is
+//! Every figure is a median over rounds. Rates of stages use all threads, those of codecs one core. The job is a `lenscube run` in a
+//! separate process, store to store, on a chart with 1 % noise. Its bound is
 //!     max(disk, core seconds / cores),   disk = bytes read / read rate + bytes written / write rate
-//! with the rates measured here on the same disk, and every stage's core seconds as the run itself counts them.
+//! with the rates measured on the same disk, and the core seconds of all stages from the record of the run.
 
 mod gpu;
 mod job;
@@ -11,9 +11,9 @@ mod stages;
 mod storage;
 
 use crate::args::{BenchArgs, Device, check_directory};
-use crate::device::Choice;
+use crate::device::DeviceSelection;
 use crate::job::threads;
-use crate::progress::{print, say};
+use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, sweep_entries, temp_name};
 use pipeline::simd::Simd;
@@ -21,46 +21,47 @@ use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The paper's film: side in mm and in pixels, bands.
+/// Film of the paper: side in mm and px, number of bands.
 const FILM_MM: f64 = 28.282;
 const PAPER_PX: f64 = 14_141.0;
 const PAPER_BANDS: f64 = 31.0;
 
-/// What is measured, and with what.
+/// Settings and results.
 struct Bench<'a> {
     args: &'a BenchArgs,
     threads: usize,
     rounds: usize,
     simd: Simd,
-    scratch: Scratch,
+    scratch: ScratchDirectory,
     figures: Vec<Figure>,
 }
 
-/// One number of the report.
+/// One value of the report.
 struct Figure {
     key: &'static str,
     value: Value,
-    words: String,
+    /// Line of the text report.
+    line: String,
 }
 
 impl Bench<'_> {
-    fn number(&mut self, key: &'static str, value: f64, unit: &str, words: &str) {
+    fn add_number(&mut self, key: &'static str, value: f64, unit: &str, label: &str) {
         let digits = if value < 10.0 { 2 } else { 1 };
-        let text = format!("{words:<58} {value:>10.digits$} {unit}");
-        self.figures.push(Figure { key, value: json!((value * 1e4).round() / 1e4), words: text });
+        let line = format!("{label:<58} {value:>10.digits$} {unit}");
+        self.figures.push(Figure { key, value: json!((value * 1e4).round() / 1e4), line });
     }
 
-    fn word(&mut self, key: &'static str, value: Value) {
-        let words = format!("{key:<58} {}", value.as_str().unwrap_or_default());
-        self.figures.push(Figure { key, value, words });
+    fn add_text(&mut self, key: &'static str, value: &str) {
+        let line = format!("{key:<58} {value}");
+        self.figures.push(Figure { key, value: json!(value), line });
     }
 
-    /// The median over the rounds of what `f` tells.
+    /// Median of `f` over the rounds.
     fn median(&self, mut f: impl FnMut() -> Result<f64>) -> Result<f64> {
         Ok(median((0..self.rounds).map(|_| f()).collect::<Result<_>>()?))
     }
 
-    /// Median rate in `amount` per second.
+    /// Median over the rounds of `amount` per second of `f`.
     fn rate(&self, amount: f64, mut f: impl FnMut() -> Result<()>) -> Result<f64> {
         self.median(|| {
             let start = Instant::now();
@@ -69,6 +70,7 @@ impl Bench<'_> {
         })
     }
 
+    /// Value measured earlier.
     fn get(&self, key: &str) -> f64 {
         let found = self.figures.iter().find(|f| f.key == key);
         found.and_then(|f| f.value.as_f64()).expect("measured before")
@@ -80,22 +82,22 @@ fn median(mut all: Vec<f64>) -> f64 {
     (all[(all.len() - 1) / 2] + all[all.len() / 2]) / 2.0
 }
 
-/// A directory of the bench's own, removed when it ends; what a killed one left is swept by the next in the same place.
-struct Scratch(PathBuf);
+/// Temporary directory, removed when dropped; one left by a killed bench is removed by the next in the same parent.
+struct ScratchDirectory(PathBuf);
 
-impl Scratch {
-    fn new(beside: &Path) -> Result<Self> {
-        create_directories(beside, false)?;
-        sweep_entries(beside)?;
-        let path = beside.join(temp_name());
+impl ScratchDirectory {
+    fn new(parent: &Path) -> Result<Self> {
+        create_directories(parent, false)?;
+        sweep_entries(parent)?;
+        let path = parent.join(temp_name());
         std::fs::create_dir(&path).with_context(|| format!("creating {}", path.display()))?;
         Ok(Self(path))
     }
 }
 
-impl Drop for Scratch {
+impl Drop for ScratchDirectory {
     fn drop(&mut self) {
-        // What cannot be removed is said by nobody: the measurement is over.
+        // An error is ignored: the next bench removes the directory.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
@@ -103,21 +105,21 @@ impl Drop for Scratch {
 /// Runs the command.
 pub fn command(args: &BenchArgs) -> Result<()> {
     check_directory(&args.dir)?;
-    let of_cpu = match args.device {
-        Device::Cpu => Some(Choice::new(&args.device, args.engine.named(), None)?),
-        // The job's choice; what is measured of the processor beside GPUs is not theirs.
+    let cpu = match args.device {
+        Device::Cpu => Some(DeviceSelection::new(&args.device, args.engine.explicit(), None)?),
+        // The engine is that of the GPU; codecs are measured with the CPU's default.
         Device::Cuda(_) | Device::Auto => None,
     };
-    let simd = of_cpu.map_or_else(Simd::detect, |choice| choice.simd);
+    let simd = cpu.map_or_else(Simd::detect, |choice| choice.simd);
     let mut bench = Bench {
         args,
         threads: threads(args.threads),
         rounds: args.rounds as usize,
         simd,
-        scratch: Scratch::new(&args.dir)?,
+        scratch: ScratchDirectory::new(&args.dir)?,
         figures: Vec::new(),
     };
-    say(format!(
+    log_line(format!(
         "{} threads of {}, medians of {}; film {} px of {:.3} µm",
         bench.threads,
         simd.isa().name(),
@@ -127,17 +129,17 @@ pub fn command(args: &BenchArgs) -> Result<()> {
     ));
     match args.device {
         Device::Cpu => {
-            say("1/3  stages, in memory");
+            log_line("1/3  stages, in memory");
             stages::measure(&mut bench)?;
         }
         Device::Cuda(_) | Device::Auto => {
-            say("1/3  kernels and copies");
+            log_line("1/3  GPU kernels and copies");
             gpu::measure(&mut bench)?;
         }
     }
-    say("2/3  codecs and disk");
+    log_line("2/3  codecs and disk");
     storage::measure(&mut bench)?;
-    say("3/3  a job, store to store");
+    log_line("3/3  complete job, store to store");
     job::measure(&mut bench)?;
     report(&bench);
     Ok(())
@@ -146,7 +148,7 @@ pub fn command(args: &BenchArgs) -> Result<()> {
 fn report(bench: &Bench<'_>) {
     if !bench.args.json {
         for figure in &bench.figures {
-            print(&figure.words);
+            print(&figure.line);
         }
         return;
     }

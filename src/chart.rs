@@ -1,11 +1,11 @@
-//! `lenscube chart`: draws a chart into a store, or makes one of a picture.
+//! `lenscube chart`: writes a generated chart, or a chart made from a picture, to a store.
 
 mod image;
 
 use crate::args::{ChartArgs, ChartCommand, DrawnArgs};
 use crate::failure::{other_job, usage};
-use crate::job::{codec, threads};
-use crate::progress::{counting, say};
+use crate::job::threads;
+use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::{ChartMeta, Codec, WriteError, replace_chart, write_chart};
 use pipeline::chart::{ChartSpec, Generator, Kind};
@@ -18,7 +18,9 @@ pub fn command(args: &ChartArgs) -> Result<()> {
     match (&args.made, &args.drawn) {
         (Some(ChartCommand::Image(args)), _) => image::command(args),
         (None, Some(args)) => draw(args),
-        (None, None) => Err(usage("what chart? Name a kind or a picture; see `lenscube chart --help`")),
+        (None, None) => {
+            Err(usage("a kind of chart, or `image` and a picture, is required; see `lenscube chart --help`"))
+        }
     }
 }
 
@@ -49,10 +51,10 @@ fn draw(args: &DrawnArgs) -> Result<()> {
         }
     }
     let chart = Generator::new(spec).map_err(|e| usage(e.to_string()))?;
-    write(&chart, &args.out, codec(args.codec), threads(args.threads), args.overwrite)
+    write(&chart, &args.out, args.codec.into(), threads(args.threads), args.overwrite)
 }
 
-/// Writes a drawn chart into a store at `out`.
+/// Writes a generated chart to a store at `out`.
 pub fn write(chart: &Generator, out: &Path, codec: Codec, threads: usize, overwrite: bool) -> Result<()> {
     let mut attributes = Map::new();
     attributes.insert("chart".into(), chart.spec().to_string().into());
@@ -67,7 +69,7 @@ pub fn write(chart: &Generator, out: &Path, codec: Codec, threads: usize, overwr
     store(chart, &meta, out, codec, threads, overwrite)
 }
 
-/// Writes a source as a chart.
+/// Writes a source as a chart and prints a summary.
 fn store(
     source: &dyn ChartSource,
     meta: &ChartMeta,
@@ -86,7 +88,7 @@ fn store(
         WriteError::Exists { .. } => other_job(format!("{e}, or replace it with --overwrite")),
         e => e.into(),
     })?;
-    say(format!(
+    log_line(format!(
         "{}: {} bands of {} px for a film of {}, {} shards, {:.2} GB",
         out.display(),
         meta.wavelengths_nm.len(),

@@ -1,4 +1,4 @@
-//! Opening a design by its name: the one inside the program, or a sequential .zmx file.
+//! Opens a lens design: the built-in one by name, or a sequential .zmx file.
 
 use crate::args::{AimingArg, DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
@@ -10,18 +10,18 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// The design inside the program.
+/// Name of the built-in design.
 pub const BUILTIN: &str = "double-gauss-28";
 
-/// Whether a lens's name means a design rather than a pack.
+/// Whether `name` is a design, as opposed to a lens pack.
 pub fn is_design(name: &str) -> bool {
     name == BUILTIN || Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("zmx"))
 }
 
-/// Largest file of a design or of glasses, bytes: a lens of a thousand surfaces has less than 1 MB.
-const LARGEST: u64 = 64 << 20;
+/// Maximum size of a design or glass catalogue; a lens of a thousand surfaces has less than 1 MB.
+const MAX_BYTES: u64 = 64 << 20;
 
-/// The file of a design, and the blake3 of its bytes when it was read.
+/// The file of a design, and its BLAKE3 digest when it was read.
 pub struct DesignFile {
     path: PathBuf,
     digest: blake3::Hash,
@@ -31,13 +31,13 @@ impl DesignFile {
     /// Checks that the file still has the bytes that were read.
     ///
     /// # Errors
-    /// It changed, or cannot be read any more.
+    /// It changed, or can no longer be read.
     pub fn check_unchanged(&self) -> Result<()> {
-        let now = bytes(&self.path).map(|b| blake3::hash(&b));
+        let now = read_bytes(&self.path).map(|b| blake3::hash(&b));
         match now {
             Ok(now) if now == self.digest => Ok(()),
             _ => bail!(
-                "{}: the design changed while it was used, so it is not known of which the film is; let it rest, then start anew \
+                "{}: the design changed during the run, so the film may be of both versions; leave the file unchanged and start again \
                  with --overwrite",
                 self.path.display()
             ),
@@ -45,52 +45,52 @@ impl DesignFile {
     }
 }
 
-/// Opens a design and places film, object and aiming as asked.
+/// Opens a design and applies image plane, object distance and ray aiming of `args`.
 pub fn open(name: &str, args: &DesignArgs) -> Result<System> {
     Ok(open_file(name, args)?.0)
 }
 
-/// As [`open`], and the file that it was read from; none for the built-in design.
+/// As [`open`], with the file that it was read from; `None` for the built-in design.
 pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
-    let (system, file) = read(name, args)?;
-    Ok((placed(system, args).with_context(|| format!("design {name}"))?, file))
+    let (system, file) = read_design(name, args)?;
+    Ok((apply(system, args).with_context(|| format!("design {name}"))?, file))
 }
 
-/// The bytes of a file that is not absurdly large.
-fn bytes(path: &Path) -> Result<Vec<u8>> {
+/// Reads a file of at most [`MAX_BYTES`].
+fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     let reading = || format!("reading {}", path.display());
     let mut bytes = Vec::new();
-    File::open(path).and_then(|f| f.take(LARGEST + 1).read_to_end(&mut bytes)).with_context(reading)?;
-    match bytes.len() as u64 > LARGEST {
+    File::open(path).and_then(|f| f.take(MAX_BYTES + 1).read_to_end(&mut bytes)).with_context(reading)?;
+    match bytes.len() as u64 > MAX_BYTES {
         true => bail!(
-            "{} is larger than {LARGEST} bytes, so it is no design and no glass catalogue",
+            "{} is larger than {MAX_BYTES} bytes, so it is not a design or glass catalogue",
             path.display()
         ),
         false => Ok(bytes),
     }
 }
 
-fn read(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
+fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
     if name == BUILTIN {
         return Ok((System::double_gauss_28(), None));
     }
     let mut glasses = GlassCatalog::schott();
     for path in &args.glass_catalog {
         let more =
-            agf::parse(&bytes(path)?).with_context(|| format!("reading glasses {}", path.display()))?;
+            agf::parse(&read_bytes(path)?).with_context(|| format!("reading glasses {}", path.display()))?;
         glasses.extend(more);
     }
     let path = Path::new(name);
     if !path.exists() {
         return Err(usage(format!("design `{name}` is neither a file nor the built-in {BUILTIN}")));
     }
-    let bytes = bytes(path)?;
+    let bytes = read_bytes(path)?;
     let system =
         zmx::parse(&bytes, &glasses).with_context(|| format!("reading design {}", path.display()))?;
     Ok((system, Some(DesignFile { path: path.into(), digest: blake3::hash(&bytes) })))
 }
 
-fn placed(mut system: System, args: &DesignArgs) -> Result<System> {
+fn apply(mut system: System, args: &DesignArgs) -> Result<System> {
     if let Some(distance) = args.object_distance_mm {
         system = system.with_object_distance(Some(distance))?;
     }

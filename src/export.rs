@@ -1,14 +1,14 @@
-//! `lenscube export`: a film, a chart or a region of interest as a picture or as a file for other programs.
+//! `lenscube export`: writes a film, a chart or a region as a picture or as a data file for other programs.
 
 mod data;
 
 use crate::args::{ExportArgs, FileArg, bands};
 use crate::failure::{code, other_job, usage};
+use crate::interrupt;
 use crate::job::threads;
 use crate::memory::default_limit;
 use crate::open::Chart;
-use crate::progress::{counting, say};
-use crate::run::interrupt;
+use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::NanPolicy;
 use formats::durable::parent_of;
@@ -17,21 +17,22 @@ use formats::picture::exposure::Exposure;
 use formats::picture::grey::{GreyOptions, write_grey};
 use formats::picture::preview::{PreviewOptions, White, write_preview};
 use formats::picture::streamed::{ColourFile, write_streamed};
-use formats::picture::{Shown, View};
+use formats::picture::{PictureSummary, View};
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// The program itself, its threads' stacks, the allocator's slack; and the share kept for what it holds back between sizes.
-const BASE: usize = 48 << 20;
-const SLACK: f64 = 0.08;
-/// Longest side of a PNG unless asked for.
-const PNG_SIDE: usize = 2048;
-/// Bytes that a pixel of a picture takes while it is made whole: linear colour and display bytes.
-const PICTURE_PIXEL: usize = 15;
+/// Memory of the program without buffers: code, stacks of the threads, allocator.
+const PROGRAM_BYTES: usize = 48 << 20;
+/// Share of the memory lost to fragmentation in the allocator.
+const FRAGMENTATION: f64 = 0.08;
+/// Default maximum side of a PNG, px.
+const DEFAULT_PNG_SIDE: usize = 2048;
+/// Memory per pixel of a picture held in memory: linear colour and display bytes.
+const PICTURE_PIXEL_BYTES: usize = 15;
 
-/// Runs the command; the exit code.
+/// Runs the command and returns its exit code.
 pub fn command(args: &ExportArgs) -> Result<u8> {
     let file = format_of(args)?;
     check_flags(args, file)?;
@@ -39,21 +40,20 @@ pub fn command(args: &ExportArgs) -> Result<u8> {
         FileArg::Envi => <[_; 2]>::from(envi_files(&args.out)).to_vec(),
         _ => vec![args.out.clone()],
     };
-    if let Some(there) = outputs.iter().find(|p| p.symlink_metadata().is_ok()).filter(|_| !args.overwrite) {
-        return Err(other_job(format!("{} exists already; replace it with --overwrite", there.display())));
+    if let Some(path) = outputs.iter().find(|p| p.symlink_metadata().is_ok()).filter(|_| !args.overwrite) {
+        return Err(other_job(format!("{} exists already; replace it with --overwrite", path.display())));
     }
-    let cancel = interrupt::leave_nothing();
-    let written = write(args, file, cancel);
-    match written {
+    let cancel = interrupt::remove_output();
+    match write(args, file, cancel) {
         Err(_) if cancel.load(Relaxed) => {
-            say("interrupted: nothing was written");
+            log_line("interrupted: nothing was written");
             Ok(code::INTERRUPTED)
         }
         other => other.map(|()| 0),
     }
 }
 
-/// The format: as asked, or by the extension.
+/// Format given by `--format` or by the extension.
 fn format_of(args: &ExportArgs) -> Result<FileArg> {
     if let Some(format) = args.format {
         return Ok(format);
@@ -67,62 +67,62 @@ fn format_of(args: &ExportArgs) -> Result<FileArg> {
         Some("npy") => FileArg::Npy,
         _ => {
             return Err(usage(format!(
-                "{}: its extension tells no format; use .png, .tif, .exr, .hdr or .npy, or say --format",
+                "{}: no format has this extension; use .png, .tif, .exr, .hdr or .npy, or give --format",
                 args.out.display()
             )));
         }
     })
 }
 
-/// Flags that a format knows nothing of are a mistake.
+/// Fails on a flag that does not apply to the format.
 fn check_flags(args: &ExportArgs, file: FileArg) -> Result<()> {
     let (exr, png) = (file == FileArg::Exr, file == FileArg::Png);
     let picture = png || file == FileArg::Tiff;
-    let wrong = [
+    let flags = [
         (args.half && !exr, "--half", "EXR"),
         (args.compression.is_some() && !exr, "--compression", "EXR"),
         (args.band.is_some() && !png, "--band", "PNG"),
         (args.max_side.is_some() && !picture, "--max-side", "PNG and TIFF pictures"),
         (args.exposure != "auto" && !picture, "--exposure", "PNG and TIFF pictures"),
     ];
-    match wrong.into_iter().find(|w| w.0) {
+    match flags.into_iter().find(|(wrong, ..)| *wrong) {
         Some((_, flag, formats)) => {
-            Err(usage(format!("{flag} is for {formats}, and {} is another format", args.out.display())))
+            Err(usage(format!("{flag} applies to {formats} only, not to {}", args.out.display())))
         }
         None => Ok(()),
     }
 }
 
-/// What to export, opened.
-struct Opened {
+/// Bands and region of an opened input.
+struct Input {
     chart: Chart,
     bands: Vec<usize>,
     wavelengths_nm: Vec<f64>,
-    window: Rect,
+    region: Rect,
 }
 
-impl Opened {
+impl Input {
     fn new(args: &ExportArgs, cache_bytes: usize) -> Result<Self> {
-        // Shards not yet made read as NaN: they are shown as missing, not refused.
+        // Shards that do not exist yet are NaN and shown as missing.
         let chart = Chart::open(&args.film, args.wavelengths.as_deref(), NanPolicy::Keep, cache_bytes)?;
         let all_nm = chart.wavelengths_nm()?;
         let bands = match &args.bands {
             None => (0..all_nm.len()).collect(),
             Some(text) => bands(text, all_nm.len()).map_err(|e| usage(format!("--bands {text}: {e}")))?,
         };
-        let window = args.crop.unwrap_or(chart.size().rect());
-        if !chart.size().rect().contains(window) {
+        let region = args.crop.unwrap_or(chart.size().rect());
+        if !chart.size().rect().contains(region) {
             return Err(usage(format!(
-                "--crop {},{},{},{} leaves the image of {} (rows x columns)",
-                window.x,
-                window.y,
-                window.width,
-                window.height,
+                "--crop {},{},{},{} is not inside the image of {} (rows x columns)",
+                region.x,
+                region.y,
+                region.width,
+                region.height,
                 chart.size()
             )));
         }
         let wavelengths_nm = bands.iter().map(|&b| all_nm[b]).collect();
-        Ok(Self { chart, bands, wavelengths_nm, window })
+        Ok(Self { chart, bands, wavelengths_nm, region })
     }
 
     fn source(&self, cancel: &'static AtomicBool) -> Selected<'_> {
@@ -130,7 +130,7 @@ impl Opened {
     }
 }
 
-/// Some bands of a source, until they are not wanted any more.
+/// Selected bands of a source; reading fails after an interrupt.
 struct Selected<'a> {
     inner: &'a dyn ChartSource,
     bands: &'a [usize],
@@ -154,21 +154,21 @@ impl ChartSource for Selected<'_> {
     }
 }
 
-/// Bytes for buffers out of `--memory`.
-fn usable(args: &ExportArgs) -> usize {
+/// Bytes of `--memory` that are left for buffers.
+fn buffer_bytes(args: &ExportArgs) -> usize {
     let limit = args.memory.unwrap_or_else(default_limit) as f64;
-    ((limit * (1.0 - SLACK)) as usize).saturating_sub(BASE)
+    ((limit * (1.0 - FRAGMENTATION)) as usize).saturating_sub(PROGRAM_BYTES)
 }
 
 fn write(args: &ExportArgs, file: FileArg, cancel: &'static AtomicBool) -> Result<()> {
     match file {
         FileArg::Png => picture(args, ColourFile::Png, cancel),
         FileArg::Tiff => picture(args, ColourFile::Tiff, cancel),
-        other => data::write(args, other, usable(args), cancel),
+        other => data::write(args, other, buffer_bytes(args), cancel),
     }
 }
 
-/// A picture: all bands in colour, or one in grey.
+/// Writes a picture: all bands in colour, or one band in grey.
 fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> Result<()> {
     let exposure = match args.exposure.as_str() {
         "auto" => Exposure::Auto,
@@ -178,40 +178,40 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
         },
     };
     let white: White = args.white.parse().map_err(|e| usage(format!("--white {}: {e}", args.white)))?;
-    let memory = usable(args);
-    let mut opened = Opened::new(args, memory / 4)?;
+    let memory = buffer_bytes(args);
+    let mut input = Input::new(args, memory / 4)?;
     let threads = threads(args.threads);
-    opened.chart.lay_out(&opened.bands, parent_of(&args.out), threads)?;
-    let window = opened.window;
+    input.chart.sort_by_band(&input.bands, parent_of(&args.out), threads)?;
+    let region = input.region;
     let max_side = match file {
-        ColourFile::Png => Some(args.max_side.unwrap_or(PNG_SIDE)),
+        ColourFile::Png => Some(args.max_side.unwrap_or(DEFAULT_PNG_SIDE)),
         ColourFile::Tiff => args.max_side,
     };
-    let view = View { window: Some(window), max_side, threads };
+    let view = View { region: Some(region), max_side, threads };
     let (bar, progress) = counting("reading");
-    let (source, nm) = (opened.source(cancel), &opened.wavelengths_nm);
-    let longest = window.height.max(window.width);
-    let share = max_side.map_or(1.0, |m| (m as f64 / longest as f64).min(1.0));
-    let pixels = window.size().pixels() as f64 * share * share;
-    let whole = pixels * PICTURE_PIXEL as f64 <= memory as f64 / 2.0;
+    let (source, nm) = (input.source(cancel), &input.wavelengths_nm);
+    let longest = region.height.max(region.width);
+    let scale = max_side.map_or(1.0, |m| (m as f64 / longest as f64).min(1.0));
+    let pixels = region.size().pixels() as f64 * scale * scale;
+    let fits_in_memory = pixels * PICTURE_PIXEL_BYTES as f64 <= memory as f64 / 2.0;
     let options = PreviewOptions { view, white, exposure };
     let shown = match args.band {
-        Some(wanted) => {
-            write_grey(&args.out, &source, nm, wanted, &GreyOptions { view, exposure }, &progress)?
+        Some(band_nm) => {
+            write_grey(&args.out, &source, nm, band_nm, &GreyOptions { view, exposure }, &progress)?
         }
-        None if whole && file == ColourFile::Png => {
+        None if fits_in_memory && file == ColourFile::Png => {
             write_preview(&args.out, &source, nm, &options, &progress)?
         }
         None => write_streamed(&args.out, &source, nm, &options, file, &progress)?,
     };
     bar.finish_and_clear();
-    tell(&args.out, &shown);
+    print_summary(&args.out, &shown);
     Ok(())
 }
 
-fn tell(out: &Path, shown: &Shown) {
-    say(format!(
-        "{}: {}x{} px, exposure {:.6} (give `--exposure {:.6}` to make another picture comparable)",
+fn print_summary(out: &Path, shown: &PictureSummary) {
+    log_line(format!(
+        "{}: {}x{} px, exposure {:.6} (use `--exposure {:.6}` for a comparable picture)",
         out.display(),
         shown.size.width,
         shown.size.height,
@@ -219,8 +219,8 @@ fn tell(out: &Path, shown: &Shown) {
         shown.exposure
     ));
     if shown.missing_samples > 0 {
-        say(format!(
-            "note: {} samples are missing (shards not yet made) and show as a grey chequer",
+        log_line(format!(
+            "note: {} samples are missing (shards not yet made); their pixels show a grey chequerboard",
             shown.missing_samples
         ));
     }

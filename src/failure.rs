@@ -1,4 +1,4 @@
-//! Errors on their way out: one line for the user, one exit code for scripts.
+//! Errors of the command: one line for the user, one exit code for scripts.
 
 use formats::chart::{ChartError, WriteError};
 use formats::durable::{self, DurableError, LockError};
@@ -11,13 +11,13 @@ use std::error::Error;
 
 /// Exit codes; documented in `--help`, stable.
 pub mod code {
-    /// Something failed.
+    /// The command failed.
     pub const FAILED: u8 = 1;
-    /// The command line asks for what cannot be.
+    /// The command line is not valid.
     pub const USAGE: u8 = 2;
     /// The output belongs to another job.
     pub const OTHER_JOB: u8 = 3;
-    /// Checked, and found wrong or incomplete.
+    /// A check found errors or missing parts.
     pub const WRONG: u8 = 4;
     /// The same command may succeed later.
     pub const RETRY: u8 = 75;
@@ -25,17 +25,17 @@ pub mod code {
     pub const INTERRUPTED: u8 = 130;
 }
 
-/// An error that knows its exit code.
+/// An error with an exit code.
 #[derive(Debug, thiserror::Error)]
 #[error("{message}")]
 pub struct Coded {
     /// Exit code.
     pub code: u8,
-    /// What the user reads.
+    /// Message for the user.
     pub message: String,
 }
 
-/// A command line that asks for what cannot be.
+/// An error of the command line.
 pub fn usage(message: impl Into<String>) -> anyhow::Error {
     Coded { code: code::USAGE, message: message.into() }.into()
 }
@@ -45,8 +45,8 @@ pub fn other_job(message: impl Into<String>) -> anyhow::Error {
     Coded { code: code::OTHER_JOB, message: message.into() }.into()
 }
 
-/// The error and its causes in one line; what an error above has told already is not told again. Control characters, which file names
-/// may hold, are escaped.
+/// The error and its causes in one line; a cause that an outer error contains is not repeated. Control characters, which file names may
+/// contain, are escaped.
 pub fn line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -58,7 +58,7 @@ pub fn line(error: &anyhow::Error) -> String {
     line.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.into() }).collect()
 }
 
-/// Whether an address, or what the environment adds to it, is malformed, by the type of this one error.
+/// Whether the error (without its causes) is a malformed URL, or one that the environment makes malformed.
 fn malformed_address(error: &(dyn Error + 'static)) -> bool {
     let address = |e: &DurableError| matches!(e, DurableError::Address { .. });
     let storage = |e: Option<&DurableError>| e.is_some_and(address);
@@ -71,7 +71,7 @@ fn malformed_address(error: &(dyn Error + 'static)) -> bool {
         || matches!(error.downcast_ref(), Some(ExportError::Storage(e)) if address(e))
 }
 
-/// Whether the same command may succeed later, by the type of this one error.
+/// Whether the same command may succeed later, by the type of the error (without its causes).
 pub fn retryable(error: &(dyn Error + 'static)) -> bool {
     let is = |retry: Option<bool>| retry.unwrap_or(false);
     is(error.downcast_ref().map(FilmError::retryable))
@@ -83,7 +83,7 @@ pub fn retryable(error: &(dyn Error + 'static)) -> bool {
         || is(error.downcast_ref().map(|run: &RunError| retryable(run.cause().as_ref())))
 }
 
-/// The exit code of an error, by type, wherever it stands in the chain.
+/// The exit code of an error: that of the first error in its chain with a code of its own.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
     for cause in error.chain() {
         if let Some(coded) = cause.downcast_ref::<Coded>() {

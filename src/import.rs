@@ -1,8 +1,8 @@
-//! `lenscube lens import`: a lens pack from what a design program exported.
+//! `lenscube lens import`: converts exports of a lens design program to a lens pack.
 
 use crate::args::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg, bands};
 use crate::failure::{other_job, usage};
-use crate::progress::say;
+use crate::progress::log_line;
 use anyhow::Result;
 use formats::import::window::{EvenWindow, Outward, RowOrder};
 use formats::import::{Format, ImportError, ImportOptions};
@@ -12,33 +12,33 @@ use pipeline::lens::PsfSample;
 /// Runs the command.
 pub fn command(args: &ImportArgs) -> Result<()> {
     let options = options(args)?;
-    let told = |e: ImportError| match e {
+    let classify = |e: ImportError| match e {
         e if e.is_usage() => usage(e.to_string()),
         ImportError::Pack(e @ LensPackError::Exists { .. }) => other_job(e.to_string()),
         e => e.into(),
     };
     if args.out.symlink_metadata().is_ok() {
-        return Err(told(LensPackError::Exists { path: args.out.clone() }.into()));
+        return Err(classify(LensPackError::Exists { path: args.out.clone() }.into()));
     }
-    let imported = formats::import::open(&args.source, &options).map_err(told)?;
+    let imported = formats::import::open(&args.source, &options).map_err(classify)?;
     for note in imported.notes() {
-        say(format!("note: {note}"));
+        log_line(format!("note: {note}"));
     }
-    let waves: Vec<f64> = imported.lens().bands.iter().map(|b| b.wavelength_nm).collect();
+    let nm: Vec<f64> = imported.lens().bands.iter().map(|b| b.wavelength_nm).collect();
     let heights: Vec<f64> =
         imported.lens().bands.iter().map(|b| b.image_height_mm[b.image_height_mm.len() - 1]).collect();
     formats::import::write(&args.out, imported, |b, stack| {
-        say(format!(
-            "{} nm: field to {:.3} mm, {} PSFs of {} samples of {} µm",
-            waves[b],
+        log_line(format!(
+            "{} nm: image heights up to {:.3} mm, {} PSFs, {} samples a side at {} µm pitch",
+            nm[b],
             heights[b],
             stack.heights(),
             stack.size,
             stack.pitch_um
         ));
     })
-    .map_err(told)?;
-    say(format!("{}: {} bands; look at it with `lenscube lens show {0}`", args.out.display(), waves.len()));
+    .map_err(classify)?;
+    log_line(format!("{}: {} bands; show it with `lenscube lens show {0}`", args.out.display(), nm.len()));
     Ok(())
 }
 
@@ -49,10 +49,10 @@ fn options(args: &ImportArgs) -> Result<ImportOptions> {
         FormatArg::Tables => Format::Tables,
         FormatArg::Npz => Format::Npz,
     });
-    // How many wavelengths there are is known later; ranges must have an end.
+    // The number of wavelengths is not known yet, so ranges must have an end.
     let chosen = args.bands.as_deref().map(|text| {
         match text.split(',').any(|part| part.trim().ends_with(':') || part.contains("::")) {
-            true => Err(format!("`{text}`: give every range its end")),
+            true => Err(format!("`{text}`: every range must have an end")),
             false => bands(text, 4096),
         }
     });

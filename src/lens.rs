@@ -1,9 +1,12 @@
-//! `lenscube lens`: making, showing and comparing lenses; where a run's lens comes from.
+//! `lenscube lens`: creates, shows and compares lenses; the lens of a run.
 
 pub mod cache;
+mod cross_section;
+mod curves;
 mod diff;
-pub mod look;
 mod plots;
+mod psf_figure;
+pub mod samples;
 mod show;
 pub mod source;
 
@@ -25,16 +28,14 @@ pub fn command(args: &LensArgs) -> Result<()> {
     }
 }
 
-/// Estimated L1 error of turning an integrated pack's kernels at the primary wavelength; none for point samples.
-pub fn turning_error(pack: &LensPack) -> Result<Option<f64>> {
+/// Estimated L1 error of rotating the kernels of an integrated pack at the primary wavelength; none for point samples.
+pub fn rotation_error(pack: &LensPack) -> Result<Option<f64>> {
     let lens = pack.lens();
-    if lens.psf_sample != PsfSample::Integrated {
+    if lens.psf_sample != PsfSample::Integrated || lens.bands.is_empty() {
         return Ok(None);
     }
-    let off = |b: usize| (lens.bands[b].wavelength_nm - lens.primary_wavelength_nm).abs();
-    let Some(band) = (0..lens.bands.len()).min_by(|a, b| off(*a).total_cmp(&off(*b))) else {
-        return Ok(None);
-    };
+    let band = samples::nearest_band(&lens.bands, lens.primary_wavelength_nm);
+
     let kernels = NodeKernels::new(&pack.psf(band)?, lens.bands[band].psf_pitch_um, None, Simd::PORTABLE);
-    Ok(Some(kernels.turning_error()))
+    Ok(Some(kernels.rotation_error()))
 }

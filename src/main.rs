@@ -1,4 +1,4 @@
-//! The command: parse, run, turn an error into one line and an exit code.
+//! The command `lenscube`: parses the arguments, runs a command, turns an error into one line and an exit code.
 
 mod args;
 mod bench;
@@ -9,7 +9,9 @@ mod device;
 mod engine;
 mod export;
 mod failure;
+mod film_engine;
 mod import;
+mod interrupt;
 mod job;
 mod lens;
 mod manual;
@@ -27,20 +29,30 @@ mod verify;
 mod view;
 
 use args::{Cli, Command};
-use clap::Parser;
-use progress::say;
+use clap::{ArgMatches, CommandFactory, FromArgMatches};
+use progress::log_line;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    // Before any word of the command line is shown or kept.
+    // First of all, so that no message or file repeats a URL with credentials.
     if let Err(error) = args::check_urls(std::env::args_os().skip(1)) {
         return report(&error);
     }
-    let cli = Cli::parse();
-    let result = match &cli.command {
+    let matches = Cli::command().get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let (_, matches) = matches.subcommand().expect("a subcommand is required");
+    match run(&cli.command, matches) {
+        Ok(code) => ExitCode::from(code),
+        Err(error) => report(&error),
+    }
+}
+
+/// Runs `command`, parsed from `matches`; the exit code.
+fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
+    match command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
-        Command::Run(args) => run::command(args),
-        Command::Plan(args) => plan::command(args),
+        Command::Run(args) => run::command(args, matches),
+        Command::Plan(args) => plan::command(args, matches),
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),
         Command::Lens(args) => lens::command(args).map(|()| 0),
@@ -53,14 +65,10 @@ fn main() -> ExitCode {
         Command::Bench(args) => bench::command(args).map(|()| 0),
         Command::Completions(args) => manual::completions(args).map(|()| 0),
         Command::Man(args) => manual::man(args).map(|()| 0),
-    };
-    match result {
-        Ok(code) => ExitCode::from(code),
-        Err(error) => report(&error),
     }
 }
 
 fn report(error: &anyhow::Error) -> ExitCode {
-    say(format!("lenscube: {}", failure::line(error)));
+    log_line(format!("lenscube: {}", failure::line(error)));
     ExitCode::from(failure::exit_code(error))
 }

@@ -1,7 +1,7 @@
-//! `lenscube completions` and `lenscube man`: what shells and `man` are told, from the flags themselves.
+//! `lenscube completions` and `lenscube man`: shell completions and manual pages, generated from the argument definitions.
 
 use crate::args::{Cli, CompletionsArgs, ManArgs};
-use crate::progress::say;
+use crate::progress::log_line;
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use formats::durable::create_directories;
@@ -15,7 +15,7 @@ pub fn completions(args: &CompletionsArgs) -> Result<()> {
     to_stdout(&script)
 }
 
-/// Writes the pages of all commands into a directory, or the program's own to stdout.
+/// Writes the pages of all commands into a directory, or the page of the program to stdout.
 pub fn man(args: &ManArgs) -> Result<()> {
     let mut cli = Cli::command();
     // Names the subcommands in full, as `lenscube-lens-trace`.
@@ -23,18 +23,18 @@ pub fn man(args: &ManArgs) -> Result<()> {
     let Some(dir) = &args.dir else { return to_stdout(&page(cli)?) };
     create_directories(dir, true)?;
     let pages = write(&cli, "", dir)?;
-    say(format!("{pages} pages in {}; try `man {}/lenscube.1`", dir.display(), dir.display()));
+    log_line(format!("{pages} pages in {}; try `man {}/lenscube.1`", dir.display(), dir.display()));
     Ok(())
 }
 
-/// Writes the page of `command`, whose name follows `before`, and of all below it; how many.
-fn write(command: &clap::Command, before: &str, dir: &Path) -> Result<usize> {
-    let name = format!("{before}{}", command.get_name());
+/// Writes the page of `command`, named `prefix` and its name, and those of its subcommands; the number of pages.
+fn write(command: &clap::Command, prefix: &str, dir: &Path) -> Result<usize> {
+    let name = format!("{prefix}{}", command.get_name());
     let path = dir.join(format!("{name}.1"));
     let bytes = page(command.clone())?;
     std::fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))?;
-    let below = command.get_subcommands().filter(|c| c.get_name() != "help");
-    below.map(|c| write(c, &format!("{name}-"), dir)).try_fold(1, |sum, pages| Ok(sum + pages?))
+    let subcommands = command.get_subcommands().filter(|c| c.get_name() != "help");
+    subcommands.map(|c| write(c, &format!("{name}-"), dir)).try_fold(1, |sum, pages| Ok(sum + pages?))
 }
 
 fn page(command: clap::Command) -> Result<Vec<u8>> {
@@ -43,7 +43,7 @@ fn page(command: clap::Command) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A reader that has gone, as `head` goes, is no fault.
+/// A closed pipe (`| head`) is not an error.
 fn to_stdout(bytes: &[u8]) -> Result<()> {
     match std::io::stdout().write_all(bytes) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e).context("writing the result"),

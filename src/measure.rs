@@ -1,14 +1,14 @@
-//! `lenscube measure`: edges, points and profiles of anyone's film, by the estimators that `validate` uses.
+//! `lenscube measure`: edges, points and profiles of a film or chart, by the estimators of `validate`.
 //!
-//! An edge is fitted (ISO 12233: a straight line through the centroids of its rows' line spreads), its pixels sorted by distance
-//! into bins of 1/4 px, between the two places given; its plateaus are what lies beyond 3/4 of the half width looked at.
+//! An edge is fitted between two given positions (ISO 12233: a straight line through the centroids of the line spread functions of
+//! its rows), and its pixels are averaged in bins of 1/4 px of distance. Its plateaus are the samples beyond 3/4 of the half width.
 
 use crate::args::MeasureArgs;
 use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use formats::chart::NanPolicy;
-use formats::durable::{WholeFile, finish_together};
+use formats::durable::{AtomicFile, finish_together};
 use formats::picture::bands::{band_key, band_series};
 use formats::picture::figure::Figure;
 use formats::picture::nearest_band;
@@ -21,21 +21,24 @@ use pipeline::measure::sfr::Mtf;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// Share of the half width beyond which an edge is flat.
+/// Start of the plateau, as a share of the half width.
 const PLATEAU: f64 = 0.75;
-/// MTFs are drawn to here, twice the film's Nyquist frequency.
-const SHOWN_CY_PX: f64 = 1.0;
-/// Decoded chunks kept.
+/// Maximum frequency of MTF plots, twice the film's Nyquist frequency.
+const MAX_CY_PX: f64 = 1.0;
+/// Cache of decoded chunks.
 const CACHE_BYTES: usize = 256 << 20;
 
-/// What was found in one band.
-struct Found {
+/// Measurement of one band.
+struct Measurement {
     nm: f64,
     figures: Value,
-    words: String,
+    summary: String,
     curve: Vec<(f64, f64)>,
     mtf: Vec<(f64, f64)>,
 }
+
+/// (row, column) in pixels.
+type Position = (f64, f64);
 
 /// Runs the command.
 pub fn command(args: &MeasureArgs) -> Result<()> {
@@ -45,33 +48,33 @@ pub fn command(args: &MeasureArgs) -> Result<()> {
         Some(nm) => vec![nearest_band(&all_nm, nm)?],
         None => (0..all_nm.len()).collect(),
     };
-    let mut found = Vec::new();
+    let mut measured = Vec::new();
     for band in bands {
         let nm = all_nm[band];
         let one =
-            one(args, &chart, band, nm).with_context(|| format!("measuring {} at {nm} nm", args.film))?;
-        println!("{nm} nm: {}", one.words);
-        found.push(one);
+            measure(args, &chart, band, nm).with_context(|| format!("measuring {} at {nm} nm", args.film))?;
+        println!("{nm} nm: {}", one.summary);
+        measured.push(one);
     }
     let mut files = Vec::new();
     if let Some(path) = &args.csv {
-        files.push(WholeFile::with_text(path, &csv(args, &found))?);
+        files.push(AtomicFile::with_text(path, &csv(args, &measured))?);
     }
     if let Some(path) = &args.json {
-        let bands: Vec<Value> = found
+        let bands: Vec<Value> = measured
             .iter()
-            .map(|f| json!({ "wavelength_nm": f.nm, "figures": f.figures, "curve": f.curve, "mtf": f.mtf }))
+            .map(|m| json!({ "wavelength_nm": m.nm, "figures": m.figures, "curve": m.curve, "mtf": m.mtf }))
             .collect();
         let all = json!({ "film": args.film, "bands": bands });
-        files.push(WholeFile::with_text(path, &(serde_json::to_string_pretty(&all)? + "\n"))?);
+        files.push(AtomicFile::with_text(path, &(serde_json::to_string_pretty(&all)? + "\n"))?);
     }
     if let Some(path) = &args.plot {
-        files.push(figure(args, &found, chart.pitch_um()).file(path)?);
+        files.push(figure(args, &measured, chart.pitch_um()).file(path)?);
     }
     Ok(finish_together(files)?)
 }
 
-fn one(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Found> {
+fn measure(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Measurement> {
     let half = args.half_px as usize;
     if let Some([x0, y0, x1, y1]) = args.edge {
         return edge(chart, band, nm, ((y0, x0), (y1, x1)), half);
@@ -79,16 +82,15 @@ fn one(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Found>
     if let Some([x0, y0, x1, y1]) = args.profile {
         return profile(chart, band, nm, ((y0, x0), (y1, x1)));
     }
-    let places = args.points.iter().flat_map(|p| &p.0);
-    points(chart, band, nm, places, half)
+    points(chart, band, nm, args.points.iter().flat_map(|p| &p.0), half)
 }
 
-/// The pixels of a rectangle that must lie in the film.
+/// Pixels of a rectangle, which must be inside the film.
 fn read(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<Vec<f32>> {
     let size = chart.size();
     if !size.rect().contains(rect) {
         return Err(usage(format!(
-            "{what} needs {rect}, which leaves the image of {size} (rows x columns); take other places or a smaller --half-px"
+            "{what} needs {rect}, which is not inside the image of {size} (rows x columns); give other positions or a smaller --half-px"
         )));
     }
     let mut pixels = vec![0f32; rect.size().pixels()];
@@ -96,7 +98,7 @@ fn read(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<Vec<f32>> 
     match pixels.iter().position(|v| !v.is_finite()) {
         None => Ok(pixels),
         Some(i) => anyhow::bail!(
-            "row {}, column {} is {}: the film is not complete there; finish its run first",
+            "row {}, column {} is {}: the film is not complete; finish its run first",
             rect.y + (i / rect.width) as i64,
             rect.x + (i % rect.width) as i64,
             pixels[i]
@@ -104,29 +106,32 @@ fn read(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<Vec<f32>> 
     }
 }
 
-/// The whole-pixel rectangle around places, `margin` larger on every side.
-fn around(places: [(f64, f64); 2], margin: usize) -> Rect {
-    let [a, b] = places;
+/// Pixels around two positions, `margin` larger on every side.
+fn bounding_rect([a, b]: [Position; 2], margin: usize) -> Rect {
     let (y0, y1) = (a.0.min(b.0).floor() as i64, a.0.max(b.0).ceil() as i64);
     let (x0, x1) = (a.1.min(b.1).floor() as i64, a.1.max(b.1).ceil() as i64);
     Rect::new(y0, x0, (y1 - y0 + 1) as usize, (x1 - x0 + 1) as usize).grown(margin)
 }
 
-type Ends = ((f64, f64), (f64, f64));
-
-fn edge(chart: &Chart, band: usize, nm: f64, (a, b): Ends, half: usize) -> Result<Found> {
+fn edge(
+    chart: &Chart,
+    band: usize,
+    nm: f64,
+    (a, b): (Position, Position),
+    half: usize,
+) -> Result<Measurement> {
     let guess = EdgeLine::through(a, b);
     let length = (b.0 - a.0).hypot(b.1 - a.1);
-    // Grown across the edge only: beyond its ends other things may stand.
-    let (upright, whole) = (guess.normal_rad.cos().abs() >= guess.normal_rad.sin().abs(), around([a, b], 0));
-    let wide = around([a, b], half + 2);
+    // Enlarged across the edge only: beyond its ends there may be other objects.
+    let upright = guess.normal_rad.cos().abs() >= guess.normal_rad.sin().abs();
+    let (ends, wide) = (bounding_rect([a, b], 0), bounding_rect([a, b], half + 2));
     let rect = match upright {
-        true => Rect::new(whole.y, wide.x, whole.height, wide.width),
-        false => Rect::new(wide.y, whole.x, wide.height, whole.width),
+        true => Rect::new(ends.y, wide.x, ends.height, wide.width),
+        false => Rect::new(wide.y, ends.x, wide.height, ends.width),
     };
     let pixels = read(chart, band, rect, "the edge")?;
     let line = fit(&pixels, rect, guess, half)
-        .context("there is no edge to fit between these places; take places on it, farther apart")?;
+        .context("no edge found between these positions; give positions on the edge, farther apart")?;
     let (sin, cos) = line.normal_rad.sin_cos();
     let middle = ((a.0 + b.0) / 2.0, (a.1 + b.1) / 2.0);
     let distance = |y: i64, x: i64| {
@@ -135,8 +140,8 @@ fn edge(chart: &Chart, band: usize, nm: f64, (a, b): Ends, half: usize) -> Resul
         (along.abs() <= length / 2.0).then(|| line.distance(at))
     };
     let reach = half as f64 - 1.0;
-    let esf = Esf::of(&pixels, rect, reach, distance)?.normalised(PLATEAU * reach)?;
-    let mtf = Mtf::of(&esf);
+    let esf = Esf::new(&pixels, rect, reach, distance)?.normalised(PLATEAU * reach)?;
+    let mtf = Mtf::from_esf(&esf);
     let crossing = |level: f64| {
         let pair = esf.samples.windows(2).find(|w| w[0].value < level && w[1].value >= level)?;
         let t = (level - pair[0].value) / (pair[1].value - pair[0].value);
@@ -144,15 +149,15 @@ fn edge(chart: &Chart, band: usize, nm: f64, (a, b): Ends, half: usize) -> Resul
     };
     let rise = crossing(0.1).zip(crossing(0.9)).map(|(a, b)| b - a);
     let (angle, mtf50) = (line.normal_rad.to_degrees(), mtf.mtf50_cy_px());
-    let told = |v: Option<f64>| v.map_or("none".into(), |v| format!("{v:.4}"));
-    Ok(Found {
+    let number = |v: Option<f64>| v.map_or("none".into(), |v| format!("{v:.4}"));
+    Ok(Measurement {
         nm,
-        words: format!(
+        summary: format!(
             "edge through row {:.3}, column {:.3}, normal {angle:.3} deg; 10-90 % rise {} px, MTF50 {} cycles/px",
             line.at_px.0,
             line.at_px.1,
-            told(rise),
-            told(mtf50)
+            number(rise),
+            number(mtf50)
         ),
         figures: json!({
             "row": line.at_px.0, "column": line.at_px.1, "normal_deg": angle,
@@ -167,24 +172,24 @@ fn points<'a>(
     chart: &Chart,
     band: usize,
     nm: f64,
-    places: impl Iterator<Item = &'a (f64, f64)>,
+    positions: impl Iterator<Item = &'a Position>,
     half: usize,
-) -> Result<Found> {
-    let mut all = Vec::new();
-    for &(row, col) in places {
-        let rect = around([(row.round(), col.round()); 2], half);
+) -> Result<Measurement> {
+    let mut centroids = Vec::new();
+    for &(row, col) in positions {
+        let rect = bounding_rect([(row.round(), col.round()); 2], half);
         let pixels = read(chart, band, rect, "a point")?;
-        let at = centroid(&pixels, rect, (row, col), half);
-        all.push(at.with_context(|| format!("there is no light near {col},{row}"))?);
+        let found = centroid(&pixels, rect, (row, col), half);
+        centroids.push(found.with_context(|| format!("there is no light near {col},{row}"))?);
     }
-    let words: Vec<String> = all.iter().map(|(y, x)| format!("{x:.4},{y:.4}")).collect();
-    let figures: Vec<Value> = all.iter().map(|(y, x)| json!({ "row": y, "column": x })).collect();
-    let curve = all.iter().map(|(y, x)| (*x, *y)).collect();
-    Ok(Found { nm, figures: json!(figures), words: words.join("; "), curve, mtf: Vec::new() })
+    let summary: Vec<String> = centroids.iter().map(|(y, x)| format!("{x:.4},{y:.4}")).collect();
+    let figures: Vec<Value> = centroids.iter().map(|(y, x)| json!({ "row": y, "column": x })).collect();
+    let curve = centroids.iter().map(|(y, x)| (*x, *y)).collect();
+    Ok(Measurement { nm, figures: json!(figures), summary: summary.join("; "), curve, mtf: Vec::new() })
 }
 
-fn profile(chart: &Chart, band: usize, nm: f64, (a, b): Ends) -> Result<Found> {
-    let rect = around([a, b], 0);
+fn profile(chart: &Chart, band: usize, nm: f64, (a, b): (Position, Position)) -> Result<Measurement> {
+    let rect = bounding_rect([a, b], 0);
     let pixels = read(chart, band, rect, "the profile")?;
     let length = (b.0 - a.0).hypot(b.1 - a.1);
     let value = |(y, x): (f64, f64)| {
@@ -206,38 +211,39 @@ fn profile(chart: &Chart, band: usize, nm: f64, (a, b): Ends) -> Result<Found> {
         .collect();
     let (low, high) = curve.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p.1), h.max(p.1)));
     let mean = curve.iter().map(|p| p.1).sum::<f64>() / curve.len() as f64;
-    Ok(Found {
+    Ok(Measurement {
         nm,
-        words: format!("{} values, {low:.6} to {high:.6}, mean {mean:.6}", curve.len()),
+        summary: format!("{} values, {low:.6} to {high:.6}, mean {mean:.6}", curve.len()),
         figures: json!({ "least": low, "most": high, "mean": mean }),
         curve,
         mtf: Vec::new(),
     })
 }
 
-fn csv(args: &MeasureArgs, found: &[Found]) -> String {
+fn csv(args: &MeasureArgs, measured: &[Measurement]) -> String {
     let columns = match (args.edge.is_some(), args.points.is_some()) {
         (true, _) => "distance_px,edge_spread",
         (_, true) => "column,row",
         _ => "distance_px,value",
     };
     let mut text = format!("wavelength_nm,{columns}\n");
-    for f in found {
-        for (x, y) in &f.curve {
+    for m in measured {
+        for (x, y) in &m.curve {
             // Writing to a String cannot fail.
-            let _ = writeln!(text, "{},{x:.6},{y:.8}", f.nm);
+            let _ = writeln!(text, "{},{x:.6},{y:.8}", m.nm);
         }
     }
     text
 }
 
-/// Edge spread and MTF of an edge, or values along a line. `pitch_um`: pixel pitch, if it is known.
-fn figure(args: &MeasureArgs, found: &[Found], pitch_um: Option<f64>) -> Figure {
-    let nm: Vec<f64> = found.iter().map(|f| f.nm).collect();
-    let plot = |x: Axis, y: Axis, top: Option<(String, f64)>, of: &dyn Fn(&Found) -> Vec<(f64, f64)>| {
-        let series = found.iter().enumerate().map(|(i, f)| band_series(&nm, i, of(f))).collect();
-        Plot { series, top, key: band_key(&nm), ..Plot::new("", x, y) }
-    };
+/// Edge spread function and MTF of an edge, or values along a line. `pitch_um`: pixel pitch, if known.
+fn figure(args: &MeasureArgs, measured: &[Measurement], pitch_um: Option<f64>) -> Figure {
+    let nm: Vec<f64> = measured.iter().map(|m| m.nm).collect();
+    let plot =
+        |x: Axis, y: Axis, top: Option<(String, f64)>, curve: &dyn Fn(&Measurement) -> Vec<(f64, f64)>| {
+            let series = measured.iter().enumerate().map(|(i, m)| band_series(&nm, i, curve(m))).collect();
+            Plot { series, top, key: band_key(&nm), ..Plot::new("", x, y) }
+        };
     let um = |name: &str| pitch_um.map(|pitch| (format!("{name} (µm)"), pitch));
     if args.edge.is_none() {
         let axis = Axis::new("distance along the line (px)", 0.0, 0.0);
@@ -249,8 +255,8 @@ fn figure(args: &MeasureArgs, found: &[Found], pitch_um: Option<f64>) -> Figure 
     let spread = Axis::new("edge spread function", -0.05, 1.05);
     let esf = plot(axis, spread, um("distance from the edge"), &|f| f.curve.clone());
     let (axis, top, lp_mm) = frequency_axes(pitch_um);
-    let scaled = |f: &Found| {
-        let shown = f.mtf.iter().take_while(|p| p.0 <= SHOWN_CY_PX);
+    let scaled = |m: &Measurement| {
+        let shown = m.mtf.iter().take_while(|p| p.0 <= MAX_CY_PX);
         shown.map(|(f, m)| (f * lp_mm, *m)).collect::<Vec<_>>()
     };
     let mut mtf = plot(axis, Axis::new("MTF", 0.0, 1.05), top, &scaled);
@@ -258,8 +264,8 @@ fn figure(args: &MeasureArgs, found: &[Found], pitch_um: Option<f64>) -> Figure 
     stacked("Edge spread function and MTF (dotted: Nyquist frequency)", &[esf, mtf], args.style.into())
 }
 
-/// Axes of a frequency: lp/mm below and cycles/px above if the pitch is known, else cycles/px; and the values of the
-/// first over cycles/px.
+/// Frequency axes: lp/mm below and cycles/px above if the pitch is known, else cycles/px below; and the units of the lower axis
+/// per cycle/px.
 pub fn frequency_axes(pitch_um: Option<f64>) -> (Axis, Option<(String, f64)>, f64) {
     let name = "spatial frequency";
     match pitch_um {

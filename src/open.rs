@@ -1,13 +1,12 @@
-//! Opening what the command line names: charts (stores or generators) and lenses (packs or built in).
+//! Opens charts (stores, files, generators) and lens packs by the names in the arguments.
 
 use crate::design;
 use crate::failure::usage;
-use crate::memory::Chunks;
-use crate::progress::{counting, say};
+use crate::progress::{counting, log_line};
 use anyhow::{Context, Result};
 use formats::chart::exr::{ExrChart, ExrContent};
 use formats::chart::{
-    ChartOptions, ChartStore, Interleave, NanPolicy, RasterChart, RasterLayout, sample_named,
+    ChartOptions, ChartStore, ChunkMemory, Interleave, NanPolicy, RasterChart, RasterLayout, parse_dtype,
 };
 use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
@@ -17,7 +16,7 @@ use pipeline::geometry::Size;
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// A chart, wherever it comes from.
+/// A chart of any format.
 pub enum Chart {
     /// A Zarr array.
     Store(Box<ChartStore>),
@@ -25,7 +24,7 @@ pub enum Chart {
     Raster(Box<RasterChart>),
     /// A spectral OpenEXR file.
     Exr(Box<ExrChart>),
-    /// Drawn on the fly.
+    /// Generated on demand.
     Drawn(Box<Generator>),
 }
 
@@ -43,12 +42,12 @@ impl Chart {
             let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
             return Ok(Self::Drawn(Box::new(generator)));
         }
-        if ExrChart::is_one(Path::new(spec)) {
+        if ExrChart::is_supported_path(Path::new(spec)) {
             return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
         }
-        if RasterChart::is_one(Path::new(spec)) {
-            on_disk(spec)?;
-            return Self::flat(RasterChart::open(Path::new(spec), nan)?, declared);
+        if RasterChart::is_supported_path(Path::new(spec)) {
+            check_local(spec)?;
+            return Self::raster(RasterChart::open(Path::new(spec), nan)?, declared);
         }
         let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
         Ok(Self::Store(Box::new(ChartStore::open(spec, options)?)))
@@ -62,24 +61,24 @@ impl Chart {
         wavelengths: Option<&str>,
         nan: NanPolicy,
     ) -> Result<Self> {
-        on_disk(spec)?;
+        check_local(spec)?;
         let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
         let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
         let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
         let Some(&[bands, rows, columns]) = sides.as_deref() else {
             return Err(usage(format!("--chart-shape {shape}: expected BANDS,ROWS,COLUMNS")));
         };
-        let Some((sample, little_endian)) = sample_named(dtype) else {
+        let Some((sample, little_endian)) = parse_dtype(dtype) else {
             return Err(usage(format!(
                 "--chart-dtype {dtype}: expected u1, u2, f2, f4 or f8, `>` before it for highest byte first"
             )));
         };
         let shape = [bands, rows, columns];
         let layout = RasterLayout { shape, interleave: Interleave::Bsq, sample, little_endian, offset: 0 };
-        Self::flat(RasterChart::raw(Path::new(spec), layout, nan)?, declared)
+        Self::raster(RasterChart::raw(Path::new(spec), layout, nan)?, declared)
     }
 
-    fn flat(chart: RasterChart, declared: Option<Vec<f64>>) -> Result<Self> {
+    fn raster(chart: RasterChart, declared: Option<Vec<f64>>) -> Result<Self> {
         Ok(Self::Raster(Box::new(match declared {
             Some(nm) => chart.with_wavelengths(nm)?,
             None => chart,
@@ -89,7 +88,7 @@ impl Chart {
     fn exr(chart: ExrChart, declared: Option<Vec<f64>>) -> Result<Self> {
         if !matches!(chart.content(), ExrContent::Spectral { .. }) {
             return Err(usage(format!(
-                "chart {}: an image of colours, not of wavelengths; `lenscube chart image {} CHART.zarr` makes a chart of it",
+                "chart {}: a colour image without wavelengths; convert it with `lenscube chart image {} CHART.zarr`",
                 chart.path().display(),
                 chart.path().display()
             )));
@@ -110,26 +109,26 @@ impl Chart {
         }
     }
 
-    /// Lays out `bands` one after the other in a temporary file in `directory` where they would otherwise be fetched or decoded
-    /// once per band; says so.
-    pub fn lay_out(&mut self, bands: &[usize], directory: &Path, threads: usize) -> Result<()> {
-        let (bar, progress) = counting("laying the chart's bands out");
+    /// Sorts the chart by band into a temporary file in `directory`, if its bands would otherwise be fetched or decoded once per band;
+    /// prints that.
+    pub fn sort_by_band(&mut self, bands: &[usize], directory: &Path, threads: usize) -> Result<()> {
+        let (bar, progress) = counting("sorting the chart by band");
         match self {
-            Self::Raster(raster) if bands.len() > 1 && raster.must_be_laid_out() => {
-                say("the chart's bands interleave: laying them out once in a temporary file");
-                raster.in_bands(bands, directory, &progress)?;
+            Self::Raster(raster) if bands.len() > 1 && raster.needs_band_copy() => {
+                log_line("the chart's bands are interleaved: sorting them once into a temporary file");
+                raster.copy_bands(bands, directory, &progress)?;
             }
             Self::Store(store) if store.rechunk_needed(bands) => {
-                say(
+                log_line(
                     "the chart's chunks span several bands: re-chunking them once into a temporary file beside the output",
                 );
                 store.rechunk(bands, directory, threads, &progress)?;
             }
             Self::Exr(exr) => {
-                say(
-                    "the chart is compressed, its bands line by line: laying them out once in a temporary file",
+                log_line(
+                    "the chart is compressed, its bands line by line: sorting them once into a temporary file",
                 );
-                exr.lay_out(bands, directory, threads, &progress)?;
+                exr.copy_bands(bands, directory, threads, &progress)?;
             }
             _ => (),
         }
@@ -137,15 +136,15 @@ impl Chart {
         Ok(())
     }
 
-    /// Rows and columns that are decoded at once; one pixel where nothing is.
-    pub fn piece(&self) -> Size {
+    /// Rows and columns of a chunk; one pixel where the chart has none.
+    pub fn chunk_size(&self) -> Size {
         match self {
-            Self::Store(s) => Size::new(s.piece_shape()[1], s.piece_shape()[2]),
+            Self::Store(s) => Size::new(s.chunk_shape()[1], s.chunk_shape()[2]),
             Self::Raster(_) | Self::Exr(_) | Self::Drawn(_) => Size::new(1, 1),
         }
     }
 
-    /// Bytes of cache with which strips of `rows` rows, one after the other, decode nothing twice.
+    /// Bytes of cache with which tiles of `rows` rows, read row by row, decode no chunk twice.
     pub fn cache_for_rows(&self, rows: usize) -> usize {
         match self {
             Self::Store(s) => s.cache_for_rows(rows),
@@ -153,12 +152,19 @@ impl Chart {
         }
     }
 
-    /// What its chunks take in memory while `bands` are read one after the other.
-    pub fn chunks(&self, bands: &[usize]) -> Chunks {
+    /// Memory of its chunks while `bands` are read one after the other.
+    pub fn chunk_memory(&self, bands: &[usize]) -> ChunkMemory {
         match self {
-            Self::Store(s) => store_chunks(s, bands),
-            Self::Exr(e) => Chunks { splitting: 3 * e.block_bytes(), ..Chunks::default() },
-            Self::Raster(_) | Self::Drawn(_) => Chunks::default(),
+            Self::Store(s) => s.chunk_memory(bands),
+            Self::Exr(e) => e.chunk_memory(),
+            Self::Raster(_) | Self::Drawn(_) => ChunkMemory::default(),
+        }
+    }
+
+    /// Sets the size of the cache of decoded chunks and empties it; only stores have one.
+    pub fn set_cache_bytes(&mut self, bytes: usize) {
+        if let Self::Store(store) = self {
+            store.set_cache_bytes(bytes);
         }
     }
 
@@ -192,7 +198,7 @@ impl Chart {
         }
     }
 
-    /// Size of the film that it was made for.
+    /// Size of the film that it was made for, if it is known.
     pub fn film_size(&self) -> Option<Size> {
         match self {
             Self::Store(s) => s.film_size(),
@@ -201,7 +207,7 @@ impl Chart {
         }
     }
 
-    /// What its values are.
+    /// Units of its values.
     pub fn units(&self) -> Option<&str> {
         match self {
             Self::Store(s) => s.units(),
@@ -211,19 +217,18 @@ impl Chart {
         }
     }
 
-    /// Makes values an error that are beyond `largest` in magnitude, where the reader's own limit is larger. Call it before
-    /// anything is read.
-    pub fn limit_values(&mut self, largest: f32) -> Result<()> {
+    /// Limits the magnitude of values to `max`; larger ones are an error. Call it before pixels are read.
+    pub fn limit_values(&mut self, max: f32) -> Result<()> {
         match self {
-            Self::Store(s) => s.limit_values(largest),
-            Self::Raster(r) => r.limit_values(largest),
-            Self::Exr(e) => e.limit_values(largest),
+            Self::Store(s) => s.limit_values(max),
+            Self::Raster(r) => r.limit_values(max),
+            Self::Exr(e) => e.limit_values(max),
             Self::Drawn(g) => {
                 if let Kind::Uniform { value } = g.spec().kind
-                    && value.abs() > f64::from(largest)
+                    && value.abs() > f64::from(max)
                 {
                     return Err(usage(format!(
-                        "chart `gen:uniform`: value={value:e}: expected at most {largest:e} in magnitude, so that 32-bit sums do \
+                        "chart `gen:uniform`: value={value:e}: expected at most {max:e} in magnitude, so that 32-bit sums do \
                          not overflow"
                     )));
                 }
@@ -232,23 +237,23 @@ impl Chart {
         Ok(())
     }
 
-    /// What the user should know of how its values are read, a line each.
+    /// Notes on how its values are read.
     pub fn notes(&self) -> Vec<String> {
         match self {
             Self::Store(s) => {
-                let words = |(scale, offset): (f64, f64)| {
+                let note = |(scale, offset): (f64, f64)| {
                     format!(
                         "the chart's scale_factor and add_offset are applied: value = sample · {scale} + {offset}"
                     )
                 };
-                s.scaling().map(words).into_iter().collect()
+                s.scaling().map(note).into_iter().collect()
             }
             Self::Raster(r) => r.notes().to_vec(),
             Self::Exr(_) | Self::Drawn(_) => Vec::new(),
         }
     }
 
-    /// What makes it this chart and no other, for the job's digest: what it is, and when its files were last changed.
+    /// Identity for the job's digest: its content (names and sizes of files, parameters), and the modification times of its files.
     pub fn identity(&self) -> Result<(Value, Value)> {
         Ok(match self {
             Self::Store(s) => {
@@ -262,41 +267,29 @@ impl Chart {
     }
 }
 
-fn store_chunks(store: &ChartStore, bands: &[usize]) -> Chunks {
-    let ([chunk_bands, rows, columns], size) = (store.piece_shape(), store.size());
-    let held_bands = chunk_bands.min(store.bands());
-    let pixels = rows.min(size.height) * columns.min(size.width);
-    let count = size.height.div_ceil(rows) * size.width.div_ceil(columns);
-    let (encoded, values) = (chunk_bands * rows * columns * store.sample().bytes(), 4 * held_bands * pixels);
-    let apart = 4 * pixels;
-    // Laid out apart a band's part is read as bytes and values; while they are laid out, all of it is held.
-    match held_bands > 1 && bands.len() > 1 {
-        true => Chunks { count, loading: apart, values: apart, splitting: 2 * encoded + values + apart },
-        false => Chunks { count, loading: 2 * encoded, values, splitting: 0 },
-    }
-}
-
-/// Flat files are mapped into memory.
-fn on_disk(spec: &str) -> Result<()> {
+/// Fails for a URL: flat files are mapped into memory.
+fn check_local(spec: &str) -> Result<()> {
     match is_url(Path::new(spec)) {
-        true => Err(usage(format!("chart `{spec}`: at a URL only Zarr stores are read; copy the file here"))),
+        true => Err(usage(format!(
+            "chart `{spec}`: only Zarr stores are supported at a URL; copy the file to a local disk"
+        ))),
         false => Ok(()),
     }
 }
 
 fn no_wavelengths(path: &Path, bands: usize) -> anyhow::Error {
     usage(format!(
-        "chart {} does not tell the wavelengths of its {bands} bands; say them, e.g. `--wavelengths 400:700:10`",
+        "chart {} has no wavelengths for its {bands} bands; give them, e.g. `--wavelengths 400:700:10`",
         path.display()
     ))
 }
 
-/// Whether a lens's name is that of a lens inside the program. Such a name never means a file: `./NAME` does.
+/// Whether `name` is that of a built-in lens. Such a name never means a file; `./NAME` does.
 pub fn is_builtin(name: &str) -> bool {
     name == design::BUILTIN || builtin_names().any(|known| known == name)
 }
 
-/// Opens a lens pack, or one inside the program by its name.
+/// Opens a lens pack, or a built-in one by its name.
 pub fn lens(name: &str) -> Result<LensPack> {
     if builtin_names().any(|known| known == name) {
         return Ok(builtin(name)?);

@@ -1,4 +1,4 @@
-//! What a run shows while it goes: bars on a terminal, plain lines elsewhere.
+//! Output to the user: log lines on stderr, results on stdout, progress bars on a terminal, progress lines elsewhere.
 
 pub mod jsonl;
 
@@ -12,68 +12,68 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Says a line to the user: results go to files, words to stderr. Whoever closes it wants no words.
-pub fn say(line: impl AsRef<str>) {
+/// Writes a line to stderr. Errors are ignored: stderr may be closed.
+pub fn log_line(line: impl AsRef<str>) {
     let _ = writeln!(std::io::stderr(), "{}", line.as_ref());
 }
 
-/// Writes a line of the result to stdout. A reader that has gone, as `head` goes, is no fault: the rest is for nobody.
+/// Writes a line of the result to stdout. A closed pipe (`| head`) is not an error.
 pub fn print(line: impl std::fmt::Display) {
     match writeln!(std::io::stdout(), "{line}") {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            say(format!("lenscube: writing the result: {e}"));
+            log_line(format!("lenscube: writing the result: {e}"));
             std::process::exit(i32::from(crate::failure::code::FAILED));
         }
         _ => (),
     }
 }
 
-/// A path in JSON, which holds Unicode only: bytes of a file name that are not UTF-8 become U+FFFD.
+/// A path as a JSON string; bytes that are not UTF-8 become U+FFFD.
 pub fn json_path(path: &Path) -> serde_json::Value {
     path.to_string_lossy().into_owned().into()
 }
 
-/// Reports files of ended processes that a sweep was not allowed to remove; they harm no output.
+/// Reports temporary files that could not be removed; they do not affect the output.
 pub fn report_kept(sweep: &Sweep) {
     if let Some((path, reason)) = sweep.kept.first() {
-        say(format!(
-            "note: {} temporary files of ended processes may not be removed, the first is {}: {reason}",
+        log_line(format!(
+            "note: {} temporary files of ended processes could not be removed, the first is {}: {reason}",
             sweep.kept.len(),
             path.display()
         ));
     }
 }
 
-/// A bar for work counted in pieces, called `doing`; with it, what tells it how many of how many are done. Without a terminal: a
-/// line every ten seconds.
+/// A bar for countable work, named `doing`, and the function that updates it with (done, total). Without a terminal: a line every ten
+/// seconds.
 pub fn counting(doing: &str) -> (ProgressBar, impl Fn(u64, u64) + Sync + use<>) {
     let style = ProgressStyle::with_template("{msg}  [{bar:32}] {percent:>3} %  {eta_precise} left");
     let bar = ProgressBar::new(1).with_style(style.expect("a valid template")).with_message(doing.to_owned());
-    let (told, doing, start) = (bar.clone(), doing.to_owned(), Instant::now());
+    let (updated, doing, start) = (bar.clone(), doing.to_owned(), Instant::now());
     let lines = (!std::io::stderr().is_terminal()).then(|| Mutex::new(start));
-    let tell = move |done: u64, all: u64| {
-        told.set_length(all);
-        told.set_position(done);
+    let update = move |done: u64, all: u64| {
+        updated.set_length(all);
+        updated.set_position(done);
         if let Some(mut last) = lines.as_ref().and_then(|l| l.try_lock().ok())
             && last.elapsed() >= LINE_EVERY
         {
             *last = Instant::now();
             let share = done as f64 / all.max(1) as f64;
             let left = start.elapsed().as_secs_f64() * (1.0 / share - 1.0);
-            say(format!("{doing}: {:.0} %, {} left", 100.0 * share, clock(left)));
+            log_line(format!("{doing}: {:.0} %, {} left", 100.0 * share, duration(left)));
         }
     };
-    (bar, tell)
+    (bar, update)
 }
 
-/// A bar for bands being traced.
+/// A bar for tracing a lens band by band.
 pub fn tracing_bar(bands: usize) -> ProgressBar {
     let style =
-        ProgressStyle::with_template("{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} gone, {eta} left");
+        ProgressStyle::with_template("{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} elapsed, {eta} left");
     ProgressBar::new(bands as u64).with_style(style.expect("a valid template"))
 }
 
-/// Progress of a run over bands.
+/// Progress of a run: a bar on a terminal, else log lines.
 pub struct Bars {
     bar: Option<ProgressBar>,
     names: Vec<String>,
@@ -82,7 +82,7 @@ pub struct Bars {
 
 struct State {
     start: Instant,
-    told: Instant,
+    last_line: Instant,
     done: u64,
     total: u64,
     band: usize,
@@ -91,23 +91,23 @@ struct State {
     band_start: Instant,
 }
 
-/// Seconds between log lines where there is no terminal.
+/// Time between log lines without a terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
 impl Bars {
-    /// For bands called `names` of `pixels` film pixels each to make.
+    /// For bands `names`, with `pixels` film pixels to compute in each.
     pub fn new(names: Vec<String>, pixels: &[u64]) -> Self {
         let total = pixels.iter().sum();
         let bar = std::io::stderr().is_terminal().then(|| {
             let style =
-                "{spinner} {msg}  [{bar:32}] {percent:>3} %  {elapsed_precise} gone, {eta_precise} left";
+                "{spinner} {msg}  [{bar:32}] {percent:>3} %  {elapsed_precise} elapsed, {eta_precise} left";
             let style = ProgressStyle::with_template(style).expect("a valid template").progress_chars("=> ");
             ProgressBar::new(total).with_style(style)
         });
         let now = Instant::now();
         let state = State {
             start: now,
-            told: now,
+            last_line: now,
             done: 0,
             total,
             band: 0,
@@ -118,7 +118,7 @@ impl Bars {
         Self { bar, names, state: Mutex::new(state) }
     }
 
-    /// Leaves the terminal as it was.
+    /// Removes the bar from the terminal.
     pub fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
@@ -126,7 +126,7 @@ impl Bars {
     }
 }
 
-fn clock(seconds: f64) -> String {
+fn duration(seconds: f64) -> String {
     if !seconds.is_finite() {
         return "?".into();
     }
@@ -151,7 +151,7 @@ impl Progress for Bars {
         }
         let rate = s.done as f64 / s.start.elapsed().as_secs_f64();
         let band_rate = s.band_done as f64 / s.band_start.elapsed().as_secs_f64();
-        let left = |done: u64, total: u64, rate: f64| clock(total.saturating_sub(done) as f64 / rate);
+        let left = |done: u64, total: u64, rate: f64| duration(total.saturating_sub(done) as f64 / rate);
         if let Some(bar) = &self.bar {
             bar.set_message(format!(
                 "{} ({}/{}, {} left)  {:.1} Mpx/s",
@@ -162,9 +162,9 @@ impl Progress for Bars {
                 rate * 1e-6
             ));
             bar.set_position(s.done);
-        } else if s.told.elapsed() >= LINE_EVERY {
-            s.told = Instant::now();
-            say(format!(
+        } else if s.last_line.elapsed() >= LINE_EVERY {
+            s.last_line = Instant::now();
+            log_line(format!(
                 "{} (band {} of {}): {:.0} %, {} left; job {:.0} %, {:.1} Mpx/s, {} left",
                 self.names[s.band],
                 s.band + 1,
@@ -192,7 +192,7 @@ pub fn summary_lines(
     let gb = |b: u64| b as f64 * 1e-9;
     let rate = s.pixels as f64 / s.wall_s * 1e-6;
     let mut lines = vec![
-        format!("{} shards in {}, {rate:.1} Mpx/s, {} tiles", s.shards, clock(s.wall_s), s.tiles),
+        format!("{} shards in {}, {rate:.1} Mpx/s, {} tiles", s.shards, duration(s.wall_s), s.tiles),
         format!(
             "core seconds: read {:.1}, remap {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
              prepare {:.1}; waiting for the disk: read {:.1}, write {:.1}",

@@ -1,11 +1,12 @@
-//! `lenscube pyramid`: smaller and smaller films of a film, so that programs show all of it at once.
+//! `lenscube pyramid`: adds levels of decreasing resolution to a film, for viewers.
 
 use crate::args::PyramidArgs;
 use crate::failure::{Coded, code};
+use crate::interrupt;
 use crate::job;
 use crate::memory::{default_limit, mib};
-use crate::progress::{counting, report_kept, say};
-use crate::run::{WHOLE, interrupt};
+use crate::progress::{counting, log_line, report_kept};
+use crate::run::film::FILM_LOCK;
 use crate::status;
 use anyhow::Result;
 use formats::film::{FilmError, FilmStore, PyramidState};
@@ -17,27 +18,28 @@ pub fn command(args: &PyramidArgs) -> Result<u8> {
     make(&status::open(&args.film)?, args.threads, args.memory, args.take_over)
 }
 
-/// Makes the pyramid of a film, or what is missing of it; the exit code.
+/// Makes the pyramid of a film, or completes it; the exit code.
 pub fn make(store: &FilmStore, threads: Option<usize>, memory: Option<u64>, take_over: bool) -> Result<u8> {
     let shards = store.pyramid_shards();
     let state = store.pyramid()?;
     if state == PyramidState::Complete {
         store.check_in_place()?;
-        say(format!("the pyramid of {} is complete: {shards} shards, nothing to do", store.path().display()));
+        log_line(format!(
+            "the pyramid of {} is complete: {shards} shards, nothing to do",
+            store.path().display()
+        ));
         return Ok(0);
     }
-    let lock = store.lock(WHOLE, take_over)?;
+    let lock = store.lock(FILM_LOCK, take_over)?;
     if let Some(lock) = &lock {
         interrupt::release_on_exit(lock.path());
     }
     report_kept(&store.sweep()?);
     match state {
         PyramidState::Unfinished(done, _) => {
-            say(format!("resuming: {} of {shards} shards to make", shards - done))
+            log_line(format!("resuming: {} of {shards} shards to compute", shards - done))
         }
-        PyramidState::Stale => {
-            say("the pyramid that is there is of other pixels than the film has: making it anew")
-        }
+        PyramidState::Stale => log_line("the pyramid is of an earlier version of the film: replacing it"),
         _ => (),
     }
     let start = Instant::now();
@@ -49,11 +51,11 @@ pub fn make(store: &FilmStore, threads: Option<usize>, memory: Option<u64>, take
     bar.finish_and_clear();
     match made {
         Ok(true) => {
-            tell(store, start, limit);
+            print_summary(store, start, limit);
             Ok(0)
         }
         Ok(false) => {
-            say("interrupted; the same command resumes");
+            log_line("interrupted; the same command resumes");
             Ok(code::INTERRUPTED)
         }
         Err(e @ FilmError::Incomplete { .. }) => {
@@ -63,7 +65,7 @@ pub fn make(store: &FilmStore, threads: Option<usize>, memory: Option<u64>, take
     }
 }
 
-fn tell(store: &FilmStore, start: Instant, limit: u64) {
+fn print_summary(store: &FilmStore, start: Instant, limit: u64) {
     let levels: Vec<String> = (0..store.spec().outputs.len())
         .map(|output| {
             let size = store.spec().outputs[output].rect.size();
@@ -72,7 +74,7 @@ fn tell(store: &FilmStore, start: Instant, limit: u64) {
             format!("{} in {} levels down to {last} px", store.spec().outputs[output].name, levels.len())
         })
         .collect();
-    say(format!(
+    log_line(format!(
         "{}: {}; {} shards in {:.1} s (memory at most {})",
         store.path().display(),
         levels.join(", "),

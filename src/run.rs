@@ -1,71 +1,46 @@
-//! `lenscube run`: chart → remap → film, and the film's life: created, resumed, finished.
+//! `lenscube run`: chart → remapped image → film; the film is created, resumed, or found complete.
 
-mod faults;
+mod display;
 pub mod film;
-pub mod interrupt;
-mod record;
+mod monitor;
+pub mod record;
 mod shards;
-mod shown;
+mod sink;
 mod units;
 
 use crate::args::{ProgressArg, RunArgs, RunCommand};
-use crate::engine;
 use crate::failure::code;
+use crate::film_engine;
+use crate::interrupt;
 use crate::job::Job;
 use crate::memory::mib;
+use crate::plan::CommandLine;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{Bars, json_path, report_kept, say};
+use crate::progress::{Bars, json_path, log_line, report_kept};
 use crate::pyramid;
 use anyhow::{Context, Result};
-use faults::{Failed, Follow};
-use formats::durable::{Lock, Maker, fault_point, is_url, parent_of};
-use formats::film::{EncodedShard, FilmError, FilmStore};
+use clap::ArgMatches;
+use display::Display;
+use film::FILM_LOCK;
+use formats::durable::{Lock, ProcessIdentity, fault_point, is_url, parent_of};
+use formats::film::{FilmError, FilmStore};
 use formats::lens::LensPackError;
+use monitor::{Monitor, RunFailure};
+use pipeline::band::BandStages;
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::{BandWork, Summary, Work, run};
-use pipeline::flow::{FilmSink, SourceSinkError};
-use pipeline::geometry::Rect;
+use pipeline::flow::SourceSinkError;
 use pipeline::plan::ShardId;
 use pipeline::stages::StageCompute;
 use serde_json::json;
-use shown::Shown;
+use sink::FilmStoreSink;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 use units::Units;
 
-/// The film as the pipeline's sink, and its bands by position of the job.
-struct Sink<'a>(&'a FilmStore, &'a [usize]);
-
-impl FilmSink for Sink<'_> {
-    type Encoded = EncodedShard;
-
-    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<EncodedShard, SourceSinkError> {
-        // No stage makes such a value of finite numbers, unless their products leave f32.
-        if let Some(i) = pixels.iter().position(|v| !v.is_finite()) {
-            let (row, column) = (rect.y + (i / rect.width) as i64, rect.x + (i % rect.width) as i64);
-            return Err(format!(
-                "row {row}, column {column} of the film comes out as {}: values of the chart times illumination and film units \
-                 leave the range of float32; scale the chart down",
-                pixels[i]
-            )
-            .into());
-        }
-        Ok(self.0.encode_shard(id.window, self.1[id.band], (id.row, id.col), pixels)?)
-    }
-
-    fn commit(&self, encoded: EncodedShard) -> Result<u64, SourceSinkError> {
-        self.0.commit(&encoded)?;
-        Ok(encoded.bytes().len() as u64)
-    }
-
-    fn writers(&self) -> usize {
-        FilmStore::writers(self.0.path())
-    }
-}
-
-/// A band's error: of the lens tables or of the pack.
+/// A band's stages could not be constructed.
 #[derive(Debug, thiserror::Error)]
 enum StageError {
     #[error(transparent)]
@@ -74,75 +49,75 @@ enum StageError {
     Pack(#[from] LensPackError),
 }
 
-/// The unit of work that a run without units does; its lock has this name.
-pub const WHOLE: &str = "whole";
-
-/// Runs the command; the exit code.
-pub fn command(typed: &RunCommand) -> Result<u8> {
-    if typed.work.die_with_parent {
+/// Runs the command, parsed from `matches`; the exit code.
+pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
+    if args.work.die_with_parent {
         interrupt::die_with_parent().context("--die-with-parent")?;
     }
-    let jsonl = (typed.work.progress == ProgressArg::Jsonl).then(Jsonl::new);
-    let result = begin(typed, jsonl.as_ref());
+    let jsonl = (args.work.progress == ProgressArg::Jsonl).then(Jsonl::new);
+    let result = match &args.work.plan {
+        None => run_job(&args.job, jsonl.as_ref()),
+        Some(plan) => {
+            let units = || Units::read(plan.clone(), args.work.unit.as_deref());
+            units().and_then(|units| run_units(&units, args, matches, jsonl.as_ref()))
+        }
+    };
     if let Some(jsonl) = &jsonl {
         jsonl.end(&result);
     }
     result
 }
 
-/// Finds out what is to be done.
-fn begin(typed: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
+/// Computes a complete film.
+///
+/// # Errors
+/// Those of the run; the exit code otherwise.
+pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>) -> Result<u8> {
     let start = Instant::now();
-    let Some(path) = &typed.work.plan else {
-        let job = Job::new(&typed.job)?;
-        film::keep_apart(&job, &typed.job.film)?;
-        interrupt::listen();
-        let store = film::open(&job, &typed.job)?;
-        fault_point("film-opened");
-        let args = &typed.job;
-        return match work(Task { args, store: &store, units: None, jsonl, start }, job)? {
-            0 if args.pyramid => pyramid::make(&store, args.threads, args.memory, args.take_over),
-            code => Ok(code),
-        };
-    };
-    let units = Units::read(path.clone(), typed.work.unit.as_deref())?;
-    if let Some(jsonl) = jsonl {
-        jsonl.of_plan(&units.name, &units.listed());
+    let job = Job::new(args)?;
+    film::check_apart(&job, &args.film)?;
+    interrupt::listen();
+    let store = film::open(&job, args)?;
+    fault_point("film-opened");
+    match compute_missing(&Task { args, store: &store, units: None, jsonl, start }, job)? {
+        0 if args.pyramid => pyramid::make(&store, args.threads, args.memory, args.process.take_over),
+        code => Ok(code),
     }
-    let args = units.args(typed)?;
+}
+
+/// Computes units of a plan.
+fn run_units(units: &Units, args: &RunCommand, matches: &ArgMatches, jsonl: Option<&Jsonl>) -> Result<u8> {
+    let start = Instant::now();
+    if let Some(jsonl) = jsonl {
+        jsonl.set_plan(&units.name, &units.listed());
+    }
+    let args = units.args(&args.job, &CommandLine::given(matches)?)?;
     interrupt::listen();
     let store = units.film(&args)?;
-    engine::check_named(&store, &args)?;
+    film_engine::check_explicit(&store, &args)?;
     fault_point("film-opened");
-    if let Some(shards) = units.all_done(&store)? {
-        // Leavings of a worker that was killed after its last shard.
-        let _ = (units.lock(&store), store.sweep());
-        fault_point("shards-made");
-        store.check_in_place()?;
-        say(format!(
-            "units {} of {} are complete: {shards} shards, nothing to do",
-            units.listed(),
-            store.path().display()
-        ));
-        record::nothing_to_do(jsonl, &store, shards);
-        return Ok(0);
+    let task = Task { args: &args, store: &store, units: Some(units), jsonl, start };
+    // Checked before the chart and the lens are opened.
+    if let Some(shards) = units.completed_shards(&store)? {
+        return task.already_complete(shards, "are");
     }
     let job = units.job(&args)?;
     fault_point("job-ready");
-    work(Task { args: &args, store: &store, units: Some(&units), jsonl, start }, job)
+    compute_missing(&task, job)
 }
 
-/// What a process is to do of a job.
+/// The part of a job that this process computes.
 struct Task<'a> {
     args: &'a RunArgs,
     store: &'a FilmStore,
+    /// `None`: the complete film.
     units: Option<&'a Units>,
     jsonl: Option<&'a Jsonl>,
     start: Instant,
 }
 
 impl Task<'_> {
-    /// What it is called.
+    /// Name in messages.
     fn name(&self) -> String {
         let film = self.store.path().display();
         self.units.map_or_else(|| film.to_string(), |u| format!("units {} of {film}", u.listed()))
@@ -151,164 +126,217 @@ impl Task<'_> {
     fn lock(&self) -> Result<Option<Lock>> {
         match self.units {
             Some(units) => units.lock(self.store),
-            None => Ok(self.store.lock(WHOLE, self.args.take_over)?),
+            None => Ok(self.store.lock(FILM_LOCK, self.args.process.take_over)?),
         }
     }
 
-    /// Says to programs what is about to be done: shards (all, there already), tiles and their pixels.
-    fn tell_start(&self, job: &Job, shards: (usize, usize), tiles: (u64, u64)) {
+    /// All `shards` are present; `verb` fits [`Task::name`].
+    fn already_complete(&self, shards: usize, verb: &str) -> Result<u8> {
+        // Removes temporary files of a run that was killed after its last shard. Fails on a read-only film, which is complete as well.
+        let _ = (self.lock(), self.store.sweep());
+        fault_point("shards-made");
+        self.store.check_in_place()?;
+        log_line(format!("{} {verb} complete: {shards} shards, nothing to do", self.name()));
+        record::nothing_to_do(self.jsonl, self.store, shards);
+        Ok(0)
+    }
+
+    /// Locks the film and removes temporary files of ended processes.
+    fn lock_and_sweep(&self) -> Result<Option<Lock>> {
+        let lock = self.lock()?;
+        if let Some(lock) = &lock {
+            interrupt::release_on_exit(lock.path());
+        }
+        fault_point("locked");
+        if self.args.no_fsync {
+            log_line("--no-fsync: a power failure may lose shards that were reported as written");
+        }
+        let swept = self.store.sweep()?;
+        report_kept(&swept);
+        if !swept.removed.is_empty() {
+            log_line(format!("removed {} temporary files of an interrupted run", swept.removed.len()));
+        }
+        Ok(lock)
+    }
+
+    /// Writes the `start` event.
+    fn write_start_event(&self, job: &Job, shards: &ShardCount, tiles: &[(u64, u64)]) {
         let Some(jsonl) = self.jsonl else { return };
-        jsonl.begin(((shards.0 - shards.1) as u64, tiles.0, tiles.1));
+        let (tiles, pixels) = tiles.iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        jsonl.set_totals(shards.missing as u64, tiles, pixels);
         let fields = json!({
             "film": json_path(self.store.path()),
             "device": job.device(),
             "engine": job.engine.to_string(),
             "threads": job.threads,
             "pid": std::process::id(),
-            "host": Maker::here().host,
-            "shards": shards.0,
-            "shards_done": shards.1,
-            "tiles": tiles.0,
-            "pixels": tiles.1,
+            "host": ProcessIdentity::current().host,
+            "shards": shards.all,
+            "shards_done": shards.all - shards.missing,
+            "tiles": tiles,
+            "pixels": pixels,
             "startup_s": self.start.elapsed().as_secs_f64(),
         });
-        jsonl.line("start", fields);
+        jsonl.write("start", fields);
     }
 }
 
-/// Makes the shards of a task that are not there.
-fn work(task: Task<'_>, mut job: Job) -> Result<u8> {
-    let Task { args, store, units, .. } = task;
-    engine::check_named(store, args)?;
-    let asked = shards::asked(&job, units);
-    let all: usize = asked.iter().map(BTreeSet::len).sum();
-    if shards::missing(&job, store, &asked)?.iter().all(BTreeSet::is_empty) {
-        // Leavings of a run that was killed after its last shard; a film that nobody may write to is complete as well.
-        let _ = (task.lock(), store.sweep());
-        fault_point("shards-made");
-        store.check_in_place()?;
-        say(format!("{} is complete: {all} shards, nothing to do", task.name()));
-        record::nothing_to_do(task.jsonl, store, all);
-        return Ok(0);
+/// Shards of a task.
+struct ShardCount {
+    all: usize,
+    missing: usize,
+}
+
+/// Computes the shards of a task that are missing.
+fn compute_missing(task: &Task<'_>, mut job: Job) -> Result<u8> {
+    let Task { args, store, units, .. } = *task;
+    film_engine::check_explicit(store, args)?;
+    let requested = shards::requested(&job, units);
+    let all: usize = requested.iter().map(BTreeSet::len).sum();
+    if shards::missing(&job, store, &requested)?.iter().all(BTreeSet::is_empty) {
+        return task.already_complete(all, if units.is_some() { "are" } else { "is" });
     }
-    let lock = task.lock()?;
-    if let Some(lock) = &lock {
-        interrupt::release_on_exit(lock.path());
+    let lock = task.lock_and_sweep()?;
+    let missing = shards::missing(&job, store, &requested)?;
+    let count = ShardCount { all, missing: missing.iter().map(BTreeSet::len).sum() };
+    if count.missing < all {
+        log_line(format!("resuming {}: {} of {all} shards to compute", task.name(), count.missing));
     }
-    fault_point("locked");
-    if args.no_fsync {
-        say("--no-fsync: a power cut may cost shards that were reported as written");
-    }
-    let swept = store.sweep()?;
-    report_kept(&swept);
-    if !swept.removed.is_empty() {
-        say(format!("removed {} temp files of an interrupted run", swept.removed.len()));
-    }
-    let wanted = shards::missing(&job, store, &asked)?;
-    let missing: usize = wanted.iter().map(BTreeSet::len).sum();
-    if missing < all {
-        say(format!("resuming {}: {missing} of {all} shards to make", task.name()));
-    }
-    engine::check(store, job.engine, args)?;
-    lay_out(&mut job, &args.film, &wanted)?;
-    tell(&job, all);
+    film_engine::check_and_record(store, job.engine, args)?;
+    sort_chart_by_band(&mut job, &args.film, &missing)?;
+    print_start(&job, all);
+    let code = execute(task, &job, &count, missing);
+    drop(lock);
+    code
+}
+
+/// Computes and writes the shards `missing`, per position of the job.
+fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet<ShardId>>) -> Result<u8> {
+    let store = task.store;
+    let bands = std::iter::zip(missing, std::iter::zip(&job.plans, &job.chart_bands));
+    let band = |(shards, (plan, &chart_band)): (_, (&pipeline::band::BandPlan, &usize))| BandWork {
+        chart_band,
+        tiling: plan.tiling,
+        shards,
+    };
     let work = Work {
         film: job.frame.film,
         windows: &job.windows,
-        bands: std::iter::zip(wanted, std::iter::zip(&job.plans, &job.chart_bands))
-            .map(|(wanted, (plan, &chart_band))| BandWork { chart_band, tiling: plan.tiling, wanted })
-            .collect(),
+        bands: bands.map(band).collect(),
         threads: job.threads,
         gpus: &job.queues,
         cancel: interrupt::finish_tiles(),
     };
-    let held = Mutex::new(vec![None; job.plans.len()]);
-    let prepare = |i: usize| {
-        let plan = &job.plans[i];
-        let stack = |band: usize| Ok::<_, StageError>(job.lens.psf(band)?);
-        let stages =
-            plan.stages(i, &job.frame, &job.options, job.gains[i], stack).map_err(SourceSinkError::from)?;
-        if let Some(psf) = &stages.psf {
-            let of_all =
-                plan.lens.psf_energy.iter().zip(psf.kernels().energy()).map(|(pack, crop)| pack * crop);
-            let mean = of_all.sum::<f64>() / plan.lens.psf_energy.len() as f64;
-            held.lock().expect("no panic while held")[i] = Some(mean);
-        }
-        Ok(stages)
-    };
     let tiles = shards::tiles(&work);
-    task.tell_start(&job, (all, all - missing), tiles.iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1)));
-    let shown = match task.jsonl {
-        Some(jsonl) => Shown::Lines { jsonl, job: &job, store },
-        None => {
-            let names = job.plans.iter().map(|p| format!("{} nm", p.lens.wavelength_nm)).collect();
-            Shown::Bars(Bars::new(names, &tiles.iter().map(|t| t.1).collect::<Vec<_>>()))
-        }
-    };
-    let follow = Follow::new(shown, task.start.elapsed().as_secs_f64(), args.keep_going);
+    task.write_start_event(job, count, &tiles);
+    let startup_s = task.start.elapsed().as_secs_f64();
+    let monitor = Monitor::new(display(task, job, &tiles), startup_s, task.args.keep_going);
     fault_point("tiles-begin");
+    let energy = Mutex::new(vec![None; job.plans.len()]);
+    let prepare = |position: usize| prepare(job, position, &energy);
     let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare);
-    let result = run(&work, job.chart.source(), &Sink(store, &job.film_bands), &compute, &follow);
-    follow.shown.finish();
+    let sink = FilmStoreSink { store, film_bands: &job.film_bands };
+    let result = run(&work, job.chart.source(), &sink, &compute, &monitor);
+    monitor.display.finish();
     fault_point("shards-made");
-    let outcome = in_place(store, follow.outcome(&job, store, missing as u64, result));
-    let outcome =
-        outcome.and_then(|summary| match film::same_chart(&job).and_then(|()| job.lens.check_unchanged()) {
-            Ok(()) => Ok(summary),
-            Err(error) => Err(Box::new(Failed { error, summary: Some(summary) })),
-        });
-    record::write(&job, store, units, &follow, &outcome, &held.into_inner().expect("no panic while held"));
-    let summary = outcome.map_err(|e| e.error)?;
-    if summary.shards < missing as u64 {
-        say(format!(
-            "interrupted: {} of {missing} shards are left; the same command resumes",
-            missing as u64 - summary.shards
+    let outcome = monitor.outcome(job, store, count.missing as u64, result);
+    let outcome = check_film_in_place(store, outcome).and_then(|summary| check_inputs(job, summary));
+    let energy = energy.into_inner().expect("no panic while held");
+    record::write(job, store, task.units, &monitor, &outcome, &energy);
+    let summary = outcome.map_err(|failure| failure.error)?;
+    let left = (count.missing as u64).saturating_sub(summary.shards);
+    if left > 0 {
+        log_line(format!(
+            "interrupted: {left} of {} shards are left; the same command resumes",
+            count.missing
         ));
         return Ok(code::INTERRUPTED);
     }
-    record::done(task.jsonl, &job, &summary);
+    record::write_done_event(task.jsonl, job, &summary);
     Ok(0)
 }
 
-/// What a run gave, unless its film was replaced: then whatever it wrote is gone, and that is all there is to report.
-fn in_place(store: &FilmStore, outcome: Result<Summary, Box<Failed>>) -> Result<Summary, Box<Failed>> {
+/// Display of progress: bars, or JSON lines.
+fn display<'a>(task: &Task<'a>, job: &'a Job, tiles: &[(u64, u64)]) -> Display<'a> {
+    match task.jsonl {
+        Some(jsonl) => Display::Lines { jsonl, job, store: task.store },
+        None => {
+            let names = job.plans.iter().map(|p| format!("{} nm", p.lens.wavelength_nm)).collect();
+            Display::Bars(Bars::new(names, &tiles.iter().map(|t| t.1).collect::<Vec<_>>()))
+        }
+    }
+}
+
+/// Constructs the stages of a band; `energy` receives the share of the light inside its PSF windows, the mean over heights.
+fn prepare(
+    job: &Job,
+    position: usize,
+    energy: &Mutex<Vec<Option<f64>>>,
+) -> Result<BandStages, SourceSinkError> {
+    let plan = &job.plans[position];
+    let stack = |band: usize| Ok::<_, StageError>(job.lens.psf(band)?);
+    let stages = plan.stages(position, &job.frame, &job.options, job.gains[position], stack)?;
+    if let Some(psf) = &stages.psf {
+        let windows = std::iter::zip(&plan.lens.psf_energy, psf.kernels().energy());
+        let mean = windows.map(|(pack, crop)| pack * crop).sum::<f64>() / plan.lens.psf_energy.len() as f64;
+        energy.lock().expect("no panic while held")[position] = Some(mean);
+    }
+    Ok(stages)
+}
+
+/// `outcome`, unless the film was replaced during the run: then what the run wrote is lost, and that is the error.
+fn check_film_in_place(
+    store: &FilmStore,
+    outcome: Result<Summary, Box<RunFailure>>,
+) -> Result<Summary, Box<RunFailure>> {
     let error = match (store.check_in_place(), &outcome) {
         (Ok(()), _) => return outcome,
-        (Err(e @ (FilmError::Replaced { .. } | FilmError::Renewed { .. })), _) | (Err(e), Ok(_)) => e,
+        (Err(e @ (FilmError::Replaced { .. } | FilmError::Recreated { .. })), _) | (Err(e), Ok(_)) => e,
         (Err(_), Err(_)) => return outcome,
     };
-    let summary = outcome.map_or_else(|failed| failed.summary, Some);
-    Err(Box::new(Failed { error: error.into(), summary }))
+    let summary = outcome.map_or_else(|failure| failure.summary, Some);
+    Err(Box::new(RunFailure { error: error.into(), summary }))
 }
 
-/// A chart whose bands lie among each other is cut into bands once, beside the film.
-fn lay_out(job: &mut Job, film: &Path, wanted: &[BTreeSet<ShardId>]) -> Result<()> {
-    let open = std::iter::zip(&job.chart_bands, wanted).filter(|(_, wanted)| !wanted.is_empty());
-    let bands: Vec<usize> = open.map(|(band, _)| *band).collect();
+/// Fails if chart or lens changed during the run.
+fn check_inputs(job: &Job, summary: Summary) -> Result<Summary, Box<RunFailure>> {
+    match film::check_chart_unchanged(job).and_then(|()| job.lens.check_unchanged()) {
+        Ok(()) => Ok(summary),
+        Err(error) => Err(Box::new(RunFailure { error, summary: Some(summary) })),
+    }
+}
+
+/// Sorts a chart with interleaved bands by band, into a temporary file beside the film.
+fn sort_chart_by_band(job: &mut Job, film: &Path, missing: &[BTreeSet<ShardId>]) -> Result<()> {
+    let needed = std::iter::zip(&job.chart_bands, missing).filter(|(_, missing)| !missing.is_empty());
+    let bands: Vec<usize> = needed.map(|(band, _)| *band).collect();
     let temp = std::env::temp_dir();
-    let beside = if is_url(film) { &temp } else { parent_of(film) };
-    job.chart.lay_out(&bands, beside, job.memory.decoders)
+    let directory = if is_url(film) { &temp } else { parent_of(film) };
+    job.chart.sort_by_band(&bands, directory, job.memory.decoders)
 }
 
-fn tell(job: &Job, shards: usize) {
-    let f = &job.frame;
-    let on: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
-    let on = if on.is_empty() { String::new() } else { format!(" beside {}", on.join(", ")) };
-    say(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads{on}, engine {}, memory {} (chart {}, {} {})",
+fn print_start(job: &Job, shards: usize) {
+    let frame = &job.frame;
+    let gpus: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
+    let (gpus, cache, bytes) = match gpus.is_empty() {
+        true => (String::new(), "spectra", job.memory.spectra),
+        false => (format!(" beside {}", gpus.join(", ")), "page-locked per GPU", job.memory.pinned),
+    };
+    log_line(format!(
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads{gpus}, engine {}, memory {} (planned {}, chart {}, {cache} {})",
         job.lens.lens().name,
         job.plans.len(),
-        f.film,
-        f.pitch_um,
+        frame.film,
+        frame.pitch_um,
         shards,
         job.threads,
         job.engine,
         mib(job.memory.limit),
+        mib(job.memory.planned),
         mib(job.memory.chart_cache),
-        if job.queues.is_empty() { "spectra" } else { "page-locked a GPU" },
-        mib(if job.queues.is_empty() { job.memory.spectra } else { job.memory.pinned }),
+        mib(bytes),
     ));
     for note in &job.notes {
-        say(format!("note: {note}"));
+        log_line(format!("note: {note}"));
     }
 }

@@ -1,9 +1,9 @@
-//! `lenscube lens trace`: a lens pack from a prescription.
+//! `lenscube lens trace`: traces a design into a lens pack.
 
 use crate::args::{DesignArgs, TraceArgs};
 use crate::design;
 use crate::failure::{other_job, usage};
-use crate::progress::{say, tracing_bar};
+use crate::progress::{log_line, tracing_bar};
 use anyhow::{Context, Result};
 use formats::lens::{LensPackError, LensPackWriter, PackAttributes};
 use pipeline::design::trace::{BandReport, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens};
@@ -16,7 +16,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     let start = Instant::now();
     let system = design::open(&args.design, &args.place)?;
     for note in &system.notes {
-        say(format!("note: {note}"));
+        log_line(format!("note: {note}"));
     }
     let options = options(args)?;
     let mut pack = LensPackWriter::create(&args.out).map_err(|e| match e {
@@ -34,26 +34,26 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         let nodes: usize = band.tables.azimuth_count.iter().sum();
         let bound = r.psf_error.map_or("given".into(), |e| format!("{:.2} %", 100.0 * e));
         let line = format!(
-            "{} nm: window {} px, light held {:.2} % at least, {} heights, {nodes} nodes, kernel error {bound}",
+            "{} nm: window {} px with at least {:.2} % of the light, {} heights, {nodes} nodes, kernel error {bound}",
             r.wavelength_nm,
             r.window_px,
-            100.0 * r.least_energy,
+            100.0 * r.min_energy,
             band.tables.psf_height_mm.len(),
         );
-        bar.suspend(|| say(line));
+        bar.suspend(|| log_line(line));
         reports.push(*r);
         pack.psf(index, &band.psf)
     });
     bar.finish_and_clear();
     let lens = result.with_context(|| format!("tracing {}", args.design))?;
     pack.finish(&lens, &attributes(&args.design, &args.place, &options, &reports))?;
-    for line in ending(&args.out, &options, &reports, start.elapsed().as_secs_f64()) {
-        say(line);
+    for line in summary(&args.out, &options, &reports, start.elapsed().as_secs_f64()) {
+        log_line(line);
     }
     Ok(())
 }
 
-/// What a traced pack tells of itself.
+/// Attributes of a traced pack.
 pub fn attributes(
     design: &str,
     place: &DesignArgs,
@@ -66,7 +66,7 @@ pub fn attributes(
             json!({
                 "wavelength_nm": r.wavelength_nm,
                 "kernel_l1": r.psf_error,
-                "least_energy": r.least_energy,
+                "least_energy": r.min_energy,
             })
         })
         .collect();
@@ -85,18 +85,22 @@ pub fn attributes(
     }
 }
 
-/// The last lines: bound and light over all bands, time, size, what to type next.
-fn ending(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: f64) -> [String; 2] {
+/// Summary over all bands: kernel error, light inside the windows, time, size, use.
+fn summary(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: f64) -> [String; 2] {
     let bound = reports.iter().filter_map(|r| r.psf_error).reduce(f64::max).map_or_else(
-        || "heights as given, kernel error not measured".to_owned(),
+        || "given heights, kernel error not measured".to_owned(),
         |worst| {
-            format!("kernel error {:.2} % at most ({} % asked)", 100.0 * worst, 100.0 * options.psf_tolerance)
+            format!(
+                "kernel error at most {:.2} % (requested {} %)",
+                100.0 * worst,
+                100.0 * options.psf_tolerance
+            )
         },
     );
-    let least = reports.iter().map(|r| r.least_energy).fold(1.0, f64::min);
+    let least = reports.iter().map(|r| r.min_energy).fold(1.0, f64::min);
     let psfs: usize = reports.iter().map(|r| r.psfs).sum();
     [
-        format!("{bound}; every window holds {:.2} % of the light or more", 100.0 * least),
+        format!("{bound}; every window contains at least {:.2} % of the light", 100.0 * least),
         format!(
             "{}: {} bands, {psfs} PSFs traced in {seconds:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0}`",
             out.display(),
@@ -106,7 +110,7 @@ fn ending(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: f
     ]
 }
 
-/// Bytes of a file, or of all files below a directory; what cannot be read counts 0.
+/// Size of a file or directory tree, bytes; unreadable entries count as 0.
 pub fn bytes_of(path: &Path) -> u64 {
     match std::fs::read_dir(path) {
         Ok(entries) => entries.flatten().map(|e| bytes_of(&e.path())).sum(),
@@ -127,7 +131,7 @@ fn options(args: &TraceArgs) -> Result<TraceOptions> {
     Ok(options)
 }
 
-/// `--wavelengths`, ascending.
+/// Parses `--wavelengths`; ascending.
 pub fn wavelengths(text: &str) -> Result<Vec<f64>> {
     let list = pipeline::wavelengths::parse(text);
     let mut list = list.map_err(|e| usage(format!("--wavelengths {text}: {e}")))?;
@@ -135,7 +139,7 @@ pub fn wavelengths(text: &str) -> Result<Vec<f64>> {
     Ok(list)
 }
 
-/// `--heights`: `0:21:1` (both ends) or `0,3,7.5`, real image heights in mm.
+/// Parses `--heights`: `0:21:1` (both ends included) or `0,3,7.5`, real image heights in mm.
 pub fn heights(text: &str) -> Result<Vec<f64>> {
     parse_heights(text).map_err(|e| usage(format!("--heights {text}: {e}")))
 }
@@ -143,7 +147,7 @@ pub fn heights(text: &str) -> Result<Vec<f64>> {
 fn parse_heights(text: &str) -> Result<Vec<f64>, String> {
     let number = |t: &str| {
         let v = t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
-        v.ok_or(format!("`{t}` is no height in mm"))
+        v.ok_or(format!("`{t}` is not a height in mm"))
     };
     let fields: Vec<&str> = text.split(':').collect();
     let [first, last, step] = fields[..] else { return text.split(',').map(number).collect() };

@@ -1,17 +1,17 @@
-//! `lenscube verify`: reads all of a film and names what is wrong with it.
+//! `lenscube verify`: reads a complete film, checks its shards and attributes, and lists what is wrong.
 
 use crate::args::VerifyArgs;
 use crate::failure::code;
 use crate::job;
-use crate::progress::{counting, json_path, print, say};
+use crate::progress::{counting, json_path, log_line, print};
 use crate::run::film::{digest, layout, lock_all};
 use crate::status;
 use anyhow::Result;
 use formats::durable::{DurableError, Lock, fault_point, remove_temp};
-use formats::film::{FilmStore, Finding, Verdict};
+use formats::film::{FilmStore, Finding, VerifyReport};
 use serde_json::{Value, json};
 
-/// What `--repair` has done.
+/// Files removed by `--repair`.
 #[derive(Default)]
 struct Repair {
     shards: usize,
@@ -21,8 +21,8 @@ struct Repair {
 /// Runs the command; the exit code.
 pub fn command(args: &VerifyArgs) -> Result<u8> {
     let store = status::open(&args.film)?;
-    // Held so that no run writes meanwhile what would be removed.
-    let held = if args.repair { lock_all(&args.film, args.take_over)? } else { Vec::new() };
+    // No run may write meanwhile the files that would be removed.
+    let locks = if args.repair { lock_all(&args.film, args.take_over)? } else { Vec::new() };
     store.check_in_place()?;
     fault_point("locked");
     let (bar, progress) = counting("verifying");
@@ -30,36 +30,39 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     bar.finish_and_clear();
     let mut verdict = verdict?;
     fault_point("verified");
-    verdict.findings.extend(digests(&store));
-    let repair = if args.repair { Some(repair(&store, &verdict, &held)?) } else { None };
-    drop(held);
+    verdict.findings.extend(check_digests(&store));
+    let repair = if args.repair { Some(repair(&store, &verdict, &locks)?) } else { None };
+    drop(locks);
     let engines = store.engines()?;
     match args.json {
-        true => print(serde_json::to_string_pretty(&report(&store, &engines, &verdict, repair.as_ref()))?),
-        false => tell(&store, &engines, &verdict, repair.as_ref()),
+        true => {
+            print(serde_json::to_string_pretty(&json_report(&store, &engines, &verdict, repair.as_ref()))?)
+        }
+        false => print_report(&store, &engines, &verdict, repair.as_ref()),
     }
     Ok(if verdict.findings.is_empty() { 0 } else { code::WRONG })
 }
 
-/// The digests that the attributes tell, made again from the words beside them.
-fn digests(store: &FilmStore) -> Vec<Finding> {
-    let told = store.provenance();
-    let own = |key: &str| told.get(key).map(digest);
-    let pairs = [("job_digest", own("job")), ("layout_digest", Some(digest(&layout(store.spec()))))];
+/// Digests in the attributes that differ from those of the attributes' contents.
+fn check_digests(store: &FilmStore) -> Vec<Finding> {
+    let attributes = store.provenance();
+    let computed = |key: &str| attributes.get(key).map(digest);
+    let pairs = [("job_digest", computed("job")), ("layout_digest", Some(digest(&layout(store.spec()))))];
+    let recorded = |key: &str| attributes.get(key).and_then(Value::as_str);
     let wrong = pairs
         .into_iter()
-        .filter(|(key, own)| own.is_none() || told.get(*key).and_then(Value::as_str) != own.as_deref());
+        .filter(|(key, computed)| computed.is_none() || recorded(key) != computed.as_deref());
     wrong
         .map(|(key, _)| Finding::Metadata {
             key: "zarr.json".into(),
-            reason: format!("{key} does not fit the words beside it"),
+            reason: format!("{key} does not match the attributes that it is the digest of"),
         })
         .collect()
 }
 
-/// Removes bad shards, and temp files of all but live processes of this host. Files of processes that this one cannot look up
-/// stay as well while a unit is locked that was not locked when the check began: its worker may be writing them.
-fn repair(store: &FilmStore, verdict: &Verdict, held: &[Lock]) -> Result<Repair> {
+/// Removes bad shards, and temporary files except those of live processes of this host. Files of processes that cannot be looked up
+/// remain as long as a unit is locked that was not when the check began: its worker may be writing them.
+fn repair(store: &FilmStore, verdict: &VerifyReport, locked: &[Lock]) -> Result<Repair> {
     let mut done = Repair::default();
     for finding in &verdict.findings {
         if let Finding::Bad { key, .. } = finding
@@ -69,13 +72,13 @@ fn repair(store: &FilmStore, verdict: &Verdict, held: &[Lock]) -> Result<Repair>
         }
     }
     let locks = FilmStore::locks(store.path())?;
-    let others = locks.iter().any(|(path, ..)| !held.iter().any(|own| own.path() == path));
+    let others = locks.iter().any(|(path, ..)| !locked.iter().any(|lock| lock.path() == path));
     for (path, dead) in &verdict.temp {
         if *dead == Some(true) || (dead.is_none() && !others) {
             match remove_temp(path) {
                 Ok(()) => done.temp += 1,
-                // Another user's, which harms no film.
-                Err(e @ DurableError::Permission { .. }) => say(format!("note: {e}")),
+                // A file of another user; it does not affect the film.
+                Err(e @ DurableError::Permission { .. }) => log_line(format!("note: {e}")),
                 Err(e) => return Err(e.into()),
             }
         }
@@ -83,8 +86,8 @@ fn repair(store: &FilmStore, verdict: &Verdict, held: &[Lock]) -> Result<Repair>
     Ok(done)
 }
 
-/// One finding: its kind, where, why.
-fn words(finding: &Finding) -> (&'static str, &str, &str) {
+/// Kind, key and reason of a finding.
+fn fields(finding: &Finding) -> (&'static str, &str, &str) {
     match finding {
         Finding::Missing { key } => ("missing", key, "no such file"),
         Finding::Bad { key, reason } => ("bad", key, reason),
@@ -93,9 +96,14 @@ fn words(finding: &Finding) -> (&'static str, &str, &str) {
     }
 }
 
-fn report(store: &FilmStore, engines: &[String], verdict: &Verdict, repair: Option<&Repair>) -> Value {
+fn json_report(
+    store: &FilmStore,
+    engines: &[String],
+    verdict: &VerifyReport,
+    repair: Option<&Repair>,
+) -> Value {
     let finding = |f: &Finding| {
-        let (kind, key, reason) = words(f);
+        let (kind, key, reason) = fields(f);
         json!({ "kind": kind, "key": key, "reason": reason })
     };
     let temp: Vec<Value> = verdict.temp.iter().map(|t| json_path(&t.0)).collect();
@@ -111,9 +119,9 @@ fn report(store: &FilmStore, engines: &[String], verdict: &Verdict, repair: Opti
     })
 }
 
-fn tell(store: &FilmStore, engines: &[String], verdict: &Verdict, repair: Option<&Repair>) {
+fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, repair: Option<&Repair>) {
     for finding in &verdict.findings {
-        let (kind, key, reason) = words(finding);
+        let (kind, key, reason) = fields(finding);
         print(format!("{kind}: {key}: {reason}"));
     }
     let path = store.path().display();
@@ -123,20 +131,20 @@ fn tell(store: &FilmStore, engines: &[String], verdict: &Verdict, repair: Option
         n => print(format!("{path}: {n} findings in {} shards, {gb:.3} GB", verdict.shards)),
     }
     if engines.len() > 1 {
-        say(format!(
-            "note: shards are of several engines, {}, up to 2e-6 of the peak apart (--mixed-engines)",
+        log_line(format!(
+            "note: shards are of several engines, {}, whose values differ by up to 2e-6 of the peak (--mixed-engines)",
             engines.join(", ")
         ));
     }
     if !verdict.temp.is_empty() && repair.is_none() {
-        say(format!(
+        log_line(format!(
             "note: {} temp files; the next run or --repair removes those of dead processes",
             verdict.temp.len()
         ));
     }
     if let Some(done) = repair {
-        say(format!(
-            "removed {} bad shards and {} temp files; the same `lenscube run` makes what is missing",
+        log_line(format!(
+            "removed {} bad shards and {} temp files; the same `lenscube run` computes the missing shards",
             done.shards, done.temp
         ));
     }

@@ -1,10 +1,10 @@
-//! Addresses and paths that programs trip over: URLs with secrets, malformed environments of stores, file names that are not UTF-8.
+//! URLs with secrets, malformed environment variables of stores, file names that are not UTF-8.
 #![allow(missing_docs)]
 
 mod common;
 
-use common::place::Place;
-use common::{Ran, files, text};
+use common::test_job::TestJob;
+use common::{CommandResult, files, text};
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::PathBuf;
@@ -20,12 +20,12 @@ fn program() -> Command {
     command
 }
 
-fn lenscube<W: AsRef<OsStr>>(words: impl IntoIterator<Item = W>) -> Ran {
-    Ran::of(&program().args(words).output().unwrap())
+fn lenscube<W: AsRef<OsStr>>(words: impl IntoIterator<Item = W>) -> CommandResult {
+    CommandResult::new(&program().args(words).output().unwrap())
 }
 
-/// One line for the user, no panic, none of `secrets` anywhere.
-fn check(ran: &Ran, code: i32, secrets: &[&str], context: &str) {
+/// Asserts the exit code, a single line on stderr without panic, and that none of `secrets` is printed.
+fn assert_one_line(ran: &CommandResult, code: i32, secrets: &[&str], context: &str) {
     assert_eq!(ran.code, code, "{context}: {}", ran.stderr);
     assert!(!ran.stderr.contains("panicked"), "{context}: {}", ran.stderr);
     assert_eq!(ran.stderr.lines().count(), 1, "{context}: {}", ran.stderr);
@@ -35,7 +35,7 @@ fn check(ran: &Ran, code: i32, secrets: &[&str], context: &str) {
 }
 
 #[test]
-fn no_command_shows_the_credentials_of_a_url() {
+fn credentials_in_a_url_are_never_printed() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     let out = text(&out);
@@ -74,10 +74,15 @@ fn no_command_shows_the_credentials_of_a_url() {
     for url in urls {
         for command in commands {
             let words: Vec<String> = command.iter().map(|w| w.replace("URL", url)).collect();
-            check(&lenscube(&words), USAGE, &["hush", "AKIAX", "user", "hu#", "sh@"], &words.join(" "));
+            assert_one_line(
+                &lenscube(&words),
+                USAGE,
+                &["hush", "AKIAX", "user", "hu#", "sh@"],
+                &words.join(" "),
+            );
         }
     }
-    // Directories of this machine are no stores, and no directory called `s3:` is made.
+    // These flags require local directories; no directory named `s3:` is created.
     let far = "s3://bucket/report";
     for command in [
         &["validate", "--out", far][..],
@@ -87,15 +92,15 @@ fn no_command_shows_the_credentials_of_a_url() {
         &["lens", "show", "double-gauss-28-npz", "--plot", far],
         &["export", "gen:uniform?size=64", "s3://bucket/x.npy"],
     ] {
-        let ran = Ran::of(&program().current_dir(dir.path()).args(command).output().unwrap());
-        check(&ran, USAGE, &[], &command.join(" "));
-        assert!(ran.stderr.contains("of this machine"), "{command:?}: {}", ran.stderr);
+        let ran = CommandResult::new(&program().current_dir(dir.path()).args(command).output().unwrap());
+        assert_one_line(&ran, USAGE, &[], &command.join(" "));
+        assert!(ran.stderr.contains("local "), "{command:?}: {}", ran.stderr);
     }
-    assert_eq!(files(dir.path()).len(), 0, "something was written");
+    assert_eq!(files(dir.path()).len(), 0, "files were written");
 }
 
 #[test]
-fn a_malformed_environment_of_a_store_is_one_line_and_exit_code_2() {
+fn malformed_store_environment_exits_2_with_one_line() {
     let good = [
         ("AWS_ACCESS_KEY_ID", "AKIAHUSH"),
         ("AWS_SECRET_ACCESS_KEY", "hush-hush"),
@@ -106,33 +111,33 @@ fn a_malformed_environment_of_a_store_is_one_line_and_exit_code_2() {
     ];
     let ran = |url: &str, name: &str, value: &[u8]| {
         let value = OsString::from_vec(value.to_vec());
-        Ran::of(&program().envs(good).env(name, value).args(["status", url]).output().unwrap())
+        CommandResult::new(&program().envs(good).env(name, value).args(["status", url]).output().unwrap())
     };
     let secrets = ["AKIAHUSH", "hush"];
     for (name, value, expected) in [
         ("AWS_ENDPOINT_URL", &b"127.0.0.1:9000"[..], "expected http://HOST:PORT"),
         ("AWS_ENDPOINT_URL", b"localhost:9000", "expected http://HOST:PORT"),
         ("AWS_ENDPOINT_URL", b"", "expected http://HOST:PORT"),
-        ("AWS_ENDPOINT_URL", b"http://me:hush@127.0.0.1:9", "holds credentials"),
+        ("AWS_ENDPOINT_URL", b"http://me:hush@127.0.0.1:9", "contains credentials"),
         ("AWS_ENDPOINT_URL", b"http://127.0.0.1:9/?X-Amz-Signature=hush", "a query or a fragment"),
         ("AWS_ENDPOINT_URL_S3", b"http://127.0.0.1:9\n", "line break"),
-        ("AWS_ACCESS_KEY_ID", b"AKIAHUSH\n", "AWS_ACCESS_KEY_ID holds a line break"),
-        ("AWS_SECRET_ACCESS_KEY", b"hush\nhush", "AWS_SECRET_ACCESS_KEY holds a line break"),
+        ("AWS_ACCESS_KEY_ID", b"AKIAHUSH\n", "AWS_ACCESS_KEY_ID contains a line break"),
+        ("AWS_SECRET_ACCESS_KEY", b"hush\nhush", "AWS_SECRET_ACCESS_KEY contains a line break"),
         ("AWS_SECRET_ACCESS_KEY", b"hush-\xff", "AWS_SECRET_ACCESS_KEY is not UTF-8"),
-        ("AWS_SESSION_TOKEN", b"hush\r\n", "AWS_SESSION_TOKEN holds a line break"),
-        ("AWS_REGION", b"us-east-1\n", "AWS_REGION holds a line break"),
+        ("AWS_SESSION_TOKEN", b"hush\r\n", "AWS_SESSION_TOKEN contains a line break"),
+        ("AWS_REGION", b"us-east-1\n", "AWS_REGION contains a line break"),
         ("AWS_REGION", b"us east", "expected a region"),
         ("AWS_DEFAULT_REGION", b"", "expected a region"),
     ] {
         let ran = ran("s3://bucket/film.zarr", name, value);
-        check(&ran, USAGE, &secrets, name);
+        assert_one_line(&ran, USAGE, &secrets, name);
         assert!(ran.stderr.contains(expected), "{name}: {}", ran.stderr);
     }
     for url in ["s3://my bucket/film.zarr", "s3://bucket\n/film.zarr", "http://ho st/film.zarr"] {
-        check(&ran(url, "AWS_REGION", b"us-east-1"), USAGE, &secrets, url);
+        assert_one_line(&ran(url, "AWS_REGION", b"us-east-1"), USAGE, &secrets, url);
     }
-    // Nobody listens there: worth a retry, and still nothing secret.
-    check(&ran("s3://bucket/film.zarr", "AWS_REGION", b"us-east-1"), 75, &secrets, "out of reach");
+    // No server at that port: retryable, and no secrets printed.
+    assert_one_line(&ran("s3://bucket/film.zarr", "AWS_REGION", b"us-east-1"), 75, &secrets, "unreachable");
 }
 
 fn not_utf8(dir: &std::path::Path, name: &str) -> PathBuf {
@@ -140,21 +145,21 @@ fn not_utf8(dir: &std::path::Path, name: &str) -> PathBuf {
 }
 
 #[test]
-fn outputs_may_have_names_that_are_not_utf_8() {
-    let place = Place::small();
-    let dir = place.dir.path();
+fn outputs_accept_names_that_are_not_utf_8() {
+    let job = TestJob::small();
+    let dir = job.dir.path();
     let at = |name: &str| not_utf8(dir, name);
     let film = at("film");
-    let words = |words: &[&str], path: &PathBuf, more: &[&str]| -> Ran {
-        let ran = Ran::of(&program().args(words).arg(path).args(more).output().unwrap());
+    let words = |words: &[&str], path: &PathBuf, more: &[&str]| -> CommandResult {
+        let ran = CommandResult::new(&program().args(words).arg(path).args(more).output().unwrap());
         assert!(!ran.stderr.contains("panicked"), "{words:?}: {}", ran.stderr);
         ran
     };
-    let lens = ["--lens", text(&place.pack), "--threads", "2", "--progress", "jsonl"];
+    let lens = ["--lens", text(&job.pack), "--threads", "2", "--progress", "jsonl"];
     let json = |text: &str| serde_json::from_str::<serde_json::Value>(text).unwrap();
-    // Made, and then nothing to do.
+    // The second run has nothing to do.
     for shards in [Some(2), None] {
-        let ran = words(&["run", text(&place.chart)], &film, &lens).ok();
+        let ran = words(&["run", text(&job.chart)], &film, &lens).ok();
         let lines: Vec<_> = ran.stdout.lines().map(json).collect();
         assert_eq!(
             lines.iter().find(|l| l["event"] == "start").unwrap()["film"],
@@ -173,13 +178,13 @@ fn outputs_may_have_names_that_are_not_utf_8() {
     words(&["lens", "trace", "double-gauss-28"], &at("pack"), &trace).ok();
     let formats = [("png", "x.png"), ("npy", "x.npy"), ("envi", "x"), ("tiff", "x.tif"), ("exr", "x.exr")];
     for (format, name) in formats {
-        words(&["export", text(&place.chart), "--format", format], &at(name), &[]).ok();
+        words(&["export", text(&job.chart), "--format", format], &at(name), &[]).ok();
     }
-    // A command line that others must be able to say again, and inputs that are text.
+    // The command line of a plan, and inputs, must be UTF-8.
     let rest: [(&[&str], &[&str]); 9] = [
-        (&["plan", text(&place.chart)], &["-o", "job.json", "--lens", text(&place.pack)]),
-        (&["run"], &[text(&place.film)]),
-        (&["run", text(&place.chart), text(&place.film), "--lens"], &[]),
+        (&["plan", text(&job.chart)], &["-o", "job.json", "--lens", text(&job.pack)]),
+        (&["run"], &[text(&job.film)]),
+        (&["run", text(&job.chart), text(&job.film), "--lens"], &[]),
         (&["export"], &["x.npy"]),
         (&["view"], &[]),
         (&["measure"], &["--edge", "1,2,3,4"]),

@@ -1,4 +1,4 @@
-//! What leaves the program comes back: exported films and charts, pictures made into charts and shown again.
+//! `lenscube export` and `lenscube chart image`: round trips of samples and pictures.
 
 mod common;
 
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A chart of noise in a directory of its own.
+/// Chart of noise in a temporary directory.
 fn chart(bands: usize) -> (tempfile::TempDir, PathBuf, Picture) {
     let dir = tempfile::tempdir().unwrap();
     let (path, picture) = (dir.path().join("chart.zarr"), Picture::noise(3, Size::new(301, 277), bands));
@@ -31,7 +31,7 @@ fn flat(path: &Path) -> (Size, Vec<Vec<f32>>) {
 }
 
 #[test]
-fn every_format_of_samples_holds_the_bits() {
+fn sample_formats_preserve_all_bits() {
     let (dir, path, picture) = chart(3);
     let at = |name: &str| dir.path().join(name);
     for name in ["c.npy", "c.hdr", "c.exr", "b.tif"] {
@@ -47,10 +47,10 @@ fn every_format_of_samples_holds_the_bits() {
     for name in ["c.npy", "c.hdr"] {
         assert!(bits(&flat(&at(name)).1) == bits(&picture.bands), "{name}");
     }
-    // What was written as EXR is read as a chart, and written again.
+    // An exported EXR is a chart that can be exported again.
     lenscube(&["export", text(&at("c.exr")), text(&at("again.npy"))]).ok();
     assert!(bits(&flat(&at("again.npy")).1) == bits(&picture.bands), "EXR");
-    let told = lenscube(&[
+    let exported = lenscube(&[
         "export",
         text(&at("c.exr")),
         text(&at("part.npy")),
@@ -60,7 +60,7 @@ fn every_format_of_samples_holds_the_bits() {
         "1:",
     ])
     .ok();
-    assert!(told.stderr.contains("laying them out once"), "{}", told.stderr);
+    assert!(exported.stderr.contains("sorting them once"), "{}", exported.stderr);
     let (size, part) = flat(&at("part.npy"));
     assert_eq!((size, part.len()), (Size::new(50, 60), 2));
     let want: Vec<f32> = (20..70).flat_map(|y| picture.bands[1][y * 277 + 10..][..60].to_vec()).collect();
@@ -70,7 +70,7 @@ fn every_format_of_samples_holds_the_bits() {
 }
 
 #[test]
-fn mistakes_are_one_line_and_change_nothing() {
+fn invalid_export_flags_fail_and_write_nothing() {
     let (dir, path, _) = chart(3);
     let at = |name: &str| dir.path().join(name);
     std::fs::write(at("there.png"), b"mine").unwrap();
@@ -79,12 +79,12 @@ fn mistakes_are_one_line_and_change_nothing() {
     for (out, flags, code, words) in [
         ("there.png", &[][..], 3, "--overwrite"),
         ("there.hdr", &[], 3, "there.bsq exists already"),
-        ("x.jpeg", &[], 2, "its extension tells no format"),
-        ("x.npy", &["--half"], 2, "--half is for EXR"),
-        ("x.exr", &["--exposure", "2"], 2, "--exposure is for"),
-        ("x.tif", &["--band", "500"], 2, "--band is for PNG"),
-        ("x.npy", &["--crop", "270,0,10,10"], 2, "leaves the image of"),
-        ("x.npy", &["--crop", "0,0,0,10"], 2, "whole number from 1"),
+        ("x.jpeg", &[], 2, "no format has this extension"),
+        ("x.npy", &["--half"], 2, "--half applies to EXR only"),
+        ("x.exr", &["--exposure", "2"], 2, "--exposure applies to PNG and TIFF pictures only"),
+        ("x.tif", &["--band", "500"], 2, "--band applies to PNG only"),
+        ("x.npy", &["--crop", "270,0,10,10"], 2, "is not inside the image of"),
+        ("x.npy", &["--crop", "0,0,0,10"], 2, "integer from 1"),
         ("x.npy", &["--bands", "7"], 2, "beyond the last of 3 bands"),
         ("x.exr", &["--memory", "49MiB"], 2, "need at least"),
         ("nowhere/x.npy", &[], 1, "nowhere/x.npy"),
@@ -100,7 +100,7 @@ fn mistakes_are_one_line_and_change_nothing() {
 }
 
 #[test]
-fn an_interrupted_export_leaves_nothing() {
+fn interrupted_export_leaves_no_files() {
     let dir = tempfile::tempdir().unwrap();
     for name in ["x.npy", "x.exr", "x.tif"] {
         let out = dir.path().join(name);
@@ -157,7 +157,7 @@ fn cube() -> Image {
 }
 
 #[test]
-fn the_preview_of_a_picture_s_chart_is_the_picture() {
+fn chart_made_from_a_picture_exports_to_the_same_picture() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let image = cube();
@@ -193,22 +193,22 @@ fn the_preview_of_a_picture_s_chart_is_the_picture() {
             worst = worst.max((got - want).abs() * 255.0);
         }
         assert!(worst <= 1.0001, "{light}, {nm}: off by {worst} of 255");
-        // No light below zero, none that a surface would have to add.
+        // All values are nonnegative.
         let (_, bands) = pixels(&chart, "chart");
         assert!(bands.iter().flatten().all(|v| *v >= 0.0));
     }
-    // Sixteen bits come back finer.
+    // 16-bit samples have a smaller error.
     let (chart, fine) = (at("D65-400:700:10.zarr"), at("fine.tif"));
     lenscube(&["export", text(&chart), text(&fine), "--exposure", "1"]).ok();
     for (got, want) in pairs(&shown(&fine), &want) {
         assert!((got - want).abs() < 0.2 / 255.0, "{got} {want}");
     }
-    // And the 16-bit picture is a picture like any other.
+    // The 16-bit picture can be converted to a chart.
     lenscube(&["chart", "image", text(&fine), text(&at("fine.zarr"))]).ok();
 }
 
 #[test]
-fn what_cannot_become_a_chart_is_said() {
+fn invalid_pictures_and_flags_are_rejected() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     cube().write_png(&at("cube.png"), "").unwrap();
@@ -216,11 +216,11 @@ fn what_cannot_become_a_chart_is_said() {
     std::fs::create_dir(at("there.zarr")).unwrap();
     for (file, out, flags, code, words) in [
         ("cube.png", "x.zarr", &["--wavelengths", "450,550,650"][..], 2, "cannot hold all colours"),
-        ("cube.png", "x.zarr", &["--illuminant", "F2"], 2, "take D65, A or E"),
-        ("cube.png", "x.zarr", &["--scale-to", "0"], 2, "not above 0"),
+        ("cube.png", "x.zarr", &["--illuminant", "F2"], 2, "use D65, A or E"),
+        ("cube.png", "x.zarr", &["--scale-to", "0"], 2, "not greater than 0"),
         ("cube.png", "there.zarr", &[], 3, "--overwrite"),
         ("text.png", "x.zarr", &[], 1, "PNG, TIFF or OpenEXR"),
-        ("none.png", "x.zarr", &[], 1, "nothing there"),
+        ("none.png", "x.zarr", &[], 1, "no such file"),
     ] {
         let (file, out) = (at(file), at(out));
         let ran = lenscube(&[&["chart", "image", text(&file), text(&out)], flags].concat());
@@ -228,7 +228,7 @@ fn what_cannot_become_a_chart_is_said() {
         assert!(ran.stderr.contains(words) && !ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);
     }
     assert!(!at("x.zarr").exists());
-    // The kinds of charts that are drawn stay as they were.
+    // Generated charts without `image`.
     let drawn = at("drawn.zarr");
     lenscube(&["chart", "uniform", text(&drawn), "--size", "40", "--value", "-1", "--wavelengths", "500"])
         .ok();

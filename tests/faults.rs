@@ -1,9 +1,10 @@
-//! Faults at every step of a run: the right words and exit code, nothing half, and the same command ends with the same bytes.
+//! Injected errors at every step of a run: documented message and exit code, no partial files, and the repeated command gives the same
+//! film.
 
 mod common;
 
-use common::place::Place;
-use common::{Picture, Ran, files, shards, text};
+use common::test_job::TestJob;
+use common::{CommandResult, Picture, files, shards, text};
 use pipeline::geometry::Size;
 use std::fs;
 use std::path::Path;
@@ -12,25 +13,26 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const RETRY: i32 = 75;
 const KILLED: i32 = -1;
 
-/// Strikes every step of a small job with the faults that `fault` names for it, two at a time, until a run meets none.
-fn at_every_step(step: &str, fault: impl Fn(usize) -> (&'static str, i32) + Sync) -> usize {
+/// Runs a small job once per step `step:n` with the fault that `fault(n)` names, on two threads, until a run ends without a fault;
+/// the number of steps. `fault` returns the kind of fault and the expected exit code.
+fn inject_at_every_step(step: &str, fault: impl Fn(usize) -> (&'static str, i32) + Sync) -> usize {
     let (next, steps) = (AtomicUsize::new(1), AtomicUsize::new(usize::MAX));
     let work = || {
-        let place = Place::small();
-        let whole = place.whole();
+        let job = TestJob::small();
+        let expected = job.expected_files();
         loop {
             let n = next.fetch_add(1, Ordering::SeqCst);
             if n > steps.load(Ordering::SeqCst) {
                 return;
             }
             let (what, code) = fault(n);
-            let ran = place.run(&format!("{step}:{n}:{what}"), &[]);
+            let ran = job.run(&format!("{step}:{n}:{what}"), &[]);
             let context = format!("{step} {n}, {what}: {}", ran.stderr);
-            if !ran.stderr.contains("struck by") {
+            if !ran.stderr.contains("fault injected by") {
                 assert_eq!(ran.code, 0, "{context}");
                 steps.fetch_min(n - 1, Ordering::SeqCst);
             } else if ran.code == 0 {
-                // Struck where it does no harm: in the run's record.
+                // A fault in the record of the run does not fail the run.
                 assert!(ran.stderr.contains("note: the run's record"), "{context}");
             } else {
                 assert_eq!(ran.code, code, "{context}");
@@ -38,11 +40,11 @@ fn at_every_step(step: &str, fault: impl Fn(usize) -> (&'static str, i32) + Sync
                 assert!(code == KILLED || lines == 1, "not one line: {context}");
                 assert!(!ran.stderr.contains("panicked"), "{context}");
             }
-            let again = place.run("", &[]);
+            let again = job.run("", &[]);
             assert_eq!(again.code, 0, "{context}; then {}", again.stderr);
-            assert!(files(&place.film) == whole, "other bytes after {context}");
-            assert_eq!(place.leavings(), Vec::<std::path::PathBuf>::new(), "{context}");
-            fs::remove_dir_all(&place.film).unwrap();
+            assert!(files(&job.film) == expected, "other bytes after {context}");
+            assert_eq!(job.leftover_files(), Vec::<std::path::PathBuf>::new(), "{context}");
+            fs::remove_dir_all(&job.film).unwrap();
         }
     };
     std::thread::scope(|s| [s.spawn(work), s.spawn(work)].into_iter().for_each(|t| t.join().unwrap()));
@@ -50,28 +52,28 @@ fn at_every_step(step: &str, fault: impl Fn(usize) -> (&'static str, i32) + Sync
 }
 
 #[test]
-fn an_error_at_any_step_is_told_and_the_same_command_completes() {
+fn io_error_at_any_step_is_reported_and_the_same_command_completes() {
     // No space left, device error, stale file handle; permission denied, read-only file system, file too large.
     let errors = [("28", RETRY), ("13", 1), ("5", RETRY), ("30", 1), ("116", RETRY), ("27", 1)];
-    let steps = at_every_step("any", |n| errors[n % errors.len()]);
+    let steps = inject_at_every_step("any", |n| errors[n % errors.len()]);
     assert!(steps > 100, "a job of {steps} steps");
 }
 
 #[test]
-fn a_kill_at_any_step_leaves_a_film_to_resume() {
-    assert!(at_every_step("any", |_| ("kill", KILLED)) > 100);
+fn kill_at_any_step_can_be_resumed() {
+    assert!(inject_at_every_step("any", |_| ("kill", KILLED)) > 100);
 }
 
 #[test]
-fn torn_and_short_writes_are_never_taken_for_files() {
-    let writes = at_every_step("write", |n| [("torn", KILLED), ("short", 1)][n % 2]);
-    // Seven files of metadata and coordinates, the group's own, eight shards, a record.
+fn torn_and_short_writes_are_not_accepted_as_complete() {
+    let writes = inject_at_every_step("write", |n| [("torn", KILLED), ("short", 1)][n % 2]);
+    // Seven files of metadata and coordinates, the metadata of the group, eight shards, a record.
     assert!(writes > 16, "{writes} writes");
 }
 
-/// Spoils one inner chunk of the chart's band 1: the last, of rows and columns from 512 on.
-fn spoil(place: &Place) -> (std::path::PathBuf, Vec<u8>) {
-    let chunk = place.chart.join("chart/c/1/0/0");
+/// Damages the last inner chunk of the chart's band 1 (rows and columns from 512); path and original bytes of the file.
+fn damage_last_chunk(job: &TestJob) -> (std::path::PathBuf, Vec<u8>) {
+    let chunk = job.chart.join("chart/c/1/0/0");
     let good = fs::read(&chunk).unwrap();
     let mut bad = good.clone();
     let near_the_end = bad.len() - 200;
@@ -81,140 +83,141 @@ fn spoil(place: &Place) -> (std::path::PathBuf, Vec<u8>) {
 }
 
 #[test]
-fn a_damaged_chunk_stops_the_run_and_names_band_and_shard() {
-    let place = Place::large();
-    let whole = place.whole();
-    let (chunk, good) = spoil(&place);
-    let ran = place.run("", &[]);
+fn damaged_chart_chunk_exits_1_and_names_band_and_shard() {
+    let job = TestJob::large();
+    let expected = job.expected_files();
+    let (chunk, good) = damage_last_chunk(&job);
+    let ran = job.run("", &[]);
     assert_eq!(ran.code, 1, "{}", ran.stderr);
     for word in ["band 1 (500 nm)", "shard film/c/1/", "chart/c/1/0/0", "damaged", "resumes"] {
         assert!(ran.stderr.contains(word), "{word}: {}", ran.stderr);
     }
     fs::write(&chunk, good).unwrap();
-    let touched = place.run("", &[]);
+    let touched = job.run("", &[]);
     assert!(touched.code == 3 && touched.stderr.contains("--trust-input"), "{}", touched.stderr);
-    place.run("", &["--trust-input"]).ok();
-    same_pixels(&place.film, &whole);
+    job.run("", &["--trust-input"]).ok();
+    assert_same_arrays(&job.film, &expected);
 }
 
-/// The bytes of all arrays; the attributes hold the times of the chart's files.
-fn same_pixels(film: &Path, whole: &std::collections::BTreeMap<std::path::PathBuf, Vec<u8>>) {
+/// Asserts equal files except `zarr.json`, whose attributes contain the modification times of the chart.
+fn assert_same_arrays(film: &Path, expected: &std::collections::BTreeMap<std::path::PathBuf, Vec<u8>>) {
     let found = files(film);
-    assert_eq!(found.len(), whole.len());
+    assert_eq!(found.len(), expected.len());
     for (path, bytes) in &found {
-        assert!(path == Path::new("zarr.json") || whole[path] == *bytes, "{}", path.display());
+        assert!(path == Path::new("zarr.json") || expected[path] == *bytes, "{}", path.display());
     }
 }
 
 #[test]
-fn keep_going_makes_all_that_does_not_depend_on_the_fault() {
-    let place = Place::large();
-    let whole = place.whole();
-    let (chunk, good) = spoil(&place);
-    let ran = place.run("", &["--keep-going"]);
+fn keep_going_writes_all_shards_that_do_not_depend_on_the_damaged_chunk() {
+    let job = TestJob::large();
+    let expected = job.expected_files();
+    let (chunk, good) = damage_last_chunk(&job);
+    let ran = job.run("", &["--keep-going"]);
     assert_eq!(ran.code, 1, "{}", ran.stderr);
-    for word in ["left out: band 1 (500 nm), shard film/c/1/", "damaged", "could not be made", "resumes"] {
+    for word in ["left out: band 1 (500 nm), shard film/c/1/", "damaged", "could not be computed", "resumes"]
+    {
         assert!(ran.stderr.contains(word), "{word}: {}", ran.stderr);
     }
-    let made = shards(&place.film);
+    let made = shards(&job.film);
     let of = |band: &str| made.iter().filter(|p| p.starts_with(Path::new("film/c").join(band))).count();
     assert_eq!(of("0"), 30, "the sound band is whole");
     assert!((10..30).contains(&of("1")), "{} shards of the damaged band", of("1"));
-    let status = common::lenscube(&["status", text(&place.film), "--check"]);
+    let status = common::lenscube(&["status", text(&job.film), "--check"]);
     assert!(status.code == 4 && status.stdout.contains("1 in part (500 nm"), "{}", status.stdout);
     fs::write(&chunk, good).unwrap();
-    place.run("", &["--trust-input"]).ok();
-    same_pixels(&place.film, &whole);
+    job.run("", &["--trust-input"]).ok();
+    assert_same_arrays(&job.film, &expected);
 }
 
 #[test]
-fn keep_going_believes_a_full_disk_at_once_and_a_forbidden_one_soon() {
-    let place = Place::large();
-    let whole = place.whole();
-    // From the first shard on: seven files of the new film come before it.
-    let full = place.run("write:9+:28", &["--keep-going"]);
+fn keep_going_stops_at_a_full_disk_and_after_repeated_permission_errors() {
+    let job = TestJob::large();
+    let expected = job.expected_files();
+    // Every write from the first shard on fails; seven files precede it.
+    let full = job.run("write:9+:28", &["--keep-going"]);
     assert_eq!(full.code, RETRY, "{}", full.stderr);
     for word in ["no space left", "band 0 (450 nm), shard film/c/0/"] {
         assert!(full.stderr.contains(word), "{word}: {}", full.stderr);
     }
-    let forbidden = place.run("create:2+:13", &["--keep-going"]);
+    let forbidden = job.run("create:2+:13", &["--keep-going"]);
     assert_eq!(forbidden.code, 1, "{}", forbidden.stderr);
     assert!(forbidden.stderr.contains("not allowed"), "{}", forbidden.stderr);
-    // One that passes costs one shard.
-    let once = place.run("create:9:13", &["--keep-going"]);
+    // A single error costs one shard.
+    let once = job.run("create:9:13", &["--keep-going"]);
     assert_eq!(once.code, 1, "{}", once.stderr);
     assert!(once.stderr.contains("lenscube: 1 of "), "{}", once.stderr);
-    place.run("", &[]).ok();
-    assert!(files(&place.film) == whole);
+    job.run("", &[]).ok();
+    assert!(files(&job.film) == expected);
 }
 
-/// Takes a store away while the run stands still, and brings it back after the run has ended.
-fn vanish(place: &Place, store: &Path, step: &str) -> Ran {
-    let run = place.stopped(step, &["--keep-going"]);
-    let away = place.at("away");
+/// Moves a store away while the run is stopped, and back after the run has ended.
+fn run_while_store_is_moved(job: &TestJob, store: &Path, step: &str) -> CommandResult {
+    let run = job.stopped(step, &["--keep-going"]);
+    let away = job.at("away");
     fs::rename(store, &away).unwrap();
-    let ran = run.go_on();
+    let ran = run.run_to_end();
     assert!(!store.exists(), "{} was made again in parts", store.display());
     fs::rename(&away, store).unwrap();
     ran
 }
 
 #[test]
-fn a_store_that_vanishes_is_worth_a_retry() {
-    let place = Place::large();
-    let whole = place.whole();
-    for (store, step) in [(&place.film, "write:12"), (&place.chart, "create:2")] {
-        let ran = vanish(&place, store, step);
+fn removed_store_exits_75() {
+    let job = TestJob::large();
+    let expected = job.expected_files();
+    for (store, step) in [(&job.film, "write:12"), (&job.chart, "create:2")] {
+        let ran = run_while_store_is_moved(&job, store, step);
         assert_eq!(ran.code, RETRY, "{}", ran.stderr);
-        assert!(ran.stderr.contains("is gone") && ran.stderr.contains(text(store)), "{}", ran.stderr);
-        let status = common::lenscube(&["status", text(&place.film), "--check"]);
+        assert!(ran.stderr.contains("is missing: its") && ran.stderr.contains(text(store)), "{}", ran.stderr);
+        let status = common::lenscube(&["status", text(&job.film), "--check"]);
         assert_eq!(status.code, 4, "{}", status.stdout);
     }
-    place.run("", &[]).ok();
-    assert!(files(&place.film) == whole);
+    job.run("", &[]).ok();
+    assert!(files(&job.film) == expected);
 }
 
 #[test]
-fn a_chart_that_changes_meanwhile_spoils_the_film() {
-    let place = Place::large();
-    let run = place.stopped("write:12", &[]);
-    let chunk = fs::File::open(place.chart.join("chart/c/0/0/0")).unwrap();
+fn chart_changed_during_the_run_exits_1_and_resuming_exits_3() {
+    let job = TestJob::large();
+    let run = job.stopped("write:12", &[]);
+    let chunk = fs::File::open(job.chart.join("chart/c/0/0/0")).unwrap();
     chunk.set_modified(std::time::UNIX_EPOCH).unwrap();
-    let ran = run.go_on();
-    assert!(ran.code == 1 && ran.stderr.contains("changed while it was read"), "{}", ran.stderr);
-    assert_eq!(place.run("", &[]).code, 3);
+    let ran = run.run_to_end();
+    assert!(ran.code == 1 && ran.stderr.contains("changed during the run"), "{}", ran.stderr);
+    assert_eq!(job.run("", &[]).code, 3);
 }
 
 /// Changes `file` of the chart while a run is stopped at its first shards, restores it after the run, and resumes.
-fn change_and_restore(place: &Place, file: &Path, changed: &[u8]) {
-    let whole = place.whole();
+fn change_and_restore(job: &TestJob, file: &Path, changed: &[u8]) {
+    let expected = job.expected_files();
     let original = fs::read(file).unwrap();
     let modified = fs::metadata(file).unwrap().modified().unwrap();
     assert_ne!(original, changed);
-    let run = place.stopped("write:10", &[]);
+    let run = job.stopped("write:10", &[]);
     fs::write(file, changed).unwrap();
-    let ran = run.go_on();
+    let ran = run.run_to_end();
     assert_eq!(ran.code, 1, "{}", ran.stderr);
     fs::write(file, original).unwrap();
     fs::File::options().write(true).open(file).unwrap().set_modified(modified).unwrap();
-    place.run("", &[]).ok();
-    assert!(files(&place.film) == whole, "pixels of the changed chart are in the film");
+    job.run("", &[]).ok();
+    assert!(files(&job.film) == expected, "pixels of the changed chart are in the film");
 }
 
 #[test]
-fn a_film_of_a_chart_changed_while_it_was_read_is_resumed_with_the_restored_chart() {
-    let place = Place::large();
-    let other = place.at("other.zarr");
+fn film_is_resumed_after_a_changed_zarr_chart_is_restored() {
+    let job = TestJob::large();
+    let other = job.at("other.zarr");
     Picture::noise(12, Size::new(631, 705), 2).write(&other);
     let chunk = Path::new("chart/c/1/0/0");
-    change_and_restore(&place, &place.chart.join(chunk), &fs::read(other.join(chunk)).unwrap());
+    change_and_restore(&job, &job.chart.join(chunk), &fs::read(other.join(chunk)).unwrap());
 }
 
 #[test]
-fn a_film_of_a_flat_chart_changed_while_it_was_read_is_resumed_with_the_restored_chart() {
+fn film_is_resumed_after_a_changed_npy_chart_is_restored() {
     let size = Size::new(631, 705);
     let layout = &["--shard", "128", "--chunk", "64", "--wavelengths", "450,500", "--film-pitch-um", "2"];
-    let mut place = Place::new(size, layout);
+    let mut job = TestJob::new(size, layout);
     let npy = |seed: u64| {
         let header = format!(
             "{{'descr': '<f4', 'fortran_order': False, 'shape': (2, {}, {}), }}",
@@ -226,7 +229,7 @@ fn a_film_of_a_flat_chart_changed_while_it_was_read_is_resumed_with_the_restored
         let head = [&b"\x93NUMPY\x01\x00\x76\x00"[..], header.as_bytes()].concat();
         head.into_iter().chain(samples).collect::<Vec<u8>>()
     };
-    place.chart = place.at("chart.npy");
-    fs::write(&place.chart, npy(11)).unwrap();
-    change_and_restore(&place, &place.chart, &npy(12));
+    job.chart = job.at("chart.npy");
+    fs::write(&job.chart, npy(11)).unwrap();
+    change_and_restore(&job, &job.chart, &npy(12));
 }

@@ -1,10 +1,10 @@
-//! The binary against films that someone else's code computed: `golden/make_golden.py`, over the executable model of the
-//! lens in f64 Python. Every pixel within 2e-6 of the film's peak, all of them within 1e-6 in relative L2 (DESIGN: f32
-//! sums over FFT blocks; the expected values themselves are stored in f32, 6e-8), on every instruction set of this machine.
+//! Films compared with those of an independent reference model in f64 Python (`golden/make_golden.py`), on every instruction set of
+//! this machine. Tolerances: 2e-6 of the film's peak for each pixel and 1e-6 in relative L2 (f32 sums over FFT blocks; the expected
+//! values are stored in f32, 6e-8).
 
 mod common;
 
-use common::{Ran, pixels, run_on, text};
+use common::{CommandResult, pixels, run_on, text};
 use libtest_mimic::{Arguments, Trial};
 use pipeline::simd::Isa;
 use serde_json::Value;
@@ -18,7 +18,7 @@ fn number(v: &Value, key: &str) -> usize {
     v[key].as_u64().unwrap() as usize
 }
 
-/// What is wrong with a case, if anything.
+/// Compares the film of a case with the expected one.
 fn check(isa: Isa, case: &Path) -> Result<(), String> {
     let about: Value = serde_json::from_slice(&std::fs::read(case.join("case.json")).unwrap()).unwrap();
     let scratch = tempfile::tempdir().unwrap();
@@ -26,7 +26,7 @@ fn check(isa: Isa, case: &Path) -> Result<(), String> {
     let there = |key: &str| case.join(about[key].as_str().unwrap());
     let flags: Vec<&str> = about["flags"].as_array().unwrap().iter().map(|v| v.as_str().unwrap()).collect();
     let chart = there("chart");
-    let Ran { code, stderr, .. } = run_on(isa, text(&chart), &film, text(&there("lens")), &flags);
+    let CommandResult { code, stderr, .. } = run_on(isa, text(&chart), &film, text(&there("lens")), &flags);
     if code != 0 {
         return Err(format!("exit {code}: {stderr}"));
     }
@@ -43,7 +43,7 @@ fn check(isa: Isa, case: &Path) -> Result<(), String> {
         for (band, (got, expected)) in got.iter().zip(&expected).enumerate() {
             let places = rows.clone().flat_map(|y| columns.clone().map(move |x| (y, x)));
             let peak = about["peak"][band].as_f64().unwrap();
-            // NaN cannot be among them: reading refuses it.
+            // NaN is not possible: reading it is an error.
             let (mut worst, mut at, mut off, mut all) = (0.0, (0, 0), 0.0, 0.0);
             for ((y, x), &e) in places.zip(expected) {
                 let difference = f64::from(got[y * size.width + x]) - f64::from(e);
@@ -78,16 +78,16 @@ fn cases(isa: Isa, prefixes: &[&str], expected: usize) {
     assert!(wrong.is_empty(), "{} of {} cases are wrong:\n{}", wrong.len(), names.len(), wrong.join("\n"));
 }
 
-/// Name, prefixes of the cases, how many there are.
+/// Test name, prefixes of its cases, number of cases.
 type Group = (&'static str, &'static [&'static str], usize);
 
 fn main() -> ExitCode {
     let groups: [Group; 5] = [
-        ("the_whole_chain_on_charts_and_packs_of_all_shapes", &["chain-"], 8),
-        ("every_surround_with_every_interpolation", &["surround-"], 6),
-        ("films_of_several_tiles_and_regions_of_them", &["tiles-"], 2),
-        ("charts_as_other_programs_write_them", &["chart-"], 2),
-        ("stages_on_their_own_cropped_windows_and_units", &["stages-", "window-", "units-"], 8),
+        ("all_stages_with_charts_and_packs_of_all_shapes", &["chain-"], 8),
+        ("each_surround_with_each_interpolation", &["surround-"], 6),
+        ("films_of_several_tiles_and_film_regions", &["tiles-"], 2),
+        ("charts_written_by_other_programs", &["chart-"], 2),
+        ("single_stages_cropped_windows_and_units", &["stages-", "window-", "units-"], 8),
     ];
     let mut trials = Vec::new();
     for isa in Isa::ALL {

@@ -1,8 +1,8 @@
-//! `lenscube lens import` from outside: the packs it makes, the words and exit codes when it cannot.
+//! `lenscube lens import`: packs, error messages and exit codes.
 
 mod common;
 
-use common::{Ran, lenscube, text};
+use common::{CommandResult, lenscube, text};
 use formats::lens::LensPack;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,26 +11,26 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("formats/tests/data").join(name)
 }
 
-fn import(source: &Path, out: &Path, flags: &[&str]) -> Ran {
+fn import(source: &Path, out: &Path, flags: &[&str]) -> CommandResult {
     let mut words = vec!["lens", "import", text(source), text(out)];
     words.extend(flags);
     lenscube(&words)
 }
 
-/// One line for the user, the exit code, nothing written.
-fn refused(source: &Path, flags: &[&str], code: i32, words: &[&str]) {
+/// Asserts the exit code, one error line with `words`, and that no file was written.
+fn assert_import_fails(source: &Path, flags: &[&str], code: i32, words: &[&str]) {
     let dir = tempfile::tempdir().unwrap();
     let ran = import(source, &dir.path().join("out.lens.zarr"), flags);
     assert_eq!(ran.code, code, "{}", ran.stderr);
     let lines: Vec<&str> = ran.stderr.lines().filter(|l| l.starts_with("lenscube: ")).collect();
     assert_eq!(lines.len(), 1, "{}", ran.stderr);
     let parts: Vec<&str> = lines[0].split(": ").collect();
-    assert!(parts.iter().enumerate().all(|(i, p)| !parts[..i].contains(p)), "said twice: {}", lines[0]);
+    assert!(parts.iter().enumerate().all(|(i, p)| !parts[..i].contains(p)), "repeated: {}", lines[0]);
     for word in words {
         assert!(lines[0].contains(word), "`{word}` is not in: {}", lines[0]);
     }
     assert!(!ran.stderr.contains("panicked"), "{}", ran.stderr);
-    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "something is left behind");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "leftover files");
 }
 
 const NPZ: [&str; 9] = [
@@ -46,7 +46,7 @@ const NPZ: [&str; 9] = [
 ];
 
 #[test]
-fn the_real_export_without_its_psfs() {
+fn design_program_export_without_psfs_is_imported() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("asphere.lens.zarr");
     import(&data("zemax-asphere"), &out, &["--without-psf", "--name", "asphere"]).ok();
@@ -58,7 +58,7 @@ fn the_real_export_without_its_psfs() {
 }
 
 #[test]
-fn an_import_is_a_lens_for_run() {
+fn imported_pack_is_usable_in_a_run() {
     let dir = tempfile::tempdir().unwrap();
     let (out, film) = (dir.path().join("example.lens.zip"), dir.path().join("film.zarr"));
     import(&data("tables-example"), &out, &["--azimuths", "8"]).ok();
@@ -69,14 +69,18 @@ fn an_import_is_a_lens_for_run() {
 }
 
 #[test]
-fn an_archive_by_command() {
+fn npz_archive_is_imported_and_not_overwritten() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("dg.lens.zip");
     let mut flags = NPZ.to_vec();
     flags.extend(["--distortion-focal-mm", "99.3320630"]);
     let ran = import(&data("double-gauss-28-550nm.npz"), &out, &flags).ok();
-    assert!(ran.stderr.contains("550 nm") && ran.stderr.contains("22 PSFs of 51 samples"), "{}", ran.stderr);
-    // There already: another job's output, and it stays.
+    assert!(
+        ran.stderr.contains("550 nm") && ran.stderr.contains("22 PSFs, 51 samples a side"),
+        "{}",
+        ran.stderr
+    );
+    // An existing output is kept.
     let before = fs::read(&out).unwrap();
     let again = import(&data("double-gauss-28-550nm.npz"), &out, &flags);
     assert_eq!(again.code, 3, "{}", again.stderr);
@@ -84,32 +88,42 @@ fn an_archive_by_command() {
 }
 
 #[test]
-fn what_is_asked_for_is_usage() {
+fn missing_or_conflicting_import_flags_exit_2() {
     let npz = data("double-gauss-28-550nm.npz");
-    refused(&npz, &NPZ[2..], 2, &["double-gauss-28-550nm.npz", "--psf-sample"]);
-    refused(
+    assert_import_fails(&npz, &NPZ[2..], 2, &["double-gauss-28-550nm.npz", "--psf-sample"]);
+    assert_import_fails(
         &npz,
         &["--psf-sample", "integrated", "--f-number", "3", "--primary-nm", "550"],
         2,
         &["--psf-outward"],
     );
-    refused(&data("zemax-asphere"), &["--bands", "7", "--without-psf"], 2, &["--bands", "last of 5"]);
-    refused(&data("zemax-asphere"), &["--bands", "2:", "--without-psf"], 2, &["--bands", "its end"]);
+    assert_import_fails(
+        &data("zemax-asphere"),
+        &["--bands", "7", "--without-psf"],
+        2,
+        &["--bands", "last of 5"],
+    );
+    assert_import_fails(
+        &data("zemax-asphere"),
+        &["--bands", "2:", "--without-psf"],
+        2,
+        &["--bands", "must have an end"],
+    );
     let both = import(&npz, Path::new("out"), &["--f-number", "3", "--entrance-pupil-mm", "3"]);
     assert_eq!(both.code, 2, "{}", both.stderr);
 }
 
 #[test]
 fn broken_exports_fail_with_file_and_line() {
-    refused(Path::new("absent"), &[], 1, &["absent", "cannot open"]);
-    refused(&data("zemax-asphere"), &[], 1, &["holds neither", "PSF_1_1.dat", "--without-psf"]);
+    assert_import_fails(Path::new("absent"), &[], 1, &["absent", "cannot open"]);
+    assert_import_fails(&data("zemax-asphere"), &[], 1, &["holds neither", "PSF_1_1.dat", "--without-psf"]);
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     for name in ["ISETPARMS.TXT", "AsphereF=2mm_DI_.dat", "AsphereF=2mm_RI_.dat"] {
         fs::copy(data("zemax-asphere").join(name), at(name)).unwrap();
     }
     let di = fs::read_to_string(at("AsphereF=2mm_DI_.dat")).unwrap();
-    // Decimal commas are read; NaN, a lost line and heights that fall are named.
+    // Decimal commas are accepted; NaN, a missing line and descending heights are errors.
     fs::write(at("AsphereF=2mm_DI_.dat"), di.replace('.', ",")).unwrap();
     let out = at("comma.lens.zip");
     import(dir.path(), &out, &["--without-psf"]).ok();
@@ -123,6 +137,6 @@ fn broken_exports_fail_with_file_and_line() {
         (di.replacen("1.013804E-001", "1.013804E-002", 1), ["DI_.dat, line 3", "does not ascend"]),
     ] {
         fs::write(at("AsphereF=2mm_DI_.dat"), change).unwrap();
-        refused(dir.path(), &["--without-psf"], 1, &words);
+        assert_import_fails(dir.path(), &["--without-psf"], 1, &words);
     }
 }

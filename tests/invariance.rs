@@ -1,4 +1,4 @@
-//! What must not change a film: threads, memory, codec, layout, interruption, regions. And lenses whose film is known.
+//! A film does not depend on threads, memory, codec, layout, interruption or regions; films of lenses with known results.
 
 mod common;
 
@@ -9,14 +9,14 @@ use common::{
 use pipeline::geometry::Size;
 use std::path::{Path, PathBuf};
 
-struct Place {
+struct LensJob {
     dir: tempfile::TempDir,
     chart: PathBuf,
     pack: PathBuf,
 }
 
-impl Place {
-    /// A chart of two bands, several tiles and shards of film, a lens that bends, dims and scatters.
+impl LensJob {
+    /// Chart of two bands; film of several tiles and shards; lens with distortion, relative illumination and PSFs.
     fn new() -> Self {
         let dir = tempfile::tempdir().unwrap();
         let (chart, pack) = (dir.path().join("chart.zarr"), dir.path().join("pack.lens.zarr"));
@@ -47,26 +47,22 @@ fn with_layout<'a>(flags: &[&'a str]) -> Vec<&'a str> {
 }
 
 #[test]
-fn threads_and_memory_change_no_byte() {
-    let place = Place::new();
-    let first = files(&place.run("first", &with_layout(&["--threads", "1", "--memory", "2GiB"])));
+fn threads_and_memory_do_not_change_the_film_files() {
+    let job = LensJob::new();
+    let first = files(&job.run("first", &with_layout(&["--threads", "1", "--memory", "2GiB"])));
     assert!(first.len() > 2 * 9, "several shards: {:?}", first.keys());
-    // The least memory is what the program itself says when asked for less.
-    let film = place.dir.path().join("refused");
-    let refused = run(
-        text(&place.chart),
-        &film,
-        text(&place.pack),
-        &with_layout(&["--threads", "2", "--memory", "1MiB"]),
-    );
-    assert_eq!(refused.code, 2, "{}", refused.stderr);
-    let least = refused.stderr.split("at least ").nth(1).unwrap().split(';').next().unwrap();
+    // The minimum memory is taken from the error message for a smaller limit.
+    let film = job.dir.path().join("rejected");
+    let rejected =
+        run(text(&job.chart), &film, text(&job.pack), &with_layout(&["--threads", "2", "--memory", "1MiB"]));
+    assert_eq!(rejected.code, 2, "{}", rejected.stderr);
+    let min_memory = rejected.stderr.split("at least ").nth(1).unwrap().split(';').next().unwrap();
     for (name, flags) in [
-        ("least", ["--threads", "2", "--memory", least]),
+        ("minimum", ["--threads", "2", "--memory", min_memory]),
         ("more", ["--threads", "2", "--memory", "1GiB"]),
         ("many", ["--threads", "7", "--memory", "2GiB"]),
     ] {
-        let again = files(&place.run(name, &with_layout(&flags)));
+        let again = files(&job.run(name, &with_layout(&flags)));
         assert!(
             again == first,
             "{flags:?} changes {:?}",
@@ -76,19 +72,19 @@ fn threads_and_memory_change_no_byte() {
 }
 
 #[test]
-fn codecs_shards_and_regions_change_no_pixel() {
-    let place = Place::new();
-    let (size, whole) = pixels(&place.run("whole", &[]), "film");
+fn codec_shard_size_and_regions_do_not_change_pixels() {
+    let job = LensJob::new();
+    let (size, whole) = pixels(&job.run("whole", &[]), "film");
     let whole = bits(&whole);
     for (codec, shard, chunk) in [("none", "128", "128"), ("lz4", "512", "256"), ("zstd", "96", "32")] {
-        let film = place.run(codec, &["--codec", codec, "--shard", shard, "--chunk", chunk]);
+        let film = job.run(codec, &["--codec", codec, "--shard", shard, "--chunk", chunk]);
         assert!(bits(&pixels(&film, "film").1) == whole, "{codec}, shards of {shard}");
     }
     let regions = [(0, 0, 1, 1), (300, 411, 320, 200), (5, 600, 700, 31), (704, 630, 1, 1)];
     let words: Vec<String> = regions.iter().map(|(x, y, w, h)| format!("{x},{y},{w},{h}")).collect();
     let flags: Vec<&str> = words.iter().flat_map(|w| ["--roi", w.as_str()]).collect();
-    let film = place.run("regions", &flags);
-    let band_1 = place.run("regions-of-band-1", &[&flags[..], &["--bands", "1", "--threads", "1"]].concat());
+    let film = job.run("regions", &flags);
+    let band_1 = job.run("regions-of-band-1", &[&flags[..], &["--bands", "1", "--threads", "1"]].concat());
     for (i, (x, y, w, h)) in regions.into_iter().enumerate() {
         let (roi_size, got) = pixels(&film, &format!("roi_{i}"));
         assert_eq!(roi_size, Size::new(h, w));
@@ -105,9 +101,9 @@ fn codecs_shards_and_regions_change_no_pixel() {
 }
 
 #[test]
-fn a_resumed_film_has_the_same_bytes() {
-    let place = Place::new();
-    let film = place.run("film", &LAYOUT);
+fn resumed_film_has_the_same_files() {
+    let job = LensJob::new();
+    let film = job.run("film", &LAYOUT);
     let first = files(&film);
     let all = shards(&film);
     let of_film: Vec<_> = all.iter().filter(|p| p.starts_with("film")).collect();
@@ -115,20 +111,18 @@ fn a_resumed_film_has_the_same_bytes() {
     for lost in [&of_film[..1], &of_film[4..7], &[of_film[2], of_film[8], of_film[9], of_film[17]]] {
         lost.iter().for_each(|p| std::fs::remove_file(film.join(p)).unwrap());
         let again =
-            run(text(&place.chart), &film, text(&place.pack), &[&LAYOUT[..], &["--threads", "1"]].concat())
-                .ok();
+            run(text(&job.chart), &film, text(&job.pack), &[&LAYOUT[..], &["--threads", "1"]].concat()).ok();
         assert!(again.stderr.contains(&format!("{} of 18 shards", lost.len())), "{}", again.stderr);
         assert!(files(&film) == first, "without {lost:?}");
     }
-    let done = run(text(&place.chart), &film, text(&place.pack), &LAYOUT).ok();
+    let done = run(text(&job.chart), &film, text(&job.pack), &LAYOUT).ok();
     assert!(done.stderr.contains("complete") && files(&film) == first, "{}", done.stderr);
-    let anew =
-        run(text(&place.chart), &film, text(&place.pack), &[&LAYOUT[..], &["--overwrite"]].concat()).ok();
+    let anew = run(text(&job.chart), &film, text(&job.pack), &[&LAYOUT[..], &["--overwrite"]].concat()).ok();
     assert!(!anew.stderr.contains("resuming") && files(&film) == first, "{}", anew.stderr);
 }
 
 #[test]
-fn a_stored_chart_gives_the_film_of_the_drawn_one() {
+fn stored_and_generated_chart_give_the_same_film() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let draw = |name: &str, threads: &str| {
@@ -153,13 +147,13 @@ fn a_stored_chart_gives_the_film_of_the_drawn_one() {
     assert!(bits(&stored.1) == bits(&drawn.1));
 }
 
-/// The same samples as Zarr, NPY, raw, ENVI of each order and spectral OpenEXR.
+/// The same samples as Zarr, NPY, raw, ENVI of each interleave and spectral OpenEXR.
 #[test]
-fn a_chart_in_any_file_gives_the_same_film() {
-    let place = Place::new();
-    let whole = pixels(&place.run("film.zarr", &[]), "film");
+fn chart_in_each_file_format_gives_the_same_film() {
+    let job = LensJob::new();
+    let whole = pixels(&job.run("film.zarr", &[]), "film");
     let picture = Picture::noise(7, Size::new(631, 705), 2);
-    let at = |name: &str| place.dir.path().join(name);
+    let at = |name: &str| job.dir.path().join(name);
     let plane = |order: &mut dyn FnMut(usize, usize, usize)| {
         (0..2).for_each(|b| (0..631).for_each(|y| (0..705).for_each(|x| order(b, y, x))));
     };
@@ -191,26 +185,26 @@ fn a_chart_in_any_file_gives_the_same_film() {
         );
         std::fs::write(at(&format!("{name}.hdr")), text).unwrap();
     }
-    lenscube(&["export", text(&place.chart), text(&at("c.exr"))]).ok();
+    lenscube(&["export", text(&job.chart), text(&at("c.exr"))]).ok();
     let pitch = ["--film-pitch-um", "2"];
-    let told = [&pitch[..], &["--wavelengths", "450,500"]].concat();
-    let raw = [&told[..], &["--chart-shape", "2,631,705", "--chart-dtype", "<f4"]].concat();
+    let flat = [&pitch[..], &["--wavelengths", "450,500"]].concat();
+    let raw = [&flat[..], &["--chart-shape", "2,631,705", "--chart-dtype", "<f4"]].concat();
     for (chart, flags) in [
-        ("c.npy", &told[..]),
+        ("c.npy", &flat[..]),
         ("c.samples", &raw[..]),
         ("bil.hdr", &pitch[..]),
         ("bip.img", &pitch[..]),
         ("c.exr", &pitch[..]),
     ] {
         let film = at(&format!("{chart}.zarr"));
-        let ran = run(text(&at(chart)), &film, text(&place.pack), flags).ok();
-        assert!(!chart.contains("exr") || ran.stderr.contains("laying them out once"), "{}", ran.stderr);
+        let ran = run(text(&at(chart)), &film, text(&job.pack), flags).ok();
+        assert!(!chart.contains("exr") || ran.stderr.contains("sorting them once"), "{}", ran.stderr);
         assert!(bits(&pixels(&film, "film").1) == bits(&whole.1), "{chart}");
     }
 }
 
 #[test]
-fn a_uniform_chart_shows_the_illumination_itself() {
+fn film_of_a_uniform_chart_equals_relative_illumination() {
     let dir = tempfile::tempdir().unwrap();
     let pack = formats::lens::builtin("double-gauss-28-npz").unwrap();
     for (name, axis) in [("middle", (128.0, 150.0)), ("aside", (100.25, 171.5))] {
@@ -241,7 +235,7 @@ fn a_uniform_chart_shows_the_illumination_itself() {
 fn identity_film(dir: &Path, size: Size, window: usize) -> (Picture, Vec<Vec<f32>>) {
     let at = |name: &str| dir.join(format!("{name}-{size}-{window}"));
     let mut chart = Picture::noise(size.width as u64, size, 2);
-    // A chart may hold what it likes: light below zero, and over nine decades.
+    // A chart may hold negative values, and values over nine decades.
     let mut noise = Noise(99);
     for v in chart.bands[1].iter_mut() {
         *v = (noise.next() - 0.5) * 10f32.powi((noise.next() * 9.0) as i32);
@@ -256,12 +250,12 @@ fn identity_film(dir: &Path, size: Size, window: usize) -> (Picture, Vec<Vec<f32
 }
 
 #[test]
-fn a_lens_that_does_nothing_returns_the_chart() {
+fn identity_lens_returns_the_chart() {
     let dir = tempfile::tempdir().unwrap();
     for size in [Size::new(1, 1), Size::new(300, 301), Size::new(129, 640)] {
         let (chart, film) = identity_film(dir.path(), size, 1);
         assert!(bits(&film) == bits(&chart.bands), "film of {size}: not bit for bit");
-        // Through the transforms a sum of n² terms rounds: 1e-6 of the largest value.
+        // Rounding of the Fourier transforms: 1e-6 of the maximum value.
         let (chart, film) = identity_film(dir.path(), size, 9);
         assert_eq!(film.len(), chart.bands.len(), "bands");
         for (got, expected) in film.iter().zip(&chart.bands) {

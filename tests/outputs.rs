@@ -1,11 +1,11 @@
-//! Outputs whatever ends the command: files of one export together or not at all, old ones kept until then, temporary files swept,
-//! and what cannot be swept or locked reported.
+//! Outputs of commands that end early: the files of an export appear together or not at all, old files are kept until then, temporary
+//! files are removed, and problems with temporary files and locks are reported.
 #![allow(missing_docs)]
 
 mod common;
 
-use common::place::Place;
-use common::{Picture, Ran, files, text};
+use common::test_job::TestJob;
+use common::{CommandResult, Picture, files, text};
 use pipeline::geometry::Size;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,15 +14,15 @@ use std::time::{Duration, Instant};
 
 const KILLED: i32 = -1;
 
-fn lenscube(fault: &str, words: &[&str]) -> Ran {
+fn lenscube(fault: &str, words: &[&str]) -> CommandResult {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
     if !fault.is_empty() {
         command.env("LENSCUBE_FAULT", fault);
     }
-    Ran::of(&command.args(words).output().unwrap())
+    CommandResult::new(&command.args(words).output().unwrap())
 }
 
-/// Files of a directory, those with temporary names left out.
+/// Files of a directory without temporary names.
 fn named(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files(dir).into_iter().filter(|(p, _)| !text(p).contains(".tmp-")).collect()
 }
@@ -32,31 +32,32 @@ fn temporary(dir: &Path) -> Vec<PathBuf> {
     entries.filter(|p| text(p).contains("tmp-") || text(p).contains(".part")).collect()
 }
 
-/// Strikes each of `steps` with `fault` the first, second, … time until a command meets none; `check` sees what is there then.
-fn at_every(
+/// Injects `fault` at the first, second, … occurrence of each of `steps` until a command ends without one, and calls `check` after
+/// each command; the number of faults.
+fn inject_at_every(
     steps: &[&str],
     fault: &str,
-    command: &dyn Fn(&str) -> Ran,
-    check: &mut dyn FnMut(&str, &Ran),
+    command: &dyn Fn(&str) -> CommandResult,
+    check: &mut dyn FnMut(&str, &CommandResult),
 ) -> usize {
-    let mut struck = 0;
+    let mut faults = 0;
     for step in steps {
         for n in 1.. {
             let fault = format!("{step}:{n}:{fault}");
             let ran = command(&fault);
             check(&fault, &ran);
-            if !ran.stderr.contains("struck by") {
+            if !ran.stderr.contains("fault injected by") {
                 assert_eq!(ran.code, 0, "{fault}: {}", ran.stderr);
                 break;
             }
-            struck += 1;
+            faults += 1;
         }
     }
-    struck
+    faults
 }
 
 #[test]
-fn an_envi_export_that_is_killed_leaves_the_old_pair_or_the_new_one_and_never_a_header_beside_other_data() {
+fn killed_envi_export_leaves_the_old_or_the_new_pair_of_files() {
     let dir = tempfile::tempdir().unwrap();
     let (chart, out) = (dir.path().join("chart.zarr"), dir.path().join("out"));
     Picture::noise(3, Size::new(40, 50), 2).write(&chart);
@@ -72,30 +73,33 @@ fn an_envi_export_that_is_killed_leaves_the_old_pair_or_the_new_one_and_never_a_
     assert_eq!((old.len(), new.len()), (2, 2));
     let (data, head) = (PathBuf::from("x.bsq"), PathBuf::from("x.hdr"));
     let steps = ["sync", "rename", "sync-directory"];
-    let mut headless = 0;
+    let mut without_header = 0;
     let start = |fault: &str| {
         export("", "0").ok();
         assert_eq!(files(&out), old);
         export(fault, "0:1")
     };
-    let struck = at_every(&steps, "kill", &start, &mut |fault, ran| {
+    let faults = inject_at_every(&steps, "kill", &start, &mut |fault, ran| {
         let found = named(&out);
         match found.contains_key(&head) {
             true => assert!(found == old || found == new, "{fault}"),
             false => {
-                headless += 1;
+                without_header += 1;
                 assert!(found.get(&data).is_none_or(|d| *d == old[&data] || *d == new[&data]), "{fault}");
-                let refused = lenscube("", &["export", text(&header), text(&dir.path().join("y.npy"))]);
-                assert_eq!(refused.code, 1, "{fault}: {}", refused.stderr);
+                let export = lenscube("", &["export", text(&header), text(&dir.path().join("y.npy"))]);
+                assert_eq!(export.code, 1, "{fault}: {}", export.stderr);
             }
         }
         assert!(ran.code == 0 || ran.code == KILLED, "{fault}: {}", ran.stderr);
         export("", "0:1").ok();
         assert_eq!(files(&out), new, "{fault}: not completed by the same command");
     });
-    assert!(struck >= 8 && headless <= 4, "{struck} kills, {headless} of them between the renames");
-    // An error, unlike a kill, is undone.
-    at_every(&steps, "28", &start, &mut |fault, ran| {
+    assert!(
+        faults >= 8 && without_header <= 4,
+        "{faults} kills, {without_header} of them between the renames"
+    );
+    // After an error, unlike a kill, the old state is restored.
+    inject_at_every(&steps, "28", &start, &mut |fault, ran| {
         let found = files(&out);
         assert!(found == old || found == new, "{fault}: {:?}", found.keys());
         assert!(ran.code == 0 || ran.code == 75 && ran.stderr.contains("no space left"), "{}", ran.stderr);
@@ -103,7 +107,7 @@ fn an_envi_export_that_is_killed_leaves_the_old_pair_or_the_new_one_and_never_a_
 }
 
 #[test]
-fn a_chart_that_is_drawn_over_another_is_replaced_at_once_or_not_at_all() {
+fn killed_chart_overwrite_leaves_the_old_or_the_new_chart() {
     let dir = tempfile::tempdir().unwrap();
     let chart = dir.path().join("chart.zarr");
     let draw = |fault: &str, value: &str| {
@@ -120,19 +124,20 @@ fn a_chart_that_is_drawn_over_another_is_replaced_at_once_or_not_at_all() {
         draw(fault, "2")
     };
     for (fault, code) in [("kill", KILLED), ("28", 75)] {
-        let struck = at_every(&["write", "rename", "publish", "sweep"], fault, &start, &mut |fault, ran| {
-            let found = files(&chart);
-            assert!(found == old || found == new, "{fault}: {:?}", found.keys());
-            assert!(ran.code == 0 || ran.code == code, "{fault}: {}", ran.stderr);
-        });
-        assert!(struck >= 5, "{struck}");
+        let faults =
+            inject_at_every(&["write", "rename", "publish", "sweep"], fault, &start, &mut |fault, ran| {
+                let found = files(&chart);
+                assert!(found == old || found == new, "{fault}: {:?}", found.keys());
+                assert!(ran.code == 0 || ran.code == code, "{fault}: {}", ran.stderr);
+            });
+        assert!(faults >= 5, "{faults}");
     }
     draw("", "2").ok();
     assert_eq!((files(&chart), temporary(dir.path())), (new, Vec::new()));
 }
 
 #[test]
-fn a_killed_trace_leaves_one_temporary_name_that_the_next_one_sweeps() {
+fn temporary_file_of_a_killed_trace_is_removed_by_the_next() {
     for name in ["a.lens.zarr", "a.lens.zip"] {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join(name);
@@ -157,25 +162,25 @@ fn a_killed_trace_leaves_one_temporary_name_that_the_next_one_sweeps() {
 }
 
 #[test]
-fn a_temporary_file_that_may_not_be_removed_is_reported_and_stops_nobody() {
-    let place = Place::small();
-    assert_eq!(place.run("rename:12:kill", &[]).code, KILLED);
-    let left = |place: &Place| place.leavings().iter().filter(|p| text(p).contains(".tmp-")).count();
-    let dead = left(&place);
+fn temporary_file_that_cannot_be_removed_is_a_note() {
+    let job = TestJob::small();
+    assert_eq!(job.run("rename:12:kill", &[]).code, KILLED);
+    let left = |job: &TestJob| job.leftover_files().iter().filter(|p| text(p).contains(".tmp-")).count();
+    let dead = left(&job);
     assert!(dead > 0);
-    // Not permitted, permission denied, read-only file system: as another user's file in a sticky directory.
+    // Not permitted (another user's file in a sticky directory), permission denied, read-only file system.
     for errno in ["1", "13", "30"] {
-        let ran = place.run(&format!("sweep:1+:{errno}"), &[]);
-        assert!(ran.stderr.contains("struck by"), "{errno}: {}", ran.stderr);
+        let ran = job.run(&format!("sweep:1+:{errno}"), &[]);
+        assert!(ran.stderr.contains("fault injected by"), "{errno}: {}", ran.stderr);
         if errno == "1" {
-            let note = format!("note: {dead} temporary files of ended processes may not be removed");
+            let note = format!("note: {dead} temporary files of ended processes could not be removed");
             assert!(ran.stderr.contains(&note), "{}", ran.stderr);
         }
         assert_eq!(ran.code, 0, "{errno}: {}", ran.stderr);
-        assert_eq!(left(&place), dead);
+        assert_eq!(left(&job), dead);
     }
-    // Beside an export: a killed one, then one that may not sweep.
-    let (film, out) = (place.film.clone(), place.at("out"));
+    // The same for an export: one is killed, the next may not remove files.
+    let (film, out) = (job.film.clone(), job.at("out"));
     std::fs::create_dir(&out).unwrap();
     let export =
         |fault: &str| lenscube(fault, &["export", text(&film), text(&out.join("x.npy")), "--overwrite"]);
@@ -188,19 +193,19 @@ fn a_temporary_file_that_may_not_be_removed_is_reported_and_stops_nobody() {
 }
 
 #[test]
-fn a_fifo_in_the_place_of_a_lock_is_an_error_and_not_a_wait() {
-    let place = Place::small();
-    assert_eq!(place.run("rename:12:kill", &[]).code, KILLED);
-    let lock = place.film.join("runs/whole.lock");
+fn fifo_as_lock_file_is_an_error_without_blocking() {
+    let job = TestJob::small();
+    assert_eq!(job.run("rename:12:kill", &[]).code, KILLED);
+    let lock = job.film.join("runs/whole.lock");
     std::fs::remove_file(&lock).unwrap();
     assert!(Command::new("mkfifo").arg(&lock).status().unwrap().success());
     let start = Instant::now();
-    let ran = place.run("", &[]);
+    let ran = job.run("", &[]);
     assert_eq!(ran.code, 1, "{}", ran.stderr);
     assert!(ran.stderr.contains("whole.lock is a FIFO, expected a lock file"), "{}", ran.stderr);
-    let told = lenscube("", &["status", text(&place.film)]).ok();
-    assert!(told.stdout.contains("may run; if not, --take-over"), "{}", told.stdout);
+    let status = lenscube("", &["status", text(&job.film)]).ok();
+    assert!(status.stdout.contains("may run; if not, --take-over"), "{}", status.stdout);
     assert!(start.elapsed() < Duration::from_secs(60));
     std::fs::remove_file(&lock).unwrap();
-    place.run("", &[]).ok();
+    job.run("", &[]).ok();
 }

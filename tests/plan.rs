@@ -1,9 +1,9 @@
-//! One film by many processes: the same bytes from any units, in any order, done twice, killed; and what a plan refuses.
+//! Plans: the same film from any units, in any order, repeated or killed; and rejection of inputs that differ from the plan.
 
 mod common;
 
-use common::place::{Place, Stopped};
-use common::{Noise, Ran, files, lenscube, text};
+use common::test_job::{StoppedRun, TestJob};
+use common::{CommandResult, Noise, files, lenscube, text};
 use pipeline::geometry::Size;
 use serde_json::Value;
 use std::fs;
@@ -15,17 +15,19 @@ const OTHER_JOB: i32 = 3;
 const USAGE: i32 = 2;
 const WRONG: i32 = 4;
 
-/// A place with a plan for its film.
+/// A directory with a plan for its film.
 struct Planned {
-    place: Place,
+    place: TestJob,
     job: PathBuf,
     plan: Value,
 }
 
 impl Planned {
-    fn new(place: Place, flags: &[&str]) -> Self {
+    fn new(place: TestJob, flags: &[&str]) -> Self {
         let job = place.at("job.json");
-        let ran = Ran::of(&place.plan(&place.film, flags).args(["-o", text(&job)]).output().unwrap()).ok();
+        let ran =
+            CommandResult::new(&place.plan(&place.film, flags).args(["-o", text(&job)]).output().unwrap())
+                .ok();
         assert_eq!(ran.stdout.trim(), text(&job), "{}", ran.stderr);
         let plan = serde_json::from_slice(&fs::read(&job).unwrap()).unwrap();
         Self { place, job, plan }
@@ -41,12 +43,12 @@ impl Planned {
         command
     }
 
-    fn run(&self, unit: &str, flags: &[&str]) -> Ran {
-        Ran::of(&self.worker(unit, flags).output().unwrap())
+    fn run(&self, unit: &str, flags: &[&str]) -> CommandResult {
+        CommandResult::new(&self.worker(unit, flags).output().unwrap())
     }
 
-    /// A worker struck by `fault`.
-    fn struck(&self, unit: &str, fault: &str) -> Command {
+    /// A worker with the injected fault `fault`.
+    fn worker_with_fault(&self, unit: &str, fault: &str) -> Command {
         let mut command = self.worker(unit, &[]);
         command.env("LENSCUBE_FAULT", fault).stdout(Stdio::null()).stderr(Stdio::piped());
         command
@@ -56,28 +58,20 @@ impl Planned {
         lenscube(&["status", "--plan", text(&self.job), "--missing"]).ok().stdout.trim().to_owned()
     }
 
-    /// The bytes of the film that one process makes without a plan.
-    fn whole(&self, flags: &[&str]) -> std::collections::BTreeMap<PathBuf, Vec<u8>> {
+    /// The files of the film that one process computes without a plan.
+    fn single_run(&self, flags: &[&str]) -> std::collections::BTreeMap<PathBuf, Vec<u8>> {
         let film = self.place.at("whole.zarr");
-        Ran::of(&self.place.command(&film, "", flags).output().unwrap()).ok();
+        CommandResult::new(&self.place.command(&film, "", flags).output().unwrap()).ok();
         files(&film)
     }
 }
 
-fn says(ran: &Ran, code: i32, words: &[&str]) {
-    assert_eq!(ran.code, code, "{}{}", ran.stdout, ran.stderr);
-    for word in words {
-        let said = ran.stdout.contains(word) || ran.stderr.contains(word);
-        assert!(said, "`{word}` is not in: {}{}", ran.stdout, ran.stderr);
-    }
-}
-
 /// Eight rows of eight shards, two bands.
-fn place() -> Place {
-    Place::new(Size::new(631, 637), &["--shard", "80", "--chunk", "40"])
+fn place() -> TestJob {
+    TestJob::new(Size::new(631, 637), &["--shard", "80", "--chunk", "40"])
 }
 
-/// `0..n` in an order that follows from `seed`.
+/// A permutation of `0..n` given by `seed`.
 fn shuffled(n: usize, seed: u64) -> Vec<usize> {
     let mut noise = Noise(seed);
     let mut keys: Vec<(u32, usize)> = (0..n).map(|i| (noise.next().to_bits(), i)).collect();
@@ -85,10 +79,10 @@ fn shuffled(n: usize, seed: u64) -> Vec<usize> {
     keys.into_iter().map(|k| k.1).collect()
 }
 
-/// Does all units of a plan, three processes at a time, some units by two of them, one process killed half-way.
-fn by_many(planned: &Planned, seed: u64) {
+/// Computes all units of a plan, three processes at a time, some units twice, one process killed half-way.
+fn compute_units(planned: &Planned, seed: u64) {
     let order = shuffled(planned.units(), seed);
-    let killed = planned.struck(&order[0].to_string(), "rename:2:kill").output().unwrap();
+    let killed = planned.worker_with_fault(&order[0].to_string(), "rename:2:kill").output().unwrap();
     assert_eq!(killed.status.code(), None, "killed: {}", String::from_utf8_lossy(&killed.stderr));
     let twice = order.iter().take(4).chain(&order);
     let all: Vec<String> = twice.map(usize::to_string).collect();
@@ -100,13 +94,13 @@ fn by_many(planned: &Planned, seed: u64) {
             })
             .collect();
         for child in running {
-            Ran::of(&child.wait_with_output().unwrap()).ok();
+            CommandResult::new(&child.wait_with_output().unwrap()).ok();
         }
     }
 }
 
 #[test]
-fn any_number_of_units_in_any_order_makes_the_same_bytes() {
+fn units_of_any_size_in_any_order_give_the_bytes_of_a_single_run() {
     for (flags, units) in [
         (&["--unit-rows", "8"][..], 2),
         (&["--unit-rows", "2", "--bands", "1"], 4),
@@ -116,54 +110,58 @@ fn any_number_of_units_in_any_order_makes_the_same_bytes() {
     ] {
         let planned = Planned::new(place(), flags);
         assert_eq!(planned.units(), units, "{flags:?}");
-        let whole =
-            planned.whole(flags.iter().position(|f| *f == "--bands").map_or(&[][..], |at| &flags[at..]));
-        by_many(&planned, 7 + units as u64);
-        assert!(files(&planned.place.film) == whole, "{flags:?}");
+        let expected =
+            planned.single_run(flags.iter().position(|f| *f == "--bands").map_or(&[][..], |at| &flags[at..]));
+        compute_units(&planned, 7 + units as u64);
+        assert!(files(&planned.place.film) == expected, "{flags:?}");
         assert_eq!(planned.missing(), "");
-        assert!(planned.place.leavings().is_empty(), "{:?}", planned.place.leavings());
-        says(&lenscube(&["verify", text(&planned.place.film)]), 0, &["is sound"]);
+        assert!(planned.place.leftover_files().is_empty(), "{:?}", planned.place.leftover_files());
+        common::assert_exit(&lenscube(&["verify", text(&planned.place.film)]), 0, &["is sound"]);
     }
 }
 
 #[test]
-fn five_units_of_windows_and_bands_make_the_same_bytes() {
+fn units_of_regions_and_bands_give_the_bytes_of_a_single_run() {
     let flags = ["--roi", "5,600,400,31", "--roi", "100,100,200,200", "--roi", "0,0,637,80"];
     let planned = Planned::new(place(), &[&flags[..], &["--unit-rows", "2"]].concat());
-    // One, three and one rows of shards: cut into 2, 2 and 1, in each of two bands.
+    // One, three and one shard rows, in units of two rows, in each of two bands.
     let rows: Vec<String> =
         planned.plan["units"].as_array().unwrap().iter().map(|u| u["rows"].to_string()).collect();
     let band = [r#"{"roi_0":[0,1],"roi_1":[0,1]}"#, r#"{"roi_1":[1,3]}"#, r#"{"roi_2":[0,1]}"#];
     assert_eq!(rows, [band, band].concat());
-    let whole = planned.whole(&flags);
-    by_many(&planned, 3);
-    assert!(files(&planned.place.film) == whole);
+    let expected = planned.single_run(&flags);
+    compute_units(&planned, 3);
+    assert!(files(&planned.place.film) == expected);
 }
 
 #[test]
-fn two_at_one_unit_both_work_and_do_no_harm() {
+fn two_workers_of_one_unit_write_the_same_bytes() {
     let planned = Planned::new(place(), &["--unit-rows", "4"]);
-    let whole = planned.whole(&[]);
-    let mut first = Stopped(planned.struck("0", "rename:9:stop").spawn().unwrap());
+    let expected = planned.single_run(&[]);
+    let mut first = StoppedRun(planned.worker_with_fault("0", "rename:9:stop").spawn().unwrap());
     assert!(first.wait_stopped());
     let pid = first.0.id().to_string();
-    says(&lenscube(&["status", "--plan", text(&planned.job)]), 0, &["units   0 of 4; missing 0-3", &pid]);
-    says(&planned.run("0", &[]), 0, &[&format!("process {pid}"), "both write the same bytes"]);
+    common::assert_exit(
+        &lenscube(&["status", "--plan", text(&planned.job)]),
+        0,
+        &["units   0 of 4; missing 0-3", &pid],
+    );
+    common::assert_exit(&planned.run("0", &[]), 0, &[&format!("process {pid}"), "both write the same bytes"]);
     assert_eq!(planned.missing(), "1-3");
-    says(&first.go_on(), 0, &[]);
-    // Complete: not even the chart is opened.
+    common::assert_exit(&first.run_to_end(), 0, &[]);
+    // Complete units do not open the chart.
     let aside = planned.place.at("aside.zarr");
     fs::rename(&planned.place.chart, &aside).unwrap();
-    says(&planned.run("0", &[]), 0, &["units 0 of", "are complete: 32 shards"]);
+    common::assert_exit(&planned.run("0", &[]), 0, &["units 0 of", "are complete: 32 shards"]);
     fs::rename(&aside, &planned.place.chart).unwrap();
-    says(&planned.run("1-3", &[]), 0, &[]);
-    assert!(files(&planned.place.film) == whole && planned.place.leavings().is_empty());
+    common::assert_exit(&planned.run("1-3", &[]), 0, &[]);
+    assert!(files(&planned.place.film) == expected && planned.place.leftover_files().is_empty());
 }
 
 #[test]
-fn a_lock_of_a_lost_host_stops_nobody() {
+fn lock_of_another_host_does_not_block_a_worker() {
     let planned = Planned::new(place(), &["--unit-rows", "4"]);
-    assert_eq!(planned.struck("2", "rename:5:kill").status().unwrap().code(), None);
+    assert_eq!(planned.worker_with_fault("2", "rename:5:kill").status().unwrap().code(), None);
     let runs = planned.place.film.join("runs");
     let lock =
         fs::read_dir(&runs).unwrap().map(|e| e.unwrap().path()).find(|p| text(p).ends_with(".lock")).unwrap();
@@ -171,20 +169,20 @@ fn a_lock_of_a_lost_host_stops_nobody() {
     let mut owner: Value = serde_json::from_str(&owner).unwrap();
     owner["host"] = "elsewhere".into();
     fs::write(&lock, owner.to_string()).unwrap();
-    says(&planned.run("2", &[]), 0, &["resuming units 2 of"]);
+    common::assert_exit(&planned.run("2", &[]), 0, &["resuming units 2 of"]);
     assert!(!lock.exists());
     assert_eq!(planned.missing(), "0-1,3");
 }
 
 #[test]
-fn units_are_named_by_lists_and_by_the_environment() {
+fn units_are_given_by_list_or_environment_variable() {
     let planned = Planned::new(place(), &["--unit-rows", "1"]);
     assert_eq!(planned.missing(), "0-15");
-    says(&planned.run("3-5,12", &[]), 0, &["32 shards"]);
+    common::assert_exit(&planned.run("3-5,12", &[]), 0, &["32 shards"]);
     assert_eq!(planned.missing(), "0-2,6-11,13-15");
     for (name, value) in [("SLURM_ARRAY_TASK_ID", "0"), ("JOB_COMPLETION_INDEX", "15"), ("MINE", "1-2,6")] {
         let ran = planned.worker(&format!("env:{name}"), &[]).env(name, value).output().unwrap();
-        says(&Ran::of(&ran), 0, &[]);
+        common::assert_exit(&CommandResult::new(&ran), 0, &[]);
     }
     let missing = planned.missing();
     assert_eq!(missing, "7-11,13-14");
@@ -193,32 +191,32 @@ fn units_are_named_by_lists_and_by_the_environment() {
         ("3-99", &["unit 99 is beyond"]),
         ("", &["expected 7, or 3-9,12"]),
         ("5-3", &["ends before it begins"]),
-        ("seven", &["`seven` is no unit"]),
-        ("env:NOT_SET_HERE", &["has no NOT_SET_HERE"]),
+        ("seven", &["`seven` is not a unit"]),
+        ("env:NOT_SET_HERE", &["NOT_SET_HERE is not set"]),
     ] {
-        says(&planned.run(unit, &[]), USAGE, words);
+        common::assert_exit(&planned.run(unit, &[]), USAGE, words);
     }
     let ran = planned.worker("env:MINE", &[]).env("MINE", "40").output().unwrap();
-    says(&Ran::of(&ran), USAGE, &["env:MINE, which is `40`", "beyond the last"]);
-    says(&lenscube(&["run", "--unit", "3", "a", "b"]), USAGE, &["--plan"]);
-    says(&planned.run("3", &["--overwrite"]), USAGE, &["--overwrite", "--plan"]);
-    let check = |flags: &[&str]| lenscube(&[&["status", "--plan", text(&planned.job)], flags].concat());
-    says(&check(&["--missing", "--check"]), WRONG, &[&missing]);
-    says(&check(&["--check"]), WRONG, &["units   9 of 16; missing 7-11,13-14"]);
-    let status: Value = serde_json::from_str(&check(&["--json"]).ok().stdout).unwrap();
+    common::assert_exit(&CommandResult::new(&ran), USAGE, &["env:MINE, which is `40`", "beyond the last"]);
+    common::assert_exit(&lenscube(&["run", "--unit", "3", "a", "b"]), USAGE, &["--plan"]);
+    common::assert_exit(&planned.run("3", &["--overwrite"]), USAGE, &["--overwrite", "--plan"]);
+    let status_with = |flags: &[&str]| lenscube(&[&["status", "--plan", text(&planned.job)], flags].concat());
+    common::assert_exit(&status_with(&["--missing", "--check"]), WRONG, &[&missing]);
+    common::assert_exit(&status_with(&["--check"]), WRONG, &["units   9 of 16; missing 7-11,13-14"]);
+    let status: Value = serde_json::from_str(&status_with(&["--json"]).ok().stdout).unwrap();
     assert_eq!(status["units"], serde_json::json!({ "all": 16, "done": 9, "missing": missing }));
-    // The list that is printed is one that is taken.
-    says(&planned.run(&missing, &[]), 0, &[]);
-    let done = check(&["--missing", "--check"]).ok();
+    // The printed list is a valid argument.
+    common::assert_exit(&planned.run(&missing, &[]), 0, &[]);
+    let done = status_with(&["--missing", "--check"]).ok();
     assert_eq!(done.stdout, "");
-    says(&check(&["--check"]), 0, &["units   16 of 16"]);
+    common::assert_exit(&status_with(&["--check"]), 0, &["units   16 of 16"]);
 }
 
 #[test]
-fn a_plan_is_made_once_and_not_changed() {
+fn plan_file_is_reproducible_and_never_overwritten_by_another() {
     let place = place();
     let plan = |flags: &[&str]| {
-        Ran::of(&place.plan(&place.film, flags).current_dir(place.dir.path()).output().unwrap())
+        CommandResult::new(&place.plan(&place.film, flags).current_dir(place.dir.path()).output().unwrap())
     };
     let made = plan(&["--unit-rows", "2"]).ok();
     let name = made.stdout.trim().trim_start_matches("./").to_owned();
@@ -226,15 +224,19 @@ fn a_plan_is_made_once_and_not_changed() {
     let first = text_of();
     let json: Value = serde_json::from_str(&first).unwrap();
     assert_eq!(name, format!("plan-{}.json", &json["digest"].as_str().unwrap()[..12]));
-    // Its digest is that of all the other lines.
+    // The digest is that of all other lines.
     let others: String =
         first.lines().filter(|l| !l.contains("\"digest\"")).map(|l| format!("{l}\n")).collect();
     assert_eq!(json["digest"], blake3::hash(others.as_bytes()).to_hex().as_str());
     plan(&["--unit-rows", "2"]).ok();
     assert_eq!(text_of(), first);
-    says(&plan(&["--unit-rows", "4", "-o", &name]), OTHER_JOB, &["is not this plan", "another name"]);
-    says(&plan(&["--interp", "bilinear"]), OTHER_JOB, &["another job", "interp"]);
-    // It tells what each unit is, and the units are the film.
+    common::assert_exit(
+        &plan(&["--unit-rows", "4", "-o", &name]),
+        OTHER_JOB,
+        &["is not this plan", "another name"],
+    );
+    common::assert_exit(&plan(&["--interp", "bilinear"]), OTHER_JOB, &["another job", "interp"]);
+    // The units add up to the film.
     let sum =
         |key: &str| json["units"].as_array().unwrap().iter().map(|u| u[key].as_u64().unwrap()).sum::<u64>();
     assert_eq!(sum("shards"), 2 * 8 * 8);
@@ -251,50 +253,66 @@ fn a_plan_is_made_once_and_not_changed() {
 }
 
 #[test]
-fn what_was_not_planned_is_refused() {
+fn edited_plan_other_flags_and_other_film_exit_3() {
     let planned = Planned::new(place(), &["--unit-rows", "4"]);
     let good = fs::read_to_string(&planned.job).unwrap();
     let with = |text: &str| fs::write(&planned.job, text).unwrap();
-    // Edited, cut short, no plan at all, another program's.
+    // Edited, truncated, not a plan, of another version.
     for (wrong, words) in [
-        (good.replace("\"unit\":1", "\"unit\":9"), "its digest does not fit"),
-        (good.replace("bicubic", "bilinear"), "its digest does not fit"),
-        (good[..good.len() / 2].to_owned(), "its digest does not fit"),
-        ("{}\n".to_owned(), "no digest"),
+        (good.replace("\"unit\":1", "\"unit\":9"), "its digest does not match"),
+        (good.replace("bicubic", "bilinear"), "its digest does not match"),
+        (good[..good.len() / 2].to_owned(), "its digest does not match"),
+        ("{}\n".to_owned(), "not a digest"),
     ] {
         with(&wrong);
-        says(&planned.run("0", &[]), OTHER_JOB, &[words, "make it again"]);
-        says(&lenscube(&["status", "--plan", text(&planned.job), "--missing"]), OTHER_JOB, &[words]);
+        common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &[words, "make it again"]);
+        common::assert_exit(
+            &lenscube(&["status", "--plan", text(&planned.job), "--missing"]),
+            OTHER_JOB,
+            &[words],
+        );
     }
     with(&signed(&good.replace("lenscube/plan/1", "lenscube/plan/9")));
-    says(&planned.run("0", &[]), OTHER_JOB, &["lenscube/plan/9"]);
+    common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &["lenscube/plan/9"]);
     let version = planned.plan["job"]["numeric_version"].as_u64().unwrap();
     let newer = format!("\"numeric_version\": {}", version + 1);
     with(&signed(&good.replace(&format!("\"numeric_version\": {version}"), &newer)));
     let words = [&format!("numeric version {}", version + 1)[..], "plan a new film"];
-    says(&planned.run("0", &[]), OTHER_JOB, &words);
+    common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &words);
     with(&good);
     // Other flags.
-    says(
+    common::assert_exit(
         &planned.run("0", &["--interp", "bilinear"]),
         OTHER_JOB,
-        &["interp (planned \"bicubic\", here \"bilinear\")"],
+        &["interp (planned \"bicubic\", found \"bilinear\")"],
     );
-    says(&planned.run("0", &["--shard", "160"]), OTHER_JOB, &["shard (planned 80, here 160)"]);
-    says(&planned.run("0", &["--bands", "1"]), OTHER_JOB, &["chart_bands (planned [0,1], here [1])"]);
-    says(&planned.run("3", &["--bands", "1"]), OTHER_JOB, &["not the planned one"]);
+    common::assert_exit(
+        &planned.run("0", &["--shard", "160"]),
+        OTHER_JOB,
+        &["shard (planned 80, found 160)"],
+    );
+    common::assert_exit(
+        &planned.run("0", &["--bands", "1"]),
+        OTHER_JOB,
+        &["chart_bands (planned [0,1], found [1])"],
+    );
+    common::assert_exit(&planned.run("3", &["--bands", "1"]), OTHER_JOB, &["not the planned one"]);
     // Another film.
     let other = planned.place.at("other.zarr");
-    Ran::of(&planned.place.command(&other, "", &["--interp", "bilinear"]).output().unwrap()).ok();
+    CommandResult::new(&planned.place.command(&other, "", &["--interp", "bilinear"]).output().unwrap()).ok();
     let at = |film: &Path| {
         let mut command = planned.worker("0", &[]);
-        Ran::of(&command.arg(&planned.place.chart).arg(film).output().unwrap())
+        CommandResult::new(&command.arg(&planned.place.chart).arg(film).output().unwrap())
     };
-    says(&at(&other), OTHER_JOB, &["is not the film of", "job_digest"]);
-    says(&at(&planned.place.at("nothing.zarr")), OTHER_JOB, &["found nothing", "lenscube plan"]);
+    common::assert_exit(&at(&other), OTHER_JOB, &["is not the film of", "job_digest"]);
+    common::assert_exit(
+        &at(&planned.place.at("nothing.zarr")),
+        OTHER_JOB,
+        &["found nothing", "lenscube plan"],
+    );
 }
 
-/// A plan's text with a digest that fits.
+/// The text of a plan with its digest.
 fn signed(text: &str) -> String {
     let others: String =
         text.lines().filter(|l| !l.contains("\"digest\"")).map(|l| format!("{l}\n")).collect();
@@ -303,9 +321,9 @@ fn signed(text: &str) -> String {
 }
 
 #[test]
-fn a_moved_or_touched_chart_is_noticed_and_one_mounted_elsewhere_is_taken() {
+fn moved_or_touched_chart_exits_3_and_a_chart_at_another_path_is_accepted() {
     let planned = Planned::new(place(), &["--unit-rows", "8"]);
-    let whole = planned.whole(&[]);
+    let expected = planned.single_run(&[]);
     let moved = planned.place.at("moved.zarr");
     fs::rename(&planned.place.chart, &moved).unwrap();
     let gone = planned.run("0", &[]);
@@ -313,8 +331,8 @@ fn a_moved_or_touched_chart_is_noticed_and_one_mounted_elsewhere_is_taken() {
     assert!(gone.stderr.contains("chart.zarr"), "{}", gone.stderr);
     // The same files under another name, and the film by a relative path.
     let mut command = planned.worker("0", &[]);
-    says(
-        &Ran::of(
+    common::assert_exit(
+        &CommandResult::new(
             &command
                 .args(["moved.zarr", "film.zarr"])
                 .current_dir(planned.place.dir.path())
@@ -327,34 +345,39 @@ fn a_moved_or_touched_chart_is_noticed_and_one_mounted_elsewhere_is_taken() {
     assert_eq!(planned.missing(), "1");
     // Another chart in its place.
     common::Picture::noise(12, Size::new(631, 637), 2).write(&planned.place.chart);
-    says(&planned.run("1", &[]), OTHER_JOB, &["what is here is not what", "chart_mtimes"]);
+    common::assert_exit(
+        &planned.run("1", &[]),
+        OTHER_JOB,
+        &["the job differs from the plan", "chart_mtimes"],
+    );
     fs::remove_dir_all(&planned.place.chart).unwrap();
     fs::rename(&moved, &planned.place.chart).unwrap();
     // Touched.
     let chunk = fs::File::open(planned.place.chart.join("chart/c/0/0/0")).unwrap();
     chunk.set_modified(std::time::UNIX_EPOCH).unwrap();
-    says(&planned.run("1", &[]), OTHER_JOB, &["chart_mtimes", "--trust-input"]);
-    says(&planned.run("1", &["--trust-input"]), 0, &[]);
-    assert!(files(&planned.place.film) == whole);
+    common::assert_exit(&planned.run("1", &[]), OTHER_JOB, &["chart_mtimes", "--trust-input"]);
+    common::assert_exit(&planned.run("1", &["--trust-input"]), 0, &[]);
+    assert!(files(&planned.place.film) == expected);
 }
 
 #[test]
-fn progress_is_lines_of_json() {
+fn jsonl_progress_has_start_progress_shard_and_done_events() {
     let planned = Planned::new(place(), &["--unit-rows", "2"]);
-    let lines =
-        |ran: &Ran| -> Vec<Value> { ran.stdout.lines().map(|l| serde_json::from_str(l).unwrap()).collect() };
+    let lines = |ran: &CommandResult| -> Vec<Value> {
+        ran.stdout.lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+    };
     let ran = planned.run("1-2", &["--progress", "jsonl"]).ok();
-    let told = lines(&ran);
-    let of = |event: &str| told.iter().filter(|l| l["event"] == event).collect::<Vec<_>>();
+    let events = lines(&ran);
+    let of = |event: &str| events.iter().filter(|l| l["event"] == event).collect::<Vec<_>>();
     let digest = &planned.plan["digest"].as_str().unwrap()[..12];
-    assert!(told.iter().all(|l| l["plan"] == digest && l["units"] == "1-2" && l["elapsed_s"].is_number()));
+    assert!(events.iter().all(|l| l["plan"] == digest && l["units"] == "1-2" && l["elapsed_s"].is_number()));
     assert_eq!((of("start").len(), of("shard").len(), of("done").len()), (1, 32, 1));
-    assert_eq!((&told[0]["event"], &told[told.len() - 1]["event"]), (&"start".into(), &"done".into()));
-    assert_eq!((&told[0]["shards"], &told[0]["shards_done"]), (&32.into(), &0.into()));
+    assert_eq!((&events[0]["event"], &events[events.len() - 1]["event"]), (&"start".into(), &"done".into()));
+    assert_eq!((&events[0]["shards"], &events[0]["shards_done"]), (&32.into(), &0.into()));
     let progress = of("progress");
     assert!(
         !progress.is_empty()
-            && progress.iter().all(|l| l["tiles_total"] == told[0]["tiles"] && l["mpx_per_s"].is_number())
+            && progress.iter().all(|l| l["tiles_total"] == events[0]["tiles"] && l["mpx_per_s"].is_number())
     );
     let bytes = of("shard").iter().map(|l| l["bytes"].as_u64().unwrap()).sum::<u64>();
     assert_eq!(of("done")[0]["bytes_written"], bytes);
@@ -367,7 +390,7 @@ fn progress_is_lines_of_json() {
     assert_eq!((again.len(), &again[1]["event"], &again[1]["shards"]), (2, &"done".into(), &0.into()));
     let full =
         planned.worker("0", &["--progress", "jsonl"]).env("LENSCUBE_FAULT", "write:2+:28").output().unwrap();
-    let full = Ran::of(&full);
+    let full = CommandResult::new(&full);
     let last = lines(&full).pop().unwrap();
     assert_eq!(
         (full.code, &last["event"], &last["code"], &last["retry"]),
@@ -379,18 +402,20 @@ fn progress_is_lines_of_json() {
         (&other["event"], &other["code"], &other["retry"]),
         (&"error".into(), &OTHER_JOB.into(), &false.into())
     );
-    // A plain run tells the same, of no plan.
+    // A run without a plan writes the same events without plan fields.
     let film = planned.place.at("plain.zarr");
-    let plain = Ran::of(&planned.place.command(&film, "", &["--progress", "jsonl"]).output().unwrap()).ok();
-    let told = lines(&plain);
-    assert!(told.iter().all(|l| l.get("plan").is_none()));
+    let plain =
+        CommandResult::new(&planned.place.command(&film, "", &["--progress", "jsonl"]).output().unwrap())
+            .ok();
+    let events = lines(&plain);
+    assert!(events.iter().all(|l| l.get("plan").is_none()));
     assert_eq!(
-        (&told[told.len() - 1]["event"], &told[told.len() - 1]["shards"]),
+        (&events[events.len() - 1]["event"], &events[events.len() - 1]["shards"]),
         (&"done".into(), &128.into())
     );
 }
 
-/// The letter of a process's state; `None` if there is no such process.
+/// State letter of a process; `None` if there is no such process.
 fn state(pid: &str) -> Option<char> {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     stat.rsplit_once(") ")?.1.chars().next()
@@ -398,7 +423,7 @@ fn state(pid: &str) -> Option<char> {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_worker_dies_with_its_parent_when_asked() {
+fn worker_ends_with_its_parent_only_with_die_with_parent() {
     use std::io::{BufRead, BufReader};
     use std::time::{Duration, Instant};
     let wait = |pid: &str, wanted: &[Option<char>]| {
@@ -411,9 +436,9 @@ fn a_worker_dies_with_its_parent_when_asked() {
         }
         false
     };
-    for asked in [true, false] {
+    for with_flag in [true, false] {
         let planned = Planned::new(place(), &["--unit-rows", "8"]);
-        let flag = if asked { "--die-with-parent" } else { "--keep-going" };
+        let flag = if with_flag { "--die-with-parent" } else { "--keep-going" };
         let words = [env!("CARGO_BIN_EXE_lenscube"), "run", "--plan", text(&planned.job), flag];
         let mut parent = Command::new("sh")
             .args(["-c", "\"$@\" & echo $!; wait", "sh"])
@@ -429,24 +454,24 @@ fn a_worker_dies_with_its_parent_when_asked() {
         assert!(wait(pid, &[Some('T')]), "the worker did not stop at its ninth shard");
         parent.kill().unwrap();
         parent.wait().unwrap();
-        // Dead: gone, or a zombie where nobody waits for orphans.
+        // Ended: absent, or a zombie.
         let dead = [None, Some('Z'), Some('X')];
-        match asked {
-            true => assert!(wait(pid, &dead), "it outlived its parent"),
+        match with_flag {
+            true => assert!(wait(pid, &dead), "the worker outlived its parent"),
             false => {
                 std::thread::sleep(Duration::from_millis(200));
-                assert_eq!(state(pid), Some('T'), "it died unasked");
+                assert_eq!(state(pid), Some('T'), "the worker ended without --die-with-parent");
                 Command::new("kill").args(["-s", "KILL", pid]).status().unwrap();
                 assert!(wait(pid, &dead));
             }
         }
         assert_eq!(planned.missing(), "0-1");
-        says(&planned.run("0-1", &[]), 0, &["resuming"]);
+        common::assert_exit(&planned.run("0-1", &[]), 0, &["resuming"]);
     }
 }
 
 #[test]
-fn the_papers_job_is_31_units_and_finer_when_asked() {
+fn job_of_the_paper_has_31_units_and_more_with_unit_rows() {
     let dir = tempfile::tempdir().unwrap();
     let plan = |name: &str, flags: &[&str]| -> Value {
         let (film, job) = (dir.path().join(format!("{name}.zarr")), dir.path().join(name));
@@ -459,8 +484,8 @@ fn the_papers_job_is_31_units_and_finer_when_asked() {
             "-o",
             text(&job),
         ];
-        let told = lenscube(&[&words[..], flags].concat()).ok();
-        assert!(told.stderr.contains("start-up of a worker, measured here"), "{}", told.stderr);
+        let ran = lenscube(&[&words[..], flags].concat()).ok();
+        assert!(ran.stderr.contains("start-up of a worker, measured here"), "{}", ran.stderr);
         serde_json::from_slice(&fs::read(&job).unwrap()).unwrap()
     };
     let whole = plan("whole.json", &[]);
@@ -469,7 +494,7 @@ fn the_papers_job_is_31_units_and_finer_when_asked() {
     let [again, tiles] = ["tiles_again", "tiles"].map(|key| rows["totals"][key].as_f64().unwrap());
     assert_eq!(rows["units"].as_array().unwrap().len(), 31 * 7);
     assert!(again / tiles > 0.1 && again / tiles < 0.3, "{again} of {tiles}");
-    // One band is cut into as many units as cost a tenth of its tiles.
+    // One band is divided as long as at most a tenth of its tiles are computed twice.
     let one = plan("one.json", &["--bands", "15"]);
     let [again, tiles] = ["tiles_again", "tiles"].map(|key| one["totals"][key].as_f64().unwrap());
     assert!(
@@ -478,9 +503,9 @@ fn the_papers_job_is_31_units_and_finer_when_asked() {
     );
 }
 
-/// A design's bands come from the plan's cache, from another cache, or from a pack that the plan wrote: the same film.
+/// Traced bands from the plan's cache, from another cache, or from the pack written by the plan give the same film.
 #[test]
-fn workers_of_a_design_share_a_cache_or_a_pack_or_trace_their_own_bands() {
+fn design_gives_the_same_film_from_shared_cache_separate_cache_or_lens_pack() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     fs::write(at("my.zmx"), include_str!("../pipeline/data/double-gauss-28.zmx")).unwrap();
@@ -491,7 +516,7 @@ fn workers_of_a_design_share_a_cache_or_a_pack_or_trace_their_own_bands() {
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     };
-    let run = |cache: &str, words: &[&str]| Ran::of(&with(cache, words).output().unwrap());
+    let run = |cache: &str, words: &[&str]| CommandResult::new(&with(cache, words).output().unwrap());
     let job = ["--lens", "my.zmx", "--film-pitch-um", "10", "--no-fsync", "--shard", "32", "--chunk", "32"];
     let of = |words: &[&'static str]| [words, &job].concat();
     run("home", &of(&["run", "chart", "whole"])).ok();
@@ -500,15 +525,15 @@ fn workers_of_a_design_share_a_cache_or_a_pack_or_trace_their_own_bands() {
     assert_eq!(entries("home"), 2);
     let shared = run("home", &["run", "--plan", "job.json", "--unit", "0"]).ok();
     assert!(!shared.stderr.contains("traced"), "{}", shared.stderr);
-    // Two that trace the same band at once into one cache, which gets that band alone.
+    // Two workers trace the same band into one cache, which then contains that band alone.
     let unit_1 = ["run", "--plan", "job.json", "--unit", "1"];
     let both = [0, 1].map(|_| with("other", &unit_1).spawn().unwrap());
     for child in both {
-        Ran::of(&child.wait_with_output().unwrap()).ok();
+        CommandResult::new(&child.wait_with_output().unwrap()).ok();
     }
     assert_eq!(entries("other"), 1);
     assert!(files(&at("film")) == files(&at("whole")));
-    // A pack: no cache at all.
+    // With a pack no cache is used.
     let packed = of(&["plan", "chart", "packed", "-o", "packed.json", "--lens-pack", "my.lens.zip"]);
     run("home", &packed).ok();
     run("home", &packed).ok();
@@ -517,10 +542,14 @@ fn workers_of_a_design_share_a_cache_or_a_pack_or_trace_their_own_bands() {
     assert!(!ran.stderr.contains("trac") && entries("none") == 0, "{}", ran.stderr);
     let pixels = |film: &str| common::bits(&common::pixels(&at(film), "film").1);
     assert!(pixels("packed") == pixels("whole"));
-    // Another design under that name.
+    // Another design of the same name.
     let design =
         include_str!("../pipeline/data/double-gauss-28.zmx").replacen("8.746657850000", "8.756657850000", 1);
     fs::write(at("my.zmx"), design).unwrap();
     fs::remove_dir_all(at("film/film/c/0")).unwrap();
-    says(&run("home", &["run", "--plan", "job.json", "--unit", "0"]), OTHER_JOB, &["lens_digest"]);
+    common::assert_exit(
+        &run("home", &["run", "--plan", "job.json", "--unit", "0"]),
+        OTHER_JOB,
+        &["lens_digest"],
+    );
 }

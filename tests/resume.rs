@@ -1,9 +1,9 @@
-//! One run at a time, signals, what resuming costs; status and verify.
+//! Locks, signals, cost of resuming; `status` and `verify`.
 
 mod common;
 
-use common::place::Place;
-use common::{Ran, files, lenscube, shards, text};
+use common::test_job::TestJob;
+use common::{CommandResult, assert_exit, files, lenscube, shards, text};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
@@ -16,7 +16,7 @@ fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
-/// The records of a film's runs, oldest first.
+/// Records of the runs of a film, oldest first.
 fn records(film: &Path) -> Vec<Value> {
     let entries = fs::read_dir(film.join("runs")).unwrap().map(|e| e.unwrap().path());
     let mut paths: Vec<_> = entries.filter(|p| text(p).ends_with(".json")).collect();
@@ -24,68 +24,68 @@ fn records(film: &Path) -> Vec<Value> {
     paths.iter().map(|p| read_json(p)).collect()
 }
 
-fn says(ran: &Ran, code: i32, words: &[&str]) {
-    assert_eq!(ran.code, code, "{}{}", ran.stdout, ran.stderr);
-    for word in words {
-        let said = ran.stdout.contains(word) || ran.stderr.contains(word);
-        assert!(said, "`{word}` is not in: {}{}", ran.stdout, ran.stderr);
-    }
-}
-
 #[test]
-fn a_second_run_of_the_same_film_is_refused() {
-    let place = Place::large();
-    let whole = place.whole();
-    let mut first = place.stopped("write:14", &[]);
+fn second_run_of_a_film_exits_75_while_the_first_lives() {
+    let job = TestJob::large();
+    let expected = job.expected_files();
+    let mut first = job.stopped("write:14", &[]);
     let pid = first.0.id().to_string();
     for flags in [&[][..], &["--take-over"], &["--overwrite"]] {
-        says(&place.run("", flags), RETRY, &["locked by process", &pid, "wait for it"]);
+        assert_exit(&job.run("", flags), RETRY, &["locked by process", &pid, "wait for it"]);
     }
-    says(&lenscube(&["status", text(&place.film)]), 0, &["incomplete", &format!("process {pid}"), "runs"]);
-    says(&lenscube(&["verify", text(&place.film), "--repair"]), RETRY, &[&pid]);
-    // Killed, it is followed without a word from anybody.
+    assert_exit(
+        &lenscube(&["status", text(&job.film)]),
+        0,
+        &["incomplete", &format!("process {pid}"), "runs"],
+    );
+    assert_exit(&lenscube(&["verify", text(&job.film), "--repair"]), RETRY, &[&pid]);
+    // After SIGKILL the lock is taken over without a flag.
     first.signal("KILL");
     first.0.wait().unwrap();
-    says(&lenscube(&["status", text(&place.film)]), 0, &["is dead"]);
-    says(&place.run("", &[]), 0, &["resuming"]);
-    assert!(files(&place.film) == whole);
-    assert!(place.leavings().is_empty(), "{:?}", place.leavings());
+    assert_exit(&lenscube(&["status", text(&job.film)]), 0, &["is dead"]);
+    assert_exit(&job.run("", &[]), 0, &["resuming"]);
+    assert!(files(&job.film) == expected);
+    assert!(job.leftover_files().is_empty(), "{:?}", job.leftover_files());
 }
 
 #[test]
-fn the_lock_of_another_host_needs_a_persons_word() {
-    let place = Place::large();
-    let whole = place.whole();
-    assert_eq!(place.run("rename:20:kill", &[]).code, -1);
-    let lock = place.film.join("runs/whole.lock");
+fn lock_of_another_host_requires_take_over() {
+    let job = TestJob::large();
+    let expected = job.expected_files();
+    assert_eq!(job.run("rename:20:kill", &[]).code, -1);
+    let lock = job.film.join("runs/whole.lock");
     let mut owner = read_json(&lock);
     owner["host"] = json!("elsewhere");
     fs::write(&lock, owner.to_string()).unwrap();
-    says(&place.run("", &[]), RETRY, &["host elsewhere", "--take-over"]);
-    says(&place.run("", &["--overwrite"]), RETRY, &["host elsewhere"]);
-    says(&place.run("", &["--take-over"]), 0, &["resuming"]);
-    assert!(files(&place.film) == whole && !lock.exists());
+    assert_exit(&job.run("", &[]), RETRY, &["host elsewhere", "--take-over"]);
+    assert_exit(&job.run("", &["--overwrite"]), RETRY, &["host elsewhere"]);
+    assert_exit(&job.run("", &["--take-over"]), 0, &["resuming"]);
+    assert!(files(&job.film) == expected && !lock.exists());
 }
 
 #[test]
-fn a_signal_ends_the_run_in_order_and_a_second_at_once() {
-    let place = Place::large();
-    let whole = place.whole();
+fn first_signal_finishes_tiles_in_flight_second_stops_at_once() {
+    let job = TestJob::large();
+    let expected = job.expected_files();
     for signal in ["TERM", "INT"] {
-        let run = place.stopped("write:14", &[]);
+        let run = job.stopped("write:14", &[]);
         run.signal(signal);
-        says(&run.go_on(), INTERRUPTED, &["finishing the tiles in flight", "interrupted: ", "resumes"]);
-        assert!(place.leavings().is_empty(), "{:?}", place.leavings());
-        assert_eq!(records(&place.film)[0]["outcome"], "interrupted");
-        assert!(!shards(&place.film).is_empty());
-        place.run("", &[]).ok();
-        assert!(files(&place.film) == whole, "after SIG{signal}");
-        fs::remove_dir_all(&place.film).unwrap();
+        assert_exit(
+            &run.run_to_end(),
+            INTERRUPTED,
+            &["finishing the tiles in flight", "interrupted: ", "resumes"],
+        );
+        assert!(job.leftover_files().is_empty(), "{:?}", job.leftover_files());
+        assert_eq!(records(&job.film)[0]["outcome"], "interrupted");
+        assert!(!shards(&job.film).is_empty());
+        job.run("", &[]).ok();
+        assert!(files(&job.film) == expected, "after SIG{signal}");
+        fs::remove_dir_all(&job.film).unwrap();
     }
-    // It stops at every write, so that it is at work when the second signal comes: a tile alone holds sixteen shards.
-    let place = Place::drawn(&["--shard", "128", "--chunk", "64", "--outside", "clamp"]);
-    let whole = place.whole();
-    let mut run = place.stopped("write:12+", &[]);
+    // The run stops at every write, so it is still running at the second signal: one tile covers sixteen shards.
+    let job = TestJob::drawn(&["--shard", "128", "--chunk", "64", "--outside", "clamp"]);
+    let expected = job.expected_files();
+    let mut run = job.stopped("write:12+", &[]);
     run.signal("INT");
     for _ in 0..3 {
         run.signal("CONT");
@@ -93,13 +93,17 @@ fn a_signal_ends_the_run_in_order_and_a_second_at_once() {
         assert!(run.wait_stopped());
     }
     run.signal("INT");
-    says(&run.go_on(), INTERRUPTED, &["again to stop at once", "stopped; the same command resumes"]);
-    assert!(!place.film.join("runs/whole.lock").exists());
-    place.run("", &[]).ok();
-    assert!(files(&place.film) == whole && place.leavings().is_empty());
+    assert_exit(
+        &run.run_to_end(),
+        INTERRUPTED,
+        &["again to stop at once", "stopped; the same command resumes"],
+    );
+    assert!(!job.film.join("runs/whole.lock").exists());
+    job.run("", &[]).ok();
+    assert!(files(&job.film) == expected && job.leftover_files().is_empty());
 }
 
-/// Tiles of all bands, the tiles of one row of tiles, and a tile's side: from the film's own attributes.
+/// Number of tiles of all bands, number of tiles in a row, and side of a tile in px, from the film's attributes.
 fn tiles(film: &Path) -> (u64, u64, u64) {
     let attributes = &read_json(&film.join("zarr.json"))["attributes"];
     let size = |k: usize| attributes["film_size"][k].as_u64().unwrap();
@@ -111,42 +115,42 @@ fn tiles(film: &Path) -> (u64, u64, u64) {
 }
 
 #[test]
-fn resuming_costs_what_was_not_committed_and_one_row_of_tiles() {
-    let place = Place::drawn(&["--shard", "256", "--chunk", "128", "--outside", "clamp"]);
-    says(&place.run("", &[]), 0, &["162 shards"]);
-    let (all, row, tile) = tiles(&place.film);
-    let record = &records(&place.film)[0];
+fn resume_computes_missing_shards_and_at_most_one_more_tile_row() {
+    let job = TestJob::drawn(&["--shard", "256", "--chunk", "128", "--outside", "clamp"]);
+    assert_exit(&job.run("", &[]), 0, &["162 shards"]);
+    let (all, row, tile) = tiles(&job.film);
+    let record = &records(&job.film)[0];
     assert_eq!((record["tiles"].as_u64(), record["shards"].as_u64()), (Some(all), Some(162)));
     assert!(all / 2 >= 4 * row, "{all} tiles in rows of {row}: too few to see a difference");
-    // Of band 1 the last rows of shards: their tiles, and the row above them whose light reaches them.
+    // The last rows of shards of band 1 are removed: their tiles, and the tile row above, whose tails reach them, are computed.
     for first in [8u64, 5, 0] {
         for row in first..9 {
-            fs::remove_dir_all(place.film.join(format!("film/c/1/{row}"))).unwrap();
+            fs::remove_dir_all(job.film.join(format!("film/c/1/{row}"))).unwrap();
         }
-        fs::remove_dir_all(place.film.join("runs")).unwrap();
-        says(&place.run("", &[]), 0, &["resuming"]);
-        let record = &records(&place.film)[0];
+        fs::remove_dir_all(job.film.join("runs")).unwrap();
+        assert_exit(&job.run("", &[]), 0, &["resuming"]);
+        let record = &records(&job.film)[0];
         assert_eq!(record["shards"], json!(9 * (9 - first)));
         let uncommitted = (2300 - 256 * first).div_ceil(tile) * row;
         let made = record["tiles"].as_u64().unwrap();
         assert!(made <= uncommitted + row, "{made} tiles in rows of {row} for {uncommitted} not committed");
     }
-    // A finished job makes nothing, and leaves no record of it.
-    fs::remove_dir_all(place.film.join("runs")).unwrap();
-    says(&place.run("", &[]), 0, &["is complete: 162 shards, nothing to do"]);
-    assert_eq!(fs::read_dir(place.film.join("runs")).map_or(0, Iterator::count), 0);
+    // A complete job computes nothing and writes no record.
+    fs::remove_dir_all(job.film.join("runs")).unwrap();
+    assert_exit(&job.run("", &[]), 0, &["is complete: 162 shards, nothing to do"]);
+    assert_eq!(fs::read_dir(job.film.join("runs")).map_or(0, Iterator::count), 0);
 }
 
 #[test]
-fn the_film_tells_which_job_it_is() {
-    let place = Place::small();
-    place.run("", &[]).ok();
-    let told = &read_json(&place.film.join("zarr.json"))["attributes"]["provenance"];
+fn film_attributes_record_the_job_and_a_changed_chart_exits_3() {
+    let job = TestJob::small();
+    job.run("", &[]).ok();
+    let provenance = &read_json(&job.film.join("zarr.json"))["attributes"]["provenance"];
     for (digest, words) in [("job_digest", "job"), ("layout_digest", "layout")] {
-        let own = blake3::hash(told[words].to_string().as_bytes()).to_hex();
-        assert_eq!(told[digest], own.as_str(), "{words}");
+        let own = blake3::hash(provenance[words].to_string().as_bytes()).to_hex();
+        assert_eq!(provenance[digest], own.as_str(), "{words}");
     }
-    assert_eq!(told["layout"], json!({"dtype": "float32", "shard": 64, "chunk": 32, "codec": "zstd"}));
+    assert_eq!(provenance["layout"], json!({"dtype": "float32", "shard": 64, "chunk": 32, "codec": "zstd"}));
     let keys = [
         "chart",
         "chart_mtimes",
@@ -169,62 +173,62 @@ fn the_film_tells_which_job_it_is() {
         "rois",
         "numeric_version",
     ];
-    keys.iter().for_each(|key| assert!(told["job"].get(key).is_some(), "{key}"));
-    // A copy of the chart that keeps the times is the same chart; touched, only --trust-input goes on.
-    says(&place.run("", &[]), 0, &["is complete"]);
-    let chunk = fs::File::open(place.chart.join("chart/c/0/0/0")).unwrap();
+    keys.iter().for_each(|key| assert!(provenance["job"].get(key).is_some(), "{key}"));
+    // A chart with another modification time is another chart unless --trust-input is given.
+    assert_exit(&job.run("", &[]), 0, &["is complete"]);
+    let chunk = fs::File::open(job.chart.join("chart/c/0/0/0")).unwrap();
     chunk.set_modified(std::time::UNIX_EPOCH).unwrap();
-    says(&place.run("", &[]), 3, &["another job", "chart_mtimes", "--trust-input"]);
-    says(&place.run("", &["--trust-input"]), 0, &["is complete"]);
-    says(&place.run("", &["--trust-input", "--interp", "bilinear"]), 3, &["interp", "--overwrite"]);
-    says(&place.run("", &["--overwrite"]), 0, &["8 shards"]);
+    assert_exit(&job.run("", &[]), 3, &["another job", "chart_mtimes", "--trust-input"]);
+    assert_exit(&job.run("", &["--trust-input"]), 0, &["is complete"]);
+    assert_exit(&job.run("", &["--trust-input", "--interp", "bilinear"]), 3, &["interp", "--overwrite"]);
+    assert_exit(&job.run("", &["--overwrite"]), 0, &["8 shards"]);
 }
 
 #[test]
-fn a_film_does_not_lie_in_its_chart() {
-    let place = Place::small();
-    let before = files(&place.chart);
+fn film_inside_its_chart_exits_2() {
+    let job = TestJob::small();
+    let before = files(&job.chart);
     for inside in ["film.zarr", "chart/film.zarr", "new/../film.zarr"] {
-        let film = place.chart.join(inside);
-        let ran = Ran::of(&place.command(&film, "", &[]).output().unwrap());
-        says(&ran, 2, &["lies inside its own chart"]);
+        let film = job.chart.join(inside);
+        let ran = CommandResult::new(&job.command(&film, "", &[]).output().unwrap());
+        assert_exit(&ran, 2, &["lies inside its own chart"]);
     }
-    assert!(files(&place.chart) == before);
+    assert!(files(&job.chart) == before);
 }
 
 #[test]
-fn status_tells_what_is_done() {
-    let place = Place::large();
-    says(&lenscube(&["status", text(&place.film)]), 1, &["found nothing"]);
-    assert_eq!(place.run("write:30:28", &[]).code, RETRY);
-    let told = lenscube(&["status", text(&place.film), "--json"]).ok();
-    let status: Value = serde_json::from_str(&told.stdout).unwrap();
-    let done = shards(&place.film).iter().filter(|p| p.starts_with("film")).count();
+fn status_lists_missing_shards_and_failed_runs() {
+    let job = TestJob::large();
+    assert_exit(&lenscube(&["status", text(&job.film)]), 1, &["found nothing"]);
+    assert_eq!(job.run("write:30:28", &[]).code, RETRY);
+    let output = lenscube(&["status", text(&job.film), "--json"]).ok();
+    let status: Value = serde_json::from_str(&output.stdout).unwrap();
+    let done = shards(&job.film).iter().filter(|p| p.starts_with("film")).count();
     assert_eq!((&status["shards"], &status["shards_done"]), (&json!(60), &json!(done)));
     assert_eq!(status["missing"].as_array().unwrap().len(), 60 - done);
     assert_eq!((&status["complete"], &status["runs"]["failed"]), (&json!(false), &json!(1)));
     assert!(status["last_run"]["error"].as_str().unwrap().contains("no space left"), "{status}");
-    says(
-        &lenscube(&["status", text(&place.film), "--check"]),
+    assert_exit(
+        &lenscube(&["status", text(&job.film), "--check"]),
         WRONG,
         &["incomplete", "missing film/c/", "1 failed"],
     );
-    place.run("", &[]).ok();
-    says(
-        &lenscube(&["status", text(&place.film), "--check"]),
+    job.run("", &[]).ok();
+    assert_exit(
+        &lenscube(&["status", text(&job.film), "--check"]),
         0,
         &["complete", "60 of 60", "2 complete, 0 in part"],
     );
 }
 
 #[test]
-fn verify_names_what_is_wrong_and_repair_lets_run_make_it_again() {
-    let place = Place::large();
-    let whole = place.whole();
-    place.run("", &[]).ok();
-    let film = text(&place.film);
-    says(&lenscube(&["verify", film]), 0, &["is sound: 60 shards"]);
-    let at = |key: &str| place.film.join(key);
+fn verify_names_bad_files_and_repair_allows_a_run_to_replace_them() {
+    let job = TestJob::large();
+    let expected = job.expected_files();
+    job.run("", &[]).ok();
+    let film = text(&job.film);
+    assert_exit(&lenscube(&["verify", film]), 0, &["is sound: 60 shards"]);
+    let at = |key: &str| job.film.join(key);
     let mut bytes = fs::read(at("film/c/1/2/3")).unwrap();
     bytes[1000] ^= 1;
     fs::write(at("film/c/1/2/3"), &bytes).unwrap();
@@ -232,33 +236,33 @@ fn verify_names_what_is_wrong_and_repair_lets_run_make_it_again() {
     fs::remove_file(at("film/c/0/0/1")).unwrap();
     fs::write(at("film/c/0/.tmp-elsewhere-0-0-1-1-0"), "half").unwrap();
     let found = ["bad: film/c/1/2/3: ", "bad: film/c/0/4/4: ", "missing: film/c/0/0/1: "];
-    says(&lenscube(&["verify", film]), WRONG, &found);
+    assert_exit(&lenscube(&["verify", film]), WRONG, &found);
     let json: Value = serde_json::from_str(&lenscube(&["verify", film, "--json"]).stdout).unwrap();
     assert_eq!((json["findings"].as_array().unwrap().len(), &json["sound"]), (3, &json!(false)));
-    // A run takes shards for done that are there; only verify looks inside.
-    says(&place.run("", &[]), 0, &["resuming", "1 of 60"]);
-    says(&lenscube(&["verify", film, "--repair"]), WRONG, &["removed 2 bad shards and 1 temp files"]);
-    says(&place.run("", &[]), 0, &["resuming", "2 of 60"]);
-    assert!(files(&place.film) == whole && place.leavings().is_empty());
-    says(&lenscube(&["verify", film]), 0, &["is sound"]);
+    // A run counts existing shards as complete; only `verify` reads them.
+    assert_exit(&job.run("", &[]), 0, &["resuming", "1 of 60"]);
+    assert_exit(&lenscube(&["verify", film, "--repair"]), WRONG, &["removed 2 bad shards and 1 temp files"]);
+    assert_exit(&job.run("", &[]), 0, &["resuming", "2 of 60"]);
+    assert!(files(&job.film) == expected && job.leftover_files().is_empty());
+    assert_exit(&lenscube(&["verify", film]), 0, &["is sound"]);
     // Metadata.
     let group = at("zarr.json");
     let good = fs::read_to_string(&group).unwrap();
     fs::write(&group, good.replace("\"interp\": \"bicubic\"", "\"interp\": \"bilinear\"")).unwrap();
-    says(&lenscube(&["verify", film]), WRONG, &["metadata: zarr.json: job_digest"]);
+    assert_exit(&lenscube(&["verify", film]), WRONG, &["metadata: zarr.json: job_digest"]);
     fs::write(&group, good.replace("\"chunk\": 64", "\"chunk\": 32")).unwrap();
-    says(&lenscube(&["verify", film]), WRONG, &["film/zarr.json"]);
+    assert_exit(&lenscube(&["verify", film]), WRONG, &["film/zarr.json"]);
     fs::write(&group, &good[..good.len() / 2]).unwrap();
     assert_ne!(lenscube(&["verify", film]).code, 0);
     fs::write(&group, good).unwrap();
     fs::write(at("y/c/0"), [0; 12]).unwrap();
-    says(&lenscube(&["verify", film]), WRONG, &["metadata: y/c/0: "]);
+    assert_exit(&lenscube(&["verify", film]), WRONG, &["metadata: y/c/0: "]);
 }
 
 #[test]
-fn a_misspelt_command_gets_a_suggestion() {
+fn unknown_command_suggests_the_nearest() {
     for (word, meant) in [("exprot", "export"), ("stauts", "status"), ("verfy", "verify"), ("rum", "run")] {
-        says(&lenscube(&[word, "film.zarr"]), 2, &[word, &format!("'{meant}'")]);
+        assert_exit(&lenscube(&[word, "film.zarr"]), 2, &[word, &format!("'{meant}'")]);
     }
-    says(&lenscube(&["lens", "shw"]), 2, &["'show'"]);
+    assert_exit(&lenscube(&["lens", "shw"]), 2, &["'show'"]);
 }

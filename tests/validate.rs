@@ -1,8 +1,8 @@
-//! `validate` and `measure` from outside: what they write, what they tell, how they end.
+//! `lenscube validate` and `lenscube measure`: files, output, exit codes.
 
 mod common;
 
-use common::{Ran, lenscube, text};
+use common::{CommandResult, lenscube, text};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -14,13 +14,13 @@ fn json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
-/// A pack of means over 2 µm loses most of its edges' detail when it is turned: 99.9 % is missed in the corner, and only there
-/// is anything missed.
+/// Rotating the samples of a pack integrated over 2 µm blurs the edges in the corner, so the limit of the edge spread function is
+/// missed and no other.
 #[test]
-fn a_report_and_what_it_misses() {
+fn report_files_are_complete_and_missed_limit_exits_4() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("report");
-    let Ran { code, stderr, .. } = lenscube(&[
+    let CommandResult { code, stderr, .. } = lenscube(&[
         "validate",
         "--lens",
         "double-gauss-28-npz",
@@ -56,7 +56,7 @@ fn a_report_and_what_it_misses() {
         !report.contains("http://")
             || report.matches("http://").count() == report.matches("http://www.w3.org/2000/svg").count()
     );
-    assert!(!report.contains("NaN") && !report.contains("inf "), "a figure is no number");
+    assert!(!report.contains("NaN") && !report.contains("inf "), "a figure is NaN or infinite");
     for words in [
         "99.9 %",
         "0.1 px",
@@ -83,7 +83,7 @@ fn a_report_and_what_it_misses() {
 }
 
 #[test]
-fn what_cannot_be_validated_is_said_in_one_line() {
+fn invalid_validate_flags_exit_2_with_one_line() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("report");
     let cases: [(&[&str], &str); 4] = [
@@ -100,7 +100,7 @@ fn what_cannot_be_validated_is_said_in_one_line() {
 }
 
 #[test]
-fn edges_points_and_profiles_of_a_chart() {
+fn measure_reports_edges_points_and_profiles_of_a_chart() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     // An edge through the middle of the chart (overscan 67 px), exact pixel means: a box of 1 px, MTF50 at 0.6 cycles/px.
@@ -143,7 +143,7 @@ fn edges_points_and_profiles_of_a_chart() {
     assert!(ran.stdout.contains("3.000000 to 3.000000"), "{}", ran.stdout);
 
     for (words, word) in [
-        (["measure", chart, "--edge", "2,157,3,277"], "leaves the image"),
+        (["measure", chart, "--edge", "2,157,3,277"], "is not inside the image"),
         (["measure", chart, "--edge", "222,157,222"], "four numbers"),
         (["measure", points, "--points", "100,100"], "no light near"),
     ] {

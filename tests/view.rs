@@ -1,9 +1,9 @@
-//! The page's server from outside, without a browser: who is let in, what is refused, and what pixels it tells.
+//! Server of `lenscube view`: access control, parameter checks, pixel values; shell completions and manual pages.
 #![allow(missing_docs)]
 
 mod common;
 
-use common::place::Place;
+use common::test_job::TestJob;
 use common::{lenscube, pixels, text};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -26,7 +26,7 @@ impl Server {
         Self { child, port: port.unwrap_or_else(|| panic!("{url}")).parse().unwrap() }
     }
 
-    /// Sends a request as it stands; status and all of the answer.
+    /// Sends a raw request; status and complete response.
     fn send(&self, request: &str) -> (u16, Vec<u8>) {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -45,7 +45,7 @@ impl Server {
         self.get_as(path, &format!("Host: 127.0.0.1:{}\r\n", self.port))
     }
 
-    fn words(&self, path: &str) -> String {
+    fn get_text(&self, path: &str) -> String {
         let (status, answer) = self.get(path);
         let answer = String::from_utf8_lossy(&answer).into_owned();
         assert_eq!(status, 200, "{path}: {answer}");
@@ -67,18 +67,18 @@ impl Drop for Server {
     }
 }
 
-fn film() -> Place {
-    let place = Place::large();
-    place.run("", &["--no-fsync", "--pyramid"]).ok();
-    place
+fn film() -> TestJob {
+    let job = TestJob::large();
+    job.run("", &["--no-fsync", "--pyramid"]).ok();
+    job
 }
 
 #[test]
-fn strangers_are_refused() {
-    let place = film();
-    let server = Server::start(&[text(&place.film)]);
+fn foreign_host_origin_or_method_is_rejected() {
+    let job = film();
+    let server = Server::start(&[text(&job.film)]);
     let own = format!("Host: 127.0.0.1:{}\r\n", server.port);
-    let page = server.words("/");
+    let page = server.get_text("/");
     let policy = "content-security-policy: default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'";
     assert!(
         page.contains(policy) && page.contains("cache-control: no-store") && page.contains("nosniff"),
@@ -90,20 +90,20 @@ fn strangers_are_refused() {
     );
     assert_eq!(server.get_as("/", &format!("Host: localhost:{}\r\n", server.port)).0, 200);
     for host in ["evil.example", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil.example", "169.254.1.1", ""] {
-        for path in ["/", "/api/site", "/tile/film/0/0_0.png?band=0&exposure=1&gamma=1"] {
+        for path in ["/", "/api/content", "/tile/film/0/0_0.png?band=0&exposure=1&gamma=1"] {
             assert_eq!(server.get_as(path, &format!("Host: {host}\r\n")).0, 403, "{host}{path}");
         }
     }
     assert_eq!(server.get_as("/", &format!("{own}Host: evil.example\r\n")).0 / 100, 4);
     assert_eq!(server.get_as("/", "").0 / 100, 4);
     let mine = format!("{own}Origin: http://127.0.0.1:{}\r\n", server.port);
-    assert_eq!(server.get_as("/api/site", &mine).0, 200);
+    assert_eq!(server.get_as("/api/content", &mine).0, 200);
     for origin in ["http://evil.example", "null", "https://127.0.0.1", "http://127.0.0.1:1"] {
-        assert_eq!(server.get_as("/api/site", &format!("{own}Origin: {origin}\r\n")).0, 403, "{origin}");
+        assert_eq!(server.get_as("/api/content", &format!("{own}Origin: {origin}\r\n")).0, 403, "{origin}");
     }
     for site in ["cross-site", "same-site"] {
         let from = format!("{own}Sec-Fetch-Site: {site}\r\n");
-        assert_eq!(server.get_as("/api/site", &from).0, 403, "{site}");
+        assert_eq!(server.get_as("/api/content", &from).0, 403, "{site}");
         assert_eq!(server.get_as("/", &format!("{from}Sec-Fetch-Mode: navigate\r\n")).0, 200, "{site}");
         assert_eq!(
             server.get_as("/crop.png", &format!("{from}Sec-Fetch-Mode: navigate\r\n")).0,
@@ -113,16 +113,18 @@ fn strangers_are_refused() {
     }
     assert_eq!(
         server
-            .send(&format!("POST /api/site HTTP/1.1\r\n{own}Content-Length: 0\r\nConnection: close\r\n\r\n"))
+            .send(&format!(
+                "POST /api/content HTTP/1.1\r\n{own}Content-Length: 0\r\nConnection: close\r\n\r\n"
+            ))
             .0,
         405
     );
 }
 
 #[test]
-fn absurd_addresses_are_refused() {
-    let place = film();
-    let server = Server::start(&[text(&place.film)]);
+fn invalid_paths_and_parameters_return_4xx() {
+    let job = film();
+    let server = Server::start(&[text(&job.film)]);
     for path in [
         "/../../etc/passwd",
         "/..%2f..%2fetc/passwd",
@@ -175,42 +177,42 @@ fn absurd_addresses_are_refused() {
 }
 
 #[test]
-fn a_pixel_is_that_of_the_store() {
-    let place = film();
-    let server =
-        Server::start(&[text(&place.film), "--chart", text(&place.chart), "--lens", text(&place.pack)]);
-    let (size, film) = pixels(&place.film, "film");
-    let (_, chart) = pixels(&place.chart, "chart");
+fn pixel_values_equal_those_of_the_store() {
+    let job = film();
+    let server = Server::start(&[text(&job.film), "--chart", text(&job.chart), "--lens", text(&job.pack)]);
+    let (size, film) = pixels(&job.film, "film");
+    let (_, chart) = pixels(&job.chart, "chart");
     for (x, y) in [(0, 0), (704, 630), (300, 77)] {
-        let told = String::from_utf8(server.body(&format!("/api/pixel?x={x}&y={y}"))).unwrap();
+        let reading = String::from_utf8(server.body(&format!("/api/pixel?x={x}&y={y}"))).unwrap();
         for (name, bands) in [("film", &film), ("chart", &chart)] {
-            let list = told.split(&format!("\"{name}\":[")).nth(1).and_then(|t| t.split(']').next()).unwrap();
+            let list =
+                reading.split(&format!("\"{name}\":[")).nth(1).and_then(|t| t.split(']').next()).unwrap();
             let values: Vec<f32> = list.split(',').map(|v| v.parse().unwrap()).collect();
-            let want: Vec<f32> = bands.iter().map(|b| b[y * size.width + x]).collect();
-            assert_eq!(values, want, "{name} {x} {y}");
+            let expected: Vec<f32> = bands.iter().map(|b| b[y * size.width + x]).collect();
+            assert_eq!(values, expected, "{name} {x} {y}");
         }
     }
-    let site = server.words("/api/site");
+    let content = server.get_text("/api/content");
     for part in [
         "\"pyramid\":\"complete\"",
         "\"size\":[631,705]",
         "\"place\":[0.0,0.0,705.0,631.0]",
         "\"lens\":{\"name\":\"test\",\"note\":null}",
     ] {
-        assert!(site.contains(part), "{part}: {site}");
+        assert!(content.contains(part), "{part}: {content}");
     }
-    let lens = server.words("/api/lens?x=704&y=0&band=1");
+    let lens = server.get_text("/api/lens?x=704&y=0&band=1");
     assert!(lens.contains("\"relative_illumination\":1.0") && lens.contains("\"size\":5"), "{lens}");
     assert!(server.body("/psf.png?x=704&y=0&band=1&log=1").starts_with(b"\x89PNG"));
 }
 
 #[test]
-fn levels_look_alike_with_and_without_a_pyramid() {
-    let place = film();
-    let bare = place.at("bare.zarr");
-    place.command(&bare, "", &["--no-fsync"]).output().unwrap();
+fn tiles_are_equal_with_and_without_a_stored_pyramid() {
+    let job = film();
+    let bare = job.at("bare.zarr");
+    job.command(&bare, "", &["--no-fsync"]).output().unwrap();
     assert!(!bare.join("pyramid").exists());
-    let (with, without) = (Server::start(&[text(&place.film)]), Server::start(&[text(&bare)]));
+    let (with, without) = (Server::start(&[text(&job.film)]), Server::start(&[text(&bare)]));
     for look in ["band=1&exposure=1&gamma=1", "white=A&exposure=0.7&gamma=1.8"] {
         for tile in ["2/0_0", "1/1_1", "1/0_0", "0/2_2"] {
             let path = format!("/tile/film/{tile}.png?{look}");
@@ -221,26 +223,26 @@ fn levels_look_alike_with_and_without_a_pyramid() {
 }
 
 #[test]
-fn what_cannot_be_opened_is_said() {
-    let place = film();
-    let mut server = Server::start(&[text(&place.film)]);
-    let site = server.words("/api/site");
+fn missing_lens_and_used_port_are_reported_and_sigint_stops_the_server() {
+    let job = film();
+    let mut server = Server::start(&[text(&job.film)]);
+    let content = server.get_text("/api/content");
     assert!(
-        site.contains("the film was made through test, which is not built in; name its file with --lens"),
-        "{site}"
+        content.contains("the film was made with test, which is not built in; name its file with --lens"),
+        "{content}"
     );
     let (status, answer) = server.get("/api/lens?x=1&y=1&band=0");
     assert!(status == 404 && String::from_utf8_lossy(&answer).contains("--lens"));
-    let ran = lenscube(&["view", text(&place.film), "--lens", "nothing.lens.zarr"]);
+    let ran = lenscube(&["view", text(&job.film), "--lens", "nothing.lens.zarr"]);
     assert!(ran.code != 0 && ran.stderr.contains("nothing.lens.zarr"), "{}", ran.stderr);
     let taken = server.port.to_string();
-    let ran = lenscube(&["view", text(&place.film), "--port", &taken]);
+    let ran = lenscube(&["view", text(&job.film), "--port", &taken]);
     assert!(
         ran.code != 0 && ran.stderr.contains(&taken) && ran.stderr.contains("--port 0"),
         "{}",
         ran.stderr
     );
-    // A browser's idle connection does not keep it from ending.
+    // An idle connection does not delay the shutdown.
     let _idle = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
     let start = Instant::now();
     let sent = Command::new("kill").args(["-s", "INT", &server.child.id().to_string()]).status().unwrap();
@@ -250,7 +252,7 @@ fn what_cannot_be_opened_is_said() {
 }
 
 #[test]
-fn completions_and_manual_pages_name_every_command() {
+fn completions_and_manual_pages_include_every_command() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = lenscube(&["completions", shell]).ok().stdout;
         assert!(script.contains("pyramid") && script.contains("take-over"), "{shell}");
@@ -279,9 +281,9 @@ fn completions_and_manual_pages_name_every_command() {
 }
 
 #[test]
-fn a_film_of_two_bands_at_one_wavelength_is_shown_band_by_band() {
-    let place = Place::large();
-    std::fs::remove_dir_all(&place.chart).unwrap();
+fn two_bands_at_one_wavelength_have_separate_tiles() {
+    let job = TestJob::large();
+    std::fs::remove_dir_all(&job.chart).unwrap();
     let meta = formats::chart::ChartMeta {
         wavelengths_nm: vec![450.0, 450.0],
         pitch_um: Some(2.0),
@@ -289,15 +291,15 @@ fn a_film_of_two_bands_at_one_wavelength_is_shown_band_by_band() {
     };
     let picture = common::Picture::noise(11, pipeline::geometry::Size::new(631, 705), 2);
     let codec = formats::chart::Codec::Zstd;
-    formats::chart::write_chart(&place.chart, &picture, &meta, codec, 1, &|_, _| ()).unwrap();
-    place.run("", &["--no-fsync", "--pyramid"]).ok();
-    let server = Server::start(&[text(&place.film), "--chart", text(&place.chart)]);
-    assert!(server.words("/api/site").contains("\"pyramid\":\"complete\""));
+    formats::chart::write_chart(&job.chart, &picture, &meta, codec, 1, &|_, _| ()).unwrap();
+    job.run("", &["--no-fsync", "--pyramid"]).ok();
+    let server = Server::start(&[text(&job.film), "--chart", text(&job.chart)]);
+    assert!(server.get_text("/api/content").contains("\"pyramid\":\"complete\""));
     let tile = |stack: &str, band: usize| {
         server.body(&format!("/tile/{stack}/1/0_0.png?band={band}&exposure=1&gamma=1"))
     };
     for stack in ["film", "chart"] {
         assert_ne!(tile(stack, 0), tile(stack, 1), "{stack}: two bands of noise look the same");
     }
-    assert!(server.words("/api/site").contains("\"colour\":true"));
+    assert!(server.get_text("/api/content").contains("\"colour\":true"));
 }

@@ -1,16 +1,16 @@
-//! Decoding a chunk into its size and not one byte more, before memory is taken for it.
+//! Decoding of Zarr chunks with a bound on the memory that each decompressor may allocate.
 //!
-//! zarrs allocates what a compressed chunk claims or turns out to hold: a zstd frame of 1 MB can ask for 32 GB. Here every
-//! decompressor writes into at most the bytes that the array's metadata allow at its place in the chain:
+//! zarrs allocates what a compressed chunk declares or decodes to: a zstd frame of 1 MB can declare 32 GB. Here the output of each
+//! decompressor is limited to the size that the array's metadata imply at its position in the codec chain:
 //!
 //! | codec | bound |
 //! |---|---|
 //! | zstd | the buffer's size; a frame that needs more is an error (RFC 8878) |
 //! | gzip, zlib | reading stops one byte beyond the bound (RFC 1952, RFC 1950) |
-//! | blosc | `nbytes` of its header, checked first (README_CHUNK_FORMAT: u32 LE at 4); the library holds its inner codecs to it |
-//! | crc32c, shuffle | not longer than what they are given |
+//! | blosc | `nbytes` of the header, checked first (README_CHUNK_FORMAT: u32 LE at 4); the library limits its inner codecs to it |
+//! | crc32c, shuffle | output not longer than the input |
 //!
-//! Transpose and the other array-to-array codecs keep or fix the size. Shards inside shards are refused.
+//! Transpose and the other array-to-array codecs keep or fix the size. Shards inside shards are not supported.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -28,9 +28,9 @@ use zarrs::array::{ArrayToBytesCodecTraits, BytesRepresentation, CodecOptions, D
 /// The codecs of an array's chunks, for decoding.
 #[derive(Debug)]
 pub(crate) struct BoundedChain {
-    /// In the order of encoding.
+    /// Bytes-to-bytes codecs in the order of encoding.
     compression: Vec<(Kind, Arc<dyn BytesToBytesCodecTraits>)>,
-    /// The codecs before them: from the array to bytes.
+    /// The codecs before them, which turn the array into bytes.
     array: CodecChain,
 }
 
@@ -40,23 +40,23 @@ enum Kind {
     Gzip,
     Zlib,
     Blosc,
-    /// Decodes to no more than it is given.
-    Shrinks,
+    /// Output not longer than the input.
+    NotExpanding,
 }
 
-/// The most that may come out of one codec.
+/// Allowed output size of one codec.
 #[derive(Clone, Copy, Debug)]
 struct Bound {
     bytes: u64,
-    /// Whether it must be this and not less.
+    /// Whether a smaller output is an error as well.
     exact: bool,
 }
 
 impl BoundedChain {
-    /// The same codecs as `chain`'s.
+    /// A decoder for `chain`.
     ///
     /// # Errors
-    /// In words: a codec whose output cannot be bounded.
+    /// A description of the first codec whose output cannot be bounded.
     pub(crate) fn new(chain: &CodecChain) -> Result<Self, String> {
         let bytes = chain.array_to_bytes_codec();
         let any = bytes.as_any();
@@ -75,10 +75,10 @@ impl BoundedChain {
         })
     }
 
-    /// Decodes a chunk of `shape` samples of type `t` on the calling thread, in this machine's byte order.
+    /// Decodes a chunk of `shape` samples of type `t` on the calling thread, into native byte order.
     ///
     /// # Errors
-    /// In words: what is wrong with the bytes; a codec that panics on them counts as that.
+    /// A description of the defect of the bytes; also if a codec panics.
     pub(crate) fn decode(
         &self,
         encoded: Cow<'_, [u8]>,
@@ -86,11 +86,11 @@ impl BoundedChain {
         t: &DataType,
         fill: &FillValue,
     ) -> Result<Vec<u8>, String> {
-        let run = || self.run(encoded, shape, t, fill);
-        catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("its codec panicked".into()))
+        let decode = || self.decode_unguarded(encoded, shape, t, fill);
+        catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err("its codec panicked".into()))
     }
 
-    fn run(
+    fn decode_unguarded(
         &self,
         mut bytes: Cow<'_, [u8]>,
         shape: &[NonZeroU64],
@@ -104,10 +104,10 @@ impl BoundedChain {
             size = codec.encoded_representation(&size);
         }
         for (kind, codec, size) in steps.into_iter().rev() {
-            bytes = Cow::Owned(step(kind, codec.as_ref(), bytes, &size)?);
+            bytes = Cow::Owned(undo_codec(kind, codec.as_ref(), bytes, &size)?);
         }
         self.array
-            .decode(bytes, shape, t, fill, &options())
+            .decode(bytes, shape, t, fill, &single_threaded())
             .and_then(|d| d.into_fixed().map_err(Into::into))
             .map(Cow::into_owned)
             .map_err(|e| e.to_string())
@@ -121,17 +121,18 @@ fn kind(codec: &dyn BytesToBytesCodecTraits) -> Option<Kind> {
         () if any.is::<GzipCodec>() => Kind::Gzip,
         () if any.is::<ZlibCodec>() => Kind::Zlib,
         () if any.is::<BloscCodec>() => Kind::Blosc,
-        () if any.is::<Crc32cCodec>() || any.is::<ShuffleCodec>() => Kind::Shrinks,
+        () if any.is::<Crc32cCodec>() || any.is::<ShuffleCodec>() => Kind::NotExpanding,
         () => return None,
     })
 }
 
-fn options() -> CodecOptions {
-    crate::shard::single_threaded()
+/// zarrs options without threads: callers decode and encode on worker threads of their own.
+pub(crate) fn single_threaded() -> CodecOptions {
+    CodecOptions::default().with_concurrent_target(1).with_chunk_concurrent_minimum(1)
 }
 
-/// Undoes one codec; `size` is what its encoder was given.
-fn step(
+/// Decodes the output of one codec; `size` is the size of its encoder's input.
+fn undo_codec(
     kind: Kind,
     codec: &dyn BytesToBytesCodecTraits,
     bytes: Cow<'_, [u8]>,
@@ -139,11 +140,11 @@ fn step(
 ) -> Result<Vec<u8>, String> {
     let bound = match *size {
         BytesRepresentation::FixedSize(bytes) => Bound { bytes, exact: true },
-        // The output of another codec: encoders differ a little in what they add.
+        // The input of this codec was another codec's output, whose overhead depends on the encoder.
         BytesRepresentation::BoundedSize(bytes) => {
             Bound { bytes: bytes.saturating_add(bytes / 4).saturating_add(64 << 10), exact: false }
         }
-        BytesRepresentation::UnboundedSize => return Err("a codec without a largest size".into()),
+        BytesRepresentation::UnboundedSize => return Err("a codec without a maximum size".into()),
     };
     let limit = usize::try_from(bound.bytes).map_err(|_| format!("a chunk of {} bytes", bound.bytes))?;
     let decoded = match kind {
@@ -154,15 +155,17 @@ fn step(
             let field = bytes.get(4..8).and_then(|b| b.first_chunk().copied());
             let claimed = u64::from(u32::from_le_bytes(field.ok_or("it is too short for a blosc header")?));
             bound.check(claimed)?;
-            codec.decode(bytes, size, &options()).map_err(|e| e.to_string())?.into_owned()
+            codec.decode(bytes, size, &single_threaded()).map_err(|e| e.to_string())?.into_owned()
         }
-        Kind::Shrinks => codec.decode(bytes, size, &options()).map_err(|e| e.to_string())?.into_owned(),
+        Kind::NotExpanding => {
+            codec.decode(bytes, size, &single_threaded()).map_err(|e| e.to_string())?.into_owned()
+        }
     };
     bound.check(decoded.len() as u64)?;
     Ok(decoded)
 }
 
-/// All that `decoder` gives, or one byte more than `limit`.
+/// The complete output of `decoder`, truncated to `limit` + 1 bytes.
 fn inflate(decoder: impl Read, limit: usize) -> Result<Vec<u8>, String> {
     let mut decoded = Vec::with_capacity(limit);
     decoder.take(limit as u64 + 1).read_to_end(&mut decoded).map_err(|e| e.to_string())?;

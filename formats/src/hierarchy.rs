@@ -1,10 +1,10 @@
-//! New Zarr v3 groups: images with their coordinates, written aside and published by one rename.
+//! Creation of Zarr v3 groups: arrays with their coordinates, published in one step.
 //!
-//! The metadata is written as zarr-python 3 writes it, consolidated copies in the group's `zarr.json` included, so that
-//! xarray, zarr-python, tensorstore and napari open the group as it is. A group is made in a temp directory beside its
-//! place and renamed when all of it is on the disk: the place holds nothing or a whole group, also when the process is
-//! killed, and of two that create it at once one wins and the other is told. Objects cannot be renamed: there they lie in
-//! their place from the beginning, and the group's own `zarr.json`, without which nothing is a group, comes last.
+//! The metadata has the form that zarr-python 3 writes, with consolidated metadata in the group's `zarr.json`, so that xarray,
+//! zarr-python, tensorstore and napari open the group. In a directory the group is written to a temp directory beside its final
+//! path and renamed when it is complete on disk: the path holds nothing or a complete group, also if the process is killed; of two
+//! processes that create it at once, one succeeds and the other gets an error. Objects cannot be renamed: they are written to
+//! their final keys, the group's `zarr.json`, without which there is no group, last.
 
 use std::path::{Path, PathBuf};
 
@@ -43,7 +43,7 @@ pub(crate) fn array(
     })
 }
 
-/// A 1-D coordinate: its metadata and its one chunk.
+/// A 1-D coordinate array: metadata and the bytes of its single chunk.
 pub(crate) fn coordinate(name: &str, unit: &str, long_name: &str, values: &[f64]) -> (Value, Vec<u8>) {
     let n = values.len();
     let attributes = json!({"units": unit, "long_name": long_name});
@@ -53,64 +53,66 @@ pub(crate) fn coordinate(name: &str, unit: &str, long_name: &str, values: &[f64]
     (metadata, bytes)
 }
 
-/// CRC-32C (Castagnoli), bit by bit: coordinates are small.
+/// CRC-32C (Castagnoli, RFC 3720), bit by bit: coordinates are small.
 fn crc32c(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0, |crc: u32, &b| {
         (0..8).fold(crc ^ u32::from(b), |c, _| if c & 1 == 1 { c >> 1 ^ 0x82f6_3b78 } else { c >> 1 })
     })
 }
 
-/// A group that is being made. Dropped before [`NewGroup::publish`], it leaves no group: no file, and of objects at most
-/// such as the next attempt writes again.
+/// A group under construction. If it is dropped before [`NewGroup::publish`], no file stays; objects may stay, which the next
+/// attempt overwrites.
 #[derive(Debug)]
 pub(crate) struct NewGroup {
     pub(crate) store: Store,
-    place: PathBuf,
+    /// Final path or URL.
+    path: PathBuf,
     fsync: bool,
+    /// Metadata of the arrays by name.
     arrays: Map<String, Value>,
-    /// A directory that is at the place stays until the new one replaces it.
+    /// Whether to replace an existing directory when the group is published.
     replace: bool,
 }
 
 impl NewGroup {
-    /// Begins a group that is to be at `place`. `None`: something is there already, objects of an earlier attempt excepted,
-    /// which `ours` knows by their keys.
+    /// Begins a group at `path`. `None` if something exists there; objects of an earlier attempt, for whose keys `is_own` is
+    /// true, do not count.
     pub(crate) fn begin(
-        place: &Path,
+        path: &Path,
         fsync: bool,
-        ours: impl Fn(&str) -> bool + Send + Sync + 'static,
+        is_own: impl Fn(&str) -> bool + Send + Sync + 'static,
     ) -> Result<Option<Self>, DurableError> {
-        // A link stays a link: what it leads to is made.
-        let place = &link_target(place);
-        let store = match Store::at(place)? {
+        // A symbolic link is kept; its target is created.
+        let path = &link_target(path);
+        let store = match Store::at(path)? {
             Store::Objects(objects) => {
-                // Read, not asked about: only then a store says what is wrong.
+                // A read rather than a query of the size: only reads report the store's error message.
                 let taken = objects.read_at_most("zarr.json", u64::MAX)?.is_some();
-                if taken || objects.first_key(move |key| !ours(key))?.is_some() {
+                if taken || objects.first_key(move |key| !is_own(key))?.is_some() {
                     return Ok(None);
                 }
                 Store::Objects(objects)
             }
-            there @ Store::Directory(_) => {
-                if there.exists()? {
+            existing @ Store::Directory(_) => {
+                if existing.exists()? {
                     return Ok(None);
                 }
-                let parent = parent_of(place);
+                let parent = parent_of(path);
                 create_directories(parent, fsync)?;
                 sweep_entries(parent)?;
                 Store::at(&parent.join(temp_name()))?.with_fsync(fsync)
             }
         };
-        Ok(Some(Self { store, place: place.into(), fsync, arrays: Map::new(), replace: false }))
+        Ok(Some(Self { store, path: path.into(), fsync, arrays: Map::new(), replace: false }))
     }
 
-    /// Begins a group that replaces the directory at `place` when it is complete.
-    pub(crate) fn replacing(place: &Path, fsync: bool) -> Result<Self, DurableError> {
-        let place = &link_target(place);
-        let parent = parent_of(place);
+    /// Begins a group that replaces the directory at `path` when it is published.
+    pub(crate) fn replacing(path: &Path, fsync: bool) -> Result<Self, DurableError> {
+        let path = &link_target(path);
+        let parent = parent_of(path);
         sweep_entries(parent)?;
         let store = Store::at(&parent.join(temp_name()))?.with_fsync(fsync);
-        Ok(Self { store, place: place.into(), fsync, arrays: Map::new(), replace: true })
+        Ok(Self { store, path: path.into(), fsync, arrays: Map::new(), replace: true })
     }
 
     /// Writes an array's metadata.
@@ -120,7 +122,7 @@ impl NewGroup {
         Ok(())
     }
 
-    /// Writes a coordinate.
+    /// Writes a coordinate array.
     pub(crate) fn coordinate(
         &mut self,
         name: &str,
@@ -130,16 +132,16 @@ impl NewGroup {
         self.array(name, metadata)
     }
 
-    /// The group's store, held open so that it stays this group after it has its place, whatever takes that place later.
+    /// The group's store, open: it stays this group even if another one later replaces the path.
     pub(crate) fn opened(&self) -> Result<Option<Store>, DurableError> {
-        let place = &self.place;
+        let path = &self.path;
         Ok(self.store.clone().opened()?.map(|store| match store {
-            Store::Directory(directory) => Store::Directory(directory.renamed(place)),
+            Store::Directory(directory) => Store::Directory(directory.renamed(path)),
             objects @ Store::Objects(_) => objects,
         }))
     }
 
-    /// Writes the group's own metadata and gives the group its place. `false`: another has taken it meanwhile.
+    /// Writes the group's metadata and moves the group to its path. `false` if the path was taken meanwhile.
     pub(crate) fn publish(mut self, attributes: Value) -> Result<bool, DurableError> {
         let metadata = json!({
             "zarr_format": 3,
@@ -157,10 +159,10 @@ impl NewGroup {
             Store::Directory(directory) => {
                 directory.write("zarr.json", &bytes)?;
                 if self.replace {
-                    replace_directory(directory.root(), &self.place)?;
+                    replace_directory(directory.root(), &self.path)?;
                     return Ok(true);
                 }
-                publish(directory.root(), &self.place, self.fsync)
+                publish(directory.root(), &self.path, self.fsync)
             }
         }
     }
@@ -169,20 +171,20 @@ impl NewGroup {
 impl Drop for NewGroup {
     fn drop(&mut self) {
         if let Store::Directory(directory) = &self.store {
-            // Published, it is not there any more; otherwise what stays is swept later.
+            // Absent once published. A failure is harmless: a later sweep removes temp directories.
             let _ = std::fs::remove_dir_all(directory.root());
         }
     }
 }
 
 pub(crate) fn pretty(v: &Value) -> Vec<u8> {
-    serde_json::to_vec_pretty(v).expect("JSON values are JSON")
+    serde_json::to_vec_pretty(v).expect("a JSON value serializes")
 }
 
 #[cfg(test)]
 mod tests {
     #[test]
-    fn the_checksum_is_castagnolis() {
+    fn crc32c_of_known_inputs() {
         // RFC 3720, B.4, and the usual check value.
         assert_eq!(super::crc32c(&[0; 32]), 0x8a91_36aa);
         assert_eq!(super::crc32c(b"123456789"), 0xe306_9283);

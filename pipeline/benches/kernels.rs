@@ -1,4 +1,4 @@
-//! What a node costs before it scatters, in core time: its seed (turned and integrated), and its kernel's spectrum.
+//! Cost of preparing a node, in CPU time: its base kernel (rotated and integrated), and the spectrum of its kernel.
 //!
 //! Point samples of 0.5 µm, as traced lenses have them, for windows of 51 and 151 film pixels.
 
@@ -10,31 +10,28 @@ use lenscube_pipeline::psf::BandPsf;
 use lenscube_pipeline::psf::grid::Node;
 use lenscube_pipeline::psf::kernel::{KernelScratch, NodeKernels};
 use lenscube_pipeline::psf::spectra::SpectrumCache;
-use lenscube_pipeline::simd::{Isa, Simd};
-use shared::{CoreTime, PITCH_UM, comet, grid, traced_azimuths};
+use shared::{CpuTime, PITCH_UM, available, comet, grid, traced_azimuths};
 
-fn kernels(c: &mut Criterion<CoreTime>) {
+fn kernels(c: &mut Criterion<CpuTime>) {
     for window in [51, 151] {
         let stack = comet(window, 0.5, PsfSample::Point, 2);
         // Two heights: of the nodes only the second's azimuth matters here.
         let nodes = grid(2, |_| traced_azimuths(9));
-        for isa in Isa::ALL {
-            let Ok(simd) = Simd::of(isa) else {
-                eprintln!("{}: ignored, this processor has none", isa.name());
-                continue;
-            };
+        for simd in available() {
+            let isa = simd.isa();
             let kernels = NodeKernels::new(&stack, PITCH_UM, None, simd);
-            let mut group = c.benchmark_group(format!("seed of {window} px from {} samples", stack.size));
+            let mut group =
+                c.benchmark_group(format!("base kernel of {window} px from {} samples", stack.size));
             group.sample_size(10);
             let mut scratch = KernelScratch::default();
             group.bench_function(isa.name(), |b| {
-                b.iter(|| kernels.seed(&nodes, Node { k: 1, j: 7 }, &mut scratch)[0]);
+                b.iter(|| kernels.base_kernel(&nodes, Node { k: 1, j: 7 }, &mut scratch)[0]);
             });
             group.finish();
             let psf = BandPsf::new(0, grid(42, traced_azimuths), kernels, simd);
             let mut group = c.benchmark_group(format!("spectrum of {window} px, F = {}", psf.blocks().fft));
             group.sample_size(10);
-            // A cache that keeps one: two nodes in turn are built each time. Their kernels are the PSF itself.
+            // The cache keeps one spectrum, so alternating between two nodes builds one each time. Their kernels are unrotated.
             let (cache, mut k) = (SpectrumCache::new(0), 0);
             group.bench_function(isa.name(), |b| {
                 b.iter(|| {
@@ -47,5 +44,5 @@ fn kernels(c: &mut Criterion<CoreTime>) {
     }
 }
 
-criterion_group!(name = benches; config = Criterion::default().with_measurement(CoreTime); targets = kernels);
+criterion_group!(name = benches; config = Criterion::default().with_measurement(CpuTime); targets = kernels);
 criterion_main!(benches);

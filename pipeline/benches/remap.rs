@@ -1,4 +1,4 @@
-//! Rate of stages 1-2 on the paper's film (14,141² of 2 µm), in core time: one tile halfway out and one at the corner.
+//! Rate of stages 1-2 on the benchmark film (14,141² px of 2 µm), in CPU time: one tile halfway out and one at the corner.
 //!
 //! The lens has 1001 field points and 2 % of distortion at the corner; the chart is in memory.
 
@@ -13,15 +13,15 @@ use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
 use lenscube_pipeline::remap::{Reading, Remap, RemapScratch, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
-use lenscube_pipeline::simd::{Isa, Simd};
-use shared::{CoreTime, FILM, PITCH_UM};
+use shared::{CpuTime, FILM, PITCH_UM, available};
 
 const TILE: usize = 512;
 
-/// A piece of chart, repeated; rows are read as a chart in memory would be.
+/// A periodic chart in memory.
 struct Chart(Vec<f32>);
 
-const PIECE: usize = 1024;
+/// Period in pixels.
+const PERIOD: usize = 1024;
 
 impl ChartSource for Chart {
     fn size(&self) -> Size {
@@ -30,8 +30,8 @@ impl ChartSource for Chart {
 
     fn read(&self, _band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         for (y, to) in out.chunks_exact_mut(rect.width).enumerate() {
-            let row = (rect.y as usize + y) % PIECE;
-            let at = row * 2 * PIECE + rect.x as usize % PIECE;
+            let row = (rect.y as usize + y) % PERIOD;
+            let at = row * 2 * PERIOD + rect.x as usize % PERIOD;
             to.copy_from_slice(&self.0[at..at + rect.width]);
         }
         Ok(())
@@ -42,10 +42,10 @@ fn lens(last_mm: f64) -> LensBand {
     oracle::lens_band((0..=1000).map(|i| last_mm * f64::from(i) / 1000.0).collect(), 1.0, -0.02)
 }
 
-fn remap(c: &mut Criterion<CoreTime>) {
+fn remap(c: &mut Criterion<CpuTime>) {
     let frame = Frame::centred(Size::new(FILM, FILM), Size::new(FILM, FILM), PITCH_UM);
     let lens = lens(frame.farthest_mm(frame.film.rect()) + 1e-6);
-    let chart = Chart((0..2 * PIECE * PIECE).map(|i| (i * 7919 % 1009) as f32 / 1009.0).collect());
+    let chart = Chart((0..2 * PERIOD * PERIOD).map(|i| (i * 7919 % 1009) as f32 / 1009.0).collect());
     let half = (FILM / 4) as i64;
     let stages = Stages { ri: true, distortion: true, svpsf: false };
     for (place, rect) in
@@ -54,11 +54,8 @@ fn remap(c: &mut Criterion<CoreTime>) {
         for interp in [Interp::Bicubic, Interp::Bilinear] {
             let mut group = c.benchmark_group(format!("remap {interp:?} {place}"));
             group.throughput(Throughput::Elements((TILE * TILE) as u64));
-            for isa in Isa::ALL {
-                let Ok(simd) = Simd::of(isa) else {
-                    eprintln!("{}: ignored, this processor has none", isa.name());
-                    continue;
-                };
+            for simd in available() {
+                let isa = simd.isa();
                 let reading = Reading { interp, surround: Surround::Edge, outside: Outside::Error };
                 let remap = Remap::new(&frame, &lens, stages, reading, 1.0, simd);
                 let (mut out, mut s) = (vec![0.0; TILE * TILE], RemapScratch::default());
@@ -71,5 +68,5 @@ fn remap(c: &mut Criterion<CoreTime>) {
     }
 }
 
-criterion_group!(name = benches; config = Criterion::default().with_measurement(CoreTime); targets = remap);
+criterion_group!(name = benches; config = Criterion::default().with_measurement(CpuTime); targets = remap);
 criterion_main!(benches);

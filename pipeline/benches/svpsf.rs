@@ -1,8 +1,8 @@
-//! Rate of SVPSF on the paper's film (14,141² of 2 µm), in core time of one thread.
+//! Rate of SVPSF on the benchmark film (14,141² px of 2 µm), in CPU time of one thread.
 //!
-//! The benchmark grid has 21 heights × 36 azimuths and a window of 51 px; beside it a finer grid and a wider window, all on
-//! tiles spread over the film, their spectra in the cache. Then a whole band as traced lenses have it: point samples of
-//! 0.5 µm, 5,329 nodes, an empty cache of 256 MiB, so kernels and spectra count.
+//! The benchmark grid has 21 heights × 36 azimuths and a window of 51 px; a finer grid and a wider window are measured as well, all on
+//! tiles spread over the film with spectra in the cache. Then a complete band of a traced lens: point samples of 0.5 µm, 5,329 nodes, and
+//! an empty cache of 256 MiB, so that kernels and spectra are included.
 
 mod shared;
 
@@ -14,24 +14,21 @@ use lenscube_pipeline::psf::grid::NodeGrid;
 use lenscube_pipeline::psf::kernel::NodeKernels;
 use lenscube_pipeline::psf::spectra::SpectrumCache;
 use lenscube_pipeline::psf::{BandPsf, PsfScratch};
-use lenscube_pipeline::simd::{Isa, Simd};
-use shared::{CoreTime, FILM, PITCH_UM, TRACED_HEIGHTS, comet, grid, traced_azimuths};
+use lenscube_pipeline::simd::Isa;
+use shared::{CpuTime, FILM, PITCH_UM, TRACED_HEIGHTS, available, comet, grid, traced_azimuths};
 
-/// Tiles along each side of the film that are timed.
+/// Timed tiles along each side of the film.
 const SPREAD: usize = 7;
 
-/// Times tiles of the film: those spread over it with a cache that keeps everything, or all of it from an empty one.
-fn tiles(c: &mut Criterion<CoreTime>, name: &str, stack: &PsfStack, grid: &NodeGrid, whole_film: bool) {
+/// Times tiles spread over the film with an unlimited cache, or the complete film from an empty cache.
+fn tiles(c: &mut Criterion<CpuTime>, name: &str, stack: &PsfStack, grid: &NodeGrid, whole_film: bool) {
     let frame = Frame::centred(Size::new(FILM, FILM), Size::new(FILM, FILM), PITCH_UM);
     let mut group = c.benchmark_group(name);
     group.sample_size(10);
-    for isa in Isa::ALL {
-        let Ok(simd) = Simd::of(isa) else {
-            eprintln!("{name}/{}: ignored, this processor has none", isa.name());
-            continue;
-        };
+    for simd in available() {
+        let isa = simd.isa();
         if whole_film && isa == Isa::Portable {
-            continue; // minutes, and nobody waits for it
+            continue; // takes minutes
         }
         let psf = BandPsf::new(0, grid.clone(), NodeKernels::new(stack, PITCH_UM, None, simd), simd);
         let side = psf.blocks().tile;
@@ -68,7 +65,7 @@ fn tiles(c: &mut Criterion<CoreTime>, name: &str, stack: &PsfStack, grid: &NodeG
     group.finish();
 }
 
-fn svpsf(c: &mut Criterion<CoreTime>) {
+fn svpsf(c: &mut Criterion<CpuTime>) {
     let integrated = |window, heights| comet(window, PITCH_UM, PsfSample::Integrated, heights);
     tiles(c, "svpsf 51 px, 21 x 36 nodes", &integrated(51, 21), &grid(21, |_| 36), false);
     tiles(c, "svpsf 51 px, 81 x 144 nodes", &integrated(51, 81), &grid(81, |_| 144), false);
@@ -80,5 +77,5 @@ fn svpsf(c: &mut Criterion<CoreTime>) {
     }
 }
 
-criterion_group!(name = benches; config = Criterion::default().with_measurement(CoreTime); targets = svpsf);
+criterion_group!(name = benches; config = Criterion::default().with_measurement(CpuTime); targets = svpsf);
 criterion_main!(benches);

@@ -8,21 +8,21 @@ use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::ray::Tracer;
 use std::hint::black_box;
 
-/// 17 mm off the axis, where the pupil is far from round.
+/// Image height: there the pupil is far from circular.
 const HEIGHT_MM: f64 = 17.0;
 
 fn psf(c: &mut Criterion) {
     let system = System::double_gauss_28();
     let mut group = c.benchmark_group("trace one PSF, one thread");
     group.throughput(Throughput::Elements(1));
-    // Windows that hold 99 % of the light, samples finer than Nyquist.
+    // Windows of 99 % of the light, samples finer than Nyquist.
     for (nm, half, pitch_um) in [(400.0, 341, 0.5), (550.0, 80, 2.0 / 3.0)] {
         let tracer = Tracer::new(&system, nm / 1e3).unwrap();
         let tan = tracer.field_of_height(HEIGHT_MM).unwrap();
         let grid = PsfGrid::new(half, pitch_um);
         let mut scratch = PsfScratch::default();
-        for (turn, azimuth) in [("upright", 0.0), ("turned", 0.7)] {
-            group.bench_function(format!("{nm} nm, {} samples a side, {turn}", grid.size()), |b| {
+        for (rotation, azimuth) in [("unrotated", 0.0), ("rotated", 0.7)] {
+            group.bench_function(format!("{nm} nm, {} samples a side, {rotation}", grid.size()), |b| {
                 b.iter(|| {
                     let f = PupilFunction::trace(&tracer, black_box(tan)).unwrap();
                     grid.psf(&f, azimuth, &mut scratch)

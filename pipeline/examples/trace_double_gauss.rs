@@ -37,7 +37,7 @@ fn main() {
             t.azimuth_count.get(1),
             t.azimuth_count[t.azimuth_count.len() - 1],
             r.psf_error,
-            r.least_energy,
+            r.min_energy,
             r.psfs,
             band.psf.samples.len() as f64 * 4e-6,
         );

@@ -1,10 +1,10 @@
-//! One band of a job: which tables of the lens it takes, how it is cut, and its stages once its PSFs are there.
+//! One band of a job: its lens tables, its partition, and its stages.
 //!
-//! A band at a wavelength of the lens takes that band's tables as they are. Between two, heights and RI interpolate
-//! linearly in λ at equal IDEAL height; a PSF does so only when asked ([`PsfBetween::Interpolate`]), node by node.
+//! At a wavelength of the lens a band uses that lens band's tables unchanged. Between two, heights and RI are interpolated linearly in λ at
+//! equal IDEAL height; PSFs, node by node, only with [`PsfBetween::Interpolate`].
 
 use crate::geometry::Frame;
-use crate::lens::{Lens, LensBand, LensError, PsfStack};
+use crate::lens::{Lens, LensBand, LensError, PsfStack, linear};
 use crate::plan::Tiling;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
@@ -16,46 +16,46 @@ use crate::simd::Simd;
 /// Wavelengths closer than this are the same, nm.
 const SAME_NM: f64 = 1e-6;
 
-/// What to do with a PSF between two wavelengths of the lens.
+/// Treatment of PSFs between two wavelengths of the lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PsfBetween {
-    /// Refuse.
+    /// An error.
     Error,
     /// Interpolate linearly in λ.
     Interpolate,
 }
 
-/// How bands are made; the same for all of a job.
+/// Options of all bands of a job.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Stages that are on.
+    /// Enabled stages.
     pub stages: Stages,
-    /// How the chart is read.
+    /// Interpolation and surround of the chart.
     pub reading: Reading,
-    /// Azimuths per height instead of the lens's own, a multiple of 4.
+    /// Azimuths per height in place of the lens's, a multiple of 4.
     pub azimuths: Option<usize>,
     /// Crop of the PSF window in film pixels, odd.
     pub psf_window: Option<usize>,
-    /// PSFs between the lens's wavelengths.
+    /// PSFs between wavelengths of the lens.
     pub between: PsfBetween,
-    /// Instructions to compute with; they change no more than the last bits.
+    /// Instruction set; affects the rounding only.
     pub simd: Simd,
 }
 
-/// The bands of the lens that a wavelength takes its tables from: `first` alone, or both with `second`'s share.
+/// The lens bands that a wavelength is interpolated from: `first` only, or both with the share of `second`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Choice {
+pub struct LensBands {
     /// Band index in the lens.
     pub first: usize,
     /// The next band's index and its share, if between two.
     pub second: Option<(usize, f64)>,
 }
 
-impl Choice {
-    /// Where `wavelength_nm` lies among the lens's bands.
+impl LensBands {
+    /// The bands of `lens` for `wavelength_nm`.
     ///
     /// # Errors
-    /// [`LensError::Wavelength`] outside of them.
+    /// [`LensError::Wavelength`] outside the lens's wavelengths.
     pub fn new(lens: &Lens, wavelength_nm: f64) -> Result<Self, LensError> {
         let bands = &lens.bands;
         let nm = |i: usize| bands[i].wavelength_nm;
@@ -74,27 +74,27 @@ impl Choice {
     }
 }
 
-/// A band before its first pixel.
+/// The plan of a band.
 #[derive(Clone, Debug)]
 pub struct BandPlan {
-    /// Where its tables come from.
-    pub choice: Choice,
+    /// The lens bands of its tables.
+    pub lens_bands: LensBands,
     /// Its tables.
     pub lens: LensBand,
-    /// Its node grid, if the PSF stage is on.
+    /// Its node grid, if the PSF stage is enabled.
     pub grid: Option<NodeGrid>,
-    /// Its FFT cut, if the PSF stage is on.
+    /// Its FFT blocks, if the PSF stage is enabled.
     pub blocks: Option<Blocks>,
     /// Its tiles.
     pub tiling: Tiling,
 }
 
-/// The stages of one band, ready to run.
+/// The stages of one band.
 #[derive(Debug)]
 pub struct BandStages {
     /// Stages 1-2.
     pub remap: Remap,
-    /// Stage 3, if on.
+    /// Stage 3, if enabled.
     pub psf: Option<BandPsf>,
 }
 
@@ -102,14 +102,14 @@ impl BandPlan {
     /// Plans the band at `wavelength_nm` and checks that the lens covers it.
     ///
     /// # Errors
-    /// [`LensError`]: wavelength or film outside the lens, PSF between bands, a window no transform is wide enough for.
+    /// [`LensError`]: wavelength or film outside the lens, PSF between bands, PSF window larger than the largest FFT admits.
     pub fn new(frame: &Frame, lens: &Lens, wavelength_nm: f64, options: &Options) -> Result<Self, LensError> {
-        let choice = Choice::new(lens, wavelength_nm)?;
-        let tables = tables(lens, choice, wavelength_nm, options)?;
+        let lens_bands = LensBands::new(lens, wavelength_nm)?;
+        let tables = tables(lens, lens_bands, wavelength_nm, options)?;
         let (mut grid, mut blocks) = (None, None);
         if options.stages.svpsf {
-            let whole = film_window(tables.psf_size, tables.psf_pitch_um, frame.pitch_um, lens.psf_sample);
-            let window = options.psf_window.map_or(whole, |w| w.min(whole));
+            let full = film_window(tables.psf_size, tables.psf_pitch_um, frame.pitch_um, lens.psf_sample);
+            let window = options.psf_window.map_or(full, |w| w.min(full));
             if window > Blocks::widest_window() {
                 return Err(LensError::Table {
                     wavelength_nm,
@@ -121,7 +121,7 @@ impl BandPlan {
                 });
             }
             let azimuths = match options.azimuths {
-                Some(j) => tables.azimuth_count.iter().map(|&own| if own == 1 { 1 } else { j }).collect(),
+                Some(j) => tables.azimuth_count.iter().map(|&count| if count == 1 { 1 } else { j }).collect(),
                 None => tables.azimuth_count.clone(),
             };
             let nodes = NodeGrid::new(&tables.psf_height_mm, &azimuths, frame.pitch_mm());
@@ -139,14 +139,14 @@ impl BandPlan {
         if options.stages.ri || options.stages.distortion {
             check("image_height table", &tables.image_height_mm)?;
         }
-        Ok(Self { choice, lens: tables, grid, blocks, tiling })
+        Ok(Self { lens_bands, lens: tables, grid, blocks, tiling })
     }
 
-    /// The stages of this band, the `position`-th of the job. `stack` reads a band of the lens's PSFs and is asked only if
-    /// that stage is on; `gain` multiplies the remap (film units).
+    /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, only if the PSF stage is enabled;
+    /// `gain` multiplies the remapped image (film units).
     ///
     /// # Errors
-    /// What `stack` reports, or [`LensError`].
+    /// Errors of `stack`.
     pub fn stages<E: From<LensError>>(
         &self,
         position: usize,
@@ -159,9 +159,9 @@ impl BandPlan {
         let psf = match &self.grid {
             None => None,
             Some(grid) => {
-                let mut samples = stack(self.choice.first)?;
-                if let Some((second, share)) = self.choice.second {
-                    samples = blend(&samples, &stack(second)?, share);
+                let mut samples = stack(self.lens_bands.first)?;
+                if let Some((second, share)) = self.lens_bands.second {
+                    samples = interpolate_psfs(&samples, &stack(second)?, share);
                 }
                 let kernels = NodeKernels::new(&samples, frame.pitch_um, options.psf_window, options.simd);
                 Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
@@ -171,24 +171,29 @@ impl BandPlan {
     }
 }
 
-/// The tables at a wavelength: a band's own, or the two around it interpolated.
-fn tables(lens: &Lens, choice: Choice, wavelength_nm: f64, options: &Options) -> Result<LensBand, LensError> {
-    let first = &lens.bands[choice.first];
-    let Some((second, share)) = choice.second else { return Ok(first.clone()) };
+/// The tables at a wavelength: those of a lens band, or interpolated between two.
+fn tables(
+    lens: &Lens,
+    lens_bands: LensBands,
+    wavelength_nm: f64,
+    options: &Options,
+) -> Result<LensBand, LensError> {
+    let first = &lens.bands[lens_bands.first];
+    let Some((second, share)) = lens_bands.second else { return Ok(first.clone()) };
     let second = &lens.bands[second];
     let (below_nm, above_nm) = (first.wavelength_nm, second.wavelength_nm);
     if options.stages.svpsf {
         if options.between == PsfBetween::Error {
             return Err(LensError::BetweenBands { wavelength_nm, below_nm, above_nm });
         }
-        let differ = |what| Err(LensError::Blend { below_nm, above_nm, what });
+        let mismatch = |what| Err(LensError::Blend { below_nm, above_nm, what });
         match (first, second) {
             (a, b) if a.psf_height_mm.len() != b.psf_height_mm.len() => {
-                return differ("numbers of PSF heights");
+                return mismatch("numbers of PSF heights");
             }
-            (a, b) if a.psf_pitch_um != b.psf_pitch_um => return differ("PSF pitches"),
+            (a, b) if a.psf_pitch_um != b.psf_pitch_um => return mismatch("PSF pitches"),
             (a, b) if options.azimuths.is_none() && a.azimuth_count != b.azimuth_count => {
-                return differ("azimuth counts");
+                return mismatch("azimuth counts");
             }
             _ => (),
         }
@@ -197,7 +202,7 @@ fn tables(lens: &Lens, choice: Choice, wavelength_nm: f64, options: &Options) ->
     let mix_all = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| mix(*a, *b)).collect::<Vec<_>>();
     let at_first = |table: &[f64]| -> Vec<f64> {
         let xs = &second.ideal_height_mm;
-        first.ideal_height_mm.iter().map(|&h| linear(h, xs, table)).collect()
+        first.ideal_height_mm.iter().map(|&h| linear(xs, table, h)).collect()
     };
     Ok(LensBand {
         wavelength_nm,
@@ -217,14 +222,8 @@ fn tables(lens: &Lens, choice: Choice, wavelength_nm: f64, options: &Options) ->
     })
 }
 
-/// Linear interpolation, and extrapolation by the last step.
-fn linear(at: f64, xs: &[f64], ys: &[f64]) -> f64 {
-    let i = xs.partition_point(|&x| x <= at).clamp(1, xs.len() - 1);
-    ys[i - 1] + (at - xs[i - 1]) / (xs[i] - xs[i - 1]) * (ys[i] - ys[i - 1])
-}
-
-/// (1 − share)·a + share·b, the smaller window padded with dark.
-fn blend(a: &PsfStack, b: &PsfStack, share: f64) -> PsfStack {
+/// (1 − share)·a + share·b, the smaller window padded with zeros.
+fn interpolate_psfs(a: &PsfStack, b: &PsfStack, share: f64) -> PsfStack {
     let n = a.size.max(b.size);
     let mut samples = vec![0f32; a.heights() * n * n];
     for (from, share) in [(a, 1.0 - share), (b, share)] {

@@ -1,6 +1,4 @@
-//! What speed is measured against: the processor's own peak, and the algorithm of the published system.
-//!
-//! Nothing here makes a film.
+//! Baselines for benchmarks: the peak rate of the processor, and the algorithm of the published system.
 
 mod peak;
 mod strided;

@@ -1,27 +1,27 @@
-//! Bounds of every number that comes from outside: attributes of charts and films, lens packs, imports, command line, plan files.
+//! Bounds of all numbers read from outside: attributes of charts and films, lens packs, imports, command line, plan files.
 //!
-//! Whoever reads a number checks it here, before it is computed with or anything is allocated for it. The bounds are wider than
-//! any camera, microscope or telescope, and narrow enough that no product of a few of them leaves f64 (or, for counts, u64) and
-//! no quotient is a NaN. A number beyond them is damage or a wrong unit.
+//! Readers check a number before computing with it or allocating memory for it. The bounds are wider than any camera, microscope or
+//! telescope, and narrow enough that products of a few of them do not overflow f64 (or, for counts, u64) and no quotient is NaN. A
+//! number beyond them indicates a damaged file or a wrong unit.
 
 use crate::geometry::Size;
 use std::fmt;
 use thiserror::Error;
 
-/// The least and the greatest value of a quantity.
+/// Minimum and maximum of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bound {
-    /// What it is.
+    /// Name of the quantity.
     pub name: &'static str,
-    /// Its unit, as errors print it; empty for a ratio.
+    /// Unit, as printed in errors; empty for a ratio.
     pub unit: &'static str,
-    /// The least value.
-    pub least: f64,
-    /// The greatest value.
-    pub most: f64,
+    /// Minimum.
+    pub min: f64,
+    /// Maximum.
+    pub max: f64,
 }
 
-/// A number beyond its bound.
+/// A number outside its bound.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error("{} is {found}, expected {bound}", bound.name)]
 pub struct OutOfBounds {
@@ -43,11 +43,11 @@ pub const FOCAL_LENGTH_MM: Bound = bound("the focal length", "mm", 1e-3, 1e9);
 pub const F_NUMBER: Bound = bound("the F-number", "", 0.2, 1e5);
 /// Object distance in mm, of either sign: designs write 1e10 to 1e20 for infinity.
 pub const OBJECT_DISTANCE_MM: Bound = bound("the object distance", "mm", -1e21, 1e21);
-/// Object distance in mm as a flag gives it: in front of the lens.
+/// Object distance in mm as given by a flag: in front of the lens.
 pub const GIVEN_DISTANCE_MM: Bound = bound("the object distance", "mm", 1e-3, 1e21);
 /// Diameter of the entrance pupil, mm.
 pub const PUPIL_MM: Bound = bound("the entrance pupil", "mm", 1e-3, 1e6);
-/// How far from the axis a lens is traced, mm.
+/// Image height to which a lens is traced, mm.
 pub const REACH_MM: Bound = bound("the image height", "mm", 1e-6, 1e5);
 /// Spatial frequency on the film, line pairs per mm.
 pub const FREQUENCY_LP_MM: Bound = bound("the spatial frequency", "lp/mm", 1e-6, 1e6);
@@ -67,9 +67,9 @@ pub const PSF_ENERGY: Bound = bound("the share of light in the PSF window", "", 
 pub const PSF_SIDE: Bound = bound("the side of the PSF window", "samples", 1.0, 8191.0);
 /// Azimuths J_k of a height off the axis: steps of 0.05°.
 pub const AZIMUTHS: Bound = bound("the number of azimuths", "", 1.0, 7200.0);
-/// Field points of a lens's tables: about 1000 are used.
+/// Field points of a lens's tables, typically 1000.
 pub const FIELD_POINTS: Bound = bound("the number of field points", "", 2.0, 1e6);
-/// Heights of a lens's PSFs: some tens are used.
+/// Heights of a lens's PSFs, typically 20 to 100.
 pub const PSF_HEIGHTS: Bound = bound("the number of PSF heights", "", 2.0, 4096.0);
 /// Numbers in one table of a lens, all bands: 100 bands of 40,000 field points.
 pub const TABLE_NUMBERS: Bound = bound("the size of a lens table", "numbers", 1.0, 4_194_304.0);
@@ -93,62 +93,62 @@ pub const OBJECT_PITCH_MM: Bound = bound("the chart's pitch in object space", "m
 pub const SHARD_SIDE_PX: Bound = bound("the side of the shard or chunk", "px", 1.0, 16_384.0);
 /// Inner chunks of a shard: each takes 16 bytes of the shard's index.
 pub const CHUNKS_PER_SHARD: Bound = bound("the number of chunks in a shard", "", 1.0, 1_048_576.0);
-/// Shards of a film, all bands and outputs: each is a file, and `status` holds the list of them in memory.
+/// Shards of a film, all bands and outputs: each is a file, and `status` keeps the list of them in memory.
 pub const SHARDS: Bound = bound("the number of shards", "", 1.0, 4_194_304.0);
 /// Arrays of a film.
 pub const OUTPUTS: Bound = bound("the number of outputs", "", 1.0, 4096.0);
 
-const fn bound(name: &'static str, unit: &'static str, least: f64, most: f64) -> Bound {
-    Bound { name, unit, least, most }
+const fn bound(name: &'static str, unit: &'static str, min: f64, max: f64) -> Bound {
+    Bound { name, unit, min, max }
 }
 
 impl Bound {
-    /// Whether `value` lies within; NaN does not.
-    pub fn holds(&self, value: f64) -> bool {
-        value >= self.least && value <= self.most
+    /// Whether `value` is within the bound; false for NaN.
+    pub fn contains(&self, value: f64) -> bool {
+        value >= self.min && value <= self.max
     }
 
-    /// `value` if it lies within.
+    /// `value` if it is within the bound.
     ///
     /// # Errors
-    /// [`OutOfBounds`] names quantity, value, bounds and unit.
+    /// [`OutOfBounds`] with quantity, value, bounds and unit.
     pub fn check(&self, value: f64) -> Result<f64, OutOfBounds> {
-        match self.holds(value) {
+        match self.contains(value) {
             true => Ok(value),
             false => Err(OutOfBounds { bound: *self, found: self.with_unit(number(value)) }),
         }
     }
 
-    /// The first of `values` beyond the bound: its index, and the error.
+    /// Checks all `values`.
     ///
     /// # Errors
-    /// As [`Bound::check`].
+    /// Index and error of the first outside the bound.
     pub fn check_all(&self, values: &[f64]) -> Result<(), (usize, OutOfBounds)> {
         values.iter().enumerate().try_for_each(|(i, &v)| self.check(v).map(drop).map_err(|e| (i, e)))
     }
 
-    /// A count that lies within.
+    /// `count` if it is within the bound.
     ///
     /// # Errors
     /// As [`Bound::check`].
     pub fn check_count(&self, count: usize) -> Result<usize, OutOfBounds> {
         match count as u64 as f64 {
-            value if self.holds(value) => Ok(count),
+            value if self.contains(value) => Ok(count),
             _ => Err(OutOfBounds { bound: *self, found: self.with_unit(count.to_string()) }),
         }
     }
 
-    /// The product of `factors` if it lies within; nothing overflows.
+    /// The product of `factors` if it is within the bound, without overflow.
     ///
     /// # Errors
     /// As [`Bound::check`].
     pub fn check_product(&self, factors: &[usize]) -> Result<u64, OutOfBounds> {
         let product = factors.iter().try_fold(1u64, |n, &f| n.checked_mul(f as u64));
-        match product.filter(|n| self.holds(*n as f64)) {
+        match product.filter(|n| self.contains(*n as f64)) {
             Some(n) => Ok(n),
             None => {
-                let words: Vec<String> = factors.iter().map(usize::to_string).collect();
-                Err(OutOfBounds { bound: *self, found: self.with_unit(words.join(" x ")) })
+                let factors: Vec<String> = factors.iter().map(usize::to_string).collect();
+                Err(OutOfBounds { bound: *self, found: self.with_unit(factors.join(" x ")) })
             }
         }
     }
@@ -160,18 +160,18 @@ impl Bound {
 
 impl fmt::Display for Bound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let text = format!("{} to {}", number(self.least), number(self.most));
+        let text = format!("{} to {}", number(self.min), number(self.max));
         f.write_str(&self.with_unit(text))
     }
 }
 
-/// A number in as few characters as decimals or an exponent need.
+/// The shorter of decimal and exponential notation.
 fn number(v: f64) -> String {
     let (plain, exponent) = (v.to_string(), format!("{v:e}"));
     if exponent.len() < plain.len() { exponent } else { plain }
 }
 
-/// A film of this size: both sides and its pixels.
+/// Checks the sides of a film.
 ///
 /// # Errors
 /// [`OutOfBounds`].
@@ -181,7 +181,7 @@ pub fn film_size(size: Size) -> Result<Size, OutOfBounds> {
     Ok(size)
 }
 
-/// A chart of so many bands and pixels.
+/// Checks bands, sides and samples of a chart.
 ///
 /// # Errors
 /// [`OutOfBounds`].
@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_beyond_a_bound_are_named_with_unit_and_bounds() {
+    fn out_of_bounds_error_contains_value_unit_and_bounds() {
         let e = PITCH_UM.check(1e-300).unwrap_err().to_string();
         assert_eq!(e, "the pitch is 1e-300 µm, expected 1e-3 to 1e6 µm");
         for v in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0, 0.0, 1e12] {
@@ -219,14 +219,13 @@ mod tests {
     }
 
     #[test]
-    fn derived_numbers_of_extreme_values_stay_finite() {
+    fn products_of_extreme_values_are_finite() {
         let (n, sr) = (F_NUMBER, SOLID_ANGLE_SR);
-        for f in [n.least, n.most] {
-            assert!(sr.holds(std::f64::consts::PI / (4.0 * f * f)), "solid angle at F-number {f}");
+        for f in [n.min, n.max] {
+            assert!(sr.contains(std::f64::consts::PI / (4.0 * f * f)), "solid angle at F-number {f}");
         }
-        let ratio = HEIGHT_MM.most / (PITCH_UM.least * 1e-3) / SCALE.least;
-        let light =
-            RELATIVE_ILLUMINATION.most * SOLID_ANGLE_SR.most * WAVELENGTH_NM.most * PITCH_UM.most.powi(2);
+        let ratio = HEIGHT_MM.max / (PITCH_UM.min * 1e-3) / SCALE.min;
+        let light = RELATIVE_ILLUMINATION.max * SOLID_ANGLE_SR.max * WAVELENGTH_NM.max * PITCH_UM.max.powi(2);
         assert!(ratio.is_finite() && light.is_finite() && (light as f32).is_finite());
     }
 }

@@ -1,4 +1,4 @@
-//! Float buffers aligned to a cache line, so that every SIMD width loads them aligned.
+//! f32 buffers aligned to a cache line, for aligned loads of every SIMD width.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C, align(64))]
 struct Line([f32; 16]);
 
-/// `len` f32, zero at first, 64-byte aligned.
+/// `len` f32, initially zero, 64-byte aligned.
 #[derive(Clone, Debug, Default)]
 pub struct AlignedBuf {
     lines: Vec<Line>,
@@ -20,12 +20,12 @@ impl AlignedBuf {
         Self { lines: vec![Line::zeroed(); len.div_ceil(16)], len }
     }
 
-    /// Bytes held.
+    /// Bytes allocated.
     pub fn bytes(&self) -> usize {
         self.lines.len() * size_of::<Line>()
     }
 
-    /// Makes it `len` zeros, keeping the allocation where it is large enough.
+    /// Resizes to `len` zeros, keeping the allocation where it is large enough.
     pub fn reset(&mut self, len: usize) {
         self.lines.resize(len.div_ceil(16), Line::zeroed());
         self.len = len;
@@ -46,7 +46,7 @@ impl std::ops::DerefMut for AlignedBuf {
     }
 }
 
-/// A tile of film light with its tail (the margin that its PSFs reach), rows `stride` apart.
+/// Contribution of a tile: the tile and its tail (the margin that its PSFs reach), rows `stride` apart.
 #[derive(Debug, Default)]
 pub struct TileBuffer {
     /// Values, row-major.
@@ -56,7 +56,7 @@ pub struct TileBuffer {
 }
 
 impl TileBuffer {
-    /// Becomes `pixels` as they are, rows `width` wide: a tile without a tail.
+    /// Copies `pixels`, rows `width` wide: a tile without a tail.
     pub fn copy(&mut self, pixels: &[f32], width: usize) {
         self.stride = width;
         self.data.reset(pixels.len());

@@ -1,7 +1,6 @@
-//! Where a run's time goes, stage by stage, over all its threads: by the wall, and in seconds of a core.
+//! Time of a run by stage, summed over all threads: wall time and CPU time.
 //!
-//! The two differ by waiting: for the disk, or for a core that another thread has. Σ core seconds / cores bounds the run
-//! from below, whatever overlaps.
+//! The two differ by waiting, for the disk or for a core. Σ CPU time / cores is a lower bound of a run's duration.
 
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
@@ -16,74 +15,74 @@ pub struct StageTimes {
     pub read_s: f64,
     /// RI, distortion and interpolation.
     pub remap_s: f64,
-    /// SVPSF, kernels and spectra included.
+    /// SVPSF, including kernels and spectra.
     pub svpsf_s: f64,
-    /// Adding tails.
+    /// Overlap-add.
     pub add_s: f64,
     /// Encoding shards.
     pub encode_s: f64,
     /// Writing shards.
     pub write_s: f64,
-    /// Preparing bands: PSF stacks and their splines, beside the workers.
+    /// Preparing bands: PSF stacks and their splines, outside the workers.
     pub prepare_s: f64,
 }
 
 impl StageTimes {
-    /// All of them together.
+    /// Sum over all stages.
     pub fn total_s(&self) -> f64 {
         self.read_s + self.remap_s + self.svpsf_s + self.add_s + self.encode_s + self.write_s + self.prepare_s
     }
 }
 
-/// A stage's counters, in ns.
+/// Time counters of one stage.
 #[derive(Debug, Default)]
-pub(crate) struct Stage {
-    wall: AtomicU64,
-    core: AtomicU64,
+pub(crate) struct StageClock {
+    wall_ns: AtomicU64,
+    cpu_ns: AtomicU64,
 }
 
-impl Stage {
-    /// Runs `f` on this stage's account.
+impl StageClock {
+    /// Runs `f` and adds its time.
     pub(crate) fn time<T>(&self, f: impl FnOnce() -> T) -> T {
-        let (wall, core) = (Instant::now(), core_ns());
+        let (wall, cpu) = (Instant::now(), thread_cpu_ns());
         let value = f();
-        self.core.fetch_add(core_ns() - core, Relaxed);
-        self.wall.fetch_add(wall.elapsed().as_nanos() as u64, Relaxed);
+        self.cpu_ns.fetch_add(thread_cpu_ns() - cpu, Relaxed);
+        self.wall_ns.fetch_add(wall.elapsed().as_nanos() as u64, Relaxed);
         value
     }
 }
 
-/// Time that this thread has had a core, ns.
-fn core_ns() -> u64 {
+/// CPU time of this thread, ns.
+fn thread_cpu_ns() -> u64 {
     let t = clock_gettime(ClockId::ThreadCPUTime);
     t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
 }
 
-/// All stages. Reading happens inside the remap stage and is taken out of it.
+/// Clocks of all stages. Reading is part of the remap stage and is subtracted from it in [`StageTimes`].
 #[derive(Debug, Default)]
 pub struct Clock {
-    pub(crate) read: Stage,
-    pub(crate) remap: Stage,
-    pub(crate) svpsf: Stage,
-    pub(crate) add: Stage,
-    pub(crate) encode: Stage,
-    pub(crate) write: Stage,
-    pub(crate) prepare: Stage,
+    pub(crate) read: StageClock,
+    pub(crate) remap: StageClock,
+    pub(crate) svpsf: StageClock,
+    pub(crate) add: StageClock,
+    pub(crate) encode: StageClock,
+    pub(crate) write: StageClock,
+    pub(crate) prepare: StageClock,
 }
 
 impl Clock {
-    /// By the wall.
+    /// Wall time.
     pub(crate) fn wall(&self) -> StageTimes {
-        self.times(|s| &s.wall)
+        self.times(|s| &s.wall_ns)
     }
 
-    /// In seconds of a core.
+    /// CPU time.
     pub(crate) fn core(&self) -> StageTimes {
-        self.times(|s| &s.core)
+        self.times(|s| &s.cpu_ns)
     }
 
-    fn times(&self, of: impl Fn(&Stage) -> &AtomicU64) -> StageTimes {
-        let seconds = |s: &Stage| of(s).load(Relaxed) as f64 * 1e-9;
+    fn times(&self, counter: impl Fn(&StageClock) -> &AtomicU64) -> StageTimes {
+        let seconds = |s: &StageClock| counter(s).load(Relaxed) as f64 * 1e-9;
         StageTimes {
             read_s: seconds(&self.read),
             remap_s: seconds(&self.remap) - seconds(&self.read),
@@ -96,14 +95,14 @@ impl Clock {
     }
 }
 
-/// A chart whose reading time is counted apart from resampling.
+/// A chart whose reading time is measured.
 pub(crate) struct TimedChart<'a> {
     chart: &'a dyn ChartSource,
-    read: &'a Stage,
+    read: &'a StageClock,
 }
 
 impl<'a> TimedChart<'a> {
-    /// `chart`, its time on `clock`.
+    /// `chart`, its time added to `clock`.
     pub(crate) fn new(chart: &'a dyn ChartSource, clock: &'a Clock) -> Self {
         Self { chart, read: &clock.read }
     }
@@ -126,10 +125,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn waiting_takes_no_core() {
-        let stage = Stage::default();
+    fn waiting_takes_no_cpu_time() {
+        let stage = StageClock::default();
         stage.time(|| std::thread::sleep(std::time::Duration::from_millis(30)));
-        let (wall, core) = (stage.wall.load(Relaxed), stage.core.load(Relaxed));
-        assert!(wall >= 30_000_000 && core < wall / 3, "wall {wall} ns, core {core} ns");
+        let (wall, cpu) = (stage.wall_ns.load(Relaxed), stage.cpu_ns.load(Relaxed));
+        assert!(wall >= 30_000_000 && cpu < wall / 3, "wall {wall} ns, CPU {cpu} ns");
     }
 }

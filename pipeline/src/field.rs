@@ -1,22 +1,22 @@
-//! What the lens does to a field point, by its REAL image height: distortion h(r, λ) and relative illumination R(r, λ).
+//! Distortion h(r, λ) and relative illumination R(r, λ) of a band, as functions of REAL image height.
 //!
-//!     h(r)   ideal height of the field point whose chief ray lands at real height r, mm;  h/r is what the remap stage
-//!            multiplies film coordinates by (h/r = h₁/r₁, the paraxial ratio, on the axis)
-//!     R(r)   irradiance there over irradiance on the axis, from the lens's table, not cos⁴; it belongs to the field
-//!            point and already holds distortion's change of area
-//! Both linear between the tables' dense points (error ≤ max|f″|·Δr²/8, 1e-4 px by the lens pack's contract), in f64.
-//! Beyond the last point: an error when the stage is made, or ([`Outside::Clamp`]) the last h/r and R.
-//! Left out: azimuth; a centred lens has none.
+//!     h(r)   ideal height of the field point whose chief ray meets the film at real height r, mm;  film coordinates times h/r are
+//!            coordinates on the ideal image plane (on the axis h/r = h₁/r₁, the ratio of the first field point)
+//!     R(r)   irradiance there over irradiance on the axis, from the lens's table, not cos⁴; R belongs to the field point and includes
+//!            the change of area by distortion
+//! Both are linear between the dense field points of the tables (error ≤ max|f″|·Δr²/8, 1e-4 px by the contract of lens packs), in f64.
+//! Beyond the last point the band plan reports an error or, with [`Outside::Clamp`], h/r and R of the last point are used.
+//! Left out: dependence on azimuth; a centred lens has none.
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use crate::lens::{LensBand, LensError};
 
-/// What to do where the film reaches beyond the lens's tables.
+/// Treatment of a film that extends beyond the lens's tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outside {
-    /// Refuse.
+    /// An error.
     Error,
-    /// Go on with the last value.
+    /// Use the last value.
     Clamp,
 }
 
@@ -32,7 +32,7 @@ impl Outside {
         needed_mm: f64,
         last_mm: f64,
     ) -> Result<(), LensError> {
-        // Rounding of mm from px must not refuse a film that ends just where the table does.
+        // Tolerance for a film that ends exactly at the end of the table, rounded from px to mm.
         match self == Self::Clamp || needed_mm <= last_mm * (1.0 + 1e-9) {
             true => Ok(()),
             false => Err(LensError::Outside { table, wavelength_nm, needed_mm, last_mm }),
@@ -43,23 +43,26 @@ impl Outside {
 /// h/r and R by real image height, ready for lookup in film pixels.
 #[derive(Clone, Debug)]
 pub struct Field {
+    /// Real heights of the field points, px.
     real_px: Vec<f64>,
     steps: Vec<Step>,
+    /// (h/r, R·gain) on the axis.
     paraxial: (f64, f64),
+    /// Step at the beginning of each of equal intervals of r.
     buckets: Vec<u32>,
-    per_px: f64,
+    buckets_per_px: f64,
 }
 
-/// How far the remap stretches: ideal over REAL lengths, film px per film px, over all radii up to some reach.
+/// Local scale of the map from film to ideal image plane, ideal over REAL length, over all radii up to a limit.
 ///
-/// Across the meridian a length is stretched by h/r, along it by h′ = dh/dr; rows and columns exchange (h′ − h/r)/2 at most.
+/// h/r across the meridian, h′ = dh/dr along it; the derivative of rows with respect to columns is at most |h′ − h/r|/2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
-    /// The least of h/r and h′.
+    /// Minimum of h/r and h′.
     pub least: f64,
-    /// The greatest of h/r and h′.
+    /// Maximum of h/r and h′.
     pub greatest: f64,
-    /// The greatest of |h′ − h/r|/2.
+    /// Maximum of |h′ − h/r|/2.
     pub shear: f64,
 }
 
@@ -99,24 +102,24 @@ impl Field {
         let real_px: Vec<f64> = real.iter().map(|h| h / pitch_mm).collect();
         let last = real_px[real_px.len() - 1];
         let count = 4 * real_px.len();
-        let per_px = count as f64 / last;
+        let buckets_per_px = count as f64 / last;
         let mut buckets = Vec::with_capacity(count + 1);
         let mut i = 0;
         for b in 0..=count {
-            // A hair early, so that rounding in the lookup never starts beyond its step.
-            while i + 2 < real_px.len() && real_px[i + 1] <= (b as f64 - 1e-6) / per_px {
+            // Slightly early, so that with rounding the lookup never starts beyond the step of its radius.
+            while i + 2 < real_px.len() && real_px[i + 1] <= (b as f64 - 1e-6) / buckets_per_px {
                 i += 1;
             }
             buckets.push(i as u32);
         }
-        // The last step twice: a block looks at its step and the next.
+        // The last step is repeated: `block` reads a step and the next.
         let last = real.len() - 2;
         Self {
             paraxial: (ideal[1] / real[1], if illumination { gain * ri[0] } else { gain }),
             steps: (0..=last).chain([last]).map(step).collect(),
             real_px,
             buckets,
-            per_px,
+            buckets_per_px,
         }
     }
 
@@ -125,13 +128,13 @@ impl Field {
         let axis = self.paraxial.0;
         let mut all = Stretch { least: axis, greatest: axis, shear: 0.0 };
         let last = self.last_px();
-        // Within a step h′ is constant and h/r monotone. Beyond the tables h/r stays, and h′ with it.
+        // Within a step h′ is constant and h/r monotone. Beyond the tables h/r is constant and h′ equal to it.
         for step in self.steps().iter().take_while(|s| s.from <= reach_px) {
             for r in [step.from, step.until.min(last)] {
-                let (radial, around) = (step.h_slope, self.at(r).0);
-                all.least = all.least.min(radial).min(around);
-                all.greatest = all.greatest.max(radial).max(around);
-                all.shear = all.shear.max((radial - around).abs() / 2.0);
+                let (radial, tangential) = (step.h_slope, self.at(r).0);
+                all.least = all.least.min(radial).min(tangential);
+                all.greatest = all.greatest.max(radial).max(tangential);
+                all.shear = all.shear.max((radial - tangential).abs() / 2.0);
             }
         }
         all
@@ -142,20 +145,20 @@ impl Field {
         &self.steps[..self.steps.len() - 1]
     }
 
-    /// The step that the radii of each equal part begin in, and such parts a px.
+    /// Step at the beginning of each of equal intervals of r, and intervals per px.
     pub(crate) fn buckets(&self) -> (&[u32], f64) {
-        (&self.buckets, self.per_px)
+        (&self.buckets, self.buckets_per_px)
     }
 
-    /// Where the tables end, px.
+    /// Last real height of the tables, px.
     pub(crate) fn last_px(&self) -> f64 {
         self.real_px[self.real_px.len() - 1]
     }
 
-    /// The step that `r` lies in.
+    /// The step that contains `r`.
     #[inline(always)]
     pub(crate) fn step(&self, r: f64) -> usize {
-        let mut i = self.buckets[((r * self.per_px) as usize).min(self.buckets.len() - 1)] as usize;
+        let mut i = self.buckets[((r * self.buckets_per_px) as usize).min(self.buckets.len() - 1)] as usize;
         while self.steps[i].until <= r {
             i += 1;
         }
@@ -173,7 +176,8 @@ impl Field {
         }
     }
 
-    /// [`Field::at`] of `BLOCK` radii, bit for bit, where they lie in two steps, as neighbours on a film do.
+    /// [`Field::at`] of `BLOCK` radii, with the same bits; `None` unless they lie within two adjacent steps, as those of neighbouring
+    /// film pixels usually do.
     #[inline(always)]
     pub(crate) fn block(&self, r_px: [f64; BLOCK]) -> Option<([f64; BLOCK], [f64; BLOCK])> {
         let (mut magnification, mut gain, mut r) = ([0.0; BLOCK], [0.0; BLOCK], [0.0; BLOCK]);
@@ -193,15 +197,15 @@ impl Field {
         if !fits {
             return None;
         }
-        // By bits: of a plain choice the compiler makes one between addresses, lane by lane.
-        let pick = |r: f64, a: f64, b: f64| {
+        // By bits: for a plain `if` the compiler selects addresses lane by lane, without SIMD.
+        let select = |r: f64, a: f64, b: f64| {
             let mask = u64::from(r < edge).wrapping_neg();
             f64::from_bits(b.to_bits() ^ ((a.to_bits() ^ b.to_bits()) & mask))
         };
         for i in 0..BLOCK {
             let r = r[i];
-            magnification[i] = pick(r, a.h_slope, b.h_slope) + pick(r, a.h_at, b.h_at) / r;
-            gain[i] = pick(r, a.gain_at, b.gain_at) + pick(r, a.gain_slope, b.gain_slope) * r;
+            magnification[i] = select(r, a.h_slope, b.h_slope) + select(r, a.h_at, b.h_at) / r;
+            gain[i] = select(r, a.gain_at, b.gain_at) + select(r, a.gain_slope, b.gain_slope) * r;
         }
         Some((magnification, gain))
     }
@@ -228,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn uneven_tables_interpolate_linearly_everywhere() {
+    fn uneven_tables_are_interpolated_linearly() {
         let real = [0.0, 1e-4, 0.5, 0.50001, 0.6, 3.0, 3.1, 9.0];
         let b = band(&real);
         let field = Field::new(&b, 2e-3, true, true, 2.0);
@@ -236,35 +240,35 @@ mod tests {
             let r = f64::from(i) * 1e-3;
             let k = real.partition_point(|&x| x <= r).clamp(1, real.len() - 1);
             let u = (r - real[k - 1]) / (real[k] - real[k - 1]);
-            let want = |t: &[f64]| t[k - 1] + u * (t[k] - t[k - 1]);
+            let expected = |t: &[f64]| t[k - 1] + u * (t[k] - t[k - 1]);
             let (m, ri) = field.at(r / 2e-3);
-            assert!((ri - 2.0 * want(&b.relative_illumination)).abs() < 1e-12, "R at {r}");
+            assert!((ri - 2.0 * expected(&b.relative_illumination)).abs() < 1e-12, "R at {r}");
             if r > 0.0 {
-                assert!((m - want(&b.ideal_height_mm) / r).abs() < 1e-12, "h/r at {r}");
+                assert!((m - expected(&b.ideal_height_mm) / r).abs() < 1e-12, "h/r at {r}");
             }
         }
-        assert_eq!(field.at(1e9), field.at(9.0 / 2e-3), "beyond the table the last values stay");
+        assert_eq!(field.at(1e9), field.at(9.0 / 2e-3), "beyond the table the last values are used");
     }
 
     #[test]
-    fn the_stretch_bounds_every_difference_quotient() {
+    fn stretch_bounds_all_difference_quotients() {
         let b = band(&[0.0, 1e-4, 0.5, 0.50001, 0.6, 3.0, 3.1, 9.0]);
         let field = Field::new(&b, 2e-3, true, true, 1.0);
         let s = field.stretch(5000.0);
         let h = |r: f64| r * field.at(r).0;
         for i in 1..5000 {
             let (r, step) = (f64::from(i), 1e-3);
-            let (around, radial) = (field.at(r).0, (h(r + step) - h(r)) / step);
-            for v in [around, radial] {
+            let (tangential, radial) = (field.at(r).0, (h(r + step) - h(r)) / step);
+            for v in [tangential, radial] {
                 assert!((s.least - 1e-6..=s.greatest + 1e-6).contains(&v), "{v} at {r} px, {s:?}");
             }
-            assert!((radial - around).abs() / 2.0 <= s.shear + 1e-6, "at {r} px");
+            assert!((radial - tangential).abs() / 2.0 <= s.shear + 1e-6, "at {r} px");
         }
         assert!(s.greatest < 1.03 && s.shear < 0.01, "{s:?}");
     }
 
     #[test]
-    fn switched_off_stages_change_nothing() {
+    fn disabled_stages_are_the_identity() {
         let field = Field::new(&band(&[0.0, 1.0, 2.0]), 2e-3, false, false, 1.0);
         for r in [0.0, 0.3, 499.7, 500.0, 812.0] {
             let (m, ri) = field.at(r);

@@ -1,21 +1,20 @@
-//! What a lens does, in the figures that people compare: from its tables and one PSF window.
+//! Figures of merit of a lens, from its tables and one PSF window: distortion, lateral colour, MTF, Strehl ratio, RMS radius.
 //!
 //!     distortion = (r − h)/h                   r REAL height, h ideal height f·tan(field), f the DISTORTION focal length
 //!     lateral colour = r(h, λ) − r(h, λ₀)      at equal ideal height, λ₀ the primary wavelength
 //!     MTF(f) = E |Σ_x e^(−2πi f x) Σ_y P(x, y)|      tangential: x along the meridian; sagittal: across it; f in lp/mm
 //!     Strehl = E P(0, 0)/p² / (R Ω/λ²)         against a pupil of the same solid angle R Ω, evenly filled, no aberration
 //!     RMS² = Σ P |ρ − ρ̄|²                      inside the window
-//! P is the window's share per sample (sum 1), p the sample pitch, E the window's share of all the light: light outside
-//! counts as veil, so MTF starts at E. Integrated samples: the MTF is divided by their own sinc(f p); no Strehl, for
-//! the peak is averaged away. Heights are linear between field points, PSFs between their heights, as on the film.
+//! P is the share of the window's light per sample (sum 1), p the sample pitch, E the window's share of all the light: light outside
+//! the window counts as uniform, so MTF(0) = E. For integrated samples the MTF is divided by the sample's sinc(f p), and there is no
+//! Strehl ratio, because the peak is averaged. Heights are linear between field points, PSFs between their heights, as on the film.
 //! Source: Goodman, Introduction to Fourier Optics, 6.3-6.4; Born & Wolf 9.1.
 
-use crate::real;
-use std::f64::consts::PI;
-
-use crate::lens::{LensBand, PsfSample, PsfStack};
+use crate::lens::{LensBand, PsfSample, PsfStack, linear};
 use crate::psf::kernel::NodeKernels;
+use crate::real;
 use crate::simd::Simd;
+use std::f64::consts::PI;
 
 /// The PSF of one field point on +x, sum 1.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +23,7 @@ pub struct PsfWindow {
     pub size: usize,
     /// Sample pitch, µm.
     pub pitch_um: f64,
-    /// What a sample stands for.
+    /// Meaning of a sample.
     pub sample: PsfSample,
     /// Samples, row down.
     pub samples: Vec<f32>,
@@ -32,7 +31,7 @@ pub struct PsfWindow {
     pub energy: f64,
 }
 
-/// Which way the MTF's pattern varies.
+/// Direction in which the pattern of an MTF varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// Along the meridian: lines at right angles to the radius.
@@ -41,48 +40,42 @@ pub enum Direction {
     Sagittal,
 }
 
-/// Linear in a table that ascends, and beyond it by its last step.
-fn linear(xs: &[f64], ys: &[f64], at: f64) -> f64 {
-    let i = xs.partition_point(|&x| x <= at).clamp(1, xs.len() - 1);
-    ys[i - 1] + (at - xs[i - 1]) / (xs[i] - xs[i - 1]) * (ys[i] - ys[i - 1])
-}
-
 impl LensBand {
     /// Ideal height of the field point at a REAL height, mm.
-    pub fn ideal_of(&self, real_mm: f64) -> f64 {
+    pub fn ideal_height_at(&self, real_mm: f64) -> f64 {
         linear(&self.image_height_mm, &self.ideal_height_mm, real_mm)
     }
 
     /// REAL height of the field point at an ideal height, mm.
-    pub fn real_of(&self, ideal_mm: f64) -> f64 {
+    pub fn real_height_at(&self, ideal_mm: f64) -> f64 {
         linear(&self.ideal_height_mm, &self.image_height_mm, ideal_mm)
     }
 
     /// Relative illumination at a REAL height.
-    pub fn illumination_of(&self, real_mm: f64) -> f64 {
+    pub fn illumination_at(&self, real_mm: f64) -> f64 {
         linear(&self.image_height_mm, &self.relative_illumination, real_mm)
     }
 
-    /// Distortion at a REAL height, per cent; on the axis its limit, that of the first field point off axis.
+    /// Distortion at a REAL height, per cent; on the axis that of the first field point off axis.
     pub fn distortion_percent(&self, real_mm: f64) -> f64 {
         let real = real_mm.max(self.image_height_mm[1]);
-        let ideal = self.ideal_of(real);
+        let ideal = self.ideal_height_at(real);
         100.0 * (real - ideal) / ideal
     }
 
-    /// REAL height less that of `primary` for the same field point, µm.
+    /// REAL height minus that in `primary` of the same field point, µm.
     pub fn lateral_colour_um(&self, primary: &Self, real_mm: f64) -> f64 {
-        1e3 * (real_mm - primary.real_of(self.ideal_of(real_mm)))
+        1e3 * (real_mm - primary.real_height_at(self.ideal_height_at(real_mm)))
     }
 
-    /// The last REAL height that both the tables and the PSFs hold, mm.
+    /// The last REAL height of both the tables and the PSFs, mm.
     pub fn reach_mm(&self) -> f64 {
         let last = |t: &[f64]| t[t.len() - 1];
         last(&self.image_height_mm).min(last(&self.psf_height_mm))
     }
 
     /// The PSF at a REAL height: linear between the two of `stack` around it.
-    pub fn psf_of(&self, stack: &PsfStack, real_mm: f64) -> PsfWindow {
+    pub fn psf_at(&self, stack: &PsfStack, real_mm: f64) -> PsfWindow {
         let heights = &self.psf_height_mm;
         let k = heights.partition_point(|&h| h <= real_mm).clamp(1, heights.len() - 1);
         let share = ((real_mm - heights[k - 1]) / (heights[k] - heights[k - 1])).clamp(0.0, 1.0);
@@ -99,6 +92,7 @@ impl LensBand {
 }
 
 impl PsfWindow {
+    /// Coordinate of sample row or column `i` from the chief ray.
     fn at_um(&self, i: usize) -> f64 {
         (i as f64 - (self.size / 2) as f64) * self.pitch_um
     }
@@ -131,15 +125,15 @@ impl PsfWindow {
         both.map(|d| moment(d, 2) - moment(d, 1).powi(2)).iter().sum::<f64>().max(0.0).sqrt()
     }
 
-    /// Strehl ratio at the chief ray; none for integrated samples.
+    /// Strehl ratio at the chief ray; `None` for integrated samples.
     pub fn strehl(&self, band: &LensBand, real_mm: f64) -> Option<f64> {
-        let solid_angle = band.solid_angle_sr * band.illumination_of(real_mm);
+        let solid_angle = band.solid_angle_sr * band.illumination_at(real_mm);
         let um = band.wavelength_nm * 1e-3;
         let peak = f64::from(self.samples[self.samples.len() / 2]) * self.energy / self.pitch_um.powi(2);
         (self.sample == PsfSample::Point).then(|| peak * um * um / solid_angle)
     }
 
-    /// Contrast of a sine pattern of `lp_mm` line pairs per mm.
+    /// Modulation of a sine pattern of `lp_mm` line pairs per mm.
     pub fn mtf(&self, lp_mm: f64, direction: Direction) -> f64 {
         let k = 2e-3 * PI * lp_mm;
         let (mut re, mut im) = (0.0, 0.0);
@@ -148,7 +142,7 @@ impl PsfWindow {
             re += v * c;
             im += v * s;
         }
-        let own = match self.sample {
+        let sample_mtf = match self.sample {
             PsfSample::Point => 1.0,
             PsfSample::Integrated if lp_mm > 0.0 => {
                 let x = 0.5 * k * self.pitch_um;
@@ -156,10 +150,10 @@ impl PsfWindow {
             }
             PsfSample::Integrated => 1.0,
         };
-        self.energy * real::hypot(re, im) / own
+        self.energy * real::hypot(re, im) / sample_mtf
     }
 
-    /// The kernel on a film of `film_pitch_um`, sum 1: its side and its pixels.
+    /// The kernel on a film of `film_pitch_um`, sum 1: side and pixels.
     pub fn film_kernel(&self, film_pitch_um: f64) -> (usize, Vec<f32>) {
         let stack = PsfStack {
             size: self.size,
@@ -168,7 +162,7 @@ impl PsfWindow {
             samples: self.samples.clone(),
         };
         let kernels = NodeKernels::new(&stack, film_pitch_um, None, Simd::PORTABLE);
-        (kernels.size(), kernels.upright(0).to_vec())
+        (kernels.size(), kernels.unrotated(0).to_vec())
     }
 }
 
@@ -201,19 +195,19 @@ mod tests {
     }
 
     #[test]
-    fn a_gaussian_has_the_moments_and_the_mtf_of_a_gaussian() {
+    fn gaussian_has_analytic_moments_and_mtf() {
         let psf = gauss(121, 0.5, 4.0, 2.0, 1.5);
         assert!((psf.centroid_um() - 1.5).abs() < 1e-5);
         assert!((psf.rms_um() - 20f64.sqrt()).abs() < 1e-4);
         for lp in [0.0, 10.0, 40.0] {
-            let want = |s: f64| 0.98 * (-2.0 * (PI * lp * s * 1e-3).powi(2)).exp();
-            assert!((psf.mtf(lp, Direction::Tangential) - want(4.0)).abs() < 1e-5);
-            assert!((psf.mtf(lp, Direction::Sagittal) - want(2.0)).abs() < 1e-5);
+            let expected = |s: f64| 0.98 * (-2.0 * (PI * lp * s * 1e-3).powi(2)).exp();
+            assert!((psf.mtf(lp, Direction::Tangential) - expected(4.0)).abs() < 1e-5);
+            assert!((psf.mtf(lp, Direction::Sagittal) - expected(2.0)).abs() < 1e-5);
         }
     }
 
     #[test]
-    fn kernels_of_two_pitches_are_one_on_the_film() {
+    fn kernels_of_two_pitches_agree_on_the_film() {
         let (a, b) = (gauss(161, 0.5, 5.0, 3.0, 0.0), gauss(101, 0.8, 5.0, 3.0, 0.0));
         let ((an, ak), (bn, bk)) = (a.film_kernel(2.0), b.film_kernel(2.0));
         let same = kernel_l1((an, &ak), (bn, &bk));

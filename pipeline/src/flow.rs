@@ -1,12 +1,12 @@
-//! Where charts are read from and shards of the film are written to. Implemented by stores, by generators, by tests.
+//! I/O boundaries of the pipeline: the source of chart pixels and the sink of film shards.
 
 use crate::geometry::{Rect, Size};
 use crate::plan::ShardId;
 
-/// An error of a chart source or a film sink, with its own message.
+/// Error of a source or sink.
 pub type SourceSinkError = Box<dyn std::error::Error + Send + Sync>;
 
-/// A chart that hands out rectangles of one band. Called from many threads at once.
+/// A chart, read in rectangles of one band. Called from many threads at once.
 pub trait ChartSource: Sync {
     /// Chart size in pixels.
     fn size(&self) -> Size;
@@ -14,32 +14,32 @@ pub trait ChartSource: Sync {
     /// Fills `out` (row-major, `rect.height` × `rect.width`) with the pixels of `rect`, which lies inside the chart.
     ///
     /// # Errors
-    /// Whatever keeps the pixels from being read, in words for the user: it names band, row and column.
+    /// The pixels cannot be read; the message names band, row and column.
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError>;
 
-    /// Says that about these pixels will be read soon: a source on a disk may start fetching them. Returns at once, changes
-    /// nothing, and whatever fails here fails again, and is told, when they are read.
+    /// Announces that these pixels, approximately, will be read soon, so that a source may prefetch them. Returns at once; errors are
+    /// reported when the pixels are read.
     fn prefetch(&self, _band: usize, _rect: Rect) {}
 }
 
-/// Where finished shards go. `encode` is pure computing and runs on the workers; `commit` does the writing, elsewhere.
+/// The sink of finished shards. `encode` only computes and runs on the workers; `commit` writes, on separate threads.
 pub trait FilmSink: Sync {
-    /// A shard ready to be written.
+    /// An encoded shard.
     type Encoded: Send;
 
-    /// Encodes the pixels of one shard (row-major, `rect` of the film).
+    /// Encodes the pixels of shard `id` (row-major, `rect` of the film).
     ///
     /// # Errors
-    /// A value that the film's type cannot hold.
+    /// A value outside the range of the film's sample type.
     fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, SourceSinkError>;
 
-    /// Writes one shard: absent or complete, never half. Returns the bytes written.
+    /// Writes one shard atomically; returns the bytes written.
     ///
     /// # Errors
-    /// What the store says: disk full, permission, gone.
+    /// The store cannot be written.
     fn commit(&self, encoded: Self::Encoded) -> Result<u64, SourceSinkError>;
 
-    /// Shards to write at once: each waits most of the time, on a disk or on the way to a store.
+    /// Shards written concurrently; most of that time is latency of the disk or the network.
     fn writers(&self) -> usize {
         2
     }

@@ -1,12 +1,11 @@
-//! Where things are: pixels of the film and the chart, and the millimetres between them.
+//! Coordinates: pixels of film and chart, rectangles of pixels, millimetres on the film.
 //!
 //! Film and chart are images: row y grows DOWN, column x grows RIGHT, upright as the viewer sees them, pixel centres
 //! at integers. A film pixel (y, x) lies at
 //!     X = (x − cx)·pitch,  Y = (y − cy)·pitch   (mm),   r = hypot(X, Y) = its REAL image height,
 //!     azimuth θ = atan2(Y, X):  0 on +x, 90° DOWN,
 //! where (cy, cx) is the optical axis in film pixels, by default the middle ((H−1)/2, (W−1)/2). The chart lies on the
-//! IDEAL (undistorted) image plane: one chart pixel covers `scale` film pixels, its centre `center_mm` from the axis.
-//! This is the only room where px and mm meet.
+//! IDEAL (undistorted) image plane: one chart pixel covers `scale` film pixels, and the chart's centre lies `center_mm` from the axis.
 
 use crate::real;
 
@@ -25,12 +24,12 @@ impl Size {
         Self { height, width }
     }
 
-    /// Pixels in all.
+    /// Number of pixels.
     pub const fn pixels(self) -> usize {
         self.height * self.width
     }
 
-    /// The whole image as a rectangle.
+    /// The complete image as a rectangle.
     pub const fn rect(self) -> Rect {
         Rect::new(0, 0, self.height, self.width)
     }
@@ -42,7 +41,7 @@ impl std::fmt::Display for Size {
     }
 }
 
-/// A rectangle of pixels; its origin may lie outside the image (margins, surround).
+/// A rectangle of pixels, possibly outside the image (margins, surround).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Rect {
     /// First row.
@@ -76,7 +75,7 @@ impl Rect {
         Size::new(self.height, self.width)
     }
 
-    /// Whether it holds no pixel.
+    /// Whether it contains no pixel.
     pub const fn is_empty(self) -> bool {
         self.height == 0 || self.width == 0
     }
@@ -87,7 +86,7 @@ impl Rect {
         Self::new(self.y - m, self.x - m, self.height + 2 * margin, self.width + 2 * margin)
     }
 
-    /// The part common with `other`; empty if there is none.
+    /// The intersection with `other`; empty if there is none.
     pub fn intersect(self, other: Self) -> Self {
         let (y, x) = (self.y.max(other.y), self.x.max(other.x));
         let bottom = self.bottom().min(other.bottom()).max(y);
@@ -95,7 +94,7 @@ impl Rect {
         Self::new(y, x, (bottom - y) as usize, (right - x) as usize)
     }
 
-    /// Whether `other` lies wholly inside.
+    /// Whether `other` lies entirely inside.
     pub const fn contains(self, other: Self) -> bool {
         other.y >= self.y
             && other.x >= self.x
@@ -103,7 +102,7 @@ impl Rect {
             && other.right() <= self.right()
     }
 
-    /// Cuts it into rectangles of at most `height` × `width`, row by row from its origin.
+    /// Divides it into rectangles of at most `height` × `width`, row by row from its origin.
     pub fn tiles(self, height: usize, width: usize) -> impl Iterator<Item = Rect> {
         (0..self.height.div_ceil(height)).flat_map(move |i| {
             (0..self.width.div_ceil(width)).map(move |j| {
@@ -125,7 +124,7 @@ impl std::fmt::Display for Rect {
     }
 }
 
-/// How film, lens and chart lie to one another.
+/// Relative positions of film, lens and chart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// Film size in pixels.
@@ -143,7 +142,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A film of the chart's own size, axis in the middle, scale 1.
+    /// Axis in the middle of the film, chart centred, scale 1.
     pub fn centred(film: Size, chart: Size, pitch_um: f64) -> Self {
         Self {
             film,
@@ -176,14 +175,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tiles_cover_a_rectangle_once() {
-        let whole = Rect::new(-3, 5, 10, 7);
-        let mut seen = vec![0; whole.size().pixels()];
-        for t in whole.tiles(4, 3) {
-            assert!(whole.contains(t));
+    fn tiles_cover_each_pixel_once() {
+        let rect = Rect::new(-3, 5, 10, 7);
+        let mut seen = vec![0; rect.size().pixels()];
+        for t in rect.tiles(4, 3) {
+            assert!(rect.contains(t));
             for y in t.y..t.bottom() {
                 for x in t.x..t.right() {
-                    seen[(y - whole.y) as usize * 7 + (x - whole.x) as usize] += 1;
+                    seen[(y - rect.y) as usize * 7 + (x - rect.x) as usize] += 1;
                 }
             }
         }
@@ -191,14 +190,14 @@ mod tests {
     }
 
     #[test]
-    fn disjoint_rectangles_share_nothing() {
+    fn intersections_of_disjoint_and_overlapping_rectangles() {
         let a = Rect::new(0, 0, 4, 4);
         assert!(a.intersect(Rect::new(4, 0, 2, 2)).is_empty());
         assert_eq!(a.intersect(Rect::new(2, -1, 9, 3)), Rect::new(2, 0, 2, 2));
     }
 
     #[test]
-    fn the_corner_is_the_farthest_pixel() {
+    fn corner_is_the_farthest_pixel() {
         let f = Frame::centred(Size::new(3, 5), Size::new(3, 5), 1000.0);
         assert!((f.farthest_mm(f.film.rect()) - 1f64.hypot(2.0)).abs() < 1e-15);
     }

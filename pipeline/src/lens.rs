@@ -1,28 +1,28 @@
-//! A lens as tables: what the pipeline needs to know of the glass, per wavelength.
+//! Tables of a lens per wavelength: heights, relative illumination, PSFs.
 //!
 //!     ideal_height_mm[i]  f·tan(field angle), f = the DISTORTION focal length (one f for all bands)
 //!     image_height_mm[i]  REAL chief-ray height of the same field point; both ascend from 0
 //!     relative_illumination[i]  R, 1 on axis; belongs to the field point
 //!     psf(k)              PSF of a field point on +x at REAL height psf_height_mm[k]; row down, column right
 //! Tables are dense: linear interpolation between field points is within 1e-4 px (about 1000 points to 25 mm).
-//! The PSF stack of one band may be large (a traced pack: 60 MB), so it is handed over band by band, apart from these.
+//! The PSF stack of one band may be large (traced: 60 MB), so stacks are read separately, band by band.
 
 use crate::bounds::{self, Bound, OutOfBounds};
 use thiserror::Error;
 
-/// What one PSF sample stands for.
+/// Meaning of one PSF sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PsfSample {
-    /// The PSF at a point; samples lie finer than Nyquist and are integrated over the film pixel when a kernel is made.
+    /// The PSF at a point; samples are finer than Nyquist and are integrated over the film pixel when a kernel is computed.
     Point,
     /// The PSF's mean over the square of one psf pitch.
     Integrated,
 }
 
-/// Everything of a lens but the PSF samples.
+/// A lens without its PSF samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lens {
-    /// Name shown to people.
+    /// Display name.
     pub name: String,
     /// Slope of the paraxial chief ray in this image plane at the primary wavelength, mm.
     pub distortion_focal_length_mm: f64,
@@ -30,20 +30,20 @@ pub struct Lens {
     pub effective_focal_length_mm: f64,
     /// Image-space F-number.
     pub f_number: f64,
-    /// Wavelength the focal lengths belong to, nm.
+    /// Wavelength of the focal lengths, nm.
     pub primary_wavelength_nm: f64,
     /// Object distance in mm; `None` = infinity.
     pub object_distance_mm: Option<f64>,
     /// Ideal height over object height in this image plane, negative for an image upside down (0 for an object at infinity).
     pub magnification: f64,
-    /// What one PSF sample stands for.
+    /// Meaning of one PSF sample.
     pub psf_sample: PsfSample,
     /// The wavelengths, ascending.
     pub bands: Vec<LensBand>,
 }
 
 impl Lens {
-    /// Checks the numbers that belong to no band.
+    /// Checks the numbers that are common to all bands.
     ///
     /// # Errors
     /// The name of the attribute, as in the lens pack, and its bound.
@@ -94,7 +94,7 @@ pub struct PsfStack {
     pub size: usize,
     /// Sample pitch in µm.
     pub pitch_um: f64,
-    /// What a sample stands for.
+    /// Meaning of a sample.
     pub sample: PsfSample,
     /// K × n × n samples, row down, field point on +x.
     pub samples: Vec<f32>,
@@ -113,64 +113,64 @@ impl PsfStack {
     }
 }
 
-/// A lens table that cannot be used.
+/// Invalid or insufficient lens tables.
 #[derive(Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum LensError {
-    /// A table breaks its contract.
+    /// A table violates its contract.
     #[error("lens band {wavelength_nm} nm: {table} {problem}")]
     Table {
         /// The band.
         wavelength_nm: f64,
         /// Name of the table, as in the lens pack.
         table: &'static str,
-        /// What is wrong with it.
+        /// The violation.
         problem: String,
     },
-    /// The film needs more field than the tables hold.
+    /// The film extends beyond the tables.
     #[error(
-        "the film with its margin reaches {needed_mm:.6} mm from the axis, but the lens's {table} at {wavelength_nm} nm ends at {last_mm:.6} mm; use a smaller film or a lens pack with more field, or go on with `--outside clamp`"
+        "the film with its margin reaches {needed_mm:.6} mm from the axis, but the lens's {table} at {wavelength_nm} nm ends at {last_mm:.6} mm; use a smaller film or a lens pack with more field, or use the last values with `--outside clamp`"
     )]
     Outside {
-        /// Which table ends too early.
+        /// The table that ends too early.
         table: &'static str,
         /// The band.
         wavelength_nm: f64,
-        /// Real image height needed, mm.
+        /// Required real image height, mm.
         needed_mm: f64,
-        /// Real image height held, mm.
+        /// Last real image height of the table, mm.
         last_mm: f64,
     },
     /// A chart band lies outside the lens's wavelengths.
     #[error("chart band {wavelength_nm} nm lies outside the lens's {first_nm}..{last_nm} nm")]
     Wavelength {
-        /// Wanted, nm.
+        /// The chart band, nm.
         wavelength_nm: f64,
         /// First of the lens, nm.
         first_nm: f64,
         /// Last of the lens, nm.
         last_nm: f64,
     },
-    /// A chart band lies between two of the lens's: a PSF is never interpolated silently.
+    /// A chart band lies between two lens bands: a PSF is interpolated on request only.
     #[error(
-        "chart band {wavelength_nm} nm lies between the lens's {below_nm} and {above_nm} nm; a PSF is not interpolated over wavelength unless you say `--interpolate-psf` (over 20 nm it can be wrong by 30-100 % in the blue)"
+        "chart band {wavelength_nm} nm lies between the lens's {below_nm} and {above_nm} nm; a PSF is not interpolated over wavelength unless `--interpolate-psf` is given (over 20 nm it can be wrong by 30-100 % in the blue)"
     )]
     BetweenBands {
-        /// Wanted, nm.
+        /// The chart band, nm.
         wavelength_nm: f64,
         /// The band below, nm.
         below_nm: f64,
         /// The band above, nm.
         above_nm: f64,
     },
-    /// Two bands cannot be blended into one.
+    /// The PSFs of two bands cannot be interpolated.
     #[error("cannot interpolate the PSF between {below_nm} and {above_nm} nm: their {what} differ")]
     Blend {
         /// The band below, nm.
         below_nm: f64,
         /// The band above, nm.
         above_nm: f64,
-        /// What differs.
+        /// The differing property.
         what: &'static str,
     },
 }
@@ -179,7 +179,7 @@ impl LensBand {
     /// Checks the contract of every table; all numbers lie within [`bounds`].
     ///
     /// # Errors
-    /// [`LensError::Table`] names the first table that breaks it.
+    /// [`LensError::Table`] with the first table that violates it.
     pub fn check(&self) -> Result<(), LensError> {
         let bad = |table, problem: String| {
             Err(LensError::Table { wavelength_nm: self.wavelength_nm, table, problem })
@@ -241,6 +241,12 @@ impl LensBand {
         one("solid_angle", bounds::SOLID_ANGLE_SR, self.solid_angle_sr)?;
         one("transmission", bounds::TRANSMISSION, self.transmission)
     }
+}
+
+/// Linear interpolation in an ascending table, and extrapolation by its first and last step.
+pub(crate) fn linear(xs: &[f64], ys: &[f64], at: f64) -> f64 {
+    let i = xs.partition_point(|&x| x <= at).clamp(1, xs.len() - 1);
+    ys[i - 1] + (at - xs[i - 1]) / (xs[i] - xs[i - 1]) * (ys[i] - ys[i - 1])
 }
 
 fn ascending_from_zero(table: &[f64]) -> Result<(), String> {

@@ -1,16 +1,16 @@
-//! Decided before any pixel: the cut of each band into tiles, which tiles reach which shard, what must be in memory.
+//! Partition of each band into tiles and of the film into shards, and which tiles contribute to which shard.
 //!
-//! A band's remap is the film GROWN by half its window. Tiles cut that rectangle row by row from its first pixel; a tile
-//! reaches itself grown by the margin. Outputs are windows of the film (all of it, or regions of interest), each cut into
-//! shards from its own first pixel. None of this depends on memory, threads or timing.
+//! The remapped image of a band is the film grown by half its PSF window on every side (the margin). Tiles divide that rectangle row by
+//! row from its first pixel; a tile contributes to its own rectangle grown by the margin. Outputs are regions of the film (the complete
+//! film, or regions of interest), each divided into shards from its first pixel. Nothing here depends on memory, threads or timing.
 
 use crate::geometry::{Rect, Size};
 use crate::psf::blocks::Blocks;
 
-/// Side of a tile of a band without PSF, px.
-const PLAIN_TILE: usize = 512;
+/// Side of a tile of a band without PSF stage, px.
+const TILE_WITHOUT_PSF_PX: usize = 512;
 
-/// The cut of one band: tiles of the grown film.
+/// Tiles of one band, on the film and its margin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tiling {
     grown: Rect,
@@ -21,16 +21,16 @@ pub struct Tiling {
 impl Tiling {
     /// Tiles for a film of `film` px; `blocks` is `None` for a band without PSF stage.
     pub fn new(film: Size, blocks: Option<&Blocks>) -> Self {
-        let (margin, tile) = blocks.map_or((0, PLAIN_TILE), |b| (b.window / 2, b.tile));
+        let (margin, tile) = blocks.map_or((0, TILE_WITHOUT_PSF_PX), |b| (b.window / 2, b.tile));
         Self { grown: film.rect().grown(margin), margin, tile }
     }
 
-    /// The film and the margin around it.
+    /// The film with its margin.
     pub fn grown(&self) -> Rect {
         self.grown
     }
 
-    /// Half the window, px.
+    /// Half the PSF window, px.
     pub fn margin(&self) -> usize {
         self.margin
     }
@@ -45,25 +45,24 @@ impl Tiling {
         (self.grown.height.div_ceil(self.tile), self.grown.width.div_ceil(self.tile))
     }
 
-    /// Remap rectangle of tile (i, j).
+    /// Rectangle of tile (i, j) of the remapped image.
     pub fn rect(&self, (i, j): (usize, usize)) -> Rect {
         let (y, x) = (i * self.tile, j * self.tile);
-        let at = |start: i64, by: usize| start + by as i64;
         Rect::new(
-            at(self.grown.y, y),
-            at(self.grown.x, x),
+            self.grown.y + y as i64,
+            self.grown.x + x as i64,
             self.tile.min(self.grown.height - y),
             self.tile.min(self.grown.width - x),
         )
     }
 
-    /// Film rectangle that the light of tile (i, j) reaches.
+    /// Rectangle that receives the contribution of tile (i, j).
     pub fn reach(&self, tile: (usize, usize)) -> Rect {
         self.rect(tile).grown(self.margin)
     }
 
-    /// Tile rows and columns (first, end) whose light reaches the film rectangle `part`.
-    pub fn reaching(&self, part: Rect) -> ((usize, usize), (usize, usize)) {
+    /// Tile rows and columns (first, end) that contribute to the film rectangle `part`.
+    pub fn tiles_reaching(&self, part: Rect) -> ((usize, usize), (usize, usize)) {
         let (rows, cols) = self.count();
         let range = |first: i64, end: i64, count: usize| {
             // Tile i reaches [i·tile − 2·margin, (i + 1)·tile).
@@ -75,10 +74,10 @@ impl Tiling {
     }
 }
 
-/// One output: a window of the film, cut into shards from its own first pixel.
+/// One output: a region of the film, divided into shards from its first pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Window {
-    /// The window on the film.
+pub struct FilmRegion {
+    /// The region on the film.
     pub rect: Rect,
     /// Shard height and width, px.
     pub shard: Size,
@@ -89,21 +88,21 @@ pub struct Window {
 pub struct ShardId {
     /// Band of the job.
     pub band: usize,
-    /// Output window.
-    pub window: usize,
+    /// Index of the output region.
+    pub region: usize,
     /// Shard row.
     pub row: usize,
     /// Shard column.
     pub col: usize,
 }
 
-impl Window {
+impl FilmRegion {
     /// Shard rows and columns.
     pub fn count(&self) -> (usize, usize) {
         (self.rect.height.div_ceil(self.shard.height), self.rect.width.div_ceil(self.shard.width))
     }
 
-    /// Film rectangle of shard (row, col), clipped to the window.
+    /// Film rectangle of shard (row, col), clipped to the region.
     pub fn shard_rect(&self, row: usize, col: usize) -> Rect {
         let (y, x) = (row * self.shard.height, col * self.shard.width);
         Rect::new(
@@ -114,7 +113,7 @@ impl Window {
         )
     }
 
-    /// Shards (row, col) that `part` of the film touches.
+    /// Shards (row, col) that intersect `part` of the film.
     pub fn touched(&self, part: Rect) -> impl Iterator<Item = (usize, usize)> + use<> {
         let common = self.rect.intersect(part);
         let range = |first: i64, count: usize, shard: usize| match count {
@@ -136,16 +135,16 @@ mod tests {
     }
 
     #[test]
-    fn tiles_reaching_a_shard_are_just_those_that_meet_it() {
+    fn tiles_reaching_a_shard_are_those_that_intersect_it() {
         for (film, window, tile) in
             [(Size::new(700, 333), 51, 142), (Size::new(5, 9), 7, 32), (Size::new(300, 300), 1, 64)]
         {
             let tiling = Tiling::new(film, Some(&blocks(window, tile)));
-            let out = Window { rect: film.rect(), shard: Size::new(128, 100) };
+            let out = FilmRegion { rect: film.rect(), shard: Size::new(128, 100) };
             let (rows, cols) = out.count();
             for (row, col) in (0..rows).flat_map(|r| (0..cols).map(move |c| (r, c))) {
                 let part = out.shard_rect(row, col);
-                let ((i0, i1), (j0, j1)) = tiling.reaching(part);
+                let ((i0, i1), (j0, j1)) = tiling.tiles_reaching(part);
                 let (ni, nj) = tiling.count();
                 for (i, j) in (0..ni).flat_map(|i| (0..nj).map(move |j| (i, j))) {
                     let meets = !tiling.reach((i, j)).intersect(part).is_empty();

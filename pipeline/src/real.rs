@@ -1,24 +1,24 @@
-//! Functions of a real variable with the same bits on every machine: those of the `libm` crate.
+//! Elementary functions with the same bits on every machine: those of the `libm` crate.
 //!
-//! The methods of `f64` call the C library of the host, whose last bit differs between versions and, in glibc, between
-//! processors with and without fused multiply-add. Lens tables, PSFs, drawn charts and films are computed from the functions
-//! here (clippy's `disallowed_methods` refuses the others in this crate); + − × ÷, the square root and rounding are exact in
-//! IEEE 754 and need no such care. What is left to the host: the roots of unity of rustfft, which are computed in f64; the
-//! PSF stage rounds them to f32, the lens tracing uses them as they are, and a job's lens digest covers what it made.
+//! The methods of `f64` call the C library of the host, whose last bit differs between versions and, in glibc, between processors with
+//! and without fused multiply-add. Lens tables, PSFs, drawn charts and films are computed with the functions here (clippy's
+//! `disallowed_methods` rejects the others in this crate); + − × ÷, the square root and rounding are exact in IEEE 754. One exception
+//! depends on the host: the roots of unity of rustfft, computed in f64. The PSF stage rounds them to f32; lens tracing uses them
+//! unrounded, and the lens digest of a job covers its result.
 
 pub use libm::{atan, atan2, cbrt, cos, exp, hypot, log10, pow, sin, sincos as sin_cos, tan};
 
 #[cfg(test)]
 mod tests {
-    /// FFTs whose instructions follow from the processor are not compiled in.
+    /// rustfft's own instruction detection is not compiled in.
     #[test]
-    fn ffts_use_no_instructions_of_their_own() {
+    fn rustfft_has_no_simd_paths() {
         assert!(rustfft::FftPlannerAvx::<f32>::new().is_err());
         assert!(rustfft::FftPlannerSse::<f32>::new().is_err());
         assert!(rustfft::FftPlannerNeon::<f32>::new().is_err());
     }
 
-    /// Bits of `libm`, whatever the host; its exp(1) is one unit in the last place above the correctly rounded value.
+    /// Bits of `libm` on any host; its exp(1) is one unit in the last place above the correctly rounded value.
     #[test]
     fn values_have_fixed_bits() {
         assert_eq!(super::sin(1.0).to_bits(), 0x3fea_ed54_8f09_0cee);

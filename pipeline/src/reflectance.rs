@@ -1,39 +1,39 @@
-//! From a colour to a spectrum: reflectances that look like linear sRGB colours.
+//! Spectral upsampling: reflectances for linear sRGB colours.
 //!
 //!   ρ(λ) = R·ρ_R(λ) + G·ρ_G(λ) + B·ρ_B(λ),   ρ_R + ρ_G + ρ_B = 1,   ρ_R, ρ_G, ρ_B ≥ 0
 //! Every colour of the sRGB cube is then a mixture of three reflectances, so 0 ≤ ρ ≤ 1, greys are grey at every wavelength, and
 //! mixing or blurring colours is mixing or blurring spectra (Mallett, Yuksel, "Spectral Primary Decomposition for Rendering with
-//! sRGB Reflectance", EGSR 2019, sections 3-4). The three are the smoothest (least Σ (Δρ)²/Δλ) that the bands at hand, lit by
-//! the light at hand, show as pure red, green and blue by [`colour::srgb_weights`]: the weights of the preview, so a chart's preview
-//! gives the colours back. It is a quadratic programme with bounds, solved by operator splitting (Stellato et al., "OSQP", Math. Prog.
+//! sRGB Reflectance", EGSR 2019, sections 3-4). The three are the smoothest (minimum Σ (Δρ)²/Δλ) that in the given bands under
+//! the given illuminant map to pure red, green and blue by [`colour::srgb_weights`], the weights of the preview, so that the preview of
+//! a chart reproduces the colours. They solve a quadratic programme with bounds by operator splitting (Stellato et al., "OSQP", Math. Prog.
 //! Comp. 12, 2020, algorithm 1), to 1e-6 of white. All corners of the cube are met for D65, A and E with bands every 20 nm or closer
-//! over 400 to 700 nm; bands that cannot hold a corner are an error that says by how much.
+//! over 400 to 700 nm; bands that cannot represent a corner are an error that contains the deviation.
 //! Left out: gamuts beyond sRGB, in which the three cannot stay non-negative; fluorescence.
 
 use crate::colour::{self, Illuminant};
 use crate::wavelengths;
 
-/// Most bands: the programme takes time with their cube.
+/// Maximum number of bands: the time grows with its cube.
 pub const MAX_BANDS: usize = 512;
-/// Error of a channel, of white: 12.92 times less than 1/255 of the encoded value in the dark, and a margin.
+/// Admissible error of a channel relative to white: below 1/255 of the encoded value in the linear part of sRGB (slope 12.92).
 const TOLERANCE: f64 = 1e-4;
 const ITERATIONS: usize = 20_000;
-/// Steps of the splitting: on bounds, and on the colours, which must hold exactly.
+/// Step sizes (ρ of OSQP): for bounds, and for the colours, which are equalities.
 const RHO: f64 = 1.0;
 const RHO_COLOUR: f64 = 1000.0;
 const CONVERGED: f64 = 1e-7;
 
-/// Bands that cannot hold the colours.
+/// Bands that cannot represent the colours.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReflectanceError {
-    /// Too many of them.
+    /// Number of bands out of range.
     #[error("{found} bands; expected 1 to {MAX_BANDS} for spectra of colours")]
     Bands {
-        /// Bands there are.
+        /// Number of bands.
         found: usize,
     },
-    /// They see too little.
+    /// Colours out of reach.
     #[error(
         "bands at {} nm cannot hold all colours as reflectances in light {light}: {corner} is missed by {off:.3} of white; take more bands, \
          e.g. 400:700:10",
@@ -42,9 +42,9 @@ pub enum ReflectanceError {
     Unreachable {
         /// All bands.
         bands_nm: Vec<f64>,
-        /// Name of the light.
+        /// Name of the illuminant.
         light: &'static str,
-        /// The worst of the three.
+        /// The primary of largest error.
         corner: &'static str,
         /// Its error.
         off: f64,
@@ -54,7 +54,7 @@ pub enum ReflectanceError {
 /// ρ_R, ρ_G, ρ_B of each band.
 ///
 /// # Errors
-/// [`ReflectanceError`] if the bands show too little of the light for all colours.
+/// [`ReflectanceError`] if the bands cannot represent all colours.
 pub fn primaries(bands_nm: &[f64], light: Illuminant) -> Result<Vec<[f64; 3]>, ReflectanceError> {
     let n = bands_nm.len();
     if n == 0 || n > MAX_BANDS {
@@ -84,10 +84,10 @@ pub fn primaries(bands_nm: &[f64], light: Illuminant) -> Result<Vec<[f64; 3]>, R
     Ok(out)
 }
 
-/// The programme in x = (ρ_R, ρ_G), ρ_B being the rest: least xᵀPx with the colours of ρ_R and ρ_G, and bounds on all three.
+/// Solves the programme in x = (ρ_R, ρ_G), ρ_B = 1 − ρ_R − ρ_G: minimum xᵀPx subject to the colours of ρ_R and ρ_G and the bounds of all three.
 fn solve(nm: &[f64], shown: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let n = nm.len();
-    // Rows of the colour conditions, of length 1, so that one step suits all.
+    // Rows of the colour conditions, normalised to length 1, so that one step size fits all.
     let length: [f64; 3] = std::array::from_fn(|c| shown.iter().map(|w| w[c] * w[c]).sum::<f64>().sqrt());
     let row = |c: usize, i: usize| if length[c] > 0.0 { shown[i][c] / length[c] } else { 0.0 };
     let target = |part: usize, c: usize| if part == c && length[c] > 0.0 { 1.0 / length[c] } else { 0.0 };
@@ -113,16 +113,18 @@ fn solve(nm: &[f64], shown: &[[f64; 3]]) -> Vec<[f64; 3]> {
     }
     let k = inverse(k, 2 * n);
     let mut x = vec![1.0 / 3.0; 2 * n];
-    // Copies of ρ_R, ρ_G and ρ_R + ρ_G that keep to the bounds, and the forces (multipliers) that pull both together.
+    // Copies of ρ_R, ρ_G and ρ_R + ρ_G within the bounds, and the multipliers of their equality.
     let mut bounded = vec![1.0 / 3.0; 3 * n];
     bounded[2 * n..].fill(2.0 / 3.0);
-    let (mut force, mut force_colour) = (vec![0.0; 3 * n], [[0.0; 3]; 2]);
+    let (mut multiplier, mut colour_multiplier) = (vec![0.0; 3 * n], [[0.0; 3]; 2]);
     for _ in 0..ITERATIONS {
         let mut right = vec![0.0; 2 * n];
         for (part, i) in [0, 1].into_iter().flat_map(|p| (0..n).map(move |i| (p, i))) {
-            let colours = (0..3).map(|c| row(c, i) * (RHO_COLOUR * target(part, c) - force_colour[part][c]));
-            let own = RHO * bounded[part * n + i] - force[part * n + i];
-            right[part * n + i] = colours.sum::<f64>() + own + RHO * bounded[2 * n + i] - force[2 * n + i];
+            let colours =
+                (0..3).map(|c| row(c, i) * (RHO_COLOUR * target(part, c) - colour_multiplier[part][c]));
+            let single = RHO * bounded[part * n + i] - multiplier[part * n + i];
+            right[part * n + i] =
+                colours.sum::<f64>() + single + RHO * bounded[2 * n + i] - multiplier[2 * n + i];
         }
         for (x, line) in x.iter_mut().zip(k.chunks_exact(2 * n)) {
             *x = line.iter().zip(&right).map(|(a, b)| a * b).sum();
@@ -133,21 +135,21 @@ fn solve(nm: &[f64], shown: &[[f64; 3]]) -> Vec<[f64; 3]> {
                 i if i < 2 * n => (x[i], 0.0, f64::INFINITY),
                 i => (x[i - 2 * n] + x[i - n], f64::NEG_INFINITY, 1.0),
             };
-            let next = (value + force[i] / RHO).clamp(low, high);
-            force[i] += RHO * (value - next);
+            let next = (value + multiplier[i] / RHO).clamp(low, high);
+            multiplier[i] += RHO * (value - next);
             worst = worst.max((value - next).abs()).max(RHO * (next - bounded[i]).abs());
             bounded[i] = next;
         }
         for (part, c) in [0, 1].into_iter().flat_map(|p| (0..3).map(move |c| (p, c))) {
             let seen: f64 = (0..n).map(|i| row(c, i) * x[part * n + i]).sum();
-            force_colour[part][c] += RHO_COLOUR * (seen - target(part, c));
+            colour_multiplier[part][c] += RHO_COLOUR * (seen - target(part, c));
             worst = worst.max((seen - target(part, c)).abs());
         }
         if worst < CONVERGED {
             break;
         }
     }
-    // What is left beyond the bounds goes.
+    // Removes the remaining violation of the bounds.
     (0..n)
         .map(|i| {
             let rho = [x[i], x[n + i], 1.0 - x[i] - x[n + i]].map(|v| v.max(0.0));
@@ -187,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn primaries_are_reflectances_that_sum_to_white() {
+    fn primaries_are_smooth_reflectances_that_sum_to_one() {
         for light in Illuminant::ALL {
             for nm in [bands(400, 700, 10), bands(400, 700, 20), bands(420, 680, 10), bands(380, 780, 5)] {
                 let rho = primaries(&nm, light).unwrap();
@@ -205,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn order_and_spacing_of_bands_are_free() {
+    fn bands_in_any_order_and_spacing() {
         let nm = [
             700.0, 400.0, 415.0, 440.0, 450.0, 470.0, 480.0, 500.0, 512.0, 530.0, 550.0, 560.0, 580.0, 600.0,
         ]
@@ -217,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_that_see_too_little_are_refused_with_the_corner() {
+    fn insufficient_bands_are_an_error_with_the_corner() {
         for nm in [vec![450.0, 550.0, 650.0], bands(400, 700, 50), vec![550.0], vec![900.0, 910.0]] {
             let error = primaries(&nm, Illuminant::D65).unwrap_err().to_string();
             assert!(error.contains("cannot hold") && error.contains("of white"), "{error}");

@@ -1,21 +1,27 @@
-//! Stages 1-2, one pass: chart → remap. Pinhole mapping, relative illumination, distortion.
+//! Stages 1-2 in one pass: chart → remapped image. Pinhole mapping, relative illumination, distortion.
 //!
-//!     remap(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
-//! for the film pixel at (X, Y) mm, r = hypot(X, Y) its REAL height; R and h from [`crate::field`]. The chart lies on
-//! the IDEAL image plane: chart pixel = centre of the chart + ((X, Y)·h/r − center)/(pitch·scale). Values, never flux: no
-//! Jacobian, so a uniform chart gives a remap of exactly R. A gather: every film pixel asks the chart, in f64 down to an
-//! integer and an f32 fraction ([`crate::resample`]), so pixels do not depend on how the film is cut.
+//!     remapped(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
+//! for the film pixel at (X, Y) mm from the axis, r = hypot(X, Y) its REAL image height; R and h from [`crate::field`]. The chart lies on
+//! the IDEAL image plane: chart pixel = middle of the chart + ((X, Y)·h/r − center)/(pitch·scale). This is a pull (gather) mapping of
+//! values, not of flux: no Jacobian, so a uniform chart of value 1 gives exactly R. Chart coordinates are f64, split into an integer and
+//! an f32 fraction ([`crate::resample`]), so pixel values do not depend on the partition of the film.
 //!
-//! Strip by strip: where its pixels lie on the chart, that rectangle of the chart, then the taps. On the portable path
-//! every pixel is mapped in f64 (`map`); in lanes one in sixteen (`anchors`) and the rest from it, within 2e-6 px. On a GPU
-//! ([`cuda`]) likewise, tile by tile: `reach` bounds the rectangle of the chart that a tile needs.
+//! A tile is computed in parts of at most `PART_ROWS` × `PART_COLS` pixels: map them to the chart, read the chart rectangle that
+//! their taps cover, interpolate. The portable path maps every pixel in f64 (`map`); SIMD maps one in sixteen (`anchors`) and expands
+//! the others from it (`lanes`), within 2e-6 px. A GPU ([`cuda`]) does the same, tile by tile; `reach` bounds the chart rectangle of a
+//! tile in advance.
 
 #[cfg(target_arch = "x86_64")]
 mod anchors;
 pub mod cuda;
 #[cfg(target_arch = "x86_64")]
+mod extent;
+#[cfg(target_arch = "x86_64")]
+mod knots;
+#[cfg(target_arch = "x86_64")]
 mod lanes;
 mod map;
+pub mod memory;
 mod reach;
 
 use crate::field::{Field, Outside};
@@ -25,16 +31,18 @@ use crate::lens::LensBand;
 use crate::resample::{Interp, Surround, bicubic, bilinear, box_span, box_weights};
 use crate::simd::Simd;
 #[cfg(target_arch = "x86_64")]
-use crate::simd::lanes::{Gate, Lanes};
+use crate::simd::lanes::{Dispatch, Lanes};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{Avx2, Avx512, Isa};
 #[cfg(target_arch = "x86_64")]
-use anchors::{Anchors, Knots};
+use anchors::Anchors;
 #[cfg(target_arch = "x86_64")]
-use lanes::{Anchoring, Chart, Resample};
-use map::{Map, Points, ends};
+use knots::Knots;
+#[cfg(target_arch = "x86_64")]
+use lanes::{Chart, FillAnchors, Resample};
+use map::{Map, Points, min_max};
 
-/// Which of the three effects are on; the paper evaluates them independently.
+/// The effects to compute; each can be switched off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stages {
     /// Relative illumination.
@@ -45,21 +53,21 @@ pub struct Stages {
     pub svpsf: bool,
 }
 
-/// How the chart is read.
+/// How the chart is interpolated and extended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reading {
     /// Interpolation where scale ≥ 1.
     pub interp: Interp,
-    /// Around the chart.
+    /// Values outside the chart.
     pub surround: Surround,
-    /// Beyond the lens's tables.
+    /// Treatment of a film larger than the lens's tables.
     pub outside: Outside,
 }
 
 impl Reading {
-    /// The chart for the cells from the least to the greatest (row, column): it, and the cell whose first tap it begins
-    /// with.
-    fn needs(&self, (rows, cols): ((i64, i64), (i64, i64))) -> (Rect, (i32, i32)) {
+    /// The chart rectangle of the taps of all cells between (minimum, maximum) rows and columns, and the cell (row, column) whose
+    /// first tap is its first pixel.
+    fn chart_rect(&self, (rows, cols): ((i64, i64), (i64, i64))) -> (Rect, (i32, i32)) {
         let (before, taps) = match self.interp {
             Interp::Bicubic => (1, 4),
             Interp::Bilinear => (0, 2),
@@ -89,22 +97,34 @@ pub struct RemapScratch {
     anchors: Anchors,
     gain: Vec<f32>,
     source: Vec<f32>,
-    read: Vec<f32>,
-    chart: Vec<(f64, f64)>,
+    /// Chart pixels without surround.
+    inside: Vec<f32>,
+    /// Chart coordinates of the pixels of a part.
+    places: Vec<(f64, f64)>,
     wy: Vec<f32>,
     wx: Vec<f32>,
 }
 
-/// Rows of film resampled at a time: their chart pixels stay in the caches.
-const STRIP_ROWS: f64 = 64.0;
-/// Columns of film resampled at a time: as a rule a whole tile's.
-const STRIP_COLS: f64 = 1024.0;
-/// Behind the chart's pixels: lanes load more than they need.
-const SPARE: usize = 32;
+/// A part of a tile to compute.
+struct Part<'a> {
+    chart: &'a dyn ChartSource,
+    band: usize,
+    rect: Rect,
+    /// The output from the first pixel of `rect` on, rows `stride` apart.
+    out: &'a mut [f32],
+    stride: usize,
+}
+
+/// Film rows per part: their chart pixels stay in the caches.
+const PART_ROWS: f64 = 64.0;
+/// Film columns per part: more than those of most tiles.
+const PART_COLS: f64 = 1024.0;
+/// Values after the chart's pixels: SIMD loads extend beyond the last tap.
+const PADDING: usize = 32;
 
 impl Remap {
-    /// The stage for `band` on the film of `frame`, which the lens's tables cover ([`crate::band`] checks; beyond them the
-    /// last values go on); `gain` multiplies every value (film units); `simd` is what it computes with.
+    /// The stage for `band` on the film of `frame`. [`crate::band`] checks that the lens's tables cover the film; beyond them the last
+    /// values are used. `gain` multiplies every value (film units).
     pub fn new(
         frame: &Frame,
         band: &LensBand,
@@ -124,10 +144,10 @@ impl Remap {
         }
     }
 
-    /// Fills `out` (row-major) with the remap on the film rectangle `rect`, read from band `band` of `chart`.
+    /// Computes the remapped image on the film rectangle `rect` from band `band` of `chart` into `out` (row-major).
     ///
     /// # Errors
-    /// What `chart` reports.
+    /// Errors of `chart`.
     pub fn apply(
         &self,
         chart: &dyn ChartSource,
@@ -137,26 +157,27 @@ impl Remap {
         s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
         let (sy, sx) = self.frame.scale;
-        let (rows, cols) = self.strip();
-        for strip in rect.tiles(rows, cols) {
-            let first = (strip.y - rect.y) as usize * rect.width + (strip.x - rect.x) as usize;
+        let (rows, cols) = self.part_size();
+        for part in rect.tiles(rows, cols) {
+            let first = (part.y - rect.y) as usize * rect.width + (part.x - rect.x) as usize;
+            let part = Part { chart, band, rect: part, out: &mut out[first..], stride: rect.width };
             match sy.min(sx) < 1.0 {
-                true => self.average(chart, band, strip, &mut out[first..], rect.width, s)?,
-                false => self.interpolate(chart, band, strip, &mut out[first..], rect.width, s)?,
+                true => self.average(part, s)?,
+                false => self.interpolate(part, s)?,
             }
         }
         Ok(())
     }
 
-    /// Rows and columns of film resampled at a time.
-    fn strip(&self) -> (usize, usize) {
+    /// Film rows and columns of a part.
+    fn part_size(&self) -> (usize, usize) {
         let side = |full: f64, scale: f64| (full * scale.min(1.0)).max(1.0) as usize;
-        (side(STRIP_ROWS, self.frame.scale.0), side(STRIP_COLS, self.frame.scale.1))
+        (side(PART_ROWS, self.frame.scale.0), side(PART_COLS, self.frame.scale.1))
     }
 
-    /// About the chart rectangle that the film rectangle `rect` is made from, cut to a chart of `size`: a hint for
-    /// reading ahead, from the rectangle's corners and the middles of its sides.
-    pub fn about(&self, size: Size, rect: Rect) -> Rect {
+    /// Approximate chart rectangle of the film rectangle `rect`, clipped to a chart of `size`: a hint for prefetching, from the corners
+    /// of `rect` and the middles of its sides.
+    pub fn approx_chart_rect(&self, size: Size, rect: Rect) -> Rect {
         let map = Map::new(&self.frame, &self.field);
         let (mut rows, mut cols) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
         let three = |first: i64, n: usize| [first, first + n as i64 / 2, first + n as i64 - 1];
@@ -172,68 +193,48 @@ impl Remap {
         Rect::new(y, x, height, width).intersect(size.rect())
     }
 
-    /// One interpolation: where the strip's pixels lie on the chart, that rectangle of the chart, the taps.
-    fn interpolate(
-        &self,
-        chart: &dyn ChartSource,
-        band: usize,
-        strip: Rect,
-        out: &mut [f32],
-        stride: usize,
-        s: &mut RemapScratch,
-    ) -> Result<(), SourceSinkError> {
+    /// Interpolates the chart on the film rectangle `part` (scale ≥ 1).
+    fn interpolate(&self, part: Part<'_>, s: &mut RemapScratch) -> Result<(), SourceSinkError> {
         match self.simd.isa() {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => self.in_lanes::<Avx512>(chart, band, strip, out, stride, s),
+            Isa::Avx512 => self.interpolate_simd::<Avx512>(part, s),
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => self.in_lanes::<Avx2>(chart, band, strip, out, stride, s),
-            _ => self.one_by_one(chart, band, strip, out, stride, s),
+            Isa::Avx2 => self.interpolate_simd::<Avx2>(part, s),
+            _ => self.interpolate_portable(part, s),
         }
     }
 
     #[cfg(target_arch = "x86_64")]
-    fn in_lanes<V: Lanes>(
+    fn interpolate_simd<V: Lanes>(
         &self,
-        chart: &dyn ChartSource,
-        band: usize,
-        strip: Rect,
-        out: &mut [f32],
-        stride: usize,
+        part: Part<'_>,
         s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
-        let (map, knots, gate) =
-            (Map::new(&self.frame, &self.field), &self.knots, Gate::<V>::open(self.simd));
-        gate.run(Anchoring { map, knots, strip, to: &mut s.anchors });
-        let (need, first) = self.reading.needs(s.anchors.ends);
-        self.fetch(chart, band, need, s)?;
-        let chart = Chart { source: &s.source, width: need.width, first };
+        let (map, knots, dispatch) =
+            (Map::new(&self.frame, &self.field), &self.knots, Dispatch::<V>::new(self.simd));
+        let Part { rect, out, stride, .. } = part;
+        dispatch.run(FillAnchors { map, knots, rect, to: &mut s.anchors });
+        let (chart_rect, first) = self.reading.chart_rect(s.anchors.cells);
+        self.fetch(part.chart, part.band, chart_rect, s)?;
+        let chart = Chart { source: &s.source, width: chart_rect.width, first };
         let interp = self.reading.interp;
-        gate.run(Resample { map, knots, anchors: &s.anchors, chart, interp, strip, out, stride });
+        dispatch.run(Resample { map, knots, anchors: &s.anchors, chart, interp, rect, out, stride });
         Ok(())
     }
 
-    fn one_by_one(
-        &self,
-        chart: &dyn ChartSource,
-        band: usize,
-        strip: Rect,
-        out: &mut [f32],
-        stride: usize,
-        s: &mut RemapScratch,
-    ) -> Result<(), SourceSinkError> {
-        s.points.resize(strip);
-        Map::new(&self.frame, &self.field).strip(strip, &mut s.points);
-        let (need, first) = self.reading.needs((ends(&s.points.row), ends(&s.points.col)));
-        self.fetch(chart, band, need, s)?;
+    fn interpolate_portable(&self, part: Part<'_>, s: &mut RemapScratch) -> Result<(), SourceSinkError> {
+        Map::new(&self.frame, &self.field).fill(part.rect, &mut s.points);
+        let (chart_rect, first) = self.reading.chart_rect((min_max(&s.points.row), min_max(&s.points.col)));
+        self.fetch(part.chart, part.band, chart_rect, s)?;
         let p = &s.points;
-        for (line, to) in out.chunks_mut(stride).take(strip.height).enumerate() {
-            for (x, to) in to[..strip.width].iter_mut().enumerate() {
-                let i = line * p.stride + x;
-                let at = (p.row[i] - first.0) as usize * need.width + (p.col[i] - first.1) as usize;
+        for (y, to) in part.out.chunks_mut(part.stride).take(part.rect.height).enumerate() {
+            for (x, to) in to[..part.rect.width].iter_mut().enumerate() {
+                let i = y * p.stride + x;
+                let at = (p.row[i] - first.0) as usize * chart_rect.width + (p.col[i] - first.1) as usize;
                 let (from, fy, fx) = (&s.source[at..], p.row_fraction[i], p.col_fraction[i]);
                 let value = match self.reading.interp {
-                    Interp::Bicubic => bicubic(from, need.width, fy, fx),
-                    Interp::Bilinear => bilinear(from, need.width, fy, fx),
+                    Interp::Bicubic => bicubic(from, chart_rect.width, fy, fx),
+                    Interp::Bilinear => bilinear(from, chart_rect.width, fy, fx),
                 };
                 *to = value * p.gain[i];
             }
@@ -241,44 +242,38 @@ impl Remap {
         Ok(())
     }
 
-    fn average(
-        &self,
-        chart: &dyn ChartSource,
-        band: usize,
-        strip: Rect,
-        out: &mut [f32],
-        stride: usize,
-        s: &mut RemapScratch,
-    ) -> Result<(), SourceSinkError> {
-        let n = strip.size().pixels();
+    /// Averages the chart over the pixels of the film rectangle `part` (scale < 1).
+    fn average(&self, part: Part<'_>, s: &mut RemapScratch) -> Result<(), SourceSinkError> {
+        let Part { rect, out, stride, .. } = part;
+        let n = rect.size().pixels();
         let (by, bx) = ((1.0 / self.frame.scale.0).max(1.0), (1.0 / self.frame.scale.1).max(1.0));
-        s.chart.resize(n, (0.0, 0.0));
+        s.places.resize(n, (0.0, 0.0));
         s.gain.resize(n, 0.0);
         let (mut y, mut x) = ((i64::MAX, i64::MIN), (i64::MAX, i64::MIN));
         let map = Map::new(&self.frame, &self.field);
-        let lines = s.chart.chunks_exact_mut(strip.width).zip(s.gain.chunks_exact_mut(strip.width));
-        for (line, (at, gain)) in (strip.y..).zip(lines) {
-            for ((x_film, at), gain) in (strip.x..).zip(at).zip(gain) {
-                let (row, col, r) = map.at(line, x_film);
+        let lines = s.places.chunks_exact_mut(rect.width).zip(s.gain.chunks_exact_mut(rect.width));
+        for (y_film, (at, gain)) in (rect.y..).zip(lines) {
+            for ((x_film, at), gain) in (rect.x..).zip(at).zip(gain) {
+                let (row, col, r) = map.at(y_film, x_film);
                 (*at, *gain) = ((row, col), r as f32);
                 let ((y0, h), (x0, w)) = (box_span(row, by), box_span(col, bx));
                 y = (y.0.min(y0), y.1.max(y0 + h as i64));
                 x = (x.0.min(x0), x.1.max(x0 + w as i64));
             }
         }
-        let need = Rect::new(y.0, x.0, (y.1 - y.0) as usize, (x.1 - x.0) as usize);
-        self.fetch(chart, band, need, s)?;
-        for (line, to) in out.chunks_mut(stride).take(strip.height).enumerate() {
-            for (col, to) in to[..strip.width].iter_mut().enumerate() {
-                let i = line * strip.width + col;
-                let (row_at, col_at) = s.chart[i];
+        let chart_rect = Rect::new(y.0, x.0, (y.1 - y.0) as usize, (x.1 - x.0) as usize);
+        self.fetch(part.chart, part.band, chart_rect, s)?;
+        for (row, to) in out.chunks_mut(stride).take(rect.height).enumerate() {
+            for (col, to) in to[..rect.width].iter_mut().enumerate() {
+                let i = row * rect.width + col;
+                let (row_at, col_at) = s.places[i];
                 let ((y0, h), (x0, w)) = (box_span(row_at, by), box_span(col_at, bx));
                 box_weights(row_at, by, y0, &mut s.wy, h);
                 box_weights(col_at, bx, x0, &mut s.wx, w);
                 let mut sum = 0.0f64;
                 for (j, wy) in s.wy.iter().enumerate() {
-                    let first = (y0 - need.y) as usize + j;
-                    let from = &s.source[first * need.width + (x0 - need.x) as usize..][..w];
+                    let first = (y0 - chart_rect.y) as usize + j;
+                    let from = &s.source[first * chart_rect.width + (x0 - chart_rect.x) as usize..][..w];
                     let line: f64 = s.wx.iter().zip(from).map(|(w, v)| f64::from(*w) * f64::from(*v)).sum();
                     sum += f64::from(*wy) * line;
                 }
@@ -288,70 +283,70 @@ impl Remap {
         Ok(())
     }
 
-    /// The chart with its surround on `need` (which may lie outside), into `s.source`.
+    /// Reads the chart and its surround on `rect` (which may extend beyond the chart) into `s.source`.
     fn fetch(
         &self,
         chart: &dyn ChartSource,
         band: usize,
-        need: Rect,
+        rect: Rect,
         s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
-        let n = need.size().pixels();
+        let n = rect.size().pixels();
         let mut source = std::mem::take(&mut s.source);
-        resize_exact(&mut source, n + SPARE);
-        let read = self.fill(chart, band, need, &mut source[..n], s);
+        resize_exact(&mut source, n + PADDING);
+        let read = self.fill(chart, band, rect, &mut source[..n], s);
         s.source = source;
         read
     }
 
-    /// Fills `out` (row-major) with band `band` of `chart` on `need`, its surround where `need` lies outside.
+    /// Fills `out` (row-major) with band `band` of `chart` on `rect`, with its surround outside the chart.
     ///
     /// # Errors
-    /// What `chart` reports.
+    /// Errors of `chart`.
     pub fn fill(
         &self,
         chart: &dyn ChartSource,
         band: usize,
-        need: Rect,
+        rect: Rect,
         out: &mut [f32],
         s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
-        let read = &mut s.read;
+        let inside = &mut s.inside;
         let size = chart.size();
-        if size.rect().contains(need) {
-            return chart.read(band, need, out);
+        if size.rect().contains(rect) {
+            return chart.read(band, rect, out);
         }
         let surround = self.reading.surround;
-        let reached = |first: i64, count: usize, n: usize| {
-            let inside = (0..count as i64).filter_map(|i| surround.index(first + i, n));
-            inside.fold(None, |range: Option<(usize, usize)>, i| {
+        let range = |first: i64, count: usize, n: usize| {
+            let indices = (0..count as i64).filter_map(|i| surround.index(first + i, n));
+            indices.fold(None, |range: Option<(usize, usize)>, i| {
                 Some(range.map_or((i, i), |(a, b)| (a.min(i), b.max(i))))
             })
         };
-        let rows = reached(need.y, need.height, size.height);
-        let cols = reached(need.x, need.width, size.width);
+        let rows = range(rect.y, rect.height, size.height);
+        let cols = range(rect.x, rect.width, size.width);
         let (Some((y0, y1)), Some((x0, x1))) = (rows, cols) else {
             out.fill(0.0);
             return Ok(());
         };
         let part = Rect::new(y0 as i64, x0 as i64, y1 - y0 + 1, x1 - x0 + 1);
-        resize_exact(read, part.size().pixels());
-        chart.read(band, part, &mut read[..part.size().pixels()])?;
-        for (y, to) in out.chunks_exact_mut(need.width).enumerate() {
-            let Some(row) = surround.index(need.y + y as i64, size.height) else {
+        resize_exact(inside, part.size().pixels());
+        chart.read(band, part, &mut inside[..part.size().pixels()])?;
+        for (y, to) in out.chunks_exact_mut(rect.width).enumerate() {
+            let Some(row) = surround.index(rect.y + y as i64, size.height) else {
                 to.fill(0.0);
                 continue;
             };
-            let from = &read[(row - y0) * part.width..][..part.width];
+            let from = &inside[(row - y0) * part.width..][..part.width];
             for (x, to) in to.iter_mut().enumerate() {
-                *to = surround.index(need.x + x as i64, size.width).map_or(0.0, |col| from[col - x0]);
+                *to = surround.index(rect.x + x as i64, size.width).map_or(0.0, |col| from[col - x0]);
             }
         }
         Ok(())
     }
 }
 
-/// Resizes a buffer whose old values are not needed, without spare capacity: its size is part of the memory plan.
+/// Resizes a buffer, discarding its values, without spare capacity: its size is part of the memory plan.
 fn resize_exact(buffer: &mut Vec<f32>, n: usize) {
     if buffer.capacity() < n {
         *buffer = Vec::new();

@@ -1,8 +1,8 @@
-//! Reading a chart between its pixels: bicubic, bilinear, the mean over a box, and what surrounds the chart.
+//! Resampling of a chart: bicubic and bilinear interpolation, the mean over a box, and the surround of the chart.
 //!
-//! Bicubic is Catmull-Rom (Keys 1981, a = −1/2): passes through the pixels, exact for quadratics. Bilinear blurs (up to
-//! 0.16 % in an edge's spread). Where the film's pixel covers more than a chart pixel (scale < 1) the chart, taken as
-//! constant squares, is averaged over the box of 1/scale chart pixels. Coordinates are an integer and an f32 fraction.
+//! Bicubic is Catmull-Rom (Keys 1981, a = −1/2): interpolates the pixels, exact for quadratics. Bilinear blurs (up to 0.16 % of the edge
+//! spread). Where a film pixel covers more than a chart pixel (scale < 1) the chart, constant on each pixel square, is averaged over a
+//! box of 1/scale chart pixels. Coordinates are an integer and an f32 fraction.
 
 /// Interpolation between chart pixels where scale ≥ 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,7 +13,7 @@ pub enum Interp {
     Bilinear,
 }
 
-/// What lies around the chart.
+/// Values outside the chart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surround {
     /// The nearest chart pixel.
@@ -25,7 +25,7 @@ pub enum Surround {
 }
 
 impl Surround {
-    /// The chart index that stands at `i` on an axis of `n` pixels; `None` is black.
+    /// The chart index for `i` on an axis of `n` pixels; `None` for black.
     pub fn index(self, i: i64, n: usize) -> Option<usize> {
         let n = n as i64;
         match self {
@@ -40,32 +40,32 @@ impl Surround {
     }
 }
 
-/// A coordinate as integer and fraction in [0, 1].
+/// A coordinate as an integer and a fraction in [0, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Coordinate {
     pub(crate) cell: i32,
     pub(crate) fraction: f32,
 }
 
-/// Fractions below this are none: under f32's resolution of the weights, and an identity map stays one bit for bit.
-const SNAP: f64 = 1.0 / (1u64 << 30) as f64;
+/// Fractions below this are set to 0: below the resolution of f32 weights, and an identity map keeps all bits.
+const MIN_FRACTION: f64 = 1.0 / (1u64 << 30) as f64;
 
-/// Charts are smaller.
-const FARTHEST: f64 = (1u64 << 30) as f64;
-/// 1.5·2^52: its neighbours are integers.
-const WHOLE: f64 = (3u64 << 51) as f64;
+/// Coordinates are clamped to ± this; sides of charts are smaller.
+const MAX_COORDINATE: f64 = (1u64 << 30) as f64;
+/// 1.5·2^52: adding and subtracting it rounds to an integer.
+const ROUNDING: f64 = (3u64 << 51) as f64;
 
 impl Coordinate {
     #[inline(always)]
     pub(crate) fn new(at: f64) -> Self {
-        // In this range, and by adding 1.5·2^52 (the sum's low bits are the nearest integer), all of it has lanes.
-        let at = if at > -FARTHEST { at } else { -FARTHEST };
-        let at = if at < FARTHEST { at } else { FARTHEST };
-        let nearest = (at + WHOLE) - WHOLE;
-        let whole = if nearest > at { nearest - 1.0 } else { nearest };
-        let cell = (whole + WHOLE).to_bits() as i32;
-        let fraction = at - whole;
-        Self { cell, fraction: if fraction < SNAP { 0.0 } else { fraction as f32 } }
+        // Clamping, and rounding by addition (the low bits of the sum are the nearest integer), vectorise.
+        let at = if at > -MAX_COORDINATE { at } else { -MAX_COORDINATE };
+        let at = if at < MAX_COORDINATE { at } else { MAX_COORDINATE };
+        let nearest = (at + ROUNDING) - ROUNDING;
+        let integer = if nearest > at { nearest - 1.0 } else { nearest };
+        let cell = (integer + ROUNDING).to_bits() as i32;
+        let fraction = at - integer;
+        Self { cell, fraction: if fraction < MIN_FRACTION { 0.0 } else { fraction as f32 } }
     }
 }
 
@@ -84,7 +84,7 @@ pub(crate) fn cubic(f: f32) -> [f32; 4] {
 #[inline(always)]
 pub(crate) fn bicubic(from: &[f32], stride: usize, fy: f32, fx: f32) -> f32 {
     let (wy, wx) = (cubic(fy), cubic(fx));
-    // Columns stay in lanes until the end: four multiply-adds of four lanes, one sum across.
+    // Column by column: four multiply-adds of four lanes, then one sum over the lanes.
     let mut lanes = [0f32; 4];
     for (i, wy) in wy.iter().enumerate() {
         let p: &[f32; 4] = from[i * stride..][..4].try_into().expect("four");
@@ -102,14 +102,14 @@ pub(crate) fn bilinear(from: &[f32], stride: usize, fy: f32, fx: f32) -> f32 {
     (1.0 - fy) * row(&from[..2]) + fy * row(&from[stride..][..2])
 }
 
-/// The span of chart pixels that a box of `width` about `centre` touches: first, count.
+/// Chart pixels that a box of `width` about `centre` intersects: first, count.
 pub(crate) fn box_span(centre: f64, width: f64) -> (i64, usize) {
     let first = (centre - width / 2.0 + 0.5).floor() as i64;
     let last = (centre + width / 2.0 + 0.5).ceil() as i64 - 1;
     (first, (last - first + 1).max(1) as usize)
 }
 
-/// Shares of those pixels in the box; they sum to 1.
+/// Weights of those pixels in the mean over the box; they sum to 1.
 pub(crate) fn box_weights(centre: f64, width: f64, first: i64, out: &mut Vec<f32>, count: usize) {
     let (a, b) = (centre - width / 2.0, centre + width / 2.0);
     out.clear();
@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn surrounds_fold_indices() {
+    fn surround_maps_outside_indices() {
         let at = |s: Surround, i| s.index(i, 3);
         assert_eq!([-1, 0, 2, 3, 9].map(|i| at(Surround::Edge, i)), [0, 0, 2, 2, 2].map(Some));
         assert_eq!([-1, 3].map(|i| at(Surround::Black, i)), [None, None]);
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_coordinates_are_exact() {
+    fn integer_coordinates_are_exact() {
         assert_eq!(cubic(0.0), [0.0, 1.0, 0.0, 0.0]);
         assert_eq!(cubic(1.0), [0.0, 0.0, 1.0, 0.0]);
         assert_eq!(Coordinate::new(5.0 + 1e-12), Coordinate { cell: 5, fraction: 0.0 });
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn box_shares_sum_to_one() {
+    fn box_weights_sum_to_one() {
         for (centre, width) in [(3.2, 2.5), (0.0, 1.0), (-7.49, 1.0), (100.5, 17.3)] {
             let (first, count) = box_span(centre, width);
             let mut w = Vec::new();

@@ -1,20 +1,20 @@
-//! The stages of a job as the executor asks for them: remapped image, then PSF, on the CPU or on a GPU.
+//! Stages 1-3 of a job as the executor's [`Compute`]: remapped image, then PSF, on the CPU or on a GPU; and the memory they take.
 
-use crate::band::BandStages;
+use crate::band::{BandPlan, BandStages};
 use crate::buffer::TileBuffer;
 use crate::clock::Clock;
 use crate::cuda::CudaError;
-use crate::cuda::band::{GpuBand, Slot, Streams};
+use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
 use crate::cuda::memory::DeviceQueue;
 use crate::executor::Compute;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
 use crate::plan::Tiling;
-use crate::psf::PsfScratch;
 use crate::psf::spectra::SpectrumCache;
+use crate::psf::{PsfScratch, memory};
 use crate::remap::RemapScratch;
 
-/// Makes the stages of the band at a position of the job.
+/// Constructs the stages of the band at a position of the job.
 pub type Prepare<'a> = dyn Fn(usize) -> Result<BandStages, SourceSinkError> + Sync + 'a;
 
 /// Stages 1-3 of a job.
@@ -33,7 +33,7 @@ pub struct StageScratch {
 }
 
 impl<'a> StageCompute<'a> {
-    /// On the film of `frame`, with `spectra_bytes` for node spectra; `prepare` makes the stages of a band.
+    /// For the film of `frame`, with a cache of `spectra_bytes` for node spectra; `prepare` constructs the stages of a band.
     pub fn new(frame: Frame, spectra_bytes: usize, prepare: &'a Prepare<'a>) -> Self {
         Self { frame, prepare, spectra: SpectrumCache::new(spectra_bytes) }
     }
@@ -72,7 +72,7 @@ impl Compute for StageCompute<'_> {
     }
 
     fn chart_hint(&self, band: &BandStages, chart: Size, tile: Rect) -> Rect {
-        band.remap.about(chart, tile)
+        band.remap.approx_chart_rect(chart, tile)
     }
 
     fn chart_rect(&self, band: &BandStages, tile: Rect) -> Rect {
@@ -99,7 +99,24 @@ impl Compute for StageCompute<'_> {
         queue: &DeviceQueue,
         halved: u32,
         streams: &Streams,
-    ) -> Result<(GpuBand, Vec<Slot>), CudaError> {
+    ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError> {
         GpuBand::new(&self.frame, band, tiling, tiles, queue, halved, streams)
     }
+}
+
+/// Bytes of the PSF stage's scratch of one worker, and of the remapped tile.
+pub fn psf_scratch_bytes(plan: &BandPlan) -> usize {
+    let scratch = plan.blocks.map_or(0, |blocks| memory::scratch_bytes(&blocks, plan.lens.psf_size));
+    4 * plan.tiling.tile().pow(2) + scratch
+}
+
+/// Bytes of a tile's contribution: the tile and its tail, rows padded to whole cache lines.
+pub fn contribution_bytes(plan: &BandPlan) -> usize {
+    let side = plan.tiling.tile() + 2 * plan.tiling.margin();
+    4 * side * (side + 15).next_multiple_of(16)
+}
+
+/// Bytes of a band's kernels ([`memory::kernels_bytes`]).
+pub fn kernels_bytes(plan: &BandPlan) -> usize {
+    plan.blocks.map_or(0, |b| memory::kernels_bytes(&b, plan.lens.psf_height_mm.len(), plan.lens.psf_size))
 }

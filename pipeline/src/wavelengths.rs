@@ -1,79 +1,80 @@
-//! Lists of wavelengths in words: `400:700:10` (first:last:step in nm, BOTH ends included), `450,550,650`, or both
-//! mixed, `400:700:10,850`. Order is kept, as a store's bands may lie in any order; no wavelength comes twice.
+//! Lists of wavelengths as text: `400:700:10` (first:last:step in nm, both ends included), `450,550,650`, or mixed,
+//! `400:700:10,850`. The order is kept, as bands of a store may have any order; wavelengths are distinct.
 
 use crate::bounds::{BANDS, WAVELENGTH_NM};
 
-/// Longest list that is read.
-pub const MAX_BANDS: usize = BANDS.most as usize;
+/// Maximum length of a list.
+pub const MAX_BANDS: usize = BANDS.max as usize;
 
-/// Why a list of wavelengths cannot be read.
+/// An invalid list of wavelengths.
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[non_exhaustive]
 pub enum WavelengthError {
-    /// Not a number, or not one that light has.
+    /// Not a number, or out of range.
     #[error(
-        "wavelength '{word}' in '{list}' is not a number from {WAVELENGTH_NM}; write 450,550,650 or 400:700:10"
+        "wavelength '{item}' in '{list}' is not a number from {WAVELENGTH_NM}; write 450,550,650 or 400:700:10"
     )]
     NotAWavelength {
-        /// The piece at fault.
-        word: String,
-        /// The whole list.
+        /// The item.
+        item: String,
+        /// The list.
         list: String,
     },
     /// Neither a number nor first:last:step.
     #[error(
-        "'{word}' is not a range of wavelengths: write first:last:step in nm, both ends included, as in 400:700:10"
+        "'{item}' is not a range of wavelengths: write first:last:step in nm, both ends included, as in 400:700:10"
     )]
     NotARange {
-        /// The piece at fault.
-        word: String,
+        /// The item.
+        item: String,
     },
-    /// A range that never arrives.
-    #[error("range '{word}' needs a step above 0 and a last wavelength not below the first")]
+    /// A range with a step of the wrong sign.
+    #[error("range '{item}' needs a step above 0 and a last wavelength not below the first")]
     Backwards {
-        /// The range at fault.
-        word: String,
+        /// The range.
+        item: String,
     },
-    /// A range whose last wavelength is no whole number of steps from the first.
+    /// A range that is not an integer number of steps long.
     #[error(
-        "range '{word}' includes both ends, but {last_nm} nm is not a whole number of steps from the first: its last step is {reached_nm} nm"
+        "range '{item}' includes both ends, but {last_nm} nm is not a whole number of steps from the first: its last step is {reached_nm} nm"
     )]
     MissesEnd {
-        /// The range at fault.
-        word: String,
-        /// The end asked for.
+        /// The range.
+        item: String,
+        /// The given end.
         last_nm: f64,
-        /// The last wavelength the steps reach.
+        /// The last wavelength on the steps.
         reached_nm: f64,
     },
     /// More wavelengths than [`MAX_BANDS`].
-    #[error("'{list}' holds more than {MAX_BANDS} wavelengths; take a longer step")]
+    #[error("'{list}' contains more than {MAX_BANDS} wavelengths; take a longer step")]
     TooMany {
-        /// The whole list.
+        /// The list.
         list: String,
     },
-    /// The same wavelength twice.
-    #[error("'{list}' holds {wavelength_nm} nm twice; give every band its own wavelength")]
+    /// A repeated wavelength.
+    #[error("'{list}' contains {wavelength_nm} nm twice; wavelengths must be distinct")]
     Twice {
-        /// The whole list.
+        /// The list.
         list: String,
-        /// The wavelength that comes twice.
+        /// The wavelength.
         wavelength_nm: f64,
     },
 }
 
-/// Reads a list of wavelengths in nm.
+/// Parses a list of wavelengths in nm.
 ///
 /// # Errors
-/// If a piece is no wavelength or range, a range never ends where it says, or the list is too long or repeats itself.
+/// [`WavelengthError`] for an item that is not a wavelength or range, a range that misses its end, or a list that is too long or
+/// repeats a wavelength.
 pub fn parse(list: &str) -> Result<Vec<f64>, WavelengthError> {
     let mut all = Vec::new();
-    for word in list.split(',') {
-        let word = word.trim();
-        if word.contains(':') {
-            all.extend(range(word, list)?);
+    for item in list.split(',') {
+        let item = item.trim();
+        if item.contains(':') {
+            all.extend(range(item, list)?);
         } else {
-            all.push(number(word, list)?);
+            all.push(number(item, list)?);
         }
         if all.len() > MAX_BANDS {
             return Err(WavelengthError::TooMany { list: list.into() });
@@ -87,46 +88,46 @@ pub fn parse(list: &str) -> Result<Vec<f64>, WavelengthError> {
     }
 }
 
-/// Writes a list so that [`parse`] reads the same numbers: a range where the steps are even, else one by one.
+/// Formats a list so that [`parse`] returns the same numbers: a range if the steps are equal, else one by one.
 pub fn format(wavelengths_nm: &[f64]) -> String {
     if let [first, second, .., last] = wavelengths_nm {
         let short = format!("{first}:{last}:{}", second - first);
-        if parse(&short).is_ok_and(|read| read == wavelengths_nm) {
+        if parse(&short).is_ok_and(|parsed| parsed == wavelengths_nm) {
             return short;
         }
     }
     wavelengths_nm.iter().map(f64::to_string).collect::<Vec<_>>().join(",")
 }
 
-fn number(word: &str, list: &str) -> Result<f64, WavelengthError> {
-    match word.trim().parse::<f64>() {
-        Ok(nm) if WAVELENGTH_NM.holds(nm) => Ok(nm),
-        _ => Err(WavelengthError::NotAWavelength { word: word.trim().into(), list: list.into() }),
+fn number(item: &str, list: &str) -> Result<f64, WavelengthError> {
+    match item.trim().parse::<f64>() {
+        Ok(nm) if WAVELENGTH_NM.contains(nm) => Ok(nm),
+        _ => Err(WavelengthError::NotAWavelength { item: item.trim().into(), list: list.into() }),
     }
 }
 
-fn range(word: &str, list: &str) -> Result<Vec<f64>, WavelengthError> {
-    let parts: Vec<_> = word.split(':').collect();
+fn range(item: &str, list: &str) -> Result<Vec<f64>, WavelengthError> {
+    let parts: Vec<_> = item.split(':').collect();
     let &[first, last, step] = parts.as_slice() else {
-        return Err(WavelengthError::NotARange { word: word.into() });
+        return Err(WavelengthError::NotARange { item: item.into() });
     };
     let (first, last) = (number(first, list)?, number(last, list)?);
-    let step: f64 = step.trim().parse().map_err(|_| WavelengthError::NotARange { word: word.into() })?;
-    // Written so that a NaN step is refused too.
+    let step: f64 = step.trim().parse().map_err(|_| WavelengthError::NotARange { item: item.into() })?;
+    // Also rejects a NaN step.
     if !(step > 0.0 && last >= first) {
-        return Err(WavelengthError::Backwards { word: word.into() });
+        return Err(WavelengthError::Backwards { item: item.into() });
     }
     let steps = (last - first) / step;
     if steps >= MAX_BANDS as f64 {
         return Err(WavelengthError::TooMany { list: list.into() });
     }
-    // Decimal steps are not exact in binary: a millionth of a step is rounding, not intent.
-    let whole = steps.round();
-    if (steps - whole).abs() > 1e-6 {
+    // Decimal steps are not exact in binary: differences up to a millionth of a step are rounding.
+    let rounded = steps.round();
+    if (steps - rounded).abs() > 1e-6 {
         let reached_nm = first + steps.floor() * step;
-        return Err(WavelengthError::MissesEnd { word: word.into(), last_nm: last, reached_nm });
+        return Err(WavelengthError::MissesEnd { item: item.into(), last_nm: last, reached_nm });
     }
-    let count = whole as usize;
+    let count = rounded as usize;
     Ok((0..=count).map(|i| if i == count { last } else { first + i as f64 * step }).collect())
 }
 
@@ -135,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_range_includes_both_ends() {
+    fn range_includes_both_ends() {
         let nm = parse("400:700:10").unwrap();
         assert_eq!((nm.len(), nm[0], nm[1], nm[30]), (31, 400.0, 410.0, 700.0));
         assert_eq!(parse("500:500:10").unwrap(), [500.0]);
@@ -149,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_refused_in_words() {
+    fn invalid_lists_are_errors() {
         for bad in [
             "",
             "nan",
@@ -176,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_the_same() {
+    fn formatted_lists_round_trip() {
         for list in ["400:700:10", "450,550,650", "450", "410,470.5,700", "400:401:0.1"] {
             let nm = parse(list).unwrap();
             assert_eq!(parse(&format(&nm)).unwrap(), nm);

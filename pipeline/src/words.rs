@@ -1,13 +1,13 @@
-//! How alike two words are, for "did you mean".
+//! Similarity of names, for "did you mean".
 
-/// Letters of a word that are compared: more than any name has, so that no input makes the comparison slow.
-const LONGEST: usize = 64;
+/// Number of letters compared, longer than any name, so that no input is slow.
+const MAX_LETTERS: usize = 64;
 
-/// Levenshtein's distance, by rows: the fewest letters to add, drop or replace.
-pub(crate) fn changes(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().take(LONGEST).collect();
+/// Levenshtein distance: the minimum number of letters to insert, delete or replace.
+pub(crate) fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().take(MAX_LETTERS).collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().take(LONGEST).enumerate() {
+    for (i, x) in a.chars().take(MAX_LETTERS).enumerate() {
         let mut diagonal = row[0];
         row[0] = i + 1;
         for (j, y) in b.iter().enumerate() {

@@ -1,18 +1,18 @@
-//! Opening GPUs and what can go wrong, over the emulated driver; and that driver itself: what it runs and what it catches.
+//! Opening of GPUs and its errors, on the emulated driver; and tests of that driver: what it runs and which mistakes it detects.
 
-#![allow(unsafe_code, reason = "kernels are launched by hand")]
+#![allow(unsafe_code, reason = "kernels are launched directly")]
 
 mod emulated_cuda;
 
-use emulated_cuda::{Build, Case, On, PLAIN, WATCHED};
+use emulated_cuda::{Build, Case, PLAIN, SANITIZED_BUILD, Target};
 use lenscube_pipeline::cuda::handle::CudaStream;
 use lenscube_pipeline::cuda::launch::LaunchConfig;
-use lenscube_pipeline::cuda::slice::CudaSlice;
+use lenscube_pipeline::cuda::slice::{CudaSlice, DeviceMemory};
 use lenscube_pipeline::cuda::{CudaError, Device, devices};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-const PROBE: &str = include_str!("emulated_cuda/probe.ptx");
+const PROBE: &str = include_str!("../ptx/probe.ptx");
 
 fn scale(
     device: &Device,
@@ -30,7 +30,7 @@ fn scale(
     Ok(())
 }
 
-/// Up, twice through a kernel on another stream, down; explicit events only where `waits`.
+/// Upload, two kernels on another stream, download; ordered by events only if `waits`.
 fn chain(waits: bool) -> Vec<f32> {
     let device = Device::open(0).unwrap();
     let context = &device.context;
@@ -57,18 +57,18 @@ fn chain(waits: bool) -> Vec<f32> {
     got
 }
 
-fn streams_run_in_order() {
+fn events_order_streams() {
     for (i, v) in chain(true).into_iter().enumerate() {
         assert_eq!(v, 3.0 * (2.0 * i as f32 + 1.0));
     }
 }
 
-fn a_missing_wait_shows() {
+fn missing_wait_changes_the_result() {
     assert!(chain(false).iter().enumerate().any(|(i, v)| *v != 3.0 * (2.0 * i as f32 + 1.0)));
 }
 
-/// Pinned memory is read when its copy runs, not when it is asked for.
-fn host_memory_reused_too_early_shows() {
+/// Page-locked memory is read when its copy runs, not when the copy is enqueued.
+fn host_memory_reused_before_its_copy_changes_the_result() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let mut source = device.context.alloc_pinned::<f32>(4).unwrap();
@@ -77,7 +77,7 @@ fn host_memory_reused_too_early_shows() {
     unsafe { std::slice::from_raw_parts_mut(first, 4) }.fill(1.0);
     let mut there = device.allocate::<f32>(&stream, 4, "a test").unwrap();
     stream.memcpy_htod(source.as_slice(), &mut there).unwrap();
-    // SAFETY: as above; the copy may be under way, which is the point.
+    // SAFETY: as above; the copy may be running, which is what the test is about.
     unsafe { std::slice::from_raw_parts_mut(first, 4) }.fill(2.0);
     assert_eq!(stream.clone_dtoh(&there).unwrap(), [2.0; 4]);
 }
@@ -96,15 +96,15 @@ fn reverse(shared: u32) -> bool {
     back.iter().enumerate().all(|(i, v)| *v as usize == i / 256 * 256 + 255 - i % 256)
 }
 
-fn a_block_shares_memory() {
+fn block_reverses_values_in_shared_memory() {
     assert!(reverse(1024));
 }
 
-fn shared_memory_ends_where_it_was_asked_for() {
+fn access_beyond_shared_memory_is_caught() {
     reverse(1020);
 }
 
-fn warps_shuffle() {
+fn shuffles_sum_a_warp() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let there = stream.clone_htod(&(0..128).map(|i| i as f32).collect::<Vec<_>>()).unwrap();
@@ -118,7 +118,7 @@ fn warps_shuffle() {
     }
 }
 
-fn parted_barriers_are_found() {
+fn barrier_reached_by_half_of_the_threads_is_an_error() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let out = device.allocate::<f32>(&stream, 64, "a test").unwrap();
@@ -129,8 +129,8 @@ fn parted_barriers_are_found() {
     assert!(launched.is_err() || stream.synchronize().is_err());
 }
 
-/// The driver refuses 17 of 16 values; the program's own copies never ask for that.
-fn copies_beyond_an_allocation_are_refused() {
+/// A copy of 17 of 16 values; the program never requests one.
+fn copy_beyond_an_allocation_panics() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let mut to = device.allocate::<f32>(&stream, 16, "a test").unwrap();
@@ -140,7 +140,7 @@ fn copies_beyond_an_allocation_are_refused() {
     assert!(beyond.is_err(), "17 values of 16");
 }
 
-fn a_kernel_beyond_its_memory_is_caught() {
+fn kernel_access_beyond_its_memory_is_caught() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let from = stream.clone_htod(&vec![1f32; 64]).unwrap();
@@ -149,18 +149,18 @@ fn a_kernel_beyond_its_memory_is_caught() {
     let _ = stream.synchronize();
 }
 
-fn no_driver_is_said() {
+fn missing_driver_is_reported_with_the_required_version() {
     assert_eq!(devices(), Err(CudaError::NoDriver));
     let error = Device::open(0).unwrap_err().to_string();
     assert!(error.contains("no NVIDIA driver") && error.contains("12.2"), "{error}");
 }
 
-fn no_device_is_said() {
+fn driver_without_gpu_is_reported() {
     assert_eq!(devices(), Err(CudaError::NoDevice));
     assert!(Device::open(0).unwrap_err().to_string().contains("no GPU"));
 }
 
-fn a_driver_that_fails_is_said() {
+fn driver_start_error_is_reported_with_its_code() {
     let error = devices().unwrap_err();
     assert!(
         matches!(&error, CudaError::Start { code } if code.contains("SYSTEM_DRIVER_MISMATCH, 803")),
@@ -168,18 +168,18 @@ fn a_driver_that_fails_is_said() {
     );
 }
 
-fn an_old_driver_is_refused() {
+fn old_driver_is_an_error_with_both_versions() {
     assert_eq!(devices(), Err(CudaError::DriverTooOld { found: (12, 1) }));
     let error = Device::open(0).unwrap_err().to_string();
     assert!(error.contains("12.1") && error.contains("12.2"), "{error}");
 }
 
-fn an_old_device_is_refused() {
+fn old_device_is_an_error_with_its_capability() {
     let error = Device::open(0).unwrap_err();
     assert!(matches!(error, CudaError::DeviceTooOld { found: (7, 5), .. }), "{error}");
 }
 
-fn devices_are_listed() {
+fn devices_are_listed_with_their_properties() {
     let all = devices().unwrap();
     assert_eq!(all.len(), 2);
     assert_eq!(all.iter().map(|d| d.compute_capability).collect::<Vec<_>>(), [(9, 0), (8, 6)]);
@@ -189,18 +189,18 @@ fn devices_are_listed() {
     assert_eq!(Device::open(1).unwrap().memory().unwrap(), (1_000_000, 1_000_000));
 }
 
-fn too_little_memory_is_said() {
+fn out_of_memory_reports_requested_and_free_bytes() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let kept = device.allocate::<f32>(&stream, 200_000, "the chart").unwrap();
     let error = device.allocate::<f32>(&stream, 100_000, "spectra").unwrap_err();
-    let CudaError::OutOfMemory { device: 0, asked_bytes, free_bytes, total_bytes, .. } = error else {
+    let CudaError::OutOfMemory { device: 0, requested_bytes, free_bytes, total_bytes, .. } = error else {
         panic!("{error}");
     };
-    assert_eq!((asked_bytes, free_bytes, total_bytes), (400_000, 200_000, 1_000_000));
+    assert_eq!((requested_bytes, free_bytes, total_bytes), (400_000, 200_000, 1_000_000));
     let text = error.to_string();
     assert!(text.contains("spectra") && text.contains("400000") && text.contains("200000"), "{text}");
-    // What is freed can be had again.
+    // Freed memory can be allocated again.
     drop(kept);
     device.allocate::<f32>(&stream, 200_000, "spectra").unwrap();
 }
@@ -218,19 +218,19 @@ fn broken(device: &Device, stream: &Arc<CudaStream>) -> CudaError {
     panic!("all launches succeeded");
 }
 
-fn a_failing_kernel_is_no_lost_device() {
+fn failed_kernel_is_not_a_lost_device() {
     let device = Device::open(0).unwrap();
     let error = broken(&device, &device.context.new_stream().unwrap());
-    assert!(matches!(&error, CudaError::Kernel { device: 0, .. }) && !error.lost(), "{error}");
+    assert!(matches!(&error, CudaError::Kernel { device: 0, .. }) && !error.is_lost(), "{error}");
     assert!(error.to_string().contains("ILLEGAL_ADDRESS"), "{error}");
 }
 
-fn a_lost_device_leaves_the_others() {
+fn lost_device_does_not_affect_other_devices() {
     let (first, second) = (Device::open(0).unwrap(), Device::open(1).unwrap());
     let stream = second.context.new_stream().unwrap();
     let error = broken(&second, &stream);
-    assert!(matches!(&error, CudaError::Lost { device: 1, .. }) && error.lost(), "{error}");
-    assert!(second.memory().is_err() && stream.synchronize().is_err(), "what is lost stays lost");
+    assert!(matches!(&error, CudaError::Lost { device: 1, .. }) && error.is_lost(), "{error}");
+    assert!(second.memory().is_err() && stream.synchronize().is_err(), "a lost device stays lost");
     let stream = first.context.new_stream().unwrap();
     let from = stream.clone_htod(&[1f32; 64]).unwrap();
     let mut to = first.allocate::<f32>(&stream, 64, "a test").unwrap();
@@ -240,8 +240,8 @@ fn a_lost_device_leaves_the_others() {
     assert_eq!(stream.clone_dtoh(&to).unwrap(), [2f32; 64]);
 }
 
-/// Codes from drivers newer than this program are integers like any other.
-fn codes_are_classified(code: i32) {
+/// Codes of newer drivers are accepted too.
+fn error_code_is_classified(code: i32) {
     let device = Device::open(0).unwrap();
     let error = broken(&device, &device.context.new_stream().unwrap());
     assert!(
@@ -251,107 +251,161 @@ fn codes_are_classified(code: i32) {
     );
     match code {
         4242 => assert!(matches!(error, CudaError::Driver { .. }) && !error.retryable(), "{error}"),
-        _ => assert!(error.lost() && error.retryable(), "{error}"),
+        _ => assert!(error.is_lost() && error.retryable(), "{error}"),
     }
 }
 
-fn exclusive_use_is_not_a_lost_device() {
+fn device_in_exclusive_use_is_not_lost() {
     let error = Device::open(0).unwrap_err();
-    assert!(matches!(error, CudaError::InUse { .. }) && error.retryable() && !error.lost(), "{error}");
+    assert!(matches!(error, CudaError::InUse { .. }) && error.retryable() && !error.is_lost(), "{error}");
     assert!(error.to_string().contains("in use by another process"), "{error}");
 }
 
-fn page_locked_memory_is_not_the_devices() {
+fn out_of_host_memory_is_not_out_of_device_memory() {
     let device = Device::open(0).unwrap();
     let error = device.allocate_pinned(100).unwrap_err();
-    assert_eq!(error, CudaError::OutOfHostMemory { device: 0, asked_bytes: 400 });
-    assert!(!error.out_of_memory() && error.retryable());
+    assert_eq!(error, CudaError::OutOfHostMemory { device: 0, requested_bytes: 400 });
+    assert!(!error.is_out_of_memory() && error.retryable());
     assert_eq!(device.allocate_pinned(100).unwrap().as_slice(), [0f32; 100]);
 }
 
 fn main() -> ExitCode {
     let plain = Case::emulated;
     let must_fail = |case: Case| Case { must_fail: true, ..case };
-    let built = |case: Case, build: Build| match case.on {
-        On::Emulated(_, settings) => Case { on: On::Emulated(build, settings), ..case },
+    let built = |case: Case, build: Build| match case.target {
+        Target::Emulated(_, settings) => Case { target: Target::Emulated(build, settings), ..case },
         _ => case,
     };
     const NO_BARRIER: Build = Build { sanitized: false, defines: "-DWITHOUT=1" };
     let mut cases = vec![
         Case {
-            name: "no_driver_is_said".into(),
-            run: no_driver_is_said,
-            on: On::Nothing,
+            name: "missing_driver_is_reported_with_the_required_version".into(),
+            run: missing_driver_is_reported_with_the_required_version,
+            target: Target::NoDriver,
             must_fail: false,
             long: false,
         },
-        Case::device("streams_run_in_order", streams_run_in_order),
-        Case::device("a_block_shares_memory", || assert!(reverse(1024))),
-        Case::device("warps_shuffle", warps_shuffle),
-        plain("no_device_is_said", &[("DEVICES", "0")], no_device_is_said),
-        plain("a_driver_that_fails_is_said", &[("INIT", "803")], a_driver_that_fails_is_said),
-        plain("an_old_driver_is_refused", &[("DRIVER", "12010")], an_old_driver_is_refused),
-        plain("an_old_device_is_refused", &[("CAPABILITY", "7.5")], an_old_device_is_refused),
+        Case::device("events_order_streams", events_order_streams),
+        Case::device("block_reverses_values_in_shared_memory", || assert!(reverse(1024))),
+        Case::device("shuffles_sum_a_warp", shuffles_sum_a_warp),
+        plain("driver_without_gpu_is_reported", &[("DEVICES", "0")], driver_without_gpu_is_reported),
         plain(
-            "devices_are_listed",
+            "driver_start_error_is_reported_with_its_code",
+            &[("INIT", "803")],
+            driver_start_error_is_reported_with_its_code,
+        ),
+        plain(
+            "old_driver_is_an_error_with_both_versions",
+            &[("DRIVER", "12010")],
+            old_driver_is_an_error_with_both_versions,
+        ),
+        plain(
+            "old_device_is_an_error_with_its_capability",
+            &[("CAPABILITY", "7.5")],
+            old_device_is_an_error_with_its_capability,
+        ),
+        plain(
+            "devices_are_listed_with_their_properties",
             &[("DEVICES", "2"), ("CAPABILITY", "9.0,8.6"), ("MEMORY", "2e6,1e6"), ("DRIVER", "12040")],
-            devices_are_listed,
+            devices_are_listed_with_their_properties,
         ),
-        plain("too_little_memory_is_said", &[("MEMORY", "1e6")], too_little_memory_is_said),
         plain(
-            "too_little_memory_is_said::deferred",
+            "out_of_memory_reports_requested_and_free_bytes",
+            &[("MEMORY", "1e6")],
+            out_of_memory_reports_requested_and_free_bytes,
+        ),
+        plain(
+            "out_of_memory_reports_requested_and_free_bytes::deferred",
             &[("MEMORY", "1e6"), ("STREAMS", "deferred")],
-            too_little_memory_is_said,
+            out_of_memory_reports_requested_and_free_bytes,
         ),
         plain(
-            "a_failing_kernel_is_no_lost_device",
+            "failed_kernel_is_not_a_lost_device",
             &[("FAULTS", "kernel:0:3")],
-            a_failing_kernel_is_no_lost_device,
+            failed_kernel_is_not_a_lost_device,
         ),
         plain(
-            "a_lost_device_leaves_the_others",
+            "lost_device_does_not_affect_other_devices",
             &[("DEVICES", "2"), ("FAULTS", "lost:1:2"), ("STREAMS", "deferred")],
-            a_lost_device_leaves_the_others,
+            lost_device_does_not_affect_other_devices,
         ),
-        plain("codes_are_classified::226", &[("FAULTS", "error-226:0:2")], || codes_are_classified(226)),
-        plain("codes_are_classified::721", &[("FAULTS", "error-721:0:2"), ("STREAMS", "deferred")], || {
-            codes_are_classified(721)
+        plain("error_code_is_classified::226", &[("FAULTS", "error-226:0:2")], || {
+            error_code_is_classified(226)
         }),
-        plain("codes_are_classified::999", &[("FAULTS", "error-999:0:2")], || codes_are_classified(999)),
-        plain("codes_are_classified::4242", &[("FAULTS", "error-4242:0:2"), ("STREAMS", "deferred")], || {
-            codes_are_classified(4242)
-        }),
-        plain("exclusive_use_is_not_a_lost_device", &[("OPEN", "46")], exclusive_use_is_not_a_lost_device),
         plain(
-            "page_locked_memory_is_not_the_devices",
+            "error_code_is_classified::721",
+            &[("FAULTS", "error-721:0:2"), ("STREAMS", "deferred")],
+            || error_code_is_classified(721),
+        ),
+        plain("error_code_is_classified::999", &[("FAULTS", "error-999:0:2")], || {
+            error_code_is_classified(999)
+        }),
+        plain(
+            "error_code_is_classified::4242",
+            &[("FAULTS", "error-4242:0:2"), ("STREAMS", "deferred")],
+            || error_code_is_classified(4242),
+        ),
+        plain("device_in_exclusive_use_is_not_lost", &[("OPEN", "46")], device_in_exclusive_use_is_not_lost),
+        plain(
+            "out_of_host_memory_is_not_out_of_device_memory",
             &[("FAULTS", "host-memory:0:1")],
-            page_locked_memory_is_not_the_devices,
+            out_of_host_memory_is_not_out_of_device_memory,
         ),
-        plain("streams_run_in_order::eager", &[], streams_run_in_order),
-        plain("streams_run_in_order::deferred", &[("STREAMS", "deferred")], streams_run_in_order),
-        plain("streams_run_in_order::hasty", &[("STREAMS", "hasty")], streams_run_in_order),
-        plain("a_missing_wait_shows::deferred", &[("STREAMS", "deferred")], a_missing_wait_shows),
-        plain("a_missing_wait_shows::hasty", &[("STREAMS", "hasty")], a_missing_wait_shows),
+        plain("events_order_streams::eager", &[], events_order_streams),
+        plain("events_order_streams::deferred", &[("STREAMS", "deferred")], events_order_streams),
+        plain("events_order_streams::hasty", &[("STREAMS", "hasty")], events_order_streams),
         plain(
-            "host_memory_reused_too_early_shows",
+            "missing_wait_changes_the_result::deferred",
             &[("STREAMS", "deferred")],
-            host_memory_reused_too_early_shows,
+            missing_wait_changes_the_result,
         ),
-        plain("a_block_shares_memory", &[], a_block_shares_memory),
-        plain("a_block_shares_memory::reverse", &[("ORDER", "reverse")], a_block_shares_memory),
-        plain("a_block_shares_memory::random", &[("ORDER", "random")], a_block_shares_memory),
-        must_fail(built(plain("a_missing_barrier_shows", &[], a_block_shares_memory), NO_BARRIER)),
-        plain("warps_shuffle", &[("ORDER", "random")], warps_shuffle),
-        plain("parted_barriers_are_found", &[], parted_barriers_are_found),
-        plain("copies_beyond_an_allocation_are_refused", &[], copies_beyond_an_allocation_are_refused),
+        plain(
+            "missing_wait_changes_the_result::hasty",
+            &[("STREAMS", "hasty")],
+            missing_wait_changes_the_result,
+        ),
+        plain(
+            "host_memory_reused_before_its_copy_changes_the_result",
+            &[("STREAMS", "deferred")],
+            host_memory_reused_before_its_copy_changes_the_result,
+        ),
+        plain("block_reverses_values_in_shared_memory", &[], block_reverses_values_in_shared_memory),
+        plain(
+            "block_reverses_values_in_shared_memory::reverse",
+            &[("ORDER", "reverse")],
+            block_reverses_values_in_shared_memory,
+        ),
+        plain(
+            "block_reverses_values_in_shared_memory::random",
+            &[("ORDER", "random")],
+            block_reverses_values_in_shared_memory,
+        ),
+        must_fail(built(
+            plain("missing_barrier_is_detected", &[], block_reverses_values_in_shared_memory),
+            NO_BARRIER,
+        )),
+        plain("shuffles_sum_a_warp", &[("ORDER", "random")], shuffles_sum_a_warp),
+        plain(
+            "barrier_reached_by_half_of_the_threads_is_an_error",
+            &[],
+            barrier_reached_by_half_of_the_threads_is_an_error,
+        ),
+        plain("copy_beyond_an_allocation_panics", &[], copy_beyond_an_allocation_panics),
     ];
-    cases.push(built(plain("a_block_shares_memory::watched", &[], a_block_shares_memory), WATCHED));
+    cases.push(built(
+        plain(
+            "block_reverses_values_in_shared_memory::sanitized",
+            &[],
+            block_reverses_values_in_shared_memory,
+        ),
+        SANITIZED_BUILD,
+    ));
     let beyond: [(&str, fn()); 2] = [
-        ("a_kernel_beyond_its_memory_is_caught", a_kernel_beyond_its_memory_is_caught),
-        ("shared_memory_ends_where_it_was_asked_for", shared_memory_ends_where_it_was_asked_for),
+        ("kernel_access_beyond_its_memory_is_caught", kernel_access_beyond_its_memory_is_caught),
+        ("access_beyond_shared_memory_is_caught", access_beyond_shared_memory_is_caught),
     ];
     for (name, run) in beyond {
-        cases.push(must_fail(built(plain(name, &[], run), WATCHED)));
+        cases.push(must_fail(built(plain(name, &[], run), SANITIZED_BUILD)));
     }
     debug_assert!(PLAIN.defines.is_empty());
     emulated_cuda::run(cases)

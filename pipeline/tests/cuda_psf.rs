@@ -1,10 +1,9 @@
-//! The PSF stage on a GPU against the CPU's and against the f64 sum, over the emulated driver; on the machine's own GPU where it
-//! has one.
+//! The PSF stage on a GPU compared with the CPU and with the f64 sum, on the emulated driver and on the machine's GPU.
 
 mod emulated_cuda;
 mod oracle;
 
-use emulated_cuda::{Build, Case, On, WATCHED};
+use emulated_cuda::{Build, Case, SANITIZED_BUILD, Target};
 use lenscube_pipeline::buffer::TileBuffer;
 use lenscube_pipeline::cuda::handle::CudaStream;
 use lenscube_pipeline::cuda::{CudaError, Device};
@@ -20,10 +19,10 @@ use oracle::{Grid, Image, Noise, errors};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// Of the peak: what devices may differ by.
+/// Allowed difference of devices, relative to the peak.
 const TOLERANCE: f64 = 2e-6;
 
-/// Random windows of sum 1, their own mirror images if `mirrored`.
+/// Random windows of sum 1, symmetric about the meridian if `mirrored`.
 fn stack(noise: &mut Noise, n: usize, heights: usize, mirrored: bool) -> PsfStack {
     let c = (n as f64 - 1.0) / 2.0;
     let width = 0.15 * n as f64 + 0.5;
@@ -47,7 +46,7 @@ fn stack(noise: &mut Noise, n: usize, heights: usize, mirrored: bool) -> PsfStac
     PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples }
 }
 
-/// A band of a film, and its remapped on the film grown by the margin.
+/// A band of a film, with its remapped image on the film grown by half the window.
 struct Film {
     psf: BandPsf,
     frame: Frame,
@@ -55,7 +54,7 @@ struct Film {
 }
 
 impl Film {
-    /// Heights as parts of the farthest that the remapped reaches, with as many azimuths each.
+    /// `heights`: relative to the farthest remapped pixel, each with its number of azimuths.
     fn new(n: usize, heights: &[(f64, usize)], size: Size, axis_px: (f64, f64)) -> Self {
         let mut noise = Noise((n * 1000 + size.width + heights.len()) as u64);
         let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
@@ -86,59 +85,64 @@ impl Film {
         (0..tile.size().pixels()).map(at).collect()
     }
 
-    fn on(&self, device: &Arc<Device>, bytes: usize) -> Result<PsfOnDevice, CudaError> {
+    fn stage(&self, device: &Arc<Device>, bytes: usize) -> Result<PsfOnDevice, CudaError> {
         PsfOnDevice::new(device, &self.frame, &self.psf, bytes)
     }
 
-    fn least_bytes(&self) -> usize {
-        PsfOnDevice::least_bytes(self.psf.blocks(), self.psf.grid(), self.psf.blocks().tile)
+    fn min_bytes(&self) -> usize {
+        PsfOnDevice::min_bytes(self.psf.blocks(), self.psf.grid(), self.psf.blocks().tile)
     }
 
-    /// The light of `tiles` as one batch, in rows of odd lengths.
+    /// The contributions of `tiles` as one batch, with gaps between tiles and rows.
     fn batch(
         &self,
         device: &Device,
         stream: &Arc<CudaStream>,
-        on: &mut PsfOnDevice,
+        stage: &mut PsfOnDevice,
         tiles: &[Rect],
     ) -> Vec<Vec<f32>> {
-        let (mut remapped, mut light, mut batch) = (vec![7.0; 3], 5, Vec::new());
+        let (mut remapped, mut contribution, mut batch) = (vec![7.0; 3], 5, Vec::new());
         for (i, &rect) in tiles.iter().enumerate() {
             let (reach, remapped_offset) = (self.psf.reaches(rect), remapped.len());
             remapped.extend(self.pixels(rect));
-            let light_stride = reach.width + i % 3;
-            batch.push(PsfTile { rect, remapped_offset, light_offset: light, light_stride });
-            light += light_stride * reach.height + 1;
+            let contribution_stride = reach.width + i % 3;
+            batch.push(PsfTile {
+                rect,
+                remapped_offset,
+                contribution_offset: contribution,
+                contribution_stride,
+            });
+            contribution += contribution_stride * reach.height + 1;
         }
-        let up = stream.clone_htod(&remapped).unwrap();
-        let mut out = stream.clone_htod(&vec![f32::NAN; light]).unwrap();
-        on.launch(stream, &batch, &up, &mut out).unwrap();
+        let uploaded = stream.clone_htod(&remapped).unwrap();
+        let mut out = stream.clone_htod(&vec![f32::NAN; contribution]).unwrap();
+        stage.launch(stream, &batch, &uploaded, &mut out).unwrap();
         let all = stream.clone_dtoh(&out).unwrap();
         stream.synchronize().map_err(device.failed("a test")).unwrap();
-        let own = |tile: &PsfTile| -> Vec<f32> {
+        let contribution = |tile: &PsfTile| -> Vec<f32> {
             let reach = self.psf.reaches(tile.rect);
-            let rows = all[tile.light_offset..].chunks(tile.light_stride).take(reach.height);
+            let rows = all[tile.contribution_offset..].chunks(tile.contribution_stride).take(reach.height);
             rows.flat_map(|row| row[..reach.width].to_vec()).collect()
         };
         let untouched = all.iter().filter(|v| v.is_nan()).count();
         let set: usize = tiles.iter().map(|t| self.psf.reaches(*t).size().pixels()).sum();
-        assert_eq!(all.len() - untouched, set, "only the tiles' light is set, and all of it");
-        batch.iter().map(own).collect()
+        assert_eq!(all.len() - untouched, set, "exactly the values of the contributions are set");
+        batch.iter().map(contribution).collect()
     }
 
-    /// Tiles in batches of `batch`.
-    fn lights(&self, batch: usize, bytes: usize) -> Vec<Vec<f32>> {
+    /// The contributions of all tiles, in batches of `batch`.
+    fn contributions(&self, batch: usize, bytes: usize) -> Vec<Vec<f32>> {
         let device = Device::open(0).unwrap();
         let stream = device.context.new_stream().unwrap();
-        let mut on = self.on(&device, bytes).unwrap();
+        let mut stage = self.stage(&device, bytes).unwrap();
         let tiles = self.tiles();
-        let lights =
-            tiles.chunks(batch).flat_map(|some| self.batch(&device, &stream, &mut on, some)).collect();
+        let contributions =
+            tiles.chunks(batch).flat_map(|some| self.batch(&device, &stream, &mut stage, some)).collect();
         device.context.synchronize().unwrap();
-        lights
+        contributions
     }
 
-    /// What the CPU's stage makes of a tile.
+    /// The contribution of a tile computed by the CPU.
     fn cpu(&self, tile: Rect, cache: &SpectrumCache) -> Vec<f64> {
         let mut out = TileBuffer::default();
         self.psf.scatter(&self.frame, tile, &self.pixels(tile), cache, &mut out, &mut PsfScratch::default());
@@ -147,18 +151,18 @@ impl Film {
         rows.flat_map(|row| row[..reach.width].iter().map(|&v| f64::from(v)).collect::<Vec<_>>()).collect()
     }
 
-    /// Tile by tile as the CPU's.
-    fn agrees_with_the_cpu(&self, lights: &[Vec<f32>]) {
+    /// Compares each contribution with the CPU's.
+    fn assert_equals_cpu(&self, contributions: &[Vec<f32>]) {
         let cache = SpectrumCache::new(64 << 20);
-        assert_eq!(self.tiles().len(), lights.len(), "tiles");
-        for (tile, light) in self.tiles().into_iter().zip(lights) {
-            let (worst, l2) = errors(light, &self.cpu(tile, &cache));
-            assert!(worst <= TOLERANCE, "{tile}: max {worst:.1e}, L2 {l2:.1e} from the CPU's");
+        assert_eq!(self.tiles().len(), contributions.len(), "tiles");
+        for (tile, contribution) in self.tiles().into_iter().zip(contributions) {
+            let (worst, l2) = errors(contribution, &self.cpu(tile, &cache));
+            assert!(worst <= TOLERANCE, "{tile}: max {worst:.1e}, L2 {l2:.1e} from the CPU");
         }
     }
 
-    /// The film that the tiles add up to is the sum over pixels.
-    fn is_the_sum_over_pixels(&self, lights: &[Vec<f32>]) {
+    /// Compares the sum of all contributions with the f64 sum over pixels.
+    fn assert_equals_f64_sum(&self, contributions: &[Vec<f32>]) {
         let (n, grid, kernels) = (self.psf.kernels().size(), self.psf.grid(), self.psf.kernels());
         let kernel = |k: usize, j: usize| {
             let mut out = vec![0.0; n * n];
@@ -169,20 +173,20 @@ impl Film {
         let heights_mm = grid.heights_px().iter().map(|h| h * self.frame.pitch_mm()).collect::<Vec<_>>();
         let all = Grid { n, kernels: (0..heights_mm.len()).map(ring).collect(), heights_mm };
         let (film, origin) = (self.frame.film.rect(), self.grown());
-        let want = oracle::svpsf(&self.remapped, (origin.y, origin.x), &self.frame, &all, film);
+        let expected = oracle::svpsf(&self.remapped, (origin.y, origin.x), &self.frame, &all, film);
         let mut got = vec![0f32; film.size().pixels()];
-        assert_eq!(self.tiles().len(), lights.len(), "tiles");
-        for (tile, light) in self.tiles().into_iter().zip(lights) {
+        assert_eq!(self.tiles().len(), contributions.len(), "tiles");
+        for (tile, contribution) in self.tiles().into_iter().zip(contributions) {
             let reach = self.psf.reaches(tile);
             let on_film = reach.intersect(film);
             for y in on_film.y..on_film.bottom() {
                 for x in on_film.x..on_film.right() {
                     got[y as usize * film.width + x as usize] +=
-                        light[(y - reach.y) as usize * reach.width + (x - reach.x) as usize];
+                        contribution[(y - reach.y) as usize * reach.width + (x - reach.x) as usize];
                 }
             }
         }
-        let (worst, l2) = errors(&got, &want.data);
+        let (worst, l2) = errors(&got, &expected.data);
         assert!(worst <= TOLERANCE && l2 <= 1e-6, "max {worst:.1e}, L2 {l2:.1e} from the sum over pixels");
         println!("{n} px: max {worst:.1e}, L2 {l2:.1e}");
     }
@@ -194,169 +198,186 @@ const FINE: [(f64, usize); 9] =
     [(0.0, 1), (0.05, 16), (0.1, 24), (0.2, 48), (0.3, 72), (0.45, 72), (0.6, 72), (0.8, 72), (1.0, 72)];
 const QUARTERS: [(f64, usize); 3] = [(0.0, 1), (0.4, 4), (1.0, 4)];
 
-fn right(n: usize, heights: &[(f64, usize)], size: Size, axis: (f64, f64)) {
+fn check(n: usize, heights: &[(f64, usize)], size: Size, axis: (f64, f64)) {
     let film = Film::new(n, heights, size, axis);
-    let lights = film.lights(2, AMPLE);
-    film.agrees_with_the_cpu(&lights);
-    film.is_the_sum_over_pixels(&lights);
+    let contributions = film.contributions(2, AMPLE);
+    film.assert_equals_cpu(&contributions);
+    film.assert_equals_f64_sum(&contributions);
 }
 
-fn narrow_windows() {
-    right(1, &UNEVEN, Size::new(33, 45), (16.0, 22.0));
-    right(3, &UNEVEN, Size::new(61, 77), (30.0, 38.0));
-    right(3, &QUARTERS, Size::new(30, 560), (-40.0, 10.25));
-    right(15, &UNEVEN, Size::new(1, 1), (0.0, 0.0));
-    right(25, &QUARTERS, Size::new(130, 120), (-900.0, 5000.5));
+fn narrow_windows_equal_cpu_and_f64_sum() {
+    check(1, &UNEVEN, Size::new(33, 45), (16.0, 22.0));
+    check(3, &UNEVEN, Size::new(61, 77), (30.0, 38.0));
+    check(3, &QUARTERS, Size::new(30, 560), (-40.0, 10.25));
+    check(15, &UNEVEN, Size::new(1, 1), (0.0, 0.0));
+    check(25, &QUARTERS, Size::new(130, 120), (-900.0, 5000.5));
 }
 
-fn windows_of_one_slice() {
-    right(51, &UNEVEN, Size::new(100, 133), (20.3, 101.7));
-    right(51, &FINE, Size::new(90, 80), (44.5, 39.5));
-    right(63, &QUARTERS, Size::new(60, 70), (29.5, 134.5));
+fn windows_of_one_slice_equal_cpu_and_f64_sum() {
+    check(51, &UNEVEN, Size::new(100, 133), (20.3, 101.7));
+    check(51, &FINE, Size::new(90, 80), (44.5, 39.5));
+    check(63, &QUARTERS, Size::new(60, 70), (29.5, 134.5));
 }
 
-fn windows_of_four_slices() {
-    right(65, &FINE, Size::new(60, 70), (29.5, 34.5));
-    right(101, &UNEVEN, Size::new(50, 40), (11.0, 300.0));
-    right(151, &QUARTERS, Size::new(40, 50), (19.5, 24.5));
-    right(151, &UNEVEN, Size::new(20, 20), (-300.0, 500.25));
+fn windows_of_four_slices_equal_cpu_and_f64_sum() {
+    check(65, &FINE, Size::new(60, 70), (29.5, 34.5));
+    check(101, &UNEVEN, Size::new(50, 40), (11.0, 300.0));
+    check(151, &QUARTERS, Size::new(40, 50), (19.5, 24.5));
+    check(151, &UNEVEN, Size::new(20, 20), (-300.0, 500.25));
 }
 
-fn windows_in_parts() {
-    right(201, &QUARTERS, Size::new(30, 20), (9.5, 14.5));
-    right(401, &QUARTERS, Size::new(20, 15), (9.5, 4.5));
+fn windows_in_parts_equal_cpu_and_f64_sum() {
+    check(201, &QUARTERS, Size::new(30, 20), (9.5, 14.5));
+    check(401, &QUARTERS, Size::new(20, 15), (9.5, 4.5));
 }
 
-/// The emulated driver takes half a minute; `scripts/check-long` runs it there.
-fn widest_window() {
+/// Takes half a minute on the emulated driver, where only `scripts/check-long` runs it.
+fn widest_window_equals_cpu() {
     let film = Film::new(639, &QUARTERS, Size::new(3, 2), (1.0, 700.5));
-    film.agrees_with_the_cpu(&film.lights(1, AMPLE));
+    film.assert_equals_cpu(&film.contributions(1, AMPLE));
 }
 
-/// Cases of chance, told by their number.
-fn random_cases() {
+/// Random cases with fixed seeds, which are printed.
+fn random_cases_equal_cpu_and_f64_sum() {
     for seed in 1..=6u64 {
         let mut noise = Noise(seed * 77);
         let n = 3 + 2 * noise.below(40);
         let heights: Vec<(f64, usize)> = (0..4 + noise.below(5))
             .scan(0.0, |at, k| {
-                let own = (*at, if k == 0 { 1 } else { 4 * (1 + noise.below(9)) });
+                let height = (*at, if k == 0 { 1 } else { 4 * (1 + noise.below(9)) });
                 *at += noise.between(0.05, 0.4);
-                Some(own)
+                Some(height)
             })
             .collect();
         let size = Size::new(20 + noise.below(90), 20 + noise.below(90));
         let axis = (noise.between(-80.0, 150.0), noise.between(-80.0, 150.0));
         println!("{seed}: {n} px, {size}, axis {axis:?}, {heights:?}");
-        right(n, &heights, size, axis);
+        check(n, &heights, size, axis);
     }
 }
 
-fn bits(lights: &[Vec<f32>]) -> Vec<Vec<u32>> {
-    lights.iter().map(|light| light.iter().map(|v| v.to_bits()).collect()).collect()
+fn bits(contributions: &[Vec<f32>]) -> Vec<Vec<u32>> {
+    contributions.iter().map(|contribution| contribution.iter().map(|v| v.to_bits()).collect()).collect()
 }
 
-/// Whatever a batch is, whatever memory there is, run after run.
+/// For any batch size and any memory limit.
 fn same_bits_in_any_batch_and_memory() {
     for (film, several) in [
         (Film::new(9, &FINE, Size::new(12, 1700), (840.5, -20.0)), true),
         (Film::new(101, &UNEVEN, Size::new(1700, 8), (3.5, 840.5)), true),
         (Film::new(229, &QUARTERS, Size::new(20, 20), (9.5, 9.5)), false),
     ] {
-        let one = bits(&film.lights(1, AMPLE));
+        let one = bits(&film.contributions(1, AMPLE));
         assert!(!several || one.len() > 3, "a case of several tiles");
-        assert!(bits(&film.lights(3, AMPLE)) == one, "batches of 3");
-        assert!(bits(&film.lights(usize::MAX, film.least_bytes())) == one, "one batch, the least memory");
-    }
-}
-
-fn too_little_memory_is_said() {
-    let film = Film::new(51, &FINE, Size::new(60, 60), (29.5, 29.5));
-    let device = Device::open(0).unwrap();
-    let least = film.least_bytes();
-    let error = film.on(&device, least - 1).unwrap_err();
-    assert!(
-        matches!(error, CudaError::OutOfMemory { asked_bytes, .. } if asked_bytes == least as u64),
-        "{error}"
-    );
-    film.on(&device, least).unwrap();
-    let narrow = film.on(&device, AMPLE);
-    assert!(narrow.is_ok());
-}
-
-/// What `bytes` allows is all that is taken.
-fn memory_stays_within_its_bytes() {
-    let film = Film::new(101, &FINE, Size::new(240, 240), (119.5, 119.5));
-    let device = Device::open(0).unwrap();
-    let stream = device.context.new_stream().unwrap();
-    for bytes in [film.least_bytes(), film.least_bytes() * 2] {
-        let (free, _) = device.memory().unwrap();
-        let mut on = film.on(&device, bytes).unwrap();
-        let tiles = film.tiles();
-        let remapped_px: usize =
-            tiles.iter().map(|t| t.size().pixels() + film.psf.reaches(*t).size().pixels()).sum();
-        film.batch(&device, &stream, &mut on, &tiles);
-        let (left, _) = device.memory().unwrap();
-        let took = (free - left) as usize;
+        assert!(bits(&film.contributions(3, AMPLE)) == one, "batches of 3");
         assert!(
-            took <= bytes + 8 * remapped_px + (1 << 20),
-            "{took} of {bytes}, light and remapped {}",
-            4 * remapped_px
+            bits(&film.contributions(usize::MAX, film.min_bytes())) == one,
+            "one batch, the minimum of memory"
         );
     }
 }
 
-/// A remapped of nothing scatters nothing.
-fn darkness_is_zero() {
-    let mut film = Film::new(51, &UNEVEN, Size::new(60, 60), (29.5, 29.5));
-    film.remapped.data.fill(0.0);
-    assert!(film.lights(1, AMPLE).iter().flatten().all(|v| *v == 0.0));
+fn too_little_memory_reports_the_minimum() {
+    let film = Film::new(51, &FINE, Size::new(60, 60), (29.5, 29.5));
+    let device = Device::open(0).unwrap();
+    let min = film.min_bytes();
+    let error = film.stage(&device, min - 1).unwrap_err();
+    assert!(
+        matches!(error, CudaError::OutOfMemory { requested_bytes, .. } if requested_bytes == min as u64),
+        "{error}"
+    );
+    film.stage(&device, min).unwrap();
+    let narrow = film.stage(&device, AMPLE);
+    assert!(narrow.is_ok());
 }
 
-/// Small enough for a run with a barrier missing or under a sanitizer.
-fn one_and_four_slices() {
-    right(25, &UNEVEN, Size::new(60, 50), (20.3, 25.0));
-    right(101, &QUARTERS, Size::new(20, 20), (9.5, -20.0));
+fn device_memory_stays_within_the_limit() {
+    let film = Film::new(101, &FINE, Size::new(240, 240), (119.5, 119.5));
+    let device = Device::open(0).unwrap();
+    let stream = device.context.new_stream().unwrap();
+    for bytes in [film.min_bytes(), film.min_bytes() * 2] {
+        let (free, _) = device.memory().unwrap();
+        let mut stage = film.stage(&device, bytes).unwrap();
+        let tiles = film.tiles();
+        let buffer_px: usize =
+            tiles.iter().map(|t| t.size().pixels() + film.psf.reaches(*t).size().pixels()).sum();
+        film.batch(&device, &stream, &mut stage, &tiles);
+        let (left, _) = device.memory().unwrap();
+        let used = (free - left) as usize;
+        assert!(
+            used <= bytes + 8 * buffer_px + (1 << 20),
+            "{used} of {bytes}, contributions and remapped tiles {}",
+            4 * buffer_px
+        );
+    }
+}
+
+fn zero_input_gives_zero() {
+    let mut film = Film::new(51, &UNEVEN, Size::new(60, 60), (29.5, 29.5));
+    film.remapped.data.fill(0.0);
+    assert!(film.contributions(1, AMPLE).iter().flatten().all(|v| *v == 0.0));
+}
+
+/// Small enough for sanitizers and for kernels with a barrier omitted.
+fn one_and_four_slices_equal_cpu_and_f64_sum() {
+    check(25, &UNEVEN, Size::new(60, 50), (20.3, 25.0));
+    check(101, &QUARTERS, Size::new(20, 20), (9.5, -20.0));
 }
 
 fn one_slice() {
-    right(25, &UNEVEN, Size::new(60, 50), (20.3, 25.0));
+    check(25, &UNEVEN, Size::new(60, 50), (20.3, 25.0));
 }
 
 fn emulated(name: &str, build: Build, settings: &'static [(&'static str, &'static str)], run: fn()) -> Case {
-    Case { on: On::Emulated(build, settings), ..Case::emulated(name, &[], run) }
+    Case { target: Target::Emulated(build, settings), ..Case::emulated(name, &[], run) }
 }
 
 fn main() -> ExitCode {
     let all: [(&str, fn()); 8] = [
-        ("narrow_windows", narrow_windows),
-        ("windows_of_one_slice", windows_of_one_slice),
-        ("windows_of_four_slices", windows_of_four_slices),
-        ("windows_in_parts", windows_in_parts),
-        ("random_cases", random_cases),
+        ("narrow_windows_equal_cpu_and_f64_sum", narrow_windows_equal_cpu_and_f64_sum),
+        ("windows_of_one_slice_equal_cpu_and_f64_sum", windows_of_one_slice_equal_cpu_and_f64_sum),
+        ("windows_of_four_slices_equal_cpu_and_f64_sum", windows_of_four_slices_equal_cpu_and_f64_sum),
+        ("windows_in_parts_equal_cpu_and_f64_sum", windows_in_parts_equal_cpu_and_f64_sum),
+        ("random_cases_equal_cpu_and_f64_sum", random_cases_equal_cpu_and_f64_sum),
         ("same_bits_in_any_batch_and_memory", same_bits_in_any_batch_and_memory),
-        ("too_little_memory_is_said", too_little_memory_is_said),
-        ("darkness_is_zero", darkness_is_zero),
+        ("too_little_memory_reports_the_minimum", too_little_memory_reports_the_minimum),
+        ("zero_input_gives_zero", zero_input_gives_zero),
     ];
     let mut cases = Vec::new();
     for (name, run) in all {
         cases.push(Case::emulated(name, &[], run));
         cases.push(Case::device(name, run));
     }
-    cases.push(Case::device("widest_window", widest_window));
-    cases.push(Case { long: true, ..Case::emulated("widest_window", &[], widest_window) });
-    cases.push(Case::emulated("memory_stays_within_its_bytes", &[], memory_stays_within_its_bytes));
+    cases.push(Case::device("widest_window_equals_cpu", widest_window_equals_cpu));
+    cases.push(Case {
+        long: true,
+        ..Case::emulated("widest_window_equals_cpu", &[], widest_window_equals_cpu)
+    });
+    cases.push(Case::emulated(
+        "device_memory_stays_within_the_limit",
+        &[],
+        device_memory_stays_within_the_limit,
+    ));
     for (name, settings) in [
         ("reverse", &[("ORDER", "reverse")][..]),
         ("random", &[("ORDER", "random"), ("CAPABILITY", "8.6")]),
         ("deferred", &[("STREAMS", "deferred"), ("CAPABILITY", "9.0")]),
         ("hasty", &[("STREAMS", "hasty")]),
     ] {
-        cases.push(Case::emulated(&format!("one_and_four_slices::{name}"), settings, one_and_four_slices));
+        cases.push(Case::emulated(
+            &format!("one_and_four_slices_equal_cpu_and_f64_sum::{name}"),
+            settings,
+            one_and_four_slices_equal_cpu_and_f64_sum,
+        ));
     }
-    cases.push(emulated("one_and_four_slices::watched", WATCHED, &[], one_and_four_slices));
-    cases.push(emulated("windows_in_parts::watched", WATCHED, &[], || {
-        right(229, &QUARTERS, Size::new(2, 2), (9.5, 9.5))
+    cases.push(emulated(
+        "one_and_four_slices_equal_cpu_and_f64_sum::sanitized",
+        SANITIZED_BUILD,
+        &[],
+        one_and_four_slices_equal_cpu_and_f64_sum,
+    ));
+    cases.push(emulated("windows_in_parts_equal_cpu_and_f64_sum::sanitized", SANITIZED_BUILD, &[], || {
+        check(229, &QUARTERS, Size::new(2, 2), (9.5, 9.5))
     }));
     for (defines, order) in [
         ("-DWITHOUT=1", "forward"),
@@ -367,7 +388,8 @@ fn main() -> ExitCode {
         ("-DWITHOUT=6", "forward"),
         ("-DWITHOUT=7", "forward"),
     ] {
-        let name = format!("a_missing_barrier_shows{}::{order}", defines.trim_start_matches("-DWITHOUT="));
+        let name =
+            format!("missing_barrier_is_detected{}::{order}", defines.trim_start_matches("-DWITHOUT="));
         let settings: &[(&str, &str)] = if order == "reverse" { &[("ORDER", "reverse")] } else { &[] };
         let case = emulated(&name, Build { sanitized: false, defines }, settings, one_slice);
         cases.push(Case { must_fail: true, ..case });

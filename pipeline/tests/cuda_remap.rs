@@ -1,10 +1,10 @@
-//! Stages 1-2 on a GPU: what they must do on any engine, over the emulated driver and on the machine's own.
+//! Stages 1-2 on a GPU: the checks of every engine, on the emulated driver and on the machine's GPU.
 
 mod emulated_cuda;
 mod oracle;
 mod remap_cases;
 
-use emulated_cuda::{Build, Case, On, WATCHED};
+use emulated_cuda::{Build, Case, SANITIZED_BUILD, Target};
 use lenscube_pipeline::cuda::Device;
 use lenscube_pipeline::flow::ChartSource;
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
@@ -17,7 +17,7 @@ use remap_cases::{CHECKS, Check, Engine, FIRST_TWO, Job, band, noise_chart};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// A GPU, to which a rectangle goes in tiles of this size, all in one batch.
+/// A GPU; a rectangle is computed in tiles of this size, all in one batch.
 struct Gpu {
     device: Arc<Device>,
     tile: (usize, usize),
@@ -60,15 +60,15 @@ fn gpu(tile: (usize, usize)) -> Gpu {
     Gpu { device: Device::open(0).unwrap(), tile }
 }
 
-/// The check of this process, by its place: a case holds no more than a function.
+/// Check number I: a case has a function pointer without arguments.
 fn run<const I: usize>() {
     (CHECKS[I].1 as Check)(&gpu((61, 150)));
 }
 
 const RUN: [fn(); 8] = [run::<0>, run::<1>, run::<2>, run::<3>, run::<4>, run::<5>, run::<6>, run::<7>];
 
-/// However a rectangle is cut into tiles, and however many launches they take.
-fn tiles_do_not_change_pixels() {
+/// For any division into tiles and any number of launches.
+fn batches_of_any_tiles_give_the_same_pixels() {
     let mut noise = Noise(41);
     let film = Size::new(900, 2000);
     let frame = Frame::centred(film, Size::new(820, 1900), 2.0);
@@ -77,18 +77,18 @@ fn tiles_do_not_change_pixels() {
     let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: OUTSIDE };
     let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 3.0 };
     let rect = Rect::new(40, 900, 200, 777);
-    let whole = gpu((200, 777)).remap(&job, &chart, rect);
+    let full = gpu((200, 777)).remap(&job, &chart, rect);
     for tile in [(13, 777), (64, 33), (200, 16)] {
-        let cut = gpu(tile).remap(&job, &chart, rect);
-        assert_eq!(cut.len(), whole.len(), "tiles of {tile:?}");
-        assert!(cut.iter().zip(&whole).all(|(a, b)| a.to_bits() == b.to_bits()), "tiles of {tile:?}");
+        let tiled = gpu(tile).remap(&job, &chart, rect);
+        assert_eq!(tiled.len(), full.len(), "tiles of {tile:?}");
+        assert!(tiled.iter().zip(&full).all(|(a, b)| a.to_bits() == b.to_bits()), "tiles of {tile:?}");
     }
 }
 
 const OUTSIDE: lenscube_pipeline::field::Outside = lenscube_pipeline::field::Outside::Error;
 
-/// What goes up is hardly more than what is read.
-fn reach_is_close() {
+/// The chart rectangle of a tile is little larger than the pixels read.
+fn upload_rect_is_close_to_the_tile_size() {
     let film = Size::new(14_141, 14_141);
     let frame = Frame::centred(film, film, 2.0);
     let last = frame.farthest_mm(film.rect()) + 1e-9;
@@ -111,28 +111,51 @@ fn main() -> ExitCode {
     let settings: [(&str, Build, Settings); 3] = [
         ("forward", emulated_cuda::PLAIN, &[]),
         ("reverse", emulated_cuda::PLAIN, &[("ORDER", "reverse"), ("STREAMS", "deferred")]),
-        ("watched", WATCHED, &[("ORDER", "random"), ("STREAMS", "hasty")]),
+        ("sanitized", SANITIZED_BUILD, &[("ORDER", "random"), ("STREAMS", "hasty")]),
     ];
     let mut cases = Vec::new();
     for ((name, _), run) in CHECKS.into_iter().zip(RUN) {
         cases.push(Case::device(name, run));
         for (how, build, settings) in settings {
             let name = format!("emulated::{how}::{name}");
-            cases.push(Case { name, run, on: On::Emulated(build, settings), must_fail: false, long: false });
+            cases.push(Case {
+                name,
+                run,
+                target: Target::Emulated(build, settings),
+                must_fail: false,
+                long: false,
+            });
         }
         for (what, build) in [("without_barrier", NO_BARRIER), ("without_halo", NO_HALO)] {
-            let seen = match what {
-                "without_barrier" => name == "noise_far_from_the_axis_keeps_its_edges",
-                _ => name == "remap_equals_the_map",
+            let detects = match what {
+                "without_barrier" => name == "white_noise_far_from_the_axis_equals_the_f64_model",
+                _ => name == "remap_equals_the_f64_model",
             };
-            if seen {
-                let name = format!("emulated::{what}_it_is_seen_that::{name}");
-                cases.push(Case { name, run, on: On::Emulated(build, &[]), must_fail: true, long: false });
+            if detects {
+                let name = format!("emulated::{what}_is_detected_by::{name}");
+                cases.push(Case {
+                    name,
+                    run,
+                    target: Target::Emulated(build, &[]),
+                    must_fail: true,
+                    long: false,
+                });
             }
         }
     }
-    cases.push(Case::device("tiles_do_not_change_pixels", tiles_do_not_change_pixels));
-    cases.push(Case::emulated("tiles_do_not_change_pixels", &[], tiles_do_not_change_pixels));
-    cases.push(Case::emulated("reach_is_close", &[], reach_is_close));
+    cases.push(Case::device(
+        "batches_of_any_tiles_give_the_same_pixels",
+        batches_of_any_tiles_give_the_same_pixels,
+    ));
+    cases.push(Case::emulated(
+        "batches_of_any_tiles_give_the_same_pixels",
+        &[],
+        batches_of_any_tiles_give_the_same_pixels,
+    ));
+    cases.push(Case::emulated(
+        "upload_rect_is_close_to_the_tile_size",
+        &[],
+        upload_rect_is_close_to_the_tile_size,
+    ));
     emulated_cuda::run(cases)
 }

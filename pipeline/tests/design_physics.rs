@@ -1,4 +1,4 @@
-//! The tracer against physics that is known: Airy's pattern, cos⁴, overlapping discs, mirror symmetry, thin lenses.
+//! The tracer compared with known physics: Airy pattern, cos⁴ law, overlapping discs, symmetry, thin lenses.
 
 use std::f64::consts::PI;
 
@@ -37,7 +37,7 @@ fn glass(n: f64) -> Medium {
     Medium::Glass(Glass { name: "n".to_owned(), dispersion: Dispersion::constant(n), range_um: (0.0, 9.0) })
 }
 
-/// Flat front, hyperbolic back: free of spherical aberration for a distant axial point (Descartes' oval).
+/// Plano-hyperbolic lens: free of spherical aberration for a distant axial point (Cartesian oval).
 fn stigmatic(pupil_mm: f64) -> System {
     let (n, f): (f64, f64) = (1.5, 100.0);
     let mut back = Surface::new(0.0, f, Medium::Air);
@@ -55,7 +55,7 @@ fn bessel_j1_over_x(x: f64) -> f64 {
 }
 
 #[test]
-fn a_perfect_lens_makes_airys_pattern() {
+fn aberration_free_lens_gives_the_airy_pattern() {
     // F/100: apodisation and obliquity are of order NA² = 2.5e-5.
     let system = stigmatic(1.0);
     let tracer = Tracer::new(&system, 0.55).unwrap();
@@ -64,7 +64,7 @@ fn a_perfect_lens_makes_airys_pattern() {
     let psf = PsfGrid::new(half, pitch).psf(&f, 0.0, &mut PsfScratch::default());
     let na = numerical_aperture(&tracer).unwrap();
     let n = 2 * half + 1;
-    // Peak of all the light: π NA²/λ² per µm².
+    // Peak as a share of the total energy: π NA²/λ² per µm².
     let peak = PI * (na / 0.55).powi(2) * pitch * pitch;
     let mut worst = 0.0_f64;
     for (i, v) in psf.iter().enumerate() {
@@ -78,7 +78,7 @@ fn a_perfect_lens_makes_airys_pattern() {
 }
 
 #[test]
-fn the_fast_sum_is_the_direct_sum() {
+fn nufft_psf_equals_the_direct_sum() {
     let system = System::double_gauss_28();
     for (um, tan, azimuth, pitch) in [(0.4, 0.0, 0.0, 0.5), (0.4, 0.2, 0.7, 0.5), (0.6, 0.1, -2.0, 0.66)] {
         let tracer = Tracer::new(&system, um).unwrap();
@@ -94,7 +94,7 @@ fn the_fast_sum_is_the_direct_sum() {
 }
 
 #[test]
-fn turning_turns_and_the_meridian_mirrors() {
+fn psf_rotates_with_azimuth_and_is_symmetric_about_the_meridian() {
     let system = System::double_gauss_28();
     let tracer = Tracer::new(&system, 0.55).unwrap();
     let f = PupilFunction::trace(&tracer, 0.2).unwrap();
@@ -106,7 +106,7 @@ fn turning_turns_and_the_meridian_mirrors() {
     let peak = upright.iter().fold(0.0_f64, |a, v| a.max(*v));
     for i in 0..n * n {
         let (x, y) = (i % n, i / n);
-        // A quarter turn takes (x, y) to (−y, x), row down: what lay on +x lies below.
+        // A quarter turn maps (x, y) to (−y, x), row down: +x to below the centre.
         assert!((upright[i] - down[x * n + (n - 1 - y)]).abs() < 1e-6 * peak);
         assert!((a[i] - b[(n - 1 - y) * n + x]).abs() < 1e-6 * peak);
         assert!((upright[i] - upright[(n - 1 - y) * n + x]).abs() < 1e-12 * peak);
@@ -114,7 +114,7 @@ fn turning_turns_and_the_meridian_mirrors() {
 }
 
 #[test]
-fn a_lone_stop_dims_by_cos4() {
+fn lone_stop_has_cos4_illumination() {
     let mut system = system(vec![flat(50.0), flat(0.0)], 0, 0.02);
     system.object_distance_mm = Some(200.0);
     let tracer = Tracer::new(&system, 0.55).unwrap();
@@ -127,7 +127,7 @@ fn a_lone_stop_dims_by_cos4() {
 }
 
 #[test]
-fn a_vignetted_pupil_is_the_overlap_of_discs() {
+fn vignetted_pupil_area_is_the_overlap_of_two_discs() {
     let (stop, hood, gap) = (5.0_f64, 6.0_f64, 30.0);
     let mut front = flat(gap);
     front.aperture_mm = Some(hood);
@@ -137,7 +137,7 @@ fn a_vignetted_pupil_is_the_overlap_of_discs() {
         let tracer = Tracer::new(&system, 0.55).unwrap();
         for tan in [0.0, 0.02, 0.1, 0.2, 0.3] {
             let d: f64 = gap * tan;
-            let want = if d <= hood - stop {
+            let expected = if d <= hood - stop {
                 PI * stop * stop
             } else {
                 let angle = |r: f64, s: f64| ((d * d + r * r - s * s) / (2.0 * d * r)).acos();
@@ -147,14 +147,14 @@ fn a_vignetted_pupil_is_the_overlap_of_discs() {
             };
             let nodes = Pupil::new(&tracer, tan).unwrap().nodes(&tracer, tan, 7, 9);
             let area = 2.0 * stop * stop * nodes.iter().map(|n| n.weight).sum::<f64>();
-            assert!((area / want - 1.0).abs() < 1e-7, "tan {tan}: {area} against {want}");
+            assert!((area / expected - 1.0).abs() < 1e-7, "tan {tan}: {area} against {expected}");
         }
         assert!(matches!(Pupil::new(&tracer, 0.4), Err(DesignError::Ray { .. })));
     }
 }
 
 #[test]
-fn a_thin_lens_obeys_its_formula() {
+fn thin_lens_obeys_the_lens_formula() {
     // Thin enough that the principal planes coincide to 1e-6 mm.
     let n = 1.5;
     let c = 1.0 / 100.0;
@@ -169,18 +169,18 @@ fn a_thin_lens_obeys_its_formula() {
     let finite = lens(Some(300.0), 140.0);
     let p = Paraxial::new(&finite, 0.55).unwrap();
     assert!((p.magnification + 0.5).abs() < 1e-6 && (p.focus_shift_mm() - 10.0).abs() < 1e-4, "{p:?}");
-    // The film lies 10 mm before the image: its chief ray, through the thin lens's middle, lands at 140/300.
+    // The film lies 10 mm before the image: the chief ray through the centre of the thin lens has the height ratio 140/300.
     assert!((p.film_magnification(Some(300.0)) + 140.0 / 300.0).abs() < 1e-6);
     let focused = finite.with_image_plane(ImagePlane::Paraxial(0.55), 0.0).unwrap();
     assert!((focused.surfaces[1].thickness_mm - 150.0).abs() < 1e-4);
-    // The same iris at another distance.
+    // The stop radius is kept at another object distance.
     let moved = lens(None, 100.0).with_object_distance(Some(300.0)).unwrap();
     let p = Paraxial::new(&moved, 0.55).unwrap();
     assert!((p.entrance_radius_mm - 5.0).abs() < 1e-9);
 }
 
 #[test]
-fn best_focus_is_where_spots_and_strehl_are_best() {
+fn best_focus_minimises_rms_spot_and_maximises_strehl() {
     let system = System::double_gauss_28();
     let um = 0.5876;
     let at = |s: &System| spot(&Tracer::new(s, um).unwrap(), 0.0).unwrap();
@@ -195,7 +195,7 @@ fn best_focus_is_where_spots_and_strehl_are_best() {
 }
 
 #[test]
-fn aiming_at_the_stop_agrees_where_the_stop_is_the_pupil() {
+fn real_aiming_equals_paraxial_where_the_stop_is_the_pupil() {
     let paraxial = stigmatic(20.0);
     let real = System { aiming: RayAiming::Real, ..paraxial.clone() };
     let (a, b) = (Tracer::new(&paraxial, 0.55).unwrap(), Tracer::new(&real, 0.55).unwrap());
@@ -203,7 +203,7 @@ fn aiming_at_the_stop_agrees_where_the_stop_is_the_pupil() {
         let (x, y) = (a.ray(tan, p, q).unwrap(), b.ray(tan, p, q).unwrap());
         assert!((x.x.v - y.x.v).abs() < 1e-10 && (x.solid_angle() / y.solid_angle() - 1.0).abs() < 1e-9);
     }
-    // Inside a lens the real pupil moves with the field; the chief rays part, by little.
+    // In a lens with an inner stop the real pupil moves with the field, so the chief rays differ a little.
     let lens = System::double_gauss_28();
     let aimed = System { aiming: RayAiming::Real, ..lens.clone() };
     let (a, b) = (Tracer::new(&lens, 0.55).unwrap(), Tracer::new(&aimed, 0.55).unwrap());

@@ -1,6 +1,6 @@
-//! The built-in Double Gauss against the design program's own figures and against tables made with other software.
+//! The built-in Double Gauss compared with figures of the design program and with tables computed by other software.
 //!
-//! `data/SOURCES.md` says where the tables come from. Field points are given as there: ideal height over EFL is tan(field angle).
+//! Source of the tables: `data/SOURCES.md`. Field points as there: ideal height over EFL is tan(field angle).
 
 use lenscube_pipeline::design::film_pixel::FilmPixels;
 use lenscube_pipeline::design::illumination::solid_angle_sr;
@@ -41,7 +41,7 @@ fn read(bytes: &[u8]) -> Tables {
 fn compare(t: &Tables) -> [f64; 4] {
     let system = System::double_gauss_28();
     let mut worst = [0.0_f64; 4];
-    // 2 µm pixels from 0.5 µm samples, with a margin for the interpolant.
+    // 2 µm pixels from 0.5 µm samples, with a margin for the interpolation.
     let grid = PsfGrid::new(51 * 2 + 22, 0.5);
     let film = FilmPixels::new(grid.size(), 0.5, t.size, 2.0);
     let mut scratch = PsfScratch::default();
@@ -78,21 +78,21 @@ fn check(worst: [f64; 4]) {
 }
 
 #[test]
-fn a_subset_of_the_tables_is_reproduced() {
+fn subset_of_reference_tables_is_reproduced() {
     check(compare(&read(include_bytes!("data/double-gauss-28-subset.bin"))));
 }
 
-/// All 31 × 22. `scripts/check-long` takes the tables out of the built-in lens pack and runs this.
+/// All 31 × 22 tables, which `scripts/check-long` extracts from the built-in lens pack.
 #[test]
 #[ignore = "long: scripts/check --full"]
-fn all_of_the_tables_are_reproduced() {
+fn all_reference_tables_are_reproduced() {
     let path =
         std::env::var("LENSCUBE_DOUBLE_GAUSS_TABLES").expect("LENSCUBE_DOUBLE_GAUSS_TABLES names the file");
     check(compare(&read(&std::fs::read(path).unwrap())));
 }
 
 #[test]
-fn first_order_figures_are_the_design_programs() {
+fn first_order_figures_equal_the_design_program() {
     let system = System::double_gauss_28();
     let p = Paraxial::new(&system, system.primary_um()).unwrap();
     // Printed by the design program: distortion focal length at 0.5876 µm, chief ray at 0.0014°; EFL of the sample lens.
@@ -107,7 +107,7 @@ fn first_order_figures_are_the_design_programs() {
     let d = describe(&system).unwrap();
     assert!((d.image_space_f_number - 99.50068 / 33.33).abs() < 1e-6);
     assert!((d.total_track_mm - 132.988_419_345).abs() < 1e-9 && (d.paraxial_focus_mm - 0.1834).abs() < 5e-5);
-    // The pupil's real cone is a little wider than the paraxial one says.
+    // The real cone is a little wider than the paraxial one.
     assert!(
         (d.working_f_number - 0.5 / d.image_space_na).abs() < 1e-12
             && d.working_f_number < d.image_space_f_number
@@ -116,7 +116,7 @@ fn first_order_figures_are_the_design_programs() {
 
 /// The design program's own spots of this lens (RMS, GEO in µm at 0, 10, 14 degrees, centroid, six rings), printed to 1e-6 µm.
 #[test]
-fn spots_are_those_of_the_design_program() {
+fn spots_equal_the_design_program() {
     let system = System::double_gauss_28();
     for (degrees, rms, geo) in
         [(0.0_f64, 8.500_623, 16.872_411), (10.0, 9.353_259, 29.988_542), (14.0, 11.496_265, 38.214_342)]

@@ -1,4 +1,4 @@
-//! A traced band keeps its promises: its tables' contract, its light, its error bound anywhere between nodes, its bits.
+//! Tracing of a band: validity of its tables, energy in the window, error bound between nodes, the same bits for any threads.
 
 use std::f64::consts::PI;
 
@@ -16,7 +16,7 @@ fn band(options: &TraceOptions) -> TracedBand {
     band
 }
 
-/// L1 errors at random places of the kernel that four nodes give, against the one traced there.
+/// L1 errors, ascending, of the kernel interpolated from four nodes at random places, compared with the one traced there.
 fn errors(band: &TracedBand, places: usize) -> Vec<f64> {
     let system = System::double_gauss_28();
     let tables = &band.tables;
@@ -62,22 +62,22 @@ fn errors(band: &TracedBand, places: usize) -> Vec<f64> {
 }
 
 #[test]
-fn a_band_is_within_its_tolerance_everywhere() {
+fn traced_band_is_within_its_tolerance_between_nodes() {
     let options = TraceOptions { psf_tolerance: 0.03, ..TraceOptions::new(vec![550.0], 12.0) };
     let band = band(&options);
     band.tables.check().unwrap();
     let bound = band.report.psf_error.unwrap();
     assert!(bound <= 0.03, "{bound}");
-    assert!(band.report.least_energy >= 0.99);
+    assert!(band.report.min_energy >= 0.99);
     let found = errors(&band, 12);
     println!("bound {bound:.4}, found {found:.4?}");
-    // The film's orientation in a cell changes the L1 norm a little.
+    // The orientation of the pixel grid changes the L1 norm a little.
     assert!(found[found.len() - 1] <= 1.2 * bound);
     for k in 0..band.psf.heights() {
         let sum: f64 = band.psf.window(k).iter().map(|v| f64::from(*v)).sum();
         assert!((sum - 1.0).abs() < 1e-5);
     }
-    // Dense tables: real heights half-way between field points, to 1e-4 of a 2 µm pixel.
+    // Dense tables: real heights half-way between field points, within 1e-4 of a 2 µm pixel.
     let system = System::double_gauss_28();
     let tracer = Tracer::new(&system, 0.55).unwrap();
     let t = &band.tables;
@@ -89,10 +89,10 @@ fn a_band_is_within_its_tolerance_everywhere() {
     assert!((t.image_height_mm[1000] - 12.0).abs() < 1e-9 && t.relative_illumination[0] == 1.0);
 }
 
-/// The error bound of the default options, in six bands; `scripts/check-long` runs this.
+/// The error bound with default options, in six bands; run by `scripts/check-long`.
 #[test]
 #[ignore = "long: scripts/check --full"]
-fn kernels_between_nodes_are_within_a_percent_and_a_half() {
+fn kernels_between_nodes_are_within_1_5_percent() {
     for nm in [400.0, 440.0, 480.0, 550.0, 620.0, 700.0] {
         let band = band(&TraceOptions::new(vec![nm], 20.5));
         let found = errors(&band, 60);
@@ -106,7 +106,7 @@ fn kernels_between_nodes_are_within_a_percent_and_a_half() {
 }
 
 #[test]
-fn any_number_of_threads_gives_the_same_bits() {
+fn same_bits_for_any_number_of_threads() {
     let mut options = TraceOptions::new(vec![600.0], 6.0);
     options.heights = PsfHeights::Given(vec![0.0, 2.0, 6.0]);
     options.azimuths = Azimuths::Given(8);
@@ -120,19 +120,19 @@ fn any_number_of_threads_gives_the_same_bits() {
 }
 
 #[test]
-fn bands_stream_and_refusals_come_back() {
+fn bands_are_passed_to_the_sink_and_errors_are_returned() {
     let system = System::double_gauss_28();
     let mut options = TraceOptions::new(vec![500.0, 600.0], 3.0);
     options.heights = PsfHeights::Given(vec![0.0, 3.0]);
     options.azimuths = Azimuths::Given(8);
     options.field_points = 11;
-    let mut seen = Vec::new();
+    let mut passed = Vec::new();
     let lens = trace_lens(&system, &options, &mut |_| (), |i, b| {
-        seen.push((i, b.psf.size));
+        passed.push((i, b.psf.size));
         Ok::<(), String>(())
     });
     let lens = lens.unwrap();
-    assert_eq!((lens.bands.len(), seen.len()), (2, 2));
+    assert_eq!((lens.bands.len(), passed.len()), (2, 2));
     assert!((lens.distortion_focal_length_mm - 99.332_063).abs() < 1e-6 && lens.object_distance_mm.is_none());
     let full = trace_lens(&system, &options, &mut |_| (), |_, _| Err("disk full"));
     assert!(matches!(full, Err(DesignError::Sink { problem, .. }) if problem == "disk full"));

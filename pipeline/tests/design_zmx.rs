@@ -1,4 +1,4 @@
-//! The .zmx reader: what it takes, what it refuses and with which line, and that no input makes it panic.
+//! The .zmx reader: accepted files, errors with their line, no panic for any input.
 
 use lenscube_pipeline::design::glass::GlassCatalog;
 use lenscube_pipeline::design::paraxial::Paraxial;
@@ -6,7 +6,8 @@ use lenscube_pipeline::design::system::{Aperture, FieldKind, RayAiming};
 use lenscube_pipeline::design::{DesignError, System, agf, describe, zmx};
 use proptest::prelude::*;
 
-/// A finite-conjugate lens as older versions of the design program write it: no quotes, old field words, an asphere, floating apertures.
+/// A finite-conjugate lens as written by older versions of the design program: no quotes, old field keywords, an asphere, floating
+/// apertures.
 const OLD: &str = "VERS 41101 487 13667
 MODE SEQ
 NAME a small lens
@@ -54,7 +55,7 @@ fn read(text: &str) -> Result<System, DesignError> {
 }
 
 #[test]
-fn units_apertures_and_aspheres_arrive_in_mm() {
+fn units_apertures_and_aspheres_are_converted_to_mm() {
     let s = read(OLD).unwrap();
     assert_eq!((s.stop, s.aiming, s.aperture), (0, RayAiming::Real, Aperture::WorkingFNumber(4.0)));
     assert!((s.object_distance_mm.unwrap() - 254.0).abs() < 1e-12);
@@ -71,7 +72,7 @@ fn units_apertures_and_aspheres_arrive_in_mm() {
 }
 
 #[test]
-fn utf16_and_latin1_read_the_same() {
+fn utf16_and_latin1_give_the_same_system() {
     let mut wide = vec![0xFF, 0xFE];
     wide.extend(OLD.replace('\n', "\r\n").encode_utf16().flat_map(u16::to_le_bytes));
     assert_eq!(zmx::parse(&wide, &GlassCatalog::schott()), read(OLD));
@@ -80,7 +81,7 @@ fn utf16_and_latin1_read_the_same() {
 }
 
 #[test]
-fn what_changes_the_optics_is_refused_with_its_line() {
+fn unsupported_optics_is_an_error_with_its_line() {
     for (from, to, line) in [
         ("MODE SEQ", "MODE NSC", 2),
         ("GFAC 0 0", "GFAC 1 0.5", 7),
@@ -112,7 +113,7 @@ fn what_changes_the_optics_is_refused_with_its_line() {
 }
 
 #[test]
-fn a_catalogue_supplies_what_is_not_built_in() {
+fn catalogue_supplies_a_glass_that_is_not_built_in() {
     let text = OLD.replace("N-BK7", "MYGLASS");
     assert!(read(&text).is_err());
     let mut glasses = GlassCatalog::schott();
@@ -121,8 +122,8 @@ fn a_catalogue_supplies_what_is_not_built_in() {
     assert!((s.surfaces[0].medium.index(0.5).unwrap() - 1.5).abs() < 1e-15);
 }
 
-/// Everything a caller does first: it may refuse, it must not panic.
-fn use_it(bytes: &[u8]) {
+/// May return an error, must not panic.
+fn parse_and_describe(bytes: &[u8]) {
     if let Ok(s) = zmx::parse(bytes, &GlassCatalog::schott()) {
         let _ = describe(&s);
     }
@@ -146,7 +147,7 @@ proptest! {
                 1 if !bytes.is_empty() => { bytes.remove(at); }
                 2 => bytes.insert(at.min(bytes.len()), b"0123456789.-E \nINF"[usize::from(value) % 18]),
                 _ => {
-                    // A line gone or doubled.
+                    // A line removed or duplicated.
                     let mut lines: Vec<Vec<u8>> = bytes.split(|b| *b == b'\n').map(<[u8]>::to_vec).collect();
                     let i = at % lines.len();
                     if value < 128 { lines.remove(i); } else { lines.insert(i, lines[i].clone()); }
@@ -154,6 +155,6 @@ proptest! {
                 }
             }
         }
-        use_it(&bytes);
+        parse_and_describe(&bytes);
     }
 }

@@ -1,5 +1,5 @@
-//! The whole flow in memory: chart → film through the executor, against the f64 model; same bits however it is run.
-//! Each case runs once per instruction set; those that the machine lacks are reported as ignored.
+//! Chart to film in memory through the executor: compared with the f64 model, and the same bits for any way of running it.
+//! Each case runs once per instruction set; sets that the machine lacks are reported as ignored.
 
 mod oracle;
 
@@ -10,7 +10,7 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
-use lenscube_pipeline::plan::{ShardId, Window};
+use lenscube_pipeline::plan::{FilmRegion, ShardId};
 use lenscube_pipeline::remap::{Reading, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::simd::Simd;
@@ -36,20 +36,20 @@ impl ChartSource for Chart {
     }
 }
 
-/// Films by window and band; every shard may come once.
+/// Films by window and band; a shard that is committed twice is an error.
 struct Sink {
-    windows: Vec<Window>,
+    windows: Vec<FilmRegion>,
     films: Mutex<Vec<Vec<Vec<f32>>>>,
-    seen: Mutex<BTreeSet<ShardId>>,
+    committed: Mutex<BTreeSet<ShardId>>,
 }
 
 impl Sink {
-    fn new(windows: &[Window], bands: usize) -> Self {
-        let film = |w: &Window| vec![vec![f32::NAN; w.rect.size().pixels()]; bands];
+    fn new(windows: &[FilmRegion], bands: usize) -> Self {
+        let film = |w: &FilmRegion| vec![vec![f32::NAN; w.rect.size().pixels()]; bands];
         Self {
             windows: windows.to_vec(),
             films: Mutex::new(windows.iter().map(film).collect()),
-            seen: Mutex::default(),
+            committed: Mutex::default(),
         }
     }
 }
@@ -57,13 +57,13 @@ impl Sink {
 impl FilmSink for Sink {
     type Encoded = (ShardId, Rect, Vec<f32>);
     fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, SourceSinkError> {
-        assert_eq!(self.windows[id.window].shard_rect(id.row, id.col), rect);
+        assert_eq!(self.windows[id.region].shard_rect(id.row, id.col), rect);
         Ok((id, rect, pixels.to_vec()))
     }
     fn commit(&self, (id, rect, pixels): Self::Encoded) -> Result<u64, SourceSinkError> {
-        assert!(self.seen.lock().unwrap().insert(id), "{id:?} committed twice");
-        let window = self.windows[id.window].rect;
-        let film = &mut self.films.lock().unwrap()[id.window][id.band];
+        assert!(self.committed.lock().unwrap().insert(id), "{id:?} committed twice");
+        let window = self.windows[id.region].rect;
+        let film = &mut self.films.lock().unwrap()[id.region][id.band];
         for (i, v) in pixels.iter().enumerate() {
             let y = rect.y - window.y + (i / rect.width) as i64;
             let x = rect.x - window.x + (i % rect.width) as i64;
@@ -149,7 +149,12 @@ impl Case {
         self.lens.bands.iter().map(plan).collect()
     }
 
-    fn run(&self, windows: &[Window], threads: usize, spectra_bytes: usize) -> (Vec<Vec<Vec<f32>>>, Summary) {
+    fn run(
+        &self,
+        windows: &[FilmRegion],
+        threads: usize,
+        spectra_bytes: usize,
+    ) -> (Vec<Vec<Vec<f32>>>, Summary) {
         let sink = Sink::new(windows, self.lens.bands.len());
         let summary = self.run_into(windows, threads, spectra_bytes, &self.chart, &sink, &()).unwrap();
         assert!(!summary.interrupted);
@@ -158,7 +163,7 @@ impl Case {
 
     fn run_into(
         &self,
-        windows: &[Window],
+        windows: &[FilmRegion],
         threads: usize,
         spectra_bytes: usize,
         chart: &dyn ChartSource,
@@ -169,7 +174,8 @@ impl Case {
         let every = |band: usize| {
             windows.iter().enumerate().flat_map(move |(window, w)| {
                 let (rows, cols) = w.count();
-                (0..rows).flat_map(move |row| (0..cols).map(move |col| ShardId { band, window, row, col }))
+                (0..rows)
+                    .flat_map(move |row| (0..cols).map(move |col| ShardId { band, region: window, row, col }))
             })
         };
         let cancel = AtomicBool::new(false);
@@ -177,7 +183,7 @@ impl Case {
             film: self.frame.film,
             windows,
             bands: (0..plans.len())
-                .map(|i| BandWork { chart_band: i, tiling: plans[i].tiling, wanted: every(i).collect() })
+                .map(|i| BandWork { chart_band: i, tiling: plans[i].tiling, shards: every(i).collect() })
                 .collect(),
             threads,
             gpus: &[],
@@ -191,8 +197,8 @@ impl Case {
         run(&work, chart, sink, &StageCompute::new(self.frame, spectra_bytes, &prepare), progress)
     }
 
-    fn whole(&self, shard: usize) -> Vec<Window> {
-        vec![Window { rect: self.frame.film.rect(), shard: Size::new(shard, 3 * shard / 2) }]
+    fn full_film(&self, shard: usize) -> Vec<FilmRegion> {
+        vec![FilmRegion { rect: self.frame.film.rect(), shard: Size::new(shard, 3 * shard / 2) }]
     }
 
     fn oracle(&self, band: usize) -> Image {
@@ -208,7 +214,7 @@ impl Case {
     }
 }
 
-fn the_film_equals_the_model_in_every_band(simd: Simd) {
+fn film_equals_the_f64_model_in_every_band(simd: Simd) {
     let mut noise = Noise(21);
     for (film, chart, windows) in [
         (Size::new(301, 277), Size::new(310, 290), vec![9, 21, 5]),
@@ -216,10 +222,10 @@ fn the_film_equals_the_model_in_every_band(simd: Simd) {
         (Size::new(3, 2), Size::new(50, 60), vec![31, 1]),
     ] {
         let case = case(simd, &mut noise, film, chart, &windows);
-        let (films, _) = case.run(&case.whole(128), 2, 1 << 20);
+        let (films, _) = case.run(&case.full_film(128), 2, 1 << 20);
         for (band, got) in films[0].iter().enumerate() {
-            let want = case.oracle(band);
-            let (worst, l2) = errors(got, &want.data);
+            let expected = case.oracle(band);
+            let (worst, l2) = errors(got, &expected.data);
             assert!(worst <= 2e-6 && l2 <= 1e-6, "film {film}, band {band}: max {worst:.1e}, L2 {l2:.1e}");
         }
     }
@@ -228,40 +234,40 @@ fn the_film_equals_the_model_in_every_band(simd: Simd) {
 fn same_bits_for_threads_memory_shards_and_regions(simd: Simd) {
     let mut noise = Noise(5);
     let case = case(simd, &mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
-    let (whole, _) = case.run(&case.whole(256), 1, 64 << 20);
+    let (full, _) = case.run(&case.full_film(256), 1, 64 << 20);
     let same =
         |a: &[f32], b: &[f32]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
     for (threads, spectra, shard) in [(2, 64 << 20, 256), (5, 1, 256), (3, 1 << 20, 64), (2, 1 << 20, 2048)] {
-        let (films, _) = case.run(&case.whole(shard), threads, spectra);
-        assert_eq!((films.len(), films[0].len()), (1, whole[0].len()), "windows, bands");
-        for (a, b) in whole[0].iter().zip(&films[0]) {
+        let (films, _) = case.run(&case.full_film(shard), threads, spectra);
+        assert_eq!((films.len(), films[0].len()), (1, full[0].len()), "windows, bands");
+        for (a, b) in full[0].iter().zip(&films[0]) {
             assert!(same(a, b), "{threads} threads, {spectra} bytes, shards of {shard}");
         }
     }
     let regions = [Rect::new(0, 0, 1, 1), Rect::new(411, 300, 200, 320), Rect::new(650, 5, 50, 77)];
-    let windows: Vec<Window> =
-        regions.iter().map(|&rect| Window { rect, shard: Size::new(64, 48) }).collect();
+    let windows: Vec<FilmRegion> =
+        regions.iter().map(|&rect| FilmRegion { rect, shard: Size::new(64, 48) }).collect();
     let (films, _) = case.run(&windows, 2, 1 << 20);
     assert_eq!(films.len(), regions.len());
     for (region, film) in regions.iter().zip(&films) {
-        assert_eq!(film.len(), whole[0].len(), "bands of {region}");
+        assert_eq!(film.len(), full[0].len(), "bands of {region}");
         for (band, got) in film.iter().enumerate() {
             for (i, v) in got.iter().enumerate() {
                 let (y, x) = (region.y as usize + i / region.width, region.x as usize + i % region.width);
-                assert_eq!(v.to_bits(), whole[0][band][y * 620 + x].to_bits(), "{region}, band {band}");
+                assert_eq!(v.to_bits(), full[0][band][y * 620 + x].to_bits(), "{region}, band {band}");
             }
         }
     }
     let (_, corner) = case.run(&windows[..1], 2, 1 << 20);
-    assert!(corner.tiles == 2, "one tile of each band reaches the corner, {} were made", corner.tiles);
+    assert!(corner.tiles == 2, "one tile of each band reaches the corner, {} were computed", corner.tiles);
 }
 
-fn light_is_conserved_and_coma_points_outwards(simd: Simd) {
+fn point_keeps_its_sum_and_coma_points_outwards(simd: Simd) {
     let mut noise = Noise(2);
     let film = Size::new(241, 241);
     let mut case = case(simd, &mut noise, film, film, &[11]);
     case.frame = Frame::centred(film, film, 2.0);
-    // A point, and beside it its light two pixels farther out on +x: a comet's tail.
+    // A point with a tail three pixels farther out on +x.
     let mut tail = vec![0f32; 121];
     tail[5 * 11 + 5] = 0.6;
     tail[5 * 11 + 8] = 0.4;
@@ -274,10 +280,10 @@ fn light_is_conserved_and_coma_points_outwards(simd: Simd) {
     case.lens.bands[0].psf_height_mm = vec![0.0, 0.05, 0.1, 0.2, last];
     for (y, x) in [(120, 220), (220, 120), (120, 20), (20, 120), (20, 20), (20, 220), (220, 20), (220, 220)] {
         case.chart.0[0] = Image::new(film, |row, col| f64::from(u8::from((row, col) == (y, x))));
-        let (films, _) = case.run(&case.whole(256), 1, 1 << 20);
+        let (films, _) = case.run(&case.full_film(256), 1, 1 << 20);
         let got = &films[0][0];
         let sum: f64 = got.iter().map(|&v| f64::from(v)).sum();
-        assert!((sum - 1.0).abs() < 1e-6, "light of a point: {sum}");
+        assert!((sum - 1.0).abs() < 1e-6, "sum of a point: {sum}");
         let mean = |axis: fn(usize) -> usize| -> f64 {
             got.iter().enumerate().map(|(i, v)| axis(i) as f64 * f64::from(*v)).sum()
         };
@@ -289,10 +295,10 @@ fn light_is_conserved_and_coma_points_outwards(simd: Simd) {
     }
 }
 
-/// A uniform remap keeps its light but moves it: where the PSF's centroid lies c from the chief ray, the film shows
-/// 1 − div c, to first order. Here c = α·r outwards, so div c = 2α everywhere, up to the film's border; terms of α² (times
-/// r₁/r next to the axis, where the PSF is blended with the axis node) stay below 5e-4.
-fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid(simd: Simd) {
+/// A uniform remapped image gives a film of 1 − div c to first order, with c the displacement of the PSF's centroid from the chief
+/// ray. Here c = α·r outwards, so div c = 2α everywhere, up to the film's border; terms of α² (times r₁/r next to the axis, where
+/// the PSF is interpolated with the axis node) stay below 5e-4.
+fn uniform_chart_gives_one_minus_the_divergence_of_the_psf_centroid(simd: Simd) {
     const ALPHA: f64 = 0.004;
     let film = Size::new(150, 170);
     let mut noise = Noise(4);
@@ -308,7 +314,7 @@ fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid(simd: Simd) 
     let last = case.frame.farthest_mm(film.rect().grown(13));
     let heights: Vec<f64> = (0..5).map(|k| last * f64::from(k) / 4.0).collect();
     let samples = heights.iter().flat_map(|h| {
-        // Samples of 1 µm: a Gaussian of 3 µm whose centre lies α·h out on +x.
+        // Samples of 1 µm: a Gaussian of 3 µm, centred at α·h on +x.
         let out = ALPHA * h * 1e3;
         let w = (0..n * n).map(|i| {
             let (y, x) = ((i / n) as f64 - 24.0, (i % n) as f64 - 24.0 - out);
@@ -321,34 +327,34 @@ fn a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid(simd: Simd) 
     case.stacks[0] =
         PsfStack { size: n, pitch_um: 1.0, sample: PsfSample::Point, samples: samples.collect() };
     case.lens.bands[0].psf_height_mm = heights;
-    let (films, _) = case.run(&case.whole(256), 2, 64 << 20);
+    let (films, _) = case.run(&case.full_film(256), 2, 64 << 20);
     for (i, v) in films[0][0].iter().enumerate() {
         let (y, x) = (i / 170, i % 170);
         assert!((f64::from(*v) - (1.0 - 2.0 * ALPHA)).abs() < 5e-4, "{v} at {y},{x}");
     }
 }
 
-/// A chart with a hole: rows and columns of one band that cannot be read.
-struct Holed<'a>(&'a Chart, usize, Rect);
+/// A chart with a rectangle of one band that cannot be read.
+struct Unreadable<'a>(&'a Chart, usize, Rect);
 
-impl ChartSource for Holed<'_> {
+impl ChartSource for Unreadable<'_> {
     fn size(&self) -> Size {
         self.0.size()
     }
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         match band == self.1 && !rect.intersect(self.2).is_empty() {
-            true => Err("a hole".into()),
+            true => Err("cannot be read".into()),
             false => self.0.read(band, rect, out),
         }
     }
 }
 
-/// Goes on after every fault, and keeps what each one spoils.
+/// Continues after every error and records the shards lost by it.
 #[derive(Default)]
-struct Faults(Mutex<BTreeSet<ShardId>>);
+struct LostShards(Mutex<BTreeSet<ShardId>>);
 
-impl Progress for Faults {
-    fn fault(&self, error: &RunError) -> bool {
+impl Progress for LostShards {
+    fn continue_after(&self, error: &RunError) -> bool {
         let mut lost = self.0.lock().unwrap();
         match error {
             RunError::Read { shards, .. } => lost.extend(shards),
@@ -359,48 +365,47 @@ impl Progress for Faults {
     }
 }
 
-fn a_fault_costs_the_shards_that_depend_on_it_and_no_other(simd: Simd) {
+fn read_error_loses_exactly_the_dependent_shards(simd: Simd) {
     let mut noise = Noise(8);
     let case = case(simd, &mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
-    let windows = case.whole(100);
-    let (whole, _) = case.run(&windows, 1, 64 << 20);
-    let hole = Rect::new(300, 310, 4, 4);
+    let windows = case.full_film(100);
+    let (full, _) = case.run(&windows, 1, 64 << 20);
+    let rect = Rect::new(300, 310, 4, 4);
     for threads in [1, 3] {
-        let (sink, faults) = (Sink::new(&windows, 2), Faults::default());
-        case.run_into(&windows, threads, 1 << 20, &Holed(&case.chart, 1, hole), &sink, &faults).unwrap();
-        let (seen, lost) = (sink.seen.into_inner().unwrap(), faults.0.into_inner().unwrap());
+        let (sink, lost) = (Sink::new(&windows, 2), LostShards::default());
+        case.run_into(&windows, threads, 1 << 20, &Unreadable(&case.chart, 1, rect), &sink, &lost).unwrap();
+        let (committed, lost) = (sink.committed.into_inner().unwrap(), lost.0.into_inner().unwrap());
         assert!(!lost.is_empty() && lost.iter().all(|id| id.band == 1), "{lost:?}");
-        assert!(seen.is_disjoint(&lost), "a shard with a hole was committed");
-        assert_eq!(seen.len() + lost.len(), 2 * 7 * 5, "neither made nor lost");
-        assert!(lost.len() < 7 * 5, "one hole cost the whole band");
+        assert!(committed.is_disjoint(&lost), "a shard with unreadable pixels was committed");
+        assert_eq!(committed.len() + lost.len(), 2 * 7 * 5, "neither committed nor lost");
+        assert!(lost.len() < 7 * 5, "one unreadable rectangle lost the complete band");
         let films = sink.films.into_inner().unwrap();
-        for id in seen {
-            let rect = windows[0].shard_rect(id.row, id.col);
-            for (y, x) in (rect.y..rect.bottom()).flat_map(|y| (rect.x..rect.right()).map(move |x| (y, x))) {
+        for id in committed {
+            let shard = windows[0].shard_rect(id.row, id.col);
+            for (y, x) in
+                (shard.y..shard.bottom()).flat_map(|y| (shard.x..shard.right()).map(move |x| (y, x)))
+            {
                 let at = y as usize * 620 + x as usize;
-                assert_eq!(films[0][id.band][at].to_bits(), whole[0][id.band][at].to_bits(), "{id:?}");
+                assert_eq!(films[0][id.band][at].to_bits(), full[0][id.band][at].to_bits(), "{id:?}");
             }
         }
         let sink = Sink::new(&windows, 2);
-        let holed = Holed(&case.chart, 1, hole);
-        let error = case.run_into(&windows, threads, 1 << 20, &holed, &sink, &()).unwrap_err();
-        assert_eq!((error.position(), error.cause().to_string().as_str()), (1, "a hole"));
+        let chart = Unreadable(&case.chart, 1, rect);
+        let error = case.run_into(&windows, threads, 1 << 20, &chart, &sink, &()).unwrap_err();
+        assert_eq!((error.position(), error.cause().to_string().as_str()), (1, "cannot be read"));
     }
 }
 
 fn main() -> ExitCode {
     let checks: [(&str, oracle::Check); 5] = [
-        ("the_film_equals_the_model_in_every_band", the_film_equals_the_model_in_every_band),
+        ("film_equals_the_f64_model_in_every_band", film_equals_the_f64_model_in_every_band),
         ("same_bits_for_threads_memory_shards_and_regions", same_bits_for_threads_memory_shards_and_regions),
-        ("light_is_conserved_and_coma_points_outwards", light_is_conserved_and_coma_points_outwards),
+        ("point_keeps_its_sum_and_coma_points_outwards", point_keeps_its_sum_and_coma_points_outwards),
         (
-            "a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid",
-            a_uniform_chart_departs_from_r_by_the_divergence_of_the_centroid,
+            "uniform_chart_gives_one_minus_the_divergence_of_the_psf_centroid",
+            uniform_chart_gives_one_minus_the_divergence_of_the_psf_centroid,
         ),
-        (
-            "a_fault_costs_the_shards_that_depend_on_it_and_no_other",
-            a_fault_costs_the_shards_that_depend_on_it_and_no_other,
-        ),
+        ("read_error_loses_exactly_the_dependent_shards", read_error_loses_exactly_the_dependent_shards),
     ];
     oracle::on_every_isa(&checks)
 }

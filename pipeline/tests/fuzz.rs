@@ -3,7 +3,7 @@
 #[path = "../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
 
-use fuzz_support::strange::magnitude;
+use fuzz_support::extreme::magnitude;
 use fuzz_support::{Random, cases, damage_text, fuzz, print_row};
 use lenscube_pipeline::chart::{ChartSpec, Generator};
 use lenscube_pipeline::design::glass::GlassCatalog;
@@ -42,7 +42,7 @@ fn number() -> impl Strategy<Value = String> {
 }
 
 #[test]
-fn chart_specifications() {
+fn chart_specifications_round_trip() {
     let value = prop_oneof![
         4 => number(),
         1 => (number(), number()).prop_map(|(a, b)| format!("{a}x{b}")),
@@ -80,17 +80,17 @@ fn chart_specifications() {
     ]);
     let setting = (key, value, prop::sample::select(vec!["=", "=", "=", "=", ""]))
         .prop_map(|(k, v, e)| format!("{k}{e}{v}"));
-    let words =
+    let specs =
         (kind, prop::collection::vec(setting, 0..4)).prop_map(|(k, s)| format!("{k}?{}", s.join("&")));
     let (start, used) = (Instant::now(), std::cell::Cell::new(0));
-    let result = runner(300).run(&words, |words| {
-        let Ok(spec) = words.parse::<ChartSpec>() else { return Ok(()) };
+    let result = runner(300).run(&specs, |text| {
+        let Ok(spec) = text.parse::<ChartSpec>() else { return Ok(()) };
         used.set(used.get() + 1);
-        // Equal charts have equal words.
+        // The written form is canonical.
         let written = spec.to_string();
         let again: ChartSpec = written.parse().map_err(|e| TestCaseError::fail(format!("{written}: {e}")))?;
         prop_assert_eq!(again.to_string(), written);
-        // Laying out a chart of thousands of details takes a while, and specifications are the target.
+        // Generating a large chart is slow, and the target are specifications.
         if spec.film.height.max(spec.film.width) <= 256 && spec.wavelengths_nm.len() <= 31 {
             let _ = Generator::new(spec);
         }
@@ -108,7 +108,7 @@ fn chart_specifications() {
 }
 
 #[test]
-fn wavelength_lists() {
+fn wavelength_lists_round_trip() {
     let range = prop::collection::vec(number(), 1..5).prop_map(|n| n.join(":"));
     let list = prop::collection::vec(range, 0..4).prop_map(|n| n.join(","));
     let (start, used) = (Instant::now(), std::cell::Cell::new(0));
@@ -131,7 +131,7 @@ fn wavelength_lists() {
 }
 
 #[test]
-fn prescriptions() {
+fn damaged_prescriptions_do_not_panic() {
     const LENS: &[u8] = include_bytes!("../data/double-gauss-28.zmx");
     let glasses = GlassCatalog::schott();
     let make = |r: &mut Random| {
@@ -148,7 +148,7 @@ fn prescriptions() {
 }
 
 #[test]
-fn glass_catalogues() {
+fn damaged_glass_catalogues_do_not_panic() {
     const TWO: &[u8] = b"CC a comment\nNM N-BK7 2 517642.251 1.5168 64.17 0 1 1\nED 7.1 8.3 2.51 -0.0009 0\n\
 CD 1.03961212E+000 6.00069867E-003 2.31792344E-001 2.00179144E-002 1.01046945E+000 1.03560653E+002 0 0 0 0\n\
 TD 0 0 0 0 0 0 20\nLD 3.0E-001 2.5E+000\nIT 3.0E-001 5.0E-002 25\nNM OLD 1 0 1.5 60\nCD 2.25 0 0 0 0 0\nLD 0.4 0.7\n";

@@ -1,6 +1,6 @@
-//! SVPSF against the f64 sum: any window, grid, axis; every engine of this machine.
+//! SVPSF compared with the f64 sum, for any window, grid and axis.
 //!
-//! Each case runs once per instruction set; those that the machine lacks are reported as ignored.
+//! Each case runs once per instruction set; sets that the machine lacks are reported as ignored.
 
 mod oracle;
 
@@ -36,18 +36,18 @@ fn stack(noise: &mut Noise, n: usize, heights: usize) -> PsfStack {
     PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples }
 }
 
-/// A film to make: its PSFs, its place about the axis, and the remapped on the film grown by the margin.
+/// A film: its PSFs, its place about the axis, and its remapped image on the film grown by half the window.
 struct Case {
     name: String,
     heights_mm: Vec<f64>,
     stack: PsfStack,
     frame: Frame,
     remapped: Image,
-    want: OnceLock<Vec<f64>>,
+    expected: OnceLock<Vec<f64>>,
 }
 
 impl Case {
-    /// Heights as parts of the farthest that the remapped reaches.
+    /// `heights`: relative to the farthest remapped pixel.
     fn new(n: usize, heights: &[f64], size: Size, axis_px: (f64, f64)) -> Self {
         let mut noise = Noise((n * size.width + heights.len()) as u64);
         let frame = Frame { axis_px, ..Frame::centred(size, size, 2.0) };
@@ -61,7 +61,7 @@ impl Case {
             stack: stack(&mut noise, n, heights.len()),
             frame,
             remapped,
-            want: OnceLock::new(),
+            expected: OnceLock::new(),
         }
     }
 
@@ -72,9 +72,9 @@ impl Case {
         BandPsf::new(0, grid, NodeKernels::new(&self.stack, 2.0, None, simd), simd)
     }
 
-    /// The film by the sum over pixels, once for all engines.
-    fn want(&self) -> &[f64] {
-        self.want.get_or_init(|| {
+    /// The film by the f64 sum over pixels, computed once for all engines.
+    fn expected(&self) -> &[f64] {
+        self.expected.get_or_init(|| {
             let heights = 0..self.heights_mm.len();
             let base: Vec<Vec<f64>> =
                 heights.map(|k| self.stack.window(k).iter().map(|&v| f64::from(v)).collect()).collect();
@@ -85,16 +85,16 @@ impl Case {
         })
     }
 
-    /// What each tile of `psf` scatters, made in the order of `path`.
+    /// The contribution of each tile of `psf`, computed in the order set by `reorder`.
     fn tiles(
         &self,
         psf: &BandPsf,
         cache: &SpectrumCache,
-        path: impl Fn(&mut Vec<Rect>),
+        reorder: impl Fn(&mut Vec<Rect>),
     ) -> Vec<(Rect, TileBuffer)> {
         let grown = psf.reaches(self.frame.film.rect());
         let mut tiles: Vec<Rect> = grown.tiles(psf.blocks().tile, psf.blocks().tile).collect();
-        path(&mut tiles);
+        reorder(&mut tiles);
         let mut scratch = PsfScratch::default();
         let scatter = |tile: Rect| {
             let mut out = TileBuffer::default();
@@ -110,7 +110,7 @@ impl Case {
         tiles.into_iter().map(scatter).collect()
     }
 
-    /// The whole film.
+    /// The complete film.
     fn film(&self, simd: Simd) -> Vec<f32> {
         let psf = self.psf(simd);
         let size = self.frame.film;
@@ -128,13 +128,13 @@ impl Case {
         film
     }
 
-    fn film_is_the_sum_over_pixels(&self, simd: Simd) {
-        let (worst, l2) = errors(&self.film(simd), self.want());
+    fn film_equals_the_f64_sum(&self, simd: Simd) {
+        let (worst, l2) = errors(&self.film(simd), self.expected());
         assert!(worst <= 2e-6 && l2 <= 1e-6, "{}: max {worst:.1e}, L2 {l2:.1e}", self.name);
     }
 
-    /// Whatever was made before, by whatever path, with a cache that holds everything or next to nothing.
-    fn same_bits_along_any_path(&self, simd: Simd) {
+    /// In any order of tiles, with a cache for all spectra or for none.
+    fn same_bits_for_any_tile_order_and_cache_size(&self, simd: Simd) {
         let psf = self.psf(simd);
         let plain = self.tiles(&psf, &SpectrumCache::new(usize::MAX), |_| ());
         assert!(plain.len() > 3, "a case of several tiles");
@@ -147,14 +147,14 @@ impl Case {
         }
     }
 
-    fn engines_agree(&self, simd: Simd) {
+    fn film_equals_that_of_the_portable_engine(&self, simd: Simd) {
         let portable: Vec<f64> = self.film(Simd::PORTABLE).into_iter().map(f64::from).collect();
         let (worst, _) = errors(&self.film(simd), &portable);
         assert!(worst <= 2e-6, "max {worst:.1e} of the peak");
     }
 
-    /// Values that would become denormal scatter nothing; darkness beside light stays what it is.
-    fn darkness_is_zero(&self, simd: Simd) {
+    /// Values that would become denormal count as zero, also beside larger values.
+    fn zero_and_denormal_input_give_zero(&self, simd: Simd) {
         let psf = self.psf(simd);
         let side = psf.blocks().block;
         let tile = Rect::new(0, 0, side, side);
@@ -171,7 +171,7 @@ impl Case {
     }
 }
 
-/// A comet: an elliptical Gaussian and a fainter one farther out, off the meridian.
+/// A comatic PSF: an elliptical Gaussian and a fainter one farther out, off the meridian.
 fn comet(n: usize, pitch_um: f64, sample: PsfSample) -> PsfStack {
     let c = (n as f64 - 1.0) / 2.0;
     let one = (0..n * n).map(|i| {
@@ -187,8 +187,8 @@ fn comet(n: usize, pitch_um: f64, sample: PsfSample) -> PsfStack {
     PsfStack { size: n, pitch_um, sample, samples: [one.clone(), one].concat() }
 }
 
-/// Kernels rotated in lanes against the portable engine's f64 sums.
-fn kernels_are_those_of_the_f64_sums(simd: Simd) {
+/// Kernels rotated in f32 lanes compared with the portable engine's f64 sums.
+fn kernels_equal_those_of_the_portable_engine(simd: Simd) {
     let grid = NodeGrid::new(&[0.0, 1.0], &[1, 72], 2e-3);
     let kernel = |kernels: &NodeKernels, j: usize| {
         let mut out = vec![0.0; kernels.size() * kernels.size()];
@@ -215,8 +215,8 @@ fn kernels_are_those_of_the_f64_sums(simd: Simd) {
     }
 }
 
-/// The published system's algorithm, which speed is measured against, is the same sum.
-fn the_strided_sum_is_the_stages(simd: Simd) {
+/// The strided direct sum of the published system, a benchmark baseline, equals the stage.
+fn strided_sum_equals_the_stage(simd: Simd) {
     let frame = Frame::centred(Size::new(400, 400), Size::new(400, 400), 2.0);
     let n = 9;
     let samples: Vec<f32> = (0..3 * n * n).map(|i| (1 + i * 31 % 17) as f32).collect();
@@ -266,7 +266,7 @@ fn main() -> ExitCode {
     let mut trial = |isa: Isa, name: &str, case: &Arc<Case>, check: fn(&Case, Simd)| {
         let case = Arc::clone(case);
         let run = move || {
-            check(&case, Simd::of(isa)?);
+            check(&case, Simd::require(isa)?);
             Ok(())
         };
         trials
@@ -274,20 +274,30 @@ fn main() -> ExitCode {
     };
     for case in cases.into_iter().map(Arc::new) {
         for isa in Isa::ALL {
-            let name = format!("film_is_the_sum_over_pixels ({})", case.name);
-            trial(isa, &name, &case, Case::film_is_the_sum_over_pixels);
+            let name = format!("film_equals_the_f64_sum ({})", case.name);
+            trial(isa, &name, &case, Case::film_equals_the_f64_sum);
         }
     }
     for isa in Isa::ALL {
-        trial(isa, "same_bits_along_any_path", &wide, Case::same_bits_along_any_path);
-        trial(isa, "darkness_is_zero", &wide, Case::darkness_is_zero);
-        trial(isa, "the_strided_sum_is_the_stages", &wide, |_, simd| the_strided_sum_is_the_stages(simd));
+        trial(
+            isa,
+            "same_bits_for_any_tile_order_and_cache_size",
+            &wide,
+            Case::same_bits_for_any_tile_order_and_cache_size,
+        );
+        trial(isa, "zero_and_denormal_input_give_zero", &wide, Case::zero_and_denormal_input_give_zero);
+        trial(isa, "strided_sum_equals_the_stage", &wide, |_, simd| strided_sum_equals_the_stage(simd));
     }
-    // Against the portable engine, which is not compared with itself.
+    // The portable engine is not compared with itself.
     for isa in Isa::ALL.into_iter().filter(|isa| *isa != Isa::Portable) {
-        trial(isa, "agrees_with_the_portable_engine", &wide, Case::engines_agree);
-        trial(isa, "kernels_are_those_of_the_f64_sums", &wide, |_, simd| {
-            kernels_are_those_of_the_f64_sums(simd)
+        trial(
+            isa,
+            "film_equals_that_of_the_portable_engine",
+            &wide,
+            Case::film_equals_that_of_the_portable_engine,
+        );
+        trial(isa, "kernels_equal_those_of_the_portable_engine", &wide, |_, simd| {
+            kernels_equal_those_of_the_portable_engine(simd)
         });
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()

@@ -1,4 +1,4 @@
-"""Films compared with those of clean runs: one run of one job, alone, from the same chart and lens pack."""
+"""Comparison of films with those of clean runs: an undisturbed run of the job with the same chart and lens pack."""
 import hashlib
 import json
 import math
@@ -15,15 +15,15 @@ TEMP, LOCK = ".tmp-", ".lock"
 
 @dataclass(frozen=True)
 class Job:
-    """What `run` and `plan` are asked for, the places of chart, lens and film apart."""
+    """Arguments of `run` and `plan` except the paths of chart, lens and film."""
 
     name: str
     chart: str  # kind of chart, a key of CHARTS
     lens: str  # "built-in", or kind of pack: "pack", "zip"
-    flags: tuple  # what changes the film
+    flags: tuple  # that change the film
 
-    def words(self, folder):
-        """The command's words without the film: chart, flags."""
+    def arguments(self, folder):
+        """(path of the chart, flags)."""
         chart, flags = CHARTS[self.chart]
         pack = {"built-in": "double-gauss-28-npz", "pack": folder / "lens/lens.lens.zarr", "zip": folder / "lens/lens.zip"}[self.lens]
         window = ["--psf-window", "9", "--memory", "256MiB", "--device", "cpu"]
@@ -32,7 +32,7 @@ class Job:
 
 @dataclass
 class CleanFilm:
-    """Digests of a clean run's files by path; of the same film with its pyramid; exports by format."""
+    """Digests of the files of a clean run by path, of the same film with its pyramid, and exports by format."""
 
     path: Path
     files: dict
@@ -42,21 +42,21 @@ class CleanFilm:
 
 
 def provenance(film):
-    """(job, layout) that a film's metadata name, or None."""
+    """Job and layout in a film's metadata, or None."""
     try:
-        told = json.loads((film / "zarr.json").read_text())["attributes"]["provenance"]
-        return {"job": told["job"], "layout": told["layout"]}
+        found = json.loads((film / "zarr.json").read_text())["attributes"]["provenance"]
+        return {"job": found["job"], "layout": found["layout"]}
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
 def film_files(film):
-    """Digests of the film's files but its run records."""
+    """Digests of the film's files except its run records."""
     return {name: digest(film / name) for name in files(film) if not name.startswith("runs/")}
 
 
 class CleanFilms:
-    """Made once per job, state of the chart and state of the pack."""
+    """Clean films, one for each job, state of the chart and state of the pack."""
 
     def __init__(self, folder, blobs, call):
         self.folder, self.blobs, self.call = folder, blobs, call
@@ -65,8 +65,8 @@ class CleanFilms:
 
     def get(self, job, chart, lens):
         """The clean film, or the error of a run that does not end with 0."""
-        told = json.dumps([job.chart, job.lens, job.flags, chart, lens if job.lens != "built-in" else None], sort_keys=True)
-        key = hashlib.sha256(told.encode()).hexdigest()[:20]
+        identity = json.dumps([job.chart, job.lens, job.flags, chart, lens if job.lens != "built-in" else None], sort_keys=True)
+        key = hashlib.sha256(identity.encode()).hexdigest()[:20]
         with self.lock:
             if key not in self.films:
                 self.films[key] = self.make(job, chart, lens, self.folder / key)
@@ -76,17 +76,17 @@ class CleanFilms:
         self.made += 1
         self.blobs.place(chart, folder / f"chart-{job.chart}")
         self.blobs.place(lens or {}, folder / "lens")
-        source, flags = job.words(folder)
+        source, flags = job.arguments(folder)
         film = folder / "film.zarr"
         try:
             self.call("run", source, film, "--no-fsync", *flags)
         except RuntimeError as e:
             return str(e)
-        self.finite(film)
+        self.check_finite(film)
         return CleanFilm(film, film_files(film), provenance(film))
 
-    def finite(self, film):
-        """No NaN and no infinity in a clean film, so none in what equals it."""
+    def check_finite(self, film):
+        """A clean film must have no NaN and no infinity."""
         out = film.parent / "pixels.npy"
         self.call("export", film, out)
         _, values = npy(out.read_bytes())
@@ -120,37 +120,36 @@ def npy(data):
     return data[:head], memoryview(data[head:]).cast(kind).tolist()
 
 
-def same_or_missing(own, clean):
-    """Whether a .npy file holds the clean one's values, or NaN where its film had no shard yet."""
-    (head, values), (clean_head, clean_values) = npy(own), npy(clean)
+def same_or_missing(actual, clean):
+    """Whether a .npy file has the values of the clean one, or NaN for missing shards."""
+    (head, values), (clean_head, clean_values) = npy(actual), npy(clean)
     return head == clean_head and all(a == b or math.isnan(a) for a, b in zip(values, clean_values, strict=True))
 
 
-def compare(film, clean, pyramid, strays, complete):
-    """What is wrong with the film: files that differ from the clean run's or are no part of it; missing ones if it is said to be
-    complete. `pyramid`: digests of the clean film with its pyramid, where the round makes one. Temp files and locks are
-    looked at elsewhere, after the next run."""
+def compare(film, clean, pyramid, foreign_files, complete):
+    """Files that differ from those of the clean run or are not part of it, and missing ones if the film is reported as complete.
+    `pyramid`: digests of the clean film with its pyramid, if there is one. Temporary files and locks are checked by `leftovers`."""
     found = []
-    own = film_files(film)
-    passed = lambda name: name in strays or any(part.startswith(TEMP) for part in name.split("/"))
-    for name, sha in own.items():
-        if passed(name):
+    actual = film_files(film)
+    skipped = lambda name: name in foreign_files or any(part.startswith(TEMP) for part in name.split("/"))
+    for name, sha in actual.items():
+        if skipped(name):
             continue
         allowed = [clean.files.get(name)] + ([pyramid.get(name)] if pyramid else [])
         if not any(allowed):
-            found.append(f"{name} is no part of the clean film")
+            found.append(f"{name} is not part of the clean film")
         elif sha not in allowed:
             found.append(f"{name} differs from the clean film's")
     if complete:
-        found += [f"{name} is missing" for name in clean.files if name not in own]
+        found += [f"{name} is missing" for name in clean.files if name not in actual]
     return found
 
 
-def leftovers(folder, strays):
-    """Temp files and locks."""
+def leftovers(folder, foreign_files):
+    """Temporary files and locks."""
     found = []
     for place in [folder, *folder.rglob("*")]:
         name = place.name
-        if (name.startswith(TEMP) or name.endswith(LOCK)) and str(place.relative_to(folder)) not in strays:
+        if (name.startswith(TEMP) or name.endswith(LOCK)) and str(place.relative_to(folder)) not in foreign_files:
             found.append(str(place.relative_to(folder)))
     return found

@@ -1,7 +1,7 @@
-"""Charts and lens packs in two versions each, what is done to them while they are read, and digests of folders.
+"""Charts and lens packs in two versions each, changes to them while they are read, and digests of folders.
 
-A state of a folder is {path: (SHA-256, time of last change in ns)}; the bytes lie in a store by their digest, so that every state
-that a round went through can be made again, for a clean run of it.
+A state of a folder is {path: (SHA-256, modification time in ns)}; contents are stored by digest, so that every state that occurred
+in a round can be restored for a clean run.
 """
 import array
 import hashlib
@@ -13,10 +13,10 @@ import time
 import zipfile
 from pathlib import Path
 
-SIZE = (184, 272)  # of the film; its longer side gives a pyramid one level
+SIZE = (184, 272)  # of the film; its longer side is enough for one pyramid level
 WAVELENGTHS = "450,500,550"
 PITCH_UM = "10"
-# Charts: the file that `run` is given, and the flags that it needs.
+# Charts: the file for `run`, and the flags that it needs.
 FLAT = ["--film-pitch-um", PITCH_UM]
 CHARTS = {
     "zarr": ("chart.zarr", []),
@@ -35,7 +35,7 @@ def digest(path):
 
 
 def files(folder):
-    """Relative paths of all files below, sorted; those that vanish meanwhile are left out."""
+    """Relative paths of all files below, sorted."""
     found = []
     for place, _, names in os.walk(folder):
         found += [os.path.relpath(os.path.join(place, name), folder) for name in names]
@@ -43,7 +43,7 @@ def files(folder):
 
 
 class Blobs:
-    """States of folders, and their bytes."""
+    """Content store of the files of all states."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -63,12 +63,12 @@ class Blobs:
         return found
 
     def place(self, state, folder):
-        """Makes the folder hold exactly this state."""
+        """Writes the files of a state into the folder."""
         for name, (key, mtime) in state.items():
             self.put(key, mtime, Path(folder) / name)
 
     def put(self, key, mtime, path, how="rename"):
-        """Gives `path` these bytes and this time; `how`: by rename, or into the file that is there."""
+        """Writes content and modification time of `path`; `how`: by rename, or in place."""
         path.parent.mkdir(parents=True, exist_ok=True)
         if how == "rename":
             temp = path.with_name(f"{path.name}.new")
@@ -85,7 +85,7 @@ class Blobs:
 
 
 class Inputs:
-    """The versions: charts[kind][n] and lenses[kind][n] are states, kept with times long past."""
+    """charts[kind][n] and lenses[kind][n] are the states of version n, with modification times in the past."""
 
     def __init__(self, folder, call):
         self.blobs = Blobs(folder / "blobs")
@@ -96,10 +96,10 @@ class Inputs:
             drawn = ["--size", size, "--wavelengths", WAVELENGTHS, "--pitch-um", PITCH_UM, "--overscan", "8", *more]
             for kind, codec in [("zarr", "none"), ("zstd", "zstd")]:
                 call("chart", "composite", work / f"{kind}{n}/chart.zarr", "--codec", codec, *drawn)
-            own = work / f"zarr{n}/chart.zarr"
+            source = work / f"zarr{n}/chart.zarr"
             for kind, name in [("npy", "chart.npy"), ("bsq", "chart.hdr"), ("exr", "chart.exr")]:
                 (work / f"{kind}{n}").mkdir()
-                call("export", own, work / f"{kind}{n}" / name)
+                call("export", source, work / f"{kind}{n}" / name)
             self.bip(work / f"bsq{n}", work / f"bip{n}")
             self.chunks(work / f"npy{n}/chart.npy", work / f"chunks{n}/chart.zarr")
             for kind in CHARTS:
@@ -125,10 +125,10 @@ class Inputs:
         (to / "chart.hdr").write_text(re.sub(r"(?mi)^(interleave\s*=\s*)bsq", r"\1bip", header))
         (data,) = [p for p in bsq.iterdir() if p.suffix != ".hdr"]
         flat = array.array("f", data.read_bytes())
-        lying = array.array("f", bytes(len(flat) * 4))
+        interleaved = array.array("f", bytes(len(flat) * 4))
         for band in range(bands):
-            lying[band::bands] = flat[band * (len(flat) // bands) : (band + 1) * (len(flat) // bands)]
-        (to / data.name).write_bytes(lying.tobytes())
+            interleaved[band::bands] = flat[band * (len(flat) // bands) : (band + 1) * (len(flat) // bands)]
+        (to / data.name).write_bytes(interleaved.tobytes())
 
     @staticmethod
     def chunks(npy, to):
@@ -157,7 +157,7 @@ class Inputs:
 
     @staticmethod
     def packs(builtin, folder, zipped, n):
-        """The built-in pack as a directory and as a .zip; in version 1 the PSFs of neighbouring bands change places."""
+        """The built-in pack as a directory and as a .zip; in version 1 the PSFs of neighbouring bands are swapped."""
         folder, zipped = folder / "lens.lens.zarr", zipped / "lens.zip"
         with zipfile.ZipFile(builtin) as z:
             members = {name: z.read(name) for name in z.namelist() if not name.endswith("/")}

@@ -1,10 +1,10 @@
-"""Processes on several machines: each machine is an agent that starts processes, signals them and reports how they end.
+"""Processes on several machines: each machine has an agent that starts processes, sends signals and reports exit codes.
 
-Machine A is this host. The others are Linux namespaces of their own (host name, processes, mounts) with another boot id and machine
-id, so that a lock or temp file made there names a process that nobody here can look up:
+Machine A is this host. The others are separate Linux namespaces (host name, processes, mounts) with another boot id and machine
+id, so that a lock or temporary file made there names a process that cannot be looked up here:
 
     B  other name, other boot id, other machine id          another host
-    C  A's name, other boot id, other machine id            another host that was given the same name
+    C  A's name, other boot id, other machine id            another host of the same name
     D  A's name, boot id and machine id, other processes    a container of this host
 """
 import json
@@ -34,10 +34,9 @@ class Machine:
             (folder / "machine-id").write_text(f"{uuid.uuid4().hex}\n")
             argv = ["unshare", "--uts", "--pid", "--mount", "--fork", "--kill-child", "--mount-proc", *argv, name, str(folder)]
         self.agent = subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
-        hello = self.ask({"do": "hello"})
-        self.identity = hello["identity"]
+        self.identity = self.request({"do": "identity"})["identity"]
 
-    def ask(self, request):
+    def request(self, request):
         with self.lock:
             try:
                 self.agent.stdin.write(json.dumps(request) + "\n")
@@ -54,19 +53,19 @@ class Machine:
 
     def start(self, argv, out, err, env):
         self.last += 1
-        self.ask({"do": "start", "id": self.last, "argv": [str(a) for a in argv], "out": str(out), "err": str(err), "env": env})
+        self.request({"do": "start", "id": self.last, "argv": [str(a) for a in argv], "out": str(out), "err": str(err), "env": env})
         return self.last
 
     def signal(self, process, number):
-        self.ask({"do": "signal", "id": process, "signal": int(number)})
+        self.request({"do": "signal", "id": process, "signal": int(number)})
 
     def state(self, process):
         """("running" | "stopped", None) or ("ended", exit code; -9 for SIGKILL)."""
-        reply = self.ask({"do": "state", "id": process})
+        reply = self.request({"do": "state", "id": process})
         return reply["state"], reply.get("code")
 
     def where(self, process):
-        return self.ask({"do": "where", "id": process})["where"]
+        return self.request({"do": "where", "id": process})["where"]
 
     def close(self):
         self.agent.stdin.close()
@@ -74,7 +73,7 @@ class Machine:
 
 
 def namespaces_or_reason():
-    """Why this process cannot make machines B, C and D; None if it can."""
+    """The reason why this process cannot create machines B, C and D; None if it can."""
     if not sys.platform.startswith("linux"):
         return "not Linux"
     try:
@@ -87,8 +86,8 @@ def namespaces_or_reason():
     return None if done.returncode == 0 else f"unshare: {done.stderr.strip() or done.returncode}"
 
 
-def become(name, folder):
-    """Gives the namespaces that this process was started in their identity."""
+def set_identity(name, folder):
+    """Sets host name, boot id and machine id of the namespaces of this process."""
     if name == "B":
         socket.sethostname("chaos-other-host")
     if name in "BC":
@@ -108,7 +107,7 @@ def identity():
 
 
 def agent():
-    """Serves requests, one JSON object a line, until the other side closes; then nothing of it goes on."""
+    """Serves requests, one JSON object per line, until the pipe is closed; then kills all its processes."""
     running = {}
 
     def start(r):
@@ -132,14 +131,14 @@ def agent():
         return {}
 
     def where(r):
-        """What its threads wait for, to report a command that does not end."""
+        """State of the threads of a process, to report a command that does not end."""
         found = []
         for task in Path(f"/proc/{running[r['id']].pid}/task").glob("*"):
             parts = [(task / part) for part in ("stat", "wchan", "syscall")]
             found.append(" ".join(p.read_text().strip()[:120] for p in parts if os.access(p, os.R_OK)))
         return {"where": found}
 
-    tasks = {"hello": lambda r: {"identity": identity()}, "start": start, "state": state, "signal": send, "where": where}
+    tasks = {"identity": lambda r: {"identity": identity()}, "start": start, "state": state, "signal": send, "where": where}
     for line in sys.stdin:
         request = json.loads(line)
         try:
@@ -156,5 +155,5 @@ def agent():
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if len(sys.argv) == 4:
-        become(*sys.argv[2:])
+        set_identity(*sys.argv[2:])
     agent()

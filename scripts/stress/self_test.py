@@ -1,7 +1,7 @@
-"""The checks on damages made on purpose: each must be found, and nothing where nothing was damaged.
+"""Test of the checks: each injected damage must be found, and an undamaged round must have no finding.
 
-Rounds go through a program that calls the real one and then does the damage, so that all of the way from the command to the finding
-is tested: the last command's damage is what the round's end finds.
+Rounds run a wrapper that calls the real program and then damages its result, so that the complete path from the command to the
+finding is tested.
 """
 import json
 import os
@@ -18,43 +18,43 @@ from machines import identity
 from script import Script
 
 LAYOUT = ("--shard", "64", "--chunk", "32")
-# Damage, after which command, what the finding says.
+# Damage: the command after which it is done, and a pattern of the finding.
 CASES = {
     "none": ("run", None),
     "a shard of another job": ("run", r"film/c/1/0/0 differs"),
     "a flipped byte": ("run", r"film/c/1/0/0 differs"),
-    "a shard cut short": ("run", r"film/c/1/0/0 differs"),
+    "a truncated shard": ("run", r"film/c/1/0/0 differs"),
     "a missing shard": ("run", r"film/c/1/0/0 is missing"),
-    "an extra shard": ("run", r"film/c/9/0/0 is no part"),
-    "changed metadata": ("run", r"names a job that none|differs"),
+    "an extra shard": ("run", r"film/c/9/0/0 is not part"),
+    "changed metadata": ("run", r"name a job that no|differs"),
     "no film": ("run", r"there is no film"),
     "a temp file of a dead process": ("run", r"left behind: .*\.tmp-"),
     "a temp file beside the film": ("run", r"left behind: \.tmp-"),
     "a lock of a dead process": ("run", r"left behind: .*whole\.lock"),
     "a changed chart": ("run", r"chart-zarr was changed"),
-    "a file of nobody's removed": ("run", r"notes.txt, not of the program, is gone"),
-    "a file of nobody's changed": ("run", r"notes.txt, not of the program, was changed"),
+    "a foreign file removed": ("run", r"notes.txt, not of the program, is gone"),
+    "a foreign file changed": ("run", r"notes.txt, not of the program, was changed"),
     "an export of other pixels": ("export", r"not the export of one film"),
     "exit code 101": ("run", r"ended with 101"),
     "an abort": ("run", r"ended with -6"),
-    "a panic that is caught": ("run", r"panicked"),
+    "a caught panic": ("run", r"panicked"),
     "no end": ("run", r"did not end in"),
     "always 75": ("run", r"still ends with 75"),
-    "sound film called wrong": ("verify", r"verify finds the complete film wrong"),
+    "valid film reported as damaged": ("verify", r"verify finds the complete film wrong"),
 }
 
 
-def damage(case, words, code):
-    """Done by the stand-in after the real command; the exit code to end with."""
-    if words[0] == "export":
-        out = Path(words[2])
+def damage(case, arguments, code):
+    """Damages the result of the command; returns the exit code of the wrapper."""
+    if arguments[0] == "export":
+        out = Path(arguments[2])
         data = bytearray(out.read_bytes())
         data[-1] ^= 1
         out.write_bytes(data)
         return code
-    if case == "sound film called wrong":
+    if case == "valid film reported as damaged":
         return 4
-    film = Path(words[2])
+    film = Path(arguments[2])
     shard, place = film / "film/c/1/0/0", film.parent
     me = identity()
     dead = {"host": re.sub(r"[^0-9A-Za-z]", "_", me["host"]), "boot": me["boot"].replace("-", "")[:16],
@@ -66,7 +66,7 @@ def damage(case, words, code):
         data = bytearray(shard.read_bytes())
         data[len(data) // 2] ^= 1
         shard.write_bytes(data)
-    elif case == "a shard cut short":
+    elif case == "a truncated shard":
         shard.write_bytes(shard.read_bytes()[:-1])
     elif case == "a missing shard":
         shard.unlink()
@@ -91,15 +91,15 @@ def damage(case, words, code):
         data = bytearray(path.read_bytes())
         data[100] ^= 1
         path.write_bytes(data)
-    elif case == "a file of nobody's removed":
+    elif case == "a foreign file removed":
         (place / "notes.txt").unlink(missing_ok=True)
-    elif case == "a file of nobody's changed" and (place / "notes.txt").exists():
+    elif case == "a foreign file changed" and (place / "notes.txt").exists():
         (place / "notes.txt").write_text("")
     elif case == "exit code 101":
         return 101
     elif case == "an abort":
         os.abort()
-    elif case == "a panic that is caught":
+    elif case == "a caught panic":
         print("thread 'main' panicked at src/main.rs", file=sys.stderr)
     elif case == "no end":
         time.sleep(60)
@@ -108,60 +108,60 @@ def damage(case, words, code):
     return code
 
 
-def stand_in(folder, program, case):
-    """An executable that stands in for the program."""
-    path = folder / f"stand-in-{re.sub(r'[^a-z0-9]+', '-', case)}"
+def wrapper_program(folder, program, case):
+    """An executable that runs the program and then does the damage."""
+    path = folder / f"wrapper-{re.sub(r'[^a-z0-9]+', '-', case)}"
     path.write_text(f"#!{sys.executable}\nimport sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\nimport self_test\n"
-                    f"self_test.stand({str(program)!r}, {case!r}, sys.argv[1:])\n")
+                    f"self_test.run_and_damage({str(program)!r}, {case!r}, sys.argv[1:])\n")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
     return path
 
 
-def stand(program, case, words):
-    code = subprocess.run([program, *words]).returncode
-    if code == 0 and words[0] == CASES[case][0]:
-        code = damage(case, words, code)
+def run_and_damage(program, case, arguments):
+    code = subprocess.run([program, *arguments]).returncode
+    if code == 0 and arguments[0] == CASES[case][0]:
+        code = damage(case, arguments, code)
     sys.exit(code)
 
 
 def script():
-    """A calm round: the film is made, a file of nobody's is put beside it, the film is exported."""
+    """An undisturbed round: the film is made, a foreign file is put beside it, the film is exported."""
     jobs = {"A": Job("A", "zarr", "built-in", ("--azimuths", "4", *LAYOUT)), "B": Job("B", "zarr", "built-in", ("--azimuths", "8", *LAYOUT))}
-    start = {"do": "start", "machine": "A", "job": "A", "words": [], "fault": None}
+    start = {"do": "start", "machine": "A", "job": "A", "arguments": [], "fault": None}
     steps = [{"at": 0.0, **start, "name": "1-run-A", "kind": "run"}, {"at": 0.1, "do": "wait", "names": ["1-run-A"]},
-             {"at": 0.2, "do": "stray", "place": "notes.txt"}, {"at": 0.3, **start, "name": "2-export-A", "kind": "export"}]
+             {"at": 0.2, "do": "foreign_file", "place": "notes.txt"}, {"at": 0.3, **start, "name": "2-export-A", "kind": "export"}]
     return Script("self-test", jobs, "A", False, 1, False, "A", steps, verify=True)
 
 
-def main(session, slot_of, round_of):
+def main(session, workspace_type, round_type):
     """Exit code of the self-test."""
-    slot, failed = slot_of(session, 0), 0
+    workspace, failed = workspace_type(session, 0), 0
     plan = script()
     other = session.clean.get(plan.jobs["B"], session.inputs.charts["zarr"][0], None)
-    slot.env = slot.env | {"OTHER_FILM": str(other.path)}
-    slot.limit_s = 5
+    workspace.env = workspace.env | {"OTHER_FILM": str(other.path)}
+    workspace.timeout_s = 5
     for number, (case, (_, expected)) in enumerate(CASES.items()):
-        slot.program = stand_in(session.folder, session.program, case)
-        done = round_of(slot, 0, number * 2, plan).run()
+        workspace.program = wrapper_program(session.folder, session.program, case)
+        done = round_type(workspace, 0, number * 2, plan).run()
         done.clear()
         hit = not done.findings if expected is None else any(re.search(expected, f) for f in done.findings)
         failed += not hit
         print(f"{'found' if expected and hit else 'ok' if hit else 'NOT FOUND'}: {case}: {'; '.join(done.findings)[:160]}", flush=True)
-    asleep = round_of(slot, 0, 0, plan)
-    failed += not must_fail_is_found(asleep)
-    slot.close()
-    print(f"{len(CASES) + 1} cases, {failed} not as they must be")
+    stopped = round_type(workspace, 0, 0, plan)
+    failed += not must_fail_is_found(stopped)
+    workspace.close()
+    print(f"{len(CASES) + 1} cases, {failed} failed")
     return int(failed > 0)
 
 
 def must_fail_is_found(done):
-    """A worker that was stopped while its film was replaced, and ends with 0."""
+    """A worker that was stopped while its film was replaced and that ends with 0 must be found."""
     done.prepare()
     done.start = time.monotonic()
-    done.slot.program = "/bin/true"
+    done.workspace.program = "/bin/true"
     command = done.begin("1-run-A", "run", "A", "A", [])
     done.must_fail.add("1-run-A")
-    done.settle_one(command)
+    done.wait_for_end(command)
     done.clear()
     hit = any("was replaced while it was stopped" in f for f in done.findings)
     print(f"{'found' if hit else 'NOT FOUND'}: a worker ends with 0 although its film was replaced")

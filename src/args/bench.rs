@@ -1,7 +1,7 @@
 //! `lenscube bench`.
 
+use super::device::{Device, EngineArg};
 use super::values::{bytes, threads};
-use super::{Device, EngineArg};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -9,10 +9,10 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  lenscube bench\n  lenscube bench --dir /scratch --bands 4 --json > bench.json\n\
-Takes about two minutes and 7 GB of disk, which it gives back; other work on the machine spoils the figures."
+Takes about two minutes and 7 GB of temporary disk space; other load on the machine makes the figures worse."
 )]
 pub struct BenchArgs {
-    /// Film side of the job in pixels; it always spans the paper's 28.282 mm
+    /// Film side of the job in pixels; the film is always 28.282 mm wide, as in the paper
     #[arg(long, value_name = "PX", default_value_t = 14141, value_parser = clap::value_parser!(u32).range(512..=100_000))]
     pub size: u32,
     /// Bands of the job, spread over 400-700 nm
@@ -21,26 +21,26 @@ pub struct BenchArgs {
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
-    /// A lens pack (directory or .zip), a design (.zmx) or the name of a built-in lens
+    /// Lens pack (directory or .zip), design (.zmx) or name of a built-in lens
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
-    /// Where the chart and the film of the job go; they are removed at the end
+    /// Directory for the job's chart and film, which are removed at the end
     #[arg(long, default_value = ".")]
     pub dir: PathBuf,
-    /// Memory of the job
+    /// Maximum memory of the job
     #[arg(long, value_name = "BYTES", value_parser = bytes, default_value = "1GiB")]
     pub memory: u64,
-    /// Each figure is the median of so many rounds
+    /// Rounds per figure; the median is reported
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=99))]
     pub rounds: u32,
-    /// What computes: cpu; or cuda, cuda:0,2: the first GPU's kernels and copies alone, and the job on all of them
+    /// Device: cpu; or cuda, cuda:0,2: kernels and copies on the first GPU alone, the job on all
     #[arg(long, value_name = "DEVICE", default_value_t = Device::Cpu)]
     pub device: Device,
-    /// Implementation of the arithmetic: avx512, avx2 or portable (processor), cuda-sm_90 (GPUs of that compute capability)
+    /// Implementation of the arithmetic: avx512, avx2 or portable (CPU), cuda-sm_90 (GPUs of that compute capability)
     /// [default: the fastest]
     #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true)]
     pub engine: EngineArg,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
 }

@@ -1,6 +1,6 @@
 //! `lenscube chart`.
 
-use super::CodecArg;
+use super::codec::CodecArg;
 use super::values::{bytes, pitch, positive, threads};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -16,18 +16,18 @@ lenscube chart image photo.png chart.zarr --pitch-um 2\n\
 Without a store:  lenscube run 'gen:composite?size=14141' film.zarr"
 )]
 pub struct ChartArgs {
-    /// Where it comes from, if it is not drawn.
+    /// Conversion of a file.
     #[command(subcommand)]
     pub made: Option<ChartCommand>,
-    /// What is drawn.
+    /// A generated chart.
     #[command(flatten)]
     pub drawn: Option<DrawnArgs>,
 }
 
-/// Charts that are not drawn.
+/// Charts converted from files.
 #[derive(Debug, Subcommand)]
 pub enum ChartCommand {
-    /// Make a chart of a picture: PNG, TIFF or OpenEXR, colours as spectra of reflected light
+    /// Convert a picture (PNG, TIFF or OpenEXR) to a chart: colours become spectra of reflected light
     Image(ImageArgs),
 }
 
@@ -35,30 +35,30 @@ pub enum ChartCommand {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:  lenscube chart image photo.png chart.zarr --pitch-um 2\n           \
 lenscube chart image render.exr chart.zarr --pitch-um 2 --scale-to 300\n\
-PNG and TIFF of 8 or 16 bits are taken as sRGB-encoded, OpenEXR as linear or, with channels S0.…nm, band by band. A colour becomes the \
-mixture of three smooth reflectances that shows as it under the light; the chart's preview gives the colours back:\n  \
+PNG and TIFF of 8 or 16 bits are decoded as sRGB, OpenEXR as linear or, with channels S0.…nm, band by band. A colour becomes the \
+mixture of three smooth reflectances that has this colour under the illuminant; the chart's preview shows the same colours:\n  \
 lenscube export chart.zarr back.png --white D65 --exposure 1")]
 pub struct ImageArgs {
-    /// The picture: PNG, TIFF (also BigTIFF) or OpenEXR, without transparency
+    /// Picture: PNG, TIFF (also BigTIFF) or OpenEXR, without transparency
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// The store to write
+    /// Zarr store to write
     #[arg(value_name = "OUT.zarr")]
     pub out: PathBuf,
-    /// Pixel pitch in µm, kept with the chart
+    /// Pixel pitch in µm, stored with the chart
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub pitch_um: Option<f64>,
     /// Bands in nm, at most 20 nm apart over 400 to 700 [default: 400:700:10]
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
-    /// Light on the picture: D65, A or E
+    /// Illuminant: D65, A or E
     #[arg(long, value_name = "NAME", default_value = "D65")]
     pub illuminant: String,
-    /// Luminance of the picture's white in cd/m²: the chart is spectral radiance in W m-2 sr-1 nm-1 then [default: relative, the
-    /// light's spectrum being 1 at 560 nm]
+    /// Luminance of the picture's white in cd/m²; the chart is then spectral radiance in W m-2 sr-1 nm-1 [default: relative, with an
+    /// illuminant of 1 at 560 nm]
     #[arg(long, value_name = "CD_PER_M2", value_parser = positive)]
     pub scale_to: Option<f64>,
-    /// Whole numbers are linear rather than sRGB-encoded
+    /// Decode integer samples as linear instead of sRGB
     #[arg(long)]
     pub linear: bool,
     /// Compression of the store
@@ -67,7 +67,7 @@ pub struct ImageArgs {
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
-    /// Memory to stay within, e.g. 1GiB: fewer threads if it is small [default: half of what is available, at most 4 GiB]
+    /// Maximum memory, e.g. 1GiB; a small limit reduces the threads [default: half of the available memory, at most 4 GiB]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub memory: Option<u64>,
     /// Replace an existing chart
@@ -81,10 +81,10 @@ pub struct DrawnArgs {
     /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker or composite; or image, for a picture
     #[arg(value_name = "KIND")]
     pub kind: String,
-    /// The store to write, here or at s3://BUCKET/PREFIX
+    /// Zarr store to write, local or at s3://BUCKET/PREFIX
     #[arg(value_name = "OUT.zarr")]
     pub out: PathBuf,
-    /// FILM size in pixels: N or HxW; the chart is larger by the overscan
+    /// Size of the FILM in pixels, N or HxW; the chart is larger by the overscan
     #[arg(long, value_name = "HxW")]
     pub size: Option<String>,
     /// Bands in nm: 400:700:10 (both ends) or 450,550
@@ -93,13 +93,13 @@ pub struct DrawnArgs {
     /// Pixel pitch in µm
     #[arg(long, value_name = "UM")]
     pub pitch_um: Option<String>,
-    /// Chart pixels beyond the film on every side [default: 1 % of the longer side + 64]
+    /// Chart pixels beyond the film on each side [default: 1 % of the longer side + 64]
     #[arg(long, value_name = "PX")]
     pub overscan: Option<String>,
-    /// Light on the chart: D65, A or E
+    /// Illuminant: D65, A or E
     #[arg(long, value_name = "NAME")]
     pub illuminant: Option<String>,
-    /// Relative standard deviation of a fixed pattern of noise, 0 to 0.28
+    /// Relative standard deviation of a fixed noise pattern, 0 to 0.28
     #[arg(long, value_name = "SIGMA")]
     pub noise: Option<String>,
     /// uniform: the value of every pixel
@@ -117,13 +117,13 @@ pub struct DrawnArgs {
     /// slanted-edge, iso12233-esfr: angle from the vertical
     #[arg(long, allow_hyphen_values = true)]
     pub angle_deg: Option<String>,
-    /// slanted-edge, iso12233-esfr: light over dark; ISO 12233 asks for 4
+    /// slanted-edge, iso12233-esfr: ratio of bright to dark; 4 in ISO 12233
     #[arg(long)]
     pub contrast: Option<String>,
-    /// slanted-edge, iso12233-esfr, siemens: places per row and column
+    /// slanted-edge, iso12233-esfr, siemens: targets per row and column
     #[arg(long)]
     pub grid: Option<String>,
-    /// slanted-edge: places X,Y;X,Y in film pixels
+    /// slanted-edge: positions X,Y;X,Y in film pixels
     #[arg(long, value_name = "X,Y;…", allow_hyphen_values = true)]
     pub centers: Option<String>,
     /// slanted-edge: side of a patch in pixels

@@ -9,10 +9,10 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = "Example:  lenscube demo --dir demo --size 2048")]
 pub struct DemoArgs {
-    /// Where the pictures and stores go; a directory that holds anything else than an earlier demo is refused
+    /// Directory for pictures and stores: new, empty, or of an earlier demo
     #[arg(long, default_value = "lenscube-demo")]
     pub dir: PathBuf,
-    /// Film side of the overview in pixels; it always spans the whole 28.28 mm
+    /// Film side of the overview in pixels; the film is always 28.28 mm wide
     #[arg(long, value_name = "PX", default_value_t = 2048, value_parser = clap::value_parser!(u32).range(64..=14141))]
     pub size: u32,
     /// Colours of the plots

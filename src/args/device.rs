@@ -4,26 +4,36 @@ use crate::engine::Engine;
 use std::fmt;
 use std::str::FromStr;
 
-/// What computes the tiles.
+/// `--device`: what computes the tiles.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Device {
-    /// GPUs where there are some that work, else the processor.
+    /// Usable GPUs, else the CPU.
     Auto,
-    /// The processor.
+    /// The CPU.
     Cpu,
-    /// These GPUs, a queue for each mention; all of them where none is mentioned.
+    /// GPUs by index, one queue per entry; all GPUs if empty.
     Cuda(Vec<usize>),
 }
 
-/// More queues than anyone has GPUs are a slip of the finger.
+/// Maximum number of GPU queues; a longer list is probably a typo.
 const MAX_QUEUES: usize = 64;
+
+impl Device {
+    /// Whether `engine` runs on this device.
+    pub fn allows(&self, engine: Engine) -> bool {
+        match (engine, self) {
+            (_, Self::Auto) | (Engine::Cpu(_), Self::Cpu) | (Engine::Cuda(_), Self::Cuda(_)) => true,
+            (Engine::Cpu(_), Self::Cuda(_)) | (Engine::Cuda(_), Self::Cpu) => false,
+        }
+    }
+}
 
 impl FromStr for Device {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (word, list) = text.split_once(':').map_or((text, None), |(word, list)| (word, Some(list)));
-        match (word, list) {
+        let (kind, list) = text.split_once(':').map_or((text, None), |(kind, list)| (kind, Some(list)));
+        match (kind, list) {
             ("auto", None) => Ok(Self::Auto),
             ("cpu", None) => Ok(Self::Cpu),
             ("cuda", None) => Ok(Self::Cuda(Vec::new())),
@@ -33,7 +43,7 @@ impl FromStr for Device {
                 let all = list.split(',').map(index).collect::<Result<Vec<usize>, String>>()?;
                 match all.len() {
                     n if n <= MAX_QUEUES => Ok(Self::Cuda(all)),
-                    n => Err(format!("{n} queues, at most {MAX_QUEUES}")),
+                    n => Err(format!("{n} queues, expected at most {MAX_QUEUES}")),
                 }
             }
             _ => Err("expected auto, cpu, cuda or cuda:0,2".into()),
@@ -58,18 +68,18 @@ impl fmt::Display for Device {
 /// `--engine`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EngineArg {
-    /// The film's own, else the fastest.
+    /// The film's engine, else the fastest.
     Auto,
-    /// This one.
-    Named(Engine),
+    /// This engine.
+    Explicit(Engine),
 }
 
 impl EngineArg {
-    /// The engine that is named, if one is.
-    pub fn named(self) -> Option<Engine> {
+    /// The engine given by name; `None` for `auto`.
+    pub fn explicit(self) -> Option<Engine> {
         match self {
             Self::Auto => None,
-            Self::Named(engine) => Some(engine),
+            Self::Explicit(engine) => Some(engine),
         }
     }
 }
@@ -78,7 +88,7 @@ impl FromStr for EngineArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        if text == "auto" { Ok(Self::Auto) } else { text.parse().map(Self::Named) }
+        if text == "auto" { Ok(Self::Auto) } else { text.parse().map(Self::Explicit) }
     }
 }
 
@@ -86,7 +96,7 @@ impl fmt::Display for EngineArg {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Auto => f.write_str("auto"),
-            Self::Named(engine) => engine.fmt(f),
+            Self::Explicit(engine) => engine.fmt(f),
         }
     }
 }
@@ -94,14 +104,25 @@ impl fmt::Display for EngineArg {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pipeline::simd::Isa;
 
     #[test]
-    fn words_come_back_as_they_were() {
+    fn device_text_survives_parsing_and_printing() {
         for text in ["auto", "cpu", "cuda", "cuda:0", "cuda:0,2", "cuda:0,0"] {
             assert_eq!(text.parse::<Device>().unwrap().to_string(), text);
         }
         for text in ["", "gpu", "cuda:", "cuda:a", "cuda:-1", "cpu:0", "cuda:0,,1", "CUDA"] {
             assert!(text.parse::<Device>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn device_allows_the_engines_of_its_kind() {
+        let (cpu, gpu) = (Engine::Cpu(Isa::Portable), Engine::Cuda((8, 0)));
+        for (device, of_cpu, of_gpu) in
+            [(Device::Auto, true, true), (Device::Cpu, true, false), (Device::Cuda(vec![0]), false, true)]
+        {
+            assert_eq!((device.allows(cpu), device.allows(gpu)), (of_cpu, of_gpu), "{device}");
         }
     }
 }

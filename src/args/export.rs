@@ -12,31 +12,31 @@ use std::path::PathBuf;
 lenscube export film.zarr//roi_0 corner.png\n  lenscube export film.zarr band.png --band 450\n  \
 lenscube export film.zarr film.exr --half --memory 1GiB\n  \
 lenscube export film.zarr corner.hdr --crop 13000,13000,1141,1141 --bands 0:5\n\
-Formats: png (colour preview, or with --band 16-bit grey), tiff (16-bit colour preview), tiff-bands (a 32-bit float page a band), \
-exr (a channel a band), envi (.hdr and BSQ data), npy")]
+Formats: png (colour preview, or with --band 16-bit grey), tiff (16-bit colour preview), tiff-bands (one 32-bit float page per band), \
+exr (one channel per band), envi (.hdr and BSQ data), npy")]
 pub struct ExportArgs {
-    /// A film or chart: PATH or URL, either with //array, a file that `run` takes, or gen:KIND?…
+    /// Film or chart: PATH or URL, optionally with //array, a chart file as for `run`, or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
-    /// The file to write; its extension tells the format: .png, .tif, .exr, .hdr (and .bsq, .img), .npy
+    /// File to write, format by extension: .png, .tif, .exr, .hdr (and .bsq, .img), .npy
     #[arg(value_name = "OUT")]
     pub out: PathBuf,
-    /// The format, whatever the extension
+    /// File format, overriding the extension
     #[arg(long, value_enum)]
     pub format: Option<FileArg>,
-    /// Part of the film only
+    /// Export only this rectangle, in film pixels
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     pub crop: Option<Rect>,
-    /// Bands to take: indices and ranges without their end, 0,5,10:15
+    /// Bands to export: indices and half-open ranges, 0,5,10:15 [default: all]
     #[arg(long)]
     pub bands: Option<String>,
     /// PNG: one band as 16-bit linear grey, by its wavelength in nm
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM), conflicts_with = "bands")]
     pub band: Option<f64>,
-    /// PNG, TIFF: longest side of the picture in pixels; larger films are area-averaged [default: 2048 for PNG, all for TIFF]
+    /// PNG, TIFF: longest side of the picture in pixels; larger films are averaged over areas [default: 2048 for PNG, all for TIFF]
     #[arg(long, value_name = "PX", value_parser = side)]
     pub max_side: Option<usize>,
-    /// PNG, TIFF: what is shown as white: D65, A, E or auto
+    /// PNG, TIFF: illuminant shown as white: D65, A, E or auto
     #[arg(long, value_name = "NAME", default_value = "D65")]
     pub white: String,
     /// PNG, TIFF: factor on the values, or auto
@@ -45,16 +45,16 @@ pub struct ExportArgs {
     /// EXR: 16-bit floats
     #[arg(long)]
     pub half: bool,
-    /// EXR: compression of its tiles; none of it loses anything [default: zip]
+    /// EXR: lossless compression [default: zip]
     #[arg(long, value_enum)]
     pub compression: Option<PackingArg>,
-    /// Wavelengths where the store has none
+    /// Wavelengths in nm where the store has none
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
-    /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 4 GiB]
+    /// Maximum memory, e.g. 1GiB [default: half of the available memory, at most 4 GiB]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub memory: Option<u64>,
     /// Replace an existing file
@@ -62,9 +62,9 @@ pub struct ExportArgs {
     pub overwrite: bool,
 }
 
-/// Formats.
+/// `--format`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum FileArg {
     Png,
     Tiff,
@@ -74,9 +74,9 @@ pub enum FileArg {
     Npy,
 }
 
-/// Compression of EXR tiles.
+/// `--compression`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum PackingArg {
     Zip,
     Piz,

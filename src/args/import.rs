@@ -10,67 +10,67 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  lenscube lens import iset-folder/ asphere.lens.zarr\n  \
 lenscube lens import listings/ my.lens.zarr --primary-nm 587.5618 --efl-mm 99.5 --f-number 2.985\n  \
 lenscube lens import tables.npz my.lens.zip --psf-sample integrated --psf-outward down --f-number 3 --primary-nm 550\n\
-What a source does not tell is asked for by name; nothing is guessed. Plain tables (CSV + NPY) for any other program:\n\
+What the source does not contain must be given by a flag; nothing is guessed. Plain tables (CSV + NPY) for any other program:\n\
 formats/tests/data/tables-example is a worked example.")]
 pub struct ImportArgs {
-    /// A folder (ISET macros, OpticStudio listings, CSV tables with NPY windows) or an .npz archive
+    /// Folder (ISET macros, OpticStudio listings, CSV tables with NPY windows) or an .npz archive
     #[arg(value_name = "SOURCE")]
     pub source: PathBuf,
-    /// The lens pack to write, a directory or a .zip
+    /// Lens pack to write, a directory or a .zip
     #[arg(value_name = "OUT.lens.zarr")]
     pub out: PathBuf,
-    /// Format [default: by the names of the files]
+    /// Format of the source [default: by file names]
     #[arg(long, value_enum)]
     pub from: Option<FormatArg>,
-    /// Name of the lens [default: as the source says]
+    /// Name of the lens [default: from the source]
     #[arg(long)]
     pub name: Option<String>,
-    /// What a PSF sample is: the value at a point, or the mean over its square [default: as the source says]
+    /// Meaning of a PSF sample: value at a point, or mean over its square [default: from the source]
     #[arg(long, value_enum)]
     pub psf_sample: Option<SampleArg>,
-    /// Where the chief ray is in an even window: on sample N/2 from 0 (pad by a dark row, or crop the first), or between the four
-    /// middle samples (shift by half a sample) [default: as the source says, padded]
+    /// Chief ray in a window of even size: on sample N/2, counted from 0 (pad with a zero row, or crop the first), or between the four
+    /// central samples (shift by half a sample) [default: from the source, else padded]
     #[arg(long, value_enum)]
     pub even_window: Option<EvenArg>,
-    /// Which row of a window comes first in a file: the top one, of largest y, as OpticStudio prints, or the bottom one
+    /// First row of a window in a file: top (largest y, as in OpticStudio) or bottom
     #[arg(long, value_enum, default_value_t = RowsArg::Top)]
     pub psf_rows: RowsArg,
-    /// Side of a window, top row on top, that points away from the optical axis [default: as the source says]
+    /// Side of a window (top row first) that points away from the optical axis [default: from the source]
     #[arg(long, value_enum)]
     pub psf_outward: Option<OutwardArg>,
-    /// Make windows exactly symmetric about the meridian, as those of a centred lens are
+    /// Symmetrise windows about the meridional plane, as for a centred lens
     #[arg(long)]
     pub symmetric_psf: bool,
-    /// Take no PSFs but an ideal point: for sources that have none
+    /// Import without PSFs (an ideal point instead): for sources that have none
     #[arg(long)]
     pub without_psf: bool,
-    /// Only these of the source's wavelengths: indices and ranges without their end, 0,5,10:15
+    /// Wavelengths to import: indices and half-open ranges, 0,5,10:15 [default: all]
     #[arg(long)]
     pub bands: Option<String>,
-    /// Only these heights' PSFs, by their numbers from 1 in the files' names (ISET): 1,11,21
+    /// Heights whose PSFs are imported, by their numbers from 1 in the file names (ISET): 1,11,21 [default: all]
     #[arg(long, value_name = "N,N…", value_delimiter = ',')]
     pub psf_heights: Option<Vec<usize>>,
-    /// Azimuths of every height but the axis
+    /// Azimuths of every height except the axis
     #[arg(long, value_name = "J", value_parser = azimuths, default_value = "72")]
     pub azimuths: usize,
-    /// f of ideal height = f·tan(field): slope of the paraxial chief ray in the image plane [default: as the source says]
+    /// Focal length f of ideal height = f·tan(field angle): slope of the paraxial chief ray in the image plane [default: from the source]
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::FOCAL_LENGTH_MM))]
     pub distortion_focal_mm: Option<f64>,
-    /// Effective focal length [default: as the source says]
+    /// Effective focal length [default: from the source]
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::FOCAL_LENGTH_MM))]
     pub efl_mm: Option<f64>,
-    /// Image-space F-number [default: as the source says]
+    /// Image-space F-number [default: from the source]
     #[arg(long, value_parser = bounded(bounds::F_NUMBER), conflicts_with = "entrance_pupil_mm")]
     pub f_number: Option<f64>,
     /// Entrance pupil diameter, instead of the F-number
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::PUPIL_MM))]
     pub entrance_pupil_mm: Option<f64>,
-    /// Primary wavelength [default: as the source says]
+    /// Primary wavelength [default: from the source]
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub primary_nm: Option<f64>,
 }
 
-/// Formats.
+/// `--from`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FormatArg {
     /// Folder written by the ISET macros for Zemax or Code V
@@ -83,34 +83,34 @@ pub enum FormatArg {
     Npz,
 }
 
-/// What a sample stands for.
+/// `--psf-sample`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum SampleArg {
     Point,
     Integrated,
 }
 
-/// Even windows.
+/// `--even-window`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum EvenArg {
     Pad,
     Crop,
     Shift,
 }
 
-/// Row order.
+/// `--psf-rows`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum RowsArg {
     Top,
     Bottom,
 }
 
-/// Sides.
+/// `--psf-outward`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum OutwardArg {
     Right,
     Down,

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// `lenscube lens`
 #[derive(Debug, Args)]
 pub struct LensArgs {
-    /// What to do with it.
+    /// Command to run.
     #[command(subcommand)]
     pub command: LensCommand,
 }
@@ -18,13 +18,13 @@ pub struct LensArgs {
 /// The lens commands.
 #[derive(Debug, Subcommand)]
 pub enum LensCommand {
-    /// Show a lens in numbers and, with --plot, in pictures
+    /// Show the data of a lens and, with --plot, figures
     Show(Box<ShowArgs>),
-    /// Set two lenses side by side, with what differs
+    /// Compare two lenses
     Diff(Box<DiffArgs>),
-    /// Make a lens pack from a prescription: heights, RI and PSFs by ray tracing
+    /// Trace a design into a lens pack: heights, relative illumination and PSFs
     Trace(Box<TraceArgs>),
-    /// Make a lens pack from what a design program exported: ISET macros, OpticStudio listings, tables, NPZ
+    /// Import exports of a lens design program into a lens pack: ISET macros, OpticStudio listings, tables, NPZ
     Import(Box<ImportArgs>),
 }
 
@@ -32,22 +32,22 @@ pub enum LensCommand {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  lenscube lens show double-gauss-28 --plot pictures\n  \
 lenscube lens show my.lens.zarr --all-bands\n  lenscube lens show my.zmx --wavelengths 450:650:50 --json\n\
-A design (.zmx, or double-gauss-28) is traced as it stands; a pack shows its tables. `run` traces double-gauss-28 band by \
-band as charts need it; its tables made with other software are the pack double-gauss-28-npz.")]
+A design (.zmx, or double-gauss-28) is traced; of a pack the tables are shown. `run` traces double-gauss-28 at the \
+wavelengths of the chart; the built-in pack double-gauss-28-npz has tables of the same lens made with other software.")]
 pub struct ShowArgs {
-    /// A lens pack (directory or .zip, also at a URL), a sequential .zmx file, or the name of a built-in lens
+    /// Lens pack (directory or .zip, also at a URL), sequential .zmx file, or name of a built-in lens
     #[arg(value_name = "PACK|DESIGN")]
     pub lens: String,
-    /// Wavelengths to show [default: the design's own; some of the pack's]
+    /// Wavelengths to show, nm [default: those of the design; some of those of the pack]
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
-    /// REAL image heights to show, 0:20:5 or 0,3,7.5 [default: five, to the edge of the field]
+    /// REAL image heights to show, 0:20:5 or 0,3,7.5 [default: five, up to the edge of the field]
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
-    /// Every band of a pack, not just a few
+    /// Show all bands of a pack
     #[arg(long)]
     pub all_bands: bool,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
     /// Write figures (SVG and PNG) into this directory: RI, distortion, lateral colour, MTF, PSFs, nodes, a design's cross-section
@@ -56,10 +56,10 @@ pub struct ShowArgs {
     /// Colours of figures
     #[arg(long, value_enum, default_value_t)]
     pub style: StyleArg,
-    /// Line pairs per mm of the MTF against field
+    /// Spatial frequencies of the MTF against field, line pairs per mm
     #[arg(long, value_name = "F,…", value_parser = bounded(bounds::FREQUENCY_LP_MM), value_delimiter = ',', default_value = "10,20,40")]
     pub lp_mm: Vec<f64>,
-    /// How a design is taken.
+    /// Parameters of a design.
     #[command(flatten)]
     pub design: DesignArgs,
 }
@@ -70,49 +70,49 @@ pub struct ShowArgs {
     after_help = "Example:  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650"
 )]
 pub struct DiffArgs {
-    /// A lens pack (also at a URL), a sequential .zmx file, or the name of a built-in lens
+    /// Lens pack (also at a URL), sequential .zmx file, or name of a built-in lens
     #[arg(value_name = "A")]
     pub a: String,
-    /// Another
+    /// The other lens
     #[arg(value_name = "B")]
     pub b: String,
-    /// Wavelengths to compare [default: those both hold; of two designs, A's own]
+    /// Wavelengths to compare, nm [default: those of both; of two designs, those of A]
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
-    /// REAL image heights to compare [default: five, to the edge that both hold]
+    /// REAL image heights to compare [default: five, up to the edge of the smaller field]
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
-    /// Film pitch at which kernels are compared
+    /// Film pitch at which kernels are compared, µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// How designs are taken.
+    /// Parameters of designs.
     #[command(flatten)]
     pub design: DesignArgs,
 }
 
-/// How a design is taken: its film plane, conjugate, aiming and glasses.
+/// Parameters of a design: film plane, conjugate, aiming and glasses.
 #[derive(Clone, Debug, Default, PartialEq, Args)]
 #[command(next_help_heading = "Designs")]
 pub struct DesignArgs {
-    /// Where the film lies
+    /// Position of the film
     #[arg(long, value_enum, default_value_t = ImagePlaneArg::Design)]
     pub image_plane: ImagePlaneArg,
-    /// Wavelength of that focus [default: the design's primary]
+    /// Wavelength of that focus, nm [default: primary wavelength of the design]
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub focus_nm: Option<f64>,
-    /// Film beyond that plane, away from the lens
+    /// Distance of the film from that plane, mm, positive away from the lens
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::DEFOCUS_MM), default_value_t = 0.0, allow_hyphen_values = true)]
     pub defocus_mm: f64,
-    /// Distance of the object from the first surface [default: as in the design]
+    /// Object distance from the first surface, mm [default: as in the design]
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::GIVEN_DISTANCE_MM))]
     pub object_distance_mm: Option<f64>,
-    /// How rays are sent through the stop [default: as in the design]
+    /// Ray aiming [default: as in the design]
     #[arg(long, value_enum)]
     pub aiming: Option<AimingArg>,
-    /// Glass catalogue in AGF format, beside the built-in Schott glasses; may be repeated
+    /// Glass catalogue in AGF format, in addition to the built-in Schott glasses; repeatable
     #[arg(long, value_name = "FILE.agf")]
     pub glass_catalog: Vec<PathBuf>,
 }
@@ -122,57 +122,57 @@ pub struct DesignArgs {
 #[command(after_help = "Examples:\n  lenscube lens trace double-gauss-28 dg.lens.zarr\n  \
 lenscube lens trace my.zmx my.lens.zarr --wavelengths 450:650:50 --max-height-mm 21.6 --image-plane rms")]
 pub struct TraceArgs {
-    /// A sequential .zmx file, or double-gauss-28
+    /// Sequential .zmx file, or double-gauss-28
     #[arg(value_name = "DESIGN")]
     pub design: String,
-    /// The lens pack to write, a directory or a .zip
+    /// Lens pack to write, a directory or a .zip
     #[arg(value_name = "OUT.lens.zarr")]
     pub out: PathBuf,
     /// Bands in nm: 400:700:10 (both ends) or 450,550
     #[arg(long, value_name = "NM", default_value = "400:700:10")]
     pub wavelengths: String,
-    /// REAL image height that the tables reach: the film's corner and the PSF's margin
+    /// Largest REAL image height of the tables, mm: the film's corner and the PSF's margin
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::REACH_MM), default_value = "20.5")]
     pub max_height_mm: f64,
     /// REAL image heights of the PSFs in mm, 0:20.5:0.5 or 0,3,7.5 [default: chosen by error]
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
-    /// Share of the light that every window must hold
+    /// Minimum share of the light inside every PSF window
     #[arg(long, value_parser = positive, default_value = "0.99")]
     pub energy: f64,
-    /// Error allowed of a kernel between nodes, L1 on the film pixel
+    /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]
     pub psf_tolerance: f64,
-    /// Pitch of the PSF samples [default: finer than Nyquist]
+    /// Pitch of the PSF samples, µm [default: finer than Nyquist]
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub psf_pitch_um: Option<f64>,
-    /// Pitch of the film that the pack is for
+    /// Pitch of the film that the pack is made for, µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
-    /// How the design is taken.
+    /// Parameters of the design.
     #[command(flatten)]
     pub place: DesignArgs,
 }
 
-/// Where the film lies.
+/// `--image-plane`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum ImagePlaneArg {
     /// As in the design
     #[default]
     Design,
-    /// At the paraxial focus
+    /// Paraxial focus
     Paraxial,
-    /// Least RMS spot on the axis
+    /// Minimum RMS spot radius on the axis
     Rms,
-    /// Highest Strehl ratio on the axis
+    /// Maximum Strehl ratio on the axis
     Strehl,
 }
 
-/// How rays are sent through the stop.
+/// `--aiming`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum AimingArg {
-    /// So that they fill the stop
+    /// Through the real stop
     Real,
-    /// At the paraxial entrance pupil
+    /// Through the paraxial entrance pupil
     Paraxial,
 }

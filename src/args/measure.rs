@@ -13,37 +13,37 @@ use std::path::PathBuf;
     after_help = "Examples:\n  lenscube measure film.zarr --edge 1020,900,1034,1060 --band 550 --plot edge.svg\n  \
 lenscube measure film.zarr//roi_0 --points '100,100;300.5,80'\n  \
 lenscube measure film.zarr --profile 0,512,1023,512 --csv profile.csv\n\
-Places are columns and rows X,Y of the array named, pixel centres at whole numbers."
+Positions X,Y are column and row of the array, pixel centres at integers."
 )]
 pub struct MeasureArgs {
-    /// A film or chart: PATH, URL, either with //array, or gen:KIND?…
+    /// Film or chart: PATH or URL, optionally with //array, or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
-    /// Edge spread and MTF (e-SFR, ISO 12233) of the edge that runs about between two places; a straight line is fitted
+    /// Edge spread function and MTF (e-SFR, ISO 12233) of the edge near the line between two positions; a straight edge is fitted
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
     pub edge: Option<[f64; 4]>,
-    /// Centroids of the light near places
+    /// Centroids near positions
     #[arg(long, value_name = "X,Y;…", value_parser = places, allow_hyphen_values = true)]
     pub points: Option<Places>,
-    /// Values along a line, 1 px apart, linear between pixels
+    /// Values along a line in steps of 1 px, interpolated linearly
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
     pub profile: Option<[f64; 4]>,
-    /// How far to either side of an edge or a point to look, px
+    /// Half width of the region around an edge or a point, px
     #[arg(long, value_name = "PX", default_value_t = 24, value_parser = clap::value_parser!(u32).range(4..=1000))]
     pub half_px: u32,
     /// One band, by its wavelength in nm [default: all]
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub band: Option<f64>,
-    /// Wavelengths where the store has none
+    /// Wavelengths in nm where the store has none
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
-    /// Write the curve or the points here as CSV
+    /// Write the curve or the points to a CSV file
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
-    /// Write all figures and curves here as JSON
+    /// Write all figures and curves to a JSON file
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Write a plot of the curves here, PNG or SVG by the name's ending
+    /// Write a plot of the curves, PNG or SVG by the extension
     #[arg(long, alias = "svg", value_name = "FILE", conflicts_with = "points")]
     pub plot: Option<PathBuf>,
     /// Colours of figures
@@ -51,7 +51,7 @@ pub struct MeasureArgs {
     pub style: StyleArg,
 }
 
-/// Places (row, column).
+/// Positions (row, column).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Places(pub Vec<(f64, f64)>);
 
@@ -66,6 +66,6 @@ fn four(text: &str) -> Result<[f64; 4], String> {
     let [x0, y0, x1, y1] = four;
     match (x1 - x0).hypot(y1 - y0) {
         d if (1.0..=1e6).contains(&d) => Ok(four),
-        d => Err(format!("the two places are {d} px apart, expected 1 to 1e6")),
+        d => Err(format!("the two positions are {d} px apart, expected 1 to 1e6")),
     }
 }

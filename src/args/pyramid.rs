@@ -1,4 +1,4 @@
-//! `lenscube pyramid` and `lenscube view`: films looked at from afar.
+//! `lenscube pyramid` and `lenscube view`.
 
 use super::values::{bytes, threads};
 use clap::Args;
@@ -7,19 +7,19 @@ use std::path::PathBuf;
 /// `lenscube pyramid`
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  lenscube pyramid film.zarr && lenscube view film.zarr\n\
-Levels follow OME-Zarr 0.5 and lie in the film's own group; the film itself stays as it is. The same command again resumes.\n\
-Exit codes: 0 complete, 4 the film is not")]
+Levels follow OME-Zarr 0.5 and are stored in the film's group; the film itself is unchanged. The same command again resumes.\n\
+Exit codes: 0 complete, 4 the film is incomplete")]
 pub struct PyramidArgs {
-    /// The film, which must be complete
+    /// Film; it must be complete
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// Although a run of another host has locked the film
+    /// Take over a stale lock held by another host
     #[arg(long)]
     pub take_over: bool,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
-    /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 4 GiB]
+    /// Maximum memory, e.g. 1GiB [default: half of the available memory, at most 4 GiB]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub memory: Option<u64>,
 }
@@ -29,28 +29,28 @@ pub struct PyramidArgs {
 #[command(
     after_help = "Examples:\n  lenscube view film.zarr --open\n  lenscube view film.zarr --chart chart.zarr\n  \
 lenscube view film.zarr//roi_1 --port 8123\n\
-The page is served to this machine alone, until Ctrl-C. `lenscube pyramid FILM` makes far views of a large film quick."
+The page is served on 127.0.0.1 until Ctrl-C. `lenscube pyramid FILM` speeds up low zoom levels of a large film."
 )]
 pub struct ViewArgs {
-    /// A film or chart: PATH, PATH//array or gen:KIND?…
+    /// Film or chart: PATH, PATH//array or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
-    /// What the film was made of, to be swiped against it [default: the drawn chart that the film tells of]
+    /// Chart of the film, for comparison [default: the generated chart recorded in the film]
     #[arg(long, value_name = "CHART")]
     pub chart: Option<String>,
-    /// The lens: a pack, a .zmx or a built-in [default: the built-in lens that the film tells of]
+    /// Lens: pack, .zmx or built-in lens [default: the built-in lens recorded in the film]
     #[arg(long, value_name = "LENS")]
     pub lens: Option<String>,
-    /// Port on 127.0.0.1; 0 is any that is free
+    /// Port on 127.0.0.1; 0: any free port
     #[arg(long, default_value_t = 0)]
     pub port: u16,
     /// Open the page in the browser
     #[arg(long)]
     pub open: bool,
-    /// Wavelengths where the store has none
+    /// Wavelengths in nm where the store has none
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
-    /// Threads that read and render [default: all cores, at most 4]
+    /// Threads for reading and rendering [default: all cores, at most 4]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
 }

@@ -1,52 +1,54 @@
-//! `lenscube run`.
+//! Arguments of a job (`lenscube run`, `lenscube plan`).
 
+use super::codec::CodecArg;
+use super::device::{Device, EngineArg};
 use super::values::{
     azimuths, bounded, bytes, odd, pair, pair_mm, pitch, roi, scale, size, storage, threads,
 };
-use super::{CodecArg, Device, EngineArg};
 use clap::{Args, ValueEnum};
 use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
 use std::path::PathBuf;
 
-/// A job: what `lenscube run` makes and `lenscube plan` cuts.
+/// A job: the arguments shared by `lenscube run` and `lenscube plan`.
 #[derive(Debug, Args, Clone)]
 pub struct RunArgs {
-    /// PATH or PATH//array of a Zarr store, here or at a URL; .npy; ENVI (.hdr); raw samples; or gen:KIND?size=14141&…
+    /// Chart: PATH or PATH//array of a Zarr store, local or at a URL; .npy; ENVI (.hdr); spectral .exr; raw samples; or
+    /// gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
     pub chart: String,
-    /// The film to write, a Zarr v3 group, here or at s3://BUCKET/PREFIX
+    /// Film to write, a Zarr v3 group, local or at s3://BUCKET/PREFIX
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// A lens pack (directory or .zip, also at a URL), a design (.zmx) to trace for the chart's wavelengths, or the name of a built-in
-    /// lens; that name always means the built-in lens, a file so named is ./NAME
+    /// Lens pack (directory or .zip, also at a URL), design (.zmx) to trace at the chart's wavelengths, or name of a built-in lens;
+    /// such a name always means the built-in lens, a file of that name is ./NAME
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
-    /// Raw samples: the chart's shape, band after band
+    /// Shape of a raw chart, stored band after band
     #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype")]
     pub chart_shape: Option<String>,
-    /// Raw samples: their type, u1, u2, f2, f4 or f8; `>` before it for highest byte first
+    /// Sample type of a raw chart: u1, u2, f2, f4 or f8; prefix `>` for big-endian
     #[arg(long, value_name = "TYPE", requires = "chart_shape")]
     pub chart_dtype: Option<String>,
-    /// Wavelengths of the chart's bands where the store has none: 400:700:10 (both ends) or 450,550
+    /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
-    /// Bands to make: indices and ranges without their end, 0,5,10:15
+    /// Bands to compute: indices and half-open ranges, 0,5,10:15 [default: all]
     #[arg(long)]
     pub bands: Option<String>,
-    /// Which of ri, distortion, svpsf to apply
+    /// Stages to apply: relative illumination, distortion, spatially variant PSF
     #[arg(long, value_enum, value_delimiter = ',', default_value = "ri,distortion,svpsf")]
     pub stages: Vec<Stage>,
-    /// Compute windows of the film only, each an array roi_N; may be repeated
+    /// Compute regions of the film only, in film pixels, each stored as an array roi_N; repeatable
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     pub roi: Vec<Rect>,
-    /// Azimuths per PSF height instead of the lens's own, a multiple of 4
+    /// Azimuths per PSF height, a multiple of 4 [default: those of the lens]
     #[arg(long, value_name = "J", value_parser = azimuths)]
     pub azimuths: Option<usize>,
-    /// Crop PSFs to N x N film pixels, odd; they are normalised again
+    /// Crop PSFs to N x N film pixels, N odd, and normalise them again [default: the lens's window]
     #[arg(long, value_name = "N", value_parser = odd)]
     pub psf_window: Option<usize>,
-    /// Interpolate PSFs between the lens's wavelengths (it can be wrong by 30-100 % over 20 nm in the blue)
+    /// Interpolate PSFs between the lens's wavelengths (over 20 nm the error can be 30-100 % in the blue)
     #[arg(long)]
     pub interpolate_psf: bool,
     /// Film size in pixels: N or HxW [default: the chart's film_size, else its size times the scale]
@@ -55,32 +57,32 @@ pub struct RunArgs {
     /// Film pixel pitch in µm [default: the chart's pitch_um]
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub film_pitch_um: Option<f64>,
-    /// Optical axis in film pixels [default: the middle]
+    /// Optical axis in film pixels [default: centre of the film]
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
     pub axis: Option<(f64, f64)>,
     /// Film pixels per chart pixel
     #[arg(long, value_name = "SX[,SY]", value_parser = scale, default_value = "1")]
     pub scale: (f64, f64),
-    /// Pitch of the chart's pixels in object space, instead of --scale: with a lens for that object's distance the scale is
-    /// |magnification| x this / the film's pitch
+    /// Chart pixel pitch in object space in mm, instead of --scale: the scale is |magnification| x this / film pitch; requires a lens
+    /// for a finite object distance
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::OBJECT_PITCH_MM), conflicts_with = "scale")]
     pub chart_pitch_mm: Option<f64>,
-    /// Centre of the chart in mm from the axis
+    /// Centre of the chart in mm from the optical axis
     #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true)]
     pub center: (f64, f64),
-    /// Interpolation between chart pixels (bilinear blurs)
+    /// Interpolation between chart pixels (bilinear reduces sharpness)
     #[arg(long, value_enum, default_value_t = InterpArg::Bicubic)]
     pub interp: InterpArg,
-    /// What lies around the chart
+    /// Values outside the chart
     #[arg(long, value_enum, default_value_t = SurroundArg::Edge)]
     pub surround: SurroundArg,
-    /// Film beyond the lens's tables: refuse, or go on with the last values
+    /// Film beyond the lens's tables: error, or clamp to the last values
     #[arg(long, value_enum, default_value_t = OutsideArg::Error)]
     pub outside: OutsideArg,
-    /// NaN, infinity and declared fill values in the chart: refuse, or read as zero and count
+    /// NaN, infinity and declared fill values in the chart: error, or read as zero and count
     #[arg(long, value_enum, default_value_t = NanArg::Error)]
     pub nan: NanArg,
-    /// relative (chart values x RI), irradiance (W m-2 nm-1 of a radiance chart) or photons (per s, nm, pixel)
+    /// relative (chart values x RI), irradiance (W m-2 nm-1, from a radiance chart) or photons (per s, nm and pixel)
     #[arg(long, value_enum, default_value_t = FilmUnits::Relative)]
     pub film_units: FilmUnits,
     /// Sample type of the film
@@ -95,10 +97,10 @@ pub struct RunArgs {
     /// Compression of the film
     #[arg(long, value_enum, default_value_t = CodecArg::Zstd)]
     pub codec: CodecArg,
-    /// What computes: cpu; cuda (all GPUs) or cuda:0,2 (a queue for each mention); auto (GPUs if they work, else cpu)
+    /// Device: cpu; cuda (all GPUs) or cuda:0,2 (one queue per entry); auto (GPUs if usable, else cpu)
     #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
     pub device: Device,
-    /// Implementation of the arithmetic: avx512, avx2 or portable (processor), cuda-sm_90 (GPUs of that compute capability)
+    /// Implementation of the arithmetic: avx512, avx2 or portable (CPU), cuda-sm_90 (GPUs of that compute capability)
     /// [default: that of the film if it exists and this machine has it, else the fastest]
     #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true)]
     pub engine: EngineArg,
@@ -108,30 +110,38 @@ pub struct RunArgs {
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
-    /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 4 GiB]
+    /// Maximum memory, e.g. 1GiB [default: half of the available memory, at most 4 GiB]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub memory: Option<u64>,
-    /// Do not wait for the disk after each shard: faster, unsafe against power cuts
+    /// Do not wait for the disk after each shard: faster, but a power failure may lose shards
     #[arg(long)]
     pub no_fsync: bool,
-    /// Start anew if the film exists
-    #[arg(long)]
-    pub overwrite: bool,
-    /// Resume although the chart's files were touched; names and sizes must still be the same
+    /// Resume although the chart's files have new modification times; names and sizes must be unchanged
     #[arg(long)]
     pub trust_input: bool,
-    /// Make the film's pyramid when it is complete, as `lenscube pyramid` does
+    /// Make the pyramid afterwards, as `lenscube pyramid` does
     #[arg(long)]
     pub pyramid: bool,
-    /// After a fault finish all shards that do not depend on it
+    /// After an error finish all shards that do not depend on it
     #[arg(long)]
     pub keep_going: bool,
-    /// Although a run of another host has locked the film: that run has ended
+    /// Flags that a plan does not store.
+    #[command(flatten)]
+    pub process: ProcessArgs,
+}
+
+/// Flags of one process: they do not belong to the job, and a plan does not store them.
+#[derive(Debug, Args, Clone, Copy)]
+pub struct ProcessArgs {
+    /// Remove an existing film and start again
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Take over a stale lock held by another host
     #[arg(long)]
     pub take_over: bool,
 }
 
-/// One of the three effects.
+/// `--stages`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Stage {
     /// Relative illumination
@@ -142,43 +152,43 @@ pub enum Stage {
     Svpsf,
 }
 
-/// Interpolation words.
+/// `--interp`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum InterpArg {
     Bicubic,
     Bilinear,
 }
 
-/// Surround words.
+/// `--surround`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum SurroundArg {
     Edge,
     Black,
     Mirror,
 }
 
-/// Outside words.
+/// `--outside`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum OutsideArg {
     Error,
     Clamp,
 }
 
-/// NaN words.
+/// `--nan`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum NanArg {
     Error,
     Zero,
 }
 
-/// Units of the film.
+/// `--film-units`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FilmUnits {
-    /// Chart values times relative illumination, blurred
+    /// Chart values times relative illumination, convolved with the PSF
     Relative,
     /// Spectral irradiance, W m-2 nm-1
     Irradiance,
@@ -186,9 +196,9 @@ pub enum FilmUnits {
     Photons,
 }
 
-/// Sample types of the film.
+/// `--dtype`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum DtypeArg {
     F32,
     F16,

@@ -1,4 +1,4 @@
-//! `lenscube status` and `lenscube verify`: looking at a film.
+//! `lenscube status` and `lenscube verify`.
 
 use super::values::threads;
 use clap::Args;
@@ -11,19 +11,19 @@ use std::path::PathBuf;
 lenscube status film.zarr --json | jq .missing\n  lenscube status --plan job.json --missing"
 )]
 pub struct StatusArgs {
-    /// The film, PATH or URL [default: that of the plan]
+    /// Film: PATH or URL [default: that of the plan]
     #[arg(value_name = "FILM", required_unless_present = "plan")]
     pub film: Option<PathBuf>,
-    /// Of this plan's film, and of its units
+    /// Report the film of this plan, and its units
     #[arg(long, value_name = "job.json")]
     pub plan: Option<PathBuf>,
-    /// Only the units to do, as a list for `run --unit` or `sbatch --array=`; nothing when all are done
+    /// Print only the units to compute, as a list for `run --unit` or `sbatch --array=`; empty if all are complete
     #[arg(long, requires = "plan", conflicts_with = "json")]
     pub missing: bool,
     /// Exit with 4 if shards are missing
     #[arg(long)]
     pub check: bool,
-    /// For programs
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -31,19 +31,19 @@ pub struct StatusArgs {
 /// `lenscube verify`
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  lenscube verify film.zarr\n  \
-lenscube verify film.zarr --repair; lenscube run chart.zarr film.zarr     # makes bad shards again\n\
-Exit codes: 0 all is well, 4 something is wrong or missing")]
+lenscube verify film.zarr --repair; lenscube run chart.zarr film.zarr     # computes bad shards again\n\
+Exit codes: 0 the film is correct, 4 parts are damaged or missing")]
 pub struct VerifyArgs {
-    /// The film: PATH or URL
+    /// Film: PATH or URL
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// Remove bad shards and all temp files, so that the same `run` makes the shards again
+    /// Remove bad shards and temporary files; the same `run` computes the shards again
     #[arg(long)]
     pub repair: bool,
-    /// With --repair: although a run of another host has locked the film
+    /// With --repair: take over a stale lock held by another host
     #[arg(long, requires = "repair")]
     pub take_over: bool,
-    /// For programs
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
     /// Worker threads [default: all cores]

@@ -1,8 +1,8 @@
 //! `lenscube validate`.
 
+use super::device::{Device, EngineArg};
 use super::style::StyleArg;
 use super::values::{bytes, number, pitch, threads};
-use super::{Device, EngineArg};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -11,36 +11,36 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  lenscube validate --out report\n  \
 lenscube validate --lens my.lens.zarr --against my.zmx --wavelengths 450,550,650 --out report\n  \
 lenscube validate --out report --require ri=0.9999,distortion=0.01,esf=0.999\n\
-Opens as report/report.html; the curves lie in report/curves as CSV, the figures in report/summary.json.")]
+The report is report/report.html; curves are in report/curves as CSV, figures in report/summary.json.")]
 pub struct ValidateArgs {
-    /// The lens that makes the films: a pack, a design (.zmx) or the name of a built-in lens
+    /// Lens of the simulation: pack, design (.zmx) or name of a built-in lens
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
-    /// The lens whose data the films are compared with [default: the same]
+    /// Lens whose data the films are compared with [default: the same lens]
     #[arg(long, value_name = "NAME|PACK|DESIGN")]
     pub against: Option<String>,
-    /// Wavelengths of the films: 400:700:10 (both ends) or 450,550
+    /// Wavelengths of the films in nm: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM", default_value = "400:700:10")]
     pub wavelengths: String,
-    /// Of these, which: indices and ranges without their end, 0,5,10:15
+    /// Bands of these wavelengths to validate: indices and half-open ranges, 0,5,10:15 [default: all]
     #[arg(long)]
     pub bands: Option<String>,
-    /// Side of the film in pixels; corner and mid-field lie at the same share of it
+    /// Side of the film in pixels; corner and mid-field positions scale with it
     #[arg(long, value_name = "PX", default_value_t = 14141, value_parser = clap::value_parser!(u32).range(4096..=100_000))]
     pub size: u32,
     /// Film pixel pitch in µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
-    /// Make whole films, band by band, instead of the windows that are looked at
+    /// Simulate complete films, band by band, instead of the regions that are evaluated
     #[arg(long)]
     pub full: bool,
-    /// Where the report goes; films lie there too and are removed at the end
+    /// Directory for the report; the films are written there too and removed at the end
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// End with exit code 4 unless met by every band: ri=IoU, distortion=MEAN_PX, esf=IoU
+    /// Exit with code 4 unless every band meets these limits: ri=IoU, distortion=MEAN_PX, esf=IoU
     #[arg(long, value_name = "WHAT=LIMIT,…", value_delimiter = ',', value_parser = requirement)]
     pub require: Vec<(Quantity, f64)>,
-    /// A film with the record of its run (runs/*.json), for the table of times
+    /// Film whose run record (runs/*.json) is shown in the table of times
     #[arg(long, value_name = "FILM")]
     pub timing: Option<PathBuf>,
     /// Colours of figures
@@ -49,41 +49,41 @@ pub struct ValidateArgs {
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
-    /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 4 GiB]
+    /// Maximum memory, e.g. 1GiB [default: half of the available memory, at most 4 GiB]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub memory: Option<u64>,
-    /// What computes: cpu; cuda (all GPUs) or cuda:0,2 (a queue for each mention); auto (GPUs if they work, else cpu)
+    /// Device: cpu; cuda (all GPUs) or cuda:0,2 (one queue per entry); auto (GPUs if usable, else cpu)
     #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
     pub device: Device,
-    /// Implementation of the arithmetic: avx512, avx2 or portable (processor), cuda-sm_90 (GPUs of that compute capability)
+    /// Implementation of the arithmetic: avx512, avx2 or portable (CPU), cuda-sm_90 (GPUs of that compute capability)
     /// [default: the fastest]
     #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true)]
     pub engine: EngineArg,
 }
 
-/// What can be required.
+/// Quantity of `--require`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// Relative illumination: the least IoU.
+    /// Relative illumination: minimum IoU.
     Ri,
-    /// Distortion: the largest mean error, px.
+    /// Distortion: maximum mean error, px.
     Distortion,
-    /// Edge spread function: the least IoU.
+    /// Edge spread function: minimum IoU.
     Esf,
 }
 
 fn requirement(text: &str) -> Result<(Quantity, f64), String> {
-    let wanted = "expected ri=IOU, distortion=PX or esf=IOU, such as ri=0.9999,distortion=0.01,esf=0.999";
-    let (what, limit) = text.split_once('=').ok_or(wanted)?;
+    let expected = "expected ri=IOU, distortion=PX or esf=IOU, such as ri=0.9999,distortion=0.01,esf=0.999";
+    let (what, limit) = text.split_once('=').ok_or(expected)?;
     let what = match what.trim() {
         "ri" => Quantity::Ri,
         "distortion" => Quantity::Distortion,
         "esf" => Quantity::Esf,
-        _ => return Err(wanted.into()),
+        _ => return Err(expected.into()),
     };
     match number(limit)? {
         v if v >= 0.0 && (v <= 1.0 || what == Quantity::Distortion) => Ok((what, v)),
-        v => Err(format!("{v} is out of range: {wanted}")),
+        v => Err(format!("{v} is out of range: {expected}")),
     }
 }
 
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn requirements_in_words() {
+    fn requirements_parse_and_values_out_of_range_are_errors() {
         assert_eq!(requirement("ri=0.9999"), Ok((Quantity::Ri, 0.9999)));
         assert_eq!(requirement("distortion=2"), Ok((Quantity::Distortion, 2.0)));
         assert!(

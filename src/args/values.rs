@@ -1,4 +1,4 @@
-//! Words of the command line and what they mean.
+//! Parsers of argument values.
 
 use pipeline::bounds::{self, Bound};
 use pipeline::geometry::{Rect, Size};
@@ -11,10 +11,10 @@ pub(super) fn number(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn positive(text: &str) -> Result<f64, String> {
-    number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("{v} is not above 0")) })
+    number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("{v} is not greater than 0")) })
 }
 
-/// A number within a bound.
+/// Parser of a number within `bound`.
 pub(super) fn bounded(bound: Bound) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
     move |text| bound.check(number(text)?).map_err(|e| e.to_string())
 }
@@ -26,12 +26,12 @@ fn pair_within(bound: Bound, text: &str) -> Result<(f64, f64), String> {
     Ok((one(a)?, one(b)?))
 }
 
-/// A place on the film, px.
+/// A position on the film, px.
 pub(super) fn pair(text: &str) -> Result<(f64, f64), String> {
     pair_within(bounds::AXIS_PX, text)
 }
 
-/// A place on the ideal image plane, mm.
+/// A position on the ideal image plane, mm.
 pub(super) fn pair_mm(text: &str) -> Result<(f64, f64), String> {
     pair_within(bounds::CENTER_MM, text)
 }
@@ -46,19 +46,19 @@ pub(super) fn scale(text: &str) -> Result<(f64, f64), String> {
     Ok((one(x)?, one(y)?))
 }
 
-/// Film sides and places.
+/// A side of the film or a column or row, px.
 pub(super) fn side(text: &str) -> Result<usize, String> {
-    whole(bounds::FILM_SIDE_PX, text)
+    integer_within(bounds::FILM_SIDE_PX, text)
 }
 
-/// Sides of shards and chunks.
+/// Side of a shard or chunk, px.
 pub(super) fn storage(text: &str) -> Result<usize, String> {
-    whole(bounds::SHARD_SIDE_PX, text)
+    integer_within(bounds::SHARD_SIDE_PX, text)
 }
 
-fn whole(bound: Bound, text: &str) -> Result<usize, String> {
+fn integer_within(bound: Bound, text: &str) -> Result<usize, String> {
     let number = text.trim().parse::<usize>().ok().filter(|n| bound.check_count(*n).is_ok());
-    number.ok_or_else(|| format!("`{text}` is not a whole number from {bound}"))
+    number.ok_or_else(|| format!("`{text}` is not an integer from {bound}"))
 }
 
 pub(super) fn size(text: &str) -> Result<Size, String> {
@@ -69,10 +69,10 @@ pub(super) fn size(text: &str) -> Result<Size, String> {
 pub(super) fn roi(text: &str) -> Result<Rect, String> {
     let parts: Vec<&str> = text.split(',').collect();
     let [x, y, w, h] = parts[..] else { return Err("expected X,Y,W,H in film pixels".into()) };
-    let at = |t: &str| {
+    let pixel = |t: &str| {
         t.trim().parse::<u32>().map(i64::from).map_err(|_| format!("`{t}` is not a pixel of the film"))
     };
-    Ok(Rect::new(at(y)?, at(x)?, side(h)?, side(w)?))
+    Ok(Rect::new(pixel(y)?, pixel(x)?, side(h)?, side(w)?))
 }
 
 pub(super) fn azimuths(text: &str) -> Result<usize, String> {
@@ -103,7 +103,7 @@ pub(super) fn shard_rows(text: &str) -> Result<usize, String> {
     }
 }
 
-/// `1GiB`, `512MiB`, `2e9`, `4G`: binary units with i, decimal without.
+/// `1GiB`, `512MiB`, `4G`: binary units with i, decimal without.
 pub(super) fn bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let digits = text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.').len();
@@ -127,10 +127,10 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     }
 }
 
-/// Indices and ranges without their end, as in Python: `0,5,10:15`, `:5`, `::3`; each once, ascending.
+/// Parses indices and half-open ranges, as in Python: `0,5,10:15`, `:5`, `::3`; the result is ascending and without duplicates.
 ///
 /// # Errors
-/// A word that is none, or an index beyond `count`.
+/// Not an index or range; an index not below `count`.
 pub fn bands(text: &str, count: usize) -> Result<Vec<usize>, String> {
     let mut out = std::collections::BTreeSet::new();
     for part in text.split(',') {
@@ -174,7 +174,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_of_the_command_line() {
+    fn valid_values_parse_and_others_are_errors() {
         assert_eq!(size("14141"), Ok(Size::new(14141, 14141)));
         assert_eq!(size("7x5"), Ok(Size::new(7, 5)));
         assert!(size("1e18").is_err() && size("0").is_err() && size("-3x4").is_err());
@@ -194,10 +194,10 @@ mod tests {
         assert!(scale("0").is_err() && scale("nan").is_err());
     }
 
-    /// Any words: a value that keeps its promise, or an error in words.
+    /// Any text gives a value within its bounds, or an error.
     #[test]
-    fn no_word_breaks_a_parser() {
-        use super::fuzz_support::strange::{integer, magnitude, text};
+    fn any_text_gives_a_value_within_bounds_or_an_error() {
+        use super::fuzz_support::extreme::{integer, magnitude, text};
         use super::fuzz_support::{Random, cases, print_row};
         use proptest::prelude::*;
         use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
@@ -224,16 +224,16 @@ mod tests {
         ];
         let part =
             (number, prop::sample::select(vec!["", ",", ":", "::", "x", "X", " GiB", "kB", "µ", ",,", ";"]));
-        let words = prop::collection::vec(part, 0..5)
+        let texts = prop::collection::vec(part, 0..5)
             .prop_map(|parts| parts.into_iter().map(|(n, s)| n + s).collect::<String>());
         let config = Config { cases: cases(2000) as u32, failure_persistence: None, ..Config::default() };
         let rng = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
         let (start, used) = (std::time::Instant::now(), std::cell::Cell::new(0));
-        let result = TestRunner::new_with_rng(config, rng).run(&(words, 0usize..40), |(text, count)| {
-            let whole = positive(&text).is_ok_and(|v| v.is_finite() && v > 0.0);
+        let result = TestRunner::new_with_rng(config, rng).run(&(texts, 0usize..40), |(text, count)| {
+            let is_positive = positive(&text).is_ok_and(|v| v.is_finite() && v > 0.0);
             let sides = size(&text).map_or(0, |s| s.height.max(s.width));
-            prop_assert!(sides as f64 <= bounds::FILM_SIDE_PX.most && storage(&text).unwrap_or(1) <= 16384);
-            prop_assert!(pitch(&text).is_ok_and(|p| p.is_finite()) <= whole);
+            prop_assert!(sides as f64 <= bounds::FILM_SIDE_PX.max && storage(&text).unwrap_or(1) <= 16384);
+            prop_assert!(pitch(&text).is_ok_and(|p| p.is_finite()) <= is_positive);
             prop_assert!(scale(&text).map_or(1.0, |s| s.0 * s.1).is_finite());
             prop_assert!(pair(&text).map_or(0.0, |p| p.0 + p.1).is_finite());
             prop_assert!(azimuths(&text).unwrap_or(4).is_multiple_of(4));

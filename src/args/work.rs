@@ -1,6 +1,6 @@
-//! Work beyond one machine: `lenscube plan`, and what `lenscube run` takes besides the job's own flags.
+//! `lenscube plan`, and the arguments of `lenscube run` beside those of the job.
 
-use super::RunArgs;
+use super::run::RunArgs;
 use super::values::shard_rows;
 use clap::builder::ArgPredicate;
 use clap::{Args, ValueEnum};
@@ -18,46 +18,46 @@ lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n  \
 lenscube run --plan job.json --unit env:SLURM_ARRAY_TASK_ID --progress jsonl\n\
 The same command again resumes an interrupted run.\n\
 CHART, FILM and a lens pack may be s3://BUCKET/PREFIX, with AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and, for \
-other stores than AWS, AWS_ENDPOINT_URL (AWS_ALLOW_HTTP=true if it is http); CHART and the pack also http(s)://…, to read. There \
-are no locks at a URL: two runs of one film do the same work twice, and no harm."
+other stores than AWS, AWS_ENDPOINT_URL (AWS_ALLOW_HTTP=true if it is http); CHART and the pack also http(s)://…, read-only. There \
+are no locks at a URL: two runs of one film compute the same shards twice, with the same bytes."
 )]
 pub struct RunCommand {
     /// The job.
     #[command(flatten)]
     pub job: RunArgs,
-    /// Which part of it, and for whom.
+    /// Units of a plan, and the interface to schedulers.
     #[command(flatten)]
     pub work: WorkArgs,
 }
 
-/// With a plan, chart and film are where it says, unless they are mounted elsewhere.
+/// Optional with a plan, which contains chart and film.
 fn from_plan(arg: clap::Arg) -> clap::Arg {
     arg.required(false).required_unless_present("plan").default_value_if("plan", ArgPredicate::IsPresent, "-")
 }
 
-/// What a worker takes besides a job.
+/// Arguments of a worker.
 #[derive(Debug, Args, Clone)]
-#[command(next_help_heading = "Work beyond one machine")]
+#[command(next_help_heading = "Distributed work")]
 pub struct WorkArgs {
-    /// Do units of this plan (`lenscube plan`), which holds chart, film, lens and all flags; those given here come on top.
-    /// CHART and FILM may be given where they are mounted elsewhere. Any number of workers, hosts and repeats: same bytes
+    /// Compute units of this plan (`lenscube plan`), which contains chart, film, lens and flags; flags given here take precedence. Give
+    /// CHART and FILM if their paths differ here. Workers, hosts and repetitions do not change the bytes
     #[arg(long, value_name = "job.json")]
     pub plan: Option<PathBuf>,
-    /// Units to do, ends included: 7, or 3-9,12, or env:NAME to take them from a variable such as SLURM_ARRAY_TASK_ID or
+    /// Units to compute, both ends included: 7, or 3-9,12, or env:NAME for an environment variable such as SLURM_ARRAY_TASK_ID or
     /// JOB_COMPLETION_INDEX [default: all]
     #[arg(long, value_name = "UNITS", requires = "plan")]
     pub unit: Option<String>,
-    /// auto: a bar on a terminal, lines elsewhere, on stderr; jsonl: objects on stdout, one a line, for programs
+    /// Progress: auto (stderr: a bar on a terminal, else lines) or jsonl (stdout: one JSON object per line)
     #[arg(long, value_enum, default_value_t = ProgressArg::Auto)]
     pub progress: ProgressArg,
-    /// Die (SIGKILL) when the thread that started this program ends; the film survives that. Linux only
+    /// End this process (SIGKILL) when the thread that started it ends; the film remains resumable. Linux only
     #[arg(long)]
     pub die_with_parent: bool,
 }
 
-/// How progress is told.
+/// `--progress`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "they are what they say")]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum ProgressArg {
     Auto,
     Jsonl,
@@ -68,20 +68,20 @@ pub enum ProgressArg {
 #[command(after_help = "Examples:\n  lenscube plan chart.zarr film.zarr -o job.json\n  \
 sbatch --array=0-30 --wrap 'lenscube run --plan job.json --unit env:SLURM_ARRAY_TASK_ID'\n  \
 lenscube run --plan job.json --unit $(lenscube status --plan job.json --missing)\n\
-The plan does not change once written: units may be done in any order, on any host, more than once. A design (.zmx, or a \
-built-in lens) is traced here for all bands, into XDG_CACHE_HOME or ~/.cache; workers that share that directory find its \
-bands there, others trace the bands of their own units again, about a second each; --lens-pack makes them independent of it.")]
+A plan is not changed once written: units may be computed in any order, on any host, more than once. A design (.zmx, or a \
+built-in lens) is traced here for all bands, into XDG_CACHE_HOME or ~/.cache; workers that share this directory use these \
+bands, others trace the bands of their units again, about a second each; --lens-pack avoids both.")]
 pub struct PlanArgs {
     /// The job.
     #[command(flatten)]
     pub job: RunArgs,
-    /// The plan to write; in a directory it is called plan-DIGEST.json
+    /// Plan file to write; in a directory it is named plan-DIGEST.json
     #[arg(short, long, value_name = "job.json", default_value = ".")]
     pub output: PathBuf,
-    /// Rows of shards in a unit [default: whole bands, cut where that makes too few units and computes little twice]
+    /// Shard rows per unit [default: complete bands, divided if that gives too few units]
     #[arg(long, value_name = "N", value_parser = shard_rows)]
     pub unit_rows: Option<usize>,
-    /// Trace a design into this lens pack (directory or .zip) and plan with it: workers then need no cache
+    /// Trace a design into this lens pack (directory or .zip) and use it in the plan, so that workers need no trace cache
     #[arg(long, value_name = "OUT.lens.zarr")]
     pub lens_pack: Option<PathBuf>,
 }

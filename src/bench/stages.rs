@@ -1,7 +1,7 @@
-//! The stages alone, in memory.
+//! Stages, in memory.
 
 use super::{Bench, FILM_MM};
-use crate::lens::source::{Named, Source};
+use crate::lens::source::{LensInput, Source};
 use anyhow::{Context, Result};
 use pipeline::band::BandStages;
 use pipeline::band::{BandPlan, Options, PsfBetween};
@@ -20,13 +20,13 @@ use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The benchmark grid of the field: 21 heights to 20 mm, 36 azimuths each, 51-px windows.
+/// Benchmark grid of the PSF field: 21 heights to 20 mm, 36 azimuths each, windows of 51 px.
 const GRID: (usize, usize, usize) = (21, 36, 51);
-/// Tiles along each side of the film where tiles spread over it stand for all.
-const SPREAD: usize = 9;
-/// The lens's band that is measured, nm.
+/// Sampled tiles along each side of the film.
+const SAMPLED_TILES: usize = 9;
+/// Wavelength of the lens's band that is measured.
 const LENS_NM: f64 = 550.0;
-/// Share of the job's memory that a run leaves to node spectra, about.
+/// Share of the job's memory that a run uses for node spectra, approximately.
 const SPECTRA_SHARE: f64 = 0.5;
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
@@ -38,36 +38,36 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let (_, lens) = lens_stages(bench, &frame)?;
 
     let bicubic = remap(bench, &frame, &bicubic_remap)?;
-    bench.number("remap_mpx_s", bicubic, "Mpx/s", "RI + distortion remap, bicubic");
+    bench.add_number("remap_mpx_s", bicubic, "Mpx/s", "RI + distortion remap, bicubic");
     let bilinear = remap(bench, &frame, &bilinear_remap)?;
-    bench.number("remap_bilinear_mpx_s", bilinear, "Mpx/s", "RI + distortion remap, bilinear");
+    bench.add_number("remap_bilinear_mpx_s", bilinear, "Mpx/s", "RI + distortion remap, bilinear");
 
-    let rate = spread(bench, &frame, &benchmark(&frame, bench.simd, GRID.2), bench.threads)?;
-    bench.number("svpsf_mpx_s", rate, "Mpx/s", "SVPSF, benchmark grid (21 x 36 nodes, 51 px)");
-    let rate = spread(bench, &frame, &benchmark(&frame, bench.simd, GRID.2), 1)?;
-    bench.number("svpsf_1_thread_mpx_s", rate, "Mpx/s", "  one thread");
-    let rate = spread(bench, &frame, &benchmark(&frame, Simd::PORTABLE, GRID.2), bench.threads)?;
-    bench.number("svpsf_portable_mpx_s", rate, "Mpx/s", "  portable path");
+    let rate = sampled_tiles(bench, &frame, &benchmark(&frame, bench.simd, GRID.2), bench.threads)?;
+    bench.add_number("svpsf_mpx_s", rate, "Mpx/s", "SVPSF, benchmark grid (21 x 36 nodes, 51 px)");
+    let rate = sampled_tiles(bench, &frame, &benchmark(&frame, bench.simd, GRID.2), 1)?;
+    bench.add_number("svpsf_1_thread_mpx_s", rate, "Mpx/s", "  one thread");
+    let rate = sampled_tiles(bench, &frame, &benchmark(&frame, Simd::PORTABLE, GRID.2), bench.threads)?;
+    bench.add_number("svpsf_portable_mpx_s", rate, "Mpx/s", "  portable path");
     let rate = strided(bench, &frame)?;
-    bench.number(
+    bench.add_number(
         "svpsf_strided_mpx_s",
         rate,
         "Mpx/s",
         "  the paper's strided multiply-accumulate, one thread",
     );
-    let rate = whole_film(bench, &frame, &lens)?;
-    let words = format!(
-        "SVPSF, lens at {LENS_NM} nm ({} nodes, {} px), kernels made",
+    let rate = complete_film(bench, &frame, &lens)?;
+    let label = format!(
+        "SVPSF, lens at {LENS_NM} nm ({} nodes, {} px), with kernels",
         lens.grid().len(),
         lens.kernels().size()
     );
-    bench.number("svpsf_lens_mpx_s", rate, "Mpx/s", &words);
+    bench.add_number("svpsf_lens_mpx_s", rate, "Mpx/s", &label);
     let rate = kernels(bench, &lens)?;
-    bench.number("kernels_per_s", rate, "1/s", "  its kernels turned and integrated, one thread");
+    bench.add_number("kernels_per_s", rate, "1/s", "  rotation and integration of its kernels, one thread");
     Ok(())
 }
 
-/// The stages of the lens's band.
+/// Stages of the lens's band.
 fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Result<BandStages> {
     let options = Options {
         stages: Stages { ri: true, distortion: true, svpsf },
@@ -77,12 +77,12 @@ fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Resu
         between: PsfBetween::Interpolate,
         simd: bench.simd,
     };
-    let lens = Source::new(Named::open(&bench.args.lens)?, frame, &[LENS_NM], &options, bench.threads)?;
+    let lens = Source::new(LensInput::open(&bench.args.lens)?, frame, &[LENS_NM], &options, bench.threads)?;
     let plan = BandPlan::new(frame, lens.lens(), LENS_NM, &options)?;
     plan.stages(0, frame, &options, 1.0, |band| anyhow::Ok(lens.psf(band)?))
 }
 
-/// All three stages of the lens's band.
+/// Remap and PSF stage of the lens's band.
 pub(super) fn lens_stages(bench: &Bench<'_>, frame: &Frame) -> Result<(Remap, BandPsf)> {
     let all = stages(bench, frame, true, Interp::Bicubic)?;
     Ok((all.remap, all.psf.context("the lens has no PSF to measure")?))
@@ -95,25 +95,30 @@ fn peak(bench: &mut Bench<'_>) -> Result<()> {
         let done = fused_multiply_adds(bench.simd, ROUNDS);
         Ok(2.0 * done as f64 / start.elapsed().as_secs_f64())
     })?;
-    bench.number("fma_gflop_s", per_thread * 1e-9, "GFLOP/s", "multiply-add peak, one thread");
+    bench.add_number("fma_gflop_s", per_thread * 1e-9, "GFLOP/s", "multiply-add peak, one thread");
     Ok(())
 }
 
-/// The whole film's tiles of `side` pixels.
+/// Tiles of `side` px of the film.
 fn tiles(frame: &Frame, side: usize) -> Vec<Rect> {
     frame.film.rect().tiles(side, side).collect()
 }
 
-/// Calls `work` for every index below `count`, on `threads` threads; each has a state of its own.
-fn share<S>(threads: usize, count: usize, state: impl Fn() -> S + Sync, work: impl Fn(&mut S, usize) + Sync) {
+/// Calls `work` for every index below `count` on `threads` threads, each with its own state.
+fn parallel<S>(
+    threads: usize,
+    count: usize,
+    state: impl Fn() -> S + Sync,
+    work: impl Fn(&mut S, usize) + Sync,
+) {
     let next = AtomicUsize::new(0);
     std::thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {
-                let mut own = state();
+                let mut state = state();
                 loop {
                     match next.fetch_add(1, Ordering::Relaxed) {
-                        i if i < count => work(&mut own, i),
+                        i if i < count => work(&mut state, i),
                         _ => return,
                     }
                 }
@@ -122,14 +127,14 @@ fn share<S>(threads: usize, count: usize, state: impl Fn() -> S + Sync, work: im
     });
 }
 
-/// A chart in memory: one piece of it, again and again.
+/// Chart in memory: one square repeated periodically.
 struct Repeated(Size, Vec<f32>);
 
 impl Repeated {
     const SIDE: usize = 1024;
 
     fn new(size: Size) -> Self {
-        Self(size, (0..2 * Self::SIDE * Self::SIDE).map(scene_value).collect())
+        Self(size, (0..2 * Self::SIDE * Self::SIDE).map(sample_value).collect())
     }
 }
 
@@ -150,7 +155,7 @@ impl ChartSource for Repeated {
     }
 }
 
-fn scene_value(i: usize) -> f32 {
+fn sample_value(i: usize) -> f32 {
     0.1 + (i * 7919 % 1009) as f32 / 1009.0
 }
 
@@ -160,7 +165,7 @@ fn remap(bench: &Bench<'_>, frame: &Frame, remap: &Remap) -> Result<f64> {
     let pixels = frame.film.pixels() as f64 * 1e-6;
     bench.rate(pixels, || {
         let state = || (RemapScratch::default(), vec![0.0; 512 * 512]);
-        share(bench.threads, tiles.len(), state, |(scratch, out), i| {
+        parallel(bench.threads, tiles.len(), state, |(scratch, out), i| {
             let out = &mut out[..tiles[i].size().pixels()];
             remap.apply(&chart, 0, tiles[i], out, scratch).expect("a chart in memory can be read");
         });
@@ -174,16 +179,16 @@ fn benchmark_kernels(frame: &Frame, simd: Simd, window: usize) -> (NodeGrid, Nod
     let height_mm: Vec<f64> = (0..heights).map(|k| farthest_mm * k as f64 / (heights - 1) as f64).collect();
     let counts: Vec<usize> = (0..heights).map(|k| if k == 0 { 1 } else { azimuths }).collect();
     let c = (window / 2) as f32;
-    let one = (0..window * window).map(|i| {
+    let kernel = (0..window * window).map(|i| {
         let (y, x) = ((i / window) as f32 - c, (i % window) as f32 - c - 2.0);
         (-(y * y + 2.0 * x * x) / window as f32).exp() + 1e-4
     });
-    let one: Vec<f32> = one.collect();
+    let kernel: Vec<f32> = kernel.collect();
     let stack = PsfStack {
         size: window,
         pitch_um: frame.pitch_um,
         sample: PsfSample::Integrated,
-        samples: one.repeat(heights),
+        samples: kernel.repeat(heights),
     };
     (
         NodeGrid::new(&height_mm, &counts, frame.pitch_mm()),
@@ -191,40 +196,41 @@ fn benchmark_kernels(frame: &Frame, simd: Simd, window: usize) -> (NodeGrid, Nod
     )
 }
 
-/// The PSF stage on the benchmark grid, with windows of `window` px.
+/// PSF stage on the benchmark grid with windows of `window` px.
 pub(super) fn benchmark(frame: &Frame, simd: Simd, window: usize) -> BandPsf {
     let (grid, kernels) = benchmark_kernels(frame, simd, window);
     BandPsf::new(0, grid, kernels, simd)
 }
 
-/// Rate over tiles spread over the film, spectra in memory.
-fn spread(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf, threads: usize) -> Result<f64> {
+/// Rate on tiles evenly spaced over the film, with all spectra in memory.
+fn sampled_tiles(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf, threads: usize) -> Result<f64> {
     let side = psf.blocks().tile.min(frame.film.height);
-    let at = |i: usize| ((frame.film.height - side) * i / (SPREAD - 1)) as i64;
-    let rects: Vec<Rect> =
-        (0..SPREAD * SPREAD).map(|i| Rect::new(at(i / SPREAD), at(i % SPREAD), side, side)).collect();
-    let remap: Vec<f32> = (0..side * side).map(scene_value).collect();
+    let at = |i: usize| ((frame.film.height - side) * i / (SAMPLED_TILES - 1)) as i64;
+    let rects: Vec<Rect> = (0..SAMPLED_TILES * SAMPLED_TILES)
+        .map(|i| Rect::new(at(i / SAMPLED_TILES), at(i % SAMPLED_TILES), side, side))
+        .collect();
+    let remap: Vec<f32> = (0..side * side).map(sample_value).collect();
     let cache = SpectrumCache::new(usize::MAX);
     let state = <(TileBuffer, PsfScratch)>::default;
     let work = |(out, scratch): &mut (TileBuffer, PsfScratch), i: usize| {
         psf.scatter(frame, rects[i], &remap, &cache, out, scratch);
     };
-    share(threads, rects.len(), state, work);
+    parallel(threads, rects.len(), state, work);
     bench.rate((rects.len() * side * side) as f64 * 1e-6, || {
-        share(threads, rects.len(), state, work);
+        parallel(threads, rects.len(), state, work);
         Ok(())
     })
 }
 
-/// Rate over the whole film in a run's order, from an empty, bounded cache: kernels and spectra are part of it.
-fn whole_film(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf) -> Result<f64> {
+/// Rate on the complete film in the tile order of a run, from an empty, bounded cache, including kernels and spectra.
+fn complete_film(bench: &Bench<'_>, frame: &Frame, psf: &BandPsf) -> Result<f64> {
     let tiles = tiles(frame, psf.blocks().tile.max(1));
     let side = tiles.iter().map(|t| t.size().pixels()).max().unwrap_or(0);
-    let remap: Vec<f32> = (0..side).map(scene_value).collect();
+    let remap: Vec<f32> = (0..side).map(sample_value).collect();
     bench.rate(frame.film.pixels() as f64 * 1e-6, || {
         let cache = SpectrumCache::new((bench.args.memory as f64 * SPECTRA_SHARE) as usize);
         let state = <(TileBuffer, PsfScratch)>::default;
-        share(bench.threads, tiles.len(), state, |(out, scratch), i| {
+        parallel(bench.threads, tiles.len(), state, |(out, scratch), i| {
             psf.scatter(frame, tiles[i], &remap[..tiles[i].size().pixels()], &cache, out, scratch);
         });
         Ok(())
@@ -235,7 +241,7 @@ fn strided(bench: &Bench<'_>, frame: &Frame) -> Result<f64> {
     let (grid, kernels) = benchmark_kernels(frame, bench.simd, GRID.2);
     let third = (frame.film.height / 3) as i64;
     let tile = Rect::new(third, third, 153, 153);
-    let remap: Vec<f32> = (0..tile.size().pixels()).map(scene_value).collect();
+    let remap: Vec<f32> = (0..tile.size().pixels()).map(sample_value).collect();
     let mut film = vec![0.0; (tile.height + kernels.size() - 1) * (tile.width + kernels.size() - 1)];
     let baseline = Strided::new(frame, &grid, &kernels, tile);
     bench.rate(tile.size().pixels() as f64 * 1e-6, || {
@@ -245,7 +251,7 @@ fn strided(bench: &Bench<'_>, frame: &Frame) -> Result<f64> {
     })
 }
 
-/// Kernels a second, nodes spread over the grid.
+/// Kernels per second, for nodes from all heights of the grid.
 fn kernels(bench: &Bench<'_>, psf: &BandPsf) -> Result<f64> {
     use pipeline::psf::grid::Node;
     let counts = psf.grid().azimuths();

@@ -1,7 +1,6 @@
-//! Codecs on one core, and the disk.
+//! Codecs on one core, and disk.
 
 use super::{Bench, FILM_MM, median};
-use crate::job::codec;
 use anyhow::{Context, Result};
 use formats::chart::{ChartMeta, ChartOptions, ChartStore, NanPolicy, write_chart};
 use formats::durable::{Directory, evict};
@@ -15,10 +14,10 @@ use std::time::Instant;
 
 /// Side of a shard, px.
 const SHARD: usize = 2048;
-/// Size and number of the files that the disk is measured with: shards as they come from a codec.
+/// Size and number of the files of the disk measurement: the size is that of an encoded shard.
 const FILE_BYTES: usize = 14 << 20;
 const FILES: usize = 48;
-/// Threads that write in a run.
+/// Writer threads of a run.
 const WRITERS: usize = 2;
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
@@ -44,7 +43,7 @@ fn encode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
         sample: SampleType::F32,
         shard: SHARD,
         chunk: 512,
-        codec: codec(crate::args::CodecArg::Zstd),
+        codec: crate::args::CodecArg::Zstd.into(),
     };
     let film = FilmStore::create(&bench.scratch.0.join("encode.zarr"), spec, Map::new(), true)?;
     let mut bytes = 0;
@@ -52,8 +51,8 @@ fn encode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
         bytes = film.encode_shard(0, 0, (0, 0), &data)?.bytes().len();
         Ok(())
     })?;
-    bench.number("encode_mpx_s", rate, "Mpx/s", "encoding (shuffle, zstd 1, 1 % noise), one core");
-    bench.number("encoded_share", bytes as f64 / (4e6 * pixels), "of f32", "  size it comes down to");
+    bench.add_number("encode_mpx_s", rate, "Mpx/s", "encoding (shuffle, zstd 1, 1 % noise), one core");
+    bench.add_number("encoded_share", bytes as f64 / (4e6 * pixels), "of f32", "  encoded size");
     Ok(())
 }
 
@@ -66,7 +65,7 @@ fn decode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
         units: None,
         attributes: Map::new(),
     };
-    write_chart(&path, chart, &meta, codec(crate::args::CodecArg::Zstd), 1, &|_, _| ())?;
+    write_chart(&path, chart, &meta, crate::args::CodecArg::Zstd.into(), 1, &|_, _| ())?;
     let mut line = vec![0.0; SHARD];
     let rate = bench.rate(pixels, || {
         let nan = NanPolicy::Error;
@@ -74,13 +73,13 @@ fn decode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
             &path.to_string_lossy(),
             ChartOptions { cache_bytes: 64 << 20, nan, wavelengths_nm: None },
         )?;
-        // One line of each row of chunks decodes them all.
-        for y in (0..SHARD).step_by(store.piece_shape()[1]) {
+        // Reading one line decodes all chunks of its row.
+        for y in (0..SHARD).step_by(store.chunk_shape()[1]) {
             store.read_rect(0, Rect::new(y as i64, 0, 1, SHARD), &mut line)?;
         }
         Ok(())
     })?;
-    bench.number("decode_mpx_s", rate, "Mpx/s", "decoding the same, from the page cache, one core");
+    bench.add_number("decode_mpx_s", rate, "Mpx/s", "decoding that shard, from the page cache, one core");
     Ok(())
 }
 
@@ -101,23 +100,23 @@ fn disk(bench: &mut Bench<'_>) -> Result<()> {
         let start = Instant::now();
         on_threads(|i| Ok(Directory::new(&root).write(&i.to_string(), &bytes)?))?;
         writes.push(megabytes / start.elapsed().as_secs_f64());
-        forget(&root)?;
+        drop_from_page_cache(&root)?;
         let start = Instant::now();
         on_threads(|i| {
-            let read = Directory::new(&root).read(&i.to_string())?.context("just written")?;
-            anyhow::ensure!(read.len() == bytes.len(), "{i} came back with {} bytes", read.len());
+            let read = Directory::new(&root).read(&i.to_string())?.context("file not found after writing")?;
+            anyhow::ensure!(read.len() == bytes.len(), "file {i} has {} bytes after writing", read.len());
             Ok(())
         })?;
         reads.push(megabytes / start.elapsed().as_secs_f64());
         std::fs::remove_dir_all(&root)?;
     }
-    bench.number(
+    bench.add_number(
         "disk_write_mb_s",
         median(writes),
         "MB/s",
         "disk, writing 14-MiB shards with fsync, two writers",
     );
-    bench.number("disk_read_mb_s", median(reads), "MB/s", "disk, reading them back cold, two readers");
+    bench.add_number("disk_read_mb_s", median(reads), "MB/s", "disk, reading them uncached, two readers");
     Ok(())
 }
 
@@ -128,15 +127,15 @@ fn on_threads(work: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
             scope.spawn(move || (w..FILES).step_by(WRITERS).try_for_each(work))
         };
         let all: Vec<_> = (0..WRITERS).map(one).collect();
-        all.into_iter().try_for_each(|t| t.join().expect("no panic in a bench"))
+        all.into_iter().try_for_each(|t| t.join().expect("a bench thread does not panic"))
     })
 }
 
-/// Takes every file under `path` out of the page cache.
-pub(super) fn forget(path: &Path) -> Result<()> {
+/// Removes all files below `path` from the page cache.
+pub(super) fn drop_from_page_cache(path: &Path) -> Result<()> {
     for entry in std::fs::read_dir(path).with_context(|| format!("listing {}", path.display()))? {
         let path = entry?.path();
-        if path.is_dir() { forget(&path)? } else { evict(&path)? }
+        if path.is_dir() { drop_from_page_cache(&path)? } else { evict(&path)? }
     }
     Ok(())
 }

@@ -1,17 +1,17 @@
-//! `lenscube chart image`: a picture as a chart, its colours as spectra of reflected light.
+//! `lenscube chart image`: converts a picture to a chart, its colours to spectra of reflected light.
 //!
 //!   L_b = (R·ρ_R(λ_b) + G·ρ_G(λ_b) + B·ρ_B(λ_b)) · S(λ_b)
-//! with linear sRGB (R, G, B), the three reflectances of [`pipeline::reflectance`] and the light S, which is 1 at 560 nm, or for
-//! `--scale-to Y` such that a white has luminance Y: S = Y·P/(683 ∫ P·ȳ dλ) for the light's relative power P. Grey: L_b = v·S(λ_b). An
-//! OpenEXR of spectral channels is taken band by band, reflectances times S. Values of an OpenEXR below 0 are no light and become 0;
-//! above 1 they stay brighter than white.
+//! with linear sRGB (R, G, B), the three reflectances ρ of [`pipeline::reflectance`] and the illuminant S, which is 1 at 560 nm. With
+//! `--scale-to Y` white has luminance Y in cd/m²: S = Y·P/(683 ∫ P·ȳ dλ) for the relative power P of the illuminant. Grey:
+//! L_b = v·S(λ_b). The channels of a spectral OpenEXR are the bands; reflectances are multiplied by S. Negative values of an OpenEXR
+//! become 0; values above 1 are kept.
 
 use super::store;
 use crate::args::ImageArgs;
 use crate::failure::usage;
-use crate::job::{codec, threads};
+use crate::job::threads;
 use crate::memory::default_limit;
-use crate::progress::{counting, say};
+use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::ChartMeta;
 use formats::chart::exr::ExrContent;
@@ -24,41 +24,42 @@ use pipeline::reflectance::primaries;
 use serde_json::{Map, json};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Bands unless asked for.
-const BANDS: &str = "400:700:10";
-/// What a thread holds at most: a shard of the store, its encoded bytes, a row of shards of linear samples.
-const PER_THREAD: u64 = 96 << 20;
+/// Default bands.
+const DEFAULT_BANDS: &str = "400:700:10";
+/// Maximum memory of a thread: a shard of the store, its encoded bytes, a row of shards of linear samples.
+const MAX_THREAD_BYTES: u64 = 96 << 20;
 
-/// Linear samples lit by a light.
-struct Lit {
+/// Linear samples under an illuminant.
+struct IlluminatedPicture {
     linear: Box<dyn ChartSource>,
-    /// Light of each channel per band.
-    light: Vec<Vec<f32>>,
-    /// For pictures of bands: a band is the channel of its number, times its light.
-    band_by_band: bool,
-    below_zero: AtomicU64,
+    /// Factors by band and channel.
+    factors: Vec<Vec<f32>>,
+    /// Whether channel b alone is band b, as in a spectral picture.
+    spectral: bool,
+    negative_samples: AtomicU64,
 }
 
-impl ChartSource for Lit {
+impl ChartSource for IlluminatedPicture {
     fn size(&self) -> Size {
         self.linear.size()
     }
 
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
-        let light = &self.light[band];
-        if self.band_by_band {
+        let factors = &self.factors[band];
+        if self.spectral {
             self.linear.read(band, rect, out)?;
-            out.iter_mut().for_each(|v| *v *= light[0]);
+            out.iter_mut().for_each(|v| *v *= factors[0]);
             return Ok(());
         }
         out.fill(0.0);
-        let mut channel = vec![0.0; out.len()];
-        for (number, &light) in light.iter().enumerate() {
-            self.linear.read(number, rect, &mut channel)?;
+        let mut samples = vec![0.0; out.len()];
+        for (channel, &factor) in factors.iter().enumerate() {
+            self.linear.read(channel, rect, &mut samples)?;
             if band == 0 {
-                self.below_zero.fetch_add(channel.iter().filter(|v| **v < 0.0).count() as u64, Relaxed);
+                let negative = samples.iter().filter(|v| **v < 0.0).count() as u64;
+                self.negative_samples.fetch_add(negative, Relaxed);
             }
-            out.iter_mut().zip(&channel).for_each(|(to, v)| *to += light * v.max(0.0));
+            out.iter_mut().zip(&samples).for_each(|(to, v)| *to += factor * v.max(0.0));
         }
         Ok(())
     }
@@ -73,7 +74,7 @@ pub fn command(args: &ImageArgs) -> Result<()> {
         return Err(crate::failure::other_job(format!("{out} exists already; replace it with --overwrite")));
     }
     let file = ImageFile::open(&args.file)?;
-    file.notes().iter().for_each(|note| say(format!("note: {note}")));
+    file.notes().iter().for_each(|note| log_line(format!("note: {note}")));
     let (scale, exposure) = match args.scale_to {
         None => (0.01, 1.0),
         Some(luminance) => {
@@ -87,19 +88,23 @@ pub fn command(args: &ImageArgs) -> Result<()> {
     let parent = parent_of(&args.out);
     create_directories(parent, true)?;
     let threads = threads(args.threads);
-    let most = (args.memory.unwrap_or_else(default_limit) / PER_THREAD).max(1) as usize;
-    let threads = threads.min(most);
+    let max_threads = (args.memory.unwrap_or_else(default_limit) / MAX_THREAD_BYTES).max(1) as usize;
+    let threads = threads.min(max_threads);
     let (bar, progress) = counting("reading the picture");
     let transfer = if args.linear { Transfer::Linear } else { Transfer::Srgb };
     let linear = file.linear(transfer, parent, threads, &progress)?;
     bar.finish_and_clear();
-    let lit =
-        Lit { linear, light: plan.light, band_by_band: plan.band_by_band, below_zero: AtomicU64::new(0) };
+    let picture = IlluminatedPicture {
+        linear,
+        factors: plan.factors,
+        spectral: plan.spectral,
+        negative_samples: AtomicU64::new(0),
+    };
     let mut attributes = Map::new();
     let name = args.file.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned());
     attributes.insert("image".into(), json!(name));
     attributes.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
-    if let Some(light) = plan.lit_by {
+    if let Some(light) = plan.illuminant {
         attributes.insert("illuminant".into(), json!(light.name()));
         attributes.insert("white_exposure".into(), json!(exposure));
     }
@@ -110,14 +115,14 @@ pub fn command(args: &ImageArgs) -> Result<()> {
         units: Some(plan.units),
         attributes,
     };
-    store(&lit, &meta, &args.out, codec(args.codec), threads, args.overwrite)?;
-    let below = lit.below_zero.into_inner();
-    if below > 0 {
-        say(format!("note: {below} samples below 0 are no light and were taken as 0"));
+    store(&picture, &meta, &args.out, args.codec.into(), threads, args.overwrite)?;
+    let negative = picture.negative_samples.into_inner();
+    if negative > 0 {
+        log_line(format!("note: {negative} negative samples were replaced by 0"));
     }
-    if let Some(light) = plan.lit_by {
-        say(format!(
-            "its white is 255 in `lenscube export {} OUT.png --white {} --exposure {exposure}`",
+    if let Some(light) = plan.illuminant {
+        log_line(format!(
+            "white has the value 255 in `lenscube export {} OUT.png --white {} --exposure {exposure}`",
             args.out.display(),
             light.name()
         ));
@@ -125,46 +130,49 @@ pub fn command(args: &ImageArgs) -> Result<()> {
     Ok(())
 }
 
-/// What becomes of the channels.
+/// Conversion of channels to bands.
 struct Plan {
     wavelengths_nm: Vec<f64>,
-    light: Vec<Vec<f32>>,
-    band_by_band: bool,
+    /// Factors by band and channel.
+    factors: Vec<Vec<f32>>,
+    spectral: bool,
     units: String,
-    /// The light, if the picture is lit by one.
-    lit_by: Option<Illuminant>,
+    /// Illuminant; none for a picture of radiances.
+    illuminant: Option<Illuminant>,
 }
 
 fn plan(args: &ImageArgs, file: &ImageFile, light: Illuminant, power: &dyn Fn(f64) -> f64) -> Result<Plan> {
-    let lit_units = if args.scale_to.is_some() { "W m-2 sr-1 nm-1" } else { "relative" };
+    let units = if args.scale_to.is_some() { "W m-2 sr-1 nm-1" } else { "relative" };
     if let Some(exr) = file.spectral() {
         let ExrContent::Spectral { wavelengths_nm, reflective } = exr.content().clone() else {
-            unreachable!("spectral is what was asked for")
+            unreachable!("`spectral` returns spectral files only")
         };
         if args.wavelengths.is_some() {
             return Err(usage(format!(
-                "--wavelengths: {} has bands of its own, at {} nm",
+                "--wavelengths is not supported for {}: the file has bands at {} nm",
                 args.file.display(),
                 pipeline::wavelengths::format(&wavelengths_nm)
             )));
         }
         if args.scale_to.is_some() && !reflective {
-            return Err(usage("--scale-to: the file holds light, not reflectances; it is taken as it is"));
+            return Err(usage(
+                "--scale-to is not supported for radiances; the file holds radiances, not reflectances",
+            ));
         }
-        let of = |nm: &f64| vec![if reflective { power(*nm) as f32 } else { 1.0 }];
-        let units = if reflective { lit_units } else { exr.units().unwrap_or("relative") };
+        let factor = |nm: &f64| vec![if reflective { power(*nm) as f32 } else { 1.0 }];
+        let units = if reflective { units } else { exr.units().unwrap_or("relative") };
         return Ok(Plan {
-            light: wavelengths_nm.iter().map(of).collect(),
+            factors: wavelengths_nm.iter().map(factor).collect(),
             wavelengths_nm,
-            band_by_band: true,
+            spectral: true,
             units: units.into(),
-            lit_by: reflective.then_some(light),
+            illuminant: reflective.then_some(light),
         });
     }
-    let words = args.wavelengths.as_deref().unwrap_or(BANDS);
+    let wavelengths = args.wavelengths.as_deref().unwrap_or(DEFAULT_BANDS);
     let wavelengths_nm =
-        pipeline::wavelengths::parse(words).map_err(|e| usage(format!("--wavelengths: {e}")))?;
-    let lit: Vec<Vec<f32>> = if file.is_grey() {
+        pipeline::wavelengths::parse(wavelengths).map_err(|e| usage(format!("--wavelengths: {e}")))?;
+    let factors: Vec<Vec<f32>> = if file.is_grey() {
         wavelengths_nm.iter().map(|&nm| vec![power(nm) as f32]).collect()
     } else {
         let rho = primaries(&wavelengths_nm, light).map_err(|e| usage(format!("--wavelengths: {e}")))?;
@@ -172,5 +180,5 @@ fn plan(args: &ImageArgs, file: &ImageFile, light: Illuminant, power: &dyn Fn(f6
             .map(|(&nm, rho)| rho.map(|r| (r * power(nm)) as f32).to_vec())
             .collect()
     };
-    Ok(Plan { wavelengths_nm, light: lit, band_by_band: false, units: lit_units.into(), lit_by: Some(light) })
+    Ok(Plan { wavelengths_nm, factors, spectral: false, units: units.into(), illuminant: Some(light) })
 }

@@ -1,7 +1,7 @@
-//! Which files of the demo's directory the demo made: all that it may replace.
+//! Record of the files that the demo made in its directory; the demo replaces no others.
 //!
-//! `.lenscube-demo.json` names them, each with the digest that it had when it was whole (of a film the digest of its job), or `null`
-//! from before it is begun until then. Anything else in the directory, and what has another digest by now, is somebody's own.
+//! `.lenscube-demo.json` lists them with their digests when complete (of a film the digest of its job), or `null` from before they
+//! are started until they are complete. A file that is not listed, or has another digest, belongs to the user.
 
 use crate::failure::other_job;
 use anyhow::{Context, Result};
@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 
 const RECORD: &str = ".lenscube-demo.json";
 const SCHEMA: &str = "lenscube/demo/1";
-const LARGEST: u64 = 1 << 20;
+const MAX_RECORD_BYTES: u64 = 1 << 20;
 
-/// The demo's directory.
+/// Directory of the demo.
 pub struct DemoDirectory {
     path: PathBuf,
     files: Map<String, Value>,
@@ -23,10 +23,10 @@ impl DemoDirectory {
     /// Opens the directory, or creates it.
     ///
     /// # Errors
-    /// It holds what the demo did not make (exit code 3); the disk.
+    /// The directory holds files that the demo did not make (exit code 3), or cannot be read.
     pub fn open(path: &Path) -> Result<Self> {
         create_directories(path, true)?;
-        let record = Directory::new(path).read_at_most(RECORD, LARGEST)?;
+        let record = Directory::new(path).read_at_most(RECORD, MAX_RECORD_BYTES)?;
         let record: Option<Value> = record.and_then(|bytes| serde_json::from_slice(&bytes).ok());
         let files = record.filter(|r| r["schema"] == SCHEMA).and_then(|r| r["files"].as_object().cloned());
         let opened = Self { path: path.into(), files: files.unwrap_or_default() };
@@ -41,7 +41,7 @@ impl DemoDirectory {
         match foreign.is_empty() {
             true => Ok(opened),
             false => Err(other_job(format!(
-                "{} holds what `lenscube demo` did not make, or what was changed since: {}; nothing was changed, choose another \
+                "{} holds files that `lenscube demo` did not make or that were changed since: {}; nothing was replaced, choose another \
                  directory with --dir",
                 path.display(),
                 foreign.join(", ")
@@ -57,16 +57,16 @@ impl DemoDirectory {
         })
     }
 
-    /// Makes `name` by `make`, which gets its path, and keeps a record of it.
+    /// Creates file `name` by `create`, which takes its path, and records it.
     ///
     /// # Errors
-    /// What `make` brings; the disk.
-    pub fn make<T>(&mut self, name: &str, make: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
+    /// Those of `create`; the record cannot be written.
+    pub fn create<T>(&mut self, name: &str, create: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
         self.record(name, Value::Null)?;
         let path = self.path.join(name);
-        let made = make(&path)?;
+        let created = create(&path)?;
         self.record(name, digest(&path)?.into())?;
-        Ok(made)
+        Ok(created)
     }
 
     fn record(&mut self, name: &str, digest: Value) -> Result<()> {
@@ -76,7 +76,7 @@ impl DemoDirectory {
     }
 }
 
-/// What a file, a chart or a film is; `None` if there is nothing.
+/// Digest of a file or chart, or of the job of a film; none if the path does not exist.
 fn digest(path: &Path) -> Result<Option<String>> {
     let file = if path.is_dir() { path.join("zarr.json") } else { path.to_path_buf() };
     let bytes = match std::fs::read(&file) {
@@ -94,32 +94,32 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn only_what_the_demo_made_and_nobody_changed_is_its_own() {
+    fn directory_with_foreign_or_changed_files_is_rejected() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("demo");
         let mut demo = DemoDirectory::open(&path).unwrap();
-        demo.make("a.png", |p| Ok(fs::write(p, "a")?)).unwrap();
-        let failed: Result<()> = demo.make("b.png", |p| {
+        demo.create("a.png", |p| Ok(fs::write(p, "a")?)).unwrap();
+        let failed: Result<()> = demo.create("b.png", |p| {
             fs::write(p, "half")?;
             anyhow::bail!("interrupted")
         });
         assert!(failed.is_err());
-        // Made, and begun: both are the demo's.
+        // A complete and an incomplete file, both of the demo.
         let mut again = DemoDirectory::open(&path).unwrap();
-        again.make("b.png", |p| Ok(fs::write(p, "b")?)).unwrap();
+        again.create("b.png", |p| Ok(fs::write(p, "b")?)).unwrap();
         DemoDirectory::open(&path).unwrap();
-        let refused = |word: &str| {
+        let assert_rejected = |text: &str| {
             let e = DemoDirectory::open(&path).map(|_| ()).unwrap_err();
-            assert!(crate::failure::exit_code(&e) == 3 && e.to_string().contains(word), "{e}");
+            assert!(crate::failure::exit_code(&e) == 3 && e.to_string().contains(text), "{e}");
         };
         fs::write(path.join("b.png"), "mine").unwrap();
-        refused("since: b.png;");
+        assert_rejected("since: b.png;");
         fs::remove_file(path.join("b.png")).unwrap();
         fs::create_dir(path.join("film.zarr")).unwrap();
-        refused("since: film.zarr;");
+        assert_rejected("since: film.zarr;");
         fs::remove_dir(path.join("film.zarr")).unwrap();
         DemoDirectory::open(&path).unwrap();
         fs::remove_file(path.join(RECORD)).unwrap();
-        refused("since: a.png;");
+        assert_rejected("since: a.png;");
     }
 }

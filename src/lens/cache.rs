@@ -1,14 +1,14 @@
-//! Traced bands kept from run to run: each a lens pack of one band, one file in the user's cache directory.
+//! Cache of traced bands in the user's cache directory: one lens pack of one band per file.
 //!
-//! `RECIPE-CONTENT.lens.zip`: both are the first 32 hex digits of a blake3. RECIPE is all that the band's numbers follow from
-//! (design, wavelength, options, version of the tracer); CONTENT is of the file's own bytes, so an entry that was cut, damaged
-//! or edited does not bear its own name and is traced again. An entry appears whole or not at all: temp name, then rename.
-//! Several programs may trace the same band at once: they write the same bytes. Anything in here may be deleted any time.
+//! Files are named `RECIPE-CONTENT.lens.zip`, each part the first 32 hex digits of a blake3 digest. RECIPE is the digest of all
+//! inputs of the trace (design, wavelength, options, version of the tracer). CONTENT is the digest of the file, so a truncated,
+//! damaged or edited entry does not match its name and is traced again. An entry is written under a temporary name and renamed.
+//! Processes that trace the same band at the same time write the same bytes. Entries may be deleted at any time.
 
-use crate::progress::say;
+use crate::progress::log_line;
 use anyhow::{Context, Result, bail};
 use formats::durable;
-use formats::lens::{LensPack, LensPackWriter, PackAttributes, SealedFile};
+use formats::lens::{HashedFile, LensPack, LensPackWriter, PackAttributes};
 use pipeline::design::System;
 use pipeline::design::trace::{TRACER_VERSION, TraceOptions, TracedBand};
 use pipeline::lens::Lens;
@@ -16,20 +16,20 @@ use serde_json::json;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// Digits of a digest in an entry's name.
+/// Hex digits of each digest in the name of an entry.
 const DIGITS: usize = 32;
-const ENDING: &str = ".lens.zip";
-/// In an entry's `source`: the recipe that it was made by.
+const EXTENSION: &str = ".lens.zip";
+/// Key of the recipe in the `source` attribute of an entry.
 const RECIPE: &str = "recipe";
 
-/// Where traced bands lie.
+/// Directory of traced bands.
 pub struct Cache {
     dir: PathBuf,
-    /// Removed when dropped: there was no other place.
+    /// Whether the directory is removed when the cache is dropped.
     temporary: bool,
 }
 
-/// Where the user's cache is: `XDG_CACHE_HOME`, else `~/.cache`.
+/// Directory in the user's cache: below `XDG_CACHE_HOME`, else `~/.cache`.
 pub fn directory() -> Option<PathBuf> {
     let absolute = |v: OsString| Some(PathBuf::from(v)).filter(|p| p.is_absolute());
     let base = std::env::var_os("XDG_CACHE_HOME").and_then(absolute);
@@ -38,16 +38,16 @@ pub fn directory() -> Option<PathBuf> {
     Some(base.join("lenscube").join("lenses"))
 }
 
-/// All that a traced band's numbers follow from, as text. `options` must hold its wavelength alone.
+/// Digest of all inputs of a traced band. `options` must hold its wavelength only.
 pub fn recipe(system: &System, options: &TraceOptions) -> String {
-    // What people call it changes no number.
+    // Name and notes do not change the result.
     let system = System { name: String::new(), notes: Vec::new(), ..system.clone() };
     let text = format!("lenscube traced band, tracer {TRACER_VERSION}\n{system:?}\n{options:?}\n");
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }
 
 impl Cache {
-    /// The user's cache, or a temporary directory, with a note, where that cannot be written.
+    /// Opens the user's cache; if it cannot be written, prints a note and opens a temporary directory.
     pub fn open() -> Result<Self> {
         let problem = match directory() {
             None => "neither XDG_CACHE_HOME nor HOME names a directory".to_owned(),
@@ -56,40 +56,42 @@ impl Cache {
                 Err(e) => format!("{}: {e}", dir.display()),
             },
         };
-        Self::aside(&problem)
+        Self::open_temporary(&problem)
     }
 
-    fn aside(problem: &str) -> Result<Self> {
-        say(format!("note: traced bands cannot be kept ({problem}); they are traced for this run only"));
+    fn open_temporary(problem: &str) -> Result<Self> {
+        log_line(format!(
+            "note: traced bands cannot be stored in the cache ({problem}); they are traced for this run only"
+        ));
         let temp = std::env::temp_dir();
-        // What killed runs left there.
+        // Leftover directories of killed runs.
         durable::sweep_entries(&temp)?;
         let dir = temp.join(durable::temp_name());
         prepare(&dir).with_context(|| format!("creating {} for traced bands", dir.display()))?;
         Ok(Self { dir, temporary: true })
     }
 
-    /// The directory.
     pub fn dir(&self) -> &Path {
         &self.dir
     }
 
-    /// The band of `recipe` at `wavelength_nm`, if it is there and sound. An entry that is damaged, or not this band's, is removed.
+    /// Cached band of `recipe` at `wavelength_nm`. An entry that is damaged or of another band is removed with a note.
     pub fn find(&self, recipe: &str, wavelength_nm: f64) -> Option<LensPack> {
-        let start = &recipe[..DIGITS];
+        let prefix = &recipe[..DIGITS];
         for entry in std::fs::read_dir(&self.dir).ok()?.flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
-            let content = name.strip_suffix(ENDING).and_then(|n| n.strip_prefix(start)?.strip_prefix('-'));
+            let content =
+                name.strip_suffix(EXTENSION).and_then(|n| n.strip_prefix(prefix)?.strip_prefix('-'));
             let Some(content) = content else { continue };
             let path = entry.path();
             match open(&path, content, recipe, wavelength_nm) {
                 Ok(pack) => return Some(pack),
                 Err(problem) => {
-                    say(format!(
+                    log_line(format!(
                         "note: {} cannot be used ({problem}); its band is traced again",
                         path.display()
                     ));
-                    // If it stays, the next find says so again.
+                    // If the removal fails, the next look-up prints the note again.
                     let _ = std::fs::remove_file(&path);
                 }
             }
@@ -97,21 +99,20 @@ impl Cache {
         None
     }
 
-    /// Keeps a band, and opens what was kept. Where the disk refuses, a temporary directory takes over.
-    pub fn keep(
+    /// Stores a band and opens its entry. If the directory cannot be written, changes to a temporary directory.
+    pub fn insert(
         &mut self,
         recipe: &str,
         lens: &Lens,
         attributes: &PackAttributes,
         band: &TracedBand,
     ) -> Result<LensPack> {
-        let kept = store(&self.dir, recipe, lens, attributes, band);
-        match kept {
+        match store(&self.dir, recipe, lens, attributes, band) {
             Err(e) if !self.temporary => {
-                *self = Self::aside(&crate::failure::line(&e))?;
+                *self = Self::open_temporary(&crate::failure::line(&e))?;
                 store(&self.dir, recipe, lens, attributes, band)
             }
-            kept => kept,
+            stored => stored,
         }
     }
 }
@@ -119,13 +120,13 @@ impl Cache {
 impl Drop for Cache {
     fn drop(&mut self) {
         if self.temporary {
-            // The run is over either way; the system clears its temporary directory some time.
+            // An error is ignored: the next run removes the directory.
             let _ = std::fs::remove_dir_all(&self.dir);
         }
     }
 }
 
-/// Makes the directory, clears what died in it, and makes sure that files can be written.
+/// Creates the directory, removes leftover temporary files, and checks that files can be written.
 fn prepare(dir: &Path) -> Result<()> {
     std::fs::create_dir_all(dir)?;
     durable::sweep(dir)?;
@@ -134,16 +135,16 @@ fn prepare(dir: &Path) -> Result<()> {
     Ok(std::fs::remove_file(&probe)?)
 }
 
-/// Opens an entry whose bytes are those that its name tells, and whose band is the recipe's.
+/// Opens an entry; an error if its digest differs from its name or its recipe or wavelength from the requested ones.
 fn open(path: &Path, content: &str, recipe: &str, wavelength_nm: f64) -> Result<LensPack> {
-    let sealed = SealedFile::open(path)?;
+    let sealed = HashedFile::open(path)?;
     if sealed.digest()[..DIGITS] != *content {
-        bail!("it is damaged: its bytes are not those that its name tells");
+        bail!("it is damaged: its digest differs from its name");
     }
-    let pack = LensPack::open_sealed(sealed)?;
-    let told = pack.attributes().source.as_ref().and_then(|s| s[RECIPE].as_str());
+    let pack = LensPack::open_hashed(sealed)?;
+    let stored = pack.attributes().source.as_ref().and_then(|s| s[RECIPE].as_str());
     let bands = &pack.lens().bands;
-    match told == Some(recipe) && bands.len() == 1 && bands[0].wavelength_nm == wavelength_nm {
+    match stored == Some(recipe) && bands.len() == 1 && bands[0].wavelength_nm == wavelength_nm {
         true => Ok(pack),
         false => bail!("it was not traced for this band"),
     }
@@ -157,30 +158,30 @@ fn store(
     band: &TracedBand,
 ) -> Result<LensPack> {
     let temp = dir.join(format!("{}.zip", durable::temp_name()));
-    let kept = written(&temp, recipe, lens, attributes, band).and_then(|sealed| {
-        let name = format!("{}-{}{ENDING}", &recipe[..DIGITS], &sealed.digest()[..DIGITS]);
-        // Opened before it has its name: then another process may remove it.
-        let pack = LensPack::open_sealed(sealed)?;
+    let stored = write(&temp, recipe, lens, attributes, band).and_then(|sealed| {
+        let name = format!("{}-{}{EXTENSION}", &recipe[..DIGITS], &sealed.digest()[..DIGITS]);
+        // Opened before the rename: after it another process may remove the file.
+        let pack = LensPack::open_hashed(sealed)?;
         std::fs::rename(&temp, dir.join(name))?;
         Ok(pack)
     });
-    kept.inspect_err(|_| {
-        // The error that matters is already in hand.
+    stored.inspect_err(|_| {
+        // The first error is returned.
         let _ = std::fs::remove_file(&temp);
     })
 }
 
-fn written(
+fn write(
     temp: &Path,
     recipe: &str,
     lens: &Lens,
     attributes: &PackAttributes,
     band: &TracedBand,
-) -> Result<SealedFile> {
+) -> Result<HashedFile> {
     let mut attributes = attributes.clone();
     attributes.source.get_or_insert_with(|| json!({}))[RECIPE] = json!(recipe);
     let mut writer = LensPackWriter::create(temp)?;
     writer.psf(0, &band.psf)?;
     writer.finish(lens, &attributes)?;
-    Ok(SealedFile::open(temp)?)
+    Ok(HashedFile::open(temp)?)
 }

@@ -1,9 +1,9 @@
-//! `lenscube lens diff`: two lenses at the same wavelengths and REAL heights, side by side.
+//! `lenscube lens diff`: compares two lenses at the same wavelengths and REAL heights.
 //!
-//! PSFs are compared as film kernels at one pitch, each cropped to the smaller window and normalised there: their L1 distance
-//! says how the shapes differ; windows and the light inside them stand beside it.
+//! PSFs are compared as film kernels at one pitch, each cropped to the smaller window and normalised there, by their L1 distance.
+//! The sizes of the windows and the share of light inside them are listed separately.
 
-use super::look::{Figures, Look, Subject};
+use super::samples::{FieldFigures, LensData, LensSamples};
 use super::show::chosen_heights;
 use crate::args::DiffArgs;
 use crate::failure::usage;
@@ -13,67 +13,69 @@ use anyhow::Result;
 use pipeline::figures::kernel_l1;
 use serde_json::{Value, json};
 
-/// Wavelengths this close are the same, nm.
-const SAME_NM: f64 = 1e-6;
+/// Largest difference of wavelengths that count as equal, nm.
+const WAVELENGTH_TOLERANCE_NM: f64 = 1e-6;
 
-/// One place in both lenses.
+/// One field point of both lenses.
 struct Pair {
-    a: Figures,
-    b: Figures,
+    a: FieldFigures,
+    b: FieldFigures,
+    /// L1 distance of the film kernels.
     l1: f64,
 }
 
 /// Runs the command.
 pub fn command(args: &DiffArgs) -> Result<()> {
-    let (a, b) = (subject(&args.a, args)?, subject(&args.b, args)?);
+    let (a, b) = (open(&args.a, args)?, open(&args.b, args)?);
     let nm = match &args.wavelengths {
         Some(text) => wavelengths(text)?,
-        None => common(&a, &b)?,
+        None => common_wavelengths(&a, &b)?,
     };
-    let at = chosen_heights(args.heights.as_deref(), || Ok(a.reach_mm()?.min(b.reach_mm()?)))?;
-    let looks = (a.look(&nm, &at)?, b.look(&nm, &at)?);
-    let pairs = pairs(&looks.0, &looks.1, args.film_pitch_um);
+    let heights_mm = chosen_heights(args.heights.as_deref(), || Ok(a.reach_mm()?.min(b.reach_mm()?)))?;
+    let samples = (a.sample(&nm, &heights_mm)?, b.sample(&nm, &heights_mm)?);
+    let pairs = pairs(&samples.0, &samples.1, args.film_pitch_um);
     match args.json {
-        true => print(serde_json::to_string_pretty(&as_json(args, &looks, &pairs))?),
-        false => print(words(args, (&a, &b), &looks, &pairs).trim_end()),
+        true => print(serde_json::to_string_pretty(&json(args, &samples, &pairs))?),
+        false => print(text(args, (&a, &b), &samples, &pairs).trim_end()),
     }
     Ok(())
 }
 
-/// Design flags mean whichever of the two is a design.
-fn subject(name: &str, args: &DiffArgs) -> Result<Subject> {
+/// Opens a lens; the design flags apply to designs only.
+fn open(name: &str, args: &DiffArgs) -> Result<LensData> {
     match crate::design::is_design(name) {
-        true => Subject::open(name, &args.design),
-        false => Subject::open(name, &Default::default()),
+        true => LensData::open(name, &args.design),
+        false => LensData::open(name, &Default::default()),
     }
 }
 
-/// Wavelengths that both hold; a design can be traced at any.
-fn common(a: &Subject, b: &Subject) -> Result<Vec<f64>> {
-    let (of_a, of_b) = (a.wavelengths_nm(), b.wavelengths_nm());
-    let both: Vec<f64> = match (a, b) {
-        (Subject::Design(..), Subject::Design(..)) | (Subject::Pack(_), Subject::Design(..)) => of_a.clone(),
-        (Subject::Design(..), Subject::Pack(_)) => of_b.clone(),
-        (Subject::Pack(_), Subject::Pack(_)) => {
-            of_a.iter().copied().filter(|x| of_b.iter().any(|y| (x - y).abs() < SAME_NM)).collect()
+/// Wavelengths of both lenses; a design can be traced at any wavelength.
+fn common_wavelengths(a: &LensData, b: &LensData) -> Result<Vec<f64>> {
+    let (a_nm, b_nm) = (a.wavelengths_nm(), b.wavelengths_nm());
+    let common: Vec<f64> = match (a, b) {
+        (_, LensData::Design(..)) => a_nm.clone(),
+        (LensData::Design(..), LensData::Pack(_)) => b_nm.clone(),
+        (LensData::Pack(_), LensData::Pack(_)) => {
+            let equal = |x: &f64, y: &f64| (x - y).abs() < WAVELENGTH_TOLERANCE_NM;
+            a_nm.iter().copied().filter(|x| b_nm.iter().any(|y| equal(x, y))).collect()
         }
     };
-    if both.is_empty() {
+    if common.is_empty() {
         let list = pipeline::wavelengths::format;
         return Err(usage(format!(
-            "the packs share no wavelength: {} nm and {} nm",
-            list(&of_a),
-            list(&of_b)
+            "the packs have no common wavelength: {} nm and {} nm",
+            list(&a_nm),
+            list(&b_nm)
         )));
     }
-    Ok(both)
+    Ok(common)
 }
 
-fn pairs(a: &Look, b: &Look, film_pitch_um: f64) -> Vec<Pair> {
+fn pairs(a: &LensSamples, b: &LensSamples, film_pitch_um: f64) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for band in 0..a.fields.len() {
         for k in 0..a.fields[band].len() {
-            let kernel = |look: &Look| look.fields[band][k].psf.film_kernel(film_pitch_um);
+            let kernel = |lens: &LensSamples| lens.fields[band][k].psf.film_kernel(film_pitch_um);
             let ((an, ak), (bn, bk)) = (kernel(a), kernel(b));
             let l1 = kernel_l1((an, &ak), (bn, &bk));
             pairs.push(Pair { a: a.figures(band, k), b: b.figures(band, k), l1 });
@@ -82,8 +84,8 @@ fn pairs(a: &Look, b: &Look, film_pitch_um: f64) -> Vec<Pair> {
     pairs
 }
 
-/// Scalars of the lenses: name, A's, B's.
-fn heads(a: &Look, b: &Look) -> [(&'static str, f64, f64); 4] {
+/// Scalars of the lenses: name, value of A, value of B.
+fn scalars(a: &LensSamples, b: &LensSamples) -> [(&'static str, f64, f64); 4] {
     let (a, b) = (&a.lens, &b.lens);
     [
         ("effective_focal_length_mm", a.effective_focal_length_mm, b.effective_focal_length_mm),
@@ -93,8 +95,8 @@ fn heads(a: &Look, b: &Look) -> [(&'static str, f64, f64); 4] {
     ]
 }
 
-/// What is compared at each place: name, digits, its value.
-type Column = (&'static str, usize, fn(&Figures) -> f64);
+/// Quantity that is compared at each field point: name, digits after the point, value.
+type Column = (&'static str, usize, fn(&FieldFigures) -> f64);
 const COLUMNS: [Column; 7] = [
     ("ideal_height_mm", 6, |f| f.ideal_height_mm),
     ("relative_illumination", 6, |f| f.illumination),
@@ -105,43 +107,54 @@ const COLUMNS: [Column; 7] = [
     ("energy_in_window", 4, |f| f.energy),
 ];
 
-fn as_json(args: &DiffArgs, looks: &(Look, Look), pairs: &[Pair]) -> Value {
+fn json(args: &DiffArgs, samples: &(LensSamples, LensSamples), pairs: &[Pair]) -> Value {
     let fields: Vec<Value> = pairs
         .iter()
         .map(|p| json!({ "wavelength_nm": p.a.wavelength_nm, "image_height_mm": p.a.height_mm, "a": p.a.json(), "b": p.b.json(), "psf_l1": p.l1 }))
         .collect();
-    let heads: serde_json::Map<String, Value> = heads(&looks.0, &looks.1)
+    let scalars: serde_json::Map<String, Value> = scalars(&samples.0, &samples.1)
         .into_iter()
         .map(|(name, a, b)| (name.to_owned(), json!({ "a": a, "b": b, "b_minus_a": b - a })))
         .collect();
-    let largest: serde_json::Map<String, Value> =
-        COLUMNS.iter().map(|c| (c.0.to_owned(), json!(largest(c, pairs)))).collect();
+    let max_difference: serde_json::Map<String, Value> =
+        COLUMNS.iter().map(|c| (c.0.to_owned(), json!(max_difference(c, pairs)))).collect();
     json!({
         "a": args.a,
         "b": args.b,
         "film_pitch_um": args.film_pitch_um,
-        "lens": heads,
-        "largest_difference": largest,
-        "largest_psf_l1": pairs.iter().map(|p| p.l1).fold(0.0, f64::max),
+        "lens": scalars,
+        "largest_difference": max_difference,
+        "largest_psf_l1": max_psf_l1(pairs),
         "fields": fields,
     })
 }
 
-/// Largest |B − A| of a column; none where neither knows it everywhere.
-fn largest(column: &Column, pairs: &[Pair]) -> Option<f64> {
-    let off = pairs.iter().map(|p| (column.2(&p.b) - column.2(&p.a)).abs());
-    off.filter(|v| v.is_finite()).reduce(f64::max)
+/// Maximum |B − A| of a column; none if no field point has both values.
+fn max_difference(column: &Column, pairs: &[Pair]) -> Option<f64> {
+    let differences = pairs.iter().map(|p| (column.2(&p.b) - column.2(&p.a)).abs());
+    differences.filter(|v| v.is_finite()).reduce(f64::max)
 }
 
-fn words(args: &DiffArgs, (a, b): (&Subject, &Subject), looks: &(Look, Look), pairs: &[Pair]) -> String {
+fn max_psf_l1(pairs: &[Pair]) -> f64 {
+    pairs.iter().map(|p| p.l1).fold(0.0, f64::max)
+}
+
+fn text(
+    args: &DiffArgs,
+    (a, b): (&LensData, &LensData),
+    samples: &(LensSamples, LensSamples),
+    pairs: &[Pair],
+) -> String {
     let mut out = format!("A  {}  ({})\nB  {}  ({})\n\n", a.name(), args.a, b.name(), args.b);
     out += &format!("{:<28} {:>14} {:>14} {:>12}\n", "", "A", "B", "B - A");
-    for (name, a, b) in heads(&looks.0, &looks.1) {
+    for (name, a, b) in scalars(&samples.0, &samples.1) {
         out += &format!("{name:<28} {a:>14.6} {b:>14.6} {:>12.2e}\n", b - a);
     }
     out += &format!(
-        "\nPSF L1: film kernels at {} um, in the smaller window, each of sum 1; lateral colour from {} nm (A), {} nm (B)\n",
-        args.film_pitch_um, looks.0.primary.wavelength_nm, looks.1.primary.wavelength_nm
+        "\nheight: real image height; ideal: ideal image height; RI: relative illumination; lateral: lateral colour relative to {} nm \
+         (A), {} nm (B);\nwindow: side of the PSF window; light: share of the light inside it; PSF L1: L1 distance of the film \
+         kernels at {} um pitch, in the smaller window, each with sum 1\n",
+        samples.0.primary.wavelength_nm, samples.1.primary.wavelength_nm, args.film_pitch_um
     );
     out += "     nm  height mm |  ideal mm: A, B - A   |    RI: A, B - A    | distortion %: A, B - A | lateral um: A, B - A | window um: A, B |  light: A, B   | PSF L1\n";
     for p in pairs {
@@ -165,8 +178,8 @@ fn words(args: &DiffArgs, (a, b): (&Subject, &Subject), looks: &(Look, Look), pa
             p.l1
         );
     }
-    out += "\nlargest difference: ";
-    let each = COLUMNS.iter().filter_map(|c| largest(c, pairs).map(|v| (c, v)));
-    let list: Vec<String> = each.map(|(c, v)| format!("{} {v:.1$}", c.0, c.1)).collect();
-    out + &list.join(", ") + &format!(", psf_l1 {:.4}\n", pairs.iter().map(|p| p.l1).fold(0.0, f64::max))
+    out += "\nmaximum difference: ";
+    let columns = COLUMNS.iter().filter_map(|c| max_difference(c, pairs).map(|v| (c, v)));
+    let list: Vec<String> = columns.map(|(c, v)| format!("{} {v:.1$}", c.0, c.1)).collect();
+    out + &list.join(", ") + &format!(", psf_l1 {:.4}\n", max_psf_l1(pairs))
 }

@@ -1,11 +1,11 @@
-//! `lenscube lens show`: a lens in numbers.
+//! `lenscube lens show`: prints the data of a lens.
 //!
-//! A design: its system data, then its figures traced at its own wavelengths. A pack: what it holds, then the figures that its
-//! tables and PSFs give; RMS is then that of the PSF inside its window, and GEO needs rays.
+//! Of a design: system data, then figures traced at the wavelengths of the design. Of a pack: a summary of its arrays, then figures
+//! of its tables and PSFs; RMS is then the radius of the PSF inside its window, and GEO, which needs rays, is not available.
 
 use super::cache;
-use super::look::{Figures, Look, Subject};
-use super::{plots, turning_error};
+use super::samples::{FieldFigures, LensData, LensSamples, evenly_spaced, nearest};
+use super::{plots, rotation_error};
 use crate::args::ShowArgs;
 use crate::design;
 use crate::failure::usage;
@@ -18,82 +18,77 @@ use pipeline::design::spots::polychromatic_spot;
 use pipeline::design::{Description, System};
 use serde_json::{Value, json};
 
-/// Bands of a pack that are shown unless more are asked for.
-const FEW: usize = 5;
-/// Heights shown, as shares of the reach.
+/// Default number of bands shown.
+const DEFAULT_BANDS: usize = 5;
+/// Default heights, as shares of the reach.
 const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 
 /// Runs the command.
 pub fn command(args: &ShowArgs) -> Result<()> {
-    let subject = Subject::open(&args.lens, &args.design)?;
+    let lens = LensData::open(&args.lens, &args.design)?;
     let nm = match &args.wavelengths {
         Some(text) => wavelengths(text)?,
-        None => few(&subject.wavelengths_nm(), subject.primary_nm(), args.all_bands),
+        None if args.all_bands => lens.wavelengths_nm(),
+        None => default_bands(&lens.wavelengths_nm(), lens.primary_nm()),
     };
-    let at = chosen_heights(args.heights.as_deref(), || subject.reach_mm())?;
-    let look = subject.look(&nm, &at)?;
+    let heights_mm = chosen_heights(args.heights.as_deref(), || lens.reach_mm())?;
+    let samples = lens.sample(&nm, &heights_mm)?;
     match args.json {
-        true => print(serde_json::to_string_pretty(&as_json(&subject, &look, args)?)?),
-        false => print(words(&subject, &look, args)?.trim_end()),
+        true => print(serde_json::to_string_pretty(&json(&lens, &samples, args)?)?),
+        false => print(text(&lens, &samples, args)?.trim_end()),
     }
     match &args.plot {
-        Some(dir) => plots::write(dir, &subject, &nm, &at, &args.lp_mm, args.style.into()),
+        Some(dir) => plots::write(dir, &lens, &nm, &heights_mm, &args.lp_mm, args.style.into()),
         None => Ok(()),
     }
 }
 
 /// `--heights`, ascending, or [`SHARES`] of the reach.
-pub fn chosen_heights(asked: Option<&str>, reach_mm: impl FnOnce() -> Result<f64>) -> Result<Vec<f64>> {
-    let mut at = match asked {
+pub fn chosen_heights(requested: Option<&str>, reach_mm: impl FnOnce() -> Result<f64>) -> Result<Vec<f64>> {
+    let mut heights_mm = match requested {
         Some(text) => heights(text)?,
         None => {
             let reach = reach_mm()?;
             SHARES.map(|s| s * reach).to_vec()
         }
     };
-    at.sort_by(f64::total_cmp);
-    at.dedup();
-    match at.last() {
-        Some(last) if *last > 0.0 => Ok(at),
+    heights_mm.sort_by(f64::total_cmp);
+    heights_mm.dedup();
+    match heights_mm.last() {
+        Some(last) if *last > 0.0 => Ok(heights_mm),
         _ => Err(usage("--heights: give at least one height above 0 mm")),
     }
 }
 
-/// All wavelengths, or a few of them spread evenly with the one nearest the primary.
-fn few(all: &[f64], primary_nm: f64, every: bool) -> Vec<f64> {
-    if every || all.len() <= FEW {
-        return all.to_vec();
+/// At most [`DEFAULT_BANDS`] wavelengths, evenly spaced, including the one nearest the primary wavelength.
+fn default_bands(all: &[f64], primary_nm: f64) -> Vec<f64> {
+    let mut chosen = evenly_spaced(all.len(), DEFAULT_BANDS);
+    let primary = nearest(all.iter().copied(), primary_nm);
+    // It replaces its neighbour among the chosen ones, but not the first or the last.
+    if all.len() > DEFAULT_BANDS && !chosen.contains(&primary) {
+        let inner = 1 + nearest(chosen[1..DEFAULT_BANDS - 1].iter().map(|&i| all[i]), all[primary]);
+        chosen[inner] = primary;
     }
-    let mut chosen: Vec<f64> =
-        (0..FEW).map(|i| all[(i * (all.len() - 1) + (FEW - 1) / 2) / (FEW - 1)]).collect();
-    let off = |nm: &f64| (nm - primary_nm).abs();
-    let nearest = all.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(primary_nm);
-    // It takes the place of the nearest that is not an end.
-    if !chosen.contains(&nearest) {
-        let inner =
-            (1..FEW - 1).min_by(|&a, &b| (chosen[a] - nearest).abs().total_cmp(&(chosen[b] - nearest).abs()));
-        inner.into_iter().for_each(|i| chosen[i] = nearest);
-    }
-    chosen
+    chosen.into_iter().map(|i| all[i]).collect()
 }
 
-fn figures(look: &Look) -> Vec<Figures> {
-    let of = |b: usize| (0..look.fields[b].len()).map(move |k| look.figures(b, k));
-    (0..look.fields.len()).flat_map(of).collect()
+fn figures(samples: &LensSamples) -> Vec<FieldFigures> {
+    let band = |b: usize| (0..samples.fields[b].len()).map(move |k| samples.figures(b, k));
+    (0..samples.fields.len()).flat_map(band).collect()
 }
 
-fn as_json(subject: &Subject, look: &Look, args: &ShowArgs) -> Result<Value> {
-    let fields: Vec<Value> = figures(look).iter().map(Figures::json).collect();
-    Ok(match subject {
-        Subject::Pack(pack) => {
-            let mut value = serde_json::to_value(summary(pack, args.all_bands, turning_error(pack)?))?;
+fn json(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Value> {
+    let fields: Vec<Value> = figures(samples).iter().map(FieldFigures::json).collect();
+    Ok(match lens {
+        LensData::Pack(pack) => {
+            let mut value = serde_json::to_value(summary(pack, args.all_bands, rotation_error(pack)?))?;
             value["rms_is"] = json!("of the PSF inside its window");
             value["fields"] = Value::Array(fields);
             value
         }
-        Subject::Design(system, d) => {
+        LensData::Design(system, d) => {
             let rms = "geometric, about the centroid";
-            let spots: Vec<Value> = spots(system, look)?
+            let spots: Vec<Value> = spots(system, samples)?
                 .iter()
                 .map(|(mm, rms, geo)| json!({ "image_height_mm": mm, "rms_um": rms, "geo_um": geo }))
                 .collect();
@@ -102,7 +97,7 @@ fn as_json(subject: &Subject, look: &Look, args: &ShowArgs) -> Result<Value> {
     })
 }
 
-/// System data under the names a designer expects, with units.
+/// System data: name, value, unit.
 fn design_figures(d: &Description) -> [(&'static str, Value, &'static str); 19] {
     [
         ("effective focal length", json!(d.effective_focal_length_mm), "mm"),
@@ -138,94 +133,98 @@ fn design_json(d: &Description) -> Value {
     Value::Object(map)
 }
 
-fn words(subject: &Subject, look: &Look, args: &ShowArgs) -> Result<String> {
-    let mut out = match subject {
-        Subject::Pack(pack) => format!("{}\n", summary(pack, args.all_bands, turning_error(pack)?)),
-        Subject::Design(system, d) => {
-            let mut out = design_words(&args.lens, d);
+fn text(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<String> {
+    let mut out = match lens {
+        LensData::Pack(pack) => format!("{}\n", summary(pack, args.all_bands, rotation_error(pack)?)),
+        LensData::Design(system, d) => {
+            let mut out = design_text(&args.lens, d);
             for note in &system.notes {
                 out += &format!("note: {note}\n");
             }
             if args.lens == design::BUILTIN {
-                out += &cached();
+                out += &cache_text();
             }
             out + "\n"
         }
     };
-    let rms = match subject {
-        Subject::Design(..) => "RMS and GEO: radius of the spot of rays about its centroid",
-        Subject::Pack(_) => "RMS: radius of the PSF about its centroid, inside its window",
+    let rms = match lens {
+        LensData::Design(..) => "RMS and GEO: RMS and maximum radius of the spot of rays about its centroid",
+        LensData::Pack(_) => "RMS: RMS radius of the PSF about its centroid, inside its window",
     };
     out += &format!(
-        "Distortion of f tan w, f = {:.6} mm (distortion focal length, {} nm); lateral colour from {} nm.\n{rms}; \
-         Strehl at the chief ray.\n\n",
-        look.lens.distortion_focal_length_mm, look.lens.primary_wavelength_nm, look.primary.wavelength_nm,
+        "height: real image height; RI: relative illumination; distortion: relative to f tan w with f = {:.6} mm (distortion focal \
+         length, {} nm);\nlateral: lateral colour relative to {} nm; {rms};\nStrehl: Strehl ratio at the chief ray; window: side of \
+         the PSF window; light: share of the light inside it.\n\n",
+        samples.lens.distortion_focal_length_mm,
+        samples.lens.primary_wavelength_nm,
+        samples.primary.wavelength_nm,
     );
     out += "     nm  height mm  field deg        RI  distortion %  lateral um   RMS um   GEO um  Strehl  window um  light %\n";
-    let known = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
-    for f in figures(look) {
-        let tan = f.ideal_height_mm / look.lens.distortion_focal_length_mm;
-        let degrees = look.lens.object_distance_mm.is_none().then(|| tan.atan().to_degrees());
+    let optional = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
+    for f in figures(samples) {
+        let tan = f.ideal_height_mm / samples.lens.distortion_focal_length_mm;
+        let degrees = samples.lens.object_distance_mm.is_none().then(|| tan.atan().to_degrees());
         out += &format!(
             "{:7.2}  {:9.4}  {:>9}  {:8.5}  {:12.4}  {:10.3}  {:7.3}  {:>7}  {:>6}  {:9.1}  {:7.2}\n",
             f.wavelength_nm,
             f.height_mm,
-            known(degrees, 4),
+            optional(degrees, 4),
             f.illumination,
             f.distortion_percent,
             f.lateral_colour_um,
             f.rms_um,
-            known(f.geo_um, 3),
-            known(f.strehl, 4),
+            optional(f.geo_um, 3),
+            optional(f.strehl, 4),
             f.window_um,
             100.0 * f.energy,
         );
     }
-    if let Subject::Design(system, _) = subject {
+    if let LensData::Design(system, _) = lens {
         out += &format!(
-            "\nSpots of all the design's wavelengths by weight, {RINGS} rings of rays, about the centroid\n"
+            "\nPolychromatic spots: all wavelengths of the design by weight, {RINGS} rings of rays, radius about the centroid\n"
         );
-        for (mm, rms, geo) in spots(system, look)? {
+        for (mm, rms, geo) in spots(system, samples)? {
             out += &format!("{mm:9.4} mm   RMS {rms:.3} um   GEO {geo:.3} um\n");
         }
     }
     Ok(out)
 }
 
-/// Rings of rays of the polychromatic spots: the design programs' default.
+/// Rings of rays of the polychromatic spots: the default of lens design programs.
 const RINGS: usize = 6;
 
-/// Height at the primary wavelength, RMS and GEO radius.
-fn spots(system: &System, look: &Look) -> Result<Vec<(f64, f64, f64)>> {
+/// Polychromatic spots: height at the primary wavelength in mm, RMS and GEO radius in µm.
+fn spots(system: &System, samples: &LensSamples) -> Result<Vec<(f64, f64, f64)>> {
     let tracer = Tracer::new(system, system.primary_um())?;
-    let at = look.fields.first().into_iter().flatten();
-    at.map(|f| {
-        let (rms, geo) = polychromatic_spot(system, tracer.field_of_height(f.height_mm)?, RINGS)?;
-        Ok((f.height_mm, rms, geo))
-    })
-    .collect()
+    let fields = samples.fields.first().into_iter().flatten();
+    fields
+        .map(|f| {
+            let (rms, geo) = polychromatic_spot(system, tracer.field_of_height(f.height_mm)?, RINGS)?;
+            Ok((f.height_mm, rms, geo))
+        })
+        .collect()
 }
 
-fn design_words(name: &str, d: &Description) -> String {
-    let mut out = format!("{}  ({name}, a design; figures at {} nm)\n", d.name, d.primary_wavelength_nm);
+fn design_text(name: &str, d: &Description) -> String {
+    let mut out = format!("{}  ({name}, a design; values at {} nm)\n", d.name, d.primary_wavelength_nm);
     for (name, value, unit) in design_figures(d) {
         let value = match value.as_f64() {
             Some(v) => format!("{v:.6}"),
             None if name == "object distance" => "infinity".into(),
-            // JSON has no word for it: a pupil at infinity.
+            // An infinite value is null in JSON: a pupil at infinity.
             None => "infinite".into(),
         };
         out += &format!("{name:<26} {value:>14} {unit}\n");
     }
-    out + "Entrance pupil from the first surface, exit pupil from the film; working F-number and NA by real rays.\n"
+    out + "Pupil positions: entrance pupil from the first surface, exit pupil from the film. Working F-number and NA: from real rays.\n"
 }
 
-/// The built-in lens as a pack: what of it has been traced so far.
-fn cached() -> String {
+/// Number and size of the traced bands in the cache.
+fn cache_text() -> String {
     let Some(dir) = cache::directory() else { return String::new() };
     let entries = std::fs::read_dir(&dir).map_or(0, |d| d.flatten().count());
     format!(
-        "As a pack: `run` traces the bands that a chart asks for and keeps them; so far {entries} of all designs, {:.0} MB, in {}\n",
+        "`lenscube run` traces the bands of the chart and stores them in the cache: now {entries} bands of all designs, {:.0} MB, in {}\n",
         bytes_of(&dir) as f64 * 1e-6,
         dir.display()
     )

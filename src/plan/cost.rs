@@ -1,7 +1,7 @@
-//! What the tiles of a band cost: estimates, for choosing units and for whoever hands them out.
+//! Estimated cost of the tiles of a band, for dividing a job into units and for schedulers.
 //!
-//! Core seconds are those of one core of a 2.2 GHz Xeon with AVX-512: SVPSF by its own cost model, the other stages as measured
-//! on the paper's job (scripts/bench). Bytes are those before compression.
+//! Core seconds on a 2.2 GHz Xeon with AVX-512: SVPSF by its cost model ([`pipeline::psf::blocks::Blocks::cost_ns`]), the other stages as
+//! measured on the paper's job (scripts/bench). Bytes are those before compression.
 
 use crate::job::Job;
 use crate::open::Chart;
@@ -13,10 +13,10 @@ use pipeline::remap::Remap;
 const OTHER_STAGES_NS: f64 = 21.0;
 /// Kernels of a band: seconds per PSF sample, from 1.9 s for the 31 traced bands' 21 million samples.
 const KERNEL_S: f64 = 90e-9;
-/// Tiles that a GPU has in hand: two slots of a batch.
+/// Tiles on a GPU at a time: two batches.
 const GPU_TILES: usize = 2 * 16;
 
-/// Seconds in milliseconds: more digits would only look exact.
+/// Rounded to milliseconds, the precision of the estimate.
 pub fn rounded(seconds: f64) -> f64 {
     (seconds * 1e3).round() / 1e3
 }
@@ -34,12 +34,12 @@ pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
     pixels(plan, tiles) as f64 * (svpsf + OTHER_STAGES_NS) * 1e-9 + kernels
 }
 
-/// Bytes of the chart that `tiles` (row by row) are made from; rows of tiles share what lies between them.
+/// Bytes of chart read for `tiles` (row by row); what two rows of tiles share is counted once.
 pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
     let sample = match &job.chart {
         Chart::Store(s) => s.sample().bytes(),
         Chart::Raster(r) => r.layout().sample.bytes(),
-        // As laid out.
+        // As in the temporary file that it is decoded to.
         Chart::Exr(_) => size_of::<f32>(),
         Chart::Drawn(_) => return 0,
     };
@@ -49,7 +49,7 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
         Remap::new(&job.frame, &plan.lens, options.stages, options.reading, job.gains[band], options.simd);
     let (mut all, mut end) = (0, 0);
     for row in tiles.chunk_by(|a, b| a.0 == b.0) {
-        let of = |tile| remap.about(job.chart.size(), plan.tiling.rect(tile));
+        let of = |tile| remap.approx_chart_rect(job.chart.size(), plan.tiling.rect(tile));
         let (first, last) = (of(row[0]), of(row[row.len() - 1]));
         let rows = first.y.min(last.y).max(end)..first.bottom().max(last.bottom());
         let width = (last.right() - first.x.min(last.x)).max(0);
@@ -59,7 +59,7 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
     all as u64 * sample as u64
 }
 
-/// Bytes on a GPU: the spectra of all nodes that the tiles can meet, and two slots of tiles with their remap and chart.
+/// Bytes on a GPU: the spectra of all nodes near the tiles, and two batches with chart, remapped image and contribution.
 pub fn gpu_bytes(plan: &BandPlan, tiles: &[(usize, usize)]) -> u64 {
     let (down, across) = plan.tiling.count();
     let share = tiles.len() as f64 / (down * across) as f64;

@@ -1,25 +1,26 @@
-//! The outputs of `lenscube plan`, film, plan and lens pack: three places, none inside another or in an input.
+//! Paths of the outputs of `lenscube plan` (film, plan, lens pack): none may lie inside another or inside an input.
 
 use crate::args::PlanArgs;
 use crate::failure::usage;
-use crate::run::film::real;
+use crate::run::film::resolve_links;
 use anyhow::Result;
 use formats::durable::is_url;
 use std::path::{Path, PathBuf};
 
-/// Fails if an output of the command is, or lies inside, another one or the chart.
-pub fn keep_apart(args: &PlanArgs) -> Result<()> {
-    let film = (format!("the film {}", args.job.film.display()), place(&args.job.film));
+/// Fails if an output is, or lies inside, another output or the chart.
+pub fn check_apart(args: &PlanArgs) -> Result<()> {
+    let film = (format!("the film {}", args.job.film.display()), resolved(&args.job.film));
     let chart = Path::new(args.job.chart.split("//").next().unwrap_or_default());
-    let chart = (format!("the chart {}", args.job.chart), place(chart).filter(|path| path.exists()));
-    // In a directory the plan gets a name of its own.
+    let chart = (format!("the chart {}", args.job.chart), resolved(chart).filter(|path| path.exists()));
+    // In a directory the plan's file name follows from its digest.
     let plan = match args.output.is_dir() {
         true => args.output.join("plan"),
         false => args.output.clone(),
     };
-    let plan = (format!("the plan {}", args.output.display()), place(&plan));
+    let plan = (format!("the plan {}", args.output.display()), resolved(&plan));
     let pack = args.lens_pack.as_deref();
-    let pack = (format!("the lens pack {}", pack.unwrap_or(Path::new("")).display()), pack.and_then(place));
+    let pack =
+        (format!("the lens pack {}", pack.unwrap_or(Path::new("")).display()), pack.and_then(resolved));
     for (inner, outer) in [
         (&plan, &film),
         (&plan, &chart),
@@ -40,10 +41,10 @@ pub fn keep_apart(args: &PlanArgs) -> Result<()> {
     Ok(())
 }
 
-/// Where a path leads; `None` for a URL.
-fn place(path: &Path) -> Option<PathBuf> {
+/// The path with links resolved; `None` for a URL.
+fn resolved(path: &Path) -> Option<PathBuf> {
     if is_url(path) || path.as_os_str().is_empty() {
         return None;
     }
-    Some(real(&std::path::absolute(path).ok()?))
+    Some(resolve_links(&std::path::absolute(path).ok()?))
 }

@@ -1,4 +1,4 @@
-//! The film of a job: created, or opened to go on if it is this job's own; what it tells of how it came to be.
+//! The film of a job: created, or opened to be resumed if it belongs to the same job; its provenance attributes; its locks.
 
 use crate::args::RunArgs;
 use crate::failure::{other_job, usage};
@@ -11,157 +11,168 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// BLAKE3 of a JSON value as it is written, in 64 hexadecimal digits.
+/// The unit of work of a run without a plan, and the name of its lock.
+pub const FILM_LOCK: &str = "whole";
+
+/// BLAKE3 of a JSON value as it is written, 64 hexadecimal digits.
 pub fn digest(value: &Value) -> String {
     blake3::hash(value.to_string().as_bytes()).to_hex().to_string()
 }
 
-/// What changes the film's files and not its pixels.
+/// What changes the film's files and not its pixels, for the layout digest.
 pub fn layout(spec: &FilmSpec) -> Value {
     json!({ "dtype": spec.sample, "shard": spec.shard, "chunk": spec.chunk, "codec": spec.codec })
 }
 
-/// A film may be the chart of the next one, never of itself: `--overwrite` would remove what is to be read. Nor does it lie inside
-/// its chart or its lens pack, whose files it would change.
-pub fn keep_apart(job: &Job, film: &Path) -> Result<()> {
+/// Fails if the film contains its own chart, which `--overwrite` would remove, or lies inside its chart or lens pack, whose files it
+/// would change.
+pub fn check_apart(job: &Job, film: &Path) -> Result<()> {
     if let Chart::Store(chart) = &job.chart {
-        apart_from_chart(film, chart.path())?;
+        check_apart_from_chart(film, chart.path())?;
     }
     match job.lens.pack() {
-        // One that lies inside the film is read, and refuses `--overwrite` as any file does that the film did not make.
-        Some(pack) if !is_url(film) && real(parent_of(film)).starts_with(real(pack.path())) => {
-            Err(apart("lies inside", film, "lens pack", pack.path()))
+        // A pack inside the film is permitted: `--overwrite` removes no file that the film did not create.
+        Some(pack)
+            if !is_url(film) && resolve_links(parent_of(film)).starts_with(resolve_links(pack.path())) =>
+        {
+            Err(not_apart("lies inside", film, "lens pack", pack.path()))
         }
         _ => Ok(()),
     }
 }
 
-fn apart_from_chart(film: &Path, chart: &Path) -> Result<()> {
-    let error = |words: &str| Err(apart(words, film, "chart", chart));
+fn check_apart_from_chart(film: &Path, chart: &Path) -> Result<()> {
+    let error = |relation: &str| Err(not_apart(relation, film, "chart", chart));
     if is_url(film) {
-        // A URL has no other name.
+        // URLs have no links to resolve.
         return match (chart.starts_with(film), film.starts_with(chart)) {
-            (true, _) => error("holds"),
+            (true, _) => error("contains"),
             (_, true) => error("lies inside"),
             _ => Ok(()),
         };
     }
-    let Ok(there) = chart.canonicalize() else { return Ok(()) };
+    let Ok(chart_path) = chart.canonicalize() else { return Ok(()) };
     match film.canonicalize() {
-        Ok(real) if there.starts_with(&real) => error("holds"),
-        _ if real(film).starts_with(&there) => error("lies inside"),
+        Ok(film_path) if chart_path.starts_with(&film_path) => error("contains"),
+        _ if resolve_links(film).starts_with(&chart_path) => error("lies inside"),
         _ => Ok(()),
     }
 }
 
-fn apart(words: &str, film: &Path, what: &str, input: &Path) -> anyhow::Error {
+fn not_apart(relation: &str, film: &Path, what: &str, input: &Path) -> anyhow::Error {
     let (film, input) = (film.display(), input.display());
-    usage(format!("{film} {words} its own {what}, {input}; choose another path"))
+    usage(format!("{film} {relation} its own {what}, {input}; choose another path"))
 }
 
-/// The path with all links of its existing part resolved.
-pub fn real(path: &Path) -> PathBuf {
+/// The path with the links of its existing part resolved.
+pub fn resolve_links(path: &Path) -> PathBuf {
     let parent = parent_of(path);
     match (path.canonicalize(), path.file_name()) {
         (Ok(real), _) => real,
-        (Err(_), Some(name)) if parent != path => real(parent).join(name),
+        (Err(_), Some(name)) if parent != path => resolve_links(parent).join(name),
         _ => path.into(),
     }
 }
 
-/// Creates the film, or opens it to resume if it is this job's own.
+/// Creates the film, or opens it to be resumed.
+///
+/// # Errors
+/// It belongs to another job (exit code 3); the store.
 pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
     let (path, fsync) = (args.film.as_path(), !args.no_fsync);
-    if args.overwrite {
-        remove(path, args.take_over)?;
+    if args.process.overwrite {
+        remove(path, args.process.take_over)?;
         fault_point("film-removed");
     }
     match FilmStore::create(path, job.film.clone(), provenance(job), fsync) {
         Err(FilmError::Exists { .. }) => (),
         created => return Ok(created?),
     }
-    // What a killed creation or removal left beside it.
+    // Temporary entries of a creation or removal that was killed.
     sweep_entries(parent_of(&link_target(path)))?;
-    resumed(job, args)
+    open_existing(job, args)
 }
 
-/// What the film of a job says of itself, or will say once it is created; nothing is changed.
+/// Provenance of the film of a job, or what it will be once the film is created; nothing is changed.
 ///
 /// # Errors
-/// As [`open`] of a film that is there.
-pub fn provenance_of(job: &Job, args: &RunArgs) -> Result<Map<String, Value>> {
-    if args.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
+/// As [`open`] of an existing film.
+pub fn expected_provenance(job: &Job, args: &RunArgs) -> Result<Map<String, Value>> {
+    if args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
         return Ok(provenance(job));
     }
-    Ok(resumed(job, args)?.provenance().clone())
+    Ok(open_existing(job, args)?.provenance().clone())
 }
 
-/// Opens the film if it is this job's own.
-fn resumed(job: &Job, args: &RunArgs) -> Result<FilmStore> {
+/// Opens the film if it belongs to the job.
+fn open_existing(job: &Job, args: &RunArgs) -> Result<FilmStore> {
     let store = FilmStore::open(&args.film, !args.no_fsync).map_err(|e| match e {
         FilmError::NotFilm { .. } => other_job(e.to_string()),
         e => e.into(),
     })?;
-    same_job(&store, job, args)?;
+    check_same_job(&store, job, args)?;
     Ok(store)
 }
 
-/// Fails if the film is another job's.
-fn same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
-    let theirs = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
-    let differ = [differences(&theirs, &job.identity), layout_differences(store.spec(), &job.film)].concat();
+/// Fails if the film belongs to another job.
+fn check_same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
+    let recorded = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
+    let differing =
+        [differences(&recorded, &job.identity), layout_differences(store.spec(), &job.film)].concat();
     let trusted = |key: &&str| args.trust_input && *key == "chart_mtimes";
-    let keys: Vec<&str> = differ.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
+    let keys: Vec<&str> = differing.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
     if keys.is_empty() {
         return Ok(());
     }
-    let way_out = match keys[..] {
+    let remedy = match keys[..] {
         ["chart_mtimes"] => {
-            "files of the chart have the names and sizes they had, but were touched since; if their pixels are the same, go \
-             on with --trust-input, else start it anew with --overwrite"
+            "files of the chart have the same names and sizes but new modification times; if their pixels are the same, continue \
+             with --trust-input, else start again with --overwrite"
         }
-        _ => "choose another path, or start it anew with --overwrite",
+        _ => "choose another path, or start again with --overwrite",
     };
-    let words: Vec<String> =
-        differ.iter().map(|(key, there, asked)| format!("{key} (there {there}, asked {asked})")).collect();
+    let list: Vec<String> = differing
+        .iter()
+        .map(|(key, film, requested)| format!("{key} (film {film}, requested {requested})"))
+        .collect();
     Err(other_job(format!(
-        "{} exists and belongs to another job: {}; {way_out}",
+        "{} exists and belongs to another job: {}; {remedy}",
         store.path().display(),
-        words.join(", ")
+        list.join(", ")
     )))
 }
 
-/// What differs between a planned job and layout and those at hand; nothing if they are the same.
-pub fn not_planned(
-    (job, layout): (&Map<String, Value>, &Value),
-    (own_job, own_layout): (&Map<String, Value>, &Value),
+/// Differences between the planned identity and layout and those found; `None` if there are none.
+pub fn differences_from_plan(
+    (planned, planned_layout): (&Map<String, Value>, &Value),
+    (found, found_layout): (&Map<String, Value>, &Value),
     args: &RunArgs,
 ) -> Option<String> {
-    let mut differ = differences(job, own_job);
-    if let (Some(theirs), Some(own)) = (layout.as_object(), own_layout.as_object()) {
-        differ.extend(differences(theirs, own));
+    let mut differing = differences(planned, found);
+    if let (Some(planned), Some(found)) = (planned_layout.as_object(), found_layout.as_object()) {
+        differing.extend(differences(planned, found));
     }
-    differ.retain(|d| !(args.trust_input && d.0 == "chart_mtimes"));
+    differing.retain(|d| !(args.trust_input && d.0 == "chart_mtimes"));
     let hint =
         |key: &str| if key == "chart_mtimes" { ": if its pixels are the same, --trust-input" } else { "" };
-    let words = differ
+    let list = differing
         .iter()
-        .map(|(key, planned, here)| format!("{key} (planned {planned}, here {here}){}", hint(key)));
-    Some(words.collect::<Vec<_>>().join(", ")).filter(|words| !words.is_empty())
+        .map(|(key, planned, found)| format!("{key} (planned {planned}, found {found}){}", hint(key)));
+    Some(list.collect::<Vec<_>>().join(", ")).filter(|list| !list.is_empty())
 }
 
-/// Removes the film, unless a run is at work on it.
+/// Removes the film, unless a run holds a lock on it.
 fn remove(path: &Path, take_over: bool) -> Result<()> {
-    let _held = match FilmStore::locks(path)?.is_empty() {
+    let _locks = match FilmStore::locks(path)?.is_empty() {
         true => Vec::new(),
         false => lock_all(path, take_over)?,
     };
     Ok(FilmStore::remove_film(path)?)
 }
 
-/// Takes the lock of every unit that any run has locked, and that of the whole film.
+/// Locks every unit that any run has locked, and the complete film.
 pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
-    let mut units: BTreeSet<String> = [super::WHOLE.to_owned()].into();
+    let mut units: BTreeSet<String> = [FILM_LOCK.to_owned()].into();
     for (lock, _, _) in FilmStore::locks(path)? {
         units.extend(lock.file_stem().map(|s| s.to_string_lossy().into_owned()));
     }
@@ -170,57 +181,59 @@ pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
     Ok(locks.collect::<Result<_, _>>()?)
 }
 
+/// Key, recorded value, requested value.
 type Difference = (String, String, String);
 
-/// Words of the job that differ: key, there, asked.
-fn differences(theirs: &Map<String, Value>, own: &Map<String, Value>) -> Vec<Difference> {
+/// Keys that differ.
+fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>) -> Vec<Difference> {
     let show = |map: &Map<String, Value>, key: &String| match map.get(key) {
         None => "nothing".to_owned(),
-        // Enough of a digest to tell it from another; a lens's name may be as long.
+        // Digests are shortened; the length alone is not enough, a lens's name may be as long.
         Some(Value::String(s)) if s.len() == 64 && s.bytes().all(|b| b.is_ascii_hexdigit()) => {
             format!("{}…", &s[..12])
         }
         Some(v) => v.to_string(),
     };
-    let keys: BTreeSet<&String> = own.keys().chain(theirs.keys()).collect();
-    let differ = keys.into_iter().filter(|k| own.get(*k) != theirs.get(*k));
-    differ.map(|k| (k.clone(), show(theirs, k), show(own, k))).collect()
+    let keys: BTreeSet<&String> = requested.keys().chain(recorded.keys()).collect();
+    let differing = keys.into_iter().filter(|k| requested.get(*k) != recorded.get(*k));
+    differing.map(|k| (k.clone(), show(recorded, k), show(requested, k))).collect()
 }
 
-/// As [`differences`], of the layout and what else describes the film.
-fn layout_differences(other: &FilmSpec, own: &FilmSpec) -> Vec<Difference> {
-    if own == other {
+/// As [`differences`], of layout, units and wavelengths.
+fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Difference> {
+    if requested == recorded {
         return Vec::new();
     }
     let all = [
-        ("shard", other.shard.to_string(), own.shard.to_string()),
-        ("chunk", other.chunk.to_string(), own.chunk.to_string()),
-        ("codec", format!("{:?}", other.codec), format!("{:?}", own.codec)),
-        ("dtype", format!("{:?}", other.sample), format!("{:?}", own.sample)),
-        ("units", other.units.clone(), own.units.clone()),
-        ("wavelengths", format!("{:?}", other.wavelengths_nm), format!("{:?}", own.wavelengths_nm)),
+        ("shard", recorded.shard.to_string(), requested.shard.to_string()),
+        ("chunk", recorded.chunk.to_string(), requested.chunk.to_string()),
+        ("codec", format!("{:?}", recorded.codec), format!("{:?}", requested.codec)),
+        ("dtype", format!("{:?}", recorded.sample), format!("{:?}", requested.sample)),
+        ("units", recorded.units.clone(), requested.units.clone()),
+        ("wavelengths", format!("{:?}", recorded.wavelengths_nm), format!("{:?}", requested.wavelengths_nm)),
     ];
-    let mut differ: Vec<Difference> =
-        all.into_iter().filter(|d| d.1 != d.2).map(|(k, there, asked)| (k.into(), there, asked)).collect();
-    if differ.is_empty() {
-        differ.push(("outputs".into(), format!("{:?}", other.outputs), format!("{:?}", own.outputs)));
+    let differing = all.into_iter().filter(|d| d.1 != d.2);
+    let mut differing: Vec<Difference> = differing.map(|(key, a, b)| (key.into(), a, b)).collect();
+    if differing.is_empty() {
+        let outputs = |spec: &FilmSpec| format!("{:?}", spec.outputs);
+        differing.push(("outputs".into(), outputs(recorded), outputs(requested)));
     }
-    differ
+    differing
 }
 
-/// Fails if the chart is not what it was when the job began: some shards may be of one chart, some of another.
-pub fn same_chart(job: &Job) -> Result<()> {
+/// Fails if the chart changed since the job was resolved: shards may then be of different charts.
+pub fn check_chart_unchanged(job: &Job) -> Result<()> {
     let (content, mtimes) = job.chart.identity()?;
     if job.identity.get("chart") != Some(&content) || job.identity.get("chart_mtimes") != Some(&mtimes) {
         bail!(
-            "the chart changed while it was read, so the film may be of both; let the chart rest, then start anew with \
+            "the chart changed during the run, so the film may be of both versions; leave the chart unchanged and start again with \
              --overwrite"
         );
     }
     Ok(())
 }
 
-/// What the film tells of how it came to be; nothing that differs from run to run.
+/// Provenance attributes of the film: nothing that differs from run to run.
 fn provenance(job: &Job) -> Map<String, Value> {
     let identity = Value::Object(job.identity.clone());
     let layout = layout(&job.film);

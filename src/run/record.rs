@@ -1,136 +1,218 @@
-//! What a run did: on the terminal, and in the film's `runs/*.json`, which may differ from run to run.
+//! Record of a run: the summary on the terminal, the `done` event, and the film's `runs/*.json`.
 
-use super::faults::{Failed, Follow};
+use super::monitor::{Monitor, RunFailure};
 use super::units::Units;
 use crate::failure;
 use crate::job::Job;
 use crate::memory::peak_resident;
 use crate::open::Chart;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{json_path, say, summary_lines};
-use formats::durable::Maker;
+use crate::progress::{json_path, log_line, summary_lines};
+use formats::durable::ProcessIdentity;
 use formats::film::FilmStore;
 use pipeline::clock::StageTimes;
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::Summary;
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 
-/// Says to programs that all was done before.
-pub fn nothing_to_do(jsonl: Option<&Jsonl>, store: &FilmStore, shards: usize) {
-    let Some(jsonl) = jsonl else { return };
-    jsonl.line(
-        "start",
-        json!({ "film": json_path(store.path()), "shards": shards, "shards_done": shards, "tiles": 0, "pixels": 0 }),
-    );
-    jsonl.line("done", json!({ "code": 0, "shards": 0, "tiles": 0, "pixels": 0, "bytes_read": 0, "bytes_written": 0, "wall_s": 0.0 }));
+/// How a run ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    /// All its shards are in the film.
+    Complete,
+    /// Stopped by a signal.
+    Interrupted,
+    /// Stopped by an error, or with shards left out.
+    Failed,
+    /// Of a later version.
+    #[default]
+    #[serde(other)]
+    Unknown,
 }
 
-/// Says to programs that all is done.
-pub fn done(jsonl: Option<&Jsonl>, job: &Job, summary: &Summary) {
+/// A file `runs/*.json` of a film: what one run did; it may differ between runs of the same film.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RunRecord {
+    /// End of the run, seconds since 1970.
+    pub finished_unix_s: Option<u64>,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Why it failed.
+    pub error: Option<String>,
+    /// Wall time of the computation.
+    pub wall_s: f64,
+    /// Tiles added.
+    pub tiles: u64,
+    /// Shards committed.
+    pub shards: u64,
+    /// Machine, settings, and figures per stage and per GPU.
+    #[serde(flatten)]
+    details: Map<String, Value>,
+}
+
+/// What was read of the chart.
+#[derive(Clone, Copy, Debug, Default)]
+struct ChartFigures {
+    bytes_read: Option<u64>,
+    chunks_decoded: Option<u64>,
+    missing_chunks: u64,
+    nan_replaced: u64,
+}
+
+impl ChartFigures {
+    fn new(chart: &Chart) -> Self {
+        let flat = |(bytes, nan_replaced)| Self { bytes_read: Some(bytes), nan_replaced, ..Self::default() };
+        match chart {
+            Chart::Store(s) => {
+                let s = s.stats();
+                Self {
+                    bytes_read: Some(s.bytes_read),
+                    chunks_decoded: Some(s.chunks_decoded),
+                    missing_chunks: s.missing_chunks,
+                    nan_replaced: s.nan_replaced,
+                }
+            }
+            Chart::Raster(r) => flat(r.stats()),
+            Chart::Exr(e) => flat(e.stats()),
+            Chart::Drawn(_) => Self::default(),
+        }
+    }
+}
+
+/// Writes the events of a task without missing shards.
+pub fn nothing_to_do(jsonl: Option<&Jsonl>, store: &FilmStore, shards: usize) {
     let Some(jsonl) = jsonl else { return };
-    let bytes_read = match &job.chart {
-        Chart::Store(s) => Some(s.stats().bytes_read),
-        Chart::Raster(r) => Some(r.stats().0),
-        Chart::Exr(e) => Some(e.stats().0),
-        Chart::Drawn(_) => None,
-    };
+    let film = json_path(store.path());
+    jsonl.write(
+        "start",
+        json!({ "film": film, "shards": shards, "shards_done": shards, "tiles": 0, "pixels": 0 }),
+    );
+    jsonl.write("done", json!({ "code": 0, "shards": 0, "tiles": 0, "pixels": 0, "bytes_read": 0, "bytes_written": 0, "wall_s": 0.0 }));
+}
+
+/// Writes the `done` event.
+pub fn write_done_event(jsonl: Option<&Jsonl>, job: &Job, summary: &Summary) {
+    let Some(jsonl) = jsonl else { return };
     let fields = json!({
         "code": 0,
         "shards": summary.shards,
         "tiles": summary.tiles,
         "pixels": summary.pixels,
-        "bytes_read": bytes_read,
+        "bytes_read": ChartFigures::new(&job.chart).bytes_read,
         "bytes_written": summary.bytes_written,
         "peak_resident_bytes": peak_resident(),
         "wall_s": summary.wall_s,
     });
-    jsonl.line("done", fields);
+    jsonl.write("done", fields);
 }
 
-/// Tells and keeps what the run did, however it ended.
+/// Prints the summary of a run, however it ended, and writes its record; `energy` is the share of the light inside the PSF windows per
+/// position.
 pub fn write(
     job: &Job,
     store: &FilmStore,
     units: Option<&Units>,
-    follow: &Follow<'_>,
-    outcome: &Result<Summary, Box<Failed>>,
-    light_held: &[Option<f64>],
+    monitor: &Monitor<'_>,
+    outcome: &Result<Summary, Box<RunFailure>>,
+    energy: &[Option<f64>],
 ) {
-    let (summary, error) = match outcome {
-        Ok(summary) => (Some(summary), None),
-        Err(failed) => (failed.summary.as_ref(), Some(failure::line(&failed.error))),
-    };
-    let (bytes_read, pieces, missing, replaced) = match &job.chart {
-        Chart::Store(s) => {
-            let s = s.stats();
-            (Some(s.bytes_read), Some(s.pieces_decoded), s.missing_pieces, s.nan_replaced)
-        }
-        Chart::Raster(r) => {
-            let (bytes, replaced) = r.stats();
-            (Some(bytes), None, 0, replaced)
-        }
-        Chart::Exr(e) => {
-            let (bytes, replaced) = e.stats();
-            (Some(bytes), None, 0, replaced)
-        }
-        Chart::Drawn(_) => (None, None, 0, 0),
-    };
-    let peak = peak_resident();
-    if let Some(summary) = summary {
-        let outside = light_held.iter().flatten().map(|held| 1.0 - held);
-        let range = outside.fold((1.0f64, 0.0f64), |(a, b), e| (a.min(e), b.max(e)));
-        summary_lines(summary, bytes_read.unwrap_or(0), peak, range).into_iter().for_each(say);
-    }
-    if missing > 0 {
-        say(format!("note: {missing} chunks are missing from the chart and were read as its fill value"));
-    }
-    if replaced > 0 {
-        say(format!("note: {replaced} NaN or infinite pixels or fill values of the chart were read as 0"));
-    }
-    let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-    let interrupted = summary.is_some_and(|s| s.interrupted);
-    let record = json!({
-        "finished_unix_s": seconds,
-        "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
-        "outcome": if error.is_some() { "failed" } else if interrupted { "interrupted" } else { "complete" },
-        "error": error,
-        "host": Maker::here().host,
-        "plan": units.map(|u| &u.name),
-        "units": units.map(Units::listed),
-        "bands": job.film_bands,
-        "startup_s": follow.startup_s,
-        "threads": job.threads,
-        "device": job.device(),
-        "devices": devices(job, summary),
-        "engine": job.engine.to_string(),
-        "memory_limit_bytes": job.memory.limit,
-        "peak_resident_bytes": peak,
-        "wall_s": summary.map_or_else(|| follow.start.elapsed().as_secs_f64(), |s| s.wall_s),
-        "tiles": count(&follow.tiles),
-        "pixels": count(&follow.pixels),
-        "shards": count(&follow.shards),
-        "bytes_written": count(&follow.bytes),
-        "bytes_read": bytes_read,
-        "chart_pieces_decoded": pieces,
-        "spectra_built": summary.map(|s| s.spectra),
-        "light_in_psf_window": light_held,
-        "interrupted": interrupted,
-        "thread_s": summary.map(|s| stage_times(&s.times)),
-        "core_s": summary.map(|s| stage_times(&s.core)),
-    });
-    // Workers in containers often have one process id.
-    let name = format!("runs/{seconds}-{}-{}.json", Maker::here().host, std::process::id());
-    if let Err(e) = store.write_beside(&name, record.to_string().as_bytes()) {
-        say(format!("note: the run's record {name} could not be written: {e}"));
+    let chart = ChartFigures::new(&job.chart);
+    let record = record(job, units, monitor, outcome, energy, &chart);
+    let summary = outcome.as_ref().map_or_else(|failure| failure.summary.as_ref(), Some);
+    print_summary(summary, &chart, energy);
+    // The process number alone is not unique: workers in containers often have the same one.
+    let seconds = record.finished_unix_s.unwrap_or(0);
+    let name = format!("runs/{seconds}-{}-{}.json", ProcessIdentity::current().host, std::process::id());
+    let text = serde_json::to_vec(&record).expect("a record is JSON");
+    if let Err(e) = store.write_record(&name, &text) {
+        log_line(format!("note: the run's record {name} could not be written: {e}"));
     }
 }
 
-/// Each queue's GPU, and what it did if the run came to an end.
-fn devices(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
-    let one = |(i, queue): (usize, &DeviceQueue)| {
+fn record(
+    job: &Job,
+    units: Option<&Units>,
+    monitor: &Monitor<'_>,
+    outcome: &Result<Summary, Box<RunFailure>>,
+    energy: &[Option<f64>],
+    chart: &ChartFigures,
+) -> RunRecord {
+    let (summary, error) = match outcome {
+        Ok(summary) => (Some(summary), None),
+        Err(failure) => (failure.summary.as_ref(), Some(failure::line(&failure.error))),
+    };
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+    let interrupted = summary.is_some_and(|s| s.interrupted);
+    let details = json!({
+        "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+        "host": ProcessIdentity::current().host,
+        "plan": units.map(|u| &u.name),
+        "units": units.map(Units::listed),
+        "bands": job.film_bands,
+        "startup_s": monitor.startup_s,
+        "threads": job.threads,
+        "device": job.device(),
+        "devices": gpus(job, summary),
+        "engine": job.engine.to_string(),
+        "memory_limit_bytes": job.memory.limit,
+        "memory_planned_bytes": job.memory.planned,
+        "peak_resident_bytes": peak_resident(),
+        "pixels": count(&monitor.pixels),
+        "bytes_written": count(&monitor.bytes),
+        "bytes_read": chart.bytes_read,
+        "chart_pieces_decoded": chart.chunks_decoded,
+        "spectra_built": summary.map(|s| s.spectra),
+        "light_in_psf_window": energy,
+        "interrupted": interrupted,
+        "thread_s": summary.map(|s| stage_seconds(&s.times)),
+        "core_s": summary.map(|s| stage_seconds(&s.core)),
+    });
+    let Value::Object(details) = details else { unreachable!("an object is written above") };
+    RunRecord {
+        finished_unix_s: Some(now.map_or(0, |d| d.as_secs())),
+        outcome: match (&error, interrupted) {
+            (Some(_), _) => Outcome::Failed,
+            (None, true) => Outcome::Interrupted,
+            (None, false) => Outcome::Complete,
+        },
+        error,
+        wall_s: summary.map_or_else(|| monitor.start.elapsed().as_secs_f64(), |s| s.wall_s),
+        tiles: count(&monitor.tiles),
+        shards: count(&monitor.shards),
+        details,
+    }
+}
+
+fn print_summary(summary: Option<&Summary>, chart: &ChartFigures, energy: &[Option<f64>]) {
+    if let Some(summary) = summary {
+        let outside = energy.iter().flatten().map(|inside| 1.0 - inside);
+        let range = outside.fold((1.0f64, 0.0f64), |(a, b), e| (a.min(e), b.max(e)));
+        let bytes_read = chart.bytes_read.unwrap_or(0);
+        summary_lines(summary, bytes_read, peak_resident(), range).into_iter().for_each(log_line);
+    }
+    if chart.missing_chunks > 0 {
+        log_line(format!(
+            "note: {} chunks are missing from the chart and were read as its fill value",
+            chart.missing_chunks
+        ));
+    }
+    if chart.nan_replaced > 0 {
+        log_line(format!(
+            "note: {} NaN or infinite pixels or fill values of the chart were read as 0",
+            chart.nan_replaced
+        ));
+    }
+}
+
+/// Each queue's GPU, and its work unless the run was stopped by an error.
+fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
+    let gpu = |(i, queue): (usize, &DeviceQueue)| {
         let info = &queue.device.info;
         let mut value = json!({
             "index": info.index,
@@ -149,10 +231,10 @@ fn devices(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
         }
         value
     };
-    job.queues.iter().enumerate().map(one).collect()
+    job.queues.iter().enumerate().map(gpu).collect()
 }
 
-fn stage_times(t: &StageTimes) -> Value {
+fn stage_seconds(t: &StageTimes) -> Value {
     json!({
         "read": t.read_s, "remap": t.remap_s, "svpsf": t.svpsf_s, "add": t.add_s,
         "encode": t.encode_s, "write": t.write_s, "prepare": t.prepare_s,

@@ -1,4 +1,4 @@
-//! Which shards and tiles a run makes.
+//! The shards and tiles that a run computes.
 
 use super::units::Units;
 use crate::job::Job;
@@ -9,39 +9,47 @@ use pipeline::overlap_add::tiles_needed;
 use pipeline::plan::ShardId;
 use std::collections::BTreeSet;
 
-/// All shards to make or made, per position of the job.
-pub fn asked(job: &Job, units: Option<&Units>) -> Vec<BTreeSet<ShardId>> {
+/// Shards requested, present or not, per position of the job.
+pub fn requested(job: &Job, units: Option<&Units>) -> Vec<BTreeSet<ShardId>> {
     let of = |(band, &film_band): (usize, &usize)| {
-        let mut asked = BTreeSet::new();
+        let mut shards = BTreeSet::new();
         for (window, w) in job.windows.iter().enumerate() {
             let (rows, cols) = w.count();
-            let own =
-                |row: &usize| units.is_none_or(|u| u.has(&job.film.outputs[window].name, film_band, *row));
-            for row in (0..rows).filter(own) {
-                asked.extend((0..cols).map(|col| ShardId { band, window, row, col }));
+            let in_units = |row: &usize| {
+                units.is_none_or(|u| u.contains(&job.film.outputs[window].name, film_band, *row))
+            };
+            for row in (0..rows).filter(in_units) {
+                shards.extend((0..cols).map(|col| ShardId { band, region: window, row, col }));
             }
         }
-        asked
+        shards
     };
     job.film_bands.iter().enumerate().map(of).collect()
 }
 
-/// Those of them that are not there.
-pub fn missing(job: &Job, store: &FilmStore, asked: &[BTreeSet<ShardId>]) -> Result<Vec<BTreeSet<ShardId>>> {
-    let place = |id: &ShardId| (id.window, job.film_bands[id.band], (id.row, id.col));
-    let all: Vec<_> = asked.iter().flatten().map(place).collect();
-    let mut there = store.shards_bytes(&all)?.into_iter();
-    let missing = |asked: &BTreeSet<ShardId>| {
-        asked.iter().filter(|_| there.next().flatten().is_none()).copied().collect()
+/// The requested shards that are not in the film.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn missing(
+    job: &Job,
+    store: &FilmStore,
+    requested: &[BTreeSet<ShardId>],
+) -> Result<Vec<BTreeSet<ShardId>>> {
+    let key = |id: &ShardId| (id.region, job.film_bands[id.band], (id.row, id.col));
+    let all: Vec<_> = requested.iter().flatten().map(key).collect();
+    let mut present = store.shards_bytes(&all)?.into_iter();
+    let missing = |requested: &BTreeSet<ShardId>| {
+        requested.iter().filter(|_| present.next().flatten().is_none()).copied().collect()
     };
-    Ok(asked.iter().map(missing).collect())
+    Ok(requested.iter().map(missing).collect())
 }
 
-/// The tiles to make and their film pixels, per position of the job.
+/// Number of tiles to compute and of their film pixels, per position of the job.
 pub fn tiles(work: &Work<'_>) -> Vec<(u64, u64)> {
     let film = work.film.rect();
     let of = |b: &BandWork| {
-        let tiles = tiles_needed(&b.tiling, work.windows, &b.wanted);
+        let tiles = tiles_needed(&b.tiling, work.windows, &b.shards);
         let pixels = tiles.iter().map(|&t| b.tiling.rect(t).intersect(film).size().pixels() as u64);
         (tiles.len() as u64, pixels.sum())
     };

@@ -1,8 +1,8 @@
-//! The report's tables.
+//! Tables of the report.
 
+use super::band::Band;
 use super::distortion::mean_max;
-use super::esf::Edge;
-use super::{Band, title};
+use super::edge::EdgeResult;
 use serde_json::Value;
 
 /// Text as HTML.
@@ -15,53 +15,59 @@ fn row(tag: &str, cells: impl IntoIterator<Item = String>) -> String {
     format!("<tr>{cells}</tr>")
 }
 
-/// A figure of every edge, band by band.
-pub fn edges_table(bands: &[Band], what: &str, of: impl Fn(&Edge) -> String) -> String {
-    let places = bands[0].edges.iter().map(|e| title(&e.place));
-    let head = row("th", [format!("nm | {what}")].into_iter().chain(places));
-    let one = |b: &Band| row("td", [b.nm.to_string()].into_iter().chain(b.edges.iter().map(&of)));
+/// A value of every edge, one row per band.
+pub fn edges_table(bands: &[Band], what: &str, value: impl Fn(&EdgeResult) -> String) -> String {
+    let places = bands[0].edges.iter().map(|e| e.place.title());
+    let head = row("th", [format!("wavelength (nm) | {what}")].into_iter().chain(places));
+    let one = |b: &Band| row("td", [b.nm.to_string()].into_iter().chain(b.edges.iter().map(&value)));
     format!("<table>{head}{}</table>", bands.iter().map(one).collect::<String>())
 }
 
-/// What the differences come from, by place, the worst band each.
-pub fn blame_table(bands: &[Band]) -> String {
-    let words =
-        ["edge | largest change (1e-3)", "film - lens", "heights", "kernels", "rest", "sampling (no error)"];
+/// Attribution of the differences by edge, maximum over the bands.
+pub fn error_budget_table(bands: &[Band]) -> String {
+    let head = [
+        "edge | maximum change (1e-3)",
+        "film &minus; lens",
+        "heights",
+        "kernels",
+        "rest",
+        "sampling (not an error)",
+    ];
     let one = |k: usize| {
-        let most = |of: fn(&Edge) -> f64| {
-            let worst = bands.iter().map(|b| of(&b.edges[k])).fold(0.0, f64::max);
-            format!("{:.3}", 1e3 * worst)
+        let max = |value: fn(&EdgeResult) -> f64| {
+            let max = bands.iter().map(|b| value(&b.edges[k])).fold(0.0, f64::max);
+            format!("{:.3}", 1e3 * max)
         };
         row(
             "td",
             [
-                title(&bands[0].edges[k].place),
-                most(|e| e.agreement.max_difference),
-                most(|e| e.blame.heights),
-                most(|e| e.blame.kernels),
-                most(|e| e.blame.rest),
-                most(|e| e.blame.sampling),
+                bands[0].edges[k].place.title(),
+                max(|e| e.agreement.max_difference),
+                max(|e| e.error_budget.heights),
+                max(|e| e.error_budget.kernels),
+                max(|e| e.error_budget.rest),
+                max(|e| e.error_budget.sampling),
             ],
         )
     };
     let rows: String = (0..bands[0].edges.len()).map(one).collect();
-    format!("<table>{}{rows}</table>", row("th", words.map(String::from)))
+    format!("<table>{}{rows}</table>", row("th", head.map(String::from)))
 }
 
-/// One line a band.
+/// Results by wavelength, one row per band.
 pub fn bands_table(bands: &[Band]) -> String {
-    let words = [
-        "nm",
+    let head = [
+        "wavelength (nm)",
         "PSF window (px)",
-        "RI: IoU (%)",
-        "RI: largest",
-        "distortion: mean (px)",
-        "largest (px)",
-        "with PSF: mean (px)",
-        "largest (px)",
-        "ESF: least IoU (%)",
-        "ESF: largest",
-        "ESF: area (px)",
+        "relative illumination: IoU (%)",
+        "maximum difference",
+        "distortion: mean error (px)",
+        "maximum error (px)",
+        "with PSF: mean error (px)",
+        "maximum error (px)",
+        "ESF: minimum IoU (%)",
+        "maximum difference",
+        "area between the curves (px)",
     ];
     let one = |b: &Band| {
         let ((mean, max), (psf_mean, psf_max)) = (mean_max(&b.points), mean_max(&b.psf_points));
@@ -84,21 +90,21 @@ pub fn bands_table(bands: &[Band]) -> String {
         )
     };
     let rows: String = bands.iter().map(one).collect();
-    format!("<table>{}{rows}</table>", row("th", words.map(String::from)))
+    format!("<table>{}{rows}</table>", row("th", head.map(String::from)))
 }
 
-/// Table 2 of the paper and its counterpart.
+/// Times of the run beside Table 2 of the paper.
 pub fn times_table(times: &Value) -> String {
     let heading = "<h2>Times</h2>";
     if times.is_null() {
         return format!(
-            "{heading}<p>No full run recorded: name a film that one run made whole by <code>--timing FILM</code>.</p>"
+            "{heading}<p>No full run recorded: give a film that was made completely by one run with <code>--timing FILM</code>.</p>"
         );
     }
     let number = |key: &str| times[key].as_f64().unwrap_or(f64::NAN);
     let core = |key: &str| {
         let share = number(key) / number("threads");
-        format!("{} core time ({} a core)", clock(number(key)), clock(share))
+        format!("{} core time ({} per core)", clock(number(key)), clock(share))
     };
     let windows = &times["psf_window_px"];
     let film = format!("{} x {} px, {} bands", times["film_px"][1], times["film_px"][0], times["bands"]);
@@ -111,8 +117,8 @@ pub fn times_table(times: &Value) -> String {
     let device = format!("{}, {} threads", times["device"].as_str().unwrap_or("?"), times["threads"]);
     let rows = [
         ["Film", &film, "14141 x 14141 px, 31 bands"],
-        ["PSF size", &psf, "50 px"],
-        ["RI + distortion", &core("ri_distortion_core_s"), "27 min 31 s (3.75 Mpx/s)"],
+        ["PSF window", &psf, "50 px"],
+        ["Relative illumination + distortion", &core("ri_distortion_core_s"), "27 min 31 s (3.75 Mpx/s)"],
         ["SVPSF", &core("svpsf_core_s"), "46 min 15 s (2.23 Mpx/s)"],
         ["Input and output", &core("io_core_s"), ""],
         ["Total", &clock(number("wall_s")), "73 min 46 s"],
@@ -121,10 +127,10 @@ pub fn times_table(times: &Value) -> String {
         ["Device", &device, "ten RTX A6000"],
     ];
     let rows: String = rows.into_iter().map(|r| row("td", r.map(escape))).collect();
-    let head = row("th", ["", "the newest full run", "the paper"].map(String::from));
+    let head = row("th", ["", "newest complete run", "paper"].map(String::from));
     format!(
-        "{heading}<p>Of the run that made the film whole, from its own record. Stages overlap here: core time is what each took \
-         of all cores together.</p><table>{head}{rows}</table>"
+        "{heading}<p>From the record of the run that made the complete film. Stages overlap: core time is the sum over all \
+         cores.</p><table>{head}{rows}</table>"
     )
 }
 

@@ -1,27 +1,27 @@
-//! Times of a recorded run, as the paper's Table 2 tells its own.
+//! Times of a recorded run, in the quantities of the paper's Table 2.
 
 use anyhow::{Context, Result};
 use formats::film::FilmStore;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// The newest complete run of `film`; `null` without one.
-pub fn of(film: Option<&Path>) -> Result<Value> {
+/// Times of the newest run that made `film` completely; `null` without one.
+pub fn newest_complete_run(film: Option<&Path>) -> Result<Value> {
     let Some(path) = film else { return Ok(Value::Null) };
     let store = FilmStore::open(path, false).with_context(|| format!("--timing {}", path.display()))?;
     let spec = store.spec();
-    let whole: u64 = spec.outputs.iter().map(|o| o.rect.size().pixels() as u64).sum::<u64>()
+    let film_pixels: u64 = spec.outputs.iter().map(|o| o.rect.size().pixels() as u64).sum::<u64>()
         * spec.wavelengths_nm.len() as u64;
-    // A run that only finished another's film says nothing of the whole.
-    let full = |r: &Map<String, Value>| {
+    // A run that resumed a film has the times of a part only.
+    let complete = |r: &Map<String, Value>| {
         r.get("outcome").and_then(Value::as_str) == Some("complete")
-            && r.get("pixels").and_then(Value::as_u64).is_some_and(|p| p >= whole)
+            && r.get("pixels").and_then(Value::as_u64).is_some_and(|p| p >= film_pixels)
     };
-    let Some(run) = store.runs()?.into_iter().rfind(full) else { return Ok(Value::Null) };
+    let Some(run) = store.runs()?.into_iter().rfind(complete) else { return Ok(Value::Null) };
     let windows = store.provenance().get("bands").and_then(Value::as_array).cloned().unwrap_or_default();
     let windows: Vec<u64> = windows.iter().filter_map(|b| b["psf_window_px"].as_u64()).collect();
     let core = |stages: &[&str]| stages.iter().filter_map(|s| run["core_s"][*s].as_f64()).sum::<f64>();
-    let word = |key: &str| run.get(key).and_then(Value::as_str).unwrap_or("?").to_owned();
+    let text = |key: &str| run.get(key).and_then(Value::as_str).unwrap_or("?").to_owned();
     let wall_s = run["wall_s"].as_f64().unwrap_or(f64::NAN);
     Ok(json!({
         "film_px": [spec.film.height, spec.film.width],
@@ -31,9 +31,9 @@ pub fn of(film: Option<&Path>) -> Result<Value> {
         "svpsf_core_s": core(&["svpsf", "add", "prepare"]),
         "io_core_s": core(&["read", "encode", "write"]),
         "wall_s": wall_s,
-        "mpx_per_s": whole as f64 * 1e-6 / wall_s,
+        "mpx_per_s": film_pixels as f64 * 1e-6 / wall_s,
         "peak_resident_bytes": run.get("peak_resident_bytes"),
         "threads": run.get("threads"),
-        "device": format!("{}, {}", word("device"), word("engine")),
+        "device": format!("{}, {}", text("device"), text("engine")),
     }))
 }

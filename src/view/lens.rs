@@ -1,8 +1,8 @@
-//! What the lens does at a pixel: its figures and PSF there, from the lens that the film was made through.
+//! Figures and PSF of the film's lens at a pixel.
 
 use crate::args::DesignArgs;
 use crate::design;
-use crate::lens::look::Subject;
+use crate::lens::samples::LensData;
 use anyhow::{Context, Result, anyhow};
 use formats::chart::cache::Cache;
 use formats::lens::builtin_names;
@@ -13,83 +13,77 @@ use pipeline::geometry::Size;
 use serde_json::{Map, Value, json};
 use std::sync::Arc;
 
-/// Steps of height at which a lens is looked at, a mm.
+/// Resolution of the image heights, steps per mm.
 const STEPS_PER_MM: f64 = 100.0;
-/// Decades that a logarithmic picture of a PSF shows.
+/// Range of a logarithmic PSF image, decades.
 const DECADES: f64 = 4.0;
-/// Looks to keep, bytes.
-const KEPT: usize = 16 << 20;
+/// Size of the cache of field points.
+const CACHE_BYTES: usize = 16 << 20;
 
-/// A lens and what was seen of it.
+/// Lens of the film.
 pub struct Lens {
-    subject: Subject,
-    /// What its user should know.
+    data: LensData,
+    /// Note for the user.
     pub note: Option<String>,
-    /// By the bits of the wavelength, and steps of height.
-    seen: Cache<Seen, (u64, u64)>,
+    /// Field points by the bits of the wavelength and the steps of height.
+    field_points: Cache<FieldPoint, (u64, u64)>,
 }
 
-/// A lens at one field point and wavelength.
-pub struct Seen {
-    /// Its figures.
-    pub figures: Value,
-    /// Its PSF, the field point on +x.
-    pub psf: PsfWindow,
+/// Lens at one field point and wavelength.
+pub struct FieldPoint {
+    figures: Value,
+    /// PSF, the field point on +x.
+    psf: PsfWindow,
 }
 
 impl Lens {
-    /// The lens named, or the built-in one that the film tells of.
-    pub fn open(named: Option<&str>, provenance: &Map<String, Value>) -> Result<Self> {
+    /// Opens the lens `name`, or without a name the built-in lens that the film's provenance names.
+    pub fn open(name: Option<&str>, provenance: &Map<String, Value>) -> Result<Self> {
         let job = provenance.get("job").cloned().unwrap_or_default();
-        let (name, digest) = (job["lens_name"].as_str(), job["lens_digest"].as_str());
-        if let Some(named) = named {
-            let subject = Subject::open(named, &DesignArgs::default())?;
-            let same = match &subject {
-                Subject::Pack(pack) => Some(pack.digest().context("reading the lens")?) == digest,
-                Subject::Design(..) => Some(subject.name()) == name,
-            };
-            let made = name.unwrap_or("an unknown lens");
-            let note = (!same).then(|| format!("not the lens that the film was made through, {made}"));
-            return Ok(Self::with(subject, note));
+        let (film_lens, digest) = (job["lens_name"].as_str(), job["lens_digest"].as_str());
+        let is_film_lens = |data: &LensData| -> Result<bool> {
+            Ok(match data {
+                LensData::Pack(pack) => Some(pack.digest().context("reading the lens")?) == digest,
+                LensData::Design(..) => Some(data.name()) == film_lens,
+            })
+        };
+        let field_points = Cache::new(CACHE_BYTES);
+        if let Some(name) = name {
+            let data = LensData::open(name, &DesignArgs::default())?;
+            let film_lens = film_lens.unwrap_or("an unknown lens");
+            let note = format!("not the lens that the film was made with, {film_lens}");
+            let note = (!is_film_lens(&data)?).then_some(note);
+            return Ok(Self { data, note, field_points });
         }
-        let name = name.context("the film does not tell its lens; name it with --lens")?;
-        for own in builtin_names().chain([design::BUILTIN]) {
-            let subject = Subject::open(own, &DesignArgs::default())?;
-            let same = match &subject {
-                Subject::Pack(pack) => Some(pack.digest()?) == digest,
-                Subject::Design(..) => subject.name() == name,
-            };
-            if same {
-                return Ok(Self::with(subject, None));
+        let film_lens = film_lens.context("the film does not record its lens; name it with --lens")?;
+        for builtin in builtin_names().chain([design::BUILTIN]) {
+            let data = LensData::open(builtin, &DesignArgs::default())?;
+            if is_film_lens(&data)? {
+                return Ok(Self { data, note: None, field_points });
             }
         }
-        Err(anyhow!("the film was made through {name}, which is not built in; name its file with --lens"))
+        Err(anyhow!("the film was made with {film_lens}, which is not built in; name its file with --lens"))
     }
 
-    fn with(subject: Subject, note: Option<String>) -> Self {
-        Self { subject, note, seen: Cache::new(KEPT) }
-    }
-
-    /// Name shown to people.
     pub fn name(&self) -> &str {
-        self.subject.name()
+        self.data.name()
     }
 
-    /// Looks at REAL image height `height_mm` at `nm`, to the hundredth of a mm.
-    pub fn at(&self, nm: f64, height_mm: f64) -> Result<Arc<Seen>> {
+    /// Figures and PSF at the REAL image height `height_mm`, rounded to 0.01 mm, and `nm`.
+    pub fn field_point(&self, nm: f64, height_mm: f64) -> Result<Arc<FieldPoint>> {
         let step = (height_mm * STEPS_PER_MM).round();
-        self.seen.get((nm.to_bits(), step as u64), || {
-            let look = self.subject.look(&[nm], &[step / STEPS_PER_MM])?;
-            let figures = look.figures(0, 0).json();
-            let field = look.fields.into_iter().flatten().next().context("no field point")?;
+        self.field_points.get((nm.to_bits(), step as u64), || {
+            let samples = self.data.sample(&[nm], &[step / STEPS_PER_MM])?;
+            let figures = samples.figures(0, 0).json();
+            let field = samples.fields.into_iter().flatten().next().context("no field point")?;
             let bytes = field.psf.samples.len() * size_of::<f32>();
-            Ok((Seen { figures, psf: field.psf }, bytes))
+            Ok((FieldPoint { figures, psf: field.psf }, bytes))
         })
     }
 }
 
-impl Seen {
-    /// The figures, and what the picture of the PSF shows.
+impl FieldPoint {
+    /// Figures, and size and centroid of the PSF.
     pub fn json(&self) -> Value {
         let psf = &self.psf;
         json!({
@@ -98,8 +92,8 @@ impl Seen {
         })
     }
 
-    /// A picture of the PSF, its peak white: light as it is, or its logarithm over four decades.
-    pub fn picture(&self, logarithmic: bool) -> Image {
+    /// Image of the PSF with its peak white: linear in light, or its logarithm over [`DECADES`].
+    pub fn psf_image(&self, logarithmic: bool) -> Image {
         let psf = &self.psf;
         let peak = f64::from(psf.samples.iter().fold(f32::MIN_POSITIVE, |a, b| a.max(*b)));
         let mut image = Image::new(Size::new(psf.size, psf.size), [0; 3]);

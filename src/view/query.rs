@@ -1,7 +1,10 @@
-//! What an address asks for, read with suspicion: every number has its bounds, and what is wrong is said.
+//! Query parameters of a request; every number is checked against its bounds.
 
-use super::door::Refusal;
-use super::stack::{Mode, Stack};
+use super::error::HttpError;
+use super::image_pyramid::{ImagePyramid, Mode};
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{self, FromRequestParts};
+use axum::http::request::Parts;
 use formats::picture::tone::Tone;
 use pipeline::colour::Illuminant;
 use pipeline::geometry::{Rect, Size};
@@ -12,82 +15,98 @@ const MAX_CROP_PX: usize = 1 << 24;
 /// Maximum number of pixels along one side of a crop.
 const MAX_CROP_SIDE_PX: usize = 1 << 14;
 
-/// The part of an address after `?`.
-pub struct Query(pub HashMap<String, String>);
+/// Parameters after the `?` of an address.
+pub struct Query(HashMap<String, String>);
+
+impl<S: Send + Sync> FromRequestParts<S> for Query {
+    type Rejection = QueryRejection;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, QueryRejection> {
+        Ok(Self(extract::Query::from_request_parts(parts, state).await?.0))
+    }
+}
 
 impl Query {
-    fn word(&self, key: &str) -> Option<&str> {
+    fn value(&self, key: &str) -> Option<&str> {
         self.0.get(key).map(String::as_str)
     }
 
-    /// A whole number below `end`.
-    fn below(&self, key: &str, end: usize) -> Result<usize, Refusal> {
-        let number = self.word(key).and_then(whole).filter(|n| *n < end);
-        number.ok_or_else(|| Refusal::bad(format!("{key}: expected a whole number below {end}")))
+    /// Integer from 0 to `end` - 1.
+    fn below(&self, key: &str, end: usize) -> Result<usize, HttpError> {
+        let number = self.value(key).and_then(parse_digits).filter(|n| *n < end);
+        let message = || format!("{key}: expected an integer from 0 to {}", end.saturating_sub(1));
+        number.ok_or_else(|| HttpError::bad_request(message()))
     }
 
-    fn within(&self, key: &str, least: f64, most: f64) -> Result<f64, Refusal> {
-        let number = self.word(key).and_then(|t| t.parse::<f64>().ok());
-        let number = number.filter(|v| (least..=most).contains(v));
-        number.ok_or_else(|| Refusal::bad(format!("{key}: expected a number from {least:e} to {most:e}")))
+    fn within(&self, key: &str, min: f64, max: f64) -> Result<f64, HttpError> {
+        let number = self.value(key).and_then(|t| t.parse::<f64>().ok());
+        let number = number.filter(|v| (min..=max).contains(v));
+        number.ok_or_else(|| {
+            HttpError::bad_request(format!("{key}: expected a number from {min:e} to {max:e}"))
+        })
     }
 
-    /// `band=3`, or colours under the light `white=D65`.
-    pub fn mode(&self, stack: &Stack) -> Result<Mode, Refusal> {
-        if self.word("band").is_some() {
-            return Ok(Mode::Band(self.below("band", stack.wavelengths_nm.len())?));
+    /// `image`, `film` by default.
+    pub fn image(&self) -> &str {
+        self.value("image").unwrap_or("film")
+    }
+
+    /// `band=3`, or all bands as colours with the white `white=D65`.
+    pub fn mode(&self, pyramid: &ImagePyramid) -> Result<Mode, HttpError> {
+        if self.value("band").is_some() {
+            return Ok(Mode::Band(self.band(pyramid)?));
         }
-        let light: Result<Illuminant, String> = self.word("white").unwrap_or("D65").parse();
-        Ok(Mode::Colour(light.map_err(|e| Refusal::bad(format!("white: {e}")))?))
+        let light: Result<Illuminant, String> = self.value("white").unwrap_or("D65").parse();
+        Ok(Mode::Colour(light.map_err(|e| HttpError::bad_request(format!("white: {e}")))?))
     }
 
-    /// A band of the film.
-    pub fn band(&self, stack: &Stack) -> Result<usize, Refusal> {
-        self.below("band", stack.wavelengths_nm.len())
+    /// `band`.
+    pub fn band(&self, pyramid: &ImagePyramid) -> Result<usize, HttpError> {
+        self.below("band", pyramid.wavelengths_nm.len())
     }
 
     /// `exposure` and `gamma`.
-    pub fn tone(&self) -> Result<Tone, Refusal> {
+    pub fn tone(&self) -> Result<Tone, HttpError> {
         Ok(Tone { exposure: self.within("exposure", 1e-30, 1e30)?, gamma: self.within("gamma", 0.2, 5.0)? })
     }
 
-    /// `x` and `y` of a pixel of an image of this size: (row, column).
-    pub fn pixel(&self, size: Size) -> Result<(usize, usize), Refusal> {
+    /// `y` and `x`: (row, column) of a pixel of an image of this size.
+    pub fn pixel(&self, size: Size) -> Result<(usize, usize), HttpError> {
         Ok((self.below("y", size.height)?, self.below("x", size.width)?))
     }
 
-    /// `x`, `y`, `w`, `h` of a part of an image of this size.
-    pub fn crop(&self, size: Size) -> Result<Rect, Refusal> {
+    /// `x`, `y`, `w`, `h`: rectangle in an image of this size.
+    pub fn crop(&self, size: Size) -> Result<Rect, HttpError> {
         let (y, x) = self.pixel(size)?;
         let (height, width) = (self.below("h", size.height - y + 1)?, self.below("w", size.width - x + 1)?);
         if height * width == 0 || height * width > MAX_CROP_PX || height.max(width) > MAX_CROP_SIDE_PX {
-            return Err(Refusal::bad(format!(
-                "a crop has 1 to {MAX_CROP_PX} pixels and sides of at most {MAX_CROP_SIDE_PX}, not {height} x {width}; \
-                 `lenscube export` makes larger pictures"
+            return Err(HttpError::bad_request(format!(
+                "a crop must have 1 to {MAX_CROP_PX} pixels and sides of at most {MAX_CROP_SIDE_PX} px, not {height} x {width}; use \
+                 `lenscube export` for larger pictures"
             )));
         }
         Ok(Rect::new(y as i64, x as i64, height, width))
     }
 
-    /// Whether `key` is set.
-    pub fn set(&self, key: &str) -> bool {
-        self.word(key).is_some_and(|w| w == "1")
+    /// Whether `key` is `1`.
+    pub fn is_set(&self, key: &str) -> bool {
+        self.value(key).is_some_and(|v| v == "1")
     }
 }
 
-/// `3_5.png`: tile row 3, column 5.
-pub fn tile(level: &str, name: &str, stack: &Stack) -> Result<(usize, (usize, usize)), Refusal> {
-    let none = || Refusal::missing("no such tile");
+/// Level and (row, column) of a tile `ROW_COLUMN.png`.
+pub fn tile(level: &str, name: &str, pyramid: &ImagePyramid) -> Result<(usize, (usize, usize)), HttpError> {
+    let none = || HttpError::not_found("no such tile");
     let (row, column) = name.strip_suffix(".png").and_then(|n| n.split_once('_')).ok_or_else(none)?;
-    let parsed = (whole(level), whole(row), whole(column));
+    let parsed = (parse_digits(level), parse_digits(row), parse_digits(column));
     let (Some(level), Some(row), Some(column)) = parsed else { return Err(none()) };
-    stack.tile_rect(level, (row, column)).map(|_| (level, (row, column))).ok_or_else(none)
+    pyramid.tile_rect(level, (row, column)).map(|_| (level, (row, column))).ok_or_else(none)
 }
 
-/// Digits and nothing else, not too many.
-fn whole(text: &str) -> Option<usize> {
-    let digits = (1..=9).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_digit());
-    digits.then(|| text.parse().ok()).flatten()
+/// Number of 1 to 9 decimal digits.
+fn parse_digits(text: &str) -> Option<usize> {
+    let valid = (1..=9).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_digit());
+    valid.then(|| text.parse().ok()).flatten()
 }
 
 #[cfg(test)]
@@ -95,15 +114,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_digits() {
-        assert_eq!((whole("0"), whole("123456789")), (Some(0), Some(123_456_789)));
+    fn numbers_are_1_to_9_decimal_parse_digits() {
+        assert_eq!((parse_digits("0"), parse_digits("123456789")), (Some(0), Some(123_456_789)));
         for bad in ["", "-1", "+1", " 1", "1e3", "1234567890", "0x1", "٣"] {
-            assert_eq!(whole(bad), None, "{bad}");
+            assert_eq!(parse_digits(bad), None, "{bad}");
         }
     }
 
     #[test]
-    fn absurd_wishes_are_refused() {
+    fn crop_and_tone_out_of_bounds_are_rejected() {
         let query = |text: &str| {
             let pairs = text.split('&').filter_map(|p| p.split_once('='));
             Query(pairs.map(|(k, v)| (k.to_owned(), v.to_owned())).collect())

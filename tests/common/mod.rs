@@ -1,7 +1,7 @@
-//! The binary from outside, and the stores that it reads and writes.
-#![allow(missing_docs, dead_code, reason = "shared by tests that each use a part")]
+//! Helpers for tests that run the binary: commands, and stores that it reads and writes.
+#![allow(missing_docs, dead_code, reason = "each test binary uses a subset")]
 
-pub mod place;
+pub mod test_job;
 
 use formats::chart::{ChartMeta, ChartOptions, ChartStore, Codec, write_chart};
 use formats::lens::{LensPackError, PackAttributes};
@@ -13,16 +13,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// What a command left behind: exit code and stderr.
+/// Exit code and output of a command; the code is -1 after a signal.
 #[derive(Debug)]
-pub struct Ran {
+pub struct CommandResult {
     pub code: i32,
     pub stdout: String,
     pub stderr: String,
 }
 
-impl Ran {
-    pub fn of(output: &Output) -> Self {
+impl CommandResult {
+    pub fn new(output: &Output) -> Self {
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         Self {
             code: output.status.code().unwrap_or(-1),
@@ -31,15 +31,40 @@ impl Ran {
         }
     }
 
-    /// Fails the test unless the command ended well.
+    /// Asserts exit code 0.
     pub fn ok(self) -> Self {
         assert_eq!(self.code, 0, "{}", self.stderr);
         self
     }
 }
 
-pub fn lenscube(words: &[&str]) -> Ran {
-    Ran::of(&Command::new(env!("CARGO_BIN_EXE_lenscube")).args(words).output().unwrap())
+/// Asserts the exit code, that stdout or stderr contains all `texts`, and that there was no panic.
+pub fn assert_exit(result: &CommandResult, code: i32, texts: &[&str]) {
+    let CommandResult { stdout, stderr, .. } = result;
+    assert_eq!(result.code, code, "{stdout}{stderr}");
+    assert!(!stderr.contains("panicked"), "{stderr}");
+    for text in texts {
+        assert!(stdout.contains(text) || stderr.contains(text), "`{text}` is not in: {stdout}{stderr}");
+    }
+}
+
+/// Asserts the exit code, and that stderr ends with one error line that contains all `texts`, without repeated parts.
+pub fn assert_error_line(result: &CommandResult, code: i32, texts: &[&str]) {
+    let CommandResult { stderr, .. } = result;
+    assert_eq!(result.code, code, "{stderr}");
+    let lines: Vec<&str> = stderr.lines().filter(|l| l.starts_with("lenscube: ")).collect();
+    assert!(lines.len() == 1 && stderr.trim_end().ends_with(lines[0]), "not one line at the end: {stderr}");
+    for text in texts {
+        assert!(lines[0].contains(text), "`{text}` is not in: {}", lines[0]);
+    }
+    let parts: Vec<&str> = lines[0].split(": ").filter(|p| p.len() > 12).collect();
+    let repeated = parts.iter().enumerate().find(|(i, p)| parts[..*i].contains(p));
+    assert!(repeated.is_none(), "repeated: {}", lines[0]);
+    assert!(!stderr.contains("panicked"), "{stderr}");
+}
+
+pub fn lenscube(words: &[&str]) -> CommandResult {
+    CommandResult::new(&Command::new(env!("CARGO_BIN_EXE_lenscube")).args(words).output().unwrap())
 }
 
 pub fn text(path: &Path) -> &str {
@@ -47,33 +72,33 @@ pub fn text(path: &Path) -> &str {
 }
 
 /// `lenscube run CHART FILM --lens LENS FLAGS`, on two threads and without fsync unless the flags say so.
-pub fn run(chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
+pub fn run(chart: &str, film: &Path, lens: &str, flags: &[&str]) -> CommandResult {
     run_by(&mut Command::new(env!("CARGO_BIN_EXE_lenscube")), chart, film, lens, flags)
 }
 
-/// The same by the engine of `isa`.
-pub fn run_on(isa: Isa, chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
+/// [`run`] with the engine of `isa`.
+pub fn run_on(isa: Isa, chart: &str, film: &Path, lens: &str, flags: &[&str]) -> CommandResult {
     let engine = ["--device", "cpu", "--engine", isa.name()];
     run(chart, film, lens, &[&engine[..], flags].concat())
 }
 
-fn run_by(command: &mut Command, chart: &str, film: &Path, lens: &str, flags: &[&str]) -> Ran {
+fn run_by(command: &mut Command, chart: &str, film: &Path, lens: &str, flags: &[&str]) -> CommandResult {
     let mut words = vec!["run", chart, text(film), "--lens", lens, "--no-fsync"];
     if !flags.contains(&"--threads") {
         words.extend(["--threads", "2"]);
     }
     words.extend(flags);
-    Ran::of(&command.args(&words).output().unwrap())
+    CommandResult::new(&command.args(&words).output().unwrap())
 }
 
-/// The values of two images of the same bands and sizes, side by side.
+/// Pairs of values of two images, whose bands and sizes must be equal.
 pub fn pairs<'a>(a: &'a [Vec<f32>], b: &'a [Vec<f32>]) -> impl Iterator<Item = (f32, f32)> + 'a {
     let lengths = |bands: &[Vec<f32>]| bands.iter().map(Vec::len).collect::<Vec<_>>();
     assert_eq!(lengths(a), lengths(b), "values in each band");
     a.iter().flatten().copied().zip(b.iter().flatten().copied())
 }
 
-/// Every pixel of one array of a store: size and bands.
+/// Size and bands of one array of a store.
 pub fn pixels(store: &Path, array: &str) -> (Size, Vec<Vec<f32>>) {
     let store = ChartStore::open(&format!("{}//{array}", text(store)), ChartOptions::default()).unwrap();
     let size = store.size();
@@ -89,7 +114,7 @@ pub fn bits(bands: &[Vec<f32>]) -> Vec<Vec<u32>> {
     bands.iter().map(|b| b.iter().map(|v| v.to_bits()).collect()).collect()
 }
 
-/// Files of a film's arrays and all metadata, by path: what must not differ from run to run. `runs/` may.
+/// Files of a store by path, without `runs/`, which may differ from run to run.
 pub fn files(store: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut todo = vec![store.to_path_buf()];
@@ -115,7 +140,7 @@ pub fn shards(store: &Path) -> Vec<PathBuf> {
     files(store).into_keys().filter(inside).collect()
 }
 
-/// Reproducible noise in [0, 1): splitmix64.
+/// Reproducible noise in [0, 1): SplitMix64.
 pub struct Noise(pub u64);
 
 impl Noise {
@@ -141,7 +166,7 @@ impl Picture {
         Self { size, bands: (0..bands).map(band).collect() }
     }
 
-    /// Writes it with wavelengths 450, 500, … nm at 2 µm.
+    /// Writes a chart with wavelengths 450, 500, … nm and a pitch of 2 µm.
     pub fn write(&self, path: &Path) {
         let meta = ChartMeta {
             wavelengths_nm: (0..self.bands.len()).map(|b| 450.0 + 50.0 * b as f64).collect(),
@@ -165,7 +190,7 @@ impl ChartSource for Picture {
     }
 }
 
-/// Tables up to `reach_mm` that change nothing: no distortion, R = 1; PSF windows of `size` samples of 2 µm at four heights.
+/// Tables up to `reach_mm` without distortion and with R = 1; PSF windows of `size` samples of 2 µm at four heights.
 pub fn identity_band(wavelength_nm: f64, reach_mm: f64, size: usize) -> LensBand {
     let heights: Vec<f64> = (0..50).map(|i| reach_mm * f64::from(i) / 49.0).collect();
     LensBand {
@@ -197,7 +222,7 @@ pub fn lens(bands: Vec<LensBand>) -> Lens {
     }
 }
 
-/// All light on the chief ray.
+/// PSFs with all light on the chief ray.
 pub fn delta(band: &LensBand) -> PsfStack {
     let n = band.psf_size;
     let mut samples = vec![0.0; band.psf_height_mm.len() * n * n];
@@ -205,7 +230,7 @@ pub fn delta(band: &LensBand) -> PsfStack {
     PsfStack { size: n, pitch_um: band.psf_pitch_um, sample: PsfSample::Integrated, samples }
 }
 
-/// Light all over the window, other light at every height.
+/// PSFs with noise over the entire window, different at every height.
 pub fn scattered(seed: u64, band: &LensBand) -> PsfStack {
     let n = band.psf_size;
     let mut noise = Noise(seed);

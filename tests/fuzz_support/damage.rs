@@ -1,9 +1,9 @@
-//! Damage that knows nothing of the format: bytes, numbers in binary, words and lines of a text.
+//! Damage independent of the format: bytes, binary numbers, words and lines of a text.
 
 use super::Random;
-use super::strange::{integer, magnitude, name};
+use super::extreme::{integer, magnitude, name};
 
-/// Flips bits, sets bytes, cuts, repeats a part, writes a number in binary.
+/// Flips bits, sets bytes, truncates, repeats a part, or writes a binary number.
 pub fn damage(bytes: &mut Vec<u8>, r: &mut Random) {
     for _ in 0..=r.below(3) {
         let at = r.below(bytes.len());
@@ -15,31 +15,31 @@ pub fn damage(bytes: &mut Vec<u8>, r: &mut Random) {
                 bytes.extend(part);
             }
             2 if at < bytes.len() => bytes[at] = [0, 0xFF, 0x7F, 0x80][r.below(4)],
-            3 => number(bytes, at, r),
+            3 => write_number(bytes, at, r),
             _ if at < bytes.len() => bytes[at] ^= 1 << r.below(8),
             _ => {}
         }
     }
 }
 
-/// A float or an integer of 2 to 8 bytes, in either byte order, at a place that such a number may have.
-fn number(bytes: &mut [u8], at: usize, r: &mut Random) {
-    let mut word: Vec<u8> = match r.below(4) {
+/// Writes a float or an integer of 4 or 8 bytes, in either byte order, at an offset aligned to 1, 2, 4 or 8 bytes.
+fn write_number(bytes: &mut [u8], at: usize, r: &mut Random) {
+    let mut number: Vec<u8> = match r.below(4) {
         0 => (magnitude(r) as f32).to_le_bytes().into(),
         1 => magnitude(r).to_le_bytes().into(),
         2 => (integer(r) as u32).to_le_bytes().into(),
         _ => integer(r).to_le_bytes().into(),
     };
     if r.below(4) == 0 {
-        word.reverse();
+        number.reverse();
     }
     let at = at - at % [1, 2, 4, 8][r.below(4)];
-    let n = word.len().min(bytes.len().saturating_sub(at));
-    bytes[at..at + n].copy_from_slice(&word[..n]);
+    let n = number.len().min(bytes.len().saturating_sub(at));
+    bytes[at..at + n].copy_from_slice(&number[..n]);
 }
 
-/// Words that have broken parsers before.
-const WORDS: [&str; 40] = [
+/// Texts that are difficult for parsers.
+const TOKENS: [&str; 40] = [
     "nan",
     "inf",
     "-inf",
@@ -82,23 +82,23 @@ const WORDS: [&str; 40] = [
     "#",
 ];
 
-fn word(r: &mut Random) -> Vec<u8> {
+fn token(r: &mut Random) -> Vec<u8> {
     match r.below(8) {
         0 | 1 => format!("{:e}", magnitude(r)).into_bytes(),
         2 => integer(r).to_string().into_bytes(),
         3 => name(r),
-        _ => r.one(&WORDS).as_bytes().to_vec(),
+        _ => r.pick(&TOKENS).as_bytes().to_vec(),
     }
 }
 
-/// Changes words and lines of a text, and now and then its bytes.
+/// Damages words and lines of a text, and sometimes its bytes.
 pub fn damage_text(bytes: &mut Vec<u8>, r: &mut Random) {
     for _ in 0..=r.below(3) {
         match r.below(8) {
             0 => damage(bytes, r),
             1 | 2 => {
                 let at = r.below(bytes.len() + 1);
-                bytes.splice(at..at, word(r));
+                bytes.splice(at..at, token(r));
             }
             3 => {
                 let line = line(bytes, r);
@@ -114,7 +114,7 @@ pub fn damage_text(bytes: &mut Vec<u8>, r: &mut Random) {
                 let blank = |b: &u8| b.is_ascii_whitespace() || b"=,:;&?\"".contains(b);
                 let start = bytes[..at.min(bytes.len())].iter().rposition(blank).map_or(0, |i| i + 1);
                 let end = bytes[start..].iter().position(blank).map_or(bytes.len(), |i| start + i);
-                bytes.splice(start..end, word(r));
+                bytes.splice(start..end, token(r));
             }
         }
     }

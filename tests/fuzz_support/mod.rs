@@ -1,12 +1,12 @@
-//! Damaged and invented input for everything that reads: any result is right but a panic, a case that takes long, or one that takes
-//! much memory.
+//! Fuzz harness: damaged and generated input for every reader. A finding is a panic, or a case that exceeds the bounds of time or memory.
 //!
-//! Normal test runs take a few hundred cases. `LENSCUBE_FUZZ_CASES` raises the number, bounds each case (below) and prints one line a
-//! target, of which `scripts/fuzz` makes a table. Seeds are fixed, so that a finding is found again; its input goes to the temp folder.
+//! Normal test runs execute a few hundred cases. `LENSCUBE_FUZZ_CASES` sets the number, applies the bounds to each case and prints one line
+//! per target, which `scripts/fuzz` collects in a table. Seeds are fixed, so findings are reproducible; the input of a finding is written
+//! to the temporary directory.
 #![allow(missing_docs, dead_code, unused_imports, reason = "shared by tests that each use a part")]
 
 mod damage;
-pub mod strange;
+pub mod extreme;
 
 pub use damage::{damage, damage_text};
 
@@ -18,21 +18,21 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Once};
 use std::time::{Duration, Instant};
 
-/// Bound of the memory of the test process at its largest.
-const PROCESS_MEMORY: u64 = 2 << 30;
-/// Bound of what one case may add to the memory of the process. Seeds are below 1 MiB, declared pieces below 8 MiB.
-const CASE_MEMORY: u64 = 256 << 20;
-/// Bound of a case's time; one beyond it is read again, as the machine may have been busy.
-const CASE_TIME: Duration = Duration::from_secs(1);
-/// A case that has not ended after this time ends the process.
-const HANG: u64 = 60;
+/// Maximum peak memory of the test process in bytes.
+const MAX_PROCESS_BYTES: u64 = 2 << 30;
+/// Maximum growth of the process during one case in bytes. Seeds are below 1 MiB, stated chunk sizes below 8 MiB.
+const MAX_CASE_BYTES: u64 = 256 << 20;
+/// Maximum time of a case; a slower one is repeated, because the machine may have been busy.
+const MAX_CASE_TIME: Duration = Duration::from_secs(1);
+/// A case that has not ended after this time (seconds) ends the process.
+const HANG_S: u64 = 60;
 
-/// Cases of a target: `few` unless the environment asks for another number.
-pub fn cases(few: usize) -> usize {
-    asked().unwrap_or(few)
+/// Number of cases of a target: `default`, or that of the environment.
+pub fn cases(default: usize) -> usize {
+    cases_from_environment().unwrap_or(default)
 }
 
-fn asked() -> Option<usize> {
+fn cases_from_environment() -> Option<usize> {
     let text = std::env::var("LENSCUBE_FUZZ_CASES").ok()?;
     Some(text.parse().expect("LENSCUBE_FUZZ_CASES is a number"))
 }
@@ -52,61 +52,62 @@ impl Random {
         (self.next() % n.max(1) as u64) as usize
     }
 
-    pub fn one<'a, T: ?Sized>(&mut self, of: &[&'a T]) -> &'a T {
-        of[self.below(of.len())]
+    pub fn pick<'a, T: ?Sized>(&mut self, items: &[&'a T]) -> &'a T {
+        items[self.below(items.len())]
     }
 }
 
 thread_local! {
     static FUZZING: Cell<bool> = const { Cell::new(false) };
-    static LAST: RefCell<String> = const { RefCell::new(String::new()) };
+    static LAST_PANIC: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// What came of one case.
+/// Result of one case.
 enum Outcome {
-    Used(bool),
+    /// Whether the reader accepted it.
+    Read(bool),
     Finding(String),
 }
 
-/// Reads one case, the panic's text being the finding.
-fn outcome(case: &[u8], read: &mut impl FnMut(&[u8]) -> bool) -> Outcome {
+/// Reads one case; the text of a panic is the finding.
+fn read_case(case: &[u8], read: &mut impl FnMut(&[u8]) -> bool) -> Outcome {
     FUZZING.set(true);
     let result = catch_unwind(AssertUnwindSafe(|| read(case)));
     FUZZING.set(false);
     match result {
-        Ok(used) => Outcome::Used(used),
-        Err(_) => Outcome::Finding(LAST.take()),
+        Ok(accepted) => Outcome::Read(accepted),
+        Err(_) => Outcome::Finding(LAST_PANIC.take()),
     }
 }
 
 /// Reads one case within the bounds of time and memory.
-fn bounded(case: &[u8], read: &mut impl FnMut(&[u8]) -> bool) -> Outcome {
+fn read_case_bounded(case: &[u8], read: &mut impl FnMut(&[u8]) -> bool) -> Outcome {
     reset_peak_memory();
     let before = peak_memory();
     let start = Instant::now();
-    let first = outcome(case, read);
+    let first = read_case(case, read);
     let grown = peak_memory().saturating_sub(before);
     if matches!(first, Outcome::Finding(_)) {
         return first;
     }
-    if grown > CASE_MEMORY {
-        return Outcome::Finding("a case takes more than 256 MiB".into());
+    if grown > MAX_CASE_BYTES {
+        return Outcome::Finding("a case uses more than 256 MiB".into());
     }
-    if start.elapsed() > CASE_TIME {
+    if start.elapsed() > MAX_CASE_TIME {
         let again = Instant::now();
-        let _ = outcome(case, read);
-        if again.elapsed() > CASE_TIME {
+        let _ = read_case(case, read);
+        if again.elapsed() > MAX_CASE_TIME {
             return Outcome::Finding("a case takes more than 1 s, twice".into());
         }
     }
     first
 }
 
-/// Feeds `make`'s cases to `read`, which returns whether it could use them. Fails on panics, on time and memory beyond the
-/// bounds, and if no case was used or every case was.
+/// Passes the cases of `make` to `read`, which returns whether it accepted them. Fails on panics, on time and memory beyond the
+/// bounds, and if no case or every case was accepted.
 pub fn fuzz(
     target: &str,
-    few: usize,
+    default_cases: usize,
     mut make: impl FnMut(&mut Random) -> Vec<u8>,
     mut read: impl FnMut(&[u8]) -> bool,
 ) {
@@ -114,60 +115,63 @@ pub fn fuzz(
     HOOK.call_once(|| {
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| match FUZZING.get() {
-            true => LAST.set(info.to_string().replace('\n', " ")),
+            true => LAST_PANIC.set(info.to_string().replace('\n', " ")),
             false => before(info),
         }));
     });
-    let kept = |name: String| {
+    let file = |name: String| {
         std::env::temp_dir().join(format!("lenscube-fuzz-{}-{name}", target.replace(' ', "-")))
     };
-    let long = asked().is_some();
-    let current = kept(format!("current-{}", std::process::id()));
-    let current = memory_folder().join(current.file_name().expect("a file's path"));
+    let long = cases_from_environment().is_some();
+    let current = file(format!("current-{}", std::process::id()));
+    let current = memory_directory().join(current.file_name().expect("a file's path"));
     let watch = long.then(|| Watchdog::start(target, current.clone()));
-    let (total, start) = (cases(few), Instant::now());
+    let (total, start) = (cases(default_cases), Instant::now());
     let mut r = Random(target.bytes().fold(1, |seed: u64, b| seed.wrapping_mul(31).wrapping_add(b.into())));
     let mut findings: BTreeMap<String, usize> = BTreeMap::new();
-    let mut used = 0;
+    let mut accepted = 0;
     for _ in 0..total {
         let case = make(&mut r);
         let outcome = match &watch {
-            None => outcome(&case, &mut read),
+            None => read_case(&case, &mut read),
             Some(watch) => {
-                // What a case leaves that ends the process.
-                std::fs::write(&current, &case).expect("the case is kept");
+                // Kept if the case ends the process.
+                std::fs::write(&current, &case).expect("the input is written");
                 watch.begin();
-                bounded(&case, &mut read)
+                read_case_bounded(&case, &mut read)
             }
         };
         match outcome {
-            Outcome::Used(good) => used += usize::from(good),
+            Outcome::Read(ok) => accepted += usize::from(ok),
             Outcome::Finding(what) => {
                 let number = findings.len() + 1;
                 let count = findings.entry(what).or_default();
                 *count += 1;
                 if *count == 1 {
-                    std::fs::write(kept(number.to_string()), &case).expect("the case is kept");
+                    std::fs::write(file(number.to_string()), &case).expect("the input is written");
                 }
             }
         }
     }
     drop(watch);
     let _ = std::fs::remove_file(&current);
-    print_row(target, total, start.elapsed().as_secs_f64(), findings.len(), used);
+    print_row(target, total, start.elapsed().as_secs_f64(), findings.len(), accepted);
     assert!(findings.is_empty(), "{target}: {findings:#?}");
-    assert!(used > 0 && used < total, "{target}: {used} of {total} cases passed, so nothing was tried");
+    assert!(
+        accepted > 0 && accepted < total,
+        "{target}: {accepted} of {total} cases were accepted, so the target tests nothing"
+    );
     let peak = peak_memory();
-    assert!(peak < PROCESS_MEMORY, "{target}: the process held {peak} bytes");
+    assert!(peak < MAX_PROCESS_BYTES, "{target}: the process used {peak} bytes");
 }
 
-/// Where a file may be written for every case: in memory where the system has such a place.
-pub fn memory_folder() -> PathBuf {
+/// Directory for files written for every case: in memory if the system has one.
+pub fn memory_directory() -> PathBuf {
     let shared = PathBuf::from("/dev/shm");
     if shared.is_dir() { shared } else { std::env::temp_dir() }
 }
 
-/// Ends the process when a case does not end.
+/// Ends the process if a case does not end.
 struct Watchdog(Arc<(AtomicU64, Instant)>);
 
 impl Watchdog {
@@ -176,9 +180,9 @@ impl Watchdog {
         let watched = Arc::downgrade(&state);
         std::thread::spawn(move || {
             while let Some(state) = watched.upgrade() {
-                if state.1.elapsed().as_secs() > state.0.load(Ordering::Relaxed) + HANG {
+                if state.1.elapsed().as_secs() > state.0.load(Ordering::Relaxed) + HANG_S {
                     eprintln!(
-                        "{target}: a case has not ended after {HANG} s; its input: {}",
+                        "{target}: a case has not ended after {HANG_S} s; its input: {}",
                         current.display()
                     );
                     std::process::exit(101);
@@ -196,21 +200,21 @@ impl Watchdog {
 }
 
 /// One line for `scripts/fuzz`.
-pub fn print_row(target: &str, cases: usize, seconds: f64, findings: usize, used: usize) {
-    if asked().is_some() {
-        let (used, peak) = (100.0 * used as f64 / cases as f64, peak_memory() >> 20);
-        println!("\nFUZZ\t{target}\t{cases}\t{seconds:.1}\t{findings}\t{used:.1}\t{peak}");
+pub fn print_row(target: &str, cases: usize, seconds: f64, findings: usize, accepted: usize) {
+    if cases_from_environment().is_some() {
+        let (accepted, peak) = (100.0 * accepted as f64 / cases as f64, peak_memory() >> 20);
+        println!("\nFUZZ\t{target}\t{cases}\t{seconds:.1}\t{findings}\t{accepted:.1}\t{peak}");
     }
 }
 
-/// Largest resident memory of this process since the last reset; 0 where the system does not report it.
+/// Peak resident memory of this process since the last reset; 0 if the system does not report it.
 fn peak_memory() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
     line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok()).map_or(0, |kib| kib << 10)
 }
 
-/// The peak begins anew (Linux, proc(5)); elsewhere it is that of the whole process, and only new records count.
+/// Resets the peak (Linux, proc(5)); elsewhere the peak is that of the process since its start.
 fn reset_peak_memory() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }

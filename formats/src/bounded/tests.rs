@@ -1,4 +1,4 @@
-//! Chunks that decode to more than their size, or claim to: an error, and memory for the size only.
+//! Chunks that decode to more than their size, or declare that, are errors and take memory for their size only.
 
 use super::*;
 use serde_json::{Value, json};
@@ -22,7 +22,7 @@ fn decode(codecs: &Value, encoded: &[u8]) -> Result<Vec<u8>, String> {
     chain.decode(Cow::Borrowed(encoded), &shape, &data_type::float32(), &FillValue::from(0f32))
 }
 
-fn every_compression() -> Vec<Value> {
+fn all_compressions() -> Vec<Value> {
     let gzip = json!({"name": "gzip", "configuration": {"level": 1}});
     let zlib = json!({"name": "numcodecs.zlib", "configuration": {"level": 1}});
     let zstd = json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}});
@@ -32,20 +32,20 @@ fn every_compression() -> Vec<Value> {
             "cname": name, "clevel": 5, "shuffle": "shuffle", "typesize": 4, "blocksize": 0
         }})
     };
-    let one = [gzip, zlib, zstd]
+    let single = [gzip, zlib, zstd]
         .into_iter()
         .chain(["lz4", "lz4hc", "blosclz", "zstd", "zlib", "snappy"].map(blosc));
-    one.flat_map(|c| [json!([little_endian(), c]), json!([little_endian(), c, crc])]).collect()
+    single.flat_map(|c| [json!([little_endian(), c]), json!([little_endian(), c, crc])]).collect()
 }
 
 #[test]
-fn what_every_codec_encodes_is_decoded() {
+fn every_codec_decodes_its_own_output_and_rejects_truncated_bytes() {
     let samples: Vec<u8> = (0..SAMPLES).flat_map(|k| (k as f32).sqrt().to_ne_bytes()).collect();
     let shape = [NonZeroU64::new(SAMPLES).unwrap()];
     let (t, fill) = (data_type::float32(), FillValue::from(0f32));
-    for codecs in every_compression() {
+    for codecs in all_compressions() {
         let array = zarrs::array::ArrayBytes::new_flen(samples.clone());
-        let encoded = chain(codecs.clone()).encode(array, &shape, &t, &fill, &options()).unwrap();
+        let encoded = chain(codecs.clone()).encode(array, &shape, &t, &fill, &single_threaded()).unwrap();
         assert_eq!(decode(&codecs, &encoded).unwrap(), samples, "{codecs}");
         for cut in [0, 3, 10, encoded.len() / 2, encoded.len() - 1] {
             assert!(decode(&codecs, &encoded[..cut]).is_err(), "{codecs} cut to {cut}");
@@ -54,13 +54,13 @@ fn what_every_codec_encodes_is_decoded() {
 }
 
 #[test]
-fn a_chunk_of_another_size_is_refused() {
+fn chunk_of_another_size_is_an_error() {
     let (t, fill) = (data_type::float32(), FillValue::from(0f32));
-    for codecs in every_compression() {
+    for codecs in all_compressions() {
         for samples in [SAMPLES - 1, SAMPLES + 1, 100 * SAMPLES] {
             let shape = [NonZeroU64::new(samples).unwrap()];
             let zeros = zarrs::array::ArrayBytes::new_flen(vec![0u8; samples as usize * 4]);
-            let encoded = chain(codecs.clone()).encode(zeros, &shape, &t, &fill, &options()).unwrap();
+            let encoded = chain(codecs.clone()).encode(zeros, &shape, &t, &fill, &single_threaded()).unwrap();
             let error = decode(&codecs, &encoded).unwrap_err();
             assert!(error.contains("expected 4096"), "{codecs}, {samples} samples: {error}");
         }
@@ -68,40 +68,40 @@ fn a_chunk_of_another_size_is_refused() {
 }
 
 #[test]
-fn a_bomb_is_an_error_that_stops_at_the_chunks_size() {
-    let of = |codec: Value| json!([little_endian(), codec]);
-    let gzip = of(json!({"name": "gzip", "configuration": {"level": 1}}));
-    let zlib = of(json!({"name": "numcodecs.zlib", "configuration": {"level": 1}}));
-    let zstd = of(json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}}));
-    let error = decode(&gzip, &bombs::gzip(8 << 20)).unwrap_err();
+fn decompression_bomb_is_an_error_at_the_chunk_size() {
+    let codecs = |codec: Value| json!([little_endian(), codec]);
+    let gzip = codecs(json!({"name": "gzip", "configuration": {"level": 1}}));
+    let zlib = codecs(json!({"name": "numcodecs.zlib", "configuration": {"level": 1}}));
+    let zstd = codecs(json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}}));
+    let error = decode(&gzip, &bombs::gzip_zeros(8 << 20)).unwrap_err();
     assert!(error.contains("decodes to 4097 bytes or more, expected 4096"), "{error}");
-    let error = decode(&zlib, &bombs::zlib(8 << 20)).unwrap_err();
+    let error = decode(&zlib, &bombs::zlib_zeros(8 << 20)).unwrap_err();
     assert!(error.contains("decodes to 4097 bytes or more, expected 4096"), "{error}");
-    // Together 32 GiB, and 16 EiB by their own account.
-    for bomb in [bombs::zstd_without_size(1 << 18), bombs::zstd_claiming(u64::MAX >> 1)] {
+    // Decoded sizes: 32 GiB, and 16 EiB as declared.
+    for bomb in [bombs::zstd_without_content_size(1 << 18), bombs::zstd_with_stated_size(u64::MAX >> 1)] {
         let error = decode(&zstd, &bomb).unwrap_err();
         assert!(error.contains("expected 4096"), "{error}");
     }
-    let blosc = of(json!({"name": "blosc", "configuration": {
+    let blosc = codecs(json!({"name": "blosc", "configuration": {
         "cname": "zstd", "clevel": 1, "shuffle": "noshuffle", "typesize": 1, "blocksize": 0
     }}));
     for compressor in 0..5 {
-        let error = decode(&blosc, &bombs::blosc_claiming(i32::MAX as u32, compressor)).unwrap_err();
+        let error = decode(&blosc, &bombs::blosc_with_stated_size(i32::MAX as u32, compressor)).unwrap_err();
         assert!(error.contains("decodes to 2147483647 bytes or more, expected 4096"), "{error}");
     }
 }
 
 #[test]
-fn a_bomb_under_a_second_compression_is_an_error_too() {
+fn bomb_below_a_second_compression_is_an_error() {
     let zstd = json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}});
     let gzip = json!({"name": "gzip", "configuration": {"level": 1}});
     let codecs = json!([little_endian(), gzip, zstd]);
-    let error = decode(&codecs, &bombs::zstd_without_size(1 << 16)).unwrap_err();
+    let error = decode(&codecs, &bombs::zstd_without_content_size(1 << 16)).unwrap_err();
     assert!(error.contains("expected at most"), "{error}");
 }
 
 #[test]
-fn shards_inside_shards_are_refused() {
+fn nested_shards_are_rejected() {
     let index = json!([little_endian(), {"name": "crc32c"}]);
     let shard = json!({"name": "sharding_indexed", "configuration": {
         "chunk_shape": [16], "codecs": [little_endian()], "index_codecs": index, "index_location": "end"

@@ -1,24 +1,25 @@
-//! A bounded cache that loads nothing twice at once.
+//! A bounded least-recently-used cache that loads each value once.
 //!
-//! Threads that ask for a key that another thread is loading wait for it. Beyond the limit the least recently used
-//! values leave; a value in use lives on in its `Arc`. A load that fails is forgotten: whoever waited tries again, and
-//! meets the error itself.
+//! Requests for a key that another thread is loading wait for it. Evicted values that are still in use stay valid (`Arc`). A failed load
+//! is not cached: threads that waited for it load again and get the error themselves.
 
 use std::collections::{BTreeMap, HashMap};
 use std::hash::Hash;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
 #[derive(Debug)]
-enum Slot<T> {
+enum Entry<T> {
     Loading,
     Ready { value: Arc<T>, bytes: usize, tick: u64 },
 }
 
 #[derive(Debug)]
 struct State<T, K> {
-    slots: HashMap<K, Slot<T>>,
+    entries: HashMap<K, Entry<T>>,
+    /// Keys by the tick of their last use.
     by_age: BTreeMap<u64, K>,
     bytes: usize,
+    /// Incremented by each use.
     tick: u64,
 }
 
@@ -30,14 +31,14 @@ pub struct Cache<T, K: Copy + Eq + Hash = u64> {
     limit: usize,
 }
 
-/// Frees the slot of a load that did not come to its end.
-struct Claim<'a, T, K: Copy + Eq + Hash>(&'a Cache<T, K>, K);
+/// Removes the entry of a load that failed or panicked.
+struct Loading<'a, T, K: Copy + Eq + Hash>(&'a Cache<T, K>, K);
 
-impl<T, K: Copy + Eq + Hash> Drop for Claim<'_, T, K> {
+impl<T, K: Copy + Eq + Hash> Drop for Loading<'_, T, K> {
     fn drop(&mut self) {
         let mut state = self.0.lock();
-        if let Some(Slot::Loading) = state.slots.get(&self.1) {
-            state.slots.remove(&self.1);
+        if let Some(Entry::Loading) = state.entries.get(&self.1) {
+            state.entries.remove(&self.1);
         }
         drop(state);
         self.0.changed.notify_all();
@@ -47,7 +48,7 @@ impl<T, K: Copy + Eq + Hash> Drop for Claim<'_, T, K> {
 impl<T, K: Copy + Eq + Hash> Cache<T, K> {
     /// An empty cache of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
-        let state = State { slots: HashMap::new(), by_age: BTreeMap::new(), bytes: 0, tick: 0 };
+        let state = State { entries: HashMap::new(), by_age: BTreeMap::new(), bytes: 0, tick: 0 };
         Self { state: Mutex::new(state), changed: Condvar::new(), limit }
     }
 
@@ -55,21 +56,21 @@ impl<T, K: Copy + Eq + Hash> Cache<T, K> {
         self.limit
     }
 
-    /// Whether `key` is here or on its way.
-    pub(super) fn has(&self, key: K) -> bool {
-        self.lock().slots.contains_key(&key)
+    /// Whether `key` is cached or being loaded.
+    pub(super) fn contains(&self, key: K) -> bool {
+        self.lock().entries.contains_key(&key)
     }
 
-    /// The value of `key`, from the cache or from `load`, which also tells its size in bytes.
+    /// The value of `key`, from the cache or from `load`, which returns it with its size in bytes.
     ///
     /// # Errors
-    /// What `load` says.
+    /// Those of `load`.
     pub fn get<E>(&self, key: K, load: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
         let mut guard = self.lock();
         loop {
             let state = &mut *guard;
-            match state.slots.get_mut(&key) {
-                Some(Slot::Ready { value, tick, .. }) => {
+            match state.entries.get_mut(&key) {
+                Some(Entry::Ready { value, tick, .. }) => {
                     let value = value.clone();
                     state.by_age.remove(tick);
                     state.tick += 1;
@@ -77,32 +78,32 @@ impl<T, K: Copy + Eq + Hash> Cache<T, K> {
                     state.by_age.insert(state.tick, key);
                     return Ok(value);
                 }
-                Some(Slot::Loading) => {
+                Some(Entry::Loading) => {
                     guard = self.changed.wait(guard).expect("no panic while the cache is locked");
                 }
                 None => break,
             }
         }
-        guard.slots.insert(key, Slot::Loading);
+        guard.entries.insert(key, Entry::Loading);
         drop(guard);
-        let claim = Claim(self, key);
+        let loading = Loading(self, key);
         let (value, bytes) = load()?;
         let value = Arc::new(value);
-        self.keep(key, value.clone(), bytes);
-        drop(claim);
+        self.insert(key, value.clone(), bytes);
+        drop(loading);
         Ok(value)
     }
 
-    fn keep(&self, key: K, value: Arc<T>, bytes: usize) {
+    fn insert(&self, key: K, value: Arc<T>, bytes: usize) {
         let mut guard = self.lock();
         let state = &mut *guard;
         state.tick += 1;
-        state.slots.insert(key, Slot::Ready { value, bytes, tick: state.tick });
+        state.entries.insert(key, Entry::Ready { value, bytes, tick: state.tick });
         state.by_age.insert(state.tick, key);
         state.bytes += bytes;
         while state.bytes > self.limit {
             let Some((_, oldest)) = state.by_age.pop_first() else { break };
-            if let Some(Slot::Ready { bytes, .. }) = state.slots.remove(&oldest) {
+            if let Some(Entry::Ready { bytes, .. }) = state.entries.remove(&oldest) {
                 state.bytes -= bytes;
             }
         }
@@ -120,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn threads_that_ask_at_once_load_once() {
+    fn concurrent_requests_load_each_key_once() {
         let (cache, loads) = (Cache::new(1 << 20), AtomicUsize::new(0));
         std::thread::scope(|s| {
             for _ in 0..16 {
@@ -140,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn the_least_recently_used_value_leaves() {
+    fn least_recently_used_value_is_evicted() {
         let cache = Cache::new(24);
         let loaded = |key| {
             let mut loaded = false;
@@ -157,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_load_is_tried_again() {
+    fn failed_or_panicked_load_is_retried() {
         let cache: Cache<u8> = Cache::new(8);
         assert_eq!(cache.get(1, || Err("no")).unwrap_err(), "no");
         let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {

@@ -1,43 +1,43 @@
-//! What an array's attributes say of its samples (CF conventions 1.11; attributes as xarray and netCDF write them).
+//! Attributes of an array that define its values (CF conventions 1.11, as written by xarray and netCDF).
 //!
 //! | attribute | meaning here |
 //! |---|---|
 //! | `scale_factor`, `add_offset` | value = raw · scale_factor + add_offset |
 //! | `_FillValue`, `missing_value` | raw samples that stand for no data |
-//! | `valid_range`, `valid_min`, `valid_max` | raw samples outside stand for no data |
-//! | `_Unsigned` | refused unless it says what the sample type says |
+//! | `valid_range`, `valid_min`, `valid_max` | raw samples outside this range stand for no data |
+//! | `_Unsigned` | an error unless it agrees with the sample type |
 //!
-//! xarray writes the `_FillValue` of floats in Zarr v3 as base64 of 8 bytes, lowest first, and in Zarr v2 as the array's
-//! `fill_value`: there a fill value other than 0 counts if the array has xarray's attribute `_ARRAY_DIMENSIONS`.
-//! What cannot be understood is an error: values that are read wrongly look like right ones.
+//! xarray writes the `_FillValue` of floats in Zarr v3 as base64 of 8 little-endian bytes, and in Zarr v2 as the array's `fill_value`: a
+//! v2 fill value other than 0 counts if the array has xarray's attribute `_ARRAY_DIMENSIONS`. An attribute that cannot be parsed is an
+//! error, since wrong values look like right ones.
 
 use base64::Engine;
 use serde_json::{Map, Value};
 
-use super::Sample;
 use super::values::Values;
+use crate::sample::Sample;
 
-/// Which attribute, what it must be, what it is.
-pub(super) type Misread = (&'static str, &'static str, String);
+/// An attribute, its expected and its found value.
+pub(super) type AttributeError = (&'static str, &'static str, String);
 
-/// The values of an array of `sample` with `attributes`; `fill` is the fill value of an array that xarray wrote in Zarr v2.
-pub(super) fn values(
+/// The conversion of samples of an array with `attributes`; `fill` is the fill value of an array that xarray wrote in Zarr v2.
+pub(super) fn parse_values(
     attributes: &Map<String, Value>,
     sample: Sample,
     fill: Option<f64>,
-) -> Result<Values, Misread> {
-    unsigned(attributes, sample)?;
+) -> Result<Values, AttributeError> {
+    check_unsigned(attributes, sample)?;
     let mut values = Values::default();
     for key in ["_FillValue", "missing_value"] {
         let Some(v) = attributes.get(key).filter(|v| !v.is_null()) else { continue };
         let list = if let Value::Array(list) = v { list.as_slice() } else { std::slice::from_ref(v) };
         for v in list {
-            let raw = number(v).or_else(|| packed(v)).ok_or((key, "a number", v.to_string()))?;
+            let raw = number(v).or_else(|| base64_f64(v)).ok_or((key, "a number", v.to_string()))?;
             values.no_data.push(sample.nearest(raw));
         }
     }
     values.no_data.extend(fill.map(|v| sample.nearest(v)));
-    // NaN is no data in any case, and equals nothing.
+    // NaN is no data in any case.
     values.no_data.retain(|v| v.is_finite());
     values.no_data.sort_by(f64::total_cmp);
     values.no_data.dedup();
@@ -54,7 +54,7 @@ pub(super) fn values(
     };
     values.valid = (limit("valid_min", values.valid.0)?, limit("valid_max", values.valid.1)?);
     if values.valid.0.is_nan() || values.valid.1.is_nan() || values.valid.0 > values.valid.1 {
-        return Err(("valid_range", "a smallest and a largest value", format!("{:?}", values.valid)));
+        return Err(("valid_range", "a minimum and a maximum", format!("{:?}", values.valid)));
     }
     let (scale, offset) = (factor(attributes, "scale_factor")?, factor(attributes, "add_offset")?);
     if scale == Some(0.0) {
@@ -67,34 +67,34 @@ pub(super) fn values(
     Ok(values)
 }
 
-fn factor(attributes: &Map<String, Value>, key: &'static str) -> Result<Option<f64>, Misread> {
+fn factor(attributes: &Map<String, Value>, key: &'static str) -> Result<Option<f64>, AttributeError> {
     let Some(v) = attributes.get(key) else { return Ok(None) };
     let one = if let Value::Array(list) = v { list.first().filter(|_| list.len() == 1) } else { Some(v) };
     let number = one.and_then(number).filter(|n| n.is_finite());
     number.map(Some).ok_or((key, "one finite number", v.to_string()))
 }
 
-/// Samples here are unsigned integers or floats; an attribute that says otherwise means other values.
-fn unsigned(attributes: &Map<String, Value>, sample: Sample) -> Result<(), Misread> {
+/// Supported samples are unsigned integers or floats; an attribute that contradicts the type implies other values.
+fn check_unsigned(attributes: &Map<String, Value>, sample: Sample) -> Result<(), AttributeError> {
     let Some(v) = attributes.get("_Unsigned") else { return Ok(()) };
-    let says = match v {
+    let unsigned = match v {
         Value::Bool(b) => Some(*b),
         Value::String(s) if s.eq_ignore_ascii_case("true") => Some(true),
         Value::String(s) if s.eq_ignore_ascii_case("false") => Some(false),
         _ => None,
     };
-    match (says, sample) {
+    match (unsigned, sample) {
         (Some(true), Sample::U8 | Sample::U16) => Ok(()),
         (Some(false), Sample::F16 | Sample::F32 | Sample::F64) => Ok(()),
         _ => Err((
             "_Unsigned",
-            "what the sample type says; store the array in the type that is meant",
+            "the signedness of the sample type; store the array in its actual type",
             v.to_string(),
         )),
     }
 }
 
-/// A JSON number, or the words for those that JSON has not.
+/// A JSON number, or one of the strings for numbers that JSON lacks.
 fn number(v: &Value) -> Option<f64> {
     match v {
         Value::Number(n) => n.as_f64(),
@@ -108,8 +108,8 @@ fn number(v: &Value) -> Option<f64> {
     }
 }
 
-/// Base64 of a float of 8 bytes, lowest first.
-fn packed(v: &Value) -> Option<f64> {
+/// A little-endian f64 in base64.
+fn base64_f64(v: &Value) -> Option<f64> {
     let bytes = base64::engine::general_purpose::STANDARD.decode(v.as_str()?).ok()?;
     Some(f64::from_le_bytes(bytes.try_into().ok()?))
 }
@@ -119,45 +119,48 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn of(attributes: Value, sample: Sample) -> Result<Values, Misread> {
-        values(attributes.as_object().unwrap(), sample, None)
+    fn parse(attributes: Value, sample: Sample) -> Result<Values, AttributeError> {
+        parse_values(attributes.as_object().unwrap(), sample, None)
     }
 
     #[test]
-    fn attributes_of_packed_samples_are_understood() {
+    fn attributes_of_packed_samples() {
         let packed = json!({
             "scale_factor": 0.0001, "add_offset": [0.5], "_FillValue": 65535, "missing_value": [0, 65534], "_Unsigned": "true",
             "valid_min": 1, "valid_max": 10000
         });
-        let values = of(packed, Sample::U16).unwrap();
+        let values = parse(packed, Sample::U16).unwrap();
         assert_eq!(values.scaling, [(0.0001, 0.5)]);
         assert_eq!(values.no_data, [0.0, 65534.0, 65535.0]);
         assert_eq!(values.valid, (1.0, 10000.0));
         assert!(
-            of(json!({"units": "reflectance", "scale_factor": 1, "add_offset": 0.0}), Sample::F32)
+            parse(json!({"units": "reflectance", "scale_factor": 1, "add_offset": 0.0}), Sample::F32)
                 .unwrap()
-                .are_raw()
+                .is_identity()
         );
     }
 
     #[test]
-    fn fill_values_of_floats_are_compared_as_they_are_stored() {
+    fn float_fill_values_are_rounded_to_the_sample_type() {
         // numpy.float32(9.969209968386869e36), as a number and as xarray writes it in Zarr v3.
         let stored = f64::from(9.969_21e36f32);
         let base64 = base64::engine::general_purpose::STANDARD.encode(stored.to_le_bytes());
         for fill in [json!(9.969_209_968_386_869e36), json!(base64)] {
-            assert_eq!(of(json!({"_FillValue": fill}), Sample::F32).unwrap().no_data, [stored]);
+            assert_eq!(parse(json!({"_FillValue": fill}), Sample::F32).unwrap().no_data, [stored]);
         }
         for nan in [json!("NaN"), json!("AAAAAAAA+H8="), json!(null)] {
-            assert!(of(json!({"_FillValue": nan}), Sample::F32).unwrap().are_raw(), "NaN needs no rule");
+            assert!(
+                parse(json!({"_FillValue": nan}), Sample::F32).unwrap().is_identity(),
+                "NaN is no data in any case"
+            );
         }
-        // A half precision array holds no 0.1, but the nearest.
-        let half = of(json!({"_FillValue": 0.1}), Sample::F16).unwrap();
+        // 0.1 is not a half-precision number.
+        let half = parse(json!({"_FillValue": 0.1}), Sample::F16).unwrap();
         assert_eq!(half.no_data, [f64::from(half::f16::from_f64(0.1))]);
     }
 
     #[test]
-    fn what_cannot_be_understood_is_refused() {
+    fn invalid_attribute_is_an_error_that_names_it() {
         for (key, value, sample) in [
             ("scale_factor", json!("0.1"), Sample::U16),
             ("scale_factor", json!(0), Sample::U16),
@@ -173,7 +176,7 @@ mod tests {
             ("_Unsigned", json!("true"), Sample::F32),
             ("_Unsigned", json!(1), Sample::U8),
         ] {
-            let (named, _, found) = of(json!({key: value}), sample).unwrap_err();
+            let (named, _, found) = parse(json!({key: value}), sample).unwrap_err();
             assert_eq!(named, key, "{found}");
         }
     }

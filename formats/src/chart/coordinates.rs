@@ -1,15 +1,16 @@
-//! Which axis is which, and the wavelength of each band.
+//! Order of the axes, and wavelengths of the bands.
 
 use pipeline::bounds;
 use serde_json::Value;
 use zarrs::array::{Array, DataType, data_type};
 
-use super::ChartError;
+use super::error::ChartError;
 use super::layout::Layout;
-use super::open::{Node, open_array};
+use super::node::{Node, open_array};
 use crate::bounded::BoundedChain;
 use crate::durable::{DurableError, Store};
 
+/// Names of the spectral axis.
 const SPECTRAL: [&str; 14] = [
     "wavelength",
     "wavelengths",
@@ -29,7 +30,7 @@ const SPECTRAL: [&str; 14] = [
 const ROWS: [&str; 7] = ["y", "row", "rows", "line", "lines", "height", "lat"];
 const COLUMNS: [&str; 8] = ["x", "col", "cols", "column", "columns", "sample", "samples", "width"];
 
-/// Names of the array's dimensions: Zarr v3's own, or xarray's attribute in v2.
+/// Names of the array's dimensions: `dimension_names` of Zarr v3, or xarray's attribute in v2.
 pub(super) fn dimension_names(array: &Array<Store>) -> Option<Vec<String>> {
     if let Some(names) = array.dimension_names() {
         return Some(names.iter().map(|n| n.clone().unwrap_or_default()).collect());
@@ -38,21 +39,21 @@ pub(super) fn dimension_names(array: &Array<Store>) -> Option<Vec<String>> {
     Some(names.iter().map(|n| n.as_str().unwrap_or_default().to_owned()).collect())
 }
 
-/// Which axis a name tells: 0 wavelength, 1 row, 2 column.
+/// The axis that a name implies: 0 wavelength, 1 row, 2 column.
 fn axis_of(name: &str) -> Option<usize> {
     let name = name.to_lowercase();
     let last = name.rsplit('_').next().unwrap_or(&name);
     [&SPECTRAL[..], &ROWS, &COLUMNS]
         .iter()
-        .position(|words| words.contains(&name.as_str()) || words.contains(&last))
+        .position(|names| names.contains(&name.as_str()) || names.contains(&last))
 }
 
-/// Names that tell another order than (wavelength, y, x) are an error; names that tell nothing are believed.
+/// Checks that names of dimensions do not contradict the order (wavelength, y, x); unknown names are accepted.
 pub(super) fn check_order(layout: &Layout, names: Option<&[String]>) -> Result<(), ChartError> {
     let Some(names) = names else { return Ok(()) };
     let first = 3usize.saturating_sub(names.len());
-    let right = names.iter().enumerate().all(|(k, n)| axis_of(n).is_none_or(|axis| axis == first + k));
-    if right && names.len() == layout.array.shape().len() {
+    let in_order = names.iter().enumerate().all(|(k, n)| axis_of(n).is_none_or(|axis| axis == first + k));
+    if in_order && names.len() == layout.array.shape().len() {
         return Ok(());
     }
     Err(ChartError::Metadata {
@@ -64,22 +65,22 @@ pub(super) fn check_order(layout: &Layout, names: Option<&[String]>) -> Result<(
     })
 }
 
-/// Wavelengths in nm: the caller's, else the coordinate array's, else an attribute's.
+/// Wavelengths in nm: those of the caller, else of the coordinate array, else of an attribute.
 pub(super) fn wavelengths<'a>(
     layout: &Layout,
     names: Option<&[String]>,
     find: &impl Fn(&str) -> Option<&'a Value>,
-    given: Option<Vec<f64>>,
+    declared: Option<Vec<f64>>,
 ) -> Result<Option<Vec<f64>>, ChartError> {
     let bands = layout.shape[0];
-    let wrong = |expected: String, found: String| ChartError::Metadata {
+    let invalid = |expected: String, found: String| ChartError::Metadata {
         path: layout.store.root().into(),
         array: layout.name.clone(),
         what: "wavelengths",
         expected,
         found,
     };
-    let found = match given {
+    let found = match declared {
         Some(w) => Some(w),
         None => match coordinate(layout, names)? {
             Some(w) => Some(w),
@@ -88,10 +89,10 @@ pub(super) fn wavelengths<'a>(
     };
     if let Some(w) = &found {
         if w.len() != bands {
-            return Err(wrong(format!("one for each of {bands} bands"), format!("{}", w.len())));
+            return Err(invalid(format!("one for each of {bands} bands"), format!("{}", w.len())));
         }
         if let Err((band, e)) = bounds::WAVELENGTH_NM.check_all(w) {
-            return Err(wrong(
+            return Err(invalid(
                 format!("{} each", bounds::WAVELENGTH_NM),
                 format!("{} for band {band}", e.found),
             ));
@@ -106,28 +107,28 @@ fn from_attribute<'a>(find: &impl Fn(&str) -> Option<&'a Value>) -> Option<Vec<f
         .find_map(|key| find(key)?.as_array()?.iter().map(Value::as_f64).collect())
 }
 
-/// The 1-D array named as the first dimension, or `wavelength`, beside the chart.
+/// Wavelengths in nm from the 1-D array beside the chart that has the name of the first dimension, or `wavelength`.
 fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f64>>, ChartError> {
     if layout.name.is_empty() {
         return Ok(None);
     }
     let group = layout.name.rsplit_once('/').map_or(String::new(), |(group, _)| format!("{group}/"));
-    let own = names.filter(|n| n.len() == 3).map(|n| n[0].as_str()).filter(|n| axis_of(n) == Some(0));
-    let mut tries: Vec<&str> = own.into_iter().collect();
-    tries.push("wavelength");
-    for name in tries {
+    let named = names.filter(|n| n.len() == 3).map(|n| n[0].as_str()).filter(|n| axis_of(n) == Some(0));
+    let mut candidates: Vec<&str> = named.into_iter().collect();
+    candidates.push("wavelength");
+    for name in candidates {
         let name = format!("{group}{name}");
         if !Node::read(&layout.store, &name)?.is_some_and(|n| n.is_array) {
             continue;
         }
         let array = open_array(&layout.store, &name)?;
-        // An axis `band` may well hold names or numbers of bands; only lengths are wavelengths.
+        // An axis `band` without units may hold names or numbers of bands.
         let unit = array.attributes().get("units").and_then(Value::as_str);
-        let counts = axis_of(&name) == Some(0) && (name.ends_with("band") || name.ends_with("bands"));
-        if counts && unit.is_none() {
+        let is_band_number = axis_of(&name) == Some(0) && (name.ends_with("band") || name.ends_with("bands"));
+        if is_band_number && unit.is_none() {
             continue;
         }
-        let wrong = |expected: &str, found: String| ChartError::Metadata {
+        let invalid = |expected: &str, found: String| ChartError::Metadata {
             path: layout.store.root().into(),
             array: name.clone(),
             what: "coordinate",
@@ -138,33 +139,33 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
             "nm" | "nanometer" | "nanometers" | "nanometre" | "nanometres" => 1.0,
             "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" => 1e3,
             "m" | "meter" | "metre" => 1e9,
-            other => return Err(wrong("units nm, um or m", format!("{other:?}"))),
+            other => return Err(invalid("units nm, um or m", format!("{other:?}"))),
         };
         let values = numbers(&layout.store, &array).map_err(|(found, store)| match store {
             Some(e) => e.into(),
-            None => wrong("a 1-D array of at most 10^6 numbers", found),
+            None => invalid("a 1-D array of at most 10^6 numbers", found),
         })?;
         return Ok(Some(values.into_iter().map(|v| v * to_nm).collect()));
     }
     Ok(None)
 }
 
-/// All of a 1-D array, or what is wrong with it; with it, the store's error if that is what kept it from being read.
+/// Reads a 1-D array. An error has a description, and the store's error if that is the cause.
 fn numbers(store: &Store, array: &Array<Store>) -> Result<Vec<f64>, (String, Option<DurableError>)> {
-    const MOST: u64 = 1_000_000;
-    let wrong = |found: String| (found, None);
+    const MAX_NUMBERS: u64 = 1_000_000;
+    let invalid = |found: String| (found, None);
     let shape = array.shape();
-    let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| wrong(e.to_string()))?;
+    let chunk = array.chunk_shape(&vec![0; shape.len()]).map_err(|e| invalid(e.to_string()))?;
     let samples = chunk.iter().fold(1u64, |n, c| n.saturating_mul(c.get()));
-    if shape.len() != 1 || shape[0] > MOST || samples > MOST {
-        return Err(wrong(format!("shape {shape:?}, chunks of {samples}")));
+    if shape.len() != 1 || shape[0] > MAX_NUMBERS || samples > MAX_NUMBERS {
+        return Err(invalid(format!("shape {shape:?}, chunks of {samples}")));
     }
     let t = array.data_type();
-    let (bytes, number) = number(t).ok_or_else(|| wrong(format!("samples of type {t}")))?;
+    let (bytes, number) = number(t).ok_or_else(|| invalid(format!("samples of type {t}")))?;
     let chain = BoundedChain::new(&array.codecs())
-        .map_err(|found| wrong(format!("{found}; say the wavelengths by --wavelengths")))?;
+        .map_err(|found| invalid(format!("{found}; give the wavelengths by --wavelengths")))?;
     let fill = array.fill_value();
-    // Codecs may lengthen a little what they cannot shorten.
+    // Codecs lengthen incompressible data slightly.
     let limit = samples * bytes as u64 * 2 + (64 << 10);
     let mut all = Vec::new();
     for index in 0..shape[0].div_ceil(samples) {
@@ -176,7 +177,7 @@ fn numbers(store: &Store, array: &Array<Store>) -> Result<Vec<f64>, (String, Opt
         let decoded = match encoded {
             Some(encoded) => chain
                 .decode(encoded.into(), &chunk, t, fill)
-                .map_err(|reason| wrong(format!("chunk {key}: {reason}")))?,
+                .map_err(|reason| invalid(format!("chunk {key}: {reason}")))?,
             None => fill.as_ne_bytes().repeat(samples as usize),
         };
         all.extend(decoded.chunks_exact(bytes).map(number));
@@ -188,11 +189,11 @@ fn numbers(store: &Store, array: &Array<Store>) -> Result<Vec<f64>, (String, Opt
 /// Bytes of a sample, and its value.
 type Number = (usize, fn(&[u8]) -> f64);
 
-/// How a sample of type `t` is read.
+/// Reader of samples of type `t`; `None` if the type is not supported.
 fn number(t: &DataType) -> Option<Number> {
     macro_rules! read {
         ($t:ty) => {
-            (size_of::<$t>(), |b| <$t>::from_ne_bytes(*b.first_chunk().expect("a sample is whole")) as f64)
+            (size_of::<$t>(), |b| <$t>::from_ne_bytes(*b.first_chunk().expect("a complete sample")) as f64)
         };
     }
     let known: [(DataType, Number); 8] = [

@@ -1,105 +1,106 @@
-//! Why a chart cannot be opened or read.
+//! Errors of opening and reading a chart.
 
 use std::path::PathBuf;
 
 use pipeline::geometry::Rect;
 
 use crate::durable::DurableError;
+use crate::image::header::ImageError;
 
 /// A chart cannot be opened or read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ChartError {
-    /// Nothing there.
+    /// No file or directory.
     #[error(
-        "opening chart {path}: nothing there; give a Zarr store (PATH or PATH//array), a .npy file, an ENVI header (.hdr) or a spectral .exr"
+        "opening chart {path}: not found; expected a Zarr store (PATH or PATH//array), a .npy file, an ENVI header (.hdr) or a spectral .exr"
     )]
     NotFound {
-        /// What was asked for.
+        /// The requested path.
         path: PathBuf,
     },
-    /// Something else than a Zarr store.
+    /// Not a Zarr store.
     #[error(
         "opening chart {path}: {found}, expected the directory of a Zarr v2 or v3 store (zarr.json, .zgroup or .zarray)"
     )]
     NotZarr {
-        /// What was asked for.
+        /// The requested path.
         path: PathBuf,
-        /// What lies there.
+        /// What was found.
         found: String,
     },
     /// The group has no such array.
-    #[error("opening chart {path}: no array {wanted}; arrays there: {found}; name one as {path}//ARRAY", path = path.display())]
+    #[error("opening chart {path}: no array {requested}; arrays found: {found}; select one by {path}//ARRAY", path = path.display())]
     NoArray {
         /// The group.
         path: PathBuf,
-        /// What was looked for.
-        wanted: String,
-        /// Arrays that are there.
+        /// The requested array.
+        requested: String,
+        /// Arrays found.
         found: String,
     },
-    /// Metadata that says what cannot be, or what is not supported.
+    /// Metadata that are invalid or not supported.
     #[error("opening chart {path}, array {array:?}: {what}: expected {expected}, found {found}")]
     Metadata {
         /// The store.
         path: PathBuf,
         /// The array in it.
         array: String,
-        /// Which property.
+        /// Property.
         what: &'static str,
-        /// What it must be.
+        /// Its expected value.
         expected: String,
-        /// What it is.
+        /// Its found value.
         found: String,
     },
-    /// The header of a flat file.
+    /// A file header that is invalid or not supported.
     #[error("opening chart {path}: {what}: expected {expected}, found {found}")]
     Header {
         /// The file.
         path: PathBuf,
-        /// Which property.
+        /// Property.
         what: &'static str,
-        /// What it must be.
+        /// Its expected value.
         expected: String,
-        /// What it is.
+        /// Its found value.
         found: String,
     },
-    /// A flat file that lacks samples, from the beginning or since it was opened.
+    /// A file shorter than its header implies, when it was opened or since.
     #[error(
-        "reading chart {path}: expected {expected} bytes, found {found}; is the file cut short, or still being written?"
+        "reading chart {path}: expected {expected} bytes, found {found}; is the file truncated, or still being written?"
     )]
     Short {
         /// The file.
         path: PathBuf,
-        /// Bytes that its header asks for.
+        /// Bytes that its header implies.
         expected: u64,
-        /// Bytes it has.
+        /// Bytes that it has.
         found: u64,
     },
-    /// A file is not what it was when the chart was opened.
+    /// A file changed after the chart was opened.
     #[error(
-        "reading chart {path}: {what} since the chart was opened, so what was read may be of both; let the chart rest, then start anew with --overwrite"
+        "reading chart {path}: {what} since the chart was opened, so pixels of both versions may have been read; leave the chart unchanged and start again with --overwrite"
     )]
     Changed {
         /// The file.
         path: PathBuf,
-        /// How it differs.
+        /// The change, as a clause: "it was removed".
         what: &'static str,
     },
-    /// A compressed file that does not decode.
+    /// A file that does not decode.
     #[error(
-        "reading {path}: the file is damaged, or cut short: {reason}; restore it from its source, or write it anew"
+        "reading {path}: the file is damaged or truncated: {reason}; restore it from its source, or write it again"
     )]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The defect.
         reason: String,
     },
-    /// The store's files cannot be read.
+    /// Error of the file system or object store.
     #[error("reading chart: {0}")]
     Io(#[from] DurableError),
-    /// A chunk that does not decode.
+    /// A chunk that failed to decode.
     #[error(
         "reading chart {path}, bands {first_band}..{end_band}, {region}: the chunk is damaged: {reason}; restore the file from its source"
     )]
@@ -112,7 +113,7 @@ pub enum ChartError {
         end_band: usize,
         /// Its pixels.
         region: Rect,
-        /// What is wrong with it.
+        /// The defect.
         reason: String,
     },
     /// NaN or infinity.
@@ -131,7 +132,7 @@ pub enum ChartError {
         /// The value.
         value: f64,
     },
-    /// A sample that the chart declares to be no data.
+    /// A sample that the chart declares as no data.
     #[error(
         "reading chart {path}: no data at band {band}, row {row}, column {column}: the sample {value} is a declared fill value or outside the declared valid range; --nan zero reads such pixels as 0 and counts them"
     )]
@@ -144,10 +145,10 @@ pub enum ChartError {
         row: usize,
         /// Column.
         column: usize,
-        /// The sample as it is stored.
+        /// The stored sample, before scaling.
         value: f64,
     },
-    /// A value that sums over a tile may overflow on.
+    /// A value so large that sums over a tile may overflow.
     #[error(
         "reading chart {path}: {value:e} at band {band}, row {row}, column {column}: expected at most {largest:e} in magnitude, so that 32-bit sums do not overflow; if it stands for no data, declare it (attribute _FillValue, ENVI `data ignore value`) and add --nan zero, else correct the chart"
     )]
@@ -162,15 +163,15 @@ pub enum ChartError {
         column: usize,
         /// The value.
         value: f64,
-        /// Largest magnitude.
+        /// Maximum magnitude.
         largest: f32,
     },
-    /// A chunk is missing, and its fill value is not a number.
+    /// A missing chunk whose fill value stands for no data.
     #[error(
         "reading chart {path}, band {band}, {region}: the chunk is missing and the fill value {fill} stands for no data; complete the chart, or --nan zero reads it as 0"
     )]
     MissingChunk {
-        /// The file that is not there, or lacks the inner chunk.
+        /// The missing file, or the one without the inner chunk.
         path: PathBuf,
         /// Band.
         band: usize,
@@ -179,9 +180,9 @@ pub enum ChartError {
         /// The fill value.
         fill: f64,
     },
-    /// A request that the chart cannot answer; the caller's fault.
+    /// A request outside the chart, or a buffer of another size: an error of the caller.
     #[error(
-        "reading chart {path}: band {band}, {rect} is asked for into {room} pixels; it has {bands} bands of {size}"
+        "reading chart {path}: band {band}, {rect} was requested into a buffer of {buffer} pixels; the chart has {bands} bands of {size}"
     )]
     Request {
         /// The array.
@@ -190,14 +191,14 @@ pub enum ChartError {
         band: usize,
         /// Pixels.
         rect: Rect,
-        /// Pixels that the buffer holds.
-        room: usize,
-        /// Bands there are.
+        /// Size of the buffer in pixels.
+        buffer: usize,
+        /// Bands of the chart.
         bands: usize,
         /// Size of the chart.
         size: pipeline::geometry::Size,
     },
-    /// No room for the temporary store.
+    /// Not enough disk space for the temporary file.
     #[error(
         "re-chunking chart {path}: {needed} bytes are needed in {directory}, {free} are free; choose another directory for temporary files"
     )]
@@ -214,8 +215,21 @@ pub enum ChartError {
 }
 
 impl ChartError {
-    /// Whether the same call may succeed a moment later with nobody's help.
+    /// Whether the same call may succeed later without a change by the user.
     pub fn retryable(&self) -> bool {
         matches!(self, Self::Io(e) if e.retryable())
+    }
+}
+
+impl From<ImageError> for ChartError {
+    fn from(e: ImageError) -> Self {
+        match e {
+            ImageError::Header { path, what, expected, found } => {
+                Self::Header { path, what, expected, found }
+            }
+            ImageError::Short { path, expected, found } => Self::Short { path, expected, found },
+            ImageError::Damaged { path, reason } => Self::Damaged { path, reason },
+            ImageError::Io(e) => Self::Io(e),
+        }
     }
 }

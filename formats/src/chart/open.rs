@@ -1,89 +1,30 @@
-//! From `PATH` or `PATH//array` to a chart whose metadata holds together.
+//! Opening a chart by `PATH` or `PATH//array`, with checks of its metadata.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use pipeline::bounds;
 use pipeline::geometry::Size;
 use serde_json::{Map, Value};
-use zarrs::array::{Array, ArrayMetadata};
 
 use super::cache::Cache;
 use super::coordinates::{self, dimension_names};
+use super::error::ChartError;
+use super::file_change::ChunkFileStates;
 use super::layout::Layout;
-use super::stamps::Stamps;
-use super::{ChartError, ChartOptions, ChartStore, Counters};
-use crate::durable::{Store, is_url, store_error};
+use super::node::{Node, open_array};
+use super::options::ChartOptions;
+use super::store::{ChartStore, Counters};
+use crate::durable::{Store, is_url};
 
-/// Metadata larger than this is not metadata.
-const MAX_METADATA: u64 = 64 << 20;
-/// Bytes of shard indexes to keep: two hundred thousand inner chunks, thousands of shards.
-const INDEX_CACHE: usize = 4 << 20;
+/// Size of the cache of shard indexes: two hundred thousand inner chunks, thousands of shards.
+const INDEX_CACHE_BYTES: usize = 4 << 20;
 
-/// A node of a Zarr hierarchy, v2 or v3.
-pub(super) struct Node {
-    pub(super) is_array: bool,
-    pub(super) attributes: Map<String, Value>,
-}
-
-impl Node {
-    /// The node at `name` (empty: the root). `None` if there is none.
-    pub(super) fn read(store: &Store, name: &str) -> Result<Option<Self>, ChartError> {
-        let under = |file: &str| if name.is_empty() { file.to_owned() } else { format!("{name}/{file}") };
-        let json = |file: &str| -> Result<Option<Map<String, Value>>, ChartError> {
-            let Some(bytes) = store.read_at_most(&under(file), MAX_METADATA)? else {
-                return Ok(None);
-            };
-            serde_json::from_slice(&bytes).map(Some).map_err(|e| ChartError::Metadata {
-                path: store.root().into(),
-                array: name.into(),
-                what: "metadata",
-                expected: format!("a JSON object in {}", under(file)),
-                found: e.to_string(),
-            })
-        };
-        let object = |v: Option<Value>| match v {
-            Some(Value::Object(m)) => m,
-            _ => Map::new(),
-        };
-        if let Some(mut m) = json("zarr.json")? {
-            let is_array = m.get("node_type").and_then(Value::as_str) == Some("array");
-            return Ok(Some(Self { is_array, attributes: object(m.remove("attributes")) }));
-        }
-        for (file, is_array) in [(".zarray", true), (".zgroup", false)] {
-            if json(file)?.is_some() {
-                return Ok(Some(Self { is_array, attributes: json(".zattrs")?.unwrap_or_default() }));
-            }
-        }
-        Ok(None)
-    }
-}
-
-/// Opens the array `name`; whatever zarrs makes of the metadata, it is an error of ours.
-pub(super) fn open_array(store: &Arc<Store>, name: &str) -> Result<Array<Store>, ChartError> {
-    let path = store.root();
-    let wrong = |found: String| ChartError::Metadata {
-        path: path.into(),
-        array: name.into(),
-        what: "metadata",
-        expected: "a Zarr v2 or v3 array with known codecs".into(),
-        found,
-    };
-    let open = || {
-        Array::open(store.clone(), &format!("/{name}")).map_err(|e| {
-            store_error("read", &path.join(name), &e).map_or_else(|| wrong(e.to_string()), Into::into)
-        })
-    };
-    catch_unwind(AssertUnwindSafe(open))
-        .unwrap_or_else(|_| Err(wrong("metadata that zarrs breaks on".into())))
-}
-
-/// The path or URL of a store, and the array in it (empty: none named), of `PATH` or `PATH//array`.
+/// Splits `PATH//array` into the path or URL of a store and the array in it (empty if none is named).
 pub fn split_array(spec: &str) -> (&str, &str) {
     match spec.rsplit_once("//") {
         Some((scheme, _)) if scheme.ends_with(':') && is_url(Path::new(spec)) => (spec, ""),
-        // A doubled slash in the path of something that is there is only that.
+        // An existing path with a doubled slash names no array.
         Some((path, array)) if !path.is_empty() && !Path::new(spec).exists() => {
             (path, array.trim_matches('/'))
         }
@@ -95,13 +36,13 @@ impl ChartStore {
     /// Opens the chart `spec`: `PATH`, a group with an array `chart` or `film` or a bare array, or `PATH//array`.
     ///
     /// # Errors
-    /// [`ChartError`] if there is no chart, or its metadata says what cannot be read.
+    /// [`ChartError`] if there is no chart, or its metadata are invalid or not supported.
     pub fn open(spec: &str, options: ChartOptions) -> Result<Self, ChartError> {
         let (path, array) = split_array(spec);
         Self::open_at(Path::new(path), array, options)
     }
 
-    /// Opens the array `array` (empty: `chart`, `film` or the only one) of the store at `path`, whatever the characters of the path.
+    /// Opens the array `array` (empty: `chart`, `film`, or the store's root) of the store at `path`, which may contain `//`.
     ///
     /// # Errors
     /// As [`ChartStore::open`].
@@ -125,19 +66,19 @@ impl ChartStore {
             film_size,
             units,
             cache: Cache::new(options.cache_bytes),
-            indexes: Cache::new(INDEX_CACHE),
+            indexes: Cache::new(INDEX_CACHE_BYTES),
             options,
             counters: Counters::default(),
-            spool: OnceLock::new(),
-            stamps: Stamps::default(),
+            band_chunks: OnceLock::new(),
+            file_states: ChunkFileStates::default(),
         })
     }
 }
 
 type Found = (Arc<Store>, String, Map<String, Value>);
 
-/// The store's root, the array's name in it, and the attributes of the group around it.
-fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
+/// The store, the array's name in it, and the attributes of its group.
+fn find(path: &Path, requested: &str) -> Result<Found, ChartError> {
     let not_zarr = |found: &str| ChartError::NotZarr { path: path.into(), found: found.into() };
     let store = Arc::new(Store::at(path)?);
     match std::fs::metadata(path) {
@@ -150,7 +91,7 @@ fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
         Ok(_) => {}
     }
     let root = Node::read(&store, "")?;
-    if wanted.is_empty() {
+    if requested.is_empty() {
         let Some(root) = root else {
             return Err(match store.exists()? {
                 true => not_zarr("no Zarr metadata (perhaps an unfinished copy)"),
@@ -158,7 +99,7 @@ fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
             });
         };
         if root.is_array {
-            return Ok(around(path)?.unwrap_or((store, String::new(), Map::new())));
+            return Ok(with_parent_group(path)?.unwrap_or((store, String::new(), Map::new())));
         }
         for name in ["chart", "film"] {
             if Node::read(&store, name)?.is_some_and(|n| n.is_array) {
@@ -167,15 +108,15 @@ fn find(path: &Path, wanted: &str) -> Result<Found, ChartError> {
         }
         return Err(no_array(&store, "\"chart\" or \"film\""));
     }
-    if Node::read(&store, wanted)?.is_none_or(|n| !n.is_array) {
-        return Err(no_array(&store, &format!("{wanted:?}")));
+    if Node::read(&store, requested)?.is_none_or(|n| !n.is_array) {
+        return Err(no_array(&store, &format!("{requested:?}")));
     }
     let attributes = root.map(|n| n.attributes).unwrap_or_default();
-    Ok((store, wanted.into(), attributes))
+    Ok((store, requested.into(), attributes))
 }
 
-/// An array given by its own directory, in its group if it is in one: there are its coordinates.
-fn around(path: &Path) -> Result<Option<Found>, ChartError> {
+/// An array opened by its directory, as a member of its parent group, which holds its coordinates; `None` without a group.
+fn with_parent_group(path: &Path) -> Result<Option<Found>, ChartError> {
     let real = if is_url(path) { Some(path.to_path_buf()) } else { path.canonicalize().ok() };
     let above = real.as_deref().and_then(|p| Some((p.parent()?, p.file_name()?.to_str()?)));
     let Some((parent, name)) = above.filter(|(parent, _)| is_url(parent) == is_url(path)) else {
@@ -185,20 +126,20 @@ fn around(path: &Path) -> Result<Option<Found>, ChartError> {
     match Node::read(&store, "") {
         Ok(Some(group)) if !group.is_array => Ok(Some((store, name.to_owned(), group.attributes))),
         Err(e) if e.retryable() => Err(e),
-        // What cannot be looked into is no group of this array's.
+        // An unreadable parent is not the group of this array.
         _ => Ok(None),
     }
 }
 
-fn no_array(store: &Store, wanted: &str) -> ChartError {
-    // What cannot be listed is not known; the error in hand is told.
+fn no_array(store: &Store, requested: &str) -> ChartError {
+    // If the store cannot be listed, the missing array is the error to report.
     let mut names = store.names("").unwrap_or_default();
     names.retain(|n| Node::read(store, n).is_ok_and(|n| n.is_some_and(|n| n.is_array)));
     let found = if names.is_empty() { "none".into() } else { names.join(", ") };
-    ChartError::NoArray { path: store.root().into(), wanted: wanted.into(), found }
+    ChartError::NoArray { path: store.root().into(), requested: requested.into(), found }
 }
 
-fn wrong(layout: &Layout, what: &'static str, expected: &str, found: &Value) -> ChartError {
+fn invalid(layout: &Layout, what: &'static str, expected: &str, found: &Value) -> ChartError {
     ChartError::Metadata {
         path: layout.store.root().into(),
         array: layout.name.clone(),
@@ -209,8 +150,8 @@ fn wrong(layout: &Layout, what: &'static str, expected: &str, found: &Value) -> 
 }
 
 fn pitch(layout: &Layout, v: &Value) -> Result<f64, ChartError> {
-    let number = v.as_f64().filter(|x| bounds::PITCH_UM.holds(*x));
-    number.ok_or_else(|| wrong(layout, "pitch_um", &format!("a number from {}", bounds::PITCH_UM), v))
+    let number = v.as_f64().filter(|x| bounds::PITCH_UM.contains(*x));
+    number.ok_or_else(|| invalid(layout, "pitch_um", &format!("a number from {}", bounds::PITCH_UM), v))
 }
 
 fn size(layout: &Layout, v: &Value) -> Result<Size, ChartError> {
@@ -220,39 +161,13 @@ fn size(layout: &Layout, v: &Value) -> Result<Size, ChartError> {
         _ => None,
     };
     let expected = format!("[rows, columns], each {}", bounds::FILM_SIDE_PX);
-    size.ok_or_else(|| wrong(layout, "film_size", &expected, v))
-}
-
-/// The metadata of `array` without its attributes, as JSON with sorted keys.
-pub(super) fn canonical(array: &Array<Store>) -> Value {
-    let mut v = match array.metadata() {
-        ArrayMetadata::V3(m) => serde_json::to_value(m),
-        ArrayMetadata::V2(m) => serde_json::to_value(m),
-    }
-    .unwrap_or_default();
-    if let Value::Object(m) = &mut v {
-        m.remove("attributes");
-    }
-    sorted(v)
-}
-
-/// `v` with the keys of every object sorted.
-pub(super) fn sorted(v: Value) -> Value {
-    match v {
-        Value::Object(m) => {
-            let mut pairs: Vec<_> = m.into_iter().map(|(k, v)| (k, sorted(v))).collect();
-            pairs.sort_by(|a, b| a.0.cmp(&b.0));
-            Value::Object(pairs.into_iter().collect())
-        }
-        Value::Array(a) => Value::Array(a.into_iter().map(sorted).collect()),
-        other => other,
-    }
+    size.ok_or_else(|| invalid(layout, "film_size", &expected, v))
 }
 
 #[cfg(test)]
 mod tests {
     #[test]
-    fn the_slashes_of_a_scheme_begin_no_array() {
+    fn split_array_ignores_the_slashes_of_a_url_scheme() {
         for (spec, expected) in [
             ("s3://bucket/film.zarr", ("s3://bucket/film.zarr", "")),
             ("s3://bucket/film.zarr//film", ("s3://bucket/film.zarr", "film")),

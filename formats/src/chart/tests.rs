@@ -1,4 +1,4 @@
-//! Charts by zarr-python (`tests/data/make_charts.py`), our own, and broken ones.
+//! Zarr charts: fixtures by zarr-python (`tests/data/make_charts.py`), charts of [`write_chart`], and invalid stores.
 
 mod broken;
 mod speed;
@@ -7,16 +7,17 @@ mod values;
 mod written;
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicU64;
 
 use super::*;
-use pipeline::geometry::Rect;
+use pipeline::geometry::{Rect, Size};
 
 /// A fixture made by zarr-python.
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/charts").join(name)
 }
 
-/// What every fixture holds.
+/// Value of every fixture.
 fn sample(band: usize, y: usize, x: usize) -> f32 {
     ((31 * band + 7 * y + 3 * x) % 251) as f32
 }
@@ -25,7 +26,7 @@ fn open(path: &Path) -> ChartStore {
     ChartStore::open(path.to_str().unwrap(), ChartOptions::default()).unwrap()
 }
 
-fn refuse(path: &Path) -> ChartError {
+fn open_error(path: &Path) -> ChartError {
     ChartStore::open(path.to_str().unwrap(), ChartOptions::default()).unwrap_err()
 }
 
@@ -43,7 +44,7 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// A fixture of one's own, to break.
+/// A copy of a fixture, to be modified.
 fn copied(name: &str) -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join(name);

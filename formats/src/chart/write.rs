@@ -1,12 +1,11 @@
-//! Writing a chart: any source into a store, in parallel, whole or not at all.
+//! Writing a chart store from any source, in parallel; each worker holds one shard. Layout: see [`crate::chart`].
 //!
-//! Shards (1, 2048, 2048) of inner chunks (1, 512, 512); less where the chart is smaller. Each worker holds one shard.
-//! It is a chart when all is written, not before: files lie in a temp directory beside the place until then, objects lack
-//! the group's metadata.
+//! The store becomes a chart when it is complete: until then files lie in a temp directory beside its path, and objects lack the group's
+//! metadata.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
@@ -14,27 +13,30 @@ use serde_json::{Map, Value, json};
 
 use crate::durable::{DurableError, Removal, Store, is_temp_name, link_target};
 use crate::hierarchy::{NewGroup, array, coordinate};
+use crate::parallel;
 use crate::shard::{Codec, SampleType, ShardEncoder, sharding_metadata};
 
+/// Side of a shard, px.
 const SHARD: usize = 2048;
+/// Side of an inner chunk, px.
 const CHUNK: usize = 512;
 
-/// What a chart is, beside its pixels.
+/// Metadata of a chart.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ChartMeta {
-    /// Wavelength of each band in nm; as many bands are written.
+    /// Wavelength of each band in nm; their number is the number of bands written.
     pub wavelengths_nm: Vec<f64>,
     /// Pixel pitch in µm.
     pub pitch_um: Option<f64>,
-    /// Size of the film that it is meant for, if the chart has overscan.
+    /// Size of the film, for a chart with overscan.
     pub film_size: Option<Size>,
-    /// What the values are.
+    /// Unit of the values.
     pub units: Option<String>,
-    /// More attributes of the group.
+    /// Further attributes of the group.
     pub attributes: Map<String, Value>,
 }
 
-/// What was written.
+/// Amount of data written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct WriteReport {
@@ -48,27 +50,27 @@ pub struct WriteReport {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WriteError {
-    /// Something is there.
+    /// Something exists at the path.
     #[error("writing chart {path}: it exists already; remove it or choose another path")]
     Exists {
         /// The chart.
         path: PathBuf,
     },
-    /// Something else than a chart is there.
+    /// Something other than a chart exists at the path.
     #[error("replacing chart {path}: it is no Zarr group with an array `chart`; nothing was changed")]
     NotChart {
-        /// What lies there.
+        /// The path.
         path: PathBuf,
     },
-    /// The chart's directory holds what this program did not write.
+    /// The chart's directory contains files that this program did not write.
     #[error(
-        "replacing chart {path}: it holds what this program did not write: {}; nothing was removed: move that away, or choose \
-         another path", .names.join(", ")
+        "replacing chart {path}: it contains files that this program did not write: {}; nothing was removed: move them elsewhere, or \
+         choose another path", .names.join(", ")
     )]
     Foreign {
         /// The chart.
         path: PathBuf,
-        /// Paths in it, the first few.
+        /// The first few of them.
         names: Vec<String>,
     },
     /// No bands or no pixels.
@@ -81,7 +83,7 @@ pub enum WriteError {
         /// Pixels.
         size: Size,
     },
-    /// The source fails.
+    /// The source failed.
     #[error("writing chart {path}: reading band {band}, {rect} of its source: {source}")]
     Source {
         /// The chart.
@@ -90,29 +92,29 @@ pub enum WriteError {
         band: usize,
         /// Pixels.
         rect: Rect,
-        /// In its words.
+        /// Its error.
         source: SourceSinkError,
     },
-    /// The codec refuses.
+    /// Pixels that cannot be encoded.
     #[error("writing chart {path}: {reason}")]
     Codec {
         /// The chart.
         path: PathBuf,
-        /// In its words.
+        /// The cause.
         reason: String,
     },
-    /// The files.
+    /// Error of the file system or object store.
     #[error("writing the chart: {0}")]
     Storage(#[from] DurableError),
 }
 
-/// Removes the chart at `path`; nothing there is fine.
+/// Removes the chart at `path`, if there is one.
 ///
 /// # Errors
-/// [`WriteError::NotChart`] for anything but a group with an array `chart`; [`WriteError::Foreign`] if it holds what this
+/// [`WriteError::NotChart`] for anything but a group with an array `chart`; [`WriteError::Foreign`] if it contains files that this
 /// program did not write; [`WriteError::Storage`].
 pub fn remove_chart(path: &Path) -> Result<(), WriteError> {
-    match chart_at(path)? {
+    match open_chart(path)? {
         Some(store) => match store.remove_all(Vec::new(), is_own)? {
             Removal::Done => Ok(()),
             Removal::Foreign(names) => Err(WriteError::Foreign { path: path.into(), names }),
@@ -122,10 +124,9 @@ pub fn remove_chart(path: &Path) -> Result<(), WriteError> {
     }
 }
 
-/// The open store of the chart at `path`; `None` if nothing is there.
-fn chart_at(path: &Path) -> Result<Option<Store>, WriteError> {
-    let place = link_target(path);
-    let store = Store::at(&place)?;
+/// Opens the store of the chart at `path`; `None` if nothing exists there.
+fn open_chart(path: &Path) -> Result<Option<Store>, WriteError> {
+    let store = Store::at(&link_target(path))?;
     if !store.exists()? {
         return Ok(None);
     }
@@ -136,12 +137,12 @@ fn chart_at(path: &Path) -> Result<Option<Store>, WriteError> {
     Ok(Some(store))
 }
 
-/// As [`write_chart`], in place of the chart that is there, which stays as it is until the new one is complete. Objects at a URL
-/// cannot be exchanged: there the old chart is removed first.
+/// As [`write_chart`], but replaces an existing chart once the new one is complete. Objects at a URL cannot be replaced in one step:
+/// there the old chart is removed first.
 ///
 /// # Errors
-/// [`WriteError`]; in a directory the old chart is there then. [`WriteError::NotChart`] for anything but a chart,
-/// [`WriteError::Foreign`] if it holds what this program did not write.
+/// [`WriteError`]; in a directory the old chart is then unchanged. [`WriteError::NotChart`] for anything but a chart,
+/// [`WriteError::Foreign`] if it contains files that this program did not write.
 pub fn replace_chart(
     path: &Path,
     source: &dyn ChartSource,
@@ -150,7 +151,7 @@ pub fn replace_chart(
     threads: usize,
     progress: &(dyn Fn(u64, u64) + Sync),
 ) -> Result<WriteReport, WriteError> {
-    let replace = match chart_at(path)? {
+    let replace = match open_chart(path)? {
         Some(store @ Store::Directory(_)) => {
             if let Some(names) = store.foreign(is_own)? {
                 return Err(WriteError::Foreign { path: path.into(), names });
@@ -166,7 +167,7 @@ pub fn replace_chart(
     write(path, source, meta, codec, threads, progress, replace)
 }
 
-/// Whether a chart that this program wrote has the file `key`.
+/// Whether a chart written by this program may contain the file `key`.
 fn is_own(key: &str) -> bool {
     let parts: Vec<&str> = key.split('/').collect();
     let numbers = |parts: &[&str]| {
@@ -179,11 +180,11 @@ fn is_own(key: &str) -> bool {
     }
 }
 
-/// Writes `source` as a chart at `path` on `threads` threads that hold one shard each. `progress` is told shards done
-/// and shards in all.
+/// Writes `source` as a chart at `path` on `threads` threads that hold one shard each. `progress` receives the numbers of shards done
+/// and in total.
 ///
 /// # Errors
-/// [`WriteError`]; there is nothing at `path` then.
+/// [`WriteError`]; nothing exists at `path` then.
 pub fn write_chart(
     path: &Path,
     source: &dyn ChartSource,
@@ -215,47 +216,31 @@ fn write(
     let shard = move |band: usize, rect: &Rect| {
         format!("chart/c/{band}/{}/{}", rect.y as usize / sh, rect.x as usize / sw)
     };
-    let mut ours: HashSet<String> =
+    let mut own_keys: HashSet<String> =
         (0..bands).flat_map(|band| tiles.iter().map(move |rect| shard(band, rect))).collect();
-    ours.extend(["chart/zarr.json", "wavelength/zarr.json", "wavelength/c/0"].map(str::to_owned));
+    own_keys.extend(["chart/zarr.json", "wavelength/zarr.json", "wavelength/c/0"].map(str::to_owned));
     let mut group = match replace {
         true => NewGroup::replacing(path, true)?,
-        false => NewGroup::begin(path, true, move |key| ours.contains(key))?.ok_or_else(exists)?,
+        false => NewGroup::begin(path, true, move |key| own_keys.contains(key))?.ok_or_else(exists)?,
     };
-    let refused = |reason: String| WriteError::Codec { path: path.into(), reason };
-    let encoder = ShardEncoder::new(codec, SampleType::F32, CHUNK).map_err(|e| refused(e.to_string()))?;
+    let codec_error = |reason: String| WriteError::Codec { path: path.into(), reason };
+    let encoder = ShardEncoder::new(codec, SampleType::F32, CHUNK).map_err(|e| codec_error(e.to_string()))?;
     let total = bands * tiles.len();
-    let (next, done, bytes) = (AtomicUsize::new(0), AtomicU64::new(0), AtomicU64::new(0));
-    let write = |n: usize, data: &mut Vec<f32>| -> Result<(), WriteError> {
+    let bytes = AtomicU64::new(0);
+    parallel::for_each::<WriteError>(threads, total, progress, |n| {
         let (band, rect) = (n / tiles.len(), tiles[n % tiles.len()]);
-        data.resize(rect.size().pixels(), 0.0);
-        source.read(band, rect, data).map_err(|source| WriteError::Source {
+        let mut data = vec![0.0; rect.size().pixels()];
+        source.read(band, rect, &mut data).map_err(|source| WriteError::Source {
             path: path.into(),
             band,
             rect,
             source,
         })?;
         let encoded = encoder
-            .encode(data, (rect.height, rect.width), (sh / CHUNK, sw / CHUNK))
-            .map_err(|e| refused(format!("band {band}, shard {}: {e}", shard(band, &rect))))?;
+            .encode(&data, (rect.height, rect.width), (sh / CHUNK, sw / CHUNK))
+            .map_err(|e| codec_error(format!("band {band}, shard {}: {e}", shard(band, &rect))))?;
         bytes.fetch_add(encoded.len() as u64, Relaxed);
-        group.store.write(&shard(band, &rect), encoded)?;
-        progress(done.fetch_add(1, Relaxed) + 1, total as u64);
-        Ok(())
-    };
-    let work = || -> Result<(), WriteError> {
-        let mut data = Vec::new();
-        loop {
-            let n = next.fetch_add(1, Relaxed);
-            if n >= total {
-                return Ok(());
-            }
-            write(n, &mut data).inspect_err(|_| next.store(total, Relaxed))?;
-        }
-    };
-    std::thread::scope(|s| {
-        let workers: Vec<_> = (0..threads.max(1)).map(|_| s.spawn(work)).collect();
-        workers.into_iter().try_for_each(|w| w.join().expect("workers return their errors"))
+        Ok(group.store.write(&shard(band, &rect), encoded)?)
     })?;
     group.coordinate("wavelength", coordinate("wavelength", "nm", "wavelength", &meta.wavelengths_nm))?;
     let chart = array(

@@ -1,25 +1,26 @@
-//! Faults on demand, so that tests can make the real program meet them. Debug builds only; a release has none of this.
+//! Fault injection for tests of the program. Debug builds only.
 //!
-//! `LENSCUBE_FAULT=STEP:N:WHAT` strikes the N-th time (from 1) that the process comes to STEP: `create`, `write`, `sync`,
-//! `rename`, `sync-directory`, `remove`, `read`, `publish`, `sweep`, or `any` of them. WHAT is an errno (`28`: no space left),
+//! `LENSCUBE_FAULT=STEP:N:FAULT` injects FAULT at the N-th execution (from 1) of STEP in the process: `create`, `write`, `sync`,
+//! `rename`, `sync-directory`, `remove`, `read`, `publish`, `sweep`, or `any` of them. FAULT is an errno (`28`: no space left),
 //! `kill` (SIGKILL before the step), `stop` (SIGSTOP before it), `torn` (a write of half the bytes, then SIGKILL) or `short`
-//! (half the bytes, and no word about it). With a `+` after N every later time is struck as well: `write:3+:28`. Several
-//! faults are separated by commas, each with a count of its own.
+//! (a write of half the bytes that reports success). With a `+` after N it is injected at every later execution as well:
+//! `write:3+:28`. Several faults are separated by commas and counted separately.
 //!
-//! STEP may also be a named point of the program ([`point`]), at which `stop` holds the process until SIGCONT and `kill` ends it.
+//! STEP may also be a named point of the program ([`point`]), at which `stop` suspends the process until SIGCONT and `kill` ends it.
 //! `any` does not include them. Points: `film-opened`, `job-ready` (chart opened, lens traced), `locked`, `tiles-begin`, `commit`
 //! (before the film's identity is checked), `commit-checked` (after that, before the write), `film-removed` (`--overwrite`,
-//! before the new film is created), `shards-made` (before the end of the run is reported), `shard-aside` (`verify --repair`).
+//! before the new film is created), `shards-made` (before the end of the run is reported), `verified`, `shard-aside`
+//! (`verify --repair`).
 
 #[cfg(not(debug_assertions))]
-mod none {
-    use super::super::Step;
+mod disabled {
+    use super::super::step::Step;
 
-    pub(in super::super) const fn strike(_: Step) -> std::io::Result<()> {
+    pub(in super::super) const fn inject(_: Step) -> std::io::Result<()> {
         Ok(())
     }
 
-    /// Nothing in a release.
+    /// No effect in a release build.
     pub const fn point(_: &'static str) {}
 
     pub(in super::super) fn write(
@@ -31,87 +32,76 @@ mod none {
 }
 
 #[cfg(debug_assertions)]
-mod asked {
-    use super::super::Step;
+mod enabled {
+    use super::super::step::Step;
     use std::io::Error;
     use std::sync::OnceLock;
     use std::sync::atomic::{AtomicU64, Ordering};
 
     #[derive(Clone, Copy, PartialEq)]
-    enum What {
+    enum Kind {
         Kill,
         Stop,
         Torn,
         Short,
-        Error(i32),
+        Errno(i32),
     }
 
-    struct Asked {
+    struct Fault {
         step: String,
-        from: u64,
-        on: bool,
-        what: What,
+        /// First execution of the step at which it is injected, from 1.
+        first: u64,
+        /// Also at every later execution.
+        repeated: bool,
+        kind: Kind,
+        executions: AtomicU64,
     }
 
-    fn asked() -> &'static [(Asked, AtomicU64)] {
-        static ASKED: OnceLock<Vec<(Asked, AtomicU64)>> = OnceLock::new();
-        ASKED.get_or_init(|| {
+    fn faults() -> &'static [Fault] {
+        static FAULTS: OnceLock<Vec<Fault>> = OnceLock::new();
+        FAULTS.get_or_init(|| {
             let text = std::env::var("LENSCUBE_FAULT").unwrap_or_default();
-            let each = text.split(',').filter(|part| !part.is_empty());
-            each.map(|part| (parse(part), AtomicU64::new(0))).collect()
+            text.split(',').filter(|part| !part.is_empty()).map(parse).collect()
         })
     }
 
-    fn parse(text: &str) -> Asked {
-        let wrong = || panic!("LENSCUBE_FAULT={text}: expected STEP:N:WHAT");
-        let [step, n, what] = text.split(':').collect::<Vec<_>>()[..] else { wrong() };
-        Asked {
+    fn parse(text: &str) -> Fault {
+        let malformed = || panic!("LENSCUBE_FAULT={text}: expected STEP:N:FAULT");
+        let [step, n, kind] = text.split(':').collect::<Vec<_>>()[..] else { malformed() };
+        Fault {
             step: step.into(),
-            from: n.trim_end_matches('+').parse().unwrap_or_else(|_| wrong()),
-            on: n.ends_with('+'),
-            what: match what {
-                "kill" => What::Kill,
-                "stop" => What::Stop,
-                "torn" => What::Torn,
-                "short" => What::Short,
-                errno => What::Error(errno.parse().unwrap_or_else(|_| wrong())),
+            first: n.trim_end_matches('+').parse().unwrap_or_else(|_| malformed()),
+            repeated: n.ends_with('+'),
+            kind: match kind {
+                "kill" => Kind::Kill,
+                "stop" => Kind::Stop,
+                "torn" => Kind::Torn,
+                "short" => Kind::Short,
+                errno => Kind::Errno(errno.parse().unwrap_or_else(|_| malformed())),
             },
+            executions: AtomicU64::new(0),
         }
     }
 
-    const fn name(step: Step) -> &'static str {
-        match step {
-            Step::Create => "create",
-            Step::Write => "write",
-            Step::Sync => "sync",
-            Step::Rename => "rename",
-            Step::SyncDirectory => "sync-directory",
-            Step::Remove => "remove",
-            Step::Read => "read",
-            Step::Publish => "publish",
-            Step::Sweep => "sweep",
-        }
-    }
-
-    /// The fault that is due at `name`; `any` stands for it if it is a step.
-    fn due(name: &str, is_step: bool) -> Option<What> {
-        let mut what = None;
-        for (asked, count) in asked() {
-            if asked.step != name && !(is_step && asked.step == "any") {
+    /// Counts one execution of `name` and returns the fault to inject there; `any` matches steps, not points.
+    fn due(name: &str, is_step: bool) -> Option<Kind> {
+        let mut due = None;
+        for fault in faults() {
+            if fault.step != name && !(is_step && fault.step == "any") {
                 continue;
             }
-            let n = count.fetch_add(1, Ordering::SeqCst) + 1;
-            if what.is_none() && (n == asked.from || (asked.on && n > asked.from)) {
-                eprintln!("struck by LENSCUBE_FAULT at {name} {n}");
-                what = Some(asked.what);
+            let n = fault.executions.fetch_add(1, Ordering::SeqCst) + 1;
+            if due.is_none() && (n == fault.first || (fault.repeated && n > fault.first)) {
+                eprintln!("fault injected by LENSCUBE_FAULT at {name} {n}");
+                due = Some(fault.kind);
             }
         }
-        what
+        due
     }
 
     fn signal(signal: rustix::process::Signal) {
         let _ = rustix::process::kill_process(rustix::process::getpid(), signal);
-        // SIGKILL comes at once, but perhaps not before the next instruction.
+        // SIGKILL may be delivered after the next instruction.
         if signal == rustix::process::Signal::KILL {
             loop {
                 std::thread::park();
@@ -119,25 +109,25 @@ mod asked {
         }
     }
 
-    fn act(what: What) -> std::io::Result<()> {
+    fn act(kind: Kind) -> std::io::Result<()> {
         use rustix::process::Signal;
-        match what {
-            What::Kill | What::Torn => signal(Signal::KILL),
-            What::Stop => signal(Signal::STOP),
-            What::Short => (),
-            What::Error(errno) => return Err(Error::from_raw_os_error(errno)),
+        match kind {
+            Kind::Kill | Kind::Torn => signal(Signal::KILL),
+            Kind::Stop => signal(Signal::STOP),
+            Kind::Short => (),
+            Kind::Errno(errno) => return Err(Error::from_raw_os_error(errno)),
         }
         Ok(())
     }
 
-    pub(in super::super) fn strike(step: Step) -> std::io::Result<()> {
-        due(name(step), true).map_or(Ok(()), act)
+    pub(in super::super) fn inject(step: Step) -> std::io::Result<()> {
+        due(step.name(), true).map_or(Ok(()), act)
     }
 
-    /// A place in the program at which a test may hold (`stop`) or end (`kill`) the process.
+    /// Point of the program at which a test may suspend (`stop`) or end (`kill`) the process.
     pub fn point(name: &'static str) {
         match due(name, false) {
-            Some(what @ (What::Stop | What::Kill)) => act(what).expect("a signal is no error"),
+            Some(kind @ (Kind::Stop | Kind::Kill)) => act(kind).expect("a signal is no error"),
             Some(_) => panic!("LENSCUBE_FAULT: {name} takes stop or kill"),
             None => (),
         }
@@ -147,20 +137,20 @@ mod asked {
         bytes: &[u8],
         write: &mut dyn FnMut(&[u8]) -> std::io::Result<()>,
     ) -> std::io::Result<()> {
-        let Some(what) = due(name(Step::Write), true) else { return write(bytes) };
-        if matches!(what, What::Torn | What::Short) {
+        let Some(kind) = due(Step::Write.name(), true) else { return write(bytes) };
+        if matches!(kind, Kind::Torn | Kind::Short) {
             write(&bytes[..bytes.len() / 2])?;
         }
-        act(what)?;
-        if what == What::Short { Ok(()) } else { write(bytes) }
+        act(kind)?;
+        if kind == Kind::Short { Ok(()) } else { write(bytes) }
     }
 }
 
-#[cfg(debug_assertions)]
-pub use asked::point;
-#[cfg(debug_assertions)]
-pub(super) use asked::{strike, write};
 #[cfg(not(debug_assertions))]
-pub use none::point;
+pub use disabled::point;
 #[cfg(not(debug_assertions))]
-pub(super) use none::{strike, write};
+pub(super) use disabled::{inject, write};
+#[cfg(debug_assertions)]
+pub use enabled::point;
+#[cfg(debug_assertions)]
+pub(super) use enabled::{inject, write};

@@ -1,6 +1,6 @@
-//! State of a file, from its metadata: a file that was written, replaced or touched has another one.
+//! State of a file by its metadata, which changes when the file is written, replaced or touched.
 //!
-//! The time of last status change (ctime) cannot be set by a program, so equal states mean equal bytes, to the resolution of the
+//! A program cannot set the time of the last status change (ctime), so equal states mean equal bytes, to the resolution of the
 //! file system's clock.
 
 use std::fs::Metadata;
@@ -19,8 +19,8 @@ pub(crate) struct FileState {
 }
 
 impl FileState {
-    /// Of an open file or a path, by its metadata.
-    pub(crate) fn of(meta: &Metadata) -> Self {
+    /// State by the metadata of an open file or a path.
+    pub(crate) fn from_metadata(meta: &Metadata) -> Self {
         Self {
             inode: (meta.dev(), meta.ino()),
             bytes: meta.len(),
@@ -29,8 +29,8 @@ impl FileState {
         }
     }
 
-    /// Of the file at `path`; `None` if there is none.
-    pub(crate) fn at(path: &Path) -> Option<Self> {
-        std::fs::metadata(path).ok().map(|meta| Self::of(&meta))
+    /// State of the file at `path`; `None` if there is none.
+    pub(crate) fn from_path(path: &Path) -> Option<Self> {
+        std::fs::metadata(path).ok().map(|meta| Self::from_metadata(&meta))
     }
 }

@@ -1,8 +1,8 @@
-//! File operations relative to an open directory (`openat` and its kin).
+//! File operations relative to an open directory (`openat` and related system calls).
 //!
-//! A path names whatever lies there now; an open directory stays the one that was opened. What is written through it never
-//! reaches another directory that has taken its name meanwhile: it goes to the old one, or fails with "not found" once
-//! that is removed. Paths are relative to `base`; with [`CWD`](rustix::fs::CWD) they are ordinary paths.
+//! A path refers to what is there at the time of the call; an open directory remains the one that was opened. A write relative to it never
+//! reaches another directory that has taken its path since: it goes to the old directory, or fails with "not found" after the removal of
+//! that. Paths are relative to `base`; with [`CWD`](rustix::fs::CWD) they are ordinary paths.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -14,10 +14,10 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{AtFlags, Dir, FileType, Mode, OFlags, Stat, mkdirat, openat, renameat, statat, unlinkat};
 use rustix::io::retry_on_intr;
 
-use super::absent;
+use super::error::is_not_found;
 
-/// Attempts to remove a directory into which other processes still write.
-const ATTEMPTS: usize = 100;
+/// Attempts to remove a directory into which other processes still write, and pause between them.
+const MAX_ATTEMPTS: usize = 100;
 const PAUSE: std::time::Duration = std::time::Duration::from_millis(10);
 
 fn open_with(base: BorrowedFd<'_>, path: &Path, flags: OFlags, mode: Mode) -> Result<OwnedFd> {
@@ -31,18 +31,18 @@ pub(super) fn directory(base: BorrowedFd<'_>, path: &Path) -> Result<OwnedFd> {
     open_with(base, path, OFlags::RDONLY | OFlags::DIRECTORY, Mode::empty())
 }
 
-/// Opens a file to read it. A named pipe does not block: the caller refuses what is no regular file.
+/// Opens a file for reading. A named pipe does not block; the caller rejects anything but a regular file.
 pub(super) fn open(base: BorrowedFd<'_>, path: &Path) -> Result<File> {
     Ok(open_with(base, path, OFlags::RDONLY | OFlags::NONBLOCK, Mode::empty())?.into())
 }
 
-/// Creates a file to write; it must not exist.
+/// Creates a file for writing; it must not exist.
 pub(super) fn create_new(base: BorrowedFd<'_>, path: &Path) -> Result<File> {
     let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::EXCL;
     Ok(open_with(base, path, flags, Mode::from_raw_mode(0o666))?.into())
 }
 
-/// Gives `from` the name `to`, replacing a file there.
+/// Renames `from` to `to`, replacing an existing file.
 pub(super) fn rename(base: BorrowedFd<'_>, from: &Path, to: &Path) -> Result<()> {
     Ok(retry_on_intr(|| renameat(base, from, base, to))?)
 }
@@ -52,18 +52,18 @@ pub(super) fn remove_file(base: BorrowedFd<'_>, path: &Path) -> Result<()> {
     Ok(retry_on_intr(|| unlinkat(base, path, AtFlags::empty()))?)
 }
 
-/// What lies at `path`, links followed.
+/// Metadata of `path`, links followed.
 pub(super) fn stat(base: BorrowedFd<'_>, path: &Path) -> Result<Stat> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     Ok(retry_on_intr(|| statat(base, path, AtFlags::empty()))?)
 }
 
-/// Whether what [`stat`] found is a regular file.
+/// Whether it is a regular file.
 pub(super) fn is_file(stat: &Stat) -> bool {
     FileType::from_raw_mode(stat.st_mode) == FileType::RegularFile
 }
 
-/// Names in a directory and what each is; links are not followed.
+/// Names and types of a directory's entries; links are not followed.
 pub(super) fn entries(base: BorrowedFd<'_>, path: &Path) -> Result<Vec<(OsString, FileType)>> {
     let fd = directory(base, path)?;
     let mut found = Vec::new();
@@ -87,7 +87,7 @@ pub(super) fn entries(base: BorrowedFd<'_>, path: &Path) -> Result<Vec<(OsString
     Ok(found)
 }
 
-/// Flushes a directory's entries. File systems that cannot (some network ones) answer with EINVAL.
+/// Flushes a directory's entries. File systems without that (some network file systems) return EINVAL, which is ignored.
 pub(super) fn sync_directory(base: BorrowedFd<'_>, path: &Path) -> Result<()> {
     match File::from(directory(base, path)?).sync_all() {
         Err(e) if matches!(e.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
@@ -95,7 +95,7 @@ pub(super) fn sync_directory(base: BorrowedFd<'_>, path: &Path) -> Result<()> {
     }
 }
 
-/// Creates the directories of `path` that are missing; with `fsync` each new entry is flushed in its parent.
+/// Creates the missing directories of `path`; with `fsync` each new entry is flushed in its parent.
 pub(super) fn create_directories(base: BorrowedFd<'_>, path: &Path, fsync: bool) -> Result<()> {
     let is_dir = || stat(base, path).is_ok_and(|s| FileType::from_raw_mode(s.st_mode) == FileType::Directory);
     if path.as_os_str().is_empty() || is_dir() {
@@ -111,12 +111,12 @@ pub(super) fn create_directories(base: BorrowedFd<'_>, path: &Path, fsync: bool)
     }
 }
 
-/// Removes a directory with all in it. Files that another process adds meanwhile are removed as well; nothing there is fine.
+/// Removes a directory with its contents, also files that another process adds meanwhile. A missing one is no error.
 pub(super) fn remove_tree(base: BorrowedFd<'_>, path: &Path) -> Result<()> {
     for attempt in 1.. {
         match remove_once(base, path) {
-            Err(e) if absent(&e) => return Ok(()),
-            Err(e) if e.kind() == ErrorKind::DirectoryNotEmpty && attempt < ATTEMPTS => {
+            Err(e) if is_not_found(&e) => return Ok(()),
+            Err(e) if e.kind() == ErrorKind::DirectoryNotEmpty && attempt < MAX_ATTEMPTS => {
                 std::thread::sleep(PAUSE);
             }
             other => return other,
@@ -133,7 +133,7 @@ fn remove_once(base: BorrowedFd<'_>, path: &Path) -> Result<()> {
             _ => remove_file(base, &inner),
         };
         match removed {
-            Err(e) if !absent(&e) => return Err(e),
+            Err(e) if !is_not_found(&e) => return Err(e),
             _ => (),
         }
     }

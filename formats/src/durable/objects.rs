@@ -1,39 +1,33 @@
-//! Objects below a URL: a prefix of an S3-compatible store, or part of a web server, which is only read.
+//! Objects below a URL: a prefix of an S3-compatible store, or part of a web server, which is read-only.
 //!
-//! A put makes an object whole or not at all, so there are no temp names and nothing to sweep. There are no directories to
-//! rename and no locks: a group counts from the moment when its own `zarr.json` is there, and is written and removed in the
-//! order that follows. Nothing depends on listings that are up to date, on conditional puts, or on clocks: what is there is
-//! asked for by its key.
+//! A put creates an object completely or not at all, so there are no temporary names and nothing to sweep. There are no directories to
+//! rename and no locks: a group exists when its own `zarr.json` exists, which is written last and removed last. Nothing depends on
+//! up-to-date lists, on conditional puts, or on clocks: objects are looked up by their keys.
 //!
-//! Requests are tried again, with growing pauses, when the network or the store fails in a way that may pass; what is left
-//! after that is [`DurableError::Unreachable`]. Callers are ordinary threads, and wait.
+//! Requests are repeated, with growing pauses, when the network or the store fails in a way that may pass; an error that remains is
+//! [`DurableError::Unreachable`]. Callers are ordinary threads and block.
 
 mod connect;
 mod environment;
-mod fault;
-mod runtime;
+mod list;
+mod request;
+mod response;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use futures_util::{StreamExt, TryStreamExt};
+use futures_util::StreamExt;
 use object_store::path::Path as Location;
 use object_store::{Error, GetOptions, GetRange, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
 
-use super::DurableError;
-use fault::fault;
-use runtime::{ask, wait};
+use super::error::DurableError;
+use super::url::{Address, redacted};
+use request::{block_on, block_on_with_retry};
+use response::durable_error;
 
-/// Objects asked about at once.
-const AT_ONCE: usize = 32;
-
-pub use connect::check_url;
-
-/// Whether a path is a URL, `SCHEME://…`.
-pub fn is_url(path: &Path) -> bool {
-    path.to_str().is_some_and(|p| connect::scheme(p).is_some())
-}
+/// Metadata requests in flight at a time.
+const CONCURRENT_REQUESTS: usize = 32;
 
 /// Objects below a URL. Keys are relative, with `/`.
 #[derive(Clone)]
@@ -41,33 +35,43 @@ pub struct Objects {
     root: PathBuf,
     prefix: Location,
     store: Arc<dyn ObjectStore>,
-    /// A web server: read only, without lists.
+    /// A web server: read-only, without lists.
     web: bool,
 }
 
 impl std::fmt::Debug for Objects {
-    /// Not the store, which holds credentials.
+    /// Without the client, which has credentials.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Objects({})", self.root.display())
     }
 }
 
-/// What the store tells of an object without sending it.
+/// Metadata of an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectState {
-    /// Its bytes.
+    /// Size in bytes.
     pub size: u64,
-    /// Its ETag, or else when it was changed: another one, other bytes.
+    /// ETag, or else time of modification; changes with the contents.
     pub tag: String,
 }
 
 impl Objects {
-    /// The objects below `url`: `s3://BUCKET/PREFIX`, `http://…` or `https://…`. Nothing is asked for yet.
+    /// The objects below `url`: `s3://BUCKET/PREFIX`, `http://…` or `https://…`. No object is requested yet.
     ///
     /// # Errors
-    /// [`DurableError::Address`] if the URL or the environment do not tell a store.
+    /// [`DurableError::Address`] if the URL or the environment is invalid.
     pub fn at(url: &Path) -> Result<Self, DurableError> {
-        connect::connect(url)
+        let text = url.to_string_lossy();
+        let invalid = |problem: String| DurableError::Address { path: redacted(&text).into(), problem };
+        let address = Address::parse(&text).map_err(invalid)?;
+        let web = matches!(address.scheme, "http" | "https");
+        let prefix = match web {
+            true => Location::from_url_path(address.path),
+            false => Location::parse(address.path),
+        };
+        let prefix = prefix.map_err(|e| invalid(e.to_string()))?;
+        let store = connect::client(&address).map_err(invalid)?;
+        Ok(Self { root: text.trim_end_matches('/').to_owned().into(), prefix, store, web })
     }
 
     /// The URL.
@@ -88,55 +92,52 @@ impl Objects {
     /// The objects below `key`.
     ///
     /// # Errors
-    /// [`DurableError::Key`] for a key that would leave the prefix.
+    /// [`DurableError::Key`] for a key outside the prefix.
     pub fn below(&self, key: &str) -> Result<Self, DurableError> {
         Ok(Self { root: self.root.join(key), prefix: self.location(key)?, ..self.clone() })
     }
 
-    fn fault<'a>(&'a self, doing: &'static str, key: &'a str) -> impl Fn(Error) -> DurableError + 'a {
-        move |e| fault(doing, &self.root.join(key), &e)
+    fn failed<'a>(&'a self, doing: &'static str, key: &'a str) -> impl Fn(Error) -> DurableError + 'a {
+        move |e| durable_error(doing, &self.root.join(key), &e)
     }
 
-    fn writable(&self, doing: &'static str, key: &str) -> Result<(), DurableError> {
+    fn check_writable(&self, doing: &'static str, key: &str) -> Result<(), DurableError> {
         if !self.web {
             return Ok(());
         }
-        Err(DurableError::Refused {
+        Err(DurableError::Rejected {
             doing,
             path: self.root.join(key),
-            reason: "web servers are only read".into(),
+            reason: "web servers are read-only".into(),
             way_out: "choose a directory or s3://BUCKET/PREFIX",
         })
     }
 
-    /// Puts `bytes` under `key`, replacing what was there.
+    /// Puts `bytes` under `key`, replacing an existing object.
     ///
     /// # Errors
-    /// [`DurableError`]; the key then holds what it held before, or all of `bytes`.
+    /// [`DurableError`]; the object is then unchanged, or has all of `bytes`.
     pub fn write(&self, key: &str, bytes: Bytes) -> Result<(), DurableError> {
-        self.writable("write", key)?;
+        self.check_writable("write", key)?;
         let (store, location) = (self.store.clone(), self.location(key)?);
-        wait(async move { store.put(&location, bytes.into()).await })
+        block_on(async move { store.put(&location, bytes.into()).await })
             .map(drop)
-            .map_err(self.fault("write", key))
+            .map_err(self.failed("write", key))
     }
 
-    /// Puts `bytes` under `key` if nothing, or the same, is there; `false` if something else is. A store without conditional
-    /// puts is asked first, which leaves a moment for another to come in between.
-    ///
-    /// # Errors
-    /// As [`Objects::write`].
+    /// Puts `bytes` under `key` if there is no object, or one with these bytes; `false` if there is another. Without conditional puts
+    /// the object is read first, so another process may put one in between.
     pub fn write_new(&self, key: &str, bytes: Bytes) -> Result<bool, DurableError> {
-        self.writable("write", key)?;
+        self.check_writable("write", key)?;
         let (store, location, payload) =
             (self.store.clone(), self.location(key)?, PutPayload::from(bytes.clone()));
-        if wait(async move { store.put_opts(&location, payload, PutMode::Create.into()).await }).is_ok() {
+        if block_on(async move { store.put_opts(&location, payload, PutMode::Create.into()).await }).is_ok() {
             return Ok(true);
         }
-        // Something is there, or the store has no such puts, or its answer was lost: such a put is not sent twice. What is wrong
-        // otherwise is told by the plain one.
+        // The object exists, or the store has no conditional puts, or the response was lost: the client does not repeat such a put.
+        // Any other error is reported by the unconditional put.
         match self.read_at_most(key, u64::MAX)? {
-            Some(there) => Ok(there == bytes),
+            Some(existing) => Ok(existing == bytes),
             None => self.write(key, bytes).map(|()| true),
         }
     }
@@ -144,10 +145,10 @@ impl Objects {
     /// The bytes of `key`, at most `limit`, or `None` if there is no such object.
     ///
     /// # Errors
-    /// [`DurableError::Length`] past the limit; [`DurableError`] if it cannot be read.
+    /// [`DurableError::Length`] above the limit; [`DurableError`] if it cannot be read.
     pub fn read_at_most(&self, key: &str, limit: u64) -> Result<Option<Vec<u8>>, DurableError> {
         let (store, location) = (self.store.clone(), self.location(key)?);
-        let got = ask(|| {
+        let got = block_on_with_retry(|| {
             let (store, location) = (store.clone(), location.clone());
             async move {
                 let found = store.get(&location).await?;
@@ -155,7 +156,7 @@ impl Objects {
                 Ok((size, if size > limit { Bytes::new() } else { found.bytes().await? }))
             }
         });
-        let Some((size, bytes)) = absent(got).map_err(self.fault("read", key))? else { return Ok(None) };
+        let Some((size, bytes)) = found(got).map_err(self.failed("read", key))? else { return Ok(None) };
         let length = |expected| DurableError::Length { path: self.root.join(key), expected, found: size };
         match bytes.len() as u64 {
             _ if size > limit => Err(length(limit)),
@@ -169,19 +170,19 @@ impl Objects {
     /// # Errors
     /// [`DurableError::Range`] if the object is too short; [`DurableError`] if it cannot be read.
     pub fn read_range(&self, key: &str, offset: i64, length: u64) -> Result<Option<Vec<u8>>, DurableError> {
-        let (range, asked) = match u64::try_from(offset) {
+        let (range, expected) = match u64::try_from(offset) {
             Ok(start) => (GetRange::Bounded(start..start.saturating_add(length)), length),
             Err(_) => (GetRange::Suffix(offset.unsigned_abs()), offset.unsigned_abs().max(length)),
         };
         let options = GetOptions { range: Some(range), ..GetOptions::default() };
         let (store, location) = (self.store.clone(), self.location(key)?);
-        let got = ask(|| {
+        let got = block_on_with_retry(|| {
             let (store, location, options) = (store.clone(), location.clone(), options.clone());
             async move { store.get_opts(&location, options).await?.bytes().await }
         });
-        match absent(got) {
+        match found(got) {
             Ok(None) => Ok(None),
-            Ok(Some(bytes)) if bytes.len() as u64 >= asked => {
+            Ok(Some(bytes)) if bytes.len() as u64 >= expected => {
                 let mut bytes = Vec::from(bytes);
                 bytes.truncate(length as usize);
                 Ok(Some(bytes))
@@ -191,7 +192,7 @@ impl Objects {
                 let start =
                     if offset < 0 { size.checked_sub(offset.unsigned_abs()) } else { Some(offset as u64) };
                 match (start.and_then(|s| s.checked_add(length)), short) {
-                    (Some(end), Err(e)) if end <= size => Err(self.fault("read", key)(e)),
+                    (Some(end), Err(e)) if end <= size => Err(self.failed("read", key)(e)),
                     _ => Err(DurableError::Range { path: self.root.join(key), offset, length, size }),
                 }
             }
@@ -199,144 +200,43 @@ impl Objects {
     }
 
     /// The size of `key` in bytes, or `None` if there is no such object.
-    ///
-    /// # Errors
-    /// [`DurableError`] if the store does not tell.
     pub fn size_of(&self, key: &str) -> Result<Option<u64>, DurableError> {
         Ok(self.states(&[key.to_owned()])?.pop().flatten().map(|s| s.size))
     }
 
-    /// What the store tells of each of `keys`; `None` for an object that is not there.
-    ///
-    /// # Errors
-    /// As [`Objects::size_of`].
+    /// Metadata of each of `keys`; `None` for a missing object.
     pub fn states(&self, keys: &[String]) -> Result<Vec<Option<ObjectState>>, DurableError> {
         let locations: Vec<Location> = keys.iter().map(|key| self.location(key)).collect::<Result<_, _>>()?;
         let store = self.store.clone();
-        let heads = wait(async move {
-            let ask = |at: Location| {
+        let heads = block_on(async move {
+            let head = |at: Location| {
                 let store = store.clone();
-                async move { absent(store.head(&at).await) }
+                async move { found(store.head(&at).await) }
             };
-            // In order, so that of several errors it is always the first that is told.
-            futures_util::stream::iter(locations).map(ask).buffered(AT_ONCE).collect::<Vec<_>>().await
+            // In order, so that of several errors always the first is reported.
+            let requests = futures_util::stream::iter(locations).map(head).buffered(CONCURRENT_REQUESTS);
+            requests.collect::<Vec<_>>().await
         });
         let state = |meta: object_store::ObjectMeta| ObjectState {
             size: meta.size,
             tag: meta.e_tag.unwrap_or_else(|| meta.last_modified.to_rfc3339()),
         };
         std::iter::zip(keys, heads)
-            .map(|(key, head)| Ok(head.map_err(self.fault("look up", key))?.map(state)))
+            .map(|(key, head)| Ok(head.map_err(self.failed("look up", key))?.map(state)))
             .collect()
     }
 
-    /// Whether anything is there.
-    ///
-    /// # Errors
-    /// [`DurableError`] if the store does not tell.
+    /// Whether there is any object below the URL.
     pub fn exists(&self) -> Result<bool, DurableError> {
         let metadata = ["zarr.json", ".zgroup", ".zarray"].map(str::to_owned);
         Ok(self.states(&metadata)?.iter().any(Option::is_some) || self.first_key(|_| true)?.is_some())
     }
-
-    /// A key that a list shows and `wanted` accepts.
-    ///
-    /// # Errors
-    /// [`DurableError`] if the store cannot be listed.
-    pub fn first_key(
-        &self,
-        wanted: impl Fn(&str) -> bool + Send + Sync + 'static,
-    ) -> Result<Option<String>, DurableError> {
-        Ok(self.list(move |key| wanted(key), 1)?.pop())
-    }
-
-    /// The first `most` keys that a list shows and `wanted` accepts. Web servers have no lists.
-    fn list(
-        &self,
-        wanted: impl Fn(&str) -> bool + Send + Sync + 'static,
-        most: usize,
-    ) -> Result<Vec<String>, DurableError> {
-        if self.web {
-            return Ok(Vec::new());
-        }
-        let wanted = Arc::new(wanted);
-        let found = ask(|| {
-            let (store, prefix, wanted) = (self.store.clone(), self.prefix.clone(), wanted.clone());
-            async move {
-                let below = |at: &Location| {
-                    let parts: Vec<_> = at.prefix_match(&prefix)?.collect();
-                    let key = parts.iter().map(AsRef::as_ref).collect::<Vec<&str>>().join("/");
-                    Some(key).filter(|key| wanted(key))
-                };
-                let objects = store.list(Some(&prefix));
-                let keys = objects.try_filter_map(|meta| std::future::ready(Ok(below(&meta.location))));
-                keys.boxed().take(most).try_collect::<Vec<_>>().await
-            }
-        });
-        found.map_err(self.fault("list", ""))
-    }
-
-    /// Names of what lies below `key`, sorted. Nothing for web servers, which have no lists.
-    ///
-    /// # Errors
-    /// [`DurableError`] if the store cannot be listed.
-    pub fn names(&self, key: &str) -> Result<Vec<String>, DurableError> {
-        if self.web {
-            return Ok(Vec::new());
-        }
-        let (store, prefix) = (self.store.clone(), self.location(key)?);
-        let found = ask(|| {
-            let (store, prefix) = (store.clone(), prefix.clone());
-            async move { store.list_with_delimiter(Some(&prefix)).await }
-        });
-        let found = found.map_err(self.fault("list", key))?;
-        let all = found.objects.into_iter().map(|o| o.location).chain(found.common_prefixes);
-        let mut names: Vec<String> = all.filter_map(|at| at.filename().map(str::to_owned)).collect();
-        names.sort();
-        names.dedup();
-        Ok(names)
-    }
-
-    /// Removes `key`; one that is not there is fine.
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be removed.
-    pub fn remove(&self, key: &str) -> Result<(), DurableError> {
-        self.remove_many(vec![key.to_owned()])
-    }
-
-    fn remove_many(&self, keys: Vec<String>) -> Result<(), DurableError> {
-        let Some(first) = keys.first().cloned() else { return Ok(()) };
-        self.writable("remove", &first)?;
-        let at: Vec<_> = keys.iter().map(|key| self.location(key)).collect::<Result<_, _>>()?;
-        let gone = ask(|| {
-            let (store, at) = (self.store.clone(), at.clone());
-            async move {
-                let at = futures_util::stream::iter(at.into_iter().map(Ok)).boxed();
-                let removed = store.delete_stream(at).map(absent).map_ok(drop);
-                removed.try_collect::<Vec<()>>().await
-            }
-        });
-        gone.map(drop).map_err(self.fault("remove", &first))
-    }
-
-    /// Removes all objects that a list shows, and those of `known`, which may be too new for the list. The group's own
-    /// metadata goes last: until then it says what this is, and the removal can be taken up again.
-    ///
-    /// # Errors
-    /// [`DurableError`] if they cannot be listed or removed.
-    pub fn remove_all(&self, mut known: Vec<String>) -> Result<(), DurableError> {
-        known.extend(self.list(|_| true, usize::MAX)?);
-        known.retain(|key| key != "zarr.json");
-        self.remove_many(known)?;
-        self.remove("zarr.json")
-    }
 }
 
-/// `None` for what is not there, but for a bucket that is not there.
-fn absent<T>(got: Result<T, Error>) -> Result<Option<T>, Error> {
+/// `None` for a missing object; a missing bucket is an error.
+fn found<T>(got: Result<T, Error>) -> Result<Option<T>, Error> {
     match got {
-        Err(Error::NotFound { path, source }) if fault::names_bucket(source.as_ref()) => {
+        Err(Error::NotFound { path, source }) if response::is_missing_bucket(source.as_ref()) => {
             Err(Error::NotFound { path, source })
         }
         Err(Error::NotFound { .. }) => Ok(None),

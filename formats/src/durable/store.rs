@@ -1,15 +1,18 @@
-//! The one door to where charts, films and lenses lie.
+//! One interface to directories and to objects below a URL.
 
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 
+use super::directory::Directory;
+use super::error::DurableError;
+use super::lock::{Lock, LockError, LockOwner, locks};
+use super::objects::Objects;
 use super::removal::{self, Removal};
-use super::{
-    Directory, DurableError, Lock, LockError, Objects, Owner, Sweep, is_url, locks, sweep, temp_files,
-};
+use super::sweep::{Sweep, sweep, temp_files};
+use super::url::is_url;
 
-/// Where a chart, a film or a lens lies. Keys are relative, with `/` (`film/c/0/1/2`).
+/// Store of a chart, a film or a lens. Keys are relative, with `/` (`film/c/0/1/2`).
 #[derive(Clone, Debug)]
 pub enum Store {
     /// Files of this machine, or of a network file system.
@@ -22,7 +25,7 @@ impl Store {
     /// The store at `path`, a directory or a URL, which need not exist yet.
     ///
     /// # Errors
-    /// [`DurableError::Address`] if the URL tells no store.
+    /// [`DurableError::Address`] if the URL names no store.
     pub fn at(path: &Path) -> Result<Self, DurableError> {
         match is_url(path) {
             true => Ok(Self::Objects(Objects::at(path)?)),
@@ -38,10 +41,7 @@ impl Store {
         }
     }
 
-    /// See [`Directory::opened`]; objects cannot be held open, and stay what lies at their URL.
-    ///
-    /// # Errors
-    /// As [`Directory::opened`].
+    /// See [`Directory::opened`]; objects are always those at their URL.
     pub fn opened(self) -> Result<Option<Self>, DurableError> {
         match self {
             Self::Directory(d) => Ok(d.opened()?.map(Self::Directory)),
@@ -49,10 +49,7 @@ impl Store {
         }
     }
 
-    /// Whether the directory that is open still lies at its path. Objects are what lies at their URL.
-    ///
-    /// # Errors
-    /// As [`Directory::is_at`].
+    /// Whether the open directory is still at its path; true for objects.
     pub fn is_in_place(&self) -> Result<bool, DurableError> {
         match self {
             Self::Directory(d) => d.is_at(d.root()),
@@ -60,7 +57,7 @@ impl Store {
         }
     }
 
-    /// The store itself.
+    /// Path or URL of the store.
     pub fn root(&self) -> &Path {
         match self {
             Self::Directory(d) => d.root(),
@@ -68,10 +65,7 @@ impl Store {
         }
     }
 
-    /// Whether anything is there.
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be looked up.
+    /// Whether the directory, or an object below the URL, exists.
     pub fn exists(&self) -> Result<bool, DurableError> {
         match self {
             Self::Directory(d) => Ok(d.root().symlink_metadata().is_ok()),
@@ -79,10 +73,10 @@ impl Store {
         }
     }
 
-    /// Writes `bytes` under `key`, replacing what was there, all at once and to last.
+    /// Writes `bytes` under `key`, replacing an existing value, atomically and durably.
     ///
     /// # Errors
-    /// [`DurableError`]; the key then holds what it held before.
+    /// [`DurableError`]; the value is then unchanged.
     pub fn write(&self, key: &str, bytes: impl Into<Bytes>) -> Result<(), DurableError> {
         match self {
             Self::Directory(d) => d.write(key, &bytes.into()),
@@ -91,17 +85,14 @@ impl Store {
     }
 
     /// The bytes of `key`, or `None` if there is no such key.
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be read.
     pub fn read(&self, key: &str) -> Result<Option<Vec<u8>>, DurableError> {
         self.read_at_most(key, u64::MAX)
     }
 
-    /// As [`Store::read`], but refuses more than `limit` bytes before it reads any.
+    /// As [`Store::read`]; more than `limit` bytes are an error, and are not read.
     ///
     /// # Errors
-    /// [`DurableError::Length`] past the limit; [`DurableError`] if it cannot be read.
+    /// [`DurableError::Length`] above the limit; [`DurableError`] if it cannot be read.
     pub fn read_at_most(&self, key: &str, limit: u64) -> Result<Option<Vec<u8>>, DurableError> {
         match self {
             Self::Directory(d) => d.read_at_most(key, limit),
@@ -120,7 +111,7 @@ impl Store {
         }
     }
 
-    /// See [`Directory::will_read`].
+    /// See [`Directory::will_read`]; no effect on objects.
     pub fn will_read(&self, key: &str, offset: u64, length: u64) {
         match self {
             Self::Directory(d) => d.will_read(key, offset, length),
@@ -129,9 +120,6 @@ impl Store {
     }
 
     /// The size of `key` in bytes, or `None` if there is no such key.
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be looked up.
     pub fn size_of(&self, key: &str) -> Result<Option<u64>, DurableError> {
         match self {
             Self::Directory(d) => d.size_of(key),
@@ -140,9 +128,6 @@ impl Store {
     }
 
     /// The size of each of `keys`, as [`Store::size_of`].
-    ///
-    /// # Errors
-    /// As [`Store::size_of`].
     pub fn sizes_of(&self, keys: &[String]) -> Result<Vec<Option<u64>>, DurableError> {
         match self {
             Self::Directory(d) => keys.iter().map(|key| d.size_of(key)).collect(),
@@ -150,10 +135,7 @@ impl Store {
         }
     }
 
-    /// Names of what lies below `key`, sorted; temp files do not count. None if nothing does.
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be listed.
+    /// Names directly below `key`, sorted, without temporary files.
     pub fn names(&self, key: &str) -> Result<Vec<String>, DurableError> {
         match self {
             Self::Directory(d) => d.names(key),
@@ -161,10 +143,7 @@ impl Store {
         }
     }
 
-    /// Removes `key`, to last; one that is not there is fine.
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be removed.
+    /// Removes `key`, durably; a missing key is no error.
     pub fn remove(&self, key: &str) -> Result<(), DurableError> {
         match self {
             Self::Directory(d) => d.remove(key),
@@ -172,55 +151,46 @@ impl Store {
         }
     }
 
-    /// Removes the group `key` with all below it; nothing there is fine. `known`: keys below it that a list of a store far away may
-    /// not show yet. Cut short, the group's own metadata is still there, or all of it is gone.
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be removed.
-    pub fn remove_tree(&self, key: &str, known: Vec<String>) -> Result<(), DurableError> {
+    /// Removes the group `key` with its contents; a missing one is no error. `unlisted`: keys below it that a list of a remote store
+    /// may not include yet. After an interruption the group's own metadata still exists, or the group is removed.
+    pub fn remove_tree(&self, key: &str, unlisted: Vec<String>) -> Result<(), DurableError> {
         match self {
             Self::Directory(d) => d.remove_tree(key),
-            Self::Objects(o) => o.below(key)?.remove_all(known),
+            Self::Objects(o) => o.below(key)?.remove_all(unlisted),
         }
     }
 
-    /// What lies in it that `own` does not know by its key, the first few; `None` if `own` knows all. A directory must be open.
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be listed.
+    /// The first few keys in it for which `is_own` is false; `None` if there are none. A directory must be open.
     pub fn foreign(
         &self,
-        own: impl Fn(&str) -> bool + Send + Sync + 'static,
+        is_own: impl Fn(&str) -> bool + Send + Sync + 'static,
     ) -> Result<Option<Vec<String>>, DurableError> {
         match self {
-            Self::Directory(d) => removal::foreign(d, &own),
-            Self::Objects(o) => Ok(o.first_key(move |key| !own(key))?.map(|key| vec![key])),
+            Self::Directory(d) => removal::foreign_entries(d, &is_own),
+            Self::Objects(o) => Ok(o.first_key(move |key| !is_own(key))?.map(|key| vec![key])),
         }
     }
 
-    /// Removes the store with all in it, if `own` knows all of it by its keys; `known` are keys that a list of objects might
-    /// not show yet. A directory must be open ([`Store::opened`]).
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be listed or removed.
+    /// Removes the store with its contents, if `is_own` is true for all keys in it. `unlisted`: keys that a list of objects may not
+    /// include yet. A directory must be open ([`Store::opened`]).
     pub fn remove_all(
         &self,
-        known: Vec<String>,
-        own: impl Fn(&str) -> bool + Send + Sync + 'static,
+        unlisted: Vec<String>,
+        is_own: impl Fn(&str) -> bool + Send + Sync + 'static,
     ) -> Result<Removal, DurableError> {
         match self {
-            Self::Directory(d) => removal::remove_all(d, &own),
-            Self::Objects(o) => match self.foreign(own)? {
+            Self::Directory(d) => removal::remove_all(d, &is_own),
+            Self::Objects(o) => match self.foreign(is_own)? {
                 Some(names) => Ok(Removal::Foreign(names)),
-                None => o.remove_all(known).map(|()| Removal::Done),
+                None => o.remove_all(unlisted).map(|()| Removal::Done),
             },
         }
     }
 
-    /// Removes what dead processes of this host left in it.
+    /// Removes temporary files of ended processes of this host.
     ///
     /// # Errors
-    /// [`DurableError`] if it cannot be listed, or something not removed.
+    /// As [`sweep`](super::sweep()).
     pub fn sweep(&self) -> Result<Sweep, DurableError> {
         match self {
             Self::Directory(d) => sweep(d.root()),
@@ -228,10 +198,7 @@ impl Store {
         }
     }
 
-    /// Temp files in it, and whether their maker is dead (`None`: who knows).
-    ///
-    /// # Errors
-    /// [`DurableError`] if it cannot be listed.
+    /// Temporary files in it, each with whether its process has ended (`None`: unknown).
     pub fn temp_files(&self) -> Result<Vec<(PathBuf, Option<bool>)>, DurableError> {
         match self {
             Self::Directory(d) => temp_files(d.root()),
@@ -239,10 +206,10 @@ impl Store {
         }
     }
 
-    /// Takes the lock of `unit`, kept in directory `key`. `None`: this store knows no locks.
+    /// Takes the lock of `unit` in directory `key`. `None`: objects have no locks.
     ///
     /// # Errors
-    /// [`LockError`] if another has it.
+    /// [`LockError`] if another process has it.
     pub fn lock(&self, key: &str, unit: &str, take_over: bool) -> Result<Option<Lock>, LockError> {
         match self {
             Self::Directory(d) => Lock::take(&d.root().join(key), unit, take_over).map(Some),
@@ -250,12 +217,12 @@ impl Store {
         }
     }
 
-    /// The locks in directory `key`, each with its owner and whether that one is dead, as far as can be known.
-    ///
-    /// # Errors
-    /// [`DurableError`] if they cannot be read.
+    /// See [`locks`], of directory `key`; none for objects.
     #[allow(clippy::type_complexity, reason = "as `locks`")]
-    pub fn locks(&self, key: &str) -> Result<Vec<(PathBuf, Option<Box<Owner>>, Option<bool>)>, DurableError> {
+    pub fn locks(
+        &self,
+        key: &str,
+    ) -> Result<Vec<(PathBuf, Option<Box<LockOwner>>, Option<bool>)>, DurableError> {
         match self {
             Self::Directory(d) => locks(&d.root().join(key)),
             Self::Objects(_) => Ok(Vec::new()),

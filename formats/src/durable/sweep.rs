@@ -1,97 +1,53 @@
-//! Temporary names that state their maker, and the sweep of those whose maker has provably ended.
+//! Removal of temporary files of ended processes.
 //!
-//! `.tmp-<host>-<machine>-<boot>-<pid namespace>-<pid>-<start>-<nonce>`, the fields of a [`Maker`]. No zarr key begins with
-//! `.tmp-`, so no reader ever requests one.
-//!
-//! Every temporary file or directory of this program has such a name, beside the output that it becomes; the next command that writes
-//! beside it sweeps. What the system does not let this process remove or list (another user's file in a sticky directory, a
-//! file system mounted read-only, a directory without read permission) harms no output: it is reported in [`Sweep::kept`].
+//! Each command that writes into a directory sweeps it first. Files that this process may not remove or list (another user's file in a
+//! sticky directory, a read-only file system, a directory without read permission) do not affect any output: they are reported in
+//! [`Sweep::kept`].
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::fault::strike;
-use super::{DurableError, Maker, Step};
+use super::error::{DurableError, is_not_found};
+use super::temp::{is_temp_name, process_of, remove_temp};
 
-const PREFIX: &str = ".tmp-";
-
-/// The maker of the file of that name; `None` if the name does not state it.
-fn maker(name: &str) -> Option<Maker> {
-    let fields: Vec<&str> = name.strip_prefix(PREFIX)?.split('-').collect();
-    // The nonce may have an ending, as in `.tmp-….zip`.
-    let [host, machine, boot, namespace, pid, start, _nonce] = fields[..] else { return None };
-    Some(Maker {
-        host: host.into(),
-        machine: machine.into(),
-        boot: boot.into(),
-        namespace: namespace.into(),
-        pid: pid.parse().ok()?,
-        start: start.parse().ok()?,
-    })
-}
-
-/// A name that no other process, and no other call in this one, uses.
-pub fn temp_name() -> String {
-    static NONCE: AtomicU64 = AtomicU64::new(0);
-    let m = Maker::here();
-    let nonce = NONCE.fetch_add(1, Ordering::Relaxed);
-    format!("{PREFIX}{}-{}-{}-{}-{}-{}-{nonce}", m.host, m.machine, m.boot, m.namespace, m.pid, m.start)
-}
-
-/// Whether a file name is a temporary name, of whatever maker.
-pub fn is_temp_name(name: &str) -> bool {
-    name.starts_with(PREFIX)
-}
-
-/// What [`sweep`] found.
+/// Result of a sweep.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Sweep {
-    /// Removed: their makers have ended.
+    /// Removed: their processes have ended.
     pub removed: Vec<PathBuf>,
-    /// Left alone: made by a process of this host that runs.
+    /// Kept: made by a running process of this host.
     pub live: Vec<PathBuf>,
-    /// Left alone: made on another host or in another container; this process cannot know whether their makers run.
+    /// Kept: made on another host or in another container, where the state of their processes is unknown.
     pub foreign: Vec<PathBuf>,
-    /// Not allowed: files of ended makers that could not be removed and directories that could not be listed, with the
-    /// system's reason.
+    /// Permission denied: files of ended processes that could not be removed and directories that could not be listed, with the
+    /// system's error.
     pub kept: Vec<(PathBuf, String)>,
 }
 
-/// Removes what ended processes of this host left below `root`.
-///
-/// # Errors
-/// [`DurableError`] if a directory cannot be listed or a file not removed, permissions excepted ([`Sweep::kept`]). A `root`
-/// that is not there is clean.
+/// Removes temporary files of ended processes of this host below `root`, recursively. A missing `root` is no error.
 pub fn sweep(root: &Path) -> Result<Sweep, DurableError> {
-    sweep_found(root, true)
+    sweep_tree(root, true)
 }
 
-/// As [`sweep`], but looks only at the entries of `directory` itself, files and unfinished directories alike.
-///
-/// # Errors
-/// As [`sweep`].
+/// As [`sweep`], of the entries of `directory` itself only: files and incomplete directories.
 pub fn sweep_entries(directory: &Path) -> Result<Sweep, DurableError> {
-    sweep_found(directory, false)
+    sweep_tree(directory, false)
 }
 
-/// The temporary files and directories below `root`, and whether their maker has ended (`None`: unknown). Directories that may not
-/// be listed are passed over.
-///
-/// # Errors
-/// [`DurableError`] if a directory cannot be listed for another reason.
+/// Temporary files and directories below `root`, each with whether its process has ended (`None`: unknown). Directories without
+/// permission to list are skipped.
 pub fn temp_files(root: &Path) -> Result<Vec<(PathBuf, Option<bool>)>, DurableError> {
     let mut found = Found::default();
     found.walk(root, true)?;
     Ok(found.temp)
 }
 
-fn sweep_found(root: &Path, deep: bool) -> Result<Sweep, DurableError> {
+fn sweep_tree(root: &Path, recursive: bool) -> Result<Sweep, DurableError> {
     let mut found = Found::default();
-    found.walk(root, deep)?;
+    found.walk(root, recursive)?;
     let mut sweep = Sweep { kept: found.unlisted, ..Sweep::default() };
-    for (path, dead) in found.temp {
-        match dead {
+    for (path, ended) in found.temp {
+        match ended {
             None => sweep.foreign.push(path),
             Some(false) => sweep.live.push(path),
             Some(true) => match remove_temp(&path) {
@@ -104,35 +60,19 @@ fn sweep_found(root: &Path, deep: bool) -> Result<Sweep, DurableError> {
     Ok(sweep)
 }
 
-/// Removes a temporary file or directory; one that is gone already is fine.
-///
-/// # Errors
-/// [`DurableError`] if it cannot be removed.
-pub fn remove_temp(path: &Path) -> Result<(), DurableError> {
-    let is_dir = path.symlink_metadata().is_ok_and(|m| m.is_dir());
-    let gone = strike(Step::Sweep).and_then(|()| match is_dir {
-        true => std::fs::remove_dir_all(path),
-        false => std::fs::remove_file(path),
-    });
-    match gone {
-        Err(e) if !super::absent(&e) => Err(DurableError::io("remove", path, 0, e)),
-        _ => Ok(()),
-    }
-}
-
-/// What a walk finds.
+/// Result of a directory walk.
 #[derive(Default)]
 struct Found {
     temp: Vec<(PathBuf, Option<bool>)>,
-    /// Directories that may not be listed, and why.
+    /// Directories without permission to list, and the system's error.
     unlisted: Vec<(PathBuf, String)>,
 }
 
 impl Found {
-    fn walk(&mut self, directory: &Path, deep: bool) -> Result<(), DurableError> {
+    fn walk(&mut self, directory: &Path, recursive: bool) -> Result<(), DurableError> {
         let failed = |e| DurableError::io("list", directory, 0, e);
         let entries = match std::fs::read_dir(directory) {
-            Err(e) if super::absent(&e) => return Ok(()),
+            Err(e) if is_not_found(&e) => return Ok(()),
             Err(e) if e.kind() == ErrorKind::PermissionDenied => {
                 self.unlisted.push((directory.into(), e.to_string()));
                 return Ok(());
@@ -145,11 +85,75 @@ impl Found {
             let name = entry.file_name();
             let name = name.to_string_lossy();
             if is_temp_name(&name) {
-                self.temp.push((path, maker(&name).and_then(|m| m.is_dead())));
-            } else if deep && entry.file_type().is_ok_and(|t| t.is_dir()) {
-                self.walk(&path, deep)?;
+                self.temp.push((path, process_of(&name).and_then(|p| p.has_ended())));
+            } else if recursive && entry.file_type().is_ok_and(|t| t.is_dir()) {
+                self.walk(&path, recursive)?;
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::durable::temp::temp_name;
+
+    fn names(root: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(root).unwrap();
+        let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn sweep_removes_only_files_of_ended_processes() {
+        let dir = tempfile::tempdir().unwrap();
+        let deep = dir.path().join("film/c/0");
+        std::fs::create_dir_all(&deep).unwrap();
+        let own = temp_name();
+        let parts: Vec<&str> = own.splitn(8, '-').collect();
+        let with = |i: usize, field: &str| {
+            let mut p = parts.clone();
+            p[i] = field;
+            p.join("-")
+        };
+        let ended = [with(5, "4194303"), with(6, "1"), with(5, "4194302") + ".zip"];
+        // Another host; another machine with this host name; a container; a name of an older version; a name of no process.
+        let another = format!("{}-another-0123456789abcdef-{}", parts[..2].join("-"), parts[4..].join("-"));
+        let older = [&parts[..2], &parts[3..]].concat().join("-");
+        let foreign = [with(1, "elsewhere"), another, with(4, "12345"), older, ".tmp-what".to_owned()];
+        for name in ended.iter().chain(&foreign).chain([&own]) {
+            std::fs::write(deep.join(name), b"incomplete").unwrap();
+        }
+        std::fs::write(deep.join("7"), b"complete").unwrap();
+        let s = sweep(dir.path()).unwrap();
+        assert_eq!((s.removed.len(), s.live.len(), s.foreign.len(), s.kept.len()), (3, 1, 5, 0), "{s:?}");
+        assert_eq!(names(&deep).len(), 7);
+        assert_eq!(sweep(&dir.path().join("nowhere")).unwrap(), Sweep::default());
+    }
+
+    #[test]
+    fn sweep_removes_temporary_fifos_links_sockets_and_directories() {
+        let dir = tempfile::tempdir().unwrap();
+        let ended = |n: &str| {
+            let own = temp_name();
+            let parts: Vec<&str> = own.splitn(8, '-').collect();
+            dir.path().join(format!("{}-4194303-{}-{n}", parts[..5].join("-"), parts[6]))
+        };
+        let outside = dir.path().join("outside");
+        std::fs::create_dir(&outside).unwrap();
+        std::fs::write(outside.join("kept"), b"kept").unwrap();
+        rustix::fs::mkfifoat(rustix::fs::CWD, ended("fifo"), 0o600.into()).unwrap();
+        std::os::unix::fs::symlink(&outside, ended("link")).unwrap();
+        drop(std::os::unix::net::UnixListener::bind(dir.path().join("s")).unwrap());
+        std::fs::rename(dir.path().join("s"), ended("socket")).unwrap();
+        std::fs::create_dir_all(ended("directory").join("a/b")).unwrap();
+        let s = sweep(dir.path()).unwrap();
+        assert_eq!((s.removed.len(), s.kept.len()), (4, 0), "{s:?}");
+        assert_eq!(
+            (names(dir.path()), names(&outside)),
+            (vec!["outside".to_owned()], vec!["kept".to_owned()])
+        );
     }
 }

@@ -1,9 +1,10 @@
-//! [`Store`] as a zarrs storage, to read from.
+//! [`Store`] as readable storage of the zarrs library.
 
 use zarrs::storage::byte_range::{ByteRange, ByteRangeIterator};
 use zarrs::storage::{Bytes, MaybeBytes, MaybeBytesIterator, ReadableStorageTraits, StorageError, StoreKey};
 
-use super::{DurableError, Store};
+use super::error::DurableError;
+use super::store::Store;
 
 impl From<DurableError> for StorageError {
     fn from(e: DurableError) -> Self {
@@ -30,11 +31,11 @@ impl ReadableStorageTraits for Store {
                 }
                 ByteRange::Suffix(n) => (i64::try_from(n).map_or(i64::MIN, |n| -n), n),
             };
-            let gone = || StorageError::Other(format!("{key} vanished while it was read"));
-            // A suffix of nothing begins at the end, not at the start.
+            let missing = || StorageError::Other(format!("{key} was removed while it was read"));
+            // Without this, a suffix of 0 bytes would be read from offset -0, the start.
             let bytes =
                 if length == 0 { Some(Vec::new()) } else { self.read_range(key.as_str(), offset, length)? };
-            bytes.map(Bytes::from).ok_or_else(gone)
+            bytes.map(Bytes::from).ok_or_else(missing)
         }))))
     }
 

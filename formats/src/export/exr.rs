@@ -1,13 +1,13 @@
-//! Spectral OpenEXR: every band a channel, in tiles (Fichet, Pacanowski, Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3),
+//! Spectral OpenEXR: one channel per band, in tiles (Fichet, Pacanowski, Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3),
 //! 2021).
 //!
-//! Channels `S0.400,000000nm` (Stokes component 0 of emissive light, the wavelength with a decimal comma: a point would begin a
-//! layer's name), sorted by name as OpenEXR wants it; attributes `spectralLayoutVersion` "1.0" and `emissiveUnits`. f32 holds the
-//! samples bit for bit, `half` (IEEE binary16) rounds to 11 bits (2⁻¹¹ of the value; below 6.1e-5 steps of 6e-8), and refuses what
-//! exceeds 65504. ZIP (16 lines at a time) and PIZ (wavelets, quicker) lose nothing.
-//! A tile needs all bands at once: [`super::regions`] says what is read. Tiles of a region are compressed on all threads; where in
-//! the file they lie follows from the regions, what they hold does not.
-//! Left out: the optional RGB channels for viewers that know no spectra, reflective (`T`) and polarised (`S1`-`S3`) channels.
+//! Channels `S0.400,000000nm` (Stokes component 0 of emissive light; the wavelength with a decimal comma, because a point separates layer
+//! names), sorted by name as OpenEXR requires; attributes `spectralLayoutVersion` "1.0" and `emissiveUnits`. f32 samples are
+//! exact; `half` (IEEE binary16) rounds to 11 bits (2⁻¹¹ of the value; below 6.1e-5 steps of 6e-8), and a value above 65504 is an
+//! error. ZIP (16 lines at a time) and PIZ (wavelets, faster) are lossless.
+//! A tile contains all bands, so samples are read in [`super::regions`]. Tiles of a region are compressed on all threads; their order in
+//! the file depends on the regions, their contents do not.
+//! Not written: the optional RGB channels for viewers without spectral support, reflective (`T`) and polarised (`S1`-`S3`) channels.
 
 use std::io::BufWriter;
 use std::path::Path;
@@ -27,30 +27,30 @@ use half::slice::HalfFloatSliceExt;
 use pipeline::geometry::Rect;
 
 use super::in_order::in_order;
-use super::regions::{Regions, cut};
+use super::regions::{Regions, split};
 use super::{ExportError, Progress, Samples, Written};
-use crate::durable::{DurableError, WholeFile};
+use crate::durable::{AtomicFile, DurableError};
 
-/// How tiles are compressed; none of it loses anything.
+/// Lossless compression of tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Packing {
+pub enum ExrCompression {
     /// Deflate, 16 lines at a time.
     #[default]
     Zip,
     /// Wavelets and Huffman codes.
     Piz,
-    /// As they are.
+    /// Uncompressed.
     None,
 }
 
-/// How the file is written.
+/// Options of an EXR file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExrOptions {
     /// 16-bit floats.
     pub half: bool,
-    /// Compression.
-    pub packing: Packing,
-    /// What is read at once.
+    /// Compression of tiles.
+    pub compression: ExrCompression,
+    /// Plan of the reads.
     pub regions: Regions,
 }
 
@@ -61,7 +61,7 @@ impl ExrOptions {
     }
 }
 
-/// The channel of a wavelength.
+/// Channel name of a wavelength.
 pub fn channel_name(nm: f64) -> String {
     format!("S0.{nm:.6}nm").replacen('.', "\u{1}", 1).replace('.', ",").replace('\u{1}', ".")
 }
@@ -69,7 +69,7 @@ pub fn channel_name(nm: f64) -> String {
 /// Writes the file.
 ///
 /// # Errors
-/// [`ExportError`]; there is no new file then.
+/// [`ExportError`]; no file is created then.
 pub fn write_exr(
     path: &Path,
     samples: &Samples<'_>,
@@ -77,66 +77,66 @@ pub fn write_exr(
     progress: Progress<'_>,
 ) -> Result<Written, ExportError> {
     let (header, order) = header(path, samples, options)?;
-    let whole = WholeFile::create(path)?;
-    let out = BufWriter::with_capacity(1 << 20, whole.file());
-    // The encoder has its own errors; ours is kept beside.
-    let mut met = None;
+    let file = AtomicFile::create(path)?;
+    let out = BufWriter::with_capacity(1 << 20, file.file());
+    // The encoder's error type cannot carry an ExportError: it is stored here.
+    let mut first_error = None;
     let mut missing = 0;
     let headers = SmallVec::from_vec(vec![header]);
     let result = ::exr::block::write(out, headers, true, |meta, writer| {
-        let work = Work { path, samples, options, order: &order, headers: &meta.headers };
-        work.write(writer, progress).map(|n| missing = n).map_err(|e| {
-            met = Some(e);
+        let encoder = Encoder { path, samples, options, order: &order, headers: &meta.headers };
+        encoder.write(writer, progress).map(|n| missing = n).map_err(|e| {
+            first_error = Some(e);
             ::exr::error::Error::Aborted
         })
     });
-    if let Some(error) = met {
+    if let Some(error) = first_error {
         return Err(error);
     }
     result.map_err(|e| failed(path, e))?;
-    let bytes = whole.file().metadata().map_err(|e| DurableError::io("look up", path, 0, e))?.len();
-    whole.finish()?;
+    let bytes = file.file().metadata().map_err(|e| DurableError::io("look up", path, 0, e))?.len();
+    file.finish()?;
     Ok(Written { bytes, missing })
 }
 
-/// The header, and which band each channel is.
+/// The header, and the band index of each channel.
 fn header(
     path: &Path,
     samples: &Samples<'_>,
     options: &ExrOptions,
 ) -> Result<(Header, Vec<usize>), ExportError> {
-    let wrong = |what, expected: &str, found: String| ExportError::Format {
+    let unsupported = |what, expected: &str, found: String| ExportError::Format {
         path: path.into(),
         what,
         expected: expected.into(),
         found,
     };
-    let window = samples.window;
-    if window.height.max(window.width) > i32::MAX as usize {
-        return Err(wrong("side in pixels", "at most 2147483647", format!("{}", window.size())));
+    let rect = samples.rect;
+    if rect.height.max(rect.width) > i32::MAX as usize {
+        return Err(unsupported("side in pixels", "at most 2147483647", format!("{}", rect.size())));
     }
     let mut order: Vec<usize> = (0..samples.bands()).collect();
     let names: Vec<String> = samples.wavelengths_nm.iter().map(|&nm| channel_name(nm)).collect();
     order.sort_by(|&a, &b| names[a].cmp(&names[b]));
     if let Some(two) = order.windows(2).find(|two| names[two[0]] == names[two[1]]) {
         let found = format!("bands {} and {} at {}", two[0], two[1], samples.wavelengths_nm[two[0]]);
-        return Err(wrong("wavelengths", "another one for every band", found));
+        return Err(unsupported("wavelengths", "different for every band", found));
     }
     let sample = if options.half { SampleType::F16 } else { SampleType::F32 };
     let channels = order.iter().map(|&b| ChannelDescription::new(names[b].as_str(), sample, true));
-    let compression = match options.packing {
-        Packing::Zip => Compression::ZIP16,
-        Packing::Piz => Compression::PIZ,
-        Packing::None => Compression::Uncompressed,
+    let compression = match options.compression {
+        ExrCompression::Zip => Compression::ZIP16,
+        ExrCompression::Piz => Compression::PIZ,
+        ExrCompression::None => Compression::Uncompressed,
     };
     let tile = TileDescription {
         tile_size: Vec2(options.regions.tile, options.regions.tile),
         level_mode: LevelMode::Singular,
         rounding_mode: ::exr::math::RoundingMode::Down,
     };
-    let size = Vec2(window.width, window.height);
-    let text = |t: &str| AttributeValue::Text(Text::new_or_panic(plain(t)));
-    let comments = Some(Text::new_or_panic(plain(samples.description)));
+    let size = Vec2(rect.width, rect.height);
+    let text = |t: &str| AttributeValue::Text(Text::new_or_panic(latin1(t)));
+    let comments = Some(Text::new_or_panic(latin1(samples.description)));
     let mut attributes = LayerAttributes { comments, ..LayerAttributes::default() };
     attributes.other.insert(Text::new_or_panic("spectralLayoutVersion"), text("1.0"));
     attributes.other.insert(Text::new_or_panic("emissiveUnits"), text(samples.units.unwrap_or("unknown")));
@@ -146,12 +146,12 @@ fn header(
     Ok((header, order))
 }
 
-/// Texts of the format are Latin characters of one byte.
-fn plain(text: &str) -> String {
+/// Texts of the format consist of Latin characters of one byte.
+fn latin1(text: &str) -> String {
     text.chars().map(|c| if c.is_ascii() || c == 'µ' || c == '²' { c } else { '?' }).collect()
 }
 
-struct Work<'a> {
+struct Encoder<'a> {
     path: &'a Path,
     samples: &'a Samples<'a>,
     options: &'a ExrOptions,
@@ -159,23 +159,23 @@ struct Work<'a> {
     headers: &'a [Header],
 }
 
-impl Work<'_> {
-    /// All regions; the number of missing samples.
+impl Encoder<'_> {
+    /// Writes all regions and returns the number of NaN samples.
     fn write(&self, writer: &mut impl ChunksWriterSend, progress: Progress<'_>) -> Result<u64, ExportError> {
         let (samples, regions) = (self.samples, self.options.regions);
-        let window = samples.window;
-        let total = (samples.bands() * window.size().pixels()) as u64;
-        let across = window.width.div_ceil(regions.tile);
+        let all = samples.rect;
+        let total = (samples.bands() * all.size().pixels()) as u64;
+        let across = all.width.div_ceil(regions.tile);
         let (mut missing, mut done) = (0, 0);
         let mut pixels = Vec::new();
-        for region in regions.rects(window) {
+        for region in regions.rects(all) {
             missing += self.read(region, &mut pixels)?;
             let tiles: Vec<Rect> =
-                cut(region, pipeline::geometry::Size::new(regions.tile, regions.tile), false).collect();
+                split(region, pipeline::geometry::Size::new(regions.tile, regions.tile), false).collect();
             let make = |n: usize| self.compress(region, tiles[n], &pixels);
             in_order(tiles.len(), samples.threads, make, |n, chunk: Chunk| {
                 let tile = tiles[n];
-                let (row, column) = ((tile.y - window.y) as usize, (tile.x - window.x) as usize);
+                let (row, column) = ((tile.y - all.y) as usize, (tile.x - all.x) as usize);
                 let index = row / regions.tile * across + column / regions.tile;
                 writer.write_chunk(index, chunk).map_err(|e| failed(self.path, e))?;
                 done += (tile.size().pixels() * samples.bands()) as u64;
@@ -186,7 +186,7 @@ impl Work<'_> {
         Ok(missing)
     }
 
-    /// All bands of a region, side by side.
+    /// Reads all bands of a region, one after the other in `pixels`, and returns the number of NaN samples.
     fn read(&self, region: Rect, pixels: &mut Vec<f32>) -> Result<u64, ExportError> {
         let n = region.size().pixels();
         pixels.resize(n * self.samples.bands(), 0.0);
@@ -211,7 +211,7 @@ impl Work<'_> {
         Ok(missing.into_inner())
     }
 
-    /// One tile out of a region: its lines, in each line every channel.
+    /// Compresses one tile of a region: line by line, in each line channel by channel.
     fn compress(&self, region: Rect, tile: Rect, pixels: &[f32]) -> Result<Chunk, ExportError> {
         let n = region.size().pixels();
         let bytes = ExrOptions::sample_bytes(self.options.half);
@@ -233,10 +233,10 @@ impl Work<'_> {
                 halves.iter().for_each(|v| data.extend(v.to_ne_bytes()));
             }
         }
-        let window = self.samples.window;
+        let all = self.samples.rect;
         let index = BlockIndex {
             layer: 0,
-            pixel_position: Vec2((tile.x - window.x) as usize, (tile.y - window.y) as usize),
+            pixel_position: Vec2((tile.x - all.x) as usize, (tile.y - all.y) as usize),
             pixel_size: Vec2(tile.width, tile.height),
             level: Vec2(0, 0),
         };
@@ -244,7 +244,7 @@ impl Work<'_> {
     }
 }
 
-/// A writer that threads hand chunks to.
+/// A writer shared by threads.
 trait ChunksWriterSend: ChunksWriter + Send {}
 impl<W: ChunksWriter + Send> ChunksWriterSend for W {}
 
@@ -254,7 +254,7 @@ fn failed(path: &Path, error: ::exr::error::Error) -> ExportError {
         other => ExportError::Format {
             path: path.into(),
             what: "encoding",
-            expected: "an EXR that can hold it".into(),
+            expected: "supported by EXR".into(),
             found: other.to_string(),
         },
     }

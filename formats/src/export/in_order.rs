@@ -1,46 +1,47 @@
-//! Work on many threads, results taken one after the other.
+//! Parallel work with results consumed in order.
 
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 struct State<E, F> {
-    turn: usize,
+    /// Unit whose result is consumed next.
+    next: usize,
     stopped: bool,
     error: Option<E>,
     take: F,
 }
 
-/// Makes units 0 to `units` − 1 on `threads` threads and hands them to `take` in that order. A thread that is done before its turn
-/// waits, so that at most `threads` results are held. The first error ends all.
+/// Makes units 0 to `units` − 1 on `threads` threads and passes them to `take` in that order. A thread waits until all earlier units
+/// are taken, so at most `threads` results are in memory. The first error stops all threads.
 pub(super) fn in_order<T, E: Send>(
     units: usize,
     threads: usize,
     make: impl Fn(usize) -> Result<T, E> + Sync,
     take: impl FnMut(usize, T) -> Result<(), E> + Send,
 ) -> Result<(), E> {
-    let state = Mutex::new(State { turn: 0, stopped: false, error: None, take });
-    let (turned, next) = (Condvar::new(), AtomicUsize::new(0));
+    let state = Mutex::new(State { next: 0, stopped: false, error: None, take });
+    let (changed, unclaimed) = (Condvar::new(), AtomicUsize::new(0));
     let work = || {
-        let _leave = Leave(|| {
+        let _on_panic = OnPanic(|| {
             lock(&state).stopped = true;
-            turned.notify_all();
+            changed.notify_all();
         });
         loop {
-            let unit = next.fetch_add(1, Relaxed);
+            let unit = unclaimed.fetch_add(1, Relaxed);
             if unit >= units {
                 return;
             }
             let made = make(unit);
-            let waiting = |s: &mut State<E, _>| s.turn != unit && !s.stopped;
-            let mut state = turned.wait_while(lock(&state), waiting).unwrap_or_else(PoisonError::into_inner);
+            let waiting = |s: &mut State<E, _>| s.next != unit && !s.stopped;
+            let mut state = changed.wait_while(lock(&state), waiting).unwrap_or_else(PoisonError::into_inner);
             if state.stopped {
                 return;
             }
-            let done = made.and_then(|made| (state.take)(unit, made));
-            state.turn += 1;
-            state.error = done.err();
+            let taken = made.and_then(|made| (state.take)(unit, made));
+            state.next += 1;
+            state.error = taken.err();
             state.stopped = state.error.is_some();
-            turned.notify_all();
+            changed.notify_all();
         }
     };
     std::thread::scope(|s| {
@@ -54,10 +55,10 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Wakes those who wait when a thread panics: its turn will never pass.
-struct Leave<F: Fn()>(F);
+/// Stops the other threads when a thread panics: its unit will never be taken.
+struct OnPanic<F: Fn()>(F);
 
-impl<F: Fn()> Drop for Leave<F> {
+impl<F: Fn()> Drop for OnPanic<F> {
     fn drop(&mut self) {
         if std::thread::panicking() {
             (self.0)();
@@ -70,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_come_in_order_and_errors_end_all() {
+    fn results_are_taken_in_order_and_an_error_stops_all() {
         for threads in [1, 2, 7] {
             let mut seen = Vec::new();
             let make = |i: usize| {

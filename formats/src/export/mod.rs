@@ -1,4 +1,4 @@
-//! Films and charts as files for other programs: samples as they are, in formats that many programs read.
+//! Export of films and charts to files for other programs, with unchanged samples.
 //!
 //! | file | samples | order in the file |
 //! |---|---|---|
@@ -6,10 +6,9 @@
 //! | BigTIFF ([`tiff`]) | f32, one page a band | band by band, line by line |
 //! | ENVI, NPY ([`flat`]) | f32 | band by band, line by line |
 //!
-//! f32 files hold the source's bits, NaN (shards not yet made) included and counted. The order of reading is the order of the
-//! file as far as that goes: band by band in strips of what the source decodes at once, or for tiles ([`regions`]) all bands of a
-//! region that fits in memory. Whatever is written has a temporary name until all files of the export are complete
-//! ([`crate::durable::WholeFile`]).
+//! f32 files have the source's bits; NaN (missing shards) is kept and counted. Samples are read in the order of the file where possible:
+//! band by band in row bands that end at chunk edges of the source, or for tiles ([`regions`]) all bands of a region that fits in memory.
+//! Files have temporary names until all files of the export are complete ([`crate::durable::AtomicFile`]).
 
 pub mod exr;
 pub mod flat;
@@ -25,21 +24,21 @@ use pipeline::geometry::{Rect, Size};
 
 use crate::durable::DurableError;
 
-/// What is written.
+/// Input of an export.
 pub struct Samples<'a> {
-    /// Where the pixels are.
+    /// Film or chart.
     pub source: &'a dyn ChartSource,
     /// Wavelength of each band of the source in nm.
     pub wavelengths_nm: &'a [f64],
-    /// The part of it to write.
-    pub window: Rect,
-    /// Rows and columns that the source decodes at once; one pixel: it decodes nothing.
-    pub piece: Size,
-    /// What the values are.
+    /// Rectangle of the source to write.
+    pub rect: Rect,
+    /// Size of the source's compressed chunks; 1 × 1: uncompressed.
+    pub chunk: Size,
+    /// Unit of the samples.
     pub units: Option<&'a str>,
-    /// Words about where they come from, for the file's header.
+    /// Description for the file's header.
     pub description: &'a str,
-    /// Threads that read and encode; what the file holds is the same for any number.
+    /// Threads that read and encode; the file is the same for any number.
     pub threads: usize,
 }
 
@@ -49,95 +48,60 @@ impl Samples<'_> {
         self.wavelengths_nm.len()
     }
 
-    /// Rows of the window in strips that end where pieces of the source end.
-    fn strips(&self) -> Vec<Range<i64>> {
-        let (first, end) = (self.window.y, self.window.bottom());
-        let rows = self.piece.height.clamp(64, 512) as i64;
+    /// Row bands of `rect`: the rows of one chunk of the source, but at least 64 and at most 512.
+    fn row_bands(&self) -> Vec<Range<i64>> {
+        let (first, end) = (self.rect.y, self.rect.bottom());
+        let rows = self.chunk.height.clamp(64, 512) as i64;
         let starts = (first / rows..(end + rows - 1) / rows).map(|i| (i * rows).max(first));
         starts.map(|y| y..((y / rows + 1) * rows).min(end)).collect()
     }
 
-    /// Reads `rect` of `band` into `out`; the number of NaN among them.
+    /// Reads `rect` of `band` into `out` and returns the number of NaN.
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<u64, ExportError> {
         self.source.read(band, rect, out).map_err(|source| ExportError::Read { band, rect, source })?;
         Ok(out.iter().filter(|v| v.is_nan()).count() as u64)
     }
 }
 
-/// What was written.
+/// Result of an export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
     /// Bytes of the file.
     pub bytes: u64,
-    /// Samples that are NaN.
+    /// Number of samples that are NaN.
     pub missing: u64,
 }
 
-/// Told how many of how many samples are done.
+/// Progress callback: samples done, samples in total.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 
-/// A file cannot be written.
+/// Error of an export.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the messages describe the fields")]
 pub enum ExportError {
     /// The source cannot be read.
     #[error("reading band {band}, {rect}: {source}")]
-    Read {
-        /// The band.
-        band: usize,
-        /// The pixels.
-        rect: Rect,
-        /// The source's own words.
-        source: SourceSinkError,
-    },
+    Read { band: usize, rect: Rect, source: SourceSinkError },
     /// The file cannot be written.
     #[error(transparent)]
     Storage(#[from] DurableError),
-    /// The format cannot hold this.
+    /// The format does not support a property.
     #[error("writing {}: {what}: expected {expected}, found {found}", path.display())]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// Which property.
-        what: &'static str,
-        /// What the format can hold.
-        expected: String,
-        /// What there is.
-        found: String,
-    },
-    /// A value beyond half precision.
+    Format { path: PathBuf, what: &'static str, expected: String, found: String },
+    /// A value out of the range of binary16.
     #[error(
         "writing {}: {value} at band {band}, row {row}, column {column} does not fit 16-bit floats (at most 65504); \
          write 32-bit floats, without --half", path.display()
     )]
-    Half {
-        /// The file.
-        path: PathBuf,
-        /// The band.
-        band: usize,
-        /// The row.
-        row: usize,
-        /// The column.
-        column: usize,
-        /// The value.
-        value: f32,
-    },
-    /// Too little memory for the least that must be held at once.
+    Half { path: PathBuf, band: usize, row: usize, column: usize, value: f32 },
+    /// The memory limit is too small.
     #[error(
-        "{} bytes of memory cannot work: {bands} bands need at least {least} on {threads} threads; give that much, fewer --threads \
-         or fewer --bands, or a format that is written band by band (ENVI, NPY, TIFF)",
+        "{} bytes of memory are too small: {bands} bands need at least {minimum} on {threads} threads; increase --memory, reduce --threads \
+         or --bands, or choose a format that is written band by band (ENVI, NPY, TIFF)",
         given
     )]
-    Memory {
-        /// What there is.
-        given: usize,
-        /// What is needed.
-        least: usize,
-        /// Bands.
-        bands: usize,
-        /// Threads.
-        threads: usize,
-    },
+    Memory { given: usize, minimum: usize, bands: usize, threads: usize },
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
-//! What is written is read again, bit for bit; regions cover all, and decode as often as they say.
+//! Exported files are read back bit for bit; plans of reads cover everything and decode as often as stated.
 
-use super::exr::{ExrOptions, Packing, channel_name, write_exr};
+use super::exr::{ExrCompression, ExrOptions, channel_name, write_exr};
 use super::flat::{envi_files, write_envi, write_npy};
 use super::regions::Regions;
 use super::tiff::write_pages;
@@ -14,7 +14,7 @@ use std::sync::Mutex;
 
 const SIZE: Size = Size::new(300, 530);
 
-/// Numbers of every kind, and which pieces were asked for.
+/// Source of numbers of every kind, which records its reads.
 #[derive(Default)]
 struct Cube {
     reads: Mutex<Vec<(usize, Rect)>>,
@@ -37,7 +37,7 @@ impl ChartSource for Cube {
     }
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
         if band == 99 {
-            return Err("gone".into());
+            return Err("unreadable".into());
         }
         self.reads.lock().unwrap().push((band, rect));
         for (i, v) in out.iter_mut().enumerate() {
@@ -53,8 +53,8 @@ fn samples(cube: &Cube, threads: usize) -> Samples<'_> {
     Samples {
         source: cube,
         wavelengths_nm: &NM,
-        window: Rect::new(13, 30, 280, 491),
-        piece: Size::new(128, 128),
+        rect: Rect::new(13, 30, 280, 491),
+        chunk: Size::new(128, 128),
         units: Some("W m-2 nm-1"),
         description: "a cube of {µ}\nlines",
         threads,
@@ -62,13 +62,16 @@ fn samples(cube: &Cube, threads: usize) -> Samples<'_> {
 }
 
 fn expected(s: &Samples<'_>, band: usize) -> Vec<f32> {
-    let w = s.window;
+    let w = s.rect;
     (w.y..w.bottom()).flat_map(|y| (w.x..w.right()).map(move |x| value(band, y, x))).collect()
 }
 
-fn same(got: &[f32], s: &Samples<'_>, band: usize, what: &str) {
-    let want = expected(s, band);
-    assert!(got.iter().map(|v| v.to_bits()).eq(want.iter().map(|v| v.to_bits())), "{what}, band {band}");
+fn assert_same_bits(got: &[f32], s: &Samples<'_>, band: usize, format: &str) {
+    let expected = expected(s, band);
+    assert!(
+        got.iter().map(|v| v.to_bits()).eq(expected.iter().map(|v| v.to_bits())),
+        "{format}, band {band}"
+    );
 }
 
 fn missing(s: &Samples<'_>) -> u64 {
@@ -76,7 +79,7 @@ fn missing(s: &Samples<'_>) -> u64 {
 }
 
 #[test]
-fn npy_and_envi_hold_the_bits() {
+fn npy_and_envi_are_exact() {
     let dir = tempfile::tempdir().unwrap();
     for threads in [1, 3] {
         let cube = Cube::default();
@@ -93,17 +96,17 @@ fn npy_and_envi_hold_the_bits() {
             let mut out = vec![0.0; 280 * 491];
             for band in 0..5 {
                 chart.read_rect(band, chart.size().rect(), &mut out).unwrap();
-                same(&out, &s, band, "flat");
+                assert_same_bits(&out, &s, band, "flat");
             }
             assert!(path == &npy || chart.wavelengths_nm() == Some(&NM[..]));
         }
         assert!(fs::read_to_string(&hdr).unwrap().contains("data units = W m-2 nm-1"));
     }
-    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 3, "nothing else is left");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 3, "other files remain");
 }
 
 #[test]
-fn tiff_pages_hold_the_bits() {
+fn tiff_pages_are_exact() {
     let dir = tempfile::tempdir().unwrap();
     let cube = Cube::default();
     let s = samples(&cube, 2);
@@ -112,9 +115,9 @@ fn tiff_pages_hold_the_bits() {
     let mut decoder = ::tiff::decoder::Decoder::new(fs::File::open(&path).unwrap()).unwrap();
     for (band, nm) in NM.iter().enumerate() {
         let ::tiff::decoder::DecodingResult::F32(out) = decoder.read_image().unwrap() else { panic!() };
-        same(&out, &s, band, "page");
-        let words = decoder.get_tag_ascii_string(::tiff::tags::Tag::ImageDescription).unwrap();
-        assert!(words.contains(&format!("wavelength {nm} nm")), "{words}");
+        assert_same_bits(&out, &s, band, "page");
+        let description = decoder.get_tag_ascii_string(::tiff::tags::Tag::ImageDescription).unwrap();
+        assert!(description.contains(&format!("wavelength {nm} nm")), "{description}");
         assert_eq!(decoder.more_images(), band < 4);
         if band < 4 {
             decoder.next_image().unwrap();
@@ -129,29 +132,29 @@ fn read_exr(path: &Path) -> HashMap<String, Vec<f32>> {
     channels.into_iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect())).collect()
 }
 
-fn exr_options(s: &Samples<'_>, half: bool, packing: Packing, memory: usize) -> ExrOptions {
+fn exr_options(s: &Samples<'_>, half: bool, compression: ExrCompression, memory: usize) -> ExrOptions {
     let bytes = ExrOptions::sample_bytes(half);
-    ExrOptions { half, packing, regions: Regions::plan(s, bytes, memory).unwrap() }
+    ExrOptions { half, compression, regions: Regions::plan(s, bytes, memory).unwrap() }
 }
 
 #[test]
-fn exr_holds_the_bits_whatever_memory_and_threads() {
+fn exr_is_exact_for_any_memory_and_threads() {
     let dir = tempfile::tempdir().unwrap();
     let (cube, path) = (Cube::default(), dir.path().join("c.exr"));
     for (threads, memory) in [(1, 64 << 20), (3, 64 << 20), (1, 8 << 20)] {
         let s = samples(&cube, threads);
         let written =
-            write_exr(&path, &s, &exr_options(&s, false, Packing::Zip, memory), &|_, _| ()).unwrap();
+            write_exr(&path, &s, &exr_options(&s, false, ExrCompression::Zip, memory), &|_, _| ()).unwrap();
         assert_eq!(written, Written { bytes: fs::metadata(&path).unwrap().len(), missing: missing(&s) });
         let channels = read_exr(&path);
         assert_eq!(channels.len(), 5);
-        (0..5).for_each(|b| same(&channels[&channel_name(NM[b])], &s, b, "exr"));
+        (0..5).for_each(|b| assert_same_bits(&channels[&channel_name(NM[b])], &s, b, "exr"));
     }
     let s = samples(&cube, 2);
-    for packing in [Packing::Piz, Packing::None] {
-        write_exr(&path, &s, &exr_options(&s, false, packing, 64 << 20), &|_, _| ()).unwrap();
+    for compression in [ExrCompression::Piz, ExrCompression::None] {
+        write_exr(&path, &s, &exr_options(&s, false, compression, 64 << 20), &|_, _| ()).unwrap();
         let channels = read_exr(&path);
-        (0..5).for_each(|b| same(&channels[&channel_name(NM[b])], &s, b, "exr"));
+        (0..5).for_each(|b| assert_same_bits(&channels[&channel_name(NM[b])], &s, b, "exr"));
     }
     let meta = ::exr::meta::MetaData::read_from_file(&path, true).unwrap();
     let other = &meta.headers[0].own_attributes.other;
@@ -162,9 +165,9 @@ fn exr_holds_the_bits_whatever_memory_and_threads() {
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
 }
 
-/// f32 of a smooth cube.
-struct Smooth(f32);
-impl ChartSource for Smooth {
+/// Source of a ramp along x.
+struct Ramp(f32);
+impl ChartSource for Ramp {
     fn size(&self) -> Size {
         SIZE
     }
@@ -175,22 +178,23 @@ impl ChartSource for Smooth {
 }
 
 #[test]
-fn halves_are_within_a_half_of_their_last_bit_or_refused() {
+fn half_samples_are_rounded_and_overflow_is_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("h.exr");
-    let smooth = Smooth(1e-3);
-    let s = Samples { source: &smooth, window: Rect::new(0, 0, 20, 60), ..samples_of(&smooth) };
-    write_exr(&path, &s, &exr_options(&s, true, Packing::Zip, 64 << 20), &|_, _| ()).unwrap();
-    let mut want = vec![0.0; 20 * 60];
-    smooth.read(0, s.window, &mut want).unwrap();
+    let ramp = Ramp(1e-3);
+    let s = Samples { source: &ramp, rect: Rect::new(0, 0, 20, 60), ..samples_of(&ramp) };
+    write_exr(&path, &s, &exr_options(&s, true, ExrCompression::Zip, 64 << 20), &|_, _| ()).unwrap();
+    let mut expected = vec![0.0; 20 * 60];
+    ramp.read(0, s.rect, &mut expected).unwrap();
     let halves = &read_exr(&path)[&channel_name(400.0)];
-    assert_eq!(halves.len(), want.len());
-    for (got, want) in halves.iter().zip(&want) {
-        assert!((got - want).abs() <= want * 2f32.powi(-11), "{got} {want}");
+    assert_eq!(halves.len(), expected.len());
+    for (got, expected) in halves.iter().zip(&expected) {
+        assert!((got - expected).abs() <= expected * 2f32.powi(-11), "{got} {expected}");
     }
-    let huge = Smooth(2000.0);
+    let huge = Ramp(2000.0);
     let s = Samples { source: &huge, ..samples_of(&huge) };
-    let error = write_exr(&path, &s, &exr_options(&s, true, Packing::Zip, 64 << 20), &|_, _| ()).unwrap_err();
+    let error =
+        write_exr(&path, &s, &exr_options(&s, true, ExrCompression::Zip, 64 << 20), &|_, _| ()).unwrap_err();
     assert!(error.to_string().contains("column 33") && error.to_string().contains("--half"), "{error}");
 }
 
@@ -198,8 +202,8 @@ fn samples_of(source: &dyn ChartSource) -> Samples<'_> {
     Samples {
         source,
         wavelengths_nm: &NM,
-        window: Rect::new(0, 30, 280, 491),
-        piece: Size::new(128, 128),
+        rect: Rect::new(0, 30, 280, 491),
+        chunk: Size::new(128, 128),
         units: None,
         description: "",
         threads: 2,
@@ -207,34 +211,34 @@ fn samples_of(source: &dyn ChartSource) -> Samples<'_> {
 }
 
 #[test]
-fn what_a_file_cannot_hold_is_said() {
+fn unsupported_input_is_an_error_and_leaves_no_file() {
     let dir = tempfile::tempdir().unwrap();
     let cube = Cube::default();
     let s = samples(&cube, 2);
     let path = dir.path().join("x.exr");
     let twice = Samples { wavelengths_nm: &[500.0, 500.0], ..samples(&cube, 2) };
-    let options = exr_options(&s, false, Packing::Zip, 64 << 20);
+    let options = exr_options(&s, false, ExrCompression::Zip, 64 << 20);
     let error = write_exr(&path, &twice, &options, &|_, _| ()).unwrap_err().to_string();
     assert!(error.contains("bands 0 and 1 at 500"), "{error}");
     let error = Regions::plan(&s, 4, 1 << 20).unwrap_err().to_string();
     assert!(error.contains("need at least") && error.contains("--bands"), "{error}");
-    let gone = vec![500.0; 100];
-    let failing = Samples { wavelengths_nm: &gone, ..samples(&cube, 2) };
+    let hundred = vec![500.0; 100];
+    let failing = Samples { wavelengths_nm: &hundred, ..samples(&cube, 2) };
     let error = write_npy(&dir.path().join("x.npy"), &failing, &|_, _| ()).unwrap_err().to_string();
-    assert!(error.contains("band 99") && error.contains("gone"), "{error}");
+    assert!(error.contains("band 99") && error.contains("unreadable"), "{error}");
     assert!(
         write_npy(Path::new("/nowhere/x.npy"), &s, &|_, _| ()).unwrap_err().to_string().contains("/nowhere")
     );
-    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "nothing is left");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "a file remains");
 }
 
-/// Every pixel once; the paper's film in a GiB decodes every chunk once.
+/// Every pixel once; a film of 14141² px in a GiB decodes every chunk once.
 #[test]
-fn regions_cover_all_and_decode_as_planned() {
+fn regions_cover_all_pixels_once_and_decode_as_planned() {
     let cube = Cube::default();
     let nm: Vec<f64> = (0..31).map(|i| 400.0 + 10.0 * f64::from(i)).collect();
     let film = Rect::new(0, 0, 14141, 14141);
-    for (window, piece, memory, most) in [
+    for (rect, side, memory, max_decoded) in [
         (film, 512, 900 << 20, 1.0),
         (film, 256, 900 << 20, 1.0),
         (film, 512, 100 << 20, 2.0),
@@ -243,18 +247,18 @@ fn regions_cover_all_and_decode_as_planned() {
         (film, 2048, 900 << 20, 1.0),
         (film, 1, 300 << 20, 1.0),
     ] {
-        let s = Samples { wavelengths_nm: &nm, window, piece: Size::new(piece, piece), ..samples(&cube, 2) };
+        let s = Samples { wavelengths_nm: &nm, rect, chunk: Size::new(side, side), ..samples(&cube, 2) };
         let plan = Regions::plan(&s, 4, memory).unwrap();
-        assert!(plan.decoded <= most, "{window} in pieces of {piece}: {plan:?}");
-        let held = plan.region.pixels() * 31 * 4 + plan.cache_bytes;
-        assert!(held <= memory, "{plan:?}");
-        let rects: Vec<Rect> = plan.rects(window).collect();
-        assert_eq!(rects.iter().map(|r| r.size().pixels()).sum::<usize>(), window.size().pixels());
-        assert!(rects.iter().all(|r| window.contains(*r)));
-        let whole_tiles = |r: &Rect| {
-            ((r.y - window.y) as usize).is_multiple_of(plan.tile)
-                && ((r.x - window.x) as usize).is_multiple_of(plan.tile)
+        assert!(plan.decoded <= max_decoded, "{rect} in chunks of {side}: {plan:?}");
+        let planned_bytes = plan.region.pixels() * 31 * 4 + plan.cache_bytes;
+        assert!(planned_bytes <= memory, "{plan:?}");
+        let rects: Vec<Rect> = plan.rects(rect).collect();
+        assert_eq!(rects.iter().map(|r| r.size().pixels()).sum::<usize>(), rect.size().pixels());
+        assert!(rects.iter().all(|r| rect.contains(*r)));
+        let begins_at_tile = |r: &Rect| {
+            ((r.y - rect.y) as usize).is_multiple_of(plan.tile)
+                && ((r.x - rect.x) as usize).is_multiple_of(plan.tile)
         };
-        assert!(rects.iter().all(whole_tiles));
+        assert!(rects.iter().all(begins_at_tile));
     }
 }

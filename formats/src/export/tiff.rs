@@ -1,7 +1,7 @@
-//! BigTIFF: one page a band, f32, strips of about a megabyte, uncompressed; the wavelength is the page's description.
+//! BigTIFF: one page per band, f32, uncompressed, strips of about a megabyte; the wavelength is in the page's description.
 //!
-//! TIFF 6.0 with 64-bit offsets (BigTIFF, magic 43), SampleFormat 3 (IEEE floating point). Readers take the pages as a stack
-//! (bands, rows, columns). The colour preview is [`crate::picture::preview`]'s.
+//! TIFF 6.0 with 64-bit offsets (BigTIFF, magic 43), SampleFormat 3 (IEEE floating point). Readers present the pages as a stack
+//! (bands, rows, columns). For colour previews see [`crate::picture::preview`].
 
 use std::io::BufWriter;
 use std::path::Path;
@@ -12,74 +12,74 @@ use pipeline::geometry::Rect;
 
 use super::in_order::in_order;
 use super::{ExportError, Progress, Samples, Written};
-use crate::durable::{DurableError, WholeFile};
+use crate::durable::{AtomicFile, DurableError};
 
 /// Writes every band as a page.
 ///
 /// # Errors
-/// [`ExportError`]; there is no new file then.
+/// [`ExportError`]; no file is created then.
 pub fn write_pages(
     path: &Path,
     samples: &Samples<'_>,
     progress: Progress<'_>,
 ) -> Result<Written, ExportError> {
-    let window = samples.window;
+    let all = samples.rect;
     let side = |n: usize| u32::try_from(n).map_err(|_| too_large(path, n));
-    let (width, height) = (side(window.width)?, side(window.height)?);
-    let whole = WholeFile::create(path)?;
-    let mut out = BufWriter::with_capacity(1 << 20, whole.file());
+    let (width, height) = (side(all.width)?, side(all.height)?);
+    let file = AtomicFile::create(path)?;
+    let mut out = BufWriter::with_capacity(1 << 20, file.file());
     let mut encoder = TiffEncoder::new_big(&mut out).map_err(|e| failed(path, e))?;
-    let strips = samples.strips();
-    let total = (samples.bands() * window.size().pixels()) as u64;
+    let row_bands = samples.row_bands();
+    let total = (samples.bands() * all.size().pixels()) as u64;
     let mut written = Written::default();
     let mut done = 0;
     for band in 0..samples.bands() {
         let mut page = encoder.new_image::<Gray32Float>(width, height).map_err(|e| failed(path, e))?;
-        let words = page_words(samples, band);
-        page.encoder().write_tag(Tag::ImageDescription, words.as_str()).map_err(|e| failed(path, e))?;
+        let description = page_description(samples, band);
+        page.encoder().write_tag(Tag::ImageDescription, description.as_str()).map_err(|e| failed(path, e))?;
         let make = |unit: usize| {
-            let rows = &strips[unit];
-            let rect = Rect::new(rows.start, window.x, (rows.end - rows.start) as usize, window.width);
+            let rows = &row_bands[unit];
+            let rect = Rect::new(rows.start, all.x, (rows.end - rows.start) as usize, all.width);
             let mut pixels = vec![0.0; rect.size().pixels()];
             let missing = samples.read(band, rect, &mut pixels)?;
             Ok::<_, ExportError>((pixels, missing))
         };
-        // Strips of the file end where it says; those read end where pieces of the source do.
-        let mut kept: Vec<f32> = Vec::new();
-        in_order(strips.len(), samples.threads, make, |_, (pixels, missing)| {
+        // The file's strips end at other rows than the row bands read.
+        let mut pending: Vec<f32> = Vec::new();
+        in_order(row_bands.len(), samples.threads, make, |_, (pixels, missing)| {
             written.missing += missing;
             done += pixels.len() as u64;
-            kept.extend(pixels);
+            pending.extend(pixels);
             let mut first = 0;
             loop {
                 let n = page.next_strip_sample_count() as usize;
-                if n == 0 || kept.len() - first < n {
+                if n == 0 || pending.len() - first < n {
                     break;
                 }
-                page.write_strip(&kept[first..first + n]).map_err(|e| failed(path, e))?;
+                page.write_strip(&pending[first..first + n]).map_err(|e| failed(path, e))?;
                 first += n;
             }
-            kept.drain(..first);
+            pending.drain(..first);
             progress(done, total);
             Ok(())
         })?;
         page.finish().map_err(|e| failed(path, e))?;
     }
     out.into_inner().map_err(|e| DurableError::io("write", path, 0, e.into_error()))?;
-    written.bytes = whole.file().metadata().map_err(|e| DurableError::io("look up", path, 0, e))?.len();
-    whole.finish()?;
+    written.bytes = file.file().metadata().map_err(|e| DurableError::io("look up", path, 0, e))?.len();
+    file.finish()?;
     Ok(written)
 }
 
-/// ASCII, as the format wants it.
-fn page_words(samples: &Samples<'_>, band: usize) -> String {
-    let all = format!(
+/// Description of a page; TIFF requires ASCII.
+fn page_description(samples: &Samples<'_>, band: usize) -> String {
+    let text = format!(
         "wavelength {} nm, {}; {}",
         samples.wavelengths_nm[band],
-        samples.units.unwrap_or("units not told"),
+        samples.units.unwrap_or("unknown units"),
         samples.description
     );
-    all.replace('µ', "u").chars().map(|c| if c.is_ascii() { c } else { '?' }).collect()
+    text.replace('µ', "u").chars().map(|c| if c.is_ascii() { c } else { '?' }).collect()
 }
 
 fn too_large(path: &Path, side: usize) -> ExportError {
@@ -97,7 +97,7 @@ fn failed(path: &Path, error: ::tiff::TiffError) -> ExportError {
         other => ExportError::Format {
             path: path.into(),
             what: "encoding",
-            expected: "a TIFF that can hold it".into(),
+            expected: "supported by TIFF".into(),
             found: other.to_string(),
         },
     }

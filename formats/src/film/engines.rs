@@ -1,38 +1,40 @@
-//! Which engines computed a film: its own, in its attributes, and others that were marked before their first shard.
+//! The engines that computed a film: the one that it was started with, in its attributes, and others.
 //!
-//! A mark is an empty file `runs/NAME.engine` (`runs/` is no part of the film's arrays and metadata): it is there before any shard
-//! of that engine, whatever ends the run.
+//! Another engine is marked by an empty file `runs/NAME.engine`, written before its first shard, so the mark exists however the run
+//! ends. `runs/` does not belong to the film's arrays and metadata.
 
-use super::{FilmError, FilmStore};
 use serde_json::Value;
 
-const ENDING: &str = ".engine";
+use super::error::FilmError;
+use super::store::FilmStore;
+
+const EXTENSION: &str = ".engine";
 
 impl FilmStore {
-    /// The engine that the film was begun with; none if it does not say.
+    /// The engine that the film was started with; `None` if not recorded.
     pub fn engine(&self) -> Option<&str> {
         self.provenance().get("engine").and_then(Value::as_str)
     }
 
-    /// All engines that may have computed shards of it, the film's own first (`unknown` if it does not say).
+    /// All engines that may have computed shards of the film, that of [`FilmStore::engine`] first (`unknown` if not recorded).
     ///
     /// # Errors
-    /// [`FilmError::Storage`] if the store does not answer.
+    /// [`FilmError::Storage`] if the store cannot be read.
     pub fn engines(&self) -> Result<Vec<String>, FilmError> {
-        let own = self.engine().unwrap_or("unknown").to_owned();
+        let first = self.engine().unwrap_or("unknown").to_owned();
         let names = self.store.names("runs")?;
         let mut others: Vec<String> =
-            names.iter().filter_map(|name| name.strip_suffix(ENDING)).map(str::to_owned).collect();
-        others.retain(|name| *name != own);
+            names.iter().filter_map(|name| name.strip_suffix(EXTENSION)).map(str::to_owned).collect();
+        others.retain(|name| *name != first);
         others.sort();
-        Ok([vec![own], others].concat())
+        Ok([vec![first], others].concat())
     }
 
-    /// Marks that another engine than the film's own computes shards of it.
+    /// Records that an engine other than [`FilmStore::engine`] computes shards.
     ///
     /// # Errors
     /// [`FilmError::Storage`].
     pub fn mark_engine(&self, engine: &str) -> Result<(), FilmError> {
-        self.write_beside(&format!("runs/{engine}{ENDING}"), b"")
+        self.write_record(&format!("runs/{engine}{EXTENSION}"), b"")
     }
 }

@@ -1,4 +1,4 @@
-//! Why a film cannot be made, opened or written.
+//! Errors of creating, opening and writing a film.
 
 use std::path::PathBuf;
 
@@ -6,11 +6,11 @@ use pipeline::bounds::OutOfBounds;
 
 use crate::durable::{DurableError, LockError};
 
-/// A film cannot be made, opened or written.
+/// A film cannot be created, opened or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FilmError {
-    /// Something lies where the film is to be.
+    /// Something exists at the path.
     #[error(
         "creating film {path}: it exists already; choose another path, resume it, or --overwrite a film of this program"
     )]
@@ -25,74 +25,74 @@ pub enum FilmError {
     NotFilm {
         /// The film.
         path: PathBuf,
-        /// What lies there.
+        /// What was found.
         found: String,
     },
-    /// The film's directory holds what the film did not make.
+    /// The film's directory contains files that do not belong to the film.
     #[error(
-        "removing film {path}: it holds what the film did not make: {}; nothing was removed: move that away, or choose another path",
+        "removing film {path}: it contains files that do not belong to the film: {}; nothing was removed: move them elsewhere, or choose another path",
         .names.join(", ")
     )]
     Foreign {
         /// The film.
         path: PathBuf,
-        /// Paths in the film, the first few.
+        /// The first few of them.
         names: Vec<String>,
     },
-    /// Another run began another film in its place.
+    /// Another job's film replaced it.
     #[error(
-        "film {path}: another job's film has replaced it since this command opened it; nothing was written into that one; \
+        "film {path}: another job's film has replaced it since this command opened it; nothing was written to the other film; \
          choose another path for one of the two"
     )]
     Replaced {
         /// The film.
         path: PathBuf,
     },
-    /// Another run of the same job began the film anew.
+    /// Another run of the same job created it again.
     #[error(
-        "film {path}: a run of the same job has begun it anew since this command opened it; run the same command again"
+        "film {path}: a run of the same job has created it again since this command opened it; run the same command again"
     )]
-    Renewed {
+    Recreated {
         /// The film.
         path: PathBuf,
     },
     /// Another process holds the lock.
     #[error(transparent)]
     Locked(#[from] LockError),
-    /// Metadata that do not fit together.
+    /// Inconsistent metadata.
     #[error(
-        "opening film {path}: expected {expected}, found something else; restore the file, or make the film anew with --overwrite"
+        "opening film {path}: expected {expected}, found something else; restore the file, or create the film again with --overwrite"
     )]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What it must hold.
+        /// Its expected content.
         expected: &'static str,
     },
-    /// A film that cannot be.
-    #[error("laying out the film: {what}: expected {expected}, found {found}")]
+    /// An invalid layout.
+    #[error("layout of the film: {what}: expected {expected}, found {found}")]
     Spec {
-        /// Which property.
+        /// Property.
         what: &'static str,
-        /// What it must be.
+        /// Its expected value.
         expected: &'static str,
-        /// What it is.
+        /// Its found value.
         found: String,
     },
-    /// Attributes that no film has.
+    /// Invalid group attributes.
     #[error(
-        "opening film {path}: its attributes cannot be: {reason}; restore its zarr.json, or make the film anew with --overwrite"
+        "opening film {path}: its attributes are invalid: {reason}; restore its zarr.json, or create the film again with --overwrite"
     )]
     Attributes {
         /// The film.
         path: PathBuf,
-        /// What is wrong.
+        /// The defect.
         reason: String,
     },
-    /// A number of the film beyond its bounds.
-    #[error("laying out the film: {0}")]
+    /// A number of the layout outside its bounds.
+    #[error("layout of the film: {0}")]
     Bounds(#[from] OutOfBounds),
-    /// A value too large for f16.
+    /// A value beyond the range of f16.
     #[error(
         "encoding {output}, band {band}, row {row}, column {column}: {value} does not fit float16 (at most 65504); write float32"
     )]
@@ -108,12 +108,12 @@ pub enum FilmError {
         /// The value.
         value: f32,
     },
-    /// A value that is no number.
+    /// NaN or infinity.
     #[error(
         "encoding shard {shard}, band {band}: {value} at row {row}, column {column} of the film, so the shard is not written; the arithmetic overflowed: use smaller chart values or film units"
     )]
     NotFinite {
-        /// Its path in the film.
+        /// Key of the shard.
         shard: String,
         /// Band.
         band: usize,
@@ -124,7 +124,7 @@ pub enum FilmError {
         /// The value.
         value: f32,
     },
-    /// A shard that is not in the film, or pixels of another shard; the caller's fault.
+    /// A shard outside the film, or pixels of another shard: an error of the caller.
     #[error(
         "encoding output {output}, band {band}, shard {shard:?}: expected {expected} pixels, found {found}"
     )]
@@ -140,24 +140,22 @@ pub enum FilmError {
         /// Pixels given.
         found: usize,
     },
-    /// A pyramid is asked of a film that is not all there.
+    /// A pyramid was requested of an incomplete film.
     #[error(
-        "making the pyramid of {path}: {missing} of {shards} shards of the film are missing ({first} is the first); finish it by the same `lenscube run`, then make its pyramid"
+        "making the pyramid of {path}: {missing} of {shards} shards of the film are missing ({first} is the first); complete it by the same `lenscube run`, then make its pyramid"
     )]
     Incomplete {
         /// The film.
         path: PathBuf,
         /// Shards missing.
         missing: usize,
-        /// Shards that it must have.
+        /// Shards in total.
         shards: usize,
-        /// The first that is missing.
+        /// Key of the first missing shard.
         first: String,
     },
-    /// Pixels that a pyramid is to be made of cannot be read.
-    #[error(
-        "making the pyramid: reading {array}, band {band}, {rect}: {reason}; `lenscube verify` tells more"
-    )]
+    /// Pixels of a level, or of the film, cannot be read.
+    #[error("making the pyramid: reading {array}, band {band}, {rect}: {reason}; see `lenscube verify`")]
     Level {
         /// The array.
         array: String,
@@ -165,22 +163,22 @@ pub enum FilmError {
         band: usize,
         /// Its pixels.
         rect: pipeline::geometry::Rect,
-        /// What is wrong.
+        /// The defect.
         reason: String,
     },
     /// The film changed while its pyramid was made.
-    #[error("making the pyramid of {path}: the film changed meanwhile; make it again")]
+    #[error("making the pyramid of {path}: the film changed meanwhile; run the command again")]
     Changed {
         /// The film.
         path: PathBuf,
     },
-    /// The codec refuses.
+    /// The codec failed.
     #[error("encoding the film: {reason}")]
     Codec {
-        /// In its words.
+        /// Its error.
         reason: String,
     },
-    /// The files.
+    /// Error of the file system or object store.
     #[error("writing the film: {0}")]
     Storage(#[from] DurableError),
 }
@@ -191,12 +189,12 @@ impl FilmError {
         matches!(self, Self::Storage(e) if e.is_storage_full())
     }
 
-    /// Whether the same call may succeed a moment later with nobody's help.
+    /// Whether the same call may succeed later without a change by the user.
     pub fn retryable(&self) -> bool {
         match self {
             Self::Storage(e) => e.retryable(),
             Self::Locked(e) => e.retryable(),
-            Self::Renewed { .. } => true,
+            Self::Recreated { .. } => true,
             _ => false,
         }
     }

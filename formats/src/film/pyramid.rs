@@ -1,17 +1,21 @@
-//! A film's pyramid: smaller and smaller films of the same light, so that programs show all of it without reading all of it.
+//! The pyramid of a film: smaller and smaller images, so that viewers can show the complete film without reading all of it.
 //!
-//!   level n (i, j) = mean of the finite ones of level n−1 (2i, 2j), (2i, 2j+1), (2i+1, 2j), (2i+1, 2j+1);  NaN if there is none
-//! Level 0 is the film's own array, which stays as it is; sides are halved, odd ones rounded up (the last pixel then is the
-//! mean of what there is), until both are at most 256. Level n is made of level n−1 as stored, so that what is there
-//! already need not be made again and a pyramid has the same bytes however often it was interrupted.
+//!     level n (i, j) = mean of the finite ones of level n−1 (2i, 2j), (2i, 2j+1), (2i+1, 2j), (2i+1, 2j+1);  NaN if there is none
 //!
-//! Layout: OME-Zarr 0.5 (ngff.openmicroscopy.org/0.5), one entry of `multiscales` for each array of the film, in the attributes of the
-//! film's own group. Levels lie in `pyramid/<array>/<n>`, not in the film's group itself: xarray takes a group's arrays for
-//! one dataset, in which `y` has one length. The group's `zarr.json` is written last: other programs see a whole pyramid or
-//! none. `pyramid/zarr.json` keeps a STAMP of the film it was made of: what the film says of itself, and of every shard its
-//! size, the table of its chunks and the checksum of its last chunk. A film with another stamp has no pyramid, but a stale one.
+//! Level 0 is the film's array. Sides are halved, odd ones rounded up, until both are at most 256. Level n is computed from level n−1 as
+//! stored, so an interrupted pyramid is resumed without repeating work and ends with the same bytes.
+//!
+//!     zarr.json                        attribute `ome` (OME-Zarr 0.5, ngff.openmicroscopy.org/0.5): one entry of `multiscales` per array
+//!     pyramid/zarr.json                group attributes `schema` = "lenscube/pyramid/1" and `film_stamp`
+//!     pyramid/ARRAY/zarr.json          group
+//!     pyramid/ARRAY/N                  level N: an array like the film's
+//!
+//! Levels are not in the film's group itself, since xarray reads the arrays of a group as one dataset, in which `y` has one length. The
+//! film's `zarr.json` is written last, so other programs see a complete pyramid or none. `film_stamp` is a digest of the film's attributes
+//! and of each shard's size, index, and checksum of the last chunk; a pyramid with another one is stale.
 
-mod halve;
+pub(super) mod halve;
+pub(super) mod level;
 mod make;
 mod ome;
 #[cfg(test)]
@@ -20,32 +24,31 @@ mod tests;
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
-pub use halve::halve;
+use super::error::FilmError;
+use super::store::{FilmStore, SCHEMA, read_json};
+use super::verify::Finding;
+use level::{Level, level_sizes};
 
-use super::{FilmError, FilmStore, Finding, SCHEMA, json};
+/// Attribute `schema` of the pyramid's group.
+const PYRAMID_SCHEMA: &str = "lenscube/pyramid/1";
+/// Group of the levels.
+const PYRAMID_GROUP: &str = "pyramid";
 
-/// What marks a group as a pyramid of ours.
-const PYRAMID: &str = "lenscube/pyramid/1";
-/// The group that holds the levels.
-const PLACE: &str = "pyramid";
-/// Both sides of the last level are at most this.
-const SMALLEST: usize = 256;
-
-/// What is there of a film's pyramid.
+/// State of a film's pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PyramidState {
-    /// Nothing.
+    /// There is none.
     None,
-    /// Begun and not ended: shards done, and in all.
+    /// Incomplete: shards done, and in total.
     Unfinished(usize, usize),
-    /// Made of other pixels than the film has now.
+    /// Made of pixels that have changed since.
     Stale,
-    /// All of it.
+    /// Complete.
     Complete,
 }
 
 impl PyramidState {
-    /// In one word.
+    /// Name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -56,157 +59,130 @@ impl PyramidState {
     }
 }
 
-/// Sizes of an image's levels, itself first.
-pub fn level_sizes(size: Size) -> Vec<Size> {
-    let half = |s: &Size| {
-        let further = s.height.max(s.width) > SMALLEST;
-        further.then(|| Size::new(s.height.div_ceil(2), s.width.div_ceil(2)))
-    };
-    std::iter::successors(Some(size), half).collect()
-}
-
-/// One level beyond the film itself.
-#[derive(Clone, Copy, Debug)]
-struct Level {
-    output: usize,
-    number: usize,
-    size: Size,
-    shard: (usize, usize),
-}
-
-impl Level {
-    /// Shards (down, across).
-    fn shards(&self) -> (usize, usize) {
-        (self.size.height.div_ceil(self.shard.0), self.size.width.div_ceil(self.shard.1))
-    }
-
-    /// Pixels of a shard.
-    fn rect(&self, (i, j): (usize, usize)) -> Rect {
-        let (h, w) = self.shard;
-        Rect::new((i * h) as i64, (j * w) as i64, h, w).intersect(self.size.rect())
-    }
-
-    /// Every shard: band, (row, column).
-    fn every_shard(&self, bands: usize) -> impl Iterator<Item = (usize, (usize, usize))> + use<> {
-        let (down, across) = self.shards();
-        (0..bands).flat_map(move |b| (0..down).flat_map(move |i| (0..across).map(move |j| (b, (i, j)))))
-    }
-}
-
 impl FilmStore {
-    /// Path in the film of an output's level, 0 being the output itself.
+    /// Path in the film of a level of an output; level 0 is the output itself.
     pub fn level_path(&self, output: usize, level: usize) -> String {
         let name = &self.spec.outputs[output].name;
-        if level == 0 { name.clone() } else { format!("{PLACE}/{name}/{level}") }
+        if level == 0 { name.clone() } else { format!("{PYRAMID_GROUP}/{name}/{level}") }
     }
 
-    /// What is there of its pyramid.
+    /// State of the pyramid.
     ///
     /// # Errors
-    /// [`FilmError::Storage`] if the store does not answer.
+    /// [`FilmError::Storage`] if the store cannot be read.
     pub fn pyramid(&self) -> Result<PyramidState, FilmError> {
-        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
-        let Some(own) = json(&self.store, &format!("{PLACE}/zarr.json"))? else {
-            let told = group["attributes"].get("ome").is_some();
-            return Ok(if told { PyramidState::Stale } else { PyramidState::None });
+        let group = read_json(&self.store, "zarr.json")?.unwrap_or_default();
+        let Some(pyramid_group) = read_json(&self.store, &format!("{PYRAMID_GROUP}/zarr.json"))? else {
+            let has_ome = group["attributes"].get("ome").is_some();
+            return Ok(if has_ome { PyramidState::Stale } else { PyramidState::None });
         };
-        if own != self.pyramid_group(&self.stamp()?) {
+        if pyramid_group != self.pyramid_group(&self.fingerprint()?) {
             return Ok(PyramidState::Stale);
         }
         for (key, metadata) in self.pyramid_metadata() {
-            if json(&self.store, &format!("{key}/zarr.json"))?.as_ref() != Some(&metadata) {
+            if read_json(&self.store, &format!("{key}/zarr.json"))?.as_ref() != Some(&metadata) {
                 return Ok(PyramidState::Stale);
             }
         }
         let (mut done, mut all) = (0, 0);
         for level in self.levels() {
-            for (band, shard) in level.every_shard(self.spec.wavelengths_nm.len()) {
+            for (band, shard) in level.all_shards(self.spec.wavelengths_nm.len()) {
                 all += 1;
                 done += usize::from(self.store.size_of(&self.level_key(&level, band, shard))?.is_some());
             }
         }
-        let told = self.tells_pyramid(&group, &own);
-        Ok(if told && done == all { PyramidState::Complete } else { PyramidState::Unfinished(done, all) })
-    }
-
-    /// Shards of the levels beyond the film itself.
-    pub fn pyramid_shards(&self) -> usize {
-        let of = |l: &Level| l.shards().0 * l.shards().1 * self.spec.wavelengths_nm.len();
-        self.levels().iter().map(of).sum()
-    }
-
-    /// Shape and pixels of a level's shard `key`.
-    pub(super) fn level_shard_named(&self, key: &str) -> Option<((usize, usize), Rect)> {
-        let bands = self.spec.wavelengths_nm.len();
-        self.levels().into_iter().find_map(|level| {
-            let mut all = level.every_shard(bands);
-            let (_, shard) = all.find(|&(band, shard)| self.level_key(&level, band, shard) == key)?;
-            Some((level.shard, level.rect(shard)))
+        let is_listed = self.lists_pyramid(&group, &pyramid_group);
+        Ok(if is_listed && done == all {
+            PyramidState::Complete
+        } else {
+            PyramidState::Unfinished(done, all)
         })
     }
 
-    /// The levels beyond the film itself, of all outputs, in the order in which they are made.
+    /// Number of shards of all levels except the film itself.
+    pub fn pyramid_shards(&self) -> usize {
+        let shards = |l: &Level| l.all_shards(self.spec.wavelengths_nm.len()).count();
+        self.levels().iter().map(shards).sum()
+    }
+
+    /// Shape and pixels of the shard `key` of a level.
+    pub(super) fn level_shard_of_key(&self, key: &str) -> Option<(Size, Rect)> {
+        let bands = self.spec.wavelengths_nm.len();
+        self.levels().into_iter().find_map(|level| {
+            let mut all = level.all_shards(bands);
+            let (_, shard) = all.find(|&(band, shard)| self.level_key(&level, band, shard) == key)?;
+            Some((level.grid.shard, level.grid.shard_rect(shard.0, shard.1)))
+        })
+    }
+
+    /// The levels of all outputs except the film itself, in the order in which they are made.
     fn levels(&self) -> Vec<Level> {
-        let of = |output: usize| {
+        let of_output = |output: usize| {
             let sizes = level_sizes(self.spec.outputs[output].rect.size());
-            let level = move |(number, size)| Level { output, number, size, shard: self.spec.shard_of(size) };
+            let level = move |(number, size): (usize, Size)| Level {
+                output,
+                number,
+                grid: self.spec.grid_of(size.rect()),
+            };
             sizes.into_iter().enumerate().skip(1).map(level)
         };
-        (0..self.spec.outputs.len()).flat_map(of).collect()
+        (0..self.spec.outputs.len()).flat_map(of_output).collect()
     }
 
     fn level_key(&self, level: &Level, band: usize, (i, j): (usize, usize)) -> String {
         format!("{}/c/{band}/{i}/{j}", self.level_path(level.output, level.number))
     }
 
-    /// Metadata of the groups and arrays below the pyramid's own group, by path.
+    /// Metadata of the groups and arrays below the pyramid's group, by path.
     fn pyramid_metadata(&self) -> Vec<(String, Value)> {
         let mut all = Vec::new();
         for level in self.levels() {
             let output = &self.spec.outputs[level.output];
             if level.number == 1 {
-                all.push((format!("{PLACE}/{}", output.name), group(json!({}))));
+                all.push((format!("{PYRAMID_GROUP}/{}", output.name), group(json!({}))));
             }
-            all.push((self.level_path(level.output, level.number), self.spec.array_of(output, level.size)));
+            all.push((
+                self.level_path(level.output, level.number),
+                self.spec.array_of(output, level.grid.rect.size()),
+            ));
         }
         all
     }
 
-    /// Every key that a pyramid of this film may have, below its own group.
+    /// All keys that a pyramid of this film may have, relative to its group.
     fn pyramid_keys(&self) -> Vec<String> {
         let bands = self.spec.wavelengths_nm.len();
         let metadata = self.pyramid_metadata().into_iter().map(|(key, _)| format!("{key}/zarr.json"));
         let levels = self.levels();
         let shards = levels.iter().flat_map(|level| {
-            level.every_shard(bands).map(move |(band, shard)| self.level_key(level, band, shard))
+            level.all_shards(bands).map(move |(band, shard)| self.level_key(level, band, shard))
         });
-        let below = format!("{PLACE}/");
+        let below = format!("{PYRAMID_GROUP}/");
         metadata.chain(shards).filter_map(|key| key.strip_prefix(&below).map(str::to_owned)).collect()
     }
 
-    fn pyramid_group(&self, stamp: &str) -> Value {
-        group(json!({"schema": PYRAMID, "film_stamp": stamp}))
+    fn pyramid_group(&self, fingerprint: &str) -> Value {
+        group(json!({"schema": PYRAMID_SCHEMA, "film_stamp": fingerprint}))
     }
 
-    /// Whether the film's own metadata tell of all of the pyramid.
-    fn tells_pyramid(&self, group: &Value, own: &Value) -> bool {
+    /// Whether the film's group metadata list the complete pyramid.
+    fn lists_pyramid(&self, group: &Value, pyramid_group: &Value) -> bool {
         let copies = &group["consolidated_metadata"]["metadata"];
         let all = self.pyramid_metadata();
         group["attributes"].get("ome").is_some()
-            && copies.get(PLACE) == Some(own)
+            && copies.get(PYRAMID_GROUP) == Some(pyramid_group)
             && all.iter().all(|(key, metadata)| copies.get(key) == Some(metadata))
     }
 
-    /// What the film is, without reading its pixels; see the head of this file.
-    fn stamp(&self) -> Result<String, FilmError> {
+    /// Digest of the film's attributes and of the checksums in its shards, without reading pixels; see the head of this file.
+    fn fingerprint(&self) -> Result<String, FilmError> {
         let mut hash = blake3::Hasher::new();
         hash.update(self.spec.attributes(SCHEMA, &self.provenance).to_string().as_bytes());
-        for (output, band, shard) in self.every_shard() {
+        for (output, band, shard) in self.all_shards() {
             let key = self.key(output, band, shard);
-            let (sh, sw) = self.spec.shard_shape(output);
-            let chunks = (sh / self.spec.chunk) * (sw / self.spec.chunk);
-            // The table's (offset, length) pairs and its checksum, and before them the last chunk's checksum.
-            let tail = (chunks * 16 + 8) as u64;
+            let (rows, columns) = self.spec.chunks_of(self.spec.shard_grid(output).shard);
+            // The index, its checksum, and before them the checksum of the last chunk.
+            let tail = (rows * columns * 16 + 8) as u64;
             let size = self.store.size_of(&key)?.unwrap_or(0);
             let tail = tail.min(size);
             let bytes = match tail {
@@ -220,31 +196,32 @@ impl FilmStore {
         Ok(hash.finalize().to_hex().to_string())
     }
 
-    /// What is wrong with the pyramid, if there is one; all its shards are read.
+    /// Checks all shards of the pyramid, if there is one; returns the bytes read and the defects.
     pub(super) fn check_pyramid(&self) -> Result<(u64, Vec<Finding>), FilmError> {
         let mut findings = Vec::new();
-        let place = format!("{PLACE}/zarr.json");
-        let mut wrong = |reason: &str| {
-            findings.push(Finding::Metadata { key: place.clone(), reason: reason.into() });
+        let key = format!("{PYRAMID_GROUP}/zarr.json");
+        let mut finding = |reason: &str| {
+            findings.push(Finding::Metadata { key: key.clone(), reason: reason.into() });
         };
         match self.pyramid()? {
             PyramidState::None => return Ok((0, findings)),
             PyramidState::Stale => {
-                wrong(
-                    "the pyramid was made of other pixels than the film has; `lenscube pyramid` makes it anew",
+                finding(
+                    "the pyramid was made of pixels that have changed since; run `lenscube pyramid` again",
                 );
                 return Ok((0, findings));
             }
             PyramidState::Unfinished(done, all) if done == all => {
-                wrong("the film's group does not tell of the pyramid; `lenscube pyramid` ends it");
+                finding("the film's group does not list the pyramid; `lenscube pyramid` completes it");
             }
             PyramidState::Unfinished(..) | PyramidState::Complete => {}
         }
         let mut bytes = 0;
         for level in self.levels() {
-            for (band, shard) in level.every_shard(self.spec.wavelengths_nm.len()) {
-                let (rect, key) = (level.rect(shard), self.level_key(&level, band, shard));
-                let (read, finding) = self.check_file(key, level.shard, rect)?;
+            for (band, shard) in level.all_shards(self.spec.wavelengths_nm.len()) {
+                let (rect, key) =
+                    (level.grid.shard_rect(shard.0, shard.1), self.level_key(&level, band, shard));
+                let (read, finding) = self.check_file(key, level.grid.shard, rect)?;
                 bytes += read;
                 findings.extend(finding);
             }
@@ -257,17 +234,17 @@ fn group(attributes: Value) -> Value {
     json!({"zarr_format": 3, "node_type": "group", "attributes": attributes})
 }
 
-/// The film's own metadata with `ome` and the pyramid's members, or without them.
+/// The film's group metadata with the attribute `ome` and the consolidated metadata `members` of the pyramid, or without them.
 fn film_group(mut group: Value, ome: Option<Value>, members: Vec<(String, Value)>) -> Value {
     if let Some(attributes) = group["attributes"].as_object_mut() {
         attributes.shift_remove("ome");
         attributes.extend(ome.map(|ome| ("ome".to_owned(), ome)));
     }
     if let Some(copies) = group["consolidated_metadata"]["metadata"].as_object_mut() {
-        let below = format!("{PLACE}/");
+        let below = format!("{PYRAMID_GROUP}/");
         let kept: Map<String, Value> = std::mem::take(copies)
             .into_iter()
-            .filter(|(key, _)| key != PLACE && !key.starts_with(&below))
+            .filter(|(key, _)| key != PYRAMID_GROUP && !key.starts_with(&below))
             .chain(members)
             .collect();
         *copies = kept;

@@ -1,16 +1,17 @@
-//! What a film is: its arrays, coordinates, sample type, shards; and how the attributes tell it.
+//! Layout of a film: arrays, coordinates, sample type, shards; and its group attributes.
 
 use std::path::Path;
 
 use pipeline::bounds::{self, OutOfBounds};
 use pipeline::geometry::{Rect, Size};
+use pipeline::plan;
 use serde_json::{Map, Value, json};
 
-use super::{Codec, FilmError, SampleType};
+use super::error::FilmError;
 use crate::hierarchy::{array, coordinate};
-use crate::shard::sharding_metadata;
+use crate::shard::{Codec, SampleType, sharding_metadata};
 
-/// One array of a film: a window of it, or all of it.
+/// An array of a film: the complete film, or a region of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FilmOutput {
     /// Name of the array: `film`, `roi_0`, …
@@ -19,12 +20,12 @@ pub struct FilmOutput {
     pub rect: Rect,
 }
 
-/// What a film is.
+/// Layout of a film.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilmSpec {
     /// The arrays.
     pub outputs: Vec<FilmOutput>,
-    /// Size of the whole film in pixels.
+    /// Size of the complete film in pixels.
     pub film: Size,
     /// Wavelength of each band in nm.
     pub wavelengths_nm: Vec<f64>,
@@ -32,11 +33,11 @@ pub struct FilmSpec {
     pub pitch_um: f64,
     /// Optical axis (row, column) in film pixels.
     pub axis_px: (f64, f64),
-    /// What the values are: "relative", "W m-2 nm-1", …
+    /// Unit of the values: "relative", "W m-2 nm-1", …
     pub units: String,
     /// Sample type.
     pub sample: SampleType,
-    /// Side of a shard in pixels, a multiple of `chunk`; a smaller film has smaller shards.
+    /// Side of a shard in pixels, a multiple of `chunk`; smaller arrays have smaller shards.
     pub shard: usize,
     /// Side of an inner chunk in pixels.
     pub chunk: usize,
@@ -45,8 +46,8 @@ pub struct FilmSpec {
 }
 
 impl FilmSpec {
-    /// A whole film with the usual layout: f32, shards of 2048, chunks of 256 pixels, axis in the middle, relative units.
-    pub fn whole(film: Size, wavelengths_nm: Vec<f64>, pitch_um: f64) -> Self {
+    /// A complete film with the default layout: f32, shards of 2048 and chunks of 256 pixels, axis in the middle, relative units.
+    pub fn full_film(film: Size, wavelengths_nm: Vec<f64>, pitch_um: f64) -> Self {
         Self {
             outputs: vec![FilmOutput { name: "film".into(), rect: film.rect() }],
             film,
@@ -61,47 +62,62 @@ impl FilmSpec {
         }
     }
 
-    /// (rows, columns) of a shard of output `output`: `shard`, or less where the output is smaller.
-    pub fn shard_shape(&self, output: usize) -> (usize, usize) {
-        self.shard_of(self.outputs[output].rect.size())
+    /// The shards of an output.
+    pub fn shard_grid(&self, output: usize) -> plan::FilmRegion {
+        self.grid_of(self.outputs[output].rect)
     }
 
-    /// (rows, columns) of a shard of an array of this size.
-    pub(super) fn shard_of(&self, size: Size) -> (usize, usize) {
+    /// The shards of an array with the pixels `rect`.
+    pub(super) fn grid_of(&self, rect: Rect) -> plan::FilmRegion {
         let side = |n: usize| self.shard.min(n.div_ceil(self.chunk) * self.chunk);
-        (side(size.height), side(size.width))
+        plan::FilmRegion { rect, shard: Size::new(side(rect.height), side(rect.width)) }
     }
 
-    /// Whether a film can be so: every number within [`bounds`], every output inside the film.
+    /// (rows, columns) of a shard of output `output`.
+    pub fn shard_shape(&self, output: usize) -> (usize, usize) {
+        let shard = self.shard_grid(output).shard;
+        (shard.height, shard.width)
+    }
+
+    /// Inner chunks (rows, columns) of a shard.
+    pub(super) fn chunks_of(&self, shard: Size) -> (usize, usize) {
+        (shard.height / self.chunk, shard.width / self.chunk)
+    }
+
+    /// Checks that every number is within [`bounds`] and every output inside the film.
     ///
     /// # Errors
     /// [`FilmError::Spec`] or [`FilmError::Bounds`].
     pub fn check(&self) -> Result<(), FilmError> {
-        let no = |what, expected, found: String| Err(FilmError::Spec { what, expected, found });
+        let invalid = |what, expected, found: String| Err(FilmError::Spec { what, expected, found });
         if self.chunk == 0 || self.shard == 0 || !self.shard.is_multiple_of(self.chunk) {
             let found = format!("shards of {}, chunks of {}", self.shard, self.chunk);
-            return no("sides", "a shard that is a multiple of the chunk", found);
+            return invalid("sides", "a shard that is a multiple of the chunk", found);
         }
         self.check_bounds()?;
         for (k, o) in self.outputs.iter().enumerate() {
-            let placed = |at: i64| (0..=bounds::FILM_SIDE_PX.most as i64).contains(&at);
-            if !placed(o.rect.y) || !placed(o.rect.x) || !self.film.rect().contains(o.rect) {
-                return no(
+            let is_placed = |at: i64| (0..=bounds::FILM_SIDE_PX.max as i64).contains(&at);
+            if !is_placed(o.rect.y) || !is_placed(o.rect.x) || !self.film.rect().contains(o.rect) {
+                return invalid(
                     "output",
-                    "a window of the film that is not empty",
+                    "a region of the film that is not empty",
                     format!("{} = {}", o.name, o.rect),
                 );
             }
-            let word = o.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-            let taken = ["wavelength", "x", "y"].contains(&o.name.as_str());
-            if o.name.is_empty() || !word || taken || self.outputs[..k].iter().any(|p| p.name == o.name) {
-                return no("output name", "letters, digits and _, each name once", format!("{:?}", o.name));
+            let valid = o.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+            let reserved = ["wavelength", "x", "y"].contains(&o.name.as_str());
+            if o.name.is_empty() || !valid || reserved || self.outputs[..k].iter().any(|p| p.name == o.name) {
+                return invalid(
+                    "output name",
+                    "letters, digits and _, each name once",
+                    format!("{:?}", o.name),
+                );
             }
         }
         Ok(())
     }
 
-    /// All numbers within their bounds, and all products of them, before anything is allocated for them.
+    /// Checks all numbers and their products before memory is allocated for them.
     fn check_bounds(&self) -> Result<(), OutOfBounds> {
         let bands = self.wavelengths_nm.len();
         bounds::BANDS.check_count(bands)?;
@@ -129,7 +145,7 @@ impl FilmSpec {
         if name == "film" { ("y".into(), "x".into()) } else { (format!("{name}_y"), format!("{name}_x")) }
     }
 
-    /// The coordinates of all outputs: name, metadata, chunk.
+    /// The coordinate arrays of all outputs: name, metadata, chunk.
     pub(super) fn coordinates(&self) -> Vec<(String, (Value, Vec<u8>))> {
         let mm = |first: i64, n: usize, axis: f64| -> Vec<f64> {
             (0..n).map(|i| ((first + i as i64) as f64 - axis) * (self.pitch_um * 1e-3)).collect()
@@ -146,18 +162,18 @@ impl FilmSpec {
         all
     }
 
-    /// Metadata of an output's array.
+    /// Zarr metadata of an output.
     pub(super) fn array(&self, output: &FilmOutput) -> Value {
         self.array_of(output, output.rect.size())
     }
 
-    /// Metadata of an array of `size` that shows `output`.
+    /// Zarr metadata of an array of `size` with the field of view of `output`.
     pub(super) fn array_of(&self, output: &FilmOutput, size: Size) -> Value {
-        let (sh, sw) = self.shard_of(size);
+        let shard = self.grid_of(size.rect()).shard;
         let (y, x) = Self::axes(&output.name);
         array(
             &[self.wavelengths_nm.len(), size.height, size.width],
-            &[1, sh, sw],
+            &[1, shard.height, shard.width],
             self.sample.name(),
             sharding_metadata(self.codec, self.sample, self.chunk),
             &["wavelength", &y, &x],
@@ -165,7 +181,7 @@ impl FilmSpec {
         )
     }
 
-    /// Attributes of the group.
+    /// Group attributes.
     pub(super) fn attributes(&self, schema: &str, provenance: &Map<String, Value>) -> Value {
         let outputs: Vec<Value> = self
             .outputs
@@ -188,7 +204,7 @@ impl FilmSpec {
         })
     }
 
-    /// Reads the attributes back, and checks them.
+    /// Parses and checks group attributes; also returns the attribute `provenance`.
     pub(super) fn from_attributes(
         path: &Path,
         mut a: Map<String, Value>,

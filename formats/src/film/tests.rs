@@ -1,10 +1,14 @@
-use std::io::{Error, ErrorKind};
+//! Creation, writing, verification, replacement and removal of films.
 
-use pipeline::geometry::Size;
+use std::io::{Error, ErrorKind};
+use std::path::Path;
+
+use pipeline::geometry::{Rect, Size};
+use serde_json::{Map, Value};
 
 use super::*;
 use crate::chart::{ChartOptions, ChartStore};
-use crate::durable::Step;
+use crate::durable::{DurableError, Step, Store, Sweep};
 
 fn spec() -> FilmSpec {
     FilmSpec {
@@ -12,7 +16,7 @@ fn spec() -> FilmSpec {
         chunk: 32,
         units: "W m-2 nm-1".into(),
         axis_px: (70.25, 50.0),
-        ..FilmSpec::whole(Size::new(150, 100), vec![450.0, 550.5], 2.0)
+        ..FilmSpec::full_film(Size::new(150, 100), vec![450.0, 550.5], 2.0)
     }
 }
 
@@ -59,7 +63,7 @@ fn check(path: &Path, array: &str, rect: Rect, f16: bool) {
 }
 
 #[test]
-fn a_film_is_read_as_it_was_written() {
+fn pixels_read_equal_pixels_written_for_every_codec_and_sample_type() {
     let dir = tempfile::tempdir().unwrap();
     for (codec, sample) in
         [(Codec::Zstd, SampleType::F32), (Codec::Lz4, SampleType::F16), (Codec::None, SampleType::F32)]
@@ -70,13 +74,13 @@ fn a_film_is_read_as_it_was_written() {
         assert_eq!((film.shards(0), film.spec().shard_shape(0)), ((3, 2), (64, 64)));
         fill(&film);
         check(&path, "film", Rect::new(0, 0, 150, 100), sample == SampleType::F16);
-        let again = FilmStore::open(&path, true).unwrap();
-        assert_eq!((again.spec(), again.provenance()), (film.spec(), &provenance()));
+        let reopened = FilmStore::open(&path, true).unwrap();
+        assert_eq!((reopened.spec(), reopened.provenance()), (film.spec(), &provenance()));
     }
 }
 
 #[test]
-fn windows_are_arrays_of_their_own() {
+fn regions_are_separate_arrays() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("roi.zarr");
     let rects = [Rect::new(10, 20, 40, 30), Rect::new(0, 0, 150, 7)];
@@ -90,7 +94,7 @@ fn windows_are_arrays_of_their_own() {
 }
 
 #[test]
-fn a_film_is_never_overwritten_by_chance() {
+fn existing_film_or_foreign_group_is_not_overwritten() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("film.zarr");
     FilmStore::create(&path, spec(), provenance(), true).unwrap();
@@ -109,7 +113,7 @@ fn a_film_is_never_overwritten_by_chance() {
 }
 
 #[test]
-fn metadata_that_were_changed_are_noticed() {
+fn changed_array_metadata_are_an_error_on_opening() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("film.zarr");
     FilmStore::create(&path, spec(), provenance(), false).unwrap();
@@ -120,7 +124,7 @@ fn metadata_that_were_changed_are_noticed() {
 }
 
 #[test]
-fn a_full_disk_leaves_the_shard_as_it_was() {
+fn full_disk_leaves_no_shard_and_is_retryable() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("film.zarr");
     let film = FilmStore::create(&path, spec(), provenance(), false).unwrap().with_directory(|d| {
@@ -136,7 +140,7 @@ fn a_full_disk_leaves_the_shard_as_it_was() {
 }
 
 #[test]
-fn what_f16_cannot_hold_is_named_with_its_place() {
+fn f16_overflow_is_an_error_with_band_row_column() {
     let dir = tempfile::tempdir().unwrap();
     let spec = FilmSpec { sample: SampleType::F16, ..spec() };
     let film = FilmStore::create(&dir.path().join("f"), spec, provenance(), false).unwrap();
@@ -148,7 +152,7 @@ fn what_f16_cannot_hold_is_named_with_its_place() {
 }
 
 #[test]
-fn films_that_cannot_be_are_refused() {
+fn invalid_spec_is_rejected_before_anything_is_written() {
     let cases = [
         FilmSpec { chunk: 48, ..spec() },
         FilmSpec { chunk: 0, ..spec() },
@@ -170,7 +174,7 @@ fn films_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn what_is_wrong_with_a_film_is_found_and_named() {
+fn verify_finds_and_names_every_defect() {
     let dir = tempfile::tempdir().unwrap();
     for (sample, codec) in [(SampleType::F32, Codec::Zstd), (SampleType::F16, Codec::None)] {
         let path = dir.path().join(format!("{codec:?}"));
@@ -179,15 +183,15 @@ fn what_is_wrong_with_a_film_is_found_and_named() {
         let empty = film.verify(2, &|_, _| ()).unwrap();
         assert_eq!((empty.shards, empty.findings.len()), (12, 12));
         fill(&film);
-        let sound = film.verify(3, &|_, _| ()).unwrap();
-        assert!(sound.findings.is_empty() && sound.temp.is_empty(), "{sound:?}");
-        let of = |key: &str| path.join(key);
-        // Any byte of a shard, flipped, is found: every one is under a checksum.
-        let good = std::fs::read(of("film/c/1/0/1")).unwrap();
+        let intact = film.verify(3, &|_, _| ()).unwrap();
+        assert!(intact.findings.is_empty() && intact.temp.is_empty(), "{intact:?}");
+        let file = |key: &str| path.join(key);
+        // A flipped bit in any byte of a shard is found: all bytes are covered by a checksum.
+        let good = std::fs::read(file("film/c/1/0/1")).unwrap();
         for k in (0..good.len()).step_by(good.len() / 97) {
             let mut bad = good.clone();
             bad[k] ^= 0x10;
-            std::fs::write(of("film/c/1/0/1"), &bad).unwrap();
+            std::fs::write(file("film/c/1/0/1"), &bad).unwrap();
             let (_, finding) = film.check_shard(0, 1, (0, 1)).unwrap();
             assert!(
                 matches!(&finding, Some(Finding::Bad { key, .. }) if key == "film/c/1/0/1"),
@@ -195,41 +199,41 @@ fn what_is_wrong_with_a_film_is_found_and_named() {
             );
         }
         for cut in [&good[..good.len() - 1], &good[1..], &good[..10], &[]] {
-            std::fs::write(of("film/c/1/0/1"), cut).unwrap();
+            std::fs::write(file("film/c/1/0/1"), cut).unwrap();
             assert!(film.check_shard(0, 1, (0, 1)).unwrap().1.is_some());
         }
         let mut pixels = vec![0.5; 64 * 36];
         pixels[3 * 36 + 2] = f32::NAN;
-        let refused = film.encode_shard(0, 1, (1, 1), &pixels).unwrap_err();
-        assert!(matches!(refused, FilmError::NotFinite { band: 1, row: 67, column: 66, .. }), "{refused}");
+        let e = film.encode_shard(0, 1, (1, 1), &pixels).unwrap_err();
+        assert!(matches!(e, FilmError::NotFinite { band: 1, row: 67, column: 66, .. }), "{e}");
         // A shard by another program.
-        let sound = film.encode_shard(0, 1, (1, 1), &vec![0.5; 64 * 36]).unwrap();
+        let intact = film.encode_shard(0, 1, (1, 1), &vec![0.5; 64 * 36]).unwrap();
         let bytes = film.encoder.encode_pixels(&pixels, (64, 36), (2, 2)).unwrap();
-        film.commit(&EncodedShard { bytes: bytes.into(), ..sound }).unwrap();
-        film.remove(0, 0, (2, 0)).unwrap();
-        std::fs::write(of("wavelength/c/0"), [0; 20]).unwrap();
-        std::fs::write(of("film/c/0/.tmp-elsewhere-1-2-3-4-5"), "half").unwrap();
+        film.commit(&EncodedShard { bytes: bytes.into(), ..intact }).unwrap();
+        film.remove_shard(0, 0, (2, 0)).unwrap();
+        std::fs::write(file("wavelength/c/0"), [0; 20]).unwrap();
+        std::fs::write(file("film/c/0/.tmp-elsewhere-1-2-3-4-5"), "half").unwrap();
         let found = film.verify(2, &|_, _| ()).unwrap();
         let text = format!("{:?}", found.findings);
         assert_eq!(found.findings.len(), 4, "{text}");
-        for word in
+        for expected in
             ["Metadata { key: \"wavelength/c/0\"", "Missing { key: \"film/c/0/2/0\"", "row 67, column 66"]
         {
-            assert!(text.contains(word), "{word}: {text}");
+            assert!(text.contains(expected), "{expected}: {text}");
         }
         assert_eq!(found.temp.iter().map(|t| t.1).collect::<Vec<_>>(), [None]);
     }
 }
 
 #[test]
-fn a_film_that_is_gone_is_not_made_again_in_parts() {
+fn commit_to_a_removed_film_fails_and_creates_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("film.zarr");
     let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
     let shard = film.encode_shard(0, 0, (2, 1), &vec![1.0; 22 * 36]).unwrap();
     std::fs::remove_dir_all(&path).unwrap();
     let e = film.commit(&shard).unwrap_err();
-    assert!(e.retryable() && e.to_string().contains("is gone"), "{e}");
+    assert!(e.retryable() && e.to_string().contains("is missing: its"), "{e}");
     assert!(film.verify(1, &|_, _| ()).unwrap_err().retryable() && !path.exists());
 }
 
@@ -251,14 +255,14 @@ fn contents(film: &FilmStore) -> std::collections::BTreeMap<String, Vec<u8>> {
 }
 
 #[test]
-fn objects_hold_what_files_hold() {
+fn film_at_a_url_has_the_same_content_as_in_a_directory() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("film.zarr");
-    let far = Path::new("memory://film/deep/film.zarr");
-    let both = [&path, far].map(|path| {
+    let url = Path::new("memory://film/deep/film.zarr");
+    let both = [&path, url].map(|path| {
         let film = FilmStore::create(path, spec(), provenance(), false).unwrap();
         fill(&film);
-        film.write_beside("runs/1-host-2.json", b"{}").unwrap();
+        film.write_record("runs/1-host-2.json", b"{}").unwrap();
         check(path, "film", Rect::new(0, 0, 150, 100), false);
         assert!(matches!(
             FilmStore::create(path, spec(), provenance(), false),
@@ -270,83 +274,83 @@ fn objects_hold_what_files_hold() {
     let film = &both[1];
     assert!(film.lock("whole", false).unwrap().is_none() && film.sweep().unwrap() == Sweep::default());
     assert_eq!((film.runs().unwrap().len(), film.verify(2, &|_, _| ()).unwrap().findings), (1, vec![]));
-    film.remove(0, 1, (2, 1)).unwrap();
+    film.remove_shard(0, 1, (2, 1)).unwrap();
     let missing = Finding::Missing { key: "film/c/1/2/1".into() };
     assert_eq!(film.verify(2, &|_, _| ()).unwrap().findings, [missing]);
-    FilmStore::remove_film(far).unwrap();
+    FilmStore::remove_film(url).unwrap();
     assert!(!film.store.exists().unwrap());
-    assert!(matches!(FilmStore::open(far, false), Err(FilmError::NotFilm { .. })));
+    assert!(matches!(FilmStore::open(url, false), Err(FilmError::NotFilm { .. })));
 }
 
 #[test]
-fn objects_of_another_make_are_no_beginning_of_a_film() {
-    let far = Path::new("memory://other/film.zarr");
-    let store = Store::at(far).unwrap();
-    // Of a creation that was killed: gone on with.
+fn unfinished_creation_at_a_url_is_resumed_and_foreign_objects_are_an_error() {
+    let url = Path::new("memory://other/film.zarr");
+    let store = Store::at(url).unwrap();
+    // From a creation that was killed.
     store.write("y/c/0", vec![0; 3]).unwrap();
-    FilmStore::create(far, spec(), provenance(), false).unwrap();
-    FilmStore::remove_film(far).unwrap();
-    // A shard without a film may be of any job.
+    FilmStore::create(url, spec(), provenance(), false).unwrap();
+    FilmStore::remove_film(url).unwrap();
+    // A shard without a film may belong to any job.
     store.write("film/c/0/0/0", vec![0; 3]).unwrap();
-    assert!(matches!(FilmStore::create(far, spec(), provenance(), false), Err(FilmError::Exists { .. })));
-    assert!(matches!(FilmStore::open(far, false), Err(FilmError::NotFilm { .. })));
-    assert!(matches!(FilmStore::remove_film(far), Err(FilmError::NotFilm { .. })));
+    assert!(matches!(FilmStore::create(url, spec(), provenance(), false), Err(FilmError::Exists { .. })));
+    assert!(matches!(FilmStore::open(url, false), Err(FilmError::NotFilm { .. })));
+    assert!(matches!(FilmStore::remove_film(url), Err(FilmError::NotFilm { .. })));
 }
 
 #[test]
-fn no_shard_is_put_into_the_film_of_another_job() {
-    let far = Path::new("memory://replaced/film.zarr");
+fn commit_at_a_url_fails_if_the_film_was_removed_or_replaced() {
+    let url = Path::new("memory://replaced/film.zarr");
     let job = |digest: &str| {
-        let mut words = provenance();
-        words.insert("job_digest".into(), digest.into());
-        FilmStore::create(far, spec(), words, false).unwrap()
+        let mut attributes = provenance();
+        attributes.insert("job_digest".into(), digest.into());
+        FilmStore::create(url, spec(), attributes, false).unwrap()
     };
-    let ours = job("ours");
-    let shard = ours.encode_shard(0, 0, (0, 0), &[1.0; 64 * 64]).unwrap();
-    ours.commit(&shard).unwrap();
-    FilmStore::remove_film(far).unwrap();
-    let e = ours.commit(&shard).unwrap_err();
-    assert!(matches!(e, FilmError::Storage(DurableError::Vanished { .. })) && e.retryable(), "{e}");
-    let theirs = job("theirs");
-    assert!(matches!(ours.commit(&shard), Err(FilmError::Replaced { .. })));
-    assert!(!theirs.shard_present(0, 0, (0, 0)).unwrap());
+    let film = job("a");
+    let shard = film.encode_shard(0, 0, (0, 0), &[1.0; 64 * 64]).unwrap();
+    film.commit(&shard).unwrap();
+    FilmStore::remove_film(url).unwrap();
+    let e = film.commit(&shard).unwrap_err();
+    assert!(matches!(e, FilmError::Storage(DurableError::StoreMissing { .. })) && e.retryable(), "{e}");
+    let other = job("b");
+    assert!(matches!(film.commit(&shard), Err(FilmError::Replaced { .. })));
+    assert!(!other.shard_present(0, 0, (0, 0)).unwrap());
 }
 
 /// A film of job `digest`, without a shard.
-fn of_job(path: &Path, digest: &str) -> FilmStore {
-    let mut words = provenance();
-    words.insert("job_digest".into(), digest.into());
-    FilmStore::create(path, spec(), words, true).unwrap()
+fn film_of_job(path: &Path, digest: &str) -> FilmStore {
+    let mut attributes = provenance();
+    attributes.insert("job_digest".into(), digest.into());
+    FilmStore::create(path, spec(), attributes, true).unwrap()
 }
 
 #[test]
-fn a_film_that_is_replaced_during_a_write_leaves_the_new_one_as_it_is() {
+fn write_during_which_the_film_is_replaced_fails_and_leaves_the_new_film_unchanged() {
     use std::sync::atomic::{AtomicBool, Ordering};
     let dir = tempfile::tempdir().unwrap();
     for (n, at) in
         [Step::Create, Step::Write, Step::Sync, Step::Rename, Step::SyncDirectory].into_iter().enumerate()
     {
-        for digest in ["theirs", "ours"] {
+        for digest in ["b", "a"] {
             let path = dir.path().join(format!("{n}-{digest}.zarr"));
-            let (place, struck) = (path.clone(), AtomicBool::new(false));
-            let ours = of_job(&path, "ours").with_directory(|d| {
+            let (target, replaced) = (path.clone(), AtomicBool::new(false));
+            let film = film_of_job(&path, "a").with_directory(|d| {
                 d.with_fault(move |step, _| {
-                    if step == at && !struck.swap(true, Ordering::SeqCst) {
-                        FilmStore::remove_film(&place).unwrap();
-                        of_job(&place, digest);
+                    if step == at && !replaced.swap(true, Ordering::SeqCst) {
+                        FilmStore::remove_film(&target).unwrap();
+                        film_of_job(&target, digest);
                     }
                     Ok(())
                 })
             });
-            let shard = ours.encode_shard(0, 0, (0, 0), &[1.0; 64 * 64]).unwrap();
-            let e = ours.commit(&shard).unwrap_err();
+            let shard = film.encode_shard(0, 0, (0, 0), &[1.0; 64 * 64]).unwrap();
+            let e = film.commit(&shard).unwrap_err();
             let expected = match digest {
-                "theirs" => matches!(e, FilmError::Replaced { .. }) && !e.retryable(),
-                _ => matches!(e, FilmError::Renewed { .. }) && e.retryable(),
+                "b" => matches!(e, FilmError::Replaced { .. }) && !e.retryable(),
+                _ => matches!(e, FilmError::Recreated { .. }) && e.retryable(),
             };
             assert!(expected, "{at:?}: {e}");
-            assert!(ours.write_beside("runs/1.json", b"{}").is_err() && ours.lock("whole", false).is_err());
-            let fresh = of_job(&dir.path().join(format!("fresh-{n}-{digest}.zarr")), digest);
+            assert!(film.write_record("runs/1.json", b"{}").is_err() && film.lock("whole", false).is_err());
+            let fresh = film_of_job(&dir.path().join(format!("fresh-{n}-{digest}.zarr")), digest);
             assert_eq!(contents(&FilmStore::open(&path, false).unwrap()), contents(&fresh), "{at:?}");
             assert!(!path.join("runs").exists());
         }
@@ -356,41 +360,41 @@ fn a_film_that_is_replaced_during_a_write_leaves_the_new_one_as_it_is() {
 }
 
 #[test]
-fn a_film_with_files_of_others_is_not_removed() {
+fn film_with_foreign_files_is_not_removed() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("film.zarr");
     for foreign in ["chart.npy", "pack.lens.zarr/zarr.json", "film/notes.txt", "runs/job.json"] {
         let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
-        film.write_beside("runs/1763740000-host-7.json", b"{}").unwrap();
-        film.write_beside(foreign, b"mine").unwrap();
+        film.write_record("runs/1763740000-host-7.json", b"{}").unwrap();
+        film.write_record(foreign, b"mine").unwrap();
         let before = contents(&film);
         let e = FilmStore::remove_film(&path).unwrap_err();
         assert!(matches!(&e, FilmError::Foreign { names, .. } if *names == [foreign]), "{e}");
         assert_eq!(contents(&film), before);
         std::fs::remove_file(path.join(foreign)).unwrap();
         if foreign.starts_with("pack") {
-            // The empty directory is no part of the film either.
+            // An empty directory is foreign, too.
             assert!(matches!(FilmStore::remove_film(&path), Err(FilmError::Foreign { .. })));
             std::fs::remove_dir(path.join("pack.lens.zarr")).unwrap();
         }
         FilmStore::remove_film(&path).unwrap();
     }
-    // At a URL as well.
-    let far = Path::new("memory://foreign/film.zarr");
-    let film = FilmStore::create(far, spec(), provenance(), false).unwrap();
-    film.write_beside("chart.npy", b"mine").unwrap();
-    assert!(matches!(FilmStore::remove_film(far), Err(FilmError::Foreign { .. })));
+    // At a URL.
+    let url = Path::new("memory://foreign/film.zarr");
+    let film = FilmStore::create(url, spec(), provenance(), false).unwrap();
+    film.write_record("chart.npy", b"mine").unwrap();
+    assert!(matches!(FilmStore::remove_film(url), Err(FilmError::Foreign { .. })));
     assert!(
         film.store.read("chart.npy").unwrap().is_some() && film.store.read("zarr.json").unwrap().is_some()
     );
 }
 
 #[test]
-fn a_link_to_a_film_stays_a_link() {
+fn symbolic_link_to_a_film_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let (real, link) = (dir.path().join("disk/film.zarr"), dir.path().join("film.zarr"));
     std::os::unix::fs::symlink("disk/film.zarr", &link).unwrap();
-    // To nothing yet; then to a film; with a slash at its end.
+    // A dangling link; a link to a film; the same with a trailing slash.
     for path in [link.clone(), link.clone(), dir.path().join("film.zarr/")] {
         FilmStore::remove_film(&path).unwrap();
         let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
@@ -401,17 +405,17 @@ fn a_link_to_a_film_stays_a_link() {
 }
 
 #[test]
-fn a_bad_shard_that_was_replaced_by_a_sound_one_is_kept() {
+fn remove_bad_keeps_an_intact_shard() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("film.zarr");
     let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
     fill(&film);
-    let (key, sound) = ("film/c/1/0/1", std::fs::read(path.join("film/c/1/0/1")).unwrap());
+    let (key, intact) = ("film/c/1/0/1", std::fs::read(path.join("film/c/1/0/1")).unwrap());
     let before = contents(&film);
-    // Judged bad before, sound by now.
+    // Intact by now.
     assert!(!film.remove_bad(key).unwrap());
     assert_eq!(contents(&film), before);
-    std::fs::write(path.join(key), &sound[..100]).unwrap();
+    std::fs::write(path.join(key), &intact[..100]).unwrap();
     assert!(film.remove_bad(key).unwrap() && !path.join(key).exists());
     assert!(!film.remove_bad(key).unwrap());
 }

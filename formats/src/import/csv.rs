@@ -1,43 +1,39 @@
 //! Plain CSV: a header line of names, then rows of numbers; `#` starts a comment; columns in any order.
 
 use super::matrix::short;
-use super::{ImportError, MOST, text};
+use super::{ImportError, MAX_COUNT, text};
 use std::path::{Path, PathBuf};
 
 /// A table by column names.
 pub(super) struct Csv {
     pub path: PathBuf,
     names: Vec<String>,
-    /// (line, words).
+    /// Line number and fields.
     pub rows: Vec<(usize, Vec<String>)>,
 }
 
 impl Csv {
     pub fn read(path: &Path) -> Result<Self, ImportError> {
-        Self::parse(path, &text::read(path)?)
-    }
-
-    pub fn parse(path: &Path, text: &str) -> Result<Self, ImportError> {
+        let content = &text::read(path)?;
         let mut lines =
-            text.lines().enumerate().map(|(i, l)| (i + 1, l.split('#').next().unwrap_or("").trim()));
-        let words = |l: &str| l.split(',').map(|w| w.trim().to_string()).collect::<Vec<_>>();
+            text::numbered_lines(content).map(|(n, l)| (n, l.split('#').next().unwrap_or("").trim()));
+        let fields = |l: &str| l.split(',').map(|f| f.trim().to_string()).collect::<Vec<_>>();
         let head = lines.by_ref().find(|(_, l)| !l.is_empty());
         let (_, head) =
             head.ok_or_else(|| ImportError::file(path, "is empty, expected a line of column names"))?;
-        let names = words(head);
+        let names = fields(head);
         let mut rows = Vec::new();
         for (line, text) in lines.filter(|(_, l)| !l.is_empty()) {
-            let row = words(text);
+            let row = fields(text);
             if row.len() != names.len() {
                 let (found, expected) = (row.len(), names.len());
-                return Err(ImportError::line(
-                    path,
-                    line,
-                    format!("{found} columns, expected {expected}; numbers here have decimal points"),
-                ));
+                let problem =
+                    format!("{found} columns, expected {expected}; numbers must have decimal points");
+                return Err(ImportError::line(path, line, problem));
             }
-            if rows.len() == MOST * MOST {
-                return Err(ImportError::line(path, line, format!("more than {} rows", MOST * MOST)));
+            if rows.len() == MAX_COUNT * MAX_COUNT {
+                let problem = format!("more than {} rows", MAX_COUNT * MAX_COUNT);
+                return Err(ImportError::line(path, line, problem));
             }
             rows.push((line, row));
         }
@@ -47,10 +43,8 @@ impl Csv {
     /// Index of a required column.
     pub fn column(&self, name: &str) -> Result<usize, ImportError> {
         self.names.iter().position(|n| n == name).ok_or_else(|| {
-            ImportError::file(
-                &self.path,
-                format!("has no column `{name}`; its columns are {}", short_list(&self.names)),
-            )
+            let names: Vec<_> = self.names.iter().take(12).map(|n| short(n)).collect();
+            ImportError::file(&self.path, format!("has no column `{name}`, only {}", names.join(", ")))
         })
     }
 
@@ -65,8 +59,4 @@ impl Csv {
             )
         })
     }
-}
-
-fn short_list(names: &[String]) -> String {
-    names.iter().take(12).map(|n| short(n)).collect::<Vec<_>>().join(", ")
 }

@@ -1,17 +1,17 @@
-//! From a few field points to dense tables: cubic splines that know the lens's symmetry.
+//! Dense tables from a few field points, by cubic splines with the symmetry of a centred lens.
 //!
 //!     image height: an ODD function of ideal height, RI: an EVEN one
-//! The given points are mirrored about the axis and joined by a cubic spline with continuous third derivative at the ends'
-//! neighbours ("not-a-knot": de Boor, A Practical Guide to Splines, chapter IV), then read at equal steps of ideal height.
-//! Three mirrored points (two given) make a line or a parabola. The order of operations is that of SciPy's CubicSpline with
-//! LAPACK's dgtsv, so that tables made dense there and here agree to the last bit.
+//! The points are mirrored about the axis and interpolated by a cubic spline whose third derivative is continuous at the second
+//! and the last but one point ("not-a-knot": de Boor, A Practical Guide to Splines, chapter IV), evaluated at equal steps of ideal
+//! height. Two points (three with the mirrored one) give a line or a parabola. The order of operations is that of SciPy's
+//! CubicSpline with LAPACK's dgtsv, so tables made by either agree to the last bit.
 
-/// What becomes of a value on the other side of the axis.
+/// Symmetry about the axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parity {
-    /// v(−x) = −v(x): heights.
+    /// v(−x) = −v(x), as for heights.
     Odd,
-    /// v(−x) = v(x): relative illumination.
+    /// v(−x) = v(x), as for relative illumination.
     Even,
 }
 
@@ -24,12 +24,12 @@ pub struct Spline {
 }
 
 impl Spline {
-    /// Through `y` at `x`, which ascends from 0 and has at least 2 points.
+    /// The spline through `y` at `x`, which ascends from 0 and has at least 2 points.
     ///
     /// # Panics
-    /// On fewer points, or if the lengths differ.
+    /// There are fewer points, or the lengths differ.
     pub fn mirrored(x: &[f64], y: &[f64], parity: Parity) -> Self {
-        assert!(x.len() >= 2 && x.len() == y.len(), "checked at the door");
+        assert!(x.len() >= 2 && x.len() == y.len(), "lengths are checked by the caller");
         let sign = if parity == Parity::Odd { -1.0 } else { 1.0 };
         let xs: Vec<f64> = x[1..].iter().rev().map(|v| -v).chain(x.iter().copied()).collect();
         let ys: Vec<f64> = y[1..].iter().rev().map(|v| sign * v).chain(y.iter().copied()).collect();
@@ -37,7 +37,7 @@ impl Spline {
         Self { x: xs, y: ys, slope }
     }
 
-    /// The spline at `at`; beyond the points its last piece goes on.
+    /// The spline at `at`, extrapolated by its outermost polynomials.
     pub fn at(&self, at: f64) -> f64 {
         let i = self.x.partition_point(|&x| x <= at).clamp(1, self.x.len() - 1) - 1;
         let dx = self.x[i + 1] - self.x[i];
@@ -94,16 +94,16 @@ fn solve(below: &mut [f64], diagonal: &mut [f64], above: &mut [f64], b: &mut [f6
         } else {
             let factor = diagonal[i] / below[i];
             diagonal[i] = below[i];
-            let held = diagonal[i + 1];
-            diagonal[i + 1] = above[i] - factor * held;
+            let swapped = diagonal[i + 1];
+            diagonal[i + 1] = above[i] - factor * swapped;
             if i + 2 < n {
                 below[i] = above[i + 1];
                 above[i + 1] *= -factor;
             }
-            above[i] = held;
-            let held = b[i];
+            above[i] = swapped;
+            let swapped = b[i];
             b[i] = b[i + 1];
-            b[i + 1] = held - factor * b[i + 1];
+            b[i + 1] = swapped - factor * b[i + 1];
         }
     }
     b[n - 1] /= diagonal[n - 1];
@@ -113,8 +113,8 @@ fn solve(below: &mut [f64], diagonal: &mut [f64], above: &mut [f64], b: &mut [f6
     }
 }
 
-/// `count` equal steps from 0 to `last`.
-pub fn steps(last: f64, count: usize) -> Vec<f64> {
+/// `count` equidistant values from 0 to `last`.
+pub fn equidistant(last: f64, count: usize) -> Vec<f64> {
     let step = last / (count - 1) as f64;
     (0..count).map(|i| if i + 1 == count { last } else { i as f64 * step }).collect()
 }
@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cubic_comes_back_and_the_axis_is_kept() {
+    fn cubic_and_parabola_are_reproduced() {
         let x: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.7).collect();
         let odd: Vec<f64> = x.iter().map(|x| 2.0 * x - 0.1 * x.powi(3)).collect();
         let even: Vec<f64> = x.iter().map(|x| 1.0 - 0.05 * x * x).collect();
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn two_points_make_a_line_or_a_parabola() {
+    fn two_points_give_a_line_or_a_parabola() {
         let odd = Spline::mirrored(&[0.0, 2.0], &[0.0, 3.0], Parity::Odd);
         let even = Spline::mirrored(&[0.0, 2.0], &[1.0, 0.6], Parity::Even);
         assert!((odd.at(1.0) - 1.5).abs() < 1e-15 && (even.at(1.0) - 0.9).abs() < 1e-15);

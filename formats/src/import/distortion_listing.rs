@@ -1,4 +1,4 @@
-//! OpticStudio's text listings that tell distortion: Grid Distortion, and Field Curvature / Distortion.
+//! OpticStudio's text listings of distortion: Grid Distortion, and Field Curvature / Distortion.
 //!
 //! ```text
 //! Listing of Grid Distortion Data               Listing of FIELD CURVATURE DISTORTION Data
@@ -9,13 +9,13 @@
 //!    i   j  X-Field … Real X  Real Y …          Y Angle (deg)  Tan Shift  Sag Shift  Real Height  …
 //!  -32 -32  -1.94E+1 …                          0.00000  0.0000  0.0000  0.0000  …
 //! ```
-//! Of a grid the half diagonal i = j ≥ 0 is used: it runs from the axis to the corner; the whole grid may be compared with a
-//! table. A grid of n by n cells must be whole; what follows it (maximum, ABCD matrix) is not read; the last column may be cut.
-//! Grid listings have been seen in the wild, field curvature listings only described: their columns are found by title.
+//! Of a grid the half diagonal i = j ≥ 0, from the axis to the corner, is used; all of its points may be compared with a
+//! table. A grid must be complete; text after it (maximum, ABCD matrix) is not read; the last column may be cut off.
+//! The grid format is that of real exports; field curvature listings follow descriptions, so columns are identified by title.
 
 use super::ImportError;
-use super::matrix::short;
-use super::text::{number, numbers};
+use super::field_table::{Titles, row, wavelength_nm};
+use super::text::{number, numbered_lines, numbers};
 use std::path::Path;
 
 /// Real chief-ray heights over field angle, at one wavelength.
@@ -23,7 +23,7 @@ use std::path::Path;
 pub struct Distortion {
     /// nm.
     pub wavelength_nm: f64,
-    /// f of f·tan(field) as the listing has it: the paraxial one at this wavelength.
+    /// Paraxial focal length at this wavelength: f of f·tan(field) in the listing.
     pub focal_length_mm: Option<f64>,
     /// Field angle in degrees, ascending from 0.
     pub field_deg: Vec<f64>,
@@ -46,21 +46,21 @@ pub struct Grid {
 /// [`ImportError`] with the line.
 pub fn grid(path: &Path, text: &str) -> Result<Grid, ImportError> {
     let (mut millimetres, mut degrees, mut wavelength, mut titles) = (false, false, None, None);
-    for (i, line) in text.lines().enumerate().take(60) {
-        let (words, line_number) = (line.trim().to_lowercase(), i + 1);
+    for (line_number, line) in numbered_lines(text).take(60) {
+        let lower = line.trim().to_lowercase();
         let bad = |problem: &str| ImportError::line(path, line_number, problem);
-        if words.starts_with("units are") {
-            millimetres = words.contains("millimeter");
-        } else if words.starts_with("field units are") {
-            degrees = words.contains("degree");
-        } else if words.starts_with("wavelength") {
-            wavelength = Some(wavelength_nm(&words).ok_or_else(|| bad("no wavelength in µm"))?);
-        } else if words.starts_with("reference coordinates") {
-            let reference: Vec<f64> = words.split(['=', ',', ' ']).filter_map(number).collect();
+        if lower.starts_with("units are") {
+            millimetres = lower.contains("millimeter");
+        } else if lower.starts_with("field units are") {
+            degrees = lower.contains("degree");
+        } else if lower.starts_with("wavelength") {
+            wavelength = Some(wavelength_nm(&lower).ok_or_else(|| bad("no wavelength in µm"))?);
+        } else if lower.starts_with("reference coordinates") {
+            let reference: Vec<f64> = lower.split(['=', ',', ' ']).filter_map(number).collect();
             if reference.iter().any(|v| v.abs() > 1e-9) {
                 return Err(bad("the reference is not the axis; list the grid about field 0, 0"));
             }
-        } else if words.starts_with("i ") && words.contains("real y") {
+        } else if lower.starts_with("i ") && lower.contains("real y") {
             titles = Some(line_number);
             break;
         }
@@ -71,13 +71,11 @@ pub fn grid(path: &Path, text: &str) -> Result<Grid, ImportError> {
     let titles = titles.ok_or_else(|| need("i j X-Field … Real Y"))?;
     let wavelength_nm = wavelength.ok_or_else(|| need("Wavelength: …"))?;
     if !(millimetres && degrees) {
-        return Err(ImportError::file(
-            path,
-            "has other units than millimeters and degrees; list it in those",
-        ));
+        let problem = "has other units than millimeters and degrees, which are required";
+        return Err(ImportError::file(path, problem));
     }
     let mut rows: Vec<(usize, Vec<f64>)> = Vec::new();
-    for (i, line) in text.lines().enumerate().skip(titles) {
+    for (line_number, line) in numbered_lines(text).skip(titles) {
         let first = line.split_whitespace().next().and_then(number);
         if first.is_none() {
             if line.trim().is_empty() && rows.is_empty() {
@@ -85,18 +83,21 @@ pub fn grid(path: &Path, text: &str) -> Result<Grid, ImportError> {
             }
             break;
         }
-        let words: Option<Vec<f64>> = line.split_whitespace().take(9).map(number).collect();
-        match words {
-            Some(words) if words.len() == 9 => rows.push((i + 1, words)),
-            _ => return Err(ImportError::line(path, i + 1, "expected 9 numbers and the distortion in %")),
+        let values: Option<Vec<f64>> = line.split_whitespace().take(9).map(number).collect();
+        match values {
+            Some(values) if values.len() == 9 => rows.push((line_number, values)),
+            _ => {
+                let problem = "expected 9 numbers and the distortion in %";
+                return Err(ImportError::line(path, line_number, problem));
+            }
         }
     }
-    whole(path, titles, &rows)?;
+    check_complete(path, titles, &rows)?;
     let radii_mm = rows.iter().map(|(_, w)| (w[5].hypot(w[6]), w[7].hypot(w[8]))).collect();
     let diagonal = || rows.iter().filter(|(_, w)| w[0] == w[1] && w[0] >= 0.0);
     let (mut field_deg, mut image_height_mm, mut focal) = (Vec::new(), Vec::new(), None);
     for (line, w) in diagonal() {
-        push(path, *line, (&mut field_deg, &mut image_height_mm), (w[4], w[7].hypot(w[8])))?;
+        push_point(path, *line, (&mut field_deg, &mut image_height_mm), (w[4], w[7].hypot(w[8])))?;
         let tangent = w[4].to_radians().tan();
         focal = (tangent > 0.0).then(|| w[5].hypot(w[6]) / tangent);
     }
@@ -105,17 +106,14 @@ pub fn grid(path: &Path, text: &str) -> Result<Grid, ImportError> {
 }
 
 /// A grid from −n to n must have (2n + 1)² points.
-fn whole(path: &Path, titles: usize, rows: &[(usize, Vec<f64>)]) -> Result<(), ImportError> {
+fn check_complete(path: &Path, titles: usize, rows: &[(usize, Vec<f64>)]) -> Result<(), ImportError> {
     let Some((first, w)) = rows.first() else {
         return Err(ImportError::line(path, titles, "no points follow"));
     };
     let n = -w[0];
     if n.fract() != 0.0 || !(1.0..=2048.0).contains(&n) || w[1] != w[0] {
-        return Err(ImportError::line(
-            path,
-            *first,
-            format!("the grid starts at {}, {}, expected -n, -n", w[0], w[1]),
-        ));
+        let problem = format!("the grid starts at {}, {}, expected -n, -n", w[0], w[1]);
+        return Err(ImportError::line(path, *first, problem));
     }
     let expected = (2 * n as usize + 1).pow(2);
     if rows.len() == expected {
@@ -130,8 +128,8 @@ fn whole(path: &Path, titles: usize, rows: &[(usize, Vec<f64>)]) -> Result<(), I
     ))
 }
 
-/// Appends a field point that must lie farther out than the one before, the first on the axis.
-fn push(
+/// Appends a field point. The first must be on the axis, every other farther from it than the one before.
+fn push_point(
     path: &Path,
     line: usize,
     (field, height): (&mut Vec<f64>, &mut Vec<f64>),
@@ -155,18 +153,18 @@ fn push(
     Ok(())
 }
 
-/// Reads a field curvature / distortion listing: one table a wavelength.
+/// Reads a field curvature / distortion listing: one table per wavelength.
 ///
 /// # Errors
 /// [`ImportError`] with the line.
 pub fn field_curvature(path: &Path, text: &str) -> Result<Vec<Distortion>, ImportError> {
     let mut tables: Vec<Distortion> = Vec::new();
     let mut columns: Option<(usize, usize)> = None;
-    for (i, line) in text.lines().enumerate() {
-        let words = line.trim().to_lowercase();
-        let bad = |problem: String| ImportError::line(path, i + 1, problem);
-        if words.starts_with("data for wavelength") {
-            let wavelength_nm = wavelength_nm(&words).ok_or_else(|| bad("no wavelength in µm".into()))?;
+    for (line_number, line) in numbered_lines(text) {
+        let lower = line.trim().to_lowercase();
+        let bad = |problem: String| ImportError::line(path, line_number, problem);
+        if lower.starts_with("data for wavelength") {
+            let wavelength_nm = wavelength_nm(&lower).ok_or_else(|| bad("no wavelength in µm".into()))?;
             tables.push(Distortion {
                 wavelength_nm,
                 focal_length_mm: None,
@@ -174,33 +172,28 @@ pub fn field_curvature(path: &Path, text: &str) -> Result<Vec<Distortion>, Impor
                 image_height_mm: Vec::new(),
             });
             columns = None;
-        } else if words.starts_with("distortion focal length") {
-            if let (Some(table), Some(f)) = (tables.last_mut(), numbers(&words).first()) {
+        } else if lower.starts_with("distortion focal length") {
+            if let (Some(table), Some(f)) = (tables.last_mut(), numbers(&lower).first()) {
                 table.focal_length_mm = Some(*f);
             }
-        } else if words.contains("real height") {
-            let titles = titles(line);
-            let real = titles.iter().position(|t| t.contains("real height"));
-            if !titles.first().is_some_and(|t| t.contains("deg")) {
-                return Err(bad(
-                    "the first column is no field angle in degrees; list it with fields as angles".into(),
-                ));
-            }
-            columns = real.map(|c| (c, titles.len()));
+        } else if lower.contains("real height") {
+            columns = Titles::parse(line).map_err(bad)?.column(&["real height"]);
         } else if let (Some((real, count)), Some(table)) = (columns, tables.last_mut()) {
-            if words.is_empty() {
+            if lower.is_empty() {
                 continue;
             }
-            let row: Option<Vec<f64>> = line.split_whitespace().map(number).collect();
-            let Some(row) = row else {
-                columns = None; // the table's end
+            let Some(row) = row(line) else {
+                columns = None; // end of the table
                 continue;
             };
             if row.len() != count {
-                return Err(bad(format!("{} numbers, expected {count} as the columns' titles", row.len())));
+                return Err(bad(format!(
+                    "{} numbers, expected {count}, one for each column title",
+                    row.len()
+                )));
             }
             let point = (row[0], row[real].abs());
-            push(path, i + 1, (&mut table.field_deg, &mut table.image_height_mm), point)?;
+            push_point(path, line_number, (&mut table.field_deg, &mut table.image_height_mm), point)?;
         }
     }
     match tables.iter().find(|t| t.field_deg.len() < 2) {
@@ -211,21 +204,4 @@ pub fn field_curvature(path: &Path, text: &str) -> Result<Vec<Distortion>, Impor
         None if tables.is_empty() => Err(ImportError::file(path, "has no line `Data for wavelength : …`")),
         None => Ok(tables),
     }
-}
-
-/// Column titles in lower case: they lie two blanks or a tab apart.
-pub(super) fn titles(line: &str) -> Vec<String> {
-    let words = line.trim().split('\t').flat_map(|part| part.split("  "));
-    words.map(|w| w.trim().to_lowercase()).filter(|w| !w.is_empty()).collect()
-}
-
-/// The wavelength of a line in lower case that names it in µm, in nm.
-pub(super) fn wavelength_nm(words: &str) -> Option<f64> {
-    let um = *numbers(&words.replace(':', " ")).first()?;
-    (0.05..=100.0).contains(&um).then_some(um * 1e3)
-}
-
-/// The start of a file for an error line.
-pub(super) fn start(text: &str) -> String {
-    short(text.trim().lines().next().unwrap_or(""))
 }

@@ -1,66 +1,66 @@
-//! What can be wrong with an export: which file, which line, what was expected, the way out.
+//! Errors of an import: file, line, expectation, and the option that helps.
 
 use crate::lens::LensPackError;
 use pipeline::lens::LensError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// An export that cannot be made a lens pack.
+/// An export that cannot be converted to a lens pack.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum ImportError {
-    /// The operating system refused.
+    /// Error of the operating system.
     #[error("{path}: cannot {action}: {source}")]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was being done.
+        /// The operation, a verb.
         action: &'static str,
-        /// What it said.
+        /// Its cause.
         source: std::io::Error,
     },
-    /// A line cannot be used.
+    /// Invalid line.
     #[error("{path}, line {line}: {problem}")]
     Line {
         /// The file.
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What was found, what was expected.
+        /// Found and expected content.
         problem: String,
     },
-    /// A file as a whole cannot be used.
+    /// Invalid or missing file.
     #[error("{path}: {problem}")]
     File {
         /// The file or folder.
         path: PathBuf,
-        /// What was found, what was expected.
+        /// Found and expected content.
         problem: String,
     },
-    /// What the source does not tell and nobody may guess.
-    #[error("{path} does not tell {what}; say it by `{option}`")]
-    Ask {
+    /// A property that the files do not state, and that has no safe default.
+    #[error("{path} does not state {what}; give it by `{option}`")]
+    MissingOption {
         /// The file or folder.
         path: PathBuf,
-        /// What is not known.
+        /// The property.
         what: &'static str,
-        /// The option that tells it.
+        /// The option that states it.
         option: &'static str,
     },
-    /// An option that this source has no use for, or cannot obey.
+    /// Invalid value of an option, or options that exclude each other.
     #[error("`{option}`: {problem}")]
     Option {
         /// The option.
         option: &'static str,
-        /// Why.
+        /// The cause.
         problem: String,
     },
-    /// The tables break the lens's contract.
+    /// Tables that are not those of a valid lens.
     #[error("{path}: {source}")]
     Table {
         /// The source.
         path: PathBuf,
-        /// Which table, and how.
+        /// The table and its error.
         source: LensError,
     },
     /// The pack cannot be written.
@@ -69,6 +69,11 @@ pub enum ImportError {
 }
 
 impl ImportError {
+    /// Conversion of an operating system error; `action` is a verb.
+    pub(super) fn io(path: &Path, action: &'static str) -> impl Fn(std::io::Error) -> Self {
+        move |source| Self::Io { path: path.into(), action, source }
+    }
+
     pub(super) fn file(path: &Path, problem: impl Into<String>) -> Self {
         Self::File { path: path.into(), problem: problem.into() }
     }
@@ -77,8 +82,8 @@ impl ImportError {
         Self::Line { path: path.into(), line, problem: problem.into() }
     }
 
-    /// The command line is to blame, not the files.
+    /// Whether the command line is to be corrected, not the files.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Ask { .. } | Self::Option { .. })
+        matches!(self, Self::MissingOption { .. } | Self::Option { .. })
     }
 }

@@ -1,4 +1,4 @@
-//! OpticStudio's text listing of Relative Illumination.
+//! OpticStudio's text listing of relative illumination (RI).
 //!
 //! ```text
 //! Listing of Relative Illumination Data
@@ -6,12 +6,12 @@
 //! Y Field (deg)    Rel. Ill.    Eff. F/#
 //!   0.000000       1.000000     …
 //! ```
-//! No public example was found, so columns are found by their titles: the first is the field angle in degrees, another one has
-//! "rel" and "ill" in it. RI must be 1 on the axis.
+//! No public example was found, so columns are identified by their titles: the first is the field angle in degrees, another
+//! one contains "rel" and "ill". RI must be 1 on the axis.
 
 use super::ImportError;
-use super::distortion_listing::{titles, wavelength_nm};
-use super::text::number;
+use super::field_table::{Titles, row, wavelength_nm};
+use super::text::numbered_lines;
 use std::path::Path;
 
 /// RI over field angle, at one wavelength.
@@ -33,29 +33,22 @@ pub fn parse(path: &Path, text: &str) -> Result<Illumination, ImportError> {
     let (mut wavelength, mut columns) = (None, None);
     let mut out =
         Illumination { wavelength_nm: 0.0, field_deg: Vec::new(), relative_illumination: Vec::new() };
-    for (i, line) in text.lines().enumerate() {
-        let words = line.trim().to_lowercase();
-        let bad = |problem: String| ImportError::line(path, i + 1, problem);
+    for (number, line) in numbered_lines(text) {
+        let lower = line.trim().to_lowercase();
+        let bad = |problem: String| ImportError::line(path, number, problem);
         match columns {
-            None if words.starts_with("wavelength") => {
-                wavelength = Some(wavelength_nm(&words).ok_or_else(|| bad("no wavelength in µm".into()))?);
+            None if lower.starts_with("wavelength") => {
+                wavelength = Some(wavelength_nm(&lower).ok_or_else(|| bad("no wavelength in µm".into()))?);
             }
-            None if words.contains("rel") && words.contains("ill") && words.contains("field") => {
-                let titles = titles(line);
-                let ri = titles.iter().position(|t| t.contains("rel") && t.contains("ill"));
-                if !titles.first().is_some_and(|t| t.contains("deg")) {
-                    return Err(bad(
-                        "the first column is no field angle in degrees; list it with fields as angles".into(),
-                    ));
-                }
-                columns = ri.filter(|ri| *ri > 0).map(|ri| (ri, titles.len()));
+            None if lower.contains("rel") && lower.contains("ill") && lower.contains("field") => {
+                let titles = Titles::parse(line).map_err(bad)?;
+                columns = titles.column(&["rel", "ill"]).filter(|(ri, _)| *ri > 0);
             }
             None => {}
-            Some(_) if words.is_empty() => {}
+            Some(_) if lower.is_empty() => {}
             Some((ri, count)) => {
-                let row: Option<Vec<f64>> = line.split_whitespace().map(number).collect();
-                let Some(row) = row.filter(|row| row.len() == count) else {
-                    return Err(bad(format!("expected {count} finite numbers as the columns' titles")));
+                let Some(row) = row(line).filter(|row| row.len() == count) else {
+                    return Err(bad(format!("expected {count} finite numbers, one for each column title")));
                 };
                 let (f, before) = (row[0], out.field_deg.last());
                 if before.map_or(f != 0.0, |before| f <= *before) || f >= 89.0 {

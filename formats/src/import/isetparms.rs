@@ -1,29 +1,29 @@
-//! ISETPARMS.TXT: a few assignments in MATLAB's words, parsed by hand and never evaluated.
+//! ISETPARMS.TXT: assignments in MATLAB syntax, parsed and never evaluated.
 //!
 //! ```text
-//! % comment                     also behind a statement
-//! lensFile='EO54852.ZMX';       text in single quotes, '' is one quote; the semicolon may be missing
+//! % comment                     also after a statement
+//! lensFile='EO54852.ZMX';       text in single quotes, '' is one quote; the semicolon is optional
 //! wave=400:50:700;              a range with both ends, or [400 550 700]
 //! efl=5.999968;                 a number
 //! ```
-//! Anything else on a line (calls, operators, other names on the right) is an error, not something to run.
+//! Anything else (calls, operators, other names on the right) is an error.
 
 use super::matrix::short;
 use super::text::number;
-use super::{ImportError, MOST};
+use super::{ImportError, MAX_COUNT};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// Text in quotes.
+    /// Quoted text.
     Text(String),
-    /// One number, or more by a range or in brackets.
+    /// One number, a range or a list in brackets.
     Numbers(Vec<f64>),
 }
 
-/// The assignments by name in lower case, with their lines.
+/// Assignments by lower-case name, with their lines.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     path: PathBuf,
@@ -41,11 +41,11 @@ impl Parameters {
             let bad = |problem: String| ImportError::line(path, i + 1, problem);
             for statement in statements(line).map_err(bad)? {
                 let Some((name, right)) = statement.split_once('=') else {
-                    return Err(bad(format!("`{}` is no assignment `name=value`", short(&statement))));
+                    return Err(bad(format!("`{}` is not an assignment `name=value`", short(&statement))));
                 };
                 let name = name.trim();
                 if name.is_empty() || !name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_') {
-                    return Err(bad(format!("`{}` is no name", short(name))));
+                    return Err(bad(format!("`{}` is not a valid name", short(name))));
                 }
                 let value = value(right.trim()).map_err(bad)?;
                 if values.insert(name.to_ascii_lowercase(), (i + 1, value)).is_some() {
@@ -61,10 +61,10 @@ impl Parameters {
         self.values.get(&name.to_ascii_lowercase())
     }
 
-    /// A required list of numbers and its line.
+    /// A required list of numbers, and its line.
     ///
     /// # Errors
-    /// Missing, or text.
+    /// The value is missing, or is text.
     pub fn list(&self, name: &str) -> Result<(usize, &[f64]), ImportError> {
         match self.get(name) {
             Some((line, Value::Numbers(list))) => Ok((*line, list)),
@@ -78,7 +78,7 @@ impl Parameters {
     /// A required number.
     ///
     /// # Errors
-    /// Missing, or not one number.
+    /// The value is missing, or is not one number.
     pub fn number(&self, name: &str) -> Result<f64, ImportError> {
         let (line, list) = self.list(name)?;
         match list {
@@ -91,24 +91,24 @@ impl Parameters {
         }
     }
 
-    /// A required whole number from `least` on.
+    /// A required whole number of at least `min`.
     ///
     /// # Errors
-    /// Missing, or another number.
-    pub fn count(&self, name: &str, least: usize) -> Result<usize, ImportError> {
+    /// The value is missing, or is another number.
+    pub fn count(&self, name: &str, min: usize) -> Result<usize, ImportError> {
         let v = self.number(name)?;
-        if v.fract() == 0.0 && v >= least as f64 && v <= MOST as f64 {
+        if v.fract() == 0.0 && v >= min as f64 && v <= MAX_COUNT as f64 {
             return Ok(v as usize);
         }
         let line = self.get(name).map_or(0, |(line, _)| *line);
         Err(ImportError::line(
             &self.path,
             line,
-            format!("`{name}` is {v}, expected a whole number from {least} to {MOST}"),
+            format!("`{name}` is {v}, expected a whole number from {min} to {MAX_COUNT}"),
         ))
     }
 
-    /// Text, if there.
+    /// An optional text.
     pub fn text(&self, name: &str) -> Option<&str> {
         match self.get(name) {
             Some((_, Value::Text(text))) => Some(text),
@@ -117,57 +117,57 @@ impl Parameters {
     }
 }
 
-/// Splits at `;` and drops what follows `%`, but not inside quotes.
+/// Splits at `;` and drops comments from `%`, both only outside quotes.
 fn statements(line: &str) -> Result<Vec<String>, String> {
-    let (mut out, mut now, mut quoted) = (Vec::new(), String::new(), false);
+    let (mut out, mut statement, mut quoted) = (Vec::new(), String::new(), false);
     for c in line.chars().filter(|c| *c != '\0') {
         match c {
             '\'' => quoted = !quoted,
             '%' if !quoted => break,
             ';' if !quoted => {
-                out.push(std::mem::take(&mut now));
+                out.push(std::mem::take(&mut statement));
                 continue;
             }
             _ => {}
         }
-        now.push(c);
+        statement.push(c);
     }
     if quoted {
         return Err("a quote is not closed".into());
     }
-    out.push(now);
+    out.push(statement);
     out.retain(|s| !s.trim().is_empty());
     Ok(out)
 }
 
 fn value(text: &str) -> Result<Value, String> {
-    let foreign =
+    let invalid =
         || format!("`{}` is neither a number, a range a:step:b, a list [a b c] nor 'text'", short(text));
     if let Some(inner) = text.strip_prefix('\'') {
-        let inner = inner.strip_suffix('\'').ok_or_else(foreign)?;
+        let inner = inner.strip_suffix('\'').ok_or_else(invalid)?;
         let plain = inner.replace("''", "");
-        return if plain.contains('\'') { Err(foreign()) } else { Ok(Value::Text(inner.replace("''", "'"))) };
+        return if plain.contains('\'') { Err(invalid()) } else { Ok(Value::Text(inner.replace("''", "'"))) };
     }
     if let Some(inner) = text.strip_prefix('[') {
-        let inner = inner.strip_suffix(']').ok_or_else(foreign)?;
-        // Here a comma separates; a decimal comma cannot be told from it.
-        let words = inner.split([' ', '\t', ',']).filter(|w| !w.is_empty());
-        let list: Option<Vec<f64>> = words.map(number).collect();
-        return match list.ok_or_else(foreign)? {
-            list if list.is_empty() || list.len() > MOST => Err(foreign()),
+        let inner = inner.strip_suffix(']').ok_or_else(invalid)?;
+        // In a list a comma is a separator, never a decimal comma.
+        let numbers = inner.split([' ', '\t', ',']).filter(|n| !n.is_empty());
+        let list: Option<Vec<f64>> = numbers.map(number).collect();
+        return match list.ok_or_else(invalid)? {
+            list if list.is_empty() || list.len() > MAX_COUNT => Err(invalid()),
             list => Ok(Value::Numbers(list)),
         };
     }
     let parts: Option<Vec<f64>> = text.split(':').map(|w| number(w.trim())).collect();
-    let (first, step, last) = match parts.ok_or_else(foreign)?[..] {
+    let (first, step, last) = match parts.ok_or_else(invalid)?[..] {
         [one] => return Ok(Value::Numbers(vec![one])),
         [first, last] => (first, 1.0, last),
         [first, step, last] => (first, step, last),
-        _ => return Err(foreign()),
+        _ => return Err(invalid()),
     };
     let steps = ((last - first) / step + 1e-6).floor();
-    if !(steps >= 0.0 && steps < MOST as f64) {
-        return Err(format!("range `{}` has no numbers, or more than {MOST}", short(text)));
+    if !(steps >= 0.0 && steps < MAX_COUNT as f64) {
+        return Err(format!("range `{}` has no numbers, or more than {MAX_COUNT}", short(text)));
     }
     Ok(Value::Numbers((0..=steps as usize).map(|i| first + i as f64 * step).collect()))
 }
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_macros_write() {
+    fn text_numbers_ranges_lists_and_comments_are_parsed() {
         let p = parse(
             "% head\nlensFile='a%b;c.ZMX' % name\nwave=400:75:700; % nm\nmag=-0.02; efl=5,5\nx=[1 2,3]",
         )
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_evaluated() {
+    fn expressions_and_invalid_values_are_errors() {
         for text in [
             "wave=ones(3)",
             "system('ls')",

@@ -1,6 +1,8 @@
-//! NumPy arrays as tables: f4 and f8 of either byte order. The header is read as for charts; the samples are counted before any is read.
+//! NumPy arrays of f4 or f8 in either byte order. The header is parsed as for charts; the number of samples is checked before
+//! any is read.
 
-use super::MAX_FILE;
+use super::MAX_ARRAY_BYTES;
+use super::window::Window;
 use crate::chart::{RasterSample, Sample};
 use crate::npy::{Header, header};
 
@@ -9,20 +11,36 @@ use crate::npy::{Header, header};
 pub struct Npy {
     /// Sizes of the axes, slowest first.
     pub shape: Vec<usize>,
-    /// Were the samples f4? (f8 else.)
+    /// Whether the samples were f4, else f8.
     pub single: bool,
     /// The samples.
     pub values: Vec<f64>,
 }
 
-/// Reads an array from the whole bytes of a file.
+impl Npy {
+    /// Window `index` of consecutive windows of (rows, columns); all samples must be finite.
+    pub(super) fn window(&self, index: usize, (rows, columns): (usize, usize)) -> Result<Window, String> {
+        let samples = &self.values[index * rows * columns..][..rows * columns];
+        match samples.iter().position(|v| !v.is_finite()) {
+            Some(i) => Err(format!(
+                "window {index} has {} at row {}, column {}",
+                samples[i],
+                i / columns,
+                i % columns
+            )),
+            None => Ok(Window { rows, columns, samples: samples.to_vec(), centre: None }),
+        }
+    }
+}
+
+/// Reads an array from all bytes of a file.
 ///
 /// # Errors
-/// In words: what is wrong with the header, or with the number of bytes.
+/// The error of the header, or of the number of bytes.
 pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
     let Header { sample, little_endian: little, shape, offset } =
         header(bytes).map_err(|(what, expected, found)| {
-            format!("is no NPY file to use: {what}: expected {expected}, found {found}")
+            format!("is no NPY file that can be used: {what}: expected {expected}, found {found}")
         })?;
     let single = match sample {
         RasterSample::Plain(Sample::F32) => true,
@@ -34,9 +52,9 @@ pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
     let data = &bytes[offset..];
     let item = sample.bytes() as u64;
     let count =
-        shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)).filter(|n| *n <= MAX_FILE / item);
+        shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)).filter(|n| *n <= MAX_ARRAY_BYTES / item);
     let Some(count) = count else {
-        return Err(format!("claims a shape of {shape:?}, more than {MAX_FILE} bytes"));
+        return Err(format!("claims a shape of {shape:?}, more than {MAX_ARRAY_BYTES} bytes"));
     };
     if count * item != data.len() as u64 {
         return Err(format!(
@@ -46,14 +64,14 @@ pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
         ));
     }
     let values = match single {
-        true => data.chunks_exact(4).map(|b| f64::from(f32::from_bits(word(b, little) as u32))).collect(),
-        false => data.chunks_exact(8).map(|b| f64::from_bits(word(b, little))).collect(),
+        true => data.chunks_exact(4).map(|b| f64::from(f32::from_bits(bits(b, little) as u32))).collect(),
+        false => data.chunks_exact(8).map(|b| f64::from_bits(bits(b, little))).collect(),
     };
     Ok(Npy { shape, single, values })
 }
 
-fn word(bytes: &[u8], little: bool) -> u64 {
-    let fold = |word: u64, byte: &u8| word << 8 | u64::from(*byte);
+fn bits(bytes: &[u8], little: bool) -> u64 {
+    let fold = |bits: u64, byte: &u8| bits << 8 | u64::from(*byte);
     if little { bytes.iter().rev().fold(0, fold) } else { bytes.iter().fold(0, fold) }
 }
 
@@ -72,7 +90,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn what_numpy_writes() {
+    fn big_endian_f4_and_scalar_f8_are_read() {
         let a = parse(&npy(">f4", "(2,)", &[0x3F, 0x80, 0, 0, 0xC0, 0, 0, 0])).unwrap();
         assert_eq!((a.shape, a.single, a.values), (vec![2], true, vec![1.0, -2.0]));
         let scalar = parse(&npy("<f8", "()", &99.5f64.to_le_bytes())).unwrap();
@@ -80,7 +98,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn huge_claims_are_refused_before_any_sample() {
+    fn invalid_or_too_large_shapes_are_errors() {
         for shape in
             ["(1000000000000000000,)", "(18446744073709551615, 2)", "(4294967296, 4294967296, 2)", "(0, 5)"]
         {

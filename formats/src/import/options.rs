@@ -1,9 +1,12 @@
-//! What a user says about an export, because its files do not.
+//! Options of an import: properties of an export that its files do not state.
 
-use super::window::{EvenWindow, Outward, RowOrder};
+use super::ImportError;
+use super::window::{EvenWindow, Layout, Outward, RowOrder};
 use pipeline::lens::PsfSample;
+use std::f64::consts::PI;
+use std::path::Path;
 
-/// Formats.
+/// Format of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Folder of the ISET macros.
@@ -16,32 +19,32 @@ pub enum Format {
     Npz,
 }
 
-/// What a user says about an export. `None` everywhere: as the files tell, else an error.
+/// Properties of an export. `None`: as the files state; an error if they do not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportOptions {
-    /// The format, if not as the files' names tell.
+    /// The format, if it is not recognised by the file names.
     pub format: Option<Format>,
-    /// The lens's name, if not as the files tell.
+    /// Name of the lens.
     pub name: Option<String>,
-    /// What a sample stands for.
+    /// Whether a sample is a point value or a mean over its square.
     pub sample: Option<PsfSample>,
-    /// Where the chief ray is in an even window.
+    /// Position of the chief ray in an even window.
     pub even_window: Option<EvenWindow>,
-    /// Which row of a window comes first in a file. Default: the top one (largest y), as OpticStudio prints.
+    /// Order of the rows in a file. Default: top row (largest y) first, as OpticStudio writes them.
     pub rows: RowOrder,
-    /// Side of the chief ray on which the field point lies, away from the axis, in a window with its top row first.
+    /// Side of the chief ray that points away from the axis, in a window with its top row first.
     pub outward: Option<Outward>,
-    /// Make windows exactly symmetric about the meridian, as those of a centred lens are.
+    /// Whether windows are made exactly symmetric about the meridian, as for a centred lens.
     pub symmetric: bool,
-    /// A point instead of PSFs, for a source that has none.
+    /// Whether the PSFs are replaced by an ideal point, for a source without PSFs.
     pub without_psf: bool,
-    /// Only these of the source's wavelengths, by index from 0.
+    /// Wavelengths to import, by index from 0. `None`: all.
     pub bands: Option<Vec<usize>>,
-    /// Only these heights' PSFs, by number from 1 as in the files' names (ISET).
+    /// Heights with PSFs, by number from 1 as in the file names (ISET). `None`: all.
     pub psf_heights: Option<Vec<usize>>,
-    /// Azimuths J_k of every height but the axis; a multiple of 4.
+    /// Number of azimuths J_k at every height off axis; a multiple of 4.
     pub azimuths: usize,
-    /// Field points of the dense tables.
+    /// Number of field points of the dense tables.
     pub field_points: usize,
     /// Distortion focal length, mm.
     pub distortion_focal_length_mm: Option<f64>,
@@ -76,5 +79,100 @@ impl Default for ImportOptions {
             entrance_pupil_mm: None,
             primary_wavelength_nm: None,
         }
+    }
+}
+
+impl ImportOptions {
+    pub(super) fn layout(&self, outward: Outward) -> Layout {
+        Layout { rows: self.rows, outward, even: self.even_window, symmetric: self.symmetric }
+    }
+
+    /// Effective focal length, mm: the option, else that of the files.
+    pub(super) fn focal_length(&self, path: &Path, found: Option<f64>) -> Result<f64, ImportError> {
+        positive(path, self.effective_focal_length_mm.or(found), "the focal length", "--efl-mm")
+    }
+
+    /// Distortion focal length at the primary wavelength, mm: the option, else that of the files.
+    pub(super) fn distortion_focal(&self, path: &Path, found: Option<f64>) -> Result<f64, ImportError> {
+        let what = "the distortion focal length at the primary wavelength";
+        positive(path, self.distortion_focal_length_mm.or(found), what, "--distortion-focal-mm")
+    }
+
+    /// Primary wavelength, nm: the option, else that of the files.
+    pub(super) fn primary_nm(&self, path: &Path, found: Option<f64>) -> Result<f64, ImportError> {
+        positive(path, self.primary_wavelength_nm.or(found), "the primary wavelength", "--primary-nm")
+    }
+
+    /// Side of the field point, for formats that do not state it.
+    pub(super) fn required_outward(&self, path: &Path) -> Result<Outward, ImportError> {
+        self.outward.ok_or(ImportError::MissingOption {
+            path: path.into(),
+            what: "on which side of a window its field point lies",
+            option: "--psf-outward",
+        })
+    }
+
+    /// Meaning of a sample, for formats that do not state it.
+    pub(super) fn required_sample(&self, path: &Path) -> Result<PsfSample, ImportError> {
+        match (self.sample, self.without_psf) {
+            (Some(sample), _) => Ok(sample),
+            (None, true) => Ok(PsfSample::Integrated),
+            (None, false) => Err(ImportError::MissingOption {
+                path: path.into(),
+                what: "whether a PSF sample is a point or the mean over its square",
+                option: "--psf-sample",
+            }),
+        }
+    }
+
+    /// F-number and, where the entrance pupil is given, the solid angle π·NA² by Abbe's sine condition.
+    pub(super) fn aperture(
+        &self,
+        path: &Path,
+        efl_mm: f64,
+        f_number: Option<f64>,
+    ) -> Result<(f64, Option<f64>), ImportError> {
+        match (self.f_number, self.entrance_pupil_mm, f_number) {
+            (Some(_), Some(_), _) => Err(ImportError::Option {
+                option: "--entrance-pupil-mm",
+                problem: "cannot be combined with `--f-number`".into(),
+            }),
+            (None, Some(pupil), _) => {
+                let na = pupil / 2.0 / efl_mm;
+                Ok((efl_mm / pupil, Some(PI * na * na)))
+            }
+            (Some(n), None, _) | (None, None, Some(n)) => Ok((n, None)),
+            (None, None, None) => Err(ImportError::MissingOption {
+                path: path.into(),
+                what: "the F-number",
+                option: "--f-number",
+            }),
+        }
+    }
+
+    /// The selected indices of `count` wavelengths.
+    pub(super) fn selected_bands(&self, count: usize) -> Result<Vec<usize>, ImportError> {
+        let Some(bands) = &self.bands else { return Ok((0..count).collect()) };
+        match bands.iter().find(|&&b| b >= count) {
+            Some(b) => Err(ImportError::Option {
+                option: "--bands",
+                problem: format!("{b} is beyond the last of {count} wavelengths"),
+            }),
+            None => Ok(bands.clone()),
+        }
+    }
+}
+
+/// A positive number, if any.
+fn positive(
+    path: &Path,
+    value: Option<f64>,
+    what: &'static str,
+    option: &'static str,
+) -> Result<f64, ImportError> {
+    let value = value.ok_or(ImportError::MissingOption { path: path.into(), what, option })?;
+    match value.is_finite() && value > 0.0 {
+        true => Ok(value),
+        false => Err(ImportError::file(path, format!("{what} is {value}, expected a positive number"))),
     }
 }

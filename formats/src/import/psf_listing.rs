@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! HUYGENS PSF
-//! 0.5500 µm at -27.38 deg.            several wavelengths: "0.4861 to 0.6563 µm", refused
+//! 0.5500 µm at -27.38 deg.            several wavelengths ("0.4861 to 0.6563 µm") are an error
 //! Data spacing is 0.25 µm.
 //! Data area is 32.00 by 32.00 µm.
 //! Image grid size: 128 by 128
@@ -11,49 +11,50 @@
 //! Values are relative intensity.
 //! (blank) then one line a row of samples
 //! ```
-//! A data area smaller than the grid means that only the middle of the grid is listed; the centre is counted in the grid.
-//! Samples are points, not means over a square. Of two different numbers in the unlabelled "Center point is" none can tell which
-//! is the row, so that is an error. Row order is not told; FFT listings of an even grid name row N/2 + 1, column N/2 where the
-//! program's own data (y ascending) has N/2 for both: the text has its top row first, the default here.
+//! If the data area is smaller than the grid, only the middle of the grid is listed; the centre is counted in the full grid.
+//! Samples are point values, not means over a square. "Center point is" with two different numbers without labels is ambiguous,
+//! so it is an error. Row order is not stated; FFT listings of an even grid have their centre in row N/2 + 1, column N/2, where the
+//! program's data (y ascending) has N/2 for both: the text has its top row first, the default here.
 
+use super::field_table::WAVELENGTH_UM;
 use super::matrix::Matrix;
-use super::text::{number, numbers};
+use super::text::{number, numbered_lines, numbers};
 use super::window::{Outward, Window};
-use super::{ImportError, WIDEST};
+use super::{ImportError, MAX_SIDE};
 use std::path::Path;
 
-/// A PSF as listed.
+/// A listed PSF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PsfListing {
-    /// nm.
+    /// Wavelength, nm.
     pub wavelength_nm: f64,
-    /// µm.
+    /// Sample pitch, µm.
     pub pitch_um: f64,
-    /// The chief ray in the image plane (x, y), mm, where told.
+    /// The chief ray in the image plane (x, y), mm, if stated.
     pub chief_ray_mm: Option<(f64, f64)>,
-    /// The field point (x, y) in degrees, where told so.
+    /// The field point (x, y), degrees, if stated in degrees.
     pub field_deg: Option<(f64, f64)>,
-    /// The samples, first row first.
+    /// The samples in the order of the file.
     pub window: Window,
 }
 
-/// Does this text start as a PSF listing does?
-pub(super) fn is_psf(text: &str) -> bool {
-    head(text).any(|(_, l)| l.contains("huygens psf") || l.contains("fft psf"))
+/// Whether a text starts like a PSF listing.
+pub(super) fn is_psf_listing(text: &str) -> bool {
+    header(text).any(|(_, l)| l.contains("huygens psf") || l.contains("fft psf"))
 }
 
-/// Lower-case lines before the samples, numbered from 1; "Values are …" is the last one wherever it stands.
-pub(super) fn head(text: &str) -> impl Iterator<Item = (usize, String)> {
-    let mut over = false;
-    let lines = text.lines().take(60).enumerate().map(|(i, l)| (i + 1, l.trim().to_lowercase()));
+/// Lower-case lines of the header with their numbers, to the line "Values are …" or the first row of samples.
+fn header(text: &str) -> impl Iterator<Item = (usize, String)> {
+    let mut ended = false;
+    let lines = numbered_lines(text).take(60).map(|(n, l)| (n, l.trim().to_lowercase()));
     lines.take_while(move |(_, l)| {
-        let before = !over && !is_data(l);
-        over = l.starts_with("values are");
-        before
+        let in_header = !ended && !is_data(l);
+        ended = l.starts_with("values are");
+        in_header
     })
 }
 
-/// A row of samples: at least two words, all of them numbers.
+/// Whether a line is a row of samples: at least two numbers and nothing else.
 fn is_data(line: &str) -> bool {
     line.split_whitespace().take(3).filter(|w| number(w).is_some()).count() >= 2
         && line.split_whitespace().take(8).all(|w| number(w).is_some())
@@ -67,60 +68,62 @@ pub fn parse(path: &Path, text: &str) -> Result<PsfListing, ImportError> {
     let (mut wavelength, mut pitch, mut grid, mut centre) = (None, None, None, None);
     let (mut chief_ray_mm, mut field_deg, mut area_um) = (None, None, None);
     let mut last = 0;
-    for (line, words) in head(text) {
+    for (line, lower) in header(text) {
         last = line;
         let bad = |problem: String| ImportError::line(path, line, problem);
-        let found = numbers(&words);
-        if words.starts_with("title") || words.starts_with("file") || words.starts_with("date") {
+        let found = numbers(&lower);
+        if lower.starts_with("title") || lower.starts_with("file") || lower.starts_with("date") {
             continue;
         }
-        if words.starts_with("data spacing is") {
-            pitch = Some(length(&words, &found, 1.0).ok_or_else(|| bad("no spacing in µm or mm".into()))?);
-        } else if words.starts_with("data area is") {
-            area_um = length(&words, &found, 1.0);
-        } else if words.starts_with("image grid size") {
+        if lower.starts_with("data spacing is") {
+            pitch = Some(length_um(&lower, &found).ok_or_else(|| bad("no spacing in µm or mm".into()))?);
+        } else if lower.starts_with("data area is") {
+            area_um = length_um(&lower, &found);
+        } else if lower.starts_with("image grid size") {
             grid = Some(pair(&found).ok_or_else(|| bad("no image grid size".into()))?);
-        } else if words.starts_with("center point is") {
-            centre = Some(centre_sample(&words, &found).map_err(bad)?);
-        } else if words.starts_with("center coordinates") || words.starts_with("reference coordinates") {
+        } else if lower.starts_with("center point is") {
+            centre = Some(centre_sample(&lower, &found).map_err(bad)?);
+        } else if lower.starts_with("center coordinates") || lower.starts_with("reference coordinates") {
             let [x, y] = found[..] else { return Err(bad("expected two coordinates in mm".into())) };
             chief_ray_mm = Some((x, y));
-        } else if wavelength.is_none() && words.contains(" at ") && is_micron(&words) {
-            (wavelength, field_deg) = spectrum(&words).map_err(bad)?;
+        } else if wavelength.is_none() && lower.contains(" at ") && is_micron(&lower) {
+            let (um, field) = wavelength_and_field(&lower).map_err(bad)?;
+            (wavelength, field_deg) = (Some(um), field);
         }
     }
     let need = |what: &str| ImportError::file(path, format!("is no PSF listing: it has no line `{what}`"));
     let wavelength_nm = wavelength.ok_or_else(|| need("… µm at …"))? * 1e3;
     let pitch_um = pitch.ok_or_else(|| need("Data spacing is …"))?;
     let (rows, columns) = grid.ok_or_else(|| need("Image grid size: …"))?;
-    let numbered = text.lines().enumerate().map(|(i, l)| (i + 1, l)).skip(last);
-    let m = Matrix::read(path, numbered)?;
-    // The middle of the grid, as wide as the data area.
-    let part =
+    let m = Matrix::read(path, numbered_lines(text).skip(last))?;
+    // Side of the listed middle of the grid.
+    let side =
         area_um.map(|area| (area / pitch_um).round() as usize).filter(|n| rows == columns && *n < rows);
-    let (rows, columns, centre) = match part {
-        Some(n) if (m.rows, m.columns) != (rows, columns) => {
-            (n, n, centre.map(|c| middle(c, (rows, n))).transpose().map_err(|e| ImportError::file(path, e))?)
-        }
+    let (rows, columns, centre) = match side {
+        Some(n) if (m.rows, m.columns) != (rows, columns) => (
+            n,
+            n,
+            centre
+                .map(|c| centre_in_middle(c, (rows, n)))
+                .transpose()
+                .map_err(|e| ImportError::file(path, e))?,
+        ),
         _ => (rows, columns, centre),
     };
     if (m.rows, m.columns) != (rows, columns) {
         let end = m.lines.last().copied().unwrap_or(last);
         let (r, c) = (m.rows, m.columns);
-        return Err(ImportError::line(
-            path,
-            end,
-            format!(
-                "the samples end after {r} rows of {c}, expected {rows} rows of {columns}; is the file cut short?"
-            ),
-        ));
+        let problem = format!(
+            "the samples end after {r} rows of {c}, expected {rows} rows of {columns}; is the file cut short?"
+        );
+        return Err(ImportError::line(path, end, problem));
     }
     let window = Window { rows, columns, samples: m.values, centre };
     Ok(PsfListing { wavelength_nm, pitch_um, chief_ray_mm, field_deg, window })
 }
 
 impl PsfListing {
-    /// Side of the chief ray away from the axis with the top row first; `None`: not told, or on the axis.
+    /// Side of the chief ray that points away from the axis, with the top row first; `None`: not stated, or on the axis.
     ///
     /// # Errors
     /// The field point lies on neither axis.
@@ -138,17 +141,17 @@ impl PsfListing {
     }
 }
 
-/// "µm", also where the µ was lost on the way.
-fn is_micron(words: &str) -> bool {
-    ["µm", "μm", "um", "\u{fffd}m", "micron"].iter().any(|unit| words.contains(unit))
+/// Whether a text contains "µm", also with a µ damaged by wrong decoding.
+fn is_micron(text: &str) -> bool {
+    ["µm", "μm", "um", "\u{fffd}m", "micron"].iter().any(|unit| text.contains(unit))
 }
 
-/// First number as µm.
-fn length(words: &str, found: &[f64], scale: f64) -> Option<f64> {
+/// The first number, a positive length in mm or µm, in µm.
+fn length_um(line: &str, found: &[f64]) -> Option<f64> {
     let value = found.first()?;
-    let scale = match words {
-        w if is_micron(w) => scale,
-        w if w.contains(" mm") || w.contains("millimeter") => scale * 1e3,
+    let scale = match line {
+        l if is_micron(l) => 1.0,
+        l if l.contains(" mm") || l.contains("millimeter") => 1e3,
         _ => return None,
     };
     let value = value * scale;
@@ -157,41 +160,40 @@ fn length(words: &str, found: &[f64], scale: f64) -> Option<f64> {
 
 fn pair(found: &[f64]) -> Option<(usize, usize)> {
     let [a, b] = found[..] else { return None };
-    let whole = |v: f64| (v.fract() == 0.0 && (1.0..=WIDEST as f64).contains(&v)).then_some(v as usize);
-    Some((whole(a)?, whole(b)?))
+    let count = |v: f64| (v.fract() == 0.0 && (1.0..=MAX_SIDE as f64).contains(&v)).then_some(v as usize);
+    Some((count(a)?, count(b)?))
 }
 
 /// "row 129, column 128" or "65, 65", from 1 → (row, column) from 0.
-fn centre_sample(words: &str, found: &[f64]) -> Result<(usize, usize), String> {
+fn centre_sample(line: &str, found: &[f64]) -> Result<(usize, usize), String> {
     let (a, b) = pair(found).ok_or("expected two sample numbers from 1")?;
-    match (words.find("row"), words.find("column")) {
+    match (line.find("row"), line.find("column")) {
         (Some(row), Some(column)) if row < column => Ok((a - 1, b - 1)),
         (Some(_), Some(_)) => Ok((b - 1, a - 1)),
         _ if a == b => Ok((a - 1, b - 1)),
-        _ => Err(format!("`{a}, {b}` does not tell which is the row; write `row R, column C`")),
+        _ => Err(format!("`{a}, {b}` is ambiguous: which is the row? Write `row R, column C`")),
     }
 }
 
-/// A sample of the whole grid, counted in the n × n in its middle.
-fn middle((r, c): (usize, usize), (grid, n): (usize, usize)) -> Result<(usize, usize), String> {
+/// A sample of the grid, counted in the n × n samples in its middle.
+fn centre_in_middle((r, c): (usize, usize), (grid, n): (usize, usize)) -> Result<(usize, usize), String> {
     let first = (grid - n) / 2;
     match (r.checked_sub(first), c.checked_sub(first)) {
         (Some(r), Some(c)) if (grid - n).is_multiple_of(2) => Ok((r, c)),
-        _ => Err(format!("lists {n} of {grid} rows, and its centre is not among them")),
+        _ => Err(format!("lists {n} of {grid} rows, and its centre sample is not among them")),
     }
 }
 
 /// "0.5500 µm at -27.38 deg." → (µm, field in degrees).
-#[allow(clippy::type_complexity, reason = "two values of one line")]
-fn spectrum(words: &str) -> Result<(Option<f64>, Option<(f64, f64)>), String> {
-    let (waves, field) = words.split_once(" at ").unwrap_or((words, ""));
+fn wavelength_and_field(line: &str) -> Result<(f64, Option<(f64, f64)>), String> {
+    let (waves, field) = line.split_once(" at ").unwrap_or((line, ""));
     let (waves, field_numbers) = (numbers(waves), numbers(field));
     let wavelength = match waves[..] {
         [one] => one,
         [a, b] if a == b => a,
         _ => return Err("several wavelengths in one PSF; list one at a time".into()),
     };
-    if !(0.05..=100.0).contains(&wavelength) {
+    if !WAVELENGTH_UM.contains(&wavelength) {
         return Err(format!("a wavelength of {wavelength} µm, expected 0.05 to 100"));
     }
     let degrees = field.contains("deg").then(|| match field_numbers[..] {
@@ -199,5 +201,5 @@ fn spectrum(words: &str) -> Result<(Option<f64>, Option<(f64, f64)>), String> {
         [x, y] => Some((x, y)),
         _ => None,
     });
-    Ok((Some(wavelength), degrees.flatten()))
+    Ok((wavelength, degrees.flatten()))
 }

@@ -1,13 +1,13 @@
-//! Plain tables, for any program that can write CSV and NPY.
+//! A folder of CSV tables and NPY windows, for export from any other program.
 //!
-//! A folder of
+//! Files:
 //! ```text
 //! lens.csv      key,value
 //!               name,My lens                      distortion_focal_length_mm,99.332063
 //!               effective_focal_length_mm,99.50   f_number,2.985
 //!               primary_wavelength_nm,587.5618    object_distance_mm,infinity     magnification,0
 //!               psf_sample,point|integrated       psf_outward,right|left|up|down
-//!               even_window,pad|crop|shift        psf_rows,top|bottom             (these two only where needed)
+//!               even_window,pad|crop|shift        psf_rows,top|bottom             (these two only if needed)
 //! heights.csv   wavelength_nm,ideal_height_mm,image_height_mm,relative_illumination
 //! psf.csv       wavelength_nm,image_height_mm,psf_pitch_um,psf_energy,file,index
 //! *.npy         f4 or f8, C order: (windows, rows, columns), or (rows, columns) with index 0
@@ -19,13 +19,13 @@
 use super::csv::Csv;
 use super::npy;
 use super::window::{EvenWindow, Outward, RowOrder, Window};
-use super::write::{Fetch, Given, GivenBand, Imported, Windows, row_order, told};
-use super::{ImportError, ImportOptions, WIDEST, text};
+use super::write::{Imported, ReadWindows, SparseBand, SparseLens, Windows};
+use super::{ImportError, ImportOptions, MAX_SIDE, text};
 use pipeline::lens::PsfSample;
-use serde_json::{Map, json};
+use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// The file by which the format is known.
+/// The file by which the format is recognised.
 pub(super) const LENS_FILE: &str = "lens.csv";
 
 /// Reads a folder.
@@ -36,28 +36,25 @@ pub fn open(folder: &Path, options: &ImportOptions) -> Result<Imported, ImportEr
     let lens = Keys(Csv::read(&folder.join(LENS_FILE))?);
     let path = lens.0.path.clone();
     let mut options = options.clone();
-    options.sample = options
-        .sample
-        .or(lens.word("psf_sample", &[("point", PsfSample::Point), ("integrated", PsfSample::Integrated)])?);
+    options.sample =
+        options.sample.or(
+            lens.choice("psf_sample", &[("point", PsfSample::Point), ("integrated", PsfSample::Integrated)])?
+        );
     let sides =
         [("right", Outward::Right), ("left", Outward::Left), ("up", Outward::Up), ("down", Outward::Down)];
-    options.outward = options.outward.or(lens.word("psf_outward", &sides)?);
+    options.outward = options.outward.or(lens.choice("psf_outward", &sides)?);
     let even = [("pad", EvenWindow::Pad), ("crop", EvenWindow::Crop), ("shift", EvenWindow::Shift)];
-    options.even_window = options.even_window.or(lens.word("even_window", &even)?);
-    if let Some(rows) = lens.word("psf_rows", &[("top", RowOrder::Top), ("bottom", RowOrder::Bottom)])? {
+    options.even_window = options.even_window.or(lens.choice("even_window", &even)?);
+    if let Some(rows) = lens.choice("psf_rows", &[("top", RowOrder::Top), ("bottom", RowOrder::Bottom)])? {
         options.rows = rows;
     }
-    let sample = options.told_sample(&path)?;
-    let number = |key: &'static str, option: Option<f64>, flag: &'static str| {
-        told(&path, option, lens.number(key)?, key, flag)
-    };
-    let efl = number("effective_focal_length_mm", options.effective_focal_length_mm, "--efl-mm")?;
-    let focal =
-        number("distortion_focal_length_mm", options.distortion_focal_length_mm, "--distortion-focal-mm")?;
-    let primary = number("primary_wavelength_nm", options.primary_wavelength_nm, "--primary-nm")?;
+    let sample = options.required_sample(&path)?;
+    let efl = options.focal_length(&path, lens.number("effective_focal_length_mm")?)?;
+    let focal = options.distortion_focal(&path, lens.number("distortion_focal_length_mm")?)?;
+    let primary = options.primary_nm(&path, lens.number("primary_wavelength_nm")?)?;
     let (f_number, solid_angle_sr) = options.aperture(&path, efl, lens.number("f_number")?)?;
     let object = match lens.get("object_distance_mm") {
-        Some((_, word)) if ["infinity", "inf"].contains(&word.to_ascii_lowercase().as_str()) => None,
+        Some((_, text)) if ["infinity", "inf"].contains(&text.to_ascii_lowercase().as_str()) => None,
         Some(_) => lens.number("object_distance_mm")?,
         None => {
             return Err(ImportError::file(&path, "has no key `object_distance_mm` (a number, or infinity)"));
@@ -66,22 +63,22 @@ pub fn open(folder: &Path, options: &ImportOptions) -> Result<Imported, ImportEr
     let magnification = match object {
         None => 0.0,
         Some(_) => lens.number("magnification")?.ok_or_else(|| {
-            ImportError::file(&path, "has no key `magnification`, which a finite object needs")
+            ImportError::file(
+                &path,
+                "has no key `magnification`, which is required for a finite object distance",
+            )
         })?,
     };
-    let mut bands = heights(&folder.join("heights.csv"))?;
+    let mut bands = read_heights(&folder.join("heights.csv"))?;
     let files = match options.without_psf {
         true => Vec::new(),
-        false => psf_files(folder, &mut bands)?,
+        false => read_psf_table(folder, &mut bands)?,
     };
-    let chosen = options.chosen(bands.len())?;
-    let bands: Vec<GivenBand> = chosen.iter().map(|&b| bands[b].clone()).collect();
-    let files: Vec<_> = chosen.iter().filter_map(|&b| files.get(b).cloned()).collect();
-    let mut source = Map::new();
-    source.insert("format".into(), json!("CSV tables and NPY windows"));
-    source.insert("program".into(), json!(lens.get("program").map(|(_, w)| w)));
-    source.insert("psf_rows".into(), json!(row_order(&options)));
-    let given = Given {
+    let selected = options.selected_bands(bands.len())?;
+    let bands: Vec<SparseBand> = selected.iter().map(|&b| bands[b].clone()).collect();
+    let files: Vec<_> = selected.iter().filter_map(|&b| files.get(b).cloned()).collect();
+    let program = lens.get("program").map(|(_, text)| text);
+    let sparse_lens = SparseLens {
         path: folder.into(),
         name: lens.get("name").map_or("lens".into(), |(_, w)| w.to_string()),
         distortion_focal_length_mm: focal,
@@ -93,17 +90,17 @@ pub fn open(folder: &Path, options: &ImportOptions) -> Result<Imported, ImportEr
         magnification,
         sample,
         bands,
-        source,
+        source: json!({ "format": "CSV tables and NPY windows", "program": program }),
         notes: Vec::new(),
     };
     if !options.without_psf {
-        options.told_outward(&path)?;
+        options.required_outward(&path)?;
     }
-    let fetch = fetch(files, options.clone());
-    Imported::new(given, &options, fetch)
+    let read_windows = window_reader(files, options.clone());
+    Imported::new(sparse_lens, &options, read_windows)
 }
 
-/// A CSV of keys and values.
+/// A CSV with one key and value per row.
 struct Keys(Csv);
 
 impl Keys {
@@ -116,26 +113,26 @@ impl Keys {
     }
 
     fn number(&self, key: &str) -> Result<Option<f64>, ImportError> {
-        let Some((line, word)) = self.get(key) else { return Ok(None) };
-        let bad = || ImportError::line(&self.0.path, line, format!("{key} is `{word}`, not a finite number"));
-        text::number(word).map(Some).ok_or_else(bad)
+        let Some((line, text)) = self.get(key) else { return Ok(None) };
+        let bad = || ImportError::line(&self.0.path, line, format!("{key} is `{text}`, not a finite number"));
+        text::number(text).map(Some).ok_or_else(bad)
     }
 
-    fn word<T: Copy>(&self, key: &str, known: &[(&str, T)]) -> Result<Option<T>, ImportError> {
-        let Some((line, word)) = self.get(key) else { return Ok(None) };
-        match known.iter().find(|(name, _)| *name == word) {
+    fn choice<T: Copy>(&self, key: &str, known: &[(&str, T)]) -> Result<Option<T>, ImportError> {
+        let Some((line, text)) = self.get(key) else { return Ok(None) };
+        match known.iter().find(|(name, _)| *name == text) {
             Some((_, value)) => Ok(Some(*value)),
             None => {
                 let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
-                let problem = format!("{key} is `{word}`, expected {}", names.join(" or "));
+                let problem = format!("{key} is `{text}`, expected {}", names.join(" or "));
                 Err(ImportError::line(&self.0.path, line, problem))
             }
         }
     }
 }
 
-/// Starts a new wavelength or goes on with the last; ascending in wavelength, then in height from 0.
-fn place(
+/// Whether row `r` starts a new wavelength. Wavelengths must ascend, and the heights of each from 0.
+fn starts_band(
     csv: &Csv,
     r: usize,
     bands: &[f64],
@@ -156,22 +153,23 @@ fn place(
     }
 }
 
-fn heights(path: &Path) -> Result<Vec<GivenBand>, ImportError> {
+fn read_heights(path: &Path) -> Result<Vec<SparseBand>, ImportError> {
     let csv = Csv::read(path)?;
     let [nm, ideal, image, ri] =
         ["wavelength_nm", "ideal_height_mm", "image_height_mm", "relative_illumination"]
             .map(|c| csv.column(c));
     let (nm, ideal, image, ri) = (nm?, ideal?, image?, ri?);
-    let (mut bands, mut waves): (Vec<GivenBand>, Vec<f64>) = (Vec::new(), Vec::new());
+    let (mut bands, mut waves): (Vec<SparseBand>, Vec<f64>) = (Vec::new(), Vec::new());
     for r in 0..csv.rows.len() {
         let [nm, ideal, image, ri] = [nm, ideal, image, ri].map(|c| csv.number(r, c));
         let (nm, ideal, image, ri) = (nm?, ideal?, image?, ri?);
-        let last = |of: fn(&GivenBand) -> &Vec<f64>| bands.last().and_then(|b| of(b).last().copied());
-        let start = place(&csv, r, &waves, nm, last(|b| &b.distortion.0), ideal)?;
-        place(&csv, r, &waves, nm, last(|b| &b.distortion.1), image)?;
+        let last =
+            |column: fn(&SparseBand) -> &Vec<f64>| bands.last().and_then(|b| column(b).last().copied());
+        let start = starts_band(&csv, r, &waves, nm, last(|b| &b.distortion.0), ideal)?;
+        starts_band(&csv, r, &waves, nm, last(|b| &b.distortion.1), image)?;
         if start {
             waves.push(nm);
-            bands.push(GivenBand { wavelength_nm: nm, ..GivenBand::default() });
+            bands.push(SparseBand { wavelength_nm: nm, ..SparseBand::default() });
         }
         if let Some(band) = bands.last_mut() {
             band.distortion.0.push(ideal);
@@ -183,44 +181,49 @@ fn heights(path: &Path) -> Result<Vec<GivenBand>, ImportError> {
     Ok(bands)
 }
 
-/// One window: where it lies, and its pitch in µm.
+/// One window: file, index in its array, sample pitch.
 #[derive(Clone)]
-struct Place {
+struct WindowEntry {
     path: PathBuf,
     index: usize,
     pitch_um: f64,
 }
 
-fn psf_files(folder: &Path, bands: &mut [GivenBand]) -> Result<Vec<Vec<Place>>, ImportError> {
+/// The windows of every band; heights and energies are added to `bands`.
+fn read_psf_table(folder: &Path, bands: &mut [SparseBand]) -> Result<Vec<Vec<WindowEntry>>, ImportError> {
     let csv = Csv::read(&folder.join("psf.csv"))?;
     let columns =
         ["wavelength_nm", "image_height_mm", "psf_pitch_um", "psf_energy", "index"].map(|c| csv.column(c));
     let [nm, height, pitch, energy, index] = columns;
     let (nm, height, pitch, energy, index, file) =
         (nm?, height?, pitch?, energy?, index?, csv.column("file")?);
-    let mut files: Vec<Vec<Place>> = vec![Vec::new(); bands.len()];
+    let mut files: Vec<Vec<WindowEntry>> = vec![Vec::new(); bands.len()];
     let mut waves = Vec::new();
     for r in 0..csv.rows.len() {
         let (line, row) = &csv.rows[r];
         let bad = |problem: String| ImportError::line(&csv.path, *line, problem);
         let (wave, height) = (csv.number(r, nm)?, csv.number(r, height)?);
         let Some(b) = bands.iter().position(|b| b.wavelength_nm == wave) else {
-            return Err(bad(format!("{wave} nm is no wavelength of heights.csv")));
+            return Err(bad(format!("{wave} nm is not a wavelength of heights.csv")));
         };
-        if place(&csv, r, &waves, wave, bands[b].psf_height_mm.last().copied(), height)? {
+        if starts_band(&csv, r, &waves, wave, bands[b].psf_height_mm.last().copied(), height)? {
             waves.push(wave);
         }
         let name = row[file].as_str();
         if name.is_empty() || name.contains(['/', '\\', '\0']) || name.starts_with('.') {
-            return Err(bad("file is no plain file name in this folder".into()));
+            return Err(bad("file must be a plain file name in this folder".into()));
         }
         let at = csv.number(r, index)?;
-        if at.fract() != 0.0 || !(0.0..=WIDEST as f64).contains(&at) {
+        if at.fract() != 0.0 || !(0.0..=MAX_SIDE as f64).contains(&at) {
             return Err(bad(format!("index is {at}, expected a whole number from 0")));
         }
         bands[b].psf_height_mm.push(height);
         bands[b].psf_energy.push(csv.number(r, energy)?);
-        files[b].push(Place { path: folder.join(name), index: at as usize, pitch_um: csv.number(r, pitch)? });
+        files[b].push(WindowEntry {
+            path: folder.join(name),
+            index: at as usize,
+            pitch_um: csv.number(r, pitch)?,
+        });
     }
     match bands.iter().find(|b| b.psf_height_mm.len() < 2) {
         Some(b) => Err(ImportError::file(
@@ -231,30 +234,26 @@ fn psf_files(folder: &Path, bands: &mut [GivenBand]) -> Result<Vec<Vec<Place>>, 
     }
 }
 
-fn fetch(files: Vec<Vec<Place>>, options: ImportOptions) -> Fetch {
+fn window_reader(files: Vec<Vec<WindowEntry>>, options: ImportOptions) -> ReadWindows {
     Box::new(move |b| {
         let mut windows = Windows::default();
         let mut open: Option<(&Path, npy::Npy)> = None;
-        for place in &files[b] {
-            let path = place.path.as_path();
-            let layout = options.layout(options.told_outward(path)?);
+        for entry in &files[b] {
+            let path = entry.path.as_path();
+            let layout = options.layout(options.required_outward(path)?);
             if open.as_ref().is_none_or(|(name, _)| *name != path) {
-                let array = npy::parse(&text::bytes(path)?).map_err(|e| ImportError::file(path, e))?;
+                let array = npy::parse(&text::read_bytes(path)?).map_err(|e| ImportError::file(path, e))?;
                 open = Some((path, array));
             }
             let Some((_, array)) = &open else { continue };
-            windows.push(
-                path,
-                window(array, place.index).map_err(|e| ImportError::file(path, e))?,
-                place.pitch_um,
-                layout,
-            )?;
+            let window = window(array, entry.index).map_err(|e| ImportError::file(path, e))?;
+            windows.push(path, window, entry.pitch_um, layout)?;
         }
         Ok(windows)
     })
 }
 
-/// Window `index` of a stack.
+/// Window `index` of an array.
 fn window(array: &npy::Npy, index: usize) -> Result<Window, String> {
     let (count, rows, columns) = match array.shape[..] {
         [rows, columns] => (1, rows, columns),
@@ -262,13 +261,7 @@ fn window(array: &npy::Npy, index: usize) -> Result<Window, String> {
         _ => return Err(format!("has shape {:?}, expected (windows, rows, columns)", array.shape)),
     };
     if index >= count {
-        return Err(format!("has {count} windows, psf.csv asks for index {index}"));
+        return Err(format!("has {count} windows, psf.csv refers to index {index}"));
     }
-    let samples = &array.values[index * rows * columns..][..rows * columns];
-    match samples.iter().position(|v| !v.is_finite()) {
-        Some(i) => {
-            Err(format!("window {index} has {} at row {}, column {}", samples[i], i / columns, i % columns))
-        }
-        None => Ok(Window { rows, columns, samples: samples.to_vec(), centre: None }),
-    }
+    array.window(index, (rows, columns))
 }

@@ -1,48 +1,48 @@
-//! One PSF window as a file holds it → as a pack holds it: top row first, field point on +x, odd, sum 1.
+//! Conversion of a PSF window from the layout of its file to that of a pack: top row first, field point on +x, odd, sum 1.
 //!
-//! Design programs count y up, a pack counts rows down. A window whose last row is the top one is mirrored first; then one
-//! quarter turn brings the side `outward` (away from the optical axis, where the field point lies) to the right. Nothing is
-//! interpolated, so the centroid from the chief ray turns with the window exactly.
+//! Design programs count y upwards, a pack counts rows downwards. A window with its bottom row first is mirrored; then a rotation
+//! by a multiple of 90° brings the side `outward` (away from the optical axis) to the right. Nothing is interpolated, so the
+//! centroid relative to the chief ray is rotated exactly.
 //!
-//! An even window has no middle sample. *Pad* and *crop* are for a chief ray on sample N/2 from 0 (Zemax, Code V): a dark row
-//! and column are added behind, or the first ones dropped. *Shift* is for a chief ray between the four middle samples: the
-//! window moves by half a sample with the weights (−1, 9, 9, −1)/16 along both axes (cubic interpolation), which keep its sum,
-//! its centroid and its variance.
+//! An even window has no middle sample. *Pad* and *crop* are for a chief ray on sample N/2 from 0 (Zemax, Code V): a row and a
+//! column of zeros are appended, or the first ones dropped. *Shift* is for a chief ray between the four middle samples: the
+//! window is moved by half a sample with the weights (−1, 9, 9, −1)/16 along both axes (cubic interpolation), which keep its
+//! sum, its centroid (relative to the chief ray) and its variance.
 
-/// Which row comes first in a file.
+/// Order of the rows in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RowOrder {
-    /// The one of largest y.
+    /// Row of largest y first.
     Top,
-    /// The one of least y.
+    /// Row of smallest y first.
     Bottom,
 }
 
-/// Side of the chief ray that points away from the optical axis, with the top row drawn on top.
+/// Side of the chief ray that points away from the optical axis, with the top row on top.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outward {
-    /// Columns grow with the field.
+    /// Field point on +x.
     Right,
     /// Field point on −y.
     Down,
-    /// Columns fall with the field.
+    /// Field point on −x.
     Left,
     /// Field point on +y.
     Up,
 }
 
-/// Where the chief ray is in an even window, and what makes it odd.
+/// Position of the chief ray in an even window, and conversion to an odd one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EvenWindow {
-    /// On sample N/2 from 0; a dark row and column are added.
+    /// On sample N/2 from 0; a row and a column of zeros are appended.
     Pad,
     /// On sample N/2 from 0; the first row and column are dropped.
     Crop,
-    /// Between the four middle samples; moved by half a sample.
+    /// Between the four middle samples; the window is moved by half a sample.
     Shift,
 }
 
-/// A window as a file holds it.
+/// A window in the layout of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Rows.
@@ -51,26 +51,26 @@ pub struct Window {
     pub columns: usize,
     /// Samples, row by row.
     pub samples: Vec<f64>,
-    /// Row and column of the chief ray from 0, where the file tells it.
+    /// Row and column of the chief ray from 0, if stated in the file.
     pub centre: Option<(usize, usize)>,
 }
 
-/// How windows lie in a file.
+/// Layout of windows in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
-    /// Which row comes first.
+    /// Order of the rows.
     pub rows: RowOrder,
-    /// Where the field point lies.
+    /// Side of the field point.
     pub outward: Outward,
-    /// What to do with an even window.
+    /// Conversion of even windows.
     pub even: Option<EvenWindow>,
-    /// Make it exactly symmetric about the meridian.
+    /// Whether windows are made exactly symmetric about the meridian.
     pub symmetric: bool,
 }
 
 /// An odd window of sum 1.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ready {
+pub struct NormalisedWindow {
     /// Side, odd.
     pub size: usize,
     /// Samples, row down, field point on +x.
@@ -78,18 +78,14 @@ pub struct Ready {
 }
 
 impl Window {
-    /// As a pack holds it.
+    /// The window in the layout of a pack.
     ///
     /// # Errors
-    /// In words: not square, even without a word about it, or no light in it.
-    pub fn ready(mut self, layout: Layout) -> Result<Ready, String> {
+    /// The window is not square, or even without [`Layout::even`], or has no positive finite sum.
+    pub fn normalised(mut self, layout: Layout) -> Result<NormalisedWindow, String> {
         if self.rows * self.columns != self.samples.len() || self.samples.is_empty() {
-            return Err(format!(
-                "has {} samples, expected {} × {}",
-                self.samples.len(),
-                self.rows,
-                self.columns
-            ));
+            let (count, rows, columns) = (self.samples.len(), self.rows, self.columns);
+            return Err(format!("has {count} samples, expected {rows} × {columns}"));
         }
         if self.rows != self.columns {
             return Err(format!("is {} × {}, expected a square", self.rows, self.columns));
@@ -103,8 +99,8 @@ impl Window {
             self.samples = self.samples.chunks_exact(columns).rev().flatten().copied().collect();
             self.centre = self.centre.map(|(r, c)| (self.rows - 1 - r.min(self.rows - 1), c));
         }
-        let (size, samples) = self.odd(layout.even)?;
-        let mut out = turned(&samples, size, layout.outward);
+        let (size, samples) = self.centred(layout.even)?;
+        let mut out = rotated(&samples, size, layout.outward);
         if layout.symmetric {
             out = (0..size * size)
                 .map(|i| 0.5 * (out[i] + out[(size - 1 - i / size) * size + i % size]))
@@ -112,9 +108,9 @@ impl Window {
         }
         let total: f64 = out.iter().sum();
         if !(total.is_finite() && total > 0.0) {
-            return Err(format!("sums to {total}, so there is no light to spread"));
+            return Err(format!("has the sum {total}, expected a positive number"));
         }
-        // Windows that sum to 1 already keep their bits.
+        // Windows whose sum is already 1 keep their bits.
         let scale = if (total - 1.0).abs() <= 1e-3 { 1.0 } else { total };
         let mut samples: Vec<f32> = out.iter().map(|v| (v / scale) as f32).collect();
         let sum: f64 = samples.iter().map(|&v| f64::from(v)).sum();
@@ -122,33 +118,33 @@ impl Window {
             samples.iter_mut().for_each(|v| *v = (f64::from(*v) / sum) as f32);
         }
         match samples.iter().all(|v| v.is_finite()) {
-            true => Ok(Ready { size, samples }),
-            false => Err("holds numbers beyond what f32 can tell".into()),
+            true => Ok(NormalisedWindow { size, samples }),
+            false => Err("has samples beyond the range of f32".into()),
         }
     }
 
-    /// Odd, square, chief ray in the middle.
-    fn odd(&self, even: Option<EvenWindow>) -> Result<(usize, Vec<f64>), String> {
+    /// Side and samples of an odd window with the chief ray in the middle.
+    fn centred(&self, even: Option<EvenWindow>) -> Result<(usize, Vec<f64>), String> {
         let n = self.rows;
         let shift = even == Some(EvenWindow::Shift);
         let (r, c) = match self.centre {
             Some(_) if shift => {
                 return Err(
-                    "names its centre sample; `--even-window shift` is for windows without one".into()
+                    "states its centre sample; `--even-window shift` is for windows without one".into()
                 );
             }
             Some((r, c)) if r < n && c < n => (r, c),
             Some((r, c)) => {
                 let (r, c) = (r + 1, c + 1);
                 return Err(format!(
-                    "names row {r}, column {c} as its centre, outside its {n} × {n} samples"
+                    "states row {r}, column {c} as its centre, outside its {n} × {n} samples"
                 ));
             }
             None if n % 2 == 1 => (n / 2, n / 2),
             None if shift => return Ok((n + 3, self.half_sample())),
             None => {
                 return Err(format!(
-                    "is {n} × {n}, so no sample is in the middle; say where the chief ray is by `--even-window`"
+                    "is {n} × {n}, so no sample is in the middle; give the position of the chief ray by `--even-window`"
                 ));
             }
         };
@@ -190,8 +186,8 @@ impl Window {
     }
 }
 
-/// `side` brought to the right by a quarter turn.
-fn turned(from: &[f64], n: usize, side: Outward) -> Vec<f64> {
+/// Rotated by a multiple of 90° so that `side` is on the right.
+fn rotated(from: &[f64], n: usize, side: Outward) -> Vec<f64> {
     let last = n - 1;
     (0..n * n)
         .map(|i| {
@@ -219,7 +215,7 @@ mod tests {
         Window { rows: n, columns: n, samples, centre: None }
     }
 
-    fn centroid(w: &Ready) -> (f64, f64) {
+    fn centroid(w: &NormalisedWindow) -> (f64, f64) {
         let half = (w.size / 2) as f64;
         w.samples.iter().enumerate().fold((0.0, 0.0), |(x, y), (i, &v)| {
             let v = f64::from(v);
@@ -228,8 +224,8 @@ mod tests {
     }
 
     #[test]
-    fn every_side_comes_to_the_right() {
-        // A tail outward and a mark a quarter turn behind it (clockwise as drawn).
+    fn outward_side_is_rotated_to_the_right() {
+        // A bright sample outward and a weaker one 90° clockwise from it.
         let cases = [
             (Outward::Right, (2, 4), (4, 2)),
             (Outward::Down, (4, 2), (2, 0)),
@@ -238,37 +234,37 @@ mod tests {
         ];
         for (outward, tail, mark) in cases {
             let w = window(5, &[(tail.0, tail.1, 3.0), (mark.0, mark.1, 1.0)]);
-            let out = w.ready(Layout { outward, ..LAYOUT }).unwrap();
+            let out = w.normalised(Layout { outward, ..LAYOUT }).unwrap();
             assert_eq!(out.samples[2 * 5 + 4], 0.75, "{outward:?}");
             assert_eq!(out.samples[4 * 5 + 2], 0.25, "{outward:?}");
         }
         let bottom = window(5, &[(0, 2, 1.0)]);
         let layout = Layout { rows: RowOrder::Bottom, outward: Outward::Down, ..LAYOUT };
-        assert_eq!(bottom.ready(layout).unwrap().samples[2 * 5 + 4], 1.0);
+        assert_eq!(bottom.normalised(layout).unwrap().samples[2 * 5 + 4], 1.0);
     }
 
     #[test]
     fn even_windows_become_odd_about_their_chief_ray() {
         let w = window(4, &[(2, 2, 3.0), (2, 3, 1.0)]);
-        assert!(w.clone().ready(LAYOUT).unwrap_err().contains("--even-window"));
+        assert!(w.clone().normalised(LAYOUT).unwrap_err().contains("--even-window"));
         for (even, size) in [(EvenWindow::Pad, 5), (EvenWindow::Crop, 3)] {
-            let out = w.clone().ready(Layout { even: Some(even), ..LAYOUT }).unwrap();
+            let out = w.clone().normalised(Layout { even: Some(even), ..LAYOUT }).unwrap();
             assert_eq!((out.size, centroid(&out)), (size, (0.25, 0.0)), "{even:?}");
         }
-        let out = w.clone().ready(Layout { even: Some(EvenWindow::Shift), ..LAYOUT }).unwrap();
+        let out = w.clone().normalised(Layout { even: Some(EvenWindow::Shift), ..LAYOUT }).unwrap();
         let (x, y) = centroid(&out);
         assert!(out.size == 7 && (x - 0.75).abs() < 1e-7 && (y - 0.5).abs() < 1e-7, "{x} {y}");
     }
 
     #[test]
-    fn a_named_centre_is_kept() {
+    fn stated_centre_is_the_middle_and_outside_is_an_error() {
         let mut w = window(4, &[(2, 1, 1.0)]);
         w.centre = Some((2, 1));
-        let out = w.clone().ready(LAYOUT).unwrap();
+        let out = w.clone().normalised(LAYOUT).unwrap();
         assert_eq!((out.size, out.samples[2 * 5 + 2]), (5, 1.0));
         let layout = Layout { rows: RowOrder::Bottom, ..LAYOUT };
-        assert_eq!(centroid(&w.clone().ready(layout).unwrap()), (0.0, 0.0));
+        assert_eq!(centroid(&w.clone().normalised(layout).unwrap()), (0.0, 0.0));
         w.centre = Some((4, 0));
-        assert!(w.ready(LAYOUT).unwrap_err().contains("row 5, column 1"));
+        assert!(w.normalised(LAYOUT).unwrap_err().contains("row 5, column 1"));
     }
 }

@@ -1,17 +1,17 @@
-//! The last step of every format: given points made dense, windows fetched band by band, the pack written.
+//! Common last step of all formats: tables made dense, windows read band by band, the pack written.
 
-use super::dense::{Parity, Spline, steps};
-use super::window::{Layout, Outward, RowOrder, Window};
-use super::{ImportError, ImportOptions, MOST};
+use super::dense::{Parity, Spline, equidistant};
+use super::window::{Layout, RowOrder, Window};
+use super::{ImportError, ImportOptions, MAX_COUNT};
 use crate::lens::{LensPackWriter, PackAttributes};
 use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// One wavelength as given.
+/// Tables of one wavelength at the field points of the source.
 #[derive(Clone, Debug, Default)]
-pub(super) struct GivenBand {
+pub(super) struct SparseBand {
     pub wavelength_nm: f64,
     /// Ideal heights and real image heights of the field points, mm.
     pub distortion: (Vec<f64>, Vec<f64>),
@@ -19,12 +19,12 @@ pub(super) struct GivenBand {
     pub illumination: (Vec<f64>, Vec<f64>),
     /// Real image height of every PSF, mm.
     pub psf_height_mm: Vec<f64>,
-    /// Share of the light in every window; empty: unknown.
+    /// Share of all the light in every window; empty: unknown.
     pub psf_energy: Vec<f64>,
 }
 
-/// Everything as given but the windows.
-pub(super) struct Given {
+/// A lens as read from its source, without the PSF windows.
+pub(super) struct SparseLens {
     pub path: PathBuf,
     pub name: String,
     pub distortion_focal_length_mm: f64,
@@ -35,15 +35,16 @@ pub(super) struct Given {
     pub object_distance_mm: Option<f64>,
     pub magnification: f64,
     pub sample: PsfSample,
-    pub bands: Vec<GivenBand>,
-    pub source: Map<String, Value>,
+    pub bands: Vec<SparseBand>,
+    /// The pack's attribute `source`, a JSON object.
+    pub source: Value,
     pub notes: Vec<String>,
 }
 
-/// Fetches the windows of a band: side, pitch in µm, samples.
-pub(super) type Fetch = Box<dyn FnMut(usize) -> Result<Windows, ImportError>>;
+/// Reads the windows of a band.
+pub(super) type ReadWindows = Box<dyn FnMut(usize) -> Result<Windows, ImportError>>;
 
-/// The windows of one band, all of one size and pitch.
+/// The windows of one band, all of equal size and pitch.
 #[derive(Default)]
 pub(super) struct Windows {
     size: usize,
@@ -52,7 +53,7 @@ pub(super) struct Windows {
 }
 
 impl Windows {
-    /// Appends the window that `path` holds.
+    /// Appends a window of `path`.
     pub fn push(
         &mut self,
         path: &Path,
@@ -60,79 +61,84 @@ impl Windows {
         pitch_um: f64,
         layout: Layout,
     ) -> Result<(), ImportError> {
-        let ready = window.ready(layout).map_err(|e| ImportError::file(path, format!("the window {e}")))?;
+        let window =
+            window.normalised(layout).map_err(|e| ImportError::file(path, format!("the window {e}")))?;
         let bad = |problem: String| Err(ImportError::file(path, problem));
-        if let Err(e) = bounds::PITCH_UM.check(pitch_um).and(bounds::PSF_SIDE.check_count(ready.size)) {
+        if let Err(e) = bounds::PITCH_UM.check(pitch_um).and(bounds::PSF_SIDE.check_count(window.size)) {
             return bad(format!("the window is out of bounds: {e}"));
         }
         if self.samples.is_empty() {
-            (self.size, self.pitch_um) = (ready.size, pitch_um);
+            (self.size, self.pitch_um) = (window.size, pitch_um);
         }
-        if ready.size != self.size {
-            return bad(format!("a window of {} samples, the ones before have {}", ready.size, self.size));
+        if window.size != self.size {
+            return bad(format!("a window of {} samples, the ones before have {}", window.size, self.size));
         }
         if (pitch_um / self.pitch_um - 1.0).abs() > 1e-6 {
             return bad(format!("a pitch of {pitch_um} µm, the ones before have {}", self.pitch_um));
         }
-        self.samples.extend(ready.samples);
+        self.samples.extend(window.samples);
         Ok(())
     }
 }
 
-/// An export that was read and checked; [`write()`] fetches its windows.
+/// An export that was read and checked; [`write()`] reads its windows.
 pub struct Imported {
     lens: Lens,
-    source: Map<String, Value>,
+    source: Value,
     notes: Vec<String>,
     path: PathBuf,
-    fetch: Fetch,
+    read_windows: ReadWindows,
 }
 
 impl Imported {
-    /// What was taken for granted, one sentence each.
+    /// Assumptions and observations, one sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// The dense tables; window sizes and pitches are known only once the pack is written.
+    /// The dense tables; window sizes and pitches are set when the pack is written.
     pub fn lens(&self) -> &Lens {
         &self.lens
     }
 
-    /// Fetches the windows of band `b`.
+    /// Reads the windows of band `b`.
     ///
     /// # Errors
-    /// [`ImportError`]: a file cannot be read, or does not hold what it should.
+    /// [`ImportError`]: a file cannot be read, or its content is invalid.
     pub fn psf(&mut self, b: usize) -> Result<PsfStack, ImportError> {
-        let windows = (self.fetch)(b)?;
+        let windows = (self.read_windows)(b)?;
         let (size, samples) = (windows.size, windows.samples);
         let stack = PsfStack { size, pitch_um: windows.pitch_um, sample: self.lens.psf_sample, samples };
         let (found, expected) = (stack.samples.len(), self.lens.bands[b].psf_height_mm.len() * size * size);
-        match size > 0 && found == expected {
-            true => Ok(stack),
-            false => {
-                Err(ImportError::file(&self.path, format!("{found} samples of windows, expected {expected}")))
-            }
+        if size == 0 || found != expected {
+            let problem = format!("{found} samples of windows, expected {expected}");
+            return Err(ImportError::file(&self.path, problem));
         }
+        Ok(stack)
     }
 
-    pub(super) fn new(mut given: Given, options: &ImportOptions, fetch: Fetch) -> Result<Self, ImportError> {
+    pub(super) fn new(
+        mut given: SparseLens,
+        options: &ImportOptions,
+        read_windows: ReadWindows,
+    ) -> Result<Self, ImportError> {
         let numbers = bounds::FIELD_POINTS
             .check_count(options.field_points)
             .and_then(|n| bounds::TABLE_NUMBERS.check_product(&[n, given.bands.len().max(1)]));
         if let Err(e) = numbers {
             return Err(ImportError::Option { option: "field points", problem: e.to_string() });
         }
-        let fetch: Fetch = match options.without_psf {
+        let read_windows: ReadWindows = match options.without_psf {
             true => {
                 given.sample = PsfSample::Integrated;
-                given.notes.push(
-                    "the pack holds no PSFs but an ideal point: use it for RI and distortion only".into(),
-                );
+                let note = "the pack has an ideal point instead of PSFs: use it for RI and distortion only";
+                given.notes.push(note.into());
                 Box::new(|_| Ok(Windows { size: 1, pitch_um: 1.0, samples: vec![1.0; 2] }))
             }
-            false => fetch,
+            false => read_windows,
         };
+        let n = given.f_number;
+        let solid_angle_sr = given.solid_angle_sr.unwrap_or(std::f64::consts::PI / (4.0 * n * n));
         let mut bands = Vec::new();
         let mut worst: f64 = 0.0;
         for band in &mut given.bands {
@@ -140,32 +146,26 @@ impl Imported {
                 let last = band.distortion.1.last().copied().unwrap_or(0.0);
                 (band.psf_height_mm, band.psf_energy) = (vec![0.0, last], Vec::new());
             }
-            let (dense, error) = made_dense(band, &given.path, options)?;
+            let (dense, error) = dense_tables(band, solid_angle_sr, &given.path, options)?;
             worst = worst.max(error);
-            let solid_angle_sr = given.solid_angle_sr;
-            let n = given.f_number;
-            let solid_angle_sr = solid_angle_sr.unwrap_or(std::f64::consts::PI / (4.0 * n * n));
-            let dense = LensBand { solid_angle_sr, ..dense };
             dense.check().map_err(|source| ImportError::Table { path: given.path.clone(), source })?;
             bands.push(dense);
         }
-        if bands.is_empty() || bands.len() > MOST {
-            return Err(ImportError::file(
-                &given.path,
-                format!("has {} wavelengths, expected 1 to {MOST}", bands.len()),
-            ));
+        if bands.is_empty() || bands.len() > MAX_COUNT {
+            let problem = format!("has {} wavelengths, expected 1 to {MAX_COUNT}", bands.len());
+            return Err(ImportError::file(&given.path, problem));
         }
         if !options.without_psf && given.bands.iter().all(|b| b.psf_energy.is_empty()) {
-            given
-                .notes
-                .push("the share of light outside the windows is unknown: psf_energy 1 was taken".into());
+            let note = "the share of light outside the windows is unknown: psf_energy 1 is assumed";
+            given.notes.push(note.into());
         }
         let mut source = given.source;
-        source.insert(
-            "dense_tables".into(),
-            json!({"field_points": options.field_points, "linear_error_mm": worst}),
-        );
-        source.insert("given_points".into(), given.bands.iter().map(points).collect());
+        source["psf_rows"] = match options.rows {
+            RowOrder::Top => json!("top first"),
+            RowOrder::Bottom => json!("bottom first"),
+        };
+        source["dense_tables"] = json!({"field_points": options.field_points, "linear_error_mm": worst});
+        source["given_points"] = given.bands.iter().map(given_points).collect();
         let lens = Lens {
             name: options.name.clone().unwrap_or(given.name),
             distortion_focal_length_mm: given.distortion_focal_length_mm,
@@ -178,14 +178,14 @@ impl Imported {
             bands,
         };
         lens.check_head().map_err(|(name, e)| ImportError::file(&given.path, format!("`{name}`: {e}")))?;
-        Ok(Self { lens, source, notes: given.notes, path: given.path, fetch })
+        Ok(Self { lens, source, notes: given.notes, path: given.path, read_windows })
     }
 }
 
-/// Writes the pack to `out`, a folder or a .zip; `done` hears of every band.
+/// Writes the pack to `out`, a folder or a .zip; `done` is called after every band.
 ///
 /// # Errors
-/// [`ImportError`]: a window cannot be read or used, or the pack not written. Nothing is left then.
+/// [`ImportError`]: a window is unreadable or invalid, or the pack cannot be written. No partial pack is left.
 pub fn write(
     out: &Path,
     mut imported: Imported,
@@ -201,14 +201,14 @@ pub fn write(
     }
     let attributes = PackAttributes {
         frame: Some("field point on +x, row down; heights real unless named ideal; mm".into()),
-        source: Some(Value::Object(imported.source)),
+        source: Some(imported.source),
         ..PackAttributes::default()
     };
     Ok(writer.finish(&imported.lens, &attributes)?)
 }
 
-/// The points as given, for the record.
-fn points(band: &GivenBand) -> Value {
+/// The points of the source, for the pack's attribute `source`.
+fn given_points(band: &SparseBand) -> Value {
     json!({
         "wavelength_nm": band.wavelength_nm,
         "ideal_height_mm": band.distortion.0,
@@ -218,16 +218,17 @@ fn points(band: &GivenBand) -> Value {
     })
 }
 
-/// Dense tables, and how far linear interpolation between their points is from the spline, mm.
-fn made_dense(
-    band: &mut GivenBand,
+/// Dense tables, and the maximum difference of linear interpolation between their points from the spline, mm.
+fn dense_tables(
+    band: &mut SparseBand,
+    solid_angle_sr: f64,
     path: &Path,
     options: &ImportOptions,
 ) -> Result<(LensBand, f64), ImportError> {
     let nm = band.wavelength_nm;
     let bad = |problem: String| ImportError::file(path, format!("at {nm} nm {problem}"));
     for (what, (ideal, values)) in [("image heights", &band.distortion), ("RI values", &band.illumination)] {
-        if ideal.len() < 2 || ideal.len() != values.len() || ideal.len() > MOST * MOST {
+        if ideal.len() < 2 || ideal.len() != values.len() || ideal.len() > MAX_COUNT * MAX_COUNT {
             let (m, n) = (ideal.len(), values.len());
             return Err(bad(format!("there are {n} {what} for {m} field points, expected at least 2")));
         }
@@ -236,11 +237,11 @@ fn made_dense(
             || values.iter().chain(ideal).any(|v| !v.is_finite())
         {
             return Err(bad(
-                "the field points do not ascend from 0 in ideal height, or one is no finite number".into(),
+                "the field points do not ascend from 0 in ideal height, or one is not finite".into()
             ));
         }
     }
-    // On the axis a program may leave rounding behind.
+    // Programs may write rounding errors for 0 on the axis.
     for height in [&mut band.distortion.1[0], band.psf_height_mm.first_mut().unwrap_or(&mut 0.0)] {
         if height.abs() < 1e-9 {
             *height = 0.0;
@@ -251,8 +252,8 @@ fn made_dense(
     if (ri[0] - 1.0).abs() > 1e-3 {
         return Err(bad(format!("RI on the axis is {}, expected 1: it is relative to the axis", ri[0])));
     }
-    let reach = xs[xs.len() - 1].min(ri_xs[ri_xs.len() - 1]);
-    let at = steps(reach, options.field_points);
+    let max_height = xs[xs.len() - 1].min(ri_xs[ri_xs.len() - 1]);
+    let at = equidistant(max_height, options.field_points);
     let spline = Spline::mirrored(xs, heights, Parity::Odd);
     let even = Spline::mirrored(ri_xs, ri, Parity::Even);
     let mut image: Vec<f64> = at.iter().map(|&x| spline.at(x)).collect();
@@ -275,93 +276,8 @@ fn made_dense(
         psf_size: 1,
         psf_pitch_um: 1.0,
         psf_energy: energy,
-        solid_angle_sr: 1.0,
+        solid_angle_sr,
         transmission: 1.0,
     };
     Ok((dense, error))
-}
-
-impl ImportOptions {
-    pub(super) fn layout(&self, outward: Outward) -> Layout {
-        Layout { rows: self.rows, outward, even: self.even_window, symmetric: self.symmetric }
-    }
-
-    /// For formats whose windows are arrays: their first row is the top one, unless told otherwise.
-    pub(super) fn told_outward(&self, path: &Path) -> Result<Outward, ImportError> {
-        self.outward.ok_or(ImportError::Ask {
-            path: path.into(),
-            what: "on which side of a window its field point lies",
-            option: "--psf-outward",
-        })
-    }
-
-    pub(super) fn told_sample(&self, path: &Path) -> Result<PsfSample, ImportError> {
-        match (self.sample, self.without_psf) {
-            (Some(sample), _) => Ok(sample),
-            (None, true) => Ok(PsfSample::Integrated),
-            (None, false) => Err(ImportError::Ask {
-                path: path.into(),
-                what: "whether a PSF sample is a point or the mean over its square",
-                option: "--psf-sample",
-            }),
-        }
-    }
-
-    /// F-number and, where the entrance pupil was told, the solid angle π·NA² by Abbe's sine condition.
-    pub(super) fn aperture(
-        &self,
-        path: &Path,
-        efl_mm: f64,
-        f_number: Option<f64>,
-    ) -> Result<(f64, Option<f64>), ImportError> {
-        match (self.f_number, self.entrance_pupil_mm, f_number) {
-            (Some(_), Some(_), _) => Err(ImportError::Option {
-                option: "--entrance-pupil-mm",
-                problem: "not together with `--f-number`".into(),
-            }),
-            (None, Some(pupil), _) => {
-                let na = pupil / 2.0 / efl_mm;
-                Ok((efl_mm / pupil, Some(std::f64::consts::PI * na * na)))
-            }
-            (Some(n), None, _) | (None, None, Some(n)) => Ok((n, None)),
-            (None, None, None) => {
-                Err(ImportError::Ask { path: path.into(), what: "the F-number", option: "--f-number" })
-            }
-        }
-    }
-
-    /// The indices into `count` wavelengths that were asked for.
-    pub(super) fn chosen(&self, count: usize) -> Result<Vec<usize>, ImportError> {
-        let Some(bands) = &self.bands else { return Ok((0..count).collect()) };
-        match bands.iter().find(|&&b| b >= count) {
-            Some(b) => Err(ImportError::Option {
-                option: "--bands",
-                problem: format!("{b} is beyond the last of {count} wavelengths"),
-            }),
-            None => Ok(bands.clone()),
-        }
-    }
-}
-
-/// A number that the options or the files must tell.
-pub(super) fn told(
-    path: &Path,
-    told: Option<f64>,
-    found: Option<f64>,
-    what: &'static str,
-    option: &'static str,
-) -> Result<f64, ImportError> {
-    let value = told.or(found).ok_or(ImportError::Ask { path: path.into(), what, option })?;
-    match value.is_finite() && value > 0.0 {
-        true => Ok(value),
-        false => Err(ImportError::file(path, format!("{what} is {value}, expected a positive number"))),
-    }
-}
-
-/// Row order is the files' own business only where the format fixes it.
-pub(super) fn row_order(options: &ImportOptions) -> &'static str {
-    match options.rows {
-        RowOrder::Top => "top first",
-        RowOrder::Bottom => "bottom first",
-    }
 }

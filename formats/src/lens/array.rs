@@ -1,12 +1,12 @@
-//! One Zarr v3 array of a pack, read whole and with suspicion.
+//! One Zarr v3 array of a pack, validated and read completely.
 //!
-//! The metadata is checked before zarrs sees it: regular grid, number type, a short list of codecs (transpose, bytes, one of
-//! blosc, zstd, gzip, and crc32c; no shards), sizes within bounds. Unlike in Zarr at large a missing chunk is not its fill value.
-//! A chunk decodes to its own size and no more ([`BoundedChain`]).
+//! The metadata is validated before it is passed to zarrs: regular grid, number type, supported codecs (transpose, bytes, one of blosc,
+//! zstd, gzip, and crc32c; no shards), sizes within bounds. Contrary to the Zarr specification a missing chunk is an error, not the fill
+//! value. Decoding stops at the chunk's size ([`BoundedChain`]).
 
 use super::error::LensPackError;
 use super::number::Number;
-use super::store::Store;
+use super::store::{MAX_METADATA_BYTES, PackStore};
 use crate::bounded::BoundedChain;
 use pipeline::bounds::Bound;
 use serde_json::Value;
@@ -15,18 +15,16 @@ use std::sync::Arc;
 use zarrs::array::Array;
 use zarrs::metadata::ArrayMetadata;
 
-/// Largest `zarr.json`: room for a source record, not for a mistake.
-pub(super) const METADATA_LIMIT: u64 = 32 << 20;
-/// Most samples of one array (1 GiB of f32); a traced band needs 15 million.
-const SAMPLES_LIMIT: u64 = 1 << 28;
-/// Most chunks of one array.
-const CHUNKS_LIMIT: u64 = 1 << 18;
-/// No codec here packs tighter: a zstd run of 128 KiB takes 4 bytes.
-const BEST_RATIO: u64 = 1 << 15;
+/// Maximum number of samples of an array (1 GiB of f32); a traced band has 15 million.
+const MAX_SAMPLES: u64 = 1 << 28;
+/// Maximum number of chunks of an array.
+const MAX_CHUNKS: u64 = 1 << 18;
+/// Maximum compression ratio of the codecs: zstd stores a run of 128 KiB in 4 bytes.
+const MAX_RATIO: u64 = 1 << 15;
 
-/// An array whose metadata has been read and found sane.
+/// An array with validated metadata.
 pub(super) struct PackArray<'a> {
-    store: &'a Store,
+    store: &'a PackStore,
     name: String,
     pub(super) shape: Vec<u64>,
     chunk: Vec<NonZeroU64>,
@@ -36,114 +34,115 @@ pub(super) struct PackArray<'a> {
     chain: BoundedChain,
 }
 
-/// Samples in C order, and the key of the first chunk that was not there (its samples are 0).
+/// Samples in C order, and the key of the first missing chunk (its samples are 0).
 pub(super) struct Samples<T> {
     pub(super) values: Vec<T>,
     pub(super) missing: Option<String>,
 }
 
 impl<'a> PackArray<'a> {
-    /// Reads and checks the metadata; `None` = no such array.
-    pub(super) fn open_if_there(store: &'a Store, name: &str) -> Result<Option<Self>, LensPackError> {
-        let bad = |problem: String| LensPackError::Metadata {
+    /// Reads and validates the metadata; `None`: no such array.
+    pub(super) fn open_optional(store: &'a PackStore, name: &str) -> Result<Option<Self>, LensPackError> {
+        let invalid = |problem: String| LensPackError::Metadata {
             path: store.path.clone(),
             array: name.into(),
             problem,
         };
         let key = format!("{name}/zarr.json");
         let Some(bytes) = store
-            .read(&key, METADATA_LIMIT)
-            .map_err(|e| store.unread(e, |e| bad(format!("its zarr.json cannot be read: {e}"))))?
+            .read(&key, MAX_METADATA_BYTES)
+            .map_err(|e| store.read_error(e, |e| invalid(format!("its zarr.json cannot be read: {e}"))))?
         else {
             return Ok(None);
         };
         let json: Value =
-            serde_json::from_slice(&bytes).map_err(|e| bad(format!("its zarr.json is not JSON: {e}")))?;
+            serde_json::from_slice(&bytes).map_err(|e| invalid(format!("its zarr.json is not JSON: {e}")))?;
         if json["zarr_format"] != 3 || json["node_type"] != "array" {
-            return Err(bad(format!(
+            return Err(invalid(format!(
                 "is zarr_format {}, node_type {}, expected 3, \"array\"",
                 json["zarr_format"], json["node_type"]
             )));
         }
-        let shape = sizes(&json["shape"]).ok_or_else(|| bad(format!("has shape {}", json["shape"])))?;
+        let shape = sizes(&json["shape"]).ok_or_else(|| invalid(format!("has shape {}", json["shape"])))?;
         let grid = &json["chunk_grid"];
         let chunk = sizes(&grid["configuration"]["chunk_shape"])
             .filter(|chunk| grid["name"] == "regular" && chunk.len() == shape.len())
             .and_then(|chunk| chunk.into_iter().map(NonZeroU64::new).collect::<Option<Vec<_>>>())
-            .ok_or_else(|| bad(format!("has chunk grid {grid}, expected a regular one of its rank")))?;
+            .ok_or_else(|| invalid(format!("has chunk grid {grid}, expected a regular one of its rank")))?;
         let type_name = &json["data_type"];
-        let number = type_name.as_str().and_then(Number::named).ok_or_else(|| LensPackError::DataType {
-            path: store.path.clone(),
-            array: name.into(),
-            found: type_name.to_string(),
-            expected: "float32, float64 or an integer",
-        })?;
-        codecs(&json["codecs"]).map_err(bad)?;
+        let number =
+            type_name.as_str().and_then(Number::from_name).ok_or_else(|| LensPackError::DataType {
+                path: store.path.clone(),
+                array: name.into(),
+                found: type_name.to_string(),
+                expected: "float32, float64 or an integer",
+            })?;
+        check_codecs(&json["codecs"]).map_err(invalid)?;
         let keys = &json["chunk_key_encoding"]["name"];
         if keys != "default" && keys != "v2" {
-            return Err(bad(format!("has chunk key encoding {keys}, expected \"default\" or \"v2\"")));
+            return Err(invalid(format!("has chunk key encoding {keys}, expected \"default\" or \"v2\"")));
         }
         if json["storage_transformers"].as_array().is_some_and(|list| !list.is_empty()) {
-            return Err(bad("has storage transformers, which are not read here".into()));
+            return Err(invalid("has storage transformers, which are not supported".into()));
         }
-        let too_large = |claim: String, limit: String| LensPackError::TooLarge {
+        let too_large = |stated: String, limit: String| LensPackError::TooLarge {
             path: store.path.clone(),
             array: name.into(),
-            claim,
+            stated,
             limit,
         };
         let chunks = shape.iter().zip(&chunk).map(|(n, c)| n.div_ceil(c.get()));
-        if product(shape.iter().copied()).is_none_or(|n| n > SAMPLES_LIMIT) {
-            return Err(too_large(format!("shape {shape:?}"), format!("{SAMPLES_LIMIT} samples")));
+        if product(shape.iter().copied()).is_none_or(|n| n > MAX_SAMPLES) {
+            return Err(too_large(format!("shape {shape:?}"), format!("{MAX_SAMPLES} samples")));
         }
-        if product(chunk.iter().map(|c| c.get())).is_none_or(|n| n > SAMPLES_LIMIT) {
-            return Err(too_large(format!("chunks of {chunk:?}"), format!("{SAMPLES_LIMIT} samples")));
+        if product(chunk.iter().map(|c| c.get())).is_none_or(|n| n > MAX_SAMPLES) {
+            return Err(too_large(format!("chunks of {chunk:?}"), format!("{MAX_SAMPLES} samples")));
         }
-        if product(chunks).is_none_or(|n| n > CHUNKS_LIMIT) {
+        if product(chunks).is_none_or(|n| n > MAX_CHUNKS) {
             return Err(too_large(
                 format!("shape {shape:?} in chunks of {chunk:?}"),
-                format!("{CHUNKS_LIMIT} chunks"),
+                format!("{MAX_CHUNKS} chunks"),
             ));
         }
         let fill_is_zero = json["fill_value"].as_f64() == Some(0.0);
         let metadata: ArrayMetadata =
-            serde_json::from_value(json).map_err(|e| bad(format!("its zarr.json is unfit: {e}")))?;
+            serde_json::from_value(json).map_err(|e| invalid(format!("its zarr.json is invalid: {e}")))?;
         let array = Array::new_with_metadata(Arc::new(()), &format!("/{name}"), metadata)
-            .map_err(|e| bad(e.to_string()))?;
+            .map_err(|e| invalid(e.to_string()))?;
         let chain = BoundedChain::new(&array.codecs())
-            .map_err(|found| bad(format!("has {found}, which is not read here")))?;
+            .map_err(|found| invalid(format!("has {found}, which is not supported")))?;
         let name = name.into();
         Ok(Some(Self { store, name, shape, chunk, number, fill_is_zero, array, chain }))
     }
 
-    /// As [`open_if_there`](Self::open_if_there); an absent array is an error.
-    pub(super) fn open(store: &'a Store, name: &str) -> Result<Self, LensPackError> {
-        Self::open_if_there(store, name)?
+    /// As [`open_optional`](Self::open_optional); a missing array is an error.
+    pub(super) fn open(store: &'a PackStore, name: &str) -> Result<Self, LensPackError> {
+        Self::open_optional(store, name)?
             .ok_or_else(|| LensPackError::MissingArray { path: store.path.clone(), array: name.into() })
     }
 
-    /// Requires a shape; `what` says it in words.
-    pub(super) fn expect_shape(&self, shape: &[usize], what: &str) -> Result<(), LensPackError> {
+    /// Requires a shape; `axes` describes it in the error.
+    pub(super) fn expect_shape(&self, shape: &[usize], axes: &str) -> Result<(), LensPackError> {
         if self.shape.iter().copied().eq(shape.iter().map(|&n| n as u64)) {
             return Ok(());
         }
-        Err(self.shape_error(format!("{shape:?} ({what})")))
+        Err(self.shape_error(format!("{shape:?} ({axes})")))
     }
 
-    /// Requires no more numbers than a bound allows.
+    /// Requires that array and chunk have no more samples than a bound.
     pub(super) fn expect_at_most(&self, bound: &Bound) -> Result<(), LensPackError> {
         let sides: Vec<usize> = self.shape.iter().map(|&n| n as usize).collect();
         let chunk: Vec<usize> = self.chunk.iter().map(|c| c.get() as usize).collect();
-        let held = bound.check_product(&sides).and_then(|_| bound.check_product(&chunk));
-        held.map(drop).map_err(|e| LensPackError::TooLarge {
+        let checked = bound.check_product(&sides).and_then(|_| bound.check_product(&chunk));
+        checked.map(drop).map_err(|e| LensPackError::TooLarge {
             path: self.store.path.clone(),
             array: self.name.clone(),
-            claim: e.found,
+            stated: e.found,
             limit: bound.to_string(),
         })
     }
 
-    /// Bytes of one chunk, decoded.
+    /// Bytes of one decoded chunk.
     pub(super) fn chunk_bytes(&self) -> u64 {
         self.chunk.iter().map(|c| c.get()).product::<u64>() * self.number.bytes() as u64
     }
@@ -170,7 +169,7 @@ impl<'a> PackArray<'a> {
         })
     }
 
-    /// Every sample; a missing chunk is an error.
+    /// All samples; a missing chunk is an error.
     pub(super) fn read(&self) -> Result<Vec<f64>, LensPackError> {
         let samples = self.read_as(|v| v)?;
         match samples.missing {
@@ -183,38 +182,38 @@ impl<'a> PackArray<'a> {
         LensPackError::MissingChunk { path: self.store.path.clone(), array: self.name.clone(), chunk }
     }
 
-    /// Every sample through `convert`. A missing chunk is an error unless the fill value is 0; then it is told.
+    /// All samples, converted. A missing chunk is an error, or with fill value 0 is returned in [`Samples::missing`].
     pub(super) fn read_as<T: Copy + Default>(
         &self,
         convert: impl Fn(f64) -> T,
     ) -> Result<Samples<T>, LensPackError> {
         let chunks = self.chunk_indices();
         let samples: u64 = self.shape.iter().product();
-        let mut held = 0u64;
+        let mut stored_bytes = 0u64;
         let mut missing = None;
         for index in &chunks {
             match self.store.size(&self.key(index)) {
-                Ok(Some(bytes)) => held = held.saturating_add(bytes),
+                Ok(Some(bytes)) => stored_bytes = stored_bytes.saturating_add(bytes),
                 Ok(None) if self.fill_is_zero => missing = missing.or(Some(self.key(index))),
                 Ok(None) => return Err(self.missing_chunk(self.key(index))),
-                Err(e) => return Err(self.store.unread(e, |e| self.damaged(index, e))),
+                Err(e) => return Err(self.store.read_error(e, |e| self.damaged(index, e))),
             }
         }
-        if let (0, Some(chunk)) = (held, &missing) {
+        if let (0, Some(chunk)) = (stored_bytes, &missing) {
             return Err(self.missing_chunk(chunk.clone()));
         }
-        if samples * self.number.bytes() as u64 > held.saturating_mul(BEST_RATIO) {
+        if samples * self.number.bytes() as u64 > stored_bytes.saturating_mul(MAX_RATIO) {
             return Err(LensPackError::TooLarge {
                 path: self.store.path.clone(),
                 array: self.name.clone(),
-                claim: format!("shape {:?}", self.shape),
-                limit: format!("its chunks of {held} bytes altogether could hold"),
+                stated: format!("shape {:?}", self.shape),
+                limit: format!("its chunks of {stored_bytes} bytes in total can decode to"),
             });
         }
         let mut values = vec![T::default(); samples as usize];
         for index in &chunks {
             if let Some(decoded) = self.decode(index)? {
-                self.place(index, &decoded, &convert, &mut values);
+                self.copy_chunk(index, &decoded, &convert, &mut values);
             }
         }
         Ok(Samples { values, missing })
@@ -251,7 +250,7 @@ impl<'a> PackArray<'a> {
         let encoded = self
             .store
             .read(&self.key(index), 2 * expected + (64 << 10))
-            .map_err(|e| self.store.unread(e, |e| self.damaged(index, e)))?;
+            .map_err(|e| self.store.read_error(e, |e| self.damaged(index, e)))?;
         let Some(encoded) = encoded else { return Ok(None) };
         let decoded = self
             .chain
@@ -265,8 +264,8 @@ impl<'a> PackArray<'a> {
         Ok(Some(decoded))
     }
 
-    /// Copies a decoded chunk's rows to their place; what lies beyond the array's edge is dropped.
-    fn place<T>(&self, index: &[u64], decoded: &[u8], convert: &impl Fn(f64) -> T, values: &mut [T]) {
+    /// Copies the rows of a decoded chunk into `values`; samples beyond the array's edge are dropped.
+    fn copy_chunk<T>(&self, index: &[u64], decoded: &[u8], convert: &impl Fn(f64) -> T, values: &mut [T]) {
         let width = self.number.bytes();
         let rank = self.shape.len();
         let chunk: Vec<u64> = self.chunk.iter().map(|c| c.get()).collect();
@@ -304,8 +303,8 @@ fn sizes(json: &Value) -> Option<Vec<u64>> {
     ((1..=3).contains(&list.len()) && !list.contains(&0)).then_some(list)
 }
 
-/// Checks the chain of codecs.
-fn codecs(json: &Value) -> Result<(), String> {
+/// Validates the chain of codecs.
+fn check_codecs(json: &Value) -> Result<(), String> {
     let list = json.as_array().ok_or("has no list of codecs")?;
     let names: Vec<&str> = list.iter().map(|c| c["name"].as_str().or(c.as_str()).unwrap_or("?")).collect();
     let mut rest = names.as_slice();

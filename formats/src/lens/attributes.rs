@@ -1,35 +1,53 @@
-//! The attributes of a pack's group.
+//! Attributes of a pack's group.
 
-use super::SCHEMA;
-use super::array::METADATA_LIMIT;
 use super::error::LensPackError;
-use super::store::Store;
+use super::store::{MAX_METADATA_BYTES, PackStore};
 use pipeline::bounds::OutOfBounds;
 use pipeline::lens::PsfSample;
 use serde_json::{Map, Value};
 
-/// Attributes of a group whose schema is this program's.
+/// The only schema that this program reads and writes.
+pub const SCHEMA: &str = "lenscube/lens-pack/1";
+
+/// Descriptive attributes of a pack: printed, not used in any calculation.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PackAttributes {
+    /// Definition of the image plane.
+    pub image_plane: Option<String>,
+    /// Image plane minus paraxial focus, mm; positive away from the lens.
+    pub defocus_mm: Option<f64>,
+    /// Conventions of coordinates.
+    pub frame: Option<String>,
+    /// Error bounds of the PSFs.
+    pub psf_tolerance: Option<Value>,
+    /// Program, version, file, settings.
+    pub source: Option<Value>,
+}
+
+/// Attributes of a group with schema [`SCHEMA`].
 pub(super) struct Attributes<'a> {
-    store: &'a Store,
+    store: &'a PackStore,
     map: Map<String, Value>,
 }
 
 impl<'a> Attributes<'a> {
-    /// The group's attributes, its schema checked.
-    pub(super) fn of_group(store: &'a Store) -> Result<Self, LensPackError> {
-        let not = |problem: String| LensPackError::NotAPack { path: store.path.clone(), problem };
-        let bytes = match store.read("zarr.json", METADATA_LIMIT) {
+    /// Reads the group's attributes and checks its schema.
+    pub(super) fn of_group(store: &'a PackStore) -> Result<Self, LensPackError> {
+        let not_a_pack = |problem: String| LensPackError::NotAPack { path: store.path.clone(), problem };
+        let bytes = match store.read("zarr.json", MAX_METADATA_BYTES) {
             Ok(Some(bytes)) => bytes,
             Ok(None) if matches!(store.size(".zgroup"), Ok(Some(_))) => {
-                return Err(not("it is a Zarr v2 group".into()));
+                return Err(not_a_pack("it is a Zarr v2 group".into()));
             }
-            Ok(None) => return Err(not("it has no zarr.json".into())),
-            Err(e) => return Err(store.unread(e, |e| not(format!("its zarr.json cannot be read: {e}")))),
+            Ok(None) => return Err(not_a_pack("it has no zarr.json".into())),
+            Err(e) => {
+                return Err(store.read_error(e, |e| not_a_pack(format!("its zarr.json cannot be read: {e}"))));
+            }
         };
-        let mut json: Value =
-            serde_json::from_slice(&bytes).map_err(|e| not(format!("its zarr.json is not JSON: {e}")))?;
+        let mut json: Value = serde_json::from_slice(&bytes)
+            .map_err(|e| not_a_pack(format!("its zarr.json is not JSON: {e}")))?;
         if json["zarr_format"] != 3 || json["node_type"] != "group" {
-            return Err(not(format!(
+            return Err(not_a_pack(format!(
                 "its zarr_format is {}, its node_type {}",
                 json["zarr_format"], json["node_type"]
             )));
@@ -48,7 +66,7 @@ impl<'a> Attributes<'a> {
         }
     }
 
-    fn unfit(&self, name: &'static str, expected: &str) -> LensPackError {
+    fn invalid(&self, name: &'static str, expected: &str) -> LensPackError {
         let found = self.map.get(name).map_or("is missing".into(), |v| format!("is {v}"));
         LensPackError::Attribute {
             path: self.store.path.clone(),
@@ -57,8 +75,8 @@ impl<'a> Attributes<'a> {
         }
     }
 
-    /// The error for a number beyond its bound.
-    pub(super) fn beyond(&self, name: &'static str, e: &OutOfBounds) -> LensPackError {
+    /// Error of a number out of its bounds.
+    pub(super) fn out_of_bounds(&self, name: &'static str, e: &OutOfBounds) -> LensPackError {
         let problem = format!("is out of bounds: {e}");
         LensPackError::Attribute { path: self.store.path.clone(), name, problem }
     }
@@ -68,7 +86,7 @@ impl<'a> Attributes<'a> {
         self.map.get(name).filter(|v| !v.is_null()).cloned()
     }
 
-    /// A text; anything else is taken as missing.
+    /// A text; a value of another type counts as missing.
     pub(super) fn text(&self, name: &str) -> Option<String> {
         self.map.get(name).and_then(Value::as_str).map(str::to_owned)
     }
@@ -76,7 +94,7 @@ impl<'a> Attributes<'a> {
     /// A required positive number.
     pub(super) fn positive(&self, name: &'static str) -> Result<f64, LensPackError> {
         let value = self.map.get(name).and_then(Value::as_f64).filter(|v| v.is_finite() && *v > 0.0);
-        value.ok_or_else(|| self.unfit(name, "a positive number"))
+        value.ok_or_else(|| self.invalid(name, "a positive number"))
     }
 
     /// Missing, null and "Infinity" are `None`.
@@ -86,7 +104,7 @@ impl<'a> Attributes<'a> {
             Some(Value::String(s)) if s == "Infinity" => Ok(None),
             Some(v) => match v.as_f64() {
                 Some(v) if v.is_finite() => Ok(Some(v)),
-                _ => Err(self.unfit(name, "a number or null")),
+                _ => Err(self.invalid(name, "a number or null")),
             },
         }
     }
@@ -96,7 +114,7 @@ impl<'a> Attributes<'a> {
         match self.map.get("psf_sample").and_then(Value::as_str) {
             Some("point") => Ok(PsfSample::Point),
             Some("integrated") => Ok(PsfSample::Integrated),
-            _ => Err(self.unfit("psf_sample", "\"point\" or \"integrated\"")),
+            _ => Err(self.invalid("psf_sample", "\"point\" or \"integrated\"")),
         }
     }
 }

@@ -1,229 +1,107 @@
-//! What can be wrong with a lens pack: which pack, which array, what was found, what was expected, the way out.
+//! Errors of lens packs: pack, array, found and expected value, way out.
 
 use pipeline::lens::LensError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// A lens pack that cannot be read or written.
+/// Error of reading or writing a lens pack.
 #[derive(Debug, Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the messages describe the fields")]
 pub enum LensPackError {
-    /// Nothing is there.
+    /// The path does not exist.
     #[error(
         "there is no lens pack at {path}; give a directory `*.lens.zarr`, a .zip of one, or a built-in lens's name"
     )]
-    NotFound {
-        /// The pack.
-        path: PathBuf,
-    },
+    NotFound { path: PathBuf },
     /// No built-in lens has this name.
-    #[error("there is no built-in lens pack `{name}`; there is: {known}")]
-    NotBuiltin {
-        /// Name asked for.
-        name: String,
-        /// Names there are.
-        known: String,
-    },
-    /// The operating system refused.
+    #[error("there is no built-in lens pack `{name}`; built-in: {known}")]
+    NotBuiltin { name: String, known: String },
+    /// Error of the operating system.
     #[error("{path}: cannot {action}: {source}")]
     Io {
-        /// The file or directory.
         path: PathBuf,
-        /// What was being done.
+        /// Operation, as a verb.
         action: &'static str,
-        /// What it said.
         source: std::io::Error,
     },
     /// Not a Zarr v3 group.
     #[error(
         "{path} is not a lens pack: {problem}; expected a Zarr v3 group (a `zarr.json` with node_type `group`)"
     )]
-    NotAPack {
-        /// The pack.
-        path: PathBuf,
-        /// What was found.
-        problem: String,
-    },
-    /// The .zip itself is damaged or truncated.
-    #[error("{path}: the zip archive cannot be read: {problem}; copy it again, it may be cut short")]
-    Zip {
-        /// The pack.
-        path: PathBuf,
-        /// What the archive said.
-        problem: String,
-    },
-    /// Another schema.
-    #[error("{path}: attribute `schema` is {found}, expected \"{expected}\"; this program reads no other")]
-    Schema {
-        /// The pack.
-        path: PathBuf,
-        /// As found.
-        found: String,
-        /// As needed.
-        expected: &'static str,
-    },
-    /// An attribute is missing or unfit.
+    NotAPack { path: PathBuf, problem: String },
+    /// The .zip is damaged or truncated.
+    #[error("{path}: the zip archive cannot be read: {problem}; copy it again, it may be truncated")]
+    Zip { path: PathBuf, problem: String },
+    /// The schema is not supported.
+    #[error("{path}: attribute `schema` is {found}, expected \"{expected}\"; no other is supported")]
+    Schema { path: PathBuf, found: String, expected: &'static str },
+    /// An attribute is missing or invalid.
     #[error("{path}: attribute `{name}` {problem}")]
-    Attribute {
-        /// The pack.
-        path: PathBuf,
-        /// Name of the attribute.
-        name: &'static str,
-        /// What is wrong.
-        problem: String,
-    },
-    /// A required array is not there.
+    Attribute { path: PathBuf, name: &'static str, problem: String },
+    /// A required array is missing.
     #[error("{path}: array `{array}` is missing")]
-    MissingArray {
-        /// The pack.
-        path: PathBuf,
-        /// The array.
-        array: String,
-    },
-    /// The array's metadata cannot be used.
+    MissingArray { path: PathBuf, array: String },
+    /// The array's metadata is invalid.
     #[error("{path}: array `{array}`: {problem}")]
-    Metadata {
-        /// The pack.
-        path: PathBuf,
-        /// The array.
-        array: String,
-        /// What is wrong.
-        problem: String,
-    },
-    /// Another shape than the contract's.
+    Metadata { path: PathBuf, array: String, problem: String },
+    /// The array has an unexpected shape.
     #[error("{path}: array `{array}` has shape {found:?}, expected {expected}")]
-    Shape {
-        /// The pack.
-        path: PathBuf,
-        /// The array.
-        array: String,
-        /// As found.
-        found: Vec<u64>,
-        /// As needed, in words.
-        expected: String,
-    },
-    /// Another data type than the contract's.
+    Shape { path: PathBuf, array: String, found: Vec<u64>, expected: String },
+    /// The array has an unexpected data type.
     #[error("{path}: array `{array}` has data type {found}, expected {expected}")]
-    DataType {
-        /// The pack.
-        path: PathBuf,
-        /// The array.
-        array: String,
-        /// As found.
-        found: String,
-        /// As needed.
-        expected: &'static str,
-    },
-    /// The metadata claims more than the pack could hold, or than any lens needs.
+    DataType { path: PathBuf, array: String, found: String, expected: &'static str },
+    /// The metadata states a size beyond the stored bytes, or beyond any lens.
     #[error(
-        "{path}: array `{array}` claims {claim}, more than {limit}; its metadata is damaged, or this is no lens pack"
+        "{path}: array `{array}` states {stated}, more than {limit}; its metadata is damaged, or this is not a lens pack"
     )]
-    TooLarge {
-        /// The pack.
-        path: PathBuf,
-        /// The array.
-        array: String,
-        /// The size claimed.
-        claim: String,
-        /// The bound that it breaks.
-        limit: String,
-    },
-    /// A chunk file is not there.
+    TooLarge { path: PathBuf, array: String, stated: String, limit: String },
+    /// A chunk is missing.
     #[error(
-        "{path}: array `{array}`: chunk {chunk} is missing, so the pack is incomplete; copy it again (a writer that drops chunks equal to the fill value needs write_empty_chunks)"
+        "{path}: array `{array}`: chunk {chunk} is missing, so the pack is incomplete; copy it again (a writer that omits chunks equal to the fill value needs write_empty_chunks)"
     )]
-    MissingChunk {
-        /// The pack.
-        path: PathBuf,
-        /// The array.
-        array: String,
-        /// Key of the chunk.
-        chunk: String,
-    },
-    /// A chunk file is damaged or cut short.
+    MissingChunk { path: PathBuf, array: String, chunk: String },
+    /// A chunk is damaged or truncated.
     #[error("{path}: array `{array}`: chunk {chunk} is damaged: {problem}; copy the pack again")]
-    Chunk {
-        /// The pack.
-        path: PathBuf,
-        /// The array.
-        array: String,
-        /// Key of the chunk.
-        chunk: String,
-        /// What the codec said.
-        problem: String,
-    },
-    /// A value that no lens has.
+    Chunk { path: PathBuf, array: String, chunk: String, problem: String },
+    /// A value is invalid.
     #[error("{path}: array `{array}`: band {band}, index {index} is {value}, expected {expected}")]
     Value {
-        /// The pack.
         path: PathBuf,
-        /// The array.
         array: String,
-        /// Band index.
         band: usize,
         /// Index within the band.
         index: usize,
-        /// As found.
         value: f64,
-        /// As needed.
         expected: &'static str,
     },
-    /// The tables break the lens's contract.
+    /// A table of a band is invalid.
     #[error("{path}: {source}")]
-    Table {
-        /// The pack.
-        path: PathBuf,
-        /// Which table, and how.
-        source: LensError,
-    },
+    Table { path: PathBuf, source: LensError },
     /// A PSF window does not sum to 1.
     #[error(
-        "{path}: array `psf/{band}`: the window at height {index} ({height_mm:.3} mm) sums to {sum}, expected 1 within 1e-3; divide each window by its sum and put the light it held into psf_energy"
+        "{path}: array `psf/{band}`: the window at height {index} ({height_mm:.3} mm) sums to {sum}, expected 1 within 1e-3; divide each window by its sum and store the share of the total energy in psf_energy"
     )]
     PsfSum {
-        /// The pack.
         path: PathBuf,
-        /// Band index.
         band: usize,
-        /// Height index.
         index: usize,
-        /// REAL image height of the window, mm.
+        /// Real image height of the window, mm.
         height_mm: f64,
-        /// Sum of its samples.
         sum: f64,
     },
-    /// A band index beyond the lens's bands.
-    #[error("{path}: band {band} was asked for, the pack has {bands}")]
-    Band {
-        /// The pack.
-        path: PathBuf,
-        /// Index asked for.
-        band: usize,
-        /// Number of bands.
-        bands: usize,
-    },
-    /// It is not what it was when it was opened.
+    /// There is no such band.
+    #[error("{path}: band {band} was requested, the pack has {bands}")]
+    Band { path: PathBuf, band: usize, bands: usize },
+    /// The pack changed after it was opened.
     #[error(
-        "{path}: the lens pack changed while it was used ({what}), so a film may be of both; let it rest, then start anew with --overwrite"
+        "{path}: the lens pack changed while it was used ({what}), so the film may mix both versions; keep it unchanged, then start again with --overwrite"
     )]
-    Changed {
-        /// The pack.
-        path: PathBuf,
-        /// What differs.
-        what: String,
-    },
-    /// Something is already there.
+    Changed { path: PathBuf, what: String },
+    /// The path exists.
     #[error("{path} already exists; a lens pack is never overwritten: remove it or choose another name")]
-    Exists {
-        /// The pack.
-        path: PathBuf,
-    },
-    /// What is to be written contradicts itself.
+    Exists { path: PathBuf },
+    /// The values to write are inconsistent.
     #[error("{path}: cannot write the lens pack: {problem}")]
-    Write {
-        /// The pack.
-        path: PathBuf,
-        /// What is wrong.
-        problem: String,
-    },
+    Write { path: PathBuf, problem: String },
 }

@@ -1,61 +1,37 @@
-//! Number types a pack's tables may be stored in; all become f64.
+//! Number types of a pack's stored tables; all are converted to f64.
 
-/// A number type.
-#[derive(Clone, Copy)]
-pub(super) enum Number {
-    F32,
-    F64,
-    I8,
-    I16,
-    I32,
-    I64,
-    U8,
-    U16,
-    U32,
-    U64,
+macro_rules! number_types {
+    ($($variant:ident: $type:ident = $name:literal),*) => {
+        /// A number type.
+        #[derive(Clone, Copy)]
+        pub(super) enum Number { $($variant),* }
+
+        impl Number {
+            /// The type with a Zarr name; `None`: not supported.
+            pub(super) fn from_name(name: &str) -> Option<Self> {
+                Some(match name {
+                    $($name => Self::$variant,)*
+                    _ => return None,
+                })
+            }
+
+            /// Bytes of one sample.
+            pub(super) fn bytes(self) -> usize {
+                match self { $(Self::$variant => size_of::<$type>()),* }
+            }
+
+            /// One sample from its native bytes; integers above 2^53 are rounded.
+            pub(super) fn value(self, bytes: &[u8]) -> f64 {
+                match self {
+                    $(Self::$variant => $type::from_ne_bytes(bytes.try_into().expect("the bytes of one sample")) as f64),*
+                }
+            }
+        }
+    };
 }
 
-impl Number {
-    /// By its Zarr name; `None` = another type.
-    pub(super) fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "float32" => Self::F32,
-            "float64" => Self::F64,
-            "int8" => Self::I8,
-            "int16" => Self::I16,
-            "int32" => Self::I32,
-            "int64" => Self::I64,
-            "uint8" => Self::U8,
-            "uint16" => Self::U16,
-            "uint32" => Self::U32,
-            "uint64" => Self::U64,
-            _ => return None,
-        })
-    }
-
-    /// Bytes of one sample.
-    pub(super) fn bytes(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::F32 | Self::I32 | Self::U32 => 4,
-            Self::F64 | Self::I64 | Self::U64 => 8,
-        }
-    }
-
-    /// One sample from its native bytes; integers beyond 2^53 round.
-    pub(super) fn value(self, b: &[u8]) -> f64 {
-        match self {
-            Self::F32 => f64::from(f32::from_ne_bytes([b[0], b[1], b[2], b[3]])),
-            Self::F64 => f64::from_ne_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]),
-            Self::I8 => f64::from(b[0] as i8),
-            Self::U8 => f64::from(b[0]),
-            Self::I16 => f64::from(i16::from_ne_bytes([b[0], b[1]])),
-            Self::U16 => f64::from(u16::from_ne_bytes([b[0], b[1]])),
-            Self::I32 => f64::from(i32::from_ne_bytes([b[0], b[1], b[2], b[3]])),
-            Self::U32 => f64::from(u32::from_ne_bytes([b[0], b[1], b[2], b[3]])),
-            Self::I64 => i64::from_ne_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]) as f64,
-            Self::U64 => u64::from_ne_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]) as f64,
-        }
-    }
-}
+number_types!(
+    F32: f32 = "float32", F64: f64 = "float64",
+    I8: i8 = "int8", I16: i16 = "int16", I32: i32 = "int32", I64: i64 = "int64",
+    U8: u8 = "uint8", U16: u16 = "uint16", U32: u32 = "uint32", U64: u64 = "uint64"
+);

@@ -1,38 +1,37 @@
-//! From a pack's arrays and attributes to the pipeline's tables; everything is checked here, at the door.
+//! Conversion of a pack's arrays and attributes to the pipeline's tables, with validation of all values.
 //!
 //! Tables are (bands, field points) or (bands, heights). A band with fewer of them ends its rows with NaN: its number of
 //! heights is the number of entries of `psf_height` before the first NaN, and `psf/<band>` has that many windows.
 
-use super::PackAttributes;
 use super::array::PackArray;
-use super::attributes::Attributes;
+use super::attributes::{Attributes, PackAttributes};
 use super::error::LensPackError;
-use super::store::Store;
+use super::store::PackStore;
 use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand, PsfStack};
 use std::f64::consts::PI;
 
-/// A window's sum may miss 1 by this much before it is an error.
-const SUM_TOLERANCE: f64 = 1e-3;
-/// A window whose sum misses 1 by less is kept as it is: f32 rounding alone gives 1e-7.
+/// Maximum deviation of a window's sum from 1.
+pub(super) const SUM_TOLERANCE: f64 = 1e-3;
+/// A window whose sum deviates from 1 by less is not normalised: f32 rounding alone gives 1e-7.
 const SUM_EXACT: f64 = 1e-6;
 
-/// Reads every table; `notes` says which defaults were taken.
-/// The chunks' bytes are those of each band's PSFs, decoded.
+/// Reads every table: the lens, descriptive attributes, and the bytes of one decoded chunk of each band's PSFs. `notes` lists the
+/// defaults used.
 pub(super) fn lens(
-    store: &Store,
+    store: &PackStore,
     notes: &mut Vec<String>,
 ) -> Result<(Lens, PackAttributes, Vec<usize>), LensPackError> {
     let head = Attributes::of_group(store)?;
     let wavelength = PackArray::open(store, "wavelength")?;
     let bands = match wavelength.shape[..] {
-        [n] if bounds::BANDS.holds(n as f64) => n as usize,
+        [n] if bounds::BANDS.contains(n as f64) => n as usize,
         _ => return Err(wavelength.shape_error(format!("[bands], {}", bounds::BANDS))),
     };
     let tables = Tables { store, bands };
     let wavelength_nm = tables.per_band("wavelength")?;
     if let Some(b) = (1..bands).find(|&b| wavelength_nm[b] <= wavelength_nm[b - 1]) {
-        let expected = "wavelengths that ascend";
+        let expected = "ascending wavelengths";
         return Err(tables.value("wavelength", b, 0, wavelength_nm[b], expected));
     }
     let ideal = tables.rows("ideal_height", None)?;
@@ -46,13 +45,13 @@ pub(super) fn lens(
     let energy = tables.rows("psf_energy", same)?;
     let pitch = tables.per_band("psf_pitch")?;
     let f_number = head.positive("f_number")?;
-    bounds::F_NUMBER.check(f_number).map_err(|e| head.beyond("f_number", &e))?;
+    bounds::F_NUMBER.check(f_number).map_err(|e| head.out_of_bounds("f_number", &e))?;
     let solid_angle = tables.per_band_or("solid_angle", || {
-        notes.push(format!("solid_angle is missing: π/(4N²) with N = {f_number} was taken"));
+        notes.push(format!("solid_angle is missing: default π/(4N²) with N = {f_number}"));
         PI / (4.0 * f_number * f_number)
     })?;
     let transmission = tables.per_band_or("transmission", || {
-        notes.push("transmission is missing: 1 was taken".into());
+        notes.push("transmission is missing: default 1".into());
         1.0
     })?;
     let sample = head.sample()?;
@@ -80,7 +79,7 @@ pub(super) fn lens(
     }
     let lens = Lens {
         name: head.text("name").unwrap_or_else(|| {
-            notes.push("attribute `name` is missing: the file's name was taken".into());
+            notes.push("attribute `name` is missing: default, the file's name".into());
             store.path.file_name().map_or("lens".into(), |n| n.to_string_lossy().into_owned())
         }),
         distortion_focal_length_mm: head.positive("distortion_focal_length_mm")?,
@@ -92,10 +91,10 @@ pub(super) fn lens(
         psf_sample: sample,
         bands: lens_bands,
     };
-    lens.check_head().map_err(|(name, e)| head.beyond(name, &e))?;
+    lens.check_head().map_err(|(name, e)| head.out_of_bounds(name, &e))?;
     let defocus_mm = head.number_or_null("defocus_mm")?;
     if let Some(Err(e)) = defocus_mm.map(|v| bounds::DEFOCUS_MM.check(v)) {
-        return Err(head.beyond("defocus_mm", &e));
+        return Err(head.out_of_bounds("defocus_mm", &e));
     }
     let other = PackAttributes {
         image_plane: head.text("image_plane"),
@@ -107,8 +106,8 @@ pub(super) fn lens(
     Ok((lens, other, chunks))
 }
 
-/// Reads one band's windows: finite, each of sum 1.
-pub(super) fn psf(store: &Store, lens: &Lens, index: usize) -> Result<PsfStack, LensPackError> {
+/// Reads one band's windows: finite, each with sum 1.
+pub(super) fn psf(store: &PackStore, lens: &Lens, index: usize) -> Result<PsfStack, LensPackError> {
     let bands = lens.bands.len();
     let band = lens.bands.get(index).ok_or_else(|| LensPackError::Band {
         path: store.path.clone(),
@@ -133,12 +132,12 @@ pub(super) fn psf(store: &Store, lens: &Lens, index: usize) -> Result<PsfStack, 
             });
         }
         let sum: f64 = window.iter().map(|&v| f64::from(v)).sum();
-        let off = (sum - 1.0).abs();
-        // A writer may drop chunks of nothing but zeros; then the sums are right without them.
-        if let (Some(chunk), true) = (&samples.missing, off > SUM_EXACT) {
+        let deviation = (sum - 1.0).abs();
+        // A writer may omit chunks of zeros; then the sums are 1 without them.
+        if let (Some(chunk), true) = (&samples.missing, deviation > SUM_EXACT) {
             return Err(array.missing_chunk(chunk.clone()));
         }
-        if off > SUM_TOLERANCE {
+        if deviation > SUM_TOLERANCE {
             return Err(LensPackError::PsfSum {
                 path: store.path.clone(),
                 band: index,
@@ -147,19 +146,19 @@ pub(super) fn psf(store: &Store, lens: &Lens, index: usize) -> Result<PsfStack, 
                 sum,
             });
         }
-        if off > SUM_EXACT {
+        if deviation > SUM_EXACT {
             window.iter_mut().for_each(|v| *v = (f64::from(*v) / sum) as f32);
         }
     }
     Ok(PsfStack { size: n, pitch_um: band.psf_pitch_um, sample: lens.psf_sample, samples: values })
 }
 
-/// Side of band `b`'s windows and bytes of a chunk of them, from the metadata alone.
-fn psf_size(store: &Store, b: usize, k: usize) -> Result<(usize, usize), LensPackError> {
+/// Side of band `b`'s windows and bytes of a decoded chunk of them, from the metadata.
+fn psf_size(store: &PackStore, b: usize, k: usize) -> Result<(usize, usize), LensPackError> {
     let array = PackArray::open(store, &format!("psf/{b}"))?;
     array.expect_float()?;
     match array.shape[..] {
-        [_, rows, _] if !bounds::PSF_SIDE.holds(rows as f64) => {
+        [_, rows, _] if !bounds::PSF_SIDE.contains(rows as f64) => {
             Err(array.shape_error(format!("[{k}, n, n] with n odd, {}", bounds::PSF_SIDE)))
         }
         [windows, rows, columns] if windows as usize == k && rows == columns && rows % 2 == 1 => {
@@ -170,7 +169,7 @@ fn psf_size(store: &Store, b: usize, k: usize) -> Result<(usize, usize), LensPac
 }
 
 struct Tables<'a> {
-    store: &'a Store,
+    store: &'a PackStore,
     bands: usize,
 }
 
@@ -208,34 +207,34 @@ impl Tables<'_> {
         }
     }
 
-    /// A required array of one number a band.
+    /// A required array of one number per band.
     fn per_band(&self, name: &'static str) -> Result<Vec<f64>, LensPackError> {
         let array = PackArray::open(self.store, name)?;
         array.expect_shape(&[self.bands], "bands")?;
         self.finite(name, array.read()?)
     }
 
-    /// An optional array of one number a band.
+    /// An optional array of one number per band.
     fn per_band_or(
         &self,
         name: &'static str,
         default: impl FnOnce() -> f64,
     ) -> Result<Vec<f64>, LensPackError> {
-        match PackArray::open_if_there(self.store, name)? {
+        match PackArray::open_optional(self.store, name)? {
             Some(_) => self.per_band(name),
             None => Ok(vec![default(); self.bands]),
         }
     }
 
-    /// A required (bands, width) array; `width` and its name where it is known already.
+    /// A required (bands, width) array; `width` with a description of the axes if it is known already.
     fn rows(&self, name: &'static str, width: Option<(usize, &str)>) -> Result<Rows<'_>, LensPackError> {
         let array = PackArray::open(self.store, name)?;
-        let (width, words) = match (width, &array.shape[..]) {
+        let (width, axes) = match (width, &array.shape[..]) {
             (Some(known), _) => known,
             (None, [_, found]) => (*found as usize, "bands, then at least 2"),
             _ => return Err(array.shape_error(format!("[{}, at least 2]", self.bands))),
         };
-        array.expect_shape(&[self.bands, width], words)?;
+        array.expect_shape(&[self.bands, width], axes)?;
         array.expect_at_most(&bounds::TABLE_NUMBERS)?;
         Ok(Rows { tables: self, name, width, values: array.read()? })
     }
@@ -246,7 +245,7 @@ impl Rows<'_> {
         &self.values[b * self.width..][..self.width]
     }
 
-    /// The numbers before the NaN that pad a short row.
+    /// The numbers of a row before its NaN padding.
     fn numbers(&self, b: usize) -> Result<Vec<f64>, LensPackError> {
         let row = self.row(b);
         let count = row.iter().position(|v| v.is_nan()).unwrap_or(self.width);
@@ -274,7 +273,7 @@ impl Rows<'_> {
         Ok(row[..count].to_vec())
     }
 
-    /// The first `k` numbers, all finite; what pads the row is not looked at.
+    /// The first `k` numbers, all finite; the padding is ignored.
     fn first(&self, b: usize, k: usize) -> Result<Vec<f64>, LensPackError> {
         let row = &self.row(b)[..k];
         match row.iter().position(|v| !v.is_finite()) {
@@ -285,8 +284,8 @@ impl Rows<'_> {
 
     fn counts(&self, b: usize, k: usize) -> Result<Vec<usize>, LensPackError> {
         let row = &self.row(b)[..k];
-        let whole = |v: f64| (0.0..=bounds::AZIMUTHS.most).contains(&v) && v.fract() == 0.0;
-        match row.iter().position(|v| !whole(*v)) {
+        let is_count = |v: f64| (0.0..=bounds::AZIMUTHS.max).contains(&v) && v.fract() == 0.0;
+        match row.iter().position(|v| !is_count(*v)) {
             Some(i) => Err(self.tables.value(self.name, b, i, row[i], "a whole number up to 7200")),
             None => Ok(row.iter().map(|&v| v as usize).collect()),
         }

@@ -1,14 +1,11 @@
-//! Where a pack's bytes lie: a directory, objects below a URL, a .zip of them, or a .zip inside the program. Keys as in Zarr:
-//! `psf/0/zarr.json`.
+//! Storage of a pack: a directory, objects below a URL, a .zip as file or object, or a .zip in memory. Keys as in Zarr: `psf/0/zarr.json`.
 //!
-//! A zip may hold the group at its root or in one top-level directory. Nothing is read that is longer than the caller
-//! expects, and no size in a header is believed before the bytes are there.
+//! A zip has the group at its root or in one top-level directory. Every read has a maximum length, and no buffer is allocated by a size
+//! that a header states.
 
-use super::array::METADATA_LIMIT;
 use super::error::LensPackError;
-use super::stamp::SealedFile;
-use crate::durable::FileState;
-use crate::durable::{DurableError, Objects, is_url, passes};
+use super::hashed_file::HashedFile;
+use crate::durable::{DurableError, FileState, Objects, is_not_found, is_url, passes};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -18,43 +15,45 @@ use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
-/// Bytes of a .zip that is an object, fetched at once.
-const AT_ONCE: usize = 1 << 20;
+/// Maximum size of a `zarr.json`, enough for a long source record.
+pub(super) const MAX_METADATA_BYTES: u64 = 32 << 20;
+/// Bytes of one request of a .zip that is an object.
+const REQUEST_BYTES: usize = 1 << 20;
 
 trait ReadSeek: Read + Seek + Send {}
 impl<T: Read + Seek + Send> ReadSeek for T {}
 
-/// The pack's bytes by key.
-pub(super) struct Store {
-    /// Shown in errors.
+/// Values of a pack by key.
+pub(super) struct PackStore {
+    /// Path in errors.
     pub(super) path: PathBuf,
     kind: Kind,
 }
 
 enum Kind {
-    /// What was read or asked for, by key, as the file system told of it first; `None`: it was not there.
+    /// First state of each file that was read or looked up, by key; `None`: it did not exist.
     Directory(Mutex<BTreeMap<String, Option<FileState>>>),
     Objects(Objects),
     Zip {
         archive: Mutex<ZipArchive<Box<dyn ReadSeek>>>,
         prefix: String,
-        from: Origin,
+        origin: Origin,
     },
 }
 
-/// Where a zip's bytes come from.
+/// Source of a zip's bytes.
 #[derive(Clone, Copy)]
 enum Origin {
-    /// The program, or a file that is checked elsewhere.
+    /// Memory, or a [`HashedFile`], which checks for changes itself.
     Fixed,
-    /// The file of that name.
+    /// The file at the path, and its state when it was opened.
     File(FileState),
     /// An object.
     Object,
 }
 
-impl Store {
-    /// A directory, a .zip file, or one of the two at a URL.
+impl PackStore {
+    /// Opens a directory, a .zip file, or either at a URL.
     pub(super) fn open(path: &Path) -> Result<Self, LensPackError> {
         if is_url(path) {
             return Self::objects(path);
@@ -71,18 +70,18 @@ impl Store {
             return Ok(Self { path: path.into(), kind: Kind::Directory(Mutex::default()) });
         }
         let file = File::open(path).map_err(io)?;
-        let stamp = FileState::of(&file.metadata().map_err(io)?);
-        Self::file(path, file, Origin::File(stamp))
+        let state = FileState::from_metadata(&file.metadata().map_err(io)?);
+        Self::file(path, file, Origin::File(state))
     }
 
-    /// The .zip in an open file.
-    pub(super) fn sealed(sealed: &SealedFile) -> Result<Self, LensPackError> {
-        let path = &sealed.path;
+    /// Opens the .zip in an open file.
+    pub(super) fn hashed(hashed: &HashedFile) -> Result<Self, LensPackError> {
+        let path = &hashed.path;
         let io = |source| LensPackError::Io { path: path.clone(), action: "open the lens pack", source };
-        Self::file(path, sealed.reader().map_err(io)?, Origin::Fixed)
+        Self::file(path, hashed.try_clone().map_err(io)?, Origin::Fixed)
     }
 
-    fn file(path: &Path, mut file: File, from: Origin) -> Result<Self, LensPackError> {
+    fn file(path: &Path, mut file: File, origin: Origin) -> Result<Self, LensPackError> {
         let io = |source| LensPackError::Io { path: path.into(), action: "open the lens pack", source };
         file.rewind().map_err(io)?;
         let mut magic = [0; 4];
@@ -91,7 +90,7 @@ impl Store {
             return Err(LensPackError::NotAPack { path: path.into(), problem });
         }
         file.rewind().map_err(io)?;
-        Self::zip(path.into(), Box::new(BufReader::new(file)), from)
+        Self::zip(path.into(), Box::new(BufReader::new(file)), origin)
     }
 
     fn objects(url: &Path) -> Result<Self, LensPackError> {
@@ -101,43 +100,46 @@ impl Store {
             source: source.into(),
         };
         let objects = Objects::at(url).map_err(io)?;
-        if objects.read_at_most("zarr.json", METADATA_LIMIT).map_err(io)?.is_some() {
+        if objects.read_at_most("zarr.json", MAX_METADATA_BYTES).map_err(io)?.is_some() {
             return Ok(Self { path: url.into(), kind: Kind::Objects(objects) });
         }
         match objects.size_of("").map_err(io)? {
             Some(size) => Self::zip(
                 url.into(),
-                Box::new(BufReader::with_capacity(AT_ONCE, Object { objects, size, at: 0 })),
+                Box::new(BufReader::with_capacity(
+                    REQUEST_BYTES,
+                    ObjectReader { objects, size, position: 0 },
+                )),
                 Origin::Object,
             ),
             None => Err(LensPackError::NotFound { path: url.into() }),
         }
     }
 
-    /// A .zip in memory; `path` is what errors call it.
+    /// Opens a .zip in memory; `path` is its name in errors.
     pub(super) fn bytes(path: PathBuf, bytes: Cow<'static, [u8]>) -> Result<Self, LensPackError> {
         Self::zip(path, Box::new(Cursor::new(bytes)), Origin::Fixed)
     }
 
-    /// Whether what it was read from may change.
+    /// Whether the storage may change: not memory, nor a [`HashedFile`], which detects changes itself.
     pub(super) fn may_change(&self) -> bool {
-        !matches!(self.kind, Kind::Zip { from: Origin::Fixed, .. })
+        !matches!(self.kind, Kind::Zip { origin: Origin::Fixed, .. })
     }
 
-    /// Whether all files that were read or asked for are as they were, by size, times and inode; `false` where nothing tells.
-    pub(super) fn same_files(&self) -> bool {
+    /// Whether all files that were read or looked up are unchanged, by size, times and inode; `false` if that is unknown.
+    pub(super) fn files_are_unchanged(&self) -> bool {
         match &self.kind {
             Kind::Directory(seen) => {
                 let seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
-                seen.iter().all(|(key, stamp)| FileState::at(&self.path.join(key)) == *stamp)
+                seen.iter().all(|(key, state)| FileState::from_path(&self.path.join(key)) == *state)
             }
-            Kind::Zip { from: Origin::File(stamp), .. } => FileState::at(&self.path) == Some(*stamp),
-            Kind::Zip { from, .. } => matches!(from, Origin::Fixed),
+            Kind::Zip { origin: Origin::File(state), .. } => FileState::from_path(&self.path) == Some(*state),
+            Kind::Zip { origin, .. } => matches!(origin, Origin::Fixed),
             Kind::Objects(_) => false,
         }
     }
 
-    fn zip(path: PathBuf, reader: Box<dyn ReadSeek>, from: Origin) -> Result<Self, LensPackError> {
+    fn zip(path: PathBuf, reader: Box<dyn ReadSeek>, origin: Origin) -> Result<Self, LensPackError> {
         let archive = ZipArchive::new(reader).map_err(|e| match e {
             ZipError::Io(source) if passes(&source) => {
                 LensPackError::Io { path: path.clone(), action: "read the lens pack", source }
@@ -148,11 +150,11 @@ impl Store {
             Ok(prefix) => prefix,
             Err(problem) => return Err(LensPackError::NotAPack { path, problem }),
         };
-        Ok(Self { path, kind: Kind::Zip { archive: Mutex::new(archive), prefix, from } })
+        Ok(Self { path, kind: Kind::Zip { archive: Mutex::new(archive), prefix, origin } })
     }
 
-    /// The error for what cannot be read: it may be sound if that may pass, else it is what `otherwise` says.
-    pub(super) fn unread(
+    /// Classifies an error of a read: one that may pass, or else the permanent error that `otherwise` makes of its text.
+    pub(super) fn read_error(
         &self,
         e: io::Error,
         otherwise: impl FnOnce(String) -> LensPackError,
@@ -163,16 +165,16 @@ impl Store {
         }
     }
 
-    /// Stored length of a key's value in bytes; `None` = no such key.
+    /// Stored length in bytes of the value of `key`; `None`: no such key.
     pub(super) fn size(&self, key: &str) -> io::Result<Option<u64>> {
         match &self.kind {
             Kind::Directory(seen) => match std::fs::metadata(self.path.join(key)) {
                 Ok(meta) if meta.is_file() => {
-                    note(seen, key, Some(FileState::of(&meta)));
+                    record_first_state(seen, key, Some(FileState::from_metadata(&meta)));
                     Ok(Some(meta.len()))
                 }
                 Ok(_) => Ok(None),
-                Err(e) => absent(e).inspect(|_| note(seen, key, None)),
+                Err(e) => missing(e).inspect(|_| record_first_state(seen, key, None)),
             },
             Kind::Objects(objects) => Ok(objects.size_of(key)?),
             Kind::Zip { archive, prefix, .. } => {
@@ -187,15 +189,15 @@ impl Store {
         }
     }
 
-    /// A key's value; `None` = no such key. Longer than `limit` bytes is an error.
+    /// The value of `key`; `None`: no such key. More than `limit` bytes are an error.
     pub(super) fn read(&self, key: &str, limit: u64) -> io::Result<Option<Vec<u8>>> {
         match &self.kind {
             Kind::Directory(seen) => match File::open(self.path.join(key)) {
                 Ok(file) => {
-                    note(seen, key, Some(FileState::of(&file.metadata()?)));
+                    record_first_state(seen, key, Some(FileState::from_metadata(&file.metadata()?)));
                     read_up_to(file, limit).map(Some)
                 }
-                Err(e) => absent(e).inspect(|_| note(seen, key, None)),
+                Err(e) => missing(e).inspect(|_| record_first_state(seen, key, None)),
             },
             Kind::Objects(objects) => Ok(objects.read_at_most(key, limit)?),
             Kind::Zip { archive, prefix, .. } => {
@@ -211,55 +213,56 @@ impl Store {
     }
 }
 
-/// Remembers what the file system told of a key first.
-fn note(seen: &Mutex<BTreeMap<String, Option<FileState>>>, key: &str, stamp: Option<FileState>) {
-    seen.lock().unwrap_or_else(PoisonError::into_inner).entry(key.to_owned()).or_insert(stamp);
+fn record_first_state(
+    seen: &Mutex<BTreeMap<String, Option<FileState>>>,
+    key: &str,
+    state: Option<FileState>,
+) {
+    seen.lock().unwrap_or_else(PoisonError::into_inner).entry(key.to_owned()).or_insert(state);
 }
 
-/// A .zip that is an object, read in parts.
-struct Object {
+/// Reader of an object by range requests.
+struct ObjectReader {
     objects: Objects,
     size: u64,
-    at: u64,
+    position: u64,
 }
 
-impl Read for Object {
+impl Read for ObjectReader {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        let length = (self.size.saturating_sub(self.at)).min(out.len() as u64);
-        let Some(at) = i64::try_from(self.at).ok().filter(|_| length > 0) else { return Ok(0) };
-        let bytes = self.objects.read_range("", at, length)?;
-        let bytes = bytes.ok_or_else(|| io::Error::other("the object vanished while it was read"))?;
+        let length = (self.size.saturating_sub(self.position)).min(out.len() as u64);
+        let Some(offset) = i64::try_from(self.position).ok().filter(|_| length > 0) else { return Ok(0) };
+        let bytes = self.objects.read_range("", offset, length)?;
+        let bytes = bytes.ok_or_else(|| io::Error::other("the object was removed while it was read"))?;
         out[..bytes.len()].copy_from_slice(&bytes);
-        self.at += length;
+        self.position += length;
         Ok(bytes.len())
     }
 }
 
-impl Seek for Object {
+impl Seek for ObjectReader {
     fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
-        let at = match to {
+        let position = match to {
             io::SeekFrom::Start(n) => Some(n),
             io::SeekFrom::End(n) => self.size.checked_add_signed(n),
-            io::SeekFrom::Current(n) => self.at.checked_add_signed(n),
+            io::SeekFrom::Current(n) => self.position.checked_add_signed(n),
         };
-        self.at = at.ok_or_else(|| io::Error::from(io::ErrorKind::InvalidInput))?;
-        Ok(self.at)
+        self.position = position.ok_or_else(|| io::Error::from(io::ErrorKind::InvalidInput))?;
+        Ok(self.position)
     }
 }
 
-fn absent<T>(e: io::Error) -> io::Result<Option<T>> {
-    match e.kind() {
-        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => Ok(None),
-        _ => Err(e),
-    }
+/// `None` if a file does not exist.
+fn missing<T>(e: io::Error) -> io::Result<Option<T>> {
+    if is_not_found(&e) { Ok(None) } else { Err(e) }
 }
 
-/// The whole of `from` (a zip entry checks its CRC at the end), grown as it comes.
+/// Reads to the end (where a zip entry checks its CRC); the buffer grows with the bytes read.
 fn read_up_to(from: impl Read, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     from.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit {
-        return Err(io::Error::other(format!("is longer than the {limit} bytes it can be")));
+        return Err(io::Error::other(format!("is longer than the maximum of {limit} bytes")));
     }
     Ok(bytes)
 }
@@ -279,7 +282,7 @@ where
     }
     match found.len() {
         1 => Ok(found.remove(0)),
-        0 => Err("the archive has no zarr.json at its root nor in one top-level directory".into()),
-        n => Err(format!("the archive holds {n} groups ({})", found.join(", "))),
+        0 => Err("the archive has no zarr.json at its root or in one top-level directory".into()),
+        n => Err(format!("the archive contains {n} groups ({})", found.join(", "))),
     }
 }

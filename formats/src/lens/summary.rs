@@ -1,25 +1,25 @@
-//! What `lens show` prints: a lens in numbers, and what its PSF samples imply. As text (`Display`) or JSON (serde).
+//! Summary of a lens pack, printed by `lens show` as text (`Display`) or JSON (serde).
 //!
 //! ```text
 //! distortion = (real - ideal)/ideal of the last field point, ideal = f·tan(field) with the DISTORTION focal length f
-//! lateral colour = real height minus that at the band nearest the primary wavelength, same ideal height (the last both hold)
-//! Nyquist pitch = λ·N/2, N = the F-number: a PSF of an aberrated lens holds no finer detail (pupil autocorrelation 2·NA/λ)
+//! lateral colour = real height minus that of the band nearest the primary wavelength, at the last ideal height common to both
+//! Nyquist pitch = λ·N/2, N = the F-number: the OTF of a lens ends at 1/(λ·N) (autocorrelation of the pupil, 2·NA/λ)
 //! ```
 
-use super::LensPack;
+use super::pack::LensPack;
 use pipeline::lens::{LensBand, PsfSample};
 use serde::Serialize;
 use std::fmt;
 
-/// Bands shown unless all are asked for.
-const FEW: usize = 5;
+/// Number of bands listed by default.
+const LISTED_BANDS: usize = 5;
 
-/// A lens in numbers.
+/// Summary of a lens.
 #[derive(Clone, Debug, Serialize)]
 pub struct LensSummary {
     /// Name.
     pub name: String,
-    /// Where the pack lies.
+    /// Path of the pack.
     pub path: String,
     /// Distortion focal length, mm.
     pub distortion_focal_length_mm: f64,
@@ -33,7 +33,7 @@ pub struct LensSummary {
     pub object_distance_mm: Option<f64>,
     /// Magnification.
     pub magnification: f64,
-    /// Where the image plane is, in words.
+    /// Definition of the image plane.
     pub image_plane: Option<String>,
     /// Image plane minus paraxial focus, mm.
     pub defocus_mm: Option<f64>,
@@ -41,28 +41,28 @@ pub struct LensSummary {
     pub bands: usize,
     /// First and last wavelength, nm.
     pub wavelength_nm: [f64; 2],
-    /// Half field that every band holds, mm of ideal height.
+    /// Half field common to all bands, mm of ideal height.
     pub ideal_field_mm: f64,
-    /// Half field that every band holds, mm of REAL height.
+    /// Half field common to all bands, mm of real height.
     pub image_field_mm: f64,
     /// The same in degrees; `None` unless the object is at infinity.
     pub field_deg: Option<f64>,
     /// "point" or "integrated".
     pub psf_sample: &'static str,
-    /// What the samples imply, in words.
+    /// Consequences of sample kind and pitch.
     pub sampling: String,
-    /// Defaults taken for what the pack does not hold.
+    /// Defaults used for missing arrays and attributes.
     pub notes: Vec<String>,
-    /// Some bands, or all.
+    /// The listed bands.
     pub table: Vec<BandSummary>,
 }
 
-/// One band in numbers; "edge" is the last field point or height.
+/// Summary of one band; "edge" is the last field point or height.
 #[derive(Clone, Debug, Serialize)]
 pub struct BandSummary {
     /// Wavelength, nm.
     pub wavelength_nm: f64,
-    /// REAL height of the last field point, mm.
+    /// Real height of the last field point, mm.
     pub edge_height_mm: f64,
     /// Relative illumination there.
     pub edge_illumination: f64,
@@ -78,30 +78,33 @@ pub struct BandSummary {
     pub psf_pitch_um: f64,
     /// λ·N/2, µm.
     pub nyquist_pitch_um: f64,
-    /// Share of the light inside the window: on the axis, at the edge, and the least of all heights.
+    /// Share of the energy inside the window: on axis, at the edge, and the minimum of all heights.
     pub energy: [f64; 3],
     /// Number of heights.
     pub heights: usize,
-    /// REAL height of the last PSF, mm.
+    /// Real height of the last PSF, mm.
     pub last_psf_height_mm: f64,
-    /// Fewest and most azimuths off the axis.
+    /// Minimum and maximum number of azimuths off axis.
     pub azimuths: [usize; 2],
-    /// Kernels of the whole grid.
+    /// Number of nodes of the PSF field.
     pub nodes: usize,
 }
 
-/// Sums up an open pack. `all_bands` gives every band, else about five; `turning_error` is the estimated L1 error (a ratio) of
-/// turning an integrated pack's kernels between quarter turns, where the caller knows it.
-pub fn summary(pack: &LensPack, all_bands: bool, turning_error: Option<f64>) -> LensSummary {
+/// Summary of an open pack, with all bands or about five. `rotation_error`: estimated L1 error (a ratio) of the rotation of an integrated
+/// pack's kernels by other angles than multiples of 90°, if known.
+pub fn summary(pack: &LensPack, all_bands: bool, rotation_error: Option<f64>) -> LensSummary {
     let lens = pack.lens();
     let bands = &lens.bands;
-    let off = |b: &&LensBand| (b.wavelength_nm - lens.primary_wavelength_nm).abs();
-    let primary = bands.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
-    let few = |&b: &usize| (0..FEW).any(|i| b == (i * (bands.len() - 1) + (FEW - 1) / 2) / (FEW - 1));
-    let shown = (0..bands.len()).filter(|b| all_bands || few(b));
-    let table = shown.map(|b| band_summary(&bands[b], primary.unwrap_or(&bands[b]), lens.f_number)).collect();
-    let least = |of: fn(&LensBand) -> f64| bands.iter().map(of).fold(f64::INFINITY, f64::min);
-    let ideal_field_mm = least(|b| last(&b.ideal_height_mm));
+    let distance = |b: &&LensBand| (b.wavelength_nm - lens.primary_wavelength_nm).abs();
+    let primary = bands.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let is_listed = |&b: &usize| {
+        (0..LISTED_BANDS).any(|i| b == (i * (bands.len() - 1) + (LISTED_BANDS - 1) / 2) / (LISTED_BANDS - 1))
+    };
+    let listed = (0..bands.len()).filter(|b| all_bands || is_listed(b));
+    let table =
+        listed.map(|b| band_summary(&bands[b], primary.unwrap_or(&bands[b]), lens.f_number)).collect();
+    let minimum = |value: fn(&LensBand) -> f64| bands.iter().map(value).fold(f64::INFINITY, f64::min);
+    let ideal_field_mm = minimum(|b| last(&b.ideal_height_mm));
     let other = pack.attributes();
     LensSummary {
         name: lens.name.clone(),
@@ -115,9 +118,9 @@ pub fn summary(pack: &LensPack, all_bands: bool, turning_error: Option<f64>) -> 
         image_plane: other.image_plane.clone(),
         defocus_mm: other.defocus_mm,
         bands: bands.len(),
-        wavelength_nm: [least(|b| b.wavelength_nm), -least(|b| -b.wavelength_nm)],
+        wavelength_nm: [minimum(|b| b.wavelength_nm), -minimum(|b| -b.wavelength_nm)],
         ideal_field_mm,
-        image_field_mm: least(|b| last(&b.image_height_mm)),
+        image_field_mm: minimum(|b| last(&b.image_height_mm)),
         field_deg: match lens.object_distance_mm {
             None => Some((ideal_field_mm / lens.distortion_focal_length_mm).atan().to_degrees()),
             Some(_) => None,
@@ -128,7 +131,7 @@ pub fn summary(pack: &LensPack, all_bands: bool, turning_error: Option<f64>) -> 
         },
         sampling: match lens.psf_sample {
             PsfSample::Point => point_sampling(bands, lens.f_number),
-            PsfSample::Integrated => integrated_sampling(turning_error),
+            PsfSample::Integrated => integrated_sampling(rotation_error),
         },
         notes: pack.notes().to_vec(),
         table,
@@ -165,25 +168,25 @@ fn nyquist_pitch_um(band: &LensBand, f_number: f64) -> f64 {
     band.wavelength_nm * 1e-3 * f_number / 2.0
 }
 
-/// Last number of a table; tables are checked to have two or more.
+/// Last number of a table; every valid table has at least two.
 fn last(table: &[f64]) -> f64 {
     table[table.len() - 1]
 }
 
-/// REAL height at an ideal height inside the table, linear between field points.
+/// Real height at an ideal height inside the table, linear between field points.
 fn image_height(band: &LensBand, ideal: f64) -> f64 {
     let (x, y) = (&band.ideal_height_mm, &band.image_height_mm);
     let i = x.partition_point(|&v| v < ideal).clamp(1, x.len() - 1);
     y[i - 1] + (y[i] - y[i - 1]) * (ideal - x[i - 1]) / (x[i] - x[i - 1])
 }
 
-fn integrated_sampling(turning_error: Option<f64>) -> String {
-    let elsewhere = match turning_error {
-        Some(e) => format!("turned by cubic interpolation elsewhere: estimated L1 error {:.1} %", 100.0 * e),
-        None => "turned by cubic interpolation elsewhere, with an error not estimated here".into(),
+fn integrated_sampling(rotation_error: Option<f64>) -> String {
+    let elsewhere = match rotation_error {
+        Some(e) => format!("rotated by cubic interpolation elsewhere: estimated L1 error {:.1} %", 100.0 * e),
+        None => "rotated by cubic interpolation elsewhere, with unknown error".into(),
     };
     format!(
-        "samples already integrated over the psf pitch: exact at quarter turns on film of that pitch, {elsewhere}"
+        "samples already integrated over the psf pitch: exact at multiples of 90° on film of that pitch, {elsewhere}"
     )
 }
 
@@ -197,10 +200,10 @@ fn point_sampling(bands: &[LensBand], f_number: f64) -> String {
         })
         .collect();
     if coarse.is_empty() {
-        "point samples finer than Nyquist (λ·N/2) in every band: turned by interpolation, then integrated over the film pixel".into()
+        "point samples finer than Nyquist (λ·N/2) in every band: rotated by interpolation, then integrated over the film pixel".into()
     } else {
         format!(
-            "point samples COARSER than Nyquist (λ·N/2), so turning them aliases, at {}",
+            "point samples COARSER than Nyquist (λ·N/2), so their rotation aliases, at {}",
             coarse.join(", ")
         )
     }
@@ -222,7 +225,7 @@ impl fmt::Display for LensSummary {
             Some(d) => write!(f, "object         at {d} mm, magnification {}", self.magnification)?,
         }
         match (&self.image_plane, self.defocus_mm) {
-            (Some(words), _) => writeln!(f, "; image plane {words}")?,
+            (Some(text), _) => writeln!(f, "; image plane {text}")?,
             (None, Some(mm)) => writeln!(f, "; image plane {mm} mm from the paraxial focus")?,
             (None, None) => writeln!(f)?,
         }
@@ -240,11 +243,11 @@ impl fmt::Display for LensSummary {
         writeln!(f)?;
         writeln!(
             f,
-            "     nm  edge mm  edge RI  distortion %  lateral µm  window px (µm)  pitch µm  Nyquist  light axis/edge/least  heights to mm  azimuths   nodes"
+            "     nm  edge mm  edge RI  distortion %  lateral µm  window px (µm)  pitch µm  Nyquist  energy axis/edge/min   heights to mm  azimuths   nodes"
         )?;
         for b in &self.table {
             let window = format!("{} ({:.1})", b.psf_size, b.psf_window_um);
-            let light = b.energy.map(|e| format!("{e:.4}")).join("/");
+            let energy = b.energy.map(|e| format!("{e:.4}")).join("/");
             let heights = format!("{} to {:.3}", b.heights, b.last_psf_height_mm);
             let azimuths = match b.azimuths {
                 [a, z] if a == z => a.to_string(),
@@ -252,7 +255,7 @@ impl fmt::Display for LensSummary {
             };
             writeln!(
                 f,
-                "{:7.2}  {:7.4}  {:7.5}  {:12.4}  {:10.3}  {window:>14}  {:8.3}  {:7.3}  {light:>21}  {heights:>13}  {azimuths:>8}  {:6}",
+                "{:7.2}  {:7.4}  {:7.5}  {:12.4}  {:10.3}  {window:>14}  {:8.3}  {:7.3}  {energy:>21}  {heights:>13}  {azimuths:>8}  {:6}",
                 b.wavelength_nm,
                 b.edge_height_mm,
                 b.edge_illumination,

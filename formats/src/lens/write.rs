@@ -1,11 +1,12 @@
-//! Writes a lens pack: PSFs band by band as they are made, then tables, then the group's own metadata.
+//! Writer of lens packs: PSFs band by band, then tables, then the group's own metadata.
 //!
-//! Tables are f64, azimuth counts i32, PSFs f32; chunks of one height a PSF, one row a table; blosc (zstd 5, shuffle) + crc32c.
-//! Bands with fewer field points or heights are padded with NaN (azimuths: 0), as [the reader](super) expects.
+//! Tables are f64, azimuth counts i32, PSFs f32; a chunk is one PSF height, or one row of a table; blosc (zstd 5, shuffle) + crc32c.
+//! Bands with fewer field points or heights are padded with NaN (azimuths: 0), see [`lens`](super).
 
+use super::attributes::{PackAttributes, SCHEMA};
 use super::error::LensPackError;
+use super::read::SUM_TOLERANCE;
 use super::sink::Sink;
-use super::{PackAttributes, SCHEMA};
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -15,19 +16,18 @@ use std::sync::Arc;
 use zarrs::array::{Array, ArrayBytes, ArrayToBytesCodecTraits, CodecOptions};
 use zarrs::metadata::ArrayMetadata;
 
-/// A pack in the making: [`psf`](Self::psf) for every band in any order, then [`finish`](Self::finish).
-///
-/// Dropped before that, it leaves nothing.
+/// Writer of a pack: [`psf`](Self::psf) for every band in any order, then [`finish`](Self::finish). Dropped before that, it leaves no
+/// file.
 pub struct LensPackWriter {
     sink: Sink,
-    /// Side, pitch, number of heights and meaning of the stacks written so far.
+    /// Side, pitch, number of heights and kind of samples of the stacks written so far.
     written: BTreeMap<usize, (usize, f64, usize, PsfSample)>,
 }
 
-/// Writes a whole pack, one band of PSFs at a time.
+/// Writes a complete pack, one band of PSFs at a time.
 ///
 /// # Errors
-/// As [`LensPackWriter`]'s, and whatever an item of `psf` brings.
+/// As [`LensPackWriter`], and the errors of `psf`.
 pub fn write<E: From<LensPackError>>(
     path: impl AsRef<Path>,
     lens: &Lens,
@@ -42,10 +42,10 @@ pub fn write<E: From<LensPackError>>(
 }
 
 impl LensPackWriter {
-    /// Starts a pack: a .zip if `path` ends in `.zip`, else a directory.
+    /// Begins a pack: a .zip if `path` ends in `.zip`, else a directory.
     ///
     /// # Errors
-    /// Something is there already, or nothing can be created there.
+    /// The path exists, or no file can be created there.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, LensPackError> {
         Ok(Self { sink: Sink::create(path.as_ref())?, written: BTreeMap::new() })
     }
@@ -53,36 +53,36 @@ impl LensPackWriter {
     /// Writes one band's PSFs.
     ///
     /// # Errors
-    /// A window is not finite or does not sum to 1 within 1e-3; a band comes twice; the disk refuses.
+    /// A window is not finite or does not sum to 1 within 1e-3; the band was written before; an error of the disk.
     pub fn psf(&mut self, band: usize, stack: &PsfStack) -> Result<(), LensPackError> {
         let n = stack.size;
         if n.is_multiple_of(2) || stack.samples.is_empty() || !stack.samples.len().is_multiple_of(n * n) {
             let samples = stack.samples.len();
             return Err(
-                self.refuse(format!("psf/{band} has {samples} samples in windows of {n} × {n}, n odd"))
+                self.invalid(format!("psf/{band} has {samples} samples in windows of {n} × {n}, n odd"))
             );
         }
         let heights = stack.heights();
         for k in 0..heights {
             let sum: f64 = stack.window(k).iter().map(|&v| f64::from(v)).sum();
-            if !sum.is_finite() || (sum - 1.0).abs() > 1e-3 {
-                return Err(self.refuse(format!(
+            if !sum.is_finite() || (sum - 1.0).abs() > SUM_TOLERANCE {
+                return Err(self.invalid(format!(
                     "psf/{band}: the window at height index {k} sums to {sum}, expected 1"
                 )));
             }
         }
         if self.written.insert(band, (n, stack.pitch_um, heights, stack.sample)).is_some() {
-            return Err(self.refuse(format!("psf/{band} came twice")));
+            return Err(self.invalid(format!("psf/{band} was written twice")));
         }
         let bytes = stack.samples.iter().flat_map(|v| v.to_ne_bytes()).collect::<Vec<u8>>();
         let shape = [heights, n, n];
         self.array(&format!("psf/{band}"), "float32", &shape, "1", &["psf_height", "row", "column"], &bytes)
     }
 
-    /// Writes tables and attributes, and gives the pack its name.
+    /// Writes tables and attributes and renames the pack to its final path.
     ///
     /// # Errors
-    /// A table breaks its contract or does not fit the PSFs; the disk refuses.
+    /// A table is invalid or does not match the PSFs; an error of the disk.
     pub fn finish(mut self, lens: &Lens, attributes: &PackAttributes) -> Result<(), LensPackError> {
         self.check(lens)?;
         let bands = &lens.bands;
@@ -112,24 +112,24 @@ impl LensPackWriter {
         if lens.bands.is_empty() || self.written.keys().copied().ne(0..lens.bands.len()) {
             let have: Vec<_> = self.written.keys().collect();
             let bands = lens.bands.len();
-            return Err(self.refuse(format!("the lens has {bands} bands, PSFs came for {have:?}")));
+            return Err(self.invalid(format!("the lens has {bands} bands, PSFs were written for {have:?}")));
         }
         if let Err((name, e)) = lens.check_head() {
-            return Err(self.refuse(format!("`{name}` is out of bounds: {e}")));
+            return Err(self.invalid(format!("`{name}` is out of bounds: {e}")));
         }
         for (b, band) in lens.bands.iter().enumerate() {
             band.check().map_err(|source| LensPackError::Table { path: self.sink.path.clone(), source })?;
             let expected = (band.psf_size, band.psf_pitch_um, band.psf_height_mm.len(), lens.psf_sample);
             if self.written[&b] != expected {
                 let have = self.written[&b];
-                let what = "(side, pitch in µm, heights, sample)";
+                let fields = "(side, pitch in µm, heights, sample)";
                 return Err(
-                    self.refuse(format!("psf/{b} has {what} {have:?}, the lens's table {expected:?}"))
+                    self.invalid(format!("psf/{b} has {fields} {have:?}, the lens's table {expected:?}"))
                 );
             }
         }
         match lens.bands.windows(2).find(|w| w[1].wavelength_nm <= w[0].wavelength_nm) {
-            Some(w) => Err(self.refuse(format!("wavelengths do not ascend at {} nm", w[1].wavelength_nm))),
+            Some(w) => Err(self.invalid(format!("wavelengths do not ascend at {} nm", w[1].wavelength_nm))),
             None => Ok(()),
         }
     }
@@ -139,9 +139,9 @@ impl LensPackWriter {
         name: &str,
         unit: &str,
         bands: &[LensBand],
-        of: impl Fn(&LensBand) -> f64,
+        value: impl Fn(&LensBand) -> f64,
     ) -> Result<(), LensPackError> {
-        let bytes: Vec<u8> = bands.iter().flat_map(|b| of(b).to_ne_bytes()).collect();
+        let bytes: Vec<u8> = bands.iter().flat_map(|b| value(b).to_ne_bytes()).collect();
         self.array(name, "float64", &[bands.len()], unit, &["wavelength"], &bytes)
     }
 
@@ -151,15 +151,16 @@ impl LensPackWriter {
         unit: &str,
         along: &str,
         bands: &[LensBand],
-        of: impl Fn(&LensBand) -> &Vec<f64>,
+        values: impl Fn(&LensBand) -> &Vec<f64>,
     ) -> Result<(), LensPackError> {
-        let width = bands.iter().map(|b| of(b).len()).max().unwrap_or(0);
-        let padded = bands.iter().flat_map(|b| (0..width).map(|i| of(b).get(i).copied().unwrap_or(f64::NAN)));
+        let width = bands.iter().map(|b| values(b).len()).max().unwrap_or(0);
+        let padded =
+            bands.iter().flat_map(|b| (0..width).map(|i| values(b).get(i).copied().unwrap_or(f64::NAN)));
         let bytes: Vec<u8> = padded.flat_map(f64::to_ne_bytes).collect();
         self.array(name, "float64", &[bands.len(), width], unit, &["wavelength", along], &bytes)
     }
 
-    /// Writes one array from its native bytes, in chunks of one along the first axis (a single chunk if it has but one axis).
+    /// Writes one array from its native bytes, in chunks of length 1 along the first axis (a 1-D array: a single chunk).
     fn array(
         &mut self,
         name: &str,
@@ -191,7 +192,7 @@ impl LensPackWriter {
             "attributes": {"units": unit},
             "dimension_names": dims,
         });
-        let failed = |e: String| self.refuse(format!("array {name}: {e}"));
+        let failed = |e: String| self.invalid(format!("array {name}: {e}"));
         let typed: ArrayMetadata =
             serde_json::from_value(metadata.clone()).map_err(|e| failed(e.to_string()))?;
         let array = Array::new_with_metadata(Arc::new(()), &format!("/{name}"), typed)
@@ -199,23 +200,29 @@ impl LensPackWriter {
         let chunk: Vec<NonZeroU64> = chunk.iter().filter_map(|&n| NonZeroU64::new(n as u64)).collect();
         let length = chunk.iter().map(|n| n.get() as usize).product::<usize>() * item;
         let options = CodecOptions::default().with_concurrent_target(1);
-        for (i, piece) in bytes.chunks_exact(length).enumerate() {
+        for (i, chunk_bytes) in bytes.chunks_exact(length).enumerate() {
             let mut index = vec![0; shape.len()];
             index[0] = i as u64;
             let encoded = array
                 .codecs()
-                .encode(ArrayBytes::new_flen(piece), &chunk, array.data_type(), array.fill_value(), &options)
-                .map_err(|e| self.refuse(format!("array {name}: {e}")))?;
-            self.sink.put(array.chunk_key(&index).as_str(), &encoded)?;
+                .encode(
+                    ArrayBytes::new_flen(chunk_bytes),
+                    &chunk,
+                    array.data_type(),
+                    array.fill_value(),
+                    &options,
+                )
+                .map_err(|e| self.invalid(format!("array {name}: {e}")))?;
+            self.sink.write(array.chunk_key(&index).as_str(), &encoded)?;
         }
         self.json(&format!("{name}/zarr.json"), &metadata)
     }
 
     fn json(&mut self, key: &str, value: &Value) -> Result<(), LensPackError> {
-        self.sink.put(key, format!("{value:#}").as_bytes())
+        self.sink.write(key, format!("{value:#}").as_bytes())
     }
 
-    fn refuse(&self, problem: String) -> LensPackError {
+    fn invalid(&self, problem: String) -> LensPackError {
         LensPackError::Write { path: self.sink.path.clone(), problem }
     }
 }

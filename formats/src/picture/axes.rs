@@ -1,49 +1,49 @@
-//! Axes of a plot: ranges of any data, ticks at round numbers, where values lie in px.
+//! Axes of a plot: range of the data, ticks at round numbers, conversion of values to px.
 
 use super::figure::{Anchor, FONT, Figure, Stroke, Text};
 use super::style::Colour;
 use super::text;
 
-/// Values beyond are left out, as those that are not finite: their differences overflow.
-const HUGE: f64 = 1e300;
-/// Values below are 0: ticks between them cannot be told apart.
-const TINY: f64 = 1e-290;
+/// Larger values are left out, like those that are not finite: their differences overflow.
+const MAX_VALUE: f64 = 1e300;
+/// Smaller values count as 0: their ticks would coincide.
+const MIN_VALUE: f64 = 1e-290;
 
 /// Whether a value can be drawn.
 pub(super) fn drawable(v: f64) -> bool {
-    v.abs() <= HUGE
+    v.abs() <= MAX_VALUE
 }
 
-/// Lowest and highest of the values and of `holds`. `air` is added beyond values, a share of the range; none beyond
-/// `holds`. Never empty.
-pub(super) fn range(values: impl Iterator<Item = f64>, holds: (f64, f64), air: f64) -> (f64, f64) {
-    let values = values.filter(|v| drawable(*v)).map(|v| if v.abs() < TINY { 0.0 } else { v });
-    let (low, high) = values.fold(holds, |(low, high), v| (low.min(v), high.max(v)));
+/// Lowest and highest of the values and of `includes`. `margin`, a share of the range, is added beyond values but not beyond
+/// `includes`. Never empty.
+pub(super) fn range(values: impl Iterator<Item = f64>, includes: (f64, f64), margin: f64) -> (f64, f64) {
+    let values = values.filter(|v| drawable(*v)).map(|v| if v.abs() < MIN_VALUE { 0.0 } else { v });
+    let (low, high) = values.fold(includes, |(low, high), v| (low.min(v), high.max(v)));
     let magnitude = low.abs().max(high.abs());
     // A constant still gets an axis, with numbers of at most seven digits.
-    let least = if magnitude == 0.0 { 1.0 } else { 1e-6 * magnitude };
-    if high - low < least {
-        return (low - least / 2.0, high + least / 2.0);
+    let min_length = if magnitude == 0.0 { 1.0 } else { 1e-6 * magnitude };
+    if high - low < min_length {
+        return (low - min_length / 2.0, high + min_length / 2.0);
     }
-    let air = air * (high - low);
-    let beyond = |v: f64, held: f64, air: f64| if v == held { v } else { v + air };
-    (beyond(low, holds.0, -air), beyond(high, holds.1, air))
+    let margin = margin * (high - low);
+    let extended = |v: f64, included: f64, margin: f64| if v == included { v } else { v + margin };
+    (extended(low, includes.0, -margin), extended(high, includes.1, margin))
 }
 
 /// Ticks of an axis.
 pub(super) struct Ticks {
-    /// Values and their numbers.
+    /// Values and their labels.
     pub(super) at: Vec<(f64, String)>,
-    /// Power of ten that the numbers are multiples of.
+    /// Power of ten by which the labels are to be multiplied.
     pub(super) exponent: i32,
 }
 
 impl Ticks {
-    /// At most `most` + 1 round values in a range.
-    pub(super) fn new((low, high): (f64, f64), most: usize) -> Self {
-        let least = (high - low) / most.max(1) as f64;
-        let ten = 10f64.powi(least.log10().floor() as i32);
-        let round = [1.0, 2.0, 5.0].map(|k| k * ten).into_iter().find(|s| *s >= least * (1.0 - 1e-9));
+    /// At most `max_steps` + 1 round values in a range.
+    pub(super) fn new((low, high): (f64, f64), max_steps: usize) -> Self {
+        let min_step = (high - low) / max_steps.max(1) as f64;
+        let ten = 10f64.powi(min_step.log10().floor() as i32);
+        let round = [1.0, 2.0, 5.0].map(|k| k * ten).into_iter().find(|s| *s >= min_step * (1.0 - 1e-9));
         let step = round.unwrap_or(10.0 * ten);
         let magnitude = low.abs().max(high.abs());
         let power = magnitude.log10().floor() as i32;
@@ -58,9 +58,9 @@ impl Ticks {
         Self { at: (first..=last).map(tick).collect(), exponent }
     }
 
-    /// As many as `length` px hold: labels side by side, or below each other.
+    /// As many as fit into `length` px: labels side by side, or above each other (`upwards`).
     pub(super) fn along(range: (f64, f64), length: f64, upwards: bool) -> Self {
-        let most = (length / if upwards { 44.0 } else { 70.0 }).clamp(1.0, 9.0) as usize;
+        let max_steps = (length / if upwards { 44.0 } else { 70.0 }).clamp(1.0, 9.0) as usize;
         let fits = |ticks: &Self| {
             if ticks.at.len() < 2 {
                 return false;
@@ -68,11 +68,11 @@ impl Ticks {
             let step = length / (range.1 - range.0) * (ticks.at[1].0 - ticks.at[0].0);
             upwards || ticks.width() + 14.0 <= step
         };
-        let tried = (1..=most).rev().map(|most| Self::new(range, most));
-        tried.into_iter().find(fits).unwrap_or_else(|| Self::new(range, 1))
+        let candidates = (1..=max_steps).rev().map(|steps| Self::new(range, steps));
+        candidates.into_iter().find(fits).unwrap_or_else(|| Self::new(range, 1))
     }
 
-    /// Width of the widest number, px.
+    /// Width of the widest label, px.
     pub(super) fn width(&self) -> f64 {
         self.at.iter().map(|(_, number)| text::width(number, FONT)).fold(0.0, f64::max)
     }
@@ -97,7 +97,7 @@ impl Ticks {
     }
 }
 
-/// One pair of axes: its rectangle in px and its ranges.
+/// One pair of axes: rectangle in px, range of x and y.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Panel {
     pub(super) left: f64,
@@ -109,31 +109,40 @@ pub(super) struct Panel {
 }
 
 impl Panel {
-    /// Where a value lies, px; far outside values just outside.
-    pub(super) fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
-        let along = |v: f64, (low, high): (f64, f64)| ((v - low) / (high - low)).clamp(-50.0, 50.0);
-        (
-            self.left + (self.right - self.left) * along(x, self.x),
-            self.bottom - (self.bottom - self.top) * along(y, self.y),
-        )
+    pub(super) fn width(&self) -> f64 {
+        self.right - self.left
     }
 
-    /// Makes a unit as long upwards as to the right: the panel's height follows, within `heights`; what they leave over or
-    /// lack is added to a range.
+    pub(super) fn height(&self) -> f64 {
+        self.bottom - self.top
+    }
+
+    pub(super) fn middle(&self) -> (f64, f64) {
+        ((self.left + self.right) / 2.0, (self.top + self.bottom) / 2.0)
+    }
+
+    /// A value in px; limited to 50 panel sizes outside the panel.
+    pub(super) fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let along = |v: f64, (low, high): (f64, f64)| ((v - low) / (high - low)).clamp(-50.0, 50.0);
+        (self.left + self.width() * along(x, self.x), self.bottom - self.height() * along(y, self.y))
+    }
+
+    /// Gives both axes the same scale: the panel's height is computed, limited to `heights`, and a range is widened where
+    /// the limit applies.
     pub(super) fn scale_equally(&mut self, heights: (f64, f64)) {
-        let wider = |(low, high): (f64, f64), to: f64| {
-            let more = ((to - (high - low)) / 2.0).max(0.0);
+        let widened = |(low, high): (f64, f64), length: f64| {
+            let more = ((length - (high - low)) / 2.0).max(0.0);
             (low - more, high + more)
         };
-        let width = self.right - self.left;
+        let width = self.width();
         let (dx, dy) = (self.x.1 - self.x.0, self.y.1 - self.y.0);
         let height = (width * (dy / dx)).clamp(heights.0, heights.1);
         self.bottom = self.top + height;
-        self.y = wider(self.y, dx * (height / width));
-        self.x = wider(self.x, dy * (width / height));
+        self.y = widened(self.y, dx * (height / width));
+        self.x = widened(self.x, dy * (width / height));
     }
 
-    /// A curve in px, cut where values are missing, thinned to two points a px.
+    /// A curve in px, cut where values are missing, thinned to points at least 0.5 px apart.
     pub(super) fn segments(&self, curve: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
         let mut segments = Vec::new();
         for run in curve.split(|p| !(drawable(p.0) && drawable(p.1))).filter(|run| !run.is_empty()) {
@@ -149,16 +158,15 @@ impl Panel {
         segments
     }
 
-    /// Draws grid, frame and numbers, x and y; `x_label` none: no numbers along x.
+    /// Draws grid, ticks and labels of both axes; `x_label` none: no labels along x.
     pub(super) fn draw(&self, figure: &mut Figure, x_label: Option<&str>, y_label: &str) {
-        let grid = Stroke { colour: Colour::Grid, width: 1.0, dash: 0 };
-        let tick = Stroke { colour: Colour::Ink, width: 1.0, dash: 0 };
-        let (width, height) = (self.right - self.left, self.bottom - self.top);
+        let grid = Stroke { colour: Colour::Grid, ..Stroke::THIN };
+        let (width, height) = (self.width(), self.height());
         let across = Ticks::along(self.x, width, false);
         for (v, number) in &across.at {
             let x = self.place((*v, self.y.0)).0;
             figure.line(&[(x, self.top), (x, self.bottom)], grid);
-            figure.line(&[(x, self.bottom), (x, self.bottom + 5.0)], tick);
+            figure.line(&[(x, self.bottom), (x, self.bottom + 5.0)], Stroke::THIN);
             if x_label.is_some() {
                 figure.text(Text::new((x, self.bottom + 16.0), Anchor::Middle, number));
             }
@@ -167,43 +175,44 @@ impl Panel {
         for (v, number) in &up.at {
             let y = self.place((self.x.0, *v)).1;
             figure.line(&[(self.left, y), (self.right, y)], grid);
-            figure.line(&[(self.left - 5.0, y), (self.left, y)], tick);
+            figure.line(&[(self.left - 5.0, y), (self.left, y)], Stroke::THIN);
             figure.text(Text::new((self.left - 9.0, y), Anchor::End, number));
         }
-        let zero = Stroke { colour: Colour::Muted, ..tick };
+        let zero = Stroke { colour: Colour::Muted, ..Stroke::THIN };
         if self.y.0 < 0.0 && self.y.1 > 0.0 {
             let y = self.place((self.x.0, 0.0)).1;
             figure.line(&[(self.left, y), (self.right, y)], zero);
         }
-        let middle = ((self.left + self.right) / 2.0, (self.top + self.bottom) / 2.0);
+        let middle = self.middle();
         let at = (self.left - 9.0 - up.width() - 18.0, middle.1);
-        let words = up.label(y_label);
-        figure.text(Text { upwards: true, most: height + 50.0, ..Text::new(at, Anchor::Middle, &words) });
+        let label = up.label(y_label);
+        figure.text(Text {
+            upwards: true,
+            max_width: height + 50.0,
+            ..Text::new(at, Anchor::Middle, &label)
+        });
         if let Some(x_label) = x_label {
-            let words = across.label(x_label);
+            let label = across.label(x_label);
             let at = (middle.0, self.bottom + 42.0);
-            figure.text(Text { most: width + 80.0, ..Text::new(at, Anchor::Middle, &words) });
+            figure.text(Text { max_width: width + 80.0, ..Text::new(at, Anchor::Middle, &label) });
         }
     }
 
     /// Draws a second x axis along the top: values `factor` times those of the first.
     pub(super) fn draw_top(&self, figure: &mut Figure, name: &str, factor: f64) {
-        let tick = Stroke { colour: Colour::Ink, width: 1.0, dash: 0 };
-        let ticks = Ticks::along((self.x.0 * factor, self.x.1 * factor), self.right - self.left, false);
+        let ticks = Ticks::along((self.x.0 * factor, self.x.1 * factor), self.width(), false);
         for (v, number) in &ticks.at {
             let x = self.place((v / factor, self.y.0)).0;
-            figure.line(&[(x, self.top - 5.0), (x, self.top)], tick);
+            figure.line(&[(x, self.top - 5.0), (x, self.top)], Stroke::THIN);
             figure.text(Text::new((x, self.top - 15.0), Anchor::Middle, number));
         }
-        let words = ticks.label(name);
-        figure.text(Text::new(((self.left + self.right) / 2.0, self.top - 37.0), Anchor::Middle, &words));
+        figure.text(Text::new((self.middle().0, self.top - 37.0), Anchor::Middle, &ticks.label(name)));
     }
 
     /// Draws the frame, over the curves.
     pub(super) fn frame(&self, figure: &mut Figure) {
         let (l, r, t, b) = (self.left, self.right, self.top, self.bottom);
-        let frame = Stroke { colour: Colour::Ink, width: 1.0, dash: 0 };
-        figure.line(&[(l, t), (r, t), (r, b), (l, b), (l, t), (r, t)], frame);
+        figure.line(&[(l, t), (r, t), (r, b), (l, b), (l, t), (r, t)], Stroke::THIN);
     }
 }
 
@@ -212,7 +221,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_are_round_numbers_inside() {
+    fn ticks_are_round_numbers_inside_the_range() {
         let numbers = |r, n| Ticks::new(r, n).at.into_iter().map(|t| t.1).collect::<Vec<_>>();
         assert_eq!(numbers((0.0, 20.0), 8), ["0", "5", "10", "15", "20"]);
         assert_eq!(numbers((-0.11, 0.05), 6), ["−0.10", "−0.05", "0.00", "0.05"]);
@@ -221,14 +230,14 @@ mod tests {
     }
 
     #[test]
-    fn powers_of_ten_stand_with_the_unit() {
+    fn label_has_the_power_of_ten_in_its_unit() {
         assert_eq!(Ticks::new((0.0, 4e-6), 3).label("error (mm)"), "error (10⁻⁶ mm)");
         assert_eq!(Ticks::new((0.0, 4e12), 3).label("value"), "value (10¹²)");
         assert_eq!(Ticks::new((0.0, 4.0), 3).label("value"), "value");
     }
 
     #[test]
-    fn any_data_have_a_range_with_few_ticks() {
+    fn any_data_have_a_finite_range_with_1_to_10_ticks() {
         let nan = f64::NAN;
         for values in [
             vec![],
@@ -242,8 +251,8 @@ mod tests {
             vec![1e9, 1e9 + 1e-7],
             vec![-5.0, -5.0],
         ] {
-            for holds in [(0.0, 0.0), (0.0, 1.0)] {
-                let (low, high) = range(values.iter().copied(), holds, 0.05);
+            for includes in [(0.0, 0.0), (0.0, 1.0)] {
+                let (low, high) = range(values.iter().copied(), includes, 0.05);
                 assert!(low < high && (high - low).is_finite(), "{values:?}: {low} {high}");
                 for upwards in [true, false] {
                     let ticks = Ticks::along((low, high), 400.0, upwards);

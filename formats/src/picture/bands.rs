@@ -1,29 +1,29 @@
-//! Curves of several wavelengths: a few with a name, a colour and a dash pattern each, more on the scale of a colour bar.
+//! Curves of several wavelengths: a few have a name, a colour and a dash pattern each; more of them share a colour bar.
 
 use super::plot::{Key, Series};
 use super::style::{Colour, PALETTE};
 
-/// Whether wavelengths have names; else they share a colour bar.
-fn named(nm: &[f64]) -> bool {
+/// Whether wavelengths are few enough for a legend.
+fn in_legend(nm: &[f64]) -> bool {
     nm.len() < PALETTE
 }
 
 /// The curve of wavelength `i` of `nm` (ascending).
 pub fn band_series(nm: &[f64], i: usize, points: Vec<(f64, f64)>) -> Series {
-    // At most four digits after the point, without zeros at the end.
+    // At most four decimals, without trailing zeros.
     let digits = format!("{:.4}", nm[i]);
     let name = format!("{} nm", digits.trim_end_matches('0').trim_end_matches('.'));
-    if named(nm) {
+    if in_legend(nm) {
         return Series::distinct(name, points, i);
     }
     let (first, last) = (nm[0], nm[nm.len() - 1]);
     Series::line(name, points, Colour::Scale((nm[i] - first) / (last - first)))
 }
 
-/// What explains the colours of [`band_series`].
+/// Key of the colours of [`band_series`].
 pub fn band_key(nm: &[f64]) -> Key {
     match nm {
-        [first, .., last] if !named(nm) => Key::Bar("wavelength λ (nm)".into(), *first, *last),
+        [first, .., last] if !in_legend(nm) => Key::Bar("wavelength λ (nm)".into(), *first, *last),
         _ => Key::Legend,
     }
 }

@@ -1,11 +1,11 @@
-//! A lens's tables as curves: relative illumination and distortion over REAL image height, a few wavelengths each.
+//! Curves of a lens's tables: relative illumination and distortion over REAL image height, for a few wavelengths.
 //!
 //!   distortion = (real − ideal) / ideal · 100 %,   ideal = f·tan w, w the field angle,
 //! with f the DISTORTION focal length of the primary wavelength for all wavelengths, so lateral colour shows as curves
-//! that differ already on axis. At height 0 the quotient is taken as its limit: it is even in height, so the first two
-//! field points off axis give it as D₁ − (D₂ − D₁)·r₁²/(r₂² − r₁²).
-//! Up to six wavelengths are drawn, evenly chosen with the first, the last and the one nearest the primary, whose curve
-//! is wide. The title names f and its wavelength.
+//! that differ already on axis. At height 0 the quotient is its limit: distortion D is even in height, so the first two
+//! field points off axis give D₀ = D₁ − (D₂ − D₁)·r₁²/(r₂² − r₁²).
+//! At most six wavelengths are drawn, evenly spaced, among them the first, the last and the one nearest the primary, whose
+//! curve is wider. The title holds f and its wavelength.
 
 use super::PictureError;
 use super::figure::Figure;
@@ -13,55 +13,51 @@ use super::plot::{Axis, Plot, Series, Shape, stacked};
 use super::style::Style;
 use pipeline::lens::{Lens, LensBand};
 
-/// Most wavelengths in one plot.
+/// Maximum number of wavelengths in one plot.
 const MAX_CURVES: usize = 6;
 
-/// Draws the curves of a lens.
+/// Plots of relative illumination and distortion.
 ///
 /// # Errors
-/// If the lens has no band.
+/// The lens has no band.
 pub fn lens_curves(lens: &Lens, style: Style) -> Result<Figure, PictureError> {
-    let Some(primary) = primary(lens) else {
-        let problem = format!("{} has no wavelength to draw", lens.name);
+    let distance = |b: usize| (lens.bands[b].wavelength_nm - lens.primary_wavelength_nm).abs();
+    let nearest = (0..lens.bands.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+    let Some(primary) = nearest else {
+        let problem = format!("{} has no wavelength", lens.name);
         return Err(PictureError::Setting { setting: "lens", problem });
     };
-    let chosen = chosen(lens.bands.len(), primary);
-    let series = |of: fn(&LensBand) -> Vec<(f64, f64)>| {
+    let drawn = drawn_bands(lens.bands.len(), primary);
+    let series = |curve: fn(&LensBand) -> Vec<(f64, f64)>| {
         let one = |(i, &b): (usize, &usize)| {
             let width = if b == primary { 3.2 } else { 1.7 };
             let name = format!("{} nm", lens.bands[b].wavelength_nm);
             let shape = Shape::Line { width, dash: i };
-            Series::distinct(name, of(&lens.bands[b]), i).shaped(shape)
+            Series::distinct(name, curve(&lens.bands[b]), i).shaped(shape)
         };
-        chosen.iter().enumerate().map(one).collect::<Vec<_>>()
+        drawn.iter().enumerate().map(one).collect::<Vec<_>>()
     };
     let height = || Axis::new("real image height (mm)", 0.0, 0.0);
-    let illumination = Axis::new("relative illumination", 0.0, 1.05);
-    let distortion = Axis::new("distortion (% of f tan θ)", 0.0, 0.0);
+    let illumination_axis = Axis::new("relative illumination", 0.0, 1.05);
+    let distortion_axis = Axis::new("distortion (% of f tan θ)", 0.0, 0.0);
     let plots = [
-        Plot { series: series(illumination_of), ..Plot::new("", height(), illumination) },
-        Plot { series: series(distortion_percent), ..Plot::new("", height(), distortion) },
+        Plot { series: series(illumination), ..Plot::new("", height(), illumination_axis) },
+        Plot { series: series(distortion_percent), ..Plot::new("", height(), distortion_axis) },
     ];
-    let title = format!(
-        "{}: f = {:.4} mm at {} nm",
-        lens.name, lens.distortion_focal_length_mm, lens.primary_wavelength_nm
-    );
+    let (f, nm) = (lens.distortion_focal_length_mm, lens.primary_wavelength_nm);
+    let title = format!("{}: f = {f:.4} mm at {nm} nm", lens.name);
     Ok(stacked(&title, &plots, style))
 }
 
 /// Relative illumination over real height.
-fn illumination_of(band: &LensBand) -> Vec<(f64, f64)> {
+fn illumination(band: &LensBand) -> Vec<(f64, f64)> {
     band.image_height_mm.iter().copied().zip(band.relative_illumination.iter().copied()).collect()
 }
 
 /// Distortion in percent over real height.
-pub fn distortion_percent(band: &LensBand) -> Vec<(f64, f64)> {
-    let mut curve: Vec<_> = band
-        .image_height_mm
-        .iter()
-        .zip(&band.ideal_height_mm)
-        .map(|(&real, &ideal)| (real, 100.0 * (real - ideal) / ideal))
-        .collect();
+fn distortion_percent(band: &LensBand) -> Vec<(f64, f64)> {
+    let points = std::iter::zip(&band.image_height_mm, &band.ideal_height_mm);
+    let mut curve: Vec<_> = points.map(|(&real, &ideal)| (real, 100.0 * (real - ideal) / ideal)).collect();
     if let [axis, (r1, d1), rest @ ..] = curve.as_mut_slice() {
         let slope = rest.first().map_or(0.0, |(r2, d2)| (*d2 - *d1) / (*r2 * *r2 - *r1 * *r1));
         *axis = (0.0, *d1 - slope * *r1 * *r1);
@@ -69,33 +65,27 @@ pub fn distortion_percent(band: &LensBand) -> Vec<(f64, f64)> {
     curve
 }
 
-/// The band nearest to the primary wavelength.
-fn primary(lens: &Lens) -> Option<usize> {
-    let away = |b: usize| (lens.bands[b].wavelength_nm - lens.primary_wavelength_nm).abs();
-    (0..lens.bands.len()).min_by(|&a, &b| away(a).total_cmp(&away(b)))
-}
-
-/// Evenly chosen bands with the first, the last and `primary` among them, ascending.
-fn chosen(bands: usize, primary: usize) -> Vec<usize> {
+/// Evenly spaced bands with the first, the last and `primary` among them, ascending.
+fn drawn_bands(bands: usize, primary: usize) -> Vec<usize> {
     let count = bands.min(MAX_CURVES);
-    let mut chosen: Vec<usize> =
+    let mut drawn: Vec<usize> =
         (0..count).map(|i| (i * (bands - 1) + (count - 1) / 2) / (count - 1).max(1)).collect();
-    // It takes the place of the nearest that is not an end.
-    if !chosen.contains(&primary) {
+    // The primary replaces the nearest band other than the first and the last.
+    if !drawn.contains(&primary) {
         let inner = 1..count - 1;
-        if let Some(i) = inner.min_by_key(|&i| chosen[i].abs_diff(primary)) {
-            chosen[i] = primary;
+        if let Some(i) = inner.min_by_key(|&i| drawn[i].abs_diff(primary)) {
+            drawn[i] = primary;
         }
     }
-    chosen.sort_unstable();
-    chosen
+    drawn.sort_unstable();
+    drawn
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A lens of distortion −1e-4·r²: −1 % at 10 mm; magnified by 1e-3 a band.
+    /// A lens of distortion −1e-4·r² (−1 % at 10 mm), with lateral colour of up to 1e-3.
     fn lens(bands: usize) -> Lens {
         let heights: Vec<f64> = (0..400).map(|i| 0.05 * f64::from(i)).collect();
         let band = |b: usize| LensBand {
@@ -115,7 +105,7 @@ mod tests {
             transmission: 1.0,
         };
         Lens {
-            name: "Made-up 30 mm".into(),
+            name: "Test lens, 30 mm".into(),
             distortion_focal_length_mm: 30.0,
             effective_focal_length_mm: 30.01,
             f_number: 2.8,
@@ -128,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn distortion_is_what_the_tables_say() {
+    fn distortion_matches_the_tables_and_its_limit_on_axis() {
         let curve = distortion_percent(&lens(1).bands[0]);
         assert!(curve[0].0 == 0.0 && curve[0].1.abs() < 1e-6, "{:?}", curve[0]);
         let (_, at_10) = curve[200];
@@ -138,27 +128,27 @@ mod tests {
     }
 
     #[test]
-    fn the_primary_is_always_drawn() {
+    fn first_last_and_primary_are_always_drawn() {
         for bands in 1..40 {
             for primary in 0..bands {
-                let chosen = chosen(bands, primary);
-                assert!(chosen.contains(&primary) && chosen.windows(2).all(|w| w[0] < w[1]), "{chosen:?}");
-                assert_eq!((chosen[0], chosen[chosen.len() - 1]), (0, bands - 1));
-                assert_eq!(chosen.len(), bands.min(MAX_CURVES));
+                let drawn = drawn_bands(bands, primary);
+                assert!(drawn.contains(&primary) && drawn.windows(2).all(|w| w[0] < w[1]), "{drawn:?}");
+                assert_eq!((drawn[0], drawn[drawn.len() - 1]), (0, bands - 1));
+                assert_eq!(drawn.len(), bands.min(MAX_CURVES));
             }
         }
     }
 
     #[test]
-    fn a_lens_becomes_two_plots_in_both_formats() {
+    fn labels_appear_once_in_png_and_svg_and_no_band_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         for (bands, style) in [(1, Style::Light), (31, Style::Dark)] {
             let figure = lens_curves(&lens(bands), style).unwrap();
             let svg = figure.to_svg();
-            for word in
+            for text in
                 ["f = 30.0000 mm at 550 nm", "relative illumination", "distortion (% of f tan θ)", "400 nm"]
             {
-                assert_eq!(svg.matches(word).count(), 1, "{word}");
+                assert_eq!(svg.matches(text).count(), 1, "{text}");
             }
             for name in ["c.png", "c.svg"] {
                 figure.write(&folder.path().join(name)).unwrap();

@@ -1,8 +1,7 @@
 //! A figure as an SVG document, and its PNG: the same document drawn by `resvg`.
 //!
-//! Places are (x, y) in px from the top left, y down. The SVG holds its text as text and carries the font; for the PNG
-//! the text is laid out in the same places as outlines, so that no font of the machine takes part. The same figure is
-//! always the same bytes.
+//! Coordinates are (x, y) in px from the top left, y down. The SVG holds text as text and embeds the font; in the PNG the
+//! text is drawn as outlines at the same places, so no font of the machine is used. Equal figures have equal bytes.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -14,89 +13,94 @@ use super::PictureError;
 use super::image::Image;
 use super::style::{Colour, Rgb, Style, hex};
 use super::text::{self, CAP_HEIGHT, FAMILY, escape};
-use crate::durable::WholeFile;
+use crate::durable::AtomicFile;
 use pipeline::geometry::Size;
 
-/// Pixels of a PNG per px of a figure: enough for a column of a printed page.
+/// Pixels of a PNG per px of a figure, for print at column width.
 pub const PNG_SCALE: f64 = 2.0;
 
 /// Font size of labels and numbers, px.
 pub const FONT: f64 = 15.0;
 
-/// Where a text's anchor lies along its line.
+/// Position of a text's anchor along its line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
-    /// At its first letter.
+    /// At the first letter.
     Start,
-    /// In its middle.
+    /// In the middle.
     Middle,
-    /// After its last letter.
+    /// After the last letter.
     End,
 }
 
-/// How a line is drawn.
+/// Line style.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    /// Its colour.
+    /// Colour.
     pub colour: Colour,
-    /// Its width, px.
+    /// Width, px.
     pub width: f64,
-    /// Its pattern, one of [`DASHES`]; 0: solid.
+    /// Pattern, an index into [`DASHES`]; 0: solid.
     pub dash: usize,
 }
 
-/// Dash patterns, px: each of a palette's colours has its own.
+impl Stroke {
+    /// Frames and ticks.
+    pub(super) const THIN: Self = Self { colour: Colour::Ink, width: 1.0, dash: 0 };
+}
+
+/// Dash patterns, px: one for each colour of the palette.
 pub const DASHES: [&str; 7] = ["", "8 4", "2 3", "10 3 2 3", "16 4", "10 3 2 3 2 3", "5 2"];
 
 /// One line of text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Text<'a> {
-    /// Its anchor, at half the height of its capitals.
+    /// Anchor, px, at half the height of capitals.
     pub at: (f64, f64),
     /// Font size, px.
     pub size: f64,
-    /// Where the anchor is.
+    /// Position of the anchor along the line.
     pub anchor: Anchor,
-    /// Whether it reads upwards.
+    /// Whether the line is rotated by 90° to read upwards.
     pub upwards: bool,
-    /// Largest width, px; longer text is cut with an ellipsis, the SVG keeps the whole as its tooltip.
-    pub most: f64,
-    /// What it says.
+    /// Maximum width, px; longer text is cut with an ellipsis, the SVG keeps the full text as tooltip.
+    pub max_width: f64,
+    /// The text.
     pub text: &'a str,
 }
 
 impl<'a> Text<'a> {
-    /// A line to the right at the font size of labels, of any length.
+    /// A horizontal line at the font size of labels, of any length.
     pub fn new(at: (f64, f64), anchor: Anchor, text: &'a str) -> Self {
-        Self { at, size: FONT, anchor, upwards: false, most: f64::MAX, text }
+        Self { at, size: FONT, anchor, upwards: false, max_width: f64::MAX, text }
     }
 }
 
-enum Mark {
+enum Element {
     Svg(String),
-    Text { start: (f64, f64), size: f64, upwards: bool, text: String, whole: Option<String> },
+    Text { start: (f64, f64), size: f64, upwards: bool, text: String, tooltip: Option<String> },
 }
 
-/// A drawing on paper of one colour.
+/// A drawing on a background of one colour.
 pub struct Figure {
     size: Size,
     style: Style,
-    paper: Rgb,
-    marks: Vec<Mark>,
+    background: Rgb,
+    elements: Vec<Element>,
 }
 
 impl Figure {
     /// An empty figure.
     pub fn new(size: Size, style: Style) -> Self {
-        Self { size, style, paper: style.rgb(Colour::Paper), marks: Vec::new() }
+        Self { size, style, background: style.rgb(Colour::Paper), elements: Vec::new() }
     }
 
-    /// The same on paper of another colour.
-    pub fn on(self, paper: Rgb) -> Self {
-        Self { paper, ..self }
+    /// With another background.
+    pub(super) fn with_background(self, background: Rgb) -> Self {
+        Self { background, ..self }
     }
 
-    /// Its style.
+    /// Colours.
     pub const fn style(&self) -> Style {
         self.style
     }
@@ -107,10 +111,10 @@ impl Figure {
     }
 
     fn add(&mut self, element: String) {
-        self.marks.push(Mark::Svg(element));
+        self.elements.push(Element::Svg(element));
     }
 
-    fn stroke(&self, stroke: Stroke) -> String {
+    fn stroke_attributes(&self, stroke: Stroke) -> String {
         let dash = DASHES[stroke.dash % DASHES.len()];
         let dash = if dash.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{dash}\"") };
         let colour = hex(self.style.rgb(stroke.colour));
@@ -119,28 +123,28 @@ impl Figure {
 
     /// A line through points.
     pub fn line(&mut self, points: &[(f64, f64)], stroke: Stroke) {
-        let style = self.stroke(stroke);
-        let data = path(points);
-        self.add(format!("<path d=\"{data}\" fill=\"none\" stroke-linejoin=\"round\"{style}/>"));
+        let stroke = self.stroke_attributes(stroke);
+        let data = path_data(points);
+        self.add(format!("<path d=\"{data}\" fill=\"none\" stroke-linejoin=\"round\"{stroke}/>"));
     }
 
     /// A filled polygon.
     pub fn area(&mut self, points: &[(f64, f64)], colour: Colour) {
         let fill = hex(self.style.rgb(colour));
-        self.add(format!("<path d=\"{}Z\" fill=\"{fill}\"/>", path(points)));
+        self.add(format!("<path d=\"{}Z\" fill=\"{fill}\"/>", path_data(points)));
     }
 
     /// Round dots.
     pub fn dots(&mut self, centres: &[(f64, f64)], radius: f64, colour: Colour) {
-        // Lines of no length with round ends: one element for all.
-        let data: String = centres.iter().map(|c| path(&[*c, (c.0 + 0.01, c.1)])).collect();
+        // Lines of near-zero length with round ends: one element for all dots.
+        let data: String = centres.iter().map(|c| path_data(&[*c, (c.0 + 0.01, c.1)])).collect();
         let (stroke, width) = (hex(self.style.rgb(colour)), number(2.0 * radius));
         self.add(format!(
             "<path d=\"{data}\" stroke=\"{stroke}\" stroke-width=\"{width}\" stroke-linecap=\"round\"/>"
         ));
     }
 
-    /// A marker of shape `kind` (circle, square, triangle, diamond, cross), counted around.
+    /// A marker of shape `kind` modulo 5: circle, square, triangle, diamond, inverted triangle.
     pub fn marker(&mut self, (x, y): (f64, f64), kind: usize, colour: Colour) {
         let polygon: &[(f64, f64)] = match kind % 5 {
             0 => return self.dots(&[(x, y)], 3.6, colour),
@@ -153,7 +157,7 @@ impl Figure {
         self.area(&placed, colour);
     }
 
-    /// A picture, its pixels as squares of `enlarge` px.
+    /// An image, each pixel a square of `enlarge` px.
     pub fn picture(&mut self, (x, y): (f64, f64), image: &Image, enlarge: usize) {
         let data = base64::engine::general_purpose::STANDARD.encode(image.to_quick_png(""));
         self.add(format!(
@@ -166,7 +170,7 @@ impl Figure {
         ));
     }
 
-    /// Draws only inside a rectangle (left, top, width, height) until [`Figure::clip_end`].
+    /// Limits drawing to a rectangle (left, top, width, height) until [`Figure::clip_end`].
     pub fn clip(&mut self, [x, y, width, height]: [f64; 4]) {
         let [x, y, width, height] = [x, y, width, height].map(number);
         self.add(format!(
@@ -181,9 +185,9 @@ impl Figure {
 
     /// A line of text.
     pub fn text(&mut self, label: Text<'_>) {
-        // As XML will hold it: what is measured is what is shown.
+        // As written to XML, where line ends are spaces: the measured width is that of the text shown.
         let cleaned: String = label.text.chars().map(|c| if c.is_whitespace() { ' ' } else { c }).collect();
-        let shown = text::fit(&cleaned, label.size, label.most).into_owned();
+        let shown = text::fit(&cleaned, label.size, label.max_width);
         if shown.trim().is_empty() {
             return;
         }
@@ -196,16 +200,17 @@ impl Figure {
         let down = CAP_HEIGHT * label.size / 2.0;
         let (x, y) = label.at;
         let start = if label.upwards { (x + down, y + back) } else { (x - back, y + down) };
-        let whole = (shown != cleaned).then_some(cleaned);
-        self.marks.push(Mark::Text { start, size: label.size, upwards: label.upwards, text: shown, whole });
+        let tooltip = (shown != cleaned).then_some(cleaned);
+        let (size, upwards) = (label.size, label.upwards);
+        self.elements.push(Element::Text { start, size, upwards, text: shown, tooltip });
     }
 
-    /// The SVG document, with its font.
+    /// The SVG document with the embedded font.
     pub fn to_svg(&self) -> String {
         self.document(&format!("<style>{}</style>\n", text::font_css()), false)
     }
 
-    /// The SVG element for an HTML page that holds [`text::font_css`].
+    /// The SVG element for an HTML page that includes [`text::font_css`].
     pub fn to_svg_element(&self) -> String {
         self.document("", false)
     }
@@ -216,14 +221,14 @@ impl Figure {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" font-family=\"{FAMILY}\">\n{head}\
              <rect width=\"{width}\" height=\"{height}\" fill=\"{}\"/>\n",
-            hex(self.paper)
+            hex(self.background)
         );
         let ink = hex(self.style.rgb(Colour::Ink));
-        for mark in &self.marks {
+        for element in &self.elements {
             // Writing to a String cannot fail.
-            let _ = match mark {
-                Mark::Svg(element) => writeln!(svg, "{element}"),
-                Mark::Text { start: (x, y), size, upwards, text, whole } => {
+            let _ = match element {
+                Element::Svg(svg_element) => writeln!(svg, "{svg_element}"),
+                Element::Text { start: (x, y), size, upwards, text, tooltip } => {
                     let (sx, sy) = (number(*x), number(*y));
                     let rotate = if *upwards {
                         format!(" transform=\"rotate(-90 {sx} {sy})\"")
@@ -234,12 +239,12 @@ impl Figure {
                         let data = text::outlines(text, *size, (*x, *y));
                         writeln!(svg, "<path d=\"{data}\" fill=\"{ink}\"{rotate}/>")
                     } else {
-                        let whole = whole.as_ref().map(|w| format!("<title>{}</title>", escape(w)));
+                        let title = tooltip.as_ref().map(|t| format!("<title>{}</title>", escape(t)));
                         writeln!(
                             svg,
                             "<text x=\"{sx}\" y=\"{sy}\" font-size=\"{}\" fill=\"{ink}\"{rotate}>{}{}</text>",
                             number(*size),
-                            whole.unwrap_or_default(),
+                            title.unwrap_or_default(),
                             escape(text)
                         )
                     }
@@ -249,10 +254,10 @@ impl Figure {
         svg + "</svg>\n"
     }
 
-    /// Draws it, `scale` pixels per px.
+    /// The figure as pixels, `scale` pixels per px.
     ///
     /// # Errors
-    /// If the picture would have no pixels, or more than fit a drawing (2³¹ bytes).
+    /// If the image would have no pixels, or more than 2³¹ bytes.
     pub fn to_image(&self, scale: f64) -> Result<Image, PictureError> {
         let failed = |problem: String| PictureError::Setting { setting: "figure", problem };
         let tree = usvg::Tree::from_str(&self.document("", true), &usvg::Options::default())
@@ -270,14 +275,14 @@ impl Figure {
         let bytes = pixels.data().chunks_exact(4 * width as usize);
         for (y, line) in bytes.enumerate() {
             for (to, from) in image.row_mut(y).iter_mut().zip(line.chunks_exact(4)) {
-                // The paper covers everything: no pixel is transparent.
+                // The background is opaque, so no pixel is transparent.
                 *to = [from[0], from[1], from[2]];
             }
         }
         Ok(image)
     }
 
-    /// Writes it, whole or not at all: PNG of [`PNG_SCALE`] pixels per px if the name ends in `.png`, else SVG.
+    /// Writes the file atomically: PNG of [`PNG_SCALE`] pixels per px if the name ends in `.png`, else SVG.
     ///
     /// # Errors
     /// As [`Figure::to_image`], and if the file cannot be written.
@@ -285,26 +290,26 @@ impl Figure {
         Ok(self.file(path)?.finish()?)
     }
 
-    /// As [`Figure::write`], a file that has not got its name yet.
+    /// As [`Figure::write`], but the file appears when [`AtomicFile::finish`] is called.
     ///
     /// # Errors
     /// As [`Figure::write`].
-    pub fn file(&self, path: &Path) -> Result<WholeFile, PictureError> {
+    pub fn file(&self, path: &Path) -> Result<AtomicFile, PictureError> {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
             return self.to_image(PNG_SCALE)?.png_file(path, "lenscube figure");
         }
-        Ok(WholeFile::with_text(path, &self.to_svg())?)
+        Ok(AtomicFile::with_text(path, &self.to_svg())?)
     }
 }
 
-/// At most two digits after the point, without zeros at the end.
+/// At most two decimals, without trailing zeros.
 fn number(v: f64) -> String {
     let text = format!("{v:.2}");
     let short = text.trim_end_matches('0').trim_end_matches('.');
     if short == "-0" { "0".into() } else { short.to_owned() }
 }
 
-fn path(points: &[(f64, f64)]) -> String {
+fn path_data(points: &[(f64, f64)]) -> String {
     let mut data = String::with_capacity(12 * points.len());
     for (i, (x, y)) in points.iter().enumerate() {
         data.push(if i == 0 { 'M' } else { 'L' });
@@ -326,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_areas_dots_and_pictures_are_drawn() {
+    fn lines_areas_dots_and_images_have_their_pixels() {
         let mut small = Image::new(Size::new(2, 1), [0, 0, 255]);
         small.row_mut(1)[0] = [0, 255, 0];
         let mut figure = Figure::new(Size::new(60, 80), Style::Light);
@@ -345,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn text_is_centred_in_the_png_and_text_in_the_svg() {
+    fn text_is_centred_in_the_png_and_kept_as_text_in_the_svg() {
         let mut figure = Figure::new(Size::new(60, 160), Style::Light);
         figure.text(label("a<b & \"c\"", (80.0, 30.0)));
         let image = figure.to_image(1.0).unwrap();
@@ -359,17 +364,18 @@ mod tests {
     }
 
     #[test]
-    fn a_figure_is_the_same_bytes_each_time_and_as_large_as_asked() {
+    fn equal_figures_have_equal_bytes_and_the_requested_size() {
         let make = || {
             let mut figure = Figure::new(Size::new(60, 80), Style::Dark);
             figure.text(label("λ = 550 nm", (40.0, 30.0)));
             figure
         };
         assert_eq!(make().to_svg(), make().to_svg());
-        for (scale, want) in [(1.0, Size::new(60, 80)), (2.0, Size::new(120, 160)), (1.5, Size::new(90, 120))]
+        for (scale, expected) in
+            [(1.0, Size::new(60, 80)), (2.0, Size::new(120, 160)), (1.5, Size::new(90, 120))]
         {
             let image = make().to_image(scale).unwrap();
-            assert_eq!(image.size(), want);
+            assert_eq!(image.size(), expected);
             assert_eq!(image, make().to_image(scale).unwrap());
         }
         assert!(make().to_image(0.0).is_err() && make().to_image(1e9).is_err());

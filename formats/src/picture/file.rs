@@ -1,82 +1,60 @@
-//! A picture appears whole or not at all: temp name in the same folder → write → fsync → rename.
+//! Atomic writing of PNG and TIFF files: temporary name in the same folder → write → fsync → rename.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use super::PictureError;
-use crate::durable::WholeFile;
+use crate::durable::AtomicFile;
 use pipeline::geometry::Size;
 
-/// Bytes collected before they become a chunk of the PNG: at the encoder's own 4 KiB a third of the chunks' headers
-/// and checks would be waste.
+/// Bytes of a PNG data chunk: more than the encoder's default of 4 KiB, for fewer chunk headers and checksums.
 const CHUNK_BYTES: usize = 1 << 16;
 
-/// Writes a file by `fill`, atomically.
-pub(super) fn write_atomic<T>(
+/// A temporary file filled by `fill`; [`AtomicFile::finish`] renames it.
+fn temporary_file<T>(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<&File>) -> Result<T, PictureError>,
-) -> Result<T, PictureError> {
-    let (whole, done) = whole_file(path, fill)?;
-    whole.finish()?;
-    Ok(done)
-}
-
-/// A file filled by `fill` that has not got its name yet.
-fn whole_file<T>(
-    path: &Path,
-    fill: impl FnOnce(&mut BufWriter<&File>) -> Result<T, PictureError>,
-) -> Result<(WholeFile, T), PictureError> {
-    let failed = |source| PictureError::Write { path: path.to_owned(), source };
-    let whole = WholeFile::create(path)?;
-    let mut out = BufWriter::new(whole.file());
+) -> Result<(AtomicFile, T), PictureError> {
+    let file = AtomicFile::create(path)?;
+    let mut out = BufWriter::new(file.file());
     let done = fill(&mut out)?;
-    out.into_inner().map_err(|e| failed(e.into_error()))?;
-    Ok((whole, done))
+    out.into_inner().map_err(|e| PictureError::Write { path: path.to_owned(), source: e.into_error() })?;
+    Ok((file, done))
 }
 
-/// What the samples of a PNG are.
+/// A side in pixels, at most `max`.
+fn side(pixels: usize, max: u32, format: &str) -> Result<u32, PictureError> {
+    u32::try_from(pixels).ok().filter(|&n| n <= max).ok_or_else(|| PictureError::Setting {
+        setting: "max_side",
+        problem: format!("a {format} has at most {max} pixels a side, not {pixels}"),
+    })
+}
+
+/// Sample format of a PNG.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Samples {
-    /// Three bytes, sRGB-encoded; says so by an sRGB chunk.
+    /// Three bytes, sRGB-encoded; marked by an sRGB chunk.
     Srgb8,
-    /// Two bytes, big-endian, linear; says so by a gAMA chunk of 1.
+    /// Two bytes, big-endian, linear; marked by a gAMA chunk of 1.
     LinearGrey16,
 }
 
-/// Writes a PNG row by row: `fill` gets a writer that takes exactly the picture's bytes.
-pub(super) fn write_png<T>(
-    path: &Path,
-    size: Size,
-    samples: Samples,
-    comment: &str,
-    fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, PictureError>,
-) -> Result<T, PictureError> {
-    let (whole, done) = png_file(path, size, samples, comment, fill)?;
-    whole.finish()?;
-    Ok(done)
-}
-
-/// As [`write_png`], a file that has not got its name yet.
+/// A PNG under a temporary name; `fill` writes exactly the picture's bytes, row by row.
 pub(super) fn png_file<T>(
     path: &Path,
     size: Size,
     samples: Samples,
     comment: &str,
     fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, PictureError>,
-) -> Result<(WholeFile, T), PictureError> {
+) -> Result<(AtomicFile, T), PictureError> {
     let encode = |source| match source {
         png::EncodingError::IoError(source) => PictureError::Write { path: path.to_owned(), source },
-        source => PictureError::Encode { path: path.to_owned(), source },
+        source => PictureError::Encode { path: path.to_owned(), source: source.into() },
     };
-    let side = |n: usize| {
-        u32::try_from(n).ok().filter(|&n| n <= i32::MAX as u32).ok_or_else(|| PictureError::Setting {
-            setting: "max_side",
-            problem: format!("a PNG has at most {} pixels a side, not {n}", i32::MAX),
-        })
-    };
-    let (width, height) = (side(size.width)?, side(size.height)?);
-    whole_file(path, |out| {
+    let [width, height] = [size.width, size.height].map(|n| side(n, i32::MAX as u32, "PNG"));
+    let (width, height) = (width?, height?);
+    temporary_file(path, |out| {
         let mut encoder = png::Encoder::new(out, width, height);
         match samples {
             Samples::Srgb8 => {
@@ -90,7 +68,7 @@ pub(super) fn png_file<T>(
                 encoder.set_color(png::ColorType::Grayscale);
                 encoder.set_depth(png::BitDepth::Sixteen);
                 encoder.set_source_gamma(png::ScaledFloat::new(1.0));
-                // 400 MB at full size: the fast way costs a tenth of the time and little room.
+                // 400 MB at full size: level 1 takes a tenth of the time and hardly more space.
                 encoder.set_filter(png::Filter::Up);
                 encoder.set_deflate_compression(png::DeflateCompression::Level(1));
             }
@@ -105,25 +83,20 @@ pub(super) fn png_file<T>(
     })
 }
 
-/// Writes a BigTIFF of three 16-bit samples a pixel, sRGB-encoded, row by row: `fill` gets what takes one row of samples.
-pub(super) fn write_tiff<T>(
+/// A BigTIFF under a temporary name, of three sRGB-encoded 16-bit samples a pixel; `fill` passes one row of samples at a time.
+pub(super) fn tiff_file<T>(
     path: &Path,
     size: Size,
     comment: &str,
     fill: impl FnOnce(&mut (dyn FnMut(&[u16]) -> Result<(), PictureError> + Send)) -> Result<T, PictureError>,
-) -> Result<T, PictureError> {
+) -> Result<(AtomicFile, T), PictureError> {
     let encode = |source| match source {
         tiff::TiffError::IoError(source) => PictureError::Write { path: path.to_owned(), source },
-        source => PictureError::Tiff { path: path.to_owned(), source },
+        source => PictureError::Encode { path: path.to_owned(), source: source.into() },
     };
-    let side = |n: usize| {
-        u32::try_from(n).map_err(|_| PictureError::Setting {
-            setting: "max_side",
-            problem: format!("a TIFF has at most {} pixels a side, not {n}", u32::MAX),
-        })
-    };
-    let (width, height) = (side(size.width)?, side(size.height)?);
-    write_atomic(path, |out| {
+    let [width, height] = [size.width, size.height].map(|n| side(n, u32::MAX, "TIFF"));
+    let (width, height) = (width?, height?);
+    temporary_file(path, |out| {
         let mut encoder = tiff::encoder::TiffEncoder::new_big(out).map_err(encode)?;
         let mut image =
             encoder.new_image::<tiff::encoder::colortype::RGB16>(width, height).map_err(encode)?;
@@ -148,21 +121,22 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn a_picture_that_fails_leaves_nothing_behind() {
+    fn failed_write_keeps_the_old_file_and_leaves_no_temporary_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         fs::write(&path, b"before").unwrap();
-        let short = write_png(&path, Size::new(2, 2), Samples::Srgb8, "", |out| {
+        let short = png_file(&path, Size::new(2, 2), Samples::Srgb8, "", |out| {
             out.write_all(&[0; 5]).map_err(|source| PictureError::Write { path: path.clone(), source })
         });
-        assert!(matches!(short, Err(PictureError::Encode { .. })), "{short:?}");
+        assert!(matches!(short, Err(PictureError::Encode { .. })));
         assert_eq!(fs::read(&path).unwrap(), b"before");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]
-    fn a_folder_that_is_not_there_is_named() {
-        let error = write_atomic(Path::new("/nowhere/at/all.png"), |_| Ok(())).unwrap_err().to_string();
+    fn missing_folder_is_an_error_that_names_the_path() {
+        let error =
+            temporary_file(Path::new("/nowhere/at/all.png"), |_| Ok(())).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains("/nowhere/at/all.png"), "{error}");
     }
 }

@@ -1,15 +1,16 @@
-//! An RGB picture in memory: sRGB-encoded bytes, rows downwards.
+//! An RGB image in memory: sRGB-encoded bytes, rows downwards.
 
+use std::io::Write;
 use std::path::Path;
 
 use super::PictureError;
 use super::file::{Samples, png_file};
-use crate::durable::WholeFile;
+use crate::durable::AtomicFile;
 use pipeline::geometry::Size;
 
 pub use super::style::Rgb;
 
-/// A picture of 8-bit sRGB pixels.
+/// An image of 8-bit sRGB pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     size: Size,
@@ -17,7 +18,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// A picture of one colour.
+    /// An image of one colour.
     pub fn new(size: Size, colour: Rgb) -> Self {
         Self { size, pixels: vec![colour; size.pixels()] }
     }
@@ -42,28 +43,25 @@ impl Image {
         &mut self.pixels[y * self.size.width..][..self.size.width]
     }
 
-    /// Writes it as PNG with an sRGB chunk and `comment` as text, whole or not at all.
+    /// Writes a PNG with an sRGB chunk and `comment` as text, atomically.
     ///
     /// # Errors
-    /// If the file cannot be written, or the picture has no pixels.
+    /// The file cannot be written, or the image has no pixels.
     pub fn write_png(&self, path: &Path, comment: &str) -> Result<(), PictureError> {
         Ok(self.png_file(path, comment)?.finish()?)
     }
 
-    /// As [`Image::write_png`], a file that has not got its name yet.
+    /// As [`Image::write_png`], but the file appears when [`AtomicFile::finish`] is called.
     ///
     /// # Errors
     /// As [`Image::write_png`].
-    pub fn png_file(&self, path: &Path, comment: &str) -> Result<WholeFile, PictureError> {
-        let (whole, ()) = png_file(path, self.size, Samples::Srgb8, comment, |out| {
-            out.write_all(self.pixels.as_flattened())
-                .map_err(|source| PictureError::Write { path: path.to_owned(), source })
-        })?;
-        Ok(whole)
+    pub fn png_file(&self, path: &Path, comment: &str) -> Result<AtomicFile, PictureError> {
+        let write = |source| PictureError::Write { path: path.to_owned(), source };
+        let fill = |out: &mut (dyn Write + Send)| out.write_all(self.pixels.as_flattened()).map_err(write);
+        Ok(png_file(path, self.size, Samples::Srgb8, comment, fill)?.0)
     }
 
-    /// It as the bytes of a PNG with an sRGB chunk and `comment` as text, encoded in the least time: for pictures that are
-    /// looked at once.
+    /// The bytes of a PNG with an sRGB chunk and `comment` as text, at the fastest compression.
     pub fn to_quick_png(&self, comment: &str) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.size.width as u32, self.size.height as u32);
@@ -71,12 +69,12 @@ impl Image {
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
         encoder.set_compression(png::Compression::Fast);
-        // Memory takes whatever comes, and words of ours are Latin-1.
+        // Writing to memory cannot fail, and all comments are Latin-1.
         let text = encoder.add_text_chunk("Comment".into(), comment.into());
         let written = text
             .and_then(|()| encoder.write_header())
             .and_then(|mut w| w.write_image_data(self.pixels.as_flattened()));
-        written.expect("a picture in memory can be encoded");
+        written.expect("an image in memory can be encoded");
         bytes
     }
 }

@@ -1,7 +1,7 @@
-//! A contact sheet: rows of chart and film side by side, pixel for pixel.
+//! A contact sheet: rows of a chart crop and a film crop side by side.
 //!
-//! Crops are shown at 100 % or enlarged by a whole number, each pixel a square: nothing is interpolated. The background
-//! is a neutral dark grey, which does not change how colours are judged.
+//! Crops are shown at 100 % or enlarged by an integer without interpolation. The background is a neutral dark grey, which
+//! does not bias the perception of colours.
 
 use super::PictureError;
 use super::figure::{Anchor, FONT, Figure, Text};
@@ -10,40 +10,43 @@ use super::style::{Rgb, Style};
 use super::text;
 use pipeline::geometry::Size;
 
-const PAPER: Rgb = [38; 3];
+const BACKGROUND: Rgb = [38; 3];
 /// Pixels around and between crops.
 const MARGIN: usize = 16;
-/// Pixels that a caption takes below its crop, and the title above all.
+/// Height of a caption below its crop, and of the title, px.
 const CAPTION: usize = 26;
 const TITLE: usize = 34;
 /// Font size of the title, px.
 const TITLE_FONT: f64 = 20.0;
 
-/// A picture and its caption.
+/// An image and its caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Crop {
-    /// The picture.
+    /// The image.
     pub image: Image,
-    /// A line below it.
+    /// Text below the image.
     pub caption: String,
 }
 
-/// Lays pairs (chart on the left, film on the right) out under a title; one pixel of the sheet is 1 px.
+/// Places pairs (chart left, film right) below each other under a title; one pixel of the sheet is 1 px.
 ///
 /// # Errors
-/// If there is nothing to show, or `enlarge` is 0.
+/// There is no pair, or `enlarge` is 0.
 pub fn contact_sheet(title: &str, pairs: &[[Crop; 2]], enlarge: usize) -> Result<Image, PictureError> {
     let bad = |setting, problem: &str| Err(PictureError::Setting { setting, problem: problem.into() });
     if pairs.is_empty() {
         return bad("pairs", "a contact sheet needs at least one pair of crops");
     }
     if enlarge == 0 {
-        return bad("enlarge", "is 0; take 1 for every pixel as it is");
+        return bad("enlarge", "is 0; it must be at least 1");
     }
-    let wide = |text: &str, size: f64| text::width(text, size).ceil() as usize;
+    let width_of = |text: &str, size: f64| text::width(text, size).ceil() as usize;
     let cell = |crop: &Crop| {
         let image = crop.image.size();
-        Size::new(image.height * enlarge + CAPTION, (image.width * enlarge).max(wide(&crop.caption, FONT)))
+        Size::new(
+            image.height * enlarge + CAPTION,
+            (image.width * enlarge).max(width_of(&crop.caption, FONT)),
+        )
     };
     let widths =
         [0, 1].map(|side| pairs.iter().map(|pair| cell(&pair[side]).width).max().unwrap_or_default());
@@ -51,9 +54,9 @@ pub fn contact_sheet(title: &str, pairs: &[[Crop; 2]], enlarge: usize) -> Result
     let top = MARGIN + TITLE;
     let size = Size::new(
         top + heights.clone().map(|h| h + MARGIN).sum::<usize>(),
-        (widths[0] + widths[1] + 3 * MARGIN).max(wide(title, TITLE_FONT) + 2 * MARGIN),
+        (widths[0] + widths[1] + 3 * MARGIN).max(width_of(title, TITLE_FONT) + 2 * MARGIN),
     );
-    let mut sheet = Figure::new(size, Style::Dark).on(PAPER);
+    let mut sheet = Figure::new(size, Style::Dark).with_background(BACKGROUND);
     let at = (MARGIN as f64, (MARGIN + TITLE / 2) as f64 - 4.0);
     sheet.text(Text { size: TITLE_FONT, ..Text::new(at, Anchor::Start, title) });
     let mut y = top;
@@ -79,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn every_pixel_becomes_a_square() {
+    fn enlarged_pixels_are_squares_of_one_colour() {
         let mut left = crop(Size::new(20, 30), [200, 0, 0], "chart");
         left.image.row_mut(3)[4] = [1, 2, 3];
         let right = crop(Size::new(25, 30), [0, 0, 200], "film, λ = 550 nm: a caption wider than its crop");
@@ -99,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crop_is_shown_pixel_for_pixel() {
+    fn crop_at_100_percent_has_its_own_pixels() {
         let mut noise = crop(Size::new(64, 61), [0; 3], "");
         for y in 0..64 {
             for (x, p) in noise.image.row_mut(y).iter_mut().enumerate() {
@@ -115,11 +118,11 @@ mod tests {
     }
 
     #[test]
-    fn a_long_title_fits() {
+    fn long_title_widens_the_sheet_and_no_pair_or_scale_0_is_an_error() {
         let pair = || [crop(Size::new(1, 1), [0; 3], ""), crop(Size::new(1, 1), [9; 3], "")];
         let sheet = contact_sheet("A title much longer than its crops", &[pair()], 1).unwrap();
         assert!(sheet.size().width > 300);
-        assert!((0..sheet.size().height).all(|y| sheet.pixel(y, sheet.size().width - 10) == PAPER));
+        assert!((0..sheet.size().height).all(|y| sheet.pixel(y, sheet.size().width - 10) == BACKGROUND));
         assert!(contact_sheet("none", &[], 1).is_err() && contact_sheet("none", &[pair()], 0).is_err());
     }
 }

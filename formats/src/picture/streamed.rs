@@ -1,17 +1,18 @@
-//! The colour preview of any size, row by row: memory holds a strip of the picture (512 rows at most), never the picture.
+//! The colour preview of any size, row by row: memory holds at most 512 rows of the picture, never the picture.
 //!
-//! The values are those of [`super::preview`]. An exposure that is to be found from the picture takes a pass of its own over the
-//! source. Written as 8-bit PNG, or as BigTIFF of 16 bits (steps of 1/65535 of the encoded value), both sRGB-encoded.
+//! Values are those of [`super::preview`]. An exposure that is measured on the picture takes a separate pass over the source.
+//! Written as 8-bit PNG, or as BigTIFF of 16 bits (steps of 1/65535 of the encoded value), both sRGB-encoded.
 
 use std::path::Path;
 
-use super::average::Grid;
-use super::exposure::Levels;
-use super::file::{Samples, write_png, write_tiff};
-use super::preview::{PreviewOptions, Seen, White, encoded, luminance};
-use super::{ChartSource, PictureError, Progress, Shown, chequer};
+use super::area::Grid;
+use super::file::{Samples, png_file, tiff_file};
+use super::preview::{PreviewOptions, White};
+use super::spectral::VisibleBands;
+use super::tone::{Tone, is_missing, luminance};
+use super::{ChartSource, PictureError, PictureSummary, Progress};
 
-/// The file to write.
+/// File format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColourFile {
     /// 8 bits a channel.
@@ -23,7 +24,7 @@ pub enum ColourFile {
 /// Writes the picture.
 ///
 /// # Errors
-/// As [`super::preview::write_preview`]; [`White::Auto`] cannot be met without the whole picture.
+/// As [`super::preview::write_preview`]; [`White::Auto`] needs the complete picture in memory and is not supported.
 pub fn write_streamed(
     path: &Path,
     source: &dyn ChartSource,
@@ -31,61 +32,49 @@ pub fn write_streamed(
     options: &PreviewOptions,
     file: ColourFile,
     progress: Progress<'_>,
-) -> Result<Shown, PictureError> {
-    if let Some(problem) = options.exposure.problem() {
-        return Err(PictureError::Setting { setting: "exposure", problem });
-    }
+) -> Result<PictureSummary, PictureError> {
+    options.exposure.check()?;
     let White::Illuminant(light) = options.white else {
-        let problem = "auto looks at the whole picture, which memory does not hold; name a light, or ask for a smaller picture";
+        let problem = "auto needs the complete picture in memory; name a light, or request a smaller picture";
         return Err(PictureError::Setting { setting: "white", problem: problem.into() });
     };
-    let seen = Seen::new(bands_nm, options.white)?;
+    let visible = VisibleBands::new(bands_nm, light)?;
     let grid = Grid::new(source.size(), &options.view)?;
     let threads = options.view.threads;
-    let exposure = match options.exposure.fixed() {
-        Some(factor) => factor,
-        None => {
-            let mut levels = Levels::default();
-            let first_half = |done, total: u64| progress(done, 2 * total);
-            seen.rows(source, &grid, threads, &first_half, &mut |_, row| {
-                row.iter().for_each(|p| levels.add(luminance(p.map(f64::from)) as f32));
-                Ok(())
-            })?;
-            options.exposure.factor(&levels)
-        }
-    };
-    let second_half = |done, total| progress(done + total, 2 * total);
-    let progress: Progress<'_> = if options.exposure.fixed().is_some() { progress } else { &second_half };
+    let exposure = options.exposure.measure(progress, |levels, progress| {
+        visible.stream_rows(source, &grid, threads, progress, &mut |_, row| {
+            row.iter().for_each(|p| levels.add(luminance(p.map(f64::from)) as f32));
+            Ok(())
+        })
+    })?;
+    let progress = options.exposure.progress_after_measuring(progress);
     let comment = format!("lenscube preview, CIE 1931 2 deg, white {}, exposure {exposure}", light.name());
+    let tone = Tone { exposure, gamma: 1.0 };
     let mut missing_pixels = 0;
-    let mut show = |y: usize, x: usize, rgb: [f32; 3]| {
-        if rgb.iter().all(|v| v.is_finite()) {
-            return encoded(rgb.map(|v| f64::from(v) * exposure));
-        }
-        missing_pixels += 1;
-        [chequer(y, x); 3]
+    let mut values = Vec::with_capacity(3 * grid.out.width);
+    let mut encode = |emit: &mut (dyn FnMut(&[f64]) -> Result<(), PictureError> + Send)| {
+        visible.stream_rows(source, &grid, threads, &progress, &mut |y, row| {
+            values.clear();
+            for (x, rgb) in row.iter().enumerate() {
+                missing_pixels += u64::from(is_missing(rgb));
+                values.extend(tone.encoded(*rgb, (y, x)));
+            }
+            emit(&values)
+        })
     };
-    let missing_samples = match file {
-        ColourFile::Png => write_png(path, grid.out, Samples::Srgb8, &comment, |out| {
-            let mut bytes = Vec::with_capacity(3 * grid.out.width);
-            seen.rows(source, &grid, threads, progress, &mut |y, row| {
-                bytes.clear();
-                for (x, rgb) in row.iter().enumerate() {
-                    bytes.extend(show(y, x, *rgb).map(|v| (255.0 * v).round() as u8));
-                }
+    let (file, missing_samples) = match file {
+        ColourFile::Png => png_file(path, grid.out, Samples::Srgb8, &comment, |out| {
+            encode(&mut |values| {
+                let bytes: Vec<u8> = values.iter().map(|v| (255.0 * v).round() as u8).collect();
                 out.write_all(&bytes).map_err(|source| PictureError::Write { path: path.to_owned(), source })
             })
         }),
-        ColourFile::Tiff => write_tiff(path, grid.out, &comment, |out| {
-            let mut samples = Vec::with_capacity(3 * grid.out.width);
-            seen.rows(source, &grid, threads, progress, &mut |y, row| {
-                samples.clear();
-                for (x, rgb) in row.iter().enumerate() {
-                    samples.extend(show(y, x, *rgb).map(|v| (65535.0 * v).round() as u16));
-                }
-                out(&samples)
+        ColourFile::Tiff => tiff_file(path, grid.out, &comment, |out| {
+            encode(&mut |values| {
+                out(&values.iter().map(|v| (65535.0 * v).round() as u16).collect::<Vec<_>>())
             })
         }),
     }?;
-    Ok(Shown { size: grid.out, exposure, missing_samples, missing_pixels })
+    file.finish()?;
+    Ok(PictureSummary { size: grid.out, exposure, missing_samples, missing_pixels })
 }

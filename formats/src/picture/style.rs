@@ -1,8 +1,8 @@
 //! Colours of figures: a light style for paper and a dark one for screens, both safe for colour-blind readers.
 //!
-//! Curves without order take the palette of Okabe & Ito (Color Universal Design, 2008) and a dash pattern or a marker
-//! each, so that they are told apart in grey too. Ordered ones (wavelengths) take part of the *inferno* scale (van der
-//! Walt & Smith, 2015), whose lightness rises steadily; PSF images take all of it.
+//! Curves without an order have colours of the palette of Okabe & Ito (Color Universal Design, 2008) and a dash pattern
+//! or a marker each, so that they are distinguishable in grey too. Ordered ones (wavelengths) use a part of the *inferno*
+//! scale (van der Walt & Smith, 2015), whose lightness rises steadily; PSF images use all of it.
 
 use pipeline::colour;
 
@@ -19,10 +19,10 @@ pub enum Style {
     Dark,
 }
 
-/// What is drawn in which colour.
+/// A colour by its role in a figure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Colour {
-    /// Text, frames and what is drawn in black on paper.
+    /// Text and frames.
     Ink,
     /// Annotations and outlines.
     Muted,
@@ -32,11 +32,11 @@ pub enum Colour {
     Paper,
     /// Lens elements.
     Glass,
-    /// A colour of the palette, counted around.
+    /// A colour of the palette, modulo [`PALETTE`].
     Palette(usize),
-    /// A place 0..1 on the scale of ordered curves.
+    /// A position 0..1 on the scale of ordered curves.
     Scale(f64),
-    /// A colour of its own.
+    /// A given colour.
     Rgb(Rgb),
 }
 
@@ -53,23 +53,23 @@ const DARK: [Rgb; 7] = [
     [214, 140, 180],
     [240, 228, 66],
 ];
-/// Colours of the palette.
+/// Number of colours of the palette.
 pub const PALETTE: usize = LIGHT.len();
 
 impl Style {
-    /// The value of a colour.
+    /// The sRGB value of a colour.
     pub fn rgb(self, colour: Colour) -> Rgb {
         let dark = self == Self::Dark;
-        let of = |light: Rgb, on_dark: Rgb| if dark { on_dark } else { light };
+        let choose = |light: Rgb, on_dark: Rgb| if dark { on_dark } else { light };
         match colour {
-            Colour::Ink => of([17; 3], [232; 3]),
-            Colour::Muted => of([96; 3], [160; 3]),
-            Colour::Grid => of([224; 3], [58; 3]),
-            Colour::Paper => of([255; 3], [24, 26, 29]),
-            Colour::Glass => of([222, 235, 247], [44, 62, 80]),
+            Colour::Ink => choose([17; 3], [232; 3]),
+            Colour::Muted => choose([96; 3], [160; 3]),
+            Colour::Grid => choose([224; 3], [58; 3]),
+            Colour::Paper => choose([255; 3], [24, 26, 29]),
+            Colour::Glass => choose([222, 235, 247], [44, 62, 80]),
             Colour::Rgb(rgb) => rgb,
             Colour::Palette(i) => (if dark { DARK } else { LIGHT })[i % PALETTE],
-            // The ends that would vanish in the paper are left out.
+            // Without the end that has too little contrast to the paper.
             Colour::Scale(t) => inferno(if dark { 0.38 + 0.57 * t } else { 0.12 + 0.66 * t }),
         }
     }
@@ -86,14 +86,14 @@ pub fn inferno(t: f64) -> Rgb {
     [colour.r, colour.g, colour.b]
 }
 
-/// A wavelength's own colour as the eye sees it, dark enough to read on white.
+/// Colour of monochromatic light, dark enough to be readable on white.
 pub fn wavelength_colour(nm: f64) -> Rgb {
-    // Beyond what the eye sees well hues stay as at its ends; from 640 nm up, where all are one red, they darken.
+    // Constant hue beyond 410 to 680 nm; from 640 nm up, where the hue hardly changes, wavelengths darken.
     let rgb = colour::xyz_to_linear_srgb(colour::observer(nm.clamp(410.0, 680.0))).map(|v| v.max(0.0));
-    let most = rgb.iter().fold(1e-12, |a: f64, &b| a.max(b));
-    let luminance = (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]) / most;
-    // Contrast of at least 4.5 against white asks for luminance up to 0.18.
-    let scale = (0.18 / luminance).min(1.0) / most * (1.0 - (nm - 640.0) / 80.0).clamp(0.25, 1.0);
+    let brightest = rgb.iter().fold(1e-12, |a: f64, &b| a.max(b));
+    let luminance = (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]) / brightest;
+    // A contrast of at least 4.5 against white needs a luminance of at most 0.18.
+    let scale = (0.18 / luminance).min(1.0) / brightest * (1.0 - (nm - 640.0) / 80.0).clamp(0.25, 1.0);
     rgb.map(|v| (255.0 * colour::srgb_encode(v * scale)).round() as u8)
 }
 
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn curves_stand_out_from_the_paper() {
+    fn curves_and_text_have_contrast_to_the_paper() {
         for style in [Style::Light, Style::Dark] {
             let paper = luminance(style.rgb(Colour::Paper));
             let drawn = (0..PALETTE).map(Colour::Palette).chain([0.0, 0.5, 1.0].map(Colour::Scale));
@@ -120,10 +120,10 @@ mod tests {
     }
 
     #[test]
-    fn the_scale_of_ordered_curves_rises_in_lightness() {
+    fn scale_of_ordered_curves_rises_in_luminance() {
         for style in [Style::Light, Style::Dark] {
-            let of = |i: i32| luminance(style.rgb(Colour::Scale(f64::from(i) / 30.0)));
-            assert!((0..30).all(|i| of(i + 1) > of(i)));
+            let at = |i: i32| luminance(style.rgb(Colour::Scale(f64::from(i) / 30.0)));
+            assert!((0..30).all(|i| at(i + 1) > at(i)));
         }
         assert_eq!(inferno(f64::NAN), inferno(0.0));
     }

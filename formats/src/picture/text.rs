@@ -1,11 +1,10 @@
-//! Type of figures: an embedded subset of Inter (Regular 4.1, SIL Open Font License, `font/LICENSE-Inter.txt`).
+//! Font of figures: an embedded subset of Inter (Regular 4.1, SIL Open Font License, `font/LICENSE-Inter.txt`).
 //!
-//! No font of the machine is used: an SVG carries this one, a PNG is drawn with its outlines, and both lay text out by
-//! its advance widths (px, no kerning: the subset has none). Latin, Greek, Cyrillic, mathematical signs, sub- and
-//! superscript digits; figures of one width. Other characters are drawn as an empty box in PNG files; in SVG files a
-//! viewer takes them from its own fonts.
+//! No font of the machine is used: an SVG embeds this one, a PNG is drawn with its outlines, and both place letters by
+//! its advance widths (px, no kerning: the subset has none). It has Latin, Greek, Cyrillic, mathematical signs, sub- and
+//! superscript digits; digits have equal widths. Other characters are drawn as an empty box in PNG files; an SVG viewer
+//! takes them from its own fonts.
 
-use std::borrow::Cow;
 use std::fmt::Write;
 use std::sync::LazyLock;
 
@@ -13,15 +12,15 @@ use base64::Engine;
 use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
 const FONT: &[u8] = include_bytes!("font/Inter-subset.ttf");
-/// The embedded font, then what an SVG editor that ignores embedded fonts takes.
+/// The embedded font, then fallbacks for SVG editors that ignore embedded fonts.
 pub(super) const FAMILY: &str = "Inter, 'DejaVu Sans', Helvetica, Arial, sans-serif";
-/// Height of capitals and figures over the font size.
+/// Height of capitals and digits over the font size.
 pub(super) const CAP_HEIGHT: f64 = 0.727;
 
 static FACE: LazyLock<Face<'static>> =
-    LazyLock::new(|| Face::parse(FONT, 0).expect("the embedded font is whole"));
+    LazyLock::new(|| Face::parse(FONT, 0).expect("the embedded font is valid"));
 
-/// A CSS rule that holds the font.
+/// A CSS rule with the font.
 pub fn font_css() -> String {
     let data = base64::engine::general_purpose::STANDARD.encode(FONT);
     format!("@font-face{{font-family:Inter;src:url(data:font/ttf;base64,{data})}}")
@@ -40,17 +39,17 @@ pub(super) fn width(text: &str, size: f64) -> f64 {
     size * text.chars().map(advance).sum::<f64>()
 }
 
-/// The text, or as much of it as `most` px hold with an ellipsis.
-pub(super) fn fit(text: &str, size: f64, most: f64) -> Cow<'_, str> {
-    if width(text, size) <= most {
-        return text.into();
+/// The text, cut to `max_width` px with an ellipsis.
+pub(super) fn fit(text: &str, size: f64, max_width: f64) -> String {
+    if width(text, size) <= max_width {
+        return text.to_owned();
     }
-    let mut left = most - width("…", size);
-    let held = text.chars().take_while(|&c| {
+    let mut left = max_width - width("…", size);
+    let kept = text.chars().take_while(|&c| {
         left -= size * advance(c);
         left >= 0.0
     });
-    Cow::Owned(held.collect::<String>().trim_end().to_owned() + "…")
+    kept.collect::<String>().trim_end().to_owned() + "…"
 }
 
 /// Outlines of a line of text as SVG path data, its baseline from (x, y) to the right.
@@ -103,7 +102,7 @@ impl OutlineBuilder for Path {
     }
 }
 
-/// Text for XML: markup escaped, line ends as spaces, characters that XML cannot hold replaced.
+/// Text for XML: markup escaped, line ends as spaces, characters outside XML replaced.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for letter in text.chars() {
@@ -125,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_font_has_what_optics_writes() {
+    fn font_has_the_letters_and_signs_of_optics() {
         for letter in "λθµ°ΔΩ₀₁₅₀⁻⁶×−′″≤≥≈∞·…–ш".chars() {
             assert!(FACE.glyph_index(letter).is_some(), "{letter}");
         }
@@ -137,8 +136,8 @@ mod tests {
     }
 
     #[test]
-    fn long_text_is_cut_to_its_width() {
-        let long = "a name that goes on and on";
+    fn long_text_is_cut_to_the_maximum_width() {
+        let long = "a name that is far too long";
         let short = fit(long, 15.0, 80.0);
         assert!(short.ends_with('…') && width(&short, 15.0) <= 80.0 && width(&short, 15.0) > 60.0, "{short}");
         assert_eq!(fit(long, 15.0, 500.0), long);

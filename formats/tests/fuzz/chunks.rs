@@ -1,8 +1,8 @@
-//! Charts' chunks: metadata that hold, and chunks of every codec whose sizes, offsets or values do not.
+//! Chunks of charts: valid metadata, and chunks of every codec with invalid sizes, offsets or values.
 
-use crate::codecs::{Bombs, blosc, blosc_header, crc32c, samples, shard, zstd};
+use crate::codecs::{Bombs, blosc, crc32c, damage_blosc_header, samples, shard, zstd};
 use crate::fuzz_support::{Random, fuzz};
-use crate::{data, folder};
+use crate::{data, directory};
 use lenscube_formats::chart::{ChartOptions, ChartStore};
 use pipeline::geometry::Rect;
 use serde_json::{Value, json};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 const HEIGHT: usize = 20;
 const WIDTH: usize = 24;
 
-/// What a chunk is compressed with.
+/// Compression of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Codec {
     None,
@@ -28,10 +28,10 @@ const V3: [Codec; 4] = [Codec::None, Codec::Zstd, Codec::Gzip, Codec::Blosc];
 struct Store {
     path: PathBuf,
     codec: Codec,
-    /// Of a sample.
+    /// Bytes of a sample.
     bytes: usize,
     checksum: bool,
-    /// Inner chunks of a quarter; whether the index comes first.
+    /// Four inner chunks; whether the index comes first.
     sharded: Option<bool>,
     v2: bool,
 }
@@ -97,7 +97,7 @@ impl Store {
         self.path.join(if self.v2 { "0.0.0" } else { "c/0/0/0" })
     }
 
-    fn encoded(&self, count: usize, bombs: &Bombs, r: &mut Random) -> Vec<u8> {
+    fn encode(&self, count: usize, bombs: &Bombs, r: &mut Random) -> Vec<u8> {
         let data = samples(count, self.bytes, r);
         let mut out = match self.codec {
             Codec::None => data,
@@ -113,34 +113,34 @@ impl Store {
         out
     }
 
-    fn file(&self, bombs: &Bombs, r: &mut Random) -> Vec<u8> {
+    fn encode_file(&self, bombs: &Bombs, r: &mut Random) -> Vec<u8> {
         match self.sharded {
-            None => self.encoded(HEIGHT * WIDTH, bombs, r),
+            None => self.encode(HEIGHT * WIDTH, bombs, r),
             Some(first) => {
-                let chunks: Vec<_> = (0..4).map(|_| self.encoded(HEIGHT * WIDTH / 4, bombs, r)).collect();
+                let chunks: Vec<_> = (0..4).map(|_| self.encode(HEIGHT * WIDTH / 4, bombs, r)).collect();
                 shard(&chunks, first, r)
             }
         }
     }
 }
 
-/// Reads all of the first band: what was read is finite.
-fn read(path: &Path) -> bool {
+/// Reads the first band and checks that all values are finite.
+fn read_first_band(path: &Path) -> bool {
     let options = ChartOptions::default();
     let Ok(chart) = ChartStore::open(&path.to_string_lossy(), options) else { return false };
     let rect = Rect::new(0, 0, chart.size().height.min(40), chart.size().width.min(40));
     let mut out = vec![f32::NAN; rect.size().pixels()];
-    let whole = chart.read_rect(0, rect, &mut out).is_ok();
+    let complete = chart.read_rect(0, rect, &mut out).is_ok();
     assert!(
-        !whole || out.iter().all(|v| v.is_finite()),
+        !complete || out.iter().all(|v| v.is_finite()),
         "a value that is not finite was read without an error"
     );
-    whole
+    complete
 }
 
 #[test]
 fn chart_chunks() {
-    let dir = folder();
+    let dir = directory();
     let mut stores = Vec::new();
     for codec in V3 {
         for bytes in [2, 4, 8] {
@@ -154,36 +154,36 @@ fn chart_chunks() {
         [Codec::None, Codec::Zstd, Codec::Gzip, Codec::Zlib, Codec::Blosc].map(|c| Store::v2(dir.path(), c)),
     );
     let bombs = Bombs::new();
-    let at = RefCell::new(PathBuf::new());
+    let current = RefCell::new(PathBuf::new());
     let make = |r: &mut Random| {
         let store = &stores[r.below(stores.len())];
-        let bytes = store.file(&bombs, r);
+        let bytes = store.encode_file(&bombs, r);
         fs::write(store.chunk_file(), &bytes).unwrap();
-        at.borrow_mut().clone_from(&store.path);
-        // Which store it belongs to lies before the chunk, so that a finding can be read again.
+        current.borrow_mut().clone_from(&store.path);
+        // The case begins with the name of its store, so that a finding can be reproduced.
         [store.path.file_name().unwrap().as_encoded_bytes(), b"\n", &bytes[..]].concat()
     };
-    fuzz("chart chunks", 1000, make, |_| read(&at.borrow()));
+    fuzz("chart chunks", 1000, make, |_| read_first_band(&current.borrow()));
 }
 
-/// Chunks that c-blosc wrote (LZ4), with other sizes in their headers.
+/// Chunks written by c-blosc (LZ4), with other sizes in their headers.
 #[test]
-fn blosc_chunks_of_other_software() {
-    let dir = folder();
+fn blosc_headers_of_c_blosc() {
+    let dir = directory();
     let from = data("charts/v2-blosc/chart");
     for name in [".zarray", ".zattrs"] {
         fs::copy(from.join(name), dir.path().join(name)).unwrap();
     }
     let names = ["0.0.0", "0.1.1", "0.2.2", "1.0.1"];
-    let whole = names.map(|n| fs::read(from.join(n)).unwrap());
-    whole.iter().zip(names).for_each(|(bytes, name)| fs::write(dir.path().join(name), bytes).unwrap());
+    let originals = names.map(|n| fs::read(from.join(n)).unwrap());
+    originals.iter().zip(names).for_each(|(bytes, name)| fs::write(dir.path().join(name), bytes).unwrap());
     let mut last = 0;
     let make = |r: &mut Random| {
-        fs::write(dir.path().join(names[last]), &whole[last]).unwrap();
+        fs::write(dir.path().join(names[last]), &originals[last]).unwrap();
         last = r.below(names.len());
-        let mut bytes = whole[last].clone();
+        let mut bytes = originals[last].clone();
         if r.below(8) != 0 {
-            blosc_header(&mut bytes, r);
+            damage_blosc_header(&mut bytes, r);
         }
         fs::write(dir.path().join(names[last]), &bytes).unwrap();
         bytes

@@ -1,15 +1,14 @@
-//! Compressed chunks written byte by byte: right, or with headers that claim another size than the data have, or that decode to very
-//! much more. Formats: RFC 8878 (zstd), RFC 1950-1952 (zlib, gzip), Blosc 1 chunks (c-blosc README_CHUNK_FORMAT), Zarr v3
+//! Compressed chunks written byte by byte: valid, with other sizes in the header than in the data, or of an extreme compression ratio. Formats: RFC 8878 (zstd), RFC 1950-1952 (zlib, gzip), Blosc 1 chunks (c-blosc README_CHUNK_FORMAT), Zarr v3
 //! sharding_indexed.
 
-use crate::fuzz_support::strange::{integer, magnitude};
+use crate::fuzz_support::extreme::{integer, magnitude};
 use crate::fuzz_support::{Random, damage};
 use std::io::Write;
 
-/// Bytes that a zstd block may hold at most.
+/// Maximum bytes of a zstd block.
 const ZSTD_BLOCK: usize = 128 << 10;
 
-/// `count` samples of `bytes` each, little endian: a ramp, or with some magnitudes in it; now and then of another length.
+/// `count` samples of `bytes` each, little endian: a ramp with some extreme magnitudes, sometimes of another length.
 pub fn samples(count: usize, bytes: usize, r: &mut Random) -> Vec<u8> {
     let mut values: Vec<f64> = (0..count).map(|i| i as f64 * 0.01).collect();
     for _ in 0..r.below(4) {
@@ -65,7 +64,7 @@ pub fn zstd(data: &[u8], r: &mut Random) -> Vec<u8> {
         parts.iter().enumerate().for_each(|(i, p)| block(&mut out, i + 1 == parts.len(), raw, p.len(), p));
     }
     match r.below(16) {
-        // A skippable frame before, the same frame again, an end that is missing.
+        // A skippable frame before, the same frame again, a missing end.
         0 => {
             let mut skippable = 0x184D_2A50_u32.to_le_bytes().to_vec();
             skippable.extend((integer(r) as u32).to_le_bytes());
@@ -78,7 +77,7 @@ pub fn zstd(data: &[u8], r: &mut Random) -> Vec<u8> {
     out
 }
 
-/// Zeros, deflated once: each byte decodes to about a thousand.
+/// Deflated zeros: each byte decodes to about a thousand.
 pub struct Bombs {
     gzip: Vec<Vec<u8>>,
     zlib: Vec<Vec<u8>>,
@@ -88,15 +87,15 @@ impl Bombs {
     pub fn new() -> Self {
         let zeros = vec![0; 64 << 20];
         let sizes = [1 << 16, 1 << 22, 64 << 20];
-        let gzip = sizes.map(|n| gzip_of(&zeros[..n], 9)).into();
-        Self { gzip, zlib: sizes.map(|n| zlib_of(&zeros[..n], 9)).into() }
+        let gzip = sizes.map(|n| deflate_gzip(&zeros[..n], 9)).into();
+        Self { gzip, zlib: sizes.map(|n| deflate_zlib(&zeros[..n], 9)).into() }
     }
 
-    /// A gzip member, or two; the size in the trailer may be another.
+    /// One or two gzip members; the size in the trailer may be wrong.
     pub fn gzip(&self, data: &[u8], r: &mut Random) -> Vec<u8> {
         let mut out = match r.below(8) {
             0 => self.gzip[r.below(self.gzip.len())].clone(),
-            _ => gzip_of(data, 1),
+            _ => deflate_gzip(data, 1),
         };
         match r.below(8) {
             0 => {
@@ -104,7 +103,7 @@ impl Bombs {
                 out[at..].copy_from_slice(&(integer(r) as u32).to_le_bytes());
             }
             1 => out.extend(self.gzip[0].clone()),
-            // Flags that claim a name, a comment, extra fields, a checksum.
+            // Flags of a name, a comment, extra fields, a checksum.
             2 => out[3] = r.next() as u8,
             3 => out.truncate(r.below(out.len())),
             4 => damage(&mut out, r),
@@ -116,7 +115,7 @@ impl Bombs {
     pub fn zlib(&self, data: &[u8], r: &mut Random) -> Vec<u8> {
         let mut out = match r.below(8) {
             0 => self.zlib[r.below(self.zlib.len())].clone(),
-            _ => zlib_of(data, 1),
+            _ => deflate_zlib(data, 1),
         };
         match r.below(8) {
             0 => out.truncate(r.below(out.len())),
@@ -127,19 +126,19 @@ impl Bombs {
     }
 }
 
-fn gzip_of(data: &[u8], level: u32) -> Vec<u8> {
+fn deflate_gzip(data: &[u8], level: u32) -> Vec<u8> {
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::new(level));
     encoder.write_all(data).unwrap();
     encoder.finish().unwrap()
 }
 
-fn zlib_of(data: &[u8], level: u32) -> Vec<u8> {
+fn deflate_zlib(data: &[u8], level: u32) -> Vec<u8> {
     let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::new(level));
     encoder.write_all(data).unwrap();
     encoder.finish().unwrap()
 }
 
-/// A Blosc 1 chunk that holds its data as they are, or says that they are compressed; sizes in the header may be others.
+/// A Blosc 1 chunk of uncompressed data, sometimes with the flag of compressed data; sizes in the header may be wrong.
 pub fn blosc(data: &[u8], typesize: usize, r: &mut Random) -> Vec<u8> {
     const STORED: u8 = 2;
     let flags = match r.below(6) {
@@ -149,8 +148,8 @@ pub fn blosc(data: &[u8], typesize: usize, r: &mut Random) -> Vec<u8> {
     };
     let mut out = vec![2, 1, flags, typesize as u8];
     let (n, with_header) = (data.len() as u32, data.len() as u32 + 16);
-    for right in [n, n.max(1), with_header] {
-        let value = if r.below(6) == 0 { integer(r) as u32 } else { right };
+    for correct in [n, n.max(1), with_header] {
+        let value = if r.below(6) == 0 { integer(r) as u32 } else { correct };
         out.extend(value.to_le_bytes());
     }
     out.extend(data);
@@ -163,15 +162,15 @@ pub fn blosc(data: &[u8], typesize: usize, r: &mut Random) -> Vec<u8> {
     out
 }
 
-/// The header of a chunk as it was compressed elsewhere, with one size replaced.
-pub fn blosc_header(chunk: &mut [u8], r: &mut Random) {
+/// Replaces one size in the header of a chunk of another program.
+pub fn damage_blosc_header(chunk: &mut [u8], r: &mut Random) {
     if chunk.len() >= 16 {
         let at = 4 * (1 + r.below(3));
         chunk[at..at + 4].copy_from_slice(&(integer(r) as u32).to_le_bytes());
     }
 }
 
-/// A shard of these inner chunks, its index at the end or the beginning, CRC-32C right; entries may point anywhere.
+/// A shard of these inner chunks, with its index at the end or the beginning and a valid CRC-32C; entries may point anywhere.
 pub fn shard(chunks: &[Vec<u8>], index_first: bool, r: &mut Random) -> Vec<u8> {
     let index_bytes = chunks.len() * 16 + 4;
     let (mut body, mut index) = (Vec::new(), Vec::new());
@@ -198,14 +197,14 @@ pub fn shard(chunks: &[Vec<u8>], index_first: bool, r: &mut Random) -> Vec<u8> {
     out
 }
 
-/// Castagnoli's polynomial, bit by bit (RFC 3720, B.4).
+/// CRC-32C (Castagnoli polynomial), bit by bit (RFC 3720, B.4).
 pub fn crc32c(bytes: &[u8]) -> u32 {
     let step = |crc: u32| if crc & 1 == 1 { crc >> 1 ^ 0x82F6_3B78 } else { crc >> 1 };
     !bytes.iter().fold(!0, |crc, b| (0..8).fold(crc ^ u32::from(*b), |crc, _| step(crc)))
 }
 
 #[test]
-fn crc32c_of_the_standard() {
+fn crc32c_matches_rfc_3720() {
     assert_eq!(crc32c(&[0; 32]), 0x8A91_36AA);
     assert_eq!(crc32c(b"123456789"), 0xE306_9283);
 }

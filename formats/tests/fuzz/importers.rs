@@ -1,7 +1,7 @@
-//! Every importer: its parsers on damaged files in memory, its folders with one file spoilt.
+//! Every importer: its parsers with damaged files in memory, its directories with one damaged file.
 
 use crate::fuzz_support::{Random, damage, damage_text, fuzz};
-use crate::{data, folder};
+use crate::{data, directory};
 use lenscube_formats::import::window::{EvenWindow, Outward};
 use lenscube_formats::import::{
     self, Format, ImportOptions, distortion_listing, illumination_listing, isetparms, npy, npz, psf_listing,
@@ -11,7 +11,7 @@ use pipeline::lens::PsfSample;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const HERE: &str = "here";
+const PATH: &str = "file";
 
 fn text_target(target: &str, seeds: &[String], read: impl Fn(&str) -> bool) {
     let make = |r: &mut Random| {
@@ -33,7 +33,7 @@ Values are relative intensity.\n\n{rows}"
     )
 }
 
-fn grid() -> String {
+fn grid_listing() -> String {
     let mut text = "Listing of Grid Distortion Data\n\nUnits are Millimeters.\nField units are degrees\n\
 Wavelength: 0.55000 µm\nReference Coordinates: Xref = 0.0, Yref = 0.0\n\n\
    i    j  X-Field  Y-Field  R-Field  Predicted X  Predicted Y  Real X  Real Y  Distortion\n"
@@ -57,7 +57,7 @@ efl=10\nfnumber=4\nfnumber_eff=[4.1]\n";
 fn iset_parameters() {
     let seeds =
         [PARAMETERS.to_string(), PARAMETERS.replace("imgHeightNum=3;\nimgHeightMax=4", "imgHeight=0:2:4")];
-    text_target("ISETPARMS.TXT", &seeds, |text| isetparms::Parameters::parse(Path::new(HERE), text).is_ok());
+    text_target("ISETPARMS.TXT", &seeds, |text| isetparms::Parameters::parse(Path::new(PATH), text).is_ok());
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn psf_listings() {
     let commas = psf(8, "10.00, 20.00", "3.5E+00, 7.2E+00").replace('.', ",");
     let labelled = psf(5, "0.0", "0, 1").replace("3, 3", "row 3, column 4");
     text_target("PSF listing", &[psf(6, "-2.0", "0.0, -0.35"), commas, labelled], |text| {
-        let Ok(listing) = psf_listing::parse(Path::new(HERE), text) else { return false };
+        let Ok(listing) = psf_listing::parse(Path::new(PATH), text) else { return false };
         let _ = listing.outward();
         true
     });
@@ -73,21 +73,21 @@ fn psf_listings() {
 
 #[test]
 fn distortion_listings() {
-    text_target("grid distortion listing", &[grid()], |text| {
-        distortion_listing::grid(Path::new(HERE), text).is_ok()
+    text_target("grid distortion listing", &[grid_listing()], |text| {
+        distortion_listing::grid(Path::new(PATH), text).is_ok()
     });
     let curvature = "Listing of FIELD CURVATURE DISTORTION Data\n\nData for wavelength : 0.5500 µm.\n\
 Distortion focal length = 10.0\n\nY Angle (deg)  Tan Shift  Real Height\n0.0 0.0 0.0\n1.5 0.1 0.26\n2.9 0.1 0.5\n\n\
 Data for wavelength : 0.65 µm.\nY Angle (deg)  Real Height\n0.0 0.0\n1.5 0.26\n";
     text_target("field curvature listing", &[curvature.to_string()], |text| {
-        distortion_listing::field_curvature(Path::new(HERE), text).is_ok()
+        distortion_listing::field_curvature(Path::new(PATH), text).is_ok()
     });
 }
 
 #[test]
 fn illumination_listings() {
     text_target("illumination listing", &[ILLUMINATION.to_string()], |text| {
-        illumination_listing::parse(Path::new(HERE), text).is_ok()
+        illumination_listing::parse(Path::new(PATH), text).is_ok()
     });
 }
 
@@ -110,7 +110,7 @@ fn npy_arrays() {
     fuzz("NPY", 1000, make, |bytes| npy::parse(bytes).is_ok());
 }
 
-/// A small archive, arrays damaged before they are packed or the archive after.
+/// A small archive: damaged as a whole, or with a damaged array.
 #[test]
 fn npz_archives() {
     use std::io::{Cursor, Write};
@@ -141,13 +141,13 @@ fn npz_archives() {
         }
         zip.finish().unwrap().into_inner()
     };
-    let whole = pack(&arrays);
+    let archive = pack(&arrays);
     let make = |r: &mut Random| {
         let mut arrays = arrays.clone();
         let at = r.below(arrays.len());
         match r.below(4) {
             0 => {
-                let mut bytes = whole.clone();
+                let mut bytes = archive.clone();
                 damage(&mut bytes, r);
                 return bytes;
             }
@@ -156,15 +156,15 @@ fn npz_archives() {
         }
         pack(&arrays)
     };
-    let options = ImportOptions { primary_wavelength_nm: Some(550.0), f_number: Some(4.0), ..told() };
-    fuzz("NPZ", 500, make, |bytes| match npz::open_bytes(Path::new(HERE), bytes, &options) {
+    let options = ImportOptions { primary_wavelength_nm: Some(550.0), f_number: Some(4.0), ..required() };
+    fuzz("NPZ", 500, make, |bytes| match npz::open_bytes(Path::new(PATH), bytes, &options) {
         Ok(mut imported) => imported.psf(0).is_ok() && imported.psf(imported.lens().bands.len() - 1).is_ok(),
         Err(_) => false,
     });
 }
 
-/// What no file tells.
-fn told() -> ImportOptions {
+/// Options without which no import succeeds.
+fn required() -> ImportOptions {
     ImportOptions {
         sample: Some(PsfSample::Point),
         outward: Some(Outward::Up),
@@ -175,9 +175,9 @@ fn told() -> ImportOptions {
     }
 }
 
-/// A folder of files, one of them spoilt a case.
-fn folder_target(target: &str, files: &[(&str, Vec<u8>)], options: &ImportOptions) {
-    let dir = folder();
+/// A directory of files, one of them damaged in each case.
+fn directory_target(target: &str, files: &[(&str, Vec<u8>)], options: &ImportOptions) {
+    let dir = directory();
     let at: Vec<PathBuf> = files.iter().map(|(name, _)| dir.path().join(name)).collect();
     at.iter().zip(files).for_each(|(path, (_, bytes))| fs::write(path, bytes).unwrap());
     let mut last = 0;
@@ -199,7 +199,7 @@ fn folder_target(target: &str, files: &[(&str, Vec<u8>)], options: &ImportOption
 }
 
 #[test]
-fn iset_folders() {
+fn iset_directories() {
     let window = b"0 0 0 0\n0 0 25 0\n0 0 75 0\n0 0 0 0\n".to_vec();
     let mut files = vec![
         ("rtX_ISETPARMS.TXT", PARAMETERS.as_bytes().to_vec()),
@@ -211,14 +211,14 @@ fn iset_folders() {
     {
         files.push((name, window.clone()));
     }
-    let options = ImportOptions { psf_heights: Some(vec![1, 2]), ..told() };
-    folder_target("ISET folder", &files, &options);
+    let options = ImportOptions { psf_heights: Some(vec![1, 2]), ..required() };
+    directory_target("ISET folder", &files, &options);
 }
 
 #[test]
-fn folders_of_listings() {
+fn listing_directories() {
     let files = [
-        ("grid.txt", grid().into_bytes()),
+        ("grid.txt", grid_listing().into_bytes()),
         ("ri.txt", ILLUMINATION.as_bytes().to_vec()),
         ("axis.txt", psf(6, "0.0", "0.0, 0.0").into_bytes()),
         ("edge.txt", psf(6, "-2.0", "0.0, -0.35").into_bytes()),
@@ -228,16 +228,16 @@ fn folders_of_listings() {
         primary_wavelength_nm: Some(550.0),
         effective_focal_length_mm: Some(10.0),
         f_number: Some(4.0),
-        ..told()
+        ..required()
     };
-    folder_target("folder of listings", &files, &options);
+    directory_target("folder of listings", &files, &options);
 }
 
 #[test]
-fn folders_of_tables() {
+fn table_directories() {
     let names = ["lens.csv", "heights.csv", "psf.csv", "psf_500.npy", "psf_550.npy"];
     let files = names.map(|n| (n, fs::read(data("tables-example").join(n)).unwrap()));
-    folder_target(
+    directory_target(
         "CSV and NPY folder",
         &files,
         &ImportOptions { field_points: 11, ..ImportOptions::default() },

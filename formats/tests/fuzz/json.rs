@@ -1,24 +1,24 @@
-//! Metadata that is JSON of the right syntax and another meaning.
+//! Damaged JSON metadata: values, keys, and texts that no JSON writer produces.
 
-use crate::fuzz_support::strange::{integer, magnitude, text, wavelengths_nm};
+use crate::fuzz_support::extreme::{integer, magnitude, text, wavelengths_nm};
 use crate::fuzz_support::{Random, damage_text};
 use serde_json::{Value, json};
 
-/// Stands for what a `Value` cannot hold, until it is text.
+/// Placeholder for a text that [`Value`] cannot represent.
 const RAW: &str = "@raw@";
 
-/// Puts strange values somewhere into the tree, or a strange name on a key; what is no JSON is damaged as text.
-pub fn strange(bytes: &mut Vec<u8>, r: &mut Random) {
+/// Replaces some values of the tree, or renames a key; a file that is not JSON is damaged as text.
+pub fn damage_values(bytes: &mut Vec<u8>, r: &mut Random) {
     let Ok(mut tree) = serde_json::from_slice::<Value>(bytes) else { return damage_text(bytes, r) };
     for _ in 0..=r.below(2) {
-        let at = pick(&mut tree, r);
-        match (r.below(8), &mut *at) {
+        let node = pick_node(&mut tree, r);
+        match (r.below(8), &mut *node) {
             (0, Value::Object(map)) if !map.is_empty() => {
-                let key = map.keys().nth(r.below(map.len())).expect("it has that many").clone();
-                let value = map.remove(&key).expect("it is there");
+                let key = map.keys().nth(r.below(map.len())).expect("the index is below the length").clone();
+                let value = map.remove(&key).expect("the key exists");
                 map.insert(text(r), value);
             }
-            _ => *at = value(r),
+            _ => *node = random_value(r),
         }
     }
     let raw = match r.below(7) {
@@ -31,14 +31,14 @@ pub fn strange(bytes: &mut Vec<u8>, r: &mut Random) {
         _ => "NaN".into(),
     };
     *bytes = tree.to_string().replace(&format!("\"{RAW}\""), &raw).into_bytes();
-    // Bytes that are no UTF-8.
+    // Bytes that are not UTF-8.
     if r.below(16) == 0 {
         let at = r.below(bytes.len());
         bytes.splice(at..at, [[0xFF, 0xFE], [0xC3, 0x28]][r.below(2)]);
     }
 }
 
-fn value(r: &mut Random) -> Value {
+fn random_value(r: &mut Random) -> Value {
     match r.below(12) {
         0 | 1 => {
             let v = magnitude(r);
@@ -54,7 +54,7 @@ fn value(r: &mut Random) -> Value {
         5 => json!(wavelengths_nm(3, r).into_iter().map(finite).collect::<Vec<_>>()),
         6 => json!((0..r.below(5)).map(|_| integer(r)).collect::<Vec<_>>()),
         7 => json!(RAW),
-        _ => known(r),
+        _ => zarr_value(r),
     }
 }
 
@@ -62,8 +62,8 @@ fn finite(v: f64) -> Value {
     if v.is_finite() { json!(v) } else { json!("NaN") }
 }
 
-/// Types and words that have a meaning in Zarr, elsewhere.
-fn known(r: &mut Random) -> Value {
+/// Values that have a meaning in another place of Zarr metadata.
+fn zarr_value(r: &mut Random) -> Value {
     let values = [
         json!(null),
         json!(true),
@@ -97,8 +97,8 @@ fn known(r: &mut Random) -> Value {
     values[r.below(values.len())].clone()
 }
 
-/// Some node of the tree.
-fn pick<'a>(tree: &'a mut Value, r: &mut Random) -> &'a mut Value {
+/// A random node of the tree.
+fn pick_node<'a>(tree: &'a mut Value, r: &mut Random) -> &'a mut Value {
     let children = match tree {
         Value::Array(list) => list.len(),
         Value::Object(map) => map.len(),
@@ -113,5 +113,5 @@ fn pick<'a>(tree: &'a mut Value, r: &mut Random) -> &'a mut Value {
         Value::Object(map) => map.values_mut().nth(i),
         _ => None,
     };
-    pick(child.expect("i is below the number of children"), r)
+    pick_node(child.expect("i is below the number of children"), r)
 }

@@ -18,7 +18,7 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
-/// A folder in memory where the system has one.
-fn folder() -> tempfile::TempDir {
-    tempfile::tempdir_in(fuzz_support::memory_folder()).unwrap()
+/// A temporary directory, in memory if possible.
+fn directory() -> tempfile::TempDir {
+    tempfile::tempdir_in(fuzz_support::memory_directory()).unwrap()
 }

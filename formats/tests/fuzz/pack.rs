@@ -1,9 +1,9 @@
-//! Lens packs, as .zip in memory: entries damaged before they are packed (so that no checksum of the archive hides them), and
-//! archives damaged as they are; packs whose tables, attributes or entry names lie at the limits.
+//! Lens packs, as .zip in memory: entries damaged before they are packed (so that the archive's checksums are valid), damaged
+//! archives, and packs with extreme tables, attributes or entry names.
 
-use crate::fuzz_support::strange::{integer, magnitude, name, text, wavelengths_nm};
+use crate::fuzz_support::extreme::{integer, magnitude, name, text, wavelengths_nm};
 use crate::fuzz_support::{Random, damage, fuzz};
-use crate::{data, folder, json};
+use crate::{data, directory, json};
 use lenscube_formats::import::{self, ImportOptions};
 use lenscube_formats::lens::{LensPack, summary};
 use serde_json::json;
@@ -13,7 +13,7 @@ use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 type Entries = Vec<(String, Vec<u8>)>;
 
-fn unpacked(bytes: &[u8]) -> Entries {
+fn unpack(bytes: &[u8]) -> Entries {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).unwrap();
     let mut entries = Vec::new();
     for i in 0..archive.len() {
@@ -25,11 +25,11 @@ fn unpacked(bytes: &[u8]) -> Entries {
     entries
 }
 
-fn packed(entries: &Entries) -> Vec<u8> {
+fn pack(entries: &Entries) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     for (name, bytes) in entries {
-        // Names that the library refuses to write are left out.
+        // Names that the library does not write are omitted.
         if zip.start_file(name.as_str(), options).is_ok() {
             zip.write_all(bytes).unwrap();
         }
@@ -37,19 +37,19 @@ fn packed(entries: &Entries) -> Vec<u8> {
     zip.finish().unwrap().into_inner()
 }
 
-/// A pack of ours (with crc32c) and one of zarr-python (without), both small.
+/// Small packs of this program (with crc32c) and of zarr-python (without).
 fn seeds() -> Vec<Vec<u8>> {
-    let dir = folder();
+    let dir = directory();
     let out = dir.path().join("seed.zip");
     let options = ImportOptions { field_points: 11, ..ImportOptions::default() };
     import::write(&out, import::open(&data("tables-example"), &options).unwrap(), |_, _| ()).unwrap();
     vec![std::fs::read(out).unwrap(), std::fs::read(data("zarr_python.lens.zip")).unwrap()]
 }
 
-fn spoilt(seeds: &[(Vec<u8>, Entries)], r: &mut Random) -> Vec<u8> {
-    let (whole, entries) = &seeds[r.below(seeds.len())];
+fn damaged_pack(seeds: &[(Vec<u8>, Entries)], r: &mut Random) -> Vec<u8> {
+    let (archive, entries) = &seeds[r.below(seeds.len())];
     if r.below(4) == 0 {
-        let mut bytes = whole.clone();
+        let mut bytes = archive.clone();
         damage(&mut bytes, r);
         return bytes;
     }
@@ -63,19 +63,19 @@ fn spoilt(seeds: &[(Vec<u8>, Entries)], r: &mut Random) -> Vec<u8> {
         _ => {
             let metadata: Vec<usize> =
                 (0..entries.len()).filter(|&i| entries[i].0.ends_with("zarr.json")).collect();
-            json::strange(&mut entries[metadata[r.below(metadata.len())]].1, r);
+            json::damage_values(&mut entries[metadata[r.below(metadata.len())]].1, r);
         }
     }
-    packed(&entries)
+    pack(&entries)
 }
 
 #[test]
-fn lens_packs() {
-    let seeds: Vec<_> = seeds().into_iter().map(|s| (s.clone(), unpacked(&s))).collect();
+fn damaged_lens_packs() {
+    let seeds: Vec<_> = seeds().into_iter().map(|s| (s.clone(), unpack(&s))).collect();
     fuzz(
         "lens pack",
         300,
-        |r| spoilt(&seeds, r),
+        |r| damaged_pack(&seeds, r),
         |bytes| {
             let Ok(pack) = LensPack::open_bytes(bytes.to_vec()) else { return false };
             (0..pack.lens().bands.len()).all(|b| pack.psf(b).is_ok())
@@ -106,8 +106,8 @@ fn tables() -> Vec<(&'static str, Vec<usize>, Vec<f64>)> {
     ]
 }
 
-/// A pack with up to three values, wavelengths, attributes or names that are strange.
-fn at_the_limits(r: &mut Random) -> Vec<u8> {
+/// A pack with up to three extreme values, wavelengths, attributes or names.
+fn extreme_pack(r: &mut Random) -> Vec<u8> {
     let mut tables = tables();
     let mut attributes = json!({
         "schema": "lenscube/lens-pack/1", "name": "limits", "distortion_focal_length_mm": 50.0, "effective_focal_length_mm": 50.0,
@@ -128,7 +128,7 @@ fn at_the_limits(r: &mut Random) -> Vec<u8> {
                 };
             }
             3 => names.push(text(r)),
-            // A whole row or column of it.
+            // All values of a table.
             4 => {
                 let t = r.below(tables.len());
                 let v = magnitude(r);
@@ -162,7 +162,7 @@ fn at_the_limits(r: &mut Random) -> Vec<u8> {
         entries.push((format!("{name}/{key}"), bytes));
     }
     for name in names {
-        // Beside the others, around them, or instead of one.
+        // A further entry, a parent directory, or the name of an entry.
         match r.below(3) {
             0 => entries.push((name, b"x".to_vec())),
             1 => entries.iter_mut().for_each(|e| e.0 = format!("{name}/{}", e.0)),
@@ -174,8 +174,8 @@ fn at_the_limits(r: &mut Random) -> Vec<u8> {
     }
     entries.sort();
     entries.dedup_by(|a, b| a.0 == b.0);
-    let mut bytes = packed(&entries);
-    // A name that is no UTF-8, in place.
+    let mut bytes = pack(&entries);
+    // Bytes that are not UTF-8 in a name.
     if r.below(16) == 0 {
         let raw = name(r);
         let at = bytes.windows(10).position(|w| w == b"wavelength").unwrap_or(0);
@@ -186,8 +186,8 @@ fn at_the_limits(r: &mut Random) -> Vec<u8> {
 }
 
 #[test]
-fn lens_packs_at_the_limits() {
-    fuzz("lens pack limits", 500, at_the_limits, |bytes| {
+fn extreme_lens_packs() {
+    fuzz("lens pack limits", 500, extreme_pack, |bytes| {
         let Ok(pack) = LensPack::open_bytes(bytes.to_vec()) else { return false };
         let _ = summary(&pack, true, None).to_string();
         let lens = pack.lens();

@@ -1,13 +1,13 @@
-//! Pictures and OpenEXR charts: small whole files of each kind, spoilt, in a folder in memory.
+//! Pictures and OpenEXR charts: small damaged files of each kind, in a directory in memory.
 
-use crate::folder;
-use crate::fuzz_support::strange::name;
+use crate::directory;
+use crate::fuzz_support::extreme::name;
 use crate::fuzz_support::{Random, damage, fuzz};
 use lenscube_formats::chart::NanPolicy;
 use lenscube_formats::chart::exr::ExrChart;
 use lenscube_formats::chart::image::{ImageFile, Transfer};
 use lenscube_formats::export::Samples;
-use lenscube_formats::export::exr::{ExrOptions, Packing, write_exr};
+use lenscube_formats::export::exr::{ExrCompression, ExrOptions, write_exr};
 use lenscube_formats::export::regions::Regions;
 use lenscube_formats::picture::grey::{GreyOptions, write_grey};
 use lenscube_formats::picture::preview::{PreviewOptions, write_preview};
@@ -17,9 +17,9 @@ use pipeline::geometry::{Rect, Size};
 use std::fs;
 use std::path::Path;
 
-struct Slope;
+struct Ramp;
 
-impl ChartSource for Slope {
+impl ChartSource for Ramp {
     fn size(&self) -> Size {
         Size::new(9, 14)
     }
@@ -31,32 +31,32 @@ impl ChartSource for Slope {
 
 const NM: [f64; 3] = [450.0, 550.0, 650.0];
 
-fn exr(path: &Path, packing: Packing, half: bool) -> Vec<u8> {
+fn exr(path: &Path, compression: ExrCompression, half: bool) -> Vec<u8> {
     let samples = Samples {
-        source: &Slope,
+        source: &Ramp,
         wavelengths_nm: &NM,
-        window: Slope.size().rect(),
-        piece: Size::new(1, 1),
+        rect: Ramp.size().rect(),
+        chunk: Size::new(1, 1),
         units: None,
         description: "",
         threads: 1,
     };
     let regions = Regions::plan(&samples, ExrOptions::sample_bytes(half), 64 << 20).unwrap();
-    write_exr(path, &samples, &ExrOptions { half, packing, regions }, &|_, _| ()).unwrap();
+    write_exr(path, &samples, &ExrOptions { half, compression, regions }, &|_, _| ()).unwrap();
     fs::read(path).unwrap()
 }
 
-fn spoilt(seeds: &[Vec<u8>], at: &Path, r: &mut Random) -> Vec<u8> {
+fn damaged_file(seeds: &[Vec<u8>], at: &Path, r: &mut Random) -> Vec<u8> {
     let mut bytes = seeds[r.below(seeds.len())].clone();
     damage(&mut bytes, r);
-    // Sizes and counts lie in the first bytes: there four of them at a time as well.
+    // Sizes and counts are in the first bytes: replace four of them at a time.
     if r.below(2) == 0 && bytes.len() > 8 {
         let first = r.below(bytes.len().min(600) - 4);
-        let word = [0u32, 1, 0x7fff_ffff, u32::MAX, 0x1000_0000, 65535][r.below(6)];
-        let word = if r.below(2) == 0 { word.to_le_bytes() } else { word.to_be_bytes() };
-        bytes[first..first + 4].copy_from_slice(&word);
+        let size = [0u32, 1, 0x7fff_ffff, u32::MAX, 0x1000_0000, 65535][r.below(6)];
+        let size = if r.below(2) == 0 { size.to_le_bytes() } else { size.to_be_bytes() };
+        bytes[first..first + 4].copy_from_slice(&size);
     }
-    // Names of channels, attributes and tags lie there too.
+    // Names of channels, attributes and tags are there too.
     if r.below(4) == 0 && bytes.len() > 8 {
         let first = r.below(bytes.len().min(600));
         bytes.splice(first..first, name(r));
@@ -67,17 +67,18 @@ fn spoilt(seeds: &[Vec<u8>], at: &Path, r: &mut Random) -> Vec<u8> {
 
 #[test]
 fn exr_charts() {
-    let dir = folder();
+    let dir = directory();
     let at = dir.path().join("c.exr");
-    let seeds = [Packing::Zip, Packing::Piz, Packing::None].map(|p| exr(&at, p, p == Packing::Piz));
+    let seeds = [ExrCompression::Zip, ExrCompression::Piz, ExrCompression::None]
+        .map(|p| exr(&at, p, p == ExrCompression::Piz));
     fuzz(
         "EXR chart",
         600,
-        |r| spoilt(&seeds, &at, r),
+        |r| damaged_file(&seeds, &at, r),
         |_| {
             let Ok(chart) = ExrChart::open(&at, NanPolicy::Zero) else { return false };
             let all: Vec<usize> = (0..chart.bands()).collect();
-            if chart.lay_out(&all, dir.path(), 1, &|_, _| ()).is_err() {
+            if chart.copy_bands(&all, dir.path(), 1, &|_, _| ()).is_err() {
                 return false;
             }
             let size = chart.size();
@@ -86,23 +87,23 @@ fn exr_charts() {
             all.iter().all(|&band| chart.read_rect(band, rect, &mut out).is_ok())
         },
     );
-    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "a temp file is left");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "a temporary file remains");
 }
 
 #[test]
 fn pictures() {
-    let dir = folder();
+    let dir = directory();
     let at = dir.path().join("picture");
     let none: &(dyn Fn(u64, u64) + Sync) = &|_, _| ();
     let mut seeds = Vec::new();
     let (preview, grey) = (PreviewOptions::default(), GreyOptions::default());
-    write_preview(&at, &Slope, &NM, &preview, none).unwrap();
+    write_preview(&at, &Ramp, &NM, &preview, none).unwrap();
     seeds.push(fs::read(&at).unwrap());
-    write_grey(&at, &Slope, &NM, 550.0, &grey, none).unwrap();
+    write_grey(&at, &Ramp, &NM, 550.0, &grey, none).unwrap();
     seeds.push(fs::read(&at).unwrap());
-    write_streamed(&at, &Slope, &NM, &preview, ColourFile::Tiff, none).unwrap();
+    write_streamed(&at, &Ramp, &NM, &preview, ColourFile::Tiff, none).unwrap();
     seeds.push(fs::read(&at).unwrap());
-    seeds.push(exr(&at, Packing::Zip, false));
+    seeds.push(exr(&at, ExrCompression::Zip, false));
     for packing in [tiff::encoder::Compression::Lzw, tiff::encoder::Compression::Packbits] {
         let mut bytes = std::io::Cursor::new(Vec::new());
         let mut encoder = tiff::encoder::TiffEncoder::new(&mut bytes).unwrap().with_compression(packing);
@@ -113,7 +114,7 @@ fn pictures() {
     fuzz(
         "picture",
         600,
-        |r| spoilt(&seeds, &at, r),
+        |r| damaged_file(&seeds, &at, r),
         |_| {
             let Ok(file) = ImageFile::open(&at) else { return false };
             let size = file.size();
@@ -122,5 +123,5 @@ fn pictures() {
             source.read(0, rect, &mut vec![0.0; rect.size().pixels()]).is_ok()
         },
     );
-    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "a temp file is left");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "a temporary file remains");
 }

@@ -1,6 +1,6 @@
-//! Flat charts: the header of a NumPy file and of an ENVI file spoilt, in a folder in memory.
+//! Flat charts: damaged headers of a NumPy file and of an ENVI file, in a directory in memory.
 
-use crate::folder;
+use crate::directory;
 use crate::fuzz_support::{damage, damage_text, fuzz};
 use lenscube_formats::chart::{NanPolicy, RasterChart};
 use pipeline::flow::ChartSource;
@@ -12,18 +12,18 @@ const ENVI: &str = "ENVI\nsamples = 5\nlines = 7\nbands = 3\nheader offset = 4\n
 
 #[test]
 fn flat_charts() {
-    let dir = folder();
+    let dir = directory();
     let (npy, hdr) = (dir.path().join("c.npy"), dir.path().join("e.hdr"));
     fs::write(dir.path().join("e.img"), [7; 5 * 7 * 3 * 2 + 4]).unwrap();
     let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 7, 5), }\n";
-    let mut whole = b"\x93NUMPY\x01\x00".to_vec();
-    whole.extend((header.len() as u16).to_le_bytes());
-    whole.extend(header.as_bytes());
-    whole.extend([0; 3 * 7 * 5 * 4]);
+    let mut original = b"\x93NUMPY\x01\x00".to_vec();
+    original.extend((header.len() as u16).to_le_bytes());
+    original.extend(header.as_bytes());
+    original.extend([0; 3 * 7 * 5 * 4]);
     let path = std::cell::RefCell::new(npy.clone());
     let make = |r: &mut crate::fuzz_support::Random| {
         let (file, mut bytes) = match r.below(2) {
-            0 => (&npy, whole.clone()),
+            0 => (&npy, original.clone()),
             _ => (&hdr, ENVI.as_bytes().to_vec()),
         };
         match r.below(3) {

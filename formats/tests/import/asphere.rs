@@ -1,4 +1,4 @@
-//! The real export of 2005, and the other macros' names and layouts made from it.
+//! The real export of 2005, and names and layouts of other macros derived from it.
 
 use crate::*;
 use lenscube_formats::import::distortion_listing::grid;
@@ -9,7 +9,7 @@ use pipeline::design::text::decode;
 use pipeline::lens::PsfSample;
 
 #[test]
-fn height_21_is_the_listings_centre_coordinate() {
+fn height_21_equals_the_centre_coordinate_of_the_listing() {
     let dir = asphere();
     let (_keep, pack) = pack(dir.path(), &with_psf());
     let lens = pack.lens();
@@ -29,7 +29,7 @@ fn height_21_is_the_listings_centre_coordinate() {
 }
 
 #[test]
-fn the_psf_keeps_its_centroid() {
+fn psf_centroid_is_preserved() {
     let path = data("zemax-asphere/AsphereF=2mm_PSF_21_3.dat");
     let w = psf_listing::parse(&path, &decode(&fs::read(&path).unwrap())).unwrap().window;
     assert_eq!((w.rows, w.columns, w.centre), (128, 128, Some((64, 64))));
@@ -51,7 +51,7 @@ fn the_psf_keeps_its_centroid() {
 }
 
 #[test]
-fn tables_alone_agree_with_the_grid_listing() {
+fn tables_without_psf_agree_with_the_grid_listing() {
     let dir = asphere();
     let options = ImportOptions { without_psf: true, ..ImportOptions::default() };
     let notes = import::open(dir.path(), &options).unwrap().notes().join("\n");
@@ -75,7 +75,7 @@ fn tables_alone_agree_with_the_grid_listing() {
 }
 
 #[test]
-fn names_and_layout_of_2013_mean_the_same() {
+fn names_and_layout_of_2013_give_the_same_pack() {
     let old = asphere();
     let new = asphere();
     let at = |name: &str| new.path().join(format!("{BASE}_{name}"));
@@ -91,7 +91,7 @@ fn names_and_layout_of_2013_mean_the_same() {
 }
 
 #[test]
-fn code_v_writes_bare_numbers() {
+fn code_v_export_is_read() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let parms = "% C:\\LENS\\X.len\nlensFile='X.len'\npsfSize=4   % PSF ROW AND COL SIZE\npsfSpacing=0.0005 % MM\n\
@@ -104,7 +104,7 @@ fov=21.801409486\nefl=10\nfnumber=4\nfnumber_eff=4.1\n";
         // A tail one row above the chief ray, which is on row 3, column 3.
         fs::write(at(&format!("rtX_PSF_{h}_{w}.dat")), "0 0 0 0\n0 0 25 0\n0 0 75 0\n0 0 0 0\n").unwrap();
     }
-    assert!(refused(dir.path(), &ImportOptions::default()).contains("--psf-outward"));
+    assert!(import_error(dir.path(), &ImportOptions::default()).contains("--psf-outward"));
     let (_keep, pack) =
         pack(dir.path(), &ImportOptions { outward: Some(Outward::Up), ..ImportOptions::default() });
     assert_eq!(pack.lens().bands[1].psf_height_mm, [0.0, 1.98, 3.8]);
@@ -115,9 +115,9 @@ fov=21.801409486\nefl=10\nfnumber=4\nfnumber_eff=4.1\n";
     assert_eq!(pack.lens().bands[0].solid_angle_sr, solid_angle);
 }
 
-/// The parameters are real (an object at 250 mm), the tables made up.
+/// Real parameters (an object at 250 mm), invented tables.
 #[test]
-fn a_finite_object_keeps_its_conjugate() {
+fn finite_object_distance_and_magnification_are_read() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     fs::copy(data("zemax-asphere/ISETPARMS-EO54852.TXT"), at("ISETPARMS.TXT")).unwrap();
@@ -139,7 +139,7 @@ fn a_finite_object_keeps_its_conjugate() {
 }
 
 #[test]
-fn the_only_public_parameter_file_is_read() {
+fn public_parameter_file_is_read() {
     let path = data("zemax-asphere/ISETPARMS-EO54852.TXT");
     let p = Parameters::parse(&path, &decode(&fs::read(&path).unwrap())).unwrap();
     assert_eq!(p.list("wave").unwrap().1, [400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0]);

@@ -1,16 +1,16 @@
-//! OpticStudio listings: both forms of the centre line, decimal commas, encodings, what belongs together.
+//! OpticStudio listings: both forms of the centre line, decimal commas, encodings, files that belong together.
 
 use crate::*;
 use lenscube_formats::import::distortion_listing::field_curvature;
 use lenscube_formats::import::psf_listing;
 
-/// The header is as OpticStudio 25.1 printed it (decimal commas, labelled centre), the samples are ours.
+/// Header of OpticStudio 25.1 (decimal commas, labelled centre) with invented samples.
 const FFT_HEAD: &str = "Listing of FFT PSF Data\n\nPolychromatic FFT PSF\n0,5430 to 0,5430 µm at 10,00, 20,00 (deg).\n\
 Data spacing is 1,213 µm.\nData area is 38,829 µm wide.\nSurface: Image\nReference Coordinates: 3,52988E+00, 7,28631E+00\n\
 Pupil grid size: 128 by 128\nImage grid size: 4 by 4\nCenter point is: row 3, column 2\nValues are not normalized.\n\n";
 
 #[test]
-fn decimal_commas_and_a_labelled_centre() {
+fn decimal_commas_and_labelled_centre_are_read() {
     let text = format!("{FFT_HEAD}{}", "0,1 0,2 0,3 4,0E-01\n".repeat(4));
     for bytes in [utf16(&text), text.clone().into_bytes(), text.chars().map(|c| c as u8).collect()] {
         let l = psf_listing::parse(Path::new("fft"), &pipeline::design::text::decode(&bytes)).unwrap();
@@ -23,8 +23,8 @@ fn decimal_commas_and_a_labelled_centre() {
 }
 
 #[test]
-fn the_middle_of_a_grid_keeps_its_centre() {
-    // As OpticStudio 25.1 heads 32 × 32 samples of a grid of 256 × 256.
+fn centre_of_a_cropped_grid_is_read() {
+    // Header of OpticStudio 25.1 for 32 × 32 samples of a grid of 256 × 256.
     let head = FFT_HEAD.replace("4 by 4", "256 by 256").replace("row 3, column 2", "row 129, column 128");
     let rows = format!("{}\n", vec!["0,1"; 32].join(" ")).repeat(32);
     let l = psf_listing::parse(Path::new("fft"), &format!("{head}{rows}")).unwrap();
@@ -69,7 +69,7 @@ fn listings() -> tempfile::TempDir {
     dir
 }
 
-fn told() -> ImportOptions {
+fn optical_data() -> ImportOptions {
     ImportOptions {
         primary_wavelength_nm: Some(550.0),
         effective_focal_length_mm: Some(1.97422),
@@ -79,11 +79,11 @@ fn told() -> ImportOptions {
 }
 
 #[test]
-fn a_folder_of_listings_is_the_lens_of_the_macros() {
+fn listings_and_macros_give_the_same_lens() {
     let dir = listings();
-    let notes = import::open(dir.path(), &told()).unwrap().notes().join("\n");
+    let notes = import::open(dir.path(), &optical_data()).unwrap().notes().join("\n");
     assert!(notes.contains("notes.txt is no listing"), "{notes}");
-    let (_a, listed) = pack(dir.path(), &told());
+    let (_a, listed) = pack(dir.path(), &optical_data());
     let iset = asphere();
     let (_b, macros) = pack(iset.path(), &with_psf());
     assert_eq!(listed.psf(0).unwrap(), macros.psf(0).unwrap());
@@ -91,21 +91,24 @@ fn a_folder_of_listings_is_the_lens_of_the_macros() {
     assert!((listed.lens().distortion_focal_length_mm - 1.97422).abs() < 1e-5);
     assert_eq!(a.psf_height_mm, [0.0, 0.959263593]);
     // The grid ends before the table of 21 heights does; where both are, they agree within the linear steps.
-    let reach = *a.ideal_height_mm.last().unwrap();
-    assert!((0.869..0.871).contains(&reach), "{reach}");
-    let read = |table: &[f64], h: f64| {
+    let last = *a.ideal_height_mm.last().unwrap();
+    assert!((0.869..0.871).contains(&last), "{last}");
+    let interpolate = |table: &[f64], h: f64| {
         let i = b.ideal_height_mm.partition_point(|x| *x <= h).clamp(1, 1000);
         let (x, y) = (b.ideal_height_mm[i - 1], b.ideal_height_mm[i]);
         table[i - 1] + (h - x) / (y - x) * (table[i] - table[i - 1])
     };
     for (i, &h) in a.ideal_height_mm.iter().enumerate() {
-        assert!((a.image_height_mm[i] - read(&b.image_height_mm, h)).abs() < 2e-5, "height {h}");
-        assert!((a.relative_illumination[i] - read(&b.relative_illumination, h)).abs() < 1e-4, "height {h}");
+        assert!((a.image_height_mm[i] - interpolate(&b.image_height_mm, h)).abs() < 2e-5, "height {h}");
+        assert!(
+            (a.relative_illumination[i] - interpolate(&b.relative_illumination, h)).abs() < 1e-4,
+            "height {h}"
+        );
     }
 }
 
 #[test]
-fn encodings_and_commas_change_nothing() {
+fn encoding_and_decimal_commas_do_not_change_the_digest() {
     let comma = |text: String| text.replace('.', ",");
     let (plain_dir, comma_dir) = (listings(), listings());
     let at = |name: &str| comma_dir.path().join(name);
@@ -119,20 +122,20 @@ fn encodings_and_commas_change_nothing() {
     .unwrap();
     let corner: String = export("PSF_21_3.dat").iter().map(|b| char::from(*b)).collect();
     fs::write(at("corner.txt"), comma(corner)).unwrap();
-    let (_a, a) = pack(plain_dir.path(), &told());
-    let (_b, b) = pack(comma_dir.path(), &told());
+    let (_a, a) = pack(plain_dir.path(), &optical_data());
+    let (_b, b) = pack(comma_dir.path(), &optical_data());
     assert_eq!(a.digest().unwrap(), b.digest().unwrap());
 }
 
 #[test]
-fn field_curvature_listings_tell_distortion_by_title() {
+fn field_curvature_listing_is_read_by_column_titles() {
     let text = "Listing of FIELD CURVATURE DISTORTION Data\nField Curvature / F-Tan(Theta) Distortion\n\n\
 Data for wavelength : 0.486133 µm.\nDistortion focal length = 99.500000\n\n\
  Y Angle (deg)      Tan Shift      Sag Shift     Real Height      Ref. Height    Distortion (%)\n\
  0.00000000   0.0   0.0   0.0   0.0   0.0 %\n 7.00000000   0.1   0.0   12.2   12.217   -0.1 %\n\
 14.00000000   0.1   0.0   24.6   24.81   -0.8 %\n\nData for wavelength : 0.587562 µm.\n\
 Y Angle (deg)\tReal Height\n0\t0\n14\t24.7\n";
-    // The last column's per cent sign stands apart: the row has a word too many.
+    // The per cent sign of the last column is separate: the row has one field too many.
     let error = field_curvature(Path::new("fcd"), text).unwrap_err().to_string();
     assert!(error.contains("fewer than 2"), "{error}");
     let tables = field_curvature(Path::new("fcd"), &text.replace(" %\n", "%\n")).unwrap();
@@ -142,14 +145,18 @@ Y Angle (deg)\tReal Height\n0\t0\n14\t24.7\n";
 }
 
 #[test]
-fn what_is_missing_is_named() {
+fn missing_option_or_listing_is_an_error_naming_it() {
     let dir = listings();
-    assert!(refused(dir.path(), &ImportOptions::default()).contains("--primary-nm"));
-    assert!(refused(dir.path(), &ImportOptions { f_number: None, ..told() }).contains("--f-number"));
+    assert!(import_error(dir.path(), &ImportOptions::default()).contains("--primary-nm"));
+    assert!(
+        import_error(dir.path(), &ImportOptions { f_number: None, ..optical_data() }).contains("--f-number")
+    );
     fs::remove_file(dir.path().join("axis.txt")).unwrap();
-    assert!(refused(dir.path(), &told()).contains("on the axis and one off it at 550 nm"));
+    assert!(import_error(dir.path(), &optical_data()).contains("on the axis and one off it at 550 nm"));
     fs::remove_file(dir.path().join("ri.txt")).unwrap();
-    assert!(refused(dir.path(), &told()).contains("no listing of relative illumination at 550 nm"));
+    assert!(
+        import_error(dir.path(), &optical_data()).contains("no listing of relative illumination at 550 nm")
+    );
     fs::remove_file(dir.path().join("grid.txt")).unwrap();
-    assert!(refused(dir.path(), &told()).contains("holds no listing of grid distortion"));
+    assert!(import_error(dir.path(), &optical_data()).contains("holds no listing of grid distortion"));
 }

@@ -1,7 +1,7 @@
-//! Imports from outside: real exports, their variants, and what is said of broken ones.
+//! Imports through the public API: real exports, variants of them, and errors of malformed ones.
 
 mod asphere;
-mod bad;
+mod errors;
 mod listings;
 mod tables;
 
@@ -16,12 +16,12 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
-/// The export's file, as it is.
+/// A file of the export, unchanged.
 fn export(ending: &str) -> Vec<u8> {
     fs::read(data("zemax-asphere").join(format!("{BASE}_{ending}"))).unwrap()
 }
 
-/// The grid distortion listing, which lies zipped.
+/// The grid distortion listing, from its .zip.
 fn grid_listing() -> Vec<u8> {
     let zip = fs::File::open(data("zemax-asphere/AsphereF=2mm_GridDistortion_3.zip")).unwrap();
     let mut bytes = Vec::new();
@@ -29,7 +29,7 @@ fn grid_listing() -> Vec<u8> {
     bytes
 }
 
-/// A listing of a round PSF on the axis at 550 nm, in the words of the real one; samples by `number`.
+/// A listing of a round PSF on the axis at 550 nm, in the format of the real one; samples formatted by `number`.
 fn axis_listing(number: impl Fn(f64) -> String) -> String {
     let mut text = "Listing of Huygens PSF Data\n\nHUYGENS PSF\n0.5500 µm at 0.00 deg.\nData spacing is 0.25 µm.\n\
 Data area is 32.00 by 32.00 µm.\nStrehl ratio: 0.9\nPupil grid size: 32 by 32\nImage grid size: 128 by 128\n\
@@ -48,7 +48,7 @@ fn plain(v: f64) -> String {
     format!("{v:.3E}")
 }
 
-/// A folder as the macros of 2005 wrote it, with the PSFs that there are.
+/// A directory as written by the macros of 2005, with the available PSFs.
 fn asphere() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     fs::copy(data("zemax-asphere/ISETPARMS.TXT"), dir.path().join("ISETPARMS.TXT")).unwrap();
@@ -60,12 +60,12 @@ fn asphere() -> tempfile::TempDir {
     dir
 }
 
-/// The one wavelength and the two heights that have PSFs.
+/// Options for the one wavelength and the two heights that have PSFs.
 fn with_psf() -> ImportOptions {
     ImportOptions { bands: Some(vec![2]), psf_heights: Some(vec![1, 21]), ..ImportOptions::default() }
 }
 
-/// Imports into a pack beside the source and opens it.
+/// Imports into a temporary pack and opens it.
 fn pack(source: &Path, options: &ImportOptions) -> (tempfile::TempDir, LensPack) {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out.lens.zip");
@@ -74,13 +74,13 @@ fn pack(source: &Path, options: &ImportOptions) -> (tempfile::TempDir, LensPack)
     (dir, pack)
 }
 
-/// What is said of a source that cannot be imported; nothing may be left of the pack.
-fn refused(source: &Path, options: &ImportOptions) -> String {
+/// Error of a source that cannot be imported; checks that no file remains.
+fn import_error(source: &Path, options: &ImportOptions) -> String {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out.lens.zarr");
-    let done = import::open(source, options).and_then(|i| import::write(&out, i, |_, _| ()));
-    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "something is left behind");
-    done.unwrap_err().to_string()
+    let imported = import::open(source, options).and_then(|i| import::write(&out, i, |_, _| ()));
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "a file remains");
+    imported.unwrap_err().to_string()
 }
 
 /// Centroid of a pack's window from its chief ray: outward and down, µm.

@@ -6,7 +6,7 @@ use lenscube_formats::lens::builtin;
 use pipeline::lens::PsfSample;
 
 #[test]
-fn the_worked_example() {
+fn example_directory_gives_the_documented_lens() {
     let (_keep, pack) = pack(&data("tables-example"), &ImportOptions::default());
     let lens = pack.lens();
     assert_eq!(
@@ -17,7 +17,7 @@ fn the_worked_example() {
     assert_eq!((band.psf_size, band.psf_pitch_um, band.ideal_height_mm.len()), (11, 0.5, 1001));
     assert_eq!(band.psf_energy, [0.99, 0.98, 0.97]);
     assert_eq!((band.image_height_mm.len(), band.relative_illumination.len()), (1001, 1001));
-    // The lens is a cubic and cos⁴, which few points tell well: image height h − 2e-4 h³.
+    // The lens is a cubic and cos⁴, which a few points determine well: image height h − 2e-4 h³.
     for (h, (r, ri)) in
         band.ideal_height_mm.iter().zip(band.image_height_mm.iter().zip(&band.relative_illumination))
     {
@@ -45,9 +45,9 @@ fn npz() -> ImportOptions {
     }
 }
 
-/// The built-in pack was made of the same archive by other code (NumPy and SciPy): tables and windows agree bit for bit.
+/// The built-in pack was made from the same archive by other code (NumPy and SciPy): tables and windows agree bit for bit.
 #[test]
-fn an_archive_gives_the_built_in_lens() {
+fn archive_of_one_band_equals_the_built_in_lens() {
     let (_keep, pack) = pack(&data("double-gauss-28-550nm.npz"), &npz());
     let expected = builtin("double-gauss-28-npz").unwrap();
     assert_eq!(pack.lens().bands[0], expected.lens().bands[15]);
@@ -59,32 +59,32 @@ fn an_archive_gives_the_built_in_lens() {
     );
 }
 
-/// All 31 bands. `scripts/check-long` makes the archive from the built-in lens pack and runs this.
+/// All 31 bands; `scripts/check-long` makes the archive from the built-in lens pack and runs this test.
 #[test]
 #[ignore = "long: scripts/check --full"]
-fn the_whole_archive_has_the_built_in_digest() {
+fn complete_archive_has_the_built_in_digest() {
     let path = std::env::var_os("LENSCUBE_TABLES_NPZ").expect("the archive's path");
     let (_keep, pack) = pack(Path::new(&path), &npz());
     assert_eq!(pack.digest().unwrap(), builtin("double-gauss-28-npz").unwrap().digest().unwrap());
 }
 
 #[test]
-fn an_archive_does_not_tell_everything() {
+fn missing_option_of_an_archive_is_an_error_naming_it() {
     let path = data("double-gauss-28-550nm.npz");
-    for (options, words) in [
+    for (options, expected) in [
         (ImportOptions { sample: None, ..npz() }, "--psf-sample"),
         (ImportOptions { outward: None, ..npz() }, "--psf-outward"),
         (ImportOptions { entrance_pupil_mm: None, ..npz() }, "--f-number"),
         (ImportOptions { primary_wavelength_nm: None, ..npz() }, "--primary-nm"),
         (ImportOptions { bands: Some(vec![1]), ..npz() }, "beyond the last of 1"),
     ] {
-        let error = refused(&path, &options);
-        assert!(error.contains(words), "{error}");
+        let error = import_error(&path, &options);
+        assert!(error.contains(expected), "{error}");
     }
 }
 
 #[test]
-fn mirrored_windows_are_exactly_symmetric_and_others_as_given() {
+fn mirrored_windows_are_symmetric_and_others_unchanged() {
     let path = data("double-gauss-28-550nm.npz");
     let (_a, as_given) = pack(&path, &ImportOptions { symmetric: false, ..npz() });
     let (_b, mirrored) = pack(&path, &npz());

@@ -1,31 +1,31 @@
-//! Packs that are wrong: each error names the pack, the array and the way out.
+//! Invalid packs: each error names the pack, the array and the way out.
 
 use crate::*;
 use lenscube_formats::lens::{LensPackWriter, builtin};
 use serde_json::{Value, json};
 use std::fs;
 
-/// A small pack in a directory, `change`d; the error that reading all of it gives.
-fn broken(change: impl FnOnce(&Path)) -> LensPackError {
+/// Error of reading a small pack that `change` has made invalid.
+fn error_after(change: impl FnOnce(&Path)) -> LensPackError {
     let tmp = tempfile::tempdir().unwrap();
     let path = tmp.path().join("small.lens.zarr");
     write_small(&path);
     read_all(&path).unwrap();
     change(&path);
-    let error = read_all(&path).expect_err("a broken pack was read");
+    let error = read_all(&path).expect_err("an invalid pack was read");
     assert!(error.to_string().contains("small.lens.zarr"), "{error}");
     error
 }
 
-fn edit(path: PathBuf, change: impl FnOnce(&mut Value)) {
+fn edit_json(path: PathBuf, change: impl FnOnce(&mut Value)) {
     let mut json: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
     change(&mut json);
     fs::write(path, json.to_string()).unwrap();
 }
 
-/// Replaces an array's chunks by one uncompressed one.
-fn replace(array: PathBuf, data_type: &str, shape: &[usize], bytes: &[u8]) {
-    edit(array.join("zarr.json"), |json| {
+/// Replaces an array's chunks by a single uncompressed one.
+fn replace_array(array: PathBuf, data_type: &str, shape: &[usize], bytes: &[u8]) {
+    edit_json(array.join("zarr.json"), |json| {
         json["shape"] = json!(shape);
         json["data_type"] = json!(data_type);
         json["fill_value"] = json!(0);
@@ -43,12 +43,12 @@ fn f64s(values: &[f64]) -> Vec<u8> {
 }
 
 #[test]
-fn nothing_there_or_no_pack() {
+fn missing_path_or_other_file_is_an_error() {
     let tmp = tempfile::tempdir().unwrap();
     assert!(matches!(LensPack::open(tmp.path().join("no")), Err(LensPackError::NotFound { .. })));
     assert!(matches!(LensPack::open(tmp.path()), Err(LensPackError::NotAPack { .. })));
     let file = tmp.path().join("file");
-    fs::write(&file, "words").unwrap();
+    fs::write(&file, "text").unwrap();
     assert!(matches!(LensPack::open(&file), Err(LensPackError::NotAPack { .. })));
     let Err(e) = builtin("planar") else { panic!("there is no such lens") };
     assert!(e.to_string().contains("double-gauss-28"), "{e}");
@@ -58,8 +58,8 @@ fn nothing_there_or_no_pack() {
 }
 
 #[test]
-fn the_group_must_be_a_lens_pack() {
-    let root = |change: fn(&mut Value)| broken(|p| edit(p.join("zarr.json"), change));
+fn group_without_schema_or_required_attribute_is_an_error() {
+    let root = |change: fn(&mut Value)| error_after(|p| edit_json(p.join("zarr.json"), change));
     assert!(matches!(root(|j| j["node_type"] = json!("array")), LensPackError::NotAPack { .. }));
     assert!(matches!(
         root(|j| j["attributes"]["schema"] = json!("lenscube/lens-pack/2")),
@@ -69,8 +69,8 @@ fn the_group_must_be_a_lens_pack() {
         matches!(root(|j| j["attributes"] = json!({})), LensPackError::Schema { found, .. } if found == "missing")
     );
     for name in ["distortion_focal_length_mm", "f_number", "psf_sample", "primary_wavelength_nm"] {
-        let e = broken(|p| {
-            edit(p.join("zarr.json"), |j| {
+        let e = error_after(|p| {
+            edit_json(p.join("zarr.json"), |j| {
                 j["attributes"].as_object_mut().unwrap().remove(name);
             });
         });
@@ -79,7 +79,7 @@ fn the_group_must_be_a_lens_pack() {
 }
 
 #[test]
-fn every_required_array_must_be_there() {
+fn missing_required_array_is_an_error() {
     for name in [
         "wavelength",
         "ideal_height",
@@ -92,68 +92,71 @@ fn every_required_array_must_be_there() {
         "psf_pitch",
         "psf_energy",
     ] {
-        let e = broken(|p| fs::remove_dir_all(p.join(name)).unwrap());
+        let e = error_after(|p| fs::remove_dir_all(p.join(name)).unwrap());
         assert!(matches!(&e, LensPackError::MissingArray { array, .. } if array == name), "{e}");
     }
 }
 
 #[test]
-fn shapes_and_types_must_fit() {
-    let e = broken(|p| replace(p.join("psf_pitch"), "float64", &[3], &f64s(&[1.0; 3])));
+fn unexpected_shape_or_type_is_an_error() {
+    let e = error_after(|p| replace_array(p.join("psf_pitch"), "float64", &[3], &f64s(&[1.0; 3])));
     assert!(matches!(&e, LensPackError::Shape { found, .. } if found[..] == [3]), "{e}");
-    let e = broken(|p| replace(p.join("image_height"), "float64", &[2, 3], &f64s(&[1.0; 6])));
+    let e = error_after(|p| replace_array(p.join("image_height"), "float64", &[2, 3], &f64s(&[1.0; 6])));
     assert!(matches!(e, LensPackError::Shape { .. }));
-    let e = broken(|p| replace(p.join("psf/0"), "float32", &[2, 4, 4], &[0; 128]));
+    let e = error_after(|p| replace_array(p.join("psf/0"), "float32", &[2, 4, 4], &[0; 128]));
     assert!(e.to_string().contains("n odd"), "{e}");
-    let e = broken(|p| replace(p.join("psf/0"), "int32", &[2, 5, 5], &[0; 200]));
+    let e = error_after(|p| replace_array(p.join("psf/0"), "int32", &[2, 5, 5], &[0; 200]));
     assert!(matches!(e, LensPackError::DataType { .. }));
-    let e = broken(|p| edit(p.join("psf_energy/zarr.json"), |j| j["data_type"] = json!("complex64")));
+    let e =
+        error_after(|p| edit_json(p.join("psf_energy/zarr.json"), |j| j["data_type"] = json!("complex64")));
     assert!(matches!(&e, LensPackError::DataType { found, .. } if found.contains("complex64")), "{e}");
 }
 
 #[test]
-fn values_must_be_a_lens() {
+fn invalid_table_value_is_an_error_with_band_and_index() {
     let nan = f64::NAN;
-    let e = broken(|p| replace(p.join("psf_pitch"), "float64", &[2], &f64s(&[1.0, nan])));
+    let e = error_after(|p| replace_array(p.join("psf_pitch"), "float64", &[2], &f64s(&[1.0, nan])));
     assert!(matches!(e, LensPackError::Value { band: 1, .. }));
     let heights = [0.0, 1.1, nan, 0.0, 1.1, f64::INFINITY];
-    let e = broken(|p| replace(p.join("psf_height"), "float64", &[2, 3], &f64s(&heights)));
+    let e = error_after(|p| replace_array(p.join("psf_height"), "float64", &[2, 3], &f64s(&heights)));
     assert!(matches!(e, LensPackError::Value { band: 1, index: 2, .. }));
-    let e =
-        broken(|p| replace(p.join("psf_height"), "float64", &[2, 3], &f64s(&[0.0, nan, 2.0, 0.0, 1.0, 2.0])));
-    assert!(matches!(e, LensPackError::Value { band: 0, index: 2, .. }), "a hole is no padding");
-    let e =
-        broken(|p| replace(p.join("psf_height"), "float64", &[2, 3], &f64s(&[0.0, 1.1, nan, 0.0, 2.0, 1.0])));
+    let e = error_after(|p| {
+        replace_array(p.join("psf_height"), "float64", &[2, 3], &f64s(&[0.0, nan, 2.0, 0.0, 1.0, 2.0]))
+    });
+    assert!(matches!(e, LensPackError::Value { band: 0, index: 2, .. }), "numbers after NaN are no padding");
+    let e = error_after(|p| {
+        replace_array(p.join("psf_height"), "float64", &[2, 3], &f64s(&[0.0, 1.1, nan, 0.0, 2.0, 1.0]))
+    });
     assert!(e.to_string().contains("550 nm: psf_height does not ascend"), "{e}");
-    let e = broken(|p| replace(p.join("wavelength"), "float64", &[2], &f64s(&[550.0, 450.0])));
+    let e = error_after(|p| replace_array(p.join("wavelength"), "float64", &[2], &f64s(&[550.0, 450.0])));
     assert!(e.to_string().contains("ascend"), "{e}");
-    let e = broken(|p| {
-        replace(p.join("azimuth_count"), "float64", &[2, 3], &f64s(&[1.0, 8.5, 0.0, 1.0, 8.0, 8.0]))
+    let e = error_after(|p| {
+        replace_array(p.join("azimuth_count"), "float64", &[2, 3], &f64s(&[1.0, 8.5, 0.0, 1.0, 8.0, 8.0]))
     });
     assert!(e.to_string().contains("whole number"), "{e}");
-    let e = broken(|p| {
-        replace(p.join("azimuth_count"), "float64", &[2, 3], &f64s(&[1.0, 9.0, 0.0, 1.0, 8.0, 8.0]))
+    let e = error_after(|p| {
+        replace_array(p.join("azimuth_count"), "float64", &[2, 3], &f64s(&[1.0, 9.0, 0.0, 1.0, 8.0, 8.0]))
     });
     assert!(e.to_string().contains("multiple of 4"), "{e}");
 }
 
 #[test]
-fn windows_must_be_finite_and_sum_to_one() {
-    let e = broken(|p| replace(p.join("psf/1"), "float64", &[3, 3, 3], &f64s(&[1.002 / 9.0; 27])));
+fn window_not_finite_or_not_of_sum_one_is_an_error() {
+    let e = error_after(|p| replace_array(p.join("psf/1"), "float64", &[3, 3, 3], &f64s(&[1.002 / 9.0; 27])));
     let LensPackError::PsfSum { band: 1, index: 0, sum, .. } = e else { panic!("{e}") };
     assert!((sum - 1.002).abs() < 1e-6);
     let mut samples = [1.0 / 9.0; 27];
     samples[13] = f64::INFINITY;
-    let e = broken(|p| replace(p.join("psf/1"), "float64", &[3, 3, 3], &f64s(&samples)));
+    let e = error_after(|p| replace_array(p.join("psf/1"), "float64", &[3, 3, 3], &f64s(&samples)));
     assert!(matches!(e, LensPackError::Value { index: 13, .. }), "{e}");
 }
 
 #[test]
-fn chunks_must_be_there_and_whole() {
+fn missing_damaged_or_truncated_chunk_is_an_error() {
     for chunk in ["image_height/c/1/0", "wavelength/c/0", "psf/1/c/2/0/0"] {
-        let e = broken(|p| fs::remove_file(p.join(chunk)).unwrap());
+        let e = error_after(|p| fs::remove_file(p.join(chunk)).unwrap());
         assert!(matches!(&e, LensPackError::MissingChunk { chunk: found, .. } if found == chunk), "{e}");
-        let e = broken(|p| {
+        let e = error_after(|p| {
             let mut bytes = fs::read(p.join(chunk)).unwrap();
             let middle = bytes.len() - 6;
             bytes[middle] ^= 4;
@@ -161,7 +164,7 @@ fn chunks_must_be_there_and_whole() {
         });
         assert!(matches!(&e, LensPackError::Chunk { chunk: found, .. } if found == chunk), "{e}");
         for keep in [0, 3, 20] {
-            let e = broken(|p| {
+            let e = error_after(|p| {
                 let bytes = fs::read(p.join(chunk)).unwrap();
                 fs::write(p.join(chunk), &bytes[..keep]).unwrap();
             });
@@ -170,16 +173,16 @@ fn chunks_must_be_there_and_whole() {
     }
 }
 
-/// zarr-python drops chunks of nothing but the fill value; a window that sums to 1 without them has lost nothing.
+/// zarr-python omits chunks equal to the fill value.
 #[test]
-fn a_psf_chunk_of_zeros_may_be_missing() {
+fn missing_psf_chunk_of_zeros_is_read_as_zeros() {
     let tmp = tempfile::tempdir().unwrap();
     let path = tmp.path().join("a.lens.zarr");
     write_small(&path);
     let array = path.join("psf/1");
     let delta: Vec<f64> = (0..27).map(|i| if i % 9 == 4 { 1.0 } else { 0.0 }).collect();
-    replace(array.clone(), "float64", &[3, 3, 3], &f64s(&delta[..12]));
-    edit(array.join("zarr.json"), |j| {
+    replace_array(array.clone(), "float64", &[3, 3, 3], &f64s(&delta[..12]));
+    edit_json(array.join("zarr.json"), |j| {
         j["chunk_grid"]["configuration"]["chunk_shape"] = json!([3, 2, 2]);
         j["fill_value"] = json!(0.0);
     });
@@ -192,10 +195,10 @@ fn a_psf_chunk_of_zeros_may_be_missing() {
 }
 
 #[test]
-fn absurd_sizes_are_refused_before_any_memory_is_taken() {
+fn oversized_metadata_is_an_error_before_allocation() {
     let huge = |array: &'static str, shape: Value, chunk: Value| {
-        broken(move |p| {
-            edit(p.join(array).join("zarr.json"), |j| {
+        error_after(move |p| {
+            edit_json(p.join(array).join("zarr.json"), |j| {
                 j["shape"] = shape;
                 j["chunk_grid"]["configuration"]["chunk_shape"] = chunk;
             });
@@ -216,11 +219,11 @@ fn absurd_sizes_are_refused_before_any_memory_is_taken() {
 }
 
 #[test]
-fn a_truncated_zip_is_an_error_at_every_length() {
+fn truncated_zip_is_an_error_at_every_length() {
     let tmp = tempfile::tempdir().unwrap();
-    let whole = tmp.path().join("whole.zip");
-    write_small(&whole);
-    let bytes = fs::read(&whole).unwrap();
+    let complete = tmp.path().join("complete.zip");
+    write_small(&complete);
+    let bytes = fs::read(&complete).unwrap();
     let cut = tmp.path().join("cut.zip");
     for keep in (0..bytes.len()).step_by(97) {
         fs::write(&cut, &bytes[..keep]).unwrap();
@@ -230,7 +233,7 @@ fn a_truncated_zip_is_an_error_at_every_length() {
 }
 
 #[test]
-fn an_unfinished_pack_leaves_nothing_and_an_old_one_is_kept() {
+fn unfinished_pack_leaves_no_file_and_an_existing_one_is_not_replaced() {
     let tmp = tempfile::tempdir().unwrap();
     for name in ["a.lens.zarr", "a.lens.zip"] {
         let path = tmp.path().join(name);
@@ -238,7 +241,7 @@ fn an_unfinished_pack_leaves_nothing_and_an_old_one_is_kept() {
         writer.psf(0, &small_psf(&small_lens(), 0)).unwrap();
         assert!(!path.exists());
         let e = writer.finish(&small_lens(), &small_attributes()).unwrap_err();
-        assert!(e.to_string().contains("2 bands, PSFs came for [0]"), "{e}");
+        assert!(e.to_string().contains("2 bands, PSFs were written for [0]"), "{e}");
         assert_eq!(fs::read_dir(tmp.path()).unwrap().count(), 0);
     }
     let path = tmp.path().join("b.zip");
@@ -251,7 +254,7 @@ fn an_unfinished_pack_leaves_nothing_and_an_old_one_is_kept() {
 }
 
 #[test]
-fn psfs_that_change_while_the_pack_is_open_are_refused() {
+fn psfs_changed_after_opening_are_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("small.lens.zarr");
     write_small(&path);

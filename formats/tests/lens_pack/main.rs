@@ -1,4 +1,4 @@
-//! Lens packs from outside: what is written is read, what zarr-python writes is read, what is broken is named.
+//! Lens packs through the public API: round trips, packs of zarr-python, invalid packs.
 
 mod errors;
 mod reading;
@@ -40,7 +40,7 @@ fn small_lens() -> Lens {
     }
 }
 
-/// Windows of sum 1 (within f32), none like another.
+/// Windows of sum 1 (within f32), all different.
 fn small_psf(lens: &Lens, b: usize) -> PsfStack {
     let (n, k) = (lens.bands[b].psf_size, lens.bands[b].psf_height_mm.len());
     let mut samples = Vec::new();
@@ -69,7 +69,7 @@ fn write_small(path: &Path) -> Lens {
     lens
 }
 
-/// Reads all there is; the first error.
+/// Reads tables and all PSFs; returns the first error.
 fn read_all(path: &Path) -> Result<(), LensPackError> {
     let pack = LensPack::open(path)?;
     for b in 0..pack.lens().bands.len() {

@@ -1,10 +1,10 @@
-//! Packs that are right: round trips, zarr-python's, and the one inside the program.
+//! Valid packs: round trips, packs of zarr-python, and the built-in one.
 
 use crate::*;
 use lenscube_formats::lens::{builtin, builtin_names, summary};
 
 #[test]
-fn a_directory_and_a_zip_read_back_equal_and_have_one_digest() {
+fn directory_and_zip_round_trip_with_equal_digests() {
     let tmp = tempfile::tempdir().unwrap();
     let mut digests = Vec::new();
     for name in ["a.lens.zarr", "a.lens.zip"] {
@@ -26,7 +26,7 @@ fn a_directory_and_a_zip_read_back_equal_and_have_one_digest() {
 }
 
 #[test]
-fn the_digest_knows_every_number() {
+fn digest_changes_with_every_number_but_not_with_the_name() {
     let tmp = tempfile::tempdir().unwrap();
     let digest = |name: &str, lens: &Lens, change: &dyn Fn(&mut PsfStack)| {
         let stacks = (0..2).map(|b| {
@@ -49,7 +49,7 @@ fn the_digest_knows_every_number() {
     assert_eq!(digest("3.zip", &renamed, &|_| {}), plain);
 }
 
-/// As in make_lens_pack.py.
+/// Window of the fixture, as in make_lens_pack.py.
 fn fixture_window(k: usize, n: usize) -> Vec<f64> {
     let c = (n - 1) as f64 / 2.0;
     let raw = |i: usize| {
@@ -61,7 +61,7 @@ fn fixture_window(k: usize, n: usize) -> Vec<f64> {
 }
 
 #[test]
-fn a_pack_written_by_zarr_python_is_read() {
+fn pack_of_zarr_python_is_read() {
     let pack = LensPack::open(fixture()).unwrap();
     let lens = pack.lens();
     assert_eq!(lens.name, "zarr-python");
@@ -84,8 +84,8 @@ fn a_pack_written_by_zarr_python_is_read() {
         for k in 0..stack.heights() {
             let expected = fixture_window(k, n);
             assert_eq!(stack.window(k).len(), expected.len());
-            for (got, want) in stack.window(k).iter().zip(expected) {
-                assert!((f64::from(*got) - want).abs() < 1e-7);
+            for (got, expected) in stack.window(k).iter().zip(expected) {
+                assert!((f64::from(*got) - expected).abs() < 1e-7);
             }
         }
     }
@@ -94,7 +94,7 @@ fn a_pack_written_by_zarr_python_is_read() {
 }
 
 #[test]
-fn windows_are_kept_or_normalised_by_how_far_their_sum_is_off() {
+fn window_is_normalised_only_if_its_sum_deviates_by_more_than_1e_6() {
     let tmp = tempfile::tempdir().unwrap();
     let lens = small_lens();
     let path = tmp.path().join("a.zip");
@@ -107,13 +107,13 @@ fn windows_are_kept_or_normalised_by_how_far_their_sum_is_off() {
     write(&path, &lens, &small_attributes(), stacks).unwrap();
     let pack = LensPack::open(&path).unwrap();
     let sums = |b: usize| pack.psf(b).unwrap().window(0).iter().map(|&v| f64::from(v)).sum::<f64>();
-    assert!((sums(0) - scale(0)).abs() < 1e-7, "kept: {}", sums(0));
+    assert!((sums(0) - scale(0)).abs() < 1e-7, "unchanged: {}", sums(0));
     assert!((sums(1) - 1.0).abs() < 1e-7, "normalised: {}", sums(1));
 }
 
-/// Numbers of tables.npz as given (float64 real heights, float32 RI), at its 1 mm field points.
+/// Numbers of tables.npz (float64 real heights, float32 RI), at its 1 mm field points.
 #[test]
-fn the_builtin_lens_holds_the_given_points() {
+fn builtin_lens_has_the_values_of_its_source() {
     assert_eq!(builtin_names().collect::<Vec<_>>(), ["double-gauss-28-npz"]);
     let pack = builtin("double-gauss-28-npz").unwrap();
     let lens = pack.lens();
@@ -127,13 +127,13 @@ fn the_builtin_lens_holds_the_given_points() {
     for (k, real) in given {
         assert!((red.psf_height_mm[k] - real).abs() < 5e-9, "{k}");
         let ideal = k as f64 * lens.distortion_focal_length_mm / lens.effective_focal_length_mm;
-        let got = at(&red.ideal_height_mm, &red.image_height_mm, ideal);
+        let got = interpolate(&red.ideal_height_mm, &red.image_height_mm, ideal);
         assert!((got - real).abs() < 2e-7, "1e-4 px of 2 µm: {got} {real}");
     }
     let blue = &lens.bands[0];
     assert!((blue.image_height_mm[1000] - 20.84832465).abs() < 5e-9);
     let ideal = 10.0 * lens.distortion_focal_length_mm / lens.effective_focal_length_mm;
-    let ri = at(&blue.ideal_height_mm, &blue.relative_illumination, ideal);
+    let ri = interpolate(&blue.ideal_height_mm, &blue.relative_illumination, ideal);
     assert!((ri - 0.984441).abs() < 1e-6, "{ri}");
     assert!((blue.relative_illumination[1000] - 0.93999535).abs() < 1e-6);
     assert!((blue.psf_energy[0] - 0.49546644).abs() < 1e-7);
@@ -142,7 +142,7 @@ fn the_builtin_lens_holds_the_given_points() {
 
 /// `centroid_y_um` of tables.npz at 550 nm; in a pack the field point is on +x.
 #[test]
-fn the_builtin_psfs_lean_to_plus_x_and_are_symmetric() {
+fn builtin_psfs_are_symmetric_with_centroid_on_plus_x() {
     let pack = builtin("double-gauss-28-npz").unwrap();
     let stack = pack.psf(15).unwrap();
     assert_eq!((stack.size, stack.heights(), stack.pitch_um), (51, 22, 2.0));
@@ -158,23 +158,23 @@ fn the_builtin_psfs_lean_to_plus_x_and_are_symmetric() {
 }
 
 #[test]
-fn the_builtin_lens_has_this_digest() {
-    // A snapshot: it changes with the pack's numbers, and then old jobs must not resume.
+fn builtin_lens_digest_snapshot() {
+    // It changes with the pack's numbers, and then old jobs must not resume.
     let digest = builtin("double-gauss-28-npz").unwrap().digest().unwrap().to_owned();
     assert_eq!(digest, "bbe319b8eb0f71326a6f9f5347698040a818532f46a8184bbe5f9efc9f4d804e");
 }
 
 #[test]
-fn the_summary_tells_the_lens_in_text_and_json() {
+fn summary_as_text_and_json() {
     let pack = builtin("double-gauss-28-npz").unwrap();
     let short = summary(&pack, false, Some(0.055));
     let nm: Vec<f64> = short.table.iter().map(|b| b.wavelength_nm).collect();
     assert_eq!(nm, [400.0, 480.0, 550.0, 630.0, 700.0]);
     let text = short.to_string();
-    for words in
+    for expected in
         ["99.332063 mm for distortion", "f/2.985", "5 of 31 bands", "estimated L1 error 5.5 %", "51 (102.0)"]
     {
-        assert!(text.contains(words), "{words} in\n{text}");
+        assert!(text.contains(expected), "{expected} in\n{text}");
     }
     let all = summary(&pack, true, None);
     assert_eq!(all.table.len(), 31);
@@ -188,7 +188,7 @@ fn the_summary_tells_the_lens_in_text_and_json() {
     assert_eq!(json["table"][0]["nodes"], 1513);
 }
 
-fn at(x: &[f64], y: &[f64], v: f64) -> f64 {
+fn interpolate(x: &[f64], y: &[f64], v: f64) -> f64 {
     let i = x.partition_point(|&p| p < v).clamp(1, x.len() - 1);
     y[i - 1] + (y[i] - y[i - 1]) * (v - x[i - 1]) / (x[i] - x[i - 1])
 }

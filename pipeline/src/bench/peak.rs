@@ -1,38 +1,38 @@
-//! The processor's peak: fused multiply-adds on independent registers, nothing read and nothing written.
-#![allow(unsafe_code, reason = "instructions that the build does not assume")]
+//! Peak rate of the processor: fused multiply-adds on independent registers, without memory access.
 
+#[cfg(target_arch = "x86_64")]
+use crate::simd::lanes::{Dispatch, Lanes, SimdOp};
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{Avx2, Avx512};
 use crate::simd::{Isa, Simd};
 use std::hint::black_box;
 
-/// Numbers in flight: 16 registers of 16 f32, twice what latency × throughput of any processor so far asks for.
+/// Independent numbers: 16 registers of 16 f32, twice latency × throughput of current processors.
 const NUMBERS: usize = 256;
 
-/// Does `rounds` multiply-adds on each of 256 numbers with the instructions of `simd`; how many that were.
+/// Computes `rounds` multiply-adds on each of 256 numbers with the instructions of `simd`; returns their number.
 ///
-/// The portable path multiplies and adds apart: a fused operation without the instruction is a call to a library.
+/// The portable path multiplies and adds separately: without the instruction a fused operation is a library call.
 pub fn fused_multiply_adds(simd: Simd, rounds: usize) -> u64 {
     match simd.isa() {
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => {
-            #[target_feature(enable = "avx512f")]
-            fn go(rounds: usize) {
-                run(rounds, f32::mul_add);
-            }
-            // SAFETY: a choice of AVX-512F is only made where the processor has it.
-            unsafe { go(rounds) }
-        }
+        Isa::Avx512 => Dispatch::<Avx512>::new(simd).run(Rounds(rounds)),
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => {
-            #[target_feature(enable = "avx2,fma")]
-            fn go(rounds: usize) {
-                run(rounds, f32::mul_add);
-            }
-            // SAFETY: a choice of AVX2 with FMA is only made where the processor has both.
-            unsafe { go(rounds) }
-        }
+        Isa::Avx2 => Dispatch::<Avx2>::new(simd).run(Rounds(rounds)),
         _ => run(rounds, |a, b, c| a * b + c),
     }
     (rounds * NUMBERS) as u64
+}
+
+#[cfg(target_arch = "x86_64")]
+struct Rounds(usize);
+
+#[cfg(target_arch = "x86_64")]
+impl<V: Lanes> SimdOp<V> for Rounds {
+    #[inline(always)]
+    fn run(self) {
+        run(self.0, f32::mul_add);
+    }
 }
 
 #[inline(always)]

@@ -1,10 +1,9 @@
-//! The composite chart: everything that shows what a lens does, in one picture worth looking at.
+//! The composite chart: targets for all effects of a lens in one picture, for visual inspection.
 //!
-//! Paper is ruled in square cells, 30 to the film's shorter side, so that at any size the whole reads as one picture:
-//! straight lines and circles (distortion, lateral colour), white paper (relative illumination), a ColorChecker, a
-//! grey scale and a spectrum about the middle. Stations of 3 × 3 cells stand in the middle, half-way out and at the
-//! edges and corners; their details are sized in FILM pixels, down to lines of one, for looking at crops at 100 %.
-//! Layout is in cells from the film's middle; lines run between cells, so a station covers whole ones.
+//! Paper ruled in square cells, 30 along the film's shorter side: straight lines and circles (distortion, lateral colour), white paper
+//! (relative illumination), a ColorChecker, a grey scale and a spectrum near the middle. Stations of 3 × 3 cells are placed in the
+//! middle, half-way out and at the edges and corners; their details are sized in FILM pixels, down to lines of one pixel, for crops at
+//! 100 %. The layout is in cells from the film's middle; lines run between cells.
 
 use super::coverage::{Point, Polygon};
 use super::glyphs;
@@ -28,12 +27,12 @@ struct Composite<'a> {
     pitch_um: f64,
 }
 
-/// Draws it.
+/// Draws the chart.
 pub(super) fn draw(sheet: &mut Sheet, pitch_um: f64) {
     let paper = sheet.inks.grey(PAPER);
     let (ink, line) = (sheet.inks.grey(INK), sheet.inks.grey(0.16));
     let (short, long) = (sheet.film.height.min(sheet.film.width), sheet.film.height.max(sheet.film.width));
-    // No finer than legible, and no more lines along an extremely long film than can be searched quickly.
+    // At least 8 px for legibility, and at most 400 cells along a very long film, for speed.
     let cell = (short as f64 / CELLS).max(long as f64 / 400.0).max(8.0);
     let middle = sheet.centre();
     let mut c = Composite { sheet, paper, ink, line, cell, middle, pitch_um };
@@ -46,7 +45,7 @@ pub(super) fn draw(sheet: &mut Sheet, pitch_um: f64) {
 }
 
 impl Composite<'_> {
-    /// A place given in cells from the middle.
+    /// A position given in cells from the middle.
     fn at(&self, [x, y]: Point) -> Point {
         [self.middle[0] + x * self.cell, self.middle[1] + y * self.cell]
     }
@@ -56,7 +55,7 @@ impl Composite<'_> {
         [self.sheet.film.width as f64 / self.cell / 2.0, self.sheet.film.height as f64 / self.cell / 2.0]
     }
 
-    /// A line's width in whole pixels: a share of a cell, to be seen in the whole picture too.
+    /// Line width in pixels, an integer: a share of a cell, so that it is visible in the complete picture.
     fn stroke(&self, of_cell: f64) -> f64 {
         (of_cell * self.cell).round().max(1.0)
     }
@@ -66,7 +65,7 @@ impl Composite<'_> {
         self.sheet.block([a[0], a[1], b[0], b[1]], ink);
     }
 
-    /// Lines between all cells to the chart's very border, every fifth of them heavier.
+    /// Lines between all cells up to the chart's border, every fifth heavier.
     fn ruling(&mut self) {
         let chart = self.sheet.chart();
         let (w, h) = (chart.width as f64 - 0.5, chart.height as f64 - 0.5);
@@ -101,12 +100,12 @@ impl Composite<'_> {
         let chart = self.sheet.chart();
         let reach = real::hypot(chart.width as f64, chart.height as f64) / 2.0;
         for sign in [-1.0, 1.0] {
-            let bar = Polygon::turned(self.middle, [reach, thick / 2.0], sign * real::atan2(hy, hx));
+            let bar = Polygon::rotated(self.middle, [reach, thick / 2.0], sign * real::atan2(hy, hx));
             self.sheet.picture.add(Shape::Polygons(vec![bar], None), blue);
         }
     }
 
-    /// ColorChecker below the middle, in its dark frame.
+    /// ColorChecker below the middle, in a dark frame.
     fn colour_panel(&mut self) {
         self.block([-3.5, 2.5], [3.5, 7.5], self.ink);
         let (a, b) = (self.at([-3.36, 2.64]), self.at([3.36, 7.36]));
@@ -136,13 +135,13 @@ impl Composite<'_> {
         }
     }
 
-    /// How far out the outermost stations stand, and those half-way, in cells (x, y).
+    /// Positions of the outermost stations and those half-way, in cells (x, y).
     fn ranks(&self) -> (Point, Point) {
         let far = self.half().map(|h| (h - 2.0).floor().max(0.0));
         (far, far.map(|f| (f / 2.0).round()))
     }
 
-    /// Stations over the field: middle, half-way and outermost, along both axes and the diagonals.
+    /// Stations in the middle, half-way and outermost, along both axes and the diagonals.
     fn stations(&mut self) {
         let (far, half) = self.ranks();
         let mut places = vec![[0.0, 0.0]];
@@ -155,7 +154,7 @@ impl Composite<'_> {
         }
         let mut taken: Vec<Point> = Vec::new();
         for place in places {
-            // On a very long film places can meet; so may the panels, which only the middle's neighbours can reach.
+            // On a very long film stations can overlap each other, or the panels beside the middle.
             let clear =
                 |other: &Point| (place[0] - other[0]).abs() >= 3.0 || (place[1] - other[1]).abs() >= 3.0;
             let on_panels = place[0].abs() < 5.0 && (1.0..9.0).contains(&place[1].abs());
@@ -166,7 +165,7 @@ impl Composite<'_> {
         }
     }
 
-    /// Stars and zone plates as large as a station between the outer ones, to be seen in the whole picture.
+    /// Stars and zone plates of the size of a station between the outer ones, visible in the complete picture.
     fn large_figures(&mut self) {
         let (far, half) = self.ranks();
         // Only where a row of three fits between the middle and the corner.
@@ -184,7 +183,7 @@ impl Composite<'_> {
         }
     }
 
-    /// White paper under a large figure, so that no line of the ruling shows between its own.
+    /// White paper under a large figure, which hides the ruling.
     fn backed_disc(&mut self, centre: Point) {
         self.sheet.disc(centre, 1.45 * self.cell, self.paper);
     }
@@ -196,7 +195,7 @@ impl Composite<'_> {
         self.block([x - 1.5, y - 1.5], [x + 1.5, y + 1.5], self.paper);
         let toward = real::atan2(y, x);
         self.tilted_square([x - 1.0, y - 1.0], self.ink);
-        self.turned_lines([x, y - 1.0], toward);
+        self.oriented_lines([x, y - 1.0], toward);
         self.dots([x + 1.0, y - 1.0]);
         self.bars([x - 1.0, y]);
         let centre = self.at([x, y]);
@@ -209,15 +208,15 @@ impl Composite<'_> {
         self.tilted_square([x + 1.0, y + 1.0], grey);
     }
 
-    /// A square turned by 5°: slanted edges near the upright and the level.
+    /// A square rotated by 5°: near-vertical and near-horizontal slanted edges.
     fn tilted_square(&mut self, cell: Point, ink: Ink) {
         let half = 0.34 * self.cell;
-        let square = Polygon::turned(self.at(cell), [half, half], 5_f64.to_radians());
+        let square = Polygon::rotated(self.at(cell), [half, half], 5_f64.to_radians());
         self.sheet.picture.add(Shape::Polygons(vec![square], None), ink);
     }
 
     /// Groups of lines along the radius and across it, periods of 12, 8, 6 and 4 px.
-    fn turned_lines(&mut self, cell: Point, toward: f64) {
+    fn oriented_lines(&mut self, cell: Point, toward: f64) {
         let centre = self.at(cell);
         let side = 0.2 * self.cell;
         let (sin, cos) = real::sin_cos(toward);
@@ -226,7 +225,7 @@ impl Composite<'_> {
             let v = (row as f64 - 1.5) * 0.165 * self.cell;
             let count = ((0.15 * self.cell / period).floor() as i64).max(1);
             for (u, across) in [(-0.16 * self.cell, true), (0.16 * self.cell, false)] {
-                // Lines across the radius are stacked along u and lie within the row; the others the other way round.
+                // Lines across the radius are stacked along u, lines along it along v.
                 let (count, half) = if across {
                     ((side * 1.3 / period).floor() as i64, [period / 4.0, 0.065 * self.cell])
                 } else {
@@ -236,14 +235,14 @@ impl Composite<'_> {
                     let shift = (i as f64 - (count - 1) as f64 / 2.0) * period;
                     let (lu, lv) = if across { (u + shift, v) } else { (u, v + shift) };
                     let place = [centre[0] + lu * cos - lv * sin, centre[1] + lu * sin + lv * cos];
-                    lines.push(Polygon::turned(place, half, toward));
+                    lines.push(Polygon::rotated(place, half, toward));
                 }
             }
         }
         self.sheet.picture.add(Shape::Polygons(lines, None), self.ink);
     }
 
-    /// White dots of 2 to 8 px on black: what the PSF looks like, by itself.
+    /// White dots of 2 to 8 px on black: images of the PSF.
     fn dots(&mut self, cell: Point) {
         let [x, y] = self.at(cell);
         let half = 0.44 * self.cell;
@@ -262,9 +261,9 @@ impl Composite<'_> {
         }
     }
 
-    /// Upright and level lines of 4, 3, 2 and 1 px in whole pixels: the film's own limit of resolution.
+    /// Vertical and horizontal lines of 4, 3, 2 and 1 px, aligned to pixels: up to the film's resolution limit.
     fn bars(&mut self, cell: Point) {
-        // Smaller, the groups leave their cell.
+        // In smaller cells the groups do not fit.
         if self.cell < 32.0 {
             return;
         }
@@ -286,7 +285,7 @@ impl Composite<'_> {
         self.sheet.picture.add(Shape::Boxes(boxes), self.ink);
     }
 
-    /// A zone plate: rings at radii that grow as √k, so every frequency in every direction down to lines of `finest`.
+    /// A zone plate: rings at radii ∝ √k, all frequencies in all directions up to lines of width `finest`.
     fn zones(&mut self, centre: Point, reach: f64, finest: f64) {
         // r_k² = k·a, so a ring is a/2r wide: `finest` at the rim.
         let a = 2.0 * finest * reach;
@@ -298,7 +297,7 @@ impl Composite<'_> {
         }
     }
 
-    /// Four colours edge to edge: what lateral colour does between them.
+    /// Four adjoining colours, to show lateral colour at their borders.
     fn colours(&mut self, [x, y]: Point) {
         for (patch, dx, dy) in [(14, -1.0, -1.0), (13, 0.0, -1.0), (12, -1.0, 0.0), (15, 0.0, 0.0)] {
             let ink = self.sheet.inks.checker(patch);
@@ -307,7 +306,7 @@ impl Composite<'_> {
         }
     }
 
-    /// Where on the film this is, in mm from its middle, then the alphabet ever smaller.
+    /// Position on the film in mm from its middle, then the alphabet in decreasing sizes.
     fn legend(&mut self, cell: Point, station: Point) {
         let mm = |cells: f64| cells * self.cell * self.pitch_um * 1e-3;
         let height = format!("{:.2} mm", mm(real::hypot(station[0], station[1])));
@@ -328,7 +327,7 @@ impl Composite<'_> {
         }
     }
 
-    /// A line of text about a place given in cells, `dot` pixels to a dot; nothing if that is below one.
+    /// A line of text centred on a position in cells, `dot` pixels per dot; nothing below one.
     fn text(&mut self, text: &str, cell: Point, dot: f64, ink: Ink) {
         if dot < 1.0 {
             return;

@@ -1,4 +1,4 @@
-//! How much of a pixel a shape covers: exact areas, so that an edge is its own pixel mean and no sampling shows.
+//! Share of a pixel that a shape covers, as exact area: edges are pixel means, without sampling error.
 //!
 //! A pixel (y, x) is the unit square about its centre. Straight edges: the convex polygon is clipped by the pixel's four
 //! sides (Sutherland and Hodgman, CACM 17, 1974) and its area is the shoelace sum. Circles: the signed areas of disc ∩
@@ -10,7 +10,7 @@ use crate::real;
 /// A point (x, y) in chart pixels.
 pub(super) type Point = [f64; 2];
 
-/// Corners a polygon can have: five as drawn, plus one for each of the four sides of a row and a pixel, plus slack.
+/// Largest number of corners: five as drawn, one for each of the four sides of a row and a pixel, and spare ones.
 const MAX_CORNERS: usize = 12;
 
 /// A convex polygon.
@@ -21,7 +21,7 @@ pub(super) struct Polygon {
 }
 
 impl Polygon {
-    /// The convex polygon with these corners, in either turn.
+    /// The convex polygon with these corners, in either orientation.
     pub(super) fn new(corners: &[Point]) -> Self {
         let mut polygon = Self { corners: [[0.0; 2]; MAX_CORNERS], count: 0 };
         corners.iter().for_each(|&p| polygon.push(p));
@@ -33,8 +33,8 @@ impl Polygon {
         Self::new(&[[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     }
 
-    /// The rectangle of half sizes (along u, along v) about `centre`, u turned by `angle_rad` from +x towards +y.
-    pub(super) fn turned(centre: Point, half: [f64; 2], angle_rad: f64) -> Self {
+    /// The rectangle of half sizes (along u, along v) about `centre`, u rotated by `angle_rad` from +x towards +y.
+    pub(super) fn rotated(centre: Point, half: [f64; 2], angle_rad: f64) -> Self {
         let (sin, cos) = real::sin_cos(angle_rad);
         let corner = |u: f64, v: f64| {
             let (u, v) = (u * half[0], v * half[1]);
@@ -48,7 +48,7 @@ impl Polygon {
         self.count += 1;
     }
 
-    /// Its corners, in order.
+    /// The corners, in order.
     pub(super) fn corners(&self) -> &[Point] {
         &self.corners[..self.count]
     }
@@ -86,14 +86,14 @@ impl Polygon {
         kept
     }
 
-    /// Least and greatest value of coordinate `axis`; infinite and reversed if it is empty.
+    /// Minimum and maximum of coordinate `axis`; (∞, −∞) if empty.
     pub(super) fn extent(&self, axis: usize) -> (f64, f64) {
         self.corners()
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| (lo.min(p[axis]), hi.max(p[axis])))
     }
 
-    /// Least and greatest x of the corners that lie exactly at height `y`.
+    /// Minimum and maximum x of the corners at exactly `y`.
     pub(super) fn extent_at(&self, y: f64) -> (f64, f64) {
         let at = self.corners().iter().filter(|p| p[1] == y);
         at.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| (lo.min(p[0]), hi.max(p[0])))
@@ -103,7 +103,7 @@ impl Polygon {
     pub(super) fn area(&self) -> f64 {
         let corners = self.corners();
         let Some(o) = corners.first() else { return 0.0 };
-        // About its own corner: on a chart's far side products of whole coordinates would lose digits.
+        // Relative to a corner: products of large coordinates would lose digits.
         let doubled: f64 = corners
             .windows(2)
             .map(|w| (w[0][0] - o[0]) * (w[1][1] - o[1]) - (w[1][0] - o[0]) * (w[0][1] - o[1]))
@@ -120,7 +120,7 @@ pub(super) struct Disc {
 }
 
 impl Disc {
-    /// Area that it has in common with a convex polygon.
+    /// Area of the intersection with a convex polygon.
     pub(super) fn area_within(&self, polygon: &Polygon) -> f64 {
         let corners = polygon.corners();
         let Some(&last) = corners.last() else { return 0.0 };
@@ -140,8 +140,8 @@ impl Disc {
         let r2 = self.radius * self.radius;
         let dot = |p: Point, q: Point| p[0] * q[0] + p[1] * q[1];
         let d = [b[0] - a[0], b[1] - a[1]];
-        // Seen from the centre, a + s·d and a + t·d span (t − s)·(a × d): a × b itself, a difference of two products of
-        // the radius's size, would lose the digits of one pixel on a large circle.
+        // The cross product of a + s·d and a + t·d is (t − s)·(a × d). Computing a × b directly, a difference of two products of the
+        // size of the radius squared, would lose the digits of one pixel on a large circle.
         let span = a[0] * d[1] - a[1] * d[0];
         let at = |t: f64| [a[0] + t * d[0], a[1] + t * d[1]];
         let sector = |s: f64, t: f64| r2 / 2.0 * angle((t - s) * span, dot(at(s), at(t)));
@@ -163,8 +163,8 @@ impl Disc {
         outside_before + (leaves.min(1.0) - enters.max(0.0)) * span / 2.0 + outside_after
     }
 
-    /// Half width of the disc on lines at most, and at least, |y − centre| within row y ± ½: (inner, outer). On the
-    /// row, columns whole within ± inner are inside and those beyond ± outer are outside; inner < 0 if none is inside.
+    /// Smallest and largest half width of the disc within row y ± ½: (inner, outer). Columns within ± inner are inside, those beyond
+    /// ± outer are outside; inner < 0 if none is inside.
     pub(super) fn half_widths(&self, y: f64) -> (f64, f64) {
         let away = (y - self.centre[1]).abs();
         let half = |d: f64| {
@@ -174,7 +174,7 @@ impl Disc {
         (half(away + 0.5), half((away - 0.5).max(0.0)))
     }
 
-    /// Share of pixel (y, x) that it covers; `half_widths` are those of the row.
+    /// Covered share of pixel (y, x); `half_widths` are those of the row.
     pub(super) fn share(&self, y: f64, x: f64, half_widths: (f64, f64)) -> f64 {
         let away = (x - self.centre[0]).abs();
         if away + 0.5 <= half_widths.0 {
@@ -187,7 +187,7 @@ impl Disc {
     }
 }
 
-/// atan2, by its series where a pixel is seen from afar: next term t⁷/7 ≤ 2e-13 where r ≤ 1/t, so ≤ 3e-10 px².
+/// atan2, by its series for small angles: the next term t⁷/7 ≤ 2e-13 where r ≤ 1/t contributes ≤ 3e-10 px².
 fn angle(cross: f64, dot: f64) -> f64 {
     let t = cross / dot;
     if dot > 0.0 && t.abs() < 0.02 {
@@ -260,21 +260,21 @@ mod tests {
     }
 
     #[test]
-    fn large_circles_keep_their_digits() {
+    fn large_circles_are_accurate() {
         for radius in [900.0, 1e4, 7e5] {
             for x in [0.0, 0.3 * radius, 0.9 * radius] {
                 let (disc, x) = (Disc { centre: [0.25, 0.0], radius }, f64::round(x));
-                // One column's share of the disc's lower half, in whole and by its pixels.
+                // Area of the disc's lower half in one column: by integration, and as the sum over pixels.
                 let height = |u: f64| ((radius - u) * (radius + u)).sqrt();
                 let n = 4000;
                 let mean = |i: usize| height(x - 0.25 - 0.5 + (i as f64 + 0.5) / n as f64);
                 let first = height(x).floor() - 12.0;
-                let whole = (0..n).map(|i| mean(i) - (first - 0.5)).sum::<f64>() / n as f64;
+                let total = (0..n).map(|i| mean(i) - (first - 0.5)).sum::<f64>() / n as f64;
                 let pixels: f64 = (0..24)
                     .map(|i| first + f64::from(i))
                     .map(|y| disc.share(y, x, disc.half_widths(y)))
                     .sum();
-                assert!((pixels - whole).abs() < 2e-8, "{radius} {x}: {pixels} {whole}");
+                assert!((pixels - total).abs() < 2e-8, "{radius} {x}: {pixels} {total}");
             }
         }
     }
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_away_is_gone() {
+    fn clipped_polygons_have_the_expected_area() {
         let square = Polygon::rectangle(0.0, 0.0, 4.0, 2.0);
         assert_eq!(square.between(1, 3.0, 4.0).area(), 0.0);
         assert_eq!(square.between(1, 0.5, 1.5).area(), 4.0);

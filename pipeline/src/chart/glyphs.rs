@@ -1,12 +1,12 @@
-//! Letters of 5 × 7 dots for legends on charts and captions on pictures: all of printable ASCII, drawn in whole pixels,
-//! so even the smallest is sharp. What hangs below the line (g, p, q, y) stands on it here: seven rows are all there are.
+//! Bitmap font of 5 × 7 dots for printable ASCII, for legends on charts and captions on pictures; sharp at any integer scale.
+//! Descenders (g, p, q, y) are raised to the baseline.
 
 /// Columns from one letter to the next, in dots.
 pub const ADVANCE: usize = 6;
 /// Rows of a letter, in dots.
 pub const HEIGHT: usize = 7;
 
-/// Rows from the top, bit 4 on the left. What has no letter is a blank.
+/// Rows from the top, bit 4 on the left; blank for other characters.
 #[rustfmt::skip]
 const fn rows(letter: char) -> [u8; HEIGHT] {
     match letter {
@@ -86,14 +86,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_letter_is_its_runs() {
+    fn runs_of_letters() {
         assert_eq!(runs("T")[..2], [(0, 0, 5), (1, 2, 3)]);
         assert_eq!(runs(" L").iter().filter(|r| r.1 == 6).count(), 7);
         assert_eq!((width("AB"), width("")), (11, 0));
     }
 
     #[test]
-    fn every_printable_letter_is_its_own() {
+    fn glyphs_of_printable_ascii_are_distinct() {
         let all: Vec<char> = ('!'..='~').collect();
         for (i, &a) in all.iter().enumerate() {
             assert!(rows(a).iter().any(|&r| r != 0) && rows(a).iter().all(|&r| r < 32), "{a}");

@@ -4,13 +4,13 @@ use super::picture::Ink;
 use crate::colour::{Illuminant, checker_reflectance};
 use crate::real;
 
-/// Illuminance on every chart, lux: a well-lit test-chart wall.
+/// Illuminance of every chart, lux: typical of test-chart lighting.
 const ILLUMINANCE_LX: f64 = 1000.0;
 
-/// The spectra in use and the light on them.
+/// The reflectance spectra of a chart and its illuminant.
 pub(super) struct Inks {
     wavelengths_nm: Vec<f64>,
-    /// Radiance of a perfect matt white, per band.
+    /// Radiance of a perfect reflecting diffuser, per band.
     white: Vec<f64>,
     bands: Vec<Vec<f32>>,
     count: usize,
@@ -24,7 +24,7 @@ impl Inks {
         Self { wavelengths_nm, white, bands, count: 0 }
     }
 
-    /// The same radiance in every band, whatever the light.
+    /// The same radiance in every band, independent of the illuminant.
     pub(super) fn radiance(&mut self, value: f64) -> Ink {
         self.push(|_, _| value)
     }
@@ -39,7 +39,7 @@ impl Inks {
         self.push(|nm, white| checker_reflectance(patch, nm) * white)
     }
 
-    /// A colour that reflects one narrow range: a Gaussian about `centre_nm` on black.
+    /// A narrow-band colour: a Gaussian about `centre_nm` on black.
     pub(super) fn narrow(&mut self, centre_nm: f64, fwhm_nm: f64) -> Ink {
         // FWHM = 2√(2 ln 2)·σ, so exp(−4 ln 2·(Δ/FWHM)²).
         let at =

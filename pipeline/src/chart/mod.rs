@@ -1,27 +1,29 @@
-//! Charts that need no store: drawn on the fly, any rectangle of any band, at any size.
+//! Generated charts: drawn on request, any rectangle of any band, at any size, without a store.
 //!
-//! A chart is flat, lit by one illuminant from all sides to 1000 lx, and reflects as a matt surface does:
-//!   L(λ) = ρ(λ)·E(λ)/π   [W m⁻² sr⁻¹ nm⁻¹],   K_m ∫ E·ȳ dλ = 1000 lx,   K_m = 683 lm/W,
-//! ρ its reflectance. Every pixel is the exact mean over its square (`coverage.rs`), a sum of shares of a few inks
-//! (`picture.rs`), the same bits whatever rectangle is asked for.
-//! The chart is larger than its film by `overscan_px` on every side, so that a lens that draws the field inwards, and
-//! the PSF's tail, find chart beyond the film's border. Places are given in FILM pixels: row and column from the
-//! film's first pixel, centres at integers; chart pixel = film pixel + overscan.
-//! Left out: gloss, texture, uneven light: what varies on the film is the lens's doing. `noise` alone is added where it is
-//! asked for (`noise.rs`).
+//! A chart is a flat Lambertian surface of reflectance ρ under one illuminant of uniform illuminance 1000 lx:
+//!   L(λ) = ρ(λ)·E(λ)/π   [W m⁻² sr⁻¹ nm⁻¹],   K_m ∫ E·ȳ dλ = 1000 lx,   K_m = 683 lm/W
+//! Every pixel is the exact mean over its square (`coverage.rs`), a weighted sum of a few inks (`picture.rs`); its bits do not depend on
+//! the requested rectangle.
+//! The chart extends `overscan_px` beyond its film on every side: barrel distortion and the PSF's tail bring chart from beyond the
+//! film's border onto the film. Positions are given in FILM pixels: row and column from the film's first pixel, centres at integers;
+//! chart pixel = film pixel + overscan.
+//! Left out: gloss, texture, uneven illumination, so that all variation on the film is due to the lens. Noise is optional (`noise.rs`).
 
 mod composite;
 mod coverage;
+mod error;
 pub mod glyphs;
 mod inks;
 mod noise;
+mod parse;
 mod picture;
 mod sheet;
 mod spec;
 mod targets;
 
+pub use error::ChartError;
 pub use sheet::EdgeSite;
-pub use spec::{Blob, ChartError, ChartSpec, KINDS, Kind, Sites};
+pub use spec::{ChartSpec, EdgePlaces, KINDS, Kind, PointShape};
 
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
@@ -29,10 +31,10 @@ use inks::Inks;
 use picture::Picture;
 use sheet::Sheet;
 
-/// Unit of the values.
+/// Unit of chart values: spectral radiance.
 pub const UNITS: &str = "W m-2 sr-1 nm-1";
 
-/// A chart drawn on the fly from its [`ChartSpec`].
+/// A chart drawn on request from its [`ChartSpec`].
 pub struct Generator {
     spec: ChartSpec,
     overscan_px: usize,
@@ -46,10 +48,10 @@ pub struct Generator {
 }
 
 impl Generator {
-    /// Lays the chart out; draws nothing yet.
+    /// Computes the layout; draws nothing yet.
     ///
     /// # Errors
-    /// If the specification asks for what cannot be drawn.
+    /// [`ChartError`] if the specification is out of range or its details are too close to each other.
     pub fn new(spec: ChartSpec) -> Result<Self, ChartError> {
         spec.check()?;
         let overscan_px = spec.overscan();
@@ -57,9 +59,9 @@ impl Generator {
         let mut sheet = Sheet::new(spec.film, overscan_px, inks);
         match &spec.kind {
             Kind::Uniform { value } => sheet.uniform(*value),
-            Kind::Points { count, blob, width_px } => sheet.points(*count, *blob, *width_px)?,
-            Kind::SlantedEdge { angle_deg, contrast, sites, patch_px } => {
-                sheet.slanted_edges(*angle_deg, *contrast, sites, *patch_px)?;
+            Kind::Points { count, shape, width_px } => sheet.points(*count, *shape, *width_px)?,
+            Kind::SlantedEdge { angle_deg, contrast, places, patch_px } => {
+                sheet.slanted_edges(*angle_deg, *contrast, places, *patch_px)?;
             }
             Kind::Esfr { angle_deg, contrast, grid } => sheet.esfr(*angle_deg, *contrast, *grid)?,
             Kind::DotGrid { count, width_px } => sheet.dot_grid(*count, *width_px)?,
@@ -79,12 +81,12 @@ impl Generator {
         })
     }
 
-    /// What it was made from, with the defaults filled in.
+    /// Its specification.
     pub const fn spec(&self) -> &ChartSpec {
         &self.spec
     }
 
-    /// Size of the film that the chart is for.
+    /// Size of the film.
     pub const fn film_size(&self) -> Size {
         self.spec.film
     }
@@ -109,7 +111,7 @@ impl Generator {
         UNITS
     }
 
-    /// Centres (row, column) of all isolated blobs and dots, film pixels: whole numbers, so that each is symmetric in pixels.
+    /// Centres (row, column) of all isolated points and dots, film pixels: integers, so that each is symmetric in pixels.
     pub fn points_px(&self) -> &[(f64, f64)] {
         &self.points
     }
@@ -119,8 +121,8 @@ impl Generator {
         &self.edges
     }
 
-    /// The 24 ColorChecker patches, or the grey steps of an `iso12233-esfr` chart from dark to light, in film pixels, row by row;
-    /// empty where a chart has none.
+    /// The 24 ColorChecker patches row by row, or the grey steps of an `iso12233-esfr` chart from dark to light, in film pixels; empty
+    /// for other charts.
     pub fn patches_px(&self) -> &[Rect] {
         &self.patches
     }
@@ -146,7 +148,7 @@ impl ChartSource for Generator {
         })?;
         if !self.chart.rect().contains(rect) {
             return Err(
-                format!("{rect} of band {band} leaves the generated chart, which is {}", self.chart).into()
+                format!("{rect} of band {band} is not inside the generated chart of {}", self.chart).into()
             );
         }
         if out.len() != rect.size().pixels() {

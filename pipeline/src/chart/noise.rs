@@ -1,14 +1,14 @@
-//! A fixed pattern of noise on a chart: what a photographed or printed chart has, and what makes a codec work for its living.
+//! A fixed noise pattern, as on photographed or printed charts; it prevents unrealistically good compression.
 //!
 //!     value → value · (1 + σ·g),   g = (u₁ + u₂ + u₃ + u₄ − 2)·√3
-//! with uᵢ uniform on [0, 1): mean 0, variance 1, close to normal and never beyond ±2√3, so that σ < 0.28 keeps light
-//! positive (P. Irwin 1927, P. Hall 1927: the sum of uniform numbers). The numbers are a hash of band, row and column
-//! (SplitMix64's finaliser, Steele, Lea and Flood 2014): the same pattern whatever rectangle is asked for.
+//! with uᵢ uniform on [0, 1): mean 0, variance 1, close to normal and within ±2√3, so that values stay positive for
+//! σ ≤ 0.28 (P. Irwin 1927, P. Hall 1927: the sum of uniform numbers). The numbers are a hash of band, row and column
+//! (SplitMix64's finaliser, Steele, Lea and Flood 2014): independent of the requested rectangle.
 
 use crate::geometry::Rect;
 
-/// Largest σ: from 1/(2√3) = 0.289 on a pixel could turn dark.
-pub(super) const MOST: f64 = 0.28;
+/// Largest σ: from 1/(2√3) = 0.289 on, values can be negative.
+pub(super) const MAX_SIGMA: f64 = 0.28;
 
 /// Multiplies `out` (row-major, `rect` of band `band`) by noise of relative standard deviation `sigma`.
 pub(super) fn add(sigma: f64, band: usize, rect: Rect, out: &mut [f32]) {
@@ -17,7 +17,7 @@ pub(super) fn add(sigma: f64, band: usize, rect: Rect, out: &mut [f32]) {
         let key = mix(((band as u64) << 32) ^ y as u64);
         for (x, value) in (rect.x..).zip(line) {
             let bits = mix(key ^ x as u64);
-            // Four numbers of 16 bits; each stands for the middle of its step.
+            // Four numbers of 16 bits, each at the middle of its interval.
             let sum = (0..4).map(|i| (bits >> (16 * i)) as u16 as i32).sum::<i32>() + 2 - (2 << 16);
             *value *= 1.0 + step * sum as f32;
         }
@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mean_0_variance_1_and_no_neighbour_knows_the_other() {
+    fn noise_has_mean_0_variance_1_and_no_correlation() {
         let rect = Rect::new(5, 11, 400, 500);
         let mut out = vec![1.0; rect.size().pixels()];
         add(0.1, 3, rect, &mut out);

@@ -1,11 +1,11 @@
-//! A picture as a painter's list: paper, and shapes laid over it in order, each in one ink.
+//! A picture as a list of shapes, each in one ink, painted over paper in order.
 //!
 //!   pixel ← pixel + c·(ink − pixel),   c = share of the pixel that the shape covers
 //! which is the exact mean over the pixel wherever at most one edge crosses it (or edges along both axes, as in a grid).
-//! Drawings keep different shapes' edges at least 1.5 px apart, and shapes that meet, as a star's spokes do, are one
-//! [`Shape`]; what is left are the few pixels where a circle or a diagonal crosses the ruling, mixed as even layers.
-//! A pixel's value follows from its own place alone, never from the rectangle asked for, so any tiling gives the same
-//! bits. Work goes where edges are: boxes and rows that miss the rectangle are skipped, runs inside a shape are filled.
+//! Edges of different shapes are at least 1.5 px apart, and shapes that meet, such as the spokes of a star, are one [`Shape`];
+//! exceptions are the few pixels where a circle or a diagonal crosses the ruling, mixed as uniform layers.
+//! The value of a pixel depends on its position only, not on the requested rectangle, so any tiling has the same bits. Boxes and rows
+//! outside the rectangle are skipped, runs inside a shape are filled.
 
 use super::coverage::{Disc, Point, Polygon, gaussian_mean};
 use crate::geometry::{Rect, Size};
@@ -13,13 +13,13 @@ use crate::geometry::{Rect, Size};
 /// Index of a spectrum.
 pub(super) type Ink = usize;
 
-/// What is painted.
+/// A shape.
 pub(super) enum Shape {
-    /// Axis-parallel rectangles (x0, y0, x1, y1), at any sub-pixel place.
+    /// Axis-parallel rectangles (x0, y0, x1, y1), at sub-pixel positions.
     Boxes(Vec<[f64; 4]>),
-    /// Convex polygons that do not overlap, but may share pixels: within the disc, if there is one.
+    /// Convex polygons that do not overlap, but may share pixels, clipped to the disc if given.
     Polygons(Vec<Polygon>, Option<Disc>),
-    /// What lies between two circles about one centre: centre, inner and outer radius.
+    /// The ring between two concentric circles: centre, inner and outer radius.
     Ring(Point, f64, f64),
     /// A Gaussian of peak 1: its pixel means along x and y from the first pixel of the bounds.
     Gaussian(Vec<f64>, Vec<f64>),
@@ -31,7 +31,7 @@ struct Object {
     ink: Ink,
 }
 
-/// Paper and what lies on it.
+/// Paper and the shapes on it.
 pub(super) struct Picture {
     size: Size,
     paper: Ink,
@@ -39,18 +39,18 @@ pub(super) struct Picture {
 }
 
 impl Picture {
-    /// An empty sheet.
+    /// Blank paper.
     pub(super) const fn new(size: Size, paper: Ink) -> Self {
         Self { size, paper, objects: Vec::new() }
     }
 
-    /// Lays a shape over what is there.
+    /// Adds a shape on top.
     pub(super) fn add(&mut self, shape: Shape, ink: Ink) {
         let extent = match &shape {
             Shape::Boxes(boxes) => boxes.iter().copied().reduce(union),
             Shape::Polygons(parts, _) => parts.iter().map(extent).reduce(union),
             Shape::Ring([x, y], _, r) => Some([x - r, y - r, x + r, y + r]),
-            // Placed by `gaussian`, which knows where.
+            // Added by `gaussian`, with its bounds.
             Shape::Gaussian(..) => None,
         };
         if let Some([x0, y0, x1, y1]) = extent {
@@ -58,7 +58,7 @@ impl Picture {
         }
     }
 
-    /// Lays a Gaussian blob of peak 1 about (x, y). Its tail is cut at 6 σ, 1.5e-8 of the peak.
+    /// Adds a Gaussian of peak 1 about (x, y), truncated at 6 σ, 1.5e-8 of the peak.
     pub(super) fn gaussian(&mut self, [x, y]: Point, sigma: f64, ink: Ink) {
         let reach = (6.0 * sigma).ceil();
         let bounds = pixels(x - reach, y - reach, x + reach, y + reach);
@@ -103,17 +103,17 @@ impl Canvas<'_> {
             Shape::Polygons(parts, None) if parts.len() == 1 => self.polygon(&parts[0]),
             Shape::Polygons(parts, disc) => self.polygons(parts, disc.as_ref()),
             Shape::Ring(centre, inner, outer) => self.ring(*centre, *inner, *outer),
-            Shape::Gaussian(fx, fy) => self.blob(object.bounds, fx, fy),
+            Shape::Gaussian(fx, fy) => self.gaussian(object.bounds, fx, fy),
         }
     }
 
     fn rectangle(&mut self, [x0, y0, x1, y1]: [f64; 4]) {
         let area = pixels(x0, y0, x1, y1).intersect(self.area);
-        // Columns wholly inside; the same for all rows.
-        let whole = ((x0 + 0.5).ceil() as i64, (x1 - 0.5).floor() as i64 + 1);
+        // Columns entirely inside, the same for all rows.
+        let interior = ((x0 + 0.5).ceil() as i64, (x1 - 0.5).floor() as i64 + 1);
         for y in area.y..area.bottom() {
             let cy = overlap(y, y0, y1);
-            let (from, to) = (whole.0.clamp(area.x, area.right()), whole.1.clamp(area.x, area.right()));
+            let (from, to) = (interior.0.clamp(area.x, area.right()), interior.1.clamp(area.x, area.right()));
             if from < to {
                 self.run(y, from, to, cy);
                 (area.x..from)
@@ -127,7 +127,7 @@ impl Canvas<'_> {
 
     fn polygon(&mut self, polygon: &Polygon) {
         for y in self.area.y..self.area.bottom() {
-            let row = RowOf::new(polygon, y);
+            let row = PolygonRow::new(polygon, y);
             let (first, end) = row.clipped(self.area);
             let (from, to) = row.inside(first, end);
             self.run(y, from, to, 1.0);
@@ -135,18 +135,18 @@ impl Canvas<'_> {
         }
     }
 
-    /// Parts may share a pixel, so a row's shares are added up before they are painted.
+    /// Parts may share a pixel, so the shares of a row are summed before painting.
     fn polygons(&mut self, parts: &[Polygon], disc: Option<&Disc>) {
-        // A part is tried on the rows of its own piece of the area: a star has many parts and a tile few of them. One
-        // pixel wider, so that what rounding makes of a touching border is the same in every area.
+        // A part is tested only on the rows that it covers within the area: a star has many parts and a tile few of them. The area is
+        // one pixel wider, so that rounding at a touching border does not depend on it.
         let near = self.area.grown(1);
-        let piece = |part: &Polygon| {
+        let rows = |part: &Polygon| {
             part.between(1, near.y as f64 - 0.5, near.bottom() as f64 - 0.5)
                 .between(0, near.x as f64 - 0.5, near.right() as f64 - 0.5)
                 .extent(1)
         };
         let parts: Vec<_> =
-            parts.iter().map(|p| (p, piece(p))).filter(|(_, (top, bottom))| top <= bottom).collect();
+            parts.iter().map(|p| (p, rows(p))).filter(|(_, (top, bottom))| top <= bottom).collect();
         let mut shares = vec![0.0; self.area.width];
         for y in self.area.y..self.area.bottom() {
             let (low, high) = (y as f64 - 0.5, y as f64 + 0.5);
@@ -161,9 +161,9 @@ impl Canvas<'_> {
             let shares = &mut shares[..area.width];
             shares.fill(0.0);
             for (part, _) in parts.iter().filter(|(_, (top, bottom))| *top <= high && *bottom >= low) {
-                let row = RowOf::new(part, y);
+                let row = PolygonRow::new(part, y);
                 let (first, end) = row.clipped(area);
-                // Columns whole in this part and in the disc.
+                // Columns entirely inside this part and the disc.
                 let (mut from, mut to) = row.inside(first, end);
                 if let (Some(d), Some((inner, _))) = (disc, half_widths) {
                     from = from.max((d.centre[0] - inner + 0.5).ceil() as i64).min(end);
@@ -171,12 +171,12 @@ impl Canvas<'_> {
                 }
                 shares[(from - area.x) as usize..(to - area.x) as usize].fill(1.0);
                 for x in (first..from).chain(to..end) {
-                    let piece = row.pixel(x);
+                    let common = row.pixel(x);
                     let on_rim = disc
                         .zip(half_widths)
                         .filter(|(d, (inner, _))| (x as f64 - d.centre[0]).abs() + 0.5 > *inner);
                     shares[(x - area.x) as usize] +=
-                        on_rim.map_or_else(|| piece.area(), |(d, _)| d.area_within(&piece));
+                        on_rim.map_or_else(|| common.area(), |(d, _)| d.area_within(&common));
                 }
             }
             let i = self.index(y, area.x);
@@ -195,7 +195,7 @@ impl Canvas<'_> {
                 1,
                 self.area.width,
             ));
-            // Columns wholly within the hole are skipped.
+            // Columns entirely inside the hole are skipped.
             let (skip, resume) = if of_hole.0 > 0.5 {
                 (
                     (centre[0] - of_hole.0 + 0.5).ceil() as i64,
@@ -215,7 +215,7 @@ impl Canvas<'_> {
         }
     }
 
-    fn blob(&mut self, bounds: Rect, fx: &[f64], fy: &[f64]) {
+    fn gaussian(&mut self, bounds: Rect, fx: &[f64], fy: &[f64]) {
         for y in self.area.y..self.area.bottom() {
             for x in self.area.x..self.area.right() {
                 self.blend(y, x, fy[(y - bounds.y) as usize] * fx[(x - bounds.x) as usize]);
@@ -245,23 +245,23 @@ impl Canvas<'_> {
     }
 }
 
-/// A row's cut through a polygon.
-struct RowOf {
-    strip: Polygon,
+/// The intersection of a polygon and a row of pixels.
+struct PolygonRow {
+    polygon: Polygon,
     outer: (f64, f64),
     inner: (f64, f64),
 }
 
-impl RowOf {
+impl PolygonRow {
     fn new(polygon: &Polygon, y: i64) -> Self {
         let (low, high) = (y as f64 - 0.5, y as f64 + 0.5);
-        let strip = polygon.between(1, low, high);
-        // Convex: what is inside on both of the row's lines is inside between them. One line missing gives an empty run.
-        let (top, bottom) = (strip.extent_at(low), strip.extent_at(high));
-        Self { strip, outer: strip.extent(0), inner: (top.0.max(bottom.0), top.1.min(bottom.1)) }
+        let polygon = polygon.between(1, low, high);
+        // Convex: columns inside on both border lines of the row are inside between them. If one line is missed, the run is empty.
+        let (top, bottom) = (polygon.extent_at(low), polygon.extent_at(high));
+        Self { polygon, outer: polygon.extent(0), inner: (top.0.max(bottom.0), top.1.min(bottom.1)) }
     }
 
-    /// First column that it may touch and the end, within `area`.
+    /// The columns that it may touch (first, end) within `area`.
     fn clipped(&self, area: Rect) -> (i64, i64) {
         if self.outer.0 > self.outer.1 {
             return (area.x, area.x);
@@ -270,7 +270,7 @@ impl RowOf {
         (first, (column(self.outer.1) + 1).clamp(first, area.right()))
     }
 
-    /// Columns from..to that lie wholly inside, within first..end.
+    /// The columns (first, end) entirely inside, within first..end.
     fn inside(&self, first: i64, end: i64) -> (i64, i64) {
         if self.inner.0 >= self.inner.1 {
             return (end, end);
@@ -279,9 +279,9 @@ impl RowOf {
         (from, ((self.inner.1 - 0.5).floor() as i64 + 1).clamp(from, end))
     }
 
-    /// What it has in common with the pixel in column `x`.
+    /// Its intersection with the pixel in column `x`.
     fn pixel(&self, x: i64) -> Polygon {
-        self.strip.between(0, x as f64 - 0.5, x as f64 + 0.5)
+        self.polygon.between(0, x as f64 - 0.5, x as f64 + 0.5)
     }
 }
 
@@ -293,18 +293,18 @@ fn mix(pixel: &mut f32, ink: f32, share: f64) {
     }
 }
 
-/// The column or row that coordinate `v` lies in.
+/// Column or row of coordinate `v`.
 fn column(v: f64) -> i64 {
     (v + 0.5).floor() as i64
 }
 
-/// The pixels that touch x0..x1, y0..y1; those that only share a border may be in it.
+/// The pixels that touch x0..x1, y0..y1, possibly including some that only share a border.
 fn pixels(x0: f64, y0: f64, x1: f64, y1: f64) -> Rect {
     let (x, y) = (column(x0), column(y0));
     Rect::new(y, x, (column(y1) - y + 1).max(0) as usize, (column(x1) - x + 1).max(0) as usize)
 }
 
-/// Length that pixel `i` has in common with low..high.
+/// Length of the intersection of pixel `i` and low..high.
 fn overlap(i: i64, low: f64, high: f64) -> f64 {
     ((i as f64 + 0.5).min(high) - (i as f64 - 0.5).max(low)).max(0.0)
 }

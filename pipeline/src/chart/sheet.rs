@@ -1,4 +1,4 @@
-//! The sheet a chart is drawn on: film in the middle, overscan around it, and what a drawing says about itself.
+//! Drawing surface of a chart: the film with overscan around it, and the positions of targets for measurements.
 
 use super::coverage::{Disc, Point, Polygon};
 use super::inks::Inks;
@@ -9,15 +9,15 @@ use crate::real;
 /// A straight edge: dark where (x − x₀)·cos α + (y − y₀)·sin α ≤ 0, α its angle from the vertical.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeSite {
-    /// A point (row, column) on the edge, the middle of its patch, film pixels.
+    /// Middle of the patch (row, column), a point of the edge, film pixels.
     pub centre_px: (f64, f64),
-    /// α in degrees: 0 is an upright edge with its dark side on the left; the edge's normal turns from +x towards +y.
+    /// α in degrees: 0 is a vertical edge, dark on the left; the normal rotates from +x towards +y.
     pub angle_deg: f64,
-    /// The part of the film, in film pixels, in which nothing else is drawn.
+    /// The part of the film that contains this edge only, film pixels.
     pub patch: Rect,
 }
 
-/// A picture being drawn. All lengths are chart pixels; (x, y) order throughout.
+/// A chart being drawn. All lengths are chart pixels, all points (x, y).
 pub(super) struct Sheet {
     pub(super) film: Size,
     pub(super) margin: usize,
@@ -31,7 +31,7 @@ pub(super) struct Sheet {
 impl Sheet {
     pub(super) fn new(film: Size, margin: usize, inks: Inks) -> Self {
         let chart = Size::new(film.height + 2 * margin, film.width + 2 * margin);
-        // Ink 0 is the paper, and the drawing's first choice of ink.
+        // Ink 0, the first that a drawing allocates, is the paper.
         let picture = Picture::new(chart, 0);
         Self { film, margin, inks, picture, points: Vec::new(), edges: Vec::new(), patches: Vec::new() }
     }
@@ -41,7 +41,7 @@ impl Sheet {
         Size::new(self.film.height + 2 * self.margin, self.film.width + 2 * self.margin)
     }
 
-    /// Chart place (x, y) of film place (row, column).
+    /// Chart position (x, y) of a film position (row, column).
     pub(super) fn at(&self, row: f64, column: f64) -> Point {
         [column + self.margin as f64, row + self.margin as f64]
     }
@@ -51,15 +51,15 @@ impl Sheet {
         self.at((self.film.height as f64 - 1.0) / 2.0, (self.film.width as f64 - 1.0) / 2.0)
     }
 
-    /// A rectangle of whole pixels nearest to x0..x1, y0..y1.
+    /// A rectangle snapped to pixel borders.
     pub(super) fn block(&mut self, [x0, y0, x1, y1]: [f64; 4], ink: Ink) {
-        let whole = [snap(x0), snap(y0), snap(x1), snap(y1)];
-        if whole[0] < whole[2] && whole[1] < whole[3] {
-            self.picture.add(Shape::Boxes(vec![whole]), ink);
+        let snapped = [snap(x0), snap(y0), snap(x1), snap(y1)];
+        if snapped[0] < snapped[2] && snapped[1] < snapped[3] {
+            self.picture.add(Shape::Boxes(vec![snapped]), ink);
         }
     }
 
-    /// A rectangle of whole pixels, by its middle and half sizes.
+    /// The same, by its middle and half sizes.
     pub(super) fn block_at(&mut self, [x, y]: Point, half_x: f64, half_y: f64, ink: Ink) {
         self.block([x - half_x, y - half_y, x + half_x, y + half_y], ink);
     }
@@ -74,7 +74,7 @@ impl Sheet {
     /// A Siemens star: `spokes` dark sectors and as many gaps of the same angle.
     pub(super) fn star(&mut self, centre: Point, radius: f64, spokes: usize, ink: Ink) {
         let half = std::f64::consts::PI / (2 * spokes) as f64;
-        // Far enough for the triangle's outer side to clear the rim.
+        // The triangle's outer side lies beyond the rim.
         let far = radius / real::cos(half) * 1.01;
         let sector = |k: usize| {
             let middle = 4.0 * half * k as f64;
@@ -85,12 +85,12 @@ impl Sheet {
         self.picture.add(Shape::Polygons(sectors, Some(Disc { centre, radius })), ink);
     }
 
-    /// Marks a place as the centre of an isolated blob.
+    /// Records the centre of an isolated point.
     pub(super) fn note_point(&mut self, [x, y]: Point) {
         self.points.push((y - self.margin as f64, x - self.margin as f64));
     }
 
-    /// Film pixels of the whole-pixel rectangle nearest to x0..x1, y0..y1.
+    /// Film pixels of a rectangle snapped to pixel borders.
     pub(super) fn film_rect(&self, [x0, y0, x1, y1]: [f64; 4]) -> Rect {
         let first = |v: f64| (snap(v) + 0.5) as i64;
         let m = self.margin as i64;
@@ -99,7 +99,7 @@ impl Sheet {
     }
 }
 
-/// The border between pixels that is nearest to `v`.
+/// The nearest border between pixels.
 pub(super) fn snap(v: f64) -> f64 {
     (v + 0.5).round() - 0.5
 }

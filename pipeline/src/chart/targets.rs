@@ -1,26 +1,32 @@
-//! The single-purpose charts: one kind of detail each, for measuring one thing.
+//! Charts with one kind of target each.
 
 use super::coverage::Polygon;
+use super::error::ChartError;
 use super::picture::Shape;
 use super::sheet::{EdgeSite, Sheet};
-use super::spec::{Blob, ChartError, Sites};
+use super::spec::{EdgePlaces, PointShape};
 use crate::real;
 
-/// Reflectance of white paper: what good matt paper has, with room above it for nothing.
+/// Reflectance of white matt paper.
 pub(super) const PAPER: f64 = 0.90;
-/// Steps of an OECF wedge, as ISO 14524 counts them.
+/// Steps of an OECF grey scale (ISO 14524).
 const GREY_STEPS: usize = 20;
 /// Reflectance of black ink.
 pub(super) const INK: f64 = 0.03;
 
 impl Sheet {
-    /// One value everywhere.
+    /// A uniform radiance.
     pub(super) fn uniform(&mut self, value: f64) {
         self.inks.radiance(value);
     }
 
-    /// White blobs on perfect black, `count` × `count`, the outermost ones near the film's corners.
-    pub(super) fn points(&mut self, count: usize, blob: Blob, width_px: f64) -> Result<(), ChartError> {
+    /// White points on perfect black, `count` × `count`, the outermost ones near the film's corners.
+    pub(super) fn points(
+        &mut self,
+        count: usize,
+        shape: PointShape,
+        width_px: f64,
+    ) -> Result<(), ChartError> {
         let black = self.inks.grey(0.0);
         debug_assert_eq!(black, 0);
         let white = self.inks.grey(PAPER);
@@ -28,10 +34,10 @@ impl Sheet {
         for &row in &ys {
             for &column in &xs {
                 let at = self.at(row, column);
-                match blob {
+                match shape {
                     // FWHM = 2√(2 ln 2)·σ
-                    Blob::Gaussian => self.picture.gaussian(at, width_px / 2.354_820_045, white),
-                    Blob::Disc => self.disc(at, width_px / 2.0, white),
+                    PointShape::Gaussian => self.picture.gaussian(at, width_px / 2.354_820_045, white),
+                    PointShape::Disc => self.disc(at, width_px / 2.0, white),
                 }
                 self.note_point(at);
             }
@@ -54,7 +60,7 @@ impl Sheet {
         Ok(())
     }
 
-    /// Rows and columns of `count` × `count` things `width_px` wide that keep off each other and off the film's border.
+    /// Rows and columns of `count` × `count` details `width_px` wide, at least two widths from each other and from the film's border.
     fn lattice(
         &self,
         what: &'static str,
@@ -73,14 +79,14 @@ impl Sheet {
         Ok((ys, xs))
     }
 
-    /// Dark squares on paper, turned by `angle_deg`, in the middle of each of `grid` × `grid` equal parts of the film: half a part
-    /// wide, so that an edge is a quarter of a part away from anything else.
+    /// Dark squares on paper, rotated by `angle_deg`, in the middle of each of `grid` × `grid` equal parts of the film: half a part
+    /// wide, so that an edge is at least a quarter of a part from any other detail.
     pub(super) fn esfr(&mut self, angle_deg: f64, contrast: f64, grid: usize) -> Result<(), ChartError> {
         self.inks.grey(PAPER);
         let dark = self.inks.grey(PAPER / contrast);
         let (height, width, n) = (self.film.height as f64, self.film.width as f64, grid as f64);
         let spacing_px = height.min(width) / n;
-        // Edges of less than 16 px tell nothing.
+        // Edges shorter than 16 px are too short to measure.
         if spacing_px < 32.0 {
             return Err(ChartError::Crowded {
                 what: "slanted squares",
@@ -93,15 +99,15 @@ impl Sheet {
         for i in 0..grid {
             for j in 0..grid {
                 let (row, column) = ((i as f64 + 0.5) * height / n - 0.5, (j as f64 + 0.5) * width / n - 0.5);
-                let square = Polygon::turned(self.at(row, column), [half, half], angle_deg.to_radians());
+                let square = Polygon::rotated(self.at(row, column), [half, half], angle_deg.to_radians());
                 self.picture.add(Shape::Polygons(vec![square], None), dark);
-                for turn in [0.0, 90.0, 180.0, -90.0] {
-                    let out_deg = angle_deg + turn;
+                for side in [0.0, 90.0, 180.0, -90.0] {
+                    let out_deg = angle_deg + side;
                     let side_deg = if out_deg > 180.0 { out_deg - 360.0 } else { out_deg };
                     let (sin, cos) = real::sin_cos(side_deg.to_radians());
                     let centre_px = (row + half * sin, column + half * cos);
                     let [x, y] = self.at(centre_px.0, centre_px.1);
-                    // Half as wide as the edge is long: the corners stay outside.
+                    // Half as wide as the edge is long, without the corners.
                     let h = half / 2.0;
                     let patch = self.film_rect([x - h, y - h, x + h, y + h]).intersect(self.film.rect());
                     self.edges.push(EdgeSite { centre_px, angle_deg: side_deg, patch });
@@ -112,8 +118,8 @@ impl Sheet {
         Ok(())
     }
 
-    /// A row of steps from ink to paper, equal in density, in the clear strip above the first squares: a quarter of a part of
-    /// `spacing_px` high. The film's response is read off them (OECF, ISO 14524).
+    /// A row of steps from ink to paper, equal in density, above the first squares, where a quarter of a part (`spacing_px`) is clear.
+    /// They measure the film's response (OECF, ISO 14524).
     fn grey_steps(&mut self, spacing_px: f64) {
         let [x0, y0] = self.at(-0.5, -0.5);
         let (step, top) = (self.film.width as f64 / GREY_STEPS as f64, y0 + 0.02 * spacing_px);
@@ -127,39 +133,39 @@ impl Sheet {
         }
     }
 
-    /// Dark half-planes, each clipped to its patch; a lone edge without a patch size crosses the whole chart.
+    /// Dark half-planes, each clipped to its patch; a single edge without a patch size crosses the complete chart.
     pub(super) fn slanted_edges(
         &mut self,
         angle_deg: f64,
         contrast: f64,
-        sites: &Sites,
+        places: &EdgePlaces,
         patch_px: Option<usize>,
     ) -> Result<(), ChartError> {
         self.inks.grey(PAPER);
         let dark = self.inks.grey(PAPER / contrast);
         let (height, width) = (self.film.height as f64, self.film.width as f64);
-        let (centres, spacing) = match sites {
-            Sites::Grid(n) => {
+        let (centres, spacing) = match places {
+            EdgePlaces::Grid(n) => {
                 let line = |length: f64| (0..*n).map(move |i| (i as f64 + 0.5) * length / *n as f64 - 0.5);
                 (
                     line(height).flat_map(|y| line(width).map(move |x| (y, x))).collect(),
                     height.min(width) / *n as f64,
                 )
             }
-            Sites::Centres(list) => (list.clone(), closest(list).min(height.min(width))),
+            EdgePlaces::Centres(list) => (list.clone(), closest(list).min(height.min(width))),
         };
-        let lone = centres.len() == 1;
+        let single = centres.len() == 1;
         let patch = patch_px.map_or(0.6 * spacing, |p| p as f64);
-        if !lone && spacing < patch + 2.0 {
+        if !single && spacing < patch + 2.0 {
             let (count, needed_px) = (centres.len(), patch + 2.0);
             return Err(ChartError::Crowded { what: "edge patches", count, spacing_px: spacing, needed_px });
         }
         let (sin, cos) = real::sin_cos(angle_deg.to_radians());
-        let whole = self.chart();
+        let chart = self.chart();
         for (row, column) in centres {
             let [x, y] = self.at(row, column);
-            let bounds = if lone && patch_px.is_none() {
-                [-0.5, -0.5, whole.width as f64 - 0.5, whole.height as f64 - 0.5]
+            let bounds = if single && patch_px.is_none() {
+                [-0.5, -0.5, chart.width as f64 - 0.5, chart.height as f64 - 0.5]
             } else {
                 let h = patch / 2.0;
                 [x - h, y - h, x + h, y + h].map(super::sheet::snap)
@@ -195,7 +201,7 @@ impl Sheet {
         self.checker_in([x0, y0, x0 + width, y0 + height], 0.06);
     }
 
-    /// The 24 patches in 4 rows of 6 within x0..x1, y0..y1, each kept off its cell's border by `gap` of the cell.
+    /// The 24 patches in 4 rows of 6 within x0..x1, y0..y1, each inset by `gap` of its cell.
     pub(super) fn checker_in(&mut self, [x0, y0, x1, y1]: [f64; 4], gap: f64) {
         let (w, h) = ((x1 - x0) / 6.0, (y1 - y0) / 4.0);
         let inset = gap * w.min(h);
@@ -209,7 +215,7 @@ impl Sheet {
     }
 }
 
-/// `count` whole places along `length` pixels, evenly from `margin` off one end to the same off the other.
+/// `count` integer places along `length` pixels, evenly from `margin` off one end to the same off the other.
 fn spread(length: usize, count: usize, margin: f64) -> Vec<f64> {
     let last = length as f64 - 1.0;
     let margin = margin.min(last / 2.0);
@@ -220,7 +226,7 @@ fn spread(length: usize, count: usize, margin: f64) -> Vec<f64> {
     (0..count).map(|i| place(i).round()).collect()
 }
 
-/// Least distance along a row or a column between two places (the larger of the two differences).
+/// Minimum over all pairs of places of the larger of their row and column distances.
 fn closest(places: &[(f64, f64)]) -> f64 {
     let pairs = places.iter().enumerate().flat_map(|(i, a)| places[..i].iter().map(move |b| (a, b)));
     pairs.map(|(a, b)| (a.0 - b.0).abs().max((a.1 - b.1).abs())).fold(f64::INFINITY, f64::min)

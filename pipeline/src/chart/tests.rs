@@ -1,4 +1,4 @@
-//! What every generated chart must keep, and what each promises.
+//! Tests of all generated charts, then of each kind.
 
 use super::*;
 use crate::colour;
@@ -13,10 +13,10 @@ fn read(chart: &Generator, band: usize, rect: Rect) -> Vec<f32> {
     out
 }
 
-/// Numbers below `end`, the same on every run.
-struct Draw(u64);
+/// Deterministic pseudo-random numbers.
+struct Random(u64);
 
-impl Draw {
+impl Random {
     fn below(&mut self, end: usize) -> usize {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) as usize % end
@@ -39,24 +39,24 @@ const CHARTS: [&str; 12] = [
 ];
 
 #[test]
-fn any_rectangle_has_the_bits_of_the_whole() {
-    let mut draw = Draw(7);
+fn any_rectangle_has_the_bits_of_the_complete_chart() {
+    let mut random = Random(7);
     for spec in CHARTS {
         let chart = generate(spec);
-        let whole = chart.size().rect();
-        let all = read(&chart, 0, whole);
+        let full = chart.size().rect();
+        let all = read(&chart, 0, full);
         assert!(all.iter().all(|v| v.is_finite() && *v >= 0.0), "{spec}");
         for _ in 0..60 {
-            let (y, x) = (draw.below(whole.height), draw.below(whole.width));
+            let (y, x) = (random.below(full.height), random.below(full.width));
             let rect = Rect::new(
                 y as i64,
                 x as i64,
-                1 + draw.below((whole.height - y).min(90)),
-                1 + draw.below((whole.width - x).min(90)),
+                1 + random.below((full.height - y).min(90)),
+                1 + random.below((full.width - x).min(90)),
             );
             let part = read(&chart, 0, rect);
             for (i, row) in part.chunks(rect.width).enumerate() {
-                let from = (y + i) * whole.width + x;
+                let from = (y + i) * full.width + x;
                 let same = row.iter().zip(&all[from..]).all(|(a, b)| a.to_bits() == b.to_bits());
                 assert!(same, "{spec}: row {i} of {rect}");
             }
@@ -65,11 +65,11 @@ fn any_rectangle_has_the_bits_of_the_whole() {
 }
 
 #[test]
-fn tiny_and_odd_films_can_be_drawn() {
+fn very_small_and_very_long_films_can_be_drawn() {
     for size in ["1", "7x5", "2x1", "3x400", "64x1"] {
         for kind in ["uniform", "points?count=1", "slanted-edge", "siemens", "checker", "composite"] {
-            let mark = if kind.contains('?') { '&' } else { '?' };
-            let chart = generate(&format!("{kind}{mark}size={size}&wavelengths=550&overscan=2"));
+            let separator = if kind.contains('?') { '&' } else { '?' };
+            let chart = generate(&format!("{kind}{separator}size={size}&wavelengths=550&overscan=2"));
             assert_eq!(chart.size().height, chart.film_size().height + 4);
             assert!(read(&chart, 0, chart.size().rect()).iter().all(|v| v.is_finite()), "{kind} {size}");
         }
@@ -77,8 +77,7 @@ fn tiny_and_odd_films_can_be_drawn() {
 }
 
 #[test]
-fn bands_are_shares_times_spectra() {
-    // A pixel's share of ink is the same in every band.
+fn ink_share_of_a_pixel_is_the_same_in_every_band() {
     let chart = generate("slanted-edge?size=64&wavelengths=450,550,650&overscan=0");
     let bands: Vec<_> = (0..3).map(|b| read(&chart, b, chart.size().rect())).collect();
     let share = |b: usize, i: usize| {
@@ -91,7 +90,7 @@ fn bands_are_shares_times_spectra() {
 }
 
 #[test]
-fn a_slanted_edge_is_its_exact_coverage() {
+fn slanted_edge_equals_its_exact_coverage() {
     for (angle, patch) in [(5.0, ""), (-5.0, "&patch_px=60"), (85.0, ""), (45.0, "&patch_px=51"), (0.0, "")] {
         let spec =
             format!("slanted-edge?size=91x80&overscan=0&wavelengths=550&contrast=4&angle_deg={angle}{patch}");
@@ -125,7 +124,7 @@ fn a_slanted_edge_is_its_exact_coverage() {
 }
 
 #[test]
-fn a_star_is_its_supersampled_self() {
+fn star_equals_its_supersampled_coverage() {
     for spokes in [5, 36] {
         let chart = generate(&format!("siemens?size=81&overscan=0&wavelengths=550&spokes={spokes}"));
         let (centre, radius) = (40.0, 0.45 * 81.0);
@@ -136,18 +135,18 @@ fn a_star_is_its_supersampled_self() {
             for k in 0..n * n {
                 let at = |j: usize| (j as f64 + 0.5) / n as f64 - 0.5 - centre;
                 let (y, x) = ((i / 81) as f64 + at(k / n), (i % 81) as f64 + at(k % n));
-                let turn = y.atan2(x) / std::f64::consts::TAU * spokes as f64;
-                hits += usize::from(y.hypot(x) <= radius && (turn - turn.round()).abs() <= 0.25);
+                let spoke = y.atan2(x) / std::f64::consts::TAU * spokes as f64;
+                hits += usize::from(y.hypot(x) <= radius && (spoke - spoke.round()).abs() <= 0.25);
             }
             let got = (1.0 - f64::from(value) / light) / (1.0 - 0.03 / 0.9);
-            // An edge through n × n samples is known to about 1/n at worst.
+            // Supersampling with n × n points is exact to about 1/n.
             assert!((got - hits as f64 / (n * n) as f64).abs() < 0.02, "{spokes} at {i}: {got}");
         }
     }
 }
 
 #[test]
-fn a_blob_is_symmetric_and_where_it_says() {
+fn points_are_symmetric_about_their_reported_centres() {
     for spec in ["points?size=300x221&count=4&overscan=20", "points?size=256&count=3&blob=disc&width_px=7.3"]
     {
         let chart = generate(spec);
@@ -155,9 +154,9 @@ fn a_blob_is_symmetric_and_where_it_says() {
         assert_eq!(chart.points_px().len(), if spec.contains("count=4") { 16 } else { 9 });
         for &(row, column) in chart.points_px() {
             let window = Rect::new(row as i64 + m - 5, column as i64 + m - 5, 11, 11);
-            let blob = read(&chart, 3, window);
-            assert!((0..121).all(|i| blob[i] == blob[120 - i]), "{spec}");
-            assert!(blob[60] > 0.0 && blob.iter().all(|v| *v <= blob[60]));
+            let pixels = read(&chart, 3, window);
+            assert!((0..121).all(|i| pixels[i] == pixels[120 - i]), "{spec}");
+            assert!(pixels[60] > 0.0 && pixels.iter().all(|v| *v <= pixels[60]));
         }
     }
     let corner = generate("points?size=1000").points_px()[0];
@@ -165,7 +164,7 @@ fn a_blob_is_symmetric_and_where_it_says() {
 }
 
 #[test]
-fn a_kilolux_lies_on_the_checker() {
+fn checker_luminance_corresponds_to_1000_lux() {
     let chart = generate("checker?size=600x900&wavelengths=380:780:5&overscan=10");
     let weights = colour::xyz_weights(chart.wavelengths_nm());
     let luminance = |patch: usize| {
@@ -180,7 +179,7 @@ fn a_kilolux_lies_on_the_checker() {
 }
 
 #[test]
-fn the_composite_uses_the_whole_film() {
+fn composite_covers_the_complete_film() {
     let chart = generate("composite?size=3000&wavelengths=550");
     assert!(chart.points_px().len() > 100 && chart.patches_px().len() == 24);
     assert_eq!(chart.size(), Size::new(3188, 3188));
@@ -190,7 +189,7 @@ fn the_composite_uses_the_whole_film() {
 }
 
 #[test]
-fn specifications_read_as_they_are_written() {
+fn specification_text_round_trips() {
     for spec in CHARTS.iter().chain(&["slanted-edge?centers=10,20;300,40.5&patch_px=90", "gen:composite"]) {
         let read: ChartSpec = spec.parse().unwrap();
         let written = read.to_string();
@@ -203,7 +202,7 @@ fn specifications_read_as_they_are_written() {
 }
 
 #[test]
-fn wrong_words_are_answered_with_the_right_ones() {
+fn invalid_specification_is_an_error_with_a_hint() {
     for (spec, hint) in [
         ("composit", "'composite'"),
         ("slantededge", "'slanted-edge'"),
@@ -234,14 +233,15 @@ fn wrong_words_are_answered_with_the_right_ones() {
         ("slanted-edge?centers=50,50;52,50&patch_px=9", "apart"),
         ("siemens?spokes=1", "2 to 720"),
     ] {
-        let error = spec.parse::<Generator>().err().unwrap_or_else(|| panic!("{spec} was taken")).to_string();
+        let error =
+            spec.parse::<Generator>().err().unwrap_or_else(|| panic!("{spec} was accepted")).to_string();
         assert!(error.contains(hint), "{spec}: {error}");
     }
     assert!("uniform?wavelengths=350".parse::<Generator>().is_ok());
 }
 
 #[test]
-fn what_cannot_be_read_is_an_error() {
+fn reading_outside_the_chart_is_an_error() {
     let chart = generate("uniform?size=10&overscan=0");
     let mut out = [0.0; 4];
     assert!(chart.read(31, Rect::new(0, 0, 2, 2), &mut out).is_err());
@@ -269,7 +269,7 @@ fn speed() {
 }
 
 #[test]
-fn slanted_squares_are_dark_inside_and_their_edges_are_where_they_say() {
+fn slanted_squares_are_dark_inside_their_reported_edges() {
     let chart = generate("iso12233-esfr?size=600&grid=3&angle_deg=5&contrast=4&wavelengths=550");
     assert_eq!(chart.edges().len(), 36);
     let m = chart.overscan_px() as i64;
@@ -293,12 +293,12 @@ fn slanted_squares_are_dark_inside_and_their_edges_are_where_they_say() {
         .collect();
     let ratio = (0.90f32 / 0.03).powf(1.0 / 19.0);
     assert!(greys.windows(2).all(|g| (g[1] / g[0] / ratio - 1.0).abs() < 1e-4), "{greys:?}");
-    assert!(steps.iter().all(|p| p.bottom() < 45), "the steps reach into the squares' strip");
+    assert!(steps.iter().all(|p| p.bottom() < 45), "the steps overlap the squares' rows");
     assert!("iso12233-esfr?size=100&grid=9".parse::<Generator>().is_err());
 }
 
 #[test]
-fn dots_are_dark_on_paper_and_centred() {
+fn dots_are_dark_on_paper_and_have_the_expected_area() {
     let chart = generate("dot-grid?size=400&count=5&width_px=20&wavelengths=550");
     assert_eq!(chart.points_px().len(), 25);
     let m = chart.overscan_px() as i64;
@@ -307,9 +307,9 @@ fn dots_are_dark_on_paper_and_centred() {
         let pixels = read(&chart, 0, rect);
         let (paper, ink) = (pixels[0], pixels[14 * 29 + 14]);
         assert!((f64::from(paper / ink) - 30.0).abs() < 1e-3, "{paper} {ink}");
-        // The light a dot takes away: its area.
-        let taken: f64 = pixels.iter().map(|v| f64::from((paper - v) / (paper - ink))).sum();
-        assert!((taken - std::f64::consts::PI * 100.0).abs() < 1e-2, "{taken}");
+        // Radiance missing because of the dot, in pixels: its area.
+        let missing: f64 = pixels.iter().map(|v| f64::from((paper - v) / (paper - ink))).sum();
+        assert!((missing - std::f64::consts::PI * 100.0).abs() < 1e-2, "{missing}");
     }
     assert!("dot-grid?size=100&count=20&width_px=10".parse::<Generator>().is_err());
 }

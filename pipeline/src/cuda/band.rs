@@ -1,9 +1,9 @@
-//! One band on a device: its stages, the slots that batches of its tiles are computed in, and what is launched for a batch.
+//! One band on a device: its stages, the buffers of its batches, and the copies and launches of a batch.
 
 use super::handle::{CudaEvent, CudaStream};
 use super::memory::{BandMemory, BandNeeds, DeviceQueue};
 use super::pool::{GpuTile, Pinned};
-use super::slice::CudaSlice;
+use super::slice::{CudaSlice, DeviceMemory, DeviceMemoryMut};
 use super::{CudaError, Device};
 use crate::band::BandStages;
 use crate::geometry::{Frame, Rect};
@@ -13,10 +13,10 @@ use crate::remap::Remap;
 use crate::remap::cuda::{RemapOnDevice, RemapTile};
 use std::sync::Arc;
 
-/// `CU_EVENT_BLOCKING_SYNC`.
+/// `CU_EVENT_BLOCKING_SYNC`: the thread that waits for the event sleeps.
 const BLOCKING_EVENT: u32 = 1;
 
-/// The streams of a queue: copies in either direction go on beside the kernels.
+/// The streams of a queue: uploads, kernels and downloads overlap.
 #[derive(Debug)]
 pub struct Streams {
     upload: Arc<CudaStream>,
@@ -25,20 +25,21 @@ pub struct Streams {
 }
 
 impl Streams {
-    /// What one stream needs of another is ordered here, by events; buffers are used again once the host has waited for the event
-    /// behind their last copy or kernel, and [`GpuBand::new`] waits for all that it has begun.
+    /// Events order the streams where one depends on another. A buffer is used again only after the host has waited for the event
+    /// behind its last copy or kernel. [`GpuBand::new`] synchronizes the device.
     pub(crate) fn new(device: &Device) -> Result<Self, CudaError> {
-        let stream = || device.context.new_stream().map_err(device.failed("making a stream"));
+        let stream = || device.context.new_stream().map_err(device.failed("creating a stream"));
         Ok(Self { upload: stream()?, compute: stream()?, download: stream()? })
     }
 }
 
-/// Device memory for one batch on its way.
+/// Device memory of one batch.
 #[derive(Debug)]
-pub struct Slot {
-    chart: CudaSlice<f32>,
-    remap: CudaSlice<f32>,
-    light: Option<CudaSlice<f32>>,
+pub struct BatchBuffers {
+    charts: CudaSlice<f32>,
+    remapped: CudaSlice<f32>,
+    /// Output of the PSF stage, if the band has one.
+    contributions: Option<CudaSlice<f32>>,
 }
 
 /// A tile of a batch, its chart in page-locked memory.
@@ -47,31 +48,31 @@ pub(crate) struct GpuBatchTile {
     pub(crate) rect: Rect,
     pub(crate) chart_rect: Rect,
     pub(crate) chart: Pinned,
-    /// Where the computed tile is downloaded to.
+    /// Destination of the download.
     pub(crate) output: GpuTile,
 }
 
-/// Start and end of the batch's part in each stream.
+/// First and last event of a batch in each stream.
 pub(crate) struct BatchEvents {
     pub(crate) upload: [CudaEvent; 2],
     pub(crate) compute: [CudaEvent; 2],
     pub(crate) download: [CudaEvent; 2],
 }
 
-/// What the largest of `tiles` of a band needs. `least_psf`: of its PSF stage, if it has one.
-pub fn needs<'a>(
+/// Memory needs of a band: the maximum over `tiles`. `min_psf_bytes`: of its PSF stage, if it has one.
+pub fn band_needs<'a>(
     remap: &Remap,
     tiling: &Tiling,
     tiles: impl Iterator<Item = &'a (usize, usize)>,
-    least_psf: Option<usize>,
+    min_psf_bytes: Option<usize>,
 ) -> BandNeeds {
-    let mut needs = BandNeeds { least_psf: least_psf.unwrap_or(0), ..BandNeeds::default() };
+    let mut needs = BandNeeds { min_psf_bytes: min_psf_bytes.unwrap_or(0), ..BandNeeds::default() };
     for &tile in tiles {
         let rect = tiling.rect(tile);
         needs.chart_px = needs.chart_px.max(remap.upload_rect(rect).size().pixels());
         needs.remapped_px = needs.remapped_px.max(rect.size().pixels());
-        if least_psf.is_some() {
-            needs.light_px = needs.light_px.max(tiling.reach(tile).size().pixels());
+        if min_psf_bytes.is_some() {
+            needs.contribution_px = needs.contribution_px.max(tiling.reach(tile).size().pixels());
         }
     }
     needs
@@ -87,103 +88,111 @@ pub struct GpuBand {
 }
 
 impl GpuBand {
-    /// `stages` for `tiles` of `tiling` within the bounds of `queue`, halved `halved` times on the device, and slots for batches.
+    /// `stages` for `tiles` of `tiling` within the bounds of `queue`, whose device memory is halved `halvings` times; and the
+    /// buffers of the batches in flight.
     pub(crate) fn new(
         frame: &Frame,
         stages: &BandStages,
         tiling: &Tiling,
         tiles: &[(usize, usize)],
         queue: &DeviceQueue,
-        halved: u32,
+        halvings: u32,
         streams: &Streams,
-    ) -> Result<(Self, Vec<Slot>), CudaError> {
+    ) -> Result<(Self, Vec<BatchBuffers>), CudaError> {
         let device = &queue.device;
-        let least =
-            stages.psf.as_ref().map(|psf| PsfOnDevice::least_bytes(psf.blocks(), psf.grid(), tiling.tile()));
-        let needs = needs(&stages.remap, tiling, tiles.iter(), least);
-        let memory = queue.plan(&needs, halved)?;
+        let min_psf_bytes =
+            stages.psf.as_ref().map(|psf| PsfOnDevice::min_bytes(psf.blocks(), psf.grid(), tiling.tile()));
+        let needs = band_needs(&stages.remap, tiling, tiles.iter(), min_psf_bytes);
+        let memory = queue.plan(&needs, halvings)?;
         let remap = RemapOnDevice::new(device, &stages.remap)?;
         let psf = stages.psf.as_ref().map(|psf| PsfOnDevice::new(device, frame, psf, memory.psf_bytes));
         let psf = psf.transpose()?;
-        let slot = || {
-            let room = |px: usize, what| device.allocate::<f32>(&streams.compute, memory.tiles * px, what);
-            let light = (needs.light_px > 0).then(|| room(needs.light_px, "light")).transpose()?;
-            Ok(Slot {
-                chart: room(needs.chart_px, "charts")?,
-                remap: room(needs.remapped_px, "remapped")?,
-                light,
+        let buffers = || {
+            let allocate =
+                |px: usize, what| device.allocate::<f32>(&streams.compute, memory.tiles * px, what);
+            let scatters = needs.contribution_px > 0;
+            Ok(BatchBuffers {
+                charts: allocate(needs.chart_px, "charts")?,
+                remapped: allocate(needs.remapped_px, "remapped tiles")?,
+                contributions: scatters
+                    .then(|| allocate(needs.contribution_px, "contributions"))
+                    .transpose()?,
             })
         };
-        let slots = (0..memory.slots).map(|_| slot()).collect::<Result<_, _>>()?;
-        // Tables and memory are there for every stream.
-        device.synchronize("beginning a band")?;
-        Ok((Self { memory, needs, remap, psf }, slots))
+        let buffers = (0..memory.batches).map(|_| buffers()).collect::<Result<_, _>>()?;
+        // Tables and memory are then valid on every stream.
+        device.synchronize("starting a band")?;
+        Ok((Self { memory, needs, remap, psf }, buffers))
     }
 
-    /// Sends `tiles` on their way: up, through the stages, down. Nothing of it may be touched before the last event.
+    /// Enqueues upload, stages and download of `tiles`. `buffers` and `tiles` must not be touched before the last event.
     pub(crate) fn enqueue(
         &mut self,
         device: &Device,
         streams: &Streams,
-        slot: &mut Slot,
+        buffers: &mut BatchBuffers,
         tiles: &mut [GpuBatchTile],
     ) -> Result<BatchEvents, CudaError> {
-        let mark = |stream: &CudaStream, doing| {
-            // Timed, and whoever waits for it sleeps.
-            stream.record_event(BLOCKING_EVENT).map_err(device.failed(doing))
-        };
-        let after = |stream: &CudaStream, event: &CudaEvent| {
+        let record =
+            |stream: &CudaStream, doing| stream.record_event(BLOCKING_EVENT).map_err(device.failed(doing));
+        let wait = |stream: &CudaStream, event: &CudaEvent| {
             stream.wait(event).map_err(device.failed("ordering streams"))
         };
         let Streams { upload, compute, download } = streams;
 
-        let up = mark(upload, "uploading charts")?;
-        let mut at = 0;
+        let upload_start = record(upload, "uploading charts")?;
+        let mut offset = 0;
         for tile in &*tiles {
             let n = tile.chart_rect.size().pixels();
-            let to = &mut slot.chart.slice_mut(at..at + n);
+            let to = &mut buffers.charts.slice_mut(offset..offset + n);
             upload.memcpy_htod(&tile.chart[..n], to).map_err(device.failed("uploading charts"))?;
-            at += n;
+            offset += n;
         }
-        let uploaded = mark(upload, "uploading charts")?;
+        let upload_end = record(upload, "uploading charts")?;
 
-        after(compute, &uploaded)?;
-        let begun = mark(compute, "computing")?;
-        self.compute(compute, slot, tiles)?;
-        let computed = mark(compute, "computing")?;
+        wait(compute, &upload_end)?;
+        let compute_start = record(compute, "computing")?;
+        self.compute(compute, buffers, tiles)?;
+        let compute_end = record(compute, "computing")?;
 
-        after(download, &computed)?;
-        let down = mark(download, "downloading light")?;
-        let (from, mut at) = (slot.light.as_ref().unwrap_or(&slot.remap), 0);
+        wait(download, &compute_end)?;
+        let download_start = record(download, "downloading tiles")?;
+        let (from, mut offset) = (buffers.contributions.as_ref().unwrap_or(&buffers.remapped), 0);
         for tile in tiles {
             let to = tile.output.data_mut();
             let n = to.len();
-            download.memcpy_dtoh(&from.slice(at..at + n), to).map_err(device.failed("downloading light"))?;
-            at += n;
+            let part = from.slice(offset..offset + n);
+            download.memcpy_dtoh(&part, to).map_err(device.failed("downloading tiles"))?;
+            offset += n;
         }
-        let downloaded = mark(download, "downloading light")?;
-        Ok(BatchEvents { upload: [up, uploaded], compute: [begun, computed], download: [down, downloaded] })
+        let download_end = record(download, "downloading tiles")?;
+        Ok(BatchEvents {
+            upload: [upload_start, upload_end],
+            compute: [compute_start, compute_end],
+            download: [download_start, download_end],
+        })
     }
 
     /// Stages 1-3.
     fn compute(
         &mut self,
         stream: &Arc<CudaStream>,
-        slot: &mut Slot,
+        buffers: &mut BatchBuffers,
         tiles: &[GpuBatchTile],
     ) -> Result<(), CudaError> {
-        let (mut chart_offset, mut remapped_offset, mut light_offset) = (0, 0, 0);
-        let (mut remapped, mut lights) = (Vec::new(), Vec::new());
+        let (mut chart_offset, mut remapped_offset, mut contribution_offset) = (0, 0, 0);
+        let (mut remap_tiles, mut psf_tiles) = (Vec::new(), Vec::new());
         for GpuBatchTile { rect, chart_rect, output, .. } in tiles {
-            remapped.push(RemapTile { rect: *rect, chart_rect: *chart_rect, chart_offset, remapped_offset });
-            lights.push(PsfTile { rect: *rect, remapped_offset, light_offset, light_stride: output.stride });
+            let (rect, chart_rect, contribution_stride) = (*rect, *chart_rect, output.stride);
+            remap_tiles.push(RemapTile { rect, chart_rect, chart_offset, remapped_offset });
+            psf_tiles.push(PsfTile { rect, remapped_offset, contribution_offset, contribution_stride });
             chart_offset += chart_rect.size().pixels();
             remapped_offset += rect.size().pixels();
-            light_offset += output.data().len();
+            contribution_offset += output.data().len();
         }
-        self.remap.launch(stream, &remapped, &slot.chart, &mut slot.remap)?;
-        if let (Some(psf), Some(light)) = (&mut self.psf, &mut slot.light) {
-            psf.launch(stream, &lights, &slot.remap, light)?;
+        self.remap.launch(stream, &remap_tiles, &buffers.charts, &mut buffers.remapped)?;
+        if let (Some(psf), Some(contributions)) = (&mut self.psf, &mut buffers.contributions) {
+            psf.launch(stream, &psf_tiles, &buffers.remapped, contributions)?;
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! How fast a GPU is: kernels alone by events on their stream, copies between page-locked memory and the device.
+//! GPU benchmarks: kernels timed by events on their stream, and copies between page-locked memory and the device.
 
 use super::handle::CudaStream;
 use super::pool::Pinned;
@@ -10,21 +10,21 @@ use crate::remap::Remap;
 use crate::remap::cuda::{RemapOnDevice, RemapTile};
 use std::sync::Arc;
 
-/// Seconds that what `launch` puts on `stream` takes there, round by round, after one that is not counted.
-fn timed(
+/// Seconds that the work enqueued by `launch` takes on `stream`, one value a round, after one round that is not counted.
+fn time_rounds(
     device: &Device,
     stream: &Arc<CudaStream>,
     rounds: usize,
     mut launch: impl FnMut() -> Result<(), CudaError>,
 ) -> Result<Vec<f64>, CudaError> {
-    let mark = || stream.record_event(0).map_err(device.failed("timing"));
+    let record = || stream.record_event(0).map_err(device.failed("timing"));
     launch()?;
     let mut seconds = Vec::new();
     for _ in 0..rounds {
-        let begun = mark()?;
+        let start = record()?;
         launch()?;
-        let ended = mark()?;
-        let ms = begun.elapsed_ms(&ended).map_err(device.failed("timing"))?;
+        let end = record()?;
+        let ms = start.elapsed_ms(&end).map_err(device.failed("timing"))?;
         seconds.push(f64::from(ms) * 1e-3);
     }
     Ok(seconds)
@@ -33,32 +33,32 @@ fn timed(
 /// Seconds of stages 1-2 for `tiles` in one launch.
 ///
 /// # Errors
-/// What the driver reports.
+/// An error of the driver.
 pub fn remap(
     device: &Arc<Device>,
     remap: &Remap,
     tiles: &[Rect],
     rounds: usize,
 ) -> Result<Vec<f64>, CudaError> {
-    let stream = device.context.new_stream().map_err(device.failed("making a stream"))?;
-    let (mut charts, mut remapped, mut all) = (0, 0, Vec::new());
+    let stream = device.context.new_stream().map_err(device.failed("creating a stream"))?;
+    let (mut chart_offset, mut remapped_offset, mut remap_tiles) = (0, 0, Vec::new());
     for &rect in tiles {
         let chart_rect = remap.upload_rect(rect);
-        all.push(RemapTile { rect, chart_rect, chart_offset: charts, remapped_offset: remapped });
-        charts += chart_rect.size().pixels();
-        remapped += rect.size().pixels();
+        remap_tiles.push(RemapTile { rect, chart_rect, chart_offset, remapped_offset });
+        chart_offset += chart_rect.size().pixels();
+        remapped_offset += rect.size().pixels();
     }
     let failed = |e| CudaError::new(device.index(), "measuring", e);
-    let chart = stream.clone_htod(&vec![0.5f32; charts]).map_err(failed)?;
-    let mut out = stream.alloc_zeros::<f32>(remapped).map_err(failed)?;
+    let charts = stream.clone_htod(&vec![0.5f32; chart_offset]).map_err(failed)?;
+    let mut remapped = stream.alloc_zeros::<f32>(remapped_offset).map_err(failed)?;
     let stage = RemapOnDevice::new(device, remap)?;
-    timed(device, &stream, rounds, || stage.launch(&stream, &all, &chart, &mut out))
+    time_rounds(device, &stream, rounds, || stage.launch(&stream, &remap_tiles, &charts, &mut remapped))
 }
 
-/// Seconds of the PSF stage for `tiles` in one go, their spectra in memory, within `bytes` of the device's.
+/// Seconds of the PSF stage for `tiles` in one batch, their spectra resident, within `bytes` of device memory.
 ///
 /// # Errors
-/// What the driver reports.
+/// An error of the driver.
 pub fn psf(
     device: &Arc<Device>,
     frame: &Frame,
@@ -67,41 +67,37 @@ pub fn psf(
     bytes: usize,
     rounds: usize,
 ) -> Result<Vec<f64>, CudaError> {
-    let stream = device.context.new_stream().map_err(device.failed("making a stream"))?;
-    let (mut remapped, mut lights, mut all) = (0, 0, Vec::new());
+    let stream = device.context.new_stream().map_err(device.failed("creating a stream"))?;
+    let (mut remapped_offset, mut contribution_offset, mut psf_tiles) = (0, 0, Vec::new());
     for &rect in tiles {
         let reach = psf.reaches(rect);
-        all.push(PsfTile {
-            rect,
-            remapped_offset: remapped,
-            light_offset: lights,
-            light_stride: reach.width,
-        });
-        remapped += rect.size().pixels();
-        lights += reach.size().pixels();
+        let contribution_stride = reach.width;
+        psf_tiles.push(PsfTile { rect, remapped_offset, contribution_offset, contribution_stride });
+        remapped_offset += rect.size().pixels();
+        contribution_offset += reach.size().pixels();
     }
     let failed = |e| CudaError::new(device.index(), "measuring", e);
-    let remap = stream.clone_htod(&vec![0.5f32; remapped]).map_err(failed)?;
-    let mut light = stream.alloc_zeros::<f32>(lights).map_err(failed)?;
+    let remapped = stream.clone_htod(&vec![0.5f32; remapped_offset]).map_err(failed)?;
+    let mut contributions = stream.alloc_zeros::<f32>(contribution_offset).map_err(failed)?;
     let mut stage = PsfOnDevice::new(device, frame, psf, bytes)?;
-    timed(device, &stream, rounds, || stage.launch(&stream, &all, &remap, &mut light))
+    time_rounds(device, &stream, rounds, || stage.launch(&stream, &psf_tiles, &remapped, &mut contributions))
 }
 
-/// Seconds of a copy of `values` values up, and of one down.
+/// Seconds of an upload and of a download of `values` f32 values.
 ///
 /// # Errors
-/// What the driver reports.
+/// An error of the driver.
 pub fn copies(device: &Arc<Device>, values: usize, rounds: usize) -> Result<(Vec<f64>, Vec<f64>), CudaError> {
-    let stream = device.context.new_stream().map_err(device.failed("making a stream"))?;
+    let stream = device.context.new_stream().map_err(device.failed("creating a stream"))?;
     let mut host = Pinned::zeroed(device, values)?;
-    let mut there = stream.alloc_zeros::<f32>(values).map_err(device.failed("measuring"))?;
-    let up = timed(device, &stream, rounds, || {
-        stream.memcpy_htod(&host[..], &mut there).map_err(device.failed("measuring"))
+    let mut on_device = stream.alloc_zeros::<f32>(values).map_err(device.failed("measuring"))?;
+    let uploads = time_rounds(device, &stream, rounds, || {
+        stream.memcpy_htod(&host[..], &mut on_device).map_err(device.failed("measuring"))
     })?;
-    let down = timed(device, &stream, rounds, || {
-        stream.memcpy_dtoh(&there, &mut host[..]).map_err(device.failed("measuring"))
+    let downloads = time_rounds(device, &stream, rounds, || {
+        stream.memcpy_dtoh(&on_device, &mut host[..]).map_err(device.failed("measuring"))
     })?;
-    // `host` ends here.
+    // Before `host` is freed.
     stream.synchronize().map_err(device.failed("measuring"))?;
-    Ok((up, down))
+    Ok((uploads, downloads))
 }

@@ -1,21 +1,37 @@
-//! The CUDA driver's functions, found in its library, which cudarc loads when a GPU is first asked for.
+//! Functions of the CUDA driver library, which cudarc loads at the first use of a GPU.
 //!
-//! A result is an integer until `check` has compared it with 0: newer drivers return codes that no list of ours has, and a
-//! Rust enum (cudarc's result, too) of an integer outside its list is undefined behaviour. Signatures and constants are those of `cuda.h` 12.2.
+//! Results are integers: newer drivers return codes that are not listed here, and an integer outside the list of a Rust enum (such
+//! as cudarc's result type) is undefined behaviour. Signatures and constants are those of `cuda.h` 12.2.
 
-use super::error::{CudaError, OLDEST_DRIVER};
 use cudarc::driver::sys;
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 use std::fmt;
 use std::sync::OnceLock;
 
-/// A result of the driver that is not success.
+/// A version or a compute capability: (major, minor).
+pub type Version = (i32, i32);
+
+/// The oldest supported driver: the first that accepts the PTX version of the kernels (8.2).
+pub const OLDEST_DRIVER: Version = (12, 2);
+
+/// An error code of the driver (`CUresult`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DriverError(pub c_int);
 
-/// Contexts, streams, events, modules and functions, opaque.
+/// The driver library cannot be used.
+#[derive(Clone, Debug)]
+pub(super) enum LoadError {
+    /// There is no driver library.
+    NoLibrary,
+    /// Older than [`OLDEST_DRIVER`].
+    TooOld(Version),
+    /// A function is missing or fails.
+    Function(String),
+}
+
+/// Opaque handle of a context, stream, event, module or function.
 pub(super) type Handle = *mut c_void;
-/// An address on a device.
+/// Device address.
 pub(super) type Address = u64;
 
 /// `CU_CTX_SCHED_BLOCKING_SYNC`.
@@ -23,7 +39,7 @@ pub(super) const BLOCKING_CONTEXT: c_uint = 4;
 /// `CU_STREAM_NON_BLOCKING`.
 pub(super) const NON_BLOCKING: c_uint = 1;
 
-/// One field and one function a line: the driver's function, its result checked.
+/// A field and a checked function for each function of the driver.
 macro_rules! functions {
     ($($name:ident = $symbol:literal ($($arg:ident: $kind:ty),*);)*) => {
         #[derive(Debug)]
@@ -33,8 +49,8 @@ macro_rules! functions {
 
         impl Functions {
             /// The functions of the library that cudarc has loaded, which stays loaded.
-            fn find() -> Result<Self, CudaError> {
-                // SAFETY: the library is there (`load`), and its symbols have these types in the driver's header.
+            fn find() -> Result<Self, LoadError> {
+                // SAFETY: `load` has loaded the library, and its symbols have these types in the driver's header.
                 unsafe {
                     let library = sys::culib();
                     $(let $name = *library.get(concat!($symbol, "\0").as_bytes()).map_err(missing)?;)*
@@ -44,14 +60,14 @@ macro_rules! functions {
         }
 
         $(
-            /// As the driver's function of this name.
+            /// The driver's function of this name.
             ///
             /// # Safety
-            /// As the driver's manual says of it.
+            /// The conditions of the driver's manual.
             #[allow(clippy::too_many_arguments, reason = "the driver's signatures")]
             pub(super) unsafe fn $name($($arg: $kind),*) -> Result<(), DriverError> {
                 let functions = functions().map_err(|_| NOT_INITIALIZED)?;
-                // SAFETY: the caller's.
+                // SAFETY: guaranteed by the caller.
                 check(unsafe { (functions.$name)($($arg),*) })
             }
         )*
@@ -102,63 +118,63 @@ functions! {
 /// `CUDA_ERROR_NOT_INITIALIZED`.
 const NOT_INITIALIZED: DriverError = DriverError(3);
 
-/// Success, or which error.
 fn check(code: c_int) -> Result<(), DriverError> {
     if code == 0 { Ok(()) } else { Err(DriverError(code)) }
 }
 
-/// The library, once for the process.
-fn library() -> Result<&'static (Functions, c_int), CudaError> {
-    static LIBRARY: OnceLock<Result<(Functions, c_int), CudaError>> = OnceLock::new();
+/// The library, loaded once in the process.
+fn library() -> Result<&'static (Functions, Version), LoadError> {
+    static LIBRARY: OnceLock<Result<(Functions, Version), LoadError>> = OnceLock::new();
     LIBRARY.get_or_init(load).as_ref().map_err(Clone::clone)
 }
 
-fn functions() -> Result<&'static Functions, CudaError> {
+fn functions() -> Result<&'static Functions, LoadError> {
     library().map(|(functions, _)| functions)
 }
 
-/// A function that the library lacks.
-fn missing(error: impl fmt::Display) -> CudaError {
-    CudaError::Start { code: error.to_string() }
+/// The library lacks a function.
+fn missing(error: impl fmt::Display) -> LoadError {
+    LoadError::Function(error.to_string())
 }
 
-fn load() -> Result<(Functions, c_int), CudaError> {
-    // SAFETY: loads the library, whose initialisation runs nothing of ours; asked first, as `culib` panics without it.
+fn load() -> Result<(Functions, Version), LoadError> {
+    // SAFETY: loads the library, whose initialisation runs no code of this program. Checked first: `culib` panics without it.
     if !unsafe { sys::is_culib_present() } {
-        return Err(CudaError::NoDriver);
+        return Err(LoadError::NoLibrary);
     }
     let mut version = 0;
     {
-        // SAFETY: the library is there, and this is the type of the function in the driver's header.
+        // SAFETY: the library is loaded, and this is the type of the function in the driver's header.
         let get_version =
             unsafe { sys::culib().get::<unsafe extern "C" fn(*mut c_int) -> c_int>(b"cuDriverGetVersion\0") };
         // SAFETY: needs no initialised driver and writes one integer.
-        let asked = check(unsafe { get_version.map_err(missing)?(&mut version) });
-        asked.map_err(|e| CudaError::Start { code: format!("error {}", e.0) })?;
+        let result = check(unsafe { get_version.map_err(missing)?(&mut version) });
+        result.map_err(|e| LoadError::Function(format!("error {}", e.0)))?;
     }
-    let found = (version / 1000, version % 1000 / 10);
-    if found < OLDEST_DRIVER {
-        return Err(CudaError::DriverTooOld { found });
+    // Reported as 1000 major + 10 minor.
+    let version = (version / 1000, version % 1000 / 10);
+    if version < OLDEST_DRIVER {
+        return Err(LoadError::TooOld(version));
     }
     Ok((Functions::find()?, version))
 }
 
-/// The driver's version, as 1000 major + 10 minor, from [`OLDEST_DRIVER`] on.
+/// The CUDA version that the driver supports.
 ///
 /// # Errors
-/// No driver, or one that is too old.
-pub(super) fn version() -> Result<c_int, CudaError> {
+/// No driver, or one older than [`OLDEST_DRIVER`].
+pub(super) fn version() -> Result<Version, LoadError> {
     library().map(|(_, version)| *version)
 }
 
 impl fmt::Display for DriverError {
-    /// The driver's name of the error, and its number.
+    /// The driver's name of the error, and its code.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut name = std::ptr::null();
-        // SAFETY: writes one pointer, null or to a constant of the library.
+        // SAFETY: writes one pointer: null, or to a constant of the library.
         let known = unsafe { get_error_name(self.0, &mut name) };
         if known.is_err() || name.is_null() {
-            return write!(f, "an error that the driver does not name, {}", self.0);
+            return write!(f, "unknown error, {}", self.0);
         }
         // SAFETY: a string of the library, which stays loaded.
         write!(f, "{}, {}", unsafe { CStr::from_ptr(name) }.to_string_lossy(), self.0)

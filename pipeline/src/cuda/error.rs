@@ -1,69 +1,64 @@
-//! What a GPU can be refused for, and what can become of it.
+//! GPU errors, classified by what can be done about them.
 //!
-//! Codes are those of the CUDA driver API (`CUresult`), integers: newer drivers return some that are not listed here. Some leave
-//! a context unusable for the rest of the process: a kernel's own fault (it would fail on any GPU), and a device that is lost or
-//! a context that is destroyed, whose work other devices can take over. `LAUNCH_FAILED` is reported for either; it counts as a
-//! lost device.
+//! Codes are those of the CUDA driver API (`CUresult`); newer drivers return some that are not listed here. Some leave a context
+//! unusable for the rest of the process: an error of a kernel, which would fail on any GPU, and a lost device or destroyed
+//! context, whose work is requeued for other devices. `LAUNCH_FAILED` is reported for either and counts as a lost device.
 
-use super::driver::DriverError;
+pub use super::driver::Version;
+use super::driver::{DriverError, LoadError, OLDEST_DRIVER};
 use thiserror::Error;
 
 /// `CUDA_ERROR_OUT_OF_MEMORY`.
 pub(super) const OUT_OF_MEMORY: i32 = 2;
 /// `CUDA_ERROR_NO_DEVICE`.
 pub(super) const NO_DEVICE: i32 = 100;
-/// A kernel did what it must not: ILLEGAL_ADDRESS, LAUNCH_TIMEOUT, ASSERT, HARDWARE_STACK_ERROR, ILLEGAL_INSTRUCTION,
+/// An error of a kernel: ILLEGAL_ADDRESS, LAUNCH_TIMEOUT, ASSERT, HARDWARE_STACK_ERROR, ILLEGAL_INSTRUCTION,
 /// MISALIGNED_ADDRESS, INVALID_ADDRESS_SPACE, INVALID_PC.
 const KERNEL: [i32; 8] = [700, 702, 710, 714, 715, 716, 717, 718];
-/// The device or its context cannot be used any more: DEINITIALIZED, INVALID_CONTEXT, ECC_UNCORRECTABLE, NVLINK_UNCORRECTABLE,
+/// The device or its context is lost: DEINITIALIZED, INVALID_CONTEXT, ECC_UNCORRECTABLE, NVLINK_UNCORRECTABLE,
 /// CONTAINED, CONTEXT_IS_DESTROYED, LAUNCH_FAILED, TENSOR_MEMORY_LEAK, MPS_RPC_FAILURE, MPS_CLIENT_TERMINATED, UNKNOWN.
 const LOST: [i32; 11] = [4, 201, 214, 220, 226, 709, 719, 721, 806, 810, 999];
-/// Other processes use the device: DEVICE_UNAVAILABLE (exclusive compute mode), CONTEXT_ALREADY_IN_USE, MPS_SERVER_NOT_READY,
+/// The device is in use by other processes: DEVICE_UNAVAILABLE (exclusive compute mode), CONTEXT_ALREADY_IN_USE, MPS_SERVER_NOT_READY,
 /// MPS_MAX_CLIENTS_REACHED, MPS_MAX_CONNECTIONS_REACHED.
 const IN_USE: [i32; 5] = [46, 216, 807, 808, 809];
 
-/// A version or a compute capability.
-pub type Version = (i32, i32);
-
-/// The oldest driver: the first to know the PTX of the program's kernels (8.2).
-pub const OLDEST_DRIVER: Version = (12, 2);
-/// The oldest GPUs: what the kernels are compiled for.
+/// Minimum of compute capability: the target of the compiled kernels.
 pub const OLDEST_CAPABILITY: Version = (8, 0);
 
-/// Why a GPU does not do what was asked.
+/// An error of a GPU or its driver.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum CudaError {
-    /// No driver library.
+    /// There is no driver library.
     #[error(
         "looking for GPUs: no NVIDIA driver on this machine (libcuda.so.1 is not found); install one, {} or newer, or compute on the CPU",
         dotted(&OLDEST_DRIVER)
     )]
     NoDriver,
-    /// A driver that cannot read the kernels.
+    /// The driver does not accept the PTX version of the kernels.
     #[error(
         "looking for GPUs: the NVIDIA driver supports CUDA {}, {} or newer is needed; update the driver, or compute on the CPU",
         dotted(.found),
         dotted(&OLDEST_DRIVER)
     )]
     DriverTooOld {
-        /// The CUDA version that it supports.
+        /// CUDA version of the driver.
         found: Version,
     },
-    /// A driver without a GPU.
+    /// There is a driver, but no GPU.
     #[error(
         "looking for GPUs: there is an NVIDIA driver, but no GPU that this process may use (CUDA_VISIBLE_DEVICES, cgroups and containers can hide them)"
     )]
     NoDevice,
-    /// An index beyond the last.
+    /// The index is beyond the last GPU.
     #[error("opening GPU {index}: this process sees {count} ({}); indices count from 0, as `nvidia-smi -L` lists them", indices(*.count))]
     NoSuchDevice {
-        /// What was asked for.
+        /// The requested index.
         index: usize,
-        /// How many there are.
+        /// Number of GPUs.
         count: usize,
     },
-    /// A GPU that cannot run the kernels.
+    /// The compute capability is below [`OLDEST_CAPABILITY`].
     #[error(
         "opening GPU {index} ({name}): its compute capability is {}, {} or newer is needed (Ampere and later)",
         dotted(.found),
@@ -79,23 +74,23 @@ pub enum CudaError {
     },
     /// Not enough device memory.
     #[error(
-        "GPU {device}: out of memory for {what}: {asked_bytes} bytes asked for, {free_bytes} of {total_bytes} free; end what else uses this GPU, or use one with more memory"
+        "GPU {device}: out of memory for {what}: {requested_bytes} bytes requested, {free_bytes} of {total_bytes} free; end other processes that use this GPU, or use one with more memory"
     )]
     OutOfMemory {
         /// Which GPU.
         device: usize,
         /// What the memory is for.
         what: String,
-        /// How much of it.
-        asked_bytes: u64,
-        /// How much there was.
+        /// Requested memory.
+        requested_bytes: u64,
+        /// Free memory.
         free_bytes: u64,
-        /// The device's memory.
+        /// Total memory of the device.
         total_bytes: u64,
     },
-    /// A device, or the host's memory for it, that is too small for the job's tiles.
+    /// The limit on device memory or on page-locked host memory is too small for one tile at a time.
     #[error(
-        "GPU {device} ({name}): a tile at a time needs {} of its memory and {} of page-locked host memory; {} and {} can be used; end what else uses this GPU, raise --memory, use another GPU or `--device cpu`",
+        "GPU {device} ({name}): a tile at a time needs {} of its memory and {} of page-locked host memory; {} and {} can be used; end other processes that use this GPU, raise --memory, use another GPU or `--device cpu`",
         mib(.needed_bytes), mib(.host_needed_bytes), mib(.usable_bytes), mib(.host_usable_bytes)
     )]
     TooSmall {
@@ -103,18 +98,18 @@ pub enum CudaError {
         device: usize,
         /// Its name.
         name: String,
-        /// The least of its memory.
+        /// Minimum of device memory.
         needed_bytes: u64,
-        /// What can be used of it.
+        /// Usable device memory.
         usable_bytes: u64,
-        /// The least of the host's.
+        /// Minimum of page-locked host memory.
         host_needed_bytes: u64,
-        /// What can be used of it.
+        /// Usable page-locked host memory.
         host_usable_bytes: u64,
     },
-    /// A kernel did what it must not: a fault of this program.
+    /// A kernel failed: an error of this program.
     #[error(
-        "GPU {device}, {doing}: a kernel failed ({code}); what was computed since is discarded; this is a fault of the program, `compute-sanitizer` finds the place"
+        "GPU {device}, {doing}: a kernel failed ({code}); results since then are discarded; this is a bug of the program, `compute-sanitizer` finds the place"
     )]
     Kernel {
         /// Which GPU.
@@ -124,9 +119,9 @@ pub enum CudaError {
         /// The driver's code.
         code: String,
     },
-    /// The device is gone for this process.
+    /// The device is lost for this process.
     #[error(
-        "GPU {device}, {doing}: the device is lost ({code}); the kernel log (`dmesg`, Xid) may tell why; the same command goes on where the film ends"
+        "GPU {device}, {doing}: the device is lost ({code}); see the kernel log (`dmesg`, Xid); the same command resumes the film"
     )]
     Lost {
         /// Which GPU.
@@ -136,7 +131,7 @@ pub enum CudaError {
         /// The driver's code.
         code: String,
     },
-    /// The device is in use by others.
+    /// The device is in use by another process.
     #[error(
         "GPU {device}, {doing}: the device is in use by another process ({code}); wait for its end, or see its compute mode (`nvidia-smi -q -d COMPUTE`)"
     )]
@@ -148,17 +143,17 @@ pub enum CudaError {
         /// The driver's code.
         code: String,
     },
-    /// Not enough page-locked host memory, whatever the device has.
+    /// Not enough page-locked host memory.
     #[error(
-        "GPU {device}: out of page-locked host memory: {asked_bytes} bytes asked for; lower --memory, end other programs, or raise the limit on locked memory (`ulimit -l`, the container's)"
+        "GPU {device}: out of page-locked host memory: {requested_bytes} bytes requested; lower --memory, end other programs, or raise the limit on locked memory (`ulimit -l`, the container's)"
     )]
     OutOfHostMemory {
-        /// For which GPU.
+        /// The GPU that the memory is for.
         device: usize,
-        /// How much was asked for.
-        asked_bytes: u64,
+        /// Requested memory.
+        requested_bytes: u64,
     },
-    /// Any other refusal of the driver.
+    /// Any other error of the driver.
     #[error("GPU {device}, {doing}: the driver reports {code}")]
     Driver {
         /// Which GPU.
@@ -168,7 +163,7 @@ pub enum CudaError {
         /// The driver's code.
         code: String,
     },
-    /// The driver refuses before any GPU.
+    /// The driver failed before any GPU was opened.
     #[error("looking for GPUs: the NVIDIA driver reports {code}; see whether `nvidia-smi` works")]
     Start {
         /// The driver's code.
@@ -177,7 +172,16 @@ pub enum CudaError {
 }
 
 impl CudaError {
-    /// What `error` of the driver means for `device` while `doing`.
+    /// Error of loading the driver.
+    pub(super) fn load(error: LoadError) -> Self {
+        match error {
+            LoadError::NoLibrary => Self::NoDriver,
+            LoadError::TooOld(found) => Self::DriverTooOld { found },
+            LoadError::Function(code) => Self::Start { code },
+        }
+    }
+
+    /// Classifies `error`, reported for `device` while `doing`.
     pub fn new(device: usize, doing: &str, error: DriverError) -> Self {
         let (doing, code) = (doing.to_owned(), error.to_string());
         match error.0 {
@@ -188,24 +192,24 @@ impl CudaError {
         }
     }
 
-    /// For `map_err`: [`CudaError::new`] of whatever comes.
-    pub fn on(device: usize, doing: &str) -> impl FnOnce(DriverError) -> Self {
+    /// [`CudaError::new`] for `map_err`.
+    pub fn during(device: usize, doing: &str) -> impl FnOnce(DriverError) -> Self {
         move |error| Self::new(device, doing, error)
     }
 
     /// Whether the same command may succeed later.
     pub fn retryable(&self) -> bool {
-        let passes = matches!(self, Self::InUse { .. } | Self::OutOfHostMemory { .. });
-        passes || self.lost() || self.out_of_memory()
+        let temporary = matches!(self, Self::InUse { .. } | Self::OutOfHostMemory { .. });
+        temporary || self.is_lost() || self.is_out_of_memory()
     }
 
-    /// Whether it may do with less of its memory.
-    pub fn out_of_memory(&self) -> bool {
+    /// Whether the queue may succeed with less device memory.
+    pub fn is_out_of_memory(&self) -> bool {
         matches!(self, Self::OutOfMemory { .. })
     }
 
-    /// Whether the device is gone for this process, so that its work goes back to the others.
-    pub fn lost(&self) -> bool {
+    /// Whether the device is lost for this process, so that its work is requeued for other devices.
+    pub fn is_lost(&self) -> bool {
         matches!(self, Self::Lost { .. })
     }
 }

@@ -1,13 +1,13 @@
-//! What a GPU queue did in a run.
+//! Counts and times of a GPU queue.
 
 use super::Device;
 
-/// Counts and times of one GPU queue.
+/// Counts and times of one GPU queue in a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GpuFigures {
     /// Index of the device.
     pub index: usize,
-    /// Its name.
+    /// Name of the device.
     pub name: String,
     /// Tiles computed.
     pub tiles: u64,
@@ -15,11 +15,11 @@ pub struct GpuFigures {
     pub batches: u64,
     /// Remapped pixels of those tiles.
     pub pixels: u64,
-    /// The upload stream was busy, s.
+    /// Busy time of the upload stream, s.
     pub upload_s: f64,
-    /// The compute stream, s.
+    /// Busy time of the compute stream, s.
     pub compute_s: f64,
-    /// The download stream, s.
+    /// Busy time of the download stream, s.
     pub download_s: f64,
     /// From the first upload's start to the last download's end, s.
     pub span_s: f64,
@@ -27,13 +27,13 @@ pub struct GpuFigures {
     pub bytes_up: u64,
     /// Bytes of tiles downloaded.
     pub bytes_down: u64,
-    /// Why it was removed before the end.
+    /// Why the queue was removed before the end of the run.
     pub removed: Option<String>,
 }
 
 impl GpuFigures {
-    /// Nothing done yet on `device`.
-    pub fn of(device: &Device) -> Self {
+    /// Zeros for `device`.
+    pub fn new(device: &Device) -> Self {
         Self { index: device.index(), name: device.info.name.clone(), ..Self::default() }
     }
 }

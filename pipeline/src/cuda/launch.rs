@@ -2,27 +2,13 @@
 
 use super::driver::{self, DriverError, Handle};
 use super::handle::{CudaContext, CudaStream};
-use super::slice::{CudaSlice, CudaView, CudaViewMut};
+use super::slice::{CudaSlice, CudaView, CudaViewMut, DeviceMemory, DeviceRepr};
 use std::ffi::{CString, c_void};
 use std::marker::PhantomData;
 use std::ptr;
 use std::sync::Arc;
 
-/// Plain numbers that a kernel takes or that lie in device memory.
-///
-/// # Safety
-/// Any bits are a value, and the layout is C's.
-pub unsafe trait DeviceRepr: Copy {}
-// SAFETY: numbers.
-unsafe impl DeviceRepr for f32 {}
-// SAFETY: numbers.
-unsafe impl DeviceRepr for i32 {}
-// SAFETY: numbers.
-unsafe impl DeviceRepr for u32 {}
-// SAFETY: as its elements.
-unsafe impl<T: DeviceRepr, const N: usize> DeviceRepr for [T; N] {}
-
-/// Kernels on a device.
+/// Kernels loaded on a device.
 #[derive(Debug)]
 pub(super) struct CudaModule {
     context: Arc<CudaContext>,
@@ -34,17 +20,22 @@ unsafe impl Send for CudaModule {}
 unsafe impl Sync for CudaModule {}
 
 impl CudaModule {
-    /// What the driver loaded.
-    pub(super) fn new(context: Arc<CudaContext>, handle: Handle) -> Self {
-        Self { context, handle }
+    /// Assembles the kernels of `ptx`.
+    pub(super) fn load(context: &Arc<CudaContext>, ptx: &str) -> Result<Arc<Self>, DriverError> {
+        context.bind()?;
+        let text = CString::new(ptx).expect("PTX has no NUL");
+        let mut handle = ptr::null_mut();
+        // SAFETY: NUL-terminated text; writes one handle.
+        unsafe { driver::module_load_data(&mut handle, text.as_ptr().cast())? };
+        Ok(Arc::new(Self { context: Arc::clone(context), handle }))
     }
 
     /// The kernel `name`.
     pub(super) fn function(self: &Arc<Self>, name: &str) -> Result<CudaFunction, DriverError> {
         self.context.bind()?;
-        let name = CString::new(name).expect("a kernel's name is text");
+        let name = CString::new(name).expect("a kernel's name has no NUL");
         let mut handle = ptr::null_mut();
-        // SAFETY: a module of the current context, text that ends in 0; writes one handle.
+        // SAFETY: a module of the current context, NUL-terminated text; writes one handle.
         unsafe { driver::module_get_function(&mut handle, self.handle, name.as_ptr())? };
         Ok(CudaFunction { module: Arc::clone(self), handle })
     }
@@ -53,7 +44,7 @@ impl CudaModule {
 impl Drop for CudaModule {
     fn drop(&mut self) {
         if self.context.bind().is_ok() {
-            // SAFETY: made by `load_module`; its functions hold it.
+            // SAFETY: loaded by `load`; its functions hold it.
             let _ = unsafe { driver::module_unload(self.handle) };
         }
     }
@@ -74,28 +65,28 @@ impl CudaFunction {
     /// Sets a `CU_FUNC_ATTRIBUTE_`.
     ///
     /// # Errors
-    /// What the driver reports.
+    /// An error of the driver.
     pub fn set_attribute(&self, attribute: i32, value: i32) -> Result<(), DriverError> {
         self.module.context.bind()?;
-        // SAFETY: a function of a module that is loaded.
+        // SAFETY: a function of a loaded module.
         unsafe { driver::func_set_attribute(self.handle, attribute, value) }
     }
 }
 
-/// Blocks, threads of a block, and shared memory of a block, bytes.
+/// Shape of a launch.
 #[derive(Clone, Copy, Debug)]
 pub struct LaunchConfig {
-    /// Blocks (x, y, z).
+    /// Thread blocks (x, y, z).
     pub grid_dim: (u32, u32, u32),
-    /// Threads (x, y, z).
+    /// Threads of a block (x, y, z).
     pub block_dim: (u32, u32, u32),
-    /// Dynamic shared memory.
+    /// Dynamic shared memory of a block, bytes.
     pub shared_mem_bytes: u32,
 }
 
-/// Something that a kernel takes: numbers as they are, device memory as its address.
+/// A kernel's argument: numbers by value, device memory by its address.
 pub trait Argument {
-    /// Where the driver reads it.
+    /// Host address from which the driver reads it.
     fn address(&self) -> *const c_void;
 }
 
@@ -105,25 +96,18 @@ impl<T: DeviceRepr> Argument for T {
     }
 }
 
-impl<T> Argument for CudaSlice<T> {
-    fn address(&self) -> *const c_void {
-        ptr::from_ref(self.at()).cast()
-    }
+macro_rules! memory_arguments {
+    ($($memory:ty),*) => {
+        $(impl<T> Argument for $memory {
+            fn address(&self) -> *const c_void {
+                ptr::from_ref(DeviceMemory::<T>::address(self)).cast()
+            }
+        })*
+    };
 }
+memory_arguments!(CudaSlice<T>, CudaView<'_, T>, CudaViewMut<'_, T>);
 
-impl<T> Argument for CudaView<'_, T> {
-    fn address(&self) -> *const c_void {
-        ptr::from_ref(self.at()).cast()
-    }
-}
-
-impl<T> Argument for CudaViewMut<'_, T> {
-    fn address(&self) -> *const c_void {
-        ptr::from_ref(self.at()).cast()
-    }
-}
-
-/// A launch whose arguments are being given.
+/// Builder of a launch.
 #[derive(Debug)]
 pub struct Launch<'a> {
     stream: &'a CudaStream,
@@ -132,13 +116,15 @@ pub struct Launch<'a> {
     borrowed: PhantomData<&'a ()>,
 }
 
-impl<'a> Launch<'a> {
-    /// Without arguments.
-    pub(super) fn new(stream: &'a CudaStream, function: &'a CudaFunction) -> Self {
-        Self { stream, function, arguments: Vec::new(), borrowed: PhantomData }
+impl CudaStream {
+    /// A launch of `function`, still without arguments.
+    pub fn launch_builder<'a>(&'a self, function: &'a CudaFunction) -> Launch<'a> {
+        Launch { stream: self, function, arguments: Vec::new(), borrowed: PhantomData }
     }
+}
 
-    /// The next argument.
+impl<'a> Launch<'a> {
+    /// Appends an argument.
     pub fn arg(&mut self, argument: &'a impl Argument) -> &mut Self {
         self.arguments.push(argument.address().cast_mut());
         self
@@ -147,16 +133,16 @@ impl<'a> Launch<'a> {
     /// Launches the kernel, in the order of the stream.
     ///
     /// # Errors
-    /// What the driver reports.
+    /// An error of the driver.
     ///
     /// # Safety
-    /// The arguments are the kernel's, and what it reads and writes lies in them.
+    /// The arguments match the kernel's parameters, and the kernel accesses only memory within them.
     pub unsafe fn launch(&mut self, shape: LaunchConfig) -> Result<(), DriverError> {
         self.stream.context.bind()?;
         let ((gx, gy, gz), (bx, by, bz)) = (shape.grid_dim, shape.block_dim);
         let (function, stream, shared) = (self.function.handle, self.stream.handle, shape.shared_mem_bytes);
         let arguments = self.arguments.as_mut_ptr();
-        // SAFETY: the caller's; the driver copies the arguments before this returns.
+        // SAFETY: guaranteed by the caller; the driver copies the arguments before this returns.
         unsafe {
             driver::launch_kernel(
                 function,

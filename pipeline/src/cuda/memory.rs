@@ -1,21 +1,21 @@
-//! Memory of a queue, planned for each band: batches and slots as large as there is room for, the rest for the PSF stage.
+//! Memory of a queue, planned for each band: as many tiles a batch and batches in flight as fit, the rest for the PSF stage.
 //!
-//! A *slot* is what one batch needs on its way: its tiles' charts (page-locked, and on the device), remap and light. Two slots let
-//! copies and kernels overlap; a third lets the workers read for the next batch meanwhile. Light comes down into a pool of
-//! page-locked buffers, a batch's worth more than the slots hold, for tiles that wait for their turn to be added. None of this has
-//! an influence on any sum.
+//! A batch in flight holds its tiles' charts (page-locked, and on the device), remapped tiles and contributions. With two batches,
+//! copies and kernels overlap; a third lets the workers read for the next batch meanwhile. Downloads go to a pool of
+//! page-locked buffers, larger by one batch than the batches in flight, for tiles that wait until it is their turn in the
+//! overlap-add. None of this changes any sum.
 
 use super::{CudaError, Device};
 use std::sync::Arc;
 
-/// A device and a bound on what a queue may take of it.
+/// A device with the memory limits of a queue.
 #[derive(Clone, Debug)]
 pub struct DeviceQueue {
     /// The device, opened for this queue.
     pub device: Arc<Device>,
-    /// Of its memory, for this queue.
+    /// Limit on device memory, bytes.
     pub device_bytes: usize,
-    /// Of page-locked host memory.
+    /// Limit on page-locked host memory, bytes.
     pub host_bytes: usize,
 }
 
@@ -25,108 +25,121 @@ impl DeviceQueue {
         format!("GPU {} ({})", self.device.index(), self.device.info.name)
     }
 
-    /// The plan for a band, the device's part halved `halved` times.
+    /// The plan for a band, with the limit on device memory halved `halvings` times.
     ///
     /// # Errors
     /// [`CudaError::TooSmall`].
-    pub fn plan(&self, needs: &BandNeeds, halved: u32) -> Result<BandMemory, CudaError> {
-        needs.plan(self.device_bytes >> halved, self.host_bytes).map_err(|least| CudaError::TooSmall {
+    pub fn plan(&self, needs: &BandNeeds, halvings: u32) -> Result<BandMemory, CudaError> {
+        needs.plan(self.device_bytes >> halvings, self.host_bytes).map_err(|min| CudaError::TooSmall {
             device: self.device.index(),
             name: self.device.info.name.clone(),
-            needed_bytes: least.device_bytes as u64,
-            usable_bytes: (self.device_bytes >> halved) as u64,
-            host_needed_bytes: least.host_bytes as u64,
+            needed_bytes: min.device_bytes as u64,
+            usable_bytes: (self.device_bytes >> halvings) as u64,
+            host_needed_bytes: min.host_bytes as u64,
             host_usable_bytes: self.host_bytes as u64,
         })
     }
 }
 
-/// Tiles of a batch where there is room: a 426-px tile is 36 thread blocks, an H200 holds several hundred at once.
+/// Maximum of tiles in a batch: a 426-px tile is 36 thread blocks, an H200 holds several hundred at once.
 pub const MAX_TILES: usize = 32;
-/// Slots where there is room, and the least.
-const SLOTS: [usize; 2] = [3, 2];
-/// Share of a queue's device memory that slots may take, unless they are the least; the PSF stage makes use of the rest.
-const SLOTS_SHARE: f64 = 0.5;
+/// Maximum of batches in flight.
+const MAX_BATCHES: usize = 3;
+/// Minimum of batches in flight.
+const MIN_BATCHES: usize = 2;
+/// Share of a queue's device memory for batches beyond the minimum; the PSF stage uses the rest.
+const BATCHES_SHARE: f64 = 0.5;
 
-/// What the largest tile of a band needs.
+/// Memory needs of a band: the maximum over its tiles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BandNeeds {
-    /// Pixels of chart.
+    /// Chart pixels of a tile.
     pub chart_px: usize,
-    /// Pixels of remap.
+    /// Remapped pixels of a tile.
     pub remapped_px: usize,
-    /// Pixels of light; 0 without a PSF stage, whose light is the remap.
-    pub light_px: usize,
-    /// Device memory without which the PSF stage cannot work, bytes.
-    pub least_psf: usize,
+    /// Pixels of a tile's contribution; 0 without a PSF stage.
+    pub contribution_px: usize,
+    /// Minimum of device memory for the PSF stage, bytes.
+    pub min_psf_bytes: usize,
 }
 
-/// How a band is done.
+/// Memory plan of a band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BandMemory {
-    /// Tiles at once.
+    /// Tiles of a batch.
     pub tiles: usize,
-    /// Batches on their way.
-    pub slots: usize,
-    /// For the PSF stage, bytes.
+    /// Batches in flight.
+    pub batches: usize,
+    /// Device memory for the PSF stage, bytes.
     pub psf_bytes: usize,
 }
 
-/// What even the least takes.
+/// Minimum of memory that a band needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TooSmall {
-    /// Device memory that is needed, bytes.
+pub struct MinimumMemory {
+    /// Device memory, bytes.
     pub device_bytes: usize,
-    /// Page-locked host memory that is needed, bytes.
+    /// Page-locked host memory, bytes.
     pub host_bytes: usize,
 }
 
 impl BandNeeds {
-    /// Device memory of slots.
-    fn device_bytes(&self, slots: usize, tiles: usize) -> usize {
-        4 * slots * tiles * (self.chart_px + self.remapped_px + self.light_px)
+    /// Device memory of the batches, bytes.
+    fn device_bytes(&self, batches: usize, tiles: usize) -> usize {
+        4 * batches * tiles * (self.chart_px + self.remapped_px + self.contribution_px)
     }
 
-    /// Host memory of slots and of the light that waits.
-    fn host_bytes(&self, slots: usize, tiles: usize) -> usize {
-        4 * tiles * (slots * self.chart_px + (slots + 1) * self.light_px.max(self.remapped_px))
+    /// Host memory of the batches and of the downloaded tiles, bytes.
+    fn host_bytes(&self, batches: usize, tiles: usize) -> usize {
+        4 * tiles * (batches * self.chart_px + (batches + 1) * self.contribution_px.max(self.remapped_px))
     }
 
-    /// The plan within bounds.
+    /// The plan within limits.
     ///
     /// # Errors
-    /// What the least needs.
-    pub fn plan(&self, device_bytes: usize, host_bytes: usize) -> Result<BandMemory, TooSmall> {
-        let fits = |slots, tiles| {
-            let slots_bytes = self.device_bytes(slots, tiles);
-            let device = match (slots, tiles) {
-                (2, 1) => slots_bytes + self.least_psf <= device_bytes,
-                _ => slots_bytes.max(self.least_psf) as f64 <= SLOTS_SHARE * device_bytes as f64,
+    /// The minimum that is needed.
+    pub fn plan(&self, device_bytes: usize, host_bytes: usize) -> Result<BandMemory, MinimumMemory> {
+        let fits = |batches, tiles| {
+            let batch_bytes = self.device_bytes(batches, tiles);
+            let device = match (batches, tiles) {
+                (MIN_BATCHES, 1) => batch_bytes + self.min_psf_bytes <= device_bytes,
+                _ => batch_bytes.max(self.min_psf_bytes) as f64 <= BATCHES_SHARE * device_bytes as f64,
             };
-            device && self.host_bytes(slots, tiles) <= host_bytes
+            device && self.host_bytes(batches, tiles) <= host_bytes
         };
-        // A third slot is worth more than half the tiles once there are some.
-        let orders =
-            [(MAX_TILES, SLOTS[0]), (16, 3), (8, 3), (8, 2), (4, 3), (4, 2), (2, 3), (2, 2), (1, 3), (1, 2)];
-        match orders.into_iter().find(|&(tiles, slots)| fits(slots, tiles)) {
-            Some((tiles, slots)) => {
-                Ok(BandMemory { tiles, slots, psf_bytes: device_bytes - self.device_bytes(slots, tiles) })
+        // A third batch gains more than doubling the tiles, from a few tiles on.
+        let orders = [
+            (MAX_TILES, MAX_BATCHES),
+            (16, 3),
+            (8, 3),
+            (8, 2),
+            (4, 3),
+            (4, 2),
+            (2, 3),
+            (2, 2),
+            (1, 3),
+            (1, 2),
+        ];
+        match orders.into_iter().find(|&(tiles, batches)| fits(batches, tiles)) {
+            Some((tiles, batches)) => {
+                let psf_bytes = device_bytes - self.device_bytes(batches, tiles);
+                Ok(BandMemory { tiles, batches, psf_bytes })
             }
-            None => Err(TooSmall {
-                device_bytes: self.device_bytes(2, 1) + self.least_psf,
-                host_bytes: self.host_bytes(2, 1),
+            None => Err(MinimumMemory {
+                device_bytes: self.device_bytes(MIN_BATCHES, 1) + self.min_psf_bytes,
+                host_bytes: self.min_host_bytes(),
             }),
         }
     }
 
-    /// Page-locked host memory that is of use.
-    pub fn useful_host_bytes(&self) -> usize {
-        self.host_bytes(SLOTS[0], MAX_TILES)
+    /// Page-locked host memory beyond which more has no effect, bytes.
+    pub fn max_host_bytes(&self) -> usize {
+        self.host_bytes(MAX_BATCHES, MAX_TILES)
     }
 
-    /// The least of it.
-    pub fn least_host_bytes(&self) -> usize {
-        self.host_bytes(2, 1)
+    /// Minimum of page-locked host memory, bytes.
+    pub fn min_host_bytes(&self) -> usize {
+        self.host_bytes(MIN_BATCHES, 1)
     }
 }
 
@@ -134,32 +147,36 @@ impl BandNeeds {
 mod tests {
     use super::*;
 
-    const NEEDS: BandNeeds =
-        BandNeeds { chart_px: 200_000, remapped_px: 180_000, light_px: 220_000, least_psf: 1 << 20 };
+    const NEEDS: BandNeeds = BandNeeds {
+        chart_px: 200_000,
+        remapped_px: 180_000,
+        contribution_px: 220_000,
+        min_psf_bytes: 1 << 20,
+    };
 
     #[test]
-    fn plans_stay_within_bounds_and_grow_with_them() {
+    fn plans_stay_within_limits_and_grow_with_them() {
         let mut last = 0;
         for mib in [9, 12, 16, 24, 50, 100, 200, 400, 4000] {
             let bytes = mib << 20;
             let plan = NEEDS.plan(bytes, usize::MAX).unwrap();
             assert!(
-                NEEDS.device_bytes(plan.slots, plan.tiles) + plan.psf_bytes <= bytes
-                    && plan.psf_bytes >= NEEDS.least_psf
+                NEEDS.device_bytes(plan.batches, plan.tiles) + plan.psf_bytes <= bytes
+                    && plan.psf_bytes >= NEEDS.min_psf_bytes
             );
-            assert!(plan.tiles >= last && plan.slots >= 2, "{mib} MiB: {plan:?}");
+            assert!(plan.tiles >= last && plan.batches >= 2, "{mib} MiB: {plan:?}");
             last = plan.tiles;
             let host = NEEDS.plan(usize::MAX / 4, bytes).unwrap();
-            assert!(NEEDS.host_bytes(host.slots, host.tiles) <= bytes);
+            assert!(NEEDS.host_bytes(host.batches, host.tiles) <= bytes);
         }
         assert_eq!(last, MAX_TILES);
     }
 
     #[test]
-    fn what_is_missing_is_enough() {
-        let least = NEEDS.plan(1 << 20, 1 << 20).unwrap_err();
-        assert!(NEEDS.plan(least.device_bytes, least.host_bytes).is_ok());
-        assert!(NEEDS.plan(least.device_bytes - 1, least.host_bytes).is_err());
-        assert!(NEEDS.plan(least.device_bytes, least.host_bytes - 1).is_err());
+    fn reported_minimum_suffices_and_one_byte_less_does_not() {
+        let min = NEEDS.plan(1 << 20, 1 << 20).unwrap_err();
+        assert!(NEEDS.plan(min.device_bytes, min.host_bytes).is_ok());
+        assert!(NEEDS.plan(min.device_bytes - 1, min.host_bytes).is_err());
+        assert!(NEEDS.plan(min.device_bytes, min.host_bytes - 1).is_err());
     }
 }

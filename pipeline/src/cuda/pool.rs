@@ -1,7 +1,7 @@
-//! Page-locked host memory, which a device copies from and to by itself, and pools of it.
+//! Page-locked host buffers for copies to and from a device, and pools of them.
 //!
 //! Ordinary page-locked memory in both directions: write-combined memory would be a little faster to upload from, but charts
-//! look at what they have read (NaN), and reading from it is slow beyond use.
+//! are checked for NaN after reading, and reading from write-combined memory is too slow.
 
 use super::slice::PinnedHostSlice;
 use super::{CudaError, Device};
@@ -9,8 +9,8 @@ use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
-/// A page-locked buffer. Whoever gives it to a copy keeps it, and does not look at it, until an event behind the copy has been
-/// waited for.
+/// A page-locked buffer. After a copy from or to it was enqueued, it must be kept and not accessed until an event behind that copy
+/// has been waited for.
 #[derive(Debug)]
 pub(crate) struct Pinned(PinnedHostSlice<f32>);
 
@@ -40,57 +40,57 @@ pub(crate) struct PinnedPool {
     returns: Sender<Pinned>,
     free: Receiver<Pinned>,
     len: usize,
-    made: usize,
-    most: usize,
+    allocated: usize,
+    max: usize,
 }
 
-/// How often one who waits for a buffer sees whether the run still goes on.
-const LOOK: Duration = Duration::from_millis(50);
-/// Buffers that are at most so much too long are kept for the next band: to lock pages takes its time.
-const KEPT: f64 = 1.25;
+/// Interval between checks of `stopped` while waiting for a buffer.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Buffers up to this many times too long are kept for the next band: locking pages is slow.
+const MAX_EXCESS: f64 = 1.25;
 
 impl PinnedPool {
     /// Without buffers.
     pub(crate) fn new() -> Self {
         let (returns, free) = unbounded();
-        Self { returns, free, len: 0, made: 0, most: 0 }
+        Self { returns, free, len: 0, allocated: 0, max: 0 }
     }
 
-    /// From now on at most `most` buffers of at least `len` values.
-    pub(crate) fn allow(&mut self, most: usize, len: usize) {
-        self.most = most;
-        if len > self.len || KEPT * (len as f64) < self.len as f64 {
+    /// Limits the pool to `max` buffers of at least `len` values.
+    pub(crate) fn resize(&mut self, max: usize, len: usize) {
+        self.max = max;
+        if len > self.len || MAX_EXCESS * (len as f64) < self.len as f64 {
             self.len = len;
         }
     }
 
-    /// Where buffers are returned to.
+    /// The channel by which buffers are returned.
     pub(crate) fn returns(&self) -> &Sender<Pinned> {
         &self.returns
     }
 
-    /// A buffer; `None` when `stopped` while waiting for one. `beyond`: the bound does not hold.
+    /// A buffer; `None` if `stopped` while waiting for one. `unbounded` ignores the limit.
     pub(crate) fn take(
         &mut self,
         device: &Device,
-        beyond: bool,
+        unbounded: bool,
         stopped: &dyn Fn() -> bool,
     ) -> Result<Option<Pinned>, CudaError> {
         loop {
-            let room = self.made < self.most || beyond;
-            let found = match room {
+            let may_allocate = self.allocated < self.max || unbounded;
+            let found = match may_allocate {
                 true => self.free.try_recv().map_err(|_| RecvTimeoutError::Timeout),
-                false => self.free.recv_timeout(LOOK),
+                false => self.free.recv_timeout(POLL_INTERVAL),
             };
             match found {
-                Ok(pinned) if pinned.len() == self.len && (self.made <= self.most || beyond) => {
+                Ok(pinned) if pinned.len() == self.len && (self.allocated <= self.max || unbounded) => {
                     return Ok(Some(pinned));
                 }
-                // Of another band, or more than there may be.
-                Ok(_) => self.made -= 1,
-                Err(_) if room => {
+                // Of another length, or beyond the limit: freed.
+                Ok(_) => self.allocated -= 1,
+                Err(_) if may_allocate => {
                     let pinned = Pinned::zeroed(device, self.len)?;
-                    self.made += 1;
+                    self.allocated += 1;
                     return Ok(Some(pinned));
                 }
                 Err(_) if stopped() => return Ok(None),
@@ -100,7 +100,7 @@ impl PinnedPool {
     }
 }
 
-/// A tile that a GPU computed, in a pooled buffer that is returned when this is dropped.
+/// A tile computed by a GPU, in a pooled buffer that is returned on drop.
 #[derive(Debug)]
 pub(crate) struct GpuTile {
     buffer: Option<Pinned>,
@@ -111,26 +111,26 @@ pub(crate) struct GpuTile {
 }
 
 impl GpuTile {
-    /// `len` values in rows `stride` apart, to come into `buffer`.
+    /// `len` values in rows of `stride`, to be downloaded to `buffer`.
     pub(crate) fn new(buffer: Pinned, len: usize, stride: usize, pool: &PinnedPool) -> Self {
         Self { buffer: Some(buffer), len, stride, returns: pool.returns.clone() }
     }
 
-    /// Row-major.
+    /// The values, row-major.
     pub(crate) fn data(&self) -> &[f32] {
-        &self.buffer.as_deref().expect("there until dropped")[..self.len]
+        &self.buffer.as_deref().expect("present until drop")[..self.len]
     }
 
-    /// The same, for a copy.
+    /// The values, row-major.
     pub(crate) fn data_mut(&mut self) -> &mut [f32] {
-        &mut self.buffer.as_deref_mut().expect("there until dropped")[..self.len]
+        &mut self.buffer.as_deref_mut().expect("present until drop")[..self.len]
     }
 }
 
 impl Drop for GpuTile {
     fn drop(&mut self) {
         if let Some(buffer) = self.buffer.take() {
-            // Without a pool it is freed.
+            // Freed if the pool no longer exists.
             let _ = self.returns.send(buffer);
         }
     }

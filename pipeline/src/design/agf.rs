@@ -1,20 +1,20 @@
-//! Reader of AGF glass catalogues: the text format glass makers publish for the design program.
+//! Reader of AGF glass catalogues: the text format that glass makers publish for design programs.
 //!
 //!     NM <name> <formula> …      CD <coefficients>      LD <min µm> <max µm>
-//! Names may hold letters, digits and signs, no blanks. Lines of other words (comments, cost, thermal and chemical data, internal
-//! transmission) do not change the index at 20 °C and 1 atm and are skipped by name. ASCII, Latin-1, UTF-8 or UTF-16LE with BOM.
+//! Names consist of letters, digits and signs, without blanks. Lines with other keywords (comments, cost, thermal and chemical data,
+//! internal transmission) do not change the index at 20 °C and 1 atm and are skipped. ASCII, Latin-1, UTF-8 or UTF-16LE with BOM.
 
 use super::error::DesignError;
 use super::glass::{Dispersion, Glass, GlassCatalog};
 use super::text::decode;
 
-/// Words that do not change the index at 20 °C.
+/// Keywords that do not change the index at 20 °C.
 const SKIPPED: [&str; 8] = ["CC", "GC", "ED", "TD", "OD", "IT", "BD", "MD"];
 
 /// Reads a catalogue.
 ///
 /// # Errors
-/// [`DesignError::Catalogue`] names the line.
+/// [`DesignError::Catalogue`] with the line.
 pub fn parse(bytes: &[u8]) -> Result<GlassCatalog, DesignError> {
     let mut catalog = GlassCatalog::default();
     let mut open: Option<Draft> = None;
@@ -36,8 +36,9 @@ pub fn parse(bytes: &[u8]) -> Result<GlassCatalog, DesignError> {
             "CD" | "LD" => {
                 let draft = open.as_mut().ok_or_else(|| bad(format!("{key} before any NM")))?;
                 let values: Option<Vec<f64>> = words.map(number).collect();
-                let values = values
-                    .ok_or_else(|| bad(format!("{key} of {} holds a word that is no number", draft.name)))?;
+                let values = values.ok_or_else(|| {
+                    bad(format!("{key} of {} has a value that is not a number", draft.name))
+                })?;
                 if key == "CD" {
                     draft.c = Some(values);
                 } else {
@@ -51,12 +52,12 @@ pub fn parse(bytes: &[u8]) -> Result<GlassCatalog, DesignError> {
             }
             _ if SKIPPED.contains(&key) => {}
             _ if open.is_none() => {}
-            _ => return Err(bad(format!("`{key}` is not a word of the AGF format"))),
+            _ => return Err(bad(format!("`{key}` is not a keyword of the AGF format"))),
         }
     }
     finish(&mut catalog, open)?;
     if catalog.glasses().is_empty() {
-        return Err(DesignError::Catalogue { line: 1, problem: "it holds no glass (no NM line)".to_owned() });
+        return Err(DesignError::Catalogue { line: 1, problem: "it has no glass (no NM line)".to_owned() });
     }
     Ok(catalog)
 }
@@ -93,7 +94,7 @@ mod tests {
         NM OLD 1 0 1.5 60\nCD 2.25 0 0 0 0 0\nLD 0.4 0.7\n";
 
     #[test]
-    fn reads_names_formulas_and_ranges() {
+    fn names_formulas_and_ranges_are_read() {
         let c = parse(TWO.as_bytes()).unwrap();
         assert_eq!(c.glasses().len(), 2);
         assert!((c.find("N-BK7").unwrap().index(0.587_561_8).unwrap() - 1.516_800).abs() < 1e-6);
@@ -101,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_names_its_line() {
+    fn wrong_line_is_an_error_with_its_number() {
         for (from, to, line) in
             [("LD 0.4 0.7", "LD 0.7", 11), ("CD 2.25", "CD x", 10), ("OLD 1", "OLD 14", 9), ("IT", "QQ", 8)]
         {

@@ -1,7 +1,7 @@
-//! A lens's figures under the names a designer expects, at the primary wavelength.
+//! System data of a lens at the primary wavelength.
 //!
-//! First-order figures are those of [`super::paraxial`]; *working F-number* is real: 1/(2 sin of the marginal ray's mean angle), from the
-//! projected solid angle, Ω = π NA², N = 1/(2 NA). Lengths in mm; positions from the first surface, exit pupil from the image plane.
+//! First-order figures are those of [`super::paraxial`]; the *working F-number* is that of real rays, from the
+//! projected solid angle: Ω = π NA², N = 1/(2 NA). Lengths in mm; positions from the first surface, exit pupil from the image plane.
 
 use super::error::DesignError;
 use super::illumination::numerical_aperture;
@@ -60,7 +60,7 @@ pub struct Description {
 /// System data of `system`.
 ///
 /// # Errors
-/// What its first-order optics, its glasses or its axial rays refuse.
+/// No first-order properties, a wavelength outside a glass's range, or an axial ray that does not reach the image.
 pub fn describe(system: &System) -> Result<Description, DesignError> {
     let p = Paraxial::new(system, system.primary_um())?;
     let na = numerical_aperture(&Tracer::new(system, system.primary_um())?)?;
@@ -90,12 +90,12 @@ pub fn describe(system: &System) -> Result<Description, DesignError> {
     })
 }
 
-/// Tangent of a field point's angle at the entrance pupil, from the design's own kind of field.
+/// Tangent of a field point's angle at the entrance pupil, from the field value of the design.
 pub fn field_tan(system: &System, primary: &Paraxial, field: f64) -> f64 {
     match (system.field_kind, system.object_distance_mm) {
         (FieldKind::Angle, _) => real::tan(field.to_radians()),
         (FieldKind::ObjectHeight, Some(distance)) => field / (distance + primary.entrance_pupil_mm),
-        // Heights of an object at infinity mean nothing; the design program shows them as 0.
+        // Undefined for an object at infinity; the design program lists 0.
         (FieldKind::ObjectHeight, None) => 0.0,
         (FieldKind::ParaxialImageHeight, _) => field / primary.distortion_focal_length_mm.abs(),
     }

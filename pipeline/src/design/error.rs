@@ -1,4 +1,4 @@
-//! What can go wrong between a prescription and its tables.
+//! Errors of reading and tracing a design.
 
 use thiserror::Error;
 
@@ -6,7 +6,7 @@ use thiserror::Error;
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum DesignError {
-    /// A line of a .zmx file that is wrong, or that would change the optics and is not understood.
+    /// A line of a .zmx file that is wrong or not supported.
     #[error("line {line} of the design: `{text}`: {problem}")]
     Line {
         /// Line number from 1.
@@ -16,10 +16,10 @@ pub enum DesignError {
         /// What is wrong, and the way out.
         problem: String,
     },
-    /// The whole prescription lacks something.
+    /// A part of the prescription is missing or impossible.
     #[error("the design {problem}")]
     Incomplete {
-        /// What it lacks.
+        /// What is missing or impossible.
         problem: String,
     },
     /// A line of a glass catalogue that is wrong.
@@ -30,24 +30,24 @@ pub enum DesignError {
         /// What is wrong.
         problem: String,
     },
-    /// A glass that no catalogue at hand holds.
-    #[error("no glass `{name}` in the catalogues at hand{}; give its catalogue (.agf)", nearest_words(.nearest))]
+    /// A glass that is in no catalogue.
+    #[error("no glass `{name}` in the catalogues{}; give its catalogue (.agf)", nearest_words(.nearest))]
     UnknownGlass {
         /// The name in the design.
         name: String,
-        /// The nearest names known.
+        /// The most similar names in the catalogues.
         nearest: Vec<String>,
     },
-    /// A wavelength outside the range that a glass's formula is good for.
-    #[error("{wavelength_um} µm lies outside the {first_um}..{last_um} µm that glass {glass} is known for")]
+    /// A wavelength outside the range of a glass's formula.
+    #[error("{wavelength_um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}")]
     Wavelength {
         /// The glass.
         glass: String,
-        /// Wanted, µm.
+        /// Requested wavelength, µm.
         wavelength_um: f64,
-        /// First of the glass, µm.
+        /// Start of the range, µm.
         first_um: f64,
-        /// Last of the glass, µm.
+        /// End of the range, µm.
         last_um: f64,
     },
     /// The paraxial system has no finite focal length, pupil or image.
@@ -76,36 +76,36 @@ pub enum DesignError {
         /// What happened, and at which surface.
         problem: String,
     },
-    /// The lens does not reach a height that was asked for.
+    /// The lens does not reach the requested image height.
     #[error(
-        "the lens reaches no further than {reached_mm:.4} mm of real image height at {wavelength_um} µm, {wanted_mm:.4} mm asked for: {problem}"
+        "the lens reaches no further than {reached_mm:.4} mm of real image height at {wavelength_um} µm, {requested_mm:.4} mm requested: {problem}"
     )]
     Height {
-        /// Wanted, mm.
-        wanted_mm: f64,
-        /// Reached, mm.
+        /// Requested height, mm.
+        requested_mm: f64,
+        /// Maximum height, mm.
         reached_mm: f64,
         /// Wavelength, µm.
         wavelength_um: f64,
         /// Why.
         problem: String,
     },
-    /// An option that makes no sense.
+    /// An option that is out of range.
     #[error("{option} is {value}, expected {expected}")]
     Option {
-        /// Which option.
+        /// The option.
         option: &'static str,
         /// Its value.
         value: String,
-        /// What would do.
+        /// Allowed values.
         expected: &'static str,
     },
-    /// The receiver of the traced bands refused one.
+    /// The sink of the traced bands failed.
     #[error("storing the band at {wavelength_nm} nm: {problem}")]
     Sink {
         /// The band.
         wavelength_nm: f64,
-        /// In the receiver's words.
+        /// Error of the sink.
         problem: String,
     },
 }

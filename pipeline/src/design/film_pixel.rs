@@ -1,18 +1,18 @@
 //! From point samples of a PSF to shares per film pixel.
 //!
 //!     share(i, k) = Σ_j Σ_l w_ij w_kl v_jl,     w_ij = (1/p) ∫_pixel i ℓ((x − x_j)/p) dx
-//! v are samples (share per sample, pitch p finer than Nyquist), ℓ the interpolant: sinc under a Kaiser window 20 samples to each side,
-//! scaled so that constants stay constants. For samples at up to 0.95 Nyquist of a lens's PSF the error is below 1e-5 of the
-//! peak (its spectrum fades to 0 at the band's edge). Film pixel and sample grids share their centre; samples outside the window are 0.
+//! v are samples (share per sample, pitch p finer than Nyquist), ℓ the interpolation kernel: sinc times a Kaiser window of half-width 20
+//! samples, normalised to reproduce constants. For samples at up to 0.95 Nyquist of a lens's PSF the error is below 1e-5 of the
+//! peak (the spectrum falls to 0 at the band limit). Film pixel and sample grids have the same centre; samples outside the window are 0.
 
 use crate::real;
 use std::f64::consts::PI;
 
 use super::pupil::unit_interval;
 
-/// Half-width of the interpolant, samples.
+/// Half-width of the interpolation kernel, samples.
 const HALF: i64 = 20;
-/// Kaiser window's shape: images of the spectrum 1e-5, flat to 0.84 Nyquist at this width.
+/// Shape parameter of the Kaiser window: aliases below 1e-5, flat to 0.84 Nyquist at this width.
 const SHAPE: f64 = 10.0;
 
 /// The weights of one window, film pitch and size.
@@ -33,14 +33,14 @@ impl FilmPixels {
             let first = (a.floor() as i64 - HALF).max(-half_samples);
             let last = (b.ceil() as i64 + HALF).min(half_samples);
             let mut w = vec![0.0; (last - first + 1).max(0) as usize];
-            // Piece by piece between samples: the interpolant's ends have kinks there.
+            // Separately between neighbouring samples: the ends of the kernel are not smooth there.
             for near in a.floor() as i64..b.ceil() as i64 {
                 let (from, to) = (a.max(near as f64), b.min(near as f64 + 1.0));
                 for (t, g) in &quadrature {
                     let u = from + (to - from) * t;
-                    let whole: f64 = (near - HALF..=near + HALF + 1).map(|j| interpolant(u - j as f64)).sum();
+                    let sum: f64 = (near - HALF..=near + HALF + 1).map(|j| interpolant(u - j as f64)).sum();
                     for (j, w) in (first..=last).zip(&mut w) {
-                        *w += g * (to - from) * interpolant(u - j as f64) / whole;
+                        *w += g * (to - from) * interpolant(u - j as f64) / sum;
                     }
                 }
             }
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_band_limited_pattern_is_integrated_exactly() {
+    fn band_limited_pattern_is_integrated_exactly() {
         // Separable cosines below Nyquist under a wide Gaussian: the integral over a pixel is known.
         let (n, pitch, film) = (241, 0.55, 2.0);
         let f = 0.6 / (2.0 * pitch);

@@ -1,14 +1,14 @@
 //! Glasses: refractive index against wavelength.
 //!
-//!     n(λ), λ in µm, relative to air at 20 °C and 1 atm, as glass makers print it
-//! The thirteen dispersion formulas of the AGF catalogue format, by their numbers there: 1 Schott, 2/6/11 Sellmeier of 3/4/5
+//!     n(λ), λ in µm, relative to air at 20 °C and 1 atm, as in glass makers' catalogues
+//! The thirteen dispersion formulas of the AGF catalogue format by number: 1 Schott, 2/6/11 Sellmeier of 3/4/5
 //! terms, 3 Herzberger, 4 Sellmeier 2, 5 Conrady, 7/8 Handbook of Optics, 9 Sellmeier 4, 10/12/13 extended power series.
 //! Source: the format as described in glass makers' catalogues; Schott's technical note TIE-29 for Sellmeier 1.
 //! Built in: Schott's Sellmeier table (`data/SOURCES.md`). Left out: temperature, pressure, absorption, birefringence.
 
 use super::error::DesignError;
 use crate::real;
-use crate::words::changes;
+use crate::words::edit_distance;
 
 /// A dispersion formula with its coefficients, λ in µm.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,16 +17,16 @@ pub struct Dispersion {
     c: Vec<f64>,
 }
 
-/// Coefficients each formula needs, by its number (0 is unused).
-const NEEDED: [usize; 14] = [0, 6, 6, 6, 5, 3, 8, 4, 4, 5, 8, 10, 8, 9];
+/// Number of coefficients of each formula (0 is unused).
+const COEFFICIENT_COUNTS: [usize; 14] = [0, 6, 6, 6, 5, 3, 8, 4, 4, 5, 8, 10, 8, 9];
 
 impl Dispersion {
     /// Formula `number` (1..=13) with its coefficients in the catalogue's order; missing trailing ones are 0.
     ///
     /// # Errors
-    /// In words, when there is no such formula or a coefficient is not finite.
+    /// A message, if there is no such formula or a coefficient is not finite.
     pub fn new(number: u8, coefficients: &[f64]) -> Result<Self, String> {
-        let needed = match NEEDED.get(usize::from(number)) {
+        let needed = match COEFFICIENT_COUNTS.get(usize::from(number)) {
             Some(&n) if n > 0 => n,
             _ => return Err(format!("dispersion formula {number} is not one of 1..13")),
         };
@@ -43,7 +43,7 @@ impl Dispersion {
         Self { formula: 1, c: vec![n * n, 0.0, 0.0, 0.0, 0.0, 0.0] }
     }
 
-    /// The index at `um`; NaN where the formula has none.
+    /// The index at `um`; NaN where the formula is not defined.
     pub fn index(&self, um: f64) -> f64 {
         let c = &self.c;
         let w = um * um;
@@ -80,7 +80,7 @@ pub struct Glass {
     pub name: String,
     /// Its formula.
     pub dispersion: Dispersion,
-    /// Wavelengths the formula is good for, µm.
+    /// Range of wavelengths of the formula, µm.
     pub range_um: (f64, f64),
 }
 
@@ -117,7 +117,7 @@ impl GlassCatalog {
         let glasses = rows.map(|row| {
             let mut cells = row.split(',');
             let name = cells.next().unwrap_or_default().to_owned();
-            let v: Vec<f64> = cells.map(|c| c.parse().expect("the built-in table holds numbers")).collect();
+            let v: Vec<f64> = cells.map(|c| c.parse().expect("the built-in table has numbers")).collect();
             let c = [v[0], v[3], v[1], v[4], v[2], v[5]];
             let dispersion = Dispersion::new(2, &c).expect("the built-in table is finite");
             Glass { name, dispersion, range_um: (v[6], v[7]) }
@@ -125,7 +125,7 @@ impl GlassCatalog {
         Self { glasses: glasses.collect() }
     }
 
-    /// Adds a glass; a later one of the same name wins, so that a user's catalogue overrides the built-in table.
+    /// Adds a glass, which replaces one of the same name: a user's catalogue overrides the built-in table.
     pub fn add(&mut self, glass: Glass) {
         self.glasses.retain(|g| !g.name.eq_ignore_ascii_case(&glass.name));
         self.glasses.push(glass);
@@ -141,17 +141,17 @@ impl GlassCatalog {
         &self.glasses
     }
 
-    /// The glass of that name, letter case aside.
+    /// The glass of that name, ignoring case.
     ///
     /// # Errors
-    /// [`DesignError::UnknownGlass`] with the nearest names.
+    /// [`DesignError::UnknownGlass`] with the most similar names.
     pub fn find(&self, name: &str) -> Result<&Glass, DesignError> {
         self.glasses.iter().find(|g| g.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
-            let wanted = name.to_ascii_uppercase();
+            let requested = name.to_ascii_uppercase();
             let mut by_distance: Vec<(usize, &str)> = self
                 .glasses
                 .iter()
-                .map(|g| (distance(&wanted, &g.name.to_ascii_uppercase()), &*g.name))
+                .map(|g| (distance(&requested, &g.name.to_ascii_uppercase()), &*g.name))
                 .collect();
             by_distance.sort();
             let nearest = by_distance.iter().take(3).filter(|(d, _)| *d <= 3).map(|(_, n)| (*n).to_owned());
@@ -160,12 +160,12 @@ impl GlassCatalog {
     }
 }
 
-/// Edits between two names; a leading `N-` (lead-free successor) costs one.
+/// Edit distance of two names; a leading `N-` (lead-free successor) counts one.
 fn distance(a: &str, b: &str) -> usize {
     let plain = |s: &str| s.strip_prefix("N-").map_or(s.to_owned(), str::to_owned);
     let (p, q) = (plain(a), plain(b));
     let successor = usize::from(a.starts_with("N-") != b.starts_with("N-"));
-    changes(a, b).min(changes(&p, &q) + successor)
+    edit_distance(a, b).min(edit_distance(&p, &q) + successor)
 }
 
 #[cfg(test)]
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_glass_names_its_neighbours() {
+    fn unknown_glass_lists_similar_names() {
         let c = GlassCatalog::schott();
         let Err(DesignError::UnknownGlass { nearest, .. }) = c.find("SK2") else {
             panic!("SK2 is not built in")
@@ -196,11 +196,11 @@ mod tests {
     }
 
     #[test]
-    fn formulas_agree_where_they_must() {
+    fn formulas_agree_for_the_same_glass() {
         // The same one-term glass written as Sellmeier 1, 3, 5, 2, 4 and as Handbook 2.
         let (b, cc) = (1.1, 0.012);
         let um: f64 = 0.55;
-        let want = (1.0 + b * um * um / (um * um - cc)).sqrt();
+        let expected = (1.0 + b * um * um / (um * um - cc)).sqrt();
         for (f, c) in [
             (2, vec![b, cc]),
             (6, vec![b, cc]),
@@ -210,7 +210,7 @@ mod tests {
             (9, vec![1.0, b, cc]),
         ] {
             let n = Dispersion::new(f, &c).unwrap().index(um);
-            assert!((n - want).abs() < 1e-14, "formula {f}: {n}");
+            assert!((n - expected).abs() < 1e-14, "formula {f}: {n}");
         }
         // Power series: each coefficient stands before its own power of λ.
         let w: f64 = 0.55 * 0.55;

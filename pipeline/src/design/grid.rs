@@ -1,12 +1,12 @@
-//! Which heights and how many azimuths: chosen by the error of the kernel in between.
+//! Choice of the heights and azimuth counts of PSF nodes by the error of the kernels interpolated between them.
 //!
 //! The film's kernel is linear in r between heights r_k and linear in θ between the J_k azimuths of each. Between two heights
 //! the error is e_r ≈ C_r (Δr/2)², between two azimuths e_θ ≈ C_θ (π/J)² (L1 norms over the film's pixels, kernels of sum 1).
-//! The number of nodes, Σ J_k, is least when both take an equal part of the tolerance. So: measure C_r and C_θ at probing
-//! heights, place nodes accordingly, then check the kernel at the centre of every cell (half-way in r, half-way in θ on both
-//! heights at once: the worst place) against the one traced there; split or refine where it fails. The largest error at
-//! cell centres is the bound that is recorded.
-//! Turned PSFs are exact here (the pupil is turned, not the image); a kernel builder's own turning error comes on top.
+//! The number of nodes, Σ J_k, is minimal when both have an equal part of the tolerance. So: measure C_r and C_θ at probing
+//! heights, place nodes accordingly, then compare the kernel at the centre of every cell (half-way in r, and half-way in θ on both
+//! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
+//! cell centres is recorded as the bound.
+//! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -15,21 +15,21 @@ use rayon::prelude::*;
 
 use super::error::DesignError;
 use super::film_pixel::FilmPixels;
+use super::options::{Azimuths, PsfHeights, TraceOptions};
 use super::psf::{PsfGrid, PsfScratch, PupilFunction};
 use super::ray::Tracer;
-use super::trace::{Azimuths, PsfHeights, TraceOptions};
 
-/// Part of the tolerance that the grid itself may use: the rest is for the kernel builder's turning, and keeps the median
-/// of the error over the film at half the tolerance (measured: 0.47 % for 1 %).
+/// Part of the tolerance for the grid: the rest is for the rotation of kernels, and keeps the median of the error over the film at
+/// half the tolerance (measured: 0.47 % for 1 %).
 const GRID_SHARE: f64 = 0.8;
-/// Probing heights.
+/// Number of probing heights.
 const PROBES: usize = 24;
-/// Most azimuths of a height.
+/// Maximum of azimuths of a height.
 const MAX_AZIMUTHS: usize = 2880;
-/// Rounds of checking and refining.
-const ROUNDS: usize = 6;
+/// Maximum of rounds of checking and refining.
+const MAX_ROUNDS: usize = 6;
 
-/// Makes film-pixel kernels of one band, turned exactly.
+/// Film-pixel kernels of one band, with exact rotation.
 pub(crate) struct Kernels<'a> {
     tracer: &'a Tracer<'a>,
     grid: &'a PsfGrid,
@@ -37,14 +37,14 @@ pub(crate) struct Kernels<'a> {
     size: usize,
 }
 
-/// Heights and azimuth counts, and the bound achieved.
+/// Chosen heights and azimuth counts, and the error bound, if checked.
 pub(crate) struct Chosen {
     pub(crate) heights: Vec<f64>,
     pub(crate) azimuths: Vec<usize>,
     pub(crate) error: Option<f64>,
 }
 
-/// A kernel to make: height [mm] and azimuth [rad], as bits so that they sort.
+/// Height [mm] and azimuth [rad] of a kernel, as bits, which are ordered.
 type Key = (u64, u64);
 
 fn key(height: f64, azimuth: f64) -> Key {
@@ -57,37 +57,39 @@ impl<'a> Kernels<'a> {
         Self { tracer, grid, film, size }
     }
 
-    fn make(&self, height: f64, azimuth: f64, scratch: &mut PsfScratch) -> Result<Vec<f32>, DesignError> {
+    /// The kernel of sum 1 at `height` [mm], rotated by `azimuth` [rad].
+    fn compute(&self, height: f64, azimuth: f64, scratch: &mut PsfScratch) -> Result<Vec<f32>, DesignError> {
         let f = PupilFunction::trace(self.tracer, self.tracer.field_of_height(height)?)?;
         let kernel = self.film.integrate(&self.grid.psf(&f, azimuth, scratch));
         let sum: f64 = kernel.iter().sum();
         Ok(kernel.iter().map(|v| (v / sum) as f32).collect())
     }
 
-    /// Mean of the kernel turned by +azimuth and −azimuth (its mirror image), from the turned one.
-    fn mean_of_turns(&self, turned: &[f32]) -> Vec<f32> {
+    /// Mean of a kernel rotated by +azimuth and by −azimuth, which is its mirror image.
+    fn mean_with_mirror(&self, rotated: &[f32]) -> Vec<f32> {
         let n = self.size;
-        (0..n * n).map(|i| 0.5 * (turned[i] + turned[(n - 1 - i / n) * n + i % n])).collect()
+        (0..n * n).map(|i| 0.5 * (rotated[i] + rotated[(n - 1 - i / n) * n + i % n])).collect()
     }
 }
 
-/// Kernels made so far.
+/// Computed kernels.
 #[derive(Default)]
 struct Cache(BTreeMap<Key, Vec<f32>>);
 
 impl Cache {
-    fn fill(&mut self, kernels: &Kernels<'_>, wanted: &[(f64, f64)]) -> Result<usize, DesignError> {
-        let mut missing: Vec<Key> = wanted.iter().map(|(h, a)| key(*h, *a)).collect();
+    /// Computes those of `requested` that are missing; their number.
+    fn fill(&mut self, kernels: &Kernels<'_>, requested: &[(f64, f64)]) -> Result<usize, DesignError> {
+        let mut missing: Vec<Key> = requested.iter().map(|(h, a)| key(*h, *a)).collect();
         missing.sort_unstable();
         missing.dedup();
         missing.retain(|k| !self.0.contains_key(k));
-        let made: Result<Vec<(Key, Vec<f32>)>, DesignError> = missing
+        let computed: Result<Vec<(Key, Vec<f32>)>, DesignError> = missing
             .par_iter()
             .map_init(PsfScratch::default, |scratch, k| {
-                Ok((*k, kernels.make(f64::from_bits(k.0), f64::from_bits(k.1), scratch)?))
+                Ok((*k, kernels.compute(f64::from_bits(k.0), f64::from_bits(k.1), scratch)?))
             })
             .collect();
-        self.0.extend(made?);
+        self.0.extend(computed?);
         Ok(missing.len())
     }
 
@@ -104,7 +106,7 @@ fn mean(a: &[f32], b: &[f32]) -> Vec<f32> {
     a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect()
 }
 
-/// Multiples of 8: then seven of eight kernels of a height are flips and transposes of the others.
+/// Rounds up to a multiple of 8: seven of eight kernels of a height are then flips and transposes of the others.
 fn round_azimuths(j: f64) -> usize {
     (j.clamp(8.0, MAX_AZIMUTHS as f64) as usize).next_multiple_of(8)
 }
@@ -114,7 +116,7 @@ pub(crate) fn choose(
     kernels: &Kernels<'_>,
     options: &TraceOptions,
     last_mm: f64,
-    tell: &mut dyn FnMut(&'static str, usize),
+    report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Chosen, DesignError> {
     let given = match &options.heights {
         PsfHeights::Given(h) => Some(h.clone()),
@@ -130,30 +132,30 @@ pub(crate) fn choose(
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
     let probes: Vec<f64> = (1..=PROBES).map(|i| last_mm * i as f64 / PROBES as f64).collect();
-    tell("probing", 0);
+    report("probing", 0);
     let azimuth_need = match options.azimuths {
         Azimuths::Given(j) => vec![j as f64; PROBES],
-        Azimuths::ByError => probe_azimuths(kernels, &probes, part, tell)?,
+        Azimuths::ByError => probe_azimuths(kernels, &probes, part, report)?,
     };
     let count = |h: f64| round_azimuths(between(&probes, &azimuth_need, h));
     let mut heights = match &given {
         Some(h) => h.clone(),
-        None => place(&probes, &probe_heights(kernels, &probes, part, tell)?, last_mm),
+        None => place(&probes, &probe_heights(kernels, &probes, part, report)?, last_mm),
     };
     let mut azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
     let mut cache = Cache::default();
     let (free_heights, free_azimuths) = (given.is_none(), options.azimuths == Azimuths::ByError);
     let mut bound = 0.0;
-    for round in 0..ROUNDS {
-        let errors = check(kernels, &mut cache, &heights, &azimuths, tell)?;
-        bound = errors.iter().map(|e| e.whole).fold(0.0, f64::max);
-        if bound <= tolerance || round + 1 == ROUNDS {
+    for round in 0..MAX_ROUNDS {
+        let errors = check(kernels, &mut cache, &heights, &azimuths, report)?;
+        bound = errors.iter().map(|e| e.total).fold(0.0, f64::max);
+        if bound <= tolerance || round + 1 == MAX_ROUNDS {
             break;
         }
         let (mut new_heights, mut new_azimuths) = (vec![heights[0]], vec![azimuths[0]]);
         let mut grow = vec![false; heights.len()];
         for (k, e) in errors.iter().enumerate() {
-            let fails = e.whole > tolerance;
+            let fails = e.total > tolerance;
             let split = fails && free_heights && (e.radial >= e.angular || !free_azimuths);
             if fails && !split && free_azimuths {
                 grow[k] = true;
@@ -180,9 +182,9 @@ pub(crate) fn choose(
     Ok(with_axis(heights, azimuths, Some(bound)))
 }
 
-/// Errors at the centre of a cell: in both directions at once, in r alone, in θ alone (the larger of its two heights).
+/// L1 errors at the centre of a cell: in both directions, in r alone, in θ alone (the larger of its two heights).
 struct CellError {
-    whole: f64,
+    total: f64,
     radial: f64,
     angular: f64,
 }
@@ -192,30 +194,30 @@ fn check(
     cache: &mut Cache,
     heights: &[f64],
     azimuths: &[usize],
-    tell: &mut dyn FnMut(&'static str, usize),
+    report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Vec<CellError>, DesignError> {
     let half_step = |k: usize| if k == 0 { 0.0 } else { PI / azimuths[k] as f64 };
-    let mut wanted = Vec::new();
+    let mut requested = Vec::new();
     for k in 0..heights.len() {
-        wanted.push((heights[k], 0.0));
-        wanted.push((heights[k], half_step(k)));
+        requested.push((heights[k], 0.0));
+        requested.push((heights[k], half_step(k)));
         if k > 0 {
-            wanted.push((0.5 * (heights[k - 1] + heights[k]), 0.0));
+            requested.push((0.5 * (heights[k - 1] + heights[k]), 0.0));
         }
     }
-    tell("checking", cache.fill(kernels, &wanted)?);
+    report("checking", cache.fill(kernels, &requested)?);
     let cache = &*cache;
-    let turned = |k: usize| kernels.mean_of_turns(cache.get(heights[k], half_step(k)));
+    let between = |k: usize| kernels.mean_with_mirror(cache.get(heights[k], half_step(k)));
     let angular = |k: usize, mean: &[f32]| l1(mean, cache.get(heights[k], 0.0));
     Ok((1..heights.len())
         .into_par_iter()
         .map(|k| {
             let truth = cache.get(0.5 * (heights[k - 1] + heights[k]), 0.0);
-            let (a, b) = (turned(k - 1), turned(k));
-            let upright = mean(cache.get(heights[k - 1], 0.0), cache.get(heights[k], 0.0));
+            let (a, b) = (between(k - 1), between(k));
+            let unrotated = mean(cache.get(heights[k - 1], 0.0), cache.get(heights[k], 0.0));
             CellError {
-                whole: l1(&mean(&a, &b), truth),
-                radial: l1(&upright, truth),
+                total: l1(&mean(&a, &b), truth),
+                radial: l1(&unrotated, truth),
                 angular: angular(k - 1, &a).max(angular(k, &b)),
             }
         })
@@ -227,19 +229,19 @@ fn probe_azimuths(
     kernels: &Kernels<'_>,
     probes: &[f64],
     part: f64,
-    tell: &mut dyn FnMut(&'static str, usize),
+    report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Vec<f64>, DesignError> {
     let mut need = vec![96.0_f64; probes.len()];
-    // The square law holds for small errors only: the second look is near the answer.
+    // The square law holds for small errors only: the second pass starts near the result.
     for _ in 0..2 {
         let mut cache = Cache::default();
         let step = |i: usize, need: &[f64]| PI / need[i];
-        let wanted: Vec<(f64, f64)> =
+        let requested: Vec<(f64, f64)> =
             probes.iter().enumerate().flat_map(|(i, h)| [(*h, 0.0), (*h, step(i, &need))]).collect();
-        tell("probing", cache.fill(kernels, &wanted)?);
+        report("probing", cache.fill(kernels, &requested)?);
         for (i, h) in probes.iter().enumerate() {
-            let turned = kernels.mean_of_turns(cache.get(*h, step(i, &need)));
-            let error = l1(&turned, cache.get(*h, 0.0));
+            let between = kernels.mean_with_mirror(cache.get(*h, step(i, &need)));
+            let error = l1(&between, cache.get(*h, 0.0));
             need[i] = (need[i] * (error / part).sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
         }
     }
@@ -251,24 +253,24 @@ fn probe_heights(
     kernels: &Kernels<'_>,
     probes: &[f64],
     part: f64,
-    tell: &mut dyn FnMut(&'static str, usize),
+    report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Vec<f64>, DesignError> {
     let last = probes[probes.len() - 1];
     let mut half = vec![0.25_f64.min(0.25 * probes[0]); probes.len()];
     for _ in 0..2 {
         let mut cache = Cache::default();
-        // Kept inside the field and off the axis' other side.
+        // Within the field, not beyond the axis.
         let ends = |i: usize, half: &[f64]| {
             let centre = probes[i].min(last - half[i]).max(half[i]);
             (centre - half[i], centre, centre + half[i])
         };
-        let wanted: Vec<(f64, f64)> = (0..probes.len())
+        let requested: Vec<(f64, f64)> = (0..probes.len())
             .flat_map(|i| {
                 let (a, c, b) = ends(i, &half);
                 [(a, 0.0), (c, 0.0), (b, 0.0)]
             })
             .collect();
-        tell("probing", cache.fill(kernels, &wanted)?);
+        report("probing", cache.fill(kernels, &requested)?);
         for i in 0..probes.len() {
             let (a, c, b) = ends(i, &half);
             let error = l1(&mean(cache.get(a, 0.0), cache.get(b, 0.0)), cache.get(c, 0.0));
@@ -280,7 +282,7 @@ fn probe_heights(
 
 /// Heights from 0 to `last` whose spacing follows `spacing` at `probes`.
 fn place(probes: &[f64], spacing: &[f64], last: f64) -> Vec<f64> {
-    // Cells per mm, integrated finely; then the heights where the integral passes each whole share.
+    // Integral of cells per mm; then the heights that divide it into equal parts.
     let fine = 4000;
     let step = last / f64::from(fine);
     let mut sums = vec![0.0];

@@ -1,9 +1,9 @@
-//! Relative illumination: how bright a uniform remap's image is against its centre.
+//! Relative illumination: image irradiance of a uniform object relative to the axis.
 //!
 //!     R(h) = Ω(h) / Ω(0),      Ω = ∫∫ |d(L, M)/d(p, q)| dp dq over the open pupil      [projected solid angle, sr]
-//! Radiance is kept along rays, so the irradiance at an image point is π-free: E = L·τ·Ω, Ω the pupil's area in direction cosines
-//! seen from there. On the axis Ω = π NA². Holds vignetting and pupil aberration; cos⁴ comes out where the stop stands alone.
-//! Source: Rimmer, Relative illumination calculations, Proc. SPIE 655 (1986). Left out: transmission's change with field.
+//! Radiance is conserved along rays, so the irradiance at an image point is E = L·τ·Ω, with Ω the area of the pupil in direction cosines
+//! from that point; on the axis Ω = π NA². Includes vignetting and pupil aberration; a lone stop gives cos⁴.
+//! Source: Rimmer, Relative illumination calculations, Proc. SPIE 655 (1986). Left out: change of transmission with field.
 
 use std::f64::consts::PI;
 
@@ -14,11 +14,11 @@ use super::ray::Tracer;
 /// Projected solid angle of the pupil from the image of the field point at tan(field angle) `tan`, sr.
 ///
 /// # Errors
-/// What keeps the pupil's rays from the image.
+/// A ray of the pupil that does not reach the image.
 pub fn solid_angle_sr(tracer: &Tracer<'_>, tan: f64) -> Result<f64, DesignError> {
     let pupil = Pupil::new(tracer, tan)?;
     let mut half = 0.0;
-    // The Jacobian is a smooth function: 7 × 9 nodes hold it to 1e-9 even at F/1.8.
+    // The Jacobian is smooth: 7 × 9 nodes are accurate to 1e-9 even at F/1.8.
     for node in pupil.nodes(tracer, tan, 7, 9) {
         half += node.weight * tracer.ray(tan, node.p, node.q)?.solid_angle();
     }
@@ -28,7 +28,7 @@ pub fn solid_angle_sr(tracer: &Tracer<'_>, tan: f64) -> Result<f64, DesignError>
 /// Numerical aperture on the axis: the sine of the marginal ray's angle.
 ///
 /// # Errors
-/// What keeps the pupil's rays from the image.
+/// A ray of the pupil that does not reach the image.
 pub fn numerical_aperture(tracer: &Tracer<'_>) -> Result<f64, DesignError> {
     solid_angle_sr(tracer, 0.0).map(|omega| (omega / PI).sqrt())
 }

@@ -1,13 +1,14 @@
-//! A lens from its prescription: what a design program knows of it, traced here.
+//! Tables of a lens by ray tracing from its prescription.
 //!
 //! 1. [`zmx`] reads the prescription, [`agf`] and [`glass`] its glasses, into a [`system::System`].
-//! 2. [`paraxial`]: first-order optics places the pupils and gives the focal lengths; [`mod@describe`] shows them.
-//! 3. [`ray`]: real rays from a field point through [`surface`] after surface; [`scalar`] lets them carry derivatives.
-//! 4. [`pupil`]: the open part of the pupil (apertures vignette) and where to sample it.
-//! 5. [`illumination`]: RI = its area in direction cosines. [`psf`]: a Huygens sum over its rays, by [`nufft`]. [`spots`]: geometry.
-//! 6. [`mod@trace`]: pitch and window by the light they hold, heights and azimuths by error; one band of a [`crate::lens::Lens`] at a time.
+//! 2. [`paraxial`]: pupils and focal lengths by first-order optics; [`mod@describe`] lists them.
+//! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`].
+//! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling.
+//! 5. [`illumination`]: RI, the area of the pupil in direction cosines. [`psf`]: a Huygens sum over its rays, by [`nufft`]. [`spots`]: spot
+//!    diagrams and best focus.
+//! 6. [`mod@trace`]: the tables of one band of a [`crate::lens::Lens`]: window chosen by energy, heights and azimuths by error.
 //!
-//! Frame: z along the light, the field point's image on +x; the meridian y = 0 mirrors everything. mm, wavelengths in µm.
+//! Coordinates: z along the light, the field point's image on +x; symmetric about the meridian y = 0. mm, wavelengths in µm.
 
 pub mod agf;
 pub mod describe;
@@ -17,10 +18,12 @@ pub mod glass;
 mod grid;
 pub mod illumination;
 pub mod nufft;
+mod options;
 pub mod paraxial;
 pub mod psf;
 pub mod pupil;
 pub mod ray;
+mod refocus;
 pub mod scalar;
 pub mod spots;
 pub mod surface;

@@ -2,10 +2,10 @@
 //!
 //!     U(j, k) = Σ c_i e^{i (j s_i + k t_i)}        j, k = −h..h,   |s|, |t| < π
 //! Each point is spread on a fine grid (twice as many cells as outputs) with the kernel φ(z) = exp(β(√(1−z²) − 1)), w = 8 cells
-//! wide; an FFT; the spectrum of φ divided out. Error about 1e-7 of Σ|c|. Rows without points and columns that nobody asks
-//! for are not transformed. One thread, fixed order: same bits whoever runs it.
+//! wide, transformed by an FFT, and divided by the spectrum of φ. Error about 1e-7 of Σ|c|. Rows without points and columns outside
+//! the output are not transformed. One thread, fixed order: the same bits in every run.
 //! Source: Barnett, Magland, af Klinteberg, A parallel nonuniform FFT library based on an "exponential of semicircle" kernel,
-//! SIAM J. Sci. Comput. 41 (2019), sections 2-3. Signs: j runs with x, k with y; an overall (−1)^(j+k) is left in.
+//! SIAM J. Sci. Comput. 41 (2019), sections 2-3. Signs: j runs with x, k with y; a factor (−1)^(j+k) is not removed.
 
 use crate::real;
 use std::f64::consts::PI;
@@ -20,19 +20,19 @@ use super::pupil::unit_interval;
 const WIDTH: usize = 8;
 /// Shape parameter for twice oversampled grids (2.30 per cell of width).
 const BETA: f64 = 2.30 * WIDTH as f64;
-/// Degree of the polynomials that stand for φ, one per cell of its width: error below 1e-9.
+/// Degree of the polynomials that approximate φ, one per cell of its width: error below 1e-9.
 const DEGREE: usize = 13;
-/// Columns transformed together, so that cache lines are used whole.
+/// Columns transformed together, to use complete cache lines.
 const BLOCK: usize = 8;
 
-/// A point of the sum: s and t in turns (1 = 2π), and its strength.
+/// A point of the sum: s and t in cycles, and its coefficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     /// s / 2π.
     pub s: f64,
     /// t / 2π.
     pub t: f64,
-    /// Strength.
+    /// Coefficient.
     pub c: Complex<f64>,
 }
 
@@ -82,12 +82,13 @@ impl Nufft {
         }
     }
 
-    /// Outputs per direction.
+    /// Number of outputs per direction.
     pub fn size(&self) -> usize {
         2 * self.half + 1
     }
 
-    /// The sum over `points`, row by row (k slow), into `out`. Points must keep |s|, |t| a little below half a turn.
+    /// The sum over `points`, row by row (k slow), into `out`. |s| and |t| must be below half a cycle by a
+    /// margin of half the kernel width.
     pub fn sum(&self, points: &[Point], scratch: &mut NufftScratch, out: &mut Vec<Complex<f64>>) {
         let zero = Complex::new(0.0, 0.0);
         let cells = self.cells;
@@ -106,7 +107,7 @@ impl Nufft {
         let n = self.size();
         out.clear();
         out.resize(n * n, zero);
-        // Columns come out of the row transform in FFT order: j = 0..half, then −half..−1.
+        // Columns are in FFT order after the row transform: j = 0..half, then −half..−1.
         let runs = [(0, self.half + 1), (cells - self.half, self.half)];
         for (start, count) in runs {
             for at in (0..count).step_by(BLOCK) {
@@ -145,9 +146,9 @@ impl Nufft {
         }
     }
 
-    /// First cell a point touches, and how far (in cells, 0..1) that cell lies inside the kernel's edge.
-    fn cell(&self, turns: f64) -> (usize, f64) {
-        let edge = (turns + 0.5) * self.cells as f64 - WIDTH as f64 / 2.0;
+    /// First cell of a point's kernel, and the distance (in cells, 0..1) of that cell from the kernel's edge.
+    fn cell(&self, cycles: f64) -> (usize, f64) {
+        let edge = (cycles + 0.5) * self.cells as f64 - WIDTH as f64 / 2.0;
         let first = edge.ceil();
         (first as usize, first - edge)
     }
@@ -206,8 +207,8 @@ fn kernel_polynomials() -> [[f64; WIDTH]; DEGREE + 1] {
     out
 }
 
-/// The next even number of factors 2, 3, 5 only.
-fn good_size(least: usize) -> usize {
+/// The next even number with factors 2, 3, 5 only.
+fn good_size(min: usize) -> usize {
     let smooth = |mut n: usize| {
         for p in [2, 3, 5] {
             while n.is_multiple_of(p) {
@@ -216,7 +217,7 @@ fn good_size(least: usize) -> usize {
         }
         n == 1
     };
-    (least.next_multiple_of(2)..).step_by(2).find(|n| smooth(*n)).expect("such numbers never end")
+    (min.next_multiple_of(2)..).step_by(2).find(|n| smooth(*n)).expect("there is always a larger one")
 }
 
 #[cfg(test)]
@@ -224,7 +225,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn agrees_with_the_plain_sum() {
+    fn sum_equals_the_direct_sum() {
         let mut seed = 7_u64;
         let mut random = || {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -242,12 +243,12 @@ mod tests {
             for y in 0..n {
                 for x in 0..n {
                     let (j, k) = (x as f64 - half as f64, y as f64 - half as f64);
-                    let want: Complex<f64> = points
+                    let expected: Complex<f64> = points
                         .iter()
                         .map(|p| p.c * Complex::from_polar(1.0, 2.0 * PI * (j * p.s + k * p.t)))
                         .sum();
                     let sign = if (x + y + 2 * half) % 2 == 0 { 1.0 } else { -1.0 };
-                    let error = (out[y * n + x] * sign - want).norm() / norm;
+                    let error = (out[y * n + x] * sign - expected).norm() / norm;
                     assert!(error < 1e-7, "half {half} ({j}, {k}): {error:e}");
                 }
             }

@@ -1,7 +1,7 @@
-//! First-order optics: focal lengths, pupils, F-numbers, where the paraxial image lies.
+//! First-order optics: focal lengths, pupils, F-numbers, position of the paraxial image.
 //!
 //!     n' u' = n u − y c (n' − n),   y ← y + t u'      y height [mm], u slope (tan of the angle), c curvature, t gap
-//! Two rays from the first vertex, (y, u) = (1, 0) and (0, 1), hold all of it; everything below is their combination.
+//! All paraxial rays are linear combinations of two rays from the first vertex, (y, u) = (1, 0) and (0, 1).
 //! *Distortion focal length* = d(chief-ray height in the ACTUAL image plane)/d(tan of the field angle at the entrance pupil):
 //! it equals the effective focal length only when the film lies at the paraxial focus of an object at infinity.
 //! Heights are positive up, slopes positive upwards along the light. Source: Welford, chapter 3; Kingslake, chapter 3.
@@ -9,7 +9,7 @@
 use super::error::DesignError;
 use super::system::{Aperture, System};
 
-/// First-order figures of a system at one wavelength. Positions along z in mm from the first vertex unless said otherwise.
+/// First-order figures of a system at one wavelength. Positions along z in mm from the first vertex unless noted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Paraxial {
     /// Wavelength, µm.
@@ -32,7 +32,7 @@ pub struct Paraxial {
     pub stop_radius_mm: f64,
     /// Image-side slope of the marginal ray, positive.
     pub marginal_slope: f64,
-    /// Height of the marginal ray in the image plane: 0 in the paraxial focus.
+    /// Height of the marginal ray in the image plane: 0 at the paraxial focus.
     pub marginal_height_mm: f64,
     /// Transverse magnification of the object's paraxial image, 0 for an object at infinity.
     pub magnification: f64,
@@ -46,7 +46,7 @@ impl Paraxial {
     /// First-order figures at `um`.
     ///
     /// # Errors
-    /// [`DesignError::Paraxial`] for a system without power or pupil; what the glasses refuse.
+    /// [`DesignError::Paraxial`] for a system without power or pupil; [`DesignError::Wavelength`] of a glass.
     pub fn new(system: &System, um: f64) -> Result<Self, DesignError> {
         system.check()?;
         let bad = |what, problem: &str| {
@@ -96,7 +96,7 @@ impl Paraxial {
             Aperture::StopRadius(r) => r / at_stop[0].abs(),
         };
         if !(radius.is_finite() && radius > 0.0) {
-            return bad("entrance pupil", "the aperture as given leaves no finite pupil");
+            return bad("entrance pupil", "the given aperture has no finite pupil");
         }
         let f = chief(y);
         if f == 0.0 || !f.is_finite() {
@@ -123,17 +123,17 @@ impl Paraxial {
     }
 
     fn with_signed_slope(self, slope: f64) -> Self {
-        // marginal_slope is kept positive; the height's sign is relative to a ray that converges downwards.
+        // marginal_slope is positive; the sign of the height is that for a ray that converges downwards.
         Self { marginal_height_mm: -slope.signum() * self.marginal_height_mm, ..self }
     }
 
-    /// How far the paraxial focus lies behind the image plane, mm.
+    /// Distance of the paraxial focus behind the image plane, mm.
     pub fn focus_shift_mm(&self) -> f64 {
         self.marginal_height_mm / self.marginal_slope
     }
 
-    /// Height in the ACTUAL image plane over object height, by the chief ray; 0 for an object at infinity. It equals
-    /// `magnification` when the film lies in the paraxial image.
+    /// Height in the ACTUAL image plane over object height, by the chief ray; 0 for an object at infinity. Equals `magnification`
+    /// if the film is at the paraxial image.
     pub fn film_magnification(&self, object_distance_mm: Option<f64>) -> f64 {
         object_distance_mm.map_or(0.0, |d| -self.distortion_focal_length_mm / (d + self.entrance_pupil_mm))
     }

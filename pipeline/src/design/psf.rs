@@ -1,14 +1,14 @@
-//! The point spread function of a field point: a Huygens sum of plane wavelets, one per traced ray.
+//! The point spread function of a field point: a Huygens sum of plane wavelets, one per ray.
 //!
 //!     U(X) = ∫∫ √(Φ J / N) e^{ik(W + L X + M Y)} dp dq      PSF = |U|²,   k = 2π/λ
-//!     W = path − L (x − x₀) − M y       X, Y from the chief ray's crossing (x₀, 0) of the film; (x, y) where the ray crosses
+//!     W = path − L (x − x₀) − M y       X, Y relative to the intersection (x₀, 0) of the chief ray with the film; (x, y) that of the ray
 //!     J = |d(L, M)/d(p, q)|,   Φ = flux per dp dq,   (L, M, N) direction cosines in image space
-//! Why that amplitude: |A|² N dL dM is the power of the wavelets in dL dM, and it came through dp dq; so A dL dM = √(Φ J / N) dp dq.
-//! A plain FFT of the pupil takes J and N as constant and the pupil as round: 5-14 % wrong off axis for a Double Gauss.
-//! All the light: ∫∫ |U|² dX dY = λ² ∫∫ (Φ/N) dp dq (Parseval), so the share inside any window is known without a larger one.
-//! How: W, L, M and the amplitude are smooth over the pupil, so a few hundred rays, placed at Chebyshev points of (ρ, θ), give them
-//! everywhere (checked against rays in between); the integrand oscillates, so its quadrature is as dense as the window asks; the
-//! sum over those nodes is one nonuniform FFT ([`super::nufft`]). [`direct_sum`] is the same sum written out: the oracle.
+//! Amplitude: |A|² N dL dM is the power of the wavelets in dL dM, which passes through dp dq; so A dL dM = √(Φ J / N) dp dq.
+//! A plain FFT of the pupil assumes constant J and N and a round pupil: 5-14 % wrong off axis for a Double Gauss.
+//! Total energy: ∫∫ |U|² dX dY = λ² ∫∫ (Φ/N) dp dq (Parseval), so the share inside any window is known without a larger one.
+//! Method: W, L, M and the amplitude are smooth over the pupil, so they are interpolated from a few hundred rays at Chebyshev points of
+//! (ρ, θ), and checked at rays in between; the integrand oscillates, so the density of its quadrature follows from the window; the sum
+//! over its nodes is a nonuniform FFT ([`super::nufft`]). [`direct_sum`] is the same sum without FFT, for tests.
 //! Source: Welford, chapter 4 (path); Goodman, Introduction to Fourier Optics, 3.10 (angular spectrum). Scalar; one polarisation.
 
 use crate::real;
@@ -21,10 +21,10 @@ use super::nufft::{Nufft, NufftScratch, Point};
 use super::pupil::{Pupil, Segment, unit_interval};
 use super::ray::{ImageRay, Tracer};
 
-/// Largest error of the interpolated phase, rad, and relative error of the amplitude.
+/// Maximum error of the interpolated phase, rad, and relative error of the amplitude.
 const SMOOTH_TOLERANCE: f64 = 2e-6;
-/// Largest window half-width the phase tolerance is meant for, µm: 401 film pixels of 2 µm.
-const REACH_UM: f64 = 401.0;
+/// Maximum half-width of a window for the phase tolerance, µm: 401 film pixels of 2 µm.
+const MAX_REACH_UM: f64 = 401.0;
 
 /// The pupil function of a field point: phase, direction cosines and amplitude over the open pupil's upper half.
 #[derive(Clone, Debug)]
@@ -32,15 +32,15 @@ pub struct PupilFunction {
     wavelength_um: f64,
     pupil: Pupil,
     patches: Vec<Patch>,
-    /// All the light of the point, in the units of |U|²·µm².
-    light: f64,
+    /// Total energy of the field point, in the units of |U|²·µm².
+    energy: f64,
     /// Real chief-ray height, mm.
     pub height_mm: f64,
-    /// Extent of the direction cosines: L lowest, L highest, M highest.
+    /// Extent of the direction cosines: minimum of L, maximum of L, maximum of M.
     pub extent: (f64, f64, f64),
 }
 
-/// One segment of the pupil on a Chebyshev grid, θ fast.
+/// One segment of the pupil on a Chebyshev grid, θ as the fast index.
 #[derive(Clone, Debug)]
 struct Patch {
     segment: Segment,
@@ -53,14 +53,14 @@ struct Patch {
     angular: (f64, f64),
 }
 
-/// A wavelet: direction cosines, phase at the chief ray [µm of path] and amplitude.
+/// A plane wavelet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wavelet {
     /// Direction cosine along x.
     pub l: f64,
     /// Direction cosine along y.
     pub m: f64,
-    /// Strength: amplitude and phase.
+    /// Complex amplitude at the chief ray's intersection.
     pub c: Complex<f64>,
 }
 
@@ -68,7 +68,7 @@ impl PupilFunction {
     /// Traces the pupil function of the field point at tan(field angle) `tan`.
     ///
     /// # Errors
-    /// [`DesignError::Ray`] if a ray that apertures let through never arrives.
+    /// [`DesignError::Ray`] if a ray within the apertures does not reach the image.
     pub fn trace(tracer: &Tracer<'_>, tan: f64) -> Result<Self, DesignError> {
         let pupil = Pupil::new(tracer, tan)?;
         let chief = tracer.ray(tan, 0.0, 0.0)?;
@@ -76,7 +76,7 @@ impl PupilFunction {
             wavelength_um: tracer.wavelength_um,
             pupil,
             patches: Vec::new(),
-            light: 0.0,
+            energy: 0.0,
             height_mm: chief.x.v,
             extent: (chief.l.v, chief.l.v, 0.0),
         };
@@ -86,13 +86,13 @@ impl PupilFunction {
         }
         for node in f.pupil.nodes(tracer, tan, 16, 24) {
             let r = tracer.ray(tan, node.p, node.q)?;
-            f.light += 2.0 * node.weight * r.flux / r.n;
+            f.energy += 2.0 * node.weight * r.flux / r.n;
         }
-        f.light *= f.wavelength_um * f.wavelength_um;
+        f.energy *= f.wavelength_um * f.wavelength_um;
         Ok(f)
     }
 
-    /// Grids of growing size until rays between the grid points confirm them.
+    /// Grows the grid until its error at rays between the grid points is below the tolerance.
     fn patch(
         &mut self,
         tracer: &Tracer<'_>,
@@ -102,7 +102,7 @@ impl PupilFunction {
     ) -> Result<Patch, DesignError> {
         let k = 2.0 * PI / self.wavelength_um;
         let sample = |rho: f64, theta: f64| -> Result<([f64; 4], ImageRay, f64), DesignError> {
-            let b = if self.pupil.is_whole() { 1.0 } else { self.pupil.radius(tracer, tan, theta) };
+            let b = if self.pupil.is_unclipped() { 1.0 } else { self.pupil.radius(tracer, tan, theta) };
             let (s, c) = real::sin_cos(theta);
             let r = tracer.ray(tan, self.pupil.centre + rho * b * c, rho * b * s)?;
             let path = r.path.v - chief.path.v - r.l.v * (r.x.v - chief.x.v) - r.m.v * r.y.v;
@@ -139,11 +139,11 @@ impl PupilFunction {
             for r in [0.013, 0.51, 0.96, 0.999] {
                 for t in [0.011, 0.34, 0.72, 0.988] {
                     let theta = segment.from + t * (segment.to - segment.from);
-                    let (want, _, _) = sample(r, theta)?;
+                    let (expected, _, _) = sample(r, theta)?;
                     let got = patch.at(r, theta);
-                    let weight = [k, k * REACH_UM, k * REACH_UM, 1.0 / size];
+                    let weight = [k, k * MAX_REACH_UM, k * MAX_REACH_UM, 1.0 / size];
                     for i in 0..4 {
-                        worst[i] = worst[i].max(weight[i] * (got[i] - want[i]).abs());
+                        worst[i] = worst[i].max(weight[i] * (got[i] - expected[i]).abs());
                     }
                 }
             }
@@ -151,13 +151,14 @@ impl PupilFunction {
                 self.extent = extent;
                 return Ok(patch);
             }
-            // Which way is short is not known: grow both.
+            // The direction of the error is not known: both grow.
             rings = rings * 4 / 3;
             spokes = spokes * 4 / 3;
         }
     }
 
-    /// Wavelets dense enough for a window of ± `reach_um` in x and y, turned by `azimuth_rad`; `mirrored` adds the lower half.
+    /// Wavelets dense enough for a window of ± `reach_um` in x and y, rotated by `azimuth_rad`; `mirrored` adds the lower half of the
+    /// pupil.
     pub fn wavelets(&self, reach_um: f64, azimuth_rad: f64, mirrored: bool) -> Vec<Wavelet> {
         let k = 2.0 * PI / self.wavelength_um;
         let corner = std::f64::consts::SQRT_2 * reach_um;
@@ -165,8 +166,8 @@ impl PupilFunction {
         let middle = 0.5 * (self.extent.0 + self.extent.1);
         let mut out = Vec::new();
         for patch in &self.patches {
-            // Phase over the unit of ρ and over θ; Gauss-Legendre converges from κ/4 nodes on, the midpoint rule on the half
-            // circle from κ/2; the rest takes the error from O(1) to 1e-8.
+            // Bounds κ of the change of phase per unit of ρ and of θ. Gauss-Legendre converges from κ/4 nodes on, the midpoint rule on
+            // the half circle from κ/2; the additional nodes reduce the error from O(1) to 1e-8.
             let radial = k * (corner * patch.radial.0 + patch.radial.1);
             let angular = k * (corner * patch.angular.0 + patch.angular.1);
             let rings = unit_interval((radial / 4.0 + 2.0 * real::cbrt(radial)) as usize + 10);
@@ -201,19 +202,19 @@ impl PupilFunction {
         out
     }
 
-    /// Coarsest pitch at which samples of the PSF lose nothing: λ over twice the wider extent of the direction cosines, µm.
+    /// Nyquist pitch of the PSF: λ over twice the larger extent of the direction cosines, µm.
     pub fn nyquist_um(&self) -> f64 {
         let (a, b, m) = self.extent;
         self.wavelength_um / (2.0 * (b - a).max(2.0 * m))
     }
 
-    /// Share of all the light that one unit of |U|² stands for over a sample of `pitch_um`.
+    /// Share of the total energy per unit of |U|² on a sample of `pitch_um`.
     fn share(&self, pitch_um: f64) -> f64 {
-        pitch_um * pitch_um / self.light
+        pitch_um * pitch_um / self.energy
     }
 }
 
-/// Samples of PSFs on a window of n × n at one pitch.
+/// Computes PSFs on a window of n × n samples at one pitch.
 #[derive(Debug)]
 pub struct PsfGrid {
     nufft: Nufft,
@@ -248,18 +249,18 @@ impl PsfGrid {
         self.pitch_um * (self.size() / 2) as f64
     }
 
-    /// The PSF turned by `azimuth_rad` (row down: from +x towards +y), as shares of ALL the light per sample.
+    /// The PSF rotated by `azimuth_rad` (row down: from +x towards +y), as shares of the total energy per sample.
     pub fn psf(&self, f: &PupilFunction, azimuth_rad: f64, scratch: &mut PsfScratch) -> Vec<f64> {
-        // Unturned, the lower half of the pupil only mirrors the field: it need not be summed.
-        let upright = azimuth_rad == 0.0;
+        // Without rotation the lower half of the pupil gives the mirrored field, which is not summed.
+        let unrotated = azimuth_rad == 0.0;
         let scale = self.pitch_um / f.wavelength_um;
         scratch.points.clear();
-        let wavelets = f.wavelets(self.reach_um(), azimuth_rad, !upright);
+        let wavelets = f.wavelets(self.reach_um(), azimuth_rad, !unrotated);
         scratch.points.extend(wavelets.iter().map(|w| Point { s: w.l * scale, t: w.m * scale, c: w.c }));
         self.nufft.sum(&scratch.points, &mut scratch.nufft, &mut scratch.field);
         let (n, share) = (self.size(), f.share(self.pitch_um));
         let field = &scratch.field;
-        if !upright {
+        if !unrotated {
             return field.iter().map(|u| u.norm_sqr() * share).collect();
         }
         let mut out = Vec::with_capacity(n * n);
@@ -271,7 +272,7 @@ impl PsfGrid {
     }
 }
 
-/// The Huygens sum written out: the same wavelets, every sample by itself.
+/// The Huygens sum without FFT: the same wavelets, summed for every sample.
 pub fn direct_sum(f: &PupilFunction, half: usize, pitch_um: f64, azimuth_rad: f64) -> Vec<f64> {
     let wavelets = f.wavelets(pitch_um * half as f64, azimuth_rad, true);
     let k = 2.0 * PI / f.wavelength_um;

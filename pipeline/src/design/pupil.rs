@@ -1,11 +1,11 @@
-//! The open part of the pupil seen from a field point, and where to sample it.
+//! The open part of the pupil for a field point, and its quadrature.
 //!
 //!     ∫∫ f(p, q) dp dq = ∫ dθ ∫₀¹ f · ρ B(θ)² dρ        (p, q) = (c, 0) + ρ B(θ) (cos θ, sin θ)
-//! Pupil coordinates as in [`super::ray`]; the meridian q = 0 is a mirror, so only θ in [0, π] is kept. B(θ) is the rim:
-//! the unit circle, or where an aperture clips first. The half circle is cut into segments at the corners where another rim
-//! takes over, so B is smooth on each and quadrature converges fast: Gauss-Legendre in ρ; in θ the midpoint rule on a whole
-//! half circle (spectral for a function that is even and periodic), Gauss-Legendre on segments.
-//! Taken for granted: the open part is star-shaped about its centre c on the meridian (true of overlapping discs).
+//! Pupil coordinates as in [`super::ray`]; the pupil is symmetric about the meridian q = 0, so θ is in [0, π]. B(θ) is the rim: the unit
+//! circle, or the first aperture that clips. The half circle is divided into segments at the corners between rims, so B is smooth on each
+//! and quadrature converges fast: Gauss-Legendre in ρ; in θ the midpoint rule on an unclipped half circle (spectral convergence for a
+//! function that is even and periodic), Gauss-Legendre on segments.
+//! Assumption: the open part is star-shaped about its centre c on the meridian (true for overlapping discs).
 //! Source: Davis & Rabinowitz, Methods of Numerical Integration, 2.7 and 2.9.
 
 use crate::real;
@@ -14,14 +14,14 @@ use std::f64::consts::PI;
 use super::error::DesignError;
 use super::ray::Tracer;
 
-/// The rim of one stretch of θ.
+/// An interval of θ with one rim.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
     /// First angle, rad.
     pub from: f64,
     /// Last angle, rad.
     pub to: f64,
-    /// The surface whose aperture is the rim; `None` = the pupil's own.
+    /// The surface whose aperture is the rim; `None` = the unit circle.
     pub limit: Option<usize>,
 }
 
@@ -30,7 +30,7 @@ pub struct Segment {
 pub struct Pupil {
     /// Centre on the meridian.
     pub centre: f64,
-    /// Stretches of θ from 0 to π.
+    /// Segments of θ from 0 to π.
     pub segments: Vec<Segment>,
 }
 
@@ -41,18 +41,18 @@ pub struct PupilNode {
     pub p: f64,
     /// Pupil coordinate across it.
     pub q: f64,
-    /// Its share of dp dq.
+    /// Quadrature weight, in dp dq.
     pub weight: f64,
 }
 
-/// Angles looked at for a change of rim.
+/// Number of angles at which the rim is determined.
 const SCAN: usize = 49;
 
 impl Pupil {
     /// The open pupil of the field point at tan(field angle) `tan`.
     ///
     /// # Errors
-    /// [`DesignError::Ray`] if no light passes.
+    /// [`DesignError::Ray`] if all rays are blocked.
     pub fn new(tracer: &Tracer<'_>, tan: f64) -> Result<Self, DesignError> {
         let open = Self { centre: 0.0, segments: vec![Segment { from: 0.0, to: PI, limit: None }] };
         if !tracer.has_apertures() {
@@ -83,7 +83,7 @@ impl Pupil {
         Ok(pupil)
     }
 
-    /// Middle of the open stretch of the meridian.
+    /// Middle of the open part of the meridian.
     fn find_centre(tracer: &Tracer<'_>, tan: f64) -> Result<f64, DesignError> {
         let over = |p: f64| tracer.overshoot(tan, p, 0.0).0;
         let at: Vec<f64> = (0..=128).map(|i| f64::from(i) / 64.0 - 1.0).collect();
@@ -101,7 +101,7 @@ impl Pupil {
         }
     }
 
-    /// B(θ) and which surface sets it.
+    /// B(θ) and the surface that limits it.
     fn rim(&self, tracer: &Tracer<'_>, tan: f64, theta: f64) -> (f64, Option<usize>) {
         let (s, c) = real::sin_cos(theta);
         let along = self.centre * c;
@@ -116,7 +116,7 @@ impl Pupil {
         }
         let (mut a, mut fa) = (0.0, over(0.0).0);
         let mut surface = fb.1;
-        // Illinois: secant steps that keep the bracket.
+        // Illinois method: secant steps within a bracket.
         for _ in 0..80 {
             if b - a < 1e-13 {
                 break;
@@ -145,8 +145,8 @@ impl Pupil {
         self.rim(tracer, tan, theta).0
     }
 
-    /// Whether nothing clips.
-    pub fn is_whole(&self) -> bool {
+    /// Whether no aperture clips.
+    pub fn is_unclipped(&self) -> bool {
         self.centre == 0.0 && self.segments.len() == 1 && self.segments[0].limit.is_none()
     }
 
@@ -156,7 +156,7 @@ impl Pupil {
         let mut nodes = Vec::with_capacity(rings * (spokes + 8));
         for segment in &self.segments {
             for (theta, wt) in self.angles(segment, spokes) {
-                let b = if self.is_whole() { 1.0 } else { self.radius(tracer, tan, theta) };
+                let b = if self.is_unclipped() { 1.0 } else { self.radius(tracer, tan, theta) };
                 let (s, c) = real::sin_cos(theta);
                 nodes.extend(radial.iter().map(|(rho, wr)| PupilNode {
                     p: self.centre + rho * b * c,
@@ -168,9 +168,9 @@ impl Pupil {
         nodes
     }
 
-    /// Angles of a segment with their weights; `spokes` counts the whole half circle.
+    /// Angles of a segment with their weights; `spokes` is the number on the half circle.
     pub fn angles(&self, segment: &Segment, spokes: usize) -> Vec<(f64, f64)> {
-        if self.is_whole() {
+        if self.is_unclipped() {
             let step = PI / spokes as f64;
             return (0..spokes).map(|i| ((i as f64 + 0.5) * step, step)).collect();
         }
@@ -212,7 +212,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gauss_legendre_is_exact_to_its_degree() {
+    fn gauss_legendre_is_exact_up_to_its_degree() {
         for n in [1_usize, 2, 5, 24, 300] {
             let nodes = unit_interval(n);
             for power in [0, 1, 2 * n - 1] {

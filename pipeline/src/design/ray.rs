@@ -1,13 +1,13 @@
 //! Real rays: from a field point through the pupil to the image plane.
 //!
-//! A field point lies on +x or −x (meridional plane y = 0), given by t = tan of the chief ray's angle at the paraxial entrance pupil
+//! A field point on +x or −x (meridional plane y = 0) is given by t = tan of the chief ray's angle at the paraxial entrance pupil
 //! of the primary wavelength: a plane wave for an object at infinity, else a point at height −t·(distance to the pupil). The sign
-//! is taken so that its image lies on +x. Pupil coordinates (p, q) fill the unit disc:
+//! is that of an image on +x. Pupil coordinates (p, q) are in the unit disc:
 //!   *paraxial aiming*: the point (p, q)·R of the paraxial entrance pupil plane (every wavelength shares it);
 //!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there),
 //!   by Newton's method with exact derivatives.
-//! Apertures clip: the largest r²/a² − 1 over all surfaces with an aperture a says by how much, and where.
-//! Flux carried by dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
+//! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a.
+//! Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
 //! Left out: reflections, absorption, coatings, polarisation, vignetting factors.
 
 use super::error::DesignError;
@@ -17,7 +17,7 @@ use super::surface::{Ray, Stopped};
 use super::system::{RayAiming, System};
 use crate::real;
 
-/// A system made ready for rays of one wavelength.
+/// A system with its indices for rays of one wavelength.
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
     system: &'a System,
@@ -25,27 +25,27 @@ pub struct Tracer<'a> {
     sign: f64,
     stop_radius_mm: f64,
     has_apertures: bool,
-    /// First-order figures at the primary wavelength: they place the pupil.
+    /// First-order properties at the primary wavelength, with the position of the pupil.
     pub primary: Paraxial,
     /// Wavelength, µm.
     pub wavelength_um: f64,
 }
 
-/// What ends a ray, and where.
+/// A ray that does not reach the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lost {
     /// Surface index.
     pub surface: usize,
-    /// Why.
+    /// Reason.
     pub why: Stopped,
 }
 
-/// A ray in the image plane with its neighbourhood in the pupil (derivatives by p, q).
+/// A ray in the image plane, with derivatives by the pupil coordinates p, q.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageRay {
-    /// Crossing with the image plane, mm.
+    /// Intersection with the image plane, mm.
     pub x: Dual,
-    /// Crossing with the image plane, mm.
+    /// Intersection with the image plane, mm.
     pub y: Dual,
     /// Direction cosine along x.
     pub l: Dual,
@@ -70,7 +70,7 @@ impl<'a> Tracer<'a> {
     /// Prepares `system` for rays of `um`.
     ///
     /// # Errors
-    /// What its glasses or its first-order optics refuse.
+    /// [`DesignError::Wavelength`] of a glass, or no first-order properties.
     pub fn new(system: &'a System, um: f64) -> Result<Self, DesignError> {
         let primary = Paraxial::new(system, system.primary_um())?;
         let mut tracer = Self {
@@ -123,7 +123,8 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Carries `ray` to surface `last` (met, not refracted); `clip` collects the worst overshoot of an aperture on the way.
+    /// Traces `ray` to its intersection with surface `last`, without refraction there; `clip` collects the maximum overshoot of an
+    /// aperture.
     fn run<T: Scalar>(
         &self,
         mut ray: Ray<T>,
@@ -161,14 +162,14 @@ impl<'a> Tracer<'a> {
         DesignError::Ray { px, py, field_tan: tan, wavelength_um: self.wavelength_um, problem }
     }
 
-    /// The point of the entrance pupil plane, mm, that pupil coordinates stand for, with derivatives by (p, q).
+    /// The point of the entrance pupil plane, mm, for pupil coordinates (p, q), with derivatives by them.
     fn aim(&self, tan: f64, p: f64, q: f64) -> Result<[Dual; 2], DesignError> {
         let radius = self.primary.entrance_radius_mm;
         let paraxial = [Dual::new(p * radius, radius, 0.0), Dual::new(q * radius, 0.0, radius)];
         if self.system.aiming == RayAiming::Paraxial {
             return Ok(paraxial);
         }
-        // From the axis outwards when the direct attempt fails: the pupil moves and tilts with the field.
+        // If the direct attempt fails, from the axis outwards: the pupil moves and tilts with the field.
         let direct = self.newton(tan, p, q, [p * radius, q * radius]);
         direct.or_else(|first| {
             let mut at = [p * radius, q * radius];
@@ -203,22 +204,22 @@ impl<'a> Tracer<'a> {
                 let scale = sign * self.stop_radius_mm;
                 return Ok([0, 1].map(|i| Dual::new(at[i], inverse[i][0] * scale, inverse[i][1] * scale)));
             }
-            // One more round takes the derivatives at the point itself.
+            // One more iteration computes the derivatives at the final point.
             done = real::hypot(step[0], step[1]) < 1e-9 * self.stop_radius_mm;
         }
         Err(self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
     }
 
-    /// The stop's paraxial image may be upside down; pupil coordinates follow the entrance pupil.
+    /// Sign of the magnification from entrance pupil to stop; pupil coordinates follow the entrance pupil.
     fn stop_sign(&self) -> f64 {
         let h = 1e-6 * self.primary.entrance_radius_mm;
         self.run(self.launch(0.0, h, 0.0), self.system.stop, &mut None).map_or(1.0, |r| r.p[0].signum())
     }
 
-    /// The ray through pupil point (p, q) in the image plane, with derivatives by (p, q). Apertures are not asked.
+    /// The ray through pupil point (p, q) in the image plane, with derivatives by (p, q). Apertures are ignored.
     ///
     /// # Errors
-    /// [`DesignError::Ray`] if it never arrives.
+    /// [`DesignError::Ray`] if it does not reach the image.
     pub fn ray(&self, tan: f64, p: f64, q: f64) -> Result<ImageRay, DesignError> {
         let [x, y] = self.aim(tan, p, q)?;
         let start = self.launch(tan, x, y);
@@ -238,11 +239,11 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// Where the meridional ray through pupil height `p` meets surface after surface, (z, x) in mm, z from the first vertex;
-    /// first where it comes from, `before_mm` in front of that vertex.
+    /// Intersections (z, x) in mm of the meridional ray through pupil height `p` with all surfaces, z from the first vertex; the first
+    /// point is `before_mm` in front of that vertex.
     ///
     /// # Errors
-    /// [`DesignError::Ray`] if it never arrives.
+    /// [`DesignError::Ray`] if it does not reach the image.
     pub fn path(&self, tan: f64, p: f64, before_mm: f64) -> Result<Vec<(f64, f64)>, DesignError> {
         let [x, _] = self.aim(tan, p, 0.0)?;
         let mut ray = self.launch(tan, x.v, 0.0);
@@ -265,7 +266,7 @@ impl<'a> Tracer<'a> {
     /// Real chief-ray height in the image plane, mm.
     ///
     /// # Errors
-    /// [`DesignError::Ray`] if the chief ray never arrives.
+    /// [`DesignError::Ray`] if the chief ray does not reach the image.
     pub fn chief_height_mm(&self, tan: f64) -> Result<f64, DesignError> {
         let [x, y] = self.aim(tan, 0.0, 0.0)?;
         let ray = self.launch(tan, x.v, y.v);
@@ -273,15 +274,15 @@ impl<'a> Tracer<'a> {
         Ok(end.map_err(|lost| self.lost(tan, 0.0, 0.0, lost))?.p[0])
     }
 
-    /// The field point whose chief ray lands at `height_mm`, as tan of its field angle.
+    /// The field point whose chief ray has the image height `height_mm`, as tan of its field angle.
     ///
     /// # Errors
-    /// [`DesignError::Height`] if none does.
+    /// [`DesignError::Height`] if there is none.
     pub fn field_of_height(&self, height_mm: f64) -> Result<f64, DesignError> {
         let f = self.ideal_scale_mm();
         let mut t = height_mm / f;
         let fail = |problem: String| DesignError::Height {
-            wanted_mm: height_mm,
+            requested_mm: height_mm,
             reached_mm: self.reach_mm(height_mm),
             wavelength_um: self.wavelength_um,
             problem,
@@ -302,18 +303,18 @@ impl<'a> Tracer<'a> {
             }
             t = next.clamp(0.0, 3.0 * t.max(1e-9));
         }
-        Err(fail("no chief ray lands there".to_owned()))
+        Err(fail("no chief ray has this image height".to_owned()))
     }
 
-    /// Highest chief ray found on the way out to `height_mm`, mm.
+    /// Maximum chief-ray height found up to `height_mm` and a half beyond, mm.
     fn reach_mm(&self, height_mm: f64) -> f64 {
         let step = 0.01 * height_mm / self.ideal_scale_mm();
         let heights = (1..=150).map_while(|i| self.chief_height_mm(step * f64::from(i)).ok());
         heights.fold(0.0, f64::max)
     }
 
-    /// By how much, and at which surface, the ray through (p, q) oversteps an aperture: (r²/a² − 1, surface); rays that
-    /// never arrive count as blocked where they end.
+    /// Maximum overshoot of an aperture by the ray through (p, q), and its surface: (r²/a² − 1, surface). A ray that does not reach the
+    /// image counts as blocked at the surface where it ends.
     pub fn overshoot(&self, tan: f64, p: f64, q: f64) -> (f64, usize) {
         let mut clip = Some((f64::NEG_INFINITY, 0));
         match self.aim(tan, p, q) {

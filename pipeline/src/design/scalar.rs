@@ -1,11 +1,11 @@
-//! Numbers a ray is traced with: plain f64, or f64 with its two partial derivatives (forward differentiation).
+//! Number types for ray tracing: f64, or f64 with two partial derivatives (forward differentiation).
 //!
-//! A [`Dual`] carries v, ∂v/∂p and ∂v/∂q for two pupil coordinates p, q, by the chain rule through every operation. So one
-//! trace gives a ray and its exact neighbourhood: d(L, M)/d(p, q), the Jacobian that RI and PSF amplitudes need, with no step size.
+//! A [`Dual`] has v, ∂v/∂p and ∂v/∂q for the pupil coordinates p, q; every operation applies the chain rule. So one trace gives a ray
+//! and its exact derivatives, such as the Jacobian d(L, M)/d(p, q) of RI and PSF amplitudes, without a step size.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// What a ray's coordinates are made of.
+/// Number type of a ray's coordinates.
 pub trait Scalar:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {

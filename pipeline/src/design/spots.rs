@@ -1,8 +1,9 @@
-//! Spots and best focus: where rays land, and the plane they crowd closest in.
+//! Spot diagrams and best focus.
 //!
 //!     RMS² = Σ w |ρ − ρ̄|² / Σ w      GEO = max |ρ − reference|      w = flux through the pupil, ρ in the image plane [mm]
 //!     Strehl = |Σ a e^{ikΦ}|² / (Σ a)²      at the chief ray (no tilt removed), Φ the optical path less its value on the chief ray
-//! Pupil: polar Gauss-Legendre, vignetted as the PSF's; [`polychromatic_spot`] takes the rays of design programs instead. Source: Welford, chapters 6 and 13; Born & Wolf 9.1.
+//! Pupil: polar Gauss-Legendre, with the vignetting of the PSF; [`polychromatic_spot`] uses the hexapolar rays of design programs instead.
+//! Source: Welford, chapters 6 and 13; Born & Wolf 9.1.
 
 use super::error::DesignError;
 use super::pupil::Pupil;
@@ -10,18 +11,18 @@ use super::ray::{ImageRay, Tracer};
 use super::system::System;
 use crate::real;
 
-/// Spot figures of one field point at one wavelength, µm.
+/// Spot size of one field point at one wavelength, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
     /// RMS radius about the centroid.
     pub rms_um: f64,
     /// RMS radius about the chief ray.
     pub rms_chief_um: f64,
-    /// Largest distance from the centroid.
+    /// Maximum distance from the centroid.
     pub geo_um: f64,
-    /// Largest distance from the chief ray.
+    /// Maximum distance from the chief ray.
     pub geo_chief_um: f64,
-    /// Centroid from the chief ray, along the meridian.
+    /// Centroid relative to the chief ray, along the meridian.
     pub centroid_um: f64,
     /// Strehl ratio at the chief ray.
     pub strehl: f64,
@@ -30,7 +31,7 @@ pub struct Spot {
 /// Spot of the field point at tan(field angle) `tan`.
 ///
 /// # Errors
-/// What keeps its rays from the image.
+/// A ray that does not reach the image.
 pub fn spot(tracer: &Tracer<'_>, tan: f64) -> Result<Spot, DesignError> {
     let rays = rays(tracer, tan)?;
     let chief = tracer.ray(tan, 0.0, 0.0)?;
@@ -50,11 +51,11 @@ pub fn spot(tracer: &Tracer<'_>, tan: f64) -> Result<Spot, DesignError> {
     })
 }
 
-/// RMS and GEO spot radius about the centroid, µm, of all the design's wavelengths by their weights, on a hexapolar pattern of
-/// `rings` (6 k equal rays on ring k, one in the middle): what design programs print. The field point is that at `tan`.
+/// RMS and GEO spot radius about the centroid, µm, of all wavelengths of the design with their weights, on a hexapolar pattern of
+/// `rings` (6 k equal rays on ring k, one in the middle), as in design programs, for the field point at `tan`.
 ///
 /// # Errors
-/// What keeps its rays from the image.
+/// A ray that does not reach the image.
 pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f64, f64), DesignError> {
     let mut points = Vec::new();
     for (um, weight) in system.wavelengths_um.iter().filter(|w| w.1 > 0.0) {
@@ -64,7 +65,7 @@ pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f6
             for i in 0..count {
                 let (s, c) = real::sin_cos(2.0 * std::f64::consts::PI * i as f64 / count as f64);
                 let rho = k as f64 / rings.max(1) as f64;
-                // The first ray of a ring lies across the meridian.
+                // The first ray of a ring is perpendicular to the meridian.
                 let (p, q) = (rho * s, rho * c);
                 if tracer.overshoot(tan, p, q).0 <= 0.0 {
                     let ray = tracer.ray(tan, p, q)?;
@@ -81,7 +82,7 @@ pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f6
     Ok((1e3 * square.sqrt(), 1e3 * points.iter().map(off).fold(0.0, f64::max)))
 }
 
-/// Rays over the upper half of the pupil (the lower mirrors it), with their share of it.
+/// Rays over the upper half of the pupil, with their quadrature weights.
 fn rays(tracer: &Tracer<'_>, tan: f64) -> Result<Vec<(f64, ImageRay)>, DesignError> {
     let nodes = Pupil::new(tracer, tan)?.nodes(tracer, tan, 24, 32);
     nodes.into_iter().map(|n| tracer.ray(tan, n.p, n.q).map(|r| (n.weight, r))).collect()
@@ -91,7 +92,7 @@ fn rays(tracer: &Tracer<'_>, tan: f64) -> Result<Vec<(f64, ImageRay)>, DesignErr
 fn strehl(um: f64, rays: &[(f64, ImageRay)], chief: &ImageRay, shift: f64) -> f64 {
     let k = 2e3 * std::f64::consts::PI / um;
     let (mut re, mut im, mut sum) = (0.0, 0.0, 0.0);
-    // The point looked at moves along the chief ray.
+    // The reference point moves along the chief ray.
     let x0 = chief.x.v + shift * chief.l.v / chief.n;
     for (w, r) in rays {
         let amplitude = w * (r.flux * r.solid_angle() / r.n).sqrt();
@@ -103,7 +104,7 @@ fn strehl(um: f64, rays: &[(f64, ImageRay)], chief: &ImageRay, shift: f64) -> f6
     (re * re + im * im) / (sum * sum)
 }
 
-/// How far back the film has to go for the least RMS spot on the axis, mm.
+/// Shift of the film, away from the lens, to the minimum RMS spot on the axis, mm.
 pub(crate) fn best_rms_shift_mm(system: &System, um: f64) -> Result<f64, DesignError> {
     let tracer = Tracer::new(system, um)?;
     let rays = rays(&tracer, 0.0)?;
@@ -118,13 +119,13 @@ pub(crate) fn best_rms_shift_mm(system: &System, um: f64) -> Result<f64, DesignE
     Ok(-cross / square)
 }
 
-/// How far back the film has to go for the highest Strehl ratio on the axis, mm.
+/// Shift of the film, away from the lens, to the maximum Strehl ratio on the axis, mm.
 pub(crate) fn best_strehl_shift_mm(system: &System, um: f64) -> Result<f64, DesignError> {
     let tracer = Tracer::new(system, um)?;
     let rays = rays(&tracer, 0.0)?;
     let chief = tracer.ray(0.0, 0.0, 0.0)?;
     let around = best_rms_shift_mm(system, um)?;
-    // One depth of focus is λ/NA²: scan ±8 of them, then close in on the best.
+    // Depth of focus λ/NA²: scan ±8 of them, then refine around the maximum.
     let na2 = rays.iter().map(|(_, r)| r.l.v * r.l.v + r.m.v * r.m.v).fold(0.0, f64::max);
     let depth = 1e-3 * um / na2;
     let value = |z: f64| strehl(um, &rays, &chief, z);

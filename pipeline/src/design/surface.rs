@@ -1,14 +1,15 @@
-//! One refracting surface: where a ray meets it, its normal, and refraction.
+//! One refracting surface: intersection with a ray, normal, refraction.
 //!
 //!     sag(r) = c r² / (1 + √(1 − (1 + κ) c² r²)) + Σ α_i r^(2i)      c curvature [1/mm], κ conic constant, α_i [mm^(1−2i)]
 //!     n' d' = n d + (n' cos i' − n cos i) N                          Snell's law in vector form, N along the ray
-//! Coordinates in mm, origin at the vertex, +z along the light. STANDARD surfaces (all α_i = 0) are met in closed form, even
-//! aspheres by Newton from there. Of two intersections the one nearer the vertex is taken.
+//! Coordinates in mm, origin at the vertex, +z along the light. The intersection with STANDARD surfaces (all
+//! α_i = 0) is in closed form, that with even aspheres by Newton's method from there. Of two intersections the one nearer the vertex is
+//! used.
 //! Source: Welford, Aberrations of Optical Systems, chapters 4.3-4.5. Left out: mirrors, gratings, tilts, coatings.
 
 use super::scalar::Scalar;
 
-/// A ray: a point and a unit direction, with the optical path so far, mm.
+/// A ray: a point, a unit direction and the optical path length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray<T> {
     /// A point of the ray, mm.
@@ -19,12 +20,12 @@ pub struct Ray<T> {
     pub path: T,
 }
 
-/// Why a ray ends.
+/// Reason why a ray ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stopped {
-    /// It does not meet the surface.
+    /// No intersection with the surface.
     Misses,
-    /// It is totally reflected.
+    /// Total reflection.
     Reflected,
 }
 
@@ -39,11 +40,11 @@ pub struct Shape {
     pub aspheric: Vec<f64>,
 }
 
-/// Newton stops when it moves less than this, mm: 1e-9 of a wavelength.
+/// Convergence limit of Newton's method, mm: 1e-9 of a wavelength.
 const SAG_TOLERANCE_MM: f64 = 1e-13;
 
 impl Shape {
-    /// Whether it bends paraxial rays or wavefronts at all.
+    /// Whether it is a plane.
     pub fn is_flat(&self) -> bool {
         self.curvature == 0.0 && self.aspheric.iter().all(|a| *a == 0.0)
     }
@@ -53,7 +54,7 @@ impl Shape {
         self.curvature + 2.0 * self.aspheric.first().copied().unwrap_or(0.0)
     }
 
-    /// Moves `ray` (in this surface's frame) on to the surface, in a medium of index `n`.
+    /// Moves `ray`, in coordinates of this surface, to its intersection, in a medium of index `n`.
     ///
     /// # Errors
     /// [`Stopped::Misses`].
@@ -139,7 +140,7 @@ impl Shape {
         Some((sag, slope))
     }
 
-    /// Refracts `ray`, which lies on the surface, from index `n1` into `n2`.
+    /// Refracts `ray` at its point on the surface, from index `n1` to `n2`.
     ///
     /// # Errors
     /// [`Stopped::Reflected`], or [`Stopped::Misses`] at the very edge of a conic.
@@ -186,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_written_as_an_asphere_is_the_same_sphere() {
+    fn parabola_as_a_conic_equals_parabola_as_an_asphere() {
         // The parabola c r²/2 as a conic of κ = −1 and as a flat with α1 = c/2.
         let conic = Shape { curvature: 0.02, conic: -1.0, aspheric: vec![] };
         let asphere = Shape { curvature: 0.0, conic: 0.0, aspheric: vec![0.01] };
@@ -206,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_neighbouring_rays() {
+    fn derivatives_equal_differences_of_neighbouring_rays() {
         let shape = Shape { curvature: 0.03, conic: 0.4, aspheric: vec![1e-4, -2e-6, 3e-9] };
         let go = |x: f64, y: f64| {
             let mut r = ray(x, y, 0.1, 0.02);
@@ -233,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_that_end_say_why() {
+    fn ray_without_intersection_and_total_reflection_are_errors() {
         let ball = Shape { curvature: 0.2, ..Shape::default() };
         assert_eq!(ball.meet(&mut ray(6.0, 0.0, 0.0, 0.0), 1.0), Err(Stopped::Misses));
         let mut steep = ray(0.0, 0.0, 0.9, 0.0);

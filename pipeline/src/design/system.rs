@@ -1,19 +1,17 @@
 //! A prescription: surfaces along the axis, stop, aperture, fields, wavelengths.
 //!
 //! Lengths in mm, wavelengths in µm. The object lies in air at `object_distance_mm` before surface 0 (`None` = infinity);
-//! `surfaces` runs from the first surface to the image plane, which is the last, flat, and lies in air. Each surface holds the
-//! distance to the next one and the medium in between. Rotationally symmetric: no tilts, no decentres, no mirrors.
+//! `surfaces` are from the first surface to the image plane, which is the last, flat, and in air. Each surface has the distance to the
+//! next one and the medium in between. Rotationally symmetric: no tilts, no decentres, no mirrors.
 
 use super::error::DesignError;
 use super::glass::Glass;
-use super::paraxial::Paraxial;
-use super::spots;
 use super::surface::Shape;
 
-/// What lies behind a surface.
+/// The medium behind a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Medium {
-    /// Air: index 1, as glass catalogues are relative to it.
+    /// Air, of index 1: glass catalogues are relative to air.
     Air,
     /// A glass.
     Glass(Glass),
@@ -32,18 +30,18 @@ impl Medium {
     }
 }
 
-/// A surface, the gap behind it and what fills that gap.
+/// A surface with the gap and the medium behind it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
     /// Its shape.
     pub shape: Shape,
     /// Distance to the next surface, mm.
     pub thickness_mm: f64,
-    /// What lies behind it.
+    /// Medium behind it.
     pub medium: Medium,
-    /// Radius beyond which it blocks light, mm; `None` = it never does.
+    /// Radius of the aperture, mm; `None` = unlimited.
     pub aperture_mm: Option<f64>,
-    /// Clear radius as drawn, mm (0 = unknown); blocks nothing.
+    /// Clear radius for drawings, mm (0 = unknown); does not clip rays.
     pub semi_diameter_mm: f64,
 }
 
@@ -55,7 +53,7 @@ impl Surface {
     }
 }
 
-/// How the cone of light is given.
+/// System aperture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aperture {
     /// Entrance pupil diameter, mm.
@@ -70,7 +68,7 @@ pub enum Aperture {
     StopRadius(f64),
 }
 
-/// How field points are given.
+/// Kind of the field values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FieldKind {
     /// Angle at the entrance pupil, degrees.
@@ -81,32 +79,32 @@ pub enum FieldKind {
     ParaxialImageHeight,
 }
 
-/// How rays are aimed.
+/// Ray aiming.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RayAiming {
     /// At the paraxial entrance pupil of the primary wavelength (the design program's "ray aiming off").
     Paraxial,
-    /// So that they cross the stop where they should.
+    /// At points of the stop.
     Real,
 }
 
-/// Where the film lies.
+/// Position of the film.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ImagePlane {
     /// As in the design.
     AsDesigned,
     /// At the paraxial focus of this wavelength, µm.
     Paraxial(f64),
-    /// Where the axial spot of this wavelength (µm) has the least RMS radius.
+    /// At the minimum RMS radius of the axial spot of this wavelength, µm.
     BestRmsSpot(f64),
-    /// Where the axial Strehl ratio of this wavelength (µm) is highest.
+    /// At the maximum axial Strehl ratio of this wavelength, µm.
     BestStrehl(f64),
 }
 
 /// A prescription.
 #[derive(Clone, Debug, PartialEq)]
 pub struct System {
-    /// Name shown to people.
+    /// Name.
     pub name: String,
     /// Object distance before surface 0, mm; `None` = infinity.
     pub object_distance_mm: Option<f64>,
@@ -114,9 +112,9 @@ pub struct System {
     pub surfaces: Vec<Surface>,
     /// Index of the stop.
     pub stop: usize,
-    /// How the cone of light is given.
+    /// System aperture.
     pub aperture: Aperture,
-    /// How `fields` are given.
+    /// Kind of `fields`.
     pub field_kind: FieldKind,
     /// Radial field points of the design.
     pub fields: Vec<f64>,
@@ -124,19 +122,13 @@ pub struct System {
     pub wavelengths_um: Vec<(f64, f64)>,
     /// Index of the primary wavelength.
     pub primary: usize,
-    /// How rays are aimed.
+    /// Ray aiming.
     pub aiming: RayAiming,
-    /// What the reader of the design wants its user to know.
+    /// Notes of the reader for the user.
     pub notes: Vec<String>,
 }
 
 impl System {
-    /// The built-in lens: "Double Gauss 28 degree field".
-    pub fn double_gauss_28() -> Self {
-        let text = include_bytes!("../../data/double-gauss-28.zmx");
-        super::zmx::parse(text, &super::glass::GlassCatalog::schott()).expect("the built-in design is sound")
-    }
-
     /// Primary wavelength, µm.
     pub fn primary_um(&self) -> f64 {
         self.wavelengths_um[self.primary].0
@@ -147,10 +139,10 @@ impl System {
         self.surfaces.len() - 1
     }
 
-    /// Checks what the tracer takes for granted.
+    /// Checks the assumptions of the tracer.
     ///
     /// # Errors
-    /// [`DesignError::Incomplete`] says what is missing or impossible.
+    /// [`DesignError::Incomplete`] with what is missing or impossible.
     pub fn check(&self) -> Result<(), DesignError> {
         let no = |problem: &str| Err(DesignError::Incomplete { problem: problem.to_owned() });
         if self.surfaces.len() < 2 {
@@ -166,7 +158,7 @@ impl System {
             return no("has a wavelength that is not a positive number of µm");
         }
         if self.object_distance_mm.is_some_and(|d| !(d.is_finite() && d > 0.0)) {
-            return no("has an object that does not lie before the lens");
+            return no("has an object that is not before the lens");
         }
         let image = &self.surfaces[self.image()];
         if !image.shape.is_flat() {
@@ -181,7 +173,7 @@ impl System {
                 return no("has a surface with a number that is not finite");
             }
             if s.aperture_mm.is_some_and(|a| !(a.is_finite() && a > 0.0)) {
-                return no("has a surface whose aperture lets no light through");
+                return no("has a surface whose aperture is not a positive radius");
             }
         }
         let (Aperture::EntrancePupil(v)
@@ -190,42 +182,11 @@ impl System {
         | Aperture::ObjectNa(v)
         | Aperture::StopRadius(v)) = self.aperture;
         if !(v.is_finite() && v > 0.0) {
-            return no("has an aperture that lets no light through");
+            return no("has an aperture that is not a positive number");
         }
         if matches!(self.aperture, Aperture::ObjectNa(na) if na >= 1.0 || self.object_distance_mm.is_none()) {
             return no("gives an object-space NA that its object distance does not allow");
         }
         Ok(())
-    }
-
-    /// The same lens with its film elsewhere, `defocus_mm` further from the lens than `plane` says.
-    ///
-    /// # Errors
-    /// What keeps the plane from being found.
-    pub fn with_image_plane(&self, plane: ImagePlane, defocus_mm: f64) -> Result<Self, DesignError> {
-        let mut moved = self.clone();
-        let gap = self.image() - 1;
-        moved.surfaces[gap].thickness_mm += match plane {
-            ImagePlane::AsDesigned => 0.0,
-            ImagePlane::Paraxial(um) => Paraxial::new(self, um)?.focus_shift_mm(),
-            ImagePlane::BestRmsSpot(um) => spots::best_rms_shift_mm(self, um)?,
-            ImagePlane::BestStrehl(um) => spots::best_strehl_shift_mm(self, um)?,
-        } + defocus_mm;
-        moved.check()?;
-        Ok(moved)
-    }
-
-    /// The same lens for an object at another distance before its first surface (`None` = infinity). Image plane and pupil stay.
-    ///
-    /// # Errors
-    /// What the new conjugate makes impossible.
-    pub fn with_object_distance(&self, distance_mm: Option<f64>) -> Result<Self, DesignError> {
-        let primary = Paraxial::new(self, self.primary_um())?;
-        let mut moved = self.clone();
-        // The iris stays: an F-number or NA given for one conjugate must not open or close it at another.
-        moved.aperture = Aperture::StopRadius(primary.stop_radius_mm);
-        moved.object_distance_mm = distance_mm;
-        moved.check()?;
-        Ok(moved)
     }
 }

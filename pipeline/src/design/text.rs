@@ -1,6 +1,6 @@
-//! Bytes of a text file to characters: UTF-16 with BOM, UTF-8 (BOM or not), else Latin-1.
+//! Decoding of text files: UTF-16 with BOM, UTF-8 with or without BOM, else Latin-1.
 
-/// Never fails: what is not valid Unicode is replaced or read as Latin-1.
+/// Decodes any bytes: invalid UTF-16, and invalid UTF-8 with BOM, is replaced by U+FFFD.
 pub fn decode(bytes: &[u8]) -> String {
     match bytes {
         [0xFF, 0xFE, rest @ ..] => utf16(rest, u16::from_le_bytes),

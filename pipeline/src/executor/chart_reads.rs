@@ -1,4 +1,4 @@
-//! Chart rectangles that GPU queues wait for, read by the workers into page-locked memory.
+//! Queue of chart rectangles that workers read into page-locked memory for the GPU queues.
 
 use super::signal::Signal;
 use super::work::BandInFlight;
@@ -12,29 +12,29 @@ use std::sync::{Arc, Mutex};
 /// A chart rectangle to read for a tile.
 pub(super) struct ChartRead<B> {
     pub(super) band: Arc<BandInFlight<B>>,
-    /// Which tile of the band.
+    /// Index of the tile in the band.
     pub(super) index: usize,
     pub(super) rect: Rect,
     pub(super) into: Pinned,
     pub(super) reply: Sender<ChartReply>,
 }
 
-/// The tile of the band, its buffer, and how reading went.
+/// Index of the tile in the band, its buffer, and the result of reading.
 pub(super) type ChartReply = (usize, Pinned, Result<(), SourceSinkError>);
 
-/// Reads in order. Once closed, reads are dropped, and with them their reply channels.
+/// Queue of reads. After closing, reads are dropped together with their reply channels.
 pub(super) struct ChartReads<'a, B> {
     signal: &'a Signal,
     state: Mutex<(VecDeque<ChartRead<B>>, bool)>,
 }
 
 impl<'a, B> ChartReads<'a, B> {
-    /// None yet.
+    /// An empty queue.
     pub(super) fn new(signal: &'a Signal) -> Self {
         Self { signal, state: Mutex::new((VecDeque::new(), false)) }
     }
 
-    /// A read to be done; dropped once closed.
+    /// Adds a read; dropped if the queue is closed.
     pub(super) fn push(&self, read: ChartRead<B>) {
         let mut state = self.state.lock().expect("no panic while held");
         if !state.1 {
@@ -49,7 +49,7 @@ impl<'a, B> ChartReads<'a, B> {
         self.state.lock().expect("no panic while held").0.pop_front()
     }
 
-    /// Drops all reads, present and future: the run has failed.
+    /// Drops all reads, queued and future: the run has failed.
     pub(super) fn close(&self) {
         let dropped = {
             let mut state = self.state.lock().expect("no panic while held");

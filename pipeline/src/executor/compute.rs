@@ -1,12 +1,12 @@
-//! What the executor asks of those who compute: the stages of a band, and the film light of one tile of it.
+//! Interface between executor and optics: the stages of a band, and the contribution of one tile.
 //!
-//! The executor knows no optics. [`crate::stages::StageCompute`] implements [`Compute`] for the CPU, and
-//! [`Compute::begin_on_gpu`] opens the same band on a GPU, whose batches [`super::gpu_queue`] schedules.
+//! [`crate::stages::StageCompute`] implements [`Compute`]; [`Compute::begin_on_gpu`] opens the same band on a GPU, whose batches
+//! [`super::gpu_queue`] schedules.
 
 use crate::buffer::TileBuffer;
 use crate::clock::Clock;
 use crate::cuda::CudaError;
-use crate::cuda::band::{GpuBand, Slot, Streams};
+use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
 use crate::cuda::memory::DeviceQueue;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
@@ -22,20 +22,20 @@ pub trait Compute: Sync {
     /// Intermediate results (node spectra) built so far.
     fn spectra_built(&self) -> u64;
 
-    /// Makes the stages of the band at a position of the job.
+    /// Constructs the stages of the band at a position of the job.
     ///
     /// # Errors
-    /// What keeps the band from being computed.
+    /// The band cannot be computed.
     fn prepare(&self, position: usize) -> Result<Self::Band, SourceSinkError>;
 
-    /// Computes the light of the film rectangle `tile` (margin included) from `chart`, band `chart_band`, into `out`, which
+    /// Computes the contribution of the film rectangle `tile` (margin included) from band `chart_band` of `chart` into `out`, which
     /// becomes the tile with its tail. Time is counted on `clock`.
     ///
     /// # Errors
-    /// What `chart` reports; arithmetic cannot fail.
+    /// Those of `chart`.
     #[allow(
         clippy::too_many_arguments,
-        reason = "one tile: of which band, from which chart, into which buffer"
+        reason = "band, chart, tile, output, scratch and clock are independent"
     )]
     fn compute(
         &self,
@@ -48,7 +48,7 @@ pub trait Compute: Sync {
         clock: &Clock,
     ) -> Result<(), SourceSinkError>;
 
-    /// About the rectangle of a chart of size `chart` that the film rectangle `tile` is made from: a hint for reading ahead.
+    /// Approximate rectangle of a chart of size `chart` under the film rectangle `tile`, for prefetching.
     fn chart_hint(&self, band: &Self::Band, chart: Size, tile: Rect) -> Rect;
 
     /// The chart rectangle that a GPU needs for the film rectangle `tile`; it may lie outside the chart.
@@ -57,7 +57,7 @@ pub trait Compute: Sync {
     /// Fills `out` (row-major) with band `chart_band` of `chart` on `rect`, its surround where `rect` lies outside.
     ///
     /// # Errors
-    /// What `chart` reports.
+    /// Those of `chart`.
     fn read_chart(
         &self,
         band: &Self::Band,
@@ -68,11 +68,11 @@ pub trait Compute: Sync {
         scratch: &mut Self::Scratch,
     ) -> Result<(), SourceSinkError>;
 
-    /// The stages of `band` on the GPU of `queue`, for the tiles `tiles` of `tiling`, its share of the device's memory halved
-    /// `halved` times; and the slots that its batches are computed in.
+    /// The stages of `band` on the GPU of `queue`, for the tiles `tiles` of `tiling`, with its share of the device's memory halved
+    /// `halved` times; and the batch buffers.
     ///
     /// # Errors
-    /// What the driver reports; memory that does not suffice.
+    /// Those of the driver; too little memory.
     fn begin_on_gpu(
         &self,
         band: &Self::Band,
@@ -81,5 +81,5 @@ pub trait Compute: Sync {
         queue: &DeviceQueue,
         halved: u32,
         streams: &Streams,
-    ) -> Result<(GpuBand, Vec<Slot>), CudaError>;
+    ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError>;
 }

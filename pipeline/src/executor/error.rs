@@ -1,4 +1,4 @@
-//! Why a run stops, and what it costs.
+//! Errors of a run, and the shards that depend on them.
 
 use crate::flow::SourceSinkError;
 use crate::geometry::Rect;
@@ -9,12 +9,12 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// A band's stages could not be made.
+    /// The stages of a band could not be constructed.
     #[error("preparing its stages: {source}")]
     Prepare {
         /// Position in the job.
         position: usize,
-        /// What went wrong.
+        /// Cause.
         source: SourceSinkError,
     },
     /// The chart could not be read.
@@ -22,27 +22,27 @@ pub enum RunError {
     Read {
         /// Position in the job.
         position: usize,
-        /// Film rectangle being made.
+        /// Film rectangle being computed.
         rect: Rect,
-        /// Shards that its light reaches and that cannot be made without it.
+        /// Shards that its contribution reaches.
         shards: Vec<ShardId>,
-        /// What went wrong.
+        /// Cause.
         source: SourceSinkError,
     },
     /// A shard could not be encoded or written.
-    #[error("making shard row {}, column {}: {source}", .id.row, .id.col)]
+    #[error("writing shard row {}, column {}: {source}", .id.row, .id.col)]
     Write {
         /// Which shard.
         id: ShardId,
-        /// What went wrong.
+        /// Cause.
         source: SourceSinkError,
     },
-    /// No device is left; what the last one said.
-    #[error("computing on GPUs, of which none is left: {source}")]
+    /// The last GPU failed.
+    #[error("computing on GPUs, none of which is left: {source}")]
     Device {
         /// Position in the job.
         position: usize,
-        /// What went wrong.
+        /// Cause.
         source: SourceSinkError,
     },
 }

@@ -1,11 +1,11 @@
-//! The second thread of a GPU queue: waits for each batch's last event, hands its tiles in, counts what the device did.
+//! The second thread of a GPU queue: waits for the last event of each batch, submits its tiles, and counts the device's work.
 
 use super::Compute;
 use super::gpu_queue::Collected;
 use super::ordered_adder::TileOutput;
 use super::run_state::RunState;
 use super::tile_source::Batch;
-use crate::cuda::band::{BatchEvents, GpuBatchTile, Slot};
+use crate::cuda::band::{BatchBuffers, BatchEvents, GpuBatchTile};
 use crate::cuda::handle::CudaEvent;
 use crate::cuda::memory::DeviceQueue;
 use crate::cuda::pool::Pinned;
@@ -15,15 +15,15 @@ use crossbeam::channel::{Receiver, Sender};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A batch on the device, until its last event.
+/// A batch on the device, before its last event.
 pub(super) struct Launched<B> {
     pub(super) batch: Batch<B>,
-    pub(super) slot: Slot,
+    pub(super) buffers: BatchBuffers,
     pub(super) tiles: Vec<GpuBatchTile>,
-    /// Places in the sequence of tiles whose chart could not be read.
+    /// Sequence numbers of tiles whose chart could not be read.
     pub(super) unreadable: Vec<usize>,
     pub(super) events: BatchEvents,
-    /// Where the charts' buffers are returned to.
+    /// Returns the buffers of the charts to their pool.
     pub(super) charts: Sender<Pinned>,
 }
 
@@ -47,10 +47,10 @@ impl<'a, 'b, C: Compute, S: FilmSink> Collector<'a, 'b, C, S> {
         Self { run, queue, failed, figures, first: None }
     }
 
-    /// Hands in the tiles of each batch, in the order of launching.
-    pub(super) fn run(mut self, inbox: &Receiver<Launched<C::Band>>, outbox: &Sender<Collected>) {
+    /// Submits the tiles of each batch, in the order of launching.
+    pub(super) fn run(mut self, launched: &Receiver<Launched<C::Band>>, collected: &Sender<Collected>) {
         let mut failed = false;
-        for Launched { batch, slot, tiles, unreadable, events, charts } in inbox {
+        for Launched { batch, buffers, tiles, unreadable, events, charts } in launched {
             let downloaded = match failed {
                 false => self.wait(&batch, &tiles, events),
                 true => Err(None),
@@ -58,16 +58,16 @@ impl<'a, 'b, C: Compute, S: FilmSink> Collector<'a, 'b, C, S> {
             if let Err(error) = downloaded {
                 failed = true;
                 self.failed.store(true, Ordering::SeqCst);
-                // Copies may be in flight in the buffers that are freed here.
+                // Copies may still use the buffers that are freed here.
                 let _ = self.queue.device.synchronize("after a failure");
                 self.run.requeue(batch);
                 if let Some(error) = error {
-                    // The launching thread is waiting, or ends for another reason.
-                    let _ = outbox.send(Collected::Failed(error));
+                    // Not received if the launching thread has ended for another reason.
+                    let _ = collected.send(Collected::Failed(error));
                 }
                 continue;
             }
-            let _ = outbox.send(Collected::Free(slot));
+            let _ = collected.send(Collected::Free(buffers));
             let mut done: Vec<(usize, TileOutput)> =
                 unreadable.into_iter().map(|sequence| (sequence, TileOutput::Unreadable)).collect();
             for GpuBatchTile { sequence, chart, output, .. } in tiles {
@@ -76,7 +76,7 @@ impl<'a, 'b, C: Compute, S: FilmSink> Collector<'a, 'b, C, S> {
             }
             for (sequence, output) in done {
                 let tile = batch.band.tiles[batch.first + sequence - batch.sequence];
-                self.run.hand_in(&batch.band, (sequence, tile), output);
+                self.run.submit(&batch.band, (sequence, tile), output);
             }
         }
     }

@@ -2,9 +2,9 @@
 //!
 //!     claim → workers read the charts → upload │ compute │ download → add in tile order
 //! Three streams, ordered by events: while one batch is computed, the next is uploaded and the last one downloaded. This thread
-//! claims and launches; another ([`super::gpu_collector`]) waits for downloads and hands the tiles in. Work is bounded by the slots
-//! ([`crate::cuda::memory`]). When the device fails, all batches that were not downloaded are requeued for the remaining GPUs; when
-//! device memory does not suffice, the queue begins the band again with half of it, until even the least does not fit.
+//! claims and launches; another ([`super::gpu_collector`]) waits for downloads and submits the tiles. The batch buffers bound the
+//! number of batches in flight ([`crate::cuda::memory`]). If the device fails, all batches not yet downloaded are requeued for the remaining
+//! GPUs; if device memory does not suffice, the queue begins the band again with half of it, down to the minimum.
 
 use super::Compute;
 use super::chart_reads::{ChartRead, ChartReply};
@@ -12,7 +12,7 @@ use super::gpu_collector::{Collector, Launched};
 use super::run_state::RunState;
 use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
-use crate::cuda::band::{GpuBand, GpuBatchTile, Slot, Streams};
+use crate::cuda::band::{BatchBuffers, GpuBand, GpuBatchTile, Streams};
 use crate::cuda::memory::{DeviceQueue, MAX_TILES};
 use crate::cuda::pool::{GpuTile, PinnedPool};
 use crate::cuda::{CudaError, GpuFigures};
@@ -23,10 +23,10 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// What the launching thread receives from the collector.
+/// Message from the collector to the launching thread.
 pub(super) enum Collected {
-    /// A batch is downloaded; its slot is free.
-    Free(Slot),
+    /// A batch is downloaded; its batch buffer is free.
+    Free(BatchBuffers),
     /// The device has failed.
     Failed(CudaError),
 }
@@ -34,7 +34,7 @@ pub(super) enum Collected {
 /// A batch whose charts are being read.
 struct Reading<B> {
     batch: Batch<B>,
-    slot: Slot,
+    buffers: BatchBuffers,
     rects: Vec<Rect>,
     replies: Receiver<ChartReply>,
 }
@@ -42,7 +42,7 @@ struct Reading<B> {
 /// A batch whose charts are read.
 struct Assembled {
     tiles: Vec<GpuBatchTile>,
-    /// Places in the sequence of tiles whose chart could not be read.
+    /// Sequence numbers of tiles whose chart could not be read.
     unreadable: Vec<usize>,
 }
 
@@ -57,26 +57,26 @@ struct Queue<'a, 'b, C: Compute, S: FilmSink> {
     charts: PinnedPool,
     outputs: PinnedPool,
     band: Option<(usize, GpuBand)>,
-    free: Vec<Slot>,
+    free: Vec<BatchBuffers>,
     reading: VecDeque<Reading<C::Band>>,
-    /// Slots on the device.
+    /// Batches on the device.
     in_flight: usize,
-    /// Times that its share of the device's memory was halved.
+    /// How often its share of the device's memory was halved.
     halved: u32,
 }
 
-/// Serves one queue until there is no work left or its device fails.
-pub(super) fn serve<C: Compute, S: FilmSink>(
+/// Runs one queue until all tiles are added or its device fails.
+pub(super) fn run_queue<C: Compute, S: FilmSink>(
     run: &RunState<'_, C, S>,
     queue: &DeviceQueue,
     figures: &Mutex<GpuFigures>,
 ) {
     let failed = AtomicBool::new(false);
-    let (launched, inbox) = unbounded();
-    let (outbox, collected) = unbounded();
+    let (launched, launched_in) = unbounded();
+    let (collected_out, collected) = unbounded();
     let error = std::thread::scope(|scope| {
         let failed = &failed;
-        scope.spawn(move || Collector::new(run, queue, failed, figures).run(&inbox, &outbox));
+        scope.spawn(move || Collector::new(run, queue, failed, figures).run(&launched_in, &collected_out));
         let streams = Streams::new(&queue.device);
         let queue = streams.map(|streams| Queue {
             run,
@@ -126,10 +126,10 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         ended.or(failed).map_or(Ok(()), Err)
     }
 
-    /// Does what can be done next; `false`: there is nothing left to do.
+    /// Claims a batch, or launches one, or waits for one; `false`: all tiles are added.
     fn step(&mut self) -> Result<bool, CudaError> {
         while let Ok(collected) = self.collected.try_recv() {
-            self.take_back(collected)?;
+            self.receive(collected)?;
         }
         if self.band.is_none() || !self.free.is_empty() {
             match self.claim(self.reading.is_empty()) {
@@ -140,16 +140,16 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         }
         match self.reading.pop_front() {
             Some(reading) => self.launch(reading)?,
-            None => self.wait_for_slot()?,
+            None => self.wait_for_buffer()?,
         }
         Ok(true)
     }
 
-    /// The next batch; `wait`: until there is one, or none will follow.
+    /// Claims the next batch; `wait`: waits until there is one or none will follow.
     fn claim(&self, wait: bool) -> Claim<C::Band> {
-        let largest = |band: &BandInFlight<C::Band>| match &self.band {
+        let max_tiles = |band: &BandInFlight<C::Band>| match &self.band {
             Some((position, present)) if *position == band.position => present.memory.tiles,
-            // How many fit is known when the band is begun.
+            // The capacity is known only after the band has begun.
             _ => MAX_TILES,
         };
         loop {
@@ -157,30 +157,30 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             if self.run.failed() || self.failed.load(Ordering::SeqCst) {
                 return Claim::Over;
             }
-            match self.run.claim_batch(&largest) {
+            match self.run.claim_batch(&max_tiles) {
                 Claim::None if wait => self.run.signal.wait(seen),
                 claim => return claim,
             }
         }
     }
 
-    fn wait_for_slot(&mut self) -> Result<(), CudaError> {
+    fn wait_for_buffer(&mut self) -> Result<(), CudaError> {
         let collected = self.collected.recv().expect("the collector ends after this thread");
-        self.take_back(collected)
+        self.receive(collected)
     }
 
-    fn take_back(&mut self, collected: Collected) -> Result<(), CudaError> {
+    fn receive(&mut self, collected: Collected) -> Result<(), CudaError> {
         match collected {
-            Collected::Free(slot) => {
+            Collected::Free(buffers) => {
                 self.in_flight -= 1;
-                self.free.push(slot);
+                self.free.push(buffers);
                 Ok(())
             }
             Collected::Failed(error) => Err(error),
         }
     }
 
-    /// Has the charts of `batch` read, after its band has been begun where it is another one.
+    /// Begins the band of `batch` if it is a new one, and queues the reads of its charts.
     fn start(&mut self, mut batch: Batch<C::Band>) -> Result<(), CudaError> {
         if self.band.as_ref().is_none_or(|(position, _)| *position != batch.band.position) {
             let begun = self.begin(&batch.band);
@@ -188,16 +188,16 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
                 self.run.requeue(batch);
                 return begun;
             }
-            let largest = self.band.as_ref().map_or(1, |(_, band)| band.memory.tiles);
-            batch.split_off(largest).into_iter().for_each(|rest| self.run.requeue(rest));
+            let max_tiles = self.band.as_ref().map_or(1, |(_, band)| band.memory.tiles);
+            batch.split_off(max_tiles).into_iter().for_each(|rest| self.run.requeue(rest));
         }
         let tiling = &self.run.work.bands[batch.band.position].tiling;
         let chart_rect = |tile| self.run.compute.chart_rect(&batch.band.stages, tiling.rect(tile));
         let rects: Vec<Rect> = batch.tiles().map(|(_, tile)| chart_rect(tile)).collect();
-        let mut buffers = Vec::new();
+        let mut chart_buffers = Vec::new();
         for _ in &rects {
             match self.charts.take(&self.queue.device, true, &|| false) {
-                Ok(buffer) => buffers.extend(buffer),
+                Ok(buffer) => chart_buffers.extend(buffer),
                 Err(error) => {
                     self.run.requeue(batch);
                     return Err(error);
@@ -205,23 +205,23 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             }
         }
         let (reply, replies) = unbounded();
-        for (i, (into, &rect)) in buffers.into_iter().zip(&rects).enumerate() {
+        for (i, (into, &rect)) in chart_buffers.into_iter().zip(&rects).enumerate() {
             let (band, index) = (Arc::clone(&batch.band), batch.first + i);
             self.run.reads.push(ChartRead { band, index, rect, into, reply: reply.clone() });
         }
-        let slot = self.free.pop().expect("claimed with a free slot, or a band just begun");
-        self.reading.push_back(Reading { batch, slot, rects, replies });
+        let buffers = self.free.pop().expect("claimed with a free buffer, or a band just begun");
+        self.reading.push_back(Reading { batch, buffers, rects, replies });
         Ok(())
     }
 
-    /// Makes the stages of `band` on the device, once nothing of the last one is on it.
+    /// Ends the last band, then constructs the stages of `band` on the device.
     fn begin(&mut self, band: &BandInFlight<C::Band>) -> Result<(), CudaError> {
         while let Some(reading) = self.reading.pop_front() {
             self.launch(reading)?;
         }
         self.end_band()?;
         let tiling = &self.run.work.bands[band.position].tiling;
-        let (gpu_band, slots) = self.run.compute.begin_on_gpu(
+        let (gpu_band, batch_buffers) = self.run.compute.begin_on_gpu(
             &band.stages,
             tiling,
             &band.tiles,
@@ -230,16 +230,17 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             &self.streams,
         )?;
         let (memory, needs) = (gpu_band.memory, gpu_band.needs);
-        self.charts.allow(memory.slots * memory.tiles, needs.chart_px);
-        self.outputs.allow((memory.slots + 1) * memory.tiles, needs.light_px.max(needs.remapped_px));
-        (self.band, self.free) = (Some((band.position, gpu_band)), slots);
+        self.charts.resize(memory.batches * memory.tiles, needs.chart_px);
+        self.outputs
+            .resize((memory.batches + 1) * memory.tiles, needs.contribution_px.max(needs.remapped_px));
+        (self.band, self.free) = (Some((band.position, gpu_band)), batch_buffers);
         Ok(())
     }
 
     /// Waits for all that is on the device and frees the band's memory.
     fn end_band(&mut self) -> Result<(), CudaError> {
         while self.in_flight > 0 {
-            self.wait_for_slot()?;
+            self.wait_for_buffer()?;
         }
         self.free.clear();
         self.band = None;
@@ -248,37 +249,36 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
 
     /// Launches a batch once its charts are read.
     fn launch(&mut self, reading: Reading<C::Band>) -> Result<(), CudaError> {
-        let Reading { batch, mut slot, rects, replies } = reading;
+        let Reading { batch, mut buffers, rects, replies } = reading;
         let Assembled { mut tiles, unreadable } = match self.assemble(&batch, &rects, &replies) {
             Ok(Some(assembled)) => assembled,
             // The run or the device has failed.
             ended => {
-                self.free.push(slot);
+                self.free.push(buffers);
                 self.run.requeue(batch);
                 return ended.map(|_| ());
             }
         };
         let (_, band) = self.band.as_mut().expect("begun");
-        match band.enqueue(&self.queue.device, &self.streams, &mut slot, &mut tiles) {
+        match band.enqueue(&self.queue.device, &self.streams, &mut buffers, &mut tiles) {
             Ok(events) => {
                 self.in_flight += 1;
                 let charts = self.charts.returns().clone();
-                let launched = Launched { batch, slot, tiles, unreadable, events, charts };
+                let launched = Launched { batch, buffers, tiles, unreadable, events, charts };
                 self.launched.send(launched).expect("the collector ends after this thread");
                 Ok(())
             }
             Err(error) => {
-                // Copies may be in flight in the buffers that are freed here.
+                // Copies may still use the buffers that are freed here.
                 let _ = self.queue.device.synchronize("after a failed launch");
-                self.free.push(slot);
+                self.free.push(buffers);
                 self.run.requeue(batch);
                 Err(error)
             }
         }
     }
 
-    /// The tiles of `batch` with their charts and output buffers, and the places of those whose chart could not be read; `None` if
-    /// the run or the device fails meanwhile.
+    /// Waits for the charts of `batch` and allocates the output buffers; `None` if the run or the device fails meanwhile.
     fn assemble(
         &mut self,
         batch: &Batch<C::Band>,
@@ -309,27 +309,27 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
 
     /// Whether the band has a PSF stage, so that a tile's output is larger than the tile.
     fn scatters(&self) -> bool {
-        self.band.as_ref().is_some_and(|(_, band)| band.needs.light_px > 0)
+        self.band.as_ref().is_some_and(|(_, band)| band.needs.contribution_px > 0)
     }
 
-    /// A buffer for the output on `reach`. A requeued batch may exceed the bound: the tiles that are next in order may be in it.
+    /// A buffer for the contribution on `reach`. A requeued batch may exceed the bound, since it may contain the next tiles in order.
     fn output(&mut self, batch: &Batch<C::Band>, reach: Rect) -> Result<Option<GpuTile>, CudaError> {
         let stopped = || self.run.failed() || self.failed.load(Ordering::SeqCst);
         let buffer = self.outputs.take(&self.queue.device, batch.requeued, &stopped)?;
         Ok(buffer.map(|buffer| GpuTile::new(buffer, reach.size().pixels(), reach.width, &self.outputs)))
     }
 
-    /// Requeues what was not launched.
+    /// Requeues the batches that were not launched.
     fn requeue_unlaunched(&mut self) {
-        for Reading { batch, slot, .. } in self.reading.drain(..) {
-            self.free.push(slot);
+        for Reading { batch, buffers, .. } in self.reading.drain(..) {
+            self.free.push(buffers);
             self.run.requeue(batch);
         }
     }
 
-    /// Begins again with half the device's memory, if that is what did not suffice.
+    /// After an error of device memory: begins the band again with half of it. Returns any other error.
     fn retry_with_half(&mut self, error: CudaError) -> Result<(), CudaError> {
-        if !error.out_of_memory() {
+        if !error.is_out_of_memory() {
             return Err(error);
         }
         self.run.progress.gpu_short_of_memory(&self.queue.name(), &error);

@@ -1,4 +1,4 @@
-//! The scheduler: claims tiles, has them computed, adds them in order, writes finished shards. It knows no optics.
+//! The scheduler: claims tiles, computes them, adds their contributions in order, writes finished shards. Independent of optics.
 //!
 //! ```text
 //! prepare thread   Compute::prepare(band)          → TileSource (one band ahead)
@@ -6,16 +6,18 @@
 //! GPU queue        TileSource → ChartReads (read by workers) → upload │ compute │ download → OrderedAdder
 //! worker           ShardWriter: encode → bounded queue → writing threads: commit
 //! ```
-//! [`Compute`] makes the stages of a band and computes its tiles ([`crate::stages`] implements it). `tile_source` deals out tiles in
-//! one sequence and takes back what a failed GPU had; `ordered_adder` adds them in that order, so that the film has the same
-//! bits for any number of threads and devices; `shard_writer` encodes and writes. Each has a lock of its own; `signal` wakes
-//! workers. No queue is unbounded: a tile may start only [`AHEAD`] tiles a worker before the oldest one not yet added.
+//! [`Compute`] constructs the stages of a band and computes its tiles ([`crate::stages`] implements it). `tile_source` assigns tiles in
+//! one sequence and requeues those of a failed GPU; `ordered_adder` adds contributions in that order, so that the film has the same
+//! bits for any number of threads and devices; `shard_writer` encodes and writes. They have separate locks; `signal` wakes the
+//! workers. All queues are bounded: a tile may start at most [`AHEAD`] tiles per worker before the oldest one not yet added.
+//! [`memory`] reports what the queues hold.
 
 mod chart_reads;
 mod compute;
 mod error;
 mod gpu_collector;
 mod gpu_queue;
+pub mod memory;
 mod ordered_adder;
 mod progress;
 mod run_state;
@@ -46,13 +48,13 @@ use tile_source::TileSource;
 
 /// Tiles in flight or waiting to be added, per worker.
 pub const AHEAD: usize = 3;
-/// Encoded shards that wait to be written.
+/// Length of the queue of encoded shards.
 pub const QUEUE: usize = 2;
 
-/// Runs `work` from `chart` to `sink`; `compute` makes the stages of each band.
+/// Runs `work` from `chart` to `sink`; `compute` constructs the stages of each band.
 ///
 /// # Errors
-/// The first [`RunError`] that [`Progress::fault`] does not pass over; shards committed before it stay.
+/// The first [`RunError`] after which [`Progress::continue_after`] does not continue; shards committed before remain.
 pub fn run<C: Compute, S: FilmSink>(
     work: &Work<'_>,
     chart: &dyn ChartSource,
@@ -77,7 +79,7 @@ pub fn run<C: Compute, S: FilmSink>(
         error: Mutex::new(None),
         failed: AtomicBool::new(false),
     };
-    let figures = |queue: &DeviceQueue| Mutex::new(GpuFigures::of(&queue.device));
+    let figures = |queue: &DeviceQueue| Mutex::new(GpuFigures::new(&queue.device));
     let figures: Vec<_> = work.gpus.iter().map(figures).collect();
     std::thread::scope(|scope| {
         let (encoded_out, encoded_in) = ShardWriter::<S>::queue();
@@ -88,7 +90,7 @@ pub fn run<C: Compute, S: FilmSink>(
             scope.spawn(move || state.writer.write(&inbox, progress, &|error| state.fail(error)));
         }
         for (queue, figures) in work.gpus.iter().zip(&figures) {
-            scope.spawn(move || gpu_queue::serve(state, queue, figures));
+            scope.spawn(move || gpu_queue::run_queue(state, queue, figures));
         }
         for _ in 0..work.threads.max(1) {
             let encoded = encoded_out.clone();

@@ -1,7 +1,7 @@
-//! Adds tiles in the order of the sequence, whatever order they are computed in: f32 sums depend on their order, so this order
-//! makes the film's bits independent of threads, devices and timing.
+//! Adds contributions in the order of the sequence, independent of the order in which they are computed: f32 sums depend on their order,
+//! so the film's bits are independent of threads, devices and timing.
 //!
-//! Whichever thread hands in the next tile in order adds it, and all that follow it without a gap; others only leave theirs.
+//! The thread that submits the next tile in order adds it and all that follow without a gap; other threads only queue theirs.
 
 use super::tile_source::TileSource;
 use super::work::{BandInFlight, BandWork};
@@ -9,32 +9,32 @@ use crate::buffer::TileBuffer;
 use crate::clock::Clock;
 use crate::cuda::pool::GpuTile;
 use crate::geometry::Size;
-use crate::overlap_add::{Finished, OverlapAdd};
-use crate::plan::{ShardId, Window};
+use crate::overlap_add::{FinishedShard, OverlapAdd};
+use crate::plan::{FilmRegion, ShardId};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-/// What a tile's computation gave.
+/// Contribution of a tile.
 pub(super) enum TileOutput {
     /// Computed by a worker.
     Cpu(TileBuffer),
     /// Computed by a GPU.
     Gpu(GpuTile),
-    /// The chart could not be read: the shards that the tile reaches cannot be made.
+    /// The chart could not be read: the shards that the tile reaches are dropped.
     Unreadable,
 }
 
-/// A computed tile that waits for those before it.
+/// A computed tile that waits for its predecessors.
 struct Computed<B> {
     band: Arc<BandInFlight<B>>,
     tile: (usize, usize),
     output: TileOutput,
 }
 
-/// Adds tiles in order; see the module.
+/// Adds contributions in order; see the module.
 pub(super) struct OrderedAdder<'a, B> {
     film: Size,
-    windows: &'a [Window],
+    windows: &'a [FilmRegion],
     bands: &'a [BandWork],
     clock: &'a Clock,
     pending: Mutex<Pending<B>>,
@@ -51,7 +51,12 @@ struct Pending<B> {
 
 impl<'a, B> OrderedAdder<'a, B> {
     /// For the outputs `windows` of a film of `film` px.
-    pub(super) fn new(film: Size, windows: &'a [Window], bands: &'a [BandWork], clock: &'a Clock) -> Self {
+    pub(super) fn new(
+        film: Size,
+        windows: &'a [FilmRegion],
+        bands: &'a [BandWork],
+        clock: &'a Clock,
+    ) -> Self {
         let pending = Pending { computed: BTreeMap::new(), next: 0, adding: false, pixels: 0 };
         let overlap = Mutex::new(OverlapAdd::new(windows));
         Self { film, windows, bands, clock, pending: Mutex::new(pending), overlap, free: Mutex::default() }
@@ -62,38 +67,38 @@ impl<'a, B> OrderedAdder<'a, B> {
         self.free.lock().expect("no panic while held").pop().unwrap_or_default()
     }
 
-    /// Takes back the pixels of an encoded shard for the next one.
+    /// Recycles the buffer of an encoded shard.
     pub(super) fn recycle(&self, pixels: Vec<f32>) {
         self.overlap.lock().expect("no panic while held").recycle(pixels);
     }
 
-    /// Tiles and their film pixels added so far.
+    /// Number of tiles added so far, and of their film pixels.
     pub(super) fn added(&self) -> (u64, u64) {
         let pending = self.pending.lock().expect("no panic while held");
         (pending.next as u64, pending.pixels)
     }
 
-    /// The wanted shards that the light of `tile` reaches.
+    /// The shards to compute that the contribution of `tile` reaches.
     pub(super) fn shards(&self, band: &BandInFlight<B>, tile: (usize, usize)) -> Vec<ShardId> {
         let work = &self.bands[band.position];
         let reach = work.tiling.reach(tile);
-        let of = |(window, w): (usize, &Window)| {
-            let id = move |(row, col)| ShardId { band: band.position, window, row, col };
-            w.touched(reach).map(id).filter(|id| work.wanted.contains(id)).collect::<Vec<_>>()
+        let of = |(window, w): (usize, &FilmRegion)| {
+            let id = move |(row, col)| ShardId { band: band.position, region: window, row, col };
+            w.touched(reach).map(id).filter(|id| work.shards.contains(id)).collect::<Vec<_>>()
         };
         self.windows.iter().enumerate().flat_map(of).collect()
     }
 
-    /// Hands in a tile. If no other thread is adding, adds it and all that follow in order; `finished` gets the shards that
-    /// nothing can reach any more, `added` the position and film pixels of each tile, before `source` counts it as added.
-    #[allow(clippy::too_many_arguments, reason = "a tile, and who is told of it")]
-    pub(super) fn hand_in(
+    /// Submits a tile. If no other thread is adding, adds it and all that follow in order; `finished` receives the shards that no later
+    /// tile reaches, `added` the position and film pixels of each tile, before `source` counts it as added.
+    #[allow(clippy::too_many_arguments, reason = "a tile, and the receivers of its results")]
+    pub(super) fn submit(
         &self,
         source: &TileSource<'_, B>,
         band: &Arc<BandInFlight<B>>,
         (sequence, tile): (usize, (usize, usize)),
         output: TileOutput,
-        finished: &dyn Fn(Vec<Finished>),
+        finished: &dyn Fn(Vec<FinishedShard>),
         added: &dyn Fn(usize, usize),
     ) {
         let mut pending = self.pending.lock().expect("no panic while held");
@@ -118,11 +123,11 @@ impl<'a, B> OrderedAdder<'a, B> {
         pending.adding = false;
     }
 
-    fn add(&self, band: &BandInFlight<B>, tile: (usize, usize), output: TileOutput) -> Vec<Finished> {
+    fn add(&self, band: &BandInFlight<B>, tile: (usize, usize), output: TileOutput) -> Vec<FinishedShard> {
         let work = &self.bands[band.position];
         let mut overlap = self.overlap.lock().expect("no panic while held");
         let mut add = |data: &[f32], stride| {
-            overlap.add(band.position, &work.tiling, &work.wanted, work.tiling.reach(tile), data, stride)
+            overlap.add(band.position, &work.tiling, &work.shards, work.tiling.reach(tile), data, stride)
         };
         match output {
             TileOutput::Cpu(buffer) => {
@@ -132,7 +137,7 @@ impl<'a, B> OrderedAdder<'a, B> {
             }
             TileOutput::Gpu(tile) => add(tile.data(), tile.stride),
             TileOutput::Unreadable => {
-                overlap.lose(&self.shards(band, tile));
+                overlap.discard(&self.shards(band, tile));
                 Vec::new()
             }
         }

@@ -4,7 +4,7 @@ use super::RunError;
 use crate::cuda::CudaError;
 use crate::plan::ShardId;
 
-/// Receives what happens during a run; called from many threads.
+/// Receives the events of a run; called from many threads.
 pub trait Progress: Sync {
     /// A band's first tile is about to start: its position in the job and the film pixels of its tiles.
     fn band(&self, _position: usize, _pixels: u64) {}
@@ -14,10 +14,10 @@ pub trait Progress: Sync {
     fn shard(&self, _id: ShardId, _bytes: u64) {}
     /// A GPU failed and was removed; its tiles are requeued for the `left` others.
     fn gpu_removed(&self, _device: &str, _error: &CudaError, _left: usize) {}
-    /// A GPU is short of memory and continues with half of what it had.
+    /// A GPU ran out of memory and continues with half of its share.
     fn gpu_short_of_memory(&self, _device: &str, _error: &CudaError) {}
-    /// Something failed. `true`: go on with all shards that do not depend on it; `false`: stop the run.
-    fn fault(&self, _error: &RunError) -> bool {
+    /// After `error`: `true` continues with all shards that do not depend on it; `false` stops the run.
+    fn continue_after(&self, _error: &RunError) -> bool {
         false
     }
 }

@@ -1,4 +1,4 @@
-//! What all threads of a run share: the parts of the scheduler, and the first error.
+//! State shared by all threads of a run: the parts of the scheduler, and the first error.
 
 use super::Compute;
 use super::Progress;
@@ -16,7 +16,7 @@ use crate::overlap_add::tiles_needed;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// The parts of a run; each has a lock of its own.
+/// The parts of the scheduler, each with a separate lock.
 pub(super) struct RunState<'a, C: Compute, S: FilmSink> {
     pub(super) work: &'a Work<'a>,
     pub(super) compute: &'a C,
@@ -33,9 +33,9 @@ pub(super) struct RunState<'a, C: Compute, S: FilmSink> {
 }
 
 impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
-    /// Stops the run with `error`, unless [`Progress::fault`] says to go on without what depends on it.
+    /// Stops the run with `error`, unless [`Progress::continue_after`] continues without the shards that depend on it.
     pub(super) fn fail(&self, error: RunError) {
-        if self.progress.fault(&error) {
+        if self.progress.continue_after(&error) {
             return;
         }
         self.error.lock().expect("no panic while held").get_or_insert(error);
@@ -50,10 +50,10 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         self.failed.load(Ordering::SeqCst)
     }
 
-    /// Prepares bands, one ahead of those who compute.
+    /// Prepares bands, one ahead of the band being computed.
     pub(super) fn prepare_bands(&self) {
         for (position, band) in self.work.bands.iter().enumerate() {
-            let tiles = tiles_needed(&band.tiling, self.work.windows, &band.wanted);
+            let tiles = tiles_needed(&band.tiling, self.work.windows, &band.shards);
             if tiles.is_empty() || !self.source.is_open() {
                 continue;
             }
@@ -75,8 +75,8 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     }
 
     /// See [`TileSource::claim_batch`].
-    pub(super) fn claim_batch(&self, largest: &dyn Fn(&BandInFlight<C::Band>) -> usize) -> Claim<C::Band> {
-        self.source.claim_batch(largest, &|band| self.report_band(band))
+    pub(super) fn claim_batch(&self, max_tiles: &dyn Fn(&BandInFlight<C::Band>) -> usize) -> Claim<C::Band> {
+        self.source.claim_batch(max_tiles, &|band| self.report_band(band))
     }
 
     fn report_band(&self, band: &BandInFlight<C::Band>) {
@@ -85,8 +85,8 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         self.progress.band(band.position, pixels.sum());
     }
 
-    /// Hands in a tile of `band`, to be added in order.
-    pub(super) fn hand_in(
+    /// Submits the tile `place` (sequence number, tile) of `band`, to be added in order.
+    pub(super) fn submit(
         &self,
         band: &Arc<BandInFlight<C::Band>>,
         place: (usize, (usize, usize)),
@@ -94,10 +94,10 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     ) {
         let finished = |shards| self.writer.push(shards);
         let added = |position, pixels| self.progress.tile(position, pixels);
-        self.adder.hand_in(&self.source, band, place, output, &finished, &added);
+        self.adder.submit(&self.source, band, place, output, &finished, &added);
     }
 
-    /// The chart under `tile` could not be read.
+    /// Fails because the chart under `tile` could not be read.
     pub(super) fn unreadable(
         &self,
         band: &BandInFlight<C::Band>,
@@ -109,12 +109,12 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         self.fail(RunError::Read { position: band.position, rect, shards, source });
     }
 
-    /// Puts back what a GPU could not compute.
+    /// Requeues a batch that a GPU could not compute.
     pub(super) fn requeue(&self, batch: Batch<C::Band>) {
         self.source.requeue(batch);
     }
 
-    /// A GPU queue is removed because of `error`. The run ends with the last one.
+    /// Removes a GPU queue after `error`. The run fails with the last one.
     pub(super) fn remove_gpu(&self, gpu: &str, error: CudaError) {
         let (left, position) = self.source.remove_gpu();
         self.progress.gpu_removed(gpu, &error, left);

@@ -1,6 +1,6 @@
-//! Finished shards: encoded by the workers, written by threads that do nothing else.
+//! Finished shards: encoded by the workers, written by separate threads.
 //!
-//! The queue between them is short, so that workers wait for the disk rather than fill the memory with encoded shards.
+//! The queue between them is short: workers wait for the disk instead of filling the memory with encoded shards.
 
 use super::Progress;
 use super::QUEUE;
@@ -8,28 +8,28 @@ use super::error::RunError;
 use super::signal::Signal;
 use crate::clock::Clock;
 use crate::flow::FilmSink;
-use crate::overlap_add::Finished;
+use crate::overlap_add::FinishedShard;
 use crate::plan::ShardId;
 use crossbeam::channel::{Receiver, Sender, bounded};
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Shards on their way to the sink; see the module.
+/// Encodes and writes shards; see the module.
 pub(super) struct ShardWriter<'a, S: FilmSink> {
     sink: &'a S,
     clock: &'a Clock,
     signal: &'a Signal,
-    finished: Mutex<VecDeque<Finished>>,
+    finished: Mutex<VecDeque<FinishedShard>>,
     shards: AtomicU64,
     bytes: AtomicU64,
 }
 
-/// The queue of encoded shards.
+/// An encoded shard.
 pub(super) type Encoded<S> = (ShardId, <S as FilmSink>::Encoded);
 
 impl<'a, S: FilmSink> ShardWriter<'a, S> {
-    /// Into `sink`.
+    /// For `sink`.
     pub(super) fn new(sink: &'a S, clock: &'a Clock, signal: &'a Signal) -> Self {
         let (shards, bytes) = (AtomicU64::new(0), AtomicU64::new(0));
         Self { sink, clock, signal, finished: Mutex::default(), shards, bytes }
@@ -40,13 +40,13 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
         bounded(QUEUE)
     }
 
-    /// Threads that write.
+    /// Number of writing threads.
     pub(super) fn threads(&self) -> usize {
         self.sink.writers().max(1)
     }
 
-    /// Shards that nothing can reach any more, to be encoded.
-    pub(super) fn push(&self, finished: Vec<Finished>) {
+    /// Adds shards to be encoded.
+    pub(super) fn push(&self, finished: Vec<FinishedShard>) {
         if !finished.is_empty() {
             self.finished.lock().expect("no panic while held").extend(finished);
             self.signal.notify();
@@ -54,19 +54,19 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
     }
 
     /// The next shard to encode.
-    pub(super) fn pop(&self) -> Option<Finished> {
+    pub(super) fn pop(&self) -> Option<FinishedShard> {
         self.finished.lock().expect("no panic while held").pop_front()
     }
 
-    /// Encodes a shard; its pixels come back for the next one.
-    pub(super) fn encode(&self, shard: Finished) -> (Vec<f32>, Result<Encoded<S>, RunError>) {
-        let Finished { id, rect, pixels } = shard;
+    /// Encodes a shard; also returns its buffer, to be recycled.
+    pub(super) fn encode(&self, shard: FinishedShard) -> (Vec<f32>, Result<Encoded<S>, RunError>) {
+        let FinishedShard { id, rect, pixels } = shard;
         let encoded = self.clock.encode.time(|| self.sink.encode(id, rect, &pixels));
         let encoded = encoded.map(|e| (id, e)).map_err(|source| RunError::Write { id, source });
         (pixels, encoded)
     }
 
-    /// Writes what comes in by `queue` until it ends; `failed` gets what goes wrong.
+    /// Writes the shards of `queue` until it is closed; `failed` receives errors.
     pub(super) fn write(
         &self,
         queue: &Receiver<Encoded<S>>,

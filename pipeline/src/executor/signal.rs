@@ -1,7 +1,7 @@
-//! One condition for the worker threads: something has changed, look again.
+//! A condition variable for the worker threads: the state of the scheduler has changed.
 //!
-//! Each part of the scheduler has a lock of its own and none of them waits while it is held. A worker reads the generation, asks
-//! every part for work, and sleeps only if the generation is still the same: a change in between is never missed.
+//! The parts of the scheduler have separate locks, and no thread waits while it holds one. A worker reads the generation, looks for work in
+//! every part, and waits only if the generation is still the same: a change in between is never missed.
 
 use std::sync::{Condvar, Mutex, PoisonError};
 
@@ -13,18 +13,18 @@ pub(super) struct Signal {
 }
 
 impl Signal {
-    /// The present generation, to be read before looking for work.
+    /// The current generation, to be read before looking for work.
     pub(super) fn generation(&self) -> u64 {
         *self.generation.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Begins a new generation and wakes all who wait.
+    /// Begins a new generation and wakes all waiting threads.
     pub(super) fn notify(&self) {
         *self.generation.lock().unwrap_or_else(PoisonError::into_inner) += 1;
         self.changed.notify_all();
     }
 
-    /// Waits until the generation is another one than `seen`.
+    /// Waits until the generation differs from `seen`.
     pub(super) fn wait(&self, seen: u64) {
         let generation = self.generation.lock().unwrap_or_else(PoisonError::into_inner);
         drop(self.changed.wait_while(generation, |now| *now == seen));

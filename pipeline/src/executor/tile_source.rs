@@ -1,7 +1,7 @@
 //! The sequence of all tiles: bands one after the other, tiles of a band in order, claimed by workers and GPU queues.
 //!
-//! A thread prepares bands one ahead and offers them here. A tile may be claimed by a worker only [`super::AHEAD`] tiles a worker
-//! beyond the oldest one not yet added, which bounds memory. What a GPU could not compute is requeued and claimed first.
+//! A thread prepares bands one ahead and offers them here. A worker may claim a tile at most [`super::AHEAD`] tiles per worker beyond the
+//! oldest one not yet added, which bounds memory. Batches that a GPU could not compute are requeued and claimed first.
 
 use super::signal::Signal;
 use super::work::BandInFlight;
@@ -12,17 +12,17 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 /// Consecutive tiles of one row of a band.
 pub(super) struct Batch<B> {
     pub(super) band: Arc<BandInFlight<B>>,
-    /// Its first tile among the band's.
+    /// Index of its first tile in the band.
     pub(super) first: usize,
     pub(super) count: usize,
-    /// The first tile's place in the sequence of all tiles of the job.
+    /// Sequence number of its first tile among all tiles of the job.
     pub(super) sequence: usize,
-    /// A GPU could not compute it.
+    /// Whether a GPU could not compute it.
     pub(super) requeued: bool,
 }
 
 impl<B> Batch<B> {
-    /// Its tiles with their places in the sequence.
+    /// Its tiles with their sequence numbers.
     pub(super) fn tiles(&self) -> impl Iterator<Item = (usize, (usize, usize))> + '_ {
         (self.sequence..).zip(self.band.tiles[self.first..][..self.count].iter().copied())
     }
@@ -41,13 +41,13 @@ impl<B> Batch<B> {
     }
 }
 
-/// The answer to a claim.
+/// Result of a claim.
 pub(super) enum Claim<B> {
     /// Tiles to compute.
     Batch(Batch<B>),
-    /// None now; the [`Signal`] says when to ask again.
+    /// None now; the [`Signal`] is notified when there may be some.
     None,
-    /// All tiles that there will be have been added.
+    /// All tiles have been added.
     Over,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct TileSource<'a, B> {
     signal: &'a Signal,
     cancel: &'a AtomicBool,
     state: Mutex<State<B>>,
-    /// The offered band was taken, or none will be any more.
+    /// Notified when the offered band is taken or the source is closed.
     taken: Condvar,
 }
 
@@ -118,12 +118,12 @@ impl<'a, B> TileSource<'a, B> {
         self.cancel.load(Ordering::Relaxed)
     }
 
-    /// Whether bands are still wanted.
+    /// Whether further bands are accepted.
     pub(super) fn is_open(&self) -> bool {
         !self.cancelled() && !self.lock().closed
     }
 
-    /// Offers the next band and waits until its tiles come next; `false`: none are wanted any more.
+    /// Offers the next band and waits until its tiles are next; `false`: no further bands are accepted.
     pub(super) fn offer(&self, band: BandInFlight<B>) -> bool {
         let mut state = self.lock();
         state.offered = Some(band);
@@ -132,19 +132,19 @@ impl<'a, B> TileSource<'a, B> {
         !state.expect("no panic while held").closed
     }
 
-    /// No band follows.
+    /// Marks the last offered band as the last of the job.
     pub(super) fn end_of_bands(&self) {
         self.lock().last_band_offered = true;
         self.signal.notify();
     }
 
-    /// Ends the preparation of bands: the run is over or has failed.
+    /// Accepts no further bands: the run has ended or failed.
     pub(super) fn close(&self) {
         self.lock().closed = true;
         self.taken.notify_all();
     }
 
-    /// One tile for a worker, at most `ahead` tiles beyond the oldest that is not added.
+    /// Claims one tile for a worker, at most `ahead` tiles beyond the oldest one not yet added; `begun` is called with each new band.
     pub(super) fn claim_tile(&self, ahead: usize, begun: &dyn Fn(&BandInFlight<B>)) -> Claim<B> {
         let mut state = self.lock();
         self.next_band(&mut state, begun);
@@ -155,20 +155,20 @@ impl<'a, B> TileSource<'a, B> {
         if free { Claim::Batch(state.take(1)) } else { Claim::None }
     }
 
-    /// Whether all tiles that there will be have been added.
+    /// Whether all tiles have been added.
     pub(super) fn is_over(&self) -> bool {
         self.lock().is_over(self.cancelled())
     }
 
-    /// A batch of at most `largest` tiles for a GPU: first what was requeued, then the next tiles.
+    /// Claims a batch of at most `max_tiles` tiles for a GPU: requeued ones first, then the next tiles.
     pub(super) fn claim_batch(
         &self,
-        largest: &dyn Fn(&BandInFlight<B>) -> usize,
+        max_tiles: &dyn Fn(&BandInFlight<B>) -> usize,
         begun: &dyn Fn(&BandInFlight<B>),
     ) -> Claim<B> {
         let mut state = self.lock();
         if let Some((_, mut batch)) = state.requeued.pop_first() {
-            if let Some(rest) = batch.split_off(largest(&batch.band).max(1)) {
+            if let Some(rest) = batch.split_off(max_tiles(&batch.band).max(1)) {
                 state.requeued.insert(rest.sequence, rest);
             }
             return Claim::Batch(batch);
@@ -180,7 +180,7 @@ impl<'a, B> TileSource<'a, B> {
         if state.tiles_left() == 0 || self.cancelled() {
             return Claim::None;
         }
-        let count = share(&state, largest);
+        let count = batch_size(&state, max_tiles);
         Claim::Batch(state.take(count))
     }
 
@@ -198,20 +198,20 @@ impl<'a, B> TileSource<'a, B> {
         }
     }
 
-    /// Puts back what a GPU could not compute.
+    /// Requeues a batch that a GPU could not compute.
     pub(super) fn requeue(&self, batch: Batch<B>) {
         let batch = Batch { requeued: true, ..batch };
         self.lock().requeued.insert(batch.sequence, batch);
         self.signal.notify();
     }
 
-    /// One more tile is added.
+    /// Counts a tile as added.
     pub(super) fn tile_added(&self) {
         self.lock().added += 1;
         self.signal.notify();
     }
 
-    /// A GPU queue is removed: those that are left, and the position of the band in flight.
+    /// Removes a GPU queue; returns the number of queues left and the position of the band in flight.
     pub(super) fn remove_gpu(&self) -> (usize, usize) {
         let mut state = self.lock();
         state.gpus -= 1;
@@ -222,13 +222,13 @@ impl<'a, B> TileSource<'a, B> {
     }
 }
 
-/// How many of the next tiles a GPU takes at once: equal parts of a row, and fewer towards the end of a band where several GPUs
-/// share it, so that unequal ones end together.
-fn share<B>(state: &State<B>, largest: &dyn Fn(&BandInFlight<B>) -> usize) -> usize {
+/// Number of tiles of the next batch: equal parts of a row, and fewer towards the end of a band where several GPUs share it, so that GPUs
+/// of unequal speed finish together.
+fn batch_size<B>(state: &State<B>, max_tiles: &dyn Fn(&BandInFlight<B>) -> usize) -> usize {
     let band = state.band.as_ref().expect("it has tiles");
     let left = &band.tiles[state.next_tile..];
     let row = left.iter().take_while(|tile| tile.0 == left[0].0).count();
-    let part = row.div_ceil(row.div_ceil(largest(band).max(1)));
+    let part = row.div_ceil(row.div_ceil(max_tiles(band).max(1)));
     match state.gpus {
         0 | 1 => part,
         gpus => part.min(left.len().div_ceil(2 * gpus)),

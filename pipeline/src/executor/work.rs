@@ -1,26 +1,26 @@
-//! What is to be made, and what a run did.
+//! Input and result of a run.
 
 use crate::clock::StageTimes;
 use crate::cuda::GpuFigures;
 use crate::cuda::memory::DeviceQueue;
 use crate::geometry::Size;
-use crate::plan::{ShardId, Tiling, Window};
+use crate::plan::{FilmRegion, ShardId, Tiling};
 use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
-/// What is to be made.
+/// Tiles and shards to compute, and the threads and GPUs that compute them.
 pub struct Work<'a> {
     /// Film size in pixels.
     pub film: Size,
-    /// Outputs.
-    pub windows: &'a [Window],
-    /// Per position of the job: band of the chart, tiling, and the shards still to make.
+    /// Outputs: regions of the film.
+    pub windows: &'a [FilmRegion],
+    /// Bands, by position in the job.
     pub bands: Vec<BandWork>,
     /// Worker threads.
     pub threads: usize,
-    /// GPUs that compute the tiles; none: the workers do.
+    /// Queues of the GPUs that compute the tiles; empty: the workers compute them.
     pub gpus: &'a [DeviceQueue],
-    /// Set from outside to stop early: tiles in flight end, the shards that they finish are committed.
+    /// Set by the caller to stop early: tiles in flight are completed, and the shards that they finish are committed.
     pub cancel: &'a AtomicBool,
 }
 
@@ -29,18 +29,18 @@ pub struct Work<'a> {
 pub struct BandWork {
     /// Band of the chart.
     pub chart_band: usize,
-    /// Its tiles.
+    /// Its division into tiles.
     pub tiling: Tiling,
-    /// Shards to make; their `band` is the position in the job.
-    pub wanted: BTreeSet<ShardId>,
+    /// Shards to compute; their `band` is the position in the job.
+    pub shards: BTreeSet<ShardId>,
 }
 
-/// What a run did.
+/// Result of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
-    /// Thread seconds per stage, waiting included.
+    /// Thread time per stage, waiting included.
     pub times: StageTimes,
-    /// Core seconds per stage.
+    /// CPU time per stage.
     pub core: StageTimes,
     /// Wall time, s.
     pub wall_s: f64,
@@ -54,13 +54,13 @@ pub struct Summary {
     pub shards: u64,
     /// Bytes written.
     pub bytes_written: u64,
-    /// What each GPU queue did.
+    /// Figures of each GPU queue.
     pub gpus: Vec<GpuFigures>,
     /// Stopped early by `cancel`.
     pub interrupted: bool,
 }
 
-/// A prepared band and the tiles of it that are needed.
+/// A prepared band and the tiles to compute.
 pub(super) struct BandInFlight<B> {
     pub(super) position: usize,
     pub(super) stages: B,

@@ -1,6 +1,6 @@
-//! A worker's loop: a shard to encode, else a chart rectangle to read for a GPU, else a tile to compute.
+//! A worker's loop: encodes a shard, else reads a chart rectangle for a GPU, else computes a tile.
 //!
-//! Shards come first, for they free memory; where GPUs compute, workers take no tiles.
+//! Shards come first, since encoding frees memory; where GPUs compute, workers claim no tiles.
 
 use super::Compute;
 use super::chart_reads::ChartRead;
@@ -10,21 +10,21 @@ use super::shard_writer::Encoded;
 use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
 use crate::flow::FilmSink;
-use crate::overlap_add::Finished;
+use crate::overlap_add::FinishedShard;
 use crossbeam::channel::Sender;
 
-/// Tiles, per worker, between the one that is computed and the one whose chart is fetched: some tens of milliseconds.
+/// Distance, in tiles per worker, between the tile being computed and the one whose chart is prefetched: some tens of milliseconds.
 const READ_AHEAD: usize = 4;
 
 enum Task<B> {
-    Encode(Finished),
+    Encode(FinishedShard),
     Read(ChartRead<B>),
     Tile(Batch<B>),
     Over,
 }
 
 impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
-    /// Works until the run is over.
+    /// Runs until all tiles are added, or the run fails.
     pub(super) fn worker(&self, encoded: &Sender<Encoded<S>>) {
         let mut scratch = C::Scratch::default();
         loop {
@@ -35,7 +35,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
                 Task::Tile(batch) => self.compute_tile(&batch, &mut scratch),
             }
         }
-        // The thread that prepares bands may still offer one.
+        // Ends the thread that prepares bands if it is waiting.
         self.source.close();
     }
 
@@ -58,18 +58,18 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             };
             match claim {
                 Claim::Batch(batch) => return Task::Tile(batch),
-                // Shards of the last tile were pushed before it was counted as added.
+                // The last tile's shards were pushed before it was counted as added.
                 Claim::Over => return self.writer.pop().map_or(Task::Over, Task::Encode),
                 Claim::None => self.signal.wait(seen),
             }
         }
     }
 
-    fn encode(&self, shard: Finished, encoded: &Sender<Encoded<S>>) {
+    fn encode(&self, shard: FinishedShard, encoded: &Sender<Encoded<S>>) {
         let (pixels, result) = self.writer.encode(shard);
         self.adder.recycle(pixels);
         match result {
-            // Writing threads end before this one only after an error, which they have reported.
+            // The writing threads end before this one only after an error that they have reported.
             Ok(shard) => drop(encoded.send(shard)),
             Err(error) => self.fail(error),
         }
@@ -90,7 +90,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
                 TileOutput::Unreadable
             }
         };
-        self.hand_in(band, (batch.sequence, tile), output);
+        self.submit(band, (batch.sequence, tile), output);
     }
 
     fn read_for_gpu(&self, read: ChartRead<C::Band>, scratch: &mut C::Scratch) {
@@ -102,11 +102,11 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             .clock
             .remap
             .time(|| self.compute.read_chart(&band.stages, self.chart, chart_band, rect, out, scratch));
-        // A GPU queue that was removed has dropped its end.
+        // Not received if the GPU queue was removed.
         let _ = reply.send((index, into, done));
     }
 
-    /// Lets the chart fetch what a later tile of the band will need.
+    /// Prefetches the chart under a later tile of the band.
     fn read_ahead(&self, band: &BandInFlight<C::Band>, index: usize) {
         let work = &self.work.bands[band.position];
         if let Some(&tile) = band.tiles.get(index + READ_AHEAD * self.work.threads.max(1)) {

@@ -1,12 +1,12 @@
-//! Where a point of light lies.
+//! Position of an isolated point.
 //!
 //!     c = Σ (v − b)·p / Σ (v − b)
-//! over the pixels p of a square, b the mean of the square's outermost ring. Exact for a point whose light dies out inside.
+//! over the pixels p of a square, b the mean of the square's outermost ring. Exact for a point whose image lies inside the ring.
 
 use crate::geometry::Rect;
 
-/// The centroid (row, column) in film pixels of the light on `rect` (row-major `pixels`) within ± `half` of the pixel nearest
-/// to `about`; `None` if the square leaves the rectangle or holds no light.
+/// Centroid (row, column) in film pixels of `pixels` (row-major on `rect`) within ± `half` of the pixel nearest to `about`; `None` if
+/// the square is not inside `rect` or its sum above the background is not positive.
 pub fn centroid(pixels: &[f32], rect: Rect, about: (f64, f64), half: usize) -> Option<(f64, f64)> {
     let side = 2 * half + 1;
     let (y, x) = (about.0.round() as i64 - half as i64, about.1.round() as i64 - half as i64);
@@ -23,10 +23,10 @@ pub fn centroid(pixels: &[f32], rect: Rect, about: (f64, f64), half: usize) -> O
     let background = ring / (4 * (side - 1)) as f64;
     let (mut sum, mut rows, mut cols) = (0.0, 0.0, 0.0);
     for (i, j) in (0..side).flat_map(|i| (0..side).map(move |j| (i, j))) {
-        let light = at(i, j) - background;
-        sum += light;
-        rows += light * i as f64;
-        cols += light * j as f64;
+        let value = at(i, j) - background;
+        sum += value;
+        rows += value * i as f64;
+        cols += value * j as f64;
     }
     (sum > 0.0).then(|| (square.y as f64 + rows / sum, square.x as f64 + cols / sum))
 }
@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_gaussian_lies_where_it_lies() {
+    fn centroid_of_a_gaussian_is_its_centre() {
         let rect = Rect::new(100, 200, 41, 45);
         for (cy, cx, sigma) in [(119.7, 221.2, 1.3), (120.0, 222.5, 2.0), (121.41, 219.93, 0.9)] {
             let pixels: Vec<f32> = (0..rect.size().pixels())

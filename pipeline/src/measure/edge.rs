@@ -1,9 +1,8 @@
-//! The edge spread function of an edge on a film: its pixels sorted by their distance from the edge.
+//! Edge spread function (ESF) of an edge on a film: pixels by their distance from the edge.
 //!
-//! A slanted edge meets the rows of pixels at every phase, so the pixels along it sample the profile across it far finer
-//! than the pitch (ISO 12233: e-SFR). Pixels go to bins of 1/4 px by their distance; a bin's sample is the mean of their
-//! values at the mean of their distances. The distance is the caller's: of a straight line, or of the chart's edge as the
-//! lens maps it, which is not quite straight.
+//! A slanted edge crosses the rows of pixels at all phases, so the pixels along it sample its profile much finer than the pitch
+//! (ISO 12233: e-SFR). Pixels are binned by distance in bins of 1/4 px; the sample of a bin is the mean of the values at the mean of the
+//! distances. The caller supplies the distance, from a straight line or from the chart's edge as distorted by the lens.
 
 use crate::geometry::Rect;
 use crate::real;
@@ -15,20 +14,20 @@ pub const OVERSAMPLING: f64 = 4.0;
 /// A straight edge on the film: light where the distance is positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeLine {
-    /// A point (row, column) on it, film pixels.
+    /// A point (row, column) of the edge, film pixels.
     pub at_px: (f64, f64),
-    /// Direction of its normal, from dark to light: azimuth in rad, 0 on +x, 90° down.
+    /// Azimuth of its normal, from dark to light, rad.
     pub normal_rad: f64,
 }
 
 impl EdgeLine {
-    /// Distance of (row, column) from the edge, film pixels.
+    /// Signed distance of (row, column) from the edge, film pixels.
     pub fn distance(&self, (row, col): (f64, f64)) -> f64 {
         let (sin, cos) = real::sin_cos(self.normal_rad);
         (col - self.at_px.1) * cos + (row - self.at_px.0) * sin
     }
 
-    /// The edge through two points (row, column), its light side not known yet.
+    /// The edge through two points (row, column); which side is light is undetermined.
     pub fn through(a: (f64, f64), b: (f64, f64)) -> Self {
         let (dy, dx) = (b.0 - a.0, b.1 - a.1);
         Self { at_px: ((a.0 + b.0) / 2.0, (a.1 + b.1) / 2.0), normal_rad: real::atan2(dx, -dy) }
@@ -44,12 +43,12 @@ pub struct EsfSample {
     pub value: f64,
 }
 
-/// Why there is no ESF.
+/// An ESF that cannot be computed.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum EdgeError {
     /// A bin without a pixel.
     #[error(
-        "no pixel lies {distance_px:.2} px from the edge: the region is too short, or the edge too upright or too level"
+        "no pixel lies {distance_px:.2} px from the edge: the region is too short, or the edge too close to vertical or horizontal"
     )]
     Empty {
         /// The bin.
@@ -73,12 +72,12 @@ pub struct Esf {
 }
 
 impl Esf {
-    /// The ESF within ± `half_px` of an edge, from the pixels of `rect` (row-major); `distance` of a pixel (row, column) from
-    /// the edge, `None` for a pixel that does not count.
+    /// The ESF within ± `half_px` of an edge, from the pixels of `rect` (row-major). `distance` of a pixel (row, column) from the edge;
+    /// `None` excludes the pixel.
     ///
     /// # Errors
     /// [`EdgeError::Empty`].
-    pub fn of(
+    pub fn new(
         pixels: &[f32],
         rect: Rect,
         half_px: f64,
@@ -103,14 +102,15 @@ impl Esf {
         Ok(Self { samples: bins.into_iter().enumerate().map(sample).collect::<Result<_, _>>()? })
     }
 
-    /// The ESF from 0 on the dark plateau to 1 on the light one: the means of what lies beyond ± `plateau_px`.
+    /// The ESF scaled to 0 on the dark plateau and 1 on the light one, the means beyond ± `plateau_px`.
     ///
     /// # Errors
-    /// [`EdgeError::Flat`] if light is not lighter than dark.
+    /// [`EdgeError::Flat`] if the light side is not above the dark one.
     pub fn normalised(&self, plateau_px: f64) -> Result<Self, EdgeError> {
         let mean = |side: &dyn Fn(f64) -> bool| {
-            let of: Vec<f64> = self.samples.iter().filter(|s| side(s.distance_px)).map(|s| s.value).collect();
-            of.iter().sum::<f64>() / of.len() as f64
+            let values: Vec<f64> =
+                self.samples.iter().filter(|s| side(s.distance_px)).map(|s| s.value).collect();
+            values.iter().sum::<f64>() / values.len() as f64
         };
         let (dark, light) = (mean(&|d| d < -plateau_px), mean(&|d| d > plateau_px));
         if light - dark <= 1e-9 * light.abs() || light.is_nan() || dark.is_nan() {
@@ -141,9 +141,9 @@ impl Esf {
     }
 }
 
-/// Fits the edge near `guess` in the pixels of `rect` (ISO 12233: the straight line through the centroids of the line
-/// spread of each row, or of each column for an edge that is nearer level), looking `half_px` to either side; its normal
-/// points from dark to light. `None` where there is no edge to fit.
+/// Fits the edge near `guess` in the pixels of `rect`: the straight line through the centroids of the line spread function of each row,
+/// or of each column for an edge closer to horizontal, within `half_px` on either side (ISO 12233). Its normal points from dark to
+/// light. `None` if fewer than three lines cross the edge.
 pub fn fit(pixels: &[f32], rect: Rect, guess: EdgeLine, half_px: usize) -> Option<EdgeLine> {
     let (sin, cos) = real::sin_cos(guess.normal_rad);
     let upright = cos.abs() >= sin.abs();
@@ -156,7 +156,7 @@ pub fn fit(pixels: &[f32], rect: Rect, guess: EdgeLine, half_px: usize) -> Optio
     let mut rise = 0.0;
     for line in 0..lines {
         let along = origin.0 + line as f64;
-        // Where the guess crosses this line.
+        // Intersection of the guess with this line.
         let crossing = match upright {
             true => guess.at_px.1 - (along - guess.at_px.0) * sin / cos,
             false => guess.at_px.0 - (along - guess.at_px.1) * cos / sin,
@@ -184,11 +184,11 @@ pub fn fit(pixels: &[f32], rect: Rect, guess: EdgeLine, half_px: usize) -> Optio
     let (saa, sac) =
         points.iter().fold((0.0, 0.0), |(s, t), p| (s + (p.0 - ma).powi(2), t + (p.0 - ma) * (p.1 - mc)));
     let slope = sac / saa;
-    let toward = if rise < 0.0 { std::f64::consts::PI } else { 0.0 };
+    let reversal = if rise < 0.0 { std::f64::consts::PI } else { 0.0 };
     Some(match upright {
         // across = mc + slope·(along − ma): the normal of that line, towards rising values.
-        true => EdgeLine { at_px: (ma, mc), normal_rad: real::atan2(-slope, 1.0) + toward },
-        false => EdgeLine { at_px: (mc, ma), normal_rad: real::atan2(1f64, -slope) + toward },
+        true => EdgeLine { at_px: (ma, mc), normal_rad: real::atan2(-slope, 1.0) + reversal },
+        false => EdgeLine { at_px: (mc, ma), normal_rad: real::atan2(1f64, -slope) + reversal },
     })
 }
 
@@ -196,7 +196,7 @@ pub fn fit(pixels: &[f32], rect: Rect, guess: EdgeLine, half_px: usize) -> Optio
 pub(super) mod tests {
     use super::*;
 
-    /// Φ, the Gaussian's integral: Abramowitz and Stegun 7.1.26 is too coarse (1e-7 is wanted): Simpson's rule.
+    /// Φ, the Gaussian's integral: Abramowitz and Stegun 7.1.26 is too coarse (1e-7 is required): Simpson's rule.
     pub(in crate::measure) fn phi(x: f64) -> f64 {
         let n = 400;
         let h = x / f64::from(n);
@@ -216,13 +216,13 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn an_analytic_edge_within_1e_3() {
+    fn esf_of_an_analytic_edge_within_1e_3() {
         let rect = Rect::new(1000, 2000, 120, 110);
         for (degrees, sigma) in [(5.0f64, 1.0), (-5.0, 0.8), (95.0, 1.5), (50.0, 1.2), (185.0, 2.0)] {
             let line = EdgeLine { at_px: (1060.2, 2054.7), normal_rad: degrees.to_radians() };
             let pixels = edge(rect, line, sigma);
             let at = |y: i64, x: i64| Some(line.distance((y as f64, x as f64)));
-            let esf = Esf::of(&pixels, rect, 20.0, at).unwrap().normalised(14.0).unwrap();
+            let esf = Esf::new(&pixels, rect, 20.0, at).unwrap().normalised(14.0).unwrap();
             let worst =
                 esf.samples.iter().map(|s| (s.value - phi((s.distance_px / sigma).clamp(-8.0, 8.0))).abs());
             let worst = worst.fold(0.0, f64::max);
@@ -231,29 +231,29 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_line_is_found_from_a_rough_guess() {
+    fn fit_converges_from_a_rough_guess() {
         let rect = Rect::new(0, 0, 100, 90);
         for degrees in [4.0f64, 86.0, 184.0, 266.0, -7.0] {
             let line = EdgeLine { at_px: (50.3, 44.6), normal_rad: degrees.to_radians() };
             let guess = EdgeLine { at_px: (49.0, 46.0), normal_rad: (degrees + 1.0).to_radians() };
             let found = fit(&edge(rect, line, 1.1), rect, guess, 12).unwrap();
-            let turn = (found.normal_rad - line.normal_rad).rem_euclid(std::f64::consts::TAU);
-            let turn = turn.min(std::f64::consts::TAU - turn);
-            assert!(turn < 1e-3, "{degrees}°: {turn}");
+            let error = (found.normal_rad - line.normal_rad).rem_euclid(std::f64::consts::TAU);
+            let error = error.min(std::f64::consts::TAU - error);
+            assert!(error < 1e-3, "{degrees}°: {error}");
             assert!(line.distance(found.at_px).abs() < 5e-3, "{degrees}°: {}", line.distance(found.at_px));
         }
     }
 
     #[test]
-    fn what_is_no_edge_is_an_error() {
+    fn empty_bins_and_flat_regions_are_errors() {
         let rect = Rect::new(0, 0, 50, 50);
         let line = EdgeLine { at_px: (25.0, 25.0), normal_rad: 0.0 };
         let at = |y: i64, x: i64| Some(line.distance((y as f64, x as f64)));
-        // Upright: three of four bins stay empty.
-        assert!(matches!(Esf::of(&[1.0; 2500], rect, 5.0, at), Err(EdgeError::Empty { .. })));
+        // Vertical: three of four bins are empty.
+        assert!(matches!(Esf::new(&[1.0; 2500], rect, 5.0, at), Err(EdgeError::Empty { .. })));
         let slanted = EdgeLine { normal_rad: 0.1, ..line };
         let at = |y: i64, x: i64| Some(slanted.distance((y as f64, x as f64)));
-        let flat = Esf::of(&[1.0; 2500], rect, 9.0, at).unwrap().normalised(6.0);
+        let flat = Esf::new(&[1.0; 2500], rect, 9.0, at).unwrap().normalised(6.0);
         assert!(matches!(flat, Err(EdgeError::Flat { .. })));
     }
 }

@@ -1,37 +1,35 @@
-//! The edge spread function that a PSF must give, summed straight from its samples.
+//! Edge spread function expected from a PSF, as a direct sum over its samples.
 //!
-//! Across an edge of normal n everything is one-dimensional: with u_i = d_i · n the place of PSF sample i (share p_i) along n,
-//!     ESF(u) = Σ_i p_i · S(u − u_i),
-//! S the response of a step to all that stands between chart and film value beside the PSF: the chart pixel's square and the
-//! film pixel's square (each, seen along n, a box of width |cos α| and one of |sin α|), the bin of the measurement, and the
-//! taps of the interpolation between chart pixels, each a shift along n with a weight. A PSF at azimuth θ is not turned: its
-//! samples are looked at along α − θ.
+//! Across an edge of normal n (azimuth α) the problem is one-dimensional: with u_i = d_i · n the position of PSF sample i (share p_i) along n,
+//!     ESF(u) = Σ_i p_i · S(u − u_i)
+//! where S is the response to a step of all operations between chart and film value other than the PSF: the mean over the chart pixel's
+//! square and over the film pixel's square (each, along n, a box of width |cos α| and one of |sin α|), the bin of the measurement, and
+//! the taps of the interpolation between chart pixels, each a shift along n with a weight. A PSF at azimuth θ is not rotated: its samples
+//! are projected along α − θ.
 //!
-//! Point samples are smooth only under a square at least as wide as their pitch: the film pixel's is.
+//! Point samples need a square at least as wide as their pitch, such as the film pixel's, for a smooth result.
 //!
-//! Numerically: shares are laid out on a line of 1/64 px by linear splitting (second moment wrong by at most 1/4 of a step
-//! squared, 6e-5 px²), every box is a difference of running sums.
+//! Numerically, shares are deposited on a line of steps of 1/64 px by linear splitting (error of the second moment at most 1/4 of a step
+//! squared, 6e-5 px²); every box is a difference of running sums.
 
 use crate::real;
 
 /// Steps of the line per film pixel.
 const FINE: f64 = 64.0;
 
-/// A PSF sample: where it lies from the chief ray (row, column; film pixels), for a field point on +x, and its share of the
-/// light.
+/// A PSF sample of a field point on +x: position relative to the chief ray (row, column; film pixels), and its share of the light.
 pub type Share = ((f64, f64), f64);
 
-/// What the step goes through beside the PSF.
+/// Operations on the step other than the PSF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// Direction of the edge's normal, from dark to light: azimuth in rad.
     pub normal_rad: f64,
-    /// Sides in film pixels of the squares that pixels are means over: the chart's, and the film's if the PSF's samples are
-    /// points.
+    /// Sides in film pixels of the squares over which pixels are means: the chart's, and the film's if the PSF has point samples.
     pub squares_px: Vec<f64>,
     /// Width in film pixels of the bins of the measurement; 0 for none.
     pub bin_px: f64,
-    /// Interpolation: where each tap lies from the pixel (row, column; film pixels), and its weight; they sum to 1.
+    /// Interpolation: position of each tap relative to the pixel (row, column; film pixels), and its weight; weights sum to 1.
     pub taps: Vec<Share>,
 }
 
@@ -50,22 +48,22 @@ impl ExpectedEsf {
             move |(row, col): (f64, f64)| col * cos + row * sin
         };
         let (psf, edge) = (along(step.normal_rad - azimuth_rad), along(step.normal_rad));
-        let laid: Vec<(f64, f64)> = shares.map(|(d, p)| (psf(d), p)).collect();
+        let samples: Vec<(f64, f64)> = shares.map(|(d, p)| (psf(d), p)).collect();
         let taps: Vec<(f64, f64)> = step.taps.iter().map(|&(d, w)| (edge(d), w)).collect();
-        let far = |of: &[(f64, f64)]| of.iter().fold(0.0f64, |m, v| m.max(v.0.abs()));
+        let far = |points: &[(f64, f64)]| points.iter().fold(0.0f64, |m, v| m.max(v.0.abs()));
         let widths: Vec<f64> = {
             let (sin, cos) = real::sin_cos(step.normal_rad);
             let both = step.squares_px.iter().flat_map(|w| [w * cos.abs(), w * sin.abs()]);
             both.chain([step.bin_px]).filter(|w| *w > 1.0 / FINE).collect()
         };
-        let reach = far(&laid) + far(&taps) + widths.iter().sum::<f64>() / 2.0 + 2.0;
+        let reach = far(&samples) + far(&taps) + widths.iter().sum::<f64>() / 2.0 + 2.0;
         let n = (2.0 * reach * FINE).ceil() as usize + 1;
         let first_px = -reach;
         let mut line = vec![0.0; n];
-        for (u, p) in laid {
+        for (u, p) in samples {
             deposit(&mut line, (u - first_px) * FINE, p);
         }
-        // Light from a tap at +d shows the chart there: the edge comes d earlier.
+        // A tap at +d reads the chart there: the edge appears d earlier.
         let mut spread = vec![0.0; n];
         for &(d, w) in &taps {
             let shift = -d * FINE;
@@ -78,7 +76,7 @@ impl ExpectedEsf {
         }
         let mut sum = 0.0;
         for v in &mut spread {
-            // Light of a sample counts from its own place on: half of it there.
+            // A sample counts fully beyond its position and by half at it.
             let share = std::mem::replace(v, sum + *v / 2.0);
             sum += share;
         }
@@ -93,7 +91,7 @@ impl ExpectedEsf {
     }
 }
 
-/// Adds `share` at `at` of the line, split between the two steps around it; beyond the ends at the ends.
+/// Adds `share` at position `at` of the line, split linearly between the two nearest steps; clamped to the ends.
 fn deposit(line: &mut [f64], at: f64, share: f64) {
     let at = at.clamp(0.0, (line.len() - 1) as f64);
     let i = (at as usize).min(line.len() - 2);
@@ -102,7 +100,7 @@ fn deposit(line: &mut [f64], at: f64, share: f64) {
     line[i + 1] += share * t;
 }
 
-/// The mean over `width` steps about each.
+/// Replaces each value by the mean over `width` steps about it.
 fn smooth(line: &mut [f64], width: f64) {
     let mut sums = Vec::with_capacity(line.len() + 1);
     let mut sum = 0.0;
@@ -111,7 +109,7 @@ fn smooth(line: &mut [f64], width: f64) {
         sum += v;
         sums.push(sum);
     }
-    // Σ of the steps before the place `at` between steps, each step spread over its own width.
+    // Σ of the values before position `at`, each spread over its step.
     let before = |at: f64| {
         let at = at.clamp(0.0, line_end(&sums));
         let i = (at as usize).min(sums.len() - 2);
@@ -127,7 +125,7 @@ fn line_end(sums: &[f64]) -> f64 {
     (sums.len() - 1) as f64
 }
 
-/// Catmull-Rom weights of the four chart pixels around a place `t` beyond the second.
+/// Catmull-Rom weights of four chart pixels for a position `t` beyond the second.
 pub fn catmull_rom(t: f64) -> [f64; 4] {
     // Keys 1981, a = −1/2, from the kernel's definition by distance.
     let near = |d: f64| (1.5 * d - 2.5) * d * d + 1.0;
@@ -156,36 +154,36 @@ mod tests {
     }
 
     #[test]
-    fn a_gaussian_seen_from_any_side() {
+    fn gaussian_psf_at_any_azimuth_has_an_analytic_esf() {
         for (azimuth, normal) in [(0.0, 0.0), (0.0, 1.2), (0.7, 0.7), (2.5, 0.3), (-1.0, 3.0)] {
-            // Twice the pitch of the samples: no stairs are left.
+            // Twice the pitch of the samples: no staircase.
             let step = Step { squares_px: vec![0.5], ..plain(normal) };
             let esf = ExpectedEsf::new(gaussian().into_iter(), azimuth, &step);
             let (sin, cos) = f64::sin_cos(normal - azimuth);
             let sigma = (2.25 * cos * cos + 0.64 * sin * sin + 0.25 / 12.0).sqrt();
             for u in [-3.0, -1.1, 0.0, 0.37, 2.2] {
-                let want = phi((u - 0.4 * cos) / sigma);
+                let expected = phi((u - 0.4 * cos) / sigma);
                 assert!(
-                    (esf.at(u) - want).abs() < 5e-4,
+                    (esf.at(u) - expected).abs() < 5e-4,
                     "θ {azimuth}, α {normal}, u {u}: {}",
-                    esf.at(u) - want
+                    esf.at(u) - expected
                 );
             }
         }
     }
 
     #[test]
-    fn squares_taps_and_bins_add_up() {
-        // A point through one square at 45° rises as a parabola over ±√2/2; a tap half a pixel out comes half earlier.
+    fn squares_taps_and_bins_are_applied() {
+        // A point through one square at 45° rises as a parabola over ±√2/2; a tap at +0.5 px shifts the edge by −0.5 px.
         let point = || std::iter::once(((0.0, 0.0), 1.0));
         let mut step = plain(std::f64::consts::FRAC_PI_4);
         step.squares_px = vec![1.0];
         let esf = ExpectedEsf::new(point(), 0.0, &step);
         let w = 0.5f64.sqrt();
         for u in [-0.6, -0.3, 0.0, 0.2, 0.5] {
-            let want =
+            let expected =
                 if u < 0.0 { (u + w).powi(2) / (2.0 * w * w) } else { 1.0 - (w - u).powi(2) / (2.0 * w * w) };
-            assert!((esf.at(u) - want).abs() < 2e-4, "{u}: {} for {want}", esf.at(u));
+            assert!((esf.at(u) - expected).abs() < 2e-4, "{u}: {} for {expected}", esf.at(u));
         }
         let mut shifted = plain(0.0);
         shifted.bin_px = 0.5;
@@ -197,12 +195,12 @@ mod tests {
     }
 
     #[test]
-    fn catmull_rom_keeps_sums_and_lines() {
+    fn catmull_rom_reproduces_constants_and_lines() {
         for t in [0.0, 0.25, 0.5, 0.9] {
             let w = catmull_rom(t);
             assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-15);
-            let place: f64 = w.iter().enumerate().map(|(i, w)| w * (i as f64 - 1.0)).sum();
-            assert!((place - t).abs() < 1e-15);
+            let position: f64 = w.iter().enumerate().map(|(i, w)| w * (i as f64 - 1.0)).sum();
+            assert!((position - t).abs() < 1e-15);
         }
     }
 }

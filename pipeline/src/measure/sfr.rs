@@ -1,9 +1,9 @@
-//! Modulation transfer from an edge: e-SFR (ISO 12233).
+//! Modulation transfer function (MTF) from an edge: e-SFR (ISO 12233).
 //!
 //!     LSF(u) = dESF/du,   MTF(f) = |∫ LSF(u)·w(u)·exp(−2πi·f·u) du| / |∫ LSF(u)·w(u) du|
-//! The derivative is the central difference over 2 bins and a bin is a mean over its width Δ; both are undone:
+//! The derivative is a central difference over 2 bins and a bin is a mean over its width Δ; both are corrected:
 //!     MTF /= sinc(2·f·Δ)·sinc(f·Δ),   sinc(x) = sin(πx)/(πx).
-//! w is flat and falls as a cosine over the outer quarter, so that a PSF inside the flat part keeps its width (a Hamming
+//! w is 1 with a cosine taper over the outer quarter, so that a PSF inside the flat part keeps its width (a Hamming
 //! window over 32 px narrows a line of σ = 1 px by 0.9 %).
 
 use super::edge::{Esf, OVERSAMPLING};
@@ -19,9 +19,9 @@ pub struct Mtf {
     pub modulation: Vec<f64>,
 }
 
-/// Frequencies are told to here, cycles per pixel.
-const LAST_CY_PX: f64 = 1.0;
-/// Steps to there.
+/// Largest frequency, cycles per pixel.
+const MAX_CY_PX: f64 = 1.0;
+/// Number of frequency steps.
 const STEPS: usize = 200;
 
 /// The line spread function of values 1/4 px apart: the central difference, per film pixel; the ends are 0.
@@ -34,24 +34,24 @@ pub fn line_spread(esf: &[f64]) -> Vec<f64> {
 }
 
 impl Mtf {
-    /// Of an edge.
-    pub fn of(esf: &Esf) -> Self {
-        Self::of_values(&esf.uniform())
+    /// The MTF of an edge.
+    pub fn from_esf(esf: &Esf) -> Self {
+        Self::from_values(&esf.uniform())
     }
 
-    /// Of an ESF's values 1/4 px apart, its middle on the edge.
-    pub fn of_values(esf: &[f64]) -> Self {
+    /// The MTF of ESF values 1/4 px apart, the middle one on the edge.
+    pub fn from_values(esf: &[f64]) -> Self {
         let lsf = line_spread(esf);
         let half = (lsf.len() - 1) as f64 / 2.0;
         let windowed: Vec<f64> = lsf
             .iter()
             .enumerate()
             .map(|(i, v)| {
-                let out = (i as f64 - half).abs() / half;
-                v * if out <= 0.75 { 1.0 } else { 0.5 + 0.5 * real::cos(PI * (out - 0.75) / 0.25) }
+                let distance = (i as f64 - half).abs() / half;
+                v * if distance <= 0.75 { 1.0 } else { 0.5 + 0.5 * real::cos(PI * (distance - 0.75) / 0.25) }
             })
             .collect();
-        let frequency_cy_px: Vec<f64> = (0..=STEPS).map(|i| LAST_CY_PX * i as f64 / STEPS as f64).collect();
+        let frequency_cy_px: Vec<f64> = (0..=STEPS).map(|i| MAX_CY_PX * i as f64 / STEPS as f64).collect();
         let magnitude = |f: f64| {
             let (mut re, mut im) = (0.0, 0.0);
             for (i, v) in windowed.iter().enumerate() {
@@ -60,9 +60,9 @@ impl Mtf {
             }
             real::hypot(re, im)
         };
-        let all = magnitude(0.0);
+        let total = magnitude(0.0);
         let corrected =
-            |&f: &f64| magnitude(f) / all / (sinc(2.0 * f / OVERSAMPLING) * sinc(f / OVERSAMPLING));
+            |&f: &f64| magnitude(f) / total / (sinc(2.0 * f / OVERSAMPLING) * sinc(f / OVERSAMPLING));
         Self { modulation: frequency_cy_px.iter().map(corrected).collect(), frequency_cy_px }
     }
 
@@ -86,17 +86,17 @@ mod tests {
     use crate::geometry::Rect;
 
     #[test]
-    fn the_mtf_of_a_gaussian() {
+    fn mtf_of_a_gaussian_edge_is_analytic() {
         let rect = Rect::new(0, 0, 140, 120);
         for sigma in [0.7, 1.0, 1.8] {
             let line = EdgeLine { at_px: (70.3, 60.1), normal_rad: 5f64.to_radians() };
             let pixels = tests::edge(rect, line, sigma);
             let at = |y: i64, x: i64| Some(line.distance((y as f64, x as f64)));
-            let esf = Esf::of(&pixels, rect, 20.0, at).unwrap().normalised(14.0).unwrap();
-            let mtf = Mtf::of(&esf);
-            let want = (2f64.ln() / 2.0).sqrt() / (PI * sigma);
+            let esf = Esf::new(&pixels, rect, 20.0, at).unwrap().normalised(14.0).unwrap();
+            let mtf = Mtf::from_esf(&esf);
+            let expected = (2f64.ln() / 2.0).sqrt() / (PI * sigma);
             let got = mtf.mtf50_cy_px().unwrap();
-            assert!((got / want - 1.0).abs() < 5e-3, "σ {sigma}: {got} for {want}");
+            assert!((got / expected - 1.0).abs() < 5e-3, "σ {sigma}: {got} for {expected}");
             assert_eq!(mtf.frequency_cy_px.len(), mtf.modulation.len());
             for (f, m) in mtf.frequency_cy_px.iter().zip(&mtf.modulation).take_while(|(f, _)| **f <= 0.5) {
                 let truth = (-2.0 * (PI * sigma * f).powi(2)).exp();

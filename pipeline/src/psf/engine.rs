@@ -1,4 +1,4 @@
-//! The transforms behind the door: one engine per instruction set, the same sums.
+//! SVPSF engines: one per instruction set, all of the same sums.
 
 use crate::buffer::AlignedBuf;
 use crate::psf::blocks::Blocks;
@@ -11,15 +11,15 @@ use crate::psf::{BlockView, Spectra};
 use crate::simd::{Avx2, Avx512};
 use crate::simd::{Isa, Simd};
 
-/// An engine for one cut of the film.
+/// An engine for one partition of the film.
 #[derive(Debug)]
 pub(super) enum Engine {
     /// realfft and rustfft, on any machine.
     Portable(Portable),
-    /// 16 columns in lanes.
+    /// 16 columns per register.
     #[cfg(target_arch = "x86_64")]
     Avx512(Columns<Avx512>),
-    /// 8 columns in lanes.
+    /// 8 columns per register.
     #[cfg(target_arch = "x86_64")]
     Avx2(Columns<Avx2>),
 }
@@ -29,14 +29,13 @@ pub(super) enum Engine {
 pub(super) enum EngineScratch {
     /// For [`Engine::Portable`].
     Portable(Box<portable::Scratch>),
-    /// For the engines with columns in lanes.
+    /// For the SIMD engines.
     #[cfg(target_arch = "x86_64")]
     Simd(Box<simd::Scratch>),
 }
 
-/// Why the arms of the wrong pair cannot be reached.
 #[cfg(target_arch = "x86_64")]
-const OWN: &str = "an engine meets the scratch that it made";
+const SCRATCH_MISMATCH: &str = "scratch of another engine";
 
 impl Engine {
     /// The engine of `simd` for `blocks`.
@@ -48,11 +47,11 @@ impl Engine {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx2 => Self::Avx2(Columns::new(blocks, simd)),
             #[cfg(not(target_arch = "x86_64"))]
-            Isa::Avx512 | Isa::Avx2 => unreachable!("a choice this machine can run"),
+            Isa::Avx512 | Isa::Avx2 => unreachable!("Simd holds available instructions only"),
         }
     }
 
-    /// f32s of one spectrum.
+    /// Length of one spectrum in f32.
     pub(super) fn spectrum_len(&self) -> usize {
         match self {
             Self::Portable(e) => e.spectrum_len(),
@@ -74,7 +73,7 @@ impl Engine {
         }
     }
 
-    /// Spectrum of a kernel of the planned window, in the memory of `buffer`.
+    /// Spectrum of a kernel (window × window), in the memory of `buffer`.
     pub(super) fn spectrum(
         &self,
         kernel: &[f32],
@@ -88,13 +87,13 @@ impl Engine {
             #[cfg(target_arch = "x86_64")]
             (Self::Avx2(e), EngineScratch::Simd(s)) => e.spectrum(kernel, s, buffer),
             #[cfg(target_arch = "x86_64")]
-            _ => unreachable!("{OWN}"),
+            _ => unreachable!("{SCRATCH_MISMATCH}"),
         }
     }
 
-    /// Scatters one block of the remapped image into `out` (rows `stride` apart), whose first value is the film pixel (window − 1)/2
-    /// above and left of the block's first. An engine may add
-    /// up to 15 zeros past the last of the `cols + window − 1` values of a row.
+    /// Adds the contribution of one block of the remapped image to `out` (rows `stride` apart), `rows + window − 1` rows of
+    /// `cols + window − 1` values. The first value of `out` is the film pixel (window − 1)/2 above and left of the block's first
+    /// pixel. An engine may add up to 15 zeros past the end of a row.
     pub(super) fn scatter(
         &self,
         block: &BlockView<'_>,
@@ -113,7 +112,7 @@ impl Engine {
             #[cfg(target_arch = "x86_64")]
             (Self::Avx2(e), EngineScratch::Simd(s)) => e.scatter(block, grid, spectra, out, stride, s),
             #[cfg(target_arch = "x86_64")]
-            _ => unreachable!("{OWN}"),
+            _ => unreachable!("{SCRATCH_MISMATCH}"),
         }
     }
 }

@@ -1,12 +1,12 @@
-//! The grid of PSF nodes on the film, and how much of each node a pixel takes.
+//! The polar grid of PSF nodes on the film, and the weight of each node at a pixel.
 //!
-//! Node (k, j) lies at REAL image height r_k and azimuth θ_j = 2πj/J_k. Between nodes the PSF is linear in r and, on each
-//! height, linear in θ, so a pixel (r, θ) takes from node (k, j) the share
-//!     w = R_k(r) · T_kj(θ),
-//!     R_k = min((r − r_{k−1})/(r_k − r_{k−1}), (r_{k+1} − r)/(r_{k+1} − r_k)), not below 0;  1 from r_K−1 outwards
-//!     T_kj = max(0, 1 − |θ − θ_j|·J_k/2π), the angle taken the short way round;  1 for the axis node, which has no azimuth
-//! which are not zero for at most four nodes and sum to 1. Heights are kept in film pixels. Inside a block of pixels r and
-//! θ are taken relative to the block's centre, so that f32 holds the shares to about 1e-7 anywhere on a 14,141² film.
+//! Node (k, j) lies at REAL image height r_k and azimuth θ_j = 2πj/J_k. Between nodes the PSF is linear in r and, on each height,
+//! linear in θ: the PSF at (r, θ) is Σ_kj w_kj(r, θ)·P_kj with
+//!     w_kj = A_k(r) · B_kj(θ),
+//!     A_k = max(0, min((r − r_{k−1})/(r_k − r_{k−1}), (r_{k+1} − r)/(r_{k+1} − r_k)));  1 beyond the last height
+//!     B_kj = max(0, 1 − |θ − θ_j|·J_k/2π), |θ − θ_j| ≤ π;  1 for the axis node, which has no azimuth
+//! At most four weights of a pixel are above 0; they sum to 1. Heights are stored in film pixels. Within a block of pixels r and θ
+//! are relative to the block's centre, so that f32 weights are exact to about 1e-7 anywhere on a 14,141² film.
 
 use std::f64::consts::TAU;
 
@@ -27,50 +27,50 @@ pub struct Node {
     pub j: usize,
 }
 
-/// A node's share of a pixel at (r, θ), both relative to the block's centre (px, rad):
-/// `max(0, min(r·rise + rise_at, r·fall + fall_at)) · max(0, 1 − d·per_rad)`, d = |θ − azimuth_rad| the short way round.
+/// The weight of one node as a function of (r, θ), both relative to the block's centre (px, rad):
+/// `max(0, min(r·rise + rise_at, r·fall + fall_at)) · max(0, 1 − d·per_rad)`, d = |θ − azimuth_rad| ≤ π.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tent {
+pub struct NodeWeight {
     /// Slope of the inner flank, 1/px (0 for the axis node).
     pub rise: f32,
-    /// Inner flank at r = 0.
+    /// Inner flank at the block's centre.
     pub rise_at: f32,
     /// Slope of the outer flank, 1/px, ≤ 0 (0 for the last height).
     pub fall: f32,
-    /// Outer flank at r = 0.
+    /// Outer flank at the block's centre.
     pub fall_at: f32,
     /// Node azimuth relative to the block's centre, rad.
     pub azimuth_rad: f32,
-    /// J_k/2π; 0 for the axis node, which therefore takes every azimuth.
+    /// J_k/2π, 1/rad; 0 for the axis node.
     pub per_rad: f32,
 }
 
-impl Tent {
-    /// The share at (r, θ) relative to the block's centre. `around` says that azimuths wrap inside the block.
+impl NodeWeight {
+    /// The weight at (r, θ); `wraps` if azimuths may wrap inside the block.
     #[inline(always)]
-    pub fn share(&self, r: f32, theta: f32, around: bool) -> f32 {
+    pub fn at(&self, r: f32, theta: f32, wraps: bool) -> f32 {
         let radial = (r * self.rise + self.rise_at).min(r * self.fall + self.fall_at).max(0.0);
         let mut d = (theta - self.azimuth_rad).abs();
-        if around {
+        if wraps {
             d = d.min(TAU as f32 - d);
         }
         radial * (1.0 - d * self.per_rad).max(0.0)
     }
 }
 
-/// Where a block of pixels lies: its centre in polar coordinates about the axis, and the reach of its pixels.
+/// Extent of a block of pixels in polar coordinates about the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reach {
+pub struct PolarExtent {
     /// Radius of the block's centre, px.
     pub r_px: f64,
     /// Azimuth of the block's centre, rad.
     pub azimuth_rad: f64,
     /// Smallest and largest r of a pixel, relative to `r_px`.
     pub r: (f32, f32),
-    /// Smallest and largest θ of a pixel, relative to `azimuth_rad`; not used where `around`.
+    /// Smallest and largest θ of a pixel, relative to `azimuth_rad`; not used if `wraps`.
     pub theta: (f32, f32),
-    /// The block lies so near the axis that its azimuths may wrap.
-    pub around: bool,
+    /// Whether the block is so near the axis that azimuths may wrap inside it.
+    pub wraps: bool,
 }
 
 impl NodeGrid {
@@ -98,17 +98,17 @@ impl NodeGrid {
         &self.azimuths
     }
 
-    /// Number of nodes in all.
+    /// Number of nodes.
     pub fn len(&self) -> usize {
         self.first_id[self.height_px.len()]
     }
 
-    /// Never: a grid has at least its axis node.
+    /// Always false: a grid has at least its axis node.
     pub fn is_empty(&self) -> bool {
         false
     }
 
-    /// Number of a node, below [`NodeGrid::len`].
+    /// Index of a node, below [`NodeGrid::len`].
     pub fn id(&self, node: Node) -> usize {
         self.first_id[node.k] + node.j
     }
@@ -118,15 +118,15 @@ impl NodeGrid {
         TAU * node.j as f64 / self.azimuths[node.k] as f64
     }
 
-    /// The nodes that may have a share in a block, with their tents, by height and azimuth: the order of the sum.
-    pub fn touching(&self, reach: &Reach, out: &mut Vec<(Node, Tent)>) {
+    /// The nodes whose weight may be above 0 in `block`, by height and azimuth: the order of summation.
+    pub fn touching(&self, block: &PolarExtent, out: &mut Vec<(Node, NodeWeight)>) {
         out.clear();
         let last = self.height_px.len() - 1;
-        let rel = |k: usize| self.height_px[k] - reach.r_px;
+        let rel = |k: usize| self.height_px[k] - block.r_px;
         for k in 0..=last {
             let inner = if k == 0 { f64::NEG_INFINITY } else { rel(k - 1) };
             let outer = if k == last { f64::INFINITY } else { rel(k + 1) };
-            if f64::from(reach.r.1) <= inner || f64::from(reach.r.0) >= outer {
+            if f64::from(block.r.1) <= inner || f64::from(block.r.0) >= outer {
                 continue;
             }
             let (rise, rise_at) = match k {
@@ -137,7 +137,7 @@ impl NodeGrid {
                 true => (0.0, 1.0),
                 false => (-1.0 / (outer - rel(k)), outer / (outer - rel(k))),
             };
-            let tent = |azimuth_rad: f64, per_rad: f64| Tent {
+            let weight = |azimuth_rad: f64, per_rad: f64| NodeWeight {
                 rise: rise as f32,
                 rise_at: rise_at as f32,
                 fall: fall as f32,
@@ -147,25 +147,25 @@ impl NodeGrid {
             };
             let count = self.azimuths[k] as i64;
             if count == 1 {
-                out.push((Node { k, j: 0 }, tent(0.0, 0.0)));
+                out.push((Node { k, j: 0 }, weight(0.0, 0.0)));
                 continue;
             }
             let per_rad = count as f64 / TAU;
-            let (first, end) = match reach.around {
+            let (first, end) = match block.wraps {
                 true => (0, count),
                 false => {
                     let index =
-                        |theta: f32| ((reach.azimuth_rad + f64::from(theta)) * per_rad).floor() as i64;
-                    let first = index(reach.theta.0);
-                    (first, (index(reach.theta.1) + 2).min(first + count))
+                        |theta: f32| ((block.azimuth_rad + f64::from(theta)) * per_rad).floor() as i64;
+                    let first = index(block.theta.0);
+                    (first, (index(block.theta.1) + 2).min(first + count))
                 }
             };
             for j in first..end {
-                let mut azimuth = j as f64 / per_rad - reach.azimuth_rad;
-                if reach.around {
+                let mut azimuth = j as f64 / per_rad - block.azimuth_rad;
+                if block.wraps {
                     azimuth -= TAU * (azimuth / TAU).round();
                 }
-                out.push((Node { k, j: j.rem_euclid(count) as usize }, tent(azimuth, per_rad)));
+                out.push((Node { k, j: j.rem_euclid(count) as usize }, weight(azimuth, per_rad)));
             }
         }
     }
@@ -176,18 +176,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_sum_to_one_and_touch_four_nodes_at_most() {
+    fn weights_sum_to_one_over_at_most_four_nodes() {
         let grid = NodeGrid::new(&[0.0, 0.3, 0.4, 1.1], &[1, 8, 12, 36], 0.01);
         let mut nodes = Vec::new();
-        for (r_px, around) in [(5.0, true), (33.0, false), (80.0, false), (140.0, false)] {
+        for (r_px, wraps) in [(5.0, true), (33.0, false), (80.0, false), (140.0, false)] {
             for azimuth_rad in [0.0, 1.0, 3.1, 6.2] {
-                let reach = Reach { r_px, azimuth_rad, r: (-4.0, 4.0), theta: (-0.15, 0.15), around };
-                grid.touching(&reach, &mut nodes);
+                let block = PolarExtent { r_px, azimuth_rad, r: (-4.0, 4.0), theta: (-0.15, 0.15), wraps };
+                grid.touching(&block, &mut nodes);
                 for (r, t) in [(0.0, 0.0), (-4.0, 0.149), (3.3, -0.1), (1.2, 0.02)] {
-                    let shares: Vec<f32> =
-                        nodes.iter().map(|(_, tent)| tent.share(r, t, around)).filter(|w| *w > 0.0).collect();
-                    assert!(shares.len() <= 4, "{} nodes at r {r_px}", shares.len());
-                    assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+                    let weights = nodes.iter().map(|(_, weight)| weight.at(r, t, wraps));
+                    let weights: Vec<f32> = weights.filter(|w| *w > 0.0).collect();
+                    assert!(weights.len() <= 4, "{} nodes at r {r_px}", weights.len());
+                    assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
                 }
             }
         }

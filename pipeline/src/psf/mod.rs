@@ -1,19 +1,24 @@
-//! Stage 3, the spatially variant PSF: every pixel of the remapped image scatters a PSF of its own onto the film.
+//! Stage 3, the spatially variant PSF (SVPSF): every pixel of the remapped image scatters its own PSF onto the film.
 //!
-//!     film[y + dy, x + dx] += remapped[y, x] · P(r, θ)[dy, dx]
-//! P is linear between the nodes of a polar grid ([`grid`]), so that
-//!     film = Σ_nodes (w_node · remapped) ∗ P_node
-//! exactly: a weighted copy of each block per node that touches it, a convolution by FFT with that node's kernel
-//! ([`kernel`]), one inverse transform, overlap-add. Nothing is approximated, there are no patches and no seams.
-//! Source: DESIGN of the project; kin of Maeda, Catrysse, Wandell, Proc. SPIE 5678 (2005), without their sampling.
-//! A uniform remapped R gives R·(1 − div c) on the film, c = the PSF's centroid from the chief ray (1e-3 for a Double
-//! Gauss): light is moved, none is lost.
+//!     film[v, u] = Σ_{y, x} remapped[y, x] · P(r, θ)[v − y, u − x]
+//! with (r, θ) the REAL image height and azimuth of pixel (y, x) and P of sum 1 over its window of film pixels. Between the nodes
+//! of a polar grid ([`grid`]) P is interpolated linearly, P(r, θ) = Σ_node w_node(r, θ)·P_node, so the sum is, without further
+//! approximation, a sum of convolutions:
+//!     film = Σ_node (w_node · remapped) ∗ P_node
+//! Per block ([`blocks`]) and node that touches it: pixels × weight ([`polar`]), forward FFT, product with the spectrum of the node's
+//! kernel ([`kernel`], [`spectra`]), accumulate; per block one inverse FFT, overlap-add. [`portable`] is the reference in plain loops.
+//! The remapped image extends half a window beyond the film on every side, so the film is exact up to its border.
+//! A uniform remapped image R gives R·(1 − div c) on the film, c the centroid of the PSF from the chief ray (of order 1e-3 for a
+//! Double Gauss): the PSF displaces light and conserves it.
+//! Related: Maeda, Catrysse, Wandell, "Integrating lens design with digital camera simulation", Proc. SPIE 5678 (2005), which
+//! samples the field.
 
 pub mod blocks;
 pub mod cuda;
 mod engine;
 pub mod grid;
 pub mod kernel;
+pub mod memory;
 pub mod polar;
 pub mod portable;
 #[cfg(target_arch = "x86_64")]
@@ -35,17 +40,17 @@ use std::sync::{Arc, Mutex};
 /// Pixels of a block of the remapped image inside a larger buffer.
 #[derive(Clone, Copy, Debug)]
 pub struct BlockView<'a> {
-    /// From the block's first pixel on.
+    /// The buffer from the block's first pixel on.
     pub pixels: &'a [f32],
     /// Pixels from one row to the next.
     pub stride: usize,
-    /// Where the block lies about the axis, and its size.
+    /// Position of the block relative to the axis, and its size.
     pub place: BlockPlace,
 }
 
-/// Where an engine gets the spectrum of a node from.
+/// Source of node spectra for an engine.
 pub trait Spectra {
-    /// The spectrum, in the engine's own layout.
+    /// The spectrum of `node`, in the layout of the engine.
     fn get(&self, node: Node) -> Arc<AlignedBuf>;
 }
 
@@ -60,7 +65,7 @@ pub struct BandPsf {
     builders: Mutex<Vec<Builder>>,
 }
 
-/// What a worker needs while it builds a spectrum in the middle of a block.
+/// Buffers for building a spectrum while a block is being computed.
 #[derive(Debug)]
 struct Builder {
     kernel: Vec<f32>,
@@ -68,21 +73,21 @@ struct Builder {
     engine: EngineScratch,
 }
 
-/// Buffers of one worker: no allocation after the first tile of a band.
+/// Buffers of one worker; no allocation after the first tile of a band.
 #[derive(Debug, Default)]
 pub struct PsfScratch {
     engine: Option<(usize, EngineScratch)>,
 }
 
 impl BandPsf {
-    /// The stage for band `band` of the job, computed with `simd`.
+    /// The stage of band `band` of the job.
     pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels, simd: Simd) -> Self {
         let blocks = Blocks::choose(kernels.size(), &grid);
         let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
         Self { band, grid, kernels: Arc::new(kernels), blocks, engine, builders: Mutex::default() }
     }
 
-    /// How the film is cut.
+    /// FFT size, block and tile side.
     pub fn blocks(&self) -> &Blocks {
         &self.blocks
     }
@@ -97,22 +102,22 @@ impl BandPsf {
         &self.kernels
     }
 
-    /// The kernels, to be kept beyond the stage.
+    /// The kernels, shared.
     pub(crate) fn shared_kernels(&self) -> Arc<NodeKernels> {
         Arc::clone(&self.kernels)
     }
 
-    /// Half the window: how far light is scattered, in film pixels.
+    /// Half the window, film pixels: the distance over which a pixel contributes.
     pub fn margin(&self) -> usize {
         self.blocks.window / 2
     }
 
-    /// The film rectangle that the rectangle of the remapped image `tile` reaches.
+    /// The film rectangle that receives contributions from `tile` of the remapped image.
     pub fn reaches(&self, tile: Rect) -> Rect {
         tile.grown(self.margin())
     }
 
-    /// Scatters `remapped` (the pixels of `tile`, row-major) into `out`, which becomes [`BandPsf::reaches`] of it.
+    /// Computes the contribution of `tile`, whose pixels are `remapped` (row-major), to the film rectangle [`BandPsf::reaches`]: `out`.
     pub fn scatter(
         &self,
         frame: &Frame,
@@ -125,14 +130,14 @@ impl BandPsf {
         let Some(engine) = &self.engine else {
             return out.copy(remapped, tile.width);
         };
-        // Engines add whole strips of up to 16 columns, the last one partly zeros.
+        // Engines add panels of up to 16 columns, the last one partly zeros.
         let tail = self.blocks.window - 1;
         out.stride = (tile.width + tail + 15).next_multiple_of(16);
         out.data.reset(out.stride * (tile.height + tail));
         if s.engine.as_ref().is_none_or(|(band, _)| *band != self.band) {
             s.engine = Some((self.band, engine.scratch()));
         }
-        let (_, scratch) = s.engine.as_mut().expect("just made");
+        let (_, scratch) = s.engine.as_mut().expect("assigned above");
         let spectra = CachedSpectra { psf: self, engine, cache };
         for block in tile.tiles(self.blocks.block, self.blocks.block) {
             let (y, x) = ((block.y - tile.y) as usize, (block.x - tile.x) as usize);
@@ -149,7 +154,7 @@ impl BandPsf {
         }
     }
 
-    /// Builds the spectrum of `node` unless it is in `cache`.
+    /// Adds the spectrum of `node` to `cache` if absent.
     pub fn prepare(&self, node: Node, cache: &SpectrumCache) {
         if let Some(engine) = &self.engine {
             self.spectrum(engine, node, cache);
@@ -165,14 +170,14 @@ impl BandPsf {
                 scratch: KernelScratch::default(),
                 engine: engine.scratch(),
             });
-            let making = self.kernels.making(&self.grid, node);
-            let seed = (self.band, self.grid.id(making.seed));
-            let seed = cache.seed(seed, size_of_val(&b.kernel[..]), |mut buffer| {
+            let symmetry = self.kernels.symmetry_of(&self.grid, node);
+            let key = (self.band, self.grid.id(symmetry.base));
+            let base = cache.base_kernel(key, size_of_val(&b.kernel[..]), |mut buffer| {
                 buffer.reset(b.kernel.len());
-                buffer.copy_from_slice(self.kernels.seed(&self.grid, making.seed, &mut b.scratch));
+                buffer.copy_from_slice(self.kernels.base_kernel(&self.grid, symmetry.base, &mut b.scratch));
                 buffer
             });
-            self.kernels.lay(&making, &seed, &mut b.kernel);
+            self.kernels.expand(&symmetry, &base, &mut b.kernel);
             let spectrum = engine.spectrum(&b.kernel, &mut b.engine, buffer);
             self.builders.lock().expect("no panic while held").push(b);
             spectrum
@@ -180,7 +185,7 @@ impl BandPsf {
     }
 }
 
-/// The cache as an engine sees it.
+/// The cache as a source of spectra for an engine.
 struct CachedSpectra<'a> {
     psf: &'a BandPsf,
     engine: &'a Engine,

@@ -1,18 +1,18 @@
-//! Polar maps of one block: r and θ of every pixel about the optical axis, relative to the block's centre, in f32.
+//! Polar coordinates of one block: r and θ of every pixel about the optical axis, relative to the block's centre, in f32.
 //!
 //! Far from the axis, with (a, b) the offset of a pixel along and across the ray to the block's centre at radius rc,
 //!     t = b/(rc + a),   r − rc = a + b·t/(√(1 + t²) + 1),   θ − θc = atan t,   |t| ≤ 0.6
-//! which loses nothing to cancellation and takes one division. Near the axis (rc < 2.6 half sides) both are taken in f64.
+//! without cancellation and with one division. Near the axis (rc < 2.6 half sides) both are computed in f64.
 
-use crate::psf::grid::Reach;
+use crate::psf::grid::PolarExtent;
 use crate::real;
 use std::f64::consts::TAU;
 
 /// Block half sides below which azimuths are computed in f64 and may wrap. At 2.6 the farthest pixel across,
-/// √2 half sides off the ray, sees at most atan(0.6): the domain of [`ATAN`].
-const NEAR: f64 = 2.6;
+/// √2 half sides off the ray, is at most atan(0.6) away: the domain of [`ATAN`].
+const NEAR_HALF_SIDES: f64 = 2.6;
 
-/// atan(t)/t as a polynomial in t² on t² ≤ 0.36: Chebyshev interpolation at 8 nodes, error below 2e-9 (see test).
+/// atan(t)/t as a polynomial in t² on t² ≤ 0.36: Chebyshev interpolation at 8 nodes, error below 3e-8 with f32 coefficients (see test).
 pub(crate) const ATAN: [f32; 8] = [
     1.0,
     -0.333_333_28,
@@ -48,30 +48,30 @@ impl BlockPlace {
         let (hy, hx) = ((self.rows as f64 - 1.0) / 2.0, (self.cols as f64 - 1.0) / 2.0);
         let (y, x) = (self.dy_px + hy, self.dx_px + hx);
         let r = real::hypot(y, x);
-        (hy, hx, r, real::atan2(y, x), r < NEAR * hy.max(hx).max(0.5))
+        (hy, hx, r, real::atan2(y, x), r < NEAR_HALF_SIDES * hy.max(hx).max(0.5))
     }
 
-    /// Fills `r` and `theta` (`rows` × `cols`, row stride `stride`) and tells the block's reach.
-    pub fn polar(&self, stride: usize, r: &mut [f32], theta: &mut [f32]) -> Reach {
-        let (hy, hx, rc, ac, around) = self.centre();
-        let mut reach = Reach {
+    /// Fills `r` and `theta` (`rows` × `cols`, row stride `stride`) and returns the block's extent.
+    pub fn polar(&self, stride: usize, r: &mut [f32], theta: &mut [f32]) -> PolarExtent {
+        let (hy, hx, rc, ac, wraps) = self.centre();
+        let mut extent = PolarExtent {
             r_px: rc,
             azimuth_rad: ac,
             r: (f32::INFINITY, f32::NEG_INFINITY),
             theta: (f32::INFINITY, f32::NEG_INFINITY),
-            around,
+            wraps,
         };
         let (cos, sin) = (real::cos(ac) as f32, real::sin(ac) as f32);
         let rcf = rc as f32;
         for y in 0..self.rows {
             let r = &mut r[y * stride..][..self.cols];
             let theta = &mut theta[y * stride..][..self.cols];
-            if around {
+            if wraps {
                 for (x, (r, theta)) in r.iter_mut().zip(theta.iter_mut()).enumerate() {
                     let (dy, dx) = (self.dy_px + y as f64, self.dx_px + x as f64);
-                    let turn = real::atan2(dy, dx) - ac;
+                    let angle = real::atan2(dy, dx) - ac;
                     *r = (real::hypot(dy, dx) - rc) as f32;
-                    *theta = (turn - TAU * (turn / TAU).round()) as f32;
+                    *theta = (angle - TAU * (angle / TAU).round()) as f32;
                 }
             } else {
                 let dy = (y as f64 - hy) as f32;
@@ -84,15 +84,15 @@ impl BlockPlace {
                 }
             }
             for (&r, &t) in r.iter().zip(theta.iter()) {
-                reach.r = (reach.r.0.min(r), reach.r.1.max(r));
-                reach.theta = (reach.theta.0.min(t), reach.theta.1.max(t));
+                extent.r = (extent.r.0.min(r), extent.r.1.max(r));
+                extent.theta = (extent.theta.0.min(t), extent.theta.1.max(t));
             }
         }
-        reach
+        extent
     }
 }
 
-/// By Horner's rule.
+/// Σ coefficients[i]·x^i by Horner's rule.
 fn polynomial(coefficients: &[f32], x: f32) -> f32 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn polynomials_hold_over_their_domain() {
+    fn polynomials_approximate_over_their_domain() {
         let at = |coefficients: &[f32], x: f64| {
             coefficients.iter().rev().fold(0.0, |sum, c| sum * x + f64::from(*c))
         };
@@ -116,20 +116,20 @@ mod tests {
     }
 
     #[test]
-    fn relative_maps_agree_with_f64_everywhere() {
+    fn relative_coordinates_agree_with_f64() {
         for (dy_px, dx_px) in
             [(-7070.0, -7070.0), (-71.0, -71.0), (300.0, -20.5), (-3.0, 6900.25), (0.0, 0.0)]
         {
             let place = BlockPlace { dy_px, dx_px, rows: 142, cols: 131 };
             let (mut r, mut theta) = (vec![0f32; 142 * 131], vec![0f32; 142 * 131]);
-            let reach = place.polar(131, &mut r, &mut theta);
+            let extent = place.polar(131, &mut r, &mut theta);
             for (y, x) in [(0, 0), (141, 130), (70, 3), (5, 99), (141, 0)] {
                 let (py, px) = (dy_px + y as f64, dx_px + x as f64);
                 let i = y * 131 + x;
-                assert!((f64::from(r[i]) + reach.r_px - py.hypot(px)).abs() < 2e-5);
-                let turn = f64::from(theta[i]) + reach.azimuth_rad - py.atan2(px);
-                let turn = turn - TAU * (turn / TAU).round();
-                assert!(turn.abs() < 3e-7 || py.hypot(px) == 0.0, "{turn}");
+                assert!((f64::from(r[i]) + extent.r_px - py.hypot(px)).abs() < 2e-5);
+                let error = f64::from(theta[i]) + extent.azimuth_rad - py.atan2(px);
+                let error = error - TAU * (error / TAU).round();
+                assert!(error.abs() < 3e-7 || py.hypot(px) == 0.0, "{error}");
             }
         }
     }

@@ -1,23 +1,23 @@
-//! SVPSF of one block with realfft and rustfft: the portable engine, and the readable form of the SIMD ones.
+//! SVPSF of one block with realfft and rustfft: the portable engine, and the readable form of the SIMD engines.
 //!
-//! For each node that touches the block: weighted copy → rows (real FFT of F) → columns (complex FFT of F) → multiply by
-//! the node's spectrum, accumulate. Then ONE inverse transform, added to the output (overlap-add). Spectra lie
+//! For each node that touches the block: weighted copy → rows (real FFT of length F) → columns (complex FFT of length F) → multiply
+//! by the node's spectrum, accumulate. Then one inverse transform, added to the output (overlap-add). Spectra are stored
 //! transposed, column by column: (F/2 + 1) × F complex, scaled by 1/F².
 
 use crate::buffer::AlignedBuf;
 use crate::psf::blocks::Blocks;
-use crate::psf::grid::{Node, NodeGrid, Tent};
+use crate::psf::grid::{Node, NodeGrid, NodeWeight};
 use crate::psf::{BlockView, Spectra};
 use num_complex::Complex32;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use rustfft::{Fft, FftPlanner};
 use std::sync::Arc;
 
-/// Products below this are zeroed when packed: they would drag denormals through the transforms, 18 % slower and far
-/// under any film's rounding.
-pub(crate) const TINY: f32 = 1e-30;
+/// Weighted pixels below this are set to 0: denormals made the transforms 18 % slower; the value is far below the rounding of any
+/// film.
+pub(crate) const NEGLIGIBLE_PIXEL: f32 = 1e-30;
 
-/// Transforms of one FFT side.
+/// Transforms of one FFT size.
 pub struct Portable {
     fft: usize,
     half: usize,
@@ -25,7 +25,7 @@ pub struct Portable {
     forward: Arc<dyn RealToComplex<f32>>,
     inverse: Arc<dyn ComplexToReal<f32>>,
     columns: Arc<dyn Fft<f32>>,
-    columns_back: Arc<dyn Fft<f32>>,
+    columns_inverse: Arc<dyn Fft<f32>>,
 }
 
 impl std::fmt::Debug for Portable {
@@ -41,10 +41,10 @@ pub struct Scratch {
     theta: Vec<f32>,
     row: Vec<f32>,
     rows: Vec<Complex32>,
-    turned: Vec<Complex32>,
+    transposed: Vec<Complex32>,
     sum: Vec<Complex32>,
     fft: Vec<Complex32>,
-    nodes: Vec<(Node, Tent)>,
+    nodes: Vec<(Node, NodeWeight)>,
 }
 
 impl Portable {
@@ -59,11 +59,11 @@ impl Portable {
             forward: real.plan_fft_forward(f),
             inverse: real.plan_fft_inverse(f),
             columns: complex.plan_fft_forward(f),
-            columns_back: complex.plan_fft_inverse(f),
+            columns_inverse: complex.plan_fft_inverse(f),
         }
     }
 
-    /// f32s of one spectrum.
+    /// Length of one spectrum in f32.
     pub fn spectrum_len(&self) -> usize {
         self.fft * self.half * 2
     }
@@ -75,7 +75,7 @@ impl Portable {
         let fft = self
             .columns
             .get_inplace_scratch_len()
-            .max(self.columns_back.get_inplace_scratch_len())
+            .max(self.columns_inverse.get_inplace_scratch_len())
             .max(self.forward.get_scratch_len())
             .max(self.inverse.get_scratch_len());
         Scratch {
@@ -83,14 +83,14 @@ impl Portable {
             theta: vec![0.0; block * block],
             row: vec![0.0; self.fft],
             rows: vec![zero; self.fft * self.half],
-            turned: vec![zero; self.fft * self.half],
+            transposed: vec![zero; self.fft * self.half],
             sum: vec![zero; self.fft * self.half],
             fft: vec![zero; fft],
             nodes: Vec::new(),
         }
     }
 
-    /// Spectrum of a kernel (window × window), its first sample at the origin.
+    /// Spectrum of a kernel (window × window) whose first sample is at the origin, in the memory of `buffer`.
     pub fn spectrum(&self, kernel: &[f32], s: &mut Scratch, buffer: AlignedBuf) -> AlignedBuf {
         let norm = 1.0 / (self.fft * self.fft) as f32;
         for y in 0..self.window {
@@ -103,12 +103,12 @@ impl Portable {
         self.columns_forward(self.window, s);
         let mut out = buffer;
         out.reset(self.spectrum_len());
-        out.copy_from_slice(bytemuck::cast_slice(&s.turned));
+        out.copy_from_slice(bytemuck::cast_slice(&s.transposed));
         out
     }
 
-    /// Scatters one block of the remapped image into `out`, whose first value is the film pixel (window − 1)/2 above and left of the
-    /// block's first; adds `rows + window − 1` × `cols + window − 1` values.
+    /// Adds the contribution of one block of the remapped image to `out`, `rows + window − 1` × `cols + window − 1` values. The first
+    /// value of `out` is the film pixel (window − 1)/2 above and left of the block's first pixel.
     pub fn scatter(
         &self,
         block: &BlockView<'_>,
@@ -119,42 +119,41 @@ impl Portable {
         s: &mut Scratch,
     ) {
         let (rows, cols) = (block.place.rows, block.place.cols);
-        let reach = block.place.polar(cols, &mut s.r, &mut s.theta);
+        let extent = block.place.polar(cols, &mut s.r, &mut s.theta);
         let mut nodes = std::mem::take(&mut s.nodes);
-        grid.touching(&reach, &mut nodes);
+        grid.touching(&extent, &mut nodes);
         s.sum.fill(Complex32::default());
-        for (node, tent) in &nodes {
-            let mut touched = false;
+        for (node, weight) in &nodes {
+            let mut block_nonzero = false;
             for y in 0..rows {
-                let mut lit = false;
+                let mut row_nonzero = false;
                 let pixels = &block.pixels[y * block.stride..][..cols];
                 let polar = s.r[y * cols..][..cols].iter().zip(&s.theta[y * cols..][..cols]);
                 for ((to, pixel), (r, theta)) in s.row.iter_mut().zip(pixels).zip(polar) {
-                    let share = tent.share(*r, *theta, reach.around);
-                    let value = share * pixel;
-                    *to = if value.abs() < TINY { 0.0 } else { value };
-                    lit |= *to != 0.0;
+                    let value = weight.at(*r, *theta, extent.wraps) * pixel;
+                    *to = if value.abs() < NEGLIGIBLE_PIXEL { 0.0 } else { value };
+                    row_nonzero |= *to != 0.0;
                 }
-                if !lit {
+                if !row_nonzero {
                     s.rows[y * self.half..][..self.half].fill(Complex32::default());
                     continue;
                 }
-                touched = true;
+                block_nonzero = true;
                 s.row[cols..].fill(0.0);
                 self.row_forward(y, s);
             }
-            if !touched {
+            if !block_nonzero {
                 continue;
             }
             self.columns_forward(rows, s);
             let spectrum = spectra.get(*node);
             let spectrum: &[Complex32] = bytemuck::cast_slice(&spectrum);
-            for ((sum, a), b) in s.sum.iter_mut().zip(&s.turned).zip(spectrum) {
+            for ((sum, a), b) in s.sum.iter_mut().zip(&s.transposed).zip(spectrum) {
                 *sum += a * b;
             }
         }
         s.nodes = nodes;
-        self.back(rows + self.window - 1, cols + self.window - 1, out, out_stride, s);
+        self.inverse(rows + self.window - 1, cols + self.window - 1, out, out_stride, s);
     }
 
     fn row_forward(&self, y: usize, s: &mut Scratch) {
@@ -162,15 +161,16 @@ impl Portable {
         self.forward.process_with_scratch(&mut s.row, row, &mut s.fft).expect("planned lengths");
     }
 
-    /// `rows` transformed rows to columns, and their transform, in `s.turned`.
+    /// Transposes `rows` transformed rows and transforms along columns, into `s.transposed`.
     fn columns_forward(&self, rows: usize, s: &mut Scratch) {
         s.rows[rows * self.half..].fill(Complex32::default());
-        transpose(&s.rows, &mut s.turned, self.fft, self.half);
-        self.columns.process_with_scratch(&mut s.turned, &mut s.fft);
+        transpose(&s.rows, &mut s.transposed, self.fft, self.half);
+        self.columns.process_with_scratch(&mut s.transposed, &mut s.fft);
     }
 
-    fn back(&self, rows: usize, cols: usize, out: &mut [f32], stride: usize, s: &mut Scratch) {
-        self.columns_back.process_with_scratch(&mut s.sum, &mut s.fft);
+    /// Inverse transform of `s.sum`, added to `out`.
+    fn inverse(&self, rows: usize, cols: usize, out: &mut [f32], stride: usize, s: &mut Scratch) {
+        self.columns_inverse.process_with_scratch(&mut s.sum, &mut s.fft);
         transpose(&s.sum, &mut s.rows, self.half, self.fft);
         for (y, line) in s.rows.chunks_exact_mut(self.half).take(rows).enumerate() {
             line[0].im = 0.0;
@@ -183,13 +183,13 @@ impl Portable {
     }
 }
 
-/// `from` (rows × cols) to `to` (cols × rows), in 16 × 16 pieces that stay in L1.
+/// Transposes `from` (rows × cols) into `to` (cols × rows), in 16 × 16 tiles that stay in L1.
 fn transpose(from: &[Complex32], to: &mut [Complex32], rows: usize, cols: usize) {
-    const PIECE: usize = 16;
-    for y0 in (0..rows).step_by(PIECE) {
-        for x0 in (0..cols).step_by(PIECE) {
-            for y in y0..(y0 + PIECE).min(rows) {
-                for x in x0..(x0 + PIECE).min(cols) {
+    const SIDE: usize = 16;
+    for y0 in (0..rows).step_by(SIDE) {
+        for x0 in (0..cols).step_by(SIDE) {
+            for y in y0..(y0 + SIDE).min(rows) {
+                for x in x0..(x0 + SIDE).min(cols) {
                     to[x * rows + y] = from[y * cols + x];
                 }
             }

@@ -1,8 +1,8 @@
-//! Node spectra on demand: built where a tile first needs them, kept along the tiles' path in a bounded cache.
+//! Cache of node spectra and base kernels, bounded in bytes, least recently used evicted first.
 //!
-//! A spectrum is a pure function of the band and the node, so what is evicted and built again has the same bits. Two
-//! workers that need one node at once build it once: the second waits for the first. Buffers of evicted spectra are used
-//! again: given back to the allocator from many threads they would leave it holding twice the bound.
+//! Spectra are built on demand. A spectrum is a pure function of band and node, so one that is evicted and built again has the same
+//! bits. Two workers that need a node at the same time build it once: the second blocks until the first is done. Buffers of evicted
+//! spectra are reused: freed from many threads, they left the allocator holding twice the bound.
 
 use crate::buffer::AlignedBuf;
 use std::collections::{BTreeMap, HashMap};
@@ -11,19 +11,18 @@ use std::sync::{Arc, Mutex, OnceLock};
 /// (band index, node id).
 pub type Key = (usize, usize);
 
-type Slot = Arc<OnceLock<Arc<AlignedBuf>>>;
+type Entry = Arc<OnceLock<Arc<AlignedBuf>>>;
 
-/// Spectra, and the kernels that eight of them are made of, bounded in bytes: least recently used leave first.
+/// Spectra, and the base kernels that up to eight of them are computed from.
 #[derive(Debug)]
 pub struct SpectrumCache {
     spectra: Cache,
-    seeds: Cache,
+    base_kernels: Cache,
 }
 
-/// Part of the limit that seeds may take. A seed is used again where the tiles' path comes to the mirrored places, half a
-/// film later, when spectra of its time are gone: so seeds have room of their own. All 700 of a fine grid take 7 MB at
-/// 51 px, 62 MB at 151 px.
-const SEEDS: usize = 8;
+/// One part in this many of the limit is for base kernels. A base kernel is used again at the mirrored azimuths, half a film later,
+/// when the spectra of its first use are evicted: hence a separate limit. All 700 of a fine grid take 7 MB at 51 px, 62 MB at 151 px.
+const BASE_KERNEL_PART: usize = 8;
 
 #[derive(Debug)]
 struct Cache {
@@ -33,7 +32,8 @@ struct Cache {
 
 #[derive(Debug, Default)]
 struct State {
-    slots: HashMap<Key, (Slot, u64, usize)>,
+    /// Entry, time of last use, bytes.
+    entries: HashMap<Key, (Entry, u64, usize)>,
     by_age: BTreeMap<u64, Key>,
     clock: u64,
     bytes: usize,
@@ -41,23 +41,23 @@ struct State {
     retired: Vec<Arc<AlignedBuf>>,
 }
 
-/// Evicted buffers kept for the next spectra; more only lie about while a block still uses them.
-const RETIRED: usize = 8;
+/// Largest number of evicted buffers kept for reuse; some may still be in use by a block.
+const MAX_RETIRED: usize = 8;
 
 impl State {
     fn evict(&mut self, limit: usize) {
         while self.bytes > limit && self.by_age.len() > 1 {
             let (_, oldest) = self.by_age.pop_first().expect("not empty");
-            let (slot, _, bytes) = self.slots.remove(&oldest).expect("in both maps");
+            let (entry, _, bytes) = self.entries.remove(&oldest).expect("in both maps");
             self.bytes -= bytes;
-            let spectrum = Arc::into_inner(slot).and_then(OnceLock::into_inner);
-            if self.retired.len() < RETIRED {
+            let spectrum = Arc::into_inner(entry).and_then(OnceLock::into_inner);
+            if self.retired.len() < MAX_RETIRED {
                 self.retired.extend(spectrum);
             }
         }
     }
 
-    /// A buffer nobody uses any more, or an empty one.
+    /// A retired buffer that is no longer in use, or an empty one.
     fn buffer(&mut self) -> AlignedBuf {
         for i in (0..self.retired.len()).rev() {
             match Arc::try_unwrap(self.retired.swap_remove(i)) {
@@ -70,13 +70,14 @@ impl State {
 }
 
 impl SpectrumCache {
-    /// A cache of at most `limit` bytes. What is in use lives on beyond it.
+    /// A cache of at most `limit` bytes, not counting evicted buffers still in use.
     pub fn new(limit: usize) -> Self {
         let cache = |limit| Cache { limit, state: Mutex::default() };
-        Self { spectra: cache(limit - limit / SEEDS), seeds: cache(limit / SEEDS) }
+        let base_kernels = limit / BASE_KERNEL_PART;
+        Self { spectra: cache(limit - base_kernels), base_kernels: cache(base_kernels) }
     }
 
-    /// The spectrum of `key` of `bytes`, built by `build` (out of a buffer to use again) if it is not there.
+    /// The spectrum of `key`, `bytes` long; if absent, built by `build` from a buffer to reuse.
     pub fn get(
         &self,
         key: Key,
@@ -86,17 +87,17 @@ impl SpectrumCache {
         self.spectra.get(key, bytes, build)
     }
 
-    /// The same for the seed of kernels.
-    pub fn seed(
+    /// The same for base kernels.
+    pub fn base_kernel(
         &self,
         key: Key,
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        self.seeds.get(key, bytes, build)
+        self.base_kernels.get(key, bytes, build)
     }
 
-    /// Spectra built so far: more than there are nodes when the cache is smaller than the path's working set.
+    /// Spectra built so far: more than the nodes if the cache is smaller than the working set.
     pub fn built(&self) -> u64 {
         self.spectra.state.lock().expect("no panic while held").built
     }
@@ -105,30 +106,30 @@ impl SpectrumCache {
 impl Cache {
     fn get(&self, key: Key, bytes: usize, build: impl FnOnce(AlignedBuf) -> AlignedBuf) -> Arc<AlignedBuf> {
         let mut buffer = AlignedBuf::default();
-        let slot = {
+        let entry = {
             let mut guard = self.state.lock().expect("no panic while held");
             let state = &mut *guard;
             state.clock += 1;
             let now = state.clock;
-            match state.slots.get_mut(&key) {
-                Some((slot, age, _)) => {
+            match state.entries.get_mut(&key) {
+                Some((entry, age, _)) => {
                     state.by_age.remove(&std::mem::replace(age, now));
                     state.by_age.insert(now, key);
-                    Arc::clone(slot)
+                    Arc::clone(entry)
                 }
                 None => {
-                    let slot = Slot::default();
-                    state.slots.insert(key, (Arc::clone(&slot), now, bytes));
+                    let entry = Entry::default();
+                    state.entries.insert(key, (Arc::clone(&entry), now, bytes));
                     state.by_age.insert(now, key);
                     state.bytes += bytes;
                     state.built += 1;
                     state.evict(self.limit);
                     buffer = state.buffer();
-                    slot
+                    entry
                 }
             }
         };
-        Arc::clone(slot.get_or_init(|| Arc::new(build(buffer))))
+        Arc::clone(entry.get_or_init(|| Arc::new(build(buffer))))
     }
 }
 
@@ -137,9 +138,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oldest_leaves_first_and_the_rest_stay() {
+    fn least_recently_used_is_evicted_first() {
         let cache = SpectrumCache::new(4 * 64);
-        let make = |v: f32| {
+        let build = |v: f32| {
             move |mut b: AlignedBuf| {
                 b.reset(16);
                 b[0] = v;
@@ -147,13 +148,13 @@ mod tests {
             }
         };
         for i in 0..3 {
-            cache.get((0, i), 64, make(i as f32));
+            cache.get((0, i), 64, build(i as f32));
         }
-        cache.get((0, 0), 64, |_| unreachable!("still there"));
-        cache.get((0, 3), 64, make(3.0));
-        cache.get((0, 0), 64, |_| unreachable!("used lately"));
+        cache.get((0, 0), 64, |_| unreachable!("cached"));
+        cache.get((0, 3), 64, build(3.0));
+        cache.get((0, 0), 64, |_| unreachable!("recently used"));
         assert_eq!(cache.built(), 4);
-        assert_eq!(cache.get((0, 1), 64, make(1.0))[0], 1.0);
+        assert_eq!(cache.get((0, 1), 64, build(1.0))[0], 1.0);
         assert_eq!(cache.built(), 5);
     }
 }

@@ -1,4 +1,4 @@
-//! Cubic B-spline interpolation on a unit grid: the interpolant by which PSFs are turned and integrated.
+//! Cubic B-spline interpolation on a unit grid: the interpolant by which PSFs are rotated and integrated.
 //!
 //! f(t) = Σ_i c_i β³(t − i) with the c_i chosen so that f(i) = f_i; outside the grid f is 0. Its error falls as h⁴ with a
 //! constant some 20 times below Catmull-Rom's (Thévenaz, Blu, Unser, "Interpolation revisited", IEEE TMI 19 (2000) 739).
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_interpolant_passes_through_its_points() {
+    fn interpolant_passes_through_its_points() {
         let f: Vec<f64> = (0..9).map(|i| f64::from(i * i % 7)).collect();
         let mut c = f.clone();
         coefficients(&mut c, 0, 1, 9, &mut [0.0; 9]);
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cumulative_spline_is_the_integral() {
+    fn cumulative_equals_the_sum_of_weights() {
         let mut sum = 0.0;
         for i in 0..4000 {
             let t = -2.0 + (f64::from(i) + 0.5) / 1000.0;

@@ -1,125 +1,67 @@
-//! Where on the chart a film line's pixels lie, from one f64 anchor in sixteen: what the lanes expand.
+//! Chart coordinates of the pixels of a film row from one f64 anchor per sixteen pixels, expanded by SIMD (`lanes`).
 //!
-//! Film columns are cut into blocks of [`SIDE`] at multiples of it, wherever a strip begins, so a pixel's coordinates are
-//! its own. A block's anchor is its pixel in the middle, at radius ρ and offset (dx, dy) from the axis, in f64:
+//! Film columns are divided into blocks of [`ANCHOR_SPACING_PX`] at multiples of it, independent of the rectangle being computed, so
+//! the coordinates of a pixel do not depend on the rectangle. The anchor of a block is its middle pixel, at radius ρ and offset
+//! (dx, dy) from the axis, computed in f64:
 //!     m = h(ρ)/ρ,   row = offset + dy·m/scale,   col = offset + dx·m/scale,   split into an integer and an f32 fraction.
 //! A pixel t columns on (|t| ≤ 8) lies δ = r − ρ farther out. With u = dx/ρ, ε = t/ρ:
-//!     δ = ρ·(uε + (1 − u²)/2·(ε² − uε³ + (5u² − 1)/4·ε⁴))                 (Taylor of √(1 + 2uε + ε²))
-//! The field's table is linear in r between its knots r_j, of slope h′_j and bend κ_j = h′_j − h′_{j−1}, so exactly
+//!     δ = ρ·(uε + (1 − u²)/2·(ε² − uε³ + (5u² − 1)/4·ε⁴))                 (Taylor series of √(1 + 2uε + ε²))
+//! The field's table is linear in r between its knots r_j, with slope h′_j and kink (change of slope) κ_j = h′_j − h′_{j−1}, so exactly
 //!     h(r)/r − m = ((h′ − m)·δ + Σ_{r_j > ρ} κ_j·max(0, r − r_j) + Σ_{r_j ≤ ρ} κ_j·max(0, r_j − r)) / r
-//! and 1/r = (1 − δ/ρ)(1 + δ²/ρ²)/ρ. R follows its own table likewise. All of this but the anchor is of the size of
-//! what changes within a block, and f32 holds it.
+//! and 1/r = (1 − δ/ρ)(1 + δ²/ρ²)/ρ. R follows from its own table likewise. All terms but the anchor are of the size of the change
+//! within a block, for which f32 suffices.
 //!
-//! Bound: beyond ρ = [`NEAR`] px the Taylor series ends within 1.2e-6 px of r and that of 1/r within 1e-6 of it; blocks
-//! whose magnification may move a pixel by more than 1 px are not expanded. So coordinates are within 2e-6 px of the exact
-//! map, and typically 3e-7 (fractions are f32). What is not expanded (near the axis, a table that bends hard, film
-//! beyond the table) is mapped pixel by pixel in f64.
+//! Error bound: beyond ρ = [`NEAR_AXIS_PX`] the Taylor series is within 1.2e-6 px of r and that of 1/r within 1e-6 of it; blocks whose
+//! magnification may move a pixel by more than 1 px are not expanded. Coordinates are within 2e-6 px of the exact map, typically
+//! 3e-7 (fractions are f32). Blocks that are not expanded (near the axis, large kinks, film beyond the table) are mapped pixel by
+//! pixel in f64.
 
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
-use super::map::Map;
-use crate::field::{Field, Step};
+use super::extent::{ChartExtent, GROUP, Lane, lower, raise};
+use super::knots::{HALF_PX, Kink, Knots};
+use super::map::{ANCHOR_SPACING_PX, ExactBlock, Map, NEAR_AXIS_PX};
 use crate::geometry::Rect;
 use crate::resample::Coordinate;
 
-/// Pixels of a block.
-pub(super) const SIDE: usize = 16;
-/// The anchor's place in it: its farthest pixel is this far.
-const HALF: f64 = (SIDE / 2) as f64;
-/// Anchors nearer to the axis than this are not expanded, px.
-const NEAR: f64 = 256.0;
-/// Slack of the bounds on cells, px: more than any rounding.
-const SLACK: f64 = 1e-3;
-/// Anchors made together.
-pub(super) const GROUP: usize = 8;
-
-/// The field's table as the lanes want it: what a step is bent by at its ends.
-#[derive(Clone, Debug)]
-pub(super) struct Knots {
-    steps: Vec<Step>,
-    /// Per step: slope of R, bends of h and R at its outer end, the same at its inner end.
-    bends: Vec<[f32; 5]>,
-    /// Per step: how much h bends at both ends.
-    bend: Vec<f64>,
-    last_px: f64,
-    /// No block sees more than its anchor's step and a part of the next on either side.
-    sparse: bool,
-}
-
-impl Knots {
-    pub(super) fn new(field: &Field) -> Self {
-        let steps = field.steps().to_vec();
-        let n = steps.len();
-        let bend = |i: usize| match (1..n).contains(&i) {
-            true => (
-                steps[i].h_slope - steps[i - 1].h_slope,
-                (steps[i].gain_slope - steps[i - 1].gain_slope) as f32,
-            ),
-            false => (0.0, 0.0),
-        };
-        let narrow = |i: usize| steps[i].until - steps[i].from < HALF;
-        Self {
-            bends: (0..n)
-                .map(|i| {
-                    let (outer, inner) = (bend(i + 1), bend(i));
-                    [steps[i].gain_slope as f32, outer.0 as f32, outer.1, inner.0 as f32, inner.1]
-                })
-                .collect(),
-            bend: (0..n).map(|i| bend(i).0.abs() + bend(i + 1).0.abs()).collect(),
-            last_px: field.last_px(),
-            sparse: !(0..n).any(narrow),
-            steps,
-        }
-    }
-
-    /// Slope of R, then (bend of h, of R) at the outer and at the inner end of step `i`.
-    #[inline(always)]
-    pub(super) fn bends(&self, i: i32) -> &[f32; 5] {
-        &self.bends[i as usize]
-    }
-}
-
-/// A bend beyond the ends of the anchor's step.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Bend {
-    /// +1: seen by pixels farther out than `at`; −1: by those nearer.
-    pub(super) side: f32,
-    /// Where, relative to ρ, px.
-    pub(super) at: f32,
-    /// Bend of h.
-    pub(super) h: f32,
-    /// Bend of R.
-    pub(super) gain: f32,
-}
-
-/// A block that is not as others.
+/// Margin of the bounds on cells, px: more than any rounding.
+const SLACK_PX: f64 = 1e-3;
+/// A block that the values of its anchor do not suffice for.
 #[derive(Clone, Debug)]
 pub(super) enum Special {
-    /// More bends than the two at the ends of the anchor's step: a range of [`Anchors::bends`].
-    Bends(usize, usize),
+    /// More kinks than the two at the ends of the anchor's step: a range of [`Anchors::kinks`].
+    Kinks(usize, usize),
     /// Mapped pixel by pixel.
-    Exact(Box<Exact>),
+    Exact(Box<ExactBlock>),
 }
 
-/// Pixels of a block, one by one.
-#[derive(Clone, Debug)]
-pub(super) struct Exact {
-    pub(super) row: [i32; SIDE],
-    pub(super) col: [i32; SIDE],
-    pub(super) row_fraction: [f32; SIDE],
-    pub(super) col_fraction: [f32; SIDE],
-    pub(super) gain: [f32; SIDE],
+/// Values of [`GROUP`] anchors, from which the coordinates of their blocks' pixels follow.
+#[derive(Clone, Debug, Default)]
+pub(super) struct AnchorValues {
+    pub(super) row_fraction: [f32; GROUP],
+    pub(super) col_fraction: [f32; GROUP],
+    /// Chart columns per film column minus [`Map::integer_columns`].
+    pub(super) extra_columns: [f32; GROUP],
+    /// dx/scale.
+    pub(super) dx: [f32; GROUP],
+    /// Coefficients of t, t², t³, t⁴ in δ.
+    pub(super) delta: [[f32; GROUP]; 4],
+    /// 1/ρ.
+    pub(super) inverse_r: [f32; GROUP],
+    /// h′ − m.
+    pub(super) slope: [f32; GROUP],
+    /// R.
+    pub(super) gain: [f32; GROUP],
+    /// Outer end of the step relative to ρ, px.
+    pub(super) outer: [f32; GROUP],
+    /// Inner end of the step relative to ρ, px.
+    pub(super) inner: [f32; GROUP],
 }
 
-/// What an anchor gives its pixels.
-pub(super) const VALUES: usize = 13;
-
-/// Anchors made together, side by side.
-#[derive(Clone, Debug)]
+/// Anchors computed together.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Group {
-    /// Fractions of row and column; chart columns that a film column moves, less [`Map::whole_columns`]; dx/scale; δ's
-    /// coefficients of t, t², t³, t⁴; 1/ρ; h′ − m; R; ends of the step relative to ρ.
-    pub(super) values: [[f32; GROUP]; VALUES],
+    pub(super) values: AnchorValues,
     pub(super) row: [i32; GROUP],
     pub(super) col: [i32; GROUP],
     /// Step of the field.
@@ -128,40 +70,30 @@ pub(super) struct Group {
     special: [u32; GROUP],
 }
 
-impl Group {
-    const EMPTY: Self = Self {
-        values: [[0.0; GROUP]; VALUES],
-        row: [0; GROUP],
-        col: [0; GROUP],
-        step: [0; GROUP],
-        special: [0; GROUP],
-    };
-}
-
-/// Anchors of a strip.
+/// Anchors of a film rectangle.
 #[derive(Debug, Default)]
 pub(super) struct Anchors {
     /// First film column of the first block.
     pub(super) x: i64,
-    /// Blocks of a line.
+    /// Blocks per row.
     pub(super) count: usize,
-    /// Line by line.
+    /// Row by row.
     groups: Vec<Group>,
     specials: Vec<Special>,
-    pub(super) bends: Vec<Bend>,
-    /// (least, greatest) chart row and column of any pixel.
-    pub(super) ends: ((i64, i64), (i64, i64)),
+    pub(super) kinks: Vec<Kink>,
+    /// (minimum, maximum) chart row and column over all pixels.
+    pub(super) cells: ((i64, i64), (i64, i64)),
 }
 
 impl Anchors {
-    /// The groups of a line.
+    /// The groups of a row of the rectangle.
     #[inline(always)]
-    pub(super) fn line(&self, line: usize) -> &[Group] {
+    pub(super) fn row(&self, row: usize) -> &[Group] {
         let groups = self.count.div_ceil(GROUP);
-        &self.groups[line * groups..][..groups]
+        &self.groups[row * groups..][..groups]
     }
 
-    /// What is special about the `i`-th block of a group, if anything.
+    /// The special treatment of the `i`-th block of a group, if any.
     #[inline(always)]
     pub(super) fn special(&self, group: &Group, i: usize) -> Option<&Special> {
         match group.special[i] {
@@ -170,220 +102,263 @@ impl Anchors {
         }
     }
 
-    /// Makes the anchors of `strip`.
+    /// Computes the anchors of `rect`.
     #[inline(always)]
-    pub(super) fn fill(&mut self, map: &Map<'_>, knots: &Knots, strip: Rect) {
-        let side = SIDE as i64;
-        self.x = strip.x.div_euclid(side) * side;
-        self.count = ((strip.right() - self.x) as usize).div_ceil(SIDE);
+    pub(super) fn fill(&mut self, map: &Map<'_>, knots: &Knots, rect: Rect) {
+        let side = ANCHOR_SPACING_PX as i64;
+        self.x = rect.x.div_euclid(side) * side;
+        self.count = ((rect.right() - self.x) as usize).div_ceil(ANCHOR_SPACING_PX);
         let groups = self.count.div_ceil(GROUP);
-        self.groups.resize(groups * strip.height, Group::EMPTY);
+        self.groups.resize(groups * rect.height, Group::default());
         self.specials.clear();
-        self.bends.clear();
-        let mut ends = Ends::nothing();
-        for line in 0..strip.height {
+        self.kinks.clear();
+        let mut extent = ChartExtent::empty();
+        for row in 0..rect.height {
             for i in 0..groups {
-                let (y, block) = (strip.y + line as i64, i * GROUP);
-                let at = line * groups + i;
-                let odd = group(&mut self.groups[at], map, knots, y, (self.x, block, self.count), &mut ends);
-                if odd {
-                    self.specials(at, map, knots, y, block, &mut ends);
+                let at =
+                    GroupPosition { y: rect.y + row as i64, x: self.x, block: i * GROUP, count: self.count };
+                let index = row * groups + i;
+                if self.groups[index].fill(map, knots, &at, &mut extent) {
+                    self.fill_specials(index, map, knots, &at, &mut extent);
                 }
             }
         }
-        self.ends = ends.cells();
+        self.cells = extent.cells();
     }
 
-    /// What the anchors of a group need beside their values.
+    /// Finds the special blocks of a group.
     #[cold]
     #[inline(never)]
-    fn specials(&mut self, at: usize, map: &Map<'_>, knots: &Knots, y: i64, block: usize, ends: &mut Ends) {
-        for b in 0..GROUP.min(self.count - block) {
-            let x = self.x + ((block + b) * SIDE) as i64;
-            let (dy, dx) = (y as f64 - map.axis_px.0, (x as f64 + HALF) - map.axis_px.1);
+    fn fill_specials(
+        &mut self,
+        index: usize,
+        map: &Map<'_>,
+        knots: &Knots,
+        at: &GroupPosition,
+        extent: &mut ChartExtent,
+    ) {
+        for b in 0..GROUP.min(at.count - at.block) {
+            let x = at.x + ((at.block + b) * ANCHOR_SPACING_PX) as i64;
+            let (dy, dx) = (at.y as f64 - map.axis_px.0, (x as f64 + HALF_PX) - map.axis_px.1);
             let r = (dy * dy + dx * dx).sqrt();
-            let i = self.groups[at].step[b] as usize;
-            let first = self.bends.len();
-            let mut moves = HALF * ((knots.steps[i].h_at / r).abs() + knots.bend[i]);
-            let expandable = r >= NEAR && r + HALF <= knots.last_px && !knots.sparse;
-            if expandable {
-                let bend = |j: usize, side: f32| Bend {
-                    side,
-                    at: (knots.steps[j].from - r) as f32,
-                    h: knots.bends[j][3],
-                    gain: knots.bends[j][4],
-                };
-                let outer = (i + 2..knots.steps.len()).take_while(|&j| knots.steps[j].from < r + HALF);
-                self.bends.extend(outer.map(|j| bend(j, 1.0)));
-                let inner = (1..i).rev().take_while(|&j| knots.steps[j].from > r - HALF);
-                self.bends.extend(inner.map(|j| bend(j, -1.0)));
-                moves += self.bends[first..].iter().map(|b| HALF * f64::from(b.h.abs())).sum::<f64>();
+            let i = self.groups[index].step[b] as usize;
+            let first = self.kinks.len();
+            let mut shift = HALF_PX * ((knots.steps[i].h_at / r).abs() + knots.kink_sum[i]);
+            let in_range = r >= NEAR_AXIS_PX && r + HALF_PX <= knots.last_px;
+            if in_range && !knots.sparse {
+                self.collect_kinks(knots, r, i);
+                shift += self.kinks[first..].iter().map(|k| HALF_PX * f64::from(k.h.abs())).sum::<f64>();
             }
             let m = knots.steps[i].h_slope + knots.steps[i].h_at / r;
-            let straight = (m * map.per_scale.1 - map.whole_columns()).abs() <= 1.0;
-            if r >= NEAR && r + HALF <= knots.last_px && moves <= 1.0 && straight {
-                if self.bends.len() == first {
+            let straight = (m * map.per_scale.1 - map.integer_columns()).abs() <= 1.0;
+            if in_range && shift <= 1.0 && straight {
+                if self.kinks.len() == first {
                     continue;
                 }
-                // `group` counted the moves of two bends; all are bounded by 1.
+                // `Group::fill` bounded the shift by two kinks; here by all of them, at most 1.
                 let row = map.offset.0 + dy * m * map.per_scale.0;
                 let col = map.offset.1 + dx * m * map.per_scale.1;
-                let spread = HALF * (m * map.per_scale.1).abs() + moves + SLACK;
-                ends.include((row - moves - SLACK, row + moves + SLACK), (col - spread, col + spread));
-                self.specials.push(Special::Bends(first, self.bends.len()));
+                let spread = HALF_PX * (m * map.per_scale.1).abs() + shift + SLACK_PX;
+                extent
+                    .include((row - shift - SLACK_PX, row + shift + SLACK_PX), (col - spread, col + spread));
+                self.specials.push(Special::Kinks(first, self.kinks.len()));
             } else {
-                let exact = map.exactly(y, x);
+                let exact = map.exact_block(at.y, x);
                 for (&row, &col) in exact.row.iter().zip(&exact.col) {
                     let (row, col) = (f64::from(row), f64::from(col));
-                    ends.include((row, row), (col, col));
+                    extent.include((row, row), (col, col));
                 }
                 self.specials.push(Special::Exact(Box::new(exact)));
             }
-            self.groups[at].special[b] = self.specials.len() as u32;
+            self.groups[index].special[b] = self.specials.len() as u32;
+        }
+    }
+
+    /// Appends the kinks within half a block of radius `r` beyond the ends of its step `i`.
+    fn collect_kinks(&mut self, knots: &Knots, r: f64, i: usize) {
+        let kink = |j: usize, side: f32| Kink {
+            side,
+            at: (knots.steps[j].from - r) as f32,
+            h: knots.kinks(j as i32)[3],
+            gain: knots.kinks(j as i32)[4],
+        };
+        let outer = (i + 2..knots.steps.len()).take_while(|&j| knots.steps[j].from < r + HALF_PX);
+        self.kinks.extend(outer.map(|j| kink(j, 1.0)));
+        let inner = (1..i).rev().take_while(|&j| knots.steps[j].from > r - HALF_PX);
+        self.kinks.extend(inner.map(|j| kink(j, -1.0)));
+    }
+}
+
+/// A group in film row `y`: its blocks from `block` on, of `count`, the first of which begins at column `x`.
+struct GroupPosition {
+    y: i64,
+    x: i64,
+    block: usize,
+    count: usize,
+}
+
+/// Intermediate values of the anchors of a group, in f64.
+#[derive(Default)]
+struct AnchorLanes {
+    dy: f64,
+    /// Offset from the axis, radius ρ and 1/ρ.
+    dx: Lane,
+    r: Lane,
+    per_r: Lane,
+    /// The field's step at ρ.
+    h_at: Lane,
+    h_slope: Lane,
+    gain_at: Lane,
+    gain_slope: Lane,
+    until: Lane,
+    from: Lane,
+    kink_sum: Lane,
+    /// Chart coordinates.
+    row: Lane,
+    col: Lane,
+    /// m − h′.
+    excess: Lane,
+    /// Chart columns per film column minus [`Map::integer_columns`].
+    extra_columns: Lane,
+    /// Bound of the shift of a pixel by the change of magnification within its block, px.
+    shift: Lane,
+}
+
+impl AnchorLanes {
+    /// Offsets and radii.
+    #[inline(always)]
+    fn locate(&mut self, map: &Map<'_>, at: &GroupPosition) {
+        self.dy = at.y as f64 - map.axis_px.0;
+        let first = at.x as f64 + HALF_PX - map.axis_px.1;
+        let last = (at.count - 1) as f64;
+        for i in 0..GROUP {
+            // Past the last block of the row that block is repeated.
+            let b = (at.block + i) as f64;
+            self.dx[i] = first + ANCHOR_SPACING_PX as f64 * if b < last { b } else { last };
+            self.r[i] = (self.dy * self.dy + self.dx[i] * self.dx[i]).sqrt();
+            self.per_r[i] = 1.0 / self.r[i];
+        }
+    }
+
+    /// The field's steps; `index` gets their indices.
+    #[inline(always)]
+    fn look_up(&mut self, map: &Map<'_>, knots: &Knots, index: &mut [i32; GROUP]) {
+        for i in 0..GROUP {
+            let k = map.field.step(self.r[i]);
+            let s = &knots.steps[k];
+            index[i] = k as i32;
+            (self.h_at[i], self.h_slope[i]) = (s.h_at, s.h_slope);
+            (self.gain_at[i], self.gain_slope[i]) = (s.gain_at, s.gain_slope);
+            (self.until[i], self.from[i], self.kink_sum[i]) = (s.until, s.from, knots.kink_sum[k]);
+        }
+    }
+
+    /// Chart coordinates.
+    #[inline(always)]
+    fn map(&mut self, map: &Map<'_>) {
+        let integer_columns = map.integer_columns();
+        for i in 0..GROUP {
+            self.excess[i] = self.h_at[i] * self.per_r[i];
+            let m = self.h_slope[i] + self.excess[i];
+            self.row[i] = map.offset.0 + self.dy * m * map.per_scale.0;
+            self.col[i] = map.offset.1 + self.dx[i] * m * map.per_scale.1;
+            self.extra_columns[i] = m * map.per_scale.1 - integer_columns;
+            self.shift[i] = HALF_PX * (self.excess[i].abs() + self.kink_sum[i]);
+        }
+    }
+
+    /// Includes the blocks' pixels in `extent`; whether any block cannot be expanded.
+    #[inline(always)]
+    fn bound(&self, map: &Map<'_>, last_px: f64, extent: &mut ChartExtent) -> bool {
+        let integer_columns = map.integer_columns();
+        let mut unexpandable = 0.0;
+        for i in 0..GROUP {
+            let bad = (self.r[i] < NEAR_AXIS_PX)
+                | (self.r[i] + HALF_PX > last_px)
+                | (self.shift[i] > 1.0)
+                | (self.extra_columns[i].abs() > 1.0);
+            unexpandable += if bad { 1.0 } else { 0.0 };
+            // Blocks that are mapped pixel by pixel are included then.
+            let height = if bad { f64::NEG_INFINITY } else { self.shift[i] + SLACK_PX };
+            let width = HALF_PX * (integer_columns + self.extra_columns[i].abs()) + height;
+            lower(&mut extent.row.0[i], self.row[i] - height);
+            raise(&mut extent.row.1[i], self.row[i] + height);
+            lower(&mut extent.col.0[i], self.col[i] - width);
+            raise(&mut extent.col.1[i], self.col[i] + width);
+        }
+        unexpandable > 0.0
+    }
+}
+
+impl Group {
+    /// Computes the anchors at `at` and includes their blocks in `extent`; whether the group may have special blocks.
+    #[inline(always)]
+    fn fill(&mut self, map: &Map<'_>, knots: &Knots, at: &GroupPosition, extent: &mut ChartExtent) -> bool {
+        let mut lanes = AnchorLanes::default();
+        lanes.locate(map, at);
+        lanes.look_up(map, knots, &mut self.step);
+        lanes.map(map);
+        let unexpandable = lanes.bound(map, knots.last_px, extent);
+        self.split_coordinates(&lanes);
+        self.values.fill(map, &lanes);
+        self.special = [0; GROUP];
+        unexpandable | !knots.sparse
+    }
+
+    #[inline(always)]
+    fn split_coordinates(&mut self, lanes: &AnchorLanes) {
+        for i in 0..GROUP {
+            let at = Coordinate::new(lanes.row[i]);
+            (self.row[i], self.values.row_fraction[i]) = (at.cell, at.fraction);
+        }
+        for i in 0..GROUP {
+            let at = Coordinate::new(lanes.col[i]);
+            (self.col[i], self.values.col_fraction[i]) = (at.cell, at.fraction);
         }
     }
 }
 
-type Lane = [f64; GROUP];
-
-/// The anchors of the line `y` from the `block`-th on, of `count` whose first begins at column `x`; whether any needs more.
-#[inline(always)]
-fn group(
-    to: &mut Group,
-    map: &Map<'_>,
-    knots: &Knots,
-    y: i64,
-    (x, block, count): (i64, usize, usize),
-    ends: &mut Ends,
-) -> bool {
-    const NONE: Lane = [0.0; GROUP];
-    let dy = y as f64 - map.axis_px.0;
-    let first = x as f64 + HALF - map.axis_px.1;
-    let last = (count - 1) as f64;
-    let (mut dx, mut r, mut per_r) = (NONE, NONE, NONE);
-    for i in 0..GROUP {
-        // Behind the line's last block it stands again.
-        let b = (block + i) as f64;
-        dx[i] = first + SIDE as f64 * if b < last { b } else { last };
-        r[i] = (dy * dy + dx[i] * dx[i]).sqrt();
-        per_r[i] = 1.0 / r[i];
+impl AnchorValues {
+    /// Everything but the fractions.
+    #[inline(always)]
+    fn fill(&mut self, map: &Map<'_>, lanes: &AnchorLanes) {
+        let (mut u, mut across) = ([0.0; GROUP], [0.0; GROUP]);
+        for i in 0..GROUP {
+            u[i] = lanes.dx[i] * lanes.per_r[i];
+            across[i] = 0.5 * (1.0 - u[i] * u[i]) * lanes.per_r[i];
+        }
+        let [c1, c2, c3, c4] = &mut self.delta;
+        to_f32(&mut self.extra_columns, &lanes.extra_columns);
+        to_f32(c1, &u);
+        to_f32(c2, &across);
+        to_f32(&mut self.inverse_r, &lanes.per_r);
+        for i in 0..GROUP {
+            self.dx[i] = (lanes.dx[i] * map.per_scale.1) as f32;
+        }
+        for i in 0..GROUP {
+            c3[i] = (-across[i] * u[i] * lanes.per_r[i]) as f32;
+        }
+        for i in 0..GROUP {
+            c4[i] = (across[i] * (5.0 * u[i] * u[i] - 1.0) * 0.25 * lanes.per_r[i] * lanes.per_r[i]) as f32;
+        }
+        for i in 0..GROUP {
+            self.slope[i] = -lanes.excess[i] as f32;
+        }
+        for i in 0..GROUP {
+            self.gain[i] = (lanes.gain_at[i] + lanes.gain_slope[i] * lanes.r[i]) as f32;
+        }
+        for i in 0..GROUP {
+            self.outer[i] = (lanes.until[i] - lanes.r[i]) as f32;
+        }
+        for i in 0..GROUP {
+            self.inner[i] = (lanes.from[i] - lanes.r[i]) as f32;
+        }
     }
-    let (mut h_at, mut h_slope, mut gain_at, mut gain_slope) = (NONE, NONE, NONE, NONE);
-    let (mut until, mut from, mut bend) = (NONE, NONE, NONE);
-    for i in 0..GROUP {
-        let k = map.field.step(r[i]);
-        let s = &knots.steps[k];
-        to.step[i] = k as i32;
-        (h_at[i], h_slope[i], gain_at[i], gain_slope[i]) = (s.h_at, s.h_slope, s.gain_at, s.gain_slope);
-        (until[i], from[i], bend[i]) = (s.until, s.from, knots.bend[k]);
-    }
-    let whole = map.whole_columns();
-    let (mut departs, mut more, mut row, mut col, mut moves) = (NONE, NONE, NONE, NONE, NONE);
-    let mut odd = 0.0;
-    for i in 0..GROUP {
-        departs[i] = h_at[i] * per_r[i]; // m − h′
-        let m = h_slope[i] + departs[i];
-        row[i] = map.offset.0 + dy * m * map.per_scale.0;
-        col[i] = map.offset.1 + dx[i] * m * map.per_scale.1;
-        more[i] = m * map.per_scale.1 - whole;
-        moves[i] = HALF * (departs[i].abs() + bend[i]);
-    }
-    for i in 0..GROUP {
-        let bad = (r[i] < NEAR) | (r[i] + HALF > knots.last_px) | (moves[i] > 1.0) | (more[i].abs() > 1.0);
-        odd += if bad { 1.0 } else { 0.0 };
-        // Blocks that are mapped exactly bound themselves.
-        let tall = if bad { f64::NEG_INFINITY } else { moves[i] + SLACK };
-        let wide = HALF * (whole + more[i].abs()) + tall;
-        lower(&mut ends.row.0[i], row[i] - tall);
-        raise(&mut ends.row.1[i], row[i] + tall);
-        lower(&mut ends.col.0[i], col[i] - wide);
-        raise(&mut ends.col.1[i], col[i] + wide);
-    }
-    let [row_f, col_f, more_f, dx_f, c1, c2, c3, c4, inverse, slope, gain, outer, inner] = &mut to.values;
-    for i in 0..GROUP {
-        let at = Coordinate::new(row[i]);
-        (to.row[i], row_f[i]) = (at.cell, at.fraction);
-    }
-    for i in 0..GROUP {
-        let at = Coordinate::new(col[i]);
-        (to.col[i], col_f[i]) = (at.cell, at.fraction);
-    }
-    let (mut u, mut across) = (NONE, NONE);
-    for i in 0..GROUP {
-        u[i] = dx[i] * per_r[i];
-        across[i] = 0.5 * (1.0 - u[i] * u[i]) * per_r[i];
-    }
-    narrow(more_f, more);
-    narrow(c1, u);
-    narrow(c2, across);
-    narrow(inverse, per_r);
-    for i in 0..GROUP {
-        dx_f[i] = (dx[i] * map.per_scale.1) as f32;
-    }
-    for i in 0..GROUP {
-        c3[i] = (-across[i] * u[i] * per_r[i]) as f32;
-    }
-    for i in 0..GROUP {
-        c4[i] = (across[i] * (5.0 * u[i] * u[i] - 1.0) * 0.25 * per_r[i] * per_r[i]) as f32;
-    }
-    for i in 0..GROUP {
-        slope[i] = -departs[i] as f32;
-    }
-    for i in 0..GROUP {
-        gain[i] = (gain_at[i] + gain_slope[i] * r[i]) as f32;
-    }
-    for i in 0..GROUP {
-        outer[i] = (until[i] - r[i]) as f32;
-    }
-    for i in 0..GROUP {
-        inner[i] = (from[i] - r[i]) as f32;
-    }
-    to.special = [0; GROUP];
-    (odd > 0.0) | !knots.sparse
 }
 
 #[inline(always)]
-fn narrow(to: &mut [f32; GROUP], from: Lane) {
+fn to_f32(to: &mut [f32; GROUP], from: &Lane) {
     for i in 0..GROUP {
         to[i] = from[i] as f32;
-    }
-}
-
-#[inline(always)]
-fn lower(least: &mut f64, v: f64) {
-    *least = if v < *least { v } else { *least };
-}
-
-#[inline(always)]
-fn raise(greatest: &mut f64, v: f64) {
-    *greatest = if v > *greatest { v } else { *greatest };
-}
-
-/// The least and the greatest so far, by lane.
-struct Ends {
-    row: ([f64; GROUP], [f64; GROUP]),
-    col: ([f64; GROUP], [f64; GROUP]),
-}
-
-impl Ends {
-    fn nothing() -> Self {
-        let none = ([f64::INFINITY; GROUP], [f64::NEG_INFINITY; GROUP]);
-        Self { row: none, col: none }
-    }
-
-    fn include(&mut self, row: (f64, f64), col: (f64, f64)) {
-        self.row.0[0] = self.row.0[0].min(row.0);
-        self.row.1[0] = self.row.1[0].max(row.1);
-        self.col.0[0] = self.col.0[0].min(col.0);
-        self.col.1[0] = self.col.1[0].max(col.1);
-    }
-
-    fn cells(&self) -> ((i64, i64), (i64, i64)) {
-        let whole = |(low, high): &([f64; GROUP], [f64; GROUP])| {
-            let least = low.iter().copied().fold(f64::INFINITY, f64::min);
-            let greatest = high.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            (least.floor() as i64, greatest.floor() as i64)
-        };
-        (whole(&self.row), whole(&self.col))
     }
 }

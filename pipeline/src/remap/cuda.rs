@@ -1,15 +1,15 @@
 //! Stages 1-2 on a GPU: the field's tables on the device, and launches of `remap.cu` over the tiles of a batch.
 //!
-//! A tile brings the chart rectangle that it needs ([`Remap::upload_rect`]), with its surround in ([`Remap::fill`]), somewhere in
-//! a buffer of charts, and leaves its remap somewhere in a buffer of remapped. Its pixels do not depend on how the film is cut into
-//! tiles, nor on what else a launch holds: a tile whose chart rectangle is too large can go in strips of rows.
+//! Input of a tile is its chart rectangle ([`Remap::upload_rect`]) including the surround ([`Remap::fill`]) in a buffer of charts;
+//! output are its pixels in a buffer of remapped tiles. They do not depend on the division of the film into tiles, nor on the other
+//! tiles of a launch: a tile whose chart rectangle is too large may be divided into row bands.
 #![allow(unsafe_code)]
 
 use super::Remap;
-use super::map::Map;
+use super::map::{ANCHOR_SPACING_PX, Map, NEAR_AXIS_PX};
 use crate::cuda::handle::CudaStream;
-use crate::cuda::launch::{CudaFunction, DeviceRepr, LaunchConfig};
-use crate::cuda::slice::CudaSlice;
+use crate::cuda::launch::{CudaFunction, LaunchConfig};
+use crate::cuda::slice::{CudaSlice, DeviceMemory, DeviceRepr};
 use crate::cuda::{CudaError, Device};
 use crate::field::{Field, Step};
 use crate::geometry::Rect;
@@ -19,19 +19,15 @@ use std::sync::Arc;
 /// The kernels, compiled by `scripts/ptx`.
 const PTX: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/remap.ptx"));
 
-/// Columns that one anchor serves.
-const SIDE: usize = 16;
-/// Rows and columns of film that a thread block fills: one anchor a thread.
+/// Film rows and columns of a thread block: one anchor a thread.
 const AREA_ROWS: usize = 32;
 const AREA_COLS: usize = 128;
 /// Threads of a thread block.
 const THREADS: usize = 256;
-/// Tiles of one launch; descriptors of more would not fit a launch's parameters (4 KB).
+/// Maximum of tiles in a launch: its parameters are limited to 4 KB.
 const TILES: usize = 32;
-/// Anchors nearer to the axis than this are not expanded, px (`anchors.rs`).
-const NEAR: f64 = 256.0;
 
-/// What the kernels know of a step of the field: `Step` in `remap.cu`.
+/// `Step` in `remap.cu`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 struct DeviceStep {
@@ -41,31 +37,33 @@ struct DeviceStep {
     h_slope: f64,
     gain_at: f64,
     gain_slope: f64,
-    clear: (f64, f64),
+    clear: [f64; 2],
     bend: f64,
     r_slope: f32,
-    outer: (f32, f32),
-    inner: (f32, f32),
+    outer: [f32; 2],
+    inner: [f32; 2],
     unused: f32,
 }
-// SAFETY: plain numbers in C's order, as `remap.cu` declares them.
+const _: () = assert!(size_of::<DeviceStep>() == 96);
+// SAFETY: numbers in C's layout, as declared in `remap.cu`.
 unsafe impl DeviceRepr for DeviceStep {}
 
 /// `Map` in `remap.cu`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 struct DeviceMap {
-    axis: (f64, f64),
-    offset: (f64, f64),
-    per_scale: (f64, f64),
-    whole: f64,
+    axis: [f64; 2],
+    offset: [f64; 2],
+    per_scale: [f64; 2],
+    whole_columns: f64,
     buckets_per_px: f64,
     last_px: f64,
-    on_axis: (f64, f64),
-    boxes: (f64, f64),
+    on_axis: [f64; 2],
+    boxes: [f64; 2],
     buckets: i32,
     unused: i32,
 }
+const _: () = assert!(size_of::<DeviceMap>() == 112);
 // SAFETY: likewise.
 unsafe impl DeviceRepr for DeviceMap {}
 
@@ -81,22 +79,23 @@ struct DeviceTile {
     chart_x: i32,
     chart_width: i32,
     unused: i32,
-    chart_at: i64,
-    remapped_at: i64,
+    chart_offset: i64,
+    remapped_offset: i64,
 }
+const _: () = assert!(size_of::<DeviceTile>() == 48);
 // SAFETY: likewise.
 unsafe impl DeviceRepr for DeviceTile {}
 
-/// A part of the film, and where its chart and its remap lie on the device, rows one after another.
+/// A film rectangle, and the places of its chart and remapped pixels on the device; rows follow one another.
 #[derive(Clone, Copy, Debug)]
 pub struct RemapTile {
     /// The film rectangle.
     pub rect: Rect,
-    /// The chart rectangle, no smaller than [`Remap::upload_rect`] of it.
+    /// The chart rectangle; contains [`Remap::upload_rect`] of the film rectangle.
     pub chart_rect: Rect,
-    /// Its first pixel in the charts.
+    /// Index of its first pixel in the charts.
     pub chart_offset: usize,
-    /// The remap's first pixel in the remapped.
+    /// Index of its first pixel in the remapped tiles.
     pub remapped_offset: usize,
 }
 
@@ -111,10 +110,10 @@ pub struct RemapOnDevice {
 }
 
 impl RemapOnDevice {
-    /// The stage on `device`, its tables there when this returns.
+    /// The stage on `device`; its tables are uploaded when this returns.
     ///
     /// # Errors
-    /// No memory for them, or what else the driver reports.
+    /// Out of memory, or another error of the driver.
     pub fn new(device: &Arc<Device>, remap: &Remap) -> Result<Self, CudaError> {
         let stream = &device.context.default_stream();
         let (sy, sx) = remap.frame.scale;
@@ -132,26 +131,26 @@ impl RemapOnDevice {
             buckets: device.allocate(stream, buckets.len(), "a band's field")?,
             device: Arc::clone(device),
         };
-        let failed = |e| CudaError::new(device.index(), "sending a band's field", e);
+        let failed = |e| CudaError::new(device.index(), "uploading a band's field", e);
         stream.memcpy_htod(&steps, &mut on_device.steps).map_err(failed)?;
         stream.memcpy_htod(buckets, &mut on_device.buckets).map_err(failed)?;
         stream.synchronize().map_err(failed)?;
         Ok(on_device)
     }
 
-    /// Bytes of device memory that the stage of `remap` keeps.
+    /// Device memory of the stage's tables, bytes.
     pub fn bytes(remap: &Remap) -> u64 {
         let (buckets, _) = remap.field.buckets();
         (remap.field.steps().len() * size_of::<DeviceStep>() + size_of_val(buckets)) as u64
     }
 
-    /// Fills the remapped of `tiles` in the order of `stream`.
+    /// Computes the remapped pixels of `tiles` in the order of `stream`.
     ///
     /// # Errors
-    /// What the driver reports.
+    /// An error of the driver.
     ///
     /// # Panics
-    /// If a tile's chart or remap does not lie within its buffer: a fault of the caller's.
+    /// If a tile lies beyond `charts` or `remapped`.
     pub fn launch(
         &self,
         stream: &Arc<CudaStream>,
@@ -175,7 +174,7 @@ impl RemapOnDevice {
             };
             let mut launch = stream.launch_builder(&self.kernel);
             launch.arg(&self.map).arg(&all).arg(&self.steps).arg(&self.buckets).arg(charts).arg(&*remapped);
-            // SAFETY: the arguments are those of the kernels in remap.cu; tiles lie within their buffers, and the charts hold
+            // SAFETY: the arguments match the kernels in remap.cu; tiles lie within their buffers, and their chart rectangles contain
             // every tap.
             unsafe { launch.launch(shape) }.map_err(self.device.failed("launching stages 1-2"))?;
         }
@@ -195,15 +194,15 @@ impl From<&RemapTile> for DeviceTile {
             chart_x: chart.x as i32,
             chart_width: chart.width as i32,
             unused: 0,
-            chart_at: tile.chart_offset as i64,
-            remapped_at: tile.remapped_offset as i64,
+            chart_offset: tile.chart_offset as i64,
+            remapped_offset: tile.remapped_offset as i64,
         }
     }
 }
 
 /// Thread blocks (down, across) that cover a film rectangle.
 fn areas(rect: Rect) -> (usize, usize) {
-    let before = rect.x.rem_euclid(SIDE as i64) as usize;
+    let before = rect.x.rem_euclid(ANCHOR_SPACING_PX as i64) as usize;
     (rect.height.div_ceil(AREA_ROWS), (before + rect.width).div_ceil(AREA_COLS))
 }
 
@@ -212,28 +211,28 @@ fn device_map(remap: &Remap) -> DeviceMap {
     let (buckets, buckets_per_px) = remap.field.buckets();
     let (sy, sx) = remap.frame.scale;
     DeviceMap {
-        axis: map.axis_px,
-        offset: map.offset,
-        per_scale: map.per_scale,
-        whole: map.whole_columns(),
+        axis: map.axis_px.into(),
+        offset: map.offset.into(),
+        per_scale: map.per_scale.into(),
+        whole_columns: map.integer_columns(),
         buckets_per_px,
         last_px: remap.field.last_px(),
-        on_axis: remap.field.at(0.0),
-        boxes: ((1.0 / sy).max(1.0), (1.0 / sx).max(1.0)),
+        on_axis: remap.field.at(0.0).into(),
+        boxes: [(1.0 / sy).max(1.0), (1.0 / sx).max(1.0)],
         buckets: buckets.len() as i32,
         unused: 0,
     }
 }
 
-/// The field's steps with what an anchor's pixels see of their neighbours.
+/// The field's steps with the bends at their knots.
 fn device_steps(field: &Field) -> Vec<DeviceStep> {
     let steps = field.steps();
-    let half = SIDE as f64 / 2.0;
+    let half = ANCHOR_SPACING_PX as f64 / 2.0;
     let bend = |i: usize| match (1..steps.len()).contains(&i) {
         true => (steps[i].h_slope - steps[i - 1].h_slope, steps[i].gain_slope - steps[i - 1].gain_slope),
         false => (0.0, 0.0),
     };
-    let narrow = |(h, r): (f64, f64)| (h as f32, r as f32);
+    let narrow = |(h, r): (f64, f64)| [h as f32, r as f32];
     let one = |(i, s): (usize, &Step)| {
         let before = i.checked_sub(1).map_or(f64::NEG_INFINITY, |k| steps[k].from + half);
         let after = steps.get(i + 1).map_or(f64::INFINITY, |s| s.until - half);
@@ -245,7 +244,7 @@ fn device_steps(field: &Field) -> Vec<DeviceStep> {
             h_slope: s.h_slope,
             gain_at: s.gain_at,
             gain_slope: s.gain_slope,
-            clear: (before.max(NEAR), after),
+            clear: [before.max(NEAR_AXIS_PX), after],
             bend: inner.0.abs() + outer.0.abs(),
             r_slope: s.gain_slope as f32,
             outer: narrow(outer),

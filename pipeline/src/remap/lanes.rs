@@ -1,70 +1,72 @@
-//! Stages 1-2 in lanes: a block's anchor to its pixels' coordinates ([`super::anchors`]), and their taps.
+//! Stages 1-2 with SIMD: expansion of anchors to pixel coordinates ([`super::anchors`]), and interpolation.
 //!
-//! Neighbours on the film read neighbours on the chart: where the cells of a register's pixels span no more than two loads
-//! and two rows, a tap is two loads and a permutation; elsewhere it is gathered pixel by pixel. Either way a pixel's sums
-//! run in the same order, so its bits do not depend on its neighbours. All of it is inlined into the gate of the
-//! instructions: no closures here, which would be compiled without them.
+//! Neighbouring film pixels read neighbouring chart pixels: where the cells of a register's pixels span no more than two loads and
+//! two rows, a tap is two loads and a permutation; elsewhere taps are gathered pixel by pixel. In both cases the sum of a pixel has the
+//! same order, so its bits do not depend on its neighbours. All code is inlined into the dispatch function of the instruction set; no
+//! closures, which would be compiled without these instructions.
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
-use super::anchors::{Anchors, Exact, GROUP, Group, Knots, SIDE, Special, VALUES};
-use super::map::Map;
+use super::anchors::{Anchors, Group, Special};
+use super::extent::GROUP;
+use super::knots::Knots;
+use super::map::{ANCHOR_SPACING_PX, ExactBlock, Map};
 use crate::geometry::Rect;
 use crate::resample::Interp;
-use crate::simd::lanes::{Lanes, WIDEST, Work};
+use crate::simd::lanes::{Lanes, MAX_LANES, SimdOp};
 
-/// Makes the anchors of a strip.
-pub(super) struct Anchoring<'a> {
+/// Computes the anchors of a film rectangle.
+pub(super) struct FillAnchors<'a> {
     pub(super) map: Map<'a>,
     pub(super) knots: &'a Knots,
-    pub(super) strip: Rect,
+    pub(super) rect: Rect,
     pub(super) to: &'a mut Anchors,
 }
 
-impl<V: Lanes> Work<V> for Anchoring<'_> {
+impl<V: Lanes> SimdOp<V> for FillAnchors<'_> {
     #[inline(always)]
     fn run(self) {
-        self.to.fill(&self.map, self.knots, self.strip);
+        self.to.fill(&self.map, self.knots, self.rect);
     }
 }
 
-/// Resamples a strip.
+/// Interpolates the chart at the pixels of a film rectangle.
 pub(super) struct Resample<'a> {
     pub(super) map: Map<'a>,
     pub(super) knots: &'a Knots,
     pub(super) anchors: &'a Anchors,
     pub(super) chart: Chart<'a>,
     pub(super) interp: Interp,
-    pub(super) strip: Rect,
-    /// The strip's first pixel, and on.
+    pub(super) rect: Rect,
+    /// The output from the first pixel of `rect` on.
     pub(super) out: &'a mut [f32],
-    /// From line to line of `out`.
+    /// Pixels from row to row of `out`.
     pub(super) stride: usize,
 }
 
-/// A rectangle of the chart.
+/// Pixels of a rectangle of the chart.
 #[derive(Clone, Copy)]
 pub(super) struct Chart<'a> {
     pub(super) source: &'a [f32],
     pub(super) width: usize,
-    /// The cell (row, column) whose first tap is the first pixel.
+    /// Cell (row, column) whose first tap is the first pixel.
     pub(super) first: (i32, i32),
 }
 
-impl<V: Lanes> Work<V> for Resample<'_> {
+impl<V: Lanes> SimdOp<V> for Resample<'_> {
     #[inline(always)]
     fn run(self) {
         match self.interp {
-            Interp::Bicubic => self.lines::<V, Cubic, 4>(),
-            Interp::Bilinear => self.lines::<V, Linear, 2>(),
+            Interp::Bicubic => self.rows::<V, CatmullRom, 4>(),
+            Interp::Bilinear => self.rows::<V, Linear, 2>(),
         }
     }
 }
 
-/// Pixels of a register: cells relative to `origin`, fractions, R.
+/// Coordinates of a register of pixels: cells relative to `origin`, fractions, gain.
 struct Pixels<V: Lanes> {
     origin: (i32, i32),
-    rows: V::Ints,
-    cols: V::Ints,
+    rows: V::I32,
+    cols: V::I32,
     row_fraction: V,
     col_fraction: V,
     gain: V,
@@ -72,34 +74,34 @@ struct Pixels<V: Lanes> {
 
 impl Resample<'_> {
     #[inline(always)]
-    fn lines<V: Lanes, K: Kernel<N>, const N: usize>(mut self) {
+    fn rows<V: Lanes, K: Interpolation<N>, const N: usize>(mut self) {
         let out = std::mem::take(&mut self.out);
         let a = self.anchors;
-        let width = self.strip.width;
-        let steps = a.count * SIDE / V::LANES;
-        for (line, to) in out.chunks_mut(self.stride).take(self.strip.height).enumerate() {
+        let width = self.rect.width;
+        let registers = a.count * ANCHOR_SPACING_PX / V::LANES;
+        for (row, to) in out.chunks_mut(self.stride).take(self.rect.height).enumerate() {
             let to = &mut to[..width];
-            let dy = ((self.strip.y + line as i64) as f64 - self.map.axis_px.0) * self.map.per_scale.0;
+            let dy = ((self.rect.y + row as i64) as f64 - self.map.axis_px.0) * self.map.per_scale.0;
             let dy = V::splat(dy as f32);
-            let whole = V::splat(self.map.whole_columns() as f32);
-            let groups = a.line(line);
-            let mut x = a.x - self.strip.x;
-            for step in 0..steps {
-                let first = step * V::LANES % SIDE;
-                let block = step * V::LANES / SIDE;
+            let integer_columns = V::splat(self.map.integer_columns() as f32);
+            let groups = a.row(row);
+            let mut x = a.x - self.rect.x;
+            for register in 0..registers {
+                let first = register * V::LANES % ANCHOR_SPACING_PX;
+                let block = register * V::LANES / ANCHOR_SPACING_PX;
                 let (group, i) = (&groups[block / GROUP], block % GROUP);
                 let pixels = match a.special(group, i) {
-                    None => self.expanded::<V, false>((group, i), first, dy, whole, (0, 0)),
-                    Some(Special::Bends(from, to)) => {
-                        self.expanded::<V, true>((group, i), first, dy, whole, (*from, *to))
+                    None => self.expand::<V, false>((group, i), first, dy, integer_columns, (0, 0)),
+                    Some(Special::Kinks(from, to)) => {
+                        self.expand::<V, true>((group, i), first, dy, integer_columns, (*from, *to))
                     }
-                    Some(Special::Exact(exact)) => Pixels::<V>::exact(exact, first),
+                    Some(Special::Exact(exact)) => Pixels::<V>::load(exact, first),
                 };
                 let value = self.chart.value::<V, K, N>(&pixels) * pixels.gain;
                 if x >= 0 && x as usize + V::LANES <= width {
                     value.store(&mut to[x as usize..]);
                 } else {
-                    let mut all = [0.0; WIDEST];
+                    let mut all = [0.0; MAX_LANES];
                     value.store(&mut all);
                     let (from, end) =
                         ((-x).clamp(0, V::LANES as i64), (width as i64 - x).clamp(0, V::LANES as i64));
@@ -113,47 +115,50 @@ impl Resample<'_> {
         }
     }
 
-    /// The pixels of a block from its `first` on, by its anchor.
+    /// The pixels of block `i` of a group from its `first` on, expanded from the anchor; `KINKS` if the range `kinks` of
+    /// [`Anchors::kinks`] applies.
     #[inline(always)]
-    fn expanded<V: Lanes, const BENDS: bool>(
+    fn expand<V: Lanes, const KINKS: bool>(
         &self,
         (group, i): (&Group, usize),
         first: usize,
         dy: V,
-        whole: V,
-        bends: (usize, usize),
+        integer_columns: V,
+        kinks: (usize, usize),
     ) -> Pixels<V> {
         let a = self.anchors;
-        let mut values = [V::splat(0.0); VALUES];
-        for (value, of) in values.iter_mut().zip(&group.values) {
-            *value = V::splat(of[i]);
-        }
-        let [row, col, more, dx, c1, c2, c3, c4, inverse, slope, gain, outer, inner] = values;
-        let [gain_slope, h_outer, gain_outer, h_inner, gain_inner] = *self.knots.bends(group.step[i]);
+        let anchor = &group.values;
+        let [c1, c2, c3, c4] = &anchor.delta;
+        let (c1, c2, c3, c4) = (V::splat(c1[i]), V::splat(c2[i]), V::splat(c3[i]), V::splat(c4[i]));
+        let (outer, inner) = (V::splat(anchor.outer[i]), V::splat(anchor.inner[i]));
+        let [gain_slope, h_outer, gain_outer, h_inner, gain_inner] = *self.knots.kinks(group.step[i]);
         let zero = V::splat(0.0);
-        let t = V::count() + V::splat(first as f32 - (SIDE / 2) as f32);
-        let r = t * t.mul_add(t.mul_add(t.mul_add(c4, c3), c2), c1);
-        let (beyond, within) = ((r - outer).max(zero), (inner - r).max(zero));
-        let mut h = r.mul_add(slope, beyond.mul_add(V::splat(h_outer), within * V::splat(h_inner)));
-        let mut gain = within.mul_add(V::splat(gain_inner), gain);
-        gain = beyond.mul_add(V::splat(gain_outer), r.mul_add(V::splat(gain_slope), gain));
-        if BENDS {
-            for bend in &a.bends[bends.0..bends.1] {
-                let past = ((r - V::splat(bend.at)) * V::splat(bend.side)).max(zero);
-                h = past.mul_add(V::splat(bend.h), h);
-                gain = past.mul_add(V::splat(bend.gain), gain);
+        let t = V::iota() + V::splat(first as f32 - (ANCHOR_SPACING_PX / 2) as f32);
+        let delta = t * t.mul_add(t.mul_add(t.mul_add(c4, c3), c2), c1);
+        let (beyond, within) = ((delta - outer).max(zero), (inner - delta).max(zero));
+        let slope = V::splat(anchor.slope[i]);
+        let mut h = delta.mul_add(slope, beyond.mul_add(V::splat(h_outer), within * V::splat(h_inner)));
+        let mut gain = within.mul_add(V::splat(gain_inner), V::splat(anchor.gain[i]));
+        gain = beyond.mul_add(V::splat(gain_outer), delta.mul_add(V::splat(gain_slope), gain));
+        if KINKS {
+            for kink in &a.kinks[kinks.0..kinks.1] {
+                let past = ((delta - V::splat(kink.at)) * V::splat(kink.side)).max(zero);
+                h = past.mul_add(V::splat(kink.h), h);
+                gain = past.mul_add(V::splat(kink.gain), gain);
             }
         }
-        let e = r * inverse;
-        let m = h * inverse * ((V::splat(1.0) - e) * e.mul_add(e, V::splat(1.0)));
-        let row = dy.mul_add(m, row);
-        let dx = t.mul_add(V::splat(self.map.per_scale.1 as f32), dx);
-        let col = dx.mul_add(m, t.mul_add(more, col));
+        let inverse_r = V::splat(anchor.inverse_r[i]);
+        let e = delta * inverse_r;
+        let m = h * inverse_r * ((V::splat(1.0) - e) * e.mul_add(e, V::splat(1.0)));
+        let row = dy.mul_add(m, V::splat(anchor.row_fraction[i]));
+        let dx = t.mul_add(V::splat(self.map.per_scale.1 as f32), V::splat(anchor.dx[i]));
+        let col =
+            dx.mul_add(m, t.mul_add(V::splat(anchor.extra_columns[i]), V::splat(anchor.col_fraction[i])));
         let (row_cell, col_cell) = (row.floor(), col.floor());
         Pixels {
             origin: (group.row[i], group.col[i]),
-            rows: row_cell.ints(),
-            cols: t.mul_add(whole, col_cell).ints(),
+            rows: row_cell.to_i32(),
+            cols: t.mul_add(integer_columns, col_cell).to_i32(),
             row_fraction: row - row_cell,
             col_fraction: col - col_cell,
             gain,
@@ -162,12 +167,13 @@ impl Resample<'_> {
 }
 
 impl<V: Lanes> Pixels<V> {
+    /// Pixels of an exactly mapped block from its `first` on.
     #[inline(always)]
-    fn exact(exact: &Exact, first: usize) -> Self {
+    fn load(exact: &ExactBlock, first: usize) -> Self {
         Self {
             origin: (0, 0),
-            rows: V::load_ints(&exact.row[first..]),
-            cols: V::load_ints(&exact.col[first..]),
+            rows: V::load_i32(&exact.row[first..]),
+            cols: V::load_i32(&exact.col[first..]),
             row_fraction: V::load(&exact.row_fraction[first..]),
             col_fraction: V::load(&exact.col_fraction[first..]),
             gain: V::load(&exact.gain[first..]),
@@ -176,78 +182,79 @@ impl<V: Lanes> Pixels<V> {
 }
 
 impl Chart<'_> {
+    /// Interpolated values.
     #[inline(always)]
-    fn value<V: Lanes, K: Kernel<N>, const N: usize>(&self, p: &Pixels<V>) -> V {
+    fn value<V: Lanes, K: Interpolation<N>, const N: usize>(&self, p: &Pixels<V>) -> V {
         let (wy, wx) = (K::weights(p.row_fraction), K::weights(p.col_fraction));
-        let (mut rows, mut cols) = ([0; WIDEST], [0; WIDEST]);
-        V::store_ints(p.rows, &mut rows);
-        V::store_ints(p.cols, &mut cols);
+        let (mut rows, mut cols) = ([0; MAX_LANES], [0; MAX_LANES]);
+        V::store_i32(p.rows, &mut rows);
+        V::store_i32(p.cols, &mut cols);
         let last = V::LANES - 1;
         let (y, x) = (rows[0].min(rows[last]), cols[0].min(cols[last]));
-        let (index, row) = (V::plus(p.cols, -x), V::plus(p.rows, -y));
+        let (index, row) = (V::add_i32(p.cols, -x), V::add_i32(p.rows, -y));
         let origin = (p.origin.0 - self.first.0, p.origin.1 - self.first.1);
-        if !(V::within(index, (2 * V::LANES - N) as i32) && V::within(row, 1)) {
-            return self.far(&rows, &cols, origin, &wy, &wx);
+        if !(V::all_within(index, (2 * V::LANES - N) as i32) && V::all_within(row, 1)) {
+            return self.gather(&rows, &cols, origin, &wy, &wx);
         }
         let first = (origin.0 + y) as usize * self.width + (origin.1 + x) as usize;
-        let mut sum = self.line(first, index, &wx) * wy[0];
-        if V::within(row, 0) {
+        let mut sum = self.row(first, index, &wx) * wy[0];
+        if V::all_within(row, 0) {
             for j in 1..N {
-                sum = self.line(first + j * self.width, index, &wx).mul_add(wy[j], sum);
+                sum = self.row(first + j * self.width, index, &wx).mul_add(wy[j], sum);
             }
             return sum;
         }
-        // The lower pixels begin a row later.
-        let upper = V::equal(row, 0);
-        let line = self.line(first + self.width, index, &wx);
+        // Some pixels begin one row lower.
+        let upper = V::equals(row, 0);
+        let line = self.row(first + self.width, index, &wx);
         sum = V::select(upper, line.mul_add(wy[1], sum), line * wy[0]);
         for j in 2..N {
-            let line = self.line(first + j * self.width, index, &wx);
+            let line = self.row(first + j * self.width, index, &wx);
             sum = line.mul_add(V::select(upper, wy[j], wy[j - 1]), sum);
         }
-        let line = self.line(first + N * self.width, index, &wx);
+        let line = self.row(first + N * self.width, index, &wx);
         V::select(upper, sum, line.mul_add(wy[N - 1], sum))
     }
 
-    /// Σ of one row's taps, which begin at `first`.
+    /// Σ weight · tap over one row of taps from `first` on.
     #[inline(always)]
-    fn line<V: Lanes, const N: usize>(&self, first: usize, index: V::Ints, wx: &[V; N]) -> V {
+    fn row<V: Lanes, const N: usize>(&self, first: usize, index: V::I32, wx: &[V; N]) -> V {
         let from = &self.source[first..][..2 * V::LANES];
         let (low, high) = (V::load(from), V::load(&from[V::LANES..]));
-        let mut sum = V::pick(low, high, index) * wx[0];
+        let mut sum = V::permute(low, high, index) * wx[0];
         for k in 1..N {
-            sum = V::pick(low, high, V::plus(index, k as i32)).mul_add(wx[k], sum);
+            sum = V::permute(low, high, V::add_i32(index, k as i32)).mul_add(wx[k], sum);
         }
         sum
     }
 
-    /// The taps pixel by pixel.
+    /// Interpolated values, taps gathered pixel by pixel.
     #[inline(always)]
-    fn far<V: Lanes, const N: usize>(
+    fn gather<V: Lanes, const N: usize>(
         &self,
-        rows: &[i32; WIDEST],
-        cols: &[i32; WIDEST],
+        rows: &[i32; MAX_LANES],
+        cols: &[i32; MAX_LANES],
         origin: (i32, i32),
         wy: &[V; N],
         wx: &[V; N],
     ) -> V {
-        let mut first = [0; WIDEST];
+        let mut first = [0; MAX_LANES];
         for (first, (y, x)) in first.iter_mut().zip(rows.iter().zip(cols)).take(V::LANES) {
             *first = (origin.0 + y) as usize * self.width + (origin.1 + x) as usize;
         }
-        let mut sum = self.far_line(&first, 0, wx) * wy[0];
+        let mut sum = self.gather_row(&first, 0, wx) * wy[0];
         for j in 1..N {
-            sum = self.far_line(&first, j, wx).mul_add(wy[j], sum);
+            sum = self.gather_row(&first, j, wx).mul_add(wy[j], sum);
         }
         sum
     }
 
-    /// Σ of the taps of every pixel's `j`-th row.
+    /// Σ weight · tap over the `j`-th row of taps of every pixel.
     #[inline(always)]
-    fn far_line<V: Lanes, const N: usize>(&self, first: &[usize; WIDEST], j: usize, wx: &[V; N]) -> V {
+    fn gather_row<V: Lanes, const N: usize>(&self, first: &[usize; MAX_LANES], j: usize, wx: &[V; N]) -> V {
         let mut sum = V::splat(0.0);
         for k in 0..N {
-            let mut tap = [0.0; WIDEST];
+            let mut tap = [0.0; MAX_LANES];
             for (tap, first) in tap.iter_mut().zip(&first[..V::LANES]) {
                 *tap = self.source[first + j * self.width + k];
             }
@@ -258,17 +265,16 @@ impl Chart<'_> {
     }
 }
 
-/// A kind of interpolation over N × N taps, weights from a fraction.
-trait Kernel<const N: usize> {
+/// Interpolation over N × N taps.
+trait Interpolation<const N: usize> {
+    /// Weights of the taps at fraction `f`.
     fn weights<V: Lanes>(f: V) -> [V; N];
 }
 
-/// Catmull-Rom.
-struct Cubic;
-/// Linear.
+struct CatmullRom;
 struct Linear;
 
-impl Kernel<4> for Cubic {
+impl Interpolation<4> for CatmullRom {
     #[inline(always)]
     fn weights<V: Lanes>(f: V) -> [V; 4] {
         let (half, one, two) = (V::splat(0.5), V::splat(1.0), V::splat(2.0));
@@ -282,7 +288,7 @@ impl Kernel<4> for Cubic {
     }
 }
 
-impl Kernel<2> for Linear {
+impl Interpolation<2> for Linear {
     #[inline(always)]
     fn weights<V: Lanes>(f: V) -> [V; 2] {
         [V::splat(1.0) - f, f]

@@ -1,19 +1,22 @@
-//! Where on the chart the pixels of a film line lie, eight at a time.
+//! Map from film pixels to chart coordinates, in f64.
 //!
-//! Plain f64 arithmetic without fused operations, the same for every pixel: whatever instructions it is compiled for, and
-//! wherever a line is cut, it gives the same bits.
+//! Plain f64 arithmetic without fused operations, the same for every pixel: the bits do not depend on the instruction set or on the
+//! rectangle being computed.
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
-#[cfg(target_arch = "x86_64")]
-use super::anchors::{Exact, SIDE};
 use crate::field::{BLOCK, Field};
 use crate::geometry::{Frame, Rect};
 use crate::resample::Coordinate;
 
-/// Lines are padded to this many pixels: the widest register of f32.
+/// Film columns per anchor on the SIMD and CUDA paths (`anchors`, `remap.cu`).
+pub(crate) const ANCHOR_SPACING_PX: usize = 16;
+/// Anchors nearer to the axis than this are not expanded: their pixels are mapped one by one, px.
+pub(crate) const NEAR_AXIS_PX: f64 = 256.0;
+
+/// Rows of [`Points`] are padded to a multiple of this many pixels: the lanes of the widest register.
 pub(super) const PAD: usize = 16;
 
-/// The pixels of a strip, line by line, each line padded with its last pixel.
+/// Chart coordinates (cells and fractions) and gain of the pixels of a film rectangle, rows padded with their last pixel.
 #[derive(Debug, Default)]
 pub(super) struct Points {
     pub(super) row: Vec<i32>,
@@ -24,12 +27,14 @@ pub(super) struct Points {
     pub(super) stride: usize,
 }
 
-/// Film pixel → chart pixel.
+/// Map from film pixels to chart pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Map<'a> {
     pub(super) field: &'a Field,
     pub(super) axis_px: (f64, f64),
+    /// Chart coordinates (row, column) of the axis.
     pub(super) offset: (f64, f64),
+    /// 1/scale: chart pixels per film pixel at magnification 1.
     pub(super) per_scale: (f64, f64),
 }
 
@@ -48,7 +53,7 @@ impl<'a> Map<'a> {
         }
     }
 
-    /// (row, column, R) of the pixel (y, x).
+    /// Chart row, chart column and gain (R × film units) of the film pixel (y, x).
     #[inline]
     pub(super) fn at(&self, y: i64, x: i64) -> (f64, f64, f64) {
         let (dy, dx) = (y as f64 - self.axis_px.0, x as f64 - self.axis_px.1);
@@ -58,31 +63,24 @@ impl<'a> Map<'a> {
         (row, col, gain)
     }
 
-    /// Chart columns of a film column, to the nearest whole one.
+    /// Chart columns per film column at magnification 1, rounded.
     #[inline(always)]
-    pub(super) fn whole_columns(&self) -> f64 {
+    pub(super) fn integer_columns(&self) -> f64 {
         self.per_scale.1.round()
     }
 
-    /// The pixels of the block of anchors from (y, x) on, one by one.
+    /// The pixels of the anchor block from (y, x) on.
     #[cfg(target_arch = "x86_64")]
-    pub(super) fn exactly(&self, y: i64, x: i64) -> Exact {
-        let zero = [0.0; SIDE];
-        let mut to =
-            Exact { row: [0; SIDE], col: [0; SIDE], row_fraction: zero, col_fraction: zero, gain: zero };
-        for i in 0..SIDE {
-            let (row, col, gain) = self.at(y, x + i as i64);
-            let (row, col) = (Coordinate::new(row), Coordinate::new(col));
-            (to.row[i], to.row_fraction[i]) = (row.cell, row.fraction);
-            (to.col[i], to.col_fraction[i]) = (col.cell, col.fraction);
-            to.gain[i] = gain as f32;
-        }
-        to
+    pub(super) fn exact_block(&self, y: i64, x: i64) -> ExactBlock {
+        let mut exact = ExactBlock::default();
+        let ExactBlock { row, col, row_fraction, col_fraction, gain } = &mut exact;
+        self.pixel_by_pixel(y, x, &mut Block { row, col, row_fraction, col_fraction, gain });
+        exact
     }
 
-    /// The `BLOCK` pixels from (y, x) on, if the field has them together.
+    /// The `BLOCK` pixels from (y, x) on, if the field can look them up together ([`Field::block`]); whether it can.
     #[inline(always)]
-    fn block(&self, y: i64, x: i64, to: &mut Block<'_>) -> bool {
+    fn block(&self, y: i64, x: i64, to: &mut Block<'_, BLOCK>) -> bool {
         let dy = y as f64 - self.axis_px.0;
         let first = x as f64;
         let (mut dx, mut r) = ([0.0; BLOCK], [0.0; BLOCK]);
@@ -105,11 +103,11 @@ impl<'a> Map<'a> {
         true
     }
 
-    /// The same one by one.
+    /// The `N` pixels from (y, x) on, one by one.
     #[cold]
     #[inline(never)]
-    fn singly(&self, y: i64, x: i64, to: &mut Block<'_>) {
-        for i in 0..BLOCK {
+    fn pixel_by_pixel<const N: usize>(&self, y: i64, x: i64, to: &mut Block<'_, N>) {
+        for i in 0..N {
             let (row, col, gain) = self.at(y, x + i as i64);
             let (row, col) = (Coordinate::new(row), Coordinate::new(col));
             (to.row[i], to.row_fraction[i]) = (row.cell, row.fraction);
@@ -118,45 +116,56 @@ impl<'a> Map<'a> {
         }
     }
 
-    /// Fills `to` with the pixels of `strip`.
+    /// Fills `to` with the pixels of `rect`.
     #[inline(always)]
-    pub(super) fn strip(&self, strip: Rect, to: &mut Points) {
-        let lines = (to.row.chunks_exact_mut(to.stride).zip(to.col.chunks_exact_mut(to.stride)))
+    pub(super) fn fill(&self, rect: Rect, to: &mut Points) {
+        to.resize(rect);
+        let rows = (to.row.chunks_exact_mut(to.stride).zip(to.col.chunks_exact_mut(to.stride)))
             .zip(to.row_fraction.chunks_exact_mut(to.stride).zip(to.col_fraction.chunks_exact_mut(to.stride)))
             .zip(to.gain.chunks_exact_mut(to.stride));
-        for (y, (((row, col), (row_fraction, col_fraction)), gain)) in (strip.y..strip.bottom()).zip(lines) {
+        for (y, (((row, col), (row_fraction, col_fraction)), gain)) in (rect.y..rect.bottom()).zip(rows) {
             let blocks = (row.as_chunks_mut().0.iter_mut().zip(col.as_chunks_mut().0))
                 .zip(row_fraction.as_chunks_mut().0.iter_mut().zip(col_fraction.as_chunks_mut().0))
                 .zip(gain.as_chunks_mut::<BLOCK>().0);
             for (x, (((row, col), (row_fraction, col_fraction)), gain)) in
-                (strip.x..).step_by(BLOCK).zip(blocks)
+                (rect.x..).step_by(BLOCK).zip(blocks)
             {
                 let mut to = Block { row, col, row_fraction, col_fraction, gain };
                 if !self.block(y, x, &mut to) {
-                    self.singly(y, x, &mut to);
+                    self.pixel_by_pixel(y, x, &mut to);
                 }
             }
-            let last = (row[strip.width - 1], col[strip.width - 1]);
-            row[strip.width..].fill(last.0);
-            col[strip.width..].fill(last.1);
+            let last = (row[rect.width - 1], col[rect.width - 1]);
+            row[rect.width..].fill(last.0);
+            col[rect.width..].fill(last.1);
         }
     }
 }
 
-/// Neighbours in a line of [`Points`].
-struct Block<'a> {
-    row: &'a mut [i32; BLOCK],
-    col: &'a mut [i32; BLOCK],
-    row_fraction: &'a mut [f32; BLOCK],
-    col_fraction: &'a mut [f32; BLOCK],
-    gain: &'a mut [f32; BLOCK],
+/// `N` neighbouring pixels of a row.
+struct Block<'a, const N: usize> {
+    row: &'a mut [i32; N],
+    col: &'a mut [i32; N],
+    row_fraction: &'a mut [f32; N],
+    col_fraction: &'a mut [f32; N],
+    gain: &'a mut [f32; N],
+}
+
+/// Chart coordinates and gain of the pixels of an anchor block, mapped one by one.
+#[cfg(target_arch = "x86_64")]
+#[derive(Clone, Debug, Default)]
+pub(super) struct ExactBlock {
+    pub(super) row: [i32; ANCHOR_SPACING_PX],
+    pub(super) col: [i32; ANCHOR_SPACING_PX],
+    pub(super) row_fraction: [f32; ANCHOR_SPACING_PX],
+    pub(super) col_fraction: [f32; ANCHOR_SPACING_PX],
+    pub(super) gain: [f32; ANCHOR_SPACING_PX],
 }
 
 impl Points {
-    /// Makes room for a strip.
-    pub(super) fn resize(&mut self, strip: Rect) {
-        self.stride = strip.width.next_multiple_of(PAD);
-        let n = strip.height * self.stride;
+    fn resize(&mut self, rect: Rect) {
+        self.stride = rect.width.next_multiple_of(PAD);
+        let n = rect.height * self.stride;
         self.row.resize(n, 0);
         self.col.resize(n, 0);
         self.row_fraction.resize(n, 0.0);
@@ -165,17 +174,17 @@ impl Points {
     }
 }
 
-/// The least and the greatest.
+/// Minimum and maximum; the length is a multiple of [`PAD`].
 #[inline(always)]
-pub(super) fn ends(of: &[i32]) -> (i64, i64) {
+pub(super) fn min_max(values: &[i32]) -> (i64, i64) {
     let (mut low, mut high) = ([i32::MAX; PAD], [i32::MIN; PAD]);
-    for v in of.as_chunks::<PAD>().0 {
+    for v in values.as_chunks::<PAD>().0 {
         for i in 0..PAD {
             low[i] = low[i].min(v[i]);
             high[i] = high[i].max(v[i]);
         }
     }
-    let least = low.into_iter().fold(i32::MAX, i32::min);
-    let greatest = high.into_iter().fold(i32::MIN, i32::max);
-    (i64::from(least), i64::from(greatest))
+    let min = low.into_iter().fold(i32::MAX, i32::min);
+    let max = high.into_iter().fold(i32::MIN, i32::max);
+    (i64::from(min), i64::from(max))
 }

@@ -1,8 +1,8 @@
-//! The chart rectangle that a film rectangle is made from, bounded without mapping its pixels.
+//! Bounds of the chart rectangle that a film rectangle needs, without mapping its pixels.
 //!
-//! Within one step of the field's table h/r = h′ + c/r is monotone in r, so over a small piece of film h/r lies between its
-//! values at the piece's least and greatest radius and at the knots between; with (dy, dx) between their ends, so does
-//! (dy, dx)·h/r. Pieces of [`PIECE`] px a side: the bound exceeds the exact one by about a pixel.
+//! Within one step of the field's table h/r = h′ + c/r is monotone in r, so over a small square of film h/r lies between the minimum
+//! and maximum of its values at the square's smallest and largest radius and at the knots between, and (dy, dx)·h/r between the
+//! products of the extremes. With squares of [`SQUARE_PX`] the bound exceeds the exact rectangle by about a pixel.
 
 use super::Remap;
 use super::map::Map;
@@ -12,27 +12,30 @@ use crate::plan::Tiling;
 use crate::real;
 use crate::resample::box_span;
 
-/// Side of a piece, film px.
-const PIECE: usize = 32;
-/// More than any rounding of a coordinate, px.
-const SLACK: f64 = 1e-3;
+/// Side of a square, film px.
+const SQUARE_PX: usize = 32;
+/// Margin of coordinates, px: more than any rounding.
+const SLACK_PX: f64 = 1e-3;
 
+/// (minimum, maximum).
 type Span = (f64, f64);
 
+const EMPTY: Span = (f64::INFINITY, f64::NEG_INFINITY);
+
 impl Remap {
-    /// The chart rectangle, surround included, that holds every tap of the film rectangle `rect`: what goes to a GPU.
+    /// A chart rectangle, surround included, that contains every tap of the film rectangle `rect`: the upload for a GPU.
     pub fn upload_rect(&self, rect: Rect) -> Rect {
-        let (mut rows, mut cols) = (NOTHING, NOTHING);
+        let (mut rows, mut cols) = (EMPTY, EMPTY);
         let map = Map::new(&self.frame, &self.field);
-        for piece in rect.tiles(PIECE, PIECE) {
-            let (row, col) = map.bound(piece);
+        for square in rect.tiles(SQUARE_PX, SQUARE_PX) {
+            let (row, col) = map.bound(square);
             rows = (rows.0.min(row.0), rows.1.max(row.1));
             cols = (cols.0.min(col.0), cols.1.max(col.1));
         }
         let (sy, sx) = self.frame.scale;
         if sy.min(sx) >= 1.0 {
             let cells = |(low, high): Span| (low.floor() as i64, high.floor() as i64);
-            return self.reading.needs((cells(rows), cells(cols))).0;
+            return self.reading.chart_rect((cells(rows), cells(cols))).0;
         }
         let boxes = |(low, high): Span, scale: f64| {
             let width = (1.0 / scale).max(1.0);
@@ -44,43 +47,42 @@ impl Remap {
     }
 }
 
-/// Chart rectangles of this many pixels need no closer look.
+/// Bounds up to this many chart pixels are not refined.
 const SMALL_PX: f64 = (1u64 << 18) as f64;
-/// Up to this stretch the bound of the whole film is near enough that of its strips.
+/// Up to this stretch the bound over the complete film is close to that of each part.
 const USUAL_STRETCH: f64 = 4.0;
-/// Most strips looked at one by one.
-const MAX_STRIPS: usize = 1 << 20;
+/// Largest number of parts that are bounded one by one.
+const MAX_PARTS: usize = 1 << 20;
 
 impl Remap {
-    /// The most chart pixels, surround included, that a worker holds at a time for tiles of `tiling`, or a bound of them
-    /// where that is small.
+    /// Upper bound of the chart pixels, surround included, that a worker holds at a time for tiles of `tiling`; tight if it is large.
     ///
-    /// With J the Jacobian of the remap, |J_yy| ≤ max(h/r, h′) and |J_yx| ≤ |h′ − h/r|/2, so a strip of H × W film px spans at
-    /// most H·|J_yy| + W·|J_yx| rows of a chart of scale 1. Strips for which this bound exceeds the most found so far are
-    /// bounded piece by piece ([`Remap::upload_rect`]).
-    pub fn most_chart_px(&self, tiling: &Tiling) -> u64 {
-        let (rows, cols) = self.strip();
+    /// With J the Jacobian of the map, |J_yy| ≤ max(h/r, h′) and |J_yx| ≤ |h′ − h/r|/2, so a part of H × W film px spans at most
+    /// H·|J_yy| + W·|J_yx| rows of a chart of scale 1. Parts for which this bound exceeds the maximum so far are bounded by
+    /// [`Remap::upload_rect`].
+    pub fn max_chart_px(&self, tiling: &Tiling) -> u64 {
+        let (rows, cols) = self.part_size();
         let (rows, cols) = (rows.min(tiling.tile()), cols.min(tiling.tile()));
-        let largest = self.strip_bound_px(Rect::new(0, 0, rows, cols), self.farthest_px(tiling.grown()));
+        let bound = self.part_bound_px(Rect::new(0, 0, rows, cols), self.farthest_px(tiling.grown()));
         let (down, across) = tiling.count();
-        let strips = [down, across, tiling.tile().div_ceil(rows), tiling.tile().div_ceil(cols)];
-        let few = strips.iter().try_fold(1usize, |n, &s| n.checked_mul(s)).is_some_and(|n| n <= MAX_STRIPS);
-        if largest <= SMALL_PX || self.stretch(tiling).greatest <= USUAL_STRETCH || !few {
-            return largest as u64;
+        let parts = [down, across, tiling.tile().div_ceil(rows), tiling.tile().div_ceil(cols)];
+        let few = parts.iter().try_fold(1usize, |n, &s| n.checked_mul(s)).is_some_and(|n| n <= MAX_PARTS);
+        if bound <= SMALL_PX || self.stretch(tiling).greatest <= USUAL_STRETCH || !few {
+            return bound as u64;
         }
-        let mut most = 0u64;
+        let mut max = 0u64;
         for tile in (0..down).flat_map(|i| (0..across).map(move |j| (i, j))) {
-            for strip in tiling.rect(tile).tiles(rows, cols) {
-                if self.strip_bound_px(strip, self.farthest_px(strip)) > most as f64 {
-                    let need = self.upload_rect(strip);
-                    most = most.max((need.height as u64).saturating_mul(need.width as u64));
+            for part in tiling.rect(tile).tiles(rows, cols) {
+                if self.part_bound_px(part, self.farthest_px(part)) > max as f64 {
+                    let rect = self.upload_rect(part);
+                    max = max.max((rect.height as u64).saturating_mul(rect.width as u64));
                 }
             }
         }
-        most
+        max
     }
 
-    /// The stretch of the remap over the film and its margin.
+    /// The stretch of the map over the film and its margin.
     pub fn stretch(&self, tiling: &Tiling) -> Stretch {
         self.field.stretch(self.farthest_px(tiling.grown()))
     }
@@ -89,53 +91,47 @@ impl Remap {
         self.frame.farthest_mm(rect) / self.frame.pitch_mm()
     }
 
-    /// Bound of the chart pixels of a strip whose pixels lie within `reach_px` of the axis.
-    fn strip_bound_px(&self, strip: Rect, reach_px: f64) -> f64 {
+    /// Upper bound of the chart pixels of a part whose pixels lie within `reach_px` of the axis.
+    fn part_bound_px(&self, part: Rect, reach_px: f64) -> f64 {
         let Stretch { greatest, shear, .. } = self.field.stretch(reach_px);
-        let side = |own: usize, other: usize, scale: f64| {
-            let span = (own as f64 * greatest + other as f64 * shear) / scale;
+        let side = |along: usize, other: usize, scale: f64| {
+            let span = (along as f64 * greatest + other as f64 * shear) / scale;
             // Taps, or the box of a film pixel, and rounding.
             span + (1.0 / scale).max(1.0) + 6.0
         };
         let (sy, sx) = self.frame.scale;
-        side(strip.height, strip.width, sy) * side(strip.width, strip.height, sx)
+        side(part.height, part.width, sy) * side(part.width, part.height, sx)
     }
 }
 
-const NOTHING: Span = (f64::INFINITY, f64::NEG_INFINITY);
-
 impl Map<'_> {
-    /// Bounds of the chart row and column of every pixel of `piece`.
-    fn bound(&self, piece: Rect) -> (Span, Span) {
+    /// Bounds of the chart rows and columns of the pixels of `rect`.
+    fn bound(&self, rect: Rect) -> (Span, Span) {
         let ends =
             |first: i64, n: usize, axis: f64| (first as f64 - axis, (first + n as i64 - 1) as f64 - axis);
-        let dy = ends(piece.y, piece.height, self.axis_px.0);
-        let dx = ends(piece.x, piece.width, self.axis_px.1);
-        let least = |d: Span| if d.0 <= 0.0 && d.1 >= 0.0 { 0.0 } else { d.0.abs().min(d.1.abs()) };
-        let greatest = |d: Span| d.0.abs().max(d.1.abs());
+        let dy = ends(rect.y, rect.height, self.axis_px.0);
+        let dx = ends(rect.x, rect.width, self.axis_px.1);
+        let nearest = |d: Span| if d.0 <= 0.0 && d.1 >= 0.0 { 0.0 } else { d.0.abs().min(d.1.abs()) };
+        let farthest = |d: Span| d.0.abs().max(d.1.abs());
         let m = magnification(
             self.field,
-            (real::hypot(least(dy), least(dx)), real::hypot(greatest(dy), greatest(dx))),
+            (real::hypot(nearest(dy), nearest(dx)), real::hypot(farthest(dy), farthest(dx))),
         );
         let span = |d: Span, offset: f64, per_scale: f64| {
             let products = [d.0 * m.0, d.0 * m.1, d.1 * m.0, d.1 * m.1].map(|p| offset + p * per_scale);
-            let least = products.iter().copied().fold(f64::INFINITY, f64::min);
-            (least - SLACK, products.iter().copied().fold(f64::NEG_INFINITY, f64::max) + SLACK)
+            let min = products.iter().copied().fold(f64::INFINITY, f64::min);
+            (min - SLACK_PX, products.iter().copied().fold(f64::NEG_INFINITY, f64::max) + SLACK_PX)
         };
         (span(dy, self.offset.0, self.per_scale.0), span(dx, self.offset.1, self.per_scale.1))
     }
 }
 
-/// Between what h/r lies for radii between `from` and `to`, px.
+/// Minimum and maximum of h/r for radii between `from` and `to`, px.
 fn magnification(field: &Field, (from, to): Span) -> Span {
     let steps = field.steps();
     let last = to.min(field.last_px());
     let knots = steps[field.step(from.min(last))..].iter().map(|s| s.from);
     let between = knots.skip_while(|&r| r <= from).take_while(|&r| r < last);
     let at = |r: f64| field.at(r).0;
-    between.map(at).fold(bounds(at(from), at(to)), |b, m| (b.0.min(m), b.1.max(m)))
-}
-
-fn bounds(a: f64, b: f64) -> Span {
-    (a.min(b), a.max(b))
+    between.map(at).fold((at(from).min(at(to)), at(from).max(at(to))), |b, m| (b.0.min(m), b.1.max(m)))
 }

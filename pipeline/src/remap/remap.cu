@@ -1,44 +1,49 @@
-// Stages 1-2 on a GPU: relative illumination, distortion and resampling, fused. Mirrors remap.rs, anchors.rs, lanes.rs and map.rs.
+// Stages 1-2 on a GPU: relative illumination, distortion and resampling in one pass, as in anchors.rs, lanes.rs and map.rs.
 //
-//     remap(y, x) = R(r) · chart at offset + (dy, dx)·(h(r)/r)/scale,   (dy, dx) = (y, x) − axis,  r = hypot(dy, dx),  all in px
+//     remapped(y, x) = R(r) · chart at offset + (dy, dx)·(h(r)/r)/scale,   (dy, dx) = (y, x) − axis,  r = hypot(dy, dx),  all in px
 //
-// A thread block fills AREA_ROWS x AREA_COLS pixels of a tile's remap, blocks of SIDE columns at multiples of SIDE on the film, so
-// a pixel's coordinates are its own, however the film is cut. First each thread makes the anchor of one block in f64 (GPUs
-// for graphics do 64 times less of it than of f32), then each pixel is expanded from its anchor in f32, to 2e-6 px of
-// the exact map (anchors.rs derives it). Blocks near the axis, at the table's end, across more than one knot on either side, or bent
-// hard are mapped pixel by pixel in f64. Where scale < 1 every pixel is mapped so, and the chart averaged in f64.
-// A tile brings its own rectangle of the chart, which holds every tap: the host bounds it (reach.rs) and puts the surround in.
+// A thread block computes AREA_ROWS x AREA_COLS pixels of a tile, in blocks of ANCHOR_SPACING_PX columns that start at multiples of
+// it on the film, so a pixel's coordinates do not depend on the tiles. First each thread computes the anchor of one block in f64
+// (on graphics GPUs the rate of f64 is 1/64 of that of f32), then each pixel is expanded from its anchor in f32, to within 2e-6 px
+// of the exact map (derived in anchors.rs). Blocks that are near the axis, reach beyond the table, cross more than one knot on
+// either side, or have a large bend are mapped pixel by pixel in f64. Where scale < 1 every pixel is mapped in f64, and the chart is
+// averaged in f64. The chart rectangle of a tile, computed by the host (reach.rs), contains every tap, including the surround.
 //
-// From cuda.rs: SIDE, AREA_ROWS, AREA_COLS, TILES, THREADS
-// Tests leave something out, to see that it is missed.
+// From map.rs: ANCHOR_SPACING_PX
+// From cuda.rs: AREA_ROWS, AREA_COLS, TILES, THREADS
+// WITHOUT: tests omit a part to verify that they detect it.
 #ifndef WITHOUT
 #define WITHOUT 0
 #endif
 
-// Between the real heights from and until: h = h_at + h_slope·r, R = gain_at + gain_slope·r; where an anchor sees no more than the
-// step's two knots; |bends of h| at them; then slope of R, and bends of h and R at the outer and the inner knot.
+// A step of the field's table. Between the real heights from and until: h = h_at + h_slope·r, R = gain_at + gain_slope·r. clear_*:
+// radii between which a block crosses no knot but these two. bend: sum of |bend of h| at both. Then slope of R, and the bends
+// (changes of slope) of h and R at the outer and the inner knot.
 struct Step {
     double from, until, h_at, h_slope, gain_at, gain_slope, clear_from, clear_until, bend;
     float r_slope, outer_h, outer_r, inner_h, inner_r, unused;
 };
+static_assert(sizeof(Step) == 96, "as in cuda.rs");
 
-// What the map is made of; whole: chart columns of a film column, to the nearest whole one.
+// The map of film to chart. whole_columns: chart columns per film column, rounded.
 struct Map {
-    double axis_y, axis_x, offset_y, offset_x, per_scale_y, per_scale_x, whole;
+    double axis_y, axis_x, offset_y, offset_x, per_scale_y, per_scale_x, whole_columns;
     double buckets_per_px, last_px, magnification_on_axis, gain_on_axis, box_y, box_x;
     int buckets, unused;
 };
+static_assert(sizeof(Map) == 112, "as in cuda.rs");
 
-// A film rectangle, the chart rectangle that it needs, and where both lie in their buffers.
+// A film rectangle, its chart rectangle, and the index of the first pixel of each in its buffer.
 struct Tile {
     int y, x, height, width;
     int chart_y, chart_x, chart_width, unused;
-    long long chart_at, remapped_at;
+    long long chart_offset, remapped_offset;
 };
+static_assert(sizeof(Tile) == 48, "as in cuda.rs");
 
-// The tiles of a launch: blockIdx.z says which.
+// The tiles of a launch, indexed by blockIdx.z.
 struct Tiles {
-    Tile of[TILES];
+    Tile tile[TILES];
 };
 
 struct Coordinate {
@@ -46,18 +51,18 @@ struct Coordinate {
     float fraction;
 };
 
-// An integer and a fraction in [0, 1]; one below 2^-30 is none, so an identity map stays one bit for bit.
+// An integer and a fraction in [0, 1]; a fraction below 2^-30 is set to 0, so that an identity map is exact.
 __device__ __forceinline__ Coordinate split(double at) {
     const double farthest = 1073741824.0;
     at = fmin(fmax(at, -farthest), farthest);
-    const double whole = floor(at), rest = at - whole;
+    const double cell = floor(at), rest = at - cell;
     Coordinate c;
-    c.cell = (int)whole;
+    c.cell = (int)cell;
     c.fraction = rest < 1.0 / 1073741824.0 ? 0.0f : (float)rest;
     return c;
 }
 
-// The step that r lies in.
+// Index of the step that contains r.
 __device__ __forceinline__ int step_of(const Map &map, const Step *steps, const unsigned *buckets, double r) {
     int i = (int)buckets[min((int)fmin(r * map.buckets_per_px, 1e9), map.buckets - 1)];
     while (steps[i].until <= r) ++i;
@@ -68,7 +73,7 @@ struct Place {
     double row, col, gain;
 };
 
-// Where on the chart the pixel (y, x) lies, and its R, in f64.
+// Chart coordinates of the pixel (y, x), and its R, in f64.
 __device__ __forceinline__ Place place(const Map &map, const Step *steps, const unsigned *buckets, int y, int x) {
     const double dy = y - map.axis_y, dx = x - map.axis_x;
     const double r = fmin(sqrt(dy * dy + dx * dx), map.last_px);
@@ -85,9 +90,9 @@ __device__ __forceinline__ Place place(const Map &map, const Step *steps, const 
     return p;
 }
 
-// What a block's pixel in the middle gives the others (anchors.rs). exact: they are mapped one by one.
+// Expansion about the middle pixel of a block (anchors.rs). step: EXACT if its pixels are mapped one by one.
 struct Anchor {
-    float row_fraction, col_fraction, more, dx;
+    float row_fraction, col_fraction, extra, dx;
     float c1, c2, c3, c4;
     float per_r, slope, gain, outer;
     float inner;
@@ -96,30 +101,30 @@ struct Anchor {
 #define EXACT (-1)
 
 __device__ __forceinline__ Anchor anchor(const Map &map, const Step *steps, const unsigned *buckets, int y, int x) {
-    const double half = SIDE / 2, dy = y - map.axis_y, dx = x + half - map.axis_x;
+    const double half = ANCHOR_SPACING_PX / 2, dy = y - map.axis_y, dx = x + half - map.axis_x;
     const double r = sqrt(dy * dy + dx * dx);
     Anchor a;
     a.step = EXACT;
     if (r + half > map.last_px) return a;
     const int i = step_of(map, steps, buckets, r);
     const Step &s = steps[i];
-    const double per_r = 1.0 / r, departs = s.h_at * per_r, magnification = s.h_slope + departs;
-    const double more = magnification * map.per_scale_x - map.whole;
-    const bool far = r < s.clear_from || r > s.clear_until || half * (fabs(departs) + s.bend) > 1.0 || fabs(more) > 1.0;
+    const double per_r = 1.0 / r, excess = s.h_at * per_r, magnification = s.h_slope + excess;
+    const double extra = magnification * map.per_scale_x - map.whole_columns;
+    const bool far = r < s.clear_from || r > s.clear_until || half * (fabs(excess) + s.bend) > 1.0 || fabs(extra) > 1.0;
     if (far) return a;
     const Coordinate row = split(map.offset_y + dy * magnification * map.per_scale_y);
     const Coordinate col = split(map.offset_x + dx * magnification * map.per_scale_x);
     const double u = dx * per_r, across = 0.5 * (1.0 - u * u) * per_r;
     a.row_fraction = row.fraction;
     a.col_fraction = col.fraction;
-    a.more = (float)more;
+    a.extra = (float)extra;
     a.dx = (float)(dx * map.per_scale_x);
     a.c1 = (float)u;
     a.c2 = (float)across;
     a.c3 = (float)(-across * u * per_r);
     a.c4 = (float)(across * (5.0 * u * u - 1.0) * 0.25 * per_r * per_r);
     a.per_r = (float)per_r;
-    a.slope = (float)-departs;
+    a.slope = (float)-excess;
     a.gain = (float)(s.gain_at + s.gain_slope * r);
     a.outer = (float)(s.until - r);
     a.inner = (float)(s.from - r);
@@ -134,28 +139,28 @@ struct Point {
     float gain;
 };
 
-// The pixel t columns from its block's anchor, -SIDE/2 <= t < SIDE/2.
+// The pixel t columns from its block's anchor, -ANCHOR_SPACING_PX/2 <= t < ANCHOR_SPACING_PX/2.
 __device__ __forceinline__ Point expand(const Map &map, const Step *steps, const Anchor &a, int y, float t) {
     const Step &s = steps[a.step];
     const float dy = (float)((y - map.axis_y) * map.per_scale_y);
     const float r = t * fmaf(t, fmaf(t, fmaf(t, a.c4, a.c3), a.c2), a.c1);
-    const float beyond = fmaxf(r - a.outer, 0.0f), within = fmaxf(a.inner - r, 0.0f);
-    const float h = fmaf(r, a.slope, fmaf(beyond, s.outer_h, within * s.inner_h));
+    const float past_outer = fmaxf(r - a.outer, 0.0f), before_inner = fmaxf(a.inner - r, 0.0f);
+    const float h = fmaf(r, a.slope, fmaf(past_outer, s.outer_h, before_inner * s.inner_h));
     const float e = r * a.per_r;
     const float m = h * a.per_r * ((1.0f - e) * fmaf(e, e, 1.0f));
     const float row = fmaf(dy, m, a.row_fraction);
-    const float col = fmaf(fmaf(t, (float)map.per_scale_x, a.dx), m, fmaf(t, a.more, a.col_fraction));
+    const float col = fmaf(fmaf(t, (float)map.per_scale_x, a.dx), m, fmaf(t, a.extra, a.col_fraction));
     const float row_cell = floorf(row), col_cell = floorf(col);
     Point p;
     p.row.cell = a.row + (int)row_cell;
     p.row.fraction = row - row_cell;
-    p.col.cell = a.col + (int)fmaf(t, (float)map.whole, col_cell);
+    p.col.cell = a.col + (int)fmaf(t, (float)map.whole_columns, col_cell);
     p.col.fraction = col - col_cell;
-    p.gain = fmaf(beyond, s.outer_r, fmaf(r, s.r_slope, fmaf(within, s.inner_r, a.gain)));
+    p.gain = fmaf(past_outer, s.outer_r, fmaf(r, s.r_slope, fmaf(before_inner, s.inner_r, a.gain)));
     return p;
 }
 
-__device__ __forceinline__ Point exactly(const Map &map, const Step *steps, const unsigned *buckets, int y, int x) {
+__device__ __forceinline__ Point exact_point(const Map &map, const Step *steps, const unsigned *buckets, int y, int x) {
     const Place at = place(map, steps, buckets, y, x);
     Point p;
     p.row = split(at.row);
@@ -182,7 +187,7 @@ template <int TAPS>
 __device__ __forceinline__ float sample(const Tile &tile, const float *chart, const Point &p) {
     const int before = TAPS == 4 && WITHOUT != 2 ? 1 : 0;
     const long long row = p.row.cell - before - tile.chart_y, col = p.col.cell - before - tile.chart_x;
-    const float *from = chart + tile.chart_at + row * tile.chart_width + col;
+    const float *from = chart + tile.chart_offset + row * tile.chart_width + col;
     float wy[TAPS], wx[TAPS], sum = 0.0f;
     weights<TAPS>(p.row.fraction, wy);
     weights<TAPS>(p.col.fraction, wx);
@@ -197,55 +202,55 @@ __device__ __forceinline__ float sample(const Tile &tile, const float *chart, co
     return sum;
 }
 
-// The first pixel of this thread block; whether the tile has it.
+// First pixel of this thread block; false if it lies beyond the tile.
 __device__ __forceinline__ bool area(const Tile &tile, int &y, int &x) {
     y = tile.y + (int)blockIdx.y * AREA_ROWS;
-    x = (tile.x & -SIDE) + (int)blockIdx.x * AREA_COLS;
+    x = (tile.x & -ANCHOR_SPACING_PX) + (int)blockIdx.x * AREA_COLS;
     return y < tile.y + tile.height && x < tile.x + tile.width;
 }
 
 template <int TAPS>
 __device__ __forceinline__ void interpolate(
-    const Map &map, const Tile &tile, const Step *steps, const unsigned *buckets, const float *chart, float *remap) {
-    __shared__ Anchor anchors[AREA_ROWS * (AREA_COLS / SIDE)];
-    const int n = AREA_COLS / SIDE, thread = threadIdx.x;
+    const Map &map, const Tile &tile, const Step *steps, const unsigned *buckets, const float *chart, float *remapped) {
+    __shared__ Anchor anchors[AREA_ROWS * (AREA_COLS / ANCHOR_SPACING_PX)];
+    const int n = AREA_COLS / ANCHOR_SPACING_PX, thread = threadIdx.x;
     int y0, x0;
     if (!area(tile, y0, x0)) return;
     for (int i = thread; i < AREA_ROWS * n; i += THREADS)
-        anchors[i] = anchor(map, steps, buckets, y0 + i / n, x0 + i % n * SIDE);
+        anchors[i] = anchor(map, steps, buckets, y0 + i / n, x0 + i % n * ANCHOR_SPACING_PX);
 #if WITHOUT != 1
     __syncthreads();
 #endif
     for (int i = thread; i < AREA_ROWS * AREA_COLS; i += THREADS) {
         const int y = y0 + i / AREA_COLS, x = x0 + i % AREA_COLS;
         if (y >= tile.y + tile.height || x < tile.x || x >= tile.x + tile.width) continue;
-        const Anchor &a = anchors[i / SIDE];
-        const Point p = a.step == EXACT ? exactly(map, steps, buckets, y, x)
-                                        : expand(map, steps, a, y, (float)(i % SIDE - SIDE / 2));
-        remap[tile.remapped_at + (long long)(y - tile.y) * tile.width + (x - tile.x)] =
+        const Anchor &a = anchors[i / ANCHOR_SPACING_PX];
+        const Point p = a.step == EXACT ? exact_point(map, steps, buckets, y, x)
+                                        : expand(map, steps, a, y, (float)(i % ANCHOR_SPACING_PX - ANCHOR_SPACING_PX / 2));
+        remapped[tile.remapped_offset + (long long)(y - tile.y) * tile.width + (x - tile.x)] =
             sample<TAPS>(tile, chart, p) * p.gain;
     }
 }
 
 #define ARGUMENTS                                                                                                      \
     const __grid_constant__ Map map, const __grid_constant__ Tiles tiles, const Step *steps, const unsigned *buckets, \
-        const float *chart, float *remap
+        const float *chart, float *remapped
 
 extern "C" __global__ void __launch_bounds__(THREADS) remap_bicubic(ARGUMENTS) {
-    interpolate<4>(map, tiles.of[blockIdx.z], steps, buckets, chart, remap);
+    interpolate<4>(map, tiles.tile[blockIdx.z], steps, buckets, chart, remapped);
 }
 
 extern "C" __global__ void __launch_bounds__(THREADS) remap_bilinear(ARGUMENTS) {
-    interpolate<2>(map, tiles.of[blockIdx.z], steps, buckets, chart, remap);
+    interpolate<2>(map, tiles.tile[blockIdx.z], steps, buckets, chart, remapped);
 }
 
-// The chart pixels that a box about `centre` touches: the first, and how many.
+// Chart pixels that a box about `centre` overlaps: the first, and their number.
 __device__ __forceinline__ int box_first(double centre, double width) { return (int)floor(centre - 0.5 * width + 0.5); }
 __device__ __forceinline__ int box_count(double centre, double width, int first) {
     return max((int)ceil(centre + 0.5 * width + 0.5) - first, 1);
 }
 
-// The share of the box that lies in chart pixel i.
+// Share of the box in chart pixel i.
 __device__ __forceinline__ double box_share(double centre, double width, int i) {
     const double low = fmax(i - 0.5, centre - 0.5 * width), high = fmin(i + 0.5, centre + 0.5 * width);
     return (double)(float)(fmax(high - low, 0.0) / width);
@@ -253,7 +258,7 @@ __device__ __forceinline__ double box_share(double centre, double width, int i) 
 
 // The mean of the chart over each film pixel, a box of 1/scale chart pixels.
 extern "C" __global__ void __launch_bounds__(THREADS) remap_mean(ARGUMENTS) {
-    const Tile &tile = tiles.of[blockIdx.z];
+    const Tile &tile = tiles.tile[blockIdx.z];
     int y0, x0;
     if (!area(tile, y0, x0)) return;
     for (int i = threadIdx.x; i < AREA_ROWS * AREA_COLS; i += THREADS) {
@@ -265,11 +270,11 @@ extern "C" __global__ void __launch_bounds__(THREADS) remap_mean(ARGUMENTS) {
         double sum = 0.0;
         for (int j = 0; j < rows; ++j) {
             const long long at = (long long)(row + j - tile.chart_y) * tile.chart_width + (col - tile.chart_x);
-            const float *from = chart + tile.chart_at + at;
+            const float *from = chart + tile.chart_offset + at;
             double line = 0.0;
             for (int k = 0; k < cols; ++k) line += box_share(p.col, map.box_x, col + k) * (double)__ldg(from + k);
             sum += box_share(p.row, map.box_y, row + j) * line;
         }
-        remap[tile.remapped_at + (long long)(y - tile.y) * tile.width + (x - tile.x)] = (float)sum * (float)p.gain;
+        remapped[tile.remapped_offset + (long long)(y - tile.y) * tile.width + (x - tile.x)] = (float)sum * (float)p.gain;
     }
 }

@@ -1,8 +1,8 @@
 //! 8 lanes: AVX2 with fused multiply-add.
 #![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
 
-use super::Isa;
-use super::lanes::{Lanes, WIDEST, Work};
+use super::isa::Isa;
+use super::lanes::{Lanes, MAX_LANES, SimdOp};
 use bytemuck::{Pod, Zeroable};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
@@ -20,7 +20,7 @@ unsafe impl Pod for Avx2 {}
 /// Intrinsics of AVX2 and FMA.
 macro_rules! avx2 {
     ($e:expr) => {
-        // SAFETY: values of `Avx2` are made under `Lanes::run` only, whose caller vouches for AVX2 and FMA.
+        // SAFETY: values of `Avx2` are made under `Lanes::run` only, whose caller guarantees AVX2 and FMA.
         unsafe { $e }
     };
 }
@@ -60,12 +60,12 @@ impl Div for Avx2 {
 impl Lanes for Avx2 {
     const ISA: Isa = Isa::Avx2;
     const LANES: usize = 8;
-    type Ints = __m256i;
+    type I32 = __m256i;
     type Mask = __m256;
 
     #[target_feature(enable = "avx2,fma")]
-    unsafe fn run<W: Work<Self>>(work: W) {
-        work.run();
+    unsafe fn run<O: SimdOp<Self>>(op: O) {
+        op.run();
     }
 
     #[inline(always)]
@@ -74,7 +74,7 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn count() -> Self {
+    fn iota() -> Self {
         Self::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
     }
 
@@ -143,17 +143,17 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn store(self, to: &mut [f32]) {
         let to = &mut to[..Self::LANES];
-        // SAFETY: as in `avx2!`; there is room for 8 values.
+        // SAFETY: as in `avx2!`; the slice holds 8 values.
         unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
     }
 
     #[inline(always)]
-    fn least(self) -> f32 {
+    fn reduce_min(self) -> f32 {
         bytemuck::cast::<_, [f32; 8]>(self).into_iter().fold(f32::INFINITY, f32::min)
     }
 
     #[inline(always)]
-    fn greatest(self) -> f32 {
+    fn reduce_max(self) -> f32 {
         bytemuck::cast::<_, [f32; 8]>(self).into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
 
@@ -163,8 +163,8 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn pick(low: Self, high: Self, index: Self::Ints) -> Self {
-        // The permutation reads three bits of the index; the fourth tells the halves, moved to where the blend looks.
+    fn permute(low: Self, high: Self, index: Self::I32) -> Self {
+        // The permutation uses three bits of the index; the fourth selects the half and is shifted to the sign bit for the blend.
         Self(avx2!({
             let upper = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index));
             let low = _mm256_permutevar8x32_ps(low.0, index);
@@ -178,7 +178,7 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn spread<const I: i32>(self) -> Self {
+    fn broadcast_in_quads<const I: i32>(self) -> Self {
         Self(match I {
             0 => avx2!(_mm256_permute_ps::<0x00>(self.0)),
             1 => avx2!(_mm256_permute_ps::<0x55>(self.0)),
@@ -202,8 +202,8 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    unsafe fn quads(from: &[f32], at: &[i32; WIDEST], first: usize, offset: usize) -> Self {
-        // SAFETY: the caller vouches for both.
+    unsafe fn load_quads(from: &[f32], at: &[i32; MAX_LANES], first: usize, offset: usize) -> Self {
+        // SAFETY: the caller guarantees both.
         unsafe {
             let from = from.as_ptr().add(offset);
             let quad = _mm256_castps128_ps256(_mm_loadu_ps(from.add(at[first] as usize)));
@@ -217,31 +217,31 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn ints(self) -> Self::Ints {
+    fn to_i32(self) -> Self::I32 {
         avx2!(_mm256_cvtps_epi32(self.0))
     }
 
     #[inline(always)]
-    fn store_ints(a: Self::Ints, to: &mut [i32]) {
+    fn store_i32(a: Self::I32, to: &mut [i32]) {
         let to = &mut to[..Self::LANES];
-        // SAFETY: as in `avx2!`; there is room for 8 values.
+        // SAFETY: as in `avx2!`; the slice holds 8 values.
         unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), a) }
     }
 
     #[inline(always)]
-    fn load_ints(from: &[i32]) -> Self::Ints {
+    fn load_i32(from: &[i32]) -> Self::I32 {
         let from = &from[..Self::LANES];
         // SAFETY: as in `avx2!`; 8 values lie there.
         unsafe { _mm256_loadu_si256(from.as_ptr().cast()) }
     }
 
     #[inline(always)]
-    fn plus(a: Self::Ints, b: i32) -> Self::Ints {
+    fn add_i32(a: Self::I32, b: i32) -> Self::I32 {
         avx2!(_mm256_add_epi32(a, _mm256_set1_epi32(b)))
     }
 
     #[inline(always)]
-    fn within(a: Self::Ints, limit: i32) -> bool {
+    fn all_within(a: Self::I32, limit: i32) -> bool {
         let outside = avx2!({
             let below = _mm256_cmpgt_epi32(_mm256_setzero_si256(), a);
             let above = _mm256_cmpgt_epi32(a, _mm256_set1_epi32(limit));
@@ -251,7 +251,7 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn equal(a: Self::Ints, b: i32) -> Self::Mask {
+    fn equals(a: Self::I32, b: i32) -> Self::Mask {
         avx2!(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, _mm256_set1_epi32(b))))
     }
 }

@@ -1,8 +1,8 @@
 //! 16 lanes: AVX-512F.
 #![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
 
-use super::Isa;
-use super::lanes::{Lanes, WIDEST, Work};
+use super::isa::Isa;
+use super::lanes::{Lanes, MAX_LANES, SimdOp};
 use bytemuck::{Pod, Zeroable};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
@@ -20,7 +20,7 @@ unsafe impl Pod for Avx512 {}
 /// Intrinsics of AVX-512F.
 macro_rules! avx512 {
     ($e:expr) => {
-        // SAFETY: values of `Avx512` are made under `Lanes::run` only, whose caller vouches for AVX-512F.
+        // SAFETY: values of `Avx512` are made under `Lanes::run` only, whose caller guarantees AVX-512F.
         unsafe { $e }
     };
 }
@@ -60,12 +60,12 @@ impl Div for Avx512 {
 impl Lanes for Avx512 {
     const ISA: Isa = Isa::Avx512;
     const LANES: usize = 16;
-    type Ints = __m512i;
+    type I32 = __m512i;
     type Mask = __mmask16;
 
     #[target_feature(enable = "avx512f")]
-    unsafe fn run<W: Work<Self>>(work: W) {
-        work.run();
+    unsafe fn run<O: SimdOp<Self>>(op: O) {
+        op.run();
     }
 
     #[inline(always)]
@@ -74,7 +74,7 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
-    fn count() -> Self {
+    fn iota() -> Self {
         Self::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0])
     }
 
@@ -141,17 +141,17 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn store(self, to: &mut [f32]) {
         let to = &mut to[..Self::LANES];
-        // SAFETY: as in `avx512!`; there is room for 16 values.
+        // SAFETY: as in `avx512!`; the slice holds 16 values.
         unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
     }
 
     #[inline(always)]
-    fn least(self) -> f32 {
+    fn reduce_min(self) -> f32 {
         avx512!(_mm512_reduce_min_ps(self.0))
     }
 
     #[inline(always)]
-    fn greatest(self) -> f32 {
+    fn reduce_max(self) -> f32 {
         avx512!(_mm512_reduce_max_ps(self.0))
     }
 
@@ -161,7 +161,7 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
-    fn pick(low: Self, high: Self, index: Self::Ints) -> Self {
+    fn permute(low: Self, high: Self, index: Self::I32) -> Self {
         Self(avx512!(_mm512_permutex2var_ps(low.0, index, high.0)))
     }
 
@@ -171,7 +171,7 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
-    fn spread<const I: i32>(self) -> Self {
+    fn broadcast_in_quads<const I: i32>(self) -> Self {
         Self(match I {
             0 => avx512!(_mm512_permute_ps::<0x00>(self.0)),
             1 => avx512!(_mm512_permute_ps::<0x55>(self.0)),
@@ -195,8 +195,8 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
-    unsafe fn quads(from: &[f32], at: &[i32; WIDEST], first: usize, offset: usize) -> Self {
-        // SAFETY: the caller vouches for all four.
+    unsafe fn load_quads(from: &[f32], at: &[i32; MAX_LANES], first: usize, offset: usize) -> Self {
+        // SAFETY: the caller guarantees all four.
         unsafe {
             let from = from.as_ptr().add(offset);
             let quad = _mm512_castps128_ps512(_mm_loadu_ps(from.add(at[first] as usize)));
@@ -212,36 +212,36 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
-    fn ints(self) -> Self::Ints {
+    fn to_i32(self) -> Self::I32 {
         avx512!(_mm512_cvtps_epi32(self.0))
     }
 
     #[inline(always)]
-    fn store_ints(a: Self::Ints, to: &mut [i32]) {
+    fn store_i32(a: Self::I32, to: &mut [i32]) {
         let to = &mut to[..Self::LANES];
-        // SAFETY: as in `avx512!`; there is room for 16 values.
+        // SAFETY: as in `avx512!`; the slice holds 16 values.
         unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), a) }
     }
 
     #[inline(always)]
-    fn load_ints(from: &[i32]) -> Self::Ints {
+    fn load_i32(from: &[i32]) -> Self::I32 {
         let from = &from[..Self::LANES];
         // SAFETY: as in `avx512!`; 16 values lie there.
         unsafe { _mm512_loadu_si512(from.as_ptr().cast()) }
     }
 
     #[inline(always)]
-    fn plus(a: Self::Ints, b: i32) -> Self::Ints {
+    fn add_i32(a: Self::I32, b: i32) -> Self::I32 {
         avx512!(_mm512_add_epi32(a, _mm512_set1_epi32(b)))
     }
 
     #[inline(always)]
-    fn within(a: Self::Ints, limit: i32) -> bool {
+    fn all_within(a: Self::I32, limit: i32) -> bool {
         avx512!(_mm512_cmple_epu32_mask(a, _mm512_set1_epi32(limit))) == u16::MAX
     }
 
     #[inline(always)]
-    fn equal(a: Self::Ints, b: i32) -> Self::Mask {
+    fn equals(a: Self::I32, b: i32) -> Self::Mask {
         avx512!(_mm512_cmpeq_epi32_mask(a, _mm512_set1_epi32(b)))
     }
 }

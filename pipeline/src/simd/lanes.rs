@@ -1,44 +1,44 @@
-//! The words that work in lanes is written in: a register of f32, one of i32, and the gate.
+//! SIMD vector abstraction: a register of f32, one of i32, and dispatch to code compiled for an instruction set.
 //!
-//! Everything is inlined into [`Lanes::run`], the one function per instruction set that is compiled for it: what a
-//! [`Work`] does runs in its instructions, and no operation is a call. So every method here and every `run` of a work is
-//! `#[inline(always)]`; works are pieces of microseconds, entered from plain code through a [`Gate`].
-#![allow(unsafe_code, reason = "the gate into instructions that the build does not assume")]
+//! All vector code is inlined into [`Lanes::run`], the one function per instruction set that is compiled for it, so no operation
+//! is a call. Every method here and every `run` of a [`SimdOp`] is therefore `#[inline(always)]`; an operation takes
+//! microseconds and is entered from plain code through [`Dispatch`].
+#![allow(unsafe_code, reason = "calls functions compiled for instructions that the build does not assume")]
 
-use super::{Isa, Simd};
+use super::isa::{Isa, Simd};
 use bytemuck::Pod;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::ops::{Add, Div, Mul, Sub};
 
-/// The most lanes of any register.
-pub(crate) const WIDEST: usize = 16;
+/// Largest number of lanes of any register.
+pub(crate) const MAX_LANES: usize = 16;
 
 /// A register of f32 lanes.
 ///
-/// Values are made under [`Lanes::run`] only, whose caller vouches for the processor: so operations on them are safe.
+/// Values are created under [`Lanes::run`] only, whose caller guarantees the instructions: so operations on them are safe.
 pub(crate) trait Lanes:
     Pod + Debug + Send + Sync + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// The instructions.
+    /// The instruction set.
     const ISA: Isa;
-    /// Lanes of a register; divides [`WIDEST`].
+    /// Lanes of a register; divides [`MAX_LANES`].
     const LANES: usize;
-    /// As many i32.
-    type Ints: Copy;
-    /// One bit a lane.
+    /// A register of as many i32.
+    type I32: Copy;
+    /// One bit per lane.
     type Mask: Copy;
 
-    /// Does `work`, compiled for these instructions.
+    /// Runs `op`, compiled for these instructions.
     ///
     /// # Safety
-    /// The machine has them.
-    unsafe fn run<W: Work<Self>>(work: W);
+    /// The processor supports them.
+    unsafe fn run<O: SimdOp<Self>>(op: O);
 
     /// `v` in every lane.
     fn splat(v: f32) -> Self;
     /// 0, 1, 2, …
-    fn count() -> Self;
+    fn iota() -> Self;
     /// self·b + c, rounded once.
     fn mul_add(self, b: Self, c: Self) -> Self;
     /// self·b − c, rounded once.
@@ -57,67 +57,67 @@ pub(crate) trait Lanes:
     fn load(from: &[f32]) -> Self;
     /// The first `n` < `LANES` values, then zeros.
     fn load_first(from: &[f32], n: usize) -> Self;
-    /// Hints that `from[at]` is wanted soon, where there is one.
+    /// Prefetches the cache line of `from[at]` if that exists.
     fn prefetch(from: &[f32], at: usize);
-    /// To the first `LANES` values.
+    /// Stores to the first `LANES` values.
     fn store(self, to: &mut [f32]);
-    /// The least lane.
-    fn least(self) -> f32;
-    /// The greatest lane.
-    fn greatest(self) -> f32;
-    /// Turns rows to columns; there are `LANES` of both.
+    /// Minimum over the lanes.
+    fn reduce_min(self) -> f32;
+    /// Maximum over the lanes.
+    fn reduce_max(self) -> f32;
+    /// Transposes `LANES` rows.
     fn transpose(rows: &mut [Self]);
-    /// `low` then `high`, `2·LANES` values, at `index`.
-    fn pick(low: Self, high: Self, index: Self::Ints) -> Self;
-    /// `a` where `mask`, else `b`.
+    /// Elements `index` of `low` followed by `high`, `2·LANES` values.
+    fn permute(low: Self, high: Self, index: Self::I32) -> Self;
+    /// `a` where `mask` is set, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
-    /// Lane i of each quad of lanes in all four.
-    fn spread<const I: i32>(self) -> Self;
-    /// Turns the rows of four quads to columns, quad by quad.
+    /// Lane `I` of each quad of lanes in all four.
+    fn broadcast_in_quads<const I: i32>(self) -> Self;
+    /// Transposes four rows of four lanes, quad by quad.
     fn transpose_quads(rows: [Self; 4]) -> [Self; 4];
-    /// Four values from each of `at[first]`, `at[first + 4]`, … plus `offset` on.
+    /// Four values each from `at[first] + offset`, `at[first + 4] + offset`, … on.
     ///
     /// # Safety
     /// They lie in `from`.
-    unsafe fn quads(from: &[f32], at: &[i32; WIDEST], first: usize, offset: usize) -> Self;
+    unsafe fn load_quads(from: &[f32], at: &[i32; MAX_LANES], first: usize, offset: usize) -> Self;
 
-    /// The greatest whole number not above.
+    /// The largest integer not above.
     fn floor(self) -> Self;
-    /// Whole numbers as such.
-    fn ints(self) -> Self::Ints;
+    /// Converts integers.
+    fn to_i32(self) -> Self::I32;
     /// The first `LANES` values.
-    fn load_ints(from: &[i32]) -> Self::Ints;
-    /// To the first `LANES` values.
-    fn store_ints(a: Self::Ints, to: &mut [i32]);
+    fn load_i32(from: &[i32]) -> Self::I32;
+    /// Stores to the first `LANES` values.
+    fn store_i32(a: Self::I32, to: &mut [i32]);
     /// a + `b`.
-    fn plus(a: Self::Ints, b: i32) -> Self::Ints;
+    fn add_i32(a: Self::I32, b: i32) -> Self::I32;
     /// Whether every lane is in 0..=`limit`.
-    fn within(a: Self::Ints, limit: i32) -> bool;
-    /// Where a = `b`.
-    fn equal(a: Self::Ints, b: i32) -> Self::Mask;
+    fn all_within(a: Self::I32, limit: i32) -> bool;
+    /// a == `b`, lane by lane.
+    fn equals(a: Self::I32, b: i32) -> Self::Mask;
 }
 
-/// A piece of work in lanes.
-pub(crate) trait Work<V: Lanes> {
-    /// Does it. `#[inline(always)]` in every implementation.
+/// An operation on registers of `V`.
+pub(crate) trait SimdOp<V: Lanes> {
+    /// Runs it. `#[inline(always)]` in every implementation.
     fn run(self);
 }
 
-/// Proof that the machine has `V`'s instructions.
+/// Runs operations with the instructions of `V`; its existence proves that the processor supports them.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Gate<V>(PhantomData<V>);
+pub(crate) struct Dispatch<V>(PhantomData<V>);
 
-impl<V: Lanes> Gate<V> {
-    /// The gate for `simd`, which must be a choice of `V`'s instructions.
-    pub(crate) fn open(simd: Simd) -> Self {
+impl<V: Lanes> Dispatch<V> {
+    /// For `simd`, which must select the instructions of `V`.
+    pub(crate) fn new(simd: Simd) -> Self {
         assert_eq!(simd.isa(), V::ISA);
         Self(PhantomData)
     }
 
-    /// Does `work` on the other side.
-    pub(crate) fn run(self, work: impl Work<V>) {
-        // SAFETY: a gate is made by `open` only, for a choice that this machine can run.
-        unsafe { V::run(work) }
+    /// Runs `op`.
+    pub(crate) fn run(self, op: impl SimdOp<V>) {
+        // SAFETY: `new` admits only a `Simd` of V's instructions, and a `Simd` exists only if the processor supports them.
+        unsafe { V::run(op) }
     }
 }

@@ -1,8 +1,8 @@
-// A thread block on one thread of the machine: CUDA threads are fibers, a barrier is where a fiber gives way.
+// Runs a thread block on one CPU thread: CUDA threads are fibers, which yield at barriers.
 //
-// A fiber takes threads one after another until one of them waits at a barrier; then it is parked with that thread, and
-// another fiber goes on with the next. So a kernel without barriers needs one fiber. When all have begun, those
-// that wait are let go together, if all that have not returned wait at the same line: anything else hangs a GPU.
+// A fiber runs CUDA threads one after another until one of them waits at a barrier; it is then suspended with that thread, and
+// another fiber runs the next ones. So a kernel without barriers needs one fiber. When all threads have started, the waiting ones
+// resume if all threads that have not returned wait at the same line: any other state hangs a GPU.
 #include "block.h"
 #include <cstdlib>
 #include <memory>
@@ -24,7 +24,7 @@ constexpr size_t STACK = 1 << 18;
 constexpr size_t STACK = 1 << 16;
 #endif
 
-enum class Wait : unsigned char { none, begun, block, warp, over };
+enum class Wait : unsigned char { none, running, block, warp, returned };
 
 struct Fiber {
     ucontext_t context;
@@ -36,10 +36,10 @@ struct Thread {
     Wait wait;
     int line;
     Fiber *fiber;
-    uint64_t gives;
+    uint64_t shuffled; // value for a warp shuffle
 };
 
-// The block that runs on this thread of the machine.
+// The block that runs on this CPU thread.
 struct Block {
     std::vector<std::unique_ptr<Fiber>> fibers;
     std::vector<Fiber *> idle;
@@ -55,12 +55,12 @@ struct Block {
     size_t size = 0;
 #endif
 
-    void place(int i) {
+    void set_thread_index(int i) {
         const unsigned x = blockDim.x, y = blockDim.y;
         threadIdx = {unsigned(i) % x, unsigned(i) / x % y, unsigned(i) / (x * y)};
     }
     void resume(Fiber *fiber);
-    void give_way();
+    void yield();
     void shuffle(std::mt19937 &random);
     bool release();
     const char *run_one();
@@ -77,13 +77,13 @@ void enter() {
         while (block.next < block.order.size()) {
             const int i = block.order[block.next++];
             self->thread = i;
-            block.threads[i] = {Wait::begun, 0, self, 0};
-            block.place(i);
+            block.threads[i] = {Wait::running, 0, self, 0};
+            block.set_thread_index(i);
             (*block.call)();
-            block.threads[self->thread].wait = Wait::over;
+            block.threads[self->thread].wait = Wait::returned;
         }
         block.idle.push_back(self);
-        block.give_way();
+        block.yield();
     }
 }
 
@@ -99,7 +99,7 @@ void Block::resume(Fiber *fiber) {
 #endif
 }
 
-void Block::give_way() {
+void Block::yield() {
     Fiber *self = running;
 #ifdef __SANITIZE_ADDRESS__
     void *fake = nullptr;
@@ -111,22 +111,22 @@ void Block::give_way() {
 #endif
 }
 
-// The order in which the threads run until their next barrier.
+// Order in which the threads run until their next barrier.
 void Block::shuffle(std::mt19937 &random) {
-    static const char *asked = std::getenv("EMULATED_CUDA_ORDER");
+    static const char *setting = std::getenv("EMULATED_CUDA_ORDER");
     const size_t n = order.size();
-    const bool reverse = asked && !std::strcmp(asked, "reverse");
+    const bool reverse = setting && !std::strcmp(setting, "reverse");
     for (size_t i = 0; i < n; ++i) order[i] = int(reverse ? n - 1 - i : i);
-    if (asked && !std::strcmp(asked, "random")) std::shuffle(order.begin(), order.end(), random);
+    if (setting && !std::strcmp(setting, "random")) std::shuffle(order.begin(), order.end(), random);
 }
 
-// Marks who may go on; whether anybody may.
+// Marks the threads that may resume; false if there are none.
 bool Block::release() {
     const size_t n = threads.size();
     bool some = false, all_block = true;
     int line = 0;
     for (const Thread &t : threads) {
-        if (t.wait == Wait::over) continue;
+        if (t.wait == Wait::returned) continue;
         line = line ? line : t.line;
         all_block &= t.wait == Wait::block && t.line == line;
     }
@@ -135,7 +135,7 @@ bool Block::release() {
         int at = 0;
         bool together = true, any = false;
         for (size_t i = warp; i < end; ++i) {
-            if (threads[i].wait == Wait::over) continue;
+            if (threads[i].wait == Wait::returned) continue;
             at = at ? at : threads[i].line;
             any = true;
             together &= threads[i].wait == Wait::warp && threads[i].line == at;
@@ -143,16 +143,16 @@ bool Block::release() {
         if (!any || !(together || all_block)) continue;
         some = true;
         for (size_t i = warp; i < end; ++i)
-            if (threads[i].wait != Wait::over) threads[i].wait = Wait::none;
+            if (threads[i].wait != Wait::returned) threads[i].wait = Wait::none;
     }
     return some;
 }
 
 const char *Block::run_one() {
-    // One order for every block, whatever ran before.
+    // The same random order for every block.
     std::mt19937 random(7);
     shuffle(random);
-    for (Thread &t : threads) t.wait = Wait::over;
+    for (Thread &t : threads) t.wait = Wait::returned;
     next = 0;
     while (next < order.size()) {
         if (idle.empty()) {
@@ -171,14 +171,14 @@ const char *Block::run_one() {
     }
     for (;;) {
         bool waiting = false;
-        for (const Thread &t : threads) waiting |= t.wait != Wait::over;
+        for (const Thread &t : threads) waiting |= t.wait != Wait::returned;
         if (!waiting) return nullptr;
-        if (!release()) return "a barrier is reached by a part of its threads only";
+        if (!release()) return "a barrier is reached by only a part of its threads";
         shuffle(random);
         for (int i : order) {
             if (threads[i].wait != Wait::none) continue;
-            threads[i].wait = Wait::begun;
-            place(i);
+            threads[i].wait = Wait::running;
+            set_thread_index(i);
             resume(threads[i].fiber);
         }
     }
@@ -189,7 +189,7 @@ void wait(Wait kind, int line) {
     Thread &t = block.threads[self->thread];
     t.wait = kind;
     t.line = line;
-    block.give_way();
+    block.yield();
 }
 
 }  // namespace
@@ -200,16 +200,16 @@ void *dynamic_shared() { return block.shared; }
 
 uint64_t exchange(uint64_t mine, unsigned lane, int line) {
     const int self = block.running->thread;
-    block.threads[self].gives = mine;
+    block.threads[self].shuffled = mine;
     wait(Wait::warp, line);
-    const uint64_t theirs = block.threads[size_t(self) / warpSize * warpSize + lane].gives;
+    const uint64_t theirs = block.threads[size_t(self) / warpSize * warpSize + lane].shuffled;
     wait(Wait::warp, -line);
     return theirs;
 }
 
 const char *run(dim3 grid, dim3 size, size_t shared, const Call &call) {
     const size_t n = size_t(size.x) * size.y * size.z;
-    block.threads.assign(n, Thread{Wait::over, 0, nullptr, 0});
+    block.threads.assign(n, Thread{Wait::returned, 0, nullptr, 0});
     block.order.resize(n);
     block.call = &call;
     gridDim = grid;
@@ -218,13 +218,13 @@ const char *run(dim3 grid, dim3 size, size_t shared, const Call &call) {
         for (unsigned y = 0; y < grid.y; ++y)
             for (unsigned x = 0; x < grid.x; ++x) {
                 blockIdx = {x, y, z};
-                // Exactly as long as asked, and aligned as on a device.
+                // Of the requested size, and aligned as on a device.
                 if (posix_memalign(&block.shared, 1024, std::max<size_t>(shared, 1))) return "no shared memory";
                 std::memset(block.shared, 0xff, shared);
                 const char *wrong = block.run_one();
                 std::free(block.shared);
                 if (wrong) {
-                    // Some fibers will never return.
+                    // Suspended fibers never return.
                     block.idle.clear();
                     block.fibers.clear();
                     return wrong;

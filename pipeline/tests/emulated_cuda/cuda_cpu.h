@@ -1,12 +1,12 @@
-// CUDA C for g++: what a .cu file of this project is compiled against for the CPU, so that tests run its very text.
+// CUDA C for g++: the .cu files of this project are compiled with it for the CPU, so that tests run the same source.
 //
-// A thread block runs on one thread of the machine, its CUDA threads as fibers (block.cpp): each runs up to its next barrier,
-// then the next one does. EMULATED_CUDA_ORDER says in which order: what depends on it lacks a barrier. Shared memory is
-// as large as it was asked for and full of NaN when a block begins, so AddressSanitizer sees a step beyond it and a test what
-// is read before it is written (a static array keeps what the block before left there).
+// A thread block runs on one CPU thread, its CUDA threads as fibers (block.cpp): each runs to its next barrier, then the next one.
+// EMULATED_CUDA_ORDER sets their order: a result that depends on it lacks a barrier. Dynamic shared memory has the requested size and
+// is filled with NaN when a block starts, so AddressSanitizer detects accesses beyond it, and tests detect reads before writes (a
+// static array keeps the values of the previous block).
 //
-// Known here: threadIdx ..., __syncthreads, __syncwarp, __shfl_*_sync, atomicAdd, vectors of 2 and 4, the arithmetic below. Write
-// `DYNAMIC_SHARED(float4, name);` for `extern __shared__ float4 name[];` (a .cu defines it so where this file has not).
+// Supported: threadIdx ..., __syncthreads, __syncwarp, __shfl_*_sync, atomicAdd, vectors of 2 and 4, the arithmetic below. Write
+// `DYNAMIC_SHARED(float4, name);` for `extern __shared__ float4 name[];` (the .cu files define the macro for nvcc).
 #pragma once
 #include <algorithm>
 #include <cmath>
@@ -52,10 +52,10 @@ constexpr int warpSize = 32;
 namespace emulated {
 
 void *dynamic_shared();
-// Waits until all threads of the block (the warp) that have not returned wait at the same line.
+// Barrier: waits until all threads of the block (of the warp) that have not returned wait at the same line.
 void block_barrier(int line);
 void warp_barrier(int line);
-// What a thread of this warp put down; every thread of the warp asks at once.
+// Warp shuffle: the value `mine` of the thread `lane` of this warp.
 uint64_t exchange(uint64_t mine, unsigned lane, int line);
 
 template <class T> T shuffle(T mine, int lane, int line) {
@@ -68,12 +68,12 @@ template <class T> T shuffle(T mine, int lane, int line) {
 }
 inline int lane() { return int(threadIdx.x + blockDim.x * (threadIdx.y + blockDim.y * threadIdx.z)) & (warpSize - 1); }
 
-// A kernel with its arguments, ready to be called by every thread.
+// A kernel with its arguments, called by every thread.
 using Call = std::function<void()>;
 
 struct Kernel {
     std::vector<size_t> sizes;           // of its arguments
-    std::function<Call(void **)> bind;   // copies them
+    std::function<Call(void **)> bind;   // copies the arguments
 };
 
 void add(const char *name, Kernel kernel);
@@ -91,7 +91,7 @@ template <class... A> bool add(const char *name, void (*kernel)(A...)) {
 
 }  // namespace emulated
 
-// Makes a kernel known to the driver.
+// Registers a kernel with the emulated driver.
 #define EMULATE(name) static const bool emulated_##name = emulated::add(#name, &name);
 
 #define __syncthreads() emulated::block_barrier(__LINE__)
@@ -99,7 +99,7 @@ template <class... A> bool add(const char *name, void (*kernel)(A...)) {
 #define __shfl_sync(mask, value, lane) emulated::shuffle(value, lane, __LINE__)
 #define __shfl_xor_sync(mask, value, bits) emulated::shuffle(value, emulated::lane() ^ (bits), __LINE__)
 
-// Arithmetic as the device's, to the last bit or two.
+// Arithmetic as on a device, to the last bit or two.
 using std::max;
 using std::min;
 inline float __fdividef(float a, float b) { return a / b; }
@@ -117,5 +117,5 @@ template <class T> T __ldg(const T *from) { return *from; }
 template <class T> T __ldcg(const T *from) { return *from; }
 template <class T> T __ldcs(const T *from) { return *from; }
 template <class T> void __stcs(T *to, T value) { *to = value; }
-// Only this block's threads are seen: blocks run one after another.
+// Not atomic: blocks and threads run one after another.
 template <class T> T atomicAdd(T *to, T value) { T before = *to; *to = before + value; return before; }

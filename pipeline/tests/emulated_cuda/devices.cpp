@@ -1,18 +1,17 @@
 // Devices, contexts, settings and errors of the emulated driver. Settings are environment variables:
 //
-//   EMULATED_CUDA_DEVICES=2              how many (1)
+//   EMULATED_CUDA_DEVICES=2              number of devices (1)
 //   EMULATED_CUDA_MEMORY=1e9,4e8         bytes of each (4 GiB)
 //   EMULATED_CUDA_CAPABILITY=9.0,8.6     compute capability of each (8.0)
-//   EMULATED_CUDA_DRIVER=12020           version (12020); newer PTX is refused
-//   EMULATED_CUDA_DELAY_US=0,500         what every kernel of each takes more
+//   EMULATED_CUDA_DRIVER=12020           version (12020); newer PTX is rejected
+//   EMULATED_CUDA_DELAY_US=0,500         delay of every kernel of each, us
 //   EMULATED_CUDA_STREAMS, _ORDER        driver.h, cuda_cpu.h
-//   EMULATED_CUDA_FAULTS=lost:1:3,...    KIND:DEVICE:N, the N-th (from 1) launch, or allocation, of a device:
-//                                        lost, kernel (it fails, and the context with it), refused (the launch alone), memory,
-//                                        host-memory (page-locked); error-CODE: the launch ends with this code, and so does
-//                                        every later call
-//   EMULATED_CUDA_INIT=100               what cuInit reports
-//   EMULATED_CUDA_OPEN=0,46              what making the context of each reports
-//   EMULATED_CUDA_LOG=path               at exit a line for each device that was used is added: what it did and what is left
+//   EMULATED_CUDA_FAULTS=lost:1:3,...    KIND:DEVICE:N, fault of the N-th (from 1) launch or allocation of a device:
+//                                        lost, kernel (breaks the context), refused (this launch only), memory, host-memory
+//                                        (page-locked); error-CODE: result of this launch and of every later call
+//   EMULATED_CUDA_INIT=100               result of cuInit
+//   EMULATED_CUDA_OPEN=0,46              result of creating the context of each
+//   EMULATED_CUDA_LOG=path               file to which a line with counts for each used device is appended at exit
 #include "driver.h"
 #include <cstdarg>
 #include <cstdio>
@@ -69,7 +68,7 @@ size_t Device::shared_limit() const {
 
 static bool initialised = false;
 
-// All of them, for the life of the process.
+// All devices; never freed.
 static std::vector<std::unique_ptr<Device>> &devices() {
     static auto *all = [] {
         auto *all = new std::vector<std::unique_ptr<Device>>;
@@ -105,7 +104,7 @@ Current::Current() : device(current), error(SUCCESS) {
     error = device->lost;
 }
 
-__attribute__((destructor)) static void say() {
+__attribute__((destructor)) static void write_log() {
     const char *path = setting("LOG");
     FILE *file = path && initialised ? std::fopen(path, "a") : nullptr;
     if (!file) return;
@@ -170,7 +169,7 @@ CUresult cuDeviceTotalMem_v2(size_t *bytes, CUdevice device) {
     return SUCCESS;
 }
 
-// Numbers as cuda.h has them.
+// Numbers as in cuda.h.
 CUresult cuDeviceGetAttribute(int *value, int attribute, CUdevice device) {
     Device *d = find(device);
     if (!d) return INVALID_DEVICE;
@@ -194,7 +193,7 @@ CUresult cuDeviceGetAttribute(int *value, int attribute, CUdevice device) {
         case 75: *value = d->major; break;
         case 76: *value = d->minor; break;
         case 81: *value = int(d->shared_limit() + 1024); break;   // shared memory of a multiprocessor
-        case 97: *value = int(d->shared_limit()); break;          // of a block that asks for it
+        case 97: *value = int(d->shared_limit()); break;          // of a block, opt-in
         default: return wrong(INVALID_VALUE, "device attribute %d is not emulated", attribute);
     }
     return SUCCESS;
@@ -249,16 +248,16 @@ CUresult cuGetErrorName(CUresult code, const char **name) {
         case 46: *name = "CUDA_ERROR_DEVICE_UNAVAILABLE"; break;
         case 701: *name = "CUDA_ERROR_LAUNCH_OUT_OF_RESOURCES"; break;
         case 803: *name = "CUDA_ERROR_SYSTEM_DRIVER_MISMATCH"; break;
-        // As a driver does of codes that it does not know.
+        // As a driver for unknown codes.
         default: *name = nullptr; return INVALID_VALUE;
     }
     return SUCCESS;
 }
 
 CUresult cuGetErrorString(CUresult code, const char **text) {
-    static thread_local char said[64];
-    std::snprintf(said, sizeof said, "emulated error %d", code);
-    *text = said;
+    static thread_local char buffer[64];
+    std::snprintf(buffer, sizeof buffer, "emulated error %d", code);
+    *text = buffer;
     return SUCCESS;
 }
 

@@ -1,11 +1,11 @@
-// What the emulated driver knows: devices, their memory, streams of operations, events.
+// State of the emulated driver: devices, their memory, streams of operations, events.
 //
 // Streams (EMULATED_CUDA_STREAMS):
-//   eager     an operation runs when it is asked for
-//   deferred  as late as allowed: when something waits for it. Host memory is read and written late: reusing a buffer before its
-//             copy has run shows, and so does a wait that is missing before what must come later
-//   hasty     copies as early as their waits allow, kernels as late as allowed: a copy that does not wait for the kernels that
-//             still use its memory shows
+//   eager     an operation runs when it is enqueued
+//   deferred  an operation runs as late as possible: when something waits for it. Host memory is read and written late, which detects
+//             reuse of a buffer before its copy has run, and a missing wait of a later operation
+//   hasty     copies run as early as their waits allow, kernels as late as possible, which detects a copy that does not wait for
+//             kernels that still use its memory
 #pragma once
 #include "cuda_cpu.h"
 #include <deque>
@@ -34,7 +34,7 @@ namespace emulated {
 struct Device;
 struct Stream;
 
-// A point in a stream: what an event stands for once recorded.
+// A point in a stream: a recorded event.
 struct Mark {
     std::shared_ptr<Stream> stream;
     uint64_t at;
@@ -42,17 +42,17 @@ struct Mark {
     bool passed() const;
 };
 
-// What a stream is asked to do, in order.
+// An operation of a stream.
 struct Operation {
     std::function<CUresult()> run;
-    std::shared_ptr<Mark> waits;   // runs when this is passed
+    std::shared_ptr<Mark> waits;   // runs after this point
     bool kernel = false;
 };
 
 struct Stream {
     Device *device;
     std::deque<Operation> pending;
-    uint64_t asked = 0, done = 0;
+    uint64_t enqueued = 0, done = 0;   // number of operations
 };
 
 struct Event {
@@ -66,8 +66,8 @@ struct Function {
     std::string name;
     Device *device;
     const Kernel *kernel;
-    size_t most_threads, static_shared;
-    size_t most_dynamic;
+    size_t max_threads, static_shared;
+    size_t max_dynamic;
 };
 
 struct Module {
@@ -79,9 +79,9 @@ struct Device {
     std::recursive_mutex lock;
     int major = 9, minor = 0;
     size_t memory = 0, used = 0, peak = 0;
-    CUresult lost = SUCCESS;       // what every call reports once the device is lost
+    CUresult lost = SUCCESS;       // result of every call once the device is lost
     unsigned long launches = 0, allocations = 0, host_allocations = 0, up = 0, down = 0;
-    int delay_us = 0;              // of every kernel
+    int delay_us = 0;              // added to every kernel
     std::map<uintptr_t, size_t> live;
     std::map<void *, std::shared_ptr<Stream>> streams;
     std::map<void *, std::unique_ptr<Event>> events;
@@ -94,10 +94,10 @@ struct Device {
     bool holds(uintptr_t from, size_t bytes) const;
 };
 
-// Says on stderr what is wrong with a call.
+// Prints an error of a call to stderr; returns `code`.
 CUresult wrong(CUresult code, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-// The device whose context is current on this thread, locked; or why there is none.
+// The device whose context is current on this thread, locked; or the error.
 struct Current {
     Device *device;
     CUresult error;
@@ -105,17 +105,17 @@ struct Current {
     Current();
 };
 
-CUresult ask(const std::shared_ptr<Stream> &stream, Operation operation);
+CUresult enqueue(const std::shared_ptr<Stream> &stream, Operation operation);
 CUresult drain(Stream &stream, uint64_t until);
 CUresult drain_all(Device &device);
 void release_all(Device &device);
 
-// The n-th of something on a device fails: EMULATED_CUDA_FAULTS=kind:device:n,...
+// Whether the n-th operation of this kind on a device fails: EMULATED_CUDA_FAULTS=kind:device:n,...
 bool fails(const char *kind, int device, unsigned long n);
-// The code that the n-th launch of a device ends with, or 0: EMULATED_CUDA_FAULTS=error-CODE:device:n,...
+// Result of the n-th launch of a device, or 0: EMULATED_CUDA_FAULTS=error-CODE:device:n,...
 CUresult error_of_launch(int device, unsigned long n);
 const char *setting(const char *name);
-// The i-th of a list, or its last.
+// The i-th value of a list, or its last one.
 double setting(const char *name, int i, double otherwise);
 int driver_version();
 bool pinned(const void *at, size_t bytes);

@@ -1,8 +1,9 @@
-// Memory of the emulated driver: device memory is the heap's (AddressSanitizer watches it), full of NaN when given out; every
-// copy must lie within one live allocation.
+// Memory of the emulated driver: device memory is allocated on the heap, where AddressSanitizer checks it, and filled with NaN; every
+// copy must be within one live allocation.
 //
-// As on a device: a copy between the device and memory that is not pinned is over, for its caller, when the call returns (up: what
-// was there is taken at once; down: the stream is waited for); memory freed in stream order is free when the stream gets there.
+// As on a device, a copy between the device and memory that is not pinned is complete for the caller when the call returns (upload:
+// the values are copied at once; download: waits for the stream); memory freed in stream order is free when the stream reaches that
+// point.
 #include "driver.h"
 #include <cstdlib>
 
@@ -15,7 +16,7 @@ bool Device::holds(uintptr_t from, size_t bytes) const {
     return from - in->first <= in->second && bytes <= in->second - (from - in->first);
 }
 
-// Host memory that the driver gave out, of all devices.
+// Page-locked host memory of all devices.
 static std::mutex host_lock;
 static std::map<uintptr_t, size_t> host;
 
@@ -36,7 +37,7 @@ static CUresult check(Device &d, CUdeviceptr at, size_t bytes, const char *doing
 static CUresult allocate(Device &d, CUdeviceptr *at, size_t bytes) {
     if (fails("memory", d.index, ++d.allocations)) return OUT_OF_MEMORY;
     if (bytes > d.memory - d.used) {
-        // What is freed in stream order may be free by then.
+        // Memory freed in stream order may become free.
         const CUresult error = drain_all(d);
         if (error) return error;
     }
@@ -53,7 +54,7 @@ static CUresult allocate(Device &d, CUdeviceptr *at, size_t bytes) {
 
 static CUresult release(Device &d, CUdeviceptr at) {
     auto found = d.live.find(at);
-    if (found == d.live.end()) return wrong(INVALID_VALUE, "%#llx is freed and was not given out by device %d", at, d.index);
+    if (found == d.live.end()) return wrong(INVALID_VALUE, "%#llx is freed, but was not allocated on device %d", at, d.index);
     d.used -= found->second;
     d.live.erase(found);
     std::free(reinterpret_cast<void *>(at));
@@ -67,14 +68,14 @@ static CUresult up(CUdeviceptr to, const void *from, size_t bytes, CUstream hand
     auto stream = d.stream(handle);
     if (!stream) return INVALID_HANDLE;
     if (CUresult error = check(d, to, bytes, "a copy to the device")) return error;
-    std::shared_ptr<std::vector<char>> taken;
+    std::shared_ptr<std::vector<char>> copied;
     if (!pinned(from, bytes)) {
         const char *first = static_cast<const char *>(from);
-        taken = std::make_shared<std::vector<char>>(first, first + bytes);
+        copied = std::make_shared<std::vector<char>>(first, first + bytes);
     }
-    return ask(stream, {[=, &d] {
+    return enqueue(stream, {[=, &d] {
         if (CUresult error = check(d, to, bytes, "a copy to the device")) return error;
-        std::memcpy(reinterpret_cast<void *>(to), taken ? taken->data() : from, bytes);
+        std::memcpy(reinterpret_cast<void *>(to), copied ? copied->data() : from, bytes);
         d.up += bytes;
         return CUresult(SUCCESS);
     }, nullptr});
@@ -87,13 +88,13 @@ static CUresult down(void *to, CUdeviceptr from, size_t bytes, CUstream handle) 
     auto stream = d.stream(handle);
     if (!stream) return INVALID_HANDLE;
     if (CUresult error = check(d, from, bytes, "a copy from the device")) return error;
-    CUresult error = ask(stream, {[=, &d] {
+    CUresult error = enqueue(stream, {[=, &d] {
         if (CUresult error = check(d, from, bytes, "a copy from the device")) return error;
         std::memcpy(to, reinterpret_cast<const void *>(from), bytes);
         d.down += bytes;
         return CUresult(SUCCESS);
     }, nullptr});
-    return error || pinned(to, bytes) ? error : drain(*stream, stream->asked);
+    return error || pinned(to, bytes) ? error : drain(*stream, stream->enqueued);
 }
 
 static CUresult on_device(CUdeviceptr to, size_t bytes, CUstream handle, const char *doing, std::function<void()> run) {
@@ -103,7 +104,7 @@ static CUresult on_device(CUdeviceptr to, size_t bytes, CUstream handle, const c
     auto stream = d.stream(handle);
     if (!stream) return INVALID_HANDLE;
     if (CUresult error = check(d, to, bytes, doing)) return error;
-    return ask(stream, {[=, &d] {
+    return enqueue(stream, {[=, &d] {
         if (CUresult error = check(d, to, bytes, doing)) return error;
         run();
         return CUresult(SUCCESS);
@@ -151,7 +152,7 @@ CUresult cuMemFreeAsync(CUdeviceptr at, CUstream handle) {
     Device &d = *c.device;
     auto stream = d.stream(handle);
     if (!stream) return INVALID_HANDLE;
-    return at ? ask(stream, {[=, &d] { return release(d, at); }, nullptr}) : SUCCESS;
+    return at ? enqueue(stream, {[=, &d] { return release(d, at); }, nullptr}) : SUCCESS;
 }
 
 CUresult cuMemHostAlloc(void **at, size_t bytes, unsigned) {
@@ -165,12 +166,12 @@ CUresult cuMemHostAlloc(void **at, size_t bytes, unsigned) {
     return SUCCESS;
 }
 
-// Also when the device is lost: host memory is not its own.
+// Also after the device is lost.
 CUresult cuMemFreeHost(void *at) {
     Current c;
     if (!c.error) drain_all(*c.device);
     std::lock_guard<std::mutex> guard(host_lock);
-    if (!host.erase(reinterpret_cast<uintptr_t>(at))) return wrong(INVALID_VALUE, "host memory is freed that was not given out");
+    if (!host.erase(reinterpret_cast<uintptr_t>(at))) return wrong(INVALID_VALUE, "host memory is freed that was not allocated");
     std::free(at);
     return c.error;
 }
@@ -186,13 +187,13 @@ CUresult cuMemcpyDtoHAsync_v2(void *to, CUdeviceptr from, size_t bytes, CUstream
 CUresult cuMemcpyHtoD_v2(CUdeviceptr to, const void *from, size_t bytes) {
     CUresult error = up(to, from, bytes, nullptr);
     Current c;
-    return error ? error : drain(*c.device->standard, c.device->standard->asked);
+    return error ? error : drain(*c.device->standard, c.device->standard->enqueued);
 }
 
 CUresult cuMemcpyDtoH_v2(void *to, CUdeviceptr from, size_t bytes) {
     CUresult error = down(to, from, bytes, nullptr);
     Current c;
-    return error ? error : drain(*c.device->standard, c.device->standard->asked);
+    return error ? error : drain(*c.device->standard, c.device->standard->enqueued);
 }
 
 CUresult cuMemcpyDtoDAsync_v2(CUdeviceptr to, CUdeviceptr from, size_t bytes, CUstream stream) {

@@ -1,10 +1,10 @@
-//! An NVIDIA driver for machines without one: a `libcuda.so` that g++ makes of the C++ beside this file and of the project's
-//! own `.cu` files, run thread by thread on the CPU (`cuda_cpu.h`), with streams and faults by choice (`driver.h`,
-//! `devices.cpp` says which settings there are).
+//! An emulated NVIDIA driver: a `libcuda.so` that g++ compiles from the C++ files in this folder and from the `.cu` files of the
+//! project, which run thread by thread on the CPU (`cuda_cpu.h`). Stream order and injected faults are settings (`driver.h`,
+//! `devices.cpp`).
 //!
-//! A process finds it by `LD_LIBRARY_PATH`, so each [`Case`] runs in a child of its own: this very test binary, told by [`CHILD`] what
-//! to do. Without g++, or without the sources, such cases are reported as ignored. What asks for no particular setting runs on the
-//! machine's own GPU as well, where it has one.
+//! A process finds the library by `LD_LIBRARY_PATH`, so each [`Case`] runs in a child process: this test binary, with the name of the
+//! case in [`CHILD`]. Without g++ or the sources these cases are reported as ignored. Cases without settings also run on the machine's
+//! GPU, if it has one.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use libtest_mimic::{Arguments, Failed, Trial};
@@ -16,51 +16,51 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Output};
 use std::sync::{Mutex, OnceLock};
 
-/// In a child's environment: the case that it runs.
+/// Environment variable of a child: the name of its case.
 const CHILD: &str = "LENSCUBE_TEST_CASE";
-/// Warnings are on: kernels are read by two compilers.
+/// With warnings: the kernels are compiled by two compilers.
 const FLAGS: &str =
     "-std=c++17 -O2 -g1 -fPIC -march=native -Wall -Wextra -Wno-unused-variable -Wno-unknown-pragmas";
 const SANITIZED: &str = "-fsanitize=address,undefined -fno-sanitize-recover=all";
 
-/// How the library is built.
+/// Build options of the library.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Build {
     /// With AddressSanitizer and UBSan.
     pub sanitized: bool,
-    /// `-D` flags for the kernels: mutations.
+    /// `-D` flags for the kernels.
     pub defines: &'static str,
 }
 
-/// What every test asks for.
+/// Default build.
 pub const PLAIN: Build = Build { sanitized: false, defines: "" };
-/// Steps beyond an allocation or out of shared memory end the process.
-pub const WATCHED: Build = Build { sanitized: true, defines: "" };
+/// With sanitizers: an access beyond an allocation or beyond shared memory ends the process.
+pub const SANITIZED_BUILD: Build = Build { sanitized: true, defines: "" };
 
-/// Why a case is ignored; `scripts/check_summary.py` knows these by their words.
+/// Why a case is ignored; `scripts/check_summary.py` parses these texts.
 pub const NO_COMPILER: &str = "no g++";
 pub const LONG: &str = "long: scripts/check --full";
 pub const A_DRIVER: &str = "a CUDA driver is installed";
 
-/// A test in a process of its own.
+/// A test in a separate process.
 pub struct Case {
     pub name: String,
     pub run: fn(),
-    pub on: On,
-    /// The child must fail at its check: a mutation, or a step beyond memory.
+    pub target: Target,
+    /// The child must fail at its check: with a mutated kernel, or with an access beyond memory.
     pub must_fail: bool,
-    /// Runs only where it is asked for: `--ignored`.
+    /// Runs only with `--ignored`.
     pub long: bool,
 }
 
 /// What a case runs on.
-pub enum On {
-    /// The emulated driver with settings, `EMULATED_CUDA_` left out.
+pub enum Target {
+    /// The emulated driver with settings, names without `EMULATED_CUDA_`.
     Emulated(Build, &'static [(&'static str, &'static str)]),
-    /// The machine's own GPU.
+    /// The machine's GPU.
     Device,
     /// A machine without a driver.
-    Nothing,
+    NoDriver,
 }
 
 impl Case {
@@ -68,25 +68,25 @@ impl Case {
         Self {
             name: format!("emulated::{name}"),
             run,
-            on: On::Emulated(PLAIN, settings),
+            target: Target::Emulated(PLAIN, settings),
             must_fail: false,
             long: false,
         }
     }
 
     pub fn device(name: &str, run: fn()) -> Self {
-        Self { name: format!("device::{name}"), run, on: On::Device, must_fail: false, long: false }
+        Self { name: format!("device::{name}"), run, target: Target::Device, must_fail: false, long: false }
     }
 
-    /// Why it cannot run here, if it cannot.
+    /// Why it cannot run here, if so.
     fn ignored(&self) -> Option<&'static str> {
-        match self.on {
-            On::Emulated(..) if !compiler() => Some(NO_COMPILER),
-            On::Emulated(build, _) if build.sanitized && sanitizer().is_none() => {
+        match self.target {
+            Target::Emulated(..) if !has_compiler() => Some(NO_COMPILER),
+            Target::Emulated(build, _) if build.sanitized && sanitizer().is_none() => {
                 Some("g++ without AddressSanitizer")
             }
-            On::Device if !device() => Some("no GPU"),
-            On::Nothing if driver() => Some(A_DRIVER),
+            Target::Device if !has_device() => Some("no GPU"),
+            Target::NoDriver if has_driver() => Some(A_DRIVER),
             _ if self.long => Some(LONG),
             _ => None,
         }
@@ -95,31 +95,31 @@ impl Case {
     fn execute(&self) -> Result<(), String> {
         let mut child = Command::new(env::current_exe().map_err(|e| e.to_string())?);
         child.env(CHILD, &self.name);
-        if let On::Emulated(build, settings) = self.on {
-            for (name, value) in environment(build)?.into_iter().chain(own(settings)) {
+        if let Target::Emulated(build, settings) = self.target {
+            for (name, value) in environment(build)?.into_iter().chain(self::settings(settings)) {
                 child.env(name, value);
             }
         }
         let output = child.output().map_err(|e| e.to_string())?;
         let failed = !output.status.success();
-        let said = said(&output);
-        // A child that did not come as far as its check has not failed it.
-        let seen =
-            ["panicked at", "ERROR: AddressSanitizer", "runtime error: "].iter().any(|s| said.contains(s));
+        let report = report(&output);
+        // A child that ends before its check has not failed it.
+        let failed_at_check =
+            ["panicked at", "ERROR: AddressSanitizer", "runtime error: "].iter().any(|s| report.contains(s));
         match (self.must_fail, failed) {
             (false, false) => Ok(()),
-            (true, true) if seen => Ok(()),
-            (true, false) => Err("it passes, and must not".into()),
-            _ => Err(said),
+            (true, true) if failed_at_check => Ok(()),
+            (true, false) => Err("it passes, but must fail".into()),
+            _ => Err(report),
         }
     }
 }
 
-/// Runs the cases, each in its child; or, in the child, the case itself.
+/// Runs each case in a child process; in the child, runs the case itself.
 pub fn run(cases: Vec<Case>) -> ExitCode {
     if let Ok(name) = env::var(CHILD) {
-        let case = cases.iter().find(|c| c.name == name).expect("the case that this process was started for");
-        if !case.must_fail || device() {
+        let case = cases.iter().find(|c| c.name == name).expect("the case of this process");
+        if !case.must_fail || has_device() {
             (case.run)();
         }
         return ExitCode::SUCCESS;
@@ -132,7 +132,7 @@ pub fn run(cases: Vec<Case>) -> ExitCode {
     libtest_mimic::run(&Arguments::from_args(), trials.collect()).exit_code()
 }
 
-/// A trial; what cannot run is reported as ignored, with the reason as its kind.
+/// A trial; if it cannot run it is reported as ignored, with the reason as its kind.
 pub fn trial(
     name: String,
     ignored: Option<&'static str>,
@@ -141,7 +141,7 @@ pub fn trial(
     Trial::test(name, run).with_kind(ignored.unwrap_or_default()).with_ignored_flag(ignored.is_some())
 }
 
-/// What a process needs in its environment to find the library, which is built if it is not there.
+/// Environment in which a process loads the library, which is built if necessary.
 pub fn environment(build: Build) -> Result<Vec<(String, String)>, String> {
     let place = library(build)?;
     let mut all = vec![("LD_LIBRARY_PATH".to_owned(), place.display().to_string())];
@@ -153,18 +153,19 @@ pub fn environment(build: Build) -> Result<Vec<(String, String)>, String> {
     Ok(all)
 }
 
-/// Settings under their names in the environment.
-pub fn own(settings: &[(&str, &str)]) -> Vec<(String, String)> {
+/// Settings as environment variables.
+pub fn settings(settings: &[(&str, &str)]) -> Vec<(String, String)> {
     settings.iter().map(|(name, value)| (format!("EMULATED_CUDA_{name}"), (*value).to_owned())).collect()
 }
 
-fn said(output: &Output) -> String {
+/// Exit status and output of a process.
+fn report(output: &Output) -> String {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     format!("{}\n{}{}", output.status, text(&output.stdout), text(&output.stderr))
 }
 
-/// Whether there are a g++ and the sources.
-pub fn compiler() -> bool {
+/// Whether g++ and the sources are present.
+pub fn has_compiler() -> bool {
     static HERE: OnceLock<bool> = OnceLock::new();
     *HERE.get_or_init(|| {
         let runs = Command::new("g++").arg("--version").output().is_ok_and(|o| o.status.success());
@@ -172,7 +173,7 @@ pub fn compiler() -> bool {
     })
 }
 
-/// AddressSanitizer's runtime, which a process must load before all else.
+/// Runtime of AddressSanitizer, which a process must load first.
 fn sanitizer() -> Option<String> {
     let output = Command::new("g++").arg("-print-file-name=libasan.so").output().ok()?;
     let path = String::from_utf8(output.stdout).ok()?.trim().to_owned();
@@ -180,16 +181,16 @@ fn sanitizer() -> Option<String> {
 }
 
 /// Whether this machine has a driver.
-pub fn driver() -> bool {
+pub fn has_driver() -> bool {
     !matches!(lenscube_pipeline::cuda::devices(), Err(lenscube_pipeline::cuda::CudaError::NoDriver))
 }
 
 /// Whether this machine has a GPU.
-fn device() -> bool {
+fn has_device() -> bool {
     lenscube_pipeline::cuda::devices().is_ok()
 }
 
-/// `pipeline/`, from whichever package's tests.
+/// `pipeline/`, from the tests of either package.
 fn pipeline() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let within = here.join("pipeline");
@@ -200,13 +201,13 @@ fn sources() -> PathBuf {
     pipeline().join("tests/emulated_cuda")
 }
 
-/// The directory that holds the library, built as asked.
+/// Directory of the library, which is built if necessary.
 pub fn library(build: Build) -> Result<PathBuf, String> {
     let mut flags: Vec<String> = FLAGS.split(' ').map(str::to_owned).collect();
     if build.sanitized {
         flags.extend(SANITIZED.split(' ').map(str::to_owned));
     }
-    // Once, not by every thread of the tests at a time.
+    // By one test thread at a time.
     static BUILDING: Mutex<()> = Mutex::new(());
     let _building = BUILDING.lock().map_err(|e| e.to_string())?;
     let place = Path::new(env!("CARGO_TARGET_TMPDIR")).join("emulated-cuda");
@@ -249,7 +250,7 @@ fn read(path: &Path) -> Result<String, String> {
     fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
 }
 
-/// The files of a folder that end so, in order.
+/// Files of a folder with one of these extensions, in order.
 fn texts(folder: &Path, ends: &[&str]) -> Result<Texts, String> {
     let entries = fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let mut paths: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
@@ -271,7 +272,7 @@ fn kernels(folder: &Path) -> Result<Texts, String> {
     Ok(all)
 }
 
-/// What a .cu takes from Rust, as `scripts/compile_kernels.py` has it: after `// From cuda.rs: A, B`.
+/// Constants that a .cu takes from Rust by its line `// From cuda.rs: A, B`, as in `scripts/compile_kernels.py`.
 fn constants(source: &Path, text: &str) -> Result<Vec<String>, String> {
     let mut flags = Vec::new();
     for line in text.lines() {
@@ -291,9 +292,11 @@ fn constants(source: &Path, text: &str) -> Result<Vec<String>, String> {
     Ok(flags)
 }
 
-/// A C++ file that makes the kernels of a .cu known: those that its PTX names.
+/// A C++ file that registers the kernels of a .cu: the entries of its PTX.
 fn unit(place: &Path, source: &Path, text: &str) -> Result<PathBuf, String> {
-    let ptx = read(&source.with_extension("ptx")).map_err(|e| format!("{e}: run scripts/ptx"))?;
+    let name = source.with_extension("ptx");
+    let ptx = pipeline().join("ptx").join(name.file_name().expect("a file's name"));
+    let ptx = read(&ptx).map_err(|e| format!("{e}: run scripts/ptx"))?;
     let names = ptx.split(".entry ").skip(1).filter_map(|rest| rest.split('(').next()).map(str::trim);
     let mut unit = format!("#include \"cuda_cpu.h\"\n#include \"{}\"\n", source.display());
     unit.extend(names.map(|name| format!("EMULATE({name})\n")));
@@ -302,7 +305,7 @@ fn unit(place: &Path, source: &Path, text: &str) -> Result<PathBuf, String> {
     Ok(path)
 }
 
-/// The object of a C++ file, unless it is there.
+/// Compiles a C++ file unless its object exists; the object's path.
 fn object(
     place: &Path,
     source: &Path,
@@ -319,11 +322,11 @@ fn compile(to: &Path, arguments: impl Iterator<Item = String>) -> Result<(), Str
     write_once(to, |at| {
         let output =
             Command::new("g++").args(arguments).arg("-o").arg(at).output().map_err(|e| e.to_string())?;
-        if output.status.success() { Ok(()) } else { Err(format!("g++: {}", said(&output))) }
+        if output.status.success() { Ok(()) } else { Err(format!("g++: {}", report(&output))) }
     })
 }
 
-/// Makes a file under another name and gives it its own: several test processes build at once.
+/// Creates a file under a temporary name, then renames it: several test processes build at once.
 fn write_once(path: &Path, make: impl FnOnce(&Path) -> Result<(), String>) -> Result<(), String> {
     if path.exists() {
         return Ok(());

@@ -1,5 +1,5 @@
-// Modules and launches of the emulated driver. PTX is read for what it promises (version, target, entries with their parameters,
-// most threads, static shared memory); the kernels themselves are those that this library was built with.
+// Modules and launches of the emulated driver. Version, target, and entries with their parameters, maximum threads and static shared
+// memory are read from the PTX; the kernels themselves are compiled into this library.
 #include "driver.h"
 #include "block.h"
 #include <regex>
@@ -14,7 +14,7 @@ static std::map<std::string, Kernel> &kernels() {
 
 void add(const char *name, Kernel kernel) { kernels()[name] = std::move(kernel); }
 
-// The newest PTX (10 times its version) that a driver knows.
+// The newest PTX version (times 10) that a driver accepts.
 static int newest_ptx() {
     const int major = driver_version() / 1000, minor = driver_version() % 1000 / 10;
     if (major <= 11) return 70 + minor;
@@ -38,7 +38,7 @@ static size_t total_static_shared(const std::string &ptx) {
     return bytes;
 }
 
-// An entry and what stands between its name and its body.
+// An entry: parameters, and directives between its parameters and its body.
 static CUresult entry(Device &d, Module &module, const std::string &name, const std::string &parameters, const std::string &rest, size_t shared) {
     auto kernel = kernels().find(name);
     if (kernel == kernels().end()) return wrong(INVALID_PTX, "the PTX's %s is not among the kernels built for the CPU", name.c_str());
@@ -49,9 +49,9 @@ static CUresult entry(Device &d, Module &module, const std::string &name, const 
     if (sizes != kernel->second.sizes)
         return wrong(INVALID_PTX, "the parameters of %s are not those of its source: run scripts/ptx", name.c_str());
     std::smatch m;
-    const size_t most = std::regex_search(rest, m, std::regex(R"(\.maxntid\s+(\d+),\s*(\d+),\s*(\d+))"))
+    const size_t max_threads = std::regex_search(rest, m, std::regex(R"(\.maxntid\s+(\d+),\s*(\d+),\s*(\d+))"))
                             ? std::stoul(m[1]) * std::stoul(m[2]) * std::stoul(m[3]) : 1024;
-    module.functions[name].reset(new Function{name, &d, &kernel->second, most, shared, 49152 - std::min<size_t>(shared, 49152)});
+    module.functions[name].reset(new Function{name, &d, &kernel->second, max_threads, shared, 49152 - std::min<size_t>(shared, 49152)});
     return SUCCESS;
 }
 
@@ -76,12 +76,12 @@ static CUresult check(const Function &f, dim3 grid, dim3 block, size_t shared) {
     const size_t threads = size_t(block.x) * block.y * block.z;
     const char *name = f.name.c_str();
     if (!threads || !grid.x || !grid.y || !grid.z) return wrong(INVALID_VALUE, "%s: launched without blocks or threads", name);
-    if (threads > f.most_threads || block.x > 1024 || block.y > 1024 || block.z > 64)
-        return wrong(INVALID_VALUE, "%s: %u x %u x %u threads, at most %zu", name, block.x, block.y, block.z, f.most_threads);
+    if (threads > f.max_threads || block.x > 1024 || block.y > 1024 || block.z > 64)
+        return wrong(INVALID_VALUE, "%s: %u x %u x %u threads, at most %zu", name, block.x, block.y, block.z, f.max_threads);
     if (grid.x > 0x7fffffff || grid.y > 65535 || grid.z > 65535)
         return wrong(INVALID_VALUE, "%s: %u x %u x %u blocks are too many", name, grid.x, grid.y, grid.z);
-    if (shared > f.most_dynamic)
-        return wrong(INVALID_VALUE, "%s: %zu bytes of dynamic shared memory, %zu are allowed", name, shared, f.most_dynamic);
+    if (shared > f.max_dynamic)
+        return wrong(INVALID_VALUE, "%s: %zu bytes of dynamic shared memory, %zu are allowed", name, shared, f.max_dynamic);
     return SUCCESS;
 }
 
@@ -128,12 +128,12 @@ CUresult cuModuleGetFunction(CUfunction *handle, CUmodule module, const char *na
 CUresult cuFuncGetAttribute(int *value, int attribute, CUfunction handle) {
     const Function &f = *reinterpret_cast<Function *>(handle);
     switch (attribute) {
-        case 0: *value = int(f.most_threads); break;
+        case 0: *value = int(f.max_threads); break;
         case 1: *value = int(f.static_shared); break;
         case 2: case 3: *value = 0; break;       // constant, local memory
         case 4: *value = 32; break;              // registers
         case 5: case 6: *value = 80; break;      // PTX, binary version
-        case 8: *value = int(f.most_dynamic); break;
+        case 8: *value = int(f.max_dynamic); break;
         default: return wrong(INVALID_VALUE, "function attribute %d is not emulated", attribute);
     }
     return SUCCESS;
@@ -147,13 +147,13 @@ CUresult cuFuncSetAttribute(CUfunction handle, int attribute, int value) {
     if (attribute != 8) return wrong(INVALID_VALUE, "function attribute %d is not emulated", attribute);
     if (value < 0 || f.static_shared + value > c.device->shared_limit())
         return wrong(INVALID_VALUE, "%s: %d bytes of dynamic shared memory, device %d has %zu", f.name.c_str(), value, c.device->index, c.device->shared_limit());
-    f.most_dynamic = value;
+    f.max_dynamic = value;
     return SUCCESS;
 }
 
 CUresult cuFuncSetCacheConfig(CUfunction, int) { return Current().error; }
 
-// By threads and shared memory; registers are not known here.
+// By threads and shared memory; registers are not emulated.
 CUresult cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags(int *count, CUfunction handle, int threads, size_t dynamic, unsigned) {
     Current c;
     if (c.error) return c.error;
@@ -180,11 +180,11 @@ CUresult cuLaunchKernel(CUfunction handle, unsigned gx, unsigned gy, unsigned gz
     if (CUresult error = check(f, grid, block, shared)) return error;
     const unsigned long n = ++d.launches;
     if (fails("refused", d.index, n)) return 701;
-    if (fails("lost", d.index, n)) return ask(stream, {[&d] { return d.lost = UNKNOWN; }, nullptr, true});
-    if (fails("kernel", d.index, n)) return ask(stream, {[&d] { return d.lost = ILLEGAL_ADDRESS; }, nullptr, true});
-    if (const CUresult code = error_of_launch(d.index, n)) return ask(stream, {[&d, code] { return d.lost = code; }, nullptr, true});
+    if (fails("lost", d.index, n)) return enqueue(stream, {[&d] { return d.lost = UNKNOWN; }, nullptr, true});
+    if (fails("kernel", d.index, n)) return enqueue(stream, {[&d] { return d.lost = ILLEGAL_ADDRESS; }, nullptr, true});
+    if (const CUresult code = error_of_launch(d.index, n)) return enqueue(stream, {[&d, code] { return d.lost = code; }, nullptr, true});
     const Call call = f.kernel->bind(arguments);
-    return ask(stream, {[=, &d, &f] { return execute(d, f, grid, block, shared, call); }, nullptr, true});
+    return enqueue(stream, {[=, &d, &f] { return execute(d, f, grid, block, shared, call); }, nullptr, true});
 }
 
 }  // extern "C"

@@ -1,4 +1,4 @@
-// Kernels that try the emulated driver: what it must run, and what it must catch.
+// Kernels for tests of the emulated driver.
 #ifndef DYNAMIC_SHARED
 #define DYNAMIC_SHARED(type, name) extern __shared__ type name[]
 #endif
@@ -9,7 +9,7 @@ extern "C" __global__ void probe_scale(const float *in, float *out, unsigned n, 
     if (i < n) out[i] = a * in[i] + b;
 }
 
-// Each block reverses its values by way of shared memory; WITHOUT=1 lacks the barrier in between.
+// Each block reverses its values through shared memory; WITHOUT=1 omits the barrier in between.
 extern "C" __global__ void __launch_bounds__(256) probe_reverse(const float *in, float *out) {
     DYNAMIC_SHARED(float, row);
     const unsigned n = blockDim.x, first = blockIdx.x * n, i = threadIdx.x;
@@ -20,7 +20,7 @@ extern "C" __global__ void __launch_bounds__(256) probe_reverse(const float *in,
     out[first + i] = row[n - 1 - i];
 }
 
-// A barrier that half of the threads do not reach: hangs on a device.
+// Each half of the threads waits at another barrier: hangs on a device.
 extern "C" __global__ void probe_apart(float *out) {
     if (threadIdx.x % 2) {
         __syncthreads();

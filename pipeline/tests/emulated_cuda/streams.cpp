@@ -1,4 +1,4 @@
-// Streams and events of the emulated driver: in what order operations run (driver.h), and what waits for what.
+// Streams and events of the emulated driver: order of operations (driver.h) and waits.
 #include "driver.h"
 #include <chrono>
 
@@ -8,9 +8,9 @@ enum class Mode { eager, deferred, hasty };
 
 static Mode mode() {
     static const Mode chosen = [] {
-        const char *asked = setting("STREAMS");
-        if (asked && !std::strcmp(asked, "deferred")) return Mode::deferred;
-        if (asked && !std::strcmp(asked, "hasty")) return Mode::hasty;
+        const char *name = setting("STREAMS");
+        if (name && !std::strcmp(name, "deferred")) return Mode::deferred;
+        if (name && !std::strcmp(name, "hasty")) return Mode::hasty;
         return Mode::eager;
     }();
     return chosen;
@@ -27,14 +27,14 @@ std::shared_ptr<Stream> Device::stream(CUstream handle) {
     if (!handle) return standard;
     auto found = streams.find(handle);
     if (found != streams.end()) return found->second;
-    wrong(INVALID_HANDLE, "%p is no stream of device %d", static_cast<void *>(handle), index);
+    wrong(INVALID_HANDLE, "%p is not a stream of device %d", static_cast<void *>(handle), index);
     return nullptr;
 }
 
 Event *Device::event(CUevent handle) {
     auto found = events.find(handle);
     if (found != events.end()) return found->second.get();
-    wrong(INVALID_HANDLE, "%p is no event of device %d", static_cast<void *>(handle), index);
+    wrong(INVALID_HANDLE, "%p is not an event of device %d", static_cast<void *>(handle), index);
     return nullptr;
 }
 
@@ -56,7 +56,7 @@ CUresult drain(Stream &stream, uint64_t until) {
     return stream.device->lost;
 }
 
-// Hasty: what is no kernel and need not wait runs now; again while that lets others.
+// Mode hasty: runs all operations that are not kernels and need not wait, repeatedly while any was run.
 static CUresult hurry(Device &d) {
     for (bool more = true; more;) {
         more = false;
@@ -73,33 +73,33 @@ static CUresult hurry(Device &d) {
 }
 
 CUresult drain_all(Device &d) {
-    // The last made first: nothing says that older streams are faster.
+    // Newest stream first: streams may finish in any order.
     std::vector<std::shared_ptr<Stream>> all{d.standard};
     for (auto &s : d.streams) all.push_back(s.second);
     for (auto s = all.rbegin(); s != all.rend(); ++s)
-        if (CUresult error = drain(**s, (*s)->asked)) return error;
+        if (CUresult error = drain(**s, (*s)->enqueued)) return error;
     return d.lost;
 }
 
-CUresult ask(const std::shared_ptr<Stream> &stream, Operation operation) {
+CUresult enqueue(const std::shared_ptr<Stream> &stream, Operation operation) {
     stream->pending.push_back(std::move(operation));
-    ++stream->asked;
+    ++stream->enqueued;
     switch (mode()) {
-        case Mode::eager: return drain(*stream, stream->asked);
+        case Mode::eager: return drain(*stream, stream->enqueued);
         case Mode::hasty: return hurry(*stream->device);
         case Mode::deferred: return SUCCESS;
     }
     return SUCCESS;
 }
 
-// Waits for a mark on the host's behalf.
+// Waits on the host for a mark.
 static CUresult reach(Device &d, const std::shared_ptr<Mark> &mark) {
     if (!mark) return d.lost;
     CUresult error = drain(*mark->stream, mark->at);
     return !error && mode() == Mode::hasty ? hurry(d) : error;
 }
 
-// Whether a mark is passed; a device goes on while it is asked.
+// Whether a mark is passed; runs one operation if not, as a device proceeds meanwhile.
 static CUresult query(Device &d, const Mark &mark) {
     if (mark.passed()) return d.lost;
     CUresult error = step(*mark.stream);
@@ -131,13 +131,13 @@ CUresult cuCtxGetStreamPriorityRange(int *least, int *greatest) {
     return SUCCESS;
 }
 
-// What it was asked for is done all the same.
+// Enqueued operations are still completed.
 CUresult cuStreamDestroy_v2(CUstream handle) {
     Current c;
     if (!c.device) return c.error;
     auto stream = c.device->stream(handle);
     if (!stream) return INVALID_HANDLE;
-    CUresult error = c.error ? c.error : drain(*stream, stream->asked);
+    CUresult error = c.error ? c.error : drain(*stream, stream->enqueued);
     c.device->streams.erase(handle);
     return error;
 }
@@ -146,14 +146,14 @@ CUresult cuStreamSynchronize(CUstream handle) {
     Current c;
     if (c.error) return c.error;
     auto stream = c.device->stream(handle);
-    return stream ? reach(*c.device, std::make_shared<Mark>(Mark{stream, stream->asked})) : INVALID_HANDLE;
+    return stream ? reach(*c.device, std::make_shared<Mark>(Mark{stream, stream->enqueued})) : INVALID_HANDLE;
 }
 
 CUresult cuStreamQuery(CUstream handle) {
     Current c;
     if (c.error) return c.error;
     auto stream = c.device->stream(handle);
-    return stream ? query(*c.device, Mark{stream, stream->asked}) : INVALID_HANDLE;
+    return stream ? query(*c.device, Mark{stream, stream->enqueued}) : INVALID_HANDLE;
 }
 
 CUresult cuStreamWaitEvent(CUstream handle, CUevent event, unsigned) {
@@ -162,14 +162,14 @@ CUresult cuStreamWaitEvent(CUstream handle, CUevent event, unsigned) {
     auto stream = c.device->stream(handle);
     Event *e = c.device->event(event);
     if (!stream || !e) return INVALID_HANDLE;
-    return e->mark ? ask(stream, {nullptr, e->mark}) : SUCCESS;
+    return e->mark ? enqueue(stream, {nullptr, e->mark}) : SUCCESS;
 }
 
 CUresult cuLaunchHostFunc(CUstream handle, void (*call)(void *), void *data) {
     Current c;
     if (c.error) return c.error;
     auto stream = c.device->stream(handle);
-    return stream ? ask(stream, {[=] { call(data); return CUresult(SUCCESS); }, nullptr}) : INVALID_HANDLE;
+    return stream ? enqueue(stream, {[=] { call(data); return CUresult(SUCCESS); }, nullptr}) : INVALID_HANDLE;
 }
 
 CUresult cuEventCreate(CUevent *handle, unsigned flags) {
@@ -195,9 +195,9 @@ CUresult cuEventRecord(CUevent handle, CUstream stream_handle) {
     auto stream = c.device->stream(stream_handle);
     Event *event = c.device->event(handle);
     if (!stream || !event) return INVALID_HANDLE;
-    auto mark = std::make_shared<Mark>(Mark{stream, stream->asked + 1});
+    auto mark = std::make_shared<Mark>(Mark{stream, stream->enqueued + 1});
     event->mark = mark;
-    return ask(stream, {[=] { mark->ms = now_ms(); return CUresult(SUCCESS); }, nullptr});
+    return enqueue(stream, {[=] { mark->ms = now_ms(); return CUresult(SUCCESS); }, nullptr});
 }
 
 CUresult cuEventSynchronize(CUevent handle) {

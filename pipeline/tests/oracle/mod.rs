@@ -1,5 +1,5 @@
-//! The model as slow, obvious f64 sums written from the equations: what every engine answers to.
-//! Conventions as in `pipeline::geometry`; grids hold their kernels as f64.
+//! Reference implementation: the model as direct f64 sums of its equations, with which every engine is compared.
+//! Conventions as in `pipeline::geometry`.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
@@ -9,7 +9,7 @@ use libtest_mimic::{Arguments, Trial};
 use std::f64::consts::TAU;
 use std::process::ExitCode;
 
-/// f64 image.
+/// An image of f64 values, row-major.
 #[derive(Clone, Debug)]
 pub struct Image {
     pub size: Size,
@@ -27,7 +27,7 @@ impl Image {
     }
 }
 
-/// A small generator of repeatable noise (xorshift64*).
+/// Pseudo-random numbers (xorshift64*).
 pub struct Noise(pub u64);
 
 impl Noise {
@@ -68,7 +68,7 @@ fn fetch(img: &Image, y: i64, x: i64, outside: Outside) -> f64 {
     }
 }
 
-/// Keys' cubic kernel with a = −1/2 (Catmull-Rom) or the triangle.
+/// Interpolation weight at distance `d`: Keys' cubic with a = −1/2 (Catmull-Rom), or linear.
 fn tap(d: f64, cubic: bool) -> f64 {
     let d = d.abs();
     match (cubic, d) {
@@ -92,7 +92,7 @@ fn sample(img: &Image, y: f64, x: f64, cubic: bool, outside: Outside) -> f64 {
     sum
 }
 
-/// Mean of the image, taken as constant squares, over a box centred on (y, x).
+/// Mean of the image over a box centred on (y, x); each pixel is a constant square.
 fn box_mean(img: &Image, y: f64, x: f64, by: f64, bx: f64, outside: Outside) -> f64 {
     let overlap = |i: i64, centre: f64, b: f64| {
         ((i as f64 + 0.5).min(centre + b / 2.0) - (i as f64 - 0.5).max(centre - b / 2.0)).max(0.0)
@@ -117,7 +117,7 @@ fn lookup(at: f64, xs: &[f64], ys: &[f64]) -> f64 {
     ys[i - 1] + u * (ys[i] - ys[i - 1])
 }
 
-/// Field tables: ideal height, real height, relative illumination.
+/// Field tables: ideal height, real image height, relative illumination.
 pub struct Tables<'a> {
     pub ideal: &'a [f64],
     pub real: &'a [f64],
@@ -150,8 +150,8 @@ pub fn remap(
     })
 }
 
-/// A lens whose field points land at `real` mm, the last at r₁: h = r·(paraxial + bend·(r/r₁)²), R = 1 − 0.4·(r/r₁)², one
-/// sample of PSF.
+/// A lens with field points of real image height `real` mm, the last r₁: h = r·(paraxial + bend·(r/r₁)²), R = 1 − 0.4·(r/r₁)², a PSF
+/// of one sample.
 pub fn lens_band(real: Vec<f64>, paraxial: f64, bend: f64) -> LensBand {
     let last = real[real.len() - 1];
     LensBand {
@@ -177,20 +177,20 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// `base[k]` at J = 4 azimuths each (1 on the axis): exact quarter turns, +x to +y (down).
+    /// `base[k]` at J = 4 azimuths each (1 on the axis), rotated by exact quarter turns from +x to +y (down).
     pub fn quarter_turns(n: usize, heights_mm: &[f64], base: &[Vec<f64>]) -> Self {
-        let turned = |b: &[f64], j: usize| -> Vec<f64> {
+        let rotated = |b: &[f64], j: usize| -> Vec<f64> {
             let mut k = b.to_vec();
             for _ in 0..j {
                 k = (0..n * n).map(|i| k[(n - 1 - i % n) * n + i / n]).collect();
             }
             k
         };
-        let ring = |k: usize| (0..if k == 0 { 1 } else { 4 }).map(|j| turned(&base[k], j)).collect();
+        let ring = |k: usize| (0..if k == 0 { 1 } else { 4 }).map(|j| rotated(&base[k], j)).collect();
         Self { n, heights_mm: heights_mm.to_vec(), kernels: (0..base.len()).map(ring).collect() }
     }
 
-    /// The PSF at a pixel: up to four kernels with their weights.
+    /// The nodes (k, j) of a pixel with their weights: up to four are not 0.
     pub fn weights(&self, dy_mm: f64, dx_mm: f64) -> Vec<(usize, usize, f64)> {
         let r = dy_mm.hypot(dx_mm);
         let theta = dy_mm.atan2(dx_mm).rem_euclid(TAU);
@@ -210,8 +210,7 @@ impl Grid {
     }
 }
 
-/// Stage 3: every pixel of `remap` (whose first pixel is `origin` on the film) scatters its PSF; the result is the film
-/// rectangle `film`.
+/// Stage 3: the film rectangle `film`, the sum of the PSFs of all pixels of `remap`, whose first pixel is `origin` on the film.
 pub fn svpsf(remap: &Image, origin: (i64, i64), frame: &Frame, grid: &Grid, film: Rect) -> Image {
     let (n, c) = (grid.n as i64, grid.n as i64 / 2);
     let mut out = Image::new(film.size(), |_, _| 0.0);
@@ -246,12 +245,12 @@ pub fn svpsf(remap: &Image, origin: (i64, i64), frame: &Frame, grid: &Grid, film
     out
 }
 
-/// (largest |difference| over the peak of `want`, relative L2).
-pub fn errors(got: &[f32], want: &[f64]) -> (f64, f64) {
-    assert_eq!(got.len(), want.len());
-    let peak = want.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+/// (maximum |difference| relative to the peak of `expected`, relative L2).
+pub fn errors(got: &[f32], expected: &[f64]) -> (f64, f64) {
+    assert_eq!(got.len(), expected.len());
+    let peak = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let (mut worst, mut d2, mut w2) = (0.0f64, 0.0, 0.0);
-    for (g, w) in got.iter().zip(want) {
+    for (g, w) in got.iter().zip(expected) {
         let d = (f64::from(*g) - w).abs();
         assert!(d.is_finite(), "NaN or infinity in the film");
         worst = worst.max(d);
@@ -261,16 +260,16 @@ pub fn errors(got: &[f32], want: &[f64]) -> (f64, f64) {
     (worst / peak, (d2 / w2).sqrt())
 }
 
-/// A test of one instruction set.
+/// A check of one instruction set.
 pub type Check = fn(Simd);
 
-/// Runs every check on every instruction set, those that the machine lacks being ignored.
+/// Runs every check on every instruction set; sets that the machine lacks are reported as ignored.
 pub fn on_every_isa(checks: &[(&'static str, Check)]) -> ExitCode {
     let mut trials = Vec::new();
     for isa in Isa::ALL {
         for &(name, check) in checks {
             let run = move || {
-                check(Simd::of(isa)?);
+                check(Simd::require(isa)?);
                 Ok(())
             };
             let trial = Trial::test(format!("{}::{name}", isa.name()), run);

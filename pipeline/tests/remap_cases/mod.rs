@@ -1,4 +1,4 @@
-//! What stages 1-2 must do on any engine: any scale, surround, interpolation, axis, centre, table, against the f64 map.
+//! Checks of stages 1-2 for every engine: any scale, surround, interpolation, axis, centre and table, compared with the f64 map.
 
 use crate::oracle::{self, Image, Noise, Tables, errors};
 use lenscube_pipeline::field::Outside;
@@ -8,13 +8,13 @@ use lenscube_pipeline::lens::LensBand;
 use lenscube_pipeline::remap::{Reading, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
 
-/// What computes the remap.
+/// An implementation of stages 1-2.
 pub trait Engine {
-    /// The remap on `rect`, made as `job` says from `chart`.
+    /// The remapped pixels of `rect` for `job` and `chart`.
     fn remap(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32>;
 }
 
-/// One band's stages 1-2.
+/// Parameters of one band's stages 1-2.
 pub struct Job<'a> {
     pub frame: &'a Frame,
     pub lens: &'a LensBand,
@@ -27,14 +27,17 @@ pub type Check = fn(&dyn Engine);
 
 /// All of it.
 pub const CHECKS: [(&str, Check); 8] = [
-    ("coordinates_are_those_of_the_exact_map", coordinates_are_those_of_the_exact_map),
-    ("remap_equals_the_map", remap_equals_the_map),
-    ("noise_far_from_the_axis_keeps_its_edges", noise_far_from_the_axis_keeps_its_edges),
-    ("a_wild_lens_is_followed", a_wild_lens_is_followed),
-    ("a_uniform_chart_gives_exactly_r", a_uniform_chart_gives_exactly_r),
-    ("an_identity_lens_returns_the_chart_bit_for_bit", an_identity_lens_returns_the_chart_bit_for_bit),
-    ("pixels_do_not_depend_on_the_cut", pixels_do_not_depend_on_the_cut),
-    ("beyond_the_tables_the_last_values_go_on", beyond_the_tables_the_last_values_go_on),
+    ("coordinates_equal_the_exact_map", coordinates_equal_the_exact_map),
+    ("remap_equals_the_f64_model", remap_equals_the_f64_model),
+    (
+        "white_noise_far_from_the_axis_equals_the_f64_model",
+        white_noise_far_from_the_axis_equals_the_f64_model,
+    ),
+    ("strongly_bent_map_equals_the_f64_model", strongly_bent_map_equals_the_f64_model),
+    ("uniform_chart_gives_the_relative_illumination", uniform_chart_gives_the_relative_illumination),
+    ("identity_lens_returns_the_chart_bit_for_bit", identity_lens_returns_the_chart_bit_for_bit),
+    ("pixels_do_not_depend_on_the_tiles", pixels_do_not_depend_on_the_tiles),
+    ("last_table_values_apply_beyond_the_tables", last_table_values_apply_beyond_the_tables),
 ];
 
 pub struct Chart(pub Image);
@@ -60,7 +63,7 @@ pub fn noise_chart(noise: &mut Noise, size: Size) -> Chart {
     Chart(Image { size, data })
 }
 
-/// Tables of `points` uneven field points up to `last_mm`, a few per cent of distortion either way.
+/// Tables of `points` unevenly spaced field points up to `last_mm`, with a few per cent of barrel or pincushion distortion.
 pub fn band(noise: &mut Noise, points: usize, last_mm: f64) -> LensBand {
     let steps: Vec<f64> = (0..points - 1).map(|_| noise.between(0.3, 1.0)).collect();
     let sum: f64 = steps.iter().sum();
@@ -73,7 +76,7 @@ pub fn band(noise: &mut Noise, points: usize, last_mm: f64) -> LensBand {
     oracle::lens_band(real, 1.01, noise.between(-0.05, 0.05))
 }
 
-fn remap_equals_the_map(engine: &dyn Engine) {
+fn remap_equals_the_f64_model(engine: &dyn Engine) {
     let mut noise = Noise(3);
     for case in 0..60 {
         let film = Size::new(1 + noise.below(90), 1 + noise.below(700));
@@ -108,12 +111,12 @@ fn remap_equals_the_map(engine: &dyn Engine) {
                 let reading = Reading { interp, surround, outside: Outside::Error };
                 let job = Job { frame: &frame, lens: &lens, stages: ALL, reading, gain: 1.0 };
                 let got = engine.remap(&job, &chart, rect);
-                let want = oracle::remap(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
-                if want.data.iter().all(|v| *v == 0.0) {
+                let expected = oracle::remap(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
+                if expected.data.iter().all(|v| *v == 0.0) {
                     assert!(got.iter().all(|v| *v == 0.0));
                     continue;
                 }
-                let (worst, l2) = errors(&got, &want.data);
+                let (worst, l2) = errors(&got, &expected.data);
                 assert!(
                     worst <= 2e-6 && l2 <= 1e-6,
                     "case {case}, film {film}, chart {}, scale {scale:?}, {surround:?}, {interp:?}: max {worst:.1e}, L2 {l2:.1e}",
@@ -124,7 +127,7 @@ fn remap_equals_the_map(engine: &dyn Engine) {
     }
 }
 
-fn a_uniform_chart_gives_exactly_r(engine: &dyn Engine) {
+fn uniform_chart_gives_the_relative_illumination(engine: &dyn Engine) {
     let mut noise = Noise(5);
     let film = Size::new(141, 211);
     let frame = Frame::centred(film, film, 20.0);
@@ -135,13 +138,13 @@ fn a_uniform_chart_gives_exactly_r(engine: &dyn Engine) {
     let got = engine.remap(&job, &chart, film.rect());
     let t =
         Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
-    let want = oracle::remap(&chart.0, &frame, &t, film.rect(), true, oracle::Outside::Edge);
-    // R is at most 1, so that a share of the peak is a difference.
-    let (worst, _) = errors(&got, &want.data);
+    let expected = oracle::remap(&chart.0, &frame, &t, film.rect(), true, oracle::Outside::Edge);
+    // R is at most 1: an error relative to the peak is at least the difference.
+    let (worst, _) = errors(&got, &expected.data);
     assert!(worst <= 5e-7, "departs from R by {worst:.1e}");
 }
 
-fn an_identity_lens_returns_the_chart_bit_for_bit(engine: &dyn Engine) {
+fn identity_lens_returns_the_chart_bit_for_bit(engine: &dyn Engine) {
     let mut noise = Noise(9);
     for film in [Size::new(1, 1), Size::new(64, 65), Size::new(133, 517)] {
         let frame = Frame::centred(film, film, 1.7);
@@ -157,7 +160,7 @@ fn an_identity_lens_returns_the_chart_bit_for_bit(engine: &dyn Engine) {
     }
 }
 
-fn pixels_do_not_depend_on_the_cut(engine: &dyn Engine) {
+fn pixels_do_not_depend_on_the_tiles(engine: &dyn Engine) {
     let mut noise = Noise(13);
     let film = Size::new(200, 700);
     for scale in [(1.0, 1.0), (0.37, 0.6)] {
@@ -167,18 +170,18 @@ fn pixels_do_not_depend_on_the_cut(engine: &dyn Engine) {
         let reading =
             Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
         let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
-        let whole = engine.remap(&job, &chart, film.rect());
+        let full = engine.remap(&job, &chart, film.rect());
         for part in film.rect().tiles(37, 129) {
             let got = engine.remap(&job, &chart, part);
             for (i, v) in got.iter().enumerate() {
                 let (y, x) = (part.y as usize + i / part.width, part.x as usize + i % part.width);
-                assert_eq!(v.to_bits(), whole[y * film.width + x].to_bits());
+                assert_eq!(v.to_bits(), full[y * film.width + x].to_bits());
             }
         }
     }
 }
 
-fn beyond_the_tables_the_last_values_go_on(engine: &dyn Engine) {
+fn last_table_values_apply_beyond_the_tables(engine: &dyn Engine) {
     let mut noise = Noise(1);
     let film = Size::new(100, 100);
     let frame = Frame::centred(film, film, 2.0);
@@ -190,7 +193,7 @@ fn beyond_the_tables_the_last_values_go_on(engine: &dyn Engine) {
     assert!((f64::from(got[0]) - band.relative_illumination[19]).abs() < 1e-6);
 }
 
-/// Chart columns (or rows) themselves, from `zero` on: their interpolation is the coordinate.
+/// A chart of column (or row) numbers minus `zero`: its interpolation is the coordinate.
 struct Ramp {
     size: Size,
     zero: i64,
@@ -211,8 +214,8 @@ impl ChartSource for Ramp {
     }
 }
 
-/// Anywhere on the paper's film, with any lens: within 1e-5 px (asked: 1e-4), of which the ramp's own f32 sums take most.
-fn coordinates_are_those_of_the_exact_map(engine: &dyn Engine) {
+/// Anywhere on a film of 14,141² px, for any lens: within 1e-5 px (required: 1e-4), mostly errors of the ramp's f32 sums.
+fn coordinates_equal_the_exact_map(engine: &dyn Engine) {
     let mut noise = Noise(17);
     let (film, chart) = (Size::new(14_141, 14_141), Size::new(40_000, 40_000));
     for case in 0..400 {
@@ -224,7 +227,7 @@ fn coordinates_are_those_of_the_exact_map(engine: &dyn Engine) {
         }
         let rect = Rect::new(noise.below(14_100) as i64, noise.below(14_080) as i64, 9, 50);
         let last = frame.farthest_mm(film.rect()) + 1e-9;
-        // As dense as lens packs are, and coarser and denser.
+        // As dense as lens packs, coarser and denser.
         let points = [100, 1000, 8000][case % 3];
         let lens = match case % 4 {
             0 => band(&mut noise, points, last),
@@ -263,8 +266,8 @@ fn coordinates_are_those_of_the_exact_map(engine: &dyn Engine) {
     }
 }
 
-/// White noise, as sharp as a chart can be, anywhere on the paper's film, under lenses smooth and with many knots.
-fn noise_far_from_the_axis_keeps_its_edges(engine: &dyn Engine) {
+/// White noise, the sharpest chart, anywhere on a film of 14,141² px, for tables with few and many knots.
+fn white_noise_far_from_the_axis_equals_the_f64_model(engine: &dyn Engine) {
     let mut noise = Noise(33);
     let film = Size::new(14_141, 14_141);
     let chart = noise_chart(&mut noise, Size::new(160, 330));
@@ -281,7 +284,7 @@ fn noise_far_from_the_axis_keeps_its_edges(engine: &dyn Engine) {
             real: &lens.image_height_mm,
             ri: &lens.relative_illumination,
         };
-        // The chart lies where the rectangle's middle shows.
+        // The chart is centred on the field point of the rectangle's middle.
         let (dy, dx) = (rect.y as f64 + 35.0 - frame.axis_px.0, rect.x as f64 + 85.0 - frame.axis_px.1);
         let r = dy.hypot(dx) * frame.pitch_mm();
         let k = lens.image_height_mm.partition_point(|&x| x <= r).clamp(1, points - 1);
@@ -291,14 +294,14 @@ fn noise_far_from_the_axis_keeps_its_edges(engine: &dyn Engine) {
             Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
         let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
         let got = engine.remap(&job, &chart, rect);
-        let want = oracle::remap(&chart.0, &frame, &t, rect, true, oracle::Outside::Mirror);
-        let (worst, l2) = errors(&got, &want.data);
+        let expected = oracle::remap(&chart.0, &frame, &t, rect, true, oracle::Outside::Mirror);
+        let (worst, l2) = errors(&got, &expected.data);
         assert!(worst <= 2e-6 && l2 <= 1e-6, "case {case}, {rect}: max {worst:.1e}, L2 {l2:.1e}");
     }
 }
 
-/// A lens that turns the map over within a few pixels: cells far apart, rows that jump, steps shorter than a pixel.
-fn a_wild_lens_is_followed(engine: &dyn Engine) {
+/// A lens whose map folds within a few pixels: distant chart cells for neighbouring pixels, table steps shorter than a pixel.
+fn strongly_bent_map_equals_the_f64_model(engine: &dyn Engine) {
     let mut noise = Noise(21);
     let (film, chart) = (Size::new(90, 301), Size::new(120, 260));
     let frame = Frame::centred(film, chart, 2.0);
@@ -313,7 +316,7 @@ fn a_wild_lens_is_followed(engine: &dyn Engine) {
         let reading = Reading { interp, surround: Surround::Mirror, outside: Outside::Error };
         let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
         let got = engine.remap(&job, &chart, film.rect());
-        let want = oracle::remap(
+        let expected = oracle::remap(
             &chart.0,
             &frame,
             &t,
@@ -321,11 +324,11 @@ fn a_wild_lens_is_followed(engine: &dyn Engine) {
             interp == Interp::Bicubic,
             oracle::Outside::Mirror,
         );
-        let (worst, _) = errors(&got, &want.data);
+        let (worst, _) = errors(&got, &expected.data);
         assert!(worst <= 2e-6, "{interp:?}: max {worst:.1e}");
         for part in film.rect().tiles(13, 37) {
-            let cut = engine.remap(&job, &chart, part);
-            for (i, v) in cut.iter().enumerate() {
+            let tiled = engine.remap(&job, &chart, part);
+            for (i, v) in tiled.iter().enumerate() {
                 let (y, x) = (part.y as usize + i / part.width, part.x as usize + i % part.width);
                 assert_eq!(v.to_bits(), got[y * film.width + x].to_bits());
             }

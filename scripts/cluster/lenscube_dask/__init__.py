@@ -1,12 +1,12 @@
-"""Does the units of a lenscube plan with Dask: one unit a task, one process of lenscube a unit.
+"""Executes the units of a lenscube plan with Dask: one task per unit, one process of lenscube per task.
 
-What is right does not depend on anything here: units are idempotent, any two may run at the same time, and a shard is
-absent or complete. So the driver only has to keep every worker busy and to ask for what is missing:
+Correctness does not depend on this package: units are idempotent, any two may run concurrently, and a shard is absent or
+complete. The driver only keeps all workers busy and submits the missing units:
 
-    main      flags, start and end
-    plan      the plan and unit lists; what is missing, asked of lenscube itself
-    clusters  the workers: those of a scheduler, or of this machine, Slurm, Kubernetes
-    drive     units in flight, retries, lost workers, the end
-    worker    runs on the workers, sent there by value: they need Dask and lenscube, not this package
-    progress  what is shown meanwhile
+    main      command line, setup and exit codes
+    plan      the plan and unit lists; the missing units as reported by lenscube
+    clusters  the workers: of an existing scheduler, of this machine, Slurm or Kubernetes
+    drive     units in flight, retries, lost workers
+    worker    code for the workers, sent there by value: they need Dask and lenscube, not this package
+    progress  progress display and log
 """

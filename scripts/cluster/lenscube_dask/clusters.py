@@ -1,8 +1,8 @@
-"""Where the workers are: at a scheduler that runs already, or made for this drive and ended with it.
+"""The Dask cluster: that of an existing scheduler, or one that is created for this job and closed with it.
 
-Each worker of a cluster made here has one thread: one unit at a time, with all the worker's cores. Two settings of Dask are
-changed, unless the user's own configuration has them: a worker that is silent for 30 s is given up (300 s by default), and a
-unit may lose its worker ten times before Dask asks the driver (3 by default).
+Each worker of a cluster created here has one thread: one unit at a time, with all cores of the worker. Two settings of Dask are
+changed unless the user's configuration sets them: a worker that is silent for 30 s is considered lost (default 300 s), and a
+unit may lose its worker ten times before Dask reports an error (default 3).
 """
 
 import argparse
@@ -18,7 +18,7 @@ ALLOWED_FAILURES, ALLOWED_FAILURES_DASK = 10, 3
 
 
 def settings() -> dict[str, Any]:
-    """Dask's settings for schedulers that are made here."""
+    """Dask settings of schedulers created here."""
     found = {}
     if dask.config.get("distributed.scheduler.worker-ttl") == WORKER_TTL_DASK:
         found["distributed.scheduler.worker-ttl"] = WORKER_TTL
@@ -32,16 +32,16 @@ def resources(gpu: bool) -> dict[str, int]:
 
 
 def open_cluster(args: argparse.Namespace) -> tuple[Any, Any]:
-    """What a Client connects to, and what is to be closed at the end (None: not ours)."""
+    """The address or cluster for a Client, and the cluster to be closed at the end (None for an existing scheduler)."""
     if args.scheduler:
         return args.scheduler, None
     with dask.config.set(settings()):
-        made = slurm(args) if args.slurm else kubernetes(args) if args.kubernetes else local(args)
-    return made, made
+        created = slurm(args) if args.slurm else kubernetes(args) if args.kubernetes else local(args)
+    return created, created
 
 
 def local(args: argparse.Namespace) -> Any:
-    """Workers on this machine; with --gpu one a GPU, which it alone sees."""
+    """Workers on this machine; with --gpu one per GPU, with only that GPU visible."""
     from distributed import Nanny, Scheduler, SpecCluster
 
     def spec(number: int) -> dict:
@@ -54,7 +54,7 @@ def local(args: argparse.Namespace) -> Any:
 
 
 def slurm(args: argparse.Namespace) -> Any:
-    """One worker a Slurm job; jobs that end early are replaced."""
+    """One worker per Slurm job; jobs that end early are replaced."""
     try:
         from dask_jobqueue import SLURMCluster
     except ImportError as e:
@@ -91,7 +91,7 @@ def kubernetes(args: argparse.Namespace) -> Any:
 
 
 def kubernetes_spec(args: argparse.Namespace) -> dict:
-    """The DaskCluster resource: one worker a pod, with all the pod's cores, and a GPU where asked."""
+    """The DaskCluster resource: one worker per pod, with all its cores, and a GPU with --gpu."""
     from dask_kubernetes.operator import make_cluster_spec
 
     if not args.image:
@@ -112,5 +112,5 @@ def kubernetes_spec(args: argparse.Namespace) -> dict:
 
 
 def kubernetes_bytes(memory: str) -> str:
-    """`8GiB` as Kubernetes writes it: `8Gi`."""
+    """`8GiB` in the notation of Kubernetes: `8Gi`."""
     return memory.removesuffix("B")

@@ -1,4 +1,4 @@
-"""The plan: its units, and which of them are missing (which only lenscube can tell: it looks at the film)."""
+"""The plan: its units, and the missing ones as reported by `lenscube status`."""
 
 import json
 import subprocess
@@ -7,20 +7,20 @@ from pathlib import Path
 
 
 class Failure(Exception):
-    """What the driver ends with: words for the user and an exit code (those of lenscube)."""
+    """Error of the driver: a message and an exit code (those of lenscube)."""
 
-    def __init__(self, words: str, code: int = 1):
-        super().__init__(words)
+    def __init__(self, message: str, code: int = 1):
+        super().__init__(message)
         self.code = code
 
 
-def parse_units(words: str) -> list[int]:
+def parse_units(text: str) -> list[int]:
     """`3,7-9` (ends included) as [3, 7, 8, 9]."""
     units: list[int] = []
-    for part in filter(None, (p.strip() for p in words.split(","))):
+    for part in filter(None, (p.strip() for p in text.split(","))):
         first, _, last = part.partition("-")
         if not first.isdigit() or (last and not last.isdigit()) or part.endswith("-"):
-            raise ValueError(f"a list of units is written 3,7-9; found {part!r}")
+            raise ValueError(f"a list of units must have the form 3,7-9; found {part!r}")
         units += range(int(first), int(last or first) + 1)
     return units
 
@@ -38,7 +38,7 @@ def format_units(units: list[int]) -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """A plan as read from its file. `text` goes to the workers: they need not see that file."""
+    """A plan read from its file. `text` is sent to the workers, which need no access to the file."""
 
     path: Path
     text: str
@@ -55,16 +55,16 @@ class Plan:
         except OSError as e:
             raise Failure(f"reading the plan {path}: {e.strerror}", 2) from e
         except (ValueError, KeyError, TypeError) as e:
-            raise Failure(f"{path} is no plan (make one with `lenscube plan CHART FILM -o {path}`): {e!r}", 2) from e
+            raise Failure(f"{path} is not a plan (make one with `lenscube plan CHART FILM -o {path}`): {e!r}", 2) from e
         return cls(path, text, digest, film, tiles)
 
     def missing(self, lenscube: str, paths: list[str]) -> list[int]:
-        """The units that are not complete; `paths`: chart and film where the plan's are not those of this machine."""
+        """The units that are not complete; `paths`: chart and film on this machine, if not those of the plan."""
         command = [lenscube, "status", *paths[1:], "--plan", str(self.path), "--missing"]
         try:
-            asked = subprocess.run(command, capture_output=True, text=True)
+            process = subprocess.run(command, capture_output=True, text=True)
         except OSError as e:
-            raise Failure(f"starting {lenscube}: {e.strerror} (--lenscube names the program)", 2) from e
-        if asked.returncode:
-            raise Failure(f"{' '.join(command)}: exit code {asked.returncode}\n{asked.stderr.strip()}", asked.returncode)
-        return parse_units(asked.stdout)
+            raise Failure(f"starting {lenscube}: {e.strerror} (give its path by --lenscube)", 2) from e
+        if process.returncode:
+            raise Failure(f"{' '.join(command)}: exit code {process.returncode}\n{process.stderr.strip()}", process.returncode)
+        return parse_units(process.stdout)

@@ -1,4 +1,4 @@
-"""Plans of the stand-in for lenscube."""
+"""Fixtures: plans for fake_lenscube.py."""
 
 import json
 import sys
@@ -11,15 +11,15 @@ FAKE = str(Path(__file__).with_name("fake_lenscube.py"))
 
 
 class Job:
-    """A plan of `units` units in a folder, and what the stand-in did of it."""
+    """A plan of `units` units in a folder, and the record of their execution."""
 
     def __init__(self, place: Path, units: int, fake: dict | None = None):
         self.film, self.plan = place / "film", place / "job.json"
         (self.film / "done").mkdir(parents=True)
         command = {"chart": "gen:none", "film": str(self.film), "flags": []}
-        made = {"digest": "0123456789abcdef" * 4, "command": command, "fake": fake or {}}
-        made["units"] = [{"unit": n, "tiles": 10} for n in range(units)]
-        self.plan.write_text(json.dumps(made))
+        plan = {"digest": "0123456789abcdef" * 4, "command": command, "fake": fake or {}}
+        plan["units"] = [{"unit": n, "tiles": 10} for n in range(units)]
+        self.plan.write_text(json.dumps(plan))
 
     def tries(self, unit: int) -> int:
         path = self.film / "tries"

@@ -1,18 +1,18 @@
 #!/usr/bin/env -S python3 -SE
-"""Stands in for lenscube: the same command line, exit codes and events; a unit is a file in the film's folder `done`.
+"""Fake of lenscube with the same command line, exit codes and events; a complete unit is a file in the film's folder `done`.
 
-The plan's `fake` says what goes wrong: {"7": {"code": 75, "times": 2}} fails unit 7 twice, {"5": {"seconds": 3}} makes it long.
+`fake` in the plan sets failures: {"7": {"code": 75, "times": 2}} fails unit 7 twice, {"5": {"seconds": 3}} lengthens unit 5.
 """
 import ctypes, json, os, signal, sys, time
 
-READ = {"--plan", "--unit", "--progress", "--threads"}
+WITH_VALUE = {"--plan", "--unit", "--progress", "--threads"}
 
 
-def arguments(words):
+def arguments(argv):
     found, i = {}, 0
-    while i < len(words):
-        found[words[i]] = words[i + 1] if words[i] in READ else True
-        i += 2 if words[i] in READ else 1
+    while i < len(argv):
+        found[argv[i]] = argv[i + 1] if argv[i] in WITH_VALUE else True
+        i += 2 if argv[i] in WITH_VALUE else 1
     return found
 
 
@@ -26,37 +26,37 @@ def ranges(units):
     return ",".join(str(a) if a == b else f"{a}-{b}" for a, b in out)
 
 
-def tell(event, **more):
+def send_event(event, **more):
     print(json.dumps({"event": event, **more}), flush=True)
 
 
 def run(plan, film, unit, die):
     if die:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
-    what = plan.get("fake", {}).get(str(unit), {})
-    tell("start", pid=os.getpid())
+    behaviour = plan.get("fake", {}).get(str(unit), {})
+    send_event("start", pid=os.getpid())
     with open(f"{film}/tries", "a") as tries:
         tries.write(f"{unit}\n")
     stopped = []
     signal.signal(signal.SIGTERM, lambda *_: stopped.append(1))
-    end = time.monotonic() + what.get("seconds", 0)
+    end = time.monotonic() + behaviour.get("seconds", 0)
     while time.monotonic() < end and not stopped:
         time.sleep(0.02)
     if stopped:
-        tell("error", code=130, retry=True, message="interrupted")
+        send_event("error", code=130, retry=True, message="interrupted")
         return 130
     tried = open(f"{film}/tries").read().split().count(str(unit))
-    if what.get("code") and tried <= what.get("times", 1 << 30):
-        if what["code"] < 0:
-            os.kill(os.getpid(), -what["code"])
-        if what["code"] != 2:
-            tell("error", code=what["code"], retry=what["code"] == 75, message=what.get("message", "as asked"))
+    if behaviour.get("code") and tried <= behaviour.get("times", 1 << 30):
+        if behaviour["code"] < 0:
+            os.kill(os.getpid(), -behaviour["code"])
+        if behaviour["code"] != 2:
+            send_event("error", code=behaviour["code"], retry=behaviour["code"] == 75, message=behaviour.get("message", "as configured"))
         else:
-            print("words of the parser", file=sys.stderr)
-        return what["code"]
-    tell("progress", tiles=10, pixels=1000)
+            print("usage error", file=sys.stderr)
+        return behaviour["code"]
+    send_event("progress", tiles=10, pixels=1000)
     open(f"{film}/done/{unit}", "w").close()
-    tell("done", code=0, tiles=10, pixels=1000, shards=1, wall_s=0.1)
+    send_event("done", code=0, tiles=10, pixels=1000, shards=1, wall_s=0.1)
     return 0
 
 

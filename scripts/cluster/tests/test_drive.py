@@ -1,4 +1,4 @@
-"""The driver with real workers of Dask on this machine and a stand-in for lenscube."""
+"""The driver with real Dask workers on this machine and fake_lenscube.py."""
 
 import json
 import os
@@ -18,144 +18,144 @@ PACKAGE = str(Path(__file__).parent.parent)
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Two workers that never saw this package: what they need comes to them."""
-    with LocalCluster(2, threads_per_worker=1, dashboard_address=":0", resources={"GPU": 1}) as made:
-        yield made
+    """Two workers without this package: the driver sends them its code."""
+    with LocalCluster(2, threads_per_worker=1, dashboard_address=":0", resources={"GPU": 1}) as cluster:
+        yield cluster
 
 
-def driver(job, fake, *words, **more):
-    """The driver as a user starts it."""
-    argv = [sys.executable, "-m", "lenscube_dask.main", str(job.plan), "--lenscube", fake, "--retry-pause", "0.1", *words]
+def driver(job, fake, *arguments, **options):
+    """The driver as a separate process."""
+    argv = [sys.executable, "-m", "lenscube_dask.main", str(job.plan), "--lenscube", fake, "--retry-pause", "0.1", *arguments]
     env = dict(os.environ, PYTHONPATH=f"{PACKAGE}:{os.environ.get('PYTHONPATH', '')}")
-    return subprocess.Popen(argv, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
+    return subprocess.Popen(argv, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
 @pytest.fixture
 def drive(fake, cluster, monkeypatch, capsys):
-    """The driver in this process, which has imported Dask already: exit code and words."""
+    """The driver in this process, which has imported Dask already: exit code and stderr."""
 
-    def call(job, *words):
+    def call(job, *arguments):
         argv = ["lenscube-dask", str(job.plan), "--scheduler", cluster.scheduler_address, "--lenscube", fake]
-        monkeypatch.setattr(sys, "argv", [*argv, "--retry-pause", "0.1", *words])
+        monkeypatch.setattr(sys, "argv", [*argv, "--retry-pause", "0.1", *arguments])
         code = main.main()
         return code, capsys.readouterr().err
 
     return call
 
 
-def until(true, seconds=60):
+def wait_until(condition, seconds=60):
     end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end, "waited in vain"
+    while not condition():
+        assert time.monotonic() < end, "timeout"
         time.sleep(0.05)
 
 
-def test_every_unit_is_done_once(job, drive):
+def test_every_unit_is_executed_once(job, drive):
     job = job(12)
-    code, told = drive(job)
-    assert (code, job.done()) == (0, 12), told
+    code, stderr = drive(job)
+    assert (code, job.done()) == (0, 12), stderr
     assert [job.tries(n) for n in range(12)] == [1] * 12
-    assert "complete, 12 units" in told
+    assert "complete, 12 units" in stderr
 
 
-def test_only_what_is_missing_is_done(job, drive, tmp_path):
+def test_only_missing_units_are_executed(job, drive, tmp_path):
     job = job(6)
     for unit in (0, 1, 4):
         (job.film / "done" / str(unit)).touch()
     log = tmp_path / "log.jsonl"
-    code, told = drive(job, "--log", str(log))
-    assert (code, job.done()) == (0, 6), told
+    code, stderr = drive(job, "--log", str(log))
+    assert (code, job.done()) == (0, 6), stderr
     assert [job.tries(n) for n in range(6)] == [0, 0, 1, 1, 0, 1]
     events = [json.loads(line) for line in log.read_text().splitlines()]
     assert sorted(e["unit"] for e in events if e["event"] == "start") == [2, 3, 5]
-    code, told = drive(job)
-    assert code == 0 and "complete" in told and job.tries(2) == 1
+    code, stderr = drive(job)
+    assert code == 0 and "complete" in stderr and job.tries(2) == 1
 
 
-def test_what_is_worth_a_retry_is_retried(job, drive):
+def test_exit_75_and_kills_are_retried(job, drive):
     job = job(4, {"1": {"code": 75, "times": 2, "message": "store unreachable"}, "2": {"code": -9, "times": 1}})
-    code, told = drive(job)
-    assert (code, job.done(), job.tries(1), job.tries(2)) == (0, 4, 3, 2), told
-    assert "store unreachable" in told and "killed by signal 9" in told
+    code, stderr = drive(job)
+    assert (code, job.done(), job.tries(1), job.tries(2)) == (0, 4, 3, 2), stderr
+    assert "store unreachable" in stderr and "killed by signal 9" in stderr
 
 
-def test_retries_end(job, drive):
+def test_exit_75_after_the_last_retry(job, drive):
     job = job(2, {"1": {"code": 75}})
-    code, told = drive(job, "--retries", "2")
-    assert (code, job.tries(1)) == (75, 3), told
-    assert "go on with" in told
+    code, stderr = drive(job, "--retries", "2")
+    assert (code, job.tries(1)) == (75, 3), stderr
+    assert "resume with" in stderr
 
 
-@pytest.mark.parametrize("wrong, words", [(1, "no such lens"), (2, "words of the parser"), (3, "no such lens")])
-def test_a_failure_for_good_stops_all(job, drive, wrong, words):
-    fakes = {"0": {"code": wrong, "message": "no such lens"}, "1": {"seconds": 60}}
+@pytest.mark.parametrize("exit_code, message", [(1, "no such lens"), (2, "usage error"), (3, "no such lens")])
+def test_permanent_failure_stops_the_driver_with_its_exit_code(job, drive, exit_code, message):
+    fakes = {"0": {"code": exit_code, "message": "no such lens"}, "1": {"seconds": 60}}
     job = job(40, fakes)
     start = time.monotonic()
-    code, told = drive(job)
-    assert code == wrong and words in told and "unit 0 failed" in told, told
+    code, stderr = drive(job)
+    assert code == exit_code and message in stderr and "unit 0 failed" in stderr, stderr
     assert job.tries(0) == 1 and job.done() < 40 and time.monotonic() - start < 40
 
 
-def test_a_program_that_is_not_there_is_told(job, drive):
-    code, told = drive(job(3), "--worker-lenscube", "/none/lenscube")
-    assert code == 1 and "starting /none/lenscube: No such file" in told, told
+def test_missing_program_exits_1_and_names_the_path(job, drive):
+    code, stderr = drive(job(3), "--worker-lenscube", "/none/lenscube")
+    assert code == 1 and "starting /none/lenscube: No such file" in stderr, stderr
 
 
-def test_a_gpu_a_unit(job, drive):
+def test_gpu_resource_of_workers_is_used(job, drive):
     job = job(4)
-    code, told = drive(job, "--gpu")
-    assert (code, job.done()) == (0, 4), told
+    code, stderr = drive(job, "--gpu")
+    assert (code, job.done()) == (0, 4), stderr
 
 
-def test_interrupted_it_ends_its_units_and_says_how_to_go_on(job, fake):
+def test_interrupt_stops_units_exits_130_and_prints_the_command(job, fake):
     job = job(8, {str(n): {"seconds": 120} for n in range(8)})
     run = driver(job, fake, "--local", "2", start_new_session=True)
-    until(lambda: job.tries(0) and job.tries(1))
+    wait_until(lambda: job.tries(0) and job.tries(1))
     os.killpg(run.pid, signal.SIGINT)  # as a terminal sends it
-    _, told = run.communicate(timeout=60)
-    assert run.returncode == 130 and "Go on with: " in told, told
-    assert "Traceback" not in told and "gave no answer" not in told, told
+    _, stderr = run.communicate(timeout=60)
+    assert run.returncode == 130 and "Resume with: " in stderr, stderr
+    assert "Traceback" not in stderr and "did not end within" not in stderr, stderr
     assert not running(job)
 
 
-def test_a_driver_that_is_killed_leaves_nothing_running(job, fake):
+def test_killed_driver_leaves_no_unit_running(job, fake):
     job = job(4, {str(n): {"seconds": 120} for n in range(4)})
     run = driver(job, fake, "--local", "2")
-    until(lambda: job.tries(0) and job.tries(1))
+    wait_until(lambda: job.tries(0) and job.tries(1))
     run.kill()
     run.communicate()
-    until(lambda: not running(job), 30)
+    wait_until(lambda: not running(job), 30)
 
 
 def running(job) -> list[str]:
-    """Stand-ins that still have this job's film open for tries: told by the plan they were given."""
+    """Processes of fake_lenscube.py whose plan is for this job's film."""
     found = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True).stdout.splitlines()
-    mine = [line for line in found if "fake_lenscube.py run" in line]
-    return [line for line in mine if plan_of(line) == str(job.film)]
+    fakes = [line for line in found if "fake_lenscube.py run" in line]
+    return [line for line in fakes if plan_of(line) == str(job.film)]
 
 
 def plan_of(line: str) -> str:
-    words = line.split()
+    arguments = line.split()
     try:
-        return json.loads(Path(words[words.index("--plan") + 1]).read_text())["command"]["film"]
+        return json.loads(Path(arguments[arguments.index("--plan") + 1]).read_text())["command"]["film"]
     except (OSError, ValueError):
-        return "gone with its worker"
+        return "removed with its worker"
 
 
-def test_a_worker_that_is_killed_loses_only_its_unit(job, fake, cluster):
+def test_killed_worker_costs_at_most_one_repeated_unit(job, fake, cluster):
     job = job(12, {str(n): {"seconds": 0.2} for n in range(12)})
     run = driver(job, fake, "--scheduler", cluster.scheduler_address)
-    until(lambda: job.done() >= 4)
+    wait_until(lambda: job.done() >= 4)
     victim = next(iter(cluster.workers.values())).pid
     os.kill(victim, signal.SIGKILL)
-    _, told = run.communicate(timeout=120)
+    _, stderr = run.communicate(timeout=120)
     tries = [job.tries(n) for n in range(12)]
-    assert (run.returncode, job.done()) == (0, 12), told
+    assert (run.returncode, job.done()) == (0, 12), stderr
     assert sum(tries) <= 13, tries
 
 
-def test_many_units_need_little_memory(tmp_path, cluster):
-    """LENSCUBE_DASK_UNITS=10000 for the figure that is kept; a shell script stands in, to start fast."""
+def test_driver_memory_is_below_200_mib(tmp_path, cluster):
+    """LENSCUBE_DASK_UNITS=10000 for a measurement; a shell script replaces lenscube, for a fast start."""
     units = int(os.environ.get("LENSCUBE_DASK_UNITS", "100"))
     from conftest import Job
 
@@ -169,17 +169,17 @@ def test_many_units_need_little_memory(tmp_path, cluster):
     while run.poll() is None:
         peak = max(peak, resident(run.pid) or 0)
         time.sleep(0.1)
-    told = run.communicate()[1]
-    assert (run.returncode, job.done()) == (0, units), told
+    stderr = run.communicate()[1]
+    assert (run.returncode, job.done()) == (0, units), stderr
     print(f"{units} units in {time.monotonic() - start:.1f} s, driver's peak memory {peak >> 10} MiB")
     assert 0 < peak < 200 << 10
 
 
 def resident(pid: int) -> int | None:
-    """KiB."""
+    """Resident memory, KiB."""
     try:
-        words = Path(f"/proc/{pid}/status").read_text().split()
-        return int(words[words.index("VmRSS:") + 1])
+        fields = Path(f"/proc/{pid}/status").read_text().split()
+        return int(fields[fields.index("VmRSS:") + 1])
     except (OSError, ValueError):
         return None
 

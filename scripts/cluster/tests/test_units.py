@@ -1,4 +1,4 @@
-"""Unit lists, plans, words and numbers of the display, specifications of clusters: nothing is started."""
+"""Unit lists, plans, progress lines and cluster specifications, without any process."""
 
 import io
 
@@ -9,39 +9,39 @@ from lenscube_dask.plan import Failure, Plan, format_units, parse_units
 from lenscube_dask.progress import Display, clock
 
 
-@pytest.mark.parametrize("words, units", [("3,7-9\n", [3, 7, 8, 9]), ("", []), ("\n", []), ("0-0,2", [0, 2])])
-def test_unit_lists_are_read(words, units):
-    assert parse_units(words.strip()) == units
+@pytest.mark.parametrize("text, units", [("3,7-9\n", [3, 7, 8, 9]), ("", []), ("\n", []), ("0-0,2", [0, 2])])
+def test_unit_lists_are_parsed(text, units):
+    assert parse_units(text.strip()) == units
 
 
-@pytest.mark.parametrize("words", ["3-", "a", "-3", "3--4", "0x1"])
-def test_what_is_no_unit_list_is_refused(words):
+@pytest.mark.parametrize("text", ["3-", "a", "-3", "3--4", "0x1"])
+def test_invalid_unit_list_is_an_error(text):
     with pytest.raises(ValueError, match="3,7-9"):
-        parse_units(words)
+        parse_units(text)
 
 
-def test_unit_lists_are_written_as_they_are_read():
+def test_formatted_unit_lists_parse_to_the_same_units():
     for units in ([], [5], [0, 1, 2], [9, 7, 8, 3]):
         assert parse_units(format_units(units)) == sorted(units)
     assert format_units([9, 7, 8, 3]) == "3,7-9"
 
 
-def test_a_plan_that_is_none_is_told(tmp_path):
+def test_invalid_or_missing_plan_exits_2(tmp_path):
     (tmp_path / "other.json").write_text('{"a": 1}')
-    with pytest.raises(Failure, match="is no plan") as caught:
+    with pytest.raises(Failure, match="is not a plan") as caught:
         Plan.read(tmp_path / "other.json")
     assert caught.value.code == 2
     with pytest.raises(Failure, match="No such file"):
         Plan.read(tmp_path / "none.json")
 
 
-def test_seconds_are_written_for_people():
+def test_durations_are_in_s_min_or_h():
     assert [clock(s) for s in (0.4, 59.4, 59.7, 119.9, 3599.9, 7260, float("inf"))] == [
         "0 s", "59 s", "1 min 00 s", "2 min 00 s", "1 h 00 min", "2 h 01 min", "?",
     ]  # fmt: skip
 
 
-def test_the_line_counts_units_tiles_and_hosts(monkeypatch):
+def test_progress_line_counts_units_tiles_and_hosts(monkeypatch):
     monkeypatch.setattr("lenscube_dask.progress.time.monotonic", lambda: 1000.0)
     display = Display([10] * 4, [1, 2, 3], out=io.StringIO())
     assert "waiting for workers" in display.line()
@@ -51,26 +51,26 @@ def test_the_line_counts_units_tiles_and_hosts(monkeypatch):
     display.event({"event": "end", "unit": 1, "host": "a", "name": "a", "code": 0})
     display.done(1, 10_000_000)
     monkeypatch.setattr("lenscube_dask.progress.time.monotonic", lambda: 1010.0)
-    assert display.line() == "2 of 4 units, 50 %, 1.5 Mpx/s, 1 at work on 1 host, 10 s left"
+    assert display.line() == "2 of 4 units, 50 %, 1.5 Mpx/s, 1 running on 1 host, 10 s left"
 
 
-def test_flags_after_the_dashes_go_to_lenscube():
+def test_flags_after_dashes_are_passed_to_lenscube():
     args = main.arguments(["job.json", "--scheduler", "tcp://h:1", "--gpu", "--", "--memory", "8GiB"])
     assert main.settings(args).flags == ["--memory", "8GiB", "--device", "cuda"]
     args = main.arguments(["job.json", "--scheduler", "tcp://h:1", "--gpu", "--", "--device=cuda:1"])
     assert main.settings(args).flags == ["--device=cuda:1"]
 
 
-def test_one_place_for_workers_is_asked_for():
+def test_two_kinds_of_workers_exit_2():
     with pytest.raises(SystemExit) as caught:
         main.arguments(["job.json", "--local", "2", "--slurm", "3"])
     assert caught.value.code == 2
 
 
-def test_a_slurm_job_is_one_worker_with_its_gpu():
+def test_slurm_job_has_one_worker_and_gpu():
     jobqueue = pytest.importorskip("dask_jobqueue")
-    words = ["job.json", "--slurm", "3", "--gpu", "--cpus", "16", "--memory", "32GiB", "--partition", "main", "--directive=--qos=low"]
-    options = clusters.slurm_options(main.arguments(words))
+    argv = ["job.json", "--slurm", "3", "--gpu", "--cpus", "16", "--memory", "32GiB", "--partition", "main", "--directive=--qos=low"]
+    options = clusters.slurm_options(main.arguments(argv))
     with jobqueue.SLURMCluster(**options, n_workers=0, scheduler_options={"host": "127.0.0.1", "dashboard_address": ":0"}) as cluster:
         script = cluster.job_script()
     for line in ("--cpus-per-task=16", "--gres=gpu:1", "--qos=low", "-p main", "-t 04:00:00", "--mem=32G"):
@@ -78,11 +78,11 @@ def test_a_slurm_job_is_one_worker_with_its_gpu():
     assert "--nthreads 1" in script and "--resources GPU=1" in script
 
 
-def test_a_pod_is_one_worker_with_its_gpu_and_volume():
+def test_pod_has_one_worker_gpu_and_volume():
     pytest.importorskip("dask_kubernetes")
-    words = ["job.json", "--kubernetes", "5", "--gpu", "--image", "lenscube:1", "--cpus", "4", "--memory", "16GiB"]
-    words += ["--volume", "films:/films", "--env", "AWS_REGION=eu-west-1"]
-    spec = clusters.kubernetes_spec(main.arguments(words))["spec"]
+    argv = ["job.json", "--kubernetes", "5", "--gpu", "--image", "lenscube:1", "--cpus", "4", "--memory", "16GiB"]
+    argv += ["--volume", "films:/films", "--env", "AWS_REGION=eu-west-1"]
+    spec = clusters.kubernetes_spec(main.arguments(argv))["spec"]
     worker = spec["worker"]["spec"]["containers"][0]
     assert spec["worker"]["replicas"] == 5
     assert worker["resources"]["limits"] == {"cpu": "4", "memory": "16Gi", "nvidia.com/gpu": "1"}
@@ -93,13 +93,13 @@ def test_a_pod_is_one_worker_with_its_gpu_and_volume():
     assert "resources" not in spec["scheduler"]["spec"]["containers"][0] or not spec["scheduler"]["spec"]["containers"][0]["resources"]
 
 
-def test_pods_need_an_image():
+def test_kubernetes_without_image_is_an_error():
     pytest.importorskip("dask_kubernetes")
     with pytest.raises(Failure, match="--image"):
         clusters.kubernetes_spec(main.arguments(["job.json", "--kubernetes", "5"]))
 
 
-def test_the_users_own_settings_of_dask_stay():
+def test_dask_settings_of_the_user_are_kept():
     import dask
 
     assert clusters.settings()["distributed.scheduler.worker-ttl"] == "30s"

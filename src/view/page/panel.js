@@ -1,9 +1,9 @@
-// Readings of a pixel: where it lies, its spectrum, what the lens does there.
+// Data of a pixel: field point, spectrum, lens figures.
 
 const SVG = "http://www.w3.org/2000/svg";
-export const at = (id) => document.getElementById(id);
+export const byId = (id) => document.getElementById(id);
 
-/** A number in a few digits. */
+/** Number with a few significant digits. */
 export function short(v, digits = 4) {
   if (v === null || v === undefined || !Number.isFinite(v)) return "missing";
   const size = Math.abs(v);
@@ -11,7 +11,7 @@ export function short(v, digits = 4) {
   return String(Number(v.toPrecision(digits)));
 }
 
-/** Fills a list of names and values. */
+/** Fills a description list with names and values. */
 export function list(dl, pairs) {
   dl.replaceChildren(...pairs.flatMap(([name, value]) => {
     const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
@@ -28,24 +28,24 @@ function draw(svg, name, attributes, text) {
   svg.append(mark);
 }
 
-/** The spectrum of film and chart; gaps where samples are missing. */
-export function spectrum(bands, film, chart, now) {
-  const svg = at("spectrum");
+/** Spectra of film and chart, with gaps at missing samples. */
+export function spectrum(bands, film, chart, band) {
+  const svg = byId("spectrum");
   svg.replaceChildren();
   const box = { left: 4, right: 316, top: 16, bottom: 114 };
   const values = [...film, ...(chart ?? [])].filter((v) => v !== null);
-  const most = Math.max(...values, 0), least = Math.min(...values, 0);
-  const span = most - least || 1;
+  const max = Math.max(...values, 0), min = Math.min(...values, 0);
+  const span = max - min || 1;
   const nm = bands.map((b) => b.nm);
   const [first, last] = [Math.min(...nm), Math.max(...nm)];
   const x = (v) => last > first ? box.left + 6 + (v - first) / (last - first) * (box.right - box.left - 12) : 160;
-  const y = (v) => box.bottom - (v - least) / span * (box.bottom - box.top);
+  const y = (v) => box.bottom - (v - min) / span * (box.bottom - box.top);
   draw(svg, "line", { class: "axis", x1: box.left, x2: box.right, y1: y(0), y2: y(0) });
   draw(svg, "line", { class: "axis", x1: box.left, x2: box.right, y1: box.top, y2: box.top });
-  draw(svg, "text", { x: box.left, y: box.top - 4 }, values.length ? short(most) : "no samples");
+  draw(svg, "text", { x: box.left, y: box.top - 4 }, values.length ? short(max) : "no samples");
   draw(svg, "text", { x: x(first), y: box.bottom + 15 }, `${short(first)} nm`);
   if (last > first) draw(svg, "text", { x: x(last), y: box.bottom + 15, "text-anchor": "end" }, `${short(last)} nm`);
-  if (now !== null) draw(svg, "line", { class: "now", x1: x(nm[now]), x2: x(nm[now]), y1: box.top, y2: box.bottom });
+  if (band !== null) draw(svg, "line", { class: "now", x1: x(nm[band]), x2: x(nm[band]), y1: box.top, y2: box.bottom });
   const order = nm.map((_, b) => b).sort((a, b) => nm[a] - nm[b]);
   for (const [values, kind] of [[chart, "chart"], [film, "film"]]) {
     if (!values) continue;
@@ -63,39 +63,39 @@ export function spectrum(bands, film, chart, now) {
   svg.setAttribute("aria-label", `Spectrum of the pixel: ${order.map((b) => `${nm[b]} nm ${short(film[b])}`).join(", ")}`);
 }
 
-/** Where a pixel lies and what it holds. */
-export function pixel(site, reading, now) {
+/** Field point and values of a pixel. */
+export function pixel(content, reading, band) {
   const pairs = [];
   if (reading.height_mm !== null) {
     pairs.push(["Image height", `${reading.height_mm.toFixed(4)} mm`], ["Azimuth", `${reading.azimuth_deg.toFixed(2)}°`]);
   }
-  if (now !== null) {
-    pairs.push([`Film, ${site.bands[now].nm} nm`, short(reading.film[now], 6)]);
-    if (reading.chart) pairs.push([`Chart, ${site.bands[now].nm} nm`, short(reading.chart[now], 6)]);
+  if (band !== null) {
+    pairs.push([`Film, ${content.bands[band].nm} nm`, short(reading.film[band], 6)]);
+    if (reading.chart) pairs.push([`Chart, ${content.bands[band].nm} nm`, short(reading.chart[band], 6)]);
   }
-  list(at("place"), pairs);
-  spectrum(site.bands, reading.film, reading.chart, now);
+  list(byId("place"), pairs);
+  spectrum(content.bands, reading.film, reading.chart, band);
 }
 
-/** The lens's figures and its PSF at a pixel. */
-export function lens(seen, reading, band, src) {
-  const f = seen.figures;
+/** Figures and PSF of the lens at a pixel. */
+export function lens(answer, reading, band, src) {
+  const f = answer.figures;
   const um = (v) => v === null ? "unknown" : `${short(v, 3)} µm`;
-  list(at("figures"), [
+  list(byId("figures"), [
     ["λ", `${f.wavelength_nm} nm`],
-    ["RI", f.relative_illumination.toFixed(4)],
-    ["Real height", `${f.image_height_mm.toFixed(3)} mm`],
-    ["Ideal height", `${f.ideal_height_mm.toFixed(3)} mm`],
+    ["Relative illumination (RI)", f.relative_illumination.toFixed(4)],
+    ["Real image height", `${f.image_height_mm.toFixed(3)} mm`],
+    ["Ideal image height", `${f.ideal_height_mm.toFixed(3)} mm`],
     ["Distortion", `${f.distortion_percent.toFixed(3)} %`],
     ["Lateral colour", um(f.lateral_colour_um)],
-    ["RMS spot", um(f.rms_um)],
+    ["RMS spot radius", um(f.rms_um)],
     ["Strehl", f.strehl === null ? "unknown" : short(f.strehl, 3)],
-    ["Light in window", `${(100 * f.energy_in_window).toFixed(1)} %`],
+    ["Light in PSF window", `${(100 * f.energy_in_window).toFixed(1)} %`],
   ]);
-  const image = at("psf");
+  const image = byId("psf");
   image.src = src;
-  // Azimuth runs from +x downwards, as a turn of the page does.
+  // Azimuth increases from +x downwards, as CSS rotation does.
   image.style.transform = `rotate(${reading.azimuth_deg}deg)`;
   image.alt = `PSF at ${f.image_height_mm.toFixed(3)} mm, ${f.wavelength_nm} nm`;
-  at("psf-text").textContent = `PSF, ${f.psf_window_um.toFixed(0)} µm wide`;
+  byId("psf-text").textContent = `PSF, ${f.psf_window_um.toFixed(0)} µm wide`;
 }

@@ -1,4 +1,4 @@
-//! Pictures of every kind give their samples; what is left out, cut short or lying is one clear error.
+//! Images of every supported kind decode to their samples; unsupported, truncated and inconsistent files are errors.
 
 use super::*;
 use ::png::{BitDepth, ColorType};
@@ -29,11 +29,11 @@ fn png(colour: ColorType, depth: BitDepth, data: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn narrow(v: &[u16]) -> Vec<u8> {
+fn to_u8(v: &[u16]) -> Vec<u8> {
     v.iter().map(|&v| v as u8).collect()
 }
 
-fn wide(v: &[u16]) -> Vec<u8> {
+fn to_be16(v: &[u16]) -> Vec<u8> {
     v.iter().flat_map(|v| v.to_be_bytes()).collect()
 }
 
@@ -79,9 +79,10 @@ fn exr(channels: &[(&str, bool)]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-struct Place(tempfile::TempDir);
+/// A directory for one image file.
+struct Directory(tempfile::TempDir);
 
-impl Place {
+impl Directory {
     fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
@@ -108,10 +109,10 @@ impl Place {
         (0..channels).map(read).collect()
     }
 
-    fn refused(&self, bytes: &[u8], words: &str) {
+    fn assert_rejected(&self, bytes: &[u8], expected: &str) {
         let error = self.linear(bytes).map(|_| ()).unwrap_err().to_string();
-        assert!(error.contains(words) && error.contains("a.picture"), "`{words}` is not in: {error}");
-        assert!(fs::read_dir(self.0.path()).unwrap().count() <= 1, "a temp file is left");
+        assert!(error.contains(expected) && error.contains("a.picture"), "`{expected}` is not in: {error}");
+        assert!(fs::read_dir(self.0.path()).unwrap().count() <= 1, "leftover temporary file");
     }
 }
 
@@ -122,14 +123,14 @@ fn planes(samples: &[u16], channels: usize, white: f64) -> Vec<Vec<f32>> {
 }
 
 #[test]
-fn whole_numbers_come_as_they_are() {
-    let place = Place::new();
+fn integers_are_exact_for_every_format_depth_and_compression() {
+    let dir = Directory::new();
     for channels in [1usize, 3] {
         let (few, many) = (samples(channels, 255), samples(channels, 65535));
         let colour = if channels == 1 { ColorType::Grayscale } else { ColorType::Rgb };
         let (eight, sixteen) = (planes(&few, channels, 255.0), planes(&many, channels, 65535.0));
-        assert_eq!(place.linear(&png(colour, BitDepth::Eight, &narrow(&few))).unwrap(), eight);
-        assert_eq!(place.linear(&png(colour, BitDepth::Sixteen, &wide(&many))).unwrap(), sixteen);
+        assert_eq!(dir.linear(&png(colour, BitDepth::Eight, &to_u8(&few))).unwrap(), eight);
+        assert_eq!(dir.linear(&png(colour, BitDepth::Sixteen, &to_be16(&many))).unwrap(), sixteen);
         for big in [true, false] {
             for (name, packing) in [
                 ("none", Compression::Uncompressed),
@@ -139,31 +140,31 @@ fn whole_numbers_come_as_they_are() {
                 for rows in [1, 4, 11] {
                     let (a, b) = match channels {
                         1 => (
-                            tiff::<colortype::Gray8>(big, packing, rows, &narrow(&few)),
+                            tiff::<colortype::Gray8>(big, packing, rows, &to_u8(&few)),
                             tiff::<colortype::Gray16>(big, packing, rows, &many),
                         ),
                         _ => (
-                            tiff::<colortype::RGB8>(big, packing, rows, &narrow(&few)),
+                            tiff::<colortype::RGB8>(big, packing, rows, &to_u8(&few)),
                             tiff::<colortype::RGB16>(big, packing, rows, &many),
                         ),
                     };
-                    assert_eq!(place.linear(&a).unwrap(), eight, "{name}, {big}, {rows}");
-                    assert_eq!(place.linear(&b).unwrap(), sixteen, "{name}, {big}, {rows}");
+                    assert_eq!(dir.linear(&a).unwrap(), eight, "{name}, {big}, {rows}");
+                    assert_eq!(dir.linear(&b).unwrap(), sixteen, "{name}, {big}, {rows}");
                 }
             }
         }
     }
     let few = samples(1, 255);
-    let colours = place.linear(&png(ColorType::Indexed, BitDepth::Eight, &narrow(&few))).unwrap();
+    let colours = dir.linear(&png(ColorType::Indexed, BitDepth::Eight, &to_u8(&few))).unwrap();
     assert_eq!(colours[1], planes(&few.iter().map(|v| 255 - v).collect::<Vec<_>>(), 1, 255.0)[0]);
 }
 
 #[test]
-fn encoded_samples_are_made_linear() {
-    let place = Place::new();
+fn srgb_samples_are_linearized() {
+    let dir = Directory::new();
     let few = samples(1, 255);
-    let file = place.open(&png(ColorType::Grayscale, BitDepth::Eight, &narrow(&few))).unwrap();
-    let source = file.linear(Transfer::Srgb, place.0.path(), 1, &|_, _| ()).unwrap();
+    let file = dir.open(&png(ColorType::Grayscale, BitDepth::Eight, &to_u8(&few))).unwrap();
+    let source = file.linear(Transfer::Srgb, dir.0.path(), 1, &|_, _| ()).unwrap();
     let mut out = vec![0.0; SIZE.width];
     source.read(0, Rect::new(3, 0, 1, SIZE.width), &mut out).unwrap();
     for (got, v) in out.iter().zip(&few[3 * SIZE.width..][..SIZE.width]) {
@@ -173,14 +174,14 @@ fn encoded_samples_are_made_linear() {
 
 #[test]
 fn exr_is_linear_and_bit_exact() {
-    let place = Place::new();
-    let want: Vec<f32> = (0..SIZE.pixels()).map(|i| i as f32 * 0.37 - 1.0).collect();
-    let rgb = place.linear(&exr(&[("R", false), ("G", false), ("B", true)])).unwrap();
-    assert_eq!((&rgb[0], &rgb[1]), (&want, &want));
-    assert_eq!(rgb[2].len(), want.len());
-    assert!(rgb[2].iter().zip(&want).all(|(a, b)| *a == half::f16::from_f32(*b).to_f32()));
-    assert_eq!(place.linear(&exr(&[("Y", false)])).unwrap(), vec![want.clone()]);
-    let file = place.open(&exr(&[("T.0,55um", false), ("T.400nm", false), ("R", false)])).unwrap();
+    let dir = Directory::new();
+    let expected: Vec<f32> = (0..SIZE.pixels()).map(|i| i as f32 * 0.37 - 1.0).collect();
+    let rgb = dir.linear(&exr(&[("R", false), ("G", false), ("B", true)])).unwrap();
+    assert_eq!((&rgb[0], &rgb[1]), (&expected, &expected));
+    assert_eq!(rgb[2].len(), expected.len());
+    assert!(rgb[2].iter().zip(&expected).all(|(a, b)| *a == half::f16::from_f32(*b).to_f32()));
+    assert_eq!(dir.linear(&exr(&[("Y", false)])).unwrap(), vec![expected.clone()]);
+    let file = dir.open(&exr(&[("T.0,55um", false), ("T.400nm", false), ("R", false)])).unwrap();
     let spectral = file.spectral().unwrap();
     let wavelengths_nm = vec![400.0, 550.0];
     assert_eq!(spectral.content(), &ExrContent::Spectral { wavelengths_nm, reflective: true });
@@ -188,9 +189,9 @@ fn exr_is_linear_and_bit_exact() {
 
 /// About 1 KB whose tiles are 65536 x 65537 px of 12 bytes, on an image of 14 x 9 px.
 #[test]
-fn exr_tile_larger_than_memory_is_refused_before_it_is_allocated() {
+fn exr_tile_above_the_limit_is_an_error_before_it_is_allocated() {
     let bytes = include_bytes!("../../../tests/data/tile-of-51-GB.exr");
-    Place::new().refused(bytes, "at most 192 MiB");
+    Directory::new().assert_rejected(bytes, "at most 192 MiB");
 }
 
 /// CRC-32 of PNG chunks (ISO 3309).
@@ -201,39 +202,39 @@ fn crc(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn what_is_left_out_is_refused() {
-    let place = Place::new();
-    let clear = |c: usize| vec![7u8; SIZE.pixels() * c];
+fn unsupported_properties_and_invalid_headers_are_errors() {
+    let dir = Directory::new();
+    let uniform = |c: usize| vec![7u8; SIZE.pixels() * c];
     for (colour, channels) in [(ColorType::Rgba, 4), (ColorType::GrayscaleAlpha, 2)] {
-        place.refused(&png(colour, BitDepth::Eight, &clear(channels)), "flatten the image");
+        dir.assert_rejected(&png(colour, BitDepth::Eight, &uniform(channels)), "flatten the image");
     }
-    let whole = png(ColorType::Rgb, BitDepth::Eight, &clear(3));
+    let valid = png(ColorType::Rgb, BitDepth::Eight, &uniform(3));
     let with_header = |change: &dyn Fn(&mut [u8])| {
-        let mut bytes = whole.clone();
+        let mut bytes = valid.clone();
         change(&mut bytes[16..29]);
         let sum = crc(&bytes[12..29]);
         bytes[29..33].copy_from_slice(&sum.to_be_bytes());
         bytes
     };
-    place.refused(&with_header(&|h| h[12] = 1), "interlac");
+    dir.assert_rejected(&with_header(&|h| h[12] = 1), "interlac");
     for side in
         [0x0000_0000_0000_0011u64, 0x0000_000b_ffff_ffff, 0x7fff_ffff_7fff_ffff, 0x0000_0011_0001_0000]
     {
-        let lying = with_header(&|h| h[0..8].copy_from_slice(&side.to_be_bytes()));
-        let error = place.linear_any(&lying).unwrap_err().to_string();
+        let bytes = with_header(&|h| h[0..8].copy_from_slice(&side.to_be_bytes()));
+        let error = dir.decode(&bytes).unwrap_err().to_string();
         assert!(error.contains("a.picture"), "{error}");
     }
-    let rgba = tiff::<colortype::RGBA8>(false, Compression::Uncompressed, 3, &clear(4));
-    place.refused(&rgba, "flatten the image");
+    let rgba = tiff::<colortype::RGBA8>(false, Compression::Uncompressed, 3, &uniform(4));
+    dir.assert_rejected(&rgba, "flatten the image");
     let float = tiff::<colortype::Gray32Float>(true, Compression::Uncompressed, 3, &vec![0.5; SIZE.pixels()]);
-    place.refused(&float, "8 or 16 bits");
-    let four = tiff::<colortype::CMYK8>(false, Compression::Uncompressed, 3, &clear(4));
-    place.refused(&four, "grey or RGB");
-    place.refused(&exr(&[("R", false), ("G", false), ("B", false), ("A", false)]), "flatten the image");
-    place.refused(&exr(&[("R", false), ("G", false)]), "R, G and B");
-    place.refused(&exr(&[("S0.400nm", false), ("T.400nm", false)]), "both of them");
-    place.refused(&exr(&[("S0.4cm", false), ("S0.400nm", false)]), "a wavelength such as");
-    for junk in [
+    dir.assert_rejected(&float, "8 or 16 bits");
+    let four = tiff::<colortype::CMYK8>(false, Compression::Uncompressed, 3, &uniform(4));
+    dir.assert_rejected(&four, "grey or RGB");
+    dir.assert_rejected(&exr(&[("R", false), ("G", false), ("B", false), ("A", false)]), "flatten the image");
+    dir.assert_rejected(&exr(&[("R", false), ("G", false)]), "R, G and B");
+    dir.assert_rejected(&exr(&[("S0.400nm", false), ("T.400nm", false)]), "both of them");
+    dir.assert_rejected(&exr(&[("S0.4cm", false), ("S0.400nm", false)]), "a wavelength such as");
+    for invalid in [
         &b""[..],
         b"\x89PNG",
         b"II*\0",
@@ -242,53 +243,53 @@ fn what_is_left_out_is_refused() {
         b"GIF89a..",
         &[0x89, b'P', b'N', b'G', 0, 0],
     ] {
-        assert!(place.linear(junk).is_err());
+        assert!(dir.linear(invalid).is_err());
     }
-    place.refused(b"GIF89a", "first bytes");
+    dir.assert_rejected(b"GIF89a", "first bytes");
 }
 
-impl Place {
-    fn linear_any(&self, bytes: &[u8]) -> Result<(), ChartError> {
+impl Directory {
+    fn decode(&self, bytes: &[u8]) -> Result<(), ChartError> {
         self.open(bytes)?.linear(Transfer::Srgb, self.0.path(), 1, &|_, _| ()).map(|_| ())
     }
 }
 
-/// Cut anywhere before its pixels end, no file gives pixels.
+/// Truncation anywhere before the end of the pixels is an error.
 #[test]
-fn files_cut_short_are_damaged() {
-    let place = Place::new();
+fn truncated_file_is_an_error_and_leaves_no_temporary_file() {
+    let dir = Directory::new();
     let rgb = samples(3, 255);
-    for (name, whole, pixels_end) in [
-        ("PNG", png(ColorType::Rgb, BitDepth::Eight, &narrow(&rgb)), 40),
-        ("TIFF", tiff::<colortype::RGB8>(false, Compression::Uncompressed, 4, &narrow(&rgb)), 1),
-        ("LZW", tiff::<colortype::RGB8>(true, Compression::Lzw, 4, &narrow(&rgb)), 1),
+    for (name, complete, pixels_end) in [
+        ("PNG", png(ColorType::Rgb, BitDepth::Eight, &to_u8(&rgb)), 40),
+        ("TIFF", tiff::<colortype::RGB8>(false, Compression::Uncompressed, 4, &to_u8(&rgb)), 1),
+        ("LZW", tiff::<colortype::RGB8>(true, Compression::Lzw, 4, &to_u8(&rgb)), 1),
         ("EXR", exr(&[("R", false), ("G", true), ("B", false)]), 1),
     ] {
         for cut in 0..60 {
-            let length = (whole.len() - pixels_end) * cut / 60;
-            assert!(place.linear_any(&whole[..length]).is_err(), "{name} cut to {length} of {}", whole.len());
-            assert_eq!(fs::read_dir(place.0.path()).unwrap().count(), 1);
+            let length = (complete.len() - pixels_end) * cut / 60;
+            assert!(dir.decode(&complete[..length]).is_err(), "{name} cut to {length} of {}", complete.len());
+            assert_eq!(fs::read_dir(dir.0.path()).unwrap().count(), 1);
         }
     }
 }
 
 #[test]
-fn headers_that_claim_too_much_are_refused_before_anything_is_held() {
-    let place = Place::new();
-    let whole = exr(&[("R", false), ("G", false), ("B", false)]);
-    let at = whole.windows(11).position(|w| w == b"dataWindow\0").unwrap() + 11 + 6 + 4;
+fn oversized_dimensions_are_an_error_before_memory_is_allocated() {
+    let dir = Directory::new();
+    let valid = exr(&[("R", false), ("G", false), ("B", false)]);
+    let at = valid.windows(11).position(|w| w == b"dataWindow\0").unwrap() + 11 + 6 + 4;
     for corner in [i32::MAX - 1, 1 << 28, 60_000] {
-        let mut bytes = whole.clone();
+        let mut bytes = valid.clone();
         bytes[at + 8..at + 12].copy_from_slice(&corner.to_le_bytes());
         bytes[at + 12..at + 16].copy_from_slice(&corner.to_le_bytes());
-        let error = place.linear_any(&bytes).unwrap_err().to_string();
+        let error = dir.decode(&bytes).unwrap_err().to_string();
         assert!(error.contains("a.picture"), "{error}");
     }
     let few = samples(1, 255);
-    let whole = tiff::<colortype::Gray8>(false, Compression::Uncompressed, 11, &narrow(&few));
-    let mut bytes = whole.clone();
+    let valid = tiff::<colortype::Gray8>(false, Compression::Uncompressed, 11, &to_u8(&few));
+    let mut bytes = valid.clone();
     // The width, in the directory: tag 256, type LONG, one value.
-    let tag = whole.windows(8).position(|w| w == [0, 1, 4, 0, 1, 0, 0, 0]).unwrap();
+    let tag = valid.windows(8).position(|w| w == [0, 1, 4, 0, 1, 0, 0, 0]).unwrap();
     bytes[tag + 8..tag + 12].copy_from_slice(&4_000_000_000u32.to_le_bytes());
-    assert!(place.linear_any(&bytes).is_err());
+    assert!(dir.decode(&bytes).is_err());
 }

@@ -1,29 +1,28 @@
-//! A temporary file of bands one after the other: f32 of this machine, every row whole.
+//! A temporary file of bands in BSQ order: f32, native byte order.
 //!
-//! What lies otherwise in its own file (interleaved, compressed, in tiles) is written here once, in any order, and mapped then. The file
-//! has no name, so it is gone when the chart is dropped, however the process ends.
+//! Charts that are stored otherwise (interleaved, compressed, in tiles) are written to it once, in any order, and then mapped.
 
-use std::fs::File;
-use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::mapped::Mapped;
-use super::{Interleave, RasterLayout, RasterSample};
-use crate::chart::{ChartError, Sample};
-use crate::durable::{DurableError, free_bytes, nameless_file};
+use super::layout::{Interleave, RasterLayout};
+use super::mapped::MappedFile;
+use crate::chart::error::ChartError;
+use crate::chart::temp_file::TempFile;
+use crate::durable::DurableError;
+use crate::sample::{RasterSample, Sample};
 
 /// The file while it is written.
 #[derive(Debug)]
-pub(crate) struct BandFile {
-    file: File,
-    temp: PathBuf,
+pub(in crate::chart) struct BandFile {
+    file: TempFile,
+    /// Bands in the file, ascending.
     bands: Vec<usize>,
     shape: [usize; 3],
 }
 
 impl BandFile {
-    /// Makes room for `bands` of a chart of `shape` in `directory`.
-    pub(crate) fn create(
+    /// Creates a file in `directory` for `bands` of `chart`, which has `shape`.
+    pub(in crate::chart) fn create(
         directory: &Path,
         chart: &Path,
         bands: &[usize],
@@ -32,40 +31,31 @@ impl BandFile {
         let mut bands: Vec<usize> = bands.iter().copied().filter(|b| *b < shape[0]).collect();
         bands.sort_unstable();
         bands.dedup();
-        let needed = bands.len() as u64 * shape[1] as u64 * shape[2] as u64 * 4;
-        let free = free_bytes(directory)?;
-        if needed > free {
-            let (path, directory) = (chart.into(), directory.into());
-            return Err(ChartError::Space { path, directory, needed, free });
-        }
-        let (file, temp) = (nameless_file(directory)?, directory.join("(temporary file without a name)"));
-        let failed = |e| DurableError::io("write", &temp, needed, e);
-        file.set_len(needed).map_err(failed)?;
-        Ok(Self { file, temp, bands, shape })
+        let bytes = bands.len() as u64 * shape[1] as u64 * shape[2] as u64 * 4;
+        let file = TempFile::create(directory, chart, bytes)?;
+        file.file.set_len(bytes).map_err(|e| DurableError::io("write", &file.path, bytes, e))?;
+        Ok(Self { file, bands, shape })
     }
 
-    /// The bands that it holds.
-    pub(crate) fn bands(&self) -> &[usize] {
+    /// The bands in the file.
+    pub(super) fn bands(&self) -> &[usize] {
         &self.bands
     }
 
-    /// Writes pixels from (`row`, `column`) on: whole rows, or a part of one. A band that it does not hold is passed over.
-    pub(crate) fn write(
+    /// Writes pixels from (`row`, `column`) on: complete rows, or part of one. Bands that are not in the file are ignored.
+    pub(in crate::chart) fn write(
         &self,
         band: usize,
         row: usize,
         column: usize,
         pixels: &[f32],
     ) -> Result<(), DurableError> {
-        let Ok(slot) = self.bands.binary_search(&band) else { return Ok(()) };
-        let bytes: Vec<u8> = pixels.iter().flat_map(|v| v.to_ne_bytes()).collect();
-        let at = ((slot * self.shape[1] + row) * self.shape[2] + column) * 4;
-        self.file
-            .write_all_at(&bytes, at as u64)
-            .map_err(|e| DurableError::io("write", &self.temp, bytes.len() as u64, e))
+        let Ok(entry) = self.bands.binary_search(&band) else { return Ok(()) };
+        let offset = ((entry * self.shape[1] + row) * self.shape[2] + column) * 4;
+        self.file.write(offset as u64, pixels)
     }
 
-    /// How its samples lie.
+    /// Layout of the file.
     pub(super) fn layout(&self) -> RasterLayout {
         RasterLayout {
             shape: self.shape,
@@ -76,12 +66,12 @@ impl BandFile {
         }
     }
 
-    /// The bytes, mapped, and where each band lies.
-    pub(super) fn map(self) -> Result<(Mapped, Vec<Option<usize>>), DurableError> {
+    /// Maps the file; the second result is the position of each band of the chart.
+    pub(super) fn map(self) -> Result<(MappedFile, Vec<Option<usize>>), DurableError> {
         let length = (self.bands.len() * self.shape[1] * self.shape[2] * 4) as u64;
-        let slots = (0..self.shape[0]).map(|b| self.bands.binary_search(&b).ok()).collect();
-        let map =
-            Mapped::new(self.file, length).map_err(|e| DurableError::io("map", &self.temp, length, e))?;
-        Ok((map, slots))
+        let entries = (0..self.shape[0]).map(|b| self.bands.binary_search(&b).ok()).collect();
+        let TempFile { file, path } = self.file;
+        let map = MappedFile::new(file, length).map_err(|e| DurableError::io("map", &path, length, e))?;
+        Ok((map, entries))
     }
 }

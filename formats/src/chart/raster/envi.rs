@@ -1,8 +1,8 @@
-//! The header of an ENVI file: text, `ENVI` first, then `key = value` with lists in braces over any number of lines
+//! ENVI headers: text, `ENVI` in the first line, then `key = value` with lists in braces over any number of lines
 //! (NV5 Geospatial, "ENVI Header Files").
 //!
-//! Needed: `samples` (columns), `lines` (rows), `bands`, `data type`, `interleave`. Taken where they stand: `header offset` (0),
-//! `byte order` (0: lowest byte first), `wavelength` with `wavelength units` (nanometers or micrometers), and what the samples mean:
+//! Required: `samples` (columns), `lines` (rows), `bands`, `data type`, `interleave`. Optional: `header offset` (0), `byte order` (0:
+//! little-endian), `wavelength` with `wavelength units` (nanometers or micrometers), and the conversion of samples to values:
 //!
 //! | key | meaning |
 //! |---|---|
@@ -10,26 +10,28 @@
 //! | `data gain values`, `data offset values` | value = sample · gain + offset, one of each per band |
 //! | `reflectance scale factor` | reflectance = sample / factor |
 //!
-//! Gains and a factor together are refused: the header does not say in which order they apply.
+//! Gains together with a factor are an error: their order is not defined.
 
-use super::{Interleave, RasterLayout, RasterSample, Values};
-use crate::chart::Sample;
-use crate::npy::Fault;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// What a header tells.
+use super::layout::{Interleave, RasterLayout};
+use crate::chart::values::Values;
+use crate::npy::HeaderError;
+use crate::sample::{RasterSample, Sample};
+
+/// A parsed header.
 #[derive(Debug)]
 pub(super) struct Envi {
     pub(super) layout: RasterLayout,
     pub(super) wavelengths_nm: Option<Vec<f64>>,
     pub(super) values: Values,
-    /// What the user should know, a line each.
+    /// Remarks for the user, one line each.
     pub(super) notes: Vec<String>,
 }
 
 /// Extensions of data files.
-const DATA: [&str; 7] = ["img", "dat", "raw", "bsq", "bil", "bip", "bin"];
+const DATA_EXTENSIONS: [&str; 7] = ["img", "dat", "raw", "bsq", "bil", "bip", "bin"];
 
 /// The header beside a data file: `cube.hdr` or `cube.img.hdr` for `cube.img`.
 pub(super) fn header_of(data: &Path) -> Option<PathBuf> {
@@ -41,12 +43,12 @@ pub(super) fn header_of(data: &Path) -> Option<PathBuf> {
 /// The data file beside a header.
 pub(super) fn data_of(header: &Path) -> Option<PathBuf> {
     let bare = header.with_extension("");
-    let others = DATA.iter().map(|e| header.with_extension(e));
+    let others = DATA_EXTENSIONS.iter().map(|e| header.with_extension(e));
     std::iter::once(bare).chain(others).find(|p| p.is_file())
 }
 
-/// Reads a header's text.
-pub(super) fn parse(text: &str) -> Result<Envi, Fault> {
+/// Parses the text of a header.
+pub(super) fn parse(text: &str) -> Result<Envi, HeaderError> {
     let mut lines = text.lines();
     if lines.next().map(str::trim) != Some("ENVI") {
         return Err(("first line", "ENVI".into(), "something else".into()));
@@ -65,16 +67,16 @@ pub(super) fn parse(text: &str) -> Result<Envi, Fault> {
         keys.insert(key.trim().to_ascii_lowercase(), value);
     }
     let short = |t: &str| t.chars().take(40).collect::<String>();
-    let whole = |key: &'static str, default: Option<u64>| match (keys.get(key), default) {
+    let integer = |key: &'static str, default: Option<u64>| match (keys.get(key), default) {
         (None, Some(n)) => Ok(n),
-        (None, None) => Err((key, "a whole number".to_owned(), "nothing".to_owned())),
+        (None, None) => Err((key, "an integer".to_owned(), "nothing".to_owned())),
         (Some(t), _) => {
-            t.parse::<u64>().map_err(|_| (key, "a whole number".to_owned(), format!("`{}`", short(t))))
+            t.parse::<u64>().map_err(|_| (key, "an integer".to_owned(), format!("`{}`", short(t))))
         }
     };
-    let side = |key| whole(key, None).map(|n| usize::try_from(n).unwrap_or(usize::MAX));
+    let side = |key| integer(key, None).map(|n| usize::try_from(n).unwrap_or(usize::MAX));
     let shape = [side("bands")?, side("lines")?, side("samples")?];
-    let sample = match whole("data type", None)? {
+    let sample = match integer("data type", None)? {
         1 => RasterSample::Plain(Sample::U8),
         2 => RasterSample::I16,
         4 => RasterSample::Plain(Sample::F32),
@@ -97,7 +99,7 @@ pub(super) fn parse(text: &str) -> Result<Envi, Fault> {
             ));
         }
     };
-    let little_endian = match whole("byte order", Some(0))? {
+    let little_endian = match integer("byte order", Some(0))? {
         0 => true,
         1 => false,
         other => return Err(("byte order", "0 or 1".into(), other.to_string())),
@@ -112,7 +114,7 @@ pub(super) fn parse(text: &str) -> Result<Envi, Fault> {
     let mut notes = Vec::new();
     values.scaling = scaling(&keys, shape[0], &mut notes)?;
     let layout =
-        RasterLayout { shape, interleave, sample, little_endian, offset: whole("header offset", Some(0))? };
+        RasterLayout { shape, interleave, sample, little_endian, offset: integer("header offset", Some(0))? };
     let wavelengths_nm = match keys.get("wavelength") {
         None => None,
         Some(list) => wavelengths(list, keys.get("wavelength units").map(String::as_str), shape[0])?,
@@ -120,18 +122,18 @@ pub(super) fn parse(text: &str) -> Result<Envi, Fault> {
     Ok(Envi { layout, wavelengths_nm, values, notes })
 }
 
-/// (gain, offset) per band; nothing where samples are values.
+/// (gain, offset) of each band, or one pair for all; empty if samples are values.
 fn scaling(
     keys: &HashMap<String, String>,
     bands: usize,
     notes: &mut Vec<String>,
-) -> Result<Vec<(f64, f64)>, Fault> {
+) -> Result<Vec<(f64, f64)>, HeaderError> {
     let list = |key: &'static str| match keys.get(key) {
         None => Ok(None),
         Some(text) => match numbers(text) {
             Some(list) if list.len() == bands && list.iter().all(|v| v.is_finite()) => Ok(Some(list)),
             Some(list) => {
-                Err((key, format!("{bands} finite numbers, one a band"), format!("{} numbers", list.len())))
+                Err((key, format!("{bands} finite numbers, one per band"), format!("{} numbers", list.len())))
             }
             None => Err((key, "numbers in braces".to_owned(), "something else".to_owned())),
         },
@@ -152,8 +154,8 @@ fn scaling(
         None => 1.0,
         Some(text) => {
             let factor = text.trim().parse::<f64>().ok().filter(|f| f.is_finite() && *f > 0.0);
-            let wrong = || (key, "a positive number".to_owned(), text.chars().take(40).collect());
-            factor.ok_or_else(wrong)?
+            let invalid = || (key, "a positive number".to_owned(), text.chars().take(40).collect());
+            factor.ok_or_else(invalid)?
         }
     };
     match (scaled, factor == 1.0) {
@@ -182,11 +184,11 @@ fn scaling(
 /// The numbers of a list in braces.
 fn numbers(list: &str) -> Option<Vec<f64>> {
     let inner = list.trim().strip_prefix('{')?.split('}').next()?;
-    inner.split(',').map(str::trim).filter(|w| !w.is_empty()).map(|w| w.parse().ok()).collect()
+    inner.split(',').map(str::trim).filter(|n| !n.is_empty()).map(|n| n.parse().ok()).collect()
 }
 
-/// `{400.0, 410.0}` in nm; none without a unit that is a length, for what 0.55 or 550 mean is not to be guessed.
-fn wavelengths(list: &str, units: Option<&str>, bands: usize) -> Result<Option<Vec<f64>>, Fault> {
+/// The list `{400.0, 410.0}` in nm; `None` without a unit of length: the unit of 0.55 or 550 is not guessed.
+fn wavelengths(list: &str, units: Option<&str>, bands: usize) -> Result<Option<Vec<f64>>, HeaderError> {
     let per_unit = match units.map(|u| u.trim().to_ascii_lowercase()).as_deref() {
         Some("nanometers" | "nanometres" | "nm") => 1.0,
         Some("micrometers" | "micrometres" | "um" | "µm" | "microns") => 1e3,
@@ -202,7 +204,7 @@ fn wavelengths(list: &str, units: Option<&str>, bands: usize) -> Result<Option<V
     match numbers {
         // 0.55 µm is 550 nm, not 550.0000000000001.
         Some(nm) if nm.len() == bands => Ok(Some(nm.iter().map(|v| (v * 1e6).round() / 1e6).collect())),
-        Some(nm) => Err(("wavelength", format!("{bands} numbers, one a band"), nm.len().to_string())),
+        Some(nm) => Err(("wavelength", format!("{bands} numbers, one per band"), nm.len().to_string())),
         None => Err(("wavelength", "positive numbers in braces".into(), "something else".into())),
     }
 }

@@ -1,26 +1,31 @@
-//! Samples of a flat file as f32.
+//! Conversion of the samples of a flat file.
 
-use super::{RasterLayout, RasterSample};
-use crate::chart::Sample;
+use super::layout::RasterLayout;
+use crate::sample::{RasterSample, Sample};
 
-/// Converts samples that begin `step` bytes apart in `bytes`.
+/// Converts samples at intervals of `step` bytes in `bytes` to f32.
 pub(super) fn convert(layout: &RasterLayout, bytes: &[u8], step: usize, out: &mut [f32]) {
     let little = layout.little_endian;
     match layout.sample {
-        RasterSample::I16 => each(bytes, step, out, |b| {
+        RasterSample::I16 => convert_each(bytes, step, out, |b| {
             f32::from(if little { i16::from_le_bytes(b) } else { i16::from_be_bytes(b) })
         }),
-        RasterSample::Plain(Sample::U8) => each(bytes, step, out, |[b]| f32::from(b)),
-        RasterSample::Plain(Sample::U16) => each(bytes, step, out, |b| {
+        RasterSample::Plain(Sample::U8) => convert_each(bytes, step, out, |[b]| f32::from(b)),
+        RasterSample::Plain(Sample::U16) => convert_each(bytes, step, out, |b| {
             f32::from(if little { u16::from_le_bytes(b) } else { u16::from_be_bytes(b) })
         }),
-        RasterSample::Plain(Sample::F16) => each(bytes, step, out, |b| {
+        RasterSample::Plain(Sample::F16) => convert_each(bytes, step, out, |b| {
             if little { half::f16::from_le_bytes(b) } else { half::f16::from_be_bytes(b) }.to_f32()
         }),
         RasterSample::Plain(Sample::F32) => {
-            each(bytes, step, out, |b| if little { f32::from_le_bytes(b) } else { f32::from_be_bytes(b) })
+            convert_each(
+                bytes,
+                step,
+                out,
+                |b| if little { f32::from_le_bytes(b) } else { f32::from_be_bytes(b) },
+            )
         }
-        RasterSample::Plain(Sample::F64) => each(
+        RasterSample::Plain(Sample::F64) => convert_each(
             bytes,
             step,
             out,
@@ -29,23 +34,23 @@ pub(super) fn convert(layout: &RasterLayout, bytes: &[u8], step: usize, out: &mu
     }
 }
 
-/// `value` of samples that begin `step` bytes apart in `bytes`.
+/// Applies `convert` to samples at intervals of `step` bytes in `bytes`.
 pub(super) fn convert_by(
     layout: &RasterLayout,
     bytes: &[u8],
     step: usize,
     out: &mut [f32],
-    value: impl Fn(f64) -> f32,
+    convert: impl Fn(f64) -> f32,
 ) {
-    out.iter_mut().zip(bytes.chunks(step)).for_each(|(to, b)| *to = value(raw(layout, b)));
+    out.iter_mut().zip(bytes.chunks(step)).for_each(|(to, b)| *to = convert(read(layout, b)));
 }
 
 /// The first sample in `bytes`.
-pub(super) fn raw(layout: &RasterLayout, bytes: &[u8]) -> f64 {
+pub(super) fn read(layout: &RasterLayout, bytes: &[u8]) -> f64 {
     let little = layout.little_endian;
     macro_rules! read {
         ($t:ty) => {{
-            let bytes = *bytes.first_chunk().expect("a sample is whole");
+            let bytes = *bytes.first_chunk().expect("a complete sample");
             if little { <$t>::from_le_bytes(bytes) } else { <$t>::from_be_bytes(bytes) }
         }};
     }
@@ -60,12 +65,17 @@ pub(super) fn raw(layout: &RasterLayout, bytes: &[u8]) -> f64 {
 }
 
 #[inline(always)]
-fn each<const N: usize>(bytes: &[u8], step: usize, out: &mut [f32], of: impl Fn([u8; N]) -> f32) {
+fn convert_each<const N: usize>(
+    bytes: &[u8],
+    step: usize,
+    out: &mut [f32],
+    convert: impl Fn([u8; N]) -> f32,
+) {
     if step == N {
-        out.iter_mut().zip(bytes.as_chunks::<N>().0).for_each(|(to, b)| *to = of(*b));
+        out.iter_mut().zip(bytes.as_chunks::<N>().0).for_each(|(to, b)| *to = convert(*b));
         return;
     }
     for (to, b) in out.iter_mut().zip(bytes.chunks(step)) {
-        *to = of(*b.first_chunk().expect("a sample is whole"));
+        *to = convert(*b.first_chunk().expect("a complete sample"));
     }
 }

@@ -1,7 +1,9 @@
-//! Flat files: every type, order and byte order gives the same pixels; what is wrong is said, what shrinks kills nobody.
+//! Flat files: sample types, orders and byte orders; headers; conversion to values; files that change or are truncated.
+
+use std::fs::{self, File};
 
 use super::*;
-use std::fs;
+use crate::sample::{RasterSample, Sample};
 
 const SHAPE: [usize; 3] = [3, 7, 5];
 
@@ -46,13 +48,13 @@ fn assert_pixels(chart: &RasterChart, what: &str) {
     for b in 0..SHAPE[0] {
         let mut out = vec![0.0; 12];
         chart.read_rect(b, rect, &mut out).unwrap();
-        let want: Vec<f32> = (0..12).map(|i| value(b, 2 + i / 3, 1 + i % 3)).collect();
-        assert_eq!(out, want, "{what}, band {b}");
+        let expected: Vec<f32> = (0..12).map(|i| value(b, 2 + i / 3, 1 + i % 3)).collect();
+        assert_eq!(out, expected, "{what}, band {b}");
     }
 }
 
 #[test]
-fn every_type_order_and_byte_order() {
+fn every_sample_type_order_and_byte_order_gives_the_same_pixels() {
     let directory = tempfile::tempdir().unwrap();
     let samples = [Sample::U8, Sample::U16, Sample::F16, Sample::F32, Sample::F64].map(RasterSample::Plain);
     for sample in samples.into_iter().chain([RasterSample::I16]) {
@@ -63,8 +65,8 @@ fn every_type_order_and_byte_order() {
                 fs::write(&path, encoded(&layout)).unwrap();
                 let mut chart = RasterChart::raw(&path, layout.clone(), NanPolicy::Error).unwrap();
                 assert_pixels(&chart, &format!("{layout:?}"));
-                chart.in_bands(&[0, 1, 2], directory.path(), &|_, _| ()).unwrap();
-                assert_pixels(&chart, &format!("{layout:?}, in bands"));
+                chart.copy_bands(&[0, 1, 2], directory.path(), &|_, _| ()).unwrap();
+                assert_pixels(&chart, &format!("{layout:?}, band copy"));
                 assert_eq!(
                     fs::read_dir(directory.path()).unwrap().count(),
                     1,
@@ -88,7 +90,7 @@ const ENVI: &str = "ENVI\ndescription = {a\n cube}\nsamples = 5\nlines = 7\nband
                     interleave = bil\nbyte order = 1\nwavelength units = Micrometers\nwavelength = {0.45,\n 0.55, 0.65}\n";
 
 #[test]
-fn npy_and_envi_are_known_by_their_headers() {
+fn npy_and_envi_headers_are_parsed() {
     let directory = tempfile::tempdir().unwrap();
     let plain = RasterSample::Plain(Sample::F32);
     let layout = RasterLayout {
@@ -100,7 +102,7 @@ fn npy_and_envi_are_known_by_their_headers() {
     };
     let path = directory.path().join("cube.npy");
     fs::write(&path, npy("<f4", "(3, 7, 5)", &encoded(&layout))).unwrap();
-    assert!(RasterChart::is_one(&path));
+    assert!(RasterChart::is_supported_path(&path));
     assert_pixels(&RasterChart::open(&path, NanPolicy::Error).unwrap(), "npy");
 
     let sample = RasterSample::Plain(Sample::U16);
@@ -110,23 +112,23 @@ fn npy_and_envi_are_known_by_their_headers() {
     fs::write(&data, encoded(&layout)).unwrap();
     fs::write(&header, ENVI).unwrap();
     for path in [&data, &header] {
-        assert!(RasterChart::is_one(path));
+        assert!(RasterChart::is_supported_path(path));
         let chart = RasterChart::open(path, NanPolicy::Error).unwrap();
         assert_eq!(chart.wavelengths_nm(), Some(&[450.0, 550.0, 650.0][..]));
-        assert!(chart.must_be_laid_out(), "lines of 10 bytes share their pages");
+        assert!(chart.needs_band_copy(), "lines of 10 bytes share their pages");
         assert_pixels(&chart, "ENVI");
     }
 }
 
 #[test]
-fn malformed_headers_are_one_clear_error() {
+fn malformed_header_is_an_error_that_names_the_property() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("bad.npy");
-    let of = |bytes: &[u8]| {
+    let open_error = |bytes: &[u8]| {
         fs::write(&path, bytes).unwrap();
         RasterChart::open(&path, NanPolicy::Error).unwrap_err().to_string()
     };
-    for (bytes, word) in [
+    for (bytes, expected) in [
         (b"".to_vec(), "first bytes"),
         (b"PNG".to_vec(), "first bytes"),
         (b"\x93NUMPY\x09\x00aaaa".to_vec(), "NPY version"),
@@ -138,12 +140,12 @@ fn malformed_headers_are_one_clear_error() {
         (npy("<f4", "(99999999999999999999, 4)", &[0; 16]), "shape"),
         (npy("<f4", "(2, 4)", &[0; 31]), "expected"),
     ] {
-        let error = of(&bytes);
-        assert!(error.contains(word) && error.contains("bad.npy"), "{error}");
+        let error = open_error(&bytes);
+        assert!(error.contains(expected) && error.contains("bad.npy"), "{error}");
     }
     fs::write(directory.path().join("e.img"), [0; 99]).unwrap();
     let hdr = directory.path().join("e.hdr");
-    for (from, to, word) in [
+    for (from, to, expected) in [
         ("ENVI", "INVE", "first line"),
         ("samples = 5\n", "", "samples"),
         ("lines = 7", "lines = -7", "lines"),
@@ -159,12 +161,12 @@ fn malformed_headers_are_one_clear_error() {
     ] {
         fs::write(&hdr, ENVI.replace(from, to)).unwrap();
         let error = RasterChart::open(&hdr, NanPolicy::Error).unwrap_err().to_string();
-        assert!(error.contains(word), "{to}: {error}");
+        assert!(error.contains(expected), "{to}: {error}");
     }
 }
 
 #[test]
-fn nan_is_an_error_or_counted_and_no_data_is_nan() {
+fn nan_is_an_error_with_band_row_column_or_a_counted_zero() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("n.npy");
     let values = [1.0f32, f32::NAN, 3.0, f32::INFINITY];
@@ -181,7 +183,7 @@ fn nan_is_an_error_or_counted_and_no_data_is_nan() {
 }
 
 #[test]
-fn values_too_large_and_declared_fill_values_are_told_apart() {
+fn too_large_values_and_declared_fill_values_are_distinguished() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name);
     let rect = Rect::new(0, 0, 2, 2);
@@ -212,7 +214,7 @@ fn values_too_large_and_declared_fill_values_are_told_apart() {
 }
 
 #[test]
-fn gains_offsets_and_factors_of_envi_apply_or_are_refused() {
+fn envi_gains_offsets_and_factor_are_applied_or_rejected() {
     let directory = tempfile::tempdir().unwrap();
     let (data, hdr) = (directory.path().join("c.img"), directory.path().join("c.hdr"));
     let samples = [0u16, 100, 65535, 5000, 0, 100, 7, 5000];
@@ -236,7 +238,7 @@ fn gains_offsets_and_factors_of_envi_apply_or_are_refused() {
         (read(per_band, 0), read(per_band, 1)),
         ([1.0, 51.0, 0.0, 2501.0], [-1.0, 199.0, 13.0, 9999.0])
     );
-    for (keys, word) in [
+    for (keys, expected) in [
         ("reflectance scale factor = many", "reflectance scale factor"),
         ("reflectance scale factor = 0", "reflectance scale factor"),
         ("data gain values = {1}", "data gain values"),
@@ -246,30 +248,29 @@ fn gains_offsets_and_factors_of_envi_apply_or_are_refused() {
         ("data ignore value = none", "data ignore value"),
     ] {
         let e = open(keys).unwrap_err().to_string();
-        assert!(e.contains(word) && e.contains("c.hdr"), "{keys}: {e}");
+        assert!(e.contains(expected) && e.contains("c.hdr"), "{keys}: {e}");
     }
-    // Laid out in bands, they are scaled once.
+    // A band copy is not scaled again.
     let mut chart = open(per_band).unwrap();
-    chart.in_bands(&[0, 1], directory.path(), &|_, _| ()).unwrap();
+    chart.copy_bands(&[0, 1], directory.path(), &|_, _| ()).unwrap();
     let mut out = [9.0; 4];
     chart.read_rect(1, Rect::new(0, 0, 2, 2), &mut out).unwrap();
     assert_eq!(out, [-1.0, 199.0, 13.0, 9999.0]);
 }
 
-/// Each of these changes what is read.
 #[test]
-fn the_identity_follows_all_that_reading_depends_on() {
+fn identity_changes_with_everything_that_changes_values() {
     let directory = tempfile::tempdir().unwrap();
     fs::write(directory.path().join("e.img"), [1; 300]).unwrap();
     let hdr = directory.path().join("e.hdr");
-    let of = |text: &str| {
+    let identity = |text: &str| {
         fs::write(&hdr, text).unwrap();
         RasterChart::open(&hdr, NanPolicy::Error).unwrap().identity().unwrap().0.to_string()
     };
     // Wavelengths that are within bounds in either unit.
     let envi = ENVI.replace("0.45,\n 0.55, 0.65", "2.45,\n 2.55, 2.65");
-    let mut seen = vec![of(&envi)];
-    assert_eq!(of(&envi.replace("a\n cube", "another")), seen[0], "a description changes nothing");
+    let mut seen = vec![identity(&envi)];
+    assert_eq!(identity(&envi.replace("a\n cube", "another")), seen[0], "the description does not change it");
     for (from, to) in [
         ("samples = 5\nlines = 7", "samples = 7\nlines = 5"),
         ("lines = 7", "lines = 6"),
@@ -291,7 +292,7 @@ fn the_identity_follows_all_that_reading_depends_on() {
     ] {
         let text = envi.replace(from, to);
         assert_ne!(text, envi, "{from}");
-        seen.push(of(&text));
+        seen.push(identity(&text));
     }
     fs::write(&hdr, &envi).unwrap();
     let declared = RasterChart::open(&hdr, NanPolicy::Error).unwrap().with_wavelengths(vec![1.0, 2.0, 3.0]);
@@ -301,41 +302,44 @@ fn the_identity_follows_all_that_reading_depends_on() {
 }
 
 #[test]
-fn a_file_that_changes_after_it_was_opened_is_noticed() {
+fn change_of_a_file_after_opening_is_an_error() {
     let directory = tempfile::tempdir().unwrap();
     let (data, hdr) = (directory.path().join("e.img"), directory.path().join("e.hdr"));
     let write = || {
         fs::write(&data, [1; 300]).unwrap();
         fs::write(&hdr, ENVI).unwrap();
     };
-    let noticed = |change: &dyn Fn(), word: &str| {
+    let assert_detected = |change: &dyn Fn(), expected: &str| {
         write();
         let chart = RasterChart::open(&hdr, NanPolicy::Error).unwrap();
         assert_eq!(chart.identity().unwrap(), chart.identity().unwrap());
         change();
         let e = chart.identity().unwrap_err();
-        assert!(matches!(e, ChartError::Changed { .. }) && e.to_string().contains(word), "{word}: {e}");
+        assert!(
+            matches!(e, ChartError::Changed { .. }) && e.to_string().contains(expected),
+            "{expected}: {e}"
+        );
     };
     let time = fs::metadata(directory.path()).unwrap().modified().unwrap();
-    noticed(&|| fs::write(&data, [2; 300]).unwrap(), "e.img");
-    noticed(&|| fs::write(&data, [2; 301]).unwrap(), "another size");
-    // Of the same size, its time set back.
-    let set_back = || {
+    assert_detected(&|| fs::write(&data, [2; 300]).unwrap(), "e.img");
+    assert_detected(&|| fs::write(&data, [2; 301]).unwrap(), "size changed");
+    // Same size, modification time restored.
+    let restore_time = || {
         let then = fs::metadata(&data).unwrap().modified().unwrap();
         fs::write(&data, [2; 300]).unwrap();
         File::options().write(true).open(&data).unwrap().set_modified(then).unwrap();
     };
-    noticed(&set_back, "written to");
+    assert_detected(&restore_time, "written to");
     let replaced = || {
         let other = directory.path().join("other");
         fs::write(&other, [1; 300]).unwrap();
         File::options().write(true).open(&other).unwrap().set_modified(time).unwrap();
         fs::rename(&other, &data).unwrap();
     };
-    noticed(&replaced, "taken its place");
-    noticed(&|| fs::remove_file(&data).unwrap(), "removed");
-    noticed(&|| fs::write(&hdr, ENVI.replace("byte order = 1", "byte order = 0")).unwrap(), "e.hdr");
-    // The same words again are the same header.
+    assert_detected(&replaced, "replaced by another file");
+    assert_detected(&|| fs::remove_file(&data).unwrap(), "removed");
+    assert_detected(&|| fs::write(&hdr, ENVI.replace("byte order = 1", "byte order = 0")).unwrap(), "e.hdr");
+    // The same text is the same header.
     write();
     let chart = RasterChart::open(&hdr, NanPolicy::Error).unwrap();
     fs::write(&hdr, ENVI).unwrap();
@@ -343,7 +347,7 @@ fn a_file_that_changes_after_it_was_opened_is_noticed() {
 }
 
 #[test]
-fn a_file_that_shrinks_is_an_error_and_no_signal() {
+fn truncation_of_a_mapped_file_is_an_error_and_no_signal() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("s.raw");
     let sample = RasterSample::Plain(Sample::F32);
@@ -356,11 +360,11 @@ fn a_file_that_shrinks_is_an_error_and_no_signal() {
     File::options().write(true).open(&path).unwrap().set_len(4096 * 4 * 2).unwrap();
     let error = chart.read_rect(0, Rect::new(60, 0, 1, 4096), &mut line).unwrap_err();
     assert!(matches!(error, ChartError::Short { expected: 1_048_576, found: 32_768, .. }), "{error}");
-    assert_eq!(line, vec![0.0; 4096], "zeros stand where the file was");
+    assert_eq!(line, vec![0.0; 4096], "lost pages read as zeros");
 }
 
 #[test]
-fn every_type_of_envi_and_numpy_is_named_right() {
+fn every_sample_type_of_envi_and_numpy_is_recognized() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name);
     let plain = RasterSample::Plain;
@@ -405,11 +409,11 @@ fn every_type_of_envi_and_numpy_is_named_right() {
     }
 }
 
-/// Pages behind the reader are given back: a file of 256 MiB never takes a third of it.
+/// Pages behind the reader are released: a file of 256 MiB takes less than a third of its size.
 #[test]
 #[cfg(target_os = "linux")]
-fn a_large_file_takes_a_few_rows_of_memory() {
-    let held = || {
+fn sequential_read_of_a_large_file_keeps_few_rows_in_memory() {
+    let resident_bytes = || {
         let status = fs::read_to_string("/proc/self/status").unwrap();
         let line = status.lines().find_map(|l| l.strip_prefix("RssFile:")).unwrap();
         line.split_whitespace().next().unwrap().parse::<u64>().unwrap() << 10
@@ -421,13 +425,13 @@ fn a_large_file_takes_a_few_rows_of_memory() {
     let layout = RasterLayout { shape, interleave: Interleave::Bsq, sample, little_endian: true, offset: 0 };
     File::create(&path).unwrap().set_len(16384 * 4096 * 4).unwrap();
     let chart = RasterChart::raw(&path, layout, NanPolicy::Error).unwrap();
-    let before = held();
-    let (mut out, mut most) = (vec![0.0; 64 * 4096], 0);
+    let before = resident_bytes();
+    let (mut out, mut peak) = (vec![0.0; 64 * 4096], 0);
     for row in (0..16384).step_by(64) {
         chart.read_rect(0, Rect::new(row, 0, 64, 4096), &mut out).unwrap();
-        most = most.max(held().saturating_sub(before));
+        peak = peak.max(resident_bytes().saturating_sub(before));
     }
     assert_eq!(chart.stats().0, 256 << 20);
     // 2048 rows are kept, and up to 512 more before any go: 40 MiB. Other tests run in this process.
-    assert!(most > 16 << 20 && most < 80 << 20, "{} MiB", most >> 20);
+    assert!(peak > 16 << 20 && peak < 80 << 20, "{} MiB", peak >> 20);
 }

@@ -1,4 +1,4 @@
-//! Stores that are not what they claim: one clear error each, never a panic.
+//! Invalid, damaged and incomplete stores: an error each, never a panic.
 
 use super::*;
 
@@ -15,25 +15,26 @@ fn edit(path: &Path, change: impl Fn(String) -> String) {
 }
 
 #[test]
-fn what_is_no_chart_is_named() {
+fn path_without_a_chart_is_an_error_that_names_the_cause() {
     let dir = tempfile::tempdir().unwrap();
-    assert!(matches!(refuse(&dir.path().join("nowhere")), ChartError::NotFound { .. }));
-    assert!(matches!(refuse(dir.path()), ChartError::NotZarr { .. }));
+    assert!(matches!(open_error(&dir.path().join("nowhere")), ChartError::NotFound { .. }));
+    assert!(matches!(open_error(dir.path()), ChartError::NotZarr { .. }));
     let file = dir.path().join("picture.png");
     std::fs::write(&file, b"PNG").unwrap();
-    assert!(refuse(&file).to_string().contains("a file"));
-    let e = refuse(&PathBuf::from(format!("{}//film", fixture("v3-sharded").display()))).to_string();
+    assert!(open_error(&file).to_string().contains("a file"));
+    let e = open_error(&PathBuf::from(format!("{}//film", fixture("v3-sharded").display()))).to_string();
     assert!(e.contains("\"film\"") && e.contains("chart, wavelength"), "{e}");
-    let e = refuse(&fixture("v3-wrong-order")).to_string();
+    let e = open_error(&fixture("v3-wrong-order")).to_string();
     assert!(e.contains("(y, x, wavelength)") && e.contains("(wavelength, y, x)"), "{e}");
-    let e = refuse(&fixture("v3-int32")).to_string();
+    let e = open_error(&fixture("v3-int32")).to_string();
     assert!(e.contains("int32") && e.contains("float32"), "{e}");
-    let e = refuse(&PathBuf::from(format!("{}//wavelength", fixture("v3-sharded").display()))).to_string();
+    let e =
+        open_error(&PathBuf::from(format!("{}//wavelength", fixture("v3-sharded").display()))).to_string();
     assert!(e.contains("[3]"), "{e}");
 }
 
 #[test]
-fn absurd_sizes_are_refused_before_memory_is() {
+fn oversized_shapes_are_an_error_before_memory_is_allocated() {
     let edits: [(&str, &str); 4] = [
         ("37,", "1000000000000000000,"),
         ("37,", "0,"),
@@ -43,16 +44,16 @@ fn absurd_sizes_are_refused_before_memory_is() {
     for (from, to) in edits {
         let (_dir, path) = copied("v3-bip-zstd");
         edit(&path, |s| s.replacen(from, to, 2));
-        let e = refuse(&path).to_string();
+        let e = open_error(&path).to_string();
         assert!(e.contains("expected"), "{from} {to}: {e}");
     }
     let (_dir, path) = copied("v3-index-first");
     edit(&path, |s| s.replace("32,", "2000000000000000,"));
-    assert!(refuse(&path).to_string().contains("inner chunks"));
+    assert!(open_error(&path).to_string().contains("inner chunks"));
 }
 
 #[test]
-fn a_damaged_chunk_is_named_with_its_place() {
+fn damaged_chunk_is_an_error_with_file_and_region() {
     let (_dir, path) = copied("v3-sharded");
     let file = path.join("chart/c/1/0/1");
     let good = std::fs::read(&file).unwrap();
@@ -61,8 +62,8 @@ fn a_damaged_chunk_is_named_with_its_place() {
     std::fs::write(&file, &bad).unwrap();
     let chart = open(&path);
     let e = all(&chart, 1).unwrap_err();
-    let ChartError::Corrupt { path: named, first_band: 1, region, .. } = &e else { panic!("{e}") };
-    assert_eq!((named, *region), (&file, Rect::new(0, 32, 16, 9)));
+    let ChartError::Corrupt { path: reported, first_band: 1, region, .. } = &e else { panic!("{e}") };
+    assert_eq!((reported, *region), (&file, Rect::new(0, 32, 16, 9)));
     assert!(all(&chart, 0).is_ok());
     for cut in [0, 10, good.len() / 2, good.len() - 1] {
         std::fs::write(&file, &good[..cut]).unwrap();
@@ -70,11 +71,11 @@ fn a_damaged_chunk_is_named_with_its_place() {
         assert!(matches!(e, ChartError::Corrupt { .. }), "cut to {cut}: {e}");
     }
     std::fs::write(&file, &good).unwrap();
-    assert!(all(&chart, 1).is_ok(), "an error is not remembered");
+    assert!(all(&chart, 1).is_ok(), "errors are not cached");
 }
 
 #[test]
-fn no_byte_of_a_chunk_makes_a_panic() {
+fn flipped_bytes_of_a_chunk_cause_no_panic() {
     for (name, key) in
         [("v3-bip-zstd", "c/0/0/0"), ("v2-big-endian-fortran", "0.0.0"), ("v3-sharded", "chart/c/0/1/0")]
     {
@@ -93,13 +94,13 @@ fn no_byte_of_a_chunk_makes_a_panic() {
 }
 
 #[test]
-fn nan_is_an_error_with_its_place_or_a_counted_zero() {
+fn nan_is_an_error_with_band_row_column_or_a_counted_zero() {
     // No compression: the NaN goes straight into the file. Band 0, chunk (1, 2), row 3, column 4 of it.
     let (_dir, path) = copied("v3-two-dimensional");
     let file = path.join("c/1/2");
     let mut bytes = std::fs::read(&file).unwrap();
     bytes[(3 * 16 + 4) * 2..][..2].copy_from_slice(&half::f16::NAN.to_le_bytes());
-    // Beyond the edge of the chart (columns 41..48): nobody's business.
+    // Beyond the edge of the chart (columns 41..48): ignored.
     bytes[(3 * 16 + 12) * 2..][..2].copy_from_slice(&half::f16::INFINITY.to_le_bytes());
     std::fs::write(&file, bytes).unwrap();
     let e = all(&open(&path), 0).unwrap_err();
@@ -112,7 +113,7 @@ fn nan_is_an_error_with_its_place_or_a_counted_zero() {
 }
 
 #[test]
-fn a_missing_chunk_is_its_fill_value_and_counted() {
+fn missing_chunk_reads_as_its_fill_value_and_is_counted() {
     let (_dir, path) = copied("v3-bip-zstd");
     std::fs::remove_file(path.join("c/0/1/1")).unwrap();
     edit(&path, |s| s.replace("\"fill_value\": 0", "\"fill_value\": 9"));
@@ -120,11 +121,11 @@ fn a_missing_chunk_is_its_fill_value_and_counted() {
     for band in 0..3 {
         assert_eq!(all(&chart, band).unwrap()[20 * 41 + 20], 9.0);
     }
-    assert_eq!(chart.stats().missing_pieces, 1);
+    assert_eq!(chart.stats().missing_chunks, 1);
 }
 
 #[test]
-fn a_missing_chunk_that_would_be_nan_is_an_error() {
+fn missing_chunk_with_fill_value_nan_is_an_error() {
     let (_dir, path) = copied("v3-sharded");
     std::fs::remove_file(path.join("chart/c/2/1/0")).unwrap();
     let chart = open(&path);
@@ -134,11 +135,11 @@ fn a_missing_chunk_that_would_be_nan_is_an_error() {
     let chart = ChartStore::open(path.to_str().unwrap(), with_nan(NanPolicy::Zero)).unwrap();
     assert_eq!(all(&chart, 2).unwrap()[36 * 41], 0.0);
     let stats = chart.stats();
-    assert_eq!((stats.missing_pieces, stats.nan_replaced), (2, 5 * 32));
+    assert_eq!((stats.missing_chunks, stats.nan_replaced), (2, 5 * 32));
 }
 
 #[test]
-fn requests_outside_the_chart_are_refused() {
+fn request_outside_the_chart_is_an_error() {
     let chart = open(&fixture("v3-sharded"));
     let mut out = vec![0.0; 4];
     for (band, rect) in [(3, Rect::new(0, 0, 2, 2)), (0, Rect::new(-1, 0, 2, 2)), (0, Rect::new(36, 0, 2, 2))]
@@ -148,9 +149,9 @@ fn requests_outside_the_chart_are_refused() {
     assert!(matches!(chart.read_rect(0, Rect::new(0, 0, 3, 2), &mut out), Err(ChartError::Request { .. })));
 }
 
-/// Metadata with bytes changed, cut and doubled at random places (xorshift, fixed seed): it opens or it does not.
+/// Metadata with bytes changed, removed and duplicated at random positions (xorshift, fixed seed).
 #[test]
-fn no_metadata_makes_a_panic() {
+fn random_metadata_cause_no_panic() {
     let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
     let mut random = |n: usize| {
         seed ^= seed << 13;
@@ -158,7 +159,7 @@ fn no_metadata_makes_a_panic() {
         seed ^= seed << 17;
         (seed % n as u64) as usize
     };
-    let words: [&[u8]; 10] = [
+    let tokens: [&[u8]; 10] = [
         b"0",
         b"-1",
         b"1e308",
@@ -182,19 +183,19 @@ fn no_metadata_makes_a_panic() {
         for _ in 0..600 {
             let mut bad = good.clone();
             for _ in 0..=random(2) {
-                let (at, word) = (random(bad.len()), words[random(words.len())]);
+                let (at, token) = (random(bad.len()), tokens[random(tokens.len())]);
                 match random(4) {
                     0 => bad[at] = random(256) as u8,
                     1 => bad.truncate(at + 1),
                     2 => {
-                        // A whole number or word in place of another.
+                        // Replaces a number or string.
                         let is_end = |b: &u8| matches!(b, b',' | b']' | b'}' | b'\n');
                         let end = bad[at..].iter().position(is_end).map_or(bad.len(), |k| at + k);
                         let start = bad[..at]
                             .iter()
                             .rposition(|b| matches!(b, b' ' | b'[' | b':'))
                             .map_or(at, |k| k + 1);
-                        bad.splice(start.min(end)..end, word.iter().copied());
+                        bad.splice(start.min(end)..end, token.iter().copied());
                     }
                     _ => {
                         let part = bad[at..(at + 30).min(bad.len())].to_vec();

@@ -1,18 +1,18 @@
-//! MB/s of pixels through the stores on one core: `cargo test -p lenscube-formats speed -- --ignored --nocapture`.
+//! Throughput in MB/s of encoding, committing and reading on one core: `cargo test -p lenscube-formats store_throughput -- --ignored --nocapture`.
 
 use super::*;
 use crate::film::{FilmSpec, FilmStore};
 
 const SIDE: usize = 4096;
 
-/// Seconds that this thread has computed, whatever else the machine does.
-fn cpu() -> f64 {
+/// CPU time of this thread in s.
+fn thread_cpu_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
     stat.split_whitespace().next().unwrap().parse::<f64>().unwrap() * 1e-9
 }
 
 /// A smooth image with 1 % noise (xorshift).
-fn smooth() -> Vec<f32> {
+fn smooth_image() -> Vec<f32> {
     let mut seed = 0x2545_f491_4f6c_dd1d_u64;
     (0..SIDE * SIDE)
         .map(|k| {
@@ -28,17 +28,17 @@ fn smooth() -> Vec<f32> {
 
 #[test]
 #[ignore = "measurement: run alone, in release, with --nocapture"]
-fn speed() {
+fn store_throughput() {
     let dir = tempfile::tempdir_in(std::env::var_os("LENSCUBE_SPEED_DIR").unwrap_or_else(|| "/tmp".into()))
         .unwrap();
-    let image = smooth();
+    let image = smooth_image();
     let size = Size::new(SIDE, SIDE);
     let mb = (image.len() * 4) as f64 / 1e6;
     for codec in [Codec::Zstd, Codec::Lz4, Codec::None] {
         for chunk in [256, 512] {
             for fsync in [true, false] {
                 let path = dir.path().join(format!("{codec:?}-{chunk}-{fsync}"));
-                let spec = FilmSpec { chunk, codec, ..FilmSpec::whole(size, vec![550.0], 2.0) };
+                let spec = FilmSpec { chunk, codec, ..FilmSpec::full_film(size, vec![550.0], 2.0) };
                 let film = FilmStore::create(&path, spec, serde_json::Map::new(), fsync).unwrap();
                 let (mut encode, mut commit, mut bytes) = (0.0, 0.0, 0);
                 for shard in [(0, 0), (0, 1), (1, 0), (1, 1)] {
@@ -47,18 +47,18 @@ fn speed() {
                     for y in r.y..r.bottom() {
                         pixels.extend_from_slice(&image[y as usize * SIDE + r.x as usize..][..r.width]);
                     }
-                    let t = cpu();
+                    let t = thread_cpu_s();
                     let shard = film.encode_shard(0, 0, shard, &pixels).unwrap();
-                    encode += cpu() - t;
+                    encode += thread_cpu_s() - t;
                     let t = std::time::Instant::now();
                     film.commit(&shard).unwrap();
                     commit += t.elapsed().as_secs_f64();
                     bytes += shard.bytes().len();
                 }
                 let chart = open(&path);
-                let t = cpu();
+                let t = thread_cpu_s();
                 let pixels = all(&chart, 0).unwrap();
-                let read = cpu() - t;
+                let read = thread_cpu_s() - t;
                 assert!(pixels == image);
                 let decode = chart.stats().decode_ns as f64 * 1e-9;
                 println!(

@@ -1,4 +1,4 @@
-//! Whole stores read right.
+//! Values, metadata, identity and re-chunking of valid stores.
 
 use super::*;
 
@@ -19,7 +19,7 @@ fn check(chart: &ChartStore, bands: std::ops::Range<usize>) {
 }
 
 #[test]
-fn every_fixture_reads_as_it_was_written() {
+fn every_fixture_has_the_expected_pixels_and_decodes_each_chunk_once() {
     for name in [
         "v3-sharded",
         "v2-blosc",
@@ -34,22 +34,22 @@ fn every_fixture_reads_as_it_was_written() {
         assert_eq!(chart.bands(), 3, "{name}");
         check(&chart, 0..3);
         let stats = chart.stats();
-        assert_eq!(stats.missing_pieces, 0, "{name}");
-        let pieces: usize = chart.layout.pieces().iter().product();
-        assert_eq!(stats.pieces_decoded as usize, pieces, "{name}: each piece once");
+        assert_eq!(stats.missing_chunks, 0, "{name}");
+        let chunks: usize = chart.layout.chunk_counts().iter().product();
+        assert_eq!(stats.chunks_decoded as usize, chunks, "{name}: each chunk once");
         assert!(stats.bytes_read > 0 && stats.decode_ns > 0);
     }
     check(&open(&fixture("v3-two-dimensional")), 1..2);
 }
 
 #[test]
-fn a_group_tells_what_its_chart_is() {
+fn metadata_of_the_group_and_its_arrays() {
     let chart = open(&fixture("v3-sharded"));
     assert_eq!(chart.wavelengths_nm(), Some(&[400.0, 410.0, 420.5][..]));
     assert_eq!((chart.pitch_um(), chart.units()), (Some(2.0), Some("reflectance")));
     assert_eq!(chart.film_size(), Some(Size::new(33, 35)));
     assert_eq!(
-        (chart.sample(), chart.file_shape(), chart.piece_shape()),
+        (chart.sample(), chart.file_shape(), chart.chunk_shape()),
         (Sample::F32, [1, 32, 32], [1, 16, 16])
     );
     let v2 = open(&fixture("v2-blosc"));
@@ -60,7 +60,7 @@ fn a_group_tells_what_its_chart_is() {
 }
 
 #[test]
-fn an_array_is_found_by_path_by_name_and_by_its_own_directory() {
+fn array_is_found_by_name_and_by_its_own_directory() {
     let path = fixture("v3-sharded");
     let by_name = format!("{}//chart", path.display());
     let inside = format!("{}/chart", path.display());
@@ -72,68 +72,68 @@ fn an_array_is_found_by_path_by_name_and_by_its_own_directory() {
 }
 
 #[test]
-fn the_callers_wavelengths_come_first() {
-    let given = |n: usize| ChartOptions {
+fn declared_wavelengths_replace_those_of_the_store() {
+    let declared = |n: usize| ChartOptions {
         wavelengths_nm: Some((0..n).map(|k| 500.0 + k as f64).collect()),
         ..ChartOptions::default()
     };
     let path = fixture("v3-sharded");
-    let chart = ChartStore::open(path.to_str().unwrap(), given(3)).unwrap();
+    let chart = ChartStore::open(path.to_str().unwrap(), declared(3)).unwrap();
     assert_eq!(chart.wavelengths_nm().unwrap()[2], 502.0);
-    let e = ChartStore::open(path.to_str().unwrap(), given(2)).unwrap_err().to_string();
+    let e = ChartStore::open(path.to_str().unwrap(), declared(2)).unwrap_err().to_string();
     assert!(e.contains("wavelengths") && e.contains("3 bands"), "{e}");
 }
 
 #[test]
-fn the_identity_follows_the_chart_and_not_its_place() {
+fn identity_depends_on_the_chart_and_not_on_its_location() {
     let (_dir, path) = copied("v3-sharded");
-    let (here, there) = (open(&fixture("v3-sharded")), open(&path));
-    let (own, before) = (here.identity().unwrap(), there.identity().unwrap());
-    assert_eq!((&own.content, &before), (&before.content, &there.identity().unwrap()));
+    let (original, copy) = (open(&fixture("v3-sharded")), open(&path));
+    let (expected, before) = (original.identity().unwrap(), copy.identity().unwrap());
+    assert_eq!((&expected.content, &before), (&before.content, &copy.identity().unwrap()));
     let file = path.join("chart/c/0/0/0");
     let bytes = std::fs::read(&file).unwrap();
     std::fs::File::open(&file).unwrap().set_modified(std::time::UNIX_EPOCH).unwrap();
-    let touched = there.identity().unwrap();
+    let touched = copy.identity().unwrap();
     assert!(touched.mtimes != before.mtimes && touched.content == before.content);
     std::fs::write(&file, &bytes[1..]).unwrap();
-    assert_ne!(there.identity().unwrap().content, own.content);
+    assert_ne!(copy.identity().unwrap().content, expected.content);
 }
 
 #[test]
-fn a_chart_that_is_gone_is_not_a_chart_of_missing_chunks() {
+fn removed_chart_is_an_error_rather_than_missing_chunks() {
     let (_dir, path) = copied("v3-sharded");
     let chart = open(&path);
     std::fs::remove_dir_all(&path).unwrap();
     let e = all(&chart, 0).unwrap_err();
-    assert!(e.retryable() && e.to_string().contains("is gone"), "{e}");
+    assert!(e.retryable() && e.to_string().contains("is missing: its"), "{e}");
 }
 
 #[test]
-fn threads_share_what_is_decoded() {
+fn concurrent_threads_decode_each_chunk_once() {
     let chart = open(&fixture("v3-sharded"));
     std::thread::scope(|s| {
         for _ in 0..8 {
             s.spawn(|| check(&chart, 0..3));
         }
     });
-    assert_eq!(chart.stats().pieces_decoded, 27);
+    assert_eq!(chart.stats().chunks_decoded, 27);
 }
 
 #[test]
-fn a_cache_that_holds_nothing_still_reads_right() {
+fn cache_of_zero_bytes_gives_the_same_pixels() {
     let options = ChartOptions { cache_bytes: 0, ..ChartOptions::default() };
     let chart = ChartStore::open(fixture("v3-index-first").to_str().unwrap(), options).unwrap();
     check(&chart, 0..3);
 }
 
 #[test]
-fn chunks_of_many_bands_are_taken_apart_once() {
+fn rechunking_decodes_each_chunk_once_and_keeps_the_pixels() {
     for name in ["v3-bip-zstd", "v3-transposed", "v2-big-endian-fortran"] {
         let path = fixture(name);
         let options = ChartOptions { cache_bytes: 10_000, ..ChartOptions::default() };
         let chart = ChartStore::open(path.to_str().unwrap(), options).unwrap();
         assert!(chart.rechunk_needed(&[0, 1, 2]) && !chart.rechunk_needed(&[1]), "{name}");
-        assert!(!open(&path).rechunk_needed(&[0, 1, 2]), "all of it fits in the cache");
+        assert!(!open(&path).rechunk_needed(&[0, 1, 2]), "the chart fits in the cache");
         let dir = tempfile::tempdir().unwrap();
         let done = AtomicU64::new(0);
         chart
@@ -141,16 +141,16 @@ fn chunks_of_many_bands_are_taken_apart_once() {
                 done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
             })
             .unwrap();
-        let pieces: usize = chart.layout.pieces().iter().product();
-        assert_eq!(done.into_inner() as usize, pieces);
-        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "its file has no name");
+        let chunks: usize = chart.layout.chunk_counts().iter().product();
+        assert_eq!(done.into_inner() as usize, chunks);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "the temporary file has no name");
         check(&chart, 0..3);
-        assert_eq!(chart.stats().pieces_decoded as usize, pieces);
+        assert_eq!(chart.stats().chunks_decoded as usize, chunks);
     }
 }
 
 #[test]
-fn the_temporary_store_needs_room() {
+fn rechunking_without_disk_space_is_an_error() {
     let (_dir, path) = copied("v3-bip-zstd");
     let json = std::fs::read_to_string(path.join("zarr.json")).unwrap();
     let huge =

@@ -1,4 +1,4 @@
-//! What samples mean: fill values, scale, values too large; what identifies a chart; chunks that decode to too much.
+//! Values of samples (fill values, scale, magnitude), identity of a chart, and decompression bombs.
 
 use serde_json::{Value, json};
 
@@ -51,7 +51,7 @@ impl Array {
 }
 
 #[test]
-fn a_value_too_large_to_compute_with_is_an_error_with_its_place() {
+fn value_above_the_maximum_is_an_error_with_band_row_column() {
     for huge in [9.969_21e36, -3.4e38, 1.1e30, f32::MAX] {
         let array = Array::f32(json!({}), [1.0, 2.0, huge, 4.0]);
         for nan in [NanPolicy::Error, NanPolicy::Zero] {
@@ -59,7 +59,7 @@ fn a_value_too_large_to_compute_with_is_an_error_with_its_place() {
             assert!(matches!(e, ChartError::TooLarge { band: 0, row: 1, column: 0, .. }), "{e}");
             assert!(e.to_string().contains("_FillValue"), "{e}");
         }
-        assert_eq!(array.pixels(NanPolicy::Keep).unwrap()[2], huge, "looked at, not computed with");
+        assert_eq!(array.pixels(NanPolicy::Keep).unwrap()[2], huge, "NanPolicy::Keep checks no values");
     }
     assert_eq!(Array::f32(json!({}), [1e30; 4]).pixels(NanPolicy::Error).unwrap(), [1e30; 4]);
     let array = Array::f32(json!({}), [1e20; 4]);
@@ -69,7 +69,7 @@ fn a_value_too_large_to_compute_with_is_an_error_with_its_place() {
 }
 
 #[test]
-fn a_double_that_overflows_a_float_is_too_large_and_no_infinity() {
+fn f64_beyond_the_range_of_f32_is_too_large_and_not_infinite() {
     let bytes = [1.0, 1e300, 3.0, f64::INFINITY].map(f64::to_le_bytes).concat();
     let array = Array::new("float64", json!({}), &bytes);
     for nan in [NanPolicy::Error, NanPolicy::Zero] {
@@ -117,7 +117,7 @@ fn scale_and_offset_apply_after_fill_values_are_compared() {
 }
 
 #[test]
-fn attributes_that_are_not_understood_are_refused_and_named() {
+fn invalid_attribute_is_an_error_that_names_it() {
     for (key, value) in [
         ("scale_factor", json!("0.1")),
         ("add_offset", json!([1, 2])),
@@ -125,13 +125,13 @@ fn attributes_that_are_not_understood_are_refused_and_named() {
         ("valid_range", json!([1])),
         ("_Unsigned", json!("true")),
     ] {
-        let e = refuse(Array::f32(json!({key: value}), [0.0; 4]).dir.path()).to_string();
+        let e = open_error(Array::f32(json!({key: value}), [0.0; 4]).dir.path()).to_string();
         assert!(e.contains(key) && e.contains("expected"), "{e}");
     }
 }
 
 #[test]
-fn xarrays_fill_value_of_a_v2_array_counts() {
+fn v2_fill_value_of_xarray_is_no_data() {
     let (_dir, path) = copied("v2-blosc");
     let file = path.join("chart/.zarray");
     let json = std::fs::read_to_string(&file).unwrap();
@@ -143,18 +143,21 @@ fn xarrays_fill_value_of_a_v2_array_counts() {
     assert!(matches!(all(&open(&path), 0), Err(ChartError::NoData { value: 7.0, .. })));
 }
 
-/// Each of these changes what is read.
 #[test]
-fn the_identity_follows_all_that_reading_depends_on() {
-    let of = |array: &Array, wavelengths_nm: Option<Vec<f64>>| {
+fn identity_changes_with_everything_that_changes_values() {
+    let identity = |array: &Array, wavelengths_nm: Option<Vec<f64>>| {
         let options = ChartOptions { wavelengths_nm, ..ChartOptions::default() };
         let chart = ChartStore::open(array.dir.path().to_str().unwrap(), options).unwrap();
         chart.identity().unwrap().content
     };
     let plain = || Array::f32(json!({}), [1.0; 4]);
-    let mut seen = vec![of(&plain(), None)];
-    assert_eq!(seen[0], of(&plain(), None), "the place is no part of it");
-    assert_eq!(seen[0], of(&Array::f32(json!({"title": "a chart"}), [1.0; 4]), None), "nor is a title");
+    let mut seen = vec![identity(&plain(), None)];
+    assert_eq!(seen[0], identity(&plain(), None), "the location does not change it");
+    assert_eq!(
+        seen[0],
+        identity(&Array::f32(json!({"title": "a chart"}), [1.0; 4]), None),
+        "nor does a title"
+    );
     for attributes in [
         json!({"_FillValue": -1}),
         json!({"_FillValue": -2}),
@@ -170,9 +173,9 @@ fn the_identity_follows_all_that_reading_depends_on() {
         json!({"units": "W"}),
         json!({"wavelengths_nm": [500]}),
     ] {
-        seen.push(of(&Array::f32(attributes, [1.0; 4]), None));
+        seen.push(identity(&Array::f32(attributes, [1.0; 4]), None));
     }
-    seen.push(of(&plain(), Some(vec![550.0])));
+    seen.push(identity(&plain(), Some(vec![550.0])));
     let edits: [(&str, Value); 5] = [
         ("/fill_value", json!(1)),
         ("/data_type", json!("uint8")),
@@ -184,29 +187,29 @@ fn the_identity_follows_all_that_reading_depends_on() {
         let mut array = plain();
         *array.metadata.pointer_mut(key).unwrap() = value;
         array.write();
-        seen.push(of(&array, None));
+        seen.push(identity(&array, None));
     }
     let sides = Array::f32(json!({}), [1.0; 4]);
     std::fs::write(sides.chunk(), [0; 15]).unwrap();
-    seen.push(of(&sides, None));
+    seen.push(identity(&sides, None));
     let distinct: std::collections::HashSet<_> = seen.iter().collect();
     assert_eq!(distinct.len(), seen.len());
 }
 
 #[test]
-fn two_arrays_of_one_store_are_two_charts() {
+fn arrays_of_one_store_have_different_identities() {
     let (_dir, path) = copied("v3-sharded");
     copy(&path.join("chart"), &path.join("other"));
-    let of = |name: &str| {
+    let identity = |name: &str| {
         let spec = format!("{}//{name}", path.display());
         ChartStore::open(&spec, ChartOptions::default()).unwrap().identity().unwrap().content
     };
-    assert_ne!(of("chart"), of("other"));
-    assert_eq!(of("chart"), open(&path).identity().unwrap().content, "by its name or by the group");
+    assert_ne!(identity("chart"), identity("other"));
+    assert_eq!(identity("chart"), open(&path).identity().unwrap().content, "opened by name or by its group");
 }
 
 #[test]
-fn files_that_are_no_chunks_leave_the_identity_alone() {
+fn foreign_files_do_not_change_the_identity() {
     for (name, array, foreign) in [
         ("v3-sharded", "chart", ["c/0/0/.nfs000012", "c/0/0/9", "c/9/0/0", "c/0/0/00"]),
         ("v2-blosc", "chart", ["0.0.9", "0.0.00", "0.0", "c.0.0.0"]),
@@ -222,14 +225,14 @@ fn files_that_are_no_chunks_leave_the_identity_alone() {
             std::fs::write(&file, b"x").unwrap();
             assert_eq!(open(&path).identity().unwrap(), before, "{name}: {}", file.display());
         }
-        // Links into nowhere, as editors make them for a lock.
+        // A dangling link, as editors create for a lock.
         std::os::unix::fs::symlink("nobody@nowhere", path.join(array).join(".#zarr.json")).unwrap();
         assert_eq!(open(&path).identity().unwrap(), before, "{name}");
     }
 }
 
 #[test]
-fn a_chunk_is_part_of_the_identity_in_every_key_encoding() {
+fn missing_chunk_changes_the_identity_in_every_key_encoding() {
     for (name, chunk) in [
         ("v3-sharded", "chart/c/2/1/0"),
         ("v2-blosc", "chart/0.0.0"),
@@ -243,23 +246,23 @@ fn a_chunk_is_part_of_the_identity_in_every_key_encoding() {
     }
 }
 
-/// 32 GiB in one MB: without a limit the process would end here.
+/// The bombs decode to up to 32 GiB.
 #[test]
-fn a_chunk_that_decodes_to_more_than_its_size_is_damaged() {
+fn chunk_that_decodes_to_more_than_its_size_is_corrupt() {
     let level = json!({"level": 1, "checksum": false});
     let bombs = [
-        ("zstd", level.clone(), bombs::zstd_without_size(1 << 18)),
-        ("zstd", level, bombs::zstd_claiming(1 << 45)),
-        ("gzip", json!({"level": 1}), bombs::gzip(4 << 20)),
-        ("numcodecs.zlib", json!({"level": 1}), bombs::zlib(4 << 20)),
+        ("zstd", level.clone(), bombs::zstd_without_content_size(1 << 18)),
+        ("zstd", level, bombs::zstd_with_stated_size(1 << 45)),
+        ("gzip", json!({"level": 1}), bombs::gzip_zeros(4 << 20)),
+        ("numcodecs.zlib", json!({"level": 1}), bombs::zlib_zeros(4 << 20)),
         (
             "blosc",
             json!({"cname": "lz4", "clevel": 1, "shuffle": "noshuffle", "typesize": 4, "blocksize": 0}),
-            bombs::blosc_claiming(i32::MAX as u32, 1),
+            bombs::blosc_with_stated_size(i32::MAX as u32, 1),
         ),
     ];
     for (codec, configuration, bomb) in bombs {
-        // A chunk whose file may be as long as the bomb.
+        // The limit on the file size of such a chunk is above the size of the bomb.
         let mut array = Array::f32(json!({}), [1.0; 4]);
         array.metadata["shape"] = json!([1, 512, 512]);
         array.metadata["chunk_grid"]["configuration"]["chunk_shape"] = json!([1, 512, 512]);
@@ -274,14 +277,14 @@ fn a_chunk_that_decodes_to_more_than_its_size_is_damaged() {
 }
 
 #[test]
-fn a_coordinate_that_decodes_to_more_than_its_size_is_an_error() {
+fn coordinate_that_decodes_to_more_than_its_size_is_an_error() {
     let (_dir, path) = copied("v3-sharded");
     let file = path.join("wavelength/zarr.json");
     let mut metadata: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
     let zstd = json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}});
     metadata["codecs"] = json!([{"name": "bytes", "configuration": {"endian": "little"}}, zstd]);
     std::fs::write(&file, metadata.to_string()).unwrap();
-    std::fs::write(path.join("wavelength/c/0"), bombs::zstd_without_size(1 << 14)).unwrap();
-    let e = refuse(&path).to_string();
+    std::fs::write(path.join("wavelength/c/0"), bombs::zstd_without_content_size(1 << 14)).unwrap();
+    let e = open_error(&path).to_string();
     assert!(e.contains("wavelength") && e.contains("expected"), "{e}");
 }

@@ -1,4 +1,4 @@
-//! Charts that we write.
+//! Charts written by [`write_chart`].
 
 use pipeline::flow::{ChartSource, SourceSinkError};
 
@@ -39,7 +39,7 @@ fn meta(bands: usize) -> ChartMeta {
 }
 
 #[test]
-fn what_is_written_is_read() {
+fn pixels_and_metadata_read_equal_those_written() {
     let dir = tempfile::tempdir().unwrap();
     let size = Size::new(2100, 700);
     let mut files = Vec::new();
@@ -56,19 +56,19 @@ fn what_is_written_is_read() {
             assert!(
                 pixels.iter().enumerate().all(|(k, v)| *v == value(1, (k / 700) as i64, (k % 700) as i64))
             );
-            assert_eq!(chart.stats().missing_pieces, 0);
+            assert_eq!(chart.stats().missing_chunks, 0);
             files.push(chart.identity().unwrap().content);
             let e = write_chart(&path, &Ramp(size), &meta(2), codec, 1, &|_, _| {}).unwrap_err();
             assert!(matches!(e, WriteError::Exists { .. }));
         }
         let n = files.len();
-        assert_eq!(files[n - 1], files[n - 2], "the same files for any number of threads");
+        assert_eq!(files[n - 1], files[n - 2], "same files for any number of threads");
     }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 6);
 }
 
 #[test]
-fn a_copy_that_fails_leaves_nothing() {
+fn failed_write_leaves_no_file() {
     let dir = tempfile::tempdir().unwrap();
     let e =
         write_chart(&dir.path().join("c.zarr"), &Ramp(Size::new(8, 8)), &meta(3), Codec::Zstd, 2, &|_, _| {});
@@ -77,14 +77,14 @@ fn a_copy_that_fails_leaves_nothing() {
 }
 
 #[test]
-fn a_chart_of_objects_is_that_of_files() {
+fn chart_at_a_url_equals_the_one_in_a_directory() {
     let dir = tempfile::tempdir().unwrap();
     let size = Size::new(2100, 700);
-    let (near, far) = (dir.path().join("c.zarr"), Path::new("memory://chart/deep/c.zarr"));
-    for path in [&near, far] {
+    let (local, url) = (dir.path().join("c.zarr"), Path::new("memory://chart/deep/c.zarr"));
+    for path in [&local, url] {
         write_chart(path, &Ramp(size), &meta(2), Codec::Zstd, 2, &|_, _| {}).unwrap();
     }
-    let e = write_chart(far, &Ramp(size), &meta(2), Codec::Zstd, 2, &|_, _| {}).unwrap_err();
+    let e = write_chart(url, &Ramp(size), &meta(2), Codec::Zstd, 2, &|_, _| {}).unwrap_err();
     assert!(matches!(e, WriteError::Exists { .. }));
     let by_url = |spec: &str| ChartStore::open(spec, ChartOptions::default()).unwrap();
     for spec in [
@@ -93,21 +93,21 @@ fn a_chart_of_objects_is_that_of_files() {
         "memory://chart/deep/c.zarr/chart",
     ] {
         let chart = by_url(spec);
-        assert_eq!(all(&chart, 1).unwrap(), all(&open(&near), 1).unwrap(), "{spec}");
+        assert_eq!(all(&chart, 1).unwrap(), all(&open(&local), 1).unwrap(), "{spec}");
         assert_eq!(chart.wavelengths_nm(), Some(&[500.0, 501.0][..]), "{spec}");
         let identity = chart.identity().unwrap();
-        assert_eq!(identity.content, open(&near).identity().unwrap().content, "{spec}");
+        assert_eq!(identity.content, open(&local).identity().unwrap().content, "{spec}");
         assert_eq!(identity, by_url(spec).identity().unwrap());
     }
-    // The same size, other bytes.
+    // Same size, different bytes.
     let before = by_url("memory://chart/deep/c.zarr").identity().unwrap();
-    let store = crate::durable::Store::at(far).unwrap();
+    let store = crate::durable::Store::at(url).unwrap();
     let mut bytes = store.read("chart/c/1/1/0").unwrap().unwrap();
     bytes[7] ^= 1;
     store.write("chart/c/1/1/0", bytes).unwrap();
     let after = by_url("memory://chart/deep/c.zarr").identity().unwrap();
     assert!(before.content == after.content && before.mtimes != after.mtimes);
-    remove_chart(far).unwrap();
+    remove_chart(url).unwrap();
     let e = ChartStore::open("memory://chart/deep/c.zarr", ChartOptions::default()).unwrap_err();
     assert!(matches!(e, ChartError::NotFound { .. }), "{e}");
 }

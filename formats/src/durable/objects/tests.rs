@@ -1,3 +1,4 @@
+use super::super::url::check_url;
 use super::*;
 
 fn store(name: &str) -> Objects {
@@ -5,8 +6,8 @@ fn store(name: &str) -> Objects {
 }
 
 #[test]
-fn what_is_put_is_read_whole_and_in_part() {
-    let o = store("whole");
+fn written_object_is_read_completely_and_by_range() {
+    let o = store("range");
     assert_eq!((o.read_at_most("a/c/0", 9).unwrap(), o.size_of("a/c/0").unwrap()), (None, None));
     o.write("a/c/0", Bytes::from_static(b"first")).unwrap();
     o.write("a/c/0", Bytes::from_static(b"second")).unwrap();
@@ -31,7 +32,7 @@ fn what_is_put_is_read_whole_and_in_part() {
 }
 
 #[test]
-fn what_is_new_is_put_once() {
+fn write_new_does_not_replace_other_contents() {
     let o = store("new");
     let put = |bytes: &'static [u8]| o.write_new("zarr.json", Bytes::from_static(bytes)).unwrap();
     assert!(put(b"one") && put(b"one") && !put(b"two"));
@@ -39,7 +40,7 @@ fn what_is_new_is_put_once() {
 }
 
 #[test]
-fn names_and_keys_are_those_below() {
+fn names_and_keys_are_those_below_the_prefix() {
     let o = store("names");
     assert!(!o.exists().unwrap() && o.names("").unwrap().is_empty());
     for key in ["film/c/0", "film/c/1", "runs/2.json", "runs/1.json", "zarr.json"] {
@@ -56,15 +57,45 @@ fn names_and_keys_are_those_below() {
 }
 
 #[test]
-fn keys_do_not_leave_the_prefix() {
+fn key_outside_the_prefix_is_an_error() {
     for key in ["../y", "a/../../y", "a//b"] {
         assert!(matches!(store("keys").size_of(key), Err(DurableError::Key { .. })), "{key}");
     }
 }
 
 #[test]
-fn threads_of_another_runtime_may_wait_as_well() {
+fn requests_work_on_threads_of_another_runtime() {
     let other = tokio::runtime::Builder::new_multi_thread().worker_threads(1).build().unwrap();
-    let told = other.block_on(async { store("other").exists() });
-    assert!(!told.unwrap());
+    let exists = other.block_on(async { store("other").exists() });
+    assert!(!exists.unwrap());
+}
+
+fn problem(url: &str) -> String {
+    Objects::at(Path::new(url)).unwrap_err().to_string()
+}
+
+#[test]
+fn invalid_url_is_an_error_without_credentials() {
+    for url in ["s3://AKIA:hush@bucket/x", "https://me:hush@host/x", "https://host/x?X-Amz-Signature=hush"] {
+        let message = problem(url);
+        assert!(!message.contains("hush") && !message.contains("AKIA"), "{message}");
+    }
+    assert!(problem("gs://bucket/x").contains("s3://BUCKET/PREFIX"));
+    assert!(problem("s3:///x").contains("s3://BUCKET"));
+    assert!(problem("s3://bucket/a//b").contains("s3://bucket/a//b"));
+}
+
+#[test]
+fn malformed_address_is_an_error_and_no_panic() {
+    for (url, expected) in [
+        ("s3://my bucket/x", "bucket"),
+        ("s3://bucket\n/x", "line breaks"),
+        ("s3://bücket/x", "bucket"),
+        ("http://ho st/x", "http://ho st/x"),
+        ("http://host:port/x", "port"),
+    ] {
+        let message = problem(url);
+        assert!(message.contains(expected) && !message.contains('\n'), "{url:?}: {message}");
+        assert!(check_url(url).is_err(), "{url:?}");
+    }
 }

@@ -1,10 +1,9 @@
-//! The mean over 2 x 2 pixels.
+//! Mean over 2 x 2 pixels.
 
 use pipeline::geometry::Size;
 
-/// Writes into `out` (⌈h/2⌉ × ⌈w/2⌉) the means over 2 x 2 pixels of `pixels` (`size`), row by row: of those that are finite,
-/// and NaN where none is. At odd sides the last row or column is the mean of what there is. Sums are taken in f64, row before
-/// column, so a mean of equal values is that value.
+/// Writes to `out` (⌈h/2⌉ × ⌈w/2⌉) the means over 2 x 2 pixels of `pixels` (`size`), row by row: of the finite ones, NaN if there is none.
+/// At odd sides the last row or column is the mean of two pixels or one. Sums are in f64, so the mean of equal values is that value.
 ///
 /// # Panics
 /// If a slice is not of its size.
@@ -51,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn means_are_of_what_is_there() {
+    fn mean_ignores_non_finite_pixels_and_pixels_beyond_the_edge() {
         let nan = f32::NAN;
         assert_eq!(halved(&[1.0, 2.0, 3.0, 6.0], 2, 2), [3.0]);
         assert_eq!(halved(&[1.0, nan, 3.0, f32::NEG_INFINITY], 2, 2), [2.0]);
@@ -65,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn every_size_agrees_with_the_definition() {
+    fn any_size_agrees_with_the_definition() {
         for (height, width) in [(1, 1), (1, 2), (2, 1), (4, 6), (5, 6), (4, 7), (9, 11), (3, 1)] {
             let at =
                 |y: usize, x: usize| if (y * 7 + x * 3) % 5 == 4 { f32::NAN } else { (y * 31 + x) as f32 };
@@ -74,17 +73,17 @@ mod tests {
             let (h, w) = (height.div_ceil(2), width.div_ceil(2));
             for (i, j) in (0..h).flat_map(|i| (0..w).map(move |j| (i, j))) {
                 let four = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(a, b)| (2 * i + a, 2 * j + b));
-                let there: Vec<f64> = four
+                let finite: Vec<f64> = four
                     .iter()
                     .filter(|(y, x)| *y < height && *x < width)
                     .map(|&(y, x)| f64::from(at(y, x)))
                     .filter(|v| v.is_finite())
                     .collect();
-                let want = (there.iter().sum::<f64>() / there.len() as f64) as f32;
-                let got = out[i * w + j];
+                let expected = (finite.iter().sum::<f64>() / finite.len() as f64) as f32;
+                let found = out[i * w + j];
                 assert!(
-                    got == want || (got.is_nan() && want.is_nan()),
-                    "{height}x{width} {i} {j}: {got} {want}"
+                    found == expected || (found.is_nan() && expected.is_nan()),
+                    "{height}x{width} {i} {j}: {found} {expected}"
                 );
             }
         }

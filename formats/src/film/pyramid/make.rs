@@ -1,28 +1,32 @@
-//! Making a pyramid: level after level, each shard from what lies below it in the level before.
+//! Making a pyramid: level after level, each shard from its pixels in the level before.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use pipeline::geometry::{Rect, Size};
 
-use super::super::{EncodedShard, FilmError, FilmStore, json};
-use super::{Level, PLACE, PyramidState, film_group, halve, level_sizes, ome};
+use super::halve::halve;
+use super::level::{Level, level_sizes};
+use super::{PYRAMID_GROUP, PyramidState, film_group, ome};
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
+use crate::film::error::FilmError;
+use crate::film::shards::EncodedShard;
+use crate::film::store::{FilmStore, read_json};
 use crate::hierarchy::pretty;
+use crate::parallel;
 use crate::shard::ShardError;
 
-/// Bytes that a worker holds: its shard, a strip of the level before, and the encoded shard.
-pub(super) fn worker_bytes(shard: usize, chunk: usize) -> usize {
+/// Memory of a worker in bytes: its shard, rows of the level before, and the encoded shard.
+fn worker_bytes(shard: usize, chunk: usize) -> usize {
     let sample = size_of::<f32>();
     2 * shard * shard * sample + 4 * chunk * shard * sample + 4 * chunk * chunk * sample
 }
 
 impl FilmStore {
-    /// Makes the film's pyramid, or what is missing of it, on at most `threads` threads and in about `memory` bytes. Returns
-    /// whether it is whole: `cancel` ends the work after the shards in hand. `progress` is told shards done and in all.
+    /// Makes the missing part of the film's pyramid on at most `threads` threads and in about `memory` bytes. Returns whether it is
+    /// complete: `cancel` stops the work after the current shards. `progress` receives the numbers of shards done and in total.
     ///
     /// # Errors
-    /// [`FilmError::Incomplete`] while the film is not all there; [`FilmError`] if files cannot be read or written.
+    /// [`FilmError::Incomplete`] if the film is incomplete; [`FilmError`] if files cannot be read or written.
     pub fn make_pyramid(
         &self,
         threads: usize,
@@ -31,9 +35,9 @@ impl FilmStore {
         progress: &(dyn Fn(u64, u64) + Sync),
     ) -> Result<bool, FilmError> {
         let made = self.make_levels(threads, memory, cancel, progress);
-        // Of a film that was replaced nothing else is worth reporting.
+        // If the film was replaced, that is the error to report.
         made.map_err(|e| match self.check_in_place() {
-            Err(gone @ (FilmError::Replaced { .. } | FilmError::Renewed { .. })) => gone,
+            Err(replaced @ (FilmError::Replaced { .. } | FilmError::Recreated { .. })) => replaced,
             _ => e,
         })
     }
@@ -46,29 +50,29 @@ impl FilmStore {
         progress: &(dyn Fn(u64, u64) + Sync),
     ) -> Result<bool, FilmError> {
         self.check_complete()?;
-        let stamp = self.stamp()?;
-        self.begin_pyramid(&stamp)?;
-        let fits = memory / worker_bytes(self.spec.shard, self.spec.chunk);
-        let threads = threads.min(fits).max(1);
+        let fingerprint = self.fingerprint()?;
+        self.write_pyramid_metadata(&fingerprint)?;
+        let max_threads = memory / worker_bytes(self.spec.shard, self.spec.chunk);
+        let threads = threads.min(max_threads).max(1);
         let (done, all) = (AtomicUsize::new(0), self.pyramid_shards());
-        let tell = || progress(done.fetch_add(1, Ordering::Relaxed) as u64 + 1, all as u64);
+        let count_shard = || progress(done.fetch_add(1, Ordering::Relaxed) as u64 + 1, all as u64);
         for level in self.levels() {
-            self.make_level(&level, threads, cancel, &tell)?;
+            self.make_level(&level, threads, cancel, &count_shard)?;
             if cancel.load(Ordering::Relaxed) {
                 return Ok(self.pyramid()? == PyramidState::Complete);
             }
         }
-        if self.stamp()? != stamp {
+        if self.fingerprint()? != fingerprint {
             return Err(FilmError::Changed { path: self.path().into() });
         }
-        self.tell_pyramid(&stamp)?;
+        self.list_pyramid(&fingerprint)?;
         Ok(true)
     }
 
     fn check_complete(&self) -> Result<(), FilmError> {
-        let all: Vec<_> = self.every_shard().collect();
+        let all: Vec<_> = self.all_shards().collect();
         let found = std::iter::zip(&all, self.shards_bytes(&all)?);
-        let absent = found.filter(|(_, there)| there.is_none());
+        let absent = found.filter(|(_, bytes)| bytes.is_none());
         let missing: Vec<String> = absent.map(|(&(o, b, s), _)| self.key(o, b, s)).collect();
         let shards = all.len();
         match missing.first() {
@@ -82,26 +86,28 @@ impl FilmStore {
         }
     }
 
-    /// Lays the pyramid's metadata, unless those of this very film are there already.
-    fn begin_pyramid(&self, stamp: &str) -> Result<(), FilmError> {
+    /// Writes the pyramid's metadata, unless there is a pyramid of the same pixels; removes a stale one.
+    fn write_pyramid_metadata(&self, fingerprint: &str) -> Result<(), FilmError> {
         self.check_in_place()?;
-        let there = !self.store.names(PLACE)?.is_empty();
+        let exists = !self.store.names(PYRAMID_GROUP)?.is_empty();
         if matches!(self.pyramid()?, PyramidState::Complete | PyramidState::Unfinished(..)) {
             return Ok(());
         }
-        // The film stops telling of what goes, before it goes.
-        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
+        // The film's group must not list levels that are removed.
+        let group = read_json(&self.store, "zarr.json")?.unwrap_or_default();
         if group["attributes"].get("ome").is_some() {
             self.store.write("zarr.json", pretty(&film_group(group, None, Vec::new())))?;
         }
-        if there {
-            self.store.remove_tree(PLACE, self.pyramid_keys())?;
+        if exists {
+            self.store.remove_tree(PYRAMID_GROUP, self.pyramid_keys())?;
         }
         for (key, metadata) in self.pyramid_metadata() {
             self.store.write(&format!("{key}/zarr.json"), pretty(&metadata))?;
         }
-        // Last: a pyramid without it is begun anew.
-        Ok(self.store.write(&format!("{PLACE}/zarr.json"), pretty(&self.pyramid_group(stamp)))?)
+        // Last: a pyramid without its group is started again.
+        Ok(self
+            .store
+            .write(&format!("{PYRAMID_GROUP}/zarr.json"), pretty(&self.pyramid_group(fingerprint)))?)
     }
 
     fn make_level(
@@ -109,34 +115,26 @@ impl FilmStore {
         level: &Level,
         threads: usize,
         cancel: &AtomicBool,
-        tell: &(dyn Fn() + Sync),
+        count_shard: &(dyn Fn() + Sync),
     ) -> Result<(), FilmError> {
         let below = self.level_source(level.output, level.number - 1)?;
-        let all: Vec<_> = level.every_shard(self.spec.wavelengths_nm.len()).collect();
-        let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
-        let work = || {
-            while let Some(&(band, shard)) = all.get(next.fetch_add(1, Ordering::Relaxed)) {
-                if cancel.load(Ordering::Relaxed) {
-                    return;
-                }
-                let made = self.make_shard(level, &below, band, shard);
-                if let Err(e) = made {
-                    next.store(all.len(), Ordering::Relaxed);
-                    failed.lock().expect("no panic while held").get_or_insert(e);
-                    return;
-                }
-                tell();
+        let all: Vec<_> = level.all_shards(self.spec.wavelengths_nm.len()).collect();
+        parallel::for_each::<FilmError>(threads.min(all.len()), all.len(), &|_, _| (), |n| {
+            if cancel.load(Ordering::Relaxed) {
+                return Ok(());
             }
-        };
-        std::thread::scope(|s| (0..threads.min(all.len())).for_each(|_| drop(s.spawn(work))));
-        failed.into_inner().expect("no panic while held").map_or(Ok(()), Err)
+            let (band, shard) = all[n];
+            self.make_shard(level, &below, band, shard)?;
+            count_shard();
+            Ok(())
+        })
     }
 
-    /// The array of a level, read as it is.
+    /// A reader of a level.
     fn level_source(&self, output: usize, level: usize) -> Result<ChartStore, FilmError> {
         let array = self.level_path(output, level);
         let options = ChartOptions {
-            // Strips begin and end with inner chunks: nothing is asked for twice.
+            // Rows are read in multiples of inner chunks: no chunk is requested twice.
             cache_bytes: 0,
             nan: NanPolicy::Keep,
             wavelengths_nm: Some(self.spec.wavelengths_nm.clone()),
@@ -160,24 +158,24 @@ impl FilmStore {
         if self.store.size_of(&key)?.is_some() {
             return Ok(());
         }
-        let rect = level.rect(shard);
+        let rect = level.grid.shard_rect(shard.0, shard.1);
         let mut means = vec![0f32; rect.size().pixels()];
-        let mut strip = Vec::new();
+        let mut rows_below = Vec::new();
         for (k, out) in means.chunks_mut(self.spec.chunk * rect.width).enumerate() {
             let (first, rows) = (rect.y as usize + k * self.spec.chunk, out.len() / rect.width);
             let source = Rect::new(2 * first as i64, 2 * rect.x, 2 * rows, 2 * rect.width)
                 .intersect(below.size().rect());
-            strip.resize(source.size().pixels(), 0.0);
-            below.read_rect(band, source, &mut strip).map_err(|e| FilmError::Level {
+            rows_below.resize(source.size().pixels(), 0.0);
+            below.read_rect(band, source, &mut rows_below).map_err(|e| FilmError::Level {
                 array: self.level_path(level.output, level.number - 1),
                 band,
                 rect: source,
                 reason: e.to_string(),
             })?;
-            halve(&strip, source.size(), out);
+            halve(&rows_below, source.size(), out);
         }
-        let grid = (level.shard.0 / self.spec.chunk, level.shard.1 / self.spec.chunk);
-        let encoded = self.encoder.encode(&means, (rect.height, rect.width), grid);
+        let chunks = self.spec.chunks_of(level.grid.shard);
+        let encoded = self.encoder.encode(&means, (rect.height, rect.width), chunks);
         let bytes = encoded.map_err(|e| match e {
             ShardError::Overflow { row, column, value } => FilmError::Overflow {
                 output: self.level_path(level.output, level.number),
@@ -197,10 +195,10 @@ impl FilmStore {
         self.commit(&EncodedShard { key, bytes: bytes.into() })
     }
 
-    /// Lets the film's own metadata tell of the pyramid.
-    fn tell_pyramid(&self, stamp: &str) -> Result<(), FilmError> {
-        let last = level_sizes(self.spec.outputs[0].rect.size());
-        let (number, size): (usize, Size) = (last.len() - 1, last[last.len() - 1]);
+    /// Adds the pyramid to the film's group metadata.
+    fn list_pyramid(&self, fingerprint: &str) -> Result<(), FilmError> {
+        let sizes = level_sizes(self.spec.outputs[0].rect.size());
+        let (number, size): (usize, Size) = (sizes.len() - 1, sizes[sizes.len() - 1]);
         let source = self.level_source(0, number)?;
         let mut pixels = vec![0f32; size.pixels()];
         let mut whites = Vec::new();
@@ -211,14 +209,14 @@ impl FilmStore {
                 rect: size.rect(),
                 reason: e.to_string(),
             })?;
-            whites.push(ome::white(&pixels));
+            whites.push(ome::white_level(&pixels));
         }
-        let mut members = vec![(PLACE.to_owned(), self.pyramid_group(stamp))];
+        let mut members = vec![(PYRAMID_GROUP.to_owned(), self.pyramid_group(fingerprint))];
         members.extend(self.pyramid_metadata());
-        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
-        let told = film_group(group.clone(), Some(ome::ome(self, &whites)), members);
-        if told != group {
-            self.store.write("zarr.json", pretty(&told))?;
+        let group = read_json(&self.store, "zarr.json")?.unwrap_or_default();
+        let listed = film_group(group.clone(), Some(ome::ome_attribute(self, &whites)), members);
+        if listed != group {
+            self.store.write("zarr.json", pretty(&listed))?;
         }
         self.check_in_place()
     }

@@ -1,22 +1,23 @@
-//! What the film's group tells other programs of its pyramid: OME-Zarr 0.5, `multiscales` and `omero`.
+//! The attribute `ome` of a film with a pyramid: OME-Zarr 0.5, `multiscales` and `omero`.
 //!
-//! Axes have the names of the arrays' dimensions, as 0.5 demands. A pixel of level n is 2ⁿ film pixels wide, and the middle
-//! of level n's first one lies (2ⁿ − 1)/2 film pixels beyond that of the film's: scale and translation in mm from the
-//! optical axis. `omero` is a hint for viewers: the bands' names, the range that shows the last level without
-//! clipping more than 1 % of it, and three bands in red, green and blue where there are as many, the others off.
+//! Axes have the names of the arrays' dimensions, as version 0.5 requires. A pixel of level n is 2ⁿ film pixels wide, and the centre of
+//! its first pixel is (2ⁿ − 1)/2 film pixels from that of the film's: scale and translation in mm from the optical axis. `omero` is a
+//! hint for viewers: names of the bands, a range that clips at most 1 % of the last level, and three bands in red, green and blue, if
+//! there are as many; the others are not shown.
 
 use pipeline::geometry::Rect;
 use serde_json::{Value, json};
 
-use super::super::{FilmStore, spec::FilmSpec};
-use super::level_sizes;
+use super::level::level_sizes;
+use crate::film::spec::FilmSpec;
+use crate::film::store::FilmStore;
 use crate::picture::exposure::{Exposure, Levels};
 
-/// Wavelengths that look most like the primaries of a screen, nm.
+/// Wavelengths in nm that resemble the primaries of a display, and their colours.
 const PRIMARIES: [(f64, &str); 3] = [(610.0, "FF0000"), (550.0, "00FF00"), (460.0, "0000FF")];
 
-/// The attribute `ome` of a film with a pyramid; `whites` are each band's values to be shown as white.
-pub(super) fn ome(film: &FilmStore, whites: &[f64]) -> Value {
+/// The attribute `ome`; `whites` are the white levels of the bands.
+pub(super) fn ome_attribute(film: &FilmStore, whites: &[f64]) -> Value {
     let spec = film.spec();
     let multiscales: Vec<Value> = (0..spec.outputs.len()).map(|output| multiscale(film, output)).collect();
     let colours = colours(&spec.wavelengths_nm);
@@ -62,7 +63,7 @@ fn multiscale(film: &FilmStore, output: usize) -> Value {
     })
 }
 
-/// The screen's colour of the bands that are to be on.
+/// Display colour of each band; `None` if it is not shown.
 fn colours(wavelengths_nm: &[f64]) -> Vec<Option<&'static str>> {
     let mut colours = vec![None; wavelengths_nm.len()];
     let nearest = |nm: f64| {
@@ -78,8 +79,8 @@ fn colours(wavelengths_nm: &[f64]) -> Vec<Option<&'static str>> {
     colours
 }
 
-/// The value that shows a band's pixels without clipping more than 1 % of them.
-pub(super) fn white(pixels: &[f32]) -> f64 {
+/// The white level of a band: it clips at most 1 % of `pixels`.
+pub(super) fn white_level(pixels: &[f32]) -> f64 {
     let mut levels = Levels::default();
     pixels.iter().for_each(|&v| levels.add(v));
     1.0 / Exposure::Auto.factor(&levels)
@@ -90,12 +91,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn three_bands_are_on_where_there_are_three() {
-        let on = |nm: &[f64]| -> Vec<usize> { (0..nm.len()).filter(|&b| colours(nm)[b].is_some()).collect() };
+    fn three_bands_are_shown_if_there_are_three() {
+        let shown =
+            |nm: &[f64]| -> Vec<usize> { (0..nm.len()).filter(|&b| colours(nm)[b].is_some()).collect() };
         let all: Vec<f64> = (0..31).map(|b| 400.0 + 10.0 * f64::from(b)).collect();
-        assert_eq!(on(&all), [6, 15, 21]);
-        assert_eq!(on(&[450.0, 550.0, 650.0]), [0, 1, 2]);
-        assert_eq!(on(&[900.0, 800.0]), [1]);
-        assert_eq!(on(&[550.0]), [0]);
+        assert_eq!(shown(&all), [6, 15, 21]);
+        assert_eq!(shown(&[450.0, 550.0, 650.0]), [0, 1, 2]);
+        assert_eq!(shown(&[900.0, 800.0]), [1]);
+        assert_eq!(shown(&[550.0]), [0]);
     }
 }

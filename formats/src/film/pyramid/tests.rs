@@ -1,22 +1,23 @@
-//! Pyramids against the definition, interrupted ones against whole ones.
+//! Pyramids compared with the definition; interrupted, stale and damaged pyramids.
 
 use std::collections::BTreeMap;
 use std::io::Error;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use super::super::{Codec, FilmOutput, FilmSpec, SampleType};
+use super::halve::halve;
 use super::*;
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
 use crate::durable::Step;
+use crate::film::{Codec, FilmOutput, FilmSpec, SampleType};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn film(path: &Path, size: Size, change: impl FnOnce(&mut FilmSpec)) -> FilmStore {
-    let mut spec = FilmSpec { shard: 128, chunk: 64, ..FilmSpec::whole(size, vec![450.0, 550.5], 2.0) };
+    let mut spec = FilmSpec { shard: 128, chunk: 64, ..FilmSpec::full_film(size, vec![450.0, 550.5], 2.0) };
     change(&mut spec);
     let film = FilmStore::create(path, spec, Map::new(), false).unwrap();
-    for (output, band, shard) in film.every_shard().collect::<Vec<_>>() {
+    for (output, band, shard) in film.all_shards().collect::<Vec<_>>() {
         commit(&film, output, band, shard, 1.0);
     }
     film
@@ -66,7 +67,7 @@ fn level(film: &FilmStore, output: usize, number: usize, band: usize) -> (Size, 
 }
 
 #[test]
-fn every_level_is_the_mean_of_the_one_before() {
+fn every_level_is_the_mean_of_the_previous_one() {
     let dir = tempfile::tempdir().unwrap();
     let shapes = [(Size::new(1101, 515), SampleType::F32), (Size::new(300, 3), SampleType::F16)];
     for (k, (size, sample)) in shapes.into_iter().enumerate() {
@@ -79,15 +80,16 @@ fn every_level_is_the_mean_of_the_one_before() {
         }
         let sizes = level_sizes(size);
         assert!(sizes.len() > 1 && sizes[sizes.len() - 1].height <= 256, "{sizes:?}");
-        for (number, &own) in sizes.iter().enumerate().skip(1) {
+        for (number, &expected_size) in sizes.iter().enumerate().skip(1) {
             for band in 0..2 {
                 let (below_size, below) = level(&film, 0, number - 1, band);
-                let (there, found) = level(&film, 0, number, band);
-                assert_eq!((there, own.height), (own, below_size.height.div_ceil(2)));
-                let mut want = vec![0.0; own.pixels()];
-                halve(&below, below_size, &mut want);
-                assert_eq!(found.len(), want.len());
-                for (f, w) in found.iter().zip(want) {
+                let (found_size, found) = level(&film, 0, number, band);
+                assert_eq!(found_size, expected_size);
+                assert_eq!(expected_size.height, below_size.height.div_ceil(2));
+                let mut expected = vec![0.0; expected_size.pixels()];
+                halve(&below, below_size, &mut expected);
+                assert_eq!(found.len(), expected.len());
+                for (f, w) in found.iter().zip(expected) {
                     let w = if sample == SampleType::F16 { half::f16::from_f32(w).to_f32() } else { w };
                     assert_eq!(*f, w, "level {number}");
                 }
@@ -97,13 +99,13 @@ fn every_level_is_the_mean_of_the_one_before() {
 }
 
 #[test]
-fn hardly_any_film_has_a_pyramid_too() {
+fn pyramid_of_a_single_pixel_has_one_level() {
     let dir = tempfile::tempdir().unwrap();
     let film = film(&dir.path().join("one.zarr"), Size::new(1, 1), |_| ());
     assert_eq!((film.pyramid_shards(), film.pyramid().unwrap()), (0, PyramidState::None));
     assert!(make(&film).unwrap());
     assert_eq!(film.pyramid().unwrap(), PyramidState::Complete);
-    let group = json(&film.store, "zarr.json").unwrap().unwrap();
+    let group = read_json(&film.store, "zarr.json").unwrap().unwrap();
     let datasets = &group["attributes"]["ome"]["multiscales"][0]["datasets"];
     assert_eq!((datasets[0]["path"].as_str(), datasets.as_array().unwrap().len()), (Some("film"), 1));
     let again = files(film.path());
@@ -112,7 +114,7 @@ fn hardly_any_film_has_a_pyramid_too() {
 }
 
 #[test]
-fn windows_have_pyramids_of_their_own() {
+fn every_region_has_a_pyramid() {
     let dir = tempfile::tempdir().unwrap();
     let rects = [Rect::new(10, 20, 400, 300), Rect::new(0, 0, 150, 7)];
     let film = film(&dir.path().join("roi.zarr"), Size::new(700, 700), |s| {
@@ -120,7 +122,7 @@ fn windows_have_pyramids_of_their_own() {
     });
     assert!(make(&film).unwrap());
     assert_eq!(level(&film, 0, 1, 1).0, Size::new(200, 150));
-    let group = json(&film.store, "zarr.json").unwrap().unwrap();
+    let group = read_json(&film.store, "zarr.json").unwrap().unwrap();
     let ome = &group["attributes"]["ome"]["multiscales"];
     assert_eq!((&ome[0]["name"], &ome[1]["name"]), (&json!("roi_0"), &json!("roi_1")));
     assert_eq!(ome[0]["datasets"][1]["path"], "pyramid/roi_0/1");
@@ -132,46 +134,46 @@ fn windows_have_pyramids_of_their_own() {
 }
 
 #[test]
-fn an_interrupted_pyramid_goes_on_to_the_same_bytes() {
+fn interrupted_pyramid_is_resumed_to_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
     let size = Size::new(533, 700);
-    let whole = film(&dir.path().join("whole.zarr"), size, |_| ());
-    assert!(make(&whole).unwrap());
-    let want = files(whole.path());
+    let uninterrupted = film(&dir.path().join("uninterrupted.zarr"), size, |_| ());
+    assert!(make(&uninterrupted).unwrap());
+    let expected = files(uninterrupted.path());
     let path = dir.path().join("film.zarr");
-    let mut begun = film(&path, size, |_| ());
-    // Fails at the 1st, 2nd, … rename: metadata, shards, the group's own; each attempt gets one further.
+    let mut partial = film(&path, size, |_| ());
+    // Faults at the 1st, 2nd, … rename: metadata, shards, the group's metadata. Each attempt makes progress.
     for n in 0..80 {
         let count = AtomicUsize::new(0);
-        begun = begun.with_directory(|_| {
+        partial = partial.with_directory(|_| {
             crate::durable::Directory::new(&path).with_fsync(false).with_fault(move |step, _| {
-                let struck = step == Step::Rename && count.fetch_add(1, Ordering::Relaxed) == n % 7;
-                if struck { Err(Error::from_raw_os_error(5)) } else { Ok(()) }
+                let fails = step == Step::Rename && count.fetch_add(1, Ordering::Relaxed) == n % 7;
+                if fails { Err(Error::from_raw_os_error(5)) } else { Ok(()) }
             })
         });
-        match begun.make_pyramid(1, 1, &NEVER, &|_, _| ()) {
+        match partial.make_pyramid(1, 1, &NEVER, &|_, _| ()) {
             Ok(done) => {
                 assert!(done && n > 7, "{n}");
                 break;
             }
             Err(e) => assert!(matches!(e, FilmError::Storage(_)), "{e}"),
         }
-        assert_ne!(begun.pyramid().unwrap(), PyramidState::Complete);
+        assert_ne!(partial.pyramid().unwrap(), PyramidState::Complete);
     }
-    assert_eq!(begun.pyramid().unwrap(), PyramidState::Complete);
-    assert_eq!(files(&path), want);
-    // Ended from outside, after the shard in hand.
+    assert_eq!(partial.pyramid().unwrap(), PyramidState::Complete);
+    assert_eq!(files(&path), expected);
+    // Cancelled after the current shard.
     let film = film(&dir.path().join("cancelled.zarr"), size, |_| ());
     let cancel = AtomicBool::new(false);
     let stop = |done: u64, _: u64| cancel.store(done == 3, Ordering::Relaxed);
     assert!(!film.make_pyramid(1, 1, &cancel, &stop).unwrap());
     assert_eq!(film.pyramid().unwrap(), PyramidState::Unfinished(3, film.pyramid_shards()));
     assert!(make(&film).unwrap());
-    assert_eq!(files(film.path()), want);
+    assert_eq!(files(film.path()), expected);
 }
 
 #[test]
-fn other_pixels_make_a_pyramid_stale() {
+fn pyramid_of_a_changed_film_is_stale() {
     let dir = tempfile::tempdir().unwrap();
     for codec in [Codec::Zstd, Codec::None] {
         let path = dir.path().join(format!("{codec:?}.zarr"));
@@ -179,27 +181,27 @@ fn other_pixels_make_a_pyramid_stale() {
         assert!(make(&film).unwrap());
         commit(&film, 0, 1, (2, 2), 3.0);
         assert_eq!(film.pyramid().unwrap(), PyramidState::Stale);
-        let told = |f: &FilmStore| {
+        let is_reported = |f: &FilmStore| {
             f.verify(1, &|_, _| ())
                 .unwrap()
                 .findings
                 .iter()
                 .any(|f| matches!(f, Finding::Metadata { key, .. } if key == "pyramid/zarr.json"))
         };
-        assert!(told(&film));
+        assert!(is_reported(&film));
         assert!(make(&film).unwrap());
         assert_eq!(film.pyramid().unwrap(), PyramidState::Complete);
-        assert!(!told(&film));
+        assert!(!is_reported(&film));
         let (_, found) = level(&film, 0, 1, 1);
         assert!(found[149 * 150 + 149] > 300.0);
     }
 }
 
 #[test]
-fn a_film_with_holes_has_no_pyramid() {
+fn incomplete_film_is_an_error_and_stays_unchanged() {
     let dir = tempfile::tempdir().unwrap();
     let film = film(&dir.path().join("film.zarr"), Size::new(300, 300), |_| ());
-    film.remove(0, 1, (0, 2)).unwrap();
+    film.remove_shard(0, 1, (0, 2)).unwrap();
     let before = files(film.path());
     let e = make(&film).unwrap_err();
     assert!(
@@ -210,11 +212,11 @@ fn a_film_with_holes_has_no_pyramid() {
 }
 
 #[test]
-fn a_bad_shard_of_a_level_is_found_and_made_again() {
+fn bad_shard_of_a_level_is_found_and_made_again() {
     let dir = tempfile::tempdir().unwrap();
     let film = film(&dir.path().join("film.zarr"), Size::new(600, 300), |_| ());
     assert!(make(&film).unwrap());
-    let want = files(film.path());
+    let expected = files(film.path());
     let key = "pyramid/film/2/c/1/0/0";
     std::fs::write(film.path().join(key), b"nothing").unwrap();
     let findings = film.verify(1, &|_, _| ()).unwrap().findings;
@@ -222,40 +224,40 @@ fn a_bad_shard_of_a_level_is_found_and_made_again() {
     assert!(film.remove_bad(key).unwrap() && !film.remove_bad("film/notes").unwrap());
     assert!(matches!(film.pyramid().unwrap(), PyramidState::Unfinished(..)));
     assert!(make(&film).unwrap());
-    assert_eq!(files(film.path()), want);
+    assert_eq!(files(film.path()), expected);
 }
 
 #[test]
-fn a_pyramid_at_a_url_is_made_and_made_anew_when_the_film_changes() {
+fn pyramid_at_a_url_is_made_and_replaced_when_the_film_changes() {
     let size = Size::new(301, 277);
     let dir = tempfile::tempdir().unwrap();
-    let here = film(&dir.path().join("film.zarr"), size, |_| ());
-    let far = film(Path::new("memory://pyramids/deep/film.zarr"), size, |_| ());
-    let shards = far.every_shard().collect::<Vec<_>>();
+    let local = film(&dir.path().join("film.zarr"), size, |_| ());
+    let remote = film(Path::new("memory://pyramids/deep/film.zarr"), size, |_| ());
+    let shards = remote.all_shards().collect::<Vec<_>>();
     for factor in [1.0, 3.0] {
-        for f in [&here, &far] {
+        for f in [&local, &remote] {
             shards.iter().for_each(|&(output, band, shard)| commit(f, output, band, shard, factor));
             assert_ne!(f.pyramid().unwrap(), PyramidState::Complete, "factor {factor}");
             assert!(make(f).unwrap());
             assert_eq!(f.pyramid().unwrap(), PyramidState::Complete);
         }
-        for (key, _) in far.pyramid_metadata() {
-            assert!(far.store.read(&format!("{key}/zarr.json")).unwrap().is_some(), "{key}");
+        for (key, _) in remote.pyramid_metadata() {
+            assert!(remote.store.read(&format!("{key}/zarr.json")).unwrap().is_some(), "{key}");
         }
-        for key in far.pyramid_keys() {
-            let key = format!("{PLACE}/{key}");
+        for key in remote.pyramid_keys() {
+            let key = format!("{PYRAMID_GROUP}/{key}");
             assert!(
-                far.store.read(&key).unwrap() == here.store.read(&key).unwrap(),
+                remote.store.read(&key).unwrap() == local.store.read(&key).unwrap(),
                 "{key}, factor {factor}"
             );
         }
     }
-    assert_eq!(far.store.names("").unwrap(), here.store.names("").unwrap());
+    assert_eq!(remote.store.names("").unwrap(), local.store.names("").unwrap());
 }
 
 #[cfg(unix)]
 #[test]
-fn a_film_whose_path_is_not_utf_8_gets_its_pyramid() {
+fn path_that_is_not_utf_8_is_supported() {
     use std::os::unix::ffi::OsStrExt;
     let dir = tempfile::tempdir().unwrap();
     let f =

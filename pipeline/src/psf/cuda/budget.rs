@@ -1,58 +1,70 @@
-//! How much device memory the stage takes, told without a device: blocks, their images and lists for the tiles of a round, and the
-//! two pools.
+//! Device memory of the PSF stage, computed without a device: blocks, images and lists of a round, and the pools of spectra and base
+//! kernels.
 
 use super::PsfTile;
-use super::cut::Cut;
-use super::work::{PIECE, Work};
+use super::partition::Partition;
+use super::round::{MAX_GROUP_NODES, Round};
 use crate::geometry::{Frame, Rect, Size};
 use crate::psf::grid::NodeGrid;
 
-/// What the stage may hold.
+/// Limits of the stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Budget {
     /// Bytes of blocks, images and lists.
     pub(super) scratch: usize,
-    /// Spectra of nodes.
+    /// Spectra of nodes in their pool.
     pub(super) spectra: usize,
-    /// Seeds of kernels.
-    pub(super) seeds: usize,
+    /// Base kernels in their pool.
+    pub(super) base_kernels: usize,
 }
 
 impl Budget {
-    /// What one tile of `tile_side` cannot do without, wherever it lies.
-    pub(super) fn least(cut: &Cut, grid: &NodeGrid, tile_side: usize) -> Self {
-        Self { scratch: scratch_of_a_tile(cut, grid, tile_side), spectra: PIECE.min(grid.len()), seeds: 1 }
+    /// Minimum for one tile of `tile_side`, anywhere on the film.
+    pub(super) fn min(partition: &Partition, grid: &NodeGrid, tile_side: usize) -> Self {
+        let spectra = MAX_GROUP_NODES.min(grid.len());
+        Self { scratch: max_tile_scratch(partition, grid, tile_side), spectra, base_kernels: 1 }
     }
 
-    pub(super) fn bytes(&self, cut: &Cut) -> usize {
-        self.scratch + self.spectra * cut.spectrum_len() * 4 + self.seeds * cut.window * cut.window * 4
+    pub(super) fn bytes(&self, partition: &Partition) -> usize {
+        let base_kernel_bytes = partition.window * partition.window * 4;
+        self.scratch + self.spectra * partition.spectrum_len() * 4 + self.base_kernels * base_kernel_bytes
     }
 
-    /// The least, and of what `bytes` leaves half for blocks and images, up to three eighths for spectra, an eighth for seeds.
-    pub(super) fn within(bytes: usize, cut: &Cut, grid: &NodeGrid, tile_side: usize) -> Result<Self, Self> {
-        let least = Self::least(cut, grid, tile_side);
-        let Some(more) = bytes.checked_sub(least.bytes(cut)) else { return Err(least) };
-        let (spectrum, seed) = (cut.spectrum_len() * 4, cut.window * cut.window * 4);
+    /// The minimum plus the rest of `bytes`: a half for blocks and images, up to three eighths for spectra, up to an eighth for base
+    /// kernels.
+    ///
+    /// # Errors
+    /// The minimum, if `bytes` is less.
+    pub(super) fn within(
+        bytes: usize,
+        partition: &Partition,
+        grid: &NodeGrid,
+        tile_side: usize,
+    ) -> Result<Self, Self> {
+        let min = Self::min(partition, grid, tile_side);
+        let Some(rest) = bytes.checked_sub(min.bytes(partition)) else { return Err(min) };
+        let (spectrum, base_kernel) = (partition.spectrum_len() * 4, partition.window * partition.window * 4);
         Ok(Self {
-            scratch: least.scratch + more / 2,
-            spectra: (least.spectra + more * 3 / 8 / spectrum.max(1)).min(grid.len()),
-            seeds: (least.seeds + more / 8 / seed).min(grid.len()),
+            scratch: min.scratch + rest / 2,
+            spectra: (min.spectra + rest * 3 / 8 / spectrum.max(1)).min(grid.len()),
+            base_kernels: (min.base_kernels + rest / 8 / base_kernel).min(grid.len()),
         })
     }
 }
 
-/// Scratch of the most demanding tile: at the axis, where the most nodes meet, or farther out. A tenth more for tiles that lie
-/// otherwise than those looked at.
-fn scratch_of_a_tile(cut: &Cut, grid: &NodeGrid, tile_side: usize) -> usize {
+/// Scratch memory of the most demanding tile, bytes: at the axis, where the most nodes meet, or at one of the sampled places
+/// farther out; plus a tenth for places in between.
+fn max_tile_scratch(partition: &Partition, grid: &NodeGrid, tile_side: usize) -> usize {
     let heights = grid.heights_px();
     let film = Size::new(tile_side, tile_side);
     let frame = Frame { axis_px: (0.0, 0.0), ..Frame::centred(film, film, 1.0) };
     let bytes = |y: i64, x: i64| {
         let rect = Rect::new(y, x, tile_side, tile_side);
-        let tile = PsfTile { rect, remapped_offset: 0, light_offset: 0, light_stride: tile_side };
-        let mut work = Work::default();
-        work.add(&tile, &frame, grid, cut);
-        work.bytes(cut)
+        let tile =
+            PsfTile { rect, remapped_offset: 0, contribution_offset: 0, contribution_stride: tile_side };
+        let mut round = Round::default();
+        round.add(&tile, &frame, grid, partition);
+        round.bytes(partition)
     };
     let half = tile_side as i64 / 2;
     let steps = (heights[heights.len() - 1] / tile_side as f64) as i64 + 1;

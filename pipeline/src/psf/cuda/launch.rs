@@ -1,26 +1,26 @@
-//! The launches of `psf.cu`: shapes, arguments, nothing else. All `unsafe` of the stage is here.
+//! Launches of the kernels of `psf.cu`. All `unsafe` of the stage is here.
 #![allow(unsafe_code)]
 
-use super::cut::{Cut, THREADS};
+use super::partition::{Partition, THREADS};
 use crate::cuda::handle::CudaStream;
 use crate::cuda::launch::{CudaFunction, LaunchConfig};
-use crate::cuda::slice::{CudaSlice, CudaView, CudaViewMut};
+use crate::cuda::slice::{CudaSlice, CudaView, CudaViewMut, DeviceMemory};
 use crate::cuda::{CudaError, Device};
 use bytemuck::Pod;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The kernels, for the driver to assemble.
+/// The kernels, compiled by `scripts/ptx`.
 const PTX: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/psf.ptx"));
 
 /// `CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES`.
 const MAX_DYNAMIC_SHARED: i32 = 8;
-/// Threads of the kernels without transforms.
-const PLAIN: u32 = 256;
+/// Threads per block of the kernels without transforms.
+const PLAIN_THREADS: u32 = 256;
 
-/// The entries of `psf.cu` that a cut needs.
+/// The kernels of `psf.cu` for one partition.
 #[derive(Debug)]
-pub(super) struct Entries {
+pub(super) struct Functions {
     copy: CudaFunction,
     pack: CudaFunction,
     spectra: CudaFunction,
@@ -29,13 +29,13 @@ pub(super) struct Entries {
     add: CudaFunction,
 }
 
-impl Entries {
-    pub(super) fn load(device: &Device, cut: &Cut) -> Result<Self, CudaError> {
-        let cut = Cut { side: cut.side.max(128), ..*cut }; // a window of 1 has none, and launches none
+impl Functions {
+    pub(super) fn load(device: &Device, partition: &Partition) -> Result<Self, CudaError> {
+        let partition = Partition { side: partition.side.max(128), ..*partition }; // a window of 1 launches no transform
         let transform = |name| {
-            let kernel = device.kernel(PTX, &format!("psf_{name}_{}", cut.side))?;
-            let set = kernel.set_attribute(MAX_DYNAMIC_SHARED, cut.shared_bytes() as i32);
-            set.map_err(device.failed("asking for shared memory"))?;
+            let kernel = device.kernel(PTX, &format!("psf_{name}_{}", partition.side))?;
+            let set = kernel.set_attribute(MAX_DYNAMIC_SHARED, partition.shared_bytes() as i32);
+            set.map_err(device.failed("setting the limit of shared memory"))?;
             Ok(kernel)
         };
         Ok(Self {
@@ -49,14 +49,14 @@ impl Entries {
     }
 }
 
-/// Lists of descriptors, one behind the other: they go up in one copy.
+/// Lists of descriptors, concatenated for one upload. Each starts at a multiple of 16 bytes.
 #[derive(Debug, Default)]
 pub(super) struct Lists {
     pub(super) words: Vec<u32>,
 }
 
 impl Lists {
-    /// Adds a list; where it lies.
+    /// Appends a list; its range of words.
     pub(super) fn push<T: Pod>(&mut self, list: &[T]) -> Range<usize> {
         let start = self.words.len();
         self.words.extend_from_slice(bytemuck::cast_slice(list));
@@ -66,7 +66,7 @@ impl Lists {
     }
 }
 
-/// Room for `len` words in `buffer`, which loses what it holds if it grows.
+/// Grows `buffer` to at least `len` words; its contents are lost then.
 pub(super) fn grow(
     device: &Device,
     stream: &Arc<CudaStream>,
@@ -74,33 +74,34 @@ pub(super) fn grow(
     len: usize,
 ) -> Result<(), CudaError> {
     if buffer.len() < len {
-        *buffer = device.allocate(stream, 1, "blocks")?; // the old one goes before the new one comes
-        *buffer = device.allocate(stream, len, "blocks and their light")?;
+        *buffer = device.allocate(stream, 1, "blocks")?; // frees the old buffer before the new one is allocated
+        *buffer = device.allocate(stream, len, "blocks and images")?;
     }
     Ok(())
 }
 
-/// Where and with what a round is launched.
+/// Device, stream and tables of the launches of a round.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Launcher<'a> {
     pub(super) device: &'a Device,
     pub(super) stream: &'a Arc<CudaStream>,
-    pub(super) cut: &'a Cut,
-    pub(super) entries: &'a Entries,
+    pub(super) partition: &'a Partition,
+    pub(super) functions: &'a Functions,
     pub(super) tables: &'a CudaSlice<f32>,
 }
 
-fn plain(grid_dim: (u32, u32, u32)) -> LaunchConfig {
-    LaunchConfig { grid_dim, block_dim: (PLAIN, 1, 1), shared_mem_bytes: 0 }
+/// Shape of a launch without transforms.
+fn plain_shape(grid_dim: (u32, u32, u32)) -> LaunchConfig {
+    LaunchConfig { grid_dim, block_dim: (PLAIN_THREADS, 1, 1), shared_mem_bytes: 0 }
 }
 
 impl Launcher<'_> {
-    /// A thread block for each slice of `count` transforms.
-    fn transforms(&self, count: usize) -> LaunchConfig {
+    /// Shape of a launch with a thread block for each slice of `count` transforms.
+    fn transform_shape(&self, count: usize) -> LaunchConfig {
         LaunchConfig {
-            grid_dim: ((count * self.cut.slices()) as u32, 1, 1),
+            grid_dim: ((count * self.partition.slices()) as u32, 1, 1),
             block_dim: (THREADS, 1, 1),
-            shared_mem_bytes: self.cut.shared_bytes(),
+            shared_mem_bytes: self.partition.shared_bytes(),
         }
     }
 
@@ -109,12 +110,12 @@ impl Launcher<'_> {
         grid: (u32, u32, u32),
         tiles: &CudaView<'_, u32>,
         remapped: &CudaSlice<f32>,
-        light: &mut CudaSlice<f32>,
+        contributions: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
-        let mut launch = self.stream.launch_builder(&self.entries.copy);
-        launch.arg(tiles).arg(remapped).arg(light);
-        // SAFETY: psf_copy(Tile *, float *, float *); PsfOnDevice::launch has checked that the tiles lie in both.
-        unsafe { launch.launch(plain(grid)) }.map_err(self.device.failed("copying tiles"))?;
+        let mut launch = self.stream.launch_builder(&self.functions.copy);
+        launch.arg(tiles).arg(remapped).arg(contributions);
+        // SAFETY: psf_copy(Tile *, float *, float *); PsfOnDevice::launch has checked that the tiles lie in both buffers.
+        unsafe { launch.launch(plain_shape(grid)) }.map_err(self.device.failed("copying tiles"))?;
         Ok(())
     }
 
@@ -126,11 +127,11 @@ impl Launcher<'_> {
         polynomials: &CudaSlice<f32>,
         packed: &mut CudaViewMut<'_, u32>,
     ) -> Result<(), CudaError> {
-        let side = self.cut.side as i32;
-        let mut launch = self.stream.launch_builder(&self.entries.pack);
+        let side = self.partition.side as i32;
+        let mut launch = self.stream.launch_builder(&self.functions.pack);
         launch.arg(blocks).arg(&side).arg(remapped).arg(polynomials).arg(packed);
-        // SAFETY: psf_pack(Block *, int, float *, float *, float4 *); blocks lie in their tiles, `packed` holds the rows of all.
-        unsafe { launch.launch(plain((count as u32, 1, 1))) }
+        // SAFETY: psf_pack(Block *, int, float *, float *, float4 *); blocks lie in their tiles, `packed` has the rows of all.
+        unsafe { launch.launch(plain_shape((count as u32, 1, 1))) }
             .map_err(self.device.failed("packing blocks"))?;
         Ok(())
     }
@@ -138,15 +139,16 @@ impl Launcher<'_> {
     pub(super) fn spectra(
         &self,
         count: usize,
-        turns: &CudaView<'_, u32>,
-        seeds: &CudaSlice<f32>,
+        parts: &CudaView<'_, u32>,
+        base_kernels: &CudaSlice<f32>,
         spectra: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
-        let window = self.cut.window as i32;
-        let mut launch = self.stream.launch_builder(&self.entries.spectra);
-        launch.arg(turns).arg(seeds).arg(&window).arg(self.tables).arg(spectra);
-        // SAFETY: psf_spectra(Turn *, float *, int, float2 *, float4 *); a turn's seed and spectrum are places of the two pools.
-        unsafe { launch.launch(self.transforms(count)) }
+        let window = self.partition.window as i32;
+        let mut launch = self.stream.launch_builder(&self.functions.spectra);
+        launch.arg(parts).arg(base_kernels).arg(&window).arg(self.tables).arg(spectra);
+        // SAFETY: psf_spectra(KernelPart *, float *, int, float2 *, float4 *); base kernel and spectrum of a part are entries of the
+        // two pools.
+        unsafe { launch.launch(self.transform_shape(count)) }
             .map_err(self.device.failed("transforming kernels"))?;
         Ok(())
     }
@@ -154,49 +156,51 @@ impl Launcher<'_> {
     pub(super) fn scatter(
         &self,
         count: usize,
-        (jobs, tents): (&CudaView<'_, u32>, &CudaView<'_, u32>),
+        (jobs, weights): (&CudaView<'_, u32>, &CudaView<'_, u32>),
         packed: &CudaViewMut<'_, u32>,
         spectra: &CudaSlice<f32>,
         images: &mut CudaViewMut<'_, u32>,
     ) -> Result<(), CudaError> {
-        let mut launch = self.stream.launch_builder(&self.entries.scatter);
-        let packed = &packed.as_view();
-        launch.arg(jobs).arg(tents).arg(packed).arg(spectra).arg(self.tables).arg(images);
-        // SAFETY: psf_scatter(Job *, Tent *, float4 *, float4 *, float2 *, float *); jobs name rows of `packed`, tents places of
-        // the pool of spectra, and there is an image for every job.
-        unsafe { launch.launch(self.transforms(count)) }.map_err(self.device.failed("scattering"))?;
+        let mut launch = self.stream.launch_builder(&self.functions.scatter);
+        let packed = &packed.slice(..);
+        launch.arg(jobs).arg(weights).arg(packed).arg(spectra).arg(self.tables).arg(images);
+        // SAFETY: psf_scatter(Job *, Weight *, float4 *, float4 *, float2 *, float *); jobs refer to rows of `packed`, weights to
+        // entries of the pool of spectra, and there is an image for every job.
+        unsafe { launch.launch(self.transform_shape(count)) }.map_err(self.device.failed("scattering"))?;
         Ok(())
     }
 
-    /// Nothing where a transform is one slice.
+    /// No launch where a transform is one slice.
     pub(super) fn unfold(&self, count: usize, images: &mut CudaViewMut<'_, u32>) -> Result<(), CudaError> {
-        if self.cut.slices() == 1 {
+        if self.partition.slices() == 1 {
             return Ok(());
         }
-        let threads = self.cut.image_len() / 8;
-        let grid = ((count * threads) as u32 / PLAIN, 1, 1);
-        let mut launch = self.stream.launch_builder(&self.entries.unfold);
+        let threads = self.partition.image_len() / 8;
+        let grid = ((count * threads) as u32 / PLAIN_THREADS, 1, 1);
+        let mut launch = self.stream.launch_builder(&self.functions.unfold);
         launch.arg(images);
         // SAFETY: psf_unfold(float *) for `count` images of 256 × 256, 8 values a thread.
-        unsafe { launch.launch(plain(grid)) }.map_err(self.device.failed("unfolding transforms"))?;
+        unsafe { launch.launch(plain_shape(grid)) }.map_err(self.device.failed("unfolding transforms"))?;
         Ok(())
     }
 
     pub(super) fn add(
         &self,
         grid: (u32, u32, u32),
-        (tiles, slots): (&CudaView<'_, u32>, &CudaView<'_, u32>),
+        (tiles, block_images): (&CudaView<'_, u32>, &CudaView<'_, u32>),
         images: &CudaViewMut<'_, u32>,
-        light: &mut CudaSlice<f32>,
+        contributions: &mut CudaSlice<f32>,
     ) -> Result<(), CudaError> {
         let [side, window, parts, part] =
-            [self.cut.side, self.cut.window, self.cut.parts, self.cut.part].map(|v| v as i32);
-        let mut launch = self.stream.launch_builder(&self.entries.add);
-        let images = &images.as_view();
-        launch.arg(tiles).arg(slots).arg(images).arg(&side).arg(&window).arg(&parts).arg(&part).arg(light);
-        // SAFETY: psf_add(Tile *, Slots *, float *, int × 4, float *); slots name images that were scattered, and
-        // PsfOnDevice::launch has checked that the tiles of light lie in `light`.
-        unsafe { launch.launch(plain(grid)) }.map_err(self.device.failed("adding blocks"))?;
+            [self.partition.side, self.partition.window, self.partition.parts, self.partition.part]
+                .map(|v| v as i32);
+        let mut launch = self.stream.launch_builder(&self.functions.add);
+        let images = &images.slice(..);
+        launch.arg(tiles).arg(block_images).arg(images).arg(&side).arg(&window).arg(&parts).arg(&part);
+        launch.arg(contributions);
+        // SAFETY: psf_add(Tile *, BlockImages *, float *, int × 4, float *); block images refer to images that were computed, and
+        // PsfOnDevice::launch has checked that the tiles lie in `contributions`.
+        unsafe { launch.launch(plain_shape(grid)) }.map_err(self.device.failed("adding blocks"))?;
         Ok(())
     }
 }

@@ -1,79 +1,79 @@
-//! One block of the remapped image to strips of columns in lanes and back.
+//! One block of the remapped image to panels of columns and back.
 //!
-//! A *strip* is as many columns as there are lanes. Packed, a strip lies row by row as `[pixels][r][θ]` (the polar maps of
-//! [`crate::psf::polar`]): all that a node needs to weigh it. Transformed, it is F/2 elements; turned, it lies as F/2/LANES
-//! groups of F elements, an element then being one column of LANES spectral rows.
+//! A *panel* is as many columns as there are lanes. A packed panel is stored row by row as `[pixels][r][θ]` (the polar coordinates of
+//! [`crate::psf::polar`]), from which any node's weights follow. Transformed along y it has F/2 elements; transposed, it is spread
+//! over F/2/LANES groups of F elements, one element being one column of LANES spectral rows.
 //!
 //! *Right-angle transform along y.* A real signal x of F rows becomes F/2 complex ones:
 //!     z_y = (x_y + i·x_{y+F/2})·ω^y,  ω = exp(iπ/F)    →    Z_k = Σ_y x_y exp(−2πi·y·(2k − 1/2)/F)
-//! F/2 spectral rows and no special ones; products are convolutions whose wrapped part changes sign, of which there is
-//! none, since F ≥ block + window − 1. Back: x_y + i·x_{y+F/2} = z_y·ω̄^y.
-//! Source: Martucci, IEEE Trans. Signal Processing 42 (1994) 1038 (the skew-circular convolution it rests on).
+//! F/2 spectral rows, all treated alike. Products are skew-circular convolutions, equal to linear ones because
+//! F ≥ block + window − 1. Inverse: x_y + i·x_{y+F/2} = z_y·ω̄^y.
+//! Source: Martucci, IEEE Trans. Signal Processing 42 (1994) 1038 (skew-circular convolution).
 
 use super::complex::Complex;
 use crate::psf::BlockView;
-use crate::psf::grid::Tent;
-use crate::psf::kernel::DARK;
+use crate::psf::grid::NodeWeight;
+use crate::psf::kernel::NEGLIGIBLE_SAMPLE;
 use crate::psf::polar::{ATAN, BlockPlace, SECANT};
-use crate::psf::portable::TINY;
+use crate::psf::portable::NEGLIGIBLE_PIXEL;
 use crate::real;
-use crate::simd::lanes::{Lanes, Work};
+use crate::simd::lanes::{Lanes, SimdOp};
 use bytemuck::cast_slice_mut;
 use std::f32::consts::TAU;
 
-/// LANES pixels of one row and where they lie, relative to the block's centre: [pixels, r, θ].
+/// LANES pixels of one row and their polar coordinates relative to the block's centre: [pixels, r, θ].
 pub(super) type Pixels<V> = [V; 3];
 
-/// What a strip holds: whether any light, and the reach of its pixels in r and θ.
+/// Extent of a panel: whether any pixel is not 0, and the range of its pixels in r and θ.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Extent {
-    pub(super) lit: bool,
+pub(super) struct PanelExtent {
+    pub(super) nonzero: bool,
     pub(super) r: (f32, f32),
     pub(super) theta: (f32, f32),
 }
 
-impl Extent {
-    /// Whether a node's share may be above 0 in the strip.
-    pub(super) fn meets(&self, tent: &Tent, around: bool) -> bool {
-        let reach = 1.0 / tent.per_rad; // infinite for the axis node
-        self.lit
-            && self.r.1 * tent.rise + tent.rise_at > 0.0
-            && self.r.0 * tent.fall + tent.fall_at > 0.0
-            && (around
-                || (self.theta.0 - tent.azimuth_rad < reach && tent.azimuth_rad - self.theta.1 < reach))
+impl PanelExtent {
+    /// Whether a node's weight may be above 0 at a pixel that is not 0.
+    pub(super) fn touches(&self, weight: &NodeWeight, wraps: bool) -> bool {
+        let reach = 1.0 / weight.per_rad; // infinite for the axis node
+        self.nonzero
+            && self.r.1 * weight.rise + weight.rise_at > 0.0
+            && self.r.0 * weight.fall + weight.fall_at > 0.0
+            && (wraps
+                || (self.theta.0 - weight.azimuth_rad < reach && weight.azimuth_rad - self.theta.1 < reach))
     }
 }
 
-/// Packs the pixels of a block, zeroing what would become denormal, and maps them far from the axis: as
-/// [`BlockPlace::polar`] does, lane by lane.
+/// Packs the pixels of a block with their polar coordinates, which far from the axis are computed as in [`BlockPlace::polar`];
+/// pixels that would become denormal are set to 0.
 pub(super) struct Pack<'a, V> {
     pub(super) block: &'a BlockView<'a>,
-    /// Rows of a whole block: those of a strip in `to`.
+    /// Rows of a full block, and of a panel in `to`.
     pub(super) rows: usize,
     pub(super) to: &'a mut [Pixels<V>],
-    pub(super) extents: &'a mut [Extent],
-    /// Polar maps of the block, already made: near the axis.
+    pub(super) extents: &'a mut [PanelExtent],
+    /// r and θ of the pixels of a block near the axis.
     pub(super) near: Option<(&'a [f32], &'a [f32])>,
 }
 
-impl<V: Lanes> Work<V> for Pack<'_, V> {
+impl<V: Lanes> SimdOp<V> for Pack<'_, V> {
     #[inline(always)]
     fn run(self) {
         let place = &self.block.place;
-        let far = FarMap::new(place);
-        let tiny = V::splat(TINY);
-        let strips = self.to.chunks_exact_mut(self.rows).zip(self.extents.iter_mut());
-        for (strip, (to, extent)) in strips.enumerate() {
-            let first = strip * V::LANES;
+        let far = FarPolar::new(place);
+        let tiny = V::splat(NEGLIGIBLE_PIXEL);
+        let panels = self.to.chunks_exact_mut(self.rows).zip(self.extents.iter_mut());
+        for (panel, (to, extent)) in panels.enumerate() {
+            let first = panel * V::LANES;
             let lanes = (place.cols - first).min(V::LANES);
-            let mut light = V::splat(0.0);
-            let (mut r, mut theta) = (Bounds::nothing(), Bounds::nothing());
+            let mut peak = V::splat(0.0);
+            let (mut r, mut theta) = (Range::empty(), Range::empty());
             let across = far.columns(first, place.cols);
             let mut dy = V::splat(-far.half.0);
             for (y, to) in to[..place.rows].iter_mut().enumerate() {
                 let row = &self.block.pixels[y * self.block.stride + first..];
                 let pixels = load::<V>(row, lanes).zero_below(tiny);
-                V::prefetch(row, 2 * V::LANES - 1); // the next strip's: rows are too far apart for the hardware
+                V::prefetch(row, 2 * V::LANES - 1); // the next panel; rows are too far apart for the hardware prefetcher
                 let polar = match self.near {
                     Some((r, theta)) => {
                         let at = y * place.cols + first;
@@ -83,11 +83,15 @@ impl<V: Lanes> Work<V> for Pack<'_, V> {
                 };
                 *to = [pixels, polar.0, polar.1];
                 dy = dy + V::splat(1.0);
-                light = light.max(pixels.abs());
+                peak = peak.max(pixels.abs());
                 r = r.with(polar.0);
                 theta = theta.with(polar.1);
             }
-            *extent = Extent { lit: light.greatest() > 0.0, r: r.ends(), theta: theta.ends() };
+            *extent = PanelExtent {
+                nonzero: peak.reduce_max() > 0.0,
+                r: r.over_lanes(),
+                theta: theta.over_lanes(),
+            };
         }
     }
 }
@@ -101,13 +105,13 @@ fn load<V: Lanes>(from: &[f32], lanes: usize) -> V {
     }
 }
 
-/// Least and greatest of each lane.
+/// Minimum and maximum of each lane.
 #[derive(Clone, Copy)]
-struct Bounds<V>(V, V);
+struct Range<V>(V, V);
 
-impl<V: Lanes> Bounds<V> {
+impl<V: Lanes> Range<V> {
     #[inline(always)]
-    fn nothing() -> Self {
+    fn empty() -> Self {
         Self(V::splat(f32::INFINITY), V::splat(f32::NEG_INFINITY))
     }
 
@@ -117,21 +121,21 @@ impl<V: Lanes> Bounds<V> {
     }
 
     #[inline(always)]
-    fn ends(self) -> (f32, f32) {
-        (self.0.least(), self.1.greatest())
+    fn over_lanes(self) -> (f32, f32) {
+        (self.0.reduce_min(), self.1.reduce_max())
     }
 }
 
-/// The polar map far from the axis: r − rc and θ − θc of [`crate::psf::polar`].
+/// Polar coordinates far from the axis: r − rc and θ − θc of [`crate::psf::polar`].
 #[derive(Clone, Copy)]
-struct FarMap<V> {
+struct FarPolar<V> {
     cos: V,
     sin: V,
     radius: V,
     half: (f32, f32),
 }
 
-impl<V: Lanes> FarMap<V> {
+impl<V: Lanes> FarPolar<V> {
     #[inline(always)]
     fn new(place: &BlockPlace) -> Self {
         let (hy, hx, radius, azimuth, _) = place.centre();
@@ -144,10 +148,10 @@ impl<V: Lanes> FarMap<V> {
         }
     }
 
-    /// Parts along and across the ray of the columns from `first` on; lanes past the last repeat it.
+    /// Components along and across the ray of the columns from `first` on; lanes past the last repeat it.
     #[inline(always)]
     fn columns(&self, first: usize, cols: usize) -> (V, V) {
-        let column = (V::count() + V::splat(first as f32)).min(V::splat((cols - 1) as f32));
+        let column = (V::iota() + V::splat(first as f32)).min(V::splat((cols - 1) as f32));
         let dx = column - V::splat(self.half.1);
         (dx * self.cos, dx * self.sin)
     }
@@ -163,7 +167,7 @@ impl<V: Lanes> FarMap<V> {
     }
 }
 
-/// By Horner's rule.
+/// Σ coefficients[i]·x^i by Horner's rule.
 #[inline(always)]
 fn polynomial<V: Lanes, const N: usize>(coefficients: &[f32; N], x: V) -> V {
     let mut sum = V::splat(coefficients[N - 1]);
@@ -173,9 +177,9 @@ fn polynomial<V: Lanes, const N: usize>(coefficients: &[f32; N], x: V) -> V {
     sum
 }
 
-/// A node's shares in lanes: [`Tent::share`].
+/// [`NodeWeight`] with its values in all lanes.
 #[derive(Clone, Copy)]
-struct Shares<V> {
+struct SplatWeight<V> {
     rise: V,
     rise_at: V,
     fall: V,
@@ -184,143 +188,142 @@ struct Shares<V> {
     per_rad: V,
 }
 
-impl<V: Lanes> Shares<V> {
+impl<V: Lanes> SplatWeight<V> {
     #[inline(always)]
-    fn new(tent: &Tent) -> Self {
+    fn new(weight: &NodeWeight) -> Self {
         Self {
-            rise: V::splat(tent.rise),
-            rise_at: V::splat(tent.rise_at),
-            fall: V::splat(tent.fall),
-            fall_at: V::splat(tent.fall_at),
-            azimuth: V::splat(tent.azimuth_rad),
-            per_rad: V::splat(tent.per_rad),
+            rise: V::splat(weight.rise),
+            rise_at: V::splat(weight.rise_at),
+            fall: V::splat(weight.fall),
+            fall_at: V::splat(weight.fall_at),
+            azimuth: V::splat(weight.azimuth_rad),
+            per_rad: V::splat(weight.per_rad),
         }
     }
 
-    /// The node's share of the pixels' light.
+    /// The pixels times their weights: [`NodeWeight::at`].
     #[inline(always)]
-    fn of<const AROUND: bool>(&self, [light, r, theta]: &Pixels<V>) -> V {
+    fn apply<const WRAPS: bool>(&self, [value, r, theta]: &Pixels<V>) -> V {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let rise = r.mul_add(self.rise, self.rise_at);
         let radial = rise.min(r.mul_add(self.fall, self.fall_at)).max(zero);
         let mut d = (*theta - self.azimuth).abs();
-        if AROUND {
+        if WRAPS {
             d = d.min(V::splat(TAU) - d);
         }
-        *light * (radial * d.neg_mul_add(self.per_rad, one).max(zero))
+        *value * (radial * d.neg_mul_add(self.per_rad, one).max(zero))
     }
 }
 
-/// A node's share of one packed strip as z_y.
-pub(super) struct Weigh<'a, V, const AROUND: bool> {
-    pub(super) tent: &'a Tent,
+/// One packed panel times a node's weights, as z_y.
+pub(super) struct ApplyWeight<'a, V, const WRAPS: bool> {
+    pub(super) weight: &'a NodeWeight,
     /// The rows of the block.
     pub(super) pixels: &'a [Pixels<V>],
     pub(super) omega: &'a [[f32; 2]],
-    pub(super) strip: &'a mut [Complex<V>],
+    pub(super) panel: &'a mut [Complex<V>],
 }
 
-impl<V: Lanes, const AROUND: bool> Work<V> for Weigh<'_, V, AROUND> {
+impl<V: Lanes, const WRAPS: bool> SimdOp<V> for ApplyWeight<'_, V, WRAPS> {
     #[inline(always)]
     fn run(self) {
-        let shares = Shares::<V>::new(self.tent);
-        let half = self.strip.len();
+        let weight = SplatWeight::<V>::new(self.weight);
+        let half = self.panel.len();
         let omega = &self.omega[..half];
         let (upper, lower) = self.pixels.split_at(self.pixels.len().min(half));
         let both = lower.len().min(upper.len());
         for y in 0..both {
-            let (a, b) = (shares.of::<AROUND>(&upper[y]), shares.of::<AROUND>(&lower[y]));
-            self.strip[y] = Complex { re: a, im: b }.times(omega[y]);
+            let (a, b) = (weight.apply::<WRAPS>(&upper[y]), weight.apply::<WRAPS>(&lower[y]));
+            self.panel[y] = Complex { re: a, im: b }.times(omega[y]);
         }
         for y in both..upper.len() {
-            let (a, w) = (shares.of::<AROUND>(&upper[y]), omega[y]);
-            self.strip[y] = Complex { re: a * V::splat(w[0]), im: a * V::splat(w[1]) };
+            let (a, w) = (weight.apply::<WRAPS>(&upper[y]), omega[y]);
+            self.panel[y] = Complex { re: a * V::splat(w[0]), im: a * V::splat(w[1]) };
         }
-        cast_slice_mut::<_, f32>(&mut self.strip[upper.len()..]).fill(0.0);
+        cast_slice_mut::<_, f32>(&mut self.panel[upper.len()..]).fill(0.0);
     }
 }
 
-/// Columns of a kernel as z_y, scaled by `norm`. Windows are at most F/2 rows high, so z has no imaginary part before it is
-/// turned by ω.
+/// Columns of a kernel as z_y, scaled by `norm`. Windows are at most F/2 rows high, so z is real before the product with ω^y.
 pub(super) struct KernelColumns<'a, V> {
     pub(super) kernel: &'a [f32],
     pub(super) window: usize,
     pub(super) first_column: usize,
     pub(super) norm: f32,
     pub(super) omega: &'a [[f32; 2]],
-    pub(super) strip: &'a mut [Complex<V>],
+    pub(super) panel: &'a mut [Complex<V>],
 }
 
-impl<V: Lanes> Work<V> for KernelColumns<'_, V> {
+impl<V: Lanes> SimdOp<V> for KernelColumns<'_, V> {
     #[inline(always)]
     fn run(self) {
         let lanes = (self.window - self.first_column).min(V::LANES);
-        let (rows, dark) = (self.kernel.chunks_exact(self.window), V::splat(DARK));
-        for ((row, z), w) in rows.zip(self.strip.iter_mut()).zip(self.omega) {
-            let v = load::<V>(&row[self.first_column..], lanes).zero_below(dark);
+        let (rows, limit) = (self.kernel.chunks_exact(self.window), V::splat(NEGLIGIBLE_SAMPLE));
+        for ((row, z), w) in rows.zip(self.panel.iter_mut()).zip(self.omega) {
+            let v = load::<V>(&row[self.first_column..], lanes).zero_below(limit);
             *z = Complex { re: v * V::splat(self.norm * w[0]), im: v * V::splat(self.norm * w[1]) };
         }
-        cast_slice_mut::<_, f32>(&mut self.strip[self.window..]).fill(0.0);
+        cast_slice_mut::<_, f32>(&mut self.panel[self.window..]).fill(0.0);
     }
 }
 
-/// A transformed strip to its columns in every group.
+/// Transposes a transformed panel into its columns of every group.
 pub(super) struct ToGroups<'a, V> {
-    pub(super) strip: &'a [Complex<V>],
+    pub(super) panel: &'a [Complex<V>],
     pub(super) groups: &'a mut [Complex<V>],
     pub(super) fft: usize,
     pub(super) first_column: usize,
 }
 
-impl<V: Lanes> Work<V> for ToGroups<'_, V> {
+impl<V: Lanes> SimdOp<V> for ToGroups<'_, V> {
     #[inline(always)]
     fn run(self) {
-        let rows = self.strip.chunks_exact(V::LANES);
+        let rows = self.panel.chunks_exact(V::LANES);
         for (rows, group) in rows.zip(self.groups.chunks_exact_mut(self.fft)) {
             Complex::transpose(rows, &mut group[self.first_column..][..V::LANES]);
         }
     }
 }
 
-/// The reverse of [`ToGroups`].
+/// The inverse of [`ToGroups`].
 pub(super) struct FromGroups<'a, V> {
     pub(super) groups: &'a [Complex<V>],
-    pub(super) strip: &'a mut [Complex<V>],
+    pub(super) panel: &'a mut [Complex<V>],
     pub(super) fft: usize,
     pub(super) first_column: usize,
 }
 
-impl<V: Lanes> Work<V> for FromGroups<'_, V> {
+impl<V: Lanes> SimdOp<V> for FromGroups<'_, V> {
     #[inline(always)]
     fn run(self) {
-        let rows = self.strip.chunks_exact_mut(V::LANES);
+        let rows = self.panel.chunks_exact_mut(V::LANES);
         for (rows, group) in rows.zip(self.groups.chunks_exact(self.fft)) {
             Complex::transpose(&group[self.first_column..][..V::LANES], rows);
         }
     }
 }
 
-/// A strip of zeros in every group.
+/// Zeros the columns of a panel in every group.
 pub(super) fn clear_columns<V: Lanes>(groups: &mut [Complex<V>], fft: usize, first_column: usize) {
     for group in groups.chunks_exact_mut(fft) {
         cast_slice_mut::<_, f32>(&mut group[first_column..][..V::LANES]).fill(0.0);
     }
 }
 
-/// Adds one strip, transformed back, to `out` (rows `stride` apart): `rows` rows of LANES values.
+/// Adds one panel after its inverse transform to `out` (rows `stride` apart): `rows` rows of LANES values.
 pub(super) struct AddTo<'a, V> {
-    pub(super) strip: &'a [Complex<V>],
+    pub(super) panel: &'a [Complex<V>],
     pub(super) omega: &'a [[f32; 2]],
     pub(super) out: &'a mut [f32],
     pub(super) stride: usize,
     pub(super) rows: usize,
 }
 
-impl<V: Lanes> Work<V> for AddTo<'_, V> {
+impl<V: Lanes> SimdOp<V> for AddTo<'_, V> {
     #[inline(always)]
     fn run(self) {
-        let half = self.strip.len();
-        for (y, (z, w)) in self.strip.iter().zip(self.omega).enumerate().take(self.rows) {
+        let half = self.panel.len();
+        for (y, (z, w)) in self.panel.iter().zip(self.omega).enumerate().take(self.rows) {
             let x = z.times_conjugate(*w);
             let row = &mut self.out[y * self.stride..];
             (V::load(row) + x.re).store(row);

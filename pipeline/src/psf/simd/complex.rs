@@ -1,11 +1,11 @@
-//! Complex numbers in lanes.
+//! Complex numbers, one per lane.
 #![allow(unsafe_code, reason = "plain data of two registers")]
 
-use crate::simd::lanes::{Lanes, WIDEST};
+use crate::simd::lanes::{Lanes, MAX_LANES};
 use bytemuck::{Pod, Zeroable};
 use std::ops::{Add, Sub};
 
-/// As many complex numbers as there are lanes.
+/// `LANES` complex numbers.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub(super) struct Complex<V> {
@@ -19,11 +19,11 @@ unsafe impl<V: Zeroable> Zeroable for Complex<V> {}
 unsafe impl<V: Pod> Pod for Complex<V> {}
 
 impl<V: Lanes> Complex<V> {
-    /// Turns rows to columns: `from` and `to` hold `LANES` elements.
+    /// Transposes `LANES` elements.
     #[inline(always)]
     pub(super) fn transpose(from: &[Self], to: &mut [Self]) {
         let (from, to) = (&from[..V::LANES], &mut to[..V::LANES]);
-        let mut rows = [V::zeroed(); WIDEST];
+        let mut rows = [V::zeroed(); MAX_LANES];
         let rows = &mut rows[..V::LANES];
         for i in 0..V::LANES {
             rows[i] = from[i].re;
@@ -39,14 +39,14 @@ impl<V: Lanes> Complex<V> {
         }
     }
 
-    /// self·w, `w` one number for all lanes.
+    /// self·w, the same `w` for all lanes.
     #[inline(always)]
     pub(super) fn times(self, w: [f32; 2]) -> Self {
         let (re, im) = (V::splat(w[0]), V::splat(w[1]));
         Self { re: self.re.mul_sub(re, self.im * im), im: self.re.mul_add(im, self.im * re) }
     }
 
-    /// self·w̄, `w` one number for all lanes.
+    /// self·w̄, the same `w` for all lanes.
     #[inline(always)]
     pub(super) fn times_conjugate(self, w: [f32; 2]) -> Self {
         let (re, im) = (V::splat(w[0]), V::splat(w[1]));

@@ -1,24 +1,24 @@
-//! Complex FFTs of any side made of 2, 3 and 5, one per lane: element i holds sample i of all of them.
+//! Complex FFTs of any size 2^a·3^b·5^c, one per lane: element i holds sample i of all of them.
 //!
 //!     forward  Z_k = Σ_i z_i exp(−2πi·ik/n),   inverse  z_i = Σ_k Z_k exp(+2πi·ik/n)   (not scaled)
-//! Mixed radix 2, 3, 4, 5, 6, 8. Forward in decimation in frequency (natural order in, digits of k reversed out), inverse
-//! in decimation in time (the reverse): nothing between them cares for the order, so none is ever restored. Stage s of
-//! radix R works on pieces of R·m elements, R arms of m:
+//! Mixed radix 2, 3, 4, 5, 6, 8. Forward by decimation in frequency (natural order in, digits of k reversed out), inverse by
+//! decimation in time (digits reversed in, natural order out); products of spectra are independent of the order, so it is never
+//! restored. A stage of radix R works on sections of R·m elements, R arms of length m:
 //!     y_q(j) = w^{jq} Σ_p x_p(j) exp(−2πi·pq/R),   w = exp(−2πi/(R·m))
 //! The last forward stage (m = 1) can multiply by a spectrum and accumulate instead of storing.
 //! Source: Cooley and Tukey, Math. Comp. 19 (1965) 297; radix 6 as 2 × 3 by Good's prime factors (no twiddles).
-#![allow(unsafe_code, reason = "bounds are checked once a stage, not once an element")]
+#![allow(unsafe_code, reason = "bounds are checked once per stage, not once per element")]
 
 use super::complex::Complex;
 use crate::real;
-use crate::simd::lanes::{Gate, Lanes, Work};
+use crate::simd::lanes::{Dispatch, Lanes, SimdOp};
 use bytemuck::Zeroable;
 use std::f64::consts::TAU;
 
-/// FFTs of one side.
+/// FFTs of one size.
 #[derive(Debug)]
 pub(super) struct Fft<V> {
-    gate: Gate<V>,
+    dispatch: Dispatch<V>,
     stages: Vec<Stage>,
 }
 
@@ -30,26 +30,26 @@ struct Stage {
     twiddles: Vec<[f32; 2]>,
 }
 
-/// Radices and what a stage of each costs per element, about: a pass through memory is 1, arithmetic the rest.
+/// Radices and the approximate cost of a stage per element: 1 for the pass through memory, the rest for arithmetic.
 const RADICES: [(usize, f64); 6] = [(2, 1.0), (3, 1.15), (4, 1.1), (5, 1.45), (6, 1.4), (8, 1.4)];
 
-/// The cheapest radices whose product is `n`, ascending: the wide ones last, where arms are short and twiddles few.
+/// Cost and list of the cheapest radices whose product is `n`, ascending: large ones last, where arms are short and twiddles few.
 fn radices(n: usize) -> (f64, Vec<usize>) {
     if n == 1 {
         return (0.0, Vec::new());
     }
-    let whole = RADICES.iter().filter(|(radix, _)| n.is_multiple_of(*radix));
-    let ways = whole.map(|(radix, cost)| {
+    let divisors = RADICES.iter().filter(|(radix, _)| n.is_multiple_of(*radix));
+    let candidates = divisors.map(|(radix, cost)| {
         let (rest, mut radices) = radices(n / radix);
         radices.push(*radix);
         radices.sort_unstable();
         (rest + cost, radices)
     });
-    ways.min_by(|a, b| a.0.total_cmp(&b.0)).expect("sides are made of 2, 3 and 5")
+    candidates.min_by(|a, b| a.0.total_cmp(&b.0)).expect("FFT sizes have the factors 2, 3 and 5 only")
 }
 
 impl<V: Lanes> Fft<V> {
-    pub(super) fn new(n: usize, gate: Gate<V>) -> Self {
+    pub(super) fn new(n: usize, dispatch: Dispatch<V>) -> Self {
         let mut arm = n;
         let stages = radices(n).1.into_iter().map(|radix| {
             let len = arm;
@@ -61,25 +61,25 @@ impl<V: Lanes> Fft<V> {
             let twiddles = (0..arm).flat_map(|j| (1..radix).map(move |q| power(j * q))).collect();
             Stage { radix, arm, twiddles }
         });
-        Self { gate, stages: stages.collect() }
+        Self { dispatch, stages: stages.collect() }
     }
 
-    /// In place, digits reversed.
+    /// In place; output in digit-reversed order.
     pub(super) fn forward(&self, data: &mut [Complex<V>]) {
         for stage in &self.stages {
             self.butterflies::<false>(stage, data);
         }
     }
 
-    /// In place, from digits reversed.
+    /// In place; input in digit-reversed order.
     pub(super) fn inverse(&self, data: &mut [Complex<V>]) {
         for stage in self.stages.iter().rev() {
             self.butterflies::<true>(stage, data);
         }
     }
 
-    /// `sum` += transform of `data` · `spectrum`, or = where this is the `first`. Elements from `filled` on are taken as 0
-    /// and need not be. Leaves `data` half transformed.
+    /// `sum` += (transform of `data`) · `spectrum`, or `sum` = that product if `first`. Elements from `filled` on are taken as 0
+    /// whatever their value. `data` is left partly transformed.
     pub(super) fn forward_onto(
         &self,
         data: &mut [Complex<V>],
@@ -88,16 +88,18 @@ impl<V: Lanes> Fft<V> {
         sum: &mut [Complex<V>],
         first: bool,
     ) {
-        let [open, stages @ .., last] = &self.stages[..] else { unreachable!("sides of 64 and more") };
-        self.first_butterflies(open, data, filled);
+        let [opening, stages @ .., last] = &self.stages[..] else {
+            unreachable!("FFT sizes are 64 and more")
+        };
+        self.first_butterflies(opening, data, filled);
         for stage in stages {
             self.butterflies::<false>(stage, data);
         }
         macro_rules! run {
             ($($r:literal)*) => {
                 match (last.radix, first) {
-                    $(($r, true) => self.gate.run(Onto::<V, $r, true> { data, spectrum, sum }),
-                      ($r, false) => self.gate.run(Onto::<V, $r, false> { data, spectrum, sum }),)*
+                    $(($r, true) => self.dispatch.run(Accumulate::<V, $r, true> { data, spectrum, sum }),
+                      ($r, false) => self.dispatch.run(Accumulate::<V, $r, false> { data, spectrum, sum }),)*
                     _ => unreachable!("radices"),
                 }
             };
@@ -110,7 +112,7 @@ impl<V: Lanes> Fft<V> {
         macro_rules! run {
             ($($r:literal)*) => {
                 match stage.radix {
-                    $($r => self.gate.run(Opening::<V, $r> { data, filled, arm, twiddles }),)*
+                    $($r => self.dispatch.run(Opening::<V, $r> { data, filled, arm, twiddles }),)*
                     _ => unreachable!("radices"),
                 }
             };
@@ -123,8 +125,8 @@ impl<V: Lanes> Fft<V> {
         macro_rules! run {
             ($($r:literal)*) => {
                 match (stage.radix, arm) {
-                    $(($r, 1) => self.gate.run(Butterflies::<V, $r, INVERSE, false> { data, arm, twiddles }),
-                      ($r, _) => self.gate.run(Butterflies::<V, $r, INVERSE, true> { data, arm, twiddles }),)*
+                    $(($r, 1) => self.dispatch.run(Butterflies::<V, $r, INVERSE, false> { data, arm, twiddles }),
+                      ($r, _) => self.dispatch.run(Butterflies::<V, $r, INVERSE, true> { data, arm, twiddles }),)*
                     _ => unreachable!("radices"),
                 }
             };
@@ -133,36 +135,36 @@ impl<V: Lanes> Fft<V> {
     }
 }
 
-/// One stage; `TURN` where there are twiddles other than 1.
-struct Butterflies<'a, V, const R: usize, const INVERSE: bool, const TURN: bool> {
+/// One stage; `TWIDDLE` if there are twiddle factors other than 1.
+struct Butterflies<'a, V, const R: usize, const INVERSE: bool, const TWIDDLE: bool> {
     data: &'a mut [Complex<V>],
     arm: usize,
     twiddles: &'a [[f32; 2]],
 }
 
-impl<V: Lanes, const R: usize, const INVERSE: bool, const TURN: bool> Work<V>
-    for Butterflies<'_, V, R, INVERSE, TURN>
+impl<V: Lanes, const R: usize, const INVERSE: bool, const TWIDDLE: bool> SimdOp<V>
+    for Butterflies<'_, V, R, INVERSE, TWIDDLE>
 {
     #[inline(always)]
     fn run(self) {
-        let arm = if TURN { self.arm } else { 1 };
+        let arm = if TWIDDLE { self.arm } else { 1 };
         let mut x = [Complex::zeroed(); R];
-        for piece in self.data.chunks_exact_mut(R * arm) {
+        for section in self.data.chunks_exact_mut(R * arm) {
             for (j, w) in self.twiddles.chunks_exact(R - 1).take(arm).enumerate() {
                 for q in 0..R {
-                    // SAFETY: q < R and j < arm, so it lies in the R·arm elements of the piece.
-                    x[q] = unsafe { *piece.get_unchecked(q * arm + j) };
-                    if TURN && INVERSE && q > 0 {
+                    // SAFETY: q < R and j < arm, so it lies in the R·arm elements of the section.
+                    x[q] = unsafe { *section.get_unchecked(q * arm + j) };
+                    if TWIDDLE && INVERSE && q > 0 {
                         x[q] = x[q].times_conjugate(w[q - 1]);
                     }
                 }
                 butterfly::<V, R, INVERSE>(&mut x);
                 for q in 0..R {
-                    if TURN && !INVERSE && q > 0 {
+                    if TWIDDLE && !INVERSE && q > 0 {
                         x[q] = x[q].times(w[q - 1]);
                     }
                     // SAFETY: as above.
-                    unsafe { *piece.get_unchecked_mut(q * arm + j) = x[q] };
+                    unsafe { *section.get_unchecked_mut(q * arm + j) = x[q] };
                 }
             }
         }
@@ -177,41 +179,41 @@ struct Opening<'a, V, const R: usize> {
     twiddles: &'a [[f32; 2]],
 }
 
-impl<V: Lanes, const R: usize> Work<V> for Opening<'_, V, R> {
+impl<V: Lanes, const R: usize> SimdOp<V> for Opening<'_, V, R> {
     #[inline(always)]
     fn run(self) {
-        let piece = &mut self.data[..R * self.arm];
+        let section = &mut self.data[..R * self.arm];
         let mut x = [Complex::zeroed(); R];
         for (j, w) in self.twiddles.chunks_exact(R - 1).take(self.arm).enumerate() {
             for (q, x) in x.iter_mut().enumerate() {
                 let at = q * self.arm + j;
-                // SAFETY: q < R and j < arm, so it lies in the R·arm elements of the piece.
-                *x = if at < self.filled { unsafe { *piece.get_unchecked(at) } } else { Complex::zeroed() };
+                // SAFETY: q < R and j < arm, so it lies in the R·arm elements of the section.
+                *x = if at < self.filled { unsafe { *section.get_unchecked(at) } } else { Complex::zeroed() };
             }
             butterfly::<V, R, false>(&mut x);
             for q in 0..R {
                 let y = if q > 0 { x[q].times(w[q - 1]) } else { x[q] };
                 // SAFETY: as above.
-                unsafe { *piece.get_unchecked_mut(q * self.arm + j) = y };
+                unsafe { *section.get_unchecked_mut(q * self.arm + j) = y };
             }
         }
     }
 }
 
-/// The last forward stage, onto a sum; `FIRST` where the sum starts with it.
-struct Onto<'a, V, const R: usize, const FIRST: bool> {
+/// The last forward stage, multiplied by a spectrum and accumulated; `FIRST` if it is the first term of the sum.
+struct Accumulate<'a, V, const R: usize, const FIRST: bool> {
     data: &'a [Complex<V>],
     spectrum: &'a [Complex<V>],
     sum: &'a mut [Complex<V>],
 }
 
-impl<V: Lanes, const R: usize, const FIRST: bool> Work<V> for Onto<'_, V, R, FIRST> {
+impl<V: Lanes, const R: usize, const FIRST: bool> SimdOp<V> for Accumulate<'_, V, R, FIRST> {
     #[inline(always)]
     fn run(self) {
         let len = self.sum.len();
         let (data, spectrum) = (&self.data[..len], &self.spectrum[..len]);
         let mut x = [Complex::zeroed(); R];
-        for first in (0..len / R).map(|piece| piece * R) {
+        for first in (0..len / R).map(|section| section * R) {
             for (q, x) in x.iter_mut().enumerate() {
                 // SAFETY: first + q < R · ⌊len/R⌋ ≤ len, the length of all three.
                 *x = unsafe { *data.get_unchecked(first + q) };
@@ -253,12 +255,12 @@ fn butterfly<V: Lanes, const R: usize, const INVERSE: bool>(x: &mut [Complex<V>;
         8 => {
             let a = dft4::<V, INVERSE>([x[0], x[2], x[4], x[6]]);
             let b = dft4::<V, INVERSE>([x[1], x[3], x[5], x[7]]);
-            let b1 = add_turned::<V, INVERSE>(b[1], b[1]); // b·(1 ∓ i) = √2 · b·exp(∓iπ/4)
-            let b3 = sub_turned::<V, INVERSE>(b[3], b[3]); // b·(1 ± i) = √2 · b·exp(±iπ/4) = ±√2i · b·exp(∓3iπ/4)
+            let b1 = sub_i_times::<V, INVERSE>(b[1], b[1]); // b·(1 ∓ i) = √2 · b·exp(∓iπ/4)
+            let b3 = add_i_times::<V, INVERSE>(b[3], b[3]); // b·(1 ± i) = √2 · b·exp(±iπ/4) = ±√2i · b·exp(∓3iπ/4)
             let r = V::splat(std::f32::consts::FRAC_1_SQRT_2);
             (x[0], x[4]) = (a[0] + b[0], a[0] - b[0]);
             (x[1], x[5]) = (scaled_add(a[1], b1, r), scaled_sub(a[1], b1, r));
-            (x[2], x[6]) = (add_turned::<V, INVERSE>(a[2], b[2]), sub_turned::<V, INVERSE>(a[2], b[2]));
+            (x[2], x[6]) = (sub_i_times::<V, INVERSE>(a[2], b[2]), add_i_times::<V, INVERSE>(a[2], b[2]));
             (x[3], x[7]) = (scaled_sub(a[3], b3, r), scaled_add(a[3], b3, r));
         }
         _ => unreachable!("radices"),
@@ -267,7 +269,7 @@ fn butterfly<V: Lanes, const R: usize, const INVERSE: bool>(x: &mut [Complex<V>;
 
 /// a − i·b, or a + i·b in the inverse.
 #[inline(always)]
-fn add_turned<V: Lanes, const INVERSE: bool>(a: Complex<V>, b: Complex<V>) -> Complex<V> {
+fn sub_i_times<V: Lanes, const INVERSE: bool>(a: Complex<V>, b: Complex<V>) -> Complex<V> {
     match INVERSE {
         true => Complex { re: a.re - b.im, im: a.im + b.re },
         false => Complex { re: a.re + b.im, im: a.im - b.re },
@@ -276,10 +278,10 @@ fn add_turned<V: Lanes, const INVERSE: bool>(a: Complex<V>, b: Complex<V>) -> Co
 
 /// a + i·b, or a − i·b in the inverse.
 #[inline(always)]
-fn sub_turned<V: Lanes, const INVERSE: bool>(a: Complex<V>, b: Complex<V>) -> Complex<V> {
+fn add_i_times<V: Lanes, const INVERSE: bool>(a: Complex<V>, b: Complex<V>) -> Complex<V> {
     match INVERSE {
-        true => add_turned::<V, false>(a, b),
-        false => add_turned::<V, true>(a, b),
+        true => sub_i_times::<V, false>(a, b),
+        false => sub_i_times::<V, true>(a, b),
     }
 }
 
@@ -299,7 +301,7 @@ fn scaled_sub<V: Lanes>(a: Complex<V>, b: Complex<V>, r: V) -> Complex<V> {
 fn dft3<V: Lanes, const INVERSE: bool>([a, b, c]: [Complex<V>; 3]) -> [Complex<V>; 3] {
     let (sum, difference) = (b + c, b - c);
     let middle = scaled_sub(a, sum, V::splat(0.5));
-    // sin 2π/3; a turned and scaled sum in one rounding.
+    // sin 2π/3; product with ±i·s and sum with one rounding.
     let s = V::splat(0.866_025_4);
     let plus =
         Complex { re: difference.im.mul_add(s, middle.re), im: difference.re.neg_mul_add(s, middle.im) };
@@ -315,7 +317,7 @@ fn dft3<V: Lanes, const INVERSE: bool>([a, b, c]: [Complex<V>; 3]) -> [Complex<V
 fn dft4<V: Lanes, const INVERSE: bool>([a, b, c, d]: [Complex<V>; 4]) -> [Complex<V>; 4] {
     let (even, odd) = (a + c, b + d);
     let (even2, odd2) = (a - c, b - d);
-    [even + odd, add_turned::<V, INVERSE>(even2, odd2), even - odd, sub_turned::<V, INVERSE>(even2, odd2)]
+    [even + odd, sub_i_times::<V, INVERSE>(even2, odd2), even - odd, add_i_times::<V, INVERSE>(even2, odd2)]
 }
 
 #[inline(always)]
@@ -336,9 +338,9 @@ fn dft5<V: Lanes, const INVERSE: bool>([x, b, c, d, e]: [Complex<V>; 5]) -> [Com
     };
     [
         x + (sum1 + sum2),
-        add_turned::<V, INVERSE>(middle1, side1),
-        add_turned::<V, INVERSE>(middle2, side2),
-        sub_turned::<V, INVERSE>(middle2, side2),
-        sub_turned::<V, INVERSE>(middle1, side1),
+        sub_i_times::<V, INVERSE>(middle1, side1),
+        sub_i_times::<V, INVERSE>(middle2, side2),
+        add_i_times::<V, INVERSE>(middle2, side2),
+        add_i_times::<V, INVERSE>(middle1, side1),
     ]
 }

@@ -1,40 +1,40 @@
-//! SVPSF with the columns in lanes: the same sums as [`crate::psf::portable`], 16 or 8 columns at a time.
+//! SVPSF with SIMD: the same sums as [`crate::psf::portable`], 16 or 8 columns per register.
 //!
-//! Per block, all in lanes:
-//!   1. pack it strip by strip with its polar maps ([`block`]);
-//!   2. per node that touches it, per strip that the node has a share in: weigh → right-angle transform along y → transpose
-//!      into groups of spectral rows;
+//! Per block:
+//!   1. pack it with its polar coordinates, one panel (as many columns as lanes) at a time ([`block`]);
+//!   2. per node that touches it, per panel in which the node's weight is above 0: weight → right-angle transform along y →
+//!      transpose into groups of spectral rows;
 //!   3. per group: FFT along x ([`fft`]), whose last stage multiplies by the node's spectrum and accumulates;
-//!   4. once: back along x, transpose, back along y, add to the output.
+//!   4. once: inverse along x, transpose, inverse along y, add to the output.
 //!
-//! Why it is fast: no bit reversal and no half-filled register anywhere, F/2 spectral rows without special ones, weights
-//! from 12 bytes a pixel and not from memory of their own, strips of no share or no light skipped, all buffers of a block
-//! in L2. A spectrum lies as its product meets it: `[F/2/LANES groups][F columns, digits reversed][LANES re, LANES im]`,
-//! scaled by 2/F².
+//! For speed: no bit reversal, no partly filled register, F/2 spectral rows all treated alike, weights computed from 12 bytes per
+//! pixel instead of stored, panels of zero weight or zero pixels skipped, all buffers of a block in L2. A spectrum is stored in the
+//! order of its product: `[F/2/LANES groups][F columns, digits reversed][LANES re, LANES im]`, scaled by 2/F².
 //!
-//! `unsafe` lives in [`crate::simd`]'s rooms (the gate, intrinsics) and one loop of [`fft`].
+//! `unsafe` is confined to [`crate::simd`] (dispatch, intrinsics) and the loops of [`fft`].
 
 mod block;
 mod complex;
 mod fft;
-pub(super) mod turn;
 
 use crate::buffer::AlignedBuf;
 use crate::psf::blocks::Blocks;
-use crate::psf::grid::{Node, NodeGrid, Reach, Tent};
+use crate::psf::grid::{Node, NodeGrid, NodeWeight, PolarExtent};
 use crate::psf::{BlockView, Spectra};
 use crate::real;
 use crate::simd::Simd;
-use crate::simd::lanes::{Gate, Lanes};
-use block::{AddTo, Extent, FromGroups, KernelColumns, Pack, Pixels, ToGroups, Weigh, clear_columns};
+use crate::simd::lanes::{Dispatch, Lanes};
+use block::{
+    AddTo, ApplyWeight, FromGroups, KernelColumns, Pack, PanelExtent, Pixels, ToGroups, clear_columns,
+};
 use bytemuck::{cast_slice, cast_slice_mut};
 use complex::Complex;
 use fft::Fft;
 
-/// Transforms of one FFT side, columns in the lanes of `V`.
+/// Transforms of one FFT size, one column per lane of `V`.
 #[derive(Debug)]
 pub(super) struct Columns<V: Lanes> {
-    gate: Gate<V>,
+    dispatch: Dispatch<V>,
     fft: usize,
     half: usize,
     window: usize,
@@ -49,57 +49,58 @@ pub(super) struct Columns<V: Lanes> {
 #[derive(Debug)]
 pub(super) struct Scratch {
     packed: AlignedBuf,
-    extents: Vec<Extent>,
+    extents: Vec<PanelExtent>,
+    /// r and θ of a block near the axis.
     near: (Vec<f32>, Vec<f32>),
-    strip: AlignedBuf,
+    panel: AlignedBuf,
     groups: AlignedBuf,
     sum: AlignedBuf,
-    nodes: Vec<(Node, Tent)>,
+    nodes: Vec<(Node, NodeWeight)>,
 }
 
 impl<V: Lanes> Columns<V> {
-    /// Plans the transforms of `blocks`; `simd` is a choice of `V`'s instructions.
+    /// Plans the transforms of `blocks`; `simd` selects the instructions of `V`.
     pub(super) fn new(blocks: &Blocks, simd: Simd) -> Self {
-        let gate = Gate::open(simd);
+        let dispatch = Dispatch::new(simd);
         let (fft, half) = (blocks.fft, blocks.fft / 2);
-        assert!(half.is_multiple_of(V::LANES), "FFT sides are multiples of 32");
+        assert!(half.is_multiple_of(V::LANES), "FFT sizes are multiples of 32");
         let omega = |y: usize| {
             let (sin, cos) = real::sin_cos(std::f64::consts::PI * y as f64 / fft as f64);
             [cos as f32, sin as f32]
         };
         Self {
-            gate,
+            dispatch,
             fft,
             half,
             window: blocks.window,
             block: blocks.block,
             omega: (0..half).map(omega).collect(),
-            along_x: Fft::new(fft, gate),
-            along_y: Fft::new(half, gate),
+            along_x: Fft::new(fft, dispatch),
+            along_y: Fft::new(half, dispatch),
         }
     }
 
-    /// f32s of one spectrum.
+    /// Length of one spectrum in f32.
     pub(super) fn spectrum_len(&self) -> usize {
         self.fft * self.half * 2
     }
 
     /// Buffers for one worker.
     pub(super) fn scratch(&self) -> Scratch {
-        let strips = self.block.div_ceil(V::LANES);
-        let nothing = Extent { lit: false, r: (0.0, 0.0), theta: (0.0, 0.0) };
+        let panels = self.block.div_ceil(V::LANES);
+        let empty = PanelExtent { nonzero: false, r: (0.0, 0.0), theta: (0.0, 0.0) };
         Scratch {
-            packed: AlignedBuf::zeroed(strips * self.block * 3 * V::LANES),
-            extents: vec![nothing; strips],
+            packed: AlignedBuf::zeroed(panels * self.block * 3 * V::LANES),
+            extents: vec![empty; panels],
             near: (vec![0.0; self.block * self.block], vec![0.0; self.block * self.block]),
-            strip: AlignedBuf::zeroed(self.half * 2 * V::LANES),
+            panel: AlignedBuf::zeroed(self.half * 2 * V::LANES),
             groups: AlignedBuf::zeroed(self.spectrum_len()),
             sum: AlignedBuf::zeroed(self.spectrum_len()),
             nodes: Vec::new(),
         }
     }
 
-    /// Spectrum of a kernel (window × window), its first sample at the origin.
+    /// Spectrum of a kernel (window × window) whose first sample is at the origin, in the memory of `buffer`.
     pub(super) fn spectrum(&self, kernel: &[f32], s: &mut Scratch, buffer: AlignedBuf) -> AlignedBuf {
         let (n, lanes) = (self.window, V::LANES);
         let norm = 2.0 / (self.fft * self.fft) as f32;
@@ -107,10 +108,17 @@ impl<V: Lanes> Columns<V> {
         spectrum.reset(self.spectrum_len());
         let groups: &mut [Complex<V>] = cast_slice_mut(&mut spectrum);
         for first_column in (0..n).step_by(lanes) {
-            let strip: &mut [Complex<V>] = cast_slice_mut(&mut s.strip);
-            self.gate.run(KernelColumns { kernel, window: n, first_column, norm, omega: &self.omega, strip });
-            self.along_y.forward(strip);
-            self.gate.run(ToGroups { strip, groups, fft: self.fft, first_column });
+            let panel: &mut [Complex<V>] = cast_slice_mut(&mut s.panel);
+            self.dispatch.run(KernelColumns {
+                kernel,
+                window: n,
+                first_column,
+                norm,
+                omega: &self.omega,
+                panel,
+            });
+            self.along_y.forward(panel);
+            self.dispatch.run(ToGroups { panel, groups, fft: self.fft, first_column });
         }
         for group in groups.chunks_exact_mut(self.fft) {
             self.along_x.forward(group);
@@ -118,8 +126,9 @@ impl<V: Lanes> Columns<V> {
         spectrum
     }
 
-    /// Scatters one block of the remapped image into `out`, whose first value is the film pixel (window − 1)/2 above and left of the
-    /// block's first: `rows + window − 1` rows of `cols + window − 1` values, these rounded up to whole strips.
+    /// Adds the contribution of one block of the remapped image to `out`: `rows + window − 1` rows of `cols + window − 1` values,
+    /// rounded up to complete panels. The first value of `out` is the film pixel (window − 1)/2 above and left of the block's first
+    /// pixel.
     pub(super) fn scatter(
         &self,
         block: &BlockView<'_>,
@@ -130,82 +139,82 @@ impl<V: Lanes> Columns<V> {
         s: &mut Scratch,
     ) {
         let (rows, cols) = (block.place.rows, block.place.cols);
-        let strips = cols.div_ceil(V::LANES);
-        let reach = self.pack(block, s);
-        grid.touching(&reach, &mut s.nodes);
-        let (packed, strip, groups, sum): (&[Pixels<V>], _, _, _) = (
+        let panels = cols.div_ceil(V::LANES);
+        let block_extent = self.pack(block, s);
+        grid.touching(&block_extent, &mut s.nodes);
+        let (packed, panel, groups, sum): (&[Pixels<V>], _, _, _) = (
             cast_slice(&s.packed),
-            cast_slice_mut::<_, Complex<V>>(&mut s.strip),
+            cast_slice_mut::<_, Complex<V>>(&mut s.panel),
             cast_slice_mut::<_, Complex<V>>(&mut s.groups),
             cast_slice_mut::<_, Complex<V>>(&mut s.sum),
         );
         let mut first = true;
-        for (node, tent) in &s.nodes {
-            let meets = |extent: &Extent| extent.meets(tent, reach.around);
-            if !s.extents[..strips].iter().any(meets) {
+        for (node, weight) in &s.nodes {
+            let touches = |extent: &PanelExtent| extent.touches(weight, block_extent.wraps);
+            if !s.extents[..panels].iter().any(touches) {
                 continue;
             }
-            for (i, extent) in s.extents[..strips].iter().enumerate() {
+            for (i, extent) in s.extents[..panels].iter().enumerate() {
                 let first_column = i * V::LANES;
-                if !meets(extent) {
+                if !touches(extent) {
                     clear_columns::<V>(groups, self.fft, first_column);
                     continue;
                 }
                 let pixels = &packed[i * self.block..][..rows];
-                self.weigh(tent, reach.around, pixels, strip);
-                self.along_y.forward(strip);
-                self.gate.run(ToGroups { strip, groups, fft: self.fft, first_column });
+                self.apply_weight(weight, block_extent.wraps, pixels, panel);
+                self.along_y.forward(panel);
+                self.dispatch.run(ToGroups { panel, groups, fft: self.fft, first_column });
             }
             let spectrum = spectra.get(*node);
             let spectrum: &[Complex<V>] = cast_slice(&spectrum);
-            let pieces = groups.chunks_exact_mut(self.fft).zip(spectrum.chunks_exact(self.fft));
-            for ((group, spectrum), sum) in pieces.zip(sum.chunks_exact_mut(self.fft)) {
-                self.along_x.forward_onto(group, strips * V::LANES, spectrum, sum, first);
+            let products = groups.chunks_exact_mut(self.fft).zip(spectrum.chunks_exact(self.fft));
+            for ((group, spectrum), sum) in products.zip(sum.chunks_exact_mut(self.fft)) {
+                self.along_x.forward_onto(group, panels * V::LANES, spectrum, sum, first);
             }
             first = false;
         }
         if first {
-            return; // a dark block
+            return; // all pixels are 0
         }
         for group in sum.chunks_exact_mut(self.fft) {
             self.along_x.inverse(group);
         }
         let (rows, stride) = (rows + self.window - 1, out_stride);
         for first_column in (0..cols + self.window - 1).step_by(V::LANES) {
-            self.gate.run(FromGroups { groups: sum, strip, fft: self.fft, first_column });
-            self.along_y.inverse(strip);
+            self.dispatch.run(FromGroups { groups: sum, panel, fft: self.fft, first_column });
+            self.along_y.inverse(panel);
             let out = &mut out[first_column..];
-            self.gate.run(AddTo { strip, omega: &self.omega, out, stride, rows });
+            self.dispatch.run(AddTo { panel, omega: &self.omega, out, stride, rows });
         }
     }
 
-    /// Packs the block and tells its reach.
-    fn pack(&self, block: &BlockView<'_>, s: &mut Scratch) -> Reach {
+    /// Packs the block; returns its extent.
+    fn pack(&self, block: &BlockView<'_>, s: &mut Scratch) -> PolarExtent {
         let place = &block.place;
-        let (_, _, r_px, azimuth_rad, around) = place.centre();
+        let (_, _, r_px, azimuth_rad, wraps) = place.centre();
         let extents = &mut s.extents[..place.cols.div_ceil(V::LANES)];
-        let mut reach = Reach { r_px, azimuth_rad, r: (0.0, 0.0), theta: (0.0, 0.0), around };
-        if around {
-            reach = place.polar(place.cols, &mut s.near.0, &mut s.near.1);
+        let mut extent = PolarExtent { r_px, azimuth_rad, r: (0.0, 0.0), theta: (0.0, 0.0), wraps };
+        if wraps {
+            extent = place.polar(place.cols, &mut s.near.0, &mut s.near.1);
         }
-        let near = around.then_some((&s.near.0[..], &s.near.1[..]));
-        self.gate.run(Pack { block, rows: self.block, to: cast_slice_mut(&mut s.packed), extents, near });
-        if !around {
-            let ends = |of: fn(&Extent) -> (f32, f32)| {
+        let near = wraps.then_some((&s.near.0[..], &s.near.1[..]));
+        self.dispatch.run(Pack { block, rows: self.block, to: cast_slice_mut(&mut s.packed), extents, near });
+        if !wraps {
+            let union = |of: fn(&PanelExtent) -> (f32, f32)| {
                 let all = extents.iter().map(of);
                 all.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), (c, d)| (a.min(c), b.max(d)))
             };
-            reach.r = ends(|e| e.r);
-            reach.theta = ends(|e| e.theta);
+            extent.r = union(|e| e.r);
+            extent.theta = union(|e| e.theta);
         }
-        reach
+        extent
     }
 
-    fn weigh(&self, tent: &Tent, around: bool, pixels: &[Pixels<V>], strip: &mut [Complex<V>]) {
+    fn apply_weight(&self, weight: &NodeWeight, wraps: bool, pixels: &[Pixels<V>], panel: &mut [Complex<V>]) {
         let omega = &self.omega[..];
-        match around {
-            true => self.gate.run(Weigh::<V, true> { tent, pixels, omega, strip }),
-            false => self.gate.run(Weigh::<V, false> { tent, pixels, omega, strip }),
+        match wraps {
+            true => self.dispatch.run(ApplyWeight::<V, true> { weight, pixels, omega, panel }),
+            false => self.dispatch.run(ApplyWeight::<V, false> { weight, pixels, omega, panel }),
         }
     }
 }

@@ -1,0 +1,132 @@
+//! OpenEXR headers: limits, and the bands among the channels.
+
+use std::path::Path;
+
+use ::exr::meta::BlockDescription;
+use ::exr::meta::attribute::SampleType;
+use ::exr::meta::header::Header;
+
+use crate::chart::error::ChartError;
+use crate::chart::header::header_error;
+
+/// Maximum size in bytes of a decoded block. Each thread holds one, and the `exr` crate allocates as much memory for the compressed
+/// bytes of a block as its header declares, up to the size of a complete tile, before it reads them.
+const MAX_BLOCK_BYTES: usize = 192 << 20;
+const MAX_CHANNELS: usize = 4096;
+
+/// Content of the channels. Its `Debug` form is part of a chart's identity, which films store: do not rename.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ExrContent {
+    /// Bands of an emissive spectrum, or of reflectance.
+    Spectral {
+        /// Wavelength of each band, ascending.
+        wavelengths_nm: Vec<f64>,
+        /// Whether the values are reflectance.
+        reflective: bool,
+    },
+    /// Red, green, blue.
+    Rgb,
+    /// One grey channel.
+    Grey,
+}
+
+/// [`header_error`] with a bounded length of `found`.
+pub(super) fn exr_error(path: &Path, what: &'static str, expected: &str, found: String) -> ChartError {
+    header_error(path, what, expected, found.chars().take(200).collect::<String>())
+}
+
+/// Checks a header of a file of `length` bytes before memory is allocated for it; returns the size of the largest decoded block.
+pub(super) fn check_header(path: &Path, header: &Header, length: u64) -> Result<usize, ChartError> {
+    let (width, height) = (header.layer_size.width(), header.layer_size.height());
+    let channels = &header.channels.list;
+    if header.deep {
+        return Err(exr_error(path, "data", "flat pixels", "deep data".into()));
+    }
+    if width == 0 || height == 0 || channels.is_empty() || channels.len() > MAX_CHANNELS {
+        let found = format!("{} channels of {width}x{height} px", channels.len());
+        return Err(exr_error(path, "size", "at least one pixel and 1 to 4096 channels", found));
+    }
+    if let Some(c) = channels.iter().find(|c| c.sampling != ::exr::prelude::Vec2(1, 1)) {
+        return Err(exr_error(
+            path,
+            "channels",
+            "one sample per pixel",
+            format!("`{}` is subsampled", c.name),
+        ));
+    }
+    let (columns, rows) = match header.blocks {
+        BlockDescription::ScanLines => (width, header.compression.scan_lines_per_block().min(height)),
+        // Not clipped to the image: see MAX_BLOCK_BYTES.
+        BlockDescription::Tiles(t) => (t.tile_size.width(), t.tile_size.height()),
+    };
+    let pixel_bytes = header.channels.bytes_per_pixel;
+    let block_bytes = columns.checked_mul(rows).and_then(|n| n.checked_mul(pixel_bytes));
+    if block_bytes.is_none_or(|n| n > MAX_BLOCK_BYTES) {
+        let found = format!("{columns}x{rows} px of {pixel_bytes} bytes");
+        return Err(exr_error(path, "block size", "at most 192 MiB; save it in smaller tiles", found));
+    }
+    // The file holds an offset of eight bytes for each block.
+    if header.chunk_count as u64 > length / 8 {
+        return Err(ChartError::Short {
+            path: path.into(),
+            expected: (header.chunk_count as u64).saturating_mul(8),
+            found: length,
+        });
+    }
+    Ok(columns.min(width) * rows.min(height) * pixel_bytes)
+}
+
+/// The content of a file, and the channel of each band.
+pub(super) fn content(path: &Path, header: &Header) -> Result<(ExrContent, Vec<usize>), ChartError> {
+    let list = &header.channels.list;
+    let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
+    let bands = |prefix: &str| -> Result<Vec<(f64, usize)>, ChartError> {
+        let named = names.iter().enumerate().filter_map(|(i, n)| Some((i, n.strip_prefix(prefix)?)));
+        let mut found: Vec<(f64, usize)> = named
+            .map(|(i, length)| {
+                let nm = parse_wavelength(length).ok_or_else(|| {
+                    exr_error(path, "channel", "a wavelength such as S0.400,0nm", format!("`{}`", names[i]))
+                })?;
+                Ok((nm, i))
+            })
+            .collect::<Result<_, ChartError>>()?;
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok(found)
+    };
+    let (emissive, reflective) = (bands("S0.")?, bands("T.")?);
+    let channel = |name: &str| names.iter().position(|n| n == name);
+    let (content, channels) = match (emissive.is_empty(), reflective.is_empty()) {
+        (false, false) => {
+            return Err(exr_error(path, "channels", "S0 or T", "both of them".into()));
+        }
+        (true, true) => match (channel("R"), channel("G"), channel("B"), channel("Y")) {
+            (Some(r), Some(g), Some(b), _) => (ExrContent::Rgb, vec![r, g, b]),
+            (None, None, None, Some(y)) => (ExrContent::Grey, vec![y]),
+            _ => {
+                let expected = "S0.…nm or T.…nm (spectral), R, G and B, or Y";
+                return Err(exr_error(path, "channels", expected, names.join(", ")));
+            }
+        },
+        (is_reflective, _) => {
+            let found = if is_reflective { &reflective } else { &emissive };
+            let wavelengths_nm = found.iter().map(|f| f.0).collect();
+            (
+                ExrContent::Spectral { wavelengths_nm, reflective: is_reflective },
+                found.iter().map(|f| f.1).collect(),
+            )
+        }
+    };
+    if let Some(&i) = channels.iter().find(|&&i| list[i].sample_type == SampleType::U32) {
+        return Err(exr_error(path, "samples", "half or float", format!("`{}` of integers", names[i])));
+    }
+    Ok((content, channels))
+}
+
+/// The wavelength in nm of `400,000000nm` or `0.4um`.
+fn parse_wavelength(text: &str) -> Option<f64> {
+    let units = [("nm", 1.0), ("um", 1e3), ("µm", 1e3), ("m", 1e9)];
+    let (number, per_unit) = units.iter().find_map(|(unit, nm)| Some((text.strip_suffix(unit)?, nm)))?;
+    let nm = number.replace(',', ".").parse::<f64>().ok()? * per_unit;
+    // 0.55 µm is 550 nm, not 550.0000000000001.
+    Some((nm * 1e6).round() / 1e6).filter(|nm| *nm > 0.0 && nm.is_finite())
+}

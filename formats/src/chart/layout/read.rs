@@ -1,0 +1,126 @@
+//! Reading and decoding of single chunks.
+
+use std::borrow::Cow;
+use std::num::NonZeroU64;
+
+use zarrs::array::{DataType, FillValue, data_type};
+
+use super::Layout;
+use super::metadata::index_shape;
+use crate::bounded::BoundedChain;
+use crate::chart::error::ChartError;
+use crate::durable::DurableError;
+
+impl Layout {
+    /// Whether chunks are found by a shard's index.
+    pub(crate) fn is_sharded(&self) -> bool {
+        self.index.is_some()
+    }
+
+    /// Reads the index of the shard that holds `chunk`: (offset, length) of every inner chunk. `None` if the shard is missing.
+    pub(crate) fn read_index(&self, chunk: [usize; 3]) -> Result<Option<Vec<u64>>, ChartError> {
+        let Some(index) = &self.index else { return Ok(None) };
+        let offset = if index.at_start { 0 } else { -(index.bytes as i64) };
+        let bytes = match self.store.read_range(&self.file_key(chunk), offset, index.bytes) {
+            Err(e @ DurableError::Range { .. }) => return Err(self.corrupt_error(chunk, e.to_string())),
+            other => other?,
+        };
+        let Some(bytes) = bytes else { return Ok(None) };
+        let shape = index_shape(&self.chunks_per_file().map(|n| n as u64));
+        let decoded = self.decode(
+            chunk,
+            &index.chain,
+            bytes,
+            &shape,
+            &data_type::uint64(),
+            &FillValue::from(u64::MAX),
+        )?;
+        Ok(Some(decoded.as_chunks().0.iter().map(|&b| u64::from_ne_bytes(b)).collect()))
+    }
+
+    /// Reads the encoded bytes of `chunk`; `index` is that of its shard. `None` if it is not stored.
+    pub(crate) fn read_encoded(
+        &self,
+        chunk: [usize; 3],
+        index: Option<&[u64]>,
+    ) -> Result<Option<Vec<u8>>, ChartError> {
+        // Codecs lengthen incompressible data slightly.
+        let decoded = self.chunk_shape.iter().product::<usize>() as u64 * self.sample.bytes() as u64;
+        let limit = decoded * 2 + (1 << 20);
+        let read = match index {
+            None if self.is_sharded() => return Ok(None),
+            None => self.store.read_at_most(&self.file_key(chunk), limit),
+            Some(index) => {
+                let entry = self.index_entry(chunk);
+                let (offset, length) = (index[entry], index[entry + 1]);
+                if offset == u64::MAX && length == u64::MAX {
+                    return Ok(None);
+                }
+                let Some(offset) = i64::try_from(offset).ok().filter(|_| length <= limit) else {
+                    let reason = format!("its index contains {length} bytes at offset {offset}");
+                    return Err(self.corrupt_error(chunk, reason));
+                };
+                self.store.read_range(&self.file_key(chunk), offset, length)
+            }
+        };
+        match read {
+            Err(e @ (DurableError::Length { .. } | DurableError::Range { .. })) => {
+                Err(self.corrupt_error(chunk, e.to_string()))
+            }
+            other => Ok(other?),
+        }
+    }
+
+    /// Advises the system that `chunk` will be read soon; `index` is that of its shard.
+    pub(crate) fn prefetch(&self, chunk: [usize; 3], index: Option<&[u64]>) {
+        let range = match index {
+            None if self.is_sharded() => return,
+            None => Some((0, 0)),
+            Some(index) => {
+                let entry = self.index_entry(chunk);
+                (index[entry] != u64::MAX).then_some((index[entry], index[entry + 1]))
+            }
+        };
+        if let Some((offset, length)) = range {
+            self.store.will_read(&self.file_key(chunk), offset, length);
+        }
+    }
+
+    /// Decodes a chunk into samples of native byte order, including the part beyond the chart's edge.
+    pub(crate) fn decode_chunk(&self, chunk: [usize; 3], encoded: Vec<u8>) -> Result<Vec<u8>, ChartError> {
+        let samples = self.chunk_shape.iter().product::<usize>() * self.sample.bytes();
+        let shape = self.chunk_shape.map(|n| NonZeroU64::new(n as u64).expect("chunks are not empty"));
+        let shape = self.array_axes(&shape).to_vec();
+        let (t, fill) = (self.array.data_type().clone(), self.array.fill_value().clone());
+        let decoded = self.decode(chunk, &self.chain, encoded, &shape, &t, &fill)?;
+        if decoded.len() != samples {
+            return Err(
+                self.corrupt_error(chunk, format!("it holds {} bytes, expected {samples}", decoded.len()))
+            );
+        }
+        Ok(decoded)
+    }
+
+    fn decode(
+        &self,
+        chunk: [usize; 3],
+        chain: &BoundedChain,
+        bytes: Vec<u8>,
+        shape: &[NonZeroU64],
+        t: &DataType,
+        fill: &FillValue,
+    ) -> Result<Vec<u8>, ChartError> {
+        chain.decode(Cow::Owned(bytes), shape, t, fill).map_err(|reason| self.corrupt_error(chunk, reason))
+    }
+
+    pub(crate) fn corrupt_error(&self, chunk: [usize; 3], reason: String) -> ChartError {
+        let (bands, region) = self.chunk_extent(chunk);
+        ChartError::Corrupt {
+            path: self.file_path(chunk),
+            first_band: bands.start,
+            end_band: bands.end,
+            region,
+            reason,
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! Order of the samples in a flat file.
+
+use crate::sample::RasterSample;
+
+/// Order of bands, rows and columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interleave {
+    /// (band, row, column).
+    Bsq,
+    /// (row, band, column).
+    Bil,
+    /// (row, column, band).
+    Bip,
+}
+
+/// Layout of a flat file. Its `Debug` form is part of a chart's identity, which films store: do not rename.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RasterLayout {
+    /// (bands, rows, columns).
+    pub shape: [usize; 3],
+    /// Order of the samples.
+    pub interleave: Interleave,
+    /// Sample type.
+    pub sample: RasterSample,
+    /// Byte order.
+    pub little_endian: bool,
+    /// Bytes before the first sample.
+    pub offset: u64,
+}
+
+impl RasterLayout {
+    /// Bytes up to the end of the last sample; `None` on overflow.
+    pub(super) fn end(&self) -> Option<u64> {
+        let count = self.shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64))?;
+        count.checked_mul(self.sample.bytes() as u64)?.checked_add(self.offset)
+    }
+
+    /// Byte offset of a sample, and bytes from one column to the next; `entry` is the position of the band in the file.
+    pub(super) fn position(&self, entry: usize, row: usize, column: usize) -> (usize, usize) {
+        let [bands, rows, columns] = self.shape;
+        let (sample, step) = match self.interleave {
+            Interleave::Bsq => ((entry * rows + row) * columns + column, 1),
+            Interleave::Bil => ((row * bands + entry) * columns + column, 1),
+            Interleave::Bip => ((row * columns + column) * bands + entry, bands),
+        };
+        let bytes = self.sample.bytes();
+        (self.offset as usize + sample * bytes, step * bytes)
+    }
+}

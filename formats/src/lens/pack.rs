@@ -1,0 +1,185 @@
+//! An open lens pack, and the packs built into the program.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use pipeline::lens::{Lens, PsfStack};
+
+use super::attributes::PackAttributes;
+use super::error::LensPackError;
+use super::hashed_file::HashedFile;
+use super::store::PackStore;
+use super::{digest, read};
+
+/// Built-in lens packs: name and .zip (`formats/data/SOURCES.md`).
+const BUILTIN: [(&str, &[u8]); 1] =
+    [("double-gauss-28-npz", include_bytes!("../../data/double-gauss-28.lens.zip"))];
+
+/// An open lens pack: tables in memory, PSFs read on demand. Threads may share it.
+pub struct LensPack {
+    store: PackStore,
+    lens: Lens,
+    attributes: PackAttributes,
+    notes: Vec<String>,
+    /// Bytes of one decoded chunk of PSFs, per band.
+    psf_chunk_bytes: Vec<usize>,
+    /// Digest of tables and PSFs as first read, of the pack and per band.
+    digest: OnceLock<String>,
+    band_digests: Vec<OnceLock<String>>,
+    /// The .zip, if its bytes were hashed.
+    hashed: Option<HashedFile>,
+}
+
+impl LensPack {
+    /// Opens a directory or a .zip and validates every table.
+    ///
+    /// # Errors
+    /// The pack is malformed. PSF samples are validated when they are read.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, LensPackError> {
+        Self::from_store(PackStore::open(path.as_ref())?)
+    }
+
+    /// Opens a .zip whose bytes are hashed; every later read verifies that they are unchanged.
+    pub fn open_hashed(file: HashedFile) -> Result<Self, LensPackError> {
+        let store = PackStore::hashed(&file)?;
+        Ok(Self { hashed: Some(file), ..Self::from_store(store)? })
+    }
+
+    /// Opens a .zip in memory.
+    pub fn open_bytes(bytes: impl Into<Cow<'static, [u8]>>) -> Result<Self, LensPackError> {
+        Self::named_bytes(PathBuf::from("<lens pack in memory>"), bytes.into())
+    }
+
+    fn named_bytes(name: PathBuf, bytes: Cow<'static, [u8]>) -> Result<Self, LensPackError> {
+        Self::from_store(PackStore::bytes(name, bytes)?)
+    }
+
+    fn from_store(store: PackStore) -> Result<Self, LensPackError> {
+        let mut notes = Vec::new();
+        let (lens, attributes, psf_chunk_bytes) = read::lens(&store, &mut notes)?;
+        let band_digests = vec![OnceLock::new(); lens.bands.len()];
+        let digest = OnceLock::new();
+        Ok(Self { store, lens, attributes, notes, psf_chunk_bytes, digest, band_digests, hashed: None })
+    }
+
+    /// The tables.
+    pub fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
+    /// Descriptive attributes.
+    pub fn attributes(&self) -> &PackAttributes {
+        &self.attributes
+    }
+
+    /// Defaults used for missing arrays and attributes, one sentence each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Path of the pack, or its name.
+    pub fn path(&self) -> &Path {
+        &self.store.path
+    }
+
+    /// Reads the PSFs of band `band`: finite, every window of sum 1, and equal to those read first.
+    ///
+    /// # Errors
+    /// There is no such band; a chunk is missing or damaged; a sample is not finite; the sum of a window is not 1;
+    /// [`LensPackError::Changed`].
+    pub fn psf(&self, band: usize) -> Result<PsfStack, LensPackError> {
+        let stack = read::psf(&self.store, &self.lens, band)?;
+        let first = self.band_digests[band].get().filter(|_| self.store.may_change());
+        let unchanged = match first {
+            Some(first) => *first == digest::band_digest(&self.lens, band, &stack),
+            None => self.hashed_file_is_unchanged()?,
+        };
+        if unchanged { Ok(stack) } else { Err(self.changed(format!("psf/{band} differs"))) }
+    }
+
+    /// Bytes of memory for reading a band's PSFs, in addition to the samples: an encoded and a decoded chunk.
+    pub fn psf_reading_bytes(&self, band: usize) -> usize {
+        // An encoded chunk may have twice the length of the decoded one.
+        3 * self.psf_chunk_bytes.get(band).copied().unwrap_or_default()
+    }
+
+    /// Verifies that the pack is unchanged since it was opened: by size and times of its files, else by the values read.
+    ///
+    /// # Errors
+    /// [`LensPackError::Changed`].
+    pub fn check_unchanged(&self) -> Result<(), LensPackError> {
+        if self.hashed.is_some() {
+            // Another file may have its name now; all reads are from the open file.
+            let unchanged = self.hashed_file_is_unchanged()?;
+            return if unchanged { Ok(()) } else { Err(self.changed("its bytes differ".into())) };
+        }
+        if !self.store.may_change() || self.store.files_are_unchanged() {
+            return Ok(());
+        }
+        let reopened = Self::open(&self.store.path).map_err(|e| self.changed(e.to_string()))?;
+        if reopened.lens != self.lens {
+            return Err(self.changed("its tables differ".into()));
+        }
+        for (band, first) in self.band_digests.iter().enumerate() {
+            let Some(first) = first.get() else { continue };
+            let digest = reopened.band_digest(band).map_err(|e| self.changed(e.to_string()))?;
+            if digest != *first {
+                return Err(self.changed(format!("psf/{band} differs")));
+            }
+        }
+        Ok(())
+    }
+
+    fn hashed_file_is_unchanged(&self) -> Result<bool, LensPackError> {
+        let failed = |source| LensPackError::Io { path: self.path().into(), action: "read again", source };
+        self.hashed.as_ref().map_or(Ok(true), |file| file.is_unchanged().map_err(failed))
+    }
+
+    fn changed(&self, what: String) -> LensPackError {
+        LensPackError::Changed { path: self.path().into(), what }
+    }
+
+    /// blake3 (hex) of all values that affect pixels; independent of directory or zip, chunks and codecs.
+    ///
+    /// Computed once, by reading every PSF. Name, source and other descriptive attributes are not included.
+    ///
+    /// # Errors
+    /// As [`psf`](Self::psf), for any band.
+    pub fn digest(&self) -> Result<&str, LensPackError> {
+        if let Some(digest) = self.digest.get() {
+            return Ok(digest);
+        }
+        let digest = digest::lens_digest(&self.lens, |band| {
+            let stack = self.psf(band)?;
+            self.band_digests[band].get_or_init(|| digest::band_digest(&self.lens, band, &stack));
+            Ok::<_, LensPackError>(stack)
+        })?;
+        Ok(self.digest.get_or_init(|| digest))
+    }
+
+    /// As [`digest`](Self::digest), of band `band` alone; reads only that band's PSFs.
+    pub fn band_digest(&self, band: usize) -> Result<String, LensPackError> {
+        let stack = self.psf(band)?;
+        Ok(self.band_digests[band].get_or_init(|| digest::band_digest(&self.lens, band, &stack)).clone())
+    }
+}
+
+/// Names of the built-in lens packs.
+pub fn builtin_names() -> impl Iterator<Item = &'static str> {
+    BUILTIN.iter().map(|(name, _)| *name)
+}
+
+/// Opens a built-in lens pack: `double-gauss-28-npz`, tables of the Double Gauss 28° made with other software.
+///
+/// # Errors
+/// [`LensPackError::NotBuiltin`] for any other name.
+pub fn builtin(name: &str) -> Result<LensPack, LensPackError> {
+    match BUILTIN.iter().find(|(known, _)| *known == name) {
+        Some((_, bytes)) => LensPack::named_bytes(format!("built-in lens {name}").into(), (*bytes).into()),
+        None => Err(LensPackError::NotBuiltin {
+            name: name.into(),
+            known: builtin_names().collect::<Vec<_>>().join(", "),
+        }),
+    }
+}

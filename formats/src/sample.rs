@@ -1,0 +1,120 @@
+//! Sample types of stored arrays and flat files, and their conversion to f32 and f64.
+
+use zarrs::array::{DataType, data_type};
+
+/// Sample type of a chart in its store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Sample {
+    /// Unsigned 8-bit integer.
+    U8,
+    /// Unsigned 16-bit integer.
+    U16,
+    /// IEEE binary16.
+    F16,
+    /// IEEE binary32.
+    F32,
+    /// IEEE binary64.
+    F64,
+}
+
+/// Sample type of a flat file. Its `Debug` form is part of a chart's identity, which films store: do not rename.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RasterSample {
+    /// Signed 16-bit integer.
+    I16,
+    /// A sample type that stores have as well.
+    Plain(Sample),
+}
+
+impl Sample {
+    /// The sample type of a Zarr data type; `None` if it is not supported.
+    pub(crate) fn from_zarr(t: &DataType) -> Option<Self> {
+        let supported = [
+            (data_type::uint8(), Self::U8),
+            (data_type::uint16(), Self::U16),
+            (data_type::float16(), Self::F16),
+            (data_type::float32(), Self::F32),
+            (data_type::float64(), Self::F64),
+        ];
+        supported.into_iter().find(|(d, _)| d == t).map(|(_, s)| s)
+    }
+
+    /// Bytes of one sample.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::U16 | Self::F16 => 2,
+            Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Sample `k` of `bytes` (native byte order).
+    pub(crate) fn read(self, bytes: &[u8], k: usize) -> f64 {
+        match self {
+            Self::U8 => f64::from(bytes[k]),
+            Self::U16 => f64::from(u16::from_ne_bytes(bytes.as_chunks().0[k])),
+            Self::F16 => half::f16::from_ne_bytes(bytes.as_chunks().0[k]).to_f64(),
+            Self::F32 => f64::from(f32::from_ne_bytes(bytes.as_chunks().0[k])),
+            Self::F64 => f64::from_ne_bytes(bytes.as_chunks().0[k]),
+        }
+    }
+
+    /// Appends the samples in `bytes` (native byte order) as f32.
+    pub(crate) fn append(self, out: &mut Vec<f32>, bytes: &[u8]) {
+        match self {
+            Self::U8 => out.extend(bytes.iter().map(|&b| f32::from(b))),
+            Self::U16 => out.extend(bytes.as_chunks().0.iter().map(|&b| f32::from(u16::from_ne_bytes(b)))),
+            Self::F16 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| half::f16::from_ne_bytes(b).to_f32()));
+            }
+            Self::F32 => out.extend(bytes.as_chunks().0.iter().map(|&b| f32::from_ne_bytes(b))),
+            Self::F64 => out.extend(bytes.as_chunks().0.iter().map(|&b| f64::from_ne_bytes(b) as f32)),
+        }
+    }
+
+    /// Appends `convert(sample)` of the samples in `bytes` (native byte order).
+    pub(crate) fn append_converted(self, out: &mut Vec<f32>, bytes: &[u8], convert: impl Fn(f64) -> f32) {
+        match self {
+            Self::U8 => out.extend(bytes.iter().map(|&b| convert(f64::from(b)))),
+            Self::U16 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| convert(f64::from(u16::from_ne_bytes(b)))));
+            }
+            Self::F16 => {
+                let samples = bytes.as_chunks().0.iter().map(|&b| half::f16::from_ne_bytes(b).to_f64());
+                out.extend(samples.map(convert));
+            }
+            Self::F32 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| convert(f64::from(f32::from_ne_bytes(b)))));
+            }
+            Self::F64 => out.extend(bytes.as_chunks().0.iter().map(|&b| convert(f64::from_ne_bytes(b)))),
+        }
+    }
+
+    /// `value` rounded to this type if it is a float type; unchanged for integer types, whose samples it may never equal.
+    pub(crate) fn nearest(self, value: f64) -> f64 {
+        match self {
+            Self::U8 | Self::U16 | Self::F64 => value,
+            Self::F16 => half::f16::from_f64(value).to_f64(),
+            Self::F32 => f64::from(value as f32),
+        }
+    }
+}
+
+impl RasterSample {
+    /// Bytes of one sample.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::I16 => 2,
+            Self::Plain(sample) => sample.bytes(),
+        }
+    }
+
+    /// As [`Sample::nearest`].
+    pub(crate) fn nearest(self, value: f64) -> f64 {
+        match self {
+            Self::I16 => value,
+            Self::Plain(sample) => sample.nearest(value),
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Compression and sample type of shards, and their Zarr v3 metadata.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+/// Compression of inner chunks; a crc32c follows in every case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Codec {
+    /// No compression.
+    None,
+    /// blosc: byte shuffle, lz4.
+    Lz4,
+    /// blosc: byte shuffle, zstd level 1.
+    #[default]
+    Zstd,
+}
+
+/// Sample type of a film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+pub enum SampleType {
+    /// IEEE binary16; a value beyond ±65504 is an error.
+    #[serde(rename = "float16")]
+    F16,
+    /// IEEE binary32.
+    #[default]
+    #[serde(rename = "float32")]
+    F32,
+}
+
+impl SampleType {
+    /// Bytes of one sample.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::F16 => 2,
+            Self::F32 => 4,
+        }
+    }
+
+    /// Zarr data type.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F16 => "float16",
+            Self::F32 => "float32",
+        }
+    }
+
+    /// The fill value NaN, in native byte order.
+    pub(super) fn nan(self) -> Vec<u8> {
+        match self {
+            Self::F16 => half::f16::NAN.to_ne_bytes().to_vec(),
+            Self::F32 => f32::NAN.to_ne_bytes().to_vec(),
+        }
+    }
+}
+
+impl Codec {
+    /// Zarr v3 metadata of the codecs of an inner chunk.
+    pub(super) fn metadata(self, sample: SampleType) -> Value {
+        let bytes = json!({"name": "bytes", "configuration": {"endian": "little"}});
+        let crc = json!({"name": "crc32c"});
+        let cname = match self {
+            Self::None => return json!([bytes, crc]),
+            Self::Lz4 => "lz4",
+            Self::Zstd => "zstd",
+        };
+        let blosc = json!({"name": "blosc", "configuration": {
+            "cname": cname, "clevel": 1, "shuffle": "shuffle", "typesize": sample.bytes(), "blocksize": 0
+        }});
+        json!([bytes, blosc, crc])
+    }
+}
+
+/// Zarr v3 metadata of the codecs of a shard's index.
+pub(super) fn index_metadata() -> Value {
+    json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}])
+}
+
+/// Zarr v3 metadata of the codecs of an array whose shards have inner chunks (1, `chunk`, `chunk`).
+pub(crate) fn sharding_metadata(codec: Codec, sample: SampleType, chunk: usize) -> Value {
+    json!([{"name": "sharding_indexed", "configuration": {
+        "chunk_shape": [1, chunk, chunk],
+        "codecs": codec.metadata(sample),
+        "index_codecs": index_metadata(),
+        "index_location": "end"
+    }}])
+}

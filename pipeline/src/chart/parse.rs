@@ -1,0 +1,147 @@
+//! Chart specifications as text, `KIND?key=value&key=value`: parsing of kinds and settings.
+
+use super::error::{ChartError, bad_value};
+use super::spec::{ChartSpec, EdgePlaces, KINDS, Kind, MAX_SIDE, PointShape, SIZE_EXPECTED};
+use crate::geometry::Size;
+use crate::wavelengths;
+use crate::words::edit_distance;
+
+/// Settings of every kind.
+const COMMON_KEYS: [&str; 6] = ["size", "wavelengths", "pitch_um", "overscan", "illuminant", "noise"];
+
+impl Kind {
+    /// The kind of this name, with default settings.
+    ///
+    /// # Errors
+    /// [`ChartError::UnknownKind`] with the nearest name.
+    pub fn named(name: &str) -> Result<Self, ChartError> {
+        Ok(match name {
+            "uniform" => Self::Uniform { value: 1.0 },
+            "points" => Self::Points { count: 9, shape: PointShape::Gaussian, width_px: 3.0 },
+            "slanted-edge" => Self::SlantedEdge {
+                angle_deg: 5.0,
+                contrast: 4.0,
+                places: EdgePlaces::Grid(1),
+                patch_px: None,
+            },
+            "iso12233-esfr" => Self::Esfr { angle_deg: 5.0, contrast: 4.0, grid: 5 },
+            "dot-grid" => Self::DotGrid { count: 25, width_px: 20.0 },
+            "siemens" => Self::Siemens { spokes: 72, grid: 1 },
+            "checker" => Self::Checker,
+            "composite" => Self::Composite,
+            _ => {
+                let names = KINDS.map(|(name, _)| name);
+                let (nearest, valid) = (nearest(name, &names), names.join(", "));
+                return Err(ChartError::UnknownKind { name: name.into(), nearest, valid });
+            }
+        })
+    }
+}
+
+impl std::str::FromStr for ChartSpec {
+    type Err = ChartError;
+
+    fn from_str(text: &str) -> Result<Self, ChartError> {
+        let text = text.strip_prefix("gen:").unwrap_or(text);
+        let (kind, settings) = text.split_once('?').unwrap_or((text, ""));
+        let mut spec = Self::new(Kind::named(kind)?);
+        let mut seen = Vec::new();
+        for setting in settings.split('&').filter(|s| !s.is_empty()) {
+            let Some((key, value)) = setting.split_once('=') else {
+                return Err(ChartError::NotASetting { text: setting.into() });
+            };
+            if seen.contains(&key) {
+                return Err(ChartError::Twice { key: key.into() });
+            }
+            seen.push(key);
+            spec.set(key, value)?;
+        }
+        spec.check()?;
+        Ok(spec)
+    }
+}
+
+impl ChartSpec {
+    /// Sets one setting from text.
+    ///
+    /// # Errors
+    /// [`ChartError`] if this kind has no such setting, or the setting does not admit this value.
+    pub fn set(&mut self, key: &str, value: &str) -> Result<(), ChartError> {
+        let name = self.kind.name();
+        match (key, &mut self.kind) {
+            ("size", _) => self.film = size(value)?,
+            ("wavelengths", _) => self.wavelengths_nm = wavelengths::parse(value)?,
+            ("pitch_um", _) => self.pitch_um = number("pitch_um", value)?,
+            ("overscan", _) => self.overscan_px = Some(count("overscan", value)?),
+            ("illuminant", _) => {
+                self.illuminant = value.parse().map_err(|_| bad_value("illuminant", value, "D65, A or E"))?;
+            }
+            ("noise", _) => self.noise = number("noise", value)?,
+            ("value", Kind::Uniform { value: v }) => *v = number("value", value)?,
+            ("count", Kind::Points { count: n, .. } | Kind::DotGrid { count: n, .. }) => {
+                *n = count("count", value)?
+            }
+            ("width_px", Kind::Points { width_px, .. } | Kind::DotGrid { width_px, .. }) => {
+                *width_px = number("width_px", value)?
+            }
+            ("blob", Kind::Points { shape, .. }) => {
+                *shape = match value {
+                    "gaussian" => PointShape::Gaussian,
+                    "disc" => PointShape::Disc,
+                    _ => return Err(bad_value("blob", value, "gaussian or disc")),
+                }
+            }
+            ("angle_deg", Kind::SlantedEdge { angle_deg, .. } | Kind::Esfr { angle_deg, .. }) => {
+                *angle_deg = number("angle_deg", value)?
+            }
+            ("contrast", Kind::SlantedEdge { contrast, .. } | Kind::Esfr { contrast, .. }) => {
+                *contrast = number("contrast", value)?
+            }
+            ("grid", Kind::SlantedEdge { places, .. }) => *places = EdgePlaces::Grid(count("grid", value)?),
+            ("centers", Kind::SlantedEdge { places, .. }) => *places = EdgePlaces::Centres(centres(value)?),
+            ("patch_px", Kind::SlantedEdge { patch_px, .. }) => *patch_px = Some(count("patch_px", value)?),
+            ("spokes", Kind::Siemens { spokes, .. }) => *spokes = count("spokes", value)?,
+            ("grid", Kind::Siemens { grid, .. } | Kind::Esfr { grid, .. }) => *grid = count("grid", value)?,
+            _ => {
+                let specific = KINDS.iter().find(|k| k.0 == name).map_or(&[][..], |k| k.1);
+                let keys: Vec<_> = COMMON_KEYS.iter().chain(specific).copied().collect();
+                let (nearest, valid) = (nearest(key, &keys), keys.join(", "));
+                return Err(ChartError::UnknownKey { kind: name, name: key.into(), nearest, valid });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn size(value: &str) -> Result<Size, ChartError> {
+    let (h, w) = value.split_once('x').unwrap_or((value, value));
+    match (h.trim().parse(), w.trim().parse()) {
+        (Ok(h), Ok(w)) if (1..=MAX_SIDE).contains(&h) && (1..=MAX_SIDE).contains(&w) => Ok(Size::new(h, w)),
+        _ => Err(bad_value("size", value, SIZE_EXPECTED)),
+    }
+}
+
+fn number(key: &'static str, value: &str) -> Result<f64, ChartError> {
+    value.trim().parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| bad_value(key, value, "a number"))
+}
+
+fn count(key: &'static str, value: &str) -> Result<usize, ChartError> {
+    let number = value.trim().parse().ok().filter(|n| *n <= MAX_SIDE);
+    number.ok_or_else(|| bad_value(key, value, "a whole number, at most 1000000"))
+}
+
+/// `X,Y;X,Y` as (row, column).
+fn centres(value: &str) -> Result<Vec<(f64, f64)>, ChartError> {
+    let place = |pair: &str| {
+        let (x, y) = pair
+            .split_once(',')
+            .ok_or_else(|| bad_value("centers", value, "places X,Y;X,Y in film pixels"))?;
+        Ok((number("centers", y)?, number("centers", x)?))
+    };
+    value.split(';').map(place).collect()
+}
+
+/// The name of the smallest edit distance.
+fn nearest(name: &str, names: &[&'static str]) -> &'static str {
+    names.iter().min_by_key(|n| edit_distance(name, n)).copied().unwrap_or_default()
+}

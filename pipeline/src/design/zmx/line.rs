@@ -1,0 +1,49 @@
+//! A line of a .zmx file: a keyword and its values.
+
+use crate::design::error::DesignError;
+
+/// Error of a keyword that is neither read nor skipped.
+pub(super) const UNKNOWN_KEYWORD: &str =
+    "unknown keyword, which might change the optics; remove the line if it does not";
+
+/// Maximum length of a line in an error, characters.
+const MAX_QUOTE_CHARS: usize = 80;
+
+/// A line split into words, the first of which is the keyword.
+pub(super) struct Line<'a> {
+    pub(super) number: usize,
+    pub(super) text: &'a str,
+    pub(super) words: &'a [&'a str],
+}
+
+impl Line<'_> {
+    pub(super) fn error(&self, problem: impl Into<String>) -> DesignError {
+        DesignError::Line { line: self.number, text: self.quote(), problem: problem.into() }
+    }
+
+    /// The text for an error.
+    pub(super) fn quote(&self) -> String {
+        self.text.chars().take(MAX_QUOTE_CHARS).collect()
+    }
+
+    /// Value `i` (the keyword is 0).
+    pub(super) fn value(&self, i: usize) -> Result<f64, DesignError> {
+        let word =
+            self.words.get(i).ok_or_else(|| self.error(format!("expected a number as word {}", i + 1)))?;
+        self.finite(word)
+    }
+
+    /// Value `i`, or `missing` in older files without it.
+    pub(super) fn value_or(&self, i: usize, missing: f64) -> Result<f64, DesignError> {
+        self.words.get(i).map_or(Ok(missing), |w| self.finite(w))
+    }
+
+    fn finite(&self, word: &str) -> Result<f64, DesignError> {
+        let v: Option<f64> = word.parse().ok();
+        v.filter(|v| v.is_finite()).ok_or_else(|| self.error(format!("`{word}` is not a number")))
+    }
+
+    pub(super) fn values(&self) -> Result<Vec<f64>, DesignError> {
+        self.words[1..].iter().map(|w| self.finite(w)).collect()
+    }
+}

@@ -1,0 +1,33 @@
+//! Memory of stages 1-2, bytes.
+
+use super::Remap;
+use crate::geometry::Size;
+use crate::plan::Tiling;
+
+/// Maximum rows and columns of a tile that are computed at a time.
+const PART: (usize, usize) = (64, 1024);
+/// Coordinates, fractions and gain of a film pixel; where the chart is averaged, its coordinates in f64.
+const BYTES_PER_PIXEL: usize = 44;
+/// Tables of a band per field point: buckets of the height table, knots of the anchors.
+const BYTES_PER_FIELD_POINT: usize = 160;
+
+impl Remap {
+    /// Scratch of one worker for tiles of `tiling`, read from a chart of `chart` px: the coordinates of a part of the tile, and
+    /// [`Remap::chart_area_bytes`].
+    pub fn scratch_bytes(&self, tiling: &Tiling, chart: Size) -> usize {
+        let pixels = PART.0.min(tiling.tile()) * PART.1.min(tiling.tile());
+        self.chart_area_bytes(tiling, chart).saturating_add(BYTES_PER_PIXEL * pixels)
+    }
+
+    /// Chart pixels under a part of a tile, and the part of them inside the chart as it is read.
+    pub fn chart_area_bytes(&self, tiling: &Tiling, chart: Size) -> usize {
+        let all = self.max_chart_px(tiling);
+        let inside = all.min(chart.pixels() as u64);
+        usize::try_from(all.saturating_add(inside).saturating_mul(4)).unwrap_or(usize::MAX)
+    }
+}
+
+/// Tables of one band with `field_points` heights.
+pub const fn table_bytes(field_points: usize) -> usize {
+    BYTES_PER_FIELD_POINT * field_points
+}

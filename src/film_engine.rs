@@ -1,0 +1,93 @@
+//! The engine of a film: recorded in its attributes (`provenance.engine`) and in its plan, and used by every run that resumes it.
+//!
+//! Another engine is rejected (exit code 3) unless `--mixed-engines`; it is then recorded in the film
+//! ([`FilmStore::mark_engine`]) before its first shard, so that an interruption cannot leave it unrecorded.
+
+use crate::args::RunArgs;
+use crate::device::{DeviceSelection, check_agreement};
+use crate::engine::Engine;
+use crate::failure::{other_job, usage};
+use crate::progress::log_line;
+use anyhow::Result;
+use formats::film::{FilmError, FilmStore};
+use std::path::Path;
+
+/// The engine recorded in the film at `path`; `None` without a film, or if `--overwrite` removes it.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn recorded(path: &Path, overwrite: bool) -> Result<Option<Engine>> {
+    if overwrite {
+        return Ok(None);
+    }
+    match FilmStore::open(path, true) {
+        Ok(store) => Ok(store.engine().and_then(|name| name.parse().ok())),
+        // These errors are reported where the film is opened.
+        Err(FilmError::NotFilm { .. } | FilmError::Damaged { .. } | FilmError::Spec { .. }) => Ok(None),
+        Err(e) => Err(e.into()),
+    }
+}
+
+/// The engine of a plan's workers: `--engine`, else that of the film, else the default on this machine.
+///
+/// # Errors
+/// `--device cuda` without `--engine` where there is no GPU.
+pub fn planned(args: &RunArgs) -> Result<Engine> {
+    let film = recorded(&args.film, args.process.overwrite)?.filter(|engine| args.device.allows(*engine));
+    match args.engine.explicit().or(film) {
+        Some(engine) => {
+            check_agreement(engine, &args.device)?;
+            Ok(engine)
+        }
+        None => DeviceSelection::new(&args.device, None, None).map(|selected| selected.engine).map_err(|e| {
+            usage(format!("{e}; to plan for other machines name their engine, e.g. `--engine cuda-sm_90`"))
+        }),
+    }
+}
+
+/// Fails if `--engine` names another engine than the film's, even if all shards are present.
+pub fn check_explicit(store: &FilmStore, args: &RunArgs) -> Result<()> {
+    match args.engine.explicit() {
+        Some(engine) => check(store, engine, args.mixed_engines).map(|_| ()),
+        None => Ok(()),
+    }
+}
+
+/// Fails unless `engine` may compute shards of the film; records it in the film if it is an additional engine.
+///
+/// # Errors
+/// Another engine's film without `--mixed-engines` (exit code 3); the store.
+pub fn check_and_record(store: &FilmStore, engine: Engine, args: &RunArgs) -> Result<()> {
+    if !check(store, engine, args.mixed_engines)? {
+        store.mark_engine(&engine.to_string())?;
+        log_line(format!(
+            "note: {} was begun with engine {}; this run computes with {engine} (--mixed-engines)",
+            store.path().display(),
+            store.engine().unwrap_or("unknown")
+        ));
+    }
+    Ok(())
+}
+
+/// Whether `engine` is the film's own; `mixed` permits another one.
+///
+/// # Errors
+/// Another engine without `mixed` (exit code 3).
+pub fn check(store: &FilmStore, engine: Engine, mixed: bool) -> Result<bool> {
+    let recorded = store.engine();
+    if recorded == Some(engine.to_string().as_str()) {
+        return Ok(true);
+    }
+    if mixed {
+        return Ok(false);
+    }
+    let begun = match recorded {
+        Some(recorded) => format!("was begun with engine {recorded}"),
+        None => "does not record the engine that it was begun with".into(),
+    };
+    Err(other_job(format!(
+        "{} {begun}, and this run would continue with {engine}, whose values differ by up to 2e-6 of the peak; use that engine, \
+         continue with --mixed-engines, or start again with --overwrite",
+        store.path().display()
+    )))
+}

@@ -1,0 +1,74 @@
+//! Ctrl-C and SIGTERM: the first signal stops the run after the tiles in flight, the second at once. Either way shards are complete or
+//! absent.
+
+use crate::failure::code;
+use crate::progress::log_line;
+use formats::durable::Lock;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A computation is running that checks [`CANCEL`].
+static RUNNING: AtomicBool = AtomicBool::new(false);
+/// Set by the first signal.
+static CANCEL: AtomicBool = AtomicBool::new(false);
+/// Message about the output when the process is stopped at once.
+static OUTPUT_STATE: Mutex<&str> = Mutex::new("the same command resumes");
+/// The lock to release when the process is stopped at once.
+static LOCK: Mutex<Option<PathBuf>> = Mutex::new(None);
+
+/// Installs the signal handler. Further calls change nothing.
+pub fn listen() {
+    let _ = ctrlc::set_handler(signal);
+}
+
+/// Sets the lock to release when a signal stops the process at once.
+pub fn release_on_exit(lock: &Path) {
+    *LOCK.lock().expect("no panic while held") = Some(lock.into());
+}
+
+/// The flag that the first signal sets from now on; the second signal stops the process.
+pub fn finish_tiles() -> &'static AtomicBool {
+    RUNNING.store(true, Ordering::SeqCst);
+    &CANCEL
+}
+
+/// As [`finish_tiles`], for an output that is removed if it is not complete; installs the handler.
+pub fn remove_output() -> &'static AtomicBool {
+    *OUTPUT_STATE.lock().expect("no panic while held") = "nothing was written";
+    let _ = ctrlc::set_handler(signal);
+    finish_tiles()
+}
+
+fn signal() {
+    let again = CANCEL.swap(true, Ordering::SeqCst);
+    if RUNNING.load(Ordering::SeqCst) && !again {
+        log_line("stopping: finishing the tiles in flight (again to stop at once)");
+        return;
+    }
+    if let Some(path) = LOCK.lock().expect("no panic while held").as_deref() {
+        Lock::release(path);
+    }
+    log_line(format!("stopped; {}", OUTPUT_STATE.lock().expect("no panic while held")));
+    std::process::exit(i32::from(code::INTERRUPTED));
+}
+
+/// Lets the kernel kill this process when the thread that started it ends, so that no worker outlives its scheduler. Shards are complete
+/// or absent however a run ends.
+#[cfg(target_os = "linux")]
+pub fn die_with_parent() -> std::io::Result<()> {
+    use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+    let parent = getppid();
+    set_parent_process_death_signal(Some(Signal::KILL))?;
+    if getppid() != parent {
+        // The parent ended before the call.
+        std::process::exit(i32::from(code::INTERRUPTED));
+    }
+    Ok(())
+}
+
+/// Not supported on other systems.
+#[cfg(not(target_os = "linux"))]
+pub fn die_with_parent() -> std::io::Result<()> {
+    Err(std::io::ErrorKind::Unsupported.into())
+}

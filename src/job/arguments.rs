@@ -1,0 +1,74 @@
+//! Step 1: arguments resolved without opening the chart or the lens: device, engine, options, threads.
+
+use crate::args::{InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
+use crate::device::DeviceSelection;
+use crate::film_engine;
+use anyhow::Result;
+use formats::chart::NanPolicy;
+use pipeline::band::{Options, PsfBetween};
+use pipeline::field::Outside;
+use pipeline::remap::{Reading, Stages};
+use pipeline::resample::{Interp, Surround};
+use pipeline::simd::Simd;
+
+/// Arguments of a job, resolved.
+pub struct Arguments<'a> {
+    /// As given.
+    pub given: &'a RunArgs,
+    /// Selected device and engine.
+    pub device: DeviceSelection,
+    /// Stages, interpolation and accuracy.
+    pub options: Options,
+    /// Treatment of NaN in the chart.
+    pub nan: NanPolicy,
+    /// Worker threads.
+    pub threads: usize,
+}
+
+impl<'a> Arguments<'a> {
+    /// Resolves `given`.
+    ///
+    /// # Errors
+    /// Device or engine not available; the film cannot be read.
+    pub fn resolve(given: &'a RunArgs) -> Result<Self> {
+        let film_engine = film_engine::recorded(&given.film, given.process.overwrite)?;
+        let device = DeviceSelection::new(&given.device, given.engine.explicit(), film_engine)?;
+        let nan = match given.nan {
+            NanArg::Error => NanPolicy::Error,
+            NanArg::Zero => NanPolicy::Zero,
+        };
+        let options = options(given, device.simd);
+        Ok(Self { given, device, options, nan, threads: threads(given.threads) })
+    }
+}
+
+/// Worker threads: as given, else all cores.
+pub fn threads(given: Option<usize>) -> usize {
+    given.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+}
+
+fn options(args: &RunArgs, simd: Simd) -> Options {
+    let on = |s: Stage| args.stages.contains(&s);
+    Options {
+        stages: Stages { ri: on(Stage::Ri), distortion: on(Stage::Distortion), svpsf: on(Stage::Svpsf) },
+        reading: Reading {
+            interp: match args.interp {
+                InterpArg::Bicubic => Interp::Bicubic,
+                InterpArg::Bilinear => Interp::Bilinear,
+            },
+            surround: match args.surround {
+                SurroundArg::Edge => Surround::Edge,
+                SurroundArg::Black => Surround::Black,
+                SurroundArg::Mirror => Surround::Mirror,
+            },
+            outside: match args.outside {
+                OutsideArg::Error => Outside::Error,
+                OutsideArg::Clamp => Outside::Clamp,
+            },
+        },
+        azimuths: args.azimuths,
+        psf_window: args.psf_window,
+        between: if args.interpolate_psf { PsfBetween::Interpolate } else { PsfBetween::Error },
+        simd,
+    }
+}

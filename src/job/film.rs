@@ -1,0 +1,86 @@
+//! Layout and units of a job's film.
+
+use crate::args::{DtypeArg, FilmUnits, RunArgs};
+use crate::failure::usage;
+use crate::open::Chart;
+use anyhow::Result;
+use formats::chart::MAX_VALUE;
+use formats::film::{FilmOutput, FilmSpec, SampleType};
+use pipeline::band::BandPlan;
+use pipeline::geometry::{Frame, Size};
+use pipeline::plan::FilmRegion;
+
+/// Planck's constant times the speed of light, J·m (SI, exact).
+const HC_J_M: f64 = 6.626_070_15e-34 * 299_792_458.0;
+
+/// Film value per chart value on the axis: 1; irradiance, τ·Ω (E = L·τ·Ω·R); or photons, τ·Ω·λ/(hc)·pixel area.
+pub fn gain(units: FilmUnits, plan: &BandPlan, frame: &Frame) -> f64 {
+    let irradiance = plan.lens.transmission * plan.lens.solid_angle_sr;
+    match units {
+        FilmUnits::Relative => 1.0,
+        FilmUnits::Irradiance => irradiance,
+        FilmUnits::Photons => {
+            let per_joule = plan.lens.wavelength_nm * 1e-9 / HC_J_M;
+            irradiance * per_joule * (frame.pitch_um * 1e-6).powi(2)
+        }
+    }
+}
+
+/// Largest chart value whose products with the bands' gains stay within f32.
+pub fn max_chart_value(gains: &[f64]) -> f32 {
+    (f64::from(MAX_VALUE) / gains.iter().fold(1.0, |m, g| f64::max(m, *g))) as f32
+}
+
+/// Layout of the film.
+pub fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart: &Chart) -> Result<FilmSpec> {
+    if args.chunk == 0 || args.shard == 0 || !args.shard.is_multiple_of(args.chunk) {
+        return Err(usage(format!(
+            "--shard {} is not a multiple of --chunk {}; e.g. `--shard 2048 --chunk 512`",
+            args.shard, args.chunk
+        )));
+    }
+    let mut outputs = Vec::new();
+    for (i, rect) in args.roi.iter().enumerate() {
+        if !frame.film.rect().contains(*rect) {
+            return Err(usage(format!(
+                "--roi {},{},{},{} is not inside the film of {} (rows x columns)",
+                rect.x, rect.y, rect.width, rect.height, frame.film
+            )));
+        }
+        outputs.push(FilmOutput { name: format!("roi_{i}"), rect: *rect });
+    }
+    if outputs.is_empty() {
+        outputs.push(FilmOutput { name: "film".into(), rect: frame.film.rect() });
+    }
+    let units = match args.film_units {
+        FilmUnits::Relative => chart.units().unwrap_or("relative").to_owned(),
+        FilmUnits::Irradiance => "W m-2 nm-1".into(),
+        FilmUnits::Photons => "s-1 nm-1".into(),
+    };
+    let spec = FilmSpec {
+        outputs,
+        film: frame.film,
+        wavelengths_nm,
+        pitch_um: frame.pitch_um,
+        axis_px: frame.axis_px,
+        units,
+        sample: match args.dtype {
+            DtypeArg::F32 => SampleType::F32,
+            DtypeArg::F16 => SampleType::F16,
+        },
+        shard: args.shard,
+        chunk: args.chunk,
+        codec: args.codec.into(),
+    };
+    spec.check().map_err(|e| usage(e.to_string()))?;
+    Ok(spec)
+}
+
+/// Outputs of the film as the pipeline's windows.
+pub fn windows(film: &FilmSpec) -> Vec<FilmRegion> {
+    let window = |i: usize| {
+        let (height, width) = film.shard_shape(i);
+        FilmRegion { rect: film.outputs[i].rect, shard: Size::new(height, width) }
+    };
+    (0..film.outputs.len()).map(window).collect()
+}

@@ -1,0 +1,62 @@
+//! Geometry of a job: film size and pitch, optical axis, scale and centre of the chart.
+
+use crate::args::RunArgs;
+use crate::failure::usage;
+use crate::lens::source::LensInput;
+use crate::open::Chart;
+use anyhow::Result;
+use pipeline::bounds;
+use pipeline::geometry::{Frame, Size};
+
+/// Film pixel pitch.
+fn pitch_um(args: &RunArgs, chart: &Chart) -> Result<f64> {
+    args.film_pitch_um.or_else(|| chart.pitch_um()).ok_or_else(|| {
+        usage(format!(
+            "chart `{}` has no attribute pitch_um; give the film's pixel pitch, e.g. `--film-pitch-um 2`",
+            args.chart
+        ))
+    })
+}
+
+/// Film pixels per chart pixel, (y, x): `--scale`, or |magnification| · chart pitch / film pitch. The magnification's sign
+/// rotates the image by 180° about the axis; the film is stored upright, so only the magnitude is used.
+fn scale(args: &RunArgs, chart: &Chart, lens: &LensInput) -> Result<(f64, f64)> {
+    let Some(chart_pitch_mm) = args.chart_pitch_mm else { return Ok((args.scale.1, args.scale.0)) };
+    let flag = format!("--chart-pitch-mm {chart_pitch_mm}");
+    let Some((magnification, distance_mm)) = lens.conjugate()? else {
+        return Err(usage(format!(
+            "{flag}: lens `{}` is for an object at infinity, which has no magnification; trace it for the chart's \
+             distance D with `lenscube lens trace DESIGN OUT.lens.zarr --object-distance-mm D`, or give `--scale`",
+            args.lens
+        )));
+    };
+    let scale = magnification.abs() * chart_pitch_mm * 1e3 / pitch_um(args, chart)?;
+    if !bounds::SCALE.contains(scale) {
+        return Err(usage(format!(
+            "{flag}: at magnification {magnification} (object at {distance_mm} mm) that is {scale:e} film pixels per chart \
+             pixel, expected 0.001 to 1000"
+        )));
+    }
+    Ok((scale, scale))
+}
+
+/// Film, optical axis and chart placement.
+pub fn frame(args: &RunArgs, chart: &Chart, lens: &LensInput) -> Result<Frame> {
+    let scale = scale(args, chart, lens)?;
+    let size = chart.size();
+    let pitch_um = pitch_um(args, chart)?;
+    let scaled = |n: usize, s: f64| ((n as f64 * s).round() as usize).max(1);
+    let declared = chart.film_size().filter(|_| scale == (1.0, 1.0));
+    let film = args
+        .film_size
+        .or(declared)
+        .unwrap_or(Size::new(scaled(size.height, scale.0), scaled(size.width, scale.1)));
+    bounds::film_size(film)
+        .map_err(|e| usage(format!("{e}; give its size, e.g. `--film-size 2000x3000`")))?;
+    let mut frame = Frame { scale, ..Frame::centred(film, size, pitch_um) };
+    if let Some((x, y)) = args.axis {
+        frame.axis_px = (y, x);
+    }
+    frame.center_mm = (args.center.1, args.center.0);
+    Ok(frame)
+}

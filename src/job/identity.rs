@@ -1,0 +1,49 @@
+//! Identity of a job: everything that changes pixels, as readable JSON; its digest is the job digest.
+
+use super::inputs::Inputs;
+use crate::args::RunArgs;
+use anyhow::Result;
+use pipeline::remap::Stages;
+use serde_json::{Map, Value, json};
+
+/// Version of the arithmetic: raised whenever the program computes other pixel values for the same job.
+pub const NUMERIC_VERSION: u32 = 3;
+
+/// The identity of a job with the lens `lens_name` of digest `lens_digest`.
+///
+/// # Errors
+/// The chart's chunks cannot be listed.
+pub fn identity(
+    args: &RunArgs,
+    stages: Stages,
+    inputs: &Inputs,
+    (lens_name, lens_digest): (&str, &str),
+) -> Result<Map<String, Value>> {
+    let (content, mtimes) = inputs.chart.identity()?;
+    let frame = &inputs.frame;
+    let value = json!({
+        "numeric_version": NUMERIC_VERSION,
+        "chart": content,
+        "chart_mtimes": mtimes,
+        "chart_bands": inputs.selected_bands,
+        "lens_name": lens_name,
+        "lens_digest": lens_digest,
+        "stages": { "ri": stages.ri, "distortion": stages.distortion, "svpsf": stages.svpsf },
+        "film_size": [frame.film.height, frame.film.width],
+        "film_pitch_um": frame.pitch_um,
+        "axis_px": { "x": frame.axis_px.1, "y": frame.axis_px.0 },
+        "scale": { "x": frame.scale.1, "y": frame.scale.0 },
+        "center_mm": { "x": frame.center_mm.1, "y": frame.center_mm.0 },
+        "interp": format!("{:?}", args.interp).to_lowercase(),
+        "surround": format!("{:?}", args.surround).to_lowercase(),
+        "outside": format!("{:?}", args.outside).to_lowercase(),
+        "nan": format!("{:?}", args.nan).to_lowercase(),
+        "azimuths": args.azimuths,
+        "psf_window": args.psf_window,
+        "interpolate_psf": args.interpolate_psf,
+        "film_units": format!("{:?}", args.film_units).to_lowercase(),
+        "rois": args.roi.iter().map(|r| [r.x, r.y, r.width as i64, r.height as i64]).collect::<Vec<_>>(),
+    });
+    let Value::Object(map) = value else { unreachable!("an object is written above") };
+    Ok(map)
+}

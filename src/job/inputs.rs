@@ -1,0 +1,71 @@
+//! Step 2: chart and lens opened, bands selected, film geometry resolved. Only metadata are read.
+
+use super::arguments::Arguments;
+use super::frame::frame;
+use crate::args::{RunArgs, bands};
+use crate::failure::{other_job, usage};
+use crate::lens::source::LensInput;
+use crate::open::Chart;
+use anyhow::Result;
+use formats::chart::NanPolicy;
+use pipeline::geometry::Frame;
+
+/// Inputs of a job.
+pub struct Inputs {
+    /// The chart; its chunk cache is empty until the memory is planned.
+    pub chart: Chart,
+    /// Film, axis, placement of the chart.
+    pub frame: Frame,
+    /// Bands of the chart that the complete job computes, by band of the film.
+    pub selected_bands: Vec<usize>,
+    /// Their wavelengths, nm.
+    pub selected_nm: Vec<f64>,
+    /// Bands of the film that this process computes; all, unless it does units of a plan.
+    pub film_bands: Vec<usize>,
+}
+
+impl Inputs {
+    /// Opens the inputs for the bands `film_bands` of the film (`None`: all).
+    ///
+    /// # Errors
+    /// Chart or lens cannot be opened; bands or geometry do not fit them; fewer bands than planned (exit code 3).
+    pub fn open(arguments: &Arguments<'_>, film_bands: Option<&[usize]>) -> Result<(Self, LensInput)> {
+        let args = arguments.given;
+        let chart = open_chart(args, arguments.nan)?;
+        let lens = LensInput::open(&args.lens)?;
+        let all_nm = chart.wavelengths_nm()?;
+        let selected_bands: Vec<usize> = match &args.bands {
+            None => (0..all_nm.len()).collect(),
+            Some(text) => bands(text, all_nm.len()).map_err(|e| usage(format!("--bands {text}: {e}")))?,
+        };
+        let film_bands = film_bands.map_or_else(|| (0..selected_bands.len()).collect(), <[_]>::to_vec);
+        if let Some(missing) = film_bands.iter().find(|b| **b >= selected_bands.len()) {
+            return Err(other_job(format!(
+                "chart `{}` has {} bands, so it is not the planned one, which has a band {missing}",
+                args.chart,
+                all_nm.len()
+            )));
+        }
+        let frame = frame(args, &chart, &lens)?;
+        let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
+        Ok((Self { chart, frame, selected_bands, selected_nm, film_bands }, lens))
+    }
+
+    /// Bands of the chart that this process computes.
+    pub fn chart_bands(&self) -> Vec<usize> {
+        self.film_bands.iter().map(|&b| self.selected_bands[b]).collect()
+    }
+
+    /// Wavelengths of the bands that this process computes, nm.
+    pub fn wavelengths_nm(&self) -> Vec<f64> {
+        self.film_bands.iter().map(|&b| self.selected_nm[b]).collect()
+    }
+}
+
+fn open_chart(args: &RunArgs, nan: NanPolicy) -> Result<Chart> {
+    let wavelengths = args.wavelengths.as_deref();
+    match (&args.chart_shape, &args.chart_dtype) {
+        (Some(shape), Some(dtype)) => Chart::raw(&args.chart, shape, dtype, wavelengths, nan),
+        _ => Chart::open(&args.chart, wavelengths, nan, 0),
+    }
+}

@@ -1,0 +1,77 @@
+//! Step 4: memory, and GPU queues within it. Under `--device auto` the CPU computes if the memory does not suffice for GPUs.
+
+use super::arguments::Arguments;
+use super::bands::JobPlan;
+use super::inputs::Inputs;
+use super::stretch::RemapStretch;
+use crate::device::DeviceSelection;
+use crate::failure;
+use crate::memory::{GpuDemand, Memory, MemoryInputs, default_limit};
+use anyhow::Result;
+use formats::film::FilmStore;
+use pipeline::band::{BandPlan, Options};
+use pipeline::cuda;
+use pipeline::cuda::memory::{BandNeeds, DeviceQueue};
+use pipeline::geometry::Frame;
+use pipeline::psf::cuda::PsfOnDevice;
+use pipeline::remap::Remap;
+
+/// Divides the memory; opens a queue per GPU, none if the CPU computes. May change the device of `arguments`.
+///
+/// # Errors
+/// Memory or GPU too small.
+pub fn allocate(
+    arguments: &mut Arguments<'_>,
+    inputs: &Inputs,
+    plan: &JobPlan,
+    stretch: &RemapStretch,
+) -> Result<(Memory, Vec<DeviceQueue>)> {
+    let args = arguments.given;
+    let chart_rows = |rows: usize| inputs.chart.cache_for_rows(rows);
+    let memory = MemoryInputs {
+        limit: args.memory.unwrap_or_else(default_limit),
+        frame: &inputs.frame,
+        options: &arguments.options,
+        bands: &plan.bands,
+        windows: &plan.windows,
+        film: &plan.film,
+        threads: arguments.threads,
+        writers: FilmStore::concurrent_writes(&args.film),
+        chart_rows: &chart_rows,
+        chunks: inputs.chart.chunk_memory(&inputs.chart_bands()),
+        stretch,
+        psf_reading: &|p: &BandPlan| plan.lens.psf_reading_bytes(p.lens_bands.first),
+        max_psf_reading: plan.lens.max_reading_bytes(),
+    };
+    let device = &mut arguments.device;
+    let without_gpus = || Ok((Memory::plan(&memory, GpuDemand::default())?, Vec::new()));
+    if device.devices.is_empty() {
+        return without_gpus();
+    }
+    let needs: Vec<BandNeeds> =
+        plan.bands.iter().map(|band| gpu_needs(&inputs.frame, &arguments.options, band)).collect();
+    let gpus = GpuDemand::new(device.devices.len(), &needs);
+    let with_gpus = Memory::plan(&memory, gpus).and_then(|planned| {
+        let queues = device.queues(&args.device, &needs, planned.pinned)?;
+        Ok((planned, queues))
+    });
+    match with_gpus {
+        Err(error) if device.may_fall_back(&args.device) => {
+            *device = DeviceSelection::cpu(&failure::line(&error));
+            without_gpus()
+        }
+        planned => planned,
+    }
+}
+
+/// Memory that a band needs on a GPU. The largest rectangle of the chart is taken from nine tiles spread over the film; the run itself
+/// examines all tiles.
+fn gpu_needs(frame: &Frame, options: &Options, plan: &BandPlan) -> BandNeeds {
+    let remap = Remap::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
+    let (rows, cols) = plan.tiling.count();
+    let spread = |n: usize| [0, n / 2, n - 1];
+    let tiles: Vec<_> = spread(rows).iter().flat_map(|&i| spread(cols).map(|j| (i, j))).collect();
+    let psf = plan.blocks.as_ref().zip(plan.grid.as_ref());
+    let min_psf = psf.map(|(blocks, grid)| PsfOnDevice::min_bytes(blocks, grid, plan.tiling.tile()));
+    cuda::band_needs(&remap, &plan.tiling, tiles.iter(), min_psf)
+}

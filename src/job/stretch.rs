@@ -1,0 +1,70 @@
+//! Stretch of the remap: how far the lens's tables magnify the chart, and the likely error in them if that is far from 1.
+
+use pipeline::band::{BandPlan, Options};
+use pipeline::geometry::Frame;
+use pipeline::remap::Remap;
+
+/// Stretch, or its inverse, beyond which a warning is printed: no camera lens reaches it.
+const MAX_USUAL_STRETCH: f64 = 4.0;
+
+/// Stretch of the remap over all bands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RemapStretch {
+    /// Ideal over REAL lengths, minimum and maximum.
+    pub range: (f64, f64),
+    /// Ideal over REAL height near the axis.
+    near_axis: f64,
+    /// Wavelength of the band with the greatest stretch.
+    pub wavelength_nm: f64,
+}
+
+impl RemapStretch {
+    /// Over `bands` on the film of `frame`.
+    pub fn new(frame: &Frame, bands: &[BandPlan], options: &Options) -> Self {
+        let none = Self { range: (1.0, 1.0), near_axis: 1.0, wavelength_nm: 0.0 };
+        bands.iter().fold(none, |all, plan| {
+            let remap = Remap::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
+            let band = remap.stretch(&plan.tiling);
+            let (ideal, real) = (&plan.lens.ideal_height_mm, &plan.lens.image_height_mm);
+            let range = (all.range.0.min(band.least), all.range.1.max(band.greatest));
+            match range == all.range {
+                true => all,
+                false => {
+                    Self { range, near_axis: ideal[1] / real[1], wavelength_nm: plan.lens.wavelength_nm }
+                }
+            }
+        })
+    }
+
+    /// Warning for a stretch that no camera lens has.
+    pub fn warning(&self) -> Option<String> {
+        let (min, max) = self.range;
+        let usual = max <= MAX_USUAL_STRETCH && min >= 1.0 / MAX_USUAL_STRETCH;
+        (!usual).then(|| {
+            format!(
+                "warning: at {} nm the lens's ideal heights change by {min:.3e} to {max:.3e} times its REAL heights \
+                 (chart pixels per film pixel at --scale 1); {}",
+                self.wavelength_nm,
+                self.cause()
+            )
+        })
+    }
+
+    /// The likely cause: a wrong unit, by the ratio of the heights near the axis.
+    pub fn cause(&self) -> String {
+        let near = |factor: f64| (self.near_axis / factor).ln().abs() < 0.4;
+        let units = |ideal: &str, real: &str| {
+            format!("ideal_height is probably in {ideal} or image_height in {real}, expected mm for both")
+        };
+        match self.near_axis {
+            _ if near(1e3) => units("µm", "m"),
+            _ if near(1e-3) => units("m", "µm"),
+            _ if near(10.0) => units("tenths of a mm", "cm"),
+            _ if near(0.1) => units("cm", "tenths of a mm"),
+            _ => {
+                "check ideal_height and image_height of the lens, expected mm for both (`lenscube lens show`)"
+                    .into()
+            }
+        }
+    }
+}

@@ -1,0 +1,42 @@
+//! Start-up time of a worker, measured while the plan is made.
+
+use super::file::Plan;
+use crate::args::RunArgs;
+use crate::job::Job;
+use crate::progress::log_line;
+use anyhow::Result;
+use std::collections::BTreeSet;
+use std::time::Instant;
+
+/// Share of a unit's time above which start-up is worth a note.
+const MAX_USUAL_SHARE: f64 = 0.1;
+
+/// Measures the time until the first tile for the cheapest unit, and prints it.
+///
+/// # Errors
+/// The job of the unit cannot be opened.
+pub fn measure(plan: &Plan, run: &RunArgs) -> Result<()> {
+    let Some(unit) = plan.units.iter().min_by(|a, b| a.cost.core_s.total_cmp(&b.cost.core_s)) else {
+        return Ok(());
+    };
+    let start = Instant::now();
+    let bands = plan.bands(&BTreeSet::from([unit.unit]));
+    let job = Job::for_planned_bands(run, plan.planned_bands(&bands))?;
+    let opening_s = start.elapsed().as_secs_f64();
+    let stack = |band: usize| Ok::<_, anyhow::Error>(job.lens.psf(band)?);
+    job.plans[0].stages(0, &job.frame, &job.options, job.gains[0], stack)?;
+    let startup_s = start.elapsed().as_secs_f64();
+    let share = startup_s / (startup_s + unit.cost.core_s / job.threads as f64);
+    log_line(format!(
+        "start-up of a worker, measured here for unit {}: opening {opening_s:.3} s, kernels {:.3} s; {:.1} % of the unit on {} \
+         threads",
+        unit.unit,
+        startup_s - opening_s,
+        100.0 * share,
+        job.threads
+    ));
+    if share > MAX_USUAL_SHARE {
+        log_line("note: a job this small is completed soonest by a single `lenscube run`");
+    }
+    Ok(())
+}

@@ -1,0 +1,144 @@
+//! Setup of a validation: film geometry, lens of the simulated films, reference lens; paths between chart and film.
+
+use super::film_maker::FilmMaker;
+use super::reference::{ReferenceBand, ReferenceLens};
+use crate::args::ValidateArgs;
+use crate::failure::usage;
+use crate::job::threads;
+use crate::lens::source::{LensInput, Source};
+use anyhow::{Context, Result};
+use formats::durable::{create_directories, sweep_entries};
+use pipeline::band::{Options, PsfBetween};
+use pipeline::field::Outside;
+use pipeline::geometry::{Frame, Size};
+use pipeline::psf::kernel::film_window;
+use pipeline::remap::{Reading, Stages};
+use pipeline::resample::{Interp, Surround};
+use pipeline::simd::Simd;
+
+/// Films to simulate and the lens to compare them with.
+pub struct Setup {
+    pub film_maker: FilmMaker,
+    /// Side of the film, px.
+    pub size: usize,
+    /// Film pixel pitch, µm.
+    pub pitch_um: f64,
+    /// Optical axis (row, column) in film pixels that the comparison assumes.
+    pub axis_px: (f64, f64),
+    pub wavelengths_nm: Vec<f64>,
+    /// Side of the film kernels, px, by band.
+    pub windows_px: Vec<usize>,
+    /// Lens of the simulated films, traced where it is a design.
+    pub source: Source,
+    pub reference: ReferenceLens,
+}
+
+impl Setup {
+    /// Opens both lenses; traces the bands of the films if their lens is a design.
+    pub fn new(args: &ValidateArgs) -> Result<Self> {
+        let mut wavelengths_nm = crate::trace::wavelengths(&args.wavelengths)?;
+        if let Some(text) = &args.bands {
+            let chosen = crate::args::bands(text, wavelengths_nm.len());
+            let chosen = chosen.map_err(|e| usage(format!("--bands {text}: {e}")))?;
+            wavelengths_nm = chosen.into_iter().map(|b| wavelengths_nm[b]).collect();
+        }
+        let size = args.size as usize;
+        let reference = ReferenceLens::open(args.against.as_ref().unwrap_or(&args.lens))?;
+        // A missing band is reported before any film is simulated.
+        for &nm in &wavelengths_nm {
+            reference.band(nm)?;
+        }
+        let threads = threads(args.threads);
+        let film = Size::new(size, size);
+        let frame = Frame::centred(film, film, args.film_pitch_um);
+        let options = options();
+        let source = Source::new(LensInput::open(&args.lens)?, &frame, &wavelengths_nm, &options, threads)?;
+        let sample = source.lens().psf_sample;
+        let window = |&nm: &f64| -> Result<usize> {
+            let band = source.lens().bands.iter().find(|b| (b.wavelength_nm - nm).abs() < 1e-6);
+            let band = band.with_context(|| format!("{} has no band at {nm} nm", args.lens))?;
+            Ok(film_window(band.psf_size, band.psf_pitch_um, args.film_pitch_um, sample))
+        };
+        let windows_px = wavelengths_nm.iter().map(window).collect::<Result<_>>()?;
+        create_directories(&args.out, true)?;
+        // Temporary films of a killed validation.
+        sweep_entries(&args.out)?;
+        let film_maker = FilmMaker {
+            lens: args.lens.clone(),
+            dir: args.out.clone(),
+            full: args.full,
+            bands: wavelengths_nm.len(),
+            threads,
+            memory: args.memory,
+            device: args.device.clone(),
+            engine: args.engine,
+        };
+        Ok(Self {
+            film_maker,
+            size,
+            pitch_um: args.film_pitch_um,
+            axis_px: frame.axis_px,
+            wavelengths_nm,
+            windows_px,
+            source,
+            reference,
+        })
+    }
+
+    /// Generated chart for this film.
+    pub fn chart(&self, kind: &str, settings: &str) -> String {
+        format!(
+            "gen:{kind}?size={}&pitch_um={}&wavelengths={}{settings}",
+            self.size,
+            self.pitch_um,
+            pipeline::wavelengths::format(&self.wavelengths_nm)
+        )
+    }
+
+    /// Centre (row, column) of film and chart in film pixels.
+    pub fn chart_centre(&self) -> (f64, f64) {
+        let middle = (self.size as f64 - 1.0) / 2.0;
+        (middle, middle)
+    }
+
+    /// Film position (row, column) of the chief ray of a chart point (row, column; film pixels).
+    pub fn film_position(&self, reference: &ReferenceBand<'_>, chart_px: (f64, f64)) -> Result<(f64, f64)> {
+        let centre = self.chart_centre();
+        let (dy, dx) = (chart_px.0 - centre.0, chart_px.1 - centre.1);
+        let ideal_mm = dy.hypot(dx) * self.pitch_um * 1e-3;
+        if ideal_mm == 0.0 {
+            return Ok(self.axis_px);
+        }
+        let m = reference.real_mm(ideal_mm)? / ideal_mm;
+        Ok((self.axis_px.0 + dy * m, self.axis_px.1 + dx * m))
+    }
+
+    /// Moments of the PSF about the chief ray inside the film kernel's window: the first radial moment in px, the second radial
+    /// and tangential moments in px².
+    pub fn psf_moments(
+        &self,
+        reference: &ReferenceBand<'_>,
+        band: usize,
+        r_px: f64,
+        azimuth_rad: f64,
+    ) -> Result<[f64; 3]> {
+        let height_mm = r_px * self.pitch_um * 1e-3;
+        let pixels = reference.pixels(height_mm, azimuth_rad, self.windows_px[band], self.pitch_um)?;
+        let (sin, cos) = azimuth_rad.sin_cos();
+        Ok(pixels.iter().fold([0.0; 3], |[c, out, across], ((y, x), p)| {
+            let (u, v) = (x * cos + y * sin, y * cos - x * sin);
+            [c + p * u, out + p * u * u, across + p * v * v]
+        }))
+    }
+}
+
+fn options() -> Options {
+    Options {
+        stages: Stages { ri: true, distortion: true, svpsf: true },
+        reading: Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
+        azimuths: None,
+        psf_window: None,
+        between: PsfBetween::Error,
+        simd: Simd::detect(),
+    }
+}

@@ -1,0 +1,250 @@
+//! Runs whose lens is a design: cache of traced bands, scale, changes during the run.
+
+use super::*;
+
+/// Design file, chart and caches of traced bands.
+struct DesignJob {
+    dir: tempfile::TempDir,
+    design: PathBuf,
+}
+
+impl DesignJob {
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let design = dir.path().join("my.zmx");
+        fs::write(&design, DESIGN).unwrap();
+        Picture::noise(3, Size::new(48, 40), 2).write(&dir.path().join("chart"));
+        Self { dir, design }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// Runs with a film half a millimetre wide, so that few PSFs are traced.
+    fn run(&self, cache: &str, film: &str, flags: &[&str]) -> CommandResult {
+        let (chart, film) = (self.at("chart"), self.at(film));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(["run", text(&chart), text(&film), "--lens", text(&self.design), "--no-fsync"]);
+        if !flags.contains(&"--threads") {
+            command.args(["--threads", "2"]);
+        }
+        command.args(["--film-pitch-um", "10"]).args(flags);
+        CommandResult::new(&command.env("XDG_CACHE_HOME", self.at(cache)).output().unwrap())
+    }
+
+    fn entries(&self, cache: &str) -> Vec<PathBuf> {
+        let dir = self.at(cache).join("lenscube/lenses");
+        let mut entries: Vec<_> = fs::read_dir(dir).unwrap().map(|e| e.unwrap().path()).collect();
+        entries.sort();
+        entries
+    }
+}
+
+#[test]
+fn traced_bands_are_equal_in_one_run_in_two_runs_and_from_the_cache() {
+    let job = DesignJob::new();
+    let fresh = job.run("cache", "fresh", &[]).ok();
+    assert!(fresh.stderr.contains("2 of 2 bands traced"), "{}", fresh.stderr);
+    assert_eq!(job.entries("cache").len(), 2, "two bands, nothing else");
+    let kept = job.run("cache", "kept", &[]).ok();
+    assert!(!kept.stderr.contains("traced"), "{}", kept.stderr);
+    assert!(files(&job.at("fresh")) == files(&job.at("kept")));
+    // In two runs with another cache, one of them on one thread.
+    job.run("other", "first", &["--bands", "0"]).ok();
+    assert_eq!(job.entries("other").len(), 1, "only the bands of the chart are traced");
+    job.run("other", "second", &["--bands", "1", "--threads", "1"]).ok();
+    let both = pixels(&job.at("fresh"), "film").1;
+    let (first, second) = (pixels(&job.at("first"), "film").1, pixels(&job.at("second"), "film").1);
+    assert!(bits(&both) == bits(&[first, second].concat()));
+    let names =
+        |cache| job.entries(cache).iter().map(|p| p.file_name().unwrap().to_owned()).collect::<Vec<_>>();
+    assert_eq!(names("cache"), names("other"));
+}
+
+#[test]
+fn damaged_cache_entry_is_traced_again_and_unwritable_cache_is_a_note() {
+    let job = DesignJob::new();
+    job.run("cache", "fresh", &[]).ok();
+    let entry = job.entries("cache")[0].clone();
+    let sound = fs::read(&entry).unwrap();
+    let mut edited = sound.clone();
+    let middle = edited.len() / 2;
+    edited[middle] ^= 1;
+    for (i, damage) in [&sound[..sound.len() / 2], &edited[..], b""].into_iter().enumerate() {
+        fs::write(&entry, damage).unwrap();
+        let film = format!("again-{i}");
+        let ran = job.run("cache", &film, &[]).ok();
+        assert!(
+            ran.stderr.contains("damaged") && ran.stderr.contains("1 of 2 bands traced"),
+            "{}",
+            ran.stderr
+        );
+        assert!(files(&job.at("fresh")) == files(&job.at(&film)));
+        assert!(fs::read(&entry).unwrap() == sound && job.entries("cache").len() == 2);
+    }
+    // A file at the path of the cache directory.
+    fs::write(job.at("file"), "").unwrap();
+    let ran = job.run("file", "without", &[]).ok();
+    assert!(ran.stderr.contains("cannot be stored in the cache"), "{}", ran.stderr);
+    assert!(files(&job.at("fresh")) == files(&job.at("without")));
+}
+
+#[test]
+fn chart_pitch_in_mm_sets_the_scale_by_the_magnification() {
+    let job = DesignJob::new();
+    let pack = job.at("near.lens.zarr");
+    trace(text(&job.design), &pack, &["--object-distance-mm", "100000"]).ok();
+    let magnification = LensPack::open(&pack).unwrap().lens().magnification;
+    let chart = job.at("chart");
+    let run = |lens: &str, film: &str, flags: &[&str]| {
+        let words = ["run", text(&chart), film, "--lens", lens, "--no-fsync", "--bands", "1"];
+        lenscube(&[&words[..], &["--film-pitch-um", "10"], flags].concat())
+    };
+    let film = job.at("film");
+    run(text(&pack), text(&film), &["--chart-pitch-mm", "20"]).ok();
+    let metadata: Value = serde_json::from_slice(&fs::read(film.join("zarr.json")).unwrap()).unwrap();
+    let scale = -magnification * 20.0 / 0.010;
+    let text_of = metadata.to_string();
+    assert!(text_of.contains(&format!("\"scale\":{{\"x\":{scale},\"y\":{scale}}}")), "{scale}: {text_of}");
+    let rows = |n: f64| (n * scale).round() as usize;
+    assert_eq!(pixels(&film, "film").0, Size::new(rows(48.0), rows(40.0)));
+    let other = job.at("other");
+    let bad = |lens: &str, flags: &[&str], words: &[&str]| {
+        let ran = run(lens, text(&other), flags);
+        assert_eq!(ran.code, USAGE, "{}", ran.stderr);
+        assert!(words.iter().all(|w| ran.stderr.contains(w)) && !other.exists(), "{}", ran.stderr);
+    };
+    let way_out = ["--chart-pitch-mm 20", "infinity", "lenscube lens trace", "--object-distance-mm"];
+    bad("double-gauss-28-npz", &["--chart-pitch-mm", "20"], &way_out);
+    bad("double-gauss-28", &["--chart-pitch-mm", "20"], &way_out);
+    bad(text(&pack), &["--chart-pitch-mm", "20", "--scale", "2"], &["--chart-pitch-mm", "--scale"]);
+    bad(text(&pack), &["--chart-pitch-mm", "1e9"], &["magnification", "0.001 to 1000"]);
+}
+
+#[test]
+fn cache_entry_of_another_band_is_traced_again() {
+    let job = DesignJob::new();
+    // Two concurrent processes with an empty cache.
+    let start = |film: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        let (chart, film) = (job.at("chart"), job.at(film));
+        command.args([
+            "run",
+            text(&chart),
+            text(&film),
+            "--lens",
+            text(&job.design),
+            "--film-pitch-um",
+            "10",
+        ]);
+        command.args(["--no-fsync", "--threads", "1"]).env("XDG_CACHE_HOME", job.at("cache")).spawn().unwrap()
+    };
+    let both = [start("one"), start("two")];
+    both.into_iter().for_each(|mut run| assert!(run.wait().unwrap().success()));
+    assert!(files(&job.at("one")) == files(&job.at("two")));
+    let entries = job.entries("cache");
+    assert_eq!(entries.len(), 2, "{entries:?}");
+    let name = |i: usize| entries[i].file_name().unwrap().to_str().unwrap().to_owned();
+    let (first, second) = (name(0), name(1));
+    // A valid entry of another band under the name of this band.
+    let foreign = entries[0].with_file_name(format!("{}{}", &first[..33], &second[33..]));
+    fs::rename(&entries[0], job.at("aside")).unwrap();
+    fs::copy(&entries[1], &foreign).unwrap();
+    let ran = job.run("cache", "again", &[]).ok();
+    assert!(
+        ran.stderr.contains("not traced for this band") && ran.stderr.contains("1 of 2"),
+        "{}",
+        ran.stderr
+    );
+    assert!(files(&job.at("one")) == files(&job.at("again")));
+    assert_eq!(job.entries("cache"), entries);
+    // A directory instead of an entry.
+    fs::remove_file(&entries[0]).unwrap();
+    fs::create_dir(&entries[0]).unwrap();
+    let ran = job.run("cache", "aside-dir", &[]).ok();
+    assert!(ran.stderr.contains("not a regular file"), "{}", ran.stderr);
+}
+
+/// Stops a run after its first shards, calls `change`, and continues the run to its end.
+fn run_with_change_after_first_shards(
+    film: &Path,
+    command: &mut Command,
+    change: impl FnOnce(),
+) -> CommandResult {
+    let child = command.env("LENSCUBE_FAULT", "write:12:stop").stderr(std::process::Stdio::piped());
+    let mut run = common::test_job::StoppedRun(child.stdout(std::process::Stdio::null()).spawn().unwrap());
+    assert!(run.wait_stopped(), "the run ended before its first shards");
+    assert!(film.exists());
+    change();
+    run.run_to_end()
+}
+
+#[test]
+fn design_changed_during_the_run_exits_1() {
+    let job = DesignJob::new();
+    let film = job.at("film");
+    let chart = job.at("chart");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    command.args(["run", text(&chart), text(&film), "--lens", text(&job.design), "--film-pitch-um", "10"]);
+    command.args(["--threads", "2", "--shard", "16", "--chunk", "16"]).env("XDG_CACHE_HOME", job.at("cache"));
+    let ran = run_with_change_after_first_shards(&film, &mut command, || {
+        fs::write(&job.design, format!("{DESIGN}\nNOTE 0 another focus\n")).unwrap();
+    });
+    assert_eq!(ran.code, FAILED, "{}", ran.stderr);
+    assert!(ran.stderr.contains("my.zmx: the design changed"), "{}", ran.stderr);
+}
+
+#[test]
+fn pack_changed_during_the_run_exits_1_without_mixed_shards() {
+    use common::{identity_band, lens, scattered, write_pack};
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    Picture::noise(11, Size::new(90, 100), 2).write(&at("chart"));
+    let tables = lens([450.0, 500.0].map(|nm| identity_band(nm, 1.0, 5)).into());
+    let pack = |path: &Path, seed: u64| {
+        write_pack(path, &tables, tables.bands.iter().zip(seed..).map(|(b, s)| scattered(s, b)).collect());
+    };
+    for ending in ["lens.zarr", "lens.zip"] {
+        let (used, other, film) =
+            (at(&format!("a.{ending}")), at(&format!("b.{ending}")), at(&format!("film.{ending}")));
+        pack(&used, 1);
+        pack(&other, 7);
+        let chart = at("chart");
+        let command = || {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+            command.args(["run", text(&chart), text(&film), "--lens", text(&used), "--no-fsync"]);
+            command.args(["--threads", "1", "--shard", "32", "--chunk", "32"]);
+            command
+        };
+        let ran = run_with_change_after_first_shards(&film, &mut command(), || {
+            fs::rename(&used, at("old")).unwrap();
+            fs::rename(&other, &used).unwrap();
+        });
+        assert_eq!(ran.code, FAILED, "{ending}: {}", ran.stderr);
+        assert!(ran.stderr.contains("the lens pack changed"), "{ending}: {}", ran.stderr);
+        // The shards written are those of the original pack.
+        let mixed = files(&film);
+        let whole = at("whole");
+        let old = at("old");
+        let words = ["run", text(&chart), text(&whole), "--lens", text(&old), "--no-fsync"];
+        lenscube(&[&words[..], &["--shard", "32", "--chunk", "32"]].concat()).ok();
+        let sound = files(&whole);
+        let shards = |p: &&PathBuf| p.starts_with("film/c");
+        assert!(
+            mixed.keys().any(|p| shards(&p))
+                && mixed.iter().filter(|(p, _)| shards(p)).all(|(p, b)| sound[p] == *b)
+        );
+        // A file rewritten with the same content is not an error.
+        fs::remove_dir_all(&film).unwrap();
+        let ran = run_with_change_after_first_shards(&film, &mut command(), || {
+            let file = if used.is_dir() { used.join("psf/1/zarr.json") } else { used.clone() };
+            fs::write(&file, fs::read(&file).unwrap()).unwrap();
+        });
+        assert_eq!(ran.code, 0, "{ending}: {}", ran.stderr);
+        for path in [film, whole] {
+            fs::remove_dir_all(path).unwrap();
+        }
+        let _ = fs::remove_dir_all(at("old")).or_else(|_| fs::remove_file(at("old")));
+    }
+}
