@@ -30,7 +30,7 @@ impl AtomicFile {
     /// replaced. Temporary files of ended processes in the directory are removed.
     pub fn create(path: &Path) -> Result<Self, DurableError> {
         if is_url(path) {
-            let problem = "expected a file of this machine".into();
+            let problem = "expected a local file".into();
             return Err(DurableError::Address { path: path.into(), problem });
         }
         let path = &link_target(path);

@@ -23,7 +23,7 @@ pub fn create_directories(path: &Path, fsync: bool) -> Result<(), DurableError> 
     if is_url(path) {
         return Err(DurableError::Address {
             path: path.into(),
-            problem: "expected a directory of this machine".into(),
+            problem: "expected a local directory".into(),
         });
     }
     let parent = path.parent().unwrap_or(Path::new(""));
