@@ -41,14 +41,14 @@ def read(path, array, dtype, dims, coordinates, units):
         check(member == json.loads((path / name / "zarr.json").read_text()), f"{at}: consolidated metadata of {name} differs from its zarr.json")
 
     a = zarr.open_consolidated(str(path))[array]
-    check(a.metadata.dimension_names == dims and a.dtype == dtype, f"{at}: zarr-python sees {a.metadata.dimension_names}, {a.dtype}")
+    check(a.metadata.dimension_names == dims and a.dtype == dtype, f"{at}: zarr-python reads {a.metadata.dimension_names}, {a.dtype}")
     check(np.isnan(a.fill_value), f"{at}: fill value {a.fill_value}")
     check(a.attrs["units"] == units, f"{at}: units {a.attrs.get('units')}")
     pixels = a[:]
 
     with xarray.open_zarr(str(path), consolidated=True) as ds:
         x = ds[array]
-        check(x.dims == dims and x.attrs["units"] == units, f"{at}: xarray sees {x.dims}, {x.attrs}")
+        check(x.dims == dims and x.attrs["units"] == units, f"{at}: xarray reads {x.dims}, {x.attrs}")
         for name, (values, unit) in coordinates.items():
             c = ds.coords[name] if name in dims else ds[name]
             check(c.dims == (name,) and c.attrs["units"] == unit, f"{at}: coordinate {name} has {c.dims}, {c.attrs}")
@@ -56,7 +56,7 @@ def read(path, array, dtype, dims, coordinates, units):
         check(same(x.values, pixels), f"{at}: xarray reads other values than zarr-python")
 
     t = tensorstore.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": f"{path / array}/"}}, read=True, open=True).result()
-    check(t.domain.labels == dims and t.dtype.numpy_dtype == dtype, f"{at}: tensorstore sees {t.domain.labels}, {t.dtype}")
+    check(t.domain.labels == dims and t.dtype.numpy_dtype == dtype, f"{at}: tensorstore reads {t.domain.labels}, {t.dtype}")
     check(np.isnan(t.fill_value), f"{at}: tensorstore's fill value {t.fill_value}")
     check(same(t.read().result(), pixels), f"{at}: tensorstore reads other values than zarr-python")
     return pixels
@@ -156,7 +156,7 @@ def exports(scratch):
         envi = spectral.io.envi.open(out("hdr"))
         check(same(np.ascontiguousarray(envi.open_memmap(interleave="bsq")), expected), f"{name}.hdr: spectral reads other values")
         centers = wavelengths[-len(expected):]
-        check(envi.bands.centers == centers and envi.bands.band_unit == "Nanometers", f"{name}.hdr: spectral sees bands at {envi.bands.centers}")
+        check(envi.bands.centers == centers and envi.bands.band_unit == "Nanometers", f"{name}.hdr: spectral reads bands at {envi.bands.centers}")
         with tifffile.TiffFile(out("pages.tif")) as file:
             check(file.is_bigtiff and same(np.stack([p.asarray() for p in file.pages]), expected), f"{name}.pages.tif: tifffile reads other values")
             description = file.pages[len(expected) - 1].description
@@ -167,7 +167,7 @@ def exports(scratch):
                 header, channels = exr.header(), exr.channels()
                 check(header["spectralLayoutVersion"] == "1.0" and header["emissiveUnits"] == "W m-2 sr-1 nm-1", f"{name}.exr: {header}")
                 names = [f"S0.{nm:.6f}nm".replace(".", ",").replace(",", ".", 1) for nm in centers]
-                check(sorted(channels) == names, f"{name}.exr: OpenEXR sees {sorted(channels)}")
+                check(sorted(channels) == names, f"{name}.exr: OpenEXR reads {sorted(channels)}")
                 read_back = np.stack([channels[n].pixels for n in names])
                 check(same(read_back, expected.astype(np.float16) if half else expected), f"{name}.exr, {compression}: OpenEXR reads other values")
     # The 16-bit preview.

@@ -75,14 +75,14 @@ def readers(path, arrays):
     Image.from_zarr(zarr.open_group(str(path), mode="r"))
     check(True, "valid")
     nodes = list(ome_zarr.reader.Reader(ome_zarr.io.parse_url(str(path)))())
-    check(len(nodes) >= 1 and [d.shape for d in nodes[0].data] == [a.shape for a in arrays], f"{path.name}: ome-zarr-py sees {[n.data for n in nodes]}")
+    check(len(nodes) >= 1 and [d.shape for d in nodes[0].data] == [a.shape for a in arrays], f"{path.name}: ome-zarr-py reads {[n.data for n in nodes]}")
     for found, expected in zip(nodes[0].data, arrays):
         check(same(np.asarray(found), expected), f"{path.name}: ome-zarr-py reads other values")
     reader = napari_ome_zarr.napari_get_reader(str(path))
     check(reader is not None, f"{path.name}: napari's plugin does not accept it")
     layers = reader(str(path))
     data, options, kind = layers[0]
-    check(kind == "image" and [d.shape for d in data] == [a.shape for a in arrays], f"{path.name}: napari sees {kind} {options}")
+    check(kind == "image" and [d.shape for d in data] == [a.shape for a in arrays], f"{path.name}: napari reads {kind} {options}")
     check(options["channel_axis"] == 0 and all(same(np.asarray(d), a) for d, a in zip(data, arrays)), f"{path.name}: napari reads other values")
     check([name.split(": ")[-1] for name in options["name"]] == [c["label"] for c in zarr.open_group(str(path), mode="r").attrs["ome"]["omero"]["channels"]], f"{path.name}: napari's names {options['name']}")
 

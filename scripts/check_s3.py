@@ -152,11 +152,11 @@ def stores(store, env, here):
     store.publish("charts"), store.publish("lenses")
     web = f"http://127.0.0.1:{store.port}/{BUCKET}/charts/a.zarr"
     lenscube(env, 0, ["is complete"], *run(s3("film.zarr"), web))
-    lenscube(env, 1, ["wants a login"], *run(s3("film.zarr"), f"http://127.0.0.1:{store.port}/{BUCKET}/films/film.zarr"))
+    lenscube(env, 1, ["requires a login"], *run(s3("film.zarr"), f"http://127.0.0.1:{store.port}/{BUCKET}/films/film.zarr"))
     # From a web server into files, with the path of the array.
     lenscube(env, 0, [], *run(here / "web.zarr", web + "//chart", f"http://127.0.0.1:{store.port}/{BUCKET}/lenses/double-gauss.lens.zarr"))
     same_film(files(here / "web.zarr"), reference, "the film of a chart on a web server")
-    lenscube(env, 1, ["only read"], *run(f"http://127.0.0.1:{store.port}/{BUCKET}/films/web.zarr"))
+    lenscube(env, 1, ["read-only"], *run(f"http://127.0.0.1:{store.port}/{BUCKET}/films/web.zarr"))
     lenscube(env, 0, [], "export", s3("film.zarr"), here / "there.png", "--band", 550)
     lenscube(env, 0, [], "export", here / "film.zarr", here / "here.png", "--band", 550)
     check((here / "there.png").read_bytes() == (here / "here.png").read_bytes(), "pictures of the two films differ")
@@ -168,7 +168,7 @@ def status_and_verify(store, env, reference):
     film = s3("film.zarr")
     status = json.loads(lenscube(env, 0, [], "status", film, "--json", "--check"))
     check(status["complete"] and status["shards"] == SHARDS and status["runs"]["complete"] == 1, f"status: {status}")
-    lenscube(env, 0, ["is sound"], "verify", film)
+    lenscube(env, 0, ["is correct"], "verify", film)
     key = "films/film.zarr/film/c/1/1/1"
     data = bytearray(store.get(key))
     data[len(data) // 3] ^= 8
@@ -271,8 +271,8 @@ def permanent_errors(store, env, here):
     def later(*command):
         jobs.append(lambda: lenscube(*command))
     for env_of, code, expected in [
-        (environment(closed_port, **few), 75, ["Connection refused", "out of reach"]),
-        (environment(port, AWS_ENDPOINT_URL="http://no-such-host.invalid:9000", **few), 75, ["out of reach"]),
+        (environment(closed_port, **few), 75, ["Connection refused", "is unreachable"]),
+        (environment(port, AWS_ENDPOINT_URL="http://no-such-host.invalid:9000", **few), 75, ["is unreachable"]),
         (environment(port, AWS_ALLOW_HTTP=None), 2, ["AWS_ALLOW_HTTP"]),
         (environment(port, AWS_ACCESS_KEY_ID=None), 2, ["AWS_ACCESS_KEY_ID is not set"]),
         (environment(port, AWS_MAX_ATTEMPTS="many"), 2, ["AWS_MAX_ATTEMPTS"]),
@@ -286,7 +286,7 @@ def permanent_errors(store, env, here):
     for at in ("s3://me:hush-hush-hush@lenscube/film.zarr", "https://127.0.0.1/film.zarr?X-Amz-Signature=hush-hush-hush", "gs://a/b"):
         later(env, 2, [], "status", at)
     for kind, code, expected in [(403, 1, ["SignatureDoesNotMatch", "AWS_SECRET_ACCESS_KEY"]), (503, 75, ["SlowDown", "503"]),
-                             ("reset", 75, ["out of reach"])]:
+                             ("reset", 75, ["is unreachable"])]:
         proxy = Proxy(("127.0.0.1", port), lambda *_, kind=kind: kind)
         proxies.append(proxy)
         for arguments in (run(film), ["status", film], ["lens", "show", LENS], ["verify", film],
@@ -331,7 +331,7 @@ def replaced(store):
     check(replaced and found < SHARDS, f"{found} shards were put into another job's film")
     # With --overwrite nothing of the old film remains.
     lenscube(environment(store.port), 0, [], *run(s3("replaced.zarr")), "--overwrite")
-    lenscube(environment(store.port), 0, ["is sound"], "verify", s3("replaced.zarr"))
+    lenscube(environment(store.port), 0, ["is correct"], "verify", s3("replaced.zarr"))
 
 
 def encrypted(store, here, reference):

@@ -27,7 +27,7 @@ try {
   check(datasets.length === 4 && axes.map((a) => a.name).join() === "wavelength,y,x", `levels ${datasets.map((d) => d.path)}`);
 
   const { data, metadata } = await loadOmeZarrFromStore(store);
-  check(data.length === datasets.length && metadata.omero.channels.length === 3, `viv sees ${data.length} levels`);
+  check(data.length === datasets.length && metadata.omero.channels.length === 3, `viv reads ${data.length} levels`);
   for (const [level, source] of data.entries()) {
     const array = await zarr.open(root.resolve(datasets[level].path), { kind: "array" });
     const { data: expected, shape } = await zarr.get(array, [1, null, null]);
@@ -37,7 +37,7 @@ try {
   }
 
   const { arr, shapes } = await omezarr.getMultiscaleWithArray(store, 0);
-  check(arr.shape[1] === 777 && arr.shape[2] === 1031, `ome-zarr.js sees ${arr.shape} of ${shapes}`);
+  check(arr.shape[1] === 777 && arr.shape[2] === 1031, `ome-zarr.js reads ${arr.shape} of ${shapes}`);
   console.log(`${checks} checks: viv's loader and ome-zarr.js opened a pyramid`);
 } catch (error) {
   console.error(`check-vizarr: ${error.stack}`);

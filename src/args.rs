@@ -19,12 +19,12 @@ mod values;
 mod work;
 
 pub use bench::BenchArgs;
-pub use chart::{ChartArgs, ChartCommand, DrawnArgs, ImageArgs};
+pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use codec::CodecArg;
 pub use demo::DemoArgs;
 pub use device::{Device, EngineArg};
-pub use export::{ExportArgs, FileArg, PackingArg};
-pub use import::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg};
+pub use export::{ExportArgs, ExportFormatArg, ExrCompressionArg};
+pub use import::{EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
 pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
@@ -81,7 +81,7 @@ pub enum Command {
     Validate(Box<ValidateArgs>),
     /// Measure edges, points and profiles in a film
     Measure(Box<MeasureArgs>),
-    /// Measure the speed of this machine on the film of the reference paper
+    /// Measure the speed of each stage and of a job on this machine
     Bench(BenchArgs),
     /// Print the completion script of a shell
     Completions(CompletionsArgs),

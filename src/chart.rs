@@ -2,7 +2,7 @@
 
 mod image;
 
-use crate::args::{ChartArgs, ChartCommand, DrawnArgs};
+use crate::args::{ChartArgs, ChartCommand, GeneratedArgs};
 use crate::failure::{other_job, usage};
 use crate::job::threads;
 use crate::progress::{counting, log_line};
@@ -15,7 +15,7 @@ use std::path::Path;
 
 /// Runs the command.
 pub fn command(args: &ChartArgs) -> Result<()> {
-    match (&args.made, &args.drawn) {
+    match (&args.convert, &args.generated) {
         (Some(ChartCommand::Image(args)), _) => image::command(args),
         (None, Some(args)) => draw(args),
         (None, None) => {
@@ -24,7 +24,7 @@ pub fn command(args: &ChartArgs) -> Result<()> {
     }
 }
 
-fn draw(args: &DrawnArgs) -> Result<()> {
+fn draw(args: &GeneratedArgs) -> Result<()> {
     let mut spec = ChartSpec::new(Kind::named(&args.kind).map_err(|e| usage(e.to_string()))?);
     let settings = [
         ("size", &args.size),

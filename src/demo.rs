@@ -61,7 +61,7 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     log_line("3/4  three regions of the film at its full 14141 x 14141 px of 2 µm");
     let full = format!("gen:composite?size={FULL_PX}");
     let regions = STATIONS.map(|(_, cells)| region(cells));
-    let code = demo.create("windows.zarr", |path| film(&full, path, &regions, threads))?;
+    let code = demo.create("regions.zarr", |path| film(&full, path, &regions, threads))?;
     if code != 0 {
         return Ok(code);
     }
@@ -69,7 +69,7 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     let size = args.size as usize;
     let exposure = demo.create("chart.png", |path| chart_picture(dir, path, size, threads))?;
     demo.create("film.png", |path| film_picture(dir, path, exposure, threads))?;
-    demo.create("windows.png", |_| sheet(dir, &full, &regions, threads))?;
+    demo.create("regions.png", |_| sheet(dir, &full, &regions, threads))?;
     let curves = |path: &Path| Ok(lens_curves(open::lens(LENS)?.lens(), args.style.into())?.write(path)?);
     demo.create("lens.png", curves)?;
     print_summary(dir);
@@ -128,7 +128,7 @@ fn film_picture(dir: &Path, out: &Path, exposure: f64, threads: usize) -> Result
     Ok(image.write_png(out, "lenscube demo: the film")?)
 }
 
-/// Writes windows.png: chart and film side by side at 100 %.
+/// Writes regions.png: chart and film side by side at 100 %.
 fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()> {
     let chart = Chart::open(full, None, NanPolicy::Keep, 0)?;
     let edge = ((chart.size().height - FULL_PX) / 2) as i64;
@@ -136,7 +136,7 @@ fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()>
     for (i, (region, (name, cells))) in regions.iter().zip(STATIONS).enumerate() {
         let chart_region = Rect { y: region.y + edge, x: region.x + edge, ..*region };
         let (chart, exposure) = picture(full, Some(chart_region), Exposure::Auto, threads)?;
-        let source = format!("{}//roi_{i}", text(&dir.join("windows.zarr")));
+        let source = format!("{}//roi_{i}", text(&dir.join("regions.zarr")));
         let (film, _) = picture(&source, None, Exposure::Factor(exposure), threads)?;
         let r_mm = cells * std::f64::consts::SQRT_2 * FILM_MM / 30.0;
         pairs.push([
@@ -146,13 +146,13 @@ fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()>
     }
     let (last, (name, _)) = (STATIONS.len() - 1, STATIONS[STATIONS.len() - 1]);
     let corner =
-        Chart::open(&format!("{}//roi_{last}", text(&dir.join("windows.zarr"))), None, NanPolicy::Keep, 0)?;
+        Chart::open(&format!("{}//roi_{last}", text(&dir.join("regions.zarr"))), None, NanPolicy::Keep, 0)?;
     let one_band = |nm: f64| -> Result<Crop> {
         Ok(Crop { image: grey(&corner, nm)?, caption: format!("film, {name}, {nm:.0} nm only") })
     };
     pairs.push([one_band(550.0)?, one_band(400.0)?]);
     let sheet = contact_sheet("Double Gauss 28°, 2 µm film: chart and film", &pairs, 1)?;
-    Ok(sheet.write_png(&dir.join("windows.png"), "lenscube demo: chart and film at 100 %")?)
+    Ok(sheet.write_png(&dir.join("regions.png"), "lenscube demo: chart and film at 100 %")?)
 }
 
 /// One band in grey; the brightest pixel is white.
@@ -177,7 +177,7 @@ fn print_summary(dir: &Path) {
 Results
   {d}/chart.png    the chart, input of the simulation
   {d}/film.png     the film: barrel distortion of 0.6 % in the corner, relative illumination of 0.94 there
-  {d}/windows.png  regions of the full film at 100 %: at the centre a round PSF with a violet halo; in the corner points
+  {d}/regions.png  regions of the full film at 100 %: at the centre a round PSF with a violet halo; in the corner points
                    become small crosses, red towards the centre and blue away from it (lateral colour, 13 µm from 400 to
                    700 nm); the last pair is the corner at 550 nm and at 400 nm, where this lens is far out of focus
   {d}/lens.png     relative illumination and distortion over image height, by wavelength

@@ -20,7 +20,7 @@ const USED_SHARE: f64 = 0.9;
 pub struct DeviceSelection {
     /// GPUs of one compute capability, one queue each; empty: the CPU computes.
     pub devices: Vec<Arc<cuda::Device>>,
-    /// The engine recorded in the film.
+    /// The selected engine.
     pub engine: Engine,
     /// Instruction set of the CPU's part. Beside GPUs it rotates kernels and is the portable one, so that bits do not depend on the
     /// host.
@@ -93,7 +93,7 @@ impl DeviceSelection {
     /// The CPU with the instruction set given by name, or that of the film (`of_film`).
     fn with_isa(simd: Simd, requested: &Device, of_film: bool) -> Self {
         let (engine, fastest) = (Engine::cpu(simd), Simd::detect());
-        let why = if of_film { "the film was begun with it" } else { "as requested" };
+        let why = if of_film { "the film was created with it" } else { "as requested" };
         let mut notes = Vec::new();
         if of_film && simd != fastest {
             let has = fastest.isa().name();
@@ -167,12 +167,14 @@ fn open(requested: &Device, required: Option<Version>) -> Result<Opened, OpenErr
     let others = other.iter().map(name).collect::<Vec<_>>().join(", ");
     if used.is_empty() || !(listed.is_empty() || other.is_empty()) {
         return Err(OpenError::Engine(format!(
-            "a run uses GPUs of one engine, here {engine}; found {others}"
+            "all GPUs of a run must have the same compute capability, here {engine}; found {others}"
         )));
     }
     let notes = match other.is_empty() {
         true => Vec::new(),
-        false => vec![format!("not used, a run uses GPUs of one engine, here {engine}: {others}")],
+        false => vec![format!(
+            "not used: {others}; all GPUs of a run must have the same compute capability, here {engine}"
+        )],
     };
     let devices = used.iter().map(|info| cuda::Device::open(info.index)).collect::<Result<_, _>>()?;
     Ok((devices, notes))
@@ -204,7 +206,7 @@ fn unavailable(flag: &str, error: OpenError) -> anyhow::Error {
             | CudaError::NoDevice
             | CudaError::NoSuchDevice { .. }
             | CudaError::DeviceTooOld { .. }),
-        ) => usage(format!("{flag}: {error}; `--device cpu` needs none")),
+        ) => usage(format!("{flag}: {error}; `--device cpu` needs no GPU")),
         OpenError::Cuda(error) => anyhow::Error::from(error).context(flag.to_owned()),
         OpenError::Engine(reason) => {
             usage(format!("{flag}: {reason}; name GPUs of one kind, e.g. `--device cuda:0`"))

@@ -2,7 +2,7 @@
 
 mod data;
 
-use crate::args::{ExportArgs, FileArg, bands};
+use crate::args::{ExportArgs, ExportFormatArg, bands};
 use crate::failure::{code, other_job, usage};
 use crate::interrupt;
 use crate::job::threads;
@@ -37,13 +37,13 @@ pub fn command(args: &ExportArgs) -> Result<u8> {
     let file = format_of(args)?;
     check_flags(args, file)?;
     let outputs = match file {
-        FileArg::Envi => <[_; 2]>::from(envi_files(&args.out)).to_vec(),
+        ExportFormatArg::Envi => <[_; 2]>::from(envi_files(&args.out)).to_vec(),
         _ => vec![args.out.clone()],
     };
     if let Some(path) = outputs.iter().find(|p| p.symlink_metadata().is_ok()).filter(|_| !args.overwrite) {
         return Err(other_job(format!("{} exists already; replace it with --overwrite", path.display())));
     }
-    let cancel = interrupt::remove_output();
+    let cancel = interrupt::cancel_flag_of_removable_output();
     match write(args, file, cancel) {
         Err(_) if cancel.load(Relaxed) => {
             log_line("interrupted: nothing was written");
@@ -54,17 +54,17 @@ pub fn command(args: &ExportArgs) -> Result<u8> {
 }
 
 /// Format given by `--format` or by the extension.
-fn format_of(args: &ExportArgs) -> Result<FileArg> {
+fn format_of(args: &ExportArgs) -> Result<ExportFormatArg> {
     if let Some(format) = args.format {
         return Ok(format);
     }
     let extension = args.out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     Ok(match extension.as_deref() {
-        Some("png") => FileArg::Png,
-        Some("tif" | "tiff" | "btf") => FileArg::Tiff,
-        Some("exr") => FileArg::Exr,
-        Some("hdr" | "bsq" | "img") => FileArg::Envi,
-        Some("npy") => FileArg::Npy,
+        Some("png") => ExportFormatArg::Png,
+        Some("tif" | "tiff" | "btf") => ExportFormatArg::Tiff,
+        Some("exr") => ExportFormatArg::Exr,
+        Some("hdr" | "bsq" | "img") => ExportFormatArg::Envi,
+        Some("npy") => ExportFormatArg::Npy,
         _ => {
             return Err(usage(format!(
                 "{}: no format has this extension; use .png, .tif, .exr, .hdr or .npy, or give --format",
@@ -75,9 +75,9 @@ fn format_of(args: &ExportArgs) -> Result<FileArg> {
 }
 
 /// Fails on a flag that does not apply to the format.
-fn check_flags(args: &ExportArgs, file: FileArg) -> Result<()> {
-    let (exr, png) = (file == FileArg::Exr, file == FileArg::Png);
-    let picture = png || file == FileArg::Tiff;
+fn check_flags(args: &ExportArgs, file: ExportFormatArg) -> Result<()> {
+    let (exr, png) = (file == ExportFormatArg::Exr, file == ExportFormatArg::Png);
+    let picture = png || file == ExportFormatArg::Tiff;
     let flags = [
         (args.half && !exr, "--half", "EXR"),
         (args.compression.is_some() && !exr, "--compression", "EXR"),
@@ -160,10 +160,10 @@ fn buffer_bytes(args: &ExportArgs) -> usize {
     ((limit * (1.0 - FRAGMENTATION)) as usize).saturating_sub(PROGRAM_BYTES)
 }
 
-fn write(args: &ExportArgs, file: FileArg, cancel: &'static AtomicBool) -> Result<()> {
+fn write(args: &ExportArgs, file: ExportFormatArg, cancel: &'static AtomicBool) -> Result<()> {
     match file {
-        FileArg::Png => picture(args, ColourFile::Png, cancel),
-        FileArg::Tiff => picture(args, ColourFile::Tiff, cancel),
+        ExportFormatArg::Png => picture(args, ColourFile::Png, cancel),
+        ExportFormatArg::Tiff => picture(args, ColourFile::Tiff, cancel),
         other => data::write(args, other, buffer_bytes(args), cancel),
     }
 }

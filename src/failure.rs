@@ -45,9 +45,14 @@ pub fn other_job(message: impl Into<String>) -> anyhow::Error {
     Coded { code: code::OTHER_JOB, message: message.into() }.into()
 }
 
-/// The error and its causes in one line; a cause that an outer error contains is not repeated. Control characters, which file names may
-/// contain, are escaped.
+/// The error and its causes in one line, as [`text`]. Control characters, which file names may contain, are escaped.
 pub fn line(error: &anyhow::Error) -> String {
+    let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.into() };
+    text(error).chars().map(escaped).collect()
+}
+
+/// The error and its causes; a cause that an outer error contains is not repeated.
+pub fn text(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
         if !line.contains(&cause) {
@@ -55,7 +60,7 @@ pub fn line(error: &anyhow::Error) -> String {
             line = format!("{line}{colon}{cause}");
         }
     }
-    line.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.into() }).collect()
+    line
 }
 
 /// Whether the error (without its causes) is a malformed URL, or one that the environment makes malformed.

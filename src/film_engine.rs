@@ -61,7 +61,7 @@ pub fn check_and_record(store: &FilmStore, engine: Engine, args: &RunArgs) -> Re
     if !check(store, engine, args.mixed_engines)? {
         store.mark_engine(&engine.to_string())?;
         log_line(format!(
-            "note: {} was begun with engine {}; this run computes with {engine} (--mixed-engines)",
+            "note: {} was created with engine {}; this run computes with {engine} (--mixed-engines)",
             store.path().display(),
             store.engine().unwrap_or("unknown")
         ));
@@ -81,12 +81,12 @@ pub fn check(store: &FilmStore, engine: Engine, mixed: bool) -> Result<bool> {
     if mixed {
         return Ok(false);
     }
-    let begun = match recorded {
-        Some(recorded) => format!("was begun with engine {recorded}"),
-        None => "does not record the engine that it was begun with".into(),
+    let (state, remedy) = match recorded {
+        Some(name) => (format!("was created with engine {name}"), format!("use --engine {name}, ")),
+        None => ("does not record the engine that it was created with".into(), String::new()),
     };
     Err(other_job(format!(
-        "{} {begun}, and this run would continue with {engine}, whose values differ by up to 2e-6 of the peak; use that engine, \
+        "{} {state}, and this run would continue with {engine}, whose values differ by up to 2e-6 of the peak; {remedy}\
          continue with --mixed-engines, or start again with --overwrite",
         store.path().display()
     )))

@@ -1,6 +1,6 @@
 //! `lenscube lens import`: converts exports of a lens design program to a lens pack.
 
-use crate::args::{EvenArg, FormatArg, ImportArgs, OutwardArg, RowsArg, SampleArg, bands};
+use crate::args::{EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg, bands};
 use crate::failure::{other_job, usage};
 use crate::progress::log_line;
 use anyhow::Result;
@@ -44,10 +44,10 @@ pub fn command(args: &ImportArgs) -> Result<()> {
 
 fn options(args: &ImportArgs) -> Result<ImportOptions> {
     let format = args.from.map(|f| match f {
-        FormatArg::Iset => Format::Iset,
-        FormatArg::Listings => Format::Listings,
-        FormatArg::Tables => Format::Tables,
-        FormatArg::Npz => Format::Npz,
+        ImportFormatArg::Iset => Format::Iset,
+        ImportFormatArg::Listings => Format::Listings,
+        ImportFormatArg::Tables => Format::Tables,
+        ImportFormatArg::Npz => Format::Npz,
     });
     // The number of wavelengths is not known yet, so ranges must have an end.
     let chosen = args.bands.as_deref().map(|text| {
@@ -65,13 +65,13 @@ fn options(args: &ImportArgs) -> Result<ImportOptions> {
             SampleArg::Integrated => PsfSample::Integrated,
         }),
         even_window: args.even_window.map(|e| match e {
-            EvenArg::Pad => EvenWindow::Pad,
-            EvenArg::Crop => EvenWindow::Crop,
-            EvenArg::Shift => EvenWindow::Shift,
+            EvenWindowArg::Pad => EvenWindow::Pad,
+            EvenWindowArg::Crop => EvenWindow::Crop,
+            EvenWindowArg::Shift => EvenWindow::Shift,
         }),
         rows: match args.psf_rows {
-            RowsArg::Top => RowOrder::Top,
-            RowsArg::Bottom => RowOrder::Bottom,
+            PsfRowsArg::Top => RowOrder::Top,
+            PsfRowsArg::Bottom => RowOrder::Bottom,
         },
         outward: args.psf_outward.map(|o| match o {
             OutwardArg::Right => Outward::Right,

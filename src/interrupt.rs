@@ -28,22 +28,22 @@ pub fn release_on_exit(lock: &Path) {
 }
 
 /// The flag that the first signal sets from now on; the second signal stops the process.
-pub fn finish_tiles() -> &'static AtomicBool {
+pub fn cancel_flag() -> &'static AtomicBool {
     RUNNING.store(true, Ordering::SeqCst);
     &CANCEL
 }
 
-/// As [`finish_tiles`], for an output that is removed if it is not complete; installs the handler.
-pub fn remove_output() -> &'static AtomicBool {
+/// As [`cancel_flag`], for an output that is removed if it is not complete; installs the handler.
+pub fn cancel_flag_of_removable_output() -> &'static AtomicBool {
     *OUTPUT_STATE.lock().expect("no panic while held") = "nothing was written";
     let _ = ctrlc::set_handler(signal);
-    finish_tiles()
+    cancel_flag()
 }
 
 fn signal() {
     let again = CANCEL.swap(true, Ordering::SeqCst);
     if RUNNING.load(Ordering::SeqCst) && !again {
-        log_line("stopping: finishing the tiles in flight (again to stop at once)");
+        log_line("stopping after the tiles in progress; press Ctrl-C again to stop at once");
         return;
     }
     if let Some(path) = LOCK.lock().expect("no panic while held").as_deref() {

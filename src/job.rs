@@ -24,7 +24,7 @@ pub use identity::NUMERIC_VERSION;
 
 use crate::args::{Device, RunArgs};
 use crate::engine::Engine;
-use crate::lens::source::Source;
+use crate::lens::source::JobLens;
 use crate::memory::Memory;
 use crate::open::Chart;
 use anyhow::{Context, Result};
@@ -44,7 +44,7 @@ pub struct Job {
     /// The chart.
     pub chart: Chart,
     /// The lens.
-    pub lens: Source,
+    pub lens: JobLens,
     /// Film, axis, placement of the chart.
     pub frame: Frame,
     /// Stages, interpolation and accuracy.
@@ -59,8 +59,8 @@ pub struct Job {
     pub gains: Vec<f64>,
     /// Layout of the film.
     pub film: FilmSpec,
-    /// Its outputs as the pipeline's windows.
-    pub windows: Vec<FilmRegion>,
+    /// Regions of the film to compute.
+    pub regions: Vec<FilmRegion>,
     /// Everything that changes pixels, as readable JSON.
     pub identity: Map<String, Value>,
     /// Memory plan.
@@ -107,7 +107,7 @@ impl Job {
         let lens = (plan.lens.lens().name.as_str(), &*lens_digest.context("reading the lens pack")?);
         let identity = identity::identity(args, arguments.options.stages, &inputs, lens)?;
         let mut notes = notes::notes(args, &inputs.chart, &plan)?;
-        notes.extend(stretch.warning());
+        notes.extend(stretch.note());
         let device = arguments.device;
         if args.device == Device::Auto {
             notes.push(device.reason);
@@ -123,7 +123,7 @@ impl Job {
             plans: plan.bands,
             gains: plan.gains,
             film: plan.film,
-            windows: plan.windows,
+            regions: plan.regions,
             identity,
             memory,
             threads: arguments.threads,

@@ -180,7 +180,9 @@ fn points<'a>(
         let rect = bounding_rect([(row.round(), col.round()); 2], half);
         let pixels = read(chart, band, rect, "a point")?;
         let found = centroid(&pixels, rect, (row, col), half);
-        centroids.push(found.with_context(|| format!("there is no light near {col},{row}"))?);
+        centroids.push(found.with_context(|| {
+            format!("no point near {col},{row}: the values there do not exceed the background")
+        })?);
     }
     let summary: Vec<String> = centroids.iter().map(|(y, x)| format!("{x:.4},{y:.4}")).collect();
     let figures: Vec<Value> = centroids.iter().map(|(y, x)| json!({ "row": y, "column": x })).collect();

@@ -28,9 +28,9 @@ const WORKER_BYTES: usize = 1 << 20;
 /// Of each worker beside GPUs: the same, and a shard's codec.
 const GPU_WORKER_BYTES: usize = 8 << 20;
 /// Share of the limit that is kept for the allocator's fragmentation.
-const SLACK: f64 = 0.08;
+const FRAGMENTATION_SHARE: f64 = 0.08;
 /// Bands whose kernels and tables are in memory at a time: of tiles in flight, of the next tiles, and being prepared.
-const BANDS: usize = 3;
+const BANDS_IN_MEMORY: usize = 3;
 /// Chart cache per worker below which neighbouring tiles decode the same chunks again.
 const MIN_CHART_CACHE: usize = 16 << 20;
 /// Spectra per worker below which every block would compute its spectra again.
@@ -84,8 +84,8 @@ pub struct MemoryInputs<'a> {
     pub options: &'a Options,
     /// Bands of the job.
     pub bands: &'a [BandPlan],
-    /// Outputs as the pipeline's windows.
-    pub windows: &'a [FilmRegion],
+    /// Regions of the film to compute.
+    pub regions: &'a [FilmRegion],
     /// Layout of the film.
     pub film: &'a FilmSpec,
     /// Worker threads.
@@ -151,10 +151,10 @@ impl MemoryInputs<'_> {
     /// Shards being added to, waiting and being encoded, and encoded.
     fn shards(&self) -> usize {
         let all: usize =
-            self.windows.iter().map(|w| w.rect.size().pixels()).sum::<usize>() * self.bands.len();
+            self.regions.iter().map(|w| w.rect.size().pixels()).sum::<usize>() * self.bands.len();
         let reach = self.max(|p| p.tiling.tile() + 2 * p.tiling.margin());
-        let largest = queues::max_shard_pixels(self.windows);
-        let pixels = queues::open_shard_pixels(self.windows, reach) + self.threads * largest;
+        let largest = queues::max_shard_pixels(self.regions);
+        let pixels = queues::open_shard_pixels(self.regions, reach) + self.threads * largest;
         let encoded = queues::encoded_shards(self.threads, self.writers) * largest;
         4 * pixels.min(all)
             + self.film.encoded_bytes(encoded.min(all))
@@ -169,11 +169,13 @@ impl MemoryInputs<'_> {
                 4 * stacks * samples + (self.psf_reading)(p)
             };
             let samples = p.lens.psf_height_mm.len() * p.lens.psf_size.pow(2);
-            if p.grid.is_some() { BANDS * stages::kernels_bytes(p) + reading(samples) } else { 0 }
+            if p.grid.is_some() { BANDS_IN_MEMORY * stages::kernels_bytes(p) + reading(samples) } else { 0 }
         });
         let field_points = |p: &BandPlan| p.lens.ideal_height_mm.len();
         let tables = self.bands.iter().map(|p| 24 * field_points(p)).sum::<usize>();
-        kernels.max(self.max_psf_reading) + tables + BANDS * remap::table_bytes(self.max(field_points))
+        kernels.max(self.max_psf_reading)
+            + tables
+            + BANDS_IN_MEMORY * remap::table_bytes(self.max(field_points))
     }
 
     /// Cache of decoded chunks: minimum, and what two rows of tiles use.
@@ -218,8 +220,8 @@ impl MemoryInputs<'_> {
         let (threads, min) = (self.threads, mib(min));
         if demand.chart_area >= missing && demand.chart_area >= of_chart {
             return format!(
-                "a tile is computed from {} of chart on each of {threads} threads, since at {} nm the lens's ideal heights change by \
-                 up to {:.3e} times its REAL heights (--scale {}): {}; or use fewer --threads",
+                "each of {threads} threads needs {} for the chart under a tile, because at {} nm the ideal heights of the lens table \
+                 grow by up to {:.3e} mm per mm of REAL height (--scale {}): {}; or use fewer --threads",
                 mib(demand.chart_area / threads.max(1)),
                 self.stretch.wavelength_nm,
                 self.stretch.range.1,
@@ -249,8 +251,8 @@ impl Memory {
     /// Usage: the limit is too small; with the cause and the remedy.
     pub fn plan(inputs: &MemoryInputs<'_>, gpus: GpuDemand) -> Result<Self> {
         let limit = usize::try_from(inputs.limit).unwrap_or(usize::MAX);
-        let usable = (limit as f64 * (1.0 - SLACK)) as usize;
-        let with_slack = |bytes: usize| (bytes as f64 / (1.0 - SLACK)) as usize;
+        let usable = (limit as f64 * (1.0 - FRAGMENTATION_SHARE)) as usize;
+        let with_slack = |bytes: usize| (bytes as f64 / (1.0 - FRAGMENTATION_SHARE)) as usize;
         let demand = inputs.demand(&gpus);
         let min_pinned = gpus.queues * gpus.min_pinned;
         let caches = demand.spectra.0.saturating_add(demand.chart_cache.0);

@@ -25,14 +25,13 @@ pub enum Chart {
     /// A spectral OpenEXR file.
     Exr(Box<ExrChart>),
     /// Generated on demand.
-    Drawn(Box<Generator>),
+    Generated(Box<Generator>),
 }
 
 impl Chart {
     /// Opens `PATH`, `PATH//array` or `gen:KIND?…`.
     pub fn open(spec: &str, wavelengths: Option<&str>, nan: NanPolicy, cache_bytes: usize) -> Result<Self> {
-        let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
-        let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
+        let declared = declared_nm(wavelengths)?;
         if let Some(drawn) = spec.strip_prefix("gen:") {
             let mut spec: pipeline::chart::ChartSpec =
                 drawn.parse().map_err(|e| usage(format!("chart `{spec}`: {e}")))?;
@@ -40,7 +39,7 @@ impl Chart {
                 spec.wavelengths_nm = nm;
             }
             let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
-            return Ok(Self::Drawn(Box::new(generator)));
+            return Ok(Self::Generated(Box::new(generator)));
         }
         if ExrChart::is_supported_path(Path::new(spec)) {
             return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
@@ -62,15 +61,14 @@ impl Chart {
         nan: NanPolicy,
     ) -> Result<Self> {
         check_local(spec)?;
-        let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
-        let declared = declared.map_err(|e| usage(format!("--wavelengths: {e}")))?;
+        let declared = declared_nm(wavelengths)?;
         let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
         let Some(&[bands, rows, columns]) = sides.as_deref() else {
             return Err(usage(format!("--chart-shape {shape}: expected BANDS,ROWS,COLUMNS")));
         };
         let Some((sample, little_endian)) = parse_dtype(dtype) else {
             return Err(usage(format!(
-                "--chart-dtype {dtype}: expected u1, u2, f2, f4 or f8, `>` before it for highest byte first"
+                "--chart-dtype {dtype}: expected u8, u16, f16, f32 or f64, prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8"
             )));
         };
         let shape = [bands, rows, columns];
@@ -105,7 +103,7 @@ impl Chart {
             Self::Store(s) => s.as_ref(),
             Self::Raster(r) => r.as_ref(),
             Self::Exr(e) => e.as_ref(),
-            Self::Drawn(g) => g.as_ref(),
+            Self::Generated(g) => g.as_ref(),
         }
     }
 
@@ -115,19 +113,15 @@ impl Chart {
         let (bar, progress) = counting("sorting the chart by band");
         match self {
             Self::Raster(raster) if bands.len() > 1 && raster.needs_band_copy() => {
-                log_line("the chart's bands are interleaved: sorting them once into a temporary file");
+                log_line(copying_bands("they are interleaved"));
                 raster.copy_bands(bands, directory, &progress)?;
             }
             Self::Store(store) if store.rechunk_needed(bands) => {
-                log_line(
-                    "the chart's chunks span several bands: re-chunking them once into a temporary file beside the output",
-                );
+                log_line(copying_bands("chunks span several of them"));
                 store.rechunk(bands, directory, threads, &progress)?;
             }
             Self::Exr(exr) => {
-                log_line(
-                    "the chart is compressed, its bands line by line: sorting them once into a temporary file",
-                );
+                log_line(copying_bands("the file is compressed line by line"));
                 exr.copy_bands(bands, directory, threads, &progress)?;
             }
             _ => (),
@@ -140,7 +134,7 @@ impl Chart {
     pub fn chunk_size(&self) -> Size {
         match self {
             Self::Store(s) => Size::new(s.chunk_shape()[1], s.chunk_shape()[2]),
-            Self::Raster(_) | Self::Exr(_) | Self::Drawn(_) => Size::new(1, 1),
+            Self::Raster(_) | Self::Exr(_) | Self::Generated(_) => Size::new(1, 1),
         }
     }
 
@@ -148,7 +142,7 @@ impl Chart {
     pub fn cache_for_rows(&self, rows: usize) -> usize {
         match self {
             Self::Store(s) => s.cache_for_rows(rows),
-            Self::Raster(_) | Self::Exr(_) | Self::Drawn(_) => 0,
+            Self::Raster(_) | Self::Exr(_) | Self::Generated(_) => 0,
         }
     }
 
@@ -157,7 +151,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.chunk_memory(bands),
             Self::Exr(e) => e.chunk_memory(),
-            Self::Raster(_) | Self::Drawn(_) => ChunkMemory::default(),
+            Self::Raster(_) | Self::Generated(_) => ChunkMemory::default(),
         }
     }
 
@@ -176,7 +170,7 @@ impl Chart {
     /// Wavelength of every band in nm.
     pub fn wavelengths_nm(&self) -> Result<Vec<f64>> {
         match self {
-            Self::Drawn(g) => Ok(g.wavelengths_nm().to_vec()),
+            Self::Generated(g) => Ok(g.wavelengths_nm().to_vec()),
             Self::Raster(r) => {
                 r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
             }
@@ -194,7 +188,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.pitch_um(),
             Self::Raster(_) | Self::Exr(_) => None,
-            Self::Drawn(g) => Some(g.pitch_um()),
+            Self::Generated(g) => Some(g.pitch_um()),
         }
     }
 
@@ -203,7 +197,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.film_size(),
             Self::Raster(_) | Self::Exr(_) => None,
-            Self::Drawn(g) => Some(g.film_size()),
+            Self::Generated(g) => Some(g.film_size()),
         }
     }
 
@@ -213,7 +207,7 @@ impl Chart {
             Self::Store(s) => s.units(),
             Self::Raster(_) => None,
             Self::Exr(e) => e.units(),
-            Self::Drawn(g) => Some(g.units()),
+            Self::Generated(g) => Some(g.units()),
         }
     }
 
@@ -223,7 +217,7 @@ impl Chart {
             Self::Store(s) => s.limit_values(max),
             Self::Raster(r) => r.limit_values(max),
             Self::Exr(e) => e.limit_values(max),
-            Self::Drawn(g) => {
+            Self::Generated(g) => {
                 if let Kind::Uniform { value } = g.spec().kind
                     && value.abs() > f64::from(max)
                 {
@@ -249,7 +243,7 @@ impl Chart {
                 s.scaling().map(note).into_iter().collect()
             }
             Self::Raster(r) => r.notes().to_vec(),
-            Self::Exr(_) | Self::Drawn(_) => Vec::new(),
+            Self::Exr(_) | Self::Generated(_) => Vec::new(),
         }
     }
 
@@ -262,9 +256,13 @@ impl Chart {
             }
             Self::Raster(r) => r.identity()?,
             Self::Exr(e) => e.identity()?,
-            Self::Drawn(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
+            Self::Generated(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
     }
+}
+
+fn copying_bands(reason: &str) -> String {
+    format!("copying the chart's bands once into a temporary file ({reason})")
 }
 
 /// Fails for a URL: flat files are mapped into memory.
@@ -275,6 +273,12 @@ fn check_local(spec: &str) -> Result<()> {
         ))),
         false => Ok(()),
     }
+}
+
+/// The wavelengths of `--wavelengths`.
+fn declared_nm(wavelengths: Option<&str>) -> Result<Option<Vec<f64>>> {
+    let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
+    declared.map_err(|e| usage(format!("--wavelengths: {e}")))
 }
 
 fn no_wavelengths(path: &Path, bands: usize) -> anyhow::Error {
@@ -298,7 +302,7 @@ pub fn lens(name: &str) -> Result<LensPack> {
     if !path.exists() && !name.contains(['/', '.']) {
         let known: Vec<_> = [design::BUILTIN].into_iter().chain(builtin_names()).collect();
         return Err(usage(format!(
-            "`{name}` is neither a lens pack nor a built-in lens ({}); give the path of a *.lens.zarr, its .zip or a .zmx",
+            "`{name}` is neither a lens pack nor a built-in lens; give the path of a *.lens.zarr, its .zip or a .zmx; built-in lenses: {}",
             known.join(", ")
         )));
     }

@@ -28,7 +28,7 @@ use std::path::Path;
 /// Number of units above which a note recalls the limits of array jobs.
 const MANY_UNITS: usize = 1000;
 
-/// Fails for `--pyramid`: no process of a plan can know when the film is complete.
+/// Fails for `--pyramid`: a process of a plan computes only its units.
 pub fn reject_pyramid(args: &RunArgs) -> Result<()> {
     match args.pyramid {
         true => Err(usage(
@@ -80,7 +80,7 @@ fn make(job: &Job, run: &RunArgs, command: CommandLine, unit_rows: Option<usize>
         job_digest: attribute("job_digest"),
         layout_digest: attribute("layout_digest"),
         engine: attribute("engine"),
-        // From the film: with --trust-input it was begun with other modification times of the chart.
+        // From the film: with --trust-input it was created with other modification times of the chart.
         job: provenance.get("job").and_then(Value::as_object).cloned().unwrap_or_default(),
         layout: film::layout(&job.film),
         lens_bands: job.plans.iter().map(|p| job.lens.band_digest(p.lens_bands)).collect::<Result<_, _>>()?,
@@ -118,8 +118,8 @@ fn print_summary(plan: &Plan, path: &Path) {
         |pick: fn(f64, f64) -> f64| plan.units.iter().map(|u| u.cost.core_s).reduce(pick).unwrap_or(0.0);
     let plural = |n: usize, noun: &str| format!("{n} {noun}{}", if n == 1 { "" } else { "s" });
     log_line(format!(
-        "{}: {}, 0 to {}, of at most {} x {} each, {shards} shards; {tiles_again} of {tiles} tiles ({:.1} %) are computed twice, \
-         because their tails reach two units",
+        "{}: {}, 0 to {}, of at most {} x {} each, {shards} shards; tiles at unit borders are computed in both \
+         units: {tiles_again} of {tiles} ({:.1} %)",
         path.display(),
         plural(n, "unit"),
         n - 1,

@@ -226,7 +226,7 @@ pub fn summary_lines(
     lines.push(format!("read {:.2} GB, wrote {:.2} GB{peak}", gb(bytes_read), gb(s.bytes_written)));
     if outside_window.1 > 0.0 {
         lines.push(format!(
-            "light outside the PSF windows, normalised away: {:.1} % to {:.1} % by band (mean over heights)",
+            "energy outside the PSF windows: {:.1} % to {:.1} % by band (mean over heights); each PSF is scaled to sum 1",
             100.0 * outside_window.0,
             100.0 * outside_window.1
         ));

@@ -45,7 +45,7 @@ pub fn make(store: &FilmStore, threads: Option<usize>, memory: Option<u64>, take
     let start = Instant::now();
     let limit = memory.unwrap_or_else(default_limit);
     let (bar, progress) = counting("pyramid");
-    let cancel = interrupt::finish_tiles();
+    let cancel = interrupt::cancel_flag();
     let limit_bytes = usize::try_from(limit).unwrap_or(usize::MAX);
     let made = store.make_pyramid(job::threads(threads), limit_bytes, cancel, &progress);
     bar.finish_and_clear();

@@ -1,4 +1,20 @@
 //! `lenscube run`: chart → remapped image → film; the film is created, resumed, or found complete.
+//!
+//! Order of checks, each before anything that a later one may change:
+//!
+//! 1. [`Job::new`], before the film is opened for writing: arguments, the film's recorded engine and the device; metadata of chart and lens, film geometry;
+//!    film layout, the lens traced or read for all bands; memory; limit of chart values; identity (digests of lens and chart).
+//! 2. [`film::check_apart`]: the film neither contains its chart nor lies in its chart or lens pack.
+//! 3. [`film::open`]: the film is created. If something exists at its path, temporary files beside it are removed and it is opened: metadata,
+//!    then identity and layout (exit code 3; `--trust-input` accepts other modification times of the chart).
+//! 4. An explicit `--engine` is the film's (exit code 3). If all shards are present: exit code 0.
+//! 5. Lock; temporary files of ended processes are removed; missing shards are listed again.
+//! 6. The engine is the film's, or is recorded in it with `--mixed-engines` (exit code 3). Then a chart with interleaved bands is copied.
+//! 7. During the run: the film is in place before each shard is committed, and chart files are unchanged when they are read.
+//! 8. At the end: the film is in place, chart and lens are unchanged.
+//!
+//! Units of a plan: the digest, schema and numeric version of the plan, the list of units and the arguments; the film (opened, not created)
+//! against the plan; step 4 for these units; then step 1 and the comparison of the job with the plan, and steps 5 to 8.
 
 mod display;
 pub mod film;
@@ -221,11 +237,11 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     };
     let work = Work {
         film: job.frame.film,
-        windows: &job.windows,
+        regions: &job.regions,
         bands: bands.map(band).collect(),
         threads: job.threads,
         gpus: &job.queues,
-        cancel: interrupt::finish_tiles(),
+        cancel: interrupt::cancel_flag(),
     };
     let tiles = shards::tiles(&work);
     task.write_start_event(job, count, &tiles);
@@ -274,8 +290,8 @@ fn prepare(
     energy: &Mutex<Vec<Option<f64>>>,
 ) -> Result<BandStages, SourceSinkError> {
     let plan = &job.plans[position];
-    let stack = |band: usize| Ok::<_, StageError>(job.lens.psf(band)?);
-    let stages = plan.stages(position, &job.frame, &job.options, job.gains[position], stack)?;
+    let read_psfs = |band: usize| Ok::<_, StageError>(job.lens.psf(band)?);
+    let stages = plan.stages(position, &job.frame, &job.options, job.gains[position], read_psfs)?;
     if let Some(psf) = &stages.psf {
         let windows = std::iter::zip(&plan.lens.psf_energy, psf.kernels().energy());
         let mean = windows.map(|(pack, crop)| pack * crop).sum::<f64>() / plan.lens.psf_energy.len() as f64;
@@ -319,11 +335,11 @@ fn print_start(job: &Job, shards: usize) {
     let frame = &job.frame;
     let gpus: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
     let (gpus, cache, bytes) = match gpus.is_empty() {
-        true => (String::new(), "spectra", job.memory.spectra),
-        false => (format!(" beside {}", gpus.join(", ")), "page-locked per GPU", job.memory.pinned),
+        true => (String::new(), "spectra cache", job.memory.spectra),
+        false => (format!(" and {}", gpus.join(", ")), "page-locked memory per GPU", job.memory.pinned),
     };
     log_line(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads{gpus}, engine {}, memory {} (planned {}, chart {}, {cache} {})",
+        "{}: {} bands, film {} px of {} µm, {} shards; {} threads{gpus}, engine {}",
         job.lens.lens().name,
         job.plans.len(),
         frame.film,
@@ -331,6 +347,9 @@ fn print_start(job: &Job, shards: usize) {
         shards,
         job.threads,
         job.engine,
+    ));
+    log_line(format!(
+        "memory limit {}, expected peak {}: chart cache {}, {cache} {}",
         mib(job.memory.limit),
         mib(job.memory.planned),
         mib(job.memory.chart_cache),

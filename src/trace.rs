@@ -14,7 +14,7 @@ use std::time::Instant;
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {
     let start = Instant::now();
-    let system = design::open(&args.design, &args.place)?;
+    let system = design::open(&args.design, &args.parameters)?;
     for note in &system.notes {
         log_line(format!("note: {note}"));
     }
@@ -46,7 +46,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     });
     bar.finish_and_clear();
     let lens = result.with_context(|| format!("tracing {}", args.design))?;
-    pack.finish(&lens, &attributes(&args.design, &args.place, &options, &reports))?;
+    pack.finish(&lens, &attributes(&args.design, &args.parameters, &options, &reports))?;
     for line in summary(&args.out, &options, &reports, start.elapsed().as_secs_f64()) {
         log_line(line);
     }

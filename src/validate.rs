@@ -88,6 +88,6 @@ pub fn command(args: &ValidateArgs) -> Result<u8> {
     if missed.is_empty() {
         return Ok(0);
     }
-    let message = format!("--require is missed: {}; see {}", missed.join("; "), report.display());
+    let message = format!("--require is not met: {}; see {}", missed.join("; "), report.display());
     Err(Coded { code: code::WRONG, message }.into())
 }

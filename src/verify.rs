@@ -127,8 +127,8 @@ fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, r
     let path = store.path().display();
     let gb = verdict.bytes as f64 * 1e-9;
     match verdict.findings.len() {
-        0 => print(format!("{path} is sound: {} shards, {gb:.3} GB", verdict.shards)),
-        n => print(format!("{path}: {n} findings in {} shards, {gb:.3} GB", verdict.shards)),
+        0 => print(format!("{path} is correct: no defect in {} shards, {gb:.3} GB", verdict.shards)),
+        n => print(format!("{path}: {n} defects in {} shards, {gb:.3} GB", verdict.shards)),
     }
     if engines.len() > 1 {
         log_line(format!(
@@ -138,13 +138,13 @@ fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, r
     }
     if !verdict.temp.is_empty() && repair.is_none() {
         log_line(format!(
-            "note: {} temp files; the next run or --repair removes those of dead processes",
+            "note: {} temporary files; the next run or --repair removes those of ended processes",
             verdict.temp.len()
         ));
     }
     if let Some(done) = repair {
         log_line(format!(
-            "removed {} bad shards and {} temp files; the same `lenscube run` computes the missing shards",
+            "removed {} damaged shards and {} temporary files; the same `lenscube run` computes the missing shards",
             done.shards, done.temp
         ));
     }

@@ -96,7 +96,7 @@ fn print_notes(content: &Content) {
                 _ => "it has no pyramid",
             };
             log_line(format!(
-                "note: {}: {state}, so zoomed-out views read all pixels; create the pyramid of a film with `lenscube pyramid`",
+                "note: {}: {state}, so low zoom levels are slow; create the pyramid of a film with `lenscube pyramid`",
                 image.name
             ));
         }

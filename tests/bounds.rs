@@ -121,7 +121,7 @@ fn ideal_heights_in_um_exceed_the_memory_and_the_error_names_the_unit() {
     let place = Place::new();
     let (chart, pack) = place.job(Size::new(90, 100), scaled(6.0));
     let ran = place.run(text(&chart), &pack, &[]).ok();
-    assert!(ran.stderr.contains("warning: at 450 nm the lens's ideal heights"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("note: at 450 nm the ideal heights of the lens table"), "{}", ran.stderr);
     let place = Place::new();
     let (chart, pack) = place.job(Size::new(90, 100), scaled(1e-3));
     let ran = place.run(text(&chart), &pack, &[]).ok();

@@ -109,8 +109,8 @@ fn queues_stream_order_and_memory_do_not_change_bits() {
 /// Minimum device memory, bytes, for one tile at a time: the size in the error message, plus the tenth that is kept free.
 fn min_memory(job: &TestJob) -> String {
     let ran = run(job, "cuda:0", &[("MEMORY", "1e4")]);
-    assert_exit(&ran, FAILED, &["a tile at a time needs"]);
-    let (_, rest) = ran.stderr.split_once("a tile at a time needs ").unwrap();
+    assert_exit(&ran, FAILED, &["one tile needs"]);
+    let (_, rest) = ran.stderr.split_once("one tile needs ").unwrap();
     let mib: f64 = rest.split(' ').next().unwrap().parse().unwrap();
     format!("{}", (mib * 1_048_576.0 / 0.9).ceil() + 16.0)
 }
@@ -135,7 +135,11 @@ fn film_is_resumed_on_another_device_or_with_mixed_engines() {
     let killed =
         CommandResult::new(&command(&job, &job.film, "cpu", &[], "rename:20:kill").output().unwrap());
     assert_eq!(killed.code, KILLED, "{}", killed.stderr);
-    assert_exit(&run(&job, "cuda", &[]), OTHER_JOB, &["begun with engine", "cuda-sm_80", "--mixed-engines"]);
+    assert_exit(
+        &run(&job, "cuda", &[]),
+        OTHER_JOB,
+        &["created with engine", "cuda-sm_80", "--mixed-engines"],
+    );
     let mut mixed = command(&job, &job.film, "cuda", &[], "");
     assert_exit(
         &CommandResult::new(&mixed.arg("--mixed-engines").output().unwrap()),
@@ -161,7 +165,7 @@ fn auto_resumes_with_the_engine_of_the_film() {
     assert_exit(
         &run(&job, "auto", &[]),
         0,
-        &["device: cpu (", "the film was begun with it", "GPUs are not used"],
+        &["device: cpu (", "the film was created with it", "GPUs are not used"],
     );
     assert!(take_files(&job) == of_cpu, "other bits beside a GPU");
     // With GPUs of two engines only those with the engine of the film are used.
@@ -172,7 +176,7 @@ fn auto_resumes_with_the_engine_of_the_film() {
     assert_eq!(killed.code, KILLED, "{}", killed.stderr);
     assert_exit(&run(&job, "auto", two), 0, &["device: GPU 1", "not used", "cuda-sm_90"]);
     assert!(take_files(&job) == of_gpu, "other bits beside another GPU");
-    assert_exit(&run(&job, "cuda:0,1", two), USAGE, &["GPUs of one engine", "cuda-sm_90"]);
+    assert_exit(&run(&job, "cuda:0,1", two), USAGE, &["the same compute capability", "cuda-sm_90"]);
 }
 
 fn driver_error_codes_map_to_exit_codes() {
@@ -238,7 +242,7 @@ fn loss_of_the_last_device_exits_75() {
         assert_exit(
             &run(&job, device, settings),
             RETRY,
-            &["none of which is left", "is lost", "same command resumes"],
+            &["the last GPU failed", "is lost", "same command resumes"],
         );
         run(&job, device, &[]).ok();
         assert!(take_files(&job) == expected, "other bits after {device} {settings:?}");
@@ -325,7 +329,7 @@ fn signal_downloads_tiles_in_flight_and_exits_130() {
     let mut stopped = common::test_job::StoppedRun(child);
     assert!(stopped.wait_stopped(), "the run ended before it was stopped");
     stopped.signal("TERM");
-    assert_exit(&stopped.run_to_end(), 130, &["finishing the tiles in flight", "resumes"]);
+    assert_exit(&stopped.run_to_end(), 130, &["stopping after the tiles in progress", "resumes"]);
     run(&job, "cuda:0", &[]).ok();
     assert!(take_files(&job) == expected);
 }

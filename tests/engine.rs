@@ -71,7 +71,7 @@ fn another_engine_exits_3_and_names_both() {
     common::assert_exit(
         &other,
         OTHER_JOB,
-        &["begun with engine portable", fastest(), "--mixed-engines", "--overwrite"],
+        &["created with engine portable", fastest(), "--mixed-engines", "--overwrite"],
     );
     assert!(files(&place.film) == before, "a rejected run has changed the film");
     run(&place, "", &["--engine", fastest(), "--overwrite"]).ok();
@@ -89,11 +89,23 @@ fn mixed_engines_are_recorded_before_the_first_shard() {
     assert_eq!(killed.code, KILLED, "{}", killed.stderr);
     let both = serde_json::json!(["portable", fastest()]);
     assert_eq!(status(&place.film)["engines"], both);
-    common::assert_exit(&run(&place, "", &mixed), 0, &["begun with engine portable", "--mixed-engines"]);
+    common::assert_exit(&run(&place, "", &mixed), 0, &["created with engine portable", "--mixed-engines"]);
     assert_eq!(status(&place.film)["engines"], both);
     let verified = lenscube(&["verify", text(&place.film)]);
     common::assert_exit(&verified, 0, &["several engines", "portable", fastest()]);
     assert!(lenscube(&["status", text(&place.film)]).stdout.contains("engines portable,"));
+}
+
+fn film_of_mixed_engines_is_overwritten() {
+    let place = TestJob::wide();
+    let expected = film_files(&place, fastest());
+    begin_film(&place);
+    run(&place, "", &["--engine", fastest(), "--mixed-engines"]).ok();
+    let mark = place.film.join(format!("runs/{}.engine", fastest()));
+    assert!(mark.exists(), "no mark of the second engine");
+    run(&place, "", &["--engine", fastest(), "--overwrite"]).ok();
+    assert!(!mark.exists() && status(&place.film)["engines"] == serde_json::json!([fastest()]));
+    assert!(take_files(&place) == expected, "other files than those of a new film");
 }
 
 fn film_without_recorded_engine_exits_3_unless_mixed() {
@@ -121,7 +133,7 @@ fn workers_use_the_plans_engine() {
     common::assert_exit(
         &unit(&["--engine", fastest()]),
         OTHER_JOB,
-        &["begun with engine portable", fastest()],
+        &["created with engine portable", fastest()],
     );
     unit(&[]).ok();
     assert!(take_files(&place) == portable, "other bits by workers");
@@ -168,7 +180,7 @@ fn main() -> ExitCode {
     let all = when(Isa::ALL.into_iter().all(Isa::is_available), "every instruction set is there");
     let no_driver = matches!(pipeline::cuda::devices(), Err(pipeline::cuda::CudaError::NoDriver));
     let driver = when(!no_driver, "a CUDA driver is installed");
-    let checks: [Check; 8] = [
+    let checks: [Check; 9] = [
         ("resume_uses_the_films_engine_and_logs_it", resume_uses_the_films_engine_and_logs_it, one),
         ("another_engine_exits_3_and_names_both", another_engine_exits_3_and_names_both, one),
         (
@@ -176,6 +188,7 @@ fn main() -> ExitCode {
             mixed_engines_are_recorded_before_the_first_shard,
             one,
         ),
+        ("film_of_mixed_engines_is_overwritten", film_of_mixed_engines_is_overwritten, one),
         (
             "film_without_recorded_engine_exits_3_unless_mixed",
             film_without_recorded_engine_exits_3_unless_mixed,

@@ -60,7 +60,7 @@ fn sample_formats_preserve_all_bits() {
         "1:",
     ])
     .ok();
-    assert!(exported.stderr.contains("sorting them once"), "{}", exported.stderr);
+    assert!(exported.stderr.contains("copying the chart's bands once"), "{}", exported.stderr);
     let (size, part) = flat(&at("part.npy"));
     assert_eq!((size, part.len()), (Size::new(50, 60), 2));
     let want: Vec<f32> = (20..70).flat_map(|y| picture.bands[1][y * 277 + 10..][..60].to_vec()).collect();
@@ -215,7 +215,7 @@ fn invalid_pictures_and_flags_are_rejected() {
     std::fs::write(at("text.png"), "no picture").unwrap();
     std::fs::create_dir(at("there.zarr")).unwrap();
     for (file, out, flags, code, words) in [
-        ("cube.png", "x.zarr", &["--wavelengths", "450,550,650"][..], 2, "cannot hold all colours"),
+        ("cube.png", "x.zarr", &["--wavelengths", "450,550,650"][..], 2, "cannot represent all sRGB colours"),
         ("cube.png", "x.zarr", &["--illuminant", "F2"], 2, "use D65, A or E"),
         ("cube.png", "x.zarr", &["--scale-to", "0"], 2, "not greater than 0"),
         ("cube.png", "there.zarr", &[], 3, "--overwrite"),

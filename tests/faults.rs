@@ -124,7 +124,7 @@ fn keep_going_writes_all_shards_that_do_not_depend_on_the_damaged_chunk() {
     assert_eq!(of("0"), 30, "the sound band is whole");
     assert!((10..30).contains(&of("1")), "{} shards of the damaged band", of("1"));
     let status = common::lenscube(&["status", text(&job.film), "--check"]);
-    assert!(status.code == 4 && status.stdout.contains("1 in part (500 nm"), "{}", status.stdout);
+    assert!(status.code == 4 && status.stdout.contains("1 partly done (500 nm"), "{}", status.stdout);
     fs::write(&chunk, good).unwrap();
     job.run("", &["--trust-input"]).ok();
     assert_same_arrays(&job.film, &expected);
@@ -142,7 +142,7 @@ fn keep_going_stops_at_a_full_disk_and_after_repeated_permission_errors() {
     }
     let forbidden = job.run("create:2+:13", &["--keep-going"]);
     assert_eq!(forbidden.code, 1, "{}", forbidden.stderr);
-    assert!(forbidden.stderr.contains("not allowed"), "{}", forbidden.stderr);
+    assert!(forbidden.stderr.contains("not permitted"), "{}", forbidden.stderr);
     // A single error costs one shard.
     let once = job.run("create:9:13", &["--keep-going"]);
     assert_eq!(once.code, 1, "{}", once.stderr);
@@ -169,7 +169,11 @@ fn removed_store_exits_75() {
     for (store, step) in [(&job.film, "write:12"), (&job.chart, "create:2")] {
         let ran = run_while_store_is_moved(&job, store, step);
         assert_eq!(ran.code, RETRY, "{}", ran.stderr);
-        assert!(ran.stderr.contains("is missing: its") && ran.stderr.contains(text(store)), "{}", ran.stderr);
+        assert!(
+            ran.stderr.contains("has disappeared since the job started") && ran.stderr.contains(text(store)),
+            "{}",
+            ran.stderr
+        );
         let status = common::lenscube(&["status", text(&job.film), "--check"]);
         assert_eq!(status.code, 4, "{}", status.stdout);
     }

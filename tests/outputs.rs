@@ -204,7 +204,7 @@ fn fifo_as_lock_file_is_an_error_without_blocking() {
     assert_eq!(ran.code, 1, "{}", ran.stderr);
     assert!(ran.stderr.contains("whole.lock is a FIFO, expected a lock file"), "{}", ran.stderr);
     let status = lenscube("", &["status", text(&job.film)]).ok();
-    assert!(status.stdout.contains("may run; if not, --take-over"), "{}", status.stdout);
+    assert!(status.stdout.contains("may be running; if it is not, use --take-over"), "{}", status.stdout);
     assert!(start.elapsed() < Duration::from_secs(60));
     std::fs::remove_file(&lock).unwrap();
     job.run("", &[]).ok();

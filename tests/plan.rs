@@ -116,7 +116,7 @@ fn units_of_any_size_in_any_order_give_the_bytes_of_a_single_run() {
         assert!(files(&planned.place.film) == expected, "{flags:?}");
         assert_eq!(planned.missing(), "");
         assert!(planned.place.leftover_files().is_empty(), "{:?}", planned.place.leftover_files());
-        common::assert_exit(&lenscube(&["verify", text(&planned.place.film)]), 0, &["is sound"]);
+        common::assert_exit(&lenscube(&["verify", text(&planned.place.film)]), 0, &["is correct"]);
     }
 }
 
@@ -187,10 +187,10 @@ fn units_are_given_by_list_or_environment_variable() {
     let missing = planned.missing();
     assert_eq!(missing, "7-11,13-14");
     for (unit, words) in [
-        ("16", &["beyond the last of 16, which is 15"][..]),
+        ("16", &["no unit 16", "units 0 to 15"][..]),
         ("3-99", &["unit 99 is beyond"]),
         ("", &["expected 7, or 3-9,12"]),
-        ("5-3", &["ends before it begins"]),
+        ("5-3", &["must not exceed the last"]),
         ("seven", &["`seven` is not a unit"]),
         ("env:NOT_SET_HERE", &["NOT_SET_HERE is not set"]),
     ] {
@@ -233,7 +233,7 @@ fn plan_file_is_reproducible_and_never_overwritten_by_another() {
     common::assert_exit(
         &plan(&["--unit-rows", "4", "-o", &name]),
         OTHER_JOB,
-        &["is not this plan", "another name"],
+        &["another file exists", "another name"],
     );
     common::assert_exit(&plan(&["--interp", "bilinear"]), OTHER_JOB, &["another job", "interp"]);
     // The units add up to the film.
@@ -296,7 +296,7 @@ fn edited_plan_other_flags_and_other_film_exit_3() {
         OTHER_JOB,
         &["chart_bands (planned [0,1], found [1])"],
     );
-    common::assert_exit(&planned.run("3", &["--bands", "1"]), OTHER_JOB, &["not the planned one"]);
+    common::assert_exit(&planned.run("3", &["--bands", "1"]), OTHER_JOB, &["not the chart of the plan"]);
     // Another film.
     let other = planned.place.at("other.zarr");
     CommandResult::new(&planned.place.command(&other, "", &["--interp", "bilinear"]).output().unwrap()).ok();

@@ -25,7 +25,7 @@ fn records(film: &Path) -> Vec<Value> {
 }
 
 #[test]
-fn second_run_of_a_film_exits_75_while_the_first_lives() {
+fn second_run_of_a_film_exits_75_while_the_first_runs() {
     let job = TestJob::large();
     let expected = job.expected_files();
     let mut first = job.stopped("write:14", &[]);
@@ -42,7 +42,7 @@ fn second_run_of_a_film_exits_75_while_the_first_lives() {
     // After SIGKILL the lock is taken over without a flag.
     first.signal("KILL");
     first.0.wait().unwrap();
-    assert_exit(&lenscube(&["status", text(&job.film)]), 0, &["is dead"]);
+    assert_exit(&lenscube(&["status", text(&job.film)]), 0, &["has ended"]);
     assert_exit(&job.run("", &[]), 0, &["resuming"]);
     assert!(files(&job.film) == expected);
     assert!(job.leftover_files().is_empty(), "{:?}", job.leftover_files());
@@ -73,7 +73,7 @@ fn first_signal_finishes_tiles_in_flight_second_stops_at_once() {
         assert_exit(
             &run.run_to_end(),
             INTERRUPTED,
-            &["finishing the tiles in flight", "interrupted: ", "resumes"],
+            &["stopping after the tiles in progress", "interrupted: ", "resumes"],
         );
         assert!(job.leftover_files().is_empty(), "{:?}", job.leftover_files());
         assert_eq!(records(&job.film)[0]["outcome"], "interrupted");
@@ -96,7 +96,7 @@ fn first_signal_finishes_tiles_in_flight_second_stops_at_once() {
     assert_exit(
         &run.run_to_end(),
         INTERRUPTED,
-        &["again to stop at once", "stopped; the same command resumes"],
+        &["press Ctrl-C again to stop at once", "stopped; the same command resumes"],
     );
     assert!(!job.film.join("runs/whole.lock").exists());
     job.run("", &[]).ok();
@@ -217,7 +217,7 @@ fn status_lists_missing_shards_and_failed_runs() {
     assert_exit(
         &lenscube(&["status", text(&job.film), "--check"]),
         0,
-        &["complete", "60 of 60", "2 complete, 0 in part"],
+        &["complete", "60 of 60", "2 complete, 0 partly done"],
     );
 }
 
@@ -227,7 +227,7 @@ fn verify_names_bad_files_and_repair_allows_a_run_to_replace_them() {
     let expected = job.expected_files();
     job.run("", &[]).ok();
     let film = text(&job.film);
-    assert_exit(&lenscube(&["verify", film]), 0, &["is sound: 60 shards"]);
+    assert_exit(&lenscube(&["verify", film]), 0, &["is correct: no defect in 60 shards"]);
     let at = |key: &str| job.film.join(key);
     let mut bytes = fs::read(at("film/c/1/2/3")).unwrap();
     bytes[1000] ^= 1;
@@ -241,10 +241,14 @@ fn verify_names_bad_files_and_repair_allows_a_run_to_replace_them() {
     assert_eq!((json["findings"].as_array().unwrap().len(), &json["sound"]), (3, &json!(false)));
     // A run counts existing shards as complete; only `verify` reads them.
     assert_exit(&job.run("", &[]), 0, &["resuming", "1 of 60"]);
-    assert_exit(&lenscube(&["verify", film, "--repair"]), WRONG, &["removed 2 bad shards and 1 temp files"]);
+    assert_exit(
+        &lenscube(&["verify", film, "--repair"]),
+        WRONG,
+        &["removed 2 damaged shards and 1 temporary files"],
+    );
     assert_exit(&job.run("", &[]), 0, &["resuming", "2 of 60"]);
     assert!(files(&job.film) == expected && job.leftover_files().is_empty());
-    assert_exit(&lenscube(&["verify", film]), 0, &["is sound"]);
+    assert_exit(&lenscube(&["verify", film]), 0, &["is correct"]);
     // Metadata.
     let group = at("zarr.json");
     let good = fs::read_to_string(&group).unwrap();

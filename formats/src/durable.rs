@@ -54,7 +54,7 @@ pub use process::ProcessIdentity;
 pub use removal::Removal;
 pub use rename::{publish, replace_directory};
 #[cfg(test)]
-pub(crate) use step::Step;
+pub(crate) use step::FileStep;
 pub use store::Store;
 pub use sweep::{Sweep, sweep, sweep_entries, temp_files};
 pub use temp::{is_temp_name, remove_temp, temp_name};

@@ -9,6 +9,19 @@
 //! | [`mod@export`] | films as OpenEXR, TIFF or flat files |
 //! | [`mod@picture`] | pictures and plots for people |
 //! | [`mod@durable`] | directories and object stores with atomic, durable writes |
+//!
+//! # Adding a chart format
+//!
+//! Samples in a flat file: `chart/raster/` (`open.rs`, `layout.rs`, `samples.rs`). Any other: `chart/FORMAT.rs`, which implements
+//! `pipeline::flow::ChartSource` and the functions of `chart/exr.rs` (identity, limit of values, wavelengths, figures), and is exported by
+//! `chart.rs`. In the command: `src/open.rs` (`Chart`), `src/run/record.rs` (`ChartFigures`), `src/plan/cost.rs` (`bytes_read`), the list of
+//! formats in `src/args/run.rs`. Tests: `tests/invariance.rs`, `formats/tests/fuzz/`.
+//!
+//! # Adding a codec of films and charts
+//!
+//! `shard/codec.rs` (`Codec`), `bounded.rs` (the bound of its decoded size; without one every read is an error), `Cargo.toml` (feature of `zarrs`),
+//! `film/memory.rs` (memory of encoding), `src/args/codec.rs`. Tests: `shard/encode/tests.rs`, `film/tests.rs`, `chart/tests/written.rs`,
+//! `formats/tests/fuzz/`, `scripts/check_interop.py`. Lens packs have their own list, in `lens/array.rs`.
 
 mod bounded;
 pub mod chart;

@@ -49,7 +49,7 @@ pub(crate) fn header(head: &[u8]) -> Result<Header, HeaderError> {
     let descr = value_of("descr")?;
     let descr = descr.strip_prefix('\'').and_then(|d| d.split_once('\'')).map_or("", |d| d.0);
     let short = |t: &str| t.chars().take(40).collect::<String>();
-    let (sample, little_endian) = parse_dtype(descr).ok_or_else(|| {
+    let (sample, little_endian) = parse_numpy_dtype(descr).ok_or_else(|| {
         error("samples", "f2, f4, f8, u1 or u2 (numpy: astype)", format!("`{}`", short(descr)))
     })?;
     if !value_of("fortran_order")?.starts_with("False") {
@@ -78,8 +78,26 @@ pub(crate) fn header_of_f32(shape: &[usize]) -> Vec<u8> {
     bytes
 }
 
-/// Sample type of a NumPy dtype (`<f4`, `>u2`, `|u1`, `f4`), and whether it is little-endian (the default).
-pub fn parse_dtype(dtype: &str) -> Option<(RasterSample, bool)> {
+/// Sample type by its name, and whether it is little-endian (the default): bits (`u8`, `u16`, `f16`, `f32`, `f64`, prefix `>` for
+/// big-endian) or a NumPy dtype (`<f4`, `>u2`, `|u1`, `f4`).
+///
+/// NumPy counts bytes. The names of more than one meaning are those of bits without prefix or with `>`; `<u8` and `>u8`, NumPy's
+/// 64-bit integers, are not supported.
+pub fn parse_dtype(name: &str) -> Option<(RasterSample, bool)> {
+    let big_endian = name.strip_prefix('>');
+    let sample = match big_endian.unwrap_or(name) {
+        "u8" if big_endian.is_none() => Sample::U8,
+        "u16" => Sample::U16,
+        "f16" => Sample::F16,
+        "f32" => Sample::F32,
+        "f64" => Sample::F64,
+        _ => return parse_numpy_dtype(name),
+    };
+    Some((RasterSample::Plain(sample), big_endian.is_none()))
+}
+
+/// Sample type of a NumPy dtype, and whether it is little-endian.
+fn parse_numpy_dtype(dtype: &str) -> Option<(RasterSample, bool)> {
     let (little_endian, name) = match dtype.as_bytes().first()? {
         b'<' | b'|' => (true, &dtype[1..]),
         b'>' => (false, &dtype[1..]),
@@ -109,5 +127,44 @@ mod tests {
             let read = header(&bytes).unwrap();
             assert_eq!((read.shape.as_slice(), read.offset, read.little_endian), (shape, bytes.len(), true));
         }
+    }
+
+    #[test]
+    fn sample_types_are_accepted_by_bits_and_by_numpy_name() {
+        let plain = |sample, little_endian| Some((RasterSample::Plain(sample), little_endian));
+        for (bits, numpy, sample) in [
+            ("u8", "u1", Sample::U8),
+            ("u16", "u2", Sample::U16),
+            ("f16", "f2", Sample::F16),
+            ("f32", "f4", Sample::F32),
+            ("f64", "f8", Sample::F64),
+        ] {
+            assert_eq!(parse_dtype(bits), plain(sample, true), "{bits}");
+            assert_eq!(parse_dtype(numpy), plain(sample, true), "{numpy}");
+            assert_eq!(parse_dtype(&format!(">{numpy}")), plain(sample, false), ">{numpy}");
+            assert_eq!(
+                parse_dtype(&format!(">{bits}")),
+                plain(sample, false).filter(|_| bits != "u8"),
+                ">{bits}"
+            );
+        }
+        for unsupported in ["", ">", "<u8", ">u8", "|u8", "<f16", "u4", "i16", "u32"] {
+            assert_eq!(parse_dtype(unsupported), None, "{unsupported}");
+        }
+    }
+
+    #[test]
+    fn header_with_a_type_named_by_bits_is_an_error() {
+        let with_dtype = |dtype: &str| {
+            let text =
+                String::from_utf8(header_of_f32(&[3, 5, 7])[10..].to_vec()).unwrap().replace("<f4", dtype);
+            let length = u16::try_from(text.len()).unwrap().to_le_bytes();
+            header(&[&b"\x93NUMPY\x01\x00"[..], &length[..], text.as_bytes()].concat()).is_ok()
+        };
+        // In a header `u8` is a 64-bit integer and `f16` a long double.
+        assert_eq!(
+            ["<f4", ">u2", "<u8", "u8", "<f16", "u16"].map(with_dtype),
+            [true, true, false, false, false, false]
+        );
     }
 }

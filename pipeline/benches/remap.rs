@@ -11,7 +11,7 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
-use lenscube_pipeline::remap::{Reading, Remap, RemapScratch, Stages};
+use lenscube_pipeline::remap::{ChartInterpolation, Remap, RemapScratch, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
 use shared::{CpuTime, FILM, PITCH_UM, available};
 
@@ -56,8 +56,9 @@ fn remap(c: &mut Criterion<CpuTime>) {
             group.throughput(Throughput::Elements((TILE * TILE) as u64));
             for simd in available() {
                 let isa = simd.isa();
-                let reading = Reading { interp, surround: Surround::Edge, outside: Outside::Error };
-                let remap = Remap::new(&frame, &lens, stages, reading, 1.0, simd);
+                let interpolation =
+                    ChartInterpolation { interp, surround: Surround::Edge, outside: Outside::Error };
+                let remap = Remap::new(&frame, &lens, stages, interpolation, 1.0, simd);
                 let (mut out, mut s) = (vec![0.0; TILE * TILE], RemapScratch::default());
                 group.bench_function(isa.name(), |b| {
                     b.iter(|| remap.apply(&chart, 0, rect, &mut out, &mut s).unwrap());

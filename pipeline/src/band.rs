@@ -10,7 +10,7 @@ use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::{NodeKernels, film_window};
-use crate::remap::{Reading, Remap, Stages};
+use crate::remap::{ChartInterpolation, Remap, Stages};
 use crate::simd::Simd;
 
 /// Wavelengths closer than this are the same, nm.
@@ -31,7 +31,7 @@ pub struct Options {
     /// Enabled stages.
     pub stages: Stages,
     /// Interpolation and surround of the chart.
-    pub reading: Reading,
+    pub interpolation: ChartInterpolation,
     /// Azimuths per height in place of the lens's, a multiple of 4.
     pub azimuths: Option<usize>,
     /// Crop of the PSF window in film pixels, odd.
@@ -131,7 +131,7 @@ impl BandPlan {
         let tiling = Tiling::new(frame.film, blocks.as_ref());
         let needed = frame.farthest_mm(frame.film.rect().grown(tiling.margin()));
         let check = |table, last: &[f64]| {
-            options.reading.outside.check(table, wavelength_nm, needed, last[last.len() - 1])
+            options.interpolation.outside.check(table, wavelength_nm, needed, last[last.len() - 1])
         };
         if options.stages.svpsf {
             check("psf_height table", &tables.psf_height_mm)?;
@@ -155,7 +155,7 @@ impl BandPlan {
         gain: f64,
         mut stack: impl FnMut(usize) -> Result<PsfStack, E>,
     ) -> Result<BandStages, E> {
-        let remap = Remap::new(frame, &self.lens, options.stages, options.reading, gain, options.simd);
+        let remap = Remap::new(frame, &self.lens, options.stages, options.interpolation, gain, options.simd);
         let psf = match &self.grid {
             None => None,
             Some(grid) => {

@@ -6,7 +6,7 @@
 //! band L is constant for half a spacing. A single band represents 10 nm.
 //! Colour-matching functions, illuminants and ColorChecker reflectances are tables of 5 nm, linear between nodes.
 //! XYZ is converted to linear sRGB (IEC 61966-2-1, D65 white) after Bradford adaptation (ICC.1:2010, annex E) from the image's white.
-//! Left out: observers other than the CIE 1931 2° one, fluorescence. Sources: `data/SOURCES.md`.
+//! Not modelled: observers other than the CIE 1931 2° one, fluorescence. Sources: `data/SOURCES.md`.
 
 mod cie;
 mod srgb;

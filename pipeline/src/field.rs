@@ -4,9 +4,9 @@
 //!            coordinates on the ideal image plane (on the axis h/r = h₁/r₁, the ratio of the first field point)
 //!     R(r)   irradiance there over irradiance on the axis, from the lens's table, not cos⁴; R belongs to the field point and includes
 //!            the change of area by distortion
-//! Both are linear between the dense field points of the tables (error ≤ max|f″|·Δr²/8, 1e-4 px by the contract of lens packs), in f64.
+//! Both are linear between the dense field points of the tables (error ≤ max|f″|·Δr²/8, 1e-4 px by the accuracy required of lens packs), in f64.
 //! Beyond the last point the band plan reports an error or, with [`Outside::Clamp`], h/r and R of the last point are used.
-//! Left out: dependence on azimuth; a centred lens has none.
+//! Not modelled: dependence on azimuth; a centred lens has none.
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use crate::lens::{LensBand, LensError};
@@ -45,10 +45,10 @@ impl Outside {
 pub struct Field {
     /// Real heights of the field points, px.
     real_px: Vec<f64>,
-    steps: Vec<Step>,
+    steps: Vec<TableInterval>,
     /// (h/r, R·gain) on the axis.
     paraxial: (f64, f64),
-    /// Step at the beginning of each of equal intervals of r.
+    /// Index of the interval at the beginning of each of equal intervals of r.
     buckets: Vec<u32>,
     buckets_per_px: f64,
 }
@@ -71,7 +71,7 @@ pub(crate) const BLOCK: usize = 8;
 
 /// Between the real heights `from` and `until` (px): h = h_at + h_slope·r, R = gain_at + gain_slope·r.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Step {
+pub(crate) struct TableInterval {
     pub(crate) from: f64,
     pub(crate) until: f64,
     pub(crate) h_at: f64,
@@ -90,7 +90,7 @@ impl Field {
         let step = |i: usize| {
             let slope = |t: &[f64]| (t[i + 1] - t[i]) / (real[i + 1] - real[i]);
             let (h_slope, r_slope) = (slope(ideal), if illumination { slope(ri) } else { 0.0 });
-            Step {
+            TableInterval {
                 from: real[i] / pitch_mm,
                 until: if i + 2 < real.len() { real[i + 1] / pitch_mm } else { f64::INFINITY },
                 h_at: (ideal[i] - h_slope * real[i]) / pitch_mm,
@@ -141,11 +141,11 @@ impl Field {
     }
 
     /// The steps, ascending.
-    pub(crate) fn steps(&self) -> &[Step] {
+    pub(crate) fn steps(&self) -> &[TableInterval] {
         &self.steps[..self.steps.len() - 1]
     }
 
-    /// Step at the beginning of each of equal intervals of r, and intervals per px.
+    /// Index of the interval at the beginning of each of equal intervals of r, and intervals per px.
     pub(crate) fn buckets(&self) -> (&[u32], f64) {
         (&self.buckets, self.buckets_per_px)
     }

@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn intersections_of_disjoint_and_overlapping_rectangles() {
+    fn disjoint_rectangles_have_an_empty_intersection_and_overlapping_ones_their_overlap() {
         let a = Rect::new(0, 0, 4, 4);
         assert!(a.intersect(Rect::new(4, 0, 2, 2)).is_empty());
         assert_eq!(a.intersect(Rect::new(2, -1, 9, 3)), Rect::new(2, 0, 2, 2));

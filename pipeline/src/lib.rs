@@ -24,10 +24,25 @@
 //! of tiles, workers read their chart rectangles into page-locked memory, the device remaps and applies the PSF, and a collector
 //! downloads the contributions, which are added in the same order.
 //!
-//! Beside the path: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing; [`chart`] draws test charts
+//! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing; [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
-//! [`bounds`] limits every number from outside; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
+//! [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
 //! functions whose bits do not depend on the host; [`cuda`] opens GPUs and holds their memory; [`mod@bench`] holds the baselines of benchmarks.
+//!
+//! # Adding a stage
+//!
+//! A stage between remap and overlap-add, such as veiling glare:
+//!
+//! - its own module with the equation at the head, and a switch in `remap::Stages`;
+//! - [`band`]: `BandStages`, `BandPlan::stages`; [`mod@plan`] and `psf/blocks.rs` if it enlarges the tile; `stages.rs`: `StageCompute::compute`, its
+//!   buffers and their memory; `clock.rs`: its time;
+//! - GPU: a `.cu` file beside the module (`scripts/ptx` compiles it to `pipeline/ptx`), `cuda/band.rs`, `cuda/memory.rs`,
+//!   `tests/emulated_cuda/modules.cpp`;
+//! - command: `src/args/run.rs` (`Stage`), `src/job/` (`arguments.rs`, `identity.rs` with a new `NUMERIC_VERSION`, `notes.rs`), `src/memory.rs`,
+//!   `src/plan/cost.rs`, `src/status/text.rs`, `src/progress.rs`, `src/run/record.rs`, `src/bench/`, `src/validate/`;
+//! - tests: `tests/oracle/` and `tests/flow.rs` of this package, `tests/golden/make_golden.py`.
+//!
+//! Chart formats and codecs: head of the package `formats`.
 //!
 //! # Glossary
 //!
@@ -37,7 +52,7 @@
 //! - **ideal height**: f·tan(field angle). **real height**: where the chief ray lands. Both in mm from the axis.
 //! - **node**: a grid point of the PSF field (height, azimuth). **kernel**: its PSF integrated over film pixels. **spectrum**: the kernel's Fourier
 //!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels.
-//! - **tile**: unit of computing (512 px). **block**: unit of a Fourier transform. **shard**: a stored file of the film. **chunk**: a compressed part
+//! - **tile**: unit of computing (about 512 px). **block**: unit of a Fourier transform. **shard**: a stored file of the film. **chunk**: a compressed part
 //!   of a store.
 //! - **film region**: a rectangle of the film (`--roi`). **job**: all that determines the pixels of a film. **unit**: a part of a planned job that
 //!   one process computes. **run**: one execution of a command on a film.

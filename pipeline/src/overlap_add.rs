@@ -51,7 +51,7 @@ pub fn tiles_needed(
 }
 
 impl OverlapAdd {
-    /// For the outputs `regions`.
+    /// For `regions`.
     pub fn new(regions: &[FilmRegion]) -> Self {
         Self {
             regions: regions.to_vec(),

@@ -8,7 +8,7 @@
 //! a chart reproduces the colours. They solve a quadratic programme with bounds by operator splitting (Stellato et al., "OSQP", Math. Prog.
 //! Comp. 12, 2020, algorithm 1), to 1e-6 of white. All corners of the cube are met for D65, A and E with bands every 20 nm or closer
 //! over 400 to 700 nm; bands that cannot represent a corner are an error that contains the deviation.
-//! Left out: gamuts beyond sRGB, in which the three cannot stay non-negative; fluorescence.
+//! Not modelled: gamuts beyond sRGB, in which the three cannot stay non-negative; fluorescence.
 
 use crate::colour::{self, Illuminant};
 use crate::wavelengths;
@@ -35,8 +35,8 @@ pub enum ReflectanceError {
     },
     /// Colours out of reach.
     #[error(
-        "bands at {} nm cannot hold all colours as reflectances in light {light}: {corner} is missed by {off:.3} of white; take more bands, \
-         e.g. 400:700:10",
+        "the bands at {} nm cannot represent all sRGB colours under {light} (error of {corner}: {off:.3} of white); use more bands, e.g. \
+         400:700:10",
         wavelengths::format(bands_nm)
     )]
     Unreachable {
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_in_any_order_and_spacing() {
+    fn bands_may_be_in_any_order_and_spacing() {
         let nm = [
             700.0, 400.0, 415.0, 440.0, 450.0, 470.0, 480.0, 500.0, 512.0, 530.0, 550.0, 560.0, 580.0, 600.0,
         ]
@@ -222,7 +222,7 @@ mod tests {
     fn insufficient_bands_are_an_error_with_the_corner() {
         for nm in [vec![450.0, 550.0, 650.0], bands(400, 700, 50), vec![550.0], vec![900.0, 910.0]] {
             let error = primaries(&nm, Illuminant::D65).unwrap_err().to_string();
-            assert!(error.contains("cannot hold") && error.contains("of white"), "{error}");
+            assert!(error.contains("cannot represent") && error.contains("of white"), "{error}");
         }
         assert!(primaries(&[], Illuminant::E).unwrap_err().to_string().contains("0 bands"));
     }

@@ -2,8 +2,8 @@
 //!
 //!     remapped(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
 //! for the film pixel at (X, Y) mm from the axis, r = hypot(X, Y) its REAL image height; R and h from [`crate::field`]. The chart lies on
-//! the IDEAL image plane: chart pixel = middle of the chart + ((X, Y)·h/r − center)/(pitch·scale). This is a pull (gather) mapping of
-//! values, not of flux: no Jacobian, so a uniform chart of value 1 gives exactly R. Chart coordinates are f64, split into an integer and
+//! the IDEAL image plane: chart pixel = middle of the chart + ((X, Y)·h/r − center)/(pitch·scale). This is a gather that resamples
+//! values (no Jacobian), so a uniform chart of value 1 gives exactly R. Chart coordinates are f64, split into an integer and
 //! an f32 fraction ([`crate::resample`]), so pixel values do not depend on the partition of the film.
 //!
 //! A tile is computed in parts of at most `PART_ROWS` × `PART_COLS` pixels: map them to the chart, read the chart rectangle that
@@ -55,7 +55,7 @@ pub struct Stages {
 
 /// How the chart is interpolated and extended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Reading {
+pub struct ChartInterpolation {
     /// Interpolation where scale ≥ 1.
     pub interp: Interp,
     /// Values outside the chart.
@@ -64,7 +64,7 @@ pub struct Reading {
     pub outside: Outside,
 }
 
-impl Reading {
+impl ChartInterpolation {
     /// The chart rectangle of the taps of all cells between (minimum, maximum) rows and columns, and the cell (row, column) whose
     /// first tap is its first pixel.
     fn chart_rect(&self, (rows, cols): ((i64, i64), (i64, i64))) -> (Rect, (i32, i32)) {
@@ -85,7 +85,7 @@ pub struct Remap {
     field: Field,
     #[cfg(target_arch = "x86_64")]
     knots: Knots,
-    reading: Reading,
+    interpolation: ChartInterpolation,
     simd: Simd,
 }
 
@@ -129,7 +129,7 @@ impl Remap {
         frame: &Frame,
         band: &LensBand,
         stages: Stages,
-        reading: Reading,
+        interpolation: ChartInterpolation,
         gain: f64,
         simd: Simd,
     ) -> Self {
@@ -139,7 +139,7 @@ impl Remap {
             #[cfg(target_arch = "x86_64")]
             knots: Knots::new(&field),
             field,
-            reading,
+            interpolation,
             simd,
         }
     }
@@ -214,17 +214,18 @@ impl Remap {
             (Map::new(&self.frame, &self.field), &self.knots, Dispatch::<V>::new(self.simd));
         let Part { rect, out, stride, .. } = part;
         dispatch.run(FillAnchors { map, knots, rect, to: &mut s.anchors });
-        let (chart_rect, first) = self.reading.chart_rect(s.anchors.cells);
+        let (chart_rect, first) = self.interpolation.chart_rect(s.anchors.cells);
         self.fetch(part.chart, part.band, chart_rect, s)?;
         let chart = Chart { source: &s.source, width: chart_rect.width, first };
-        let interp = self.reading.interp;
+        let interp = self.interpolation.interp;
         dispatch.run(Resample { map, knots, anchors: &s.anchors, chart, interp, rect, out, stride });
         Ok(())
     }
 
     fn interpolate_portable(&self, part: Part<'_>, s: &mut RemapScratch) -> Result<(), SourceSinkError> {
         Map::new(&self.frame, &self.field).fill(part.rect, &mut s.points);
-        let (chart_rect, first) = self.reading.chart_rect((min_max(&s.points.row), min_max(&s.points.col)));
+        let (chart_rect, first) =
+            self.interpolation.chart_rect((min_max(&s.points.row), min_max(&s.points.col)));
         self.fetch(part.chart, part.band, chart_rect, s)?;
         let p = &s.points;
         for (y, to) in part.out.chunks_mut(part.stride).take(part.rect.height).enumerate() {
@@ -232,7 +233,7 @@ impl Remap {
                 let i = y * p.stride + x;
                 let at = (p.row[i] - first.0) as usize * chart_rect.width + (p.col[i] - first.1) as usize;
                 let (from, fy, fx) = (&s.source[at..], p.row_fraction[i], p.col_fraction[i]);
-                let value = match self.reading.interp {
+                let value = match self.interpolation.interp {
                     Interp::Bicubic => bicubic(from, chart_rect.width, fy, fx),
                     Interp::Bilinear => bilinear(from, chart_rect.width, fy, fx),
                 };
@@ -316,7 +317,7 @@ impl Remap {
         if size.rect().contains(rect) {
             return chart.read(band, rect, out);
         }
-        let surround = self.reading.surround;
+        let surround = self.interpolation.surround;
         let range = |first: i64, count: usize, n: usize| {
             let indices = (0..count as i64).filter_map(|i| surround.index(first + i, n));
             indices.fold(None, |range: Option<(usize, usize)>, i| {

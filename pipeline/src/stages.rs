@@ -97,10 +97,10 @@ impl Compute for StageCompute<'_> {
         tiling: &Tiling,
         tiles: &[(usize, usize)],
         queue: &DeviceQueue,
-        halved: u32,
+        halvings: u32,
         streams: &Streams,
     ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError> {
-        GpuBand::new(&self.frame, band, tiling, tiles, queue, halved, streams)
+        GpuBand::new(&self.frame, band, tiling, tiles, queue, halvings, streams)
     }
 }
 

@@ -100,7 +100,7 @@ fn block_reverses_values_in_shared_memory() {
     assert!(reverse(1024));
 }
 
-fn access_beyond_shared_memory_is_caught() {
+fn access_beyond_shared_memory_is_detected() {
     reverse(1020);
 }
 
@@ -140,7 +140,7 @@ fn copy_beyond_an_allocation_panics() {
     assert!(beyond.is_err(), "17 values of 16");
 }
 
-fn kernel_access_beyond_its_memory_is_caught() {
+fn kernel_access_beyond_its_memory_is_detected() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let from = stream.clone_htod(&vec![1f32; 64]).unwrap();
@@ -401,8 +401,8 @@ fn main() -> ExitCode {
         SANITIZED_BUILD,
     ));
     let beyond: [(&str, fn()); 2] = [
-        ("kernel_access_beyond_its_memory_is_caught", kernel_access_beyond_its_memory_is_caught),
-        ("access_beyond_shared_memory_is_caught", access_beyond_shared_memory_is_caught),
+        ("kernel_access_beyond_its_memory_is_detected", kernel_access_beyond_its_memory_is_detected),
+        ("access_beyond_shared_memory_is_detected", access_beyond_shared_memory_is_detected),
     ];
     for (name, run) in beyond {
         cases.push(must_fail(built(plain(name, &[], run), SANITIZED_BUILD)));

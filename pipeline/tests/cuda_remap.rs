@@ -9,7 +9,7 @@ use lenscube_pipeline::cuda::Device;
 use lenscube_pipeline::flow::ChartSource;
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::remap::cuda::{RemapOnDevice, RemapTile};
-use lenscube_pipeline::remap::{Reading, Remap, RemapScratch};
+use lenscube_pipeline::remap::{ChartInterpolation, Remap, RemapScratch};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::simd::Simd;
 use oracle::Noise;
@@ -25,7 +25,7 @@ struct Gpu {
 
 impl Engine for Gpu {
     fn remap(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32> {
-        let remap = Remap::new(job.frame, job.lens, job.stages, job.reading, job.gain, Simd::PORTABLE);
+        let remap = Remap::new(job.frame, job.lens, job.stages, job.interpolation, job.gain, Simd::PORTABLE);
         let stage = RemapOnDevice::new(&self.device, &remap).unwrap();
         let stream = self.device.context.new_stream().unwrap();
         let (mut charts, mut scratch, mut tiles) = (Vec::new(), RemapScratch::default(), Vec::new());
@@ -74,8 +74,9 @@ fn batches_of_any_tiles_give_the_same_pixels() {
     let frame = Frame::centred(film, Size::new(820, 1900), 2.0);
     let lens = band(&mut noise, 300, frame.farthest_mm(film.rect()));
     let chart = noise_chart(&mut noise, frame.chart);
-    let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: OUTSIDE };
-    let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 3.0 };
+    let interpolation =
+        ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside: OUTSIDE };
+    let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, interpolation, gain: 3.0 };
     let rect = Rect::new(40, 900, 200, 777);
     let full = gpu((200, 777)).remap(&job, &chart, rect);
     for tile in [(13, 777), (64, 33), (200, 16)] {
@@ -93,8 +94,9 @@ fn upload_rect_is_close_to_the_tile_size() {
     let frame = Frame::centred(film, film, 2.0);
     let last = frame.farthest_mm(film.rect()) + 1e-9;
     let lens = oracle::lens_band((0..1000).map(|i| last * f64::from(i) / 999.0).collect(), 1.0, -0.05);
-    let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: OUTSIDE };
-    let remap = Remap::new(&frame, &lens, FIRST_TWO, reading, 1.0, Simd::PORTABLE);
+    let interpolation =
+        ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside: OUTSIDE };
+    let remap = Remap::new(&frame, &lens, FIRST_TWO, interpolation, 1.0, Simd::PORTABLE);
     for (y, x) in [(0, 0), (0, 7000), (7000, 7000), (13_000, 3000)] {
         let need = remap.upload_rect(Rect::new(y, x, 512, 512)).size();
         assert!(

@@ -11,7 +11,7 @@ use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{FilmRegion, ShardId};
-use lenscube_pipeline::remap::{Reading, Stages};
+use lenscube_pipeline::remap::{ChartInterpolation, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stages::StageCompute;
@@ -133,7 +133,11 @@ fn case(simd: Simd, noise: &mut Noise, film: Size, chart: Size, windows: &[usize
     };
     let options = Options {
         stages: Stages { ri: true, distortion: true, svpsf: true },
-        reading: Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
+        interpolation: ChartInterpolation {
+            interp: Interp::Bicubic,
+            surround: Surround::Edge,
+            outside: Outside::Error,
+        },
         azimuths: None,
         psf_window: None,
         between: PsfBetween::Error,

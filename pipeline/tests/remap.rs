@@ -8,7 +8,7 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::ChartSource;
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, PsfSample};
-use lenscube_pipeline::remap::{Reading, Remap, RemapScratch};
+use lenscube_pipeline::remap::{ChartInterpolation, Remap, RemapScratch};
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::simd::{Isa, Simd};
 use libtest_mimic::{Arguments, Trial};
@@ -18,7 +18,7 @@ use std::process::ExitCode;
 
 impl Engine for Simd {
     fn remap(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32> {
-        let remap = Remap::new(job.frame, job.lens, job.stages, job.reading, job.gain, *self);
+        let remap = Remap::new(job.frame, job.lens, job.stages, job.interpolation, job.gain, *self);
         let mut got = vec![0.0; rect.size().pixels()];
         remap.apply(chart, 0, rect, &mut got, &mut RemapScratch::default()).unwrap();
         got
@@ -44,7 +44,11 @@ fn film_beyond_the_tables_is_an_error_or_clamped() {
     };
     let mut options = Options {
         stages: FIRST_TWO,
-        reading: Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
+        interpolation: ChartInterpolation {
+            interp: Interp::Bicubic,
+            surround: Surround::Edge,
+            outside: Outside::Error,
+        },
         azimuths: None,
         psf_window: None,
         between: PsfBetween::Error,
@@ -55,7 +59,7 @@ fn film_beyond_the_tables_is_an_error_or_clamped() {
         error.contains(&format!("{needed:.6}")) && error.contains(&format!("{:.6}", needed * 0.9)),
         "{error}"
     );
-    options.reading.outside = Outside::Clamp;
+    options.interpolation.outside = Outside::Clamp;
     assert!(BandPlan::new(&frame, &lens, 550.0, &options).is_ok());
 }
 

@@ -304,7 +304,7 @@ class Round:
         """Repeats a command while it ends with 75 or 130, alternating machines, and finally with --take-over."""
         machines = list(dict.fromkeys(["A", self.script.second]))
         for k in range(MAX_REPEATS):
-            # Only the machine of a dead process detects that its lock is stale; elsewhere it needs --take-over.
+            # Only the machine of an ended process detects that its lock is stale; elsewhere it needs --take-over.
             more = ["--take-over"] if k >= len(machines) else []
             code = self.call(kind, job, machines[k % len(machines)], [*arguments, *more])
             if code not in (75, 130):
@@ -342,7 +342,7 @@ class Round:
             if not self.overwrite(job):
                 return
             self.check_film(f"job {job} overwritten", True)
-        # Only the machine of a dead process can detect that it is dead and remove its files.
+        # Only the machine of an ended process can detect that it has ended and remove its files.
         for machine in dict.fromkeys((self.script.second, "A")):
             if self.call("run", job, machine) != 0:
                 self.finding(f"run of job {job}, complete, does not end with 0 on machine {machine}")

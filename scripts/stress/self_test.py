@@ -28,16 +28,16 @@ CASES = {
     "an extra shard": ("run", r"film/c/9/0/0 is not part"),
     "changed metadata": ("run", r"name a job that no|differs"),
     "no film": ("run", r"there is no film"),
-    "a temp file of a dead process": ("run", r"left behind: .*\.tmp-"),
+    "a temp file of an ended process": ("run", r"left behind: .*\.tmp-"),
     "a temp file beside the film": ("run", r"left behind: \.tmp-"),
-    "a lock of a dead process": ("run", r"left behind: .*whole\.lock"),
+    "a lock of an ended process": ("run", r"left behind: .*whole\.lock"),
     "a changed chart": ("run", r"chart-zarr was changed"),
     "a foreign file removed": ("run", r"notes.txt, not of the program, is gone"),
     "a foreign file changed": ("run", r"notes.txt, not of the program, was changed"),
     "an export of other pixels": ("export", r"not the export of one film"),
     "exit code 101": ("run", r"ended with 101"),
     "an abort": ("run", r"ended with -6"),
-    "a caught panic": ("run", r"panicked"),
+    "a panic": ("run", r"panicked"),
     "no end": ("run", r"did not end in"),
     "always 75": ("run", r"still ends with 75"),
     "valid film reported as damaged": ("verify", r"verify finds the complete film wrong"),
@@ -80,11 +80,11 @@ def damage(case, arguments, code):
         (film / "zarr.json").write_text(changed)
     elif case == "no film":
         shutil.rmtree(film)
-    elif case == "a temp file of a dead process":
+    elif case == "a temp file of an ended process":
         (film / "film" / temp).write_text("")
     elif case == "a temp file beside the film":
         (place / temp).write_text("")
-    elif case == "a lock of a dead process":
+    elif case == "a lock of an ended process":
         (film / "runs/whole.lock").write_text(json.dumps({"unit": "whole", **dead, "since_unix_s": 1}))
     elif case == "a changed chart":
         path = next((place.parent / "chart-zarr").rglob("c/0/0/0"))
@@ -99,7 +99,7 @@ def damage(case, arguments, code):
         return 101
     elif case == "an abort":
         os.abort()
-    elif case == "a caught panic":
+    elif case == "a panic":
         print("thread 'main' panicked at src/main.rs", file=sys.stderr)
     elif case == "no end":
         time.sleep(60)

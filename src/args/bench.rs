@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  lenscube bench\n  lenscube bench --dir /scratch --bands 4 --json > bench.json\n\
-Takes about two minutes and 7 GB of temporary disk space; other load on the machine makes the figures worse."
+Takes about two minutes and 7 GB of temporary disk space. Run it on an otherwise idle machine."
 )]
 pub struct BenchArgs {
     /// Film side of the job in pixels; the film is always 28.282 mm wide, as in the paper
@@ -33,7 +33,7 @@ pub struct BenchArgs {
     /// Rounds per figure; the median is reported
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=99))]
     pub rounds: u32,
-    /// Device: cpu; or cuda, cuda:0,2: kernels and copies on the first GPU alone, the job on all
+    /// Device: cpu; or cuda (all GPUs), cuda:0,2, auto (as cuda): kernels and copies are measured on the first GPU, the job on all of them
     #[arg(long, value_name = "DEVICE", default_value_t = Device::Cpu)]
     pub device: Device,
     /// Implementation of the arithmetic: avx512, avx2 or portable (CPU), cuda-sm_90 (GPUs of that compute capability)

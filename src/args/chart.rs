@@ -18,10 +18,10 @@ Without a store:  lenscube run 'gen:composite?size=14141' film.zarr"
 pub struct ChartArgs {
     /// Conversion of a file.
     #[command(subcommand)]
-    pub made: Option<ChartCommand>,
+    pub convert: Option<ChartCommand>,
     /// A generated chart.
     #[command(flatten)]
-    pub drawn: Option<DrawnArgs>,
+    pub generated: Option<GeneratedArgs>,
 }
 
 /// Charts converted from files.
@@ -54,8 +54,8 @@ pub struct ImageArgs {
     /// Illuminant: D65, A or E
     #[arg(long, value_name = "NAME", default_value = "D65")]
     pub illuminant: String,
-    /// Luminance of the picture's white in cd/m²; the chart is then spectral radiance in W m-2 sr-1 nm-1 [default: relative, with an
-    /// illuminant of 1 at 560 nm]
+    /// Luminance of the picture's white in cd/m²; the chart is then spectral radiance in W m-2 sr-1 nm-1 [default: relative values;
+    /// the illuminant is 1 at 560 nm]
     #[arg(long, value_name = "CD_PER_M2", value_parser = positive)]
     pub scale_to: Option<f64>,
     /// Decode integer samples as linear instead of sRGB
@@ -77,7 +77,7 @@ pub struct ImageArgs {
 
 /// `lenscube chart KIND`
 #[derive(Debug, Args)]
-pub struct DrawnArgs {
+pub struct GeneratedArgs {
     /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker or composite; or image, for a picture
     #[arg(value_name = "KIND")]
     pub kind: String,
@@ -87,7 +87,7 @@ pub struct DrawnArgs {
     /// Size of the FILM in pixels, N or HxW; the chart is larger by the overscan
     #[arg(long, value_name = "HxW")]
     pub size: Option<String>,
-    /// Bands in nm: 400:700:10 (both ends) or 450,550
+    /// Bands in nm: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
     /// Pixel pitch in µm
@@ -105,13 +105,13 @@ pub struct DrawnArgs {
     /// uniform: the value of every pixel
     #[arg(long, allow_hyphen_values = true)]
     pub value: Option<String>,
-    /// points, dot-grid: blobs or dots per row and column
+    /// points, dot-grid: spots per row and column
     #[arg(long)]
     pub count: Option<String>,
-    /// points: gaussian or disc
+    /// points: shape of a spot, gaussian or disc
     #[arg(long)]
     pub blob: Option<String>,
-    /// points, dot-grid: width of a blob or dot in pixels
+    /// points, dot-grid: width of a spot in pixels
     #[arg(long)]
     pub width_px: Option<String>,
     /// slanted-edge, iso12233-esfr: angle from the vertical
@@ -120,13 +120,13 @@ pub struct DrawnArgs {
     /// slanted-edge, iso12233-esfr: ratio of bright to dark; 4 in ISO 12233
     #[arg(long)]
     pub contrast: Option<String>,
-    /// slanted-edge, iso12233-esfr, siemens: targets per row and column
+    /// slanted-edge, iso12233-esfr, siemens: edge regions, squares or stars per row and column
     #[arg(long)]
     pub grid: Option<String>,
     /// slanted-edge: positions X,Y;X,Y in film pixels
     #[arg(long, value_name = "X,Y;…", allow_hyphen_values = true)]
     pub centers: Option<String>,
-    /// slanted-edge: side of a patch in pixels
+    /// slanted-edge: side of an edge region in pixels
     #[arg(long)]
     pub patch_px: Option<String>,
     /// siemens: pairs of dark and bright spokes

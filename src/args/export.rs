@@ -23,7 +23,7 @@ pub struct ExportArgs {
     pub out: PathBuf,
     /// File format, overriding the extension
     #[arg(long, value_enum)]
-    pub format: Option<FileArg>,
+    pub format: Option<ExportFormatArg>,
     /// Export only this rectangle, in film pixels
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     pub crop: Option<Rect>,
@@ -39,7 +39,7 @@ pub struct ExportArgs {
     /// PNG, TIFF: illuminant shown as white: D65, A, E or auto
     #[arg(long, value_name = "NAME", default_value = "D65")]
     pub white: String,
-    /// PNG, TIFF: factor on the values, or auto
+    /// PNG, TIFF: multiplier of the values, or auto
     #[arg(long, default_value = "auto")]
     pub exposure: String,
     /// EXR: 16-bit floats
@@ -47,7 +47,7 @@ pub struct ExportArgs {
     pub half: bool,
     /// EXR: lossless compression [default: zip]
     #[arg(long, value_enum)]
-    pub compression: Option<PackingArg>,
+    pub compression: Option<ExrCompressionArg>,
     /// Wavelengths in nm where the store has none
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
@@ -65,7 +65,7 @@ pub struct ExportArgs {
 /// `--format`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 #[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum FileArg {
+pub enum ExportFormatArg {
     Png,
     Tiff,
     TiffBands,
@@ -77,7 +77,7 @@ pub enum FileArg {
 /// `--compression`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 #[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum PackingArg {
+pub enum ExrCompressionArg {
     Zip,
     Piz,
     None,

@@ -10,8 +10,8 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  lenscube lens import iset-folder/ asphere.lens.zarr\n  \
 lenscube lens import listings/ my.lens.zarr --primary-nm 587.5618 --efl-mm 99.5 --f-number 2.985\n  \
 lenscube lens import tables.npz my.lens.zip --psf-sample integrated --psf-outward down --f-number 3 --primary-nm 550\n\
-What the source does not contain must be given by a flag; nothing is guessed. Plain tables (CSV + NPY) for any other program:\n\
-formats/tests/data/tables-example is a worked example.")]
+What the source does not contain must be given by a flag; nothing is guessed. For other programs write plain \
+tables (CSV and NPY); an example is in formats/tests/data/tables-example of the source.")]
 pub struct ImportArgs {
     /// Folder (ISET macros, OpticStudio listings, CSV tables with NPY windows) or an .npz archive
     #[arg(value_name = "SOURCE")]
@@ -21,20 +21,19 @@ pub struct ImportArgs {
     pub out: PathBuf,
     /// Format of the source [default: by file names]
     #[arg(long, value_enum)]
-    pub from: Option<FormatArg>,
+    pub from: Option<ImportFormatArg>,
     /// Name of the lens [default: from the source]
     #[arg(long)]
     pub name: Option<String>,
     /// Meaning of a PSF sample: value at a point, or mean over its square [default: from the source]
     #[arg(long, value_enum)]
     pub psf_sample: Option<SampleArg>,
-    /// Chief ray in a window of even size: on sample N/2, counted from 0 (pad with a zero row, or crop the first), or between the four
-    /// central samples (shift by half a sample) [default: from the source, else padded]
+    /// Chief ray in a window of even size [default: from the source, else pad]
     #[arg(long, value_enum)]
-    pub even_window: Option<EvenArg>,
+    pub even_window: Option<EvenWindowArg>,
     /// First row of a window in a file: top (largest y, as in OpticStudio) or bottom
-    #[arg(long, value_enum, default_value_t = RowsArg::Top)]
-    pub psf_rows: RowsArg,
+    #[arg(long, value_enum, default_value_t = PsfRowsArg::Top)]
+    pub psf_rows: PsfRowsArg,
     /// Side of a window (top row first) that points away from the optical axis [default: from the source]
     #[arg(long, value_enum)]
     pub psf_outward: Option<OutwardArg>,
@@ -72,7 +71,7 @@ pub struct ImportArgs {
 
 /// `--from`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum FormatArg {
+pub enum ImportFormatArg {
     /// Folder written by the ISET macros for Zemax or Code V
     Iset,
     /// Folder of OpticStudio text listings
@@ -93,17 +92,19 @@ pub enum SampleArg {
 
 /// `--even-window`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum EvenArg {
+pub enum EvenWindowArg {
+    /// On sample N/2 (from 0); a zero row and column are added
     Pad,
+    /// On sample N/2 (from 0); the first row and column are removed
     Crop,
+    /// Between the four central samples; the window is shifted by half a sample
     Shift,
 }
 
 /// `--psf-rows`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 #[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum RowsArg {
+pub enum PsfRowsArg {
     Top,
     Bottom,
 }

@@ -100,10 +100,10 @@ pub struct DesignArgs {
     /// Position of the film
     #[arg(long, value_enum, default_value_t = ImagePlaneArg::Design)]
     pub image_plane: ImagePlaneArg,
-    /// Wavelength of that focus, nm [default: primary wavelength of the design]
+    /// Wavelength at which --image-plane paraxial, rms or strehl is found, nm [default: primary wavelength of the design]
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub focus_nm: Option<f64>,
-    /// Distance of the film from that plane, mm, positive away from the lens
+    /// Distance of the film from the plane of --image-plane, mm, positive away from the lens
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::DEFOCUS_MM), default_value_t = 0.0, allow_hyphen_values = true)]
     pub defocus_mm: f64,
     /// Object distance from the first surface, mm [default: as in the design]
@@ -128,16 +128,16 @@ pub struct TraceArgs {
     /// Lens pack to write, a directory or a .zip
     #[arg(value_name = "OUT.lens.zarr")]
     pub out: PathBuf,
-    /// Bands in nm: 400:700:10 (both ends) or 450,550
+    /// Bands in nm: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM", default_value = "400:700:10")]
     pub wavelengths: String,
     /// Largest REAL image height of the tables, mm: the film's corner and the PSF's margin
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::REACH_MM), default_value = "20.5")]
     pub max_height_mm: f64,
-    /// REAL image heights of the PSFs in mm, 0:20.5:0.5 or 0,3,7.5 [default: chosen by error]
+    /// REAL image heights of the PSFs in mm, 0:20.5:0.5 or 0,3,7.5 [default: as many as --psf-tolerance needs]
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
-    /// Minimum share of the light inside every PSF window
+    /// Minimum share of the energy inside every PSF window
     #[arg(long, value_parser = positive, default_value = "0.99")]
     pub energy: f64,
     /// Maximum error of a kernel between nodes, L1 at film pixels
@@ -151,7 +151,7 @@ pub struct TraceArgs {
     pub film_pitch_um: f64,
     /// Parameters of the design.
     #[command(flatten)]
-    pub place: DesignArgs,
+    pub parameters: DesignArgs,
 }
 
 /// `--image-plane`.

@@ -19,7 +19,7 @@ pub struct MeasureArgs {
     /// Film or chart: PATH or URL, optionally with //array, or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
-    /// Edge spread function and MTF (e-SFR, ISO 12233) of the edge near the line between two positions; a straight edge is fitted
+    /// Edge spread function and MTF (e-SFR, ISO 12233) of the edge near this line; the edge is fitted by a straight line
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
     pub edge: Option<[f64; 4]>,
     /// Centroids near positions

@@ -20,14 +20,14 @@ pub struct RunArgs {
     /// Film to write, a Zarr v3 group, local or at s3://BUCKET/PREFIX
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// Lens pack (directory or .zip, also at a URL), design (.zmx) to trace at the chart's wavelengths, or name of a built-in lens;
-    /// such a name always means the built-in lens, a file of that name is ./NAME
+    /// Lens pack (directory or .zip, also at a URL), design (.zmx) to trace at the chart's wavelengths, or name of a built-in lens.
+    /// A file with the name of a built-in lens is given as ./NAME
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Shape of a raw chart, stored band after band
     #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype")]
     pub chart_shape: Option<String>,
-    /// Sample type of a raw chart: u1, u2, f2, f4 or f8; prefix `>` for big-endian
+    /// Sample type of a raw chart: u8, u16, f16, f32 or f64; prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8
     #[arg(long, value_name = "TYPE", requires = "chart_shape")]
     pub chart_dtype: Option<String>,
     /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
@@ -45,10 +45,10 @@ pub struct RunArgs {
     /// Azimuths per PSF height, a multiple of 4 [default: those of the lens]
     #[arg(long, value_name = "J", value_parser = azimuths)]
     pub azimuths: Option<usize>,
-    /// Crop PSFs to N x N film pixels, N odd, and normalise them again [default: the lens's window]
+    /// Crop PSFs to N x N film pixels (N odd) and scale each to sum 1 [default: the lens's window]
     #[arg(long, value_name = "N", value_parser = odd)]
     pub psf_window: Option<usize>,
-    /// Interpolate PSFs between the lens's wavelengths (over 20 nm the error can be 30-100 % in the blue)
+    /// Interpolate PSFs between the lens's wavelengths (between bands 20 nm apart the kernel error can be 30 to 100 % (L1) in the blue)
     #[arg(long)]
     pub interpolate_psf: bool,
     /// Film size in pixels: N or HxW [default: the chart's film_size, else its size times the scale]
@@ -63,8 +63,8 @@ pub struct RunArgs {
     /// Film pixels per chart pixel
     #[arg(long, value_name = "SX[,SY]", value_parser = scale, default_value = "1")]
     pub scale: (f64, f64),
-    /// Chart pixel pitch in object space in mm, instead of --scale: the scale is |magnification| x this / film pitch; requires a lens
-    /// for a finite object distance
+    /// Chart pixel pitch at the object, mm. The scale is then |magnification| x this / film pitch. Needs a lens with a finite object
+    /// distance; replaces --scale
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::OBJECT_PITCH_MM), conflicts_with = "scale")]
     pub chart_pitch_mm: Option<f64>,
     /// Centre of the chart in mm from the optical axis
@@ -82,7 +82,7 @@ pub struct RunArgs {
     /// NaN, infinity and declared fill values in the chart: error, or read as zero and count
     #[arg(long, value_enum, default_value_t = NanArg::Error)]
     pub nan: NanArg,
-    /// relative (chart values x RI), irradiance (W m-2 nm-1, from a radiance chart) or photons (per s, nm and pixel)
+    /// relative: chart values x relative illumination; irradiance: W m-2 nm-1, from a radiance chart; photons: per s, nm and pixel
     #[arg(long, value_enum, default_value_t = FilmUnits::Relative)]
     pub film_units: FilmUnits,
     /// Sample type of the film
@@ -104,7 +104,7 @@ pub struct RunArgs {
     /// [default: that of the film if it exists and this machine has it, else the fastest]
     #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true)]
     pub engine: EngineArg,
-    /// Continue a film that another engine began; values of engines differ by up to 2e-6 of the peak
+    /// Continue a film that was created with another engine; values of engines differ by up to 2e-6 of the peak
     #[arg(long)]
     pub mixed_engines: bool,
     /// Worker threads [default: all cores]

@@ -25,7 +25,7 @@ pub struct ValidateArgs {
     /// Bands of these wavelengths to validate: indices and half-open ranges, 0,5,10:15 [default: all]
     #[arg(long)]
     pub bands: Option<String>,
-    /// Side of the film in pixels; corner and mid-field positions scale with it
+    /// Side of the film in pixels; measurement positions are proportional to it
     #[arg(long, value_name = "PX", default_value_t = 14141, value_parser = clap::value_parser!(u32).range(4096..=100_000))]
     pub size: u32,
     /// Film pixel pitch in µm
@@ -37,7 +37,8 @@ pub struct ValidateArgs {
     /// Directory for the report; the films are written there too and removed at the end
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Exit with code 4 unless every band meets these limits: ri=IoU, distortion=MEAN_PX, esf=IoU
+    /// Exit with code 4 unless every band meets these limits: ri=IoU, distortion=MEAN_PX, esf=IoU (IoU: intersection
+    /// over union of two curves, 1 = equal)
     #[arg(long, value_name = "WHAT=LIMIT,…", value_delimiter = ',', value_parser = requirement)]
     pub require: Vec<(Quantity, f64)>,
     /// Film whose run record (runs/*.json) is shown in the table of times

@@ -39,8 +39,8 @@ fn from_plan(arg: clap::Arg) -> clap::Arg {
 #[derive(Debug, Args, Clone)]
 #[command(next_help_heading = "Distributed work")]
 pub struct WorkArgs {
-    /// Compute units of this plan (`lenscube plan`), which contains chart, film, lens and flags; flags given here take precedence. Give
-    /// CHART and FILM if their paths differ here. Workers, hosts and repetitions do not change the bytes
+    /// Compute units of this plan (`lenscube plan`), which contains chart, film, lens and flags; flags given here replace those of the
+    /// plan. Give CHART and FILM only if their paths differ on this machine. Workers, hosts and repetitions do not change the bytes
     #[arg(long, value_name = "job.json")]
     pub plan: Option<PathBuf>,
     /// Units to compute, both ends included: 7, or 3-9,12, or env:NAME for an environment variable such as SLURM_ARRAY_TASK_ID or
@@ -50,7 +50,7 @@ pub struct WorkArgs {
     /// Progress: auto (stderr: a bar on a terminal, else lines) or jsonl (stdout: one JSON object per line)
     #[arg(long, value_enum, default_value_t = ProgressArg::Auto)]
     pub progress: ProgressArg,
-    /// End this process (SIGKILL) when the thread that started it ends; the film remains resumable. Linux only
+    /// Kill this process when its parent ends (Linux only); the film can be resumed
     #[arg(long)]
     pub die_with_parent: bool,
 }
@@ -69,8 +69,8 @@ pub enum ProgressArg {
 sbatch --array=0-30 --wrap 'lenscube run --plan job.json --unit env:SLURM_ARRAY_TASK_ID'\n  \
 lenscube run --plan job.json --unit $(lenscube status --plan job.json --missing)\n\
 A plan is not changed once written: units may be computed in any order, on any host, more than once. A design (.zmx, or a \
-built-in lens) is traced here for all bands, into XDG_CACHE_HOME or ~/.cache; workers that share this directory use these \
-bands, others trace the bands of their units again, about a second each; --lens-pack avoids both.")]
+built-in lens) is traced here for all bands, into XDG_CACHE_HOME or ~/.cache; workers without this \
+directory trace the bands of their units again, about a second each. --lens-pack stores the traced bands in a file instead.")]
 pub struct PlanArgs {
     /// The job.
     #[command(flatten)]

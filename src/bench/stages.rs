@@ -1,7 +1,7 @@
 //! Stages, in memory.
 
 use super::{Bench, FILM_MM};
-use crate::lens::source::{LensInput, Source};
+use crate::lens::source::{JobLens, UntracedLens};
 use anyhow::{Context, Result};
 use pipeline::band::BandStages;
 use pipeline::band::{BandPlan, Options, PsfBetween};
@@ -15,7 +15,7 @@ use pipeline::psf::grid::NodeGrid;
 use pipeline::psf::kernel::NodeKernels;
 use pipeline::psf::spectra::SpectrumCache;
 use pipeline::psf::{BandPsf, PsfScratch};
-use pipeline::remap::{Reading, Remap, RemapScratch, Stages};
+use pipeline::remap::{ChartInterpolation, Remap, RemapScratch, Stages};
 use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -71,13 +71,14 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
 fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Result<BandStages> {
     let options = Options {
         stages: Stages { ri: true, distortion: true, svpsf },
-        reading: Reading { interp, surround: Surround::Edge, outside: Outside::Clamp },
+        interpolation: ChartInterpolation { interp, surround: Surround::Edge, outside: Outside::Clamp },
         azimuths: None,
         psf_window: None,
         between: PsfBetween::Interpolate,
         simd: bench.simd,
     };
-    let lens = Source::new(LensInput::open(&bench.args.lens)?, frame, &[LENS_NM], &options, bench.threads)?;
+    let lens =
+        JobLens::new(UntracedLens::open(&bench.args.lens)?, frame, &[LENS_NM], &options, bench.threads)?;
     let plan = BandPlan::new(frame, lens.lens(), LENS_NM, &options)?;
     plan.stages(0, frame, &options, 1.0, |band| anyhow::Ok(lens.psf(band)?))
 }

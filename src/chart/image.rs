@@ -122,7 +122,7 @@ pub fn command(args: &ImageArgs) -> Result<()> {
     }
     if let Some(light) = plan.illuminant {
         log_line(format!(
-            "white has the value 255 in `lenscube export {} OUT.png --white {} --exposure {exposure}`",
+            "to display white as 255: lenscube export {} OUT.png --white {} --exposure {exposure}",
             args.out.display(),
             light.name()
         ));

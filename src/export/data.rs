@@ -1,7 +1,7 @@
 //! Export of unconverted samples: EXR, TIFF of bands, ENVI, NPY.
 
 use super::{Input, Selected};
-use crate::args::{ExportArgs, FileArg, PackingArg};
+use crate::args::{ExportArgs, ExportFormatArg, ExrCompressionArg};
 use crate::failure::usage;
 use crate::job::threads;
 use crate::memory::peak_resident;
@@ -23,7 +23,7 @@ const ROWS_PER_READ: usize = 512;
 /// Writes the file with at most `memory` bytes of buffers.
 pub(super) fn write(
     args: &ExportArgs,
-    file: FileArg,
+    file: ExportFormatArg,
     memory: usize,
     cancel: &'static AtomicBool,
 ) -> Result<()> {
@@ -31,7 +31,7 @@ pub(super) fn write(
     let first = Input::new(args, 0)?;
     let threads = threads(args.threads);
     let description = format!("lenscube {}, {} of {}", env!("CARGO_PKG_VERSION"), first.region, args.film);
-    let regions = (file == FileArg::Exr)
+    let regions = (file == ExportFormatArg::Exr)
         .then(|| {
             let source = first.source(cancel);
             let samples = samples(&first, &source, &description, threads);
@@ -51,18 +51,18 @@ pub(super) fn write(
     let samples = samples(&input, &source, &description, threads);
     let (bar, progress) = counting("writing");
     let written = match (file, regions) {
-        (FileArg::Exr, Some(regions)) => {
+        (ExportFormatArg::Exr, Some(regions)) => {
             print_plan(&regions, samples.chunk);
             let packing = match args.compression {
-                None | Some(PackingArg::Zip) => ExrCompression::Zip,
-                Some(PackingArg::Piz) => ExrCompression::Piz,
-                Some(PackingArg::None) => ExrCompression::None,
+                None | Some(ExrCompressionArg::Zip) => ExrCompression::Zip,
+                Some(ExrCompressionArg::Piz) => ExrCompression::Piz,
+                Some(ExrCompressionArg::None) => ExrCompression::None,
             };
             let options = ExrOptions { half: args.half, compression: packing, regions };
             write_exr(&args.out, &samples, &options, &progress)?
         }
-        (FileArg::TiffBands, _) => write_pages(&args.out, &samples, &progress)?,
-        (FileArg::Envi, _) => write_envi(&args.out, &samples, &progress)?,
+        (ExportFormatArg::TiffBands, _) => write_pages(&args.out, &samples, &progress)?,
+        (ExportFormatArg::Envi, _) => write_envi(&args.out, &samples, &progress)?,
         _ => write_npy(&args.out, &samples, &progress)?,
     };
     bar.finish_and_clear();
@@ -93,9 +93,9 @@ fn print_plan(regions: &Regions, chunk: Size) {
         1 => String::new(),
         _ => format!("; each chunk is decoded {:.2} times on average", regions.decoded),
     };
-    log_line(format!("reading all bands of {width}x{height} px at a time, column by column{decoding}"));
+    log_line(format!("reading blocks of {width}x{height} px of all bands, column by column{decoding}"));
     if regions.is_short_of_memory() {
-        log_line("note: with a larger --memory chunks would be decoded fewer times");
+        log_line("note: with more --memory chunks are decoded fewer times");
     }
 }
 

@@ -7,7 +7,7 @@ use anyhow::Result;
 use formats::chart::NanPolicy;
 use pipeline::band::{Options, PsfBetween};
 use pipeline::field::Outside;
-use pipeline::remap::{Reading, Stages};
+use pipeline::remap::{ChartInterpolation, Stages};
 use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 
@@ -51,7 +51,7 @@ fn options(args: &RunArgs, simd: Simd) -> Options {
     let on = |s: Stage| args.stages.contains(&s);
     Options {
         stages: Stages { ri: on(Stage::Ri), distortion: on(Stage::Distortion), svpsf: on(Stage::Svpsf) },
-        reading: Reading {
+        interpolation: ChartInterpolation {
             interp: match args.interp {
                 InterpArg::Bicubic => Interp::Bicubic,
                 InterpArg::Bilinear => Interp::Bilinear,

@@ -1,9 +1,9 @@
 //! Step 3: the film's layout, the lens ready at the job's wavelengths, and the plan of each band (tables, FFT blocks, tiles).
 
 use super::arguments::Arguments;
-use super::film::{film_spec, gain, windows};
+use super::film::{film_spec, gain, regions};
 use super::inputs::Inputs;
-use crate::lens::source::{LensInput, Source};
+use crate::lens::source::{JobLens, UntracedLens};
 use anyhow::Result;
 use formats::film::FilmSpec;
 use formats::lens::LensPackError;
@@ -13,15 +13,15 @@ use pipeline::plan::FilmRegion;
 /// The planned bands of a job, and its film.
 pub struct JobPlan {
     /// The lens; a design is traced.
-    pub lens: Source,
+    pub lens: JobLens,
     /// Plan per band.
     pub bands: Vec<BandPlan>,
     /// Film value per chart value on the axis, per band.
     pub gains: Vec<f64>,
     /// Layout of the film.
     pub film: FilmSpec,
-    /// Its outputs as the pipeline's windows.
-    pub windows: Vec<FilmRegion>,
+    /// Regions of the film to compute.
+    pub regions: Vec<FilmRegion>,
 }
 
 impl JobPlan {
@@ -29,16 +29,16 @@ impl JobPlan {
     ///
     /// # Errors
     /// Layout of the film not possible; the lens does not cover film or wavelengths; tracing failed.
-    pub fn new(arguments: &Arguments<'_>, inputs: &Inputs, lens: LensInput) -> Result<Self> {
+    pub fn new(arguments: &Arguments<'_>, inputs: &Inputs, lens: UntracedLens) -> Result<Self> {
         let (args, frame, options) = (arguments.given, &inputs.frame, &arguments.options);
         let film = film_spec(args, frame, inputs.selected_nm.clone(), &inputs.chart)?;
         let nm = inputs.wavelengths_nm();
-        let lens = Source::new(lens, frame, &nm, options, arguments.threads)?;
+        let lens = JobLens::new(lens, frame, &nm, options, arguments.threads)?;
         let plan = |&nm: &f64| BandPlan::new(frame, lens.lens(), nm, options);
         let bands: Vec<BandPlan> = nm.iter().map(plan).collect::<Result<_, _>>()?;
         let gains = bands.iter().map(|b| gain(args.film_units, b, frame)).collect();
-        let windows = windows(&film);
-        Ok(Self { lens, bands, gains, film, windows })
+        let regions = regions(&film);
+        Ok(Self { lens, bands, gains, film, regions })
     }
 }
 
@@ -47,7 +47,7 @@ impl JobPlan {
 pub struct PlannedBands<'a> {
     /// Bands of the film that the process computes, ascending.
     pub bands: &'a [usize],
-    /// [`Source::band_digest`] of every band of the film.
+    /// [`JobLens::band_digest`] of every band of the film.
     pub lens_bands: &'a [String],
     /// Digest of the complete lens.
     pub lens_digest: &'a str,
@@ -58,7 +58,7 @@ impl PlannedBands<'_> {
     ///
     /// # Errors
     /// The lens cannot be read.
-    pub fn lens_digest(&self, lens: &Source, plans: &[BandPlan]) -> Result<String, LensPackError> {
+    pub fn lens_digest(&self, lens: &JobLens, plans: &[BandPlan]) -> Result<String, LensPackError> {
         for (band, plan) in std::iter::zip(self.bands, plans) {
             let found = lens.band_digest(plan.lens_bands)?;
             if self.lens_bands.get(*band) != Some(&found) {

@@ -76,11 +76,11 @@ pub fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart:
     Ok(spec)
 }
 
-/// Outputs of the film as the pipeline's windows.
-pub fn windows(film: &FilmSpec) -> Vec<FilmRegion> {
-    let window = |i: usize| {
+/// Regions of the film to compute.
+pub fn regions(film: &FilmSpec) -> Vec<FilmRegion> {
+    let region = |i: usize| {
         let (height, width) = film.shard_shape(i);
         FilmRegion { rect: film.outputs[i].rect, shard: Size::new(height, width) }
     };
-    (0..film.outputs.len()).map(window).collect()
+    (0..film.outputs.len()).map(region).collect()
 }

@@ -2,7 +2,7 @@
 
 use crate::args::RunArgs;
 use crate::failure::usage;
-use crate::lens::source::LensInput;
+use crate::lens::source::UntracedLens;
 use crate::open::Chart;
 use anyhow::Result;
 use pipeline::bounds;
@@ -20,7 +20,7 @@ fn pitch_um(args: &RunArgs, chart: &Chart) -> Result<f64> {
 
 /// Film pixels per chart pixel, (y, x): `--scale`, or |magnification| · chart pitch / film pitch. The magnification's sign
 /// rotates the image by 180° about the axis; the film is stored upright, so only the magnitude is used.
-fn scale(args: &RunArgs, chart: &Chart, lens: &LensInput) -> Result<(f64, f64)> {
+fn scale(args: &RunArgs, chart: &Chart, lens: &UntracedLens) -> Result<(f64, f64)> {
     let Some(chart_pitch_mm) = args.chart_pitch_mm else { return Ok((args.scale.1, args.scale.0)) };
     let flag = format!("--chart-pitch-mm {chart_pitch_mm}");
     let Some((magnification, distance_mm)) = lens.conjugate()? else {
@@ -33,15 +33,15 @@ fn scale(args: &RunArgs, chart: &Chart, lens: &LensInput) -> Result<(f64, f64)> 
     let scale = magnification.abs() * chart_pitch_mm * 1e3 / pitch_um(args, chart)?;
     if !bounds::SCALE.contains(scale) {
         return Err(usage(format!(
-            "{flag}: at magnification {magnification} (object at {distance_mm} mm) that is {scale:e} film pixels per chart \
-             pixel, expected 0.001 to 1000"
+            "{flag}: magnification {magnification} (object at {distance_mm} mm) gives a scale of {scale:e} film pixels per chart \
+             pixel; the limit is 0.001 to 1000"
         )));
     }
     Ok((scale, scale))
 }
 
 /// Film, optical axis and chart placement.
-pub fn frame(args: &RunArgs, chart: &Chart, lens: &LensInput) -> Result<Frame> {
+pub fn frame(args: &RunArgs, chart: &Chart, lens: &UntracedLens) -> Result<Frame> {
     let scale = scale(args, chart, lens)?;
     let size = chart.size();
     let pitch_um = pitch_um(args, chart)?;

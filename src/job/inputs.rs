@@ -4,7 +4,7 @@ use super::arguments::Arguments;
 use super::frame::frame;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
-use crate::lens::source::LensInput;
+use crate::lens::source::UntracedLens;
 use crate::open::Chart;
 use anyhow::Result;
 use formats::chart::NanPolicy;
@@ -29,10 +29,10 @@ impl Inputs {
     ///
     /// # Errors
     /// Chart or lens cannot be opened; bands or geometry do not fit them; fewer bands than planned (exit code 3).
-    pub fn open(arguments: &Arguments<'_>, film_bands: Option<&[usize]>) -> Result<(Self, LensInput)> {
+    pub fn open(arguments: &Arguments<'_>, film_bands: Option<&[usize]>) -> Result<(Self, UntracedLens)> {
         let args = arguments.given;
         let chart = open_chart(args, arguments.nan)?;
-        let lens = LensInput::open(&args.lens)?;
+        let lens = UntracedLens::open(&args.lens)?;
         let all_nm = chart.wavelengths_nm()?;
         let selected_bands: Vec<usize> = match &args.bands {
             None => (0..all_nm.len()).collect(),
@@ -41,7 +41,7 @@ impl Inputs {
         let film_bands = film_bands.map_or_else(|| (0..selected_bands.len()).collect(), <[_]>::to_vec);
         if let Some(missing) = film_bands.iter().find(|b| **b >= selected_bands.len()) {
             return Err(other_job(format!(
-                "chart `{}` has {} bands, so it is not the planned one, which has a band {missing}",
+                "the plan uses band {missing}, chart `{}` has only {} bands: it is not the chart of the plan",
                 args.chart,
                 all_nm.len()
             )));

@@ -4,10 +4,11 @@ use super::bands::JobPlan;
 use crate::args::{FilmUnits, RunArgs, Stage};
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
+use clap::ValueEnum;
 use pipeline::lens::PsfSample;
 use std::path::Path;
 
-/// Share of the light below which a note reports what the PSF windows hold.
+/// Share of the energy in the PSF windows below which a note is printed.
 const MIN_USUAL_ENERGY: f64 = 0.9;
 
 /// Notes on lens and chart.
@@ -28,8 +29,8 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
         let min = bands.iter().flat_map(|b| &b.psf_energy).fold(f64::INFINITY, |m, e| m.min(*e));
         if min < MIN_USUAL_ENERGY {
             notes.push(format!(
-                "the lens pack's PSF windows hold as little as {:.0} % of the light at some bands; the rest is \
-                 normalised away (see `lenscube lens show`)",
+                "the PSF windows of the lens pack contain only {:.0} % of the energy at some bands; each PSF is scaled to \
+                 sum 1 (see `lenscube lens show`)",
                 100.0 * min
             ));
         }
@@ -37,15 +38,15 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
     }
     if args.film_units != FilmUnits::Relative && chart.units().is_none_or(|u| !is_radiance(u)) {
         notes.push(format!(
-            "--film-units {:?} takes the chart as spectral radiance in W m-2 sr-1 nm-1, but its units are {}",
-            args.film_units,
+            "--film-units {} requires a chart in spectral radiance, W m-2 sr-1 nm-1; the units of the chart are {}",
+            args.film_units.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned()),
             chart.units().unwrap_or("not given")
         ));
     }
     Ok(notes)
 }
 
-/// For integrated samples rotated by other than quarter turns: the estimated error at the primary wavelength.
+/// For integrated samples rotated by other than multiples of 90°: the estimated error at the primary wavelength.
 fn rotation_note(plan: &JobPlan) -> Result<Option<String>> {
     let Some(pack) = plan.lens.pack() else { return Ok(None) };
     let tables = plan.lens.lens();
@@ -56,9 +57,8 @@ fn rotation_note(plan: &JobPlan) -> Result<Option<String>> {
     }
     Ok(crate::lens::rotation_error(pack)?.map(|error| {
         format!(
-            "the lens pack's PSFs are integrated over their pitch: exact at quarter turns, rotated by cubic interpolation \
-             between; estimated error there {:.0} % of the light (L1, worst height at {:.0} nm); a pack of point samples \
-             has no such error",
+            "the PSFs of the lens pack are integrated over their pitch: rotation by multiples of 90° is exact, other angles use \
+             cubic interpolation (estimated L1 error {:.0} %, worst height at {:.0} nm). A pack with point samples avoids it",
             100.0 * error,
             tables.primary_wavelength_nm
         )

@@ -33,7 +33,7 @@ pub fn allocate(
         frame: &inputs.frame,
         options: &arguments.options,
         bands: &plan.bands,
-        windows: &plan.windows,
+        regions: &plan.regions,
         film: &plan.film,
         threads: arguments.threads,
         writers: FilmStore::concurrent_writes(&args.film),
@@ -67,7 +67,7 @@ pub fn allocate(
 /// Memory that a band needs on a GPU. The largest rectangle of the chart is taken from nine tiles spread over the film; the run itself
 /// examines all tiles.
 fn gpu_needs(frame: &Frame, options: &Options, plan: &BandPlan) -> BandNeeds {
-    let remap = Remap::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
+    let remap = Remap::new(frame, &plan.lens, options.stages, options.interpolation, 1.0, options.simd);
     let (rows, cols) = plan.tiling.count();
     let spread = |n: usize| [0, n / 2, n - 1];
     let tiles: Vec<_> = spread(rows).iter().flat_map(|&i| spread(cols).map(|j| (i, j))).collect();

@@ -4,7 +4,7 @@ use pipeline::band::{BandPlan, Options};
 use pipeline::geometry::Frame;
 use pipeline::remap::Remap;
 
-/// Stretch, or its inverse, beyond which a warning is printed: no camera lens reaches it.
+/// Stretch, or its inverse, beyond which a note is printed: no camera lens reaches it.
 const MAX_USUAL_STRETCH: f64 = 4.0;
 
 /// Stretch of the remap over all bands.
@@ -23,7 +23,8 @@ impl RemapStretch {
     pub fn new(frame: &Frame, bands: &[BandPlan], options: &Options) -> Self {
         let none = Self { range: (1.0, 1.0), near_axis: 1.0, wavelength_nm: 0.0 };
         bands.iter().fold(none, |all, plan| {
-            let remap = Remap::new(frame, &plan.lens, options.stages, options.reading, 1.0, options.simd);
+            let remap =
+                Remap::new(frame, &plan.lens, options.stages, options.interpolation, 1.0, options.simd);
             let band = remap.stretch(&plan.tiling);
             let (ideal, real) = (&plan.lens.ideal_height_mm, &plan.lens.image_height_mm);
             let range = (all.range.0.min(band.least), all.range.1.max(band.greatest));
@@ -36,14 +37,14 @@ impl RemapStretch {
         })
     }
 
-    /// Warning for a stretch that no camera lens has.
-    pub fn warning(&self) -> Option<String> {
+    /// Note on a stretch that no camera lens has.
+    pub fn note(&self) -> Option<String> {
         let (min, max) = self.range;
         let usual = max <= MAX_USUAL_STRETCH && min >= 1.0 / MAX_USUAL_STRETCH;
         (!usual).then(|| {
             format!(
-                "warning: at {} nm the lens's ideal heights change by {min:.3e} to {max:.3e} times its REAL heights \
-                 (chart pixels per film pixel at --scale 1); {}",
+                "at {} nm the ideal heights of the lens table grow by {min:.3e} to {max:.3e} mm per mm of REAL height (camera \
+                 lenses: 0.25 to 4); {}",
                 self.wavelength_nm,
                 self.cause()
             )

@@ -2,8 +2,8 @@
 //!
 //! A design is traced band by band. Tables and PSFs of a band depend on the design, the wavelength and the reach, never on the other
 //! bands of the job, so bands traced in one run, in several runs or cached ([`super::cache`]) are equal. Every wavelength is traced,
-//! none interpolated. The digest of the lens covers the recipes and the values of the bands: a host whose C library computes other
-//! bits (`pipeline::real`) has another lens.
+//! none interpolated. The digest of the lens covers the recipes and the values of the bands: the digest
+//! therefore also covers the rounding of the computation.
 //!
 //! *Reach*: height of the film's corner plus the margin of the PSF, rounded up to 180 steps per decade so that films of similar
 //! size share their bands; it is increased if the window of a band is wider. Kernels meet their tolerance on pixels of the
@@ -33,13 +33,14 @@ const BUILTIN_REACH_MM: f64 = 20.5;
 const MAX_PITCH_UM: f64 = 2.0;
 
 /// Lens that `--lens` names, before tracing.
-pub enum LensInput {
+pub enum UntracedLens {
+    /// Tables and PSFs in a file, or built in.
     Pack(Box<LensPack>),
     /// A design, its name, and its file unless it is built in.
     Design(Box<System>, String, Option<DesignFile>),
 }
 
-impl LensInput {
+impl UntracedLens {
     /// Opens a design, a pack, or a built-in lens.
     pub fn open(name: &str) -> Result<Self> {
         if design::is_design(name) {
@@ -66,8 +67,10 @@ impl LensInput {
 }
 
 /// Lens of a job.
-pub enum Source {
+pub enum JobLens {
+    /// A lens pack with its bands.
     Pack(Box<LensPack>),
+    /// A design, traced at the wavelengths of the job.
     Traced(Box<Traced>),
 }
 
@@ -85,18 +88,18 @@ pub struct Traced {
     _cache: Cache,
 }
 
-impl Source {
+impl JobLens {
     /// Lens for bands at `wavelengths_nm` on the film of `frame`; traces the bands that are not in the cache.
     pub fn new(
-        input: LensInput,
+        input: UntracedLens,
         frame: &Frame,
         wavelengths_nm: &[f64],
         options: &Options,
         threads: usize,
     ) -> Result<Self> {
         match input {
-            LensInput::Pack(pack) => Ok(Self::Pack(pack)),
-            LensInput::Design(system, name, file) => {
+            UntracedLens::Pack(pack) => Ok(Self::Pack(pack)),
+            UntracedLens::Design(system, name, file) => {
                 let traced = trace(&system, &name, frame, wavelengths_nm, options, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"))?;
                 Ok(Self::Traced(Box::new(Traced { file, ..traced })))
@@ -119,7 +122,7 @@ impl Source {
         }
     }
 
-    /// PSFs of band `band` of [`Source::lens`].
+    /// PSFs of band `band` of [`JobLens::lens`].
     ///
     /// # Errors
     /// As [`LensPack::psf`].
@@ -172,7 +175,7 @@ impl Source {
         }
     }
 
-    /// Bytes that reading the PSFs of a band of [`Source::lens`] needs in addition to the samples.
+    /// Bytes that reading the PSFs of a band of [`JobLens::lens`] needs in addition to the samples.
     pub fn psf_reading_bytes(&self, band: usize) -> usize {
         match self {
             Self::Pack(pack) => pack.psf_reading_bytes(band),
@@ -262,7 +265,7 @@ impl BandTracer<'_> {
         let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM).max(min_mm);
         loop {
             let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, frame, options)) {
-                Err(e) if options.reading.outside == Outside::Clamp => {
+                Err(e) if options.interpolation.outside == Outside::Clamp => {
                     // Trace up to the lens's own limit; beyond it the film uses the last values.
                     let Some(DesignError::Height { reached_mm, .. }) = e.downcast_ref() else {
                         return Err(e);

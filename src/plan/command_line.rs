@@ -23,7 +23,7 @@ pub struct CommandLine {
 }
 
 impl CommandLine {
-    /// The job's arguments among `matches`, those of `lenscube run` or `lenscube plan`. Left out: defaults, and flags of the process
+    /// The job's arguments among `matches`, those of `lenscube run` or `lenscube plan`. Excluded: defaults, and flags of the process
     /// ([`ProcessArgs`] and those outside [`RunArgs`]).
     ///
     /// # Errors

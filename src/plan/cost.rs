@@ -41,12 +41,18 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
         Chart::Raster(r) => r.layout().sample.bytes(),
         // As in the temporary file that it is decoded to.
         Chart::Exr(_) => size_of::<f32>(),
-        Chart::Drawn(_) => return 0,
+        Chart::Generated(_) => return 0,
     };
     let plan = &job.plans[band];
     let options = &job.options;
-    let remap =
-        Remap::new(&job.frame, &plan.lens, options.stages, options.reading, job.gains[band], options.simd);
+    let remap = Remap::new(
+        &job.frame,
+        &plan.lens,
+        options.stages,
+        options.interpolation,
+        job.gains[band],
+        options.simd,
+    );
     let (mut all, mut end) = (0, 0);
     for row in tiles.chunk_by(|a, b| a.0 == b.0) {
         let of = |tile| remap.approx_chart_rect(job.chart.size(), plan.tiling.rect(tile));

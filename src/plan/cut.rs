@@ -23,20 +23,20 @@ const MIN_CORE_S: f64 = 4.0;
 
 /// The film's arrays and their shards.
 pub fn outputs(job: &Job) -> BTreeMap<String, Shards> {
-    let of = |(i, w): (usize, &pipeline::plan::FilmRegion)| {
-        let (rows, columns) = w.count();
+    let of = |(i, area): (usize, &pipeline::plan::FilmRegion)| {
+        let (rows, columns) = area.count();
         (job.film.outputs[i].name.clone(), Shards { rows, columns })
     };
-    job.windows.iter().enumerate().map(of).collect()
+    job.regions.iter().enumerate().map(of).collect()
 }
 
 /// Divides the job, into units of `unit_rows` shard rows if given.
 pub fn units(job: &Job, unit_rows: Option<usize>) -> Vec<Unit> {
     let rows: Vec<(usize, usize)> = job
-        .windows
+        .regions
         .iter()
         .enumerate()
-        .flat_map(|(window, w)| (0..w.count().0).map(move |row| (window, row)))
+        .flat_map(|(region, area)| (0..area.count().0).map(move |row| (region, row)))
         .collect();
     let bands: Vec<usize> = (0..job.plans.len()).collect();
     let cut = |group: usize, unit_rows: usize| -> Vec<Unit> {
@@ -81,7 +81,7 @@ pub fn totals(units: &[Unit]) -> Totals {
     units.iter().fold(Totals::default(), add)
 }
 
-/// The unit of `bands` and `rows` (window, shard row); `seen`, the tiles of the units before it, is extended by its own.
+/// The unit of `bands` and `rows` (region, shard row); `seen`, the tiles of the units before it, is extended by its own.
 fn unit(
     job: &Job,
     number: usize,
@@ -92,25 +92,25 @@ fn unit(
     let mut all = Totals::default();
     for &band in bands {
         let plan = &job.plans[band];
-        let cols = |window: usize| 0..job.windows[window].count().1;
-        let shards = rows.iter().flat_map(|&(window, row)| {
-            cols(window).map(move |col| ShardId { band, region: window, row, col })
-        });
+        let cols = |region: usize| 0..job.regions[region].count().1;
+        let shards = rows
+            .iter()
+            .flat_map(|&(region, row)| cols(region).map(move |col| ShardId { band, region, row, col }));
         let shards: BTreeSet<ShardId> = shards.collect();
-        let tiles = tiles_needed(&plan.tiling, &job.windows, &shards);
+        let tiles = tiles_needed(&plan.tiling, &job.regions, &shards);
         all.tiles_again += tiles.iter().filter(|t| !seen.insert((band, **t))).count();
         all.tiles += tiles.len();
         all.shards += shards.len();
         let sample = job.film.sample.bytes();
-        let pixels = |s: &ShardId| job.windows[s.region].shard_rect(s.row, s.col).size().pixels();
+        let pixels = |s: &ShardId| job.regions[s.region].shard_rect(s.row, s.col).size().pixels();
         all.bytes_written += (shards.iter().map(pixels).sum::<usize>() * sample) as u64;
         all.bytes_read += cost::bytes_read(job, band, &tiles);
         all.core_s = cost::rounded(all.core_s + cost::core_s(plan, &tiles));
         all.gpu_bytes = all.gpu_bytes.max(cost::gpu_bytes(plan, &tiles));
     }
     let mut ranges = BTreeMap::new();
-    for &(window, row) in rows {
-        let range = ranges.entry(job.film.outputs[window].name.clone()).or_insert((row, row));
+    for &(region, row) in rows {
+        let range = ranges.entry(job.film.outputs[region].name.clone()).or_insert((row, row));
         range.1 = row + 1;
     }
     Unit { unit: number, bands: bands.to_vec(), rows: ranges, cost: all }

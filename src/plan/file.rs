@@ -252,7 +252,7 @@ pub fn check_place(output: &Path) -> Result<()> {
 
 fn other_file(path: &Path) -> anyhow::Error {
     other_job(format!(
-        "{} exists and is not this plan; a plan is not changed once written: choose another name",
+        "another file exists at {}; a plan is not changed once written: choose another name",
         path.display()
     ))
 }

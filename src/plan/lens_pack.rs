@@ -4,7 +4,7 @@
 use crate::args::{DesignArgs, RunArgs};
 use crate::failure::{other_job, usage};
 use crate::job::Job;
-use crate::lens::source::Source;
+use crate::lens::source::JobLens;
 use crate::progress::log_line;
 use crate::trace::bytes_of;
 use anyhow::{Context, Result};
@@ -22,7 +22,7 @@ pub fn write(run: &RunArgs, path: &Path) -> Result<String> {
         .to_str()
         .ok_or_else(|| usage("--lens-pack: the path is not UTF-8, so it cannot be stored in a plan"))?;
     let job = Job::new(run)?;
-    let Source::Traced(_) = &job.lens else {
+    let JobLens::Traced(_) = &job.lens else {
         return Err(usage(format!("--lens-pack: `{}` is a lens pack already; omit the flag", run.lens)));
     };
     sweep_entries(parent_of(path))?;

@@ -23,20 +23,20 @@ pub fn measure(plan: &Plan, run: &RunArgs) -> Result<()> {
     let bands = plan.bands(&BTreeSet::from([unit.unit]));
     let job = Job::for_planned_bands(run, plan.planned_bands(&bands))?;
     let opening_s = start.elapsed().as_secs_f64();
-    let stack = |band: usize| Ok::<_, anyhow::Error>(job.lens.psf(band)?);
-    job.plans[0].stages(0, &job.frame, &job.options, job.gains[0], stack)?;
+    let read_psfs = |band: usize| Ok::<_, anyhow::Error>(job.lens.psf(band)?);
+    job.plans[0].stages(0, &job.frame, &job.options, job.gains[0], read_psfs)?;
     let startup_s = start.elapsed().as_secs_f64();
     let share = startup_s / (startup_s + unit.cost.core_s / job.threads as f64);
     log_line(format!(
-        "start-up of a worker, measured here for unit {}: opening {opening_s:.3} s, kernels {:.3} s; {:.1} % of the unit on {} \
-         threads",
+        "start-up of a worker, measured here for unit {}: opening {opening_s:.3} s, kernels {:.3} s; i.e. {:.1} % of its time on \
+         {} threads",
         unit.unit,
         startup_s - opening_s,
         100.0 * share,
         job.threads
     ));
     if share > MAX_USUAL_SHARE {
-        log_line("note: a job this small is completed soonest by a single `lenscube run`");
+        log_line("note: for a job this small a single `lenscube run` is faster");
     }
     Ok(())
 }

@@ -25,7 +25,7 @@ fn parse_list(text: &str, count: usize) -> Result<BTreeSet<usize>, String> {
     for part in text.split(',') {
         let unit = |t: &str| match t.trim().parse::<usize>() {
             Ok(n) if n < count => Ok(n),
-            Ok(n) => Err(format!("unit {n} is beyond the last of {count}, which is {}", count - 1)),
+            Ok(n) => Err(format!("there is no unit {n}: the plan has units 0 to {}", count - 1)),
             Err(_) => Err(format!("`{t}` is not a unit; expected 7, or 3-9,12 (ends included)")),
         };
         match part.split_once('-') {
@@ -35,7 +35,7 @@ fn parse_list(text: &str, count: usize) -> Result<BTreeSet<usize>, String> {
             Some((first, last)) => {
                 let (first, last) = (unit(first)?, unit(last)?);
                 if last < first {
-                    return Err(format!("`{part}` ends before it begins"));
+                    return Err(format!("`{part}`: the first number must not exceed the last"));
                 }
                 out.extend(first..=last);
             }

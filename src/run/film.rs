@@ -104,12 +104,20 @@ pub fn expected_provenance(job: &Job, args: &RunArgs) -> Result<Map<String, Valu
     Ok(open_existing(job, args)?.provenance().clone())
 }
 
+/// Opens the film of `args`; `hint` is added to the error if there is none.
+///
+/// # Errors
+/// Not a film (exit code 3); the store.
+pub fn open_store(args: &RunArgs, hint: &str) -> Result<FilmStore> {
+    FilmStore::open(&args.film, !args.no_fsync).map_err(|e| match e {
+        FilmError::NotFilm { .. } => other_job(format!("{e}{hint}")),
+        e => e.into(),
+    })
+}
+
 /// Opens the film if it belongs to the job.
 fn open_existing(job: &Job, args: &RunArgs) -> Result<FilmStore> {
-    let store = FilmStore::open(&args.film, !args.no_fsync).map_err(|e| match e {
-        FilmError::NotFilm { .. } => other_job(e.to_string()),
-        e => e.into(),
-    })?;
+    let store = open_store(args, "")?;
     check_same_job(&store, job, args)?;
     Ok(store)
 }

@@ -81,7 +81,7 @@ impl<'a> Monitor<'a> {
         result: Result<Summary, RunError>,
     ) -> Result<Summary, Box<RunFailure>> {
         let incomplete = format!(
-            "the film {} is incomplete; once the cause is gone, the same command resumes",
+            "the film {} is incomplete: once the cause is removed, the same command resumes it",
             store.path().display()
         );
         let left_out = self.left_out.lock().expect("no panic while held");
@@ -98,7 +98,9 @@ impl<'a> Monitor<'a> {
                 if let Some(place) = place {
                     error = error.context(place);
                 }
-                let error = error.context(incomplete);
+                // After the cause, which this text contains and `failure::line` does not repeat.
+                let text = format!("{}; {incomplete}", failure::text(&error));
+                let error = error.context(text);
                 return Err(Box::new(RunFailure { error, summary: None }));
             }
         };

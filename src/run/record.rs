@@ -79,7 +79,7 @@ impl ChartFigures {
             }
             Chart::Raster(r) => flat(r.stats()),
             Chart::Exr(e) => flat(e.stats()),
-            Chart::Drawn(_) => Self::default(),
+            Chart::Generated(_) => Self::default(),
         }
     }
 }

@@ -13,13 +13,13 @@ use std::collections::BTreeSet;
 pub fn requested(job: &Job, units: Option<&Units>) -> Vec<BTreeSet<ShardId>> {
     let of = |(band, &film_band): (usize, &usize)| {
         let mut shards = BTreeSet::new();
-        for (window, w) in job.windows.iter().enumerate() {
-            let (rows, cols) = w.count();
+        for (region, area) in job.regions.iter().enumerate() {
+            let (rows, cols) = area.count();
             let in_units = |row: &usize| {
-                units.is_none_or(|u| u.contains(&job.film.outputs[window].name, film_band, *row))
+                units.is_none_or(|u| u.contains(&job.film.outputs[region].name, film_band, *row))
             };
             for row in (0..rows).filter(in_units) {
-                shards.extend((0..cols).map(|col| ShardId { band, region: window, row, col }));
+                shards.extend((0..cols).map(|col| ShardId { band, region, row, col }));
             }
         }
         shards
@@ -49,7 +49,7 @@ pub fn missing(
 pub fn tiles(work: &Work<'_>) -> Vec<(u64, u64)> {
     let film = work.film.rect();
     let of = |b: &BandWork| {
-        let tiles = tiles_needed(&b.tiling, work.windows, &b.shards);
+        let tiles = tiles_needed(&b.tiling, work.regions, &b.shards);
         let pixels = tiles.iter().map(|&t| b.tiling.rect(t).intersect(film).size().pixels() as u64);
         (tiles.len() as u64, pixels.sum())
     };

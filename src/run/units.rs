@@ -86,12 +86,8 @@ impl Units {
     /// # Errors
     /// Missing, or another film (exit code 3).
     pub fn film(&self, args: &RunArgs) -> Result<FilmStore> {
-        let store = FilmStore::open(&args.film, !args.no_fsync).map_err(|e| match e {
-            FilmError::NotFilm { .. } => {
-                other_job(format!("{e}; `lenscube plan` creates the film of {}", self.path.display()))
-            }
-            e => e.into(),
-        })?;
+        let hint = format!("; `lenscube plan` creates the film of {}", self.path.display());
+        let store = film::open_store(args, &hint)?;
         self.plan.check_film(&self.path, &store)?;
         Ok(store)
     }

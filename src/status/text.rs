@@ -76,7 +76,7 @@ fn bands(bands: &[BandStatus]) -> String {
     let listed: Vec<String> =
         listed.map(|b| format!("{} nm: {} of {}", b.wavelength_nm, b.shards_done, b.shards)).collect();
     format!(
-        "  bands   {} complete, {} in part{}, {} not begun",
+        "  bands   {} complete, {} partly done{}, {} not started",
         count(|b| b.shards_done == b.shards),
         partial.len(),
         if listed.is_empty() { String::new() } else { format!(" ({})", listed.join(", ")) },
@@ -106,9 +106,9 @@ fn pyramid(state: PyramidState) -> Option<&'static str> {
 
 fn lock(lock: &LockStatus) -> String {
     let alive = match lock.alive {
-        Some(true) => "runs",
-        Some(false) => "is dead; the next run takes over",
-        None => "may run; if not, --take-over",
+        Some(true) => "is running",
+        Some(false) => "has ended; the next run replaces this lock",
+        None => "may be running; if it is not, use --take-over",
     };
     match &lock.owner {
         Some(owner) => {

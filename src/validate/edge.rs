@@ -20,7 +20,7 @@ use anyhow::{Context, Result};
 use pipeline::geometry::Rect;
 use pipeline::measure::agreement::{Agreement, agreement};
 use pipeline::measure::edge::{Esf, EsfSample, OVERSAMPLING};
-use pipeline::measure::expected::{ExpectedEsf, Share, Step, catmull_rom};
+use pipeline::measure::expected::{ExpectedEsf, Share, StepEdge, catmull_rom};
 use pipeline::measure::sfr::Mtf;
 
 /// Half the measured length of an edge: eleven complete crossings of the pixel columns at 5°.
@@ -232,7 +232,7 @@ pub fn compare(
     let mapping = EdgeMapping::new(setup, reference, place, *rect)?;
     let (dy, dx) = (mapping.centre.0 - setup.axis_px.0, mapping.centre.1 - setup.axis_px.1);
     let (height_mm, azimuth_rad) = (dy.hypot(dx) * pitch_um * 1e-3, dy.atan2(dx));
-    let step = Step {
+    let step = StepEdge {
         normal_rad: mapping.normal_rad,
         squares_px: vec![1.0 / mapping.scale],
         bin_px: 1.0 / OVERSAMPLING,

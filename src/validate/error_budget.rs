@@ -13,7 +13,7 @@ use super::reference::{Psf, shares};
 use super::setup::Setup;
 use anyhow::Result;
 use pipeline::lens::PsfStack;
-use pipeline::measure::expected::{ExpectedEsf, Step};
+use pipeline::measure::expected::{ExpectedEsf, StepEdge};
 use pipeline::psf::grid::{Node, NodeGrid, NodeWeight, PolarExtent};
 use pipeline::psf::kernel::{KernelScratch, NodeKernels};
 use pipeline::simd::Simd;
@@ -46,7 +46,7 @@ pub struct MeasuredEdge<'a> {
     /// REAL height, mm, and azimuth, rad.
     pub field_point: (f64, f64),
     /// Apertures and weights that the step is averaged over, without the film pixel.
-    pub step: &'a Step,
+    pub step: &'a StepEdge,
     /// Distance from the edge in px, film value, reference value.
     pub samples: &'a [(f64, f64, f64)],
     /// Half the PSF window, px.

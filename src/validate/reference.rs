@@ -5,7 +5,7 @@
 //! linearly in its tables, and its PSFs linearly between the two neighbouring heights, as the model prescribes.
 
 use crate::failure::usage;
-use crate::lens::source::LensInput;
+use crate::lens::source::UntracedLens;
 use anyhow::Result;
 use formats::lens::LensPack;
 use pipeline::design::System;
@@ -51,9 +51,9 @@ pub struct Psf {
 impl ReferenceLens {
     /// Opens a pack or a design.
     pub fn open(name: &str) -> Result<Self> {
-        Ok(match LensInput::open(name)? {
-            LensInput::Pack(pack) => Self::Pack(pack),
-            LensInput::Design(system, ..) => Self::Design(system),
+        Ok(match UntracedLens::open(name)? {
+            UntracedLens::Pack(pack) => Self::Pack(pack),
+            UntracedLens::Design(system, ..) => Self::Design(system),
         })
     }
 

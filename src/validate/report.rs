@@ -41,7 +41,7 @@ pub fn html(args: &ValidateArgs, setup: &Setup, bands: &[Band], missed: &[String
         (false, true) => "<p>All requirements are met.</p>".into(),
         (false, false) => {
             let lines: Vec<String> = missed.iter().map(|m| format!("<li>{}</li>", escape(m))).collect();
-            format!("<p class=\"miss\">Required and missed:</p><ul class=\"miss\">{}</ul>", lines.concat())
+            format!("<p class=\"miss\">Not met:</p><ul class=\"miss\">{}</ul>", lines.concat())
         }
     };
     let figures = Figures { size: setup.size, pitch_um: setup.pitch_um, style: args.style.into() };

@@ -5,14 +5,14 @@ use super::reference::{ReferenceBand, ReferenceLens};
 use crate::args::ValidateArgs;
 use crate::failure::usage;
 use crate::job::threads;
-use crate::lens::source::{LensInput, Source};
+use crate::lens::source::{JobLens, UntracedLens};
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, sweep_entries};
 use pipeline::band::{Options, PsfBetween};
 use pipeline::field::Outside;
 use pipeline::geometry::{Frame, Size};
 use pipeline::psf::kernel::film_window;
-use pipeline::remap::{Reading, Stages};
+use pipeline::remap::{ChartInterpolation, Stages};
 use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 
@@ -29,7 +29,7 @@ pub struct Setup {
     /// Side of the film kernels, px, by band.
     pub windows_px: Vec<usize>,
     /// Lens of the simulated films, traced where it is a design.
-    pub source: Source,
+    pub source: JobLens,
     pub reference: ReferenceLens,
 }
 
@@ -52,7 +52,8 @@ impl Setup {
         let film = Size::new(size, size);
         let frame = Frame::centred(film, film, args.film_pitch_um);
         let options = options();
-        let source = Source::new(LensInput::open(&args.lens)?, &frame, &wavelengths_nm, &options, threads)?;
+        let source =
+            JobLens::new(UntracedLens::open(&args.lens)?, &frame, &wavelengths_nm, &options, threads)?;
         let sample = source.lens().psf_sample;
         let window = |&nm: &f64| -> Result<usize> {
             let band = source.lens().bands.iter().find(|b| (b.wavelength_nm - nm).abs() < 1e-6);
@@ -135,7 +136,11 @@ impl Setup {
 fn options() -> Options {
     Options {
         stages: Stages { ri: true, distortion: true, svpsf: true },
-        reading: Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
+        interpolation: ChartInterpolation {
+            interp: Interp::Bicubic,
+            surround: Surround::Edge,
+            outside: Outside::Error,
+        },
         azimuths: None,
         psf_window: None,
         between: PsfBetween::Error,

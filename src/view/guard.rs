@@ -90,7 +90,7 @@ impl ServerState {
         let cancel = Arc::new(AtomicBool::new(false));
         let cancel_on_drop = CancelOnDrop(cancel.clone());
         let state = self.clone();
-        // The thread runs until it sees the flag, so it releases the permit itself.
+        // The thread runs until the flag is set, so it releases the permit itself.
         permit.forget();
         let done = tokio::task::spawn_blocking(move || {
             let _release = ReleasePermit(&state.threads);

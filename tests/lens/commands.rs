@@ -11,7 +11,9 @@ fn traced_pack_has_requested_bands_and_heights_and_is_not_overwritten() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("dg.lens.zarr");
     let ran = trace("double-gauss-28", &out, &[]).ok();
-    for word in ["500 nm: window", "% of the light", "PSFs traced in", " MB", "lenscube run CHART FILM --lens"] {
+    for word in
+        ["500 nm: window", "% of the light", "PSFs traced in", " MB", "lenscube run CHART FILM --lens"]
+    {
         assert!(ran.stderr.contains(word), "`{word}` is not in: {}", ran.stderr);
     }
     let pack = LensPack::open(&out).unwrap();

@@ -86,8 +86,8 @@ fn plan_with_invalid_output_leaves_the_film_unchanged() {
     };
     plan(&job, "a.json", &[]).ok();
     for (flags, code, word) in [
-        (&["-o", text(&notes)][..], OTHER_JOB, "is not this plan"),
-        (&["-o", text(&job.at("a.json"))], OTHER_JOB, "is not this plan"),
+        (&["-o", text(&notes)][..], OTHER_JOB, "another file exists"),
+        (&["-o", text(&job.at("a.json"))], OTHER_JOB, "another file exists"),
         (&["-o", text(&job.at("no/such/directory/job.json"))], USAGE, "no/such/directory"),
         (&["-o", text(&job.film)], USAGE, "lies inside the film"),
         (&["-o", text(&job.film.join("job.json"))], USAGE, "lies inside the film"),

@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn attributes_of_packed_samples() {
+    fn attributes_of_packed_samples_give_scaling_fill_values_and_range() {
         let packed = json!({
             "scale_factor": 0.0001, "add_offset": [0.5], "_FillValue": 65535, "missing_value": [0, 65534], "_Unsigned": "true",
             "valid_min": 1, "valid_max": 10000

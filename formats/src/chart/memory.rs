@@ -1,8 +1,8 @@
 //! Memory of reading charts, bytes; and the size of the chunk cache, once the memory of a run is planned.
 
-use super::store::ChartStore;
 use super::cache::Cache;
 use super::exr::ExrChart;
+use super::store::ChartStore;
 
 /// Memory of decoding the chunks of a chart, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

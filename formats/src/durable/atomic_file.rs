@@ -11,7 +11,7 @@ use super::error::DurableError;
 use super::fault;
 use super::file_system::{link_target, parent_of};
 use super::rename::{flush_directory, rename};
-use super::step::Step;
+use super::step::FileStep;
 use super::sweep::sweep_entries;
 use super::temp::temp_name;
 use super::url::is_url;
@@ -74,7 +74,7 @@ impl AtomicFile {
     }
 
     pub(super) fn flush(&self) -> Result<(), DurableError> {
-        fault::inject(Step::Sync)
+        fault::inject(FileStep::Sync)
             .and_then(|()| self.file.sync_all())
             .map_err(|e| DurableError::io("flush", &self.path, 0, e))
     }

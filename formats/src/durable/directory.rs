@@ -8,14 +8,14 @@ use std::sync::Arc;
 use rustix::fs::{CWD, FileType};
 
 use super::error::{DurableError, is_not_found};
-use super::step::Step;
+use super::step::FileStep;
 use super::temp::is_temp_name;
 use super::{fault, handle};
 
 mod write;
 
 #[cfg(test)]
-type Hook = dyn Fn(Step, &Path) -> std::io::Result<()> + Send + Sync;
+type Hook = dyn Fn(FileStep, &Path) -> std::io::Result<()> + Send + Sync;
 
 /// A directory with durable, atomic writes. Keys are relative paths with `/` (`film/c/0/1/2`).
 ///
@@ -59,7 +59,7 @@ impl Directory {
     #[cfg(test)]
     pub(crate) fn with_fault(
         mut self,
-        fault: impl Fn(Step, &Path) -> std::io::Result<()> + Send + Sync + 'static,
+        fault: impl Fn(FileStep, &Path) -> std::io::Result<()> + Send + Sync + 'static,
     ) -> Self {
         self.fault = Some(Arc::new(fault));
         self
@@ -178,7 +178,7 @@ impl Directory {
             return Err(DurableError::Length { path, expected: limit, found: size });
         }
         let mut bytes = Vec::with_capacity(size as usize);
-        self.step(Step::Read, &path, |_| file.read_to_end(&mut bytes), size)?;
+        self.step(FileStep::Read, &path, |_| file.read_to_end(&mut bytes), size)?;
         Ok(Some(bytes))
     }
 
@@ -196,7 +196,7 @@ impl Directory {
             return Err(DurableError::Range { path, offset, length, size });
         };
         let mut bytes = vec![0; length as usize];
-        self.step(Step::Read, &path, |_| file.read_exact_at(&mut bytes, start), length)?;
+        self.step(FileStep::Read, &path, |_| file.read_exact_at(&mut bytes, start), length)?;
         Ok(Some(bytes))
     }
 
@@ -237,7 +237,7 @@ impl Directory {
     /// Executes one step, or fails with the error injected there.
     fn step<T>(
         &self,
-        step: Step,
+        step: FileStep,
         path: &Path,
         act: impl FnOnce(&Path) -> std::io::Result<T>,
         bytes: u64,
@@ -246,7 +246,7 @@ impl Directory {
         #[cfg(test)]
         self.fault.as_ref().map_or(Ok(()), |fault| fault(step, path)).map_err(failed)?;
         // Faults of a write are injected by `fault::write`.
-        let injected = if step == Step::Write { Ok(()) } else { fault::inject(step) };
+        let injected = if step == FileStep::Write { Ok(()) } else { fault::inject(step) };
         injected.and_then(|()| act(path)).map_err(failed)
     }
 }

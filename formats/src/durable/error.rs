@@ -13,7 +13,7 @@ use rustix::io::Errno;
 pub enum DurableError {
     /// The disk is full, or the user's quota is exceeded.
     #[error(
-        "no space left to {doing} {path} ({bytes} bytes): {source}; free some space or choose another directory, then run \
+        "could not {doing} {path} ({bytes} bytes): no space left: {source}; free some space or choose another directory, then run \
          the same command again"
     )]
     StorageFull {
@@ -25,13 +25,11 @@ pub enum DurableError {
     },
     /// Permission denied.
     #[error(
-        "not allowed to {doing} {path}: {source}; check its owner and permissions, or choose another directory"
+        "could not {doing} {path}: not permitted: {source}; check its owner and permissions, or choose another directory"
     )]
     Permission { doing: &'static str, path: PathBuf, source: std::io::Error },
-    /// A store that existed when the job began is missing.
-    #[error(
-        "the store {path} is missing: its {missing} existed when the job began; restore it (is the disk mounted?)"
-    )]
+    /// A store that existed when the job started is missing.
+    #[error("{path}/{missing} has disappeared since the job started; restore it (is the disk mounted?)")]
     StoreMissing { path: PathBuf, missing: String },
     /// Requests to a remote store failed or timed out, after all retries.
     #[error(

@@ -14,9 +14,9 @@
 
 #[cfg(not(debug_assertions))]
 mod disabled {
-    use super::super::step::Step;
+    use super::super::step::FileStep;
 
-    pub(in super::super) const fn inject(_: Step) -> std::io::Result<()> {
+    pub(in super::super) const fn inject(_: FileStep) -> std::io::Result<()> {
         Ok(())
     }
 
@@ -33,7 +33,7 @@ mod disabled {
 
 #[cfg(debug_assertions)]
 mod enabled {
-    use super::super::step::Step;
+    use super::super::step::FileStep;
     use std::io::Error;
     use std::sync::OnceLock;
     use std::sync::atomic::{AtomicU64, Ordering};
@@ -120,7 +120,7 @@ mod enabled {
         Ok(())
     }
 
-    pub(in super::super) fn inject(step: Step) -> std::io::Result<()> {
+    pub(in super::super) fn inject(step: FileStep) -> std::io::Result<()> {
         due(step.name(), true).map_or(Ok(()), act)
     }
 
@@ -137,7 +137,7 @@ mod enabled {
         bytes: &[u8],
         write: &mut dyn FnMut(&[u8]) -> std::io::Result<()>,
     ) -> std::io::Result<()> {
-        let Some(kind) = due(Step::Write.name(), true) else { return write(bytes) };
+        let Some(kind) = due(FileStep::Write.name(), true) else { return write(bytes) };
         if matches!(kind, Kind::Torn | Kind::Short) {
             write(&bytes[..bytes.len() / 2])?;
         }

@@ -48,7 +48,8 @@ impl Lock {
         let process = ProcessIdentity::current().clone();
         let owner = LockOwner { unit: unit.into(), process, since_unix_s: since };
         let bytes = serde_json::to_vec(&owner).expect("JSON values are JSON");
-        let _flock = directory_flock::hold(directory, directory_flock::NOTE, directory_flock::LIMIT)?;
+        let _flock =
+            directory_flock::hold(directory, directory_flock::REPORT_AFTER, directory_flock::GIVE_UP_AFTER)?;
         remove_stale(&path, take_over)?;
         match file::create(&path, &bytes) {
             Ok(()) => Ok(Self { path, bytes }),

@@ -1,6 +1,6 @@
 //! Identity of a process, and whether that process has ended.
 //!
-//! | process compared with this one | knowledge |
+//! | process compared with this one | conclusion |
 //! |---|---|
 //! | other host name | none: it may run |
 //! | same host name and boot id: the same kernel | by pid namespace, pid and start time; none for another namespace (a container) |
@@ -8,9 +8,10 @@
 //! | same host name, other boot id, anything else | none: it may run on another machine of that name |
 //!
 //! The machine id is that of `/etc/machine-id` (machine-id(5): one per installation, the same after a restart), kept as a hash
-//! because it is confidential. Where it is missing or empty, as in many containers, and on systems without boot ids, a restart proves
-//! nothing. In a container it may come from the image and be the same on many hosts: hence the initial pid namespace.
-//! Two virtual machines cloned with host name *and* machine id are one machine by this rule, and for systemd; give each its own.
+//! because it is confidential. Where it is missing or empty, as in many containers, and on systems without boot ids, no conclusion
+//! is drawn from a restart. In a container it may come from the image and be the same on many hosts: hence the initial pid namespace.
+//! Two virtual machines cloned with host name *and* machine id are one machine by this rule, as for systemd: give cloned virtual
+//! machines different machine ids.
 //! Files of processes of unknown state are kept: locks need `--take-over`, temporary files `verify --repair` or manual removal.
 
 use std::sync::OnceLock;

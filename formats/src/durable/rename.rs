@@ -6,21 +6,21 @@ use std::path::Path;
 use super::error::DurableError;
 use super::fault;
 use super::file_system::{parent_of, sync_directory};
-use super::step::Step;
+use super::step::FileStep;
 use super::temp::{remove_temp, temp_name};
 
 /// Renames; an error names `path`.
 pub(super) fn rename(from: &Path, to: &Path, path: &Path) -> Result<(), DurableError> {
-    fault::inject(Step::Rename)
+    fault::inject(FileStep::Rename)
         .and_then(|()| std::fs::rename(from, to))
-        .map_err(|e| DurableError::io(Step::Rename.verb(), path, 0, e))
+        .map_err(|e| DurableError::io(FileStep::Rename.verb(), path, 0, e))
 }
 
 /// Flushes a directory's entries to the disk.
 pub(super) fn flush_directory(directory: &Path) -> Result<(), DurableError> {
-    fault::inject(Step::SyncDirectory)
+    fault::inject(FileStep::SyncDirectory)
         .and_then(|()| sync_directory(directory))
-        .map_err(|e| DurableError::io(Step::SyncDirectory.verb(), directory, 0, e))
+        .map_err(|e| DurableError::io(FileStep::SyncDirectory.verb(), directory, 0, e))
 }
 
 /// Renames the directory or file `temp` to `path`, durably, without replacing anything. `false` if `path` exists.
@@ -36,7 +36,7 @@ pub fn publish(temp: &Path, path: &Path, fsync: bool) -> Result<bool, DurableErr
         },
         false => std::fs::rename(temp, path),
     };
-    match fault::inject(Step::Publish).and_then(|()| rename()) {
+    match fault::inject(FileStep::Publish).and_then(|()| rename()) {
         Err(e)
             if matches!(
                 e.kind(),
@@ -64,7 +64,7 @@ pub fn replace_directory(temp: &Path, path: &Path) -> Result<(), DurableError> {
     #[cfg(target_os = "linux")]
     {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
-        let exchanged = fault::inject(Step::Publish)
+        let exchanged = fault::inject(FileStep::Publish)
             .and_then(|()| Ok(renameat_with(CWD, temp, CWD, path, RenameFlags::EXCHANGE)?));
         match exchanged {
             Ok(()) => {

@@ -2,7 +2,7 @@
 
 /// One step of a durable operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Step {
+pub(crate) enum FileStep {
     /// Create the temporary file.
     Create,
     /// Write the bytes into it.
@@ -23,7 +23,7 @@ pub(crate) enum Step {
     Sweep,
 }
 
-impl Step {
+impl FileStep {
     /// Verb for error messages.
     pub(super) const fn verb(self) -> &'static str {
         match self {

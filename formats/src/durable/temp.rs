@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::error::{DurableError, is_not_found};
 use super::fault;
 use super::process::ProcessIdentity;
-use super::step::Step;
+use super::step::FileStep;
 
 const PREFIX: &str = ".tmp-";
 
@@ -45,7 +45,7 @@ pub(super) fn process_of(name: &str) -> Option<ProcessIdentity> {
 /// Removes a temporary file or directory; one that does not exist is no error.
 pub fn remove_temp(path: &Path) -> Result<(), DurableError> {
     let is_dir = path.symlink_metadata().is_ok_and(|m| m.is_dir());
-    let removed = fault::inject(Step::Sweep).and_then(|()| match is_dir {
+    let removed = fault::inject(FileStep::Sweep).and_then(|()| match is_dir {
         true => std::fs::remove_dir_all(path),
         false => std::fs::remove_file(path),
     });

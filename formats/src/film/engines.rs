@@ -1,4 +1,4 @@
-//! The engines that computed a film: the one that it was started with, in its attributes, and others.
+//! The engines that computed a film: the one that it was created with, in its attributes, and others.
 //!
 //! Another engine is marked by an empty file `runs/NAME.engine`, written before its first shard, so the mark exists however the run
 //! ends. `runs/` does not belong to the film's arrays and metadata.
@@ -8,10 +8,10 @@ use serde_json::Value;
 use super::error::FilmError;
 use super::store::FilmStore;
 
-const EXTENSION: &str = ".engine";
+pub(super) const ENGINE_EXTENSION: &str = ".engine";
 
 impl FilmStore {
-    /// The engine that the film was started with; `None` if not recorded.
+    /// The engine that the film was created with; `None` if not recorded.
     pub fn engine(&self) -> Option<&str> {
         self.provenance().get("engine").and_then(Value::as_str)
     }
@@ -24,7 +24,7 @@ impl FilmStore {
         let first = self.engine().unwrap_or("unknown").to_owned();
         let names = self.store.names("runs")?;
         let mut others: Vec<String> =
-            names.iter().filter_map(|name| name.strip_suffix(EXTENSION)).map(str::to_owned).collect();
+            names.iter().filter_map(|name| name.strip_suffix(ENGINE_EXTENSION)).map(str::to_owned).collect();
         others.retain(|name| *name != first);
         others.sort();
         Ok([vec![first], others].concat())
@@ -35,6 +35,6 @@ impl FilmStore {
     /// # Errors
     /// [`FilmError::Storage`].
     pub fn mark_engine(&self, engine: &str) -> Result<(), FilmError> {
-        self.write_record(&format!("runs/{engine}{EXTENSION}"), b"")
+        self.write_record(&format!("runs/{engine}{ENGINE_EXTENSION}"), b"")
     }
 }

@@ -12,7 +12,7 @@ use crate::durable::{DurableError, LockError};
 pub enum FilmError {
     /// Something exists at the path.
     #[error(
-        "creating film {path}: it exists already; choose another path, resume it, or --overwrite a film of this program"
+        "creating film {path}: it already exists: to resume it, run the command that created it; to replace it, add --overwrite"
     )]
     Exists {
         /// The film.
@@ -61,7 +61,7 @@ pub enum FilmError {
     Locked(#[from] LockError),
     /// Inconsistent metadata.
     #[error(
-        "opening film {path}: expected {expected}, found something else; restore the file, or create the film again with --overwrite"
+        "opening film {path}: expected {expected}, which the file does not match; restore it from a backup, or create the film again with --overwrite"
     )]
     Damaged {
         /// The file.

@@ -3,11 +3,12 @@
 //!   zarr.json                           the group
 //!   NAME/zarr.json, NAME/c/…            its arrays and coordinates
 //!   pyramid/…                           the same of its levels
-//!   runs/…                              records and locks of runs
+//!   runs/…                              records and locks of runs, marks of engines
 //!   .tmp-…                              temporary files, anywhere
 
 use std::path::Path;
 
+use super::engines::ENGINE_EXTENSION;
 use super::error::FilmError;
 use super::spec::FilmSpec;
 use super::store::{FilmStore, film_attributes, open_store};
@@ -55,7 +56,7 @@ fn is_own(arrays: &[String], key: &str) -> bool {
     let array = |name: &str| arrays.iter().any(|array| array == name) || is_array_name(name);
     match parts[..] {
         ["zarr.json"] | ["pyramid", "zarr.json"] => true,
-        ["runs", name] => name.ends_with(".lock") || is_record(name),
+        ["runs", name] => name.ends_with(".lock") || name.ends_with(ENGINE_EXTENSION) || is_record(name),
         ["pyramid", name, "zarr.json"] => array(name),
         ["pyramid", name, level, ref rest @ ..] => array(name) && is_number(level) && in_array(rest),
         [name, ref rest @ ..] => array(name) && in_array(rest),
@@ -106,6 +107,7 @@ mod tests {
             "roi_12_y/c/0",
             "runs/1763740000-host_1-77.json",
             "runs/units-0123456789ab-3-9,12.lock",
+            "runs/cuda-sm_90.engine",
             "pyramid/zarr.json",
             "pyramid/film/zarr.json",
             "pyramid/film/2/c/0/0/0",

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::*;
 use crate::chart::{ChartOptions, ChartStore};
-use crate::durable::{DurableError, Step, Store, Sweep};
+use crate::durable::{DurableError, FileStep, Store, Sweep};
 
 fn spec() -> FilmSpec {
     FilmSpec {
@@ -129,7 +129,7 @@ fn full_disk_leaves_no_shard_and_is_retryable() {
     let path = dir.path().join("film.zarr");
     let film = FilmStore::create(&path, spec(), provenance(), false).unwrap().with_directory(|d| {
         d.with_fault(
-            |step, _| if step == Step::Write { Err(Error::from(ErrorKind::StorageFull)) } else { Ok(()) },
+            |step, _| if step == FileStep::Write { Err(Error::from(ErrorKind::StorageFull)) } else { Ok(()) },
         )
     });
     let shard = film.encode_shard(0, 0, (2, 1), &vec![1.0; 22 * 36]).unwrap();
@@ -233,7 +233,7 @@ fn commit_to_a_removed_film_fails_and_creates_nothing() {
     let shard = film.encode_shard(0, 0, (2, 1), &vec![1.0; 22 * 36]).unwrap();
     std::fs::remove_dir_all(&path).unwrap();
     let e = film.commit(&shard).unwrap_err();
-    assert!(e.retryable() && e.to_string().contains("is missing: its"), "{e}");
+    assert!(e.retryable() && e.to_string().contains("has disappeared since the job started"), "{e}");
     assert!(film.verify(1, &|_, _| ()).unwrap_err().retryable() && !path.exists());
 }
 
@@ -328,7 +328,9 @@ fn write_during_which_the_film_is_replaced_fails_and_leaves_the_new_film_unchang
     use std::sync::atomic::{AtomicBool, Ordering};
     let dir = tempfile::tempdir().unwrap();
     for (n, at) in
-        [Step::Create, Step::Write, Step::Sync, Step::Rename, Step::SyncDirectory].into_iter().enumerate()
+        [FileStep::Create, FileStep::Write, FileStep::Sync, FileStep::Rename, FileStep::SyncDirectory]
+            .into_iter()
+            .enumerate()
     {
         for digest in ["b", "a"] {
             let path = dir.path().join(format!("{n}-{digest}.zarr"));

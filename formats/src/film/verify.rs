@@ -53,7 +53,7 @@ pub struct VerifyReport {
     pub bytes: u64,
     /// Defects, in the order of the shards.
     pub findings: Vec<Finding>,
-    /// Temporary files, and whether the process that wrote them is dead (`None`: unknown). They do no harm.
+    /// Temporary files, and whether the process that wrote them has ended (`None`: unknown).
     pub temp: Vec<(PathBuf, Option<bool>)>,
 }
 

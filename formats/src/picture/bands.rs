@@ -1,6 +1,6 @@
 //! Curves of several wavelengths: a few have a name, a colour and a dash pattern each; more of them share a colour bar.
 
-use super::plot::{Key, Series};
+use super::plot::{Legend, Series};
 use super::style::{Colour, PALETTE};
 
 /// Whether wavelengths are few enough for a legend.
@@ -20,10 +20,10 @@ pub fn band_series(nm: &[f64], i: usize, points: Vec<(f64, f64)>) -> Series {
     Series::line(name, points, Colour::Scale((nm[i] - first) / (last - first)))
 }
 
-/// Key of the colours of [`band_series`].
-pub fn band_key(nm: &[f64]) -> Key {
+/// Legend of the colours of [`band_series`].
+pub fn band_key(nm: &[f64]) -> Legend {
     match nm {
-        [first, .., last] if !in_legend(nm) => Key::Bar("wavelength λ (nm)".into(), *first, *last),
-        _ => Key::Legend,
+        [first, .., last] if !in_legend(nm) => Legend::Bar("wavelength λ (nm)".into(), *first, *last),
+        _ => Legend::Names,
     }
 }

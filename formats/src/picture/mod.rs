@@ -20,7 +20,7 @@ pub mod figure;
 mod file;
 pub mod grey;
 pub mod image;
-mod key;
+mod legend;
 pub mod plot;
 pub mod preview;
 mod series;
@@ -88,7 +88,7 @@ pub enum PictureError {
     },
     /// Bands outside the visible range.
     #[error(
-        "the bands at {} nm are invisible in the white light {white}: make a grey picture of one band instead",
+        "the bands at {} nm have no colour under {white}; export one band as grey with --band",
         wavelengths::format(bands_nm)
     )]
     Invisible {

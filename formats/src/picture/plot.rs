@@ -5,7 +5,7 @@ use super::figure::{Anchor, Figure, Text};
 use super::style::Style;
 use pipeline::geometry::Size;
 
-pub use super::key::{Key, colour_bar};
+pub use super::legend::{Legend, colour_bar};
 pub use super::series::{Series, Shape};
 
 /// Width of a figure, px; with type of 15 px it is readable at the width of a printed column.
@@ -47,7 +47,7 @@ pub struct Plot {
     /// Series, drawn in this order.
     pub series: Vec<Series>,
     /// Explanation of the colours.
-    pub key: Key,
+    pub key: Legend,
     /// Names of the solid and the dashed line style.
     pub styles: Option<[&'static str; 2]>,
     /// Whether both axes have the same scale.
@@ -58,7 +58,7 @@ impl Plot {
     /// An empty plot with a legend.
     pub fn new(title: impl Into<String>, x: Axis, y: Axis) -> Self {
         let (title, series) = (title.into(), Vec::new());
-        Self { title, x, y, top: None, series, key: Key::Legend, styles: None, equal_scale: false }
+        Self { title, x, y, top: None, series, key: Legend::Names, styles: None, equal_scale: false }
     }
 
     /// The plot as a figure.
@@ -231,7 +231,7 @@ mod tests {
         let texts = texts_of(&named);
         assert!((0..31).all(|i| texts.contains(&format!("{} nm", 400 + 10 * i))), "{texts:?}");
         assert!(named.figure(Style::Light).size().height > 700);
-        let bar = Plot { key: Key::Bar("wavelength (nm)".into(), 400.0, 700.0), ..named };
+        let bar = Plot { key: Legend::Bar("wavelength (nm)".into(), 400.0, 700.0), ..named };
         let texts = texts_of(&bar);
         assert!(["wavelength (nm)", "400", "700"].iter().all(|w| texts.iter().any(|t| t == w)), "{texts:?}");
         assert!(!texts.contains(&"400 nm".to_owned()));

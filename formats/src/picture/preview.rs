@@ -5,7 +5,7 @@
 //! White is the colour of a light: a perfect reflector in it shows neutral, and at exposure 1 a spectrum of the light's
 //! shape that is 1 at 560 nm shows as white. [`White::Auto`] takes white from the picture: the mean colour of its lit
 //! pixels of at least half the luminance of the exposure's white. [`super::tone`] brings colours into the gamut.
-//! Left out: tone curves, veiling glare, colour appearance in dim light.
+//! Not modelled: tone curves, veiling glare, colour appearance in dim light.
 
 use std::path::Path;
 
@@ -44,7 +44,7 @@ impl std::str::FromStr for White {
             other => other
                 .parse()
                 .map(Self::Illuminant)
-                .map_err(|_| format!("white '{name}' is not supported: use D65, A, equal-energy or auto")),
+                .map_err(|_| format!("white '{name}' is not supported: use D65, A, E or auto")),
         }
     }
 }

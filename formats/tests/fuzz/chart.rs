@@ -25,7 +25,7 @@ fn copy_tree(from: &Path, to: &Path, metadata: &mut Vec<(PathBuf, Vec<u8>)>) {
 }
 
 #[test]
-fn chart_metadata() {
+fn damaged_chart_metadata_does_not_panic() {
     let dir = directory();
     let mut stores = Vec::new();
     for name in

@@ -54,14 +54,14 @@ imgHeightNum=3;\nimgHeightMax=4;\nobjDist=250\nmag=-0.02\nbaseLensFileName='C:\\
 efl=10\nfnumber=4\nfnumber_eff=[4.1]\n";
 
 #[test]
-fn iset_parameters() {
+fn damaged_iset_parameters_do_not_panic() {
     let seeds =
         [PARAMETERS.to_string(), PARAMETERS.replace("imgHeightNum=3;\nimgHeightMax=4", "imgHeight=0:2:4")];
     text_target("ISETPARMS.TXT", &seeds, |text| isetparms::Parameters::parse(Path::new(PATH), text).is_ok());
 }
 
 #[test]
-fn psf_listings() {
+fn damaged_psf_listings_do_not_panic() {
     let commas = psf(8, "10.00, 20.00", "3.5E+00, 7.2E+00").replace('.', ",");
     let labelled = psf(5, "0.0", "0, 1").replace("3, 3", "row 3, column 4");
     text_target("PSF listing", &[psf(6, "-2.0", "0.0, -0.35"), commas, labelled], |text| {
@@ -72,7 +72,7 @@ fn psf_listings() {
 }
 
 #[test]
-fn distortion_listings() {
+fn damaged_distortion_listings_do_not_panic() {
     text_target("grid distortion listing", &[grid_listing()], |text| {
         distortion_listing::grid(Path::new(PATH), text).is_ok()
     });
@@ -85,14 +85,14 @@ Data for wavelength : 0.65 µm.\nY Angle (deg)  Real Height\n0.0 0.0\n1.5 0.26\n
 }
 
 #[test]
-fn illumination_listings() {
+fn damaged_illumination_listings_do_not_panic() {
     text_target("illumination listing", &[ILLUMINATION.to_string()], |text| {
         illumination_listing::parse(Path::new(PATH), text).is_ok()
     });
 }
 
 #[test]
-fn npy_arrays() {
+fn damaged_npy_arrays_do_not_panic() {
     let seed = fs::read(data("tables-example/psf_550.npy")).unwrap();
     let make = |r: &mut Random| {
         let mut bytes = seed.clone();
@@ -112,7 +112,7 @@ fn npy_arrays() {
 
 /// A small archive: damaged as a whole, or with a damaged array.
 #[test]
-fn npz_archives() {
+fn damaged_npz_archives_do_not_panic() {
     use std::io::{Cursor, Write};
     let array = |shape: &str, values: &[f32]| {
         let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n");
@@ -199,7 +199,7 @@ fn directory_target(target: &str, files: &[(&str, Vec<u8>)], options: &ImportOpt
 }
 
 #[test]
-fn iset_directories() {
+fn damaged_iset_directories_do_not_panic() {
     let window = b"0 0 0 0\n0 0 25 0\n0 0 75 0\n0 0 0 0\n".to_vec();
     let mut files = vec![
         ("rtX_ISETPARMS.TXT", PARAMETERS.as_bytes().to_vec()),
@@ -216,7 +216,7 @@ fn iset_directories() {
 }
 
 #[test]
-fn listing_directories() {
+fn damaged_listing_directories_do_not_panic() {
     let files = [
         ("grid.txt", grid_listing().into_bytes()),
         ("ri.txt", ILLUMINATION.as_bytes().to_vec()),
@@ -234,7 +234,7 @@ fn listing_directories() {
 }
 
 #[test]
-fn table_directories() {
+fn damaged_table_directories_do_not_panic() {
     let names = ["lens.csv", "heights.csv", "psf.csv", "psf_500.npy", "psf_550.npy"];
     let files = names.map(|n| (n, fs::read(data("tables-example").join(n)).unwrap()));
     directory_target(

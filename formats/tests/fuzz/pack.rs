@@ -70,7 +70,7 @@ fn damaged_pack(seeds: &[(Vec<u8>, Entries)], r: &mut Random) -> Vec<u8> {
 }
 
 #[test]
-fn damaged_lens_packs() {
+fn damaged_lens_packs_do_not_panic() {
     let seeds: Vec<_> = seeds().into_iter().map(|s| (s.clone(), unpack(&s))).collect();
     fuzz(
         "lens pack",
@@ -186,7 +186,7 @@ fn extreme_pack(r: &mut Random) -> Vec<u8> {
 }
 
 #[test]
-fn extreme_lens_packs() {
+fn extreme_lens_packs_are_errors_or_finite() {
     fuzz("lens pack limits", 500, extreme_pack, |bytes| {
         let Ok(pack) = LensPack::open_bytes(bytes.to_vec()) else { return false };
         let _ = summary(&pack, true, None).to_string();

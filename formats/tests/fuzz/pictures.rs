@@ -66,7 +66,7 @@ fn damaged_file(seeds: &[Vec<u8>], at: &Path, r: &mut Random) -> Vec<u8> {
 }
 
 #[test]
-fn exr_charts() {
+fn damaged_exr_charts_do_not_panic() {
     let dir = directory();
     let at = dir.path().join("c.exr");
     let seeds = [ExrCompression::Zip, ExrCompression::Piz, ExrCompression::None]
@@ -91,7 +91,7 @@ fn exr_charts() {
 }
 
 #[test]
-fn pictures() {
+fn damaged_pictures_do_not_panic() {
     let dir = directory();
     let at = dir.path().join("picture");
     let none: &(dyn Fn(u64, u64) + Sync) = &|_, _| ();

@@ -11,7 +11,7 @@ const ENVI: &str = "ENVI\nsamples = 5\nlines = 7\nbands = 3\nheader offset = 4\n
                     byte order = 1\ndata ignore value = -9\nwavelength units = Micrometers\nwavelength = {0.45, 0.55, 0.65}\n";
 
 #[test]
-fn flat_charts() {
+fn damaged_flat_charts_do_not_panic() {
     let dir = directory();
     let (npy, hdr) = (dir.path().join("c.npy"), dir.path().join("e.hdr"));
     fs::write(dir.path().join("e.img"), [7; 5 * 7 * 3 * 2 + 4]).unwrap();

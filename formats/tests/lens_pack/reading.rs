@@ -158,14 +158,14 @@ fn builtin_psfs_are_symmetric_with_centroid_on_plus_x() {
 }
 
 #[test]
-fn builtin_lens_digest_snapshot() {
+fn builtin_lens_digest_equals_the_recorded_one() {
     // It changes with the pack's numbers, and then old jobs must not resume.
     let digest = builtin("double-gauss-28-npz").unwrap().digest().unwrap().to_owned();
     assert_eq!(digest, "bbe319b8eb0f71326a6f9f5347698040a818532f46a8184bbe5f9efc9f4d804e");
 }
 
 #[test]
-fn summary_as_text_and_json() {
+fn summary_has_the_same_figures_as_text_and_json() {
     let pack = builtin("double-gauss-28-npz").unwrap();
     let short = summary(&pack, false, Some(0.055));
     let nm: Vec<f64> = short.table.iter().map(|b| b.wavelength_nm).collect();

@@ -56,7 +56,7 @@ pub enum ChartError {
     Wavelengths(#[from] WavelengthError),
     /// A wavelength beyond the tables of reflectance and illuminants.
     #[error(
-        "the chart's colours are known from {FIRST_NM} to {LAST_NM} nm, not at {wavelength_nm} nm; only a uniform chart admits others"
+        "the colours of the chart are tabulated from {FIRST_NM} to {LAST_NM} nm, not at {wavelength_nm} nm; only the uniform chart has no such limit"
     )]
     NoColour {
         /// The requested wavelength.
@@ -64,7 +64,7 @@ pub enum ChartError {
     },
     /// Details too close to each other.
     #[error(
-        "{count} {what} are {spacing_px:.1} px apart and need {needed_px:.1} px: take fewer, smaller ones or a larger film"
+        "{count} {what} are {spacing_px:.1} px apart and need {needed_px:.1} px: reduce the number or size, or enlarge the film"
     )]
     Crowded {
         /// Name of the details.

@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn runs_of_letters() {
+    fn letters_are_the_expected_runs_of_pixels() {
         assert_eq!(runs("T")[..2], [(0, 0, 5), (1, 2, 3)]);
         assert_eq!(runs(" L").iter().filter(|r| r.1 == 6).count(), 7);
         assert_eq!((width("AB"), width("")), (11, 0));

@@ -7,7 +7,7 @@
 //! The chart extends `overscan_px` beyond its film on every side: barrel distortion and the PSF's tail bring chart from beyond the
 //! film's border onto the film. Positions are given in FILM pixels: row and column from the film's first pixel, centres at integers;
 //! chart pixel = film pixel + overscan.
-//! Left out: gloss, texture, uneven illumination, so that all variation on the film is due to the lens. Noise is optional (`noise.rs`).
+//! Not modelled: gloss, texture, uneven illumination, so that all variation on the film is due to the lens. Noise is optional (`noise.rs`).
 
 mod composite;
 mod coverage;

@@ -252,7 +252,7 @@ fn reading_outside_the_chart_is_an_error() {
 /// Prints pixels per second of one core, in tiles of 512 as a job reads them.
 #[test]
 #[ignore = "measurement: run alone, in release, with --nocapture"]
-fn speed() {
+fn reading_speed_per_chart_kind_is_printed() {
     for kind in ["uniform", "points", "slanted-edge", "siemens", "checker", "composite"] {
         let chart = generate(&format!("{kind}?size=14141&wavelengths=550"));
         let mut out = vec![0.0; 512 * 512];

@@ -13,10 +13,13 @@ use crate::remap::Remap;
 use crate::remap::cuda::{RemapOnDevice, RemapTile};
 use std::sync::Arc;
 
-/// `CU_EVENT_BLOCKING_SYNC`: the thread that waits for the event sleeps.
+/// `CU_EVENT_BLOCKING_SYNC`: the thread that waits for the event blocks.
 const BLOCKING_EVENT: u32 = 1;
 
 /// The streams of a queue: uploads, kernels and downloads overlap.
+///
+/// Events order the streams where one depends on another. A buffer is used again only after the host has waited for the event
+/// behind its last copy or kernel. [`GpuBand::new`] synchronizes the device.
 #[derive(Debug)]
 pub struct Streams {
     upload: Arc<CudaStream>,
@@ -25,8 +28,7 @@ pub struct Streams {
 }
 
 impl Streams {
-    /// Events order the streams where one depends on another. A buffer is used again only after the host has waited for the event
-    /// behind its last copy or kernel. [`GpuBand::new`] synchronizes the device.
+    /// Three streams on `device`.
     pub(crate) fn new(device: &Device) -> Result<Self, CudaError> {
         let stream = || device.context.new_stream().map_err(device.failed("creating a stream"));
         Ok(Self { upload: stream()?, compute: stream()?, download: stream()? })

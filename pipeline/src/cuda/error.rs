@@ -51,7 +51,7 @@ pub enum CudaError {
     )]
     NoDevice,
     /// The index is beyond the last GPU.
-    #[error("opening GPU {index}: this process sees {count} ({}); indices count from 0, as `nvidia-smi -L` lists them", indices(*.count))]
+    #[error("opening GPU {index}: {count} GPUs are visible to this process (indices {}), numbered from 0 as `nvidia-smi -L` lists them", indices(*.count))]
     NoSuchDevice {
         /// The requested index.
         index: usize,
@@ -90,7 +90,7 @@ pub enum CudaError {
     },
     /// The limit on device memory or on page-locked host memory is too small for one tile at a time.
     #[error(
-        "GPU {device} ({name}): a tile at a time needs {} of its memory and {} of page-locked host memory; {} and {} can be used; end other processes that use this GPU, raise --memory, use another GPU or `--device cpu`",
+        "GPU {device} ({name}): one tile needs {} of GPU memory and {} of page-locked host memory; available: {} and {}; end other processes that use this GPU, raise --memory, use another GPU or `--device cpu`",
         mib(.needed_bytes), mib(.host_needed_bytes), mib(.usable_bytes), mib(.host_usable_bytes)
     )]
     TooSmall {
@@ -109,7 +109,7 @@ pub enum CudaError {
     },
     /// A kernel failed: an error of this program.
     #[error(
-        "GPU {device}, {doing}: a kernel failed ({code}); results since then are discarded; this is a bug of the program, `compute-sanitizer` finds the place"
+        "GPU {device}, {doing}: a kernel failed ({code}); results since then are discarded; this is a program error: please report it with the output of `compute-sanitizer`"
     )]
     Kernel {
         /// Which GPU.
@@ -133,7 +133,7 @@ pub enum CudaError {
     },
     /// The device is in use by another process.
     #[error(
-        "GPU {device}, {doing}: the device is in use by another process ({code}); wait for its end, or see its compute mode (`nvidia-smi -q -d COMPUTE`)"
+        "GPU {device}, {doing}: the device is in use by another process ({code}); wait until that process ends, or check the compute mode of the GPU (`nvidia-smi -q -d COMPUTE`)"
     )]
     InUse {
         /// Which GPU.

@@ -69,7 +69,7 @@ pub trait Compute: Sync {
     ) -> Result<(), SourceSinkError>;
 
     /// The stages of `band` on the GPU of `queue`, for the tiles `tiles` of `tiling`, with its share of the device's memory halved
-    /// `halved` times; and the batch buffers.
+    /// `halvings` times; and the batch buffers.
     ///
     /// # Errors
     /// Those of the driver; too little memory.
@@ -79,7 +79,7 @@ pub trait Compute: Sync {
         tiling: &Tiling,
         tiles: &[(usize, usize)],
         queue: &DeviceQueue,
-        halved: u32,
+        halvings: u32,
         streams: &Streams,
     ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError>;
 }

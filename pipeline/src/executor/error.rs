@@ -10,7 +10,7 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum RunError {
     /// The stages of a band could not be constructed.
-    #[error("preparing its stages: {source}")]
+    #[error("preparing the band's kernels and tables: {source}")]
     Prepare {
         /// Position in the job.
         position: usize,
@@ -38,7 +38,7 @@ pub enum RunError {
         source: SourceSinkError,
     },
     /// The last GPU failed.
-    #[error("computing on GPUs, none of which is left: {source}")]
+    #[error("the last GPU failed: {source}")]
     Device {
         /// Position in the job.
         position: usize,

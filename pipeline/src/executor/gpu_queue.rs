@@ -32,7 +32,7 @@ pub(super) enum Collected {
 }
 
 /// A batch whose charts are being read.
-struct Reading<B> {
+struct PendingReads<B> {
     batch: Batch<B>,
     buffers: BatchBuffers,
     rects: Vec<Rect>,
@@ -58,11 +58,11 @@ struct Queue<'a, 'b, C: Compute, S: FilmSink> {
     outputs: PinnedPool,
     band: Option<(usize, GpuBand)>,
     free: Vec<BatchBuffers>,
-    reading: VecDeque<Reading<C::Band>>,
+    reading: VecDeque<PendingReads<C::Band>>,
     /// Batches on the device.
     in_flight: usize,
     /// How often its share of the device's memory was halved.
-    halved: u32,
+    halvings: u32,
 }
 
 /// Runs one queue until all tiles are added or its device fails.
@@ -91,7 +91,7 @@ pub(super) fn run_queue<C: Compute, S: FilmSink>(
             free: Vec::new(),
             reading: VecDeque::new(),
             in_flight: 0,
-            halved: 0,
+            halvings: 0,
         });
         queue.and_then(Queue::run).err()
     });
@@ -210,7 +210,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             self.run.reads.push(ChartRead { band, index, rect, into, reply: reply.clone() });
         }
         let buffers = self.free.pop().expect("claimed with a free buffer, or a band just begun");
-        self.reading.push_back(Reading { batch, buffers, rects, replies });
+        self.reading.push_back(PendingReads { batch, buffers, rects, replies });
         Ok(())
     }
 
@@ -226,7 +226,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             tiling,
             &band.tiles,
             self.queue,
-            self.halved,
+            self.halvings,
             &self.streams,
         )?;
         let (memory, needs) = (gpu_band.memory, gpu_band.needs);
@@ -248,8 +248,8 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
     }
 
     /// Launches a batch once its charts are read.
-    fn launch(&mut self, reading: Reading<C::Band>) -> Result<(), CudaError> {
-        let Reading { batch, mut buffers, rects, replies } = reading;
+    fn launch(&mut self, reading: PendingReads<C::Band>) -> Result<(), CudaError> {
+        let PendingReads { batch, mut buffers, rects, replies } = reading;
         let Assembled { mut tiles, unreadable } = match self.assemble(&batch, &rects, &replies) {
             Ok(Some(assembled)) => assembled,
             // The run or the device has failed.
@@ -321,7 +321,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
 
     /// Requeues the batches that were not launched.
     fn requeue_unlaunched(&mut self) {
-        for Reading { batch, buffers, .. } in self.reading.drain(..) {
+        for PendingReads { batch, buffers, .. } in self.reading.drain(..) {
             self.free.push(buffers);
             self.run.requeue(batch);
         }
@@ -335,7 +335,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         self.run.progress.gpu_short_of_memory(&self.queue.name(), &error);
         self.requeue_unlaunched();
         self.end_band()?;
-        self.halved += 1;
+        self.halvings += 1;
         Ok(())
     }
 }

@@ -1,28 +1,28 @@
 //! Memory of the executor's queues, bytes.
 
-use super::{AHEAD, QUEUE};
+use super::{ENCODED_QUEUE_LENGTH, MAX_TILES_AHEAD_PER_WORKER};
 use crate::plan::FilmRegion;
 
 /// Contributions of `contribution_bytes` computed by `threads` workers and not yet added.
 pub const fn contributions_bytes(contribution_bytes: usize, threads: usize) -> usize {
-    AHEAD * threads * contribution_bytes
+    MAX_TILES_AHEAD_PER_WORKER * threads * contribution_bytes
 }
 
-/// Pixels of all shards of one band of `windows` that tiles are added to at a time; a tile reaches over `reach_px` rows of the film.
-pub fn open_shard_pixels(windows: &[FilmRegion], reach_px: usize) -> usize {
+/// Pixels of all shards of one band of `regions` that tiles are added to at a time; a tile reaches over `reach_px` rows of the film.
+pub fn open_shard_pixels(regions: &[FilmRegion], reach_px: usize) -> usize {
     let open = |w: &FilmRegion| {
         let rows = (reach_px.div_ceil(w.shard.height) + 1) * w.shard.height;
         rows.min(w.rect.height) * w.rect.width
     };
-    windows.iter().map(open).sum()
+    regions.iter().map(open).sum()
 }
 
 /// Pixels of the largest shard.
-pub fn max_shard_pixels(windows: &[FilmRegion]) -> usize {
-    windows.iter().map(|w| w.shard_rect(0, 0).size().pixels()).max().unwrap_or(0)
+pub fn max_shard_pixels(regions: &[FilmRegion]) -> usize {
+    regions.iter().map(|w| w.shard_rect(0, 0).size().pixels()).max().unwrap_or(0)
 }
 
 /// Encoded shards at a time: one per worker, the queue, one per writing thread.
 pub const fn encoded_shards(threads: usize, writers: usize) -> usize {
-    threads + QUEUE + writers
+    threads + ENCODED_QUEUE_LENGTH + writers
 }

@@ -9,8 +9,8 @@
 //! [`Compute`] constructs the stages of a band and computes its tiles ([`crate::stages`] implements it). `tile_source` assigns tiles in
 //! one sequence and requeues those of a failed GPU; `ordered_adder` adds contributions in that order, so that the film has the same
 //! bits for any number of threads and devices; `shard_writer` encodes and writes. They have separate locks; `signal` wakes the
-//! workers. All queues are bounded: a tile may start at most [`AHEAD`] tiles per worker before the oldest one not yet added.
-//! [`memory`] reports what the queues hold.
+//! workers. Memory is bounded: a worker claims at most [`MAX_TILES_AHEAD_PER_WORKER`] tiles per worker beyond the oldest tile not yet
+//! added; a GPU queue is bounded by its batch buffers and page-locked buffers. [`memory`] computes what the queues hold.
 
 mod chart_reads;
 mod compute;
@@ -46,10 +46,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use tile_source::TileSource;
 
-/// Tiles in flight or waiting to be added, per worker.
-pub const AHEAD: usize = 3;
+/// Tiles in progress or waiting to be added, per worker.
+pub const MAX_TILES_AHEAD_PER_WORKER: usize = 3;
 /// Length of the queue of encoded shards.
-pub const QUEUE: usize = 2;
+pub const ENCODED_QUEUE_LENGTH: usize = 2;
 
 /// Runs `work` from `chart` to `sink`; `compute` constructs the stages of each band.
 ///
@@ -74,7 +74,7 @@ pub fn run<C: Compute, S: FilmSink>(
         signal: &signal,
         source: TileSource::new(&signal, work.cancel, work.gpus.len()),
         reads: ChartReads::new(&signal),
-        adder: OrderedAdder::new(work.film, work.windows, &work.bands, &clock),
+        adder: OrderedAdder::new(work.film, work.regions, &work.bands, &clock),
         writer: ShardWriter::new(sink, &clock, &signal),
         error: Mutex::new(None),
         failed: AtomicBool::new(false),

@@ -34,7 +34,7 @@ struct Computed<B> {
 /// Adds contributions in order; see the module.
 pub(super) struct OrderedAdder<'a, B> {
     film: Size,
-    windows: &'a [FilmRegion],
+    regions: &'a [FilmRegion],
     bands: &'a [BandWork],
     clock: &'a Clock,
     pending: Mutex<Pending<B>>,
@@ -50,16 +50,16 @@ struct Pending<B> {
 }
 
 impl<'a, B> OrderedAdder<'a, B> {
-    /// For the outputs `windows` of a film of `film` px.
+    /// For the regions `regions` of a film of `film` px.
     pub(super) fn new(
         film: Size,
-        windows: &'a [FilmRegion],
+        regions: &'a [FilmRegion],
         bands: &'a [BandWork],
         clock: &'a Clock,
     ) -> Self {
         let pending = Pending { computed: BTreeMap::new(), next: 0, adding: false, pixels: 0 };
-        let overlap = Mutex::new(OverlapAdd::new(windows));
-        Self { film, windows, bands, clock, pending: Mutex::new(pending), overlap, free: Mutex::default() }
+        let overlap = Mutex::new(OverlapAdd::new(regions));
+        Self { film, regions, bands, clock, pending: Mutex::new(pending), overlap, free: Mutex::default() }
     }
 
     /// A buffer for a worker's next tile.
@@ -82,11 +82,11 @@ impl<'a, B> OrderedAdder<'a, B> {
     pub(super) fn shards(&self, band: &BandInFlight<B>, tile: (usize, usize)) -> Vec<ShardId> {
         let work = &self.bands[band.position];
         let reach = work.tiling.reach(tile);
-        let of = |(window, w): (usize, &FilmRegion)| {
-            let id = move |(row, col)| ShardId { band: band.position, region: window, row, col };
-            w.touched(reach).map(id).filter(|id| work.shards.contains(id)).collect::<Vec<_>>()
+        let of = |(region, area): (usize, &FilmRegion)| {
+            let id = move |(row, col)| ShardId { band: band.position, region, row, col };
+            area.touched(reach).map(id).filter(|id| work.shards.contains(id)).collect::<Vec<_>>()
         };
-        self.windows.iter().enumerate().flat_map(of).collect()
+        self.regions.iter().enumerate().flat_map(of).collect()
     }
 
     /// Submits a tile. If no other thread is adding, adds it and all that follow in order; `finished` receives the shards that no later

@@ -53,7 +53,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     /// Prepares bands, one ahead of the band being computed.
     pub(super) fn prepare_bands(&self) {
         for (position, band) in self.work.bands.iter().enumerate() {
-            let tiles = tiles_needed(&band.tiling, self.work.windows, &band.shards);
+            let tiles = tiles_needed(&band.tiling, self.work.regions, &band.shards);
             if tiles.is_empty() || !self.source.is_open() {
                 continue;
             }
@@ -71,7 +71,9 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
 
     /// See [`TileSource::claim_tile`].
     pub(super) fn claim_tile(&self) -> Claim<C::Band> {
-        self.source.claim_tile(super::AHEAD * self.work.threads.max(1), &|band| self.report_band(band))
+        self.source.claim_tile(super::MAX_TILES_AHEAD_PER_WORKER * self.work.threads.max(1), &|band| {
+            self.report_band(band)
+        })
     }
 
     /// See [`TileSource::claim_batch`].

@@ -2,8 +2,8 @@
 //!
 //! The queue between them is short: workers wait for the disk instead of filling the memory with encoded shards.
 
+use super::ENCODED_QUEUE_LENGTH;
 use super::Progress;
-use super::QUEUE;
 use super::error::RunError;
 use super::signal::Signal;
 use crate::clock::Clock;
@@ -37,7 +37,7 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
 
     /// The queue from the workers to the writing threads.
     pub(super) fn queue() -> (Sender<Encoded<S>>, Receiver<Encoded<S>>) {
-        bounded(QUEUE)
+        bounded(ENCODED_QUEUE_LENGTH)
     }
 
     /// Number of writing threads.

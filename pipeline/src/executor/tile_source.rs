@@ -1,6 +1,6 @@
 //! The sequence of all tiles: bands one after the other, tiles of a band in order, claimed by workers and GPU queues.
 //!
-//! A thread prepares bands one ahead and offers them here. A worker may claim a tile at most [`super::AHEAD`] tiles per worker beyond the
+//! A thread prepares bands one ahead and offers them here. A worker may claim a tile at most [`super::MAX_TILES_AHEAD_PER_WORKER`] tiles per worker beyond the
 //! oldest one not yet added, which bounds memory. Batches that a GPU could not compute are requeued and claimed first.
 
 use super::signal::Signal;

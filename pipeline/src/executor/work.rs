@@ -12,8 +12,8 @@ use std::sync::atomic::AtomicBool;
 pub struct Work<'a> {
     /// Film size in pixels.
     pub film: Size,
-    /// Outputs: regions of the film.
-    pub windows: &'a [FilmRegion],
+    /// Regions of the film to compute.
+    pub regions: &'a [FilmRegion],
     /// Bands, by position in the job.
     pub bands: Vec<BandWork>,
     /// Worker threads.

@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn agreement_of_equal_and_of_different_curves() {
+    fn equal_curves_have_iou_1_and_different_ones_the_ratio_of_areas() {
         let curve = [0.0, 0.5, 1.0];
         assert_eq!(agreement(&curve, &curve, 0.25).iou, 1.0);
         let a = agreement(&[0.0, 0.4, 1.0], &curve, 0.25);

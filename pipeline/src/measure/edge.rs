@@ -55,7 +55,7 @@ pub enum EdgeError {
         distance_px: f64,
     },
     /// No contrast.
-    #[error("both sides of the edge are alike ({dark:.3e} and {light:.3e}): there is no edge here")]
+    #[error("no edge: the values on both sides are nearly equal ({dark:.3e} and {light:.3e})")]
     Flat {
         /// Mean on the dark side.
         dark: f64,

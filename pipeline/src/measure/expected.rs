@@ -22,7 +22,7 @@ pub type Share = ((f64, f64), f64);
 
 /// Operations on the step other than the PSF.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Step {
+pub struct StepEdge {
     /// Direction of the edge's normal, from dark to light: azimuth in rad.
     pub normal_rad: f64,
     /// Sides in film pixels of the squares over which pixels are means: the chart's, and the film's if the PSF has point samples.
@@ -42,7 +42,7 @@ pub struct ExpectedEsf {
 
 impl ExpectedEsf {
     /// The ESF of the PSF `shares` (which sum to 1) at azimuth `azimuth_rad` under `step`.
-    pub fn new(shares: impl Iterator<Item = Share>, azimuth_rad: f64, step: &Step) -> Self {
+    pub fn new(shares: impl Iterator<Item = Share>, azimuth_rad: f64, step: &StepEdge) -> Self {
         let along = |angle: f64| {
             let (sin, cos) = real::sin_cos(angle);
             move |(row, col): (f64, f64)| col * cos + row * sin
@@ -138,8 +138,8 @@ mod tests {
     use super::super::edge::tests::phi;
     use super::*;
 
-    fn plain(normal_rad: f64) -> Step {
-        Step { normal_rad, squares_px: vec![], bin_px: 0.0, taps: vec![((0.0, 0.0), 1.0)] }
+    fn plain(normal_rad: f64) -> StepEdge {
+        StepEdge { normal_rad, squares_px: vec![], bin_px: 0.0, taps: vec![((0.0, 0.0), 1.0)] }
     }
 
     /// An elliptical Gaussian: σ 1.5 along +x, 0.8 across, centre 0.4 px out.
@@ -157,7 +157,7 @@ mod tests {
     fn gaussian_psf_at_any_azimuth_has_an_analytic_esf() {
         for (azimuth, normal) in [(0.0, 0.0), (0.0, 1.2), (0.7, 0.7), (2.5, 0.3), (-1.0, 3.0)] {
             // Twice the pitch of the samples: no staircase.
-            let step = Step { squares_px: vec![0.5], ..plain(normal) };
+            let step = StepEdge { squares_px: vec![0.5], ..plain(normal) };
             let esf = ExpectedEsf::new(gaussian().into_iter(), azimuth, &step);
             let (sin, cos) = f64::sin_cos(normal - azimuth);
             let sigma = (2.25 * cos * cos + 0.64 * sin * sin + 0.25 / 12.0).sqrt();

@@ -7,7 +7,7 @@
 //! integrated samples at film pitch is not integrated again, and its kernels at quarter turns are its samples.
 //! One *base kernel* expands to four or eight kernels by exact permutations (`symmetry`). Base kernels are computed in f64, or in
 //! f32 with SIMD (`simd`); the two agree within 1e-6 of the kernel's peak.
-//! Left out: light that rotation moves beyond the square film window (removed by the normalisation) and, for integrated samples
+//! Not modelled: light that rotation moves beyond the square film window (removed by the normalisation) and, for integrated samples
 //! between quarter turns, the rotation of the sample's own square ([`NodeKernels::rotation_error`] estimates it).
 
 mod integration;

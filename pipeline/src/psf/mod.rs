@@ -9,7 +9,7 @@
 //! kernel ([`kernel`], [`spectra`]), accumulate; per block one inverse FFT, overlap-add. [`portable`] is the reference in plain loops.
 //! The remapped image extends half a window beyond the film on every side, so the film is exact up to its border.
 //! A uniform remapped image R gives R·(1 − div c) on the film, c the centroid of the PSF from the chief ray (of order 1e-3 for a
-//! Double Gauss): the PSF displaces light and conserves it.
+//! Double Gauss): the PSF redistributes energy; the total is constant.
 //! Related: Maeda, Catrysse, Wandell, "Integrating lens design with digital camera simulation", Proc. SPIE 5678 (2005), which
 //! samples the field.
 

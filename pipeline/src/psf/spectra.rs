@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// (band index, node id).
-pub type Key = (usize, usize);
+pub type SpectrumKey = (usize, usize);
 
 type Entry = Arc<OnceLock<Arc<AlignedBuf>>>;
 
@@ -33,8 +33,8 @@ struct Cache {
 #[derive(Debug, Default)]
 struct State {
     /// Entry, time of last use, bytes.
-    entries: HashMap<Key, (Entry, u64, usize)>,
-    by_age: BTreeMap<u64, Key>,
+    entries: HashMap<SpectrumKey, (Entry, u64, usize)>,
+    by_age: BTreeMap<u64, SpectrumKey>,
     clock: u64,
     bytes: usize,
     built: u64,
@@ -80,7 +80,7 @@ impl SpectrumCache {
     /// The spectrum of `key`, `bytes` long; if absent, built by `build` from a buffer to reuse.
     pub fn get(
         &self,
-        key: Key,
+        key: SpectrumKey,
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
@@ -90,7 +90,7 @@ impl SpectrumCache {
     /// The same for base kernels.
     pub fn base_kernel(
         &self,
-        key: Key,
+        key: SpectrumKey,
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
@@ -104,7 +104,12 @@ impl SpectrumCache {
 }
 
 impl Cache {
-    fn get(&self, key: Key, bytes: usize, build: impl FnOnce(AlignedBuf) -> AlignedBuf) -> Arc<AlignedBuf> {
+    fn get(
+        &self,
+        key: SpectrumKey,
+        bytes: usize,
+        build: impl FnOnce(AlignedBuf) -> AlignedBuf,
+    ) -> Arc<AlignedBuf> {
         let mut buffer = AlignedBuf::default();
         let entry = {
             let mut guard = self.state.lock().expect("no panic while held");

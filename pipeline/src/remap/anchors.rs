@@ -6,20 +6,20 @@
 //!     m = h(ρ)/ρ,   row = offset + dy·m/scale,   col = offset + dx·m/scale,   split into an integer and an f32 fraction.
 //! A pixel t columns on (|t| ≤ 8) lies δ = r − ρ farther out. With u = dx/ρ, ε = t/ρ:
 //!     δ = ρ·(uε + (1 − u²)/2·(ε² − uε³ + (5u² − 1)/4·ε⁴))                 (Taylor series of √(1 + 2uε + ε²))
-//! The field's table is linear in r between its knots r_j, with slope h′_j and kink (change of slope) κ_j = h′_j − h′_{j−1}, so exactly
+//! The field's table is linear in r between its knots r_j, with slope h′_j and change of slope κ_j = h′_j − h′_{j−1}, so exactly
 //!     h(r)/r − m = ((h′ − m)·δ + Σ_{r_j > ρ} κ_j·max(0, r − r_j) + Σ_{r_j ≤ ρ} κ_j·max(0, r_j − r)) / r
 //! and 1/r = (1 − δ/ρ)(1 + δ²/ρ²)/ρ. R follows from its own table likewise. All terms but the anchor are of the size of the change
 //! within a block, for which f32 suffices.
 //!
 //! Error bound: beyond ρ = [`NEAR_AXIS_PX`] the Taylor series is within 1.2e-6 px of r and that of 1/r within 1e-6 of it; blocks whose
 //! magnification may move a pixel by more than 1 px are not expanded. Coordinates are within 2e-6 px of the exact map, typically
-//! 3e-7 (fractions are f32). Blocks that are not expanded (near the axis, large kinks, film beyond the table) are mapped pixel by
+//! 3e-7 (fractions are f32). Blocks that are not expanded (near the axis, large slope changes, film beyond the table) are mapped pixel by
 //! pixel in f64.
 
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 use super::extent::{ChartExtent, GROUP, Lane, lower, raise};
-use super::knots::{HALF_PX, Kink, Knots};
+use super::knots::{HALF_PX, Knots, SlopeChange};
 use super::map::{ANCHOR_SPACING_PX, ExactBlock, Map, NEAR_AXIS_PX};
 use crate::geometry::Rect;
 use crate::resample::Coordinate;
@@ -29,8 +29,8 @@ const SLACK_PX: f64 = 1e-3;
 /// A block that the values of its anchor do not suffice for.
 #[derive(Clone, Debug)]
 pub(super) enum Special {
-    /// More kinks than the two at the ends of the anchor's step: a range of [`Anchors::kinks`].
-    Kinks(usize, usize),
+    /// More slope changes than the two at the ends of the anchor's step: a range of [`Anchors::slope_changes`].
+    SlopeChanges(usize, usize),
     /// Mapped pixel by pixel.
     Exact(Box<ExactBlock>),
 }
@@ -80,7 +80,7 @@ pub(super) struct Anchors {
     /// Row by row.
     groups: Vec<Group>,
     specials: Vec<Special>,
-    pub(super) kinks: Vec<Kink>,
+    pub(super) slope_changes: Vec<SlopeChange>,
     /// (minimum, maximum) chart row and column over all pixels.
     pub(super) cells: ((i64, i64), (i64, i64)),
 }
@@ -111,7 +111,7 @@ impl Anchors {
         let groups = self.count.div_ceil(GROUP);
         self.groups.resize(groups * rect.height, Group::default());
         self.specials.clear();
-        self.kinks.clear();
+        self.slope_changes.clear();
         let mut extent = ChartExtent::empty();
         for row in 0..rect.height {
             for i in 0..groups {
@@ -142,26 +142,27 @@ impl Anchors {
             let (dy, dx) = (at.y as f64 - map.axis_px.0, (x as f64 + HALF_PX) - map.axis_px.1);
             let r = (dy * dy + dx * dx).sqrt();
             let i = self.groups[index].step[b] as usize;
-            let first = self.kinks.len();
-            let mut shift = HALF_PX * ((knots.steps[i].h_at / r).abs() + knots.kink_sum[i]);
+            let first = self.slope_changes.len();
+            let mut shift = HALF_PX * ((knots.steps[i].h_at / r).abs() + knots.slope_change_sum[i]);
             let in_range = r >= NEAR_AXIS_PX && r + HALF_PX <= knots.last_px;
             if in_range && !knots.sparse {
-                self.collect_kinks(knots, r, i);
-                shift += self.kinks[first..].iter().map(|k| HALF_PX * f64::from(k.h.abs())).sum::<f64>();
+                self.collect_slope_changes(knots, r, i);
+                shift +=
+                    self.slope_changes[first..].iter().map(|k| HALF_PX * f64::from(k.h.abs())).sum::<f64>();
             }
             let m = knots.steps[i].h_slope + knots.steps[i].h_at / r;
             let straight = (m * map.per_scale.1 - map.integer_columns()).abs() <= 1.0;
             if in_range && shift <= 1.0 && straight {
-                if self.kinks.len() == first {
+                if self.slope_changes.len() == first {
                     continue;
                 }
-                // `Group::fill` bounded the shift by two kinks; here by all of them, at most 1.
+                // `Group::fill` bounded the shift by two slope changes; here by all of them, at most 1.
                 let row = map.offset.0 + dy * m * map.per_scale.0;
                 let col = map.offset.1 + dx * m * map.per_scale.1;
                 let spread = HALF_PX * (m * map.per_scale.1).abs() + shift + SLACK_PX;
                 extent
                     .include((row - shift - SLACK_PX, row + shift + SLACK_PX), (col - spread, col + spread));
-                self.specials.push(Special::Kinks(first, self.kinks.len()));
+                self.specials.push(Special::SlopeChanges(first, self.slope_changes.len()));
             } else {
                 let exact = map.exact_block(at.y, x);
                 for (&row, &col) in exact.row.iter().zip(&exact.col) {
@@ -174,18 +175,18 @@ impl Anchors {
         }
     }
 
-    /// Appends the kinks within half a block of radius `r` beyond the ends of its step `i`.
-    fn collect_kinks(&mut self, knots: &Knots, r: f64, i: usize) {
-        let kink = |j: usize, side: f32| Kink {
+    /// Appends the slope changes within half a block of radius `r` beyond the ends of its step `i`.
+    fn collect_slope_changes(&mut self, knots: &Knots, r: f64, i: usize) {
+        let change = |j: usize, side: f32| SlopeChange {
             side,
             at: (knots.steps[j].from - r) as f32,
-            h: knots.kinks(j as i32)[3],
-            gain: knots.kinks(j as i32)[4],
+            h: knots.slope_changes(j as i32)[3],
+            gain: knots.slope_changes(j as i32)[4],
         };
         let outer = (i + 2..knots.steps.len()).take_while(|&j| knots.steps[j].from < r + HALF_PX);
-        self.kinks.extend(outer.map(|j| kink(j, 1.0)));
+        self.slope_changes.extend(outer.map(|j| change(j, 1.0)));
         let inner = (1..i).rev().take_while(|&j| knots.steps[j].from > r - HALF_PX);
-        self.kinks.extend(inner.map(|j| kink(j, -1.0)));
+        self.slope_changes.extend(inner.map(|j| change(j, -1.0)));
     }
 }
 
@@ -212,7 +213,7 @@ struct AnchorLanes {
     gain_slope: Lane,
     until: Lane,
     from: Lane,
-    kink_sum: Lane,
+    slope_change_sum: Lane,
     /// Chart coordinates.
     row: Lane,
     col: Lane,
@@ -249,7 +250,8 @@ impl AnchorLanes {
             index[i] = k as i32;
             (self.h_at[i], self.h_slope[i]) = (s.h_at, s.h_slope);
             (self.gain_at[i], self.gain_slope[i]) = (s.gain_at, s.gain_slope);
-            (self.until[i], self.from[i], self.kink_sum[i]) = (s.until, s.from, knots.kink_sum[k]);
+            (self.until[i], self.from[i], self.slope_change_sum[i]) =
+                (s.until, s.from, knots.slope_change_sum[k]);
         }
     }
 
@@ -263,7 +265,7 @@ impl AnchorLanes {
             self.row[i] = map.offset.0 + self.dy * m * map.per_scale.0;
             self.col[i] = map.offset.1 + self.dx[i] * m * map.per_scale.1;
             self.extra_columns[i] = m * map.per_scale.1 - integer_columns;
-            self.shift[i] = HALF_PX * (self.excess[i].abs() + self.kink_sum[i]);
+            self.shift[i] = HALF_PX * (self.excess[i].abs() + self.slope_change_sum[i]);
         }
     }
 

@@ -11,7 +11,7 @@ use crate::cuda::handle::CudaStream;
 use crate::cuda::launch::{CudaFunction, LaunchConfig};
 use crate::cuda::slice::{CudaSlice, DeviceMemory, DeviceRepr};
 use crate::cuda::{CudaError, Device};
-use crate::field::{Field, Step};
+use crate::field::{Field, TableInterval};
 use crate::geometry::Rect;
 use crate::resample::Interp;
 use std::sync::Arc;
@@ -38,7 +38,7 @@ struct DeviceStep {
     gain_at: f64,
     gain_slope: f64,
     clear: [f64; 2],
-    bend: f64,
+    slope_change: f64,
     r_slope: f32,
     outer: [f32; 2],
     inner: [f32; 2],
@@ -117,7 +117,7 @@ impl RemapOnDevice {
     pub fn new(device: &Arc<Device>, remap: &Remap) -> Result<Self, CudaError> {
         let stream = &device.context.default_stream();
         let (sy, sx) = remap.frame.scale;
-        let name = match (sy.min(sx) < 1.0, remap.reading.interp) {
+        let name = match (sy.min(sx) < 1.0, remap.interpolation.interp) {
             (true, _) => "remap_mean",
             (false, Interp::Bicubic) => "remap_bicubic",
             (false, Interp::Bilinear) => "remap_bilinear",
@@ -224,19 +224,19 @@ fn device_map(remap: &Remap) -> DeviceMap {
     }
 }
 
-/// The field's steps with the bends at their knots.
+/// The field's steps with the slope changes at their knots.
 fn device_steps(field: &Field) -> Vec<DeviceStep> {
     let steps = field.steps();
     let half = ANCHOR_SPACING_PX as f64 / 2.0;
-    let bend = |i: usize| match (1..steps.len()).contains(&i) {
+    let slope_change = |i: usize| match (1..steps.len()).contains(&i) {
         true => (steps[i].h_slope - steps[i - 1].h_slope, steps[i].gain_slope - steps[i - 1].gain_slope),
         false => (0.0, 0.0),
     };
     let narrow = |(h, r): (f64, f64)| [h as f32, r as f32];
-    let one = |(i, s): (usize, &Step)| {
+    let one = |(i, s): (usize, &TableInterval)| {
         let before = i.checked_sub(1).map_or(f64::NEG_INFINITY, |k| steps[k].from + half);
         let after = steps.get(i + 1).map_or(f64::INFINITY, |s| s.until - half);
-        let (inner, outer) = (bend(i), bend(i + 1));
+        let (inner, outer) = (slope_change(i), slope_change(i + 1));
         DeviceStep {
             from: s.from,
             until: s.until,
@@ -245,7 +245,7 @@ fn device_steps(field: &Field) -> Vec<DeviceStep> {
             gain_at: s.gain_at,
             gain_slope: s.gain_slope,
             clear: [before.max(NEAR_AXIS_PX), after],
-            bend: inner.0.abs() + outer.0.abs(),
+            slope_change: inner.0.abs() + outer.0.abs(),
             r_slope: s.gain_slope as f32,
             outer: narrow(outer),
             inner: narrow(inner),

@@ -92,7 +92,7 @@ impl Resample<'_> {
                 let (group, i) = (&groups[block / GROUP], block % GROUP);
                 let pixels = match a.special(group, i) {
                     None => self.expand::<V, false>((group, i), first, dy, integer_columns, (0, 0)),
-                    Some(Special::Kinks(from, to)) => {
+                    Some(Special::SlopeChanges(from, to)) => {
                         self.expand::<V, true>((group, i), first, dy, integer_columns, (*from, *to))
                     }
                     Some(Special::Exact(exact)) => Pixels::<V>::load(exact, first),
@@ -115,23 +115,23 @@ impl Resample<'_> {
         }
     }
 
-    /// The pixels of block `i` of a group from its `first` on, expanded from the anchor; `KINKS` if the range `kinks` of
-    /// [`Anchors::kinks`] applies.
+    /// The pixels of block `i` of a group from its `first` on, expanded from the anchor; `SLOPE_CHANGES` if the range `slope_changes` of
+    /// [`Anchors::slope_changes`] applies.
     #[inline(always)]
-    fn expand<V: Lanes, const KINKS: bool>(
+    fn expand<V: Lanes, const SLOPE_CHANGES: bool>(
         &self,
         (group, i): (&Group, usize),
         first: usize,
         dy: V,
         integer_columns: V,
-        kinks: (usize, usize),
+        slope_changes: (usize, usize),
     ) -> Pixels<V> {
         let a = self.anchors;
         let anchor = &group.values;
         let [c1, c2, c3, c4] = &anchor.delta;
         let (c1, c2, c3, c4) = (V::splat(c1[i]), V::splat(c2[i]), V::splat(c3[i]), V::splat(c4[i]));
         let (outer, inner) = (V::splat(anchor.outer[i]), V::splat(anchor.inner[i]));
-        let [gain_slope, h_outer, gain_outer, h_inner, gain_inner] = *self.knots.kinks(group.step[i]);
+        let [gain_slope, h_outer, gain_outer, h_inner, gain_inner] = *self.knots.slope_changes(group.step[i]);
         let zero = V::splat(0.0);
         let t = V::iota() + V::splat(first as f32 - (ANCHOR_SPACING_PX / 2) as f32);
         let delta = t * t.mul_add(t.mul_add(t.mul_add(c4, c3), c2), c1);
@@ -140,11 +140,11 @@ impl Resample<'_> {
         let mut h = delta.mul_add(slope, beyond.mul_add(V::splat(h_outer), within * V::splat(h_inner)));
         let mut gain = within.mul_add(V::splat(gain_inner), V::splat(anchor.gain[i]));
         gain = beyond.mul_add(V::splat(gain_outer), delta.mul_add(V::splat(gain_slope), gain));
-        if KINKS {
-            for kink in &a.kinks[kinks.0..kinks.1] {
-                let past = ((delta - V::splat(kink.at)) * V::splat(kink.side)).max(zero);
-                h = past.mul_add(V::splat(kink.h), h);
-                gain = past.mul_add(V::splat(kink.gain), gain);
+        if SLOPE_CHANGES {
+            for change in &a.slope_changes[slope_changes.0..slope_changes.1] {
+                let past = ((delta - V::splat(change.at)) * V::splat(change.side)).max(zero);
+                h = past.mul_add(V::splat(change.h), h);
+                gain = past.mul_add(V::splat(change.gain), gain);
             }
         }
         let inverse_r = V::splat(anchor.inverse_r[i]);

@@ -35,7 +35,7 @@ impl Remap {
         let (sy, sx) = self.frame.scale;
         if sy.min(sx) >= 1.0 {
             let cells = |(low, high): Span| (low.floor() as i64, high.floor() as i64);
-            return self.reading.chart_rect((cells(rows), cells(cols))).0;
+            return self.interpolation.chart_rect((cells(rows), cells(cols))).0;
         }
         let boxes = |(low, high): Span, scale: f64| {
             let width = (1.0 / scale).max(1.0);

@@ -6,7 +6,7 @@
 // it on the film, so a pixel's coordinates do not depend on the tiles. First each thread computes the anchor of one block in f64
 // (on graphics GPUs the rate of f64 is 1/64 of that of f32), then each pixel is expanded from its anchor in f32, to within 2e-6 px
 // of the exact map (derived in anchors.rs). Blocks that are near the axis, reach beyond the table, cross more than one knot on
-// either side, or have a large bend are mapped pixel by pixel in f64. Where scale < 1 every pixel is mapped in f64, and the chart is
+// either side, or have a large slope change are mapped pixel by pixel in f64. Where scale < 1 every pixel is mapped in f64, and the chart is
 // averaged in f64. The chart rectangle of a tile, computed by the host (reach.rs), contains every tap, including the surround.
 //
 // From map.rs: ANCHOR_SPACING_PX
@@ -17,10 +17,10 @@
 #endif
 
 // A step of the field's table. Between the real heights from and until: h = h_at + h_slope·r, R = gain_at + gain_slope·r. clear_*:
-// radii between which a block crosses no knot but these two. bend: sum of |bend of h| at both. Then slope of R, and the bends
+// radii between which a block crosses no knot but these two. slope_change: sum of |slope change of h| at both. Then slope of R, and the slope changes
 // (changes of slope) of h and R at the outer and the inner knot.
 struct Step {
-    double from, until, h_at, h_slope, gain_at, gain_slope, clear_from, clear_until, bend;
+    double from, until, h_at, h_slope, gain_at, gain_slope, clear_from, clear_until, slope_change;
     float r_slope, outer_h, outer_r, inner_h, inner_r, unused;
 };
 static_assert(sizeof(Step) == 96, "as in cuda.rs");
@@ -110,7 +110,7 @@ __device__ __forceinline__ Anchor anchor(const Map &map, const Step *steps, cons
     const Step &s = steps[i];
     const double per_r = 1.0 / r, excess = s.h_at * per_r, magnification = s.h_slope + excess;
     const double extra = magnification * map.per_scale_x - map.whole_columns;
-    const bool far = r < s.clear_from || r > s.clear_until || half * (fabs(excess) + s.bend) > 1.0 || fabs(extra) > 1.0;
+    const bool far = r < s.clear_from || r > s.clear_until || half * (fabs(excess) + s.slope_change) > 1.0 || fabs(extra) > 1.0;
     if (far) return a;
     const Coordinate row = split(map.offset_y + dy * magnification * map.per_scale_y);
     const Coordinate col = split(map.offset_x + dx * magnification * map.per_scale_x);

@@ -5,7 +5,7 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
-use lenscube_pipeline::remap::{Reading, Stages};
+use lenscube_pipeline::remap::{ChartInterpolation, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
 
 /// An implementation of stages 1-2.
@@ -19,7 +19,7 @@ pub struct Job<'a> {
     pub frame: &'a Frame,
     pub lens: &'a LensBand,
     pub stages: Stages,
-    pub reading: Reading,
+    pub interpolation: ChartInterpolation,
     pub gain: f64,
 }
 
@@ -108,8 +108,8 @@ fn remap_equals_the_f64_model(engine: &dyn Engine) {
             (Surround::Mirror, oracle::Outside::Mirror),
         ] {
             for interp in [Interp::Bicubic, Interp::Bilinear] {
-                let reading = Reading { interp, surround, outside: Outside::Error };
-                let job = Job { frame: &frame, lens: &lens, stages: ALL, reading, gain: 1.0 };
+                let interpolation = ChartInterpolation { interp, surround, outside: Outside::Error };
+                let job = Job { frame: &frame, lens: &lens, stages: ALL, interpolation, gain: 1.0 };
                 let got = engine.remap(&job, &chart, rect);
                 let expected = oracle::remap(&chart.0, &frame, &t, rect, interp == Interp::Bicubic, outside);
                 if expected.data.iter().all(|v| *v == 0.0) {
@@ -133,8 +133,9 @@ fn uniform_chart_gives_the_relative_illumination(engine: &dyn Engine) {
     let frame = Frame::centred(film, film, 20.0);
     let lens = band(&mut noise, 1000, frame.farthest_mm(film.rect()));
     let chart = Chart(Image::new(film, |_, _| 1.0));
-    let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
-    let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
+    let interpolation =
+        ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error };
+    let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, interpolation, gain: 1.0 };
     let got = engine.remap(&job, &chart, film.rect());
     let t =
         Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
@@ -152,8 +153,12 @@ fn identity_lens_returns_the_chart_bit_for_bit(engine: &dyn Engine) {
         lens.ideal_height_mm = lens.image_height_mm.clone();
         lens.relative_illumination.fill(1.0);
         let chart = noise_chart(&mut noise, film);
-        let reading = Reading { interp: Interp::Bicubic, surround: Surround::Black, outside: Outside::Error };
-        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
+        let interpolation = ChartInterpolation {
+            interp: Interp::Bicubic,
+            surround: Surround::Black,
+            outside: Outside::Error,
+        };
+        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, interpolation, gain: 1.0 };
         let got = engine.remap(&job, &chart, film.rect());
         assert_eq!(got.len(), chart.0.data.len());
         assert!(got.iter().zip(&chart.0.data).all(|(g, c)| *g == *c as f32), "film {film}");
@@ -167,9 +172,12 @@ fn pixels_do_not_depend_on_the_tiles(engine: &dyn Engine) {
         let frame = Frame { scale, ..Frame::centred(film, Size::new(300, 400), 2.0) };
         let lens = band(&mut noise, 300, frame.farthest_mm(film.rect()));
         let chart = noise_chart(&mut noise, frame.chart);
-        let reading =
-            Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
-        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
+        let interpolation = ChartInterpolation {
+            interp: Interp::Bicubic,
+            surround: Surround::Mirror,
+            outside: Outside::Error,
+        };
+        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, interpolation, gain: 1.0 };
         let full = engine.remap(&job, &chart, film.rect());
         for part in film.rect().tiles(37, 129) {
             let got = engine.remap(&job, &chart, part);
@@ -187,8 +195,9 @@ fn last_table_values_apply_beyond_the_tables(engine: &dyn Engine) {
     let frame = Frame::centred(film, film, 2.0);
     let band = band(&mut noise, 20, frame.farthest_mm(film.rect()) * 0.9);
     let chart = Chart(Image::new(film, |_, _| 1.0));
-    let reading = Reading { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Clamp };
-    let job = Job { frame: &frame, lens: &band, stages: FIRST_TWO, reading, gain: 1.0 };
+    let interpolation =
+        ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Clamp };
+    let job = Job { frame: &frame, lens: &band, stages: FIRST_TWO, interpolation, gain: 1.0 };
     let got = engine.remap(&job, &chart, film.rect());
     assert!((f64::from(got[0]) - band.relative_illumination[19]).abs() < 1e-6);
 }
@@ -236,9 +245,13 @@ fn coordinates_equal_the_exact_map(engine: &dyn Engine) {
                 oracle::lens_band(real, 1.0, noise.between(-0.05, 0.05))
             }
         };
-        let reading = Reading { interp: Interp::Bilinear, surround: Surround::Edge, outside: Outside::Error };
+        let interpolation = ChartInterpolation {
+            interp: Interp::Bilinear,
+            surround: Surround::Edge,
+            outside: Outside::Error,
+        };
         let stages = Stages { ri: false, ..FIRST_TWO };
-        let job = Job { frame: &frame, lens: &lens, stages, reading, gain: 1.0 };
+        let job = Job { frame: &frame, lens: &lens, stages, interpolation, gain: 1.0 };
         for rows in [false, true] {
             let exact = |i: usize| {
                 let (y, x) = (rect.y + (i / rect.width) as i64, rect.x + (i % rect.width) as i64);
@@ -290,9 +303,12 @@ fn white_noise_far_from_the_axis_equals_the_f64_model(engine: &dyn Engine) {
         let k = lens.image_height_mm.partition_point(|&x| x <= r).clamp(1, points - 1);
         let magnification = lens.ideal_height_mm[k] / lens.image_height_mm[k];
         frame.center_mm = (dy * magnification * frame.pitch_mm(), dx * magnification * frame.pitch_mm());
-        let reading =
-            Reading { interp: Interp::Bicubic, surround: Surround::Mirror, outside: Outside::Error };
-        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
+        let interpolation = ChartInterpolation {
+            interp: Interp::Bicubic,
+            surround: Surround::Mirror,
+            outside: Outside::Error,
+        };
+        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, interpolation, gain: 1.0 };
         let got = engine.remap(&job, &chart, rect);
         let expected = oracle::remap(&chart.0, &frame, &t, rect, true, oracle::Outside::Mirror);
         let (worst, l2) = errors(&got, &expected.data);
@@ -313,8 +329,9 @@ fn strongly_bent_map_equals_the_f64_model(engine: &dyn Engine) {
     let t =
         Tables { ideal: &lens.ideal_height_mm, real: &lens.image_height_mm, ri: &lens.relative_illumination };
     for interp in [Interp::Bicubic, Interp::Bilinear] {
-        let reading = Reading { interp, surround: Surround::Mirror, outside: Outside::Error };
-        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, reading, gain: 1.0 };
+        let interpolation =
+            ChartInterpolation { interp, surround: Surround::Mirror, outside: Outside::Error };
+        let job = Job { frame: &frame, lens: &lens, stages: FIRST_TWO, interpolation, gain: 1.0 };
         let got = engine.remap(&job, &chart, film.rect());
         let expected = oracle::remap(
             &chart.0,

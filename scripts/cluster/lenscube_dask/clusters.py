@@ -1,7 +1,7 @@
 """The Dask cluster: that of an existing scheduler, or one that is created for this job and closed with it.
 
 Each worker of a cluster created here has one thread: one unit at a time, with all cores of the worker. Two settings of Dask are
-changed unless the user's configuration sets them: a worker that is silent for 30 s is considered lost (default 300 s), and a
+changed unless the user's configuration sets them: a worker that does not respond for 30 s is considered lost (default 300 s), and a
 unit may lose its worker ten times before Dask reports an error (default 3).
 """
 

@@ -1,6 +1,6 @@
 """Submission of units: enough in flight to keep the workers busy, never all of them.
 
-A unit ends in one of three ways. Done: its future is dropped at once (a finished future whose worker dies is computed
+A unit ends in one of three ways. Done: its future is dropped at once (a finished future whose worker ends is computed
 again). Retryable (exit code 75 or 130, killed, worker lost): submitted again after a pause, on another worker if there is
 one. Permanent failure (any other exit code): the driver stops with the error message of the worker.
 """

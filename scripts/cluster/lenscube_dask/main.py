@@ -80,7 +80,7 @@ def advise(client: Client, display: Display) -> None:
     ttl = client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.worker_ttl)
     if not ttl or ttl > 60:
         wait = f"{ttl:.0f} s" if ttl else "without limit"
-        display.print_line(f"note: this scheduler waits {wait} for a silent worker; DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL=30s in its environment")
+        display.print_line(f"note: this scheduler waits {wait} for a worker that does not respond; DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL=30s in its environment")
     threads = client.nthreads()
     if busy := [w for w, n in threads.items() if n > 1]:
         display.print_line(f"note: {len(busy)} of {len(threads)} workers run several units at once, each with all cores; start them with --nthreads 1")

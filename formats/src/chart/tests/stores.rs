@@ -43,7 +43,7 @@ fn every_fixture_has_the_expected_pixels_and_decodes_each_chunk_once() {
 }
 
 #[test]
-fn metadata_of_the_group_and_its_arrays() {
+fn chart_metadata_comes_from_the_group_and_its_arrays() {
     let chart = open(&fixture("v3-sharded"));
     assert_eq!(chart.wavelengths_nm(), Some(&[400.0, 410.0, 420.5][..]));
     assert_eq!((chart.pitch_um(), chart.units()), (Some(2.0), Some("reflectance")));
@@ -105,7 +105,7 @@ fn removed_chart_is_an_error_rather_than_missing_chunks() {
     let chart = open(&path);
     std::fs::remove_dir_all(&path).unwrap();
     let e = all(&chart, 0).unwrap_err();
-    assert!(e.retryable() && e.to_string().contains("is missing: its"), "{e}");
+    assert!(e.retryable() && e.to_string().contains("has disappeared since the job started"), "{e}");
 }
 
 #[test]

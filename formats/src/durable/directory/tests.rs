@@ -33,7 +33,7 @@ fn write_replaces_the_complete_file() {
 
 #[test]
 fn failed_step_leaves_the_old_file_and_no_temporary_file() {
-    for step in [Step::Create, Step::Write, Step::Sync, Step::Rename] {
+    for step in [FileStep::Create, FileStep::Write, FileStep::Sync, FileStep::Rename] {
         let dir = tempfile::tempdir().unwrap();
         Directory::new(dir.path()).write("a", b"old").unwrap();
         let full = Directory::new(dir.path()).with_fault(move |s, _| {
@@ -59,7 +59,10 @@ fn steps_of_a_write_are_in_durable_order() {
     store.write("a", b"x").unwrap();
     let mut seen = seen.lock().unwrap().clone();
     seen.dedup();
-    assert_eq!(seen, [Step::Create, Step::Write, Step::Sync, Step::Rename, Step::SyncDirectory]);
+    assert_eq!(
+        seen,
+        [FileStep::Create, FileStep::Write, FileStep::Sync, FileStep::Rename, FileStep::SyncDirectory]
+    );
 }
 
 #[test]

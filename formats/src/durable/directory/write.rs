@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::super::direct;
 use super::super::error::{DurableError, is_not_found};
-use super::super::step::Step;
+use super::super::step::FileStep;
 use super::super::temp::temp_name;
 use super::super::{fault, file_system, handle};
 use super::Directory;
@@ -23,7 +23,7 @@ impl Directory {
         let (base, from) = self.resolve(&temp);
         let rename = |p: &Path| handle::rename(base, &from, &self.resolve(p).1);
         self.write_temp(&temp, bytes)
-            .and_then(|()| self.step(Step::Rename, &path, rename, bytes.len() as u64))
+            .and_then(|()| self.step(FileStep::Rename, &path, rename, bytes.len() as u64))
             .inspect_err(|_| {
                 // The first error is the one to report; a remaining temporary file is swept later.
                 let _ = handle::remove_file(base, &from);
@@ -43,18 +43,18 @@ impl Directory {
     fn write_temp(&self, temp: &Path, bytes: &[u8]) -> Result<(), DurableError> {
         let size = bytes.len() as u64;
         let (base, relative) = self.resolve(temp);
-        let mut file = self.step(Step::Create, temp, |_| handle::create_new(base, &relative), size)?;
+        let mut file = self.step(FileStep::Create, temp, |_| handle::create_new(base, &relative), size)?;
         let mut write = |part: &[u8]| match self.fsync {
             true => direct::write_all(&mut file, part),
             false => file.write_all(part),
         };
-        self.step(Step::Write, temp, |_| fault::write(bytes, &mut write), size)?;
-        let found = self.step(Step::Write, temp, |_| file.metadata(), size)?.len();
+        self.step(FileStep::Write, temp, |_| fault::write(bytes, &mut write), size)?;
+        let found = self.step(FileStep::Write, temp, |_| file.metadata(), size)?.len();
         if found != size {
             return Err(DurableError::Length { path: temp.into(), expected: size, found });
         }
         if self.fsync {
-            self.step(Step::Sync, temp, |_| file.sync_all(), size)?;
+            self.step(FileStep::Sync, temp, |_| file.sync_all(), size)?;
         }
         Ok(())
     }
@@ -62,7 +62,7 @@ impl Directory {
     fn sync_directory(&self, directory: &Path) -> Result<(), DurableError> {
         if self.fsync {
             let (base, relative) = self.resolve(directory);
-            self.step(Step::SyncDirectory, directory, |_| handle::sync_directory(base, &relative), 0)?;
+            self.step(FileStep::SyncDirectory, directory, |_| handle::sync_directory(base, &relative), 0)?;
         }
         Ok(())
     }
@@ -75,7 +75,7 @@ impl Directory {
             Err(e) if is_not_found(&e) => Ok(false),
             other => other.map(|()| true),
         };
-        match self.step(Step::Remove, &path, remove, 0)? {
+        match self.step(FileStep::Remove, &path, remove, 0)? {
             true => self.sync_directory(path.parent().unwrap_or(&self.root)),
             false => Ok(()),
         }
@@ -85,7 +85,7 @@ impl Directory {
     pub fn rename(&self, key: &str, to: &str) -> Result<bool, DurableError> {
         let (from, to) = (self.path(key)?, self.path(to)?);
         let ((base, old), (_, new)) = (self.resolve(&from), self.resolve(&to));
-        match self.step(Step::Rename, &to, |_| handle::rename(base, &old, &new), 0) {
+        match self.step(FileStep::Rename, &to, |_| handle::rename(base, &old, &new), 0) {
             Err(DurableError::Io { source, .. }) if is_not_found(&source) => Ok(false),
             other => other.map(|()| true),
         }
@@ -97,7 +97,7 @@ impl Directory {
         let path = self.path(key)?;
         let temp = path.with_file_name(temp_name());
         let ((base, from), (_, aside)) = (self.resolve(&path), self.resolve(&temp));
-        match fault::inject(Step::Publish).and_then(|()| handle::rename(base, &from, &aside)) {
+        match fault::inject(FileStep::Publish).and_then(|()| handle::rename(base, &from, &aside)) {
             Err(e) if is_not_found(&e) => return Ok(()),
             other => other.map_err(|e| DurableError::io("rename", &path, 0, e))?,
         }

@@ -2,7 +2,7 @@
 //! one takes it.
 //!
 //! A stopped process, or a network file system that does not respond, may hold it for long: the wait is reported on stderr after
-//! [`NOTE`] and ends after [`LIMIT`] with [`LockError::Busy`]. The kernel releases the flock of an ended process. A file system without
+//! [`REPORT_AFTER`] and ends after [`GIVE_UP_AFTER`] with [`LockError::Busy`]. The kernel releases the flock of an ended process. A file system without
 //! flock leaves a short race, which costs duplicate work at most.
 
 use std::fs::File;
@@ -18,9 +18,9 @@ use super::super::error::DurableError;
 use super::error::{LockError, process_name};
 
 /// The wait is reported after this time.
-pub(super) const NOTE: Duration = Duration::from_secs(2);
+pub(super) const REPORT_AFTER: Duration = Duration::from_secs(2);
 /// The wait ends after this time.
-pub(super) const LIMIT: Duration = Duration::from_secs(30);
+pub(super) const GIVE_UP_AFTER: Duration = Duration::from_secs(30);
 /// Time between two attempts.
 const PAUSE: Duration = Duration::from_millis(20);
 

@@ -12,13 +12,13 @@ use super::owner::LockOwner;
 pub enum LockError {
     /// Its owner is a running process of this host.
     #[error(
-        "{} is locked by process {} of this host, which is running; wait for it or stop it: the files it has written are kept", .path.display(),
+        "{} is locked by process {} of this host, which is running; wait for it or stop it", .path.display(),
         .owner.process.pid
     )]
     Held { path: PathBuf, owner: Box<LockOwner> },
     /// The state of its owner is unknown.
     #[error(
-        "{} is locked by {}; if that process has ended, --take-over", .path.display(),
+        "{} is locked by {}; if that process has ended, run again with --take-over", .path.display(),
         .owner.as_ref().map_or("an unknown process".into(), |o| format!("process {} of host {}", o.process.pid, o.process.host))
     )]
     Elsewhere {
@@ -28,8 +28,8 @@ pub enum LockError {
     },
     /// Another process has held the flock of the directory beyond the limit.
     #[error(
-        "taking a lock in {} waited {seconds} s for {}, which holds the directory's flock; continue or stop that process, then \
-         run the same command again", .directory.display(), process_name(*.holder)
+        "taking a lock in {} waited {seconds} s for {}, which holds the lock of the directory; stop that process (or resume it \
+         if it is suspended), then run the same command again", .directory.display(), process_name(*.holder)
     )]
     Busy {
         directory: PathBuf,

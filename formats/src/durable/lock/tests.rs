@@ -1,4 +1,4 @@
-use super::directory_flock::{LIMIT, NOTE, hold};
+use super::directory_flock::{GIVE_UP_AFTER, REPORT_AFTER, hold};
 use super::*;
 use std::fs::File;
 use std::time::Duration;
@@ -94,14 +94,14 @@ fn lock_path_that_is_not_a_regular_file_is_an_error_without_blocking() {
 #[test]
 fn flock_held_beyond_the_limit_is_a_retryable_error_naming_the_holder() {
     let dir = tempfile::tempdir().unwrap();
-    let held = hold(dir.path(), NOTE, LIMIT).unwrap();
+    let held = hold(dir.path(), REPORT_AFTER, GIVE_UP_AFTER).unwrap();
     let waited = hold(dir.path(), Duration::ZERO, Duration::from_millis(60)).unwrap_err();
     assert!(waited.retryable(), "{waited}");
     let own = format!("process {} of this host", std::process::id());
     let listed = Path::new("/proc/locks").exists();
     assert!(waited.to_string().contains(if listed { &own } else { "an unknown process" }), "{waited}");
     drop(held);
-    drop(hold(dir.path(), NOTE, LIMIT).unwrap());
+    drop(hold(dir.path(), REPORT_AFTER, GIVE_UP_AFTER).unwrap());
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use super::halve::halve;
 use super::*;
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
-use crate::durable::Step;
+use crate::durable::FileStep;
 use crate::film::{Codec, FilmOutput, FilmSpec, SampleType};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -147,7 +147,7 @@ fn interrupted_pyramid_is_resumed_to_the_same_bytes() {
         let count = AtomicUsize::new(0);
         partial = partial.with_directory(|_| {
             crate::durable::Directory::new(&path).with_fsync(false).with_fault(move |step, _| {
-                let fails = step == Step::Rename && count.fetch_add(1, Ordering::Relaxed) == n % 7;
+                let fails = step == FileStep::Rename && count.fetch_add(1, Ordering::Relaxed) == n % 7;
                 if fails { Err(Error::from_raw_os_error(5)) } else { Ok(()) }
             })
         });

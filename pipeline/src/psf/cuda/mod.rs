@@ -33,7 +33,7 @@ use launch::{Functions, Launcher, Lists, grow};
 use lru_pool::LruPool;
 use rayon::prelude::*;
 use round::Round;
-use schedule::{Schedule, Step};
+use schedule::{Schedule, ScheduleStep};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -226,7 +226,7 @@ impl PsfOnDevice {
         launcher.pack(round.blocks.len(), &list(&blocks), remapped, &self.polynomials, &mut packed)?;
         for step in steps {
             match step {
-                Step::UploadBaseKernels(nodes) => {
+                ScheduleStep::UploadBaseKernels(nodes) => {
                     upload_base_kernels(
                         &launcher,
                         &self.kernels,
@@ -235,11 +235,11 @@ impl PsfOnDevice {
                         &mut self.base_kernels,
                     )?;
                 }
-                Step::Transform(range) => {
+                ScheduleStep::Transform(range) => {
                     let parts = list(&sublist::<KernelPart>(&parts, &range));
                     launcher.spectra(range.len(), &parts, &self.base_kernels, &mut self.spectra)?;
                 }
-                Step::Scatter(range) => {
+                ScheduleStep::Scatter(range) => {
                     let jobs = list(&sublist::<Job>(&jobs, &range));
                     let images = &mut images.slice_mut(range.start * partition.image_len()..);
                     launcher.scatter(

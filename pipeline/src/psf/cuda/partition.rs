@@ -5,7 +5,7 @@
 //! down and right. The partition with the fewest warp instructions is taken; these were counted in the machine code for compute
 //! capability 9.0, for each stage between two barriers. There are no direct sums: with the shares given they take 4·n² multiply-adds
 //! a pixel, n²/8 warp instructions, more than the 16 of a 51-px window's transforms from n = 11 on; below n = 11 the transforms
-//! (8 a pixel and more) already exceed the rate of any bus.
+//! (8 a pixel and more) are limited by the transfer.
 
 use crate::real;
 use std::f64::consts::TAU;
@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn partitions_of_common_windows_are_these() {
+    fn partitions_of_common_windows_equal_the_counted_choice() {
         let partitions = [3, 51, 101, 151, 201, 401, 639].map(|n| {
             let partition = Partition::for_window(n);
             (partition.side, partition.parts, partition.block)

@@ -10,7 +10,7 @@ use std::ops::Range;
 
 /// A step of a round.
 #[derive(Debug)]
-pub(super) enum Step {
+pub(super) enum ScheduleStep {
     /// Upload of base kernels to these entries of their pool.
     UploadBaseKernels(Vec<(usize, Node)>),
     /// Transform of a range of kernel parts.
@@ -28,7 +28,7 @@ pub(super) struct Schedule<'a> {
     pub(super) spectrum_pool: &'a mut LruPool,
     pub(super) base_kernel_pool: &'a mut LruPool,
     /// Steps in order.
-    pub(super) steps: Vec<Step>,
+    pub(super) steps: Vec<ScheduleStep>,
     /// Kernel parts to be transformed.
     pub(super) parts: Vec<KernelPart>,
 }
@@ -42,7 +42,7 @@ impl Schedule<'_> {
             let (group_jobs, weights) = round.group(i);
             if !self.acquire_spectra(round, weights.clone(), &mut new) {
                 self.push_transforms(&mut new);
-                self.steps.push(Step::Scatter(jobs.clone()));
+                self.steps.push(ScheduleStep::Scatter(jobs.clone()));
                 jobs = group_jobs.start..group_jobs.start;
                 self.spectrum_pool.unpin_all();
                 let acquired = self.acquire_spectra(round, weights, &mut new);
@@ -51,7 +51,7 @@ impl Schedule<'_> {
             jobs.end = group_jobs.end;
         }
         self.push_transforms(&mut new);
-        self.steps.push(Step::Scatter(jobs));
+        self.steps.push(ScheduleStep::Scatter(jobs));
     }
 
     /// Pool entries for the nodes of `weights`; false if too few are free. Appends nodes with a new entry to `new`.
@@ -82,8 +82,8 @@ impl Schedule<'_> {
             let symmetry = self.kernels.symmetry_of(self.grid, node);
             let id = self.grid.id(symmetry.base);
             let entry = self.base_kernel_pool.acquire(id).unwrap_or_else(|| {
-                self.steps.push(Step::UploadBaseKernels(std::mem::take(&mut base_kernels)));
-                self.steps.push(Step::Transform(start..self.parts.len()));
+                self.steps.push(ScheduleStep::UploadBaseKernels(std::mem::take(&mut base_kernels)));
+                self.steps.push(ScheduleStep::Transform(start..self.parts.len()));
                 start = self.parts.len();
                 self.base_kernel_pool.unpin_all();
                 self.base_kernel_pool.acquire(id).expect("the pool holds at least one base kernel")
@@ -103,8 +103,8 @@ impl Schedule<'_> {
             }));
         }
         if start < self.parts.len() {
-            let transform = Step::Transform(start..self.parts.len());
-            self.steps.extend([Step::UploadBaseKernels(base_kernels), transform]);
+            let transform = ScheduleStep::Transform(start..self.parts.len());
+            self.steps.extend([ScheduleStep::UploadBaseKernels(base_kernels), transform]);
         }
     }
 }

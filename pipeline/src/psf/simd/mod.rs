@@ -7,7 +7,7 @@
 //!   3. per group: FFT along x ([`fft`]), whose last stage multiplies by the node's spectrum and accumulates;
 //!   4. once: inverse along x, transpose, inverse along y, add to the output.
 //!
-//! For speed: no bit reversal, no partly filled register, F/2 spectral rows all treated alike, weights computed from 12 bytes per
+//! For speed: no bit reversal, no partly filled register, all F/2 spectral rows use the same code, weights computed from 12 bytes per
 //! pixel instead of stored, panels of zero weight or zero pixels skipped, all buffers of a block in L2. A spectrum is stored in the
 //! order of its product: `[F/2/LANES groups][F columns, digits reversed][LANES re, LANES im]`, scaled by 2/F².
 //!

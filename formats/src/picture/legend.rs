@@ -1,4 +1,4 @@
-//! Key of a plot: a legend of names beside samples, or a colour bar for curves ordered by a quantity.
+//! Legend of a plot: names beside samples, or a colour bar for curves ordered by a quantity.
 
 use super::axes::{Ticks, range};
 use super::figure::{Anchor, FONT, Figure, Stroke, Text};
@@ -18,14 +18,14 @@ const BAR: f64 = 220.0;
 
 /// Explanation of the colours.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Key {
+pub enum Legend {
     /// Names beside samples.
-    Legend,
+    Names,
     /// Scale of ordered curves: quantity with unit, first and last value.
     Bar(String, f64, f64),
 }
 
-impl Key {
+impl Legend {
     /// Width and height, px.
     pub(super) fn size(&self, series: &[Series], line_styles: Option<[&str; 2]>) -> (f64, f64) {
         let entries = self.entries(series);
@@ -35,8 +35,8 @@ impl Key {
         let rows = ROW * entries.len() as f64 + styles;
         match self {
             Self::Bar(..) => (112f64.max(SAMPLE + 8.0 + widest), BAR + 20.0 + styles),
-            Self::Legend if rows == 0.0 => (0.0, 0.0),
-            Self::Legend => (SAMPLE + 8.0 + widest, rows),
+            Self::Names if rows == 0.0 => (0.0, 0.0),
+            Self::Names => (SAMPLE + 8.0 + widest, rows),
         }
     }
 
@@ -77,7 +77,7 @@ impl Key {
     /// Entries of the legend: the first series of each name.
     fn entries<'s>(&self, series: &'s [Series]) -> Vec<&'s Series> {
         let mut entries: Vec<&Series> = Vec::new();
-        for s in series.iter().filter(|s| *self == Self::Legend && !s.name.is_empty()) {
+        for s in series.iter().filter(|s| *self == Self::Names && !s.name.is_empty()) {
             if entries.iter().all(|e| e.name != s.name) {
                 entries.push(s);
             }
