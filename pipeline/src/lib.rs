@@ -7,7 +7,7 @@
 //! ```text
 //! stage                equation (one band of wavelength λ)                                    module
 //! ------------------   -------------------------------------------------------------------   -----------
-//! read                 chart rectangle that a tile needs                                      flow
+//! read                 chart rectangle under a part of a tile, inside the remap stage         flow
 //! remap (1, 2)         remapped(X, Y) = R(r, λ) · chart((X, Y) · h(r, λ)/r)                   remap, field, resample
 //! SVPSF (3)            contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node          psf
 //! overlap-add (4)      film += contribution, in tile order                                    overlap_add
