@@ -122,6 +122,13 @@ def films(scratch):
         check(same(values_in_lenscube(path, "film", wavelengths, scratch), pixels.astype(np.float32)), f"{path.name}: lenscube reads other values than Python")
         check(dtype not in complete or same(complete[dtype], pixels), f"{path.name}: another codec, other values")
         complete[dtype] = pixels
+    for codec in ("none", "lz4", "zstd"):
+        path = scratch / f"film-9-bits-{codec}.zarr"
+        lenscube(*run, path, "--keep-bits", 9, "--codec", codec)
+        pixels = read(path, "film", np.float32, ("wavelength", "y", "x"), coordinates, "relative")
+        error = np.abs(pixels.astype(float) - complete["f32"])
+        check((error <= 2.0**-10 * np.abs(complete["f32"])).all(), f"{path.name}: off by {error.max()}")
+        check(not (pixels.view(np.uint32) & 0x3FFF).any(), f"{path.name}: more than 9 bits")
 
     path = scratch / "regions.zarr"
     regions = [(3, 5, 64, 70), (100, 116, 17, 5)]

@@ -20,7 +20,6 @@ mod work;
 
 pub use bench::BenchArgs;
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
-pub use codec::CodecArg;
 pub use demo::DemoArgs;
 pub use device::{Device, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg, ExrCompressionArg};

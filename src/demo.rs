@@ -48,7 +48,7 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     let pitch_um = FILM_MM * 1e3 / f64::from(args.size);
     let spec = format!("composite?size={}&pitch_um={pitch_um}", args.size);
     let chart: Generator = spec.parse().map_err(|e| usage(format!("{e}")))?;
-    demo.create("chart.zarr", |path| write(&chart, path, Codec::Zstd, threads, true))?;
+    demo.create("chart.zarr", |path| write(&chart, path, Codec::default(), threads, true))?;
 
     log_line(
         "2/4  film (sensor-plane image): the complete 28.28 mm, with the built-in lens pack double-gauss-28-npz",

@@ -12,20 +12,25 @@ use anyhow::Result;
 use formats::film::{FilmError, FilmStore};
 use std::path::Path;
 
-/// The engine recorded in the film at `path`; `None` without a film, or if `--overwrite` removes it.
+/// The film at `path`; `None` without a film, or if `--overwrite` removes it.
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn recorded(path: &Path, overwrite: bool) -> Result<Option<Engine>> {
+pub fn existing(path: &Path, overwrite: bool) -> Result<Option<FilmStore>> {
     if overwrite {
         return Ok(None);
     }
     match FilmStore::open(path, true) {
-        Ok(store) => Ok(store.engine().and_then(|name| name.parse().ok())),
+        Ok(store) => Ok(Some(store)),
         // These errors are reported where the film is opened.
         Err(FilmError::NotFilm { .. } | FilmError::Damaged { .. } | FilmError::Spec { .. }) => Ok(None),
         Err(e) => Err(e.into()),
     }
+}
+
+/// The engine recorded in a film.
+pub fn recorded(film: &FilmStore) -> Option<Engine> {
+    film.engine().and_then(|name| name.parse().ok())
 }
 
 /// The engine of a plan's workers: `--engine`, else that of the film, else the default on this machine.
@@ -33,7 +38,8 @@ pub fn recorded(path: &Path, overwrite: bool) -> Result<Option<Engine>> {
 /// # Errors
 /// `--device cuda` without `--engine` where there is no GPU.
 pub fn planned(args: &RunArgs) -> Result<Engine> {
-    let film = recorded(&args.film, args.process.overwrite)?.filter(|engine| args.device.allows(*engine));
+    let film = existing(&args.film, args.process.overwrite)?;
+    let film = film.as_ref().and_then(recorded).filter(|engine| args.device.allows(*engine));
     match args.engine.explicit().or(film) {
         Some(engine) => {
             check_agreement(engine, &args.device)?;

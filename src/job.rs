@@ -105,7 +105,8 @@ impl Job {
             Some(planned) => planned.lens_digest(&plan.lens, &plan.bands),
         };
         let lens = (plan.lens.lens().name.as_str(), &*lens_digest.context("reading the lens pack")?);
-        let identity = identity::identity(args, arguments.options.stages, &inputs, lens)?;
+        let identity =
+            identity::identity(args, arguments.options.stages, &inputs, plan.film.keep_bits, lens)?;
         let mut notes = notes::notes(args, &inputs.chart, &plan)?;
         notes.extend(stretch.note());
         let device = arguments.device;

@@ -49,6 +49,12 @@ fn check_digests(store: &FilmStore) -> Vec<Finding> {
     let computed = |key: &str| attributes.get(key).map(digest);
     let pairs = [("job_digest", computed("job")), ("layout_digest", Some(digest(&layout(store.spec()))))];
     let recorded = |key: &str| attributes.get(key).and_then(Value::as_str);
+    let planned_bits = attributes.get("job").and_then(|job| job.get("keep_bits")).and_then(Value::as_u64);
+    let bits_differ = planned_bits != store.spec().keep_bits.map(u64::from);
+    let keep_bits = bits_differ.then(|| Finding::Metadata {
+        key: "zarr.json".into(),
+        reason: "keep_bits differs from that of its job".into(),
+    });
     let wrong = pairs
         .into_iter()
         .filter(|(key, computed)| computed.is_none() || recorded(key) != computed.as_deref());
@@ -57,6 +63,7 @@ fn check_digests(store: &FilmStore) -> Vec<Finding> {
             key: "zarr.json".into(),
             reason: format!("{key} does not match the attributes that it is the digest of"),
         })
+        .chain(keep_bits)
         .collect()
 }
 
@@ -111,6 +118,7 @@ fn json_report(
         "film": json_path(store.path()),
         "sound": verdict.findings.is_empty(),
         "engines": engines,
+        "keep_bits": store.spec().keep_bits,
         "shards": verdict.shards,
         "bytes": verdict.bytes,
         "findings": verdict.findings.iter().map(finding).collect::<Vec<_>>(),
@@ -129,6 +137,9 @@ fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, r
     match verdict.findings.len() {
         0 => print(format!("{path} is correct: no defect in {} shards, {gb:.3} GB", verdict.shards)),
         n => print(format!("{path}: {n} defects in {} shards, {gb:.3} GB", verdict.shards)),
+    }
+    if let Some(bits) = store.spec().keep_bits {
+        log_line(format!("note: samples are rounded to {bits} bits of mantissa (--keep-bits)"));
     }
     if engines.len() > 1 {
         log_line(format!(

@@ -101,6 +101,32 @@ fn codec_shard_size_and_regions_do_not_change_pixels() {
 }
 
 #[test]
+fn kept_bits_round_pixels_and_are_part_of_the_job() {
+    let job = LensJob::new();
+    let exact = pixels(&job.run("exact", &[]), "film").1;
+    let all = files(&job.run("all", &["--keep-bits", "23"]));
+    assert!(all == files(&job.dir.path().join("exact")), "23 bits are all of f32");
+    for codec in ["lz4", "none"] {
+        let film = job.run(codec, &["--keep-bits", "9", "--codec", codec]);
+        for (rounded, exact) in pixels(&film, "film").1.iter().flatten().zip(exact.iter().flatten()) {
+            assert!((rounded - exact).abs() <= exact.abs() / 1024.0, "{exact} -> {rounded}");
+            assert_eq!(rounded.to_bits() & 0x3fff, 0, "{rounded} has more than 9 bits");
+        }
+        let status = lenscube(&["status", text(&film)]).ok().stdout;
+        assert!(status.contains("rounded to 9 of 23 bits"), "{status}");
+        let verify = lenscube(&["verify", text(&film), "--json"]).ok().stdout;
+        assert!(verify.contains("\"keep_bits\": 9"), "{verify}");
+        let other = run(text(&job.chart), &film, text(&job.pack), &["--codec", codec]);
+        assert_eq!(other.code, 3, "{}", other.stderr);
+        assert!(other.stderr.contains("keep_bits (film 9, requested nothing)"), "{}", other.stderr);
+    }
+    let film = job.dir.path().join("too-many");
+    let rejected = run(text(&job.chart), &film, text(&job.pack), &["--keep-bits", "11", "--dtype", "f16"]);
+    assert_eq!(rejected.code, 2, "{}", rejected.stderr);
+    assert!(rejected.stderr.contains("use 1 to 10"), "{}", rejected.stderr);
+}
+
+#[test]
 fn resumed_film_has_the_same_files() {
     let job = LensJob::new();
     let film = job.run("film", &LAYOUT);

@@ -142,6 +142,21 @@ fn resume_computes_missing_shards_and_at_most_one_more_tile_row() {
 }
 
 #[test]
+fn film_keeps_the_codec_that_it_was_begun_with() {
+    let job = TestJob::small();
+    job.run("", &["--codec", "zstd"]).ok();
+    let expected = files(&job.film);
+    let first = shards(&job.film).remove(0);
+    fs::remove_file(job.film.join(first)).unwrap();
+    assert_exit(&job.run("", &[]), 0, &["resuming"]);
+    assert!(files(&job.film) == expected);
+    assert_exit(&job.run("", &[]), 0, &["nothing to do"]);
+    // A new film has the default.
+    job.run("", &["--overwrite"]).ok();
+    assert_eq!(read_json(&job.film.join("zarr.json"))["attributes"]["codec"], "lz4");
+}
+
+#[test]
 fn film_attributes_record_the_job_and_a_changed_chart_exits_3() {
     let job = TestJob::small();
     job.run("", &[]).ok();
@@ -150,7 +165,7 @@ fn film_attributes_record_the_job_and_a_changed_chart_exits_3() {
         let own = blake3::hash(provenance[words].to_string().as_bytes()).to_hex();
         assert_eq!(provenance[digest], own.as_str(), "{words}");
     }
-    assert_eq!(provenance["layout"], json!({"dtype": "float32", "shard": 64, "chunk": 32, "codec": "zstd"}));
+    assert_eq!(provenance["layout"], json!({"dtype": "float32", "shard": 64, "chunk": 32, "codec": "lz4"}));
     let keys = [
         "chart",
         "chart_mtimes",

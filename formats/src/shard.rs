@@ -3,15 +3,18 @@
 //!     shard = inner chunks in row-major order, back to back
 //!           · index: (offset, length) u64 little-endian of every inner chunk of the grid, (2⁶⁴−1, 2⁶⁴−1) if not stored
 //!           · crc32c of the index
-//!     inner chunk (1, n, n) = little-endian samples · blosc (byte shuffle; lz4 or zstd, level 1), unless [`Codec::None`] · crc32c
+//!     inner chunk (1, n, n) = little-endian samples · blosc (shuffle; lz4 or zstd, level 1), unless [`Codec::None`] · crc32c
 //!
+//! Samples are rounded to `keep_bits` bits of mantissa (`mantissa.rs`), if the layout has fewer than all; then their bits are shuffled,
+//! else their bytes.
 //! Inner chunks with at least one pixel of the image are always stored, even if all pixels equal the fill value NaN; inner chunks
 //! beyond the image's edge never are. Pixels of a stored inner chunk beyond the edge are NaN. Chunks are encoded one by one on the
-//! calling thread, so the bytes of a shard depend on pixels and codec only.
+//! calling thread, so the bytes of a shard depend on pixels, codec and `keep_bits` only.
 
 mod check;
 mod codec;
 mod encode;
+mod mantissa;
 
 pub(crate) use check::ShardDefect;
 pub(crate) use codec::sharding_metadata;

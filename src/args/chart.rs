@@ -61,8 +61,8 @@ pub struct ImageArgs {
     /// Decode integer samples as linear instead of sRGB
     #[arg(long)]
     pub linear: bool,
-    /// Compression of the store
-    #[arg(long, value_enum, default_value_t = CodecArg::Zstd)]
+    /// Compression of the store; zstd is smaller and slower
+    #[arg(long, value_enum, default_value_t = CodecArg::default())]
     pub codec: CodecArg,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
@@ -132,8 +132,8 @@ pub struct GeneratedArgs {
     /// siemens: pairs of dark and bright spokes
     #[arg(long)]
     pub spokes: Option<String>,
-    /// Compression of the store
-    #[arg(long, value_enum, default_value_t = CodecArg::Zstd)]
+    /// Compression of the store; zstd is smaller and slower
+    #[arg(long, value_enum, default_value_t = CodecArg::default())]
     pub codec: CodecArg,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]

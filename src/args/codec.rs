@@ -4,10 +4,11 @@ use clap::ValueEnum;
 use formats::chart::Codec;
 
 /// Compression of a store.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 #[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum CodecArg {
     None,
+    #[default]
     Lz4,
     Zstd,
 }

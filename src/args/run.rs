@@ -3,7 +3,7 @@
 use super::codec::CodecArg;
 use super::device::{Device, EngineArg};
 use super::values::{
-    azimuths, bounded, bytes, odd, pair, pair_mm, pitch, roi, scale, size, storage, threads,
+    azimuths, bounded, bytes, keep_bits, odd, pair, pair_mm, pitch, roi, scale, size, storage, threads,
 };
 use clap::{Args, ValueEnum};
 use pipeline::bounds;
@@ -94,9 +94,13 @@ pub struct RunArgs {
     /// Inner chunk side in pixels
     #[arg(long, default_value_t = 512, value_parser = storage)]
     pub chunk: usize,
-    /// Compression of the film
-    #[arg(long, value_enum, default_value_t = CodecArg::Zstd)]
-    pub codec: CodecArg,
+    /// Compression of the film; zstd, smaller and slower, for slow or costly storage [default: that of the film if it exists, else lz4]
+    #[arg(long, value_enum)]
+    pub codec: Option<CodecArg>,
+    /// Round samples to N bits of mantissa, so that they compress better: a relative error of at most 2^-(N+1) [default: all, 23 of
+    /// f32 and 10 of f16]
+    #[arg(long, value_name = "N", value_parser = keep_bits)]
+    pub keep_bits: Option<u32>,
     /// Device: cpu; cuda (all GPUs) or cuda:0,2 (one queue per entry); auto (GPUs if usable, else cpu)
     #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
     pub device: Device,

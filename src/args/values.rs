@@ -82,6 +82,13 @@ pub(super) fn azimuths(text: &str) -> Result<usize, String> {
     }
 }
 
+pub(super) fn keep_bits(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(n) if (1..=23).contains(&n) => Ok(n),
+        _ => Err("expected 1 to 23 bits of an f32's mantissa, 1 to 10 of an f16's".into()),
+    }
+}
+
 pub(super) fn odd(text: &str) -> Result<usize, String> {
     match text.parse::<usize>() {
         Ok(n) if n % 2 == 1 && bounds::PSF_SIDE.check_count(n).is_ok() => Ok(n),

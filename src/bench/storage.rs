@@ -2,9 +2,9 @@
 
 use super::{Bench, FILM_MM, median};
 use anyhow::{Context, Result};
-use formats::chart::{ChartMeta, ChartOptions, ChartStore, NanPolicy, write_chart};
+use formats::chart::{ChartMeta, ChartOptions, ChartStore, Codec, NanPolicy, write_chart};
 use formats::durable::{Directory, evict};
-use formats::film::{FilmOutput, FilmSpec, FilmStore, SampleType};
+use formats::film::{FilmOutput, FilmSpec, FilmStore};
 use pipeline::chart::Generator;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::{Rect, Size};
@@ -19,6 +19,9 @@ const FILE_BYTES: usize = 14 << 20;
 const FILES: usize = 48;
 /// Writer threads of a run.
 const WRITERS: usize = 2;
+/// Codecs with the keys of their rate and size; the first is that of films and charts by default.
+const CODECS: [(Codec, &str, &str); 2] =
+    [(Codec::Lz4, "encode_mpx_s", "encoded_share"), (Codec::Zstd, "encode_zstd_mpx_s", "encoded_zstd_share")];
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let chart: Generator = format!("composite?size={SHARD}&wavelengths=550&overscan=0&noise=0.01").parse()?;
@@ -33,26 +36,25 @@ fn encode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
     let mut data = vec![0.0; side.pixels()];
     let full = side.rect();
     chart.read(0, full, &mut data).map_err(|e| anyhow::anyhow!("{e}"))?;
-    let spec = FilmSpec {
-        outputs: vec![FilmOutput { name: "film".into(), rect: full }],
-        film: side,
-        wavelengths_nm: vec![550.0],
-        pitch_um: FILM_MM * 1e3 / f64::from(bench.args.size),
-        axis_px: ((SHARD - 1) as f64 / 2.0, (SHARD - 1) as f64 / 2.0),
-        units: "relative".into(),
-        sample: SampleType::F32,
-        shard: SHARD,
-        chunk: 512,
-        codec: crate::args::CodecArg::Zstd.into(),
-    };
-    let film = FilmStore::create(&bench.scratch.0.join("encode.zarr"), spec, Map::new(), true)?;
-    let mut bytes = 0;
-    let rate = bench.rate(pixels, || {
-        bytes = film.encode_shard(0, 0, (0, 0), &data)?.bytes().len();
-        Ok(())
-    })?;
-    bench.add_number("encode_mpx_s", rate, "Mpx/s", "encoding (shuffle, zstd 1, 1 % noise), one core");
-    bench.add_number("encoded_share", bytes as f64 / (4e6 * pixels), "of f32", "  encoded size");
+    for (codec, rate_key, share_key) in CODECS {
+        let spec = FilmSpec {
+            outputs: vec![FilmOutput { name: "film".into(), rect: full }],
+            shard: SHARD,
+            chunk: 512,
+            codec,
+            ..FilmSpec::full_film(side, vec![550.0], FILM_MM * 1e3 / f64::from(bench.args.size))
+        };
+        let path = bench.scratch.0.join(format!("{rate_key}.zarr"));
+        let film = FilmStore::create(&path, spec, Map::new(), true)?;
+        let mut bytes = 0;
+        let rate = bench.rate(pixels, || {
+            bytes = film.encode_shard(0, 0, (0, 0), &data)?.bytes().len();
+            Ok(())
+        })?;
+        let label = format!("encoding (byte shuffle, {codec:?}, 1 % noise), one core");
+        bench.add_number(rate_key, rate, "Mpx/s", &label);
+        bench.add_number(share_key, bytes as f64 / (4e6 * pixels), "of f32", "  encoded size");
+    }
     Ok(())
 }
 
@@ -65,7 +67,7 @@ fn decode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
         units: None,
         attributes: Map::new(),
     };
-    write_chart(&path, chart, &meta, crate::args::CodecArg::Zstd.into(), 1, &|_, _| ())?;
+    write_chart(&path, chart, &meta, Codec::default(), 1, &|_, _| ())?;
     let mut line = vec![0.0; SHARD];
     let rate = bench.rate(pixels, || {
         let nan = NanPolicy::Error;

@@ -4,7 +4,7 @@ use crate::args::{InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
 use crate::device::DeviceSelection;
 use crate::film_engine;
 use anyhow::Result;
-use formats::chart::NanPolicy;
+use formats::chart::{Codec, NanPolicy};
 use pipeline::band::{Options, PsfBetween};
 use pipeline::field::Outside;
 use pipeline::remap::{ChartInterpolation, Stages};
@@ -21,6 +21,8 @@ pub struct Arguments<'a> {
     pub options: Options,
     /// Treatment of NaN in the chart.
     pub nan: NanPolicy,
+    /// Compression of the film.
+    pub codec: Codec,
     /// Worker threads.
     pub threads: usize,
 }
@@ -31,14 +33,16 @@ impl<'a> Arguments<'a> {
     /// # Errors
     /// Device or engine not available; the film cannot be read.
     pub fn resolve(given: &'a RunArgs) -> Result<Self> {
-        let film_engine = film_engine::recorded(&given.film, given.process.overwrite)?;
+        let film = film_engine::existing(&given.film, given.process.overwrite)?;
+        let film_engine = film.as_ref().and_then(film_engine::recorded);
         let device = DeviceSelection::new(&given.device, given.engine.explicit(), film_engine)?;
+        let codec = given.codec.map(Into::into).or(film.map(|film| film.spec().codec)).unwrap_or_default();
         let nan = match given.nan {
             NanArg::Error => NanPolicy::Error,
             NanArg::Zero => NanPolicy::Zero,
         };
         let options = options(given, device.simd);
-        Ok(Self { given, device, options, nan, threads: threads(given.threads) })
+        Ok(Self { given, device, options, nan, codec, threads: threads(given.threads) })
     }
 }
 

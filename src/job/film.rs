@@ -1,5 +1,6 @@
 //! Layout and units of a job's film.
 
+use super::arguments::Arguments;
 use crate::args::{DtypeArg, FilmUnits, RunArgs};
 use crate::failure::usage;
 use crate::open::Chart;
@@ -32,7 +33,13 @@ pub fn max_chart_value(gains: &[f64]) -> f32 {
 }
 
 /// Layout of the film.
-pub fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart: &Chart) -> Result<FilmSpec> {
+pub fn film_spec(
+    arguments: &Arguments<'_>,
+    frame: &Frame,
+    wavelengths_nm: Vec<f64>,
+    chart: &Chart,
+) -> Result<FilmSpec> {
+    let args = arguments.given;
     if args.chunk == 0 || args.shard == 0 || !args.shard.is_multiple_of(args.chunk) {
         return Err(usage(format!(
             "--shard {} is not a multiple of --chunk {}; e.g. `--shard 2048 --chunk 512`",
@@ -57,6 +64,10 @@ pub fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart:
         FilmUnits::Irradiance => "W m-2 nm-1".into(),
         FilmUnits::Photons => "s-1 nm-1".into(),
     };
+    let sample = match args.dtype {
+        DtypeArg::F32 => SampleType::F32,
+        DtypeArg::F16 => SampleType::F16,
+    };
     let spec = FilmSpec {
         outputs,
         film: frame.film,
@@ -64,16 +75,28 @@ pub fn film_spec(args: &RunArgs, frame: &Frame, wavelengths_nm: Vec<f64>, chart:
         pitch_um: frame.pitch_um,
         axis_px: frame.axis_px,
         units,
-        sample: match args.dtype {
-            DtypeArg::F32 => SampleType::F32,
-            DtypeArg::F16 => SampleType::F16,
-        },
+        sample,
         shard: args.shard,
         chunk: args.chunk,
-        codec: args.codec.into(),
+        codec: arguments.codec,
+        keep_bits: keep_bits(args, sample)?,
     };
     spec.check().map_err(|e| usage(e.to_string()))?;
     Ok(spec)
+}
+
+/// `--keep-bits`; `None` if it keeps all bits.
+fn keep_bits(args: &RunArgs, sample: SampleType) -> Result<Option<u32>> {
+    let all = sample.mantissa_bits();
+    match args.keep_bits {
+        Some(bits) if bits > all => {
+            let (dtype, all) = (format!("{:?}", args.dtype).to_lowercase(), all.to_string());
+            Err(usage(format!(
+                "--keep-bits {bits}: --dtype {dtype} has {all} bits of mantissa; use 1 to {all}"
+            )))
+        }
+        bits => Ok(bits.filter(|&bits| bits < all)),
+    }
 }
 
 /// Regions of the film to compute.

@@ -17,6 +17,7 @@ pub fn identity(
     args: &RunArgs,
     stages: Stages,
     inputs: &Inputs,
+    keep_bits: Option<u32>,
     (lens_name, lens_digest): (&str, &str),
 ) -> Result<Map<String, Value>> {
     let (content, mtimes) = inputs.chart.identity()?;
@@ -44,6 +45,10 @@ pub fn identity(
         "film_units": format!("{:?}", args.film_units).to_lowercase(),
         "rois": args.roi.iter().map(|r| [r.x, r.y, r.width as i64, r.height as i64]).collect::<Vec<_>>(),
     });
-    let Value::Object(map) = value else { unreachable!("an object is written above") };
+    let Value::Object(mut map) = value else { unreachable!("an object is written above") };
+    // Absent for all bits: the identity is then that of programs without this option.
+    if let Some(bits) = keep_bits {
+        map.insert("keep_bits".into(), bits.into());
+    }
     Ok(map)
 }

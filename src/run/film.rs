@@ -207,9 +207,9 @@ fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>) ->
     differing.map(|k| (k.clone(), show(recorded, k), show(requested, k))).collect()
 }
 
-/// As [`differences`], of layout, units and wavelengths.
+/// As [`differences`], of layout, units and wavelengths; `keep_bits` is part of the identity.
 fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Difference> {
-    if requested == recorded {
+    if *requested == (FilmSpec { keep_bits: requested.keep_bits, ..recorded.clone() }) {
         return Vec::new();
     }
     let all = [

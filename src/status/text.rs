@@ -26,6 +26,9 @@ pub fn lines(store: &FilmStore, status: &Status) -> Vec<String> {
         },
         bands(&status.bands),
     ];
+    lines.extend(store.spec().keep_bits.map(|bits| {
+        format!("  samples rounded to {bits} of {} bits of mantissa", store.spec().sample.mantissa_bits())
+    }));
     lines.extend(missing(&status.missing));
     if let Some(units) = &status.units {
         let missing = match units.missing.is_empty() {

@@ -224,7 +224,8 @@ fn write(
         false => NewGroup::begin(path, true, move |key| own_keys.contains(key))?.ok_or_else(exists)?,
     };
     let codec_error = |reason: String| WriteError::Codec { path: path.into(), reason };
-    let encoder = ShardEncoder::new(codec, SampleType::F32, CHUNK).map_err(|e| codec_error(e.to_string()))?;
+    let encoder =
+        ShardEncoder::new(codec, SampleType::F32, CHUNK, None).map_err(|e| codec_error(e.to_string()))?;
     let total = bands * tiles.len();
     let bytes = AtomicU64::new(0);
     parallel::for_each::<WriteError>(threads, total, progress, |n| {
@@ -247,7 +248,7 @@ fn write(
         &[bands, size.height, size.width],
         &[1, sh, sw],
         SampleType::F32.name(),
-        sharding_metadata(codec, SampleType::F32, CHUNK),
+        sharding_metadata(codec, SampleType::F32, CHUNK, false),
         &["wavelength", "y", "x"],
         meta.units.as_ref().map_or(json!({}), |u| json!({"units": u})),
     );

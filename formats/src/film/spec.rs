@@ -43,6 +43,8 @@ pub struct FilmSpec {
     pub chunk: usize,
     /// Compression.
     pub codec: Codec,
+    /// Bits of the mantissa that samples are rounded to, fewer than those of `sample`; `None`: all.
+    pub keep_bits: Option<u32>,
 }
 
 impl FilmSpec {
@@ -58,7 +60,8 @@ impl FilmSpec {
             sample: SampleType::F32,
             shard: 2048,
             chunk: 256,
-            codec: Codec::Zstd,
+            codec: Codec::default(),
+            keep_bits: None,
         }
     }
 
@@ -93,6 +96,11 @@ impl FilmSpec {
         if self.chunk == 0 || self.shard == 0 || !self.shard.is_multiple_of(self.chunk) {
             let found = format!("shards of {}, chunks of {}", self.shard, self.chunk);
             return invalid("sides", "a shard that is a multiple of the chunk", found);
+        }
+        if let Some(bits) = self.keep_bits
+            && !(1..self.sample.mantissa_bits()).contains(&bits)
+        {
+            return invalid("keep_bits", "1 or more, and fewer than the sample type has", bits.to_string());
         }
         self.check_bounds()?;
         for (k, o) in self.outputs.iter().enumerate() {
@@ -175,7 +183,7 @@ impl FilmSpec {
             &[self.wavelengths_nm.len(), size.height, size.width],
             &[1, shard.height, shard.width],
             self.sample.name(),
-            sharding_metadata(self.codec, self.sample, self.chunk),
+            sharding_metadata(self.codec, self.sample, self.chunk, self.keep_bits.is_some()),
             &["wavelength", &y, &x],
             json!({"units": self.units}),
         )
@@ -188,7 +196,7 @@ impl FilmSpec {
             .iter()
             .map(|o| json!({"name": o.name, "row": o.rect.y, "column": o.rect.x, "size": [o.rect.height, o.rect.width]}))
             .collect();
-        json!({
+        let mut attributes = json!({
             "schema": schema,
             "film_size": [self.film.height, self.film.width],
             "pitch_um": self.pitch_um,
@@ -201,7 +209,11 @@ impl FilmSpec {
             "chunk": self.chunk,
             "codec": self.codec,
             "provenance": provenance,
-        })
+        });
+        if let Some(bits) = self.keep_bits {
+            attributes["keep_bits"] = bits.into();
+        }
+        attributes
     }
 
     /// Parses and checks group attributes; also returns the attribute `provenance`.
@@ -237,6 +249,10 @@ impl FilmSpec {
                 shard: get(&a, "shard")?,
                 chunk: get(&a, "chunk")?,
                 codec: get(&a, "codec")?,
+                keep_bits: match a.get("keep_bits") {
+                    None => None,
+                    Some(_) => Some(get(&a, "keep_bits")?),
+                },
             })
         };
         let spec = parse().ok_or_else(damaged)?;

@@ -84,7 +84,7 @@ impl FilmStore {
         spec: FilmSpec,
         provenance: Map<String, Value>,
     ) -> Result<Self, FilmError> {
-        let encoder = ShardEncoder::new(spec.codec, spec.sample, spec.chunk)
+        let encoder = ShardEncoder::new(spec.codec, spec.sample, spec.chunk, spec.keep_bits)
             .map_err(|e| FilmError::Codec { reason: e.to_string() })?;
         Ok(Self { store, spec, provenance, encoder })
     }

@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 pub enum Codec {
     /// No compression.
     None,
-    /// blosc: byte shuffle, lz4.
-    Lz4,
-    /// blosc: byte shuffle, zstd level 1.
+    /// blosc: shuffle, lz4.
     #[default]
+    Lz4,
+    /// blosc: shuffle, zstd level 1: smaller, and slower.
     Zstd,
 }
 
@@ -55,8 +55,9 @@ impl SampleType {
 }
 
 impl Codec {
-    /// Zarr v3 metadata of the codecs of an inner chunk.
-    pub(super) fn metadata(self, sample: SampleType) -> Value {
+    /// Zarr v3 metadata of the codecs of an inner chunk. Of samples `rounded` to fewer bits the bits are shuffled instead of the bytes,
+    /// which makes runs of zeros of the bits that are not kept: with lz4 a quarter smaller (scripts/bench/2026-11-21-codec).
+    pub(super) fn metadata(self, sample: SampleType, rounded: bool) -> Value {
         let bytes = json!({"name": "bytes", "configuration": {"endian": "little"}});
         let crc = json!({"name": "crc32c"});
         let cname = match self {
@@ -64,8 +65,9 @@ impl Codec {
             Self::Lz4 => "lz4",
             Self::Zstd => "zstd",
         };
+        let shuffle = if rounded { "bitshuffle" } else { "shuffle" };
         let blosc = json!({"name": "blosc", "configuration": {
-            "cname": cname, "clevel": 1, "shuffle": "shuffle", "typesize": sample.bytes(), "blocksize": 0
+            "cname": cname, "clevel": 1, "shuffle": shuffle, "typesize": sample.bytes(), "blocksize": 0
         }});
         json!([bytes, blosc, crc])
     }
@@ -77,10 +79,10 @@ pub(super) fn index_metadata() -> Value {
 }
 
 /// Zarr v3 metadata of the codecs of an array whose shards have inner chunks (1, `chunk`, `chunk`).
-pub(crate) fn sharding_metadata(codec: Codec, sample: SampleType, chunk: usize) -> Value {
+pub(crate) fn sharding_metadata(codec: Codec, sample: SampleType, chunk: usize, rounded: bool) -> Value {
     json!([{"name": "sharding_indexed", "configuration": {
         "chunk_shape": [1, chunk, chunk],
-        "codecs": codec.metadata(sample),
+        "codecs": codec.metadata(sample, rounded),
         "index_codecs": index_metadata(),
         "index_location": "end"
     }}])

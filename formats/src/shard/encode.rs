@@ -1,13 +1,17 @@
 //! Encoding of pixels as a shard.
 
 use std::borrow::Cow;
+use std::iter::repeat_n;
 use std::num::NonZeroU64;
+use std::sync::Arc;
 
 use serde_json::Value;
 use zarrs::array::codec::CodecChain;
+use zarrs::array::codec::api::BytesToBytesCodecTraits;
 use zarrs::array::{ArrayBytes, ArrayToBytesCodecTraits, DataType, FillValue, data_type};
 
 use super::codec::{Codec, SampleType, index_metadata};
+use super::mantissa::MantissaRounding;
 use crate::bounded::{BoundedChain, single_threaded};
 
 /// Pixels that cannot be encoded; rows and columns are those of the data passed in.
@@ -24,8 +28,11 @@ pub(crate) enum ShardError {
 /// Encoder (and checker, see [`ShardEncoder::check`]) of the shards of one array.
 #[derive(Debug)]
 pub(crate) struct ShardEncoder {
-    chain: CodecChain,
+    /// `None`: no compression.
+    compressor: Option<Arc<dyn BytesToBytesCodecTraits>>,
     index: CodecChain,
+    /// `None`: all bits of the mantissa.
+    rounding: Option<MantissaRounding>,
     /// Decoder of inner chunks.
     pub(super) bounded: BoundedChain,
     /// Decoder of indexes.
@@ -37,19 +44,41 @@ pub(crate) struct ShardEncoder {
 }
 
 impl ShardEncoder {
-    pub(crate) fn new(codec: Codec, sample: SampleType, chunk: usize) -> Result<Self, ShardError> {
+    /// `keep_bits`: bits of the mantissa that samples are rounded to, within [`SampleType::mantissa_bits`]; `None` for all.
+    pub(crate) fn new(
+        codec: Codec,
+        sample: SampleType,
+        chunk: usize,
+        keep_bits: Option<u32>,
+    ) -> Result<Self, ShardError> {
+        let keep_bits = keep_bits.filter(|&bits| bits < sample.mantissa_bits());
+        Self::with_codecs(codec.metadata(sample, keep_bits.is_some()), sample, chunk, keep_bits)
+    }
+
+    /// With inner chunks of codecs bytes, at most one compressor, crc32c.
+    fn with_codecs(
+        codecs: Value,
+        sample: SampleType,
+        chunk: usize,
+        keep_bits: Option<u32>,
+    ) -> Result<Self, ShardError> {
         let chain = |metadata: Value| {
             let metadata: Vec<_> =
                 serde_json::from_value(metadata).map_err(|e| ShardError::Codec(e.to_string()))?;
             CodecChain::from_metadata(&metadata).map_err(|e| ShardError::Codec(e.to_string()))
         };
-        let (chain, index) = (chain(codec.metadata(sample))?, chain(index_metadata())?);
+        let (chain, index) = (chain(codecs)?, chain(index_metadata())?);
         let bounded = |chain: &CodecChain| BoundedChain::new(chain).map_err(ShardError::Codec);
         Ok(Self {
             bounded: bounded(&chain)?,
             bounded_index: bounded(&index)?,
-            chain,
+            compressor: match chain.bytes_to_bytes_codecs() {
+                [_crc32c] => None,
+                [compressor, _crc32c] => Some(compressor.clone()),
+                other => return Err(ShardError::Codec(format!("{} codecs of bytes", other.len()))),
+            },
             index,
+            rounding: keep_bits.and_then(MantissaRounding::new),
             sample,
             data_type: match sample {
                 SampleType::F16 => data_type::float16(),
@@ -80,21 +109,27 @@ impl ShardEncoder {
     ) -> Result<Vec<u8>, ShardError> {
         debug_assert_eq!(data.len(), height * width);
         let c = self.chunk;
-        let (shape, fill) = (self.chunk_shape(), FillValue::new(self.sample.nan()));
         let options = single_threaded();
         let codec_error = |e: &dyn std::fmt::Display| ShardError::Codec(e.to_string());
-        let mut shard = Vec::with_capacity(height * width * self.sample.bytes() / 2);
+        // Pages that are not written are not resident.
+        let mut shard = Vec::with_capacity(height * width * self.sample.bytes() + (1 << 16));
         let mut index = vec![u64::MAX; rows * columns * 2];
+        let mut samples = ChunkSamples::new(self.sample, c * c);
         for (i, j) in (0..height.div_ceil(c)).flat_map(|i| (0..width.div_ceil(c)).map(move |j| (i, j))) {
-            let chunk = self.padded_chunk(data, (height, width), (i * c, j * c))?;
-            let encoded = self
-                .chain
-                .encode(ArrayBytes::new_flen(chunk), &shape, &self.data_type, &fill, &options)
-                .map_err(|e| codec_error(&e))?;
+            self.gather(data, (height, width), (i * c, j * c), &mut samples)?;
+            let start = shard.len();
+            match &self.compressor {
+                None => shard.extend_from_slice(samples.bytes()),
+                Some(compressor) => {
+                    let encoded = compressor.encode(Cow::Borrowed(samples.bytes()), &options);
+                    shard.extend_from_slice(&encoded.map_err(|e| codec_error(&e))?);
+                }
+            }
+            let checksum = crc32c::crc32c(&shard[start..]);
+            shard.extend_from_slice(&checksum.to_le_bytes());
             let entry = (i * columns + j) * 2;
-            index[entry] = shard.len() as u64;
-            index[entry + 1] = encoded.len() as u64;
-            shard.extend_from_slice(&encoded);
+            index[entry] = start as u64;
+            index[entry + 1] = (shard.len() - start) as u64;
         }
         let index: Vec<u8> = index.iter().flat_map(|n| n.to_ne_bytes()).collect();
         let encoded = self
@@ -117,39 +152,69 @@ impl ShardEncoder {
         [NonZeroU64::MIN, side, side]
     }
 
-    /// Samples of the inner chunk whose first pixel is (`y`, `x`) of `data`, padded with NaN.
-    fn padded_chunk(
+    /// Samples of the inner chunk whose first pixel is (`y`, `x`) of `data`, rounded, and padded with NaN.
+    fn gather(
         &self,
         data: &[f32],
         (height, width): (usize, usize),
         (y, x): (usize, usize),
-    ) -> Result<Vec<u8>, ShardError> {
+        out: &mut ChunkSamples,
+    ) -> Result<(), ShardError> {
         let c = self.chunk;
         let (h, w) = (c.min(height - y), c.min(width - x));
         let line = |row: usize| &data[(y + row) * width + x..][..w];
-        match self.sample {
-            SampleType::F32 => {
-                let mut out = self.sample.nan().repeat(c * c);
+        match out {
+            ChunkSamples::F32(out) => {
+                let nan = f32::NAN.to_le_bytes();
+                out.clear();
                 for row in 0..h {
-                    let (to, _) = out[row * c * 4..].as_chunks_mut();
-                    to.iter_mut().zip(line(row)).for_each(|(to, v)| *to = v.to_ne_bytes());
+                    match self.rounding {
+                        None => out.extend(line(row).iter().map(|v| v.to_le_bytes())),
+                        Some(r) => out.extend(line(row).iter().map(|&v| r.round(v).to_le_bytes())),
+                    }
+                    out.extend(repeat_n(nan, c - w));
                 }
-                Ok(out)
+                out.extend(repeat_n(nan, (c - h) * c));
             }
-            SampleType::F16 => {
-                let mut out = self.sample.nan().repeat(c * c);
+            ChunkSamples::F16(out) => {
+                let nan = half::f16::NAN.to_le_bytes();
+                out.clear();
                 for row in 0..h {
-                    let (to, _) = out[row * c * 2..].as_chunks_mut();
-                    for (k, (to, &value)) in to.iter_mut().zip(line(row)).enumerate() {
-                        let v = half::f16::from_f32(value);
+                    for (k, &value) in line(row).iter().enumerate() {
+                        // Rounded in f32: an f16 of fewer bits is exact then.
+                        let v = half::f16::from_f32(self.rounding.map_or(value, |r| r.round(value)));
                         if v.is_infinite() {
                             return Err(ShardError::Overflow { row: y + row, column: x + k, value });
                         }
-                        *to = v.to_ne_bytes();
+                        out.push(v.to_le_bytes());
                     }
+                    out.extend(repeat_n(nan, c - w));
                 }
-                Ok(out)
+                out.extend(repeat_n(nan, (c - h) * c));
             }
+        }
+        Ok(())
+    }
+}
+
+/// Little-endian samples of an inner chunk.
+enum ChunkSamples {
+    F16(Vec<[u8; 2]>),
+    F32(Vec<[u8; 4]>),
+}
+
+impl ChunkSamples {
+    fn new(sample: SampleType, count: usize) -> Self {
+        match sample {
+            SampleType::F16 => Self::F16(Vec::with_capacity(count)),
+            SampleType::F32 => Self::F32(Vec::with_capacity(count)),
+        }
+    }
+
+    fn bytes(&self) -> &[u8] {
+        match self {
+            Self::F16(samples) => samples.as_flattened(),
+            Self::F32(samples) => samples.as_flattened(),
         }
     }
 }
