@@ -3,8 +3,11 @@
 //! Every figure is a median over rounds. Rates of stages use all threads, those of codecs one core. The job is a `lenscube run` in a
 //! separate process, store to store, on a chart with 1 % noise. Its bound is
 //!     max(disk, core seconds / cores),   disk = bytes read / read rate + bytes written / write rate
-//! with the rates measured on the same disk, and the core seconds of all stages from the record of the run.
+//! with the rates measured on the same disk, and the core seconds of all stages from the record of the run. Stages in memory are
+//! compared with bounds of their arithmetic and traffic ([`bounds`]); a job that cannot run is reported with the reason.
 
+mod bounds;
+mod compare;
 mod gpu;
 mod job;
 mod stages;
@@ -12,6 +15,7 @@ mod storage;
 
 use crate::args::{BenchArgs, Device, check_directory};
 use crate::device::DeviceSelection;
+use crate::failure;
 use crate::job::threads;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
@@ -51,8 +55,8 @@ impl Bench<'_> {
         self.figures.push(Figure { key, value: json!((value * 1e4).round() / 1e4), line });
     }
 
-    fn add_text(&mut self, key: &'static str, value: &str) {
-        let line = format!("{key:<58} {value}");
+    fn add_text(&mut self, key: &'static str, label: &str, value: &str) {
+        let line = format!("{label:<58} {value}");
         self.figures.push(Figure { key, value: json!(value), line });
     }
 
@@ -104,6 +108,9 @@ impl Drop for ScratchDirectory {
 
 /// Runs the command.
 pub fn command(args: &BenchArgs) -> Result<()> {
+    if let Some([a, b]) = args.compare.as_deref() {
+        return compare::command(a, b);
+    }
     check_directory(&args.dir)?;
     let cpu = match args.device {
         Device::Cpu => Some(DeviceSelection::new(&args.device, args.engine.explicit(), None)?),
@@ -140,7 +147,11 @@ pub fn command(args: &BenchArgs) -> Result<()> {
     log_line("2/3  codecs and disk");
     storage::measure(&mut bench)?;
     log_line("3/3  complete job, store to store");
-    job::measure(&mut bench)?;
+    if let Err(error) = job::measure(&mut bench) {
+        let reason = failure::line(&error);
+        log_line(format!("note: the job could not be measured: {reason}"));
+        bench.add_text("job_error", "job: not measured", &reason);
+    }
     report(&bench);
     Ok(())
 }

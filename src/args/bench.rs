@@ -8,7 +8,8 @@ use std::path::PathBuf;
 /// `lenscube bench`
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  lenscube bench\n  lenscube bench --dir /scratch --bands 4 --json > bench.json\n\
+    after_help = "Examples:\n  lenscube bench\n  lenscube bench --dir /scratch --bands 4 --json > bench.json\n  \
+lenscube bench --compare laptop.json server.json\n\
 Takes about two minutes and 7 GB of temporary disk space. Run it on an otherwise idle machine."
 )]
 pub struct BenchArgs {
@@ -43,4 +44,7 @@ pub struct BenchArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+    /// Measure nothing: print two reports of --json side by side, and forecast A's job on the machine of B
+    #[arg(long, value_names = ["A.json", "B.json"], num_args = 2, conflicts_with_all = ["size", "bands", "threads", "lens", "memory", "rounds", "device", "engine", "json"])]
+    pub compare: Option<Vec<PathBuf>>,
 }

@@ -34,7 +34,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         "     GPU {} ({}), driver {}.{}",
         info.index, info.name, info.driver_version.0, info.driver_version.1
     ));
-    bench.add_text("gpu", &info.name);
+    bench.add_text("gpu", "gpu", &info.name);
     let film = Size::new(bench.args.size as usize, bench.args.size as usize);
     let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.size));
     for (window, keys) in WINDOWS {

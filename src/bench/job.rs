@@ -22,7 +22,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let spec =
         format!("composite?size={}&pitch_um={pitch_um}&wavelengths={wavelengths}&noise=0.01", args.size);
     let drawn: Generator = spec.parse()?;
-    write(&drawn, &chart, Codec::Zstd, bench.threads, true)?;
+    write(&drawn, &chart, Codec::default(), bench.threads, true)?;
     let mut records = Vec::new();
     for round in 0..bench.rounds {
         drop_from_page_cache(&chart)?;
@@ -52,6 +52,18 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.add_number("job_core_s", core_s, "s", "  core seconds of all stages");
     for (stage, key) in STAGES.into_iter().zip(KEYS) {
         bench.add_number(key, number(core, stage), "s", &format!("    {stage}"));
+    }
+    // Shares of the wall time that the bounds of reading and writing are.
+    for (key, bytes, rate, label) in [
+        ("job_read_of_wall", "bytes_read", "disk_read_mb_s", "  reading at the disk's rate, of the time"),
+        (
+            "job_write_of_wall",
+            "bytes_written",
+            "disk_write_mb_s",
+            "  writing at the disk's rate, of the time",
+        ),
+    ] {
+        bench.add_number(key, 1e-6 * number(&record, bytes) / bench.get(rate) / wall, "", label);
     }
     bench.add_number("job_read_gb", number(&record, "bytes_read") * 1e-9, "GB", "  read");
     bench.add_number("job_written_gb", number(&record, "bytes_written") * 1e-9, "GB", "  written");

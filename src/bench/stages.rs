@@ -64,7 +64,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.add_number("svpsf_lens_mpx_s", rate, "Mpx/s", &label);
     let rate = kernels(bench, &lens)?;
     bench.add_number("kernels_per_s", rate, "1/s", "  rotation and integration of its kernels, one thread");
-    Ok(())
+    super::bounds::measure(bench, lens.blocks())
 }
 
 /// Stages of the lens's band.
