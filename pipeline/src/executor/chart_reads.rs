@@ -40,7 +40,7 @@ impl<'a, B> ChartReads<'a, B> {
         if !state.1 {
             state.0.push_back(read);
             drop(state);
-            self.signal.notify();
+            self.signal.notify_workers(1);
         }
     }
 

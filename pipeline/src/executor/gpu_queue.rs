@@ -158,7 +158,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
                 return Claim::Over;
             }
             match self.run.claim_batch(&max_tiles) {
-                Claim::None if wait => self.run.signal.wait(seen),
+                Claim::None if wait => self.run.signal.wait_as_queue(seen),
                 claim => return claim,
             }
         }

@@ -115,3 +115,6 @@ pub fn run<C: Compute, S: FilmSink>(
         interrupted: work.cancel.load(Ordering::Relaxed),
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -42,7 +42,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         self.failed.store(true, Ordering::SeqCst);
         self.reads.close();
         self.source.close();
-        self.signal.notify();
+        self.signal.notify_all();
     }
 
     /// Whether the run has failed.

@@ -47,9 +47,10 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
 
     /// Adds shards to be encoded.
     pub(super) fn push(&self, finished: Vec<FinishedShard>) {
-        if !finished.is_empty() {
+        let count = finished.len();
+        if count > 0 {
             self.finished.lock().expect("no panic while held").extend(finished);
-            self.signal.notify();
+            self.signal.notify_workers(count);
         }
     }
 

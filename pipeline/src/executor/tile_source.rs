@@ -127,7 +127,7 @@ impl<'a, B> TileSource<'a, B> {
     pub(super) fn offer(&self, band: BandInFlight<B>) -> bool {
         let mut state = self.lock();
         state.offered = Some(band);
-        self.signal.notify();
+        self.signal.notify_all();
         let state = self.taken.wait_while(state, |s| s.offered.is_some() && !s.closed);
         !state.expect("no panic while held").closed
     }
@@ -135,7 +135,7 @@ impl<'a, B> TileSource<'a, B> {
     /// Marks the last offered band as the last of the job.
     pub(super) fn end_of_bands(&self) {
         self.lock().last_band_offered = true;
-        self.signal.notify();
+        self.signal.notify_all();
     }
 
     /// Accepts no further bands: the run has ended or failed.
@@ -194,7 +194,7 @@ impl<'a, B> TileSource<'a, B> {
             state.band = Some(Arc::new(band));
             state.next_tile = 0;
             self.taken.notify_all();
-            self.signal.notify();
+            self.signal.notify_all();
         }
     }
 
@@ -202,13 +202,18 @@ impl<'a, B> TileSource<'a, B> {
     pub(super) fn requeue(&self, batch: Batch<B>) {
         let batch = Batch { requeued: true, ..batch };
         self.lock().requeued.insert(batch.sequence, batch);
-        self.signal.notify();
+        self.signal.notify_all();
     }
 
     /// Counts a tile as added.
     pub(super) fn tile_added(&self) {
-        self.lock().added += 1;
-        self.signal.notify();
+        let is_over = {
+            let mut state = self.lock();
+            state.added += 1;
+            state.is_over(self.cancelled())
+        };
+        // At most one more tile is within the distance that workers may be ahead.
+        if is_over { self.signal.notify_all() } else { self.signal.notify_workers(1) }
     }
 
     /// Removes a GPU queue; returns the number of queues left and the position of the band in flight.
@@ -217,7 +222,7 @@ impl<'a, B> TileSource<'a, B> {
         state.gpus -= 1;
         let found = (state.gpus, state.band.as_ref().map_or(0, |b| b.position));
         drop(state);
-        self.signal.notify();
+        self.signal.notify_all();
         found
     }
 }

@@ -1,0 +1,178 @@
+//! The scheduler without optics: every tile is added once for any number of threads; cost of scheduling.
+
+use super::*;
+use crate::buffer::TileBuffer;
+use crate::cuda::CudaError;
+use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
+use crate::flow::SourceSinkError;
+use crate::geometry::{Rect, Size};
+use crate::plan::{FilmRegion, ShardId, Tiling};
+use crate::psf::blocks::Blocks;
+use std::sync::atomic::AtomicU64;
+
+const TILE: usize = 16;
+
+struct Blank(Size);
+
+impl ChartSource for Blank {
+    fn size(&self) -> Size {
+        self.0
+    }
+    fn read(&self, _band: usize, _rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
+        out.fill(0.0);
+        Ok(())
+    }
+}
+
+/// Fills each tile with 1 after `spin_ns` of computing.
+struct Ones {
+    spin_ns: u64,
+    tiles: AtomicU64,
+}
+
+impl Compute for Ones {
+    type Band = ();
+    type Scratch = ();
+
+    fn spectra_built(&self) -> u64 {
+        0
+    }
+    fn prepare(&self, _position: usize) -> Result<(), SourceSinkError> {
+        Ok(())
+    }
+    fn compute(
+        &self,
+        _band: &(),
+        _chart: &dyn ChartSource,
+        _chart_band: usize,
+        tile: Rect,
+        out: &mut TileBuffer,
+        _scratch: &mut (),
+        _clock: &Clock,
+    ) -> Result<(), SourceSinkError> {
+        let start = Instant::now();
+        while u128::from(self.spin_ns) > start.elapsed().as_nanos() {
+            std::hint::spin_loop();
+        }
+        self.tiles.fetch_add(1, Ordering::Relaxed);
+        out.copy(&vec![1.0; tile.size().pixels()], tile.width);
+        Ok(())
+    }
+    fn chart_hint(&self, _band: &(), _chart: Size, tile: Rect) -> Rect {
+        tile
+    }
+    fn chart_rect(&self, _band: &(), tile: Rect) -> Rect {
+        tile
+    }
+    fn read_chart(
+        &self,
+        _band: &(),
+        _chart: &dyn ChartSource,
+        _chart_band: usize,
+        _rect: Rect,
+        _out: &mut [f32],
+        _scratch: &mut (),
+    ) -> Result<(), SourceSinkError> {
+        unreachable!("no GPU")
+    }
+    fn begin_on_gpu(
+        &self,
+        _band: &(),
+        _tiling: &Tiling,
+        _tiles: &[(usize, usize)],
+        _queue: &DeviceQueue,
+        _halved: u32,
+        _streams: &Streams,
+    ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError> {
+        unreachable!("no GPU")
+    }
+}
+
+/// Number of pixels that are 1.
+#[derive(Default)]
+struct Count(AtomicU64);
+
+impl FilmSink for Count {
+    type Encoded = u64;
+
+    fn encode(&self, _id: ShardId, _rect: Rect, pixels: &[f32]) -> Result<u64, SourceSinkError> {
+        Ok(pixels.iter().filter(|v| **v == 1.0).count() as u64)
+    }
+    fn commit(&self, ones: u64) -> Result<u64, SourceSinkError> {
+        self.0.fetch_add(ones, Ordering::Relaxed);
+        Ok(0)
+    }
+}
+
+/// Runs `bands` bands of a square film of `side` px; the seconds that it took.
+fn schedule(bands: usize, side: usize, threads: usize, spin_ns: u64) -> f64 {
+    let film = Size::new(side, side);
+    let blocks = Blocks { window: 1, fft: 0, block: TILE, tile: TILE };
+    let window = FilmRegion { rect: film.rect(), shard: Size::new(8 * TILE, 8 * TILE) };
+    let (rows, columns) = window.count();
+    let band = |band: usize| BandWork {
+        chart_band: band,
+        tiling: Tiling::new(film, Some(&blocks)),
+        shards: (0..rows)
+            .flat_map(|row| (0..columns).map(move |col| ShardId { band, region: 0, row, col }))
+            .collect(),
+    };
+    let cancel = AtomicBool::new(false);
+    let work = Work {
+        film,
+        windows: &[window],
+        bands: (0..bands).map(band).collect(),
+        threads,
+        gpus: &[],
+        cancel: &cancel,
+    };
+    let (compute, sink) = (Ones { spin_ns, tiles: AtomicU64::new(0) }, Count::default());
+    let summary = run(&work, &Blank(film), &sink, &compute, &()).unwrap();
+    let tiles = (bands * side.div_ceil(TILE).pow(2)) as u64;
+    assert_eq!((summary.tiles, compute.tiles.into_inner()), (tiles, tiles));
+    assert_eq!(summary.shards, (bands * rows * columns) as u64);
+    assert_eq!(sink.0.into_inner(), (bands * film.pixels()) as u64);
+    summary.wall_s
+}
+
+#[test]
+fn every_tile_is_added_once_for_any_number_of_threads() {
+    for threads in [1, 2, 3, 16, 64] {
+        for (bands, side) in [(1, TILE), (3, 5 * TILE - 1), (7, 40 * TILE)] {
+            schedule(bands, side, threads, 0);
+            schedule(bands, side, threads, 3_000);
+        }
+    }
+}
+
+/// CPU seconds of this process.
+fn cpu_s() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+#[test]
+#[ignore = "measurement: run alone, with --nocapture"]
+fn cost_of_scheduling_a_tile() {
+    let (bands, side) = (4, 128 * TILE);
+    let tiles = (bands * 128 * 128) as f64;
+    for threads in [1, 2, 4, 16] {
+        for spin_ns in [0, 20_000] {
+            let mut rounds: Vec<(f64, f64)> = (0..5)
+                .map(|_| {
+                    let start = cpu_s();
+                    let wall = schedule(bands, side, threads, spin_ns);
+                    (wall, cpu_s() - start)
+                })
+                .collect();
+            rounds.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let (wall, cpu) = rounds[2];
+            println!(
+                "{threads} threads, tiles of {} µs: wall {:.2} µs a tile, CPU {:.2} µs a tile",
+                spin_ns / 1000,
+                wall * 1e6 / tiles,
+                cpu * 1e6 / tiles
+            );
+        }
+    }
+}
