@@ -103,13 +103,13 @@ fn compute_units(planned: &Planned, seed: u64) {
 fn plan_without_codec_flag_keeps_the_codec_of_its_film() {
     // As written by a version whose default was zstd.
     let planned = Planned::new(TestJob::small(), &["--codec", "zstd"]);
-    let text = fs::read_to_string(&planned.job).unwrap();
+    let plan = fs::read_to_string(&planned.job).unwrap();
     let kept = |line: &&str| !line.contains("--codec=zstd") && !line.starts_with("  \"digest\"");
-    let lines: Vec<&str> = text.lines().filter(kept).collect();
-    assert_eq!(lines.len(), text.lines().count() - 2);
-    let text = format!("{}\n", lines.join("\n"));
-    let digest = format!("{{\n  \"digest\": \"{}\",\n", blake3::hash(text.as_bytes()).to_hex());
-    fs::write(&planned.job, text.replacen("{\n", &digest, 1)).unwrap();
+    let lines: Vec<&str> = plan.lines().filter(kept).collect();
+    assert_eq!(lines.len(), plan.lines().count() - 2);
+    let plan = format!("{}\n", lines.join("\n"));
+    let digest = format!("{{\n  \"digest\": \"{}\",\n", blake3::hash(plan.as_bytes()).to_hex());
+    fs::write(&planned.job, plan.replacen("{\n", &digest, 1)).unwrap();
     let all = format!("0-{}", planned.units() - 1);
     planned.run(&all, &[]).ok();
     assert_eq!(planned.missing(), "");

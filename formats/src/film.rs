@@ -19,6 +19,7 @@
 //! | `wavelengths_nm`, `units` | of the bands; of the values |
 //! | `outputs` | `name`, `row`, `column`, `size` of each array, in film pixels |
 //! | `sample`, `shard`, `chunk`, `codec` | "float32" or "float16"; sides in pixels; "none", "lz4" or "zstd" |
+//! | `keep_bits` | bits of the mantissa that samples are rounded to; absent: all |
 //! | `provenance` | of the caller; `job_digest` and `layout_digest` identify the job |
 //! | `ome` | OME-Zarr metadata, if there is a pyramid |
 //!
