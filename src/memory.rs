@@ -184,7 +184,9 @@ impl MemoryInputs<'_> {
         let scale = self.frame.scale.0.min(self.frame.scale.1);
         let rows = (reach + 64) as f64 * self.stretch.range.1.max(1.0) / scale.min(1.0);
         let useful = (self.chart_rows)(rows as usize);
-        (useful.min(self.threads * MIN_CHART_CACHE).max(chunks), useful.max(chunks))
+        // Without chunks (a drawn chart) the cache may be absent.
+        let min = if chunks > 0 { useful.min(self.threads * MIN_CHART_CACHE) } else { 0 };
+        (min.max(chunks), useful.max(chunks))
     }
 
     /// Cache of spectra: minimum, and those of all nodes of all bands.

@@ -138,11 +138,12 @@ impl Chart {
         }
     }
 
-    /// Bytes of cache with which tiles of `rows` rows, read row by row, decode no chunk twice.
+    /// Bytes of cache with which tiles of `rows` rows, read row by row, decode no chunk twice, and a drawn chart no edge.
     pub fn cache_for_rows(&self, rows: usize) -> usize {
         match self {
             Self::Store(s) => s.cache_for_rows(rows),
-            Self::Raster(_) | Self::Exr(_) | Self::Generated(_) => 0,
+            Self::Generated(g) => g.useful_cache_bytes(),
+            Self::Raster(_) | Self::Exr(_) => 0,
         }
     }
 
@@ -155,10 +156,12 @@ impl Chart {
         }
     }
 
-    /// Sets the size of the cache of decoded chunks and empties it; only stores have one.
+    /// Sets the size of the cache of decoded chunks, or of drawn edges, and empties it.
     pub fn set_cache_bytes(&mut self, bytes: usize) {
-        if let Self::Store(store) = self {
-            store.set_cache_bytes(bytes);
+        match self {
+            Self::Store(store) => store.set_cache_bytes(bytes),
+            Self::Drawn(generator) => generator.set_cache_bytes(bytes),
+            Self::Raster(_) | Self::Exr(_) => (),
         }
     }
 

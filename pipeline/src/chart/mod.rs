@@ -17,6 +17,7 @@ mod inks;
 mod noise;
 mod parse;
 mod picture;
+mod shares;
 mod sheet;
 mod spec;
 mod targets;
@@ -33,6 +34,9 @@ use sheet::Sheet;
 
 /// Unit of chart values: spectral radiance.
 pub const UNITS: &str = "W m-2 sr-1 nm-1";
+
+/// Bands from which on it pays to keep the shares of pixels: computing them for storage takes as long as drawing three bands.
+const MIN_CACHED_BANDS: usize = 4;
 
 /// A chart drawn on request from its [`ChartSpec`].
 pub struct Generator {
@@ -79,6 +83,17 @@ impl Generator {
             patches: sheet.patches,
             spec,
         })
+    }
+
+    /// Bytes with which the shares of all pixels at edges are kept from band to band, approximately: those of the composite chart are
+    /// 0.12 bytes per pixel. 0 for charts of few bands, for which they do not pay.
+    pub fn useful_cache_bytes(&self) -> usize {
+        if self.radiance.len() < MIN_CACHED_BANDS { 0 } else { self.chart.pixels() / 8 }
+    }
+
+    /// Sets the bytes of shares of pixels that are kept from band to band; at first there is no cache.
+    pub fn set_cache_bytes(&mut self, bytes: usize) {
+        self.picture.set_cache_bytes(bytes.min(self.useful_cache_bytes()));
     }
 
     /// Its specification.

@@ -5,9 +5,11 @@
 //! Edges of different shapes are at least 1.5 px apart, and shapes that meet, such as the spokes of a star, are one [`Shape`];
 //! exceptions are the few pixels where a circle or a diagonal crosses the ruling, mixed as uniform layers.
 //! The value of a pixel depends on its position only, not on the requested rectangle, so any tiling has the same bits. Boxes and rows
-//! outside the rectangle are skipped, runs inside a shape are filled.
+//! outside the rectangle are skipped, runs inside a shape are filled. The shares of slanted and curved edges are kept for the next band
+//! (`shares.rs`).
 
 use super::coverage::{Disc, Point, Polygon, gaussian_mean};
+use super::shares::Cells;
 use crate::geometry::{Rect, Size};
 
 /// Index of a spectrum.
@@ -25,10 +27,49 @@ pub(super) enum Shape {
     Gaussian(Vec<f64>, Vec<f64>),
 }
 
-struct Object {
-    bounds: Rect,
+/// A shape and its ink.
+pub(super) struct Object {
+    pub(super) bounds: Rect,
     shape: Shape,
     ink: Ink,
+}
+
+impl Object {
+    /// Paints `area`, a part of its bounds, in `ink`; `out` are the pixels of `rect`.
+    pub(super) fn paint(&self, ink: f32, rect: Rect, area: Rect, out: &mut [f32]) {
+        Canvas { out, rect, area, ink }.paint(self);
+    }
+
+    /// Whether the shares of its pixels take much longer to compute than to read.
+    pub(super) const fn has_costly_edges(&self) -> bool {
+        matches!(self.shape, Shape::Polygons(..) | Shape::Ring(..))
+    }
+
+    /// `false` if it surely covers nothing of `area`.
+    pub(super) fn may_touch(&self, area: Rect) -> bool {
+        if self.bounds.intersect(area).is_empty() {
+            return false;
+        }
+        // Two pixels wider, so that rounding does not matter.
+        let (top, bottom) = (area.y as f64 - 2.0, area.bottom() as f64 + 1.0);
+        let (left, right) = (area.x as f64 - 2.0, area.right() as f64 + 1.0);
+        match &self.shape {
+            Shape::Boxes(boxes) => {
+                boxes.iter().any(|[x0, y0, x1, y1]| *x0 < right && *x1 > left && *y0 < bottom && *y1 > top)
+            }
+            Shape::Polygons(parts, _) => {
+                parts.iter().any(|p| !p.between(1, top, bottom).between(0, left, right).corners().is_empty())
+            }
+            Shape::Ring([x, y], inner, outer) => {
+                let far = |at: f64, low: f64, high: f64| (at - low).abs().max((high - at).abs());
+                let near = |at: f64, low: f64, high: f64| (low - at).max(at - high).max(0.0);
+                let square = |dx: f64, dy: f64| dx * dx + dy * dy;
+                square(far(*x, left, right), far(*y, top, bottom)) > inner.max(0.0).powi(2)
+                    && square(near(*x, left, right), near(*y, top, bottom)) < outer.powi(2)
+            }
+            Shape::Gaussian(..) => true,
+        }
+    }
 }
 
 /// Paper and the shapes on it.
@@ -36,12 +77,18 @@ pub(super) struct Picture {
     size: Size,
     paper: Ink,
     objects: Vec<Object>,
+    cells: Cells,
 }
 
 impl Picture {
     /// Blank paper.
-    pub(super) const fn new(size: Size, paper: Ink) -> Self {
-        Self { size, paper, objects: Vec::new() }
+    pub(super) fn new(size: Size, paper: Ink) -> Self {
+        Self { size, paper, objects: Vec::new(), cells: Cells::new(size) }
+    }
+
+    /// Sets the bytes of shares of pixels that are kept from band to band.
+    pub(super) fn set_cache_bytes(&mut self, bytes: usize) {
+        self.cells.set_cache_bytes(bytes);
     }
 
     /// Adds a shape on top.
@@ -78,13 +125,10 @@ impl Picture {
     /// Fills `out` with the pixels of `rect`; `inks` are the values of one band.
     pub(super) fn paint(&self, inks: &[f32], rect: Rect, out: &mut [f32]) {
         out.fill(inks[self.paper]);
-        for object in &self.objects {
-            let area = object.bounds.intersect(rect);
-            if !area.is_empty() {
-                let mut canvas = Canvas { out, rect, area, ink: inks[object.ink] };
-                canvas.paint(object);
-            }
-        }
+        self.cells.for_each(&self.objects, rect, |object, shares, area| match shares {
+            Some(shares) => shares.paint(inks[object.ink], rect, area, out),
+            None => object.paint(inks[object.ink], rect, area, out),
+        });
     }
 }
 

@@ -65,6 +65,24 @@ fn any_rectangle_has_the_bits_of_the_complete_chart() {
 }
 
 #[test]
+fn shares_kept_from_band_to_band_do_not_change_bits() {
+    for spec in CHARTS {
+        let spec = format!("{}&wavelengths=450,500,550,600", spec.split("&wavelengths").next().unwrap());
+        let plain = generate(&spec);
+        let full = plain.size().rect();
+        for cache_bytes in [plain.useful_cache_bytes(), 1500] {
+            let mut cached = generate(&spec);
+            cached.set_cache_bytes(cache_bytes);
+            for band in [0, 3, 0] {
+                let (a, b) = (read(&plain, band, full), read(&cached, band, full));
+                let differing = a.iter().zip(&b).position(|(a, b)| a.to_bits() != b.to_bits());
+                assert_eq!(differing, None, "{spec}, band {band}, {cache_bytes} bytes");
+            }
+        }
+    }
+}
+
+#[test]
 fn very_small_and_very_long_films_can_be_drawn() {
     for size in ["1", "7x5", "2x1", "3x400", "64x1"] {
         for kind in ["uniform", "points?count=1", "slanted-edge", "siemens", "checker", "composite"] {
