@@ -85,6 +85,7 @@ pub mod real;
 pub mod reflectance;
 pub mod remap;
 pub mod resample;
+pub mod sensor;
 pub mod simd;
 pub mod stages;
 pub mod wavelengths;

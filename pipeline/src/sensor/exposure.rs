@@ -1,0 +1,185 @@
+//! What one frame is taken with, and the time that a percentile of its pixels fits.
+
+use super::Sensor;
+use std::str::FromStr;
+
+/// Noises that are switched on; a quantity of one that is off is at its mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoiseSet(u16);
+
+/// Names of the noises, in the order of their bits.
+pub const NOISES: [&str; 9] = ["shot", "dark", "read", "reset", "adc", "dsnu", "prnu", "column", "row"];
+
+#[allow(missing_docs, reason = "the names of the noises")]
+impl NoiseSet {
+    pub const ALL: Self = Self(0x1ff);
+    pub const NONE: Self = Self(0);
+    pub const SHOT: Self = Self(1);
+    pub const DARK: Self = Self(1 << 1);
+    pub const READ: Self = Self(1 << 2);
+    pub const RESET: Self = Self(1 << 3);
+    pub const ADC: Self = Self(1 << 4);
+    pub const DSNU: Self = Self(1 << 5);
+    pub const PRNU: Self = Self(1 << 6);
+    pub const COLUMN: Self = Self(1 << 7);
+    pub const ROW: Self = Self(1 << 8);
+
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// `sigma` where the noise is on, else 0.
+    pub(super) fn on(self, noise: Self, sigma: f64) -> f64 {
+        if self.has(noise) { sigma } else { 0.0 }
+    }
+}
+
+impl FromStr for NoiseSet {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "all" => Ok(Self::ALL),
+            "none" => Ok(Self::NONE),
+            list => list.split(',').try_fold(Self::NONE, |set, word| {
+                match NOISES.iter().position(|name| *name == word.trim()) {
+                    Some(bit) => Ok(Self(set.0 | 1 << bit)),
+                    None => Err(format!(
+                        "`{word}` is no noise; expected all, none or some of {}",
+                        NOISES.join(",")
+                    )),
+                }
+            }),
+        }
+    }
+}
+
+impl std::fmt::Display for NoiseSet {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {
+            Self::ALL => f.write_str("all"),
+            Self::NONE => f.write_str("none"),
+            Self(bits) => {
+                let on = NOISES.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 == 1);
+                f.write_str(&on.map(|(_, name)| *name).collect::<Vec<_>>().join(","))
+            }
+        }
+    }
+}
+
+/// What one frame is taken with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// Time, s.
+    pub seconds: f64,
+    /// Gain of the converter.
+    pub gain: f64,
+    /// Scale κ of a relative film.
+    pub scale: f64,
+    /// Key of the frame's noises.
+    pub seed: u64,
+    /// Key of the die's noises.
+    pub die: u64,
+    /// Number of the frame.
+    pub frame: u32,
+    /// Noises that are on.
+    pub noise: NoiseSet,
+    /// Temperature, °C; the reference's if none.
+    pub temperature_c: Option<f64>,
+}
+
+/// Bits of an f32 that name its bin: sign, exponent and 11 bits of the fraction.
+const BIN_SHIFT: u32 = 12;
+
+/// Counts of a signal's values by the first 20 bits of their f32: sums of counts do not depend on an order.
+#[derive(Clone, Debug)]
+pub struct SignalHistogram {
+    counts: Vec<u64>,
+    all: u64,
+}
+
+impl Default for SignalHistogram {
+    fn default() -> Self {
+        Self { counts: vec![0; 1 << (32 - BIN_SHIFT - 1)], all: 0 }
+    }
+}
+
+impl SignalHistogram {
+    /// Counts values; those below 0 count as 0.
+    pub fn add(&mut self, signal: &[f32]) {
+        for value in signal {
+            let value = if *value > 0.0 { *value } else { 0.0 };
+            self.counts[(value.to_bits() >> BIN_SHIFT) as usize] += 1;
+        }
+        self.all += signal.len() as u64;
+    }
+
+    /// Adds the counts of another.
+    pub fn merge(&mut self, other: &Self) {
+        std::iter::zip(&mut self.counts, &other.counts).for_each(|(own, n)| *own += n);
+        self.all += other.all;
+    }
+
+    /// Bin of the value at a percentile: nearest rank, upwards.
+    fn bin(&self, percentile: f64) -> u32 {
+        let rank = ((percentile / 100.0 * self.all as f64).ceil() as u64).min(self.all).max(1);
+        let mut below = 0;
+        let found = self.counts.iter().position(|n| {
+            below += n;
+            below >= rank
+        });
+        found.unwrap_or(0) as u32
+    }
+
+    /// Upper edge of the bin at a percentile, e-/s; 0 in the dark.
+    pub fn value_at(&self, percentile: f64) -> f64 {
+        match self.bin(percentile) {
+            0 => 0.0,
+            bin => f32::from_bits((bin + 1) << BIN_SHIFT).into(),
+        }
+    }
+
+    /// Seconds for which `percentile` of the pixels stay below `fill` of saturation; `None` in the dark.
+    pub fn seconds(&self, sensor: &Sensor, gain: f64, scale: f64, fill: f64, percentile: f64) -> Option<f64> {
+        let top = self.value_at(percentile) * scale;
+        (top > 0.0).then(|| fill * sensor.saturation_e(gain) / top)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noises_are_parsed_and_printed() {
+        for text in ["all", "none", "shot,read", "dark"] {
+            assert_eq!(text.parse::<NoiseSet>().unwrap().to_string(), text);
+        }
+        assert!("shot,rad".parse::<NoiseSet>().unwrap_err().contains("`rad` is no noise"));
+        assert_eq!(NOISES.join(",").parse::<NoiseSet>(), Ok(NoiseSet::ALL));
+    }
+
+    #[test]
+    fn percentiles_are_of_nearest_rank_and_in_any_order() {
+        let values: Vec<f32> = (1..=1000).map(|i| i as f32).collect();
+        let (mut whole, mut parts) = (SignalHistogram::default(), SignalHistogram::default());
+        whole.add(&values);
+        for part in values.chunks(37).rev() {
+            let mut one = SignalHistogram::default();
+            one.add(part);
+            parts.merge(&one);
+        }
+        for p in [0.1, 50.0, 99.9, 100.0] {
+            assert_eq!(whole.value_at(p), parts.value_at(p));
+            let exact = (p / 100.0 * 1000.0f64).ceil();
+            assert!(whole.value_at(p) > exact && whole.value_at(p) <= exact * (1.0 + 2f64.powi(-10)), "{p}");
+        }
+        let mut dark = SignalHistogram::default();
+        dark.add(&[0.0, -1.0]);
+        assert_eq!(dark.value_at(99.9), 0.0);
+    }
+}

@@ -1,0 +1,232 @@
+//! From the signal to digital numbers: charge, noises, gain, rounding; the equations stand in [`crate::sensor`].
+//!
+//! A tile is computed row by row, [`LANES`] pixels at a time, each step over all of them before the next, so that the compiler vectorizes
+//! the steps. A quantity whose noise is off or whose standard deviation is 0 draws no numbers; its terms drop out exactly.
+
+use super::lanes::Set;
+use super::quantile::{normal_quantile, normal_quantiles, poissons};
+use super::random::{Stream, uniform_pair, uniforms};
+use super::{Exposure, LANES, NoiseFigures, NoiseSet, Sensor};
+use crate::geometry::Rect;
+
+/// Frames of one sensor under one exposure.
+#[derive(Clone, Debug)]
+pub struct Exposer {
+    /// Standard deviations; 0 where the noise is off.
+    sigma: NoiseFigures,
+    shot: bool,
+    /// Electrons of a signal of 1 e-/s.
+    signal_scale: f64,
+    /// Mean dark charge, e-.
+    dark_e: f64,
+    full_well_e: f64,
+    black_dn: f64,
+    dn_per_e: f64,
+    max_dn: f64,
+    seed: u64,
+    die: u64,
+    frame: u32,
+    set: Set,
+}
+
+/// What pixels of one row have in common, and the terms of their columns.
+pub(super) struct ExposeRow<'a> {
+    exposer: &'a Exposer,
+    row: u32,
+    column: u32,
+    /// Row noise, e-.
+    offset_e: f64,
+    /// Offset [e-] and gain of each column; empty if there is none.
+    column_offset_e: &'a [f64],
+    column_gain: &'a [f64],
+}
+
+/// Counts of pixels at the converter's ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Clipped {
+    /// Pixels at or above white.
+    pub white: u64,
+    /// Pixels at 0.
+    pub black: u64,
+}
+
+impl Exposer {
+    /// One frame of `sensor`.
+    pub fn new(sensor: &Sensor, e: &Exposure) -> Self {
+        let (n, on) = (&sensor.noise, |noise, sigma| e.noise.on(noise, sigma));
+        let dark = sensor.dark_current_e_per_s(e.temperature_c) * e.seconds;
+        Self {
+            sigma: NoiseFigures {
+                read_noise_e: on(NoiseSet::READ, n.read_noise_e),
+                reset_noise_e: on(NoiseSet::RESET, n.reset_noise_e),
+                adc_noise_dn: on(NoiseSet::ADC, n.adc_noise_dn),
+                dsnu_e: on(NoiseSet::DSNU, n.dsnu_e),
+                prnu: on(NoiseSet::PRNU, n.prnu),
+                dark_nonuniformity: on(NoiseSet::DARK, n.dark_nonuniformity),
+                column_offset_e: on(NoiseSet::COLUMN, n.column_offset_e),
+                column_gain: on(NoiseSet::COLUMN, n.column_gain),
+                row_noise_e: on(NoiseSet::ROW, n.row_noise_e),
+            },
+            shot: e.noise.has(NoiseSet::SHOT),
+            signal_scale: e.scale * e.seconds,
+            dark_e: if e.noise.has(NoiseSet::DARK) { dark } else { 0.0 },
+            full_well_e: sensor.pixel.full_well_e,
+            black_dn: sensor.adc.black_dn,
+            dn_per_e: e.gain * sensor.adc.gain_dn_per_e,
+            max_dn: sensor.max_dn(),
+            seed: e.seed,
+            die: e.die,
+            frame: e.frame,
+            set: Set::detect(),
+        }
+    }
+
+    /// Digital numbers of the sensor pixels `rect` from their signal [e-/s], both row by row.
+    ///
+    /// # Panics
+    /// If the lengths are not those of `rect`, or it begins before the sensor's first pixel.
+    pub fn expose(&self, signal: &[f32], rect: Rect, out: &mut [u16]) {
+        assert!(
+            signal.len() == rect.size().pixels() && out.len() == signal.len() && rect.y >= 0 && rect.x >= 0
+        );
+        let columns = self.columns(rect);
+        for (i, (signal, out)) in
+            std::iter::zip(signal.chunks(rect.width), out.chunks_mut(rect.width)).enumerate()
+        {
+            let row = rect.y as u32 + i as u32;
+            let row = ExposeRow {
+                exposer: self,
+                row,
+                column: rect.x as u32,
+                offset_e: self.row_offset_e(row),
+                column_offset_e: &columns.0,
+                column_gain: &columns.1,
+            };
+            self.set.expose_row(&row, signal, out);
+        }
+    }
+
+    fn row_offset_e(&self, row: u32) -> f64 {
+        let sigma = self.sigma.row_noise_e;
+        match sigma == 0.0 {
+            true => 0.0,
+            false => sigma * normal_quantile(uniform_pair(Stream::Row, row, 0, self.frame, self.seed)[0]),
+        }
+    }
+
+    /// Offset [e-] and gain of the columns of `rect`.
+    fn columns(&self, rect: Rect) -> (Vec<f64>, Vec<f64>) {
+        let of = |which: usize, sigma: f64| match sigma == 0.0 {
+            true => Vec::new(),
+            false => (rect.x..rect.right())
+                .map(|x| {
+                    sigma * normal_quantile(uniform_pair(Stream::Column, 0, x as u32, 0, self.die)[which])
+                })
+                .collect(),
+        };
+        (of(0, self.sigma.column_offset_e), of(1, self.sigma.column_gain))
+    }
+}
+
+/// Adds `sigma`·z of the numbers `u`.
+#[inline(always)]
+fn add_noise(to: &mut [f64; LANES], sigma: f64, u: &[f64; LANES]) {
+    let z = normal_quantiles(u);
+    std::iter::zip(to, &z).for_each(|(v, z)| *v += sigma * z);
+}
+
+/// Multiplies by max(1 + `sigma`·z, 0) of the numbers `u`.
+#[inline(always)]
+fn vary(by: &mut [f64; LANES], sigma: f64, u: &[f64; LANES]) {
+    let z = normal_quantiles(u);
+    for (v, z) in std::iter::zip(by, &z) {
+        let factor = 1.0 + sigma * z;
+        *v *= if factor > 0.0 { factor } else { 0.0 };
+    }
+}
+
+/// One row of a tile.
+#[inline(always)]
+pub(super) fn expose_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
+    for (k, (signal, out)) in std::iter::zip(signal.chunks(LANES), out.chunks_mut(LANES)).enumerate() {
+        let mut lanes = [0.0; LANES];
+        for (to, s) in std::iter::zip(&mut lanes, signal) {
+            *to = f64::from(if *s > 0.0 { *s } else { 0.0 });
+        }
+        let dn = expose_lanes(row, k * LANES, lanes);
+        std::iter::zip(out, &dn).for_each(|(out, dn)| *out = *dn);
+    }
+}
+
+/// [`LANES`] pixels from column `first` of the tile on; `signal` is not negative.
+#[inline(always)]
+fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: [f64; LANES]) -> [u16; LANES] {
+    let e = row.exposer;
+    let s = &e.sigma;
+    let column = row.column.wrapping_add(first as u32);
+    let mut mean = signal.map(|v| v * e.signal_scale);
+    let die = match s.prnu != 0.0 || s.dsnu_e != 0.0 {
+        true => uniforms(Stream::PrnuDsnu, row.row, column, 0, e.die),
+        false => [[0.5; LANES]; 2],
+    };
+    if s.prnu != 0.0 {
+        vary(&mut mean, s.prnu, &die[0]);
+    }
+    if e.dark_e != 0.0 {
+        let mut dark = [e.dark_e; LANES];
+        if s.dark_nonuniformity != 0.0 {
+            vary(&mut dark, s.dark_nonuniformity, &uniforms(Stream::Dcnu, row.row, column, 0, e.die)[0]);
+        }
+        std::iter::zip(&mut mean, &dark).for_each(|(m, d)| *m += d);
+    }
+    let own = match e.shot || s.read_noise_e != 0.0 {
+        true => uniforms(Stream::ShotRead, row.row, column, e.frame, e.seed),
+        false => [[0.5; LANES]; 2],
+    };
+    let mut charge = if e.shot { poissons(&mean, &own[0]) } else { mean };
+    for v in &mut charge {
+        *v = if *v < e.full_well_e { *v } else { e.full_well_e };
+    }
+    if s.dsnu_e != 0.0 {
+        add_noise(&mut charge, s.dsnu_e, &die[1]);
+    }
+    let reset = match s.reset_noise_e != 0.0 || s.adc_noise_dn != 0.0 {
+        true => uniforms(Stream::ResetAdc, row.row, column, e.frame, e.seed),
+        false => [[0.5; LANES]; 2],
+    };
+    if s.reset_noise_e != 0.0 {
+        add_noise(&mut charge, s.reset_noise_e, &reset[0]);
+    }
+    if s.read_noise_e != 0.0 {
+        add_noise(&mut charge, s.read_noise_e, &own[1]);
+    }
+    if !row.column_offset_e.is_empty() {
+        std::iter::zip(&mut charge, &row.column_offset_e[first..]).for_each(|(v, offset)| *v += offset);
+    }
+    if s.row_noise_e != 0.0 {
+        charge.iter_mut().for_each(|v| *v += row.offset_e);
+    }
+    if !row.column_gain.is_empty() {
+        std::iter::zip(&mut charge, &row.column_gain[first..]).for_each(|(v, gain)| *v *= 1.0 + gain);
+    }
+    let mut dn = charge.map(|v| e.black_dn + e.dn_per_e * v);
+    if s.adc_noise_dn != 0.0 {
+        add_noise(&mut dn, s.adc_noise_dn, &reset[1]);
+    }
+    dn.map(|v| {
+        let rounded = (v + 0.5).floor();
+        let low = if rounded > 0.0 { rounded } else { 0.0 };
+        (if low < e.max_dn { low } else { e.max_dn }) as u16
+    })
+}
+
+/// Pixels of a raw at its ends.
+pub fn clipped(raw: &[u16], white_dn: f64) -> Clipped {
+    raw.iter().fold(Clipped::default(), |c, v| Clipped {
+        white: c.white + u64::from(f64::from(*v) >= white_dn),
+        black: c.black + u64::from(*v == 0),
+    })
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,160 @@
+use super::*;
+use crate::sensor::{Adc, Channel, Curve, Pattern, Pixel, QuantumEfficiencyOf};
+
+/// The figures of the built-in sensor example-2um.
+pub(crate) fn example() -> Sensor {
+    let channel = |name: &str| Channel {
+        name: name.into(),
+        plane: name.into(),
+        curve: Curve { wavelengths_nm: vec![1.0, 1e5], values: vec![1.0, 1.0] },
+    };
+    Sensor {
+        name: "example".into(),
+        description: String::new(),
+        pixel: Pixel {
+            pitch_um: 2.0,
+            size: None,
+            aperture_um: 2.0,
+            quantum_efficiency_of: QuantumEfficiencyOf::Pixel,
+            full_well_e: 13600.0,
+            dark_current_e_per_s: 3.0,
+            dark_reference_c: 25.0,
+            dark_doubling_k: 6.5,
+        },
+        noise: NoiseFigures {
+            read_noise_e: 1.5,
+            adc_noise_dn: 0.73,
+            dsnu_e: 1.0,
+            prnu: 0.007,
+            dark_nonuniformity: 0.1,
+            column_offset_e: 0.3,
+            row_noise_e: 0.3,
+            ..NoiseFigures::default()
+        },
+        adc: Adc { bits: 12, gain_dn_per_e: 0.28, black_dn: 256.0, gains: vec![], base_iso: Some(100.0) },
+        channels: ["R", "G", "B"].map(channel).into(),
+        per_energy: false,
+        filters: vec![],
+        pattern: Pattern { rows: 2, columns: 2, channels: vec![0, 1, 1, 2] },
+    }
+}
+
+fn exposure() -> Exposure {
+    Exposure {
+        seconds: 0.01,
+        gain: 1.0,
+        scale: 1.0,
+        seed: 7,
+        die: 3,
+        frame: 0,
+        noise: NoiseSet::ALL,
+        temperature_c: None,
+    }
+}
+
+/// linspace(0, 2·10⁵, 96) along rows plus linspace(0, 10⁶, 128) along columns.
+fn ramp(factor: f32) -> Vec<f32> {
+    let line =
+        |i: usize, n: usize, end: f64| if i + 1 == n { end } else { i as f64 * (end / (n - 1) as f64) };
+    let at = |k: usize| (line(k / 128, 96, 2e5) + line(k % 128, 128, 1e6)) as f32 * factor;
+    (0..96 * 128).map(at).collect()
+}
+
+const TILE: Rect = Rect::new(0, 0, 96, 128);
+
+fn raw(signal: &[f32], rect: Rect, sensor: &Sensor, e: &Exposure) -> Vec<u16> {
+    let mut out = vec![0; signal.len()];
+    Exposer::new(sensor, e).expose(signal, rect, &mut out);
+    out
+}
+
+fn crc32(values: &[u16]) -> u32 {
+    !values.iter().flat_map(|v| v.to_le_bytes()).fold(!0, |crc: u32, byte| {
+        (0..8).fold(crc ^ u32::from(byte), |c, _| if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 })
+    })
+}
+
+/// The checksum is that of the float64 reference (tests/golden/sensor_reference.py).
+#[test]
+fn raw_has_the_reference_bits_by_every_instruction_set() {
+    let (signal, sensor) = (ramp(1.0), example());
+    for set in Set::available() {
+        let mut out = vec![0; signal.len()];
+        let exposer = Exposer { set, ..Exposer::new(&sensor, &exposure()) };
+        exposer.expose(&signal, TILE, &mut out);
+        assert_eq!(crc32(&out), 0x2a62_7790, "{set:?}");
+    }
+}
+
+#[test]
+fn windows_have_the_bits_of_the_whole() {
+    let (signal, sensor) = (ramp(1.0), example());
+    let whole = raw(&signal, TILE, &sensor, &exposure());
+    for window in [Rect::new(40, 50, 30, 40), Rect::new(95, 127, 1, 1), Rect::new(3, 0, 5, 128)] {
+        let part: Vec<usize> = (0..window.size().pixels())
+            .map(|k| (window.y as usize + k / window.width) * 128 + window.x as usize + k % window.width)
+            .collect();
+        let own: Vec<f32> = part.iter().map(|&k| signal[k]).collect();
+        let expected: Vec<u16> = part.iter().map(|&k| whole[k]).collect();
+        assert_eq!(raw(&own, window, &sensor, &exposure()), expected, "{window}");
+    }
+}
+
+#[test]
+fn seeds_and_frames_change_noise_and_the_die_stays() {
+    let (signal, sensor) = (ramp(1.0), example());
+    let whole = raw(&signal, TILE, &sensor, &exposure());
+    let differ = |e: &Exposure| {
+        let other = raw(&signal, TILE, &sensor, e);
+        std::iter::zip(&whole, &other).filter(|(a, b)| a != b).count() as f64 / whole.len() as f64
+    };
+    assert!(differ(&Exposure { seed: 8, ..exposure() }) > 0.9);
+    assert!(differ(&Exposure { frame: 1, ..exposure() }) > 0.9);
+    let still = |die, seed| {
+        let fixed = "dsnu,prnu,column".parse().unwrap();
+        raw(&signal, TILE, &sensor, &Exposure { noise: fixed, die, seed, ..exposure() })
+    };
+    assert_eq!(still(3, 7), still(3, 8));
+    assert_ne!(still(3, 7), still(4, 7));
+}
+
+#[test]
+fn without_noise_the_formula_remains() {
+    let (signal, sensor) = (ramp(1.0), example());
+    let still = raw(&signal, TILE, &sensor, &Exposure { noise: NoiseSet::NONE, ..exposure() });
+    for (raw, s) in std::iter::zip(still, signal) {
+        let charge = (f64::from(s) * 0.01).min(13600.0);
+        assert_eq!(f64::from(raw), (256.0 + 0.28 * charge + 0.5).floor().clamp(0.0, 4095.0));
+    }
+    let flooded = raw(&ramp(1e6), TILE, &sensor, &exposure());
+    let mean = flooded.iter().map(|v| f64::from(*v)).sum::<f64>() / flooded.len() as f64;
+    assert!((mean - sensor.white_dn(1.0)).abs() < 5.0, "{mean}");
+}
+
+/// One step down is allowed: at the seam of the two Poisson methods.
+#[test]
+fn under_one_seed_more_light_never_shows_darker() {
+    let sensor = example();
+    let (less, more) =
+        (raw(&ramp(1.0), TILE, &sensor, &exposure()), raw(&ramp(1.01), TILE, &sensor, &exposure()));
+    assert!(std::iter::zip(less, more).all(|(a, b)| i32::from(b) >= i32::from(a) - 1));
+}
+
+/// Means of 64 frames of a uniform signal within five standard errors.
+#[test]
+fn mean_of_frames_is_the_mean_charge() {
+    let sensor = example();
+    let signal = vec![2e5f32; 64 * 64];
+    let rect = Rect::new(0, 0, 64, 64);
+    let noise = "shot,dark,read,adc,reset".parse().unwrap();
+    let mut sum = 0.0;
+    for frame in 0..64 {
+        let out = raw(&signal, rect, &sensor, &Exposure { frame, noise, ..exposure() });
+        sum += out.iter().map(|v| f64::from(*v)).sum::<f64>();
+    }
+    let n = 64.0 * 64.0 * 64.0;
+    let electrons = 2000.0 + 0.03;
+    let variance = 0.28f64.powi(2) * (electrons + 1.5 * 1.5) + 0.73 * 0.73 + 1.0 / 12.0;
+    let error = sum / n - (256.0 + 0.28 * electrons);
+    assert!(error.abs() < 5.0 * (variance / n).sqrt(), "{error}");
+}

@@ -1,0 +1,148 @@
+//! Weights of the film's bands behind the filters of a sensor.
+//!
+//!   w_cb = ∫ hat_b(λ) · λ/(hc) · QE_c(λ) · ΠT(λ) dλ   [nm/J]
+//! Between bands E is linear in λ, so hat_b is the triangle between a band's neighbours; before the first and after the last band E stays
+//! constant for half a spacing; a lone band stands for 10 nm. QE and transmittances are linear between their nodes and 0 outside their tables.
+//! Three Gauss points on every piece between nodes are exact: at most five linear factors (hat, λ, QE, two transmittances).
+
+use super::{HC_J_M, Sensor};
+use crate::colour::{self, Illuminant};
+
+/// A table over wavelength, linear between its nodes, 0 outside.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curve {
+    /// Nodes, ascending, nm.
+    pub wavelengths_nm: Vec<f64>,
+    /// Values at the nodes.
+    pub values: Vec<f64>,
+}
+
+impl Curve {
+    /// The value at a wavelength.
+    pub fn at(&self, nm: f64) -> f64 {
+        let (x, y) = (&self.wavelengths_nm, &self.values);
+        let (Some(&first), Some(&last)) = (x.first(), x.last()) else { return 0.0 };
+        if !(nm >= first && nm <= last) {
+            return 0.0;
+        }
+        let i = x.partition_point(|v| *v <= nm);
+        if i == x.len() {
+            return y[i - 1];
+        }
+        y[i - 1] + (y[i] - y[i - 1]) / (x[i] - x[i - 1]) * (nm - x[i - 1])
+    }
+
+    /// First and last wavelength, nm.
+    pub fn range_nm(&self) -> (f64, f64) {
+        let end = |v: Option<&f64>| v.copied().unwrap_or(0.0);
+        (end(self.wavelengths_nm.first()), end(self.wavelengths_nm.last()))
+    }
+}
+
+/// Abscissae and weights of Gauss's rule with three points.
+const GAUSS: [(f64, f64); 3] =
+    [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
+/// Half of what a lone band stands for, nm.
+const LONE_HALF_NM: f64 = 5.0;
+
+impl Sensor {
+    /// Electrons per photon of a wavelength on the area of [`Sensor::area_m2`], filters included.
+    pub fn quantum_efficiency(&self, channel: usize, nm: f64) -> f64 {
+        let value = self.channels[channel].curve.at(nm);
+        let value = if self.per_energy { value / nm } else { value };
+        self.filters.iter().fold(value, |v, filter| v * filter.at(nm))
+    }
+
+    /// Electrons per joule of a wavelength, filters included.
+    pub fn response_e_per_j(&self, channel: usize, nm: f64) -> f64 {
+        let value = self.channels[channel].curve.at(nm) * (1e-9 / HC_J_M);
+        let value = if self.per_energy { value } else { value * nm };
+        self.filters.iter().fold(value, |v, filter| v * filter.at(nm))
+    }
+
+    /// Nodes of all curves that a channel's response is made of, ascending.
+    fn nodes_nm(&self, channel: usize) -> Vec<f64> {
+        let curves = self.filters.iter().chain([&self.channels[channel].curve]);
+        let mut nodes: Vec<f64> = curves.flat_map(|c| c.wavelengths_nm.iter().copied()).collect();
+        nodes.sort_by(f64::total_cmp);
+        nodes.dedup();
+        nodes
+    }
+
+    /// ∫ response · f over `low`..`high`, exact where f is linear between the ends.
+    fn integral(
+        &self,
+        channel: usize,
+        nodes: &[f64],
+        (low, high): (f64, f64),
+        f: impl Fn(f64) -> f64,
+    ) -> f64 {
+        let inside = nodes.iter().copied().filter(|n| *n > low && *n < high);
+        let cuts: Vec<f64> = [low].into_iter().chain(inside).chain([high]).collect();
+        let piece = |(x, weight): (f64, f64), ends: &[f64]| {
+            let (mid, half) = ((ends[1] + ends[0]) / 2.0, (ends[1] - ends[0]) / 2.0);
+            let nm = mid + half * x;
+            weight * half * f(nm) * self.response_e_per_j(channel, nm)
+        };
+        GAUSS.iter().map(|&g| cuts.windows(2).map(|ends| piece(g, ends)).sum::<f64>()).sum()
+    }
+
+    /// w_cb of a channel for the film's bands, ascending in wavelength, nm/J.
+    pub fn band_weights(&self, channel: usize, bands_nm: &[f64]) -> Vec<f64> {
+        let (nodes, w) = (self.nodes_nm(channel), bands_nm);
+        let flat = |low, high| self.integral(channel, &nodes, (low, high), |_| 1.0);
+        let last = w.len() - 1;
+        if last == 0 {
+            return vec![flat(w[0] - LONE_HALF_NM, w[0] + LONE_HALF_NM)];
+        }
+        let of = |b: usize| {
+            let below = match b {
+                0 => flat(w[0] - (w[1] - w[0]) / 2.0, w[0]),
+                _ => {
+                    let (a, c) = (w[b - 1], w[b]);
+                    self.integral(channel, &nodes, (a, c), |nm| (nm - a) / (c - a))
+                }
+            };
+            let above = match b == last {
+                true => flat(w[b], w[b] + (w[b] - w[b - 1]) / 2.0),
+                false => {
+                    let (a, c) = (w[b], w[b + 1]);
+                    self.integral(channel, &nodes, (a, c), |nm| (c - nm) / (c - a))
+                }
+            };
+            below + above
+        };
+        (0..w.len()).map(of).collect()
+    }
+
+    /// Share of a channel's response to light of equal energy at all wavelengths that lies outside the film's bands.
+    pub fn share_outside(&self, channel: usize, bands_nm: &[f64]) -> f64 {
+        let nodes = self.nodes_nm(channel);
+        let (Some(&low), Some(&high)) = (nodes.first(), nodes.last()) else { return 0.0 };
+        let all = self.integral(channel, &nodes, (low, high), |_| 1.0);
+        let inside: f64 = self.band_weights(channel, bands_nm).iter().sum();
+        if all > 0.0 { (1.0 - inside / all).max(0.0) } else { 0.0 }
+    }
+
+    /// Gain per channel that makes a white under a light neutral; the least is 1.
+    pub fn white_gains(&self, light: Illuminant) -> Vec<f64> {
+        let grid = || (0..=400).map(|i| colour::FIRST_NM + f64::from(i));
+        let of =
+            |c: usize| grid().map(|nm| self.response_e_per_j(c, nm) * light.relative_power(nm)).sum::<f64>();
+        let responses: Vec<f64> = (0..self.channels.len()).map(of).collect();
+        let most = responses.iter().copied().fold(0.0, f64::max);
+        responses.iter().map(|r| most / r).collect()
+    }
+
+    /// Electrons that a channel gathers of one lux second of a light.
+    pub fn electrons_per_lux_second(&self, channel: usize, light: Illuminant) -> f64 {
+        let grid = || (0..=400).map(|i| colour::FIRST_NM + f64::from(i));
+        let sum: f64 = grid().map(|nm| self.response_e_per_j(channel, nm) * light.relative_power(nm)).sum();
+        sum * light.irradiance_scale(1.0) * self.area_m2()
+    }
+}
+
+/// Weights v_b with illuminance [lx] = Σ_b v_b·E_b for a film of spectral irradiance [W m⁻² nm⁻¹].
+pub fn illuminance_weights(bands_nm: &[f64]) -> Vec<f64> {
+    colour::xyz_weights(bands_nm).iter().map(|w| w[1]).collect()
+}

@@ -1,0 +1,289 @@
+//! The signal of a sensor from a film that does not fit in memory: one pass over the film, row block by row block, all bands of a block before
+//! the next block.
+//!
+//! The film is cut into blocks of rows and stripes of columns. A worker takes a stripe of the block, reads its bands one after the other, adds
+//! the film rows of each sensor row with the weights of that axis, then the columns, and accumulates the bands, ascending, in f64. Sums of film
+//! rows that a block leaves unfinished are carried to the next block, so every film row is read once; columns that two stripes need are read by
+//! both, and decoded once where the source keeps decoded chunks.
+//!
+//! Same bits: a pixel's sum runs over film rows, then film columns, then bands, each ascending, whatever the blocks, stripes and threads.
+
+use super::Sensor;
+use super::pixels::Taps;
+use crate::flow::{ChartSource, SourceSinkError};
+use crate::geometry::Rect;
+use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+/// Weights of the bands of a film for each filter: one plane of numbers over the sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BandWeights(Vec<Vec<f64>>);
+
+impl BandWeights {
+    /// Electrons per second of a mean spectral irradiance [W m⁻² nm⁻¹], times `factors`, what a film value of each band stands for.
+    pub fn electrons(sensor: &Sensor, bands_nm: &[f64], factors: &[f64]) -> Self {
+        let area = sensor.area_m2();
+        let of = |channel| {
+            let weights = sensor.band_weights(channel, bands_nm);
+            std::iter::zip(weights, factors).map(|(w, f)| w * area * f).collect()
+        };
+        Self((0..sensor.channels.len()).map(of).collect())
+    }
+
+    /// The same weights behind every filter.
+    pub fn uniform(sensor: &Sensor, weights: &[f64]) -> Self {
+        Self(vec![weights.to_vec(); sensor.channels.len()])
+    }
+
+    /// Weights by channel and band.
+    pub fn by_channel(&self) -> &[Vec<f64>] {
+        &self.0
+    }
+}
+
+/// What a pass over the film makes of it.
+#[derive(Clone, Copy)]
+pub struct Pass<'a> {
+    /// The film.
+    pub film: &'a dyn ChartSource,
+    /// Its bands.
+    pub bands: usize,
+    /// The sensor: its mosaic.
+    pub sensor: &'a Sensor,
+    /// Film rows of each row of `window`.
+    pub rows: &'a Taps,
+    /// Film columns of each column of `window`.
+    pub columns: &'a Taps,
+    /// Pixels to make, in sensor coordinates.
+    pub window: Rect,
+    /// One plane of output for each.
+    pub planes: &'a [BandWeights],
+    /// Rows of a block and columns of a stripe, film pixels.
+    pub block: (usize, usize),
+    /// Worker threads.
+    pub threads: usize,
+    /// Ends the pass after the block at hand.
+    pub cancel: &'a AtomicBool,
+}
+
+/// Columns that one worker makes at a time.
+struct Stripe {
+    /// Columns of the window.
+    columns: Range<usize>,
+    /// Film columns that they are made of.
+    film: Range<usize>,
+    /// Sums over film rows of unfinished sensor rows: band, sensor row, film column.
+    carry: Vec<f64>,
+}
+
+/// Buffers of a worker.
+#[derive(Default)]
+struct Scratch {
+    film: Vec<f32>,
+    sum: Vec<f64>,
+    total: Vec<f64>,
+}
+
+/// Rows that a pass delivers: the first (of the window), and for each plane their pixels.
+pub type Deliver<'a> = dyn FnMut(usize, &[Vec<f32>]) -> Result<(), SourceSinkError> + 'a;
+
+impl Pass<'_> {
+    /// Makes the rows `wanted` of the window and delivers them in order, a few at a time. Returns whether it came to the end.
+    ///
+    /// # Errors
+    /// The film cannot be read; what `deliver` says.
+    pub fn run(&self, wanted: Range<usize>, deliver: &mut Deliver<'_>) -> Result<bool, SourceSinkError> {
+        let film_rows = self.rows.span(wanted.clone());
+        let mut stripes: Vec<Mutex<Stripe>> = self.stripes();
+        let mut first = film_rows.start;
+        let mut done = wanted.start;
+        let mut open = wanted.start..wanted.start;
+        while first < film_rows.end {
+            if self.cancel.load(Ordering::Relaxed) {
+                return Ok(false);
+            }
+            let end = ((first / self.block.0 + 1) * self.block.0).min(film_rows.end);
+            // Sensor rows that end in this block, and those that begin in it or before and do not end.
+            let finished = (done..wanted.end)
+                .take_while(|&i| self.rows.range(i).end <= end)
+                .last()
+                .map_or(done, |i| i + 1);
+            let after = (finished..wanted.end).take_while(|&i| self.rows.range(i).start < end).last();
+            let now_open = finished..after.map_or(finished, |i| i + 1);
+            let block = Block {
+                film: first..end,
+                begun: open.clone(),
+                finished: done..finished,
+                open: now_open.clone(),
+            };
+            let out = self.block_of(&mut stripes, &block)?;
+            if finished > done {
+                deliver(done, &out)?;
+            }
+            (first, done, open) = (end, finished, now_open);
+        }
+        Ok(true)
+    }
+
+    fn stripes(&self) -> Vec<Mutex<Stripe>> {
+        let mut stripes = Vec::new();
+        let mut x = 0;
+        while x < self.window.width {
+            // The columns that begin in one stripe of the film.
+            let of = |x: usize| self.columns.range(x).start / self.block.1;
+            let own = of(x);
+            let end = (x..self.window.width).take_while(|&x| of(x) == own).last().map_or(x, |x| x) + 1;
+            let columns = x..end;
+            stripes.push(Mutex::new(Stripe {
+                film: self.columns.span(columns.clone()),
+                columns,
+                carry: Vec::new(),
+            }));
+            x = end;
+        }
+        stripes
+    }
+
+    fn block_of(
+        &self,
+        stripes: &mut [Mutex<Stripe>],
+        block: &Block,
+    ) -> Result<Vec<Vec<f32>>, SourceSinkError> {
+        let width = self.window.width;
+        let out: Vec<Vec<f32>> = vec![vec![0.0; block.finished.len() * width]; self.planes.len()];
+        let out = Mutex::new(out);
+        let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
+        let stripes = &*stripes;
+        let work = || {
+            let mut scratch = Scratch::default();
+            while let Some(stripe) = stripes.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let mut stripe = stripe.lock().expect("no panic while held");
+                match self.stripe(&mut stripe, block, &mut scratch) {
+                    Ok(()) => {
+                        let mut out = out.lock().expect("no panic while held");
+                        let (own, n) = (&stripe.columns, stripe.columns.len());
+                        let rows = block.finished.len();
+                        for (plane, to) in out.iter_mut().enumerate() {
+                            for row in 0..rows {
+                                let from = &scratch.total[(plane * rows + row) * n..][..n];
+                                let to = &mut to[row * width + own.start..][..n];
+                                std::iter::zip(to, from).for_each(|(to, v)| *to = *v as f32);
+                            }
+                        }
+                    }
+                    Err(e) => {
+                        next.store(stripes.len(), Ordering::Relaxed);
+                        failed.lock().expect("no panic while held").get_or_insert(e);
+                    }
+                }
+            }
+        };
+        std::thread::scope(|s| (0..self.threads.min(stripes.len())).for_each(|_| drop(s.spawn(work))));
+        match failed.into_inner().expect("no panic while held") {
+            Some(e) => Err(e),
+            None => Ok(out.into_inner().expect("no panic while held")),
+        }
+    }
+
+    /// All bands of a stripe of a block: `scratch.total` holds the planes of the finished rows.
+    fn stripe(
+        &self,
+        stripe: &mut Stripe,
+        block: &Block,
+        scratch: &mut Scratch,
+    ) -> Result<(), SourceSinkError> {
+        let (n, across) = (stripe.columns.len(), stripe.film.len());
+        let Scratch { film, sum, total } = scratch;
+        film.resize(block.film.len() * across, 0.0);
+        sum.resize(across, 0.0);
+        total.clear();
+        total.resize(self.planes.len() * block.finished.len() * n, 0.0);
+        let rect = Rect::new(block.film.start as i64, stripe.film.start as i64, block.film.len(), across);
+        let (begun, open) = (block.begun.len(), block.open.len());
+        let mut carry = vec![0.0; self.bands * open * across];
+        for band in 0..self.bands {
+            if band + 1 < self.bands {
+                self.film.prefetch(band + 1, rect);
+            }
+            self.film.read(band, rect, film)?;
+            for row in block.finished.start..block.open.end {
+                match row.checked_sub(block.begun.start).filter(|k| *k < begun) {
+                    Some(k) => sum.copy_from_slice(&stripe.carry[(band * begun + k) * across..][..across]),
+                    None => sum.fill(0.0),
+                }
+                self.add_rows(row, block, film, sum);
+                if row >= block.finished.end {
+                    let k = row - block.open.start;
+                    carry[(band * open + k) * across..][..across].copy_from_slice(sum);
+                    continue;
+                }
+                let own = (row - block.finished.start, block.finished.len());
+                self.add_columns((band, row), stripe, sum, own, total);
+            }
+        }
+        stripe.carry = carry;
+        Ok(())
+    }
+
+    /// Adds the film rows of the block that sensor row `row` of the window is made of.
+    fn add_rows(&self, row: usize, block: &Block, film: &[f32], sum: &mut [f64]) {
+        let (first, weights) = self.rows.of(row);
+        for (k, weight) in weights.iter().enumerate() {
+            let y = first + k;
+            if block.film.contains(&y) {
+                let line = &film[(y - block.film.start) * sum.len()..][..sum.len()];
+                std::iter::zip(&mut *sum, line).for_each(|(s, v)| *s += weight * f64::from(*v));
+            }
+        }
+    }
+
+    /// Adds a band of a sensor row, finished along the film's rows, to the totals of all planes.
+    fn add_columns(
+        &self,
+        (band, row): (usize, usize),
+        stripe: &Stripe,
+        sum: &[f64],
+        (own, rows): (usize, usize),
+        total: &mut [f64],
+    ) {
+        let n = stripe.columns.len();
+        let pattern = &self.sensor.pattern;
+        let channels = pattern.columns;
+        let first = self.window.x as usize + stripe.columns.start;
+        let channel: Vec<usize> =
+            (0..channels).map(|i| pattern.channel(self.window.y as usize + row, first + i)).collect();
+        for (plane, weights) in self.planes.iter().enumerate() {
+            let to = &mut total[(plane * rows + own) * n..][..n];
+            let by_column: Vec<f64> = channel.iter().map(|&c| weights.0[c][band]).collect();
+            if self.columns.is_copy() {
+                for (to, sum) in std::iter::zip(to.chunks_mut(channels), sum.chunks(channels)) {
+                    for (to, (sum, w)) in std::iter::zip(to, std::iter::zip(sum, &by_column)) {
+                        *to += w * sum;
+                    }
+                }
+                continue;
+            }
+            for (i, to) in to.iter_mut().enumerate() {
+                let (at, taps) = self.columns.of(stripe.columns.start + i);
+                let part = &sum[at - stripe.film.start..][..taps.len()];
+                let mean = std::iter::zip(taps, part).fold(0.0, |s, (w, v)| s + w * v);
+                *to += by_column[i % channels] * mean;
+            }
+        }
+    }
+}
+
+/// A block of film rows and what it does to rows of the window.
+struct Block {
+    film: Range<usize>,
+    /// Rows whose sums the stripes carry.
+    begun: Range<usize>,
+    /// Rows that end here.
+    finished: Range<usize>,
+    /// Rows that have begun when the block ends.
+    open: Range<usize>,
+}
+
+#[cfg(test)]
+mod tests;
