@@ -160,7 +160,7 @@ impl Chart {
     pub fn set_cache_bytes(&mut self, bytes: usize) {
         match self {
             Self::Store(store) => store.set_cache_bytes(bytes),
-            Self::Drawn(generator) => generator.set_cache_bytes(bytes),
+            Self::Generated(generator) => generator.set_cache_bytes(bytes),
             Self::Raster(_) | Self::Exr(_) => (),
         }
     }

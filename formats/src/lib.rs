@@ -35,7 +35,9 @@ pub mod lens;
 mod npy;
 mod parallel;
 pub mod picture;
+pub mod raw;
 mod sample;
+pub mod sensor;
 mod shard;
 
 #[cfg(test)]

@@ -35,7 +35,7 @@ impl ShardEncoder {
             .decode(Cow::Borrowed(&bytes[data..]), &shape, &data_type::uint64(), &fill)
             .map_err(|e| ShardDefect::Damaged(format!("its index: {e}")))?;
         let index: Vec<u64> = index.as_chunks().0.iter().map(|&b| u64::from_ne_bytes(b)).collect();
-        let (shape, fill) = (self.chunk_shape(), FillValue::new(self.sample.nan()));
+        let (shape, fill) = (self.chunk_shape(), FillValue::new(self.sample.fill()));
         let mut end = 0;
         for (i, j) in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
             let entry = (i * columns + j) * 2;
@@ -77,6 +77,7 @@ impl ShardEncoder {
             match self.sample {
                 SampleType::F16 => half::f16::from_ne_bytes(chunk.as_chunks().0[k]).to_f32(),
                 SampleType::F32 => f32::from_ne_bytes(chunk.as_chunks().0[k]),
+                SampleType::U16 => u16::from_ne_bytes(chunk.as_chunks().0[k]).into(),
             }
         };
         let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));

@@ -26,13 +26,16 @@ pub enum SampleType {
     #[default]
     #[serde(rename = "float32")]
     F32,
+    /// Digital numbers of a raw, never of a film.
+    #[serde(skip)]
+    U16,
 }
 
 impl SampleType {
     /// Bytes of one sample.
     pub const fn bytes(self) -> usize {
         match self {
-            Self::F16 => 2,
+            Self::F16 | Self::U16 => 2,
             Self::F32 => 4,
         }
     }
@@ -42,14 +45,16 @@ impl SampleType {
         match self {
             Self::F16 => "float16",
             Self::F32 => "float32",
+            Self::U16 => "uint16",
         }
     }
 
-    /// The fill value NaN, in native byte order.
-    pub(super) fn nan(self) -> Vec<u8> {
+    /// The fill value in native byte order: NaN, or 0 of digital numbers.
+    pub(super) fn fill(self) -> Vec<u8> {
         match self {
             Self::F16 => half::f16::NAN.to_ne_bytes().to_vec(),
             Self::F32 => f32::NAN.to_ne_bytes().to_vec(),
+            Self::U16 => vec![0; 2],
         }
     }
 }
@@ -65,7 +70,9 @@ impl Codec {
             Self::Lz4 => "lz4",
             Self::Zstd => "zstd",
         };
-        let shuffle = if rounded { "bitshuffle" } else { "shuffle" };
+        // The low bits of digital numbers are noise: bit planes compress better than bytes.
+        let by_bit = rounded || sample == SampleType::U16;
+        let shuffle = if by_bit { "bitshuffle" } else { "shuffle" };
         let blosc = json!({"name": "blosc", "configuration": {
             "cname": cname, "clevel": 1, "shuffle": shuffle, "typesize": sample.bytes(), "blocksize": 0
         }});
@@ -80,8 +87,13 @@ pub(super) fn index_metadata() -> Value {
 
 /// Zarr v3 metadata of the codecs of an array whose shards have inner chunks (1, `chunk`, `chunk`).
 pub(crate) fn sharding_metadata(codec: Codec, sample: SampleType, chunk: usize, rounded: bool) -> Value {
+    sharding_of(codec, sample, &[1, chunk, chunk], rounded)
+}
+
+/// As [`sharding_metadata`], for inner chunks of any shape.
+pub(crate) fn sharding_of(codec: Codec, sample: SampleType, chunk: &[usize], rounded: bool) -> Value {
     json!([{"name": "sharding_indexed", "configuration": {
-        "chunk_shape": [1, chunk, chunk],
+        "chunk_shape": chunk,
         "codecs": codec.metadata(sample, rounded),
         "index_codecs": index_metadata(),
         "index_location": "end"

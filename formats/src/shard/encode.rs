@@ -83,6 +83,7 @@ impl ShardEncoder {
             data_type: match sample {
                 SampleType::F16 => data_type::float16(),
                 SampleType::F32 => data_type::float32(),
+                SampleType::U16 => data_type::uint16(),
             },
             chunk,
         })
@@ -108,6 +109,42 @@ impl ShardEncoder {
         (rows, columns): (usize, usize),
     ) -> Result<Vec<u8>, ShardError> {
         debug_assert_eq!(data.len(), height * width);
+        self.assemble((height, width), (rows, columns), |first, samples| {
+            self.gather(data, (height, width), first, samples)
+        })
+    }
+
+    /// As [`ShardEncoder::encode`], of digital numbers.
+    pub(crate) fn encode_counts(
+        &self,
+        data: &[u16],
+        (height, width): (usize, usize),
+        grid: (usize, usize),
+    ) -> Result<Vec<u8>, ShardError> {
+        debug_assert_eq!(data.len(), height * width);
+        let c = self.chunk;
+        self.assemble((height, width), grid, |(y, x), samples| {
+            let ChunkSamples::U16(out) = samples else {
+                return Err(ShardError::Codec("expected an array of f32, found digital numbers".into()));
+            };
+            let (h, w) = (c.min(height - y), c.min(width - x));
+            out.clear();
+            for row in 0..h {
+                out.extend(data[(y + row) * width + x..][..w].iter().map(|v| v.to_le_bytes()));
+                out.extend(repeat_n([0; 2], c - w));
+            }
+            out.extend(repeat_n([0; 2], (c - h) * c));
+            Ok(())
+        })
+    }
+
+    /// Encodes a shard of `rows` × `columns` inner chunks, whose samples `gather` writes by their first pixel.
+    fn assemble(
+        &self,
+        (height, width): (usize, usize),
+        (rows, columns): (usize, usize),
+        gather: impl Fn((usize, usize), &mut ChunkSamples) -> Result<(), ShardError>,
+    ) -> Result<Vec<u8>, ShardError> {
         let c = self.chunk;
         let options = single_threaded();
         let codec_error = |e: &dyn std::fmt::Display| ShardError::Codec(e.to_string());
@@ -116,7 +153,7 @@ impl ShardEncoder {
         let mut index = vec![u64::MAX; rows * columns * 2];
         let mut samples = ChunkSamples::new(self.sample, c * c);
         for (i, j) in (0..height.div_ceil(c)).flat_map(|i| (0..width.div_ceil(c)).map(move |j| (i, j))) {
-            self.gather(data, (height, width), (i * c, j * c), &mut samples)?;
+            gather((i * c, j * c), &mut samples)?;
             let start = shard.len();
             match &self.compressor {
                 None => shard.extend_from_slice(samples.bytes()),
@@ -164,6 +201,9 @@ impl ShardEncoder {
         let (h, w) = (c.min(height - y), c.min(width - x));
         let line = |row: usize| &data[(y + row) * width + x..][..w];
         match out {
+            ChunkSamples::U16(_) => {
+                return Err(ShardError::Codec("expected digital numbers, found f32".into()));
+            }
             ChunkSamples::F32(out) => {
                 let nan = f32::NAN.to_le_bytes();
                 out.clear();
@@ -199,6 +239,7 @@ impl ShardEncoder {
 
 /// Little-endian samples of an inner chunk.
 enum ChunkSamples {
+    U16(Vec<[u8; 2]>),
     F16(Vec<[u8; 2]>),
     F32(Vec<[u8; 4]>),
 }
@@ -206,6 +247,7 @@ enum ChunkSamples {
 impl ChunkSamples {
     fn new(sample: SampleType, count: usize) -> Self {
         match sample {
+            SampleType::U16 => Self::U16(Vec::with_capacity(count)),
             SampleType::F16 => Self::F16(Vec::with_capacity(count)),
             SampleType::F32 => Self::F32(Vec::with_capacity(count)),
         }
@@ -213,7 +255,7 @@ impl ChunkSamples {
 
     fn bytes(&self) -> &[u8] {
         match self {
-            Self::F16(samples) => samples.as_flattened(),
+            Self::U16(samples) | Self::F16(samples) => samples.as_flattened(),
             Self::F32(samples) => samples.as_flattened(),
         }
     }

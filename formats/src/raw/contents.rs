@@ -1,0 +1,66 @@
+//! Which files of a raw's directory the raw made: all that `--overwrite` may remove.
+
+use crate::durable::is_temp_name;
+
+/// Whether a raw made the file `key`.
+pub(super) fn is_own(key: &str) -> bool {
+    let parts: Vec<&str> = key.split('/').collect();
+    if parts.iter().any(|part| is_temp_name(part)) {
+        return true;
+    }
+    match parts[..] {
+        ["zarr.json"] => true,
+        ["runs", name] => name.ends_with(".lock") || is_record(name),
+        [name, "zarr.json"] => is_array(name),
+        [name, "c", ref indices @ ..] => {
+            is_array(name) && !indices.is_empty() && indices.iter().all(|i| is_number(i))
+        }
+        _ => false,
+    }
+}
+
+fn is_array(name: &str) -> bool {
+    let window = |name: &str| name.strip_prefix("roi_").is_some_and(is_number);
+    let coordinate = name.strip_suffix("_y").or_else(|| name.strip_suffix("_x"));
+    let own = matches!(name, "raw" | "signal" | "frame" | "exposure_s" | "y" | "x");
+    own || window(name) || coordinate.is_some_and(window)
+}
+
+/// `SECONDS-HOST-PROCESS.json`.
+fn is_record(name: &str) -> bool {
+    let Some(name) = name.strip_suffix(".json") else { return false };
+    let parts: Vec<&str> = name.split('-').collect();
+    matches!(parts[..], [seconds, _, process] if is_number(seconds) && is_number(process))
+}
+
+fn is_number(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_own;
+
+    #[test]
+    fn files_of_a_raw_are_distinguished_from_others() {
+        for own in [
+            "zarr.json",
+            "raw/zarr.json",
+            "raw/c/0/1/2",
+            "signal/c/0/0",
+            "roi_3/c/0/0/0",
+            "roi_3_x/c/0",
+            "exposure_s/c/0",
+            "runs/whole.lock",
+            "runs/17-h-3.json",
+            "raw/c/0/.tmp-x",
+        ] {
+            assert!(is_own(own), "{own}");
+        }
+        for foreign in
+            ["notes.txt", "raw/notes", "film/c/0/0/0", "raw/c", "raw/c/x", "runs/notes.json", "runs/a/b.lock"]
+        {
+            assert!(!is_own(foreign), "{foreign}");
+        }
+    }
+}

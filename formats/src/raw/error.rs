@@ -1,0 +1,87 @@
+//! Why a raw cannot be made, opened or written.
+
+use std::path::PathBuf;
+
+use crate::durable::{DurableError, LockError};
+
+/// A raw cannot be made, opened or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RawError {
+    /// Something lies where the raw is to be.
+    #[error("creating raw {}: it exists already; choose another path, resume it, or --overwrite a raw of this program", .path.display())]
+    Exists {
+        /// The raw.
+        path: PathBuf,
+    },
+    /// Not a raw of this program.
+    #[error(
+        "opening raw {}: found {found}, expected a raw of this program (group attribute schema = \"lenscube/raw/1\"); nothing was changed",
+        .path.display()
+    )]
+    NotRaw {
+        /// The raw.
+        path: PathBuf,
+        /// What lies there.
+        found: String,
+    },
+    /// The raw's directory holds what the raw did not make.
+    #[error(
+        "removing raw {}: it holds what the raw did not make: {}; nothing was removed: move that away, or choose another path",
+        .path.display(), .names.join(", ")
+    )]
+    Foreign {
+        /// The raw.
+        path: PathBuf,
+        /// Paths in the raw, the first few.
+        names: Vec<String>,
+    },
+    /// Another run began another raw in its place.
+    #[error(
+        "raw {}: another job's raw has replaced it since this command opened it; nothing was written into that one; choose another path \
+         for one of the two", .path.display()
+    )]
+    Replaced {
+        /// The raw.
+        path: PathBuf,
+    },
+    /// Another run of the same job began the raw anew.
+    #[error("raw {}: a run of the same job has begun it anew since this command opened it; run the same command again", .path.display())]
+    Recreated {
+        /// The raw.
+        path: PathBuf,
+    },
+    /// Another process holds the lock.
+    #[error(transparent)]
+    Locked(#[from] LockError),
+    /// Metadata that do not fit together.
+    #[error(
+        "opening raw {}: expected the metadata of a raw's layout, found something else; restore the file, or make the raw anew with --overwrite",
+        .path.display()
+    )]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The codec refuses.
+    #[error("encoding the raw: {reason}")]
+    Codec {
+        /// In its words.
+        reason: String,
+    },
+    /// The files.
+    #[error("writing the raw: {0}")]
+    Storage(#[from] DurableError),
+}
+
+impl RawError {
+    /// Whether the same call may succeed a moment later without help.
+    pub fn retryable(&self) -> bool {
+        match self {
+            Self::Storage(e) => e.retryable(),
+            Self::Locked(e) => e.retryable(),
+            Self::Recreated { .. } => true,
+            _ => false,
+        }
+    }
+}

@@ -1,0 +1,363 @@
+//! Sensors: descriptions in TOML (schema `lenscube/sensor/1`) with curves in CSV, from files or built in.
+//!
+//! A description is read whole and checked before anything else happens: unknown fields are errors with line and column, numbers out of range
+//! with field, expected and found. A curve's file lies beside the description; a name without a file there is looked up among the built-in
+//! tables. [`SensorFile::sensor`] makes the sensor of the pipeline, [`SensorFile::record`] what a raw keeps of it.
+
+mod builtin;
+mod check;
+mod error;
+mod table;
+mod text;
+
+use std::path::{Path, PathBuf};
+
+use pipeline::sensor::{Adc, Channel, Curve, NoiseFigures, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
+use serde_json::{Map, Value, json};
+
+pub use builtin::builtin_names;
+pub use error::SensorError;
+
+use crate::durable::{Directory, is_url, parent_of};
+use table::Quantity;
+use text::{AreaText, FilterText, PitchText, QuantityText, SCHEMA, SensorText};
+
+/// Largest description and table that are read, bytes.
+const MAX_DESCRIPTION: u64 = 1 << 20;
+const MAX_TABLE: u64 = 16 << 20;
+
+/// A sensor description with its curves.
+#[derive(Clone, Debug)]
+pub struct SensorFile {
+    text: SensorText,
+    /// `--set` words, as typed.
+    set: Vec<String>,
+    channels: Vec<Channel>,
+    filters: Vec<Curve>,
+    pattern: Pattern,
+}
+
+/// A value with its source.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// Field, or `*` for those without one of their own.
+    pub field: String,
+    /// Where it is from.
+    pub text: String,
+}
+
+impl SensorFile {
+    /// The built-in sensor `name`, or the description at the path `name`, with `set` (`FIELD=VALUE`) applied.
+    ///
+    /// # Errors
+    /// [`SensorError`] if there is none, or it cannot be.
+    pub fn open(name: &str, set: &[String]) -> Result<Self, SensorError> {
+        if let Some(text) = builtin::description(name) {
+            return Self::parse(Path::new(name), text, set, None);
+        }
+        let path = Path::new(name);
+        let is_file = name.ends_with(".toml") || name.contains('/') || path.is_file();
+        if !is_file || is_url(path) {
+            let (builtin, nearest) = (builtin_names(), builtin::nearest(name));
+            return Err(SensorError::Unknown { name: name.into(), builtin, nearest });
+        }
+        let text = read(path, MAX_DESCRIPTION)?;
+        let text =
+            text.ok_or_else(|| SensorError::Syntax { path: path.into(), message: "no such file".into() })?;
+        Self::parse(path, &text, set, Some(parent_of(path)))
+    }
+
+    /// From the text of a description; its tables lie in `directory`.
+    fn parse(
+        path: &Path,
+        source: &str,
+        set: &[String],
+        directory: Option<&Path>,
+    ) -> Result<Self, SensorError> {
+        let syntax = |message: String| SensorError::Syntax { path: path.into(), message };
+        let mut table: toml::Table = toml::from_str(source).map_err(|e| syntax(located(&e, source)))?;
+        match table.get("schema") {
+            Some(toml::Value::String(s)) if s == SCHEMA => {}
+            found => {
+                let text = |v: &toml::Value| {
+                    v.as_str().map_or("a value that is no text".into(), |s| format!("{s:?}"))
+                };
+                let found = found.map_or("nothing".to_owned(), text);
+                return Err(syntax(format!("schema: expected \"{SCHEMA}\", found {found}")));
+            }
+        }
+        let mut text: SensorText = toml::from_str(source).map_err(|e| syntax(located(&e, source)))?;
+        for word in set {
+            let fail = |message: String| SensorError::Set { set: word.clone(), message };
+            replace(&mut table, word).map_err(fail)?;
+            text = SensorText::deserialize_from(&table).map_err(|e| fail(e.message().trim().to_owned()))?;
+        }
+        Self::with(path, text, set.to_vec(), directory)
+    }
+
+    fn with(
+        path: &Path,
+        text: SensorText,
+        set: Vec<String>,
+        directory: Option<&Path>,
+    ) -> Result<Self, SensorError> {
+        check::fields(path, &text)?;
+        let (names, pattern) = check::pattern(path, &text.cfa)?;
+        let curves = Curves { path, directory, text: &text };
+        let channels = curves.channels(&names)?;
+        let filters = curves.filters()?;
+        let file = Self { text, set, channels, filters, pattern };
+        check::efficiency(path, &file)?;
+        Ok(file)
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.text.name
+    }
+
+    /// The sensor behind a film of this pitch.
+    pub fn sensor(&self, film_pitch_um: f64) -> Sensor {
+        let (p, n, a) = (&self.text.pixel, &self.text.noise, &self.text.adc);
+        let pitch_um = self.pitch_um().unwrap_or(film_pitch_um);
+        Sensor {
+            name: self.text.name.clone(),
+            description: self.text.description.clone(),
+            pixel: Pixel {
+                pitch_um,
+                size: p.size,
+                aperture_um: p.aperture_um.unwrap_or(pitch_um),
+                quantum_efficiency_of: match p.quantum_efficiency_of {
+                    AreaText::Pixel => QuantumEfficiencyOf::Pixel,
+                    AreaText::Aperture => QuantumEfficiencyOf::Aperture,
+                },
+                full_well_e: p.full_well_e,
+                dark_current_e_per_s: p.dark_current_e_per_s,
+                dark_reference_c: p.dark_reference_c,
+                dark_doubling_k: p.dark_doubling_k,
+            },
+            noise: NoiseFigures {
+                read_noise_e: n.read_noise_e,
+                reset_noise_e: n.reset_noise_e,
+                adc_noise_dn: n.adc_noise_dn,
+                dsnu_e: n.dsnu_e,
+                prnu: n.prnu,
+                dark_nonuniformity: n.dark_nonuniformity,
+                column_offset_e: n.column_offset_e,
+                column_gain: n.column_gain,
+                row_noise_e: n.row_noise_e,
+            },
+            adc: Adc {
+                bits: a.bits,
+                gain_dn_per_e: a.gain_dn_per_e,
+                black_dn: a.black_dn,
+                gains: a.gains.clone(),
+                base_iso: a.base_iso,
+            },
+            channels: self.channels.clone(),
+            per_energy: self.per_energy(),
+            filters: self.filters.clone(),
+            pattern: self.pattern.clone(),
+        }
+    }
+
+    /// Pixel pitch in µm; `None` if it is the film's.
+    pub fn pitch_um(&self) -> Option<f64> {
+        match self.text.pixel.pitch_um {
+            PitchText::Um(v) => Some(v),
+            PitchText::Film(_) => None,
+        }
+    }
+
+    fn per_energy(&self) -> bool {
+        self.text.spectral.quantity == Some(QuantityText::RelativeResponse)
+    }
+
+    /// Where its numbers are from.
+    pub fn sources(&self) -> Vec<Source> {
+        let one = |(field, text): (&String, &String)| Source { field: field.clone(), text: text.clone() };
+        self.text.source.iter().map(one).collect()
+    }
+
+    /// All of it, for a raw: the description with what `--set` replaced, and the curves.
+    pub fn record(&self) -> Value {
+        let curve = |c: &Curve| json!({ "wavelength_nm": c.wavelengths_nm, "value": c.values });
+        let channels: Map<String, Value> =
+            self.channels.iter().map(|c| (c.name.clone(), curve(&c.curve))).collect();
+        json!({
+            "description": serde_json::to_value(&self.text).expect("names and numbers are JSON"),
+            "set": self.set,
+            "curves": channels,
+            "curves_per_energy": self.per_energy(),
+            "filters": self.filters.iter().map(curve).collect::<Vec<_>>(),
+        })
+    }
+
+    /// The sensor of a raw, from what [`SensorFile::record`] kept.
+    ///
+    /// # Errors
+    /// [`SensorError`] if it is damaged.
+    pub fn from_record(path: &Path, record: &Value) -> Result<Self, SensorError> {
+        let damaged =
+            |what: String| SensorError::Syntax { path: path.into(), message: format!("its sensor: {what}") };
+        let text: SensorText =
+            serde_json::from_value(record["description"].clone()).map_err(|e| damaged(e.to_string()))?;
+        check::fields(path, &text)?;
+        let (names, pattern) = check::pattern(path, &text.cfa)?;
+        let numbers = |v: &Value| -> Option<Vec<f64>> { v.as_array()?.iter().map(Value::as_f64).collect() };
+        let curve = |v: &Value| -> Option<Curve> {
+            let (wavelengths_nm, values) = (numbers(&v["wavelength_nm"])?, numbers(&v["value"])?);
+            let ascending = wavelengths_nm.is_sorted_by(|a, b| a < b);
+            let fits = ascending && wavelengths_nm.len() == values.len() && values.len() >= 2;
+            fits.then_some(Curve { wavelengths_nm, values })
+        };
+        let mut channels = Vec::new();
+        for (name, filter) in names {
+            let curve =
+                curve(&record["curves"][&name]).ok_or_else(|| damaged(format!("the curve of {name}")))?;
+            channels.push(Channel { plane: filter.plane.unwrap_or_else(|| name.clone()), name, curve });
+        }
+        let filters =
+            record["filters"].as_array().map(|all| all.iter().map(curve).collect::<Option<Vec<_>>>());
+        let filters = filters.flatten().ok_or_else(|| damaged("its filters".into()))?;
+        let set = serde_json::from_value(record["set"].clone()).map_err(|e| damaged(e.to_string()))?;
+        Ok(Self { text, set, channels, filters, pattern })
+    }
+}
+
+/// Where curves are looked up.
+struct Curves<'a> {
+    path: &'a Path,
+    directory: Option<&'a Path>,
+    text: &'a SensorText,
+}
+
+impl Curves<'_> {
+    /// The path and the text of a table.
+    fn table(&self, field: &str, file: &str) -> Result<(PathBuf, String), SensorError> {
+        if let Some(directory) = self.directory {
+            let path = directory.join(file);
+            if let Some(text) = read(&path, MAX_TABLE)? {
+                return Ok((path, text));
+            }
+        }
+        match builtin::table(file) {
+            Some(text) => Ok((file.into(), text.into())),
+            None => Err(SensorError::Field {
+                path: self.path.into(),
+                field: field.into(),
+                expected: "a CSV file beside the description, or a built-in table".into(),
+                found: format!("no file {file}"),
+            }),
+        }
+    }
+
+    fn channels(&self, names: &[(String, FilterText)]) -> Result<Vec<Channel>, SensorError> {
+        let s = &self.text.spectral;
+        let missing = |field: String, expected: &str| SensorError::Field {
+            path: self.path.into(),
+            field,
+            expected: expected.into(),
+            found: "nothing".into(),
+        };
+        let plane =
+            |(name, filter): &(String, FilterText)| filter.plane.clone().unwrap_or_else(|| name.clone());
+        if let Some(constant) = s.constant {
+            let curve = Curve { wavelengths_nm: vec![1.0, 1e6], values: vec![constant; 2] };
+            let one = |n: &(String, FilterText)| Channel {
+                name: n.0.clone(),
+                plane: plane(n),
+                curve: curve.clone(),
+            };
+            return Ok(names.iter().map(one).collect());
+        }
+        let file = s
+            .file
+            .as_ref()
+            .ok_or_else(|| missing("spectral.file".into(), "a CSV file, or spectral.constant"))?;
+        let relative = s.quantity == Some(QuantityText::RelativeResponse);
+        let quantity = if relative { Quantity::Response } else { Quantity::Share("quantum efficiency") };
+        let (path, text) = self.table("spectral.file", file)?;
+        let mut channels = Vec::new();
+        for named in names {
+            let column = named.1.column.as_ref();
+            let column = column
+                .ok_or_else(|| missing(format!("cfa.{}.column", named.0), &format!("a column of {file}")))?;
+            let curve = table::curve(&path, &text, column, quantity)?;
+            channels.push(Channel { name: named.0.clone(), plane: plane(named), curve });
+        }
+        if let Some(peak) = s.peak_quantum_efficiency.filter(|_| relative) {
+            // The highest quantum efficiency of all channels is the stated peak.
+            let of = |c: &Channel| {
+                std::iter::zip(&c.curve.values, &c.curve.wavelengths_nm)
+                    .map(|(v, nm)| v / nm)
+                    .fold(0.0, f64::max)
+            };
+            let top = channels.iter().map(of).fold(0.0, f64::max);
+            for channel in &mut channels {
+                channel.curve.values.iter_mut().for_each(|v| *v *= peak / top);
+            }
+        }
+        Ok(channels)
+    }
+
+    fn filters(&self) -> Result<Vec<Curve>, SensorError> {
+        let one = |file: &String| {
+            let (path, text) = self.table("spectral.filters", file)?;
+            table::curve(&path, &text, "transmittance", Quantity::Share("transmittance"))
+        };
+        self.text.spectral.filters.iter().map(one).collect()
+    }
+}
+
+impl SensorText {
+    fn deserialize_from(table: &toml::Table) -> Result<Self, toml::de::Error> {
+        table.clone().try_into()
+    }
+}
+
+/// The text of a file; `None` if there is none.
+fn read(path: &Path, limit: u64) -> Result<Option<String>, SensorError> {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let Some(bytes) = Directory::new(parent_of(path)).read_at_most(&name, limit)? else { return Ok(None) };
+    match String::from_utf8(bytes) {
+        Ok(text) => Ok(Some(text)),
+        Err(_) => Err(SensorError::Syntax { path: path.into(), message: "expected UTF-8 text".into() }),
+    }
+}
+
+/// An error with its line and column.
+fn located(error: &toml::de::Error, text: &str) -> String {
+    let message = error.message().trim().replace('\n', " ");
+    match error.span() {
+        Some(span) => {
+            let before = &text[..span.start.min(text.len())];
+            let line = before.matches('\n').count() + 1;
+            let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
+            format!("line {line}, column {column}: {message}")
+        }
+        None => message,
+    }
+}
+
+/// Replaces one field: `noise.prnu=0`.
+fn replace(table: &mut toml::Table, word: &str) -> Result<(), String> {
+    let (field, value) = word.split_once('=').ok_or("expected FIELD=VALUE, e.g. noise.prnu=0")?;
+    let parsed = toml::from_str::<toml::Table>(&format!("value = {value}")).ok();
+    // A word without quotes is text.
+    let value = parsed
+        .and_then(|mut t| t.remove("value"))
+        .unwrap_or_else(|| toml::Value::String(value.trim().into()));
+    let names: Vec<&str> = field.trim().split('.').collect();
+    let (last, groups) = names.split_last().ok_or("expected FIELD=VALUE")?;
+    let mut place = table;
+    for group in groups {
+        let inner = place.entry(*group).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+        place = inner.as_table_mut().ok_or_else(|| format!("{group} is a value, not a group of fields"))?;
+    }
+    place.insert((*last).to_owned(), value);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,139 @@
+//! The fields of a sensor description as they stand in its TOML, schema `lenscube/sensor/1`. Unknown fields are errors.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// What marks a description.
+pub(super) const SCHEMA: &str = "lenscube/sensor/1";
+
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SensorText {
+    pub schema: String,
+    pub name: String,
+    pub description: String,
+    pub pixel: PixelText,
+    #[serde(default)]
+    pub noise: NoiseText,
+    pub adc: AdcText,
+    pub spectral: SpectralText,
+    pub cfa: BTreeMap<String, CfaText>,
+    pub source: BTreeMap<String, String>,
+}
+
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PixelText {
+    pub pitch_um: PitchText,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<(usize, usize)>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aperture_um: Option<f64>,
+    #[serde(default)]
+    pub quantum_efficiency_of: AreaText,
+    pub full_well_e: f64,
+    #[serde(default)]
+    pub dark_current_e_per_s: f64,
+    #[serde(default = "reference_c")]
+    pub dark_reference_c: f64,
+    #[serde(default = "doubling_k")]
+    pub dark_doubling_k: f64,
+}
+
+fn reference_c() -> f64 {
+    25.0
+}
+
+fn doubling_k() -> f64 {
+    7.0
+}
+
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(untagged, expecting = "expected a number in µm or \"film\"")]
+pub(super) enum PitchText {
+    Um(f64),
+    Film(FilmWord),
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum FilmWord {
+    Film,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum AreaText {
+    #[default]
+    Pixel,
+    Aperture,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct NoiseText {
+    pub read_noise_e: f64,
+    pub reset_noise_e: f64,
+    pub adc_noise_dn: f64,
+    pub dsnu_e: f64,
+    pub prnu: f64,
+    pub dark_nonuniformity: f64,
+    pub column_offset_e: f64,
+    pub column_gain: f64,
+    pub row_noise_e: f64,
+}
+
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AdcText {
+    pub bits: u32,
+    pub gain_dn_per_e: f64,
+    pub black_dn: f64,
+    #[serde(default)]
+    pub gains: Vec<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_iso: Option<f64>,
+}
+
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SpectralText {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quantity: Option<QuantityText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub peak_quantum_efficiency: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub constant: Option<f64>,
+    #[serde(default)]
+    pub filters: Vec<String>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum QuantityText {
+    QuantumEfficiency,
+    RelativeResponse,
+}
+
+/// `cfa.pattern`, or a filter of it.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(
+    untagged,
+    expecting = "expected rows of names for `pattern`, or { column = \"…\", plane = \"…\" } for a filter"
+)]
+pub(super) enum CfaText {
+    Pattern(Vec<Vec<String>>),
+    Filter(FilterText),
+}
+
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FilterText {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub column: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plane: Option<String>,
+}
