@@ -12,6 +12,7 @@ mod manual;
 mod measure;
 mod pyramid;
 mod run;
+mod sensor;
 mod status;
 mod style;
 mod validate;
@@ -29,6 +30,9 @@ pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use pyramid::{PyramidArgs, ViewArgs};
 pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, ProcessArgs, RunArgs, Stage, SurroundArg};
+pub use sensor::{
+    ExposeArgs, ResampleArg, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg,
+};
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
@@ -64,6 +68,8 @@ pub enum Command {
     Lens(LensArgs),
     /// Simulate the film of a chart
     Run(Box<RunCommand>),
+    /// Expose a camera's sensor to a film: the raw mosaic with noise
+    Sensor(Box<SensorArgs>),
     /// Divide a job into units for many processes, on one machine or on a cluster
     Plan(Box<PlanArgs>),
     /// Report the progress of a film

@@ -5,6 +5,7 @@ use formats::durable::{self, DurableError, LockError};
 use formats::export::ExportError;
 use formats::film::FilmError;
 use formats::picture::PictureError;
+use formats::raw::RawError;
 use pipeline::cuda::CudaError;
 use pipeline::executor::RunError;
 use std::error::Error;
@@ -70,6 +71,7 @@ fn malformed_address(error: &(dyn Error + 'static)) -> bool {
     storage(error.downcast_ref())
         || storage(error.downcast_ref::<std::io::Error>().and_then(|e| e.get_ref()?.downcast_ref()))
         || matches!(error.downcast_ref(), Some(FilmError::Storage(e)) if address(e))
+        || matches!(error.downcast_ref(), Some(RawError::Storage(e)) if address(e))
         || matches!(error.downcast_ref(), Some(ChartError::Io(e)) if address(e))
         || matches!(error.downcast_ref(), Some(WriteError::Storage(e)) if address(e))
         || matches!(error.downcast_ref(), Some(PictureError::Storage(e)) if address(e))
@@ -80,6 +82,7 @@ fn malformed_address(error: &(dyn Error + 'static)) -> bool {
 pub fn retryable(error: &(dyn Error + 'static)) -> bool {
     let is = |retry: Option<bool>| retry.unwrap_or(false);
     is(error.downcast_ref().map(FilmError::retryable))
+        || is(error.downcast_ref().map(RawError::retryable))
         || is(error.downcast_ref().map(DurableError::retryable))
         || is(error.downcast_ref().map(ChartError::retryable))
         || is(error.downcast_ref().map(LockError::retryable))
@@ -113,7 +116,16 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             cause.downcast_ref::<WriteError>(),
             Some(WriteError::Exists { .. } | WriteError::NotChart { .. } | WriteError::Foreign { .. })
         );
-        if other_film || other_chart {
+        let other_raw = matches!(
+            cause.downcast_ref::<RawError>(),
+            Some(
+                RawError::Exists { .. }
+                    | RawError::NotRaw { .. }
+                    | RawError::Replaced { .. }
+                    | RawError::Foreign { .. }
+            )
+        );
+        if other_film || other_chart || other_raw {
             return code::OTHER_JOB;
         }
     }

@@ -22,6 +22,7 @@ mod plan;
 mod progress;
 mod pyramid;
 mod run;
+mod sensor;
 mod status;
 mod trace;
 mod validate;
@@ -52,6 +53,7 @@ fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
     match command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Run(args) => run::command(args, matches),
+        Command::Sensor(args) => sensor::command(args),
         Command::Plan(args) => plan::command(args, matches),
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),

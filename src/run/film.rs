@@ -190,10 +190,10 @@ pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
 }
 
 /// Key, recorded value, requested value.
-type Difference = (String, String, String);
+pub type Difference = (String, String, String);
 
 /// Keys that differ.
-fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>) -> Vec<Difference> {
+pub fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>) -> Vec<Difference> {
     let show = |map: &Map<String, Value>, key: &String| match map.get(key) {
         None => "nothing".to_owned(),
         // Digests are shortened; the length alone is not enough, a lens's name may be as long.
@@ -252,6 +252,8 @@ fn provenance(job: &Job) -> Map<String, Value> {
         .map(|p| {
             json!({
                 "wavelength_nm": p.lens.wavelength_nm,
+                "transmission": p.lens.transmission,
+                "solid_angle_sr": p.lens.solid_angle_sr,
                 "psf_window_px": p.blocks.map(|b| b.window),
                 "fft": p.blocks.map(|b| b.fft),
                 "tile_px": p.tiling.tile(),

@@ -1,0 +1,194 @@
+//! `lenscube sensor`.
+
+use super::values::{bounded, bytes, number, pair_mm, positive, roi, threads};
+use clap::{Args, Subcommand, ValueEnum};
+use pipeline::bounds;
+use pipeline::geometry::{Rect, Size};
+use pipeline::sensor::NoiseSet;
+use std::path::PathBuf;
+
+/// `lenscube sensor FILM RAW.zarr …`, or one of its subcommands.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(after_help = "\
+lenscube sensor film.zarr raw.zarr --sensor cmv12000-rgb --exposure auto --seed 1
+lenscube sensor film.zarr bracket.zarr --sensor sony-a7r2 --exposure 1ms,4ms,16ms --frames 8
+A film called `show` is ./show")]
+pub struct SensorArgs {
+    /// list, show or validate
+    #[command(subcommand)]
+    pub command: Option<SensorCommand>,
+    /// What to expose.
+    #[command(flatten)]
+    pub expose: ExposeArgs,
+}
+
+/// Subcommands.
+#[derive(Debug, Subcommand)]
+pub enum SensorCommand {
+    /// List the built-in sensors
+    List,
+    /// Show a sensor: figures, sources, assumptions
+    Show(SensorShowArgs),
+    /// Measure a sensor's frames of uniform light by EMVA 1288 and compare with its description
+    Validate(SensorValidateArgs),
+}
+
+/// `lenscube sensor show`.
+#[derive(Debug, Args)]
+pub struct SensorShowArgs {
+    /// Name of a built-in sensor, or a description (.toml)
+    #[arg(value_name = "NAME|FILE")]
+    pub sensor: String,
+    /// Replace a field of the description; may be repeated
+    #[arg(long, value_name = "FIELD=VALUE")]
+    pub set: Vec<String>,
+    /// Write figures of quantum efficiency and signal-to-noise ratio into this directory
+    #[arg(long, value_name = "DIR")]
+    pub plot: Option<PathBuf>,
+}
+
+/// `lenscube sensor validate`.
+#[derive(Debug, Args)]
+pub struct SensorValidateArgs {
+    /// Name of a built-in sensor, or a description (.toml)
+    #[arg(value_name = "NAME|FILE")]
+    pub sensor: String,
+    /// Replace a field of the description; may be repeated
+    #[arg(long, value_name = "FIELD=VALUE")]
+    pub set: Vec<String>,
+    /// Write figures and the measured points into this directory
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// End with exit code 4 if a figure is outside its tolerance
+    #[arg(long)]
+    pub require: bool,
+    /// Key of the frames' noises
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Key of the die's noises
+    #[arg(long, default_value_t = 1)]
+    pub die: u64,
+}
+
+/// From a film to a raw.
+#[derive(Debug, Args, Clone)]
+pub struct ExposeArgs {
+    /// A film, PATH or PATH//roi_0; or a raw that kept its signal
+    #[arg(value_name = "FILM", required = true)]
+    pub film: Option<String>,
+    /// The raw to write, a Zarr v3 group, here or at s3://BUCKET/PREFIX
+    #[arg(value_name = "RAW", required = true)]
+    pub raw: Option<PathBuf>,
+    /// Name of a built-in sensor (`lenscube sensor list`) or a description (.toml); of a raw that kept its signal, by default its own
+    #[arg(long, value_name = "NAME|FILE")]
+    pub sensor: Option<String>,
+    /// Replace a field of the description, e.g. noise.prnu=0; may be repeated
+    #[arg(long, value_name = "FIELD=VALUE")]
+    pub set: Vec<String>,
+    /// 10ms, 1/60s, 2.5 (seconds); auto[:FILL[@PERCENTILE]], by default 0.9@99.9; several with commas between
+    #[arg(long, value_name = "TIME", required = true)]
+    pub exposure: Option<String>,
+    /// Frames of each exposure
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub frames: u32,
+    /// Gain of the converter
+    #[arg(long, value_parser = positive, conflicts_with = "iso")]
+    pub gain: Option<f64>,
+    /// Gain as ISO over the sensor's base ISO
+    #[arg(long, value_parser = positive)]
+    pub iso: Option<f64>,
+    /// Key of the frames' noises: shot, read, reset, converter, rows
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Key of the die's noises: PRNU, DSNU, dark current, columns; the same in every frame
+    #[arg(long, default_value_t = 1)]
+    pub die: u64,
+    /// all, none, or some of shot,dark,read,reset,adc,dsnu,prnu,column,row
+    #[arg(long, default_value_t = NoiseSet::ALL)]
+    pub noise: NoiseSet,
+    /// Temperature of the sensor, °C [default: that of its dark current]
+    #[arg(long, value_name = "C", value_parser = temperature, allow_hyphen_values = true)]
+    pub temperature: Option<f64>,
+    /// Windows of the sensor only, each an array roi_N; may be repeated
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    pub roi: Vec<Rect>,
+    /// Sensor size in pixels, N or HxW, or `native` [default: as many as fit on the film]
+    #[arg(long, value_name = "HxW|native", value_parser = sensor_size)]
+    pub size: Option<SizeArg>,
+    /// Middle of the sensor in mm from the optical axis
+    #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true)]
+    pub center: (f64, f64),
+    /// Between the film's pixel edges
+    #[arg(long, value_enum, default_value_t = ResampleArg::Cubic)]
+    pub resample: ResampleArg,
+    /// Take a film whose pixels are larger than the sensor's
+    #[arg(long)]
+    pub coarse_film: bool,
+    /// F-number, for a film of radiance that has no solid angles: Ω = π/(4N²), object at infinity
+    #[arg(long, value_name = "N", value_parser = bounded(bounds::F_NUMBER))]
+    pub f_number: Option<f64>,
+    /// Transmission of the lens, with --f-number
+    #[arg(long, value_name = "TAU", value_parser = bounded(bounds::TRANSMISSION), requires = "f_number")]
+    pub transmission: Option<f64>,
+    /// Mean illuminance over the sensor of a relative film, lx
+    #[arg(long, value_name = "LX", value_parser = positive, conflicts_with = "film_scale")]
+    pub film_lux: Option<f64>,
+    /// W m-2 nm-1 of one unit of a relative film
+    #[arg(long, value_name = "KAPPA", value_parser = positive)]
+    pub film_scale: Option<f64>,
+    /// Time of the dark current where only the exposure of a relative film is known
+    #[arg(long, value_name = "TIME", default_value = "10ms")]
+    pub nominal: String,
+    /// Keep the signal: other exposures, seeds and noises then need no film
+    #[arg(long, conflicts_with = "roi")]
+    pub keep_signal: bool,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_parser = threads)]
+    pub threads: Option<usize>,
+    /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 1 GiB]
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub memory: Option<u64>,
+    /// Do not wait for the disk after each shard: faster, unsafe against power cuts
+    #[arg(long)]
+    pub no_fsync: bool,
+    /// Start anew if the raw exists
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Take over a stale lock held by another host
+    #[arg(long)]
+    pub take_over: bool,
+}
+
+/// Size of the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SizeArg {
+    /// The sensor's own.
+    Native,
+    /// Rows and columns.
+    Px(Size),
+}
+
+/// Interpolation of the film's running integral.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ResampleArg {
+    /// Cubic Hermite
+    Cubic,
+    /// Linear: the film constant over a pixel
+    Area,
+}
+
+fn sensor_size(text: &str) -> Result<SizeArg, String> {
+    match text {
+        "native" => Ok(SizeArg::Native),
+        text => super::values::size(text).map(SizeArg::Px),
+    }
+}
+
+fn temperature(text: &str) -> Result<f64, String> {
+    let celsius = number(text)?;
+    match (-200.0..=200.0).contains(&celsius) {
+        true => Ok(celsius),
+        false => Err(format!("expected -200 to 200 °C, found {celsius}")),
+    }
+}

@@ -1,0 +1,189 @@
+//! `lenscube sensor`: film → signal → raw, and the raw's life: created, resumed, finished.
+
+mod exposure;
+mod film;
+mod geometry;
+mod identity;
+mod memory;
+mod record;
+mod resolve;
+mod show;
+mod signal;
+mod validate;
+mod warnings;
+mod write;
+
+use crate::args::{ExposeArgs, SensorArgs, SensorCommand};
+use crate::failure::{code, other_job, usage};
+use crate::interrupt;
+use crate::progress::{log_line, report_kept};
+use anyhow::Result;
+use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries};
+use formats::raw::{RawError, RawSpec, RawStore};
+use formats::sensor::{SensorError, SensorFile};
+use resolve::Plan;
+use serde_json::Value;
+use std::path::Path;
+use std::time::Instant;
+
+/// Runs the command; the exit code.
+pub fn command(args: &SensorArgs) -> Result<u8> {
+    match &args.command {
+        Some(SensorCommand::List) => show::list().map(|()| 0),
+        Some(SensorCommand::Show(args)) => show::show(args).map(|()| 0),
+        Some(SensorCommand::Validate(args)) => validate::command(args),
+        None => expose(&args.expose),
+    }
+}
+
+/// The sensor of a name or path, with `--set` applied.
+fn open_sensor(name: &str, set: &[String]) -> Result<SensorFile> {
+    SensorFile::open(name, set).map_err(|e| match e {
+        SensorError::Storage(_) => e.into(),
+        e => usage(e.to_string()),
+    })
+}
+
+fn expose(args: &ExposeArgs) -> Result<u8> {
+    let start = Instant::now();
+    let (Some(film), Some(raw)) = (&args.film, &args.raw) else {
+        return Err(usage("expected FILM and RAW; see `lenscube sensor --help`"));
+    };
+    check_output(raw)?;
+    let plan = Plan::new(args, film)?;
+    plan.keep_apart(raw)?;
+    interrupt::listen();
+    if args.overwrite {
+        remove(raw, args.take_over)?;
+        fault_point("raw-removed");
+    }
+    if let Some(store) = resumed(&plan, raw, !args.no_fsync)? {
+        return work(args, &plan, &store, None, start);
+    }
+    plan.say_warnings();
+    // Without exposures there is nothing to create yet: the signal comes first.
+    let measured = match plan.needs_signal_first() {
+        true => match signal::measure(&plan, parent_of(&link_target(raw)))? {
+            Some(measured) => Some(measured),
+            None => return Ok(interrupted("nothing was written; the same command begins anew")),
+        },
+        false => None,
+    };
+    let settled = plan.settle(measured.as_ref())?;
+    let spec = plan.spec(&settled);
+    let store = match RawStore::create(raw, spec, plan.attributes(&settled), !args.no_fsync) {
+        Err(RawError::Exists { .. }) => match resumed(&plan, raw, !args.no_fsync)? {
+            Some(store) => store,
+            None => return Err(RawError::Exists { path: raw.clone() }.into()),
+        },
+        created => created?,
+    };
+    work(args, &plan, &store, measured, start)
+}
+
+/// The raw at `path`, if it is this job's own; `None` if nothing is there.
+fn resumed(plan: &Plan, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
+    let store = match RawStore::open(path, fsync) {
+        Ok(store) => store,
+        Err(RawError::NotRaw { found, .. }) if found == "nothing" => return Ok(None),
+        Err(e @ RawError::NotRaw { .. }) => return Err(other_job(e.to_string())),
+        Err(e) => return Err(e.into()),
+    };
+    sweep_entries(parent_of(&link_target(path)))?;
+    let theirs =
+        store.attributes().get("provenance").and_then(|p| p["job"].as_object()).cloned().unwrap_or_default();
+    let differ = crate::run::film::differences(&theirs, &plan.identity);
+    if differ.is_empty() {
+        return Ok(Some(store));
+    }
+    let words: Vec<String> =
+        differ.iter().map(|(key, there, asked)| format!("{key} (there {there}, asked {asked})")).collect();
+    Err(other_job(format!(
+        "{} exists and belongs to another job: {}; choose another path, or start it anew with --overwrite",
+        path.display(),
+        words.join(", ")
+    )))
+}
+
+/// Writes the shards that are missing.
+fn work(
+    args: &ExposeArgs,
+    plan: &Plan,
+    store: &RawStore,
+    measured: Option<signal::Measured>,
+    start: Instant,
+) -> Result<u8> {
+    let all = store.spec().all_shards();
+    if store.missing(&all)?.is_empty() {
+        let _ = (store.lock(args.take_over), store.sweep());
+        log_line(format!("{} is complete: {} shards, nothing to do", store.path().display(), all.len()));
+        return Ok(0);
+    }
+    let lock = store.lock(args.take_over)?;
+    if let Some(lock) = &lock {
+        interrupt::release_on_exit(lock.path());
+    }
+    fault_point("locked");
+    if args.no_fsync {
+        log_line("--no-fsync: a power cut may cost shards that were reported as written");
+    }
+    let swept = store.sweep()?;
+    report_kept(&swept);
+    let missing = store.missing(&all)?;
+    if missing.len() < all.len() {
+        log_line(format!(
+            "resuming {}: {} of {} shards to make",
+            store.path().display(),
+            missing.len(),
+            all.len()
+        ));
+    }
+    let settled = plan.settled_of(store)?;
+    plan.say_start(store.spec(), &settled);
+    let outcome = write::shards(plan, store, &settled, &missing, measured);
+    let outcome = outcome.and_then(|done| store.check_in_place().map(|()| done).map_err(Into::into));
+    record::write(plan, store, &outcome, start);
+    let done = outcome?;
+    warnings::after(plan, &settled, &done);
+    if done.left > 0 {
+        return Ok(interrupted(&format!(
+            "{} of {} shards are left; the same command resumes",
+            done.left,
+            missing.len()
+        )));
+    }
+    log_line(record::summary(&done, start));
+    Ok(0)
+}
+
+fn interrupted(words: &str) -> u8 {
+    log_line(format!("interrupted: {words}"));
+    code::INTERRUPTED
+}
+
+/// Removes the raw, unless a run is at work on it.
+fn remove(path: &Path, take_over: bool) -> Result<()> {
+    let _held = match RawStore::locks(path)?.is_empty() {
+        true => None,
+        false => Store::at(path)?.lock("runs", "whole", take_over)?,
+    };
+    Ok(RawStore::remove_raw(path)?)
+}
+
+/// Fails for an output of a kind that is not written.
+fn check_output(path: &Path) -> Result<()> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match ending.as_str() {
+        "dng" | "tif" | "tiff" | "png" | "exr" => Err(usage(format!(
+            "{}: `lenscube sensor` writes raws as Zarr groups; give a name such as {}",
+            path.display(),
+            path.with_extension("zarr").display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Shards of a raw as they are laid out by this program.
+fn layout() -> Value {
+    serde_json::json!({ "shard": RawSpec::LAYOUT.0, "chunk": RawSpec::LAYOUT.1, "codec": "zstd" })
+}

@@ -1,0 +1,107 @@
+//! Memory of a run, planned before the first pixel.
+//!
+//! Fixed: the program; a strip of signal as high as a shard (two where illuminance is summed); rows that a block of the film finishes. Per
+//! thread: the film pixels of a block and stripe, their sums, a shard of digital numbers and its encoded bytes. What is left keeps decoded chunks
+//! of the film where stripes share columns, as much as two columns of chunks of all bands.
+
+use crate::failure::usage;
+use crate::memory::mib;
+use anyhow::Result;
+
+/// The program, its threads' stacks, the allocator's slack.
+const BASE: usize = 48 << 20;
+/// Of each thread: a chunk on its way, lanes.
+const WORKER: usize = 6 << 20;
+/// Default limit, at most.
+pub const DEFAULT: u64 = 1 << 30;
+/// Least rows of a block of the film.
+const BLOCK_ROWS: usize = 512;
+
+/// What a run's memory depends on.
+pub struct Needs {
+    /// Width of the widest output in pixels.
+    pub width: usize,
+    /// Rows and columns of the largest shard.
+    pub shard: (usize, usize),
+    /// Bands of the film.
+    pub bands: usize,
+    /// Rows and columns of the film's chunks.
+    pub chunk: (usize, usize),
+    /// Film pixels a sensor pixel.
+    pub ratio: f64,
+    /// Whether film columns belong to one stripe each.
+    pub aligned: bool,
+    /// Planes of the pass.
+    pub planes: usize,
+}
+
+/// How a run's memory is spent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// All of it, bytes.
+    pub limit: usize,
+    /// Worker threads.
+    pub threads: usize,
+    /// Decoded chunks of the film, bytes.
+    pub cache: usize,
+    /// Rows and columns of the film that a worker reads at a time.
+    pub block: (usize, usize),
+}
+
+impl Memory {
+    /// Plans within `limit` bytes with at most `threads` threads.
+    pub fn plan(limit: u64, threads: usize, needs: &Needs) -> Result<Self> {
+        let limit = usize::try_from(limit).unwrap_or(usize::MAX);
+        let block = (BLOCK_ROWS.div_ceil(needs.chunk.0) * needs.chunk.0, needs.chunk.1);
+        let rows = (block.0 as f64 / needs.ratio).ceil() as usize + 1;
+        // The strip holds what a block has finished beyond a shard as well.
+        let strip = 4 * needs.planes * needs.width * (needs.shard.0 + 2 * rows);
+        let film_columns = (needs.width as f64 * needs.ratio) as usize;
+        let carry = if needs.aligned { 0 } else { 2 * 8 * 4 * needs.bands * film_columns };
+        let shard = needs.shard.0 * needs.shard.1;
+        let stripe = 4 * block.0 * (block.1 + 16)
+            + 8 * needs.planes * rows * ((block.1 as f64 / needs.ratio) as usize + 2);
+        let worker = WORKER + (4 * needs.chunk.0 * needs.chunk.1 * 2 + stripe).max(shard * (4 + 2 + 2));
+        let fixed = BASE + strip + carry;
+        let usable = limit / 16 * 15;
+        let fit = (1..=threads).rev().find(|n| fixed + n * worker <= usable);
+        let Some(threads) = fit else {
+            let least = (fixed + worker) / 15 * 16;
+            return Err(usage(format!(
+                "--memory {} cannot work: strips of {} pixels need at least {}; give that much, or a smaller --size",
+                mib(limit),
+                needs.width,
+                mib(least)
+            )));
+        };
+        let column = 4 * needs.chunk.0 * needs.chunk.1 * needs.bands * (block.0 / needs.chunk.0);
+        let wanted = if needs.aligned { 0 } else { column.saturating_mul(threads + 2) };
+        Ok(Self { limit, threads, cache: wanted.min(usable - fixed - threads * worker), block })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn needs(aligned: bool) -> Needs {
+        Needs {
+            width: 14141,
+            shard: (2048, 2048),
+            bands: 31,
+            chunk: (512, 512),
+            ratio: 1.0,
+            aligned,
+            planes: 1,
+        }
+    }
+
+    #[test]
+    fn the_largest_sensor_works_in_256_mib_and_less_is_refused() {
+        let memory = Memory::plan(256 << 20, 2, &needs(true)).unwrap();
+        assert!(memory.threads >= 1 && memory.cache == 0);
+        assert!(Memory::plan(100 << 20, 2, &needs(true)).unwrap_err().to_string().contains("cannot work"));
+        let memory = Memory::plan(1 << 30, 2, &Needs { ratio: 2.75, width: 5142, ..needs(false) }).unwrap();
+        assert_eq!((memory.threads, memory.cache), (2, (4 * 31) << 20));
+    }
+}

@@ -1,0 +1,516 @@
+//! Flags resolved: film or kept signal, sensor, geometry, exposure, memory. What can fail early fails here, before any pixel.
+
+use super::exposure::{Times, time};
+use super::film::Film;
+use super::geometry::Geometry;
+use super::memory::{self, Memory, Needs};
+use super::signal::{Kept, Measured};
+use super::{identity, open_sensor, warnings};
+use crate::args::{ExposeArgs, ResampleArg};
+use crate::failure::usage;
+use crate::job::threads;
+use crate::memory::{default_limit, mib};
+use crate::progress::log_line;
+use crate::run::film::{digest, resolve_links};
+use anyhow::{Context, Result};
+use formats::chart::split_array;
+use formats::durable::is_url;
+use formats::raw::{RawOutput, RawSpec, RawStore};
+use formats::sensor::SensorFile;
+use pipeline::colour::Illuminant;
+use pipeline::geometry::{Rect, Size};
+use pipeline::sensor::spectrum::illuminance_weights;
+use pipeline::sensor::stream::BandWeights;
+use pipeline::sensor::{Exposure, Sensor};
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// Where the signal comes from.
+pub enum Source {
+    /// A film, placed under the sensor.
+    Film(Box<Film>, Geometry),
+    /// A raw that kept it.
+    Kept(Box<Kept>),
+}
+
+/// A job, ready to run.
+pub struct Plan {
+    /// The signal.
+    pub source: Source,
+    file: SensorFile,
+    /// The sensor.
+    pub sensor: Sensor,
+    times: Times,
+    frames: u32,
+    /// Gain of the converter.
+    pub gain: f64,
+    nominal_s: f64,
+    film_lux: Option<f64>,
+    film_scale: Option<f64>,
+    /// Seed, die, noises, temperature.
+    pub exposure: Exposure,
+    outputs: Vec<RawOutput>,
+    keep_signal: bool,
+    /// All that changes pixels.
+    pub identity: Map<String, Value>,
+    signal_identity: Value,
+    /// Memory and threads.
+    pub memory: Memory,
+    warnings: Vec<String>,
+}
+
+/// What was found or given: the time of each frame and the scale of a relative film.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settled {
+    /// Exposure of each frame, s.
+    pub exposure_s: Vec<f64>,
+    /// W m⁻² nm⁻¹ of a unit of a relative film; 1 for others.
+    pub scale: f64,
+}
+
+impl Plan {
+    /// Resolves `args`.
+    pub fn new(args: &ExposeArgs, film: &str) -> Result<Self> {
+        let times = Times::parse(args.exposure.as_deref().unwrap_or_default())?;
+        let auto = matches!(times, Times::Auto { .. });
+        if auto && !args.roi.is_empty() {
+            return Err(usage(
+                "--exposure auto with --roi: the time follows from the whole sensor; run once without --roi, then give the time that was found",
+            ));
+        }
+        if args.film_lux.is_some() && !args.roi.is_empty() {
+            return Err(usage(
+                "--film-lux with --roi: the scale follows from the whole sensor; run once without --roi, then give --film-scale as it was found",
+            ));
+        }
+        let threads = threads(args.threads);
+        let limit = args.memory.unwrap_or_else(|| default_limit().min(memory::DEFAULT));
+        let (path, array) = split_array(film);
+        if array.is_empty() && RawStore::is_one(Path::new(path)).unwrap_or(false) {
+            return Self::of_kept(args, Path::new(path), times, (limit, threads));
+        }
+        let Some(name) = &args.sensor else {
+            let names = formats::sensor::builtin_names().join(", ");
+            return Err(usage(format!(
+                "which camera? Give --sensor NAME or --sensor FILE.toml; built in are {names}"
+            )));
+        };
+        let file = open_sensor(name, &args.set)?;
+        let opened = Film::open(film, args, 0)?;
+        let sensor = file.sensor(opened.pitch_um);
+        let geometry = Geometry::new(&sensor, &opened, args)?;
+        let mut notes = warnings::of_spectrum(&sensor, &opened.wavelengths_nm, &opened.path)?;
+        notes.extend(geometry.warning());
+        let relative = opened.relative;
+        if !relative && (args.film_lux.is_some() || args.film_scale.is_some()) {
+            return Err(usage(format!(
+                "--film-lux and --film-scale are for relative films; the units of {film} are {}",
+                opened.units
+            )));
+        }
+        check_scale(args, relative, auto, &format!("film {film} ({})", opened.units))?;
+        let size = geometry.size();
+        let needs = Needs {
+            width: args.roi.iter().map(|r| r.width).max().unwrap_or(size.width),
+            shard: RawSpec { outputs: outputs(args, size), ..empty() }.shard_shape(0),
+            bands: opened.wavelengths_nm.len(),
+            chunk: opened.chunk,
+            ratio: geometry.rows.ratio().max(1e-3),
+            aligned: geometry.rows.is_whole()
+                && geometry.columns.is_whole()
+                && opened.chunk.1 as f64 % geometry.rows.ratio() == 0.0,
+            planes: 1 + usize::from(args.film_lux.is_some()),
+        };
+        let memory = Memory::plan(limit, threads, &needs)?;
+        let opened = Film::open(film, args, memory.cache)?;
+        let signal_identity = identity::of_signal(&opened, &sensor, &geometry);
+        let source = Source::Film(Box::new(opened), geometry);
+        Self::with(args, source, (file, sensor), times, memory, (signal_identity, relative, size), notes)
+    }
+
+    fn of_kept(args: &ExposeArgs, path: &Path, times: Times, (limit, threads): (u64, usize)) -> Result<Self> {
+        let kept = Kept::open(path)?;
+        let geometry_flags = args.size.is_some()
+            || args.center != (0.0, 0.0)
+            || args.resample != ResampleArg::Cubic
+            || args.coarse_film;
+        if geometry_flags || args.f_number.is_some() || args.film_lux.is_some() {
+            return Err(usage(format!(
+                "{}: its signal is already that of a sensor: --size, --center, --resample, --coarse-film, --f-number and --film-lux are for films",
+                path.display()
+            )));
+        }
+        let file = match &args.sensor {
+            Some(name) => open_sensor(name, &args.set)?,
+            None if args.set.is_empty() => kept.sensor.clone(),
+            None => return Err(usage("--set changes a sensor: give --sensor as well")),
+        };
+        let sensor = file.sensor(kept.spec.pitch_um);
+        if Some(identity::optics(&sensor).as_str()) != kept.signal_identity["optics"].as_str() {
+            return Err(usage(format!(
+                "{}: its signal is that of another sensor ({}): pitch, aperture, curves, filters or pattern differ; start from the film",
+                path.display(),
+                kept.sensor.name()
+            )));
+        }
+        let auto = matches!(times, Times::Auto { .. });
+        check_scale(args, kept.relative, auto, &format!("the film of {}", path.display()))?;
+        let size = kept.spec.sensor;
+        check_rois(args, size)?;
+        let needs = Needs {
+            width: 1,
+            shard: RawSpec { outputs: outputs(args, size), ..empty() }.shard_shape(0),
+            bands: 1,
+            chunk: RawSpec::chunk_shape(),
+            ratio: 1.0,
+            aligned: true,
+            planes: 1,
+        };
+        let memory = Memory::plan(limit, threads, &needs)?;
+        let (identity, relative) = (kept.signal_identity.clone(), kept.relative);
+        Self::with(
+            args,
+            Source::Kept(Box::new(kept)),
+            (file, sensor),
+            times,
+            memory,
+            (identity, relative, size),
+            Vec::new(),
+        )
+    }
+
+    fn with(
+        args: &ExposeArgs,
+        source: Source,
+        (file, sensor): (SensorFile, Sensor),
+        times: Times,
+        memory: Memory,
+        (signal_identity, relative, size): (Value, bool, Size),
+        mut warnings: Vec<String>,
+    ) -> Result<Self> {
+        let gain = gain(args, &sensor)?;
+        let exposure = Exposure {
+            seconds: 0.0,
+            gain,
+            scale: 1.0,
+            seed: args.seed,
+            die: args.die,
+            frame: 0,
+            noise: args.noise,
+            temperature_c: args.temperature,
+        };
+        warnings.extend(warnings::of_black(&sensor, gain, args.temperature));
+        Ok(Self {
+            identity: identity::of_job(args, &signal_identity, &sensor, gain, relative),
+            nominal_s: time("--nominal", &args.nominal)?,
+            outputs: outputs(args, size),
+            frames: args.frames,
+            film_lux: args.film_lux,
+            film_scale: args.film_scale,
+            keep_signal: args.keep_signal,
+            source,
+            file,
+            sensor,
+            times,
+            gain,
+            exposure,
+            signal_identity,
+            memory,
+            warnings,
+        })
+    }
+
+    /// Size of the sensor in pixels.
+    pub fn size(&self) -> Size {
+        match &self.source {
+            Source::Film(_, geometry) => geometry.size(),
+            Source::Kept(kept) => kept.spec.sensor,
+        }
+    }
+
+    /// Fails if the raw would lie in its own film, or hold it.
+    pub fn keep_apart(&self, raw: &Path) -> Result<()> {
+        let input = match &self.source {
+            Source::Film(film, _) => &film.path,
+            Source::Kept(kept) => &kept.path,
+        };
+        let (a, b) = if is_url(raw) || is_url(input) {
+            (raw.into(), input.clone())
+        } else {
+            (resolve_links(raw), resolve_links(input))
+        };
+        match a.starts_with(&b) || b.starts_with(&a) {
+            true => Err(usage(format!(
+                "{} and its film {} lie in each other; choose another path",
+                raw.display(),
+                input.display()
+            ))),
+            false => Ok(()),
+        }
+    }
+
+    /// Whether exposures follow from the whole signal.
+    pub fn needs_signal_first(&self) -> bool {
+        matches!(self.times, Times::Auto { .. }) || self.film_lux.is_some()
+    }
+
+    /// Weights of the planes that a pass over the film makes: the signal, and the illuminance where it is summed.
+    pub fn planes(&self, film: &Film, with_lux: bool) -> Vec<BandWeights> {
+        let signal = BandWeights::electrons(&self.sensor, &film.wavelengths_nm, &film.factors);
+        let lux = illuminance_weights(&film.wavelengths_nm);
+        let lux = BandWeights::uniform(&self.sensor, &lux);
+        if with_lux { vec![signal, lux] } else { vec![signal] }
+    }
+
+    /// Whether illuminance is to be summed.
+    pub fn sums_lux(&self) -> bool {
+        self.film_lux.is_some()
+    }
+
+    /// Times and scale, from the flags and what was measured.
+    pub fn settle(&self, measured: Option<&Measured>) -> Result<Settled> {
+        let mean_lux = measured.and_then(|m| m.mean_lux);
+        let given = match (self.film_lux, mean_lux) {
+            (Some(lux), Some(mean)) if mean > 0.0 => Some(lux / mean),
+            (Some(lux), _) => {
+                return Err(usage(format!("--film-lux {lux}: the film is dark over the sensor")));
+            }
+            (None, _) => self.film_scale,
+        };
+        let (times, scale) = match &self.times {
+            Times::Given(times) => (times.clone(), given.unwrap_or(1.0)),
+            Times::Auto { fill, percentile } => {
+                let histogram = &measured.context("automatic exposure without a signal")?.histogram;
+                let seconds =
+                    histogram.seconds(&self.sensor, self.gain, given.unwrap_or(1.0), *fill, *percentile);
+                let seconds = seconds.ok_or_else(|| {
+                    usage(format!(
+                        "--exposure auto: the film is dark at the {percentile} th percentile; give a time"
+                    ))
+                })?;
+                match (given, self.relative()) {
+                    // Only the product of scale and time is known.
+                    (None, true) => (vec![self.nominal_s], seconds / self.nominal_s),
+                    _ => (vec![seconds], given.unwrap_or(1.0)),
+                }
+            }
+        };
+        let exposure_s = times.iter().flat_map(|t| std::iter::repeat_n(*t, self.frames as usize)).collect();
+        Ok(Settled { exposure_s, scale })
+    }
+
+    fn relative(&self) -> bool {
+        match &self.source {
+            Source::Film(film, _) => film.relative,
+            Source::Kept(kept) => kept.relative,
+        }
+    }
+
+    /// As a raw that was created records them.
+    pub fn settled_of(&self, store: &RawStore) -> Result<Settled> {
+        let scale = store.attributes().get("film_scale").and_then(Value::as_f64);
+        let scale = scale.with_context(|| {
+            format!("{}: no attribute film_scale; start it anew with --overwrite", store.path().display())
+        })?;
+        Ok(Settled { exposure_s: store.spec().exposure_s.clone(), scale })
+    }
+
+    /// The layout of the raw.
+    pub fn spec(&self, settled: &Settled) -> RawSpec {
+        let (pitch_um, centre_mm) = match &self.source {
+            Source::Film(_, geometry) => (geometry.rows.pitch_um, geometry.centre_mm),
+            Source::Kept(kept) => (kept.spec.pitch_um, kept.spec.centre_mm),
+        };
+        RawSpec {
+            outputs: self.outputs.clone(),
+            sensor: self.size(),
+            pitch_um,
+            centre_mm,
+            exposure_s: settled.exposure_s.clone(),
+            signal: self.keep_signal,
+            ..empty()
+        }
+    }
+
+    /// What frame `frame` is taken with.
+    pub fn frame(&self, settled: &Settled, frame: usize) -> Exposure {
+        Exposure {
+            seconds: settled.exposure_s[frame],
+            scale: settled.scale,
+            frame: frame as u32,
+            ..self.exposure
+        }
+    }
+
+    /// All that the raw records; nothing that differs from run to run.
+    pub fn attributes(&self, settled: &Settled) -> Map<String, Value> {
+        let (s, layout) = (&self.sensor, super::layout());
+        let names: Vec<&str> = s.channels.iter().map(|c| c.name.as_str()).collect();
+        let pattern: Vec<Vec<&str>> = s
+            .pattern
+            .channels
+            .chunks(s.pattern.columns)
+            .map(|row| row.iter().map(|&c| names[c]).collect())
+            .collect();
+        let planes: Map<String, Value> =
+            s.channels.iter().map(|c| (c.name.clone(), json!(c.plane))).collect();
+        let by_name = |values: Vec<f64>| -> Value {
+            std::iter::zip(&names, values)
+                .map(|(n, v)| ((*n).to_owned(), json!(v)))
+                .collect::<Map<_, _>>()
+                .into()
+        };
+        let identity = Value::Object(self.identity.clone());
+        let (film, wavelengths_nm) = match &self.source {
+            Source::Film(film, geometry) => (
+                json!({
+                    "identity": film.identity,
+                    "units": film.units,
+                    "relative": film.relative,
+                    "factors": film.factors,
+                    "pitch_um": film.pitch_um,
+                    "pixels_per_sensor_pixel": geometry.rows.ratio(),
+                }),
+                film.wavelengths_nm.clone(),
+            ),
+            Source::Kept(kept) => (kept.film.clone(), kept.wavelengths_nm.clone()),
+        };
+        let weights: Map<String, Value> = names
+            .iter()
+            .enumerate()
+            .map(|(c, n)| ((*n).to_owned(), json!(s.band_weights(c, &wavelengths_nm))))
+            .collect();
+        let value = json!({
+            "provenance": {
+                "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+                "job_digest": digest(&identity),
+                "job": identity,
+                "layout_digest": digest(&layout),
+                "layout": layout,
+            },
+            "sensor": self.file.record(),
+            "bits": s.adc.bits,
+            "black_dn": s.adc.black_dn,
+            "white_dn": s.white_dn(self.gain),
+            "gain": self.gain,
+            "dn_per_e": self.gain * s.adc.gain_dn_per_e,
+            "cfa": { "pattern": pattern, "planes": planes },
+            "white_gains": {
+                "D65": by_name(s.white_gains(Illuminant::D65)),
+                "A": by_name(s.white_gains(Illuminant::A)),
+            },
+            "film_wavelengths_nm": wavelengths_nm,
+            "band_weights_nm_per_j": weights,
+            "area_m2": s.area_m2(),
+            "film": film,
+            "film_scale": settled.scale,
+            "signal_identity": self.signal_identity,
+        });
+        let Value::Object(map) = value else { unreachable!("an object is written above") };
+        map
+    }
+
+    /// Prints what is known before any pixel.
+    pub fn say_warnings(&self) {
+        self.warnings.iter().for_each(log_line);
+    }
+
+    /// Prints what is about to be done.
+    pub fn say_start(&self, spec: &RawSpec, settled: &Settled) {
+        let s = &self.sensor;
+        let centre = spec.centre_mm;
+        log_line(format!(
+            "{}: {} px of {} µm, middle {:.4}, {:.4} mm (down, right) from the axis; {} frames, gain {}; seed {}, die {}, noise {}; {} threads, memory {}",
+            s.name,
+            spec.sensor,
+            spec.pitch_um,
+            centre.0,
+            centre.1,
+            spec.exposure_s.len(),
+            self.gain,
+            self.exposure.seed,
+            self.exposure.die,
+            self.exposure.noise,
+            self.memory.threads,
+            mib(self.memory.limit),
+        ));
+        let mut times = settled.exposure_s.clone();
+        times.dedup();
+        let times: Vec<String> = times.iter().map(|t| format!("{t:.6e} s")).collect();
+        let scale = if self.relative() {
+            format!(", film scale {:.6e} W m-2 nm-1", settled.scale)
+        } else {
+            String::new()
+        };
+        log_line(format!("exposure {}{scale}", times.join(", ")));
+    }
+}
+
+/// Windows that are not on the sensor.
+pub fn check_rois(args: &ExposeArgs, size: Size) -> Result<()> {
+    match args.roi.iter().find(|r| !size.rect().contains(**r)) {
+        None => Ok(()),
+        Some(roi) => Err(usage(format!(
+            "--roi {},{},{},{} leaves the sensor of {size} pixels (rows x columns)",
+            roi.x, roi.y, roi.width, roi.height
+        ))),
+    }
+}
+
+/// Whether times and a relative film go together.
+fn check_scale(args: &ExposeArgs, relative: bool, auto: bool, what: &str) -> Result<()> {
+    match relative && !auto && args.film_lux.is_none() && args.film_scale.is_none() {
+        false => Ok(()),
+        true => Err(usage(format!(
+            "{what} holds relative values, so a time alone gives no exposure; give --film-lux LX (mean illuminance over the sensor), \
+             --film-scale KAPPA (W m-2 nm-1 of a unit), or --exposure auto"
+        ))),
+    }
+}
+
+/// Gain of the flags, as the sensor has it.
+fn gain(args: &ExposeArgs, sensor: &Sensor) -> Result<f64> {
+    let gain = match (args.gain, args.iso, sensor.adc.base_iso) {
+        (Some(gain), _, _) => gain,
+        (None, Some(iso), Some(base)) => iso / base,
+        (None, Some(iso), None) => {
+            return Err(usage(format!(
+                "--iso {iso}: sensor {} has no adc.base_iso; give --gain",
+                sensor.name
+            )));
+        }
+        (None, None, _) => 1.0,
+    };
+    let gains = &sensor.adc.gains;
+    let allowed = if gains.is_empty() { (1.0..=64.0).contains(&gain) } else { gains.contains(&gain) };
+    let list = || match gains.is_empty() {
+        true => "1 to 64".to_owned(),
+        false => gains.iter().map(f64::to_string).collect::<Vec<_>>().join(", "),
+    };
+    match allowed {
+        true => Ok(gain),
+        false => Err(usage(format!("gain {gain}: sensor {} has gains {}", sensor.name, list()))),
+    }
+}
+
+fn outputs(args: &ExposeArgs, size: Size) -> Vec<RawOutput> {
+    let window = |(i, rect): (usize, &Rect)| RawOutput { name: format!("roi_{i}"), rect: *rect };
+    match args.roi.is_empty() {
+        true => vec![RawOutput { name: "raw".into(), rect: size.rect() }],
+        false => args.roi.iter().enumerate().map(window).collect(),
+    }
+}
+
+/// A layout without content.
+fn empty() -> RawSpec {
+    RawSpec {
+        outputs: Vec::new(),
+        sensor: Size::new(1, 1),
+        pitch_um: 1.0,
+        centre_mm: (0.0, 0.0),
+        exposure_s: Vec::new(),
+        signal: false,
+        shard: RawSpec::LAYOUT.0,
+        chunk: RawSpec::LAYOUT.1,
+    }
+}

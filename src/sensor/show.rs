@@ -1,0 +1,175 @@
+//! `lenscube sensor list` and `show`.
+
+use super::open_sensor;
+use crate::args::{SensorShowArgs, check_directory};
+use crate::progress::{log_line, print};
+use anyhow::{Context, Result};
+use formats::picture::plot::{Axis, Plot, Series, stacked};
+use formats::sensor::{SensorFile, builtin_names};
+use pipeline::colour::Illuminant;
+use pipeline::sensor::Sensor;
+use pipeline::sensor::emva::Bench;
+use std::path::Path;
+
+/// Film pitch for sensors that have the film's.
+const DEFAULT_PITCH_UM: f64 = 2.0;
+
+/// Lists the built-in sensors.
+pub fn list() -> Result<()> {
+    for name in builtin_names() {
+        let file = open_sensor(name, &[])?;
+        let sensor = file.sensor(DEFAULT_PITCH_UM);
+        let pitch = file.pitch_um().map_or("film".to_owned(), |p| p.to_string());
+        print(format!("{name:14}  {pitch:>5} µm  {:2} bits  {}", sensor.adc.bits, sensor.description));
+    }
+    Ok(())
+}
+
+/// Shows one sensor.
+pub fn show(args: &SensorShowArgs) -> Result<()> {
+    let file = open_sensor(&args.sensor, &args.set)?;
+    let sensor = file.sensor(DEFAULT_PITCH_UM);
+    figures(&file, &sensor).iter().for_each(print);
+    if let Some(warning) = super::warnings::of_black(&sensor, 1.0, None) {
+        log_line(warning);
+    }
+    match &args.plot {
+        Some(directory) => plots(&sensor, directory),
+        None => Ok(()),
+    }
+}
+
+fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
+    let (p, n, a) = (&s.pixel, &s.noise, &s.adc);
+    let pitch = match file.pitch_um() {
+        Some(pitch) => format!("{pitch} µm"),
+        None => format!("the film's (figures below for {DEFAULT_PITCH_UM} µm)"),
+    };
+    let size = p.size.map_or("any".into(), |(h, w)| format!("{h} x {w} px"));
+    let mut lines = vec![
+        format!("{}: {}", s.name, s.description),
+        format!("  pixels            {pitch}, aperture {} µm, {size}", p.aperture_um),
+        format!(
+            "  full well         {} e-, saturation {:.0} e- at gain 1 (white {} DN)",
+            p.full_well_e,
+            s.saturation_e(1.0),
+            s.white_dn(1.0)
+        ),
+        format!("  converter         {} bits, {} DN/e-, black {} DN", a.bits, a.gain_dn_per_e, a.black_dn),
+        format!(
+            "  dark              read {} e-, reset {} e-, converter {} DN, rows {} e- (RMS)",
+            n.read_noise_e, n.reset_noise_e, n.adc_noise_dn, n.row_noise_e
+        ),
+        format!(
+            "  dark current      {} e-/s at {} °C, doubling every {} K",
+            p.dark_current_e_per_s, p.dark_reference_c, p.dark_doubling_k
+        ),
+        format!(
+            "  fixed patterns    DSNU {} e-, PRNU {} %, dark current {} %, columns {} e- and {} %",
+            n.dsnu_e,
+            100.0 * n.prnu,
+            100.0 * n.dark_nonuniformity,
+            n.column_offset_e,
+            100.0 * n.column_gain
+        ),
+        format!("  dynamic range     {:.1} dB", 20.0 * s.dynamic_range().log10()),
+    ];
+    for (c, channel) in s.channels.iter().enumerate() {
+        let (nm, peak) = peak(s, c);
+        let d65 = s.electrons_per_lux_second(c, Illuminant::D65);
+        lines.push(format!(
+            "  {:<16}  plane {}, quantum efficiency {:.1} % at {nm} nm; {:.4} ke- per lx s, saturates at {:.3} lx s (D65)",
+            channel.name,
+            channel.plane,
+            100.0 * peak,
+            d65 / 1e3,
+            s.saturation_e(1.0) / d65
+        ));
+    }
+    let rows: Vec<String> = s
+        .pattern
+        .channels
+        .chunks(s.pattern.columns)
+        .map(|row| row.iter().map(|c| s.channels[*c].name.as_str()).collect::<Vec<_>>().join(" "))
+        .collect();
+    lines.push(format!("  mosaic            {}", rows.join(" / ")));
+    lines.push("  sources".into());
+    for source in file.sources() {
+        lines.push(format!("    {:<26} {}", source.field, source.text));
+    }
+    lines
+}
+
+/// Wavelength and value of the highest quantum efficiency of a channel on a grid of 5 nm.
+pub fn peak(sensor: &Sensor, channel: usize) -> (f64, f64) {
+    let (first, last) = sensor.channels[channel].curve.range_nm();
+    let grid = (60..=400).map(|i| f64::from(i) * 5.0).filter(|nm| (first..=last).contains(nm));
+    grid.map(|nm| (nm, sensor.quantum_efficiency(channel, nm)))
+        .fold((first, 0.0), |best, new| if new.1 > best.1 { new } else { best })
+}
+
+/// Figures of quantum efficiency and signal-to-noise ratio.
+fn plots(s: &Sensor, directory: &Path) -> Result<()> {
+    check_directory(directory)?;
+    std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
+    let curves = (0..s.channels.len()).map(|c| {
+        let (first, last) = s.channels[c].curve.range_nm();
+        let (first, last) = (first.max(300.0), last.min(1100.0));
+        let points = (0..=400).map(|i| first + (last - first) * f64::from(i) / 400.0);
+        Series::distinct(
+            &s.channels[c].name,
+            points.map(|nm| (nm, 100.0 * s.quantum_efficiency(c, nm))).collect(),
+            c,
+        )
+    });
+    let mut plot = Plot::new(
+        format!("{}: quantum efficiency", s.name),
+        Axis::new("wavelength (nm)", 300.0, 1100.0),
+        Axis::new("electrons per photon (%)", 0.0, 1.0),
+    );
+    plot.series = curves.collect();
+    write(&directory.join("quantum-efficiency.png"), plot)?;
+    let range = (0..=120).map(|i| 10f64.powf(f64::from(i) / 120.0 * s.saturation_e(1.0).log10()));
+    let electrons: Vec<f64> = range.collect();
+    let ratio = |total: bool| {
+        let of = |e: &f64| (e.log10(), 20.0 * signal_to_noise(s, *e, total).log10());
+        electrons.iter().map(of).collect::<Vec<_>>()
+    };
+    let mut plot = Plot::new(
+        format!("{}: signal-to-noise ratio", s.name),
+        Axis::new("log10 of electrons", 0.0, 1.0),
+        Axis::new("ratio (dB)", 0.0, 1.0),
+    );
+    plot.series = vec![
+        Series::distinct("temporal", ratio(false), 0),
+        Series::distinct("with fixed patterns", ratio(true), 1),
+    ];
+    write(&directory.join("signal-to-noise.png"), plot)
+}
+
+/// EMVA 1288 signal-to-noise ratio of a mean charge; `total`: with the fixed patterns.
+fn signal_to_noise(s: &Sensor, electrons: f64, total: bool) -> f64 {
+    let (n, k) = (&s.noise, s.adc.gain_dn_per_e);
+    let own = n.read_noise_e.powi(2) + n.reset_noise_e.powi(2) + n.row_noise_e.powi(2);
+    let temporal = electrons + own + (n.adc_noise_dn.powi(2) + 1.0 / 12.0) / (k * k);
+    let fixed = n.dsnu_e.powi(2)
+        + n.column_offset_e.powi(2)
+        + (n.prnu.powi(2) + n.column_gain.powi(2)) * electrons * electrons;
+    electrons / (temporal + if total { fixed } else { 0.0 }).sqrt()
+}
+
+/// Writes a figure and says where.
+pub fn write(path: &Path, plot: Plot) -> Result<()> {
+    let title = plot.title.clone();
+    stacked(&title, &[plot], Default::default()).write(path)?;
+    log_line(format!("wrote {}", path.display()));
+    Ok(())
+}
+
+/// A bench for the channel that sees most.
+pub fn bench(sensor: &Sensor, seed: u64, die: u64) -> Bench<'_> {
+    let best = (0..sensor.channels.len()).map(|c| peak(sensor, c).1).fold(0.0, f64::max);
+    // On a pixel: a photodiode catches what falls on its own area.
+    let share = sensor.area_m2() / (sensor.pixel.pitch_um * sensor.pixel.pitch_um * 1e-12);
+    Bench { sensor, quantum_efficiency: best * share, seconds: 0.01, seed, die }
+}

@@ -1,0 +1,120 @@
+//! What the user should know of a raw: light that the film does not hold, clipping, a low black, negative light.
+
+use super::resolve::{Plan, Settled};
+use super::write::Done;
+use crate::failure::usage;
+use crate::progress::log_line;
+use anyhow::Result;
+use pipeline::sensor::Sensor;
+use std::path::Path;
+
+/// Share of the response outside the film's bands that is warned of.
+const OUTSIDE: f64 = 0.01;
+/// Shares of pixels that are warned of.
+const CLIPPED: f64 = 0.01;
+const NEGATIVE: f64 = 1e-3;
+/// Black must lie this many standard deviations of the dark above 0.
+const BLACK_SIGMAS: f64 = 4.0;
+
+/// The share of each channel's response outside the film's bands; a sensor that sees none of a band, or none at all, is an error.
+pub fn of_spectrum(sensor: &Sensor, bands_nm: &[f64], film: &Path) -> Result<Vec<String>> {
+    let weights: Vec<Vec<f64>> =
+        (0..sensor.channels.len()).map(|c| sensor.band_weights(c, bands_nm)).collect();
+    let ranges: Vec<String> = sensor
+        .channels
+        .iter()
+        .map(|c| format!("{} {}-{} nm", c.name, c.curve.range_nm().0, c.curve.range_nm().1))
+        .collect();
+    let within = |nm: f64| {
+        let covers = |c: &pipeline::sensor::Curve| (c.range_nm().0..=c.range_nm().1).contains(&nm);
+        sensor.channels.iter().any(|c| covers(&c.curve)) && sensor.filters.iter().all(covers)
+    };
+    if let Some(nm) = bands_nm
+        .iter()
+        .enumerate()
+        .find(|(b, nm)| !within(**nm) && weights.iter().all(|w| w[*b] == 0.0))
+        .map(|b| b.1)
+    {
+        return Err(usage(format!(
+            "film {}: its band of {nm} nm lies outside all curves of sensor {} ({}); make the film of the bands that the sensor sees \
+             (`lenscube run --bands`), or extend the curves",
+            film.display(),
+            sensor.name,
+            ranges.join(", ")
+        )));
+    }
+    if weights.iter().flatten().all(|w| *w <= 0.0) {
+        return Err(usage(format!(
+            "film {}: sensor {} sees none of its bands ({})",
+            film.display(),
+            sensor.name,
+            ranges.join(", ")
+        )));
+    }
+    let shares: Vec<(String, f64)> = (0..sensor.channels.len())
+        .map(|c| (sensor.channels[c].name.clone(), sensor.share_outside(c, bands_nm)))
+        .collect();
+    // A constant has no range of its own: what lies outside is the definition's.
+    let endless = sensor.channels.iter().all(|c| c.curve.range_nm().1 >= 1e5);
+    if endless {
+        return Ok(vec!["note: the sensor's efficiency is one constant at all wavelengths; light outside the film's bands is not counted".into()]);
+    }
+    let words: Vec<String> =
+        shares.iter().map(|(name, share)| format!("{name} {:.2} %", 100.0 * share)).collect();
+    let warning = shares.iter().any(|s| s.1 > OUTSIDE);
+    let kind = if warning { "warning" } else { "note" };
+    Ok(vec![format!(
+        "{kind}: share of each filter's response (equal energy) outside the film's bands: {}",
+        words.join(", ")
+    )])
+}
+
+/// A black that cuts the dark's noise off.
+pub fn of_black(sensor: &Sensor, gain: f64, temperature_c: Option<f64>) -> Option<String> {
+    let sigma = sensor.dark_sigma_dn(gain, 0.0, temperature_c);
+    (sensor.adc.black_dn < BLACK_SIGMAS * sigma).then(|| {
+        format!(
+            "warning: black is {} DN, {:.1} standard deviations of the dark ({sigma:.2} DN): noise is cut off at 0; give e.g. --set adc.black_dn={:.0}",
+            sensor.adc.black_dn,
+            sensor.adc.black_dn / sigma,
+            (BLACK_SIGMAS * sigma).ceil()
+        )
+    })
+}
+
+/// What the pixels showed.
+pub fn after(plan: &Plan, settled: &Settled, done: &Done) {
+    let share = |n: u64, all: u64| n as f64 / all.max(1) as f64;
+    let negative = share(done.negative, done.pixels);
+    if done.negative > 0 {
+        let kind = if negative > NEGATIVE { "warning" } else { "note" };
+        log_line(format!(
+            "{kind}: {} pixels ({:.3} %) of negative light count as 0",
+            done.negative,
+            100.0 * negative
+        ));
+    }
+    if done.numbers == 0 {
+        return;
+    }
+    let white = share(done.white, done.numbers);
+    if white > CLIPPED {
+        log_line(format!(
+            "warning: {:.1} % of the pixels are clipped at white; a shorter exposure, or --exposure auto",
+            100.0 * white
+        ));
+    }
+    if done.lit == 0 {
+        log_line("warning: no pixel is above 10 % of white; a longer exposure, a gain, or --exposure auto");
+    }
+    let median = done.histogram.value_at(50.0) * settled.scale;
+    let dark = match plan.exposure.noise.has(pipeline::sensor::NoiseSet::DARK) {
+        true => plan.sensor.dark_current_e_per_s(plan.exposure.temperature_c),
+        false => 0.0,
+    };
+    if dark > median {
+        log_line(format!(
+            "warning: dark current of {dark:.3} e-/s exceeds the signal's median of {median:.3} e-/s"
+        ));
+    }
+}

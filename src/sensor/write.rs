@@ -1,0 +1,220 @@
+//! The shards of a raw: strips of signal, exposed and encoded shard by shard.
+
+use super::resolve::{Plan, Settled, Source};
+use super::signal::{self, Measured, Stored};
+use crate::interrupt;
+use crate::progress::counting;
+use anyhow::Result;
+use formats::durable::fault_point;
+use formats::raw::{RawShard, RawStore};
+use pipeline::geometry::Rect;
+use pipeline::sensor::SignalHistogram;
+use pipeline::sensor::noise::{Exposer, clipped};
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// What was made.
+#[derive(Clone, Debug, Default)]
+pub struct Done {
+    /// Shards made.
+    pub shards: usize,
+    /// Shards still missing.
+    pub left: usize,
+    /// Bytes of them.
+    pub bytes: u64,
+    /// Sensor pixels whose signal was made, and those of them below 0.
+    pub pixels: u64,
+    /// Pixels of negative signal, which count as 0.
+    pub negative: u64,
+    /// Digital numbers made.
+    pub numbers: u64,
+    /// Digital numbers at white or above, and at 0.
+    pub white: u64,
+    /// Digital numbers at 0.
+    pub black: u64,
+    /// Digital numbers above a tenth of the range from black to white.
+    pub lit: u64,
+    /// Values of the signal.
+    pub histogram: SignalHistogram,
+}
+
+/// Work on some shards of one place: frames, and perhaps the signal itself.
+struct Writer<'a> {
+    plan: &'a Plan,
+    store: &'a RawStore,
+    settled: &'a Settled,
+    done: Mutex<Done>,
+    all: usize,
+    tell: &'a (dyn Fn(u64, u64) + Sync),
+}
+
+/// Missing shards by output and place.
+type Places = BTreeMap<(usize, (usize, usize)), Vec<RawShard>>;
+
+/// Makes the shards `missing`.
+pub fn shards(
+    plan: &Plan,
+    store: &RawStore,
+    settled: &Settled,
+    missing: &[RawShard],
+    measured: Option<Measured>,
+) -> Result<Done> {
+    let mut places = Places::new();
+    for shard in missing {
+        places.entry((shard.output, shard.place)).or_default().push(*shard);
+    }
+    let (bar, tell) = counting("exposing");
+    let writer =
+        Writer { plan, store, settled, done: Mutex::new(Done::default()), all: missing.len(), tell: &tell };
+    let stored = match (&measured, &plan.source) {
+        (_, Source::Kept(kept)) => Some(Stored::Kept(kept)),
+        (Some(measured), _) => measured.stored(plan),
+        (None, Source::Film(..)) => None,
+    };
+    fault_point("shards-begin");
+    match stored {
+        Some(stored) => writer.expose_stored(&places, stored)?,
+        None => writer.expose_film(&places)?,
+    }
+    bar.finish_and_clear();
+    fault_point("shards-made");
+    let mut done = writer.done.into_inner().expect("no panic while held");
+    done.left = missing.len() - done.shards;
+    Ok(done)
+}
+
+impl Writer<'_> {
+    /// Each place from a signal on the disk.
+    fn expose_stored(&self, places: &Places, stored: Stored<'_>) -> Result<()> {
+        let places: Vec<&Vec<RawShard>> = places.values().collect();
+        let cancel = interrupt::finish_tiles();
+        self.parallel(places.len(), |k| {
+            if cancel.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            let rect = self.store.spec().shard_rect(places[k][0]);
+            let mut tile = vec![0.0; rect.size().pixels()];
+            stored.read(rect, &mut tile)?;
+            self.count_signal(&tile);
+            places[k].iter().try_for_each(|shard| self.shard(*shard, rect, &tile))
+        })
+    }
+
+    /// Rows of shards from the film, runs of them in one pass.
+    fn expose_film(&self, places: &Places) -> Result<()> {
+        let Source::Film(film, geometry) = &self.plan.source else { return Ok(()) };
+        let planes = self.plan.planes(film, false);
+        for output in 0..self.store.spec().outputs.len() {
+            let mut rows: Vec<usize> = places.keys().filter(|p| p.0 == output).map(|p| p.1.0).collect();
+            rows.dedup();
+            let window = self.store.rect(output);
+            let height = self.store.spec().shard_shape(output).0;
+            for run in rows.chunk_by(|a, b| a + 1 == *b) {
+                let wanted = run[0] * height..((run[run.len() - 1] + 1) * height).min(window.height);
+                let mut strip: Vec<f32> = Vec::new();
+                let (mut row, mut failed) = (run[0], None);
+                let mut deliver = |_: usize, planes: &[Vec<f32>]| {
+                    strip.extend(&planes[0]);
+                    loop {
+                        let rows = height.min(window.height - (row * height).min(window.height));
+                        if rows == 0 || strip.len() < rows * window.width {
+                            return Ok(());
+                        }
+                        if let Err(e) =
+                            self.strip(places, (output, row), window, &strip[..rows * window.width])
+                        {
+                            // Kept apart: boxed, it would lose its type, from which the exit code follows.
+                            failed = Some(e);
+                            return Err("a shard could not be written".into());
+                        }
+                        strip.drain(..rows * window.width);
+                        row += 1;
+                    }
+                };
+                let passed = signal::pass(self.plan, (film, geometry), window, &planes, wanted, &mut deliver);
+                match (failed, passed) {
+                    (Some(e), _) => return Err(e),
+                    (None, Ok(true)) => {}
+                    (None, passed) => return passed.map(drop),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A row of shards of an output from its signal.
+    fn strip(
+        &self,
+        places: &Places,
+        (output, row): (usize, usize),
+        window: Rect,
+        strip: &[f32],
+    ) -> Result<()> {
+        self.count_signal(strip);
+        let shards: Vec<RawShard> = places
+            .range((output, (row, 0))..(output, (row + 1, 0)))
+            .flat_map(|(_, shards)| shards.iter().copied())
+            .collect();
+        self.parallel(shards.len(), |k| {
+            let rect = self.store.spec().shard_rect(shards[k]);
+            let first = (rect.x - window.x) as usize;
+            let mut tile = Vec::with_capacity(rect.size().pixels());
+            for line in strip.chunks(window.width) {
+                tile.extend_from_slice(&line[first..first + rect.width]);
+            }
+            self.shard(shards[k], rect, &tile)
+        })
+    }
+
+    /// One shard of the signal `tile` of the pixels `rect`.
+    fn shard(&self, shard: RawShard, rect: Rect, tile: &[f32]) -> Result<()> {
+        let bytes = match shard.frame {
+            None => self.store.commit_signal(shard, tile)?,
+            Some(frame) => {
+                let sensor = &self.plan.sensor;
+                let mut numbers = vec![0; tile.len()];
+                Exposer::new(sensor, &self.plan.frame(self.settled, frame)).expose(tile, rect, &mut numbers);
+                let (white, black) = (sensor.white_dn(self.plan.gain), sensor.adc.black_dn);
+                let ends = clipped(&numbers, white);
+                let tenth = black + 0.1 * (white - black);
+                let lit = numbers.iter().filter(|v| f64::from(**v) > tenth).count() as u64;
+                let bytes = self.store.commit_counts(shard, &numbers)?;
+                let mut done = self.done.lock().expect("no panic while held");
+                done.numbers += numbers.len() as u64;
+                (done.white, done.black, done.lit) =
+                    (done.white + ends.white, done.black + ends.black, done.lit + lit);
+                bytes
+            }
+        };
+        let mut done = self.done.lock().expect("no panic while held");
+        done.shards += 1;
+        done.bytes += bytes;
+        (self.tell)(done.shards as u64, self.all as u64);
+        Ok(())
+    }
+
+    fn count_signal(&self, signal: &[f32]) {
+        let mut done = self.done.lock().expect("no panic while held");
+        done.pixels += signal.len() as u64;
+        done.negative += signal.iter().filter(|v| **v < 0.0).count() as u64;
+        done.histogram.add(signal);
+    }
+
+    /// Does `count` pieces of work on the planned threads; the first error ends it.
+    fn parallel(&self, count: usize, work: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
+        let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
+        let worker = || loop {
+            let k = next.fetch_add(1, Ordering::Relaxed);
+            if k >= count {
+                return;
+            }
+            if let Err(e) = work(k) {
+                next.store(count, Ordering::Relaxed);
+                failed.lock().expect("no panic while held").get_or_insert(e);
+            }
+        };
+        std::thread::scope(|s| (0..self.plan.memory.threads.min(count)).for_each(|_| drop(s.spawn(worker))));
+        failed.into_inner().expect("no panic while held").map_or(Ok(()), Err)
+    }
+}
