@@ -83,6 +83,8 @@ struct Scratch {
     film: Vec<f32>,
     sum: Vec<f64>,
     total: Vec<f64>,
+    /// Weights of a band by plane, row of the mosaic and column of the stripe.
+    weights: Vec<f64>,
 }
 
 /// Rows that a pass delivers: the first (of the window), and for each plane their pixels.
@@ -194,7 +196,8 @@ impl Pass<'_> {
         scratch: &mut Scratch,
     ) -> Result<(), SourceSinkError> {
         let (n, across) = (stripe.columns.len(), stripe.film.len());
-        let Scratch { film, sum, total } = scratch;
+        let Scratch { film, sum, total, weights } = scratch;
+        let copies = self.rows.is_copy() && self.columns.is_copy();
         film.resize(block.film.len() * across, 0.0);
         sum.resize(across, 0.0);
         total.clear();
@@ -207,7 +210,14 @@ impl Pass<'_> {
                 self.film.prefetch(band + 1, rect);
             }
             self.film.read(band, rect, film)?;
+            self.weigh_columns(band, stripe, weights);
             for row in block.finished.start..block.open.end {
+                let own = (row - block.finished.start, block.finished.len());
+                if copies {
+                    let line = &film[(self.rows.range(row).start - block.film.start) * across..][..across];
+                    self.add_copy(row, line, weights, own, total);
+                    continue;
+                }
                 match row.checked_sub(block.begun.start).filter(|k| *k < begun) {
                     Some(k) => sum.copy_from_slice(&stripe.carry[(band * begun + k) * across..][..across]),
                     None => sum.fill(0.0),
@@ -218,8 +228,7 @@ impl Pass<'_> {
                     carry[(band * open + k) * across..][..across].copy_from_slice(sum);
                     continue;
                 }
-                let own = (row - block.finished.start, block.finished.len());
-                self.add_columns((band, row), stripe, sum, own, total);
+                self.add_columns(row, stripe, sum, weights, own, total);
             }
         }
         stripe.carry = carry;
@@ -238,37 +247,58 @@ impl Pass<'_> {
         }
     }
 
-    /// Adds a band of a sensor row, finished along the film's rows, to the totals of all planes.
+    /// Weights of a band for the columns of a stripe: plane by plane, row by row of the mosaic.
+    fn weigh_columns(&self, band: usize, stripe: &Stripe, weights: &mut Vec<f64>) {
+        let pattern = &self.sensor.pattern;
+        let first = self.window.x as usize;
+        weights.clear();
+        for plane in self.planes {
+            for row in 0..pattern.rows {
+                let of = |x: usize| plane.0[pattern.channel(row, first + x)][band];
+                weights.extend(stripe.columns.clone().map(of));
+            }
+        }
+    }
+
+    /// Weights and totals of a sensor row in each plane.
+    fn of_row<'t>(
+        &self,
+        row: usize,
+        weights: &'t [f64],
+        (own, rows): (usize, usize),
+        total: &'t mut [f64],
+    ) -> impl Iterator<Item = (&'t [f64], &'t mut [f64])> + use<'t> {
+        let n = weights.len() / (self.planes.len() * self.sensor.pattern.rows);
+        let (period, phase) =
+            (self.sensor.pattern.rows, (self.window.y as usize + row) % self.sensor.pattern.rows);
+        let by_plane = weights.chunks(period * n).map(move |w| &w[phase * n..][..n]);
+        std::iter::zip(by_plane, total.chunks_mut(rows * n).map(move |t| &mut t[own * n..][..n]))
+    }
+
+    /// Adds a band of a sensor row that is a film row.
+    fn add_copy(&self, row: usize, line: &[f32], weights: &[f64], own: (usize, usize), total: &mut [f64]) {
+        for (weights, to) in self.of_row(row, weights, own, total) {
+            for (to, (w, v)) in std::iter::zip(to, std::iter::zip(weights, line)) {
+                *to += w * f64::from(*v);
+            }
+        }
+    }
+
+    /// Adds a band of a sensor row, summed over film rows, to the totals of all planes.
     fn add_columns(
         &self,
-        (band, row): (usize, usize),
+        row: usize,
         stripe: &Stripe,
         sum: &[f64],
-        (own, rows): (usize, usize),
+        weights: &[f64],
+        own: (usize, usize),
         total: &mut [f64],
     ) {
-        let n = stripe.columns.len();
-        let pattern = &self.sensor.pattern;
-        let channels = pattern.columns;
-        let first = self.window.x as usize + stripe.columns.start;
-        let channel: Vec<usize> =
-            (0..channels).map(|i| pattern.channel(self.window.y as usize + row, first + i)).collect();
-        for (plane, weights) in self.planes.iter().enumerate() {
-            let to = &mut total[(plane * rows + own) * n..][..n];
-            let by_column: Vec<f64> = channel.iter().map(|&c| weights.0[c][band]).collect();
-            if self.columns.is_copy() {
-                for (to, sum) in std::iter::zip(to.chunks_mut(channels), sum.chunks(channels)) {
-                    for (to, (sum, w)) in std::iter::zip(to, std::iter::zip(sum, &by_column)) {
-                        *to += w * sum;
-                    }
-                }
-                continue;
-            }
-            for (i, to) in to.iter_mut().enumerate() {
+        for (weights, to) in self.of_row(row, weights, own, total) {
+            for (i, (to, weight)) in std::iter::zip(to, weights).enumerate() {
                 let (at, taps) = self.columns.of(stripe.columns.start + i);
                 let part = &sum[at - stripe.film.start..][..taps.len()];
-                let mean = std::iter::zip(taps, part).fold(0.0, |s, (w, v)| s + w * v);
-                *to += by_column[i % channels] * mean;
+                *to += weight * std::iter::zip(taps, part).fold(0.0, |s, (w, v)| s + w * v);
             }
         }
     }
