@@ -1,5 +1,7 @@
 //! `lenscube sensor`: film → signal → raw, and the raw's life: created, resumed, finished.
 
+mod attributes;
+pub mod check;
 mod exposure;
 mod film;
 mod geometry;
@@ -7,6 +9,7 @@ mod identity;
 mod memory;
 mod record;
 mod resolve;
+mod settle;
 mod show;
 mod signal;
 mod validate;
@@ -60,7 +63,7 @@ fn expose(args: &ExposeArgs) -> Result<u8> {
     if let Some(store) = resumed(&plan, raw, !args.no_fsync)? {
         return work(args, &plan, &store, None, start);
     }
-    plan.say_warnings();
+    plan.log_warnings();
     // Without exposures there is nothing to create yet: the signal comes first.
     let measured = match plan.needs_signal_first() {
         true => match signal::measure(&plan, parent_of(&link_target(raw)))? {
@@ -71,6 +74,13 @@ fn expose(args: &ExposeArgs) -> Result<u8> {
     };
     let settled = plan.settle(measured.as_ref())?;
     let spec = plan.spec(&settled);
+    if !spec.holds() {
+        return Err(usage(format!(
+            "{} frames of {} arrays: expected at most 10000 frames, 4096 arrays and 4194304 shards",
+            spec.exposure_s.len(),
+            spec.outputs.len()
+        )));
+    }
     let store = match RawStore::create(raw, spec, plan.attributes(&settled), !args.no_fsync) {
         Err(RawError::Exists { .. }) => match resumed(&plan, raw, !args.no_fsync)? {
             Some(store) => store,
@@ -139,7 +149,7 @@ fn work(
         ));
     }
     let settled = plan.settled_of(store)?;
-    plan.say_start(store.spec(), &settled);
+    plan.log_start(store.spec(), &settled);
     let outcome = write::shards(plan, store, &settled, &missing, measured);
     let outcome = outcome.and_then(|done| store.check_in_place().map(|()| done).map_err(Into::into));
     record::write(plan, store, &outcome, start);

@@ -30,6 +30,9 @@ pub fn open(path: &Path) -> Result<FilmStore> {
 
 /// Runs the command; the exit code.
 pub fn command(args: &StatusArgs) -> Result<u8> {
+    if let Some(code) = crate::sensor::check::status(args)? {
+        return Ok(code);
+    }
     let plan = args.plan.as_deref().map(Plan::read).transpose()?.map(|(plan, _)| plan);
     let planned_film = || plan.as_ref().and_then(|p| p.command.film.as_ref()).map(PathBuf::from);
     let film = args.film.clone().or_else(planned_film).context("the plan contains no film")?;

@@ -20,6 +20,9 @@ struct Repair {
 
 /// Runs the command; the exit code.
 pub fn command(args: &VerifyArgs) -> Result<u8> {
+    if let Some(code) = crate::sensor::check::verify(args)? {
+        return Ok(code);
+    }
     let store = status::open(&args.film)?;
     // No run may write meanwhile the files that would be removed.
     let locks = if args.repair { lock_all(&args.film, args.take_over)? } else { Vec::new() };

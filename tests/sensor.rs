@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{CommandResult, Noise, files, lenscube, text};
+use common::{CommandResult, Noise, assert_exit, files, lenscube, text};
 use formats::chart::{ChartOptions, ChartStore};
 use formats::film::{FilmSpec, FilmStore};
 use formats::sensor::SensorFile;
@@ -15,6 +15,7 @@ use std::process::Command;
 
 const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;
+const WRONG: i32 = 4;
 const IRRADIANCE: &str = "W m-2 nm-1";
 
 struct Place(tempfile::TempDir);
@@ -109,18 +110,6 @@ fn attributes(raw: &Path) -> Map<String, Value> {
     group["attributes"].as_object().unwrap().clone()
 }
 
-fn says(ran: &CommandResult, code: i32, words: &[&str]) {
-    assert_eq!(ran.code, code, "{}{}", ran.stdout, ran.stderr);
-    for word in words {
-        assert!(
-            ran.stdout.contains(word) || ran.stderr.contains(word),
-            "`{word}` is not in: {}{}",
-            ran.stdout,
-            ran.stderr
-        );
-    }
-}
-
 fn window(size: Size, pixels: &[u16], w: Rect) -> Vec<u16> {
     (w.y as usize..w.bottom() as usize)
         .flat_map(|y| pixels[y * size.width + w.x as usize..][..w.width].to_vec())
@@ -163,14 +152,14 @@ fn units_of_the_film_stand_for_the_same_light() {
     assert!(near(raw_of("radiance", "W m-2 sr-1 nm-1", &|_| 1.0 / omega, &lens)));
     assert!(near(raw_of("relative", "relative", &|_| 10.0, &["--film-scale", "0.1"])));
     let film = place.at("radiance.film");
-    says(
+    assert_exit(
         &sensor(&film, &place.at("no"), &["--sensor", "example-2um", "--exposure", "1"]),
         USAGE,
         &["--f-number"],
     );
     let film = place.at("relative.film");
     let plain = sensor(&film, &place.at("no"), &["--sensor", "example-2um", "--exposure", "1"]);
-    says(&plain, USAGE, &["--film-lux", "--film-scale", "--exposure auto"]);
+    assert_exit(&plain, USAGE, &["--film-lux", "--film-scale", "--exposure auto"]);
     // 100 lx on the mean of the sensor: two films of other scales give one raw.
     let lux = ["--film-lux", "100"];
     let one = raw_of("lux-1", "relative", &|_| 1.0, &lux);
@@ -239,10 +228,10 @@ fn a_killed_run_is_resumed_with_the_same_bytes() {
             let mut command = command(&film, &raw, &flags);
             assert!(!command.env("LENSCUBE_FAULT", fault).output().unwrap().status.success(), "{fault}");
         }
-        says(&sensor(&film, &raw, &flags), 0, &["resuming"]);
+        assert_exit(&sensor(&film, &raw, &flags), 0, &["resuming"]);
         assert!(files(&raw) == expected);
-        says(&sensor(&film, &raw, &flags), 0, &["nothing to do"]);
-        says(
+        assert_exit(&sensor(&film, &raw, &flags), 0, &["nothing to do"]);
+        assert_exit(
             &sensor(&film, &raw, &[&flags[..], &["--seed", "2"]].concat()),
             OTHER_JOB,
             &["another job", "seed"],
@@ -252,6 +241,32 @@ fn a_killed_run_is_resumed_with_the_same_bytes() {
     }
 }
 
+/// A damaged shard is found, removed and made again with the same bytes.
+#[test]
+fn status_and_verify_find_what_a_raw_lacks() {
+    let place = Place::new();
+    let film = place.noise(Size::new(100, 120));
+    let raw = place.at("raw");
+    let flags = ["--sensor", "example-2um", "--exposure", "1ms,2ms", "--keep-signal"];
+    sensor(&film, &raw, &flags).ok();
+    let whole = files(&raw);
+    assert_exit(&lenscube(&["status", text(&raw), "--check"]), 0, &["complete", "3 of 3 shards", "2 frames"]);
+    assert_exit(&lenscube(&["verify", text(&raw)]), 0, &["3 shards", "0 defects"]);
+    std::fs::remove_file(raw.join("raw/c/0/0/0")).unwrap();
+    let bad = raw.join("raw/c/1/0/0");
+    let mut bytes = std::fs::read(&bad).unwrap();
+    bytes[20] ^= 1;
+    std::fs::write(&bad, bytes).unwrap();
+    assert_exit(&lenscube(&["status", text(&raw), "--check"]), WRONG, &["incomplete", "missing raw/c/0/0/0"]);
+    assert_exit(
+        &lenscube(&["verify", text(&raw), "--repair"]),
+        WRONG,
+        &["missing raw/c/0/0/0", "bad raw/c/1/0/0", "1 bad shards removed"],
+    );
+    sensor(&film, &raw, &flags).ok();
+    assert!(files(&raw) == whole);
+}
+
 #[test]
 fn a_full_disk_is_worth_a_retry() {
     let place = Place::new();
@@ -259,7 +274,7 @@ fn a_full_disk_is_worth_a_retry() {
     let raw = place.at("raw");
     let mut command = command(&film, &raw, &["--sensor", "example-2um", "--exposure", "1ms"]);
     let ran = CommandResult::new(&command.env("LENSCUBE_FAULT", "write:11+:28").output().unwrap());
-    says(&ran, 75, &["No space left"]);
+    assert_exit(&ran, 75, &["No space left"]);
 }
 
 #[test]
@@ -278,12 +293,12 @@ fn a_kept_signal_gives_the_raw_of_the_film() {
     let from_film = place.at("auto-film");
     sensor(&film, &from_film, &[&own[..], &["--exposure", "auto"]].concat()).ok();
     assert!(files(&auto) == files(&from_film));
-    says(
+    assert_exit(
         &sensor(&kept, &place.at("no"), &["--exposure", "1", "--sensor", "sony-a7r2"]),
         USAGE,
         &["another sensor"],
     );
-    says(&sensor(&direct, &place.at("no"), &["--exposure", "1"]), USAGE, &["--keep-signal"]);
+    assert_exit(&sensor(&direct, &place.at("no"), &["--exposure", "1"]), USAGE, &["--keep-signal"]);
 }
 
 /// 99.9 % of the pixels stay below 0.9 of saturation, and not by much.
@@ -292,7 +307,7 @@ fn automatic_exposure_fills_the_well() {
     let place = Place::new();
     let film = place.noise(Size::new(300, 300));
     let raw = place.at("raw");
-    says(
+    assert_exit(
         &sensor(&film, &raw, &["--sensor", "example-2um", "--exposure", "auto", "--noise", "none"]),
         0,
         &["exposure "],
@@ -306,7 +321,7 @@ fn automatic_exposure_fills_the_well() {
     assert!(filled <= 0.9005 && filled > 0.899, "{filled}");
     let dark = place.at("dark.film");
     write_film(&dark, Size::new(30, 30), &[500.0], (2.0, IRRADIANCE), |_, _, _| 0.0);
-    says(
+    assert_exit(
         &sensor(&dark, &place.at("no"), &["--sensor", "example-2um", "--exposure", "auto"]),
         USAGE,
         &["dark"],
@@ -319,7 +334,7 @@ fn bad_input_is_one_clear_error() {
     let film = place.noise(Size::new(60, 60));
     let bad = |flags: &[&str], words: &[&str]| {
         let raw = place.at("never");
-        says(&sensor(&film, &raw, flags), USAGE, words);
+        assert_exit(&sensor(&film, &raw, flags), USAGE, words);
         assert!(!raw.exists(), "{flags:?}");
     };
     bad(&["--exposure", "1ms"], &["--sensor", "cmv12000-rgb"]);
@@ -348,34 +363,35 @@ fn bad_input_is_one_clear_error() {
         &with("example-2um", &["--exposure", "1ms", "--set", "pixel.pitch_um=1.0"]),
         &["--coarse-film", "--film-pitch-um 1"],
     );
+    bad(&with("example-2um", &["--exposure", "1ms,2ms", "--frames", "9000"]), &["18000 frames"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--noise", "loud"]), &["is no noise"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--film-lux", "100"]), &["relative films"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--memory", "50MiB"]), &["cannot work", "at least"]);
     let raw = place.at("raw.dng");
-    says(&sensor(&film, &raw, &with("example-2um", &["--exposure", "1ms"])), USAGE, &["raw.zarr"]);
+    assert_exit(&sensor(&film, &raw, &with("example-2um", &["--exposure", "1ms"])), USAGE, &["raw.zarr"]);
     let inside = film.join("raw");
-    says(
+    assert_exit(
         &sensor(&film, &inside, &with("example-2um", &["--exposure", "1ms"])),
         USAGE,
         &["lie in each other"],
     );
     let other = sensor(&film, &film, &with("example-2um", &["--exposure", "1ms"]));
-    says(&other, USAGE, &["lie in each other"]);
+    assert_exit(&other, USAGE, &["lie in each other"]);
     std::fs::create_dir(place.at("mine")).unwrap();
     std::fs::write(place.at("mine/notes.txt"), "mine").unwrap();
-    says(
+    assert_exit(
         &sensor(&film, &place.at("mine"), &with("example-2um", &["--exposure", "1ms"])),
         OTHER_JOB,
         &["nothing was changed"],
     );
-    says(
+    assert_exit(
         &sensor(&place.at("nowhere"), &place.at("no"), &with("example-2um", &["--exposure", "1ms"])),
-        OTHER_JOB,
+        1,
         &["nowhere"],
     );
     let infrared = place.at("infrared.film");
     write_film(&infrared, Size::new(9, 9), &[900.0, 1000.0], (2.0, IRRADIANCE), |_, _, _| 1.0);
-    says(
+    assert_exit(
         &sensor(&infrared, &place.at("no"), &with("example-2um", &["--exposure", "1ms"])),
         USAGE,
         &["900 nm", "outside all curves"],
@@ -383,7 +399,7 @@ fn bad_input_is_one_clear_error() {
     // A film that is not complete, and one with NaN, are failures.
     let shard = film.join("film/c/1/0/0");
     std::fs::remove_file(&shard).unwrap();
-    says(
+    assert_exit(
         &sensor(&film, &place.at("no"), &with("example-2um", &["--exposure", "1ms"])),
         1,
         &["1 of 3 shards are missing", "lenscube run"],
@@ -399,9 +415,9 @@ fn warnings_name_figures_and_ways_out() {
         &place.at("bright"),
         &["--sensor", "cmv12000-mono", "--set", "pixel.pitch_um=2.5", "--exposure", "1s"],
     );
-    says(&bright, 0, &["warning: share of each filter's response", "not aligned", "clipped at white"]);
+    assert_exit(&bright, 0, &["warning: share of each filter's response", "not aligned", "clipped at white"]);
     let flags = ["--sensor", "cmv12000-mono", "--set", "adc.black_dn=2", "--exposure", "1e-9"];
-    says(&sensor(&film, &place.at("dim"), &flags), 0, &["black is 2 DN", "no pixel is above 10 %"]);
+    assert_exit(&sensor(&film, &place.at("dim"), &flags), 0, &["black is 2 DN", "no pixel is above 10 %"]);
 }
 
 #[test]
@@ -419,7 +435,7 @@ fn sensors_are_listed_shown_and_validated() {
     let ran = lenscube(&["sensor", "validate", "example-2um", "--require", "--out", text(&out)]).ok();
     assert!(!ran.stdout.contains("OUTSIDE"), "{}", ran.stdout);
     assert!(out.join("photon-transfer.png").exists() && out.join("figures.csv").exists());
-    says(&lenscube(&["sensor", "show", "no-such"]), USAGE, &["built in are"]);
+    assert_exit(&lenscube(&["sensor", "show", "no-such"]), USAGE, &["built in are"]);
 }
 
 /// The float64 model's signals within one unit in the last place of f32, and the bits of its raws.

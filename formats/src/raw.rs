@@ -8,6 +8,7 @@
 mod contents;
 mod error;
 mod spec;
+mod verify;
 
 use std::path::{Path, PathBuf};
 
@@ -16,6 +17,7 @@ use serde_json::{Map, Value};
 
 pub use error::RawError;
 pub use spec::{RawOutput, RawSpec};
+pub use verify::RawFinding;
 
 use crate::durable::{DurableError, Lock, LockOwner, Removal, Store, Sweep, fault_point, link_target};
 use crate::hierarchy::NewGroup;

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 lenscube status film.zarr --json | jq .missing\n  lenscube status --plan job.json --missing"
 )]
 pub struct StatusArgs {
-    /// Film: PATH or URL [default: that of the plan]
+    /// Film or raw: PATH or URL [default: the film of the plan]
     #[arg(value_name = "FILM", required_unless_present = "plan")]
     pub film: Option<PathBuf>,
     /// Report the film of this plan, and its units
@@ -34,7 +34,7 @@ pub struct StatusArgs {
 lenscube verify film.zarr --repair; lenscube run chart.zarr film.zarr     # computes bad shards again\n\
 Exit codes: 0 the film is correct, 4 parts are damaged or missing")]
 pub struct VerifyArgs {
-    /// Film: PATH or URL
+    /// Film or raw: PATH or URL
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
     /// Remove bad shards and temporary files; the same `run` computes the shards again

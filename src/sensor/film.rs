@@ -2,6 +2,7 @@
 
 use crate::args::ExposeArgs;
 use crate::failure::usage;
+use crate::status;
 use anyhow::{Result, bail};
 use formats::chart::{ChartError, ChartOptions, ChartStore, NanPolicy, split_array};
 use formats::film::FilmStore;
@@ -89,7 +90,7 @@ impl Film {
     /// Opens the film `PATH` or `PATH//array`.
     pub fn open(spec: &str, args: &ExposeArgs, cache_bytes: usize) -> Result<Self> {
         let (path, array) = split_array(spec);
-        let store = FilmStore::open(Path::new(path), true)?;
+        let store = status::open(Path::new(path))?;
         let film = store.spec();
         let output = match (array, film.outputs.len()) {
             ("", 1) => 0,

@@ -4,25 +4,23 @@ use super::exposure::{Times, time};
 use super::film::Film;
 use super::geometry::Geometry;
 use super::memory::{self, Memory, Needs};
-use super::signal::{Kept, Measured};
+use super::signal::Kept;
 use super::{identity, open_sensor, warnings};
 use crate::args::{ExposeArgs, ResampleArg};
 use crate::failure::usage;
 use crate::job::threads;
-use crate::memory::{default_limit, mib};
-use crate::progress::log_line;
-use crate::run::film::{digest, resolve_links};
-use anyhow::{Context, Result};
+use crate::memory::default_limit;
+use crate::run::film::resolve_links;
+use anyhow::Result;
 use formats::chart::split_array;
 use formats::durable::is_url;
 use formats::raw::{RawOutput, RawSpec, RawStore};
 use formats::sensor::SensorFile;
-use pipeline::colour::Illuminant;
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::spectrum::illuminance_weights;
 use pipeline::sensor::stream::BandWeights;
 use pipeline::sensor::{Exposure, Sensor};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 use std::path::Path;
 
 /// Where the signal comes from.
@@ -37,35 +35,26 @@ pub enum Source {
 pub struct Plan {
     /// The signal.
     pub source: Source,
-    file: SensorFile,
+    pub(super) file: SensorFile,
     /// The sensor.
     pub sensor: Sensor,
-    times: Times,
-    frames: u32,
+    pub(super) times: Times,
+    pub(super) frames: u32,
     /// Gain of the converter.
     pub gain: f64,
-    nominal_s: f64,
-    film_lux: Option<f64>,
-    film_scale: Option<f64>,
+    pub(super) nominal_s: f64,
+    pub(super) film_lux: Option<f64>,
+    pub(super) film_scale: Option<f64>,
     /// Seed, die, noises, temperature.
     pub exposure: Exposure,
-    outputs: Vec<RawOutput>,
-    keep_signal: bool,
+    pub(super) outputs: Vec<RawOutput>,
+    pub(super) keep_signal: bool,
     /// All that changes pixels.
     pub identity: Map<String, Value>,
-    signal_identity: Value,
+    pub(super) signal_identity: Value,
     /// Memory and threads.
     pub memory: Memory,
-    warnings: Vec<String>,
-}
-
-/// What was found or given: the time of each frame and the scale of a relative film.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settled {
-    /// Exposure of each frame, s.
-    pub exposure_s: Vec<f64>,
-    /// W m⁻² nm⁻¹ of a unit of a relative film; 1 for others.
-    pub scale: f64,
+    pub(super) warnings: Vec<String>,
 }
 
 impl Plan {
@@ -262,187 +251,17 @@ impl Plan {
         if with_lux { vec![signal, lux] } else { vec![signal] }
     }
 
-    /// Whether illuminance is to be summed.
-    pub fn sums_lux(&self) -> bool {
-        self.film_lux.is_some()
-    }
-
-    /// Times and scale, from the flags and what was measured.
-    pub fn settle(&self, measured: Option<&Measured>) -> Result<Settled> {
-        let mean_lux = measured.and_then(|m| m.mean_lux);
-        let given = match (self.film_lux, mean_lux) {
-            (Some(lux), Some(mean)) if mean > 0.0 => Some(lux / mean),
-            (Some(lux), _) => {
-                return Err(usage(format!("--film-lux {lux}: the film is dark over the sensor")));
-            }
-            (None, _) => self.film_scale,
-        };
-        let (times, scale) = match &self.times {
-            Times::Given(times) => (times.clone(), given.unwrap_or(1.0)),
-            Times::Auto { fill, percentile } => {
-                let histogram = &measured.context("automatic exposure without a signal")?.histogram;
-                let seconds =
-                    histogram.seconds(&self.sensor, self.gain, given.unwrap_or(1.0), *fill, *percentile);
-                let seconds = seconds.ok_or_else(|| {
-                    usage(format!(
-                        "--exposure auto: the film is dark at the {percentile} th percentile; give a time"
-                    ))
-                })?;
-                match (given, self.relative()) {
-                    // Only the product of scale and time is known.
-                    (None, true) => (vec![self.nominal_s], seconds / self.nominal_s),
-                    _ => (vec![seconds], given.unwrap_or(1.0)),
-                }
-            }
-        };
-        let exposure_s = times.iter().flat_map(|t| std::iter::repeat_n(*t, self.frames as usize)).collect();
-        Ok(Settled { exposure_s, scale })
-    }
-
-    fn relative(&self) -> bool {
+    /// Whether the film's values are relative.
+    pub(super) fn relative(&self) -> bool {
         match &self.source {
             Source::Film(film, _) => film.relative,
             Source::Kept(kept) => kept.relative,
         }
     }
 
-    /// As a raw that was created records them.
-    pub fn settled_of(&self, store: &RawStore) -> Result<Settled> {
-        let scale = store.attributes().get("film_scale").and_then(Value::as_f64);
-        let scale = scale.with_context(|| {
-            format!("{}: no attribute film_scale; start it anew with --overwrite", store.path().display())
-        })?;
-        Ok(Settled { exposure_s: store.spec().exposure_s.clone(), scale })
-    }
-
-    /// The layout of the raw.
-    pub fn spec(&self, settled: &Settled) -> RawSpec {
-        let (pitch_um, centre_mm) = match &self.source {
-            Source::Film(_, geometry) => (geometry.rows.pitch_um, geometry.centre_mm),
-            Source::Kept(kept) => (kept.spec.pitch_um, kept.spec.centre_mm),
-        };
-        RawSpec {
-            outputs: self.outputs.clone(),
-            sensor: self.size(),
-            pitch_um,
-            centre_mm,
-            exposure_s: settled.exposure_s.clone(),
-            signal: self.keep_signal,
-            ..empty()
-        }
-    }
-
-    /// What frame `frame` is taken with.
-    pub fn frame(&self, settled: &Settled, frame: usize) -> Exposure {
-        Exposure {
-            seconds: settled.exposure_s[frame],
-            scale: settled.scale,
-            frame: frame as u32,
-            ..self.exposure
-        }
-    }
-
-    /// All that the raw records; nothing that differs from run to run.
-    pub fn attributes(&self, settled: &Settled) -> Map<String, Value> {
-        let (s, layout) = (&self.sensor, super::layout());
-        let names: Vec<&str> = s.channels.iter().map(|c| c.name.as_str()).collect();
-        let pattern: Vec<Vec<&str>> = s
-            .pattern
-            .channels
-            .chunks(s.pattern.columns)
-            .map(|row| row.iter().map(|&c| names[c]).collect())
-            .collect();
-        let planes: Map<String, Value> =
-            s.channels.iter().map(|c| (c.name.clone(), json!(c.plane))).collect();
-        let by_name = |values: Vec<f64>| -> Value {
-            std::iter::zip(&names, values)
-                .map(|(n, v)| ((*n).to_owned(), json!(v)))
-                .collect::<Map<_, _>>()
-                .into()
-        };
-        let identity = Value::Object(self.identity.clone());
-        let (film, wavelengths_nm) = match &self.source {
-            Source::Film(film, geometry) => (
-                json!({
-                    "identity": film.identity,
-                    "units": film.units,
-                    "relative": film.relative,
-                    "factors": film.factors,
-                    "pitch_um": film.pitch_um,
-                    "pixels_per_sensor_pixel": geometry.rows.ratio(),
-                }),
-                film.wavelengths_nm.clone(),
-            ),
-            Source::Kept(kept) => (kept.film.clone(), kept.wavelengths_nm.clone()),
-        };
-        let weights: Map<String, Value> = names
-            .iter()
-            .enumerate()
-            .map(|(c, n)| ((*n).to_owned(), json!(s.band_weights(c, &wavelengths_nm))))
-            .collect();
-        let value = json!({
-            "provenance": {
-                "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
-                "job_digest": digest(&identity),
-                "job": identity,
-                "layout_digest": digest(&layout),
-                "layout": layout,
-            },
-            "sensor": self.file.record(),
-            "bits": s.adc.bits,
-            "black_dn": s.adc.black_dn,
-            "white_dn": s.white_dn(self.gain),
-            "gain": self.gain,
-            "dn_per_e": self.gain * s.adc.gain_dn_per_e,
-            "cfa": { "pattern": pattern, "planes": planes },
-            "white_gains": {
-                "D65": by_name(s.white_gains(Illuminant::D65)),
-                "A": by_name(s.white_gains(Illuminant::A)),
-            },
-            "film_wavelengths_nm": wavelengths_nm,
-            "band_weights_nm_per_j": weights,
-            "area_m2": s.area_m2(),
-            "film": film,
-            "film_scale": settled.scale,
-            "signal_identity": self.signal_identity,
-        });
-        let Value::Object(map) = value else { unreachable!("an object is written above") };
-        map
-    }
-
-    /// Prints what is known before any pixel.
-    pub fn say_warnings(&self) {
-        self.warnings.iter().for_each(log_line);
-    }
-
-    /// Prints what is about to be done.
-    pub fn say_start(&self, spec: &RawSpec, settled: &Settled) {
-        let s = &self.sensor;
-        let centre = spec.centre_mm;
-        log_line(format!(
-            "{}: {} px of {} µm, middle {:.4}, {:.4} mm (down, right) from the axis; {} frames, gain {}; seed {}, die {}, noise {}; {} threads, memory {}",
-            s.name,
-            spec.sensor,
-            spec.pitch_um,
-            centre.0,
-            centre.1,
-            spec.exposure_s.len(),
-            self.gain,
-            self.exposure.seed,
-            self.exposure.die,
-            self.exposure.noise,
-            self.memory.threads,
-            mib(self.memory.limit),
-        ));
-        let mut times = settled.exposure_s.clone();
-        times.dedup();
-        let times: Vec<String> = times.iter().map(|t| format!("{t:.6e} s")).collect();
-        let scale = if self.relative() {
-            format!(", film scale {:.6e} W m-2 nm-1", settled.scale)
-        } else {
-            String::new()
-        };
-        log_line(format!("exposure {}{scale}", times.join(", ")));
+    /// Whether illuminance is to be summed.
+    pub fn sums_lux(&self) -> bool {
+        self.film_lux.is_some()
     }
 }
 
@@ -502,7 +321,7 @@ fn outputs(args: &ExposeArgs, size: Size) -> Vec<RawOutput> {
 }
 
 /// A layout without content.
-fn empty() -> RawSpec {
+pub(super) fn empty() -> RawSpec {
     RawSpec {
         outputs: Vec::new(),
         sensor: Size::new(1, 1),

@@ -158,7 +158,7 @@ fn signal_to_noise(s: &Sensor, electrons: f64, total: bool) -> f64 {
     electrons / (temporal + if total { fixed } else { 0.0 }).sqrt()
 }
 
-/// Writes a figure and says where.
+/// Writes a figure and logs its path.
 pub fn write(path: &Path, plot: Plot) -> Result<()> {
     let title = plot.title.clone();
     stacked(&title, &[plot], Default::default()).write(path)?;

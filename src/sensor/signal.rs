@@ -153,7 +153,7 @@ pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
     let file = unnamed_temp_file(directory)?;
     let planes = plan.planes(film, plan.sums_lux());
     let mut lux = plan.sums_lux().then_some(0.0);
-    let (bar, tell) = counting("measuring the signal");
+    let (bar, progress) = counting("measuring the signal");
     let mut deliver = |first: usize, planes: &[Vec<f32>]| {
         histogram.add(&planes[0]);
         if let (Some(lux), Some(plane)) = (&mut lux, planes.get(1)) {
@@ -164,7 +164,7 @@ pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
         }
         let bytes: Vec<u8> = planes[0].iter().flat_map(|v| v.to_le_bytes()).collect();
         file.write_all_at(&bytes, (first * size.width) as u64 * 4)?;
-        tell((first + planes[0].len() / size.width) as u64, size.height as u64);
+        progress((first + planes[0].len() / size.width) as u64, size.height as u64);
         Ok(())
     };
     let whole = pass(plan, (film, geometry), size.rect(), &planes, 0..size.height, &mut deliver)?;

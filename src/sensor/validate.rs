@@ -11,7 +11,7 @@ use pipeline::sensor::emva::{Bench, DITHERED_DN, Measured, Stated};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// A figure beside what the description says.
+/// A measured figure and the stated one.
 struct Row {
     name: &'static str,
     measured: f64,

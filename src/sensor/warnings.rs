@@ -1,6 +1,7 @@
-//! What the user should know of a raw: light that the film does not hold, clipping, a low black, negative light.
+//! Warnings and notes about a raw: light that the film does not hold, clipping, a low black, negative light.
 
-use super::resolve::{Plan, Settled};
+use super::resolve::Plan;
+use super::settle::Settled;
 use super::write::Done;
 use crate::failure::usage;
 use crate::progress::log_line;

@@ -1,6 +1,7 @@
 //! The shards of a raw: strips of signal, exposed and encoded shard by shard.
 
-use super::resolve::{Plan, Settled, Source};
+use super::resolve::{Plan, Source};
+use super::settle::Settled;
 use super::signal::{self, Measured, Stored};
 use crate::interrupt;
 use crate::progress::counting;
@@ -46,7 +47,7 @@ struct Writer<'a> {
     settled: &'a Settled,
     done: Mutex<Done>,
     all: usize,
-    tell: &'a (dyn Fn(u64, u64) + Sync),
+    progress: &'a (dyn Fn(u64, u64) + Sync),
 }
 
 /// Missing shards by output and place.
@@ -64,9 +65,15 @@ pub fn shards(
     for shard in missing {
         places.entry((shard.output, shard.place)).or_default().push(*shard);
     }
-    let (bar, tell) = counting("exposing");
-    let writer =
-        Writer { plan, store, settled, done: Mutex::new(Done::default()), all: missing.len(), tell: &tell };
+    let (bar, progress) = counting("exposing");
+    let writer = Writer {
+        plan,
+        store,
+        settled,
+        done: Mutex::new(Done::default()),
+        all: missing.len(),
+        progress: &progress,
+    };
     let stored = match (&measured, &plan.source) {
         (_, Source::Kept(kept)) => Some(Stored::Kept(kept)),
         (Some(measured), _) => measured.stored(plan),
@@ -190,7 +197,7 @@ impl Writer<'_> {
         let mut done = self.done.lock().expect("no panic while held");
         done.shards += 1;
         done.bytes += bytes;
-        (self.tell)(done.shards as u64, self.all as u64);
+        (self.progress)(done.shards as u64, self.all as u64);
         Ok(())
     }
 

@@ -68,7 +68,7 @@ pub struct Measured {
     pub half_mean_frame: Vec<f64>,
 }
 
-/// What the sensor's description says of the same quantities.
+/// The same quantities by the sensor's description.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stated {
     /// Conversion, DN/e-.
@@ -212,7 +212,7 @@ impl Bench<'_> {
         }
     }
 
-    /// What the description says.
+    /// The quantities by the description.
     pub fn stated(&self) -> Stated {
         let (s, n) = (self.sensor, &self.sensor.noise);
         let dark = s.dark_current_e_per_s(None) * self.seconds;

@@ -94,7 +94,7 @@ impl Pass<'_> {
     /// Makes the rows `wanted` of the window and delivers them in order, a few at a time. Returns whether it came to the end.
     ///
     /// # Errors
-    /// The film cannot be read; what `deliver` says.
+    /// The film cannot be read; an error of `deliver`.
     pub fn run(&self, wanted: Range<usize>, deliver: &mut Deliver<'_>) -> Result<bool, SourceSinkError> {
         let film_rows = self.rows.span(wanted.clone());
         let mut stripes: Vec<Mutex<Stripe>> = self.stripes();

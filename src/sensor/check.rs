@@ -1,0 +1,110 @@
+//! `lenscube status` and `lenscube verify` of raws.
+
+use crate::args::{StatusArgs, VerifyArgs};
+use crate::failure::{Coded, code};
+use crate::job::threads;
+use crate::progress::{counting, json_path, print};
+use anyhow::Result;
+use formats::raw::{RawError, RawStore};
+use serde_json::json;
+use std::path::Path;
+
+/// Defects that are named on the terminal; `--json` names all.
+const NAMED: usize = 8;
+
+/// The raw at `path`; `None` if it is none.
+fn open(path: &Path) -> Result<Option<RawStore>> {
+    if !RawStore::is_one(path).unwrap_or(false) {
+        return Ok(None);
+    }
+    RawStore::open(path, true).map(Some).map_err(|e| match e {
+        RawError::Damaged { .. } => Coded { code: code::WRONG, message: e.to_string() }.into(),
+        e => e.into(),
+    })
+}
+
+/// The exit code of `status`, if `args` name a raw.
+pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
+    let Some(raw) = args.film.as_deref().filter(|_| args.plan.is_none()).map(open).transpose()?.flatten()
+    else {
+        return Ok(None);
+    };
+    let all = raw.spec().all_shards();
+    let missing: Vec<String> = raw.missing(&all)?.into_iter().map(|s| raw.spec().key(s)).collect();
+    let (done, complete) = (all.len() - missing.len(), missing.is_empty());
+    match args.json {
+        true => print(serde_json::to_string_pretty(&json!({
+            "raw": json_path(raw.path()),
+            "complete": complete,
+            "frames": raw.spec().exposure_s.len(),
+            "shards": all.len(),
+            "shards_done": done,
+            "missing": missing,
+        }))?),
+        false => {
+            let words = if complete { "complete" } else { "incomplete" };
+            let (frames, size) = (raw.spec().exposure_s.len(), raw.spec().sensor);
+            print(format!(
+                "{}: raw, {words}: {done} of {} shards; {frames} frames of {size} px",
+                raw.path().display(),
+                all.len()
+            ));
+            name(missing.iter().map(|key| format!("missing {key}")));
+        }
+    }
+    Ok(Some(if args.check && !complete { code::WRONG } else { 0 }))
+}
+
+/// The exit code of `verify`, if `args` name a raw.
+pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
+    let Some(raw) = open(&args.film)? else { return Ok(None) };
+    // No run may write meanwhile the files that would be removed.
+    let _lock = if args.repair { raw.lock(args.take_over)? } else { None };
+    let (bar, progress) = counting("verifying");
+    let verified = raw.verify(threads(args.threads), &progress);
+    bar.finish_and_clear();
+    let (bytes, findings) = verified?;
+    let bad = || findings.iter().filter(|f| f.reason.is_some());
+    if args.repair {
+        bad().try_for_each(|finding| raw.remove_bad(finding))?;
+        raw.sweep()?;
+    }
+    let words = |f: &formats::raw::RawFinding| match &f.reason {
+        Some(reason) => format!("bad {}: {reason}", f.key),
+        None => format!("missing {}", f.key),
+    };
+    match args.json {
+        true => print(serde_json::to_string_pretty(&json!({
+            "raw": json_path(raw.path()),
+            "shards": raw.spec().all_shards().len(),
+            "bytes": bytes,
+            "findings": findings.iter().map(words).collect::<Vec<_>>(),
+            "removed": if args.repair { bad().count() } else { 0 },
+        }))?),
+        false => {
+            print(format!(
+                "{}: raw, {} shards, {bytes} bytes read, {} defects",
+                raw.path().display(),
+                raw.spec().all_shards().len(),
+                findings.len()
+            ));
+            name(findings.iter().map(words));
+            if args.repair && bad().count() > 0 {
+                print(format!(
+                    "{} bad shards removed; the same `lenscube sensor` makes them again",
+                    bad().count()
+                ));
+            }
+        }
+    }
+    Ok(Some(if findings.is_empty() { 0 } else { code::WRONG }))
+}
+
+/// Prints the first few lines, and how many there are.
+fn name(lines: impl Iterator<Item = String>) {
+    let lines: Vec<String> = lines.collect();
+    lines.iter().take(NAMED).for_each(print);
+    if lines.len() > NAMED {
+        print(format!("and {} more; --json names all", lines.len() - NAMED));
+    }
+}
