@@ -24,6 +24,8 @@
 //! of tiles, workers read their chart rectangles into page-locked memory, the device remaps and applies the PSF, and a collector
 //! downloads the contributions, which are added in the same order.
 //!
+//! After the film: [`sensor`] exposes a camera's sensor to it.
+//!
 //! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing; [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
 //! [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
@@ -49,6 +51,8 @@
 //! - **chart**: the input, a multispectral image on the ideal image plane. **film**: the output, the image on the sensor plane.
 //! - **remapped image**: the chart after relative illumination and distortion, before the PSF. **contribution**: the PSF stage's output for one
 //!   tile: the tile and its tail.
+//! - **signal**: electrons per second of a sensor pixel behind its filter, without noise. **raw**: the digital numbers of a sensor's frames.
+//!   **die**: what is the same in every frame of a sensor.
 //! - **ideal height**: f·tan(field angle). **real height**: where the chief ray lands. Both in mm from the axis.
 //! - **node**: a grid point of the PSF field (height, azimuth). **kernel**: its PSF integrated over film pixels. **spectrum**: the kernel's Fourier
 //!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels.

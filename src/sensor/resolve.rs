@@ -101,7 +101,7 @@ impl Plan {
         let size = geometry.size();
         let needs = Needs {
             width: args.roi.iter().map(|r| r.width).max().unwrap_or(size.width),
-            shard: RawSpec { outputs: outputs(args, size), ..empty() }.shard_shape(0),
+            shard: largest_shard(args, size),
             bands: opened.wavelengths_nm.len(),
             chunk: opened.chunk,
             ratio: geometry.rows.ratio().max(1e-3),
@@ -148,7 +148,7 @@ impl Plan {
         check_rois(args, size)?;
         let needs = Needs {
             width: 1,
-            shard: RawSpec { outputs: outputs(args, size), ..empty() }.shard_shape(0),
+            shard: largest_shard(args, size),
             bands: 1,
             chunk: RawSpec::chunk_shape(),
             ratio: 1.0,
@@ -318,6 +318,13 @@ fn outputs(args: &ExposeArgs, size: Size) -> Vec<RawOutput> {
         true => vec![RawOutput { name: "raw".into(), rect: size.rect() }],
         false => args.roi.iter().enumerate().map(window).collect(),
     }
+}
+
+/// Rows and columns of the largest shard of the outputs.
+fn largest_shard(args: &ExposeArgs, size: Size) -> (usize, usize) {
+    let spec = RawSpec { outputs: outputs(args, size), ..empty() };
+    let shapes = (0..spec.outputs.len()).map(|output| spec.shard_shape(output));
+    shapes.fold((0, 0), |most, shape| (most.0.max(shape.0), most.1.max(shape.1)))
 }
 
 /// A layout without content.

@@ -7,7 +7,7 @@ use crate::failure::code;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series};
-use pipeline::sensor::emva::{Bench, DITHERED_DN, Measured, Stated};
+use pipeline::sensor::emva::{Bench, DITHERED_DN, Measured, SPATIAL_FRAMES, Stated};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -105,7 +105,8 @@ fn report(directory: &Path, bench: &Bench<'_>, m: &Measured, rows: &[Row]) -> Re
     for (name, text) in [("photon-transfer.csv", csv), ("figures.csv", table)] {
         formats::durable::AtomicFile::with_text(&directory.join(name), &text)?.finish()?;
     }
-    let log = |v: f64| v.max(1e-3).log10();
+    // Saturated pixels have no variance: NaN leaves a gap.
+    let log = |v: f64| if v > 0.0 { v.log10() } else { f64::NAN };
     let points = m.points.iter().map(|p| (log(p.mean_dn - m.dark.mean_dn), log(p.variance_dn2)));
     let mut plot = Plot::new(
         format!("{}: photon transfer curve", s.name),
@@ -118,32 +119,36 @@ fn report(directory: &Path, bench: &Bench<'_>, m: &Measured, rows: &[Row]) -> Re
     });
     plot.series = vec![
         Series::distinct("measured", points.collect(), 0).marked(0),
-        Series::distinct("shot noise above the dark's", by_formula.collect(), 1).dashed(1),
+        Series::distinct("by formula", by_formula.collect(), 1).dashed(1),
     ];
     write(&directory.join("photon-transfer.png"), plot)?;
     for (name, title, frame) in
         [("dsnu", "dark", &m.dark_mean_frame), ("prnu", "half saturation", &m.half_mean_frame)]
     {
+        let counts = histogram(frame);
+        let ends = (counts[0].0, counts[counts.len() - 1].0);
         let mut plot = Plot::new(
             format!("{}: pixels of the mean frame, {title}", s.name),
-            Axis::new("mean (DN)", 0.0, 0.0),
+            Axis::new("mean (DN)", ends.0, ends.1),
             Axis::new("pixels", 0.0, 1.0),
         );
-        plot.series = vec![Series::distinct("pixels", histogram(frame), 0)];
+        plot.series = vec![Series::distinct("pixels", counts, 0)];
         write(&directory.join(format!("{name}-histogram.png")), plot)?;
     }
     Ok(())
 }
 
-/// Counts of 64 equal bins from the least to the greatest value.
+/// Counts of bins from the least to the greatest value; their width is a multiple of the steps of a mean of frames.
 fn histogram(values: &[f64]) -> Vec<(f64, f64)> {
-    const BINS: usize = 64;
+    const BINS: f64 = 64.0;
+    let step = 1.0 / f64::from(SPATIAL_FRAMES);
     let (low, high) =
         values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
-    let width = ((high - low) / BINS as f64).max(1e-9);
-    let mut counts = [0.0; BINS];
+    let width = ((high - low) / BINS / step).ceil().max(1.0) * step;
+    let mut counts = vec![0.0; ((high - low) / width + 0.5) as usize + 1];
+    let last = counts.len() - 1;
     for v in values {
-        counts[(((v - low) / width) as usize).min(BINS - 1)] += 1.0;
+        counts[(((v - low) / width + 1e-6) as usize).min(last)] += 1.0;
     }
     counts.iter().enumerate().map(|(i, n)| (low + (i as f64 + 0.5) * width, *n)).collect()
 }

@@ -127,7 +127,7 @@ impl RawSpec {
         let mut all = Vec::new();
         for (k, o) in self.outputs.iter().enumerate() {
             let ((rows, columns), (y, x)) = (self.shard_shape(k), Self::axes(&o.name));
-            let codecs = sharding_of(Codec::Zstd, SampleType::U16, &[1, self.chunk, self.chunk]);
+            let codecs = sharding_of(Codec::Zstd, SampleType::U16, &[1, self.chunk, self.chunk], false);
             let shape = [self.exposure_s.len(), o.rect.height, o.rect.width];
             let mut metadata = array(
                 &shape,
@@ -142,7 +142,7 @@ impl RawSpec {
         }
         if self.signal {
             let (rows, columns) = self.shard_shape(0);
-            let codecs = sharding_of(Codec::Zstd, SampleType::F32, &[self.chunk, self.chunk]);
+            let codecs = sharding_of(Codec::Zstd, SampleType::F32, &[self.chunk, self.chunk], false);
             let rect = self.outputs[0].rect;
             let (y, x) = Self::axes(&self.outputs[0].name);
             let attributes = json!({"units": "s-1", "long_name": "electrons per second"});

@@ -19,6 +19,8 @@ impl SampleType {
         match self {
             Self::F16 => 10,
             Self::F32 => F32_MANTISSA_BITS,
+            // Whole numbers: no rounding.
+            Self::U16 => 0,
         }
     }
 }
