@@ -3,9 +3,9 @@
 use crate::args::{AimingArg, DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
-use pipeline::design::glass::GlassCatalog;
+use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::system::{ImagePlane, RayAiming, System};
-use pipeline::design::{agf, zmx};
+use pipeline::design::{agf, codev, zmx};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,10 @@ pub const BUILTIN: &str = "double-gauss-28";
 
 /// Whether `name` is a design, as opposed to a lens pack.
 pub fn is_design(name: &str) -> bool {
-    name == BUILTIN || Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("zmx"))
+    name == BUILTIN
+        || Path::new(name)
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("zmx") || e.eq_ignore_ascii_case("seq"))
 }
 
 /// Maximum size of a design or glass catalogue; a lens of a thousand surfaces has less than 1 MB.
@@ -74,20 +77,46 @@ fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFi
     if name == BUILTIN {
         return Ok((System::double_gauss_28(), None));
     }
-    let mut glasses = GlassCatalog::schott();
+    let mut glasses = GlassLibrary::new();
     for path in &args.glass_catalog {
-        let more =
-            agf::parse(&read_bytes(path)?).with_context(|| format!("reading glasses {}", path.display()))?;
-        glasses.extend(more);
+        add_catalogue(&mut glasses, path)?;
     }
     let path = Path::new(name);
     if !path.exists() {
         return Err(usage(format!("design `{name}` is neither a file nor the built-in {BUILTIN}")));
     }
     let bytes = read_bytes(path)?;
+    let is_codev = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("seq"));
+    let named = if is_codev { Vec::new() } else { zmx::catalogues(&bytes) };
+    for path in catalogues_beside(path, &named) {
+        add_catalogue(&mut glasses, &path)?;
+    }
+    let parse = if is_codev { codev::parse } else { zmx::parse };
     let system =
-        zmx::parse(&bytes, &glasses).with_context(|| format!("reading design {}", path.display()))?;
+        parse(&bytes, &glasses, args.strict).with_context(|| format!("reading design {}", path.display()))?;
     Ok((system, Some(DesignFile { path: path.into(), digest: blake3::hash(&bytes) })))
+}
+
+/// Adds a glass catalogue under the name of its file.
+fn add_catalogue(glasses: &mut GlassLibrary, path: &Path) -> Result<()> {
+    let catalogue =
+        agf::parse(&read_bytes(path)?).with_context(|| format!("reading glasses {}", path.display()))?;
+    glasses.add(&path.file_stem().unwrap_or_default().to_string_lossy(), catalogue);
+    Ok(())
+}
+
+/// Files `NAME.agf`, ignoring case, in the design's directory for the catalogues that it names.
+fn catalogues_beside(design: &Path, names: &[String]) -> Vec<PathBuf> {
+    let directory = design.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let is_named = |path: &PathBuf| {
+        let is_agf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("agf"));
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        is_agf && names.iter().any(|name| name.eq_ignore_ascii_case(&stem))
+    };
+    let entries = std::fs::read_dir(directory).into_iter().flatten();
+    let mut paths: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).filter(is_named).collect();
+    paths.sort();
+    paths
 }
 
 fn apply(mut system: System, args: &DesignArgs) -> Result<System> {

@@ -41,7 +41,8 @@ fn glass(n: f64) -> Medium {
 fn stigmatic(pupil_mm: f64) -> System {
     let (n, f): (f64, f64) = (1.5, 100.0);
     let mut back = Surface::new(0.0, f, Medium::Air);
-    back.shape = Shape { curvature: -1.0 / ((n - 1.0) * f), conic: -n * n, aspheric: vec![] };
+    back.shape =
+        Shape { curvature: -1.0 / ((n - 1.0) * f), conic: -n * n, aspheric: vec![], ..Shape::default() };
     system(vec![Surface::new(0.0, 2.0, glass(n)), back, flat(0.0)], 0, pupil_mm)
 }
 

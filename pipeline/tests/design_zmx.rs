@@ -1,6 +1,6 @@
 //! The .zmx reader: accepted files, errors with their line, no panic for any input.
 
-use lenscube_pipeline::design::glass::GlassCatalog;
+use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, RayAiming};
 use lenscube_pipeline::design::{DesignError, System, agf, describe, zmx};
@@ -51,7 +51,7 @@ EFFL 0 2 0 0 0 0 6 2
 ";
 
 fn read(text: &str) -> Result<System, DesignError> {
-    zmx::parse(text.as_bytes(), &GlassCatalog::schott())
+    zmx::parse(text.as_bytes(), &GlassLibrary::new(), false)
 }
 
 #[test]
@@ -75,9 +75,9 @@ fn units_apertures_and_aspheres_are_converted_to_mm() {
 fn utf16_and_latin1_give_the_same_system() {
     let mut wide = vec![0xFF, 0xFE];
     wide.extend(OLD.replace('\n', "\r\n").encode_utf16().flat_map(u16::to_le_bytes));
-    assert_eq!(zmx::parse(&wide, &GlassCatalog::schott()), read(OLD));
+    assert_eq!(zmx::parse(&wide, &GlassLibrary::new(), false), read(OLD));
     let latin: Vec<u8> = OLD.replace("first", "f\u{fc}r").chars().map(|c| c as u32 as u8).collect();
-    assert_eq!(zmx::parse(&latin, &GlassCatalog::schott()), read(OLD));
+    assert_eq!(zmx::parse(&latin, &GlassLibrary::new(), false), read(OLD));
 }
 
 #[test]
@@ -85,46 +85,88 @@ fn unsupported_optics_is_an_error_with_its_line() {
     for (from, to, line) in [
         ("MODE SEQ", "MODE NSC", 2),
         ("GFAC 0 0", "GFAC 1 0.5", 7),
-        ("FTYP 2 0", "FTYP 3 0", 10),
+        ("FTYP 2 0", "FTYP 7 0", 10),
         ("FTYP 2 0", "FTYP 2 1", 10),
-        ("GCAT SCHOTT", "ABCD 1", 8),
         ("TYPE EVENASPH", "TYPE BICONICX", 21),
         ("TYPE EVENASPH", "TYPE STANDARD", 24),
         ("PARM 2 0.001", "PARM 9 0.001", 24),
         ("SLAB 12", "OBSC 0 1", 25),
         ("CONI -0.5", "CONI x", 23),
         ("GLAS N-BK7", "GLAS MIRROR", 27),
-        ("GLAS N-BK7", "GLAS N-BK8", 27),
+        ("GLAS N-BK7", "GLAS N-BK8Q", 27),
         ("FLAP 0 0.4", "CLAP 0.1 0.4", 29),
         ("SURF 2", "SURF 4", 30),
     ] {
         let e = read(&OLD.replacen(from, to, 1)).unwrap_err();
         assert!(matches!(&e, DesignError::Line { line: l, .. } if *l == line), "{to}: {e}");
     }
-    let e = read(&OLD.replacen("GLAS N-BK7", "GLAS N-BK8", 1)).unwrap_err().to_string();
+    let e = read(&OLD.replacen("GLAS N-BK7", "GLAS N-BK8Q", 1)).unwrap_err().to_string();
     assert!(e.contains("N-BK7"), "{e}");
     for from in ["STOP\n", "UNIT", "FNUM", "PWAV", "FTYP"] {
         assert!(from == "PWAV" || read(&OLD.replacen(from, "NOTE", 1)).is_err(), "{from}");
     }
     let factors = OLD.replace("PWAV 1", "PWAV 1\nVCYN 0 0.1");
     assert_eq!(read(&factors).unwrap().notes.len(), 1);
-    let none = factors.replace("FLAP", "COMM").replace("DIAM 0.4 1", "DIAM 0.4 0");
-    assert!(matches!(read(&none), Err(DesignError::Line { line: 15, .. })));
+    // Without an aperture the semi-diameters stand for the factors.
+    let drawn = factors.replace("FLAP", "COMM").replace("DIAM 0.4 1", "DIAM 0.4 0");
+    let system = read(&drawn).unwrap();
+    assert!((system.surfaces[0].aperture_mm.unwrap() - 10.16).abs() < 1e-4 && system.notes.len() == 1);
+}
+
+#[test]
+fn unknown_keywords_are_notes_and_errors_where_strict() {
+    for text in [OLD.replacen("GCAT SCHOTT", "ABCD 1", 1), OLD.replacen("SLAB 12", "ABCD 1", 1)] {
+        let system = read(&text).unwrap();
+        assert!(
+            system.notes.iter().any(|n| n.contains("`ABCD 1`") && n.contains("ignored")),
+            "{:?}",
+            system.notes
+        );
+        let error = zmx::parse(text.as_bytes(), &GlassLibrary::new(), true).unwrap_err();
+        assert!(matches!(error, DesignError::Line { .. }), "{error}");
+    }
+}
+
+#[test]
+fn harmless_settings_and_breaks_without_tilt_are_read() {
+    for (from, to) in [
+        ("GFAC 0 0", "GFAC 1 0"),
+        ("FTYP 2 0", "FTYP 3 0"),
+        ("SLAB 12", "VDSZ 0 0"),
+        ("SLAB 12", "OBSC 0.39 0.4"),
+        ("FLAP 0 0.4", "SQAP 0.4 0.5"),
+        ("GLAS N-BK7", "GLAS BK7"),
+        ("GLAS N-BK7", "GLAS ___BLANK 1 0 1.5168 64.17"),
+    ] {
+        let system = read(&OLD.replacen(from, to, 1)).unwrap_or_else(|e| panic!("{to}: {e}"));
+        let n = system.surfaces[0].medium.index(0.587_561_8).unwrap();
+        assert!((n - 1.516_80).abs() < 1e-5, "{to}: {n}");
+    }
+}
+
+/// A fixed semi-diameter blocks light on the flat rear face of a lens.
+#[test]
+fn fixed_semi_diameter_is_an_aperture_wherever_the_index_changes() {
+    let text = OLD.replacen("CURV -0.5", "CURV 0", 1).replacen("DIAM 0.4 0", "DIAM 0.4 1", 1);
+    let rear = &read(&text).unwrap().surfaces[1];
+    assert_eq!(rear.shape.curvature, 0.0);
+    assert!(rear.aperture_mm.is_some());
 }
 
 #[test]
 fn catalogue_supplies_a_glass_that_is_not_built_in() {
     let text = OLD.replace("N-BK7", "MYGLASS");
     assert!(read(&text).is_err());
-    let mut glasses = GlassCatalog::schott();
-    glasses.extend(agf::parse(b"NM MYGLASS 1 0 1.5 60 0\nCD 2.25 0 0 0 0 0\nLD 0.3 1.0\n").unwrap());
-    let s = zmx::parse(text.as_bytes(), &glasses).unwrap();
+    let mut glasses = GlassLibrary::new();
+    let catalogue = agf::parse(b"NM MYGLASS 1 0 1.5 60 0\nCD 2.25 0 0 0 0 0\nLD 0.3 1.0\n").unwrap();
+    glasses.add("MINE", catalogue);
+    let s = zmx::parse(text.as_bytes(), &glasses, false).unwrap();
     assert!((s.surfaces[0].medium.index(0.5).unwrap() - 1.5).abs() < 1e-15);
 }
 
 /// May return an error, must not panic.
 fn parse_and_describe(bytes: &[u8]) {
-    if let Ok(s) = zmx::parse(bytes, &GlassCatalog::schott()) {
+    if let Ok(s) = zmx::parse(bytes, &GlassLibrary::new(), false) {
         let _ = describe(&s);
     }
     let _ = agf::parse(bytes);

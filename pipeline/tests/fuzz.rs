@@ -6,8 +6,8 @@ mod fuzz_support;
 use fuzz_support::extreme::magnitude;
 use fuzz_support::{Random, cases, damage_text, fuzz, print_row};
 use lenscube_pipeline::chart::{ChartSpec, Generator};
-use lenscube_pipeline::design::glass::GlassCatalog;
-use lenscube_pipeline::design::{agf, describe, zmx};
+use lenscube_pipeline::design::glass_library::GlassLibrary;
+use lenscube_pipeline::design::{agf, codev, describe, zmx};
 use lenscube_pipeline::wavelengths;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
@@ -133,7 +133,7 @@ fn wavelength_lists_round_trip() {
 #[test]
 fn damaged_prescriptions_do_not_panic() {
     const LENS: &[u8] = include_bytes!("../data/double-gauss-28.zmx");
-    let glasses = GlassCatalog::schott();
+    let glasses = GlassLibrary::new();
     let make = |r: &mut Random| {
         let mut bytes = LENS.to_vec();
         damage_text(&mut bytes, r);
@@ -143,7 +143,23 @@ fn damaged_prescriptions_do_not_panic() {
         }
     };
     fuzz(".zmx", 300, make, |bytes| {
-        zmx::parse(bytes, &glasses).is_ok_and(|system| describe(&system).is_ok())
+        zmx::parse(bytes, &glasses, false).is_ok_and(|system| describe(&system).is_ok())
+    });
+}
+
+#[test]
+fn damaged_sequence_files_do_not_panic() {
+    const LENS: &[u8] = b"RDM;LEN\nTITLE 'a doublet'\nEPD 25.0\nDIM M\nWL 587.6 486.1 &\n 656.3\nREF 1\nXAN 0.0 0.0\nYAN 0.0 1.0\n\
+SO 0.0 0.1e14\nS 61.47 6.0 NBK7_SCHOTT\n  STO\n  CIR 12.0\n  ASP; K -0.5; A 1e-7; B 1e-10\nS -44.64 2.5 620.364; SLB \"b\"\nS -129.94 95.9\n  PIM\n\
+SI 0.0 0.1\nTHI S3 90\nGO\n";
+    let glasses = GlassLibrary::new();
+    let make = |r: &mut Random| {
+        let mut bytes = LENS.to_vec();
+        damage_text(&mut bytes, r);
+        bytes
+    };
+    fuzz(".seq", 500, make, |bytes| {
+        codev::parse(bytes, &glasses, false).is_ok_and(|system| describe(&system).is_ok())
     });
 }
 

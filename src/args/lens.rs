@@ -112,9 +112,12 @@ pub struct DesignArgs {
     /// Ray aiming [default: as in the design]
     #[arg(long, value_enum)]
     pub aiming: Option<AimingArg>,
-    /// Glass catalogue in AGF format, in addition to the built-in Schott glasses; repeatable
+    /// Glass catalogue in AGF format, in addition to the built-in glasses; used first for designs that name it; repeatable
     #[arg(long, value_name = "FILE.agf")]
     pub glass_catalog: Vec<PathBuf>,
+    /// Make an unknown keyword of the design file an error instead of a note
+    #[arg(long)]
+    pub strict: bool,
 }
 
 /// `lenscube lens trace`

@@ -124,7 +124,7 @@ impl LensData {
         nm
     }
 
-    /// Maximum REAL height, mm, that all bands of a pack reach; of a design, that of its outermost field point.
+    /// Maximum REAL height, mm, that all bands of a pack reach; of a design, that of its outermost field point, 0 if all are on the axis.
     pub fn reach_mm(&self) -> Result<f64> {
         match self {
             Self::Pack(pack) => {
@@ -134,14 +134,11 @@ impl LensData {
                 let primary = Paraxial::new(system, system.primary_um())?;
                 let tan =
                     system.fields.iter().map(|f| field_tan(system, &primary, *f).abs()).fold(0.0, f64::max);
-                let height = Tracer::new(system, system.primary_um())?.chief_height_mm(tan)?;
-                match height > 0.0 {
-                    true => Ok(height),
-                    false => Err(usage(format!(
-                        "design `{}` has no field point off the axis; give heights in mm, e.g. `--heights 0,5,10`",
-                        system.name
-                    ))),
-                }
+                let tracer = Tracer::new(system, system.primary_um())?;
+                // The outermost chief ray may end inside the lens: then the largest tenth of the field that arrives.
+                let heights =
+                    (1..=10).rev().map(|tenths| tracer.chief_height_mm(tan * f64::from(tenths) / 10.0));
+                Ok(heights.flatten().find(|mm| *mm > 0.0).unwrap_or(0.0))
             }
         }
     }

@@ -55,7 +55,8 @@ pub fn chosen_heights(requested: Option<&str>, reach_mm: impl FnOnce() -> Result
     heights_mm.sort_by(f64::total_cmp);
     heights_mm.dedup();
     match heights_mm.last() {
-        Some(last) if *last > 0.0 => Ok(heights_mm),
+        // A design with axial field points only.
+        Some(last) if *last > 0.0 || requested.is_none() => Ok(heights_mm),
         _ => Err(usage("--heights: give at least one height above 0 mm")),
     }
 }
@@ -92,7 +93,13 @@ fn json(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Value
                 .iter()
                 .map(|(mm, rms, geo)| json!({ "image_height_mm": mm, "rms_um": rms, "geo_um": geo }))
                 .collect();
-            json!({ "design": design_json(d), "rms_is": rms, "fields": fields, "polychromatic_spots": spots })
+            json!({
+                "design": design_json(d),
+                "notes": system.notes,
+                "rms_is": rms,
+                "fields": fields,
+                "polychromatic_spots": spots,
+            })
         }
     })
 }

@@ -97,8 +97,8 @@ mod tests {
     fn names_formulas_and_ranges_are_read() {
         let c = parse(TWO.as_bytes()).unwrap();
         assert_eq!(c.glasses().len(), 2);
-        assert!((c.find("N-BK7").unwrap().index(0.587_561_8).unwrap() - 1.516_800).abs() < 1e-6);
-        assert!((c.find("OLD").unwrap().index(0.5).unwrap() - 1.5).abs() < 1e-15);
+        assert!((c.get("N-BK7").unwrap().index(0.587_561_8).unwrap() - 1.516_800).abs() < 1e-6);
+        assert!((c.get("OLD").unwrap().index(0.5).unwrap() - 1.5).abs() < 1e-15);
     }
 
     #[test]

@@ -98,5 +98,9 @@ pub fn field_tan(system: &System, primary: &Paraxial, field: f64) -> f64 {
         // Undefined for an object at infinity; the design program lists 0.
         (FieldKind::ObjectHeight, None) => 0.0,
         (FieldKind::ParaxialImageHeight, _) => field / primary.distortion_focal_length_mm.abs(),
+        (FieldKind::RealImageHeight, _) => {
+            let exact = Tracer::new(system, system.primary_um()).and_then(|t| t.field_of_height(field.abs()));
+            exact.unwrap_or(field / primary.distortion_focal_length_mm.abs())
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Tables of a lens by ray tracing from its prescription.
 //!
-//! 1. [`zmx`] reads the prescription, [`agf`] and [`glass`] its glasses, into a [`system::System`].
+//! 1. [`zmx`] or [`codev`] reads the prescription, [`agf`], [`glass`] and [`glass_library`] its glasses, into a [`system::System`].
 //! 2. [`paraxial`]: pupils and focal lengths by first-order optics; [`mod@describe`] lists them.
 //! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`].
 //! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling.
@@ -11,10 +11,13 @@
 //! Coordinates: z along the light, the field point's image on +x; symmetric about the meridian y = 0. mm, wavelengths in µm.
 
 pub mod agf;
+pub mod codev;
 pub mod describe;
+mod draft;
 pub mod error;
 pub mod film_pixel;
 pub mod glass;
+pub mod glass_library;
 mod grid;
 pub mod illumination;
 pub mod nufft;

@@ -101,24 +101,29 @@ impl PupilFunction {
         segment: Segment,
     ) -> Result<Patch, DesignError> {
         let k = 2.0 * PI / self.wavelength_um;
-        let sample = |rho: f64, theta: f64| -> Result<([f64; 4], ImageRay, f64), DesignError> {
-            let b = if self.pupil.is_unclipped() { 1.0 } else { self.pupil.radius(tracer, tan, theta) };
+        // The search for the rim costs some hundred rays: once an angle.
+        let rim = |theta: f64| match self.pupil.is_unclipped() {
+            true => 1.0,
+            false => self.pupil.radius(tracer, tan, theta),
+        };
+        let sample = |rho: f64, theta: f64, b: f64| -> Result<([f64; 4], ImageRay), DesignError> {
             let (s, c) = real::sin_cos(theta);
             let r = tracer.ray(tan, self.pupil.centre + rho * b * c, rho * b * s)?;
             let path = r.path.v - chief.path.v - r.l.v * (r.x.v - chief.x.v) - r.m.v * r.y.v;
             let amplitude = (r.flux * r.solid_angle() / r.n).sqrt() * b * b;
-            Ok(([path * 1e3, r.l.v, r.m.v, amplitude], r, b))
+            Ok(([path * 1e3, r.l.v, r.m.v, amplitude], r))
         };
         let (mut rings, mut spokes) = (12, 14);
         let mut extent = self.extent;
         loop {
             let rho = chebyshev(rings, 0.0, 1.0);
             let theta = chebyshev(spokes, segment.from, segment.to);
+            let rims: Vec<f64> = theta.iter().map(|t| rim(*t)).collect();
             let mut tables = [const { Vec::new() }; 4];
             let (mut radial, mut angular) = ((0.0_f64, 0.0_f64), (0.0_f64, 0.0_f64));
             for r in &rho {
-                for t in &theta {
-                    let (values, ray, b) = sample(*r, *t)?;
+                for (t, b) in std::iter::zip(&theta, &rims) {
+                    let (values, ray) = sample(*r, *t, *b)?;
                     for (table, v) in tables.iter_mut().zip(values) {
                         table.push(v);
                     }
@@ -136,10 +141,11 @@ impl PupilFunction {
             let patch = Patch { segment, rings, spokes, tables, radial, angular };
             let mut worst = [0.0_f64; 4];
             let size = patch.tables[3].iter().fold(1e-300_f64, |a, v| a.max(v.abs()));
-            for r in [0.013, 0.51, 0.96, 0.999] {
-                for t in [0.011, 0.34, 0.72, 0.988] {
-                    let theta = segment.from + t * (segment.to - segment.from);
-                    let (expected, _, _) = sample(r, theta)?;
+            for t in [0.011, 0.34, 0.72, 0.988] {
+                let theta = segment.from + t * (segment.to - segment.from);
+                let b = rim(theta);
+                for r in [0.013, 0.51, 0.96, 0.999] {
+                    let (expected, _) = sample(r, theta, b)?;
                     let got = patch.at(r, theta);
                     let weight = [k, k * MAX_REACH_UM, k * MAX_REACH_UM, 1.0 / size];
                     for i in 0..4 {

@@ -1,6 +1,7 @@
 //! One refracting surface: intersection with a ray, normal, refraction.
 //!
-//!     sag(r) = c r² / (1 + √(1 − (1 + κ) c² r²)) + Σ α_i r^(2i)      c curvature [1/mm], κ conic constant, α_i [mm^(1−2i)]
+//!     sag(r) = c r² / (1 + √(1 − (1 + κ) c² r²)) + Σ α_i r^(2i) + Σ β_i r^(2i−1)
+//!                                                                   c curvature [1/mm], κ conic constant, α_i [mm^(1−2i)], β_i [mm^(2−2i)]
 //!     n' d' = n d + (n' cos i' − n cos i) N                          Snell's law in vector form, N along the ray
 //! Coordinates in mm, origin at the vertex, +z along the light. The intersection with STANDARD surfaces (all
 //! α_i = 0) is in closed form, that with even aspheres by Newton's method from there. Of two intersections the one nearer the vertex is
@@ -38,6 +39,8 @@ pub struct Shape {
     pub conic: f64,
     /// Even asphere: coefficient of r², r⁴, r⁶, …
     pub aspheric: Vec<f64>,
+    /// Odd asphere: coefficient of r, r³, r⁵, …
+    pub odd: Vec<f64>,
 }
 
 /// Convergence limit of Newton's method, mm: 1e-9 of a wavelength.
@@ -46,7 +49,11 @@ const SAG_TOLERANCE_MM: f64 = 1e-13;
 impl Shape {
     /// Whether it is a plane.
     pub fn is_flat(&self) -> bool {
-        self.curvature == 0.0 && self.aspheric.iter().all(|a| *a == 0.0)
+        self.curvature == 0.0 && !self.is_aspheric()
+    }
+
+    fn is_aspheric(&self) -> bool {
+        self.aspheric.iter().chain(&self.odd).any(|a| *a != 0.0)
     }
 
     /// Curvature at the vertex, the r² term included, 1/mm.
@@ -84,7 +91,7 @@ impl Shape {
             }
             advance(ray, t);
             travelled = travelled + t;
-            if self.aspheric.iter().any(|a| *a != 0.0) {
+            if self.is_aspheric() {
                 travelled = travelled + self.newton(ray)?;
             }
         }
@@ -136,6 +143,15 @@ impl Shape {
             slope = slope + T::of(2.0 * (i + 1) as f64 * a) * power;
             power = power * r2;
             sag = sag + T::of(*a) * power;
+        }
+        // At the vertex r, and with it odd powers, vanish; their slope there is taken as 0.
+        if !self.odd.is_empty() && r2.value() > 0.0 {
+            let mut power = r2.sqrt();
+            for (i, b) in self.odd.iter().enumerate() {
+                sag = sag + T::of(*b) * power;
+                slope = slope + T::of((2 * i + 1) as f64 * b) * power / r2;
+                power = power * r2;
+            }
         }
         Some((sag, slope))
     }
@@ -189,8 +205,8 @@ mod tests {
     #[test]
     fn parabola_as_a_conic_equals_parabola_as_an_asphere() {
         // The parabola c r²/2 as a conic of κ = −1 and as a flat with α1 = c/2.
-        let conic = Shape { curvature: 0.02, conic: -1.0, aspheric: vec![] };
-        let asphere = Shape { curvature: 0.0, conic: 0.0, aspheric: vec![0.01] };
+        let conic = Shape { curvature: 0.02, conic: -1.0, ..Shape::default() };
+        let asphere = Shape { curvature: 0.0, aspheric: vec![0.01], ..Shape::default() };
         for (x, y, l, m) in [(3.0, 1.0, 0.1, -0.05), (-8.0, 2.0, 0.2, 0.1), (0.0, 0.0, 0.0, 0.0)] {
             let (mut a, mut b) = (ray(x, y, l, m), ray(x, y, l, m));
             conic.meet(&mut a, 1.3).unwrap();
@@ -208,7 +224,8 @@ mod tests {
 
     #[test]
     fn derivatives_equal_differences_of_neighbouring_rays() {
-        let shape = Shape { curvature: 0.03, conic: 0.4, aspheric: vec![1e-4, -2e-6, 3e-9] };
+        let shape =
+            Shape { curvature: 0.03, conic: 0.4, aspheric: vec![1e-4, -2e-6, 3e-9], odd: vec![0.0, 2e-5] };
         let go = |x: f64, y: f64| {
             let mut r = ray(x, y, 0.1, 0.02);
             shape.meet(&mut r, 1.0).unwrap();

@@ -77,6 +77,8 @@ pub enum FieldKind {
     ObjectHeight,
     /// Paraxial image height at the primary wavelength, mm.
     ParaxialImageHeight,
+    /// Real height of the chief ray of the primary wavelength in the image plane, mm.
+    RealImageHeight,
 }
 
 /// Ray aiming.

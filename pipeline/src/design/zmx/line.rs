@@ -2,9 +2,8 @@
 
 use crate::design::error::DesignError;
 
-/// Error of a keyword that is neither read nor skipped.
-pub(super) const UNKNOWN_KEYWORD: &str =
-    "unknown keyword, which might change the optics; remove the line if it does not";
+/// What a note on an ignored keyword says.
+pub(super) const IGNORED: &str = "is not a known keyword and was ignored";
 
 /// Maximum length of a line in an error, characters.
 const MAX_QUOTE_CHARS: usize = 80;
@@ -19,6 +18,11 @@ pub(super) struct Line<'a> {
 impl Line<'_> {
     pub(super) fn error(&self, problem: impl Into<String>) -> DesignError {
         DesignError::Line { line: self.number, text: self.quote(), problem: problem.into() }
+    }
+
+    /// Note on a keyword that is neither read nor known not to matter.
+    pub(super) fn ignored(&self) -> String {
+        format!("line {}: `{}` {IGNORED}", self.number, self.quote())
     }
 
     /// The text for an error.

@@ -1,144 +1,183 @@
-//! Reader of sequential .zmx lens files (text): surfaces STANDARD and EVENASPH.
+//! Reader of sequential .zmx lens files (text): surfaces STANDARD, EVENASPH and ODDASPHE.
 //!
-//! Each keyword is either read or listed as not changing the optics; any other is an error with its line. Merit function, tolerances
-//! and multi-configuration data follow the last surface. The surfaces already have the saved configuration, so lines there with an
-//! operand and numbers are skipped, and more than one configuration is noted.
-//! Lengths are converted from lens units to mm. Apertures: CLAP and FLAP (outer radius), and a fixed semi-diameter (DIAM with flag 1)
-//! on a refracting surface, which the design program treats as a floating aperture. Of pickups and solves the saved values are used.
-//! Wavelengths and indices are relative to air at 20 °C, 1 atm; adjustment of indices to another environment is an error.
-//! Not supported, with a specific error: mirrors, tilts, other surface types, apodised pupils, telecentric objects, obscurations, model
-//! glasses with dispersion, vignetting factors where no surface has an aperture.
+//! Keywords are read, or known not to change the optics ([`keywords`]), or unknown: an unknown one is ignored with a note that names its line,
+//! or an error where the caller is strict. Merit function, tolerances and multi-configuration data follow the last surface: the surfaces
+//! already have the saved configuration, so operands there are skipped, and more than one configuration is noted.
+//! Lengths are converted from lens units to mm. Apertures: CLAP and FLAP (outer radius), the inner radius of a ring-shaped OBSC, the circle
+//! inside SQAP and ELAP, and a fixed semi-diameter (DIAM with flag 1) where rays bend. Of pickups and solves the saved values are used.
+//! Wavelengths and indices are relative to air at 20 °C, 1 atm. A coordinate break without tilt and decentre is a plane.
+//! Not supported, with a specific error: mirrors, tilts, other surface types, apodised pupils, telecentric objects, central obscurations,
+//! indices adjusted to another pressure.
 
+mod keywords;
 mod line;
 mod surface;
 
+use super::draft::Draft;
 use super::error::DesignError;
-use super::glass::GlassCatalog;
+use super::glass_library::GlassLibrary;
 use super::system::{Aperture, FieldKind, RayAiming, System};
 use super::text::decode;
 use crate::real;
-use line::{Line, UNKNOWN_KEYWORD};
-use surface::SurfaceDraft;
+use line::Line;
 
-/// Header keywords that do not change the optics: bookkeeping, display, weights, polarisation and non-sequential defaults.
-const HEADER_SKIPPED: &[&str] = &[
-    "VERS", "AUTH", "IWDP", "PFIL", "LANG", "NOTE", "PUPD", "EFFL", "GCAT", "PUSH", "SDMA", "OMMA", "ROPD",
-    "HYPR", "PICB", "FWGT", "FWGN", "WWGT", "WWGN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "LUID", "EERA",
-    "BLNK", "DBDT", "FCOM", "VANN", "ZVAN", "TOLS", "SYNC",
-];
+/// Temperatures so near 20 °C change no index by more than about 1e-5, K.
+const TEMPERATURE_TOLERANCE_K: f64 = 5.0;
 
-/// Reads a lens.
+/// Reads a lens; where `strict`, an unknown keyword is an error.
 ///
 /// # Errors
-/// [`DesignError::Line`] for a wrong or unknown line; [`DesignError::Incomplete`] for a missing part.
-pub fn parse(bytes: &[u8], glasses: &GlassCatalog) -> Result<System, DesignError> {
+/// [`DesignError::Line`] for a line that is wrong or not supported; [`DesignError::Incomplete`] for a missing part.
+pub fn parse(bytes: &[u8], glasses: &GlassLibrary, strict: bool) -> Result<System, DesignError> {
     let text = decode(bytes);
-    let mut reader = Reader::default();
+    let mut reader = Reader { scale: 1.0, ..Reader::default() };
     for (i, raw) in text.lines().enumerate() {
         let words: Vec<&str> = raw.split_whitespace().collect();
         let Some(&key) = words.first() else { continue };
         let line = Line { number: i + 1, text: raw.trim(), words: &words };
-        // A surface's lines are indented; the first line that is not, after surfaces, ends them.
-        if key == "SURF" {
+        let note = if key == "SURF" {
             reader.start_surface(&line)?;
-        } else if reader.in_surface && raw.starts_with([' ', '\t']) {
-            reader.surface_line(key, &line, glasses)?;
+            None
+        } else if reader.in_surface && (raw.starts_with([' ', '\t']) || !is_section(key)) {
+            reader.surface_line(key, &line, glasses)?
         } else {
             reader.in_surface = false;
-            reader.header_line(key, &line)?;
+            reader.header_line(key, &line)?
+        };
+        if let Some(note) = note {
+            if strict && note.contains(line::IGNORED) {
+                return Err(line.error("this keyword is not known, and --strict allows none"));
+            }
+            reader.draft.notes.push(note);
         }
     }
     reader.finish()
+}
+
+/// The glass catalogues that a design names, in its order.
+pub fn catalogues(bytes: &[u8]) -> Vec<String> {
+    let text = decode(bytes);
+    let lists = text.lines().filter_map(|line| line.strip_prefix("GCAT "));
+    lists.flat_map(str::split_whitespace).map(str::to_owned).collect()
+}
+
+/// Keywords that end the last surface where lines are not indented.
+fn is_section(key: &str) -> bool {
+    matches!(key, "TOL" | "MNUM" | "MOFF" | "BLNK" | "CONF" | "EFFL" | "DMFS")
 }
 
 impl System {
     /// The built-in lens: "Double Gauss 28 degree field".
     pub fn double_gauss_28() -> Self {
         let text = include_bytes!("../../../data/double-gauss-28.zmx");
-        parse(text, &GlassCatalog::schott()).expect("the built-in design is valid")
+        parse(text, &GlassLibrary::new(), true).expect("the built-in design is valid")
     }
 }
 
 #[derive(Default)]
 struct Reader {
-    name: String,
-    scale: Option<f64>,
-    sequential: bool,
-    aperture: Option<Aperture>,
-    aiming: Option<RayAiming>,
-    field_kind: Option<FieldKind>,
+    draft: Draft,
+    /// Lens unit in mm.
+    scale: f64,
+    is_sequential: bool,
+    has_unit: bool,
+    catalogues: Vec<String>,
     field_count: usize,
     x: Vec<f64>,
     y: Vec<f64>,
     wave_count: usize,
     waves: Vec<(usize, f64, f64)>,
-    primary: usize,
-    surfaces: Vec<SurfaceDraft>,
-    stop: Option<usize>,
+    open: surface::Reader,
     in_surface: bool,
-    vignetting: Option<(usize, String)>,
-    notes: Vec<String>,
+    surface_count: usize,
 }
 
 impl Reader {
     fn start_surface(&mut self, line: &Line<'_>) -> Result<(), DesignError> {
-        let index = line.value(1)?;
-        if index != self.surfaces.len() as f64 {
-            return Err(line.error(format!("expected surface {}", self.surfaces.len())));
+        if line.value(1)? != self.surface_count as f64 {
+            return Err(line.error(format!("expected surface {}", self.surface_count)));
         }
-        self.surfaces.push(SurfaceDraft::default());
+        self.close_surface()?;
+        self.surface_count += 1;
         self.in_surface = true;
         Ok(())
     }
 
-    fn header_line(&mut self, key: &str, line: &Line<'_>) -> Result<(), DesignError> {
+    fn close_surface(&mut self) -> Result<(), DesignError> {
+        if self.surface_count > self.draft.surfaces.len() {
+            let before = self.draft.surfaces.last().and_then(|s| s.glass.as_ref());
+            let surface = std::mem::take(&mut self.open).finish(before, self.scale)?;
+            self.draft.surfaces.push(surface);
+        }
+        Ok(())
+    }
+
+    fn surface_line(
+        &mut self,
+        key: &str,
+        line: &Line<'_>,
+        glasses: &GlassLibrary,
+    ) -> Result<Option<String>, DesignError> {
+        if key == "STOP" {
+            self.draft.stop = Some(self.surface_count - 1);
+            return Ok(None);
+        }
+        let context = surface::Context { scale: self.scale, glasses, catalogues: &self.catalogues };
+        self.open.read_line(key, line, &context)
+    }
+
+    /// Reads a line of the system; a note comes back where something was assumed or ignored.
+    fn header_line(&mut self, key: &str, line: &Line<'_>) -> Result<Option<String>, DesignError> {
         let first = || line.value(1);
+        let draft = &mut self.draft;
         match key {
             "MODE" => match line.words.get(1) {
-                Some(&"SEQ") => self.sequential = true,
+                Some(&"SEQ") => self.is_sequential = true,
                 _ => return Err(line.error("only sequential designs (MODE SEQ) can be traced")),
             },
-            "NAME" => self.name = line.text.get(4..).unwrap_or_default().trim().to_owned(),
+            "NAME" => draft.name = line.text.get(4..).unwrap_or_default().trim().to_owned(),
             "UNIT" => {
-                self.scale = Some(match line.words.get(1) {
+                self.has_unit = true;
+                self.scale = match line.words.get(1) {
                     Some(&"MM") => 1.0,
                     Some(&"CM") => 10.0,
                     Some(&("IN" | "INCH")) => 25.4,
                     Some(&("METER" | "M")) => 1000.0,
                     _ => return Err(line.error("expected the lens unit MM, CM, IN or METER")),
-                });
+                };
             }
-            "ENPD" => self.aperture = Some(Aperture::EntrancePupil(first()?)),
+            "GCAT" => self.catalogues.extend(line.words[1..].iter().map(|w| (*w).to_owned())),
+            "ENPD" => draft.aperture = Some(Aperture::EntrancePupil(first()? * self.scale)),
             "FNUM" => {
+                let is_working = line.value_or(2, 0.0)? != 0.0;
                 let f = first()?;
-                let working = line.value_or(2, 0.0)? != 0.0;
-                self.aperture =
-                    Some(if working { Aperture::WorkingFNumber(f) } else { Aperture::ImageFNumber(f) });
+                draft.aperture =
+                    Some(if is_working { Aperture::WorkingFNumber(f) } else { Aperture::ImageFNumber(f) });
             }
             "OBNA" => {
-                if line.value_or(2, 0.0)? != 0.0 {
-                    return Err(line.error("an object cone angle is not supported; give the NA"));
+                let is_angle = line.value_or(2, 0.0)? != 0.0;
+                let value = first()?;
+                if is_angle && !(value > 0.0 && value < 90.0) {
+                    return Err(line.error("expected an object cone angle above 0 and below 90 degrees"));
                 }
-                self.aperture = Some(Aperture::ObjectNa(first()?));
+                draft.aperture =
+                    Some(Aperture::ObjectNa(if is_angle { real::sin(value.to_radians()) } else { value }));
             }
-            // The semi-diameter of the stop is read later, with its surface.
-            "FLOA" => self.aperture = Some(Aperture::StopRadius(0.0)),
+            // The radius is that of the stop's surface, read later.
+            "FLOA" => draft.aperture = Some(Aperture::StopRadius(0.0)),
             "RAIM" => {
-                self.aiming = Some(match line.value_or(2, 0.0)? as i64 {
-                    0 => RayAiming::Paraxial,
-                    _ => RayAiming::Real,
-                });
+                let is_off = line.value_or(2, 0.0)? == 0.0;
+                draft.aiming = Some(if is_off { RayAiming::Paraxial } else { RayAiming::Real });
             }
             "FTYP" => {
-                self.field_kind =
-                    Some(match line.value(1)? as i64 {
-                        0 => FieldKind::Angle,
-                        1 => FieldKind::ObjectHeight,
-                        2 => FieldKind::ParaxialImageHeight,
-                        _ => return Err(line.error(
-                            "expected field type 0 (angle), 1 (object height) or 2 (paraxial image height)",
-                        )),
-                    });
+                draft.field_kind = Some(match first()? as i64 {
+                    // 4: theodolite angles, which differ from field angles only off both axes.
+                    0 | 4 => FieldKind::Angle,
+                    1 => FieldKind::ObjectHeight,
+                    2 => FieldKind::ParaxialImageHeight,
+                    3 => FieldKind::RealImageHeight,
+                    _ => return Err(line.error("expected a field type from 0 to 4")),
+                });
                 if line.value_or(2, 0.0)? != 0.0 {
                     return Err(line.error("a telecentric object space is not supported"));
                 }
@@ -152,8 +191,7 @@ impl Reader {
                 if !(1.0..1000.0).contains(&index) {
                     return Err(line.error("expected a wavelength number from 1"));
                 }
-                let um = line.value(2)?;
-                let weight = line.value_or(3, 1.0)?;
+                let (um, weight) = (line.value(2)?, line.value_or(3, 1.0)?);
                 self.waves.retain(|w| w.0 != index as usize);
                 self.waves.push((index as usize, um, weight));
             }
@@ -163,122 +201,70 @@ impl Reader {
                         line.values()?.into_iter().enumerate().map(|(i, um)| (i + 1, um, 1.0)).collect();
                 }
             }
-            "PWAV" => self.primary = line.value(1)?.clamp(0.0, 1000.0) as usize,
-            "ENVD" => {
-                let (t, p) = (first()?, line.value_or(2, 1.0)?);
-                if line.value_or(3, 0.0)? != 0.0 && (t != 20.0 || p != 1.0) {
-                    return Err(
-                        line.error("indices adjusted to another temperature or pressure are not supported")
-                    );
-                }
-            }
+            "PWAV" => draft.primary = line.value(1)?.clamp(1.0, 1000.0) as usize - 1,
+            "ENVD" => return environment(line),
             "GFAC" => {
-                if first()? != 0.0 {
+                // Type, factor: a Gaussian of factor 0 is uniform.
+                let kind = first()?;
+                if kind != 0.0 && (kind != 1.0 || line.value_or(2, 0.0)? != 0.0) {
                     return Err(line.error("an apodised pupil is not supported"));
                 }
             }
             "VDXN" | "VDYN" | "VCXN" | "VCYN" | "ZVDX" | "ZVDY" | "ZVCX" | "ZVCY" => {
-                if line.values()?.iter().any(|v| *v != 0.0) && self.vignetting.is_none() {
-                    self.vignetting = Some((line.number, line.quote()));
-                }
+                draft.has_vignetting_factors |= line.values()?.iter().any(|v| *v != 0.0);
             }
             "MNUM" => {
                 let (count, current) = (first()?, line.value_or(2, 1.0)?);
                 if count > 1.0 {
-                    self.notes.push(format!("configuration {current} of {count}, as it was saved"));
+                    return Ok(Some(format!("configuration {current} of {count}, as it was saved")));
                 }
             }
-            _ if HEADER_SKIPPED.contains(&key) => {}
-            _ if !self.surfaces.is_empty() && is_operand(key) => {}
-            _ => return Err(line.error(UNKNOWN_KEYWORD)),
+            _ if keywords::is_harmless_in_header(key) => {}
+            _ if self.surface_count > 0 && keywords::is_operand(key) => {}
+            _ => return Ok(Some(line.ignored())),
         }
-        Ok(())
+        Ok(None)
     }
 
-    fn surface_line(
-        &mut self,
-        key: &str,
-        line: &Line<'_>,
-        glasses: &GlassCatalog,
-    ) -> Result<(), DesignError> {
-        let index = self.surfaces.len() - 1;
-        match key {
-            "STOP" => self.stop = Some(index),
-            _ => self.surfaces[index].read_line(key, line, self.scale.unwrap_or(1.0), glasses)?,
+    fn finish(mut self) -> Result<System, DesignError> {
+        let incomplete = |problem: &str| DesignError::Incomplete { problem: problem.to_owned() };
+        if !self.is_sequential {
+            return Err(incomplete("has no MODE SEQ line; is it a sequential .zmx file?"));
         }
-        Ok(())
-    }
-
-    fn finish(self) -> Result<System, DesignError> {
-        let no = |problem: &str| DesignError::Incomplete { problem: problem.to_owned() };
-        if !self.sequential {
-            return Err(no("has no MODE SEQ line; is it a sequential .zmx file?"));
+        if !self.has_unit {
+            return Err(incomplete("has no UNIT line"));
         }
-        let mut notes = self.notes;
-        let scale = self.scale.ok_or_else(|| no("has no UNIT line"))?;
-        let count = self.surfaces.len();
-        if count < 3 {
-            return Err(no("has fewer than three surfaces (object, one more, image)"));
-        }
-        let stop = self
-            .stop
-            .filter(|s| *s > 0 && *s < count - 1)
-            .ok_or_else(|| no("has no STOP among its inner surfaces"))?;
-        if self.surfaces[0].glass.is_some() {
-            return Err(no("has its object inside glass"));
-        }
-        let object = self.surfaces[0].thickness;
-        let object_distance_mm = object.is_finite().then_some(object);
-        let mut surfaces = Vec::new();
-        for (i, draft) in self.surfaces.iter().enumerate().skip(1) {
-            surfaces.push(draft.surface(i, i == count - 1, scale)?);
-        }
-        if let Some((line, text)) = self.vignetting {
-            if surfaces.iter().all(|s| s.aperture_mm.is_none()) {
-                let problem = "vignetting factors without a fixed aperture on any surface: fix the semi-diameters that vignette, or zero the factors";
-                return Err(DesignError::Line { line, text, problem: problem.to_owned() });
-            }
-            notes.push("the design's vignetting factors are not used: its apertures are traced".to_owned());
-        }
-        let aperture =
-            match self.aperture.ok_or_else(|| no("gives no aperture (ENPD, FNUM, OBNA or FLOA)"))? {
-                Aperture::EntrancePupil(d) => Aperture::EntrancePupil(d * scale),
-                Aperture::StopRadius(_) => Aperture::StopRadius(self.surfaces[stop].semi_diameter),
-                other => other,
-            };
-        let mut waves = self.waves;
-        waves.sort_by_key(|w| w.0);
+        self.close_surface()?;
+        self.waves.sort_by_key(|w| w.0);
         if self.wave_count > 0 {
-            waves.truncate(self.wave_count);
+            self.waves.truncate(self.wave_count);
         }
-        let field_kind = self.field_kind.ok_or_else(|| no("gives no field type (FTYP)"))?;
-        let unit = if field_kind == FieldKind::Angle { 1.0 } else { scale };
-        let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);
-        let fields = (0..self.field_count.max(1))
-            .map(|i| unit * real::hypot(at(&self.x, i), at(&self.y, i)))
-            .collect();
-        if self.aiming.is_none() {
-            notes.push("no ray aiming given: rays are aimed at the paraxial entrance pupil".to_owned());
-        }
-        let system = System {
-            name: self.name,
-            object_distance_mm,
-            surfaces,
-            stop: stop - 1,
-            aperture,
-            field_kind,
-            fields,
-            wavelengths_um: waves.into_iter().map(|(_, um, weight)| (um, weight)).collect(),
-            primary: self.primary.max(1) - 1,
-            aiming: self.aiming.unwrap_or(RayAiming::Paraxial),
-            notes,
+        let mut draft = self.draft;
+        draft.wavelengths_um = self.waves.into_iter().map(|(_, um, weight)| (um, weight)).collect();
+        let unit = match draft.field_kind {
+            None => return Err(incomplete("has no field type (FTYP)")),
+            Some(FieldKind::Angle) => 1.0,
+            Some(_) => self.scale,
         };
-        system.check()?;
-        Ok(system)
+        let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);
+        let radius = |i| unit * real::hypot(at(&self.x, i), at(&self.y, i));
+        draft.fields = (0..self.field_count.max(1)).map(radius).collect();
+        if draft.aiming.is_none() {
+            draft.notes.push("no ray aiming given: rays are aimed at the paraxial entrance pupil".to_owned());
+        }
+        draft.finish()
     }
 }
 
-/// Merit function, tolerance and configuration operands: two to four capital letters or digits.
-fn is_operand(key: &str) -> bool {
-    (2..=4).contains(&key.len()) && key.bytes().all(|b| b.is_ascii_uppercase() || b.is_ascii_digit())
+/// Temperature, pressure, and whether indices are adjusted to them.
+fn environment(line: &Line<'_>) -> Result<Option<String>, DesignError> {
+    let (celsius, atmospheres) = (line.value(1)?, line.value_or(2, 1.0)?);
+    let is_adjusted = line.value_or(3, 0.0)? != 0.0;
+    if !is_adjusted || (celsius == 20.0 && atmospheres == 1.0) {
+        return Ok(None);
+    }
+    if atmospheres != 1.0 || (celsius - 20.0).abs() > TEMPERATURE_TOLERANCE_K {
+        return Err(line.error("indices adjusted to another temperature or pressure are not supported"));
+    }
+    Ok(Some(format!("line {}: indices are those at 20 °C, not at {celsius} °C", line.number)))
 }

@@ -1,129 +1,193 @@
 //! A surface of a .zmx file.
 
-use super::line::{Line, UNKNOWN_KEYWORD};
+use super::keywords::is_harmless_in_surface;
+use super::line::Line;
+use crate::design::draft::DraftSurface;
 use crate::design::error::DesignError;
-use crate::design::glass::{Dispersion, Glass, GlassCatalog};
-use crate::design::surface::Shape;
-use crate::design::system::{Medium, Surface};
+use crate::design::glass::{Dispersion, Glass};
+use crate::design::glass_library::{GlassLibrary, model_glass};
 
-/// Surface keywords that do not change the optics: comments, drawing, coatings (transmission is not modelled), saved solves.
-const SURFACE_SKIPPED: &[&str] = &[
-    "SSID", "COMM", "FIMP", "HIDE", "MIRR", "SLAB", "POPS", "MEMA", "COAT", "PZUP", "PKUP", "MAZH", "SCOL",
-    "SDRW", "SPID", "TPRI", "CSHP",
-];
-
-#[derive(Default)]
-pub(super) struct SurfaceDraft {
-    shape: Shape,
-    asphere: bool,
-    pub(super) thickness: f64,
-    pub(super) glass: Option<Glass>,
-    fixed: Option<f64>,
-    pub(super) semi_diameter: f64,
-    clear: Option<f64>,
-    parameters: Vec<(usize, f64, usize, String)>,
+/// Surface types.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Kind {
+    #[default]
+    Standard,
+    EvenAsphere,
+    OddAsphere,
+    CoordinateBreak,
 }
 
-impl SurfaceDraft {
-    /// Reads a line of the surface; `scale` is the lens unit in mm.
+/// A value of a numbered parameter and the line that it is on.
+struct Parameter {
+    number: usize,
+    value: f64,
+    line: usize,
+    quote: String,
+}
+
+/// What the lines of a surface have given so far.
+#[derive(Default)]
+pub(super) struct Reader {
+    kind: Kind,
+    draft: DraftSurface,
+    parameters: Vec<Parameter>,
+}
+
+/// What a surface needs of the system.
+pub(super) struct Context<'a> {
+    /// Lens unit in mm.
+    pub(super) scale: f64,
+    pub(super) glasses: &'a GlassLibrary,
+    /// Catalogues that the design names.
+    pub(super) catalogues: &'a [String],
+}
+
+impl Reader {
+    /// Reads a line; a note for the user comes back where something was assumed or ignored.
     pub(super) fn read_line(
         &mut self,
         key: &str,
         line: &Line<'_>,
-        scale: f64,
-        glasses: &GlassCatalog,
-    ) -> Result<(), DesignError> {
+        context: &Context<'_>,
+    ) -> Result<Option<String>, DesignError> {
+        let scale = context.scale;
+        let draft = &mut self.draft;
         match key {
-            "TYPE" => match line.words.get(1) {
-                Some(&"STANDARD") => self.asphere = false,
-                Some(&"EVENASPH") => self.asphere = true,
-                Some(kind) => {
-                    return Err(line
-                        .error(format!("surface type {kind} is not supported, only STANDARD and EVENASPH")));
-                }
-                None => return Err(line.error("expected a surface type")),
-            },
-            "CURV" => self.shape.curvature = line.value(1)? / scale,
-            "CONI" => self.shape.conic = line.value(1)?,
+            "TYPE" => self.kind = kind(line)?,
+            "CURV" => draft.shape.curvature = line.value(1)? / scale,
+            "CONI" => draft.shape.conic = line.value(1)?,
             "DISZ" => {
-                self.thickness = match line.words.get(1) {
+                draft.thickness_mm = match line.words.get(1) {
                     Some(&"INFINITY") => f64::INFINITY,
                     _ => line.value(1)? * scale,
                 };
             }
             "PARM" => {
-                let (i, v) = (line.value(1)?, line.value(2)?);
-                if v != 0.0 {
-                    self.parameters.push((i.clamp(0.0, 99.0) as usize, v, line.number, line.quote()));
+                let (number, value) = (line.value(1)?, line.value(2)?);
+                if value != 0.0 {
+                    let number = number.clamp(0.0, 99.0) as usize;
+                    self.parameters.push(Parameter { number, value, line: line.number, quote: line.quote() });
                 }
             }
-            "GLAS" => self.glass = Some(glass(line, glasses)?),
+            "GLAS" => {
+                let (glass, note) = glass(line, context)?;
+                draft.glass = Some(glass);
+                return Ok(note);
+            }
             "DIAM" => {
-                self.semi_diameter = line.value(1)? * scale;
-                self.fixed =
-                    (line.value_or(2, 0.0)? == 1.0 && self.semi_diameter > 0.0).then_some(self.semi_diameter);
+                draft.semi_diameter_mm = line.value(1)? * scale;
+                draft.is_fixed = line.value_or(2, 0.0)? == 1.0;
             }
             "CLAP" | "FLAP" => {
                 if line.value(1)? != 0.0 {
                     return Err(line.error("a central obscuration is not supported"));
                 }
-                self.clear = Some(line.value(2)? * scale);
+                draft.clear_mm = Some(line.value(2)? * scale);
             }
-            _ if SURFACE_SKIPPED.contains(&key) => {}
-            _ => return Err(line.error(UNKNOWN_KEYWORD)),
+            "SQAP" | "ELAP" => {
+                // Half widths along x and y.
+                let radius = line.value(1)?.min(line.value(2)?);
+                draft.clear_mm = Some(radius * scale);
+                return Ok(Some(format!(
+                    "line {}: `{}`: an aperture that is not a circle is replaced by the circle inside it, radius {radius}",
+                    line.number,
+                    line.quote()
+                )));
+            }
+            "OBSC" => {
+                // Blocks light between two radii; from 0 it is a central obscuration, else the rim of a mount.
+                let inner = line.value(1)?;
+                if inner == 0.0 && line.value(2)? != 0.0 {
+                    return Err(line.error("a central obscuration is not supported"));
+                }
+                if inner > 0.0 {
+                    draft.clear_mm = Some(draft.clear_mm.unwrap_or(f64::INFINITY).min(inner * scale));
+                }
+            }
+            "OBDC" | "SCBD"
+                if line
+                    .values()
+                    .is_ok_and(|v| v.iter().skip(usize::from(key == "SCBD") * 2).any(|v| *v != 0.0)) =>
+            {
+                return Err(line.error("a tilted or decentred surface or aperture is not supported: the lens must be rotationally symmetric"));
+            }
+            "OBDC" | "SCBD" => {}
+            _ if is_harmless_in_surface(key) => {}
+            _ => return Ok(Some(line.ignored())),
         }
-        Ok(())
+        Ok(None)
     }
 
-    /// The surface with number `index`; `scale` is the lens unit in mm.
-    pub(super) fn surface(&self, index: usize, is_image: bool, scale: f64) -> Result<Surface, DesignError> {
-        let mut shape = self.shape.clone();
-        for (i, v, line, text) in &self.parameters {
-            if !self.asphere || !(1..=8).contains(i) {
-                let problem = "a parameter that this surface type does not have".to_owned();
-                return Err(DesignError::Line { line: *line, text: text.clone(), problem });
+    /// The surface. `before` is the glass in front of it, which a coordinate break leaves as it is.
+    pub(super) fn finish(mut self, before: Option<&Glass>, scale: f64) -> Result<DraftSurface, DesignError> {
+        let error = |p: &Parameter, problem: &str| DesignError::Line {
+            line: p.line,
+            text: p.quote.clone(),
+            problem: problem.to_owned(),
+        };
+        let shape = &mut self.draft.shape;
+        for p in &self.parameters {
+            // The coefficient of r^power has the unit (lens unit)^(1 − power).
+            let (coefficients, index, power) = match (self.kind, p.number) {
+                (Kind::EvenAsphere, i @ 1..=8) => (&mut shape.aspheric, i - 1, 2 * i),
+                (Kind::OddAsphere, i @ 1..=8) if i % 2 == 0 => (&mut shape.aspheric, i / 2 - 1, i),
+                (Kind::OddAsphere, i @ 1..=8) => (&mut shape.odd, i / 2, i),
+                (Kind::CoordinateBreak, 1..=4) => {
+                    return Err(error(
+                        p,
+                        "a tilt or decentre is not supported: the lens must be rotationally symmetric",
+                    ));
+                }
+                // Rotation about the axis, and the order of operations.
+                (Kind::CoordinateBreak, _) => continue,
+                _ => return Err(error(p, "a parameter that this surface type does not have")),
+            };
+            if coefficients.len() <= index {
+                coefficients.resize(index + 1, 0.0);
             }
-            if shape.aspheric.len() < *i {
-                shape.aspheric.resize(*i, 0.0);
-            }
-            shape.aspheric[i - 1] = *v / scale.powi(2 * *i as i32 - 1);
+            coefficients[index] = p.value / scale.powi(power as i32 - 1);
         }
-        if !is_image && !self.thickness.is_finite() {
-            let problem = format!("has an infinite gap behind surface {index}");
-            return Err(DesignError::Incomplete { problem });
+        if self.kind == Kind::CoordinateBreak {
+            self.draft.glass = before.cloned();
         }
-        let bends = !shape.is_flat() || self.glass.is_some();
-        let aperture_mm = self.clear.or(self.fixed.filter(|_| bends)).filter(|_| !is_image);
-        Ok(Surface {
-            shape,
-            thickness_mm: if is_image { 0.0 } else { self.thickness },
-            medium: self.glass.clone().map_or(Medium::Air, Medium::Glass),
-            aperture_mm,
-            semi_diameter_mm: self.semi_diameter,
-        })
+        Ok(self.draft)
     }
 }
 
-fn glass(line: &Line<'_>, glasses: &GlassCatalog) -> Result<Glass, DesignError> {
+fn kind(line: &Line<'_>) -> Result<Kind, DesignError> {
+    let symmetric = "lenscube traces rotationally symmetric lenses of types STANDARD, EVENASPH and ODDASPHE";
+    match line.words.get(1) {
+        Some(&"STANDARD") => Ok(Kind::Standard),
+        Some(&"EVENASPH") => Ok(Kind::EvenAsphere),
+        Some(&"ODDASPHE") => Ok(Kind::OddAsphere),
+        Some(&"COORDBRK") => Ok(Kind::CoordinateBreak),
+        Some(kind) => Err(line.error(format!("surface type {kind} is not supported: {symmetric}"))),
+        None => Err(line.error("expected a surface type")),
+    }
+}
+
+fn glass(line: &Line<'_>, context: &Context<'_>) -> Result<(Glass, Option<String>), DesignError> {
     let name = *line.words.get(1).ok_or_else(|| line.error("expected a glass name"))?;
     if name.eq_ignore_ascii_case("MIRROR") {
         return Err(line.error("mirrors are not supported"));
     }
-    let solve = line.value_or(2, 0.0)?;
-    if solve == 1.0 {
-        // A model glass: nd, Vd and a deviation of partial dispersion. Its dispersion formula is internal to the design program.
-        let (nd, vd, deviation) = (line.value(4)?, line.value_or(5, 0.0)?, line.value_or(6, 0.0)?);
-        if vd != 0.0 || deviation != 0.0 {
-            // Old files have a nominal model beside every catalogue glass.
-            return glasses.find(name).cloned().map_err(|_| {
-                line.error("a model glass with dispersion is not supported; name a catalogue glass (its catalogue may be missing)")
-            });
-        }
-        return Ok(Glass {
-            name: format!("n={nd}"),
-            dispersion: Dispersion::constant(nd),
-            range_um: (0.0, 1e3),
-        });
+    let found = context.glasses.find(name, context.catalogues);
+    // 1: a model glass of n_d, V_d and the deviation of its partial dispersion. Old files have one beside each catalogue glass.
+    let is_model = name.starts_with("___") || (found.is_err() && line.value_or(2, 0.0)? == 1.0);
+    if !is_model {
+        return found.map_err(|e| line.error(e.to_string()));
     }
-    glasses.find(name).cloned().map_err(|e| line.error(e.to_string()))
+    let (n_d, v_d, deviation) = (line.value(4)?, line.value_or(5, 0.0)?, line.value_or(6, 0.0)?);
+    if v_d == 0.0 {
+        let glass =
+            Glass { name: format!("n={n_d}"), dispersion: Dispersion::constant(n_d), range_um: (0.0, 1e3) };
+        return Ok((glass, Some(format!("line {}: model glass of constant index {n_d}", line.number))));
+    }
+    let glass = model_glass(&format!("n={n_d},V={v_d}"), n_d, v_d, deviation)
+        .map_err(|e| line.error(e.to_string()))?;
+    let note = format!(
+        "line {}: model glass of n_d = {n_d}, V_d = {v_d}, ΔP_gF = {deviation}: its dispersion is Conrady's formula on the line of normal glasses",
+        line.number
+    );
+    Ok((glass, Some(note)))
 }

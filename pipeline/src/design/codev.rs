@@ -1,0 +1,429 @@
+//! Reader of CODE V sequence files (.seq) that describe a lens: spheres, conics, even aspheres.
+//!
+//! Commands are separated by line ends or `;`, continued by `&`, commented by `!`, and not case-sensitive. A surface is `S r t glass` (object `SO`, image
+//! `SI`): radius (curvature without `RDM`), thickness, glass behind it; commands up to the next surface qualify it. Read: DIM, EPD, FNO, NA,
+//! NAO, WL (nm), REF, WTW, XAN/YAN, XOB/YOB, XIM/YIM, XRI/YRI, STO, K, A to J (r⁴ to r²⁰), CIR, and RDY, CUY, THI of a numbered surface.
+//! Rays are aimed at the real stop. The image surface's thickness is the defocus, added to the last gap. A paraxial image solve (PIM) is
+//! solved where the saved last gap is 0; otherwise the saved gap holds. Unknown commands are ignored with a note.
+//! Not supported, with a specific error: mirrors, tilts and decentres, special surfaces, gratings, central obscurations, private glasses.
+
+use super::draft::{Draft, DraftSurface};
+use super::error::DesignError;
+use super::glass::Glass;
+use super::glass_library::{GlassLibrary, model_glass};
+use super::system::{Aperture, FieldKind, ImagePlane, RayAiming, System};
+use super::text::decode;
+use crate::real;
+
+/// Commands that do not change the optics: labels, weights, solves and variables (their saved values hold), display, bookkeeping.
+const HARMLESS: &[&str] = &[
+    "LEN", "GO", "END", "INI", "SLB", "LBL", "TEM", "WTF", "CCY", "THC", "GLC", "KC", "AC", "BC", "CC", "DC",
+    "EC", "FC", "GC", "HC", "JC", "CUM", "THM", "GLM", "VER", "CHK", "OUT", "VIE", "SPH", "CON", "ASP",
+    "SUR", "LCT", "MFL", "CUF", "FAB", "PRO", "CA", "NOR", "IFO", "NRD", "CAO", "PRS", "VCO", "SAV", "TOW",
+    "TIL", "RMD", "SSI", "BUF", "WRI", "DEL", "POX", "POY",
+];
+
+/// Commands for optics that are not rotationally symmetric or not modelled.
+const UNSUPPORTED: &[&str] = &[
+    "GRT", "GRO", "GRS", "DIF", "HOE", "HWL", "CYL", "XTO", "YTO", "ANA", "AAS", "SPS", "SPA", "XYP", "ZRN",
+    "QBF", "QCN", "BEN", "DAR", "REV", "RET", "GLB", "UDS", "GRN", "FRE", "LAR", "INT", "PRV", "NSS",
+];
+
+struct Command<'a> {
+    line: usize,
+    text: &'a str,
+    words: Vec<&'a str>,
+}
+
+impl Command<'_> {
+    fn error(&self, problem: impl Into<String>) -> DesignError {
+        let text = self.text.trim().chars().take(80).collect();
+        DesignError::Line { line: self.line, text, problem: problem.into() }
+    }
+
+    fn value(&self, i: usize) -> Result<f64, DesignError> {
+        let word =
+            self.words.get(i).ok_or_else(|| self.error(format!("expected a number as word {}", i + 1)))?;
+        let value = word.parse().ok().filter(|v: &f64| v.is_finite());
+        value.ok_or_else(|| self.error(format!("`{word}` is not a number")))
+    }
+
+    fn values(&self) -> Result<Vec<f64>, DesignError> {
+        (1..self.words.len()).map(|i| self.value(i)).collect()
+    }
+
+    /// The surface number of a word such as `S3`.
+    fn surface(&self, i: usize) -> Option<usize> {
+        let word = self.words.get(i)?;
+        word.strip_prefix(['S', 's'])?.parse().ok()
+    }
+}
+
+/// Splits a file into commands.
+fn commands(text: &str) -> Vec<Command<'_>> {
+    let mut commands: Vec<Command<'_>> = Vec::new();
+    let mut is_continued = false;
+    for (i, raw) in text.lines().enumerate() {
+        let line = before_comment(raw);
+        let trimmed = line.trim_end();
+        let (line, continues) = trimmed.strip_suffix('&').map_or((trimmed, false), |l| (l, true));
+        for (k, part) in split_outside_quotes(line).into_iter().enumerate() {
+            let words: Vec<&str> = part.split_whitespace().collect();
+            match commands.last_mut() {
+                Some(last) if is_continued && k == 0 => last.words.extend(words),
+                _ if words.is_empty() => (),
+                _ => commands.push(Command { line: i + 1, text: part, words }),
+            }
+        }
+        is_continued = continues;
+    }
+    commands
+}
+
+fn before_comment(line: &str) -> &str {
+    let mut quote = None;
+    for (i, c) in line.char_indices() {
+        match (quote, c) {
+            (None, '!') => return &line[..i],
+            (None, '\'' | '"') => quote = Some(c),
+            (Some(q), c) if c == q => quote = None,
+            _ => (),
+        }
+    }
+    line
+}
+
+fn split_outside_quotes(line: &str) -> Vec<&str> {
+    let (mut parts, mut start, mut quote) = (Vec::new(), 0, None);
+    for (i, c) in line.char_indices() {
+        match (quote, c) {
+            (None, ';') => {
+                parts.push(&line[start..i]);
+                start = i + 1;
+            }
+            (None, '\'' | '"') => quote = Some(c),
+            (Some(q), c) if c == q => quote = None,
+            _ => (),
+        }
+    }
+    parts.push(&line[start..]);
+    parts
+}
+
+struct Reader<'a> {
+    glasses: &'a GlassLibrary,
+    draft: Draft,
+    /// Lens unit in mm.
+    scale: f64,
+    /// Surfaces are given by radius, not curvature.
+    by_radius: bool,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    wavelengths_nm: Vec<f64>,
+    weights: Vec<f64>,
+    has_image: bool,
+    is_solved_for_image: bool,
+}
+
+/// Reads a lens; where `strict`, an unknown command is an error.
+///
+/// # Errors
+/// [`DesignError::Line`] for a line that is wrong or not supported; [`DesignError::Incomplete`] for a missing part.
+pub fn parse(bytes: &[u8], glasses: &GlassLibrary, strict: bool) -> Result<System, DesignError> {
+    let text = decode(bytes);
+    let mut reader = Reader {
+        glasses,
+        draft: Draft::default(),
+        scale: 1.0,
+        by_radius: false,
+        x: Vec::new(),
+        y: Vec::new(),
+        wavelengths_nm: Vec::new(),
+        weights: Vec::new(),
+        has_image: false,
+        is_solved_for_image: false,
+    };
+    for command in commands(&text) {
+        if !reader.read(&command)? {
+            let problem = "is not a known command and was ignored";
+            if strict {
+                return Err(command.error("this command is not known, and --strict allows none"));
+            }
+            let quote: String = command.text.trim().chars().take(80).collect();
+            reader.draft.notes.push(format!("line {}: `{quote}` {problem}", command.line));
+        }
+    }
+    reader.finish()
+}
+
+impl Reader<'_> {
+    /// Reads a command; false if it is not known.
+    fn read(&mut self, command: &Command<'_>) -> Result<bool, DesignError> {
+        let key = command.words[0].to_ascii_uppercase();
+        let first = || command.value(1);
+        let draft = &mut self.draft;
+        match key.as_str() {
+            "RDM" => self.by_radius = !command.words.get(1).is_some_and(|w| w.starts_with(['n', 'N'])),
+            "TIT" | "TITLE" => {
+                let title = command.text.trim()[key.len()..].trim();
+                draft.name = title.trim_matches(['\'', '"']).trim().to_owned();
+            }
+            "DIM" => {
+                self.scale = match command.words.get(1).and_then(|w| w.chars().next()) {
+                    Some('M' | 'm') => 1.0,
+                    Some('C' | 'c') => 10.0,
+                    Some('I' | 'i') => 25.4,
+                    _ => return Err(command.error("expected the lens unit M (mm), C (cm) or I (inch)")),
+                }
+            }
+            "EPD" => draft.aperture = Some(Aperture::EntrancePupil(first()? * self.scale)),
+            "FNO" => draft.aperture = Some(Aperture::ImageFNumber(first()?)),
+            "NA" => draft.aperture = Some(Aperture::WorkingFNumber(0.5 / first()?)),
+            "NAO" => draft.aperture = Some(Aperture::ObjectNa(first()?)),
+            "WL" => self.wavelengths_nm = command.values()?,
+            "WTW" => self.weights = command.values()?,
+            "REF" => draft.primary = first()?.clamp(1.0, 1000.0) as usize - 1,
+            "XAN" | "XOB" | "XIM" | "XRI" => self.x = command.values()?,
+            "YAN" | "YOB" | "YIM" | "YRI" => {
+                draft.field_kind = Some(match key.as_str() {
+                    "YAN" => FieldKind::Angle,
+                    "YOB" => FieldKind::ObjectHeight,
+                    "YIM" => FieldKind::ParaxialImageHeight,
+                    _ => FieldKind::RealImageHeight,
+                });
+                self.y = command.values()?;
+            }
+            "VUX" | "VLX" | "VUY" | "VLY" => {
+                draft.has_vignetting_factors |= command.values()?.iter().any(|v| *v != 0.0);
+            }
+            "ZOO" => {
+                if command.words.get(1).is_some_and(|n| n.parse::<f64>().is_ok_and(|n| n > 1.0)) {
+                    draft.notes.push("zoom lens: the first position is read".to_owned());
+                }
+            }
+            "SO" | "SI" | "S" => self.start_surface(&key, command)?,
+            _ if key.len() > 1 && command.surface(0).is_some() => self.start_surface(&key, command)?,
+            "ADE" | "BDE" | "XDE" | "YDE" | "ZDE" => {
+                if first()? != 0.0 {
+                    return Err(command.error(
+                        "tilts and decentres are not supported: the lens must be rotationally symmetric",
+                    ));
+                }
+            }
+            _ if UNSUPPORTED.contains(&key.as_str()) => {
+                return Err(
+                    command.error("not supported: lenscube traces rotationally symmetric refractive lenses")
+                );
+            }
+            _ if HARMLESS.contains(&key.as_str()) => {}
+            _ => return self.read_qualifier(&key, command),
+        }
+        Ok(true)
+    }
+
+    /// Commands that qualify the last surface, or the one that they name.
+    fn read_qualifier(&mut self, key: &str, command: &Command<'_>) -> Result<bool, DesignError> {
+        let named = command.surface(1);
+        let value = usize::from(named.is_some()) + 1;
+        let last = self.draft.surfaces.len().saturating_sub(1);
+        let index = named.unwrap_or(last);
+        let scale = self.scale;
+        if key == "PIM" {
+            self.is_solved_for_image = !command.words.get(1).is_some_and(|w| w.starts_with(['n', 'N']));
+            return Ok(true);
+        }
+        if key == "STO" {
+            self.draft.stop = Some(index);
+            return Ok(true);
+        }
+        let Some(surface) = self.draft.surfaces.get_mut(index) else { return Ok(false) };
+        match key {
+            "K" => surface.shape.conic = command.value(value)?,
+            "A" | "B" | "C" | "D" | "E" | "F" | "G" | "H" | "J" => {
+                // r⁴ to r²⁰; I is not used.
+                let term = "ABCDEFGHJ".find(key).unwrap_or(0) + 1;
+                if surface.shape.aspheric.len() <= term {
+                    surface.shape.aspheric.resize(term + 1, 0.0);
+                }
+                surface.shape.aspheric[term] = command.value(value)? / scale.powi(2 * term as i32 + 1);
+            }
+            "CIR" => match command.words.get(value).map(|w| w.to_ascii_uppercase()).as_deref() {
+                Some("EDG") => {}
+                Some("OBS" | "HOL") => return Err(command.error("a central obscuration is not supported")),
+                _ => surface.clear_mm = Some(command.value(value)? * scale),
+            },
+            // A solve: its saved value stands in the surface's line.
+            "THI" | "CUY" | "RDY" if command.value(value).is_err() => {}
+            "THI" => surface.thickness_mm = command.value(value)? * scale,
+            "RDY" => surface.shape.curvature = curvature(command.value(value)?, true, scale),
+            "CUY" => surface.shape.curvature = curvature(command.value(value)?, false, scale),
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn start_surface(&mut self, key: &str, command: &Command<'_>) -> Result<(), DesignError> {
+        let number = self.draft.surfaces.len();
+        if (key == "SO") != (number == 0) {
+            return Err(command.error("expected the object (SO) first, then surfaces (S) and the image (SI)"));
+        }
+        let value = |i: usize| if command.words.len() > i { command.value(i) } else { Ok(0.0) };
+        let mut surface = DraftSurface { thickness_mm: value(2)? * self.scale, ..DraftSurface::default() };
+        surface.shape.curvature = curvature(value(1)?, self.by_radius, self.scale);
+        if let Some(name) = command.words.get(3) {
+            let (glass, note) = self.glass(name, command)?;
+            surface.glass = glass;
+            self.draft.notes.extend(note);
+        }
+        self.has_image |= key == "SI";
+        self.draft.surfaces.push(surface);
+        Ok(())
+    }
+
+    fn glass(
+        &self,
+        name: &str,
+        command: &Command<'_>,
+    ) -> Result<(Option<Glass>, Option<String>), DesignError> {
+        match name.to_ascii_uppercase().as_str() {
+            "AIR" => return Ok((None, None)),
+            "REFL" => return Err(command.error("mirrors are not supported")),
+            _ => (),
+        }
+        let Some((n_d, v_d)) = glass_code(name) else {
+            let (glass, note) = self.glasses.find(name, &[]).map_err(|e| command.error(e.to_string()))?;
+            return Ok((Some(glass), note));
+        };
+        let glass = model_glass(name, n_d, v_d, 0.0).map_err(|e| command.error(e.to_string()))?;
+        let note =
+            format!("line {}: glass code {name}: model glass of n_d = {n_d}, V_d = {v_d}", command.line);
+        Ok((Some(glass), Some(note)))
+    }
+
+    fn finish(self) -> Result<System, DesignError> {
+        let incomplete = |problem: &str| DesignError::Incomplete { problem: problem.to_owned() };
+        if self.draft.surfaces.is_empty() {
+            return Err(incomplete("has no surfaces (SO, S, SI): is it a CODE V macro instead of a lens?"));
+        }
+        if !self.has_image {
+            return Err(incomplete("has no image surface (SI)"));
+        }
+        let mut draft = self.draft;
+        let last = draft.surfaces.len() - 1;
+        let is_open = last > 0 && draft.surfaces[last - 1].thickness_mm == 0.0;
+        let defocus_mm = std::mem::take(&mut draft.surfaces[last].thickness_mm);
+        if last > 0 {
+            draft.surfaces[last - 1].thickness_mm += defocus_mm;
+        }
+        let unit = match draft.field_kind {
+            None | Some(FieldKind::Angle) => 1.0,
+            Some(_) => self.scale,
+        };
+        let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);
+        let count = self.x.len().max(self.y.len());
+        draft.fields = (0..count).map(|i| unit * real::hypot(at(&self.x, i), at(&self.y, i))).collect();
+        let weight = |i: usize| self.weights.get(i).copied().unwrap_or(1.0);
+        draft.wavelengths_um =
+            self.wavelengths_nm.iter().enumerate().map(|(i, nm)| (nm * 1e-3, weight(i))).collect();
+        draft.aiming = Some(RayAiming::Real);
+        let system = draft.finish()?;
+        match self.is_solved_for_image && is_open {
+            true => {
+                let plane = ImagePlane::Paraxial(system.primary_um());
+                system.with_image_plane(plane, defocus_mm)
+            }
+            false => Ok(system),
+        }
+    }
+}
+
+/// Curvature in 1/mm from a radius (0 is a plane) or a curvature in lens units.
+fn curvature(value: f64, is_radius: bool, scale: f64) -> f64 {
+    match (is_radius, value == 0.0) {
+        (_, true) => 0.0,
+        (true, false) => 1.0 / (value * scale),
+        (false, false) => value / scale,
+    }
+}
+
+/// n_d and V_d of a six-digit glass code: `517642`, `517.642`, `516800.641673`.
+fn glass_code(name: &str) -> Option<(f64, f64)> {
+    if !name.starts_with(|c: char| c.is_ascii_digit())
+        || !name.bytes().all(|b| b.is_ascii_digit() || b == b'.')
+    {
+        return None;
+    }
+    let (n, v) = match name.split_once('.') {
+        Some((n, v)) => (n, v),
+        None if name.len() == 6 => name.split_at(3),
+        None => return None,
+    };
+    if v.len() < 3 || v.contains('.') {
+        return None;
+    }
+    let n_d = format!("1.{n}").parse().ok()?;
+    Some((n_d, format!("{}.{}", &v[..2], &v[2..]).parse().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::paraxial::Paraxial;
+
+    const DOUBLET: &str = "RDM;LEN \"VERSION: 11\"\nTITLE 'a doublet'\nEPD 25.0\nDIM M\nWL 587.6 486.1 &\n 656.3\nREF 1\n\
+        XAN 0.0 0.0\nYAN 0.0 1.0 ! degrees\nSO 0.0 0.1e14\nS 61.47 6.0 NBK7_SCHOTT\n  STO\n  CIR 12.0\nS -44.64 2.5 NSF5_SCHOTT; SLB \"b\"\n\
+        S -129.94 95.951944\n  CIR EDG 13\n  PIM\nSI 0.0 0.0\nGO\n";
+
+    fn read(text: &str) -> Result<System, DesignError> {
+        parse(text.as_bytes(), &GlassLibrary::new(), false)
+    }
+
+    #[test]
+    fn doublet_has_its_catalogue_focal_length() {
+        let system = read(DOUBLET).unwrap();
+        assert_eq!((system.name.as_str(), system.stop, system.notes.len()), ("a doublet", 0, 0));
+        assert_eq!((system.fields.len(), system.wavelengths_um.len()), (2, 3));
+        assert_eq!((system.surfaces[0].aperture_mm, system.surfaces[2].aperture_mm), (Some(12.0), None));
+        let p = Paraxial::new(&system, 0.5876).unwrap();
+        assert!((p.effective_focal_length_mm - 100.0).abs() < 0.05, "{}", p.effective_focal_length_mm);
+        assert!(p.focus_shift_mm().abs() < 1e-3, "{}", p.focus_shift_mm());
+    }
+
+    #[test]
+    fn paraxial_image_solve_is_solved_where_the_gap_is_zero() {
+        let solved = read(&DOUBLET.replace("95.951944", "0")).unwrap();
+        assert!((solved.surfaces[2].thickness_mm - 95.951944).abs() < 1e-3);
+    }
+
+    #[test]
+    fn curvature_mode_inches_and_glass_codes_are_converted() {
+        let text = DOUBLET
+            .replace("RDM;", "")
+            .replace("DIM M", "DIM I")
+            .replace("S 61.47 6.0 NBK7_SCHOTT", "S 0.5 0.2 516800.641673");
+        let system = read(&text).unwrap();
+        assert!((system.surfaces[0].shape.curvature - 0.5 / 25.4).abs() < 1e-15);
+        assert!((system.surfaces[0].medium.index(0.587_561_8).unwrap() - 1.5168).abs() < 1e-9);
+        assert!(system.notes.iter().any(|n| n.contains("516800.641673")));
+        assert_eq!(glass_code("517642"), Some((1.517, 64.2)));
+        assert_eq!((glass_code("NBK7"), glass_code("5176"), glass_code("1.5:60")), (None, None, None));
+    }
+
+    #[test]
+    fn unsupported_optics_is_an_error_with_its_line() {
+        for (from, to, line) in [
+            ("NBK7_SCHOTT", "REFL", 11),
+            ("NBK7_SCHOTT", "NBK99_SCHOTT", 11),
+            ("  CIR EDG 13", "  ADE 3.0", 16),
+            ("  CIR EDG 13", "  GRT", 16),
+            ("  CIR 12.0", "  CIR OBS 2", 13),
+            ("EPD 25.0", "EPD x", 3),
+        ] {
+            let error = read(&DOUBLET.replace(from, to)).unwrap_err();
+            assert!(matches!(&error, DesignError::Line { line: l, .. } if *l == line), "{to}: {error}");
+        }
+        let macro_file = read("ver no\nlcl num ^x\nfor ^i 1 3\nend for\n").unwrap_err().to_string();
+        assert!(macro_file.contains("macro"), "{macro_file}");
+        assert!(parse(DOUBLET.replace("GO", "QQQ 1").as_bytes(), &GlassLibrary::new(), true).is_err());
+    }
+}
