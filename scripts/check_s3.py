@@ -175,7 +175,7 @@ def status_and_verify(store, env, reference):
     store.put(key, bytes(data))
     store.s3.delete_object(Bucket=BUCKET, Key="films/film.zarr/film/c/0/0/0")
     lenscube(env, 4, ["bad: film/c/1/1/1", "missing: film/c/0/0/0"], "verify", film)
-    lenscube(env, 4, ["removed 1 bad shards"], "verify", film, "--repair")
+    lenscube(env, 4, ["removed 1 damaged shards"], "verify", film, "--repair")
     lenscube(env, 4, [f"{SHARDS - 2} of {SHARDS}"], "status", film, "--check")
     lenscube(env, 0, ["resuming"], *run(film))
     same_film(store.objects("films/film.zarr"), reference, "a repaired film")

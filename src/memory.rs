@@ -135,8 +135,8 @@ impl MemoryInputs<'_> {
         }
         let chart: Size = self.frame.chart;
         let remap = |plan: &BandPlan| {
-            let Options { stages, reading, simd, .. } = *self.options;
-            Remap::new(self.frame, &plan.lens, stages, reading, 1.0, simd)
+            let Options { stages, interpolation, simd, .. } = *self.options;
+            Remap::new(self.frame, &plan.lens, stages, interpolation, 1.0, simd)
         };
         let area = self.max(|p| remap(p).chart_area_bytes(&p.tiling, chart)).saturating_mul(self.threads);
         let scratch = self.max(|p| {

@@ -6,7 +6,8 @@ use crate::progress::{counting, log_line};
 use anyhow::{Context, Result};
 use formats::chart::exr::{ExrChart, ExrContent};
 use formats::chart::{
-    ChartOptions, ChartStore, ChunkMemory, Interleave, NanPolicy, RasterChart, RasterLayout, parse_dtype,
+    AxisOrder, ChartOptions, ChartStore, ChunkMemory, NanPolicy, PictureChart, RasterChart, RasterLayout,
+    RasterSample, parse_dtype,
 };
 use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
@@ -22,17 +23,49 @@ pub enum Chart {
     Store(Box<ChartStore>),
     /// A flat file.
     Raster(Box<RasterChart>),
+    /// Pictures, one per band, or a TIFF of several bands.
+    Pictures(Box<PictureChart>),
     /// A spectral OpenEXR file.
     Exr(Box<ExrChart>),
     /// Generated on demand.
     Generated(Box<Generator>),
 }
 
+/// How a chart is read: flags of the command line.
+#[derive(Clone, Copy, Default)]
+pub struct ChartFlags<'a> {
+    /// `--wavelengths`.
+    pub wavelengths: Option<&'a str>,
+    /// `--chart-shape` and `--chart-dtype`: the file holds raw samples.
+    pub raw: Option<(&'a str, &'a str)>,
+    /// `--axes`.
+    pub axes: Option<&'a AxisOrder>,
+    /// `--chart-scale`.
+    pub scale: Option<f64>,
+    /// `--nan`.
+    pub nan: NanPolicy,
+    /// Bytes of decoded chunks that are cached.
+    pub cache_bytes: usize,
+}
+
 impl Chart {
-    /// Opens `PATH`, `PATH//array` or `gen:KIND?…`.
+    /// Opens `PATH`, `PATH//array` or `gen:KIND?…` without flags of its format.
     pub fn open(spec: &str, wavelengths: Option<&str>, nan: NanPolicy, cache_bytes: usize) -> Result<Self> {
-        let declared = declared_nm(wavelengths)?;
+        Self::open_with(spec, &ChartFlags { wavelengths, nan, cache_bytes, ..ChartFlags::default() })
+    }
+
+    /// Opens `PATH`, `PATH//array`, a folder or pattern of pictures, or `gen:KIND?…`.
+    pub fn open_with(spec: &str, flags: &ChartFlags<'_>) -> Result<Self> {
+        let declared = declared_nm(flags.wavelengths)?;
+        let (path, nan, scale) = (Path::new(spec), flags.nan, flags.scale);
+        if let Some((shape, dtype)) = flags.raw {
+            return Self::raster(Self::raw(spec, shape, dtype, flags)?, declared, scale);
+        }
         if let Some(drawn) = spec.strip_prefix("gen:") {
+            let given = [("--axes", flags.axes.is_some()), ("--chart-scale", scale.is_some())];
+            if let Some((flag, _)) = given.iter().find(|(_, given)| *given) {
+                return Err(usage(format!("{flag} applies to charts in files, not to `{spec}`")));
+            }
             let mut spec: pipeline::chart::ChartSpec =
                 drawn.parse().map_err(|e| usage(format!("chart `{spec}`: {e}")))?;
             if let Some(nm) = declared {
@@ -41,49 +74,73 @@ impl Chart {
             let generator = Generator::new(spec).map_err(|e| usage(format!("chart `gen:{drawn}`: {e}")))?;
             return Ok(Self::Generated(Box::new(generator)));
         }
-        if ExrChart::is_supported_path(Path::new(spec)) {
-            return Self::exr(ExrChart::open(Path::new(spec), nan)?, declared);
+        let without_axes = |format: &str| match flags.axes {
+            None => Ok(()),
+            Some(_) => Err(usage(format!(
+                "--axes applies to Zarr arrays, .npy and raw samples; chart `{spec}`: {format}"
+            ))),
+        };
+        if ExrChart::is_supported_path(path) {
+            without_axes("OpenEXR declares its order")?;
+            return Self::exr(ExrChart::open(path, nan)?, declared, scale);
         }
-        if RasterChart::is_supported_path(Path::new(spec)) {
+        if PictureChart::is_tiff(path) {
+            without_axes("TIFF declares its order")?;
+            return Self::pictures(PictureChart::open_tiff(path, nan)?, declared, scale);
+        }
+        if RasterChart::is_supported_path(path) {
             check_local(spec)?;
-            return Self::raster(RasterChart::open(Path::new(spec), nan)?, declared);
+            return Self::raster(RasterChart::open_with_axes(path, flags.axes, nan)?, declared, scale);
         }
-        let options = ChartOptions { cache_bytes, nan, wavelengths_nm: declared };
+        if PictureChart::is_set_of_pictures(spec) {
+            without_axes("each picture is a band")?;
+            return Self::pictures(PictureChart::open_set(spec, nan)?, declared, scale);
+        }
+        let options = ChartOptions {
+            cache_bytes: flags.cache_bytes,
+            nan,
+            wavelengths_nm: declared,
+            axes: flags.axes.cloned(),
+            scale: scale.unwrap_or(1.0),
+        };
         Ok(Self::Store(Box::new(ChartStore::open(spec, options)?)))
     }
 
-    /// Opens raw samples of `shape` = `BANDS,ROWS,COLUMNS` and NumPy's type `dtype`, band after band.
-    pub fn raw(
-        spec: &str,
-        shape: &str,
-        dtype: &str,
-        wavelengths: Option<&str>,
-        nan: NanPolicy,
-    ) -> Result<Self> {
+    /// Opens raw samples of `shape` (`BANDS,ROWS,COLUMNS`, or the sides along `--axes`) and NumPy's type `dtype`.
+    fn raw(spec: &str, shape: &str, dtype: &str, flags: &ChartFlags<'_>) -> Result<RasterChart> {
         check_local(spec)?;
-        let declared = declared_nm(wavelengths)?;
+        let standard = "wavelength,y,x".parse::<AxisOrder>().expect("a valid order");
+        let axes = flags.axes.unwrap_or(&standard);
         let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
-        let Some(&[bands, rows, columns]) = sides.as_deref() else {
-            return Err(usage(format!("--chart-shape {shape}: expected BANDS,ROWS,COLUMNS")));
-        };
+        let invalid =
+            || usage(format!("--chart-shape {shape}: expected the sides along {axes}, e.g. 31,512,512"));
+        let sides = sides.ok_or_else(invalid)?;
         let Some((sample, little_endian)) = parse_dtype(dtype) else {
             return Err(usage(format!(
                 "--chart-dtype {dtype}: expected u8, u16, f16, f32 or f64, prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8"
             )));
         };
-        let shape = [bands, rows, columns];
-        let layout = RasterLayout { shape, interleave: Interleave::Bsq, sample, little_endian, offset: 0 };
-        Self::raster(RasterChart::raw(Path::new(spec), layout, nan)?, declared)
+        let layout = RasterLayout::raw(&sides, axes, sample, little_endian).map_err(|_| invalid())?;
+        Ok(RasterChart::raw(Path::new(spec), layout, flags.nan)?)
     }
 
-    fn raster(chart: RasterChart, declared: Option<Vec<f64>>) -> Result<Self> {
+    fn raster(chart: RasterChart, declared: Option<Vec<f64>>, scale: Option<f64>) -> Result<Self> {
+        let chart = chart.with_scale(scale.unwrap_or(1.0));
         Ok(Self::Raster(Box::new(match declared {
             Some(nm) => chart.with_wavelengths(nm)?,
             None => chart,
         })))
     }
 
-    fn exr(chart: ExrChart, declared: Option<Vec<f64>>) -> Result<Self> {
+    fn pictures(chart: PictureChart, declared: Option<Vec<f64>>, scale: Option<f64>) -> Result<Self> {
+        let chart = chart.with_scale(scale.unwrap_or(1.0));
+        Ok(Self::Pictures(Box::new(match declared {
+            Some(nm) => chart.with_wavelengths(nm)?,
+            None => chart,
+        })))
+    }
+
+    fn exr(chart: ExrChart, declared: Option<Vec<f64>>, scale: Option<f64>) -> Result<Self> {
         if !matches!(chart.content(), ExrContent::Spectral { .. }) {
             return Err(usage(format!(
                 "chart {}: a colour image without wavelengths; convert it with `lenscube chart image {} CHART.zarr`",
@@ -91,6 +148,7 @@ impl Chart {
                 chart.path().display()
             )));
         }
+        let chart = chart.with_scale(scale.unwrap_or(1.0));
         Ok(Self::Exr(Box::new(match declared {
             Some(nm) => chart.with_wavelengths(nm)?,
             None => chart,
@@ -102,6 +160,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.as_ref(),
             Self::Raster(r) => r.as_ref(),
+            Self::Pictures(p) => p.as_ref(),
             Self::Exr(e) => e.as_ref(),
             Self::Generated(g) => g.as_ref(),
         }
@@ -120,6 +179,12 @@ impl Chart {
                 log_line(copying_bands("chunks span several of them"));
                 store.rechunk(bands, directory, threads, &progress)?;
             }
+            Self::Pictures(pictures) => {
+                log_line(
+                    "the chart's bands are stored as pictures: decoding them once into a temporary file",
+                );
+                pictures.copy_bands(bands, directory, threads, &progress)?;
+            }
             Self::Exr(exr) => {
                 log_line(copying_bands("the file is compressed line by line"));
                 exr.copy_bands(bands, directory, threads, &progress)?;
@@ -134,7 +199,7 @@ impl Chart {
     pub fn chunk_size(&self) -> Size {
         match self {
             Self::Store(s) => Size::new(s.chunk_shape()[1], s.chunk_shape()[2]),
-            Self::Raster(_) | Self::Exr(_) | Self::Generated(_) => Size::new(1, 1),
+            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) | Self::Generated(_) => Size::new(1, 1),
         }
     }
 
@@ -143,7 +208,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.cache_for_rows(rows),
             Self::Generated(g) => g.useful_cache_bytes(),
-            Self::Raster(_) | Self::Exr(_) => 0,
+            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) => 0,
         }
     }
 
@@ -151,6 +216,7 @@ impl Chart {
     pub fn chunk_memory(&self, bands: &[usize]) -> ChunkMemory {
         match self {
             Self::Store(s) => s.chunk_memory(bands),
+            Self::Pictures(p) => p.chunk_memory(),
             Self::Exr(e) => e.chunk_memory(),
             Self::Raster(_) | Self::Generated(_) => ChunkMemory::default(),
         }
@@ -161,7 +227,7 @@ impl Chart {
         match self {
             Self::Store(store) => store.set_cache_bytes(bytes),
             Self::Generated(generator) => generator.set_cache_bytes(bytes),
-            Self::Raster(_) | Self::Exr(_) => (),
+            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) => (),
         }
     }
 
@@ -177,6 +243,15 @@ impl Chart {
             Self::Raster(r) => {
                 r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
             }
+            Self::Pictures(p) => p.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| match p.is_set() {
+                true => usage(format!(
+                    "chart {}: expected one number of 200 to 2500 (nm) at the same position in the name of each of the {} pictures; give \
+                     the wavelengths in their order, e.g. `--wavelengths 400:700:10`",
+                    p.path().display(),
+                    p.bands()
+                )),
+                false => no_wavelengths(p.path(), p.bands()),
+            }),
             Self::Exr(e) => {
                 e.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(e.path(), e.bands()))
             }
@@ -190,7 +265,7 @@ impl Chart {
     pub fn pitch_um(&self) -> Option<f64> {
         match self {
             Self::Store(s) => s.pitch_um(),
-            Self::Raster(_) | Self::Exr(_) => None,
+            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) => None,
             Self::Generated(g) => Some(g.pitch_um()),
         }
     }
@@ -199,7 +274,7 @@ impl Chart {
     pub fn film_size(&self) -> Option<Size> {
         match self {
             Self::Store(s) => s.film_size(),
-            Self::Raster(_) | Self::Exr(_) => None,
+            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) => None,
             Self::Generated(g) => Some(g.film_size()),
         }
     }
@@ -209,6 +284,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.units(),
             Self::Raster(_) => None,
+            Self::Pictures(p) => p.units(),
             Self::Exr(e) => e.units(),
             Self::Generated(g) => Some(g.units()),
         }
@@ -219,6 +295,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.limit_values(max),
             Self::Raster(r) => r.limit_values(max),
+            Self::Pictures(p) => p.limit_values(max),
             Self::Exr(e) => e.limit_values(max),
             Self::Generated(g) => {
                 if let Kind::Uniform { value } = g.spec().kind
@@ -240,13 +317,29 @@ impl Chart {
             Self::Store(s) => {
                 let note = |(scale, offset): (f64, f64)| {
                     format!(
-                        "the chart's scale_factor and add_offset are applied: value = sample · {scale} + {offset}"
+                        "the chart's samples are scaled (scale_factor, add_offset, --chart-scale): value = sample · {scale} + {offset}"
                     )
                 };
                 s.scaling().map(note).into_iter().collect()
             }
             Self::Raster(r) => r.notes().to_vec(),
+            Self::Pictures(p) => p.notes().to_vec(),
             Self::Exr(_) | Self::Generated(_) => Vec::new(),
+        }
+    }
+
+    /// Whether it is a store whose note contains scale and offset.
+    pub fn is_scaled_store(&self) -> bool {
+        matches!(self, Self::Store(s) if s.scaling().is_some())
+    }
+
+    /// Whether its samples are integers.
+    pub fn has_integer_samples(&self) -> bool {
+        match self {
+            Self::Store(s) => RasterSample::Plain(s.sample()).is_integer(),
+            Self::Raster(r) => r.sample().is_integer(),
+            Self::Pictures(p) => p.sample().is_integer(),
+            Self::Exr(_) | Self::Generated(_) => false,
         }
     }
 
@@ -258,6 +351,7 @@ impl Chart {
                 (json!({ "store": identity.content }), json!(identity.mtimes))
             }
             Self::Raster(r) => r.identity()?,
+            Self::Pictures(p) => p.identity()?,
             Self::Exr(e) => e.identity()?,
             Self::Generated(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })

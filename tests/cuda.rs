@@ -294,7 +294,7 @@ fn unsuitable_driver_or_device_exits_2() {
     let cases: [(&str, Settings<'_>, &[&str]); 4] = [
         ("cuda", &[("DRIVER", "12010")], &["12.1", "12.2"]),
         ("cuda", &[("DEVICES", "0")], &["no GPU"]),
-        ("cuda:0,3", &[("DEVICES", "2")], &["GPU 3", "sees 2", "0 to 1"]),
+        ("cuda:0,3", &[("DEVICES", "2")], &["GPU 3", "2 GPUs are visible", "0 to 1"]),
         ("cuda", &[("CAPABILITY", "7.5")], &["7.5", "8.0"]),
     ];
     for (device, settings, words) in cases {

@@ -205,7 +205,7 @@ fn units_are_given_by_list_or_environment_variable() {
     assert_eq!(missing, "7-11,13-14");
     for (unit, words) in [
         ("16", &["no unit 16", "units 0 to 15"][..]),
-        ("3-99", &["unit 99 is beyond"]),
+        ("3-99", &["there is no unit 99"]),
         ("", &["expected 7, or 3-9,12"]),
         ("5-3", &["must not exceed the last"]),
         ("seven", &["`seven` is not a unit"]),
@@ -214,7 +214,11 @@ fn units_are_given_by_list_or_environment_variable() {
         common::assert_exit(&planned.run(unit, &[]), USAGE, words);
     }
     let ran = planned.worker("env:MINE", &[]).env("MINE", "40").output().unwrap();
-    common::assert_exit(&CommandResult::new(&ran), USAGE, &["env:MINE, which is `40`", "beyond the last"]);
+    common::assert_exit(
+        &CommandResult::new(&ran),
+        USAGE,
+        &["env:MINE, which is `40`", "there is no unit 40"],
+    );
     common::assert_exit(&lenscube(&["run", "--unit", "3", "a", "b"]), USAGE, &["--plan"]);
     common::assert_exit(&planned.run("3", &["--overwrite"]), USAGE, &["--overwrite", "--plan"]);
     let status_with = |flags: &[&str]| lenscube(&[&["status", "--plan", text(&planned.job)], flags].concat());

@@ -366,7 +366,7 @@ fn bad_input_is_one_clear_error() {
     bad(&with("example-2um", &["--exposure", "1ms,2ms", "--frames", "9000"]), &["18000 frames"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--noise", "loud"]), &["is no noise"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--film-lux", "100"]), &["relative films"]);
-    bad(&with("example-2um", &["--exposure", "1ms", "--memory", "50MiB"]), &["cannot work", "at least"]);
+    bad(&with("example-2um", &["--exposure", "1ms", "--memory", "50MiB"]), &["too small", "at least"]);
     let raw = place.at("raw.dng");
     assert_exit(&sensor(&film, &raw, &with("example-2um", &["--exposure", "1ms"])), USAGE, &["raw.zarr"]);
     let inside = film.join("raw");

@@ -5,11 +5,12 @@
 //! | Zarr v2 or v3 array, in a directory or at a URL | [`ChartStore`] |
 //! | flat file: `.npy`, ENVI, raw samples | [`RasterChart`] |
 //! | OpenEXR with spectral channels | [`exr::ExrChart`] |
-//! | PNG, TIFF, RGB OpenEXR | [`image::ImageFile`] |
+//! | grey PNG or TIFF per band; TIFF of several bands | [`PictureChart`] |
+//! | PNG, JPEG, WebP, TIFF, RGB OpenEXR | [`image::ImageFile`] |
 //!
 //! # Zarr stores
 //! [`ChartStore::open`] takes `PATH` or `PATH//array`: a group with an array `chart` or `film`, or any array (wavelength, y, x) or
-//! (y, x) of f16, f32, f64, u8 or u16 with a regular chunk grid, sharded or not. Integers are values; attributes of the CF
+//! (y, x), in any order that its dimension names or [`ChartOptions::axes`] give, of f16, f32, f64, u8 or u16 with a regular chunk grid, sharded or not. Integers are values; attributes of the CF
 //! conventions (`scale_factor`, `add_offset`, fill values, valid range) are applied. Not supported: irregular chunk grids, nested
 //! shards.
 //!
@@ -32,6 +33,7 @@
 //! Metadata are checked on opening. [`pipeline::flow::ChartSource::read`] then decodes each chunk once as long as it stays in a bounded
 //! cache, for any number of threads and overlapping requests, and checks its values ([`NanPolicy`], [`MAX_VALUE`]).
 
+mod axes;
 mod band_chunks;
 pub mod cache;
 mod conventions;
@@ -40,14 +42,17 @@ mod decoded;
 mod error;
 pub mod exr;
 mod file_change;
+mod foreign;
 mod header;
 mod identity;
 pub mod image;
+mod interleave;
 mod layout;
 mod memory;
 mod node;
 mod open;
 mod options;
+mod pictures;
 mod raster;
 mod read;
 mod rechunk;
@@ -59,11 +64,13 @@ mod write;
 pub use crate::npy::parse_dtype;
 pub use crate::sample::{RasterSample, Sample};
 pub use crate::shard::Codec;
+pub use axes::{AxisOrder, AxisOrderError};
 pub use error::ChartError;
 pub use identity::ChartIdentity;
 pub use memory::ChunkMemory;
 pub use open::split_array;
 pub use options::{ChartOptions, NanPolicy};
+pub use pictures::PictureChart;
 pub use raster::RasterChart;
 pub use raster::layout::{Interleave, RasterLayout};
 pub use store::{ChartStore, ReadStats};

@@ -1,7 +1,7 @@
 //! NumPy files (NEP 1): `\x93NUMPY`, version (1 to 3), header length (u16; u32 from version 2), a Python dict literal with the keys
 //! `descr`, `fortran_order` and `shape`, then the samples. The literal is parsed, never evaluated.
 //!
-//! Supported: f2, f4, f8, u1 and u2 of either byte order, C order, at most 5 axes; readers restrict this further.
+//! Supported: f2, f4, f8, u1 and u2 of either byte order, at most 5 axes; readers restrict this further.
 
 use crate::sample::{RasterSample, Sample};
 
@@ -21,6 +21,8 @@ pub(crate) struct Header {
     pub(crate) shape: Vec<usize>,
     /// Bytes before the first sample.
     pub(crate) offset: usize,
+    /// Whether the first axis varies fastest.
+    pub(crate) fortran: bool,
 }
 
 /// Parses the header in the first [`MAX_HEADER_BYTES`] of a file, or in all of a shorter one.
@@ -52,15 +54,18 @@ pub(crate) fn header(head: &[u8]) -> Result<Header, HeaderError> {
     let (sample, little_endian) = parse_numpy_dtype(descr).ok_or_else(|| {
         error("samples", "f2, f4, f8, u1 or u2 (numpy: astype)", format!("`{}`", short(descr)))
     })?;
-    if !value_of("fortran_order")?.starts_with("False") {
-        return Err(error("order", "C order (numpy.ascontiguousarray)", "Fortran order".into()));
-    }
+    let order = value_of("fortran_order")?;
+    let fortran = match (order.starts_with("True"), order.starts_with("False")) {
+        (true, _) => true,
+        (_, true) => false,
+        _ => return Err(error("fortran_order", "True or False", short(order))),
+    };
     let shape = value_of("shape")?;
     let inner = shape.strip_prefix('(').and_then(|s| s.split_once(')')).map_or("?", |s| s.0);
     let sides = inner.split(',').map(str::trim).filter(|n| !n.is_empty()).take(MAX_AXES + 1);
     match sides.map(|n| n.parse().ok()).collect::<Option<Vec<usize>>>() {
         Some(shape) if shape.len() <= MAX_AXES => {
-            Ok(Header { sample, little_endian, shape, offset: start + length })
+            Ok(Header { sample, little_endian, shape, offset: start + length, fortran })
         }
         _ => Err(error("shape", "a list of up to 5 sizes", format!("({})", short(inner)))),
     }

@@ -116,7 +116,7 @@ impl RawStore {
 
     fn with(store: Store, spec: RawSpec, attributes: Map<String, Value>) -> Result<Self, RawError> {
         let encoder = |sample| {
-            ShardEncoder::new(Codec::Zstd, sample, spec.chunk)
+            ShardEncoder::new(Codec::Zstd, sample, spec.chunk, None)
                 .map_err(|e| RawError::Codec { reason: e.to_string() })
         };
         Ok(Self {

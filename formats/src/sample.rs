@@ -110,6 +110,23 @@ impl RasterSample {
         }
     }
 
+    /// Whether samples are integers.
+    pub const fn is_integer(self) -> bool {
+        matches!(self, Self::I16 | Self::Plain(Sample::U8 | Sample::U16))
+    }
+
+    /// Short name, as in `--chart-dtype`'s terms: bits and kind.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::I16 => "16-bit signed integers",
+            Self::Plain(Sample::U8) => "8-bit unsigned integers",
+            Self::Plain(Sample::U16) => "16-bit unsigned integers",
+            Self::Plain(Sample::F16) => "16-bit floats",
+            Self::Plain(Sample::F32) => "32-bit floats",
+            Self::Plain(Sample::F64) => "64-bit floats",
+        }
+    }
+
     /// As [`Sample::nearest`].
     pub(crate) fn nearest(self, value: f64) -> f64 {
         match self {

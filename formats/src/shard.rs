@@ -17,6 +17,6 @@ mod encode;
 mod mantissa;
 
 pub(crate) use check::ShardDefect;
-pub(crate) use codec::{sharding_metadata, sharding_of};
 pub use codec::{Codec, SampleType};
+pub(crate) use codec::{sharding_metadata, sharding_of};
 pub(crate) use encode::{ShardEncoder, ShardError};

@@ -38,17 +38,17 @@ impl ChartSource for Chart {
 
 /// Films by window and band; a shard that is committed twice is an error.
 struct Sink {
-    windows: Vec<FilmRegion>,
+    regions: Vec<FilmRegion>,
     films: Mutex<Vec<Vec<Vec<f32>>>>,
     committed: Mutex<BTreeSet<ShardId>>,
 }
 
 impl Sink {
-    fn new(windows: &[FilmRegion], bands: usize) -> Self {
+    fn new(regions: &[FilmRegion], bands: usize) -> Self {
         let film = |w: &FilmRegion| vec![vec![f32::NAN; w.rect.size().pixels()]; bands];
         Self {
-            windows: windows.to_vec(),
-            films: Mutex::new(windows.iter().map(film).collect()),
+            regions: regions.to_vec(),
+            films: Mutex::new(regions.iter().map(film).collect()),
             committed: Mutex::default(),
         }
     }
@@ -57,12 +57,12 @@ impl Sink {
 impl FilmSink for Sink {
     type Encoded = (ShardId, Rect, Vec<f32>);
     fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, SourceSinkError> {
-        assert_eq!(self.windows[id.region].shard_rect(id.row, id.col), rect);
+        assert_eq!(self.regions[id.region].shard_rect(id.row, id.col), rect);
         Ok((id, rect, pixels.to_vec()))
     }
     fn commit(&self, (id, rect, pixels): Self::Encoded) -> Result<u64, SourceSinkError> {
         assert!(self.committed.lock().unwrap().insert(id), "{id:?} committed twice");
-        let window = self.windows[id.region].rect;
+        let window = self.regions[id.region].rect;
         let film = &mut self.films.lock().unwrap()[id.region][id.band];
         for (i, v) in pixels.iter().enumerate() {
             let y = rect.y - window.y + (i / rect.width) as i64;
@@ -155,19 +155,19 @@ impl Case {
 
     fn run(
         &self,
-        windows: &[FilmRegion],
+        regions: &[FilmRegion],
         threads: usize,
         spectra_bytes: usize,
     ) -> (Vec<Vec<Vec<f32>>>, Summary) {
-        let sink = Sink::new(windows, self.lens.bands.len());
-        let summary = self.run_into(windows, threads, spectra_bytes, &self.chart, &sink, &()).unwrap();
+        let sink = Sink::new(regions, self.lens.bands.len());
+        let summary = self.run_into(regions, threads, spectra_bytes, &self.chart, &sink, &()).unwrap();
         assert!(!summary.interrupted);
         (sink.films.into_inner().unwrap(), summary)
     }
 
     fn run_into(
         &self,
-        windows: &[FilmRegion],
+        regions: &[FilmRegion],
         threads: usize,
         spectra_bytes: usize,
         chart: &dyn ChartSource,
@@ -176,7 +176,7 @@ impl Case {
     ) -> Result<Summary, RunError> {
         let plans = self.plans();
         let every = |band: usize| {
-            windows.iter().enumerate().flat_map(move |(window, w)| {
+            regions.iter().enumerate().flat_map(move |(window, w)| {
                 let (rows, cols) = w.count();
                 (0..rows)
                     .flat_map(move |row| (0..cols).map(move |col| ShardId { band, region: window, row, col }))
@@ -185,7 +185,7 @@ impl Case {
         let cancel = AtomicBool::new(false);
         let work = Work {
             film: self.frame.film,
-            windows,
+            regions,
             bands: (0..plans.len())
                 .map(|i| BandWork { chart_band: i, tiling: plans[i].tiling, shards: every(i).collect() })
                 .collect(),
@@ -243,17 +243,17 @@ fn same_bits_for_threads_memory_shards_and_regions(simd: Simd) {
         |a: &[f32], b: &[f32]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
     for (threads, spectra, shard) in [(2, 64 << 20, 256), (5, 1, 256), (3, 1 << 20, 64), (2, 1 << 20, 2048)] {
         let (films, _) = case.run(&case.full_film(shard), threads, spectra);
-        assert_eq!((films.len(), films[0].len()), (1, full[0].len()), "windows, bands");
+        assert_eq!((films.len(), films[0].len()), (1, full[0].len()), "regions, bands");
         for (a, b) in full[0].iter().zip(&films[0]) {
             assert!(same(a, b), "{threads} threads, {spectra} bytes, shards of {shard}");
         }
     }
     let regions = [Rect::new(0, 0, 1, 1), Rect::new(411, 300, 200, 320), Rect::new(650, 5, 50, 77)];
-    let windows: Vec<FilmRegion> =
+    let regions: Vec<FilmRegion> =
         regions.iter().map(|&rect| FilmRegion { rect, shard: Size::new(64, 48) }).collect();
-    let (films, _) = case.run(&windows, 2, 1 << 20);
+    let (films, _) = case.run(&regions, 2, 1 << 20);
     assert_eq!(films.len(), regions.len());
-    for (region, film) in regions.iter().zip(&films) {
+    for (region, film) in regions.iter().map(|r| r.rect).zip(&films) {
         assert_eq!(film.len(), full[0].len(), "bands of {region}");
         for (band, got) in film.iter().enumerate() {
             for (i, v) in got.iter().enumerate() {
@@ -262,7 +262,7 @@ fn same_bits_for_threads_memory_shards_and_regions(simd: Simd) {
             }
         }
     }
-    let (_, corner) = case.run(&windows[..1], 2, 1 << 20);
+    let (_, corner) = case.run(&regions[..1], 2, 1 << 20);
     assert!(corner.tiles == 2, "one tile of each band reaches the corner, {} were computed", corner.tiles);
 }
 
@@ -372,12 +372,12 @@ impl Progress for LostShards {
 fn read_error_loses_exactly_the_dependent_shards(simd: Simd) {
     let mut noise = Noise(8);
     let case = case(simd, &mut noise, Size::new(700, 620), Size::new(720, 640), &[25, 7]);
-    let windows = case.full_film(100);
-    let (full, _) = case.run(&windows, 1, 64 << 20);
+    let regions = case.full_film(100);
+    let (full, _) = case.run(&regions, 1, 64 << 20);
     let rect = Rect::new(300, 310, 4, 4);
     for threads in [1, 3] {
-        let (sink, lost) = (Sink::new(&windows, 2), LostShards::default());
-        case.run_into(&windows, threads, 1 << 20, &Unreadable(&case.chart, 1, rect), &sink, &lost).unwrap();
+        let (sink, lost) = (Sink::new(&regions, 2), LostShards::default());
+        case.run_into(&regions, threads, 1 << 20, &Unreadable(&case.chart, 1, rect), &sink, &lost).unwrap();
         let (committed, lost) = (sink.committed.into_inner().unwrap(), lost.0.into_inner().unwrap());
         assert!(!lost.is_empty() && lost.iter().all(|id| id.band == 1), "{lost:?}");
         assert!(committed.is_disjoint(&lost), "a shard with unreadable pixels was committed");
@@ -385,7 +385,7 @@ fn read_error_loses_exactly_the_dependent_shards(simd: Simd) {
         assert!(lost.len() < 7 * 5, "one unreadable rectangle lost the complete band");
         let films = sink.films.into_inner().unwrap();
         for id in committed {
-            let shard = windows[0].shard_rect(id.row, id.col);
+            let shard = regions[0].shard_rect(id.row, id.col);
             for (y, x) in
                 (shard.y..shard.bottom()).flat_map(|y| (shard.x..shard.right()).map(move |x| (y, x)))
             {
@@ -393,9 +393,9 @@ fn read_error_loses_exactly_the_dependent_shards(simd: Simd) {
                 assert_eq!(films[0][id.band][at].to_bits(), full[0][id.band][at].to_bits(), "{id:?}");
             }
         }
-        let sink = Sink::new(&windows, 2);
+        let sink = Sink::new(&regions, 2);
         let chart = Unreadable(&case.chart, 1, rect);
-        let error = case.run_into(&windows, threads, 1 << 20, &chart, &sink, &()).unwrap_err();
+        let error = case.run_into(&regions, threads, 1 << 20, &chart, &sink, &()).unwrap_err();
         assert_eq!((error.position(), error.cause().to_string().as_str()), (1, "cannot be read"));
     }
 }

@@ -27,7 +27,7 @@ pub struct ChartArgs {
 /// Charts converted from files.
 #[derive(Debug, Subcommand)]
 pub enum ChartCommand {
-    /// Convert a picture (PNG, TIFF or OpenEXR) to a chart: colours become spectra of reflected light
+    /// Convert a picture (PNG, JPEG, WebP, TIFF or OpenEXR) to a chart: colours become spectra of reflected light
     Image(ImageArgs),
 }
 
@@ -35,11 +35,11 @@ pub enum ChartCommand {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:  lenscube chart image photo.png chart.zarr --pitch-um 2\n           \
 lenscube chart image render.exr chart.zarr --pitch-um 2 --scale-to 300\n\
-PNG and TIFF of 8 or 16 bits are decoded as sRGB, OpenEXR as linear or, with channels S0.…nm, band by band. A colour becomes the \
+PNG and TIFF of 8 or 16 bits, JPEG and WebP are decoded as sRGB, OpenEXR as linear or, with channels S0.…nm, band by band. A colour becomes the \
 mixture of three smooth reflectances that has this colour under the illuminant; the chart's preview shows the same colours:\n  \
 lenscube export chart.zarr back.png --white D65 --exposure 1")]
 pub struct ImageArgs {
-    /// Picture: PNG, TIFF (also BigTIFF) or OpenEXR, without transparency
+    /// Picture: PNG, JPEG, WebP, TIFF (also BigTIFF) or OpenEXR, without transparent pixels
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Zarr store to write

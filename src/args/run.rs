@@ -3,9 +3,11 @@
 use super::codec::CodecArg;
 use super::device::{Device, EngineArg};
 use super::values::{
-    azimuths, bounded, bytes, keep_bits, odd, pair, pair_mm, pitch, roi, scale, size, storage, threads,
+    azimuths, bounded, bytes, keep_bits, odd, pair, pair_mm, pitch, positive, roi, scale, size, storage,
+    threads,
 };
 use clap::{Args, ValueEnum};
+use formats::chart::AxisOrder;
 use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
 use std::path::PathBuf;
@@ -13,8 +15,8 @@ use std::path::PathBuf;
 /// A job: the arguments shared by `lenscube run` and `lenscube plan`.
 #[derive(Debug, Args, Clone)]
 pub struct RunArgs {
-    /// Chart: PATH or PATH//array of a Zarr store, local or at a URL; .npy; ENVI (.hdr); spectral .exr; raw samples; or
-    /// gen:KIND?size=14141&…
+    /// Chart: PATH or PATH//array of a Zarr store, local or at a URL; .npy; ENVI (.hdr); TIFF of several bands; spectral .exr; folder or
+    /// '*.png' of grey pictures, one per band; raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
     pub chart: String,
     /// Film to write, a Zarr v3 group, local or at s3://BUCKET/PREFIX
@@ -24,12 +26,18 @@ pub struct RunArgs {
     /// A file with the name of a built-in lens is given as ./NAME
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
-    /// Shape of a raw chart, stored band after band
+    /// Shape of a raw chart, stored band after band, or in the order of --axes
     #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype")]
     pub chart_shape: Option<String>,
     /// Sample type of a raw chart: u8, u16, f16, f32 or f64; prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8
     #[arg(long, value_name = "TYPE", requires = "chart_shape")]
     pub chart_dtype: Option<String>,
+    /// Axes of the chart's array, slowest first, where names of dimensions do not give them: y,x,wavelength (Zarr, .npy, raw)
+    #[arg(long, value_name = "AXES")]
+    pub axes: Option<AxisOrder>,
+    /// Factor of all chart values, e.g. 1e-4 for reflectance stored as integers to 10000 [default: 1]
+    #[arg(long, value_name = "FACTOR", value_parser = positive)]
+    pub chart_scale: Option<f64>,
     /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,

@@ -73,7 +73,7 @@ fn decode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
         let nan = NanPolicy::Error;
         let store = ChartStore::open(
             &path.to_string_lossy(),
-            ChartOptions { cache_bytes: 64 << 20, nan, wavelengths_nm: None },
+            ChartOptions { cache_bytes: 64 << 20, nan, ..ChartOptions::default() },
         )?;
         // Reading one line decodes all chunks of its row.
         for y in (0..SHARD).step_by(store.chunk_shape()[1]) {

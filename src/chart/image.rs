@@ -85,10 +85,19 @@ pub fn command(args: &ImageArgs) -> Result<()> {
     let power = |nm: f64| scale * light.relative_power(nm);
     let plan = plan(args, &file, light, &power)?;
     let size = file.size();
+    let limit = args.memory.unwrap_or_else(default_limit);
+    let needed = file.decoder_bytes() as u64 + MAX_THREAD_BYTES;
+    if file.decoder_bytes() > 0 && needed > limit {
+        return Err(usage(format!(
+            "--memory {limit} is too small: {} is decoded as a whole, which requires {needed} bytes; raise the limit, or convert it to \
+             PNG or TIFF, which are read row by row",
+            args.file.display()
+        )));
+    }
     let parent = parent_of(&args.out);
     create_directories(parent, true)?;
     let threads = threads(args.threads);
-    let max_threads = (args.memory.unwrap_or_else(default_limit) / MAX_THREAD_BYTES).max(1) as usize;
+    let max_threads = (limit / MAX_THREAD_BYTES).max(1) as usize;
     let threads = threads.min(max_threads);
     let (bar, progress) = counting("reading the picture");
     let transfer = if args.linear { Transfer::Linear } else { Transfer::Srgb };

@@ -5,7 +5,7 @@ use super::frame::frame;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::lens::source::UntracedLens;
-use crate::open::Chart;
+use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
 use formats::chart::NanPolicy;
 use pipeline::geometry::Frame;
@@ -63,9 +63,13 @@ impl Inputs {
 }
 
 fn open_chart(args: &RunArgs, nan: NanPolicy) -> Result<Chart> {
-    let wavelengths = args.wavelengths.as_deref();
-    match (&args.chart_shape, &args.chart_dtype) {
-        (Some(shape), Some(dtype)) => Chart::raw(&args.chart, shape, dtype, wavelengths, nan),
-        _ => Chart::open(&args.chart, wavelengths, nan, 0),
-    }
+    let flags = ChartFlags {
+        wavelengths: args.wavelengths.as_deref(),
+        raw: args.chart_shape.as_deref().zip(args.chart_dtype.as_deref()),
+        axes: args.axes.as_ref(),
+        scale: args.chart_scale,
+        nan,
+        cache_bytes: 0,
+    };
+    Chart::open_with(&args.chart, &flags)
 }

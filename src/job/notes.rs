@@ -18,6 +18,15 @@ const MIN_USUAL_ENERGY: f64 = 0.9;
 pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String>> {
     let mut notes = plan.lens.notes().to_vec();
     notes.extend(chart.notes());
+    if !chart.is_scaled_store() && (chart.has_integer_samples() || args.chart_scale.is_some()) {
+        let samples = if chart.has_integer_samples() {
+            "the chart's samples are integers"
+        } else {
+            "the chart is scaled"
+        };
+        let factor = args.chart_scale.unwrap_or(1.0);
+        notes.push(format!("{samples}: values are multiplied by {factor} (--chart-scale)"));
+    }
     if is_builtin(&args.lens) && Path::new(&args.lens).symlink_metadata().is_ok() {
         notes.push(format!(
             "--lens {0} is the built-in lens; for the file of that name, --lens ./{0}",

@@ -38,9 +38,9 @@ pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
 pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
     let sample = match &job.chart {
         Chart::Store(s) => s.sample().bytes(),
-        Chart::Raster(r) => r.layout().sample.bytes(),
+        Chart::Raster(r) => r.sample().bytes(),
         // As in the temporary file that it is decoded to.
-        Chart::Exr(_) => size_of::<f32>(),
+        Chart::Pictures(_) | Chart::Exr(_) => size_of::<f32>(),
         Chart::Generated(_) => return 0,
     };
     let plan = &job.plans[band];

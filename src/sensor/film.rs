@@ -4,7 +4,7 @@ use crate::args::ExposeArgs;
 use crate::failure::usage;
 use crate::status;
 use anyhow::{Result, bail};
-use formats::chart::{ChartError, ChartOptions, ChartStore, NanPolicy, split_array};
+use formats::chart::{ChartError, ChartOptions, ChartStore, split_array};
 use formats::film::FilmStore;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
@@ -110,7 +110,7 @@ impl Film {
         check_complete(&store, output)?;
         let name = film.outputs[output].name.clone();
         let (order, wavelengths_nm) = in_order(&film.wavelengths_nm, path)?;
-        let options = ChartOptions { cache_bytes, nan: NanPolicy::Error, wavelengths_nm: None };
+        let options = ChartOptions { cache_bytes, ..ChartOptions::default() };
         let array = ChartStore::open_at(Path::new(path), &name, options)?;
         let (rect, pitch_um) = (film.outputs[output].rect, film.pitch_um);
         let axis =

@@ -68,7 +68,7 @@ impl Memory {
         let Some(threads) = fit else {
             let least = (fixed + worker) / 15 * 16;
             return Err(usage(format!(
-                "--memory {} cannot work: strips of {} pixels need at least {}; give that much, or a smaller --size",
+                "--memory {} is too small: strips of {} pixels need at least {}; give that much, or a smaller --size",
                 mib(limit),
                 needs.width,
                 mib(least)
@@ -97,10 +97,10 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_sensor_works_in_256_mib_and_less_is_refused() {
-        let memory = Memory::plan(256 << 20, 2, &needs(true)).unwrap();
+    fn largest_sensor_works_in_288_mib_and_100_mib_is_an_error() {
+        let memory = Memory::plan(288 << 20, 2, &needs(true)).unwrap();
         assert!(memory.threads >= 1 && memory.cache == 0);
-        assert!(Memory::plan(100 << 20, 2, &needs(true)).unwrap_err().to_string().contains("cannot work"));
+        assert!(Memory::plan(100 << 20, 2, &needs(true)).unwrap_err().to_string().contains("too small"));
         let memory = Memory::plan(1 << 30, 2, &Needs { ratio: 2.75, width: 5142, ..needs(false) }).unwrap();
         assert_eq!((memory.threads, memory.cache), (2, (4 * 31) << 20));
     }

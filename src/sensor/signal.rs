@@ -7,7 +7,7 @@ use crate::failure::usage;
 use crate::interrupt;
 use crate::progress::counting;
 use anyhow::{Context, Result, bail};
-use formats::chart::{ChartOptions, ChartStore, NanPolicy};
+use formats::chart::{ChartOptions, ChartStore};
 use formats::durable::{free_bytes, is_url, unnamed_temp_file};
 use formats::raw::{RawSpec, RawStore, SIGNAL};
 use formats::sensor::SensorFile;
@@ -59,7 +59,7 @@ impl Kept {
             );
         }
         let a = |key: &str| raw.attributes().get(key).cloned().unwrap_or_default();
-        let options = ChartOptions { cache_bytes: 0, nan: NanPolicy::Error, wavelengths_nm: None };
+        let options = ChartOptions { cache_bytes: 0, ..ChartOptions::default() };
         Ok(Self {
             sensor: SensorFile::from_record(path, &a("sensor"))?,
             signal_identity: a("signal_identity"),
@@ -193,7 +193,7 @@ pub fn pass(
         planes,
         block: plan.memory.block,
         threads: plan.memory.threads,
-        cancel: interrupt::finish_tiles(),
+        cancel: interrupt::cancel_flag(),
     };
     pass.run(rows, deliver).map_err(anyhow::Error::from_boxed)
 }

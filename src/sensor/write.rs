@@ -95,7 +95,7 @@ impl Writer<'_> {
     /// Each place from a signal on the disk.
     fn expose_stored(&self, places: &Places, stored: Stored<'_>) -> Result<()> {
         let places: Vec<&Vec<RawShard>> = places.values().collect();
-        let cancel = interrupt::finish_tiles();
+        let cancel = interrupt::cancel_flag();
         self.parallel(places.len(), |k| {
             if cancel.load(Ordering::Relaxed) {
                 return Ok(());

@@ -104,7 +104,8 @@ impl FilmMaker {
                 Some(_) => ("film".to_owned(), *rect),
                 None => (format!("roi_{i}"), rect.size().rect()),
             };
-            let options = ChartOptions { cache_bytes: 64 << 20, nan: NanPolicy::Keep, wavelengths_nm: None };
+            let options =
+                ChartOptions { cache_bytes: 64 << 20, nan: NanPolicy::Keep, ..ChartOptions::default() };
             let store = ChartStore::open(&format!("{}//{array}", path.display()), options)?;
             let bands = (0..store.bands()).map(|band| {
                 let mut pixels = vec![0f32; part.size().pixels()];

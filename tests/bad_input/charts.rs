@@ -14,7 +14,13 @@ fn missing_or_foreign_chart_exits_1_and_names_the_path() {
     fs::create_dir(at("empty")).unwrap();
     assert_invalid(&at("empty"), &["empty", "no Zarr metadata", "Zarr v2 or v3"]);
     fs::write(at("file.tif"), "II*").unwrap();
-    assert_invalid(&at("file.tif"), &["file.tif", "a file"]);
+    assert_invalid(&at("file.tif"), &["file.tif", "unsupported format .tif"]);
+    fs::write(at("cut.tif"), b"II*\0\x08\0\0\0").unwrap();
+    assert_invalid(&at("cut.tif"), &["cut.tif", "damaged"]);
+    fs::write(at("cube.mat"), "MATLAB 5.0 MAT-file").unwrap();
+    assert_invalid(&at("cube.mat"), &["MATLAB v5", "scipy.io.loadmat", "--axes"]);
+    fs::write(at("cube.xyz"), "1 2 3").unwrap();
+    assert_invalid(&at("cube.xyz"), &["unsupported format .xyz; supported: Zarr"]);
     assert_invalid(&job.pack, &["no array", "chart", "wavelength"]);
     fs::write(at("empty/zarr.json"), "{\"zarr_format\": 3,").unwrap();
     assert_invalid(&at("empty"), &["empty", "JSON"]);
@@ -24,8 +30,8 @@ fn missing_or_foreign_chart_exits_1_and_names_the_path() {
 fn chart_with_wrong_axes_type_or_missing_metadata_is_rejected() {
     let array = |job: &SmallJob| job.chart.join("chart/zarr.json");
     let job = SmallJob::new();
-    edit(&array(&job), |j| j["dimension_names"] = json!(["y", "x", "wavelength"]));
-    job.assert_rejected(&[], FAILED, &["(wavelength, y, x)", "(y, x, wavelength)", "transpose"]);
+    edit(&array(&job), |j| j["dimension_names"] = json!(["y", "time", "depth"]));
+    job.assert_rejected(&[], FAILED, &["any order", "(y, time, depth)", "--axes"]);
     let job = SmallJob::new();
     edit(&array(&job), |j| (j["data_type"], j["fill_value"]) = (json!("int64"), json!(0)));
     job.assert_rejected(&[], FAILED, &["sample type", "float32", "int64"]);

@@ -176,6 +176,6 @@ fn repair_keeps_a_valid_shard_written_during_the_repair() {
     assert!(files(&job.film) == expected);
     let ran = first.run_to_end();
     assert_eq!(ran.code, WRONG, "{}{}", ran.stdout, ran.stderr);
-    assert!(ran.stderr.contains("removed 0 bad shards"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("removed 0 damaged shards"), "{}", ran.stderr);
     assert!(files(&job.film) == expected && job.leftover_files().is_empty());
 }

@@ -4,31 +4,12 @@ use pipeline::bounds;
 use serde_json::Value;
 use zarrs::array::{Array, DataType, data_type};
 
+use super::axes::{AxisOrder, axis_of};
 use super::error::ChartError;
 use super::layout::Layout;
 use super::node::{Node, open_array};
 use crate::bounded::BoundedChain;
 use crate::durable::{DurableError, Store};
-
-/// Names of the spectral axis.
-const SPECTRAL: [&str; 14] = [
-    "wavelength",
-    "wavelengths",
-    "wavelength_nm",
-    "wave",
-    "wl",
-    "band",
-    "bands",
-    "lambda",
-    "channel",
-    "channels",
-    "c",
-    "spectral",
-    "spectrum",
-    "λ",
-];
-const ROWS: [&str; 7] = ["y", "row", "rows", "line", "lines", "height", "lat"];
-const COLUMNS: [&str; 8] = ["x", "col", "cols", "column", "columns", "sample", "samples", "width"];
 
 /// Names of the array's dimensions: `dimension_names` of Zarr v3, or xarray's attribute in v2.
 pub(super) fn dimension_names(array: &Array<Store>) -> Option<Vec<String>> {
@@ -39,29 +20,35 @@ pub(super) fn dimension_names(array: &Array<Store>) -> Option<Vec<String>> {
     Some(names.iter().map(|n| n.as_str().unwrap_or_default().to_owned()).collect())
 }
 
-/// The axis that a name implies: 0 wavelength, 1 row, 2 column.
-fn axis_of(name: &str) -> Option<usize> {
-    let name = name.to_lowercase();
-    let last = name.rsplit('_').next().unwrap_or(&name);
-    [&SPECTRAL[..], &ROWS, &COLUMNS]
-        .iter()
-        .position(|names| names.contains(&name.as_str()) || names.contains(&last))
-}
-
-/// Checks that names of dimensions do not contradict the order (wavelength, y, x); unknown names are accepted.
-pub(super) fn check_order(layout: &Layout, names: Option<&[String]>) -> Result<(), ChartError> {
-    let Some(names) = names else { return Ok(()) };
-    let first = 3usize.saturating_sub(names.len());
-    let in_order = names.iter().enumerate().all(|(k, n)| axis_of(n).is_none_or(|axis| axis == first + k));
-    if in_order && names.len() == layout.array.shape().len() {
-        return Ok(());
+/// Order of the axes of an array of `sides`: `declared` by the caller, else by the names of its dimensions, else (wavelength, y, x).
+///
+/// # Errors
+/// The expected and the found order, if the names contradict it or there are none and the sides make it doubtful.
+pub(super) fn axis_order(
+    sides: &[usize],
+    names: Option<&[String]>,
+    declared: Option<&AxisOrder>,
+) -> Result<AxisOrder, (String, String)> {
+    if let Some(order) = declared {
+        return match order.rank() == sides.len() {
+            true => Ok(order.clone()),
+            false => Err((format!("{} axes, as in --axes {order}", order.rank()), format!("{sides:?}"))),
+        };
     }
-    Err(ChartError::Metadata {
-        path: layout.store.root().into(),
-        array: layout.name.clone(),
-        what: "order of dimensions",
-        expected: "(wavelength, y, x) or (y, x); transpose the array".into(),
-        found: format!("({})", names.join(", ")),
+    if !(2..=3).contains(&sides.len()) {
+        // An error of the layout.
+        return Ok(AxisOrder::standard(sides.len()));
+    }
+    let Some(names) = names else {
+        return match AxisOrder::spatial_first(sides) {
+            None => Ok(AxisOrder::standard(sides.len())),
+            Some(found) => Err(("(wavelength, y, x)".into(), found)),
+        };
+    };
+    let order = if names.len() == sides.len() { AxisOrder::from_names(names) } else { None };
+    order.ok_or_else(|| {
+        let expected = "wavelength, y and x in any order, or y and x; --axes gives the axes of this array";
+        (expected.into(), format!("({})", names.join(", ")))
     })
 }
 
@@ -107,13 +94,15 @@ fn from_attribute<'a>(find: &impl Fn(&str) -> Option<&'a Value>) -> Option<Vec<f
         .find_map(|key| find(key)?.as_array()?.iter().map(Value::as_f64).collect())
 }
 
-/// Wavelengths in nm from the 1-D array beside the chart that has the name of the first dimension, or `wavelength`.
+/// Wavelengths in nm from the 1-D array beside the chart that has the name of the spectral dimension, or `wavelength`.
 fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f64>>, ChartError> {
     if layout.name.is_empty() {
         return Ok(None);
     }
     let group = layout.name.rsplit_once('/').map_or(String::new(), |(group, _)| format!("{group}/"));
-    let named = names.filter(|n| n.len() == 3).map(|n| n[0].as_str()).filter(|n| axis_of(n) == Some(0));
+    let spectral = layout.order.axes().iter().position(|&axis| axis == 0);
+    let named = names.zip(spectral).and_then(|(n, k)| n.get(k)).map(String::as_str);
+    let named = named.filter(|n| axis_of(n) == Some(0));
     let mut candidates: Vec<&str> = named.into_iter().collect();
     candidates.push("wavelength");
     for name in candidates {

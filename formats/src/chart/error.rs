@@ -13,15 +13,27 @@ use crate::image::header::ImageError;
 pub enum ChartError {
     /// No file or directory.
     #[error(
-        "opening chart {path}: not found; expected a Zarr store (PATH or PATH//array), a .npy file, an ENVI header (.hdr) or a spectral .exr"
+        "opening chart {path}: not found; expected a Zarr store (PATH or PATH//array), a .npy file, an ENVI header (.hdr), a multi-band TIFF, a spectral .exr, or a folder or pattern of pictures"
     )]
     NotFound {
         /// The requested path.
         path: PathBuf,
     },
+    /// A file of a format that is not read.
+    #[error("opening chart {path}: unsupported format {found}; supported: {supported}{convert}")]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// Its format.
+        found: String,
+        /// Formats that are read.
+        supported: &'static str,
+        /// How to convert it, after a semicolon; empty if unknown.
+        convert: String,
+    },
     /// Not a Zarr store.
     #[error(
-        "opening chart {path}: {found}, expected the directory of a Zarr v2 or v3 store (zarr.json, .zgroup or .zarray)"
+        "opening chart {path}: {found}, expected the directory of a Zarr v2 or v3 store (zarr.json, .zgroup or .zarray), or of PNG or TIFF pictures, one per band"
     )]
     NotZarr {
         /// The requested path.

@@ -46,6 +46,8 @@ pub struct ExrChart {
     alpha: bool,
     wavelengths_nm: Option<Vec<f64>>,
     nan: NanPolicy,
+    /// Factor of all values.
+    scale: f64,
     max_magnitude: f32,
     identity: (Value, Value),
     file: WatchedFile,
@@ -115,6 +117,7 @@ impl ExrChart {
             units,
             wavelengths_nm,
             nan,
+            scale: 1.0,
             max_magnitude: MAX_VALUE,
             file: WatchedFile::data(path, &meta),
             identity: (json!({ "exr": description, "bytes": meta.len() }), json!(modified_ns(&meta) as u64)),
@@ -162,6 +165,16 @@ impl ExrChart {
         self.identity.0["wavelengths_nm"] = json!(nm);
         self.wavelengths_nm = Some(nm);
         Ok(self)
+    }
+
+    /// Multiplies all values by `scale`. To be called before [`ExrChart::copy_bands`].
+    #[must_use]
+    pub fn with_scale(mut self, scale: f64) -> Self {
+        self.scale *= scale;
+        if self.scale != 1.0 {
+            self.identity.0["scale"] = json!(self.scale);
+        }
+        self
     }
 
     /// Path of the file.
@@ -213,7 +226,7 @@ impl ExrChart {
         let wavelengths_nm = self.wavelengths_nm.clone();
         let chart =
             RasterChart::from_band_file(&self.path, out, self.nan, wavelengths_nm, self.max_magnitude)?;
-        let _ = self.copy.set(chart);
+        let _ = self.copy.set(chart.with_scale(self.scale));
         Ok(())
     }
 

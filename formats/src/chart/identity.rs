@@ -23,7 +23,7 @@ impl ChartStore {
     /// JSON with sorted keys: the array's name in its store, its metadata (of the attributes those that change values: fill values,
     /// valid range, scale and offset), wavelengths, pitch, film size, units.
     pub fn description(&self) -> String {
-        sorted(json!({
+        let mut description = json!({
             "name": self.layout.name,
             "values": self.layout.values.identity(),
             "array": canonical(&self.layout.array),
@@ -31,8 +31,11 @@ impl ChartStore {
             "pitch_um": self.pitch_um,
             "film_size": self.film_size.map(|s| [s.height, s.width]),
             "units": self.units,
-        }))
-        .to_string()
+        });
+        if !self.layout.order.is_standard() {
+            description["axes"] = json!(self.layout.order.to_string());
+        }
+        sorted(description).to_string()
     }
 
     /// The chart's identity. A copy of the chart has the same `content`, and a copy that preserves modification times the same `mtimes`;

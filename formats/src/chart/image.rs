@@ -1,12 +1,12 @@
-//! Charts from images: PNG, TIFF (decoders: module `image`) and OpenEXR ([`super::exr`]), as bands of linear samples in a temporary file.
+//! Charts from images: PNG, JPEG, WebP, TIFF (decoders: module `image`) and OpenEXR ([`super::exr`]), as bands of linear samples in a temporary file.
 //!
 //! | file | samples | transfer function |
 //! |---|---|---|
-//! | PNG, TIFF | integers | sRGB (IEC 61966-2-1), or linear on request ([`Transfer`]) |
+//! | PNG, JPEG, WebP, TIFF | integers | sRGB (IEC 61966-2-1), or linear on request ([`Transfer`]) |
 //! | OpenEXR | R, G, B or Y, half or float | linear |
 //!
 //! The format is detected from the first bytes. Rows are decoded one by one into the temporary file, so memory does not grow with
-//! the image.
+//! the image, except of JPEG and WebP ([`ImageFile::decoder_bytes`]).
 
 use std::fs::File;
 use std::io::Read;
@@ -24,7 +24,8 @@ use super::raster::bands::BandFile;
 use super::values::MAX_VALUE;
 use crate::durable::DurableError;
 use crate::image::header::{ImageHeader, alpha_error, header_error};
-use crate::image::{png, tiff};
+use crate::image::whole::WholeImage;
+use crate::image::{png, tiff, whole};
 
 /// Transfer function of integer samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -46,6 +47,7 @@ pub struct ImageFile {
 enum Decoder {
     Png(Box<png::PngRows>),
     Tiff(Box<tiff::TiffRows>),
+    Whole(Box<WholeImage>),
     Exr(Box<ExrChart>),
 }
 
@@ -58,11 +60,17 @@ impl ImageFile {
         let mut first = Vec::new();
         let file = match File::open(path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                return Err(header_error(path, "file", "a PNG, TIFF or OpenEXR image", "no such file").into());
+                return Err(header_error(
+                    path,
+                    "file",
+                    "a PNG, JPEG, WebP, TIFF or OpenEXR image",
+                    "no such file",
+                )
+                .into());
             }
             other => other.map_err(|e| DurableError::io("open", path, 0, e))?,
         };
-        file.take(8).read_to_end(&mut first).map_err(|e| DurableError::io("read", path, 0, e))?;
+        file.take(12).read_to_end(&mut first).map_err(|e| DurableError::io("read", path, 0, e))?;
         let (header, decoder) = match &first[..] {
             [0x89, b'P', b'N', b'G', ..] => {
                 let (header, rows) = png::open(path)?;
@@ -71,6 +79,14 @@ impl ImageFile {
             [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => {
                 let (header, rows) = tiff::open(path)?;
                 (header, Decoder::Tiff(Box::new(rows)))
+            }
+            [0xff, 0xd8, 0xff, ..] => {
+                let (header, image) = whole::open_jpeg(path)?;
+                (header, Decoder::Whole(Box::new(image)))
+            }
+            [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P'] => {
+                let (header, image) = whole::open_webp(path)?;
+                (header, Decoder::Whole(Box::new(image)))
             }
             [0x76, 0x2f, 0x31, 0x01, ..] => {
                 let exr = ExrChart::open(path, NanPolicy::Error)?;
@@ -82,7 +98,7 @@ impl ImageFile {
                 (ImageHeader { size, channels, white: 0, notes: Vec::new() }, Decoder::Exr(Box::new(exr)))
             }
             _ => {
-                let expected = "those of a PNG, TIFF or OpenEXR image";
+                let expected = "those of a PNG, JPEG, WebP, TIFF or OpenEXR image";
                 return Err(header_error(path, "first bytes", expected, "something else").into());
             }
         };
@@ -97,6 +113,14 @@ impl ImageFile {
     /// Whether it has one channel rather than three.
     pub fn is_grey(&self) -> bool {
         self.header.channels == 1
+    }
+
+    /// Memory of decoding a format that is decoded as a whole; 0 for the others.
+    pub fn decoder_bytes(&self) -> usize {
+        match &self.decoder {
+            Decoder::Whole(image) => image.decoder_bytes(),
+            _ => 0,
+        }
     }
 
     /// Remarks for the user.
@@ -155,6 +179,7 @@ impl ImageFile {
         match decoder {
             Decoder::Png(rows) => rows.for_each_row(&path, &header, &mut write_row)?,
             Decoder::Tiff(rows) => rows.for_each_row(&path, &header, &mut write_row)?,
+            Decoder::Whole(image) => image.for_each_row(&path, &header, &mut write_row)?,
             Decoder::Exr(_) => unreachable!("returned above"),
         }
         if rows != height as u64 {

@@ -12,6 +12,7 @@ use std::sync::Arc;
 use pipeline::geometry::{Rect, Size};
 use zarrs::array::Array;
 
+use super::axes::AxisOrder;
 use super::error::ChartError;
 use super::values::Values;
 use crate::bounded::BoundedChain;
@@ -34,6 +35,8 @@ pub(super) struct Layout {
     /// Path of the array in the store; empty for a bare array.
     pub(super) name: String,
     pub(super) array: Array<Store>,
+    /// Axes of the array. All shapes and indices here are (bands, rows, columns).
+    pub(super) order: AxisOrder,
     pub(super) shape: [usize; 3],
     pub(super) file_shape: [usize; 3],
     pub(super) chunk_shape: [usize; 3],
@@ -93,13 +96,14 @@ impl Layout {
     fn index_entry(&self, chunk: [usize; 3]) -> usize {
         let per_file = self.chunks_per_file();
         let inside: [usize; 3] = std::array::from_fn(|k| chunk[k] % per_file[k]);
-        row_major(inside, per_file) as usize * 2
+        let (inside, per_file) = (self.order.to_array(&inside), self.order.to_array(&per_file));
+        inside.iter().zip(&per_file).fold(0, |n, (i, side)| n * side + i) * 2
     }
 
     /// Key of the file that holds `chunk`, relative to the store.
     pub(super) fn file_key(&self, chunk: [usize; 3]) -> String {
         let indices = self.file_index(chunk).map(|i| i as u64);
-        self.array.chunk_key(self.array_axes(&indices)).as_str().to_owned()
+        self.array.chunk_key(&self.order.to_array(&indices)).as_str().to_owned()
     }
 
     /// Path of the file that holds `chunk`.
@@ -124,8 +128,8 @@ impl Layout {
         let Ok(index) = numbers.take(rank).map(str::parse).collect::<Result<Vec<u64>, _>>() else {
             return false;
         };
-        let counts = self.file_counts();
-        let exists = std::iter::zip(&index, &counts[3 - rank..]).all(|(i, n)| *i < *n as u64);
+        let counts = self.order.to_array(&self.file_counts());
+        let exists = std::iter::zip(&index, &counts).all(|(i, n)| *i < *n as u64);
         index.len() == rank && exists && self.array.chunk_key(&index).as_str() == self.key_below_array(key)
     }
 
@@ -147,9 +151,11 @@ impl Layout {
         Err(DurableError::StoreMissing { path, missing: "metadata".into() }.into())
     }
 
-    /// `v` without the band axis if the array is 2-D.
-    fn array_axes<'a, T>(&self, v: &'a [T; 3]) -> &'a [T] {
-        &v[3 - self.array.shape().len()..]
+    /// Samples from one band, row and column of a decoded chunk to the next.
+    pub(super) fn chunk_strides(&self) -> [usize; 3] {
+        let sides = self.order.to_array(&self.chunk_shape);
+        let strides: Vec<usize> = (0..sides.len()).map(|k| sides[k + 1..].iter().product()).collect();
+        self.order.to_chart(&strides, 0)
     }
 }
 

@@ -11,6 +11,7 @@ use super::cache::Cache;
 use super::coordinates::{self, dimension_names};
 use super::error::ChartError;
 use super::file_change::ChunkFileStates;
+use super::foreign;
 use super::layout::Layout;
 use super::node::{Node, open_array};
 use super::options::ChartOptions;
@@ -51,8 +52,18 @@ impl ChartStore {
         let array = open_array(&store, &name)?;
         let attributes = array.attributes().clone();
         let dimensions = dimension_names(&array);
-        let layout = Layout::new(store, &name, array)?;
-        coordinates::check_order(&layout, dimensions.as_deref())?;
+        let sides: Vec<usize> = array.shape().iter().map(|&n| n as usize).collect();
+        let order = coordinates::axis_order(&sides, dimensions.as_deref(), options.axes.as_ref()).map_err(
+            |(expected, found)| ChartError::Metadata {
+                path: store.root().into(),
+                array: name.clone(),
+                what: "order of dimensions",
+                expected,
+                found,
+            },
+        )?;
+        let mut layout = Layout::new(store, &name, array, order)?;
+        layout.values.multiply(options.scale);
         let find = |key: &str| attributes.get(key).or_else(|| group.get(key));
         let wavelengths_nm =
             coordinates::wavelengths(&layout, dimensions.as_deref(), &find, options.wavelengths_nm.clone())?;
@@ -87,7 +98,7 @@ fn find(path: &Path, requested: &str) -> Result<Found, ChartError> {
             return Err(ChartError::NotFound { path: path.into() });
         }
         Err(e) => return Err(not_zarr(&e.to_string())),
-        Ok(m) if !m.is_dir() => return Err(not_zarr("a file")),
+        Ok(m) if !m.is_dir() => return Err(foreign::unsupported(path)),
         Ok(_) => {}
     }
     let root = Node::read(&store, "")?;

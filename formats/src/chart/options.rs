@@ -1,5 +1,7 @@
 //! Options of opening a chart.
 
+use super::axes::AxisOrder;
+
 /// Treatment of NaN, infinity and declared fill values in a chart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum NanPolicy {
@@ -21,10 +23,14 @@ pub struct ChartOptions {
     pub nan: NanPolicy,
     /// Wavelengths in nm, one per band, instead of those in the store.
     pub wavelengths_nm: Option<Vec<f64>>,
+    /// Order of the axes, instead of the one that the names of dimensions imply.
+    pub axes: Option<AxisOrder>,
+    /// Factor of all values, besides scale and offset of the file; not 0.
+    pub scale: f64,
 }
 
 impl Default for ChartOptions {
     fn default() -> Self {
-        Self { cache_bytes: 256 << 20, nan: NanPolicy::Error, wavelengths_nm: None }
+        Self { cache_bytes: 256 << 20, nan: NanPolicy::Error, wavelengths_nm: None, axes: None, scale: 1.0 }
     }
 }

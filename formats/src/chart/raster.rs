@@ -5,6 +5,7 @@
 //! | BSQ | (band, row, column): NPY, raw, ENVI | contiguous |
 //! | BIL | (row, band, column): ENVI | contiguous |
 //! | BIP | (row, column, band): ENVI | one per pixel, all bands of a pixel contiguous |
+//! | | columns slower than rows: NPY (also Fortran order), raw | one per column of the file |
 //!
 //! Only the requested rectangle is copied, and converted to f32; integers are values, scaled only if an ENVI header requires it
 //! ([`envi`]). Pages behind the reader are released, so a file of any size takes the memory of a few rows. Where bands interleave
@@ -12,7 +13,7 @@
 //! bands to a temporary file in BSQ order, in one pass.
 //!
 //! A file may be truncated while it is mapped. The lost part then reads as zeros ([`mapped`]), and the read fails.
-//! Not supported: ENVI's georeference and bad band list, Fortran order.
+//! Not supported: ENVI's georeference and bad band list.
 
 mod band_copy;
 pub(super) mod bands;
@@ -36,6 +37,7 @@ use super::header::check_declared_wavelengths;
 use super::options::NanPolicy;
 use super::values::Values;
 use crate::durable::DurableError;
+use crate::sample::RasterSample;
 use layout::{Interleave, RasterLayout};
 use mapped::MappedFile;
 
@@ -48,6 +50,8 @@ pub struct RasterChart {
     path: PathBuf,
     map: MappedFile,
     layout: RasterLayout,
+    /// Sample type of the chart's file, which may have been copied to another.
+    sample: RasterSample,
     /// Position of each band in the mapped file; `None`: not in it.
     entries: Vec<Option<usize>>,
     nan: NanPolicy,
@@ -85,14 +89,24 @@ impl RasterChart {
         Ok(self)
     }
 
+    /// Multiplies all values by `scale`. To be called before [`RasterChart::copy_bands`].
+    #[must_use]
+    pub fn with_scale(mut self, scale: f64) -> Self {
+        self.values.multiply(scale);
+        if let Value::Object(identity) = &mut self.identity.0 {
+            identity.insert("values".into(), self.values.identity());
+        }
+        self
+    }
+
     /// Path of the data file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Layout of the mapped file.
-    pub fn layout(&self) -> &RasterLayout {
-        &self.layout
+    /// Sample type of the file.
+    pub fn sample(&self) -> RasterSample {
+        self.sample
     }
 
     /// Remarks on the interpretation of the header, one line each.
@@ -184,7 +198,8 @@ impl RasterChart {
     fn release_rows(&self, entry: usize, row: usize) {
         let released = &self.released_rows[entry];
         let (start, end) = (released.load(Relaxed), row.saturating_sub(KEPT_ROWS));
-        if end < start + KEPT_ROWS / 4 || self.layout.interleave == Interleave::Bip {
+        if end < start + KEPT_ROWS / 4 || !matches!(self.layout.interleave, Interleave::Bsq | Interleave::Bil)
+        {
             return;
         }
         if released.compare_exchange(start, end, Relaxed, Relaxed).is_ok() {
@@ -206,7 +221,8 @@ impl ChartSource for RasterChart {
 
     fn prefetch(&self, band: usize, rect: Rect) {
         let rect = rect.intersect(ChartSource::size(self).rect());
-        if let Some(entry) = self.entries.get(band).copied().flatten().filter(|_| !rect.is_empty()) {
+        let is_sparse = rect.is_empty() || self.layout.interleave.is_transposed();
+        if let Some(entry) = self.entries.get(band).copied().flatten().filter(|_| !is_sparse) {
             for row in rect.y as usize..rect.bottom() as usize {
                 let (first, step) = self.layout.position(entry, row, rect.x as usize);
                 self.map.prefetch(first, rect.width * step);

@@ -106,8 +106,9 @@ impl ChartStore {
     /// Converts the decoded samples of a chunk to values, and checks them.
     fn convert(&self, chunk_index: [usize; 3], decoded: &[u8]) -> DecodedChunk {
         let (bands, rect) = self.layout.chunk_extent(chunk_index);
-        let [_, rows, columns] = self.layout.chunk_shape;
+        let [per_band, per_row, step] = self.layout.chunk_strides();
         let (sample, values) = (self.layout.sample, &self.layout.values);
+        let mut gathered = Vec::new();
         let (height, width) = (rect.height, rect.width);
         let mut data = Vec::with_capacity(bands.len() * height * width);
         let mut errors = Vec::new();
@@ -115,9 +116,18 @@ impl ChartStore {
         for band in bands.clone() {
             let mut first = None;
             for row in 0..height {
-                let start = ((band - bands.start) * rows + row) * columns;
+                let start = (band - bands.start) * per_band + row * per_row;
                 let from = data.len();
-                let line = &decoded[start * sample.bytes()..][..width * sample.bytes()];
+                let line = &decoded[start * sample.bytes()..];
+                let line = match step {
+                    1 => &line[..width * sample.bytes()],
+                    _ => {
+                        gathered.clear();
+                        let pixels = line.chunks(step * sample.bytes()).take(width);
+                        pixels.for_each(|p| gathered.extend_from_slice(&p[..sample.bytes()]));
+                        &gathered[..]
+                    }
+                };
                 match values.is_identity() {
                     true => sample.append(&mut data, line),
                     false => sample.append_converted(&mut data, line, values.converter(band)),

@@ -94,6 +94,15 @@ impl Values {
         })
     }
 
+    /// Multiplies all values by `scale`, a finite number other than 0.
+    pub(super) fn multiply(&mut self, scale: f64) {
+        match self.scaling.is_empty() {
+            true if scale == 1.0 => {}
+            true => self.scaling = vec![(scale, 0.0)],
+            false => self.scaling.iter_mut().for_each(|s| *s = (s.0 * scale, s.1 * scale)),
+        }
+    }
+
     fn scaling(&self, band: usize) -> (f64, f64) {
         self.scaling.get(band).or(self.scaling.first()).copied().unwrap_or((1.0, 0.0))
     }

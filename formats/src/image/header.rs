@@ -60,6 +60,39 @@ pub(crate) fn alpha_error(path: &Path) -> ImageError {
     header_error(path, "channels", expected, "an alpha channel")
 }
 
+/// Note on an alpha channel that must be opaque.
+pub(super) const ALPHA_NOTE: &str = "its alpha channel is dropped, and must be opaque everywhere";
+/// Note on a colour profile.
+pub(super) const PROFILE_NOTE: &str =
+    "it has a colour profile, which is not applied: its samples are interpreted as sRGB";
+
+/// Removes the last channel, alpha, of the `samples` of a row.
+///
+/// # Errors
+/// A pixel is not opaque.
+pub(super) fn without_alpha(
+    path: &Path,
+    header: &ImageHeader,
+    row: usize,
+    samples: &mut Vec<u16>,
+) -> Result<(), ImageError> {
+    let stored = header.channels + 1;
+    if let Some(column) = samples.chunks_exact(stored).position(|p| p[header.channels] != header.white) {
+        let expected = "no transparency; flatten the image onto its background, e.g. `magick IN -background white -flatten OUT`";
+        return Err(header_error(
+            path,
+            "alpha",
+            expected,
+            format!("a transparent pixel at row {row}, column {column}"),
+        ));
+    }
+    for pixel in 0..samples.len() / stored {
+        samples.copy_within(pixel * stored..pixel * stored + header.channels, pixel * header.channels);
+    }
+    samples.truncate(samples.len() / stored * header.channels);
+    Ok(())
+}
+
 /// Runs a decoder; an error or a panic of it means a damaged file.
 pub(super) fn guarded<T, E: std::fmt::Display>(
     path: &Path,

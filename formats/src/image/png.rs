@@ -8,12 +8,16 @@ use ::png::{BitDepth, ColorType, Decoder, Limits, Reader, Transformations};
 use pipeline::geometry::Size;
 
 use super::header::{
-    ImageError, ImageHeader, MAX_DECODED_BYTES, RowSink, alpha_error, guarded, header_error,
+    ALPHA_NOTE, ImageError, ImageHeader, MAX_DECODED_BYTES, PROFILE_NOTE, RowSink, guarded, header_error,
+    without_alpha,
 };
 use crate::durable::DurableError;
 
 /// A file whose header has been read, positioned at its first row.
-pub(crate) struct PngRows(Reader<BufReader<File>>);
+pub(crate) struct PngRows {
+    reader: Reader<BufReader<File>>,
+    has_alpha: bool,
+}
 
 /// Reads the header.
 pub(crate) fn open(path: &Path) -> Result<(ImageHeader, PngRows), ImageError> {
@@ -35,17 +39,19 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, PngRows), ImageError> {
         ));
     }
     let (colour, depth) = reader.output_color_type();
-    let channels = match colour {
-        ColorType::Grayscale => 1,
-        ColorType::Rgb => 3,
-        _ => return Err(alpha_error(path)),
+    let (channels, has_alpha) = match colour {
+        ColorType::Grayscale => (1, false),
+        ColorType::GrayscaleAlpha => (1, true),
+        ColorType::Rgba => (3, true),
+        ColorType::Rgb | ColorType::Indexed => (3, false),
     };
     let white = if depth == BitDepth::Sixteen { u16::MAX } else { 255 };
     let mut notes = Vec::new();
     if info.icc_profile.is_some() {
-        notes.push(
-            "it has a colour profile, which is not applied: its samples are interpreted as sRGB".into(),
-        );
+        notes.push(PROFILE_NOTE.into());
+    }
+    if has_alpha {
+        notes.push(ALPHA_NOTE.into());
     }
     if let Some(gamma) = info.gama_chunk.map(::png::ScaledFloat::into_value)
         && info.srgb.is_none()
@@ -56,7 +62,7 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, PngRows), ImageError> {
         ));
     }
     let size = Size::new(info.height as usize, info.width as usize);
-    Ok((ImageHeader { size, channels, white, notes }, PngRows(reader)))
+    Ok((ImageHeader { size, channels, white, notes }, PngRows { reader, has_alpha }))
 }
 
 impl PngRows {
@@ -67,11 +73,12 @@ impl PngRows {
         header: &ImageHeader,
         sink: RowSink<'_, E>,
     ) -> Result<(), E> {
-        let mut samples = Vec::with_capacity(header.size.width * header.channels);
+        let stored = header.size.width * (header.channels + usize::from(self.has_alpha));
+        let mut samples = Vec::with_capacity(stored);
         for row in 0..header.size.height {
             let found = guarded(path, || {
                 samples.clear();
-                self.0.next_row().map(|row| {
+                self.reader.next_row().map(|row| {
                     row.is_some_and(|row| {
                         match header.white {
                             255 => samples.extend(row.data().iter().map(|&v| u16::from(v))),
@@ -82,8 +89,11 @@ impl PngRows {
                     })
                 })
             })?;
-            if !found || samples.len() != header.size.width * header.channels {
+            if !found || samples.len() != stored {
                 return Ok(());
+            }
+            if self.has_alpha {
+                without_alpha(path, header, row, &mut samples)?;
             }
             sink(row, &samples)?;
         }

@@ -38,10 +38,13 @@ impl Npy {
 /// # Errors
 /// The error of the header, or of the number of bytes.
 pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
-    let Header { sample, little_endian: little, shape, offset } =
+    let Header { sample, little_endian: little, shape, offset, fortran } =
         header(bytes).map_err(|(what, expected, found)| {
             format!("is no NPY file that can be used: {what}: expected {expected}, found {found}")
         })?;
+    if fortran {
+        return Err("is in Fortran order, expected C order (numpy.ascontiguousarray)".into());
+    }
     let single = match sample {
         RasterSample::Plain(Sample::F32) => true,
         RasterSample::Plain(Sample::F64) => false,

@@ -64,3 +64,10 @@ bare("v3-wrong-order", np.moveaxis(N, 0, 2), dtype="u1", chunks=(37, 41, 3), dim
 bare("v3-int32", dtype="i4", chunks=(3, 37, 41))
 bare("v2-big-endian-fortran", dtype=">u2", chunks=(2, 16, 16), order="F", zarr_format=2)
 bare("v2-float", dtype="<f4", chunks=(1, 37, 41), zarr_format=2, fill_value=None)
+
+g = zarr.create_group(new("v3-columns-first"))
+g.attrs.update({"pitch_um": 2.0, "film_size": [33, 35], "units": "reflectance"})
+c = g.create_array("chart", shape=(W, H, B), dtype="u2", chunks=(16, 16, 2), shards=(32, 32, 4), compressors=[blosc],
+                   dimension_names=["x", "y", "wavelength"])
+c[...] = np.moveaxis(N, [0, 1, 2], [2, 1, 0]).astype("u2")
+g.create_array("wavelength", shape=(B,), chunks=(3,), dtype="f8", dimension_names=["wavelength"])[:] = [400.0, 410.0, 420.5]

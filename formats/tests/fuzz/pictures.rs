@@ -3,9 +3,9 @@
 use crate::directory;
 use crate::fuzz_support::extreme::name;
 use crate::fuzz_support::{Random, damage, fuzz};
-use lenscube_formats::chart::NanPolicy;
 use lenscube_formats::chart::exr::ExrChart;
 use lenscube_formats::chart::image::{ImageFile, Transfer};
+use lenscube_formats::chart::{NanPolicy, PictureChart};
 use lenscube_formats::export::Samples;
 use lenscube_formats::export::exr::{ExrCompression, ExrOptions, write_exr};
 use lenscube_formats::export::regions::Regions;
@@ -111,6 +111,10 @@ fn damaged_pictures_do_not_panic() {
         encoder.write_image::<tiff::encoder::colortype::RGB8>(14, 9, &data).unwrap();
         seeds.push(bytes.into_inner());
     }
+    for name in ["baseline.jpg", "progressive.jpg", "lossless.webp", "opaque-alpha.png"] {
+        let colour = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pictures/colour");
+        seeds.push(fs::read(colour.join(name)).unwrap());
+    }
     fuzz(
         "picture",
         600,
@@ -121,6 +125,46 @@ fn damaged_pictures_do_not_panic() {
             let Ok(source) = file.linear(Transfer::Srgb, dir.path(), 1, none) else { return false };
             let rect = Rect::new(0, 0, size.height.min(40), size.width.min(40));
             source.read(0, rect, &mut vec![0.0; rect.size().pixels()]).is_ok()
+        },
+    );
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "a temporary file remains");
+}
+
+#[test]
+fn band_pictures() {
+    let dir = directory();
+    let at = dir.path().join("c.tif");
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pictures");
+    let seeds: Vec<Vec<u8>> = [
+        "tiff/planar-deflate-f32.tif",
+        "tiff/chunky-tiled-big-endian-bigtiff.tif",
+        "tiff/chunky-lzw-u8.tif",
+        "gdal/descriptions.tif",
+        "gdal/scaled.tif",
+        "numbered-tif/band_2.tif",
+        "png16/scene_400nm.png",
+    ]
+    .map(|name| fs::read(data.join(name)).unwrap())
+    .into();
+    fuzz(
+        "band pictures",
+        600,
+        |r| damaged_file(&seeds, &at, r),
+        |_| {
+            type Open = fn(&Path, NanPolicy) -> Result<PictureChart, lenscube_formats::chart::ChartError>;
+            let open: [Open; 2] =
+                [PictureChart::open_tiff, |p, nan| PictureChart::open_set(p.to_str().unwrap(), nan)];
+            open.iter().any(|open| {
+                let Ok(chart) = open(&at, NanPolicy::Zero) else { return false };
+                let bands: Vec<usize> = (0..chart.bands().min(5)).collect();
+                if chart.copy_bands(&bands, dir.path(), 1, &|_, _| ()).is_err() {
+                    return false;
+                }
+                let size = chart.size();
+                let rect = Rect::new(0, 0, size.height.min(40), size.width.min(40));
+                let mut out = vec![0.0; rect.size().pixels()];
+                bands.iter().all(|&band| chart.read_rect(band, rect, &mut out).is_ok())
+            })
         },
     );
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "a temporary file remains");

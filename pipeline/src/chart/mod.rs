@@ -38,6 +38,9 @@ pub const UNITS: &str = "W m-2 sr-1 nm-1";
 /// Bands from which on it pays to keep the shares of pixels: computing them for storage takes as long as drawing three bands.
 const MIN_CACHED_BANDS: usize = 4;
 
+/// Bytes of shares of the composite chart, which has most edges, per pixel of height and width.
+const CACHE_BYTES_PER_PX_OF_SIDE: usize = 1024;
+
 /// A chart drawn on request from its [`ChartSpec`].
 pub struct Generator {
     spec: ChartSpec,
@@ -85,10 +88,13 @@ impl Generator {
         })
     }
 
-    /// Bytes with which the shares of all pixels at edges are kept from band to band, approximately: those of the composite chart are
-    /// 0.12 bytes per pixel. 0 for charts of few bands, for which they do not pay.
+    /// Bytes with which the shares of all pixels at edges are kept from band to band, approximately; edges grow as the sides of the
+    /// chart. 0 for charts of few bands, for which they do not pay.
     pub fn useful_cache_bytes(&self) -> usize {
-        if self.radiance.len() < MIN_CACHED_BANDS { 0 } else { self.chart.pixels() / 8 }
+        if self.radiance.len() < MIN_CACHED_BANDS {
+            return 0;
+        }
+        (self.chart.height + self.chart.width).saturating_mul(CACHE_BYTES_PER_PX_OF_SIDE)
     }
 
     /// Sets the bytes of shares of pixels that are kept from band to band; at first there is no cache.

@@ -91,6 +91,12 @@ impl Picture {
         self.cells.set_cache_bytes(bytes);
     }
 
+    /// Bytes of shares that may still be kept.
+    #[cfg(test)]
+    pub(super) fn cache_bytes_left(&self) -> usize {
+        self.cells.bytes_left()
+    }
+
     /// Adds a shape on top.
     pub(super) fn add(&mut self, shape: Shape, ink: Ink) {
         let extent = match &shape {

@@ -58,6 +58,12 @@ impl Cells {
         self.left = AtomicUsize::new(bytes);
     }
 
+    /// Bytes of shares that may still be stored.
+    #[cfg(test)]
+    pub(super) fn bytes_left(&self) -> usize {
+        self.left.load(Ordering::Relaxed)
+    }
+
     /// Calls `draw` for the part of `rect` in each cell and each object there, with its shares if they are stored.
     pub(super) fn for_each(
         &self,

@@ -82,6 +82,33 @@ fn shares_kept_from_band_to_band_do_not_change_bits() {
     }
 }
 
+/// CPU time of this thread in s.
+fn thread_cpu_s() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+#[test]
+#[ignore = "measurement: run alone, in release, with --nocapture"]
+fn cost_of_drawing_a_band_with_and_without_kept_shares() {
+    for size in [4000, 8000, 14141] {
+        let spec = format!("composite?size={size}&wavelengths=450,500,550,600");
+        let (plain, mut kept) = (generate(&spec), generate(&spec));
+        kept.set_cache_bytes(usize::MAX);
+        let tiles: Vec<Rect> = plain.size().rect().tiles(442, 442).collect();
+        for band in 0..3 {
+            let seconds = [&plain, &kept].map(|chart| {
+                let start = thread_cpu_s();
+                tiles.iter().for_each(|tile| drop(read(chart, band, *tile)));
+                thread_cpu_s() - start
+            });
+            println!("{size} px, band {band}: {:.3} s, with kept shares {:.3} s", seconds[0], seconds[1]);
+        }
+        let all = kept.useful_cache_bytes();
+        println!("{size} px: {} of {all} bytes", all - kept.picture.cache_bytes_left());
+    }
+}
+
 #[test]
 fn very_small_and_very_long_films_can_be_drawn() {
     for size in ["1", "7x5", "2x1", "3x400", "64x1"] {
@@ -241,7 +268,7 @@ fn invalid_specification_is_an_error_with_a_hint() {
         ("composite?illuminant=F2", "D65, A or E"),
         ("uniform?value=1e300", "32-bit"),
         ("uniform?value=inf", "a number"),
-        ("points?size=20", "fewer"),
+        ("points?size=20", "reduce the number"),
         ("points?count=100000", "1 to 128"),
         ("points?blob=square", "gaussian or disc"),
         ("points?width_px=0.1", "2.2"),

@@ -120,7 +120,7 @@ fn schedule(bands: usize, side: usize, threads: usize, spin_ns: u64) -> f64 {
     let cancel = AtomicBool::new(false);
     let work = Work {
         film,
-        windows: &[window],
+        regions: &[window],
         bands: (0..bands).map(band).collect(),
         threads,
         gpus: &[],

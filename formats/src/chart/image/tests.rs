@@ -159,6 +159,79 @@ fn integers_are_exact_for_every_format_depth_and_compression() {
     assert_eq!(colours[1], planes(&few.iter().map(|v| 255 - v).collect::<Vec<_>>(), 1, 255.0)[0]);
 }
 
+fn fixture(name: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pictures/colour").join(name)
+}
+
+/// Samples as integers, channel after channel, of a file by Pillow.
+fn of_pillow(name: &str) -> Result<Vec<Vec<u8>>, ChartError> {
+    let dir = tempfile::tempdir().unwrap();
+    let file = ImageFile::open(&fixture(name))?;
+    let (size, channels) = (file.size(), if file.is_grey() { 1 } else { 3 });
+    assert_eq!(size, Size::new(9, 12));
+    let source = file.linear(Transfer::Linear, dir.path(), 1, &|_, _| ())?;
+    let read = |c| {
+        let mut out = vec![0.0; size.pixels()];
+        source.read(c, size.rect(), &mut out).unwrap();
+        out.iter().map(|v| (v * 255.0).round() as u8).collect()
+    };
+    Ok((0..channels).map(read).collect())
+}
+
+#[test]
+fn jpeg_webp_and_opaque_alpha_of_pillow_are_decoded() {
+    let value = |c: usize, k: usize| ((60 * c + 5 * (k / 12) + 3 * (k % 12)) % 251) as u8;
+    let exact: Vec<Vec<u8>> = (0..3).map(|c| (0..108).map(|k| value(c, k)).collect()).collect();
+    for name in ["rgb.png", "opaque-alpha.png", "lossless.webp", "opaque-alpha.webp"] {
+        assert_eq!(of_pillow(name).unwrap(), exact, "{name}");
+    }
+    // Pillow drops the opaque alpha channel of a WebP.
+    let notes = ImageFile::open(&fixture("opaque-alpha.png")).unwrap().notes().join(" ");
+    assert!(notes.contains("alpha channel is dropped"), "{notes}");
+    for name in ["alpha.png", "alpha.webp"] {
+        let error = of_pillow(name).unwrap_err().to_string();
+        assert!(error.contains("flatten") && error.contains("row 0, column 0"), "{name}: {error}");
+    }
+    // Pillow's decoder; transforms of other decoders differ by 1 or 2.
+    let npy = fs::read(fixture("baseline.jpg.npy")).unwrap();
+    let pillow = &npy[npy.len() - 324..];
+    for (name, channels) in [("baseline.jpg", 3), ("progressive.jpg", 3), ("grey.jpg", 1)] {
+        let found = of_pillow(name).unwrap();
+        assert_eq!(found.len(), channels, "{name}");
+        for (c, channel) in found.iter().enumerate() {
+            for (k, v) in channel.iter().enumerate() {
+                let expected = if channels == 3 { pillow[3 * k + c] } else { exact[0][k] };
+                assert!(
+                    v.abs_diff(expected) <= 3,
+                    "{name}, channel {c}, pixel {k}: {v}, expected {expected}"
+                );
+            }
+        }
+    }
+    let error = of_pillow("cmyk.jpg").unwrap_err().to_string();
+    assert!(error.contains("colour"), "{error}");
+}
+
+#[test]
+fn truncated_jpeg_and_webp_are_errors() {
+    let dir = Directory::new();
+    for (name, entropy_end) in [("baseline.jpg", 8), ("progressive.jpg", 8), ("lossless.webp", 4)] {
+        let complete = fs::read(fixture(name)).unwrap();
+        for cut in 0..40 {
+            let length = (complete.len() - entropy_end) * cut / 40;
+            assert!(dir.decode(&complete[..length]).is_err(), "{name} cut to {length} of {}", complete.len());
+        }
+    }
+}
+
+#[test]
+fn jpeg_above_the_limit_is_an_error_before_it_is_allocated() {
+    let mut bytes = fs::read(fixture("baseline.jpg")).unwrap();
+    let frame = bytes.windows(2).position(|w| w == [0xff, 0xc0]).unwrap();
+    bytes[frame + 5..frame + 9].copy_from_slice(&[0xff; 4]);
+    Directory::new().assert_rejected(&bytes, "at most 256 MiB");
+}
+
 #[test]
 fn srgb_samples_are_linearized() {
     let dir = Directory::new();

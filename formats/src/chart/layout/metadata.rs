@@ -13,6 +13,7 @@ use zarrs::metadata_ext::codec::sharding::{ShardingCodecConfigurationV1, Shardin
 
 use super::{Layout, ShardIndex};
 use crate::bounded::BoundedChain;
+use crate::chart::axes::AxisOrder;
 use crate::chart::conventions;
 use crate::chart::error::ChartError;
 use crate::durable::Store;
@@ -26,8 +27,13 @@ const MAX_INDEX_BYTES: u64 = 256 << 20;
 const MAX_FILES: u64 = 1 << 24;
 
 impl Layout {
-    /// Checks the metadata of `array`, whose path in `store` is `name`.
-    pub(crate) fn new(store: Arc<Store>, name: &str, array: Array<Store>) -> Result<Self, ChartError> {
+    /// Checks the metadata of `array`, whose path in `store` is `name` and whose axes have `order`.
+    pub(crate) fn new(
+        store: Arc<Store>,
+        name: &str,
+        array: Array<Store>,
+        order: AxisOrder,
+    ) -> Result<Self, ChartError> {
         let root = store.root().to_path_buf();
         let invalid = |what, expected: &str, found: String| ChartError::Metadata {
             path: root.clone(),
@@ -45,9 +51,8 @@ impl Layout {
             ));
         }
         let sides: Vec<usize> = array.shape().iter().map(|&n| n as usize).collect();
-        let bands = if rank == 3 { sides[0] } else { 1 };
-        let pixels = Size::new(sides[rank - 2], sides[rank - 1]);
-        if let Err(e) = bounds::chart_size(bands, pixels) {
+        let [bands, rows, columns] = order.to_chart(&sides, 1);
+        if let Err(e) = bounds::chart_size(bands, Size::new(rows, columns)) {
             return Err(invalid("shape", &e.bound.to_string(), format!("{}: {}", e.bound.name, e.found)));
         }
         let sample = Sample::from_zarr(array.data_type()).ok_or_else(|| {
@@ -123,10 +128,7 @@ impl Layout {
             Some(chain) => chain,
             None => bounded(&array.codecs())?,
         };
-        let three = |v: &[u64]| -> [usize; 3] {
-            let first = if rank == 3 { v[0] } else { 1 };
-            [first as usize, v[rank - 2] as usize, v[rank - 1] as usize]
-        };
+        let three = |v: &[u64]| order.to_chart(v, 1).map(|n| n as usize);
         let fill = array.fill_value().as_ne_bytes();
         if fill.len() != sample.bytes() {
             return Err(invalid("fill value", "one sample", format!("{} bytes", fill.len())));
@@ -139,7 +141,20 @@ impl Layout {
             .map_err(|(what, expected, found)| invalid(what, expected, found))?;
         let (shape, name) = (three(array.shape()), name.into());
         let (file_shape, chunk_shape) = (three(&file_shape), three(&chunk_shape));
-        Ok(Self { store, name, array, shape, file_shape, chunk_shape, sample, fill, values, chain, index })
+        Ok(Self {
+            store,
+            name,
+            array,
+            order,
+            shape,
+            file_shape,
+            chunk_shape,
+            sample,
+            fill,
+            values,
+            chain,
+            index,
+        })
     }
 }
 

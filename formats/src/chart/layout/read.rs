@@ -26,7 +26,7 @@ impl Layout {
             other => other?,
         };
         let Some(bytes) = bytes else { return Ok(None) };
-        let shape = index_shape(&self.chunks_per_file().map(|n| n as u64));
+        let shape = index_shape(&self.order.to_array(&self.chunks_per_file().map(|n| n as u64)));
         let decoded = self.decode(
             chunk,
             &index.chain,
@@ -90,7 +90,7 @@ impl Layout {
     pub(crate) fn decode_chunk(&self, chunk: [usize; 3], encoded: Vec<u8>) -> Result<Vec<u8>, ChartError> {
         let samples = self.chunk_shape.iter().product::<usize>() * self.sample.bytes();
         let shape = self.chunk_shape.map(|n| NonZeroU64::new(n as u64).expect("chunks are not empty"));
-        let shape = self.array_axes(&shape).to_vec();
+        let shape = self.order.to_array(&shape);
         let (t, fill) = (self.array.data_type().clone(), self.array.fill_value().clone());
         let decoded = self.decode(chunk, &self.chain, encoded, &shape, &t, &fill)?;
         if decoded.len() != samples {

@@ -16,16 +16,32 @@ use crate::chart::values::Values;
 /// Rows of a band shorter than this share too many pages with other bands to be read in place.
 const MIN_BIL_ROW_BYTES: u64 = 16 << 10;
 
+/// Bytes of a file in transposed order whose pages are in memory at a time.
+const MAX_BLOCK_BYTES: usize = 16 << 20;
+
 impl RasterChart {
     /// Whether reading band after band would fetch the same pages once per band.
     pub fn needs_band_copy(&self) -> bool {
         let row = (self.layout.shape[2] * self.layout.sample.bytes()) as u64;
-        self.bands() > 1
-            && match self.layout.interleave {
-                Interleave::Bsq => false,
-                Interleave::Bil => row < MIN_BIL_ROW_BYTES,
-                Interleave::Bip => true,
-            }
+        match self.layout.interleave {
+            Interleave::Bsq => false,
+            Interleave::Bil => self.bands() > 1 && row < MIN_BIL_ROW_BYTES,
+            Interleave::Bip => self.bands() > 1,
+            Interleave::BandColumnRow | Interleave::ColumnBandRow | Interleave::ColumnRowBand => true,
+        }
+    }
+
+    /// Rows and columns that are copied at a time: long runs of both files, and few pages of this one.
+    fn copy_block(&self) -> (usize, usize) {
+        let [bands, rows, columns] = self.layout.shape;
+        if !self.layout.interleave.is_transposed() {
+            // 4 MiB of every band.
+            return (((4 << 20) / (columns * 4)).clamp(1, rows), columns);
+        }
+        let bands_in_page = if self.layout.interleave == Interleave::BandColumnRow { 1 } else { bands };
+        let block_rows = rows.min(2048);
+        let pixels = MAX_BLOCK_BYTES / (self.layout.sample.bytes() * bands_in_page);
+        (block_rows, (pixels / block_rows).clamp(1, columns.min(1024)))
     }
 
     /// Copies `bands` to a temporary file in `directory`, which vanishes with the chart, and reads from it from then on. Band
@@ -41,18 +57,28 @@ impl RasterChart {
     ) -> Result<(), ChartError> {
         let [_, rows, columns] = self.layout.shape;
         let file = BandFile::create(directory, &self.path, bands, self.layout.shape)?;
-        // 4 MiB of every band at a time, so that both files are accessed in long runs.
-        let rows_at_once = ((4 << 20) / (columns * 4)).clamp(1, rows);
-        let mut buffer = vec![0.0f32; rows_at_once * columns];
-        for first in (0..rows).step_by(rows_at_once) {
-            let height = rows_at_once.min(rows - first);
-            let rect = Rect::new(first as i64, 0, height, columns);
-            for &band in file.bands() {
-                let pixels = &mut buffer[..height * columns];
-                self.read_rect(band, rect, pixels)?;
-                file.write(band, first, 0, pixels)?;
+        let (block_rows, block_columns) = self.copy_block();
+        let mut buffer = vec![0.0f32; block_rows * block_columns];
+        let mut done = 0;
+        for x in (0..columns).step_by(block_columns) {
+            let width = block_columns.min(columns - x);
+            for y in (0..rows).step_by(block_rows) {
+                let height = block_rows.min(rows - y);
+                let rect = Rect::new(y as i64, x as i64, height, width);
+                for &band in file.bands() {
+                    let pixels = &mut buffer[..height * width];
+                    self.read_rect(band, rect, pixels)?;
+                    match width == columns {
+                        true => file.write(band, y, 0, pixels)?,
+                        false => (y..)
+                            .zip(pixels.chunks(width))
+                            .try_for_each(|(y, p)| file.write(band, y, x, p))?,
+                    }
+                }
+                done += height * width;
+                progress(done as u64, (rows * columns) as u64);
+                self.map.release(0, self.map.expected_bytes() as usize);
             }
-            progress((first + height) as u64, rows as u64);
         }
         self.layout = file.layout();
         (self.map, self.entries) = file.map()?;
@@ -75,6 +101,7 @@ impl RasterChart {
             path: path.into(),
             map,
             entries,
+            sample: layout.sample,
             nan,
             wavelengths_nm,
             values: Values { max_magnitude, ..Values::default() },

@@ -38,7 +38,7 @@ impl BandFile {
     }
 
     /// The bands in the file.
-    pub(super) fn bands(&self) -> &[usize] {
+    pub(in crate::chart) fn bands(&self) -> &[usize] {
         &self.bands
     }
 

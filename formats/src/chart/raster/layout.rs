@@ -1,16 +1,15 @@
 //! Order of the samples in a flat file.
 
+use crate::chart::axes::AxisOrder;
 use crate::sample::RasterSample;
 
-/// Order of bands, rows and columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Interleave {
-    /// (band, row, column).
-    Bsq,
-    /// (row, band, column).
-    Bil,
-    /// (row, column, band).
-    Bip,
+pub use crate::chart::interleave::Interleave;
+
+impl Interleave {
+    /// Whether a row of pixels is spread over the file, column by column.
+    pub(super) fn is_transposed(self) -> bool {
+        matches!(self, Self::BandColumnRow | Self::ColumnBandRow | Self::ColumnRowBand)
+    }
 }
 
 /// Layout of a flat file. Its `Debug` form is part of a chart's identity, which films store: do not rename.
@@ -29,6 +28,28 @@ pub struct RasterLayout {
 }
 
 impl RasterLayout {
+    /// Layout of raw samples, of `sides` along `axes` (slowest first).
+    ///
+    /// # Errors
+    /// The expected number of axes, if `axes` has another.
+    pub fn raw(
+        sides: &[usize],
+        axes: &AxisOrder,
+        sample: RasterSample,
+        little_endian: bool,
+    ) -> Result<Self, usize> {
+        match axes.rank() == sides.len() {
+            false => Err(axes.rank()),
+            true => Ok(Self {
+                shape: axes.to_chart(sides, 1),
+                interleave: axes.interleave(),
+                sample,
+                little_endian,
+                offset: 0,
+            }),
+        }
+    }
+
     /// Bytes up to the end of the last sample; `None` on overflow.
     pub(super) fn end(&self) -> Option<u64> {
         let count = self.shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64))?;
@@ -42,6 +63,9 @@ impl RasterLayout {
             Interleave::Bsq => ((entry * rows + row) * columns + column, 1),
             Interleave::Bil => ((row * bands + entry) * columns + column, 1),
             Interleave::Bip => ((row * columns + column) * bands + entry, bands),
+            Interleave::BandColumnRow => ((entry * columns + column) * rows + row, rows),
+            Interleave::ColumnBandRow => ((column * bands + entry) * rows + row, bands * rows),
+            Interleave::ColumnRowBand => ((column * rows + row) * bands + entry, rows * bands),
         };
         let bytes = self.sample.bytes();
         (self.offset as usize + sample * bytes, step * bytes)

@@ -12,6 +12,7 @@ use serde_json::json;
 use super::layout::RasterLayout;
 use super::mapped::MappedFile;
 use super::{RasterChart, envi, npy_layout};
+use crate::chart::axes::AxisOrder;
 use crate::chart::error::ChartError;
 use crate::chart::file_change::{WatchedFile, modified_ns};
 use crate::chart::header::{check_wavelengths, header_error};
@@ -40,15 +41,28 @@ impl RasterChart {
         path.is_file() && (is_npy(path) || is_envi_header(path) || envi::header_of(path).is_some())
     }
 
-    /// Opens a `.npy` file, an ENVI header, or the data file beside one.
+    /// [`RasterChart::open_with_axes`] without declared axes.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn open(path: &Path, nan: NanPolicy) -> Result<Self, ChartError> {
+        Self::open_with_axes(path, None, nan)
+    }
+
+    /// Opens a `.npy` file, whose axes are `axes` or else (bands, rows, columns), an ENVI header, or the data file beside one.
     ///
     /// # Errors
     /// [`ChartError`] if the header is invalid or not supported, or the file is shorter than the header implies.
-    pub fn open(path: &Path, nan: NanPolicy) -> Result<Self, ChartError> {
+    pub fn open_with_axes(path: &Path, axes: Option<&AxisOrder>, nan: NanPolicy) -> Result<Self, ChartError> {
         if is_npy(path) {
             let head = read_start(path, npy::MAX_HEADER_BYTES)?;
-            let layout = npy_layout::parse(&head).map_err(|(what, e, f)| header_error(path, what, e, f))?;
+            let layout =
+                npy_layout::parse(&head, axes).map_err(|(what, e, f)| header_error(path, what, e, f))?;
             return Self::map(path, layout, Description::default(), nan);
+        }
+        if axes.is_some() {
+            let found = "--axes for an ENVI file, whose header declares the order (interleave)";
+            return Err(header_error(path, "axes", "those of the header", found));
         }
         let hdr = if is_envi_header(path) { Some(path.to_path_buf()) } else { envi::header_of(path) };
         let hdr: PathBuf = hdr.ok_or_else(|| {
@@ -108,6 +122,7 @@ impl RasterChart {
             path: path.into(),
             map,
             entries: (0..bands).map(Some).collect(),
+            sample: layout.sample,
             layout,
             nan,
             wavelengths_nm,

@@ -39,6 +39,15 @@ fn encoded(layout: &RasterLayout) -> Vec<u8> {
         Interleave::Bip => {
             (0..rows).for_each(|y| (0..columns).for_each(|x| (0..bands).for_each(|b| put(b, y, x))));
         }
+        Interleave::BandColumnRow => {
+            (0..bands).for_each(|b| (0..columns).for_each(|x| (0..rows).for_each(|y| put(b, y, x))));
+        }
+        Interleave::ColumnBandRow => {
+            (0..columns).for_each(|x| (0..bands).for_each(|b| (0..rows).for_each(|y| put(b, y, x))));
+        }
+        Interleave::ColumnRowBand => {
+            (0..columns).for_each(|x| (0..rows).for_each(|y| (0..bands).for_each(|b| put(b, y, x))));
+        }
     }
     out
 }
@@ -58,7 +67,8 @@ fn every_sample_type_order_and_byte_order_gives_the_same_pixels() {
     let directory = tempfile::tempdir().unwrap();
     let samples = [Sample::U8, Sample::U16, Sample::F16, Sample::F32, Sample::F64].map(RasterSample::Plain);
     for sample in samples.into_iter().chain([RasterSample::I16]) {
-        for interleave in [Interleave::Bsq, Interleave::Bil, Interleave::Bip] {
+        use Interleave::{BandColumnRow, Bil, Bip, Bsq, ColumnBandRow, ColumnRowBand};
+        for interleave in [Bsq, Bil, Bip, BandColumnRow, ColumnBandRow, ColumnRowBand] {
             for little_endian in [true, false] {
                 let layout = RasterLayout { shape: SHAPE, interleave, sample, little_endian, offset: 13 };
                 let path = directory.path().join("cube.raw");
@@ -121,6 +131,50 @@ fn npy_and_envi_headers_are_parsed() {
 }
 
 #[test]
+fn numpy_files_with_declared_axes_have_the_same_pixels() {
+    let fixture = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pictures").join(name);
+    let axes = "y,x,wavelength".parse().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["fortran-y-x-wavelength.npy", "y-x-wavelength.npy"] {
+        let path = fixture(name);
+        let error = RasterChart::open(&path, NanPolicy::Error).unwrap_err().to_string();
+        assert!(error.contains("--axes y,x,wavelength"), "{error}");
+        let open = || RasterChart::open_with_axes(&path, Some(&axes), NanPolicy::Error).unwrap();
+        let mut chart = open();
+        assert_eq!((chart.bands(), ChartSource::size(&chart)), (3, Size::new(37, 41)), "{name}");
+        assert!(chart.needs_band_copy());
+        let read = |chart: &RasterChart| {
+            let mut out = vec![0.0; 37 * 41];
+            chart.read_rect(2, Size::new(37, 41).rect(), &mut out).unwrap();
+            out
+        };
+        let expected: Vec<f32> =
+            (0..37 * 41).map(|k| ((62 + 7 * (k / 41) + 3 * (k % 41)) % 251) as f32).collect();
+        assert_eq!(read(&chart), expected, "{name}");
+        chart.copy_bands(&[0, 2], dir.path(), &|_, _| ()).unwrap();
+        assert_eq!(read(&chart), expected, "{name}, band copy");
+        let wrong = RasterChart::open_with_axes(&path, Some(&"y,x".parse().unwrap()), NanPolicy::Error);
+        assert!(wrong.unwrap_err().to_string().contains("2 axes"));
+    }
+}
+
+#[test]
+fn scale_multiplies_values_and_is_part_of_the_identity() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.npy");
+    fs::write(&path, npy("<u2", "(1, 2)", &[16, 39, 1, 0])).unwrap();
+    let open = |scale| RasterChart::open(&path, NanPolicy::Error).unwrap().with_scale(scale);
+    let mut out = [0.0; 2];
+    open(1e-4).read_rect(0, Rect::new(0, 0, 1, 2), &mut out).unwrap();
+    assert_eq!(out, [1.0, 1e-4]);
+    assert_ne!(open(1e-4).identity().unwrap(), open(1.0).identity().unwrap());
+    assert_eq!(
+        open(1.0).identity().unwrap(),
+        RasterChart::open(&path, NanPolicy::Error).unwrap().identity().unwrap()
+    );
+}
+
+#[test]
 fn malformed_header_is_an_error_that_names_the_property() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("bad.npy");
@@ -137,6 +191,7 @@ fn malformed_header_is_an_error_that_names_the_property() {
         (npy("<f4", "(0, 2)", &[]), "side of the chart"),
         (npy("<f4", "(1000000000, 1000000000, 1000000000)", &[0; 16]), "chart"),
         (npy("<f4", "(4,)", &[0; 16]), "shape"),
+        (npy("<f4", "(40, 40, 3)", &[0; 19200]), "--axes"),
         (npy("<f4", "(99999999999999999999, 4)", &[0; 16]), "shape"),
         (npy("<f4", "(2, 4)", &[0; 31]), "expected"),
     ] {
@@ -391,7 +446,7 @@ fn every_sample_type_of_envi_and_numpy_is_recognized() {
                     );
                     fs::write(at("t.hdr"), header).unwrap();
                     let chart = RasterChart::open(&at("t.hdr"), NanPolicy::Error).unwrap();
-                    assert_eq!(chart.layout(), &layout);
+                    assert_eq!(&chart.layout, &layout);
                     assert_eq!(chart.wavelengths_nm(), Some(&[450.0, 550.0, 650.0][..]));
                     assert_pixels(&chart, &format!("ENVI {code}, {little_endian}"));
                 }
@@ -402,7 +457,7 @@ fn every_sample_type_of_envi_and_numpy_is_recognized() {
                 fs::write(at("t.npy"), npy(&format!("{order}{name}"), "(3, 7, 5)", &encoded(&layout)))
                     .unwrap();
                 let chart = RasterChart::open(&at("t.npy"), NanPolicy::Error).unwrap();
-                assert_eq!((chart.layout().sample, chart.layout().little_endian), (sample, little_endian));
+                assert_eq!((chart.layout.sample, chart.layout.little_endian), (sample, little_endian));
                 assert_pixels(&chart, &format!("{order}{name}"));
             }
         }

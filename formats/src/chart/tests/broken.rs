@@ -21,11 +21,16 @@ fn path_without_a_chart_is_an_error_that_names_the_cause() {
     assert!(matches!(open_error(dir.path()), ChartError::NotZarr { .. }));
     let file = dir.path().join("picture.png");
     std::fs::write(&file, b"PNG").unwrap();
-    assert!(open_error(&file).to_string().contains("a file"));
+    assert!(open_error(&file).to_string().contains("unsupported format .png"));
     let e = open_error(&PathBuf::from(format!("{}//film", fixture("v3-sharded").display()))).to_string();
     assert!(e.contains("\"film\"") && e.contains("chart, wavelength"), "{e}");
-    let e = open_error(&fixture("v3-wrong-order")).to_string();
-    assert!(e.contains("(y, x, wavelength)") && e.contains("(wavelength, y, x)"), "{e}");
+    let (_dir, path) = copied("v3-wrong-order");
+    edit(&path, |s| s.replace("\"y\"", "\"time\"").replace("\"x\"", "\"depth\""));
+    let e = open_error(&path).to_string();
+    assert!(
+        e.contains("(time, depth, wavelength)") && e.contains("any order") && e.contains("--axes"),
+        "{e}"
+    );
     let e = open_error(&fixture("v3-int32")).to_string();
     assert!(e.contains("int32") && e.contains("float32"), "{e}");
     let e =

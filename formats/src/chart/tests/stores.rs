@@ -43,6 +43,62 @@ fn every_fixture_has_the_expected_pixels_and_decodes_each_chunk_once() {
 }
 
 #[test]
+fn arrays_with_axes_in_other_orders_have_the_same_pixels() {
+    for name in ["v3-wrong-order", "v3-columns-first"] {
+        let chart = open(&fixture(name));
+        assert_eq!(chart.bands(), 3, "{name}");
+        check(&chart, 0..3);
+        let dir = tempfile::tempdir().unwrap();
+        let options = ChartOptions { cache_bytes: 0, ..ChartOptions::default() };
+        let chart = ChartStore::open(fixture(name).to_str().unwrap(), options).unwrap();
+        assert!(chart.rechunk_needed(&[0, 1, 2]), "{name}");
+        chart.rechunk(&[0, 1, 2], dir.path(), 2, &|_, _| ()).unwrap();
+        check(&chart, 0..3);
+        assert!(chart.description().contains("axes"), "{name}");
+    }
+    let chart = open(&fixture("v3-columns-first"));
+    assert_eq!(chart.wavelengths_nm(), Some(&[400.0, 410.0, 420.5][..]));
+    assert_eq!((chart.file_shape(), chart.chunk_shape()), ([4, 32, 32], [2, 16, 16]));
+    assert_eq!(chart.identity().unwrap(), open(&fixture("v3-columns-first")).identity().unwrap());
+}
+
+#[test]
+fn declared_axes_replace_names_and_unnamed_spatial_axes_are_an_error() {
+    let (_dir, path) = copied("v3-wrong-order");
+    let file = path.join("zarr.json");
+    let mut json: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    json["dimension_names"] = serde_json::Value::Null;
+    std::fs::write(&file, json.to_string()).unwrap();
+    let e = open_error(&path).to_string();
+    assert!(e.contains("--axes y,x,wavelength") && e.contains("[37, 41, 3]"), "{e}");
+    let with = |axes: &str| {
+        let options = ChartOptions { axes: Some(axes.parse().unwrap()), ..ChartOptions::default() };
+        ChartStore::open(path.to_str().unwrap(), options)
+    };
+    check(&with("y,x,wavelength").unwrap(), 0..3);
+    assert_eq!(with("wavelength,y,x").unwrap().bands(), 37);
+    let transposed = with("x,y,wavelength").unwrap();
+    assert_eq!(transposed.size(), Size::new(41, 37));
+    let mut pixel = [0.0];
+    transposed.read_rect(1, Rect::new(5, 9, 1, 1), &mut pixel).unwrap();
+    assert_eq!(pixel[0], sample(1, 9, 5));
+    assert!(with("y,x").unwrap_err().to_string().contains("2 axes"));
+}
+
+#[test]
+fn chart_scale_multiplies_and_changes_the_identity() {
+    let with = |scale: f64| {
+        let options = ChartOptions { scale, ..ChartOptions::default() };
+        ChartStore::open(fixture("v3-bip-zstd").to_str().unwrap(), options).unwrap()
+    };
+    let mut pixel = [0.0];
+    with(0.25).read_rect(1, Rect::new(2, 3, 1, 1), &mut pixel).unwrap();
+    assert_eq!(pixel[0], 0.25 * sample(1, 2, 3));
+    assert_ne!(with(0.25).description(), with(1.0).description());
+    assert_eq!(with(1.0).description(), open(&fixture("v3-bip-zstd")).description());
+}
+
+#[test]
 fn chart_metadata_comes_from_the_group_and_its_arrays() {
     let chart = open(&fixture("v3-sharded"));
     assert_eq!(chart.wavelengths_nm(), Some(&[400.0, 410.0, 420.5][..]));

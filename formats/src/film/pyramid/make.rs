@@ -138,6 +138,7 @@ impl FilmStore {
             cache_bytes: 0,
             nan: NanPolicy::Keep,
             wavelengths_nm: Some(self.spec.wavelengths_nm.clone()),
+            ..ChartOptions::default()
         };
         ChartStore::open_at(self.path(), &array, options).map_err(|e| FilmError::Level {
             array,
