@@ -86,7 +86,7 @@ pub struct ExposeArgs {
     /// Replace a field of the description, e.g. noise.prnu=0; may be repeated
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
-    /// 10ms, 1/60s, 2.5 (seconds); auto[:FILL[@PERCENTILE]], by default 0.9@99.9; several with commas between
+    /// 10ms, 1/60s, 2.5 (seconds); auto, auto:FILL or auto:FILL@PERCENTILE, by default 0.9@99.9; several with commas between
     #[arg(long, value_name = "TIME", required = true)]
     pub exposure: Option<String>,
     /// Frames of each exposure

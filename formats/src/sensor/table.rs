@@ -1,4 +1,4 @@
-//! Curves over wavelength: CSV with a header, a column `wavelength_nm` [nm] and columns of values.
+//! Curves over wavelength: CSV with a header, a column `wavelength_nm` (nm) and columns of values.
 
 use std::path::Path;
 

@@ -19,7 +19,7 @@ const BLOCKING_EVENT: u32 = 1;
 /// The streams of a queue: uploads, kernels and downloads overlap.
 ///
 /// Events order the streams where one depends on another. A buffer is used again only after the host has waited for the event
-/// behind its last copy or kernel. [`GpuBand::new`] synchronizes the device.
+/// behind its last copy or kernel. `GpuBand::new` synchronizes the device.
 #[derive(Debug)]
 pub struct Streams {
     upload: Arc<CudaStream>,

@@ -1,6 +1,6 @@
 //! What a laboratory would measure of a sensor: EMVA Standard 1288, Release 4.0 Linear, on frames of uniform light.
 //!
-//! Temporal variance from the difference of two frames; K [DN/e-] the slope of variance over mean, both above the dark, and the responsivity
+//! Temporal variance from the difference of two frames; K (DN/e-) the slope of variance over mean, both above the dark, and the responsivity
 //! R [DN/photon] the slope of the mean over photons, fitted through 0 up to 70 % of saturation; QE = R/K. Saturation is the exposure of the
 //! greatest variance. Spatial variances are those of the mean of many frames, less what is left of temporal noise. Rounding counts as
 //! 1/12 DN², which holds from about 0.5 DN of noise on; below, the standard ends (least variance 0.24 DN²) and K is judged more widely.
@@ -17,7 +17,7 @@ pub const FRAME: Size = Size::new(512, 512);
 pub const EXPOSURES: usize = 50;
 /// Frames of each spatial measurement.
 pub const SPATIAL_FRAMES: u32 = 32;
-/// Least temporal noise [DN] at which rounding is noise of 1/12 DN².
+/// Least temporal noise (DN) at which rounding is noise of 1/12 DN².
 pub const DITHERED_DN: f64 = 0.49;
 /// Least variance that the standard judges, DN².
 const LEAST_VARIANCE: f64 = 0.24;
@@ -113,7 +113,7 @@ pub fn temporal(a: &[u16], b: &[u16]) -> (f64, f64) {
     ((a + b) / 2.0, squares as f64 / n / 2.0 - (a - b) * (a - b) / 2.0)
 }
 
-/// Mean frame and spatial variance [DN²] of frames of one scene, less what is left of temporal noise.
+/// Mean frame and spatial variance (DN²) of frames of one scene, less what is left of temporal noise.
 pub fn spatial(frames: &[Vec<u16>]) -> (Vec<f64>, f64) {
     let (count, pixels) = (frames.len() as f64, frames[0].len());
     let (mut mean, mut temporal) = (Vec::with_capacity(pixels), 0.0);

@@ -3,15 +3,15 @@
 //! Of a sensor pixel with the filter c, in this order (z, u: independent standard normal and uniform numbers, [`random`]):
 //!
 //! ```text
-//! signal [e-/s]  = A · Σ_b w_cb · ⟨E_b⟩                                             spectrum, pixels, stream
-//! mean [e-]      = max(signal, 0)·κ·t·max(1 + PRNU·z, 0) + D(T)·max(1 + DCNU·z, 0)·t   noise
-//! charge [e-]    = min(Poisson(mean), full well)                                    noise, quantile
-//! read [e-]      = (charge + DSNU·z + reset·z + read·z + column offset·z + row·z)·(1 + column gain·z)
-//! raw [DN]       = clip(⌊black + g·K·read + adc·z + ½⌋, 0, 2^bits − 1)
+//! signal (e-/s)  = A · Σ_b w_cb · ⟨E_b⟩                                             spectrum, pixels, stream
+//! mean (e-)      = max(signal, 0)·κ·t·max(1 + PRNU·z, 0) + D(T)·max(1 + DCNU·z, 0)·t   noise
+//! charge (e-)    = min(Poisson(mean), full well)                                    noise, quantile
+//! read (e-)      = (charge + DSNU·z + reset·z + read·z + column offset·z + row·z)·(1 + column gain·z)
+//! raw (DN)       = clip(⌊black + g·K·read + adc·z + ½⌋, 0, 2^bits − 1)
 //! ```
 //!
-//! ⟨E_b⟩ [W m⁻² nm⁻¹] is the mean of the film's band b over the pixel's aperture, w_cb [nm/J] the weight of the band behind the filter, A
-//! [m²] the area that the quantum efficiency is stated for, t [s] the exposure time, κ the scale of a relative film, g the gain, K [DN/e-] the
+//! ⟨E_b⟩ (W m⁻² nm⁻¹) is the mean of the film's band b over the pixel's aperture, w_cb (nm/J) the weight of the band behind the filter, A
+//! (m²) the area that the quantum efficiency is stated for, t (s) the exposure time, κ the scale of a relative film, g the gain, K (DN/e-) the
 //! conversion at gain 1. The signal is rounded to f32 once; all that follows starts from that. PRNU stands before the Poisson number: it is a
 //! share of light that is not caught, so it has shot noise. PRNU, DCNU, DSNU and the column terms belong to the die and are the same in
 //! every frame; shot, reset, read, converter and row noise belong to the frame.
@@ -113,7 +113,7 @@ pub struct Channel {
     pub name: String,
     /// The colour plane that it belongs to.
     pub plane: String,
-    /// Quantum efficiency over wavelength, or quantum efficiency times wavelength [nm] where `per_energy`.
+    /// Quantum efficiency over wavelength, or quantum efficiency times wavelength (nm) where `per_energy`.
     pub curve: Curve,
 }
 

@@ -36,7 +36,7 @@ pub(super) struct ExposeRow<'a> {
     column: u32,
     /// Row noise, e-.
     offset_e: f64,
-    /// Offset [e-] and gain of each column; empty if there is none.
+    /// Offset (e-) and gain of each column; empty if there is none.
     column_offset_e: &'a [f64],
     column_gain: &'a [f64],
 }
@@ -81,7 +81,7 @@ impl Exposer {
         }
     }
 
-    /// Digital numbers of the sensor pixels `rect` from their signal [e-/s], both row by row.
+    /// Digital numbers of the sensor pixels `rect` from their signal (e-/s), both row by row.
     ///
     /// # Panics
     /// If the lengths are not those of `rect`, or it begins before the sensor's first pixel.
@@ -114,7 +114,7 @@ impl Exposer {
         }
     }
 
-    /// Offset [e-] and gain of the columns of `rect`.
+    /// Offset (e-) and gain of the columns of `rect`.
     fn columns(&self, rect: Rect) -> (Vec<f64>, Vec<f64>) {
         let of = |which: usize, sigma: f64| match sigma == 0.0 {
             true => Vec::new(),

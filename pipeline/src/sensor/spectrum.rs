@@ -1,6 +1,6 @@
 //! Weights of the film's bands behind the filters of a sensor.
 //!
-//!   w_cb = ∫ hat_b(λ) · λ/(hc) · QE_c(λ) · ΠT(λ) dλ   [nm/J]
+//!   w_cb = ∫ hat_b(λ) · λ/(hc) · QE_c(λ) · ΠT(λ) dλ   (nm/J)
 //! Between bands E is linear in λ, so hat_b is the triangle between a band's neighbours; before the first and after the last band E stays
 //! constant for half a spacing; a lone band stands for 10 nm. QE and transmittances are linear between their nodes and 0 outside their tables.
 //! Three Gauss points on every piece between nodes are exact: at most five linear factors (hat, λ, QE, two transmittances).
@@ -142,7 +142,7 @@ impl Sensor {
     }
 }
 
-/// Weights v_b with illuminance [lx] = Σ_b v_b·E_b for a film of spectral irradiance [W m⁻² nm⁻¹].
+/// Weights v_b with illuminance (lx) = Σ_b v_b·E_b for a film of spectral irradiance (W m⁻² nm⁻¹).
 pub fn illuminance_weights(bands_nm: &[f64]) -> Vec<f64> {
     colour::xyz_weights(bands_nm).iter().map(|w| w[1]).collect()
 }

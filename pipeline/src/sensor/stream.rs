@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 pub struct BandWeights(Vec<Vec<f64>>);
 
 impl BandWeights {
-    /// Electrons per second of a mean spectral irradiance [W m⁻² nm⁻¹], times `factors`, what a film value of each band stands for.
+    /// Electrons per second of a mean spectral irradiance (W m⁻² nm⁻¹), times `factors`, what a film value of each band stands for.
     pub fn electrons(sensor: &Sensor, bands_nm: &[f64], factors: &[f64]) -> Self {
         let area = sensor.area_m2();
         let of = |channel| {

@@ -1,6 +1,6 @@
 //! Reader of sequential .zmx lens files (text): surfaces STANDARD, EVENASPH and ODDASPHE.
 //!
-//! Keywords are read, or known not to change the optics ([`keywords`]), or unknown: an unknown one is ignored with a note that names its line,
+//! Keywords are read, or known not to change the optics (module `keywords`), or unknown: an unknown one is ignored with a note that names its line,
 //! or an error where the caller is strict. Merit function, tolerances and multi-configuration data follow the last surface: the surfaces
 //! already have the saved configuration, so operands there are skipped, and more than one configuration is noted.
 //! Lengths are converted from lens units to mm. Apertures: CLAP and FLAP (outer radius), the inner radius of a ring-shaped OBSC, the circle
