@@ -149,12 +149,14 @@ impl MemoryInputs<'_> {
     }
 
     /// Shards being added to, waiting and being encoded, and encoded.
-    fn shards(&self) -> usize {
+    fn shards(&self, gpus: &GpuDemand) -> usize {
         let all: usize =
             self.regions.iter().map(|w| w.rect.size().pixels()).sum::<usize>() * self.bands.len();
         let reach = self.max(|p| p.tiling.tile() + 2 * p.tiling.margin());
         let largest = queues::max_shard_pixels(self.regions);
-        let pixels = queues::open_shard_pixels(self.regions, reach) + self.threads * largest;
+        let tile = self.max(|p| p.tiling.tile());
+        let open = queues::open_shard_pixels(self.regions, (tile, reach), self.threads, gpus.queues);
+        let pixels = open + self.threads * largest;
         let encoded = queues::encoded_shards(self.threads, self.writers) * largest;
         4 * pixels.min(all)
             + self.film.encoded_bytes(encoded.min(all))
@@ -210,7 +212,7 @@ impl MemoryInputs<'_> {
         let ChunkMemory { count, decoding, values, .. } = self.chunks;
         let at_once = self.threads.min(count);
         let (decoding, chunks) = (at_once.saturating_mul(decoding), at_once.saturating_mul(values));
-        let fixed = PROCESS_BYTES + self.shards() + self.lens();
+        let fixed = PROCESS_BYTES + self.shards(gpus) + self.lens();
         let fixed = fixed.saturating_add(workers).saturating_add(decoding);
         let chart_cache = self.chart_cache(chunks);
         Demand { fixed, chart_area, decoding, chunks, chart_cache, spectra: self.spectra(gpus) }

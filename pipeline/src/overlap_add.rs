@@ -2,27 +2,19 @@
 //!
 //!     film[y, x] = Σ_tiles contribution_tile[y, x]
 //! The contribution of a tile covers the tile and its tail, half a PSF window on every side, so contributions overlap. f32 addition is not
-//! associative: the caller adds tiles in the order of their sequence numbers, whatever the order in which they are computed, so the
-//! film has the same bits for any number of threads. A shard is complete when all tiles that reach it have been added.
+//! associative: each shard adds the tiles that reach it in their order in the tiling, whatever the order in which they are computed, so
+//! the film has the same bits for any number of threads. Shards are independent of each other, so threads add to different shards at a
+//! time: the thread that submits the next tile of a shard adds it and those that wait for it; the others only queue theirs.
 
 use crate::geometry::Rect;
 use crate::plan::{FilmRegion, ShardId, Tiling};
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, MutexGuard};
 
-/// The shards under accumulation.
-#[derive(Debug)]
-pub struct OverlapAdd {
-    regions: Vec<FilmRegion>,
-    partial: BTreeMap<ShardId, PartialShard>,
-    discarded: BTreeSet<ShardId>,
-    pool: Vec<Vec<f32>>,
-}
-
-#[derive(Debug)]
-struct PartialShard {
-    rect: Rect,
-    pixels: Vec<f32>,
-    tiles_left: usize,
+/// What a tile contributes to the film.
+pub trait Contribution {
+    /// Its values, row-major, and the number of values from one row to the next.
+    fn pixels(&self) -> (&[f32], usize);
 }
 
 /// A complete shard.
@@ -50,71 +42,183 @@ pub fn tiles_needed(
     tiles.into_iter().collect()
 }
 
-impl OverlapAdd {
+/// The shards under accumulation; `T` is the contribution of a tile.
+#[derive(Debug)]
+pub struct OverlapAdd<'a, T> {
+    regions: &'a [FilmRegion],
+    shards: Mutex<Shards<T>>,
+    pool: Mutex<Vec<Vec<f32>>>,
+}
+
+#[derive(Debug)]
+struct Shards<T> {
+    open: BTreeMap<ShardId, Arc<OpenShard<T>>>,
+    discarded: BTreeSet<ShardId>,
+}
+
+/// A shard that tiles are still to be added to.
+#[derive(Debug)]
+struct OpenShard<T> {
+    rect: Rect,
+    sum: Mutex<Sum<T>>,
+}
+
+#[derive(Debug)]
+struct Sum<T> {
+    /// Number of tiles added, or being added.
+    begun: usize,
+    /// Contributions that wait for earlier ones, with their film rectangles, by position among the shard's tiles.
+    waiting: BTreeMap<usize, (Rect, Arc<T>)>,
+    /// Absent while a thread adds.
+    pixels: Option<Vec<f32>>,
+    discarded: bool,
+}
+
+impl<'a, T: Contribution> OverlapAdd<'a, T> {
     /// For `regions`.
-    pub fn new(regions: &[FilmRegion]) -> Self {
-        Self {
-            regions: regions.to_vec(),
-            partial: BTreeMap::new(),
-            discarded: BTreeSet::new(),
-            pool: Vec::new(),
-        }
+    pub fn new(regions: &'a [FilmRegion]) -> Self {
+        let shards = Shards { open: BTreeMap::new(), discarded: BTreeSet::new() };
+        Self { regions, shards: Mutex::new(shards), pool: Mutex::default() }
     }
 
-    /// Adds the contribution of a tile of `band` on the film rectangle `reach`, rows `stride` apart, to those of the shards
-    /// `requested` that it reaches. Returns the shards that are now complete.
-    pub fn add(
-        &mut self,
+    /// The shards among `requested` that the contribution of `tile` of band `band` reaches.
+    pub fn shards_reached(
+        &self,
         band: usize,
         tiling: &Tiling,
         requested: &BTreeSet<ShardId>,
-        reach: Rect,
-        contribution: &[f32],
-        stride: usize,
-    ) -> Vec<FinishedShard> {
-        let mut finished = Vec::new();
-        for (region_index, region) in self.regions.iter().enumerate() {
-            for (row, col) in region.touched(reach) {
-                let id = ShardId { band, region: region_index, row, col };
-                if !requested.contains(&id) || self.discarded.contains(&id) {
-                    continue;
-                }
-                let shard = self.partial.entry(id).or_insert_with(|| {
-                    let rect = region.shard_rect(row, col);
-                    let ((i0, i1), (j0, j1)) = tiling.tiles_reaching(rect);
-                    let mut pixels = self.pool.pop().unwrap_or_default();
-                    pixels.clear();
-                    pixels.resize(rect.size().pixels(), 0.0);
-                    PartialShard { rect, pixels, tiles_left: (i1 - i0) * (j1 - j0) }
-                });
-                let common = shard.rect.intersect(reach);
-                for y in common.y..common.bottom() {
-                    let to =
-                        (y - shard.rect.y) as usize * shard.rect.width + (common.x - shard.rect.x) as usize;
-                    let from = (y - reach.y) as usize * stride + (common.x - reach.x) as usize;
-                    let to = &mut shard.pixels[to..][..common.width];
-                    to.iter_mut().zip(&contribution[from..][..common.width]).for_each(|(t, f)| *t += f);
-                }
-                shard.tiles_left -= 1;
-                if shard.tiles_left == 0 {
-                    let PartialShard { rect, pixels, .. } = self.partial.remove(&id).expect("inserted above");
-                    finished.push(FinishedShard { id, rect, pixels });
-                }
-            }
-        }
-        finished
+        tile: (usize, usize),
+    ) -> Vec<ShardId> {
+        let reach = tiling.reach(tile);
+        let ids = self.regions.iter().enumerate().flat_map(|(region, area)| {
+            area.touched(reach).map(move |(row, col)| ShardId { band, region, row, col })
+        });
+        ids.filter(|id| requested.contains(id)).collect()
     }
 
-    /// Discards `shards`: a tile that reaches them could not be computed.
-    pub fn discard(&mut self, shards: &[ShardId]) {
-        for id in shards {
-            self.discarded.insert(*id);
-            self.pool.extend(self.partial.remove(id).map(|shard| shard.pixels));
+    /// Submits the contribution of `tile` of `tiling` to the shards `ids`, which are those it reaches: adds it where it is the next, and
+    /// what waits for it. `finished` receives complete shards; `added` each contribution that has been added to all of its shards, after
+    /// the shards that it completes.
+    pub fn submit(
+        &self,
+        tiling: &Tiling,
+        tile: (usize, usize),
+        ids: &[ShardId],
+        contribution: T,
+        finished: &dyn Fn(FinishedShard),
+        added: &dyn Fn(T),
+    ) {
+        let contribution = Arc::new(contribution);
+        for id in ids {
+            let rect = self.regions[id.region].shard_rect(id.row, id.col);
+            let Some(shard) = self.open(*id, rect) else { continue };
+            let ((i0, i1), (j0, j1)) = tiling.tiles_reaching(rect);
+            let mut sum = lock(&shard.sum);
+            if !sum.discarded {
+                let position = (tile.0 - i0) * (j1 - j0) + tile.1 - j0;
+                sum.waiting.insert(position, (tiling.reach(tile), Arc::clone(&contribution)));
+            }
+            drop(sum);
+            self.add_waiting(*id, &shard, (i1 - i0) * (j1 - j0), finished, added);
+        }
+        release(contribution, added);
+    }
+
+    /// Adds the contributions to `shard`, reached by `tiles` tiles, that wait for no earlier one, unless another thread does.
+    fn add_waiting(
+        &self,
+        id: ShardId,
+        shard: &OpenShard<T>,
+        tiles: usize,
+        finished: &dyn Fn(FinishedShard),
+        added: &dyn Fn(T),
+    ) {
+        let mut sum = lock(&shard.sum);
+        let Some(mut pixels) = sum.pixels.take() else { return };
+        loop {
+            let next = sum.begun;
+            let Some((reach, contribution)) = sum.waiting.remove(&next) else { break };
+            sum.begun += 1;
+            drop(sum);
+            if next == 0 {
+                pixels = lock(&self.pool).pop().unwrap_or_default();
+                pixels.clear();
+                pixels.resize(shard.rect.size().pixels(), 0.0);
+            }
+            add_rows(&mut pixels, shard.rect, &*contribution, reach);
+            if next + 1 == tiles {
+                lock(&self.shards).open.remove(&id);
+                finished(FinishedShard { id, rect: shard.rect, pixels });
+                return release(contribution, added);
+            }
+            release(contribution, added);
+            sum = lock(&shard.sum);
+        }
+        match sum.discarded {
+            true => self.recycle(pixels),
+            false => sum.pixels = Some(pixels),
+        }
+    }
+
+    /// The open shard `id` on the film rectangle `rect`, opened if necessary; `None` if it was discarded.
+    fn open(&self, id: ShardId, rect: Rect) -> Option<Arc<OpenShard<T>>> {
+        let mut shards = lock(&self.shards);
+        if shards.discarded.contains(&id) {
+            return None;
+        }
+        let open = shards.open.entry(id).or_insert_with(|| {
+            let sum =
+                Sum { begun: 0, waiting: BTreeMap::new(), pixels: Some(Vec::new()), discarded: false };
+            Arc::new(OpenShard { rect, sum: Mutex::new(sum) })
+        });
+        Some(Arc::clone(open))
+    }
+
+    /// Discards the shards `ids`: a tile that reaches them could not be computed. `added` receives the contributions that only they
+    /// waited for.
+    pub fn discard(&self, ids: &[ShardId], added: &dyn Fn(T)) {
+        for id in ids {
+            let open = {
+                let mut shards = lock(&self.shards);
+                shards.discarded.insert(*id);
+                shards.open.remove(id)
+            };
+            let Some(shard) = open else { continue };
+            let (waiting, pixels) = {
+                let mut sum = lock(&shard.sum);
+                sum.discarded = true;
+                (std::mem::take(&mut sum.waiting), sum.pixels.take())
+            };
+            pixels.into_iter().for_each(|pixels| self.recycle(pixels));
+            waiting.into_values().for_each(|(_, contribution)| release(contribution, added));
         }
     }
 
     /// Returns the buffer of a shard for reuse.
-    pub fn recycle(&mut self, pixels: Vec<f32>) {
-        self.pool.push(pixels);
+    pub fn recycle(&self, pixels: Vec<f32>) {
+        if pixels.capacity() > 0 {
+            lock(&self.pool).push(pixels);
+        }
+    }
+}
+
+fn lock<V>(mutex: &Mutex<V>) -> MutexGuard<'_, V> {
+    mutex.lock().expect("no panic while held")
+}
+
+/// Passes a contribution to `added` if no shard waits for it any longer.
+fn release<T>(contribution: Arc<T>, added: &dyn Fn(T)) {
+    Arc::into_inner(contribution).into_iter().for_each(added);
+}
+
+/// Adds the part of a contribution on the film rectangle `reach` that lies within `rect` to `pixels`, row-major, of `rect`.
+fn add_rows<T: Contribution>(pixels: &mut [f32], rect: Rect, contribution: &T, reach: Rect) {
+    let (values, stride) = contribution.pixels();
+    let common = rect.intersect(reach);
+    for y in common.y..common.bottom() {
+        let to = (y - rect.y) as usize * rect.width + (common.x - rect.x) as usize;
+        let from = (y - reach.y) as usize * stride + (common.x - reach.x) as usize;
+        let to = &mut pixels[to..][..common.width];
+        to.iter_mut().zip(&values[from..][..common.width]).for_each(|(t, f)| *t += f);
     }
 }

@@ -44,7 +44,7 @@ impl DeviceQueue {
 /// Maximum of tiles in a batch: a 426-px tile is 36 thread blocks, an H200 holds several hundred at once.
 pub const MAX_TILES: usize = 32;
 /// Maximum of batches in flight.
-const MAX_BATCHES: usize = 3;
+pub const MAX_BATCHES: usize = 3;
 /// Minimum of batches in flight.
 const MIN_BATCHES: usize = 2;
 /// Share of a queue's device memory for batches beyond the minimum; the PSF stage uses the rest.

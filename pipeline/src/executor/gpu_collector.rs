@@ -2,7 +2,7 @@
 
 use super::Compute;
 use super::gpu_queue::Collected;
-use super::ordered_adder::TileOutput;
+use super::ordered_adder::{TileOutput, TilePlace};
 use super::run_state::RunState;
 use super::tile_source::Batch;
 use crate::cuda::band::{BatchBuffers, BatchEvents, GpuBatchTile};
@@ -76,7 +76,7 @@ impl<'a, 'b, C: Compute, S: FilmSink> Collector<'a, 'b, C, S> {
             }
             for (sequence, output) in done {
                 let tile = batch.band.tiles[batch.first + sequence - batch.sequence];
-                self.run.submit(&batch.band, (sequence, tile), output);
+                self.run.submit(TilePlace { position: batch.band.position, sequence, tile }, output);
             }
         }
     }

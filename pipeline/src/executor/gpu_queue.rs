@@ -294,7 +294,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         let (mut tiles, mut unreadable) = (Vec::new(), Vec::new());
         for (((sequence, tile), &chart_rect), (_, chart, outcome)) in batch.tiles().zip(rects).zip(read) {
             if let Err(source) = outcome {
-                self.run.unreadable(&batch.band, tile, source);
+                self.run.unreadable(batch.band.position, tile, source);
                 unreadable.push(sequence);
                 let _ = self.charts.returns().send(chart);
                 continue;

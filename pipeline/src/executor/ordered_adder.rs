@@ -1,18 +1,14 @@
-//! Adds contributions in the order of the sequence, independent of the order in which they are computed: f32 sums depend on their order,
-//! so the film's bits are independent of threads, devices and timing.
-//!
-//! The thread that submits the next tile in order adds it and all that follow without a gap; other threads only queue theirs.
+//! Adds the contributions of tiles to the shards they reach ([`OverlapAdd`]), and recycles their buffers.
 
-use super::tile_source::TileSource;
-use super::work::{BandInFlight, BandWork};
+use super::work::BandWork;
 use crate::buffer::TileBuffer;
 use crate::clock::Clock;
 use crate::cuda::pool::GpuTile;
 use crate::geometry::Size;
-use crate::overlap_add::{FinishedShard, OverlapAdd};
+use crate::overlap_add::{Contribution, FinishedShard, OverlapAdd};
 use crate::plan::{FilmRegion, ShardId};
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Contribution of a tile.
 pub(super) enum TileOutput {
@@ -24,32 +20,42 @@ pub(super) enum TileOutput {
     Unreadable,
 }
 
-/// A computed tile that waits for its predecessors.
-struct Computed<B> {
-    band: Arc<BandInFlight<B>>,
-    tile: (usize, usize),
+/// A tile of the job: position of its band, sequence number among all tiles, row and column in the band.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TilePlace {
+    pub(super) position: usize,
+    pub(super) sequence: usize,
+    pub(super) tile: (usize, usize),
+}
+
+/// A computed tile.
+struct Computed {
+    place: TilePlace,
     output: TileOutput,
 }
 
+impl Contribution for Computed {
+    fn pixels(&self) -> (&[f32], usize) {
+        match &self.output {
+            TileOutput::Cpu(buffer) => (&buffer.data, buffer.stride),
+            TileOutput::Gpu(tile) => (tile.data(), tile.stride),
+            TileOutput::Unreadable => unreachable!("it is discarded, not added"),
+        }
+    }
+}
+
 /// Adds contributions in order; see the module.
-pub(super) struct OrderedAdder<'a, B> {
+pub(super) struct OrderedAdder<'a> {
     film: Size,
-    regions: &'a [FilmRegion],
     bands: &'a [BandWork],
     clock: &'a Clock,
-    pending: Mutex<Pending<B>>,
-    overlap: Mutex<OverlapAdd>,
+    overlap: OverlapAdd<'a, Computed>,
     free: Mutex<Vec<TileBuffer>>,
+    tiles: AtomicU64,
+    pixels: AtomicU64,
 }
 
-struct Pending<B> {
-    computed: BTreeMap<usize, Computed<B>>,
-    next: usize,
-    adding: bool,
-    pixels: u64,
-}
-
-impl<'a, B> OrderedAdder<'a, B> {
+impl<'a> OrderedAdder<'a> {
     /// For the regions `regions` of a film of `film` px.
     pub(super) fn new(
         film: Size,
@@ -57,9 +63,8 @@ impl<'a, B> OrderedAdder<'a, B> {
         bands: &'a [BandWork],
         clock: &'a Clock,
     ) -> Self {
-        let pending = Pending { computed: BTreeMap::new(), next: 0, adding: false, pixels: 0 };
-        let overlap = Mutex::new(OverlapAdd::new(regions));
-        Self { film, regions, bands, clock, pending: Mutex::new(pending), overlap, free: Mutex::default() }
+        let (tiles, pixels) = (AtomicU64::new(0), AtomicU64::new(0));
+        Self { film, bands, clock, overlap: OverlapAdd::new(regions), free: Mutex::default(), tiles, pixels }
     }
 
     /// A buffer for a worker's next tile.
@@ -69,77 +74,52 @@ impl<'a, B> OrderedAdder<'a, B> {
 
     /// Recycles the buffer of an encoded shard.
     pub(super) fn recycle(&self, pixels: Vec<f32>) {
-        self.overlap.lock().expect("no panic while held").recycle(pixels);
+        self.overlap.recycle(pixels);
     }
 
     /// Number of tiles added so far, and of their film pixels.
     pub(super) fn added(&self) -> (u64, u64) {
-        let pending = self.pending.lock().expect("no panic while held");
-        (pending.next as u64, pending.pixels)
+        (self.tiles.load(Ordering::Relaxed), self.pixels.load(Ordering::Relaxed))
     }
 
-    /// The shards to compute that the contribution of `tile` reaches.
-    pub(super) fn shards(&self, band: &BandInFlight<B>, tile: (usize, usize)) -> Vec<ShardId> {
-        let work = &self.bands[band.position];
-        let reach = work.tiling.reach(tile);
-        let of = |(region, area): (usize, &FilmRegion)| {
-            let id = move |(row, col)| ShardId { band: band.position, region, row, col };
-            area.touched(reach).map(id).filter(|id| work.shards.contains(id)).collect::<Vec<_>>()
-        };
-        self.regions.iter().enumerate().flat_map(of).collect()
+    /// The shards to compute that the contribution of a tile of the band at `position` reaches.
+    pub(super) fn shards(&self, position: usize, tile: (usize, usize)) -> Vec<ShardId> {
+        let work = &self.bands[position];
+        self.overlap.shards_reached(position, &work.tiling, &work.shards, tile)
     }
 
-    /// Submits a tile. If no other thread is adding, adds it and all that follow in order; `finished` receives the shards that no later
-    /// tile reaches, `added` the position and film pixels of each tile, before `source` counts it as added.
-    #[allow(clippy::too_many_arguments, reason = "a tile, and the receivers of its results")]
+    /// Submits a tile. `finished` receives the shards that no later tile reaches, `added` each tile that has been added, with its
+    /// number of film pixels.
     pub(super) fn submit(
         &self,
-        source: &TileSource<'_, B>,
-        band: &Arc<BandInFlight<B>>,
-        (sequence, tile): (usize, (usize, usize)),
+        place: TilePlace,
         output: TileOutput,
-        finished: &dyn Fn(Vec<FinishedShard>),
-        added: &dyn Fn(usize, usize),
+        finished: &dyn Fn(FinishedShard),
+        added: &dyn Fn(TilePlace, usize),
     ) {
-        let mut pending = self.pending.lock().expect("no panic while held");
-        pending.computed.insert(sequence, Computed { band: Arc::clone(band), tile, output });
-        if pending.adding {
-            return;
-        }
-        pending.adding = true;
-        loop {
-            let next = pending.next;
-            let Some(Computed { band, tile, output }) = pending.computed.remove(&next) else { break };
-            drop(pending);
-            finished(self.clock.add.time(|| self.add(&band, tile, output)));
-            let rect = self.bands[band.position].tiling.rect(tile);
-            let pixels = rect.intersect(self.film.rect()).size().pixels();
-            added(band.position, pixels);
-            pending = self.pending.lock().expect("no panic while held");
-            pending.next += 1;
-            pending.pixels += pixels as u64;
-            source.tile_added();
-        }
-        pending.adding = false;
+        let tiling = &self.bands[place.position].tiling;
+        let ids = self.shards(place.position, place.tile);
+        let added = |computed| self.added_tile(computed, added);
+        let computed = Computed { place, output };
+        self.clock.add.time(|| match computed.output {
+            TileOutput::Unreadable => {
+                self.overlap.discard(&ids, &added);
+                added(computed);
+            }
+            _ => self.overlap.submit(tiling, place.tile, &ids, computed, finished, &added),
+        });
     }
 
-    fn add(&self, band: &BandInFlight<B>, tile: (usize, usize), output: TileOutput) -> Vec<FinishedShard> {
-        let work = &self.bands[band.position];
-        let mut overlap = self.overlap.lock().expect("no panic while held");
-        let mut add = |data: &[f32], stride| {
-            overlap.add(band.position, &work.tiling, &work.shards, work.tiling.reach(tile), data, stride)
-        };
-        match output {
-            TileOutput::Cpu(buffer) => {
-                let finished = add(&buffer.data, buffer.stride);
-                self.free.lock().expect("no panic while held").push(buffer);
-                finished
-            }
-            TileOutput::Gpu(tile) => add(tile.data(), tile.stride),
-            TileOutput::Unreadable => {
-                overlap.discard(&self.shards(band, tile));
-                Vec::new()
-            }
+    /// Counts a tile and recycles its buffer.
+    fn added_tile(&self, computed: Computed, added: &dyn Fn(TilePlace, usize)) {
+        let Computed { place, output } = computed;
+        if let TileOutput::Cpu(buffer) = output {
+            self.free.lock().expect("no panic while held").push(buffer);
         }
+        let rect = self.bands[place.position].tiling.rect(place.tile);
+        let pixels = rect.intersect(self.film.rect()).size().pixels();
+        self.tiles.fetch_add(1, Ordering::Relaxed);
+        self.pixels.fetch_add(pixels as u64, Ordering::Relaxed);
+        added(place, pixels);
     }
 }

@@ -4,7 +4,7 @@ use super::Compute;
 use super::Progress;
 use super::chart_reads::ChartReads;
 use super::error::RunError;
-use super::ordered_adder::{OrderedAdder, TileOutput};
+use super::ordered_adder::{OrderedAdder, TileOutput, TilePlace};
 use super::shard_writer::ShardWriter;
 use super::signal::Signal;
 use super::tile_source::{Batch, Claim, TileSource};
@@ -14,7 +14,7 @@ use crate::cuda::CudaError;
 use crate::flow::{ChartSource, FilmSink, SourceSinkError};
 use crate::overlap_add::tiles_needed;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
 
 /// The parts of the scheduler, each with a separate lock.
 pub(super) struct RunState<'a, C: Compute, S: FilmSink> {
@@ -26,7 +26,7 @@ pub(super) struct RunState<'a, C: Compute, S: FilmSink> {
     pub(super) signal: &'a Signal,
     pub(super) source: TileSource<'a, C::Band>,
     pub(super) reads: ChartReads<'a, C::Band>,
-    pub(super) adder: OrderedAdder<'a, C::Band>,
+    pub(super) adder: OrderedAdder<'a>,
     pub(super) writer: ShardWriter<'a, S>,
     pub(super) error: Mutex<Option<RunError>>,
     pub(super) failed: AtomicBool,
@@ -87,28 +87,26 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         self.progress.band(band.position, pixels.sum());
     }
 
-    /// Submits the tile `place` (sequence number, tile) of `band`, to be added in order.
-    pub(super) fn submit(
-        &self,
-        band: &Arc<BandInFlight<C::Band>>,
-        place: (usize, (usize, usize)),
-        output: TileOutput,
-    ) {
-        let finished = |shards| self.writer.push(shards);
-        let added = |position, pixels| self.progress.tile(position, pixels);
-        self.adder.submit(&self.source, band, place, output, &finished, &added);
+    /// Submits a tile, to be added in order.
+    pub(super) fn submit(&self, place: TilePlace, output: TileOutput) {
+        let finished = |shard| self.writer.push(shard);
+        let added = |place: TilePlace, pixels| {
+            self.progress.tile(place.position, pixels);
+            self.source.tile_added(place.sequence);
+        };
+        self.adder.submit(place, output, &finished, &added);
     }
 
     /// Fails because the chart under `tile` could not be read.
     pub(super) fn unreadable(
         &self,
-        band: &BandInFlight<C::Band>,
+        position: usize,
         tile: (usize, usize),
         source: SourceSinkError,
     ) {
-        let rect = self.work.bands[band.position].tiling.rect(tile);
-        let shards = self.adder.shards(band, tile);
-        self.fail(RunError::Read { position: band.position, rect, shards, source });
+        let rect = self.work.bands[position].tiling.rect(tile);
+        let shards = self.adder.shards(position, tile);
+        self.fail(RunError::Read { position, rect, shards, source });
     }
 
     /// Requeues a batch that a GPU could not compute.

@@ -45,13 +45,10 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
         self.sink.writers().max(1)
     }
 
-    /// Adds shards to be encoded.
-    pub(super) fn push(&self, finished: Vec<FinishedShard>) {
-        let count = finished.len();
-        if count > 0 {
-            self.finished.lock().expect("no panic while held").extend(finished);
-            self.signal.notify_workers(count);
-        }
+    /// Adds a shard to be encoded.
+    pub(super) fn push(&self, finished: FinishedShard) {
+        self.finished.lock().expect("no panic while held").push_back(finished);
+        self.signal.notify_workers(1);
     }
 
     /// The next shard to encode.

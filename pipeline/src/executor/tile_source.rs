@@ -5,7 +5,7 @@
 
 use super::signal::Signal;
 use super::work::BandInFlight;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
@@ -65,8 +65,10 @@ struct State<B> {
     next_tile: usize,
     /// Tiles claimed so far.
     sequence: usize,
-    /// Tiles added so far.
+    /// Tiles added so far without a gap: the sequence number of the oldest tile not yet added.
     added: usize,
+    /// Tiles added beyond it.
+    added_beyond: BTreeSet<usize>,
     offered: Option<BandInFlight<B>>,
     last_band_offered: bool,
     requeued: BTreeMap<usize, Batch<B>>,
@@ -101,6 +103,7 @@ impl<'a, B> TileSource<'a, B> {
             next_tile: 0,
             sequence: 0,
             added: 0,
+            added_beyond: BTreeSet::new(),
             offered: None,
             last_band_offered: false,
             requeued: BTreeMap::new(),
@@ -205,15 +208,20 @@ impl<'a, B> TileSource<'a, B> {
         self.signal.notify_all();
     }
 
-    /// Counts a tile as added.
-    pub(super) fn tile_added(&self) {
-        let is_over = {
+    /// Counts the tile with number `sequence` as added.
+    pub(super) fn tile_added(&self, sequence: usize) {
+        let (is_over, claimable) = {
             let mut state = self.lock();
-            state.added += 1;
-            state.is_over(self.cancelled())
+            let before = state.added;
+            state.added_beyond.insert(sequence);
+            while state.added_beyond.first() == Some(&state.added) {
+                state.added_beyond.pop_first();
+                state.added += 1;
+            }
+            (state.is_over(self.cancelled()), state.added - before)
         };
-        // At most one more tile is within the distance that workers may be ahead.
-        if is_over { self.signal.notify_all() } else { self.signal.notify_workers(1) }
+        // As many more tiles are within the distance that workers may be ahead.
+        if is_over { self.signal.notify_all() } else { self.signal.notify_workers(claimable) }
     }
 
     /// Removes a GPU queue; returns the number of queues left and the position of the band in flight.

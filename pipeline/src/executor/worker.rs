@@ -4,7 +4,7 @@
 
 use super::Compute;
 use super::chart_reads::ChartRead;
-use super::ordered_adder::TileOutput;
+use super::ordered_adder::{TileOutput, TilePlace};
 use super::run_state::RunState;
 use super::shard_writer::Encoded;
 use super::tile_source::{Batch, Claim};
@@ -86,11 +86,11 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         let output = match done {
             Ok(()) => TileOutput::Cpu(out),
             Err(source) => {
-                self.unreadable(band, tile, source);
+                self.unreadable(band.position, tile, source);
                 TileOutput::Unreadable
             }
         };
-        self.submit(band, (batch.sequence, tile), output);
+        self.submit(TilePlace { position: band.position, sequence: batch.sequence, tile }, output);
     }
 
     fn read_for_gpu(&self, read: ChartRead<C::Band>, scratch: &mut C::Scratch) {
