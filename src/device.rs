@@ -8,7 +8,7 @@ use crate::engine::Engine;
 use crate::failure::usage;
 use anyhow::Result;
 use pipeline::cuda::error::Version;
-use pipeline::cuda::memory::{BandNeeds, DeviceQueue};
+use pipeline::cuda::memory::{BandNeeds, DeviceQueue, Halvings};
 use pipeline::cuda::{self, CudaError};
 use pipeline::simd::{Isa, Simd};
 use std::sync::Arc;
@@ -151,19 +151,16 @@ fn engine_of(info: &cuda::DeviceInfo) -> Engine {
 
 /// The requested GPUs (all if none is listed) of compute capability `required`, else of that of the first one.
 fn open(requested: &Device, required: Option<Version>) -> Result<Opened, OpenError> {
-    let all = cuda::devices()?;
     let listed: &[usize] = match requested {
         Device::Cuda(indices) => indices,
         Device::Auto | Device::Cpu => &[],
     };
-    let every: Vec<usize> = all.iter().map(|d| d.index).collect();
-    let indices = if listed.is_empty() { &every } else { listed };
-    let find = |index: usize| all.get(index).ok_or(CudaError::NoSuchDevice { index, count: all.len() });
-    let infos = indices.iter().map(|&index| find(index)).collect::<Result<Vec<_>, _>>()?;
+    // Only the listed GPUs are read: another may be broken, or in use.
+    let infos = if listed.is_empty() { cuda::devices()? } else { cuda::listed_devices(listed)? };
     let first = infos.first().ok_or(CudaError::NoDevice)?.compute_capability;
     let engine = Engine::Cuda(required.unwrap_or(first));
     let (used, other): (Vec<_>, Vec<_>) = infos.into_iter().partition(|info| engine_of(info) == engine);
-    let name = |d: &&cuda::DeviceInfo| format!("GPU {} ({}, {})", d.index, d.name, engine_of(d));
+    let name = |d: &cuda::DeviceInfo| format!("GPU {} ({}, {})", d.index, d.name, engine_of(d));
     let others = other.iter().map(name).collect::<Vec<_>>().join(", ");
     if used.is_empty() || !(listed.is_empty() || other.is_empty()) {
         return Err(OpenError::Engine(format!(
@@ -191,7 +188,7 @@ fn plan_queues(
         let (free, _) = device.memory()?;
         let device_bytes = (free as f64 * USED_SHARE) as usize / sharing;
         let queue = DeviceQueue { device: Arc::clone(device), device_bytes, host_bytes };
-        needs.iter().try_for_each(|needs| queue.plan(needs, 0).map(|_| ()))?;
+        needs.iter().try_for_each(|needs| queue.plan(needs, Halvings::default()).map(|_| ()))?;
         queues.push(queue);
     }
     Ok(queues)

@@ -201,12 +201,19 @@ fn device_in_exclusive_use_exits_75() {
     assert_exit(&run(&job, "auto", &[("OPEN", "46")]), 0, &["device: cpu (", "in use by another process"]);
 }
 
-fn out_of_page_locked_memory_exits_75() {
+fn out_of_page_locked_memory_continues_with_half_and_exits_75_at_the_minimum() {
     let job = TestJob::wide();
     let expected = single_device_film(&job);
-    let ran = run(&job, "cuda:0", &[("FAULTS", "host-memory:0:2")]);
-    assert_exit(&ran, RETRY, &["out of page-locked host memory", "same command resumes"]);
-    assert!(!ran.stderr.contains("half of its memory"), "{}", ran.stderr);
+    let all: Vec<String> = (2..200).map(|n| format!("host-memory:0:{n}")).collect();
+    let ran = run(&job, "cuda:0", &[("FAULTS", &all.join(","))]);
+    assert_exit(
+        &ran,
+        RETRY,
+        &["half of its memory", "last GPU failed", "out of page-locked", "same command resumes"],
+    );
+    let once = run(&job, "cuda:0", &[("FAULTS", "host-memory:0:2")]);
+    assert_exit(&once, 0, &["out of page-locked host memory", "half of its memory"]);
+    assert!(take_files(&job) == expected);
     assert_exit(&run(&job, "cuda", &[("DEVICES", "2"), ("FAULTS", "host-memory:1:1")]), 0, &[]);
     assert!(take_files(&job) == expected);
 }
@@ -349,7 +356,10 @@ fn main() -> ExitCode {
         ("auto_resumes_with_the_engine_of_the_film", auto_resumes_with_the_engine_of_the_film),
         ("driver_error_codes_map_to_exit_codes", driver_error_codes_map_to_exit_codes),
         ("device_in_exclusive_use_exits_75", device_in_exclusive_use_exits_75),
-        ("out_of_page_locked_memory_exits_75", out_of_page_locked_memory_exits_75),
+        (
+            "out_of_page_locked_memory_continues_with_half_and_exits_75_at_the_minimum",
+            out_of_page_locked_memory_continues_with_half_and_exits_75_at_the_minimum,
+        ),
         (
             "tiles_of_a_lost_device_are_computed_by_the_others",
             tiles_of_a_lost_device_are_computed_by_the_others,

@@ -167,8 +167,7 @@ impl<'a, T: Contribution> OverlapAdd<'a, T> {
             return None;
         }
         let open = shards.open.entry(id).or_insert_with(|| {
-            let sum =
-                Sum { begun: 0, waiting: BTreeMap::new(), pixels: Some(Vec::new()), discarded: false };
+            let sum = Sum { begun: 0, waiting: BTreeMap::new(), pixels: Some(Vec::new()), discarded: false };
             Arc::new(OpenShard { rect, sum: Mutex::new(sum) })
         });
         Some(Arc::clone(open))

@@ -5,7 +5,7 @@ use crate::buffer::TileBuffer;
 use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
-use crate::cuda::memory::DeviceQueue;
+use crate::cuda::memory::{DeviceQueue, Halvings};
 use crate::executor::Compute;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
@@ -97,7 +97,7 @@ impl Compute for StageCompute<'_> {
         tiling: &Tiling,
         tiles: &[(usize, usize)],
         queue: &DeviceQueue,
-        halvings: u32,
+        halvings: Halvings,
         streams: &Streams,
     ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError> {
         GpuBand::new(&self.frame, band, tiling, tiles, queue, halvings, streams)

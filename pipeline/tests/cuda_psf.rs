@@ -6,6 +6,7 @@ mod oracle;
 use emulated_cuda::{Build, Case, SANITIZED_BUILD, Target};
 use lenscube_pipeline::buffer::TileBuffer;
 use lenscube_pipeline::cuda::handle::CudaStream;
+use lenscube_pipeline::cuda::kernel_timer::KernelTimer;
 use lenscube_pipeline::cuda::{CudaError, Device};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{PsfSample, PsfStack};
@@ -116,7 +117,8 @@ impl Film {
         }
         let uploaded = stream.clone_htod(&remapped).unwrap();
         let mut out = stream.clone_htod(&vec![f32::NAN; contribution]).unwrap();
-        stage.launch(stream, &batch, &uploaded, &mut out).unwrap();
+        let timer = &mut KernelTimer::new(device, stream);
+        stage.launch(stream, &batch, &uploaded, &mut out, timer).unwrap();
         let all = stream.clone_dtoh(&out).unwrap();
         stream.synchronize().map_err(device.failed("a test")).unwrap();
         let contribution = |tile: &PsfTile| -> Vec<f32> {

@@ -222,11 +222,16 @@ fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
             "driver": format!("{}.{}", info.driver_version.0, info.driver_version.1),
             "device_bytes": queue.device_bytes,
             "host_bytes": queue.host_bytes,
+            "assembly_s": queue.device.assembly_s(),
         });
         if let Some(f) = summary.and_then(|s| s.gpus.get(i)) {
             value["did"] = json!({
                 "tiles": f.tiles, "batches": f.batches, "pixels": f.pixels,
                 "upload_s": f.upload_s, "compute_s": f.compute_s, "download_s": f.download_s, "span_s": f.span_s,
+                "host": {
+                    "descriptors_s": f.descriptors_s, "base_kernels_s": f.base_kernels_s,
+                    "wait_chart_s": f.wait_chart_s, "wait_output_s": f.wait_output_s, "wait_batch_s": f.wait_batch_s,
+                },
                 "bytes_up": f.bytes_up, "bytes_down": f.bytes_down, "left": f.removed,
             });
         }

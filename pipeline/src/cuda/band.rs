@@ -1,7 +1,8 @@
 //! One band on a device: its stages, the buffers of its batches, and the copies and launches of a batch.
 
-use super::handle::{CudaEvent, CudaStream};
-use super::memory::{BandMemory, BandNeeds, DeviceQueue};
+use super::handle::{BLOCKING_EVENT, CudaEvent, CudaStream};
+use super::kernel_timer::{HostTimes, KernelTimer};
+use super::memory::{BandMemory, BandNeeds, DeviceQueue, Halvings};
 use super::pool::{GpuTile, Pinned};
 use super::slice::{CudaSlice, DeviceMemory, DeviceMemoryMut};
 use super::{CudaError, Device};
@@ -13,13 +14,11 @@ use crate::remap::Remap;
 use crate::remap::cuda::{RemapOnDevice, RemapTile};
 use std::sync::Arc;
 
-/// `CU_EVENT_BLOCKING_SYNC`: the thread that waits for the event blocks.
-const BLOCKING_EVENT: u32 = 1;
-
 /// The streams of a queue: uploads, kernels and downloads overlap.
 ///
 /// Events order the streams where one depends on another. A buffer is used again only after the host has waited for the event
-/// behind its last copy or kernel. `GpuBand::new` synchronizes the device.
+/// behind its last copy or kernel. `GpuBand::new` waits for its allocations and uploads. No call waits for the entire device, which other
+/// queues may use.
 #[derive(Debug)]
 pub struct Streams {
     upload: Arc<CudaStream>,
@@ -32,6 +31,14 @@ impl Streams {
     pub(crate) fn new(device: &Device) -> Result<Self, CudaError> {
         let stream = || device.context.new_stream().map_err(device.failed("creating a stream"));
         Ok(Self { upload: stream()?, compute: stream()?, download: stream()? })
+    }
+
+    /// Waits until all enqueued work of the streams is done; `doing` is for the error.
+    pub(crate) fn synchronize(&self, device: &Device, doing: &str) -> Result<(), CudaError> {
+        for stream in [&self.upload, &self.compute, &self.download] {
+            stream.synchronize().map_err(device.failed(doing))?;
+        }
+        Ok(())
     }
 }
 
@@ -54,11 +61,13 @@ pub(crate) struct GpuBatchTile {
     pub(crate) output: GpuTile,
 }
 
-/// First and last event of a batch in each stream.
+/// Events around the work of a batch in each stream.
 pub(crate) struct BatchEvents {
     pub(crate) upload: [CudaEvent; 2],
-    pub(crate) compute: [CudaEvent; 2],
+    /// Around each sequence of kernels.
+    pub(crate) kernels: Vec<[CudaEvent; 2]>,
     pub(crate) download: [CudaEvent; 2],
+    pub(crate) host: HostTimes,
 }
 
 /// Memory needs of a band: the maximum over `tiles`. `min_psf_bytes`: of its PSF stage, if it has one.
@@ -90,15 +99,14 @@ pub struct GpuBand {
 }
 
 impl GpuBand {
-    /// `stages` for `tiles` of `tiling` within the bounds of `queue`, whose device memory is halved `halvings` times; and the
-    /// buffers of the batches in flight.
+    /// `stages` for `tiles` of `tiling` within the bounds of `queue`, with its memory halved `halvings` times; and the buffers of the batches in flight.
     pub(crate) fn new(
         frame: &Frame,
         stages: &BandStages,
         tiling: &Tiling,
         tiles: &[(usize, usize)],
         queue: &DeviceQueue,
-        halvings: u32,
+        halvings: Halvings,
         streams: &Streams,
     ) -> Result<(Self, Vec<BatchBuffers>), CudaError> {
         let device = &queue.device;
@@ -123,7 +131,7 @@ impl GpuBand {
         };
         let buffers = (0..memory.batches).map(|_| buffers()).collect::<Result<_, _>>()?;
         // Tables and memory are then valid on every stream.
-        device.synchronize("starting a band")?;
+        streams.synchronize(device, "starting a band")?;
         Ok((Self { memory, needs, remap, psf }, buffers))
     }
 
@@ -153,11 +161,8 @@ impl GpuBand {
         let upload_end = record(upload, "uploading charts")?;
 
         wait(compute, &upload_end)?;
-        let compute_start = record(compute, "computing")?;
-        self.compute(compute, buffers, tiles)?;
-        let compute_end = record(compute, "computing")?;
-
-        wait(download, &compute_end)?;
+        let (kernels, host) = self.compute(device, compute, buffers, tiles)?;
+        wait(download, &record(compute, "computing")?)?;
         let download_start = record(download, "downloading tiles")?;
         let (from, mut offset) = (buffers.contributions.as_ref().unwrap_or(&buffers.remapped), 0);
         for tile in tiles {
@@ -170,18 +175,20 @@ impl GpuBand {
         let download_end = record(download, "downloading tiles")?;
         Ok(BatchEvents {
             upload: [upload_start, upload_end],
-            compute: [compute_start, compute_end],
+            kernels,
             download: [download_start, download_end],
+            host,
         })
     }
 
-    /// Stages 1-3.
+    /// Stages 1-3; the events around their kernels, and the time of the host.
     fn compute(
         &mut self,
+        device: &Device,
         stream: &Arc<CudaStream>,
         buffers: &mut BatchBuffers,
         tiles: &[GpuBatchTile],
-    ) -> Result<(), CudaError> {
+    ) -> Result<(Vec<[CudaEvent; 2]>, HostTimes), CudaError> {
         let (mut chart_offset, mut remapped_offset, mut contribution_offset) = (0, 0, 0);
         let (mut remap_tiles, mut psf_tiles) = (Vec::new(), Vec::new());
         for GpuBatchTile { rect, chart_rect, output, .. } in tiles {
@@ -192,10 +199,13 @@ impl GpuBand {
             remapped_offset += rect.size().pixels();
             contribution_offset += output.data().len();
         }
+        let mut timer = KernelTimer::new(device, stream);
+        timer.start()?;
         self.remap.launch(stream, &remap_tiles, &buffers.charts, &mut buffers.remapped)?;
+        timer.stop()?;
         if let (Some(psf), Some(contributions)) = (&mut self.psf, &mut buffers.contributions) {
-            psf.launch(stream, &psf_tiles, &buffers.remapped, contributions)?;
+            psf.launch(stream, &psf_tiles, &buffers.remapped, contributions, &mut timer)?;
         }
-        Ok(())
+        Ok((timer.spans, timer.host))
     }
 }

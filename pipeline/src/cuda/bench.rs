@@ -1,6 +1,7 @@
 //! GPU benchmarks: kernels timed by events on their stream, and copies between page-locked memory and the device.
 
-use super::handle::CudaStream;
+use super::handle::{CudaEvent, CudaStream};
+use super::kernel_timer::KernelTimer;
 use super::pool::Pinned;
 use super::{CudaError, Device};
 use crate::geometry::{Frame, Rect};
@@ -10,24 +11,21 @@ use crate::remap::Remap;
 use crate::remap::cuda::{RemapOnDevice, RemapTile};
 use std::sync::Arc;
 
-/// Seconds that the work enqueued by `launch` takes on `stream`, one value a round, after one round that is not counted.
+/// Seconds of the spans that `launch` times on `stream`, one value a round, after one round that is not counted.
 fn time_rounds(
     device: &Device,
     stream: &Arc<CudaStream>,
     rounds: usize,
-    mut launch: impl FnMut() -> Result<(), CudaError>,
+    mut launch: impl FnMut(&mut KernelTimer<'_>) -> Result<(), CudaError>,
 ) -> Result<Vec<f64>, CudaError> {
-    let record = || stream.record_event(0).map_err(device.failed("timing"));
-    launch()?;
-    let mut seconds = Vec::new();
-    for _ in 0..rounds {
-        let start = record()?;
-        launch()?;
-        let end = record()?;
-        let ms = start.elapsed_ms(&end).map_err(device.failed("timing"))?;
-        seconds.push(f64::from(ms) * 1e-3);
-    }
-    Ok(seconds)
+    launch(&mut KernelTimer::new(device, stream))?;
+    let round = |_| {
+        let mut timer = KernelTimer::new(device, stream);
+        launch(&mut timer)?;
+        let span = |[start, end]: &[_; 2]| CudaEvent::elapsed_ms(start, end).map_err(device.failed("timing"));
+        timer.spans.iter().map(span).sum::<Result<f32, _>>().map(|ms| f64::from(ms) * 1e-3)
+    };
+    (0..rounds).map(round).collect()
 }
 
 /// Seconds of stages 1-2 for `tiles` in one launch.
@@ -52,7 +50,11 @@ pub fn remap(
     let charts = stream.clone_htod(&vec![0.5f32; chart_offset]).map_err(failed)?;
     let mut remapped = stream.alloc_zeros::<f32>(remapped_offset).map_err(failed)?;
     let stage = RemapOnDevice::new(device, remap)?;
-    time_rounds(device, &stream, rounds, || stage.launch(&stream, &remap_tiles, &charts, &mut remapped))
+    time_rounds(device, &stream, rounds, |timer| {
+        timer.start()?;
+        stage.launch(&stream, &remap_tiles, &charts, &mut remapped)?;
+        timer.stop()
+    })
 }
 
 /// Seconds of the PSF stage for `tiles` in one batch, their spectra resident, within `bytes` of device memory.
@@ -80,7 +82,9 @@ pub fn psf(
     let remapped = stream.clone_htod(&vec![0.5f32; remapped_offset]).map_err(failed)?;
     let mut contributions = stream.alloc_zeros::<f32>(contribution_offset).map_err(failed)?;
     let mut stage = PsfOnDevice::new(device, frame, psf, bytes)?;
-    time_rounds(device, &stream, rounds, || stage.launch(&stream, &psf_tiles, &remapped, &mut contributions))
+    time_rounds(device, &stream, rounds, |timer| {
+        stage.launch(&stream, &psf_tiles, &remapped, &mut contributions, timer)
+    })
 }
 
 /// Seconds of an upload and of a download of `values` f32 values.
@@ -91,11 +95,15 @@ pub fn copies(device: &Arc<Device>, values: usize, rounds: usize) -> Result<(Vec
     let stream = device.context.new_stream().map_err(device.failed("creating a stream"))?;
     let mut host = Pinned::zeroed(device, values)?;
     let mut on_device = stream.alloc_zeros::<f32>(values).map_err(device.failed("measuring"))?;
-    let uploads = time_rounds(device, &stream, rounds, || {
-        stream.memcpy_htod(&host[..], &mut on_device).map_err(device.failed("measuring"))
+    let uploads = time_rounds(device, &stream, rounds, |timer| {
+        timer.start()?;
+        stream.memcpy_htod(&host[..], &mut on_device).map_err(device.failed("measuring"))?;
+        timer.stop()
     })?;
-    let downloads = time_rounds(device, &stream, rounds, || {
-        stream.memcpy_dtoh(&on_device, &mut host[..]).map_err(device.failed("measuring"))
+    let downloads = time_rounds(device, &stream, rounds, |timer| {
+        timer.start()?;
+        stream.memcpy_dtoh(&on_device, &mut host[..]).map_err(device.failed("measuring"))?;
+        timer.stop()
     })?;
     // Before `host` is freed.
     stream.synchronize().map_err(device.failed("measuring"))?;

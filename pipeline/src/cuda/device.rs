@@ -8,6 +8,7 @@ use super::slice::{CudaSlice, DeviceRepr, PinnedHostSlice};
 use std::collections::HashMap;
 use std::ffi::{CStr, c_int};
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 /// Properties of a GPU, read without opening it.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +40,19 @@ pub struct DeviceInfo {
 pub fn devices() -> Result<Vec<DeviceInfo>, CudaError> {
     let (count, driver) = start()?;
     (0..count).map(|index| DeviceInfo::read(index, driver)).collect()
+}
+
+/// The GPUs of these indices, which may repeat; no others are read.
+///
+/// # Errors
+/// As [`devices`]; an index beyond the last GPU.
+pub fn listed_devices(indices: &[usize]) -> Result<Vec<DeviceInfo>, CudaError> {
+    let (count, driver) = start()?;
+    let read = |&index: &usize| match index < count {
+        true => DeviceInfo::read(index, driver),
+        false => Err(CudaError::NoSuchDevice { index, count }),
+    };
+    indices.iter().map(read).collect()
 }
 
 /// Initialises the driver; the number of GPUs, and its version.
@@ -116,6 +130,8 @@ pub struct Device {
     pub context: Arc<CudaContext>,
     /// Loaded modules by the address of their PTX.
     modules: Mutex<HashMap<usize, Arc<CudaModule>>>,
+    /// Time of the driver's assembly of the kernels, s; the driver keeps the result for later processes.
+    assembly_s: Mutex<f64>,
 }
 
 impl Device {
@@ -134,7 +150,7 @@ impl Device {
         }
         let failed = |e| CudaError::new(index, "opening it", e);
         let context = CudaContext::new(index).map_err(failed)?;
-        Ok(Arc::new(Self { info, context, modules: Mutex::default() }))
+        Ok(Arc::new(Self { info, context, modules: Mutex::default(), assembly_s: Mutex::default() }))
     }
 
     /// Index in the driver's order.
@@ -173,12 +189,20 @@ impl Device {
         let module = match modules.get(&ptx.as_ptr().addr()) {
             Some(module) => module,
             None => {
+                let start = Instant::now();
                 let loaded = CudaModule::load(&self.context, ptx);
+                *self.assembly_s.lock().expect("no thread panics while it holds the lock") +=
+                    start.elapsed().as_secs_f64();
                 let loaded = loaded.map_err(self.failed("assembling the kernels"))?;
                 modules.entry(ptx.as_ptr().addr()).or_insert(loaded)
             }
         };
         module.function(name).map_err(self.failed(&format!("loading the kernel {name}")))
+    }
+
+    /// Seconds in which the driver has assembled kernels.
+    pub fn assembly_s(&self) -> f64 {
+        *self.assembly_s.lock().expect("no thread panics while it holds the lock")
     }
 
     /// `len` uninitialised values of device memory for `what`, in the order of `stream`.

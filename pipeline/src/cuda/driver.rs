@@ -1,9 +1,11 @@
-//! Functions of the CUDA driver library, which cudarc loads at the first use of a GPU.
+//! Functions of the CUDA driver library, which is loaded at the first use of a GPU: the driver's own `libcuda.so.1`, else what cudarc
+//! finds. `libcuda.so` alone may be the library of a development kit that only serves for linking.
 //!
 //! Results are integers: newer drivers return codes that are not listed here, and an integer outside the list of a Rust enum (such
 //! as cudarc's result type) is undefined behaviour. Signatures and constants are those of `cuda.h` 12.2.
 
 use cudarc::driver::sys;
+use libloading::Library;
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 use std::fmt;
 use std::sync::OnceLock;
@@ -48,11 +50,10 @@ macro_rules! functions {
         }
 
         impl Functions {
-            /// The functions of the library that cudarc has loaded, which stays loaded.
-            fn find() -> Result<Self, LoadError> {
-                // SAFETY: `load` has loaded the library, and its symbols have these types in the driver's header.
+            /// The functions of the library.
+            fn find(library: &'static Library) -> Result<Self, LoadError> {
+                // SAFETY: the library stays loaded, and its symbols have these types in the driver's header.
                 unsafe {
-                    let library = sys::culib();
                     $(let $name = *library.get(concat!($symbol, "\0").as_bytes()).map_err(missing)?;)*
                     Ok(Self { $($name,)* })
                 }
@@ -137,16 +138,24 @@ fn missing(error: impl fmt::Display) -> LoadError {
     LoadError::Function(error.to_string())
 }
 
-fn load() -> Result<(Functions, Version), LoadError> {
+/// The library; called once.
+fn open() -> Option<&'static Library> {
     // SAFETY: loads the library, whose initialisation runs no code of this program. Checked first: `culib` panics without it.
-    if !unsafe { sys::is_culib_present() } {
-        return Err(LoadError::NoLibrary);
+    unsafe {
+        match Library::new("libcuda.so.1") {
+            Ok(library) => Some(Box::leak(Box::new(library))),
+            Err(_) => sys::is_culib_present().then(|| sys::culib()),
+        }
     }
+}
+
+fn load() -> Result<(Functions, Version), LoadError> {
+    let library = open().ok_or(LoadError::NoLibrary)?;
     let mut version = 0;
     {
         // SAFETY: the library is loaded, and this is the type of the function in the driver's header.
         let get_version =
-            unsafe { sys::culib().get::<unsafe extern "C" fn(*mut c_int) -> c_int>(b"cuDriverGetVersion\0") };
+            unsafe { library.get::<unsafe extern "C" fn(*mut c_int) -> c_int>(b"cuDriverGetVersion\0") };
         // SAFETY: needs no initialised driver and writes one integer.
         let result = check(unsafe { get_version.map_err(missing)?(&mut version) });
         result.map_err(|e| LoadError::Function(format!("error {}", e.0)))?;
@@ -156,7 +165,7 @@ fn load() -> Result<(Functions, Version), LoadError> {
     if version < OLDEST_DRIVER {
         return Err(LoadError::TooOld(version));
     }
-    Ok((Functions::find()?, version))
+    Ok((Functions::find(library)?, version))
 }
 
 /// The CUDA version that the driver supports.

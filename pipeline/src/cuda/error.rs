@@ -199,13 +199,12 @@ impl CudaError {
 
     /// Whether the same command may succeed later.
     pub fn retryable(&self) -> bool {
-        let temporary = matches!(self, Self::InUse { .. } | Self::OutOfHostMemory { .. });
-        temporary || self.is_lost() || self.is_out_of_memory()
+        matches!(self, Self::InUse { .. }) || self.is_lost() || self.is_out_of_memory()
     }
 
-    /// Whether the queue may succeed with less device memory.
+    /// Whether the queue may succeed with less memory of the device, or of the host if it is [`Self::OutOfHostMemory`].
     pub fn is_out_of_memory(&self) -> bool {
-        matches!(self, Self::OutOfMemory { .. })
+        matches!(self, Self::OutOfMemory { .. } | Self::OutOfHostMemory { .. })
     }
 
     /// Whether the device is lost for this process, so that its work is requeued for other devices.

@@ -17,8 +17,18 @@ pub struct GpuFigures {
     pub pixels: u64,
     /// Busy time of the upload stream, s.
     pub upload_s: f64,
-    /// Busy time of the compute stream, s.
+    /// Time of the kernels, s.
     pub compute_s: f64,
+    /// Host: descriptors of the batches and their upload, s.
+    pub descriptors_s: f64,
+    /// Host: base kernels of the PSFs and their upload, s.
+    pub base_kernels_s: f64,
+    /// Host: waiting for charts to be read, s.
+    pub wait_chart_s: f64,
+    /// Host: waiting for the overlap-add, s.
+    pub wait_output_s: f64,
+    /// Host: waiting for batches on the device, s.
+    pub wait_batch_s: f64,
     /// Busy time of the download stream, s.
     pub download_s: f64,
     /// From the first upload's start to the last download's end, s.

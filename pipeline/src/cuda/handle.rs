@@ -9,6 +9,8 @@ use std::ffi::c_int;
 use std::ptr;
 use std::sync::Arc;
 
+/// `CU_EVENT_BLOCKING_SYNC`: the thread that waits for the event blocks.
+pub(crate) const BLOCKING_EVENT: u32 = 1;
 /// `CU_DEVICE_ATTRIBUTE_MEMORY_POOLS_SUPPORTED`.
 const MEMORY_POOLS: c_int = 115;
 

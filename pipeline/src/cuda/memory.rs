@@ -5,8 +5,18 @@
 //! page-locked buffers, larger by one batch than the batches in flight, for tiles that wait until it is their turn in the
 //! overlap-add. None of this changes any sum.
 
+use super::upload_ring::UPLOAD_RING_BYTES;
 use super::{CudaError, Device};
 use std::sync::Arc;
+
+/// How often the limits of a queue were halved because an allocation failed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Halvings {
+    /// Of device memory.
+    pub device: u32,
+    /// Of page-locked host memory.
+    pub host: u32,
+}
 
 /// A device with the memory limits of a queue.
 #[derive(Clone, Debug)]
@@ -25,18 +35,20 @@ impl DeviceQueue {
         format!("GPU {} ({})", self.device.index(), self.device.info.name)
     }
 
-    /// The plan for a band, with the limit on device memory halved `halvings` times.
+    /// The plan for a band, with the limits halved `halvings` times.
     ///
     /// # Errors
     /// [`CudaError::TooSmall`].
-    pub fn plan(&self, needs: &BandNeeds, halvings: u32) -> Result<BandMemory, CudaError> {
-        needs.plan(self.device_bytes >> halvings, self.host_bytes).map_err(|min| CudaError::TooSmall {
+    pub fn plan(&self, needs: &BandNeeds, halvings: Halvings) -> Result<BandMemory, CudaError> {
+        let (device_bytes, host_bytes) =
+            (self.device_bytes >> halvings.device, self.host_bytes >> halvings.host);
+        needs.plan(device_bytes, host_bytes).map_err(|min| CudaError::TooSmall {
             device: self.device.index(),
             name: self.device.info.name.clone(),
             needed_bytes: min.device_bytes as u64,
-            usable_bytes: (self.device_bytes >> halvings) as u64,
+            usable_bytes: device_bytes as u64,
             host_needed_bytes: min.host_bytes as u64,
-            host_usable_bytes: self.host_bytes as u64,
+            host_usable_bytes: host_bytes as u64,
         })
     }
 }
@@ -89,9 +101,11 @@ impl BandNeeds {
         4 * batches * tiles * (self.chart_px + self.remapped_px + self.contribution_px)
     }
 
-    /// Host memory of the batches and of the downloaded tiles, bytes.
+    /// Host memory of the batches, of the downloaded tiles and of the ring of the PSF stage, bytes.
     fn host_bytes(&self, batches: usize, tiles: usize) -> usize {
-        4 * tiles * (batches * self.chart_px + (batches + 1) * self.contribution_px.max(self.remapped_px))
+        let ring = if self.contribution_px > 0 { UPLOAD_RING_BYTES } else { 0 };
+        let outputs = (batches + 1) * self.contribution_px.max(self.remapped_px);
+        ring + 4 * tiles * (batches * self.chart_px + outputs)
     }
 
     /// The plan within limits.
@@ -166,8 +180,8 @@ mod tests {
             );
             assert!(plan.tiles >= last && plan.batches >= 2, "{mib} MiB: {plan:?}");
             last = plan.tiles;
-            let host = NEEDS.plan(usize::MAX / 4, bytes).unwrap();
-            assert!(NEEDS.host_bytes(host.batches, host.tiles) <= bytes);
+            let host = NEEDS.plan(usize::MAX / 4, bytes + UPLOAD_RING_BYTES).unwrap();
+            assert!(NEEDS.host_bytes(host.batches, host.tiles) <= bytes + UPLOAD_RING_BYTES);
         }
         assert_eq!(last, MAX_TILES);
     }

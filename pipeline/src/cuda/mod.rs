@@ -13,12 +13,14 @@ pub mod driver;
 pub mod error;
 mod figures;
 pub mod handle;
+pub mod kernel_timer;
 pub mod launch;
 pub mod memory;
 pub(crate) mod pool;
 pub mod slice;
+pub(crate) mod upload_ring;
 
 pub use band::band_needs;
-pub use device::{Device, DeviceInfo, devices};
+pub use device::{Device, DeviceInfo, devices, listed_devices};
 pub use error::CudaError;
 pub use figures::GpuFigures;

@@ -7,7 +7,7 @@ use crate::buffer::TileBuffer;
 use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
-use crate::cuda::memory::DeviceQueue;
+use crate::cuda::memory::{DeviceQueue, Halvings};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use crate::plan::Tiling;
@@ -79,7 +79,7 @@ pub trait Compute: Sync {
         tiling: &Tiling,
         tiles: &[(usize, usize)],
         queue: &DeviceQueue,
-        halvings: u32,
+        halvings: Halvings,
         streams: &Streams,
     ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError>;
 }

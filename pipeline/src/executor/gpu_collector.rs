@@ -93,14 +93,16 @@ impl<'a, 'b, C: Compute, S: FilmSink> Collector<'a, 'b, C, S> {
         events.download[1].synchronize().map_err(failed)?;
         let seconds =
             |[a, b]: &[CudaEvent; 2]| a.elapsed_ms(b).map(|ms| f64::from(ms) * 1e-3).map_err(failed);
-        let (upload, compute, download) =
-            (seconds(&events.upload)?, seconds(&events.compute)?, seconds(&events.download)?);
+        let (upload, download) = (seconds(&events.upload)?, seconds(&events.download)?);
+        let compute = events.kernels.iter().map(seconds).sum::<Result<f64, _>>()?;
         let mut f = self.figures.lock().expect("no panic while held");
         let [start, _] = events.upload;
         let first = self.first.get_or_insert(start);
         f.span_s = f64::from(first.elapsed_ms(&events.download[1]).map_err(failed)?) * 1e-3;
         f.upload_s += upload;
         f.compute_s += compute;
+        f.descriptors_s += events.host.descriptors_s;
+        f.base_kernels_s += events.host.base_kernels_s;
         f.download_s += download;
         f.batches += 1;
         f.tiles += batch.count as u64;

@@ -4,7 +4,8 @@
 //! Three streams, ordered by events: while one batch is computed, the next is uploaded and the last one downloaded. This thread
 //! claims and launches; another ([`super::gpu_collector`]) waits for downloads and submits the tiles. The batch buffers bound the
 //! number of batches in flight ([`crate::cuda::memory`]). If the device fails, all batches not yet downloaded are requeued for the remaining
-//! GPUs; if device memory does not suffice, the queue begins the band again with half of it, down to the minimum.
+//! GPUs; if memory of the device or page-locked memory does not suffice, the queue begins the band again with half of it, down to the
+//! minimum.
 
 use super::Compute;
 use super::chart_reads::{ChartRead, ChartReply};
@@ -13,7 +14,8 @@ use super::run_state::RunState;
 use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
 use crate::cuda::band::{BatchBuffers, GpuBand, GpuBatchTile, Streams};
-use crate::cuda::memory::{DeviceQueue, MAX_TILES};
+use crate::cuda::kernel_timer::timed;
+use crate::cuda::memory::{DeviceQueue, Halvings, MAX_TILES};
 use crate::cuda::pool::{GpuTile, PinnedPool};
 use crate::cuda::{CudaError, GpuFigures};
 use crate::flow::FilmSink;
@@ -46,10 +48,22 @@ struct Assembled {
     unreadable: Vec<usize>,
 }
 
+/// Waiting of the launching thread, s.
+#[derive(Default)]
+struct LaunchWaits {
+    /// For charts to be read.
+    chart_s: f64,
+    /// For page-locked buffers of contributions: for the overlap-add.
+    output_s: f64,
+    /// For a batch on the device to end.
+    batch_s: f64,
+}
+
 /// The launching thread's side of a queue.
 struct Queue<'a, 'b, C: Compute, S: FilmSink> {
     run: &'a RunState<'b, C, S>,
     queue: &'a DeviceQueue,
+    figures: &'a Mutex<GpuFigures>,
     failed: &'a AtomicBool,
     launched: Sender<Launched<C::Band>>,
     collected: Receiver<Collected>,
@@ -61,8 +75,11 @@ struct Queue<'a, 'b, C: Compute, S: FilmSink> {
     reading: VecDeque<PendingReads<C::Band>>,
     /// Batches on the device.
     in_flight: usize,
-    /// How often its share of the device's memory was halved.
-    halvings: u32,
+    /// How often its memory was halved.
+    halvings: Halvings,
+    /// The last error of memory.
+    shortage: Option<CudaError>,
+    waits: LaunchWaits,
 }
 
 /// Runs one queue until all tiles are added or its device fails.
@@ -81,6 +98,7 @@ pub(super) fn run_queue<C: Compute, S: FilmSink>(
         let queue = streams.map(|streams| Queue {
             run,
             queue,
+            figures,
             failed,
             launched,
             collected,
@@ -91,7 +109,9 @@ pub(super) fn run_queue<C: Compute, S: FilmSink>(
             free: Vec::new(),
             reading: VecDeque::new(),
             in_flight: 0,
-            halvings: 0,
+            halvings: Halvings::default(),
+            shortage: None,
+            waits: LaunchWaits::default(),
         });
         queue.and_then(Queue::run).err()
     });
@@ -117,6 +137,12 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             self.failed.store(true, Ordering::SeqCst);
         }
         self.requeue_unlaunched();
+        {
+            let mut figures = self.figures.lock().expect("no panic while held");
+            figures.wait_chart_s = self.waits.chart_s;
+            figures.wait_output_s = self.waits.output_s;
+            figures.wait_batch_s = self.waits.batch_s;
+        }
         // The collector waits for what is on the device, or requeues it.
         self.launched = unbounded().0;
         let failed = self.collected.iter().find_map(|collected| match collected {
@@ -165,7 +191,8 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
     }
 
     fn wait_for_buffer(&mut self) -> Result<(), CudaError> {
-        let collected = self.collected.recv().expect("the collector ends after this thread");
+        let collected = timed(&mut self.waits.batch_s, || self.collected.recv());
+        let collected = collected.expect("the collector ends after this thread");
         self.receive(collected)
     }
 
@@ -244,7 +271,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         }
         self.free.clear();
         self.band = None;
-        self.queue.device.synchronize("ending a band")
+        self.streams.synchronize(&self.queue.device, "ending a band")
     }
 
     /// Launches a batch once its charts are read.
@@ -270,7 +297,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             }
             Err(error) => {
                 // Copies may still use the buffers that are freed here.
-                let _ = self.queue.device.synchronize("after a failed launch");
+                let _ = self.streams.synchronize(&self.queue.device, "after a failed launch");
                 self.free.push(buffers);
                 self.run.requeue(batch);
                 Err(error)
@@ -285,7 +312,8 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         rects: &[Rect],
         replies: &Receiver<ChartReply>,
     ) -> Result<Option<Assembled>, CudaError> {
-        let mut read: Vec<ChartReply> = replies.iter().take(rects.len()).collect();
+        let receive = || replies.iter().take(rects.len()).collect();
+        let mut read: Vec<ChartReply> = timed(&mut self.waits.chart_s, receive);
         if read.len() < rects.len() {
             return Ok(None);
         }
@@ -315,7 +343,8 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
     /// A buffer for the contribution on `reach`. A requeued batch may exceed the bound, since it may contain the next tiles in order.
     fn output(&mut self, batch: &Batch<C::Band>, reach: Rect) -> Result<Option<GpuTile>, CudaError> {
         let stopped = || self.run.failed() || self.failed.load(Ordering::SeqCst);
-        let buffer = self.outputs.take(&self.queue.device, batch.requeued, &stopped)?;
+        let take = || self.outputs.take(&self.queue.device, batch.requeued, &stopped);
+        let buffer = timed(&mut self.waits.output_s, take)?;
         Ok(buffer.map(|buffer| GpuTile::new(buffer, reach.size().pixels(), reach.width, &self.outputs)))
     }
 
@@ -327,15 +356,21 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         }
     }
 
-    /// After an error of device memory: begins the band again with half of it. Returns any other error.
+    /// After an error of memory: begins the band again with half of it. Returns any other error, and the error of memory if half of it
+    /// is too little.
     fn retry_with_half(&mut self, error: CudaError) -> Result<(), CudaError> {
         if !error.is_out_of_memory() {
-            return Err(error);
+            let cause = self.shortage.take().filter(|_| matches!(error, CudaError::TooSmall { .. }));
+            return Err(cause.unwrap_or(error));
         }
         self.run.progress.gpu_short_of_memory(&self.queue.name(), &error);
         self.requeue_unlaunched();
         self.end_band()?;
-        self.halvings += 1;
+        match error {
+            CudaError::OutOfHostMemory { .. } => self.halvings.host += 1,
+            _ => self.halvings.device += 1,
+        }
+        self.shortage = Some(error);
         Ok(())
     }
 }

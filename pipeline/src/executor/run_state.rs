@@ -13,8 +13,8 @@ use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::flow::{ChartSource, FilmSink, SourceSinkError};
 use crate::overlap_add::tiles_needed;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The parts of the scheduler, each with a separate lock.
 pub(super) struct RunState<'a, C: Compute, S: FilmSink> {
@@ -98,12 +98,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     }
 
     /// Fails because the chart under `tile` could not be read.
-    pub(super) fn unreadable(
-        &self,
-        position: usize,
-        tile: (usize, usize),
-        source: SourceSinkError,
-    ) {
+    pub(super) fn unreadable(&self, position: usize, tile: (usize, usize), source: SourceSinkError) {
         let rect = self.work.bands[position].tiling.rect(tile);
         let shards = self.adder.shards(position, tile);
         self.fail(RunError::Read { position, rect, shards, source });

@@ -4,6 +4,7 @@ use super::*;
 use crate::buffer::TileBuffer;
 use crate::cuda::CudaError;
 use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
+use crate::cuda::memory::Halvings;
 use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
 use crate::plan::{FilmRegion, ShardId, Tiling};
@@ -81,7 +82,7 @@ impl Compute for Ones {
         _tiling: &Tiling,
         _tiles: &[(usize, usize)],
         _queue: &DeviceQueue,
-        _halved: u32,
+        _halvings: Halvings,
         _streams: &Streams,
     ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError> {
         unreachable!("no GPU")

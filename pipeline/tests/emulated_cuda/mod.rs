@@ -1,4 +1,4 @@
-//! An emulated NVIDIA driver: a `libcuda.so` that g++ compiles from the C++ files in this folder and from the `.cu` files of the
+//! An emulated NVIDIA driver: a `libcuda.so.1` that g++ compiles from the C++ files in this folder and from the `.cu` files of the
 //! project, which run thread by thread on the CPU (`cuda_cpu.h`). Stream order and injected faults are settings (`driver.h`,
 //! `devices.cpp`).
 //!
@@ -228,10 +228,11 @@ pub fn library(build: Build) -> Result<PathBuf, String> {
         objects.push(object(&place, &unit, &[&headers[..], &beside[..]].concat(), &flags)?);
     }
     let to = place.join(format!("{:016x}", digest(&(&objects, &flags))));
-    let library = to.join("libcuda.so");
+    let library = to.join("libcuda.so.1");
     if !library.exists() {
         fs::create_dir_all(&to).map_err(|e| format!("{}: {e}", to.display()))?;
-        let linking = ["-shared", "-Wl,-soname,libcuda.so", "-Wl,-z,nodelete", "-pthread"].map(str::to_owned);
+        let linking =
+            ["-shared", "-Wl,-soname,libcuda.so.1", "-Wl,-z,nodelete", "-pthread"].map(str::to_owned);
         let inputs = objects.iter().map(|o| o.display().to_string());
         compile(&library, flags.iter().cloned().chain(linking).chain(inputs))?;
     }

@@ -19,7 +19,9 @@ mod touching;
 pub use partition::Partition;
 
 use crate::cuda::handle::CudaStream;
+use crate::cuda::kernel_timer::{KernelTimer, timed};
 use crate::cuda::slice::{CudaSlice, DeviceMemory, DeviceMemoryMut};
+use crate::cuda::upload_ring::UploadRing;
 use crate::cuda::{CudaError, Device};
 use crate::geometry::{Frame, Rect};
 use crate::psf::BandPsf;
@@ -36,6 +38,7 @@ use round::Round;
 use schedule::{Schedule, ScheduleStep};
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Base kernels computed by the CPU before their upload.
 const BASE_KERNELS_AT_ONCE: usize = 64;
@@ -71,6 +74,7 @@ pub struct PsfOnDevice {
     base_kernel_pool: LruPool,
     /// Packed blocks, images, lists.
     scratch: CudaSlice<u32>,
+    ring: UploadRing,
 }
 
 impl PsfOnDevice {
@@ -108,6 +112,7 @@ impl PsfOnDevice {
             spectra: allocate(budget.spectra * partition.spectrum_len(), "spectra")?,
             base_kernels: allocate(budget.base_kernels * base_kernel_len, "kernels")?,
             scratch: device.allocate(&stream, 1, "blocks")?,
+            ring: UploadRing::new(device)?,
             spectrum_pool: LruPool::new(budget.spectra),
             base_kernel_pool: LruPool::new(budget.base_kernels),
             device: Arc::clone(device),
@@ -122,7 +127,7 @@ impl PsfOnDevice {
     }
 
     /// Computes the `contributions` of `tiles` from their `remapped` values, in the order of `stream`, which must be the same for
-    /// all launches of this stage. Every value of a contribution is set.
+    /// all launches of this stage; `timer` times the kernels. Every value of a contribution is set.
     ///
     /// # Errors
     /// An error of the driver; the stage must not be used after it.
@@ -135,6 +140,7 @@ impl PsfOnDevice {
         tiles: &[PsfTile],
         remapped: &CudaSlice<f32>,
         contributions: &mut CudaSlice<f32>,
+        timer: &mut KernelTimer<'_>,
     ) -> Result<(), CudaError> {
         for tile in tiles {
             let reach = tile.rect.grown(self.partition.window / 2);
@@ -146,9 +152,10 @@ impl PsfOnDevice {
         }
         let mut rest = tiles;
         while !rest.is_empty() {
+            let start = Instant::now();
             let mut round = self.next_round(rest)?;
             rest = &rest[round.tiles.len()..];
-            self.run(stream, &mut round, remapped, contributions)?;
+            self.run(stream, &mut round, remapped, contributions, (timer, start))?;
         }
         Ok(())
     }
@@ -186,6 +193,7 @@ impl PsfOnDevice {
         round: &mut Round,
         remapped: &CudaSlice<f32>,
         contributions: &mut CudaSlice<f32>,
+        (timer, start): (&mut KernelTimer<'_>, Instant),
     ) -> Result<(), CudaError> {
         let mut schedule = Schedule {
             grid: &self.grid,
@@ -213,27 +221,28 @@ impl PsfOnDevice {
         grow(device, stream, &mut self.scratch, packed_len + images_len + lists.words.len())?;
         let (mut packed, mut rest) = self.scratch.split_at_mut(packed_len);
         let (mut images, mut rest) = rest.split_at_mut(images_len);
-        stream.memcpy_htod(&lists.words, &mut rest).map_err(device.failed("uploading lists"))?;
+        self.ring.upload(device, stream, &lists.words, &mut rest, "uploading lists")?;
+        timer.host.descriptors_s += start.elapsed().as_secs_f64();
 
         let launcher =
             Launcher { device, stream, partition, functions: &self.functions, tables: &self.tables };
         let list = |range: &Range<usize>| rest.slice(range.clone());
         let (rows, cols) = round.max_contribution;
         let tile_grid = (cols.div_ceil(32), rows.div_ceil(8), round.tiles.len() as u32);
+        timer.start()?;
         if partition.side == 0 {
-            return launcher.copy(tile_grid, &list(&tiles), remapped, contributions);
+            launcher.copy(tile_grid, &list(&tiles), remapped, contributions)?;
+            return timer.stop();
         }
         launcher.pack(round.blocks.len(), &list(&blocks), remapped, &self.polynomials, &mut packed)?;
         for step in steps {
             match step {
                 ScheduleStep::UploadBaseKernels(nodes) => {
-                    upload_base_kernels(
-                        &launcher,
-                        &self.kernels,
-                        &self.grid,
-                        &nodes,
-                        &mut self.base_kernels,
-                    )?;
+                    timer.stop()?;
+                    let (kernels, to) = ((&*self.kernels, &self.grid), &mut self.base_kernels);
+                    let upload = || upload_base_kernels(&launcher, kernels, &nodes, to, &mut self.ring);
+                    timed(&mut timer.host.base_kernels_s, upload)?;
+                    timer.start()?;
                 }
                 ScheduleStep::Transform(range) => {
                     let parts = list(&sublist::<KernelPart>(&parts, &range));
@@ -253,7 +262,8 @@ impl PsfOnDevice {
             }
         }
         launcher.unfold(round.jobs.len(), &mut images)?;
-        launcher.add(tile_grid, (&list(&tiles), &list(&block_images)), &images, contributions)
+        launcher.add(tile_grid, (&list(&tiles), &list(&block_images)), &images, contributions)?;
+        timer.stop()
     }
 }
 
@@ -266,10 +276,10 @@ fn sublist<T>(list: &Range<usize>, range: &Range<usize>) -> Range<usize> {
 /// Computes base kernels on all cores and uploads them to their pool entries.
 fn upload_base_kernels(
     launcher: &Launcher<'_>,
-    kernels: &NodeKernels,
-    grid: &NodeGrid,
+    (kernels, grid): (&NodeKernels, &NodeGrid),
     nodes: &[(usize, Node)],
     to: &mut CudaSlice<f32>,
+    ring: &mut UploadRing,
 ) -> Result<(), CudaError> {
     let len = launcher.partition.window * launcher.partition.window;
     for nodes in nodes.chunks(BASE_KERNELS_AT_ONCE) {
@@ -278,10 +288,7 @@ fn upload_base_kernels(
         let computed: Vec<Vec<f32>> = nodes.par_iter().map_init(KernelScratch::default, compute).collect();
         for ((entry, _), kernel) in nodes.iter().zip(&computed) {
             let entry = &mut to.slice_mut(entry * len..(entry + 1) * len);
-            launcher
-                .stream
-                .memcpy_htod(kernel, entry)
-                .map_err(launcher.device.failed("uploading kernels"))?;
+            ring.upload(launcher.device, launcher.stream, kernel, entry, "uploading kernels")?;
         }
     }
     Ok(())

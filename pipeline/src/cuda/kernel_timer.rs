@@ -1,0 +1,66 @@
+//! Events around kernels, so that their time excludes the work of the host that launches them.
+
+use super::handle::{BLOCKING_EVENT, CudaEvent, CudaStream};
+use super::{CudaError, Device};
+use std::time::Instant;
+
+/// Time of the host in the launches of one batch, s.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HostTimes {
+    /// Descriptors, their order, and their upload.
+    pub descriptors_s: f64,
+    /// Base kernels of the PSFs, and their upload.
+    pub base_kernels_s: f64,
+}
+
+/// Records an event before and one after each sequence of kernels of a stream.
+#[derive(Debug)]
+pub struct KernelTimer<'a> {
+    device: &'a Device,
+    stream: &'a CudaStream,
+    started: Option<CudaEvent>,
+    /// First and last event of each sequence.
+    pub spans: Vec<[CudaEvent; 2]>,
+    /// Time of the host.
+    pub host: HostTimes,
+}
+
+impl<'a> KernelTimer<'a> {
+    /// For kernels of `stream`.
+    pub fn new(device: &'a Device, stream: &'a CudaStream) -> Self {
+        Self { device, stream, started: None, spans: Vec::new(), host: HostTimes::default() }
+    }
+
+    /// Begins a sequence.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn start(&mut self) -> Result<(), CudaError> {
+        self.started = Some(self.event()?);
+        Ok(())
+    }
+
+    /// Ends the sequence.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn stop(&mut self) -> Result<(), CudaError> {
+        if let Some(start) = self.started.take() {
+            let end = self.event()?;
+            self.spans.push([start, end]);
+        }
+        Ok(())
+    }
+
+    fn event(&self) -> Result<CudaEvent, CudaError> {
+        self.stream.record_event(BLOCKING_EVENT).map_err(self.device.failed("timing"))
+    }
+}
+
+/// Adds the time of `work` to `seconds`.
+pub fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+    let start = Instant::now();
+    let value = work();
+    *seconds += start.elapsed().as_secs_f64();
+    value
+}
