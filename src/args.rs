@@ -22,7 +22,7 @@ mod work;
 pub use bench::BenchArgs;
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use demo::DemoArgs;
-pub use device::{Device, EngineArg};
+pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg, ExrCompressionArg};
 pub use import::{EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
@@ -88,6 +88,8 @@ pub enum Command {
     Measure(Box<MeasureArgs>),
     /// Measure the speed of each stage and of a job on this machine
     Bench(BenchArgs),
+    /// List the devices of this machine, and compare a GPU's films with the CPU's
+    Device(DeviceArgs),
     /// Print the completion script of a shell
     Completions(CompletionsArgs),
     /// Write the manual pages

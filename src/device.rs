@@ -3,6 +3,8 @@
 //! `--device cuda` and `--engine NAME` are used or are an error. Otherwise the film's engine is used where this machine has it, else
 //! the fastest device; the log reports the choice and its reason.
 
+pub mod verdict;
+
 use crate::args::Device;
 use crate::engine::Engine;
 use crate::failure::usage;
@@ -12,6 +14,7 @@ use pipeline::cuda::memory::{BandNeeds, DeviceQueue, Halvings};
 use pipeline::cuda::{self, CudaError};
 use pipeline::simd::{Isa, Simd};
 use std::sync::Arc;
+use verdict::{Verdict, verdict};
 
 /// Share of a GPU's free memory that is used; the driver allocates from the rest during the run.
 const USED_SHARE: f64 = 0.9;
@@ -167,12 +170,26 @@ fn open(requested: &Device, required: Option<Version>) -> Result<Opened, OpenErr
             "all GPUs of a run must have the same compute capability, here {engine}; found {others}"
         )));
     }
-    let notes = match other.is_empty() {
-        true => Vec::new(),
-        false => vec![format!(
+    let mut notes = Vec::new();
+    if !other.is_empty() {
+        notes.push(format!(
             "not used: {others}; all GPUs of a run must have the same compute capability, here {engine}"
-        )],
-    };
+        ));
+    }
+    if *requested == Device::Auto {
+        if used.iter().any(|info| verdict(info) == Verdict::Failed) {
+            return Err(OpenError::Engine(
+                "`lenscube device check` has found other films than the CPU's on these GPUs".into(),
+            ));
+        }
+        let unknown = used.iter().filter(|info| verdict(info) == Verdict::Unknown);
+        let unknown = unknown.map(name).collect::<Vec<_>>().join(", ");
+        if !unknown.is_empty() {
+            notes.push(format!(
+                "films of {unknown} have not been compared with the CPU's on this machine: `lenscube device check` does so in seconds"
+            ));
+        }
+    }
     let devices = used.iter().map(|info| cuda::Device::open(info.index)).collect::<Result<_, _>>()?;
     Ok((devices, notes))
 }

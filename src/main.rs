@@ -6,6 +6,7 @@ mod chart;
 mod demo;
 mod design;
 mod device;
+mod device_check;
 mod engine;
 mod export;
 mod failure;
@@ -65,6 +66,7 @@ fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::Validate(args) => validate::command(args),
         Command::Measure(args) => measure::command(args).map(|()| 0),
         Command::Bench(args) => bench::command(args).map(|()| 0),
+        Command::Device(args) => device_check::command(args),
         Command::Completions(args) => manual::completions(args).map(|()| 0),
         Command::Man(args) => manual::man(args).map(|()| 0),
     }

@@ -27,6 +27,7 @@ use crate::failure::{Coded, code, other_job};
 use crate::progress::log_line;
 use anyhow::{Context, Result};
 use band::{Films, compare};
+pub use film_maker::FilmMaker;
 use formats::durable::{AtomicFile, Directory, finish_together};
 use serde_json::Value;
 use setup::Setup;

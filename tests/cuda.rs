@@ -218,6 +218,61 @@ fn out_of_page_locked_memory_continues_with_half_and_exits_75_at_the_minimum() {
     assert!(take_files(&job) == expected);
 }
 
+fn device_check_compares_films_and_auto_reports_unchecked_gpus() {
+    let dir = tempfile::tempdir().unwrap();
+    let lenscube = |arguments: &[&str], settings: Settings<'_>| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(arguments).env("XDG_CACHE_HOME", dir.path());
+        command.envs(emulated_cuda::environment(PLAIN).unwrap()).envs(emulated_cuda::settings(settings));
+        CommandResult::new(&command.output().unwrap())
+    };
+    let list = || lenscube(&["device", "list"], &[]);
+    assert!(list().stdout.contains("cuda:0   Emulated GPU 8.0") && list().stdout.contains("not compared"));
+    let film = dir.path().join("film.zarr");
+    let chart = "gen:siemens?size=256&wavelengths=550";
+    let run = || lenscube(&["run", chart, text(&film), "--overwrite", "--stages", "ri", "--no-fsync"], &[]);
+    assert_exit(&run(), 0, &["have not been compared with the CPU's", "lenscube device check"]);
+    let checked = lenscube(&["device", "check"], &[]);
+    assert_exit(&checked, 0, &[]);
+    assert!(checked.stdout.contains("passed (tolerance 2e-6)"), "{}", checked.stdout);
+    assert_eq!(checked.stdout.matches("largest difference").count(), 6, "{}", checked.stdout);
+    assert!(list().stdout.contains("equal to the CPU"));
+    let ran = run();
+    assert!(ran.code == 0 && !ran.stderr.contains("device check"), "{}", ran.stderr);
+    // A stored failure: the GPU is not used by `auto`.
+    let results = dir.path().join("lenscube/device-checks.json");
+    let failed = std::fs::read_to_string(&results).unwrap().replace("true", "false");
+    std::fs::write(&results, failed).unwrap();
+    assert_exit(&run(), 0, &["device: cpu (", "found other films"]);
+    assert_exit(&lenscube(&["device", "check", "--device", "cuda:3"], &[]), USAGE, &["GPU 3"]);
+    assert_exit(&lenscube(&["device", "check"], &[("FAULTS", "kernel:0:3")]), FAILED, &["a kernel failed"]);
+}
+
+/// All steps of `scripts/gpu-check` but the benchmark, which is too slow on an emulated GPU.
+fn gpu_check_script_passes_its_steps() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out");
+    let mut command = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/gpu-check"));
+    command.arg(&out).env("LENSCUBE", env!("CARGO_BIN_EXE_lenscube")).env("TMPDIR", dir.path());
+    command.envs(emulated_cuda::environment(PLAIN).unwrap());
+    let settings = [
+        ("SIZE", "600"),
+        ("BANDS", "1"),
+        ("ROI", "64"),
+        ("LENS", "double-gauss-28-npz"),
+        ("FLAGS", "--shard 128 --chunk 64"),
+        ("STEPS", "1 2 3 4 5 7 8 9"),
+    ];
+    command.envs(settings.map(|(name, value)| (format!("GPU_CHECK_{name}"), value)));
+    let ran = CommandResult::new(&command.output().unwrap());
+    assert_exit(&ran, 0, &[]);
+    for row in ["3 regions, scale 0.7", "4 full job, cuda:0,0", "5 SIGKILL at 40 % and resume"] {
+        let line = ran.stdout.lines().rev().find(|line| line.starts_with(row));
+        assert!(line.is_some_and(|line| !line.contains("FAILED")), "{row}: {}", ran.stdout);
+    }
+    assert!(out.join("gpu-check.tar.gz").metadata().unwrap().len() > 1000);
+}
+
 fn tiles_of_a_lost_device_are_computed_by_the_others() {
     let job = TestJob::wide();
     let expected = single_device_film(&job);
@@ -342,7 +397,7 @@ fn signal_downloads_tiles_in_flight_and_exits_130() {
 }
 
 fn main() -> ExitCode {
-    let emulated: [(&str, fn()); 15] = [
+    let emulated: [(&str, fn()); 16] = [
         ("gpu_film_equals_cpu_film_within_tolerance", gpu_film_equals_cpu_film_within_tolerance),
         (
             "queues_stream_order_and_memory_do_not_change_bits",
@@ -359,6 +414,10 @@ fn main() -> ExitCode {
         (
             "out_of_page_locked_memory_continues_with_half_and_exits_75_at_the_minimum",
             out_of_page_locked_memory_continues_with_half_and_exits_75_at_the_minimum,
+        ),
+        (
+            "device_check_compares_films_and_auto_reports_unchecked_gpus",
+            device_check_compares_films_and_auto_reports_unchecked_gpus,
         ),
         (
             "tiles_of_a_lost_device_are_computed_by_the_others",
@@ -390,6 +449,11 @@ fn main() -> ExitCode {
         "missing_driver_exits_2_without_fallback_to_cpu",
         missing_driver_exits_2_without_fallback_to_cpu,
         emulated_cuda::has_driver().then_some(A_DRIVER),
+    ));
+    trials.push(trial(
+        "gpu_check_script_passes_its_steps",
+        gpu_check_script_passes_its_steps,
+        Some(no_compiler.unwrap_or("long: scripts/check --full")),
     ));
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

@@ -1,8 +1,30 @@
-//! `--device` and `--engine`.
+//! `--device`, `--engine` and `lenscube device`.
 
 use crate::engine::Engine;
+use clap::{Args, Subcommand};
 use std::fmt;
 use std::str::FromStr;
+
+/// `lenscube device`
+#[derive(Debug, Args)]
+pub struct DeviceArgs {
+    /// What to do
+    #[command(subcommand)]
+    pub command: DeviceCommand,
+}
+
+/// Commands of `lenscube device`.
+#[derive(Debug, Subcommand)]
+pub enum DeviceCommand {
+    /// List the CPU's instruction sets and the GPUs
+    List,
+    /// Compare films of the GPUs with the CPU's: seconds; exit code 4 if they differ by more than 2e-6 of the peak
+    Check {
+        /// GPUs: auto or cuda (all), cuda:0,2
+        #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
+        device: Device,
+    },
+}
 
 /// `--device`: what computes the tiles.
 #[derive(Clone, Debug, PartialEq, Eq)]
