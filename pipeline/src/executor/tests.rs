@@ -10,6 +10,7 @@ use crate::geometry::{Rect, Size};
 use crate::plan::{FilmRegion, ShardId, Tiling};
 use crate::psf::blocks::Blocks;
 use std::sync::atomic::AtomicU64;
+use std::time::Duration;
 
 const TILE: usize = 16;
 
@@ -25,9 +26,18 @@ impl ChartSource for Blank {
     }
 }
 
-/// Fills each tile with 1 after `spin_ns` of computing.
+/// Time that a tile takes to compute.
+#[derive(Clone, Copy)]
+enum TileTime {
+    /// On a core.
+    Busy(Duration),
+    /// Without a core: as many workers as wanted compute at a time.
+    Asleep(Duration),
+}
+
+/// Fills each tile with 1.
 struct Ones {
-    spin_ns: u64,
+    time: TileTime,
     tiles: AtomicU64,
 }
 
@@ -52,8 +62,13 @@ impl Compute for Ones {
         _clock: &Clock,
     ) -> Result<(), SourceSinkError> {
         let start = Instant::now();
-        while u128::from(self.spin_ns) > start.elapsed().as_nanos() {
-            std::hint::spin_loop();
+        match self.time {
+            TileTime::Busy(time) => {
+                while start.elapsed() < time {
+                    std::hint::spin_loop();
+                }
+            }
+            TileTime::Asleep(time) => std::thread::sleep(time),
         }
         self.tiles.fetch_add(1, Ordering::Relaxed);
         out.copy(&vec![1.0; tile.size().pixels()], tile.width);
@@ -106,7 +121,7 @@ impl FilmSink for Count {
 }
 
 /// Runs `bands` bands of a square film of `side` px; the seconds that it took.
-fn schedule(bands: usize, side: usize, threads: usize, spin_ns: u64) -> f64 {
+fn schedule(bands: usize, side: usize, threads: usize, time: TileTime) -> f64 {
     let film = Size::new(side, side);
     let blocks = Blocks { window: 1, fft: 0, block: TILE, tile: TILE };
     let window = FilmRegion { rect: film.rect(), shard: Size::new(8 * TILE, 8 * TILE) };
@@ -127,7 +142,7 @@ fn schedule(bands: usize, side: usize, threads: usize, spin_ns: u64) -> f64 {
         gpus: &[],
         cancel: &cancel,
     };
-    let (compute, sink) = (Ones { spin_ns, tiles: AtomicU64::new(0) }, Count::default());
+    let (compute, sink) = (Ones { time, tiles: AtomicU64::new(0) }, Count::default());
     let summary = run(&work, &Blank(film), &sink, &compute, &()).unwrap();
     let tiles = (bands * side.div_ceil(TILE).pow(2)) as u64;
     assert_eq!((summary.tiles, compute.tiles.into_inner()), (tiles, tiles));
@@ -140,8 +155,8 @@ fn schedule(bands: usize, side: usize, threads: usize, spin_ns: u64) -> f64 {
 fn every_tile_is_added_once_for_any_number_of_threads() {
     for threads in [1, 2, 3, 16, 64] {
         for (bands, side) in [(1, TILE), (3, 5 * TILE - 1), (7, 40 * TILE)] {
-            schedule(bands, side, threads, 0);
-            schedule(bands, side, threads, 3_000);
+            schedule(bands, side, threads, TileTime::Busy(Duration::ZERO));
+            schedule(bands, side, threads, TileTime::Busy(Duration::from_micros(3)));
         }
     }
 }
@@ -158,11 +173,11 @@ fn cost_of_scheduling_a_tile() {
     let (bands, side) = (4, 128 * TILE);
     let tiles = (bands * 128 * 128) as f64;
     for threads in [1, 2, 4, 16] {
-        for spin_ns in [0, 20_000] {
+        for time in [Duration::ZERO, Duration::from_micros(20)] {
             let mut rounds: Vec<(f64, f64)> = (0..5)
                 .map(|_| {
                     let start = cpu_s();
-                    let wall = schedule(bands, side, threads, spin_ns);
+                    let wall = schedule(bands, side, threads, TileTime::Busy(time));
                     (wall, cpu_s() - start)
                 })
                 .collect();
@@ -170,10 +185,23 @@ fn cost_of_scheduling_a_tile() {
             let (wall, cpu) = rounds[2];
             println!(
                 "{threads} threads, tiles of {} µs: wall {:.2} µs a tile, CPU {:.2} µs a tile",
-                spin_ns / 1000,
+                time.as_micros(),
                 wall * 1e6 / tiles,
                 cpu * 1e6 / tiles
             );
         }
+    }
+}
+
+#[test]
+#[ignore = "measurement: run alone, with --nocapture"]
+fn share_of_the_ideal_rate_of_many_workers() {
+    let (bands, side, tile) = (6, 34 * TILE, Duration::from_millis(13));
+    for threads in [1, 2, 4, 8, 16, 32, 64] {
+        let tiles = (bands * 34 * 34) as f64;
+        let wall = schedule(if threads < 8 { 1 } else { bands }, side, threads, TileTime::Asleep(tile));
+        let tiles = if threads < 8 { tiles / bands as f64 } else { tiles };
+        let ideal = tiles * tile.as_secs_f64() / threads as f64;
+        println!("{threads} workers: {:.3} of the ideal rate", ideal / wall);
     }
 }
