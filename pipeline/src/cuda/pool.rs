@@ -64,6 +64,13 @@ impl PinnedPool {
         }
     }
 
+    /// Frees the buffers that are not in use.
+    pub(crate) fn free_unused(&mut self) {
+        while self.free.try_recv().is_ok() {
+            self.allocated -= 1;
+        }
+    }
+
     /// The channel by which buffers are returned.
     pub(crate) fn returns(&self) -> &Sender<Pinned> {
         &self.returns

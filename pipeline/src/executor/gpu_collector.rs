@@ -1,7 +1,6 @@
 //! The second thread of a GPU queue: waits for the last event of each batch, submits its tiles, and counts the device's work.
 
 use super::Compute;
-use super::gpu_queue::Collected;
 use super::ordered_adder::{TileOutput, TilePlace};
 use super::run_state::RunState;
 use super::tile_source::Batch;
@@ -14,6 +13,14 @@ use crate::flow::FilmSink;
 use crossbeam::channel::{Receiver, Sender};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Message from the collector to the launching thread.
+pub(super) enum Collected {
+    /// A batch is downloaded; its batch buffer is free.
+    Free(BatchBuffers),
+    /// The device has failed.
+    Failed(CudaError),
+}
 
 /// A batch on the device, before its last event.
 pub(super) struct Launched<B> {

@@ -7,46 +7,24 @@
 //! GPUs; if memory of the device or page-locked memory does not suffice, the queue begins the band again with half of it, down to the
 //! minimum.
 
+mod batch;
+
 use super::Compute;
-use super::chart_reads::{ChartRead, ChartReply};
-use super::gpu_collector::{Collector, Launched};
+use super::gpu_collector::{Collected, Collector, Launched};
 use super::run_state::RunState;
 use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
-use crate::cuda::band::{BatchBuffers, GpuBand, GpuBatchTile, Streams};
+use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
 use crate::cuda::kernel_timer::timed;
 use crate::cuda::memory::{DeviceQueue, Halvings, MAX_TILES};
-use crate::cuda::pool::{GpuTile, PinnedPool};
+use crate::cuda::pool::PinnedPool;
 use crate::cuda::{CudaError, GpuFigures};
 use crate::flow::FilmSink;
-use crate::geometry::Rect;
+use batch::{Assembled, PendingReads};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 use std::collections::VecDeque;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-
-/// Message from the collector to the launching thread.
-pub(super) enum Collected {
-    /// A batch is downloaded; its batch buffer is free.
-    Free(BatchBuffers),
-    /// The device has failed.
-    Failed(CudaError),
-}
-
-/// A batch whose charts are being read.
-struct PendingReads<B> {
-    batch: Batch<B>,
-    buffers: BatchBuffers,
-    rects: Vec<Rect>,
-    replies: Receiver<ChartReply>,
-}
-
-/// A batch whose charts are read.
-struct Assembled {
-    tiles: Vec<GpuBatchTile>,
-    /// Sequence numbers of tiles whose chart could not be read.
-    unreadable: Vec<usize>,
-}
 
 /// Waiting of the launching thread, s.
 #[derive(Default)]
@@ -218,27 +196,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             let max_tiles = self.band.as_ref().map_or(1, |(_, band)| band.memory.tiles);
             batch.split_off(max_tiles).into_iter().for_each(|rest| self.run.requeue(rest));
         }
-        let tiling = &self.run.work.bands[batch.band.position].tiling;
-        let chart_rect = |tile| self.run.compute.chart_rect(&batch.band.stages, tiling.rect(tile));
-        let rects: Vec<Rect> = batch.tiles().map(|(_, tile)| chart_rect(tile)).collect();
-        let mut chart_buffers = Vec::new();
-        for _ in &rects {
-            match self.charts.take(&self.queue.device, true, &|| false) {
-                Ok(buffer) => chart_buffers.extend(buffer),
-                Err(error) => {
-                    self.run.requeue(batch);
-                    return Err(error);
-                }
-            }
-        }
-        let (reply, replies) = unbounded();
-        for (i, (into, &rect)) in chart_buffers.into_iter().zip(&rects).enumerate() {
-            let (band, index) = (Arc::clone(&batch.band), batch.first + i);
-            self.run.reads.push(ChartRead { band, index, rect, into, reply: reply.clone() });
-        }
-        let buffers = self.free.pop().expect("claimed with a free buffer, or a band just begun");
-        self.reading.push_back(PendingReads { batch, buffers, rects, replies });
-        Ok(())
+        self.queue_reads(batch)
     }
 
     /// Ends the last band, then constructs the stages of `band` on the device.
@@ -305,49 +263,6 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         }
     }
 
-    /// Waits for the charts of `batch` and allocates the output buffers; `None` if the run or the device fails meanwhile.
-    fn assemble(
-        &mut self,
-        batch: &Batch<C::Band>,
-        rects: &[Rect],
-        replies: &Receiver<ChartReply>,
-    ) -> Result<Option<Assembled>, CudaError> {
-        let receive = || replies.iter().take(rects.len()).collect();
-        let mut read: Vec<ChartReply> = timed(&mut self.waits.chart_s, receive);
-        if read.len() < rects.len() {
-            return Ok(None);
-        }
-        read.sort_by_key(|reply| reply.0);
-        let tiling = &self.run.work.bands[batch.band.position].tiling;
-        let (mut tiles, mut unreadable) = (Vec::new(), Vec::new());
-        for (((sequence, tile), &chart_rect), (_, chart, outcome)) in batch.tiles().zip(rects).zip(read) {
-            if let Err(source) = outcome {
-                self.run.unreadable(batch.band.position, tile, source);
-                unreadable.push(sequence);
-                let _ = self.charts.returns().send(chart);
-                continue;
-            }
-            let rect = tiling.rect(tile);
-            let reach = if self.scatters() { tiling.reach(tile) } else { rect };
-            let Some(output) = self.output(batch, reach)? else { return Ok(None) };
-            tiles.push(GpuBatchTile { sequence, rect, chart_rect, chart, output });
-        }
-        Ok(Some(Assembled { tiles, unreadable }))
-    }
-
-    /// Whether the band has a PSF stage, so that a tile's output is larger than the tile.
-    fn scatters(&self) -> bool {
-        self.band.as_ref().is_some_and(|(_, band)| band.needs.contribution_px > 0)
-    }
-
-    /// A buffer for the contribution on `reach`. A requeued batch may exceed the bound, since it may contain the next tiles in order.
-    fn output(&mut self, batch: &Batch<C::Band>, reach: Rect) -> Result<Option<GpuTile>, CudaError> {
-        let stopped = || self.run.failed() || self.failed.load(Ordering::SeqCst);
-        let take = || self.outputs.take(&self.queue.device, batch.requeued, &stopped);
-        let buffer = timed(&mut self.waits.output_s, take)?;
-        Ok(buffer.map(|buffer| GpuTile::new(buffer, reach.size().pixels(), reach.width, &self.outputs)))
-    }
-
     /// Requeues the batches that were not launched.
     fn requeue_unlaunched(&mut self) {
         for PendingReads { batch, buffers, .. } in self.reading.drain(..) {
@@ -367,7 +282,11 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
         self.requeue_unlaunched();
         self.end_band()?;
         match error {
-            CudaError::OutOfHostMemory { .. } => self.halvings.host += 1,
+            CudaError::OutOfHostMemory { .. } => {
+                self.halvings.host += 1;
+                self.charts.free_unused();
+                self.outputs.free_unused();
+            }
             _ => self.halvings.device += 1,
         }
         self.shortage = Some(error);
