@@ -56,7 +56,12 @@ pub fn open(name: &str, args: &DesignArgs) -> Result<System> {
 /// As [`open`], with the file that it was read from; `None` for the built-in design.
 pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
     let (system, file) = read_design(name, args)?;
-    Ok((apply(system, args).with_context(|| format!("design {name}"))?, file))
+    let system = apply(system, args).and_then(|s| match (&file, args.aiming) {
+        // The built-in design keeps its setting, which its reference tables have.
+        (Some(_), None) => Ok(s.with_checked_aiming()?),
+        _ => Ok(s),
+    });
+    Ok((system.with_context(|| format!("design {name}"))?, file))
 }
 
 /// Reads a file of at most [`MAX_BYTES`].

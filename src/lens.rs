@@ -8,6 +8,7 @@ mod plots;
 mod psf_figure;
 pub mod samples;
 mod show;
+mod shown;
 pub mod source;
 
 use crate::args::{LensArgs, LensCommand};

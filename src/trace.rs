@@ -6,7 +6,10 @@ use crate::failure::{other_job, usage};
 use crate::progress::{log_line, tracing_bar};
 use anyhow::{Context, Result};
 use formats::lens::{LensPackError, LensPackWriter, PackAttributes};
-use pipeline::design::trace::{BandReport, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens};
+use pipeline::design::System;
+use pipeline::design::trace::{
+    BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens,
+};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -19,6 +22,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         log_line(format!("note: {note}"));
     }
     let options = options(args)?;
+    log_line(estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?);
     let mut pack = LensPackWriter::create(&args.out).map_err(|e| match e {
         LensPackError::Exists { .. } => other_job(e.to_string()),
         e => e.into(),
@@ -32,7 +36,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     let result = trace_lens(&system, &options, &mut progress, |index, band: TracedBand| {
         let r = &band.report;
         let nodes: usize = band.tables.azimuth_count.iter().sum();
-        let bound = r.psf_error.map_or("given".into(), |e| format!("{:.2} %", 100.0 * e));
+        let bound = r.psf_error.map_or("given".into(), |e| {
+            let median =
+                format!("{:.2} % at {:.2} mm, median {:.2} %", 100.0 * e.worst, e.at_mm, 100.0 * e.median);
+            if e.limited { format!("{median} (limited by --max-nodes)") } else { median }
+        });
         let line = format!(
             "{} nm: window {} px with at least {:.2} % of the light, {} heights, {nodes} nodes, kernel error {bound}",
             r.wavelength_nm,
@@ -53,6 +61,25 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     Ok(())
 }
 
+/// What the trace needs, from rays of its first and last band.
+fn estimate(system: &System, options: &TraceOptions) -> Result<String> {
+    let trace = LensTrace::new(system, options)?;
+    let last = options.wavelengths_nm.len() - 1;
+    let (a, b) = (trace.estimate(0)?, trace.estimate(last)?);
+    let bytes = (last + 1) * a.max_bytes.max(b.max_bytes);
+    Ok(format!(
+        "{} bands, estimated from rays: windows of {} to {} px with at least {:.1} % of the light, PSFs of up to {} samples a side, at \
+         most {} nodes a band and {:.0} MB uncompressed in all",
+        last + 1,
+        a.window_px.min(b.window_px),
+        a.window_px.max(b.window_px),
+        100.0 * a.light.min(b.light),
+        a.side.max(b.side),
+        options.max_nodes,
+        bytes as f64 * 1e-6,
+    ))
+}
+
 /// Attributes of a traced pack.
 pub fn attributes(
     design: &str,
@@ -65,7 +92,9 @@ pub fn attributes(
         .map(|r| {
             json!({
                 "wavelength_nm": r.wavelength_nm,
-                "kernel_l1": r.psf_error,
+                "kernel_l1": r.psf_error.map(|e| e.worst),
+                "kernel_l1_median": r.psf_error.map(|e| e.median),
+                "kernel_l1_at_mm": r.psf_error.map(|e| e.at_mm),
                 "least_energy": r.min_energy,
             })
         })
@@ -87,7 +116,7 @@ pub fn attributes(
 
 /// Summary over all bands: kernel error, light inside the windows, time, size, use.
 fn summary(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: f64) -> [String; 2] {
-    let bound = reports.iter().filter_map(|r| r.psf_error).reduce(f64::max).map_or_else(
+    let bound = reports.iter().filter_map(|r| Some(r.psf_error?.worst)).reduce(f64::max).map_or_else(
         || "given heights, kernel error not measured".to_owned(),
         |worst| {
             format!(
@@ -123,6 +152,7 @@ fn options(args: &TraceArgs) -> Result<TraceOptions> {
     let mut options = TraceOptions::new(wavelengths, args.max_height_mm);
     options.energy = args.energy;
     options.psf_tolerance = args.psf_tolerance;
+    options.max_nodes = args.max_nodes;
     options.psf_pitch_um = args.psf_pitch_um;
     options.film_pitch_um = args.film_pitch_um;
     if let Some(text) = &args.heights {

@@ -36,7 +36,7 @@ fn main() {
             t.psf_height_mm.len(),
             t.azimuth_count.get(1),
             t.azimuth_count[t.azimuth_count.len() - 1],
-            r.psf_error,
+            r.psf_error.map(|e| e.worst),
             r.min_energy,
             r.psfs,
             band.psf.samples.len() as f64 * 4e-6,

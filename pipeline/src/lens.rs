@@ -81,7 +81,7 @@ pub struct LensBand {
     pub psf_pitch_um: f64,
     /// Share of all the light that the window held before normalisation, per height.
     pub psf_energy: Vec<f64>,
-    /// Projected solid angle of the pupil seen from the axis, sr (π·NA²).
+    /// Irradiance of the film on the axis over radiance of the object, sr: π·NA² of a lens in focus.
     pub solid_angle_sr: f64,
     /// Lens transmission, 1 if unknown.
     pub transmission: f64,

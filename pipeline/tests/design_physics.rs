@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use lenscube_pipeline::design::glass::{Dispersion, Glass};
-use lenscube_pipeline::design::illumination::{numerical_aperture, solid_angle_sr};
+use lenscube_pipeline::design::illumination::{irradiance_sr, numerical_aperture, solid_angle_sr};
 use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction, direct_sum};
 use lenscube_pipeline::design::pupil::Pupil;
@@ -124,6 +124,10 @@ fn lone_stop_has_cos4_illumination() {
     for degrees in [5.0_f64, 20.0, 40.0] {
         let ri = solid_angle_sr(&tracer, degrees.to_radians().tan()).unwrap() / axis;
         assert!((ri - degrees.to_radians().cos().powi(4)).abs() < 1e-7, "{degrees}: {ri}");
+        // A pinhole is out of focus: the film, 50 mm behind it, receives the solid angle of the pinhole from there.
+        let film = irradiance_sr(&tracer, degrees.to_radians().tan()).unwrap();
+        let expected = PI * (0.01_f64 / 50.0).powi(2) * degrees.to_radians().cos().powi(4);
+        assert!((film / expected - 1.0).abs() < 1e-6, "{degrees}: {film}");
     }
 }
 
@@ -212,4 +216,65 @@ fn real_aiming_equals_paraxial_where_the_stop_is_the_pupil() {
     assert!(gap.abs() > 1e-6 && gap.abs() < 0.05, "{gap}");
     assert!(solid_angle_sr(&b, 0.2).unwrap() > 0.5 * solid_angle_sr(&b, 0.0).unwrap());
     assert!(PupilFunction::trace(&b, 0.2).is_ok() && describe(&aimed).is_ok());
+}
+
+/// Four million rays of random field points and pupil points, counted in a ring of the film at 24.45 mm, against a disc of 0.6 mm on
+/// the axis: 0.9220 with a standard deviation of 0.0009, by a tracer in NumPy.
+#[test]
+fn irradiance_at_the_edge_is_the_density_of_rays_on_the_film() {
+    let system = System::double_gauss_28();
+    let tracer = Tracer::new(&system, 0.5876).unwrap();
+    let tan = tracer.field_of_height(24.45).unwrap();
+    let ratio = irradiance_sr(&tracer, tan).unwrap() / irradiance_sr(&tracer, 0.0).unwrap();
+    assert!((ratio - 0.9220).abs() < 0.002, "{ratio}");
+}
+
+/// A stop behind a strong negative meniscus: the real pupil moves towards the object by many radii at the edge of the field.
+#[test]
+fn chief_rays_of_a_fisheye_are_followed_to_85_degrees() {
+    let mut surfaces = vec![
+        Surface::new(1.0 / 40.0, 2.0, glass(1.7)),
+        Surface::new(1.0 / 10.0, 14.0, Medium::Air),
+        Surface::new(1.0 / 60.0, 1.5, glass(1.7)),
+        Surface::new(1.0 / 10.0, 12.0, Medium::Air),
+        flat(1.0),
+        Surface::new(1.0 / 30.0, 3.0, glass(1.7)),
+        Surface::new(-1.0 / 10.0, 12.0, Medium::Air),
+        flat(0.0),
+    ];
+    surfaces[5].aperture_mm = None;
+    let system = System { aiming: RayAiming::Real, ..system(surfaces, 4, 0.8) };
+    let tracer = Tracer::new(&system, 0.55).unwrap();
+    let (height, tan) = tracer.farthest_field();
+    assert!(tan.atan().to_degrees() >= 85.0, "{}", tan.atan().to_degrees());
+    let found = tracer.field_of_height(0.999 * height).unwrap();
+    assert!((tracer.chief_height_mm(found).unwrap() - 0.999 * height).abs() < 1e-9);
+    let ray = tracer.ray(85.0_f64.to_radians().tan(), 0.7, 0.7).unwrap();
+    assert!(ray.flux > 0.0 && ray.x.v.is_finite());
+    let beyond = tracer.field_of_height(1.5 * height).unwrap_err().to_string();
+    assert!(beyond.contains("reaches no further than") && beyond.contains("degrees"), "{beyond}");
+}
+
+#[test]
+fn slope_of_the_chief_ray_height_is_its_derivative() {
+    for aiming in [RayAiming::Paraxial, RayAiming::Real] {
+        let system = System { aiming, ..System::double_gauss_28() };
+        let tracer = Tracer::new(&system, 0.45).unwrap();
+        for tan in [0.0, 0.1, 0.24] {
+            let at = |t: f64| tracer.chief_height_mm(t).unwrap();
+            let expected = (at(tan + 1e-4) - at(tan - 1e-4)) / 2e-4;
+            let (_, slope) = tracer.chief_height_and_slope(tan).unwrap();
+            assert!((slope - expected).abs() < 1e-5, "{aiming:?} {tan}: {slope} {expected}");
+        }
+    }
+}
+
+#[test]
+fn paraxial_aiming_with_much_pupil_aberration_becomes_real_with_a_note() {
+    let lens = System::double_gauss_28();
+    let checked = lens.clone().with_checked_aiming().unwrap();
+    assert_eq!(checked.aiming, RayAiming::Real);
+    assert!(checked.notes.iter().any(|n| n.contains("ray aiming is off")), "{:?}", checked.notes);
+    let narrow = System { fields: vec![0.0, 1.0], ..lens };
+    assert_eq!(narrow.clone().with_checked_aiming().unwrap(), narrow);
 }

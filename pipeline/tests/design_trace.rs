@@ -66,7 +66,9 @@ fn traced_band_is_within_its_tolerance_between_nodes() {
     let options = TraceOptions { psf_tolerance: 0.03, ..TraceOptions::new(vec![550.0], 12.0) };
     let band = band(&options);
     band.tables.check().unwrap();
-    let bound = band.report.psf_error.unwrap();
+    let error = band.report.psf_error.unwrap();
+    let bound = error.worst;
+    assert!(!error.limited && error.median <= error.worst && error.at_mm <= 12.0);
     assert!(bound <= 0.03, "{bound}");
     assert!(band.report.min_energy >= 0.99);
     let found = errors(&band, 12);
@@ -99,7 +101,7 @@ fn kernels_between_nodes_are_within_1_5_percent() {
         let (median, worst) = (found[30], found[59]);
         println!(
             "{nm} nm: bound {:.4}, found median {median:.4}, worst {worst:.4}",
-            band.report.psf_error.unwrap()
+            band.report.psf_error.unwrap().worst
         );
         assert!(worst <= 0.015 && median <= 0.005);
     }
@@ -144,4 +146,28 @@ fn bands_are_passed_to_the_sink_and_errors_are_returned() {
     assert!(matches!(LensTrace::new(&system, &odd), Err(DesignError::Option { .. })));
     let uv = TraceOptions::new(vec![200.0], 5.0);
     assert!(matches!(LensTrace::new(&system, &uv), Err(DesignError::Wavelength { .. })));
+}
+
+#[test]
+fn node_budget_is_kept_and_the_error_reported() {
+    let options =
+        TraceOptions { max_nodes: 150, psf_tolerance: 0.01, ..TraceOptions::new(vec![550.0], 12.0) };
+    let band = band(&options);
+    let nodes: usize = band.tables.azimuth_count.iter().sum();
+    let error = band.report.psf_error.unwrap();
+    println!("{nodes} nodes, {error:?}");
+    assert!(nodes <= 150 && nodes > 60 && error.limited);
+    assert!(error.worst > 0.01 && error.worst < 0.5 && error.median <= error.worst);
+}
+
+#[test]
+fn window_that_cannot_hold_the_light_is_an_error_before_any_psf() {
+    let system = System::double_gauss_28()
+        .with_image_plane(lenscube_pipeline::design::system::ImagePlane::AsDesigned, 8.0)
+        .unwrap();
+    let options = TraceOptions::new(vec![550.0], 12.0);
+    let start = std::time::Instant::now();
+    let error = LensTrace::new(&system, &options).unwrap().band(0, &mut |_| ()).unwrap_err();
+    assert!(matches!(error, DesignError::Window { max_px: 401, held, .. } if held < 0.9), "{error}");
+    assert!(error.to_string().contains("--energy") && start.elapsed().as_secs() < 5);
 }

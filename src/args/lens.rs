@@ -146,6 +146,9 @@ pub struct TraceArgs {
     /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]
     pub psf_tolerance: f64,
+    /// Maximum number of PSF nodes (heights times azimuths) of a band: beyond it the error grows above --psf-tolerance, and is printed
+    #[arg(long, value_name = "N", default_value_t = pipeline::design::trace::MAX_NODES)]
+    pub max_nodes: usize,
     /// Pitch of the PSF samples, µm [default: finer than Nyquist]
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub psf_pitch_um: Option<f64>,

@@ -49,6 +49,8 @@ pub struct FieldFigures {
     pub height_mm: f64,
     pub ideal_height_mm: f64,
     pub illumination: f64,
+    /// Solid angle of the bundle at the film relative to the axis; only of a design.
+    pub solid_angle: Option<f64>,
     pub distortion_percent: f64,
     pub lateral_colour_um: f64,
     /// RMS radius: of the spot for a design, of the PSF inside its window for a pack.
@@ -135,10 +137,10 @@ impl LensData {
                 let tan =
                     system.fields.iter().map(|f| field_tan(system, &primary, *f).abs()).fold(0.0, f64::max);
                 let tracer = Tracer::new(system, system.primary_um())?;
-                // The outermost chief ray may end inside the lens: then the largest tenth of the field that arrives.
-                let heights =
-                    (1..=10).rev().map(|tenths| tracer.chief_height_mm(tan * f64::from(tenths) / 10.0));
-                Ok(heights.flatten().find(|mm| *mm > 0.0).unwrap_or(0.0))
+                // The outermost chief ray may end inside the lens: then the outermost one that arrives.
+                let (farthest_mm, farthest_tan) = tracer.farthest_field();
+                let height = if tan < farthest_tan { tracer.chief_height_mm(tan).ok() } else { None };
+                Ok(height.filter(|mm| *mm >= 0.0).unwrap_or(farthest_mm))
             }
         }
     }
@@ -175,6 +177,7 @@ impl LensSamples {
             height_mm: r,
             ideal_height_mm: band.ideal_height_at(r),
             illumination: band.illumination_at(r),
+            solid_angle: None,
             distortion_percent: band.distortion_percent(r),
             lateral_colour_um: band.lateral_colour_um(&self.primary, r),
             rms_um: field.spot.map_or_else(|| field.psf.rms_um(), |s| s.rms_um),
@@ -193,6 +196,7 @@ impl FieldFigures {
             "image_height_mm": self.height_mm,
             "ideal_height_mm": self.ideal_height_mm,
             "relative_illumination": self.illumination,
+            "relative_solid_angle": self.solid_angle,
             "distortion_percent": self.distortion_percent,
             "lateral_colour_um": self.lateral_colour_um,
             "rms_um": self.rms_um,

@@ -4,7 +4,8 @@
 //! of its tables and PSFs; RMS is then the radius of the PSF inside its window, and GEO, which needs rays, is not available.
 
 use super::cache;
-use super::samples::{FieldFigures, LensData, LensSamples, evenly_spaced, nearest};
+use super::samples::{FieldFigures, LensData, evenly_spaced, nearest};
+use super::shown::Shown;
 use super::{plots, rotation_error};
 use crate::args::ShowArgs;
 use crate::design;
@@ -32,10 +33,10 @@ pub fn command(args: &ShowArgs) -> Result<()> {
         None => default_bands(&lens.wavelengths_nm(), lens.primary_nm()),
     };
     let heights_mm = chosen_heights(args.heights.as_deref(), || lens.reach_mm())?;
-    let samples = lens.sample(&nm, &heights_mm)?;
+    let shown = Shown::new(&lens, &nm, &heights_mm)?;
     match args.json {
-        true => print(serde_json::to_string_pretty(&json(&lens, &samples, args)?)?),
-        false => print(text(&lens, &samples, args)?.trim_end()),
+        true => print(serde_json::to_string_pretty(&json(&lens, &shown, &heights_mm, args)?)?),
+        false => print(text(&lens, &shown, &heights_mm, args)?.trim_end()),
     }
     match &args.plot {
         Some(dir) => plots::write(dir, &lens, &nm, &heights_mm, &args.lp_mm, args.style.into()),
@@ -73,13 +74,8 @@ fn default_bands(all: &[f64], primary_nm: f64) -> Vec<f64> {
     chosen.into_iter().map(|i| all[i]).collect()
 }
 
-fn figures(samples: &LensSamples) -> Vec<FieldFigures> {
-    let band = |b: usize| (0..samples.fields[b].len()).map(move |k| samples.figures(b, k));
-    (0..samples.fields.len()).flat_map(band).collect()
-}
-
-fn json(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Value> {
-    let fields: Vec<Value> = figures(samples).iter().map(FieldFigures::json).collect();
+fn json(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> Result<Value> {
+    let fields: Vec<Value> = shown.fields.iter().map(FieldFigures::json).collect();
     Ok(match lens {
         LensData::Pack(pack) => {
             let mut value = serde_json::to_value(summary(pack, args.all_bands, rotation_error(pack)?))?;
@@ -89,7 +85,7 @@ fn json(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Value
         }
         LensData::Design(system, d) => {
             let rms = "geometric, about the centroid";
-            let spots: Vec<Value> = spots(system, samples)?
+            let spots: Vec<Value> = spots(system, heights_mm)?
                 .iter()
                 .map(|(mm, rms, geo)| json!({ "image_height_mm": mm, "rms_um": rms, "geo_um": geo }))
                 .collect();
@@ -97,7 +93,9 @@ fn json(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Value
                 "design": design_json(d),
                 "notes": system.notes,
                 "rms_is": rms,
+                "window_is": "estimated from rays and diffraction at the edge of the pupil",
                 "fields": fields,
+                "missing": shown.missing,
                 "polychromatic_spots": spots,
             })
         }
@@ -105,7 +103,7 @@ fn json(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Value
 }
 
 /// System data: name, value, unit.
-fn design_figures(d: &Description) -> [(&'static str, Value, &'static str); 19] {
+fn design_figures(d: &Description) -> [(&'static str, Value, &'static str); 21] {
     [
         ("effective focal length", json!(d.effective_focal_length_mm), "mm"),
         ("distortion focal length", json!(d.distortion_focal_length_mm), "mm"),
@@ -116,12 +114,14 @@ fn design_figures(d: &Description) -> [(&'static str, Value, &'static str); 19] 
         ("paraxial working F-number", json!(d.paraxial_working_f_number), ""),
         ("working F-number", json!(d.working_f_number), ""),
         ("image space NA", json!(d.image_space_na), ""),
+        ("NA of real rays", json!(d.real_na), ""),
         ("entrance pupil position", json!(d.entrance_pupil_position_mm), "mm"),
         ("entrance pupil diameter", json!(d.entrance_pupil_diameter_mm), "mm"),
         ("exit pupil position", json!(d.exit_pupil_position_mm), "mm"),
         ("exit pupil diameter", json!(d.exit_pupil_diameter_mm), "mm"),
         ("stop radius", json!(d.stop_radius_mm), "mm"),
         ("paraxial image height", json!(d.paraxial_image_height_mm), "mm"),
+        ("paraxial height on film", json!(d.paraxial_film_height_mm), "mm"),
         ("maximum field", json!(d.maximum_field_deg), "deg"),
         ("angular magnification", json!(d.angular_magnification), ""),
         ("magnification", json!(d.magnification), ""),
@@ -140,7 +140,7 @@ fn design_json(d: &Description) -> Value {
     Value::Object(map)
 }
 
-fn text(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<String> {
+fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> Result<String> {
     let mut out = match lens {
         LensData::Pack(pack) => format!("{}\n", summary(pack, args.all_bands, rotation_error(pack)?)),
         LensData::Design(system, d) => {
@@ -154,29 +154,34 @@ fn text(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Strin
             out + "\n"
         }
     };
-    let rms = match lens {
-        LensData::Design(..) => "RMS and GEO: RMS and maximum radius of the spot of rays about its centroid",
-        LensData::Pack(_) => "RMS: RMS radius of the PSF about its centroid, inside its window",
+    let (rms, window) = match lens {
+        LensData::Design(..) => (
+            "RMS and GEO: RMS and maximum radius of the spot of rays about its centroid",
+            "window: side of the PSF window for 99 % of the light and light inside it, estimated from rays and edge diffraction;\n\
+             angle: solid angle of the bundle at the film relative to the axis, equal to RI in perfect focus",
+        ),
+        LensData::Pack(_) => (
+            "RMS: RMS radius of the PSF about its centroid, inside its window",
+            "window: side of the PSF window; light: share of the light inside it",
+        ),
     };
     out += &format!(
         "height: real image height; RI: relative illumination; distortion: relative to f tan w with f = {:.6} mm (distortion focal \
-         length, {} nm);\nlateral: lateral colour relative to {} nm; {rms};\nStrehl: Strehl ratio at the chief ray; window: side of \
-         the PSF window; light: share of the light inside it.\n\n",
-        samples.lens.distortion_focal_length_mm,
-        samples.lens.primary_wavelength_nm,
-        samples.primary.wavelength_nm,
+         length, {} nm);\nlateral: lateral colour relative to {} nm; {rms};\nStrehl: Strehl ratio at the chief ray; {window}.\n\n",
+        shown.lens.distortion_focal_length_mm, shown.lens.primary_wavelength_nm, shown.primary_nm,
     );
-    out += "     nm  height mm  field deg        RI  distortion %  lateral um   RMS um   GEO um  Strehl  window um  light %\n";
+    out += "     nm  height mm  field deg        RI    angle  distortion %  lateral um   RMS um   GEO um  Strehl  window um  light %\n";
     let optional = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
-    for f in figures(samples) {
-        let tan = f.ideal_height_mm / samples.lens.distortion_focal_length_mm;
-        let degrees = samples.lens.object_distance_mm.is_none().then(|| tan.atan().to_degrees());
+    for f in &shown.fields {
+        let tan = f.ideal_height_mm / shown.lens.distortion_focal_length_mm;
+        let degrees = shown.lens.object_distance_mm.is_none().then(|| tan.atan().to_degrees());
         out += &format!(
-            "{:7.2}  {:9.4}  {:>9}  {:8.5}  {:12.4}  {:10.3}  {:7.3}  {:>7}  {:>6}  {:9.1}  {:7.2}\n",
+            "{:7.2}  {:9.4}  {:>9}  {:8.5}  {:>7}  {:12.4}  {:10.3}  {:7.3}  {:>7}  {:>6}  {:9.1}  {:7.2}\n",
             f.wavelength_nm,
             f.height_mm,
             optional(degrees, 4),
             f.illumination,
+            optional(f.solid_angle, 5),
             f.distortion_percent,
             f.lateral_colour_um,
             f.rms_um,
@@ -186,11 +191,14 @@ fn text(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Strin
             100.0 * f.energy,
         );
     }
+    for missing in &shown.missing {
+        out += &format!("no figures of {missing}\n");
+    }
     if let LensData::Design(system, _) = lens {
         out += &format!(
             "\nPolychromatic spots: all wavelengths of the design by weight, {RINGS} rings of rays, radius about the centroid\n"
         );
-        for (mm, rms, geo) in spots(system, samples)? {
+        for (mm, rms, geo) in spots(system, heights_mm)? {
             out += &format!("{mm:9.4} mm   RMS {rms:.3} um   GEO {geo:.3} um\n");
         }
     }
@@ -200,16 +208,15 @@ fn text(lens: &LensData, samples: &LensSamples, args: &ShowArgs) -> Result<Strin
 /// Rings of rays of the polychromatic spots: the default of lens design programs.
 const RINGS: usize = 6;
 
-/// Polychromatic spots: height at the primary wavelength in mm, RMS and GEO radius in µm.
-fn spots(system: &System, samples: &LensSamples) -> Result<Vec<(f64, f64, f64)>> {
+/// Polychromatic spots: height at the primary wavelength in mm, RMS and GEO radius in µm; without field points whose rays do not
+/// reach the image.
+fn spots(system: &System, heights_mm: &[f64]) -> Result<Vec<(f64, f64, f64)>> {
     let tracer = Tracer::new(system, system.primary_um())?;
-    let fields = samples.fields.first().into_iter().flatten();
-    fields
-        .map(|f| {
-            let (rms, geo) = polychromatic_spot(system, tracer.field_of_height(f.height_mm)?, RINGS)?;
-            Ok((f.height_mm, rms, geo))
-        })
-        .collect()
+    let spot = |mm: f64| {
+        let (rms, geo) = polychromatic_spot(system, tracer.field_of_height(mm).ok()?, RINGS).ok()?;
+        Some((mm, rms, geo))
+    };
+    Ok(heights_mm.iter().filter_map(|mm| spot(*mm)).collect())
 }
 
 fn design_text(name: &str, d: &Description) -> String {
@@ -223,7 +230,7 @@ fn design_text(name: &str, d: &Description) -> String {
         };
         out += &format!("{name:<26} {value:>14} {unit}\n");
     }
-    out + "Pupil positions: entrance pupil from the first surface, exit pupil from the film. Working F-number and NA: from real rays.\n"
+    out + "Pupil positions: entrance pupil from the first surface, exit pupil from the film. Working F-number: from real rays.\n"
 }
 
 /// Number and size of the traced bands in the cache.

@@ -3,7 +3,7 @@
 //! Without the PSF stage the film of a uniform chart of value 1 is R(r). It is read along two lines from the axis, to the right edge
 //! and to the lower edge, and in squares along the four half-diagonals to the corners. Means over bins of REAL height are compared
 //! with R at the root mean square height of the bin's pixels (R is even in height, so the width of the bins costs 1e-8); for a design
-//! R is Ω(r)/Ω(0), the projected solid angle of the pupil traced at that height. IoU = Σ min / Σ max over all bins.
+//! R is G(r)/G(0), irradiance of the film over radiance of the object, traced at that height. IoU = Σ min / Σ max over all bins.
 //!
 //! With the PSF stage the film of a uniform chart is not R: every pixel scatters its own PSF, with radial centroid c(r) from the
 //! chief ray and second moments m(r) (radial) and n(r) (tangential), so to second order (a Taylor series of the scattered light)

@@ -1,7 +1,7 @@
 //! Reference lens: expected relative illumination, distortion and PSF, independent of the code that makes films (its tables,
 //! kernels and remap).
 //!
-//! A design is traced at the requested field point: chief ray, solid angle of the pupil, Huygens PSF. A pack is interpolated
+//! A design is traced at the requested field point: chief ray, light per film area, Huygens PSF. A pack is interpolated
 //! linearly in its tables, and its PSFs linearly between the two neighbouring heights, as the model prescribes.
 
 use crate::failure::usage;
@@ -10,7 +10,7 @@ use anyhow::Result;
 use formats::lens::LensPack;
 use pipeline::design::System;
 use pipeline::design::film_pixel::FilmPixels;
-use pipeline::design::illumination::solid_angle_sr;
+use pipeline::design::illumination::irradiance_sr;
 use pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use pipeline::design::ray::Tracer;
 use pipeline::figures::PsfWindow;
@@ -33,7 +33,7 @@ pub enum ReferenceBand<'a> {
     /// Ray tracer of a design.
     Traced {
         tracer: Box<Tracer<'a>>,
-        /// Projected solid angle of the pupil on axis, sr.
+        /// Irradiance of the film on the axis over radiance of the object, sr.
         axis_sr: f64,
     },
 }
@@ -83,7 +83,7 @@ impl ReferenceLens {
             }
             Self::Design(system) => {
                 let tracer = Tracer::new(system, nm / 1e3)?;
-                let axis_sr = solid_angle_sr(&tracer, 0.0)?;
+                let axis_sr = irradiance_sr(&tracer, 0.0)?;
                 ReferenceBand::Traced { tracer: Box::new(tracer), axis_sr }
             }
         })
@@ -112,7 +112,7 @@ impl ReferenceBand<'_> {
         Ok(match self {
             Self::Table { band, .. } => band.illumination_at(real_mm),
             Self::Traced { tracer, axis_sr } => {
-                solid_angle_sr(tracer, tracer.field_of_height(real_mm)?)? / axis_sr
+                irradiance_sr(tracer, tracer.field_of_height(real_mm)?)? / axis_sr
             }
         })
     }

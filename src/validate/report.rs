@@ -122,8 +122,8 @@ fn illumination(figures: &Figures, bands: &[Band]) -> String {
         "<h2>Relative illumination</h2><p>A uniform chart of value 1 passes the relative illumination and distortion stages \
          only. The film is read along two lines from the axis, to the right edge and to the lower edge, and in squares along the \
          four half-diagonals to the corners. Means over 80 bins of real image height, each direction separately, are compared \
-         with R at the root mean square height of the bin's pixels (R is even in height). R of a design: projected solid angle \
-         of its pupil over that on the axis, traced at that height (Rimmer, Proc. SPIE 655, 1986); of a pack: its table. IoU = \
+         with R at the root mean square height of the bin's pixels (R is even in height). R of a design: light of a \
+         field element over the film area of its chief rays, relative to the axis, traced at that height; of a pack: its table. IoU = \
          &Sigma; min / &Sigma; max over all bins.</p>\
          <p>With the PSF stage the film of a uniform chart is not R: every pixel scatters its own PSF, whose centroid has the \
          radial offset c(r) from the chief ray, so film/R &minus; 1 = &minus;(1/R)&middot;div(R&middot;c) + \

@@ -15,7 +15,7 @@
 //! | `psf/<band index>` | (K, n, n) | 1 | share of the energy per sample, sum 1; n odd |
 //! | `psf_pitch` | (B) | µm | sample pitch of the PSFs |
 //! | `psf_energy` | (B, K) | 1 | share of the total energy inside the window before normalisation |
-//! | `solid_angle` | (B) | sr | projected solid angle of the pupil on axis, π·NA²; default π/(4N²), N the F-number |
+//! | `solid_angle` | (B) | sr | irradiance of the film on the axis over radiance of the object, π·NA² in focus; default π/(4N²), N the F-number |
 //! | `transmission` | (B) | 1 | transmission of the lens; default 1 |
 //!
 //! In a PSF window the chief ray is at the central sample ((n−1)/2, (n−1)/2), the field point is on +x, and rows run down.

@@ -1,7 +1,9 @@
 //! System data of a lens at the primary wavelength.
 //!
-//! First-order figures are those of [`super::paraxial`]; the *working F-number* is that of real rays, from the
-//! projected solid angle: Ω = π NA², N = 1/(2 NA). Lengths in mm; positions from the first surface, exit pupil from the image plane.
+//! First-order figures are those of [`super::paraxial`]. Names that lens design programs print mean what they mean there: *image space
+//! NA* is n sin u' of the paraxial marginal ray, *paraxial image height* f tan θ (object height × magnification) in the paraxial image
+//! plane, *working F-number* 1/(2 sin u') of the real marginal ray. Own figures: *numerical aperture of real rays*, from the projected
+//! solid angle Ω = π NA²; *paraxial height on the film*, of the chief ray in the actual film plane. Lengths in mm; positions from the first surface, exit pupil from the image plane.
 
 use super::error::DesignError;
 use super::illumination::numerical_aperture;
@@ -33,8 +35,10 @@ pub struct Description {
     pub paraxial_working_f_number: f64,
     /// 1/(2 NA), real rays.
     pub working_f_number: f64,
-    /// Image-space numerical aperture, real rays.
+    /// sin u' of the paraxial marginal ray at this conjugate.
     pub image_space_na: f64,
+    /// Image-space numerical aperture of real rays on the axis.
+    pub real_na: f64,
     /// Entrance pupil position.
     pub entrance_pupil_position_mm: f64,
     /// Entrance pupil diameter.
@@ -45,8 +49,10 @@ pub struct Description {
     pub exit_pupil_diameter_mm: f64,
     /// Paraxial radius of the stop.
     pub stop_radius_mm: f64,
-    /// Paraxial image height of the outermost field point.
+    /// Height of the outermost field point in the paraxial image plane.
     pub paraxial_image_height_mm: f64,
+    /// Height of the paraxial chief ray of the outermost field point in the film plane.
+    pub paraxial_film_height_mm: f64,
     /// Angle of the outermost field point at the entrance pupil, degrees.
     pub maximum_field_deg: f64,
     /// Image-side over object-side slope of the paraxial chief ray.
@@ -76,13 +82,18 @@ pub fn describe(system: &System) -> Result<Description, DesignError> {
         image_space_f_number: p.image_f_number(),
         paraxial_working_f_number: p.working_f_number(),
         working_f_number: 0.5 / na,
-        image_space_na: na,
+        image_space_na: real::sin(real::atan(p.marginal_slope)),
+        real_na: na,
         entrance_pupil_position_mm: p.entrance_pupil_mm,
         entrance_pupil_diameter_mm: 2.0 * p.entrance_radius_mm,
         exit_pupil_position_mm: p.exit_pupil_mm,
         exit_pupil_diameter_mm: 2.0 * p.exit_radius_mm,
         stop_radius_mm: p.stop_radius_mm,
-        paraxial_image_height_mm: tan * p.distortion_focal_length_mm.abs(),
+        paraxial_image_height_mm: match system.object_distance_mm {
+            None => tan * p.effective_focal_length_mm.abs(),
+            Some(distance) => tan * (distance + p.entrance_pupil_mm) * p.magnification.abs(),
+        },
+        paraxial_film_height_mm: tan * p.distortion_focal_length_mm.abs(),
         maximum_field_deg: real::atan(tan).to_degrees(),
         angular_magnification: p.angular_magnification,
         magnification: p.magnification,

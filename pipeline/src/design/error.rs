@@ -62,7 +62,8 @@ pub enum DesignError {
     },
     /// A ray that the tables need does not reach the image.
     #[error(
-        "the ray at pupil ({px:.4}, {py:.4}) of the field point at tan(angle) = {field_tan:.6}, {wavelength_um} µm, {problem}; use a smaller field, or real ray aiming"
+        "the ray at pupil ({px:.4}, {py:.4}) of the field point at {:.4} degrees, {wavelength_um} µm, {problem}; {advice}",
+        crate::real::atan(*.field_tan).to_degrees()
     )]
     Ray {
         /// Pupil coordinates.
@@ -75,6 +76,8 @@ pub enum DesignError {
         wavelength_um: f64,
         /// What happened, and at which surface.
         problem: String,
+        /// The way out.
+        advice: &'static str,
     },
     /// The lens does not reach the requested image height.
     #[error(
@@ -89,6 +92,23 @@ pub enum DesignError {
         wavelength_um: f64,
         /// Why.
         problem: String,
+    },
+    /// The PSFs need a window larger than the maximum.
+    #[error(
+        "a window of {max_px} film pixels, the maximum, holds {:.1} % of the light of the PSF at {height_mm:.3} mm and {wavelength_um} µm, at least {:.1} % requested: the lens is out of focus or the film's pixels are too fine; move the film (`--image-plane rms`), trace for coarser pixels (`--film-pitch-um`) or allow less light (`--energy`)",
+        100.0 * .held, 100.0 * .requested
+    )]
+    Window {
+        /// Maximum window, film pixels.
+        max_px: usize,
+        /// Real image height, mm.
+        height_mm: f64,
+        /// Wavelength, µm.
+        wavelength_um: f64,
+        /// Share of the light inside the window.
+        held: f64,
+        /// Minimum share.
+        requested: f64,
     },
     /// An option that is out of range.
     #[error("{option} is {value}, expected {expected}")]

@@ -6,6 +6,9 @@
 //! heights, place nodes accordingly, then compare the kernel at the centre of every cell (half-way in r, and half-way in θ on both
 //! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
 //! cell centres is recorded as the bound.
+//! Budget: if the tolerance needs more than `max_nodes` nodes, more samples than [`MAX_SAMPLES`], or more PSFs than can be traced in a few
+//! seconds ([`MAX_WORK`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
+//! minimal; then the cells of the largest errors are refined as far as the budget allows.
 //! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
 
 use std::collections::BTreeMap;
@@ -18,14 +21,16 @@ use super::film_pixel::FilmPixels;
 use super::options::{Azimuths, PsfHeights, TraceOptions};
 use super::psf::{PsfGrid, PsfScratch, PupilFunction};
 use super::ray::Tracer;
+use super::refine::{
+    Budget, CellError, MAX_AZIMUTHS, MAX_SAMPLES, MIN_PSFS, NodeError, Refinement, max_psfs, round_azimuths,
+    summary,
+};
 
 /// Part of the tolerance for the grid: the rest is for the rotation of kernels, and keeps the median of the error over the film at
 /// half the tolerance (measured: 0.47 % for 1 %).
 const GRID_SHARE: f64 = 0.8;
-/// Number of probing heights.
-const PROBES: usize = 24;
-/// Maximum of azimuths of a height.
-const MAX_AZIMUTHS: usize = 2880;
+/// Number of probing heights, and that of expensive PSFs.
+const PROBES: [usize; 2] = [12, 6];
 /// Maximum of rounds of checking and refining.
 const MAX_ROUNDS: usize = 6;
 
@@ -41,7 +46,7 @@ pub(crate) struct Kernels<'a> {
 pub(crate) struct Chosen {
     pub(crate) heights: Vec<f64>,
     pub(crate) azimuths: Vec<usize>,
-    pub(crate) error: Option<f64>,
+    pub(crate) error: Option<NodeError>,
 }
 
 /// Height [mm] and azimuth [rad] of a kernel, as bits, which are ordered.
@@ -93,6 +98,10 @@ impl Cache {
         Ok(missing.len())
     }
 
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
     fn get(&self, height: f64, azimuth: f64) -> &[f32] {
         &self.0[&key(height, azimuth)]
     }
@@ -104,11 +113,6 @@ fn l1(a: &[f32], b: &[f32]) -> f64 {
 
 fn mean(a: &[f32], b: &[f32]) -> Vec<f32> {
     a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect()
-}
-
-/// Rounds up to a multiple of 8: seven of eight kernels of a height are then flips and transposes of the others.
-fn round_azimuths(j: f64) -> usize {
-    (j.clamp(8.0, MAX_AZIMUTHS as f64) as usize).next_multiple_of(8)
 }
 
 /// Chooses heights from 0 to `last_mm` and their azimuth counts.
@@ -131,62 +135,80 @@ pub(crate) fn choose(
     }
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
-    let probes: Vec<f64> = (1..=PROBES).map(|i| last_mm * i as f64 / PROBES as f64).collect();
+    let max_psfs = max_psfs(kernels.grid);
+    let probe_count = PROBES[usize::from(max_psfs < 20 * PROBES[0])];
+    let probes: Vec<f64> = (1..=probe_count).map(|i| last_mm * i as f64 / probe_count as f64).collect();
     report("probing", 0);
-    let azimuth_need = match options.azimuths {
-        Azimuths::Given(j) => vec![j as f64; PROBES],
-        Azimuths::ByError => probe_azimuths(kernels, &probes, part, report)?,
-    };
-    let count = |h: f64| round_azimuths(between(&probes, &azimuth_need, h));
-    let mut heights = match &given {
-        Some(h) => h.clone(),
-        None => place(&probes, &probe_heights(kernels, &probes, part, report)?, last_mm),
-    };
-    let mut azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
     let mut cache = Cache::default();
+    let azimuth_need = match options.azimuths {
+        Azimuths::Given(j) => vec![j as f64; probe_count],
+        Azimuths::ByError => probe_azimuths(kernels, &mut cache, &probes, part, report)?,
+    };
+    let spacing = match &given {
+        Some(_) => None,
+        None => Some(probe_heights(kernels, &mut cache, &probes, part, report)?),
+    };
+    let left = max_psfs.saturating_sub(cache.len()).max(MIN_PSFS / 2);
     let (free_heights, free_azimuths) = (given.is_none(), options.azimuths == Azimuths::ByError);
-    let mut bound = 0.0;
+    let budget = Budget {
+        nodes: options.max_nodes,
+        // A check of K heights traces about 3 K PSFs, the result K.
+        heights: (MAX_SAMPLES / kernels.grid.size().pow(2)).min(left / 4).max(3),
+    };
+    // The least factor of the tolerance at which the nodes fit.
+    let mut relaxed = 1.0_f64;
+    let (mut heights, mut azimuths, count) = loop {
+        let scale = relaxed.sqrt();
+        let need: Vec<f64> =
+            azimuth_need.iter().map(|j| if free_azimuths { j / scale } else { *j }).collect();
+        let spacing = spacing.as_ref().map(|s| s.iter().map(|s| s * scale).collect::<Vec<_>>());
+        let heights = match (&given, &spacing) {
+            (None, Some(spacing)) => place(&probes, spacing, last_mm),
+            _ => given.clone().unwrap_or_default(),
+        };
+        let count = {
+            let probes = probes.clone();
+            move |h: f64| round_azimuths(between(&probes, &need, h))
+        };
+        let azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
+        if budget.holds(&heights, &azimuths, free_heights) || relaxed > 1e4 {
+            break (heights, azimuths, count);
+        }
+        relaxed *= 1.1;
+    };
+    let mut limited = relaxed > 1.0;
+    let goal = tolerance * relaxed;
+    let mut cache = Cache::default();
+    let mut errors = Vec::new();
     for round in 0..MAX_ROUNDS {
-        let errors = check(kernels, &mut cache, &heights, &azimuths, report)?;
-        bound = errors.iter().map(|e| e.total).fold(0.0, f64::max);
-        if bound <= tolerance || round + 1 == MAX_ROUNDS {
+        errors = check(kernels, &mut cache, &heights, &azimuths, report)?;
+        let worst = errors.iter().map(|e: &CellError| e.total).fold(0.0, f64::max);
+        if worst <= goal || round + 1 == MAX_ROUNDS {
             break;
         }
-        let (mut new_heights, mut new_azimuths) = (vec![heights[0]], vec![azimuths[0]]);
-        let mut grow = vec![false; heights.len()];
-        for (k, e) in errors.iter().enumerate() {
-            let fails = e.total > tolerance;
-            let split = fails && free_heights && (e.radial >= e.angular || !free_azimuths);
-            if fails && !split && free_azimuths {
-                grow[k] = true;
-                grow[k + 1] = true;
-            }
-            if split {
-                let mid = 0.5 * (heights[k] + heights[k + 1]);
-                new_heights.push(mid);
-                new_azimuths.push(count(mid).max(azimuths[k].min(azimuths[k + 1])));
-            }
-            new_heights.push(heights[k + 1]);
-            new_azimuths.push(azimuths[k + 1]);
-        }
-        for (h, j) in new_heights.iter().zip(&mut new_azimuths) {
-            if heights.iter().position(|old| old == h).is_some_and(|k| grow[k]) {
-                *j = round_azimuths(*j as f64 * 1.15 + 7.0);
-            }
-        }
-        if new_heights == heights && new_azimuths == azimuths {
+        if cache.len() >= left {
+            limited = true;
             break;
         }
-        (heights, azimuths) = (new_heights, new_azimuths);
+        // The largest errors first, if the budget does not allow all.
+        let mut threshold = goal;
+        let refined = loop {
+            let refine = Refinement { threshold, free_heights, free_azimuths };
+            let refined = refine.apply(&heights, &azimuths, &errors, &count);
+            if refined.0 == heights && refined.1 == azimuths {
+                break None;
+            }
+            if budget.holds(&refined.0, &refined.1, free_heights) {
+                break Some(refined);
+            }
+            limited = true;
+            threshold = (1.1 * threshold).max(threshold + 0.02 * worst);
+        };
+        let Some(refined) = refined else { break };
+        (heights, azimuths) = refined;
     }
-    Ok(with_axis(heights, azimuths, Some(bound)))
-}
-
-/// L1 errors at the centre of a cell: in both directions, in r alone, in θ alone (the larger of its two heights).
-struct CellError {
-    total: f64,
-    radial: f64,
-    angular: f64,
+    let error = summary(&errors, &heights, limited);
+    Ok(with_axis(heights, azimuths, Some(error)))
 }
 
 fn check(
@@ -227,6 +249,7 @@ fn check(
 /// Azimuths needed at the probing heights for an error of `part`, not rounded.
 fn probe_azimuths(
     kernels: &Kernels<'_>,
+    cache: &mut Cache,
     probes: &[f64],
     part: f64,
     report: &mut dyn FnMut(&'static str, usize),
@@ -234,7 +257,6 @@ fn probe_azimuths(
     let mut need = vec![96.0_f64; probes.len()];
     // The square law holds for small errors only: the second pass starts near the result.
     for _ in 0..2 {
-        let mut cache = Cache::default();
         let step = |i: usize, need: &[f64]| PI / need[i];
         let requested: Vec<(f64, f64)> =
             probes.iter().enumerate().flat_map(|(i, h)| [(*h, 0.0), (*h, step(i, &need))]).collect();
@@ -251,6 +273,7 @@ fn probe_azimuths(
 /// Spacing of heights [mm] allowed at the probing heights for an error of `part`.
 fn probe_heights(
     kernels: &Kernels<'_>,
+    cache: &mut Cache,
     probes: &[f64],
     part: f64,
     report: &mut dyn FnMut(&'static str, usize),
@@ -258,7 +281,6 @@ fn probe_heights(
     let last = probes[probes.len() - 1];
     let mut half = vec![0.25_f64.min(0.25 * probes[0]); probes.len()];
     for _ in 0..2 {
-        let mut cache = Cache::default();
         // Within the field, not beyond the axis.
         let ends = |i: usize, half: &[f64]| {
             let centre = probes[i].min(last - half[i]).max(half[i]);

@@ -2,19 +2,25 @@
 //!
 //! 1. [`zmx`] or [`codev`] reads the prescription, [`agf`], [`glass`] and [`glass_library`] its glasses, into a [`system::System`].
 //! 2. [`paraxial`]: pupils and focal lengths by first-order optics; [`mod@describe`] lists them.
-//! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`].
-//! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling.
-//! 5. [`illumination`]: RI, the area of the pupil in direction cosines. [`psf`]: a Huygens sum over its rays, by [`nufft`]. [`spots`]: spot
-//!    diagrams and best focus.
+//! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`]; `aim` finds the pupil of each field
+//!    point, `field` the field point of an image height, `aiming_check` whether paraxial aiming is accurate enough.
+//! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling. [`bundle`]: its rays.
+//! 5. [`illumination`]: RI, the light of a bundle per area of the film. [`psf`]: a Huygens sum over its rays, by [`nufft`]. [`spots`]: spot
+//!    diagrams and best focus. [`field_figures`]: figures from rays alone.
 //! 6. [`mod@trace`]: the tables of one band of a [`crate::lens::Lens`]: window chosen by energy, heights and azimuths by error.
 //!
 //! Coordinates: z along the light, the field point's image on +x; symmetric about the meridian y = 0. mm, wavelengths in µm.
 
 pub mod agf;
+mod aim;
+mod aiming_check;
+pub mod bundle;
 pub mod codev;
 pub mod describe;
 mod draft;
 pub mod error;
+mod field;
+pub mod field_figures;
 pub mod film_pixel;
 pub mod glass;
 pub mod glass_library;
@@ -26,6 +32,7 @@ pub mod paraxial;
 pub mod psf;
 pub mod pupil;
 pub mod ray;
+mod refine;
 mod refocus;
 pub mod scalar;
 pub mod spots;

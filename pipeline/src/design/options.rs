@@ -20,6 +20,9 @@ pub enum Azimuths {
     Given(usize),
 }
 
+/// Default maximum of nodes of a band: twice as many as a Double Gauss needs at its default tolerance.
+pub const MAX_NODES: usize = 8000;
+
 /// Range and accuracy of a trace. Image plane, object distance and ray aiming are part of the [`System`](super::system::System).
 #[derive(Clone, Debug, PartialEq)]
 pub struct TraceOptions {
@@ -41,6 +44,8 @@ pub struct TraceOptions {
     pub psf_pitch_um: Option<f64>,
     /// Maximum L1 error of a kernel between nodes, integrated over the film pixel.
     pub psf_tolerance: f64,
+    /// Maximum number of nodes of a band (heights × azimuths), if they are chosen by error.
+    pub max_nodes: usize,
     /// Heights of the PSFs.
     pub heights: PsfHeights,
     /// Number of azimuths of a height.
@@ -60,6 +65,7 @@ impl TraceOptions {
             window_px: None,
             psf_pitch_um: None,
             psf_tolerance: 0.01,
+            max_nodes: MAX_NODES,
             heights: PsfHeights::ByError,
             azimuths: Azimuths::ByError,
         }
@@ -84,6 +90,9 @@ impl TraceOptions {
         }
         if !(self.energy > 0.0 && self.energy < 1.0) {
             return bad("energy", self.energy.to_string(), "a share between 0 and 1");
+        }
+        if self.max_nodes < 16 {
+            return bad("max nodes", self.max_nodes.to_string(), "at least 16");
         }
         if self.field_points < 2 {
             return bad("field points", self.field_points.to_string(), "at least 2");

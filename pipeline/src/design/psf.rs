@@ -101,11 +101,8 @@ impl PupilFunction {
         segment: Segment,
     ) -> Result<Patch, DesignError> {
         let k = 2.0 * PI / self.wavelength_um;
-        // The search for the rim costs some hundred rays: once an angle.
-        let rim = |theta: f64| match self.pupil.is_unclipped() {
-            true => 1.0,
-            false => self.pupil.radius(tracer, tan, theta),
-        };
+        // The search for the rim costs some rays: once an angle.
+        let rims_at = |angles: &[f64]| self.pupil.radii(tracer, tan, angles.iter().copied());
         let sample = |rho: f64, theta: f64, b: f64| -> Result<([f64; 4], ImageRay), DesignError> {
             let (s, c) = real::sin_cos(theta);
             let r = tracer.ray(tan, self.pupil.centre + rho * b * c, rho * b * s)?;
@@ -118,7 +115,7 @@ impl PupilFunction {
         loop {
             let rho = chebyshev(rings, 0.0, 1.0);
             let theta = chebyshev(spokes, segment.from, segment.to);
-            let rims: Vec<f64> = theta.iter().map(|t| rim(*t)).collect();
+            let rims = rims_at(&theta);
             let mut tables = [const { Vec::new() }; 4];
             let (mut radial, mut angular) = ((0.0_f64, 0.0_f64), (0.0_f64, 0.0_f64));
             for r in &rho {
@@ -141,9 +138,8 @@ impl PupilFunction {
             let patch = Patch { segment, rings, spokes, tables, radial, angular };
             let mut worst = [0.0_f64; 4];
             let size = patch.tables[3].iter().fold(1e-300_f64, |a, v| a.max(v.abs()));
-            for t in [0.011, 0.34, 0.72, 0.988] {
-                let theta = segment.from + t * (segment.to - segment.from);
-                let b = rim(theta);
+            let between = [0.011, 0.34, 0.72, 0.988].map(|t| segment.from + t * (segment.to - segment.from));
+            for (theta, b) in between.into_iter().zip(rims_at(&between)) {
                 for r in [0.013, 0.51, 0.96, 0.999] {
                     let (expected, _) = sample(r, theta, b)?;
                     let got = patch.at(r, theta);

@@ -4,18 +4,19 @@
 //! of the primary wavelength: a plane wave for an object at infinity, else a point at height −t·(distance to the pupil). The sign
 //! is that of an image on +x. Pupil coordinates (p, q) are in the unit disc:
 //!   *paraxial aiming*: the point (p, q)·R of the paraxial entrance pupil plane (every wavelength shares it);
-//!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there),
-//!   by Newton's method with exact derivatives.
+//!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there): [`super::aim`].
 //! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a.
 //! Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
 //! Left out: reflections, absorption, coatings, polarisation, vignetting factors.
 
+use std::sync::OnceLock;
+
+use super::aim::ChiefRays;
 use super::error::DesignError;
 use super::paraxial::Paraxial;
 use super::scalar::{Dual, Scalar};
 use super::surface::{Ray, Stopped};
 use super::system::{RayAiming, System};
-use crate::real;
 
 /// A system with its indices for rays of one wavelength.
 #[derive(Clone, Debug)]
@@ -24,7 +25,9 @@ pub struct Tracer<'a> {
     indices: Vec<f64>,
     sign: f64,
     stop_radius_mm: f64,
+    stop_sign: f64,
     has_apertures: bool,
+    chiefs: OnceLock<ChiefRays>,
     /// First-order properties at the primary wavelength, with the position of the pupil.
     pub primary: Paraxial,
     /// Wavelength, µm.
@@ -78,6 +81,8 @@ impl<'a> Tracer<'a> {
             indices: indices(system, system.primary_um())?,
             sign: primary.distortion_focal_length_mm.signum(),
             stop_radius_mm: primary.stop_radius_mm,
+            stop_sign: 1.0,
+            chiefs: OnceLock::new(),
             has_apertures: system.surfaces.iter().any(|s| s.aperture_mm.is_some()),
             primary,
             wavelength_um: system.primary_um(),
@@ -92,6 +97,8 @@ impl<'a> Tracer<'a> {
         }
         tracer.indices = indices(system, um)?;
         tracer.wavelength_um = um;
+        let near_axis = tracer.launch(0.0, 1e-6 * tracer.primary.entrance_radius_mm, 0.0);
+        tracer.stop_sign = tracer.run(near_axis, system.stop, &mut None).map_or(1.0, |r| r.p[0].signum());
         Ok(tracer)
     }
 
@@ -105,18 +112,18 @@ impl<'a> Tracer<'a> {
         self.primary.distortion_focal_length_mm.abs()
     }
 
-    fn launch<T: Scalar>(&self, tan: f64, x: T, y: T) -> Ray<T> {
+    /// The ray of the field point at `tan` through the point (x, y) of the entrance pupil plane, mm.
+    pub(super) fn launch<T: Scalar>(&self, tan: impl Into<T>, x: T, y: T) -> Ray<T> {
         let p = [x, y, T::of(self.primary.entrance_pupil_mm)];
-        let t = self.sign * tan;
+        let t = T::of(self.sign) * tan.into();
         match self.system.object_distance_mm {
             None => {
-                let n = 1.0 / (1.0 + t * t).sqrt();
-                let d = [T::of(t * n), T::of(0.0), T::of(n)];
-                Ray { p, d, path: T::of(t * n) * x }
+                let n = T::of(1.0) / (T::of(1.0) + t * t).sqrt();
+                Ray { p, d: [t * n, T::of(0.0), n], path: t * n * x }
             }
             Some(distance) => {
                 let z = T::of(distance + self.primary.entrance_pupil_mm);
-                let dx = x + T::of(t) * z;
+                let dx = x + t * z;
                 let length = (dx * dx + y * y + z * z).sqrt();
                 Ray { p, d: [dx / length, y / length, z / length], path: length }
             }
@@ -125,7 +132,7 @@ impl<'a> Tracer<'a> {
 
     /// Traces `ray` to its intersection with surface `last`, without refraction there; `clip` collects the maximum overshoot of an
     /// aperture.
-    fn run<T: Scalar>(
+    pub(super) fn run<T: Scalar>(
         &self,
         mut ray: Ray<T>,
         last: usize,
@@ -150,7 +157,7 @@ impl<'a> Tracer<'a> {
         Ok(ray)
     }
 
-    fn lost(&self, tan: f64, p: f64, q: f64, lost: Lost) -> DesignError {
+    pub(super) fn lost(&self, tan: f64, p: f64, q: f64, lost: Lost) -> DesignError {
         let what = match lost.why {
             Stopped::Misses => "misses",
             Stopped::Reflected => "is totally reflected at",
@@ -158,62 +165,46 @@ impl<'a> Tracer<'a> {
         self.ray_error(tan, p, q, format!("{what} surface {}", lost.surface + 1))
     }
 
-    fn ray_error(&self, tan: f64, px: f64, py: f64, problem: String) -> DesignError {
-        DesignError::Ray { px, py, field_tan: tan, wavelength_um: self.wavelength_um, problem }
+    pub(super) fn ray_error(&self, tan: f64, px: f64, py: f64, problem: String) -> DesignError {
+        let advice = match self.system.aiming {
+            RayAiming::Paraxial => "use a smaller field, or aim rays at the real stop (`--aiming real`)",
+            RayAiming::Real => "use a smaller field",
+        };
+        DesignError::Ray { px, py, field_tan: tan, wavelength_um: self.wavelength_um, problem, advice }
     }
 
-    /// The point of the entrance pupil plane, mm, for pupil coordinates (p, q), with derivatives by them.
-    fn aim(&self, tan: f64, p: f64, q: f64) -> Result<[Dual; 2], DesignError> {
-        let radius = self.primary.entrance_radius_mm;
-        let paraxial = [Dual::new(p * radius, radius, 0.0), Dual::new(q * radius, 0.0, radius)];
-        if self.system.aiming == RayAiming::Paraxial {
-            return Ok(paraxial);
-        }
-        // If the direct attempt fails, from the axis outwards: the pupil moves and tilts with the field.
-        let direct = self.newton(tan, p, q, [p * radius, q * radius]);
-        direct.or_else(|first| {
-            let mut at = [p * radius, q * radius];
-            for step in 1..=16 {
-                let part = f64::from(step) / 16.0;
-                let [x, y] = self.newton(tan * part, p * part, q * part, at).map_err(|_| first.clone())?;
-                at = [x.v, y.v];
-            }
-            self.newton(tan, p, q, at)
-        })
+    pub(super) fn aiming(&self) -> RayAiming {
+        self.system.aiming
     }
 
-    fn newton(&self, tan: f64, p: f64, q: f64, mut at: [f64; 2]) -> Result<[Dual; 2], DesignError> {
-        let target = [p * self.stop_radius_mm, q * self.stop_radius_mm];
-        let sign = self.stop_sign();
-        let mut done = false;
-        for _ in 0..40 {
-            let ray = self.launch(tan, Dual::new(at[0], 1.0, 0.0), Dual::new(at[1], 0.0, 1.0));
-            let hit =
-                self.run(ray, self.system.stop, &mut None).map_err(|lost| self.lost(tan, p, q, lost))?.p;
-            let (a, b) = (hit[0].d, hit[1].d);
-            let det = a[0] * b[1] - a[1] * b[0];
-            // Columns of the inverse: d(pupil plane)/d(stop).
-            let inverse = [[b[1] / det, -a[1] / det], [-b[0] / det, a[0] / det]];
-            let miss = [sign * target[0] - hit[0].v, sign * target[1] - hit[1].v];
-            let step = inverse.map(|row| row[0] * miss[0] + row[1] * miss[1]);
-            if !(step[0].is_finite() && step[1].is_finite()) {
-                break;
-            }
-            at = [at[0] + step[0], at[1] + step[1]];
-            if done {
-                let scale = sign * self.stop_radius_mm;
-                return Ok([0, 1].map(|i| Dual::new(at[i], inverse[i][0] * scale, inverse[i][1] * scale)));
-            }
-            // One more iteration computes the derivatives at the final point.
-            done = real::hypot(step[0], step[1]) < 1e-9 * self.stop_radius_mm;
-        }
-        Err(self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
+    /// Index of the stop.
+    pub(super) fn stop(&self) -> usize {
+        self.system.stop
+    }
+
+    /// Index of the image plane.
+    pub(super) fn image(&self) -> usize {
+        self.system.image()
+    }
+
+    /// Radius in the stop that real aiming aims at, mm.
+    pub(super) fn stop_radius_mm(&self) -> f64 {
+        self.stop_radius_mm
     }
 
     /// Sign of the magnification from entrance pupil to stop; pupil coordinates follow the entrance pupil.
-    fn stop_sign(&self) -> f64 {
-        let h = 1e-6 * self.primary.entrance_radius_mm;
-        self.run(self.launch(0.0, h, 0.0), self.system.stop, &mut None).map_or(1.0, |r| r.p[0].signum())
+    pub(super) fn stop_sign(&self) -> f64 {
+        self.stop_sign
+    }
+
+    /// Object distance before the first surface, mm; none for an object at infinity.
+    pub fn object_distance_mm(&self) -> Option<f64> {
+        self.system.object_distance_mm
+    }
+
+    /// The chief rays of all field angles.
+    pub(super) fn chiefs(&self) -> &ChiefRays {
+        self.chiefs.get_or_init(|| self.follow_chiefs())
     }
 
     /// The ray through pupil point (p, q) in the image plane, with derivatives by (p, q). Apertures are ignored.
@@ -261,56 +252,6 @@ impl<'a> Tracer<'a> {
             }
         }
         Ok(path)
-    }
-
-    /// Real chief-ray height in the image plane, mm.
-    ///
-    /// # Errors
-    /// [`DesignError::Ray`] if the chief ray does not reach the image.
-    pub fn chief_height_mm(&self, tan: f64) -> Result<f64, DesignError> {
-        let [x, y] = self.aim(tan, 0.0, 0.0)?;
-        let ray = self.launch(tan, x.v, y.v);
-        let end = self.run(ray, self.system.image(), &mut None);
-        Ok(end.map_err(|lost| self.lost(tan, 0.0, 0.0, lost))?.p[0])
-    }
-
-    /// The field point whose chief ray has the image height `height_mm`, as tan of its field angle.
-    ///
-    /// # Errors
-    /// [`DesignError::Height`] if there is none.
-    pub fn field_of_height(&self, height_mm: f64) -> Result<f64, DesignError> {
-        let f = self.ideal_scale_mm();
-        let mut t = height_mm / f;
-        let fail = |problem: String| DesignError::Height {
-            requested_mm: height_mm,
-            reached_mm: self.reach_mm(height_mm),
-            wavelength_um: self.wavelength_um,
-            problem,
-        };
-        if height_mm == 0.0 {
-            return Ok(0.0);
-        }
-        let (mut a, mut fa) = (0.0, -height_mm);
-        for _ in 0..60 {
-            let ft = self.chief_height_mm(t).map_err(|e| fail(e.to_string()))? - height_mm;
-            if ft.abs() < 1e-12 * height_mm.max(1.0) || t == a {
-                return Ok(t);
-            }
-            let next = t - ft * (t - a) / (ft - fa);
-            (a, fa) = (t, ft);
-            if !next.is_finite() {
-                break;
-            }
-            t = next.clamp(0.0, 3.0 * t.max(1e-9));
-        }
-        Err(fail("no chief ray has this image height".to_owned()))
-    }
-
-    /// Maximum chief-ray height found up to `height_mm` and a half beyond, mm.
-    fn reach_mm(&self, height_mm: f64) -> f64 {
-        let step = 0.01 * height_mm / self.ideal_scale_mm();
-        let heights = (1..=150).map_while(|i| self.chief_height_mm(step * f64::from(i)).ok());
-        heights.fold(0.0, f64::max)
     }
 
     /// Maximum overshoot of an aperture by the ray through (p, q), and its surface: (r²/a² − 1, surface). A ray that does not reach the

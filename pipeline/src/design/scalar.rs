@@ -38,6 +38,12 @@ pub struct Dual {
     pub d: [f64; 2],
 }
 
+impl From<f64> for Dual {
+    fn from(v: f64) -> Self {
+        Self::of(v)
+    }
+}
+
 impl Dual {
     /// A value with given derivatives.
     pub fn new(v: f64, dp: f64, dq: f64) -> Self {

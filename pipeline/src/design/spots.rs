@@ -5,11 +5,14 @@
 //! Pupil: polar Gauss-Legendre, with the vignetting of the PSF; [`polychromatic_spot`] uses the hexapolar rays of design programs instead.
 //! Source: Welford, chapters 6 and 13; Born & Wolf 9.1.
 
+use super::bundle::Bundle;
 use super::error::DesignError;
-use super::pupil::Pupil;
 use super::ray::{ImageRay, Tracer};
 use super::system::System;
 use crate::real;
+
+/// Rings and spokes of rays over half the pupil.
+const RAYS: (usize, usize) = (24, 32);
 
 /// Spot size of one field point at one wavelength, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,22 +36,26 @@ pub struct Spot {
 /// # Errors
 /// A ray that does not reach the image.
 pub fn spot(tracer: &Tracer<'_>, tan: f64) -> Result<Spot, DesignError> {
-    let rays = rays(tracer, tan)?;
-    let chief = tracer.ray(tan, 0.0, 0.0)?;
+    Ok(spot_of(&Bundle::trace(tracer, tan, RAYS.0, RAYS.1)?))
+}
+
+/// Spot of a bundle.
+pub(super) fn spot_of(bundle: &Bundle) -> Spot {
+    let (rays, chief) = (&bundle.rays, &bundle.chief);
     let total: f64 = rays.iter().map(|(w, r)| w * r.flux).sum();
     let centroid = rays.iter().map(|(w, r)| w * r.flux * (r.x.v - chief.x.v)).sum::<f64>() / total;
     let about =
         |x0: f64| rays.iter().map(move |(w, r)| (w * r.flux, real::hypot(r.x.v - chief.x.v - x0, r.y.v)));
     let rms = |x0: f64| (about(x0).map(|(w, d)| w * d * d).sum::<f64>() / total).sqrt() * 1e3;
     let geo = |x0: f64| about(x0).map(|(_, d)| d).fold(0.0, f64::max) * 1e3;
-    Ok(Spot {
+    Spot {
         rms_um: rms(centroid),
         rms_chief_um: rms(0.0),
         geo_um: geo(centroid),
         geo_chief_um: geo(0.0),
         centroid_um: centroid * 1e3,
-        strehl: strehl(tracer.wavelength_um, &rays, &chief, 0.0),
-    })
+        strehl: strehl(bundle.wavelength_um, rays, chief, 0.0),
+    }
 }
 
 /// RMS and GEO spot radius about the centroid, µm, of all wavelengths of the design with their weights, on a hexapolar pattern of
@@ -82,12 +89,6 @@ pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f6
     Ok((1e3 * square.sqrt(), 1e3 * points.iter().map(off).fold(0.0, f64::max)))
 }
 
-/// Rays over the upper half of the pupil, with their quadrature weights.
-fn rays(tracer: &Tracer<'_>, tan: f64) -> Result<Vec<(f64, ImageRay)>, DesignError> {
-    let nodes = Pupil::new(tracer, tan)?.nodes(tracer, tan, 24, 32);
-    nodes.into_iter().map(|n| tracer.ray(tan, n.p, n.q).map(|r| (n.weight, r))).collect()
-}
-
 /// Strehl ratio at the chief ray, the film moved back by `shift` mm.
 fn strehl(um: f64, rays: &[(f64, ImageRay)], chief: &ImageRay, shift: f64) -> f64 {
     let k = 2e3 * std::f64::consts::PI / um;
@@ -107,7 +108,7 @@ fn strehl(um: f64, rays: &[(f64, ImageRay)], chief: &ImageRay, shift: f64) -> f6
 /// Shift of the film, away from the lens, to the minimum RMS spot on the axis, mm.
 pub(crate) fn best_rms_shift_mm(system: &System, um: f64) -> Result<f64, DesignError> {
     let tracer = Tracer::new(system, um)?;
-    let rays = rays(&tracer, 0.0)?;
+    let rays = Bundle::trace(&tracer, 0.0, RAYS.0, RAYS.1)?.rays;
     // On the axis the centroid is 0: minimise Σ w |ρ + z s|².
     let (mut cross, mut square) = (0.0, 0.0);
     for (w, r) in &rays {
@@ -122,8 +123,7 @@ pub(crate) fn best_rms_shift_mm(system: &System, um: f64) -> Result<f64, DesignE
 /// Shift of the film, away from the lens, to the maximum Strehl ratio on the axis, mm.
 pub(crate) fn best_strehl_shift_mm(system: &System, um: f64) -> Result<f64, DesignError> {
     let tracer = Tracer::new(system, um)?;
-    let rays = rays(&tracer, 0.0)?;
-    let chief = tracer.ray(0.0, 0.0, 0.0)?;
+    let Bundle { rays, chief, .. } = Bundle::trace(&tracer, 0.0, RAYS.0, RAYS.1)?;
     let around = best_rms_shift_mm(system, um)?;
     // Depth of focus λ/NA²: scan ±8 of them, then refine around the maximum.
     let na2 = rays.iter().map(|(_, r)| r.l.v * r.l.v + r.m.v * r.m.v).fold(0.0, f64::max);

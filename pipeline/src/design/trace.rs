@@ -9,18 +9,24 @@
 
 use rayon::prelude::*;
 
+use super::bundle::Bundle;
 use super::error::DesignError;
 use super::grid::{self, Kernels};
-use super::illumination::solid_angle_sr;
-pub use super::options::{Azimuths, PsfHeights, TraceOptions};
+use super::illumination::irradiance_table;
+pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 use super::paraxial::Paraxial;
 use super::psf::{PsfGrid, PsfScratch, PupilFunction};
 use super::ray::Tracer;
+use super::refine::MAX_SAMPLES;
+pub use super::refine::NodeError;
 use super::system::System;
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
+/// Share of the light that a window of the maximum size may leave out without `energy` being set lower.
+const MAX_LEFT_OUT: f64 = 0.05;
+
 /// Incremented when the results for the same design and options change.
-pub const TRACER_VERSION: u32 = 2;
+pub const TRACER_VERSION: u32 = 3;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -63,8 +69,8 @@ pub struct TracedBand {
 pub struct BandReport {
     /// Wavelength, nm.
     pub wavelength_nm: f64,
-    /// Maximum L1 error at cell centres; `None` if heights and azimuths were given.
-    pub psf_error: Option<f64>,
+    /// L1 errors at cell centres; `None` if heights and azimuths were given.
+    pub psf_error: Option<NodeError>,
     /// Window, film pixels.
     pub window_px: usize,
     /// Minimum over heights of the share of energy in the window.
@@ -97,17 +103,7 @@ impl<'a> LensTrace<'a> {
 
     /// The lens without its bands.
     pub fn header(&self) -> Lens {
-        Lens {
-            name: self.system.name.clone(),
-            distortion_focal_length_mm: self.primary.distortion_focal_length_mm.abs(),
-            effective_focal_length_mm: self.primary.effective_focal_length_mm,
-            f_number: self.primary.image_f_number(),
-            primary_wavelength_nm: self.system.primary_um() * 1e3,
-            object_distance_mm: self.system.object_distance_mm,
-            magnification: self.primary.film_magnification(self.system.object_distance_mm),
-            psf_sample: PsfSample::Point,
-            bands: Vec::new(),
-        }
+        header(self.system, &self.primary)
     }
 
     /// Traces band `index`.
@@ -124,17 +120,18 @@ impl<'a> LensTrace<'a> {
             on_progress(Progress { band: index, bands: options.wavelengths_nm.len(), step, psfs });
         };
         report_step("chief rays", 0);
-        let [ideal, real, omega] = self.dense(&tracer)?;
+        let [ideal, real, light] = self.dense(&tracer)?;
         let last_mm = match &options.heights {
             PsfHeights::ByError => options.max_height_mm,
             PsfHeights::Given(h) => h.last().copied().unwrap_or(0.0),
         };
         report_step("window", 0);
-        let samples = pupils(&tracer, &(0..17).map(|i| last_mm * f64::from(i) / 16.0).collect::<Vec<_>>())?;
+        let heights: Vec<f64> = (0..17).map(|i| last_mm * f64::from(i) / 16.0).collect();
+        let samples = pupils(&tracer, &heights)?;
         let pitch_um = self.pitch(&samples)?;
         let window_px = match options.window_px {
             Some(px) => px,
-            None => self.window(&samples, pitch_um),
+            None => self.window(&tracer, &heights, &samples, pitch_um)?,
         };
         report_step("window", if options.window_px.is_some() { 0 } else { samples.len() });
         let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
@@ -154,26 +151,26 @@ impl<'a> LensTrace<'a> {
             wavelength_nm: nm,
             ideal_height_mm: ideal,
             image_height_mm: real,
-            relative_illumination: omega.iter().map(|o| o / omega[0]).collect(),
+            relative_illumination: light.iter().map(|g| g / light[0]).collect(),
             psf_height_mm: chosen.heights,
             azimuth_count: chosen.azimuths,
             psf_size: grid.size(),
             psf_pitch_um: pitch_um,
             psf_energy: stack.1,
-            solid_angle_sr: omega[0],
+            solid_angle_sr: light[0],
             transmission: 1.0,
         };
         Ok(TracedBand { tables, psf: stack.0, report })
     }
 
-    /// Ideal heights, real heights and solid angles of the pupil, evenly spaced in ideal height.
+    /// Ideal heights, real heights and G of [`super::illumination`], evenly spaced in ideal height.
     fn dense(&self, tracer: &Tracer<'_>) -> Result<[Vec<f64>; 3], DesignError> {
         let last = tracer.field_of_height(self.options.max_height_mm)?;
         let points = self.options.field_points;
         let tans: Vec<f64> = (0..points).map(|i| last * i as f64 / (points - 1) as f64).collect();
-        let rows: Result<Vec<(f64, f64)>, DesignError> =
-            tans.par_iter().map(|t| Ok((tracer.chief_height_mm(*t)?, solid_angle_sr(tracer, *t)?))).collect();
-        let (mut real, omega): (Vec<f64>, Vec<f64>) = rows?.into_iter().unzip();
+        let real: Result<Vec<f64>, DesignError> =
+            tans.par_iter().map(|t| tracer.chief_height_mm(*t)).collect();
+        let mut real = real?;
         real[0] = 0.0;
         if let Some(i) = real.windows(2).position(|w| w[1] <= w[0]) {
             return Err(DesignError::Height {
@@ -183,7 +180,8 @@ impl<'a> LensTrace<'a> {
                 problem: "the real image height folds back".to_owned(),
             });
         }
-        Ok([tans.iter().map(|t| t * tracer.ideal_scale_mm()).collect(), real, omega])
+        let light = irradiance_table(tracer, &tans)?;
+        Ok([tans.iter().map(|t| t * tracer.ideal_scale_mm()).collect(), real, light])
     }
 
     fn pitch(&self, samples: &[PupilFunction]) -> Result<f64, DesignError> {
@@ -199,30 +197,127 @@ impl<'a> LensTrace<'a> {
         }
     }
 
-    /// Minimum odd number of film pixels that contains the requested share of energy.
-    fn window(&self, samples: &[PupilFunction], pitch_um: f64) -> usize {
+    /// Minimum odd number of film pixels that contains the requested share of energy, at most the maximum.
+    fn window(
+        &self,
+        tracer: &Tracer<'_>,
+        heights: &[f64],
+        samples: &[PupilFunction],
+        pitch_um: f64,
+    ) -> Result<usize, DesignError> {
         let (film, max) = (self.options.film_pitch_um, self.options.max_window_px);
-        let mut px = 65.min(max);
+        let allowed = self.options.energy.min(1.0 - MAX_LEFT_OUT);
+        let fail = |height_mm: f64, held: f64| {
+            let (requested, wavelength_um) = (allowed, tracer.wavelength_um);
+            DesignError::Window { max_px: max, height_mm, wavelength_um, held, requested }
+        };
+        let bundles: Vec<(f64, Bundle)> = heights
+            .par_iter()
+            .step_by(4)
+            .map(|h| Ok((*h, Bundle::trace(tracer, tracer.field_of_height(*h)?, 12, 16)?)))
+            .collect::<Result<_, DesignError>>()?;
+        let widest = |b: &Bundle| b.light_outside(0.5 * film * max as f64);
+        let worst = bundles.iter().max_by(|a, b| widest(&a.1).total_cmp(&widest(&b.1)));
+        // Clearly too wide by the estimate: no PSF is computed.
+        if let Some((height, bundle)) = worst
+            && 1.0 - widest(bundle) < allowed - 0.05
+        {
+            return Err(fail(*height, 1.0 - widest(bundle)));
+        }
+        let guess = |b: &Bundle| b.window_px(self.options.energy, film, max).unwrap_or(max);
+        let expected = bundles.iter().map(|(_, b)| guess(b)).max().unwrap_or(max);
+        let mut px = (expected + expected / 4 + 8).clamp(65, max.max(65)).min(max) | 1;
         loop {
             let grid = PsfGrid::new(half_samples(px, film, pitch_um), pitch_um);
-            let needed: Vec<Option<usize>> = samples
+            let needed: Vec<(Option<usize>, f64)> = samples
                 .par_iter()
                 .map_init(PsfScratch::default, |scratch, f| {
                     let psf = grid.psf(f, 0.0, scratch);
                     let held = squares(&psf, grid.size());
-                    (1..=px / 2).map(|i| 2 * i + 1).find(|w| {
-                        held[half_samples(*w, film, pitch_um).min(held.len() - 1)] >= self.options.energy
-                    })
+                    let within = |w: usize| held[half_samples(w, film, pitch_um).min(held.len() - 1)];
+                    let least = (1..=px / 2).map(|i| 2 * i + 1).find(|w| within(*w) >= self.options.energy);
+                    (least, within(px))
                 })
                 .collect();
-            let all: Option<usize> = needed.into_iter().try_fold(3, |a, w| w.map(|w| a.max(w)));
+            let all: Option<usize> = needed.iter().try_fold(3, |a, (w, _)| w.map(|w| a.max(w)));
+            let (height, held) =
+                heights
+                    .iter()
+                    .zip(&needed)
+                    .map(|(h, (_, held))| (*h, *held))
+                    .fold((0.0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
             match all {
                 // Margin for field points between the sampled ones.
-                Some(w) => return (w + 2).min(max),
-                None if px >= max => return max,
+                Some(w) => return Ok((w + 2).min(max)),
+                None if px >= max && held < allowed => return Err(fail(height, held)),
+                None if px >= max => return Ok(max),
                 None => px = (2 * px - 1).min(max),
             }
         }
+    }
+
+    /// What the band `index` needs, estimated from rays before it is traced.
+    ///
+    /// # Errors
+    /// A ray that does not reach the image.
+    pub fn estimate(&self, index: usize) -> Result<Estimate, DesignError> {
+        let options = self.options;
+        let tracer = Tracer::new(self.system, options.wavelengths_nm[index] / 1e3)?;
+        let last = options.max_height_mm;
+        let bundles: Vec<Bundle> = (0..5)
+            .into_par_iter()
+            .map(|i| Bundle::trace(&tracer, tracer.field_of_height(last * f64::from(i) / 4.0)?, 12, 16))
+            .collect::<Result<_, DesignError>>()?;
+        let film = options.film_pitch_um;
+        let guess = |b: &Bundle| b.window_px(options.energy, film, options.max_window_px);
+        let window_px = options.window_px.unwrap_or_else(|| {
+            bundles.iter().map(|b| guess(b).unwrap_or(options.max_window_px)).max().unwrap_or(3)
+        });
+        let light =
+            1.0 - bundles.iter().map(|b| b.light_outside(0.5 * film * window_px as f64)).fold(0.0, f64::max);
+        let nyquist = bundles.iter().map(Bundle::nyquist_um).fold(f64::INFINITY, f64::min);
+        let pitch_um = options.psf_pitch_um.unwrap_or(film / (film / (0.9 * nyquist)).ceil());
+        let side = 2 * half_samples(window_px, film, pitch_um) + 1;
+        let max_bytes = match &options.heights {
+            PsfHeights::Given(h) => 4 * side * side * h.len(),
+            PsfHeights::ByError => (4 * MAX_SAMPLES).min(4 * side * side * options.max_nodes),
+        };
+        Ok(Estimate { window_px, light, side, max_bytes })
+    }
+}
+
+/// What a band needs, estimated from rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Window, film pixels.
+    pub window_px: usize,
+    /// Minimum share of the light inside it.
+    pub light: f64,
+    /// Samples per side of a PSF.
+    pub side: usize,
+    /// Maximum size of the PSFs of the band, bytes.
+    pub max_bytes: usize,
+}
+
+/// The lens of `system` without bands.
+///
+/// # Errors
+/// No first-order properties.
+pub fn lens_header(system: &System) -> Result<Lens, DesignError> {
+    Ok(header(system, &Paraxial::new(system, system.primary_um())?))
+}
+
+fn header(system: &System, primary: &Paraxial) -> Lens {
+    Lens {
+        name: system.name.clone(),
+        distortion_focal_length_mm: primary.distortion_focal_length_mm.abs(),
+        effective_focal_length_mm: primary.effective_focal_length_mm,
+        f_number: primary.image_f_number(),
+        primary_wavelength_nm: system.primary_um() * 1e3,
+        object_distance_mm: system.object_distance_mm,
+        magnification: primary.film_magnification(system.object_distance_mm),
+        psf_sample: PsfSample::Point,
+        bands: Vec::new(),
     }
 }
 
