@@ -127,6 +127,32 @@ impl RasterSample {
         }
     }
 
+    /// As [`Sample::read`].
+    pub(crate) fn read(self, bytes: &[u8], k: usize) -> f64 {
+        match self {
+            Self::I16 => f64::from(i16::from_ne_bytes(bytes.as_chunks().0[k])),
+            Self::Plain(sample) => sample.read(bytes, k),
+        }
+    }
+
+    /// As [`Sample::append`].
+    pub(crate) fn append(self, out: &mut Vec<f32>, bytes: &[u8]) {
+        match self {
+            Self::I16 => out.extend(bytes.as_chunks().0.iter().map(|&b| f32::from(i16::from_ne_bytes(b)))),
+            Self::Plain(sample) => sample.append(out, bytes),
+        }
+    }
+
+    /// As [`Sample::append_converted`].
+    pub(crate) fn append_converted(self, out: &mut Vec<f32>, bytes: &[u8], convert: impl Fn(f64) -> f32) {
+        match self {
+            Self::I16 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| convert(f64::from(i16::from_ne_bytes(b)))));
+            }
+            Self::Plain(sample) => sample.append_converted(out, bytes, convert),
+        }
+    }
+
     /// As [`Sample::nearest`].
     pub(crate) fn nearest(self, value: f64) -> f64 {
         match self {
