@@ -6,9 +6,10 @@ use crate::design;
 use crate::failure::usage;
 use anyhow::Result;
 use formats::chart::exr::{ExrChart, ExrContent};
+use formats::chart::hdf5::{self, Hdf5Chart};
 use formats::chart::{
     AxisOrder, ChartOptions, ChartStore, DecodedChart, NanPolicy, RasterChart, RasterLayout, parse_dtype,
-    pictures,
+    pictures, split_array,
 };
 use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
@@ -36,6 +37,8 @@ pub struct ChartFlags<'a> {
     pub wavelengths: Option<&'a str>,
     /// `--chart-shape` and `--chart-dtype`: the file holds raw samples.
     pub raw: Option<(&'a str, &'a str)>,
+    /// `--var`.
+    pub var: Option<&'a str>,
     /// `--axes`.
     pub axes: Option<&'a AxisOrder>,
     /// `--chart-scale`.
@@ -55,6 +58,15 @@ impl Chart {
     /// Opens `PATH`, `PATH//array`, a folder or pattern of pictures, or `gen:KIND?…`.
     pub fn open_with(spec: &str, flags: &ChartFlags<'_>) -> Result<Self> {
         let declared = declared_nm(flags.wavelengths)?;
+        let with_var;
+        let spec = match flags.var {
+            None => spec,
+            Some(var) => {
+                check_takes_var(spec, var)?;
+                with_var = format!("{spec}//{var}");
+                &with_var
+            }
+        };
         let (path, nan, scale) = (Path::new(spec), flags.nan, flags.scale);
         if let Some((shape, dtype)) = flags.raw {
             return Self::raster(Self::raw(spec, shape, dtype, flags)?, declared, scale);
@@ -75,7 +87,7 @@ impl Chart {
         let without_axes = |format: &str| match flags.axes {
             None => Ok(()),
             Some(_) => Err(usage(format!(
-                "--axes applies to Zarr arrays, .npy and raw samples; chart `{spec}`: {format}"
+                "--axes applies to Zarr and HDF5 arrays, .npy and raw samples; chart `{spec}`: {format}"
             ))),
         };
         if ExrChart::is_supported_path(path) {
@@ -85,6 +97,13 @@ impl Chart {
         if pictures::is_tiff(path) {
             without_axes("TIFF declares its order")?;
             return Self::decoded(pictures::open_tiff(path, nan)?, declared, scale);
+        }
+        let (file, array) = split_array(spec);
+        if hdf5::is_hdf5(Path::new(file)) {
+            return match hdf5::open(Path::new(file), array, flags.axes, nan)? {
+                Hdf5Chart::Raster(chart) => Self::raster(chart, declared, scale),
+                Hdf5Chart::Decoded(chart) => Self::decoded(chart, declared, scale),
+            };
         }
         if RasterChart::is_supported_path(path) {
             check_local(spec)?;
@@ -152,6 +171,21 @@ impl Chart {
             None => chart,
         })))
     }
+}
+
+/// Fails unless `--var` fits the chart: a store or an HDF5 file without an array in its path.
+fn check_takes_var(spec: &str, var: &str) -> Result<()> {
+    let (path, array) = split_array(spec);
+    if !array.is_empty() {
+        return Err(usage(format!("--var {var}: chart `{spec}` names its array already; give one of them")));
+    }
+    let path = Path::new(path);
+    if is_url(path) || !path.is_file() || hdf5::is_hdf5(path) {
+        return Ok(());
+    }
+    Err(usage(format!(
+        "--var selects an array of a Zarr store or of HDF5 (.mat v7.3, NetCDF-4), not of `{spec}`"
+    )))
 }
 
 /// Fails for a URL: flat files are mapped into memory.

@@ -135,6 +135,18 @@ impl RasterSample {
         }
     }
 
+    /// The sample nearest to `value` in native byte order: integers saturate.
+    pub(crate) fn to_ne_bytes(self, value: f64) -> Vec<u8> {
+        match self {
+            Self::I16 => (value as i16).to_ne_bytes().to_vec(),
+            Self::Plain(Sample::U8) => vec![value as u8],
+            Self::Plain(Sample::U16) => (value as u16).to_ne_bytes().to_vec(),
+            Self::Plain(Sample::F16) => half::f16::from_f64(value).to_ne_bytes().to_vec(),
+            Self::Plain(Sample::F32) => (value as f32).to_ne_bytes().to_vec(),
+            Self::Plain(Sample::F64) => value.to_ne_bytes().to_vec(),
+        }
+    }
+
     /// As [`Sample::append`].
     pub(crate) fn append(self, out: &mut Vec<f32>, bytes: &[u8]) {
         match self {

@@ -140,7 +140,7 @@ impl Chart {
     pub fn units(&self) -> Option<&str> {
         match self {
             Self::Store(s) => s.units(),
-            Self::Raster(_) => None,
+            Self::Raster(r) => r.units(),
             Self::Decoded(p) => p.units(),
             Self::Exr(e) => e.units(),
             Self::Generated(g) => Some(g.units()),
