@@ -9,6 +9,8 @@ import tempfile
 import warnings
 from pathlib import Path
 
+import h5py
+import hdf5storage
 import numpy as np
 import OpenEXR
 import spectral.io.envi
@@ -225,10 +227,50 @@ def pictures(scratch):
         check(same(group["chart"][:], cube) and np.allclose(group["wavelength"][:], [420, 550, 600.5]), f"{file.name}: another chart")
 
 
+def hdf5(scratch):
+    """Films of HDF5, NetCDF-4 and MATLAB 7.3 files are those of the Zarr store that xarray writes, bit for bit."""
+    nm = np.arange(400.0, 705.0, 10.0)
+    cube = np.random.default_rng(2).random((96, 128, len(nm)), np.float32)
+    pack = scratch / "hdf5.lens.zarr"
+    identity_pack(pack, nm)
+    plain = xarray.Dataset({"chart": (("y", "x", "wavelength"), cube)}, {"wavelength": ("wavelength", nm, {"units": "nm"})})
+    packing = {"dtype": "u2", "scale_factor": 1e-4, "add_offset": 0.25, "_FillValue": 65535}
+
+    def film(chart, *flags):
+        out = scratch / "film-of-hdf5.zarr"
+        lenscube("run", chart, out, "--lens", pack, "--film-pitch-um", 2, "--film-size", "96x128", "--no-fsync", "--overwrite", *flags)
+        return zarr.open_group(out, mode="r")["film"][:]
+
+    for name, encoding in [("plain", {}), ("packed", packing)]:
+        twin = scratch / f"twin-{name}.zarr"
+        plain.to_zarr(twin, encoding={"chart": encoding})
+        expected = film(twin)
+        check(name == "packed" or same(expected, np.ascontiguousarray(np.moveaxis(cube, 2, 0))), f"{twin.name}: other values")
+        for dims in [("y", "x", "wavelength"), ("wavelength", "y", "x")]:
+            file = scratch / f"{name}-{dims[0]}.nc"
+            sides = {"y": 32, "x": 50, "wavelength": 4}
+            encoded = {"zlib": True, "shuffle": True, "chunksizes": tuple(sides[d] for d in dims)}
+            plain.transpose(*dims).to_netcdf(file, engine="h5netcdf", encoding={"chart": {**encoding, **encoded}})
+            check(same(film(f"{file}//chart"), expected), f"{file.name}: another film than its Zarr twin")
+    expected = film(scratch / "twin-plain.zarr")
+    for name, options in [("as-matlab", {"compress": True, "compress_size_threshold": 0}), ("not-compressed", {"compress": False})]:
+        file = scratch / f"{name}.mat"
+        hdf5storage.write({"rad": cube, "bands": nm}, filename=str(file), matlab_compatible=True, **options)
+        check(same(film(f"{file}//rad"), expected), f"{file.name}: another film than its Zarr twin")
+    file = scratch / "h5py.h5"
+    with h5py.File(file, "w") as f:
+        f["wavelengths"] = nm
+        for name, options in [("lzf", {"compression": "lzf"}), ("deflate", {"compression": "gzip", "shuffle": True, "fletcher32": True})]:
+            f.create_dataset(name, data=cube, chunks=(17, 128, 31), **options)
+    for name in ("lzf", "deflate"):
+        check(same(film(file, "--var", name, "--axes", "y,x,wavelength"), expected), f"h5py.h5, {name}: another film than its Zarr twin")
+
+
 with tempfile.TemporaryDirectory() as tmp:
     charts(Path(tmp))
     films(Path(tmp))
     exports(Path(tmp))
     pictures(Path(tmp))
+    hdf5(Path(tmp))
 print(f"{interop.done} checks: zarr-python {zarr.__version__}, xarray {xarray.__version__}, tensorstore, OpenEXR {OpenEXR.__version__}, "
-      f"tifffile {tifffile.__version__}, spectral and NumPy read files of lenscube, and lenscube reads theirs")
+      f"tifffile {tifffile.__version__}, h5py {h5py.__version__}, spectral and NumPy read files of lenscube, and lenscube reads theirs")

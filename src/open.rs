@@ -1,20 +1,19 @@
 //! Opens charts (stores, files, generators) and lens packs by the names in the arguments.
 
+mod access;
+
 use crate::design;
 use crate::failure::usage;
-use crate::progress::{counting, log_line};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use formats::chart::exr::{ExrChart, ExrContent};
+use formats::chart::hdf5::{self, Hdf5Chart};
 use formats::chart::{
-    AxisOrder, ChartOptions, ChartStore, ChunkMemory, NanPolicy, PictureChart, RasterChart, RasterLayout,
-    RasterSample, parse_dtype,
+    AxisOrder, ChartOptions, ChartStore, DecodedChart, NanPolicy, RasterChart, RasterLayout, parse_dtype,
+    pictures, split_array,
 };
 use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
-use pipeline::chart::{Generator, Kind};
-use pipeline::flow::ChartSource;
-use pipeline::geometry::Size;
-use serde_json::{Value, json};
+use pipeline::chart::Generator;
 use std::path::Path;
 
 /// A chart of any format.
@@ -23,8 +22,8 @@ pub enum Chart {
     Store(Box<ChartStore>),
     /// A flat file.
     Raster(Box<RasterChart>),
-    /// Pictures, one per band, or a TIFF of several bands.
-    Pictures(Box<PictureChart>),
+    /// Pictures, one per band, a TIFF of several bands, or a chunked array of HDF5.
+    Decoded(Box<DecodedChart>),
     /// A spectral OpenEXR file.
     Exr(Box<ExrChart>),
     /// Generated on demand.
@@ -38,6 +37,8 @@ pub struct ChartFlags<'a> {
     pub wavelengths: Option<&'a str>,
     /// `--chart-shape` and `--chart-dtype`: the file holds raw samples.
     pub raw: Option<(&'a str, &'a str)>,
+    /// `--var`.
+    pub var: Option<&'a str>,
     /// `--axes`.
     pub axes: Option<&'a AxisOrder>,
     /// `--chart-scale`.
@@ -57,6 +58,15 @@ impl Chart {
     /// Opens `PATH`, `PATH//array`, a folder or pattern of pictures, or `gen:KIND?…`.
     pub fn open_with(spec: &str, flags: &ChartFlags<'_>) -> Result<Self> {
         let declared = declared_nm(flags.wavelengths)?;
+        let with_var;
+        let spec = match flags.var {
+            None => spec,
+            Some(var) => {
+                check_takes_var(spec, var)?;
+                with_var = format!("{spec}//{var}");
+                &with_var
+            }
+        };
         let (path, nan, scale) = (Path::new(spec), flags.nan, flags.scale);
         if let Some((shape, dtype)) = flags.raw {
             return Self::raster(Self::raw(spec, shape, dtype, flags)?, declared, scale);
@@ -77,24 +87,31 @@ impl Chart {
         let without_axes = |format: &str| match flags.axes {
             None => Ok(()),
             Some(_) => Err(usage(format!(
-                "--axes applies to Zarr arrays, .npy and raw samples; chart `{spec}`: {format}"
+                "--axes applies to Zarr and HDF5 arrays, .npy and raw samples; chart `{spec}`: {format}"
             ))),
         };
         if ExrChart::is_supported_path(path) {
             without_axes("OpenEXR declares its order")?;
             return Self::exr(ExrChart::open(path, nan)?, declared, scale);
         }
-        if PictureChart::is_tiff(path) {
+        if pictures::is_tiff(path) {
             without_axes("TIFF declares its order")?;
-            return Self::pictures(PictureChart::open_tiff(path, nan)?, declared, scale);
+            return Self::decoded(pictures::open_tiff(path, nan)?, declared, scale);
+        }
+        let (file, array) = split_array(spec);
+        if hdf5::is_hdf5(Path::new(file)) {
+            return match hdf5::open(Path::new(file), array, flags.axes, nan)? {
+                Hdf5Chart::Raster(chart) => Self::raster(chart, declared, scale),
+                Hdf5Chart::Decoded(chart) => Self::decoded(chart, declared, scale),
+            };
         }
         if RasterChart::is_supported_path(path) {
             check_local(spec)?;
             return Self::raster(RasterChart::open_with_axes(path, flags.axes, nan)?, declared, scale);
         }
-        if PictureChart::is_set_of_pictures(spec) {
+        if pictures::is_set_of_pictures(spec) {
             without_axes("each picture is a band")?;
-            return Self::pictures(PictureChart::open_set(spec, nan)?, declared, scale);
+            return Self::decoded(pictures::open_set(spec, nan)?, declared, scale);
         }
         let options = ChartOptions {
             cache_bytes: flags.cache_bytes,
@@ -132,9 +149,9 @@ impl Chart {
         })))
     }
 
-    fn pictures(chart: PictureChart, declared: Option<Vec<f64>>, scale: Option<f64>) -> Result<Self> {
+    fn decoded(chart: DecodedChart, declared: Option<Vec<f64>>, scale: Option<f64>) -> Result<Self> {
         let chart = chart.with_scale(scale.unwrap_or(1.0));
-        Ok(Self::Pictures(Box::new(match declared {
+        Ok(Self::Decoded(Box::new(match declared {
             Some(nm) => chart.with_wavelengths(nm)?,
             None => chart,
         })))
@@ -154,212 +171,21 @@ impl Chart {
             None => chart,
         })))
     }
-
-    /// The pixels.
-    pub fn source(&self) -> &dyn ChartSource {
-        match self {
-            Self::Store(s) => s.as_ref(),
-            Self::Raster(r) => r.as_ref(),
-            Self::Pictures(p) => p.as_ref(),
-            Self::Exr(e) => e.as_ref(),
-            Self::Generated(g) => g.as_ref(),
-        }
-    }
-
-    /// Sorts the chart by band into a temporary file in `directory`, if its bands would otherwise be fetched or decoded once per band;
-    /// prints that.
-    pub fn sort_by_band(&mut self, bands: &[usize], directory: &Path, threads: usize) -> Result<()> {
-        let (bar, progress) = counting("sorting the chart by band");
-        match self {
-            Self::Raster(raster) if bands.len() > 1 && raster.needs_band_copy() => {
-                log_line(copying_bands("they are interleaved"));
-                raster.copy_bands(bands, directory, &progress)?;
-            }
-            Self::Store(store) if store.rechunk_needed(bands) => {
-                log_line(copying_bands("chunks span several of them"));
-                store.rechunk(bands, directory, threads, &progress)?;
-            }
-            Self::Pictures(pictures) => {
-                log_line(
-                    "the chart's bands are stored as pictures: decoding them once into a temporary file",
-                );
-                pictures.copy_bands(bands, directory, threads, &progress)?;
-            }
-            Self::Exr(exr) => {
-                log_line(copying_bands("the file is compressed line by line"));
-                exr.copy_bands(bands, directory, threads, &progress)?;
-            }
-            _ => (),
-        }
-        bar.finish_and_clear();
-        Ok(())
-    }
-
-    /// Rows and columns of a chunk; one pixel where the chart has none.
-    pub fn chunk_size(&self) -> Size {
-        match self {
-            Self::Store(s) => Size::new(s.chunk_shape()[1], s.chunk_shape()[2]),
-            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) | Self::Generated(_) => Size::new(1, 1),
-        }
-    }
-
-    /// Bytes of cache with which tiles of `rows` rows, read row by row, decode no chunk twice, and a drawn chart no edge.
-    pub fn cache_for_rows(&self, rows: usize) -> usize {
-        match self {
-            Self::Store(s) => s.cache_for_rows(rows),
-            Self::Generated(g) => g.useful_cache_bytes(),
-            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) => 0,
-        }
-    }
-
-    /// Memory of its chunks while `bands` are read one after the other.
-    pub fn chunk_memory(&self, bands: &[usize]) -> ChunkMemory {
-        match self {
-            Self::Store(s) => s.chunk_memory(bands),
-            Self::Pictures(p) => p.chunk_memory(),
-            Self::Exr(e) => e.chunk_memory(),
-            Self::Raster(_) | Self::Generated(_) => ChunkMemory::default(),
-        }
-    }
-
-    /// Sets the size of the cache of decoded chunks, or of drawn edges, and empties it.
-    pub fn set_cache_bytes(&mut self, bytes: usize) {
-        match self {
-            Self::Store(store) => store.set_cache_bytes(bytes),
-            Self::Generated(generator) => generator.set_cache_bytes(bytes),
-            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) => (),
-        }
-    }
-
-    /// Size in pixels.
-    pub fn size(&self) -> Size {
-        self.source().size()
-    }
-
-    /// Wavelength of every band in nm.
-    pub fn wavelengths_nm(&self) -> Result<Vec<f64>> {
-        match self {
-            Self::Generated(g) => Ok(g.wavelengths_nm().to_vec()),
-            Self::Raster(r) => {
-                r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
-            }
-            Self::Pictures(p) => p.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| match p.is_set() {
-                true => usage(format!(
-                    "chart {}: expected one number of 200 to 2500 (nm) at the same position in the name of each of the {} pictures; give \
-                     the wavelengths in their order, e.g. `--wavelengths 400:700:10`",
-                    p.path().display(),
-                    p.bands()
-                )),
-                false => no_wavelengths(p.path(), p.bands()),
-            }),
-            Self::Exr(e) => {
-                e.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(e.path(), e.bands()))
-            }
-            Self::Store(s) => {
-                s.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(s.path(), s.bands()))
-            }
-        }
-    }
-
-    /// Pixel pitch in µm, if it is known.
-    pub fn pitch_um(&self) -> Option<f64> {
-        match self {
-            Self::Store(s) => s.pitch_um(),
-            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) => None,
-            Self::Generated(g) => Some(g.pitch_um()),
-        }
-    }
-
-    /// Size of the film that it was made for, if it is known.
-    pub fn film_size(&self) -> Option<Size> {
-        match self {
-            Self::Store(s) => s.film_size(),
-            Self::Raster(_) | Self::Pictures(_) | Self::Exr(_) => None,
-            Self::Generated(g) => Some(g.film_size()),
-        }
-    }
-
-    /// Units of its values.
-    pub fn units(&self) -> Option<&str> {
-        match self {
-            Self::Store(s) => s.units(),
-            Self::Raster(_) => None,
-            Self::Pictures(p) => p.units(),
-            Self::Exr(e) => e.units(),
-            Self::Generated(g) => Some(g.units()),
-        }
-    }
-
-    /// Limits the magnitude of values to `max`; larger ones are an error. Call it before pixels are read.
-    pub fn limit_values(&mut self, max: f32) -> Result<()> {
-        match self {
-            Self::Store(s) => s.limit_values(max),
-            Self::Raster(r) => r.limit_values(max),
-            Self::Pictures(p) => p.limit_values(max),
-            Self::Exr(e) => e.limit_values(max),
-            Self::Generated(g) => {
-                if let Kind::Uniform { value } = g.spec().kind
-                    && value.abs() > f64::from(max)
-                {
-                    return Err(usage(format!(
-                        "chart `gen:uniform`: value={value:e}: expected at most {max:e} in magnitude, so that 32-bit sums do \
-                         not overflow"
-                    )));
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Notes on how its values are read.
-    pub fn notes(&self) -> Vec<String> {
-        match self {
-            Self::Store(s) => {
-                let note = |(scale, offset): (f64, f64)| {
-                    format!(
-                        "the chart's samples are scaled (scale_factor, add_offset, --chart-scale): value = sample · {scale} + {offset}"
-                    )
-                };
-                s.scaling().map(note).into_iter().collect()
-            }
-            Self::Raster(r) => r.notes().to_vec(),
-            Self::Pictures(p) => p.notes().to_vec(),
-            Self::Exr(_) | Self::Generated(_) => Vec::new(),
-        }
-    }
-
-    /// Whether it is a store whose note contains scale and offset.
-    pub fn is_scaled_store(&self) -> bool {
-        matches!(self, Self::Store(s) if s.scaling().is_some())
-    }
-
-    /// Whether its samples are integers.
-    pub fn has_integer_samples(&self) -> bool {
-        match self {
-            Self::Store(s) => RasterSample::Plain(s.sample()).is_integer(),
-            Self::Raster(r) => r.sample().is_integer(),
-            Self::Pictures(p) => p.sample().is_integer(),
-            Self::Exr(_) | Self::Generated(_) => false,
-        }
-    }
-
-    /// Identity for the job's digest: its content (names and sizes of files, parameters), and the modification times of its files.
-    pub fn identity(&self) -> Result<(Value, Value)> {
-        Ok(match self {
-            Self::Store(s) => {
-                let identity = s.identity().context("listing the chart's chunks")?;
-                (json!({ "store": identity.content }), json!(identity.mtimes))
-            }
-            Self::Raster(r) => r.identity()?,
-            Self::Pictures(p) => p.identity()?,
-            Self::Exr(e) => e.identity()?,
-            Self::Generated(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
-        })
-    }
 }
 
-fn copying_bands(reason: &str) -> String {
-    format!("copying the chart's bands once into a temporary file ({reason})")
+/// Fails unless `--var` fits the chart: a store or an HDF5 file without an array in its path.
+fn check_takes_var(spec: &str, var: &str) -> Result<()> {
+    let (path, array) = split_array(spec);
+    if !array.is_empty() {
+        return Err(usage(format!("--var {var}: chart `{spec}` names its array already; give one of them")));
+    }
+    let path = Path::new(path);
+    if is_url(path) || !path.is_file() || hdf5::is_hdf5(path) {
+        return Ok(());
+    }
+    Err(usage(format!(
+        "--var selects an array of a Zarr store or of HDF5 (.mat v7.3, NetCDF-4), not of `{spec}`"
+    )))
 }
 
 /// Fails for a URL: flat files are mapped into memory.
@@ -376,13 +202,6 @@ fn check_local(spec: &str) -> Result<()> {
 fn declared_nm(wavelengths: Option<&str>) -> Result<Option<Vec<f64>>> {
     let declared = wavelengths.map(pipeline::wavelengths::parse).transpose();
     declared.map_err(|e| usage(format!("--wavelengths: {e}")))
-}
-
-fn no_wavelengths(path: &Path, bands: usize) -> anyhow::Error {
-    usage(format!(
-        "chart {} has no wavelengths for its {bands} bands; give them, e.g. `--wavelengths 400:700:10`",
-        path.display()
-    ))
 }
 
 /// Whether `name` is that of a built-in lens. Such a name never means a file; `./NAME` does.

@@ -1,4 +1,4 @@
-//! Charts in files of other software (formats/tests/data/make_charts.py, make_pictures.py): each gives the film of its Zarr twin bit for
+//! Charts in files of other software (formats/tests/data/make_charts.py, make_pictures.py, make_hdf5.py): each gives the film of its Zarr twin bit for
 //! bit.
 
 #[path = "common/mod.rs"]
@@ -48,7 +48,7 @@ fn charts_of_other_software_give_the_film_of_their_zarr_twin() {
     let films = Films::new();
     let twin = films.bits("charts/v3-sharded", &[]);
     let (nm, axes) = (["--wavelengths", NM], ["--axes", "y,x,wavelength", "--wavelengths", NM]);
-    let cases: [(&str, &[&str]); 14] = [
+    let cases: [(&str, &[&str]); 20] = [
         ("charts/v3-columns-first", &[]),
         ("charts/v3-wrong-order", &nm),
         ("pictures/png16", &[]),
@@ -61,6 +61,12 @@ fn charts_of_other_software_give_the_film_of_their_zarr_twin() {
         ("pictures/tiff/pages-f64.tif", &nm),
         ("pictures/gdal/descriptions.tif", &[]),
         ("pictures/gdal/scaled.tif", &[]),
+        ("hdf5/matlab.mat", &[]),
+        ("hdf5/matlab-contiguous.mat//rad", &[]),
+        ("hdf5/filters.h5", &["--var", "scene/deflate", "--memory", "200MiB"]),
+        ("hdf5/netcdf4.nc", &[]),
+        ("hdf5/packed.nc//radiance", &[]),
+        ("hdf5/latest.h5", &["--var", "extensible"]),
         ("pictures/fortran-y-x-wavelength.npy", &axes),
         ("pictures/y-x-wavelength.npy", &axes),
     ];
@@ -97,6 +103,11 @@ fn missing_wavelengths_and_misplaced_axes_are_usage_errors() {
     assert_error_line(&films.run("pictures/png16", &["--axes", "y,x"]), 2, &["--axes", "each picture"]);
     let npy = "pictures/y-x-wavelength.npy";
     assert_error_line(&films.run(npy, &[]), 1, &["[37, 41, 3]", "--axes y,x,wavelength"]);
+    assert_error_line(&films.run("hdf5/filters.h5", &[]), 1, &["several have three axes", "scene/lzf"]);
+    assert_error_line(&films.run("hdf5/matlab.mat//rad", &["--var", "rad"]), 2, &["names its array"]);
+    assert_error_line(&films.run(npy, &["--var", "rad"]), 2, &["--var", "y-x-wavelength.npy"]);
+    assert_error_line(&films.run("hdf5/matlab-v5.mat", &[]), 1, &["scipy.io.loadmat", "numpy.save"]);
+    assert_error_line(&films.run("hdf5/netcdf3.nc", &[]), 1, &["NetCDF-3", "to_zarr"]);
     assert_exit(&films.run(npy, &["--axes", "y,z,x"]), 2, &["--axes", "wavelength, y and x"]);
     let colour = "pictures/colour/rgb.png";
     assert_error_line(&films.run(colour, &[]), 1, &["a picture", "lenscube chart image"]);

@@ -4,8 +4,9 @@
 //! |---|---|
 //! | Zarr v2 or v3 array, in a directory or at a URL | [`ChartStore`] |
 //! | flat file: `.npy`, ENVI, raw samples | [`RasterChart`] |
+//! | HDF5, NetCDF-4, MATLAB 7.3 | module [`hdf5`] |
 //! | OpenEXR with spectral channels | [`exr::ExrChart`] |
-//! | grey PNG or TIFF per band; TIFF of several bands | [`PictureChart`] |
+//! | grey PNG or TIFF per band; TIFF of several bands | module [`pictures`] |
 //! | PNG, JPEG, WebP, TIFF, RGB OpenEXR | [`image::ImageFile`] |
 //!
 //! # Zarr stores
@@ -39,10 +40,12 @@ pub mod cache;
 mod conventions;
 mod coordinates;
 mod decoded;
+mod decoded_chart;
 mod error;
 pub mod exr;
 mod file_change;
 mod foreign;
+pub mod hdf5;
 mod header;
 mod identity;
 pub mod image;
@@ -52,7 +55,7 @@ mod memory;
 mod node;
 mod open;
 mod options;
-mod pictures;
+pub mod pictures;
 mod raster;
 mod read;
 mod rechunk;
@@ -65,12 +68,12 @@ pub use crate::npy::parse_dtype;
 pub use crate::sample::{RasterSample, Sample};
 pub use crate::shard::Codec;
 pub use axes::{AxisOrder, AxisOrderError};
+pub use decoded_chart::DecodedChart;
 pub use error::ChartError;
 pub use identity::ChartIdentity;
 pub use memory::ChunkMemory;
 pub use open::split_array;
 pub use options::{ChartOptions, NanPolicy};
-pub use pictures::PictureChart;
 pub use raster::RasterChart;
 pub use raster::layout::{Interleave, RasterLayout};
 pub use store::{ChartStore, ReadStats};

@@ -127,6 +127,44 @@ impl RasterSample {
         }
     }
 
+    /// As [`Sample::read`].
+    pub(crate) fn read(self, bytes: &[u8], k: usize) -> f64 {
+        match self {
+            Self::I16 => f64::from(i16::from_ne_bytes(bytes.as_chunks().0[k])),
+            Self::Plain(sample) => sample.read(bytes, k),
+        }
+    }
+
+    /// The sample nearest to `value` in native byte order: integers saturate.
+    pub(crate) fn to_ne_bytes(self, value: f64) -> Vec<u8> {
+        match self {
+            Self::I16 => (value as i16).to_ne_bytes().to_vec(),
+            Self::Plain(Sample::U8) => vec![value as u8],
+            Self::Plain(Sample::U16) => (value as u16).to_ne_bytes().to_vec(),
+            Self::Plain(Sample::F16) => half::f16::from_f64(value).to_ne_bytes().to_vec(),
+            Self::Plain(Sample::F32) => (value as f32).to_ne_bytes().to_vec(),
+            Self::Plain(Sample::F64) => value.to_ne_bytes().to_vec(),
+        }
+    }
+
+    /// As [`Sample::append`].
+    pub(crate) fn append(self, out: &mut Vec<f32>, bytes: &[u8]) {
+        match self {
+            Self::I16 => out.extend(bytes.as_chunks().0.iter().map(|&b| f32::from(i16::from_ne_bytes(b)))),
+            Self::Plain(sample) => sample.append(out, bytes),
+        }
+    }
+
+    /// As [`Sample::append_converted`].
+    pub(crate) fn append_converted(self, out: &mut Vec<f32>, bytes: &[u8], convert: impl Fn(f64) -> f32) {
+        match self {
+            Self::I16 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| convert(f64::from(i16::from_ne_bytes(b)))));
+            }
+            Self::Plain(sample) => sample.append_converted(out, bytes, convert),
+        }
+    }
+
     /// As [`Sample::nearest`].
     pub(crate) fn nearest(self, value: f64) -> f64 {
         match self {

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// A job: the arguments shared by `lenscube run` and `lenscube plan`.
 #[derive(Debug, Args, Clone)]
 pub struct RunArgs {
-    /// Chart: PATH or PATH//array of a Zarr store, local or at a URL; .npy; ENVI (.hdr); TIFF of several bands; spectral .exr; folder or
+    /// Chart: PATH or PATH//array of a Zarr store, local or at a URL; HDF5, NetCDF-4 or .mat v7.3 (cube.mat//rad); .npy; ENVI (.hdr); TIFF of several bands; spectral .exr; folder or
     /// '*.png' of grey pictures, one per band; raw samples; or gen:KIND?size=14141&…
     #[arg(value_name = "CHART")]
     pub chart: String,
@@ -26,13 +26,17 @@ pub struct RunArgs {
     /// A file with the name of a built-in lens is given as ./NAME
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
+    /// Array of the chart's file or store, the same as CHART//NAME
+    #[arg(long, value_name = "NAME", conflicts_with = "chart_shape")]
+    pub var: Option<String>,
     /// Shape of a raw chart, stored band after band, or in the order of --axes
     #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype")]
     pub chart_shape: Option<String>,
     /// Sample type of a raw chart: u8, u16, f16, f32 or f64; prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8
     #[arg(long, value_name = "TYPE", requires = "chart_shape")]
     pub chart_dtype: Option<String>,
-    /// Axes of the chart's array, slowest first, where names of dimensions do not give them: y,x,wavelength (Zarr, .npy, raw)
+    /// Axes of the chart's array, slowest first, where names of dimensions do not give them: y,x,wavelength (Zarr, HDF5, .npy, raw; of a
+    /// .mat file as MATLAB shows them)
     #[arg(long, value_name = "AXES")]
     pub axes: Option<AxisOrder>,
     /// Factor of all chart values, e.g. 1e-4 for reflectance stored as integers to 10000 [default: 1]

@@ -66,6 +66,7 @@ fn open_chart(args: &RunArgs, nan: NanPolicy) -> Result<Chart> {
     let flags = ChartFlags {
         wavelengths: args.wavelengths.as_deref(),
         raw: args.chart_shape.as_deref().zip(args.chart_dtype.as_deref()),
+        var: args.var.as_deref(),
         axes: args.axes.as_ref(),
         scale: args.chart_scale,
         nan,

@@ -78,7 +78,7 @@ impl ChartFigures {
                 }
             }
             Chart::Raster(r) => flat(r.stats()),
-            Chart::Pictures(p) => flat(p.stats()),
+            Chart::Decoded(p) => flat(p.stats()),
             Chart::Exr(e) => flat(e.stats()),
             Chart::Generated(_) => Self::default(),
         }

@@ -15,7 +15,7 @@ use base64::Engine;
 use serde_json::{Map, Value};
 
 use super::values::Values;
-use crate::sample::Sample;
+use crate::sample::{RasterSample, Sample};
 
 /// An attribute, its expected and its found value.
 pub(super) type AttributeError = (&'static str, &'static str, String);
@@ -23,7 +23,7 @@ pub(super) type AttributeError = (&'static str, &'static str, String);
 /// The conversion of samples of an array with `attributes`; `fill` is the fill value of an array that xarray wrote in Zarr v2.
 pub(super) fn parse_values(
     attributes: &Map<String, Value>,
-    sample: Sample,
+    sample: RasterSample,
     fill: Option<f64>,
 ) -> Result<Values, AttributeError> {
     check_unsigned(attributes, sample)?;
@@ -75,7 +75,7 @@ fn factor(attributes: &Map<String, Value>, key: &'static str) -> Result<Option<f
 }
 
 /// Supported samples are unsigned integers or floats; an attribute that contradicts the type implies other values.
-fn check_unsigned(attributes: &Map<String, Value>, sample: Sample) -> Result<(), AttributeError> {
+fn check_unsigned(attributes: &Map<String, Value>, sample: RasterSample) -> Result<(), AttributeError> {
     let Some(v) = attributes.get("_Unsigned") else { return Ok(()) };
     let unsigned = match v {
         Value::Bool(b) => Some(*b),
@@ -84,8 +84,10 @@ fn check_unsigned(attributes: &Map<String, Value>, sample: Sample) -> Result<(),
         _ => None,
     };
     match (unsigned, sample) {
-        (Some(true), Sample::U8 | Sample::U16) => Ok(()),
-        (Some(false), Sample::F16 | Sample::F32 | Sample::F64) => Ok(()),
+        (Some(true), RasterSample::Plain(Sample::U8 | Sample::U16)) => Ok(()),
+        (Some(false), RasterSample::I16 | RasterSample::Plain(Sample::F16 | Sample::F32 | Sample::F64)) => {
+            Ok(())
+        }
         _ => Err((
             "_Unsigned",
             "the signedness of the sample type; store the array in its actual type",
@@ -120,7 +122,7 @@ mod tests {
     use serde_json::json;
 
     fn parse(attributes: Value, sample: Sample) -> Result<Values, AttributeError> {
-        parse_values(attributes.as_object().unwrap(), sample, None)
+        parse_values(attributes.as_object().unwrap(), RasterSample::Plain(sample), None)
     }
 
     #[test]

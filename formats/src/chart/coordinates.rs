@@ -124,12 +124,8 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
             expected: expected.into(),
             found,
         };
-        let to_nm = match unit.unwrap_or("nm").trim() {
-            "nm" | "nanometer" | "nanometers" | "nanometre" | "nanometres" => 1.0,
-            "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" => 1e3,
-            "m" | "meter" | "metre" => 1e9,
-            other => return Err(invalid("units nm, um or m", format!("{other:?}"))),
-        };
+        let unit = unit.unwrap_or("nm").trim();
+        let to_nm = nm_per_unit(unit).ok_or_else(|| invalid("units nm, um or m", format!("{unit:?}")))?;
         let values = numbers(&layout.store, &array).map_err(|(found, store)| match store {
             Some(e) => e.into(),
             None => invalid("a 1-D array of at most 10^6 numbers", found),
@@ -137,6 +133,16 @@ fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f6
         return Ok(Some(values.into_iter().map(|v| v * to_nm).collect()));
     }
     Ok(None)
+}
+
+/// Nanometres in a unit of length.
+pub(super) fn nm_per_unit(unit: &str) -> Option<f64> {
+    match unit {
+        "nm" | "nanometer" | "nanometers" | "nanometre" | "nanometres" => Some(1.0),
+        "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" => Some(1e3),
+        "m" | "meter" | "metre" => Some(1e9),
+        _ => None,
+    }
 }
 
 /// Reads a 1-D array. An error has a description, and the store's error if that is the cause.

@@ -13,7 +13,7 @@ use crate::image::header::ImageError;
 pub enum ChartError {
     /// No file or directory.
     #[error(
-        "opening chart {path}: not found; expected a Zarr store (PATH or PATH//array), a .npy file, an ENVI header (.hdr), a multi-band TIFF, a spectral .exr, or a folder or pattern of pictures"
+        "opening chart {path}: not found; expected a Zarr store (PATH or PATH//array), a .npy file, HDF5 (.mat v7.3, NetCDF-4), an ENVI header (.hdr), a multi-band TIFF, a spectral .exr, or a folder or pattern of pictures"
     )]
     NotFound {
         /// The requested path.
@@ -42,7 +42,7 @@ pub enum ChartError {
         found: String,
     },
     /// The group has no such array.
-    #[error("opening chart {path}: no array {requested}; arrays found: {found}; select one by {path}//ARRAY", path = path.display())]
+    #[error("opening chart {path}: no array {requested}; arrays found: {found}; select one by {path}//ARRAY or --var ARRAY", path = path.display())]
     NoArray {
         /// The group.
         path: PathBuf,

@@ -7,11 +7,10 @@ use std::path::Path;
 use super::error::ChartError;
 
 /// Formats that are read, for messages.
-const SUPPORTED: &str = "Zarr v2 and v3, .npy, ENVI (.hdr), multi-band TIFF, spectral OpenEXR, a folder or pattern of grey PNG or TIFF \
+const SUPPORTED: &str = "Zarr v2 and v3, HDF5 (.h5, .mat v7.3, NetCDF-4), .npy, ENVI (.hdr), multi-band TIFF, spectral OpenEXR, a folder or pattern of grey PNG or TIFF \
      pictures, raw samples (--chart-shape, --chart-dtype)";
-/// Position of the HDF5 signature in a MATLAB 7.3 file, after the block of the user.
-const USER_BLOCK: usize = 512;
-const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
+/// First bytes that are looked at.
+const FIRST_BYTES: u64 = 128;
 
 /// Conversion in Python: `{in}` is the file, `{stem}` its name without extension.
 struct Format {
@@ -21,23 +20,15 @@ struct Format {
 }
 
 const MATLAB_5: Format = Format {
-    name: "MATLAB v5",
-    extensions: &[],
+    name: "MATLAB before v7.3",
+    extensions: &["mat"],
     conversion: "with Python: `import numpy, scipy.io` and `numpy.save(\"{stem}.npy\", scipy.io.loadmat(\"{in}\")[\"NAME\"])`, then run \
                  {stem}.npy with `--axes y,x,wavelength` and `--wavelengths`",
 };
-const MATLAB_73: Format = Format {
-    name: "MATLAB v7.3",
-    extensions: &["mat"],
-    conversion: "with Python: `import numpy, h5py` and `numpy.save(\"{stem}.npy\", h5py.File(\"{in}\")[\"NAME\"][:])`, then run \
-                 {stem}.npy with `--axes wavelength,x,y` (h5py reverses MATLAB's axes) and `--wavelengths`",
-};
-const HDF5_FILE: Format = Format {
-    name: "HDF5 or NetCDF-4",
+const WITHOUT_SIGNATURE: Format = Format {
+    name: "no HDF5 signature in it: is the copy complete?",
     extensions: &["h5", "hdf5", "he5", "nc4"],
-    conversion: "with Python: `import numpy, h5py` and `numpy.save(\"{stem}.npy\", h5py.File(\"{in}\")[\"NAME\"][:])`, then run \
-                 {stem}.npy with `--axes` and `--wavelengths`; or, for NetCDF-4: `import xarray` and \
-                 `xarray.open_dataset(\"{in}\")[[\"NAME\"]].rename(NAME=\"chart\").to_zarr(\"{stem}.zarr\")`",
+    conversion: "",
 };
 const NETCDF_3: Format = Format {
     name: "NetCDF-3",
@@ -67,8 +58,7 @@ fn format_of(extension: &str, first: &[u8]) -> Option<&'static Format> {
     let at = |offset: usize, magic: &[u8]| first.get(offset..).is_some_and(|f| f.starts_with(magic));
     match () {
         () if at(0, b"MATLAB 5.0 MAT-file") => return Some(&MATLAB_5),
-        () if at(0, b"MATLAB 7.3 MAT-file") || at(USER_BLOCK, HDF5) => return Some(&MATLAB_73),
-        () if at(0, HDF5) => return Some(&HDF5_FILE),
+        () if at(0, b"MATLAB 7.3 MAT-file") => return Some(&WITHOUT_SIGNATURE),
         () if at(0, b"CDF\x01") || at(0, b"CDF\x02") || at(0, b"CDF\x05") => return Some(&NETCDF_3),
         () if at(0, b"\x89PNG") || at(0, b"\xff\xd8\xff") || (at(0, b"RIFF") && at(8, b"WEBP")) => {
             return Some(&COLOUR);
@@ -76,7 +66,7 @@ fn format_of(extension: &str, first: &[u8]) -> Option<&'static Format> {
         () if at(0, b"PK\x03\x04") && extension != "npz" => return Some(&ZIP),
         () => {}
     }
-    let all = [&MATLAB_73, &HDF5_FILE, &NETCDF_3, &NPZ, &COLOUR, &OTHER_PICTURE, &ZIP];
+    let all = [&MATLAB_5, &WITHOUT_SIGNATURE, &NETCDF_3, &NPZ, &COLOUR, &OTHER_PICTURE, &ZIP];
     all.into_iter().find(|f| f.extensions.contains(&extension))
 }
 
@@ -85,7 +75,7 @@ pub(super) fn unsupported(path: &Path) -> ChartError {
     let mut first = Vec::new();
     if let Ok(file) = File::open(path) {
         // What cannot be read has no signature.
-        let _ = file.take((USER_BLOCK + HDF5.len()) as u64).read_to_end(&mut first);
+        let _ = file.take(FIRST_BYTES).read_to_end(&mut first);
     }
     let extension = path.extension().map_or(String::new(), |e| e.to_string_lossy().to_lowercase());
     let stem = path.file_stem().map_or(String::new(), |s| s.to_string_lossy().into_owned());
@@ -97,7 +87,7 @@ pub(super) fn unsupported(path: &Path) -> ChartError {
         (false, None) => format!(".{extension}"),
         (false, Some(name)) => format!(".{extension} ({name})"),
     };
-    let convert = format.map_or(String::new(), |f| {
+    let convert = format.filter(|f| !f.conversion.is_empty()).map_or(String::new(), |f| {
         let conversion = f.conversion.replace("{in}", &path.display().to_string()).replace("{stem}", &stem);
         format!("; convert it {conversion}")
     });
@@ -111,17 +101,16 @@ mod tests {
     #[test]
     fn format_by_first_bytes_or_extension_with_a_conversion() {
         let dir = tempfile::tempdir().unwrap();
-        let cases: [(&str, &[u8], &[&str]); 11] = [
+        let cases: [(&str, &[u8], &[&str]); 10] = [
             (
                 "a.mat",
                 b"MATLAB 5.0 MAT-file, Platform: GLNXA64",
-                &["MATLAB v5", "scipy.io.loadmat(", "a.npy"],
+                &["MATLAB before v7.3", "scipy.io.loadmat(", "a.npy"],
             ),
-            ("a.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64", &["MATLAB v7.3", "h5py", "wavelength,x,y"]),
-            ("a.mat", b"", &[".mat", "h5py"]),
-            ("cube", HDF5, &["HDF5", "h5py", "cube.npy"]),
+            ("a.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64", &[".mat", "signature", "complete"]),
+            ("a.mat", b"", &[".mat", "scipy"]),
+            ("cube.h5", b"", &[".h5", "signature"]),
             ("a.nc", b"CDF\x02rest", &["NetCDF-3", "to_zarr(\"a.zarr\")"]),
-            ("a.nc", HDF5, &["NetCDF-4", "h5py"]),
             ("a.npz", b"PK\x03\x04", &["NumPy archive", "numpy.load"]),
             ("a.jpg", b"\xff\xd8\xff\xe0", &["a picture", "lenscube chart image"]),
             ("a.zip", b"PK\x03\x04", &["unpacking"]),

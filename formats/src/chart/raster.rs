@@ -57,6 +57,7 @@ pub struct RasterChart {
     nan: NanPolicy,
     wavelengths_nm: Option<Vec<f64>>,
     values: Values,
+    units: Option<String>,
     notes: Vec<String>,
     replaced: AtomicU64,
     bytes_read: AtomicU64,
@@ -107,6 +108,11 @@ impl RasterChart {
     /// Sample type of the file.
     pub fn sample(&self) -> RasterSample {
         self.sample
+    }
+
+    /// Unit of the values, if the file declares it.
+    pub fn units(&self) -> Option<&str> {
+        self.units.as_deref()
     }
 
     /// Remarks on the interpretation of the header, one line each.

@@ -5,7 +5,8 @@ use crate::fuzz_support::extreme::name;
 use crate::fuzz_support::{Random, damage, fuzz};
 use lenscube_formats::chart::exr::ExrChart;
 use lenscube_formats::chart::image::{ImageFile, Transfer};
-use lenscube_formats::chart::{NanPolicy, PictureChart};
+use lenscube_formats::chart::pictures::{open_set, open_tiff};
+use lenscube_formats::chart::{DecodedChart, NanPolicy};
 use lenscube_formats::export::Samples;
 use lenscube_formats::export::exr::{ExrCompression, ExrOptions, write_exr};
 use lenscube_formats::export::regions::Regions;
@@ -151,9 +152,8 @@ fn band_pictures() {
         600,
         |r| damaged_file(&seeds, &at, r),
         |_| {
-            type Open = fn(&Path, NanPolicy) -> Result<PictureChart, lenscube_formats::chart::ChartError>;
-            let open: [Open; 2] =
-                [PictureChart::open_tiff, |p, nan| PictureChart::open_set(p.to_str().unwrap(), nan)];
+            type Open = fn(&Path, NanPolicy) -> Result<DecodedChart, lenscube_formats::chart::ChartError>;
+            let open: [Open; 2] = [open_tiff, |p, nan| open_set(p.to_str().unwrap(), nan)];
             open.iter().any(|open| {
                 let Ok(chart) = open(&at, NanPolicy::Zero) else { return false };
                 let bands: Vec<usize> = (0..chart.bands().min(5)).collect();

@@ -17,7 +17,7 @@ use crate::chart::axes::AxisOrder;
 use crate::chart::conventions;
 use crate::chart::error::ChartError;
 use crate::durable::Store;
-use crate::sample::Sample;
+use crate::sample::{RasterSample, Sample};
 
 /// Maximum size of a decoded chunk: each thread holds one.
 const MAX_CHUNK_BYTES: u64 = 1 << 30;
@@ -137,8 +137,12 @@ impl Layout {
         let written_by_xarray = matches!(array.metadata(), ArrayMetadata::V2(_))
             && array.attributes().contains_key("_ARRAY_DIMENSIONS")
             && fill != 0.0;
-        let values = conventions::parse_values(array.attributes(), sample, written_by_xarray.then_some(fill))
-            .map_err(|(what, expected, found)| invalid(what, expected, found))?;
+        let values = conventions::parse_values(
+            array.attributes(),
+            RasterSample::Plain(sample),
+            written_by_xarray.then_some(fill),
+        )
+        .map_err(|(what, expected, found)| invalid(what, expected, found))?;
         let (shape, name) = (three(array.shape()), name.into());
         let (file_shape, chunk_shape) = (three(&file_shape), three(&chunk_shape));
         Ok(Self {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::*;
 use ::tiff::encoder::{Compression, TiffEncoder, colortype};
+use pipeline::flow::ChartSource;
 
 const SIZE: Size = Size::new(37, 41);
 
@@ -12,15 +13,15 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pictures").join(name)
 }
 
-fn tiff(name: &str) -> PictureChart {
-    PictureChart::open_tiff(&fixture(name), NanPolicy::Error).unwrap()
+fn tiff(name: &str) -> DecodedChart {
+    open_tiff(&fixture(name), NanPolicy::Error).unwrap()
 }
 
-fn set(path: &Path) -> Result<PictureChart, ChartError> {
-    PictureChart::open_set(path.to_str().unwrap(), NanPolicy::Error)
+fn set(path: &Path) -> Result<DecodedChart, ChartError> {
+    open_set(path.to_str().unwrap(), NanPolicy::Error)
 }
 
-fn assert_pixels(chart: &PictureChart, bands: &[usize], what: &str) {
+fn assert_pixels(chart: &DecodedChart, bands: &[usize], what: &str) {
     let dir = tempfile::tempdir().unwrap();
     assert_eq!(ChartSource::size(chart), SIZE, "{what}");
     chart.copy_bands(bands, dir.path(), 2, &|_, _| ()).unwrap();
@@ -155,7 +156,7 @@ fn changed_file_is_an_error() {
 }
 
 fn decode(path: &Path, directory: &Path) -> Result<(), ChartError> {
-    let chart = PictureChart::open_tiff(path, NanPolicy::Error)?;
+    let chart = open_tiff(path, NanPolicy::Error)?;
     let all: Vec<usize> = (0..chart.bands()).collect();
     chart.copy_bands(&all, directory, 1, &|_, _| ())
 }
@@ -252,8 +253,37 @@ fn no_data_samples_of_gdal_are_errors_or_counted_zeros() {
     fs::write(&path, bytes).unwrap();
     let error = decode(&path, dir.path()).unwrap_err().to_string();
     assert!(error.contains("band 0, row 0, column 0") && error.contains("declared fill value"), "{error}");
-    let chart = PictureChart::open_tiff(&path, NanPolicy::Zero).unwrap();
+    let chart = open_tiff(&path, NanPolicy::Zero).unwrap();
     chart.copy_bands(&[0, 1, 2], dir.path(), 1, &|_, _| ()).unwrap();
     // As tifffile counts them.
     assert_eq!(chart.stats().1, 19);
+}
+
+#[test]
+fn invalid_samples_of_bands_that_are_not_read_neither_fail_nor_count() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("chunky.tif");
+    let file = fs::File::create(&path).unwrap();
+    let mut encoder = TiffEncoder::new(file).unwrap().with_compression(Compression::Lzw);
+    let mut image = encoder.new_image::<colortype::RGB32Float>(2, 3).unwrap();
+    let photometric = ::tiff::tags::Tag::PhotometricInterpretation;
+    image.encoder().write_tag(photometric, 1u16).unwrap();
+    // Bands 0 and 1 are valid; band 2 has NaN and infinity.
+    let pixels: Vec<f32> = (0..6)
+        .flat_map(|k| [k as f32, 10.0 + k as f32, if k % 2 == 0 { f32::NAN } else { f32::INFINITY }])
+        .collect();
+    image.write_data(&pixels).unwrap();
+    for nan in [NanPolicy::Error, NanPolicy::Zero] {
+        let chart = open_tiff(&path, nan).unwrap();
+        chart.copy_bands(&[0, 1], dir.path(), 1, &|_, _| ()).unwrap();
+        let mut out = [0.0; 6];
+        chart.read_rect(1, Size::new(3, 2).rect(), &mut out).unwrap();
+        assert_eq!((out, chart.stats().1), ([10.0, 11.0, 12.0, 13.0, 14.0, 15.0], 0), "{nan:?}");
+    }
+    let all = |nan| {
+        open_tiff(&path, nan)
+            .and_then(|c| c.copy_bands(&[0, 2], dir.path(), 1, &|_, _| ()).map(|()| c.stats().1))
+    };
+    assert!(matches!(all(NanPolicy::Error), Err(ChartError::NotFinite { band: 2, .. })));
+    assert_eq!(all(NanPolicy::Zero).unwrap(), 6);
 }

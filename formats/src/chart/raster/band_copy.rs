@@ -105,6 +105,7 @@ impl RasterChart {
             nan,
             wavelengths_nm,
             values: Values { max_magnitude, ..Values::default() },
+            units: None,
             notes: Vec::new(),
             replaced: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),

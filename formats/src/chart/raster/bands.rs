@@ -42,6 +42,11 @@ impl BandFile {
         &self.bands
     }
 
+    /// Whether `band` is in the file.
+    pub(in crate::chart) fn contains(&self, band: usize) -> bool {
+        self.bands.binary_search(&band).is_ok()
+    }
+
     /// Writes pixels from (`row`, `column`) on: complete rows, or part of one. Bands that are not in the file are ignored.
     pub(in crate::chart) fn write(
         &self,

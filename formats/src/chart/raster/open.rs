@@ -31,6 +31,7 @@ const MAX_FILE_BYTES: u64 = 1 << 60;
 struct Description {
     wavelengths_nm: Option<Vec<f64>>,
     values: Values,
+    units: Option<String>,
     notes: Vec<String>,
     header: Option<WatchedFile>,
 }
@@ -76,7 +77,7 @@ impl RasterChart {
             data.ok_or_else(|| header_error(&hdr, "data file", "a file beside it of the same name", "none"))?;
         let envi::Envi { layout, wavelengths_nm, values, notes } = envi;
         let header = Some(WatchedFile::header(&hdr, MAX_HEADER_BYTES, &text));
-        Self::map(&data, layout, Description { wavelengths_nm, values, notes, header }, nan)
+        Self::map(&data, layout, Description { wavelengths_nm, values, units: None, notes, header }, nan)
     }
 
     /// Opens raw samples.
@@ -87,13 +88,23 @@ impl RasterChart {
         Self::map(path, layout, Description::default(), nan)
     }
 
+    /// Opens samples of `layout` in a file of another format, which declares wavelengths, conversion, unit and notes.
+    pub(in crate::chart) fn described(
+        path: &Path,
+        layout: RasterLayout,
+        (wavelengths_nm, values, units, notes): (Option<Vec<f64>>, Values, Option<String>, Vec<String>),
+        nan: NanPolicy,
+    ) -> Result<Self, ChartError> {
+        Self::map(path, layout, Description { wavelengths_nm, values, units, notes, header: None }, nan)
+    }
+
     fn map(
         path: &Path,
         layout: RasterLayout,
         description: Description,
         nan: NanPolicy,
     ) -> Result<Self, ChartError> {
-        let Description { wavelengths_nm, values, notes, header } = description;
+        let Description { wavelengths_nm, values, units, notes, header } = description;
         let [bands, rows, columns] = layout.shape;
         if let Err(e) = bounds::chart_size(bands, Size::new(rows, columns)) {
             return Err(header_error(path, e.bound.name, e.bound.to_string(), e.found));
@@ -127,6 +138,7 @@ impl RasterChart {
             nan,
             wavelengths_nm,
             values,
+            units,
             notes,
             replaced: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),

@@ -1,0 +1,225 @@
+//! Charts in HDF5 files: HDF5 itself, NetCDF-4, MATLAB 7.3.
+//!
+//! | | supported |
+//! |---|---|
+//! | arrays | two or three axes of u8, u16, i16, f16, f32 or f64, little- or big-endian |
+//! | storage | contiguous: mapped into memory as flat files are; chunked: decoded once to a temporary file |
+//! | filters | deflate, shuffle, fletcher32, LZF, zstd |
+//! | attributes | those of the CF conventions, see [`super::conventions`] |
+//!
+//! The array is the one that is named (`FILE//group/array`), else the only one of three axes, else the only one of two.
+//!
+//! Order of the axes, the first that exists: declared by the caller; MATLAB's (y, x, wavelength), which its files store reversed; labels
+//! or names of dimensions ([`dimensions`]); (wavelength, y, x). Wavelengths: the coordinate of the spectral dimension, else an array of a
+//! spectral name and one number a band in the same group.
+//!
+//! The file's structure is read by the crate `hdf5-pure` through a source that bounds the bytes read ([`source`]); sizes are compared with
+//! the file's length and with a limit per chunk before memory is allocated; an error or panic of the crate is an error of the file.
+//! Not supported: version 2 B-trees as chunk indexes (several unlimited axes of `libver="latest"`), virtual and external storage.
+
+mod attributes;
+mod chunks;
+mod dimensions;
+mod filters;
+mod sample_type;
+mod source;
+mod variables;
+
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use hdf5_pure::{Dataset, Error, FormatError, Layout};
+use serde_json::json;
+
+use super::axes::AxisOrder;
+use super::conventions::parse_values;
+use super::coordinates::axis_order;
+use super::decoded_chart::{Declared, DecodedChart};
+use super::error::ChartError;
+use super::file_change::{WatchedFile, modified_ns};
+use super::header::header_error;
+use super::options::NanPolicy;
+use super::raster::RasterChart;
+use super::raster::layout::RasterLayout;
+use crate::durable::DurableError;
+use chunks::ChunkGrid;
+use pipeline::geometry::Size;
+use source::BoundedSource;
+use variables::Variable;
+
+const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
+/// Positions of the signature: after a user block of so many bytes; MATLAB's has 512.
+const SIGNATURE_OFFSETS: [u64; 4] = [0, 512, 1024, 2048];
+
+/// A chart in an HDF5 file, by the storage of its array.
+#[derive(Debug)]
+pub enum Hdf5Chart {
+    /// Contiguous.
+    Raster(RasterChart),
+    /// Chunked.
+    Decoded(DecodedChart),
+}
+
+/// Whether `path` is an HDF5 file, by its signature.
+pub fn is_hdf5(path: &Path) -> bool {
+    let Ok(file) = File::open(path) else { return false };
+    let mut found = [0; 8];
+    path.is_file()
+        && SIGNATURE_OFFSETS
+            .iter()
+            .any(|&at| file.read_exact_at(&mut found, at).is_ok() && found == *SIGNATURE)
+}
+
+/// Opens the array `requested` (empty: the only one) of the file at `path`; `axes` are its axes as h5py, xarray or MATLAB show them.
+///
+/// # Errors
+/// [`ChartError`] if the file is damaged, there is no such array, or it is not supported.
+pub fn open(
+    path: &Path,
+    requested: &str,
+    axes: Option<&AxisOrder>,
+    nan: NanPolicy,
+) -> Result<Hdf5Chart, ChartError> {
+    let file = File::open(path).map_err(|e| DurableError::io("open", path, 0, e))?;
+    let meta = file.metadata().map_err(|e| DurableError::io("look up", path, 0, e))?;
+    let again = file.try_clone().map_err(|e| DurableError::io("open", path, 0, e))?;
+    let hdf5 = guarded(path, || hdf5_pure::File::from_source(BoundedSource::new(again, meta.len())))?;
+    let variable = variables::select(path, &hdf5, requested)?;
+    let Variable { group, name, dataset } = &variable;
+    let full_name = variable.full_name();
+    let attributes = guarded(path, || dataset.attrs())?;
+    let sides = sides(path, dataset)?;
+    let (sample, little_endian) =
+        sample_type::of(&guarded(path, || dataset.datatype())?).map_err(|found| {
+            header_error(path, "samples", sample_type::EXPECTED, format!("{found} in {full_name}"))
+        })?;
+    let siblings = guarded(path, || variables::group(&hdf5, group))?;
+    let (order, mut notes) = match attributes.contains_key("MATLAB_class") {
+        true => matlab_order(path, &full_name, &sides, axes)?,
+        false => {
+            let names = guarded(path, || dimensions::names(&siblings, &attributes, &sides))?;
+            let order = axis_order(&sides, names.as_deref(), axes)
+                .map_err(|(expected, found)| header_error(path, "order of dimensions", expected, found))?;
+            let names =
+                names.map_or_else(|| "without names of axes".into(), |n| format!("({})", n.join(", ")));
+            let note = format!("array {full_name} {sides:?}, {names}, is read as {order}");
+            (order, vec![note])
+        }
+    };
+    let shape = order.to_chart(&sides, 1);
+    let wavelengths_nm = dimensions::wavelengths(path, &siblings, &attributes, name, shape[0])?;
+    let json = attributes::to_json(&attributes);
+    let values = parse_values(&json, sample, None).map_err(|(what, expected, found)| {
+        header_error(path, what, expected, format!("{found} in {full_name}"))
+    })?;
+    if let Some((scale, offset)) = values.scaling.first() {
+        notes.push(format!(
+            "its scale_factor and add_offset are applied: value = sample · {scale} + {offset}"
+        ));
+    }
+    let units = json.get("units").and_then(|u| u.as_str()).map(str::to_owned);
+    match guarded(path, || dataset.layout())? {
+        Layout::Contiguous { address: Some(offset), .. } => {
+            let layout =
+                RasterLayout { shape, interleave: order.interleave(), sample, little_endian, offset };
+            let chart = RasterChart::described(path, layout, (wavelengths_nm, values, units, notes), nan)?;
+            Ok(Hdf5Chart::Raster(chart))
+        }
+        Layout::Chunked { chunk_shape, .. } => {
+            let grid = ChunkGrid::new(
+                path,
+                file,
+                meta.len(),
+                &variable,
+                (&chunk_shape, &sides),
+                (sample, little_endian),
+                order,
+            )?;
+            let declared = Declared {
+                path: path.into(),
+                size: Size::new(shape[1], shape[2]),
+                bands: shape[0],
+                sample,
+                wavelengths_nm,
+                values,
+                units,
+                notes,
+                content: json!({ "hdf5": full_name, "bytes": meta.len(), "layout": grid.description() }),
+                mtimes: json!(modified_ns(&meta) as u64),
+                files: vec![WatchedFile::data(path, &meta)],
+                nan,
+            };
+            Ok(Hdf5Chart::Decoded(DecodedChart::new(declared, Box::new(grid))?))
+        }
+        other => {
+            let expected = "contiguous or chunked with data in this file; h5repack IN OUT rewrites it";
+            Err(header_error(path, "storage", expected, format!("{other} in {full_name}")))
+        }
+    }
+}
+
+/// Sides of an array; each fits in memory addresses.
+fn sides(path: &Path, dataset: &Dataset) -> Result<Vec<usize>, ChartError> {
+    let shape = guarded(path, || dataset.shape())?;
+    if !(2..=3).contains(&shape.len()) {
+        return Err(header_error(path, "axes of the array", "two or three", format!("{shape:?}")));
+    }
+    shape
+        .iter()
+        .map(|&n| usize::try_from(n).ok().filter(|n| *n <= 1 << 40))
+        .collect::<Option<_>>()
+        .ok_or_else(|| header_error(path, "shape", "at most 2^40 along each axis", format!("{shape:?}")))
+}
+
+/// Order of the axes of an array that MATLAB stored, with a note: its files hold the axes in reverse.
+fn matlab_order(
+    path: &Path,
+    name: &str,
+    sides: &[usize],
+    declared: Option<&AxisOrder>,
+) -> Result<(AxisOrder, Vec<String>), ChartError> {
+    let shown: Vec<usize> = sides.iter().rev().copied().collect();
+    let standard = if sides.len() == 3 { "y,x,wavelength" } else { "y,x" };
+    let order = match declared {
+        Some(order) => order.clone(),
+        None => standard.parse().expect("a valid order"),
+    };
+    if order.rank() != sides.len() {
+        let expected = format!("{} axes, as in --axes {order}", order.rank());
+        return Err(header_error(path, "order of dimensions", expected, format!("{shown:?} in {name}")));
+    }
+    // Its own order is doubtful if both of the last two sides are far larger than the first.
+    if declared.is_none() && AxisOrder::spatial_first(sides).is_some() {
+        let found = format!(
+            "{shown:?}; is it (wavelength, y, x)? Add --axes wavelength,y,x, or --axes {standard} if it is not"
+        );
+        return Err(header_error(
+            path,
+            "order of dimensions",
+            "(y, x, wavelength) as MATLAB shows them",
+            found,
+        ));
+    }
+    let note = format!("array {name} {shown:?} as MATLAB shows it is read as {order}");
+    Ok((order.reversed(), vec![note]))
+}
+
+/// Calls the reader of the structure; its errors and panics are errors of the file.
+fn guarded<T>(path: &Path, read: impl FnOnce() -> Result<T, Error>) -> Result<T, ChartError> {
+    let damaged = |reason: String| ChartError::Damaged { path: path.into(), reason };
+    match catch_unwind(AssertUnwindSafe(read)) {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(Error::Io(e))) => Err(DurableError::io("read", path, 0, e).into()),
+        Ok(Err(e @ Error::Format(FormatError::UnexpectedEof { .. }))) => Err(damaged(e.to_string())),
+        Ok(Err(e)) => {
+            let expected = "a structure that is read; if the file is complete, `h5repack IN OUT` rewrites it";
+            Err(header_error(path, "HDF5 structure", expected, e.to_string()))
+        }
+        Err(_) => Err(damaged("the HDF5 reader failed on it".into())),
+    }
+}
+
+#[cfg(test)]
+mod tests;

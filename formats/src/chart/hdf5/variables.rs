@@ -1,0 +1,106 @@
+//! The arrays of a file, and the one that is the chart.
+
+use std::path::Path;
+
+use hdf5_pure::{Dataset, Error, File, Group};
+
+use super::super::error::ChartError;
+use super::{guarded, sample_type};
+
+/// Levels of groups that are searched.
+const MAX_DEPTH: usize = 4;
+/// Maximum number of arrays that are looked at.
+const MAX_ARRAYS: usize = 1000;
+/// Arrays listed in a message.
+const MAX_LISTED: usize = 20;
+
+/// An array of a file.
+pub(super) struct Variable {
+    /// Path of its group; empty for the root.
+    pub(super) group: String,
+    pub(super) name: String,
+    pub(super) dataset: Dataset,
+}
+
+impl Variable {
+    /// Path in the file.
+    pub(super) fn full_name(&self) -> String {
+        join(&self.group, &self.name)
+    }
+}
+
+fn join(group: &str, name: &str) -> String {
+    if group.is_empty() { name.to_owned() } else { format!("{group}/{name}") }
+}
+
+/// The group at `path`; empty for the root.
+pub(super) fn group(file: &File, path: &str) -> Result<Group, Error> {
+    if path.is_empty() { Ok(file.root()) } else { file.group(path) }
+}
+
+/// The array `requested`; if that is empty, the only array of three axes, else the only one of two.
+pub(super) fn select(path: &Path, file: &File, requested: &str) -> Result<Variable, ChartError> {
+    let none = |requested: String, found: &[Variable]| {
+        let mut list: Vec<String> = found.iter().take(MAX_LISTED).map(describe).collect();
+        if found.len() > MAX_LISTED {
+            list.push("…".into());
+        }
+        let found = if list.is_empty() { "none".into() } else { list.join(", ") };
+        ChartError::NoArray { path: path.into(), requested, found }
+    };
+    let all = || {
+        guarded(path, || {
+            let mut all = Vec::new();
+            collect(&file.root(), "", 0, &mut all)?;
+            Ok(all)
+        })
+    };
+    if !requested.is_empty() {
+        let (group, name) = requested.rsplit_once('/').unwrap_or(("", requested));
+        return match guarded(path, || file.dataset(requested)) {
+            Ok(dataset) => Ok(Variable { group: group.into(), name: name.into(), dataset }),
+            Err(error @ (ChartError::Damaged { .. } | ChartError::Io(_))) => Err(error),
+            Err(_) => Err(none(format!("{requested:?}"), &all()?)),
+        };
+    }
+    let mut all = all()?;
+    let rank =
+        |v: &Variable| v.dataset.shape().map_or(0, |s| if s.iter().all(|n| *n > 1) { s.len() } else { 0 });
+    for (axes, words) in [(3, "three"), (2, "two")] {
+        let places: Vec<usize> = (0..all.len()).filter(|&k| rank(&all[k]) == axes).collect();
+        match places[..] {
+            [] => {}
+            [only] => return Ok(all.swap_remove(only)),
+            _ => return Err(none(format!("selected, and several have {words} axes"), &all)),
+        }
+    }
+    Err(none("of three or two axes".into(), &all))
+}
+
+/// Name, shape and sample type, for messages.
+fn describe(variable: &Variable) -> String {
+    let shape = variable.dataset.shape().unwrap_or_default();
+    let sample = match variable.dataset.datatype().map(|t| sample_type::of(&t)) {
+        Ok(Ok((sample, _))) => sample.name().to_owned(),
+        Ok(Err(other)) => other,
+        Err(_) => "an invalid type".into(),
+    };
+    format!("{} {shape:?} of {sample}", variable.full_name())
+}
+
+fn collect(group: &Group, path: &str, depth: usize, all: &mut Vec<Variable>) -> Result<(), Error> {
+    for (name, dataset) in group.iter_datasets()? {
+        if all.len() == MAX_ARRAYS {
+            return Ok(());
+        }
+        all.push(Variable { group: path.into(), name, dataset });
+    }
+    if depth == MAX_DEPTH {
+        return Ok(());
+    }
+    // MATLAB's own groups are #refs# and #subsystem#.
+    for name in group.groups()?.iter().filter(|n| !n.starts_with('#')) {
+        collect(&group.group(name)?, &join(path, name), depth + 1, all)?;
+    }
+    Ok(())
+}

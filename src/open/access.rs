@@ -1,0 +1,227 @@
+//! What a job needs of a chart of any format.
+
+use super::Chart;
+use crate::failure::usage;
+use crate::progress::{counting, log_line};
+use anyhow::{Context, Result};
+use formats::chart::{ChunkMemory, RasterSample};
+use pipeline::chart::Kind;
+use pipeline::flow::ChartSource;
+use pipeline::geometry::Size;
+use serde_json::{Value, json};
+use std::path::Path;
+
+impl Chart {
+    /// The pixels.
+    pub fn source(&self) -> &dyn ChartSource {
+        match self {
+            Self::Store(s) => s.as_ref(),
+            Self::Raster(r) => r.as_ref(),
+            Self::Decoded(p) => p.as_ref(),
+            Self::Exr(e) => e.as_ref(),
+            Self::Generated(g) => g.as_ref(),
+        }
+    }
+
+    /// Sorts the chart by band into a temporary file in `directory`, if its bands would otherwise be fetched or decoded once per band;
+    /// prints that.
+    pub fn sort_by_band(&mut self, bands: &[usize], directory: &Path, threads: usize) -> Result<()> {
+        let (bar, progress) = counting("sorting the chart by band");
+        match self {
+            Self::Raster(raster) if bands.len() > 1 && raster.needs_band_copy() => {
+                log_line(copying_bands("they are interleaved"));
+                raster.copy_bands(bands, directory, &progress)?;
+            }
+            Self::Store(store) if store.rechunk_needed(bands) => {
+                log_line(copying_bands("chunks span several of them"));
+                store.rechunk(bands, directory, threads, &progress)?;
+            }
+            Self::Decoded(chart) => {
+                log_line(
+                    "the chart's files are compressed or in parts: decoding its bands once into a temporary file",
+                );
+                chart.copy_bands(bands, directory, threads, &progress)?;
+            }
+            Self::Exr(exr) => {
+                log_line(copying_bands("the file is compressed line by line"));
+                exr.copy_bands(bands, directory, threads, &progress)?;
+            }
+            _ => (),
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Rows and columns of a chunk; one pixel where the chart has none.
+    pub fn chunk_size(&self) -> Size {
+        match self {
+            Self::Store(s) => Size::new(s.chunk_shape()[1], s.chunk_shape()[2]),
+            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) | Self::Generated(_) => Size::new(1, 1),
+        }
+    }
+
+    /// Bytes of cache with which tiles of `rows` rows, read row by row, decode no chunk twice, and a drawn chart no edge.
+    pub fn cache_for_rows(&self, rows: usize) -> usize {
+        match self {
+            Self::Store(s) => s.cache_for_rows(rows),
+            Self::Generated(g) => g.useful_cache_bytes(),
+            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => 0,
+        }
+    }
+
+    /// Memory of its chunks while `bands` are read one after the other.
+    pub fn chunk_memory(&self, bands: &[usize]) -> ChunkMemory {
+        match self {
+            Self::Store(s) => s.chunk_memory(bands),
+            Self::Decoded(p) => p.chunk_memory(),
+            Self::Exr(e) => e.chunk_memory(),
+            Self::Raster(_) | Self::Generated(_) => ChunkMemory::default(),
+        }
+    }
+
+    /// Sets the size of the cache of decoded chunks, or of drawn edges, and empties it.
+    pub fn set_cache_bytes(&mut self, bytes: usize) {
+        match self {
+            Self::Store(store) => store.set_cache_bytes(bytes),
+            Self::Generated(generator) => generator.set_cache_bytes(bytes),
+            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => (),
+        }
+    }
+
+    /// Size in pixels.
+    pub fn size(&self) -> Size {
+        self.source().size()
+    }
+
+    /// Wavelength of every band in nm.
+    pub fn wavelengths_nm(&self) -> Result<Vec<f64>> {
+        match self {
+            Self::Generated(g) => Ok(g.wavelengths_nm().to_vec()),
+            Self::Raster(r) => {
+                r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
+            }
+            Self::Decoded(p) => p.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| match p.is_set() {
+                true => usage(format!(
+                    "chart {}: expected one number of 200 to 2500 (nm) at the same position in the name of each of the {} pictures; give \
+                     the wavelengths in their order, e.g. `--wavelengths 400:700:10`",
+                    p.path().display(),
+                    p.bands()
+                )),
+                false => no_wavelengths(p.path(), p.bands()),
+            }),
+            Self::Exr(e) => {
+                e.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(e.path(), e.bands()))
+            }
+            Self::Store(s) => {
+                s.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(s.path(), s.bands()))
+            }
+        }
+    }
+
+    /// Pixel pitch in µm, if it is known.
+    pub fn pitch_um(&self) -> Option<f64> {
+        match self {
+            Self::Store(s) => s.pitch_um(),
+            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => None,
+            Self::Generated(g) => Some(g.pitch_um()),
+        }
+    }
+
+    /// Size of the film that it was made for, if it is known.
+    pub fn film_size(&self) -> Option<Size> {
+        match self {
+            Self::Store(s) => s.film_size(),
+            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => None,
+            Self::Generated(g) => Some(g.film_size()),
+        }
+    }
+
+    /// Units of its values.
+    pub fn units(&self) -> Option<&str> {
+        match self {
+            Self::Store(s) => s.units(),
+            Self::Raster(r) => r.units(),
+            Self::Decoded(p) => p.units(),
+            Self::Exr(e) => e.units(),
+            Self::Generated(g) => Some(g.units()),
+        }
+    }
+
+    /// Limits the magnitude of values to `max`; larger ones are an error. Call it before pixels are read.
+    pub fn limit_values(&mut self, max: f32) -> Result<()> {
+        match self {
+            Self::Store(s) => s.limit_values(max),
+            Self::Raster(r) => r.limit_values(max),
+            Self::Decoded(p) => p.limit_values(max),
+            Self::Exr(e) => e.limit_values(max),
+            Self::Generated(g) => {
+                if let Kind::Uniform { value } = g.spec().kind
+                    && value.abs() > f64::from(max)
+                {
+                    return Err(usage(format!(
+                        "chart `gen:uniform`: value={value:e}: expected at most {max:e} in magnitude, so that 32-bit sums do \
+                         not overflow"
+                    )));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes on how its values are read.
+    pub fn notes(&self) -> Vec<String> {
+        match self {
+            Self::Store(s) => {
+                let note = |(scale, offset): (f64, f64)| {
+                    format!(
+                        "the chart's samples are scaled (scale_factor, add_offset, --chart-scale): value = sample · {scale} + {offset}"
+                    )
+                };
+                s.scaling().map(note).into_iter().collect()
+            }
+            Self::Raster(r) => r.notes().to_vec(),
+            Self::Decoded(p) => p.notes().to_vec(),
+            Self::Exr(_) | Self::Generated(_) => Vec::new(),
+        }
+    }
+
+    /// Whether it is a store whose note contains scale and offset.
+    pub fn is_scaled_store(&self) -> bool {
+        matches!(self, Self::Store(s) if s.scaling().is_some())
+    }
+
+    /// Whether its samples are integers.
+    pub fn has_integer_samples(&self) -> bool {
+        match self {
+            Self::Store(s) => RasterSample::Plain(s.sample()).is_integer(),
+            Self::Raster(r) => r.sample().is_integer(),
+            Self::Decoded(p) => p.sample().is_integer(),
+            Self::Exr(_) | Self::Generated(_) => false,
+        }
+    }
+
+    /// Identity for the job's digest: its content (names and sizes of files, parameters), and the modification times of its files.
+    pub fn identity(&self) -> Result<(Value, Value)> {
+        Ok(match self {
+            Self::Store(s) => {
+                let identity = s.identity().context("listing the chart's chunks")?;
+                (json!({ "store": identity.content }), json!(identity.mtimes))
+            }
+            Self::Raster(r) => r.identity()?,
+            Self::Decoded(p) => p.identity()?,
+            Self::Exr(e) => e.identity()?,
+            Self::Generated(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
+        })
+    }
+}
+
+fn copying_bands(reason: &str) -> String {
+    format!("copying the chart's bands once into a temporary file ({reason})")
+}
+
+fn no_wavelengths(path: &Path, bands: usize) -> anyhow::Error {
+    usage(format!(
+        "chart {} has no wavelengths for its {bands} bands; give them, e.g. `--wavelengths 400:700:10`",
+        path.display()
+    ))
+}
