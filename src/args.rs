@@ -3,7 +3,9 @@
 mod bench;
 mod chart;
 mod codec;
+mod compare;
 mod demo;
+mod develop;
 mod device;
 mod export;
 mod import;
@@ -13,6 +15,7 @@ mod measure;
 mod pyramid;
 mod run;
 mod sensor;
+mod shoot;
 mod status;
 mod style;
 mod validate;
@@ -21,8 +24,10 @@ mod work;
 
 pub use bench::BenchArgs;
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
+pub use compare::CompareArgs;
 pub use demo::DemoArgs;
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
+pub use develop::{DemosaicArg, DevelopArgs, DevelopStyle, ToneArg};
 pub use export::{ExportArgs, ExportFormatArg, ExrCompressionArg};
 pub use import::{EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg};
 pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
@@ -33,6 +38,7 @@ pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, ProcessArgs, R
 pub use sensor::{
     ExposeArgs, ResampleArg, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg,
 };
+pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::bands;
@@ -70,6 +76,12 @@ pub enum Command {
     Run(Box<RunCommand>),
     /// Expose a camera's sensor to a film: the raw mosaic with noise
     Sensor(Box<SensorArgs>),
+    /// Develop a raw of a sensor to a picture: white balance, demosaicing, colour matrix
+    Develop(Box<DevelopArgs>),
+    /// Chart to picture in one command: run, sensor, develop
+    Shoot(Box<ShootArgs>),
+    /// Compare two raws, e.g. of two lenses under the same noise: difference, SNR, MTF, colours
+    Compare(Box<CompareArgs>),
     /// Divide a job into units for many processes, on one machine or on a cluster
     Plan(Box<PlanArgs>),
     /// Report the progress of a film

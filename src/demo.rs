@@ -1,8 +1,9 @@
 //! `lenscube demo`: pictures of a chart and of the films that a real lens makes of it.
 //!
 //! One film of the complete 28.28 mm at a coarse pitch, which shows distortion and colour; and three regions of the film at its full
-//! 14,141² px of 2 µm, which show the PSF. Both are made by the code of `lenscube run`.
+//! 14,141² px of 2 µm, which show the PSF. Both are made by the code of `lenscube run`. Last, what a camera records of the corner.
 
+mod camera;
 mod directory;
 
 use crate::args::{Cli, Command, DemoArgs, check_directory};
@@ -44,32 +45,39 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     let mut demo = DemoDirectory::open(dir)?;
     let threads = threads(args.threads);
 
-    log_line("1/4  chart: grid lines, test patterns, a ColorChecker, a spectrum; 31 bands, 400-700 nm");
+    log_line("1/5  chart: grid lines, test patterns, a ColorChecker, a spectrum; 31 bands, 400-700 nm");
     let pitch_um = FILM_MM * 1e3 / f64::from(args.size);
     let spec = format!("composite?size={}&pitch_um={pitch_um}", args.size);
     let chart: Generator = spec.parse().map_err(|e| usage(format!("{e}")))?;
     demo.create("chart.zarr", |path| write(&chart, path, Codec::default(), threads, true))?;
 
     log_line(
-        "2/4  film (sensor-plane image): the complete 28.28 mm, with the built-in lens pack double-gauss-28-npz",
+        "2/5  film (sensor-plane image): the complete 28.28 mm, with the built-in lens pack double-gauss-28-npz",
     );
     let chart = text(&dir.join("chart.zarr"));
     let code = demo.create("film.zarr", |path| film(&chart, path, &[], threads))?;
     if code != 0 {
         return Ok(code);
     }
-    log_line("3/4  three regions of the film at its full 14141 x 14141 px of 2 µm");
+    log_line("3/5  three regions of the film at its full 14141 x 14141 px of 2 µm");
     let full = format!("gen:composite?size={FULL_PX}");
     let regions = STATIONS.map(|(_, cells)| region(cells));
     let code = demo.create("regions.zarr", |path| film(&full, path, &regions, threads))?;
     if code != 0 {
         return Ok(code);
     }
-    log_line("4/4  pictures");
+    log_line("4/5  raw of the corner by the sensor example-2um, one sensor pixel per film pixel");
+    let corner = format!("{}//roi_{}", text(&dir.join("regions.zarr")), STATIONS.len() - 1);
+    let code = demo.create("corner.raw.zarr", |path| camera::expose(&corner, path, threads))?;
+    if code != 0 {
+        return Ok(code);
+    }
+    log_line("5/5  pictures");
     let size = args.size as usize;
     let exposure = demo.create("chart.png", |path| chart_picture(dir, path, size, threads))?;
     demo.create("film.png", |path| film_picture(dir, path, exposure, threads))?;
     demo.create("regions.png", |_| sheet(dir, &full, &regions, threads))?;
+    demo.create("camera.png", |path| camera_sheet(dir, path, (&full, &regions), threads))?;
     let curves = |path: &Path| Ok(lens_curves(open::lens(LENS)?.lens(), args.style.into())?.write(path)?);
     demo.create("lens.png", curves)?;
     print_summary(dir);
@@ -155,6 +163,25 @@ fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()>
     Ok(sheet.write_png(&dir.join("regions.png"), "lenscube demo: chart and film at 100 %")?)
 }
 
+/// Writes camera.png: the corner of the film as the observer sees it, beside the camera's picture.
+fn camera_sheet(dir: &Path, out: &Path, (full, regions): (&str, &[Rect]), threads: usize) -> Result<()> {
+    let chart = Chart::open(full, None, NanPolicy::Keep, 0)?;
+    let edge = ((chart.size().height - FULL_PX) / 2) as i64;
+    let last = regions.len() - 1;
+    let region = regions[last];
+    let chart_region = Rect { y: region.y + edge, x: region.x + edge, ..region };
+    let (_, exposure) = picture(full, Some(chart_region), Exposure::Auto, threads)?;
+    let film = format!("{}//roi_{last}", text(&dir.join("regions.zarr")));
+    let (seen, _) = picture(&film, None, Exposure::Factor(exposure), threads)?;
+    let recorded = camera::picture(&dir.join("corner.raw.zarr"), &seen, threads)?;
+    let pair = [
+        Crop { image: seen, caption: "film, as the observer sees it, at 100 %".into() },
+        Crop { image: recorded, caption: format!("as the camera {} records it, at 100 %", camera::SENSOR) },
+    ];
+    let sheet = contact_sheet("Corner of the film behind a Double Gauss 28°, 2 µm", &[pair], 1)?;
+    Ok(sheet.write_png(out, "lenscube demo: film and camera at 100 %")?)
+}
+
 /// One band in grey; the brightest pixel is white.
 fn grey(chart: &Chart, wavelength_nm: f64) -> Result<Image> {
     let (size, band) = (chart.size(), nearest_band(&chart.wavelengths_nm()?, wavelength_nm)?);
@@ -180,11 +207,14 @@ Results
   {d}/regions.png  regions of the full film at 100 %: at the centre a round PSF with a violet halo; in the corner points
                    become small crosses, red towards the centre and blue away from it (lateral colour, 13 µm from 400 to
                    700 nm); the last pair is the corner at 550 nm and at 400 nm, where this lens is far out of focus
+  {d}/camera.png   the corner as the observer sees the film, beside what a camera records of it (sensor example-2um: Bayer
+                   pattern, noise, auto exposure), from {d}/corner.raw.zarr
   {d}/lens.png     relative illumination and distortion over image height, by wavelength
 
 Next commands
   lenscube export {d}/film.zarr blue.png --band 400         one band, where the PSF is largest
   lenscube lens show double-gauss-28                        data of the lens
+  lenscube develop {d}/corner.raw.zarr corner.png --exposure 1
   lenscube run {d}/chart.zarr no-psf.zarr --stages ri,distortion
   lenscube run 'gen:composite?size=14141' full.zarr         the full job: 31 bands of 200 Mpx, out of core
   python -c \"import xarray; print(xarray.open_zarr('{d}/film.zarr'))\""

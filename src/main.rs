@@ -3,8 +3,10 @@
 mod args;
 mod bench;
 mod chart;
+mod compare;
 mod demo;
 mod design;
+mod develop;
 mod device;
 mod device_check;
 mod engine;
@@ -24,6 +26,7 @@ mod progress;
 mod pyramid;
 mod run;
 mod sensor;
+mod shoot;
 mod status;
 mod trace;
 mod validate;
@@ -55,6 +58,9 @@ fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Run(args) => run::command(args, matches),
         Command::Sensor(args) => sensor::command(args),
+        Command::Develop(args) => develop::command(args),
+        Command::Shoot(args) => shoot::command(args),
+        Command::Compare(args) => compare::command(args),
         Command::Plan(args) => plan::command(args, matches),
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),

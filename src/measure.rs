@@ -113,15 +113,9 @@ fn bounding_rect([a, b]: [Position; 2], margin: usize) -> Rect {
     Rect::new(y0, x0, (y1 - y0 + 1) as usize, (x1 - x0 + 1) as usize).grown(margin)
 }
 
-fn edge(
-    chart: &Chart,
-    band: usize,
-    nm: f64,
-    (a, b): (Position, Position),
-    half: usize,
-) -> Result<Measurement> {
+/// The line through two positions (row, column), the pixels around it and its length, px.
+pub fn edge_region(a: Position, b: Position, half: usize) -> (EdgeLine, Rect, f64) {
     let guess = EdgeLine::through(a, b);
-    let length = (b.0 - a.0).hypot(b.1 - a.1);
     // Enlarged across the edge only: beyond its ends there may be other objects.
     let upright = guess.normal_rad.cos().abs() >= guess.normal_rad.sin().abs();
     let (ends, wide) = (bounding_rect([a, b], 0), bounding_rect([a, b], half + 2));
@@ -129,6 +123,17 @@ fn edge(
         true => Rect::new(ends.y, wide.x, ends.height, wide.width),
         false => Rect::new(wide.y, ends.x, wide.height, ends.width),
     };
+    (guess, rect, (b.0 - a.0).hypot(b.1 - a.1))
+}
+
+fn edge(
+    chart: &Chart,
+    band: usize,
+    nm: f64,
+    (a, b): (Position, Position),
+    half: usize,
+) -> Result<Measurement> {
+    let (guess, rect, length) = edge_region(a, b, half);
     let pixels = read(chart, band, rect, "the edge")?;
     let line = fit(&pixels, rect, guess, half)
         .context("no edge found between these positions; give positions on the edge, farther apart")?;

@@ -7,6 +7,7 @@ mod film;
 mod geometry;
 mod identity;
 mod memory;
+mod picture;
 mod record;
 mod resolve;
 mod settle;
@@ -48,11 +49,21 @@ fn open_sensor(name: &str, set: &[String]) -> Result<SensorFile> {
 }
 
 fn expose(args: &ExposeArgs) -> Result<u8> {
-    let start = Instant::now();
     let (Some(film), Some(raw)) = (&args.film, &args.raw) else {
         return Err(usage("expected FILM and RAW; see `lenscube sensor --help`"));
     };
-    check_output(raw)?;
+    match picture::format_of(raw)? {
+        Some(format) => picture::command(args, (film, raw, format), |args| match &args.raw {
+            Some(raw) => expose_raw(args, film, raw),
+            None => unreachable!("the path of the raw is given above"),
+        }),
+        None => expose_raw(args, film, raw),
+    }
+}
+
+/// Exposes `film` into the raw `raw`.
+fn expose_raw(args: &ExposeArgs, film: &str, raw: &Path) -> Result<u8> {
+    let start = Instant::now();
     let plan = Plan::new(args, film)?;
     plan.keep_apart(raw)?;
     interrupt::listen();
@@ -84,7 +95,7 @@ fn expose(args: &ExposeArgs) -> Result<u8> {
     let store = match RawStore::create(raw, spec, plan.attributes(&settled), !args.no_fsync) {
         Err(RawError::Exists { .. }) => match resumed(&plan, raw, !args.no_fsync)? {
             Some(store) => store,
-            None => return Err(RawError::Exists { path: raw.clone() }.into()),
+            None => return Err(RawError::Exists { path: raw.into() }.into()),
         },
         created => created?,
     };
@@ -178,19 +189,6 @@ fn remove(path: &Path, take_over: bool) -> Result<()> {
         false => Store::at(path)?.lock("runs", "whole", take_over)?,
     };
     Ok(RawStore::remove_raw(path)?)
-}
-
-/// Fails for an output of a kind that is not written.
-fn check_output(path: &Path) -> Result<()> {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    match ending.as_str() {
-        "dng" | "tif" | "tiff" | "png" | "exr" => Err(usage(format!(
-            "{}: `lenscube sensor` writes raws as Zarr groups; give a name such as {}",
-            path.display(),
-            path.with_extension("zarr").display()
-        ))),
-        _ => Ok(()),
-    }
 }
 
 /// Shards of a raw as they are laid out by this program.

@@ -16,7 +16,7 @@ mod interpolated_lens;
 mod limits;
 mod reference;
 mod report;
-mod setup;
+pub mod setup;
 mod tables;
 #[cfg(test)]
 mod tests;

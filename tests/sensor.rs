@@ -367,8 +367,12 @@ fn bad_input_is_one_clear_error() {
     bad(&with("example-2um", &["--exposure", "1ms", "--noise", "loud"]), &["is no noise"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--film-lux", "100"]), &["relative films"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--memory", "50MiB"]), &["too small", "at least"]);
-    let raw = place.at("raw.dng");
-    assert_exit(&sensor(&film, &raw, &with("example-2um", &["--exposure", "1ms"])), USAGE, &["raw.zarr"]);
+    let raw = place.at("raw.exr");
+    assert_exit(
+        &sensor(&film, &raw, &with("example-2um", &["--exposure", "1ms"])),
+        USAGE,
+        &["lenscube develop"],
+    );
     let inside = film.join("raw");
     assert_exit(
         &sensor(&film, &inside, &with("example-2um", &["--exposure", "1ms"])),

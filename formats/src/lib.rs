@@ -7,6 +7,8 @@
 //! | [`mod@lens`] | lens packs and their layout |
 //! | [`mod@import`] | lens data of other programs |
 //! | [`mod@export`] | films as OpenEXR, TIFF or flat files |
+//! | [`mod@raw`], [`mod@sensor`] | raws of a sensor; descriptions of sensors |
+//! | [`mod@developed`], [`mod@dng`] | developed raws as PNG, TIFF, OpenEXR; raws as DNG |
 //! | [`mod@picture`] | pictures and plots for people |
 //! | [`mod@durable`] | directories and object stores with atomic, durable writes |
 //!
@@ -25,6 +27,8 @@
 
 mod bounded;
 pub mod chart;
+pub mod developed;
+pub mod dng;
 pub mod durable;
 pub mod export;
 pub mod film;

@@ -9,10 +9,14 @@
 //! Not modelled: observers other than the CIE 1931 2° one, fluorescence. Sources: `data/SOURCES.md`.
 
 mod cie;
+mod difference;
 mod srgb;
 
 pub use cie::{
     CHECKER_PATCHES, FIRST_NM, Illuminant, LAST_NM, LUMINOUS_EFFICACY, checker_names, checker_reflectance,
-    observer, xyz_weights,
+    observer, reflected_xyz, xyz_weights,
 };
-pub use srgb::{adaptation, srgb_decode, srgb_encode, srgb_weights, xyz_to_linear_srgb};
+pub use difference::{delta_e_2000, lab};
+pub use srgb::{
+    adaptation, inverse, linear_srgb_to_xyz, srgb_decode, srgb_encode, srgb_weights, xyz_to_linear_srgb,
+};

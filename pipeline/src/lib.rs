@@ -24,7 +24,7 @@
 //! of tiles, workers read their chart rectangles into page-locked memory, the device remaps and applies the PSF, and a collector
 //! downloads the contributions, which are added in the same order.
 //!
-//! After the film: [`sensor`] exposes a camera's sensor to it.
+//! After the film: [`sensor`] exposes a camera's sensor to it, [`develop`] makes a picture of the raw.
 //!
 //! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing; [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
@@ -52,7 +52,8 @@
 //! - **remapped image**: the chart after relative illumination and distortion, before the PSF. **contribution**: the PSF stage's output for one
 //!   tile: the tile and its tail.
 //! - **signal**: electrons per second of a sensor pixel behind its filter, without noise. **raw**: the digital numbers of a sensor's frames.
-//!   **die**: what is the same in every frame of a sensor.
+//!   **die**: what is the same in every frame of a sensor. **filter**: what stands before a pixel of the mosaic (Gr and Gb are two). **plane**:
+//!   the colour that filters belong to. **mosaic**: one filter per pixel; **demosaicing** interpolates every plane at every pixel.
 //! - **ideal height**: f·tan(field angle). **real height**: where the chief ray lands. Both in mm from the axis.
 //! - **node**: a grid point of the PSF field (height, azimuth). **kernel**: its PSF integrated over film pixels. **spectrum**: the kernel's Fourier
 //!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels.
@@ -75,6 +76,7 @@ pub mod clock;
 pub mod colour;
 pub mod cuda;
 pub mod design;
+pub mod develop;
 pub mod executor;
 pub mod field;
 pub mod figures;

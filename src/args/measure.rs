@@ -60,7 +60,7 @@ fn places(text: &str) -> Result<Places, String> {
     text.split(';').map(place).collect::<Result<_, _>>().map(Places)
 }
 
-fn four(text: &str) -> Result<[f64; 4], String> {
+pub(super) fn four(text: &str) -> Result<[f64; 4], String> {
     let list: Vec<f64> = text.split(',').map(bounded(bounds::AXIS_PX)).collect::<Result<_, _>>()?;
     let four: [f64; 4] = list.try_into().map_err(|_| "expected four numbers X0,Y0,X1,Y1")?;
     let [x0, y0, x1, y1] = four;

@@ -77,7 +77,7 @@ pub struct ExposeArgs {
     /// A film, PATH or PATH//roi_0; or a raw that kept its signal
     #[arg(value_name = "FILM", required = true)]
     pub film: Option<String>,
-    /// The raw to write, a Zarr v3 group, here or at s3://BUCKET/PREFIX
+    /// The raw to write: a Zarr v3 group, here or at s3://BUCKET/PREFIX; or one frame as .dng, or as 16-bit grey in .tif or .png
     #[arg(value_name = "RAW", required = true)]
     pub raw: Option<PathBuf>,
     /// Name of a built-in sensor (`lenscube sensor list`) or a description (.toml); of a raw that kept its signal, by default its own

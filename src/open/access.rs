@@ -147,6 +147,15 @@ impl Chart {
         }
     }
 
+    /// Name of the illuminant whose colour is its white, if it is recorded.
+    pub fn light(&self) -> Option<String> {
+        match self {
+            Self::Store(s) => s.light(),
+            Self::Generated(g) => Some(g.spec().light().name().to_owned()),
+            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => None,
+        }
+    }
+
     /// Limits the magnitude of values to `max`; larger ones are an error. Call it before pixels are read.
     pub fn limit_values(&mut self, max: f32) -> Result<()> {
         match self {

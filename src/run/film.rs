@@ -276,7 +276,12 @@ fn provenance(job: &Job) -> Map<String, Value> {
         "bands": bands,
     });
     match value {
-        Value::Object(map) => map,
+        Value::Object(mut map) => {
+            if let Some(light) = job.chart.light() {
+                map.insert("light".into(), light.into());
+            }
+            map
+        }
         _ => unreachable!("an object is written above"),
     }
 }

@@ -7,7 +7,22 @@ use crate::progress::log_line;
 use crate::run::film::digest;
 use formats::raw::RawSpec;
 use pipeline::colour::Illuminant;
+use pipeline::develop::ColourMatrix;
+use pipeline::sensor::Sensor;
 use serde_json::{Map, Value, json};
+
+/// Matrix from balanced planes to linear sRGB and its ΔE2000 of the ColorChecker; null for planes that determine none.
+fn matrix(sensor: &Sensor, light: Illuminant) -> Value {
+    match ColourMatrix::fitted(sensor, light) {
+        Ok(m) if sensor.planes().len() > 1 => json!({
+            "rows": m.rows,
+            "planes": sensor.planes(),
+            "delta_e_2000_mean": m.mean_delta_e(),
+            "delta_e_2000_max": m.max_delta_e(),
+        }),
+        _ => Value::Null,
+    }
+}
 
 impl Plan {
     /// The layout of the raw.
@@ -52,6 +67,7 @@ impl Plan {
                     "identity": film.identity,
                     "units": film.units,
                     "relative": film.relative,
+                    "light": film.light,
                     "factors": film.factors,
                     "pitch_um": film.pitch_um,
                     "pixels_per_sensor_pixel": geometry.rows.ratio(),
@@ -83,6 +99,10 @@ impl Plan {
             "white_gains": {
                 "D65": by_name(s.white_gains(Illuminant::D65)),
                 "A": by_name(s.white_gains(Illuminant::A)),
+            },
+            "matrices": {
+                "D65": matrix(s, Illuminant::D65),
+                "A": matrix(s, Illuminant::A),
             },
             "film_wavelengths_nm": wavelengths_nm,
             "band_weights_nm_per_j": weights,

@@ -1,10 +1,11 @@
 //! The film as the sensor sees it: complete, its bands in order of wavelength, its values as spectral irradiance.
 
 use crate::args::ExposeArgs;
+use crate::develop::frame::split_group;
 use crate::failure::usage;
 use crate::status;
 use anyhow::{Result, bail};
-use formats::chart::{ChartError, ChartOptions, ChartStore, split_array};
+use formats::chart::{ChartError, ChartOptions, ChartStore};
 use formats::film::FilmStore;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
@@ -33,6 +34,8 @@ pub struct Film {
     pub relative: bool,
     /// The film's units, as it names them.
     pub units: String,
+    /// Name of the light whose white its chart has, if it is recorded.
+    pub light: Option<String>,
     /// What distinguishes its pixels from another film's.
     pub identity: Value,
     /// (rows, columns) of what is decoded at once.
@@ -89,7 +92,7 @@ fn classify(units: &str) -> Units {
 impl Film {
     /// Opens the film `PATH` or `PATH//array`.
     pub fn open(spec: &str, args: &ExposeArgs, cache_bytes: usize) -> Result<Self> {
-        let (path, array) = split_array(spec);
+        let (path, array) = split_group(spec);
         let store = status::open(Path::new(path))?;
         let film = store.spec();
         let output = match (array, film.outputs.len()) {
@@ -125,6 +128,7 @@ impl Film {
             relative: factors.is_none(),
             factors: factors.unwrap_or_else(|| vec![1.0; wavelengths_nm.len()]),
             units: film.units.clone(),
+            light: provenance("light").as_str().map(str::to_owned),
             identity: json!({
                 "job_digest": provenance("job_digest"),
                 "engine": provenance("engine"),

@@ -7,12 +7,12 @@ use super::memory::{self, Memory, Needs};
 use super::signal::Kept;
 use super::{identity, open_sensor, warnings};
 use crate::args::{ExposeArgs, ResampleArg};
+use crate::develop::frame::split_group;
 use crate::failure::usage;
 use crate::job::threads;
 use crate::memory::default_limit;
 use crate::run::film::resolve_links;
 use anyhow::Result;
-use formats::chart::split_array;
 use formats::durable::is_url;
 use formats::raw::{RawOutput, RawSpec, RawStore};
 use formats::sensor::SensorFile;
@@ -74,7 +74,7 @@ impl Plan {
         }
         let threads = threads(args.threads);
         let limit = args.memory.unwrap_or_else(|| default_limit().min(memory::DEFAULT));
-        let (path, array) = split_array(film);
+        let (path, array) = split_group(film);
         if array.is_empty() && RawStore::is_one(Path::new(path)).unwrap_or(false) {
             return Self::of_kept(args, Path::new(path), times, (limit, threads));
         }

@@ -133,7 +133,8 @@ impl Setup {
     }
 }
 
-fn options() -> Options {
+/// Options of a run without flags.
+pub fn options() -> Options {
     Options {
         stages: Stages { ri: true, distortion: true, svpsf: true },
         interpolation: ChartInterpolation {

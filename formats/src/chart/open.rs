@@ -70,12 +70,18 @@ impl ChartStore {
         let pitch_um = find("pitch_um").map(|v| pitch(&layout, v)).transpose()?;
         let film_size = find("film_size").map(|v| size(&layout, v)).transpose()?;
         let units = find("units").and_then(Value::as_str).map(str::to_owned);
+        let drawn = || {
+            let spec = find("chart")?.as_str()?.parse::<pipeline::chart::ChartSpec>().ok()?;
+            Some(spec.light().name().to_owned())
+        };
+        let light = find("illuminant").and_then(Value::as_str).map(str::to_owned).or_else(drawn);
         Ok(Self {
             layout,
             wavelengths_nm,
             pitch_um,
             film_size,
             units,
+            light,
             cache: Cache::new(options.cache_bytes),
             indexes: Cache::new(INDEX_CACHE_BYTES),
             options,

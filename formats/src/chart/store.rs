@@ -50,6 +50,7 @@ pub struct ChartStore {
     pub(super) pitch_um: Option<f64>,
     pub(super) film_size: Option<Size>,
     pub(super) units: Option<String>,
+    pub(super) light: Option<String>,
     pub(super) cache: Cache<DecodedChunk>,
     /// Shard indexes; `None`: the shard is missing.
     pub(super) indexes: Cache<Option<Vec<u64>>>,
@@ -89,6 +90,11 @@ impl ChartStore {
     /// Unit of the values: attribute `units`.
     pub fn units(&self) -> Option<&str> {
         self.units.as_deref()
+    }
+
+    /// Name of the illuminant of a white: attribute `illuminant`, or that of the drawn chart in the attribute `chart`.
+    pub fn light(&self) -> Option<String> {
+        self.light.clone()
     }
 
     /// Sample type in the store.

@@ -13,7 +13,7 @@ struct State<E, F> {
 
 /// Makes units 0 to `units` − 1 on `threads` threads and passes them to `take` in that order. A thread waits until all earlier units
 /// are taken, so at most `threads` results are in memory. The first error stops all threads.
-pub(super) fn in_order<T, E: Send>(
+pub(crate) fn in_order<T, E: Send>(
     units: usize,
     threads: usize,
     make: impl Fn(usize) -> Result<T, E> + Sync,

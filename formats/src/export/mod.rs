@@ -12,7 +12,7 @@
 
 pub mod exr;
 pub mod flat;
-mod in_order;
+pub(crate) mod in_order;
 pub mod regions;
 pub mod tiff;
 

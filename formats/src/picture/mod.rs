@@ -23,7 +23,7 @@ pub mod image;
 mod legend;
 pub mod plot;
 pub mod preview;
-mod series;
+pub mod series;
 pub mod sheet;
 mod spectral;
 pub mod streamed;

@@ -150,3 +150,64 @@ fn bad_tables_are_named_with_their_line() {
         assert!(error.contains(expected) && error.contains("qe.csv"), "{error}");
     }
 }
+
+/// Matrices and ΔE2000 of the model in float64 (NumPy).
+#[test]
+fn colour_matrices_are_those_of_the_float64_model() {
+    use pipeline::colour::Illuminant::{A, D65};
+    use pipeline::develop::ColourMatrix;
+    let sensor = |name: &str| SensorFile::open(name, &[]).unwrap().sensor(2.0);
+    for (name, light, first_row, mean, max) in [
+        (
+            "sony-a7r2",
+            A,
+            [1.947_331_645_491_687, -0.897_203_143_688_423, -0.050_128_501_803],
+            0.880_826_96,
+            3.006_886_52,
+        ),
+        (
+            "sony-a7r2",
+            D65,
+            [1.904_958_282_309_085, -0.793_264_680_257_933, -0.111_693_602_051],
+            0.791_667_24,
+            2.646_107_07,
+        ),
+        (
+            "cmv12000-rgb",
+            A,
+            [1.600_728_220_488_527, -0.338_836_912_273_113, -0.261_891_308_215],
+            1.812_987_06,
+            4.923_093_21,
+        ),
+        (
+            "cmv12000-rgb",
+            D65,
+            [1.424_740_503_786_381, -0.203_357_931_809_037, -0.221_382_571_977],
+            1.575_655_53,
+            4.964_875_87,
+        ),
+        ("ideal-xyz", A, [3.194_102_059_321_453, -2.012_361_613_106_205, -0.181_740_446_215], 0.0, 0.0),
+        ("ideal-xyz", D65, [3.080_181_098_185_949, -1.537_316_851_119_001, -0.542_864_247_066], 0.0, 0.0),
+    ] {
+        let matrix = ColourMatrix::fitted(&sensor(name), light).unwrap();
+        for (found, expected) in std::iter::zip(&matrix.rows[0], first_row) {
+            assert!((found - expected).abs() < 1e-11, "{name} {light:?}: {found} for {expected}");
+        }
+        for row in &matrix.rows {
+            assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        }
+        let (found_mean, found_max) = (matrix.mean_delta_e(), matrix.max_delta_e());
+        assert!(
+            (found_mean - mean).abs() < 1e-8 && (found_max - max).abs() < 1e-8,
+            "{name} {light:?}: {found_mean}, {found_max}"
+        );
+    }
+    // DNG: a white under the light has the neutral's values; the inverse of the development.
+    let (sensor, gains) = (sensor("sony-a7r2"), [2.0, 1.0, 1.6]);
+    let matrix = ColourMatrix::fitted(&sensor, A).unwrap();
+    let to_planes = matrix.xyz_to_planes(A, gains);
+    for (row, gain) in std::iter::zip(to_planes, gains) {
+        let plane: f64 = std::iter::zip(row, A.white()).map(|(m, w)| m * w).sum();
+        assert!((plane - 1.0 / gain).abs() < 1e-9, "{plane}");
+    }
+}

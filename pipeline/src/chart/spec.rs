@@ -141,6 +141,14 @@ pub struct ChartSpec {
 }
 
 impl ChartSpec {
+    /// Colour of a white: the illuminant where there are spectra of reflectance, else equal energy in every band.
+    pub const fn light(&self) -> Illuminant {
+        match self.kind {
+            Kind::Checker | Kind::Composite => self.illuminant,
+            _ => Illuminant::E,
+        }
+    }
+
     /// The default chart of a kind: 2048 px of 2 µm, 400..700 nm step 10 nm, D65.
     pub fn new(kind: Kind) -> Self {
         Self {

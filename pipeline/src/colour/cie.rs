@@ -71,6 +71,12 @@ impl std::str::FromStr for Illuminant {
     }
 }
 
+/// XYZ of light of `light` after a factor of each wavelength; Y = 1 for the factor 1.
+pub fn reflected_xyz(light: Illuminant, factor: impl Fn(f64) -> f64) -> [f64; 3] {
+    let white = integrate(|nm| light.relative_power(nm));
+    integrate(|nm| light.relative_power(nm) * factor(nm)).map(|v| v / white[1])
+}
+
 /// The CIE 1931 2° colour-matching functions (x̄, ȳ, z̄) at a wavelength; 0 outside the tables.
 pub fn observer(wavelength_nm: f64) -> [f64; 3] {
     let row = observer_table().at(wavelength_nm);

@@ -42,6 +42,12 @@ pub fn xyz_to_linear_srgb(xyz: [f64; 3]) -> [f64; 3] {
     times(MATRIX.get_or_init(srgb_matrix), xyz)
 }
 
+/// Linear sRGB to XYZ (D65 white, Y = 1).
+pub fn linear_srgb_to_xyz(rgb: [f64; 3]) -> [f64; 3] {
+    static MATRIX: OnceLock<[[f64; 3]; 3]> = OnceLock::new();
+    times(MATRIX.get_or_init(|| inverse(&srgb_matrix())), rgb)
+}
+
 /// From the primaries of ITU-R BT.709 and the D65 of this module, so that white is (1, 1, 1) up to rounding.
 fn srgb_matrix() -> [[f64; 3]; 3] {
     const PRIMARIES: [[f64; 2]; 3] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]];
@@ -67,7 +73,8 @@ fn times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-fn inverse(m: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
+/// The inverse matrix; infinite or NaN where there is none.
+pub fn inverse(m: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
     // Cyclic indices include the signs of the cofactors.
     let cofactor = |i: usize, j: usize| {
         let (a, b, c, d) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);

@@ -224,4 +224,11 @@ impl Sensor {
         }
         planes
     }
+
+    /// Number of each channel's plane in [`Sensor::planes`].
+    pub fn plane_of_channels(&self) -> Vec<usize> {
+        let planes = self.planes();
+        let of = |c: &Channel| planes.iter().position(|p| *p == c.plane).unwrap_or_default();
+        self.channels.iter().map(of).collect()
+    }
 }

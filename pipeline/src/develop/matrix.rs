@@ -1,0 +1,197 @@
+//! Colour matrices of a sensor, from its own curves.
+//!
+//! Of the 24 patches of a ColorChecker under a light, at the 5 nm of the illuminant's table:
+//!
+//!   camera_p = Σ_λ ρ·S·Q_p / Σ_λ S·Q_p      balanced response of plane p, the mean over its filters; 1 for a white
+//!   target   = linear sRGB of the patch, its XYZ adapted from the light's white to D65 (Bradford)
+//!   M = argmin Σ_patches ‖target − M·camera‖²  subject to  M·(1, …, 1) = (1, 1, 1)
+//! so that neutral stays neutral. The constraint removes the last column: least squares of target − base over camera − base by QR.
+//! ΔE2000 of M·camera against the target is the error of the matrix alone, without noise, lens and mosaic.
+//! ColorMatrix of DNG: from XYZ under the light to the camera's unbalanced planes, (A·S·M·G)⁻¹ with G the white gains of the planes, S the
+//! matrix from linear sRGB to XYZ and A the Bradford adaptation from D65 to the light.
+
+use super::DevelopError;
+use crate::colour::{self, CHECKER_PATCHES, FIRST_NM, Illuminant, LAST_NM};
+use crate::sensor::Sensor;
+
+/// A colour matrix and its errors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColourMatrix {
+    /// Three rows, one column per plane.
+    pub rows: Vec<Vec<f64>>,
+    /// CIEDE2000 of each ColorChecker patch.
+    pub delta_e: Vec<f64>,
+}
+
+impl ColourMatrix {
+    /// The matrix of a sensor under a light.
+    ///
+    /// # Errors
+    /// [`DevelopError::Matrix`] if the planes do not determine one.
+    pub fn fitted(sensor: &Sensor, light: Illuminant) -> Result<Self, DevelopError> {
+        let (camera, target) = (patch_responses(sensor, light), patch_targets(light));
+        let planes = camera[0].len();
+        let undetermined = || DevelopError::Matrix {
+            sensor: sensor.name.clone(),
+            problem: format!(
+                "{CHECKER_PATCHES} patches under {} do not determine {planes} planes",
+                light.name()
+            ),
+        };
+        if camera.iter().flatten().any(|v| !v.is_finite()) {
+            let problem = format!("a plane has no response to {}", light.name());
+            return Err(DevelopError::Matrix { sensor: sensor.name.clone(), problem });
+        }
+        let base = planes - 1;
+        let columns: Vec<Vec<f64>> =
+            (0..base).map(|p| camera.iter().map(|c| c[p] - c[base]).collect()).collect();
+        let qr = Qr::new(columns).ok_or_else(undetermined)?;
+        let row = |c: usize| {
+            let right: Vec<f64> = std::iter::zip(&target, &camera).map(|(t, v)| t[c] - v[base]).collect();
+            let mut row = qr.solve(&right);
+            row.push(1.0 - row.iter().sum::<f64>());
+            row
+        };
+        let rows: Vec<Vec<f64>> = (0..3).map(row).collect();
+        let delta_e = std::iter::zip(&camera, &target)
+            .map(|(c, t)| difference(std::array::from_fn(|i| dot(&rows[i], c)), *t))
+            .collect();
+        Ok(Self { rows, delta_e })
+    }
+
+    /// Mean ΔE2000 of the patches.
+    pub fn mean_delta_e(&self) -> f64 {
+        self.delta_e.iter().sum::<f64>() / self.delta_e.len() as f64
+    }
+
+    /// Largest ΔE2000 of the patches.
+    pub fn max_delta_e(&self) -> f64 {
+        self.delta_e.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// ColorMatrix of DNG for a sensor of three planes: XYZ under `light` to the planes, their `gains` (least 1) not applied.
+    pub fn xyz_to_planes(&self, light: Illuminant, gains: [f64; 3]) -> [[f64; 3]; 3] {
+        let adapt = colour::adaptation(Illuminant::D65.white(), light.white());
+        let unit = |k: usize| std::array::from_fn(|i| if i == k { gains[k] } else { 0.0 });
+        let columns: [[f64; 3]; 3] = std::array::from_fn(|k| {
+            let balanced: [f64; 3] = unit(k);
+            let rgb = std::array::from_fn(|i| dot(&self.rows[i], &balanced));
+            let xyz = colour::linear_srgb_to_xyz(rgb);
+            std::array::from_fn(|i| dot(&adapt[i], &xyz))
+        });
+        colour::inverse(&std::array::from_fn(|i| std::array::from_fn(|k| columns[k][i])))
+    }
+}
+
+/// CIEDE2000 of two linear sRGB colours.
+pub fn difference(first: [f64; 3], second: [f64; 3]) -> f64 {
+    let lab = |rgb| colour::lab(colour::linear_srgb_to_xyz(rgb), Illuminant::D65.white());
+    colour::delta_e_2000(lab(first), lab(second))
+}
+
+/// Linear sRGB of the ColorChecker patches under a light, adapted to D65.
+pub fn patch_targets(light: Illuminant) -> Vec<[f64; 3]> {
+    let adapt = colour::adaptation(light.white(), Illuminant::D65.white());
+    let patch = |k: usize| {
+        let xyz = colour::reflected_xyz(light, |nm| colour::checker_reflectance(k, nm));
+        colour::xyz_to_linear_srgb(std::array::from_fn(|i| dot(&adapt[i], &xyz)))
+    };
+    (0..CHECKER_PATCHES).map(patch).collect()
+}
+
+/// Balanced response of each plane to each patch; 1 for a white.
+fn patch_responses(sensor: &Sensor, light: Illuminant) -> Vec<Vec<f64>> {
+    let grid: Vec<f64> =
+        (0..=((LAST_NM - FIRST_NM) / 5.0) as u32).map(|i| FIRST_NM + 5.0 * f64::from(i)).collect();
+    let filter = |c: usize| -> Vec<f64> {
+        let power = |nm: &f64| sensor.response_e_per_j(c, *nm) * light.relative_power(*nm);
+        let response: Vec<f64> = grid.iter().map(power).collect();
+        let all: f64 = response.iter().sum();
+        response.into_iter().map(|v| v / all).collect()
+    };
+    let filters: Vec<Vec<f64>> = (0..sensor.channels.len()).map(filter).collect();
+    let (planes, of) = (sensor.planes().len(), sensor.plane_of_channels());
+    let plane = |p: usize| -> Vec<f64> {
+        let own: Vec<&Vec<f64>> = (0..of.len()).filter(|c| of[*c] == p).map(|c| &filters[c]).collect();
+        (0..grid.len()).map(|i| own.iter().map(|f| f[i]).sum::<f64>() / own.len() as f64).collect()
+    };
+    let curves: Vec<Vec<f64>> = (0..planes).map(plane).collect();
+    let patch = |k: usize| -> Vec<f64> {
+        let reflectance: Vec<f64> = grid.iter().map(|nm| colour::checker_reflectance(k, *nm)).collect();
+        curves.iter().map(|c| dot(c, &reflectance)).collect()
+    };
+    (0..CHECKER_PATCHES).map(patch).collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    std::iter::zip(a, b).map(|(a, b)| a * b).sum()
+}
+
+/// Columns as Q·R, by modified Gram-Schmidt, each column orthogonalised twice.
+struct Qr {
+    q: Vec<Vec<f64>>,
+    /// Column by column, upper part.
+    r: Vec<Vec<f64>>,
+}
+
+impl Qr {
+    /// `None` if the columns depend on each other.
+    fn new(columns: Vec<Vec<f64>>) -> Option<Self> {
+        let (mut q, mut r): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
+        for mut column in columns {
+            let before = dot(&column, &column).sqrt();
+            let mut shares = vec![0.0; q.len() + 1];
+            for _ in 0..2 {
+                for (i, own) in q.iter().enumerate() {
+                    let share = dot(own, &column);
+                    shares[i] += share;
+                    std::iter::zip(&mut column, own).for_each(|(v, o)| *v -= share * o);
+                }
+            }
+            let length = dot(&column, &column).sqrt();
+            if length.is_nan() || length <= 1e-9 * before || before == 0.0 {
+                return None;
+            }
+            shares[q.len()] = length;
+            q.push(column.into_iter().map(|v| v / length).collect());
+            r.push(shares);
+        }
+        Some(Self { q, r })
+    }
+
+    fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let mut x: Vec<f64> = self.q.iter().map(|q| dot(q, right)).collect();
+        for k in (0..x.len()).rev() {
+            x[k] /= self.r[k][k];
+            let value = x[k];
+            for (i, r) in self.r[k][..k].iter().enumerate() {
+                x[i] -= r * value;
+            }
+        }
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn least_squares_recovers_coefficients() {
+        let columns = vec![vec![1.0, 2.0, 3.0, 4.0], vec![1.0, -1.0, 1.0, -1.0]];
+        let right: Vec<f64> = (0..4).map(|i| 3.0 * columns[0][i] - 0.5 * columns[1][i]).collect();
+        let x = Qr::new(columns).unwrap().solve(&right);
+        assert!((x[0] - 3.0).abs() < 1e-14 && (x[1] + 0.5).abs() < 1e-14);
+        assert!(Qr::new(vec![vec![1.0, 2.0], vec![2.0, 4.0]]).is_none());
+        assert!(Qr::new(Vec::new()).unwrap().solve(&[1.0]).is_empty());
+    }
+
+    #[test]
+    fn targets_of_greys_are_neutral() {
+        for light in [Illuminant::D65, Illuminant::A] {
+            let white = patch_targets(light)[18];
+            let spread = white.iter().fold(0.0, |m, v| f64::max(m, (v - white[1]).abs()));
+            assert!(spread < 0.02 && white[1] > 0.8, "{light:?} {white:?}");
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! `lenscube compare`.
+
+use super::measure::four;
+use super::values::{roi, threads};
+use clap::Args;
+use pipeline::geometry::Rect;
+use std::path::PathBuf;
+
+/// `lenscube compare`
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  lenscube compare lens-a.raw.zarr lens-b.raw.zarr --out compared\n  \
+lenscube compare f2.raw.zarr f4.raw.zarr --out compared --edge 1020,900,1034,1060 --patch 300,300,40,40\n\
+Raws of one --seed and --die have the same noise: their difference is that of lens, aperture or film alone. The directory gets report.html,\n\
+difference.png, figures and tables (CSV, JSON). Positions are pixels of the raw.")]
+pub struct CompareArgs {
+    /// First raw, PATH or PATH//roi_0
+    #[arg(value_name = "RAW_A")]
+    pub first: String,
+    /// Second raw, of the same pixels and filters
+    #[arg(value_name = "RAW_B")]
+    pub second: String,
+    /// Directory for the report
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Frame of both raws, from 0
+    #[arg(long, default_value_t = 0)]
+    pub frame: usize,
+    /// Regions along each side
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub grid: u32,
+    /// MTF of the edge near this line (e-SFR, ISO 12233), of each plane and of luminance; may be repeated
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
+    pub edge: Vec<[f64; 4]>,
+    /// Half width of the region around an edge, px
+    #[arg(long, value_name = "PX", default_value_t = 24, value_parser = clap::value_parser!(u32).range(4..=1000))]
+    pub half_px: u32,
+    /// Colour difference (ΔE2000) of this patch; may be repeated. 24 patches are those of a ColorChecker, row by row
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    pub patch: Vec<Rect>,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_parser = threads)]
+    pub threads: Option<usize>,
+    /// Replace the files of an earlier comparison
+    #[arg(long)]
+    pub overwrite: bool,
+}

@@ -1,0 +1,65 @@
+//! `lenscube shoot`.
+
+use super::develop::DemosaicArg;
+use super::values::{bytes, pitch, positive, threads};
+use clap::Args;
+use std::path::PathBuf;
+
+/// `lenscube shoot`
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  lenscube shoot 'gen:checker?size=2000' picture.png --lens double-gauss-28 --sensor example-2um\n  \
+lenscube shoot chart.zarr negative.dng --lens MY.zmx --sensor sony-a7r2 --exposure 10ms --keep shot\n\
+The same as `lenscube run CHART DIR/film.zarr`, `lenscube sensor DIR/film.zarr DIR/raw.zarr` and `lenscube develop DIR/raw.zarr OUT`; those\n\
+commands have more options. Without --keep, DIR is OUT.shot and removed at the end; an interrupted command resumes."
+)]
+pub struct ShootArgs {
+    /// Chart, as for `lenscube run`
+    #[arg(value_name = "CHART")]
+    pub chart: String,
+    /// Picture to write: .png, .tif or .exr; or .dng
+    #[arg(value_name = "OUT")]
+    pub out: PathBuf,
+    /// Lens, as for `lenscube run`
+    #[arg(long, value_name = "LENS")]
+    pub lens: String,
+    /// Sensor, as for `lenscube sensor`
+    #[arg(long, value_name = "NAME|FILE")]
+    pub sensor: String,
+    /// Film pitch where the chart has none
+    #[arg(long, value_name = "UM", value_parser = pitch)]
+    pub film_pitch_um: Option<f64>,
+    /// Exposure time, or auto
+    #[arg(long, value_name = "TIME", default_value = "auto")]
+    pub exposure: String,
+    /// Gain of the converter
+    #[arg(long, value_parser = positive, conflicts_with = "iso")]
+    pub gain: Option<f64>,
+    /// Gain as ISO over the sensor's base ISO
+    #[arg(long, value_parser = positive)]
+    pub iso: Option<f64>,
+    /// Key of the frame's noises
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Light that becomes neutral, as for `lenscube develop`
+    #[arg(long, value_name = "LIGHT")]
+    pub white: Option<String>,
+    /// Interpolation of the planes
+    #[arg(long, value_enum)]
+    pub demosaic: Option<DemosaicArg>,
+    /// Division by the lens's relative illumination
+    #[arg(long)]
+    pub even_light: bool,
+    /// Keep film and raw in this directory
+    #[arg(long, value_name = "DIR")]
+    pub keep: Option<PathBuf>,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_parser = threads)]
+    pub threads: Option<usize>,
+    /// Maximum memory of each step, e.g. 1GiB
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub memory: Option<u64>,
+    /// Replace an existing picture, and film and raw of other jobs
+    #[arg(long)]
+    pub overwrite: bool,
+}

@@ -1,0 +1,149 @@
+//! One frame of a raw: its pixels, its sensor, and what its film records.
+
+use crate::failure::usage;
+use anyhow::{Result, bail};
+use formats::chart::{ChartOptions, ChartStore};
+use formats::raw::{RawShard, RawSpec, RawStore};
+use formats::sensor::SensorFile;
+use pipeline::colour::Illuminant;
+use pipeline::geometry::Rect;
+use pipeline::sensor::Sensor;
+use serde_json::{Map, Value};
+use std::path::Path;
+
+/// A frame of one array of a raw.
+pub struct Frame {
+    store: ChartStore,
+    frame: usize,
+    /// Layout of the raw.
+    pub spec: RawSpec,
+    /// Pixels of the array on the sensor.
+    pub rect: Rect,
+    /// All that the raw records.
+    pub attributes: Map<String, Value>,
+    /// The sensor.
+    pub sensor: Sensor,
+    /// Gain of the converter.
+    pub gain: f64,
+}
+
+/// `PATH//array` of a group; an empty name without `//`. Unlike charts, a film or raw is always the group, also where the directory of
+/// the array exists.
+pub fn split_group(spec: &str) -> (&str, &str) {
+    match spec.rsplit_once("//") {
+        Some((path, array)) if !path.is_empty() && !array.is_empty() && !path.ends_with(':') => {
+            (path, array.trim_matches('/'))
+        }
+        _ => (spec, ""),
+    }
+}
+
+impl Frame {
+    /// Opens frame `frame` of the raw `PATH` or `PATH//array`, with a cache of decoded chunks.
+    ///
+    /// # Errors
+    /// No raw, no such array or frame, no sensor (2); missing shards (1).
+    pub fn open(spec: &str, frame: usize, cache_bytes: usize) -> Result<Self> {
+        let (path, array) = split_group(spec);
+        let path = Path::new(path);
+        let raw = RawStore::open(path, true).map_err(|e| match e {
+            formats::raw::RawError::NotRaw { .. } => usage(e.to_string()),
+            e => e.into(),
+        })?;
+        let layout = raw.spec().clone();
+        let names: Vec<&str> = layout.outputs.iter().map(|o| o.name.as_str()).collect();
+        let output = match (array, names.len()) {
+            ("", 1) => 0,
+            ("", _) => {
+                let list = names.join(", ");
+                return Err(usage(format!(
+                    "raw {spec} has the arrays {list}; name one, e.g. {spec}//{}",
+                    names[0]
+                )));
+            }
+            (name, _) => names.iter().position(|n| *n == name).ok_or_else(|| {
+                usage(format!("raw {} has no array `{name}`; it has {}", path.display(), names.join(", ")))
+            })?,
+        };
+        let frames = layout.exposure_s.len();
+        if frame >= frames {
+            return Err(usage(format!(
+                "--frame {frame}: raw {} has {frames} frames, 0 to {}",
+                path.display(),
+                frames - 1
+            )));
+        }
+        check_complete(&raw, output, frame)?;
+        let attributes = raw.attributes().clone();
+        let shown = path.display();
+        let sensor = SensorFile::from_record(path, &attributes.get("sensor").cloned().unwrap_or_default())
+            .map_err(|e| usage(format!("raw {shown} does not describe its sensor: {e}")))?
+            .sensor(layout.pitch_um);
+        let gain = attributes.get("gain").and_then(Value::as_f64).filter(|g| *g > 0.0);
+        let gain = gain.ok_or_else(|| usage(format!("raw {shown} does not record its gain")))?;
+        let options = ChartOptions {
+            // Frames take the place of bands, which have wavelengths.
+            wavelengths_nm: Some((1..=frames).map(|f| f as f64).collect()),
+            cache_bytes,
+            ..ChartOptions::default()
+        };
+        let store = ChartStore::open_at(path, names[output], options)?;
+        let rect = layout.outputs[output].rect;
+        Ok(Self { store, frame, rect, attributes, sensor, gain, spec: layout })
+    }
+
+    /// Digital numbers of pixels of the array.
+    pub fn read(&self, rect: Rect) -> Result<Vec<f32>> {
+        let mut pixels = vec![0.0; rect.size().pixels()];
+        self.store.read_rect(self.frame, rect, &mut pixels)?;
+        Ok(pixels)
+    }
+
+    /// Digital numbers of no light and of saturation.
+    pub fn black_white_dn(&self) -> (f64, f64) {
+        (self.sensor.adc.black_dn, self.sensor.white_dn(self.gain))
+    }
+
+    /// Light of the film's chart, if it is recorded.
+    pub fn light(&self) -> Option<Illuminant> {
+        self.attributes.get("film")?["light"].as_str()?.parse().ok()
+    }
+
+    /// Wavelengths of the film's bands, nm.
+    pub fn wavelengths_nm(&self) -> Vec<f64> {
+        let all = self.attributes.get("film_wavelengths_nm").and_then(Value::as_array);
+        all.into_iter().flatten().filter_map(Value::as_f64).collect()
+    }
+
+    /// Exposure time, s.
+    pub fn exposure_s(&self) -> f64 {
+        self.spec.exposure_s[self.frame]
+    }
+
+    /// Number of the frame.
+    pub fn number(&self) -> usize {
+        self.frame
+    }
+
+    /// Digest of the raw's job.
+    pub fn job_digest(&self) -> &str {
+        self.attributes.get("provenance").and_then(|p| p["job_digest"].as_str()).unwrap_or("unknown")
+    }
+}
+
+/// Fails unless all shards of a frame are there.
+fn check_complete(raw: &RawStore, output: usize, frame: usize) -> Result<()> {
+    let own = |s: &RawShard| s.output == output && s.frame == Some(frame);
+    let shards: Vec<RawShard> = raw.spec().all_shards().into_iter().filter(own).collect();
+    let missing = raw.missing(&shards)?;
+    if let Some(first) = missing.first() {
+        bail!(
+            "raw {}: {} of {} shards of frame {frame} are missing ({} is the first); finish it by the same `lenscube sensor`",
+            raw.path().display(),
+            missing.len(),
+            shards.len(),
+            raw.spec().key(*first)
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,115 @@
+//! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other.
+
+use crate::args::{Cli, Command, DemosaicArg, ShootArgs, check_directory};
+use crate::failure::{other_job, usage};
+use crate::progress::log_line;
+use crate::{develop, run, sensor};
+use anyhow::{Context, Result};
+use clap::Parser;
+use formats::film::FilmStore;
+use formats::raw::RawStore;
+use std::path::{Path, PathBuf};
+
+/// Runs the command and returns its exit code.
+pub fn command(args: &ShootArgs) -> Result<u8> {
+    let out = text(&args.out)?;
+    let ending = args.out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    let developed = match ending.as_deref() {
+        Some("png" | "tif" | "tiff" | "exr") => true,
+        Some("dng") => false,
+        _ => return Err(usage(format!("{out}: expected a picture, .png, .tif or .exr, or a .dng"))),
+    };
+    let development = args.white.is_some() || args.demosaic.is_some() || args.even_light;
+    if !developed && development {
+        return Err(usage(format!(
+            "{out} is not developed: --white, --demosaic and --even-light are for pictures"
+        )));
+    }
+    if args.out.symlink_metadata().is_ok() && !args.overwrite {
+        return Err(other_job(format!("{out} exists already; replace it with --overwrite")));
+    }
+    let directory = directory(args);
+    check_directory(&directory)?;
+    formats::durable::create_directories(&directory, true)?;
+    let (film, raw) = (text(&directory.join("film.zarr"))?, text(&directory.join("raw.zarr"))?);
+    log_line("1/3  film");
+    let mut words = own(args, &["run", "--lens", &args.lens]);
+    words.extend(option("--film-pitch-um", args.film_pitch_um));
+    let code = execute(words, &[&args.chart, &film])?;
+    if code != 0 {
+        return Ok(code);
+    }
+    log_line("2/3  raw");
+    let mut words = own(
+        args,
+        &["sensor", "--sensor", &args.sensor, "--exposure", &args.exposure, "--seed", &args.seed.to_string()],
+    );
+    words.extend(option("--gain", args.gain));
+    words.extend(option("--iso", args.iso));
+    let code = execute(words, &[&film, if developed { &raw } else { &out }])?;
+    if code != 0 {
+        return Ok(code);
+    }
+    log_line("3/3  picture");
+    if developed {
+        let mut words = own(args, &["develop"]);
+        words.extend(option("--white", args.white.as_ref()));
+        words.extend(option("--demosaic", args.demosaic.map(name)));
+        words.extend(option("--shading", args.even_light.then_some(&args.lens)));
+        let code = execute(words, &[&raw, &out])?;
+        if code != 0 {
+            return Ok(code);
+        }
+    }
+    if args.keep.is_none() {
+        RawStore::remove_raw(Path::new(&raw))?;
+        FilmStore::remove_film(Path::new(&film))?;
+        std::fs::remove_dir(&directory).with_context(|| format!("removing {}", directory.display()))?;
+    }
+    Ok(0)
+}
+
+/// Where film and raw lie.
+fn directory(args: &ShootArgs) -> PathBuf {
+    args.keep.clone().unwrap_or_else(|| {
+        let mut name = args.out.as_os_str().to_owned();
+        name.push(".shot");
+        name.into()
+    })
+}
+
+/// A command with the flags that all three have.
+fn own(args: &ShootArgs, words: &[&str]) -> Vec<String> {
+    let mut all: Vec<String> = ["lenscube"].iter().chain(words).map(|w| (*w).to_owned()).collect();
+    all.extend(option("--threads", args.threads));
+    all.extend(option("--memory", args.memory));
+    if args.overwrite {
+        all.push("--overwrite".into());
+    }
+    all
+}
+
+fn option(flag: &str, value: Option<impl ToString>) -> Vec<String> {
+    value.map_or(Vec::new(), |v| vec![format!("{flag}={}", v.to_string())])
+}
+
+fn name(demosaic: DemosaicArg) -> String {
+    format!("{demosaic:?}").to_lowercase()
+}
+
+fn execute(mut words: Vec<String>, paths: &[&String]) -> Result<u8> {
+    words.push("--".into());
+    words.extend(paths.iter().map(|p| (*p).clone()));
+    match Cli::try_parse_from(words).map_err(|e| usage(e.to_string()))?.command {
+        Command::Run(args) => run::run_job(&args.job, None),
+        Command::Sensor(args) => sensor::command(&args),
+        Command::Develop(args) => develop::command(&args),
+        _ => unreachable!("the command lines begin with run, sensor or develop"),
+    }
+}
+
+fn text(path: &Path) -> Result<String> {
+    path.to_str()
+        .map(str::to_owned)
+        .ok_or_else(|| usage(format!("{}: the name must be UTF-8", path.display())))
+}
