@@ -30,7 +30,10 @@ pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use develop::{DemosaicArg, DevelopArgs, DevelopStyle, ToneArg};
 pub use export::{ExportArgs, ExportFormatArg, ExrCompressionArg};
 pub use import::{EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg};
-pub use lens::{AimingArg, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ShowArgs, TraceArgs};
+pub use lens::{
+    AimingArg, ConvertArgs, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ListArgs, ShowArgs,
+    TraceArgs,
+};
 pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use pyramid::{PyramidArgs, ViewArgs};

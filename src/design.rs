@@ -1,24 +1,30 @@
-//! Opens a lens design: the built-in one by name, or a sequential .zmx file.
+//! Opens a lens design: a built-in one by name, or a file.
+
+mod format;
 
 use crate::args::{AimingArg, DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
+use format::Design;
 use pipeline::design::glass_library::GlassLibrary;
+use pipeline::design::shelf::{self, ShelfLens};
 use pipeline::design::system::{ImagePlane, RayAiming, System};
-use pipeline::design::{agf, codev, zmx};
+use pipeline::design::{ReadOptions, agf};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Name of the built-in design.
-pub const BUILTIN: &str = "double-gauss-28";
+/// Name of the built-in design that examples use.
+pub const BUILTIN: &str = shelf::SAMPLE;
+
+/// Names of the built-in designs.
+pub fn builtin_names() -> impl Iterator<Item = &'static str> {
+    shelf::LENSES.iter().map(|lens| lens.name)
+}
 
 /// Whether `name` is a design, as opposed to a lens pack.
 pub fn is_design(name: &str) -> bool {
-    name == BUILTIN
-        || Path::new(name)
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("zmx") || e.eq_ignore_ascii_case("seq"))
+    ShelfLens::named(name).is_some() || format::has_design_extension(Path::new(name))
 }
 
 /// Maximum size of a design or glass catalogue; a lens of a thousand surfaces has less than 1 MB.
@@ -79,8 +85,12 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>> {
 }
 
 fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
-    if name == BUILTIN {
-        return Ok((System::double_gauss_28(), None));
+    let options = ReadOptions { strict: args.strict, configuration: args.configuration };
+    if let Some(lens) = ShelfLens::named(name) {
+        if let Some(n @ 2..) = args.configuration {
+            return Err(usage(format!("--configuration {n}: {name} has one configuration")));
+        }
+        return Ok((lens.system(), None));
     }
     let mut glasses = GlassLibrary::new();
     for path in &args.glass_catalog {
@@ -88,18 +98,34 @@ fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFi
     }
     let path = Path::new(name);
     if !path.exists() {
-        return Err(usage(format!("design `{name}` is neither a file nor the built-in {BUILTIN}")));
+        return Err(usage(format!(
+            "design `{name}` is neither a file nor built in ({BUILTIN} and others: `lenscube lens list`)"
+        )));
     }
     let bytes = read_bytes(path)?;
-    let is_codev = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("seq"));
-    let named = if is_codev { Vec::new() } else { zmx::catalogues(&bytes) };
-    for path in catalogues_beside(path, &named) {
-        add_catalogue(&mut glasses, &path)?;
+    let digest = blake3::hash(&bytes);
+    let reading = || format!("reading design {}", path.display());
+    let design = Design::new(path, bytes).with_context(reading)?;
+    let mut notes = Vec::new();
+    for member in &design.catalogues {
+        let name = Path::new(&member.name).file_stem().unwrap_or_default().to_string_lossy();
+        notes.extend(add_usable(&mut glasses, &name, &member.data));
     }
-    let parse = if is_codev { codev::parse } else { zmx::parse };
-    let system =
-        parse(&bytes, &glasses, args.strict).with_context(|| format!("reading design {}", path.display()))?;
-    Ok((system, Some(DesignFile { path: path.into(), digest: blake3::hash(&bytes) })))
+    for path in catalogues_beside(path, &design.catalogue_names()) {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        notes.extend(add_usable(&mut glasses, &name, &read_bytes(&path)?));
+    }
+    let mut system = design.read(&glasses, &options).with_context(reading)?;
+    system.notes.extend(notes);
+    Ok((system, Some(DesignFile { path: path.into(), digest })))
+}
+
+/// Adds the usable glasses of a catalogue that came with a design; returns a note on the others.
+fn add_usable(glasses: &mut GlassLibrary, name: &str, bytes: &[u8]) -> Option<String> {
+    let (catalogue, problems) = agf::parse_usable(bytes);
+    glasses.add(name, catalogue);
+    let first = problems.first()?;
+    Some(format!("glass catalogue {name}: {} entries are not used; {first}", problems.len()))
 }
 
 /// Adds a glass catalogue under the name of its file.

@@ -1,9 +1,11 @@
 //! `lenscube lens`: creates, shows and compares lenses; the lens of a run.
 
 pub mod cache;
+mod convert;
 mod cross_section;
 mod curves;
 mod diff;
+mod list;
 mod plots;
 mod psf_figure;
 pub mod samples;
@@ -24,6 +26,8 @@ pub fn command(args: &LensArgs) -> Result<()> {
     match &args.command {
         LensCommand::Show(args) => show::command(args),
         LensCommand::Diff(args) => diff::command(args),
+        LensCommand::List(args) => list::command(args),
+        LensCommand::Convert(args) => convert::command(args),
         LensCommand::Trace(args) => trace::command(args),
         LensCommand::Import(args) => import::command(args),
     }

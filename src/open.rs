@@ -206,7 +206,7 @@ fn declared_nm(wavelengths: Option<&str>) -> Result<Option<Vec<f64>>> {
 
 /// Whether `name` is that of a built-in lens. Such a name never means a file; `./NAME` does.
 pub fn is_builtin(name: &str) -> bool {
-    name == design::BUILTIN || builtin_names().any(|known| known == name)
+    design::builtin_names().chain(builtin_names()).any(|known| known == name)
 }
 
 /// Opens a lens pack, or a built-in one by its name.
@@ -216,9 +216,9 @@ pub fn lens(name: &str) -> Result<LensPack> {
     }
     let path = Path::new(name);
     if !path.exists() && !name.contains(['/', '.']) {
-        let known: Vec<_> = [design::BUILTIN].into_iter().chain(builtin_names()).collect();
+        let known: Vec<_> = design::builtin_names().chain(builtin_names()).collect();
         return Err(usage(format!(
-            "`{name}` is neither a lens pack nor a built-in lens; give the path of a *.lens.zarr, its .zip or a .zmx; built-in lenses: {}",
+            "`{name}` is neither a lens pack nor a built-in lens; give the path of a *.lens.zarr, its .zip or a design (.zmx, .seq, .csv, .zar, .json); built-in lenses: {}",
             known.join(", ")
         )));
     }

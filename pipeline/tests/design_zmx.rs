@@ -3,7 +3,7 @@
 use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, RayAiming};
-use lenscube_pipeline::design::{DesignError, System, agf, describe, zmx};
+use lenscube_pipeline::design::{DesignError, ReadOptions, System, agf, describe, zmx};
 use proptest::prelude::*;
 
 /// A finite-conjugate lens as written by older versions of the design program: no quotes, old field keywords, an asphere, floating
@@ -50,8 +50,10 @@ CONF 1 0 0 0
 EFFL 0 2 0 0 0 0 6 2
 ";
 
+const STRICT: ReadOptions = ReadOptions { strict: true, configuration: None };
+
 fn read(text: &str) -> Result<System, DesignError> {
-    zmx::parse(text.as_bytes(), &GlassLibrary::new(), false)
+    zmx::parse(text.as_bytes(), &GlassLibrary::new(), &ReadOptions::default())
 }
 
 #[test]
@@ -75,16 +77,15 @@ fn units_apertures_and_aspheres_are_converted_to_mm() {
 fn utf16_and_latin1_give_the_same_system() {
     let mut wide = vec![0xFF, 0xFE];
     wide.extend(OLD.replace('\n', "\r\n").encode_utf16().flat_map(u16::to_le_bytes));
-    assert_eq!(zmx::parse(&wide, &GlassLibrary::new(), false), read(OLD));
+    assert_eq!(zmx::parse(&wide, &GlassLibrary::new(), &ReadOptions::default()), read(OLD));
     let latin: Vec<u8> = OLD.replace("first", "f\u{fc}r").chars().map(|c| c as u32 as u8).collect();
-    assert_eq!(zmx::parse(&latin, &GlassLibrary::new(), false), read(OLD));
+    assert_eq!(zmx::parse(&latin, &GlassLibrary::new(), &ReadOptions::default()), read(OLD));
 }
 
 #[test]
 fn unsupported_optics_is_an_error_with_its_line() {
     for (from, to, line) in [
         ("MODE SEQ", "MODE NSC", 2),
-        ("GFAC 0 0", "GFAC 1 0.5", 7),
         ("FTYP 2 0", "FTYP 7 0", 10),
         ("FTYP 2 0", "FTYP 2 1", 10),
         ("TYPE EVENASPH", "TYPE BICONICX", 21),
@@ -122,9 +123,76 @@ fn unknown_keywords_are_notes_and_errors_where_strict() {
             "{:?}",
             system.notes
         );
-        let error = zmx::parse(text.as_bytes(), &GlassLibrary::new(), true).unwrap_err();
+        let error = zmx::parse(text.as_bytes(), &GlassLibrary::new(), &STRICT).unwrap_err();
         assert!(matches!(error, DesignError::Line { .. }), "{error}");
     }
+}
+
+#[test]
+fn apodisation_is_a_note_and_an_error_where_strict() {
+    // Factor and type: 0 uniform, 1 Gaussian.
+    for (setting, is_noted) in [("GFAC 1 0", false), ("GFAC 0 1", false), ("GFAC 2.3 1", true)] {
+        let text = OLD.replace("GFAC 0 0", setting);
+        let notes = read(&text).unwrap().notes;
+        assert_eq!(notes.iter().any(|n| n.contains("apodisation")), is_noted, "{setting}: {notes:?}");
+        assert_eq!(zmx::parse(text.as_bytes(), &GlassLibrary::new(), &STRICT).is_err(), is_noted);
+    }
+}
+
+#[test]
+fn extended_aspheres_of_any_norm_radius_are_read() {
+    let even = OLD
+        .replace("EVENASPH", "XASPHERE")
+        .replace("PARM 2 0.001", "XDAT 1 2 0 0\n  XDAT 2 0.5 0 0\n  XDAT 3 0 0 0\n  XDAT 4 6.25E-5 0 0");
+    assert_eq!(read(&even).unwrap().surfaces[0].shape.aspheric.len(), 2);
+    let (a, b) = (read(&even).unwrap(), read(OLD).unwrap());
+    let (a, b) = (a.surfaces[0].shape.aspheric[1], b.surfaces[0].shape.aspheric[1]);
+    assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+    let odd =
+        even.replace("XASPHERE", "XODDASPH").replace("XDAT 1 2", "XDAT 1 5").replace("XDAT 4", "XDAT 7");
+    assert_eq!(read(&odd).unwrap().surfaces[0].shape.odd.len(), 3);
+    for (from, to) in [("XDAT 2 0.5", "XDAT 2 0"), ("XDAT 4", "XDAT 400")] {
+        assert!(read(&even.replace(from, to)).is_err(), "{to}");
+    }
+}
+
+/// Two configurations: another gap, glass, curvature, stop size, wavelength and field.
+#[test]
+fn configurations_are_read_by_their_number() {
+    let operands = "MNUM 2 1\nMOFF 0 1 \"\" 0\nTHIC 1 1 0.2 0\nTHIC 1 2 0.3 0\nGLSS 1 1 \"N-BK7\" 0\nGLSS 1 2 \"F2\" 0\nCRVT 2 1 -0.5 0\n\
+                    CRVT 2 2 -0.25 0\nAPER 0 1 4 0\nAPER 0 2 8 0\nWAVE 1 2 0.6 0\nYFIE 2 2 0.2 0\nSTPS 0 2 2 0\nPRAM 1 2 5 0\nTEMP 0 2 20 0\n";
+    let text = format!("{OLD}{operands}");
+    let with = |configuration| {
+        let options = ReadOptions { strict: false, configuration };
+        zmx::parse(text.as_bytes(), &GlassLibrary::new(), &options)
+    };
+    let first = with(None).unwrap();
+    assert_eq!(first.surfaces, read(OLD).unwrap().surfaces);
+    assert!(first.notes.iter().any(|n| n.contains("configuration 1 of 2")), "{:?}", first.notes);
+    assert_eq!(with(Some(1)).unwrap(), first);
+    let second = with(Some(2)).unwrap();
+    assert!((second.surfaces[0].thickness_mm - 0.3 * 25.4).abs() < 1e-12);
+    assert!((second.surfaces[1].shape.curvature + 0.25 / 25.4).abs() < 1e-15);
+    assert!((second.surfaces[0].medium.index(0.587_6).unwrap() - 1.620_04).abs() < 1e-4);
+    assert_eq!((second.stop, second.aperture), (1, Aperture::WorkingFNumber(8.0)));
+    assert_eq!((second.wavelengths_um[0].0, (second.fields[1] - 5.08).abs() < 1e-12), (0.6, true));
+    assert!(second.notes.iter().any(|n| n.contains("PRAM") && n.contains("ignored")), "{:?}", second.notes);
+    assert!(with(Some(3)).unwrap_err().to_string().contains("2 configuration"));
+    for (from, to) in [
+        ("THIC 1 2 0.3", "THIC 9 2 0.3"),
+        ("THIC 1 2 0.3", "THIC 1 2 x"),
+        ("\"F2\"", "\"F99Q\""),
+        ("\"F2\"", "\"MIRROR\""),
+    ] {
+        let options = ReadOptions { strict: false, configuration: Some(2) };
+        let error =
+            zmx::parse(text.replace(from, to).as_bytes(), &GlassLibrary::new(), &options).unwrap_err();
+        assert!(matches!(error, DesignError::Line { .. }), "{to}: {error}");
+    }
+    // Saved in the second configuration: the first is made of its operands.
+    let saved = text.replace("MNUM 2 1", "MNUM 2 2").replace("THIC 1 1 0.2", "THIC 1 1 0.25");
+    let first = read(&saved).unwrap();
+    assert!((first.surfaces[0].thickness_mm - 0.25 * 25.4).abs() < 1e-12);
 }
 
 #[test]
@@ -160,13 +228,13 @@ fn catalogue_supplies_a_glass_that_is_not_built_in() {
     let mut glasses = GlassLibrary::new();
     let catalogue = agf::parse(b"NM MYGLASS 1 0 1.5 60 0\nCD 2.25 0 0 0 0 0\nLD 0.3 1.0\n").unwrap();
     glasses.add("MINE", catalogue);
-    let s = zmx::parse(text.as_bytes(), &glasses, false).unwrap();
+    let s = zmx::parse(text.as_bytes(), &glasses, &ReadOptions::default()).unwrap();
     assert!((s.surfaces[0].medium.index(0.5).unwrap() - 1.5).abs() < 1e-15);
 }
 
 /// May return an error, must not panic.
 fn parse_and_describe(bytes: &[u8]) {
-    if let Ok(s) = zmx::parse(bytes, &GlassLibrary::new(), false) {
+    if let Ok(s) = zmx::parse(bytes, &GlassLibrary::new(), &ReadOptions::default()) {
         let _ = describe(&s);
     }
     let _ = agf::parse(bytes);

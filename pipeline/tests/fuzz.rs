@@ -1,4 +1,4 @@
-//! Fuzz targets of the pipeline: chart specifications, wavelength lists, .zmx, .agf.
+//! Fuzz targets of the pipeline: chart specifications, wavelength lists, .zmx, .seq, lens tables, Optiland's JSON, .zar, .agf.
 
 #[path = "../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
@@ -7,7 +7,9 @@ use fuzz_support::extreme::magnitude;
 use fuzz_support::{Random, cases, damage_text, fuzz, print_row};
 use lenscube_pipeline::chart::{ChartSpec, Generator};
 use lenscube_pipeline::design::glass_library::GlassLibrary;
-use lenscube_pipeline::design::{agf, codev, describe, zmx};
+use lenscube_pipeline::design::{
+    ReadOptions, System, agf, codev, describe, optiland, shelf, table, zar, zmx,
+};
 use lenscube_pipeline::wavelengths;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
@@ -143,14 +145,14 @@ fn damaged_prescriptions_do_not_panic() {
         }
     };
     fuzz(".zmx", 300, make, |bytes| {
-        zmx::parse(bytes, &glasses, false).is_ok_and(|system| describe(&system).is_ok())
+        zmx::parse(bytes, &glasses, &ReadOptions::default()).is_ok_and(|system| is_read_and_written(&system))
     });
 }
 
 #[test]
 fn damaged_sequence_files_do_not_panic() {
-    const LENS: &[u8] = b"RDM;LEN\nTITLE 'a doublet'\nEPD 25.0\nDIM M\nWL 587.6 486.1 &\n 656.3\nREF 1\nXAN 0.0 0.0\nYAN 0.0 1.0\n\
-SO 0.0 0.1e14\nS 61.47 6.0 NBK7_SCHOTT\n  STO\n  CIR 12.0\n  ASP; K -0.5; A 1e-7; B 1e-10\nS -44.64 2.5 620.364; SLB \"b\"\nS -129.94 95.9\n  PIM\n\
+    const LENS: &[u8] = b"RDM;LEN\nPRV\nPWL 656.3 587.6 486.1\n'OWN' 1.514 1.517 1.522\n'LAU' LAU 2.3 0 0.02\nEND\nTITLE 'a doublet'\nEPD 25.0\nDIM M\nWL 587.6 486.1 &\n 656.3\nREF 1\nXAN 0.0 0.0\nYAN 0.0 1.0\n\
+SO 0.0 0.1e14\nS 61.47 6.0 NBK7_SCHOTT\n  STO\n  CIR 12.0\n  ASP; K -0.5; A 1e-7; B 1e-10\nS -44.64 2.5 620.364; SLB \"b\"\nS -129.94 95.9 'OWN'\nS 0 2\n  PIM\n\
 SI 0.0 0.1\nTHI S3 90\nGO\n";
     let glasses = GlassLibrary::new();
     let make = |r: &mut Random| {
@@ -159,8 +161,111 @@ SI 0.0 0.1\nTHI S3 90\nGO\n";
         bytes
     };
     fuzz(".seq", 500, make, |bytes| {
-        codev::parse(bytes, &glasses, false).is_ok_and(|system| describe(&system).is_ok())
+        codev::parse(bytes, &glasses, &ReadOptions::default()).is_ok_and(|system| describe(&system).is_ok())
     });
+}
+
+/// Whether a damaged design is read, in its first or second configuration, and what is written of it read again.
+fn is_read_and_written(system: &System) -> bool {
+    let glasses = GlassLibrary::new();
+    let options = ReadOptions::default();
+    if let Ok(written) = zmx::write(system, "own") {
+        let _ = zmx::parse(written.text.as_bytes(), &glasses, &options);
+    }
+    if let Ok(written) = table::write(system, "own") {
+        let _ = table::parse(written.text.as_bytes(), &glasses, &options);
+    }
+    if let Ok(written) = optiland::write(system) {
+        let _ = optiland::parse(written.text.as_bytes(), &glasses, &options);
+    }
+    describe(system).is_ok()
+}
+
+#[test]
+fn damaged_configurations_do_not_panic() {
+    let lens = String::from_utf8_lossy(include_bytes!("../data/double-gauss-28.zmx")).into_owned();
+    let operands = "MNUM 2 1\nTHIC 5 1 3.7 0\nTHIC 5 2 4.7 0\nGLSS 3 2 \"F2\" 0\nCRVT 2 2 -0.25 0\nAPER 0 2 8 0\nWAVE 1 2 0.6 0\nYFIE 2 2 5 0\n\
+                    STPS 0 2 4 0\nSDIA 5 2 9 0\nCONN 2 2 1 0\n";
+    let glasses = GlassLibrary::new();
+    let make = |r: &mut Random| {
+        let mut bytes = operands.as_bytes().to_vec();
+        damage_text(&mut bytes, r);
+        [lens.as_bytes(), b"\n", &bytes].concat()
+    };
+    fuzz(".zmx configurations", 300, make, |bytes| {
+        let options = ReadOptions { strict: false, configuration: Some(2) };
+        zmx::parse(bytes, &glasses, &options).is_ok_and(|system| is_read_and_written(&system))
+    });
+}
+
+#[test]
+fn damaged_lens_tables_do_not_panic() {
+    let glasses = GlassLibrary::new();
+    let lenses: Vec<String> =
+        shelf::LENSES.iter().map(|lens| table::write(&lens.system(), "own").unwrap().text).collect();
+    let make = |r: &mut Random| {
+        let mut bytes = lenses[r.below(lenses.len())].clone().into_bytes();
+        damage_text(&mut bytes, r);
+        bytes
+    };
+    fuzz(".csv lens tables", 300, make, |bytes| {
+        table::parse(bytes, &glasses, &ReadOptions::default())
+            .is_ok_and(|system| is_read_and_written(&system))
+    });
+}
+
+#[test]
+fn damaged_optiland_files_do_not_panic() {
+    let glasses = GlassLibrary::new();
+    let lenses: Vec<String> = ["phone", "triplet"]
+        .map(|name| optiland::write(&shelf::ShelfLens::named(name).unwrap().system()).unwrap().text)
+        .to_vec();
+    let make = |r: &mut Random| {
+        let mut bytes = lenses[r.below(2)].clone().into_bytes();
+        damage_text(&mut bytes, r);
+        bytes
+    };
+    fuzz("optiland .json", 300, make, |bytes| {
+        optiland::parse(bytes, &glasses, &ReadOptions::default())
+            .is_ok_and(|system| is_read_and_written(&system))
+    });
+}
+
+#[test]
+fn damaged_archives_do_not_panic() {
+    // A stored and a packed member: LZW codes of 9 bits without repetition are the bytes themselves.
+    let member = |name: &str, data: &[u8], is_packed: bool| {
+        let mut header = vec![0; 648];
+        header[..2].copy_from_slice(&[0xEC, 0x03]);
+        header[8] = u8::from(is_packed);
+        let mut body = data.to_vec();
+        if is_packed {
+            let bits: Vec<u8> =
+                data.iter().flat_map(|b| (0..9).rev().map(move |i| (u16::from(*b) >> i & 1) as u8)).collect();
+            body =
+                bits.chunks(8).map(|c| c.iter().enumerate().fold(0, |v, (i, b)| v | b << (7 - i))).collect();
+        }
+        header[16..24].copy_from_slice(&(body.len() as u64).to_le_bytes());
+        header[24..32].copy_from_slice(&(data.len() as u64).to_le_bytes());
+        for (i, b) in name.bytes().enumerate() {
+            header[48 + 2 * i] = b;
+        }
+        [header, body].concat()
+    };
+    let short = b"MODE SEQ\nUNIT MM\n".repeat(8);
+    let archive = [member("a.zmx.LZW", &short, true), member("B.AGF", b"NM A 1 0\n", false)].concat();
+    let make = |r: &mut Random| {
+        let mut bytes = archive.clone();
+        for _ in 0..=r.below(4) {
+            let at = r.below(bytes.len());
+            bytes[at] = r.below(256) as u8;
+        }
+        if r.below(4) == 0 {
+            bytes.truncate(r.below(bytes.len()));
+        }
+        bytes
+    };
+    fuzz(".zar", 1000, make, |bytes| zar::lens(bytes).is_ok());
 }
 
 #[test]

@@ -24,18 +24,48 @@ pub enum LensCommand {
     Diff(Box<DiffArgs>),
     /// Trace a design into a lens pack: heights, relative illumination and PSFs
     Trace(Box<TraceArgs>),
+    /// List the built-in lenses with their sources
+    List(ListArgs),
+    /// Write a design in another format: .zmx, .csv (lens table) or .json (Optiland)
+    #[command(
+        after_help = "Examples:\n  lenscube lens convert patent.csv patent.zmx\n  lenscube lens convert my.zar my.json\n\
+Glasses that are not built in are written into a catalogue OUT.agf beside a .zmx or .csv. What a format cannot hold is an error or a note."
+    )]
+    Convert(Box<ConvertArgs>),
     /// Import exports of a lens design program into a lens pack: ISET macros, OpticStudio listings, tables, NPZ
     Import(Box<ImportArgs>),
+}
+
+/// `lenscube lens list`
+#[derive(Debug, Args)]
+pub struct ListArgs {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lenscube lens convert`
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// Design file, or name of a built-in design
+    #[arg(value_name = "DESIGN")]
+    pub design: String,
+    /// File to write: .zmx, .csv or .json
+    #[arg(value_name = "OUT")]
+    pub out: PathBuf,
+    /// Parameters of the design.
+    #[command(flatten)]
+    pub parameters: DesignArgs,
 }
 
 /// `lenscube lens show`
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  lenscube lens show double-gauss-28 --plot pictures\n  \
 lenscube lens show my.lens.zarr --all-bands\n  lenscube lens show my.zmx --wavelengths 450:650:50 --json\n\
-A design (.zmx, or double-gauss-28) is traced; of a pack the tables are shown. `run` traces double-gauss-28 at the \
+A design (.zmx, CODE V .seq, lens table .csv, .zar archive, Optiland .json, or a built-in name) is traced; of a pack the tables are shown. `run` traces double-gauss-28 at the \
 wavelengths of the chart; the built-in pack double-gauss-28-npz has tables of the same lens made with other software.")]
 pub struct ShowArgs {
-    /// Lens pack (directory or .zip, also at a URL), sequential .zmx file, or name of a built-in lens
+    /// Lens pack (directory or .zip, also at a URL), design file (.zmx, .seq, .csv, .zar, .json), or name of a built-in lens
     #[arg(value_name = "PACK|DESIGN")]
     pub lens: String,
     /// Wavelengths to show, nm [default: those of the design; some of those of the pack]
@@ -70,7 +100,7 @@ pub struct ShowArgs {
     after_help = "Example:  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650"
 )]
 pub struct DiffArgs {
-    /// Lens pack (also at a URL), sequential .zmx file, or name of a built-in lens
+    /// Lens pack (also at a URL), design file (.zmx, .seq, .csv, .zar, .json), or name of a built-in lens
     #[arg(value_name = "A")]
     pub a: String,
     /// The other lens
@@ -115,9 +145,12 @@ pub struct DesignArgs {
     /// Glass catalogue in AGF format, in addition to the built-in glasses; used first for designs that name it; repeatable
     #[arg(long, value_name = "FILE.agf")]
     pub glass_catalog: Vec<PathBuf>,
-    /// Make an unknown keyword of the design file an error instead of a note
+    /// Make an unknown keyword of the design file, or optics that are ignored, an error instead of a note
     #[arg(long)]
     pub strict: bool,
+    /// Configuration of a multi-configuration .zmx file [default: 1]
+    #[arg(long, value_name = "N", value_parser = configuration)]
+    pub configuration: Option<usize>,
 }
 
 /// `lenscube lens trace`
@@ -125,7 +158,7 @@ pub struct DesignArgs {
 #[command(after_help = "Examples:\n  lenscube lens trace double-gauss-28 dg.lens.zarr\n  \
 lenscube lens trace my.zmx my.lens.zarr --wavelengths 450:650:50 --max-height-mm 21.6 --image-plane rms")]
 pub struct TraceArgs {
-    /// Sequential .zmx file, or double-gauss-28
+    /// Design file (.zmx, .seq, .csv, .zar, .json), or name of a built-in design (`lens list`)
     #[arg(value_name = "DESIGN")]
     pub design: String,
     /// Lens pack to write, a directory or a .zip
@@ -158,6 +191,12 @@ pub struct TraceArgs {
     /// Parameters of the design.
     #[command(flatten)]
     pub parameters: DesignArgs,
+}
+
+/// A configuration number.
+fn configuration(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|n| (1..=10_000).contains(n));
+    number.ok_or_else(|| "expected a number from 1 to 10000".to_owned())
 }
 
 /// `--image-plane`.

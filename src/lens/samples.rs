@@ -94,7 +94,7 @@ impl LensData {
         if *args != DesignArgs::default() {
             return Err(usage(format!(
                 "`{name}` is a lens pack with a fixed film plane and object distance; the flags for film plane, object, aiming \
-                 and glasses apply to designs only (.zmx, {})",
+                 and glasses apply to designs only (.zmx, .seq, .csv, .zar, .json, {} and other built-in ones)",
                 design::BUILTIN
             )));
         }

@@ -8,13 +8,13 @@ use super::samples::{FieldFigures, LensData, evenly_spaced, nearest};
 use super::shown::Shown;
 use super::{plots, rotation_error};
 use crate::args::ShowArgs;
-use crate::design;
 use crate::failure::usage;
 use crate::progress::print;
 use crate::trace::{bytes_of, heights, wavelengths};
 use anyhow::Result;
 use formats::lens::summary;
 use pipeline::design::ray::Tracer;
+use pipeline::design::shelf::ShelfLens;
 use pipeline::design::spots::polychromatic_spot;
 use pipeline::design::{Description, System};
 use serde_json::{Value, json};
@@ -148,7 +148,7 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
             for note in &system.notes {
                 out += &format!("note: {note}\n");
             }
-            if args.lens == design::BUILTIN {
+            if ShelfLens::named(&args.lens).is_some() {
                 out += &cache_text();
             }
             out + "\n"

@@ -56,7 +56,7 @@ impl Lens {
             return Ok(Self { data, note, field_points });
         }
         let film_lens = film_lens.context("the film does not record its lens; name it with --lens")?;
-        for builtin in builtin_names().chain([design::BUILTIN]) {
+        for builtin in builtin_names().chain(design::builtin_names()) {
             let data = LensData::open(builtin, &DesignArgs::default())?;
             if is_film_lens(&data)? {
                 return Ok(Self { data, note: None, field_points });

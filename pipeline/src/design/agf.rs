@@ -6,7 +6,9 @@
 
 use super::error::DesignError;
 use super::glass::{Dispersion, Glass, GlassCatalog};
+use super::model_glass::LINES_UM;
 use super::text::decode;
+use super::writing::number as decimal;
 
 /// Keywords that do not change the index at 20 °C.
 const SKIPPED: [&str; 8] = ["CC", "GC", "ED", "TD", "OD", "IT", "BD", "MD"];
@@ -16,50 +18,91 @@ const SKIPPED: [&str; 8] = ["CC", "GC", "ED", "TD", "OD", "IT", "BD", "MD"];
 /// # Errors
 /// [`DesignError::Catalogue`] with the line.
 pub fn parse(bytes: &[u8]) -> Result<GlassCatalog, DesignError> {
-    let mut catalog = GlassCatalog::default();
+    let (catalog, problems) = parse_usable(bytes);
+    match problems.into_iter().next() {
+        Some(problem) => Err(problem),
+        None if catalog.glasses().is_empty() => {
+            Err(DesignError::Catalogue { line: 1, problem: "it has no glass (no NM line)".to_owned() })
+        }
+        None => Ok(catalog),
+    }
+}
+
+/// Reads the glasses of a catalogue that are valid, and the problems of its other lines.
+pub fn parse_usable(bytes: &[u8]) -> (GlassCatalog, Vec<DesignError>) {
+    let (mut catalog, mut problems) = (GlassCatalog::default(), Vec::new());
     let mut open: Option<Draft> = None;
     for (i, text) in decode(bytes).lines().enumerate() {
-        let line = i + 1;
-        let bad = |problem: String| DesignError::Catalogue { line, problem };
         let mut words = text.split_whitespace();
         let Some(key) = words.next() else { continue };
-        match key {
-            "NM" => {
-                finish(&mut catalog, open.take())?;
-                let name = words.next().ok_or_else(|| bad("NM without a name".to_owned()))?;
-                let formula = words.next().and_then(number).filter(|f| (1.0..14.0).contains(f));
-                let formula =
-                    formula.ok_or_else(|| bad(format!("{name} has no dispersion formula of 1..13")))?;
-                open =
-                    Some(Draft { line, name: name.to_owned(), formula: formula as u8, c: None, range: None });
-            }
-            "CD" | "LD" => {
-                let draft = open.as_mut().ok_or_else(|| bad(format!("{key} before any NM")))?;
-                let values: Option<Vec<f64>> = words.map(number).collect();
-                let values = values.ok_or_else(|| {
-                    bad(format!("{key} of {} has a value that is not a number", draft.name))
-                })?;
-                if key == "CD" {
-                    draft.c = Some(values);
-                } else {
-                    match values[..] {
-                        [a, b, ..] if a > 0.0 && b >= a => draft.range = Some((a, b)),
-                        _ => {
-                            return Err(bad(format!("LD of {} is not an ascending range of µm", draft.name)));
-                        }
-                    }
-                }
-            }
-            _ if SKIPPED.contains(&key) => {}
-            _ if open.is_none() => {}
-            _ => return Err(bad(format!("`{key}` is not a keyword of the AGF format"))),
+        if key == "NM"
+            && let Some(Err(problem)) = open.take().map(|draft| draft.finish(&mut catalog))
+        {
+            problems.push(problem);
+        }
+        if let Err(problem) = read_line(i + 1, key, words, &mut open) {
+            problems.push(DesignError::Catalogue { line: i + 1, problem });
+            // A line of text spoils no glass.
+            open = open.filter(|_| !matches!(key, "NM" | "CD" | "LD"));
         }
     }
-    finish(&mut catalog, open)?;
-    if catalog.glasses().is_empty() {
-        return Err(DesignError::Catalogue { line: 1, problem: "it has no glass (no NM line)".to_owned() });
+    if let Some(Err(problem)) = open.map(|draft| draft.finish(&mut catalog)) {
+        problems.push(problem);
     }
-    Ok(catalog)
+    (catalog, problems)
+}
+
+/// Reads a line into the open glass.
+fn read_line<'a>(
+    line: usize,
+    key: &str,
+    mut words: impl Iterator<Item = &'a str>,
+    open: &mut Option<Draft>,
+) -> Result<(), String> {
+    match key {
+        "NM" => {
+            let name = words.next().ok_or("NM without a name")?.to_owned();
+            let formula = words.next().and_then(number).filter(|f| (1.0..14.0).contains(f));
+            let formula = formula.ok_or_else(|| format!("{name} has no dispersion formula of 1..13"))? as u8;
+            *open = Some(Draft { line, name, formula, c: None, range: None });
+        }
+        "CD" | "LD" => {
+            // After an entry that is not used there is no open glass.
+            let Some(draft) = open.as_mut() else { return Ok(()) };
+            let values: Option<Vec<f64>> = words.map(number).collect();
+            let values =
+                values.ok_or_else(|| format!("{key} of {} has a value that is not a number", draft.name))?;
+            match (key, &values[..]) {
+                ("CD", _) => draft.c = Some(values),
+                (_, [a, b, ..]) if *a > 0.0 && b >= a => draft.range = Some((*a, *b)),
+                _ => return Err(format!("LD of {} is not an ascending range of µm", draft.name)),
+            }
+        }
+        _ if SKIPPED.contains(&key) || open.is_none() => {}
+        _ => return Err(format!("`{key}` is not a keyword of the AGF format")),
+    }
+    Ok(())
+}
+
+/// The text of a catalogue.
+///
+/// # Errors
+/// [`DesignError::Catalogue`] for a glass whose formula the format does not have.
+pub fn write(catalogue: &GlassCatalog) -> Result<String, DesignError> {
+    let mut text = String::new();
+    for (i, glass) in catalogue.glasses().iter().enumerate() {
+        let Some((formula @ 1..14, coefficients)) = glass.dispersion.formula() else {
+            let problem = format!("the AGF format has no formula for glass {}", glass.name);
+            return Err(DesignError::Catalogue { line: i + 1, problem });
+        };
+        let [f, d, c, _] = LINES_UM.map(|um| glass.dispersion.index(um));
+        let name: String = glass.name.chars().map(|c| if c.is_whitespace() { '_' } else { c }).collect();
+        let values: Vec<String> = coefficients.iter().map(|c| decimal(*c)).collect();
+        text += &format!("NM {name} {formula} 0 {d:.6} {:.4} 0\n", (d - 1.0) / (f - c));
+        text += &format!("CD {}\n", values.join(" "));
+        text += &format!("LD {} {}\n", decimal(glass.range_um.0), decimal(glass.range_um.1));
+    }
+    Ok(text)
 }
 
 struct Draft {
@@ -70,14 +113,16 @@ struct Draft {
     range: Option<(f64, f64)>,
 }
 
-fn finish(catalog: &mut GlassCatalog, draft: Option<Draft>) -> Result<(), DesignError> {
-    let Some(d) = draft else { return Ok(()) };
-    let bad = |problem: String| DesignError::Catalogue { line: d.line, problem };
-    let c = d.c.ok_or_else(|| bad(format!("{} has no coefficients (CD)", d.name)))?;
-    let range_um = d.range.ok_or_else(|| bad(format!("{} has no wavelength range (LD)", d.name)))?;
-    let dispersion = Dispersion::new(d.formula, &c).map_err(|p| bad(format!("{}: {p}", d.name)))?;
-    catalog.add(Glass { name: d.name, dispersion, range_um });
-    Ok(())
+impl Draft {
+    fn finish(self, catalog: &mut GlassCatalog) -> Result<(), DesignError> {
+        let bad = |problem: String| DesignError::Catalogue { line: self.line, problem };
+        let c = self.c.as_ref().ok_or_else(|| bad(format!("{} has no coefficients (CD)", self.name)))?;
+        let range_um =
+            self.range.ok_or_else(|| bad(format!("{} has no wavelength range (LD)", self.name)))?;
+        let dispersion = Dispersion::new(self.formula, c).map_err(|p| bad(format!("{}: {p}", self.name)))?;
+        catalog.add(Glass { name: self.name, dispersion, range_um });
+        Ok(())
+    }
 }
 
 fn number(word: &str) -> Option<f64> {
@@ -110,5 +155,11 @@ mod tests {
             assert!(matches!(e, DesignError::Catalogue { line: l, .. } if l == line), "{e}");
         }
         assert!(parse(b"").is_err());
+        // A text line and a bad glass leave the others usable.
+        let (catalog, problems) =
+            parse_usable(TWO.replace("IT", "!The text").replace("LD 0.4", "LD 0 0").as_bytes());
+        assert_eq!((catalog.glasses().len(), problems.len()), (1, 2));
+        let (catalog, problems) = parse_usable(TWO.replace("LD 0.4", "LD 0 0").as_bytes());
+        assert_eq!((catalog.glasses().len(), problems.len()), (1, 1));
     }
 }

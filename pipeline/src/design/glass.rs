@@ -4,7 +4,8 @@
 //! The thirteen dispersion formulas of the AGF catalogue format by number: 1 Schott, 2/6/11 Sellmeier of 3/4/5
 //! terms, 3 Herzberger, 4 Sellmeier 2, 5 Conrady, 7/8 Handbook of Optics, 9 Sellmeier 4, 10/12/13 extended power series.
 //! Source: the format as described in glass makers' catalogues; Schott's technical note TIE-29 for Sellmeier 1.
-//! Beside them 14 n = C1 + Σ C2i·λ^C2i+1 (Cauchy) and 15 n² − 1 = C1 + Σ C2i·λ²/(λ² − C2i+1²) of the built-in table. Left out: temperature, pressure, absorption, birefringence.
+//! Beside them 14 n = C1 + Σ C2i·λ^C2i+1 (Cauchy) and 15 n² − 1 = C1 + Σ C2i·λ²/(λ² − C2i+1²) of the built-in table. 16 is a table of
+//! (λ, n): the polynomial of third degree in λ⁻² through the four entries nearest in λ⁻² (fewer, of a lower degree, in a shorter table). Left out: temperature, pressure, absorption, birefringence.
 
 use super::error::DesignError;
 use crate::real;
@@ -15,6 +16,9 @@ pub struct Dispersion {
     formula: u8,
     c: Vec<f64>,
 }
+
+/// Number of the tables of indices.
+const TABLE: u8 = 16;
 
 /// Number of coefficients of each formula (0 is unused).
 const COEFFICIENT_COUNTS: [usize; 16] = [0, 6, 6, 6, 5, 3, 8, 4, 4, 5, 8, 10, 8, 9, 17, 17];
@@ -42,9 +46,35 @@ impl Dispersion {
         Self { formula: 1, c: vec![n * n, 0.0, 0.0, 0.0, 0.0, 0.0] }
     }
 
+    /// A table of (λ in µm, index), interpolated.
+    ///
+    /// # Errors
+    /// A message, if a wavelength or index is not positive or a wavelength occurs twice.
+    pub fn table(points: &[(f64, f64)]) -> Result<Self, String> {
+        let mut points = points.to_vec();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if points.is_empty()
+            || points.iter().any(|p| !(p.0 > 0.0 && p.0.is_finite() && p.1 > 0.0 && p.1.is_finite()))
+        {
+            return Err("a wavelength or index of a table is not a positive number".to_owned());
+        }
+        if let Some(pair) = points.windows(2).find(|p| p[0].0 == p[1].0) {
+            return Err(format!("{} µm occurs twice in a table of indices", pair[0].0));
+        }
+        Ok(Self { formula: TABLE, c: points.into_iter().flat_map(|(um, n)| [um, n]).collect() })
+    }
+
+    /// Number of the formula and its coefficients; none for a table.
+    pub fn formula(&self) -> Option<(u8, &[f64])> {
+        (self.formula != TABLE).then_some((self.formula, &self.c))
+    }
+
     /// The index at `um`; NaN where the formula is not defined.
     pub fn index(&self, um: f64) -> f64 {
         let c = &self.c;
+        if self.formula == TABLE {
+            return interpolated(c, um);
+        }
         let w = um * um;
         let sellmeier =
             |terms: usize| 1.0 + (0..terms).map(|i| c[2 * i] * w / (w - c[2 * i + 1])).sum::<f64>();
@@ -72,6 +102,26 @@ impl Dispersion {
         };
         squared.sqrt()
     }
+}
+
+/// Lagrange's polynomial in λ⁻² through the four entries of `table` nearest to `um`; `table` is λ, n, λ, n, …, λ ascending.
+fn interpolated(table: &[f64], um: f64) -> f64 {
+    let points: Vec<(f64, f64)> = table.chunks_exact(2).map(|p| (1.0 / (p[0] * p[0]), p[1])).collect();
+    let x = 1.0 / (um * um);
+    let distance = |p: &(f64, f64)| (p.0 - x).abs();
+    let after = points.partition_point(|p| p.0 > x);
+    let (mut first, mut last) = (after, after);
+    while last - first < points.len().min(4) {
+        let takes_lower =
+            first > 0 && (last == points.len() || distance(&points[first - 1]) <= distance(&points[last]));
+        if takes_lower { first -= 1 } else { last += 1 }
+    }
+    let near = &points[first..last];
+    let weight = |i: usize| {
+        let others = near.iter().enumerate().filter(|(k, _)| *k != i);
+        others.map(|(_, p)| (x - p.0) / (near[i].0 - p.0)).product::<f64>()
+    };
+    near.iter().enumerate().map(|(i, p)| p.1 * weight(i)).sum()
 }
 
 /// A glass of a catalogue.

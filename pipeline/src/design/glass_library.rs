@@ -4,22 +4,21 @@
 //! 1. the catalogues that the design names (`GCAT`), in its order: the user's of that name, else the built-in maker of that name;
 //! 2. the user's other catalogues, in the order given;
 //! 3. crystals, plastics and liquids of the built-in table, then its makers;
-//! 4. the built-in list of old names (of a maker that the design names: before 3), by a documented equivalent or by the old glass's own n_d and V_d.
+//! 4. glass codes ([`model_glass`](super::model_glass));
+//! 5. the built-in list of old names (of a maker that the design names: before 3), by a documented equivalent or by the old glass's own n_d and V_d.
 //!
 //! What is not certain comes back as a note for the user: a maker that the design does not name, an equivalent with its Δn_d and ΔV_d.
 //!
-//! Model glass of n_d, V_d (and ΔP_gF): Conrady's n(λ) = n₀ + A/λ + B/λ^3.5 through n_d, n_F − n_C = (n_d − 1)/V_d and
-//! n_g − n_F = P_gF·(n_F − n_C), where P_gF = 0.6438 − 0.001682·V_d + ΔP_gF is the line of normal glasses (Schott, TIE-29).
-//! Built-in table: 1,888 glasses of the refractiveindex.info database (`data/SOURCES.md`).
+//! Built-in table: 1,888 glasses of the refractiveindex.info database and 698 more of makers' catalogues (`data/SOURCES.md`).
 
 use super::error::DesignError;
 use super::glass::{Dispersion, Glass, GlassCatalog};
-use crate::real;
+use super::model_glass::{LINES_UM, glass_code, model_glass};
 use crate::words::edit_distance;
 use std::sync::LazyLock;
 
 /// Makers of the built-in table in the order in which a name without catalogue is looked up.
-const MAKERS: [&str; 13] = [
+const MAKERS: [&str; 16] = [
     "MISC",
     "SCHOTT",
     "OHARA",
@@ -33,13 +32,10 @@ const MAKERS: [&str; 13] = [
     "BARBERINI",
     "CARGILLE",
     "VITRON",
+    "LIGHTPATH",
+    "NHG",
+    "RPO",
 ];
-
-/// Spectral lines F, d, C and g, µm.
-const LINES_UM: [f64; 4] = [0.486_132_7, 0.587_561_8, 0.656_272_5, 0.435_834_3];
-
-/// Wavelengths at which a model glass may be used, µm: Conrady's formula is not meant for more.
-const MODEL_RANGE_UM: (f64, f64) = (0.36, 1.1);
 
 struct Row {
     maker: &'static str,
@@ -71,7 +67,8 @@ static ROWS: LazyLock<Vec<Row>> = LazyLock::new(|| {
             Dispersion::new(formula, &coefficients).expect("the built-in table holds known formulas");
         Row { maker, aliases, glass: Glass { name: name.to_owned(), dispersion, range_um } }
     };
-    include_str!("../../data/glasses.csv").lines().skip(1).map(row).collect()
+    let tables = [include_str!("../../data/glasses.csv"), include_str!("../../data/glasses-of-makers.csv")];
+    tables.into_iter().flat_map(|table| table.lines().skip(1)).map(row).collect()
 });
 
 static EQUIVALENTS: LazyLock<Vec<Equivalent>> = LazyLock::new(|| {
@@ -146,6 +143,10 @@ impl GlassLibrary {
         if let Some(first) = found.first() {
             return Ok((first.glass.clone(), choice_note(name, &found, preferred)));
         }
+        if let Some((n_d, v_d)) = glass_code(name) {
+            let glass = model_glass(name, n_d, v_d, 0.0)?;
+            return Ok((glass, Some(format!("glass code {name}: model glass of n_d = {n_d}, V_d = {v_d}"))));
+        }
         equivalent(name, &upper, preferred, false).unwrap_or_else(|| Err(self.unknown(name, &upper)))
     }
 
@@ -167,7 +168,19 @@ impl GlassLibrary {
 
 /// The built-in maker that a design program's catalogue name means (`SCHOTT_2000`, `NIKON-HIKARI`, `INFRARED`).
 fn maker_of(catalogue: &str) -> Option<&'static str> {
-    const ALSO_MISC: [&str; 5] = ["INFRARED", "PLASTIC", "BIREFRINGENT", "CRYSTAL", "LIQUID"];
+    const ALSO_MISC: [&str; 11] = [
+        "INFRARED",
+        "PLASTIC",
+        "BIREFRINGENT",
+        "CRYSTAL",
+        "LIQUID",
+        "ZEON",
+        "ARTON",
+        "TOPAS",
+        "HERAEUS",
+        "ISUZU",
+        "OSAKA",
+    ];
     if ALSO_MISC.iter().any(|n| catalogue.starts_with(n)) {
         return Some("MISC");
     }
@@ -175,6 +188,11 @@ fn maker_of(catalogue: &str) -> Option<&'static str> {
         return Some("HIKARI");
     }
     MAKERS.into_iter().find(|maker| catalogue.starts_with(maker))
+}
+
+/// The maker of a built-in glass; none for another glass.
+pub(super) fn maker_of_glass(glass: &Glass) -> Option<&'static str> {
+    ROWS.iter().find(|row| row.glass == *glass).map(|row| row.maker)
 }
 
 fn builtin(maker: &str, upper: &str) -> Option<&'static Row> {
@@ -236,32 +254,6 @@ fn equivalent(
     Some(model_glass(name, n, v, 0.0).map(|glass| (glass, Some(note))))
 }
 
-/// A glass of which only n_d, V_d and the deviation of its partial dispersion P_gF from the normal line are known.
-///
-/// # Errors
-/// [`DesignError::Option`] unless n_d lies in 1..4 and V_d in 5..200.
-pub fn model_glass(name: &str, n_d: f64, v_d: f64, delta_p_gf: f64) -> Result<Glass, DesignError> {
-    if !(n_d > 1.0 && n_d < 4.0 && (5.0..=200.0).contains(&v_d) && delta_p_gf.abs() < 0.5) {
-        return Err(DesignError::Option {
-            option: "a model glass's n_d, V_d, ΔP_gF",
-            value: format!("{n_d}, {v_d}, {delta_p_gf}"),
-            expected: "1 to 4, 5 to 200, -0.5 to 0.5",
-        });
-    }
-    let terms = |um: f64| [1.0 / um, 1.0 / real::pow(um, 3.5)];
-    let [f, d, c, g] = LINES_UM.map(terms);
-    let main = (n_d - 1.0) / v_d;
-    let partial = (0.6438 - 0.001_682 * v_d + delta_p_gf) * main;
-    // A·(f − c) + B·(f' − c') = n_F − n_C and A·(g − f) + B·(g' − f') = n_g − n_F.
-    let (m, p) = ([f[0] - c[0], f[1] - c[1]], [g[0] - f[0], g[1] - f[1]]);
-    let determinant = m[0] * p[1] - m[1] * p[0];
-    let a = (main * p[1] - m[1] * partial) / determinant;
-    let b = (m[0] * partial - main * p[0]) / determinant;
-    let dispersion =
-        Dispersion::new(5, &[n_d - a * d[0] - b * d[1], a, b]).expect("finite by the bounds above");
-    Ok(Glass { name: name.to_owned(), dispersion, range_um: MODEL_RANGE_UM })
-}
-
 /// Edits between two names; a leading `N-` (lead-free successor) costs one.
 fn distance(a: &str, b: &str) -> usize {
     let plain = |s: &str| s.strip_prefix("N-").map_or(s.to_owned(), str::to_owned);
@@ -293,7 +285,7 @@ mod tests {
 
     #[test]
     fn every_builtin_row_has_a_finite_index_in_its_range() {
-        assert_eq!(ROWS.len(), 1888);
+        assert_eq!(ROWS.len(), 2586);
         for row in ROWS.iter() {
             let (first, last) = row.glass.range_um;
             for um in [first, (first * last).sqrt(), last] {
@@ -361,25 +353,5 @@ mod tests {
         };
         assert!((index(&["SPECIAL", "SCHOTT"]) - 1.7).abs() < 1e-12 && (index(&[]) - 1.7).abs() < 1e-12);
         assert!(index(&["SCHOTT", "SPECIAL"]) < 1.6);
-    }
-
-    /// Real glasses from their own n_d and V_d: the error of the model over the visible.
-    #[test]
-    fn model_glass_has_its_n_d_and_v_d_and_is_near_real_glasses() {
-        for (name, worst) in [("N-BK7", 1.2e-4), ("F2", 2e-4), ("N-SK16", 1.5e-4)] {
-            let (real, _) = GlassLibrary::new().find(name, &["SCHOTT".to_owned()]).unwrap();
-            let n = LINES_UM.map(|um| real.dispersion.index(um));
-            let v = (n[1] - 1.0) / (n[0] - n[2]);
-            let model = model_glass("model", n[1], v, 0.0).unwrap().dispersion;
-            assert!((model.index(LINES_UM[1]) - n[1]).abs() < 1e-12);
-            let again =
-                (model.index(LINES_UM[1]) - 1.0) / (model.index(LINES_UM[0]) - model.index(LINES_UM[2]));
-            assert!((again - v).abs() < 1e-9);
-            let error = (400..=700).step_by(10).map(|nm| f64::from(nm) * 1e-3);
-            let error =
-                error.map(|um| (model.index(um) - real.dispersion.index(um)).abs()).fold(0.0, f64::max);
-            assert!(error < worst, "{name}: {error:.2e}");
-        }
-        assert!(model_glass("bad", 0.9, 50.0, 0.0).is_err() && model_glass("bad", 1.5, 0.0, 0.0).is_err());
     }
 }

@@ -1,6 +1,7 @@
 //! Tables of a lens by ray tracing from its prescription.
 //!
-//! 1. [`zmx`] or [`codev`] reads the prescription, [`agf`], [`glass`] and [`glass_library`] its glasses, into a [`system::System`].
+//! 1. A reader per file format ([`zmx`], [`codev`], [`table`], [`optiland`]; [`zar`] archives) gives the prescription, [`agf`], [`glass`] and
+//!    [`glass_library`] its glasses, as a [`system::System`]; `write` of [`zmx`], [`table`] and [`optiland`] is the inverse. [`shelf`] has built-in lenses.
 //! 2. [`paraxial`]: pupils and focal lengths by first-order optics; [`mod@describe`] lists them.
 //! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`]; `aim` finds the pupil of each field
 //!    point, `field` the field point of an image height, `aiming_check` whether paraxial aiming is accurate enough.
@@ -26,23 +27,31 @@ pub mod glass;
 pub mod glass_library;
 mod grid;
 pub mod illumination;
+pub mod model_glass;
 pub mod nufft;
+pub mod optiland;
 mod options;
 pub mod paraxial;
 pub mod psf;
 pub mod pupil;
 pub mod ray;
+pub mod reading;
 mod refine;
 mod refocus;
 pub mod scalar;
+pub mod shelf;
 pub mod spots;
 pub mod surface;
 pub mod system;
+pub mod table;
 pub mod text;
 pub mod trace;
+pub mod writing;
+pub mod zar;
 pub mod zmx;
 
 pub use describe::{Description, describe};
 pub use error::DesignError;
+pub use reading::ReadOptions;
 pub use system::System;
 pub use trace::{TraceOptions, trace_lens};

@@ -2,8 +2,8 @@
 
 use crate::design::error::DesignError;
 
-/// What a note on an ignored keyword says.
-pub(super) const IGNORED: &str = "is not a known keyword and was ignored";
+/// What a note says of optics or a keyword that is not read; an error where the caller is strict.
+pub(super) const IGNORED: &str = "was ignored";
 
 /// Maximum length of a line in an error, characters.
 const MAX_QUOTE_CHARS: usize = 80;
@@ -22,7 +22,7 @@ impl Line<'_> {
 
     /// Note on a keyword that is neither read nor known not to matter.
     pub(super) fn ignored(&self) -> String {
-        format!("line {}: `{}` {IGNORED}", self.number, self.quote())
+        format!("line {}: `{}` is not a known keyword and {IGNORED}", self.number, self.quote())
     }
 
     /// The text for an error.

@@ -1,57 +1,62 @@
-//! Reader of sequential .zmx lens files (text): surfaces STANDARD, EVENASPH and ODDASPHE.
+//! Reader of sequential .zmx lens files (text): surfaces STANDARD, EVENASPH, ODDASPHE, XASPHERE and XODDASPH.
 //!
 //! Keywords are read, or known not to change the optics (module `keywords`), or unknown: an unknown one is ignored with a note that names its line,
-//! or an error where the caller is strict. Merit function, tolerances and multi-configuration data follow the last surface: the surfaces
-//! already have the saved configuration, so operands there are skipped, and more than one configuration is noted.
+//! or an error where the caller is strict. Merit function and tolerances follow the last surface and are skipped. So does the multi-configuration
+//! editor (module `configuration`): the surfaces have the saved configuration, its operands give the others; the first is read by default.
 //! Lengths are converted from lens units to mm. Apertures: CLAP and FLAP (outer radius), the inner radius of a ring-shaped OBSC, the circle
 //! inside SQAP and ELAP, and a fixed semi-diameter (DIAM with flag 1) where rays bend. Of pickups and solves the saved values are used.
 //! Wavelengths and indices are relative to air at 20 °C, 1 atm. A coordinate break without tilt and decentre is a plane.
-//! Not supported, with a specific error: mirrors, tilts, other surface types, apodised pupils, telecentric objects, central obscurations,
-//! indices adjusted to another pressure.
+//! An apodised pupil is read as a uniform one, with a note. Not supported, with a specific error: mirrors, tilts, other surface types,
+//! telecentric objects, central obscurations, indices adjusted to another pressure.
 
+mod configuration;
 mod keywords;
 mod line;
 mod surface;
+mod write;
 
 use super::draft::Draft;
 use super::error::DesignError;
 use super::glass_library::GlassLibrary;
+use super::reading::ReadOptions;
 use super::system::{Aperture, FieldKind, RayAiming, System};
 use super::text::decode;
 use crate::real;
 use line::Line;
 
+pub use write::write;
+
 /// Temperatures so near 20 °C change no index by more than about 1e-5, K.
 const TEMPERATURE_TOLERANCE_K: f64 = 5.0;
 
-/// Reads a lens; where `strict`, an unknown keyword is an error.
+/// Reads a lens.
 ///
 /// # Errors
 /// [`DesignError::Line`] for a line that is wrong or not supported; [`DesignError::Incomplete`] for a missing part.
-pub fn parse(bytes: &[u8], glasses: &GlassLibrary, strict: bool) -> Result<System, DesignError> {
+pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Result<System, DesignError> {
     let text = decode(bytes);
-    let mut reader = Reader { scale: 1.0, ..Reader::default() };
+    let mut reader = Reader { scale: 1.0, requested: options.configuration, ..Reader::default() };
     for (i, raw) in text.lines().enumerate() {
         let words: Vec<&str> = raw.split_whitespace().collect();
         let Some(&key) = words.first() else { continue };
         let line = Line { number: i + 1, text: raw.trim(), words: &words };
+        let is_indented = raw.starts_with([' ', '\t']);
         let note = if key == "SURF" {
             reader.start_surface(&line)?;
             None
-        } else if reader.in_surface && (raw.starts_with([' ', '\t']) || !is_section(key)) {
+        } else if reader.is_in_surface(key, is_indented) {
             reader.surface_line(key, &line, glasses)?
-        } else {
+        } else if reader.surface_count > 0 {
             reader.in_surface = false;
+            reader.configurations.read_line(key, &line)?
+        } else {
             reader.header_line(key, &line)?
         };
         if let Some(note) = note {
-            if strict && note.contains(line::IGNORED) {
-                return Err(line.error("this keyword is not known, and --strict allows none"));
-            }
-            reader.draft.notes.push(note);
+            reader.add_note(note, &line, options.strict)?;
         }
     }
-    reader.finish()
+    reader.finish(glasses, options.strict)
 }
 
 /// The glass catalogues that a design names, in its order.
@@ -63,14 +68,15 @@ pub fn catalogues(bytes: &[u8]) -> Vec<String> {
 
 /// Keywords that end the last surface where lines are not indented.
 fn is_section(key: &str) -> bool {
-    matches!(key, "TOL" | "MNUM" | "MOFF" | "BLNK" | "CONF" | "EFFL" | "DMFS")
+    matches!(key, "TOL" | "MNUM" | "MOFF" | "BLNK" | "CONF" | "EFFL" | "DMFS" | "EFFT" | "CSUM")
 }
 
 impl System {
     /// The built-in lens: "Double Gauss 28 degree field".
     pub fn double_gauss_28() -> Self {
         let text = include_bytes!("../../../data/double-gauss-28.zmx");
-        parse(text, &GlassLibrary::new(), true).expect("the built-in design is valid")
+        let options = ReadOptions { strict: true, ..ReadOptions::default() };
+        parse(text, &GlassLibrary::new(), &options).expect("the built-in design is valid")
     }
 }
 
@@ -79,7 +85,7 @@ struct Reader {
     draft: Draft,
     /// Lens unit in mm.
     scale: f64,
-    is_sequential: bool,
+    is_sequential: Option<bool>,
     has_unit: bool,
     catalogues: Vec<String>,
     field_count: usize,
@@ -89,10 +95,29 @@ struct Reader {
     waves: Vec<(usize, f64, f64)>,
     open: surface::Reader,
     in_surface: bool,
+    /// Whether the lines of surfaces are indented, once the first has been read.
+    are_surfaces_indented: Option<bool>,
     surface_count: usize,
+    /// Configuration to read.
+    requested: Option<usize>,
+    configurations: configuration::Configurations,
 }
 
 impl Reader {
+    /// Whether a line belongs to the open surface: in old files lines are not indented.
+    fn is_in_surface(&mut self, key: &str, is_indented: bool) -> bool {
+        let are_indented = self.in_surface && *self.are_surfaces_indented.get_or_insert(is_indented);
+        self.in_surface && (is_indented || (!are_indented && !is_section(key)))
+    }
+
+    fn add_note(&mut self, note: String, line: &Line<'_>, strict: bool) -> Result<(), DesignError> {
+        if strict && note.contains(line::IGNORED) {
+            return Err(line.error("this keyword is not known or not supported, and --strict allows none"));
+        }
+        self.draft.notes.push(note);
+        Ok(())
+    }
+
     fn start_surface(&mut self, line: &Line<'_>) -> Result<(), DesignError> {
         if line.value(1)? != self.surface_count as f64 {
             return Err(line.error(format!("expected surface {}", self.surface_count)));
@@ -132,7 +157,7 @@ impl Reader {
         let draft = &mut self.draft;
         match key {
             "MODE" => match line.words.get(1) {
-                Some(&"SEQ") => self.is_sequential = true,
+                Some(&"SEQ") => self.is_sequential = Some(true),
                 _ => return Err(line.error("only sequential designs (MODE SEQ) can be traced")),
             },
             "NAME" => draft.name = line.text.get(4..).unwrap_or_default().trim().to_owned(),
@@ -204,32 +229,33 @@ impl Reader {
             "PWAV" => draft.primary = line.value(1)?.clamp(1.0, 1000.0) as usize - 1,
             "ENVD" => return environment(line),
             "GFAC" => {
-                // Type, factor: a Gaussian of factor 0 is uniform.
-                let kind = first()?;
-                if kind != 0.0 && (kind != 1.0 || line.value_or(2, 0.0)? != 0.0) {
-                    return Err(line.error("an apodised pupil is not supported"));
+                // Factor, type: 0 uniform, 1 Gaussian, 2 cosine cubed. A Gaussian of factor 0 is uniform.
+                let (factor, kind) = (first()?, line.value_or(2, 0.0)?);
+                if kind != 0.0 && (factor != 0.0 || kind != 1.0) {
+                    return Ok(Some(format!(
+                        "line {}: `{}`: the apodisation of the pupil {}, its amplitude is uniform",
+                        line.number,
+                        line.quote(),
+                        line::IGNORED
+                    )));
                 }
             }
             "VDXN" | "VDYN" | "VCXN" | "VCYN" | "ZVDX" | "ZVDY" | "ZVCX" | "ZVCY" => {
                 draft.has_vignetting_factors |= line.values()?.iter().any(|v| *v != 0.0);
             }
-            "MNUM" => {
-                let (count, current) = (first()?, line.value_or(2, 1.0)?);
-                if count > 1.0 {
-                    return Ok(Some(format!("configuration {current} of {count}, as it was saved")));
-                }
-            }
             _ if keywords::is_harmless_in_header(key) => {}
-            _ if self.surface_count > 0 && keywords::is_operand(key) => {}
             _ => return Ok(Some(line.ignored())),
         }
         Ok(None)
     }
 
-    fn finish(mut self) -> Result<System, DesignError> {
+    fn finish(mut self, glasses: &GlassLibrary, strict: bool) -> Result<System, DesignError> {
         let incomplete = |problem: &str| DesignError::Incomplete { problem: problem.to_owned() };
-        if !self.is_sequential {
-            return Err(incomplete("has no MODE SEQ line; is it a sequential .zmx file?"));
+        if self.surface_count == 0 {
+            return Err(incomplete("has no surfaces (SURF); is it a sequential .zmx file?"));
+        }
+        if self.is_sequential.is_none() {
+            self.draft.notes.push("no MODE line: read as a sequential design".to_owned());
         }
         if !self.has_unit {
             return Err(incomplete("has no UNIT line"));
@@ -239,6 +265,7 @@ impl Reader {
         if self.wave_count > 0 {
             self.waves.truncate(self.wave_count);
         }
+        self.apply_configuration(glasses, strict)?;
         let mut draft = self.draft;
         draft.wavelengths_um = self.waves.into_iter().map(|(_, um, weight)| (um, weight)).collect();
         let unit = match draft.field_kind {
@@ -253,6 +280,25 @@ impl Reader {
             draft.notes.push("no ray aiming given: rays are aimed at the paraxial entrance pupil".to_owned());
         }
         draft.finish()
+    }
+
+    /// Changes the saved configuration into the requested one.
+    fn apply_configuration(&mut self, glasses: &GlassLibrary, strict: bool) -> Result<(), DesignError> {
+        let configurations = std::mem::take(&mut self.configurations);
+        let (number, note) = configurations.choose(self.requested)?;
+        self.draft.notes.extend(note);
+        for operand in configurations.changes(number) {
+            let context = surface::Context { scale: self.scale, glasses, catalogues: &self.catalogues };
+            let note =
+                configuration::apply(operand, &mut self.draft, &mut self.waves, &mut self.y, &context)?;
+            if let Some(note) = note {
+                if strict && note.contains(line::IGNORED) {
+                    return Err(operand.error("this operand is not supported, and --strict allows none"));
+                }
+                self.draft.notes.push(note);
+            }
+        }
+        Ok(())
     }
 }
 

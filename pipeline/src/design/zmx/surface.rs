@@ -4,8 +4,10 @@ use super::keywords::is_harmless_in_surface;
 use super::line::Line;
 use crate::design::draft::DraftSurface;
 use crate::design::error::DesignError;
-use crate::design::glass::{Dispersion, Glass};
-use crate::design::glass_library::{GlassLibrary, model_glass};
+use crate::design::glass::Glass;
+use crate::design::glass_library::GlassLibrary;
+use crate::design::model_glass::{constant_glass, model_glass};
+use crate::design::surface::Shape;
 
 /// Surface types.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -14,6 +16,9 @@ enum Kind {
     Standard,
     EvenAsphere,
     OddAsphere,
+    /// Even and odd aspheres of any number of terms, of the radius over a norm radius.
+    ExtendedEvenAsphere,
+    ExtendedOddAsphere,
     CoordinateBreak,
 }
 
@@ -31,7 +36,15 @@ pub(super) struct Reader {
     kind: Kind,
     draft: DraftSurface,
     parameters: Vec<Parameter>,
+    /// Extra data of extended aspheres: the number of terms, the norm radius, the terms.
+    extra: Vec<f64>,
 }
+
+/// Highest number of extra data: 120 terms.
+const MAX_EXTRA: usize = 122;
+
+/// Error of a reflecting surface.
+pub(super) const NO_MIRRORS: &str = "mirrors are not supported: lenscube traces refracting lenses";
 
 /// What a surface needs of the system.
 pub(super) struct Context<'a> {
@@ -68,6 +81,14 @@ impl Reader {
                     let number = number.clamp(0.0, 99.0) as usize;
                     self.parameters.push(Parameter { number, value, line: line.number, quote: line.quote() });
                 }
+            }
+            "XDAT" => {
+                let number = line.value(1)?;
+                if !(1.0..=MAX_EXTRA as f64).contains(&number) {
+                    return Err(line.error(format!("expected the number of extra data, 1 to {MAX_EXTRA}")));
+                }
+                self.extra.resize(self.extra.len().max(number as usize), 0.0);
+                self.extra[number as usize - 1] = line.value(2)?;
             }
             "GLAS" => {
                 let (glass, note) = glass(line, context)?;
@@ -147,6 +168,9 @@ impl Reader {
             }
             coefficients[index] = p.value / scale.powi(power as i32 - 1);
         }
+        if matches!(self.kind, Kind::ExtendedEvenAsphere | Kind::ExtendedOddAsphere) {
+            extended_terms(self.kind, &self.extra, scale, shape)?;
+        }
         if self.kind == Kind::CoordinateBreak {
             self.draft.glass = before.cloned();
         }
@@ -154,12 +178,32 @@ impl Reader {
     }
 }
 
+/// Adds the terms α_i (r/R)^power of an extended asphere, R and α_i in lens units.
+fn extended_terms(kind: Kind, extra: &[f64], scale: f64, shape: &mut Shape) -> Result<(), DesignError> {
+    let &[count, radius, ref terms @ ..] = extra else { return Ok(()) };
+    let terms = &terms[..terms.len().min(count.clamp(0.0, MAX_EXTRA as f64) as usize)];
+    if terms.iter().any(|a| *a != 0.0) && !(radius > 0.0) {
+        let problem = format!("has an extended asphere of norm radius {radius}");
+        return Err(DesignError::Incomplete { problem });
+    }
+    for (i, a) in terms.iter().enumerate().filter(|(_, a)| **a != 0.0) {
+        let power = if kind == Kind::ExtendedEvenAsphere { 2 * (i + 1) } else { i + 1 };
+        let coefficients = if power % 2 == 0 { &mut shape.aspheric } else { &mut shape.odd };
+        let index = (power - 1) / 2;
+        coefficients.resize(coefficients.len().max(index + 1), 0.0);
+        coefficients[index] += a * scale / (radius * scale).powi(power as i32);
+    }
+    Ok(())
+}
+
 fn kind(line: &Line<'_>) -> Result<Kind, DesignError> {
-    let symmetric = "lenscube traces rotationally symmetric lenses of types STANDARD, EVENASPH and ODDASPHE";
+    let symmetric = "lenscube traces rotationally symmetric lenses of types STANDARD, EVENASPH, ODDASPHE, XASPHERE and XODDASPH";
     match line.words.get(1) {
         Some(&"STANDARD") => Ok(Kind::Standard),
         Some(&"EVENASPH") => Ok(Kind::EvenAsphere),
         Some(&"ODDASPHE") => Ok(Kind::OddAsphere),
+        Some(&"XASPHERE") => Ok(Kind::ExtendedEvenAsphere),
+        Some(&"XODDASPH") => Ok(Kind::ExtendedOddAsphere),
         Some(&"COORDBRK") => Ok(Kind::CoordinateBreak),
         Some(kind) => Err(line.error(format!("surface type {kind} is not supported: {symmetric}"))),
         None => Err(line.error("expected a surface type")),
@@ -168,8 +212,10 @@ fn kind(line: &Line<'_>) -> Result<Kind, DesignError> {
 
 fn glass(line: &Line<'_>, context: &Context<'_>) -> Result<(Glass, Option<String>), DesignError> {
     let name = *line.words.get(1).ok_or_else(|| line.error("expected a glass name"))?;
+    // Some programs write the maker before it: SCHOTT-BK|N-BK7.
+    let name = name.rsplit_once('|').map_or(name, |(_, name)| name);
     if name.eq_ignore_ascii_case("MIRROR") {
-        return Err(line.error("mirrors are not supported"));
+        return Err(line.error(NO_MIRRORS));
     }
     let found = context.glasses.find(name, context.catalogues);
     // 1: a model glass of n_d, V_d and the deviation of its partial dispersion. Old files have one beside each catalogue glass.
@@ -179,8 +225,7 @@ fn glass(line: &Line<'_>, context: &Context<'_>) -> Result<(Glass, Option<String
     }
     let (n_d, v_d, deviation) = (line.value(4)?, line.value_or(5, 0.0)?, line.value_or(6, 0.0)?);
     if v_d == 0.0 {
-        let glass =
-            Glass { name: format!("n={n_d}"), dispersion: Dispersion::constant(n_d), range_um: (0.0, 1e3) };
+        let glass = constant_glass(n_d);
         return Ok((glass, Some(format!("line {}: model glass of constant index {n_d}", line.number))));
     }
     let glass = model_glass(&format!("n={n_d},V={v_d}"), n_d, v_d, deviation)

@@ -2,116 +2,51 @@
 //!
 //! Commands are separated by line ends or `;`, continued by `&`, commented by `!`, and not case-sensitive. A surface is `S r t glass` (object `SO`, image
 //! `SI`): radius (curvature without `RDM`), thickness, glass behind it; commands up to the next surface qualify it. Read: DIM, EPD, FNO, NA,
-//! NAO, WL (nm), REF, WTW, XAN/YAN, XOB/YOB, XIM/YIM, XRI/YRI, STO, K, A to J (r⁴ to r²⁰), CIR, and RDY, CUY, THI of a numbered surface.
+//! NAO, WL (nm), REF, WTW, PRV to END (private glasses), XAN/YAN, XOB/YOB, XIM/YIM, XRI/YRI, STO, K, A to J (r⁴ to r²⁰), CIR, and RDY, CUY, THI of a numbered surface.
 //! Rays are aimed at the real stop. The image surface's thickness is the defocus, added to the last gap. A paraxial image solve (PIM) is
 //! solved where the saved last gap is 0; otherwise the saved gap holds. Unknown commands are ignored with a note.
-//! Not supported, with a specific error: mirrors, tilts and decentres, special surfaces, gratings, central obscurations, private glasses.
+//! Lists may number their values (`WL W1 587.6`, `YAN F1 0 F2 14`); a glass may be a glass code.
+//! Not supported, with a specific error: mirrors, tilts and decentres, special surfaces, gratings, central obscurations, macros.
+
+mod command;
+mod private;
 
 use super::draft::{Draft, DraftSurface};
 use super::error::DesignError;
 use super::glass::Glass;
-use super::glass_library::{GlassLibrary, model_glass};
+use super::glass_library::GlassLibrary;
+use super::reading::ReadOptions;
 use super::system::{Aperture, FieldKind, ImagePlane, RayAiming, System};
 use super::text::decode;
 use crate::real;
+use command::{Command, commands};
+use private::PrivateCatalogue;
 
 /// Commands that do not change the optics: labels, weights, solves and variables (their saved values hold), display, bookkeeping.
 const HARMLESS: &[&str] = &[
     "LEN", "GO", "END", "INI", "SLB", "LBL", "TEM", "WTF", "CCY", "THC", "GLC", "KC", "AC", "BC", "CC", "DC",
     "EC", "FC", "GC", "HC", "JC", "CUM", "THM", "GLM", "VER", "CHK", "OUT", "VIE", "SPH", "CON", "ASP",
     "SUR", "LCT", "MFL", "CUF", "FAB", "PRO", "CA", "NOR", "IFO", "NRD", "CAO", "PRS", "VCO", "SAV", "TOW",
-    "TIL", "RMD", "SSI", "BUF", "WRI", "DEL", "POX", "POY",
+    "TIL", "RMD", "SSI", "BUF", "WRI", "DEL", "POX", "POY", "DER", "CLS", "PUI", "PUX", "PUY", "DDM", "RSI",
+    "ZLB", "TMP", "PRE", "TCE", "DLF", "DLR", "DLT", "DLN", "DLA", "DLB", "DLX", "DLY", "AUT", "OAL", "EFL",
+    "PIK", "WTA", "IMC", "MAX", "MIN", "CCL", "DNG", "GSG", "SPT", "FFO",
+];
+
+/// Statements of the macro language, which a saved lens does not have.
+const MACRO: &[&str] = &[
+    "FOR", "LCL", "GBL", "FCT", "RFD", "RFN", "WHL", "UNT", "EVA", "LSQ", "GOT", "IF", "CALL", "FMT", "RFS",
+    "WRL",
 ];
 
 /// Commands for optics that are not rotationally symmetric or not modelled.
 const UNSUPPORTED: &[&str] = &[
     "GRT", "GRO", "GRS", "DIF", "HOE", "HWL", "CYL", "XTO", "YTO", "ANA", "AAS", "SPS", "SPA", "XYP", "ZRN",
-    "QBF", "QCN", "BEN", "DAR", "REV", "RET", "GLB", "UDS", "GRN", "FRE", "LAR", "INT", "PRV", "NSS",
+    "QBF", "QCN", "BEN", "DAR", "REV", "RET", "GLB", "UDS", "GRN", "FRE", "LAR", "INT", "NSS",
 ];
-
-struct Command<'a> {
-    line: usize,
-    text: &'a str,
-    words: Vec<&'a str>,
-}
-
-impl Command<'_> {
-    fn error(&self, problem: impl Into<String>) -> DesignError {
-        let text = self.text.trim().chars().take(80).collect();
-        DesignError::Line { line: self.line, text, problem: problem.into() }
-    }
-
-    fn value(&self, i: usize) -> Result<f64, DesignError> {
-        let word =
-            self.words.get(i).ok_or_else(|| self.error(format!("expected a number as word {}", i + 1)))?;
-        let value = word.parse().ok().filter(|v: &f64| v.is_finite());
-        value.ok_or_else(|| self.error(format!("`{word}` is not a number")))
-    }
-
-    fn values(&self) -> Result<Vec<f64>, DesignError> {
-        (1..self.words.len()).map(|i| self.value(i)).collect()
-    }
-
-    /// The surface number of a word such as `S3`.
-    fn surface(&self, i: usize) -> Option<usize> {
-        let word = self.words.get(i)?;
-        word.strip_prefix(['S', 's'])?.parse().ok()
-    }
-}
-
-/// Splits a file into commands.
-fn commands(text: &str) -> Vec<Command<'_>> {
-    let mut commands: Vec<Command<'_>> = Vec::new();
-    let mut is_continued = false;
-    for (i, raw) in text.lines().enumerate() {
-        let line = before_comment(raw);
-        let trimmed = line.trim_end();
-        let (line, continues) = trimmed.strip_suffix('&').map_or((trimmed, false), |l| (l, true));
-        for (k, part) in split_outside_quotes(line).into_iter().enumerate() {
-            let words: Vec<&str> = part.split_whitespace().collect();
-            match commands.last_mut() {
-                Some(last) if is_continued && k == 0 => last.words.extend(words),
-                _ if words.is_empty() => (),
-                _ => commands.push(Command { line: i + 1, text: part, words }),
-            }
-        }
-        is_continued = continues;
-    }
-    commands
-}
-
-fn before_comment(line: &str) -> &str {
-    let mut quote = None;
-    for (i, c) in line.char_indices() {
-        match (quote, c) {
-            (None, '!') => return &line[..i],
-            (None, '\'' | '"') => quote = Some(c),
-            (Some(q), c) if c == q => quote = None,
-            _ => (),
-        }
-    }
-    line
-}
-
-fn split_outside_quotes(line: &str) -> Vec<&str> {
-    let (mut parts, mut start, mut quote) = (Vec::new(), 0, None);
-    for (i, c) in line.char_indices() {
-        match (quote, c) {
-            (None, ';') => {
-                parts.push(&line[start..i]);
-                start = i + 1;
-            }
-            (None, '\'' | '"') => quote = Some(c),
-            (Some(q), c) if c == q => quote = None,
-            _ => (),
-        }
-    }
-    parts.push(&line[start..]);
-    parts
-}
 
 struct Reader<'a> {
     glasses: &'a GlassLibrary,
+    private: PrivateCatalogue,
     draft: Draft,
     /// Lens unit in mm.
     scale: f64,
@@ -125,14 +60,16 @@ struct Reader<'a> {
     is_solved_for_image: bool,
 }
 
-/// Reads a lens; where `strict`, an unknown command is an error.
+/// Reads a lens.
 ///
 /// # Errors
 /// [`DesignError::Line`] for a line that is wrong or not supported; [`DesignError::Incomplete`] for a missing part.
-pub fn parse(bytes: &[u8], glasses: &GlassLibrary, strict: bool) -> Result<System, DesignError> {
+pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Result<System, DesignError> {
+    options.only_one_configuration()?;
     let text = decode(bytes);
     let mut reader = Reader {
         glasses,
+        private: PrivateCatalogue::default(),
         draft: Draft::default(),
         scale: 1.0,
         by_radius: false,
@@ -143,7 +80,14 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, strict: bool) -> Result<Syste
         has_image: false,
         is_solved_for_image: false,
     };
-    for command in commands(&text) {
+    let (strict, commands) = (options.strict, commands(&text));
+    if let Some(command) = commands.iter().find(|c| MACRO.contains(&c.words[0].to_ascii_uppercase().as_str()))
+    {
+        return Err(
+            command.error("this is a CODE V macro, not a lens; save the lens as a sequence file (WRL)")
+        );
+    }
+    for command in commands {
         if !reader.read(&command)? {
             let problem = "is not a known command and was ignored";
             if strict {
@@ -160,6 +104,9 @@ impl Reader<'_> {
     /// Reads a command; false if it is not known.
     fn read(&mut self, command: &Command<'_>) -> Result<bool, DesignError> {
         let key = command.words[0].to_ascii_uppercase();
+        if self.private.read(&key, command)? {
+            return Ok(true);
+        }
         let first = || command.value(1);
         let draft = &mut self.draft;
         match key.as_str() {
@@ -180,10 +127,10 @@ impl Reader<'_> {
             "FNO" => draft.aperture = Some(Aperture::ImageFNumber(first()?)),
             "NA" => draft.aperture = Some(Aperture::WorkingFNumber(0.5 / first()?)),
             "NAO" => draft.aperture = Some(Aperture::ObjectNa(first()?)),
-            "WL" => self.wavelengths_nm = command.values()?,
-            "WTW" => self.weights = command.values()?,
+            "WL" => command.read_list('W', &mut self.wavelengths_nm)?,
+            "WTW" => command.read_list('W', &mut self.weights)?,
             "REF" => draft.primary = first()?.clamp(1.0, 1000.0) as usize - 1,
-            "XAN" | "XOB" | "XIM" | "XRI" => self.x = command.values()?,
+            "XAN" | "XOB" | "XIM" | "XRI" => command.read_list('F', &mut self.x)?,
             "YAN" | "YOB" | "YIM" | "YRI" => {
                 draft.field_kind = Some(match key.as_str() {
                     "YAN" => FieldKind::Angle,
@@ -191,10 +138,12 @@ impl Reader<'_> {
                     "YIM" => FieldKind::ParaxialImageHeight,
                     _ => FieldKind::RealImageHeight,
                 });
-                self.y = command.values()?;
+                command.read_list('F', &mut self.y)?;
             }
             "VUX" | "VLX" | "VUY" | "VLY" => {
-                draft.has_vignetting_factors |= command.values()?.iter().any(|v| *v != 0.0);
+                let mut factors = Vec::new();
+                command.read_list('F', &mut factors)?;
+                draft.has_vignetting_factors |= factors.iter().any(|v| *v != 0.0);
             }
             "ZOO" => {
                 if command.words.get(1).is_some_and(|n| n.parse::<f64>().is_ok_and(|n| n > 1.0)) {
@@ -204,7 +153,8 @@ impl Reader<'_> {
             "SO" | "SI" | "S" => self.start_surface(&key, command)?,
             _ if key.len() > 1 && command.surface(0).is_some() => self.start_surface(&key, command)?,
             "ADE" | "BDE" | "XDE" | "YDE" | "ZDE" => {
-                if first()? != 0.0 {
+                let named = usize::from(command.surface(1).is_some());
+                if command.value(1 + named)? != 0.0 {
                     return Err(command.error(
                         "tilts and decentres are not supported: the lens must be rotationally symmetric",
                     ));
@@ -267,7 +217,7 @@ impl Reader<'_> {
         if (key == "SO") != (number == 0) {
             return Err(command.error("expected the object (SO) first, then surfaces (S) and the image (SI)"));
         }
-        let value = |i: usize| if command.words.len() > i { command.value(i) } else { Ok(0.0) };
+        let value = |i: usize| if command.words.len() > i { command.value_or_infinite(i) } else { Ok(0.0) };
         let mut surface = DraftSurface { thickness_mm: value(2)? * self.scale, ..DraftSurface::default() };
         surface.shape.curvature = curvature(value(1)?, self.by_radius, self.scale);
         if let Some(name) = command.words.get(3) {
@@ -287,17 +237,18 @@ impl Reader<'_> {
     ) -> Result<(Option<Glass>, Option<String>), DesignError> {
         match name.to_ascii_uppercase().as_str() {
             "AIR" => return Ok((None, None)),
-            "REFL" => return Err(command.error("mirrors are not supported")),
+            "REFL" => {
+                let problem = "mirrors are not supported: lenscube traces refracting lenses";
+                return Err(command.error(problem));
+            }
             _ => (),
         }
-        let Some((n_d, v_d)) = glass_code(name) else {
-            let (glass, note) = self.glasses.find(name, &[]).map_err(|e| command.error(e.to_string()))?;
-            return Ok((Some(glass), note));
-        };
-        let glass = model_glass(name, n_d, v_d, 0.0).map_err(|e| command.error(e.to_string()))?;
-        let note =
-            format!("line {}: glass code {name}: model glass of n_d = {n_d}, V_d = {v_d}", command.line);
-        Ok((Some(glass), Some(note)))
+        let name = name.trim_matches(['\'', '"']);
+        if let Some(glass) = self.private.get(name) {
+            return Ok((Some(glass.clone()), None));
+        }
+        let (glass, note) = self.glasses.find(name, &[]).map_err(|e| command.error(e.to_string()))?;
+        Ok((Some(glass), note.map(|note| format!("line {}: {note}", command.line))))
     }
 
     fn finish(self) -> Result<System, DesignError> {
@@ -309,6 +260,10 @@ impl Reader<'_> {
             return Err(incomplete("has no image surface (SI)"));
         }
         let mut draft = self.draft;
+        if draft.stop.is_none() && draft.surfaces.len() > 2 {
+            draft.stop = Some(1);
+            draft.notes.push("no stop given (STO): the first surface is the stop".to_owned());
+        }
         let last = draft.surfaces.len() - 1;
         let is_open = last > 0 && draft.surfaces[last - 1].thickness_mm == 0.0;
         let defocus_mm = std::mem::take(&mut draft.surfaces[last].thickness_mm);
@@ -339,30 +294,11 @@ impl Reader<'_> {
 
 /// Curvature in 1/mm from a radius (0 is a plane) or a curvature in lens units.
 fn curvature(value: f64, is_radius: bool, scale: f64) -> f64 {
-    match (is_radius, value == 0.0) {
+    match (is_radius, value == 0.0 || value.is_infinite()) {
         (_, true) => 0.0,
         (true, false) => 1.0 / (value * scale),
         (false, false) => value / scale,
     }
-}
-
-/// n_d and V_d of a six-digit glass code: `517642`, `517.642`, `516800.641673`.
-fn glass_code(name: &str) -> Option<(f64, f64)> {
-    if !name.starts_with(|c: char| c.is_ascii_digit())
-        || !name.bytes().all(|b| b.is_ascii_digit() || b == b'.')
-    {
-        return None;
-    }
-    let (n, v) = match name.split_once('.') {
-        Some((n, v)) => (n, v),
-        None if name.len() == 6 => name.split_at(3),
-        None => return None,
-    };
-    if v.len() < 3 || v.contains('.') {
-        return None;
-    }
-    let n_d = format!("1.{n}").parse().ok()?;
-    Some((n_d, format!("{}.{}", &v[..2], &v[2..]).parse().ok()?))
 }
 
 #[cfg(test)]
@@ -375,7 +311,7 @@ mod tests {
         S -129.94 95.951944\n  CIR EDG 13\n  PIM\nSI 0.0 0.0\nGO\n";
 
     fn read(text: &str) -> Result<System, DesignError> {
-        parse(text.as_bytes(), &GlassLibrary::new(), false)
+        parse(text.as_bytes(), &GlassLibrary::new(), &ReadOptions::default())
     }
 
     #[test]
@@ -405,8 +341,24 @@ mod tests {
         assert!((system.surfaces[0].shape.curvature - 0.5 / 25.4).abs() < 1e-15);
         assert!((system.surfaces[0].medium.index(0.587_561_8).unwrap() - 1.5168).abs() < 1e-9);
         assert!(system.notes.iter().any(|n| n.contains("516800.641673")));
-        assert_eq!(glass_code("517642"), Some((1.517, 64.2)));
-        assert_eq!((glass_code("NBK7"), glass_code("5176"), glass_code("1.5:60")), (None, None, None));
+    }
+
+    #[test]
+    fn numbered_lists_and_private_glasses_are_read() {
+        let text = DOUBLET
+            .replace("WL 587.6 486.1 &\n 656.3", "WL W1 587.6 W2 486.1 W3 656.3")
+            .replace("YAN 0.0 1.0", "YAN F1 0.0 F2 1.0")
+            .replace("NBK7_SCHOTT", "'OWN'")
+            .replace(
+                "SO 0.0 0.1e14",
+                "PRV\nPWL 656.3 587.6 486.1 404.7\n'OWN' 1.51432 1.51680 1.52237 1.53024\nEND\nSO INF INF",
+            );
+        let system = read(&text).unwrap();
+        assert_eq!((system.fields.clone(), system.wavelengths_um.len()), (vec![0.0, 1.0], 3));
+        assert_eq!(system.surfaces[0].medium.index(0.5876).unwrap(), 1.5168);
+        let between = system.surfaces[0].medium.index(0.546_074).unwrap();
+        assert!((between - 1.518_72).abs() < 2e-5, "{between}");
+        assert!(system.surfaces[0].medium.index(0.39).is_err() && system.object_distance_mm.is_none());
     }
 
     #[test]
@@ -423,7 +375,8 @@ mod tests {
             assert!(matches!(&error, DesignError::Line { line: l, .. } if *l == line), "{to}: {error}");
         }
         let macro_file = read("ver no\nlcl num ^x\nfor ^i 1 3\nend for\n").unwrap_err().to_string();
+        let strict = ReadOptions { strict: true, configuration: None };
         assert!(macro_file.contains("macro"), "{macro_file}");
-        assert!(parse(DOUBLET.replace("GO", "QQQ 1").as_bytes(), &GlassLibrary::new(), true).is_err());
+        assert!(parse(DOUBLET.replace("GO", "QQQ 1").as_bytes(), &GlassLibrary::new(), &strict).is_err());
     }
 }

@@ -1,0 +1,239 @@
+//! Reads Optiland's JSON.
+
+use super::json;
+use crate::design::draft::{Draft, DraftSurface};
+use crate::design::error::DesignError;
+use crate::design::glass::Glass;
+use crate::design::glass_library::GlassLibrary;
+use crate::design::model_glass::{constant_glass, model_glass};
+use crate::design::reading::ReadOptions;
+use crate::design::system::{Aperture, FieldKind, RayAiming, System};
+use crate::design::text::decode;
+use crate::real;
+use serde_json::Value;
+
+fn incomplete(problem: impl Into<String>) -> DesignError {
+    DesignError::Incomplete { problem: problem.into() }
+}
+
+/// A number, possibly infinite, at `pointer`; `missing` if it is absent or null.
+fn number(value: &Value, pointer: &str, missing: f64) -> Result<f64, DesignError> {
+    match value.pointer(pointer) {
+        None | Some(Value::Null) => Ok(missing),
+        Some(v) => {
+            let v = v.as_f64().ok_or_else(|| incomplete(format!("has no number at `{pointer}`: {v}")))?;
+            Ok(if v.abs() >= json::INFINITE { v.signum() * f64::INFINITY } else { v })
+        }
+    }
+}
+
+fn text<'a>(value: &'a Value, pointer: &str) -> &'a str {
+    value.pointer(pointer).and_then(Value::as_str).unwrap_or_default()
+}
+
+fn list<'a>(value: &'a Value, pointer: &str) -> &'a [Value] {
+    value.pointer(pointer).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+fn is_true(value: &Value, pointer: &str) -> bool {
+    value.pointer(pointer).and_then(Value::as_bool).unwrap_or(false)
+}
+
+/// Reads a lens.
+///
+/// # Errors
+/// [`DesignError::Line`] for text that is not JSON; [`DesignError::Incomplete`] for what is missing or not supported.
+pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Result<System, DesignError> {
+    options.only_one_configuration()?;
+    let file = json::parse(&decode(bytes))?;
+    let surfaces = list(&file, "/surface_group/surfaces");
+    if surfaces.is_empty() {
+        return Err(incomplete("has no `surface_group` with surfaces: is it a lens file of Optiland?"));
+    }
+    let mut draft = Draft { name: text(&file, "/name").to_owned(), ..Draft::default() };
+    // Without the setting rays are aimed at the paraxial entrance pupil.
+    let aiming = text(&file, "/ray_aiming/mode");
+    draft.aiming =
+        Some(if matches!(aiming, "" | "paraxial") { RayAiming::Paraxial } else { RayAiming::Real });
+    if is_true(&file, "/fields/object_space_telecentric")
+        || is_true(&file, "/aperture/object_space_telecentric")
+    {
+        return Err(incomplete("has a telecentric object space, which is not supported"));
+    }
+    for solve in ["/pickups", "/solves/solves"] {
+        if !list(&file, solve).is_empty() {
+            draft.notes.push("pickups and solves are not evaluated: the saved values hold".to_owned());
+        }
+    }
+    let positions: Result<Vec<f64>, _> = surfaces.iter().map(|s| number(s, "/geometry/cs/z", 0.0)).collect();
+    let positions = positions?;
+    for (i, surface) in surfaces.iter().enumerate() {
+        let next = positions.get(i + 1).copied().unwrap_or(positions[i]);
+        let place = |e: DesignError| match e {
+            DesignError::Incomplete { problem } => incomplete(format!("{problem} (surface {i})")),
+            other => other,
+        };
+        let mut read = read_surface(surface, glasses, &mut draft.notes).map_err(place)?;
+        read.thickness_mm = next - positions[i];
+        if is_true(surface, "/is_stop") && draft.stop.replace(i).is_some() {
+            return Err(incomplete(format!("has a second stop, surface {i}")));
+        }
+        draft.surfaces.push(read);
+    }
+    fields(&file, &mut draft)?;
+    wavelengths(&file, &mut draft)?;
+    let value = number(&file, "/aperture/value", f64::NAN)?;
+    draft.aperture = Some(match text(&file, "/aperture/type") {
+        "EPD" => Aperture::EntrancePupil(value),
+        "imageFNO" => Aperture::ImageFNumber(value),
+        "objectNA" => Aperture::ObjectNa(value),
+        "float_by_stop_size" => {
+            // The value is the diameter of the stop.
+            if let Some(stop) = draft.stop.and_then(|i| draft.surfaces.get_mut(i)) {
+                stop.semi_diameter_mm = 0.5 * value;
+            }
+            Aperture::StopRadius(0.5 * value)
+        }
+        other => {
+            return Err(incomplete(format!(
+                "has an aperture of type `{other}`, expected EPD, imageFNO, objectNA or float_by_stop_size"
+            )));
+        }
+    });
+    draft.finish()
+}
+
+fn read_surface(
+    surface: &Value,
+    glasses: &GlassLibrary,
+    notes: &mut Vec<String>,
+) -> Result<DraftSurface, DesignError> {
+    for axis in ["x", "y", "rx", "ry"] {
+        if number(surface, &format!("/geometry/cs/{axis}"), 0.0)? != 0.0 {
+            return Err(incomplete("has a tilt or decentre: the lens must be rotationally symmetric"));
+        }
+    }
+    if is_true(surface, "/is_reflective")
+        || surface.pointer("/interaction_model/is_reflective") == Some(&Value::Bool(true))
+    {
+        return Err(incomplete("has a mirror: lenscube traces refracting lenses"));
+    }
+    let mut draft = DraftSurface::default();
+    let geometry = surface.get("geometry").unwrap_or(&Value::Null);
+    let radius = number(geometry, "/radius", f64::INFINITY)?;
+    draft.shape.curvature = if radius == 0.0 || radius.is_infinite() { 0.0 } else { 1.0 / radius };
+    draft.shape.conic = number(geometry, "/conic", 0.0)?;
+    let coefficients = list(geometry, "/coefficients").iter().map(|c| {
+        c.as_f64().ok_or_else(|| incomplete(format!("has an asphere coefficient that is not a number: {c}")))
+    });
+    let coefficients: Vec<f64> = coefficients.collect::<Result<_, _>>()?;
+    match text(geometry, "/type") {
+        "Plane" | "StandardGeometry" | "Standard" => {}
+        "EvenAsphere" => draft.shape.aspheric = coefficients,
+        "OddAsphere" => {
+            draft.shape.odd = coefficients.iter().copied().step_by(2).collect();
+            draft.shape.aspheric = coefficients.iter().copied().skip(1).step_by(2).collect();
+        }
+        other => {
+            let known = "Plane, StandardGeometry, EvenAsphere and OddAsphere";
+            return Err(incomplete(format!(
+                "has a surface of type `{other}`, which is not supported: {known} are"
+            )));
+        }
+    }
+    match surface.get("aperture") {
+        None | Some(Value::Null) => {}
+        Some(aperture) if text(aperture, "/type") == "RadialAperture" => {
+            if number(aperture, "/r_min", 0.0)? != 0.0 {
+                return Err(incomplete("has a central obscuration, which is not supported"));
+            }
+            draft.clear_mm = Some(number(aperture, "/r_max", f64::INFINITY)?).filter(|r| r.is_finite());
+        }
+        Some(aperture) => {
+            let kind = text(aperture, "/type");
+            return Err(incomplete(format!("has an aperture of type `{kind}`, expected RadialAperture")));
+        }
+    }
+    if let Some(material) = surface.get("material_post").filter(|m| !m.is_null()) {
+        draft.glass = glass(material, glasses, notes)?;
+    }
+    Ok(draft)
+}
+
+fn glass(
+    material: &Value,
+    glasses: &GlassLibrary,
+    notes: &mut Vec<String>,
+) -> Result<Option<Glass>, DesignError> {
+    match text(material, "/type") {
+        "IdealMaterial" => {
+            let n = number(material, "/index", 1.0)?;
+            if !(1.0..10.0).contains(&n) {
+                return Err(incomplete(format!("has a material of index {n}")));
+            }
+            Ok((n != 1.0).then(|| constant_glass(n)))
+        }
+        "AbbeMaterial" | "AbbeMaterialE" => {
+            let (n, v) = (number(material, "/index", f64::NAN)?, number(material, "/abbe", f64::NAN)?);
+            let glass = model_glass(&format!("n={n},V={v}"), n, v, 0.0)?;
+            notes.push(format!("n_d = {n}, V_d = {v}: a model glass of these values"));
+            Ok(Some(glass))
+        }
+        "Material" => {
+            let name = text(material, "/name");
+            if name.eq_ignore_ascii_case("air") {
+                return Ok(None);
+            }
+            // The maker, or the folder of the data file.
+            let file = text(material, "/filename").replace('\\', "/");
+            let folder = file.rsplit('/').nth(1).unwrap_or_default();
+            let maker = Some(text(material, "/reference")).filter(|r| !r.is_empty()).unwrap_or(folder);
+            let catalogues: Vec<String> =
+                Some(maker.to_uppercase()).into_iter().filter(|m| !m.is_empty()).collect();
+            let (glass, note) = glasses.find(name, &catalogues)?;
+            notes.extend(note);
+            Ok(Some(glass))
+        }
+        other => Err(incomplete(format!(
+            "has a material of type `{other}`, expected Material, IdealMaterial or AbbeMaterial"
+        ))),
+    }
+}
+
+fn fields(file: &Value, draft: &mut Draft) -> Result<(), DesignError> {
+    let fields = list(file, "/fields/fields");
+    let kind = match text(file, "/fields/field_type") {
+        "" => fields.first().map_or("angle", |f| text(f, "/field_type")),
+        kind => kind,
+    };
+    draft.field_kind = Some(match kind {
+        "angle" | "" => FieldKind::Angle,
+        "object_height" => FieldKind::ObjectHeight,
+        "paraxial_image_height" => FieldKind::ParaxialImageHeight,
+        "real_image_height" => FieldKind::RealImageHeight,
+        other => return Err(incomplete(format!("has fields of type `{other}`, which is not supported"))),
+    });
+    for field in fields {
+        draft.fields.push(real::hypot(number(field, "/x", 0.0)?, number(field, "/y", 0.0)?));
+        draft.has_vignetting_factors |=
+            number(field, "/vx", 0.0)? != 0.0 || number(field, "/vy", 0.0)? != 0.0;
+    }
+    Ok(())
+}
+
+fn wavelengths(file: &Value, draft: &mut Draft) -> Result<(), DesignError> {
+    for (i, wavelength) in list(file, "/wavelengths/wavelengths").iter().enumerate() {
+        let um_per_unit = match text(wavelength, "/unit") {
+            "um" | "" | "microns" => 1.0,
+            "nm" => 1e-3,
+            "mm" => 1e3,
+            unit => return Err(incomplete(format!("has a wavelength in `{unit}`, expected um, nm or mm"))),
+        };
+        let um = number(wavelength, "/value", f64::NAN)? * um_per_unit;
+        draft.wavelengths_um.push((um, number(wavelength, "/weight", 1.0)?));
+        if is_true(wavelength, "/is_primary") {
+            draft.primary = i;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,161 @@
+//! Designs written in each format and read again: nothing that the format holds is lost.
+
+use lenscube_pipeline::design::glass_library::GlassLibrary;
+use lenscube_pipeline::design::paraxial::Paraxial;
+use lenscube_pipeline::design::shelf::LENSES;
+use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming};
+use lenscube_pipeline::design::writing::Written;
+use lenscube_pipeline::design::{DesignError, ReadOptions, System, agf, optiland, table, zmx};
+
+type Parse = fn(&[u8], &GlassLibrary, &ReadOptions) -> Result<System, DesignError>;
+
+const STRICT: ReadOptions = ReadOptions { strict: true, configuration: None };
+
+fn read(written: &Written, parse: Parse) -> System {
+    let mut glasses = GlassLibrary::new();
+    if let Some(catalogue) = &written.catalogue {
+        glasses.add("own", agf::parse(catalogue.as_bytes()).unwrap());
+    }
+    parse(written.text.as_bytes(), &glasses, &STRICT).unwrap_or_else(|e| panic!("{e}\n{}", written.text))
+}
+
+/// The same but for names of model glasses, whose n_d and V_d are rounded, radii (1e-15) and, from positions, thicknesses (1e-12 mm).
+fn assert_same(name: &str, a: &System, b: &System) {
+    assert_eq!(
+        (a.stop, a.primary, a.field_kind, a.aiming),
+        (b.stop, b.primary, b.field_kind, b.aiming),
+        "{name}"
+    );
+    assert_eq!((&a.name, &a.wavelengths_um, &a.fields), (&b.name, &b.wavelengths_um, &b.fields), "{name}");
+    assert_eq!((a.aperture, a.object_distance_mm), (b.aperture, b.object_distance_mm), "{name}");
+    assert_eq!(a.surfaces.len(), b.surfaces.len(), "{name}");
+    for (s, t) in a.surfaces.iter().zip(&b.surfaces) {
+        let (p, q) = (&s.shape, &t.shape);
+        let used = |c: &[f64]| c[..c.iter().rposition(|a| *a != 0.0).map_or(0, |i| i + 1)].to_vec();
+        assert!((p.curvature - q.curvature).abs() <= 1e-15 * p.curvature.abs(), "{name}");
+        assert_eq!(
+            (p.conic, used(&p.aspheric), used(&p.odd)),
+            (q.conic, used(&q.aspheric), used(&q.odd)),
+            "{name}"
+        );
+        assert!((s.thickness_mm - t.thickness_mm).abs() <= 1e-12 && s.aperture_mm == t.aperture_mm, "{name}");
+        for (um, _) in &a.wavelengths_um {
+            let apart = s.medium.index(*um).unwrap() - t.medium.index(*um).unwrap();
+            assert!(apart.abs() < 1e-13, "{name}: {apart:e}");
+        }
+    }
+    for (um, _) in &a.wavelengths_um {
+        let (p, q) = (Paraxial::new(a, *um).unwrap(), Paraxial::new(b, *um).unwrap());
+        let f = p.effective_focal_length_mm;
+        for (v, w) in [
+            (f, q.effective_focal_length_mm),
+            (p.back_focal_length_mm, q.back_focal_length_mm),
+            (p.entrance_pupil_mm, q.entrance_pupil_mm),
+        ] {
+            assert!((v - w).abs() <= 1e-12 * f.abs().max(v.abs()), "{name}: {v} {w}");
+        }
+    }
+}
+
+#[test]
+fn every_builtin_lens_survives_zmx_and_table() {
+    for lens in LENSES {
+        let system = lens.system();
+        let zmx = read(&zmx::write(&system, "own").unwrap(), zmx::parse);
+        assert_same(lens.name, &system, &zmx);
+        let table = read(&table::write(&zmx, "own").unwrap(), table::parse);
+        assert_same(lens.name, &system, &table);
+    }
+}
+
+#[test]
+fn every_builtin_lens_survives_optiland() {
+    for lens in LENSES {
+        let system = lens.system();
+        let written = optiland::write(&system).unwrap();
+        assert!(written.notes.iter().all(|n| n.contains("semi-diameters")), "{:?}", written.notes);
+        assert_same(lens.name, &system, &read(&written, optiland::parse));
+    }
+}
+
+/// An odd asphere, a finite object, a glass of a catalogue of its own, a glass name of two makers, aperture by the stop's radius.
+fn unusual() -> System {
+    let text = "name,Unusual\nstop radius,3\nobject height,0,4\nwavelengths nm,500,600\nweights,1,0.5\nprimary nm,500\naiming,paraxial\n\
+                surface,radius,thickness,glass,n,V,dP_gF,conic,a1,a2,a3,a4,a18,aperture radius\nobject,,120\n1,31.7,4,OWN,,,,-1.5,0,1e-3,2e-5,-3e-6,0,9\n\
+                2,-40,1,F2_CDGM\n3,70,2,F2_SCHOTT\nstop,,3\n5,90,2.5,,1.6,40,0.004,0,0,0,0,1e-6,1e-22\n6,inf,2,,1.4\n7,-60,95\n";
+    let mut glasses = GlassLibrary::new();
+    let own = "NM OWN 2 0 1.5 60\nCD 1.2 0.01\nLD 0.4 0.7\n";
+    glasses.add("mine", agf::parse(own.as_bytes()).unwrap());
+    table::parse(text.as_bytes(), &glasses, &ReadOptions::default()).unwrap()
+}
+
+#[test]
+fn unusual_designs_survive_zmx_and_table() {
+    let system = unusual();
+    assert_eq!((system.aperture, system.aiming), (Aperture::StopRadius(3.0), RayAiming::Paraxial));
+    assert_eq!((system.field_kind, system.object_distance_mm), (FieldKind::ObjectHeight, Some(120.0)));
+    let (a, b) = (&system.surfaces[1].medium, &system.surfaces[2].medium);
+    assert!(
+        matches!((a, b), (Medium::Glass(a), Medium::Glass(b)) if a.name == "F2" && b.name == "F2" && a != b)
+    );
+    let written = zmx::write(&system, "own").unwrap();
+    assert!(written.catalogue.is_some() && written.text.contains("XODDASPH") == false, "{}", written.text);
+    assert_same("zmx", &system, &read(&written, zmx::parse));
+    assert_same("table", &system, &read(&table::write(&system, "own").unwrap(), table::parse));
+}
+
+#[test]
+fn optiland_lists_what_it_cannot_hold() {
+    let mut system = unusual();
+    let notes = optiland::write(&system).unwrap().notes;
+    assert!(
+        notes.iter().any(|n| n.contains("OWN")) && notes.iter().any(|n| n.contains("ΔP_gF")),
+        "{notes:?}"
+    );
+    system.aperture = Aperture::WorkingFNumber(4.0);
+    assert!(optiland::write(&system).unwrap_err().to_string().contains("working F-number"));
+}
+
+/// A file as the program itself writes it, with Python's words for numbers that are not finite.
+#[test]
+fn optilands_own_files_are_read() {
+    let surface = |kind: &str, radius: &str, z: f64, after: &str, is_stop: bool| {
+        format!(
+            r#"{{"type": "Surface", "geometry": {{"type": "{kind}", "cs": {{"x": 0.0, "y": 0.0, "z": {z}, "rx": 0.0, "ry": 0.0, "rz": 0.0}}, "radius": {radius}, "conic": -1.0}}, "material_post": {after}, "is_stop": {is_stop}, "aperture": null, "is_reflective": false}}"#
+        )
+    };
+    let air = r#"{"type": "IdealMaterial", "index": 1.0, "absorp": NaN}"#;
+    let glass = r#"{"type": "Material", "filename": "C:\\data-nk\\glass\\hikari\\SK16.yml", "name": "SK16", "reference": null}"#;
+    let object = r#"{"type": "ObjectSurface", "geometry": {"type": "Plane", "cs": {"z": -Infinity}, "radius": Infinity}}"#;
+    let surfaces = [
+        object.to_owned(),
+        surface("StandardGeometry", "50.0", 0.0, glass, true),
+        surface("Plane", "Infinity", 5.0, air, false),
+        surface("Plane", "Infinity", 80.0, air, false),
+    ]
+    .join(",");
+    let text = format!(
+        r#"{{"version": 1.0, "aperture": {{"type": "EPD", "value": 10}}, "fields": {{"fields": [{{"x": 3.0, "y": 4.0}}], "field_type": "angle"}}, "wavelengths": {{"wavelengths": [{{"value": 550, "is_primary": true, "unit": "nm"}}]}}, "surface_group": {{"surfaces": [{surfaces}]}}}}"#
+    );
+    let parse = |text: &str| optiland::parse(text.as_bytes(), &GlassLibrary::new(), &ReadOptions::default());
+    let system = parse(&text).unwrap();
+    assert_eq!(
+        (system.stop, system.fields.as_slice(), system.object_distance_mm),
+        (0, [5.0].as_slice(), None)
+    );
+    assert_eq!((system.surfaces[0].thickness_mm, system.surfaces[1].thickness_mm), (5.0, 75.0));
+    assert!((system.surfaces[0].medium.index(0.587_6).unwrap() - 1.620_4).abs() < 1e-3);
+    for (from, to, word) in [
+        ("\"Plane\", \"cs\": {\"x\"", "\"Zernike\", \"cs\": {\"x\"", "Zernike"),
+        ("\"rx\": 0.0", "\"rx\": 0.1", "tilt"),
+        ("\"is_reflective\": false", "\"is_reflective\": true", "mirror"),
+        ("\"EPD\"", "\"EPDX\"", "EPDX"),
+        ("\"SK16\"", "\"SK16999\"", "SK16999"),
+        ("\"nm\"", "\"furlong\"", "furlong"),
+        ("\"surface_group\"", "\"surfaces\"", "Optiland"),
+        ("{\"version\": 1.0,", "{\"version\": 1.0", "not JSON"),
+    ] {
+        let error = parse(&text.replace(from, to)).unwrap_err().to_string();
+        assert!(error.contains(word), "{to}: {error}");
+    }
+}

@@ -1,0 +1,96 @@
+//! File formats of designs: chosen by extension, read from bytes.
+
+use crate::failure::usage;
+use anyhow::{Result, bail};
+use pipeline::design::glass_library::GlassLibrary;
+use pipeline::design::zar::{self, Member};
+use pipeline::design::{DesignError, ReadOptions, System, codev, optiland, table, text, zmx};
+use std::path::Path;
+
+/// Extensions of designs, in lower case.
+const EXTENSIONS: [&str; 7] = ["zmx", "seq", "len", "csv", "json", "zar", "zos"];
+
+/// A format with a reader.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Zmx,
+    CodeV,
+    Table,
+    Optiland,
+}
+
+/// A design's bytes, in the format that its reader expects, with the glass catalogues of its archive.
+pub struct Design {
+    format: Format,
+    bytes: Vec<u8>,
+    /// Catalogues that lie in the same archive.
+    pub catalogues: Vec<Member>,
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+/// Whether a file of this name is a design.
+pub fn has_design_extension(path: &Path) -> bool {
+    EXTENSIONS.contains(&extension(path).as_str())
+}
+
+impl Design {
+    /// The design in a file of this name and content.
+    pub fn new(path: &Path, bytes: Vec<u8>) -> Result<Self> {
+        let plain = |format, bytes| Ok(Self { format, bytes, catalogues: Vec::new() });
+        match extension(path).as_str() {
+            "zmx" => plain(Format::Zmx, bytes),
+            "seq" => plain(Format::CodeV, bytes),
+            "len" => {
+                check_len(&bytes)?;
+                plain(Format::CodeV, bytes)
+            }
+            "csv" => plain(Format::Table, bytes),
+            "json" => plain(Format::Optiland, bytes),
+            "zar" => {
+                let (lens, catalogues) = zar::lens(&bytes)?;
+                Ok(Self { format: Format::Zmx, bytes: lens.data, catalogues })
+            }
+            "zos" => bail!("files .zos are not read; save the lens as .zmx (in OpticStudio: File, Save As)"),
+            other => Err(usage(format!(
+                "a design ending with `.{other}` is not known; expected {}",
+                EXTENSIONS.map(|e| format!(".{e}")).join(", ")
+            ))),
+        }
+    }
+
+    /// Names of the glass catalogues that the design lists.
+    pub fn catalogue_names(&self) -> Vec<String> {
+        match self.format {
+            Format::Zmx => zmx::catalogues(&self.bytes),
+            Format::Table => table::catalogues(&self.bytes),
+            Format::CodeV | Format::Optiland => Vec::new(),
+        }
+    }
+
+    /// Reads the design.
+    pub fn read(&self, glasses: &GlassLibrary, options: &ReadOptions) -> Result<System, DesignError> {
+        let parse = match self.format {
+            Format::Zmx => zmx::parse,
+            Format::CodeV => codev::parse,
+            Format::Table => table::parse,
+            Format::Optiland => optiland::parse,
+        };
+        parse(&self.bytes, glasses, options)
+    }
+}
+
+/// Lens files named .len belong to two design programs; only a list of CODE V commands is read.
+fn check_len(bytes: &[u8]) -> Result<()> {
+    if bytes.contains(&0) && !bytes.starts_with(&[0xFF, 0xFE]) {
+        bail!("a binary .len file of CODE V is not read; save the lens as a sequence file (.seq) with WRL");
+    }
+    let text = text::decode(bytes);
+    let is_oslo = |line: &str| line.starts_with("// OSLO") || line.starts_with("LEN NEW");
+    if text.lines().take(20).any(is_oslo) {
+        bail!("OSLO's .len files are not read; export the lens as .zmx or CODE V sequence (.seq)");
+    }
+    Ok(())
+}

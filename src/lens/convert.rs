@@ -1,0 +1,52 @@
+//! `lenscube lens convert`: writes a design in another format.
+
+use crate::args::ConvertArgs;
+use crate::design;
+use crate::failure::{other_job, usage};
+use crate::progress::log_line;
+use anyhow::{Context, Result};
+use formats::durable::AtomicFile;
+use pipeline::design::{optiland, table, zmx};
+use std::path::Path;
+
+/// Runs the command.
+pub fn command(args: &ConvertArgs) -> Result<()> {
+    let out = &args.out;
+    let stem = out.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    // The name of a catalogue is one word.
+    let own: String = stem.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
+    let extension = out.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    if !matches!(extension.as_str(), "zmx" | "csv" | "json") {
+        return Err(usage(format!("{}: expected a file ending with .zmx, .csv or .json", out.display())));
+    }
+    check_absent(out)?;
+    let system = design::open(&args.design, &args.parameters)?;
+    for note in &system.notes {
+        log_line(format!("note: {note}"));
+    }
+    let written = match extension.as_str() {
+        "zmx" => zmx::write(&system, &own),
+        "csv" => table::write(&system, &own),
+        _ => optiland::write(&system),
+    };
+    let written = written.with_context(|| format!("writing {}", out.display()))?;
+    for note in &written.notes {
+        log_line(format!("note: {}: {note}", out.display()));
+    }
+    if let Some(catalogue) = &written.catalogue {
+        let path = out.with_file_name(format!("{own}.agf"));
+        check_absent(&path)?;
+        AtomicFile::with_text(&path, catalogue)?.finish()?;
+        log_line(format!("{}: glasses that are not built in, for {}", path.display(), out.display()));
+    }
+    AtomicFile::with_text(out, &written.text)?.finish()?;
+    log_line(format!("{}: {} surfaces", out.display(), system.surfaces.len()));
+    Ok(())
+}
+
+fn check_absent(path: &Path) -> Result<()> {
+    match path.symlink_metadata() {
+        Ok(_) => Err(other_job(format!("{} exists; remove it or give another name", path.display()))),
+        Err(_) => Ok(()),
+    }
+}
