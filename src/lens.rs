@@ -1,5 +1,6 @@
 //! `lenscube lens`: creates, shows and compares lenses; the lens of a run.
 
+mod aberrations;
 pub mod cache;
 mod convert;
 mod cross_section;
@@ -12,6 +13,7 @@ pub mod samples;
 mod show;
 mod shown;
 pub mod source;
+mod spot_figure;
 
 use crate::args::{LensArgs, LensCommand};
 use crate::{import, trace};

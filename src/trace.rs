@@ -5,7 +5,7 @@ use crate::design;
 use crate::failure::{other_job, usage};
 use crate::progress::{log_line, tracing_bar};
 use anyhow::{Context, Result};
-use formats::lens::{LensPackError, LensPackWriter, PackAttributes};
+use formats::lens::{LensPackError, LensPackWriter, MAX_ARRAY_SAMPLES, PackAttributes};
 use pipeline::design::System;
 use pipeline::design::trace::{
     BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens,
@@ -66,7 +66,17 @@ fn estimate(system: &System, options: &TraceOptions) -> Result<String> {
     let trace = LensTrace::new(system, options)?;
     let last = options.wavelengths_nm.len() - 1;
     let (a, b) = (trace.estimate(0)?, trace.estimate(last)?);
-    let bytes = (last + 1) * a.max_bytes.max(b.max_bytes);
+    let band_bytes = a.max_bytes.max(b.max_bytes);
+    // The reader of packs accepts no larger array.
+    if band_bytes as u64 > 4 * MAX_ARRAY_SAMPLES {
+        let max_gb = 4e-9 * MAX_ARRAY_SAMPLES as f64;
+        return Err(usage(format!(
+            "the PSFs of a band would have {:.1} GB, a pack holds at most {max_gb:.1} GB a band; give fewer `--heights`, a coarser \
+             `--psf-pitch-um` or less `--energy`",
+            band_bytes as f64 * 1e-9
+        )));
+    }
+    let bytes = (last + 1) * band_bytes;
     Ok(format!(
         "{} bands, estimated from rays: windows of {} to {} px with at least {:.1} % of the light, PSFs of up to {} samples a side, at \
          most {} nodes a band and {:.0} MB uncompressed in all",

@@ -80,7 +80,8 @@ pub struct ShowArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// Write figures (SVG and PNG) into this directory: RI, distortion, lateral colour, MTF, PSFs, nodes, a design's cross-section
+    /// Write figures (SVG and PNG) into this directory: RI, distortion, lateral colour, MTF, PSFs, encircled energy, nodes; of a design
+    /// also spots, ray and OPD fans, field curvature, MTF through focus, cross-section
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
     /// Colours of figures

@@ -2,16 +2,19 @@
 //!
 //! Relative illumination, distortion and lateral colour against REAL height; MTF against field and against frequency at the primary
 //! wavelength (of the optics without the pixel; light outside the PSF window counts as a uniform background); PSFs by field and
-//! wavelength; the nodes of the PSF field; of a design, its cross-section with rays.
+//! wavelength; encircled energy; the nodes of the PSF field. Of a design also spot diagrams, ray fans, OPD fans, field curvature, MTF through
+//! focus, and its cross-section with rays.
 
+use super::aberrations::{Fan, MAX_PANELS, encircled_energy, fans, field_curvature, through_focus};
 use super::cross_section::cross_section;
 use super::curves::{against_height, mtf_field, mtf_frequency, nodes, short_number};
 use super::psf_figure::psf_figure;
-use super::samples::{LensData, nearest};
+use super::samples::{LensData, evenly_spaced, nearest};
+use super::spot_figure::spot_figure;
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::durable::{create_directories, finish_together};
-use formats::picture::plot::Axis;
+use formats::picture::plot::{Axis, stacked};
 use formats::picture::style::Style;
 use pipeline::lens::LensBand;
 use std::path::Path;
@@ -54,11 +57,27 @@ pub fn write(
         ("mtf-frequency", mtf_frequency(&fields, name, lp_mm)),
         ("nodes", nodes(name, &lens.nodes(primary, max_mm)?)),
     ];
+    let psfs: Vec<_> = fields.fields[0].iter().map(|f| (f.height_mm, &f.psf)).collect();
+    plots.push(("encircled-energy", encircled_energy(name, &psfs, primary)));
+    let shown: Vec<f64> =
+        evenly_spaced(heights_mm.len(), MAX_PANELS).into_iter().map(|k| heights_mm[k]).collect();
     if let LensData::Design(system, _) = lens {
         plots.push(("layout", cross_section(system)?));
+        plots.push(("field-curvature", field_curvature(system, nm, max_mm)?));
+        let lp_mm = lp_mm[lp_mm.len() / 2];
+        plots.push(("mtf-focus", through_focus(system, &shown, lp_mm)?));
     }
     let mut figures: Vec<_> = plots.iter().map(|(file, plot)| (*file, plot.figure(style))).collect();
     figures.push(("psf", psf_figure(&samples, name, style)));
+    if let LensData::Design(system, _) = lens {
+        for (file, fan, title) in
+            [("ray-fans", Fan::Ray, "ray fans"), ("opd-fans", Fan::Path, "optical path differences")]
+        {
+            let panels = fans(system, nm, &shown, fan)?;
+            figures.push((file, stacked(&format!("{name}: {title}"), &panels, style)));
+        }
+        figures.push(("spots", spot_figure(system, nm, heights_mm, style)?));
+    }
     let mut files = Vec::new();
     for (file, figure) in &figures {
         for extension in ["svg", "png"] {

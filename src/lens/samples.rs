@@ -10,7 +10,7 @@ use pipeline::design::describe::{Description, describe, field_tan};
 use pipeline::design::paraxial::Paraxial;
 use pipeline::design::ray::Tracer;
 use pipeline::design::spots::{Spot, spot};
-use pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions};
+use pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions, TracedBand};
 use pipeline::design::{DesignError, System};
 use pipeline::figures::PsfWindow;
 use pipeline::lens::{Lens, LensBand};
@@ -151,7 +151,7 @@ impl LensData {
             Self::Pack(pack) => Ok(pack.lens().bands[nearest_band(&pack.lens().bands, nm)].clone()),
             Self::Design(system, _) => {
                 let options = TraceOptions::new(vec![nm], reach_mm);
-                Ok(LensTrace::new(system, &options)?.band(0, &mut |_| ())?.tables)
+                Ok(traced_band(system, &options, 0)?.tables)
             }
         }
     }
@@ -238,6 +238,17 @@ fn sample_pack(pack: &LensPack, nm: &[f64], heights_mm: &[f64]) -> Result<LensSa
     Ok(LensSamples { lens: Lens { bands, ..pack.lens().clone() }, primary, fields })
 }
 
+/// Band `index` of a design; if no window holds its light, in the largest one: figures then show a part of the PSF.
+fn traced_band(system: &System, options: &TraceOptions, index: usize) -> Result<TracedBand, DesignError> {
+    match LensTrace::new(system, options)?.band(index, &mut |_| ()) {
+        Err(DesignError::Window { max_px, .. }) => {
+            let cropped = TraceOptions { window_px: Some(max_px), ..options.clone() };
+            LensTrace::new(system, &cropped)?.band(index, &mut |_| ())
+        }
+        band => band,
+    }
+}
+
 fn sample_design(system: &System, nm: &[f64], heights_mm: &[f64]) -> Result<LensSamples, DesignError> {
     let last = heights_mm.iter().fold(0.0, |a: f64, b| a.max(*b));
     let mut heights = heights_mm.to_vec();
@@ -254,7 +265,7 @@ fn sample_design(system: &System, nm: &[f64], heights_mm: &[f64]) -> Result<Lens
     let trace = LensTrace::new(system, &options)?;
     let (mut lens, mut fields) = (trace.header(), Vec::new());
     for (b, nm) in nm.iter().enumerate() {
-        let traced = trace.band(b, &mut |_| ())?;
+        let traced = traced_band(system, &options, b)?;
         let tracer = Tracer::new(system, nm / 1e3)?;
         let field = |&h: &f64| -> Result<Field, DesignError> {
             let spot = spot(&tracer, tracer.field_of_height(h)?)?;

@@ -18,7 +18,7 @@ use crate::trace::attributes;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{BandPlan, LensBands, Options};
-use pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions, with_threads};
+use pipeline::design::trace::{Azimuths, LensTrace, MAX_NODES, PsfHeights, TraceOptions, with_threads};
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
@@ -222,8 +222,10 @@ fn trace(
     let mut tracer =
         BandTracer { system, name, cache: Cache::open()?, threads, bar: tracing_bar(nm.len()), traced: 0 };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
+    let mut coarsest = (0.0, 0.0);
     for &nm in &nm {
         let (recipe, pack) = tracer.covering_film(nm, frame, options)?;
+        coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
         recipes.push(format!("{recipe}-{}", pack.band_digest(0)?));
         let merged = lens.get_or_insert_with(|| Lens { bands: Vec::new(), ..pack.lens().clone() });
         merged.name.clone_from(&system.name);
@@ -242,9 +244,25 @@ fn trace(
             tracer.cache.dir().display()
         ));
     }
+    let tolerance = TraceOptions::new(Vec::new(), 0.0).psf_tolerance;
+    if coarsest.0 > tolerance {
+        notes.push(format!(
+            "kernels between PSF nodes have errors up to {:.1} % (at {} nm) instead of {:.0} %, because a band has at most {MAX_NODES} nodes; \
+             `lenscube lens trace --max-nodes` makes a finer lens pack",
+            100.0 * coarsest.0,
+            coarsest.1,
+            100.0 * tolerance
+        ));
+    }
     let lens = lens.context("the chart has no band")?;
     let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
     Ok(Traced { lens, packs, recipes, digest, notes, file: None, _cache: tracer.cache })
+}
+
+/// Maximum L1 error of kernels between the nodes of a traced band; 0 if it was not determined.
+fn kernel_error(pack: &LensPack) -> f64 {
+    let achieved = pack.attributes().psf_tolerance.as_ref();
+    achieved.and_then(|t| t["bands"][0]["kernel_l1"].as_f64()).unwrap_or(0.0)
 }
 
 /// Traces bands, or reads them from the cache.

@@ -78,6 +78,15 @@ fn invalid_designs_and_trace_flags_fail_with_one_line() {
     bad("double-gauss-28", &["--wavelengths", "700:400:10"], USAGE, &["--wavelengths 700:400:10"]);
     bad("double-gauss-28", &["--max-height-mm", "200"], FAILED, &["200", "reaches no further than"]);
     bad("double-gauss-28", &["--image-plane", "best"], USAGE, &["best", "strehl"]);
+    bad("double-gauss-28", &["--max-nodes", "3"], FAILED, &["max nodes is 3", "at least 16"]);
+    bad(
+        "double-gauss-28",
+        &["--heights", "0:20:0.002", "--wavelengths", "400"],
+        USAGE,
+        &["GB a band", "--heights"],
+    );
+    let far_out = ["--defocus-mm", "8", "--wavelengths", "550"];
+    bad("double-gauss-28", &far_out, FAILED, &["401 film pixels", "--energy", "--image-plane rms"]);
     bad(
         "double-gauss-28",
         &["--psf-pitch-um", "5", "--wavelengths", "500"],
@@ -99,9 +108,14 @@ fn show_design_prints_system_data_and_writes_plots() {
     // Values of the design program for this lens.
     assert!((design("distortion_focal_length_mm") - 99.332_063).abs() < 1e-6);
     assert!((design("effective_focal_length_mm") - 99.500_679).abs() < 1e-6);
-    for key in
-        ["back_focal_length_mm", "total_track_mm", "working_f_number", "image_space_na", "stop_radius_mm"]
-    {
+    for key in [
+        "back_focal_length_mm",
+        "total_track_mm",
+        "working_f_number",
+        "image_space_na",
+        "na_of_real_rays",
+        "stop_radius_mm",
+    ] {
         assert!(design(key) > 0.0, "{key}");
     }
     assert!(shown["design"]["object_distance_mm"].is_null());
@@ -128,6 +142,12 @@ fn show_design_prints_system_data_and_writes_plots() {
         ("psf", "base64"),
         ("nodes", "kernels at"),
         ("layout", "z from the first surface (mm)"),
+        ("encircled-energy", "share of the light"),
+        ("spots", "wavelength (nm)"),
+        ("ray-fans", "ray error (µm)"),
+        ("opd-fans", "path difference (waves)"),
+        ("field-curvature", "focus from the film (mm)"),
+        ("mtf-focus", "film position (mm)"),
     ] {
         let svg = fs::read_to_string(plots.join(format!("{file}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.ends_with("</svg>\n") && svg.contains(word), "{file}");
@@ -204,7 +224,8 @@ fn diff_of_equal_lenses_is_zero_and_of_a_defocused_lens_large() {
     // The same prescription computed by other software, whose PSFs are normalised in 102 µm.
     let other = json(lenscube(&[&words[..], &["--heights", "0,10", "--json"]].concat()));
     let differs = |key: &str| other["largest_difference"][key].as_f64().unwrap();
-    assert!(differs("ideal_height_mm") < 1e-4 && differs("relative_illumination") < 1e-4, "{other}");
+    // Its relative illumination is the solid angle of the bundle, 7e-4 below the light per film area at 10 mm.
+    assert!(differs("ideal_height_mm") < 1e-4 && differs("relative_illumination") < 1e-3, "{other}");
     assert!(other["largest_psf_l1"].as_f64().unwrap() < 0.02, "{other}");
     let defocused =
         json(lenscube(&[&words[..], &["--heights", "0,10", "--json", "--defocus-mm", "0.05"]].concat()));

@@ -60,6 +60,7 @@ mod store;
 mod summary;
 mod write;
 
+pub use array::MAX_SAMPLES as MAX_ARRAY_SAMPLES;
 pub use attributes::{PackAttributes, SCHEMA};
 pub use error::LensPackError;
 pub use hashed_file::HashedFile;

@@ -167,6 +167,7 @@ impl<'a> Tracer<'a> {
 
     pub(super) fn ray_error(&self, tan: f64, px: f64, py: f64, problem: String) -> DesignError {
         let advice = match self.system.aiming {
+            _ if tan == 0.0 => "use a smaller aperture: the lens does not transmit the axial bundle",
             RayAiming::Paraxial => "use a smaller field, or aim rays at the real stop (`--aiming real`)",
             RayAiming::Real => "use a smaller field",
         };

@@ -7,10 +7,10 @@ use super::psf::PsfGrid;
 
 /// Maximum samples of the PSFs of a band: 134 MB in f32.
 pub(crate) const MAX_SAMPLES: usize = 1 << 25;
-/// Maximum work for the choice of nodes, in cells of the PSFs' Fourier transforms: about 4 s on two cores.
-pub(super) const MAX_WORK: f64 = 1.5e9;
+/// Maximum work for the choice of nodes, in cells of the PSFs' Fourier transforms: about 5 s on two cores.
+pub(super) const MAX_WORK: f64 = 3e8;
 /// PSFs that are traced whatever their work.
-pub(super) const MIN_PSFS: usize = 120;
+pub(super) const MIN_PSFS: usize = 80;
 /// Maximum of azimuths of a height.
 pub(super) const MAX_AZIMUTHS: usize = 2880;
 

@@ -1,0 +1,133 @@
+//! Twelve kinds of lenses against an independent tracer: singlet, achromat, triplet, Double Gauss, Petzval f/1.4, inverse telephoto, 100° and
+//! fisheye lenses to 80° off the axis, phone lens with aspheres, microscope objective, 1:1 system, telephoto; real ray aiming.
+//!
+//! Values: `data/lens_suite.txt`, made by `scripts/lens_suite/make.py` (NumPy; compared there with Optiland).
+
+use lenscube_pipeline::design::System;
+use lenscube_pipeline::design::field_figures::field_figures;
+use lenscube_pipeline::design::glass::{Dispersion, Glass};
+use lenscube_pipeline::design::illumination::irradiance_sr;
+use lenscube_pipeline::design::paraxial::Paraxial;
+use lenscube_pipeline::design::ray::Tracer;
+use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface};
+
+const UM: [f64; 3] = [0.4861, 0.5876, 0.6563];
+
+struct Entry {
+    system: System,
+    paraxial: Vec<f64>,
+    /// tan, three heights, relative illumination.
+    fields: Vec<Vec<f64>>,
+}
+
+fn suite() -> Vec<Entry> {
+    let mut lenses = Vec::new();
+    for line in include_str!("data/lens_suite.txt").lines().filter(|l| !l.starts_with('#')) {
+        let (key, rest) = line.split_once(' ').unwrap();
+        if key == "lens" {
+            let system = System {
+                name: rest.to_owned(),
+                object_distance_mm: None,
+                surfaces: Vec::new(),
+                stop: 0,
+                aperture: Aperture::EntrancePupil(1.0),
+                field_kind: FieldKind::Angle,
+                fields: vec![0.0],
+                wavelengths_um: UM.map(|um| (um, 1.0)).to_vec(),
+                primary: 1,
+                aiming: RayAiming::Real,
+                notes: Vec::new(),
+            };
+            lenses.push(Entry { system, paraxial: Vec::new(), fields: Vec::new() });
+            continue;
+        }
+        let numbers: Vec<f64> = rest.split(' ').map(|v| v.parse().unwrap()).collect();
+        let entry = lenses.last_mut().unwrap();
+        match key {
+            "object" => entry.system.object_distance_mm = Some(numbers[0]).filter(|d| d.is_finite()),
+            "stop" => entry.system.stop = numbers[0] as usize,
+            "diameter" => entry.system.aperture = Aperture::EntrancePupil(numbers[0]),
+            "surface" => entry.system.surfaces.push(surface(&numbers)),
+            "paraxial" => entry.paraxial = numbers,
+            "field" => entry.fields.push(numbers),
+            _ => panic!("{line}"),
+        }
+    }
+    for entry in &mut lenses {
+        entry.system.surfaces.push(Surface::new(0.0, 0.0, Medium::Air));
+    }
+    lenses
+}
+
+/// Curvature, thickness, A, B, conic, coefficients of r⁴, r⁶, …
+fn surface(v: &[f64]) -> Surface {
+    let medium = match (v[2], v[3]) {
+        (1.0, 0.0) => Medium::Air,
+        (a, b) => Medium::Glass(Glass {
+            name: "n".to_owned(),
+            dispersion: Dispersion::new(1, &[a, 0.0, b, 0.0, 0.0, 0.0]).unwrap(),
+            range_um: (0.0, 9.0),
+        }),
+    };
+    let mut surface = Surface::new(v[0], v[1], medium);
+    surface.shape.conic = v[4];
+    if v.len() > 5 {
+        surface.shape.aspheric = std::iter::once(0.0).chain(v[5..].iter().copied()).collect();
+    }
+    surface
+}
+
+#[test]
+fn first_order_figures_equal_the_independent_ones() {
+    for Entry { system, paraxial, .. } in suite() {
+        let p = Paraxial::new(&system, UM[1]).unwrap();
+        let found = [
+            p.effective_focal_length_mm,
+            p.back_focal_length_mm,
+            p.image_f_number(),
+            p.entrance_pupil_mm,
+            p.exit_pupil_mm,
+            p.exit_radius_mm,
+        ];
+        for (found, expected) in found.iter().zip(&paraxial) {
+            let error = (found - expected).abs() / expected.abs().max(1.0);
+            assert!(error < 1e-6, "{}: {found} against {expected}", system.name);
+        }
+    }
+}
+
+#[test]
+fn chief_rays_and_illumination_equal_the_independent_ones() {
+    for Entry { system, fields, .. } in suite() {
+        let (mut height_error, mut ri_error) = (0.0_f64, 0.0_f64);
+        for field in &fields {
+            for (um, expected) in UM.iter().zip(&field[1..4]) {
+                let tracer = Tracer::new(&system, *um).unwrap();
+                let height = tracer.chief_height_mm(field[0]).unwrap();
+                height_error = height_error.max((height - expected).abs());
+                let tan = tracer.field_of_height(*expected).unwrap();
+                assert!((tan / field[0] - 1.0).abs() < 1e-8, "{}: {tan} against {}", system.name, field[0]);
+            }
+            let tracer = Tracer::new(&system, UM[1]).unwrap();
+            let ri = irradiance_sr(&tracer, field[0]).unwrap() / irradiance_sr(&tracer, 0.0).unwrap();
+            ri_error = ri_error.max((ri - field[4]).abs());
+        }
+        println!("{}: height {height_error:.1e} mm, RI {ri_error:.1e}", system.name);
+        assert!(height_error < 1e-7 && ri_error < 1e-5, "{}", system.name);
+    }
+}
+
+#[test]
+fn figures_of_every_lens_are_finite_and_its_light_falls_off_from_1() {
+    for Entry { system, fields, .. } in suite() {
+        let heights: Vec<f64> = std::iter::once(0.0).chain(fields.iter().map(|f| f[2])).collect();
+        let figures = field_figures(&system, &UM, &heights, 0.99, 2.0).unwrap();
+        assert_eq!(figures.len(), 3 * heights.len());
+        for figures in figures {
+            let f = figures.unwrap_or_else(|e| panic!("{}: {e}", system.name));
+            let ri = f.light.irradiance_sr / f.axis.irradiance_sr;
+            assert!(ri > 0.05 && ri < 1.5 && f.spot.rms_um.is_finite(), "{}: {f:?}", system.name);
+            assert!(f.height_mm > 0.0 || ((ri - 1.0).abs() < 1e-6 && f.lateral_colour_um == 0.0), "{f:?}");
+        }
+    }
+}
