@@ -26,8 +26,8 @@ pub use bench::BenchArgs;
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;
-pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use develop::{DemosaicArg, DevelopArgs, DevelopStyle, ToneArg};
+pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg, ExrCompressionArg};
 pub use import::{EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg};
 pub use lens::{

@@ -240,12 +240,11 @@ impl<'a> LensTrace<'a> {
                 })
                 .collect();
             let all: Option<usize> = needed.iter().try_fold(3, |a, (w, _)| w.map(|w| a.max(w)));
-            let (height, held) =
-                heights
-                    .iter()
-                    .zip(&needed)
-                    .map(|(h, (_, held))| (*h, *held))
-                    .fold((0.0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
+            let (height, held) = heights
+                .iter()
+                .zip(&needed)
+                .map(|(h, (_, held))| (*h, *held))
+                .fold((0.0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
             match all {
                 // Margin for field points between the sampled ones.
                 Some(w) => return Ok((w + 2).min(max)),
