@@ -81,6 +81,11 @@ impl Draft {
             .aperture
             .ok_or_else(|| incomplete("has no aperture (pupil, F-number, NA or stop radius)"))?
         {
+            Aperture::StopRadius(_) if self.surfaces[stop].semi_diameter_mm <= 0.0 => {
+                return Err(incomplete(format!(
+                    "has the size of its stop as aperture, and its stop, surface {stop}, has no semi-diameter"
+                )));
+            }
             Aperture::StopRadius(_) => Aperture::StopRadius(self.surfaces[stop].semi_diameter_mm),
             other => other,
         };

@@ -142,7 +142,7 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
     }
     if let Some(printed) = printed_mm {
         let computed = Paraxial::new(&system, system.primary_um())?.effective_focal_length_mm;
-        if !((computed - printed).abs() <= FOCAL_LENGTH_TOLERANCE * printed.abs()) {
+        if (computed - printed).abs() > FOCAL_LENGTH_TOLERANCE * printed.abs() {
             system.notes.push(format!(
                 "the table's focal length is {printed} mm, that of its surfaces {computed:.4} mm"
             ));

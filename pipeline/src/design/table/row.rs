@@ -166,7 +166,7 @@ impl<'a> Table<'a> {
         match self.glasses.find(name, &self.catalogues) {
             Ok((glass, note)) => {
                 let apart = n.map(|n| (glass.dispersion.index(LINES_UM[1]) - n, n));
-                let differs = apart.filter(|(d, _)| !(d.abs() <= INDEX_TOLERANCE)).map(|(d, n)| {
+                let differs = apart.filter(|(d, _)| d.abs() > INDEX_TOLERANCE).map(|(d, n)| {
                     format!("glass {name}: its n_d is {d:+.5} off the table's {n}, and is used")
                 });
                 Ok((Some(glass), differs.or(note)))

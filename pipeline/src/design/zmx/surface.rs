@@ -182,7 +182,7 @@ impl Reader {
 fn extended_terms(kind: Kind, extra: &[f64], scale: f64, shape: &mut Shape) -> Result<(), DesignError> {
     let &[count, radius, ref terms @ ..] = extra else { return Ok(()) };
     let terms = &terms[..terms.len().min(count.clamp(0.0, MAX_EXTRA as f64) as usize)];
-    if terms.iter().any(|a| *a != 0.0) && !(radius > 0.0) {
+    if terms.iter().any(|a| *a != 0.0) && radius <= 0.0 {
         let problem = format!("has an extended asphere of norm radius {radius}");
         return Err(DesignError::Incomplete { problem });
     }
