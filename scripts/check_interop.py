@@ -13,6 +13,7 @@ import h5py
 import hdf5storage
 import numpy as np
 import OpenEXR
+import rawpy
 import spectral.io.envi
 import tensorstore
 import tifffile
@@ -266,11 +267,53 @@ def hdf5(scratch):
         check(same(film(file, "--var", name, "--axes", "y,x,wavelength"), expected), f"h5py.h5, {name}: another film than its Zarr twin")
 
 
+def lab(rgb):
+    """CIE 1976 L*a*b* of linear sRGB."""
+    to_xyz = np.array([[0.4123908, 0.3575843, 0.1804808], [0.2126390, 0.7151687, 0.0721923], [0.0193308, 0.1191948, 0.9505322]])
+    t = rgb @ to_xyz.T / to_xyz.sum(1)
+    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], -1)
+
+
+def raws(scratch):
+    """Raws in zarr-python; DNG in LibRaw: its mosaic, and its development beside that of `lenscube develop`."""
+    film = scratch / "checker.film.zarr"
+    lenscube("run", "gen:checker?size=400x600&pitch_um=2", film, "--lens", "double-gauss-28-npz", "--stages", "ri")
+    for sensor, flags in {"sony-a7r2": [], "example-2um": [], "cmv12000-mono": [], "ideal-xyz": ["--roi", "31,17,300,200"]}.items():
+        raw, dng, exr = (scratch / f"{sensor}{ending}" for ending in (".raw.zarr", ".dng", ".exr"))
+        for out in (raw, dng):
+            lenscube("sensor", film, out, "--sensor", sensor, "--exposure", "20ms", "--die", 7, *flags)
+        array = "roi_0" if flags else "raw"
+        group = zarr.open_consolidated(str(raw))
+        mosaic = group[array][0]
+        with rawpy.imread(str(dng)) as found:
+            check(np.array_equal(found.raw_image, mosaic), f"{sensor}: LibRaw reads another mosaic")
+            black, white = group.attrs["black_dn"], group.attrs["white_dn"]
+            check(found.white_level == white and set(found.black_level_per_channel) <= {black}, f"{sensor}: LibRaw reads other levels")
+            if sensor == "cmv12000-mono":
+                continue
+            theirs = found.postprocess(use_camera_wb=True, no_auto_bright=True, gamma=(1, 1), output_bps=16, user_flip=0,
+                                       demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR, output_color=rawpy.ColorSpace.sRGB)
+        lenscube("develop", f"{raw}//{array}", exr, "--demosaic", "bilinear")
+        with OpenEXR.File(str(exr)) as file:
+            channels = file.channels()
+            ours = channels["RGB"].pixels if "RGB" in channels else np.stack([channels[c].pixels for c in "RGB"], -1)
+        height, width = (n // 20 for n in ours.shape[:2])
+        cells = lambda v: v[:20 * height, :20 * width].reshape(height, 20, width, 20, 3).mean((1, 3))
+        ours, theirs = cells(np.clip(ours, 0, 1)), cells(theirs / 65535)
+        # LibRaw scales by its own estimate of the maximum.
+        theirs = theirs * (ours.sum() / theirs.sum())
+        cast = np.abs(theirs.mean((0, 1)) / ours.mean((0, 1)) - 1).max()
+        error = np.sqrt(((lab(ours) - lab(theirs)) ** 2).sum(-1)).mean()
+        check(cast < 0.01 and error < 2, f"{sensor}: LibRaw's development has a cast of {cast}, mean colour difference {error}")
+
+
 with tempfile.TemporaryDirectory() as tmp:
     charts(Path(tmp))
     films(Path(tmp))
     exports(Path(tmp))
     pictures(Path(tmp))
     hdf5(Path(tmp))
+    raws(Path(tmp))
 print(f"{interop.done} checks: zarr-python {zarr.__version__}, xarray {xarray.__version__}, tensorstore, OpenEXR {OpenEXR.__version__}, "
-      f"tifffile {tifffile.__version__}, h5py {h5py.__version__}, spectral and NumPy read files of lenscube, and lenscube reads theirs")
+      f"tifffile {tifffile.__version__}, h5py {h5py.__version__}, LibRaw {'.'.join(map(str, rawpy.libraw_version))}, spectral and NumPy read files of lenscube, and lenscube reads theirs")

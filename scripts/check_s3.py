@@ -195,6 +195,25 @@ def other_programs(store, film_path):
         check(ds["film"].dims == ("wavelength", "y", "x") and np.array_equal(ds["film"].values, here), "xarray reads another film on the store")
 
 
+def raws(store, env, here, reference):
+    """Raws on the store equal those in files byte for byte, and are developed there."""
+    flags = ["--sensor", "example-2um", "--exposure", "40ms"]
+    film, raw = s3("film.zarr"), s3("film.raw.zarr")
+    lenscube(env, 0, [], "sensor", here / "film.zarr", here / "film.raw.zarr", *flags)
+    lenscube(env, 0, [], "sensor", film, raw, *flags)
+    same_film(store.objects("films/film.raw.zarr"), files(here / "film.raw.zarr"), "a raw on the store")
+    lenscube(env, 0, ["nothing to do"], "sensor", film, raw, *flags)
+    lenscube(env, 0, ["complete"], "status", raw, "--check")
+    lenscube(env, 3, ["another job", "seed"], "sensor", film, raw, *flags, "--seed", 2)
+    for name in ("there", "here"):
+        lenscube(env, 0, [], "develop", raw if name == "there" else here / "film.raw.zarr", here / f"raw-{name}.png")
+    check((here / "raw-there.png").read_bytes() == (here / "raw-here.png").read_bytes(), "developments of the two raws differ")
+    store.s3.delete_object(Bucket=BUCKET, Key="films/film.raw.zarr/raw/c/0/0/0")
+    lenscube(env, 1, ["shards of frame 0 are missing"], "develop", raw, here / "never.png")
+    lenscube(env, 0, ["resuming"], "sensor", film, raw, *flags)
+    same_film(store.objects("films/film.raw.zarr"), files(here / "film.raw.zarr"), "a resumed raw")
+
+
 def kill_and_resume(store, reference):
     """SIGKILL at several moments; the same command resumes. Only complete shards remain after a kill."""
     def killed_after(first):
@@ -379,7 +398,7 @@ def main():
             store, env = Store(port), environment(port)
             reference = stores(store, env, here)
             for step, args in [(status_and_verify, (store, env, reference)), (other_programs, (store, here / "film.zarr")), (kill_and_resume, (store, reference)),
-                               (transient_faults, (store, reference)), (in_units, (store, env, here, reference)), (permanent_errors, (store, env, here)), (replaced, (store,)),
+                               (transient_faults, (store, reference)), (in_units, (store, env, here, reference)), (raws, (store, env, here, reference)), (permanent_errors, (store, env, here)), (replaced, (store,)),
                                (encrypted, (store, here, reference)), (in_flight, (store,))]:
                 begin = time.monotonic()
                 step(*args)

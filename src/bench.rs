@@ -7,6 +7,7 @@
 //! compared with bounds of their arithmetic and traffic ([`bounds`]); a job that cannot run is reported with the reason.
 
 mod bounds;
+mod camera;
 mod compare;
 mod gpu;
 mod job;
@@ -138,6 +139,7 @@ pub fn command(args: &BenchArgs) -> Result<()> {
         Device::Cpu => {
             log_line("1/3  stages, in memory");
             stages::measure(&mut bench)?;
+            camera::measure(&mut bench)?;
         }
         Device::Cuda(_) | Device::Auto => {
             log_line("1/3  GPU kernels and copies");

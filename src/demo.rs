@@ -31,6 +31,8 @@ use std::path::Path;
 /// Side of the paper's film, mm and px.
 const FILM_MM: f64 = 28.282;
 const FULL_PX: usize = 14_141;
+/// Pixel pitch of the full film, mm.
+const FULL_PITCH_MM: f64 = 0.002;
 /// Side of a region of the full film, px.
 const REGION_PX: usize = 640;
 /// Test patterns of the chart, which has 30 x 30 cells: name and distance from the centre in cells.
@@ -68,7 +70,11 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     }
     log_line("4/5  raw of the corner by the sensor example-2um, one sensor pixel per film pixel");
     let corner = format!("{}//roi_{}", text(&dir.join("regions.zarr")), STATIONS.len() - 1);
-    let code = demo.create("corner.raw.zarr", |path| camera::expose(&corner, path, threads))?;
+    let centre_mm = |first: i64| {
+        ((first as f64 + (REGION_PX as f64 - FULL_PX as f64) / 2.0) * FULL_PITCH_MM * 1e6).round() / 1e6
+    };
+    let middle = regions.last().map_or((0.0, 0.0), |r| (centre_mm(r.x), centre_mm(r.y)));
+    let code = demo.create("corner.raw.zarr", |path| camera::expose(&corner, path, middle, threads))?;
     if code != 0 {
         return Ok(code);
     }

@@ -3,6 +3,7 @@
 mod attributes;
 pub mod check;
 mod exposure;
+mod figures;
 mod film;
 mod geometry;
 mod identity;
@@ -79,7 +80,7 @@ fn expose_raw(args: &ExposeArgs, film: &str, raw: &Path) -> Result<u8> {
     let measured = match plan.needs_signal_first() {
         true => match signal::measure(&plan, parent_of(&link_target(raw)))? {
             Some(measured) => Some(measured),
-            None => return Ok(interrupted("nothing was written; the same command begins anew")),
+            None => return Ok(interrupted("nothing was written; the same command starts again")),
         },
         false => None,
     };
@@ -117,12 +118,12 @@ fn resumed(plan: &Plan, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
     if differ.is_empty() {
         return Ok(Some(store));
     }
-    let words: Vec<String> =
+    let differences: Vec<String> =
         differ.iter().map(|(key, there, asked)| format!("{key} (there {there}, asked {asked})")).collect();
     Err(other_job(format!(
-        "{} exists and belongs to another job: {}; choose another path, or start it anew with --overwrite",
+        "{} exists and belongs to another job: {}; choose another path, or replace it with --overwrite",
         path.display(),
-        words.join(", ")
+        differences.join(", ")
     )))
 }
 
@@ -168,7 +169,7 @@ fn work(
     warnings::after(plan, &settled, &done);
     if done.left > 0 {
         return Ok(interrupted(&format!(
-            "{} of {} shards are left; the same command resumes",
+            "{} of {} shards are missing; the same command resumes",
             done.left,
             missing.len()
         )));
@@ -177,12 +178,12 @@ fn work(
     Ok(0)
 }
 
-fn interrupted(words: &str) -> u8 {
-    log_line(format!("interrupted: {words}"));
+fn interrupted(message: &str) -> u8 {
+    log_line(format!("interrupted: {message}"));
     code::INTERRUPTED
 }
 
-/// Removes the raw, unless a run is at work on it.
+/// Removes the raw, unless a run holds its lock.
 fn remove(path: &Path, take_over: bool) -> Result<()> {
     let _held = match RawStore::locks(path)?.is_empty() {
         true => None,

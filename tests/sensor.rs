@@ -410,6 +410,42 @@ fn bad_input_is_one_clear_error() {
     );
 }
 
+/// Interrupted at a shard: exit code 130, and the same command resumes with the same bytes.
+#[test]
+fn interrupted_run_ends_with_130_and_resumes() {
+    let place = Place::new();
+    let film = place.noise(Size::new(2200, 2100));
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms,50ms", "--threads", "1"];
+    let whole = place.at("whole");
+    sensor(&film, &whole, &flags).ok();
+    let raw = place.at("raw");
+    let mut child = command(&film, &raw, &flags)
+        .env("LENSCUBE_FAULT", "commit:2:stop")
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let stat = format!("/proc/{}/stat", child.id());
+    let is_stopped =
+        || std::fs::read_to_string(&stat).unwrap().rsplit(')').next().unwrap().trim_start().starts_with('T');
+    for _ in 0..6000 {
+        if is_stopped() {
+            break;
+        }
+        assert!(child.try_wait().unwrap().is_none(), "ended before it stopped");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let signal = |name: &str| {
+        let id = child.id().to_string();
+        assert!(Command::new("kill").args([name, &id]).status().unwrap().success());
+    };
+    signal("-INT");
+    signal("-CONT");
+    let ran = CommandResult::new(&child.wait_with_output().unwrap());
+    assert_exit(&ran, 130, &["interrupted: ", "the same command resumes"]);
+    assert_exit(&sensor(&film, &raw, &flags), 0, &["resuming"]);
+    assert!(files(&raw) == files(&whole));
+}
+
 #[test]
 fn warnings_name_figures_and_ways_out() {
     let place = Place::new();

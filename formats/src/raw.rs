@@ -29,7 +29,7 @@ const MAX_METADATA: u64 = 64 << 20;
 /// The array of the kept signal.
 pub const SIGNAL: &str = "signal";
 
-/// A raw on disk. Encoding and committing may go on on many threads.
+/// A raw on disk. Shards are encoded and committed on any number of threads.
 #[derive(Debug)]
 pub struct RawStore {
     store: Store,
@@ -149,7 +149,7 @@ impl RawStore {
         }
     }
 
-    /// Where it lies.
+    /// Its path or URL.
     pub fn path(&self) -> &Path {
         self.store.root()
     }
@@ -216,7 +216,7 @@ impl RawStore {
         written.map_err(|e| self.check_in_place().err().unwrap_or(e.into()))
     }
 
-    /// Fails unless this raw still lies at its path.
+    /// Fails unless this raw is still at its path.
     ///
     /// # Errors
     /// [`RawError::Replaced`], [`RawError::Recreated`]; [`DurableError::StoreMissing`] if none is there.

@@ -152,7 +152,7 @@ pub struct ExposeArgs {
     /// Do not wait for the disk after each shard: faster, unsafe against power cuts
     #[arg(long)]
     pub no_fsync: bool,
-    /// Start anew if the raw exists
+    /// Replace an existing raw or file
     #[arg(long)]
     pub overwrite: bool,
     /// Take over a stale lock held by another host

@@ -36,12 +36,12 @@ pub fn figures(pair: &Pair, regions: &[Region], edges: &[Edge]) -> Figure {
         for (raw, name) in ["A", "B"].iter().enumerate() {
             let points = over_height(&|r| r.snr_db(raw), plane);
             let dots = Shape::Dots(if raw == 0 { 3.5 } else { 2.0 });
-            snr.series.push(Series::distinct(format!("{plane}, {name}"), points, 2 * i + raw).shaped(dots));
+            snr.series.push(Series::distinct(format!("{plane} in {name}"), points, 2 * i + raw).shaped(dots));
         }
         let points = over_height(&|r| r.difference_e.0 / r.equivalent_e(), plane);
         ratio
             .series
-            .push(Series::distinct(format!("{plane}, B - A"), points, 2 * i).shaped(Shape::Dots(3.0)));
+            .push(Series::distinct(format!("{plane}: B − A"), points, 2 * i).shaped(Shape::Dots(3.0)));
     }
     let mut plots = vec![snr, ratio];
     for (k, edge) in edges.iter().enumerate() {
@@ -56,7 +56,7 @@ pub fn figures(pair: &Pair, regions: &[Region], edges: &[Edge]) -> Figure {
                 let points = std::iter::zip(&mtf.frequency_cy_px, &mtf.modulation);
                 let points = points.filter(|(f, _)| **f <= MAX_CY_PX).map(|(f, m)| (*f, *m)).collect();
                 plot.series
-                    .push(Series::distinct(format!("{}, {name}", curve.name), points, i).dashed(2 * raw));
+                    .push(Series::distinct(format!("{} in {name}", curve.name), points, i).dashed(2 * raw));
             }
         }
         plots.push(plot);

@@ -17,23 +17,13 @@ use std::path::Path;
 /// The sensor of the demo.
 pub const SENSOR: &str = "example-2um";
 
-/// Runs `lenscube sensor FILM RAW`; the exit code.
-pub fn expose(film: &str, raw: &Path, threads: usize) -> Result<u8> {
+/// Runs `lenscube sensor FILM RAW` with the sensor's middle at `centre_mm` (x, y) from the axis; the exit code.
+pub fn expose(film: &str, raw: &Path, centre_mm: (f64, f64), threads: usize) -> Result<u8> {
     let (raw, threads) = (raw.to_string_lossy(), threads.to_string());
-    let words = [
-        "lenscube",
-        "sensor",
-        film,
-        &*raw,
-        "--sensor",
-        SENSOR,
-        "--exposure",
-        "auto",
-        "--overwrite",
-        "--threads",
-        &*threads,
-    ];
-    let Command::Sensor(args) = Cli::try_parse_from(words)?.command else {
+    let centre = format!("--center={},{}", centre_mm.0, centre_mm.1);
+    let flags = ["--exposure", "auto", "--overwrite", "--threads", &*threads, &*centre];
+    let words = ["lenscube", "sensor", film, &*raw, "--sensor", SENSOR];
+    let Command::Sensor(args) = Cli::try_parse_from(words.iter().chain(&flags))?.command else {
         unreachable!("the command line begins with `sensor`")
     };
     sensor::command(&args)

@@ -42,10 +42,10 @@ pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
             "missing": missing,
         }))?),
         false => {
-            let words = if complete { "complete" } else { "incomplete" };
+            let state = if complete { "complete" } else { "incomplete" };
             let (frames, size) = (raw.spec().exposure_s.len(), raw.spec().sensor);
             print(format!(
-                "{}: raw, {words}: {done} of {} shards; {frames} frames of {size} px",
+                "{}: raw, {state}: {done} of {} shards; {frames} frames of {size} px",
                 raw.path().display(),
                 all.len()
             ));
@@ -69,7 +69,7 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
         bad().try_for_each(|finding| raw.remove_bad(finding))?;
         raw.sweep()?;
     }
-    let words = |f: &formats::raw::RawFinding| match &f.reason {
+    let line = |f: &formats::raw::RawFinding| match &f.reason {
         Some(reason) => format!("bad {}: {reason}", f.key),
         None => format!("missing {}", f.key),
     };
@@ -78,7 +78,7 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
             "raw": json_path(raw.path()),
             "shards": raw.spec().all_shards().len(),
             "bytes": bytes,
-            "findings": findings.iter().map(words).collect::<Vec<_>>(),
+            "findings": findings.iter().map(line).collect::<Vec<_>>(),
             "removed": if args.repair { bad().count() } else { 0 },
         }))?),
         false => {
@@ -88,10 +88,10 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
                 raw.spec().all_shards().len(),
                 findings.len()
             ));
-            name(findings.iter().map(words));
+            name(findings.iter().map(line));
             if args.repair && bad().count() > 0 {
                 print(format!(
-                    "{} bad shards removed; the same `lenscube sensor` makes them again",
+                    "{} bad shards removed; the same `lenscube sensor` computes them again",
                     bad().count()
                 ));
             }

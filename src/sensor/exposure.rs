@@ -44,7 +44,7 @@ pub fn time(flag: &str, text: &str) -> Result<f64> {
 }
 
 impl Times {
-    /// From the words of `--exposure`.
+    /// From the value of `--exposure`.
     pub fn parse(text: &str) -> Result<Self> {
         let fail = |e: String| usage(format!("--exposure {text}: {e}"));
         if let Some(rest) = text.strip_prefix("auto") {
@@ -60,9 +60,9 @@ fn auto(rest: &str) -> Result<Times, String> {
     let (mut fill, mut percentile) = (0.9, 99.9);
     if let Some(words) = rest.strip_prefix(':') {
         let (first, second) = words.split_once('@').map_or((words, None), |(a, b)| (a, Some(b)));
-        let number = |t: &str, most: f64, what: &str| match t.trim().parse::<f64>() {
-            Ok(v) if v > 0.0 && v <= most => Ok(v),
-            _ => Err(format!("expected {what} above 0, at most {most}, found `{t}`")),
+        let number = |t: &str, max: f64, what: &str| match t.trim().parse::<f64>() {
+            Ok(v) if v > 0.0 && v <= max => Ok(v),
+            _ => Err(format!("expected {what} above 0, at most {max}, found `{t}`")),
         };
         fill = number(first, 1.0, "a share of saturation")?;
         if let Some(word) = second {
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_exposure_is_refused() {
+    fn invalid_exposure_is_an_error() {
         for text in [
             "",
             "0",

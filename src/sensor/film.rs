@@ -1,4 +1,4 @@
-//! The film as the sensor sees it: complete, its bands in order of wavelength, its values as spectral irradiance.
+//! The film as input of the sensor: complete, its bands in order of wavelength, its values as spectral irradiance.
 
 use crate::args::ExposeArgs;
 use crate::develop::frame::split_group;
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 /// A film, or one window of it.
 pub struct Film {
-    /// Where it lies.
+    /// Its path or URL.
     pub path: PathBuf,
     /// Its pixels, bands ascending in wavelength.
     pub bands: Bands,
@@ -28,7 +28,7 @@ pub struct Film {
     pub size: Size,
     /// Optical axis (y, x) from the array's middle, µm.
     pub axis_um: (f64, f64),
-    /// What a value of each band stands for: W m⁻² nm⁻¹, or that of one relative unit.
+    /// Irradiance of a film value of 1 in each band, W m⁻² nm⁻¹; of a relative film its scale is unknown.
     pub factors: Vec<f64>,
     /// Whether the values are relative.
     pub relative: bool,
@@ -197,7 +197,7 @@ fn factors(store: &FilmStore, wavelengths_nm: &[f64], args: &ExposeArgs) -> Resu
             (None, None) => {
                 return Err(usage(format!(
                     "film {} holds radiance ({}) and no transmission and solid angle of its lens; give the lens's --f-number N (and \
-                     --transmission), or make the film anew by `lenscube run --film-units irradiance`",
+                     --transmission), or compute the film with `lenscube run --film-units irradiance`",
                     store.path().display(),
                     film.units
                 )));

@@ -1,4 +1,4 @@
-//! Where the sensor lies on the film: its size, its centre, the weights of film pixels.
+//! Position of the sensor on the film: its size, its centre, the weights of film pixels.
 
 use super::film::Film;
 use super::resolve::check_rois;
@@ -49,9 +49,9 @@ impl Geometry {
         };
         let fitting = |film_px: usize, centre_um: f64| {
             let free = film_px as f64 * film.pitch_um - 2.0 * centre_um.abs();
-            let most = (free / p + 1e-9).floor().max(0.0) as usize;
+            let max = (free / p + 1e-9).floor().max(0.0) as usize;
             // Snapping may move the sensor by half a film pixel beyond the edge.
-            (1..=most)
+            (1..=max)
                 .rev()
                 .take(2)
                 .find(|n| axis(film_px, *n, centre_um).snapped().taps(0..1, Resample::Area).is_ok())

@@ -20,7 +20,7 @@ pub fn of_signal(film: &Film, sensor: &Sensor, geometry: &Geometry) -> Value {
     })
 }
 
-/// Digest of what a sensor makes of light before noise.
+/// Digest of the optical parameters of a sensor.
 pub fn optics(sensor: &Sensor) -> String {
     let curves: Vec<Value> =
         sensor.channels.iter().map(|c| json!([c.curve.wavelengths_nm, c.curve.values])).collect();
@@ -38,7 +38,7 @@ pub fn optics(sensor: &Sensor) -> String {
     }))
 }
 
-/// Digest of what a sensor makes of charge.
+/// Digest of the electronic parameters of a sensor.
 fn electronics(sensor: &Sensor) -> String {
     let (p, n, a) = (&sensor.pixel, &sensor.noise, &sensor.adc);
     digest(&json!([

@@ -1,8 +1,8 @@
 //! Memory of a run, planned before the first pixel.
 //!
-//! Fixed: the program; a strip of signal as high as a shard (two where illuminance is summed); rows that a block of the film finishes. Per
-//! thread: the film pixels of a block and stripe, their sums, a shard of digital numbers and its encoded bytes. What is left keeps decoded chunks
-//! of the film where stripes share columns, as much as two columns of chunks of all bands.
+//! Fixed: the program; the signal of a row of shards (two planes if illuminance is summed); the rows finished by a block of the film. Per
+//! thread: the film pixels of a row block and column block, their sums, a shard of digital numbers and its encoded bytes. The rest is a cache of decoded
+//! chunks where column blocks share film columns, at most two columns of chunks of all bands.
 
 use crate::failure::usage;
 use crate::memory::mib;
@@ -12,9 +12,9 @@ use anyhow::Result;
 const BASE: usize = 48 << 20;
 /// Of each thread: a chunk on its way, lanes.
 const WORKER: usize = 6 << 20;
-/// Default limit, at most.
+/// Maximum default limit.
 pub const DEFAULT: u64 = 1 << 30;
-/// Least rows of a block of the film.
+/// Minimum rows of a block of the film.
 const BLOCK_ROWS: usize = 512;
 
 /// What a run's memory depends on.
@@ -29,7 +29,7 @@ pub struct Needs {
     pub chunk: (usize, usize),
     /// Film pixels a sensor pixel.
     pub ratio: f64,
-    /// Whether film columns belong to one stripe each.
+    /// Whether film columns belong to one column block each.
     pub aligned: bool,
     /// Planes of the pass.
     pub planes: usize,
@@ -54,24 +54,23 @@ impl Memory {
         let limit = usize::try_from(limit).unwrap_or(usize::MAX);
         let block = (BLOCK_ROWS.div_ceil(needs.chunk.0) * needs.chunk.0, needs.chunk.1);
         let rows = (block.0 as f64 / needs.ratio).ceil() as usize + 1;
-        // The strip holds what a block has finished beyond a shard as well.
-        let strip = 4 * needs.planes * needs.width * (needs.shard.0 + 2 * rows);
+        let signal = 4 * needs.width * (needs.shard.0 + needs.planes * rows);
         let film_columns = (needs.width as f64 * needs.ratio) as usize;
         let carry = if needs.aligned { 0 } else { 2 * 8 * 4 * needs.bands * film_columns };
         let shard = needs.shard.0 * needs.shard.1;
-        let stripe = 4 * block.0 * (block.1 + 16)
+        let block_bytes = 4 * block.0 * (block.1 + 16)
             + 8 * needs.planes * rows * ((block.1 as f64 / needs.ratio) as usize + 2);
-        let worker = WORKER + (4 * needs.chunk.0 * needs.chunk.1 * 2 + stripe).max(shard * (4 + 2 + 2));
-        let fixed = BASE + strip + carry;
+        let worker = WORKER + (4 * needs.chunk.0 * needs.chunk.1 * 2 + block_bytes).max(shard * (4 + 2 + 2));
+        let fixed = BASE + signal + carry;
         let usable = limit / 16 * 15;
         let fit = (1..=threads).rev().find(|n| fixed + n * worker <= usable);
         let Some(threads) = fit else {
-            let least = (fixed + worker) / 15 * 16;
+            let minimum = (fixed + worker) / 15 * 16;
             return Err(usage(format!(
-                "--memory {} is too small: strips of {} pixels need at least {}; give that much, or a smaller --size",
+                "--memory {} is too small: rows of {} pixels need at least {}; give that much, or a smaller --size",
                 mib(limit),
                 needs.width,
-                mib(least)
+                mib(minimum)
             )));
         };
         let column = 4 * needs.chunk.0 * needs.chunk.1 * needs.bands * (block.0 / needs.chunk.0);
@@ -97,8 +96,8 @@ mod tests {
     }
 
     #[test]
-    fn largest_sensor_works_in_288_mib_and_100_mib_is_an_error() {
-        let memory = Memory::plan(288 << 20, 2, &needs(true)).unwrap();
+    fn largest_sensor_works_in_256_mib_and_100_mib_is_an_error() {
+        let memory = Memory::plan(256 << 20, 2, &needs(true)).unwrap();
         assert!(memory.threads >= 1 && memory.cache == 0);
         assert!(Memory::plan(100 << 20, 2, &needs(true)).unwrap_err().to_string().contains("too small"));
         let memory = Memory::plan(1 << 30, 2, &Needs { ratio: 2.75, width: 5142, ..needs(false) }).unwrap();

@@ -243,7 +243,7 @@ impl Plan {
         matches!(self.times, Times::Auto { .. }) || self.film_lux.is_some()
     }
 
-    /// Weights of the planes that a pass over the film makes: the signal, and the illuminance where it is summed.
+    /// Weights of the planes that a pass over the film makes: the signal, and the illuminance if it is summed.
     pub fn planes(&self, film: &Film, with_lux: bool) -> Vec<BandWeights> {
         let signal = BandWeights::electrons(&self.sensor, &film.wavelengths_nm, &film.factors);
         let lux = illuminance_weights(&film.wavelengths_nm);
@@ -324,7 +324,7 @@ fn outputs(args: &ExposeArgs, size: Size) -> Vec<RawOutput> {
 fn largest_shard(args: &ExposeArgs, size: Size) -> (usize, usize) {
     let spec = RawSpec { outputs: outputs(args, size), ..empty() };
     let shapes = (0..spec.outputs.len()).map(|output| spec.shard_shape(output));
-    shapes.fold((0, 0), |most, shape| (most.0.max(shape.0), most.1.max(shape.1)))
+    shapes.fold((0, 0), |max, shape| (max.0.max(shape.0), max.1.max(shape.1)))
 }
 
 /// A layout without content.

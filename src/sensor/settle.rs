@@ -55,7 +55,7 @@ impl Plan {
     pub fn settled_of(&self, store: &RawStore) -> Result<Settled> {
         let scale = store.attributes().get("film_scale").and_then(Value::as_f64);
         let scale = scale.with_context(|| {
-            format!("{}: no attribute film_scale; start it anew with --overwrite", store.path().display())
+            format!("{}: no attribute film_scale; replace it with --overwrite", store.path().display())
         })?;
         Ok(Settled { exposure_s: store.spec().exposure_s.clone(), scale })
     }

@@ -109,7 +109,7 @@ pub fn peak(sensor: &Sensor, channel: usize) -> (f64, f64) {
 }
 
 /// Figures of quantum efficiency and signal-to-noise ratio.
-fn plots(s: &Sensor, directory: &Path) -> Result<()> {
+pub fn plots(s: &Sensor, directory: &Path) -> Result<()> {
     check_directory(directory)?;
     std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
     let curves = (0..s.channels.len()).map(|c| {
@@ -144,7 +144,8 @@ fn plots(s: &Sensor, directory: &Path) -> Result<()> {
         Series::distinct("temporal", ratio(false), 0),
         Series::distinct("with fixed patterns", ratio(true), 1),
     ];
-    write(&directory.join("signal-to-noise.png"), plot)
+    write(&directory.join("signal-to-noise.png"), plot)?;
+    super::figures::patches(&directory.join("patches.png"), s)
 }
 
 /// EMVA 1288 signal-to-noise ratio of a mean charge; `total`: with the fixed patterns.
@@ -166,10 +167,10 @@ pub fn write(path: &Path, plot: Plot) -> Result<()> {
     Ok(())
 }
 
-/// A bench for the channel that sees most.
+/// A bench for the channel of the highest quantum efficiency.
 pub fn bench(sensor: &Sensor, seed: u64, die: u64) -> Bench<'_> {
     let best = (0..sensor.channels.len()).map(|c| peak(sensor, c).1).fold(0.0, f64::max);
-    // On a pixel: a photodiode catches what falls on its own area.
+    // On a pixel: the efficiency of a photodiode is that of its own area.
     let share = sensor.area_m2() / (sensor.pixel.pitch_um * sensor.pixel.pitch_um * 1e-12);
     Bench { sensor, quantum_efficiency: best * share, seconds: 0.01, seed, die }
 }

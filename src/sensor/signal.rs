@@ -29,7 +29,7 @@ pub struct Kept {
     pub spec: RawSpec,
     /// Its sensor.
     pub sensor: SensorFile,
-    /// What the signal was made of.
+    /// Identity of the signal.
     pub signal_identity: Value,
     /// What it records of the film.
     pub film: Value,
@@ -173,7 +173,7 @@ pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
     Ok(whole.then_some(Measured { file: Some(file), histogram, mean_lux }))
 }
 
-/// Makes rows of a window of the sensor from the film; `false`: interrupted.
+/// Computes rows of a window of the sensor from the film; `false`: interrupted.
 pub fn pass(
     plan: &Plan,
     (film, geometry): (&Film, &Geometry),

@@ -7,7 +7,8 @@ use crate::failure::code;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series};
-use pipeline::sensor::emva::{Bench, DITHERED_DN, Measured, SPATIAL_FRAMES, Stated};
+use formats::picture::style::Colour;
+use pipeline::sensor::emva::{Bench, DITHERED_DN, FRAME, Measured, SPATIAL_FRAMES, Stated};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -113,15 +114,28 @@ fn report(directory: &Path, bench: &Bench<'_>, m: &Measured, rows: &[Row]) -> Re
         Axis::new("log10 of the mean above the dark (DN)", 0.0, 1.0),
         Axis::new("log10 of the temporal variance (DN²)", 0.0, 1.0),
     );
-    let by_formula = m.points.iter().map(|p| {
-        let mean = p.mean_dn - m.dark.mean_dn;
-        (log(mean), log(m.dark.variance_dn2 + bench.stated().dn_per_e * mean))
-    });
+    let stated = bench.stated();
+    let full_dn = log(stated.saturation_e * stated.dn_per_e);
+    // From 1 DN on: dark noise dominates there.
+    let means: Vec<f64> = (0..=80).map(|i| 10f64.powf(full_dn * f64::from(i) / 80.0)).collect();
+    let regime = |variance: &dyn Fn(f64) -> f64| {
+        means.iter().map(|v| (log(*v), log(variance(*v)))).collect::<Vec<_>>()
+    };
+    let by_formula = regime(&|v| m.dark.variance_dn2 + stated.dn_per_e * v);
     plot.series = vec![
         Series::distinct("measured", points.collect(), 0).marked(0),
-        Series::distinct("by formula", by_formula.collect(), 1).dashed(1),
+        Series::distinct("by formula", by_formula, 1).dashed(1),
+        Series::distinct("dark noise", regime(&|_| m.dark.variance_dn2), 2).dashed(2),
+        Series::distinct("shot noise", regime(&|v| stated.dn_per_e * v), 3).dashed(2),
+        Series::distinct("PRNU (spatial)", regime(&|v| (stated.prnu * v).powi(2)), 4).dashed(2),
+        Series::line(
+            "saturation",
+            vec![(full_dn, log(m.dark.variance_dn2)), (full_dn, log(stated.dn_per_e) + full_dn)],
+            Colour::Muted,
+        ),
     ];
     write(&directory.join("photon-transfer.png"), plot)?;
+    super::show::plots(s, directory)?;
     for (name, title, frame) in
         [("dsnu", "dark", &m.dark_mean_frame), ("prnu", "half saturation", &m.half_mean_frame)]
     {
@@ -134,11 +148,12 @@ fn report(directory: &Path, bench: &Bench<'_>, m: &Measured, rows: &[Row]) -> Re
         );
         plot.series = vec![Series::distinct("pixels", counts, 0)];
         write(&directory.join(format!("{name}-histogram.png")), plot)?;
+        super::figures::map(&directory.join(format!("{name}-map.png")), title, frame, FRAME)?;
     }
     Ok(())
 }
 
-/// Counts of bins from the least to the greatest value; their width is a multiple of the steps of a mean of frames.
+/// Counts of bins from the minimum to the maximum; their width is a multiple of the steps of a mean of frames.
 fn histogram(values: &[f64]) -> Vec<(f64, f64)> {
     const BINS: f64 = 64.0;
     let step = 1.0 / f64::from(SPATIAL_FRAMES);

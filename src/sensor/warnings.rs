@@ -17,7 +17,7 @@ const NEGATIVE: f64 = 1e-3;
 /// Black must lie this many standard deviations of the dark above 0.
 const BLACK_SIGMAS: f64 = 4.0;
 
-/// The share of each channel's response outside the film's bands; a sensor that sees none of a band, or none at all, is an error.
+/// The share of each channel's response outside the film's bands; a sensor without response to a band, or to all bands, is an error.
 pub fn of_spectrum(sensor: &Sensor, bands_nm: &[f64], film: &Path) -> Result<Vec<String>> {
     let weights: Vec<Vec<f64>> =
         (0..sensor.channels.len()).map(|c| sensor.band_weights(c, bands_nm)).collect();
@@ -37,7 +37,7 @@ pub fn of_spectrum(sensor: &Sensor, bands_nm: &[f64], film: &Path) -> Result<Vec
         .map(|b| b.1)
     {
         return Err(usage(format!(
-            "film {}: its band of {nm} nm lies outside all curves of sensor {} ({}); make the film of the bands that the sensor sees \
+            "film {}: its band of {nm} nm lies outside all curves of sensor {} ({}); compute the film for the bands of the sensor \
              (`lenscube run --bands`), or extend the curves",
             film.display(),
             sensor.name,
@@ -46,7 +46,7 @@ pub fn of_spectrum(sensor: &Sensor, bands_nm: &[f64], film: &Path) -> Result<Vec
     }
     if weights.iter().flatten().all(|w| *w <= 0.0) {
         return Err(usage(format!(
-            "film {}: sensor {} sees none of its bands ({})",
+            "film {}: sensor {} has no response in its bands ({})",
             film.display(),
             sensor.name,
             ranges.join(", ")
@@ -55,18 +55,18 @@ pub fn of_spectrum(sensor: &Sensor, bands_nm: &[f64], film: &Path) -> Result<Vec
     let shares: Vec<(String, f64)> = (0..sensor.channels.len())
         .map(|c| (sensor.channels[c].name.clone(), sensor.share_outside(c, bands_nm)))
         .collect();
-    // A constant has no range of its own: what lies outside is the definition's.
+    // A constant has no range.
     let endless = sensor.channels.iter().all(|c| c.curve.range_nm().1 >= 1e5);
     if endless {
         return Ok(vec!["note: the sensor's efficiency is one constant at all wavelengths; light outside the film's bands is not counted".into()]);
     }
-    let words: Vec<String> =
+    let by_name: Vec<String> =
         shares.iter().map(|(name, share)| format!("{name} {:.2} %", 100.0 * share)).collect();
     let warning = shares.iter().any(|s| s.1 > OUTSIDE);
     let kind = if warning { "warning" } else { "note" };
     Ok(vec![format!(
         "{kind}: share of each filter's response (equal energy) outside the film's bands: {}",
-        words.join(", ")
+        by_name.join(", ")
     )])
 }
 

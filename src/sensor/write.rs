@@ -1,4 +1,4 @@
-//! The shards of a raw: strips of signal, exposed and encoded shard by shard.
+//! The shards of a raw: rows of shards of the signal, exposed and encoded shard by shard.
 
 use super::resolve::{Plan, Source};
 use super::settle::Settled;
@@ -53,7 +53,7 @@ struct Writer<'a> {
 /// Missing shards by output and place.
 type Places = BTreeMap<(usize, (usize, usize)), Vec<RawShard>>;
 
-/// Makes the shards `missing`.
+/// Computes the shards `missing`.
 pub fn shards(
     plan: &Plan,
     store: &RawStore,
@@ -119,23 +119,26 @@ impl Writer<'_> {
             let height = self.store.spec().shard_shape(output).0;
             for run in rows.chunk_by(|a, b| a + 1 == *b) {
                 let wanted = run[0] * height..((run[run.len() - 1] + 1) * height).min(window.height);
-                let mut strip: Vec<f32> = Vec::new();
+                let mut signal: Vec<f32> = Vec::with_capacity(height.min(window.height) * window.width);
                 let (mut row, mut failed) = (run[0], None);
                 let mut deliver = |_: usize, planes: &[Vec<f32>]| {
-                    strip.extend(&planes[0]);
+                    let mut rest = &planes[0][..];
                     loop {
+                        // Never more than a row of shards, so that memory does not depend on the blocks.
                         let rows = height.min(window.height - (row * height).min(window.height));
-                        if rows == 0 || strip.len() < rows * window.width {
+                        let missing = rows * window.width - signal.len().min(rows * window.width);
+                        let (next, after) = rest.split_at(missing.min(rest.len()));
+                        signal.extend_from_slice(next);
+                        rest = after;
+                        if rows == 0 || signal.len() < rows * window.width {
                             return Ok(());
                         }
-                        if let Err(e) =
-                            self.strip(places, (output, row), window, &strip[..rows * window.width])
-                        {
+                        if let Err(e) = self.shard_row(places, (output, row), window, &signal) {
                             // Kept apart: boxed, it would lose its type, from which the exit code follows.
                             failed = Some(e);
                             return Err("a shard could not be written".into());
                         }
-                        strip.drain(..rows * window.width);
+                        signal.clear();
                         row += 1;
                     }
                 };
@@ -151,14 +154,14 @@ impl Writer<'_> {
     }
 
     /// A row of shards of an output from its signal.
-    fn strip(
+    fn shard_row(
         &self,
         places: &Places,
         (output, row): (usize, usize),
         window: Rect,
-        strip: &[f32],
+        signal: &[f32],
     ) -> Result<()> {
-        self.count_signal(strip);
+        self.count_signal(signal);
         let shards: Vec<RawShard> = places
             .range((output, (row, 0))..(output, (row + 1, 0)))
             .flat_map(|(_, shards)| shards.iter().copied())
@@ -167,7 +170,7 @@ impl Writer<'_> {
             let rect = self.store.spec().shard_rect(shards[k]);
             let first = (rect.x - window.x) as usize;
             let mut tile = Vec::with_capacity(rect.size().pixels());
-            for line in strip.chunks(window.width) {
+            for line in signal.chunks(window.width) {
                 tile.extend_from_slice(&line[first..first + rect.width]);
             }
             self.shard(shards[k], rect, &tile)
@@ -208,7 +211,7 @@ impl Writer<'_> {
         done.histogram.add(signal);
     }
 
-    /// Does `count` pieces of work on the planned threads; the first error ends it.
+    /// Runs `work(0)` to `work(count − 1)` on the planned threads; the first error ends it.
     fn parallel(&self, count: usize, work: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
         let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
         let worker = || loop {

@@ -8,7 +8,7 @@ use crate::durable::{DurableError, LockError};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RawError {
-    /// Something lies where the raw is to be.
+    /// The path exists.
     #[error("creating raw {}: it exists already; choose another path, resume it, or --overwrite a raw of this program", .path.display())]
     Exists {
         /// The raw.
@@ -22,7 +22,7 @@ pub enum RawError {
     NotRaw {
         /// The raw.
         path: PathBuf,
-        /// What lies there.
+        /// What was found there.
         found: String,
     },
     /// The raw's directory holds what the raw did not make.
@@ -45,8 +45,8 @@ pub enum RawError {
         /// The raw.
         path: PathBuf,
     },
-    /// Another run of the same job began the raw anew.
-    #[error("raw {}: a run of the same job has begun it anew since this command opened it; run the same command again", .path.display())]
+    /// Another run of the same job replaced the raw.
+    #[error("raw {}: a run of the same job has replaced it since this command opened it; run the same command again", .path.display())]
     Recreated {
         /// The raw.
         path: PathBuf,
@@ -56,17 +56,17 @@ pub enum RawError {
     Locked(#[from] LockError),
     /// Metadata that do not fit together.
     #[error(
-        "opening raw {}: expected the metadata of a raw's layout, found something else; restore the file, or make the raw anew with --overwrite",
+        "opening raw {}: expected the metadata of a raw's layout, found something else; restore the file, or replace the raw with --overwrite",
         .path.display()
     )]
     Damaged {
         /// The file.
         path: PathBuf,
     },
-    /// The codec refuses.
+    /// The codec failed.
     #[error("encoding the raw: {reason}")]
     Codec {
-        /// In its words.
+        /// Its message.
         reason: String,
     },
     /// The files.

@@ -202,7 +202,7 @@ impl RawSpec {
         spec.holds().then_some((spec, all))
     }
 
-    /// Whether all numbers are within their bounds and every output lies on the sensor.
+    /// Whether all numbers are within their bounds and every output is on the sensor.
     pub fn holds(&self) -> bool {
         let sides = bounds::SHARD_SIDE_PX.check_count(self.shard).is_ok()
             && self.chunk > 0

@@ -68,7 +68,7 @@ fn another_raw_in_its_place_gets_nothing() {
 }
 
 #[test]
-fn damaged_attributes_are_refused() {
+fn damaged_attributes_are_an_error() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("raw.zarr");
     RawStore::create(&path, spec(), attributes("a"), false).unwrap();

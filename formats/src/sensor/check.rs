@@ -25,9 +25,9 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
         true => Ok(()),
         false => Err(wrong(path, field, format!("{low} to {high}"), value)),
     };
-    let above = |field: &str, value: f64, most: f64| match value > 0.0 && value <= most {
+    let above = |field: &str, value: f64, max: f64| match value > 0.0 && value <= max {
         true => Ok(()),
-        false => Err(wrong(path, field, format!("above 0, at most {most}"), value)),
+        false => Err(wrong(path, field, format!("above 0, at most {max}"), value)),
     };
     let (p, n, a, s) = (&t.pixel, &t.noise, &t.adc, &t.spectral);
     if t.name.is_empty() {

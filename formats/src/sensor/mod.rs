@@ -1,8 +1,8 @@
 //! Sensors: descriptions in TOML (schema `lenscube/sensor/1`) with curves in CSV, from files or built in.
 //!
 //! A description is read whole and checked before anything else happens: unknown fields are errors with line and column, numbers out of range
-//! with field, expected and found. A curve's file lies beside the description; a name without a file there is looked up among the built-in
-//! tables. [`SensorFile::sensor`] makes the sensor of the pipeline, [`SensorFile::record`] what a raw keeps of it.
+//! with field, expected and found. A curve's file is in the directory of the description; a name without a file there is looked up among the built-in
+//! tables. [`SensorFile::sensor`] is the sensor of the pipeline, [`SensorFile::record`] its record in a raw.
 
 mod builtin;
 mod check;
@@ -30,7 +30,7 @@ const MAX_TABLE: u64 = 16 << 20;
 #[derive(Clone, Debug)]
 pub struct SensorFile {
     text: SensorText,
-    /// `--set` words, as typed.
+    /// Arguments of `--set`, as typed.
     set: Vec<String>,
     channels: Vec<Channel>,
     filters: Vec<Curve>,

@@ -34,19 +34,19 @@ pub(super) fn curve(path: &Path, text: &str, column: &str, quantity: Quantity) -
     let (nm, value) = (find("wavelength_nm")?, find(column)?);
     let mut curve = Curve::default();
     for (line, text) in lines {
-        let words: Vec<&str> = text.split(',').map(str::trim).collect();
-        if words.len() != names.len() {
+        let cells: Vec<&str> = text.split(',').map(str::trim).collect();
+        if cells.len() != names.len() {
             return Err(fail(format!(
                 "line {line}: expected {} columns, found {}",
                 names.len(),
-                words.len()
+                cells.len()
             )));
         }
-        let number = |k: usize| match words[k].parse::<f64>() {
+        let number = |k: usize| match cells[k].parse::<f64>() {
             Ok(v) if v.is_finite() => Ok(v),
             _ => Err(fail(format!(
                 "line {line}, column {}: expected a number, found `{}`",
-                names[k], words[k]
+                names[k], cells[k]
             ))),
         };
         let (nm, value) = (number(nm)?, number(value)?);

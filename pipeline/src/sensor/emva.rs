@@ -2,9 +2,9 @@
 //!
 //! Temporal variance from the difference of two frames; K (DN/e-) the slope of variance over mean, both above the dark, and the responsivity
 //! R [DN/photon] the slope of the mean over photons, fitted through 0 up to 70 % of saturation; QE = R/K. Saturation is the exposure of the
-//! greatest variance. Spatial variances are those of the mean of many frames, less what is left of temporal noise. Rounding counts as
-//! 1/12 DN², which holds from about 0.5 DN of noise on; below, the standard ends (least variance 0.24 DN²) and K is judged more widely.
-//! Row noise is left out of the frames: it is no property of a pixel.
+//! greatest variance. Spatial variances are those of the mean of many frames, less the remaining temporal noise. Rounding counts as
+//! 1/12 DN², which holds from about 0.5 DN of noise on; below, the standard ends (minimum variance 0.24 DN²) and K is judged more widely.
+//! The frames have no row noise, which is not a property of a pixel.
 
 use super::noise::Exposer;
 use super::{Exposure, NoiseSet, Sensor};
@@ -17,10 +17,10 @@ pub const FRAME: Size = Size::new(512, 512);
 pub const EXPOSURES: usize = 50;
 /// Frames of each spatial measurement.
 pub const SPATIAL_FRAMES: u32 = 32;
-/// Least temporal noise (DN) at which rounding is noise of 1/12 DN².
+/// Minimum temporal noise (DN) at which rounding is noise of 1/12 DN².
 pub const DITHERED_DN: f64 = 0.49;
-/// Least variance that the standard judges, DN².
-const LEAST_VARIANCE: f64 = 0.24;
+/// Minimum variance in the scope of the standard, DN².
+const MIN_VARIANCE: f64 = 0.24;
 /// First and last exposure as shares of saturation.
 const RANGE: (f64, f64) = (0.03, 1.2);
 /// Share of saturation up to which lines are fitted.
@@ -113,7 +113,7 @@ pub fn temporal(a: &[u16], b: &[u16]) -> (f64, f64) {
     ((a + b) / 2.0, squares as f64 / n / 2.0 - (a - b) * (a - b) / 2.0)
 }
 
-/// Mean frame and spatial variance (DN²) of frames of one scene, less what is left of temporal noise.
+/// Mean frame and spatial variance (DN²) of frames of one scene, less the remaining temporal noise.
 pub fn spatial(frames: &[Vec<u16>]) -> (Vec<f64>, f64) {
     let (count, pixels) = (frames.len() as f64, frames[0].len());
     let (mut mean, mut temporal) = (Vec::with_capacity(pixels), 0.0);
@@ -193,7 +193,7 @@ impl Bench<'_> {
         };
         let dn_per_e = slope(&above, &|p| p.variance_dn2 - dark.variance_dn2);
         let quantum_efficiency = slope(&|p| p.photons, &above) / dn_per_e;
-        let variance = dark.variance_dn2.max(LEAST_VARIANCE);
+        let variance = dark.variance_dn2.max(MIN_VARIANCE);
         let (half_mean_frame, at_half) = self.stack(0.5 * self.full_photons(), HALF_FRAMES);
         let (dark_mean_frame, in_dark) = self.stack(0.0, DARK_FRAMES);
         let mean = |frame: &[f64]| frame.iter().sum::<f64>() / frame.len() as f64;

@@ -12,7 +12,7 @@
 //!
 //! ⟨E_b⟩ (W m⁻² nm⁻¹) is the mean of the film's band b over the pixel's aperture, w_cb (nm/J) the weight of the band behind the filter, A
 //! (m²) the area that the quantum efficiency is stated for, t (s) the exposure time, κ the scale of a relative film, g the gain, K (DN/e-) the
-//! conversion at gain 1. The signal is rounded to f32 once; all that follows starts from that. PRNU stands before the Poisson number: it is a
+//! conversion at gain 1. The signal is rounded to f32 once; all that follows starts from that. PRNU is applied before the Poisson number: it is a
 //! share of light that is not caught, so it has shot noise. PRNU, DCNU, DSNU and the column terms belong to the die and are the same in
 //! every frame; shot, reset, read, converter and row noise belong to the frame.
 //!
@@ -41,7 +41,7 @@ pub const HC_J_M: f64 = 6.626_070_15e-34 * 299_792_458.0;
 /// What a quantum efficiency is stated for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QuantumEfficiencyOf {
-    /// All that a pixel of area pitch² catches, its microlens included.
+    /// A pixel of area pitch², its microlens included.
     Pixel,
     /// The photodiode alone, of area aperture².
     Aperture,
@@ -134,7 +134,7 @@ pub struct Sensor {
     pub channels: Vec<Channel>,
     /// Whether the channels' curves are per unit of energy: quantum efficiency times wavelength.
     pub per_energy: bool,
-    /// Transmittance of what stands before all pixels.
+    /// Transmittances of the filters before all pixels.
     pub filters: Vec<Curve>,
     /// Channel of each pixel of a period.
     pub pattern: Pattern,

@@ -107,7 +107,7 @@ impl Axis {
     }
 }
 
-/// A place on the film's axis: a pixel and the share of it that lies before.
+/// A position on the film's axis: a pixel and the share of it before the position.
 struct Edge {
     pixel: usize,
     share: f64,

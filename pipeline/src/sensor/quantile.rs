@@ -172,7 +172,7 @@ pub fn normal_quantile(u: f64) -> f64 {
     if q < 0.0 { -z } else { z }
 }
 
-/// [`normal_quantile`] of many numbers: the middle of all, then the tails (15 % of them) gathered together.
+/// [`normal_quantile`] of many numbers: the middle of all, then the tails (15 % of them) collected.
 #[inline(always)]
 pub fn normal_quantiles(u: &[f64; LANES]) -> [f64; LANES] {
     let mut z = u.map(|u| middle(u - 0.5));
@@ -185,7 +185,7 @@ pub fn normal_quantiles(u: &[f64; LANES]) -> [f64; LANES] {
     for (t, &i) in std::iter::zip(&mut t, &place[..count]) {
         *t = if u[i] < 0.5 { u[i] } else { 1.0 - u[i] };
     }
-    // Whole groups of eight: what was not gathered is computed in vain.
+    // Whole groups of eight: the padding is computed and discarded.
     let end = count.next_multiple_of(8).min(LANES);
     let mut tails = [0.0; LANES];
     for (z, t) in std::iter::zip(&mut tails[..end], &mut t[..end]) {

@@ -2,7 +2,7 @@
 //!
 //!   w_cb = ∫ hat_b(λ) · λ/(hc) · QE_c(λ) · ΠT(λ) dλ   (nm/J)
 //! Between bands E is linear in λ, so hat_b is the triangle between a band's neighbours; before the first and after the last band E stays
-//! constant for half a spacing; a lone band stands for 10 nm. QE and transmittances are linear between their nodes and 0 outside their tables.
+//! constant for half a spacing; a single band represents 10 nm. QE and transmittances are linear between their nodes and 0 outside their tables.
 //! Three Gauss points on every piece between nodes are exact: at most five linear factors (hat, λ, QE, two transmittances).
 
 use super::{HC_J_M, Sensor};
@@ -42,8 +42,8 @@ impl Curve {
 /// Abscissae and weights of Gauss's rule with three points.
 const GAUSS: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
-/// Half of what a lone band stands for, nm.
-const LONE_HALF_NM: f64 = 5.0;
+/// Half of the width of a single band, nm.
+const SINGLE_BAND_HALF_NM: f64 = 5.0;
 
 impl Sensor {
     /// Electrons per photon of a wavelength on the area of [`Sensor::area_m2`], filters included.
@@ -60,7 +60,7 @@ impl Sensor {
         self.filters.iter().fold(value, |v, filter| v * filter.at(nm))
     }
 
-    /// Nodes of all curves that a channel's response is made of, ascending.
+    /// Nodes of all curves in a channel's response, ascending.
     fn nodes_nm(&self, channel: usize) -> Vec<f64> {
         let curves = self.filters.iter().chain([&self.channels[channel].curve]);
         let mut nodes: Vec<f64> = curves.flat_map(|c| c.wavelengths_nm.iter().copied()).collect();
@@ -93,7 +93,7 @@ impl Sensor {
         let flat = |low, high| self.integral(channel, &nodes, (low, high), |_| 1.0);
         let last = w.len() - 1;
         if last == 0 {
-            return vec![flat(w[0] - LONE_HALF_NM, w[0] + LONE_HALF_NM)];
+            return vec![flat(w[0] - SINGLE_BAND_HALF_NM, w[0] + SINGLE_BAND_HALF_NM)];
         }
         let of = |b: usize| {
             let below = match b {
@@ -124,17 +124,17 @@ impl Sensor {
         if all > 0.0 { (1.0 - inside / all).max(0.0) } else { 0.0 }
     }
 
-    /// Gain per channel that makes a white under a light neutral; the least is 1.
+    /// Gain per channel that makes a white under a light neutral; the minimum is 1.
     pub fn white_gains(&self, light: Illuminant) -> Vec<f64> {
         let grid = || (0..=400).map(|i| colour::FIRST_NM + f64::from(i));
         let of =
             |c: usize| grid().map(|nm| self.response_e_per_j(c, nm) * light.relative_power(nm)).sum::<f64>();
         let responses: Vec<f64> = (0..self.channels.len()).map(of).collect();
-        let most = responses.iter().copied().fold(0.0, f64::max);
-        responses.iter().map(|r| most / r).collect()
+        let max = responses.iter().copied().fold(0.0, f64::max);
+        responses.iter().map(|r| max / r).collect()
     }
 
-    /// Electrons that a channel gathers of one lux second of a light.
+    /// Electrons of a channel per lux second of a light.
     pub fn electrons_per_lux_second(&self, channel: usize, light: Illuminant) -> f64 {
         let grid = || (0..=400).map(|i| colour::FIRST_NM + f64::from(i));
         let sum: f64 = grid().map(|nm| self.response_e_per_j(channel, nm) * light.relative_power(nm)).sum();

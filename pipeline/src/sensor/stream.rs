@@ -1,12 +1,12 @@
 //! The signal of a sensor from a film that does not fit in memory: one pass over the film, row block by row block, all bands of a block before
 //! the next block.
 //!
-//! The film is cut into blocks of rows and stripes of columns. A worker takes a stripe of the block, reads its bands one after the other, adds
+//! The film is cut into blocks of rows and blocks of columns. A worker takes a block of columns, reads its bands one after the other, adds
 //! the film rows of each sensor row with the weights of that axis, then the columns, and accumulates the bands, ascending, in f64. Sums of film
-//! rows that a block leaves unfinished are carried to the next block, so every film row is read once; columns that two stripes need are read by
+//! rows that a block leaves unfinished are carried to the next block, so every film row is read once; columns that two of these blocks need are read by
 //! both, and decoded once where the source keeps decoded chunks.
 //!
-//! Same bits: a pixel's sum runs over film rows, then film columns, then bands, each ascending, whatever the blocks, stripes and threads.
+//! Same bits: a pixel's sum runs over film rows, then film columns, then bands, each ascending, for any blocks and threads.
 
 use super::Sensor;
 use super::pixels::Taps;
@@ -16,12 +16,12 @@ use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// Weights of the bands of a film for each filter: one plane of numbers over the sensor.
+/// Weights of the bands of a film for each filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BandWeights(Vec<Vec<f64>>);
 
 impl BandWeights {
-    /// Electrons per second of a mean spectral irradiance (W m⁻² nm⁻¹), times `factors`, what a film value of each band stands for.
+    /// Electrons per second of a mean spectral irradiance (W m⁻² nm⁻¹), times `factors`, the irradiance of a film value of 1 in each band.
     pub fn electrons(sensor: &Sensor, bands_nm: &[f64], factors: &[f64]) -> Self {
         let area = sensor.area_m2();
         let of = |channel| {
@@ -42,7 +42,7 @@ impl BandWeights {
     }
 }
 
-/// What a pass over the film makes of it.
+/// A pass over the film and its outputs.
 #[derive(Clone, Copy)]
 pub struct Pass<'a> {
     /// The film.
@@ -55,23 +55,23 @@ pub struct Pass<'a> {
     pub rows: &'a Taps,
     /// Film columns of each column of `window`.
     pub columns: &'a Taps,
-    /// Pixels to make, in sensor coordinates.
+    /// Pixels to compute, in sensor coordinates.
     pub window: Rect,
     /// One plane of output for each.
     pub planes: &'a [BandWeights],
-    /// Rows of a block and columns of a stripe, film pixels.
+    /// Rows of a row block and columns of a column block, film pixels.
     pub block: (usize, usize),
     /// Worker threads.
     pub threads: usize,
-    /// Ends the pass after the block at hand.
+    /// Ends the pass after the current block.
     pub cancel: &'a AtomicBool,
 }
 
-/// Columns that one worker makes at a time.
-struct Stripe {
+/// Columns that one worker computes at a time.
+struct ColumnBlock {
     /// Columns of the window.
     columns: Range<usize>,
-    /// Film columns that they are made of.
+    /// Film columns in their sums.
     film: Range<usize>,
     /// Sums over film rows of unfinished sensor rows: band, sensor row, film column.
     carry: Vec<f64>,
@@ -83,7 +83,7 @@ struct Scratch {
     film: Vec<f32>,
     sum: Vec<f64>,
     total: Vec<f64>,
-    /// Weights of a band by plane, row of the mosaic and column of the stripe.
+    /// Weights of a band by plane, row of the mosaic and column of the column block.
     weights: Vec<f64>,
 }
 
@@ -91,13 +91,13 @@ struct Scratch {
 pub type Deliver<'a> = dyn FnMut(usize, &[Vec<f32>]) -> Result<(), SourceSinkError> + 'a;
 
 impl Pass<'_> {
-    /// Makes the rows `wanted` of the window and delivers them in order, a few at a time. Returns whether it came to the end.
+    /// Computes the rows `wanted` of the window and delivers them in order, a few at a time. Returns whether it was not cancelled.
     ///
     /// # Errors
     /// The film cannot be read; an error of `deliver`.
     pub fn run(&self, wanted: Range<usize>, deliver: &mut Deliver<'_>) -> Result<bool, SourceSinkError> {
         let film_rows = self.rows.span(wanted.clone());
-        let mut stripes: Vec<Mutex<Stripe>> = self.stripes();
+        let mut column_blocks: Vec<Mutex<ColumnBlock>> = self.column_blocks();
         let mut first = film_rows.start;
         let mut done = wanted.start;
         let mut open = wanted.start..wanted.start;
@@ -119,7 +119,7 @@ impl Pass<'_> {
                 finished: done..finished,
                 open: now_open.clone(),
             };
-            let out = self.block_of(&mut stripes, &block)?;
+            let out = self.block_of(&mut column_blocks, &block)?;
             if finished > done {
                 deliver(done, &out)?;
             }
@@ -128,43 +128,43 @@ impl Pass<'_> {
         Ok(true)
     }
 
-    fn stripes(&self) -> Vec<Mutex<Stripe>> {
-        let mut stripes = Vec::new();
+    fn column_blocks(&self) -> Vec<Mutex<ColumnBlock>> {
+        let mut column_blocks = Vec::new();
         let mut x = 0;
         while x < self.window.width {
-            // The columns that begin in one stripe of the film.
+            // The columns that begin in one column block of the film.
             let of = |x: usize| self.columns.range(x).start / self.block.1;
             let own = of(x);
             let end = (x..self.window.width).take_while(|&x| of(x) == own).last().map_or(x, |x| x) + 1;
             let columns = x..end;
-            stripes.push(Mutex::new(Stripe {
+            column_blocks.push(Mutex::new(ColumnBlock {
                 film: self.columns.span(columns.clone()),
                 columns,
                 carry: Vec::new(),
             }));
             x = end;
         }
-        stripes
+        column_blocks
     }
 
     fn block_of(
         &self,
-        stripes: &mut [Mutex<Stripe>],
+        column_blocks: &mut [Mutex<ColumnBlock>],
         block: &Block,
     ) -> Result<Vec<Vec<f32>>, SourceSinkError> {
         let width = self.window.width;
         let out: Vec<Vec<f32>> = vec![vec![0.0; block.finished.len() * width]; self.planes.len()];
         let out = Mutex::new(out);
         let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
-        let stripes = &*stripes;
+        let column_blocks = &*column_blocks;
         let work = || {
             let mut scratch = Scratch::default();
-            while let Some(stripe) = stripes.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let mut stripe = stripe.lock().expect("no panic while held");
-                match self.stripe(&mut stripe, block, &mut scratch) {
+            while let Some(column_block) = column_blocks.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let mut column_block = column_block.lock().expect("no panic while held");
+                match self.column_block(&mut column_block, block, &mut scratch) {
                     Ok(()) => {
                         let mut out = out.lock().expect("no panic while held");
-                        let (own, n) = (&stripe.columns, stripe.columns.len());
+                        let (own, n) = (&column_block.columns, column_block.columns.len());
                         let rows = block.finished.len();
                         for (plane, to) in out.iter_mut().enumerate() {
                             for row in 0..rows {
@@ -175,34 +175,35 @@ impl Pass<'_> {
                         }
                     }
                     Err(e) => {
-                        next.store(stripes.len(), Ordering::Relaxed);
+                        next.store(column_blocks.len(), Ordering::Relaxed);
                         failed.lock().expect("no panic while held").get_or_insert(e);
                     }
                 }
             }
         };
-        std::thread::scope(|s| (0..self.threads.min(stripes.len())).for_each(|_| drop(s.spawn(work))));
+        std::thread::scope(|s| (0..self.threads.min(column_blocks.len())).for_each(|_| drop(s.spawn(work))));
         match failed.into_inner().expect("no panic while held") {
             Some(e) => Err(e),
             None => Ok(out.into_inner().expect("no panic while held")),
         }
     }
 
-    /// All bands of a stripe of a block: `scratch.total` holds the planes of the finished rows.
-    fn stripe(
+    /// All bands of a column block of a row block: `scratch.total` holds the planes of the finished rows.
+    fn column_block(
         &self,
-        stripe: &mut Stripe,
+        column_block: &mut ColumnBlock,
         block: &Block,
         scratch: &mut Scratch,
     ) -> Result<(), SourceSinkError> {
-        let (n, across) = (stripe.columns.len(), stripe.film.len());
+        let (n, across) = (column_block.columns.len(), column_block.film.len());
         let Scratch { film, sum, total, weights } = scratch;
         let copies = self.rows.is_copy() && self.columns.is_copy();
         film.resize(block.film.len() * across, 0.0);
         sum.resize(across, 0.0);
         total.clear();
         total.resize(self.planes.len() * block.finished.len() * n, 0.0);
-        let rect = Rect::new(block.film.start as i64, stripe.film.start as i64, block.film.len(), across);
+        let rect =
+            Rect::new(block.film.start as i64, column_block.film.start as i64, block.film.len(), across);
         let (begun, open) = (block.begun.len(), block.open.len());
         let mut carry = vec![0.0; self.bands * open * across];
         for band in 0..self.bands {
@@ -210,7 +211,7 @@ impl Pass<'_> {
                 self.film.prefetch(band + 1, rect);
             }
             self.film.read(band, rect, film)?;
-            self.weigh_columns(band, stripe, weights);
+            self.weigh_columns(band, column_block, weights);
             for row in block.finished.start..block.open.end {
                 let own = (row - block.finished.start, block.finished.len());
                 if copies {
@@ -219,7 +220,9 @@ impl Pass<'_> {
                     continue;
                 }
                 match row.checked_sub(block.begun.start).filter(|k| *k < begun) {
-                    Some(k) => sum.copy_from_slice(&stripe.carry[(band * begun + k) * across..][..across]),
+                    Some(k) => {
+                        sum.copy_from_slice(&column_block.carry[(band * begun + k) * across..][..across])
+                    }
                     None => sum.fill(0.0),
                 }
                 self.add_rows(row, block, film, sum);
@@ -228,14 +231,14 @@ impl Pass<'_> {
                     carry[(band * open + k) * across..][..across].copy_from_slice(sum);
                     continue;
                 }
-                self.add_columns(row, stripe, sum, weights, own, total);
+                self.add_columns(row, column_block, sum, weights, own, total);
             }
         }
-        stripe.carry = carry;
+        column_block.carry = carry;
         Ok(())
     }
 
-    /// Adds the film rows of the block that sensor row `row` of the window is made of.
+    /// Adds the film rows of the block in the sum of sensor row `row` of the window.
     fn add_rows(&self, row: usize, block: &Block, film: &[f32], sum: &mut [f64]) {
         let (first, weights) = self.rows.of(row);
         for (k, weight) in weights.iter().enumerate() {
@@ -247,15 +250,15 @@ impl Pass<'_> {
         }
     }
 
-    /// Weights of a band for the columns of a stripe: plane by plane, row by row of the mosaic.
-    fn weigh_columns(&self, band: usize, stripe: &Stripe, weights: &mut Vec<f64>) {
+    /// Weights of a band for the columns of a column block: plane by plane, row by row of the mosaic.
+    fn weigh_columns(&self, band: usize, column_block: &ColumnBlock, weights: &mut Vec<f64>) {
         let pattern = &self.sensor.pattern;
         let first = self.window.x as usize;
         weights.clear();
         for plane in self.planes {
             for row in 0..pattern.rows {
                 let of = |x: usize| plane.0[pattern.channel(row, first + x)][band];
-                weights.extend(stripe.columns.clone().map(of));
+                weights.extend(column_block.columns.clone().map(of));
             }
         }
     }
@@ -288,7 +291,7 @@ impl Pass<'_> {
     fn add_columns(
         &self,
         row: usize,
-        stripe: &Stripe,
+        column_block: &ColumnBlock,
         sum: &[f64],
         weights: &[f64],
         own: (usize, usize),
@@ -296,8 +299,8 @@ impl Pass<'_> {
     ) {
         for (weights, to) in self.of_row(row, weights, own, total) {
             for (i, (to, weight)) in std::iter::zip(to, weights).enumerate() {
-                let (at, taps) = self.columns.of(stripe.columns.start + i);
-                let part = &sum[at - stripe.film.start..][..taps.len()];
+                let (at, taps) = self.columns.of(column_block.columns.start + i);
+                let part = &sum[at - column_block.film.start..][..taps.len()];
                 *to += weight * std::iter::zip(taps, part).fold(0.0, |s, (w, v)| s + w * v);
             }
         }
@@ -307,7 +310,7 @@ impl Pass<'_> {
 /// A block of film rows and what it does to rows of the window.
 struct Block {
     film: Range<usize>,
-    /// Rows whose sums the stripes carry.
+    /// Rows whose sums are carried to the next block.
     begun: Range<usize>,
     /// Rows that end here.
     finished: Range<usize>,

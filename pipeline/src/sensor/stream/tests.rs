@@ -81,7 +81,7 @@ fn signal(
     out
 }
 
-/// The sum as it stands in the definition.
+/// The sum of the definition.
 fn by_definition(film: &Film, (y, x): (Axis, Axis), sensor_size: Size) -> Vec<f32> {
     let sensor = example();
     let taps = |axis: Axis, n| axis.taps(0..n, Resample::Cubic).unwrap();
