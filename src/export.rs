@@ -1,11 +1,12 @@
 //! `lenscube export`: writes a film, a chart or a region as a picture or as a data file for other programs.
 
 mod data;
+mod stdout;
 
-use crate::args::{ExportArgs, ExportFormatArg, bands};
+use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::{code, other_job, usage};
 use crate::interrupt;
-use crate::job::threads;
+use crate::job::{chosen_bands, threads};
 use crate::memory::default_limit;
 use crate::open::Chart;
 use crate::progress::{counting, log_line};
@@ -34,11 +35,18 @@ const PICTURE_PIXEL_BYTES: usize = 15;
 
 /// Runs the command and returns its exit code.
 pub fn command(args: &ExportArgs) -> Result<u8> {
-    let file = format_of(args)?;
+    match args.out == Path::new("-") {
+        true => stdout::command(args),
+        false => to_file(args, format_of(args)?),
+    }
+}
+
+/// Writes the file, or the two files, of [`ExportArgs::target`].
+fn to_file(args: &ExportArgs, file: ExportFormatArg) -> Result<u8> {
     check_flags(args, file)?;
     let outputs = match file {
-        ExportFormatArg::Envi => <[_; 2]>::from(envi_files(&args.out)).to_vec(),
-        _ => vec![args.out.clone()],
+        ExportFormatArg::Envi => <[_; 2]>::from(envi_files(args.target())).to_vec(),
+        _ => vec![args.target().to_owned()],
     };
     if let Some(path) = outputs.iter().find(|p| p.symlink_metadata().is_ok()).filter(|_| !args.overwrite) {
         return Err(other_job(format!("{} exists already; replace it with --overwrite", path.display())));
@@ -108,7 +116,7 @@ impl Input {
         let all_nm = chart.wavelengths_nm()?;
         let bands = match &args.bands {
             None => (0..all_nm.len()).collect(),
-            Some(text) => bands(text, all_nm.len()).map_err(|e| usage(format!("--bands {text}: {e}")))?,
+            Some(text) => chosen_bands(text, &all_nm)?,
         };
         let region = args.crop.unwrap_or(chart.size().rect());
         if !chart.size().rect().contains(region) {
@@ -181,7 +189,7 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
     let memory = buffer_bytes(args);
     let mut input = Input::new(args, memory / 4)?;
     let threads = threads(args.threads);
-    input.chart.sort_by_band(&input.bands, parent_of(&args.out), threads)?;
+    input.chart.sort_by_band(&input.bands, parent_of(args.target()), threads)?;
     let region = input.region;
     let max_side = match file {
         ColourFile::Png => Some(args.max_side.unwrap_or(DEFAULT_PNG_SIDE)),
@@ -197,12 +205,12 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
     let options = PreviewOptions { view, white, exposure };
     let shown = match args.band {
         Some(band_nm) => {
-            write_grey(&args.out, &source, nm, band_nm, &GreyOptions { view, exposure }, &progress)?
+            write_grey(args.target(), &source, nm, band_nm, &GreyOptions { view, exposure }, &progress)?
         }
         None if fits_in_memory && file == ColourFile::Png => {
-            write_preview(&args.out, &source, nm, &options, &progress)?
+            write_preview(args.target(), &source, nm, &options, &progress)?
         }
-        None => write_streamed(&args.out, &source, nm, &options, file, &progress)?,
+        None => write_streamed(args.target(), &source, nm, &options, file, &progress)?,
     };
     bar.finish_and_clear();
     print_summary(&args.out, &shown);

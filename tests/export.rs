@@ -235,3 +235,26 @@ fn invalid_pictures_and_flags_are_rejected() {
     assert_eq!(lenscube(&["chart"]).code, 2);
     assert!(lenscube(&["chart", "unifrom", text(&drawn)]).stderr.contains("uniform"));
 }
+
+#[test]
+fn dash_writes_the_bytes_of_the_file_to_standard_output() {
+    let (dir, path, _) = chart(2);
+    for (name, flags) in [
+        ("c.npy", &["--format", "npy"][..]),
+        ("c.png", &[]),
+        ("b.tif", &["--format", "tiff-bands", "--bands", "500"]),
+    ] {
+        let file = dir.path().join(name);
+        lenscube(&[&["export", text(&path), text(&file)], flags].concat()).ok();
+        let words = [&["export", text(&path), "-", "-q"], flags].concat();
+        let output = Command::new(env!("CARGO_BIN_EXE_lenscube")).args(&words).output().unwrap();
+        assert!(
+            output.status.success() && output.stderr.is_empty(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        assert!(output.stdout == std::fs::read(&file).unwrap(), "{name}");
+    }
+    let ran = lenscube(&["export", text(&path), "-", "--format", "envi"]);
+    assert_eq!((ran.code, ran.stdout.as_str()), (2, ""), "{}", ran.stderr);
+}

@@ -264,6 +264,7 @@ fn provenance(job: &Job) -> Map<String, Value> {
         "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
         "job_digest": digest(&identity),
         "job": identity,
+        "source": job.source,
         "layout_digest": digest(&layout),
         "layout": layout,
         "engine": job.engine.to_string(),
