@@ -2,6 +2,7 @@
 
 mod bands;
 mod bench;
+mod cache;
 mod chart;
 mod codec;
 mod compare;
@@ -25,6 +26,7 @@ mod work;
 
 pub use bands::bands;
 pub use bench::BenchArgs;
+pub use cache::{CacheAction, CacheArgs};
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;
@@ -115,6 +117,8 @@ pub enum Command {
     Bench(BenchArgs),
     /// List the devices of this machine, and compare a GPU's films with the CPU's
     Device(DeviceArgs),
+    /// Show, trim or clear the cache of traced lenses
+    Cache(CacheArgs),
     /// Print the completion script of a shell
     Completions(CompletionsArgs),
     /// Write the manual pages

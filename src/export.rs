@@ -18,7 +18,7 @@ use formats::picture::exposure::Exposure;
 use formats::picture::grey::{GreyOptions, write_grey};
 use formats::picture::preview::{PreviewOptions, White, write_preview};
 use formats::picture::streamed::{ColourFile, write_streamed};
-use formats::picture::{PictureSummary, View};
+use formats::picture::{PictureSummary, View, nearest_band};
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use std::path::Path;
@@ -89,8 +89,12 @@ fn check_flags(args: &ExportArgs, file: ExportFormatArg) -> Result<()> {
     let flags = [
         (args.half && !exr, "--half", "EXR"),
         (args.compression.is_some() && !exr, "--compression", "EXR"),
-        (args.band.is_some() && !png, "--band", "PNG"),
         (args.max_side.is_some() && !picture, "--max-side", "PNG and TIFF pictures"),
+        (
+            args.band.is_some() && file == ExportFormatArg::Tiff,
+            "--band",
+            "PNG and data formats (--format tiff-bands, .exr, .hdr, .npy)",
+        ),
         (args.exposure != "auto" && !picture, "--exposure", "PNG and TIFF pictures"),
     ];
     match flags.into_iter().find(|(wrong, ..)| *wrong) {
@@ -114,9 +118,10 @@ impl Input {
         // Shards that do not exist yet are NaN and shown as missing.
         let chart = Chart::open(&args.film, args.wavelengths.as_deref(), NanPolicy::Keep, cache_bytes)?;
         let all_nm = chart.wavelengths_nm()?;
-        let bands = match &args.bands {
-            None => (0..all_nm.len()).collect(),
-            Some(text) => chosen_bands(text, &all_nm)?,
+        let bands = match (&args.bands, args.band) {
+            (Some(text), _) => chosen_bands(text, &all_nm)?,
+            (None, Some(nm)) => vec![nearest_band(&all_nm, nm)?],
+            (None, None) => (0..all_nm.len()).collect(),
         };
         let region = args.crop.unwrap_or(chart.size().rect());
         if !chart.size().rect().contains(region) {

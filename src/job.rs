@@ -22,7 +22,7 @@ pub mod stretch;
 
 pub use arguments::threads;
 pub use bands::PlannedBands;
-pub use identity::NUMERIC_VERSION;
+pub use identity::{NUMERIC_VERSION, argument};
 pub use inputs::chosen_bands;
 
 use crate::args::{Device, RunArgs};

@@ -2,6 +2,7 @@
 
 mod args;
 mod bench;
+mod cache;
 mod chart;
 mod compare;
 mod demo;
@@ -78,6 +79,7 @@ fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::Measure(args) => measure::command(args).map(|()| 0),
         Command::Bench(args) => bench::command(args).map(|()| 0),
         Command::Device(args) => device_check::command(args),
+        Command::Cache(args) => cache::command(args).map(|()| 0),
         Command::Completions(args) => manual::completions(args).map(|()| 0),
         Command::Man(args) => manual::man(args).map(|()| 0),
     }

@@ -26,6 +26,8 @@ mod sink;
 mod units;
 
 use crate::args::{ProgressArg, RunArgs, RunCommand};
+use crate::cache;
+use crate::design;
 use crate::failure::code;
 use crate::film_engine;
 use crate::interrupt;
@@ -99,7 +101,11 @@ pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> 
     interrupt::listen();
     let store = film::open(&job, args)?;
     fault_point("film-opened");
-    match compute_missing(&Task { args, store: &store, units: None, jsonl, progress, start }, job)? {
+    let code = compute_missing(&Task { args, store: &store, units: None, jsonl, progress, start }, job)?;
+    if design::is_design(&args.lens) {
+        cache::trim_after_run();
+    }
+    match code {
         0 if args.pyramid => pyramid::make(&store, args.threads, args.memory, args.process.take_over),
         code => Ok(code),
     }

@@ -155,3 +155,36 @@ fn film_and_status_tell_chart_and_lens_and_the_record_the_command_line() {
     let text = std::fs::read_to_string(record).unwrap();
     assert!(text.contains("command_line") && text.contains("gen:checker"), "{text}");
 }
+
+#[test]
+fn cache_of_traced_lenses_is_shown_trimmed_and_cleared() {
+    let dir = tempfile::tempdir().unwrap();
+    let lenses = dir.path().join("lenscube/lenses");
+    let cache = |words: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        CommandResult::new(
+            &command.arg("cache").args(words).env("XDG_CACHE_HOME", dir.path()).output().unwrap(),
+        )
+        .ok()
+        .stdout
+    };
+    assert!(cache(&[]).contains("0 traced bands, 0.0 MB"));
+    std::fs::create_dir_all(&lenses).unwrap();
+    let old = std::time::SystemTime::now() - std::time::Duration::from_secs(1000);
+    for name in ["a.lens.zip", "b.lens.zip", "other.txt"] {
+        let path = lenses.join(name);
+        std::fs::write(&path, vec![0; 1_000_000]).unwrap();
+        if name == "a.lens.zip" {
+            let times = std::fs::FileTimes::new().set_accessed(old).set_modified(old);
+            std::fs::File::options().write(true).open(&path).unwrap().set_times(times).unwrap();
+        }
+    }
+    assert!(cache(&["show"]).contains("2 traced bands, 2.0 MB"));
+    assert!(cache(&["trim"]).contains("removed: 0 bands"));
+    assert!(
+        cache(&["trim", "--limit", "1500kB"]).contains("1 traced bands, 1.0 MB\nremoved: 1 bands, 1.0 MB")
+    );
+    assert!(lenses.join("b.lens.zip").exists() && !lenses.join("a.lens.zip").exists());
+    assert!(cache(&["clear"]).contains("0 traced bands"));
+    assert!(lenses.join("other.txt").exists());
+}

@@ -30,7 +30,7 @@ pub struct ExportArgs {
     /// Bands to export: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]
     #[arg(long)]
     pub bands: Option<String>,
-    /// PNG: one band as 16-bit linear grey, by its wavelength in nm
+    /// One band, by its wavelength in nm; in a PNG as 16-bit linear grey
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM), conflicts_with = "bands")]
     pub band: Option<f64>,
     /// PNG, TIFF: longest side of the picture in pixels; larger films are averaged over areas [default: 2048 for PNG, all for TIFF]

@@ -82,6 +82,7 @@ fn samples<'a>(
         rect: input.region,
         chunk: input.chart.chunk_size(),
         units: input.chart.units(),
+        pitch_um: input.chart.pitch_um(),
         description,
         threads,
     }

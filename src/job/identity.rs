@@ -56,6 +56,22 @@ pub fn identity(
     Ok(map)
 }
 
+/// A key of the identity or layout in the words of the command line.
+pub fn argument(key: &str) -> String {
+    match key {
+        "chart" => "CHART".into(),
+        "chart_mtimes" => "modification times of CHART".into(),
+        "chart_bands" => "--bands".into(),
+        "lens_name" | "lens_digest" => format!("--lens ({})", key.trim_start_matches("lens_")),
+        "rois" => "--roi".into(),
+        "axis_px" => "--axis".into(),
+        "center_mm" => "--center".into(),
+        "numeric_version" => "numeric version of the program".into(),
+        "units" | "wavelengths" | "outputs" => key.into(),
+        other => format!("--{}", other.replace('_', "-")),
+    }
+}
+
 /// Where chart and lens are, and what the chart is, for people.
 pub fn source(args: &RunArgs, chart: &Chart) -> Value {
     let chart_path = match args.chart.starts_with("gen:") {
