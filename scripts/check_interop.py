@@ -235,7 +235,7 @@ def hdf5(scratch):
     pack = scratch / "hdf5.lens.zarr"
     identity_pack(pack, nm)
     plain = xarray.Dataset({"chart": (("y", "x", "wavelength"), cube)}, {"wavelength": ("wavelength", nm, {"units": "nm"})})
-    packing = {"dtype": "u2", "scale_factor": 1e-4, "add_offset": 0.25, "_FillValue": 65535}
+    packing = {"dtype": "u2", "scale_factor": 1e-4, "add_offset": -0.25, "_FillValue": 65535}
 
     def film(chart, *flags):
         out = scratch / "film-of-hdf5.zarr"
@@ -244,7 +244,7 @@ def hdf5(scratch):
 
     for name, encoding in [("plain", {}), ("packed", packing)]:
         twin = scratch / f"twin-{name}.zarr"
-        plain.to_zarr(twin, encoding={"chart": encoding})
+        plain.to_zarr(twin, consolidated=False, encoding={"chart": encoding})
         expected = film(twin)
         check(name == "packed" or same(expected, np.ascontiguousarray(np.moveaxis(cube, 2, 0))), f"{twin.name}: other values")
         for dims in [("y", "x", "wavelength"), ("wavelength", "y", "x")]:

@@ -1,6 +1,8 @@
 //! Command-line arguments, one module per command. [`crate::job`] resolves those of a job.
 
+mod bands;
 mod bench;
+mod cache;
 mod chart;
 mod codec;
 mod compare;
@@ -22,7 +24,9 @@ mod validate;
 mod values;
 mod work;
 
+pub use bands::bands;
 pub use bench::BenchArgs;
+pub use cache::{CacheAction, CacheArgs};
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;
@@ -37,14 +41,16 @@ pub use lens::{
 pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use pyramid::{PyramidArgs, ViewArgs};
-pub use run::{DtypeArg, FilmUnits, InterpArg, NanArg, OutsideArg, ProcessArgs, RunArgs, Stage, SurroundArg};
+pub use run::{
+    DtypeArg, FilmUnits, FitArg, InterpArg, NanArg, OutsideArg, ProcessArgs, RunArgs, Stage, SurroundArg,
+};
 pub use sensor::{
     ExposeArgs, ResampleArg, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg,
 };
 pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
-pub use values::bands;
+pub use values::band_indices;
 pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use crate::failure::usage;
@@ -61,6 +67,12 @@ use std::path::Path;
 another job, 4 a check found errors or missing parts, 75 temporary error (retry), 130 interrupted (the same command resumes)"
 )]
 pub struct Cli {
+    /// Print errors and results only
+    #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = "Output")]
+    pub quiet: bool,
+    /// Print figures of memory, time and devices as well
+    #[arg(short, long, global = true, help_heading = "Output")]
+    pub verbose: bool,
     /// Command to run.
     #[command(subcommand)]
     pub command: Command,
@@ -105,6 +117,8 @@ pub enum Command {
     Bench(BenchArgs),
     /// List the devices of this machine, and compare a GPU's films with the CPU's
     Device(DeviceArgs),
+    /// Show, trim or clear the cache of traced lenses
+    Cache(CacheArgs),
     /// Print the completion script of a shell
     Completions(CompletionsArgs),
     /// Write the manual pages

@@ -6,7 +6,7 @@
 mod camera;
 mod directory;
 
-use crate::args::{Cli, Command, DemoArgs, check_directory};
+use crate::args::{Cli, Command, DemoArgs, ProgressArg, check_directory};
 use crate::chart::write;
 use crate::failure::usage;
 use crate::job::threads;
@@ -104,7 +104,7 @@ fn film(chart: &str, film: &Path, regions: &[Rect], threads: usize) -> Result<u8
     let Command::Run(args) = Cli::try_parse_from(arguments)?.command else {
         unreachable!("the command line starts with `run`")
     };
-    run::run_job(&args.job, None)
+    run::run_job(&args.job, None, ProgressArg::Auto)
 }
 
 /// Region of the full film around the test patterns `cells` from the centre: stars, lines, dots and a zone plate.

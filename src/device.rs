@@ -32,6 +32,8 @@ pub struct DeviceSelection {
     fixed: bool,
     /// Log line under `--device auto`: the choice and its reason.
     pub reason: String,
+    /// Whether the machine has no GPU, or no driver for it.
+    pub no_gpu: bool,
     /// Log lines: what this machine has and the run does not use.
     pub notes: Vec<String>,
 }
@@ -82,7 +84,13 @@ impl DeviceSelection {
             Device::Cuda(_) => open(requested, None)
                 .map(Self::gpus)
                 .map_err(|e| unavailable(&format!("--device {requested}"), e)),
-            Device::Auto => Ok(open(requested, None).map_or_else(|e| Self::cpu(&e.to_string()), Self::gpus)),
+            Device::Auto => Ok(open(requested, None).map_or_else(
+                |e| {
+                    let no_gpu = matches!(e, OpenError::Cuda(CudaError::NoDriver | CudaError::NoDevice));
+                    Self { no_gpu, ..Self::cpu(&e.to_string()) }
+                },
+                Self::gpus,
+            )),
         }
     }
 
@@ -90,7 +98,8 @@ impl DeviceSelection {
     pub fn cpu(reason: &str) -> Self {
         let simd = Simd::detect();
         let reason = format!("device: cpu ({reason})");
-        Self { devices: Vec::new(), engine: Engine::cpu(simd), simd, fixed: false, reason, notes: Vec::new() }
+        let (devices, notes, engine) = (Vec::new(), Vec::new(), Engine::cpu(simd));
+        Self { devices, engine, simd, fixed: false, reason, no_gpu: false, notes }
     }
 
     /// The CPU with the instruction set given by name, or that of the film (`of_film`).
@@ -106,7 +115,7 @@ impl DeviceSelection {
             true => format!("device: cpu (engine {engine}: {why}; the GPUs are not used)"),
             false => format!("device: cpu (engine {engine}: {why})"),
         };
-        Self { devices: Vec::new(), engine, simd, fixed: true, reason, notes }
+        Self { devices: Vec::new(), engine, simd, fixed: true, reason, no_gpu: false, notes }
     }
 
     fn gpus((devices, notes): Opened) -> Self {
@@ -114,7 +123,7 @@ impl DeviceSelection {
         let names: Vec<String> = devices.iter().map(name).collect();
         let engine = devices.first().map_or(Engine::Cpu(Isa::Portable), |d| engine_of(&d.info));
         let reason = format!("device: {}", names.join(", "));
-        Self { devices, engine, simd: Simd::PORTABLE, fixed: false, reason, notes }
+        Self { devices, engine, simd: Simd::PORTABLE, fixed: false, reason, no_gpu: false, notes }
     }
 
     /// Whether the CPU may compute if the memory for GPUs does not suffice.

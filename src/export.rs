@@ -1,11 +1,12 @@
 //! `lenscube export`: writes a film, a chart or a region as a picture or as a data file for other programs.
 
 mod data;
+mod stdout;
 
-use crate::args::{ExportArgs, ExportFormatArg, bands};
+use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::{code, other_job, usage};
 use crate::interrupt;
-use crate::job::threads;
+use crate::job::{chosen_bands, threads};
 use crate::memory::default_limit;
 use crate::open::Chart;
 use crate::progress::{counting, log_line};
@@ -17,7 +18,7 @@ use formats::picture::exposure::Exposure;
 use formats::picture::grey::{GreyOptions, write_grey};
 use formats::picture::preview::{PreviewOptions, White, write_preview};
 use formats::picture::streamed::{ColourFile, write_streamed};
-use formats::picture::{PictureSummary, View};
+use formats::picture::{PictureSummary, View, nearest_band};
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use std::path::Path;
@@ -34,11 +35,18 @@ const PICTURE_PIXEL_BYTES: usize = 15;
 
 /// Runs the command and returns its exit code.
 pub fn command(args: &ExportArgs) -> Result<u8> {
-    let file = format_of(args)?;
+    match args.out == Path::new("-") {
+        true => stdout::command(args),
+        false => to_file(args, format_of(args)?),
+    }
+}
+
+/// Writes the file, or the two files, of [`ExportArgs::target`].
+fn to_file(args: &ExportArgs, file: ExportFormatArg) -> Result<u8> {
     check_flags(args, file)?;
     let outputs = match file {
-        ExportFormatArg::Envi => <[_; 2]>::from(envi_files(&args.out)).to_vec(),
-        _ => vec![args.out.clone()],
+        ExportFormatArg::Envi => <[_; 2]>::from(envi_files(args.target())).to_vec(),
+        _ => vec![args.target().to_owned()],
     };
     if let Some(path) = outputs.iter().find(|p| p.symlink_metadata().is_ok()).filter(|_| !args.overwrite) {
         return Err(other_job(format!("{} exists already; replace it with --overwrite", path.display())));
@@ -81,8 +89,12 @@ fn check_flags(args: &ExportArgs, file: ExportFormatArg) -> Result<()> {
     let flags = [
         (args.half && !exr, "--half", "EXR"),
         (args.compression.is_some() && !exr, "--compression", "EXR"),
-        (args.band.is_some() && !png, "--band", "PNG"),
         (args.max_side.is_some() && !picture, "--max-side", "PNG and TIFF pictures"),
+        (
+            args.band.is_some() && file == ExportFormatArg::Tiff,
+            "--band",
+            "PNG and data formats (--format tiff-bands, .exr, .hdr, .npy)",
+        ),
         (args.exposure != "auto" && !picture, "--exposure", "PNG and TIFF pictures"),
     ];
     match flags.into_iter().find(|(wrong, ..)| *wrong) {
@@ -106,9 +118,10 @@ impl Input {
         // Shards that do not exist yet are NaN and shown as missing.
         let chart = Chart::open(&args.film, args.wavelengths.as_deref(), NanPolicy::Keep, cache_bytes)?;
         let all_nm = chart.wavelengths_nm()?;
-        let bands = match &args.bands {
-            None => (0..all_nm.len()).collect(),
-            Some(text) => bands(text, all_nm.len()).map_err(|e| usage(format!("--bands {text}: {e}")))?,
+        let bands = match (&args.bands, args.band) {
+            (Some(text), _) => chosen_bands(text, &all_nm)?,
+            (None, Some(nm)) => vec![nearest_band(&all_nm, nm)?],
+            (None, None) => (0..all_nm.len()).collect(),
         };
         let region = args.crop.unwrap_or(chart.size().rect());
         if !chart.size().rect().contains(region) {
@@ -181,7 +194,7 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
     let memory = buffer_bytes(args);
     let mut input = Input::new(args, memory / 4)?;
     let threads = threads(args.threads);
-    input.chart.sort_by_band(&input.bands, parent_of(&args.out), threads)?;
+    input.chart.sort_by_band(&input.bands, parent_of(args.target()), threads)?;
     let region = input.region;
     let max_side = match file {
         ColourFile::Png => Some(args.max_side.unwrap_or(DEFAULT_PNG_SIDE)),
@@ -197,12 +210,12 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
     let options = PreviewOptions { view, white, exposure };
     let shown = match args.band {
         Some(band_nm) => {
-            write_grey(&args.out, &source, nm, band_nm, &GreyOptions { view, exposure }, &progress)?
+            write_grey(args.target(), &source, nm, band_nm, &GreyOptions { view, exposure }, &progress)?
         }
         None if fits_in_memory && file == ColourFile::Png => {
-            write_preview(&args.out, &source, nm, &options, &progress)?
+            write_preview(args.target(), &source, nm, &options, &progress)?
         }
-        None => write_streamed(&args.out, &source, nm, &options, file, &progress)?,
+        None => write_streamed(args.target(), &source, nm, &options, file, &progress)?,
     };
     bar.finish_and_clear();
     print_summary(&args.out, &shown);

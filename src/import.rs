@@ -1,6 +1,8 @@
 //! `lenscube lens import`: converts exports of a lens design program to a lens pack.
 
-use crate::args::{EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg, bands};
+use crate::args::{
+    EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg, band_indices,
+};
 use crate::failure::{other_job, usage};
 use crate::progress::log_line;
 use anyhow::Result;
@@ -53,7 +55,7 @@ fn options(args: &ImportArgs) -> Result<ImportOptions> {
     let chosen = args.bands.as_deref().map(|text| {
         match text.split(',').any(|part| part.trim().ends_with(':') || part.contains("::")) {
             true => Err(format!("`{text}`: every range must have an end")),
-            false => bands(text, 4096),
+            false => band_indices(text, 4096),
         }
     });
     let chosen = chosen.transpose().map_err(|e| usage(format!("--bands: {e}")))?;

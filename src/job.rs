@@ -10,17 +10,20 @@
 
 mod arguments;
 mod bands;
+mod coverage;
 mod film;
 mod frame;
 mod identity;
 mod inputs;
+mod light;
 mod notes;
 mod resources;
 pub mod stretch;
 
 pub use arguments::threads;
 pub use bands::PlannedBands;
-pub use identity::NUMERIC_VERSION;
+pub use identity::{NUMERIC_VERSION, argument};
+pub use inputs::chosen_bands;
 
 use crate::args::{Device, RunArgs};
 use crate::engine::Engine;
@@ -30,6 +33,7 @@ use crate::open::Chart;
 use anyhow::{Context, Result};
 use arguments::Arguments;
 use bands::JobPlan;
+use coverage::Coverage;
 use formats::film::FilmSpec;
 use inputs::Inputs;
 use pipeline::band::{BandPlan, Options};
@@ -63,6 +67,8 @@ pub struct Job {
     pub regions: Vec<FilmRegion>,
     /// Everything that changes pixels, as readable JSON.
     pub identity: Map<String, Value>,
+    /// Where chart and lens are and what they are, for people; not part of the identity.
+    pub source: Value,
     /// Memory plan.
     pub memory: Memory,
     /// Worker threads.
@@ -71,8 +77,12 @@ pub struct Job {
     pub queues: Vec<DeviceQueue>,
     /// Implementation of the arithmetic.
     pub engine: Engine,
+    /// Size of the chart and its share of the lens's field, for the user.
+    pub coverage: String,
     /// Notes to print before the run.
     pub notes: Vec<String>,
+    /// Notes to print with `--verbose`.
+    pub details: Vec<String>,
 }
 
 impl Job {
@@ -96,6 +106,7 @@ impl Job {
         let mut arguments = Arguments::resolve(args)?;
         let (mut inputs, lens) = Inputs::open(&arguments, planned.map(|p| p.bands))?;
         let plan = JobPlan::new(&arguments, &inputs, lens)?;
+        light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
         let (memory, queues) = resources::allocate(&mut arguments, &inputs, &plan, &stretch)?;
         inputs.chart.set_cache_bytes(memory.chart_cache);
@@ -108,13 +119,19 @@ impl Job {
         let identity =
             identity::identity(args, arguments.options.stages, &inputs, plan.film.keep_bits, lens)?;
         let mut notes = notes::notes(args, &inputs.chart, &plan)?;
+        let coverage = Coverage::new(args, &inputs, &plan);
+        notes.extend(coverage.note(args));
         notes.extend(stretch.note());
         let device = arguments.device;
-        if args.device == Device::Auto {
-            notes.push(device.reason);
+        let mut details = Vec::new();
+        match args.device == Device::Auto {
+            true if device.no_gpu => details.push(device.reason),
+            true => notes.push(device.reason),
+            false => {}
         }
         notes.extend(device.notes);
         Ok(Self {
+            source: identity::source(args, &inputs.chart),
             chart_bands: inputs.chart_bands(),
             chart: inputs.chart,
             lens: plan.lens,
@@ -130,7 +147,9 @@ impl Job {
             threads: arguments.threads,
             queues,
             engine: device.engine,
+            coverage: coverage.to_string(),
             notes,
+            details,
         })
     }
 

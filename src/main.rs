@@ -2,6 +2,7 @@
 
 mod args;
 mod bench;
+mod cache;
 mod chart;
 mod compare;
 mod demo;
@@ -35,7 +36,7 @@ mod view;
 
 use args::{Cli, Command};
 use clap::{ArgMatches, CommandFactory, FromArgMatches};
-use progress::log_line;
+use progress::{Verbosity, error_line, set_verbosity};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -45,6 +46,11 @@ fn main() -> ExitCode {
     }
     let matches = Cli::command().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    set_verbosity(match (cli.quiet, cli.verbose) {
+        (true, _) => Verbosity::Quiet,
+        (_, true) => Verbosity::Verbose,
+        _ => Verbosity::Normal,
+    });
     let (_, matches) = matches.subcommand().expect("a subcommand is required");
     match run(&cli.command, matches) {
         Ok(code) => ExitCode::from(code),
@@ -73,12 +79,13 @@ fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::Measure(args) => measure::command(args).map(|()| 0),
         Command::Bench(args) => bench::command(args).map(|()| 0),
         Command::Device(args) => device_check::command(args),
+        Command::Cache(args) => cache::command(args).map(|()| 0),
         Command::Completions(args) => manual::completions(args).map(|()| 0),
         Command::Man(args) => manual::man(args).map(|()| 0),
     }
 }
 
 fn report(error: &anyhow::Error) -> ExitCode {
-    log_line(format!("lenscube: {}", failure::line(error)));
+    error_line(format!("lenscube: {}", failure::line(error)));
     ExitCode::from(failure::exit_code(error))
 }

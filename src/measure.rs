@@ -2,6 +2,9 @@
 //!
 //! An edge is fitted between two given positions (ISO 12233: a straight line through the centroids of the line spread functions of
 //! its rows), and its pixels are averaged in bins of 1/4 px of distance. Its plateaus are the samples beyond 3/4 of the half width.
+//! Doubtful figures have remarks, meaningless ones are errors ([`quality`]).
+
+mod quality;
 
 use crate::args::MeasureArgs;
 use crate::failure::usage;
@@ -18,6 +21,7 @@ use pipeline::geometry::Rect;
 use pipeline::measure::centroid::centroid;
 use pipeline::measure::edge::{EdgeLine, Esf, fit};
 use pipeline::measure::sfr::Mtf;
+use quality::Remark;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -33,6 +37,7 @@ struct Measurement {
     nm: f64,
     figures: Value,
     summary: String,
+    remarks: Vec<Remark>,
     curve: Vec<(f64, f64)>,
     mtf: Vec<(f64, f64)>,
 }
@@ -54,6 +59,9 @@ pub fn command(args: &MeasureArgs) -> Result<()> {
         let one =
             measure(args, &chart, band, nm).with_context(|| format!("measuring {} at {nm} nm", args.film))?;
         println!("{nm} nm: {}", one.summary);
+        for remark in &one.remarks {
+            println!("{nm} nm: DOUBTFUL: {}", remark.text);
+        }
         measured.push(one);
     }
     let mut files = Vec::new();
@@ -134,9 +142,11 @@ fn edge(
     half: usize,
 ) -> Result<Measurement> {
     let (guess, rect, length) = edge_region(a, b, half);
+    quality::check_length(length)?;
     let pixels = read(chart, band, rect, "the edge")?;
     let line = fit(&pixels, rect, guess, half)
         .context("no edge found between these positions; give positions on the edge, farther apart")?;
+    quality::check_place(guess, line, half)?;
     let (sin, cos) = line.normal_rad.sin_cos();
     let middle = ((a.0 + b.0) / 2.0, (a.1 + b.1) / 2.0);
     let distance = |y: i64, x: i64| {
@@ -145,7 +155,10 @@ fn edge(
         (along.abs() <= length / 2.0).then(|| line.distance(at))
     };
     let reach = half as f64 - 1.0;
-    let esf = Esf::new(&pixels, rect, reach, distance)?.normalised(PLATEAU * reach)?;
+    let raw = Esf::new(&pixels, rect, reach, distance)?;
+    let plateaus = raw.plateaus(PLATEAU * reach);
+    let esf = raw.normalised(PLATEAU * reach)?;
+    let remarks = quality::remarks(line, plateaus, &esf, PLATEAU * reach)?;
     let mtf = Mtf::from_esf(&esf);
     let crossing = |level: f64| {
         let pair = esf.samples.windows(2).find(|w| w[0].value < level && w[1].value >= level)?;
@@ -154,11 +167,14 @@ fn edge(
     };
     let rise = crossing(0.1).zip(crossing(0.9)).map(|(a, b)| b - a);
     let (angle, mtf50) = (line.normal_rad.to_degrees(), mtf.mtf50_cy_px());
+    let per_mm = chart.pitch_um().map(|pitch_um| 1e3 / pitch_um);
+    let mtf50_lp_mm = mtf50.zip(per_mm).map(|(f, per_mm)| f * per_mm);
+    let in_lp_mm = mtf50_lp_mm.map_or(String::new(), |v| format!(" ({v:.2} lp/mm)"));
     let number = |v: Option<f64>| v.map_or("none".into(), |v| format!("{v:.4}"));
     Ok(Measurement {
         nm,
         summary: format!(
-            "edge through row {:.3}, column {:.3}, normal {angle:.3} deg; 10-90 % rise {} px, MTF50 {} cycles/px",
+            "edge through row {:.3}, column {:.3}, normal {angle:.3} deg; 10-90 % rise {} px, MTF50 {} cycles/px{in_lp_mm}",
             line.at_px.0,
             line.at_px.1,
             number(rise),
@@ -166,8 +182,9 @@ fn edge(
         ),
         figures: json!({
             "row": line.at_px.0, "column": line.at_px.1, "normal_deg": angle,
-            "rise_10_90_px": rise, "mtf50_cy_px": mtf50,
+            "rise_10_90_px": rise, "mtf50_cy_px": mtf50, "mtf50_lp_mm": mtf50_lp_mm, "remarks": quality::names(&remarks),
         }),
+        remarks,
         curve: esf.samples.iter().map(|s| (s.distance_px, s.value)).collect(),
         mtf: mtf.frequency_cy_px.iter().copied().zip(mtf.modulation.iter().copied()).collect(),
     })
@@ -192,7 +209,8 @@ fn points<'a>(
     let summary: Vec<String> = centroids.iter().map(|(y, x)| format!("{x:.4},{y:.4}")).collect();
     let figures: Vec<Value> = centroids.iter().map(|(y, x)| json!({ "row": y, "column": x })).collect();
     let curve = centroids.iter().map(|(y, x)| (*x, *y)).collect();
-    Ok(Measurement { nm, figures: json!(figures), summary: summary.join("; "), curve, mtf: Vec::new() })
+    let summary = summary.join("; ");
+    Ok(Measurement { nm, figures: json!(figures), summary, remarks: Vec::new(), curve, mtf: Vec::new() })
 }
 
 fn profile(chart: &Chart, band: usize, nm: f64, (a, b): (Position, Position)) -> Result<Measurement> {
@@ -222,6 +240,7 @@ fn profile(chart: &Chart, band: usize, nm: f64, (a, b): (Position, Position)) ->
         nm,
         summary: format!("{} values, {low:.6} to {high:.6}, mean {mean:.6}", curve.len()),
         figures: json!({ "least": low, "most": high, "mean": mean }),
+        remarks: Vec::new(),
         curve,
         mtf: Vec::new(),
     })

@@ -1,7 +1,7 @@
 //! `lenscube plan`: divides a job into units that any number of processes compute, in any order and more than once.
 
 mod command_line;
-mod cost;
+pub mod cost;
 mod cut;
 mod file;
 mod lens_pack;

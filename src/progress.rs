@@ -1,19 +1,58 @@
-//! Output to the user: log lines on stderr, results on stdout, progress bars on a terminal, progress lines elsewhere.
+//! Output to the user: log lines on stderr, results on stdout, progress bars on a terminal, progress lines elsewhere. `--quiet` leaves
+//! errors and results, `--verbose` adds details.
 
 pub mod jsonl;
 
+use crate::args::ProgressArg;
 use formats::durable::Sweep;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pipeline::executor::Progress;
 use pipeline::executor::Summary;
 use pipeline::plan::ShardId;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
-/// Writes a line to stderr. Errors are ignored: stderr may be closed.
+/// Amount of output on stderr.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verbosity {
+    /// Errors only.
+    Quiet,
+    /// What a run does, remarks, progress.
+    Normal,
+    /// Figures of the run as well.
+    Verbose,
+}
+
+/// Set once, by [`set_verbosity`].
+static VERBOSITY: OnceLock<Verbosity> = OnceLock::new();
+
+/// Sets the amount of output of this process.
+pub fn set_verbosity(verbosity: Verbosity) {
+    VERBOSITY.get_or_init(|| verbosity);
+}
+
+fn verbosity() -> Verbosity {
+    VERBOSITY.get().copied().unwrap_or(Verbosity::Normal)
+}
+
+/// Writes a line to stderr, unless `--quiet`. Errors are ignored: stderr may be closed.
 pub fn log_line(line: impl AsRef<str>) {
+    if verbosity() > Verbosity::Quiet {
+        error_line(line);
+    }
+}
+
+/// Writes a line to stderr with `--verbose`.
+pub fn detail_line(line: impl AsRef<str>) {
+    if verbosity() == Verbosity::Verbose {
+        error_line(line);
+    }
+}
+
+/// Writes a line to stderr in any case.
+pub fn error_line(line: impl AsRef<str>) {
     let _ = writeln!(std::io::stderr(), "{}", line.as_ref());
 }
 
@@ -21,7 +60,7 @@ pub fn log_line(line: impl AsRef<str>) {
 pub fn print(line: impl std::fmt::Display) {
     match writeln!(std::io::stdout(), "{line}") {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            log_line(format!("lenscube: writing the result: {e}"));
+            error_line(format!("lenscube: writing the result: {e}"));
             std::process::exit(i32::from(crate::failure::code::FAILED));
         }
         _ => (),
@@ -49,6 +88,9 @@ pub fn report_kept(sweep: &Sweep) {
 pub fn counting(doing: &str) -> (ProgressBar, impl Fn(u64, u64) + Sync + use<>) {
     let style = ProgressStyle::with_template("{msg}  [{bar:32}] {percent:>3} %  {eta_precise} left");
     let bar = ProgressBar::new(1).with_style(style.expect("a valid template")).with_message(doing.to_owned());
+    if verbosity() == Verbosity::Quiet {
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
     let (updated, doing, start) = (bar.clone(), doing.to_owned(), Instant::now());
     let lines = (!std::io::stderr().is_terminal()).then(|| Mutex::new(start));
     let update = move |done: u64, all: u64| {
@@ -70,12 +112,18 @@ pub fn counting(doing: &str) -> (ProgressBar, impl Fn(u64, u64) + Sync + use<>) 
 pub fn tracing_bar(bands: usize) -> ProgressBar {
     let style =
         ProgressStyle::with_template("{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} elapsed, {eta} left");
-    ProgressBar::new(bands as u64).with_style(style.expect("a valid template"))
+    let bar = ProgressBar::new(bands as u64).with_style(style.expect("a valid template"));
+    if verbosity() == Verbosity::Quiet {
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
+    bar
 }
 
 /// Progress of a run: a bar on a terminal, else log lines.
 pub struct Bars {
     bar: Option<ProgressBar>,
+    /// Whether log lines replace the bar.
+    lines: bool,
     names: Vec<String>,
     state: Mutex<State>,
 }
@@ -95,10 +143,16 @@ struct State {
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
 impl Bars {
-    /// For bands `names`, with `pixels` film pixels to compute in each.
-    pub fn new(names: Vec<String>, pixels: &[u64]) -> Self {
+    /// For bands `names`, with `pixels` film pixels to compute in each; `progress` is not `jsonl`.
+    pub fn new(names: Vec<String>, pixels: &[u64], progress: ProgressArg) -> Self {
         let total = pixels.iter().sum();
-        let bar = std::io::stderr().is_terminal().then(|| {
+        let is_shown = verbosity() > Verbosity::Quiet && progress != ProgressArg::None;
+        let has_bar = match progress {
+            ProgressArg::Bar => true,
+            ProgressArg::Plain => false,
+            _ => std::io::stderr().is_terminal(),
+        };
+        let bar = (is_shown && has_bar).then(|| {
             let style =
                 "{spinner} {msg}  [{bar:32}] {percent:>3} %  {elapsed_precise} elapsed, {eta_precise} left";
             let style = ProgressStyle::with_template(style).expect("a valid template").progress_chars("=> ");
@@ -115,7 +169,7 @@ impl Bars {
             band_total: 0,
             band_start: now,
         };
-        Self { bar, names, state: Mutex::new(state) }
+        Self { bar, lines: is_shown && !has_bar, names, state: Mutex::new(state) }
     }
 
     /// Removes the bar from the terminal.
@@ -126,7 +180,8 @@ impl Bars {
     }
 }
 
-fn duration(seconds: f64) -> String {
+/// Seconds, minutes or hours.
+pub fn duration(seconds: f64) -> String {
     if !seconds.is_finite() {
         return "?".into();
     }
@@ -162,7 +217,7 @@ impl Progress for Bars {
                 rate * 1e-6
             ));
             bar.set_position(s.done);
-        } else if s.last_line.elapsed() >= LINE_EVERY {
+        } else if self.lines && s.last_line.elapsed() >= LINE_EVERY {
             s.last_line = Instant::now();
             log_line(format!(
                 "{} (band {} of {}): {:.0} %, {} left; job {:.0} %, {:.1} Mpx/s, {} left",
@@ -181,8 +236,20 @@ impl Progress for Bars {
     fn shard(&self, _id: ShardId, _bytes: u64) {}
 }
 
-/// The lines at the end of a run.
-pub fn summary_lines(
+/// The line at the end of a run.
+pub fn summary_line(s: &Summary) -> String {
+    let rate = s.pixels as f64 / s.wall_s * 1e-6;
+    format!(
+        "{} shards in {}, {rate:.1} Mpx/s, {} tiles; {:.2} GB written",
+        s.shards,
+        duration(s.wall_s),
+        s.tiles,
+        s.bytes_written as f64 * 1e-9
+    )
+}
+
+/// The figures of a run that `--verbose` adds.
+pub fn summary_details(
     s: &Summary,
     bytes_read: u64,
     peak: Option<u64>,
@@ -190,24 +257,20 @@ pub fn summary_lines(
 ) -> Vec<String> {
     let t = &s.core;
     let gb = |b: u64| b as f64 * 1e-9;
-    let rate = s.pixels as f64 / s.wall_s * 1e-6;
-    let mut lines = vec![
-        format!("{} shards in {}, {rate:.1} Mpx/s, {} tiles", s.shards, duration(s.wall_s), s.tiles),
-        format!(
-            "core seconds: read {:.1}, remap {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
+    let mut lines = vec![format!(
+        "core seconds: read {:.1}, remap {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
              prepare {:.1}; waiting for the disk: read {:.1}, write {:.1}",
-            t.read_s,
-            t.remap_s,
-            t.svpsf_s,
-            s.spectra,
-            t.add_s,
-            t.encode_s,
-            t.write_s,
-            t.prepare_s,
-            s.times.read_s - t.read_s,
-            s.times.write_s - t.write_s
-        ),
-    ];
+        t.read_s,
+        t.remap_s,
+        t.svpsf_s,
+        s.spectra,
+        t.add_s,
+        t.encode_s,
+        t.write_s,
+        t.prepare_s,
+        s.times.read_s - t.read_s,
+        s.times.write_s - t.write_s
+    )];
     lines.extend(s.gpus.iter().map(|d| {
         let busy = |seconds: f64| 100.0 * seconds / d.span_s.max(1e-9);
         format!(

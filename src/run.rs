@@ -18,6 +18,7 @@
 
 mod display;
 pub mod film;
+mod forecast;
 mod monitor;
 pub mod record;
 mod shards;
@@ -25,6 +26,8 @@ mod sink;
 mod units;
 
 use crate::args::{ProgressArg, RunArgs, RunCommand};
+use crate::cache;
+use crate::design;
 use crate::failure::code;
 use crate::film_engine;
 use crate::interrupt;
@@ -32,12 +35,13 @@ use crate::job::Job;
 use crate::memory::mib;
 use crate::plan::CommandLine;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{Bars, json_path, log_line, report_kept};
+use crate::progress::{Bars, detail_line, json_path, log_line, report_kept};
 use crate::pyramid;
 use anyhow::{Context, Result};
 use clap::ArgMatches;
 use display::Display;
 use film::FILM_LOCK;
+use forecast::Forecast;
 use formats::durable::{Lock, ProcessIdentity, fault_point, is_url, parent_of};
 use formats::film::{FilmError, FilmStore};
 use formats::lens::LensPackError;
@@ -72,7 +76,8 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
     }
     let jsonl = (args.work.progress == ProgressArg::Jsonl).then(Jsonl::new);
     let result = match &args.work.plan {
-        None => run_job(&args.job, jsonl.as_ref()),
+        None if args.dry_run => forecast::print(&args.job).map(|()| 0),
+        None => run_job(&args.job, jsonl.as_ref(), args.work.progress),
         Some(plan) => {
             let units = || Units::read(plan.clone(), args.work.unit.as_deref());
             units().and_then(|units| run_units(&units, args, matches, jsonl.as_ref()))
@@ -88,31 +93,37 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
 ///
 /// # Errors
 /// Those of the run; the exit code otherwise.
-pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>) -> Result<u8> {
+pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> Result<u8> {
     let start = Instant::now();
     let job = Job::new(args)?;
     film::check_apart(&job, &args.film)?;
+    forecast::check_space_of_new_film(&job, args)?;
     interrupt::listen();
     let store = film::open(&job, args)?;
     fault_point("film-opened");
-    match compute_missing(&Task { args, store: &store, units: None, jsonl, start }, job)? {
+    let code = compute_missing(&Task { args, store: &store, units: None, jsonl, progress, start }, job)?;
+    if design::is_design(&args.lens) {
+        cache::trim_after_run();
+    }
+    match code {
         0 if args.pyramid => pyramid::make(&store, args.threads, args.memory, args.process.take_over),
         code => Ok(code),
     }
 }
 
 /// Computes units of a plan.
-fn run_units(units: &Units, args: &RunCommand, matches: &ArgMatches, jsonl: Option<&Jsonl>) -> Result<u8> {
+fn run_units(units: &Units, given: &RunCommand, matches: &ArgMatches, jsonl: Option<&Jsonl>) -> Result<u8> {
     let start = Instant::now();
     if let Some(jsonl) = jsonl {
         jsonl.set_plan(&units.name, &units.listed());
     }
-    let args = units.args(&args.job, &CommandLine::given(matches)?)?;
+    let args = units.args(&given.job, &CommandLine::given(matches)?)?;
     interrupt::listen();
     let store = units.film(&args)?;
     film_engine::check_explicit(&store, &args)?;
     fault_point("film-opened");
-    let task = Task { args: &args, store: &store, units: Some(units), jsonl, start };
+    let progress = given.work.progress;
+    let task = Task { args: &args, store: &store, units: Some(units), jsonl, progress, start };
     // Checked before the chart and the lens are opened.
     if let Some(shards) = units.completed_shards(&store)? {
         return task.already_complete(shards, "are");
@@ -129,6 +140,7 @@ struct Task<'a> {
     /// `None`: the complete film.
     units: Option<&'a Units>,
     jsonl: Option<&'a Jsonl>,
+    progress: ProgressArg,
     start: Instant,
 }
 
@@ -219,6 +231,7 @@ fn compute_missing(task: &Task<'_>, mut job: Job) -> Result<u8> {
         log_line(format!("resuming {}: {} of {all} shards to compute", task.name(), count.missing));
     }
     film_engine::check_and_record(store, job.engine, args)?;
+    Forecast::new(&job, &args.film, &missing)?.check_space(args.process.force)?;
     sort_chart_by_band(&mut job, &args.film, &missing)?;
     print_start(&job, all);
     let code = execute(task, &job, &count, missing);
@@ -278,7 +291,8 @@ fn display<'a>(task: &Task<'a>, job: &'a Job, tiles: &[(u64, u64)]) -> Display<'
         Some(jsonl) => Display::Lines { jsonl, job, store: task.store },
         None => {
             let names = job.plans.iter().map(|p| format!("{} nm", p.lens.wavelength_nm)).collect();
-            Display::Bars(Bars::new(names, &tiles.iter().map(|t| t.1).collect::<Vec<_>>()))
+            let pixels: Vec<u64> = tiles.iter().map(|t| t.1).collect();
+            Display::Bars(Bars::new(names, &pixels, task.progress))
         }
     }
 }
@@ -348,7 +362,8 @@ fn print_start(job: &Job, shards: usize) {
         job.threads,
         job.engine,
     ));
-    log_line(format!(
+    log_line(&job.coverage);
+    detail_line(format!(
         "memory limit {}, expected peak {}: chart cache {}, {cache} {}",
         mib(job.memory.limit),
         mib(job.memory.planned),
@@ -357,5 +372,8 @@ fn print_start(job: &Job, shards: usize) {
     ));
     for note in &job.notes {
         log_line(format!("note: {note}"));
+    }
+    for detail in &job.details {
+        detail_line(detail);
     }
 }

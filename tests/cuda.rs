@@ -29,7 +29,7 @@ type Bytes = BTreeMap<PathBuf, Vec<u8>>;
 
 /// `lenscube run` of a job on an emulated driver with `settings`.
 fn command(job: &TestJob, film: &Path, device: &str, settings: Settings<'_>, fault: &str) -> Command {
-    let mut command = job.command(film, fault, &["--device", device, "--no-fsync"]);
+    let mut command = job.command(film, fault, &["--device", device, "--no-fsync", "-v"]);
     command.envs(emulated_cuda::environment(PLAIN).unwrap()).envs(emulated_cuda::settings(settings));
     command
 }
@@ -376,7 +376,7 @@ fn missing_driver_exits_2_without_fallback_to_cpu() {
         assert_exit(&ran, USAGE, &["no NVIDIA driver", "--device cpu"]);
         assert!(!job.film.exists());
     }
-    assert_exit(&job.run("", &["--device", "auto"]), 0, &["device: cpu (", "no NVIDIA driver"]);
+    assert_exit(&job.run("", &["--device", "auto", "-v"]), 0, &["device: cpu (", "no NVIDIA driver"]);
     assert_eq!(record(&job.film)["device"], "cpu");
 }
 

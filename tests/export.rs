@@ -82,7 +82,7 @@ fn invalid_export_flags_fail_and_write_nothing() {
         ("x.jpeg", &[], 2, "no format has this extension"),
         ("x.npy", &["--half"], 2, "--half applies to EXR only"),
         ("x.exr", &["--exposure", "2"], 2, "--exposure applies to PNG and TIFF pictures only"),
-        ("x.tif", &["--band", "500"], 2, "--band applies to PNG only"),
+        ("x.tif", &["--band", "500"], 2, "--band applies to PNG and data formats"),
         ("x.npy", &["--crop", "270,0,10,10"], 2, "is not inside the image of"),
         ("x.npy", &["--crop", "0,0,0,10"], 2, "integer from 1"),
         ("x.npy", &["--bands", "7"], 2, "beyond the last of 3 bands"),
@@ -234,4 +234,30 @@ fn invalid_pictures_and_flags_are_rejected() {
         .ok();
     assert_eq!(lenscube(&["chart"]).code, 2);
     assert!(lenscube(&["chart", "unifrom", text(&drawn)]).stderr.contains("uniform"));
+}
+
+#[test]
+fn dash_writes_the_bytes_of_the_file_to_standard_output() {
+    let (dir, path, _) = chart(2);
+    for (name, flags) in [
+        ("c.npy", &["--format", "npy"][..]),
+        ("c.png", &[]),
+        ("b.tif", &["--format", "tiff-bands", "--bands", "500"]),
+        ("b.npy", &["--format", "npy", "--band", "500"]),
+    ] {
+        let file = dir.path().join(name);
+        lenscube(&[&["export", text(&path), text(&file)], flags].concat()).ok();
+        let words = [&["export", text(&path), "-", "-q"], flags].concat();
+        let output = Command::new(env!("CARGO_BIN_EXE_lenscube")).args(&words).output().unwrap();
+        assert!(
+            output.status.success() && output.stderr.is_empty(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        assert!(output.stdout == std::fs::read(&file).unwrap(), "{name}");
+    }
+    let ran = lenscube(&["export", text(&path), "-", "--format", "envi"]);
+    assert_eq!((ran.code, ran.stdout.as_str()), (2, ""), "{}", ran.stderr);
+    let (size, bands) = flat(&dir.path().join("b.npy"));
+    assert_eq!((size.pixels(), bands.len()), (301 * 277, 1));
 }

@@ -118,7 +118,7 @@ fn kept_bits_round_pixels_and_are_part_of_the_job() {
         assert!(verify.contains("\"keep_bits\": 9"), "{verify}");
         let other = run(text(&job.chart), &film, text(&job.pack), &["--codec", codec]);
         assert_eq!(other.code, 3, "{}", other.stderr);
-        assert!(other.stderr.contains("keep_bits (film 9, requested nothing)"), "{}", other.stderr);
+        assert!(other.stderr.contains("--keep-bits (film 9, requested nothing)"), "{}", other.stderr);
     }
     let film = job.dir.path().join("too-many");
     let rejected = run(text(&job.chart), &film, text(&job.pack), &["--keep-bits", "11", "--dtype", "f16"]);

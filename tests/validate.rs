@@ -120,6 +120,11 @@ fn measure_reports_edges_points_and_profiles_of_a_chart() {
     assert!((figures["mtf50_cy_px"].as_f64().unwrap() - 0.6034).abs() < 0.02, "{figures}");
     assert!((figures["rise_10_90_px"].as_f64().unwrap() - 0.8).abs() < 0.1, "{figures}");
     assert_eq!(found["bands"].as_array().unwrap().len(), 1);
+    assert_eq!(figures["remarks"], serde_json::json!([]));
+    assert!(figures["mtf50_lp_mm"].as_f64().unwrap() > 100.0, "{figures}");
+    let upright = "gen:slanted-edge?size=301&angle_deg=1&overscan=67&wavelengths=500";
+    let ran = lenscube(&["measure", upright, "--edge", "218.05,157,215.95,277"]).ok();
+    assert!(ran.stdout.contains("DOUBTFUL: the edge is slanted by 1.0"), "{}", ran.stdout);
     assert!(fs::read_to_string(&csv).unwrap().lines().count() > 100);
     let svg = fs::read_to_string(&svg).unwrap();
     for word in ["600 nm", "distance from the edge (px)", "(µm)", "spatial frequency (lp/mm)", "(cycles/px)"]
@@ -137,6 +142,8 @@ fn measure_reports_edges_points_and_profiles_of_a_chart() {
 
     for (words, word) in [
         (["measure", chart, "--edge", "2,157,3,277"], "is not inside the image"),
+        (["measure", chart, "--edge", "222,157,221,163"], "at least 10 px"),
+        (["measure", chart, "--edge", "238,157,228,277"], "beside the edge"),
         (["measure", chart, "--edge", "222,157,222"], "four numbers"),
         (["measure", points, "--points", "100,100"], "no point near"),
     ] {

@@ -4,21 +4,21 @@ use super::values::{bounded, bytes, roi, side, threads};
 use clap::{Args, ValueEnum};
 use pipeline::bounds;
 use pipeline::geometry::Rect;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// `lenscube export`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:\n  lenscube export film.zarr film.png\n  \
 lenscube export film.zarr//roi_0 corner.png\n  lenscube export film.zarr band.png --band 450\n  \
 lenscube export film.zarr film.exr --half --memory 1GiB\n  \
-lenscube export film.zarr corner.hdr --crop 13000,13000,1141,1141 --bands 0:5\n\
+lenscube export film.zarr corner.hdr --crop 13000,13000,1141,1141 --bands 450:650\n\
 Formats: png (colour preview, or with --band 16-bit grey), tiff (16-bit colour preview), tiff-bands (one 32-bit float page per band), \
 exr (one channel per band), envi (.hdr and BSQ data), npy")]
 pub struct ExportArgs {
     /// Film or chart: PATH or URL, optionally with //array, a chart file as for `run`, or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
-    /// File to write, format by extension: .png, .tif, .exr, .hdr (and .bsq, .img), .npy
+    /// File to write, format by extension: .png, .tif, .exr, .hdr (and .bsq, .img), .npy; `-`: standard output, a PNG unless --format is given
     #[arg(value_name = "OUT")]
     pub out: PathBuf,
     /// File format, overriding the extension
@@ -27,10 +27,10 @@ pub struct ExportArgs {
     /// Export only this rectangle, in film pixels
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     pub crop: Option<Rect>,
-    /// Bands to export: indices and half-open ranges, 0,5,10:15 [default: all]
+    /// Bands to export: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]
     #[arg(long)]
     pub bands: Option<String>,
-    /// PNG: one band as 16-bit linear grey, by its wavelength in nm
+    /// One band, by its wavelength in nm; in a PNG as 16-bit linear grey
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM), conflicts_with = "bands")]
     pub band: Option<f64>,
     /// PNG, TIFF: longest side of the picture in pixels; larger films are averaged over areas [default: 2048 for PNG, all for TIFF]
@@ -60,6 +60,16 @@ pub struct ExportArgs {
     /// Replace an existing file
     #[arg(long)]
     pub overwrite: bool,
+    /// File to write instead of `out`.
+    #[arg(skip)]
+    pub temporary: Option<PathBuf>,
+}
+
+impl ExportArgs {
+    /// The file to write.
+    pub fn target(&self) -> &Path {
+        self.temporary.as_deref().unwrap_or(&self.out)
+    }
 }
 
 /// `--format`.

@@ -45,7 +45,7 @@ pub struct RunArgs {
     /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
-    /// Bands to compute: indices and half-open ranges, 0,5,10:15 [default: all]
+    /// Bands to compute: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]
     #[arg(long)]
     pub bands: Option<String>,
     /// Stages to apply: relative illumination, distortion, spatially variant PSF
@@ -79,6 +79,10 @@ pub struct RunArgs {
     /// distance; replaces --scale
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::OBJECT_PITCH_MM), conflicts_with = "scale")]
     pub chart_pitch_mm: Option<f64>,
+    /// Scale the chart to the film (--film-size), or without it to the lens's field: its width or height as the film's, the diagonal as the
+    /// film's or field's, or the complete chart inside. Replaces --scale
+    #[arg(long, value_enum, conflicts_with_all = ["scale", "chart_pitch_mm"])]
+    pub fit: Option<FitArg>,
     /// Centre of the chart in mm from the optical axis
     #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true)]
     pub center: (f64, f64),
@@ -152,6 +156,9 @@ pub struct ProcessArgs {
     /// Remove an existing film and start again
     #[arg(long)]
     pub overwrite: bool,
+    /// Start although the disk is too small for the film
+    #[arg(long)]
+    pub force: bool,
     /// Take over a stale lock held by another host
     #[arg(long)]
     pub take_over: bool,
@@ -166,6 +173,16 @@ pub enum Stage {
     Distortion,
     /// Spatially variant PSF
     Svpsf,
+}
+
+/// `--fit`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
+pub enum FitArg {
+    Width,
+    Height,
+    Diagonal,
+    Contain,
 }
 
 /// `--interp`.

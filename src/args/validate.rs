@@ -22,7 +22,7 @@ pub struct ValidateArgs {
     /// Wavelengths of the films in nm: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM", default_value = "400:700:10")]
     pub wavelengths: String,
-    /// Bands of these wavelengths to validate: indices and half-open ranges, 0,5,10:15 [default: all]
+    /// Bands to validate: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]
     #[arg(long)]
     pub bands: Option<String>,
     /// Side of the film in pixels; measurement positions are proportional to it

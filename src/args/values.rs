@@ -138,7 +138,7 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
 ///
 /// # Errors
 /// Not an index or range; an index not below `count`.
-pub fn bands(text: &str, count: usize) -> Result<Vec<usize>, String> {
+pub fn band_indices(text: &str, count: usize) -> Result<Vec<usize>, String> {
     let mut out = std::collections::BTreeSet::new();
     for part in text.split(',') {
         let fields: Vec<&str> = part.trim().split(':').collect();
@@ -190,12 +190,18 @@ mod tests {
         assert!(bytes("one").is_err() && bytes("4QiB").is_err());
         assert_eq!(roi("3,5,10,20"), Ok(Rect::new(5, 3, 20, 10)));
         assert!(roi("1,2,3").is_err() && roi("-1,0,5,5").is_err() && roi("0,0,0,5").is_err());
-        assert_eq!(bands("0,5,10:15", 31), Ok(vec![0, 5, 10, 11, 12, 13, 14]));
-        assert_eq!(bands(":3", 31), Ok(vec![0, 1, 2]));
-        assert_eq!(bands("::10", 31), Ok(vec![0, 10, 20, 30]));
-        assert!(bands("31", 31).is_err() && bands("5:2", 31).is_err() && bands("x", 31).is_err());
+        assert_eq!(band_indices("0,5,10:15", 31), Ok(vec![0, 5, 10, 11, 12, 13, 14]));
+        assert_eq!(band_indices(":3", 31), Ok(vec![0, 1, 2]));
+        assert_eq!(band_indices("::10", 31), Ok(vec![0, 10, 20, 30]));
+        assert!(
+            band_indices("31", 31).is_err()
+                && band_indices("5:2", 31).is_err()
+                && band_indices("x", 31).is_err()
+        );
         // Found by the fuzz test below: no bands at all.
-        assert!(bands("0", 0).unwrap_err().contains("last of 0 bands") && bands(":", 0).is_err());
+        assert!(
+            band_indices("0", 0).unwrap_err().contains("last of 0 bands") && band_indices(":", 0).is_err()
+        );
         assert_eq!(scale("2"), Ok((2.0, 2.0)));
         assert_eq!(scale("2,0.5"), Ok((2.0, 0.5)));
         assert!(scale("0").is_err() && scale("nan").is_err());
@@ -247,8 +253,8 @@ mod tests {
             prop_assert!(!odd(&text).unwrap_or(1).is_multiple_of(2) && threads(&text).unwrap_or(1) >= 1);
             let any =
                 size(&text).is_ok() || bytes(&text).is_ok() || roi(&text).is_ok() || pair(&text).is_ok();
-            used.set(used.get() + usize::from(any || bands(&text, count).is_ok()));
-            if let Ok(list) = bands(&text, count) {
+            used.set(used.get() + usize::from(any || band_indices(&text, count).is_ok()));
+            if let Ok(list) = band_indices(&text, count) {
                 prop_assert!(!list.is_empty() && list.iter().all(|b| *b < count));
                 prop_assert!(list.windows(2).all(|w| w[0] < w[1]));
             }

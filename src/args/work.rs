@@ -14,7 +14,7 @@ use std::path::PathBuf;
     mut_arg("overwrite", |a| a.conflicts_with("plan")),
     after_help = "Examples:\n  lenscube run chart.zarr film.zarr --lens double-gauss-28\n  \
 lenscube run 'gen:composite?size=14141' film.zarr --memory 1GiB\n  \
-lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 0:5\n  \
+lenscube run chart.zarr corner.zarr --roi 13100,13100,1024,1024 --bands 450:650\n  \
 lenscube run --plan job.json --unit env:SLURM_ARRAY_TASK_ID --progress jsonl\n\
 The same command again resumes an interrupted run.\n\
 CHART, FILM and a lens pack may be s3://BUCKET/PREFIX, with AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and, for \
@@ -25,6 +25,9 @@ pub struct RunCommand {
     /// The job.
     #[command(flatten)]
     pub job: RunArgs,
+    /// Print what would be read and written, bytes, time, memory and free space, and end; a design's bands are traced into the cache
+    #[arg(long, conflicts_with = "plan")]
+    pub dry_run: bool,
     /// Units of a plan, and the interface to schedulers.
     #[command(flatten)]
     pub work: WorkArgs,
@@ -47,7 +50,8 @@ pub struct WorkArgs {
     /// JOB_COMPLETION_INDEX [default: all]
     #[arg(long, value_name = "UNITS", requires = "plan")]
     pub unit: Option<String>,
-    /// Progress: auto (stderr: a bar on a terminal, else lines) or jsonl (stdout: one JSON object per line)
+    /// Progress: auto (on stderr: a bar on a terminal, else plain), bar, plain (a line every ten seconds), jsonl (on stdout: one JSON object
+    /// per line) or none
     #[arg(long, value_enum, default_value_t = ProgressArg::Auto)]
     pub progress: ProgressArg,
     /// Kill this process when its parent ends (Linux only); the film can be resumed
@@ -60,7 +64,10 @@ pub struct WorkArgs {
 #[allow(missing_docs, reason = "the variants are the values of the flag")]
 pub enum ProgressArg {
     Auto,
+    Bar,
+    Plain,
     Jsonl,
+    None,
 }
 
 /// `lenscube plan`

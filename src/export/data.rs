@@ -46,7 +46,7 @@ pub(super) fn write(
     // Opened again with the cache size now known; the first time only metadata were read.
     drop(first);
     let mut input = Input::new(args, cache)?;
-    input.chart.sort_by_band(&input.bands, parent_of(&args.out), threads)?;
+    input.chart.sort_by_band(&input.bands, parent_of(args.target()), threads)?;
     let source = input.source(cancel);
     let samples = samples(&input, &source, &description, threads);
     let (bar, progress) = counting("writing");
@@ -59,11 +59,11 @@ pub(super) fn write(
                 Some(ExrCompressionArg::None) => ExrCompression::None,
             };
             let options = ExrOptions { half: args.half, compression: packing, regions };
-            write_exr(&args.out, &samples, &options, &progress)?
+            write_exr(args.target(), &samples, &options, &progress)?
         }
-        (ExportFormatArg::TiffBands, _) => write_pages(&args.out, &samples, &progress)?,
-        (ExportFormatArg::Envi, _) => write_envi(&args.out, &samples, &progress)?,
-        _ => write_npy(&args.out, &samples, &progress)?,
+        (ExportFormatArg::TiffBands, _) => write_pages(args.target(), &samples, &progress)?,
+        (ExportFormatArg::Envi, _) => write_envi(args.target(), &samples, &progress)?,
+        _ => write_npy(args.target(), &samples, &progress)?,
     };
     bar.finish_and_clear();
     print_summary(args, &samples, written, start.elapsed().as_secs_f64());
@@ -82,6 +82,7 @@ fn samples<'a>(
         rect: input.region,
         chunk: input.chart.chunk_size(),
         units: input.chart.units(),
+        pitch_um: input.chart.pitch_um(),
         description,
         threads,
     }

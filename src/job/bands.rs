@@ -3,6 +3,7 @@
 use super::arguments::Arguments;
 use super::film::{film_spec, gain, regions};
 use super::inputs::Inputs;
+use super::light;
 use crate::lens::source::{JobLens, UntracedLens};
 use anyhow::Result;
 use formats::film::FilmSpec;
@@ -34,8 +35,11 @@ impl JobPlan {
         let film = film_spec(arguments, frame, inputs.selected_nm.clone(), &inputs.chart)?;
         let nm = inputs.wavelengths_nm();
         let lens = JobLens::new(lens, frame, &nm, options, arguments.threads)?;
-        let plan = |&nm: &f64| BandPlan::new(frame, lens.lens(), nm, options);
-        let bands: Vec<BandPlan> = nm.iter().map(plan).collect::<Result<_, _>>()?;
+        let plan = |&nm: &f64| {
+            BandPlan::new(frame, lens.lens(), nm, options)
+                .map_err(|e| light::with_likely_pitch(args, frame.pitch_um, e.into()))
+        };
+        let bands: Vec<BandPlan> = nm.iter().map(plan).collect::<Result<_>>()?;
         let gains = bands.iter().map(|b| gain(args.film_units, b, frame)).collect();
         let regions = regions(&film);
         Ok(Self { lens, bands, gains, film, regions })

@@ -1,10 +1,12 @@
 //! Geometry of a job: film size and pitch, optical axis, scale and centre of the chart.
 
-use crate::args::RunArgs;
+use super::coverage::filled_height_mm;
+use crate::args::{FitArg, RunArgs};
 use crate::failure::usage;
 use crate::lens::source::UntracedLens;
 use crate::open::Chart;
 use anyhow::Result;
+use clap::ValueEnum;
 use pipeline::bounds;
 use pipeline::geometry::{Frame, Size};
 
@@ -21,6 +23,10 @@ fn pitch_um(args: &RunArgs, chart: &Chart) -> Result<f64> {
 /// Film pixels per chart pixel, (y, x): `--scale`, or |magnification| · chart pitch / film pitch. The magnification's sign
 /// rotates the image by 180° about the axis; the film is stored upright, so only the magnitude is used.
 fn scale(args: &RunArgs, chart: &Chart, lens: &UntracedLens) -> Result<(f64, f64)> {
+    if let Some(fit) = args.fit {
+        let scale = fitted_scale(fit, args, chart, lens)?;
+        return Ok((scale, scale));
+    }
     let Some(chart_pitch_mm) = args.chart_pitch_mm else { return Ok((args.scale.1, args.scale.0)) };
     let flag = format!("--chart-pitch-mm {chart_pitch_mm}");
     let Some((magnification, distance_mm)) = lens.conjugate()? else {
@@ -38,6 +44,40 @@ fn scale(args: &RunArgs, chart: &Chart, lens: &UntracedLens) -> Result<(f64, f64
         )));
     }
     Ok((scale, scale))
+}
+
+/// Film pixels per chart pixel with which the chart fits the film, or without its size the lens's field. Distortion is not considered.
+fn fitted_scale(fit: FitArg, args: &RunArgs, chart: &Chart, lens: &UntracedLens) -> Result<f64> {
+    let name = fit.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
+    let size = chart.size();
+    let (width, height) = (size.width as f64, size.height as f64);
+    let diagonal = width.hypot(height);
+    let scale = match (fit, args.film_size) {
+        (FitArg::Width, Some(film)) => film.width as f64 / width,
+        (FitArg::Height, Some(film)) => film.height as f64 / height,
+        (FitArg::Contain, Some(film)) => (film.width as f64 / width).min(film.height as f64 / height),
+        (FitArg::Diagonal, Some(film)) => (film.width as f64).hypot(film.height as f64) / diagonal,
+        (FitArg::Contain | FitArg::Diagonal, None) => {
+            let field_mm = filled_height_mm(lens)?.ok_or_else(|| {
+                usage(format!(
+                    "--fit {name}: the design `{}` has no field points off the axis; add --film-size",
+                    args.lens
+                ))
+            })?;
+            2.0 * field_mm / (pitch_um(args, chart)? * 1e-3 * diagonal)
+        }
+        (FitArg::Width | FitArg::Height, None) => {
+            return Err(usage(format!(
+                "--fit {name} scales the chart to the film: add --film-size; `--fit diagonal` without it fills the lens's field"
+            )));
+        }
+    };
+    if !bounds::SCALE.contains(scale) {
+        return Err(usage(format!(
+            "--fit {name} gives a scale of {scale:e} film pixels per chart pixel; the limit is 0.001 to 1000"
+        )));
+    }
+    Ok(scale)
 }
 
 /// Film, optical axis and chart placement.

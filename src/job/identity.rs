@@ -2,9 +2,12 @@
 
 use super::inputs::Inputs;
 use crate::args::RunArgs;
+use crate::open::{Chart, is_builtin};
 use anyhow::Result;
+use formats::durable::is_url;
 use pipeline::remap::Stages;
 use serde_json::{Map, Value, json};
+use std::path::Path;
 
 /// Version of the arithmetic: raised whenever the program computes other pixel values for the same job.
 pub const NUMERIC_VERSION: u32 = 3;
@@ -51,4 +54,45 @@ pub fn identity(
         map.insert("keep_bits".into(), bits.into());
     }
     Ok(map)
+}
+
+/// A key of the identity or layout in the words of the command line.
+pub fn argument(key: &str) -> String {
+    match key {
+        "chart" => "CHART".into(),
+        "chart_mtimes" => "modification times of CHART".into(),
+        "chart_bands" => "--bands".into(),
+        "lens_name" | "lens_digest" => format!("--lens ({})", key.trim_start_matches("lens_")),
+        "rois" => "--roi".into(),
+        "axis_px" => "--axis".into(),
+        "center_mm" => "--center".into(),
+        "numeric_version" => "numeric version of the program".into(),
+        "units" | "wavelengths" | "outputs" => key.into(),
+        other => format!("--{}", other.replace('_', "-")),
+    }
+}
+
+/// Where chart and lens are, and what the chart is, for people.
+pub fn source(args: &RunArgs, chart: &Chart) -> Value {
+    let chart_path = match args.chart.starts_with("gen:") {
+        true => args.chart.clone(),
+        false => absolute(&args.chart),
+    };
+    let size = chart.size();
+    json!({
+        "chart": chart_path,
+        "array": args.var,
+        "chart_px": { "x": size.width, "y": size.height },
+        "chart_units": chart.units(),
+        "lens": if is_builtin(&args.lens) { args.lens.clone() } else { absolute(&args.lens) },
+    })
+}
+
+/// The absolute path of a local file, if the current directory is known.
+fn absolute(path: &str) -> String {
+    match is_url(Path::new(path)) || Path::new(path).is_absolute() {
+        true => path.to_owned(),
+        // Not `Path::join`, which would reduce the slashes of `PATH//array`.
+        false => std::env::current_dir().map_or(path.into(), |d| format!("{}/{path}", d.display())),
+    }
 }

@@ -1,14 +1,17 @@
 //! Step 2: chart and lens opened, bands selected, film geometry resolved. Only metadata are read.
 
 use super::arguments::Arguments;
+use super::coverage::field_height_mm;
 use super::frame::frame;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::lens::source::UntracedLens;
 use crate::open::{Chart, ChartFlags};
+use crate::progress::log_line;
 use anyhow::Result;
 use formats::chart::NanPolicy;
 use pipeline::geometry::Frame;
+use std::sync::Once;
 
 /// Inputs of a job.
 pub struct Inputs {
@@ -16,6 +19,8 @@ pub struct Inputs {
     pub chart: Chart,
     /// Film, axis, placement of the chart.
     pub frame: Frame,
+    /// Height of the lens's outermost field point, mm, if it is known.
+    pub field_height_mm: Option<f64>,
     /// Bands of the chart that the complete job computes, by band of the film.
     pub selected_bands: Vec<usize>,
     /// Their wavelengths, nm.
@@ -36,7 +41,7 @@ impl Inputs {
         let all_nm = chart.wavelengths_nm()?;
         let selected_bands: Vec<usize> = match &args.bands {
             None => (0..all_nm.len()).collect(),
-            Some(text) => bands(text, all_nm.len()).map_err(|e| usage(format!("--bands {text}: {e}")))?,
+            Some(text) => chosen_bands(text, &all_nm)?,
         };
         let film_bands = film_bands.map_or_else(|| (0..selected_bands.len()).collect(), <[_]>::to_vec);
         if let Some(missing) = film_bands.iter().find(|b| **b >= selected_bands.len()) {
@@ -47,8 +52,9 @@ impl Inputs {
             )));
         }
         let frame = frame(args, &chart, &lens)?;
+        let field_height_mm = field_height_mm(&lens)?;
         let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
-        Ok((Self { chart, frame, selected_bands, selected_nm, film_bands }, lens))
+        Ok((Self { chart, frame, field_height_mm, selected_bands, selected_nm, film_bands }, lens))
     }
 
     /// Bands of the chart that this process computes.
@@ -60,6 +66,17 @@ impl Inputs {
     pub fn wavelengths_nm(&self) -> Vec<f64> {
         self.film_bands.iter().map(|&b| self.selected_nm[b]).collect()
     }
+}
+
+/// Bands that `--bands` selects; a note on an old syntax is printed.
+pub fn chosen_bands(text: &str, nm: &[f64]) -> Result<Vec<usize>> {
+    let (chosen, note) = bands(text, nm).map_err(|e| usage(format!("--bands {text}: {e}")))?;
+    // An export opens its input twice.
+    static NOTED: Once = Once::new();
+    if let Some(note) = note {
+        NOTED.call_once(|| log_line(format!("note: {note}")));
+    }
+    Ok(chosen)
 }
 
 fn open_chart(args: &RunArgs, nan: NanPolicy) -> Result<Chart> {

@@ -52,6 +52,17 @@ impl Chart {
         Ok(())
     }
 
+    /// Bytes of the temporary file of [`Chart::sort_by_band`]; 0 without one.
+    pub fn temporary_bytes(&self, bands: &[usize]) -> u64 {
+        let is_needed = match self {
+            Self::Raster(raster) => bands.len() > 1 && raster.needs_band_copy(),
+            Self::Store(store) => store.rechunk_needed(bands),
+            Self::Decoded(_) | Self::Exr(_) => true,
+            Self::Generated(_) => false,
+        };
+        if is_needed { (bands.len() * self.size().pixels() * size_of::<f32>()) as u64 } else { 0 }
+    }
+
     /// Rows and columns of a chunk; one pixel where the chart has none.
     pub fn chunk_size(&self) -> Size {
         match self {

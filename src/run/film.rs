@@ -2,7 +2,7 @@
 
 use crate::args::RunArgs;
 use crate::failure::{other_job, usage};
-use crate::job::Job;
+use crate::job::{Job, argument};
 use crate::open::Chart;
 use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, is_url, link_target, parent_of, sweep_entries};
@@ -141,7 +141,7 @@ fn check_same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
     };
     let list: Vec<String> = differing
         .iter()
-        .map(|(key, film, requested)| format!("{key} (film {film}, requested {requested})"))
+        .map(|(key, film, requested)| format!("{} (film {film}, requested {requested})", argument(key)))
         .collect();
     Err(other_job(format!(
         "{} exists and belongs to another job: {}; {remedy}",
@@ -212,18 +212,22 @@ fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Differen
     if *requested == (FilmSpec { keep_bits: requested.keep_bits, ..recorded.clone() }) {
         return Vec::new();
     }
+    // As on the command line: lz4, f32.
+    let name = |variant: String| variant.to_lowercase();
     let all = [
         ("shard", recorded.shard.to_string(), requested.shard.to_string()),
         ("chunk", recorded.chunk.to_string(), requested.chunk.to_string()),
-        ("codec", format!("{:?}", recorded.codec), format!("{:?}", requested.codec)),
-        ("dtype", format!("{:?}", recorded.sample), format!("{:?}", requested.sample)),
+        ("codec", name(format!("{:?}", recorded.codec)), name(format!("{:?}", requested.codec))),
+        ("dtype", name(format!("{:?}", recorded.sample)), name(format!("{:?}", requested.sample))),
         ("units", recorded.units.clone(), requested.units.clone()),
         ("wavelengths", format!("{:?}", recorded.wavelengths_nm), format!("{:?}", requested.wavelengths_nm)),
     ];
     let differing = all.into_iter().filter(|d| d.1 != d.2);
     let mut differing: Vec<Difference> = differing.map(|(key, a, b)| (key.into(), a, b)).collect();
     if differing.is_empty() {
-        let outputs = |spec: &FilmSpec| format!("{:?}", spec.outputs);
+        let outputs = |spec: &FilmSpec| {
+            spec.outputs.iter().map(|o| format!("{} of {}", o.name, o.rect)).collect::<Vec<_>>().join("; ")
+        };
         differing.push(("outputs".into(), outputs(recorded), outputs(requested)));
     }
     differing
@@ -264,6 +268,7 @@ fn provenance(job: &Job) -> Map<String, Value> {
         "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
         "job_digest": digest(&identity),
         "job": identity,
+        "source": job.source,
         "layout_digest": digest(&layout),
         "layout": layout,
         "engine": job.engine.to_string(),

@@ -7,7 +7,7 @@ use crate::job::Job;
 use crate::memory::peak_resident;
 use crate::open::Chart;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{json_path, log_line, summary_lines};
+use crate::progress::{detail_line, json_path, log_line, summary_details, summary_line};
 use formats::durable::ProcessIdentity;
 use formats::film::FilmStore;
 use pipeline::clock::StageTimes;
@@ -152,6 +152,7 @@ fn record(
     let interrupted = summary.is_some_and(|s| s.interrupted);
     let details = json!({
         "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+        "command_line": std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>(),
         "host": ProcessIdentity::current().host,
         "plan": units.map(|u| &u.name),
         "units": units.map(Units::listed),
@@ -195,7 +196,8 @@ fn print_summary(summary: Option<&Summary>, chart: &ChartFigures, energy: &[Opti
         let outside = energy.iter().flatten().map(|inside| 1.0 - inside);
         let range = outside.fold((1.0f64, 0.0f64), |(a, b), e| (a.min(e), b.max(e)));
         let bytes_read = chart.bytes_read.unwrap_or(0);
-        summary_lines(summary, bytes_read, peak_resident(), range).into_iter().for_each(log_line);
+        log_line(summary_line(summary));
+        summary_details(summary, bytes_read, peak_resident(), range).into_iter().for_each(detail_line);
     }
     if chart.missing_chunks > 0 {
         log_line(format!(

@@ -30,6 +30,8 @@ pub struct Status {
     pub pyramid: PyramidState,
     /// Program that created the film.
     pub program: Value,
+    /// Paths of chart and lens, size and unit of the chart.
+    pub source: Value,
     engine: Option<String>,
     /// Engines that computed shards.
     pub engines: Vec<String>,
@@ -132,6 +134,7 @@ impl Status {
             locks: FilmStore::locks(store.path())?.into_iter().map(lock).collect(),
             pyramid: store.pyramid()?,
             program: attribute("program"),
+            source: attribute("source"),
             engine: store.engine().map(str::to_owned),
             engines: store.engines()?,
             job_digest: attribute("job_digest"),

@@ -26,6 +26,8 @@ pub fn lines(store: &FilmStore, status: &Status) -> Vec<String> {
         },
         bands(&status.bands),
     ];
+    // Films of earlier versions lack it.
+    lines.extend(source(&status.source));
     lines.extend(store.spec().keep_bits.map(|bits| {
         format!("  samples rounded to {bits} of {} bits of mantissa", store.spec().sample.mantissa_bits())
     }));
@@ -69,6 +71,19 @@ fn job(store: &FilmStore, status: &Status) -> String {
         text(&status.job_digest),
         text(&status.layout_digest)
     )
+}
+
+fn source(source: &Value) -> Option<String> {
+    let chart = source["chart"].as_str()?;
+    let px = &source["chart_px"];
+    let units = source["chart_units"].as_str().map_or(String::new(), |u| format!(" in {u}"));
+    let array = source["array"].as_str().map_or(String::new(), |a| format!("//{a}"));
+    Some(format!(
+        "  source  chart {chart}{array} of {} x {} px{units}; lens {}",
+        px["x"],
+        px["y"],
+        text(&source["lens"])
+    ))
 }
 
 fn bands(bands: &[BandStatus]) -> String {

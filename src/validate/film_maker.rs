@@ -1,6 +1,6 @@
 //! Simulated films: each made by the code of `lenscube run` from a command line, read back and removed.
 
-use crate::args::{Cli, Command, Device, EngineArg};
+use crate::args::{Cli, Command, Device, EngineArg, ProgressArg};
 use crate::failure::{Coded, usage};
 use crate::run;
 use anyhow::{Context, Result};
@@ -93,8 +93,8 @@ impl FilmMaker {
         let Command::Run(args) = Cli::try_parse_from(arguments)?.command else {
             unreachable!("the command line starts with `run`")
         };
-        let code =
-            run::run_job(&args.job, None).with_context(|| format!("simulating the film of {chart}"))?;
+        let code = run::run_job(&args.job, None, ProgressArg::Auto)
+            .with_context(|| format!("simulating the film of {chart}"))?;
         if code != 0 {
             let message = "interrupted; run the same command again to start over".into();
             return Err(Coded { code, message }.into());

@@ -3,7 +3,6 @@
 use super::film_maker::FilmMaker;
 use super::reference::{ReferenceBand, ReferenceLens};
 use crate::args::ValidateArgs;
-use crate::failure::usage;
 use crate::job::threads;
 use crate::lens::source::{JobLens, UntracedLens};
 use anyhow::{Context, Result};
@@ -38,8 +37,7 @@ impl Setup {
     pub fn new(args: &ValidateArgs) -> Result<Self> {
         let mut wavelengths_nm = crate::trace::wavelengths(&args.wavelengths)?;
         if let Some(text) = &args.bands {
-            let chosen = crate::args::bands(text, wavelengths_nm.len());
-            let chosen = chosen.map_err(|e| usage(format!("--bands {text}: {e}")))?;
+            let chosen = crate::job::chosen_bands(text, &wavelengths_nm)?;
             wavelengths_nm = chosen.into_iter().map(|b| wavelengths_nm[b]).collect();
         }
         let size = args.size as usize;

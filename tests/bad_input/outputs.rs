@@ -9,11 +9,11 @@ fn output_of_another_job_exits_3_and_names_the_difference() {
     let film = files(&job.film);
     for (flags, words) in [
         (["--interp", "bilinear"], ["interp", "bicubic", "bilinear"]),
-        (["--codec", "zstd"], ["codec", "Lz4", "Zstd"]),
-        (["--keep-bits", "12"], ["keep_bits", "nothing", "12"]),
-        (["--dtype", "f16"], ["dtype", "F32", "F16"]),
+        (["--codec", "zstd"], ["--codec", "lz4", "zstd"]),
+        (["--keep-bits", "12"], ["--keep-bits", "nothing", "12"]),
+        (["--dtype", "f16"], ["--dtype", "f32", "f16"]),
         (["--axis", "45,44"], ["axis", "45.0", "44.0"]),
-        (["--bands", "1:3"], ["chart_bands", "[0,1,2]", "[1,2]"]),
+        (["--bands", "1:3"], ["--bands", "[0,1,2]", "[1,2]"]),
     ] {
         assert_error_line(&job.run(&flags), OTHER_JOB, &[&words[..], &["--overwrite"]].concat());
         assert!(files(&job.film) == film, "{flags:?} changed the film");

@@ -140,6 +140,11 @@ fn header(
     let mut attributes = LayerAttributes { comments, ..LayerAttributes::default() };
     attributes.other.insert(Text::new_or_panic("spectralLayoutVersion"), text("1.0"));
     attributes.other.insert(Text::new_or_panic("emissiveUnits"), text(samples.units.unwrap_or("unknown")));
+    if let Some(pitch_um) = samples.pitch_um {
+        attributes.other.insert(Text::new_or_panic("pixelPitchUm"), AttributeValue::F64(pitch_um));
+        let origin = Vec2(rect.x as i32, rect.y as i32);
+        attributes.other.insert(Text::new_or_panic("originPx"), AttributeValue::IntVec2(origin));
+    }
     let header = Header::new(Text::new_or_panic("spectrum"), size, channels.collect())
         .with_encoding(compression, BlockDescription::Tiles(tile), LineOrder::Unspecified)
         .with_attributes(attributes);

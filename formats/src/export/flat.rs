@@ -55,13 +55,28 @@ fn envi_header(samples: &Samples<'_>) -> String {
     let description: String =
         samples.description.chars().map(|c| if "{}\n\r".contains(c) { ' ' } else { c }).collect();
     let units = samples.units.map_or(String::new(), |u| format!("data units = {u}\n"));
+    let place = samples.pitch_um.map_or(String::new(), |pitch_um| {
+        let metre = |um: f64| decimal(um * 1e-6);
+        let (x, y) = (metre(samples.rect.x as f64 * pitch_um), metre(-(samples.rect.y as f64) * pitch_um));
+        let pitch = metre(pitch_um);
+        format!(
+            "map info = {{Arbitrary, 1, 1, {x}, {y}, {pitch}, {pitch}, 0, units=Meters}}\npixel size = {{{pitch}, {pitch}, units=Meters}}\n"
+        )
+    });
     format!(
         "ENVI\ndescription = {{{description}}}\nsamples = {}\nlines = {}\nbands = {}\nheader offset = 0\nfile type = ENVI Standard\n\
-         data type = 4\ninterleave = bsq\nbyte order = 0\n{units}wavelength units = Nanometers\nwavelength = {{{list}}}\n",
+         data type = 4\ninterleave = bsq\nbyte order = 0\n{units}{place}wavelength units = Nanometers\nwavelength = {{{list}}}\n",
         samples.rect.width,
         samples.rect.height,
         samples.bands(),
     )
+}
+
+/// A length in m to 10⁻¹² m, without an exponent.
+fn decimal(m: f64) -> String {
+    let text = format!("{m:.12}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".into() } else { text.into() }
 }
 
 /// Writes `head`, then all samples, into a file that is complete except for its final name.

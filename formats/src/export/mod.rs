@@ -6,6 +6,9 @@
 //! | BigTIFF ([`tiff`]) | f32, one page a band | band by band, line by line |
 //! | ENVI, NPY ([`flat`]) | f32 | band by band, line by line |
 //!
+//! Pitch and origin, where the pitch is known: TIFF's resolution and position in cm, ENVI's `map info` and `pixel size` in m (GDAL's
+//! geotransform), OpenEXR's attributes `pixelPitchUm` and `originPx`. The origin is the upper left corner of the source.
+//!
 //! f32 files have the source's bits; NaN (missing shards) is kept and counted. Samples are read in the order of the file where possible:
 //! band by band in row bands that end at chunk edges of the source, or for tiles ([`regions`]) all bands of a region that fits in memory.
 //! Files have temporary names until all files of the export are complete ([`crate::durable::AtomicFile`]).
@@ -36,6 +39,8 @@ pub struct Samples<'a> {
     pub chunk: Size,
     /// Unit of the samples.
     pub units: Option<&'a str>,
+    /// Pixel pitch in µm, if known.
+    pub pitch_um: Option<f64>,
     /// Description for the file's header.
     pub description: &'a str,
     /// Threads that read and encode; the file is the same for any number.

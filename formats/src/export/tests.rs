@@ -56,6 +56,7 @@ fn samples(cube: &Cube, threads: usize) -> Samples<'_> {
         rect: Rect::new(13, 30, 280, 491),
         chunk: Size::new(128, 128),
         units: Some("W m-2 nm-1"),
+        pitch_um: Some(2.5),
         description: "a cube of {µ}\nlines",
         threads,
     }
@@ -100,7 +101,15 @@ fn npy_and_envi_are_exact() {
             }
             assert!(path == &npy || chart.wavelengths_nm() == Some(&NM[..]));
         }
-        assert!(fs::read_to_string(&hdr).unwrap().contains("data units = W m-2 nm-1"));
+        let header = fs::read_to_string(&hdr).unwrap();
+        assert!(header.contains("data units = W m-2 nm-1"));
+        // The rectangle begins at column 30, row 13.
+        assert!(
+            header.contains(
+                "map info = {Arbitrary, 1, 1, 0.000075, -0.0000325, 0.0000025, 0.0000025, 0, units=Meters}"
+            ),
+            "{header}"
+        );
     }
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 3, "other files remain");
 }
@@ -116,6 +125,10 @@ fn tiff_pages_are_exact() {
     for (band, nm) in NM.iter().enumerate() {
         let ::tiff::decoder::DecodingResult::F32(out) = decoder.read_image().unwrap() else { panic!() };
         assert_same_bits(&out, &s, band, "page");
+        // 4000 pixels in a centimetre.
+        let resolution = decoder.get_tag(::tiff::tags::Tag::XResolution).unwrap();
+        assert_eq!(format!("{resolution:?}"), "Rational(4000000, 1000)");
+        assert_eq!(decoder.get_tag_u32(::tiff::tags::Tag::ResolutionUnit).unwrap(), 3);
         let description = decoder.get_tag_ascii_string(::tiff::tags::Tag::ImageDescription).unwrap();
         assert!(description.contains(&format!("wavelength {nm} nm")), "{description}");
         assert_eq!(decoder.more_images(), band < 4);
@@ -205,6 +218,7 @@ fn samples_of(source: &dyn ChartSource) -> Samples<'_> {
         rect: Rect::new(0, 30, 280, 491),
         chunk: Size::new(128, 128),
         units: None,
+        pitch_um: None,
         description: "",
         threads: 2,
     }

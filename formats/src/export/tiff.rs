@@ -3,16 +3,22 @@
 //! TIFF 6.0 with 64-bit offsets (BigTIFF, magic 43), SampleFormat 3 (IEEE floating point). Readers present the pages as a stack
 //! (bands, rows, columns). For colour previews see [`crate::picture::preview`].
 
-use std::io::BufWriter;
+use std::io::{BufWriter, Seek, Write};
 use std::path::Path;
 
-use ::tiff::encoder::{TiffEncoder, colortype::Gray32Float};
-use ::tiff::tags::Tag;
+use ::tiff::TiffResult;
+use ::tiff::encoder::colortype::{ColorType, Gray32Float};
+use ::tiff::encoder::{ImageEncoder, Rational, TiffEncoder, TiffKindBig};
+use ::tiff::tags::{ResolutionUnit, Tag};
 use pipeline::geometry::Rect;
 
 use super::in_order::in_order;
 use super::{ExportError, Progress, Samples, Written};
 use crate::durable::{AtomicFile, DurableError};
+
+/// Tags XPosition and YPosition.
+const X_POSITION: u16 = 286;
+const Y_POSITION: u16 = 287;
 
 /// Writes every band as a page.
 ///
@@ -37,6 +43,9 @@ pub fn write_pages(
         let mut page = encoder.new_image::<Gray32Float>(width, height).map_err(|e| failed(path, e))?;
         let description = page_description(samples, band);
         page.encoder().write_tag(Tag::ImageDescription, description.as_str()).map_err(|e| failed(path, e))?;
+        if let Some(pitch_um) = samples.pitch_um {
+            write_place(&mut page, samples, pitch_um).map_err(|e| failed(path, e))?;
+        }
         let make = |unit: usize| {
             let rows = &row_bands[unit];
             let rect = Rect::new(rows.start, all.x, (rows.end - rows.start) as usize, all.width);
@@ -69,6 +78,24 @@ pub fn write_pages(
     written.bytes = file.file().metadata().map_err(|e| DurableError::io("look up", path, 0, e))?.len();
     file.finish()?;
     Ok(written)
+}
+
+/// Writes resolution and position of a page, in pixels per cm and cm.
+fn write_place<W: Write + Seek, C: ColorType>(
+    page: &mut ImageEncoder<'_, W, C, TiffKindBig>,
+    samples: &Samples<'_>,
+    pitch_um: f64,
+) -> TiffResult<()> {
+    page.resolution(ResolutionUnit::Centimeter, rational(1e4 / pitch_um));
+    let cm = |px: i64| rational(px as f64 * pitch_um * 1e-4);
+    page.encoder().write_tag(Tag::Unknown(X_POSITION), cm(samples.rect.x))?;
+    page.encoder().write_tag(Tag::Unknown(Y_POSITION), cm(samples.rect.y))
+}
+
+/// The fraction nearest to a number that is not negative, with the largest power of ten up to 1000 as denominator that fits.
+fn rational(v: f64) -> Rational {
+    let d = [1000u32, 100, 10, 1].into_iter().find(|d| v * f64::from(*d) <= f64::from(u32::MAX)).unwrap_or(1);
+    Rational { n: (v * f64::from(d)).round() as u32, d }
 }
 
 /// Description of a page; TIFF requires ASCII.

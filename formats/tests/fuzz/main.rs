@@ -6,6 +6,7 @@ mod fuzz_support;
 mod chart;
 mod chunks;
 mod codecs;
+mod hdf5;
 mod importers;
 mod json;
 mod pack;

@@ -39,6 +39,7 @@ fn exr(path: &Path, compression: ExrCompression, half: bool) -> Vec<u8> {
         rect: Ramp.size().rect(),
         chunk: Size::new(1, 1),
         units: None,
+        pitch_um: None,
         description: "",
         threads: 1,
     };

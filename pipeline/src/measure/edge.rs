@@ -102,17 +102,22 @@ impl Esf {
         Ok(Self { samples: bins.into_iter().enumerate().map(sample).collect::<Result<_, _>>()? })
     }
 
-    /// The ESF scaled to 0 on the dark plateau and 1 on the light one, the means beyond ± `plateau_px`.
-    ///
-    /// # Errors
-    /// [`EdgeError::Flat`] if the light side is not above the dark one.
-    pub fn normalised(&self, plateau_px: f64) -> Result<Self, EdgeError> {
+    /// Means on the dark and the light plateau, beyond ± `plateau_px`.
+    pub fn plateaus(&self, plateau_px: f64) -> (f64, f64) {
         let mean = |side: &dyn Fn(f64) -> bool| {
             let values: Vec<f64> =
                 self.samples.iter().filter(|s| side(s.distance_px)).map(|s| s.value).collect();
             values.iter().sum::<f64>() / values.len() as f64
         };
-        let (dark, light) = (mean(&|d| d < -plateau_px), mean(&|d| d > plateau_px));
+        (mean(&|d| d < -plateau_px), mean(&|d| d > plateau_px))
+    }
+
+    /// The ESF scaled to 0 on the dark plateau and 1 on the light one, the means beyond ± `plateau_px`.
+    ///
+    /// # Errors
+    /// [`EdgeError::Flat`] if the light side is not above the dark one.
+    pub fn normalised(&self, plateau_px: f64) -> Result<Self, EdgeError> {
+        let (dark, light) = self.plateaus(plateau_px);
         if light - dark <= 1e-9 * light.abs() || light.is_nan() || dark.is_nan() {
             return Err(EdgeError::Flat { dark, light });
         }
