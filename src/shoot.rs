@@ -1,6 +1,6 @@
 //! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other.
 
-use crate::args::{Cli, Command, DemosaicArg, ShootArgs, check_directory};
+use crate::args::{Cli, Command, DemosaicArg, ProgressArg, ShootArgs, check_directory};
 use crate::failure::{other_job, usage};
 use crate::progress::log_line;
 use crate::{develop, run, sensor};
@@ -101,7 +101,7 @@ fn execute(mut words: Vec<String>, paths: &[&String]) -> Result<u8> {
     words.push("--".into());
     words.extend(paths.iter().map(|p| (*p).clone()));
     match Cli::try_parse_from(words).map_err(|e| usage(e.to_string()))?.command {
-        Command::Run(args) => run::run_job(&args.job, None),
+        Command::Run(args) => run::run_job(&args.job, None, ProgressArg::Auto),
         Command::Sensor(args) => sensor::command(&args),
         Command::Develop(args) => develop::command(&args),
         _ => unreachable!("the command lines begin with run, sensor or develop"),
