@@ -3,7 +3,7 @@
 mod commands;
 #[path = "../common/mod.rs"]
 mod common;
-mod formats;
+mod design_files;
 mod runs;
 
 use common::{CommandResult, Picture, assert_exit, bits, files, lenscube, pixels, text};

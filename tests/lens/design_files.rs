@@ -66,7 +66,8 @@ fn formats_that_are_not_read_name_the_way_out() {
         fs::write(at(&dir, name), bytes).unwrap();
         assert_exit(&lenscube(&["lens", "show", text(&at(&dir, name))]), FAILED, &words);
     }
-    let configuration = ["lens", "convert", "phone", text(&at(&dir, "x.csv")), "--configuration", "2"];
+    let out = at(&dir, "x.csv");
+    let configuration = ["lens", "convert", "phone", text(&out), "--configuration", "2"];
     assert_exit(&lenscube(&configuration), USAGE, &["phone has one configuration"]);
 }
 
