@@ -23,7 +23,7 @@ const FAN: i32 = 81;
 /// Maximum panels of a figure of fans.
 pub const MAX_PANELS: usize = 4;
 /// Film positions of the MTF through focus.
-const POSITIONS: i32 = 17;
+const POSITIONS: i32 = 25;
 /// Maximum half-width of its PSFs, samples.
 const MAX_HALF: usize = 220;
 
@@ -53,7 +53,7 @@ pub fn fans(system: &System, nm: &[f64], heights_mm: &[f64], fan: Fan) -> Result
         }
         let name = match fan {
             Fan::Ray => "ray error (µm)",
-            Fan::Path => "path difference (waves)",
+            Fan::Path => "OPD (waves)",
         };
         let title = field_name(system, height, tan);
         let (x, y) =
@@ -66,7 +66,7 @@ pub fn fans(system: &System, nm: &[f64], heights_mm: &[f64], fan: Fan) -> Result
 /// Height and, for an object at infinity, field angle.
 pub fn field_name(system: &System, height_mm: f64, tan: f64) -> String {
     match system.object_distance_mm {
-        None => format!("{height_mm:.2} mm, {:.2}°", tan.atan().to_degrees()),
+        None => format!("{height_mm:.1} mm, {:.1}°", tan.atan().to_degrees()),
         Some(_) => format!("{height_mm:.2} mm"),
     }
 }
@@ -105,7 +105,7 @@ pub fn field_curvature(system: &System, nm: &[f64], max_mm: f64) -> Result<Plot>
             Some((height, tangential, sagittal))
         };
         let all: Vec<_> = (0..=60).filter_map(foci).collect();
-        series.push(band_series(nm, b, all.iter().map(|f| (f.0, f.1)).collect()));
+        series.push(band_series(nm, b, all.iter().map(|f| (f.0, f.1)).collect()).dashed(0));
         series.push(band_series(nm, b, all.iter().map(|f| (f.0, f.2)).collect()).dashed(1));
     }
     let (x, y) =
@@ -119,8 +119,8 @@ pub fn through_focus(system: &System, heights_mm: &[f64], lp_mm: f64) -> Result<
     let um = system.primary_um();
     let tracer = Tracer::new(system, um)?;
     let na = 0.5 / tracer.primary.working_f_number();
-    // Three times the defocus that removes the frequency by geometry.
-    let range_mm = 1.5 / (lp_mm * na);
+    // Twice the defocus whose geometrical blur has the diameter of a period.
+    let range_mm = 1.0 / (lp_mm * na);
     let mut series = Vec::new();
     for (i, &height) in heights_mm.iter().enumerate() {
         let tan = tracer.field_of_height(height)?;

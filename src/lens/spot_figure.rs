@@ -79,14 +79,14 @@ pub fn spot_figure(system: &System, nm: &[f64], heights_mm: &[f64], style: Style
             figure.clip_end();
         }
     }
-    let note = format!(
-        "Each square: {side_um} µm × {side_um} µm about the chief ray at {} nm, the direction away from the axis to the right",
-        short_number(system.primary_um() * 1e3)
-    );
-    figure.text(Text {
-        max_width: right - left + 90.0,
-        ..Text::new((16.0, below + 24.0), Anchor::Start, &note)
-    });
+    let nm = short_number(system.primary_um() * 1e3);
+    let notes = [
+        format!("Each square: {side_um} µm × {side_um} µm about the chief ray at {nm} nm,"),
+        "the direction away from the axis to the right".into(),
+    ];
+    for (row, note) in notes.iter().enumerate() {
+        figure.text(Text::new((left, below + 16.0 + 22.0 * row as f64), Anchor::Start, note));
+    }
     Ok(figure)
 }
 

@@ -145,7 +145,7 @@ fn show_design_prints_system_data_and_writes_plots() {
         ("encircled-energy", "share of the light"),
         ("spots", "wavelength (nm)"),
         ("ray-fans", "ray error (µm)"),
-        ("opd-fans", "path difference (waves)"),
+        ("opd-fans", "OPD (waves)"),
         ("field-curvature", "focus from the film (mm)"),
         ("mtf-focus", "film position (mm)"),
     ] {

@@ -12,11 +12,11 @@ use super::system::{RayAiming, System};
 use crate::real;
 
 /// Maximum relative change of the illumination at the edge of the field by ray aiming.
-pub const TOLERANCE: f64 = 0.005;
+const TOLERANCE: f64 = 0.005;
 
 impl System {
     /// The same system, with real ray aiming and a note if paraxial aiming changes the relative illumination at the edge of
-    /// the field by more than [`TOLERANCE`].
+    /// the field by more than 0.5 %.
     ///
     /// # Errors
     /// No first-order properties.

@@ -3,7 +3,8 @@
 //! First-order figures are those of [`super::paraxial`]. Names that lens design programs print mean what they mean there: *image space
 //! NA* is n sin u' of the paraxial marginal ray, *paraxial image height* f tan θ (object height × magnification) in the paraxial image
 //! plane, *working F-number* 1/(2 sin u') of the real marginal ray. Own figures: *numerical aperture of real rays*, from the projected
-//! solid angle Ω = π NA²; *paraxial height on the film*, of the chief ray in the actual film plane. Lengths in mm; positions from the first surface, exit pupil from the image plane.
+//! solid angle Ω = π NA²; *paraxial height on the film*, of the chief ray in the actual film plane. Lengths
+//! in mm; positions from the first surface, exit pupil from the image plane.
 
 use super::error::DesignError;
 use super::illumination::numerical_aperture;

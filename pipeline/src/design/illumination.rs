@@ -89,7 +89,7 @@ pub fn numerical_aperture(tracer: &Tracer<'_>) -> Result<f64, DesignError> {
     solid_angle_sr(tracer, 0.0).map(|omega| (omega / PI).sqrt())
 }
 
-/// Maximum error of interpolated values of [`irradiance_table`], relative to the axis.
+/// Maximum error of interpolated values of the table, relative to the axis.
 const TABLE_TOLERANCE: f64 = 1e-7;
 /// Spacing of the values computed first.
 const STRIDE: usize = 32;

@@ -4,7 +4,7 @@
 //! of the primary wavelength: a plane wave for an object at infinity, else a point at height −t·(distance to the pupil). The sign
 //! is that of an image on +x. Pupil coordinates (p, q) are in the unit disc:
 //!   *paraxial aiming*: the point (p, q)·R of the paraxial entrance pupil plane (every wavelength shares it);
-//!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there): [`super::aim`].
+//!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there), see `aim`.
 //! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a.
 //! Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
 //! Left out: reflections, absorption, coatings, polarisation, vignetting factors.
