@@ -121,3 +121,13 @@ fn split_outside_quotes(line: &str) -> Vec<&str> {
     parts.push(&line[start..]);
     parts
 }
+
+/// Whether all curved surfaces have values above 1: radii, since lenses of curvatures above 1 per lens unit are smaller than that unit.
+pub(super) fn cannot_be_curvatures(commands: &[Command<'_>]) -> bool {
+    let is_surface = |c: &&Command<'_>| {
+        c.words[0].eq_ignore_ascii_case("S") || (c.words[0].len() > 1 && c.surface(0).is_some())
+    };
+    let values = commands.iter().filter(is_surface).filter_map(|c| c.value(1).ok()).filter(|v| *v != 0.0);
+    let values: Vec<f64> = values.collect();
+    !values.is_empty() && values.iter().all(|v| v.abs() > 1.0)
+}

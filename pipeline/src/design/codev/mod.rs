@@ -19,7 +19,7 @@ use super::reading::ReadOptions;
 use super::system::{Aperture, FieldKind, ImagePlane, RayAiming, System};
 use super::text::decode;
 use crate::real;
-use command::{Command, commands};
+use command::{Command, cannot_be_curvatures, commands};
 use private::PrivateCatalogue;
 
 /// Commands that do not change the optics: labels, weights, solves and variables (their saved values hold), display, bookkeeping.
@@ -85,6 +85,12 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
     {
         return Err(
             command.error("this is a CODE V macro, not a lens; save the lens as a sequence file (WRL)")
+        );
+    }
+    if !commands.iter().any(|c| c.words[0].eq_ignore_ascii_case("RDM")) && cannot_be_curvatures(&commands) {
+        reader.by_radius = true;
+        reader.draft.notes.push(
+            "no RDM command: surfaces are read as radii, as curvatures all would be above 1".to_owned(),
         );
     }
     for command in commands {
@@ -339,6 +345,9 @@ mod tests {
             .replace("S 61.47 6.0 NBK7_SCHOTT", "S 0.5 0.2 516800.641673");
         let system = read(&text).unwrap();
         assert!((system.surfaces[0].shape.curvature - 0.5 / 25.4).abs() < 1e-15);
+        let radii = read(&DOUBLET.replace("RDM;", "")).unwrap();
+        assert_eq!(radii.surfaces, read(DOUBLET).unwrap().surfaces);
+        assert!(radii.notes.iter().any(|n| n.contains("RDM")), "{:?}", radii.notes);
         assert!((system.surfaces[0].medium.index(0.587_561_8).unwrap() - 1.5168).abs() < 1e-9);
         assert!(system.notes.iter().any(|n| n.contains("516800.641673")));
     }
