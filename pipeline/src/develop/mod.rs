@@ -289,12 +289,11 @@ impl Development {
 
     fn balance(&self, values: &mut [f32], rect: Rect) {
         let gains: Vec<f32> = self.recipe.gains.iter().map(|g| *g as f32).collect();
+        let row = |y: usize| (0..rect.width).map(|x| gains[self.filter(y, rect.x as usize + x)]).collect();
+        let rows: Vec<Vec<f32>> = (0..self.pattern.rows).map(row).collect();
         for (line, y) in std::iter::zip(values.chunks_mut(rect.width), rect.y as usize..) {
-            let x0 = rect.x as usize;
-            let period: Vec<f32> = (0..self.pattern.columns).map(|k| gains[self.filter(y, x0 + k)]).collect();
-            for part in line.chunks_mut(period.len()) {
-                std::iter::zip(part, &period).for_each(|(v, gain)| *v = (*v * gain).min(1.0));
-            }
+            let gains = &rows[y % self.pattern.rows];
+            std::iter::zip(line, gains).for_each(|(v, gain)| *v = (*v * gain).min(1.0));
         }
     }
 
