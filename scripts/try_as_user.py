@@ -1,0 +1,151 @@
+"""The tasks of a user's first day; run by scripts/try-as-user, which names the program as the first argument."""
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import h5py
+import hdf5storage
+import numpy as np
+import scipy.io
+import tifffile
+import xarray
+
+# zarr-python remarks the records of runs beside the arrays.
+warnings.simplefilter("ignore")
+
+LENSCUBE = Path(sys.argv[1]).resolve()
+NM = np.arange(450.0, 655.0, 50.0)
+GIVEN = ["--wavelengths", "450:650:50"]
+# A traced lens would take seconds a band; these tables need no tracing.
+LENS = ["--lens", "double-gauss-28-npz", "--film-pitch-um", "5", "--film-size", "64x64", "--interpolate-psf"]
+failed = []
+
+
+def start(words, place, **options):
+    environment = {**os.environ, "XDG_CACHE_HOME": str(place / "cache")}
+    return subprocess.Popen([LENSCUBE, *map(str, words)], cwd=place, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+
+
+def task(name, words, place, code=0, out=(), err=()):
+    """Runs `lenscube WORDS`; `out` and `err` are expected on standard output and error."""
+    process = start(words, place)
+    stdout, stderr = process.communicate(timeout=300)
+    text = {"out": stdout.decode(errors="replace"), "err": stderr.decode(errors="replace")}
+    missing = [w for stream, words in (("out", out), ("err", err)) for w in words if w not in text[stream]]
+    good = process.returncode == code and not missing and "panicked" not in text["err"]
+    print(f"{'ok    ' if good else 'FAILED'}  {name}", flush=True)
+    if not good:
+        failed.append(name)
+        print(f"        lenscube {' '.join(map(str, words))}\n        exit code {process.returncode}, expected {code}; missing {missing}\n{text['err']}")
+    return stdout
+
+
+def require(name, condition):
+    print(f"{'ok    ' if condition else 'FAILED'}  {name}", flush=True)
+    if not condition:
+        failed.append(name)
+
+
+def write_charts(place):
+    cube = np.random.default_rng(5).random((64, 64, len(NM)), np.float32)
+    np.save(place / "cube.npy", cube)
+    hdf5storage.write({"rad": cube.astype("f8"), "bands": NM}, filename=str(place / "icvl.mat"), matlab_compatible=True, compress_size_threshold=0)
+    scipy.io.savemat(place / "old.mat", {"rad": cube})
+    with h5py.File(place / "two.h5", "w") as f:
+        f["a"], f["b"] = cube, cube
+    ds = xarray.Dataset({"radiance": (("y", "x", "wavelength"), cube)}, {"wavelength": ("wavelength", NM, {"units": "nm"})})
+    ds.to_netcdf(place / "cube.nc", engine="h5netcdf", encoding={"radiance": {"zlib": True, "dtype": "u2", "scale_factor": 1e-4, "_FillValue": 65535}})
+    ds.to_zarr(place / "cube.zarr", consolidated=False)
+    ds.to_netcdf(place / "classic.nc", engine="scipy")
+    (place / "cave").mkdir()
+    for k, nm in enumerate(NM):
+        tifffile.imwrite(place / f"cave/scene_{nm:.0f}nm.tif", (cube[:, :, k] * 65535).astype("u2"), photometric="minisblack")
+    tifffile.imwrite(place / "bands.tif", np.moveaxis((cube * 1e4).astype("u2"), 2, 0), photometric="minisblack", planarconfig="separate")
+    cube[3, 4, 1] = np.nan
+    np.save(place / "nan.npy", cube)
+    (place / "notes.xyz").write_text("1 2 3")
+
+
+def inputs(place):
+    axes = ["--axes", "y,x,wavelength", *GIVEN]
+    run = lambda name, chart, *flags, **expected: task(name, ["run", chart, f"{name.replace(' ', '-')}.zarr", *LENS, *flags], place, **expected)
+    run("npy with axes", "cube.npy", *axes, err=["chart of 64 x 64 px", "shards in"])
+    run("npy without axes", "cube.npy", *GIVEN, code=1, err=["--axes y,x,wavelength"])
+    run("mat of version 7.3", "icvl.mat//rad", err=["rad [64, 64, 5] as MATLAB shows it"])
+    run("mat of version 5", "old.mat", code=1, err=["scipy.io.loadmat", "numpy.save"])
+    run("several arrays", "two.h5", code=1, err=["several have three axes", "--var"])
+    run("one of several arrays", "two.h5", "--var", "b", *axes)
+    run("NetCDF 4", "cube.nc", err=["scale_factor"])
+    run("NetCDF 3", "classic.nc", code=1, err=["NetCDF-3", "xarray"])
+    run("Zarr of xarray", "cube.zarr//radiance")
+    run("folder of pictures", "cave", err=["integers", "scene_450nm.tif (450 nm)"])
+    run("pattern of pictures", "cave/*.tif")
+    run("TIFF of bands", "bands.tif", *GIVEN, "--chart-scale", "1e-4", err=["multiplied by 0.0001"])
+    run("unknown format", "notes.xyz", code=1, err=["unsupported format .xyz; supported:"])
+    run("missing file", "nowhere.npy", code=1, err=["nowhere.npy", "not found"])
+    run("NaN", "nan.npy", *axes, code=1, err=["row 3, column 4", "--nan zero"])
+    run("NaN as zero", "nan.npy", *axes, "--nan", "zero", err=["1 NaN"])
+    task("pitch in mm", ["run", "cube.zarr//radiance", "mm.zarr", "--lens", "double-gauss-28-npz", "--interpolate-psf", "--film-pitch-um", "0.005"], place, code=2, err=["--film-pitch-um 5"])
+    films = [xarray.open_zarr(place / f"{name}.zarr", consolidated=False).film.values for name in ("mat-of-version-7.3", "npy-with-axes", "Zarr-of-xarray")]
+    require("equal films of .mat, .npy and Zarr", all(np.array_equal(films[0], f) for f in films[1:]))
+
+
+def every_day(place):
+    film = ["run", "gen:composite?size=1500&wavelengths=450,550", "film.zarr", "--lens", "double-gauss-28-npz", "--film-pitch-um", "2", "--shard", "512", "--interpolate-psf", "--device", "cpu"]
+    task("dry run", [*film, "--dry-run"], place, out=["writes  film.zarr: 18 of 18 shards", "memory  "])
+    process = start(film, place)
+    while not list(place.glob("film.zarr/film/c/*/*/*")) and process.poll() is None:
+        time.sleep(0.02)
+    task("second run of the same film", film, place, code=75)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    task("status of a killed run", ["status", "film.zarr"], place, out=["incomplete", "source  chart gen:composite"])
+    task("the same command resumes", film, place, err=["resuming"])
+    task("complete film", film, place, err=["nothing to do"])
+    task("film of another job", [*film, "--scale", "2"], place, code=3, err=["--scale", "--overwrite"])
+    task("verify", ["verify", "film.zarr"], place)
+    task("status", ["status", "film.zarr", "--json"], place, out=['"complete": true'])
+    task("export", ["export", "film.zarr", "film.exr"], place)
+    task("export opened as a chart", ["export", "film.exr", "again.npy"], place)
+    require("the same samples again", np.array_equal(np.load(place / "again.npy"), xarray.open_zarr(place / "film.zarr", consolidated=False).film.values))
+    png = task("export to a pipe", ["export", "film.zarr", "-", "-q"], place)
+    require("the pipe holds a PNG", png.startswith(b"\x89PNG"))
+    task("export of a band", ["export", "film.zarr", "band.npy", "--band", "550"], place)
+    task("export without overwriting", ["export", "film.zarr", "film.exr"], place, code=3, err=["--overwrite"])
+    edge = "gen:slanted-edge?size=301&angle_deg=5&overscan=67&wavelengths=500"
+    task("measure an edge", ["measure", edge, "--edge", "222,157,212,277", "--csv", "edge.csv"], place, out=["MTF50", "lp/mm"])
+    rows = [line.count(",") for line in (place / "edge.csv").read_text().splitlines()]
+    require("columns of the CSV", len(set(rows)) == 1)
+    task("measure beside the edge", ["measure", edge, "--edge", "238,157,228,277"], place, code=2, err=["beside the edge"])
+    task("bands by wavelength", [*film[:2], "one.zarr", *film[3:], "--bands", "500:600"], place, err=["1 bands"])
+    task("bands by index, as before", [*film[:2], "two.zarr", *film[3:], "--bands", "0"], place, err=["'#0'"])
+    task("plan", ["plan", *film[1:2], "planned.zarr", *film[3:-2], "-o", "job.json"], place)
+    task("units of the plan", ["run", "--plan", "job.json"], place)
+    task("missing units", ["status", "--plan", "job.json", "--missing"], place)
+    process = start([*film[:2], "quiet.zarr", *film[3:], "-q"], place)
+    stdout, stderr = process.communicate()
+    require("quiet run", (process.returncode, stdout, stderr) == (0, b"", b""))
+    process = start([*film[:2], "stopped.zarr", *film[3:]], place)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    process.communicate()
+    require("Ctrl-C", process.returncode in (0, 130))
+    task("lenses", ["lens", "show", "double-gauss-28-npz"], place, out=["focal length"])
+    task("cache", ["cache"], place, out=["traced bands"])
+    lines = start([*film[:2], "lines.zarr", *film[3:], "--progress", "jsonl"], place).communicate()[0].splitlines()
+    require("progress for programs", [json.loads(line)["event"] for line in (lines[0], lines[-1])] == ["start", "done"])
+
+
+with tempfile.TemporaryDirectory() as tmp:
+    place = Path(tmp)
+    write_charts(place)
+    inputs(place)
+    every_day(place)
+print(f"{len(failed)} tasks failed" + "".join(f"\n  {name}" for name in failed))
+sys.exit(bool(failed))
