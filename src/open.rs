@@ -101,8 +101,8 @@ impl Chart {
         let (file, array) = split_array(spec);
         if hdf5::is_hdf5(Path::new(file)) {
             return match hdf5::open(Path::new(file), array, flags.axes, nan)? {
-                Hdf5Chart::Raster(chart) => Self::raster(chart, declared, scale),
-                Hdf5Chart::Decoded(chart) => Self::decoded(chart, declared, scale),
+                Hdf5Chart::Raster(chart) => Self::raster(*chart, declared, scale),
+                Hdf5Chart::Decoded(chart) => Self::decoded(*chart, declared, scale),
             };
         }
         if RasterChart::is_supported_path(path) {

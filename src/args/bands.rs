@@ -115,7 +115,7 @@ mod tests {
             ("600:700", "400 to 550.5 nm"),
             ("650:450", "no band"),
             ("red", "band index"),
-            ("400:500:30", "no band at 430 nm"),
+            ("400:490:30", "no band at 430 nm"),
             ("#4", "beyond the last of 4 bands"),
             ("#2:1", "selects no band"),
             ("4", "beyond the last of 4 bands"),

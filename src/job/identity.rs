@@ -59,8 +59,8 @@ pub fn identity(
 /// A key of the identity or layout in the words of the command line.
 pub fn argument(key: &str) -> String {
     match key {
-        "chart" => "CHART".into(),
-        "chart_mtimes" => "modification times of CHART".into(),
+        "chart" => "chart".into(),
+        "chart_mtimes" => "modification times of the chart".into(),
         "chart_bands" => "--bands".into(),
         "lens_name" | "lens_digest" => format!("--lens ({})", key.trim_start_matches("lens_")),
         "rois" => "--roi".into(),

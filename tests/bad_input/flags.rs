@@ -38,7 +38,11 @@ fn invalid_flag_values_exit_2_and_unknown_flags_suggest_the_nearest() {
         USAGE,
         &["--size", "wide"],
     );
-    assert_error_line(&lenscube(&["lens", "show", "triplet"]), USAGE, &["triplet", "double-gauss-28"]);
+    assert_error_line(
+        &lenscube(&["lens", "show", "no-such-lens"]),
+        USAGE,
+        &["no-such-lens", "double-gauss-28"],
+    );
     let bad_run = |words: &[&str], expected: &[&str]| {
         assert_usage_error(&[&["run", "c.zarr", "f.zarr"], words].concat(), expected)
     };

@@ -53,7 +53,7 @@ fn invalid_lens_pack_exits_1_and_names_the_array() {
     let job = SmallJob::new();
     for (lens, code, words) in [
         ("nowhere.lens.zarr", FAILED, vec!["nowhere.lens.zarr", "no lens pack"]),
-        ("triplet", USAGE, vec!["triplet", "double-gauss-28"]),
+        ("no-such-lens", USAGE, vec!["no-such-lens", "double-gauss-28"]),
         (text(&job.chart), FAILED, vec!["schema"]),
     ] {
         assert_error_line(&run(text(&job.chart), &job.film, lens, &[]), code, &words);

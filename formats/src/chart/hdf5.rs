@@ -57,9 +57,9 @@ const SIGNATURE_OFFSETS: [u64; 4] = [0, 512, 1024, 2048];
 #[derive(Debug)]
 pub enum Hdf5Chart {
     /// Contiguous.
-    Raster(RasterChart),
+    Raster(Box<RasterChart>),
     /// Chunked.
-    Decoded(DecodedChart),
+    Decoded(Box<DecodedChart>),
 }
 
 /// Whether `path` is an HDF5 file, by its signature.
@@ -125,7 +125,7 @@ pub fn open(
             let layout =
                 RasterLayout { shape, interleave: order.interleave(), sample, little_endian, offset };
             let chart = RasterChart::described(path, layout, (wavelengths_nm, values, units, notes), nan)?;
-            Ok(Hdf5Chart::Raster(chart))
+            Ok(Hdf5Chart::Raster(Box::new(chart)))
         }
         Layout::Chunked { chunk_shape, .. } => {
             let grid = ChunkGrid::new(
@@ -151,7 +151,7 @@ pub fn open(
                 files: vec![WatchedFile::data(path, &meta)],
                 nan,
             };
-            Ok(Hdf5Chart::Decoded(DecodedChart::new(declared, Box::new(grid))?))
+            Ok(Hdf5Chart::Decoded(Box::new(DecodedChart::new(declared, Box::new(grid))?)))
         }
         other => {
             let expected = "contiguous or chunked with data in this file; h5repack IN OUT rewrites it";

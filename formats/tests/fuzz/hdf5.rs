@@ -49,8 +49,8 @@ fn damaged_hdf5_charts_do_not_panic() {
     fuzz("HDF5 chart", 600, damaged, |_| {
         let Ok(chart) = open(&at, array.get(), None, NanPolicy::Zero) else { return false };
         let (bands, size) = match &chart {
-            Hdf5Chart::Raster(raster) => (raster.bands(), ChartSource::size(raster)),
-            Hdf5Chart::Decoded(decoded) => (decoded.bands(), ChartSource::size(decoded)),
+            Hdf5Chart::Raster(raster) => (raster.bands(), raster.size()),
+            Hdf5Chart::Decoded(decoded) => (decoded.bands(), decoded.size()),
         };
         if bands.saturating_mul(size.pixels()) > MAX_PIXELS {
             return true;

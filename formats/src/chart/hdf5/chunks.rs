@@ -88,7 +88,7 @@ impl ChunkGrid {
             let places: Vec<usize> = found.offset.iter().map(|&o| o as usize).collect();
             let first = order.to_chart(&places, 0);
             let index: [usize; 3] = std::array::from_fn(|k| first[k] / chunk[k]);
-            let at_corner = (0..3).all(|k| first[k] % chunk[k] == 0) && places.len() == sides.len();
+            let at_corner = (0..3).all(|k| first[k].is_multiple_of(chunk[k])) && places.len() == sides.len();
             let end = found.address.checked_add(found.storage_size);
             if end.is_none_or(|end| end > length) {
                 let expected = end.unwrap_or(u64::MAX);

@@ -14,6 +14,8 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/hdf5").join(name)
 }
 
+type ReadBand<'a> = &'a dyn Fn(usize, &mut [f32]) -> Result<(), ChartError>;
+
 /// Opens `FILE//array`, checks bands, size and wavelengths, and returns pixels of `bands`, units and counted pixels without data.
 fn read(
     path: &Path,
@@ -23,7 +25,7 @@ fn read(
 ) -> Result<(Vec<f32>, Option<String>, u64), ChartError> {
     let dir = tempfile::tempdir().unwrap();
     let (mut pixels, mut one) = (Vec::new(), vec![0.0; SIZE.pixels()]);
-    let mut collect = |read: &dyn Fn(usize, &mut [f32]) -> Result<(), ChartError>| -> Result<(), ChartError> {
+    let mut collect = |read: ReadBand<'_>| -> Result<(), ChartError> {
         for &band in bands {
             read(band, &mut one)?;
             pixels.extend_from_slice(&one);
@@ -32,12 +34,12 @@ fn read(
     };
     match open(path, array, None, nan)? {
         Hdf5Chart::Raster(chart) => {
-            assert_eq!((chart.bands(), ChartSource::size(&chart)), (3, SIZE), "{path:?} {array}");
+            assert_eq!((chart.bands(), chart.size()), (3, SIZE), "{path:?} {array}");
             collect(&|band, out| chart.read_rect(band, SIZE.rect(), out))?;
             Ok((pixels, chart.units().map(str::to_owned), chart.stats().1))
         }
         Hdf5Chart::Decoded(chart) => {
-            assert_eq!((chart.bands(), ChartSource::size(&chart)), (3, SIZE), "{path:?} {array}");
+            assert_eq!((chart.bands(), chart.size()), (3, SIZE), "{path:?} {array}");
             chart.copy_bands(bands, dir.path(), 2, &|_, _| ())?;
             assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "the temporary file has no name");
             collect(&|band, out| chart.read_rect(band, SIZE.rect(), out))?;
@@ -199,7 +201,7 @@ fn damaged_bytes_are_errors_or_values_without_a_panic() {
             let opened = std::panic::catch_unwind(|| {
                 let chart = open(&path, array, None, NanPolicy::Zero)?;
                 let Hdf5Chart::Decoded(chart) = chart else { return Ok(()) };
-                if chart.bands() * ChartSource::size(&chart).pixels() > 1 << 20 {
+                if chart.bands() * chart.size().pixels() > 1 << 20 {
                     return Ok(());
                 }
                 chart.copy_bands(&[0], dir.path(), 1, &|_, _| ())
