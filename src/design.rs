@@ -59,6 +59,11 @@ pub fn open(name: &str, args: &DesignArgs) -> Result<System> {
     Ok(open_file(name, args)?.0)
 }
 
+/// As [`open`], but with the ray aiming that the design states unless `args` has another: for writing it to a file.
+pub fn open_unchecked(name: &str, args: &DesignArgs) -> Result<System> {
+    apply(read_design(name, args)?.0, args).with_context(|| format!("design {name}"))
+}
+
 /// As [`open`], with the file that it was read from; `None` for the built-in design.
 pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
     let (system, file) = read_design(name, args)?;
@@ -125,7 +130,7 @@ fn add_usable(glasses: &mut GlassLibrary, name: &str, bytes: &[u8]) -> Option<St
     let (catalogue, problems) = agf::parse_usable(bytes);
     glasses.add(name, catalogue);
     let first = problems.first()?;
-    Some(format!("glass catalogue {name}: {} entries are not used; {first}", problems.len()))
+    Some(format!("glass catalogue {name}: entries not used: {}; {first}", problems.len()))
 }
 
 /// Adds a glass catalogue under the name of its file.

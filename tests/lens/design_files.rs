@@ -36,11 +36,7 @@ fn own_glasses_are_written_beside_the_design_and_found_there() {
         .unwrap();
     let (a, b) = (at(&dir, "a.csv"), at(&dir, "my lens.zmx"));
     let converted = lenscube(&["lens", "convert", text(&a), text(&b)]).ok();
-    assert!(
-        converted.stderr.contains("glass catalogue mine: 2 entries are not used"),
-        "{}",
-        converted.stderr
-    );
+    assert!(converted.stderr.contains("glass catalogue mine: entries not used: 1"), "{}", converted.stderr);
     assert!(fs::read_to_string(at(&dir, "my-lens.agf")).unwrap().contains("NM OWN 2"));
     fs::remove_file(at(&dir, "mine.AGF")).unwrap();
     lenscube(&["lens", "convert", text(&b), text(&at(&dir, "again.csv"))]).ok();
