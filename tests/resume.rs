@@ -193,7 +193,7 @@ fn film_attributes_record_the_job_and_a_changed_chart_exits_3() {
     assert_exit(&job.run("", &[]), 0, &["is complete"]);
     let chunk = fs::File::open(job.chart.join("chart/c/0/0/0")).unwrap();
     chunk.set_modified(std::time::UNIX_EPOCH).unwrap();
-    assert_exit(&job.run("", &[]), 3, &["another job", "chart_mtimes", "--trust-input"]);
+    assert_exit(&job.run("", &[]), 3, &["another job", "modification times of the chart", "--trust-input"]);
     assert_exit(&job.run("", &["--trust-input"]), 0, &["is complete"]);
     assert_exit(&job.run("", &["--trust-input", "--interp", "bilinear"]), 3, &["interp", "--overwrite"]);
     assert_exit(&job.run("", &["--overwrite"]), 0, &["8 shards"]);
