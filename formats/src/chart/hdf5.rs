@@ -5,15 +5,15 @@
 //! | arrays | two or three axes of u8, u16, i16, f16, f32 or f64, little- or big-endian |
 //! | storage | contiguous: mapped into memory as flat files are; chunked: decoded once to a temporary file |
 //! | filters | deflate, shuffle, fletcher32, LZF, zstd |
-//! | attributes | those of the CF conventions, see [`super::conventions`] |
+//! | attributes | those of the CF conventions, see `super::conventions` |
 //!
 //! The array is the one that is named (`FILE//group/array`), else the only one of three axes, else the only one of two.
 //!
 //! Order of the axes, the first that exists: declared by the caller; MATLAB's (y, x, wavelength), which its files store reversed; labels
-//! or names of dimensions ([`dimensions`]); (wavelength, y, x). Wavelengths: the coordinate of the spectral dimension, else an array of a
+//! or names of dimensions (`dimensions`); (wavelength, y, x). Wavelengths: the coordinate of the spectral dimension, else an array of a
 //! spectral name and one number a band in the same group.
 //!
-//! The file's structure is read by the crate `hdf5-pure` through a source that bounds the bytes read ([`source`]); sizes are compared with
+//! The file's structure is read by the crate `hdf5-pure` through a source that bounds the bytes read (`source`); sizes are compared with
 //! the file's length and with a limit per chunk before memory is allocated; an error or panic of the crate is an error of the file.
 //! Not supported: version 2 B-trees as chunk indexes (several unlimited axes of `libver="latest"`), virtual and external storage.
 

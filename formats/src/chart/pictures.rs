@@ -1,10 +1,10 @@
 //! Charts decoded from pictures: one grey PNG or TIFF per band (a folder, a pattern), or the bands of one TIFF
-//! ([`crate::image::tiff_bands`]).
+//! (`crate::image::tiff_bands`).
 //!
 //! | source | order of the bands | wavelengths |
 //! |---|---|---|
-//! | `FOLDER`, `'FOLDER/*.png'` | file names, numbers by value | one number of 200 to 2500 nm at the same position in every name ([`names`]) |
-//! | TIFF | as stored | GDAL's metadata ([`crate::image::gdal`]) |
+//! | `FOLDER`, `'FOLDER/*.png'` | file names, numbers by value | one number of 200 to 2500 nm at the same position in every name (`names`) |
+//! | TIFF | as stored | GDAL's metadata (`crate::image::gdal`) |
 //!
 //! Samples are values, not colours: no transfer function applies, and integers are counts (unit `counts`) unless they are scaled. GDAL's
 //! scale, offset and no-data sample apply.
