@@ -97,10 +97,12 @@ def files(root):
 
 
 def job_of(metadata):
-    """The group's metadata without the identity of the copy of the chart."""
+    """The group's metadata without the identity and place of the copy of the chart."""
     group = json.loads(metadata)
     provenance = group["attributes"]["provenance"]
-    for fields in (provenance, provenance["job"]):
+    provenance.pop("source", None)
+    film_of_raw = provenance["job"].get("signal", {}).get("film", {})
+    for fields in (provenance, provenance["job"], film_of_raw):
         fields.pop("chart_mtimes", None), fields.pop("job_digest", None)
     return group
 

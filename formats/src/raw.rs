@@ -296,7 +296,11 @@ fn json(store: &Store, key: &str) -> Result<Option<Value>, RawError> {
 fn raw_attributes(store: &Store) -> Result<Map<String, Value>, RawError> {
     let path = store.root();
     let not = |found: String| RawError::NotRaw { path: path.into(), found };
-    let mut group = json(store, "zarr.json")?.ok_or_else(|| not("no readable zarr.json".into()))?;
+    let mut group = match json(store, "zarr.json")? {
+        Some(group) => group,
+        None if store.exists()? => return Err(not("no readable zarr.json".into())),
+        None => return Err(not("nothing".into())),
+    };
     match group["attributes"]["schema"].as_str() {
         Some(SCHEMA) => {}
         Some(other) => return Err(not(format!("schema {other:?}"))),

@@ -52,7 +52,22 @@ def provenance(film):
 
 def film_files(film):
     """Digests of the film's files except its run records."""
-    return {name: digest(film / name) for name in files(film) if not name.startswith("runs/")}
+    return {name: film_digest(film / name, name) for name in files(film) if not name.startswith("runs/")}
+
+
+def film_digest(path, name):
+    """Digest of a file of a film; of its metadata without the paths of chart and lens, which may be copies, and their digest."""
+    if Path(name).name != "zarr.json":
+        return digest(path)
+    try:
+        metadata = json.loads(path.read_text(errors="replace"), object_hook=without_paths)
+    except ValueError:
+        return digest(path)
+    return hashlib.sha256(json.dumps(metadata).encode()).hexdigest()
+
+
+def without_paths(fields):
+    return {key: value for key, value in fields.items() if key not in ("source", "film_stamp")}
 
 
 class CleanFilms:
