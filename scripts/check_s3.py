@@ -98,13 +98,8 @@ def files(root):
 
 def job_of(metadata):
     """The group's metadata without the identity and place of the copy of the chart."""
-    group = json.loads(metadata)
-    provenance = group["attributes"]["provenance"]
-    provenance.pop("source", None)
-    film_of_raw = provenance["job"].get("signal", {}).get("film", {})
-    for fields in (provenance, provenance["job"], film_of_raw):
-        fields.pop("chart_mtimes", None), fields.pop("job_digest", None)
-    return group
+    of_copy = ("chart_mtimes", "job_digest", "source")
+    return json.loads(metadata, object_hook=lambda fields: {k: v for k, v in fields.items() if k not in of_copy})
 
 
 def same_film(found, expected, what):
@@ -197,6 +192,17 @@ def other_programs(store, film_path):
         check(ds["film"].dims == ("wavelength", "y", "x") and np.array_equal(ds["film"].values, here), "xarray reads another film on the store")
 
 
+def png_pixels(path):
+    """The compressed pixels of a PNG, without its text, which names the raw."""
+    data, at, pixels = path.read_bytes(), 8, []
+    while at < len(data):
+        length = int.from_bytes(data[at:at + 4], "big")
+        if data[at + 4:at + 8] == b"IDAT":
+            pixels.append(data[at + 8:at + 8 + length])
+        at += 12 + length
+    return b"".join(pixels)
+
+
 def raws(store, env, here, reference):
     """Raws on the store equal those in files byte for byte, and are developed there."""
     flags = ["--sensor", "example-2um", "--exposure", "40ms"]
@@ -209,10 +215,11 @@ def raws(store, env, here, reference):
     lenscube(env, 3, ["another job", "seed"], "sensor", film, raw, *flags, "--seed", 2)
     for name in ("there", "here"):
         lenscube(env, 0, [], "develop", raw if name == "there" else here / "film.raw.zarr", here / f"raw-{name}.png")
-    check((here / "raw-there.png").read_bytes() == (here / "raw-here.png").read_bytes(), "developments of the two raws differ")
+    there, of_file = (png_pixels(here / f"raw-{name}.png") for name in ("there", "here"))
+    check(len(there) > 100 and there == of_file, "developments of the two raws differ")
     store.s3.delete_object(Bucket=BUCKET, Key="films/film.raw.zarr/raw/c/0/0/0")
     lenscube(env, 1, ["shards of frame 0 are missing"], "develop", raw, here / "never.png")
-    lenscube(env, 0, ["resuming"], "sensor", film, raw, *flags)
+    lenscube(env, 0, ["1 shards"], "sensor", film, raw, *flags)
     same_film(store.objects("films/film.raw.zarr"), files(here / "film.raw.zarr"), "a resumed raw")
 
 
