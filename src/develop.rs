@@ -13,9 +13,8 @@ use crate::interrupt;
 use crate::job::threads;
 use crate::memory::{default_limit, mib, peak_resident};
 use crate::progress::{counting, log_line};
-use anyhow::Result;
+use anyhow::{Result, bail};
 use formats::developed::{Developed, write_exr, write_png, write_tiff};
-use formats::export::ExportError;
 use formats::raw::RawSpec;
 use frame::Frame;
 use pipeline::develop::{Development, Quantizer, Tone};
@@ -133,27 +132,6 @@ pub fn plain_style() -> DevelopStyle {
     }
 }
 
-/// An error of the caller or of the file.
-enum Failed {
-    Own(anyhow::Error),
-    File(ExportError),
-}
-
-impl From<ExportError> for Failed {
-    fn from(e: ExportError) -> Self {
-        Self::File(e)
-    }
-}
-
-impl From<Failed> for anyhow::Error {
-    fn from(e: Failed) -> Self {
-        match e {
-            Failed::Own(e) => e,
-            Failed::File(e) => e.into(),
-        }
-    }
-}
-
 fn write(args: &DevelopArgs, format: Format) -> Result<()> {
     let start = Instant::now();
     let threads = threads(args.threads);
@@ -193,10 +171,10 @@ fn write(args: &DevelopArgs, format: Format) -> Result<()> {
     let cancel = interrupt::cancel_flag();
     let values = |rows: Range<usize>| {
         if cancel.load(Relaxed) {
-            return Err(Failed::Own(anyhow::anyhow!("interrupted")));
+            bail!("interrupted");
         }
         let part = Rect::new(region.y + rows.start as i64, region.x, rows.len(), region.width);
-        developer.linear(part).map_err(Failed::Own)
+        developer.linear(part)
     };
     let (bar, progress) = counting("developing");
     if format == Format::Exr {

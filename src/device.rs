@@ -186,13 +186,14 @@ fn open(requested: &Device, required: Option<Version>) -> Result<Opened, OpenErr
         ));
     }
     if *requested == Device::Auto {
-        if used.iter().any(|info| verdict(info) == Verdict::Failed) {
+        let verdicts: Vec<Verdict> = used.iter().map(verdict).collect();
+        if verdicts.contains(&Verdict::Failed) {
             return Err(OpenError::Engine(
                 "`lenscube device check` has found other films than the CPU's on these GPUs".into(),
             ));
         }
-        let unknown = used.iter().filter(|info| verdict(info) == Verdict::Unknown);
-        let unknown = unknown.map(name).collect::<Vec<_>>().join(", ");
+        let unknown = used.iter().zip(verdicts).filter(|(_, verdict)| *verdict == Verdict::Unknown);
+        let unknown = unknown.map(|(info, _)| name(info)).collect::<Vec<_>>().join(", ");
         if !unknown.is_empty() {
             notes.push(format!(
                 "films of {unknown} have not been compared with the CPU's on this machine: `lenscube device check` does so in seconds"

@@ -33,14 +33,14 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     formats::durable::create_directories(&directory, true)?;
     let (film, raw) = (text(&directory.join("film.zarr"))?, text(&directory.join("raw.zarr"))?);
     log_line("1/3  film");
-    let mut words = own(args, &["run", "--lens", &args.lens]);
+    let mut words = command_line(args, &["run", "--lens", &args.lens]);
     words.extend(option("--film-pitch-um", args.film_pitch_um));
     let code = execute(words, &[&args.chart, &film])?;
     if code != 0 {
         return Ok(code);
     }
     log_line("2/3  raw");
-    let mut words = own(
+    let mut words = command_line(
         args,
         &["sensor", "--sensor", &args.sensor, "--exposure", &args.exposure, "--seed", &args.seed.to_string()],
     );
@@ -52,7 +52,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     }
     log_line("3/3  picture");
     if developed {
-        let mut words = own(args, &["develop"]);
+        let mut words = command_line(args, &["develop"]);
         words.extend(option("--white", args.white.as_ref()));
         words.extend(option("--demosaic", args.demosaic.map(name)));
         words.extend(option("--shading", args.even_light.then_some(&args.lens)));
@@ -79,7 +79,7 @@ fn directory(args: &ShootArgs) -> PathBuf {
 }
 
 /// A command with the flags that all three have.
-fn own(args: &ShootArgs, words: &[&str]) -> Vec<String> {
+fn command_line(args: &ShootArgs, words: &[&str]) -> Vec<String> {
     let mut all: Vec<String> = ["lenscube"].iter().chain(words).map(|w| (*w).to_owned()).collect();
     all.extend(option("--threads", args.threads));
     all.extend(option("--memory", args.memory));

@@ -38,7 +38,7 @@ mod error;
 mod in_place;
 mod memory;
 mod pyramid;
-mod removal;
+pub(crate) mod removal;
 mod runs;
 mod shards;
 mod spec;

@@ -4,7 +4,7 @@
 use crate::lens::cache;
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, create_directories};
-use pipeline::cuda::{self, DeviceInfo};
+use pipeline::cuda::{DeviceInfo, ptx};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
@@ -26,7 +26,7 @@ fn results_path() -> Option<PathBuf> {
 
 /// What a result holds for: the GPU, its driver, the program and its kernels.
 fn key(info: &DeviceInfo) -> String {
-    let kernels = blake3::hash(cuda::KERNELS.concat().as_bytes()).to_hex();
+    let kernels = blake3::hash([ptx::REMAP, ptx::PSF].concat().as_bytes()).to_hex();
     let (driver, capability) = (info.driver_version, info.compute_capability);
     format!(
         "{} sm_{}{} driver {}.{} lenscube {} kernels {}",

@@ -15,7 +15,7 @@ use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::lens::LensBand;
 use std::fmt::{self, Display, Formatter};
 
-/// Room for half a PSF window beyond the film's corner, mm.
+/// Margin for half a PSF window beyond the film's corner, mm.
 const MARGIN_MM: f64 = 0.25;
 /// Points along each side of a region at which the chart is looked for.
 const SAMPLES: usize = 101;
@@ -49,7 +49,7 @@ pub fn field_height_mm(lens: &UntracedLens) -> Result<Option<f64>> {
     .filter(|mm| *mm > 0.0))
 }
 
-/// Height of the corners of a film that fills the lens's field, mm: of a pack, with room for the PSFs within its tables.
+/// Height of the corners of a film that fills the lens's field, mm: of a pack, less the margin of the PSFs within its tables.
 ///
 /// # Errors
 /// As [`field_height_mm`].

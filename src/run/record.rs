@@ -231,8 +231,8 @@ fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
                 "tiles": f.tiles, "batches": f.batches, "pixels": f.pixels,
                 "upload_s": f.upload_s, "compute_s": f.compute_s, "download_s": f.download_s, "span_s": f.span_s,
                 "host": {
-                    "descriptors_s": f.descriptors_s, "base_kernels_s": f.base_kernels_s,
-                    "wait_chart_s": f.wait_chart_s, "wait_output_s": f.wait_output_s, "wait_batch_s": f.wait_batch_s,
+                    "descriptors_s": f.host.descriptors_s, "base_kernels_s": f.host.base_kernels_s,
+                    "wait_chart_s": f.waits.chart_s, "wait_output_s": f.waits.output_s, "wait_batch_s": f.waits.batch_s,
                 },
                 "bytes_up": f.bytes_up, "bytes_down": f.bytes_down, "left": f.removed,
             });

@@ -10,10 +10,9 @@ use crate::failure::{other_job, usage};
 use crate::interrupt;
 use crate::job::threads;
 use crate::progress::{counting, log_line};
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use formats::developed::{Developed, write_png, write_tiff};
 use formats::dng::{Dng, DngColour, write_dng};
-use formats::export::ExportError;
 use formats::raw::{RawSpec, RawStore};
 use pipeline::colour::Illuminant;
 use pipeline::develop::{ColourMatrix, PlanePattern};
@@ -174,27 +173,6 @@ fn noise_profile(plan: &Plan, seconds: f64) -> (f64, f64) {
     (on(NoiseSet::SHOT, dn_per_e / width), offset / (width * width))
 }
 
-/// An error of reading, or of the file.
-enum Failed {
-    Own(anyhow::Error),
-    File(ExportError),
-}
-
-impl From<ExportError> for Failed {
-    fn from(e: ExportError) -> Self {
-        Self::File(e)
-    }
-}
-
-impl From<Failed> for anyhow::Error {
-    fn from(e: Failed) -> Self {
-        match e {
-            Failed::Own(e) => e,
-            Failed::File(e) => e.into(),
-        }
-    }
-}
-
 /// Writes the file from the raw.
 fn convert(args: &ExposeArgs, plan: &Plan, raw: &Path, (out, format): (&Path, FileFormat)) -> Result<()> {
     let chunk = RawSpec::chunk_shape();
@@ -207,9 +185,9 @@ fn convert(args: &ExposeArgs, plan: &Plan, raw: &Path, (out, format): (&Path, Fi
     let cancel = interrupt::cancel_flag();
     let read = |rows: Range<usize>| {
         if cancel.load(Relaxed) {
-            return Err(Failed::Own(anyhow!("interrupted; the same command resumes")));
+            bail!("interrupted; the same command resumes");
         }
-        frame.read(Rect::new(rows.start as i64, 0, rows.len(), rect.width)).map_err(Failed::Own)
+        frame.read(Rect::new(rows.start as i64, 0, rows.len(), rect.width))
     };
     let comment = format!(
         "lenscube {} sensor: {}, raw of job {}, {:.6e} s, gain {}, seed {}, die {}",

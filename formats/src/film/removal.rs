@@ -80,14 +80,15 @@ fn in_array(rest: &[&str]) -> bool {
     }
 }
 
-/// `SECONDS-HOST-PROCESS.json`.
-fn is_record(name: &str) -> bool {
+/// Whether `name` is that of a record of a run: `SECONDS-HOST-PROCESS.json`.
+pub(crate) fn is_record(name: &str) -> bool {
     let Some(name) = name.strip_suffix(".json") else { return false };
     let parts: Vec<&str> = name.split('-').collect();
     matches!(parts[..], [seconds, _, process] if is_number(seconds) && is_number(process))
 }
 
-fn is_number(text: &str) -> bool {
+/// Whether `text` consists of decimal digits.
+pub(crate) fn is_number(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit())
 }
 

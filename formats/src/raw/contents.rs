@@ -1,6 +1,7 @@
 //! Which files of a raw's directory the raw made: all that `--overwrite` may remove.
 
 use crate::durable::is_temp_name;
+use crate::film::removal::{is_number, is_record};
 
 /// Whether a raw made the file `key`.
 pub(super) fn is_own(key: &str) -> bool {
@@ -24,17 +25,6 @@ fn is_array(name: &str) -> bool {
     let coordinate = name.strip_suffix("_y").or_else(|| name.strip_suffix("_x"));
     let own = matches!(name, "raw" | "signal" | "frame" | "exposure_s" | "y" | "x");
     own || window(name) || coordinate.is_some_and(window)
-}
-
-/// `SECONDS-HOST-PROCESS.json`.
-fn is_record(name: &str) -> bool {
-    let Some(name) = name.strip_suffix(".json") else { return false };
-    let parts: Vec<&str> = name.split('-').collect();
-    matches!(parts[..], [seconds, _, process] if is_number(seconds) && is_number(process))
-}
-
-fn is_number(text: &str) -> bool {
-    !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit())
 }
 
 #[cfg(test)]

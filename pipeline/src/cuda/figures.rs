@@ -1,6 +1,18 @@
 //! Counts and times of a GPU queue.
 
 use super::Device;
+use super::kernel_timer::HostTimes;
+
+/// Waiting of the thread that launches batches, s.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LaunchWaits {
+    /// For charts to be read.
+    pub chart_s: f64,
+    /// For page-locked buffers of contributions: for the overlap-add.
+    pub output_s: f64,
+    /// For a batch on the device to end.
+    pub batch_s: f64,
+}
 
 /// Counts and times of one GPU queue in a run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -19,16 +31,10 @@ pub struct GpuFigures {
     pub upload_s: f64,
     /// Time of the kernels, s.
     pub compute_s: f64,
-    /// Host: descriptors of the batches and their upload, s.
-    pub descriptors_s: f64,
-    /// Host: base kernels of the PSFs and their upload, s.
-    pub base_kernels_s: f64,
-    /// Host: waiting for charts to be read, s.
-    pub wait_chart_s: f64,
-    /// Host: waiting for the overlap-add, s.
-    pub wait_output_s: f64,
-    /// Host: waiting for batches on the device, s.
-    pub wait_batch_s: f64,
+    /// Work of the launching thread.
+    pub host: HostTimes,
+    /// Waiting of the launching thread.
+    pub waits: LaunchWaits,
     /// Busy time of the download stream, s.
     pub download_s: f64,
     /// From the first upload's start to the last download's end, s.

@@ -17,16 +17,11 @@ pub mod kernel_timer;
 pub mod launch;
 pub mod memory;
 pub(crate) mod pool;
+pub mod ptx;
 pub mod slice;
 pub(crate) mod upload_ring;
-
-/// The compiled kernels, PTX.
-pub const KERNELS: [&str; 2] = [
-    include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/remap.ptx")),
-    include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/psf.ptx")),
-];
 
 pub use band::band_needs;
 pub use device::{Device, DeviceInfo, devices, listed_devices};
 pub use error::CudaError;
-pub use figures::GpuFigures;
+pub use figures::{GpuFigures, LaunchWaits};

@@ -108,8 +108,8 @@ impl<'a, 'b, C: Compute, S: FilmSink> Collector<'a, 'b, C, S> {
         f.span_s = f64::from(first.elapsed_ms(&events.download[1]).map_err(failed)?) * 1e-3;
         f.upload_s += upload;
         f.compute_s += compute;
-        f.descriptors_s += events.host.descriptors_s;
-        f.base_kernels_s += events.host.base_kernels_s;
+        f.host.descriptors_s += events.host.descriptors_s;
+        f.host.base_kernels_s += events.host.base_kernels_s;
         f.download_s += download;
         f.batches += 1;
         f.tiles += batch.count as u64;

@@ -18,24 +18,13 @@ use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
 use crate::cuda::kernel_timer::timed;
 use crate::cuda::memory::{DeviceQueue, Halvings, MAX_TILES};
 use crate::cuda::pool::PinnedPool;
-use crate::cuda::{CudaError, GpuFigures};
+use crate::cuda::{CudaError, GpuFigures, LaunchWaits};
 use crate::flow::FilmSink;
 use batch::{Assembled, PendingReads};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Waiting of the launching thread, s.
-#[derive(Default)]
-struct LaunchWaits {
-    /// For charts to be read.
-    chart_s: f64,
-    /// For page-locked buffers of contributions: for the overlap-add.
-    output_s: f64,
-    /// For a batch on the device to end.
-    batch_s: f64,
-}
 
 /// The launching thread's side of a queue.
 struct Queue<'a, 'b, C: Compute, S: FilmSink> {
@@ -115,12 +104,7 @@ impl<C: Compute, S: FilmSink> Queue<'_, '_, C, S> {
             self.failed.store(true, Ordering::SeqCst);
         }
         self.requeue_unlaunched();
-        {
-            let mut figures = self.figures.lock().expect("no panic while held");
-            figures.wait_chart_s = self.waits.chart_s;
-            figures.wait_output_s = self.waits.output_s;
-            figures.wait_batch_s = self.waits.batch_s;
-        }
+        self.figures.lock().expect("no panic while held").waits = self.waits;
         // The collector waits for what is on the device, or requeues it.
         self.launched = unbounded().0;
         let failed = self.collected.iter().find_map(|collected| match collected {

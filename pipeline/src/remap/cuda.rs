@@ -9,15 +9,13 @@ use super::Remap;
 use super::map::{ANCHOR_SPACING_PX, Map, NEAR_AXIS_PX};
 use crate::cuda::handle::CudaStream;
 use crate::cuda::launch::{CudaFunction, LaunchConfig};
+use crate::cuda::ptx;
 use crate::cuda::slice::{CudaSlice, DeviceMemory, DeviceRepr};
 use crate::cuda::{CudaError, Device};
 use crate::field::{Field, TableInterval};
 use crate::geometry::Rect;
 use crate::resample::Interp;
 use std::sync::Arc;
-
-/// The kernels, compiled by `scripts/ptx`.
-const PTX: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/remap.ptx"));
 
 /// Film rows and columns of a thread block: one anchor a thread.
 const AREA_ROWS: usize = 32;
@@ -125,7 +123,7 @@ impl RemapOnDevice {
         let steps = device_steps(&remap.field);
         let (buckets, _) = remap.field.buckets();
         let mut on_device = Self {
-            kernel: device.kernel(PTX, name)?,
+            kernel: device.kernel(ptx::REMAP, name)?,
             map: device_map(remap),
             steps: device.allocate(stream, steps.len(), "a band's field")?,
             buckets: device.allocate(stream, buckets.len(), "a band's field")?,

@@ -4,14 +4,12 @@
 use super::partition::{Partition, THREADS};
 use crate::cuda::handle::CudaStream;
 use crate::cuda::launch::{CudaFunction, LaunchConfig};
+use crate::cuda::ptx;
 use crate::cuda::slice::{CudaSlice, CudaView, CudaViewMut, DeviceMemory};
 use crate::cuda::{CudaError, Device};
 use bytemuck::Pod;
 use std::ops::Range;
 use std::sync::Arc;
-
-/// The kernels, compiled by `scripts/ptx`.
-const PTX: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/psf.ptx"));
 
 /// `CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES`.
 const MAX_DYNAMIC_SHARED: i32 = 8;
@@ -33,18 +31,18 @@ impl Functions {
     pub(super) fn load(device: &Device, partition: &Partition) -> Result<Self, CudaError> {
         let partition = Partition { side: partition.side.max(128), ..*partition }; // a window of 1 launches no transform
         let transform = |name| {
-            let kernel = device.kernel(PTX, &format!("psf_{name}_{}", partition.side))?;
+            let kernel = device.kernel(ptx::PSF, &format!("psf_{name}_{}", partition.side))?;
             let set = kernel.set_attribute(MAX_DYNAMIC_SHARED, partition.shared_bytes() as i32);
             set.map_err(device.failed("setting the limit of shared memory"))?;
             Ok(kernel)
         };
         Ok(Self {
-            copy: device.kernel(PTX, "psf_copy")?,
-            pack: device.kernel(PTX, "psf_pack")?,
+            copy: device.kernel(ptx::PSF, "psf_copy")?,
+            pack: device.kernel(ptx::PSF, "psf_pack")?,
             spectra: transform("spectra")?,
             scatter: transform("scatter")?,
-            unfold: device.kernel(PTX, "psf_unfold")?,
-            add: device.kernel(PTX, "psf_add")?,
+            unfold: device.kernel(ptx::PSF, "psf_unfold")?,
+            add: device.kernel(ptx::PSF, "psf_add")?,
         })
     }
 }
