@@ -5,7 +5,7 @@ mod access;
 use crate::design;
 use crate::failure::usage;
 use anyhow::Result;
-use formats::chart::exr::{ExrChart, ExrContent};
+use formats::chart::exr::{self, ExrContent, ExrFile};
 use formats::chart::hdf5::{self, Hdf5Chart};
 use formats::chart::{
     AxisOrder, ChartOptions, ChartStore, DecodedChart, NanPolicy, RasterChart, RasterLayout, parse_dtype,
@@ -22,10 +22,8 @@ pub enum Chart {
     Store(Box<ChartStore>),
     /// A flat file.
     Raster(Box<RasterChart>),
-    /// Pictures, one per band, a TIFF of several bands, or a chunked array of HDF5.
+    /// Pictures, one per band, a TIFF of several bands, a chunked array of HDF5, or a spectral OpenEXR file.
     Decoded(Box<DecodedChart>),
-    /// A spectral OpenEXR file.
-    Exr(Box<ExrChart>),
     /// Generated on demand.
     Generated(Box<Generator>),
 }
@@ -90,9 +88,9 @@ impl Chart {
                 "--axes applies to Zarr and HDF5 arrays, .npy and raw samples; chart `{spec}`: {format}"
             ))),
         };
-        if ExrChart::is_supported_path(path) {
+        if exr::is_supported_path(path) {
             without_axes("OpenEXR declares its order")?;
-            return Self::exr(ExrChart::open(path, nan)?, declared, scale);
+            return Self::decoded(spectral(exr::open(path, nan)?)?, declared, scale);
         }
         if pictures::is_tiff(path) {
             without_axes("TIFF declares its order")?;
@@ -156,21 +154,17 @@ impl Chart {
             None => chart,
         })))
     }
+}
 
-    fn exr(chart: ExrChart, declared: Option<Vec<f64>>, scale: Option<f64>) -> Result<Self> {
-        if !matches!(chart.content(), ExrContent::Spectral { .. }) {
-            return Err(usage(format!(
-                "chart {}: a colour image without wavelengths; convert it with `lenscube chart image {} CHART.zarr`",
-                chart.path().display(),
-                chart.path().display()
-            )));
-        }
-        let chart = chart.with_scale(scale.unwrap_or(1.0));
-        Ok(Self::Exr(Box::new(match declared {
-            Some(nm) => chart.with_wavelengths(nm)?,
-            None => chart,
-        })))
+/// The chart of a file with wavelengths.
+fn spectral(file: ExrFile) -> Result<DecodedChart> {
+    if matches!(file.content, ExrContent::Spectral { .. }) {
+        return Ok(file.chart);
     }
+    let path = file.chart.path().display();
+    Err(usage(format!(
+        "chart {path}: a colour image without wavelengths; convert it with `lenscube chart image {path} CHART.zarr`"
+    )))
 }
 
 /// Fails unless `--var` fits the chart: a store or an HDF5 file without an array in its path.

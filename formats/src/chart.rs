@@ -5,7 +5,7 @@
 //! | Zarr v2 or v3 array, in a directory or at a URL | [`ChartStore`] |
 //! | flat file: `.npy`, ENVI, raw samples | [`RasterChart`] |
 //! | HDF5, NetCDF-4, MATLAB 7.3 | module [`hdf5`] |
-//! | OpenEXR with spectral channels | [`exr::ExrChart`] |
+//! | OpenEXR with spectral channels | [`exr::open`] |
 //! | grey PNG or TIFF per band; TIFF of several bands | module [`pictures`] |
 //! | PNG, JPEG, WebP, TIFF, RGB OpenEXR | [`image::ImageFile`] |
 //!

@@ -153,7 +153,7 @@ struct Plan {
 fn plan(args: &ImageArgs, file: &ImageFile, light: Illuminant, power: &dyn Fn(f64) -> f64) -> Result<Plan> {
     let units = if args.scale_to.is_some() { "W m-2 sr-1 nm-1" } else { "relative" };
     if let Some(exr) = file.spectral() {
-        let ExrContent::Spectral { wavelengths_nm, reflective } = exr.content().clone() else {
+        let ExrContent::Spectral { wavelengths_nm, reflective } = exr.content.clone() else {
             unreachable!("`spectral` returns spectral files only")
         };
         if args.wavelengths.is_some() {
@@ -169,7 +169,7 @@ fn plan(args: &ImageArgs, file: &ImageFile, light: Illuminant, power: &dyn Fn(f6
             ));
         }
         let factor = |nm: &f64| vec![if reflective { power(*nm) as f32 } else { 1.0 }];
-        let units = if reflective { units } else { exr.units().unwrap_or("relative") };
+        let units = if reflective { units } else { exr.chart.units().unwrap_or("relative") };
         return Ok(Plan {
             factors: wavelengths_nm.iter().map(factor).collect(),
             wavelengths_nm,

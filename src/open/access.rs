@@ -18,7 +18,6 @@ impl Chart {
             Self::Store(s) => s.as_ref(),
             Self::Raster(r) => r.as_ref(),
             Self::Decoded(p) => p.as_ref(),
-            Self::Exr(e) => e.as_ref(),
             Self::Generated(g) => g.as_ref(),
         }
     }
@@ -42,10 +41,6 @@ impl Chart {
                 );
                 chart.copy_bands(bands, directory, threads, &progress)?;
             }
-            Self::Exr(exr) => {
-                log_line(copying_bands("the file is compressed line by line"));
-                exr.copy_bands(bands, directory, threads, &progress)?;
-            }
             _ => (),
         }
         bar.finish_and_clear();
@@ -57,7 +52,7 @@ impl Chart {
         let is_needed = match self {
             Self::Raster(raster) => bands.len() > 1 && raster.needs_band_copy(),
             Self::Store(store) => store.rechunk_needed(bands),
-            Self::Decoded(_) | Self::Exr(_) => true,
+            Self::Decoded(_) => true,
             Self::Generated(_) => false,
         };
         if is_needed { (bands.len() * self.size().pixels() * size_of::<f32>()) as u64 } else { 0 }
@@ -67,7 +62,7 @@ impl Chart {
     pub fn chunk_size(&self) -> Size {
         match self {
             Self::Store(s) => Size::new(s.chunk_shape()[1], s.chunk_shape()[2]),
-            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) | Self::Generated(_) => Size::new(1, 1),
+            Self::Raster(_) | Self::Decoded(_) | Self::Generated(_) => Size::new(1, 1),
         }
     }
 
@@ -76,7 +71,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.cache_for_rows(rows),
             Self::Generated(g) => g.useful_cache_bytes(),
-            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => 0,
+            Self::Raster(_) | Self::Decoded(_) => 0,
         }
     }
 
@@ -85,7 +80,6 @@ impl Chart {
         match self {
             Self::Store(s) => s.chunk_memory(bands),
             Self::Decoded(p) => p.chunk_memory(),
-            Self::Exr(e) => e.chunk_memory(),
             Self::Raster(_) | Self::Generated(_) => ChunkMemory::default(),
         }
     }
@@ -95,7 +89,7 @@ impl Chart {
         match self {
             Self::Store(store) => store.set_cache_bytes(bytes),
             Self::Generated(generator) => generator.set_cache_bytes(bytes),
-            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => (),
+            Self::Raster(_) | Self::Decoded(_) => (),
         }
     }
 
@@ -120,9 +114,6 @@ impl Chart {
                 )),
                 false => no_wavelengths(p.path(), p.bands()),
             }),
-            Self::Exr(e) => {
-                e.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(e.path(), e.bands()))
-            }
             Self::Store(s) => {
                 s.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(s.path(), s.bands()))
             }
@@ -133,7 +124,7 @@ impl Chart {
     pub fn pitch_um(&self) -> Option<f64> {
         match self {
             Self::Store(s) => s.pitch_um(),
-            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => None,
+            Self::Raster(_) | Self::Decoded(_) => None,
             Self::Generated(g) => Some(g.pitch_um()),
         }
     }
@@ -142,7 +133,7 @@ impl Chart {
     pub fn film_size(&self) -> Option<Size> {
         match self {
             Self::Store(s) => s.film_size(),
-            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => None,
+            Self::Raster(_) | Self::Decoded(_) => None,
             Self::Generated(g) => Some(g.film_size()),
         }
     }
@@ -153,7 +144,6 @@ impl Chart {
             Self::Store(s) => s.units(),
             Self::Raster(r) => r.units(),
             Self::Decoded(p) => p.units(),
-            Self::Exr(e) => e.units(),
             Self::Generated(g) => Some(g.units()),
         }
     }
@@ -163,7 +153,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.light(),
             Self::Generated(g) => Some(g.spec().light().name().to_owned()),
-            Self::Raster(_) | Self::Decoded(_) | Self::Exr(_) => None,
+            Self::Raster(_) | Self::Decoded(_) => None,
         }
     }
 
@@ -173,7 +163,6 @@ impl Chart {
             Self::Store(s) => s.limit_values(max),
             Self::Raster(r) => r.limit_values(max),
             Self::Decoded(p) => p.limit_values(max),
-            Self::Exr(e) => e.limit_values(max),
             Self::Generated(g) => {
                 if let Kind::Uniform { value } = g.spec().kind
                     && value.abs() > f64::from(max)
@@ -201,7 +190,7 @@ impl Chart {
             }
             Self::Raster(r) => r.notes().to_vec(),
             Self::Decoded(p) => p.notes().to_vec(),
-            Self::Exr(_) | Self::Generated(_) => Vec::new(),
+            Self::Generated(_) => Vec::new(),
         }
     }
 
@@ -216,7 +205,7 @@ impl Chart {
             Self::Store(s) => RasterSample::Plain(s.sample()).is_integer(),
             Self::Raster(r) => r.sample().is_integer(),
             Self::Decoded(p) => p.sample().is_integer(),
-            Self::Exr(_) | Self::Generated(_) => false,
+            Self::Generated(_) => false,
         }
     }
 
@@ -229,7 +218,6 @@ impl Chart {
             }
             Self::Raster(r) => r.identity()?,
             Self::Decoded(p) => p.identity()?,
-            Self::Exr(e) => e.identity()?,
             Self::Generated(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
     }

@@ -79,7 +79,6 @@ impl ChartFigures {
             }
             Chart::Raster(r) => flat(r.stats()),
             Chart::Decoded(p) => flat(p.stats()),
-            Chart::Exr(e) => flat(e.stats()),
             Chart::Generated(_) => Self::default(),
         }
     }

@@ -17,7 +17,7 @@ use pipeline::flow::ChartSource;
 use pipeline::geometry::Size;
 
 use super::error::ChartError;
-use super::exr::{ExrChart, ExrContent};
+use super::exr::{self, ExrContent, ExrFile};
 use super::options::NanPolicy;
 use super::raster::RasterChart;
 use super::raster::bands::BandFile;
@@ -48,7 +48,7 @@ enum Decoder {
     Png(Box<png::PngRows>),
     Tiff(Box<tiff::TiffRows>),
     Whole(Box<WholeImage>),
-    Exr(Box<ExrChart>),
+    Exr(Box<ExrFile>),
 }
 
 impl ImageFile {
@@ -89,12 +89,12 @@ impl ImageFile {
                 (header, Decoder::Whole(Box::new(image)))
             }
             [0x76, 0x2f, 0x31, 0x01, ..] => {
-                let exr = ExrChart::open(path, NanPolicy::Error)?;
-                if exr.has_alpha() {
+                let exr = exr::open(path, NanPolicy::Error)?;
+                if exr.has_alpha {
                     return Err(alpha_error(path).into());
                 }
-                let channels = if exr.content() == &ExrContent::Rgb { 3 } else { 1 };
-                let size = ChartSource::size(&exr);
+                let channels = if exr.content == ExrContent::Rgb { 3 } else { 1 };
+                let size = exr.chart.size();
                 (ImageHeader { size, channels, white: 0, notes: Vec::new() }, Decoder::Exr(Box::new(exr)))
             }
             _ => {
@@ -129,9 +129,9 @@ impl ImageFile {
     }
 
     /// The file as a spectral chart; `None` if its channels are colours.
-    pub fn spectral(&self) -> Option<&ExrChart> {
+    pub fn spectral(&self) -> Option<&ExrFile> {
         match &self.decoder {
-            Decoder::Exr(exr) if matches!(exr.content(), ExrContent::Spectral { .. }) => Some(exr),
+            Decoder::Exr(exr) if matches!(exr.content, ExrContent::Spectral { .. }) => Some(exr),
             _ => None,
         }
     }
@@ -150,9 +150,10 @@ impl ImageFile {
     ) -> Result<Box<dyn ChartSource>, ChartError> {
         let Self { path, header, decoder } = self;
         if let Decoder::Exr(exr) = decoder {
-            let bands: Vec<usize> = (0..exr.bands()).collect();
-            exr.copy_bands(&bands, directory, threads, progress)?;
-            return Ok(exr);
+            let chart = exr.chart;
+            let bands: Vec<usize> = (0..chart.bands()).collect();
+            chart.copy_bands(&bands, directory, threads, progress)?;
+            return Ok(Box::new(chart));
         }
         let Size { height, width } = header.size;
         let channels: Vec<usize> = (0..header.channels).collect();

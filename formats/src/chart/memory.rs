@@ -1,7 +1,6 @@
 //! Memory of reading charts, bytes; and the size of the chunk cache, once the memory of a run is planned.
 
 use super::cache::Cache;
-use super::exr::ExrChart;
 use super::store::ChartStore;
 
 /// Memory of decoding the chunks of a chart, bytes.
@@ -42,12 +41,5 @@ impl ChartStore {
     /// Keeps at most `bytes` of decoded chunks from now on; what is cached is dropped.
     pub fn set_cache_bytes(&mut self, bytes: usize) {
         self.cache = Cache::new(bytes);
-    }
-}
-
-impl ExrChart {
-    /// Memory of a block while the bands are written to a temporary file: read, decompressed, and sorted by band.
-    pub fn chunk_memory(&self) -> ChunkMemory {
-        ChunkMemory { rechunking: 3 * self.block_bytes(), ..ChunkMemory::default() }
     }
 }

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::fs::File;
 use std::io::BufReader;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -12,19 +13,32 @@ use ::exr::block::reader::ChunksReader;
 use ::exr::meta::attribute::SampleType;
 use ::exr::meta::header::Header;
 
-use super::ExrChart;
+use pipeline::geometry::Size;
+
 use super::header::{check_header, content};
+use crate::chart::decoded_chart::{BandDecoder, Sink};
 use crate::chart::error::ChartError;
-use crate::chart::raster::bands::BandFile;
 use crate::durable::DurableError;
 
-impl ExrChart {
-    /// Decodes all blocks into `out`. Blocks are read one after the other and decoded on `threads` threads that hold one each.
-    pub(super) fn decode(
+/// The blocks of a file.
+#[derive(Debug)]
+pub(super) struct Blocks {
+    pub(super) path: PathBuf,
+    pub(super) size: Size,
+    /// Channel of the file per band.
+    pub(super) channels: Vec<usize>,
+    /// Size of the largest decoded block.
+    pub(super) block_bytes: usize,
+}
+
+impl BandDecoder for Blocks {
+    /// Blocks are read one after the other and decoded on `threads` threads that hold one each. Parts are pixels.
+    fn decode(
         &self,
-        out: &BandFile,
+        bands: &[usize],
         threads: usize,
         progress: &(dyn Fn(u64, u64) + Sync),
+        sink: Sink<'_>,
     ) -> Result<(), ChartError> {
         let damaged = |reason: String| ChartError::Damaged { path: self.path.clone(), reason };
         let file = File::open(&self.path).map_err(|e| DurableError::io("open", &self.path, 0, e))?;
@@ -45,7 +59,7 @@ impl ExrChart {
             return Err(damaged("it changed after it was opened".into()));
         }
         let mut band_of = vec![None; header.channels.list.len()];
-        self.channels.iter().enumerate().for_each(|(band, &channel)| band_of[channel] = Some(band));
+        bands.iter().for_each(|&band| band_of[self.channels[band]] = Some(band));
         let seen = Mutex::new(HashSet::new());
         let (reader, done, total) = (Mutex::new(reader), AtomicU64::new(0), self.size.pixels() as u64);
         let work = || -> Result<(), ChartError> {
@@ -65,7 +79,7 @@ impl ExrChart {
                 if !seen.lock().expect("no panic while held").insert(position) {
                     return Err(damaged(format!("two blocks at column {}, row {}", position.0, position.1)));
                 }
-                let pixels = self.write_block(header, &block, &band_of, out)?;
+                let pixels = self.write_block(header, &block, &band_of, sink)?;
                 progress(done.fetch_add(pixels, Relaxed) + pixels, total);
             }
         };
@@ -79,13 +93,20 @@ impl ExrChart {
         }
     }
 
-    /// Writes a block's rows to their bands; returns the number of its pixels.
+    /// A block: read, decompressed, and as values.
+    fn thread_bytes(&self) -> usize {
+        3 * self.block_bytes
+    }
+}
+
+impl Blocks {
+    /// Gives a block's rows to `sink` by band; returns the number of its pixels.
     fn write_block(
         &self,
         header: &Header,
         block: &UncompressedBlock,
         band_of: &[Option<usize>],
-        out: &BandFile,
+        sink: Sink<'_>,
     ) -> Result<u64, ChartError> {
         let (width, height) = (block.index.pixel_size.x(), block.index.pixel_size.y());
         let (x, y) = (block.index.pixel_position.x(), block.index.pixel_position.y());
@@ -94,24 +115,24 @@ impl ExrChart {
             let reason = format!("a block of {width}x{height} px at column {x}, row {y}");
             return Err(ChartError::Damaged { path: self.path.clone(), reason });
         }
-        let mut pixels = vec![0.0; width];
         let mut rest = &block.data[..];
         for row in y..y + height {
             for (channel, band) in header.channels.list.iter().zip(band_of) {
                 let (line, after) = rest.split_at(width * channel.sample_type.bytes_per_sample());
                 rest = after;
                 let Some(band) = *band else { continue };
-                match channel.sample_type {
+                let floats: Vec<u8>;
+                let samples = match channel.sample_type {
                     SampleType::F16 => {
-                        let halves = line.as_chunks().0.iter().map(|b| half::f16::from_ne_bytes(*b).to_f32());
-                        pixels.iter_mut().zip(halves).for_each(|(p, v)| *p = v);
+                        let halves = line.as_chunks().0.iter();
+                        floats = halves
+                            .flat_map(|b| half::f16::from_ne_bytes(*b).to_f32().to_ne_bytes())
+                            .collect();
+                        &floats[..]
                     }
-                    _ => {
-                        let floats = line.as_chunks().0.iter().map(|b| f32::from_ne_bytes(*b));
-                        pixels.iter_mut().zip(floats).for_each(|(p, v)| *p = v);
-                    }
-                }
-                out.write(band, row, x, &pixels)?;
+                    _ => line,
+                };
+                sink(&self.path, band, row, x, samples)?;
             }
         }
         Ok((width * height) as u64)

@@ -257,7 +257,7 @@ fn exr_is_linear_and_bit_exact() {
     let file = dir.open(&exr(&[("T.0,55um", false), ("T.400nm", false), ("R", false)])).unwrap();
     let spectral = file.spectral().unwrap();
     let wavelengths_nm = vec![400.0, 550.0];
-    assert_eq!(spectral.content(), &ExrContent::Spectral { wavelengths_nm, reflective: true });
+    assert_eq!(spectral.content, ExrContent::Spectral { wavelengths_nm, reflective: true });
 }
 
 /// About 1 KB whose tiles are 65536 x 65537 px of 12 bytes, on an image of 14 x 9 px.
