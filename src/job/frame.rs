@@ -9,6 +9,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use pipeline::bounds;
 use pipeline::geometry::{Frame, Size};
+use pipeline::real;
 
 /// Film pixel pitch.
 fn pitch_um(args: &RunArgs, chart: &Chart) -> Result<f64> {
@@ -51,12 +52,12 @@ fn fitted_scale(fit: FitArg, args: &RunArgs, chart: &Chart, lens: &UntracedLens)
     let name = fit.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
     let size = chart.size();
     let (width, height) = (size.width as f64, size.height as f64);
-    let diagonal = width.hypot(height);
+    let diagonal = real::hypot(width, height);
     let scale = match (fit, args.film_size) {
         (FitArg::Width, Some(film)) => film.width as f64 / width,
         (FitArg::Height, Some(film)) => film.height as f64 / height,
         (FitArg::Contain, Some(film)) => (film.width as f64 / width).min(film.height as f64 / height),
-        (FitArg::Diagonal, Some(film)) => (film.width as f64).hypot(film.height as f64) / diagonal,
+        (FitArg::Diagonal, Some(film)) => real::hypot(film.width as f64, film.height as f64) / diagonal,
         (FitArg::Contain | FitArg::Diagonal, None) => {
             let field_mm = filled_height_mm(lens)?.ok_or_else(|| {
                 usage(format!(

@@ -16,6 +16,7 @@
 use super::ImportError;
 use super::field_table::{Titles, row, wavelength_nm};
 use super::text::{number, numbered_lines, numbers};
+use pipeline::real;
 use std::path::Path;
 
 /// Real chief-ray heights over field angle, at one wavelength.
@@ -93,13 +94,13 @@ pub fn grid(path: &Path, text: &str) -> Result<Grid, ImportError> {
         }
     }
     check_complete(path, titles, &rows)?;
-    let radii_mm = rows.iter().map(|(_, w)| (w[5].hypot(w[6]), w[7].hypot(w[8]))).collect();
+    let radii_mm = rows.iter().map(|(_, w)| (real::hypot(w[5], w[6]), real::hypot(w[7], w[8]))).collect();
     let diagonal = || rows.iter().filter(|(_, w)| w[0] == w[1] && w[0] >= 0.0);
     let (mut field_deg, mut image_height_mm, mut focal) = (Vec::new(), Vec::new(), None);
     for (line, w) in diagonal() {
-        push_point(path, *line, (&mut field_deg, &mut image_height_mm), (w[4], w[7].hypot(w[8])))?;
-        let tangent = w[4].to_radians().tan();
-        focal = (tangent > 0.0).then(|| w[5].hypot(w[6]) / tangent);
+        push_point(path, *line, (&mut field_deg, &mut image_height_mm), (w[4], real::hypot(w[7], w[8])))?;
+        let tangent = real::tan(w[4].to_radians());
+        focal = (tangent > 0.0).then(|| real::hypot(w[5], w[6]) / tangent);
     }
     let distortion = Distortion { wavelength_nm, focal_length_mm: focal, field_deg, image_height_mm };
     Ok(Grid { distortion, radii_mm })

@@ -21,6 +21,7 @@ use super::window::{Outward, Window};
 use super::write::{Imported, ReadWindows, SparseBand, SparseLens, Windows};
 use super::{ImportError, ImportOptions, psf_listing, text};
 use pipeline::lens::PsfSample;
+use pipeline::real;
 use serde_json::json;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
@@ -164,7 +165,7 @@ fn focal_length(
         return Ok(f);
     }
     let fov = p.number("fov")?;
-    let focal = max_height / fov.to_radians().tan();
+    let focal = max_height / real::tan(fov.to_radians());
     let expected = efl * (1.0 + magnification.abs());
     if (0.0..89.0).contains(&fov) && (focal / expected - 1.0).abs() < 0.05 {
         return Ok(focal);
@@ -240,7 +241,7 @@ fn check_listing(
     if (listing.wavelength_nm - nm).abs() > 0.5 {
         return Err(ImportError::file(path, format!("is of {} nm, expected {nm} nm", listing.wavelength_nm)));
     }
-    let radius = listing.chief_ray_mm.map(|(x, y)| x.hypot(y));
+    let radius = listing.chief_ray_mm.map(|(x, y)| real::hypot(x, y));
     match radius.filter(|r| (r - height_mm).abs() > MAX_RAY_DIFFERENCE_MM) {
         Some(r) => Err(ImportError::file(
             path,

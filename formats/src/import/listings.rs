@@ -15,6 +15,7 @@ use super::window::Outward;
 use super::write::{Imported, ReadWindows, SparseBand, SparseLens, Windows};
 use super::{ImportError, ImportOptions, text};
 use pipeline::lens::PsfSample;
+use pipeline::real;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -93,7 +94,7 @@ impl Found {
         focal: f64,
         options: &ImportOptions,
     ) -> Result<(SparseBand, Vec<PathBuf>), ImportError> {
-        let ideal = |deg: &f64| focal * deg.to_radians().tan();
+        let ideal = |deg: &f64| focal * real::tan(deg.to_radians());
         let at = |v: f64| (v - nm).abs() < SAME_NM;
         let bad = |problem: String| ImportError::file(folder, problem);
         let missing = |what: &str| bad(format!("holds no listing of {what} at {nm} nm"));
@@ -148,8 +149,8 @@ fn read(folder: &Path, options: &ImportOptions) -> Result<Found, ImportError> {
             found.psf.push(PsfHeader {
                 path,
                 wavelength_nm: listing.wavelength_nm,
-                chief_ray_height_mm: listing.chief_ray_mm.map(|(x, y)| x.hypot(y)),
-                field_deg: listing.field_deg.map(|(x, y)| x.hypot(y)),
+                chief_ray_height_mm: listing.chief_ray_mm.map(|(x, y)| real::hypot(x, y)),
+                field_deg: listing.field_deg.map(|(x, y)| real::hypot(x, y)),
             });
         } else if title.contains("grid distortion") {
             found.distortion.push(grid(&path, &full_text()?)?.distortion);

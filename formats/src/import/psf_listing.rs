@@ -21,6 +21,7 @@ use super::matrix::Matrix;
 use super::text::{number, numbered_lines, numbers};
 use super::window::{Outward, Window};
 use super::{ImportError, MAX_SIDE};
+use pipeline::real;
 use std::path::Path;
 
 /// A listed PSF.
@@ -129,7 +130,7 @@ impl PsfListing {
     /// The field point lies on neither axis.
     pub fn outward(&self) -> Result<Option<Outward>, String> {
         let Some((x, y)) = self.chief_ray_mm.or(self.field_deg) else { return Ok(None) };
-        let small = 1e-6 * x.hypot(y);
+        let small = 1e-6 * real::hypot(x, y);
         match (x.abs() <= small, y.abs() <= small) {
             (true, true) => Ok(None),
             (true, false) => Ok(Some(if y > 0.0 { Outward::Up } else { Outward::Down })),
