@@ -1,7 +1,7 @@
 //! Engines: the implementations of the arithmetic (avx512, avx2, portable; cuda-sm_NN per GPU compute capability).
 //!
-//! Engines differ by up to 2e-6 of the film's peak, by the order of their roundings. On a GPU the kernels' PSFs are rotated by the
-//! portable engine, so the name of a GPU engine is independent of the host's processor.
+//! Engines differ by up to 2e-6 of the film's peak, by the order of their roundings. On a GPU the PSFs are resampled to kernels
+//! by the portable engine, so the name of a GPU engine is independent of the host's processor.
 
 use pipeline::cuda::error::Version;
 use pipeline::simd::{Isa, Simd};

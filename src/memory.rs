@@ -1,7 +1,8 @@
 //! The memory plan of a run, made before the first pixel: fixed demand, and how the rest is divided between the two caches.
 //!
 //! Fixed: buffers of the workers, contributions not yet added, shards being added to and encoded, kernels and tables of the bands in
-//! flight, chunks being decoded. Each part is reported by the module that allocates it; here they are added. Where GPUs compute,
+//! flight, chunks being decoded. Each stage, queue and reader reports its own part; lens tables, the process and GPU drivers are estimated
+//! here, where all parts are added. Where GPUs compute,
 //! page-locked memory replaces the buffers of the workers. The rest is for the cache of decoded chart chunks (up to what two rows of
 //! tiles read) and for that of node spectra. Nothing here changes a pixel.
 

@@ -92,9 +92,9 @@ pub struct BandPlan {
 /// The stages of one band.
 #[derive(Debug)]
 pub struct BandStages {
-    /// Stages 1-2.
+    /// Remap stage.
     pub remap: Remap,
-    /// Stage 3, if enabled.
+    /// PSF stage, if enabled.
     pub psf: Option<BandPsf>,
 }
 

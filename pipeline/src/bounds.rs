@@ -1,4 +1,5 @@
-//! Bounds of all numbers read from outside: attributes of charts and films, lens packs, imports, command line, plan files.
+//! Bounds of numbers read from outside: attributes of charts and films, lens packs, imports, command line, plan files. Those of sensor
+//! descriptions are checked by `formats::sensor`.
 //!
 //! Readers check a number before computing with it or allocating memory for it. The bounds are wider than any camera, microscope or
 //! telescope, and narrow enough that products of a few of them do not overflow f64 (or, for counts, u64) and no quotient is NaN. A

@@ -27,13 +27,6 @@ pub struct StageTimes {
     pub prepare_s: f64,
 }
 
-impl StageTimes {
-    /// Sum over all stages.
-    pub fn total_s(&self) -> f64 {
-        self.read_s + self.remap_s + self.svpsf_s + self.add_s + self.encode_s + self.write_s + self.prepare_s
-    }
-}
-
 /// Time counters of one stage.
 #[derive(Debug, Default)]
 pub(crate) struct StageClock {

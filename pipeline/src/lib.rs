@@ -8,12 +8,13 @@
 //! stage                equation (one band of wavelength λ)                                    module
 //! ------------------   -------------------------------------------------------------------   -----------
 //! read                 chart rectangle under a part of a tile, inside the remap stage         flow
-//! remap (1, 2)         remapped(X, Y) = R(r, λ) · chart((X, Y) · h(r, λ)/r)                   remap, field, resample
-//! SVPSF (3)            contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node          psf
-//! overlap-add (4)      film += contribution, in tile order                                    overlap_add
+//! remap                remapped(X, Y) = gain · R(r, λ) · chart((X, Y) · h(r, λ)/r)            remap, field, resample
+//! SVPSF                contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node          psf
+//! overlap-add          shard += contribution, in tile order for each shard                    executor::overlap_add
 //! encode, commit       shards that no later tile reaches                                      executor, flow
 //! ```
 //!
+//! gain converts the chart's radiance to the film's unit (1 for a relative film; transmission and solid angle of the lens for an irradiance).
 //! h is the ideal height of the field point whose chief ray lands at real height r, R its relative illumination; both come from the tables
 //! of a [`lens`]. Remapping is a gather (each film pixel reads the chart), the PSF a scatter (each pixel of the remapped image spreads
 //! over its window), so the remapped image is computed on the film grown by half the PSF window.
@@ -84,7 +85,6 @@ pub mod flow;
 pub mod geometry;
 pub mod lens;
 pub mod measure;
-pub mod overlap_add;
 pub mod plan;
 pub mod psf;
 pub mod real;

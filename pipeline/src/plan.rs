@@ -6,6 +6,7 @@
 
 use crate::geometry::{Rect, Size};
 use crate::psf::blocks::Blocks;
+use std::collections::BTreeSet;
 
 /// Side of a tile of a band without PSF stage, px.
 const TILE_WITHOUT_PSF_PX: usize = 512;
@@ -124,6 +125,20 @@ impl FilmRegion {
         let cols = range(common.x - self.rect.x, common.width, self.shard.width);
         rows.flat_map(move |row| cols.clone().map(move |col| (row, col)))
     }
+}
+
+/// The tiles of one band that contribute to any of `shards`, in order.
+pub fn tiles_needed(
+    tiling: &Tiling,
+    regions: &[FilmRegion],
+    shards: &BTreeSet<ShardId>,
+) -> Vec<(usize, usize)> {
+    let mut tiles = BTreeSet::new();
+    for id in shards {
+        let ((i0, i1), (j0, j1)) = tiling.tiles_reaching(regions[id.region].shard_rect(id.row, id.col));
+        tiles.extend((i0..i1).flat_map(|i| (j0..j1).map(move |j| (i, j))));
+    }
+    tiles.into_iter().collect()
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Stages 1-2 in one pass: chart → remapped image. Pinhole mapping, relative illumination, distortion.
+//! Remap stage, chart → remapped image: pinhole mapping, relative illumination and distortion in one pass.
 //!
 //!     remapped(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
 //! for the film pixel at (X, Y) mm from the axis, r = hypot(X, Y) its REAL image height; R and h from [`crate::field`]. The chart lies on
@@ -78,7 +78,7 @@ impl ChartInterpolation {
     }
 }
 
-/// Stages 1-2 of one band.
+/// The remap stage of one band.
 #[derive(Debug)]
 pub struct Remap {
     frame: Frame,
@@ -116,9 +116,9 @@ struct Part<'a> {
 }
 
 /// Film rows per part: their chart pixels stay in the caches.
-const PART_ROWS: f64 = 64.0;
+const PART_ROWS: usize = 64;
 /// Film columns per part: more than those of most tiles.
-const PART_COLS: f64 = 1024.0;
+const PART_COLS: usize = 1024;
 /// Values after the chart's pixels: SIMD loads extend beyond the last tap.
 const PADDING: usize = 32;
 
@@ -172,7 +172,7 @@ impl Remap {
     /// Film rows and columns of a part.
     fn part_size(&self) -> (usize, usize) {
         let side = |full: f64, scale: f64| (full * scale.min(1.0)).max(1.0) as usize;
-        (side(PART_ROWS, self.frame.scale.0), side(PART_COLS, self.frame.scale.1))
+        (side(PART_ROWS as f64, self.frame.scale.0), side(PART_COLS as f64, self.frame.scale.1))
     }
 
     /// Approximate chart rectangle of the film rectangle `rect`, clipped to a chart of `size`: a hint for prefetching, from the corners

@@ -1,4 +1,4 @@
-//! Stages 1-3 of a job as the executor's [`Compute`]: remapped image, then PSF, on the CPU or on a GPU; and the memory they take.
+//! Remap and PSF stages of a job as the executor's [`Compute`], on the CPU or on a GPU; and the memory they take.
 
 use crate::band::{BandPlan, BandStages};
 use crate::buffer::TileBuffer;
@@ -17,7 +17,7 @@ use crate::remap::RemapScratch;
 /// Constructs the stages of the band at a position of the job.
 pub type Prepare<'a> = dyn Fn(usize) -> Result<BandStages, SourceSinkError> + Sync + 'a;
 
-/// Stages 1-3 of a job.
+/// Remap and PSF stages of a job.
 pub struct StageCompute<'a> {
     frame: Frame,
     prepare: &'a Prepare<'a>,

@@ -1,4 +1,4 @@
-//! Stages 1-2 on a GPU: the checks of every engine, on the emulated driver and on the machine's GPU.
+//! Remap stage on a GPU: the checks of every engine, on the emulated driver and on the machine's GPU.
 
 mod emulated_cuda;
 mod oracle;

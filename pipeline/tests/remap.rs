@@ -1,4 +1,4 @@
-//! Stages 1-2 on each instruction set compared with the f64 map; sets that the machine lacks are reported as ignored.
+//! Remap stage on each instruction set compared with the f64 map; sets that the machine lacks are reported as ignored.
 
 mod oracle;
 mod remap_cases;

@@ -1,7 +1,7 @@
 //! GPU kernels and copies, each compared with its bound.
 //!
 //! The bound of the PSF stage is the issue rate of warp instructions: four per clock on each multiprocessor, with the instructions of
-//! its kernels counted in machine code ([`Partition::instructions`]). The bound of stages 1-2 is the memory bandwidth for the bytes of
+//! its kernels counted in machine code ([`Partition::instructions`]). The bound of the remap stage is the memory bandwidth for the bytes of
 //! chart and remapped image. Clock and bandwidth are those that the driver reports.
 
 use super::stages::{benchmark, lens_stages};

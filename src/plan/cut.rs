@@ -8,8 +8,8 @@
 use super::cost;
 use super::file::{Shards, Totals, Unit};
 use crate::job::Job;
-use pipeline::overlap_add::tiles_needed;
 use pipeline::plan::ShardId;
+use pipeline::plan::tiles_needed;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Units that suffice to balance the load of some workers.

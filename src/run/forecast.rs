@@ -13,8 +13,8 @@ use crate::progress::{duration, print as print_line};
 use anyhow::Result;
 use formats::chart::Codec;
 use formats::durable::{Store, free_bytes, is_url, link_target, parent_of};
-use pipeline::overlap_add::tiles_needed;
 use pipeline::plan::ShardId;
+use pipeline::plan::tiles_needed;
 use std::collections::BTreeSet;
 use std::path::Path;
 

@@ -181,7 +181,7 @@ impl GpuBand {
         })
     }
 
-    /// Stages 1-3; the events around their kernels, and the time of the host.
+    /// Remap and PSF stages; the events around their kernels, and the time of the host.
     fn compute(
         &mut self,
         device: &Device,

@@ -28,7 +28,7 @@ fn time_rounds(
     (0..rounds).map(round).collect()
 }
 
-/// Seconds of stages 1-2 for `tiles` in one launch.
+/// Seconds of the remap stage for `tiles` in one launch.
 ///
 /// # Errors
 /// An error of the driver.

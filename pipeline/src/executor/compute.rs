@@ -12,7 +12,7 @@ use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use crate::plan::Tiling;
 
-/// Stages 1-3 of a job. Called from many threads at once.
+/// Remap and PSF stages of a job. Called from many threads at once.
 pub trait Compute: Sync {
     /// The stages of one band, ready to run.
     type Band: Send + Sync;

@@ -1,7 +1,7 @@
 //! The second thread of a GPU queue: waits for the last event of each batch, submits its tiles, and counts the device's work.
 
 use super::Compute;
-use super::ordered_adder::{TileOutput, TilePlace};
+use super::ordered_adder::{TileId, TileOutput};
 use super::run_state::RunState;
 use super::tile_source::Batch;
 use crate::cuda::band::{BatchBuffers, BatchEvents, GpuBatchTile};
@@ -83,7 +83,7 @@ impl<'a, 'b, C: Compute, S: FilmSink> Collector<'a, 'b, C, S> {
             }
             for (sequence, output) in done {
                 let tile = batch.band.tiles[batch.first + sequence - batch.sequence];
-                self.run.submit(TilePlace { position: batch.band.position, sequence, tile }, output);
+                self.run.submit(TileId { position: batch.band.position, sequence, tile }, output);
             }
         }
     }

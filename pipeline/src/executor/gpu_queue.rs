@@ -1,4 +1,4 @@
-//! A queue of work for one GPU: batches of tiles are uploaded, computed by stages 1-3 and downloaded, several at a time.
+//! A queue of work for one GPU: batches of tiles are uploaded, remapped, convolved with the PSFs and downloaded, several at a time.
 //!
 //!     claim → workers read the charts → upload │ compute │ download → add in tile order
 //! Three streams, ordered by events: while one batch is computed, the next is uploaded and the last one downloaded. This thread

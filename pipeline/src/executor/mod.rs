@@ -1,4 +1,5 @@
-//! The scheduler: claims tiles, computes them, adds their contributions in order, writes finished shards. Independent of optics.
+//! The scheduler: claims tiles, computes them, adds their contributions in order, writes finished shards. Independent of the
+//! equations of the stages; of a GPU's stages it knows the buffers and streams ([`crate::cuda::band`]).
 //!
 //! ```text
 //! prepare thread   Compute::prepare(band)          → TileSource (one band ahead)
@@ -19,6 +20,7 @@ mod gpu_collector;
 mod gpu_queue;
 pub mod memory;
 mod ordered_adder;
+mod overlap_add;
 mod progress;
 mod run_state;
 mod shard_writer;

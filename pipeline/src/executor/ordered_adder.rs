@@ -1,11 +1,11 @@
 //! Adds the contributions of tiles to the shards they reach ([`OverlapAdd`]), and recycles their buffers.
 
+use super::overlap_add::{FinishedShard, OverlapAdd};
 use super::work::BandWork;
 use crate::buffer::TileBuffer;
 use crate::clock::Clock;
 use crate::cuda::pool::GpuTile;
 use crate::geometry::Size;
-use crate::overlap_add::{Contribution, FinishedShard, OverlapAdd};
 use crate::plan::{FilmRegion, ShardId};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,20 +22,21 @@ pub(super) enum TileOutput {
 
 /// A tile of the job: position of its band, sequence number among all tiles, row and column in the band.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TilePlace {
+pub(super) struct TileId {
     pub(super) position: usize,
     pub(super) sequence: usize,
     pub(super) tile: (usize, usize),
 }
 
 /// A computed tile.
-struct Computed {
-    place: TilePlace,
+pub(super) struct ComputedTile {
+    place: TileId,
     output: TileOutput,
 }
 
-impl Contribution for Computed {
-    fn pixels(&self) -> (&[f32], usize) {
+impl ComputedTile {
+    /// Its values, row-major, and the number of values from one row to the next.
+    pub(super) fn pixels(&self) -> (&[f32], usize) {
         match &self.output {
             TileOutput::Cpu(buffer) => (&buffer.data, buffer.stride),
             TileOutput::Gpu(tile) => (tile.data(), tile.stride),
@@ -49,7 +50,7 @@ pub(super) struct OrderedAdder<'a> {
     film: Size,
     bands: &'a [BandWork],
     clock: &'a Clock,
-    overlap: OverlapAdd<'a, Computed>,
+    overlap: OverlapAdd<'a>,
     free: Mutex<Vec<TileBuffer>>,
     tiles: AtomicU64,
     pixels: AtomicU64,
@@ -92,15 +93,15 @@ impl<'a> OrderedAdder<'a> {
     /// number of film pixels.
     pub(super) fn submit(
         &self,
-        place: TilePlace,
+        place: TileId,
         output: TileOutput,
         finished: &dyn Fn(FinishedShard),
-        added: &dyn Fn(TilePlace, usize),
+        added: &dyn Fn(TileId, usize),
     ) {
         let tiling = &self.bands[place.position].tiling;
         let ids = self.shards(place.position, place.tile);
         let added = |computed| self.added_tile(computed, added);
-        let computed = Computed { place, output };
+        let computed = ComputedTile { place, output };
         self.clock.add.time(|| match computed.output {
             TileOutput::Unreadable => {
                 self.overlap.discard(&ids, &added);
@@ -111,8 +112,8 @@ impl<'a> OrderedAdder<'a> {
     }
 
     /// Counts a tile and recycles its buffer.
-    fn added_tile(&self, computed: Computed, added: &dyn Fn(TilePlace, usize)) {
-        let Computed { place, output } = computed;
+    fn added_tile(&self, computed: ComputedTile, added: &dyn Fn(TileId, usize)) {
+        let ComputedTile { place, output } = computed;
         if let TileOutput::Cpu(buffer) = output {
             self.free.lock().expect("no panic while held").push(buffer);
         }

@@ -4,7 +4,7 @@ use super::Compute;
 use super::Progress;
 use super::chart_reads::ChartReads;
 use super::error::RunError;
-use super::ordered_adder::{OrderedAdder, TileOutput, TilePlace};
+use super::ordered_adder::{OrderedAdder, TileId, TileOutput};
 use super::shard_writer::ShardWriter;
 use super::signal::Signal;
 use super::tile_source::{Batch, Claim, TileSource};
@@ -12,7 +12,7 @@ use super::work::{BandInFlight, Work};
 use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::flow::{ChartSource, FilmSink, SourceSinkError};
-use crate::overlap_add::tiles_needed;
+use crate::plan::tiles_needed;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -88,9 +88,9 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     }
 
     /// Submits a tile, to be added in order.
-    pub(super) fn submit(&self, place: TilePlace, output: TileOutput) {
+    pub(super) fn submit(&self, place: TileId, output: TileOutput) {
         let finished = |shard| self.writer.push(shard);
-        let added = |place: TilePlace, pixels| {
+        let added = |place: TileId, pixels| {
             self.progress.tile(place.position, pixels);
             self.source.tile_added(place.sequence);
         };

@@ -5,10 +5,10 @@
 use super::ENCODED_QUEUE_LENGTH;
 use super::Progress;
 use super::error::RunError;
+use super::overlap_add::FinishedShard;
 use super::signal::Signal;
 use crate::clock::Clock;
 use crate::flow::FilmSink;
-use crate::overlap_add::FinishedShard;
 use crate::plan::ShardId;
 use crossbeam::channel::{Receiver, Sender, bounded};
 use std::collections::VecDeque;

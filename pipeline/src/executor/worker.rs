@@ -4,13 +4,13 @@
 
 use super::Compute;
 use super::chart_reads::ChartRead;
-use super::ordered_adder::{TileOutput, TilePlace};
+use super::ordered_adder::{TileId, TileOutput};
+use super::overlap_add::FinishedShard;
 use super::run_state::RunState;
 use super::shard_writer::Encoded;
 use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
 use crate::flow::FilmSink;
-use crate::overlap_add::FinishedShard;
 use crossbeam::channel::Sender;
 
 /// Distance, in tiles per worker, between the tile being computed and the one whose chart is prefetched: some tens of milliseconds.
@@ -90,7 +90,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
                 TileOutput::Unreadable
             }
         };
-        self.submit(TilePlace { position: band.position, sequence: batch.sequence, tile }, output);
+        self.submit(TileId { position: band.position, sequence: batch.sequence, tile }, output);
     }
 
     fn read_for_gpu(&self, read: ChartRead<C::Band>, scratch: &mut C::Scratch) {

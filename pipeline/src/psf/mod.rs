@@ -1,4 +1,4 @@
-//! Stage 3, the spatially variant PSF (SVPSF): every pixel of the remapped image scatters its own PSF onto the film.
+//! PSF stage (SVPSF, spatially variant point spread function): every pixel of the remapped image scatters its own PSF onto the film.
 //!
 //!     film[v, u] = Σ_{y, x} remapped[y, x] · P(r, θ)[v − y, u − x]
 //! with (r, θ) the REAL image height and azimuth of pixel (y, x) and P of sum 1 over its window of film pixels. Between the nodes
@@ -6,7 +6,8 @@
 //! approximation, a sum of convolutions:
 //!     film = Σ_node (w_node · remapped) ∗ P_node
 //! Per block ([`blocks`]) and node that touches it: pixels × weight ([`polar`]), forward FFT, product with the spectrum of the node's
-//! kernel ([`kernel`], [`spectra`]), accumulate; per block one inverse FFT, overlap-add. [`portable`] is the reference in plain loops.
+//! kernel ([`kernel`], [`spectra`]), accumulate; per block one inverse FFT, overlap-add. [`portable`] does this with library
+//! transforms, the SIMD engines with transforms of their own; the plain sum is in `tests/oracle`.
 //! The remapped image extends half a window beyond the film on every side, so the film is exact up to its border.
 //! A uniform remapped image R gives R·(1 − div c) on the film, c the centroid of the PSF from the chief ray (of order 1e-3 for a
 //! Double Gauss): the PSF redistributes energy; the total is constant.

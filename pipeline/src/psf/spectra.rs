@@ -2,7 +2,7 @@
 //!
 //! Spectra are built on demand. A spectrum is a pure function of band and node, so one that is evicted and built again has the same
 //! bits. Two workers that need a node at the same time build it once: the second blocks until the first is done. Buffers of evicted
-//! spectra are reused: freed from many threads, they left the allocator holding twice the bound.
+//! spectra are reused: if freed by many threads, the allocator retains up to twice the bound.
 
 use crate::buffer::AlignedBuf;
 use std::collections::{BTreeMap, HashMap};

@@ -1,4 +1,4 @@
-//! Stages 1-2 on a GPU: the field's tables on the device, and launches of `remap.cu` over the tiles of a batch.
+//! Remap stage on a GPU: the field's tables on the device, and launches of `remap.cu` over the tiles of a batch.
 //!
 //! Input of a tile is its chart rectangle ([`Remap::upload_rect`]) including the surround ([`Remap::fill`]) in a buffer of charts;
 //! output are its pixels in a buffer of remapped tiles. They do not depend on the division of the film into tiles, nor on the other
@@ -97,7 +97,7 @@ pub struct RemapTile {
     pub remapped_offset: usize,
 }
 
-/// Stages 1-2 of one band on one GPU.
+/// The remap stage of one band on one GPU.
 #[derive(Debug)]
 pub struct RemapOnDevice {
     device: Arc<Device>,
@@ -136,12 +136,6 @@ impl RemapOnDevice {
         Ok(on_device)
     }
 
-    /// Device memory of the stage's tables, bytes.
-    pub fn bytes(remap: &Remap) -> u64 {
-        let (buckets, _) = remap.field.buckets();
-        (remap.field.steps().len() * size_of::<DeviceStep>() + size_of_val(buckets)) as u64
-    }
-
     /// Computes the remapped pixels of `tiles` in the order of `stream`.
     ///
     /// # Errors
@@ -174,7 +168,7 @@ impl RemapOnDevice {
             launch.arg(&self.map).arg(&all).arg(&self.steps).arg(&self.buckets).arg(charts).arg(&*remapped);
             // SAFETY: the arguments match the kernels in remap.cu; tiles lie within their buffers, and their chart rectangles contain
             // every tap.
-            unsafe { launch.launch(shape) }.map_err(self.device.failed("launching stages 1-2"))?;
+            unsafe { launch.launch(shape) }.map_err(self.device.failed("launching the remap stage"))?;
         }
         Ok(())
     }

@@ -1,11 +1,9 @@
-//! Memory of stages 1-2, bytes.
+//! Memory of the remap stage, bytes.
 
-use super::Remap;
+use super::{PART_COLS, PART_ROWS, Remap};
 use crate::geometry::Size;
 use crate::plan::Tiling;
 
-/// Maximum rows and columns of a tile that are computed at a time.
-const PART: (usize, usize) = (64, 1024);
 /// Coordinates, fractions and gain of a film pixel; where the chart is averaged, its coordinates in f64.
 const BYTES_PER_PIXEL: usize = 44;
 /// Tables of a band per field point: buckets of the height table, knots of the anchors.
@@ -15,7 +13,7 @@ impl Remap {
     /// Scratch of one worker for tiles of `tiling`, read from a chart of `chart` px: the coordinates of a part of the tile, and
     /// [`Remap::chart_area_bytes`].
     pub fn scratch_bytes(&self, tiling: &Tiling, chart: Size) -> usize {
-        let pixels = PART.0.min(tiling.tile()) * PART.1.min(tiling.tile());
+        let pixels = PART_ROWS.min(tiling.tile()) * PART_COLS.min(tiling.tile());
         self.chart_area_bytes(tiling, chart).saturating_add(BYTES_PER_PIXEL * pixels)
     }
 

@@ -1,4 +1,4 @@
-// Stages 1-2 on a GPU: relative illumination, distortion and resampling in one pass, as in anchors.rs, lanes.rs and map.rs.
+// Remap stage on a GPU: relative illumination, distortion and resampling in one pass, as in anchors.rs, lanes.rs and map.rs.
 //
 //     remapped(y, x) = R(r) · chart at offset + (dy, dx)·(h(r)/r)/scale,   (dy, dx) = (y, x) − axis,  r = hypot(dy, dx),  all in px
 //

@@ -35,11 +35,6 @@ impl BandWeights {
     pub fn uniform(sensor: &Sensor, weights: &[f64]) -> Self {
         Self(vec![weights.to_vec(); sensor.channels.len()])
     }
-
-    /// Weights by channel and band.
-    pub fn by_channel(&self) -> &[Vec<f64>] {
-        &self.0
-    }
 }
 
 /// A pass over the film and its outputs.

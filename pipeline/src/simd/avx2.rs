@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
 
 use super::isa::Isa;
-use super::lanes::{Lanes, MAX_LANES, SimdOp};
+use super::lanes::{Lanes, MAX_LANES, SimdOp, operators};
 use bytemuck::{Pod, Zeroable};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
@@ -25,37 +25,7 @@ macro_rules! avx2 {
     };
 }
 
-impl Add for Avx2 {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(avx2!(_mm256_add_ps(self.0, b.0)))
-    }
-}
-
-impl Sub for Avx2 {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(avx2!(_mm256_sub_ps(self.0, b.0)))
-    }
-}
-
-impl Mul for Avx2 {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(avx2!(_mm256_mul_ps(self.0, b.0)))
-    }
-}
-
-impl Div for Avx2 {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        Self(avx2!(_mm256_div_ps(self.0, b.0)))
-    }
-}
+operators!(Avx2, avx2, Add add _mm256_add_ps, Sub sub _mm256_sub_ps, Mul mul _mm256_mul_ps, Div div _mm256_div_ps);
 
 impl Lanes for Avx2 {
     const ISA: Isa = Isa::Avx2;

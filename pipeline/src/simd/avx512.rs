@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "intrinsics of instructions that the build does not assume")]
 
 use super::isa::Isa;
-use super::lanes::{Lanes, MAX_LANES, SimdOp};
+use super::lanes::{Lanes, MAX_LANES, SimdOp, operators};
 use bytemuck::{Pod, Zeroable};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
@@ -25,37 +25,7 @@ macro_rules! avx512 {
     };
 }
 
-impl Add for Avx512 {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(avx512!(_mm512_add_ps(self.0, b.0)))
-    }
-}
-
-impl Sub for Avx512 {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(avx512!(_mm512_sub_ps(self.0, b.0)))
-    }
-}
-
-impl Mul for Avx512 {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(avx512!(_mm512_mul_ps(self.0, b.0)))
-    }
-}
-
-impl Div for Avx512 {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        Self(avx512!(_mm512_div_ps(self.0, b.0)))
-    }
-}
+operators!(Avx512, avx512, Add add _mm512_add_ps, Sub sub _mm512_sub_ps, Mul mul _mm512_mul_ps, Div div _mm512_div_ps);
 
 impl Lanes for Avx512 {
     const ISA: Isa = Isa::Avx512;

@@ -121,3 +121,17 @@ impl<V: Lanes> Dispatch<V> {
         unsafe { V::run(op) }
     }
 }
+
+/// Implements operators of the register type `$vector` by intrinsics, which `$intrinsic` wraps.
+macro_rules! operators {
+    ($vector:ident, $intrinsic:ident, $($operator:ident $method:ident $function:ident),*) => {
+        $(impl $operator for $vector {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, b: Self) -> Self {
+                Self($intrinsic!($function(self.0, b.0)))
+            }
+        })*
+    };
+}
+pub(super) use operators;

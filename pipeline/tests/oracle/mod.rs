@@ -124,7 +124,7 @@ pub struct Tables<'a> {
     pub ri: &'a [f64],
 }
 
-/// Stages 1-2 on the film rectangle `rect` (which may reach beyond the film).
+/// Remap stage on the film rectangle `rect` (which may reach beyond the film).
 pub fn remap(
     chart: &Image,
     frame: &Frame,
@@ -210,7 +210,7 @@ impl Grid {
     }
 }
 
-/// Stage 3: the film rectangle `film`, the sum of the PSFs of all pixels of `remap`, whose first pixel is `origin` on the film.
+/// PSF stage: the film rectangle `film`, the sum of the PSFs of all pixels of `remap`, whose first pixel is `origin` on the film.
 pub fn svpsf(remap: &Image, origin: (i64, i64), frame: &Frame, grid: &Grid, film: Rect) -> Image {
     let (n, c) = (grid.n as i64, grid.n as i64 / 2);
     let mut out = Image::new(film.size(), |_, _| 0.0);

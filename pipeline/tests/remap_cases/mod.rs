@@ -1,4 +1,4 @@
-//! Checks of stages 1-2 for every engine: any scale, surround, interpolation, axis, centre and table, compared with the f64 map.
+//! Checks of the remap stage for every engine: any scale, surround, interpolation, axis, centre and table, compared with the f64 map.
 
 use crate::oracle::{self, Image, Noise, Tables, errors};
 use lenscube_pipeline::field::Outside;
@@ -8,13 +8,13 @@ use lenscube_pipeline::lens::LensBand;
 use lenscube_pipeline::remap::{ChartInterpolation, Stages};
 use lenscube_pipeline::resample::{Interp, Surround};
 
-/// An implementation of stages 1-2.
+/// An implementation of the remap stage.
 pub trait Engine {
     /// The remapped pixels of `rect` for `job` and `chart`.
     fn remap(&self, job: &Job<'_>, chart: &dyn ChartSource, rect: Rect) -> Vec<f32>;
 }
 
-/// Parameters of one band's stages 1-2.
+/// Parameters of one band's remap stage.
 pub struct Job<'a> {
     pub frame: &'a Frame,
     pub lens: &'a LensBand,

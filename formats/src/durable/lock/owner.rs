@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::process::ProcessIdentity;
 
-/// LockOwner of a lock; the lock file is this as JSON.
+/// Owner of a lock; the lock file is this as JSON.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LockOwner {
     /// Unit of the job.

@@ -2,10 +2,10 @@
 //!
 //! Input are remapped tiles, output are contributions (tile and tail), both in device memory. The tiles of a batch share launches; the
 //! contribution of a tile depends on that tile alone (`round`). The CPU computes *base kernels* as for its own transforms, one for
-//! four or eight nodes; the device rotates and transforms them, and keeps base kernels and spectra in two pools (`lru_pool`). Where
+//! four or eight nodes; the device mirrors and transposes them for the other nodes, transforms them, and keeps base kernels and spectra in two pools (`lru_pool`). Where
 //! memory is short, a batch is processed in rounds of fewer tiles, and these in steps of fewer nodes: the same sums in the same order.
 //!
-//! Cost, counted on an H200 (132 multiprocessors at 1.755 GHz; see `scripts/bench`): 16 warp instructions a pixel at 51 px, 38 at 151 px.
+//! Cost, counted in the machine code for compute capability 9.0 (see `scripts/bench`): 16 warp instructions a pixel at 51 px, 38 at 151 px.
 
 mod budget;
 mod descriptors;

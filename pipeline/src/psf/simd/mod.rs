@@ -11,7 +11,7 @@
 //! pixel instead of stored, panels of zero weight or zero pixels skipped, all buffers of a block in L2. A spectrum is stored in the
 //! order of its product: `[F/2/LANES groups][F columns, digits reversed][LANES re, LANES im]`, scaled by 2/F².
 //!
-//! `unsafe` is confined to [`crate::simd`] (dispatch, intrinsics) and the loops of [`fft`].
+//! `unsafe` is confined to [`crate::simd`] (dispatch, intrinsics), the loops of [`fft`] and the layout of [`complex`].
 
 mod block;
 mod complex;

@@ -1,4 +1,4 @@
-//! Stage 4, overlap-add: sums the contributions of tiles into shards and emits a shard once it is complete.
+//! Overlap-add: sums the contributions of tiles into shards and emits a shard once it is complete.
 //!
 //!     film[y, x] = Σ_tiles contribution_tile[y, x]
 //! The contribution of a tile covers the tile and its tail, half a PSF window on every side, so contributions overlap. f32 addition is not
@@ -6,83 +6,60 @@
 //! the film has the same bits for any number of threads. Shards are independent of each other, so threads add to different shards at a
 //! time: the thread that submits the next tile of a shard adds it and those that wait for it; the others only queue theirs.
 
+use super::ordered_adder::ComputedTile;
 use crate::geometry::Rect;
 use crate::plan::{FilmRegion, ShardId, Tiling};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// What a tile contributes to the film.
-pub trait Contribution {
-    /// Its values, row-major, and the number of values from one row to the next.
-    fn pixels(&self) -> (&[f32], usize);
-}
-
 /// A complete shard.
 #[derive(Debug)]
-pub struct FinishedShard {
+pub(super) struct FinishedShard {
     /// Its identity.
-    pub id: ShardId,
+    pub(super) id: ShardId,
     /// Its film rectangle.
-    pub rect: Rect,
+    pub(super) rect: Rect,
     /// Its pixels, row-major, of `rect`.
-    pub pixels: Vec<f32>,
+    pub(super) pixels: Vec<f32>,
 }
 
-/// The tiles of one band that contribute to any of `shards`, in order.
-pub fn tiles_needed(
-    tiling: &Tiling,
-    regions: &[FilmRegion],
-    shards: &BTreeSet<ShardId>,
-) -> Vec<(usize, usize)> {
-    let mut tiles = BTreeSet::new();
-    for id in shards {
-        let ((i0, i1), (j0, j1)) = tiling.tiles_reaching(regions[id.region].shard_rect(id.row, id.col));
-        tiles.extend((i0..i1).flat_map(|i| (j0..j1).map(move |j| (i, j))));
-    }
-    tiles.into_iter().collect()
-}
-
-/// The shards under accumulation; `T` is the contribution of a tile.
-#[derive(Debug)]
-pub struct OverlapAdd<'a, T> {
+/// The shards under accumulation.
+pub(super) struct OverlapAdd<'a> {
     regions: &'a [FilmRegion],
-    shards: Mutex<Shards<T>>,
+    shards: Mutex<Shards>,
     pool: Mutex<Vec<Vec<f32>>>,
 }
 
-#[derive(Debug)]
-struct Shards<T> {
-    open: BTreeMap<ShardId, Arc<OpenShard<T>>>,
+struct Shards {
+    open: BTreeMap<ShardId, Arc<OpenShard>>,
     discarded: BTreeSet<ShardId>,
 }
 
 /// A shard that tiles are still to be added to.
-#[derive(Debug)]
-struct OpenShard<T> {
+struct OpenShard {
     rect: Rect,
-    sum: Mutex<Sum<T>>,
+    sum: Mutex<Sum>,
 }
 
-#[derive(Debug)]
-struct Sum<T> {
+struct Sum {
     /// Number of tiles added, or being added.
     begun: usize,
     /// Contributions that wait for earlier ones, with their film rectangles, by position among the shard's tiles.
-    waiting: BTreeMap<usize, (Rect, Arc<T>)>,
+    waiting: BTreeMap<usize, (Rect, Arc<ComputedTile>)>,
     /// Absent while a thread adds.
     pixels: Option<Vec<f32>>,
     discarded: bool,
 }
 
-impl<'a, T: Contribution> OverlapAdd<'a, T> {
+impl<'a> OverlapAdd<'a> {
     /// For `regions`.
-    pub fn new(regions: &'a [FilmRegion]) -> Self {
+    pub(super) fn new(regions: &'a [FilmRegion]) -> Self {
         let shards = Shards { open: BTreeMap::new(), discarded: BTreeSet::new() };
         Self { regions, shards: Mutex::new(shards), pool: Mutex::default() }
     }
 
     /// The shards among `requested` that the contribution of `tile` of band `band` reaches.
-    pub fn shards_reached(
+    pub(super) fn shards_reached(
         &self,
         band: usize,
         tiling: &Tiling,
@@ -99,14 +76,14 @@ impl<'a, T: Contribution> OverlapAdd<'a, T> {
     /// Submits the contribution of `tile` of `tiling` to the shards `ids`, which are those it reaches: adds it where it is the next, and
     /// what waits for it. `finished` receives complete shards; `added` each contribution that has been added to all of its shards, after
     /// the shards that it completes.
-    pub fn submit(
+    pub(super) fn submit(
         &self,
         tiling: &Tiling,
         tile: (usize, usize),
         ids: &[ShardId],
-        contribution: T,
+        contribution: ComputedTile,
         finished: &dyn Fn(FinishedShard),
-        added: &dyn Fn(T),
+        added: &dyn Fn(ComputedTile),
     ) {
         let contribution = Arc::new(contribution);
         for id in ids {
@@ -128,10 +105,10 @@ impl<'a, T: Contribution> OverlapAdd<'a, T> {
     fn add_waiting(
         &self,
         id: ShardId,
-        shard: &OpenShard<T>,
+        shard: &OpenShard,
         tiles: usize,
         finished: &dyn Fn(FinishedShard),
-        added: &dyn Fn(T),
+        added: &dyn Fn(ComputedTile),
     ) {
         let mut sum = lock(&shard.sum);
         let Some(mut pixels) = sum.pixels.take() else { return };
@@ -161,7 +138,7 @@ impl<'a, T: Contribution> OverlapAdd<'a, T> {
     }
 
     /// The open shard `id` on the film rectangle `rect`, opened if necessary; `None` if it was discarded.
-    fn open(&self, id: ShardId, rect: Rect) -> Option<Arc<OpenShard<T>>> {
+    fn open(&self, id: ShardId, rect: Rect) -> Option<Arc<OpenShard>> {
         let mut shards = lock(&self.shards);
         if shards.discarded.contains(&id) {
             return None;
@@ -175,7 +152,7 @@ impl<'a, T: Contribution> OverlapAdd<'a, T> {
 
     /// Discards the shards `ids`: a tile that reaches them could not be computed. `added` receives the contributions that only they
     /// waited for.
-    pub fn discard(&self, ids: &[ShardId], added: &dyn Fn(T)) {
+    pub(super) fn discard(&self, ids: &[ShardId], added: &dyn Fn(ComputedTile)) {
         for id in ids {
             let open = {
                 let mut shards = lock(&self.shards);
@@ -194,7 +171,7 @@ impl<'a, T: Contribution> OverlapAdd<'a, T> {
     }
 
     /// Returns the buffer of a shard for reuse.
-    pub fn recycle(&self, pixels: Vec<f32>) {
+    pub(super) fn recycle(&self, pixels: Vec<f32>) {
         if pixels.capacity() > 0 {
             lock(&self.pool).push(pixels);
         }
@@ -206,12 +183,12 @@ fn lock<V>(mutex: &Mutex<V>) -> MutexGuard<'_, V> {
 }
 
 /// Passes a contribution to `added` if no shard waits for it any longer.
-fn release<T>(contribution: Arc<T>, added: &dyn Fn(T)) {
+fn release(contribution: Arc<ComputedTile>, added: &dyn Fn(ComputedTile)) {
     Arc::into_inner(contribution).into_iter().for_each(added);
 }
 
 /// Adds the part of a contribution on the film rectangle `reach` that lies within `rect` to `pixels`, row-major, of `rect`.
-fn add_rows<T: Contribution>(pixels: &mut [f32], rect: Rect, contribution: &T, reach: Rect) {
+fn add_rows(pixels: &mut [f32], rect: Rect, contribution: &ComputedTile, reach: Rect) {
     let (values, stride) = contribution.pixels();
     let common = rect.intersect(reach);
     for y in common.y..common.bottom() {
