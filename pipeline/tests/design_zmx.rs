@@ -91,11 +91,8 @@ fn unsupported_optics_is_an_error_with_its_line() {
         ("TYPE EVENASPH", "TYPE BICONICX", 21),
         ("TYPE EVENASPH", "TYPE STANDARD", 24),
         ("PARM 2 0.001", "PARM 9 0.001", 24),
-        ("SLAB 12", "OBSC 0 1", 25),
         ("CONI -0.5", "CONI x", 23),
-        ("GLAS N-BK7", "GLAS MIRROR", 27),
         ("GLAS N-BK7", "GLAS N-BK8Q", 27),
-        ("FLAP 0 0.4", "CLAP 0.1 0.4", 29),
         ("SURF 2", "SURF 4", 30),
     ] {
         let e = read(&OLD.replacen(from, to, 1)).unwrap_err();
@@ -178,12 +175,9 @@ fn configurations_are_read_by_their_number() {
     assert_eq!((second.wavelengths_um[0].0, (second.fields[1] - 5.08).abs() < 1e-12), (0.6, true));
     assert!(second.notes.iter().any(|n| n.contains("PRAM") && n.contains("ignored")), "{:?}", second.notes);
     assert!(with(Some(3)).unwrap_err().to_string().contains("2 configuration"));
-    for (from, to) in [
-        ("THIC 1 2 0.3", "THIC 9 2 0.3"),
-        ("THIC 1 2 0.3", "THIC 1 2 x"),
-        ("\"F2\"", "\"F99Q\""),
-        ("\"F2\"", "\"MIRROR\""),
-    ] {
+    for (from, to) in
+        [("THIC 1 2 0.3", "THIC 9 2 0.3"), ("THIC 1 2 0.3", "THIC 1 2 x"), ("\"F2\"", "\"F99Q\"")]
+    {
         let options = ReadOptions { strict: false, configuration: Some(2) };
         let error =
             zmx::parse(text.replace(from, to).as_bytes(), &GlassLibrary::new(), &options).unwrap_err();

@@ -1,4 +1,4 @@
-//! Fuzz targets of the pipeline: chart specifications, wavelength lists, .zmx, .seq, lens tables, Optiland's JSON, .zar, .agf.
+//! Fuzz targets of the pipeline: chart specifications, wavelength lists, .zmx, .seq, .len of OSLO, lens tables, Optiland's JSON, .zar, .agf.
 
 #[path = "../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
@@ -8,7 +8,7 @@ use fuzz_support::{Random, cases, damage_text, fuzz, print_row};
 use lenscube_pipeline::chart::{ChartSpec, Generator};
 use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::{
-    ReadOptions, System, agf, codev, describe, optiland, shelf, table, zar, zmx,
+    ReadOptions, System, agf, codev, describe, optiland, oslo, shelf, table, zar, zmx,
 };
 use lenscube_pipeline::wavelengths;
 use proptest::prelude::*;
@@ -153,7 +153,7 @@ fn damaged_prescriptions_do_not_panic() {
 fn damaged_sequence_files_do_not_panic() {
     const LENS: &[u8] = b"RDM;LEN\nPRV\nPWL 656.3 587.6 486.1\n'OWN' 1.514 1.517 1.522\n'LAU' LAU 2.3 0 0.02\nEND\nTITLE 'a doublet'\nEPD 25.0\nDIM M\nWL 587.6 486.1 &\n 656.3\nREF 1\nXAN 0.0 0.0\nYAN 0.0 1.0\n\
 SO 0.0 0.1e14\nS 61.47 6.0 NBK7_SCHOTT\n  STO\n  CIR 12.0\n  ASP; K -0.5; A 1e-7; B 1e-10\nS -44.64 2.5 620.364; SLB \"b\"\nS -129.94 95.9 'OWN'\nS 0 2\n  PIM\n\
-SI 0.0 0.1\nTHI S3 90\nGO\n";
+S -300 -40 REFL\n  CIR OBS 3\nS -90 50 REFL\nSI 0.0 0.1\nTHI S3 90\nGO\n";
     let glasses = GlassLibrary::new();
     let make = |r: &mut Random| {
         let mut bytes = LENS.to_vec();
@@ -161,8 +161,45 @@ SI 0.0 0.1\nTHI S3 90\nGO\n";
         bytes
     };
     fuzz(".seq", 500, make, |bytes| {
-        codev::parse(bytes, &glasses, &ReadOptions::default()).is_ok_and(|system| describe(&system).is_ok())
+        codev::parse(bytes, &glasses, &ReadOptions::default())
+            .is_ok_and(|system| is_read_and_written(&system))
     });
+}
+
+#[test]
+fn damaged_oslo_files_do_not_panic() {
+    const LENS: &[u8] = b"// OSLO 6.6 1 0 0\nLEN NEW \"A lens\" 50 6\nEBR 6.25\nANG 20.0\nDES \"OSLO\"\nUNI 1.0\nAIR\nTH 1.0e+20\nAP 3.6e+19\n\
+NXT // SRF 1\nGLA SK16\nRD 21.25\nTH 2.0\nAP CHK 6.5\nCC -0.5; AD 1e-7\nNXT // SRF 2\nGLA MOD M 1.6 1.61 1.59\nCV -0.006\nTH 6.0\nAST\nNXT\n\
+PK CVM 1\nTH 40.0\nASP ASR 3; AS1 0; AS2 1e-8\nNXT\nRFL\nRD -90\nTH -30\nNXT\nPK GLA 1\nRD 0\nPY 0.0\nNXT\nAIR\nTH 0.1\nWV 0.58756 0.48613 \
+0.65627\nWW 1.0 1.0 1.0\nEND 6\n";
+    let glasses = GlassLibrary::new();
+    let make = |r: &mut Random| {
+        let mut bytes = LENS.to_vec();
+        damage_text(&mut bytes, r);
+        bytes
+    };
+    fuzz("oslo .len", 500, make, |bytes| {
+        oslo::parse(bytes, &glasses, &ReadOptions::default()).is_ok_and(|system| is_read_and_written(&system))
+    });
+}
+
+#[test]
+fn damaged_folded_prescriptions_do_not_panic() {
+    let mirrors = "  TYPE COORDBRK\n  PARM 1 2\n  PARM 3 45\n  DISZ 0\nSURF 13\n  TYPE STANDARD\n  CURV 0\n  GLAS MIRROR\n  DISZ 0\nSURF 14\n  TYPE COORDBRK\n\
+                   \x20 PARM 1 -2\n  PARM 3 45\n  PARM 6 0\n  DISZ -30\nSURF 15\n  TYPE EVENASPH\n  CURV 0.01\n  PARM 2 1e-7\n  CLAP 3 40 0\n  GLAS MIRROR\n  DISZ 60\nSURF 16\n\
+                   \x20 TYPE STANDARD\n  CURV 0\n  DISZ 0\n";
+    let lens = String::from_utf8_lossy(include_bytes!("../data/double-gauss-28.zmx")).into_owned();
+    let image = lens.rfind("SURF ").unwrap();
+    let folded = format!("{}SURF 12\n{mirrors}", &lens[..image]);
+    let glasses = GlassLibrary::new();
+    let parse = |bytes: &[u8]| zmx::parse(bytes, &glasses, &ReadOptions::default());
+    assert!(parse(folded.replace("  PARM 1 2\n", "").replace("  PARM 1 -2\n", "").as_bytes()).is_ok());
+    let make = |r: &mut Random| {
+        let mut bytes = folded.as_bytes()[image..].to_vec();
+        damage_text(&mut bytes, r);
+        [&folded.as_bytes()[..image], &bytes].concat()
+    };
+    fuzz(".zmx mirrors and breaks", 300, make, |bytes| parse(bytes).is_ok_and(|s| is_read_and_written(&s)));
 }
 
 /// Whether a damaged design is read, in its first or second configuration, and what is written of it read again.
@@ -217,7 +254,7 @@ fn damaged_lens_tables_do_not_panic() {
 #[test]
 fn damaged_optiland_files_do_not_panic() {
     let glasses = GlassLibrary::new();
-    let lenses: Vec<String> = ["phone", "triplet"]
+    let lenses: Vec<String> = ["phone", "mirror-500"]
         .map(|name| optiland::write(&shelf::ShelfLens::named(name).unwrap().system()).unwrap().text)
         .to_vec();
     let make = |r: &mut Random| {

@@ -1,5 +1,6 @@
-//! Twelve kinds of lenses against an independent tracer: singlet, achromat, triplet, Double Gauss, Petzval f/1.4, inverse telephoto, 100° and
-//! fisheye lenses to 80° off the axis, phone lens with aspheres, microscope objective, 1:1 system, telephoto; real ray aiming.
+//! Fourteen kinds of lenses against an independent tracer: singlet, achromat, triplet, Double Gauss, Petzval f/1.4, inverse telephoto, 100° and
+//! fisheye lenses to 80° off the axis, phone lens with aspheres, microscope objective, 1:1 system, telephoto, Ritchey-Chrétien telescope and
+//! Mangin mirror lens with central obscurations; real ray aiming.
 //!
 //! Values: `data/lens_suite.txt`, made by `scripts/lens_suite/make.py` (NumPy; compared there with Optiland).
 
@@ -8,6 +9,7 @@ use lenscube_pipeline::design::field_figures::field_figures;
 use lenscube_pipeline::design::glass::{Dispersion, Glass};
 use lenscube_pipeline::design::illumination::irradiance_sr;
 use lenscube_pipeline::design::paraxial::Paraxial;
+use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::ray::Tracer;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface};
 
@@ -18,6 +20,17 @@ struct Entry {
     paraxial: Vec<f64>,
     /// tan, three heights, relative illumination.
     fields: Vec<Vec<f64>>,
+    /// Direction of the light along z of the file.
+    direction: f64,
+    psf: Psf,
+}
+
+/// PSF at the tangent `tan`: rows y = 0, 1, … of 2·half + 1 samples along x, peak 1.
+#[derive(Default)]
+struct Psf {
+    tan: f64,
+    pitch_um: f64,
+    rows: Vec<Vec<f64>>,
 }
 
 fn suite() -> Vec<Entry> {
@@ -38,7 +51,8 @@ fn suite() -> Vec<Entry> {
                 aiming: RayAiming::Real,
                 notes: Vec::new(),
             };
-            lenses.push(Entry { system, paraxial: Vec::new(), fields: Vec::new() });
+            let (paraxial, fields, psf) = (Vec::new(), Vec::new(), Psf::default());
+            lenses.push(Entry { system, paraxial, fields, direction: 1.0, psf });
             continue;
         }
         let numbers: Vec<f64> = rest.split(' ').map(|v| v.parse().unwrap()).collect();
@@ -47,7 +61,14 @@ fn suite() -> Vec<Entry> {
             "object" => entry.system.object_distance_mm = Some(numbers[0]).filter(|d| d.is_finite()),
             "stop" => entry.system.stop = numbers[0] as usize,
             "diameter" => entry.system.aperture = Aperture::EntrancePupil(numbers[0]),
-            "surface" => entry.system.surfaces.push(surface(&numbers)),
+            "surface" => {
+                let before = entry.system.surfaces.last().map_or(Medium::Air, |s| s.medium.clone());
+                let surface = surface(&numbers, before, &mut entry.direction);
+                entry.system.surfaces.push(surface);
+            }
+            "obscuration" => entry.system.surfaces[numbers[0] as usize].obscuration_mm = Some(numbers[1]),
+            "psf" => entry.psf = Psf { tan: numbers[0], pitch_um: numbers[1], rows: Vec::new() },
+            "row" => entry.psf.rows.push(numbers),
             "paraxial" => entry.paraxial = numbers,
             "field" => entry.fields.push(numbers),
             _ => panic!("{line}"),
@@ -59,9 +80,10 @@ fn suite() -> Vec<Entry> {
     lenses
 }
 
-/// Curvature, thickness, A, B, conic, coefficients of r⁴, r⁶, …
-fn surface(v: &[f64]) -> Surface {
+/// Curvature, thickness, A (0 for a mirror), B, conic, coefficients of r⁴, r⁶, …, z along the first light.
+fn surface(v: &[f64], before: Medium, direction: &mut f64) -> Surface {
     let medium = match (v[2], v[3]) {
+        (0.0, _) => before,
         (1.0, 0.0) => Medium::Air,
         (a, b) => Medium::Glass(Glass {
             name: "n".to_owned(),
@@ -69,7 +91,12 @@ fn surface(v: &[f64]) -> Surface {
             range_um: (0.0, 9.0),
         }),
     };
-    let mut surface = Surface::new(v[0], v[1], medium);
+    let mut surface = Surface::new(*direction * v[0], 0.0, medium);
+    surface.is_mirror = v[2] == 0.0;
+    if surface.is_mirror {
+        *direction = -*direction;
+    }
+    surface.thickness_mm = *direction * v[1];
     surface.shape.conic = v[4];
     if v.len() > 5 {
         surface.shape.aspheric = std::iter::once(0.0).chain(v[5..].iter().copied()).collect();
@@ -129,5 +156,28 @@ fn figures_of_every_lens_are_finite_and_its_light_falls_off_from_1() {
             assert!(ri > 0.05 && ri < 1.5 && f.spot.rms_um.is_finite(), "{}: {f:?}", system.name);
             assert!(f.height_mm > 0.0 || ((ri - 1.0).abs() < 1e-6 && f.lateral_colour_um == 0.0), "{f:?}");
         }
+    }
+}
+
+#[test]
+fn psfs_equal_the_independent_ones() {
+    let mut scratch = PsfScratch::default();
+    for Entry { system, psf, .. } in suite() {
+        let tracer = Tracer::new(&system, UM[1]).unwrap();
+        let f = PupilFunction::trace(&tracer, psf.tan).unwrap();
+        let half = psf.rows.len() - 1;
+        let n = 2 * half + 1;
+        let found = PsfGrid::new(half, psf.pitch_um).psf(&f, 0.0, &mut scratch);
+        let expected: Vec<f64> = (0..n * n).map(|i| psf.rows[(i / n).abs_diff(half)][i % n]).collect();
+        // Shares of the light in the window, and its centre, µm.
+        let shares = |v: &[f64]| -> (Vec<f64>, f64) {
+            let sum: f64 = v.iter().sum();
+            let x = |i: usize| ((i % n) as f64 - half as f64) * psf.pitch_um;
+            (v.iter().map(|v| v / sum).collect(), v.iter().enumerate().map(|(i, v)| x(i) * v / sum).sum())
+        };
+        let ((a, x), (b, y)) = (shares(&found), shares(&expected));
+        let l1: f64 = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum();
+        println!("{}: L1 {l1:.1e}, centroid {:.1e} µm", system.name, x - y);
+        assert!(l1 < 2e-3 && (x - y).abs() < 0.01, "{}: {l1} {}", system.name, x - y);
     }
 }

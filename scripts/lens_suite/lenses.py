@@ -1,6 +1,7 @@
 """Prescriptions of the lens suite: facts from patents, textbooks and public sample files, scaled to mm.
 
-A row is (curvature 1/mm, thickness mm, glass behind or "", conic, even asphere coefficients of r^4, r^6, ...). Glasses are (nd, Vd); the suite
+A row is (curvature 1/mm, thickness mm, glass behind, "" or "MIRROR", conic, even asphere coefficients of r^4, r^6, ...), z along the first light,
+so that thicknesses behind a mirror are negative. Glasses are (nd, Vd); the suite
 uses n^2 = A + B/lambda^2 through them, the same in every program, so that only ray tracing is compared.
 """
 
@@ -10,8 +11,20 @@ GLASSES = {
     "SK15": (1.62299, 58.06), "BASF2": (1.66446, 35.83), "FK3": (1.4645, 65.77), "SF15": (1.69895, 30.07), "LAKN12": (1.6779, 55.2),
     "N-SK4": (1.61272, 58.63), "SF1": (1.71736, 29.51), "SF3": (1.74, 28.2), "SF8": (1.68893, 31.18), "LAKN7": (1.6516, 58.52),
     "N-LAK14": (1.6968, 55.41), "CAF2": (1.43385, 95.23), "N-SK5": (1.58913, 61.27), "583593": (1.583, 59.3), "607270": (1.607, 27.0),
-    "590343": (1.590, 34.3), "474574": (1.474, 57.4),
+    "517641": (1.5168, 64.12), "518590": (1.51823, 58.96), "796410": (1.79631, 40.96), "590343": (1.590, 34.3), "474574": (1.474, 57.4),
 }
+
+
+
+def cassegrain(primary, m, back):
+    """Gap, secondary's radius and conic constants of a Ritchey-Chretien telescope: focal length of the primary, magnification, focus behind it."""
+    beta = back / primary
+    k = (1 + beta) / (m + 1)
+    return {"gap": primary * (1 - k), "r2": 2 * primary * m * k / (m - 1), "k1": -1 - 2 * (1 + beta) / (m * m * (m - beta)),
+            "k2": -(((m + 1) / (m - 1)) ** 2) - 2 * m * (m + 1) / ((m - beta) * (m - 1) ** 3)}
+
+
+CASSEGRAIN = cassegrain(300.0, 800 / 300, 60.0)
 
 # name: (source, stop index, entrance pupil diameter mm, object distance mm or None, tangents of the field angles, rows)
 LENSES = {
@@ -70,4 +83,16 @@ LENSES = {
          (-1 / 128.2, 97, "")]),
     "telephoto": ("telephoto of two groups: an achromat and a negative doublet", 0, 20.0, None, (0.02, 0.05, 0.08),
         [(1 / 62.8, 4, "BK7"), (-1 / 45.7, 2.5, "SF5"), (-1 / 128.2, 55, ""), (-1 / 45, 2, "BK7"), (1 / 60, 3, "SF5"), (1 / 160, 62, "")]),
+    "ritchey-chretien-800": ("Ritchey-Chretien telescope f/8, primary f/3, by the closed forms of Schroeder, Astronomical Optics, chapter 6", 1, 100.0,
+        None, (0.003, 0.006, 0.01),
+        [(0, CASSEGRAIN["gap"], ""), (-1 / 600, -CASSEGRAIN["gap"], "MIRROR", CASSEGRAIN["k1"]),
+         (-1 / CASSEGRAIN["r2"], CASSEGRAIN["gap"] + 60, "MIRROR", CASSEGRAIN["k2"])]),
+    "mangin-500": ("500 mm mirror lens with two Mangin mirrors, US 4,666,259, example 1, Iizuka", 0, 74.55, None, (0.01, 0.025, 0.0436609429085),
+        [(1 / 587, 10, "517641"), (-1 / 587.3, 2.5, ""), (0, 53.5, ""), (-1 / 116.666, 13.7, "517641"), (-1 / 192.743, -13.7, "MIRROR"),
+         (-1 / 116.666, -48.5, ""), (-1 / 58.093, -5, "517641"), (-1 / 99.328, 5, "MIRROR"), (-1 / 58.093, 41.5, ""),
+         (1 / 10206.648, 3, "517641"), (1 / 25.338, 7.5, ""), (-1 / 29.45, 4.5, "518590"), (-1 / 41.602, 0.5, ""), (1 / 41.434, 5, "796410"),
+         (1 / 66.948, 63.216, "")]),
 }
+
+# name: (surface, radius mm) of a central obscuration.
+OBSCURED = {"ritchey-chretien-800": (0, 20.0), "mangin-500": (2, 20.5)}

@@ -4,7 +4,7 @@ use crate::failure::usage;
 use anyhow::{Result, bail};
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::zar::{self, Member};
-use pipeline::design::{DesignError, ReadOptions, System, codev, optiland, table, text, zmx};
+use pipeline::design::{DesignError, ReadOptions, System, codev, optiland, oslo, table, text, zmx};
 use std::path::Path;
 
 /// Extensions of designs, in lower case.
@@ -15,6 +15,7 @@ const EXTENSIONS: [&str; 7] = ["zmx", "seq", "len", "csv", "json", "zar", "zos"]
 enum Format {
     Zmx,
     CodeV,
+    Oslo,
     Table,
     Optiland,
 }
@@ -43,10 +44,7 @@ impl Design {
         match extension(path).as_str() {
             "zmx" => plain(Format::Zmx, bytes),
             "seq" => plain(Format::CodeV, bytes),
-            "len" => {
-                check_len(&bytes)?;
-                plain(Format::CodeV, bytes)
-            }
+            "len" => plain(format_of_len(&bytes)?, bytes),
             "csv" => plain(Format::Table, bytes),
             "json" => plain(Format::Optiland, bytes),
             "zar" => {
@@ -66,7 +64,7 @@ impl Design {
         match self.format {
             Format::Zmx => zmx::catalogues(&self.bytes),
             Format::Table => table::catalogues(&self.bytes),
-            Format::CodeV | Format::Optiland => Vec::new(),
+            Format::CodeV | Format::Oslo | Format::Optiland => Vec::new(),
         }
     }
 
@@ -75,6 +73,7 @@ impl Design {
         let parse = match self.format {
             Format::Zmx => zmx::parse,
             Format::CodeV => codev::parse,
+            Format::Oslo => oslo::parse,
             Format::Table => table::parse,
             Format::Optiland => optiland::parse,
         };
@@ -82,15 +81,13 @@ impl Design {
     }
 }
 
-/// Lens files named .len belong to two design programs; only a list of CODE V commands is read.
-fn check_len(bytes: &[u8]) -> Result<()> {
+/// Lens files named .len belong to two design programs: text of OSLO, or a list of CODE V commands; CODE V's own are binary.
+fn format_of_len(bytes: &[u8]) -> Result<Format> {
     if bytes.contains(&0) && !bytes.starts_with(&[0xFF, 0xFE]) {
         bail!("a binary .len file of CODE V is not read; save the lens as a sequence file (.seq) with WRL");
     }
     let text = text::decode(bytes);
-    let is_oslo = |line: &str| line.starts_with("// OSLO") || line.starts_with("LEN NEW");
-    if text.lines().take(20).any(is_oslo) {
-        bail!("OSLO's .len files are not read; export the lens as .zmx or CODE V sequence (.seq)");
-    }
-    Ok(())
+    let is_oslo =
+        |line: &str| line.starts_with("// OSLO") || line.trim_start().to_uppercase().starts_with("LEN NEW");
+    Ok(if text.lines().take(20).any(is_oslo) { Format::Oslo } else { Format::CodeV })
 }

@@ -75,7 +75,7 @@ fn fan_points(tracer: &Tracer<'_>, tan: f64, chief: &ImageRay, along: bool, fan:
     let point = |i: i32| {
         let at = 2.0 * f64::from(i) / f64::from(FAN - 1) - 1.0;
         let (p, q) = if along { (at, 0.0) } else { (0.0, at) };
-        if tracer.has_apertures() && tracer.overshoot(tan, p, q).0 > 0.0 {
+        if !tracer.passes(tan, p, q) {
             return None;
         }
         let ray = tracer.ray(tan, p, q).ok()?;
@@ -91,8 +91,8 @@ fn fan_points(tracer: &Tracer<'_>, tan: f64, chief: &ImageRay, along: bool, fan:
     (0..FAN).filter_map(point).collect()
 }
 
-/// Tangential and sagittal focus against the height at each wavelength.
-pub fn field_curvature(system: &System, nm: &[f64], max_mm: f64) -> Result<Plot> {
+/// Tangential and sagittal focus against the height, whose axis is `x`, at each wavelength.
+pub fn field_curvature(system: &System, nm: &[f64], max_mm: f64, x: Axis) -> Result<Plot> {
     let mut series = Vec::new();
     for (b, nm_b) in nm.iter().enumerate() {
         let tracer = Tracer::new(system, nm_b / 1e3)?;
@@ -108,8 +108,7 @@ pub fn field_curvature(system: &System, nm: &[f64], max_mm: f64) -> Result<Plot>
         series.push(band_series(nm, b, all.iter().map(|f| (f.0, f.1)).collect()).dashed(0));
         series.push(band_series(nm, b, all.iter().map(|f| (f.0, f.2)).collect()).dashed(1));
     }
-    let (x, y) =
-        (Axis::new("real image height (mm)", 0.0, 0.0), Axis::new("focus from the film (mm)", 0.0, 0.0));
+    let y = Axis::new("focus from the film (mm)", 0.0, 0.0);
     let title = format!("{}: field curvature and astigmatism", system.name);
     Ok(Plot { series, key: band_key(nm), styles: DIRECTIONS, ..Plot::new(title, x, y) })
 }
@@ -213,7 +212,7 @@ mod tests {
                 assert!(series.points[FAN as usize / 2].1.abs() < 1e-9);
             }
         }
-        let curvature = field_curvature(&system, &[587.6], 20.0).unwrap();
+        let curvature = field_curvature(&system, &[587.6], 20.0, Axis::new("", 0.0, 0.0)).unwrap();
         let (t, s) = (&curvature.series[0].points, &curvature.series[1].points);
         assert!((t[0].1 - s[0].1).abs() < 1e-9 && (t[60].1 - s[60].1).abs() > 1e-3);
         // The paraxial focus is 0.1834 mm behind the film, as the design program prints.

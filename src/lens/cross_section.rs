@@ -14,7 +14,10 @@ use pipeline::design::system::Medium;
 pub fn cross_section(system: &System) -> Result<Plot> {
     let primary = Paraxial::new(system, system.primary_um())?;
     let tracer = Tracer::new(system, system.primary_um())?;
-    let before = 0.15 * primary.total_track_mm;
+    let axis = system.axis();
+    let vertex = |i: usize| axis[i].0;
+    let (first, last) = axis.iter().fold((0.0_f64, 0.0_f64), |(a, b), (z, _)| (a.min(*z), b.max(*z)));
+    let before = 0.15 * (last - first) - first;
     let mut fields: Vec<f64> = system.fields.iter().map(|f| field_tan(system, &primary, *f).abs()).collect();
     fields.sort_by(f64::total_cmp);
     fields.dedup();
@@ -30,7 +33,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     for (i, tan) in picked.iter().enumerate() {
         let name = format!("{:.2} mm", tracer.chief_height_mm(*tan)?);
         for p in [-1.0, -0.5, 0.0, 0.5, 1.0] {
-            if tracer.overshoot(*tan, p, 0.0).0 > 0.0 {
+            if !tracer.passes(*tan, p, 0.0) {
                 continue;
             }
             let path = tracer.path(*tan, p, before)?;
@@ -42,17 +45,12 @@ pub fn cross_section(system: &System) -> Result<Plot> {
             rays.push(Series::line(&name, path, Colour::Palette(2 * i)).shaped(shape));
         }
     }
-    let (mut z, mut vertices) = (0.0, Vec::new());
-    for s in &system.surfaces {
-        vertices.push(z);
-        z += s.thickness_mm;
-    }
     // Each surface up to its aperture radius, then flat up to the edge of the element.
     let outline = |i: usize, edge: f64| -> Vec<(f64, f64)> {
         let (shape, r) = (&system.surfaces[i].shape, radius[i]);
         let at = |k: i32| r * f64::from(k) / 24.0;
-        let mut points: Vec<_> =
-            (-24..=24).filter_map(|k| Some((vertices[i] + shape.sag_mm(at(k).abs())?, at(k)))).collect();
+        let place = |k: i32| Some((vertex(i) + axis[i].1 * shape.sag_mm(at(k).abs())?, at(k)));
+        let mut points: Vec<_> = (-24..=24).filter_map(place).collect();
         if let (Some(low), Some(high)) = (points.first().copied(), points.last().copied()) {
             points.insert(0, (low.0, -edge));
             points.push((high.0, edge));
@@ -70,8 +68,16 @@ pub fn cross_section(system: &System) -> Result<Plot> {
             edges.push(line(around, Colour::Muted, 1.4));
         }
     }
+    // A mirror from its hole to its rim.
+    for i in (0..system.image()).filter(|i| system.surfaces[*i].is_mirror) {
+        let hole = system.surfaces[i].obscuration_mm.unwrap_or(0.0);
+        for side in [-1.0, 1.0] {
+            let half = outline(i, radius[i]).into_iter().filter(|p| side * p.1 >= hole).collect();
+            edges.push(line(half, Colour::Ink, 2.4));
+        }
+    }
     let max_mm = 1.06 * radius.iter().copied().chain(starts).fold(0.0, f64::max);
-    let (stop, image) = (vertices[system.stop], vertices[system.image()]);
+    let (stop, image) = (vertex(system.stop), vertex(system.image()));
     let open = primary.stop_radius_mm;
     for side in [-1.0, 1.0] {
         edges.push(line(vec![(stop, side * open), (stop, side * (open + 0.2 * max_mm))], Colour::Ink, 4.0));
@@ -80,7 +86,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     edges.push(line(vec![(image, -film), (image, film)], Colour::Ink, 3.0));
     let title =
         format!("{}: rays at {} nm by image height", system.name, short_number(system.primary_um() * 1e3));
-    let x = Axis::new("z from the first surface (mm)", -before, image + 0.04 * primary.total_track_mm);
+    let x = Axis::new("z from the first surface (mm)", -before, last + 0.04 * (last - first));
     Ok(Plot {
         series: glass.into_iter().chain(rays).chain(edges).collect(),
         equal_scale: true,

@@ -5,21 +5,29 @@ use formats::picture::bands::{band_key, band_series};
 use formats::picture::plot::{Axis, Plot, Series, Shape};
 use formats::picture::style::{Colour, PALETTE};
 use pipeline::figures::Direction;
-use pipeline::lens::LensBand;
+use pipeline::lens::{Lens, LensBand};
 use std::f64::consts::TAU;
 
 /// Points of a curve.
 const POINTS: usize = 200;
 
-fn height_axis() -> Axis {
-    Axis::new("real image height (mm)", 0.0, 0.0)
+/// Heights, with the field angle of the largest for an object at infinity.
+pub fn height_axis(lens: &Lens, primary: &LensBand, max_mm: f64) -> Axis {
+    let name = match lens.object_distance_mm {
+        None => {
+            let tan = primary.ideal_height_at(max_mm) / lens.distortion_focal_length_mm;
+            format!("real image height (mm); {max_mm:.2} mm: {:.2}°", tan.atan().to_degrees())
+        }
+        Some(_) => "real image height (mm)".to_owned(),
+    };
+    Axis::new(name, 0.0, 0.0)
 }
 
-/// A table of each band against REAL height, up to `max_mm`.
+/// A table of each band against REAL height, up to `max_mm`; `x` is the axis of heights.
 pub fn against_height(
     bands: &[LensBand],
     title: &str,
-    y: Axis,
+    (x, y): (Axis, Axis),
     max_mm: f64,
     value: impl Fn(&LensBand, f64) -> f64,
 ) -> Plot {
@@ -27,7 +35,7 @@ pub fn against_height(
     let height = |i: usize| max_mm * i as f64 / (POINTS - 1) as f64;
     let points = |b: usize| (0..POINTS).map(|i| (height(i), value(&bands[b], height(i)))).collect();
     let series = (0..bands.len()).map(|b| band_series(&nm, b, points(b))).collect();
-    Plot { series, key: band_key(&nm), ..Plot::new(title, height_axis(), y) }
+    Plot { series, key: band_key(&nm), ..Plot::new(title, x, y) }
 }
 
 /// Number with at most four digits after the point, without trailing zeros.
@@ -57,7 +65,9 @@ pub fn mtf_field(samples: &LensSamples, name: &str, lp_mm: &[f64]) -> Plot {
         directions(curve, &format!("{} lp/mm", short_number(*lp)), i)
     });
     let title = format!("{name}: MTF at {} nm", short_number(samples.lens.bands[0].wavelength_nm));
-    Plot { series: series.collect(), styles: DIRECTIONS, ..Plot::new(title, height_axis(), mtf_axis()) }
+    let max_mm = fields.iter().map(|f| f.height_mm).fold(0.0, f64::max);
+    let x = height_axis(&samples.lens, &samples.primary, max_mm);
+    Plot { series: series.collect(), styles: DIRECTIONS, ..Plot::new(title, x, mtf_axis()) }
 }
 
 /// MTF against frequency at the heights of `samples`.

@@ -7,7 +7,7 @@
 
 use super::aberrations::{Fan, MAX_PANELS, encircled_energy, fans, field_curvature, through_focus};
 use super::cross_section::cross_section;
-use super::curves::{against_height, mtf_field, mtf_frequency, nodes, short_number};
+use super::curves::{against_height, height_axis, mtf_field, mtf_frequency, nodes, short_number};
 use super::psf_figure::psf_figure;
 use super::samples::{LensData, evenly_spaced, nearest};
 use super::spot_figure::spot_figure;
@@ -46,7 +46,8 @@ pub fn write(
     let focal = format!("distortion, f = {:.3} mm", samples.lens.distortion_focal_length_mm);
     let reference = format!("lateral colour from {} nm", short_number(samples.primary.wavelength_nm));
     let curves = |title: &str, axis: Axis, value: &dyn Fn(&LensBand, f64) -> f64| {
-        against_height(&samples.lens.bands, &format!("{name}: {title}"), axis, max_mm, value)
+        let axes = (height_axis(&samples.lens, &samples.primary, max_mm), axis);
+        against_height(&samples.lens.bands, &format!("{name}: {title}"), axes, max_mm, value)
     };
     let lateral_um = |band: &LensBand, r: f64| band.lateral_colour_um(&samples.primary, r);
     let mut plots = vec![
@@ -63,7 +64,10 @@ pub fn write(
         evenly_spaced(heights_mm.len(), MAX_PANELS).into_iter().map(|k| heights_mm[k]).collect();
     if let LensData::Design(system, _) = lens {
         plots.push(("layout", cross_section(system)?));
-        plots.push(("field-curvature", field_curvature(system, nm, max_mm)?));
+        plots.push((
+            "field-curvature",
+            field_curvature(system, nm, max_mm, height_axis(&samples.lens, &samples.primary, max_mm))?,
+        ));
         let lp_mm = lp_mm[lp_mm.len() / 2];
         plots.push(("mtf-focus", through_focus(system, &shown, lp_mm)?));
     }

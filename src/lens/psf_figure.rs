@@ -25,7 +25,7 @@ pub fn psf_figure(samples: &LensSamples, name: &str, style: Style) -> Figure {
     let mut halves: Vec<f64> = all().map(half_width_um).collect();
     halves.sort_by(f64::total_cmp);
     let side_um = (3.0 * halves[halves.len() / 2] / 10.0).ceil() * 10.0;
-    let (left, top) = (84, 92);
+    let (left, top) = (104, 92);
     let step = CELL + GAP;
     let (right, below) = (left + heights.len() * step, top + bands.len() * step);
     let size = Size::new(below + 64, (right + 110).max(560));

@@ -44,7 +44,7 @@ pub fn spot_figure(system: &System, nm: &[f64], heights_mm: &[f64], style: Style
     let extent = extents[(9 * (extents.len() - 1)) / 10].max(0.5);
     let step = 10f64.powf((2.0 * extent).log10().floor());
     let side_um = (2.2 * extent / step).ceil() * step;
-    let (left, top) = (84.0, 84.0);
+    let (left, top) = (104.0, 84.0);
     let (right, below) =
         (left + columns.len() as f64 * (CELL + GAP), top + bands.len() as f64 * (CELL + GAP));
     let mut figure = Figure::new(Size::new(below as usize + 60, (right as usize + 24).max(560)), style);
@@ -99,7 +99,7 @@ fn spot(tracer: &Tracer<'_>, tan: f64, centre_mm: f64) -> Vec<(f64, f64)> {
             let (s, c) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
             let rho = f64::from(k) / f64::from(RINGS);
             let (p, q) = (rho * c, rho * s);
-            if tracer.has_apertures() && tracer.overshoot(tan, p, q).0 > 0.0 {
+            if !tracer.passes(tan, p, q) {
                 continue;
             }
             if let Ok(ray) = tracer.ray(tan, p, q) {

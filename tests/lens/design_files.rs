@@ -52,7 +52,7 @@ fn formats_that_are_not_read_name_the_way_out() {
     let dir = tempfile::tempdir().unwrap();
     for (name, bytes, words) in [
         ("a.zos", b"ZoS\0".as_slice(), ["save the lens as .zmx", "a.zos"]),
-        ("b.len", b"// OSLO 5.00 1 2\nLEN NEW \"x\" 1 2\n", ["OSLO", ".seq"]),
+        ("b.len", b"// OSLO 5.00 1 2\nLEN NEW \"x\" 1 2\nRD x\n", ["line 3", "`x` is not a number"]),
         ("c.len", b"\x01\0\0CODE", ["binary", "WRL"]),
         ("d.zar", b"PK\x03\x04", ["not a ZAR archive", "save the lens as .zmx"]),
         ("e.json", b"{\"surfaces\": []}", ["Optiland", "e.json"]),

@@ -24,8 +24,10 @@ pub struct Bundle {
     pub wavelength_um: f64,
     /// The chief ray.
     pub chief: ImageRay,
-    /// Rays over the upper half of the pupil, with their quadrature weights.
+    /// Rays over the upper half of the pupil, with their quadrature weights: negative where a central obscuration is subtracted.
     pub rays: Vec<(f64, ImageRay)>,
+    /// Which rays an obscuration hides.
+    pub is_hidden: Vec<bool>,
 }
 
 impl Bundle {
@@ -36,9 +38,12 @@ impl Bundle {
     pub fn trace(tracer: &Tracer<'_>, tan: f64, rings: usize, spokes: usize) -> Result<Self, DesignError> {
         let nodes = Pupil::new(tracer, tan)?.nodes(tracer, tan, rings, spokes);
         let rays: Result<_, DesignError> =
-            nodes.into_iter().map(|n| tracer.ray(tan, n.p, n.q).map(|r| (n.weight, r))).collect();
+            nodes.iter().map(|n| tracer.ray(tan, n.p, n.q).map(|r| (n.weight, r))).collect();
+        let hides = tracer.has_obscurations();
+        let is_hidden =
+            nodes.iter().map(|n| hides && tracer.overshoot_of_hidden(tan, n.p, n.q).0 <= 0.0).collect();
         let chief = tracer.ray(tan, 0.0, 0.0)?;
-        Ok(Self { tan, wavelength_um: tracer.wavelength_um, chief, rays: rays? })
+        Ok(Self { tan, wavelength_um: tracer.wavelength_um, chief, rays: rays?, is_hidden })
     }
 
     /// Irradiance and solid angle of the field point.
@@ -55,7 +60,12 @@ impl Bundle {
         for (_, r) in &self.rays {
             (low, high, across) = (low.min(r.l.v), high.max(r.l.v), across.max(r.m.v.abs()));
         }
-        let perimeter_per_area = 2.0 / (high - low) + 1.0 / across;
+        let area = |sign: f64| -> f64 {
+            self.rays.iter().filter(|r| r.0 * sign > 0.0).map(|(w, r)| w.abs() * r.solid_angle()).sum()
+        };
+        // A central obscuration of the share e of the diameter adds its rim: (1 + e)/(1 − e²) times that of the open ellipse.
+        let hidden = (area(-1.0) / area(1.0)).sqrt().min(0.99);
+        let perimeter_per_area = (2.0 / (high - low) + 1.0 / across) / (1.0 - hidden);
         let edge = SIDE * self.wavelength_um * perimeter_per_area / (2.0 * std::f64::consts::PI.powi(2));
         let (mut outside, mut total) = (0.0, 0.0);
         for (w, r) in &self.rays {

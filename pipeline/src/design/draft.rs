@@ -4,9 +4,11 @@
 //! (which the design program treats as a floating aperture) if a refractive index changes there or it is curved; on dummy planes a semi-diameter is only drawn.
 //! Vignetting factors describe how much of the pupil the semi-diameters leave open, so where a file has factors and no aperture, its
 //! semi-diameters become apertures. A curved image surface is replaced by the plane through its vertex.
+//! Files count z along the first light: behind an odd number of mirrors their thicknesses are negative. The system counts along the light.
 
 use super::error::DesignError;
 use super::glass::Glass;
+use super::straight_axis::{Break, straighten};
 use super::surface::Shape;
 use super::system::{Aperture, FieldKind, Medium, RayAiming, Surface, System};
 
@@ -22,14 +24,19 @@ pub(super) struct DraftSurface {
     pub(super) shape: Shape,
     /// Distance to the next surface, mm; may be infinite.
     pub(super) thickness_mm: f64,
-    /// Glass behind it; none is air.
+    /// Glass behind it; none is air. A mirror's is that in front of it.
     pub(super) glass: Option<Glass>,
+    pub(super) is_mirror: bool,
     /// Clear aperture, mm.
     pub(super) clear_mm: Option<f64>,
+    /// Radius of a central obscuration, mm.
+    pub(super) obscuration_mm: Option<f64>,
     /// Semi-diameter as drawn, mm; 0 if unknown.
     pub(super) semi_diameter_mm: f64,
     /// Whether the semi-diameter was fixed by the designer.
     pub(super) is_fixed: bool,
+    /// Tilts and decentres of this surface, which has no other effect, and of those behind it.
+    pub(super) coordinate_break: Option<Break>,
 }
 
 /// A prescription.
@@ -89,12 +96,21 @@ impl Draft {
             Aperture::StopRadius(_) => Aperture::StopRadius(self.surfaces[stop].semi_diameter_mm),
             other => other,
         };
+        for i in 1..last {
+            if self.surfaces[i].is_mirror {
+                self.surfaces[i].glass = self.surfaces[i - 1].glass.clone();
+            }
+        }
+        straighten(&mut self.surfaces, self.stop, &mut self.notes)?;
         let mut surfaces = Vec::with_capacity(last);
+        let mut direction = 1.0;
         for (i, pair) in self.surfaces.windows(2).enumerate() {
             let (before, draft) = (&pair[0], &pair[1]);
-            surfaces.push(surface(i + 1, before.glass.as_ref(), draft, i + 1 == last)?);
+            surfaces.push(surface(i + 1, before.glass.as_ref(), draft, i + 1 == last, &mut direction)?);
         }
+        note_missing_obscuration(&surfaces, &mut self.notes);
         flatten_image(&mut surfaces, &mut self.notes);
+        note_virtual_image(&surfaces, &mut self.notes);
         if self.has_vignetting_factors {
             apertures_for_vignetting(&mut surfaces, &mut self.notes);
         }
@@ -117,25 +133,61 @@ impl Draft {
     }
 }
 
-/// Surface `number` behind the medium `before`.
+/// Surface `number` behind the medium `before`. `direction` is that of the light along z of the file, and is updated by a mirror.
 fn surface(
     number: usize,
     before: Option<&Glass>,
     draft: &DraftSurface,
     is_image: bool,
+    direction: &mut f64,
 ) -> Result<Surface, DesignError> {
     if !is_image && !draft.thickness_mm.is_finite() {
         return Err(incomplete(format!("has an infinite gap behind surface {number}")));
     }
-    let bends = !draft.shape.is_flat() || draft.glass.as_ref() != before;
+    if is_image && draft.is_mirror {
+        return Err(incomplete(format!("has a mirror as its image surface {number}")));
+    }
+    let bends = draft.is_mirror || !draft.shape.is_flat() || draft.glass.as_ref() != before;
     let fixed = (draft.is_fixed && bends && draft.semi_diameter_mm > 0.0).then_some(draft.semi_diameter_mm);
+    let shape = if *direction > 0.0 { draft.shape.clone() } else { draft.shape.reversed() };
+    if draft.is_mirror {
+        *direction = -*direction;
+    }
     Ok(Surface {
-        shape: draft.shape.clone(),
-        thickness_mm: if is_image { 0.0 } else { draft.thickness_mm },
+        shape,
+        thickness_mm: if is_image || draft.thickness_mm == 0.0 {
+            0.0
+        } else {
+            *direction * draft.thickness_mm
+        },
         medium: draft.glass.clone().map_or(Medium::Air, Medium::Glass),
+        is_mirror: draft.is_mirror,
         aperture_mm: draft.clear_mm.or(fixed).filter(|_| !is_image),
+        obscuration_mm: draft.obscuration_mm.filter(|r| !is_image && *r > 0.0),
         semi_diameter_mm: draft.semi_diameter_mm,
     })
+}
+
+fn note_virtual_image(surfaces: &[Surface], notes: &mut Vec<String>) {
+    let bends = |i: &usize| surfaces[*i].is_mirror || !surfaces[*i].shape.is_flat();
+    let Some(last) = (0..surfaces.len() - 1).rev().find(bends) else { return };
+    let gap: f64 = surfaces[last..].iter().map(|s| s.thickness_mm).sum();
+    if gap < 0.0 {
+        let before = -gap;
+        notes.push(format!(
+            "the film lies {before:.4} mm before the last curved surface: rays are traced backwards to a virtual image"
+        ));
+    }
+}
+
+fn note_missing_obscuration(surfaces: &[Surface], notes: &mut Vec<String>) {
+    let mirrors = surfaces.iter().filter(|s| s.is_mirror && !s.shape.is_flat()).count();
+    if mirrors > 1 && surfaces.iter().all(|s| s.obscuration_mm.is_none()) {
+        notes.push(
+            "the design has mirrors and no central obscuration: the light that they block is not subtracted"
+                .to_owned(),
+        );
+    }
 }
 
 fn flatten_image(surfaces: &mut [Surface], notes: &mut Vec<String>) {

@@ -81,12 +81,15 @@ pub fn solid_angle_sr(tracer: &Tracer<'_>, tan: f64) -> Result<f64, DesignError>
     Ok(field_light(tracer, tan)?.solid_angle_sr)
 }
 
-/// Numerical aperture on the axis: the sine of the marginal ray's angle.
+/// Numerical aperture on the axis: the sine of the marginal ray's angle, a central obscuration left out of account.
 ///
 /// # Errors
 /// A ray of the pupil that does not reach the image.
 pub fn numerical_aperture(tracer: &Tracer<'_>) -> Result<f64, DesignError> {
-    solid_angle_sr(tracer, 0.0).map(|omega| (omega / PI).sqrt())
+    let bundle = Bundle::trace(tracer, 0.0, 7, 9)?;
+    let open = bundle.rays.iter().filter(|(weight, _)| *weight > 0.0);
+    let omega: f64 = open.map(|(weight, ray)| 2.0 * weight * ray.solid_angle()).sum();
+    Ok((omega / PI).sqrt())
 }
 
 /// Maximum error of interpolated values of the table, relative to the axis.

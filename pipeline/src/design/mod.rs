@@ -1,6 +1,6 @@
 //! Tables of a lens by ray tracing from its prescription.
 //!
-//! 1. A reader per file format ([`zmx`], [`codev`], [`table`], [`optiland`]; [`zar`] archives) gives the prescription, [`agf`], [`glass`] and
+//! 1. A reader per file format ([`zmx`], [`codev`], [`oslo`], [`table`], [`optiland`]; [`zar`] archives) gives the prescription, [`agf`], [`glass`] and
 //!    [`glass_library`] its glasses, as a [`system::System`]; `write` of [`zmx`], [`table`] and [`optiland`] is the inverse. [`shelf`] has built-in lenses.
 //! 2. [`paraxial`]: pupils and focal lengths by first-order optics; [`mod@describe`] lists them.
 //! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`]; `aim` finds the pupil of each field
@@ -31,6 +31,7 @@ pub mod model_glass;
 pub mod nufft;
 pub mod optiland;
 mod options;
+pub mod oslo;
 pub mod paraxial;
 pub mod psf;
 pub mod pupil;
@@ -41,6 +42,7 @@ mod refocus;
 pub mod scalar;
 pub mod shelf;
 pub mod spots;
+mod straight_axis;
 pub mod surface;
 pub mod system;
 pub mod table;

@@ -1,6 +1,7 @@
 //! First-order optics: focal lengths, pupils, F-numbers, position of the paraxial image.
 //!
 //!     n' u' = n u − y c (n' − n),   y ← y + t u'      y height [mm], u slope (tan of the angle), c curvature, t gap
+//!     u' = u + 2 y c                                  mirror; z counts along the light before and behind it
 //! All paraxial rays are linear combinations of two rays from the first vertex, (y, u) = (1, 0) and (0, 1).
 //! *Distortion focal length* = d(chief-ray height in the ACTUAL image plane)/d(tan of the field angle at the entrance pupil):
 //! it equals the effective focal length only when the film lies at the paraxial focus of an object at infinity.
@@ -38,9 +39,12 @@ pub struct Paraxial {
     pub magnification: f64,
     /// Image-side over object-side slope of the chief ray.
     pub angular_magnification: f64,
-    /// First surface to image plane.
+    /// First surface to image plane, along z of the first surface.
     pub total_track_mm: f64,
 }
+
+/// Slopes of the marginal ray up to here are those of rounding errors.
+const AFOCAL_SLOPE: f64 = 1e-10;
 
 impl Paraxial {
     /// First-order figures at `um`.
@@ -64,8 +68,13 @@ impl Paraxial {
                 break;
             }
             let next = s.medium.index(um)?;
+            let c = s.shape.paraxial_curvature();
             for k in 0..2 {
-                u[k] = (n * u[k] - y[k] * s.shape.paraxial_curvature() * (next - n)) / next;
+                u[k] = if s.is_mirror {
+                    u[k] + 2.0 * y[k] * c
+                } else {
+                    (n * u[k] - y[k] * c * (next - n)) / next
+                };
             }
             n = next;
             last = y;
@@ -74,7 +83,10 @@ impl Paraxial {
             }
         }
         if at_stop[0] == 0.0 {
-            return bad("entrance pupil", "the stop is imaged to infinity on the object side");
+            return bad(
+                "entrance pupil",
+                "the stop is imaged to infinity on the object side; telecentric object spaces are not supported",
+            );
         }
         let pupil = at_stop[1] / at_stop[0];
         // A ray with slope 1 through the pupil's centre, and one parallel to the axis at height 1.
@@ -117,7 +129,7 @@ impl Paraxial {
             marginal_height_mm: radius * marginal(y),
             magnification: if distance.is_some() { slope / marginal(u) } else { 0.0 },
             angular_magnification: chief(u),
-            total_track_mm: system.surfaces.iter().map(|s| s.thickness_mm).sum(),
+            total_track_mm: system.axis()[system.image()].0,
         }
         .with_signed_slope(marginal(u)))
     }
@@ -125,6 +137,22 @@ impl Paraxial {
     fn with_signed_slope(self, slope: f64) -> Self {
         // marginal_slope is positive; the sign of the height is that for a ray that converges downwards.
         Self { marginal_height_mm: -slope.signum() * self.marginal_height_mm, ..self }
+    }
+
+    /// Checks that light of an object point converges somewhere.
+    ///
+    /// # Errors
+    /// [`DesignError::Paraxial`] for an afocal system.
+    pub fn check_image(&self) -> Result<(), DesignError> {
+        if self.marginal_slope > AFOCAL_SLOPE {
+            return Ok(());
+        }
+        let problem = "it is afocal: light of an object point leaves it parallel, and no film is in focus";
+        Err(DesignError::Paraxial {
+            what: "image",
+            wavelength_um: self.wavelength_um,
+            problem: problem.to_owned(),
+        })
     }
 
     /// Distance of the paraxial focus behind the image plane, mm.

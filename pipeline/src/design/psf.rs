@@ -102,12 +102,12 @@ impl PupilFunction {
     ) -> Result<Patch, DesignError> {
         let k = 2.0 * PI / self.wavelength_um;
         // The search for the rim costs some rays: once an angle.
-        let rims_at = |angles: &[f64]| self.pupil.radii(tracer, tan, angles.iter().copied());
+        let rims_at = |angles: &[f64]| segment.radii(tracer, tan, angles.iter().copied());
         let sample = |rho: f64, theta: f64, b: f64| -> Result<([f64; 4], ImageRay), DesignError> {
             let (s, c) = real::sin_cos(theta);
-            let r = tracer.ray(tan, self.pupil.centre + rho * b * c, rho * b * s)?;
+            let r = tracer.ray(tan, segment.centre + rho * b * c, rho * b * s)?;
             let path = r.path.v - chief.path.v - r.l.v * (r.x.v - chief.x.v) - r.m.v * r.y.v;
-            let amplitude = (r.flux * r.solid_angle() / r.n).sqrt() * b * b;
+            let amplitude = segment.sign * (r.flux * r.solid_angle() / r.n).sqrt() * b * b;
             Ok(([path * 1e3, r.l.v, r.m.v, amplitude], r))
         };
         let (mut rings, mut spokes) = (12, 14);

@@ -6,6 +6,8 @@
 //! and quadrature converges fast: Gauss-Legendre in ρ; in θ the midpoint rule on an unclipped half circle (spectral convergence for a
 //! function that is even and periodic), Gauss-Legendre on segments.
 //! Assumption: the open part is star-shaped about its centre c on the meridian (true for overlapping discs).
+//! *Central obscuration*: the part of the pupil that obscurations hide is a second domain of the same kind, about its own centre, whose
+//! integral is subtracted (sign −1): f is smooth through the obscuration, as rays are traced there, too.
 //! Source: Davis & Rabinowitz, Methods of Numerical Integration, 2.7 and 2.9.
 
 use crate::real;
@@ -23,15 +25,52 @@ pub struct Segment {
     pub to: f64,
     /// The surface whose aperture is the rim; `None` = the unit circle.
     pub limit: Option<usize>,
+    /// Centre of its domain on the meridian.
+    pub centre: f64,
+    /// 1, or −1 for a part that an obscuration hides.
+    pub sign: f64,
+}
+
+impl Segment {
+    /// The upper half of the unit circle.
+    const OPEN: Self = Self { from: 0.0, to: PI, limit: None, centre: 0.0, sign: 1.0 };
+
+    fn is_open(&self) -> bool {
+        *self == Self::OPEN
+    }
+
+    /// B(θ) at ascending angles.
+    pub fn radii(&self, tracer: &Tracer<'_>, tan: f64, angles: impl Iterator<Item = f64>) -> Vec<f64> {
+        if self.is_open() {
+            return angles.map(|_| 1.0).collect();
+        }
+        let over = |p: f64, q: f64| match self.sign > 0.0 {
+            true => tracer.overshoot(tan, p, q),
+            false => tracer.overshoot_of_hidden(tan, p, q),
+        };
+        let domain = Domain { over: &over, centre: self.centre };
+        let mut near = None;
+        angles
+            .map(|theta| {
+                let r = domain.rim(theta, near).0;
+                near = Some(r);
+                r
+            })
+            .collect()
+    }
 }
 
 /// The open part of the pupil, upper half.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pupil {
-    /// Centre on the meridian.
-    pub centre: f64,
-    /// Segments of θ from 0 to π.
+    /// Segments of θ from 0 to π: of the part within the apertures, then of that behind obscurations.
     pub segments: Vec<Segment>,
+}
+
+/// A domain of the pupil: the points where `over` is not positive.
+struct Domain<'a> {
+    over: &'a dyn Fn(f64, f64) -> (f64, usize),
+    centre: f64,
 }
 
 /// A sample of the pupil.
@@ -41,12 +80,14 @@ pub struct PupilNode {
     pub p: f64,
     /// Pupil coordinate across it.
     pub q: f64,
-    /// Quadrature weight, in dp dq.
+    /// Quadrature weight, in dp dq; negative in a part that an obscuration hides.
     pub weight: f64,
 }
 
 /// Number of angles at which the rim is determined.
 const SCAN: usize = 49;
+/// Minimum open area of the pupil, of π/2.
+const MIN_AREA: f64 = 1e-6;
 /// Bisections of the angle of a corner between two rims.
 const CORNER_STEPS: usize = 24;
 
@@ -56,27 +97,100 @@ impl Pupil {
     /// # Errors
     /// [`DesignError::Ray`] if all rays are blocked.
     pub fn new(tracer: &Tracer<'_>, tan: f64) -> Result<Self, DesignError> {
-        let open = Self { centre: 0.0, segments: vec![Segment { from: 0.0, to: PI, limit: None }] };
-        if !tracer.has_apertures() {
-            return Ok(open);
+        let mut pupil = Self { segments: vec![Segment::OPEN] };
+        if tracer.has_apertures() {
+            let over = |p: f64, q: f64| tracer.overshoot(tan, p, q);
+            let angles = scan();
+            let is_open = angles.iter().all(|a| over(real::cos(*a), real::sin(*a)).0 <= 0.0);
+            if !(is_open && over(0.0, 0.0).0 <= 0.0) {
+                let centre = find_centre(&over).ok_or_else(|| blocked(tracer, tan))?;
+                pupil.segments = Domain { over: &over, centre }.segments(1.0);
+            }
         }
-        let over = |p: f64, q: f64| tracer.overshoot(tan, p, q).0;
-        let angles: Vec<f64> = (0..SCAN).map(|i| PI * i as f64 / (SCAN - 1) as f64).collect();
-        if angles.iter().all(|a| over(real::cos(*a), real::sin(*a)) <= 0.0) && over(0.0, 0.0) <= 0.0 {
-            return Ok(open);
+        if tracer.has_obscurations() {
+            let over = |p: f64, q: f64| tracer.overshoot_of_hidden(tan, p, q);
+            if let Some(centre) = find_centre(&over) {
+                pupil.segments.extend(Domain { over: &over, centre }.segments(-1.0));
+            }
+            let area: f64 = pupil.nodes(tracer, tan, 4, 8).iter().map(|n| n.weight).sum();
+            if area <= MIN_AREA {
+                return Err(blocked(tracer, tan));
+            }
         }
-        let centre = Self::find_centre(tracer, tan)?;
-        let mut pupil = Self { centre, segments: Vec::new() };
+        Ok(pupil)
+    }
+
+    /// Quadrature nodes: `rings` in ρ, about `spokes` in θ over the half circle.
+    pub fn nodes(&self, tracer: &Tracer<'_>, tan: f64, rings: usize, spokes: usize) -> Vec<PupilNode> {
+        let radial = unit_interval(rings);
+        let mut nodes = Vec::with_capacity(rings * (spokes + 8));
+        for segment in &self.segments {
+            let angles = self.angles(segment, spokes);
+            let rims = segment.radii(tracer, tan, angles.iter().map(|a| a.0));
+            for ((theta, wt), b) in angles.into_iter().zip(rims) {
+                let (s, c) = real::sin_cos(theta);
+                nodes.extend(radial.iter().map(|(rho, wr)| PupilNode {
+                    p: segment.centre + rho * b * c,
+                    q: rho * b * s,
+                    weight: segment.sign * wt * wr * rho * b * b,
+                }));
+            }
+        }
+        nodes
+    }
+
+    /// Angles of a segment with their weights; `spokes` is the number on the half circle.
+    pub fn angles(&self, segment: &Segment, spokes: usize) -> Vec<(f64, f64)> {
+        if segment.is_open() {
+            let step = PI / spokes as f64;
+            return (0..spokes).map(|i| ((i as f64 + 0.5) * step, step)).collect();
+        }
+        let span = segment.to - segment.from;
+        // Gauss-Legendre needs π/2 times the midpoint rule's density.
+        let n = (spokes as f64 * span / PI * 1.6).ceil() as usize + 6;
+        unit_interval(n).into_iter().map(|(t, w)| (segment.from + span * t, span * w)).collect()
+    }
+}
+
+fn scan() -> Vec<f64> {
+    (0..SCAN).map(|i| PI * i as f64 / (SCAN - 1) as f64).collect()
+}
+
+fn blocked(tracer: &Tracer<'_>, tan: f64) -> DesignError {
+    tracer.ray_error(tan, 0.0, 0.0, "and all others are blocked by apertures".to_owned())
+}
+
+/// Middle of the part of the meridian where `over` is not positive.
+fn find_centre(over: &dyn Fn(f64, f64) -> (f64, usize)) -> Option<f64> {
+    let open = |steps: i32| {
+        let at: Vec<f64> = (0..=steps).map(|i| 2.0 * f64::from(i) / f64::from(steps) - 1.0).collect();
+        let first = at.iter().position(|p| over(*p, 0.0).0 <= 0.0)?;
+        let last = at.iter().rposition(|p| over(*p, 0.0).0 <= 0.0)?;
+        Some(0.5 * (at[first] + at[last]))
+    };
+    // Finer if the open part is narrow.
+    [64, 1024].into_iter().find_map(open)
+}
+
+impl Domain<'_> {
+    /// The segments between the corners of the rim.
+    fn segments(&self, sign: f64) -> Vec<Segment> {
+        let angles = scan();
+        let mut segments = Vec::new();
         let mut near = None;
         let rims: Vec<(f64, Option<usize>)> = angles
             .iter()
             .map(|a| {
-                let rim = pupil.rim(tracer, tan, *a, near);
+                let rim = self.rim(*a, near);
                 near = Some(rim.0);
                 rim
             })
             .collect();
         let mut from = 0.0;
+        let mut close = |to: f64, limit: Option<usize>| {
+            segments.push(Segment { from, to, limit, centre: self.centre, sign });
+            from = to;
+        };
         for i in 1..SCAN {
             if rims[i].1 == rims[i - 1].1 {
                 continue;
@@ -86,41 +200,22 @@ impl Pupil {
             // To 4e-9 rad: the error of an integral is of second order in that of a corner.
             for _ in 0..CORNER_STEPS {
                 let mid = 0.5 * (a + b);
-                let rim = pupil.rim(tracer, tan, mid, Some(near));
+                let rim = self.rim(mid, Some(near));
                 near = rim.0;
                 if rim.1 == rims[i - 1].1 { a = mid } else { b = mid }
             }
-            pupil.segments.push(Segment { from, to: b, limit: rims[i - 1].1 });
-            from = b;
+            close(b, rims[i - 1].1);
         }
-        pupil.segments.push(Segment { from, to: PI, limit: rims[SCAN - 1].1 });
-        Ok(pupil)
-    }
-
-    /// Middle of the open part of the meridian.
-    fn find_centre(tracer: &Tracer<'_>, tan: f64) -> Result<f64, DesignError> {
-        let over = |p: f64| tracer.overshoot(tan, p, 0.0).0;
-        let open = |steps: i32| {
-            let at: Vec<f64> = (0..=steps).map(|i| 2.0 * f64::from(i) / f64::from(steps) - 1.0).collect();
-            let first = at.iter().position(|p| over(*p) <= 0.0)?;
-            let last = at.iter().rposition(|p| over(*p) <= 0.0)?;
-            Some(0.5 * (at[first] + at[last]))
-        };
-        // Finer if the open part is narrow.
-        [64, 1024].into_iter().find_map(open).ok_or_else(|| {
-            tracer.ray_error(tan, 0.0, 0.0, "and all others are blocked by apertures".to_owned())
-        })
+        close(PI, rims[SCAN - 1].1);
+        segments
     }
 
     /// B(θ) and the surface that limits it. `near` is the rim at a neighbouring angle.
-    fn rim(&self, tracer: &Tracer<'_>, tan: f64, theta: f64, near: Option<f64>) -> (f64, Option<usize>) {
+    fn rim(&self, theta: f64, near: Option<f64>) -> (f64, Option<usize>) {
         let (s, c) = real::sin_cos(theta);
         let along = self.centre * c;
         let edge = -along + (along * along + 1.0 - self.centre * self.centre).max(0.0).sqrt();
-        if !tracer.has_apertures() {
-            return (edge, None);
-        }
-        let over = |r: f64| tracer.overshoot(tan, self.centre + r * c, r * s);
+        let over = |r: f64| (self.over)(self.centre + r * c, r * s);
         let outer = over(edge);
         if outer.0 <= 0.0 {
             return (edge, None);
@@ -157,62 +252,6 @@ impl Pupil {
             }
         }
         (r.clamp(low, high), Some(surface))
-    }
-
-    /// B(θ).
-    pub fn radius(&self, tracer: &Tracer<'_>, tan: f64, theta: f64) -> f64 {
-        self.rim(tracer, tan, theta, None).0
-    }
-
-    /// B(θ) at ascending angles.
-    pub fn radii(&self, tracer: &Tracer<'_>, tan: f64, angles: impl Iterator<Item = f64>) -> Vec<f64> {
-        if self.is_unclipped() {
-            return angles.map(|_| 1.0).collect();
-        }
-        let mut near = None;
-        angles
-            .map(|theta| {
-                let r = self.rim(tracer, tan, theta, near).0;
-                near = Some(r);
-                r
-            })
-            .collect()
-    }
-
-    /// Whether no aperture clips.
-    pub fn is_unclipped(&self) -> bool {
-        self.centre == 0.0 && self.segments.len() == 1 && self.segments[0].limit.is_none()
-    }
-
-    /// Quadrature nodes: `rings` in ρ, about `spokes` in θ over the half circle.
-    pub fn nodes(&self, tracer: &Tracer<'_>, tan: f64, rings: usize, spokes: usize) -> Vec<PupilNode> {
-        let radial = unit_interval(rings);
-        let mut nodes = Vec::with_capacity(rings * (spokes + 8));
-        for segment in &self.segments {
-            let angles = self.angles(segment, spokes);
-            let rims = self.radii(tracer, tan, angles.iter().map(|a| a.0));
-            for ((theta, wt), b) in angles.into_iter().zip(rims) {
-                let (s, c) = real::sin_cos(theta);
-                nodes.extend(radial.iter().map(|(rho, wr)| PupilNode {
-                    p: self.centre + rho * b * c,
-                    q: rho * b * s,
-                    weight: wt * wr * rho * b * b,
-                }));
-            }
-        }
-        nodes
-    }
-
-    /// Angles of a segment with their weights; `spokes` is the number on the half circle.
-    pub fn angles(&self, segment: &Segment, spokes: usize) -> Vec<(f64, f64)> {
-        if self.is_unclipped() {
-            let step = PI / spokes as f64;
-            return (0..spokes).map(|i| ((i as f64 + 0.5) * step, step)).collect();
-        }
-        let span = segment.to - segment.from;
-        // Gauss-Legendre needs π/2 times the midpoint rule's density.
-        let n = (spokes as f64 * span / PI * 1.6).ceil() as usize + 6;
-        unit_interval(n).into_iter().map(|(t, w)| (segment.from + span * t, span * w)).collect()
     }
 }
 

@@ -5,9 +5,10 @@
 //! is that of an image on +x. Pupil coordinates (p, q) are in the unit disc:
 //!   *paraxial aiming*: the point (p, q)·R of the paraxial entrance pupil plane (every wavelength shares it);
 //!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there), see `aim`.
-//! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a.
+//! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a, a central obscuration by the
+//! minimum over all surfaces with an obscuration of radius a. Rays within an obscuration are traced as if it were not there.
 //! Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
-//! Left out: reflections, absorption, coatings, polarisation, vignetting factors.
+//! Left out: ghosts, absorption, coatings, polarisation, vignetting factors.
 
 use std::sync::OnceLock;
 
@@ -27,6 +28,7 @@ pub struct Tracer<'a> {
     stop_radius_mm: f64,
     stop_sign: f64,
     has_apertures: bool,
+    has_obscurations: bool,
     chiefs: OnceLock<ChiefRays>,
     /// First-order properties at the primary wavelength, with the position of the pupil.
     pub primary: Paraxial,
@@ -41,6 +43,19 @@ pub struct Lost {
     pub surface: usize,
     /// Reason.
     pub why: Stopped,
+}
+
+/// Where a ray crosses apertures and obscurations: r²/a² − 1, and the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Clip {
+    /// Maximum over the apertures.
+    pub(super) over: (f64, usize),
+    /// Minimum over the obscurations.
+    pub(super) hidden: (f64, usize),
+}
+
+impl Clip {
+    const NONE: Self = Self { over: (f64::NEG_INFINITY, 0), hidden: (f64::INFINITY, 0) };
 }
 
 /// A ray in the image plane, with derivatives by the pupil coordinates p, q.
@@ -84,6 +99,7 @@ impl<'a> Tracer<'a> {
             stop_sign: 1.0,
             chiefs: OnceLock::new(),
             has_apertures: system.surfaces.iter().any(|s| s.aperture_mm.is_some()),
+            has_obscurations: system.surfaces.iter().any(|s| s.obscuration_mm.is_some()),
             primary,
             wavelength_um: system.primary_um(),
         };
@@ -112,6 +128,11 @@ impl<'a> Tracer<'a> {
         self.primary.distortion_focal_length_mm.abs()
     }
 
+    /// Whether any surface has a central obscuration.
+    pub fn has_obscurations(&self) -> bool {
+        self.has_obscurations
+    }
+
     /// The ray of the field point at `tan` through the point (x, y) of the entrance pupil plane, mm.
     pub(super) fn launch<T: Scalar>(&self, tan: impl Into<T>, x: T, y: T) -> Ray<T> {
         let p = [x, y, T::of(self.primary.entrance_pupil_mm)];
@@ -130,31 +151,42 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Traces `ray` to its intersection with surface `last`, without refraction there; `clip` collects the maximum overshoot of an
-    /// aperture.
+    /// Traces `ray` to its intersection with surface `last`, without refraction there; `clip` collects its places in apertures.
     pub(super) fn run<T: Scalar>(
         &self,
         mut ray: Ray<T>,
         last: usize,
-        clip: &mut Option<(f64, usize)>,
+        clip: &mut Option<Clip>,
     ) -> Result<Ray<T>, Lost> {
         for (i, s) in self.system.surfaces.iter().enumerate().take(last + 1) {
             let lost = |why| Lost { surface: i, why };
             s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
-            if let (Some(a), Some(worst)) = (s.aperture_mm, clip.as_mut()) {
+            if let Some(clip) = clip.as_mut() {
                 let (x, y) = (ray.p[0].value(), ray.p[1].value());
-                let over = (x * x + y * y) / (a * a) - 1.0;
-                if over > worst.0 {
-                    *worst = (over, i);
+                let place = |a: f64| ((x * x + y * y) / (a * a) - 1.0, i);
+                if let Some(over) = s.aperture_mm.map(place).filter(|o| o.0 > clip.over.0) {
+                    clip.over = over;
+                }
+                if let Some(hidden) = s.obscuration_mm.map(place).filter(|h| h.0 < clip.hidden.0) {
+                    clip.hidden = hidden;
                 }
             }
             if i == last {
                 break;
             }
-            s.shape.refract(&mut ray, self.indices[i], self.indices[i + 1]).map_err(lost)?;
+            self.bend(i, &mut ray).map_err(lost)?;
             ray.p[2] = ray.p[2] - T::of(s.thickness_mm);
         }
         Ok(ray)
+    }
+
+    /// Refracts or reflects `ray` at surface `i`.
+    fn bend<T: Scalar>(&self, i: usize, ray: &mut Ray<T>) -> Result<(), Stopped> {
+        let s = &self.system.surfaces[i];
+        match s.is_mirror {
+            true => s.shape.reflect(ray),
+            false => s.shape.refract(ray, self.indices[i], self.indices[i + 1]),
+        }
     }
 
     pub(super) fn lost(&self, tan: f64, p: f64, q: f64, lost: Lost) -> DesignError {
@@ -241,15 +273,15 @@ impl<'a> Tracer<'a> {
         let mut ray = self.launch(tan, x.v, 0.0);
         let slope = ray.d[0] / ray.d[2];
         let mut path = vec![(-before_mm, ray.p[0] - slope * (ray.p[2] + before_mm))];
-        let mut vertex = 0.0;
+        let axis = self.system.axis();
         for (i, s) in self.system.surfaces.iter().enumerate() {
+            let (vertex, direction) = axis[i];
             let lost = |why| self.lost(tan, p, 0.0, Lost { surface: i, why });
             s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
-            path.push((vertex + ray.p[2], ray.p[0]));
+            path.push((vertex + direction * ray.p[2], ray.p[0]));
             if i < self.system.image() {
-                s.shape.refract(&mut ray, self.indices[i], self.indices[i + 1]).map_err(lost)?;
+                self.bend(i, &mut ray).map_err(lost)?;
                 ray.p[2] -= s.thickness_mm;
-                vertex += s.thickness_mm;
             }
         }
         Ok(path)
@@ -258,13 +290,32 @@ impl<'a> Tracer<'a> {
     /// Maximum overshoot of an aperture by the ray through (p, q), and its surface: (r²/a² − 1, surface). A ray that does not reach the
     /// image counts as blocked at the surface where it ends.
     pub fn overshoot(&self, tan: f64, p: f64, q: f64) -> (f64, usize) {
-        let mut clip = Some((f64::NEG_INFINITY, 0));
+        self.clip(tan, p, q).over
+    }
+
+    /// Overshoot of the part of the pupil that is hidden by central obscurations: negative where a ray passes all apertures and is hidden. The
+    /// surface of an obscuration is counted from the number of surfaces.
+    pub(super) fn overshoot_of_hidden(&self, tan: f64, p: f64, q: f64) -> (f64, usize) {
+        let clip = self.clip(tan, p, q);
+        let hidden = (clip.hidden.0, self.system.surfaces.len() + clip.hidden.1);
+        if clip.over.0 > hidden.0 { clip.over } else { hidden }
+    }
+
+    /// Whether the ray through (p, q) reaches the image: no aperture and no obscuration blocks it.
+    pub fn passes(&self, tan: f64, p: f64, q: f64) -> bool {
+        let clip = self.clip(tan, p, q);
+        clip.over.0 <= 0.0 && clip.hidden.0 > 0.0
+    }
+
+    fn clip(&self, tan: f64, p: f64, q: f64) -> Clip {
+        let mut clip = Some(Clip::NONE);
+        let blocked = |surface| Clip { over: (1.0, surface), ..Clip::NONE };
         match self.aim(tan, p, q) {
             Ok([x, y]) => match self.run(self.launch(tan, x.v, y.v), self.system.image(), &mut clip) {
-                Ok(_) => clip.unwrap_or((f64::NEG_INFINITY, 0)),
-                Err(lost) => (1.0, lost.surface),
+                Ok(_) => clip.unwrap_or(Clip::NONE),
+                Err(lost) => blocked(lost.surface),
             },
-            Err(_) => (1.0, self.system.stop),
+            Err(_) => blocked(self.system.stop),
         }
     }
 }

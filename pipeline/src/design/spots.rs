@@ -47,7 +47,8 @@ pub(super) fn spot_of(bundle: &Bundle) -> Spot {
     let about =
         |x0: f64| rays.iter().map(move |(w, r)| (w * r.flux, real::hypot(r.x.v - chief.x.v - x0, r.y.v)));
     let rms = |x0: f64| (about(x0).map(|(w, d)| w * d * d).sum::<f64>() / total).sqrt() * 1e3;
-    let geo = |x0: f64| about(x0).map(|(_, d)| d).fold(0.0, f64::max) * 1e3;
+    let seen = || rays.iter().zip(&bundle.is_hidden).filter(|(_, is_hidden)| !**is_hidden).map(|(r, _)| &r.1);
+    let geo = |x0: f64| seen().map(|r| real::hypot(r.x.v - chief.x.v - x0, r.y.v)).fold(0.0, f64::max) * 1e3;
     Spot {
         rms_um: rms(centroid),
         rms_chief_um: rms(0.0),
@@ -64,6 +65,23 @@ pub(super) fn spot_of(bundle: &Bundle) -> Spot {
 /// # Errors
 /// A ray that does not reach the image.
 pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f64, f64), DesignError> {
+    // Behind a wide obscuration the coarse pattern may have no ray at all.
+    let mut points = hexapolar(system, tan, rings)?;
+    for finer in [4 * rings, 16 * rings] {
+        if points.is_empty() {
+            points = hexapolar(system, tan, finer)?;
+        }
+    }
+    let total: f64 = points.iter().map(|p| p.0).sum();
+    let mean = |of: fn(&(f64, f64, f64)) -> f64| points.iter().map(|p| p.0 * of(p)).sum::<f64>() / total;
+    let (x0, y0) = (mean(|p| p.1), mean(|p| p.2));
+    let off = |p: &(f64, f64, f64)| real::hypot(p.1 - x0, p.2 - y0);
+    let square = points.iter().map(|p| p.0 * off(p).powi(2)).sum::<f64>() / total;
+    Ok((1e3 * square.sqrt(), 1e3 * points.iter().map(off).fold(0.0, f64::max)))
+}
+
+/// Weight and intersection with the film of the rays of a hexapolar pattern that reach it.
+fn hexapolar(system: &System, tan: f64, rings: usize) -> Result<Vec<(f64, f64, f64)>, DesignError> {
     let mut points = Vec::new();
     for (um, weight) in system.wavelengths_um.iter().filter(|w| w.1 > 0.0) {
         let tracer = Tracer::new(system, *um)?;
@@ -74,19 +92,14 @@ pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f6
                 let rho = k as f64 / rings.max(1) as f64;
                 // The first ray of a ring is perpendicular to the meridian.
                 let (p, q) = (rho * s, rho * c);
-                if tracer.overshoot(tan, p, q).0 <= 0.0 {
+                if tracer.passes(tan, p, q) {
                     let ray = tracer.ray(tan, p, q)?;
                     points.push((*weight, ray.x.v, ray.y.v));
                 }
             }
         }
     }
-    let total: f64 = points.iter().map(|p| p.0).sum();
-    let mean = |of: fn(&(f64, f64, f64)) -> f64| points.iter().map(|p| p.0 * of(p)).sum::<f64>() / total;
-    let (x0, y0) = (mean(|p| p.1), mean(|p| p.2));
-    let off = |p: &(f64, f64, f64)| real::hypot(p.1 - x0, p.2 - y0);
-    let square = points.iter().map(|p| p.0 * off(p).powi(2)).sum::<f64>() / total;
-    Ok((1e3 * square.sqrt(), 1e3 * points.iter().map(off).fold(0.0, f64::max)))
+    Ok(points)
 }
 
 /// Strehl ratio at the chief ray, the film moved back by `shift` mm.

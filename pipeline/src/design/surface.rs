@@ -1,12 +1,13 @@
-//! One refracting surface: intersection with a ray, normal, refraction.
+//! One surface: intersection with a ray, normal, refraction or reflection.
 //!
 //!     sag(r) = c r² / (1 + √(1 − (1 + κ) c² r²)) + Σ α_i r^(2i) + Σ β_i r^(2i−1)
 //!                                                                   c curvature [1/mm], κ conic constant, α_i [mm^(1−2i)], β_i [mm^(2−2i)]
 //!     n' d' = n d + (n' cos i' − n cos i) N                          Snell's law in vector form, N along the ray
+//!     d' = d − 2 (d·N) N                                             mirror; z then counts along the reflected light
 //! Coordinates in mm, origin at the vertex, +z along the light. The intersection with STANDARD surfaces (all
 //! α_i = 0) is in closed form, that with even aspheres by Newton's method from there. Of two intersections the one nearer the vertex is
 //! used.
-//! Source: Welford, Aberrations of Optical Systems, chapters 4.3-4.5. Left out: mirrors, gratings, tilts, coatings.
+//! Source: Welford, Aberrations of Optical Systems, chapters 4.3-4.5. Left out: gratings, tilts, coatings.
 
 use super::scalar::Scalar;
 
@@ -50,6 +51,14 @@ impl Shape {
     /// Whether it is a plane.
     pub fn is_flat(&self) -> bool {
         self.curvature == 0.0 && !self.is_aspheric()
+    }
+
+    /// The same surface seen from behind: z counts the other way.
+    pub fn reversed(&self) -> Self {
+        let negate = |c: &[f64]| c.iter().map(|a| -a).collect();
+        // Not −0, which would be written.
+        let curvature = if self.curvature == 0.0 { 0.0 } else { -self.curvature };
+        Self { curvature, conic: self.conic, aspheric: negate(&self.aspheric), odd: negate(&self.odd) }
     }
 
     fn is_aspheric(&self) -> bool {
@@ -164,15 +173,7 @@ impl Shape {
         if n1 == n2 {
             return Ok(());
         }
-        let normal = if self.is_flat() {
-            [T::of(0.0), T::of(0.0), T::of(1.0)]
-        } else {
-            let [x, y, _] = ray.p;
-            let (_, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;
-            let (nx, ny) = (-slope * x, -slope * y);
-            let length = (nx * nx + ny * ny + T::of(1.0)).sqrt();
-            [nx / length, ny / length, T::of(1.0) / length]
-        };
+        let normal = self.normal(ray)?;
         let mu = T::of(n1 / n2);
         let cos1 = ray.d[0] * normal[0] + ray.d[1] * normal[1] + ray.d[2] * normal[2];
         let root = T::of(1.0) - mu * mu * (T::of(1.0) - cos1 * cos1);
@@ -184,6 +185,32 @@ impl Shape {
             *d = mu * *d + gamma * n;
         }
         Ok(())
+    }
+
+    /// Reflects `ray` at its point on the surface; z of the ray is reversed, so that it counts along the light again.
+    ///
+    /// # Errors
+    /// [`Stopped::Misses`] at the very edge of a conic, or where the light does not turn back.
+    pub fn reflect<T: Scalar>(&self, ray: &mut Ray<T>) -> Result<(), Stopped> {
+        let normal = self.normal(ray)?;
+        let [l, m, n] = ray.d;
+        let twice = T::of(2.0) * (l * normal[0] + m * normal[1] + n * normal[2]);
+        ray.d = [l - twice * normal[0], m - twice * normal[1], -(n - twice * normal[2])];
+        ray.p[2] = -ray.p[2];
+        if ray.d[2].value() > 0.0 { Ok(()) } else { Err(Stopped::Misses) }
+    }
+
+    /// Unit normal at the ray's point on the surface, along +z.
+    fn normal<T: Scalar>(&self, ray: &Ray<T>) -> Result<[T; 3], Stopped> {
+        Ok(if self.is_flat() {
+            [T::of(0.0), T::of(0.0), T::of(1.0)]
+        } else {
+            let [x, y, _] = ray.p;
+            let (_, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;
+            let (nx, ny) = (-slope * x, -slope * y);
+            let length = (nx * nx + ny * ny + T::of(1.0)).sqrt();
+            [nx / length, ny / length, T::of(1.0) / length]
+        })
     }
 }
 

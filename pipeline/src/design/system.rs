@@ -2,7 +2,10 @@
 //!
 //! Lengths in mm, wavelengths in µm. The object lies in air at `object_distance_mm` before surface 0 (`None` = infinity);
 //! `surfaces` are from the first surface to the image plane, which is the last, flat, and in air. Each surface has the distance to the
-//! next one and the medium in between. Rotationally symmetric: no tilts, no decentres, no mirrors.
+//! next one and the medium in between. Rotationally symmetric: no tilts, no decentres.
+//!
+//! z counts along the light: behind an odd number of mirrors it runs against the z of the design file, so that thicknesses are positive
+//! and curvatures have the sign that the light sees. [`System::axis`] gives the places in the z of the first surface.
 
 use super::error::DesignError;
 use super::glass::Glass;
@@ -39,8 +42,12 @@ pub struct Surface {
     pub thickness_mm: f64,
     /// Medium behind it.
     pub medium: Medium,
+    /// Whether it reflects; the medium behind it is then that in front of it.
+    pub is_mirror: bool,
     /// Radius of the aperture, mm; `None` = unlimited.
     pub aperture_mm: Option<f64>,
+    /// Radius within which it blocks light, mm: a central obscuration, or the hole of a mirror.
+    pub obscuration_mm: Option<f64>,
     /// Clear radius for drawings, mm (0 = unknown); does not clip rays.
     pub semi_diameter_mm: f64,
 }
@@ -49,7 +56,15 @@ impl Surface {
     /// A surface without aperture.
     pub fn new(curvature: f64, thickness_mm: f64, medium: Medium) -> Self {
         let shape = Shape { curvature, ..Shape::default() };
-        Self { shape, thickness_mm, medium, aperture_mm: None, semi_diameter_mm: 0.0 }
+        Self {
+            shape,
+            thickness_mm,
+            medium,
+            is_mirror: false,
+            aperture_mm: None,
+            obscuration_mm: None,
+            semi_diameter_mm: 0.0,
+        }
     }
 }
 
@@ -141,6 +156,18 @@ impl System {
         self.surfaces.len() - 1
     }
 
+    /// Position of each surface's vertex along z of the first surface, mm, and whether light arrives there along +z (1) or −z (−1).
+    pub fn axis(&self) -> Vec<(f64, f64)> {
+        let (mut z, mut direction) = (0.0, 1.0);
+        let mut axis = Vec::with_capacity(self.surfaces.len());
+        for s in &self.surfaces {
+            axis.push((z, direction));
+            direction = if s.is_mirror { -direction } else { direction };
+            z += direction * s.thickness_mm;
+        }
+        axis
+    }
+
     /// Checks the assumptions of the tracer.
     ///
     /// # Errors
@@ -167,15 +194,22 @@ impl System {
             return no("has a curved image surface; a film is flat");
         }
         if self.surfaces[self.image() - 1].medium != Medium::Air {
-            return no("has its image inside glass; put a last surface before it");
+            return no(
+                "has its image inside glass, which is not supported: end the glass with a surface before the image",
+            );
         }
         for s in &self.surfaces {
             let numbers = [s.shape.curvature, s.shape.conic, s.thickness_mm, s.semi_diameter_mm];
             if numbers.iter().chain(&s.shape.aspheric).any(|v| !v.is_finite()) {
                 return no("has a surface with a number that is not finite");
             }
-            if s.aperture_mm.is_some_and(|a| !(a.is_finite() && a > 0.0)) {
-                return no("has a surface whose aperture is not a positive radius");
+            if [s.aperture_mm, s.obscuration_mm].iter().flatten().any(|a| !(a.is_finite() && *a > 0.0)) {
+                return no("has a surface whose aperture or obscuration is not a positive radius");
+            }
+            if let (Some(aperture), Some(hidden)) = (s.aperture_mm, s.obscuration_mm)
+                && hidden >= aperture
+            {
+                return no("has a surface whose obscuration is as large as its aperture");
             }
         }
         let (Aperture::EntrancePupil(v)

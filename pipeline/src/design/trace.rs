@@ -95,6 +95,7 @@ impl<'a> LensTrace<'a> {
     pub fn new(system: &'a System, options: &'a TraceOptions) -> Result<Self, DesignError> {
         options.check()?;
         let primary = Paraxial::new(system, system.primary_um())?;
+        primary.check_image()?;
         for nm in &options.wavelengths_nm {
             Tracer::new(system, nm / 1e3)?.field_of_height(options.max_height_mm)?;
         }

@@ -8,7 +8,7 @@ use super::error::DesignError;
 use super::glass::{Glass, GlassCatalog};
 use super::glass_library::{GlassLibrary, maker_of_glass};
 use super::model_glass::model_values;
-use super::system::{Medium, System};
+use super::system::{Medium, Surface, System};
 
 /// A design in a file format.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,6 +33,18 @@ pub(super) enum GlassForm {
 pub(super) fn number(v: f64) -> String {
     let magnitude = v.abs();
     if v != 0.0 && !(1e-4..1e15).contains(&magnitude) { format!("{v:E}") } else { format!("{v}") }
+}
+
+/// The surfaces as files have them, with z along the first light: thicknesses behind an odd number of mirrors are negative.
+pub(super) fn surfaces_along_z(system: &System) -> Vec<Surface> {
+    let mut direction = 1.0;
+    let along_z = |s: &Surface| {
+        let shape = if direction > 0.0 { s.shape.clone() } else { s.shape.reversed() };
+        direction = if s.is_mirror { -direction } else { direction };
+        let thickness_mm = if s.thickness_mm == 0.0 { 0.0 } else { direction * s.thickness_mm };
+        Surface { shape, thickness_mm, ..s.clone() }
+    };
+    system.surfaces.iter().map(along_z).collect()
 }
 
 /// The radius that is read as curvature `c` again, or the nearest; `inf` for a plane.

@@ -6,7 +6,8 @@
 //! Rays are aimed at the real stop. The image surface's thickness is the defocus, added to the last gap. A paraxial image solve (PIM) is
 //! solved where the saved last gap is 0; otherwise the saved gap holds. Unknown commands are ignored with a note.
 //! Lists may number their values (`WL W1 587.6`, `YAN F1 0 F2 14`); a glass may be a glass code.
-//! Not supported, with a specific error: mirrors, tilts and decentres, special surfaces, gratings, central obscurations, macros.
+//! `REFL` for a glass and RMD REFL are mirrors, `CIR OBS` a central obscuration.
+//! Not supported, with a specific error: tilts and decentres, special surfaces, gratings, macros.
 
 mod command;
 mod private;
@@ -27,9 +28,9 @@ const HARMLESS: &[&str] = &[
     "LEN", "GO", "END", "INI", "SLB", "LBL", "TEM", "WTF", "CCY", "THC", "GLC", "KC", "AC", "BC", "CC", "DC",
     "EC", "FC", "GC", "HC", "JC", "CUM", "THM", "GLM", "VER", "CHK", "OUT", "VIE", "SPH", "CON", "ASP",
     "SUR", "LCT", "MFL", "CUF", "FAB", "PRO", "CA", "NOR", "IFO", "NRD", "CAO", "PRS", "VCO", "SAV", "TOW",
-    "TIL", "RMD", "SSI", "BUF", "WRI", "DEL", "POX", "POY", "DER", "CLS", "PUI", "PUX", "PUY", "DDM", "RSI",
-    "ZLB", "TMP", "PRE", "TCE", "DLF", "DLR", "DLT", "DLN", "DLA", "DLB", "DLX", "DLY", "AUT", "OAL", "EFL",
-    "PIK", "WTA", "IMC", "MAX", "MIN", "CCL", "DNG", "GSG", "SPT", "FFO",
+    "TIL", "SSI", "BUF", "WRI", "DEL", "POX", "POY", "DER", "CLS", "PUI", "PUX", "PUY", "DDM", "RSI", "ZLB",
+    "TMP", "PRE", "TCE", "DLF", "DLR", "DLT", "DLN", "DLA", "DLB", "DLX", "DLY", "AUT", "OAL", "EFL", "PIK",
+    "WTA", "IMC", "MAX", "MIN", "CCL", "DNG", "GSG", "SPT", "FFO",
 ];
 
 /// Statements of the macro language, which a saved lens does not have.
@@ -87,6 +88,10 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
             command.error("this is a CODE V macro, not a lens; save the lens as a sequence file (WRL)")
         );
     }
+    // The unit holds for the lengths before it, too.
+    if let Some(command) = commands.iter().find(|c| c.words[0].eq_ignore_ascii_case("DIM")) {
+        reader.scale = unit_mm(command)?;
+    }
     if !commands.iter().any(|c| c.words[0].eq_ignore_ascii_case("RDM")) && cannot_be_curvatures(&commands) {
         reader.by_radius = true;
         reader.draft.notes.push(
@@ -121,14 +126,7 @@ impl Reader<'_> {
                 let title = command.text.trim()[key.len()..].trim();
                 draft.name = title.trim_matches(['\'', '"']).trim().to_owned();
             }
-            "DIM" => {
-                self.scale = match command.words.get(1).and_then(|w| w.chars().next()) {
-                    Some('M' | 'm') => 1.0,
-                    Some('C' | 'c') => 10.0,
-                    Some('I' | 'i') => 25.4,
-                    _ => return Err(command.error("expected the lens unit M (mm), C (cm) or I (inch)")),
-                }
-            }
+            "DIM" => self.scale = unit_mm(command)?,
             "EPD" => draft.aperture = Some(Aperture::EntrancePupil(first()? * self.scale)),
             "FNO" => draft.aperture = Some(Aperture::ImageFNumber(first()?)),
             "NA" => draft.aperture = Some(Aperture::WorkingFNumber(0.5 / first()?)),
@@ -167,9 +165,7 @@ impl Reader<'_> {
                 }
             }
             _ if UNSUPPORTED.contains(&key.as_str()) => {
-                return Err(
-                    command.error("not supported: lenscube traces rotationally symmetric refractive lenses")
-                );
+                return Err(command.error("not supported: lenscube traces rotationally symmetric systems"));
             }
             _ if HARMLESS.contains(&key.as_str()) => {}
             _ => return self.read_qualifier(&key, command),
@@ -203,9 +199,18 @@ impl Reader<'_> {
                 }
                 surface.shape.aspheric[term] = command.value(value)? / scale.powi(2 * term as i32 + 1);
             }
+            "RMD" => {
+                let mode = command.words.get(value).map_or("", |w| w).to_ascii_uppercase();
+                surface.is_mirror |= mode.starts_with("REFL") || mode == "TIR";
+            }
             "CIR" => match command.words.get(value).map(|w| w.to_ascii_uppercase()).as_deref() {
-                Some("EDG") => {}
-                Some("OBS" | "HOL") => return Err(command.error("a central obscuration is not supported")),
+                // Edges and holes are drawn.
+                Some("EDG" | "HOL") => {}
+                Some("OBS") => {
+                    // Its label may stand before the radius.
+                    let radius = command.value(command.words.len() - 1)?;
+                    surface.obscuration_mm = Some(radius * scale).filter(|r| *r > 0.0);
+                }
                 _ => surface.clear_mm = Some(command.value(value)? * scale),
             },
             // A solve: its saved value stands in the surface's line.
@@ -226,7 +231,9 @@ impl Reader<'_> {
         let value = |i: usize| if command.words.len() > i { command.value_or_infinite(i) } else { Ok(0.0) };
         let mut surface = DraftSurface { thickness_mm: value(2)? * self.scale, ..DraftSurface::default() };
         surface.shape.curvature = curvature(value(1)?, self.by_radius, self.scale);
-        if let Some(name) = command.words.get(3) {
+        if command.words.get(3).is_some_and(|name| name.eq_ignore_ascii_case("REFL")) {
+            surface.is_mirror = true;
+        } else if let Some(name) = command.words.get(3) {
             let (glass, note) = self.glass(name, command)?;
             surface.glass = glass;
             self.draft.notes.extend(note);
@@ -241,13 +248,8 @@ impl Reader<'_> {
         name: &str,
         command: &Command<'_>,
     ) -> Result<(Option<Glass>, Option<String>), DesignError> {
-        match name.to_ascii_uppercase().as_str() {
-            "AIR" => return Ok((None, None)),
-            "REFL" => {
-                let problem = "mirrors are not supported: lenscube traces refracting lenses";
-                return Err(command.error(problem));
-            }
-            _ => (),
+        if name.eq_ignore_ascii_case("AIR") {
+            return Ok((None, None));
         }
         let name = name.trim_matches(['\'', '"']);
         if let Some(glass) = self.private.get(name) {
@@ -285,16 +287,26 @@ impl Reader<'_> {
         draft.fields = (0..count).map(|i| unit * real::hypot(at(&self.x, i), at(&self.y, i))).collect();
         let weight = |i: usize| self.weights.get(i).copied().unwrap_or(1.0);
         draft.wavelengths_um =
-            self.wavelengths_nm.iter().enumerate().map(|(i, nm)| (nm * 1e-3, weight(i))).collect();
+            self.wavelengths_nm.iter().enumerate().map(|(i, nm)| (nm / 1e3, weight(i))).collect();
         draft.aiming = Some(RayAiming::Real);
         let system = draft.finish()?;
         match self.is_solved_for_image && is_open {
             true => {
                 let plane = ImagePlane::Paraxial(system.primary_um());
-                system.with_image_plane(plane, defocus_mm)
+                let (_, direction) = system.axis()[system.image()];
+                system.with_image_plane(plane, direction * defocus_mm)
             }
             false => Ok(system),
         }
+    }
+}
+
+fn unit_mm(command: &Command<'_>) -> Result<f64, DesignError> {
+    match command.words.get(1).and_then(|w| w.chars().next()) {
+        Some('M' | 'm') => Ok(1.0),
+        Some('C' | 'c') => Ok(10.0),
+        Some('I' | 'i') => Ok(25.4),
+        _ => Err(command.error("expected the lens unit M (mm), C (cm) or I (inch)")),
     }
 }
 
@@ -308,84 +320,4 @@ fn curvature(value: f64, is_radius: bool, scale: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::design::paraxial::Paraxial;
-
-    const DOUBLET: &str = "RDM;LEN \"VERSION: 11\"\nTITLE 'a doublet'\nEPD 25.0\nDIM M\nWL 587.6 486.1 &\n 656.3\nREF 1\n\
-        XAN 0.0 0.0\nYAN 0.0 1.0 ! degrees\nSO 0.0 0.1e14\nS 61.47 6.0 NBK7_SCHOTT\n  STO\n  CIR 12.0\nS -44.64 2.5 NSF5_SCHOTT; SLB \"b\"\n\
-        S -129.94 95.951944\n  CIR EDG 13\n  PIM\nSI 0.0 0.0\nGO\n";
-
-    fn read(text: &str) -> Result<System, DesignError> {
-        parse(text.as_bytes(), &GlassLibrary::new(), &ReadOptions::default())
-    }
-
-    #[test]
-    fn doublet_has_its_catalogue_focal_length() {
-        let system = read(DOUBLET).unwrap();
-        assert_eq!((system.name.as_str(), system.stop, system.notes.len()), ("a doublet", 0, 0));
-        assert_eq!((system.fields.len(), system.wavelengths_um.len()), (2, 3));
-        assert_eq!((system.surfaces[0].aperture_mm, system.surfaces[2].aperture_mm), (Some(12.0), None));
-        let p = Paraxial::new(&system, 0.5876).unwrap();
-        assert!((p.effective_focal_length_mm - 100.0).abs() < 0.05, "{}", p.effective_focal_length_mm);
-        assert!(p.focus_shift_mm().abs() < 1e-3, "{}", p.focus_shift_mm());
-    }
-
-    #[test]
-    fn paraxial_image_solve_is_solved_where_the_gap_is_zero() {
-        let solved = read(&DOUBLET.replace("95.951944", "0")).unwrap();
-        assert!((solved.surfaces[2].thickness_mm - 95.951944).abs() < 1e-3);
-    }
-
-    #[test]
-    fn curvature_mode_inches_and_glass_codes_are_converted() {
-        let text = DOUBLET
-            .replace("RDM;", "")
-            .replace("DIM M", "DIM I")
-            .replace("S 61.47 6.0 NBK7_SCHOTT", "S 0.5 0.2 516800.641673");
-        let system = read(&text).unwrap();
-        assert!((system.surfaces[0].shape.curvature - 0.5 / 25.4).abs() < 1e-15);
-        let radii = read(&DOUBLET.replace("RDM;", "")).unwrap();
-        assert_eq!(radii.surfaces, read(DOUBLET).unwrap().surfaces);
-        assert!(radii.notes.iter().any(|n| n.contains("RDM")), "{:?}", radii.notes);
-        assert!((system.surfaces[0].medium.index(0.587_561_8).unwrap() - 1.5168).abs() < 1e-9);
-        assert!(system.notes.iter().any(|n| n.contains("516800.641673")));
-    }
-
-    #[test]
-    fn numbered_lists_and_private_glasses_are_read() {
-        let text = DOUBLET
-            .replace("WL 587.6 486.1 &\n 656.3", "WL W1 587.6 W2 486.1 W3 656.3")
-            .replace("YAN 0.0 1.0", "YAN F1 0.0 F2 1.0")
-            .replace("NBK7_SCHOTT", "'OWN'")
-            .replace(
-                "SO 0.0 0.1e14",
-                "PRV\nPWL 656.3 587.6 486.1 404.7\n'OWN' 1.51432 1.51680 1.52237 1.53024\nEND\nSO INF INF",
-            );
-        let system = read(&text).unwrap();
-        assert_eq!((system.fields.clone(), system.wavelengths_um.len()), (vec![0.0, 1.0], 3));
-        assert_eq!(system.surfaces[0].medium.index(0.5876).unwrap(), 1.5168);
-        let between = system.surfaces[0].medium.index(0.546_074).unwrap();
-        assert!((between - 1.518_72).abs() < 2e-5, "{between}");
-        assert!(system.surfaces[0].medium.index(0.39).is_err() && system.object_distance_mm.is_none());
-    }
-
-    #[test]
-    fn unsupported_optics_is_an_error_with_its_line() {
-        for (from, to, line) in [
-            ("NBK7_SCHOTT", "REFL", 11),
-            ("NBK7_SCHOTT", "NBK99_SCHOTT", 11),
-            ("  CIR EDG 13", "  ADE 3.0", 16),
-            ("  CIR EDG 13", "  GRT", 16),
-            ("  CIR 12.0", "  CIR OBS 2", 13),
-            ("EPD 25.0", "EPD x", 3),
-        ] {
-            let error = read(&DOUBLET.replace(from, to)).unwrap_err();
-            assert!(matches!(&error, DesignError::Line { line: l, .. } if *l == line), "{to}: {error}");
-        }
-        let macro_file = read("ver no\nlcl num ^x\nfor ^i 1 3\nend for\n").unwrap_err().to_string();
-        let strict = ReadOptions { strict: true, configuration: None };
-        assert!(macro_file.contains("macro"), "{macro_file}");
-        assert!(parse(DOUBLET.replace("GO", "QQQ 1").as_bytes(), &GlassLibrary::new(), &strict).is_err());
-    }
-}
+mod tests;

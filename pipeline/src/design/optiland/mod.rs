@@ -4,7 +4,8 @@
 //! a thickness is the difference of two of them. Surfaces: Plane, StandardGeometry, EvenAsphere (coefficients of r², r⁴, …) and OddAsphere (r, r², …).
 //! Materials: Material (a name, and a maker as its `reference` or the folder of its data file), IdealMaterial (a constant index) and
 //! AbbeMaterial (n_d and V_d). RadialAperture clips. The file has no semi-diameters, no weights of wavelengths and no name.
-//! Not supported, with a specific error: mirrors, tilts and decentres, other geometries and materials, apertures with a central obscuration.
+//! The inner radius of a RadialAperture is a central obscuration.
+//! Not supported, with a specific error: tilts and decentres, other geometries and materials.
 
 mod json;
 mod read;

@@ -113,12 +113,12 @@ fn read_surface(
             return Err(incomplete("has a tilt or decentre: the lens must be rotationally symmetric"));
         }
     }
+    let mut draft = DraftSurface::default();
     if is_true(surface, "/is_reflective")
         || surface.pointer("/interaction_model/is_reflective") == Some(&Value::Bool(true))
     {
-        return Err(incomplete("has a mirror: lenscube traces refracting lenses"));
+        draft.is_mirror = true;
     }
-    let mut draft = DraftSurface::default();
     let geometry = surface.get("geometry").unwrap_or(&Value::Null);
     let radius = number(geometry, "/radius", f64::INFINITY)?;
     draft.shape.curvature = if radius == 0.0 || radius.is_infinite() { 0.0 } else { 1.0 / radius };
@@ -144,9 +144,7 @@ fn read_surface(
     match surface.get("aperture") {
         None | Some(Value::Null) => {}
         Some(aperture) if text(aperture, "/type") == "RadialAperture" => {
-            if number(aperture, "/r_min", 0.0)? != 0.0 {
-                return Err(incomplete("has a central obscuration, which is not supported"));
-            }
+            draft.obscuration_mm = Some(number(aperture, "/r_min", 0.0)?).filter(|r| *r > 0.0);
             draft.clear_mm = Some(number(aperture, "/r_max", f64::INFINITY)?).filter(|r| r.is_finite());
         }
         Some(aperture) => {
@@ -154,7 +152,7 @@ fn read_surface(
             return Err(incomplete(format!("has an aperture of type `{kind}`, expected RadialAperture")));
         }
     }
-    if let Some(material) = surface.get("material_post").filter(|m| !m.is_null()) {
+    if let Some(material) = surface.get("material_post").filter(|m| !m.is_null() && !draft.is_mirror) {
         draft.glass = glass(material, glasses, notes)?;
     }
     Ok(draft)

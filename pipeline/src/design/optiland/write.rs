@@ -7,7 +7,7 @@ use crate::design::glass_library::maker_of_glass;
 use crate::design::model_glass::LINES_UM;
 use crate::design::surface::Shape;
 use crate::design::system::{Aperture, FieldKind, Medium, RayAiming, System};
-use crate::design::writing::{GlassForm, Written, glass_form};
+use crate::design::writing::{GlassForm, Written, glass_form, surfaces_along_z};
 use serde_json::{Value, json};
 
 /// The file of `system`. What it cannot hold is listed in the notes.
@@ -55,13 +55,15 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
         "material_post": air,
     })];
     let (mut z, mut before) = (0.0, air.clone());
-    for (i, surface) in system.surfaces.iter().enumerate() {
+    for (i, surface) in surfaces_along_z(system).iter().enumerate() {
         let after = match &surface.medium {
             Medium::Air => air.clone(),
             Medium::Glass(glass) => material(glass, &mut notes)?,
         };
-        let aperture =
-            surface.aperture_mm.map(|r| json!({"type": "RadialAperture", "r_max": r, "r_min": 0.0}));
+        let (outer, inner) = (surface.aperture_mm, surface.obscuration_mm);
+        let aperture = (outer.is_some() || inner.is_some()).then(|| {
+            json!({"type": "RadialAperture", "r_max": outer.unwrap_or(json::INFINITE), "r_min": inner.unwrap_or(0.0)})
+        });
         surfaces.push(json!({
             "type": "Surface",
             "geometry": geometry(&surface.shape, z),
@@ -71,7 +73,7 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
             "aperture": aperture,
             "coating": null,
             "bsdf": null,
-            "is_reflective": false,
+            "is_reflective": surface.is_mirror,
         }));
         z += surface.thickness_mm;
         before = after;

@@ -1,7 +1,7 @@
 //! Columns of a lens table.
 //!
-//! Names without case, blanks, hyphens and units: radius (r) or curvature (c); thickness (t, d, distance); glass (material); n (nd) and V (vd, abbe);
-//! dP_gF of a model glass; semi-diameter (sd) or diameter; aperture radius; conic (k); a2, a4, a6, … and a1, a3, … of the asphere, the coefficients
+//! Names without case, blanks, hyphens and units: radius (r) or curvature (c); thickness (t, d, distance); glass (material; `mirror` reflects); n (nd) and V (vd, abbe);
+//! dP_gF of a model glass; semi-diameter (sd) or diameter; aperture radius; obscuration radius; conic (k); a2, a4, a6, … and a1, a3, … of the asphere, the coefficients
 //! of rⁿ. Columns for people (note, element, type) are skipped; others are ignored with a note.
 
 use super::Line;
@@ -21,6 +21,7 @@ pub(super) enum Column {
     SemiDiameter,
     Diameter,
     ApertureRadius,
+    ObscurationRadius,
     Conic,
     /// Coefficient of r^n.
     Coefficient(usize),
@@ -52,6 +53,7 @@ fn column(name: &str) -> Option<Column> {
         "semidiameter" | "sd" | "semiaperture" => Column::SemiDiameter,
         "diameter" | "dia" => Column::Diameter,
         "apertureradius" | "clearradius" => Column::ApertureRadius,
+        "obscurationradius" | "obscuration" | "holeradius" | "innerradius" => Column::ObscurationRadius,
         "conic" | "k" | "κ" | "kappa" | "conicconstant" => Column::Conic,
         "note" | "notes" | "comment" | "remark" | "element" | "type" => Column::Comment,
         _ => {

@@ -12,7 +12,8 @@
 //! Settings and columns in any order (modules `settings`, `columns`); separated by commas, semicolons or tabs; numbers of tables with another
 //! separator may have decimal commas. `#` begins a comment. A glass is a name, a glass code, or n and V of the d line; air is empty. A row whose first
 //! cell says *stop* is the stop, *object* and *image* are the ends and may be missing. Without a last thickness the film is at the paraxial focus.
-//! A semi-diameter is drawn and does not clip; an *aperture radius* clips. Rays are aimed at the real stop unless `aiming, paraxial`.
+//! A semi-diameter is drawn and does not clip; an *aperture radius* clips, an *obscuration radius* blocks the light within.
+//! A *mirror* for a glass reflects; thicknesses behind an odd number of mirrors are negative, as design programs write them. Rays are aimed at the real stop unless `aiming, paraxial`.
 
 mod columns;
 mod row;

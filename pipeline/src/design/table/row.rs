@@ -118,7 +118,10 @@ impl<'a> Table<'a> {
         let drawn = (finite(Column::SemiDiameter)?, finite(Column::Diameter)?);
         surface.semi_diameter_mm = drawn.0.or(drawn.1.map(|d| 0.5 * d)).unwrap_or(0.0) * scale;
         surface.clear_mm = finite(Column::ApertureRadius)?.map(|r| r * scale);
-        let (glass, note) = self.glass(line)?;
+        surface.obscuration_mm = finite(Column::ObscurationRadius)?.map(|r| r * scale);
+        surface.is_mirror =
+            ["mirror", "refl"].contains(&columns.cell(line, Column::Glass).to_lowercase().as_str());
+        let (glass, note) = if surface.is_mirror { (None, None) } else { self.glass(line)? };
         surface.glass = glass;
         notes.extend(note.map(|note| format!("line {}: {note}", line.number)));
         Ok(surface)
@@ -158,9 +161,6 @@ impl<'a> Table<'a> {
         match name.to_lowercase().as_str() {
             "" | "-" => return printed(),
             "air" => return Ok((None, None)),
-            "mirror" | "refl" => {
-                return Err(line.error("mirrors are not supported: lenscube traces refracting lenses"));
-            }
             _ => (),
         }
         match self.glasses.find(name, &self.catalogues) {

@@ -123,7 +123,7 @@ impl Settings {
             draft.notes.push("no wavelengths given: the lines F, d and C".to_owned());
         }
         let weight = |i: usize| self.weights.get(i).copied().unwrap_or(1.0);
-        draft.wavelengths_um = nm.iter().enumerate().map(|(i, nm)| (nm * 1e-3, weight(i))).collect();
+        draft.wavelengths_um = nm.iter().enumerate().map(|(i, nm)| (nm / 1e3, weight(i))).collect();
         draft.primary = match self.primary_nm {
             None => nm.len() / 2,
             Some(primary) => {

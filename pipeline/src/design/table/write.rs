@@ -2,7 +2,9 @@
 
 use crate::design::error::DesignError;
 use crate::design::system::{Aperture, FieldKind, Medium, RayAiming, System};
-use crate::design::writing::{GlassForm, Written, catalogues_of, glass_form, number, one_line, radius};
+use crate::design::writing::{
+    GlassForm, Written, catalogues_of, glass_form, number, one_line, radius, surfaces_along_z,
+};
 
 /// The table of `system`; `own` is the catalogue that glasses which are not built in are written to.
 ///
@@ -62,6 +64,7 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
         "dP_gF",
         "semi-diameter",
         "aperture radius",
+        "obscuration radius",
         "conic",
     ];
     let header = fixed.iter().map(|c| (*c).to_owned()).chain(powers.iter().map(|p| format!("a{p}")));
@@ -69,7 +72,7 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
     if let Some(distance) = system.object_distance_mm {
         line(&["object".to_owned(), String::new(), number(distance)]);
     }
-    for (i, surface) in system.surfaces.iter().enumerate() {
+    for (i, surface) in surfaces_along_z(system).iter().enumerate() {
         let is_image = i == system.image();
         let role = match i {
             i if i == system.stop => "stop".to_owned(),
@@ -80,6 +83,7 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
         let thickness = if is_image { String::new() } else { number(surface.thickness_mm) };
         let mut cells = vec![role, radius(surface.shape.curvature), thickness];
         cells.extend(match &surface.medium {
+            _ if surface.is_mirror => ["mirror", "", "", ""].map(str::to_owned),
             Medium::Air => [(); 4].map(|()| String::new()),
             Medium::Glass(glass) => match glass_form(glass, &catalogues) {
                 GlassForm::Named(name) => [name, String::new(), String::new(), String::new()],
@@ -90,6 +94,7 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
         cells.extend([
             given(surface.semi_diameter_mm),
             surface.aperture_mm.map_or_else(String::new, number),
+            surface.obscuration_mm.map_or_else(String::new, number),
             given(surface.shape.conic),
         ]);
         for power in &powers {
@@ -107,5 +112,5 @@ fn nanometres(um: f64) -> f64 {
     let nm = um * 1e3;
     let rounded = (nm * 1e6).round() / 1e6;
     let candidates = [rounded, nm, nm.next_up(), nm.next_down()];
-    candidates.into_iter().find(|v| v * 1e-3 == um).unwrap_or(nm)
+    candidates.into_iter().find(|v| v / 1e3 == um).unwrap_or(nm)
 }

@@ -8,7 +8,7 @@
 
 use super::keywords::is_operand;
 use super::line::{IGNORED, Line};
-use super::surface::{self, Context};
+use super::surface::Context;
 use crate::design::draft::Draft;
 use crate::design::error::DesignError;
 use crate::design::glass::Glass;
@@ -141,6 +141,7 @@ pub(super) fn apply(
         "SDIA" => surface.semi_diameter_mm = operand.value()? * scale,
         _ => {
             let (glass, note) = glass(operand, context)?;
+            surface.is_mirror = is_mirror(operand);
             surface.glass = glass;
             return Ok(note);
         }
@@ -148,14 +149,15 @@ pub(super) fn apply(
     Ok(None)
 }
 
+fn is_mirror(operand: &Operand) -> bool {
+    operand.words[3].trim_matches('"').eq_ignore_ascii_case("MIRROR")
+}
+
 /// The glass of a GLSS operand; none is air.
 fn glass(operand: &Operand, context: &Context<'_>) -> Result<(Option<Glass>, Option<String>), DesignError> {
     let name = operand.words[3].trim_matches('"');
-    if name.is_empty() {
+    if name.is_empty() || is_mirror(operand) {
         return Ok((None, None));
-    }
-    if name.eq_ignore_ascii_case("MIRROR") {
-        return Err(operand.error(surface::NO_MIRRORS));
     }
     let found = context.glasses.find(name, context.catalogues);
     let (glass, note) = found.map_err(|e| operand.error(e.to_string()))?;

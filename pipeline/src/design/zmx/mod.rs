@@ -5,9 +5,10 @@
 //! editor (module `configuration`): the surfaces have the saved configuration, its operands give the others; the first is read by default.
 //! Lengths are converted from lens units to mm. Apertures: CLAP and FLAP (outer radius), the inner radius of a ring-shaped OBSC, the circle
 //! inside SQAP and ELAP, and a fixed semi-diameter (DIAM with flag 1) where rays bend. Of pickups and solves the saved values are used.
-//! Wavelengths and indices are relative to air at 20 °C, 1 atm. A coordinate break without tilt and decentre is a plane.
-//! An apodised pupil is read as a uniform one, with a note. Not supported, with a specific error: mirrors, tilts, other surface types,
-//! telecentric objects, central obscurations, indices adjusted to another pressure.
+//! Wavelengths and indices are relative to air at 20 °C, 1 atm. Coordinate breaks may fold the axis at plane mirrors or be undone.
+//! The inner radius of CLAP and OBSC from 0 are central obscurations. `GLAS MIRROR` reflects into the medium before it.
+//! An apodised pupil is read as a uniform one, with a note. Not supported, with a specific error: tilts, other surface types,
+//! telecentric objects, indices adjusted to another pressure.
 
 mod configuration;
 mod keywords;

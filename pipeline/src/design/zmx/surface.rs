@@ -7,6 +7,7 @@ use crate::design::error::DesignError;
 use crate::design::glass::Glass;
 use crate::design::glass_library::GlassLibrary;
 use crate::design::model_glass::{constant_glass, model_glass};
+use crate::design::straight_axis::Break;
 use crate::design::surface::Shape;
 
 /// Surface types.
@@ -42,9 +43,6 @@ pub(super) struct Reader {
 
 /// Highest number of extra data: 120 terms.
 const MAX_EXTRA: usize = 122;
-
-/// Error of a reflecting surface.
-pub(super) const NO_MIRRORS: &str = "mirrors are not supported: lenscube traces refracting lenses";
 
 /// What a surface needs of the system.
 pub(super) struct Context<'a> {
@@ -90,6 +88,9 @@ impl Reader {
                 self.extra.resize(self.extra.len().max(number as usize), 0.0);
                 self.extra[number as usize - 1] = line.value(2)?;
             }
+            "GLAS" if line.words.get(1).is_some_and(|name| name.eq_ignore_ascii_case("MIRROR")) => {
+                draft.is_mirror = true;
+            }
             "GLAS" => {
                 let (glass, note) = glass(line, context)?;
                 draft.glass = Some(glass);
@@ -100,9 +101,8 @@ impl Reader {
                 draft.is_fixed = line.value_or(2, 0.0)? == 1.0;
             }
             "CLAP" | "FLAP" => {
-                if line.value(1)? != 0.0 {
-                    return Err(line.error("a central obscuration is not supported"));
-                }
+                // Between two radii; the inner one is 0 without a hole.
+                draft.obscuration_mm = Some(line.value(1)? * scale).filter(|r| *r > 0.0);
                 draft.clear_mm = Some(line.value(2)? * scale);
             }
             "SQAP" | "ELAP" => {
@@ -118,8 +118,8 @@ impl Reader {
             "OBSC" => {
                 // Blocks light between two radii; from 0 it is a central obscuration, else the rim of a mount.
                 let inner = line.value(1)?;
-                if inner == 0.0 && line.value(2)? != 0.0 {
-                    return Err(line.error("a central obscuration is not supported"));
+                if inner == 0.0 {
+                    draft.obscuration_mm = Some(line.value(2)? * scale).filter(|r| *r > 0.0);
                 }
                 if inner > 0.0 {
                     draft.clear_mm = Some(draft.clear_mm.unwrap_or(f64::INFINITY).min(inner * scale));
@@ -147,20 +147,25 @@ impl Reader {
             problem: problem.to_owned(),
         };
         let shape = &mut self.draft.shape;
+        let mut tilts = Break::default();
         for p in &self.parameters {
             // The coefficient of r^power has the unit (lens unit)^(1 − power).
             let (coefficients, index, power) = match (self.kind, p.number) {
                 (Kind::EvenAsphere, i @ 1..=8) => (&mut shape.aspheric, i - 1, 2 * i),
                 (Kind::OddAsphere, i @ 1..=8) if i % 2 == 0 => (&mut shape.aspheric, i / 2 - 1, i),
                 (Kind::OddAsphere, i @ 1..=8) => (&mut shape.odd, i / 2, i),
-                (Kind::CoordinateBreak, 1..=4) => {
-                    return Err(error(
-                        p,
-                        "a tilt or decentre is not supported: the lens must be rotationally symmetric",
-                    ));
+                (Kind::CoordinateBreak, i @ 1..=2) => {
+                    tilts.decentre_mm[i - 1] = p.value * scale;
+                    continue;
                 }
-                // Rotation about the axis, and the order of operations.
-                (Kind::CoordinateBreak, _) => continue,
+                (Kind::CoordinateBreak, i @ 3..=5) => {
+                    tilts.tilt_deg[i - 3] = p.value;
+                    continue;
+                }
+                (Kind::CoordinateBreak, 6) => {
+                    tilts.tilts_first = true;
+                    continue;
+                }
                 _ => return Err(error(p, "a parameter that this surface type does not have")),
             };
             if coefficients.len() <= index {
@@ -173,6 +178,7 @@ impl Reader {
         }
         if self.kind == Kind::CoordinateBreak {
             self.draft.glass = before.cloned();
+            self.draft.coordinate_break = Some(tilts);
         }
         Ok(self.draft)
     }
@@ -214,9 +220,6 @@ fn glass(line: &Line<'_>, context: &Context<'_>) -> Result<(Glass, Option<String
     let name = *line.words.get(1).ok_or_else(|| line.error("expected a glass name"))?;
     // Some programs write the maker before it: SCHOTT-BK|N-BK7.
     let name = name.rsplit_once('|').map_or(name, |(_, name)| name);
-    if name.eq_ignore_ascii_case("MIRROR") {
-        return Err(line.error(NO_MIRRORS));
-    }
     let found = context.glasses.find(name, context.catalogues);
     // 1: a model glass of n_d, V_d and the deviation of its partial dispersion. Old files have one beside each catalogue glass.
     let is_model = name.starts_with("___") || (found.is_err() && line.value_or(2, 0.0)? == 1.0);

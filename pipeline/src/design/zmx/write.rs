@@ -3,7 +3,9 @@
 use crate::design::error::DesignError;
 use crate::design::surface::Shape;
 use crate::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface, System};
-use crate::design::writing::{GlassForm, Written, catalogues_of, glass_form, number, one_line};
+use crate::design::writing::{
+    GlassForm, Written, catalogues_of, glass_form, number, one_line, surfaces_along_z,
+};
 
 /// The file of `system`, lengths in mm; `own` is the catalogue that glasses which are not built in are written to.
 ///
@@ -43,7 +45,7 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
     text += &format!("PWAV {}\n", system.primary + 1);
     let distance = system.object_distance_mm.map_or_else(|| "INFINITY".to_owned(), number);
     text += &format!("SURF 0\n  TYPE STANDARD\n  CURV 0\n  DISZ {distance}\n");
-    for (i, surface) in system.surfaces.iter().enumerate() {
+    for (i, surface) in surfaces_along_z(system).iter().enumerate() {
         text += &format!("SURF {}\n", i + 1);
         if i == system.stop {
             text += "  STOP\n";
@@ -75,7 +77,9 @@ fn surface_lines(
     }
     text += &terms;
     text += &format!("  DISZ {}\n", number(surface.thickness_mm));
-    if let Medium::Glass(glass) = &surface.medium {
+    if surface.is_mirror {
+        text += "  GLAS MIRROR 0 0 1.5 40 0 0 0 0 0 0\n";
+    } else if let Medium::Glass(glass) = &surface.medium {
         text += &match glass_form(glass, catalogues) {
             GlassForm::Named(name) => format!("  GLAS {name} 0 0 1.5 40 0 0 0 0 0 0\n"),
             GlassForm::Constant(n) => format!("  GLAS ___BLANK 1 0 {} 0 0 0 0 0 0 0\n", number(n)),
@@ -85,8 +89,11 @@ fn surface_lines(
         };
     }
     text += &format!("  DIAM {} 0 0 0 1 \"\"\n", number(radius_mm));
+    let inner = number(surface.obscuration_mm.unwrap_or(0.0));
     if let Some(aperture) = surface.aperture_mm {
-        text += &format!("  CLAP 0 {} 0\n", number(aperture));
+        text += &format!("  CLAP {inner} {} 0\n", number(aperture));
+    } else if surface.obscuration_mm.is_some() {
+        text += &format!("  OBSC 0 {inner} 0\n");
     }
     Ok(text)
 }

@@ -1,0 +1,92 @@
+use super::*;
+use crate::design::paraxial::Paraxial;
+
+const DOUBLET: &str = "RDM;LEN \"VERSION: 11\"\nTITLE 'a doublet'\nEPD 25.0\nDIM M\nWL 587.6 486.1 &\n 656.3\nREF 1\n\
+    XAN 0.0 0.0\nYAN 0.0 1.0 ! degrees\nSO 0.0 0.1e14\nS 61.47 6.0 NBK7_SCHOTT\n  STO\n  CIR 12.0\nS -44.64 2.5 NSF5_SCHOTT; SLB \"b\"\n\
+    S -129.94 95.951944\n  CIR EDG 13\n  PIM\nSI 0.0 0.0\nGO\n";
+
+fn read(text: &str) -> Result<System, DesignError> {
+    parse(text.as_bytes(), &GlassLibrary::new(), &ReadOptions::default())
+}
+
+#[test]
+fn doublet_has_its_catalogue_focal_length() {
+    let system = read(DOUBLET).unwrap();
+    assert_eq!((system.name.as_str(), system.stop, system.notes.len()), ("a doublet", 0, 0));
+    assert_eq!((system.fields.len(), system.wavelengths_um.len()), (2, 3));
+    assert_eq!((system.surfaces[0].aperture_mm, system.surfaces[2].aperture_mm), (Some(12.0), None));
+    let p = Paraxial::new(&system, 0.5876).unwrap();
+    assert!((p.effective_focal_length_mm - 100.0).abs() < 0.05, "{}", p.effective_focal_length_mm);
+    assert!(p.focus_shift_mm().abs() < 1e-3, "{}", p.focus_shift_mm());
+}
+
+#[test]
+fn paraxial_image_solve_is_solved_where_the_gap_is_zero() {
+    let solved = read(&DOUBLET.replace("95.951944", "0")).unwrap();
+    assert!((solved.surfaces[2].thickness_mm - 95.951944).abs() < 1e-3);
+}
+
+#[test]
+fn curvature_mode_inches_and_glass_codes_are_converted() {
+    let text = DOUBLET
+        .replace("RDM;", "")
+        .replace("DIM M", "DIM I")
+        .replace("S 61.47 6.0 NBK7_SCHOTT", "S 0.5 0.2 516800.641673");
+    let system = read(&text).unwrap();
+    assert!((system.surfaces[0].shape.curvature - 0.5 / 25.4).abs() < 1e-15);
+    let radii = read(&DOUBLET.replace("RDM;", "")).unwrap();
+    assert_eq!(radii.surfaces, read(DOUBLET).unwrap().surfaces);
+    assert!(radii.notes.iter().any(|n| n.contains("RDM")), "{:?}", radii.notes);
+    assert!((system.surfaces[0].medium.index(0.587_561_8).unwrap() - 1.5168).abs() < 1e-9);
+    assert!(system.notes.iter().any(|n| n.contains("516800.641673")));
+}
+
+#[test]
+fn numbered_lists_and_private_glasses_are_read() {
+    let text = DOUBLET
+        .replace("WL 587.6 486.1 &\n 656.3", "WL W1 587.6 W2 486.1 W3 656.3")
+        .replace("YAN 0.0 1.0", "YAN F1 0.0 F2 1.0")
+        .replace("NBK7_SCHOTT", "'OWN'")
+        .replace(
+            "SO 0.0 0.1e14",
+            "PRV\nPWL 656.3 587.6 486.1 404.7\n'OWN' 1.51432 1.51680 1.52237 1.53024\nEND\nSO INF INF",
+        );
+    let system = read(&text).unwrap();
+    assert_eq!((system.fields.clone(), system.wavelengths_um.len()), (vec![0.0, 1.0], 3));
+    assert_eq!(system.surfaces[0].medium.index(0.5876).unwrap(), 1.5168);
+    let between = system.surfaces[0].medium.index(0.546_074).unwrap();
+    assert!((between - 1.518_72).abs() < 2e-5, "{between}");
+    assert!(system.surfaces[0].medium.index(0.39).is_err() && system.object_distance_mm.is_none());
+}
+
+#[test]
+fn mirrors_and_obscurations_count_along_the_light() {
+    let text = "RDM;LEN\nEPD 4\nDIM I\nWL 587.6\nYAN 0 0.2\nSO 0 1e13\nS 0 8.0\n  CIR OBS L'A' 0.8\nS -24 -8.0 REFL\n  STO\n  K -1.1\n  A 1e-6\n\
+        S -12.5 10.4 REFL\nSI 0 0.1\nGO\n";
+    let system = read(text).unwrap();
+    let [plane, primary, secondary, _] = &system.surfaces[..] else { panic!("{system:?}") };
+    assert_eq!(system.aperture, Aperture::EntrancePupil(4.0 * 25.4));
+    assert!((plane.obscuration_mm.unwrap() - 0.8 * 25.4).abs() < 1e-12);
+    assert!(primary.is_mirror && primary.shape.curvature < 0.0 && primary.shape.aspheric[1] > 0.0);
+    // Seen by the light that comes back, the secondary is convex towards it.
+    assert!(secondary.is_mirror && secondary.shape.curvature > 0.0);
+    let gaps: Vec<f64> = system.surfaces.iter().map(|s| s.thickness_mm / 25.4).collect();
+    assert!(gaps.iter().zip([8.0, 8.0, 10.5, 0.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{gaps:?}");
+}
+
+#[test]
+fn unsupported_optics_is_an_error_with_its_line() {
+    for (from, to, line) in [
+        ("NBK7_SCHOTT", "NBK99_SCHOTT", 11),
+        ("  CIR EDG 13", "  ADE 3.0", 16),
+        ("  CIR EDG 13", "  GRT", 16),
+        ("EPD 25.0", "EPD x", 3),
+    ] {
+        let error = read(&DOUBLET.replace(from, to)).unwrap_err();
+        assert!(matches!(&error, DesignError::Line { line: l, .. } if *l == line), "{to}: {error}");
+    }
+    let macro_file = read("ver no\nlcl num ^x\nfor ^i 1 3\nend for\n").unwrap_err().to_string();
+    let strict = ReadOptions { strict: true, configuration: None };
+    assert!(macro_file.contains("macro"), "{macro_file}");
+    assert!(parse(DOUBLET.replace("GO", "QQQ 1").as_bytes(), &GlassLibrary::new(), &strict).is_err());
+}
