@@ -61,7 +61,7 @@ use std::path::Path;
 
 /// Simulate the sensor-plane image (film) that a lens forms of a multispectral chart.
 #[derive(Debug, Parser)]
-#[command(name = "lenscube", version, max_term_width = 110)]
+#[command(name = "lenscube", version, long_version = crate::version::long(), max_term_width = 110)]
 #[command(
     after_help = "Start here:  lenscube demo\nExit codes: 0 complete, 1 failed, 2 usage, 3 the output belongs to \
 another job, 4 a check found errors or missing parts, 75 temporary error (retry), 130 interrupted (the same command resumes)"
@@ -157,5 +157,14 @@ mod tests {
     fn argument_definitions_are_consistent() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn help_names_every_exit_code() {
+        use clap::CommandFactory;
+        let help = Cli::command().get_after_help().unwrap().to_string();
+        for (code, meaning) in crate::failure::code::MEANINGS {
+            assert!(help.contains(&format!("{code} {meaning}")), "{code} {meaning} in {help}");
+        }
     }
 }

@@ -24,6 +24,17 @@ pub mod code {
     pub const RETRY: u8 = 75;
     /// Interrupted; the same command resumes.
     pub const INTERRUPTED: u8 = 130;
+
+    /// All, with their meanings for people.
+    pub const MEANINGS: [(u8, &str); 7] = [
+        (0, "complete"),
+        (FAILED, "failed"),
+        (USAGE, "usage"),
+        (OTHER_JOB, "the output belongs to another job"),
+        (WRONG, "a check found errors or missing parts"),
+        (RETRY, "temporary error (retry)"),
+        (INTERRUPTED, "interrupted (the same command resumes)"),
+    ];
 }
 
 /// An error with an exit code.

@@ -32,6 +32,7 @@ mod status;
 mod trace;
 mod validate;
 mod verify;
+mod version;
 mod view;
 
 use args::{Cli, Command};

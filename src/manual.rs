@@ -1,7 +1,9 @@
 //! `lenscube completions` and `lenscube man`: shell completions and manual pages, generated from the argument definitions.
 
+mod listing;
+
 use crate::args::{Cli, CompletionsArgs, ManArgs};
-use crate::progress::log_line;
+use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use formats::durable::create_directories;
@@ -20,6 +22,10 @@ pub fn man(args: &ManArgs) -> Result<()> {
     let mut cli = Cli::command();
     // Names the subcommands in full, as `lenscube-lens-trace`.
     cli.build();
+    if args.json {
+        print(serde_json::to_string_pretty(&listing::listing(&cli))?);
+        return Ok(());
+    }
     let Some(dir) = &args.dir else { return to_stdout(&page(cli)?) };
     create_directories(dir, true)?;
     let pages = write(&cli, "", dir)?;

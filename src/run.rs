@@ -74,16 +74,16 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
     if args.work.die_with_parent {
         interrupt::die_with_parent().context("--die-with-parent")?;
     }
-    let jsonl = (args.work.progress == ProgressArg::Jsonl).then(Jsonl::new);
+    let jsonl = (args.work.progress == ProgressArg::Jsonl).then(Jsonl::start);
     let result = match &args.work.plan {
         None if args.dry_run => forecast::print(&args.job).map(|()| 0),
-        None => run_job(&args.job, jsonl.as_ref(), args.work.progress),
+        None => run_job(&args.job, jsonl, args.work.progress),
         Some(plan) => {
             let units = || Units::read(plan.clone(), args.work.unit.as_deref());
-            units().and_then(|units| run_units(&units, args, matches, jsonl.as_ref()))
+            units().and_then(|units| run_units(&units, args, matches, jsonl))
         }
     };
-    if let Some(jsonl) = &jsonl {
+    if let Some(jsonl) = jsonl {
         jsonl.end(&result);
     }
     result

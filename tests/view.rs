@@ -278,6 +278,15 @@ fn completions_and_manual_pages_include_every_command() {
     let page = std::fs::read_to_string(pages.join("lenscube-view.1")).unwrap();
     assert!(page.contains(".TH lenscube") && page.contains("\\-\\-port"), "{page}");
     assert!(lenscube(&["man"]).ok().stdout.contains(".TH lenscube"));
+    let listing: serde_json::Value = serde_json::from_str(&lenscube(&["man", "--json"]).ok().stdout).unwrap();
+    let run = listing["commands"].as_array().unwrap().iter().find(|c| c["name"] == "run").unwrap();
+    let argument =
+        |name: &str| run["arguments"].as_array().unwrap().iter().find(|a| a["name"] == name).unwrap();
+    let lens = argument("lens");
+    assert_eq!((&lens["flag"], &lens["takes_value"]), (&"--lens".into(), &true.into()), "{lens}");
+    assert_eq!((&argument("roi")["repeatable"], argument("chart").get("flag")), (&true.into(), None));
+    assert_eq!(listing["exit_codes"].as_array().unwrap().len(), 7);
+    assert_eq!(lenscube(&["man", "--json", text(&pages)]).code, 2);
 }
 
 #[test]

@@ -11,6 +11,7 @@ import argparse, collections, hashlib, json, os, shutil, signal, socket, subproc
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+PACKAGE = HERE.parent / "python"
 TTL_S = 3
 
 
@@ -183,9 +184,9 @@ class Test:
 
     def run(self, cluster, cut_s):
         """Runs the driver and injects both failures."""
-        argv = [sys.executable, "-m", "lenscube_dask.main", self.plan, "--scheduler", cluster.scheduler]
+        argv = [sys.executable, "-m", "lenscube.dask.main", self.plan, "--scheduler", cluster.scheduler]
         argv += ["--lenscube", self.lenscube, "--log", self.log.path, "--retry-pause", "1"]
-        env = dict(os.environ, PYTHONPATH=f"{HERE}:{os.environ.get('PYTHONPATH', '')}")
+        env = dict(os.environ, PYTHONPATH=f"{PACKAGE}:{os.environ.get('PYTHONPATH', '')}")
         with open(self.place / "driver.log", "w") as out:
             drive = subprocess.Popen(list(map(str, argv)), env=env, stderr=out)
             try:

@@ -6,7 +6,7 @@ Called by `slurm-on-one-machine test`, which starts and stops Slurm. The film mu
 import json, os, shutil, signal, subprocess, sys, time
 from pathlib import Path
 
-from test_hosts import HERE, digest, wait_until
+from test_hosts import HERE, PACKAGE, digest, wait_until
 
 SIZE = 6000
 
@@ -122,10 +122,10 @@ def gone(job):
 def dask(test, python):
     """lenscube-dask --slurm, with workers of SLURMCluster of dask-jobqueue."""
     test.plan_new_film()
-    arguments = [python, "-m", "lenscube_dask.main", test.plan, "--slurm", "2", "--cpus", "1", "--memory", "1GiB", "--partition", "main"]
+    arguments = [python, "-m", "lenscube.dask.main", test.plan, "--slurm", "2", "--cpus", "1", "--memory", "1GiB", "--partition", "main"]
     arguments += ["--walltime", "00:10:00", "--interface", "lo", "--lenscube", test.lenscube]
     start = time.monotonic()
-    env = dict(os.environ, PYTHONPATH=f"{HERE}:{os.environ.get('PYTHONPATH', '')}")
+    env = dict(os.environ, PYTHONPATH=f"{PACKAGE}:{os.environ.get('PYTHONPATH', '')}")
     done = subprocess.run(list(map(str, arguments)), cwd=test.place, env=env, capture_output=True, text=True, timeout=400)
     print(done.stderr.strip().replace(str(test.place), "FOLDER"))
     if done.returncode:

@@ -20,10 +20,14 @@ pub struct CompletionsArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  lenscube man ~/.local/share/man/man1     # a page for every command\n  \
-lenscube man | man -l -                  # the first page"
+lenscube man | man -l -                  # the first page\n  \
+lenscube man --json | jq '.commands[].name'"
 )]
 pub struct ManArgs {
     /// Directory for the pages of all commands [default: the program's own page to stdout]
     #[arg(value_name = "DIR")]
     pub dir: Option<PathBuf>,
+    /// Print commands, arguments and exit codes as JSON, for programs that call this one
+    #[arg(long, conflicts_with = "dir")]
+    pub json: bool,
 }

@@ -13,7 +13,7 @@ use super::cache::{self, Cache};
 use crate::args::DesignArgs;
 use crate::design::{self, DesignFile};
 use crate::open;
-use crate::progress::{log_line, tracing_bar};
+use crate::progress::{jsonl, log_line, tracing_bar};
 use crate::trace::attributes;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, LensPackError};
@@ -223,7 +223,8 @@ fn trace(
         BandTracer { system, name, cache: Cache::open()?, threads, bar: tracing_bar(nm.len()), traced: 0 };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     let mut coarsest = (0.0, 0.0);
-    for &nm in &nm {
+    let bands = nm.len();
+    for (done, &nm) in nm.iter().enumerate() {
         let (recipe, pack) = tracer.covering_film(nm, frame, options)?;
         coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
         recipes.push(format!("{recipe}-{}", pack.band_digest(0)?));
@@ -232,6 +233,7 @@ fn trace(
         merged.bands.extend(pack.lens().bands.iter().cloned());
         packs.push(pack);
         tracer.bar.inc(1);
+        jsonl::traced(done + 1, bands);
     }
     tracer.bar.finish_and_clear();
     let mut notes: Vec<String> = system.notes.clone();

@@ -1,6 +1,7 @@
 //! Progress for programs: one JSON object per line on stdout. `elapsed_s` counts from the start of the command.
 //!
 //! ```text
+//! trace     bands, bands_total: bands of the lens that have been traced or found in the cache, before `start`; not for a lens pack
 //! start     film, device, threads, pid, host, shards, shards_done, tiles, pixels, startup_s
 //! progress  band, tiles, tiles_total, pixels, pixels_total, shards, shards_total, bytes_written, mpx_per_s, eta_s; at most one per second
 //! shard     key, band, bytes
@@ -17,6 +18,9 @@ use std::time::{Duration, Instant};
 
 /// Minimum time between two `progress` events.
 const INTERVAL: Duration = Duration::from_secs(1);
+
+/// That of this process.
+static ACTIVE: OnceLock<Jsonl> = OnceLock::new();
 
 /// Writes the events of one command.
 pub struct Jsonl {
@@ -47,9 +51,13 @@ struct Totals {
 }
 
 impl Jsonl {
-    /// For a command that starts now.
-    pub fn new() -> Self {
-        Self { start: Instant::now(), common: OnceLock::new(), state: Mutex::default() }
+    /// For the command of this process, which starts now.
+    pub fn start() -> &'static Self {
+        ACTIVE.get_or_init(|| Self {
+            start: Instant::now(),
+            common: OnceLock::new(),
+            state: Mutex::default(),
+        })
     }
 
     /// Adds the plan and its units to all following events.
@@ -124,5 +132,12 @@ impl Jsonl {
         };
         let retry = [code::RETRY, code::INTERRUPTED].contains(&code);
         self.write("error", json!({ "code": code, "retry": retry, "message": message }));
+    }
+}
+
+/// Writes the `trace` event, if this process writes events.
+pub fn traced(bands: usize, bands_total: usize) {
+    if let Some(jsonl) = ACTIVE.get() {
+        jsonl.write("trace", json!({ "bands": bands, "bands_total": bands_total }));
     }
 }

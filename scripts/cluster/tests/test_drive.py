@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from distributed import LocalCluster
 
-from lenscube_dask import main
+from lenscube.dask import main
 
-PACKAGE = str(Path(__file__).parent.parent)
+PACKAGE = str(Path(__file__).parent.parent.parent / "python")
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def cluster():
 
 def driver(job, fake, *arguments, **options):
     """The driver as a separate process."""
-    argv = [sys.executable, "-m", "lenscube_dask.main", str(job.plan), "--lenscube", fake, "--retry-pause", "0.1", *arguments]
+    argv = [sys.executable, "-m", "lenscube.dask.main", str(job.plan), "--lenscube", fake, "--retry-pause", "0.1", *arguments]
     env = dict(os.environ, PYTHONPATH=f"{PACKAGE}:{os.environ.get('PYTHONPATH', '')}")
     return subprocess.Popen(argv, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 

@@ -4,9 +4,9 @@ import io
 
 import pytest
 
-from lenscube_dask import clusters, main
-from lenscube_dask.plan import Failure, Plan, format_units, parse_units
-from lenscube_dask.progress import Display, clock
+from lenscube.dask import clusters, main
+from lenscube.dask.plan import Failure, Plan, format_units, parse_units
+from lenscube.dask.progress import Display, clock
 
 
 @pytest.mark.parametrize("text, units", [("3,7-9\n", [3, 7, 8, 9]), ("", []), ("\n", []), ("0-0,2", [0, 2])])
@@ -42,7 +42,7 @@ def test_durations_are_in_s_min_or_h():
 
 
 def test_progress_line_counts_units_tiles_and_hosts(monkeypatch):
-    monkeypatch.setattr("lenscube_dask.progress.time.monotonic", lambda: 1000.0)
+    monkeypatch.setattr("lenscube.dask.progress.time.monotonic", lambda: 1000.0)
     display = Display([10] * 4, [1, 2, 3], out=io.StringIO())
     assert "waiting for workers" in display.line()
     display.event({"event": "start", "unit": 1, "host": "a", "name": "a"})
@@ -50,7 +50,7 @@ def test_progress_line_counts_units_tiles_and_hosts(monkeypatch):
     display.event({"event": "progress", "unit": 2, "host": "b", "name": "b", "tiles": 5, "pixels": 5_000_000})
     display.event({"event": "end", "unit": 1, "host": "a", "name": "a", "code": 0})
     display.done(1, 10_000_000)
-    monkeypatch.setattr("lenscube_dask.progress.time.monotonic", lambda: 1010.0)
+    monkeypatch.setattr("lenscube.dask.progress.time.monotonic", lambda: 1010.0)
     assert display.line() == "2 of 4 units, 50 %, 1.5 Mpx/s, 1 running on 1 host, 10 s left"
 
 

@@ -58,7 +58,7 @@ def slurm(args: argparse.Namespace) -> Any:
     try:
         from dask_jobqueue import SLURMCluster
     except ImportError as e:
-        raise Failure(f"--slurm needs dask-jobqueue (pip install 'lenscube-dask[slurm]'): {e}", 2) from e
+        raise Failure(f"--slurm needs dask-jobqueue (pip install 'lenscube[dask-slurm]'): {e}", 2) from e
     cluster = SLURMCluster(**slurm_options(args))
     cluster.adapt(minimum=0, maximum=args.slurm)
     return cluster
@@ -86,7 +86,7 @@ def kubernetes(args: argparse.Namespace) -> Any:
     try:
         from dask_kubernetes.operator import KubeCluster
     except ImportError as e:
-        raise Failure(f"--kubernetes needs dask-kubernetes (pip install 'lenscube-dask[kubernetes]'): {e}", 2) from e
+        raise Failure(f"--kubernetes needs dask-kubernetes (pip install 'lenscube[dask-kubernetes]'): {e}", 2) from e
     return KubeCluster(custom_cluster_spec=kubernetes_spec(args), namespace=args.namespace, quiet=True)
 
 
