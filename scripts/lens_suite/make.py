@@ -23,7 +23,10 @@ UM = (0.4861, 0.5876, 0.6563)
 OUT = Path(__file__).resolve().parents[2] / "pipeline/tests/data/lens_suite.txt"
 
 
-HALF, RINGS, SPOKES = 16, 48, 96
+HALF = 16
+# Rings and spokes of the PSF's rays; lenses with aberrations of many wavelengths need more.
+RAYS, MANY_RAYS = (48, 96), (160, 320)
+ABERRATED = ("front-stop-singlet", "telephoto")
 
 
 def dispersion(glass):
@@ -39,6 +42,7 @@ def dispersion(glass):
 
 class Lens:
     def __init__(self, name):
+        self.name = name
         _, self.stop, self.diameter, self.object, self.tans, rows = LENSES[name]
         rows = [(*row, *(0.0, ())[len(row) - 3 :]) for row in rows] + [(0.0, 0.0, "", 0.0, ())]
         self.rows = [(c, t, dispersion(g), k, tuple(a)) for c, t, g, k, a in rows]
@@ -235,8 +239,9 @@ class Lens:
 
     def psf(self, um, tan, pupil, sign, stop_radius):
         """Pitch in um and samples of the PSF about the chief ray, rows y from 0 up, columns x; peak 1."""
-        nodes, weights = np.polynomial.legendre.leggauss(RINGS)
-        phi = (np.arange(SPOKES) + 0.5) * 2 * np.pi / SPOKES
+        rings, spokes = MANY_RAYS if self.name in ABERRATED else RAYS
+        nodes, weights = np.polynomial.legendre.leggauss(rings)
+        phi = (np.arange(spokes) + 0.5) * 2 * np.pi / spokes
         inner = self.hole(um, tan, pupil, sign, stop_radius, phi)
         rho = inner + (1 - inner) * (nodes[:, None] + 1) / 2
         area = rho * (1 - inner) * weights[:, None] * stop_radius**2

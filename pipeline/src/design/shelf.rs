@@ -35,6 +35,7 @@ pub const LENSES: &[ShelfLens] = &[
     ShelfLens { name: SAMPLE, kind: "double Gauss", text: include_str!("../../data/double-gauss-28.zmx") },
     lens!("cine-petzval", "cine projection"),
     lens!("fast-fifty", "fast fifty"),
+    lens!("fisheye-170", "fisheye"),
     lens!("macro-100", "macro"),
     lens!("macro-70", "macro"),
     lens!("mirror-500", "mirror lens"),
