@@ -27,11 +27,12 @@ class WheelHook(BuildHookInterface):
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform_tag(program.read_bytes())}"
         build_data["shared_scripts"][str(program)] = "lenscube"
-        listing = subprocess.run([os.environ.get("LENSCUBE_HOST_BINARY") or program, "man", "--json"], capture_output=True, check=True)
+        listing = subprocess.run([os.environ.get("LENSCUBE_HOST_BINARY") or program, "man", "--json"], stdout=subprocess.PIPE, check=True).stdout
         self.folder = tempfile.TemporaryDirectory()
-        types = Path(self.folder.name) / "_flags.pyi"
-        types.write_text(stub(json.loads(listing.stdout)))
-        build_data["force_include"][str(types)] = "lenscube/_flags.pyi"
+        for name, text in (("_flags.pyi", stub(json.loads(listing))), ("commands.json", listing.decode())):
+            path = Path(self.folder.name) / name
+            path.write_text(text)
+            build_data["force_include"][str(path)] = f"lenscube/{name}"
         if licences := os.environ.get("LENSCUBE_LICENCES"):
             build_data["extra_metadata"][licences] = "THIRD-PARTY-LICENCES.txt"
 
