@@ -20,7 +20,7 @@ Number = int | float
 Value = str | os.PathLike[str] | Number | slice | Sequence[Number] | Sequence[Sequence[Number]] | Any
 '''
 # Flags that functions of the package set, or have as parameters.
-OWN = {"progress", "die_with_parent", "dry_run", "plan", "unit", "missing", "out", "output", "json"}
+OWN = {"progress", "die_with_parent", "quiet", "verbose", "dry_run", "plan", "unit", "missing", "out", "output", "json"}
 
 
 def commands(described: dict[str, Any], words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:

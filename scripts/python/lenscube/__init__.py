@@ -27,6 +27,7 @@ from ._films import open
 from ._picture import Picture
 from ._plan import Plan, plan
 from ._program import path as program
+from ._signatures import describe
 from .camera import compare, develop, sensor, shoot
 from .commands import chart, chart_image, command, export, forecast, measure, run, status, verify
 from .errors import (
@@ -41,6 +42,26 @@ from .errors import (
     UsageError,
 )
 from .lenses import lens, lens_diff, lens_list, lens_trace
+
+describe(
+    {
+        ("run",): run,
+        ("plan",): plan,
+        ("chart",): chart,
+        ("chart", "image"): chart_image,
+        ("export",): export,
+        ("measure",): measure,
+        ("status",): status,
+        ("verify",): verify,
+        ("sensor",): sensor,
+        ("develop",): develop,
+        ("shoot",): shoot,
+        ("compare",): compare,
+        ("lens", "show"): lens,
+        ("lens", "trace"): lens_trace,
+        ("lens", "diff"): lens_diff,
+    }
+)
 
 __all__ = [
     "CheckError",

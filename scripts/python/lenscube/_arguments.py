@@ -20,9 +20,14 @@ def keyword(flag: str) -> str:
     return f"{name}_" if iskeyword(name) else name
 
 
-def _flags(words: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    found = {keyword(a["flag"]): a for a in described_command(words)["arguments"] if a.get("flag")}
+def flags_of(described: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The flags of a described command, by keyword."""
+    found = {keyword(a["flag"]): a for a in described["arguments"] if a.get("flag")}
     return {name: argument for name, argument in found.items() if name not in OWN}
+
+
+def _flags(words: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    return flags_of(described_command(words))
 
 
 def flags(*words: str) -> dict[str, str]:

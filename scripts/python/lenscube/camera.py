@@ -1,6 +1,7 @@
 """Cameras: raws, their development and comparison."""
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,9 +29,9 @@ def sensor(film: Chart, raw: PathLike | None = None, **flags: "Unpack[f.Sensor]"
 
     Returns `raw` (frame, y [mm], x [mm]) u16 in digital numbers, lazy, with the coordinate `exposure_s`; a Picture of a file.
     """
-    path = Path(raw) if raw is not None else _films.temporary_folder() / "raw.zarr"
+    path = os.fspath(raw if raw is not None else _films.temporary_folder() / "raw.zarr")
     execute(arguments(("sensor",), [_films.path_of(film, "film"), path], flags))
-    return Picture(path) if path.suffix.lower() in (".dng", ".tif", ".tiff", ".png") else _films.open(path)
+    return Picture(path) if path.lower().endswith((".dng", ".tif", ".tiff", ".png")) else _films.open(path)
 
 
 def develop(raw: Any, out: PathLike | None = None, **flags: "Unpack[f.Develop]") -> Picture:

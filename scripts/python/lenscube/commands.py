@@ -63,7 +63,7 @@ def run(
         f2, f4 or f8. A DataArray gives its wavelengths [nm, or as the attribute `units` says] by its coordinate, and the film pitch by its
         attribute `pitch_um` or evenly spaced coordinates x and y with a unit of length; else `wavelengths` [nm] and `film_pitch_um` do.
         A cube in memory is written once to a temporary file: of a store on disk pass the path.
-    film: path of the film, a Zarr v3 group; None: a temporary folder, removed at the end of this process.
+    film: path of the film, a Zarr v3 group, or s3://BUCKET/PREFIX; None: a temporary folder, removed at the end of this process.
     progress: None: a bar on a terminal and in notebooks; True, False; or a function of the events of `--progress jsonl`.
     temp_dir: folder for the temporary chart, e.g. "/dev/shm" to keep it in memory [default: TMPDIR or /tmp].
     flags: those of `lenscube run`, `lenscube.flags("run")` explains them: lens="double-gauss-28", film_size="1024",
@@ -77,7 +77,8 @@ def run(
     """
     if "dry_run" in flags:
         raise TypeError("run() has no keyword 'dry_run'; use forecast()")
-    path = Path(film) if film is not None else _films.temporary_folder() / "film.zarr"
+    # No Path, which would shorten s3://.
+    path = film if film is not None else _films.temporary_folder() / "film.zarr"
     with given(chart, dict(flags), temp_dir, pitch=True) as (name, flags_given), Progress(progress) as shown:
         run_process([name, path], flags_given, shown)
     return _films.open(path)

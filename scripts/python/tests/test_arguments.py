@@ -1,10 +1,13 @@
 """Keywords to flags."""
 
+import inspect
+import json
+
 import numpy
 import pytest
 
 import lenscube
-from lenscube import errors
+from lenscube import _signatures, errors
 from lenscube._arguments import arguments
 from lenscube._program import description
 
@@ -48,6 +51,20 @@ def test_help_of_the_program_is_the_help_of_the_keywords():
     assert "plot" in lenscube.flags("lens", "show")
     with pytest.raises(TypeError, match="commands: .*measure"):
         lenscube.flags("meassure")
+
+
+def test_signatures_name_the_keywords(tmp_path, monkeypatch):
+    def run(chart, film=None, *, progress=None, **flags):
+        """Text."""
+
+    monkeypatch.setattr(_signatures, "COMMANDS", tmp_path / "commands.json")
+    _signatures.describe({("run",): run})
+    assert "flags" in inspect.signature(run).parameters
+    (tmp_path / "commands.json").write_text(json.dumps(description()))
+    _signatures.describe({("run",): run})
+    names = list(inspect.signature(run).parameters)
+    assert names[:3] == ["chart", "film", "progress"] and set(names[3:]) == set(lenscube.flags("run"))
+    assert "interp: Interpolation between chart pixels" in run.__doc__ and "(bicubic, bilinear) [default: bicubic]" in run.__doc__
 
 
 def test_each_exit_code_has_a_class():

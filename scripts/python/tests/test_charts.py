@@ -1,6 +1,8 @@
 """Arrays as charts: order of axes, coordinates, temporary files."""
 
 import os
+import subprocess
+import sys
 
 import dask.array
 import numpy
@@ -103,3 +105,29 @@ def test_a_full_folder_is_an_error_before_anything_is_written():
     huge = xarray.DataArray(dask.array.zeros((31, 1 << 20, 1 << 20), "f4", chunks=(1, 4096, 4096)), dims=("wavelength", "y", "x"))
     with pytest.raises(OSError, match="temp_dir"), _charts.given(huge, {}):
         pass
+
+
+MEMORY = """
+import re, resource, sys, threading
+from pathlib import Path
+import dask.array, numpy, xarray
+from lenscube import _charts
+
+dask.config.set(scheduler="synchronous")
+cube = xarray.DataArray(dask.array.ones((32, 1024, 2048), "f4", chunks=(1, 512, 2048)), dims=("wavelength", "y", "x"))
+_charts.write(Path(sys.argv[1]), cube[:1])
+data = 1024 * int(re.search(r"VmData:\\s+(\\d+)", open("/proc/self/status").read())[1])
+resource.setrlimit(resource.RLIMIT_DATA, (data + (64 << 20),) * 2)
+_charts.write(Path(sys.argv[1]), cube)
+try:
+    cube.compute()
+except MemoryError:
+    print("the cube does not fit")
+"""
+
+
+def test_a_cube_is_written_with_less_memory_than_it_has(tmp_path):
+    path = tmp_path / "chart.npy"
+    done = subprocess.run([sys.executable, "-c", MEMORY, str(path)], capture_output=True, text=True)
+    assert done.stdout == "the cube does not fit\n", done.stderr
+    assert numpy.load(path, mmap_mode="r").shape == (32, 1024, 2048)
