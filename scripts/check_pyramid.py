@@ -1,7 +1,7 @@
 """Opens pyramids of the program with OME-Zarr models and readers from PyPI; run by check-interop.
 
 Checked: the metadata are valid OME-Zarr 0.5; ome-zarr-py's reader and napari's plugin find every level; each level is the mean over
-2 x 2 pixels of the one before, as computed by numpy; scales and translations align all levels; and xarray, zarr-python and tensorstore
+2 x 2 pixels of the one before, as computed by numpy, of a raw over pixels of one filter; scales and translations align all levels; and xarray, zarr-python and tensorstore
 read the same film with and without a pyramid.
 """
 import json
@@ -41,7 +41,18 @@ def dataset(path):
         return ds.load()
 
 
-def levels(path, number, name):
+def halved_mosaic(a, period=2):
+    """Means over pixels of one filter in 2 x 2 periods, rounded to even; pixels without a partner by themselves."""
+    def pairs(n):
+        first = np.arange(-(-n // 2)) // period * 2 * period + np.arange(-(-n // 2)) % period
+        return first, np.where(first + period < n, first + period, first)
+    (top, bottom), (left, right) = pairs(a.shape[1]), pairs(a.shape[2])
+    f = a.astype(np.float64)
+    means = sum(f[:, rows][:, :, columns] for rows in (top, bottom) for columns in (left, right)) / 4
+    return np.rint(means).astype(a.dtype)
+
+
+def levels(path, number, name, halved=halved):
     """Checks one multiscale and returns its arrays."""
     at = f"{path.name}, {name}"
     group = zarr.open_consolidated(str(path))
@@ -111,6 +122,22 @@ with tempfile.TemporaryDirectory() as tmp:
             if name == "half":
                 continue
             arrays, first = levels(path, number, array)
+            dims = before[array].dims
+            check(np.allclose(first[1:], [before[d].values[0] for d in dims[1:]], rtol=1e-12, atol=1e-12), f"{path.name}: translation {first}")
+            if number == 0:
+                readers(path, arrays)
+        lenscube("verify", path)
+    # Raws: mosaics of mosaics, in 16 bits.
+    for name, flags in [("raw", ("--keep-signal",)), ("windows", ("--roi", "3,5,600,301", "--roi", "100,200,40,30"))]:
+        path = Path(tmp) / f"{name}.raw.zarr"
+        lenscube("sensor", Path(tmp) / "film.zarr", path, "--sensor", "example-2um", "--exposure", "5ms,20ms", "--no-fsync", *flags)
+        before = dataset(path)
+        lenscube("pyramid", path)
+        check(dataset(path).identical(before.assign_attrs(dataset(path).attrs)), f"{path.name}: xarray reads another raw")
+        check({k: v for k, v in dataset(path).attrs.items() if k != "ome"} == before.attrs, f"{path.name}: other attributes")
+        consolidated(path)
+        for number, array in enumerate(k for k in before.data_vars if k.startswith(("raw", "roi"))):
+            arrays, first = levels(path, number, array, halved_mosaic)
             dims = before[array].dims
             check(np.allclose(first[1:], [before[d].values[0] for d in dims[1:]], rtol=1e-12, atol=1e-12), f"{path.name}: translation {first}")
             if number == 0:

@@ -2,7 +2,8 @@
 //
 // Checked: no error on the console and no request to another host; zoom, bands, exposure, swipe, pins and crops by mouse and by
 // keyboard; the spectrum on the page is that of the store; a crop has the pixels of `lenscube export`; a foreign Host is rejected; every
-// control has an accessible name; light, dark and narrow layouts (SHOTS=folder keeps screenshots).
+// control has an accessible name; light, dark and narrow layouts; a raw developed as by `lenscube develop`, its mosaic, and a pixel's
+// numbers (SHOTS=folder keeps screenshots).
 
 import { execFileSync, spawn } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync, mkdirSync } from "node:fs";
@@ -259,6 +260,57 @@ async function withoutPyramidAndLens(browser, url) {
   await context.close();
 }
 
+async function rawPage(browser, url) {
+  const { page, context, errors } = await open(browser, url);
+  check((await text(page, "facts")).includes("example-2um"), "the header names the sensor");
+  check((await page.locator("#mode-colour + span").textContent()) === "Developed", "colours are those of the development");
+  check(!(await page.locator("#lens-section").isVisible()) && !(await page.locator("#spectrum-figure").isVisible()), "a raw has no lens and no spectrum");
+  // Frame 1, its pixel in digital numbers and electrons.
+  await page.locator("#band").fill("1");
+  await ready(page);
+  check((await text(page, "band-text")).startsWith("frame 1, "), await text(page, "band-text"));
+  await page.locator("#px").fill("40");
+  await page.locator("#py").fill("31");
+  await page.locator("#go button").click();
+  await page.waitForFunction(() => document.body.dataset.pixel === "40,31");
+  await page.waitForTimeout(300);
+  const reading = await (await fetch(`${url}api/pixel?x=40&y=31&frame=1&white=D65`)).json();
+  const { dn, electrons, signal_e } = reading.raw.frames[1];
+  const panel = await text(page, "place");
+  check(panel.includes(`${dn} DN`) && panel.includes(`${electrons.toFixed(1)} e⁻`) && panel.includes(`${signal_e.toFixed(1)} e⁻`), `${panel} for ${JSON.stringify(reading.raw)}`);
+  check(Math.abs(electrons - (dn - 256) / 0.28) < 1e-9, `${dn} DN are ${electrons} e⁻`);
+  check(panel.includes(reading.developed.join(", ")), "the developed colour is shown");
+  await screenshot(page, "raw-developed");
+  // At 1:1 the page shows what `develop` writes.
+  const out = join(place, "developed.png");
+  run("develop", join(place, "raw.zarr"), out, "--frame", "1", "--white", "D65");
+  const crop = Buffer.from(await (await fetch(`${url}crop.png?x=0&y=0&w=463&h=541&frame=1&white=D65&exposure=1&gamma=1`)).arrayBuffer());
+  const [a, b] = [await pixels(page, crop), await pixels(page, readFileSync(out))];
+  check(a.w === 463 && a.h === 541 && a.rgba.every((v, i) => v === b.rgba[i]), "the page's development is that of the command");
+  // The mosaic by its key, enlarged.
+  await page.keyboard.press("Escape");
+  await page.locator("#view .openseadragon-canvas").focus();
+  const requested = page.waitForRequest((r) => r.url().includes("mosaic=1") && r.url().includes("frame=1"));
+  await page.keyboard.press("b");
+  await requested;
+  await ready(page);
+  for (let i = 0; i < 8; i += 1) await page.keyboard.press("+");
+  await page.waitForTimeout(900);
+  await ready(page);
+  await page.keyboard.press("Enter");
+  await page.waitForTimeout(300);
+  await screenshot(page, "raw-mosaic");
+  await page.keyboard.press(",");
+  await ready(page);
+  check((await text(page, "band-text")).startsWith("frame 0, "), "the key , goes one frame back");
+  const nameless = await page.evaluate(() => [...document.querySelectorAll("button, input, select, a, [role=slider]")].filter((e) =>
+    e.offsetParent && !(e.getAttribute("aria-label") || e.labels?.length || e.textContent.trim())).map((e) => e.id || e.outerHTML));
+  check(nameless.length === 0, `without a name: ${nameless}`);
+  check(errors.length === 0, `console: ${errors.join("; ")}`);
+  await context.close();
+}
+
+const exposed = ["--sensor", "example-2um", "--set", "pixel.pitch_um=50", "--set", "pixel.aperture_um=50", "--exposure", "2e-5,8e-5"];
 const chart = ["gen:composite?size=541x463&wavelengths=450,550,610&pitch_um=50"];
 const job = ["--no-fsync"];
 const servers = [];
@@ -268,6 +320,9 @@ try {
   run("run", ...chart, join(place, "bare.zarr"), ...job);
   servers.push(await view(join(place, "film.zarr")));
   servers.push(await view(join(place, "bare.zarr//film"), "--chart", chart[0]));
+  run("sensor", join(place, "film.zarr"), join(place, "raw.zarr"), ...exposed, "--keep-signal", "--no-fsync");
+  run("pyramid", join(place, "raw.zarr"));
+  servers.push(await view(join(place, "raw.zarr")));
   const { url } = servers[0];
   const { port } = new URL(url);
   check(await status(url, {}) === 200, "the page is served");
@@ -279,6 +334,7 @@ try {
   await swipes(browser, url);
   await crops(browser, url);
   await withoutPyramidAndLens(browser, servers[1].url);
+  await rawPage(browser, servers[2].url);
   const { child } = servers.pop();
   child.removeAllListeners("exit");
   const ended = new Promise((resolve) => child.once("exit", resolve));

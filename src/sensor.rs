@@ -21,7 +21,7 @@ mod write;
 use crate::args::{ExposeArgs, SensorArgs, SensorCommand};
 use crate::failure::{code, other_job, usage};
 use crate::interrupt;
-use crate::progress::{log_line, report_kept};
+use crate::progress::{detail_line, log_line, report_kept};
 use anyhow::Result;
 use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::raw::{RawError, RawSpec, RawStore};
@@ -174,6 +174,7 @@ fn work(
             missing.len()
         )));
     }
+    detail_line(record::details(plan, &done));
     log_line(record::summary(&done, start));
     Ok(0)
 }

@@ -1,4 +1,4 @@
-//! `lenscube view`: serves a page on this machine that shows a film at any zoom.
+//! `lenscube view`: serves a page on this machine that shows a film or a raw at any zoom.
 
 mod content;
 mod error;
@@ -6,6 +6,7 @@ mod guard;
 mod handlers;
 mod image_pyramid;
 mod lens;
+mod mosaic;
 mod query;
 
 use crate::args::ViewArgs;
@@ -96,12 +97,12 @@ fn print_notes(content: &Content) {
                 _ => "it has no pyramid",
             };
             log_line(format!(
-                "note: {}: {state}, so low zoom levels are slow; create the pyramid of a film with `lenscube pyramid`",
+                "note: {}: {state}, so low zoom levels are slow; create the pyramid of a film or raw with `lenscube pyramid`",
                 image.name
             ));
         }
     }
-    if let Err(message) = &content.lens {
+    if let (Err(message), None) = (&content.lens, &content.film.mosaic) {
         log_line(format!("note: no lens data: {message}"));
     }
 }

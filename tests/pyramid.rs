@@ -1,10 +1,12 @@
-//! `lenscube pyramid`: killed and resumed, on incomplete films, as part of `run`, in `status` and `verify`.
+//! `lenscube pyramid` of films and raws: killed and resumed, on incomplete films, as part of `run`, in `status` and `verify`.
 #![allow(missing_docs)]
 
 mod common;
 
+use common::camera::{Place, sensor};
 use common::test_job::TestJob;
-use common::{CommandResult, files, lenscube, text};
+use common::{CommandResult, assert_exit, files, lenscube, text};
+use pipeline::geometry::Size;
 use std::path::Path;
 use std::process::Command;
 
@@ -114,4 +116,42 @@ fn pyramid_of_a_chart_or_missing_path_exits_1() {
     let ran = pyramid(&job.chart, "");
     assert!(ran.code == 1 && ran.stderr.contains("expected a film"), "{}", ran.stderr);
     assert_eq!(pyramid(&job.at("nothing"), "").code, 1);
+}
+
+/// Levels of a raw: made, killed, resumed; the raw itself is as before for whoever exposes or develops it.
+#[test]
+fn raw_gets_levels_and_stays_the_same_raw() {
+    let place = Place::new();
+    let film = place.noise(Size::new(600, 700));
+    let flags = ["--sensor", "example-2um", "--exposure", "1ms,2ms", "--keep-signal"];
+    let raw = place.raw("raw.zarr", &film, &flags);
+    let before = files(&raw);
+    for fault in ["rename:2:kill", "write:5:torn", "any:1:kill"] {
+        assert_eq!(pyramid(&raw, fault).code, -1, "{fault}");
+    }
+    let made = pyramid(&raw, "").ok();
+    assert!(made.stderr.contains("raw in 3 levels down to 150x175 px"), "{}", made.stderr);
+    let other = place.raw("other.zarr", &film, &flags);
+    pyramid(&other, "").ok();
+    let with_levels = files(&raw);
+    assert!(with_levels == files(&other));
+    for (path, bytes) in before.iter().filter(|(path, _)| text(path) != "zarr.json") {
+        assert!(with_levels.get(path) == Some(bytes), "{path:?}");
+    }
+    assert_exit(&pyramid(&raw, ""), 0, &["nothing to do"]);
+    assert_exit(&lenscube(&["status", text(&raw), "--check"]), 0, &["pyramid complete"]);
+    assert_exit(&lenscube(&["verify", text(&raw)]), 0, &["0 defects"]);
+    assert_exit(&sensor(&film, &raw, &flags), 0, &["nothing to do"]);
+    sensor(&raw, &place.at("again.zarr"), &["--exposure", "3ms"]).ok();
+    // A bad shard of a level is removed and made again.
+    std::fs::write(raw.join("pyramid/raw/1/c/1/0/0"), b"no shard").unwrap();
+    let found = lenscube(&["verify", text(&raw), "--repair"]);
+    assert_exit(&found, 4, &["bad pyramid/raw/1/c/1/0/0", "1 bad shards removed"]);
+    assert_exit(&pyramid(&raw, ""), 0, &["resuming: 1 of"]);
+    assert!(files(&raw) == with_levels);
+    // Without a shard of the raw there are no levels; a new raw has none.
+    std::fs::remove_file(raw.join("raw/c/1/0/0")).unwrap();
+    assert_exit(&pyramid(&raw, ""), 4, &["1 of 2 shards are missing", "raw/c/1/0/0"]);
+    sensor(&film, &raw, &[&flags[..], &["--seed", "3", "--overwrite"]].concat()).ok();
+    assert!(!raw.join("pyramid").exists());
 }

@@ -50,6 +50,7 @@ pub use error::FilmError;
 pub use pyramid::PyramidState;
 pub use pyramid::halve::halve;
 pub use pyramid::level::level_sizes;
+pub(crate) use pyramid::{PYRAMID_GROUP, group, listed, stamp};
 pub use shards::EncodedShard;
 pub use spec::{FilmOutput, FilmSpec};
 pub use store::FilmStore;

@@ -3,10 +3,11 @@
 //! Arrays `raw` (frame, y, x) of u16, or `roi_0`, `roi_1`, … for windows of it; coordinates `frame`, `y` and `x` (mm) (`roi_0_y`, …), `exposure_s`
 //! (frame); optionally `signal` (y, x) f32, the electrons per second that every frame starts from. Shards (1, 2048, 2048), chunks of 512,
 //! blosc zstd 1 with bit shuffle and crc32c. Digital numbers have no NaN: the fill value is 0, empty chunks are kept, so present means done.
-//! Created in one rename, opened and held, compared with its path before each commit: as films ([`crate::film`]).
+//! `pyramid/` holds smaller levels on request. Created in one rename, opened and held, compared with its path before each commit: as films ([`crate::film`]).
 
 mod contents;
 mod error;
+mod pyramid;
 mod spec;
 mod verify;
 
@@ -16,6 +17,7 @@ use pipeline::geometry::Rect;
 use serde_json::{Map, Value};
 
 pub use error::RawError;
+pub use pyramid::mosaic::{Period, halve_mosaic, mosaic_below};
 pub use spec::{RawOutput, RawSpec};
 pub use verify::RawFinding;
 
@@ -90,7 +92,9 @@ impl RawStore {
     /// [`RawError::NotRaw`] if there is none; [`RawError::Damaged`] if its metadata contradict each other.
     pub fn open(path: &Path, fsync: bool) -> Result<Self, RawError> {
         let store = open_store(path)?;
-        let all = raw_attributes(&store)?;
+        let mut all = raw_attributes(&store)?;
+        // Of the pyramid, and no part of the raw's identity.
+        all.shift_remove("ome");
         let damaged = |key: &str| RawError::Damaged { path: path.join(key) };
         let (spec, attributes) = RawSpec::from_attributes(all).ok_or_else(|| damaged("zarr.json"))?;
         for (name, metadata) in spec.arrays() {

@@ -8,9 +8,10 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  lenscube pyramid film.zarr && lenscube view film.zarr\n\
 Levels follow OME-Zarr 0.5 and are stored in the film's group; the film itself is unchanged. The same command again resumes.\n\
-Exit codes: 0 complete, 4 the film is incomplete")]
+A level of a raw is a mosaic of the same pattern: means over pixels of one filter, in digital numbers.\n\
+Exit codes: 0 complete, 4 the film or raw is incomplete")]
 pub struct PyramidArgs {
-    /// Film; it must be complete
+    /// Film or raw; it must be complete
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
     /// Take over a stale lock held by another host
@@ -28,11 +29,12 @@ pub struct PyramidArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  lenscube view film.zarr --open\n  lenscube view film.zarr --chart chart.zarr\n  \
-lenscube view film.zarr//roi_1 --port 8123\n\
-The page is served on 127.0.0.1 until Ctrl-C. `lenscube pyramid FILM` speeds up low zoom levels of a large film."
+lenscube view film.zarr//roi_1 --port 8123\n  lenscube view raw.zarr\n\
+A raw is shown developed or as its mosaic, a pixel in electrons and digital numbers.\n\
+The page is served on 127.0.0.1 until Ctrl-C. `lenscube pyramid FILM` speeds up low zoom levels of a large film or raw."
 )]
 pub struct ViewArgs {
-    /// Film or chart: PATH, PATH//array or gen:KIND?…
+    /// Film, raw or chart: PATH, PATH//array or gen:KIND?…
     #[arg(value_name = "FILM")]
     pub film: String,
     /// Chart of the film, for comparison [default: the generated chart recorded in the film]

@@ -14,6 +14,7 @@ use std::path::Path;
 /// A frame of one array of a raw.
 pub struct Frame {
     store: ChartStore,
+    array: String,
     frame: usize,
     /// Layout of the raw.
     pub spec: RawSpec,
@@ -89,7 +90,8 @@ impl Frame {
         };
         let store = ChartStore::open_at(path, names[output], options)?;
         let rect = layout.outputs[output].rect;
-        Ok(Self { store, frame, rect, attributes, sensor, gain, spec: layout })
+        let array = names[output].to_owned();
+        Ok(Self { store, array, frame, rect, attributes, sensor, gain, spec: layout })
     }
 
     /// Digital numbers of pixels of the array.
@@ -118,6 +120,11 @@ impl Frame {
     /// Exposure time, s.
     pub fn exposure_s(&self) -> f64 {
         self.spec.exposure_s[self.frame]
+    }
+
+    /// Name of the array.
+    pub fn array(&self) -> &str {
+        &self.array
     }
 
     /// Number of the frame.

@@ -1,10 +1,11 @@
-//! `lenscube status` and `lenscube verify` of raws.
+//! `lenscube status`, `verify` and `pyramid` of raws: which raw is meant, and the first two.
 
 use crate::args::{StatusArgs, VerifyArgs};
 use crate::failure::{Coded, code};
 use crate::job::threads;
 use crate::progress::{counting, json_path, print};
 use anyhow::Result;
+use formats::film::PyramidState;
 use formats::raw::{RawError, RawStore};
 use serde_json::json;
 use std::path::Path;
@@ -13,7 +14,10 @@ use std::path::Path;
 const NAMED: usize = 8;
 
 /// The raw at `path`; `None` if it is none.
-fn open(path: &Path) -> Result<Option<RawStore>> {
+///
+/// # Errors
+/// A damaged one (4); the store cannot be read.
+pub fn open(path: &Path) -> Result<Option<RawStore>> {
     if !RawStore::is_one(path).unwrap_or(false) {
         return Ok(None);
     }
@@ -32,6 +36,7 @@ pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
     let all = raw.spec().all_shards();
     let missing: Vec<String> = raw.missing(&all)?.into_iter().map(|s| raw.spec().key(s)).collect();
     let (done, complete) = (all.len() - missing.len(), missing.is_empty());
+    let pyramid = raw.pyramid()?;
     match args.json {
         true => print(serde_json::to_string_pretty(&json!({
             "raw": json_path(raw.path()),
@@ -39,6 +44,7 @@ pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
             "frames": raw.spec().exposure_s.len(),
             "shards": all.len(),
             "shards_done": done,
+            "pyramid": pyramid.name(),
             "missing": missing,
         }))?),
         false => {
@@ -49,6 +55,9 @@ pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
                 raw.path().display(),
                 all.len()
             ));
+            if pyramid != PyramidState::None {
+                print(format!("pyramid {}", pyramid.name()));
+            }
             name(missing.iter().map(|key| format!("missing {key}")));
         }
     }
@@ -64,7 +73,7 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
     let verified = raw.verify(threads(args.threads), &progress);
     bar.finish_and_clear();
     let (bytes, findings) = verified?;
-    let bad = || findings.iter().filter(|f| f.reason.is_some());
+    let bad = || findings.iter().filter(|f| f.reason.is_some() && f.removable);
     if args.repair {
         bad().try_for_each(|finding| raw.remove_bad(finding))?;
         raw.sweep()?;
@@ -91,7 +100,7 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
             name(findings.iter().map(line));
             if args.repair && bad().count() > 0 {
                 print(format!(
-                    "{} bad shards removed; the same `lenscube sensor` computes them again",
+                    "{} bad shards removed; the same `lenscube sensor` makes those of the raw again, `lenscube pyramid` those of levels",
                     bad().count()
                 ));
             }

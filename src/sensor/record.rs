@@ -1,7 +1,7 @@
 //! The record that a run leaves in the raw, and its last line.
 
 use super::resolve::{Plan, Source};
-use super::write::Done;
+use super::write::{Done, process_core_s};
 use crate::failure;
 use crate::memory::{mib, peak_resident};
 use crate::progress::log_line;
@@ -30,6 +30,9 @@ pub fn write(plan: &Plan, store: &RawStore, outcome: &Result<Done>, start: Insta
         "memory_limit_bytes": plan.memory.limit,
         "peak_resident_bytes": peak_resident(),
         "wall_s": start.elapsed().as_secs_f64(),
+        "core_s": done.map(|d| json!({
+            "film_and_signal": rest_s(d), "noise": d.noise_s, "encode_and_write": d.write_s
+        })),
         "shards": of(|d| d.shards as u64),
         "bytes_written": of(|d| d.bytes),
         "bytes_read": bytes_read,
@@ -44,6 +47,22 @@ pub fn write(plan: &Plan, store: &RawStore, outcome: &Result<Done>, start: Insta
     if let Err(e) = store.write_record(&name, record.to_string().as_bytes()) {
         log_line(format!("note: the run's record {name} could not be written: {e}"));
     }
+}
+
+/// Core seconds of reading the film and making the signal: all but those of the shards.
+fn rest_s(done: &Done) -> f64 {
+    (process_core_s() - done.noise_s - done.write_s).max(0.0)
+}
+
+/// Core seconds, for `-v`.
+pub fn details(plan: &Plan, done: &Done) -> String {
+    format!(
+        "core seconds: film and signal {:.1}, noise {:.1}, encoding and writing {:.1}, on {} threads",
+        rest_s(done),
+        done.noise_s,
+        done.write_s,
+        plan.memory.threads
+    )
 }
 
 /// What was done, in a line.

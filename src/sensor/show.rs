@@ -129,23 +129,41 @@ pub fn plots(s: &Sensor, directory: &Path) -> Result<()> {
     );
     plot.series = curves.collect();
     write(&directory.join("quantum-efficiency.png"), plot)?;
+    let path = directory.join("signal-to-noise.png");
+    stacked(&format!("{}: signal-to-noise ratio", s.name), &signal_to_noise_plots(s), Default::default())
+        .write(&path)?;
+    log_line(format!("wrote {}", path.display()));
+    super::figures::patches(&directory.join("patches.png"), s)
+}
+
+/// Signal-to-noise ratio over photons on a pixel at the wavelength of the highest quantum efficiency, and over the lx s of D65, of the filter
+/// that has it.
+fn signal_to_noise_plots(s: &Sensor) -> Vec<Plot> {
+    let best = (0..s.channels.len()).max_by(|a, b| peak(s, *a).1.total_cmp(&peak(s, *b).1)).unwrap_or(0);
+    let (nm, efficiency) = peak(s, best);
     let range = (0..=120).map(|i| 10f64.powf(f64::from(i) / 120.0 * s.saturation_e(1.0).log10()));
     let electrons: Vec<f64> = range.collect();
-    let ratio = |total: bool| {
-        let of = |e: &f64| (e.log10(), 20.0 * signal_to_noise(s, *e, total).log10());
-        electrons.iter().map(of).collect::<Vec<_>>()
+    let over = |name: String, per_electron: f64| {
+        let ratio = |total: bool| {
+            let of = |e: &f64| ((e * per_electron).log10(), 20.0 * signal_to_noise(s, *e, total).log10());
+            electrons.iter().map(of).collect::<Vec<_>>()
+        };
+        let mut plot = Plot::new(String::new(), Axis::new(name, 0.0, 1.0), Axis::new("ratio (dB)", 0.0, 1.0));
+        plot.series = vec![
+            Series::distinct("temporal", ratio(false), 0),
+            Series::distinct("with fixed patterns", ratio(true), 1),
+        ];
+        plot
     };
-    let mut plot = Plot::new(
-        format!("{}: signal-to-noise ratio", s.name),
-        Axis::new("log10 of electrons", 0.0, 1.0),
-        Axis::new("ratio (dB)", 0.0, 1.0),
-    );
-    plot.series = vec![
-        Series::distinct("temporal", ratio(false), 0),
-        Series::distinct("with fixed patterns", ratio(true), 1),
-    ];
-    write(&directory.join("signal-to-noise.png"), plot)?;
-    super::figures::patches(&directory.join("patches.png"), s)
+    let filter = &s.channels[best].name;
+    let lux_seconds = s.electrons_per_lux_second(best, Illuminant::D65);
+    vec![
+        over(
+            format!("log10 of the photons of {nm} nm on a pixel ({filter})"),
+            1.0 / (efficiency * area_share(s)),
+        ),
+        over(format!("log10 of the exposure to D65 in lx s ({filter})"), 1.0 / lux_seconds),
+    ]
 }
 
 /// EMVA 1288 signal-to-noise ratio of a mean charge; `total`: with the fixed patterns.
@@ -167,10 +185,14 @@ pub fn write(path: &Path, plot: Plot) -> Result<()> {
     Ok(())
 }
 
+/// Area that the quantum efficiency belongs to, as a share of the pixel's.
+fn area_share(sensor: &Sensor) -> f64 {
+    sensor.area_m2() / (sensor.pixel.pitch_um * sensor.pixel.pitch_um * 1e-12)
+}
+
 /// A bench for the channel of the highest quantum efficiency.
 pub fn bench(sensor: &Sensor, seed: u64, die: u64) -> Bench<'_> {
     let best = (0..sensor.channels.len()).map(|c| peak(sensor, c).1).fold(0.0, f64::max);
     // On a pixel: the efficiency of a photodiode is that of its own area.
-    let share = sensor.area_m2() / (sensor.pixel.pitch_um * sensor.pixel.pitch_um * 1e-12);
-    Bench { sensor, quantum_efficiency: best * share, seconds: 0.01, seed, die }
+    Bench { sensor, quantum_efficiency: best * area_share(sensor), seconds: 0.01, seed, die }
 }

@@ -11,6 +11,7 @@ use formats::raw::{RawShard, RawStore};
 use pipeline::geometry::Rect;
 use pipeline::sensor::SignalHistogram;
 use pipeline::sensor::noise::{Exposer, clipped};
+use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -38,6 +39,24 @@ pub struct Done {
     pub lit: u64,
     /// Values of the signal.
     pub histogram: SignalHistogram,
+    /// Core seconds of the noises, and of encoding and writing.
+    pub noise_s: f64,
+    /// See `noise_s`.
+    pub write_s: f64,
+}
+
+/// CPU time of this thread, s.
+fn thread_core_s() -> f64 {
+    seconds(clock_gettime(ClockId::ThreadCPUTime))
+}
+
+/// CPU time of this process, s.
+pub fn process_core_s() -> f64 {
+    seconds(clock_gettime(ClockId::ProcessCPUTime))
+}
+
+fn seconds(t: Timespec) -> f64 {
+    t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
 }
 
 /// Work on some shards of one place: frames, and perhaps the signal itself.
@@ -179,12 +198,15 @@ impl Writer<'_> {
 
     /// One shard of the signal `tile` of the pixels `rect`.
     fn shard(&self, shard: RawShard, rect: Rect, tile: &[f32]) -> Result<()> {
+        let start_s = thread_core_s();
+        let mut exposed_s = start_s;
         let bytes = match shard.frame {
             None => self.store.commit_signal(shard, tile)?,
             Some(frame) => {
                 let sensor = &self.plan.sensor;
                 let mut numbers = vec![0; tile.len()];
                 Exposer::new(sensor, &self.plan.frame(self.settled, frame)).expose(tile, rect, &mut numbers);
+                exposed_s = thread_core_s();
                 let (white, black) = (sensor.white_dn(self.plan.gain), sensor.adc.black_dn);
                 let ends = clipped(&numbers, white);
                 let tenth = black + 0.1 * (white - black);
@@ -200,6 +222,8 @@ impl Writer<'_> {
         let mut done = self.done.lock().expect("no panic while held");
         done.shards += 1;
         done.bytes += bytes;
+        done.noise_s += exposed_s - start_s;
+        done.write_s += thread_core_s() - exposed_s;
         (self.progress)(done.shards as u64, self.all as u64);
         Ok(())
     }

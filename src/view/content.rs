@@ -1,15 +1,14 @@
-//! Content of the page: film, chart overlay and lens, and their descriptions in JSON.
+//! Content of the page: film or raw, chart overlay and lens, and their descriptions in JSON.
 
 use super::image_pyramid::{ImagePyramid, TILE, open_film};
 use super::lens::Lens;
+use super::mosaic::Mosaic;
 use crate::args::ViewArgs;
-use crate::failure::line;
+use crate::failure::{line, usage};
 use crate::memory::default_limit;
 use crate::progress::log_line;
 use anyhow::Result;
-use formats::film::FilmSpec;
 use formats::picture::style::wavelength_colour;
-use pipeline::geometry::Rect;
 use serde_json::{Map, Value, json};
 use std::sync::atomic::AtomicBool;
 
@@ -18,21 +17,22 @@ const MAX_MEMORY_BYTES: u64 = 1 << 30;
 
 /// Film, chart and lens.
 pub struct Content {
-    /// The film, or a chart alone.
+    /// The film or raw, or a chart alone.
     pub film: ImagePyramid,
     /// Chart that the film was made of.
     pub chart: Option<ImagePyramid>,
-    /// Metadata of the film; none for a chart.
-    metadata: Option<FilmMetadata>,
+    /// Of a film or raw; none for a chart.
+    metadata: Option<Metadata>,
     /// The lens, or the reason that none is available.
     pub lens: Result<Lens, String>,
 }
 
-struct FilmMetadata {
-    spec: FilmSpec,
+struct Metadata {
+    pitch_um: f64,
+    /// Optical axis (row, column) in pixels of the shown array.
+    axis: (f64, f64),
+    /// Of a film; empty for a raw.
     provenance: Map<String, Value>,
-    /// Region of the film that is shown.
-    rect: Rect,
 }
 
 impl Content {
@@ -40,15 +40,37 @@ impl Content {
     pub fn open(args: &ViewArgs) -> Result<Self> {
         let memory = usize::try_from(default_limit().min(MAX_MEMORY_BYTES)).unwrap_or(usize::MAX);
         let film = if args.film.starts_with("gen:") { None } else { open_film(&args.film)? };
-        let metadata = film.map(|(store, output)| FilmMetadata {
-            spec: store.spec().clone(),
-            provenance: store.provenance().clone(),
-            rect: store.spec().outputs[output].rect,
+        let metadata = film.map(|(store, output)| {
+            let (spec, rect) = (store.spec(), store.spec().outputs[output].rect);
+            Metadata {
+                pitch_um: spec.pitch_um,
+                axis: (spec.axis_px.0 - rect.y as f64, spec.axis_px.1 - rect.x as f64),
+                provenance: store.provenance().clone(),
+            }
         });
         let drawn = metadata.as_ref().and_then(|m| m.provenance.get("job")?["chart"]["drawn"].as_str());
         let chart = args.chart.clone().or_else(|| drawn.map(|spec| format!("gen:{spec}")));
         let share = memory / if chart.is_some() { 2 } else { 1 };
         let film = ImagePyramid::open(&args.film, args.wavelengths.as_deref(), None, share)?;
+        if let Some(mosaic) = &film.mosaic {
+            for (flag, given) in [
+                ("--chart", args.chart.is_some()),
+                ("--lens", args.lens.is_some()),
+                ("--wavelengths", args.wavelengths.is_some()),
+            ] {
+                if given {
+                    return Err(usage(format!("{flag} is for films; {} is a raw: view its film", args.film)));
+                }
+            }
+            let (pitch_um, axis) = mosaic.place();
+            let metadata = Some(Metadata { pitch_um, axis, provenance: Map::new() });
+            return Ok(Self {
+                film,
+                chart: None,
+                metadata,
+                lens: Err("a raw has no lens; view its film".into()),
+            });
+        }
         let chart = match chart {
             None => None,
             Some(spec) => match ImagePyramid::open(&spec, None, Some(&film.wavelengths_nm), share) {
@@ -101,11 +123,12 @@ impl Content {
             "levels": film.sizes.len(),
             "tile": TILE,
             "bands": bands,
-            "colour": film.has_colour(),
+            "colour": film.mosaic.as_ref().map_or_else(|| film.has_colour(), Mosaic::is_developable),
             "units": film.units(),
             "pyramid": film.stored_levels.name(),
             "film": self.metadata.is_some(),
-            "pitch_um": self.metadata.as_ref().map(|m| m.spec.pitch_um),
+            "raw": film.mosaic.as_ref().map(Mosaic::describe),
+            "pitch_um": self.metadata.as_ref().map(|m| m.pitch_um),
             "axis": self.axis().map(|(y, x)| [y, x]),
             "chart": self.chart.as_ref().map(|chart| json!({
                 "name": chart.name,
@@ -128,8 +151,7 @@ impl Content {
 
     /// Optical axis (row, column) in pixels of the shown region.
     fn axis(&self) -> Option<(f64, f64)> {
-        let m = self.metadata.as_ref()?;
-        Some((m.spec.axis_px.0 - m.rect.y as f64, m.spec.axis_px.1 - m.rect.x as f64))
+        self.metadata.as_ref().map(|m| m.axis)
     }
 
     /// Rectangle of the chart in pixels of the shown region: left, top, width, height. The left and top edges of the first pixel
@@ -142,7 +164,7 @@ impl Content {
         };
         let job = metadata.provenance.get("job").cloned().unwrap_or_default();
         let value = |key: &str, axis: &str, default: f64| job[key][axis].as_f64().unwrap_or(default);
-        let pitch_mm = metadata.spec.pitch_um * 1e-3;
+        let pitch_mm = metadata.pitch_um * 1e-3;
         let (w, h) = (width * value("scale", "x", 1.0), height * value("scale", "y", 1.0));
         let x = axis.1 + 0.5 + value("center_mm", "x", 0.0) / pitch_mm - w / 2.0;
         let y = axis.0 + 0.5 + value("center_mm", "y", 0.0) / pitch_mm - h / 2.0;
@@ -152,7 +174,7 @@ impl Content {
     /// REAL image height in mm and azimuth in degrees of a pixel; none for a chart.
     pub fn height_and_azimuth(&self, y: usize, x: usize) -> Option<(f64, f64)> {
         let (cy, cx) = self.axis()?;
-        let pitch_mm = self.metadata.as_ref()?.spec.pitch_um * 1e-3;
+        let pitch_mm = self.metadata.as_ref()?.pitch_um * 1e-3;
         let (dy, dx) = ((y as f64 - cy) * pitch_mm, (x as f64 - cx) * pitch_mm);
         Some((dy.hypot(dx), dy.atan2(dx).to_degrees()))
     }
@@ -160,6 +182,7 @@ impl Content {
     /// Spectra of film and chart at a pixel, and its field point.
     pub fn pixel(&self, y: usize, x: usize, cancel: &AtomicBool) -> Result<Value> {
         let film = self.film.spectrum(y, x, cancel)?;
+        let raw = self.film.mosaic.as_ref().map(|mosaic| mosaic.pixel(y, x, &film)).transpose()?;
         let chart = match self.chart.as_ref().zip(self.chart_rect()) {
             None => None,
             Some((chart, [left, top, width, height])) => {
@@ -179,6 +202,7 @@ impl Content {
             "azimuth_deg": field_point.map(|p| p.1),
             "film": film,
             "chart": chart,
+            "raw": raw,
         }))
     }
 }

@@ -15,7 +15,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use formats::picture::image::Image;
 use formats::picture::tone::Tone;
-use pipeline::geometry::Rect;
+use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -33,7 +33,7 @@ struct File {
 
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
-const FILES: [File; 6] = [
+const FILES: [File; 7] = [
     File { path: "/", content_type: "text/html; charset=utf-8", bytes: include_bytes!("page/page.html") },
     File {
         path: "/page.css",
@@ -41,6 +41,7 @@ const FILES: [File; 6] = [
         bytes: include_bytes!("page/page.css"),
     },
     File { path: "/page.js", content_type: JAVASCRIPT, bytes: include_bytes!("page/page.js") },
+    File { path: "/raw.js", content_type: JAVASCRIPT, bytes: include_bytes!("page/raw.js") },
     File { path: "/panel.js", content_type: JAVASCRIPT, bytes: include_bytes!("page/panel.js") },
     File {
         path: "/openseadragon.js",
@@ -127,7 +128,9 @@ async fn crop(State(state): SharedState, query: Query) -> Answer {
         let image = render_crop(pyramid, rect, mode, &tone, cancel)?;
         let colours = match mode {
             Mode::Colour(light) => format!("CIE 1931 2 deg, white {}", light.name()),
+            Mode::Band(frame) if pyramid.mosaic.is_some() => format!("mosaic of frame {frame}"),
             Mode::Band(band) => format!("band {} nm", pyramid.wavelengths_nm[band]),
+            Mode::Developed(frame, light) => format!("frame {frame} developed, white {}", light.name()),
         };
         let (exposure, gamma) = (tone.exposure, tone.gamma);
         let comment = format!("lenscube view, {rect}, {colours}, exposure {exposure}, gamma {gamma}");
@@ -162,6 +165,14 @@ fn render(linear: &LinearValues, tone: &Tone, image: &mut Image, first: usize) {
                 pixels.for_each(|(x, (pixel, &rgb))| *pixel = tone.colour(rgb, (y, x)));
             }
         }
+        LinearValues::Developed(values) => {
+            let cut = Tone { exposure: 1.0, gamma: tone.gamma };
+            for (y, line) in (first..).zip(values.chunks_exact(width)) {
+                for (x, (pixel, rgb)) in image.row_mut(y).iter_mut().zip(line).enumerate() {
+                    *pixel = cut.colour(rgb.map(|v| (v * tone.exposure as f32).clamp(0.0, 1.0)), (y, x));
+                }
+            }
+        }
         LinearValues::Grey(values) => {
             for (y, line) in (first..).zip(values.chunks_exact(width)) {
                 let pixels = image.row_mut(y).iter_mut().zip(line).enumerate();
@@ -171,11 +182,20 @@ fn render(linear: &LinearValues, tone: &Tone, image: &mut Image, first: usize) {
     }
 }
 
-/// `/api/pixel`: spectra of film and chart at a pixel, and its field point.
+/// `/api/pixel`: spectra of film and chart at a pixel, and its field point; of a raw, its numbers and its developed colour.
 async fn pixel(State(state): SharedState, query: Query) -> Answer {
     ServerState::run_blocking(&state, move |content, cancel| {
         let (y, x) = query.pixel(content.film.size())?;
-        Ok(json_response(&content.pixel(y, x, cancel)?))
+        let mut reading = content.pixel(y, x, cancel)?;
+        if content.film.mosaic.is_some()
+            && let mode @ Mode::Developed(..) = query.mode(&content.film)?
+        {
+            let mut one = Image::new(Size::new(1, 1), [0; 3]);
+            let linear = content.film.region(0, Rect::new(y as i64, x as i64, 1, 1), mode, cancel)?;
+            render(&linear, &Tone { exposure: 1.0, gamma: 1.0 }, &mut one, 0);
+            reading["developed"] = json!(one.pixel(0, 0));
+        }
+        Ok(json_response(&reading))
     })
     .await
 }

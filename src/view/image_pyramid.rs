@@ -1,9 +1,10 @@
-//! Film or chart as a pyramid of levels, each half as large as the previous one, in tiles.
+//! Film, raw or chart as a pyramid of levels, each half as large as the previous one, in tiles.
 //!
-//! Stored levels of a film are read. Other levels are means over 2 x 2 pixels of the previous level, computed tile by tile on request
-//! and cached; that takes as long as reading all pixels below the tile. Colours are sums over bands, Σ w_b·L_b, before exposure and
+//! Stored levels of a film or raw are read. Other levels are means over 2 x 2 pixels of the previous level (of a raw: over pixels of one
+//! filter), computed tile by tile on request and cached; that takes as long as reading all pixels below the tile. Colours are sums over bands, Σ w_b·L_b, before exposure and
 //! gamma, so a tile is summed once for all exposures.
 
+use super::mosaic::Mosaic;
 use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::{Context, Result, bail};
@@ -11,6 +12,7 @@ use formats::chart::cache::Cache;
 use formats::chart::{NanPolicy, split_array};
 use formats::film::{FilmStore, PyramidState, halve, level_sizes};
 use formats::picture::exposure::{Exposure, Levels};
+use formats::raw::{halve_mosaic, mosaic_below};
 use pipeline::colour::{Illuminant, srgb_weights};
 use pipeline::geometry::{Rect, Size};
 use std::sync::Arc;
@@ -26,14 +28,18 @@ const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 pub enum Mode {
     /// All bands as colours of the CIE 1931 observer, with this light as white.
     Colour(Illuminant),
-    /// One band.
+    /// One band; of a raw, the mosaic of one frame.
     Band(usize),
+    /// A frame of a raw, developed with this light as white.
+    Developed(usize, Illuminant),
 }
 
 /// Linear values of a region.
 pub enum LinearValues {
     /// Red, green, blue: sums over all bands.
     Colour(Vec<[f32; 3]>),
+    /// Red, green, blue of a developed raw, which are cut at 1 and 0.
+    Developed(Vec<[f32; 3]>),
     /// One band.
     Grey(Vec<f32>),
 }
@@ -43,11 +49,13 @@ pub enum LinearValues {
 #[error("the request was cancelled")]
 pub struct Cancelled;
 
-/// Film or chart in levels.
+/// Film, raw or chart in levels.
 pub struct ImagePyramid {
     pub name: String,
-    /// Wavelength of each band, nm.
+    /// Wavelength of each band, nm; of a raw: numbers of its frames.
     pub wavelengths_nm: Vec<f64>,
+    /// Sensor and recipes of a raw.
+    pub mosaic: Option<Mosaic>,
     /// State of the stored levels.
     pub stored_levels: PyramidState,
     /// Sizes of the levels, from full size on.
@@ -83,17 +91,24 @@ impl ImagePyramid {
     /// Opens a film, chart or generated chart with caches of about `memory` bytes. `only`: use the bands at these wavelengths, all
     /// of which must exist.
     pub fn open(spec: &str, wavelengths: Option<&str>, only: Option<&[f64]>, memory: usize) -> Result<Self> {
-        let film = if spec.starts_with("gen:") { None } else { open_film(spec)? };
-        let stored_levels = film.as_ref().map_or(Ok(PyramidState::None), |(store, _)| store.pyramid())?;
-        let open = |spec: &str, nm: Option<&str>, share: usize| {
-            // Shards that do not exist yet are NaN and shown as missing.
-            Chart::open(spec, nm, NanPolicy::Keep, memory / share)
+        let generated = spec.starts_with("gen:");
+        let film = if generated { None } else { open_film(spec)? };
+        let mosaic = if generated || film.is_some() { None } else { Mosaic::open(spec)? };
+        let stored_levels = match (&film, &mosaic) {
+            (Some((store, _)), _) => store.pyramid()?,
+            (_, Some(mosaic)) => mosaic.state,
+            _ => PyramidState::None,
         };
-        let array = match &film {
-            Some((store, output)) => format!("{}//{}", store.path().display(), store.level_path(*output, 0)),
-            None => spec.to_owned(),
+        let open = |level: usize, share: usize| match (&film, &mosaic) {
+            (Some((store, output)), _) => {
+                let array = format!("{}//{}", store.path().display(), store.level_path(*output, level));
+                // The bands of a level have the order of the film's. Shards that do not exist yet are NaN and shown as missing.
+                Chart::open(&array, wavelengths.filter(|_| level == 0), NanPolicy::Keep, memory / share)
+            }
+            (_, Some(mosaic)) => Ok(Chart::Store(Box::new(mosaic.level(level, memory / share)?))),
+            _ => Chart::open(spec, wavelengths, NanPolicy::Keep, memory / share),
         };
-        let full = open(&array, wavelengths, 4)?;
+        let full = open(0, 4)?;
         let all_nm = full.wavelengths_nm()?;
         let bands = match only {
             None => (0..all_nm.len()).collect(),
@@ -102,19 +117,14 @@ impl ImagePyramid {
         let sizes = level_sizes(full.size());
         let mut stored = vec![Some(full)];
         for level in 1..sizes.len() {
-            let film = film.as_ref().filter(|_| stored_levels == PyramidState::Complete);
-            stored.push(match film {
-                None => None,
-                Some((store, output)) => {
-                    let path = format!("{}//{}", store.path().display(), store.level_path(*output, level));
-                    // Its bands have the order of the film's.
-                    Some(open(&path, None, 4 * sizes.len()).context("opening the pyramid")?)
-                }
-            });
+            let stored_level =
+                (stored_levels == PyramidState::Complete).then(|| open(level, 4 * sizes.len()));
+            stored.push(stored_level.transpose().context("opening the pyramid")?);
         }
         Ok(Self {
             name: spec.to_owned(),
             wavelengths_nm: bands.iter().map(|&b| all_nm[b]).collect(),
+            mosaic,
             stored_levels,
             sizes,
             stored,
@@ -179,7 +189,16 @@ impl ImagePyramid {
         let light = match mode {
             Mode::Band(band) => {
                 self.read(level, band, rect, &mut values, cancel)?;
+                self.mosaic.iter().for_each(|mosaic| mosaic.normalize(&mut values));
                 return Ok(LinearValues::Grey(values));
+            }
+            Mode::Developed(frame, light) => {
+                let mosaic = self.mosaic.as_ref().context("not a raw")?;
+                let development = mosaic.development(self.sizes[level], light)?;
+                let needs = development.needs(rect);
+                values.resize(needs.size().pixels(), 0.0);
+                self.read(level, frame, needs, &mut values, cancel)?;
+                return Ok(LinearValues::Developed(Mosaic::develop(&development, &values, rect)));
             }
             Mode::Colour(light) => light,
         };
@@ -196,12 +215,15 @@ impl ImagePyramid {
         Ok(LinearValues::Colour(sums))
     }
 
-    /// Exposure that maps the 99th percentile of the nonzero pixels of the smallest level to white.
+    /// Exposure that maps the 99th percentile of the nonzero pixels of the smallest level to white; 1 for a raw, whose white is known.
     pub fn exposure(&self, mode: Mode, cancel: &AtomicBool) -> Result<f64> {
+        if self.mosaic.is_some() {
+            return Ok(1.0);
+        }
         let mut levels = Levels::default();
         match &*self.tile(self.sizes.len() - 1, (0, 0), mode, cancel)? {
             LinearValues::Grey(values) => values.iter().for_each(|&v| levels.add(v)),
-            LinearValues::Colour(values) => {
+            LinearValues::Colour(values) | LinearValues::Developed(values) => {
                 values.iter().for_each(|p| levels.add((0..3).map(|c| LUMINANCE[c] * p[c]).sum()));
             }
         }
@@ -256,12 +278,20 @@ impl ImagePyramid {
     ) -> Result<Arc<Vec<f32>>> {
         self.means.get((level, band, position), || {
             let rect = self.tile_rect(level, position).context("no such tile")?;
-            let below = Rect::new(2 * rect.y, 2 * rect.x, 2 * rect.height, 2 * rect.width)
-                .intersect(self.sizes[level - 1].rect());
+            let size = self.sizes[level - 1];
+            let below = match &self.mosaic {
+                Some(mosaic) => mosaic_below(rect, size, mosaic.period),
+                None => {
+                    Rect::new(2 * rect.y, 2 * rect.x, 2 * rect.height, 2 * rect.width).intersect(size.rect())
+                }
+            };
             let mut pixels = vec![0f32; below.size().pixels()];
             self.read(level - 1, band, below, &mut pixels, cancel)?;
             let mut means = vec![0f32; rect.size().pixels()];
-            halve(&pixels, below.size(), &mut means);
+            match &self.mosaic {
+                Some(mosaic) => halve_mosaic(&pixels, below, mosaic.period, rect, &mut means),
+                None => halve(&pixels, below.size(), &mut means),
+            }
             let bytes = means.len() * size_of::<f32>();
             Ok((means, bytes))
         })

@@ -51,13 +51,21 @@ impl Query {
         self.value("image").unwrap_or("film")
     }
 
-    /// `band=3`, or all bands as colours with the white `white=D65`.
+    /// `band=3`, or all bands as colours with the white `white=D65`. Of a raw: `frame=0`, and `mosaic=1` or the white of its development.
     pub fn mode(&self, pyramid: &ImagePyramid) -> Result<Mode, HttpError> {
-        if self.value("band").is_some() {
+        let frame = match pyramid.mosaic {
+            None => None,
+            Some(_) => Some(self.below("frame", pyramid.wavelengths_nm.len())?),
+        };
+        if let (Some(frame), true) = (frame, self.is_set("mosaic")) {
+            return Ok(Mode::Band(frame));
+        }
+        if frame.is_none() && self.value("band").is_some() {
             return Ok(Mode::Band(self.band(pyramid)?));
         }
         let light: Result<Illuminant, String> = self.value("white").unwrap_or("D65").parse();
-        Ok(Mode::Colour(light.map_err(|e| HttpError::bad_request(format!("white: {e}")))?))
+        let light = light.map_err(|e| HttpError::bad_request(format!("white: {e}")))?;
+        Ok(frame.map_or(Mode::Colour(light), |frame| Mode::Developed(frame, light)))
     }
 
     /// `band`.

@@ -1,6 +1,7 @@
 //! Helpers for tests that run the binary: commands, and stores that it reads and writes.
 #![allow(missing_docs, dead_code, reason = "each test binary uses a subset")]
 
+pub mod camera;
 pub mod test_job;
 
 use formats::chart::{ChartMeta, ChartOptions, ChartStore, Codec, write_chart};

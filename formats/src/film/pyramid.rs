@@ -27,12 +27,13 @@ use serde_json::{Map, Value, json};
 use super::error::FilmError;
 use super::store::{FilmStore, SCHEMA, read_json};
 use super::verify::Finding;
+use crate::durable::{DurableError, Store};
 use level::{Level, level_sizes};
 
 /// Attribute `schema` of the pyramid's group.
 const PYRAMID_SCHEMA: &str = "lenscube/pyramid/1";
 /// Group of the levels.
-const PYRAMID_GROUP: &str = "pyramid";
+pub(crate) const PYRAMID_GROUP: &str = "pyramid";
 
 /// State of a film's pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -176,24 +177,12 @@ impl FilmStore {
 
     /// Digest of the film's attributes and of the checksums in its shards, without reading pixels; see the head of this file.
     fn fingerprint(&self) -> Result<String, FilmError> {
-        let mut hash = blake3::Hasher::new();
-        hash.update(self.spec.attributes(SCHEMA, &self.provenance).to_string().as_bytes());
-        for (output, band, shard) in self.all_shards() {
-            let key = self.key(output, band, shard);
+        let attributes = self.spec.attributes(SCHEMA, &self.provenance).to_string();
+        let shards = self.all_shards().map(|(output, band, shard)| {
             let (rows, columns) = self.spec.chunks_of(self.spec.shard_grid(output).shard);
-            // The index, its checksum, and before them the checksum of the last chunk.
-            let tail = (rows * columns * 16 + 8) as u64;
-            let size = self.store.size_of(&key)?.unwrap_or(0);
-            let tail = tail.min(size);
-            let bytes = match tail {
-                0 => None,
-                _ => self.store.read_range(&key, -(tail as i64), tail)?,
-            };
-            hash.update(key.as_bytes());
-            hash.update(&size.to_le_bytes());
-            hash.update(&bytes.unwrap_or_default());
-        }
-        Ok(hash.finalize().to_hex().to_string())
+            (self.key(output, band, shard), rows * columns)
+        });
+        Ok(stamp(&self.store, &attributes, shards)?)
     }
 
     /// Checks all shards of the pyramid, if there is one; returns the bytes read and the defects.
@@ -230,12 +219,37 @@ impl FilmStore {
     }
 }
 
-fn group(attributes: Value) -> Value {
+/// Digest of attributes and, for each shard (key, number of inner chunks), of its size, index, and checksum of the last chunk.
+pub(crate) fn stamp(
+    store: &Store,
+    attributes: &str,
+    shards: impl Iterator<Item = (String, usize)>,
+) -> Result<String, DurableError> {
+    let mut hash = blake3::Hasher::new();
+    hash.update(attributes.as_bytes());
+    for (key, chunks) in shards {
+        // The index, its checksum, and before them the checksum of the last chunk.
+        let tail = (chunks * 16 + 8) as u64;
+        let size = store.size_of(&key)?.unwrap_or(0);
+        let tail = tail.min(size);
+        let bytes = match tail {
+            0 => None,
+            _ => store.read_range(&key, -(tail as i64), tail)?,
+        };
+        hash.update(key.as_bytes());
+        hash.update(&size.to_le_bytes());
+        hash.update(&bytes.unwrap_or_default());
+    }
+    Ok(hash.finalize().to_hex().to_string())
+}
+
+/// Metadata of a group with `attributes`.
+pub(crate) fn group(attributes: Value) -> Value {
     json!({"zarr_format": 3, "node_type": "group", "attributes": attributes})
 }
 
-/// The film's group metadata with the attribute `ome` and the consolidated metadata `members` of the pyramid, or without them.
-fn film_group(mut group: Value, ome: Option<Value>, members: Vec<(String, Value)>) -> Value {
+/// Group metadata of a film or raw with the attribute `ome` and the consolidated metadata `members` of its pyramid, or without them.
+pub(crate) fn listed(mut group: Value, ome: Option<Value>, members: Vec<(String, Value)>) -> Value {
     if let Some(attributes) = group["attributes"].as_object_mut() {
         attributes.shift_remove("ome");
         attributes.extend(ome.map(|ome| ("ome".to_owned(), ome)));

@@ -72,7 +72,7 @@ fn is_array_name(name: &str) -> bool {
 }
 
 /// Whether `rest`, below an array, is its metadata or a chunk.
-fn in_array(rest: &[&str]) -> bool {
+pub(crate) fn in_array(rest: &[&str]) -> bool {
     match rest {
         ["zarr.json"] => true,
         ["c", indices @ ..] => !indices.is_empty() && indices.iter().all(|i| is_number(i)),

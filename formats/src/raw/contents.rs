@@ -1,7 +1,7 @@
 //! Which files of a raw's directory the raw made: all that `--overwrite` may remove.
 
 use crate::durable::is_temp_name;
-use crate::film::removal::{is_number, is_record};
+use crate::film::removal::{in_array, is_number, is_record};
 
 /// Whether a raw made the file `key`.
 pub(super) fn is_own(key: &str) -> bool {
@@ -10,13 +10,12 @@ pub(super) fn is_own(key: &str) -> bool {
         return true;
     }
     match parts[..] {
-        ["zarr.json"] => true,
+        ["zarr.json"] | ["pyramid", "zarr.json"] => true,
         ["runs", name] => name.ends_with(".lock") || is_record(name),
-        [name, "zarr.json"] => is_array(name),
-        [name, "c", ref indices @ ..] => {
-            is_array(name) && !indices.is_empty() && indices.iter().all(|i| is_number(i))
-        }
-        _ => false,
+        ["pyramid", name, "zarr.json"] => is_array(name),
+        ["pyramid", name, level, ref rest @ ..] => is_array(name) && is_number(level) && in_array(rest),
+        [name, ref rest @ ..] => is_array(name) && in_array(rest),
+        [] => false,
     }
 }
 
@@ -44,12 +43,25 @@ mod tests {
             "runs/whole.lock",
             "runs/17-h-3.json",
             "raw/c/0/.tmp-x",
+            "pyramid/zarr.json",
+            "pyramid/raw/zarr.json",
+            "pyramid/roi_2/1/zarr.json",
+            "pyramid/raw/3/c/0/1/2",
         ] {
             assert!(is_own(own), "{own}");
         }
-        for foreign in
-            ["notes.txt", "raw/notes", "film/c/0/0/0", "raw/c", "raw/c/x", "runs/notes.json", "runs/a/b.lock"]
-        {
+        for foreign in [
+            "notes.txt",
+            "raw/notes",
+            "film/c/0/0/0",
+            "raw/c",
+            "raw/c/x",
+            "runs/notes.json",
+            "runs/a/b.lock",
+            "pyramid/notes",
+            "pyramid/film/1/c/0/0/0",
+            "pyramid/raw/x/c/0/0/0",
+        ] {
             assert!(!is_own(foreign), "{foreign}");
         }
     }

@@ -63,6 +63,35 @@ pub enum RawError {
         /// The file.
         path: PathBuf,
     },
+    /// Shards of the raw are missing.
+    #[error(
+        "raw {}: {missing} of {shards} shards are missing, {first} first; the same `lenscube sensor` makes them",
+        .path.display()
+    )]
+    Incomplete {
+        /// The raw.
+        path: PathBuf,
+        /// Shards missing.
+        missing: usize,
+        /// Shards in total.
+        shards: usize,
+        /// Key of the first missing shard.
+        first: String,
+    },
+    /// Pixels of a level, or of the raw, cannot be read.
+    #[error("making the pyramid: reading {array}: {reason}; see `lenscube verify`")]
+    Level {
+        /// The array.
+        array: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The raw changed while its pyramid was made.
+    #[error("raw {}: it changed while its pyramid was made; run the same command again", .path.display())]
+    Changed {
+        /// The raw.
+        path: PathBuf,
+    },
     /// The codec failed.
     #[error("encoding the raw: {reason}")]
     Codec {
@@ -80,7 +109,7 @@ impl RawError {
         match self {
             Self::Storage(e) => e.retryable(),
             Self::Locked(e) => e.retryable(),
-            Self::Recreated { .. } => true,
+            Self::Recreated { .. } | Self::Changed { .. } => true,
             _ => false,
         }
     }

@@ -49,9 +49,19 @@ impl RawSpec {
 
     /// (rows, columns) of a shard of an output.
     pub fn shard_shape(&self, output: usize) -> (usize, usize) {
+        self.shard_shape_of(self.outputs[output].rect.size())
+    }
+
+    /// (rows, columns) of a shard of an array of `size`.
+    pub(super) fn shard_shape_of(&self, size: Size) -> (usize, usize) {
         let side = |n: usize| self.shard.min(n.div_ceil(self.chunk) * self.chunk);
-        let rect = self.outputs[output].rect;
-        (side(rect.height), side(rect.width))
+        (side(size.height), side(size.width))
+    }
+
+    /// Pixels of a shard of an array of `size`, from its first pixel on.
+    pub(super) fn rect_of_shard(&self, size: Size, (i, j): (usize, usize)) -> Rect {
+        let (rows, columns) = self.shard_shape_of(size);
+        Rect::new((i * rows) as i64, (j * columns) as i64, rows, columns).intersect(size.rect())
     }
 
     /// Inner chunks (down, across) of a shard of an output.
@@ -69,10 +79,9 @@ impl RawSpec {
 
     /// Pixels of a shard, in sensor coordinates.
     pub fn shard_rect(&self, shard: RawShard) -> Rect {
-        let (rows, columns) = self.shard_shape(shard.output);
         let rect = self.outputs[shard.output].rect;
-        let (y, x) = (rect.y + (shard.place.0 * rows) as i64, rect.x + (shard.place.1 * columns) as i64);
-        Rect::new(y, x, rows, columns).intersect(rect)
+        let part = self.rect_of_shard(rect.size(), shard.place);
+        Rect::new(rect.y + part.y, rect.x + part.x, part.height, part.width)
     }
 
     /// Every shard: the signal's first.
@@ -98,7 +107,8 @@ impl RawSpec {
         }
     }
 
-    fn axes(name: &str) -> (String, String) {
+    /// Names of the (y, x) coordinates of an output.
+    pub(super) fn axes(name: &str) -> (String, String) {
         if name == "raw" { ("y".into(), "x".into()) } else { (format!("{name}_y"), format!("{name}_x")) }
     }
 
@@ -122,24 +132,21 @@ impl RawSpec {
         all
     }
 
+    /// Metadata of an array of digital numbers of `size` with the field of view of `output`.
+    pub(super) fn counts_array(&self, output: &RawOutput, size: Size) -> Value {
+        let ((rows, columns), (y, x)) = (self.shard_shape_of(size), Self::axes(&output.name));
+        let codecs = sharding_of(Codec::Zstd, SampleType::U16, &[1, self.chunk, self.chunk], false);
+        let shape = [self.exposure_s.len(), size.height, size.width];
+        let (dimensions, units) = (["frame", &y, &x], json!({"units": "DN"}));
+        let mut metadata = array(&shape, &[1, rows, columns], "uint16", codecs, &dimensions, units);
+        metadata["fill_value"] = json!(0);
+        metadata
+    }
+
     /// Name and metadata of every array but coordinates.
     pub(super) fn arrays(&self) -> Vec<(String, Value)> {
-        let mut all = Vec::new();
-        for (k, o) in self.outputs.iter().enumerate() {
-            let ((rows, columns), (y, x)) = (self.shard_shape(k), Self::axes(&o.name));
-            let codecs = sharding_of(Codec::Zstd, SampleType::U16, &[1, self.chunk, self.chunk], false);
-            let shape = [self.exposure_s.len(), o.rect.height, o.rect.width];
-            let mut metadata = array(
-                &shape,
-                &[1, rows, columns],
-                "uint16",
-                codecs,
-                &["frame", &y, &x],
-                json!({"units": "DN"}),
-            );
-            metadata["fill_value"] = json!(0);
-            all.push((o.name.clone(), metadata));
-        }
+        let counts = |o: &RawOutput| (o.name.clone(), self.counts_array(o, o.rect.size()));
+        let mut all: Vec<_> = self.outputs.iter().map(counts).collect();
         if self.signal {
             let (rows, columns) = self.shard_shape(0);
             let codecs = sharding_of(Codec::Zstd, SampleType::F32, &[self.chunk, self.chunk], false);
@@ -179,8 +186,8 @@ impl RawSpec {
 
     /// Reads the attributes back: the layout, and what else there is. `None` if they are not those of a raw.
     pub(super) fn from_attributes(mut all: Map<String, Value>) -> Option<(Self, Map<String, Value>)> {
-        all.remove("schema")?;
-        let a = all.remove("layout")?;
+        all.shift_remove("schema")?;
+        let a = all.shift_remove("layout")?;
         let size = |v: &Value| -> Option<(usize, usize)> { serde_json::from_value(v.clone()).ok() };
         let outputs = a["outputs"].as_array()?.iter().map(|o| {
             let (height, width) = size(&o["size"])?;

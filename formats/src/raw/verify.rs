@@ -1,22 +1,24 @@
-//! Verification of a raw: every shard present and intact.
+//! Verification of a raw and of its pyramid: every shard present and intact.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
+use pipeline::geometry::Size;
+
 use super::{RawError, RawShard, RawStore};
 use crate::durable::DurableError;
 use crate::parallel;
-use crate::shard::ShardDefect;
+use crate::shard::{ShardDefect, ShardEncoder};
 
 /// A defect of a raw.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RawFinding {
-    /// The shard.
-    pub shard: RawShard,
-    /// Its key.
+    /// Key of the file.
     pub key: String,
     /// The defect; none: it is missing.
     pub reason: Option<String>,
+    /// Whether it is a shard, which a repair removes.
+    pub removable: bool,
 }
 
 impl RawStore {
@@ -39,14 +41,27 @@ impl RawStore {
         })?;
         let mut found = found.into_inner().expect("no panic while held");
         found.sort_by_key(|f| f.0);
+        let (pyramid_bytes, of_pyramid) = self.check_pyramid()?;
         self.check_in_place()?;
-        Ok((bytes.into_inner(), found.into_iter().map(|f| f.1).collect()))
+        let all = found.into_iter().map(|f| f.1).chain(of_pyramid).collect();
+        Ok((bytes.into_inner() + pyramid_bytes, all))
     }
 
     fn check_shard(&self, shard: RawShard) -> Result<(u64, Option<RawFinding>), RawError> {
-        let key = self.spec.key(shard);
-        let (rows, columns) = self.spec.shard_shape(shard.output);
-        let finding = |reason| Some(RawFinding { shard, key: key.clone(), reason });
+        let encoder = if shard.frame.is_some() { &self.counts } else { &self.signal };
+        let size = self.spec.shard_rect(shard).size();
+        self.check_key(self.spec.key(shard), encoder, self.spec.shard_shape(shard.output), size)
+    }
+
+    /// Bytes read and defect of the shard `key` of `shape` (rows, columns), whose pixels are `size`.
+    pub(super) fn check_key(
+        &self,
+        key: String,
+        encoder: &ShardEncoder,
+        (rows, columns): (usize, usize),
+        size: Size,
+    ) -> Result<(u64, Option<RawFinding>), RawError> {
+        let finding = |reason| Some(RawFinding { key: key.clone(), reason, removable: true });
         // Compression never doubles a shard: a longer file is none of this program's and is not read.
         let limit = (rows * columns * 4) as u64 * 2 + (1 << 20);
         let bytes = match self.store.read_at_most(&key, limit) {
@@ -55,9 +70,8 @@ impl RawStore {
             Err(e @ DurableError::Length { .. }) => return Ok((0, finding(Some(e.to_string())))),
             Err(e) => return Err(e.into()),
         };
-        let rect = self.spec.shard_rect(shard);
-        let encoder = if shard.frame.is_some() { &self.counts } else { &self.signal };
-        let defect = encoder.check(&bytes, (rect.height, rect.width), self.spec.grid(shard.output)).err();
+        let grid = (rows / self.spec.chunk, columns / self.spec.chunk);
+        let defect = encoder.check(&bytes, (size.height, size.width), grid).err();
         let reason = defect.map(|defect| match defect {
             ShardDefect::Damaged(reason) => reason,
             ShardDefect::NotFinite { row, column, value } => format!("{value} at row {row}, column {column}"),

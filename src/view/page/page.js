@@ -1,6 +1,7 @@
-// Page of `lenscube view`: deep zoom of a film, display settings, data of a pixel.
+// Page of `lenscube view`: deep zoom of a film or raw, display settings, data of a pixel.
 
 import { byId, lens as showLens, pixel as showPixel, short } from "./panel.js";
+import { adapt, bandName, facts, rawPixel, rawQuery } from "./raw.js";
 
 const OSD = window.OpenSeadragon;
 // Tiles of outdated settings are dropped intentionally.
@@ -10,7 +11,7 @@ OSD.console = Object.assign(Object.create(console), {
 const content = await (await fetch("api/content")).json();
 const [H, W] = content.size;
 const state = {
-  mode: content.colour ? "colour" : "band", band: nearest(550), ev: 0, gamma: 1, white: "D65",
+  mode: content.colour ? "colour" : "band", band: content.raw ? 0 : nearest(550), ev: 0, gamma: 1, white: content.raw?.white ?? "D65",
   swipe: false, split: 0.5, pin: null, crop: null, auto: { film: 1, chart: 1 }, reading: null,
 };
 const layers = { film: null, chart: null }, old = { film: [], chart: [] }, latestGeneration = { film: 0, chart: 0 };
@@ -21,7 +22,8 @@ function nearest(nm) {
   return away.indexOf(Math.min(...away));
 }
 const shownBand = () => state.mode === "band" ? state.band : null;
-const colourQuery = () => state.mode === "band" ? `band=${state.band}` : `white=${state.white}`;
+const colourQuery = () => content.raw ? rawQuery(state) : state.mode === "band" ? `band=${state.band}` : `white=${state.white}`;
+const showReading = () => content.raw ? rawPixel(state.reading, state.band) : showPixel(content, state.reading, shownBand());
 const exposure = (stack) => state.auto[stack] * 2 ** state.ev;
 const tileQuery = (stack) => `${colourQuery()}&exposure=${exposure(stack)}&gamma=${state.gamma}`;
 const clamp = (v, min, max) => Math.min(max, Math.max(min, v));
@@ -105,7 +107,9 @@ async function reload(autoExposure = true) {
   addLayer("film");
   if (state.swipe) addLayer("chart");
   else removeLayer("chart");
-  if (state.reading) showPixel(content, state.reading, shownBand());
+  // The developed colour of a raw's pixel depends on the mode.
+  if (state.reading && content.raw) read(state.reading);
+  else if (state.reading) showReading();
 }
 
 let reloadTimer = 0;
@@ -119,8 +123,8 @@ function updateControls() {
   byId("mode-colour").checked = state.mode === "colour";
   byId("mode-band").checked = state.mode === "band";
   byId("band").value = state.band;
-  byId("band-text").textContent = state.mode === "band" ? `${content.bands[state.band].nm} nm` : "";
-  byId("band").setAttribute("aria-valuetext", `${content.bands[state.band].nm} nm`);
+  byId("band-text").textContent = state.mode === "band" || content.raw ? bandName(content, state.band) : "";
+  byId("band").setAttribute("aria-valuetext", bandName(content, state.band));
   [...byId("band-inks").children].forEach((ink, b) => ink.classList.toggle("on", b === shownBand()));
   byId("ev").value = state.ev;
   byId("ev-text").textContent = `×${short(exposure("film"), 3)}  ${state.ev >= 0 ? "+" : "−"}${Math.abs(state.ev).toFixed(1)} EV`;
@@ -147,7 +151,7 @@ function setMode(mode) {
 }
 function setBand(band) {
   state.band = clamp(band, 0, content.bands.length - 1);
-  state.mode = "band";
+  if (!content.raw) state.mode = "band";
   reload();
   requestLens();
 }
@@ -189,11 +193,11 @@ function latest(run) {
 }
 
 const read = latest(async ({ x, y }) => {
-  const answer = await fetch(`api/pixel?x=${x}&y=${y}`);
+  const answer = await fetch(`api/pixel?x=${x}&y=${y}${content.raw ? `&${colourQuery()}` : ""}`);
   if (!answer.ok) { note(await answer.text()); return; }
   state.reading = await answer.json();
   if (document.activeElement !== byId("px") && document.activeElement !== byId("py")) [byId("px").value, byId("py").value] = [x, y];
-  showPixel(content, state.reading, shownBand());
+  showReading();
   document.body.dataset.pixel = `${x},${y}`;
 });
 
@@ -361,7 +365,7 @@ byId("band").addEventListener("input", () => setBand(Number(byId("band").value))
 byId("ev").addEventListener("input", () => setEv(Number(byId("ev").value)));
 byId("gamma").addEventListener("input", () => { state.gamma = Number(byId("gamma").value); reloadSoon(); });
 byId("white").addEventListener("change", () => { state.white = byId("white").value; reload(); });
-byId("reset").addEventListener("click", () => { Object.assign(state, { ev: 0, gamma: 1, white: "D65" }); reload(); });
+byId("reset").addEventListener("click", () => { Object.assign(state, { ev: 0, gamma: 1, white: content.raw?.white ?? "D65" }); reload(); });
 byId("swipe").addEventListener("click", () => setSwipe(!state.swipe));
 byId("unpin").addEventListener("click", () => pin(null));
 byId("psf-log").addEventListener("change", requestLens);
@@ -423,15 +427,16 @@ document.title = `${name} · lenscube view`;
 byId("name").textContent = name;
 byId("name").title = content.name;
 byId("facts").textContent = [
-  `${W} × ${H} px`, content.pitch_um ? `${content.pitch_um} µm` : "", `${content.bands.length} bands`, content.units ?? "",
+  `${W} × ${H} px`, content.pitch_um ? `${content.pitch_um} µm` : "", ...(content.raw ? facts(content.raw) : [`${content.bands.length} bands`, content.units ?? ""]),
   content.levels > 1 ? { complete: "pyramid", stale: "stale pyramid", unfinished: "unfinished pyramid", none: "no pyramid" }[content.pyramid] : "",
 ].filter(Boolean).join("  ·  ");
 byId("band").max = content.bands.length - 1;
 byId("band-inks").replaceChildren(...content.bands.map((b) => { const ink = document.createElement("i"); ink.style.background = b.ink; return ink; }));
 byId("mode-colour").disabled = !content.colour;
+if (content.raw) adapt(content.raw);
 byId("swipe").hidden = !content.chart;
 byId("legend").innerHTML = content.chart ? "<span><i></i>film</span><span><i class=\"c\"></i>chart</span>" : "";
 lensNote(content.lens.error ?? content.lens.note ?? "move the pointer over a pixel to show its figures and PSF");
-if (content.levels > 1 && content.pyramid !== "complete") note("No pyramid: zoomed-out views read the complete film and are slow. Create one with lenscube pyramid.");
+if (content.levels > 1 && content.pyramid !== "complete") note("No pyramid: zoomed-out views read all pixels and are slow. Create one with lenscube pyramid.");
 const firstNote = byId("note").textContent;
 reload().then(() => { if (firstNote) note(firstNote); });

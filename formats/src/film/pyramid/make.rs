@@ -6,7 +6,7 @@ use pipeline::geometry::{Rect, Size};
 
 use super::halve::halve;
 use super::level::{Level, level_sizes};
-use super::{PYRAMID_GROUP, PyramidState, film_group, ome};
+use super::{PYRAMID_GROUP, PyramidState, listed, ome};
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
 use crate::film::error::FilmError;
 use crate::film::shards::EncodedShard;
@@ -96,7 +96,7 @@ impl FilmStore {
         // The film's group must not list levels that are removed.
         let group = read_json(&self.store, "zarr.json")?.unwrap_or_default();
         if group["attributes"].get("ome").is_some() {
-            self.store.write("zarr.json", pretty(&film_group(group, None, Vec::new())))?;
+            self.store.write("zarr.json", pretty(&listed(group, None, Vec::new())))?;
         }
         if exists {
             self.store.remove_tree(PYRAMID_GROUP, self.pyramid_keys())?;
@@ -215,7 +215,7 @@ impl FilmStore {
         let mut members = vec![(PYRAMID_GROUP.to_owned(), self.pyramid_group(fingerprint))];
         members.extend(self.pyramid_metadata());
         let group = read_json(&self.store, "zarr.json")?.unwrap_or_default();
-        let listed = film_group(group.clone(), Some(ome::ome_attribute(self, &whites)), members);
+        let listed = listed(group.clone(), Some(ome::ome_attribute(self, &whites)), members);
         if listed != group {
             self.store.write("zarr.json", pretty(&listed))?;
         }

@@ -1,0 +1,70 @@
+//! `lenscube compare`: two raws under the same noise.
+
+use crate::common::camera::{LENS, Place};
+use crate::common::{self, assert_exit, lenscube, text};
+use crate::{OTHER_JOB, USAGE};
+use std::path::Path;
+
+#[test]
+fn comparison_of_raws_finds_what_differs() {
+    let place = Place::new();
+    let chart = "gen:slanted-edge?size=240&pitch_um=2&wavelengths=450,550,650&angle_deg=5";
+    let (sharp, blurred) = (place.at("sharp.film"), place.at("blurred.film"));
+    common::run(chart, &sharp, LENS, &["--stages", "ri"]).ok();
+    common::run(chart, &blurred, LENS, &[]).ok();
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms", "--seed", "3"];
+    let (a, b) = (place.raw("a.zarr", &sharp, &flags), place.raw("b.zarr", &blurred, &flags));
+    let compare = |a: &Path, b: &Path, out: &Path, more: &[&str]| {
+        lenscube(&[&["compare", text(a), text(b), "--out", text(out)], more].concat())
+    };
+    let edge = ["--edge", "114,60,125,180", "--patch", "10,10,50,50", "--patch", "180,180,50,50"];
+    let out = place.at("out");
+    let ran = compare(&a, &b, &out, &edge).ok();
+    assert!(ran.stderr.contains("same seed, die and noises"), "{}", ran.stderr);
+    for file in [
+        "report.html",
+        "difference.png",
+        "figures.png",
+        "regions.csv",
+        "mtf.csv",
+        "patches.csv",
+        "compare.json",
+    ] {
+        assert!(std::fs::metadata(out.join(file)).unwrap().len() > 100, "{file}");
+    }
+    let all: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("compare.json")).unwrap()).unwrap();
+    let mtf50 = |curve: usize, raw: &str| all["edges"][0]["curves"][curve][raw]["mtf50_cy_px"].as_f64();
+    // Luminance and the green plane: the lens lowers the MTF.
+    for (curve, name) in [(0, "luminance"), (2, "G")] {
+        assert_eq!(all["edges"][0]["curves"][curve]["name"], name);
+        let (before, after) = (mtf50(curve, "a").unwrap_or(1.0), mtf50(curve, "b").unwrap());
+        assert!(after < 0.95 * before, "{name}: {before} {after}");
+    }
+    // Away from the edge the films are equal, and so is the noise: the difference is far below what independent noise would give.
+    let region = all["regions"].as_array().unwrap().iter().find(|r| r["plane"] == "G").unwrap();
+    let (sigma, equivalent) = (&region["difference_sigma_e"], &region["noise_equivalent_difference_e"]);
+    assert!(sigma.as_f64().unwrap() < 0.2 * equivalent.as_f64().unwrap(), "{region}");
+    assert!(all["patches"][0]["delta_e_2000"].as_f64().unwrap() < 0.5);
+    // A raw against itself: nothing differs. Against another seed: independent noise.
+    compare(&a, &a, &place.at("same"), &[]).ok();
+    let same: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(place.at("same/compare.json")).unwrap()).unwrap();
+    assert!(same["regions"].as_array().unwrap().iter().all(|r| r["difference_sigma_e"] == 0.0));
+    let other = place.raw("c.zarr", &sharp, &["--sensor", "example-2um", "--exposure", "5ms", "--seed", "4"]);
+    let ran = compare(&a, &other, &place.at("noise"), &["--grid", "1", "--threads", "1"]).ok();
+    assert!(ran.stderr.contains("noise of both"), "{}", ran.stderr);
+    let noise: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(place.at("noise/compare.json")).unwrap()).unwrap();
+    let green = noise["regions"].as_array().unwrap().iter().find(|r| r["plane"] == "G").unwrap().clone();
+    let number = |key: &str| green[key].as_f64().unwrap();
+    // PRNU and the other patterns of the die are common; shot noise dominates.
+    let ratio = number("difference_sigma_e") / number("noise_equivalent_difference_e");
+    assert!((0.85..1.02).contains(&ratio), "{ratio}");
+    assert_exit(&compare(&a, &b, &out, &[]), OTHER_JOB, &["--overwrite"]);
+    let small = place.raw("small.zarr", &sharp, &[&flags[..], &["--size", "100"]].concat());
+    assert_exit(&compare(&a, &small, &place.at("no"), &[]), USAGE, &["pixels differ"]);
+    assert_exit(&compare(&a, &b, &place.at("no"), &["--edge", "1,1,5,200"]), USAGE, &["not inside the raw"]);
+    assert_exit(&compare(&a, &b, &place.at("no"), &["--patch", "200,200,50,50"]), USAGE, &["not inside"]);
+    assert!(!place.at("no").exists());
+}

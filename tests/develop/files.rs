@@ -1,0 +1,96 @@
+//! Raws as DNG, TIFF and PNG; pictures in one command.
+
+use crate::common::camera::{LENS, Place, develop};
+use crate::common::{self, assert_exit, files, lenscube, text};
+use crate::{CHECKER, OTHER_JOB, USAGE, linear};
+use formats::chart::image::Transfer;
+use std::path::Path;
+use std::process::Command;
+
+#[test]
+fn a_frame_becomes_a_file_and_resumes() {
+    let place = Place::new();
+    let film = place.run(CHECKER);
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms", "--no-fsync"];
+    let sensor = |out: &Path, more: &[&str]| {
+        lenscube(&[&["sensor", text(&film), text(out)], &flags[..], more].concat())
+    };
+    for name in ["a.dng", "a.tif", "a.png"] {
+        let out = place.at(name);
+        let killed = Command::new(env!("CARGO_BIN_EXE_lenscube"))
+            .args(["sensor", text(&film), text(&out)])
+            .args(flags)
+            .env("LENSCUBE_FAULT", "commit:1:kill")
+            .output()
+            .unwrap();
+        assert!(!killed.status.success() && !out.exists());
+        sensor(&out, &[]).ok();
+        assert!(out.exists() && !place.at(&format!("{name}.raw.zarr")).exists());
+        assert_exit(&sensor(&out, &[]), OTHER_JOB, &["--overwrite"]);
+        let before = std::fs::read(&out).unwrap();
+        sensor(&out, &["--overwrite", "--threads", "1"]).ok();
+        assert!(std::fs::read(&out).unwrap() == before);
+    }
+    let raw = place.raw("raw.zarr", &film, &["--sensor", "example-2um", "--exposure", "5ms"]);
+    let numbers = common::pixels(&raw, "raw").1.remove(0);
+    let (_, grey) = linear(&place.at("a.png"), Transfer::Linear);
+    let scale = 65535.0 / 4095.0f32;
+    assert!(
+        std::iter::zip(&grey[0], &numbers).all(|(g, n)| (g * 65535.0).round() == (n * scale + 0.5).floor())
+    );
+    assert!(linear(&place.at("a.tif"), Transfer::Linear).1 == grey);
+    let bad = |out: &str, flags: &[&str], words: &[&str]| {
+        let out = place.at(out);
+        let all = [&["sensor", text(&film), text(&out), "--exposure", "5ms"], flags].concat();
+        assert_exit(&lenscube(&all), USAGE, words);
+        assert!(!out.exists());
+    };
+    let own = ["--sensor", "example-2um"];
+    bad("b.dng", &[&own[..], &["--frames", "2"]].concat(), &["one frame"]);
+    bad("b.dng", &[&own[..], &["--keep-signal"]].concat(), &["one frame"]);
+    let other = r#"cfa.pattern=[["R","G","B"]]"#;
+    bad("b.dng", &[&own[..], &["--set", other]].concat(), &["Bayer and quad", "1 x 3"]);
+}
+
+#[test]
+fn a_shot_is_run_sensor_and_develop() {
+    let place = Place::new();
+    let chart = "gen:composite?size=64&pitch_um=2&wavelengths=450,550,650";
+    let (one, kept) = (place.at("one.png"), place.at("kept"));
+    let own = ["--lens", LENS, "--sensor", "example-2um", "--seed", "4"];
+    lenscube(&[&["shoot", chart, text(&one)], &own[..]].concat()).ok();
+    assert_eq!(std::fs::read_dir(place.at(".")).unwrap().count(), 1);
+    let two = place.at("two.png");
+    lenscube(&[&["shoot", chart, text(&two), "--keep", text(&kept)], &own[..]].concat()).ok();
+    assert!(std::fs::read(&one).unwrap() == std::fs::read(&two).unwrap());
+    let (film, raw, three) = (place.at("film.zarr"), place.at("raw.zarr"), place.at("three.png"));
+    common::run(chart, &film, LENS, &[]).ok();
+    lenscube(&[
+        "sensor",
+        text(&film),
+        text(&raw),
+        "--sensor",
+        "example-2um",
+        "--exposure",
+        "auto",
+        "--seed",
+        "4",
+    ])
+    .ok();
+    develop(&raw, &three, &[]).ok();
+    assert!(std::fs::read(&one).unwrap() == std::fs::read(&three).unwrap());
+    assert!(files(&raw) == files(&kept.join("raw.zarr")));
+    // The same again finds film and raw complete; a raw of another sensor is not replaced.
+    let again =
+        lenscube(&[&["shoot", chart, text(&two), "--keep", text(&kept), "--overwrite"], &own[..]].concat());
+    assert_exit(&again, 0, &["1/3  film", "3/3  picture"]);
+    let other = ["--lens", LENS, "--sensor", "ideal-mono"];
+    let other = lenscube(
+        &[&["shoot", chart, text(&place.at("four.png")), "--keep", text(&kept)], &other[..]].concat(),
+    );
+    assert_exit(&other, OTHER_JOB, &["another job"]);
+    assert_exit(&lenscube(&[&["shoot", chart, text(&one)], &own[..]].concat()), OTHER_JOB, &["--overwrite"]);
+    let dng = place.at("five.dng");
+    lenscube(&[&["shoot", chart, text(&dng)], &own[..]].concat()).ok();
+    assert!(dng.exists() && !place.at("five.dng.shot").exists());
+}

@@ -1,0 +1,108 @@
+//! Raws that were killed, interrupted or damaged, and disks that are full.
+
+use crate::common::camera::{Place, sensor, sensor_command};
+use crate::common::{CommandResult, assert_exit, files, lenscube, text};
+use crate::{OTHER_JOB, WRONG};
+use pipeline::geometry::Size;
+use std::process::Command;
+
+/// Killed at several places and resumed, with exposures that were given and found.
+#[test]
+fn a_killed_run_is_resumed_with_the_same_bytes() {
+    let place = Place::new();
+    let film = place.noise(Size::new(2200, 2100));
+    for exposure in [&["--exposure", "5ms,50ms"][..], &["--exposure", "auto", "--keep-signal"]] {
+        let flags = [&["--sensor", "example-2um"][..], exposure].concat();
+        let whole = place.at("whole");
+        sensor(&film, &whole, &flags).ok();
+        let expected = files(&whole);
+        std::fs::remove_dir_all(&whole).unwrap();
+        let raw = place.at("raw");
+        for fault in ["commit:2:kill", "write:2:kill", "commit:3:kill"] {
+            let mut command = sensor_command(&film, &raw, &flags);
+            assert!(!command.env("LENSCUBE_FAULT", fault).output().unwrap().status.success(), "{fault}");
+        }
+        assert_exit(&sensor(&film, &raw, &flags), 0, &["resuming"]);
+        assert!(files(&raw) == expected);
+        assert_exit(&sensor(&film, &raw, &flags), 0, &["nothing to do"]);
+        assert_exit(
+            &sensor(&film, &raw, &[&flags[..], &["--seed", "2"]].concat()),
+            OTHER_JOB,
+            &["another job", "seed"],
+        );
+        sensor(&film, &raw, &[&flags[..], &["--seed", "2", "--overwrite"]].concat()).ok();
+        std::fs::remove_dir_all(&raw).unwrap();
+    }
+}
+
+/// A damaged shard is found, removed and made again with the same bytes.
+#[test]
+fn status_and_verify_find_what_a_raw_lacks() {
+    let place = Place::new();
+    let film = place.noise(Size::new(100, 120));
+    let raw = place.at("raw");
+    let flags = ["--sensor", "example-2um", "--exposure", "1ms,2ms", "--keep-signal"];
+    sensor(&film, &raw, &flags).ok();
+    let whole = files(&raw);
+    assert_exit(&lenscube(&["status", text(&raw), "--check"]), 0, &["complete", "3 of 3 shards", "2 frames"]);
+    assert_exit(&lenscube(&["verify", text(&raw)]), 0, &["3 shards", "0 defects"]);
+    std::fs::remove_file(raw.join("raw/c/0/0/0")).unwrap();
+    let bad = raw.join("raw/c/1/0/0");
+    let mut bytes = std::fs::read(&bad).unwrap();
+    bytes[20] ^= 1;
+    std::fs::write(&bad, bytes).unwrap();
+    assert_exit(&lenscube(&["status", text(&raw), "--check"]), WRONG, &["incomplete", "missing raw/c/0/0/0"]);
+    assert_exit(
+        &lenscube(&["verify", text(&raw), "--repair"]),
+        WRONG,
+        &["missing raw/c/0/0/0", "bad raw/c/1/0/0", "1 bad shards removed"],
+    );
+    sensor(&film, &raw, &flags).ok();
+    assert!(files(&raw) == whole);
+}
+
+#[test]
+fn a_full_disk_is_worth_a_retry() {
+    let place = Place::new();
+    let film = place.noise(Size::new(100, 100));
+    let raw = place.at("raw");
+    let mut command = sensor_command(&film, &raw, &["--sensor", "example-2um", "--exposure", "1ms"]);
+    let ran = CommandResult::new(&command.env("LENSCUBE_FAULT", "write:11+:28").output().unwrap());
+    assert_exit(&ran, 75, &["No space left"]);
+}
+
+/// Interrupted at a shard: exit code 130, and the same command resumes with the same bytes.
+#[test]
+fn interrupted_run_ends_with_130_and_resumes() {
+    let place = Place::new();
+    let film = place.noise(Size::new(2200, 2100));
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms,50ms", "--threads", "1"];
+    let whole = place.at("whole");
+    sensor(&film, &whole, &flags).ok();
+    let raw = place.at("raw");
+    let mut child = sensor_command(&film, &raw, &flags)
+        .env("LENSCUBE_FAULT", "commit:2:stop")
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let stat = format!("/proc/{}/stat", child.id());
+    let is_stopped =
+        || std::fs::read_to_string(&stat).unwrap().rsplit(')').next().unwrap().trim_start().starts_with('T');
+    for _ in 0..6000 {
+        if is_stopped() {
+            break;
+        }
+        assert!(child.try_wait().unwrap().is_none(), "ended before it stopped");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let signal = |name: &str| {
+        let id = child.id().to_string();
+        assert!(Command::new("kill").args([name, &id]).status().unwrap().success());
+    };
+    signal("-INT");
+    signal("-CONT");
+    let ran = CommandResult::new(&child.wait_with_output().unwrap());
+    assert_exit(&ran, 130, &["interrupted: ", "the same command resumes"]);
+    assert_exit(&sensor(&film, &raw, &flags), 0, &["resuming"]);
+    assert!(files(&raw) == files(&whole));
+}

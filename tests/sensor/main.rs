@@ -1,0 +1,13 @@
+//! `lenscube sensor` from outside: films to raws.
+
+mod bad_input;
+mod bits;
+mod catalogue;
+#[path = "../common/mod.rs"]
+mod common;
+mod interruption;
+mod light;
+
+const USAGE: i32 = 2;
+const OTHER_JOB: i32 = 3;
+const WRONG: i32 = 4;
