@@ -1,21 +1,8 @@
 //! A manual page: that of clap, with the sections EXAMPLES, EXIT STATUS, ENVIRONMENT and FILES (man-pages(7)).
 
+use crate::failure::code;
 use anyhow::{Context, Result};
 use clap_mangen::Man;
-
-/// Exit codes of every command.
-const EXIT_STATUS: [(&str, &str); 7] = [
-    ("0", "complete"),
-    ("1", "failed: damaged or forbidden"),
-    ("2", "error of usage"),
-    ("3", "the output belongs to another job"),
-    ("4", "a check found errors or missing parts"),
-    (
-        "75",
-        "temporary error, to be repeated: disk full, store unreachable, I/O error, GPU lost, film locked by another run",
-    ),
-    ("130", "interrupted; the same command resumes"),
-];
 
 /// Variables that the program reads.
 const ENVIRONMENT: [(&str, &str); 5] = [
@@ -70,7 +57,7 @@ pub(super) fn page(mut command: clap::Command) -> Result<Vec<u8>> {
         let lines: Vec<String> = examples.iter().map(|line| escape(line)).collect();
         text += &format!(".SH EXAMPLES\n.nf\n{}\n.fi\n", lines.join("\n"));
     }
-    text += &definitions("EXIT STATUS", &EXIT_STATUS);
+    text += &definitions("EXIT STATUS", &code::MEANINGS.map(|(code, meaning)| (code.to_string(), meaning)));
     text += &definitions("ENVIRONMENT", &ENVIRONMENT);
     text += &definitions("FILES", &FILES);
     bytes.extend(text.into_bytes());
@@ -94,9 +81,12 @@ fn paragraphs(lines: &[String]) -> String {
     lines.iter().map(|line| format!("{}\n", escape(line))).collect()
 }
 
-fn definitions(title: &str, all: &[(&str, &str)]) -> String {
-    let one = |(term, text): &(&str, &str)| format!(".TP\n\\fB{}\\fR\n{}\n", escape(term), escape(text));
-    format!(".SH \"{title}\"\n{}", all.iter().map(one).collect::<String>())
+fn definitions(title: &str, all: &[(impl AsRef<str>, &str)]) -> String {
+    let mut out = format!(".SH \"{title}\"\n");
+    for (term, text) in all {
+        out += &format!(".TP\n\\fB{}\\fR\n{}\n", escape(term.as_ref()), escape(text));
+    }
+    out
 }
 
 /// Text as roff prints it unchanged.
