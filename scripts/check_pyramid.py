@@ -108,7 +108,7 @@ def consolidated(path):
 
 with tempfile.TemporaryDirectory() as tmp:
     lens = GOLDEN / "packs" / "three-bands.lens.zip"
-    chart = "gen:composite?size=1031x777&wavelengths=450,500,550&pitch_um=2"
+    chart = "gen:composite?size=777x1031&wavelengths=450,500,550&pitch_um=2"
     run = ("run", chart, "--lens", lens, "--outside", "clamp", "--no-fsync", "--shard", 512, "--chunk", 256)
     for name, flags in [("film", ()), ("half", ("--dtype", "f16")), ("roi", ("--roi", "3,5,700,301", "--roi", "100,200,40,30")), ("one", ("--roi", "5,5,1,1"))]:
         path = Path(tmp) / f"{name}.zarr"

@@ -125,7 +125,7 @@ def s3(name):
 
 def stores(store, env, here):
     """Charts, lenses and films on the store equal those in files byte for byte."""
-    draw = ["--size", "360x500", "--wavelengths", "500:550:50"]
+    draw = ["--size", "500x360", "--wavelengths", "500:550:50"]
     lenscube(env, 0, [], "chart", "composite", here / "a.zarr", *draw)
     lenscube(env, 0, [], "chart", "composite", CHART, *draw)
     check(store.objects("charts/a.zarr") == files(here / "a.zarr"), "a chart on the store has other bytes than in files")

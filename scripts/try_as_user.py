@@ -1,11 +1,16 @@
-"""The tasks of a user's first day; run by scripts/try-as-user, which names the program as the first argument."""
+"""The tasks of a user's first day; run by scripts/try-as-user, which names the program as the first argument.
+
+The commands of `readme` are those of README's section "By task" with the names of files as they stand there."""
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 import warnings
 from pathlib import Path
 
@@ -13,13 +18,16 @@ import h5py
 import hdf5storage
 import numpy as np
 import scipy.io
+import OpenEXR
 import tifffile
 import xarray
+from PIL import Image
 
 # zarr-python remarks the records of runs beside the arrays.
 warnings.simplefilter("ignore")
 
 LENSCUBE = Path(sys.argv[1]).resolve()
+DESIGN = Path(__file__).resolve().parent.parent / "pipeline/data/double-gauss-28.zmx"
 NM = np.arange(450.0, 655.0, 50.0)
 GIVEN = ["--wavelengths", "450:650:50"]
 # A traced lens would take seconds a band; these tables need no tracing.
@@ -38,7 +46,7 @@ def task(name, words, place, code=0, out=(), err=()):
     stdout, stderr = process.communicate(timeout=300)
     text = {"out": stdout.decode(errors="replace"), "err": stderr.decode(errors="replace")}
     missing = [w for stream, words in (("out", out), ("err", err)) for w in words if w not in text[stream]]
-    good = process.returncode == code and not missing and "panicked" not in text["err"]
+    good = code in (process.returncode, None) and not missing and "panicked" not in text["err"]
     print(f"{'ok    ' if good else 'FAILED'}  {name}", flush=True)
     if not good:
         failed.append(name)
@@ -66,6 +74,17 @@ def write_charts(place):
     (place / "cave").mkdir()
     for k, nm in enumerate(NM):
         tifffile.imwrite(place / f"cave/scene_{nm:.0f}nm.tif", (cube[:, :, k] * 65535).astype("u2"), photometric="minisblack")
+    (place / "cave-png").mkdir()
+    for k in range(len(NM)):
+        Image.fromarray((cube[:, :, k] * 65535).astype("u2")).save(place / f"cave-png/scene_ms_{k + 1:02d}.png")
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {f"w{nm:.0f}nm": np.ascontiguousarray(cube[:, :, k]) for k, nm in enumerate(NM)}) as exr:
+        exr.write(str(place / "kaist.exr"))
+    rgba = np.random.default_rng(1).integers(0, 256, (64, 64, 4), np.uint8)
+    rgba[..., 3] = 255
+    Image.fromarray(rgba).save(place / "photo.png")
+    Image.fromarray(rgba[..., :3]).save(place / "photo.jpg")
+    rgba[..., 3] = 100
+    Image.fromarray(rgba).save(place / "transparent.png")
     tifffile.imwrite(place / "bands.tif", np.moveaxis((cube * 1e4).astype("u2"), 2, 0), photometric="minisblack", planarconfig="separate")
     cube[3, 4, 1] = np.nan
     np.save(place / "nan.npy", cube)
@@ -86,6 +105,12 @@ def inputs(place):
     run("Zarr of xarray", "cube.zarr//radiance")
     run("folder of pictures", "cave", err=["integers", "scene_450nm.tif (450 nm)"])
     run("pattern of pictures", "cave/*.tif")
+    run("folder of PNG", "cave-png", *GIVEN, err=["in this order: scene_ms_01.png", "integers"])
+    run("folder of PNG without wavelengths", "cave-png", code=2, err=["--wavelengths"])
+    run("OpenEXR", "kaist.exr")
+    for picture in ("photo.png", "photo.jpg"):
+        task(f"chart of {picture}", ["chart", "image", picture, f"{picture}.zarr", "--pitch-um", "2"], place)
+    task("transparent picture", ["chart", "image", "transparent.png", "no.zarr"], place, code=1, err=["alpha"])
     run("TIFF of bands", "bands.tif", *GIVEN, "--chart-scale", "1e-4", err=["multiplied by 0.0001"])
     run("unknown format", "notes.xyz", code=1, err=["unsupported format .xyz; supported:"])
     run("missing file", "nowhere.npy", code=1, err=["nowhere.npy", "not found"])
@@ -94,6 +119,65 @@ def inputs(place):
     task("pitch in mm", ["run", "cube.zarr//radiance", "mm.zarr", "--lens", "double-gauss-28-npz", "--interpolate-psf", "--film-pitch-um", "0.005"], place, code=2, err=["--film-pitch-um 5"])
     films = [xarray.open_zarr(place / f"{name}.zarr", consolidated=False).film.values for name in ("mat-of-version-7.3", "npy-with-axes", "Zarr-of-xarray")]
     require("equal films of .mat, .npy and Zarr", all(np.array_equal(films[0], f) for f in films[1:]))
+
+
+def lenses(place):
+    """A design file, a table of a patent, a near object, lenses side by side; quick tables instead of PSFs."""
+    shutil.copy(DESIGN, place / "MY.zmx")
+    chart = "gen:composite?size=64&pitch_um=5&wavelengths=550"
+    quick = ["--stages", "ri,distortion"]
+    task("lens show", ["lens", "show", "MY.zmx"], place, out=["effective focal length", "Strehl"])
+    task("run with a .zmx", ["run", chart, "zmx.zarr", "--lens", "MY.zmx", *quick], place, err=["shards in"])
+    task("design to a table", ["lens", "convert", "MY.zmx", "MY.csv"], place)
+    task("run with a table", ["run", chart, "table.zarr", "--lens", "MY.csv", *quick], place)
+    task("lens pack", ["lens", "trace", "MY.zmx", "MY.lens.zarr", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"], place, err=["use it with"])
+    task("pack beside its design", ["lens", "diff", "MY.zmx", "MY.lens.zarr"], place, out=["psf_l1 0.00"])
+    near = ["lens", "trace", "macro-100", "NEAR.lens.zarr", "--object-distance-mm", "400", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"]
+    task("lens pack of a near object", near, place)
+    task("near object", ["run", chart, "near.zarr", "--lens", "NEAR.lens.zarr", "--chart-pitch-mm", "0.02", *quick], place)
+    task("near object without a distance", ["run", chart, "no.zarr", "--lens", "macro-100", "--chart-pitch-mm", "0.02"], place, code=2, err=["--object-distance-mm"])
+    task("film beyond the field", ["run", "gen:uniform?size=1000&wavelengths=550", "beyond.zarr", "--lens", "phone", "--film-pitch-um", "8", *quick, "--dry-run"], place, code=None, err=["beyond the outermost field point"])
+    task("lens that does not exist", ["run", chart, "no.zarr", "--lens", "double-gaus-28"], place, code=2, err=["double-gaus-28"])
+
+
+def readme(place):
+    """First commands of README's section, on the first try."""
+    shutil.copy(place / "icvl.mat", place / "cube.mat")
+    np.save(place / "cube31.npy", np.zeros((64, 64, 31), np.float32) + 0.5)
+    for name, words in {
+        "README: .mat": ["run", "cube.mat//rad", "r1.zarr", "--film-pitch-um", "5"],
+        "README: .npy": ["run", "cube31.npy", "r2.zarr", "--axes", "y,x,wavelength", "--wavelengths", "400:700:10", "--film-pitch-um", "2"],
+        "README: PNG": ["run", "cave-png/*.png", "r3.zarr", *GIVEN, "--film-pitch-um", "5"],
+    }.items():
+        task(name, [*words, "--lens", "double-gauss-28", "--stages", "ri,distortion"], place)
+
+
+def tools(place):
+    """View, validate, pipes, completions and manual."""
+    view = start(["view", "film.zarr", "--port", "0"], place)
+    # The address; nothing if the server did not start.
+    address = view.stdout.readline().decode().strip()
+    page = urllib.request.urlopen(address, timeout=30).read() if address else b""
+    require("view serves a page", b"<html" in page)
+    view.send_signal(signal.SIGINT)
+    view.communicate(timeout=30)
+    task("validate", ["validate", "--lens", "double-gauss-28-npz", "--wavelengths", "550", "--size", "4096", "--out", "report"], place, err=["worst of 1 bands", "report.html"])
+    require("validation of another film is not compared with the paper", "98.7 %" not in (place / "report/report.html").read_text())
+    task("help names the limits of --size", ["validate", "--help"], place, out=["4096 to 100000"])
+    piped = subprocess.run(f"{LENSCUBE} export film.zarr - --format npy -q | {sys.executable} -c 'import sys, io, numpy; print(numpy.load(io.BytesIO(sys.stdin.buffer.read())).shape)'",
+                           shell=True, cwd=place, capture_output=True, text=True)
+    require("NPY through a pipe", piped.stdout.startswith("(2,"))
+    task("bands of a GDAL raster", ["export", "film.zarr", "bands-out.tif", "--format", "tiff-bands"], place)
+    task("completions", ["completions", "bash"], place, out=["double-gauss-28", "noise.prnu="])
+    task("manual", ["man", "man1"], place)
+    require("manual pages have exit codes, environment, files, examples", all(f".SH {s}" in (place / "man1/lenscube-run.1").read_text() for s in ('EXAMPLES', '"EXIT STATUS"', '"ENVIRONMENT"', '"FILES"')))
+
+
+def full_disk(place):
+    """A film larger than the disk is refused before it is created."""
+    huge = ["run", "gen:uniform?size=300000&wavelengths=400:700:10", "huge.zarr", "--lens", "double-gauss-28-npz", "--stages", "ri", "--outside", "clamp", "--codec", "none", "--interpolate-psf"]
+    task("film larger than the disk", huge, place, code=75, err=["--force"])
+    require("nothing was created", not (place / "huge.zarr").exists())
 
 
 def every_day(place):
@@ -145,7 +229,7 @@ def every_day(place):
 with tempfile.TemporaryDirectory() as tmp:
     place = Path(tmp)
     write_charts(place)
-    inputs(place)
-    every_day(place)
+    for part in (inputs, lenses, readme, every_day, tools, full_disk):
+        part(place)
 print(f"{len(failed)} tasks failed" + "".join(f"\n  {name}" for name in failed))
 sys.exit(bool(failed))

@@ -50,7 +50,7 @@ pub use sensor::{
 pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};
-pub use values::band_indices;
+pub use values::{band_indices, size_order_note};
 pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use crate::failure::usage;

@@ -2,7 +2,7 @@
 
 mod image;
 
-use crate::args::{ChartArgs, ChartCommand, GeneratedArgs};
+use crate::args::{ChartArgs, ChartCommand, GeneratedArgs, size_order_note};
 use crate::failure::{other_job, usage};
 use crate::job::threads;
 use crate::progress::{counting, log_line};
@@ -49,6 +49,9 @@ fn draw(args: &GeneratedArgs) -> Result<()> {
             let flag = key.replace('_', "-");
             spec.set(key, value).map_err(|e| usage(format!("--{flag} {value}: {e}")))?;
         }
+    }
+    if let Some(note) = size_order_note("--size", spec.film) {
+        log_line(format!("note: {note}"));
     }
     let chart = Generator::new(spec).map_err(|e| usage(e.to_string()))?;
     write(&chart, &args.out, args.codec.into(), threads(args.threads), args.overwrite)

@@ -22,9 +22,14 @@ pub fn builtin_names() -> impl Iterator<Item = &'static str> {
     shelf::LENSES.iter().map(|lens| lens.name)
 }
 
+/// Whether `name` is a built-in design.
+pub fn is_builtin(name: &str) -> bool {
+    ShelfLens::named(name).is_some()
+}
+
 /// Whether `name` is a design, as opposed to a lens pack.
 pub fn is_design(name: &str) -> bool {
-    ShelfLens::named(name).is_some() || format::has_design_extension(Path::new(name))
+    is_builtin(name) || format::has_design_extension(Path::new(name))
 }
 
 /// Maximum size of a design or glass catalogue; a lens of a thousand surfaces has less than 1 MB.

@@ -147,7 +147,7 @@ fn write(args: &DevelopArgs, format: Format) -> Result<()> {
     let region = args.crop.unwrap_or(all);
     if !all.contains(region) {
         return Err(usage(format!(
-            "--crop {},{},{},{} is not inside the picture of {} (rows x columns)",
+            "--crop {},{},{},{} is not inside the picture of {}",
             region.x,
             region.y,
             region.width,

@@ -90,11 +90,6 @@ fn check_flags(args: &ExportArgs, file: ExportFormatArg) -> Result<()> {
         (args.half && !exr, "--half", "EXR"),
         (args.compression.is_some() && !exr, "--compression", "EXR"),
         (args.max_side.is_some() && !picture, "--max-side", "PNG and TIFF pictures"),
-        (
-            args.band.is_some() && file == ExportFormatArg::Tiff,
-            "--band",
-            "PNG and data formats (--format tiff-bands, .exr, .hdr, .npy)",
-        ),
         (args.exposure != "auto" && !picture, "--exposure", "PNG and TIFF pictures"),
     ];
     match flags.into_iter().find(|(wrong, ..)| *wrong) {
@@ -126,7 +121,7 @@ impl Input {
         let region = args.crop.unwrap_or(chart.size().rect());
         if !chart.size().rect().contains(region) {
             return Err(usage(format!(
-                "--crop {},{},{},{} is not inside the image of {} (rows x columns)",
+                "--crop {},{},{},{} is not inside the image of {}",
                 region.x,
                 region.y,
                 region.width,
@@ -210,7 +205,8 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
     let options = PreviewOptions { view, white, exposure };
     let shown = match args.band {
         Some(band_nm) => {
-            write_grey(args.target(), &source, nm, band_nm, &GreyOptions { view, exposure }, &progress)?
+            let options = GreyOptions { view, exposure };
+            write_grey(args.target(), &source, nm, band_nm, &options, file, &progress)?
         }
         None if fits_in_memory && file == ColourFile::Png => {
             write_preview(args.target(), &source, nm, &options, &progress)?

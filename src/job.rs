@@ -123,7 +123,7 @@ impl Job {
         notes.extend(coverage.note(args));
         notes.extend(stretch.note());
         let device = arguments.device;
-        let mut details = Vec::new();
+        let mut details = plan.lens.details().to_vec();
         match args.device == Device::Auto {
             true if device.no_gpu => details.push(device.reason),
             true => notes.push(device.reason),

@@ -1,20 +1,21 @@
 //! `lenscube completions` and `lenscube man`: shell completions and manual pages, generated from the argument definitions.
 
+mod completion;
 mod listing;
+mod page;
 
 use crate::args::{Cli, CompletionsArgs, ManArgs};
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use formats::durable::create_directories;
+use page::page;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 
 /// Writes the completions of a shell to stdout.
 pub fn completions(args: &CompletionsArgs) -> Result<()> {
-    let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "lenscube", &mut script);
-    to_stdout(&script)
+    to_stdout(completion::script(args.shell).as_bytes())
 }
 
 /// Writes the pages of all commands into a directory, or the page of the program to stdout.
@@ -41,12 +42,6 @@ fn write(command: &clap::Command, prefix: &str, dir: &Path) -> Result<usize> {
     std::fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))?;
     let subcommands = command.get_subcommands().filter(|c| c.get_name() != "help");
     subcommands.map(|c| write(c, &format!("{name}-"), dir)).try_fold(1, |sum, pages| Ok(sum + pages?))
-}
-
-fn page(command: clap::Command) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    clap_mangen::Man::new(command).render(&mut bytes).context("writing a manual page")?;
-    Ok(bytes)
 }
 
 /// A closed pipe (`| head`) is not an error.

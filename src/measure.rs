@@ -98,7 +98,7 @@ fn read(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<Vec<f32>> 
     let size = chart.size();
     if !size.rect().contains(rect) {
         return Err(usage(format!(
-            "{what} needs {rect}, which is not inside the image of {size} (rows x columns); give other positions or a smaller --half-px"
+            "{what} needs {rect}, which is not inside the image of {size}; give other positions or a smaller --half-px"
         )));
     }
     let mut pixels = vec![0f32; rect.size().pixels()];

@@ -11,6 +11,7 @@ use pipeline::executor::Summary;
 use pipeline::plan::ShardId;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -37,9 +38,21 @@ fn verbosity() -> Verbosity {
     VERBOSITY.get().copied().unwrap_or(Verbosity::Normal)
 }
 
+/// Whether the current work is a step of another command.
+static IS_STEP: AtomicBool = AtomicBool::new(false);
+
+/// Runs `work`, a step of another command: its log lines are details.
+pub fn as_step<T>(work: impl FnOnce() -> T) -> T {
+    let outer = IS_STEP.swap(true, Relaxed);
+    let result = work();
+    IS_STEP.store(outer, Relaxed);
+    result
+}
+
 /// Writes a line to stderr, unless `--quiet`. Errors are ignored: stderr may be closed.
 pub fn log_line(line: impl AsRef<str>) {
-    if verbosity() > Verbosity::Quiet {
+    let least = if IS_STEP.load(Relaxed) { Verbosity::Verbose } else { Verbosity::Normal };
+    if verbosity() >= least {
         error_line(line);
     }
 }

@@ -14,6 +14,7 @@ mod film_maker;
 mod illumination;
 mod interpolated_lens;
 mod limits;
+mod progress;
 mod reference;
 mod report;
 pub mod setup;
@@ -24,7 +25,7 @@ mod timing;
 
 use crate::args::{ValidateArgs, check_directory};
 use crate::failure::{Coded, code, other_job};
-use crate::progress::log_line;
+use crate::progress::{detail_line, log_line};
 use anyhow::{Context, Result};
 use band::{Films, compare};
 pub use film_maker::FilmMaker;
@@ -65,8 +66,9 @@ pub fn command(args: &ValidateArgs) -> Result<u8> {
     for band in 0..setup.wavelengths_nm.len() {
         let nm = setup.wavelengths_nm[band];
         let result = compare(&setup, &films, band).with_context(|| format!("comparing {nm} nm"))?;
+        setup.steps.step();
         let min_iou = result.edges.iter().map(|e| e.agreement.iou).fold(1.0, f64::min);
-        log_line(format!(
+        detail_line(format!(
             "{nm} nm: relative illumination, IoU {:.6} %; distortion, mean error {:.5} px; edge spread function, minimum IoU {:.4} %",
             100.0 * result.illumination.agreement.iou,
             distortion::mean_max(&result.points).0,
@@ -74,6 +76,8 @@ pub fn command(args: &ValidateArgs) -> Result<u8> {
         ));
         bands.push(result);
     }
+    setup.steps.clear();
+    log_line(limits::summary(&bands));
     let missed = limits::missed(&bands, &args.require);
     let mut files = files::curves(&args.out.join("curves"), &bands)?;
     let summary = files::summary(args, &setup, &bands, &missed, &times);

@@ -33,7 +33,7 @@ impl Films {
 
     fn run(&self, chart: &str, flags: &[&str]) -> CommandResult {
         let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("formats/tests/data").join(chart);
-        let flags = [&["--film-pitch-um", "2", "--film-size", "33x35"], flags].concat();
+        let flags = [&["--film-pitch-um", "2", "--film-size", "35x33"], flags].concat();
         run(text(&fixture), &self.film(chart), text(&self.pack), &flags)
     }
 

@@ -153,7 +153,7 @@ fn stored_and_generated_chart_give_the_same_film() {
     let at = |name: &str| dir.path().join(name);
     let draw = |name: &str, threads: &str| {
         let path = at(name);
-        let words = ["chart", "composite", text(&path), "--size", "260x300", "--wavelengths", "450,500"];
+        let words = ["chart", "composite", text(&path), "--size", "300x260", "--wavelengths", "450,500"];
         lenscube(&[&words[..], &["--pitch-um", "10", "--threads", threads]].concat()).ok();
         path
     };
@@ -162,7 +162,7 @@ fn stored_and_generated_chart_give_the_same_film() {
     let flags = ["--psf-window", "5", "--azimuths", "4"];
     run(text(&one), &at("stored"), "double-gauss-28-npz", &flags).ok();
     run(
-        "gen:composite?size=260x300&wavelengths=450,500&pitch_um=10",
+        "gen:composite?size=300x260&wavelengths=450,500&pitch_um=10",
         &at("drawn"),
         "double-gauss-28-npz",
         &flags,
@@ -240,7 +240,7 @@ fn film_of_a_uniform_chart_equals_relative_illumination() {
     for (name, axis) in [("middle", (128.0, 150.0)), ("aside", (100.25, 171.5))] {
         let film = dir.path().join(name);
         let words = format!("{},{}", axis.0, axis.1);
-        let chart = "gen:uniform?size=301x257&wavelengths=420,550,700&pitch_um=85";
+        let chart = "gen:uniform?size=257x301&wavelengths=420,550,700&pitch_um=85";
         run(chart, &film, "double-gauss-28-npz", &["--stages", "ri,distortion", "--axis", &words]).ok();
         let (size, got) = pixels(&film, "film");
         assert_eq!(got.len(), 3, "bands");

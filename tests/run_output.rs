@@ -77,7 +77,7 @@ fn film_beyond_the_chart_is_noted_with_its_share() {
 fn fit_scales_the_chart_to_the_film_or_the_field() {
     let job = Job::new(1.0);
     let bits_of = |film: &str| bits(&pixels(&job.film(film), "film").1);
-    let size = ["--film-size", "96x128"];
+    let size = ["--film-size", "128x96"];
     for (fit, scale) in
         [("width", "2"), ("height", "1.5"), ("contain", "1.5"), ("diagonal", "1.7677669529663689")]
     {

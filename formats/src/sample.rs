@@ -17,7 +17,7 @@ pub enum Sample {
     F64,
 }
 
-/// Sample type of a flat file. Its `Debug` form is part of a chart's identity, which films store: do not rename.
+/// Sample type of a flat file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RasterSample {
     /// Signed 16-bit integer.
@@ -113,6 +113,18 @@ impl RasterSample {
     /// Whether samples are integers.
     pub const fn is_integer(self) -> bool {
         matches!(self, Self::I16 | Self::Plain(Sample::U8 | Sample::U16))
+    }
+
+    /// As `--chart-dtype` names it. Part of a chart's identity, which films store: do not change.
+    pub(crate) const fn code(self) -> &'static str {
+        match self {
+            Self::I16 => "i16",
+            Self::Plain(Sample::U8) => "u8",
+            Self::Plain(Sample::U16) => "u16",
+            Self::Plain(Sample::F16) => "f16",
+            Self::Plain(Sample::F32) => "f32",
+            Self::Plain(Sample::F64) => "f64",
+        }
     }
 
     /// Short name, as in `--chart-dtype`'s terms: bits and kind.

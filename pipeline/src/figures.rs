@@ -6,7 +6,7 @@
 //!     Strehl = E P(0, 0)/p² / (R Ω/λ²)         against a pupil of the same solid angle R Ω, evenly filled, no aberration
 //!     RMS² = Σ P |ρ − ρ̄|²                      inside the window
 //! P is the share of the window's light per sample (sum 1), p the sample pitch, E the window's share of all the light: light outside
-//! the window counts as uniform, so MTF(0) = E. For integrated samples the MTF is divided by the sample's sinc(f p), and there is no
+//! the window counts as uniform, so MTF(0) = 1 and MTF(f) tends to E for small f > 0. For integrated samples the MTF is divided by the sample's sinc(f p), and there is no
 //! Strehl ratio, because the peak is averaged. Heights are linear between field points, PSFs between their heights, as on the film.
 //! Source: Goodman, Introduction to Fourier Optics, 6.3-6.4; Born & Wolf 9.1.
 
@@ -133,8 +133,11 @@ impl PsfWindow {
         (self.sample == PsfSample::Point).then(|| peak * um * um / solid_angle)
     }
 
-    /// Modulation of a sine pattern of `lp_mm` line pairs per mm.
+    /// Modulation of a sine pattern of `lp_mm` line pairs per mm; 1 at 0.
     pub fn mtf(&self, lp_mm: f64, direction: Direction) -> f64 {
+        if lp_mm == 0.0 {
+            return 1.0;
+        }
         let k = 2e-3 * PI * lp_mm;
         let (mut re, mut im) = (0.0, 0.0);
         for (i, v) in self.line(direction).iter().enumerate() {
@@ -144,11 +147,10 @@ impl PsfWindow {
         }
         let sample_mtf = match self.sample {
             PsfSample::Point => 1.0,
-            PsfSample::Integrated if lp_mm > 0.0 => {
+            PsfSample::Integrated => {
                 let x = 0.5 * k * self.pitch_um;
                 real::sin(x) / x
             }
-            PsfSample::Integrated => 1.0,
         };
         self.energy * real::hypot(re, im) / sample_mtf
     }
@@ -199,7 +201,8 @@ mod tests {
         let psf = gauss(121, 0.5, 4.0, 2.0, 1.5);
         assert!((psf.centroid_um() - 1.5).abs() < 1e-5);
         assert!((psf.rms_um() - 20f64.sqrt()).abs() < 1e-4);
-        for lp in [0.0, 10.0, 40.0] {
+        assert_eq!(psf.mtf(0.0, Direction::Tangential), 1.0);
+        for lp in [1e-6, 10.0, 40.0] {
             let expected = |s: f64| 0.98 * (-2.0 * (PI * lp * s * 1e-3).powi(2)).exp();
             assert!((psf.mtf(lp, Direction::Tangential) - expected(4.0)).abs() < 1e-5);
             assert!((psf.mtf(lp, Direction::Sagittal) - expected(2.0)).abs() < 1e-5);

@@ -37,7 +37,7 @@ impl Size {
 
 impl std::fmt::Display for Size {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}x{}", self.height, self.width)
+        write!(f, "{}x{}", self.width, self.height)
     }
 }
 
@@ -120,7 +120,7 @@ impl Rect {
 
 impl std::fmt::Display for Rect {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}x{} at row {}, column {}", self.height, self.width, self.y, self.x)
+        write!(f, "{}x{} at x {}, y {}", self.width, self.height, self.x, self.y)
     }
 }
 

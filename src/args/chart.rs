@@ -11,9 +11,9 @@ use std::path::PathBuf;
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
     disable_help_subcommand = true,
-    after_help = "Examples:  lenscube chart slanted-edge edges.zarr --size 14141 --grid 5 --angle-deg 5\n           \
-lenscube chart image photo.png chart.zarr --pitch-um 2\n\
-Without a store:  lenscube run 'gen:composite?size=14141' film.zarr"
+    after_help = "Examples:\n  lenscube chart slanted-edge edges.zarr --size 14141 --grid 5 --angle-deg 5\n  \
+lenscube chart image photo.png chart.zarr --pitch-um 2\n  \
+lenscube run 'gen:composite?size=14141' film.zarr     # without a store"
 )]
 pub struct ChartArgs {
     /// Conversion of a file.
@@ -33,7 +33,7 @@ pub enum ChartCommand {
 
 /// `lenscube chart image`
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:  lenscube chart image photo.png chart.zarr --pitch-um 2\n           \
+#[command(after_help = "Examples:\n  lenscube chart image photo.png chart.zarr --pitch-um 2\n  \
 lenscube chart image render.exr chart.zarr --pitch-um 2 --scale-to 300\n\
 PNG and TIFF of 8 or 16 bits, JPEG and WebP are decoded as sRGB, OpenEXR as linear or, with channels S0.…nm, band by band. A colour becomes the \
 mixture of three smooth reflectances that has this colour under the illuminant; the chart's preview shows the same colours:\n  \
@@ -84,8 +84,8 @@ pub struct GeneratedArgs {
     /// Zarr store to write, local or at s3://BUCKET/PREFIX
     #[arg(value_name = "OUT.zarr")]
     pub out: PathBuf,
-    /// Size of the FILM in pixels, N or HxW; the chart is larger by the overscan
-    #[arg(long, value_name = "HxW")]
+    /// Size of the FILM in pixels, N or WxH; the chart is larger by the overscan
+    #[arg(long, value_name = "WxH")]
     pub size: Option<String>,
     /// Bands in nm: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM")]

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// `lenscube demo`
 #[derive(Debug, Args)]
-#[command(after_help = "Example:  lenscube demo --dir demo --size 2048")]
+#[command(after_help = "Example:\n  lenscube demo --dir demo --size 2048")]
 pub struct DemoArgs {
     /// Directory for pictures and stores: new, empty, or of an earlier demo
     #[arg(long, default_value = "lenscube-demo")]

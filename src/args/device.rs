@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 /// `lenscube device`
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  lenscube device list\n  lenscube device check --device cuda:0")]
 pub struct DeviceArgs {
     /// What to do
     #[command(subcommand)]
@@ -17,8 +18,10 @@ pub struct DeviceArgs {
 #[derive(Debug, Subcommand)]
 pub enum DeviceCommand {
     /// List the CPU's instruction sets and the GPUs
+    #[command(after_help = "Example:\n  lenscube device list")]
     List,
     /// Compare films of the GPUs with the CPU's: seconds; exit code 4 if they differ by more than 2e-6 of the peak
+    #[command(after_help = "Example:\n  lenscube device check && lenscube run chart.zarr film.zarr")]
     Check {
         /// GPUs: auto or cuda (all), cuda:0,2
         #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 lenscube export film.zarr//roi_0 corner.png\n  lenscube export film.zarr band.png --band 450\n  \
 lenscube export film.zarr film.exr --half --memory 1GiB\n  \
 lenscube export film.zarr corner.hdr --crop 13000,13000,1141,1141 --bands 450:650\n\
-Formats: png (colour preview, or with --band 16-bit grey), tiff (16-bit colour preview), tiff-bands (one 32-bit float page per band), \
+Formats: png (colour preview, or with --band 16-bit grey), tiff (16-bit colour preview, or with --band grey), tiff-bands (one raster of 32-bit float bands), \
 exr (one channel per band), envi (.hdr and BSQ data), npy")]
 pub struct ExportArgs {
     /// Film or chart: PATH or URL, optionally with //array, a chart file as for `run`, or gen:KIND?…
@@ -25,37 +25,37 @@ pub struct ExportArgs {
     #[arg(long, value_enum)]
     pub format: Option<ExportFormatArg>,
     /// Export only this rectangle, in film pixels
-    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi, help_heading = "Selection")]
     pub crop: Option<Rect>,
     /// Bands to export: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]
-    #[arg(long)]
+    #[arg(long, help_heading = "Selection")]
     pub bands: Option<String>,
-    /// One band, by its wavelength in nm; in a PNG as 16-bit linear grey
-    #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM), conflicts_with = "bands")]
+    /// One band, by its wavelength in nm; in a PNG or TIFF picture as 16-bit linear grey
+    #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM), conflicts_with = "bands", help_heading = "Selection")]
     pub band: Option<f64>,
     /// PNG, TIFF: longest side of the picture in pixels; larger films are averaged over areas [default: 2048 for PNG, all for TIFF]
-    #[arg(long, value_name = "PX", value_parser = side)]
+    #[arg(long, value_name = "PX", value_parser = side, help_heading = "Pictures")]
     pub max_side: Option<usize>,
     /// PNG, TIFF: illuminant shown as white: D65, A, E or auto
-    #[arg(long, value_name = "NAME", default_value = "D65")]
+    #[arg(long, value_name = "NAME", default_value = "D65", help_heading = "Pictures")]
     pub white: String,
     /// PNG, TIFF: multiplier of the values, or auto
-    #[arg(long, default_value = "auto")]
+    #[arg(long, default_value = "auto", help_heading = "Pictures")]
     pub exposure: String,
     /// EXR: 16-bit floats
-    #[arg(long)]
+    #[arg(long, help_heading = "OpenEXR")]
     pub half: bool,
     /// EXR: lossless compression [default: zip]
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = "OpenEXR")]
     pub compression: Option<ExrCompressionArg>,
     /// Wavelengths in nm where the store has none
-    #[arg(long, value_name = "NM")]
+    #[arg(long, value_name = "NM", help_heading = "Selection")]
     pub wavelengths: Option<String>,
     /// Worker threads [default: all cores]
-    #[arg(long, value_parser = threads)]
+    #[arg(long, value_parser = threads, help_heading = "Machine")]
     pub threads: Option<usize>,
     /// Maximum memory, e.g. 1GiB [default: half of the available memory, at most 4 GiB]
-    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Machine")]
     pub memory: Option<u64>,
     /// Replace an existing file
     #[arg(long)]

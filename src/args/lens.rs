@@ -9,6 +9,9 @@ use std::path::PathBuf;
 
 /// `lenscube lens`
 #[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  lenscube lens list\n  lenscube lens show double-gauss-28 --plot pictures"
+)]
 pub struct LensArgs {
     /// Command to run.
     #[command(subcommand)]
@@ -38,6 +41,7 @@ Glasses that are not built in are written into a catalogue OUT.agf beside a .zmx
 
 /// `lenscube lens list`
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  lenscube lens list --json | jq -r '.designs[].name'")]
 pub struct ListArgs {
     /// Print JSON
     #[arg(long)]
@@ -98,7 +102,7 @@ pub struct ShowArgs {
 /// `lenscube lens diff`
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650"
+    after_help = "Example:\n  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650"
 )]
 pub struct DiffArgs {
     /// Lens pack (also at a URL), design file (.zmx, .seq, .csv, .zar, .json), or name of a built-in lens

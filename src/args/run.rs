@@ -24,126 +24,132 @@ pub struct RunArgs {
     pub film: PathBuf,
     /// Lens pack (directory or .zip, also at a URL), design (.zmx) to trace at the chart's wavelengths, or name of a built-in lens.
     /// A file with the name of a built-in lens is given as ./NAME
-    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
+    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28", help_heading = "Lens")]
     pub lens: String,
     /// Array of the chart's file or store, the same as CHART//NAME
-    #[arg(long, value_name = "NAME", conflicts_with = "chart_shape")]
+    #[arg(long, value_name = "NAME", conflicts_with = "chart_shape", help_heading = "Chart")]
     pub var: Option<String>,
     /// Shape of a raw chart, stored band after band, or in the order of --axes
-    #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype")]
+    #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype", help_heading = "Chart")]
     pub chart_shape: Option<String>,
     /// Sample type of a raw chart: u8, u16, f16, f32 or f64; prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8
-    #[arg(long, value_name = "TYPE", requires = "chart_shape")]
+    #[arg(long, value_name = "TYPE", requires = "chart_shape", help_heading = "Chart")]
     pub chart_dtype: Option<String>,
     /// Axes of the chart's array, slowest first, where names of dimensions do not give them: y,x,wavelength (Zarr, HDF5, .npy, raw; of a
     /// .mat file as MATLAB shows them)
-    #[arg(long, value_name = "AXES")]
+    #[arg(long, value_name = "AXES", help_heading = "Chart")]
     pub axes: Option<AxisOrder>,
     /// Factor of all chart values, e.g. 1e-4 for reflectance stored as integers to 10000 [default: 1]
-    #[arg(long, value_name = "FACTOR", value_parser = positive)]
+    #[arg(long, value_name = "FACTOR", value_parser = positive, help_heading = "Chart")]
     pub chart_scale: Option<f64>,
     /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
-    #[arg(long, value_name = "NM")]
+    #[arg(long, value_name = "NM", help_heading = "Chart")]
     pub wavelengths: Option<String>,
     /// Bands to compute: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]
-    #[arg(long)]
+    #[arg(long, help_heading = "Chart")]
     pub bands: Option<String>,
     /// Stages to apply: relative illumination, distortion, spatially variant PSF
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "ri,distortion,svpsf")]
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        default_value = "ri,distortion,svpsf",
+        help_heading = "Lens"
+    )]
     pub stages: Vec<Stage>,
     /// Compute regions of the film only, in film pixels, each stored as an array roi_N; repeatable
-    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi, help_heading = "Film")]
     pub roi: Vec<Rect>,
     /// Azimuths per PSF height, a multiple of 4 [default: those of the lens]
-    #[arg(long, value_name = "J", value_parser = azimuths)]
+    #[arg(long, value_name = "J", value_parser = azimuths, help_heading = "Lens")]
     pub azimuths: Option<usize>,
     /// Crop PSFs to N x N film pixels (N odd) and scale each to sum 1 [default: the lens's window]
-    #[arg(long, value_name = "N", value_parser = odd)]
+    #[arg(long, value_name = "N", value_parser = odd, help_heading = "Lens")]
     pub psf_window: Option<usize>,
     /// Interpolate PSFs between the lens's wavelengths (between bands 20 nm apart the kernel error can be 30 to 100 % (L1) in the blue)
-    #[arg(long)]
+    #[arg(long, help_heading = "Lens")]
     pub interpolate_psf: bool,
-    /// Film size in pixels: N or HxW [default: the chart's film_size, else its size times the scale]
-    #[arg(long, value_name = "HxW", value_parser = size)]
+    /// Film size in pixels: N or WxH [default: the chart's film_size, else its size times the scale]
+    #[arg(long, value_name = "WxH", value_parser = size, help_heading = "Film")]
     pub film_size: Option<Size>,
     /// Film pixel pitch in µm [default: the chart's pitch_um]
-    #[arg(long, value_name = "UM", value_parser = pitch)]
+    #[arg(long, value_name = "UM", value_parser = pitch, help_heading = "Film")]
     pub film_pitch_um: Option<f64>,
     /// Optical axis in film pixels [default: centre of the film]
-    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true, help_heading = "Placement")]
     pub axis: Option<(f64, f64)>,
     /// Film pixels per chart pixel
-    #[arg(long, value_name = "SX[,SY]", value_parser = scale, default_value = "1")]
+    #[arg(long, value_name = "SX[,SY]", value_parser = scale, default_value = "1", help_heading = "Placement")]
     pub scale: (f64, f64),
     /// Chart pixel pitch at the object, mm. The scale is then |magnification| x this / film pitch. Needs a lens with a finite object
     /// distance; replaces --scale
-    #[arg(long, value_name = "MM", value_parser = bounded(bounds::OBJECT_PITCH_MM), conflicts_with = "scale")]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::OBJECT_PITCH_MM), conflicts_with = "scale", help_heading = "Placement")]
     pub chart_pitch_mm: Option<f64>,
     /// Scale the chart to the film (--film-size), or without it to the lens's field: its width or height as the film's, the diagonal as the
     /// film's or field's, or the complete chart inside. Replaces --scale
-    #[arg(long, value_enum, conflicts_with_all = ["scale", "chart_pitch_mm"])]
+    #[arg(long, value_enum, conflicts_with_all = ["scale", "chart_pitch_mm"], help_heading = "Placement")]
     pub fit: Option<FitArg>,
     /// Centre of the chart in mm from the optical axis
-    #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true, help_heading = "Placement")]
     pub center: (f64, f64),
     /// Interpolation between chart pixels (bilinear reduces sharpness)
-    #[arg(long, value_enum, default_value_t = InterpArg::Bicubic)]
+    #[arg(long, value_enum, default_value_t = InterpArg::Bicubic, help_heading = "Placement")]
     pub interp: InterpArg,
     /// Values outside the chart
-    #[arg(long, value_enum, default_value_t = SurroundArg::Edge)]
+    #[arg(long, value_enum, default_value_t = SurroundArg::Edge, help_heading = "Placement")]
     pub surround: SurroundArg,
     /// Film beyond the lens's tables: error, or clamp to the last values
-    #[arg(long, value_enum, default_value_t = OutsideArg::Error)]
+    #[arg(long, value_enum, default_value_t = OutsideArg::Error, help_heading = "Lens")]
     pub outside: OutsideArg,
     /// NaN, infinity and declared fill values in the chart: error, or read as zero and count
-    #[arg(long, value_enum, default_value_t = NanArg::Error)]
+    #[arg(long, value_enum, default_value_t = NanArg::Error, help_heading = "Chart")]
     pub nan: NanArg,
     /// relative: chart values x relative illumination; irradiance: W m-2 nm-1, from a radiance chart; photons: per s, nm and pixel
-    #[arg(long, value_enum, default_value_t = FilmUnits::Relative)]
+    #[arg(long, value_enum, default_value_t = FilmUnits::Relative, help_heading = "Film")]
     pub film_units: FilmUnits,
     /// Sample type of the film
-    #[arg(long, value_enum, default_value_t = DtypeArg::F32)]
+    #[arg(long, value_enum, default_value_t = DtypeArg::F32, help_heading = "Film")]
     pub dtype: DtypeArg,
     /// Shard side in pixels, a multiple of the chunk
-    #[arg(long, default_value_t = 2048, value_parser = storage)]
+    #[arg(long, default_value_t = 2048, value_parser = storage, help_heading = "Film")]
     pub shard: usize,
     /// Inner chunk side in pixels
-    #[arg(long, default_value_t = 512, value_parser = storage)]
+    #[arg(long, default_value_t = 512, value_parser = storage, help_heading = "Film")]
     pub chunk: usize,
     /// Compression of the film; zstd, smaller and slower, for slow or costly storage [default: that of the film if it exists, else lz4]
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = "Film")]
     pub codec: Option<CodecArg>,
     /// Round samples to N bits of mantissa, so that they compress better: a relative error of at most 2^-(N+1) [default: all, 23 of
     /// f32 and 10 of f16]
-    #[arg(long, value_name = "N", value_parser = keep_bits)]
+    #[arg(long, value_name = "N", value_parser = keep_bits, help_heading = "Film")]
     pub keep_bits: Option<u32>,
     /// Device: cpu; cuda (all GPUs) or cuda:0,2 (one queue per entry); auto (GPUs if usable, else cpu)
-    #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto)]
+    #[arg(long, value_name = "DEVICE", default_value_t = Device::Auto, help_heading = "Machine")]
     pub device: Device,
     /// Implementation of the arithmetic: avx512, avx2 or portable (CPU), cuda-sm_90 (GPUs of that compute capability)
     /// [default: that of the film if it exists and this machine has it, else the fastest]
-    #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true)]
+    #[arg(long, value_name = "ENGINE", default_value_t = EngineArg::Auto, hide_default_value = true, help_heading = "Machine")]
     pub engine: EngineArg,
     /// Continue a film that was created with another engine; values of engines differ by up to 2e-6 of the peak
-    #[arg(long)]
+    #[arg(long, help_heading = "Machine")]
     pub mixed_engines: bool,
     /// Worker threads [default: all cores]
-    #[arg(long, value_parser = threads)]
+    #[arg(long, value_parser = threads, help_heading = "Machine")]
     pub threads: Option<usize>,
     /// Maximum memory, e.g. 1GiB [default: half of the available memory, at most 4 GiB]
-    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Machine")]
     pub memory: Option<u64>,
     /// Do not wait for the disk after each shard: faster, but a power failure may lose shards
-    #[arg(long)]
+    #[arg(long, help_heading = "Machine")]
     pub no_fsync: bool,
     /// Resume although the chart's files have new modification times; names and sizes must be unchanged
-    #[arg(long)]
+    #[arg(long, help_heading = "Existing film")]
     pub trust_input: bool,
     /// Make the pyramid afterwards, as `lenscube pyramid` does
-    #[arg(long)]
+    #[arg(long, help_heading = "Film")]
     pub pyramid: bool,
     /// After an error finish all shards that do not depend on it
-    #[arg(long)]
+    #[arg(long, help_heading = "Existing film")]
     pub keep_going: bool,
     /// Flags that a plan does not store.
     #[command(flatten)]
@@ -154,13 +160,13 @@ pub struct RunArgs {
 #[derive(Debug, Args, Clone, Copy)]
 pub struct ProcessArgs {
     /// Remove an existing film and start again
-    #[arg(long)]
+    #[arg(long, help_heading = "Existing film")]
     pub overwrite: bool,
     /// Start although the disk is too small for the film
-    #[arg(long)]
+    #[arg(long, help_heading = "Existing film")]
     pub force: bool,
     /// Take over a stale lock held by another host
-    #[arg(long)]
+    #[arg(long, help_heading = "Existing film")]
     pub take_over: bool,
 }
 

@@ -10,9 +10,9 @@ use std::path::PathBuf;
 /// `lenscube sensor FILM RAW.zarr …`, or one of its subcommands.
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-#[command(after_help = "\
-lenscube sensor film.zarr raw.zarr --sensor cmv12000-rgb --exposure auto --seed 1
-lenscube sensor film.zarr bracket.zarr --sensor sony-a7r2 --exposure 1ms,4ms,16ms --frames 8
+#[command(after_help = "Examples:\n  \
+lenscube sensor film.zarr raw.zarr --sensor cmv12000-rgb --exposure auto --seed 1\n  \
+lenscube sensor film.zarr bracket.zarr --sensor sony-a7r2 --exposure 1ms,4ms,16ms --frames 8\n\
 A film called `show` is ./show")]
 pub struct SensorArgs {
     /// list, show or validate
@@ -27,6 +27,7 @@ pub struct SensorArgs {
 #[derive(Debug, Subcommand)]
 pub enum SensorCommand {
     /// List the built-in sensors
+    #[command(after_help = "Example:\n  lenscube sensor list")]
     List,
     /// Show a sensor: figures, sources, assumptions
     Show(SensorShowArgs),
@@ -36,6 +37,9 @@ pub enum SensorCommand {
 
 /// `lenscube sensor show`.
 #[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  lenscube sensor show cmv12000-rgb --set pixel.pitch_um=3.45 --plot figures"
+)]
 pub struct SensorShowArgs {
     /// Name of a built-in sensor, or a description (.toml)
     #[arg(value_name = "NAME|FILE")]
@@ -50,6 +54,7 @@ pub struct SensorShowArgs {
 
 /// `lenscube sensor validate`.
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  lenscube sensor validate cmv12000-rgb --out emva --require")]
 pub struct SensorValidateArgs {
     /// Name of a built-in sensor, or a description (.toml)
     #[arg(value_name = "NAME|FILE")]
@@ -87,70 +92,70 @@ pub struct ExposeArgs {
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
     /// 10ms, 1/60s, 2.5 (seconds); auto, auto:FILL or auto:FILL@PERCENTILE, by default 0.9@99.9; several with commas between
-    #[arg(long, value_name = "TIME", required = true)]
+    #[arg(long, value_name = "TIME", required = true, help_heading = "Exposure")]
     pub exposure: Option<String>,
     /// Frames of each exposure
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000), help_heading = "Exposure")]
     pub frames: u32,
     /// Gain of the converter
-    #[arg(long, value_parser = positive, conflicts_with = "iso")]
+    #[arg(long, value_parser = positive, conflicts_with = "iso", help_heading = "Exposure")]
     pub gain: Option<f64>,
     /// Gain as ISO over the sensor's base ISO
-    #[arg(long, value_parser = positive)]
+    #[arg(long, value_parser = positive, help_heading = "Exposure")]
     pub iso: Option<f64>,
     /// Key of the frames' noises: shot, read, reset, converter, rows
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, help_heading = "Noise")]
     pub seed: u64,
     /// Key of the die's noises: PRNU, DSNU, dark current, columns; the same in every frame
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, help_heading = "Noise")]
     pub die: u64,
     /// all, none, or some of shot,dark,read,reset,adc,dsnu,prnu,column,row
-    #[arg(long, default_value_t = NoiseSet::ALL)]
+    #[arg(long, default_value_t = NoiseSet::ALL, help_heading = "Noise")]
     pub noise: NoiseSet,
     /// Temperature of the sensor, °C [default: that of its dark current]
-    #[arg(long, value_name = "C", value_parser = temperature, allow_hyphen_values = true)]
+    #[arg(long, value_name = "C", value_parser = temperature, allow_hyphen_values = true, help_heading = "Exposure")]
     pub temperature: Option<f64>,
     /// Windows of the sensor only, each an array roi_N; may be repeated
-    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi, help_heading = "Placement")]
     pub roi: Vec<Rect>,
-    /// Sensor size in pixels, N or HxW, or `native` [default: as many as fit on the film]
-    #[arg(long, value_name = "HxW|native", value_parser = sensor_size)]
+    /// Sensor size in pixels, N or WxH, or `native` [default: as many as fit on the film]
+    #[arg(long, value_name = "WxH|native", value_parser = sensor_size, help_heading = "Placement")]
     pub size: Option<SizeArg>,
     /// Middle of the sensor in mm from the optical axis
-    #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true, help_heading = "Placement")]
     pub center: (f64, f64),
     /// Between the film's pixel edges
-    #[arg(long, value_enum, default_value_t = ResampleArg::Cubic)]
+    #[arg(long, value_enum, default_value_t = ResampleArg::Cubic, help_heading = "Placement")]
     pub resample: ResampleArg,
     /// Take a film whose pixels are larger than the sensor's
-    #[arg(long)]
+    #[arg(long, help_heading = "Placement")]
     pub coarse_film: bool,
     /// F-number, for a film of radiance that has no solid angles: Ω = π/(4N²), object at infinity
-    #[arg(long, value_name = "N", value_parser = bounded(bounds::F_NUMBER))]
+    #[arg(long, value_name = "N", value_parser = bounded(bounds::F_NUMBER), help_heading = "Light of the film")]
     pub f_number: Option<f64>,
     /// Transmission of the lens, with --f-number
-    #[arg(long, value_name = "TAU", value_parser = bounded(bounds::TRANSMISSION), requires = "f_number")]
+    #[arg(long, value_name = "TAU", value_parser = bounded(bounds::TRANSMISSION), requires = "f_number", help_heading = "Light of the film")]
     pub transmission: Option<f64>,
     /// Mean illuminance over the sensor of a relative film, lx
-    #[arg(long, value_name = "LX", value_parser = positive, conflicts_with = "film_scale")]
+    #[arg(long, value_name = "LX", value_parser = positive, conflicts_with = "film_scale", help_heading = "Light of the film")]
     pub film_lux: Option<f64>,
     /// W m-2 nm-1 of one unit of a relative film
-    #[arg(long, value_name = "KAPPA", value_parser = positive)]
+    #[arg(long, value_name = "KAPPA", value_parser = positive, help_heading = "Light of the film")]
     pub film_scale: Option<f64>,
     /// Time of the dark current where only the exposure of a relative film is known
-    #[arg(long, value_name = "TIME", default_value = "10ms")]
+    #[arg(long, value_name = "TIME", default_value = "10ms", help_heading = "Exposure")]
     pub nominal: String,
     /// Keep the signal: other exposures, seeds and noises then need no film
     #[arg(long, conflicts_with = "roi")]
     pub keep_signal: bool,
     /// Worker threads [default: all cores]
-    #[arg(long, value_parser = threads)]
+    #[arg(long, value_parser = threads, help_heading = "Machine")]
     pub threads: Option<usize>,
     /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 1 GiB]
-    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Machine")]
     pub memory: Option<u64>,
     /// Do not wait for the disk after each shard: faster, unsafe against power cuts
-    #[arg(long)]
+    #[arg(long, help_heading = "Machine")]
     pub no_fsync: bool,
     /// Replace an existing raw or file
     #[arg(long)]

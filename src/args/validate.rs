@@ -25,7 +25,7 @@ pub struct ValidateArgs {
     /// Bands to validate: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]
     #[arg(long)]
     pub bands: Option<String>,
-    /// Side of the film in pixels; measurement positions are proportional to it
+    /// Side of the film in pixels, 4096 to 100000; measurement positions are proportional to it
     #[arg(long, value_name = "PX", default_value_t = 14141, value_parser = clap::value_parser!(u32).range(4096..=100_000))]
     pub size: u32,
     /// Film pixel pitch in µm

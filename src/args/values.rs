@@ -61,9 +61,17 @@ fn integer_within(bound: Bound, text: &str) -> Result<usize, String> {
     number.ok_or_else(|| format!("`{text}` is not an integer from {bound}"))
 }
 
+/// `N` or `WxH`, px.
 pub(super) fn size(text: &str) -> Result<Size, String> {
-    let (h, w) = text.split_once(['x', 'X']).unwrap_or((text, text));
+    let (w, h) = text.split_once(['x', 'X']).unwrap_or((text, text));
     Ok(Size::new(side(h)?, side(w)?))
+}
+
+/// A note on the order of a size that is not square, given as `argument`.
+pub fn size_order_note(argument: &str, size: Size) -> Option<String> {
+    (size.width != size.height).then(|| {
+        format!("{argument} {size} is width x height; earlier versions read sizes as height x width")
+    })
 }
 
 pub(super) fn roi(text: &str) -> Result<Rect, String> {
@@ -183,7 +191,7 @@ mod tests {
     #[test]
     fn valid_values_parse_and_others_are_errors() {
         assert_eq!(size("14141"), Ok(Size::new(14141, 14141)));
-        assert_eq!(size("7x5"), Ok(Size::new(7, 5)));
+        assert_eq!(size("7x5"), Ok(Size::new(5, 7)));
         assert!(size("1e18").is_err() && size("0").is_err() && size("-3x4").is_err());
         assert_eq!(bytes("1GiB"), Ok(1 << 30));
         assert_eq!(bytes("1.5 MB"), Ok(1_500_000));

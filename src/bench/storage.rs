@@ -19,9 +19,11 @@ const FILE_BYTES: usize = 14 << 20;
 const FILES: usize = 48;
 /// Writer threads of a run.
 const WRITERS: usize = 2;
-/// Codecs with the keys of their rate and size; the first is that of films and charts by default.
-const CODECS: [(Codec, &str, &str); 2] =
-    [(Codec::Lz4, "encode_mpx_s", "encoded_share"), (Codec::Zstd, "encode_zstd_mpx_s", "encoded_zstd_share")];
+/// Codecs, their names, and the keys of their rate and size; the first is that of films and charts by default.
+const CODECS: [(Codec, &str, &str, &str); 2] = [
+    (Codec::Lz4, "lz4", "encode_mpx_s", "encoded_share"),
+    (Codec::Zstd, "zstd", "encode_zstd_mpx_s", "encoded_zstd_share"),
+];
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let chart: Generator = format!("composite?size={SHARD}&wavelengths=550&overscan=0&noise=0.01").parse()?;
@@ -36,7 +38,7 @@ fn encode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
     let mut data = vec![0.0; side.pixels()];
     let full = side.rect();
     chart.read(0, full, &mut data).map_err(|e| anyhow::anyhow!("{e}"))?;
-    for (codec, rate_key, share_key) in CODECS {
+    for (codec, name, rate_key, share_key) in CODECS {
         let spec = FilmSpec {
             outputs: vec![FilmOutput { name: "film".into(), rect: full }],
             shard: SHARD,
@@ -51,7 +53,7 @@ fn encode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
             bytes = film.encode_shard(0, 0, (0, 0), &data)?.bytes().len();
             Ok(())
         })?;
-        let label = format!("encoding (byte shuffle, {codec:?}, 1 % noise), one core");
+        let label = format!("encoding (byte shuffle, {name}, 1 % noise), one core");
         bench.add_number(rate_key, rate, "Mpx/s", &label);
         bench.add_number(share_key, bytes as f64 / (4e6 * pixels), "of f32", "  encoded size");
     }

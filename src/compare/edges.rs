@@ -76,7 +76,7 @@ pub fn measure(pair: &Pair, developers: &[Developer; 2], line: [f64; 4], half: u
     let size = pair.frames[0].rect.size();
     if !size.rect().contains(rect) {
         return Err(usage(format!(
-            "--edge {x0},{y0},{x1},{y1} needs {rect}, which is not inside the raw of {size} (rows x columns); give other positions or a smaller --half-px"
+            "--edge {x0},{y0},{x1},{y1} needs {rect}, which is not inside the raw of {size} pixels; give other positions or a smaller --half-px"
         )));
     }
     let middle = ((y0 + y1) / 2.0, (x0 + x1) / 2.0);

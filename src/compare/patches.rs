@@ -70,7 +70,7 @@ pub fn measure(developers: &[Developer; 2], rects: &[Rect]) -> Result<Vec<Patch>
     let all = developers[0].rect();
     if let Some(r) = rects.iter().find(|r| !all.contains(**r)) {
         return Err(usage(format!(
-            "--patch {},{},{},{} is not inside the picture of {} (rows x columns)",
+            "--patch {},{},{},{} is not inside the picture of {}",
             r.x,
             r.y,
             r.width,

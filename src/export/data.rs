@@ -11,7 +11,7 @@ use formats::durable::parent_of;
 use formats::export::exr::{ExrCompression, ExrOptions, write_exr};
 use formats::export::flat::{write_envi, write_npy};
 use formats::export::regions::Regions;
-use formats::export::tiff::write_pages;
+use formats::export::tiff::write_bands;
 use formats::export::{Samples, Written};
 use pipeline::geometry::Size;
 use std::sync::atomic::AtomicBool;
@@ -61,7 +61,7 @@ pub(super) fn write(
             let options = ExrOptions { half: args.half, compression: packing, regions };
             write_exr(args.target(), &samples, &options, &progress)?
         }
-        (ExportFormatArg::TiffBands, _) => write_pages(args.target(), &samples, &progress)?,
+        (ExportFormatArg::TiffBands, _) => write_bands(args.target(), &samples, &progress)?,
         (ExportFormatArg::Envi, _) => write_envi(args.target(), &samples, &progress)?,
         _ => write_npy(args.target(), &samples, &progress)?,
     };

@@ -50,7 +50,7 @@ pub fn film_spec(
     for (i, rect) in args.roi.iter().enumerate() {
         if !frame.film.rect().contains(*rect) {
             return Err(usage(format!(
-                "--roi {},{},{},{} is not inside the film of {} (rows x columns)",
+                "--roi {},{},{},{} is not inside the film of {}",
                 rect.x, rect.y, rect.width, rect.height, frame.film
             )));
         }

@@ -1,7 +1,7 @@
 //! Notes on a job, printed before it starts.
 
 use super::bands::JobPlan;
-use crate::args::{FilmUnits, RunArgs, Stage};
+use crate::args::{FilmUnits, RunArgs, Stage, size_order_note};
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
 use clap::ValueEnum;
@@ -18,6 +18,7 @@ const MIN_USUAL_ENERGY: f64 = 0.9;
 pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String>> {
     let mut notes = plan.lens.notes().to_vec();
     notes.extend(chart.notes());
+    notes.extend(args.film_size.and_then(|size| size_order_note("--film-size", size)));
     if !chart.is_scaled_store() && (chart.has_integer_samples() || args.chart_scale.is_some()) {
         let samples = if chart.has_integer_samples() {
             "the chart's samples are integers"

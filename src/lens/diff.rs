@@ -3,8 +3,8 @@
 //! PSFs are compared as film kernels at one pitch, each cropped to the smaller window and normalised there, by their L1 distance.
 //! The sizes of the windows and the share of light inside them are listed separately.
 
-use super::samples::{FieldFigures, LensData, LensSamples};
-use super::show::chosen_heights;
+use super::samples::{FieldFigures, LensData, LensSamples, nearest_band};
+use super::show::{chosen_heights, strehl_note};
 use crate::args::DiffArgs;
 use crate::failure::usage;
 use crate::progress::print;
@@ -32,7 +32,12 @@ pub fn command(args: &DiffArgs) -> Result<()> {
         None => common_wavelengths(&a, &b)?,
     };
     let heights_mm = chosen_heights(args.heights.as_deref(), || Ok(a.reach_mm()?.min(b.reach_mm()?)))?;
-    let samples = (a.sample(&nm, &heights_mm)?, b.sample(&nm, &heights_mm)?);
+    let mut samples = (a.sample(&nm, &heights_mm)?, b.sample(&nm, &heights_mm)?);
+    // Lateral colour of both relative to one wavelength, which both lenses have.
+    let reference = nearest_band(&samples.0.lens.bands, samples.0.lens.primary_wavelength_nm);
+    for lens in [&mut samples.0, &mut samples.1] {
+        lens.primary = lens.lens.bands[reference].clone();
+    }
     let pairs = pairs(&samples.0, &samples.1, args.film_pitch_um);
     match args.json {
         true => print(serde_json::to_string_pretty(&json(args, &samples, &pairs))?),
@@ -151,10 +156,9 @@ fn text(
         out += &format!("{name:<28} {a:>14.6} {b:>14.6} {:>12.2e}\n", b - a);
     }
     out += &format!(
-        "\nheight: real image height; ideal: ideal image height; RI: relative illumination; lateral: lateral colour relative to {} nm \
-         (A), {} nm (B);\nwindow: side of the PSF window; light: share of the light inside it; PSF L1: L1 distance of the film \
+        "\nheight: real image height; ideal: ideal image height; RI: relative illumination; lateral: lateral colour relative to {} nm;\nwindow: side of the PSF window; light: share of the light inside it; PSF L1: L1 distance of the film \
          kernels at {} um pitch, in the smaller window, each with sum 1\n",
-        samples.0.primary.wavelength_nm, samples.1.primary.wavelength_nm, args.film_pitch_um
+        samples.0.primary.wavelength_nm, args.film_pitch_um
     );
     out += "     nm  height mm |  ideal mm: A, B - A   |    RI: A, B - A    | distortion %: A, B - A | lateral um: A, B - A | window um: A, B |  light: A, B   | PSF L1\n";
     for p in pairs {
@@ -181,5 +185,7 @@ fn text(
     out += "\nmaximum difference: ";
     let columns = COLUMNS.iter().filter_map(|c| max_difference(c, pairs).map(|v| (c, v)));
     let list: Vec<String> = columns.map(|(c, v)| format!("{} {v:.1$}", c.0, c.1)).collect();
-    out + &list.join(", ") + &format!(", psf_l1 {:.4}\n", max_psf_l1(pairs))
+    out += &list.join(", ");
+    out += &format!(", psf_l1 {:.4}\n", max_psf_l1(pairs));
+    out + &strehl_note(pairs.iter().flat_map(|p| [&p.a, &p.b]))
 }

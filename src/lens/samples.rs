@@ -132,16 +132,7 @@ impl LensData {
             Self::Pack(pack) => {
                 Ok(pack.lens().bands.iter().map(LensBand::reach_mm).fold(f64::INFINITY, f64::min))
             }
-            Self::Design(system, _) => {
-                let primary = Paraxial::new(system, system.primary_um())?;
-                let tan =
-                    system.fields.iter().map(|f| field_tan(system, &primary, *f).abs()).fold(0.0, f64::max);
-                let tracer = Tracer::new(system, system.primary_um())?;
-                // The outermost chief ray may end inside the lens: then the outermost one that arrives.
-                let (farthest_mm, farthest_tan) = tracer.farthest_field();
-                let height = if tan < farthest_tan { tracer.chief_height_mm(tan).ok() } else { None };
-                Ok(height.filter(|mm| *mm >= 0.0).unwrap_or(farthest_mm))
-            }
+            Self::Design(system, _) => design_reach_mm(system),
         }
     }
 
@@ -165,6 +156,17 @@ impl LensData {
             }
         }
     }
+}
+
+/// REAL height of the outermost field point of a design, mm; 0 if all are on the axis.
+pub fn design_reach_mm(system: &System) -> Result<f64> {
+    let primary = Paraxial::new(system, system.primary_um())?;
+    let tan = system.fields.iter().map(|f| field_tan(system, &primary, *f).abs()).fold(0.0, f64::max);
+    let tracer = Tracer::new(system, system.primary_um())?;
+    // The outermost chief ray may end inside the lens: then the outermost one that arrives.
+    let (farthest_mm, farthest_tan) = tracer.farthest_field();
+    let height = if tan < farthest_tan { tracer.chief_height_mm(tan).ok() } else { None };
+    Ok(height.filter(|mm| *mm >= 0.0).unwrap_or(farthest_mm))
 }
 
 impl LensSamples {

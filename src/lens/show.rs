@@ -21,6 +21,8 @@ use serde_json::{Value, json};
 
 /// Default number of bands shown.
 const DEFAULT_BANDS: usize = 5;
+/// Strehl ratio that is above 1 by more than the error of its figures.
+const MAX_STREHL: f64 = 1.005;
 /// Default heights, as shares of the reach.
 const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 
@@ -194,6 +196,7 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
     for missing in &shown.missing {
         out += &format!("no figures of {missing}\n");
     }
+    out += &strehl_note(&shown.fields);
     if let LensData::Design(system, _) = lens {
         out += &format!(
             "\nPolychromatic spots: all wavelengths of the design by weight, {RINGS} rings of rays, radius about the centroid\n"
@@ -203,6 +206,18 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
         }
     }
     Ok(out)
+}
+
+/// A line if a Strehl ratio exceeds 1.
+pub fn strehl_note<'a>(fields: impl IntoIterator<Item = &'a FieldFigures>) -> String {
+    let above = fields.into_iter().filter(|f| f.strehl.is_some_and(|s| s > MAX_STREHL)).count();
+    match above {
+        0 => String::new(),
+        n => format!(
+            "note: the Strehl ratio of {n} field points exceeds 1, which no lens has: PSF samples, solid angle and share of the light \
+             in the window do not belong together\n"
+        ),
+    }
 }
 
 /// Rings of rays of the polychromatic spots: the default of lens design programs.

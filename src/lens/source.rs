@@ -6,10 +6,12 @@
 //! therefore also covers the rounding of the computation.
 //!
 //! *Reach*: height of the film's corner plus the margin of the PSF, rounded up to 180 steps per decade so that films of similar
-//! size share their bands; it is increased if the window of a band is wider. Kernels meet their tolerance on pixels of the
-//! film's pitch, or of 2 µm if that pitch is coarser: larger pixels only average over more.
+//! size share their bands; it is increased if the window of a band is wider. PSFs are point samples, so one band serves films of any
+//! pitch; kernels meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most
+//! 2 µm: larger pixels only average over more. Wavelengths are rounded to 10⁻⁶ nm.
 
 use super::cache::{self, Cache};
+use super::samples::design_reach_mm;
 use crate::args::DesignArgs;
 use crate::design::{self, DesignFile};
 use crate::open;
@@ -29,8 +31,16 @@ use std::time::Instant;
 const MARGIN_MM: f64 = 0.25;
 /// Minimum reach of the built-in lens, mm: the corner of the film of 14141² px of 2 µm. Smaller films share its bands.
 const BUILTIN_REACH_MM: f64 = 20.5;
-/// Maximum film pitch that kernels are chosen for, µm.
+/// Maximum trace pitch, µm.
 const MAX_PITCH_UM: f64 = 2.0;
+/// Trace pitches in a decade (R10 series of preferred numbers).
+const PITCHES: [f64; 10] = [1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0];
+/// Relative amount by which a trace pitch may exceed the film's.
+const PITCH_TOLERANCE: f64 = 1e-3;
+/// Side of a PSF window, pixels of the trace pitch, from which a note is printed before tracing.
+const WIDE_WINDOW_PX: usize = 201;
+/// Height of the film's corner over that of the outermost field point, from which a note is printed.
+const BEYOND_FIELD: f64 = 1.05;
 
 /// Lens that `--lens` names, before tracing.
 pub enum UntracedLens {
@@ -82,6 +92,7 @@ pub struct Traced {
     recipes: Vec<String>,
     digest: String,
     notes: Vec<String>,
+    details: Vec<String>,
     /// File of the design, unless it is built in.
     file: Option<DesignFile>,
     /// Keeps a temporary cache until the packs are closed.
@@ -198,6 +209,59 @@ impl JobLens {
             Self::Traced(traced) => &traced.notes,
         }
     }
+
+    /// Notes for `--verbose`: those on the glasses of a built-in design.
+    pub fn details(&self) -> &[String] {
+        match self {
+            Self::Pack(_) => &[],
+            Self::Traced(traced) => &traced.details,
+        }
+    }
+}
+
+/// The largest trace pitch up to `film_pitch_um`.
+fn trace_pitch_um(film_pitch_um: f64) -> f64 {
+    let limit = film_pitch_um.min(MAX_PITCH_UM) * (1.0 + PITCH_TOLERANCE);
+    let mut unit = 1.0;
+    while limit < PITCHES[0] / unit {
+        unit *= 10.0;
+    }
+    // A quotient of short decimals, so that equal pitches have equal bits.
+    let below = PITCHES.iter().map(|p| p / unit).filter(|p| *p <= limit);
+    below.fold(PITCHES[0] / unit, f64::max)
+}
+
+/// `nm` rounded to 10⁻⁶ nm: 400.00000000000006 is 400.
+fn rounded_nm(nm: f64) -> f64 {
+    (nm * 1e6).round() / 1e6
+}
+
+/// Prints a note if the film lies beyond the design's field, before anything is traced.
+fn note_field(system: &System, name: &str, frame: &Frame) -> Result<()> {
+    let (corner_mm, field_mm) = (frame.farthest_mm(frame.film.rect()), design_reach_mm(system)?);
+    if field_mm > 0.0 && corner_mm > BEYOND_FIELD * field_mm {
+        log_line(format!(
+            "note: the film's corner at {corner_mm:.2} mm from the axis lies beyond the outermost field point of {name} at \
+             {field_mm:.2} mm, where the design does not define the image; `--film-size` makes the film smaller"
+        ));
+    }
+    Ok(())
+}
+
+/// Prints a note if PSFs are very wide, before they are traced.
+fn note_focus(system: &System, name: &str, options: &TraceOptions) -> Result<()> {
+    let estimate = LensTrace::new(system, options)?.estimate(0)?;
+    if options.window_px.is_none() && estimate.window_px >= WIDE_WINDOW_PX {
+        log_line(format!(
+            "note: PSFs of {name} are about {:.2} mm wide on this film ({} pixels of {} µm), which takes long to trace and to convolve; if \
+             the film is out of focus, `lenscube lens trace {name} FOCUSED.lens.zarr --image-plane paraxial` (or rms) makes a lens pack \
+             in focus for --lens",
+            1e-3 * estimate.window_px as f64 * options.film_pitch_um,
+            estimate.window_px,
+            options.film_pitch_um,
+        ));
+    }
+    Ok(())
 }
 
 /// `mm` rounded up to a multiple of 5 in its third digit: 20.35 to 20.5, 3.02 to 3.05.
@@ -215,7 +279,8 @@ fn trace(
     options: &Options,
     threads: usize,
 ) -> Result<Traced> {
-    let mut nm = wavelengths_nm.to_vec();
+    note_field(system, name, frame)?;
+    let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
     nm.sort_by(f64::total_cmp);
     nm.dedup();
     let start = Instant::now();
@@ -236,9 +301,10 @@ fn trace(
         jsonl::traced(done + 1, bands);
     }
     tracer.bar.finish_and_clear();
-    let mut notes: Vec<String> = system.notes.clone();
+    let (mut notes, mut details) = (Vec::new(), Vec::new());
+    if design::is_builtin(name) { &mut details } else { &mut notes }.extend(system.notes.iter().cloned());
     if tracer.traced > 0 {
-        notes.push(format!(
+        details.push(format!(
             "{} of {} bands traced in {:.1} s and stored in {}",
             tracer.traced,
             nm.len(),
@@ -258,7 +324,7 @@ fn trace(
     }
     let lens = lens.context("the chart has no band")?;
     let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
-    Ok(Traced { lens, packs, recipes, digest, notes, file: None, _cache: tracer.cache })
+    Ok(Traced { lens, packs, recipes, digest, notes, details, file: None, _cache: tracer.cache })
 }
 
 /// Maximum L1 error of kernels between the nodes of a traced band; 0 if it was not determined.
@@ -316,6 +382,7 @@ impl BandTracer<'_> {
                 self.name,
                 self.cache.dir().display()
             ));
+            note_focus(self.system, self.name, options)?;
         }
         let bar = &self.bar;
         let (header, band) = with_threads(self.threads, || {
@@ -336,7 +403,7 @@ impl BandTracer<'_> {
 /// Trace options of a job. Without the PSF stage only two PSFs of a minimum window are traced.
 fn trace_options(nm: f64, reach_mm: f64, frame: &Frame, options: &Options) -> TraceOptions {
     let mut trace = TraceOptions::new(vec![nm], reach_mm);
-    trace.film_pitch_um = frame.pitch_um.min(MAX_PITCH_UM);
+    trace.film_pitch_um = trace_pitch_um(frame.pitch_um);
     if !options.stages.svpsf {
         trace.heights = PsfHeights::Given(vec![0.0, reach_mm]);
         trace.azimuths = Azimuths::Given(4);
@@ -348,6 +415,26 @@ fn trace_options(nm: f64, reach_mm: f64, frame: &Frame, options: &Options) -> Tr
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nearby_pitches_and_wavelengths_share_their_bands() {
+        for (film, traced) in [
+            (2.0, 2.0),
+            (5.0, 2.0),
+            (1.999, 2.0),
+            (1.9, 1.6),
+            (1.12, 1.0),
+            (1.0, 1.0),
+            (0.9, 0.8),
+            (0.12, 0.1),
+            (0.0999, 0.08),
+            (0.005, 0.005),
+        ] {
+            assert_eq!(trace_pitch_um(film), traced, "{film}");
+        }
+        assert_eq!(rounded_nm(400.000_000_000_000_06), 400.0);
+        assert_eq!(rounded_nm(550.123_456_4), 550.123_456);
+    }
 
     #[test]
     fn reach_is_rounded_up_to_5_in_the_third_digit() {

@@ -1,6 +1,7 @@
 //! What a job needs of a chart of any format.
 
 use super::Chart;
+use crate::args::size_order_note;
 use crate::failure::usage;
 use crate::progress::{counting, log_line};
 use anyhow::{Context, Result};
@@ -190,7 +191,7 @@ impl Chart {
             }
             Self::Raster(r) => r.notes().to_vec(),
             Self::Decoded(p) => p.notes().to_vec(),
-            Self::Generated(_) => Vec::new(),
+            Self::Generated(g) => size_order_note("size", g.spec().film).into_iter().collect(),
         }
     }
 

@@ -2,8 +2,9 @@
 
 use super::film::Film;
 use super::resolve::check_rois;
-use crate::args::{ExposeArgs, ResampleArg, SizeArg};
+use crate::args::{ExposeArgs, ResampleArg, SizeArg, size_order_note};
 use crate::failure::usage;
+use crate::progress::log_line;
 use anyhow::Result;
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::Sensor;
@@ -57,12 +58,17 @@ impl Geometry {
                 .find(|n| axis(film_px, *n, centre_um).snapped().taps(0..1, Resample::Area).is_ok())
         };
         let size = match args.size {
-            Some(SizeArg::Px(size)) => size,
+            Some(SizeArg::Px(size)) => {
+                if let Some(note) = size_order_note("--size", size) {
+                    log_line(format!("note: {note}"));
+                }
+                size
+            }
             Some(SizeArg::Native) => match sensor.pixel.size {
                 Some((height, width)) => Size::new(height, width),
                 None => {
                     return Err(usage(format!(
-                        "--size native: sensor {} has no size of its own; give --size HxW",
+                        "--size native: sensor {} has no size of its own; give --size WxH",
                         sensor.name
                     )));
                 }
@@ -128,13 +134,13 @@ impl Geometry {
 fn beyond(size: Size, pitch_um: f64, centre_um: (f64, f64), film: &Film) -> anyhow::Error {
     let mm = |n: usize, pitch: f64| n as f64 * pitch * 1e-3;
     usage(format!(
-        "a sensor of {:.4} x {:.4} mm (height x width) with its middle {:.4}, {:.4} mm (down, right) from the film's reaches beyond the \
+        "a sensor of {:.4} x {:.4} mm (width x height) with its middle {:.4}, {:.4} mm (right, down) from the film's reaches beyond the \
          film of {:.4} x {:.4} mm; give a smaller --size or another --center, or make a larger film",
-        mm(size.height, pitch_um),
         mm(size.width, pitch_um),
-        centre_um.0 * 1e-3,
+        mm(size.height, pitch_um),
         centre_um.1 * 1e-3,
-        mm(film.size.height, film.pitch_um),
+        centre_um.0 * 1e-3,
         mm(film.size.width, film.pitch_um),
+        mm(film.size.height, film.pitch_um),
     ))
 }

@@ -270,7 +270,7 @@ pub fn check_rois(args: &ExposeArgs, size: Size) -> Result<()> {
     match args.roi.iter().find(|r| !size.rect().contains(**r)) {
         None => Ok(()),
         Some(roi) => Err(usage(format!(
-            "--roi {},{},{},{} leaves the sensor of {size} pixels (rows x columns)",
+            "--roi {},{},{},{} leaves the sensor of {size} pixels",
             roi.x, roi.y, roi.width, roi.height
         ))),
     }

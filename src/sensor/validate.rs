@@ -96,7 +96,7 @@ fn report(directory: &Path, bench: &Bench<'_>, m: &Measured, rows: &[Row]) -> Re
     for r in rows {
         let _ = writeln!(
             table,
-            "{},{},{},{}",
+            "\"{}\",{},{},{}",
             r.name,
             r.measured,
             r.stated,

@@ -61,7 +61,7 @@ pub fn simulate(setup: &Setup, psf: bool) -> Result<PointFilm> {
     let measured = |i: &usize| {
         let (row, col) = (i / COUNT, i % COUNT);
         let centre = COUNT / 2;
-        !psf || setup.film_maker.full || (row >= centre && col >= centre && (row == centre || row == col))
+        !psf || setup.full() || (row >= centre && col >= centre && (row == centre || row == col))
     };
     let points: Vec<(f64, f64)> = (0..all.len()).filter(measured).map(|i| all[i]).collect();
     let middle = setup.reference.band(setup.wavelengths_nm[setup.wavelengths_nm.len() / 2])?;
@@ -75,7 +75,7 @@ pub fn simulate(setup: &Setup, psf: bool) -> Result<PointFilm> {
     };
     let rects: Vec<Rect> = points.iter().map(rect).collect::<Result<_>>()?;
     let stages = if psf { "ri,distortion,svpsf" } else { "ri,distortion" };
-    let pixels = setup.film_maker.simulate(&chart, stages, &rects)?;
+    let pixels = setup.simulate(&chart, stages, &rects)?;
     Ok(PointFilm { points, rects, pixels, psf })
 }
 

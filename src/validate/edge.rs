@@ -91,6 +91,14 @@ pub fn places(size: usize) -> Vec<EdgePlace> {
     positions.into_iter().flat_map(place).collect()
 }
 
+/// Angles of the edges, ascending; edges of one angle are in one film.
+pub fn angles(places: &[EdgePlace]) -> Vec<f64> {
+    let mut angles: Vec<f64> = places.iter().map(|p| p.angle_deg).collect();
+    angles.sort_by(f64::total_cmp);
+    angles.dedup();
+    angles
+}
+
 /// Film region around an edge.
 pub struct EdgeFilm {
     pub place: EdgePlace,
@@ -106,11 +114,8 @@ pub fn simulate(setup: &Setup, places: &[EdgePlace]) -> Result<Vec<EdgeFilm>> {
     let side = 2 * (reach * 1.09 + 12.0).max(HALF_LENGTH_PX + 12.0).ceil() as usize + 1;
     let patch = (2 * side + max_window as usize).max(600);
     let middle = setup.reference.band(setup.wavelengths_nm[setup.wavelengths_nm.len() / 2])?;
-    let mut angles: Vec<f64> = places.iter().map(|p| p.angle_deg).collect();
-    angles.sort_by(f64::total_cmp);
-    angles.dedup();
     let mut films = Vec::new();
-    for angle in angles {
+    for angle in angles(places) {
         let edges: Vec<&EdgePlace> = places.iter().filter(|p| p.angle_deg == angle).collect();
         let centres: Vec<String> =
             edges.iter().map(|p| format!("{},{}", p.centre_px.1, p.centre_px.0)).collect();
@@ -125,7 +130,7 @@ pub fn simulate(setup: &Setup, places: &[EdgePlace]) -> Result<Vec<EdgeFilm>> {
             inside_film(rect, setup.size, &format!("the edge at the {}", p.name))
         });
         let rects: Vec<Rect> = rects.collect::<Result<_>>()?;
-        let mut bands = setup.film_maker.simulate(&chart, "ri,distortion,svpsf", &rects)?;
+        let mut bands = setup.simulate(&chart, "ri,distortion,svpsf", &rects)?;
         for (i, (place, rect)) in edges.into_iter().zip(rects).enumerate() {
             let pixels = bands.iter_mut().map(|band| std::mem::take(&mut band[i])).collect();
             films.push(EdgeFilm { place: place.clone(), rect, pixels });

@@ -66,7 +66,7 @@ pub fn summary(
             "distortion_mean_px": worst(Quantity::Distortion),
             "esf_iou": worst(Quantity::Esf),
         },
-        "paper": { "ri_iou": 0.999, "distortion_px": 0.1, "esf_iou": 0.987 },
+        "paper": setup.of_paper.then(|| json!({ "ri_iou": 0.999, "distortion_px": 0.1, "esf_iou": 0.987 })),
         "missed": missed,
         "times": times,
         "bands": bands.iter().map(band).collect::<Vec<_>>(),
@@ -101,11 +101,11 @@ pub fn curves(dir: &Path, bands: &[Band]) -> Result<Vec<AtomicFile>> {
         for e in &b.edges {
             let title = e.place.title();
             for (d, film, lens) in &e.samples {
-                let _ = writeln!(esf, "{nm},{title},{d:.5},{film:.7},{lens:.7}");
+                let _ = writeln!(esf, "{nm},\"{title}\",{d:.5},{film:.7},{lens:.7}");
             }
             let both = e.film_mtf.modulation.iter().zip(&e.lens_mtf.modulation);
             for (f, (film, lens)) in e.film_mtf.frequency_cy_px.iter().zip(both) {
-                let _ = writeln!(mtf, "{nm},{title},{f:.4},{film:.6},{lens:.6}");
+                let _ = writeln!(mtf, "{nm},\"{title}\",{f:.4},{film:.6},{lens:.6}");
             }
         }
     }

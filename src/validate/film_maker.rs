@@ -2,6 +2,7 @@
 
 use crate::args::{Cli, Command, Device, EngineArg, ProgressArg};
 use crate::failure::{Coded, usage};
+use crate::progress::as_step;
 use crate::run;
 use anyhow::{Context, Result};
 use clap::Parser;
@@ -76,7 +77,7 @@ impl FilmMaker {
                 .map(String::from)
                 .into();
         match full_band {
-            Some(band) => arguments.extend(["--bands".into(), band.to_string()]),
+            Some(band) => arguments.extend(["--bands".into(), format!("#{band}")]),
             None => {
                 for r in rects {
                     arguments.extend(["--roi".into(), format!("{},{},{},{}", r.x, r.y, r.width, r.height)]);
@@ -93,7 +94,7 @@ impl FilmMaker {
         let Command::Run(args) = Cli::try_parse_from(arguments)?.command else {
             unreachable!("the command line starts with `run`")
         };
-        let code = run::run_job(&args.job, None, ProgressArg::Auto)
+        let code = as_step(|| run::run_job(&args.job, None, ProgressArg::None))
             .with_context(|| format!("simulating the film of {chart}"))?;
         if code != 0 {
             let message = "interrupted; run the same command again to start over".into();

@@ -37,6 +37,22 @@ pub fn worst(bands: &[Band], what: Quantity) -> Worst {
     Worst { value, at }
 }
 
+/// The worst values in one line.
+pub fn summary(bands: &[Band]) -> String {
+    let [ri, distortion, esf] = [Quantity::Ri, Quantity::Distortion, Quantity::Esf].map(|q| worst(bands, q));
+    format!(
+        "worst of {} bands: relative illumination, IoU {:.6} % ({}); distortion, mean error {:.5} px ({}); edge spread function, IoU \
+         {:.4} % ({})",
+        bands.len(),
+        100.0 * ri.value,
+        ri.at,
+        distortion.value,
+        distortion.at,
+        100.0 * esf.value,
+        esf.at
+    )
+}
+
 /// Messages of the limits that are missed.
 pub fn missed(bands: &[Band], required: &[(Quantity, f64)]) -> Vec<String> {
     let message = |&(what, limit): &(Quantity, f64)| {

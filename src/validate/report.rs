@@ -48,7 +48,7 @@ pub fn html(args: &ValidateArgs, setup: &Setup, bands: &[Band], missed: &[String
     let body = [
         head,
         verdict,
-        summary(bands),
+        summary(bands, setup.of_paper),
         illumination(&figures, bands),
         distortion(&figures, bands, args.full),
         edges(&figures, bands),
@@ -84,8 +84,8 @@ fn pairs(pictures: &[String]) -> String {
     pictures.chunks(2).map(|two| format!("<div class=\"pair\">{}</div>\n", two.concat())).collect()
 }
 
-/// Worst values beside Table 1 of the paper.
-fn summary(bands: &[Band]) -> String {
+/// Worst values, beside Table 1 of the paper if design, film and bands are its own.
+fn summary(bands: &[Band], of_paper: bool) -> String {
     let (ri, distortion, esf) =
         (worst(bands, Quantity::Ri), worst(bands, Quantity::Distortion), worst(bands, Quantity::Esf));
     let max = |value: &dyn Fn(&Band) -> f64| bands.iter().map(value).fold(0.0, f64::max);
@@ -94,24 +94,43 @@ fn summary(bands: &[Band]) -> String {
     let edges = || bands.iter().flat_map(|b| &b.edges);
     let max_esf = edges().map(|e| e.agreement.max_difference).fold(0.0, f64::max);
     let max_ri = max(&|b| b.illumination.agreement.max_difference);
+    let rows = [
+        ("Relative illumination, IoU", format!("{:.6} %", 100.0 * ri.value), &*ri.at, "99.9 %"),
+        ("Relative illumination, maximum difference", format!("{max_ri:.1e}"), "", ""),
+        (
+            "Distortion, mean error of the worst band",
+            format!("{:.5} px", distortion.value),
+            &distortion.at,
+            "0.1 px",
+        ),
+        ("Distortion, maximum error", format!("{max_px:.5} px"), "", ""),
+        (
+            "Distortion with the PSF, its centroid subtracted, maximum error",
+            format!("{with_psf_px:.5} px"),
+            "",
+            "",
+        ),
+        ("Edge spread function, IoU", format!("{:.4} %", 100.0 * esf.value), &esf.at, "98.7 %"),
+        ("Edge spread function, maximum difference", format!("{max_esf:.1e}"), "", ""),
+    ];
+    let (paper, heading) = match of_paper {
+        true => (
+            " The paper: Lens Simulation for High Resolution and Multispectral Image using Distributed Multi-GPU Computing System, \
+             Tables 1 to 3, for the same design, film and bands.",
+            "<th>Paper</th>",
+        ),
+        false => ("", ""),
+    };
+    let rows: String = rows
+        .iter()
+        .map(|(name, value, at, paper)| {
+            let paper = if of_paper { format!("<td>{paper}</td>") } else { String::new() };
+            format!("<tr><td>{name}</td><td>{value}</td><td>{at}</td>{paper}</tr>")
+        })
+        .collect();
     format!(
-        "<h2>Summary</h2><p>Worst values over all bands and edges. The paper: Lens Simulation for High Resolution and \
-         Multispectral Image using Distributed Multi-GPU Computing System, Tables 1 to 3, for the same design (Double Gauss \
-         28&deg;), film and bands. IoU: intersection over union of two curves, &Sigma; min / &Sigma; max.</p>\
-         <table><tr><th>Quantity</th><th>Result</th><th>Band, edge</th><th>Paper</th></tr>\
-         <tr><td>Relative illumination, IoU</td><td>{:.6} %</td><td>{}</td><td>99.9 %</td></tr>\
-         <tr><td>Relative illumination, maximum difference</td><td>{max_ri:.1e}</td><td></td><td></td></tr>\
-         <tr><td>Distortion, mean error of the worst band</td><td>{:.5} px</td><td>{}</td><td>0.1 px</td></tr>\
-         <tr><td>Distortion, maximum error</td><td>{max_px:.5} px</td><td></td><td></td></tr>\
-         <tr><td>Distortion with the PSF, its centroid subtracted, maximum error</td><td>{with_psf_px:.5} px</td><td></td><td></td></tr>\
-         <tr><td>Edge spread function, IoU</td><td>{:.4} %</td><td>{}</td><td>98.7 %</td></tr>\
-         <tr><td>Edge spread function, maximum difference</td><td>{max_esf:.1e}</td><td></td><td></td></tr></table>",
-        100.0 * ri.value,
-        ri.at,
-        distortion.value,
-        distortion.at,
-        100.0 * esf.value,
-        esf.at,
+        "<h2>Summary</h2><p>Worst values over all bands and edges.{paper} IoU: intersection over union of two curves, &Sigma; min / \
+         &Sigma; max.</p><table><tr><th>Quantity</th><th>Result</th><th>Band, edge</th>{heading}</tr>{rows}</table>"
     )
 }
 

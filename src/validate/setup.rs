@@ -1,6 +1,8 @@
 //! Setup of a validation: film geometry, lens of the simulated films, reference lens; paths between chart and film.
 
-use super::film_maker::FilmMaker;
+use super::edge::{angles, places};
+use super::film_maker::{FilmMaker, RegionPixels};
+use super::progress::Steps;
 use super::reference::{ReferenceBand, ReferenceLens};
 use crate::args::ValidateArgs;
 use crate::job::threads;
@@ -9,15 +11,24 @@ use anyhow::{Context, Result};
 use formats::durable::{create_directories, sweep_entries};
 use pipeline::band::{Options, PsfBetween};
 use pipeline::field::Outside;
-use pipeline::geometry::{Frame, Size};
+use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::psf::kernel::film_window;
 use pipeline::remap::{ChartInterpolation, Stages};
 use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 
+/// Built-in lenses of the paper's design, its film (side in px, pitch in µm) and its bands.
+const PAPER_LENSES: [&str; 2] = ["double-gauss-28", "double-gauss-28-npz"];
+const PAPER_FILM: (usize, f64) = (14141, 2.0);
+const PAPER_BANDS: &str = "400:700:10";
+/// Films of the uniform chart and of the points, without and with the PSF stage.
+const FILMS: usize = 4;
+
 /// Films to simulate and the lens to compare them with.
 pub struct Setup {
-    pub film_maker: FilmMaker,
+    film_maker: FilmMaker,
+    /// Steps: the films, then the comparisons of the bands.
+    pub steps: Steps,
     /// Side of the film, px.
     pub size: usize,
     /// Film pixel pitch, µm.
@@ -30,6 +41,8 @@ pub struct Setup {
     /// Lens of the simulated films, traced where it is a design.
     pub source: JobLens,
     pub reference: ReferenceLens,
+    /// Whether design, film and bands are those of the paper.
+    pub of_paper: bool,
 }
 
 impl Setup {
@@ -41,6 +54,12 @@ impl Setup {
             wavelengths_nm = chosen.into_iter().map(|b| wavelengths_nm[b]).collect();
         }
         let size = args.size as usize;
+        let against = args.against.as_ref().unwrap_or(&args.lens);
+        let is_of_paper = |name: &str| PAPER_LENSES.contains(&name);
+        let of_paper = is_of_paper(&args.lens)
+            && is_of_paper(against)
+            && (size, args.film_pitch_um) == PAPER_FILM
+            && wavelengths_nm == pipeline::wavelengths::parse(PAPER_BANDS).unwrap_or_default();
         let reference = ReferenceLens::open(args.against.as_ref().unwrap_or(&args.lens))?;
         // A missing band is reported before any film is simulated.
         for &nm in &wavelengths_nm {
@@ -72,8 +91,10 @@ impl Setup {
             device: args.device.clone(),
             engine: args.engine,
         };
+        let films = FILMS + angles(&places(size)).len();
         Ok(Self {
             film_maker,
+            steps: Steps::new((films + wavelengths_nm.len()) as u64),
             size,
             pitch_um: args.film_pitch_um,
             axis_px: frame.axis_px,
@@ -81,7 +102,20 @@ impl Setup {
             windows_px,
             source,
             reference,
+            of_paper,
         })
+    }
+
+    /// Simulates the film of `chart` by `stages` and reads its regions `rects`.
+    pub fn simulate(&self, chart: &str, stages: &str, rects: &[Rect]) -> Result<RegionPixels> {
+        let pixels = self.film_maker.simulate(chart, stages, rects)?;
+        self.steps.step();
+        Ok(pixels)
+    }
+
+    /// Whether films are complete, instead of regions.
+    pub fn full(&self) -> bool {
+        self.film_maker.full
     }
 
     /// Generated chart for this film.

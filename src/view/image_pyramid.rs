@@ -334,7 +334,7 @@ mod tests {
     fn tiles_of_a_very_large_image_have_separate_cache_keys() {
         // A packed key of 20 bits per coordinate would confuse column 2^20 with column 0 of the next row.
         let pyramid =
-            ImagePyramid::open("gen:siemens?size=600x900&wavelengths=450,550", None, None, 64 << 20).unwrap();
+            ImagePyramid::open("gen:siemens?size=900x600&wavelengths=450,550", None, None, 64 << 20).unwrap();
         let (cancel, mode) = (AtomicBool::new(false), Mode::Band(0));
         let first = pyramid.tile(0, (0, 0), mode, &cancel).unwrap();
         let again = |key| {

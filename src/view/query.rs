@@ -89,7 +89,7 @@ impl Query {
         let (height, width) = (self.below("h", size.height - y + 1)?, self.below("w", size.width - x + 1)?);
         if height * width == 0 || height * width > MAX_CROP_PX || height.max(width) > MAX_CROP_SIDE_PX {
             return Err(HttpError::bad_request(format!(
-                "a crop must have 1 to {MAX_CROP_PX} pixels and sides of at most {MAX_CROP_SIDE_PX} px, not {height} x {width}; use \
+                "a crop must have 1 to {MAX_CROP_PX} pixels and sides of at most {MAX_CROP_SIDE_PX} px, not {width} x {height}; use \
                  `lenscube export` for larger pictures"
             )));
         }

@@ -22,7 +22,7 @@ fn invalid_flag_values_exit_2_and_unknown_flags_suggest_the_nearest() {
     for (chart, words) in [
         ("gen:composit?size=100", vec!["composit", "did you mean 'composite'"]),
         ("gen:composite?sise=100", vec!["sise", "did you mean 'size'"]),
-        ("gen:composite?size=wide", vec!["size=wide", "HxW"]),
+        ("gen:composite?size=wide", vec!["size=wide", "WxH"]),
         ("gen:composite?size", vec!["key=value"]),
     ] {
         assert_error_line(&run(chart, &job.film, text(&job.pack), &[]), USAGE, &words);

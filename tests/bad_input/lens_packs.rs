@@ -23,7 +23,7 @@ fn bands_or_film_outside_the_lens_tables_exit_1() {
     job.assert_rejected(&["--wavelengths", "450,500,560"], FAILED, &["560 nm", "outside", "450..550 nm"]);
     let between = ["--wavelengths", "450,500,520"];
     job.assert_rejected(&between, FAILED, &["520 nm", "500 and 550 nm", "--interpolate-psf"]);
-    let axis = ["--axis", "0,0", "--film-size", "90x100"];
+    let axis = ["--axis", "0,0", "--film-size", "100x90"];
     // hypot(89 + 2, 99 + 2) px of 2 µm: the far corner and half a window.
     job.assert_rejected(&axis, FAILED, &["0.2718", "0.2000", "450 nm", "--outside clamp"]);
     job.run(&[&axis[..], &["--outside", "clamp"]].concat()).ok();

@@ -13,7 +13,7 @@ use std::path::Path;
 
 const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;
-const CHECKER: &str = "checker?size=300x450&pitch_um=2";
+const CHECKER: &str = "checker?size=450x300&pitch_um=2";
 
 /// Size and linear channels of a picture.
 fn linear(path: &Path, transfer: Transfer) -> (Size, Vec<Vec<f32>>) {

@@ -76,7 +76,7 @@ fn options_change_what_they_say() {
     // A flat divides itself to an even picture.
     let flat_film = place.at("flat.film");
     common::run(
-        "gen:uniform?size=300x450&pitch_um=2&wavelengths=450,550,650",
+        "gen:uniform?size=450x300&pitch_um=2&wavelengths=450,550,650",
         &flat_film,
         LENS,
         &["--stages", "ri"],
@@ -111,7 +111,7 @@ fn options_change_what_they_say() {
 #[test]
 fn developments_that_are_not_possible_are_one_clear_error() {
     let place = Place::new();
-    let film = place.run("checker?size=60x90&pitch_um=2");
+    let film = place.run("checker?size=90x60&pitch_um=2");
     let raw = place.raw(
         "raw.zarr",
         &film,

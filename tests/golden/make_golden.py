@@ -107,7 +107,7 @@ def make_case(name, chart, pack, size, args=(), axis=None, scale=(1, 1), center=
               surround="edge", outside="error", bands=None, crop=None, units="relative", windows=None, rois=(), declare=()):
     """Sizes are (rows, columns); axis, scale, center are (x, y) as on the command line; a window is (y, x, h, w, step_y, step_x)."""
     data, chart_file = chart
-    words = ["--film-size", f"{size[0]}x{size[1]}", "--scale", f"{scale[0]!r},{scale[1]!r}", *declare]
+    words = ["--film-size", f"{size[1]}x{size[0]}", "--scale", f"{scale[0]!r},{scale[1]!r}", *declare]
     if axis is not None:
         words += ["--axis", f"{axis[0]!r},{axis[1]!r}"]
     if center != (0, 0):

@@ -99,7 +99,7 @@ fn golden_signals_and_raws_of_the_float64_model() {
             "--center",
             &centre,
             "--size",
-            &format!("{}x{}", size.0, size.1),
+            &format!("{}x{}", size.1, size.0),
             "--resample",
             case["resample"].as_str().unwrap(),
         ];

@@ -54,7 +54,11 @@ pub(super) fn parse_values(
     };
     values.valid = (limit("valid_min", values.valid.0)?, limit("valid_max", values.valid.1)?);
     if values.valid.0.is_nan() || values.valid.1.is_nan() || values.valid.0 > values.valid.1 {
-        return Err(("valid_range", "a minimum and a maximum", format!("{:?}", values.valid)));
+        return Err((
+            "valid_range",
+            "a minimum and a maximum",
+            format!("{} to {}", values.valid.0, values.valid.1),
+        ));
     }
     let (scale, offset) = (factor(attributes, "scale_factor")?, factor(attributes, "add_offset")?);
     if scale == Some(0.0) {

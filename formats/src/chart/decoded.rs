@@ -16,6 +16,8 @@ pub(super) struct DecodedChunk {
     pub(super) missing: bool,
     /// First erroneous sample of each band that has one: (band, row, column, error).
     pub(super) errors: Vec<(usize, usize, usize, InvalidSample)>,
+    /// (band, samples without data that were replaced by 0) of each band that has some.
+    pub(super) replaced: Vec<(usize, u64)>,
 }
 
 impl DecodedChunk {

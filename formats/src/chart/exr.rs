@@ -1,8 +1,8 @@
 //! Charts in OpenEXR files: channels of the spectral layout, or R, G, B (or Y) as an image.
 //!
 //! Spectral layout (Fichet, Pacanowski, Wilkie, JCGT 10(3), 2021): `S0.400,000000nm` (emissive) or `T.400,000000nm`
-//! (reflective), wavelengths in nm, µm or m, with a decimal comma or point. R, G, B (a preview) and S1 to S3 (polarisation) beside
-//! them are ignored. One layer, f16 or f32, scan lines or tiles, every compression of the `exr` crate.
+//! (reflective), or all channels named as `w400nm`; wavelengths in nm, µm or m, with a decimal comma or point. R, G, B (a preview) and S1
+//! to S3 (polarisation) beside them are ignored. One layer, f16 or f32, scan lines or tiles, every compression of the `exr` crate.
 //!
 //! Samples are compressed and bands interleave line by line, so the file is decoded once ([`DecodedChart`]). Sizes that a header
 //! declares are compared with the file's length and with a limit per block before memory is allocated; a decoder that panics is an
@@ -16,7 +16,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use ::exr::meta::MetaData;
-use ::exr::meta::attribute::AttributeValue;
+use ::exr::meta::attribute::{AttributeValue, SampleType};
 use pipeline::geometry::Size;
 use serde_json::json;
 
@@ -74,11 +74,20 @@ pub fn open(path: &Path, nan: NanPolicy) -> Result<ExrFile, ChartError> {
         _ => None,
     };
     let size = Size::new(header.layer_size.height(), header.layer_size.width());
-    let samples: Vec<_> = channels.iter().map(|&c| header.channels.list[c].sample_type).collect();
-    let description = format!(
-        "{size}, {channels:?}, {samples:?}, {:?}, {:?}, {content:?}",
-        header.compression, header.blocks
-    );
+    let channel = |&c: &usize| {
+        let channel = &header.channels.list[c];
+        let sample = match channel.sample_type {
+            SampleType::F16 => "f16",
+            SampleType::F32 => "f32",
+            SampleType::U32 => "u32",
+        };
+        json!({ "name": channel.name.to_string(), "sample": sample })
+    };
+    let description = json!({
+        "size": [size.height, size.width],
+        "channels": channels.iter().map(channel).collect::<Vec<_>>(),
+        "compression": header.compression.to_string(),
+    });
     let declared = Declared {
         path: path.into(),
         size,

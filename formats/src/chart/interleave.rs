@@ -16,3 +16,17 @@ pub enum Interleave {
     /// (column, row, band).
     ColumnRowBand,
 }
+
+impl Interleave {
+    /// Name of the order. Part of a chart's identity, which films store: do not change.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Bsq => "bsq",
+            Self::Bil => "bil",
+            Self::Bip => "bip",
+            Self::BandColumnRow => "band, column, row",
+            Self::ColumnBandRow => "column, band, row",
+            Self::ColumnRowBand => "column, row, band",
+        }
+    }
+}

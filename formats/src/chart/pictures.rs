@@ -182,7 +182,7 @@ fn chart(
     let bands: usize = opened.iter().map(|o| o.bands).sum();
     let names: Vec<_> =
         opened.iter().map(|o| json!({ "name": name_of(&o.file.path), "bytes": o.bytes })).collect();
-    let content = json!({ "pictures": names, "layout": format!("{size}, {bands} bands, {sample:?}") });
+    let content = json!({ "pictures": names, "layout": format!("{size}, {bands} bands, {}", sample.code()) });
     let mtimes = json!(opened.iter().map(|o| o.modified_ns).collect::<Vec<_>>());
     let (pictures, files) = opened.into_iter().map(|o| (o.file, o.watched)).unzip();
     let declared = Declared {

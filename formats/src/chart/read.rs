@@ -83,7 +83,7 @@ impl ChartStore {
         self.counters.missing.lock().expect("no panic while counting").insert(number, pixels);
         let values = &self.layout.values;
         let mut errors = Vec::new();
-        let mut replaced = 0;
+        let mut replaced = Vec::new();
         // A store has one scale for all bands.
         let mut fill = [values.converter(bands.start)(self.layout.fill)];
         let checked = values.check(bands.start, &mut fill, |_| self.layout.fill, self.options.nan);
@@ -91,16 +91,9 @@ impl ChartStore {
             errors.extend(bands.clone().map(|b| (b, rect.y as usize, rect.x as usize, error)));
         }
         if checked.replaced > 0 {
-            replaced = pixels;
+            replaced.extend(bands.clone().map(|b| (b, rect.size().pixels() as u64)));
         }
-        self.count_replaced(number, replaced);
-        DecodedChunk { bands, rect, data: Vec::new(), fill: fill[0], missing: true, errors }
-    }
-
-    fn count_replaced(&self, number: u64, pixels: u64) {
-        if pixels > 0 {
-            self.counters.replaced.lock().expect("no panic while counting").insert(number, pixels);
-        }
+        DecodedChunk { bands, rect, data: Vec::new(), fill: fill[0], missing: true, errors, replaced }
     }
 
     /// Converts the decoded samples of a chunk to values, and checks them.
@@ -111,10 +104,9 @@ impl ChartStore {
         let mut gathered = Vec::new();
         let (height, width) = (rect.height, rect.width);
         let mut data = Vec::with_capacity(bands.len() * height * width);
-        let mut errors = Vec::new();
-        let mut replaced = 0;
+        let (mut errors, mut replaced) = (Vec::new(), Vec::new());
         for band in bands.clone() {
-            let mut first = None;
+            let (mut first, mut count) = (None, 0);
             for row in 0..height {
                 let start = (band - bands.start) * per_band + row * per_row;
                 let from = data.len();
@@ -134,24 +126,28 @@ impl ChartStore {
                 }
                 let checked =
                     values.check(band, &mut data[from..], |k| sample.read(line, k), self.options.nan);
-                replaced += checked.replaced;
+                count += checked.replaced;
                 if let Some((column, error)) = checked.error {
                     first.get_or_insert((band, rect.y as usize + row, rect.x as usize + column, error));
                 }
             }
             errors.extend(first);
+            replaced.extend(Some((band, count)).filter(|r| r.1 > 0));
         }
-        self.count_replaced(self.layout.chunk_number(chunk_index), replaced);
-        DecodedChunk { bands, rect, data, fill: 0.0, missing: false, errors }
+        DecodedChunk { bands, rect, data, fill: 0.0, missing: false, errors, replaced }
     }
 
-    /// The first error of `band` in a chunk.
+    /// The first error of `band` in a chunk; counts its samples without data.
     pub(super) fn check(
         &self,
         chunk_index: [usize; 3],
         chunk: &DecodedChunk,
         band: usize,
     ) -> Result<(), ChartError> {
+        if let Some(&(_, pixels)) = chunk.replaced.iter().find(|r| r.0 == band) {
+            let key = (self.layout.chunk_number(chunk_index), band);
+            self.counters.replaced.lock().expect("no panic while counting").insert(key, pixels);
+        }
         let Some(&(band, row, column, error)) = chunk.errors.iter().find(|b| b.0 == band) else {
             return Ok(());
         };
@@ -230,6 +226,7 @@ impl ChartStore {
                 fill: 0.0,
                 missing: false,
                 errors: Vec::new(),
+                replaced: Vec::new(),
             };
             Ok((chunk, bytes))
         })

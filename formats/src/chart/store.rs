@@ -27,7 +27,7 @@ pub struct ReadStats {
     pub decode_ns: u64,
     /// Distinct chunks that are not stored and were read as the fill value.
     pub missing_chunks: u64,
-    /// Distinct pixels without data that were read as 0.
+    /// Distinct pixels without data that were read as 0, in bands that were read.
     pub nan_replaced: u64,
 }
 
@@ -38,7 +38,8 @@ pub(super) struct Counters {
     pub(super) decode_ns: AtomicU64,
     /// Pixels by chunk number, so that a chunk decoded twice counts once.
     pub(super) missing: Mutex<HashMap<u64, u64>>,
-    pub(super) replaced: Mutex<HashMap<u64, u64>>,
+    /// Pixels by chunk number and band, of bands that were read.
+    pub(super) replaced: Mutex<HashMap<(u64, usize), u64>>,
 }
 
 /// A chart in a Zarr store.

@@ -3,7 +3,7 @@
 //! | file | samples | order in the file |
 //! |---|---|---|
 //! | spectral OpenEXR ([`exr`]) | f32, or f16 | tiles, in each line of a tile all bands |
-//! | BigTIFF ([`tiff`]) | f32, one page a band | band by band, line by line |
+//! | BigTIFF ([`tiff`]) | f32, one plane a band | band by band, line by line |
 //! | ENVI, NPY ([`flat`]) | f32 | band by band, line by line |
 //!
 //! Pitch and origin, where the pitch is known: TIFF's resolution and position in cm, ENVI's `map info` and `pixel size` in m (GDAL's

@@ -71,11 +71,11 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, TiffRows), ImageError> {
         ColorType::Gray(bits @ (8 | 16)) => (1, bits),
         ColorType::RGB(bits @ (8 | 16)) => (3, bits),
         other => {
-            return Err(header_error(path, "colour", "grey or RGB of 8 or 16 bits", format!("{other:?}")));
+            return Err(header_error(path, "colour", "grey or RGB of 8 or 16 bits", colour_name(other)));
         }
     };
     if photometric != Some(if channels == 3 { 2 } else { 1 }) {
-        let found = format!("photometric interpretation {photometric:?}");
+        let found = photometric.map_or("none".into(), |p| format!("photometric interpretation {p}"));
         return Err(header_error(path, "colour", "grey with black as 0 (1), or RGB (2)", found));
     }
     if planar != 1 && channels > 1 {
@@ -88,7 +88,7 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, TiffRows), ImageError> {
     }
     if format.iter().any(|f| *f != 1) {
         let expected = "integers; store floats as OpenEXR";
-        return Err(header_error(path, "samples", expected, format!("sample format {format:?}")));
+        return Err(header_error(path, "samples", expected, "another sample format"));
     }
     let mut notes = Vec::new();
     if profile {
@@ -236,4 +236,20 @@ impl TiffRows {
             }
         }
     }
+}
+/// Name and bits of a colour model that is not supported.
+fn colour_name(colour: ColorType) -> String {
+    let (name, bits) = match colour {
+        ColorType::Gray(bits) => ("grey", bits),
+        ColorType::RGB(bits) => ("RGB", bits),
+        ColorType::Palette(bits) => ("palette", bits),
+        ColorType::CMYK(bits) => ("CMYK", bits),
+        ColorType::YCbCr(bits) => ("YCbCr", bits),
+        ColorType::Lab(bits) => ("Lab", bits),
+        ColorType::Multiband { bit_depth, num_samples } => {
+            return format!("{num_samples} samples of {bit_depth} bits");
+        }
+        _ => return "another colour model".into(),
+    };
+    format!("{name} of {bits} bits")
 }

@@ -96,9 +96,11 @@ impl TiffBands {
             }
             let (other, bytes) = check_page(path, &mut decoder, length)?;
             if other != layout {
-                let expected = format!("{} of {:?} as on the first page", layout.size, layout.sample);
-                let found =
-                    format!("{} x {} of {:?} on page {page}", other.size, other.samples, other.sample);
+                let expected = format!("{} of {} as on the first page", layout.size, layout.sample.name());
+                let found = match other.samples {
+                    1 => format!("{} of {} on page {page}", other.size, other.sample.name()),
+                    n => format!("{n} samples per pixel on page {page}"),
+                };
                 return Err(header_error(path, "pages", expected, found));
             }
             decoder_bytes = decoder_bytes.max(bytes);

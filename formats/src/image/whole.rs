@@ -58,7 +58,7 @@ pub(crate) fn open_jpeg(path: &Path) -> Result<(ImageHeader, WholeImage), ImageE
         Some(ColorSpace::Luma) => (1, ColorSpace::Luma),
         Some(ColorSpace::YCbCr | ColorSpace::RGB) => (3, ColorSpace::RGB),
         other => {
-            return Err(header_error(path, "colour", "grey, YCbCr or RGB", format!("{other:?}")));
+            return Err(header_error(path, "colour", "grey, YCbCr or RGB", colour_name(other)));
         }
     };
     decoder.set_options(options.jpeg_set_out_colorspace(out));
@@ -146,6 +146,15 @@ fn orientation(exif: &[u8]) -> Option<u16> {
     let entries = usize::from(u16_at(first)?);
     let entry = (0..entries).map(|k| first + 2 + 12 * k).find(|&at| u16_at(at) == Some(274))?;
     u16_at(entry + 8)
+}
+
+/// Name of a colour model that is not supported.
+fn colour_name(colour: Option<ColorSpace>) -> &'static str {
+    match colour {
+        Some(ColorSpace::CMYK | ColorSpace::YCCK) => "CMYK",
+        Some(_) => "another colour model",
+        None => "none",
+    }
 }
 
 #[cfg(test)]

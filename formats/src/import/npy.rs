@@ -49,7 +49,7 @@ pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
         RasterSample::Plain(Sample::F32) => true,
         RasterSample::Plain(Sample::F64) => false,
         other => {
-            return Err(format!("has samples of type {other:?}, expected f4 or f8; convert it with astype"));
+            return Err(format!("has {}, expected f4 or f8; convert it with astype", other.name()));
         }
     };
     let data = &bytes[offset..];

@@ -121,11 +121,12 @@ impl LensPackWriter {
             band.check().map_err(|source| LensPackError::Table { path: self.sink.path.clone(), source })?;
             let expected = (band.psf_size, band.psf_pitch_um, band.psf_height_mm.len(), lens.psf_sample);
             if self.written[&b] != expected {
-                let have = self.written[&b];
-                let fields = "(side, pitch in µm, heights, sample)";
-                return Err(
-                    self.invalid(format!("psf/{b} has {fields} {have:?}, the lens's table {expected:?}"))
-                );
+                let list = |(side, pitch_um, heights, sample): (usize, f64, usize, PsfSample)| {
+                    let sample = if sample == PsfSample::Point { "point" } else { "integrated" };
+                    format!("{heights} windows of {side} {sample} samples of {pitch_um} µm")
+                };
+                let (found, expected) = (list(self.written[&b]), list(expected));
+                return Err(self.invalid(format!("psf/{b} has {found}, the lens's table {expected}")));
             }
         }
         match lens.bands.windows(2).find(|w| w[1].wavelength_nm <= w[0].wavelength_nm) {

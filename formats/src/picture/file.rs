@@ -7,6 +7,7 @@ use std::path::Path;
 use super::PictureError;
 use crate::durable::AtomicFile;
 use pipeline::geometry::Size;
+use tiff::encoder::colortype::ColorType;
 
 /// Bytes of a PNG data chunk: more than the encoder's default of 4 KiB, for fewer chunk headers and checksums.
 const CHUNK_BYTES: usize = 1 << 16;
@@ -83,8 +84,8 @@ pub(super) fn png_file<T>(
     })
 }
 
-/// A BigTIFF under a temporary name, of three sRGB-encoded 16-bit samples a pixel; `fill` passes one row of samples at a time.
-pub(super) fn tiff_file<T>(
+/// A BigTIFF of 16-bit samples under a temporary name; `fill` passes one row of samples at a time.
+pub(super) fn tiff_file<C: ColorType<Inner = u16> + Send, T>(
     path: &Path,
     size: Size,
     comment: &str,
@@ -98,8 +99,7 @@ pub(super) fn tiff_file<T>(
     let (width, height) = (width?, height?);
     temporary_file(path, |out| {
         let mut encoder = tiff::encoder::TiffEncoder::new_big(out).map_err(encode)?;
-        let mut image =
-            encoder.new_image::<tiff::encoder::colortype::RGB16>(width, height).map_err(encode)?;
+        let mut image = encoder.new_image::<C>(width, height).map_err(encode)?;
         image.encoder().write_tag(tiff::tags::Tag::ImageDescription, comment).map_err(encode)?;
         let mut strip = Vec::new();
         let done = fill(&mut |row: &[u16]| {

@@ -1,14 +1,17 @@
-//! One band as a linear 16-bit grey PNG: sample = round(65535 · exposure · value), clipped to 0..65535.
+//! One band as a linear 16-bit grey PNG or TIFF: sample = round(65535 · exposure · value), clipped to 0..65535.
 //!
-//! A gAMA chunk of 1 marks the samples as linear, and a comment holds band and exposure: value = sample / 65535 / exposure.
+//! In a PNG a gAMA chunk of 1 marks the samples as linear. A comment holds band and exposure: value = sample / 65535 / exposure.
 //! Rows are written as they are read, so memory never holds the picture. An exposure that is measured takes a separate pass
 //! over the source.
 
 use std::path::Path;
 
+use tiff::encoder::colortype::Gray16;
+
 use super::area::{Grid, stream};
 use super::exposure::Exposure;
-use super::file::{Samples, png_file};
+use super::file::{Samples, png_file, tiff_file};
+use super::streamed::ColourFile;
 use super::tone::chequer;
 use super::{ChartSource, PictureError, PictureSummary, Progress, View, nearest_band};
 
@@ -32,6 +35,7 @@ pub fn write_grey(
     bands_nm: &[f64],
     wavelength_nm: f64,
     options: &GreyOptions,
+    file: ColourFile,
     progress: Progress<'_>,
 ) -> Result<PictureSummary, PictureError> {
     options.exposure.check()?;
@@ -47,17 +51,24 @@ pub fn write_grey(
     let progress = options.exposure.progress_after_measuring(progress);
     let comment = format!("lenscube band {} nm, linear, value = sample / 65535 / {exposure}", bands_nm[band]);
     let mut missing_pixels = 0;
-    let (file, missing_samples) = png_file(path, grid.out, Samples::LinearGrey16, &comment, |out| {
-        let mut bytes = Vec::with_capacity(2 * grid.out.width);
+    let mut rows = |put: &mut (dyn FnMut(&[u16]) -> Result<(), PictureError> + Send)| {
+        let mut row = Vec::with_capacity(grid.out.width);
         stream(source, &[band], &grid, threads, &progress, &mut |_, y, means| {
-            bytes.clear();
-            for (x, &v) in means.iter().enumerate() {
-                missing_pixels += u64::from(v.is_nan());
-                bytes.extend(sample(v, exposure, y, x).to_be_bytes());
-            }
-            out.write_all(&bytes).map_err(|source| PictureError::Write { path: path.to_owned(), source })
+            row.clear();
+            missing_pixels += means.iter().filter(|v| v.is_nan()).count() as u64;
+            row.extend(means.iter().enumerate().map(|(x, &v)| sample(v, exposure, y, x)));
+            put(&row)
         })
-    })?;
+    };
+    let (file, missing_samples) = match file {
+        ColourFile::Png => png_file(path, grid.out, Samples::LinearGrey16, &comment, |out| {
+            rows(&mut |row| {
+                let bytes: Vec<u8> = row.iter().flat_map(|v| v.to_be_bytes()).collect();
+                out.write_all(&bytes).map_err(|source| PictureError::Write { path: path.to_owned(), source })
+            })
+        }),
+        ColourFile::Tiff => tiff_file::<Gray16, _>(path, grid.out, &comment, |out| rows(&mut |row| out(row))),
+    }?;
     file.finish()?;
     Ok(PictureSummary { size: grid.out, exposure, missing_samples, missing_pixels })
 }

@@ -5,6 +5,8 @@
 
 use std::path::Path;
 
+use tiff::encoder::colortype::RGB16;
+
 use super::area::Grid;
 use super::file::{Samples, png_file, tiff_file};
 use super::preview::{PreviewOptions, White};
@@ -69,7 +71,7 @@ pub fn write_streamed(
                 out.write_all(&bytes).map_err(|source| PictureError::Write { path: path.to_owned(), source })
             })
         }),
-        ColourFile::Tiff => tiff_file(path, grid.out, &comment, |out| {
+        ColourFile::Tiff => tiff_file::<RGB16, _>(path, grid.out, &comment, |out| {
             encode(&mut |values| {
                 out(&values.iter().map(|v| (65535.0 * v).round() as u16).collect::<Vec<_>>())
             })

@@ -261,7 +261,7 @@ fn grey_png_decodes_to_its_values_and_progress_ends_at_the_total() {
         reported.lock().unwrap().clear();
         let options = GreyOptions { view, exposure };
         let progress = |done, total| reported.lock().unwrap().push((done, total));
-        let shown = write_grey(&path, &chart, &nm, 550.3, &options, &progress).unwrap();
+        let shown = write_grey(&path, &chart, &nm, 550.3, &options, ColourFile::Png, &progress).unwrap();
         let (info, bytes) = open(&path);
         assert_eq!((info.bit_depth, info.color_type), (png::BitDepth::Sixteen, png::ColorType::Grayscale));
         assert_eq!(info.gama_chunk, Some(png::ScaledFloat::new(1.0)));
@@ -272,6 +272,12 @@ fn grey_png_decodes_to_its_values_and_progress_ends_at_the_total() {
             let expected = (f64::from(v) * shown.exposure).clamp(0.0, 1.0) * 65535.0;
             assert!((sample - expected).abs() <= 0.5, "{i}: {sample} {expected}");
         }
+        let tif = folder.path().join("g.tif");
+        write_grey(&tif, &chart, &nm, 550.3, &options, ColourFile::Tiff, &|_, _| ()).unwrap();
+        let mut decoder = tiff::decoder::Decoder::new(std::fs::File::open(&tif).unwrap()).unwrap();
+        let tiff::decoder::DecodingResult::U16(samples) = decoder.read_image().unwrap() else { panic!() };
+        let of_png: Vec<u16> = bytes.chunks(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
+        assert!(samples == of_png, "the TIFF has other samples than the PNG");
         assert_eq!((shown.missing_samples, shown.missing_pixels), (1, 1));
         let reported = reported.lock().unwrap();
         let complete = reported.last().is_some_and(|(done, total)| done == total);

@@ -10,6 +10,7 @@ mod error;
 mod table;
 mod text;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use pipeline::sensor::{Adc, Channel, Curve, NoiseFigures, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
@@ -35,6 +36,20 @@ pub struct SensorFile {
     channels: Vec<Channel>,
     filters: Vec<Curve>,
     pattern: Pattern,
+}
+
+/// Fields that `--set` replaces, as `table.field`: those of the built-in descriptions.
+pub fn field_names() -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for text in builtin_names().into_iter().filter_map(builtin::description) {
+        let Ok(text) = toml::from_str::<SensorText>(text) else { continue };
+        let text = serde_json::to_value(&text).unwrap_or_default();
+        for table in ["pixel", "noise", "adc", "spectral"] {
+            let fields = text[table].as_object().into_iter().flat_map(Map::keys);
+            names.extend(fields.map(|field| format!("{table}.{field}")));
+        }
+    }
+    names
 }
 
 /// A value with its source.

@@ -101,7 +101,7 @@ fn damaged_pictures_do_not_panic() {
     let (preview, grey) = (PreviewOptions::default(), GreyOptions::default());
     write_preview(&at, &Ramp, &NM, &preview, none).unwrap();
     seeds.push(fs::read(&at).unwrap());
-    write_grey(&at, &Ramp, &NM, 550.0, &grey, none).unwrap();
+    write_grey(&at, &Ramp, &NM, 550.0, &grey, ColourFile::Png, none).unwrap();
     seeds.push(fs::read(&at).unwrap());
     write_streamed(&at, &Ramp, &NM, &preview, ColourFile::Tiff, none).unwrap();
     seeds.push(fs::read(&at).unwrap());

@@ -114,7 +114,7 @@ impl ChartSpec {
 }
 
 fn size(value: &str) -> Result<Size, ChartError> {
-    let (h, w) = value.split_once('x').unwrap_or((value, value));
+    let (w, h) = value.split_once('x').unwrap_or((value, value));
     match (h.trim().parse(), w.trim().parse()) {
         (Ok(h), Ok(w)) if (1..=MAX_SIDE).contains(&h) && (1..=MAX_SIDE).contains(&w) => Ok(Size::new(h, w)),
         _ => Err(bad_value("size", value, SIZE_EXPECTED)),

@@ -12,7 +12,7 @@ use crate::wavelengths;
 
 /// Longest side of a film.
 pub(super) const MAX_SIDE: usize = FILM_SIDE_PX.max as usize;
-pub(super) const SIZE_EXPECTED: &str = "a film size N or HxW, each side 1 to 1000000 pixels";
+pub(super) const SIZE_EXPECTED: &str = "a film size N or WxH, each side 1 to 1000000 pixels";
 /// Largest number of points or stars along a side: they are searched one by one for every rectangle.
 const MAX_ALONG: usize = 128;
 

@@ -24,18 +24,18 @@ impl Random {
 }
 
 const CHARTS: [&str; 12] = [
-    "checker?size=97x200&noise=0.2&wavelengths=550",
+    "checker?size=200x97&noise=0.2&wavelengths=550",
     "uniform?value=3.5&size=40",
-    "points?size=200x301&count=5&overscan=7",
+    "points?size=301x200&count=5&overscan=7",
     "points?size=150&count=5&blob=disc&width_px=5.5",
-    "slanted-edge?size=101x77&overscan=3",
-    "slanted-edge?size=300x200&grid=3&angle_deg=-84",
+    "slanted-edge?size=77x101&overscan=3",
+    "slanted-edge?size=200x300&grid=3&angle_deg=-84",
     "siemens?size=255&grid=2&spokes=36",
-    "iso12233-esfr?size=300x240&grid=3&angle_deg=-7",
-    "dot-grid?size=200x301&count=5&width_px=9.5",
-    "checker?size=97x200&illuminant=A",
+    "iso12233-esfr?size=240x300&grid=3&angle_deg=-7",
+    "dot-grid?size=301x200&count=5&width_px=9.5",
+    "checker?size=200x97&illuminant=A",
     "composite?size=700&wavelengths=450,550,650",
-    "composite?size=1301x1002&wavelengths=550",
+    "composite?size=1002x1301&wavelengths=550",
 ];
 
 #[test]
@@ -138,7 +138,7 @@ fn ink_share_of_a_pixel_is_the_same_in_every_band() {
 fn slanted_edge_equals_its_exact_coverage() {
     for (angle, patch) in [(5.0, ""), (-5.0, "&patch_px=60"), (85.0, ""), (45.0, "&patch_px=51"), (0.0, "")] {
         let spec =
-            format!("slanted-edge?size=91x80&overscan=0&wavelengths=550&contrast=4&angle_deg={angle}{patch}");
+            format!("slanted-edge?size=80x91&overscan=0&wavelengths=550&contrast=4&angle_deg={angle}{patch}");
         let chart = generate(&spec);
         let edge = chart.edges()[0];
         let (cy, cx) = edge.centre_px;
@@ -192,7 +192,7 @@ fn star_equals_its_supersampled_coverage() {
 
 #[test]
 fn points_are_symmetric_about_their_reported_centres() {
-    for spec in ["points?size=300x221&count=4&overscan=20", "points?size=256&count=3&blob=disc&width_px=7.3"]
+    for spec in ["points?size=221x300&count=4&overscan=20", "points?size=256&count=3&blob=disc&width_px=7.3"]
     {
         let chart = generate(spec);
         let m = chart.overscan_px() as i64;
@@ -210,7 +210,7 @@ fn points_are_symmetric_about_their_reported_centres() {
 
 #[test]
 fn checker_luminance_corresponds_to_1000_lux() {
-    let chart = generate("checker?size=600x900&wavelengths=380:780:5&overscan=10");
+    let chart = generate("checker?size=900x600&wavelengths=380:780:5&overscan=10");
     let weights = colour::xyz_weights(chart.wavelengths_nm());
     let luminance = |patch: usize| {
         let p = chart.patches_px()[patch];
@@ -257,7 +257,7 @@ fn invalid_specification_is_an_error_with_a_hint() {
         ("composite?size=1e18", "size=1e18"),
         ("composite?size=999999999999999999999999", "1 to 1000000"),
         ("composite?size=0", "1 to 1000000"),
-        ("composite?size=10x-3", "1 to 1000000"),
+        ("composite?size=-3x10", "1 to 1000000"),
         ("composite?overscan=18446744073709551615", "overscan="),
         ("composite?size=10&size=20", "twice"),
         ("composite?size", "key=value"),

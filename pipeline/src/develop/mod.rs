@@ -34,7 +34,7 @@ use thiserror::Error;
 pub enum DevelopError {
     /// A method for Bayer patterns on another one.
     #[error(
-        "demosaicing by malvar: expected a Bayer pattern (2 x 2 pixels of R, G, G, B), found {rows} x {columns} pixels of {planes} planes; \
+        "demosaicing by malvar: expected a Bayer pattern (2 x 2 pixels of R, G, G, B), found {columns} x {rows} pixels of {planes} planes; \
          use bilinear, or superpixel"
     )]
     NotBayer {
@@ -51,9 +51,7 @@ pub enum DevelopError {
     )]
     Bin,
     /// A raw smaller than a period of its pattern.
-    #[error(
-        "the raw of {size} pixels (rows x columns) is smaller than the period of its pattern, {rows} x {columns}"
-    )]
+    #[error("the raw of {size} pixels is smaller than the period of its pattern, {columns} x {rows}")]
     TooSmall {
         /// The raw, after binning.
         size: Size,

@@ -75,7 +75,7 @@ def _flag(argument: Mapping[str, Any], value: Any) -> list[str]:
 
 
 def _value(argument: Mapping[str, Any], value: Any) -> str:
-    # `HxW`: two sides of a rectangle.
+    # `WxH`: two sides of a rectangle.
     separator = "x" if re.search(r"\b[A-Z]x[A-Z]\b", argument.get("value") or "") else ","
     try:
         return _text(value, separator)

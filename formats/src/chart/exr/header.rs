@@ -14,7 +14,7 @@ use crate::chart::header::header_error;
 const MAX_BLOCK_BYTES: usize = 192 << 20;
 const MAX_CHANNELS: usize = 4096;
 
-/// Content of the channels. Its `Debug` form is part of a chart's identity, which films store: do not rename.
+/// Content of the channels.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ExrContent {
     /// Bands of an emissive spectrum, or of reflectance.
@@ -93,7 +93,10 @@ pub(super) fn content(path: &Path, header: &Header) -> Result<(ExrContent, Vec<u
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(found)
     };
-    let (emissive, reflective) = (bands("S0.")?, bands("T.")?);
+    let (mut emissive, reflective) = (bands("S0.")?, bands("T.")?);
+    if emissive.is_empty() && reflective.is_empty() {
+        emissive = plain_bands(&names);
+    }
     let channel = |name: &str| names.iter().position(|n| n == name);
     let (content, channels) = match (emissive.is_empty(), reflective.is_empty()) {
         (false, false) => {
@@ -103,7 +106,7 @@ pub(super) fn content(path: &Path, header: &Header) -> Result<(ExrContent, Vec<u
             (Some(r), Some(g), Some(b), _) => (ExrContent::Rgb, vec![r, g, b]),
             (None, None, None, Some(y)) => (ExrContent::Grey, vec![y]),
             _ => {
-                let expected = "S0.…nm or T.…nm (spectral), R, G and B, or Y";
+                let expected = "S0.…nm or T.…nm (spectral), …nm (all channels), R, G and B, or Y";
                 return Err(exr_error(path, "channels", expected, names.join(", ")));
             }
         },
@@ -122,6 +125,17 @@ pub(super) fn content(path: &Path, header: &Header) -> Result<(ExrContent, Vec<u
     Ok((content, channels))
 }
 
+/// Bands of a file whose channels are all named by a wavelength, such as `w420nm`, ascending; empty otherwise.
+fn plain_bands(names: &[String]) -> Vec<(f64, usize)> {
+    let band = |(i, name): (usize, &String)| {
+        let length = name.trim_start_matches(|c: char| c.is_ascii_alphabetic() || "_-. ".contains(c));
+        Some((parse_wavelength(length)?, i))
+    };
+    let mut found = names.iter().enumerate().map(band).collect::<Option<Vec<_>>>().unwrap_or_default();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found
+}
+
 /// The wavelength in nm of `400,000000nm` or `0.4um`.
 fn parse_wavelength(text: &str) -> Option<f64> {
     let units = [("nm", 1.0), ("um", 1e3), ("µm", 1e3), ("m", 1e9)];
@@ -129,4 +143,16 @@ fn parse_wavelength(text: &str) -> Option<f64> {
     let nm = number.replace(',', ".").parse::<f64>().ok()? * per_unit;
     // 0.55 µm is 550 nm, not 550.0000000000001.
     Some((nm * 1e6).round() / 1e6).filter(|nm| *nm > 0.0 && nm.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_named_by_wavelengths_are_bands() {
+        let bands = |names: &[&str]| plain_bands(&names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>());
+        assert_eq!(bands(&["w430nm", "w420nm", "0.41um"]), [(410.0, 2), (420.0, 1), (430.0, 0)]);
+        assert!(bands(&["w430nm", "mask"]).is_empty() && bands(&["w430"]).is_empty());
+    }
 }

@@ -115,7 +115,11 @@ impl ChunkGrid {
     pub(super) fn description(&self) -> String {
         let Self { order, shape, chunk, sample, little_endian, fill, .. } = self;
         let filters: Vec<u16> = self.filters.iter().map(|f| f.id).collect();
-        format!("{shape:?}, {order}, chunks {chunk:?}, {sample:?}, {little_endian}, {fill:?}, {filters:?}")
+        let bytes = if *little_endian { "little" } else { "big" };
+        format!(
+            "{shape:?}, {order}, chunks {chunk:?}, {}, {bytes} endian, fill {fill:?}, filters {filters:?}",
+            sample.code()
+        )
     }
 
     fn chunk_bytes(&self) -> usize {

@@ -179,7 +179,7 @@ impl ShardIndex {
         let shape = index_shape(&chunks);
         match codecs.encoded_representation(&shape, &data_type::uint64(), &FillValue::from(u64::MAX)) {
             Ok(BytesRepresentation::FixedSize(bytes)) => Ok(Self { chain, at_start, bytes }),
-            Ok(other) => Err(format!("{other:?}")),
+            Ok(_) => Err("an index of variable size".into()),
             Err(e) => Err(e.to_string()),
         }
     }

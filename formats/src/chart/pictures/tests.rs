@@ -113,7 +113,7 @@ fn picture_that_differs_from_the_first_is_an_error_that_names_it() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     for (odd, expected) in [
-        ("size", "8x7 px"),
+        ("size", "7x8 px"),
         ("depth", "16-bit"),
         ("format", "TIFF of"),
         ("colour", "channels"),

@@ -2,6 +2,7 @@
 
 use crate::chart::axes::AxisOrder;
 use crate::sample::RasterSample;
+use serde_json::{Value, json};
 
 pub use crate::chart::interleave::Interleave;
 
@@ -12,7 +13,7 @@ impl Interleave {
     }
 }
 
-/// Layout of a flat file. Its `Debug` form is part of a chart's identity, which films store: do not rename.
+/// Layout of a flat file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RasterLayout {
     /// (bands, rows, columns).
@@ -48,6 +49,17 @@ impl RasterLayout {
                 offset: 0,
             }),
         }
+    }
+
+    /// The layout as part of the chart's identity.
+    pub(super) fn identity(&self) -> Value {
+        json!({
+            "shape": self.shape,
+            "order": self.interleave.name(),
+            "sample": self.sample.code(),
+            "little_endian": self.little_endian,
+            "offset": self.offset,
+        })
     }
 
     /// Bytes up to the end of the last sample; `None` on overflow.

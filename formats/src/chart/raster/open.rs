@@ -120,7 +120,7 @@ impl RasterChart {
         }
         let identity = (
             json!({
-                "raster": format!("{layout:?}"),
+                "raster": layout.identity(),
                 "bytes": meta.len(),
                 "wavelengths_nm": wavelengths_nm,
                 "values": values.identity(),

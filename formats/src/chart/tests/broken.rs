@@ -130,6 +130,24 @@ fn missing_chunk_reads_as_its_fill_value_and_is_counted() {
 }
 
 #[test]
+fn samples_without_data_are_counted_in_bands_that_are_read() {
+    let (_dir, path) = copied("v3-bip-zstd");
+    std::fs::remove_file(path.join("c/0/1/1")).unwrap();
+    edit(&path, |s| s.replace("\"attributes\": {}", "\"attributes\": {\"_FillValue\": 0}"));
+    let open = || ChartStore::open(path.to_str().unwrap(), with_nan(NanPolicy::Zero)).unwrap();
+    let chart = open();
+    all(&chart, 0).unwrap();
+    let of_one = chart.stats().nan_replaced;
+    assert!(of_one >= 256, "{of_one}");
+    all(&chart, 0).unwrap();
+    assert_eq!(chart.stats().nan_replaced, of_one);
+    // A copy of one band of chunks of three counts as reading that band does.
+    let (copied, temp) = (open(), tempfile::tempdir().unwrap());
+    copied.rechunk(&[0], temp.path(), 1, &|_, _| ()).unwrap();
+    assert_eq!(copied.stats().nan_replaced, of_one);
+}
+
+#[test]
 fn missing_chunk_with_fill_value_nan_is_an_error() {
     let (_dir, path) = copied("v3-sharded");
     std::fs::remove_file(path.join("chart/c/2/1/0")).unwrap();
