@@ -8,11 +8,12 @@ use anyhow::Result;
 use formats::chart::exr::{self, ExrContent, ExrFile};
 use formats::chart::hdf5::{self, Hdf5Chart};
 use formats::chart::{
-    AxisOrder, ChartOptions, ChartStore, DecodedChart, NanPolicy, RasterChart, RasterLayout, parse_dtype,
-    pictures, split_array,
+    AxisOrder, ChartError, ChartOptions, ChartStore, DecodedChart, NanPolicy, RasterChart, RasterLayout,
+    parse_dtype, pictures, split_array,
 };
 use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
+use formats::raw::RawStore;
 use pipeline::chart::Generator;
 use std::path::Path;
 
@@ -118,7 +119,13 @@ impl Chart {
             axes: flags.axes.cloned(),
             scale: scale.unwrap_or(1.0),
         };
-        Ok(Self::Store(Box::new(ChartStore::open(spec, options)?)))
+        let store = ChartStore::open(spec, options).map_err(|e| match e {
+            ChartError::NoArray { .. } if RawStore::is_one(Path::new(file)).unwrap_or(false) => usage(format!(
+                "`{spec}` is a raw of a sensor: `lenscube develop` makes a picture of it, `lenscube compare` measures two of them"
+            )),
+            e => e.into(),
+        })?;
+        Ok(Self::Store(Box::new(store)))
     }
 
     /// Opens raw samples of `shape` (`BANDS,ROWS,COLUMNS`, or the sides along `--axes`) and NumPy's type `dtype`.

@@ -76,7 +76,7 @@ pub fn size_order_note(argument: &str, size: Size) -> Option<String> {
 
 pub(super) fn roi(text: &str) -> Result<Rect, String> {
     let parts: Vec<&str> = text.split(',').collect();
-    let [x, y, w, h] = parts[..] else { return Err("expected X,Y,W,H in film pixels".into()) };
+    let [x, y, w, h] = parts[..] else { return Err("expected X,Y,W,H in pixels".into()) };
     let pixel = |t: &str| {
         t.trim().parse::<u32>().map(i64::from).map_err(|_| format!("`{t}` is not a pixel of the film"))
     };

@@ -5,6 +5,7 @@ use crate::args::{SensorShowArgs, check_directory};
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series, stacked};
+use formats::picture::style::Colour;
 use formats::sensor::{SensorFile, builtin_names};
 use pipeline::colour::Illuminant;
 use pipeline::sensor::Sensor;
@@ -116,11 +117,15 @@ pub fn plots(s: &Sensor, directory: &Path) -> Result<()> {
         let (first, last) = s.channels[c].curve.range_nm();
         let (first, last) = (first.max(300.0), last.min(1100.0));
         let points = (0..=400).map(|i| first + (last - first) * f64::from(i) / 400.0);
-        Series::distinct(
-            &s.channels[c].name,
-            points.map(|nm| (nm, 100.0 * s.quantum_efficiency(c, nm))).collect(),
-            c,
-        )
+        let curve = points.map(|nm| (nm, 100.0 * s.quantum_efficiency(c, nm))).collect();
+        // Red, green and blue in their colours; filters of one plane differ by their dashes.
+        let colour = match s.channels[c].plane.as_str() {
+            "R" => 4,
+            "G" => 2,
+            "B" => 0,
+            _ => c,
+        };
+        Series::line(&s.channels[c].name, curve, Colour::Palette(colour)).dashed(c)
     });
     let mut plot = Plot::new(
         format!("{}: quantum efficiency", s.name),
@@ -148,7 +153,9 @@ fn signal_to_noise_plots(s: &Sensor) -> Vec<Plot> {
             let of = |e: &f64| ((e * per_electron).log10(), 20.0 * signal_to_noise(s, *e, total).log10());
             electrons.iter().map(of).collect::<Vec<_>>()
         };
-        let mut plot = Plot::new(String::new(), Axis::new(name, 0.0, 1.0), Axis::new("ratio (dB)", 0.0, 1.0));
+        let end = |k: usize| (electrons[k] * per_electron).log10();
+        let x = Axis::new(name, end(0), end(electrons.len() - 1));
+        let mut plot = Plot::new(String::new(), x, Axis::new("ratio (dB)", 0.0, 1.0));
         plot.series = vec![
             Series::distinct("temporal", ratio(false), 0),
             Series::distinct("with fixed patterns", ratio(true), 1),

@@ -109,13 +109,14 @@ fn report(directory: &Path, bench: &Bench<'_>, m: &Measured, rows: &[Row]) -> Re
     // Saturated pixels have no variance: NaN leaves a gap.
     let log = |v: f64| if v > 0.0 { v.log10() } else { f64::NAN };
     let points = m.points.iter().map(|p| (log(p.mean_dn - m.dark.mean_dn), log(p.variance_dn2)));
-    let mut plot = Plot::new(
-        format!("{}: photon transfer curve", s.name),
-        Axis::new("log10 of the mean above the dark (DN)", 0.0, 1.0),
-        Axis::new("log10 of the temporal variance (DN²)", 0.0, 1.0),
-    );
     let stated = bench.stated();
     let full_dn = log(stated.saturation_e * stated.dn_per_e);
+    let mut plot = Plot::new(
+        format!("{}: photon transfer curve", s.name),
+        // A little beyond saturation, so that its line is seen.
+        Axis::new("log10 of the mean above the dark (DN)", 0.0, full_dn + 0.1),
+        Axis::new("log10 of the temporal variance (DN²)", 0.0, 1.0),
+    );
     // From 1 DN on: dark noise dominates there.
     let means: Vec<f64> = (0..=80).map(|i| 10f64.powf(full_dn * f64::from(i) / 80.0)).collect();
     let regime = |variance: &dyn Fn(f64) -> f64| {

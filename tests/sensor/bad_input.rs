@@ -128,7 +128,7 @@ fn nan_in_a_film_is_named_by_its_place() {
     assert_exit(&lenscube(&["status", text(&raw), "--check"]), WRONG, &["incomplete"]);
 }
 
-/// A sensor that responds beyond the film's bands only, and a raw that has lost its sensor.
+/// A sensor that responds beyond the film's bands only; a raw in place of a chart, and one that has lost its sensor.
 #[test]
 fn blind_sensors_and_raws_without_sensor_are_refused() {
     let place = Place::new();
@@ -146,6 +146,8 @@ fn blind_sensors_and_raws_without_sensor_are_refused() {
     assert_exit(&sensor(&film, &place.at("never"), &flags), USAGE, &["blind.csv", "did you mean percent"]);
     assert!(!place.at("never").exists());
     let raw = place.raw("raw.zarr", &film, &["--sensor", "example-2um", "--exposure", "1ms"]);
+    let export = lenscube(&["export", text(&raw), text(&place.at("no.png"))]);
+    assert_exit(&export, USAGE, &["is a raw of a sensor", "lenscube develop"]);
     let group = raw.join("zarr.json");
     let mut metadata: Value = serde_json::from_slice(&std::fs::read(&group).unwrap()).unwrap();
     metadata["attributes"].as_object_mut().unwrap().remove("sensor");
