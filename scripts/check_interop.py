@@ -14,6 +14,7 @@ import hdf5storage
 import numpy as np
 import OpenEXR
 import rasterio
+import rasterio.errors
 import rawpy
 import spectral.io.envi
 import tensorstore
@@ -25,6 +26,8 @@ import interop
 from interop import GOLDEN, check, identity_pack, lenscube
 
 warnings.simplefilter("error")
+# A film has no place on a map.
+warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
 
 
 def same(a, b):
