@@ -7,12 +7,18 @@ use crate::progress::{log_line, tracing_bar};
 use anyhow::{Context, Result};
 use formats::lens::{LensPackError, LensPackWriter, MAX_ARRAY_SAMPLES, PackAttributes};
 use pipeline::design::System;
+use pipeline::design::describe::field_tan;
+use pipeline::design::ray::Tracer;
+use pipeline::design::shelf::SAMPLE;
 use pipeline::design::trace::{
     BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens,
 };
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
+
+/// Largest height of the sample lens without `--max-height-mm`, mm: the corner of the examples' film of 14141² px of 2 µm.
+const SAMPLE_HEIGHT_MM: f64 = 20.5;
 
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {
@@ -21,7 +27,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     for note in &system.notes {
         log_line(format!("note: {note}"));
     }
-    let options = options(args)?;
+    let options = options(args, &system)?;
     log_line(estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?);
     let mut pack = LensPackWriter::create(&args.out).map_err(|e| match e {
         LensPackError::Exists { .. } => other_job(e.to_string()),
@@ -157,18 +163,52 @@ pub fn bytes_of(path: &Path) -> u64 {
     }
 }
 
-fn options(args: &TraceArgs) -> Result<TraceOptions> {
+fn options(args: &TraceArgs, system: &System) -> Result<TraceOptions> {
     let wavelengths = wavelengths(&args.wavelengths)?;
-    let mut options = TraceOptions::new(wavelengths, args.max_height_mm);
+    let given = args.heights.as_deref().map(heights).transpose()?;
+    let max_mm = match args.max_height_mm {
+        Some(mm) => mm,
+        None => max_height_mm(args, system, given.as_deref())?,
+    };
+    let mut options = TraceOptions::new(wavelengths, max_mm);
     options.energy = args.energy;
     options.psf_tolerance = args.psf_tolerance;
     options.max_nodes = args.max_nodes;
     options.psf_pitch_um = args.psf_pitch_um;
     options.film_pitch_um = args.film_pitch_um;
-    if let Some(text) = &args.heights {
-        options.heights = PsfHeights::Given(heights(text)?);
+    if let Some(given) = given {
+        options.heights = PsfHeights::Given(given);
     }
     Ok(options)
+}
+
+/// Largest height without `--max-height-mm`: of the given heights, or of the design's outermost field point.
+fn max_height_mm(args: &TraceArgs, system: &System, given: Option<&[f64]>) -> Result<f64> {
+    if args.design == SAMPLE {
+        return Ok(SAMPLE_HEIGHT_MM);
+    }
+    if let Some(mm) = given.and_then(|list| list.iter().copied().reduce(f64::max)).filter(|mm| *mm > 0.0) {
+        return Ok(mm);
+    }
+    let tracer = Tracer::new(system, system.primary_um())?;
+    let tans = system.fields.iter().map(|field| field_tan(system, &tracer.primary, *field).abs());
+    let tan = tans.fold(0.0, f64::max);
+    if tan == 0.0 {
+        return Err(usage(format!(
+            "{} has no field point off the axis; give the largest image height with `--max-height-mm`",
+            args.design
+        )));
+    }
+    let mm = tracer.chief_height_mm(tan).with_context(|| {
+        format!(
+            "the outermost field point of {}; give a smaller image height with `--max-height-mm`",
+            args.design
+        )
+    })?;
+    log_line(format!(
+        "heights up to {mm:.4} mm, of the design's outermost field point (`--max-height-mm` for others)"
+    ));
+    Ok(mm)
 }
 
 /// Parses `--wavelengths`; ascending.

@@ -172,9 +172,10 @@ pub struct TraceArgs {
     /// Bands in nm: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM", default_value = "400:700:10")]
     pub wavelengths: String,
-    /// Largest REAL image height of the tables, mm: the film's corner and the PSF's margin
-    #[arg(long, value_name = "MM", value_parser = bounded(bounds::REACH_MM), default_value = "20.5")]
-    pub max_height_mm: f64,
+    /// Largest REAL image height of the tables, mm: the film's corner and the PSF's margin [default: that of the design's outermost
+    /// field point; 20.5 of double-gauss-28]
+    #[arg(long, value_name = "MM", value_parser = bounded(bounds::REACH_MM))]
+    pub max_height_mm: Option<f64>,
     /// REAL image heights of the PSFs in mm, 0:20.5:0.5 or 0,3,7.5 [default: as many as --psf-tolerance needs]
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
