@@ -3,8 +3,7 @@
 //! The methods of `f64` call the C library of the host, whose last bit differs between versions and, in glibc, between processors with
 //! and without fused multiply-add. Lens tables, PSFs, drawn charts and films are computed with the functions here (clippy's
 //! `disallowed_methods` rejects the others in this crate); + − × ÷, the square root and rounding are exact in IEEE 754. One exception
-//! depends on the host: the roots of unity of rustfft, computed in f64. The PSF stage rounds them to f32; lens tracing uses them
-//! unrounded, and the lens digest of a job covers its result.
+//! depends on the host: the roots of unity of rustfft, computed in f64; the PSF stage rounds them to f32.
 
 pub use libm::{atan, atan2, cbrt, cos, exp, hypot, log10, pow, sin, sincos as sin_cos, tan};
 

@@ -8,7 +8,7 @@
 use crate::progress::log_line;
 use anyhow::{Context, Result, bail};
 use formats::durable;
-use formats::lens::{HashedFile, LensPack, LensPackWriter, PackAttributes};
+use formats::lens::{HashedFile, LensPack, LensPackWriter, PackAttributes, band_digest};
 use pipeline::design::System;
 use pipeline::design::trace::{TRACER_VERSION, TraceOptions, TracedBand};
 use pipeline::lens::Lens;
@@ -19,8 +19,9 @@ use std::path::{Path, PathBuf};
 /// Hex digits of each digest in the name of an entry.
 const DIGITS: usize = 32;
 const EXTENSION: &str = ".lens.zip";
-/// Key of the recipe in the `source` attribute of an entry.
+/// Keys of the recipe and of the digest of the values in the `source` attribute of an entry.
 const RECIPE: &str = "recipe";
+const VALUES: &str = "values";
 
 /// Directory of traced bands.
 pub struct Cache {
@@ -135,6 +136,11 @@ fn prepare(dir: &Path) -> Result<()> {
     Ok(std::fs::remove_file(&probe)?)
 }
 
+/// Digest of the values of an entry, as recorded in it: its bytes were verified when it was opened, so its PSFs need not be read.
+pub fn values(entry: &LensPack) -> Option<&str> {
+    entry.attributes().source.as_ref()?[VALUES].as_str()
+}
+
 /// Opens an entry; an error if its digest differs from its name or its recipe or wavelength from the requested ones.
 fn open(path: &Path, content: &str, recipe: &str, wavelength_nm: f64) -> Result<LensPack> {
     let sealed = HashedFile::open(path)?;
@@ -179,7 +185,9 @@ fn write(
     band: &TracedBand,
 ) -> Result<HashedFile> {
     let mut attributes = attributes.clone();
-    attributes.source.get_or_insert_with(|| json!({}))[RECIPE] = json!(recipe);
+    let source = attributes.source.get_or_insert_with(|| json!({}));
+    source[RECIPE] = json!(recipe);
+    source[VALUES] = json!(band_digest(lens, 0, &band.psf));
     let mut writer = LensPackWriter::create(temp)?;
     writer.psf(0, &band.psf)?;
     writer.finish(lens, &attributes)?;

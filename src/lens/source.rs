@@ -292,7 +292,8 @@ fn trace(
     for (done, &nm) in nm.iter().enumerate() {
         let (recipe, pack) = tracer.covering_film(nm, frame, options)?;
         coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
-        recipes.push(format!("{recipe}-{}", pack.band_digest(0)?));
+        let values = cache::values(&pack).map_or_else(|| pack.band_digest(0), |v| Ok(v.to_owned()))?;
+        recipes.push(format!("{recipe}-{values}"));
         let merged = lens.get_or_insert_with(|| Lens { bands: Vec::new(), ..pack.lens().clone() });
         merged.name.clone_from(&system.name);
         merged.bands.extend(pack.lens().bands.iter().cloned());

@@ -23,8 +23,8 @@ pub(super) fn lens_digest<E>(
     Ok(h.finalize().to_hex().to_string())
 }
 
-/// Digest of band `band` alone, with PSFs `stack`.
-pub(super) fn band_digest(lens: &Lens, band: usize, stack: &PsfStack) -> String {
+/// Digest of band `band` alone, with PSFs `stack`: that of [`super::LensPack::band_digest`] of a pack of them.
+pub fn band_digest(lens: &Lens, band: usize, stack: &PsfStack) -> String {
     let mut h = hasher_with_head(lens, 1);
     add_band(&mut h, &lens.bands[band], stack);
     h.finalize().to_hex().to_string()

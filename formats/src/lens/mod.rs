@@ -62,6 +62,7 @@ mod write;
 
 pub use array::MAX_SAMPLES as MAX_ARRAY_SAMPLES;
 pub use attributes::{PackAttributes, SCHEMA};
+pub use digest::band_digest;
 pub use error::LensPackError;
 pub use hashed_file::HashedFile;
 pub use pack::{LensPack, builtin, builtin_names};

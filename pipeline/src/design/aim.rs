@@ -89,7 +89,7 @@ impl Tracer<'_> {
                 return Ok([0, 1].map(|i| Dual::new(at[i], inverse[i][0] * scale, inverse[i][1] * scale)));
             }
             // One more iteration squares the error of the point and computes the derivatives there.
-            done = real::hypot(step[0], step[1]) < 1e-5 * self.primary.entrance_radius_mm;
+            done = real::hypot(step[0], step[1]) < 1e-4 * self.primary.entrance_radius_mm;
         }
         Err(self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
     }

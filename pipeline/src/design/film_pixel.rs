@@ -50,24 +50,35 @@ impl FilmPixels {
     }
 
     /// Shares per film pixel.
-    pub fn integrate(&self, psf: &[f64]) -> Vec<f64> {
+    pub fn integrate<T: Copy + Into<f64>>(&self, psf: &[T]) -> Vec<f64> {
         let (n, m) = (self.samples, self.rows.len());
-        let mut rows = vec![0.0; m * n];
-        for ((start, w), out) in self.rows.iter().zip(rows.chunks_exact_mut(n)) {
-            for (w, source) in w.iter().zip(psf[start * n..].chunks_exact(n)) {
-                for (o, v) in out.iter_mut().zip(source) {
-                    *o += w * v;
+        let rows = self.integrate_columns(psf, n);
+        let columns = self.integrate_columns(&transposed(&rows, n), m);
+        transposed(&columns, m)
+    }
+
+    /// Integrates the columns of `from`, `width` of them.
+    fn integrate_columns<T: Copy + Into<f64>>(&self, from: &[T], width: usize) -> Vec<f64> {
+        let mut to = vec![0.0; self.rows.len() * width];
+        for ((start, w), to) in self.rows.iter().zip(to.chunks_exact_mut(width)) {
+            for (w, from) in w.iter().zip(from[start * width..].chunks_exact(width)) {
+                for (to, v) in to.iter_mut().zip(from) {
+                    *to += w * (*v).into();
                 }
             }
         }
-        let mut out = Vec::with_capacity(m * m);
-        for row in rows.chunks_exact(n) {
-            for (start, w) in &self.rows {
-                out.push(w.iter().zip(&row[*start..]).map(|(w, v)| w * v).sum());
-            }
-        }
-        out
+        to
     }
+}
+
+/// Transposes rows of `width` values.
+fn transposed(from: &[f64], width: usize) -> Vec<f64> {
+    let height = from.len() / width;
+    let mut to = Vec::with_capacity(from.len());
+    for x in 0..width {
+        to.extend((0..height).map(|y| from[y * width + x]));
+    }
+    to
 }
 
 fn interpolant(u: f64) -> f64 {

@@ -6,23 +6,19 @@
 //! heights, place nodes accordingly, then compare the kernel at the centre of every cell (half-way in r, and half-way in θ on both
 //! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
 //! cell centres is recorded as the bound.
-//! Budget: if the tolerance needs more than `max_nodes` nodes, more samples than [`MAX_SAMPLES`], or more PSFs than can be traced in a few
-//! seconds ([`MAX_WORK`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
+//! Budget: if the tolerance needs more than `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
 //! minimal; then the cells of the largest errors are refined as far as the budget allows.
 //! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
 
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
 use super::error::DesignError;
-use super::film_pixel::FilmPixels;
+use super::kernels::{Kernels, Pupils, l1, mean};
 use super::options::{Azimuths, PsfHeights, TraceOptions};
-use super::psf::{PsfGrid, PsfScratch, PupilFunction};
-use super::ray::Tracer;
 use super::refine::{
-    Budget, CellError, MAX_AZIMUTHS, MAX_SAMPLES, MIN_PSFS, NodeError, Refinement, max_psfs, round_azimuths,
+    Budget, CellError, MAX_AZIMUTHS, MIN_PSFS, NodeError, Refinement, max_psfs, max_samples, round_azimuths,
     summary,
 };
 
@@ -34,14 +30,6 @@ const PROBES: [usize; 2] = [12, 6];
 /// Maximum of rounds of checking and refining.
 const MAX_ROUNDS: usize = 6;
 
-/// Film-pixel kernels of one band, with exact rotation.
-pub(crate) struct Kernels<'a> {
-    tracer: &'a Tracer<'a>,
-    grid: &'a PsfGrid,
-    film: FilmPixels,
-    size: usize,
-}
-
 /// Chosen heights and azimuth counts, and the error bound, if checked.
 pub(crate) struct Chosen {
     pub(crate) heights: Vec<f64>,
@@ -49,75 +37,10 @@ pub(crate) struct Chosen {
     pub(crate) error: Option<NodeError>,
 }
 
-/// Height [mm] and azimuth [rad] of a kernel, as bits, which are ordered.
-type Key = (u64, u64);
-
-fn key(height: f64, azimuth: f64) -> Key {
-    (height.to_bits(), azimuth.to_bits())
-}
-
-impl<'a> Kernels<'a> {
-    pub(crate) fn new(tracer: &'a Tracer<'a>, grid: &'a PsfGrid, size: usize, film_pitch_um: f64) -> Self {
-        let film = FilmPixels::new(grid.size(), grid.pitch_um(), size, film_pitch_um);
-        Self { tracer, grid, film, size }
-    }
-
-    /// The kernel of sum 1 at `height` [mm], rotated by `azimuth` [rad].
-    fn compute(&self, height: f64, azimuth: f64, scratch: &mut PsfScratch) -> Result<Vec<f32>, DesignError> {
-        let f = PupilFunction::trace(self.tracer, self.tracer.field_of_height(height)?)?;
-        let kernel = self.film.integrate(&self.grid.psf(&f, azimuth, scratch));
-        let sum: f64 = kernel.iter().sum();
-        Ok(kernel.iter().map(|v| (v / sum) as f32).collect())
-    }
-
-    /// Mean of a kernel rotated by +azimuth and by −azimuth, which is its mirror image.
-    fn mean_with_mirror(&self, rotated: &[f32]) -> Vec<f32> {
-        let n = self.size;
-        (0..n * n).map(|i| 0.5 * (rotated[i] + rotated[(n - 1 - i / n) * n + i % n])).collect()
-    }
-}
-
-/// Computed kernels.
-#[derive(Default)]
-struct Cache(BTreeMap<Key, Vec<f32>>);
-
-impl Cache {
-    /// Computes those of `requested` that are missing; their number.
-    fn fill(&mut self, kernels: &Kernels<'_>, requested: &[(f64, f64)]) -> Result<usize, DesignError> {
-        let mut missing: Vec<Key> = requested.iter().map(|(h, a)| key(*h, *a)).collect();
-        missing.sort_unstable();
-        missing.dedup();
-        missing.retain(|k| !self.0.contains_key(k));
-        let computed: Result<Vec<(Key, Vec<f32>)>, DesignError> = missing
-            .par_iter()
-            .map_init(PsfScratch::default, |scratch, k| {
-                Ok((*k, kernels.compute(f64::from_bits(k.0), f64::from_bits(k.1), scratch)?))
-            })
-            .collect();
-        self.0.extend(computed?);
-        Ok(missing.len())
-    }
-
-    fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    fn get(&self, height: f64, azimuth: f64) -> &[f32] {
-        &self.0[&key(height, azimuth)]
-    }
-}
-
-fn l1(a: &[f32], b: &[f32]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum()
-}
-
-fn mean(a: &[f32], b: &[f32]) -> Vec<f32> {
-    a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect()
-}
-
 /// Chooses heights from 0 to `last_mm` and their azimuth counts.
 pub(crate) fn choose(
-    kernels: &Kernels<'_>,
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
     options: &TraceOptions,
     last_mm: f64,
     report: &mut dyn FnMut(&'static str, usize),
@@ -135,25 +58,24 @@ pub(crate) fn choose(
     }
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
-    let max_psfs = max_psfs(kernels.grid);
+    let max_psfs = max_psfs(options, kernels.grid().size());
     let probe_count = PROBES[usize::from(max_psfs < 20 * PROBES[0])];
     let probes: Vec<f64> = (1..=probe_count).map(|i| last_mm * i as f64 / probe_count as f64).collect();
     report("probing", 0);
-    let mut cache = Cache::default();
     let azimuth_need = match options.azimuths {
         Azimuths::Given(j) => vec![j as f64; probe_count],
-        Azimuths::ByError => probe_azimuths(kernels, &mut cache, &probes, part, report)?,
+        Azimuths::ByError => probe_azimuths(kernels, pupils, &probes, part, report)?,
     };
     let spacing = match &given {
         Some(_) => None,
-        None => Some(probe_heights(kernels, &mut cache, &probes, part, report)?),
+        None => Some(probe_heights(kernels, pupils, &probes, part, report)?),
     };
-    let left = max_psfs.saturating_sub(cache.len()).max(MIN_PSFS / 2);
+    let left = max_psfs.saturating_sub(kernels.len()).max(MIN_PSFS / 2);
     let (free_heights, free_azimuths) = (given.is_none(), options.azimuths == Azimuths::ByError);
     let budget = Budget {
         nodes: options.max_nodes,
         // A check of K heights traces about 3 K PSFs, the result K.
-        heights: (MAX_SAMPLES / kernels.grid.size().pow(2)).min(left / 4).max(3),
+        heights: (max_samples(options) / kernels.grid().size().pow(2)).min(left / 4).max(3),
     };
     // The least factor of the tolerance at which the nodes fit.
     let mut relaxed = 1.0_f64;
@@ -178,15 +100,16 @@ pub(crate) fn choose(
     };
     let mut limited = relaxed > 1.0;
     let goal = tolerance * relaxed;
-    let mut cache = Cache::default();
+    kernels.clear();
+    pupils.keep(&[]);
     let mut errors = Vec::new();
     for round in 0..MAX_ROUNDS {
-        errors = check(kernels, &mut cache, &heights, &azimuths, report)?;
+        errors = check(kernels, pupils, &heights, &azimuths, report)?;
         let worst = errors.iter().map(|e: &CellError| e.total).fold(0.0, f64::max);
         if worst <= goal || round + 1 == MAX_ROUNDS {
             break;
         }
-        if cache.len() >= left {
+        if kernels.len() >= left {
             limited = true;
             break;
         }
@@ -212,8 +135,8 @@ pub(crate) fn choose(
 }
 
 fn check(
-    kernels: &Kernels<'_>,
-    cache: &mut Cache,
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
     heights: &[f64],
     azimuths: &[usize],
     report: &mut dyn FnMut(&'static str, usize),
@@ -227,16 +150,16 @@ fn check(
             requested.push((0.5 * (heights[k - 1] + heights[k]), 0.0));
         }
     }
-    report("checking", cache.fill(kernels, &requested)?);
-    let cache = &*cache;
-    let between = |k: usize| kernels.mean_with_mirror(cache.get(heights[k], half_step(k)));
-    let angular = |k: usize, mean: &[f32]| l1(mean, cache.get(heights[k], 0.0));
+    report("checking", kernels.fill(pupils, &requested)?);
+    let kernels = &*kernels;
+    let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(k)));
+    let angular = |k: usize, mean: &[f32]| l1(mean, kernels.at(heights[k], 0.0));
     Ok((1..heights.len())
         .into_par_iter()
         .map(|k| {
-            let truth = cache.get(0.5 * (heights[k - 1] + heights[k]), 0.0);
+            let truth = kernels.at(0.5 * (heights[k - 1] + heights[k]), 0.0);
             let (a, b) = (between(k - 1), between(k));
-            let unrotated = mean(cache.get(heights[k - 1], 0.0), cache.get(heights[k], 0.0));
+            let unrotated = mean(kernels.at(heights[k - 1], 0.0), kernels.at(heights[k], 0.0));
             CellError {
                 total: l1(&mean(&a, &b), truth),
                 radial: l1(&unrotated, truth),
@@ -248,8 +171,8 @@ fn check(
 
 /// Azimuths needed at the probing heights for an error of `part`, not rounded.
 fn probe_azimuths(
-    kernels: &Kernels<'_>,
-    cache: &mut Cache,
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
     probes: &[f64],
     part: f64,
     report: &mut dyn FnMut(&'static str, usize),
@@ -260,10 +183,10 @@ fn probe_azimuths(
         let step = |i: usize, need: &[f64]| PI / need[i];
         let requested: Vec<(f64, f64)> =
             probes.iter().enumerate().flat_map(|(i, h)| [(*h, 0.0), (*h, step(i, &need))]).collect();
-        report("probing", cache.fill(kernels, &requested)?);
+        report("probing", kernels.fill(pupils, &requested)?);
         for (i, h) in probes.iter().enumerate() {
-            let between = kernels.mean_with_mirror(cache.get(*h, step(i, &need)));
-            let error = l1(&between, cache.get(*h, 0.0));
+            let between = kernels.mean_with_mirror(kernels.at(*h, step(i, &need)));
+            let error = l1(&between, kernels.at(*h, 0.0));
             need[i] = (need[i] * (error / part).sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
         }
     }
@@ -272,8 +195,8 @@ fn probe_azimuths(
 
 /// Spacing of heights [mm] allowed at the probing heights for an error of `part`.
 fn probe_heights(
-    kernels: &Kernels<'_>,
-    cache: &mut Cache,
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
     probes: &[f64],
     part: f64,
     report: &mut dyn FnMut(&'static str, usize),
@@ -292,10 +215,10 @@ fn probe_heights(
                 [(a, 0.0), (c, 0.0), (b, 0.0)]
             })
             .collect();
-        report("probing", cache.fill(kernels, &requested)?);
+        report("probing", kernels.fill(pupils, &requested)?);
         for i in 0..probes.len() {
             let (a, c, b) = ends(i, &half);
-            let error = l1(&mean(cache.get(a, 0.0), cache.get(b, 0.0)), cache.get(c, 0.0));
+            let error = l1(&mean(kernels.at(a, 0.0), kernels.at(b, 0.0)), kernels.at(c, 0.0));
             half[i] = (half[i] * (part / error.max(1e-9)).sqrt()).clamp(last * 1e-4, 0.2 * last);
         }
     }

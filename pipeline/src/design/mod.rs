@@ -6,7 +6,7 @@
 //! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`]; `aim` finds the pupil of each field
 //!    point, `field` the field point of an image height, `aiming_check` whether paraxial aiming is accurate enough.
 //! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling. [`bundle`]: its rays.
-//! 5. [`illumination`]: RI, the light of a bundle per area of the film. [`psf`]: a Huygens sum over its rays, by [`nufft`]. [`spots`]: spot
+//! 5. [`illumination`]: RI, the light of a bundle per area of the film. [`psf`]: a Huygens sum over its rays, by [`nufft`] and `fourier`. [`spots`]: spot
 //!    diagrams and best focus. [`field_figures`]: figures from rays alone.
 //! 6. [`mod@trace`]: the tables of one band of a [`crate::lens::Lens`]: window chosen by energy, heights and azimuths by error.
 //!
@@ -16,17 +16,21 @@ pub mod agf;
 mod aim;
 mod aiming_check;
 pub mod bundle;
+mod chebyshev;
 pub mod codev;
 pub mod describe;
 mod draft;
 pub mod error;
+mod estimate;
 mod field;
 pub mod field_figures;
 pub mod film_pixel;
+mod fourier;
 pub mod glass;
 pub mod glass_library;
 mod grid;
 pub mod illumination;
+mod kernels;
 pub mod model_glass;
 pub mod nufft;
 pub mod optiland;
@@ -35,6 +39,7 @@ pub mod oslo;
 pub mod paraxial;
 pub mod psf;
 pub mod pupil;
+mod pupil_function;
 pub mod ray;
 pub mod reading;
 mod refine;
@@ -48,6 +53,7 @@ pub mod system;
 pub mod table;
 pub mod text;
 pub mod trace;
+mod window;
 pub mod writing;
 pub mod zar;
 pub mod zmx;

@@ -39,7 +39,7 @@ impl Segment {
         *self == Self::OPEN
     }
 
-    /// B(θ) at ascending angles.
+    /// B(θ) at ascending angles, to 1e-9.
     pub fn radii(&self, tracer: &Tracer<'_>, tan: f64, angles: impl Iterator<Item = f64>) -> Vec<f64> {
         if self.is_open() {
             return angles.map(|_| 1.0).collect();
@@ -52,7 +52,7 @@ impl Segment {
         let mut near = None;
         angles
             .map(|theta| {
-                let r = domain.rim(theta, near).0;
+                let r = domain.rim(theta, near, RIM).0;
                 near = Some(r);
                 r
             })
@@ -90,6 +90,9 @@ const SCAN: usize = 49;
 const MIN_AREA: f64 = 1e-6;
 /// Bisections of the angle of a corner between two rims.
 const CORNER_STEPS: usize = 24;
+/// Accuracy of a rim, in its overshoot and in pupil coordinates: in general, and to find only the surface that limits it.
+const RIM: f64 = 1e-9;
+const RIM_IN_SCAN: f64 = 1e-4;
 
 impl Pupil {
     /// The open pupil of the field point at tan(field angle) `tan`.
@@ -118,6 +121,13 @@ impl Pupil {
             }
         }
         Ok(pupil)
+    }
+
+    /// Whether the same surfaces limit it in the same order.
+    pub fn has_rims_of(&self, other: &Self) -> bool {
+        let limits =
+            |pupil: &Self| pupil.segments.iter().map(|s| (s.limit, s.sign > 0.0)).collect::<Vec<_>>();
+        limits(self) == limits(other)
     }
 
     /// Quadrature nodes: `rings` in ρ, about `spokes` in θ over the half circle.
@@ -181,7 +191,7 @@ impl Domain<'_> {
         let rims: Vec<(f64, Option<usize>)> = angles
             .iter()
             .map(|a| {
-                let rim = self.rim(*a, near);
+                let rim = self.rim(*a, near, RIM_IN_SCAN);
                 near = Some(rim.0);
                 rim
             })
@@ -200,7 +210,7 @@ impl Domain<'_> {
             // To 4e-9 rad: the error of an integral is of second order in that of a corner.
             for _ in 0..CORNER_STEPS {
                 let mid = 0.5 * (a + b);
-                let rim = self.rim(mid, Some(near));
+                let rim = self.rim(mid, Some(near), RIM);
                 near = rim.0;
                 if rim.1 == rims[i - 1].1 { a = mid } else { b = mid }
             }
@@ -211,7 +221,7 @@ impl Domain<'_> {
     }
 
     /// B(θ) and the surface that limits it. `near` is the rim at a neighbouring angle.
-    fn rim(&self, theta: f64, near: Option<f64>) -> (f64, Option<usize>) {
+    fn rim(&self, theta: f64, near: Option<f64>, tolerance: f64) -> (f64, Option<usize>) {
         let (s, c) = real::sin_cos(theta);
         let along = self.centre * c;
         let edge = -along + (along * along + 1.0 - self.centre * self.centre).max(0.0).sqrt();
@@ -234,7 +244,7 @@ impl Domain<'_> {
             } else {
                 low = r;
             }
-            if f.0.abs() < 1e-13 || high - low < 1e-13 {
+            if f.0.abs() < tolerance || high - low < tolerance {
                 surface = f.1;
                 break;
             }

@@ -3,12 +3,14 @@
 //! A cell above the threshold is split in height if its error is mostly radial, else the azimuths of its two heights grow. See
 //! [`super::grid`].
 
-use super::psf::PsfGrid;
+use super::options::{MAX_NODES, TraceOptions};
 
-/// Maximum samples of the PSFs of a band: 134 MB in f32.
-pub(crate) const MAX_SAMPLES: usize = 1 << 25;
-/// Maximum work for the choice of nodes, in cells of the PSFs' Fourier transforms: about 5 s on two cores.
-pub(super) const MAX_WORK: f64 = 3e8;
+/// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes: 134 MB in f32.
+const MAX_SAMPLES: f64 = (1_u64 << 25) as f64;
+/// Maximum samples that are computed for the choice of nodes with that default: about 5 s on two cores.
+const MAX_WORK: f64 = 3e8;
+/// Maximum side of the PSFs in samples with that default: 32 heights then have [`MAX_SAMPLES`].
+const MAX_SIDE: f64 = 1024.0;
 /// PSFs that are traced whatever their work.
 pub(super) const MIN_PSFS: usize = 80;
 /// Maximum of azimuths of a height.
@@ -39,10 +41,25 @@ pub(super) fn round_azimuths(j: f64) -> usize {
     (j.clamp(8.0, MAX_AZIMUTHS as f64) as usize).next_multiple_of(8)
 }
 
+/// Budget relative to the default.
+fn scale(options: &TraceOptions) -> f64 {
+    options.max_nodes as f64 / MAX_NODES as f64
+}
+
+/// Maximum samples of the PSFs of a band.
+pub(super) fn max_samples(options: &TraceOptions) -> usize {
+    (MAX_SAMPLES * scale(options).max(1.0)) as usize
+}
+
+/// Samples a side from which on the window of a band is limited.
+pub(super) fn max_side(options: &TraceOptions) -> usize {
+    (MAX_SIDE * scale(options).max(1.0).sqrt()) as usize
+}
+
 /// Number of PSFs that can be traced for the choice of nodes.
-pub(super) fn max_psfs(grid: &PsfGrid) -> usize {
-    let cells = (2 * grid.size()) as f64;
-    ((MAX_WORK / (cells * cells)) as usize).max(MIN_PSFS)
+pub(super) fn max_psfs(options: &TraceOptions, side: usize) -> usize {
+    let samples = side as f64;
+    ((MAX_WORK * scale(options) / (samples * samples)) as usize).max(MIN_PSFS)
 }
 
 /// Limits of the nodes of a band.

@@ -204,6 +204,14 @@ impl Shape {
     fn normal<T: Scalar>(&self, ray: &Ray<T>) -> Result<[T; 3], Stopped> {
         Ok(if self.is_flat() {
             [T::of(0.0), T::of(0.0), T::of(1.0)]
+        } else if self.conic == 0.0 && !self.is_aspheric() {
+            // The normal of a sphere points to its centre.
+            let c = T::of(self.curvature);
+            let normal = [-c * ray.p[0], -c * ray.p[1], T::of(1.0) - c * ray.p[2]];
+            if normal[2].value() <= 0.0 {
+                return Err(Stopped::Misses);
+            }
+            normal
         } else {
             let [x, y, _] = ray.p;
             let (_, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;

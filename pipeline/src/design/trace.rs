@@ -9,24 +9,22 @@
 
 use rayon::prelude::*;
 
-use super::bundle::Bundle;
 use super::error::DesignError;
-use super::grid::{self, Kernels};
+pub use super::estimate::Estimate;
+use super::grid;
 use super::illumination::irradiance_table;
+use super::kernels::{Kernels, Pupils};
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 use super::paraxial::Paraxial;
 use super::psf::{PsfGrid, PsfScratch, PupilFunction};
 use super::ray::Tracer;
-use super::refine::MAX_SAMPLES;
 pub use super::refine::NodeError;
 use super::system::System;
+use super::window::{half_samples, window};
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
-/// Share of the light that a window of the maximum size may leave out without `energy` being set lower.
-const MAX_LEFT_OUT: f64 = 0.05;
-
 /// Incremented when the results for the same design and options change.
-pub const TRACER_VERSION: u32 = 3;
+pub const TRACER_VERSION: u32 = 4;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -82,8 +80,8 @@ pub struct BandReport {
 /// Trace of a lens.
 #[derive(Debug)]
 pub struct LensTrace<'a> {
-    system: &'a System,
-    options: &'a TraceOptions,
+    pub(super) system: &'a System,
+    pub(super) options: &'a TraceOptions,
     primary: Paraxial,
 }
 
@@ -127,19 +125,23 @@ impl<'a> LensTrace<'a> {
             PsfHeights::Given(h) => h.last().copied().unwrap_or(0.0),
         };
         report_step("window", 0);
-        let heights: Vec<f64> = (0..17).map(|i| last_mm * f64::from(i) / 16.0).collect();
-        let samples = pupils(&tracer, &heights)?;
-        let pitch_um = self.pitch(&samples)?;
+        // Those of the kernels that are examined first.
+        let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
+        let mut pupils = Pupils::new(&tracer, &heights)?;
+        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h)))?;
         let window_px = match options.window_px {
             Some(px) => px,
-            None => self.window(&tracer, &heights, &samples, pitch_um)?,
+            None => window(options, &tracer, (&heights, &pupils), pitch_um)?,
         };
-        report_step("window", if options.window_px.is_some() { 0 } else { samples.len() });
+        report_step("window", if options.window_px.is_some() { 0 } else { heights.len() });
         let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
-        let kernels = Kernels::new(&tracer, &grid, window_px, options.film_pitch_um);
-        let chosen = grid::choose(&kernels, options, last_mm, &mut report_step)?;
+        let mut kernels = Kernels::new(&grid, window_px, options.film_pitch_um);
+        let chosen = grid::choose(&mut kernels, &mut pupils, options, last_mm, &mut report_step)?;
+        drop(kernels);
         report_step("PSFs", 0);
-        let stack = stack(&tracer, &grid, &chosen.heights)?;
+        pupils.keep(&chosen.heights);
+        pupils.trace(chosen.heights.iter().copied())?;
+        let stack = stack(&pupils, &grid, &chosen.heights);
         report_step("PSFs", chosen.heights.len());
         let report = BandReport {
             wavelength_nm: nm,
@@ -185,8 +187,8 @@ impl<'a> LensTrace<'a> {
         Ok([tans.iter().map(|t| t * tracer.ideal_scale_mm()).collect(), real, light])
     }
 
-    fn pitch(&self, samples: &[PupilFunction]) -> Result<f64, DesignError> {
-        let nyquist = samples.iter().map(PupilFunction::nyquist_um).fold(f64::INFINITY, f64::min);
+    fn pitch<'p>(&self, pupils: impl Iterator<Item = &'p PupilFunction>) -> Result<f64, DesignError> {
+        let nyquist = pupils.map(PupilFunction::nyquist_um).fold(f64::INFINITY, f64::min);
         match self.options.psf_pitch_um {
             Some(pitch) if pitch > nyquist => Err(DesignError::Option {
                 option: "psf pitch",
@@ -197,106 +199,6 @@ impl<'a> LensTrace<'a> {
             None => Ok(self.options.film_pitch_um / (self.options.film_pitch_um / (0.9 * nyquist)).ceil()),
         }
     }
-
-    /// Minimum odd number of film pixels that contains the requested share of energy, at most the maximum.
-    fn window(
-        &self,
-        tracer: &Tracer<'_>,
-        heights: &[f64],
-        samples: &[PupilFunction],
-        pitch_um: f64,
-    ) -> Result<usize, DesignError> {
-        let (film, max) = (self.options.film_pitch_um, self.options.max_window_px);
-        let allowed = self.options.energy.min(1.0 - MAX_LEFT_OUT);
-        let fail = |height_mm: f64, held: f64| {
-            let (requested, wavelength_um) = (allowed, tracer.wavelength_um);
-            DesignError::Window { max_px: max, height_mm, wavelength_um, held, requested }
-        };
-        let bundles: Vec<(f64, Bundle)> = heights
-            .par_iter()
-            .step_by(4)
-            .map(|h| Ok((*h, Bundle::trace(tracer, tracer.field_of_height(*h)?, 12, 16)?)))
-            .collect::<Result<_, DesignError>>()?;
-        let widest = |b: &Bundle| b.light_outside(0.5 * film * max as f64);
-        let worst = bundles.iter().max_by(|a, b| widest(&a.1).total_cmp(&widest(&b.1)));
-        // Clearly too wide by the estimate: no PSF is computed.
-        if let Some((height, bundle)) = worst
-            && 1.0 - widest(bundle) < allowed - 0.05
-        {
-            return Err(fail(*height, 1.0 - widest(bundle)));
-        }
-        let guess = |b: &Bundle| b.window_px(self.options.energy, film, max).unwrap_or(max);
-        let expected = bundles.iter().map(|(_, b)| guess(b)).max().unwrap_or(max);
-        let mut px = (expected + expected / 4 + 8).clamp(65, max.max(65)).min(max) | 1;
-        loop {
-            let grid = PsfGrid::new(half_samples(px, film, pitch_um), pitch_um);
-            let needed: Vec<(Option<usize>, f64)> = samples
-                .par_iter()
-                .map_init(PsfScratch::default, |scratch, f| {
-                    let psf = grid.psf(f, 0.0, scratch);
-                    let held = squares(&psf, grid.size());
-                    let within = |w: usize| held[half_samples(w, film, pitch_um).min(held.len() - 1)];
-                    let least = (1..=px / 2).map(|i| 2 * i + 1).find(|w| within(*w) >= self.options.energy);
-                    (least, within(px))
-                })
-                .collect();
-            let all: Option<usize> = needed.iter().try_fold(3, |a, (w, _)| w.map(|w| a.max(w)));
-            let (height, held) = heights
-                .iter()
-                .zip(&needed)
-                .map(|(h, (_, held))| (*h, *held))
-                .fold((0.0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
-            match all {
-                // Margin for field points between the sampled ones.
-                Some(w) => return Ok((w + 2).min(max)),
-                None if px >= max && held < allowed => return Err(fail(height, held)),
-                None if px >= max => return Ok(max),
-                None => px = (2 * px - 1).min(max),
-            }
-        }
-    }
-
-    /// What the band `index` needs, estimated from rays before it is traced.
-    ///
-    /// # Errors
-    /// A ray that does not reach the image.
-    pub fn estimate(&self, index: usize) -> Result<Estimate, DesignError> {
-        let options = self.options;
-        let tracer = Tracer::new(self.system, options.wavelengths_nm[index] / 1e3)?;
-        let last = options.max_height_mm;
-        let bundles: Vec<Bundle> = (0..5)
-            .into_par_iter()
-            .map(|i| Bundle::trace(&tracer, tracer.field_of_height(last * f64::from(i) / 4.0)?, 12, 16))
-            .collect::<Result<_, DesignError>>()?;
-        let film = options.film_pitch_um;
-        let guess = |b: &Bundle| b.window_px(options.energy, film, options.max_window_px);
-        let window_px = options.window_px.unwrap_or_else(|| {
-            bundles.iter().map(|b| guess(b).unwrap_or(options.max_window_px)).max().unwrap_or(3)
-        });
-        let light =
-            1.0 - bundles.iter().map(|b| b.light_outside(0.5 * film * window_px as f64)).fold(0.0, f64::max);
-        let nyquist = bundles.iter().map(Bundle::nyquist_um).fold(f64::INFINITY, f64::min);
-        let pitch_um = options.psf_pitch_um.unwrap_or(film / (film / (0.9 * nyquist)).ceil());
-        let side = 2 * half_samples(window_px, film, pitch_um) + 1;
-        let max_bytes = match &options.heights {
-            PsfHeights::Given(h) => 4 * side * side * h.len(),
-            PsfHeights::ByError => (4 * MAX_SAMPLES).min(4 * side * side * options.max_nodes),
-        };
-        Ok(Estimate { window_px, light, side, max_bytes })
-    }
-}
-
-/// What a band needs, estimated from rays.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
-    /// Window, film pixels.
-    pub window_px: usize,
-    /// Minimum share of the light inside it.
-    pub light: f64,
-    /// Samples per side of a PSF.
-    pub side: usize,
-    /// Maximum size of the PSFs of the band, bytes.
-    pub max_bytes: usize,
 }
 
 /// The lens of `system` without bands.
@@ -341,33 +243,8 @@ pub fn trace_lens<E: std::fmt::Display>(
     Ok(lens)
 }
 
-/// Samples to either side of the centre in a window of `px` film pixels.
-fn half_samples(px: usize, film_pitch_um: f64, pitch_um: f64) -> usize {
-    ((px as f64 * film_pitch_um / pitch_um - 1.0 + 1e-9) / 2.0).floor() as usize
-}
-
-/// Share in the centred square of half-width i samples, for every i.
-fn squares(psf: &[f64], n: usize) -> Vec<f64> {
-    let half = n / 2;
-    let mut rings = vec![0.0; half + 1];
-    for (i, v) in psf.iter().enumerate() {
-        rings[(i / n).abs_diff(half).max((i % n).abs_diff(half))] += v;
-    }
-    rings
-        .iter()
-        .scan(0.0, |sum, r| {
-            *sum += r;
-            Some(*sum)
-        })
-        .collect()
-}
-
-pub(crate) fn pupils(tracer: &Tracer<'_>, heights: &[f64]) -> Result<Vec<PupilFunction>, DesignError> {
-    heights.par_iter().map(|h| PupilFunction::trace(tracer, tracer.field_of_height(*h)?)).collect()
-}
-
 /// The PSFs at `heights`, each of sum 1, and their shares of energy in the window.
-fn stack(tracer: &Tracer<'_>, grid: &PsfGrid, heights: &[f64]) -> Result<(PsfStack, Vec<f64>), DesignError> {
+fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> (PsfStack, Vec<f64>) {
     let n = grid.size();
     let mut stack = PsfStack {
         size: n,
@@ -375,20 +252,18 @@ fn stack(tracer: &Tracer<'_>, grid: &PsfGrid, heights: &[f64]) -> Result<(PsfSta
         sample: PsfSample::Point,
         samples: vec![0.0; n * n * heights.len()],
     };
-    let energy: Result<Vec<f64>, DesignError> = stack
+    let energy = stack
         .samples
         .par_chunks_exact_mut(n * n)
         .zip(heights)
-        .map_init(PsfScratch::default, |scratch, (out, h)| {
-            let f = PupilFunction::trace(tracer, tracer.field_of_height(*h)?)?;
-            let psf = grid.psf(&f, 0.0, scratch);
-            let sum: f64 = psf.iter().sum();
-            for (o, v) in out.iter_mut().zip(&psf) {
-                *o = (v / sum) as f32;
+        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (out, h)| {
+            grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
+            let sum: f64 = psf.iter().map(|v| f64::from(*v)).sum();
+            for (o, v) in out.iter_mut().zip(psf) {
+                *o = (f64::from(*v) / sum) as f32;
             }
-            Ok(sum)
+            sum
         })
         .collect();
-    let energy = energy?;
-    Ok((stack, energy))
+    (stack, energy)
 }

@@ -1,0 +1,61 @@
+//! What a band needs, estimated from a few rays before it is traced.
+
+use rayon::prelude::*;
+
+use super::bundle::Bundle;
+use super::error::DesignError;
+use super::options::{Azimuths, PsfHeights};
+use super::ray::Tracer;
+use super::refine::{max_psfs, max_samples};
+use super::trace::LensTrace;
+use super::window::{expected, half_samples};
+
+/// PSFs that are computed for a band without a limit: 215 to 283 for the built-in lenses.
+const PSFS: usize = 250;
+
+/// What a band needs, estimated from rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Window, film pixels.
+    pub window_px: usize,
+    /// Minimum share of the light inside it.
+    pub light: f64,
+    /// Samples per side of a PSF.
+    pub side: usize,
+    /// PSFs that are computed.
+    pub psfs: usize,
+    /// Maximum size of the PSFs of the band, bytes.
+    pub max_bytes: usize,
+}
+
+impl LensTrace<'_> {
+    /// What the band `index` needs.
+    ///
+    /// # Errors
+    /// A ray that does not reach the image.
+    pub fn estimate(&self, index: usize) -> Result<Estimate, DesignError> {
+        let options = self.options;
+        let tracer = Tracer::new(self.system, options.wavelengths_nm[index] / 1e3)?;
+        let last = options.max_height_mm;
+        let bundles: Vec<Bundle> = (0..5)
+            .into_par_iter()
+            .map(|i| Bundle::trace(&tracer, tracer.field_of_height(last * f64::from(i) / 4.0)?, 12, 16))
+            .collect::<Result<_, DesignError>>()?;
+        let film = options.film_pitch_um;
+        let nyquist = bundles.iter().map(Bundle::nyquist_um).fold(f64::INFINITY, f64::min);
+        let pitch_um = options.psf_pitch_um.unwrap_or(film / (film / (0.9 * nyquist)).ceil());
+        let window_px = options.window_px.unwrap_or_else(|| expected(options, bundles.iter(), pitch_um));
+        let light =
+            1.0 - bundles.iter().map(|b| b.light_outside(0.5 * film * window_px as f64)).fold(0.0, f64::max);
+        let side = 2 * half_samples(window_px, film, pitch_um) + 1;
+        let limited = PSFS.min(max_psfs(options, side));
+        let (psfs, max_bytes) = match (&options.heights, options.azimuths) {
+            (PsfHeights::Given(h), Azimuths::Given(_)) => (h.len(), 4 * side * side * h.len()),
+            (PsfHeights::Given(h), _) => (limited.max(3 * h.len()), 4 * side * side * h.len()),
+            (PsfHeights::ByError, _) => {
+                (limited, (4 * max_samples(options)).min(4 * side * side * options.max_nodes))
+            }
+        };
+        Ok(Estimate { window_px, light, side, psfs, max_bytes })
+    }
+}
