@@ -122,7 +122,7 @@ impl<'a> OverlapAdd<'a> {
                 pixels.clear();
                 pixels.resize(shard.rect.size().pixels(), 0.0);
             }
-            add_rows(&mut pixels, shard.rect, &*contribution, reach);
+            add_rows(&mut pixels, shard.rect, &contribution, reach);
             if next + 1 == tiles {
                 lock(&self.shards).open.remove(&id);
                 finished(FinishedShard { id, rect: shard.rect, pixels });
