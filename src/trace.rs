@@ -11,7 +11,7 @@ use pipeline::design::describe::field_tan;
 use pipeline::design::ray::Tracer;
 use pipeline::design::shelf::SAMPLE;
 use pipeline::design::trace::{
-    BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens,
+    BandReport, Estimate, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens,
 };
 use serde_json::json;
 use std::path::Path;
@@ -21,10 +21,12 @@ use std::time::Instant;
 const SAMPLE_HEIGHT_MM: f64 = 20.5;
 /// A trace that takes longer is announced with what it needs, s.
 const LONG_S: f64 = 10.0;
+/// A pack that is larger is announced with the way to make it smaller, MB uncompressed.
+const LARGE_MB: f64 = 1000.0;
 /// Samples of PSFs that a core computes in a second, measured on a Xeon with AVX-512.
 const SAMPLES_PER_S: f64 = 3e7;
-/// Time for the rays of a band over that for the rays of the two estimates, measured with the built-in lenses: 20 to 40.
-const RAYS_PER_ESTIMATE: f64 = 30.0;
+/// Time for the rays of a band over that for the rays of its estimate, measured with the built-in lenses: 40 to 80.
+const RAYS_PER_ESTIMATE: f64 = 60.0;
 
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {
@@ -79,17 +81,26 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     Ok(())
 }
 
-/// Seconds that the trace takes, and what it needs, from rays of its first and last band.
+/// Seconds that the trace takes, and what it needs, from rays of up to five bands.
 fn estimate(system: &System, options: &TraceOptions) -> Result<(f64, String)> {
     let trace = LensTrace::new(system, options)?;
     let last = options.wavelengths_nm.len() - 1;
+    let mut bands: Vec<usize> = (0..=4).map(|i| i * last / 4).collect();
+    bands.dedup();
     let start = Instant::now();
-    let (a, b) = (trace.estimate(0)?, trace.estimate(last)?);
-    let ray_seconds = start.elapsed().as_secs_f64() * RAYS_PER_ESTIMATE;
-    let samples = 0.5 * [a, b].map(|e| (e.psfs * e.side * e.side) as f64).iter().sum::<f64>();
+    let estimates = bands.iter().map(|&b| trace.estimate(b)).collect::<Result<Vec<Estimate>, _>>()?;
+    let ray_seconds = RAYS_PER_ESTIMATE * start.elapsed().as_secs_f64() / bands.len() as f64;
+    // The first and the last band stand for half as many bands as the others.
+    let share = |i: usize| if i == 0 || i + 1 == bands.len() { 0.5 } else { 1.0 };
+    let weighted = |value: &dyn Fn(&Estimate) -> f64| -> f64 {
+        let shares: f64 = (0..bands.len()).map(share).sum();
+        estimates.iter().enumerate().map(|(i, e)| share(i) * value(e)).sum::<f64>() / shares
+    };
+    let samples = weighted(&|e| (e.psfs * e.side * e.side) as f64);
     let cores = std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64);
     let seconds = (last + 1) as f64 * (ray_seconds + samples / SAMPLES_PER_S / cores);
-    let band_bytes = a.max_bytes.max(b.max_bytes);
+    let largest = |value: fn(&Estimate) -> usize| estimates.iter().map(value).max().unwrap_or(0);
+    let band_bytes = largest(|e| e.max_bytes);
     // The reader of packs accepts no larger array.
     if band_bytes as u64 > 4 * MAX_ARRAY_SAMPLES {
         let max_gb = 4e-9 * MAX_ARRAY_SAMPLES as f64;
@@ -99,17 +110,20 @@ fn estimate(system: &System, options: &TraceOptions) -> Result<(f64, String)> {
             band_bytes as f64 * 1e-9
         )));
     }
-    let bytes = (last + 1) * band_bytes;
+    let megabytes = 1e-6 * (last + 1) as f64 * weighted(&|e| e.bytes as f64);
+    let way_out = match megabytes > LARGE_MB {
+        true => "; fewer `--wavelengths`, less `--energy` or a larger `--psf-tolerance` make it smaller",
+        false => "",
+    };
     let needed = format!(
         "{} bands, estimated from rays: about {seconds:.0} s; windows of {} to {} px with at least {:.1} % of the light, PSFs of up to {} \
-         samples a side, at most {} nodes a band and {:.0} MB uncompressed in all",
+         samples a side, at most {} nodes a band, about {megabytes:.0} MB uncompressed in all{way_out}",
         last + 1,
-        a.window_px.min(b.window_px),
-        a.window_px.max(b.window_px),
-        100.0 * a.light.min(b.light),
-        a.side.max(b.side),
+        estimates.iter().map(|e| e.window_px).min().unwrap_or(0),
+        largest(|e| e.window_px),
+        100.0 * estimates.iter().map(|e| e.light).fold(1.0, f64::min),
+        largest(|e| e.side),
         options.max_nodes,
-        bytes as f64 * 1e-6,
     );
     Ok((seconds, needed))
 }

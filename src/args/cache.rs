@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 #[command(
     after_help = "Examples:\n  lenscube cache\n  lenscube cache trim --limit 500MB\n  lenscube cache clear\n\
 The cache holds the traced bands of designs, in XDG_CACHE_HOME or ~/.cache. A run with a design trims it to 2 GB; what was used in \
-the last hour stays. Removed bands are traced again, about a second each."
+the last hour stays. Removed bands are traced again, about half a second each."
 )]
 pub struct CacheArgs {
     /// What to do

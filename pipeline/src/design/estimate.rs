@@ -13,6 +13,9 @@ use super::window::{expected, half_samples};
 /// PSFs that are computed for a band without a limit: 215 to 283 for the built-in lenses.
 const PSFS: usize = 250;
 
+/// PSFs that a band has without a limit: 30 to 46 for the built-in lenses.
+const HEIGHTS: usize = 40;
+
 /// What a band needs, estimated from rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
@@ -24,7 +27,9 @@ pub struct Estimate {
     pub side: usize,
     /// PSFs that are computed.
     pub psfs: usize,
-    /// Maximum size of the PSFs of the band, bytes.
+    /// Size of the PSFs of the band, bytes.
+    pub bytes: usize,
+    /// Its maximum.
     pub max_bytes: usize,
 }
 
@@ -56,6 +61,10 @@ impl LensTrace<'_> {
                 (limited, (4 * max_samples(options)).min(4 * side * side * options.max_nodes))
             }
         };
-        Ok(Estimate { window_px, light, side, psfs, max_bytes })
+        let bytes = match &options.heights {
+            PsfHeights::Given(_) => max_bytes,
+            PsfHeights::ByError => max_bytes.min(4 * side * side * HEIGHTS),
+        };
+        Ok(Estimate { window_px, light, side, psfs, bytes, max_bytes })
     }
 }

@@ -2,7 +2,7 @@
 //!
 //!     U(j, k) = Σ c_i e^{i (j s_i + k t_i)}        j, k = −h..h,   |s|, |t| < π
 //! Each point is spread on a fine grid (twice as many cells as outputs) with the kernel φ(z) = exp(β(√(1−z²) − 1)), w = 8 cells
-//! wide, transformed by an FFT ([`super::fourier`]), and divided by the spectrum of φ. Error about 3e-7 of √(Σ|c|²), most of it
+//! wide, transformed by an FFT (`fourier`), and divided by the spectrum of φ. Error about 3e-7 of √(Σ|c|²), most of it
 //! that of f32.
 //! Only the cells that the points cover are stored, and columns and rows without points or outputs are not transformed.
 //! Of points symmetric about t = 0 one half is given: U is then even in k, and half of the rows are transformed.

@@ -8,7 +8,7 @@ use super::options::{MAX_NODES, TraceOptions};
 /// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes: 134 MB in f32.
 const MAX_SAMPLES: f64 = (1_u64 << 25) as f64;
 /// Maximum samples that are computed for the choice of nodes with that default: about 5 s on two cores.
-const MAX_WORK: f64 = 3e8;
+const MAX_WORK: f64 = 2e8;
 /// Maximum side of the PSFs in samples with that default: 32 heights then have [`MAX_SAMPLES`].
 const MAX_SIDE: f64 = 1024.0;
 /// PSFs that are traced whatever their work.
