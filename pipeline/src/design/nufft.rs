@@ -328,12 +328,12 @@ mod tests {
             plan.power(points.iter().copied(), mirrored, 0.5, &mut NufftScratch::default(), &mut out);
             let n = plan.size();
             let mut worst = 0.0_f64;
-            for i in 0..n * n {
+            for (i, power) in out.iter().enumerate().take(n * n) {
                 let (j, k) = ((i % n) as f64 - half as f64, (i / n) as f64 - half as f64);
                 let wave = |p: &Point, t: f64| p.c * Complex::from_polar(1.0, TAU * (j * p.s + k * t));
                 let lower = |p: &Point| if mirrored { wave(p, -p.t) } else { Complex::default() };
                 let u: Complex<f64> = points.iter().map(|p| wave(p, p.t) + lower(p)).sum();
-                worst = worst.max((f64::from(out[i]) - 0.5 * u.norm_sqr()).abs() / norm);
+                worst = worst.max((f64::from(*power) - 0.5 * u.norm_sqr()).abs() / norm);
             }
             assert!(worst < 3e-6, "half {half}, mirrored {mirrored}: {worst:e}");
         }
