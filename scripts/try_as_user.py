@@ -206,7 +206,7 @@ def every_day(place):
     task("measure an edge", ["measure", edge, "--edge", "222,157,212,277", "--csv", "edge.csv"], place, out=["MTF50", "lp/mm"])
     rows = [line.count(",") for line in (place / "edge.csv").read_text().splitlines()]
     require("columns of the CSV", len(set(rows)) == 1)
-    task("measure beside the edge", ["measure", edge, "--edge", "238,157,228,277"], place, code=2, err=["beside the edge"])
+    task("measure not on the edge", ["measure", edge, "--edge", "238,157,228,277"], place, code=2, err=["not on the edge"])
     task("bands by wavelength", [*film[:2], "one.zarr", *film[3:], "--bands", "500:600"], place, err=["1 bands"])
     task("bands by index, as before", [*film[:2], "two.zarr", *film[3:], "--bands", "0"], place, err=["'#0'"])
     task("plan", ["plan", *film[1:2], "planned.zarr", *film[3:-2], "-o", "job.json"], place)

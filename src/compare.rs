@@ -48,7 +48,7 @@ pub fn command(args: &CompareArgs) -> Result<u8> {
     let existing = FILES.iter().find(|f| args.out.join(f).exists());
     if let Some(file) = existing.filter(|_| !args.overwrite) {
         return Err(other_job(format!(
-            "{} exists already; replace an earlier comparison with --overwrite",
+            "{} already exists; replace an earlier comparison with --overwrite",
             args.out.join(file).display()
         )));
     }

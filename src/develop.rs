@@ -47,7 +47,7 @@ pub fn command(args: &DevelopArgs) -> Result<u8> {
     let format = format_of(&args.out)?;
     check_flags(&args.style, format, &args.out)?;
     if args.out.symlink_metadata().is_ok() && !args.overwrite {
-        return Err(other_job(format!("{} exists already; replace it with --overwrite", args.out.display())));
+        return Err(other_job(format!("{} already exists; replace it with --overwrite", args.out.display())));
     }
     let cancel = interrupt::cancel_flag_of_removable_output();
     match write(args, format) {

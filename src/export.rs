@@ -49,7 +49,7 @@ fn to_file(args: &ExportArgs, file: ExportFormatArg) -> Result<u8> {
         _ => vec![args.target().to_owned()],
     };
     if let Some(path) = outputs.iter().find(|p| p.symlink_metadata().is_ok()).filter(|_| !args.overwrite) {
-        return Err(other_job(format!("{} exists already; replace it with --overwrite", path.display())));
+        return Err(other_job(format!("{} already exists; replace it with --overwrite", path.display())));
     }
     let cancel = interrupt::cancel_flag_of_removable_output();
     match write(args, file, cancel) {

@@ -119,7 +119,7 @@ fn resumed(plan: &Plan, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
         return Ok(Some(store));
     }
     let differences: Vec<String> =
-        differ.iter().map(|(key, there, asked)| format!("{key} (there {there}, asked {asked})")).collect();
+        differ.iter().map(|(key, there, asked)| format!("{key} (raw {there}, requested {asked})")).collect();
     Err(other_job(format!(
         "{} exists and belongs to another job: {}; choose another path, or replace it with --overwrite",
         path.display(),
@@ -147,7 +147,7 @@ fn work(
     }
     fault_point("locked");
     if args.no_fsync {
-        log_line("--no-fsync: a power cut may cost shards that were reported as written");
+        log_line("--no-fsync: a power failure may lose shards that were reported as written");
     }
     let swept = store.sweep()?;
     report_kept(&swept);

@@ -26,7 +26,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         )));
     }
     if args.out.symlink_metadata().is_ok() && !args.overwrite {
-        return Err(other_job(format!("{out} exists already; replace it with --overwrite")));
+        return Err(other_job(format!("{out} already exists; replace it with --overwrite")));
     }
     let directory = directory(args);
     check_directory(&directory)?;

@@ -78,7 +78,7 @@ fn invalid_export_flags_fail_and_write_nothing() {
     let before = files(dir.path());
     for (out, flags, code, words) in [
         ("there.png", &[][..], 3, "--overwrite"),
-        ("there.hdr", &[], 3, "there.bsq exists already"),
+        ("there.hdr", &[], 3, "there.bsq already exists"),
         ("x.jpeg", &[], 2, "no format has this extension"),
         ("x.npy", &["--half"], 2, "--half applies to EXR only"),
         ("x.exr", &["--exposure", "2"], 2, "--exposure applies to PNG and TIFF pictures only"),

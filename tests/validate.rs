@@ -152,7 +152,7 @@ fn measure_reports_edges_points_and_profiles_of_a_chart() {
     for (words, word) in [
         (["measure", chart, "--edge", "2,157,3,277"], "is not inside the image"),
         (["measure", chart, "--edge", "222,157,221,163"], "at least 10 px"),
-        (["measure", chart, "--edge", "238,157,228,277"], "beside the edge"),
+        (["measure", chart, "--edge", "238,157,228,277"], "not on the edge"),
         (["measure", chart, "--edge", "222,157,222"], "four numbers"),
         (["measure", points, "--points", "100,100"], "no point near"),
     ] {

@@ -1,4 +1,4 @@
-//! Durable, atomic storage: a file, or an object of an S3-compatible store, is absent or complete, also after `kill -9` or a power cut.
+//! Durable, atomic storage: a file, or an object of an S3-compatible store, is absent or complete, also after `kill -9` or a power failure.
 //!
 //! Sequence of a write: unique temporary name in the same directory, write, check of the length, fsync, rename, fsync of the directory.
 //! A reader, or a resumed job, finds the old bytes or the new ones. Each new directory is flushed in its parent. [`sweep`](sweep())

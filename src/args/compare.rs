@@ -28,13 +28,13 @@ pub struct CompareArgs {
     /// Regions along each side
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=64))]
     pub grid: u32,
-    /// MTF of the edge near this line (e-SFR, ISO 12233), of each plane and of luminance; may be repeated
+    /// MTF of the edge near this line (e-SFR, ISO 12233), of each plane and of luminance; repeatable
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
     pub edge: Vec<[f64; 4]>,
     /// Half width of the region around an edge, px
     #[arg(long, value_name = "PX", default_value_t = 24, value_parser = clap::value_parser!(u32).range(4..=1000))]
     pub half_px: u32,
-    /// Colour difference (ΔE2000) of this patch; may be repeated. 24 patches are those of a ColorChecker, row by row
+    /// Colour difference (ΔE2000) of this patch; repeatable. 24 patches are those of a ColorChecker, row by row
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     pub patch: Vec<Rect>,
     /// Worker threads [default: all cores]

@@ -44,7 +44,7 @@ pub struct SensorShowArgs {
     /// Name of a built-in sensor, or a description (.toml)
     #[arg(value_name = "NAME|FILE")]
     pub sensor: String,
-    /// Replace a field of the description; may be repeated
+    /// Replace a field of the description; repeatable
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
     /// Write figures of quantum efficiency and signal-to-noise ratio into this directory
@@ -59,7 +59,7 @@ pub struct SensorValidateArgs {
     /// Name of a built-in sensor, or a description (.toml)
     #[arg(value_name = "NAME|FILE")]
     pub sensor: String,
-    /// Replace a field of the description; may be repeated
+    /// Replace a field of the description; repeatable
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
     /// Write figures and the measured points into this directory
@@ -68,10 +68,10 @@ pub struct SensorValidateArgs {
     /// End with exit code 4 if a figure is outside its tolerance
     #[arg(long)]
     pub require: bool,
-    /// Key of the frames' noises
+    /// Seed of the noise of each frame
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Key of the die's noises
+    /// Seed of the noise that is the same in every frame
     #[arg(long, default_value_t = 1)]
     pub die: u64,
 }
@@ -88,10 +88,10 @@ pub struct ExposeArgs {
     /// Name of a built-in sensor (`lenscube sensor list`) or a description (.toml); of a raw that kept its signal, by default its own
     #[arg(long, value_name = "NAME|FILE")]
     pub sensor: Option<String>,
-    /// Replace a field of the description, e.g. noise.prnu=0; may be repeated
+    /// Replace a field of the description, e.g. noise.prnu=0; repeatable
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
-    /// 10ms, 1/60s, 2.5 (seconds); auto, auto:FILL or auto:FILL@PERCENTILE, by default 0.9@99.9; several with commas between
+    /// 10ms, 1/60s, 2.5 (seconds); auto, auto:FILL or auto:FILL@PERCENTILE, by default 0.9@99.9; or a comma-separated list
     #[arg(long, value_name = "TIME", required = true, help_heading = "Exposure")]
     pub exposure: Option<String>,
     /// Frames of each exposure
@@ -103,10 +103,10 @@ pub struct ExposeArgs {
     /// Gain as ISO over the sensor's base ISO
     #[arg(long, value_parser = positive, help_heading = "Exposure")]
     pub iso: Option<f64>,
-    /// Key of the frames' noises: shot, read, reset, converter, rows
+    /// Seed of the noise of each frame: shot, read, reset, converter, rows
     #[arg(long, default_value_t = 1, help_heading = "Noise")]
     pub seed: u64,
-    /// Key of the die's noises: PRNU, DSNU, dark current, columns; the same in every frame
+    /// Seed of the noise of the sensor itself: PRNU, DSNU, dark current, columns; the same in every frame
     #[arg(long, default_value_t = 1, help_heading = "Noise")]
     pub die: u64,
     /// all, none, or some of shot,dark,read,reset,adc,dsnu,prnu,column,row
@@ -115,7 +115,7 @@ pub struct ExposeArgs {
     /// Temperature of the sensor, °C [default: that of its dark current]
     #[arg(long, value_name = "C", value_parser = temperature, allow_hyphen_values = true, help_heading = "Exposure")]
     pub temperature: Option<f64>,
-    /// Windows of the sensor only, each an array roi_N; may be repeated
+    /// Regions of the sensor only, each an array roi_N; repeatable
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi, help_heading = "Placement")]
     pub roi: Vec<Rect>,
     /// Sensor size in pixels, N or WxH, or `native` [default: as many as fit on the film]
@@ -124,10 +124,10 @@ pub struct ExposeArgs {
     /// Middle of the sensor in mm from the optical axis
     #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true, help_heading = "Placement")]
     pub center: (f64, f64),
-    /// Between the film's pixel edges
+    /// Interpolation of the film between its pixel edges
     #[arg(long, value_enum, default_value_t = ResampleArg::Cubic, help_heading = "Placement")]
     pub resample: ResampleArg,
-    /// Take a film whose pixels are larger than the sensor's
+    /// Allow a film whose pixels are larger than the sensor's
     #[arg(long, help_heading = "Placement")]
     pub coarse_film: bool,
     /// F-number, for a film of radiance that has no solid angles: Ω = π/(4N²), object at infinity
@@ -142,7 +142,7 @@ pub struct ExposeArgs {
     /// W m-2 nm-1 of one unit of a relative film
     #[arg(long, value_name = "KAPPA", value_parser = positive, help_heading = "Light of the film")]
     pub film_scale: Option<f64>,
-    /// Time of the dark current where only the exposure of a relative film is known
+    /// Integration time of the dark current for a relative film without a given time
     #[arg(long, value_name = "TIME", default_value = "10ms", help_heading = "Exposure")]
     pub nominal: String,
     /// Keep the signal: other exposures, seeds and noises then need no film
@@ -151,10 +151,10 @@ pub struct ExposeArgs {
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads, help_heading = "Machine")]
     pub threads: Option<usize>,
-    /// Memory to stay within, e.g. 1GiB [default: half of what is available, at most 1 GiB]
+    /// Maximum memory, e.g. 1GiB [default: half of what is available, at most 1 GiB]
     #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Machine")]
     pub memory: Option<u64>,
-    /// Do not wait for the disk after each shard: faster, unsafe against power cuts
+    /// Do not wait for the disk after each shard: faster, unsafe against power failures
     #[arg(long, help_heading = "Machine")]
     pub no_fsync: bool,
     /// Replace an existing raw or file

@@ -86,7 +86,10 @@ pub(super) fn roi(text: &str) -> Result<Rect, String> {
 pub(super) fn azimuths(text: &str) -> Result<usize, String> {
     match text.parse::<usize>() {
         Ok(n) if n.is_multiple_of(4) && bounds::AZIMUTHS.check_count(n).is_ok() => Ok(n),
-        _ => Err("expected a multiple of 4, at most 7200 ; with a multiple of 8, symmetric PSFs need fewer kernels".into()),
+        _ => Err(
+            "expected a multiple of 4, at most 7200; with a multiple of 8, symmetric PSFs need fewer kernels"
+                .into(),
+        ),
     }
 }
 

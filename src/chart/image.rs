@@ -71,7 +71,7 @@ pub fn command(args: &ImageArgs) -> Result<()> {
         args.illuminant.parse().map_err(|e| usage(format!("--illuminant {}: {e}", args.illuminant)))?;
     if !args.overwrite && args.out.symlink_metadata().is_ok() {
         let out = args.out.display();
-        return Err(crate::failure::other_job(format!("{out} exists already; replace it with --overwrite")));
+        return Err(crate::failure::other_job(format!("{out} already exists; replace it with --overwrite")));
     }
     let file = ImageFile::open(&args.file)?;
     file.notes().iter().for_each(|note| log_line(format!("note: {note}")));

@@ -1,4 +1,4 @@
-//! Whether the measurement of an edge may be trusted: errors where its figures would mean nothing, remarks where they are doubtful.
+//! Validity of the measurement of an edge: errors where its figures would not be meaningful, notes where they are doubtful.
 //!
 //! ISO 12233 slants its edges by about 5° so that the rows cross the edge at all phases of a pixel. Below 2° a few rows repeat the same
 //! phases; above 15° the spacing along the normal is no longer that of the rows.
@@ -13,7 +13,7 @@ const MIN_LENGTH_PX: f64 = 10.0;
 /// Slants from the nearest row or column within which the figures are accurate, degrees.
 const USUAL_TILT_DEG: std::ops::RangeInclusive<f64> = 2.0..=15.0;
 /// Maximum angle between the given and the fitted edge, degrees.
-const MAX_TURN_DEG: f64 = 20.0;
+const MAX_ROTATION_DEG: f64 = 20.0;
 /// Michelson contrast below which nothing is measured, and below which it is remarked.
 const MIN_CONTRAST: f64 = 0.02;
 const LOW_CONTRAST: f64 = 0.1;
@@ -48,17 +48,17 @@ pub fn check_length(length_px: f64) -> Result<()> {
 /// Fails if the fitted edge is another than that between the given positions.
 ///
 /// # Errors
-/// Usage: the window lies beside the edge, or contains other objects.
+/// Usage: the region is not on the edge, or contains other objects.
 pub fn check_place(given: EdgeLine, found: EdgeLine, half_px: usize) -> Result<()> {
     let offset = given.distance(found.at_px).abs();
     let turn = (found.normal_rad - given.normal_rad).to_degrees().rem_euclid(180.0);
     let turn = turn.min(180.0 - turn);
-    if offset <= half_px as f64 / 2.0 && turn <= MAX_TURN_DEG {
+    if offset <= half_px as f64 / 2.0 && turn <= MAX_ROTATION_DEG {
         return Ok(());
     }
     Err(usage(format!(
-        "the edge found there is {offset:.1} px from the given positions and turned by {turn:.1} deg: the window is beside the edge or \
-         holds other objects; give positions on the edge, or a smaller --half-px"
+        "the edge found there is {offset:.1} px from the given positions and rotated by {turn:.1} deg: the region is not on the edge or \
+         contains other objects; give positions on the edge, or a smaller --half-px"
     )))
 }
 

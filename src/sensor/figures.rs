@@ -1,4 +1,4 @@
-//! Figures of a sensor's report: maps of its fixed patterns, and the colours of a ColorChecker wanted and got.
+//! Figures of a sensor's report: maps of its fixed patterns, and the colours of a ColorChecker: reference and reproduction.
 
 use crate::progress::log_line;
 use anyhow::Result;
@@ -41,7 +41,7 @@ pub fn map(path: &Path, name: &str, frame: &[f64], size: Size) -> Result<()> {
     Ok(())
 }
 
-/// The patches of a ColorChecker under D65: wanted on the left, by the fitted matrix on the right, with their ΔE2000. Nothing for a sensor
+/// The patches of a ColorChecker under D65: reference on the left, by the fitted matrix on the right, with their ΔE2000. Nothing for a sensor
 /// without three planes.
 pub fn patches(path: &Path, sensor: &Sensor) -> Result<()> {
     let light = Illuminant::D65;
@@ -56,7 +56,7 @@ pub fn patches(path: &Path, sensor: &Sensor) -> Result<()> {
     let size = Size::new(50 + rows * (PATCH + GAP), COLUMNS * (PATCH + GAP) + GAP);
     let mut figure = Figure::new(size, Style::Light);
     let title = format!(
-        "{}: ColorChecker under D65, wanted (left) and by the fitted matrix (right); ΔE2000 mean {:.2}, largest {:.2}",
+        "{}: ColorChecker under D65, reference (left) and by the fitted matrix (right); ΔE2000 mean {:.2}, largest {:.2}",
         sensor.name,
         matrix.mean_delta_e(),
         matrix.max_delta_e()

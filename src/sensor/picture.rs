@@ -71,7 +71,7 @@ pub fn command(
         )));
     }
     if out.symlink_metadata().is_ok() && !args.overwrite {
-        return Err(other_job(format!("{shown} exists already; replace it with --overwrite")));
+        return Err(other_job(format!("{shown} already exists; replace it with --overwrite")));
     }
     let plan = Plan::new(args, film)?;
     let rect = plan.outputs[0].rect;

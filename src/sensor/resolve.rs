@@ -81,7 +81,7 @@ impl Plan {
         let Some(name) = &args.sensor else {
             let names = formats::sensor::builtin_names().join(", ");
             return Err(usage(format!(
-                "which camera? Give --sensor NAME or --sensor FILE.toml; built in are {names}"
+                "--sensor is required: the name of a built-in sensor or FILE.toml; built-in sensors: {names}"
             )));
         };
         let file = open_sensor(name, &args.set)?;
@@ -230,7 +230,7 @@ impl Plan {
         };
         match a.starts_with(&b) || b.starts_with(&a) {
             true => Err(usage(format!(
-                "{} and its film {} lie in each other; choose another path",
+                "one of {} and its film {} lies inside the other; choose another path",
                 raw.display(),
                 input.display()
             ))),
@@ -265,12 +265,12 @@ impl Plan {
     }
 }
 
-/// Windows that are not on the sensor.
+/// Fails for regions that are not inside the sensor.
 pub fn check_rois(args: &ExposeArgs, size: Size) -> Result<()> {
     match args.roi.iter().find(|r| !size.rect().contains(**r)) {
         None => Ok(()),
         Some(roi) => Err(usage(format!(
-            "--roi {},{},{},{} leaves the sensor of {size} pixels",
+            "--roi {},{},{},{} is not inside the sensor of {size} pixels",
             roi.x, roi.y, roi.width, roi.height
         ))),
     }

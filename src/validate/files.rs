@@ -27,11 +27,11 @@ pub fn summary(
             .iter()
             .map(|e| {
                 json!({
-                    "place": e.place.name, "normal": e.place.direction, "image_height_mm": e.height_mm,
+                    "position": e.place.name, "normal": e.place.direction, "image_height_mm": e.height_mm,
                     "iou": e.agreement.iou, "max_difference": e.agreement.max_difference,
                     "area_between_px": e.agreement.area_between,
                     "mtf50_cy_px": { "film": e.film_mtf.mtf50_cy_px(), "lens": e.lens_mtf.mtf50_cy_px() },
-                    "blame": {
+                    "error_budget": {
                         "sampling": e.error_budget.sampling, "heights": e.error_budget.heights,
                         "kernels": e.error_budget.kernels, "rest": e.error_budget.rest,
                     },

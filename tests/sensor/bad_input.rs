@@ -31,7 +31,7 @@ fn bad_input_is_one_clear_error() {
     bad(&with("cmv12000-rgb", &["--exposure", "1ms", "--iso", "400"]), &["base_iso"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--iso", "50"]), &["gains 1 to 64"]);
     bad(&with("example-2um", &["--exposure", "auto", "--roi", "0,0,5,5"]), &["--roi", "whole sensor"]);
-    bad(&with("example-2um", &["--exposure", "1ms", "--roi", "0,0,61,5"]), &["leaves the sensor"]);
+    bad(&with("example-2um", &["--exposure", "1ms", "--roi", "0,0,61,5"]), &["is not inside the sensor"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--size", "61"]), &["reaches beyond the film", "mm"]);
     bad(
         &with("example-2um", &["--exposure", "1ms", "--center", "0.01,0", "--size", "60"]),
@@ -44,7 +44,7 @@ fn bad_input_is_one_clear_error() {
         &["--coarse-film", "--film-pitch-um 1"],
     );
     bad(&with("example-2um", &["--exposure", "1ms,2ms", "--frames", "9000"]), &["18000 frames"]);
-    bad(&with("example-2um", &["--exposure", "1ms", "--noise", "loud"]), &["is no noise"]);
+    bad(&with("example-2um", &["--exposure", "1ms", "--noise", "loud"]), &["unknown noise source"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--film-lux", "100"]), &["relative films"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--memory", "50MiB"]), &["too small", "at least"]);
     let raw = place.at("raw.exr");
@@ -57,10 +57,10 @@ fn bad_input_is_one_clear_error() {
     assert_exit(
         &sensor(&film, &inside, &with("example-2um", &["--exposure", "1ms"])),
         USAGE,
-        &["lie in each other"],
+        &["lies inside the other"],
     );
     let other = sensor(&film, &film, &with("example-2um", &["--exposure", "1ms"]));
-    assert_exit(&other, USAGE, &["lie in each other"]);
+    assert_exit(&other, USAGE, &["lies inside the other"]);
     std::fs::create_dir(place.at("mine")).unwrap();
     std::fs::write(place.at("mine/notes.txt"), "mine").unwrap();
     assert_exit(

@@ -51,7 +51,7 @@ pub struct WriteReport {
 #[non_exhaustive]
 pub enum WriteError {
     /// Something exists at the path.
-    #[error("writing chart {path}: it exists already; remove it or choose another path")]
+    #[error("writing chart {path}: it already exists; remove it or choose another path")]
     Exists {
         /// The chart.
         path: PathBuf,

@@ -48,7 +48,7 @@ impl Directory {
         }
     }
 
-    /// Whether writes are flushed to the disk (default). Without it a power cut may lose complete files; a killed process still
+    /// Whether writes are flushed to the disk (default). Without it a power failure may lose complete files; a killed process still
     /// leaves none incomplete.
     pub fn with_fsync(mut self, fsync: bool) -> Self {
         self.fsync = fsync;

@@ -142,7 +142,7 @@ pub enum FilmError {
     },
     /// A pyramid was requested of an incomplete film.
     #[error(
-        "making the pyramid of {path}: {missing} of {shards} shards of the film are missing ({first} is the first); complete it by the same `lenscube run`, then make its pyramid"
+        "building the pyramid of {path}: {missing} of {shards} shards of the film are missing ({first} is the first); complete it by the same `lenscube run`, then make its pyramid"
     )]
     Incomplete {
         /// The film.
@@ -155,7 +155,7 @@ pub enum FilmError {
         first: String,
     },
     /// Pixels of a level, or of the film, cannot be read.
-    #[error("making the pyramid: reading {array}, band {band}, {rect}: {reason}; see `lenscube verify`")]
+    #[error("building the pyramid: reading {array}, band {band}, {rect}: {reason}; see `lenscube verify`")]
     Level {
         /// The array.
         array: String,
@@ -167,7 +167,7 @@ pub enum FilmError {
         reason: String,
     },
     /// The film changed while its pyramid was made.
-    #[error("making the pyramid of {path}: the film changed meanwhile; run the command again")]
+    #[error("building the pyramid of {path}: the film changed meanwhile; run the command again")]
     Changed {
         /// The film.
         path: PathBuf,

@@ -116,7 +116,7 @@ impl FilmStore {
         if !bad && directory.size_of(key)?.is_none() {
             directory.rename(&aside, key)?;
         } else {
-            // Either bad, or an intact copy exists already.
+            // Either bad, or an intact copy already exists.
             directory.remove(&aside)?;
         }
         Ok(bad)

@@ -67,7 +67,7 @@ pub fn grid(path: &Path, text: &str) -> Result<Grid, ImportError> {
         }
     }
     let need = |what: &str| {
-        ImportError::file(path, format!("is no grid distortion listing: it has no line `{what}`"))
+        ImportError::file(path, format!("is not a grid distortion listing: it has no line `{what}`"))
     };
     let titles = titles.ok_or_else(|| need("i j X-Field … Real Y"))?;
     let wavelength_nm = wavelength.ok_or_else(|| need("Wavelength: …"))?;

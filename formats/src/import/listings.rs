@@ -160,7 +160,7 @@ fn read(folder: &Path, options: &ImportOptions) -> Result<Found, ImportError> {
             found.illumination.push(illumination_listing::parse(&path, &full_text()?)?);
         } else {
             found.notes.push(format!(
-                "{name} is no listing of a known type (it starts with `{}`): skipped",
+                "{name} is not a listing of a known type (it starts with `{}`): skipped",
                 short(head.trim().lines().next().unwrap_or(""))
             ));
         }

@@ -57,7 +57,7 @@ pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
     let count =
         shape.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)).filter(|n| *n <= MAX_ARRAY_BYTES / item);
     let Some(count) = count else {
-        return Err(format!("claims a shape of {shape:?}, more than {MAX_ARRAY_BYTES} bytes"));
+        return Err(format!("declares a shape of {shape:?}, more than {MAX_ARRAY_BYTES} bytes"));
     };
     if count * item != data.len() as u64 {
         return Err(format!(
@@ -106,7 +106,7 @@ pub(super) mod tests {
             ["(1000000000000000000,)", "(18446744073709551615, 2)", "(4294967296, 4294967296, 2)", "(0, 5)"]
         {
             let error = parse(&npy("<f8", shape, &[0; 8])).unwrap_err();
-            assert!(error.contains("claims") || error.contains("expected 0"), "{error}");
+            assert!(error.contains("declares") || error.contains("expected 0"), "{error}");
         }
         for shape in ["(-1,)", "(1, 2, 3, 4, 5, 6)", "5", "(99999999999999999999,)"] {
             assert!(parse(&npy("<f8", shape, &[0; 8])).unwrap_err().contains("shape"), "{shape}");

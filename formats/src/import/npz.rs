@@ -86,7 +86,7 @@ fn read<R: Read + Seek>(path: &Path, from: R, options: &ImportOptions) -> Result
         if total_bytes > MAX_ARRAY_BYTES
             || claimed > compressed.saturating_mul(MAX_DEFLATE_RATIO).saturating_add(1024)
         {
-            let problem = format!("{name}.npy claims {claimed} bytes, more than the archive can contain");
+            let problem = format!("{name}.npy declares {claimed} bytes, more than the archive can contain");
             return Err(ImportError::file(path, problem));
         }
         let mut bytes = Vec::new();

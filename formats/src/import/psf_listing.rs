@@ -92,7 +92,7 @@ pub fn parse(path: &Path, text: &str) -> Result<PsfListing, ImportError> {
             (wavelength, field_deg) = (Some(um), field);
         }
     }
-    let need = |what: &str| ImportError::file(path, format!("is no PSF listing: it has no line `{what}`"));
+    let need = |what: &str| ImportError::file(path, format!("is not a PSF listing: it has no line `{what}`"));
     let wavelength_nm = wavelength.ok_or_else(|| need("… µm at …"))? * 1e3;
     let pitch_um = pitch.ok_or_else(|| need("Data spacing is …"))?;
     let (rows, columns) = grid.ok_or_else(|| need("Image grid size: …"))?;

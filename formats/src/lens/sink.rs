@@ -2,7 +2,7 @@
 //!
 //! An interrupted write leaves at most a temporary file or directory ([`crate::durable::temp_name`]), swept when the next pack is written
 //! in the same directory, never an incomplete pack under its final name. Files, directory entries and the rename are flushed, so this
-//! also holds after a power cut.
+//! also holds after a power failure.
 
 use super::error::LensPackError;
 use crate::durable::{is_url, parent_of, publish, sweep_entries, temp_name};

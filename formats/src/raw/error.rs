@@ -1,4 +1,4 @@
-//! Why a raw cannot be made, opened or written.
+//! Errors of creating, opening and writing raws.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use crate::durable::{DurableError, LockError};
 #[non_exhaustive]
 pub enum RawError {
     /// The path exists.
-    #[error("creating raw {}: it exists already; choose another path, resume it, or --overwrite a raw of this program", .path.display())]
+    #[error("creating raw {}: it already exists; choose another path, resume it, or --overwrite a raw of this program", .path.display())]
     Exists {
         /// The raw.
         path: PathBuf,
@@ -25,9 +25,9 @@ pub enum RawError {
         /// What was found there.
         found: String,
     },
-    /// The raw's directory holds what the raw did not make.
+    /// The raw's directory contains other files than the raw's.
     #[error(
-        "removing raw {}: it holds what the raw did not make: {}; nothing was removed: move that away, or choose another path",
+        "removing raw {}: it contains files that are not the raw's: {}; nothing was removed: move them away, or choose another path",
         .path.display(), .names.join(", ")
     )]
     Foreign {
@@ -36,9 +36,9 @@ pub enum RawError {
         /// Paths in the raw, the first few.
         names: Vec<String>,
     },
-    /// Another run began another raw in its place.
+    /// Another run replaced it by a raw of another job.
     #[error(
-        "raw {}: another job's raw has replaced it since this command opened it; nothing was written into that one; choose another path \
+        "raw {}: another job's raw has replaced it since this command opened it; nothing was written into the new one; choose another path \
          for one of the two", .path.display()
     )]
     Replaced {
@@ -104,7 +104,7 @@ pub enum RawError {
 }
 
 impl RawError {
-    /// Whether the same call may succeed a moment later without help.
+    /// Whether the same call may succeed later.
     pub fn retryable(&self) -> bool {
         match self {
             Self::Storage(e) => e.retryable(),

@@ -1,4 +1,4 @@
-//! Why a sensor cannot be read.
+//! Errors of sensor descriptions.
 
 use std::path::PathBuf;
 

@@ -82,7 +82,7 @@ fn optical_data() -> ImportOptions {
 fn listings_and_macros_give_the_same_lens() {
     let dir = listings();
     let notes = import::open(dir.path(), &optical_data()).unwrap().notes().join("\n");
-    assert!(notes.contains("notes.txt is no listing"), "{notes}");
+    assert!(notes.contains("notes.txt is not a listing"), "{notes}");
     let (_a, listed) = pack(dir.path(), &optical_data());
     let iset = asphere();
     let (_b, macros) = pack(iset.path(), &with_psf());

@@ -42,7 +42,7 @@ pub fn parse_usable(bytes: &[u8]) -> (GlassCatalog, Vec<DesignError>) {
         }
         if let Err(problem) = read_line(i + 1, key, words, &mut open) {
             problems.push(DesignError::Catalogue { line: i + 1, problem });
-            // A line of text spoils no glass.
+            // A text line does not invalidate a glass.
             open = open.filter(|_| !matches!(key, "NM" | "CD" | "LD"));
         }
     }

@@ -81,7 +81,7 @@ pub enum DesignError {
     },
     /// The lens does not reach the requested image height.
     #[error(
-        "the lens reaches no further than {reached_mm:.4} mm of real image height at {wavelength_um} µm, {requested_mm:.4} mm requested: {problem}"
+        "the maximum real image height of the lens is {reached_mm:.4} mm of real image height at {wavelength_um} µm, {requested_mm:.4} mm requested: {problem}"
     )]
     Height {
         /// Requested height, mm.

@@ -3,7 +3,7 @@
 //! *Malvar*: H. S. Malvar, L. He, R. Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images", ICASSP
 //! 2004, figure 2 (gains 1/2, 5/8, 3/4); 5 × 5 pixels, Bayer patterns only.
 //! *Bilinear*: a pixel's own value where it has the plane, else the mean of its neighbours within one period that have it, weighted by the
-//! tent (1 − |dy|/Py)·(1 − |dx|/Px); any pattern. Of a Bayer pattern it is the usual bilinear interpolation.
+//! triangle (1 − |dy|/Py)·(1 − |dx|/Px); any pattern. Of a Bayer pattern it is the usual bilinear interpolation.
 //! *Superpixel*: a period becomes one pixel, each plane the mean of its pixels.
 //! Rows come with a halo; beyond the raw they are mirrored about the outermost pixel's centre, which keeps a pattern of period 2 in step.
 
@@ -14,7 +14,7 @@ use super::DevelopError;
 pub enum Demosaic {
     /// Gradient-corrected, for Bayer patterns.
     Malvar,
-    /// Tent over one period, for any pattern.
+    /// Linear over one period, for any pattern.
     Bilinear,
     /// One pixel per period.
     Superpixel,

@@ -1,4 +1,4 @@
-//! Shading: the fall-off of light towards the corners that a development divides by.
+//! Shading correction: division by the relative illumination.
 //!
 //!   S_c(r) = Σ_b w_cb·R(r, λ_b) / Σ_b w_cb      of a lens, for the filter c at the real image height r in mm
 //! with w_cb the weights of the film's bands ([`crate::sensor::spectrum`]) and R the relative illumination, linear in wavelength between the
@@ -7,7 +7,7 @@
 
 use crate::lens::Lens;
 
-/// Least divisor.
+/// Minimum divisor.
 pub const MIN_DIVISOR: f32 = 0.125;
 /// Nodes of the table over height.
 const NODES: usize = 4096;

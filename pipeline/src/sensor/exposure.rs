@@ -49,7 +49,7 @@ impl FromStr for NoiseSet {
                 match NOISES.iter().position(|name| *name == word.trim()) {
                     Some(bit) => Ok(Self(set.0 | 1 << bit)),
                     None => Err(format!(
-                        "`{word}` is no noise; expected all, none or some of {}",
+                        "unknown noise source `{word}`; expected all, none or some of {}",
                         NOISES.join(",")
                     )),
                 }

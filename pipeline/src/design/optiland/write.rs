@@ -26,8 +26,7 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
             json!({"type": "float_by_stop_size", "value": 2.0 * r, "object_space_telecentric": false})
         }
         Aperture::WorkingFNumber(_) => {
-            let problem =
-                "has a working F-number as aperture, which Optiland's JSON has not: write .zmx or .csv";
+            let problem = "has a working F-number as aperture, which Optiland's JSON does not support: write .zmx or .csv";
             return Err(DesignError::Incomplete { problem: problem.to_owned() });
         }
     };

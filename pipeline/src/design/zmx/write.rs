@@ -68,7 +68,7 @@ fn surface_lines(
     let shape = &surface.shape;
     let (kind, terms) = shape_lines(shape).ok_or_else(|| DesignError::Incomplete {
         problem: format!(
-            "has more than 120 terms in the asphere of surface {number_of_surface}, the most that .zmx holds"
+            "has more than 120 terms in the asphere of surface {number_of_surface}, the maximum of .zmx"
         ),
     })?;
     let mut text = format!("  TYPE {kind}\n  CURV {} 0 0 0 0 \"\"\n", number(shape.curvature));
