@@ -168,9 +168,9 @@ def colour_pictures(scratch):
         check(np.array_equal(chart(scratch / name), expected), f"{name}: another chart than that of the PNG")
     Image.fromarray(rgb).save(scratch / "photo.jpg", quality=92, subsampling=0)
     Image.open(scratch / "photo.jpg").save(scratch / "decoded.png")
-    # Decoders of JPEG may differ by a code.
-    error = np.abs(chart(scratch / "photo.jpg") - chart(scratch / "decoded.png")).max()
-    check(error < 3 / 255, f"photo.jpg: differs from its pixels by {error}")
+    # Decoders of JPEG round the colour conversion differently, by a few codes.
+    error = np.abs(chart(scratch / "photo.jpg") - chart(scratch / "decoded.png"))
+    check(error.mean() < 0.5 / 255 and error.max() < 10 / 255, f"photo.jpg: differs from its pixels by {error.mean()}, at most {error.max()}")
     half = np.dstack([rgb, np.full(rgb.shape[:2], 128, np.uint8)])
     Image.fromarray(half).save(scratch / "alpha.png")
     failed = subprocess.run([LENSCUBE, "chart", "image", scratch / "alpha.png", scratch / "no.zarr"], capture_output=True, text=True)

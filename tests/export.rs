@@ -60,7 +60,7 @@ fn sample_formats_preserve_all_bits() {
         "1:",
     ])
     .ok();
-    assert!(exported.stderr.contains("copying the chart's bands once"), "{}", exported.stderr);
+    assert!(exported.stderr.contains("decoding its bands once"), "{}", exported.stderr);
     let (size, part) = flat(&at("part.npy"));
     assert_eq!((size, part.len()), (Size::new(50, 60), 2));
     let want: Vec<f32> = (20..70).flat_map(|y| picture.bands[1][y * 277 + 10..][..60].to_vec()).collect();

@@ -16,7 +16,7 @@ fn invalid_flag_values_exit_2_and_unknown_flags_suggest_the_nearest() {
     job.assert_rejected(&["--bands", "1:7"], USAGE, &["--bands 1:7", "3 bands"]);
     job.assert_rejected(&["--bands", "red"], USAGE, &["`red`", "band index"]);
     job.assert_rejected(&["--bands", "2:1"], USAGE, &["selects no band"]);
-    job.assert_rejected(&["--roi", "90,80,20,20"], USAGE, &["--roi 90,80,20,20", "90x100"]);
+    job.assert_rejected(&["--roi", "90,80,20,20"], USAGE, &["--roi 90,80,20,20", "100x90"]);
     job.assert_rejected(&["--chunk", "100", "--shard", "256"], USAGE, &["--shard 256", "--chunk 100"]);
     job.assert_rejected(&["--wavelengths", "450:400:10"], USAGE, &["--wavelengths"]);
     for (chart, words) in [
