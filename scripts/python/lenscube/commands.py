@@ -66,7 +66,7 @@ def run(
     film: path of the film, a Zarr v3 group, or s3://BUCKET/PREFIX; None: a temporary folder, removed at the end of this process.
     progress: None: a bar on a terminal and in notebooks; True, False; or a function of the events of `--progress jsonl`.
     temp_dir: folder for the temporary chart, e.g. "/dev/shm" to keep it in memory [default: TMPDIR or /tmp].
-    flags: those of `lenscube run`, `lenscube.flags("run")` explains them: lens="double-gauss-28", film_size="1024",
+    flags: those of `lenscube run`, `lenscube.flags("run")` explains them: lens="double-gauss-28", film_size=(640, 480) [width, height, px],
         bands=slice(450, 650) [nm], roi=(x, y, width, height) [px], stages=["ri", "distortion"], memory="2GiB", overwrite=True …
 
     Returns the film, lazy: `film` (wavelength [nm], y [mm], x [mm]) f32, in the chart's units times relative illumination unless
