@@ -44,10 +44,10 @@ impl DesignJob {
 #[test]
 fn traced_bands_are_equal_in_one_run_in_two_runs_and_from_the_cache() {
     let job = DesignJob::new();
-    let fresh = job.run("cache", "fresh", &[]).ok();
+    let fresh = job.run("cache", "fresh", &["-v"]).ok();
     assert!(fresh.stderr.contains("2 of 2 bands traced"), "{}", fresh.stderr);
     assert_eq!(job.entries("cache").len(), 2, "two bands, nothing else");
-    let kept = job.run("cache", "kept", &[]).ok();
+    let kept = job.run("cache", "kept", &["-v"]).ok();
     assert!(!kept.stderr.contains("traced"), "{}", kept.stderr);
     assert!(files(&job.at("fresh")) == files(&job.at("kept")));
     // In two runs with another cache, one of them on one thread.
@@ -74,7 +74,7 @@ fn damaged_cache_entry_is_traced_again_and_unwritable_cache_is_a_note() {
     for (i, damage) in [&sound[..sound.len() / 2], &edited[..], b""].into_iter().enumerate() {
         fs::write(&entry, damage).unwrap();
         let film = format!("again-{i}");
-        let ran = job.run("cache", &film, &[]).ok();
+        let ran = job.run("cache", &film, &["-v"]).ok();
         assert!(
             ran.stderr.contains("damaged") && ran.stderr.contains("1 of 2 bands traced"),
             "{}",
@@ -151,7 +151,7 @@ fn cache_entry_of_another_band_is_traced_again() {
     let foreign = entries[0].with_file_name(format!("{}{}", &first[..33], &second[33..]));
     fs::rename(&entries[0], job.at("aside")).unwrap();
     fs::copy(&entries[1], &foreign).unwrap();
-    let ran = job.run("cache", "again", &[]).ok();
+    let ran = job.run("cache", "again", &["-v"]).ok();
     assert!(
         ran.stderr.contains("not traced for this band") && ran.stderr.contains("1 of 2"),
         "{}",

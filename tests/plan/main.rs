@@ -249,7 +249,7 @@ fn design_gives_the_same_film_from_shared_cache_separate_cache_or_lens_pack() {
     run("home", &of(&["plan", "chart", "film", "-o", "job.json", "--unit-rows", "2"])).ok();
     let entries = |cache: &str| fs::read_dir(at(cache).join("lenscube/lenses")).map_or(0, Iterator::count);
     assert_eq!(entries("home"), 2);
-    let shared = run("home", &["run", "--plan", "job.json", "--unit", "0"]).ok();
+    let shared = run("home", &["run", "--plan", "job.json", "--unit", "0", "-v"]).ok();
     assert!(!shared.stderr.contains("traced"), "{}", shared.stderr);
     // Two workers trace the same band into one cache, which then contains that band alone.
     let unit_1 = ["run", "--plan", "job.json", "--unit", "1"];

@@ -159,7 +159,7 @@ mod tests {
         for text in ["all", "none", "shot,read", "dark"] {
             assert_eq!(text.parse::<NoiseSet>().unwrap().to_string(), text);
         }
-        assert!("shot,rad".parse::<NoiseSet>().unwrap_err().contains("`rad` is no noise"));
+        assert!("shot,rad".parse::<NoiseSet>().unwrap_err().contains("unknown noise source `rad`"));
         assert_eq!(NOISES.join(",").parse::<NoiseSet>(), Ok(NoiseSet::ALL));
     }
 
