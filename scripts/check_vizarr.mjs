@@ -19,7 +19,7 @@ function check(condition, message) {
 
 try {
   const film = join(place, "film.zarr");
-  const args = ["run", "gen:composite?size=777x1031&wavelengths=450,550,610&pitch_um=2", film, "--lens", "double-gauss-28-npz", "--stages", "ri", "--no-fsync", "--pyramid"];
+  const args = ["run", "gen:composite?size=1031x777&wavelengths=450,550,610&pitch_um=2", film, "--lens", "double-gauss-28-npz", "--stages", "ri", "--no-fsync", "--pyramid"];
   execFileSync(program, args, { stdio: ["ignore", "ignore", "pipe"] });
   const store = new FileSystemStore(film);
   const root = await zarr.open(zarr.root(store), { kind: "group" });

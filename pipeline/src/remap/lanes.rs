@@ -1,4 +1,4 @@
-//! Stages 1-2 with SIMD: expansion of anchors to pixel coordinates ([`super::anchors`]), and interpolation.
+//! Remap stage with SIMD: expansion of anchors to pixel coordinates ([`super::anchors`]), and interpolation.
 //!
 //! Neighbouring film pixels read neighbouring chart pixels: where the cells of a register's pixels span no more than two loads and
 //! two rows, a tap is two loads and a permutation; elsewhere taps are gathered pixel by pixel. In both cases the sum of a pixel has the
@@ -62,9 +62,9 @@ impl<V: Lanes> SimdOp<V> for Resample<'_> {
     }
 }
 
-/// Coordinates of a register of pixels: cells relative to `origin`, fractions, gain.
+/// Coordinates of a register of pixels: cells, fractions, gain.
+#[derive(Clone, Copy)]
 struct Pixels<V: Lanes> {
-    origin: (i32, i32),
     rows: V::I32,
     cols: V::I32,
     row_fraction: V,
@@ -72,45 +72,61 @@ struct Pixels<V: Lanes> {
     gain: V,
 }
 
+/// Registers of a group of anchors: their coordinates are computed before any is interpolated, so that neither waits for the other's latency.
+const STRIP: usize = GROUP * ANCHOR_SPACING_PX / 8;
+
 impl Resample<'_> {
     #[inline(always)]
     fn rows<V: Lanes, K: Interpolation<N>, const N: usize>(mut self) {
         let out = std::mem::take(&mut self.out);
         let a = self.anchors;
         let width = self.rect.width;
-        let registers = a.count * ANCHOR_SPACING_PX / V::LANES;
+        let per_block = ANCHOR_SPACING_PX / V::LANES;
+        let zero = V::to_i32(V::splat(0.0));
+        let none = Pixels {
+            rows: zero,
+            cols: zero,
+            row_fraction: V::splat(0.0),
+            col_fraction: V::splat(0.0),
+            gain: V::splat(0.0),
+        };
+        let mut strip = [none; STRIP];
         for (row, to) in out.chunks_mut(self.stride).take(self.rect.height).enumerate() {
             let to = &mut to[..width];
             let dy = ((self.rect.y + row as i64) as f64 - self.map.axis_px.0) * self.map.per_scale.0;
             let dy = V::splat(dy as f32);
             let integer_columns = V::splat(self.map.integer_columns() as f32);
-            let groups = a.row(row);
             let mut x = a.x - self.rect.x;
-            for register in 0..registers {
-                let first = register * V::LANES % ANCHOR_SPACING_PX;
-                let block = register * V::LANES / ANCHOR_SPACING_PX;
-                let (group, i) = (&groups[block / GROUP], block % GROUP);
-                let pixels = match a.special(group, i) {
-                    None => self.expand::<V, false>((group, i), first, dy, integer_columns, (0, 0)),
-                    Some(Special::SlopeChanges(from, to)) => {
-                        self.expand::<V, true>((group, i), first, dy, integer_columns, (*from, *to))
-                    }
-                    Some(Special::Exact(exact)) => Pixels::<V>::load(exact, first),
-                };
-                let value = self.chart.value::<V, K, N>(&pixels) * pixels.gain;
-                if x >= 0 && x as usize + V::LANES <= width {
-                    value.store(&mut to[x as usize..]);
-                } else {
-                    let mut all = [0.0; MAX_LANES];
-                    value.store(&mut all);
-                    let (from, end) =
-                        ((-x).clamp(0, V::LANES as i64), (width as i64 - x).clamp(0, V::LANES as i64));
-                    if from < end {
-                        to[(x + from) as usize..(x + end) as usize]
-                            .copy_from_slice(&all[from as usize..end as usize]);
+            for (g, group) in a.row(row).iter().enumerate() {
+                let blocks = GROUP.min(a.count - g * GROUP);
+                for i in 0..blocks {
+                    for k in 0..per_block {
+                        let first = k * V::LANES;
+                        strip[i * per_block + k] = match a.special(group, i) {
+                            None => self.expand::<V, false>((group, i), first, dy, integer_columns, (0, 0)),
+                            Some(Special::SlopeChanges(from, to)) => {
+                                self.expand::<V, true>((group, i), first, dy, integer_columns, (*from, *to))
+                            }
+                            Some(Special::Exact(exact)) => Pixels::<V>::load(exact, first),
+                        };
                     }
                 }
-                x += V::LANES as i64;
+                for pixels in &strip[..blocks * per_block] {
+                    let value = self.chart.value::<V, K, N>(pixels) * pixels.gain;
+                    if x >= 0 && x as usize + V::LANES <= width {
+                        value.store(&mut to[x as usize..]);
+                    } else {
+                        let mut all = [0.0; MAX_LANES];
+                        value.store(&mut all);
+                        let (from, end) =
+                            ((-x).clamp(0, V::LANES as i64), (width as i64 - x).clamp(0, V::LANES as i64));
+                        if from < end {
+                            to[(x + from) as usize..(x + end) as usize]
+                                .copy_from_slice(&all[from as usize..end as usize]);
+                        }
+                    }
+                    x += V::LANES as i64;
+                }
             }
         }
     }
@@ -156,9 +172,8 @@ impl Resample<'_> {
             dx.mul_add(m, t.mul_add(V::splat(anchor.extra_columns[i]), V::splat(anchor.col_fraction[i])));
         let (row_cell, col_cell) = (row.floor(), col.floor());
         Pixels {
-            origin: (group.row[i], group.col[i]),
-            rows: row_cell.to_i32(),
-            cols: t.mul_add(integer_columns, col_cell).to_i32(),
+            rows: V::add_i32(row_cell.to_i32(), group.row[i]),
+            cols: V::add_i32(t.mul_add(integer_columns, col_cell).to_i32(), group.col[i]),
             row_fraction: row - row_cell,
             col_fraction: col - col_cell,
             gain,
@@ -171,7 +186,6 @@ impl<V: Lanes> Pixels<V> {
     #[inline(always)]
     fn load(exact: &ExactBlock, first: usize) -> Self {
         Self {
-            origin: (0, 0),
             rows: V::load_i32(&exact.row[first..]),
             cols: V::load_i32(&exact.col[first..]),
             row_fraction: V::load(&exact.row_fraction[first..]),
@@ -192,11 +206,10 @@ impl Chart<'_> {
         let last = V::LANES - 1;
         let (y, x) = (rows[0].min(rows[last]), cols[0].min(cols[last]));
         let (index, row) = (V::add_i32(p.cols, -x), V::add_i32(p.rows, -y));
-        let origin = (p.origin.0 - self.first.0, p.origin.1 - self.first.1);
         if !(V::all_within(index, (2 * V::LANES - N) as i32) && V::all_within(row, 1)) {
-            return self.gather(&rows, &cols, origin, &wy, &wx);
+            return self.gather(&rows, &cols, &wy, &wx);
         }
-        let first = (origin.0 + y) as usize * self.width + (origin.1 + x) as usize;
+        let first = (y - self.first.0) as usize * self.width + (x - self.first.1) as usize;
         let mut sum = self.row(first, index, &wx) * wy[0];
         if V::all_within(row, 0) {
             for j in 1..N {
@@ -234,13 +247,12 @@ impl Chart<'_> {
         &self,
         rows: &[i32; MAX_LANES],
         cols: &[i32; MAX_LANES],
-        origin: (i32, i32),
         wy: &[V; N],
         wx: &[V; N],
     ) -> V {
         let mut first = [0; MAX_LANES];
         for (first, (y, x)) in first.iter_mut().zip(rows.iter().zip(cols)).take(V::LANES) {
-            *first = (origin.0 + y) as usize * self.width + (origin.1 + x) as usize;
+            *first = (y - self.first.0) as usize * self.width + (x - self.first.1) as usize;
         }
         let mut sum = self.gather_row(&first, 0, wx) * wy[0];
         for j in 1..N {

@@ -63,16 +63,29 @@ class _Followed:
 
     def to_the_end(self) -> int:
         """The exit code."""
+        # Python's own handler would raise KeyboardInterrupt anywhere, also between two lines.
+        handler = signal.getsignal(signal.SIGINT)
+        replaced = handler is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+        if replaced:
+            signal.signal(signal.SIGINT, lambda *_: self._interrupt())
+        try:
+            return self._follow()
+        finally:
+            if replaced:
+                signal.signal(signal.SIGINT, handler)
+
+    def _interrupt(self) -> None:
+        self.process.send_signal(signal.SIGKILL if self.interrupted else signal.SIGINT)
+        self.interrupted = True
+
+    def _follow(self) -> int:
         streams = 2
         while streams:
+            handle, line = self.lines.get()
+            streams -= line is None
             try:
-                handle, line = self.lines.get()
-                streams -= line is None
                 if line is not None:
                     handle(line)
-            except KeyboardInterrupt:
-                self.process.send_signal(signal.SIGKILL if self.interrupted else signal.SIGINT)
-                self.interrupted = True
             except BaseException:
                 # An exception of the caller's own progress function.
                 self.process.send_signal(signal.SIGINT)
