@@ -311,7 +311,7 @@ async function rawPage(browser, url) {
 }
 
 const exposed = ["--sensor", "example-2um", "--set", "pixel.pitch_um=50", "--set", "pixel.aperture_um=50", "--exposure", "2e-5,8e-5"];
-const chart = ["gen:composite?size=541x463&wavelengths=450,550,610&pitch_um=50"];
+const chart = ["gen:composite?size=463x541&wavelengths=450,550,610&pitch_um=50"];
 const job = ["--no-fsync"];
 const servers = [];
 let browser;
