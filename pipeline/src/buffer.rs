@@ -22,7 +22,7 @@ impl AlignedBuf {
 
     /// Bytes allocated.
     pub fn bytes(&self) -> usize {
-        self.lines.len() * size_of::<Line>()
+        self.lines.capacity() * size_of::<Line>()
     }
 
     /// Resizes to `len` zeros, keeping the allocation where it is large enough.

@@ -57,11 +57,13 @@ impl State {
         }
     }
 
-    /// A retired buffer that is no longer in use, or an empty one.
-    fn buffer(&mut self) -> AlignedBuf {
+    /// A retired buffer of `bytes` that is no longer in use, or an empty one. Those of another size, of another band, are freed: a spectrum in a
+    /// larger buffer would take more memory than is counted.
+    fn buffer(&mut self, bytes: usize) -> AlignedBuf {
         for i in (0..self.retired.len()).rev() {
             match Arc::try_unwrap(self.retired.swap_remove(i)) {
-                Ok(buffer) => return buffer,
+                Ok(buffer) if buffer.bytes() == bytes.next_multiple_of(64) => return buffer,
+                Ok(_) => (),
                 Err(in_use) => self.retired.push(in_use),
             }
         }
@@ -129,7 +131,7 @@ impl Cache {
                     state.bytes += bytes;
                     state.built += 1;
                     state.evict(self.limit);
-                    buffer = state.buffer();
+                    buffer = state.buffer(bytes);
                     entry
                 }
             }
@@ -161,5 +163,27 @@ mod tests {
         assert_eq!(cache.built(), 4);
         assert_eq!(cache.get((0, 1), 64, build(1.0))[0], 1.0);
         assert_eq!(cache.built(), 5);
+    }
+
+    #[test]
+    fn buffers_of_another_size_are_not_reused() {
+        let cache = SpectrumCache::new(8 * 1024);
+        let filled = |bytes: usize| {
+            move |mut b: AlignedBuf| {
+                b.reset(bytes / 4);
+                b
+            }
+        };
+        for i in 0..8 {
+            cache.get((0, i), 1024, filled(1024));
+        }
+        let reused = cache.get((0, 8), 1024, |b| {
+            assert_eq!(b.bytes(), 1024);
+            filled(1024)(b)
+        });
+        assert_eq!(reused.bytes(), 1024);
+        for i in 0..64 {
+            assert_eq!(cache.get((1, i), 512, filled(512)).bytes(), 512);
+        }
     }
 }
