@@ -50,10 +50,11 @@ pub use error::FilmError;
 pub use pyramid::PyramidState;
 pub use pyramid::halve::halve;
 pub use pyramid::level::level_sizes;
-pub(crate) use pyramid::{PYRAMID_GROUP, group, listed, stamp};
+pub(crate) use pyramid::{PYRAMID_GROUP, group, list, stamp, write_metadata};
 pub use shards::EncodedShard;
 pub use spec::{FilmOutput, FilmSpec};
 pub use store::FilmStore;
+pub(crate) use store::read_json;
 pub use verify::{Finding, VerifyReport};
 
 #[cfg(test)]

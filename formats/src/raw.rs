@@ -22,12 +22,12 @@ pub use spec::{RawOutput, RawSpec};
 pub use verify::RawFinding;
 
 use crate::durable::{DurableError, Lock, LockOwner, Removal, Store, Sweep, fault_point, link_target};
+use crate::film::read_json;
 use crate::hierarchy::NewGroup;
 use crate::shard::{Codec, SampleType, ShardEncoder, ShardError};
 
 /// What marks a group as a raw of ours.
 const SCHEMA: &str = "lenscube/raw/1";
-const MAX_METADATA: u64 = 64 << 20;
 /// The array of the kept signal.
 pub const SIGNAL: &str = "signal";
 
@@ -99,7 +99,7 @@ impl RawStore {
         let (spec, attributes) = RawSpec::from_attributes(all).ok_or_else(|| damaged("zarr.json"))?;
         for (name, metadata) in spec.arrays() {
             let key = format!("{name}/zarr.json");
-            if json(&store, &key)?.as_ref() != Some(&metadata) {
+            if read_json(&store, &key)?.as_ref() != Some(&metadata) {
                 return Err(damaged(&key));
             }
         }
@@ -227,8 +227,8 @@ impl RawStore {
     pub fn check_in_place(&self) -> Result<(), RawError> {
         let in_place = self.store.is_in_place()?;
         let there = match in_place {
-            true => json(&self.store, "zarr.json")?,
-            false => json(&Store::at(self.path())?, "zarr.json")?,
+            true => read_json(&self.store, "zarr.json")?,
+            false => read_json(&Store::at(self.path())?, "zarr.json")?,
         };
         let path = || self.path().into();
         let own = Value::Object(self.attributes.clone());
@@ -292,15 +292,10 @@ fn open_store(path: &Path) -> Result<Store, RawError> {
     }
 }
 
-fn json(store: &Store, key: &str) -> Result<Option<Value>, RawError> {
-    let bytes = store.read_at_most(key, MAX_METADATA)?;
-    Ok(bytes.and_then(|b| serde_json::from_slice(&b).ok()))
-}
-
 fn raw_attributes(store: &Store) -> Result<Map<String, Value>, RawError> {
     let path = store.root();
     let not = |found: String| RawError::NotRaw { path: path.into(), found };
-    let mut group = match json(store, "zarr.json")? {
+    let mut group = match read_json(store, "zarr.json")? {
         Some(group) => group,
         None if store.exists()? => return Err(not("no readable zarr.json".into())),
         None => return Err(not("nothing".into())),

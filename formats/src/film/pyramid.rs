@@ -28,6 +28,7 @@ use super::error::FilmError;
 use super::store::{FilmStore, SCHEMA, read_json};
 use super::verify::Finding;
 use crate::durable::{DurableError, Store};
+use crate::hierarchy::pretty;
 use level::{Level, level_sizes};
 
 /// Attribute `schema` of the pyramid's group.
@@ -248,8 +249,46 @@ pub(crate) fn group(attributes: Value) -> Value {
     json!({"zarr_format": 3, "node_type": "group", "attributes": attributes})
 }
 
+/// Writes the metadata of a new pyramid of the film or raw in `store`: `metadata` by path, and `pyramid_group` last, without which the pyramid is
+/// started again. Removes an earlier pyramid, first from the list of the film or raw; `keys`: all that it may have, relative to its group.
+pub(crate) fn write_metadata(
+    store: &Store,
+    pyramid_group: &Value,
+    metadata: Vec<(String, Value)>,
+    keys: Vec<String>,
+) -> Result<(), DurableError> {
+    let group = read_json(store, "zarr.json")?.unwrap_or_default();
+    if group["attributes"].get("ome").is_some() {
+        store.write("zarr.json", pretty(&listed(group, None, Vec::new())))?;
+    }
+    if !store.names(PYRAMID_GROUP)?.is_empty() {
+        store.remove_tree(PYRAMID_GROUP, keys)?;
+    }
+    for (key, metadata) in metadata {
+        store.write(&format!("{key}/zarr.json"), pretty(&metadata))?;
+    }
+    store.write(&format!("{PYRAMID_GROUP}/zarr.json"), pretty(pyramid_group))
+}
+
+/// Adds a complete pyramid to the group metadata of the film or raw in `store`.
+pub(crate) fn list(
+    store: &Store,
+    ome: Value,
+    pyramid_group: Value,
+    metadata: Vec<(String, Value)>,
+) -> Result<(), DurableError> {
+    let mut members = vec![(PYRAMID_GROUP.to_owned(), pyramid_group)];
+    members.extend(metadata);
+    let group = read_json(store, "zarr.json")?.unwrap_or_default();
+    let new = listed(group.clone(), Some(ome), members);
+    if new == group {
+        return Ok(());
+    }
+    store.write("zarr.json", pretty(&new))
+}
+
 /// Group metadata of a film or raw with the attribute `ome` and the consolidated metadata `members` of its pyramid, or without them.
-pub(crate) fn listed(mut group: Value, ome: Option<Value>, members: Vec<(String, Value)>) -> Value {
+fn listed(mut group: Value, ome: Option<Value>, members: Vec<(String, Value)>) -> Value {
     if let Some(attributes) = group["attributes"].as_object_mut() {
         attributes.shift_remove("ome");
         attributes.extend(ome.map(|ome| ("ome".to_owned(), ome)));

@@ -133,7 +133,7 @@ pub(super) fn open_store(path: &Path) -> Result<Store, FilmError> {
 }
 
 /// The JSON value of `key`; `None` if it does not exist or is no JSON.
-pub(super) fn read_json(store: &Store, key: &str) -> Result<Option<Value>, FilmError> {
+pub(crate) fn read_json(store: &Store, key: &str) -> Result<Option<Value>, DurableError> {
     let bytes = store.read_at_most(key, MAX_METADATA_BYTES)?;
     Ok(bytes.and_then(|b| serde_json::from_slice(&b).ok()))
 }

@@ -20,8 +20,8 @@ mod tests;
 use pipeline::geometry::Size;
 use serde_json::{Value, json};
 
-use super::{RawError, RawFinding, RawStore, json as read};
-use crate::film::{PYRAMID_GROUP, PyramidState, group, level_sizes, stamp};
+use super::{RawError, RawFinding, RawStore};
+use crate::film::{PYRAMID_GROUP, PyramidState, group, level_sizes, read_json as read, stamp};
 use mosaic::Period;
 
 /// Attribute `schema` of the pyramid's group.

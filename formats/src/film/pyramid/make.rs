@@ -6,12 +6,11 @@ use pipeline::geometry::{Rect, Size};
 
 use super::halve::halve;
 use super::level::{Level, level_sizes};
-use super::{PYRAMID_GROUP, PyramidState, listed, ome};
+use super::{PyramidState, list, ome, write_metadata};
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
 use crate::film::error::FilmError;
 use crate::film::shards::EncodedShard;
-use crate::film::store::{FilmStore, read_json};
-use crate::hierarchy::pretty;
+use crate::film::store::FilmStore;
 use crate::parallel;
 use crate::shard::ShardError;
 
@@ -89,25 +88,11 @@ impl FilmStore {
     /// Writes the pyramid's metadata, unless there is a pyramid of the same pixels; removes a stale one.
     fn write_pyramid_metadata(&self, fingerprint: &str) -> Result<(), FilmError> {
         self.check_in_place()?;
-        let exists = !self.store.names(PYRAMID_GROUP)?.is_empty();
         if matches!(self.pyramid()?, PyramidState::Complete | PyramidState::Unfinished(..)) {
             return Ok(());
         }
-        // The film's group must not list levels that are removed.
-        let group = read_json(&self.store, "zarr.json")?.unwrap_or_default();
-        if group["attributes"].get("ome").is_some() {
-            self.store.write("zarr.json", pretty(&listed(group, None, Vec::new())))?;
-        }
-        if exists {
-            self.store.remove_tree(PYRAMID_GROUP, self.pyramid_keys())?;
-        }
-        for (key, metadata) in self.pyramid_metadata() {
-            self.store.write(&format!("{key}/zarr.json"), pretty(&metadata))?;
-        }
-        // Last: a pyramid without its group is started again.
-        Ok(self
-            .store
-            .write(&format!("{PYRAMID_GROUP}/zarr.json"), pretty(&self.pyramid_group(fingerprint)))?)
+        let (metadata, keys) = (self.pyramid_metadata(), self.pyramid_keys());
+        Ok(write_metadata(&self.store, &self.pyramid_group(fingerprint), metadata, keys)?)
     }
 
     fn make_level(
@@ -212,13 +197,12 @@ impl FilmStore {
             })?;
             whites.push(ome::white_level(&pixels));
         }
-        let mut members = vec![(PYRAMID_GROUP.to_owned(), self.pyramid_group(fingerprint))];
-        members.extend(self.pyramid_metadata());
-        let group = read_json(&self.store, "zarr.json")?.unwrap_or_default();
-        let listed = listed(group.clone(), Some(ome::ome_attribute(self, &whites)), members);
-        if listed != group {
-            self.store.write("zarr.json", pretty(&listed))?;
-        }
+        list(
+            &self.store,
+            ome::ome_attribute(self, &whites),
+            self.pyramid_group(fingerprint),
+            self.pyramid_metadata(),
+        )?;
         self.check_in_place()
     }
 }

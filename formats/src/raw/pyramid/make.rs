@@ -3,15 +3,13 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use pipeline::geometry::Rect;
-use serde_json::Value;
 
 use super::mosaic::{Period, halve_mosaic, mosaic_below};
 use super::{Level, LevelShard, ome, pyramid_group_of};
 use crate::chart::{ChartOptions, ChartStore};
-use crate::film::{PYRAMID_GROUP, PyramidState, listed};
-use crate::hierarchy::pretty;
+use crate::film::{PyramidState, list, write_metadata};
 use crate::parallel;
-use crate::raw::{RawError, RawStore, json};
+use crate::raw::{RawError, RawStore};
 
 /// Memory of a worker in bytes: digital numbers of its shard, rows of the level before and of this one, and the encoded shard.
 const fn worker_bytes(shard: usize, chunk: usize) -> usize {
@@ -91,23 +89,11 @@ impl RawStore {
     /// Writes the pyramid's metadata, unless there is a pyramid of the same pixels; removes a stale one.
     fn write_pyramid_metadata(&self, stamp: &str) -> Result<(), RawError> {
         self.check_in_place()?;
-        let exists = !self.store.names(PYRAMID_GROUP)?.is_empty();
         if matches!(self.pyramid()?, PyramidState::Complete | PyramidState::Unfinished(..)) {
             return Ok(());
         }
-        // The raw's group must not list levels that are removed.
-        let group = json(&self.store, "zarr.json")?.unwrap_or_default();
-        if group["attributes"].get("ome").is_some() {
-            self.store.write("zarr.json", pretty(&listed(group, None, Vec::new())))?;
-        }
-        if exists {
-            self.store.remove_tree(PYRAMID_GROUP, self.pyramid_keys())?;
-        }
-        for (key, metadata) in self.pyramid_metadata() {
-            self.store.write(&format!("{key}/zarr.json"), pretty(&metadata))?;
-        }
-        // Last: a pyramid without its group is started again.
-        Ok(self.store.write(&format!("{PYRAMID_GROUP}/zarr.json"), pretty(&pyramid_group_of(stamp)))?)
+        let (metadata, keys) = (self.pyramid_metadata(), self.pyramid_keys());
+        Ok(write_metadata(&self.store, &pyramid_group_of(stamp), metadata, keys)?)
     }
 
     /// A reader of a level.
@@ -161,13 +147,7 @@ impl RawStore {
 
     /// Adds the pyramid to the raw's group metadata.
     fn list_pyramid(&self, stamp: &str) -> Result<(), RawError> {
-        let mut members = vec![(PYRAMID_GROUP.to_owned(), pyramid_group_of(stamp))];
-        members.extend(self.pyramid_metadata());
-        let group: Value = json(&self.store, "zarr.json")?.unwrap_or_default();
-        let new = listed(group.clone(), Some(ome::ome_attribute(self)), members);
-        if new != group {
-            self.store.write("zarr.json", pretty(&new))?;
-        }
+        list(&self.store, ome::ome_attribute(self), pyramid_group_of(stamp), self.pyramid_metadata())?;
         self.check_in_place()
     }
 }
