@@ -3,8 +3,8 @@
 //! Fixed: buffers of the workers, contributions not yet added, shards being added to and encoded, kernels and tables of the bands in
 //! flight, chunks being decoded. Each stage, queue and reader reports its own part; lens tables, the process and GPU drivers are estimated
 //! here, where all parts are added. Where GPUs compute,
-//! page-locked memory replaces the buffers of the workers. The rest is for the cache of decoded chart chunks (up to what two rows of
-//! tiles read) and for that of node spectra. Nothing here changes a pixel.
+//! page-locked memory replaces the buffers of the workers. The rest is for node spectra (those of a shard first), shards that wait for
+//! the disk, and decoded chart chunks (up to what a row of shards reads, or two rows of a GPU's tiles). Nothing here changes a pixel.
 
 use crate::failure::usage;
 use crate::job::stretch::RemapStretch;
@@ -13,7 +13,7 @@ use formats::chart::ChunkMemory;
 use formats::film::FilmSpec;
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::BandNeeds;
-use pipeline::executor::memory as queues;
+use pipeline::executor::memory::{self as queues, Walk};
 use pipeline::geometry::{Frame, Size};
 use pipeline::plan::FilmRegion;
 use pipeline::psf::memory as psf;
@@ -50,6 +50,8 @@ pub struct Memory {
     pub spectra: usize,
     /// Page-locked memory of each GPU queue.
     pub pinned: usize,
+    /// Encoded shards at a time.
+    pub encoded_shards: usize,
     /// Threads that decode chunks of the chart while its bands are written to a temporary file.
     pub decoders: usize,
 }
@@ -97,6 +99,8 @@ pub struct MemoryInputs<'a> {
     pub chart_rows: &'a dyn Fn(usize) -> usize,
     /// Chunks of the chart.
     pub chunks: ChunkMemory,
+    /// Order of the tiles of the first band with each tiling.
+    pub walks: &'a [(usize, Walk)],
     /// Stretch of the remap.
     pub stretch: &'a RemapStretch,
     /// Bytes, beside the samples, of reading a band's PSFs.
@@ -120,9 +124,18 @@ struct Demand {
     chart_cache: (usize, usize),
     /// Cache of spectra: minimum, and maximum of use.
     spectra: (usize, usize),
+    /// Spectra that the tiles of a shard use.
+    shard_spectra: usize,
+    /// An encoded shard, and how many are useful beyond those of `fixed`.
+    encoded: (usize, usize),
 }
 
 impl MemoryInputs<'_> {
+    /// The bands with tilings of their own, and the order of their tiles.
+    fn walks(&self) -> impl Iterator<Item = (&BandPlan, &Walk)> {
+        self.walks.iter().map(|(band, walk)| (&self.bands[*band], walk))
+    }
+
     /// The largest `bytes` of any band.
     fn max(&self, bytes: impl Fn(&BandPlan) -> usize) -> usize {
         self.bands.iter().map(bytes).max().unwrap_or(0)
@@ -144,36 +157,65 @@ impl MemoryInputs<'_> {
             let coordinates = remap(p).scratch_bytes(&p.tiling, chart);
             stages::psf_scratch_bytes(p).saturating_add(coordinates)
         });
-        let contributions = queues::contributions_bytes(self.max(stages::contribution_bytes), self.threads);
+        let contributions = self.walks().map(|(plan, walk)| {
+            queues::contributions_bytes(walk, stages::contribution_bytes(plan), self.threads)
+        });
+        let contributions = contributions.max().unwrap_or(0);
         let all = (scratch.saturating_add(WORKER_BYTES)).saturating_mul(self.threads);
         (all.saturating_add(contributions), area)
     }
 
-    /// Shards being added to, waiting and being encoded, and encoded.
+    /// Film rows that a tile with its tail covers.
+    fn reach_px(&self) -> usize {
+        self.max(|p| p.tiling.tile() + 2 * p.tiling.margin())
+    }
+
+    /// Pixels of the film in all bands.
+    fn all_pixels(&self) -> usize {
+        self.regions.iter().map(|w| w.rect.size().pixels()).sum::<usize>() * self.bands.len()
+    }
+
+    /// Shards being added to, waiting, being encoded, and as many encoded ones as are required.
     fn shards(&self, gpus: &GpuDemand) -> usize {
-        let all: usize =
-            self.regions.iter().map(|w| w.rect.size().pixels()).sum::<usize>() * self.bands.len();
-        let reach = self.max(|p| p.tiling.tile() + 2 * p.tiling.margin());
+        let all = self.all_pixels();
         let largest = queues::max_shard_pixels(self.regions);
-        let tile = self.max(|p| p.tiling.tile());
-        let open = queues::open_shard_pixels(self.regions, (tile, reach), self.threads, gpus.queues);
+        let open = match gpus.queues {
+            0 => {
+                self.walks().map(|(_, walk)| queues::open_shard_pixels(walk, self.threads)).max().unwrap_or(0)
+            }
+            queues => {
+                let tile = self.max(|p| p.tiling.tile());
+                queues::open_shard_pixels_of_gpus(self.regions, (tile, self.reach_px()), queues)
+            }
+        };
         let pixels = open + self.threads * largest;
-        let encoded = queues::encoded_shards(self.threads, self.writers) * largest;
         4 * pixels.min(all)
-            + self.film.encoded_bytes(encoded.min(all))
+            + self.film.encoded_bytes((queues::MIN_ENCODED_SHARDS * largest).min(all))
             + self.threads * self.film.encode_scratch_bytes()
+    }
+
+    /// Bytes of an encoded shard, and how many are useful beyond those required.
+    fn encoded(&self) -> (usize, usize) {
+        let largest = queues::max_shard_pixels(self.regions);
+        let useful = queues::useful_encoded_shards(self.threads, self.writers);
+        let useful = useful.min(self.all_pixels().div_ceil(largest.max(1)));
+        (self.film.encoded_bytes(largest), useful.saturating_sub(queues::MIN_ENCODED_SHARDS))
     }
 
     /// Kernels and tables of the bands in flight, and PSFs being read.
     fn lens(&self) -> usize {
-        let kernels = self.max(|p| {
-            let reading = |samples| {
-                let stacks = if p.lens_bands.second.is_some() { 3 } else { 1 };
-                4 * stacks * samples + (self.psf_reading)(p)
-            };
+        let kernels = |p: &BandPlan| if p.grid.is_some() { stages::kernels_bytes(p) } else { 0 };
+        let reading = |p: &BandPlan| {
+            let stacks = if p.lens_bands.second.is_some() { 3 } else { 1 };
             let samples = p.lens.psf_height_mm.len() * p.lens.psf_size.pow(2);
-            if p.grid.is_some() { BANDS_IN_MEMORY * stages::kernels_bytes(p) + reading(samples) } else { 0 }
+            if p.grid.is_some() { 4 * stacks * samples + (self.psf_reading)(p) } else { 0 }
+        };
+        // While the last of some consecutive bands is read.
+        let kernels = (1..=self.bands.len()).map(|end| {
+            let bands = &self.bands[end.saturating_sub(BANDS_IN_MEMORY)..end];
+            bands.iter().map(kernels).sum::<usize>() + reading(&self.bands[end - 1])
         });
+        let kernels = kernels.max().unwrap_or(0);
         let field_points = |p: &BandPlan| p.lens.ideal_height_mm.len();
         let tables = self.bands.iter().map(|p| 24 * field_points(p)).sum::<usize>();
         kernels.max(self.max_psf_reading)
@@ -181,21 +223,22 @@ impl MemoryInputs<'_> {
             + BANDS_IN_MEMORY * remap::table_bytes(self.max(field_points))
     }
 
-    /// Cache of decoded chunks: minimum, and what two rows of tiles use.
-    fn chart_cache(&self, chunks: usize) -> (usize, usize) {
-        let reach = self.max(|p| p.tiling.tile() + 2 * p.tiling.margin());
+    /// Cache of decoded chunks: minimum, and what a row of shards uses, or two rows of tiles of GPUs.
+    fn chart_cache(&self, chunks: usize, gpus: &GpuDemand) -> (usize, usize) {
+        let shard = self.regions.iter().map(|w| w.shard.height.min(w.rect.height)).max().unwrap_or(0);
+        let rows = self.reach_px() + 64 + if gpus.queues == 0 { shard } else { 0 };
         let scale = self.frame.scale.0.min(self.frame.scale.1);
-        let rows = (reach + 64) as f64 * self.stretch.range.1.max(1.0) / scale.min(1.0);
+        let rows = rows as f64 * self.stretch.range.1.max(1.0) / scale.min(1.0);
         let useful = (self.chart_rows)(rows as usize);
         // Without chunks (a drawn chart) the cache may be absent.
         let min = if chunks > 0 { useful.min(self.threads * MIN_CHART_CACHE) } else { 0 };
         (min.max(chunks), useful.max(chunks))
     }
 
-    /// Cache of spectra: minimum, and those of all nodes of all bands.
-    fn spectra(&self, gpus: &GpuDemand) -> (usize, usize) {
+    /// Cache of spectra: minimum, those that the tiles of the outermost shard use, and those of all nodes of all bands.
+    fn spectra(&self, gpus: &GpuDemand) -> (usize, usize, usize) {
         if gpus.queues > 0 {
-            return (0, 0);
+            return (0, 0, 0);
         }
         let spectrum = |p: &BandPlan| p.blocks.map_or(0, |b| b.spectrum_bytes());
         let nodes = |p: &BandPlan| {
@@ -204,8 +247,15 @@ impl MemoryInputs<'_> {
                 psf::spectra_bytes(&blocks, grid, p.tiling.grown(), self.frame.axis_px)
             })
         };
+        let of_shard = |p: &BandPlan| {
+            let grid = p.blocks.zip(p.grid.as_ref());
+            grid.zip(self.regions.first()).map_or(0, |((blocks, grid), region)| {
+                let rect = region.shard_rect(0, 0).grown(p.tiling.margin() + p.tiling.tile());
+                psf::spectra_bytes(&blocks, grid, rect, self.frame.axis_px)
+            })
+        };
         let min = self.max(nodes).min(self.threads * MIN_SPECTRA * self.max(spectrum));
-        (min, self.bands.iter().map(nodes).sum())
+        (min, self.max(of_shard).max(min), self.bands.iter().map(nodes).sum())
     }
 
     fn demand(&self, gpus: &GpuDemand) -> Demand {
@@ -215,8 +265,10 @@ impl MemoryInputs<'_> {
         let (decoding, chunks) = (at_once.saturating_mul(decoding), at_once.saturating_mul(values));
         let fixed = PROCESS_BYTES + self.shards(gpus) + self.lens();
         let fixed = fixed.saturating_add(workers).saturating_add(decoding);
-        let chart_cache = self.chart_cache(chunks);
-        Demand { fixed, chart_area, decoding, chunks, chart_cache, spectra: self.spectra(gpus) }
+        let chart_cache = self.chart_cache(chunks, gpus);
+        let (min, shard_spectra, max) = self.spectra(gpus);
+        let (spectra, encoded) = ((min, max), self.encoded());
+        Demand { fixed, chart_area, decoding, chunks, chart_cache, spectra, shard_spectra, encoded }
     }
 
     /// Why `demand` exceeds the limit by `missing` bytes, and the remedy; `min` is the smallest sufficient limit.
@@ -279,15 +331,21 @@ impl Memory {
         }
         let pinned = (gpus.queues * gpus.max_pinned).min((usable - min) / 2 + min_pinned);
         let rest = usable - demand.fixed - pinned;
-        let chart_cache = demand.chart_cache.1.min(rest - demand.spectra.0).max(demand.chart_cache.0);
+        let spectra = demand.shard_spectra.min(rest - demand.chart_cache.0);
+        let (encoded_bytes, useful) = demand.encoded;
+        let extra = ((rest - demand.chart_cache.0 - spectra) / encoded_bytes.max(1)).min(useful);
+        let rest = rest - extra * encoded_bytes;
+        let chart_cache = demand.chart_cache.1.min(rest - spectra).max(demand.chart_cache.0);
         let spectra = rest - chart_cache;
-        let used = demand.fixed + pinned + chart_cache + spectra.min(demand.spectra.1);
+        let used =
+            demand.fixed + pinned + extra * encoded_bytes + chart_cache + spectra.min(demand.spectra.1);
         Ok(Self {
             limit,
             planned: with_slack(used).min(limit),
             chart_cache,
             spectra,
             pinned: pinned / gpus.queues.max(1),
+            encoded_shards: queues::MIN_ENCODED_SHARDS + extra,
             decoders: decoders.min(inputs.threads),
         })
     }

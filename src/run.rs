@@ -253,6 +253,7 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
         regions: &job.regions,
         bands: bands.map(band).collect(),
         threads: job.threads,
+        max_encoded_shards: job.memory.encoded_shards,
         gpus: &job.queues,
         cancel: interrupt::cancel_flag(),
     };

@@ -1,5 +1,6 @@
-//! f32 buffers aligned to a cache line, for aligned loads of every SIMD width.
+//! Buffers of f32: aligned to a cache line, for aligned loads of every SIMD width; of a tile; of a shard.
 
+use crate::geometry::Size;
 use bytemuck::{Pod, Zeroable};
 
 /// One cache line of f32.
@@ -43,6 +44,66 @@ impl std::ops::Deref for AlignedBuf {
 impl std::ops::DerefMut for AlignedBuf {
     fn deref_mut(&mut self) -> &mut [f32] {
         &mut bytemuck::cast_slice_mut(&mut self.lines)[..self.len]
+    }
+}
+
+/// Rows of a strip of [`ShardPixels`].
+pub const STRIP_ROWS: usize = 256;
+
+/// Pixels of a shard in strips of [`STRIP_ROWS`] rows, which are allocated when they are first reached: of the shards that the tiles have
+/// only begun, the rows below are not in memory.
+#[derive(Clone, Debug)]
+pub struct ShardPixels {
+    size: Size,
+    strips: Vec<Vec<f32>>,
+}
+
+impl ShardPixels {
+    /// A shard of `size` px without any rows yet.
+    pub fn new(size: Size) -> Self {
+        Self { size, strips: Vec::new() }
+    }
+
+    /// Rows of a shard of `height` px that are allocated once its first `reached` rows are.
+    pub fn allocated_rows(height: usize, reached: usize) -> usize {
+        reached.next_multiple_of(STRIP_ROWS).min(height)
+    }
+
+    /// Adds strips of zeros until the first `rows` rows exist; `spare` supplies buffers.
+    pub fn reach(&mut self, rows: usize, mut spare: impl FnMut() -> Vec<f32>) {
+        while self.strips.len() * STRIP_ROWS < rows.min(self.size.height) {
+            let rows = STRIP_ROWS.min(self.size.height - self.strips.len() * STRIP_ROWS);
+            let mut strip = spare();
+            strip.clear();
+            strip.resize(rows * self.size.width, 0.0);
+            self.strips.push(strip);
+        }
+    }
+
+    /// Height and width, px.
+    pub fn size(&self) -> Size {
+        self.size
+    }
+
+    /// Row `y`.
+    ///
+    /// # Panics
+    /// The row has not been reached.
+    pub fn row(&self, y: usize) -> &[f32] {
+        &self.strips[y / STRIP_ROWS][y % STRIP_ROWS * self.size.width..][..self.size.width]
+    }
+
+    /// As [`ShardPixels::row`].
+    ///
+    /// # Panics
+    /// The row has not been reached.
+    pub fn row_mut(&mut self, y: usize) -> &mut [f32] {
+        &mut self.strips[y / STRIP_ROWS][y % STRIP_ROWS * self.size.width..][..self.size.width]
+    }
+
+    /// The buffers, for reuse.
+    pub fn into_strips(self) -> Vec<Vec<f32>> {
+        self.strips
     }
 }
 

@@ -1,5 +1,6 @@
 //! I/O boundaries of the pipeline: the source of chart pixels and the sink of film shards.
 
+use crate::buffer::ShardPixels;
 use crate::geometry::{Rect, Size};
 use crate::plan::ShardId;
 
@@ -27,11 +28,12 @@ pub trait FilmSink: Sync {
     /// An encoded shard.
     type Encoded: Send;
 
-    /// Encodes the pixels of shard `id` (row-major, `rect` of the film).
+    /// Encodes the pixels of shard `id`, `rect` of the film.
     ///
     /// # Errors
     /// A value outside the range of the film's sample type.
-    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, SourceSinkError>;
+    fn encode(&self, id: ShardId, rect: Rect, pixels: &ShardPixels)
+    -> Result<Self::Encoded, SourceSinkError>;
 
     /// Writes one shard atomically; returns the bytes written.
     ///

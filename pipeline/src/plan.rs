@@ -127,7 +127,7 @@ impl FilmRegion {
     }
 }
 
-/// The tiles of one band that contribute to any of `shards`, in order.
+/// The tiles of one band that contribute to any of `shards`, row by row.
 pub fn tiles_needed(
     tiling: &Tiling,
     regions: &[FilmRegion],
@@ -139,6 +139,22 @@ pub fn tiles_needed(
         tiles.extend((i0..i1).flat_map(|i| (j0..j1).map(move |j| (i, j))));
     }
     tiles.into_iter().collect()
+}
+
+/// The tiles of [`tiles_needed`], in the order of the shards that they contribute to, each tile with the first of them: neighbouring
+/// tiles read the same chart and use the same PSFs, and few shards are begun at a time.
+pub fn tiles_by_shard(
+    tiling: &Tiling,
+    regions: &[FilmRegion],
+    shards: &BTreeSet<ShardId>,
+) -> Vec<(usize, usize)> {
+    let (mut tiles, mut listed) = (Vec::new(), BTreeSet::new());
+    for id in shards {
+        let ((i0, i1), (j0, j1)) = tiling.tiles_reaching(regions[id.region].shard_rect(id.row, id.col));
+        let reaching = (i0..i1).flat_map(|i| (j0..j1).map(move |j| (i, j)));
+        tiles.extend(reaching.filter(|tile| listed.insert(*tile)));
+    }
+    tiles
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 mod oracle;
 
 use lenscube_pipeline::band::{BandPlan, Options, PsfBetween};
+use lenscube_pipeline::buffer::ShardPixels;
 use lenscube_pipeline::executor::Progress;
 use lenscube_pipeline::executor::{BandWork, RunError, Summary, Work, run};
 use lenscube_pipeline::field::Outside;
@@ -56,9 +57,15 @@ impl Sink {
 
 impl FilmSink for Sink {
     type Encoded = (ShardId, Rect, Vec<f32>);
-    fn encode(&self, id: ShardId, rect: Rect, pixels: &[f32]) -> Result<Self::Encoded, SourceSinkError> {
+    fn encode(
+        &self,
+        id: ShardId,
+        rect: Rect,
+        pixels: &ShardPixels,
+    ) -> Result<Self::Encoded, SourceSinkError> {
         assert_eq!(self.regions[id.region].shard_rect(id.row, id.col), rect);
-        Ok((id, rect, pixels.to_vec()))
+        assert_eq!(pixels.size(), rect.size());
+        Ok((id, rect, (0..rect.height).flat_map(|y| pixels.row(y)).copied().collect()))
     }
     fn commit(&self, (id, rect, pixels): Self::Encoded) -> Result<u64, SourceSinkError> {
         assert!(self.committed.lock().unwrap().insert(id), "{id:?} committed twice");
@@ -190,6 +197,7 @@ impl Case {
                 .map(|i| BandWork { chart_band: i, tiling: plans[i].tiling, shards: every(i).collect() })
                 .collect(),
             threads,
+            max_encoded_shards: 2,
             gpus: &[],
             cancel: &cancel,
         };

@@ -12,6 +12,7 @@ use formats::film::FilmStore;
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda;
 use pipeline::cuda::memory::{BandNeeds, DeviceQueue};
+use pipeline::executor::memory::Walk;
 use pipeline::geometry::Frame;
 use pipeline::psf::cuda::PsfOnDevice;
 use pipeline::remap::Remap;
@@ -28,6 +29,7 @@ pub fn allocate(
 ) -> Result<(Memory, Vec<DeviceQueue>)> {
     let args = arguments.given;
     let chart_rows = |rows: usize| inputs.chart.cache_for_rows(rows);
+    let walks = walks(plan);
     let memory = MemoryInputs {
         limit: args.memory.unwrap_or_else(default_limit),
         frame: &inputs.frame,
@@ -39,6 +41,7 @@ pub fn allocate(
         writers: FilmStore::concurrent_writes(&args.film),
         chart_rows: &chart_rows,
         chunks: inputs.chart.chunk_memory(&inputs.chart_bands()),
+        walks: &walks,
         stretch,
         psf_reading: &|p: &BandPlan| plan.lens.psf_reading_bytes(p.lens_bands.first),
         max_psf_reading: plan.lens.max_reading_bytes(),
@@ -62,6 +65,17 @@ pub fn allocate(
         }
         planned => planned,
     }
+}
+
+/// Order of the tiles of the first band with each tiling.
+fn walks(plan: &JobPlan) -> Vec<(usize, Walk)> {
+    let mut walks: Vec<(usize, Walk)> = Vec::new();
+    for (band, tiling) in plan.bands.iter().map(|band| &band.tiling).enumerate() {
+        if walks.iter().all(|(other, _)| plan.bands[*other].tiling != *tiling) {
+            walks.push((band, Walk::of_all(tiling, &plan.regions)));
+        }
+    }
+    walks
 }
 
 /// Memory that a band needs on a GPU. The largest rectangle of the chart is taken from nine tiles spread over the film; the run itself

@@ -1,6 +1,7 @@
 //! The film store as the pipeline's sink.
 
 use formats::film::{EncodedShard, FilmStore};
+use pipeline::buffer::ShardPixels;
 use pipeline::flow::{FilmSink, SourceSinkError};
 use pipeline::geometry::Rect;
 use pipeline::plan::ShardId;
@@ -16,8 +17,9 @@ pub struct FilmStoreSink<'a> {
 impl FilmSink for FilmStoreSink<'_> {
     type Encoded = EncodedShard;
 
-    fn encode(&self, id: ShardId, _: Rect, pixels: &[f32]) -> Result<EncodedShard, SourceSinkError> {
-        Ok(self.store.encode_shard(id.region, self.film_bands[id.band], (id.row, id.col), pixels)?)
+    fn encode(&self, id: ShardId, _: Rect, pixels: &ShardPixels) -> Result<EncodedShard, SourceSinkError> {
+        let (band, shard) = (self.film_bands[id.band], (id.row, id.col));
+        Ok(self.store.encode_shard_rows(id.region, band, shard, pixels.size(), &|y| pixels.row(y))?)
     }
 
     fn commit(&self, encoded: EncodedShard) -> Result<u64, SourceSinkError> {

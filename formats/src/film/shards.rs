@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use bytes::Bytes;
-use pipeline::geometry::Rect;
+use pipeline::geometry::{Rect, Size};
 
 use super::error::FilmError;
 use super::store::FilmStore;
@@ -88,39 +88,76 @@ impl FilmStore {
         shard: (usize, usize),
         data: &[f32],
     ) -> Result<EncodedShard, FilmError> {
+        let width = self.expected_rect(output, band, shard, data.len())?.width;
+        let row = |y: usize| &data[y * width..][..width];
+        self.encode_rows(output, band, shard, &row)
+    }
+
+    /// As [`FilmStore::encode_shard`], of `size` pixels whose rows `row` returns.
+    ///
+    /// # Errors
+    /// As [`FilmStore::encode_shard`].
+    pub fn encode_shard_rows<'a>(
+        &self,
+        output: usize,
+        band: usize,
+        shard: (usize, usize),
+        size: Size,
+        row: &dyn Fn(usize) -> &'a [f32],
+    ) -> Result<EncodedShard, FilmError> {
+        self.expected_rect(output, band, shard, size.pixels())?;
+        self.encode_rows(output, band, shard, row)
+    }
+
+    /// The rectangle of a shard, which has `pixels` pixels.
+    fn expected_rect(
+        &self,
+        output: usize,
+        band: usize,
+        shard: (usize, usize),
+        pixels: usize,
+    ) -> Result<Rect, FilmError> {
         let bands = self.spec.wavelengths_nm.len();
         let exists = output < self.spec.outputs.len() && band < bands && {
             let (down, across) = self.shards(output);
             shard.0 < down && shard.1 < across
         };
         let rect = if exists { self.shard_rect(output, shard) } else { Rect::new(0, 0, 0, 0) };
-        if !exists || data.len() != rect.size().pixels() {
-            return Err(FilmError::Request {
-                output,
-                band,
-                shard,
-                expected: rect.size().pixels(),
-                found: data.len(),
-            });
+        if !exists || pixels != rect.size().pixels() {
+            let expected = rect.size().pixels();
+            return Err(FilmError::Request { output, band, shard, expected, found: pixels });
         }
+        Ok(rect)
+    }
+
+    /// Encodes the rows of a shard.
+    fn encode_rows<'a>(
+        &self,
+        output: usize,
+        band: usize,
+        shard: (usize, usize),
+        row: &dyn Fn(usize) -> &'a [f32],
+    ) -> Result<EncodedShard, FilmError> {
+        let rect = self.shard_rect(output, shard);
         let chunks = self.spec.chunks_of(self.spec.shard_grid(output).shard);
-        let bytes = self.encoder.encode(data, (rect.height, rect.width), chunks).map_err(|e| match e {
-            ShardError::Overflow { row, column, value } => FilmError::Overflow {
-                output: self.spec.outputs[output].name.clone(),
-                band,
-                row: rect.y + row as i64,
-                column: rect.x + column as i64,
-                value,
-            },
-            ShardError::NotFinite { row, column, value } => FilmError::NotFinite {
-                shard: self.key(output, band, shard),
-                band,
-                row: rect.y + row as i64,
-                column: rect.x + column as i64,
-                value,
-            },
-            ShardError::Codec(reason) => FilmError::Codec { reason },
-        })?;
+        let bytes =
+            self.encoder.encode_rows(row, (rect.height, rect.width), chunks).map_err(|e| match e {
+                ShardError::Overflow { row, column, value } => FilmError::Overflow {
+                    output: self.spec.outputs[output].name.clone(),
+                    band,
+                    row: rect.y + row as i64,
+                    column: rect.x + column as i64,
+                    value,
+                },
+                ShardError::NotFinite { row, column, value } => FilmError::NotFinite {
+                    shard: self.key(output, band, shard),
+                    band,
+                    row: rect.y + row as i64,
+                    column: rect.x + column as i64,
+                    value,
+                },
+                ShardError::Codec(reason) => FilmError::Codec { reason },
+            })?;
         Ok(EncodedShard { key: self.key(output, band, shard), bytes: bytes.into() })
     }
 

@@ -97,21 +97,30 @@ impl ShardEncoder {
         (height, width): (usize, usize),
         (rows, columns): (usize, usize),
     ) -> Result<Vec<u8>, ShardError> {
-        check_finite(data, width)?;
-        self.encode_pixels(data, (height, width), (rows, columns))
+        debug_assert_eq!(data.len(), height * width);
+        self.encode_rows(&|y| &data[y * width..][..width], (height, width), (rows, columns))
     }
 
-    /// As [`ShardEncoder::encode`], but accepts NaN and infinity.
-    pub(crate) fn encode_pixels(
+    /// As [`ShardEncoder::encode`], of the rows that `row` returns.
+    pub(crate) fn encode_rows<'a>(
+        &self,
+        row: &dyn Fn(usize) -> &'a [f32],
+        size: (usize, usize),
+        grid: (usize, usize),
+    ) -> Result<Vec<u8>, ShardError> {
+        self.assemble(size, grid, |first, samples| self.gather(row, true, size, first, samples))
+    }
+
+    /// As [`ShardEncoder::encode`], of any pixels.
+    #[cfg(test)]
+    pub(crate) fn encode_unchecked(
         &self,
         data: &[f32],
-        (height, width): (usize, usize),
-        (rows, columns): (usize, usize),
+        size: (usize, usize),
+        grid: (usize, usize),
     ) -> Result<Vec<u8>, ShardError> {
-        debug_assert_eq!(data.len(), height * width);
-        self.assemble((height, width), (rows, columns), |first, samples| {
-            self.gather(data, (height, width), first, samples)
-        })
+        let row = |y: usize| &data[y * size.1..][..size.1];
+        self.assemble(size, grid, |first, samples| self.gather(&row, false, size, first, samples))
     }
 
     /// As [`ShardEncoder::encode`], of digital numbers.
@@ -189,17 +198,22 @@ impl ShardEncoder {
         [NonZeroU64::MIN, side, side]
     }
 
-    /// Samples of the inner chunk whose first pixel is (`y`, `x`) of `data`, rounded, and padded with NaN.
-    fn gather(
+    /// Samples of the inner chunk whose first pixel is (`y`, `x`), rounded, and padded with NaN; `check`: NaN and
+    /// infinity are errors.
+    fn gather<'a>(
         &self,
-        data: &[f32],
+        row: &dyn Fn(usize) -> &'a [f32],
+        check: bool,
         (height, width): (usize, usize),
         (y, x): (usize, usize),
         out: &mut ChunkSamples,
     ) -> Result<(), ShardError> {
         let c = self.chunk;
         let (h, w) = (c.min(height - y), c.min(width - x));
-        let line = |row: usize| &data[(y + row) * width + x..][..w];
+        let line = |k: usize| {
+            let line = &row(y + k)[x..x + w];
+            if check { check_finite(line, (y + k, x)).map(|()| line) } else { Ok(line) }
+        };
         match out {
             ChunkSamples::U16(_) => {
                 return Err(ShardError::Codec("expected digital numbers, found f32".into()));
@@ -209,8 +223,8 @@ impl ShardEncoder {
                 out.clear();
                 for row in 0..h {
                     match self.rounding {
-                        None => out.extend(line(row).iter().map(|v| v.to_le_bytes())),
-                        Some(r) => out.extend(line(row).iter().map(|&v| r.round(v).to_le_bytes())),
+                        None => out.extend(line(row)?.iter().map(|v| v.to_le_bytes())),
+                        Some(r) => out.extend(line(row)?.iter().map(|&v| r.round(v).to_le_bytes())),
                     }
                     out.extend(repeat_n(nan, c - w));
                 }
@@ -220,7 +234,7 @@ impl ShardEncoder {
                 let nan = half::f16::NAN.to_le_bytes();
                 out.clear();
                 for row in 0..h {
-                    for (k, &value) in line(row).iter().enumerate() {
+                    for (k, &value) in line(row)?.iter().enumerate() {
                         // Rounded in f32: an f16 of fewer bits is exact then.
                         let v = half::f16::from_f32(self.rounding.map_or(value, |r| r.round(value)));
                         if v.is_infinite() {
@@ -266,15 +280,15 @@ pub(super) fn index_shape(rows: usize, columns: usize) -> [NonZeroU64; 4] {
     [1, rows as u64, columns as u64, 2].map(|n| NonZeroU64::new(n).expect("a shard has chunks"))
 }
 
-/// An error for the first NaN or infinite value of `data` (rows of `width`).
-fn check_finite(data: &[f32], width: usize) -> Result<(), ShardError> {
+/// An error for the first NaN or infinite value of `line`, which begins at (`row`, `column`).
+fn check_finite(line: &[f32], (row, column): (usize, usize)) -> Result<(), ShardError> {
     // NaN and infinity have all exponent bits set. A branch-free pass, which the compiler vectorizes, precedes the search.
-    if data.iter().map(|v| v.to_bits() & 0x7fff_ffff).fold(0, u32::max) < f32::INFINITY.to_bits() {
+    if line.iter().map(|v| v.to_bits() & 0x7fff_ffff).fold(0, u32::max) < f32::INFINITY.to_bits() {
         return Ok(());
     }
-    match data.iter().position(|v| !v.is_finite()) {
+    match line.iter().position(|v| !v.is_finite()) {
         None => Ok(()),
-        Some(k) => Err(ShardError::NotFinite { row: k / width, column: k % width, value: data[k] }),
+        Some(k) => Err(ShardError::NotFinite { row, column: column + k, value: line[k] }),
     }
 }
 

@@ -5,13 +5,14 @@
 //! prepare thread   Compute::prepare(band)          → TileSource (one band ahead)
 //! worker           TileSource → Compute::compute   → OrderedAdder → ShardWriter
 //! GPU queue        TileSource → ChartReads (read by workers) → upload │ compute │ download → OrderedAdder
-//! worker           ShardWriter: encode → bounded queue → writing threads: commit
+//! worker           ShardWriter: encode → queue → writing threads: commit
 //! ```
 //! [`Compute`] constructs the stages of a band and computes its tiles ([`crate::stages`] implements it). `tile_source` assigns tiles in
 //! one sequence and requeues those of a failed GPU; `ordered_adder` adds contributions in that order, so that the film has the same
 //! bits for any number of threads and devices; `shard_writer` encodes and writes. They have separate locks; `signal` wakes the
-//! workers. Memory is bounded: a worker claims at most [`MAX_TILES_AHEAD_PER_WORKER`] tiles per worker beyond the oldest tile not yet
-//! added; a GPU queue is bounded by its batch buffers and page-locked buffers. [`memory`] computes what the queues hold.
+//! workers. Workers compute tiles shard by shard (`walk`), GPUs row by row. Memory is bounded: a worker claims at most
+//! [`MAX_TILES_AHEAD_PER_WORKER`] tiles per worker more than the walk requires; a GPU queue is bounded by its batch buffers and
+//! page-locked buffers; [`Work::max_encoded_shards`]. [`memory`] computes what the queues hold.
 
 mod chart_reads;
 mod compute;
@@ -26,6 +27,7 @@ mod run_state;
 mod shard_writer;
 mod signal;
 mod tile_source;
+mod walk;
 mod work;
 mod worker;
 
@@ -48,10 +50,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use tile_source::TileSource;
 
-/// Tiles in progress or waiting to be added, per worker.
+/// Tiles per worker in progress or waiting to be added, beyond those that one worker has.
 pub const MAX_TILES_AHEAD_PER_WORKER: usize = 3;
-/// Length of the queue of encoded shards.
-pub const ENCODED_QUEUE_LENGTH: usize = 2;
 
 /// Runs `work` from `chart` to `sink`; `compute` constructs the stages of each band.
 ///
@@ -77,7 +77,7 @@ pub fn run<C: Compute, S: FilmSink>(
         source: TileSource::new(&signal, work.cancel, work.gpus.len()),
         reads: ChartReads::new(&signal),
         adder: OrderedAdder::new(work.film, work.regions, &work.bands, &clock),
-        writer: ShardWriter::new(sink, &clock, &signal),
+        writer: ShardWriter::new(sink, work.max_encoded_shards, &clock, &signal),
         error: Mutex::new(None),
         failed: AtomicBool::new(false),
     };

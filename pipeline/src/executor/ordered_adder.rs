@@ -2,7 +2,7 @@
 
 use super::overlap_add::{FinishedShard, OverlapAdd};
 use super::work::BandWork;
-use crate::buffer::TileBuffer;
+use crate::buffer::{ShardPixels, TileBuffer};
 use crate::clock::Clock;
 use crate::cuda::pool::GpuTile;
 use crate::geometry::Size;
@@ -73,8 +73,8 @@ impl<'a> OrderedAdder<'a> {
         self.free.lock().expect("no panic while held").pop().unwrap_or_default()
     }
 
-    /// Recycles the buffer of an encoded shard.
-    pub(super) fn recycle(&self, pixels: Vec<f32>) {
+    /// Recycles the buffers of an encoded shard.
+    pub(super) fn recycle(&self, pixels: ShardPixels) {
         self.overlap.recycle(pixels);
     }
 

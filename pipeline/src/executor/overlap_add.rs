@@ -7,6 +7,7 @@
 //! time: the thread that submits the next tile of a shard adds it and those that wait for it; the others only queue theirs.
 
 use super::ordered_adder::ComputedTile;
+use crate::buffer::ShardPixels;
 use crate::geometry::Rect;
 use crate::plan::{FilmRegion, ShardId, Tiling};
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,15 +20,16 @@ pub(super) struct FinishedShard {
     pub(super) id: ShardId,
     /// Its film rectangle.
     pub(super) rect: Rect,
-    /// Its pixels, row-major, of `rect`.
-    pub(super) pixels: Vec<f32>,
+    /// Its pixels, of `rect`.
+    pub(super) pixels: ShardPixels,
 }
 
 /// The shards under accumulation.
 pub(super) struct OverlapAdd<'a> {
     regions: &'a [FilmRegion],
     shards: Mutex<Shards>,
-    pool: Mutex<Vec<Vec<f32>>>,
+    /// Strips of shards that have been encoded.
+    spare: Mutex<Vec<Vec<f32>>>,
 }
 
 struct Shards {
@@ -47,7 +49,7 @@ struct Sum {
     /// Contributions that wait for earlier ones, with their film rectangles, by position among the shard's tiles.
     waiting: BTreeMap<usize, (Rect, Arc<ComputedTile>)>,
     /// Absent while a thread adds.
-    pixels: Option<Vec<f32>>,
+    pixels: Option<ShardPixels>,
     discarded: bool,
 }
 
@@ -55,7 +57,7 @@ impl<'a> OverlapAdd<'a> {
     /// For `regions`.
     pub(super) fn new(regions: &'a [FilmRegion]) -> Self {
         let shards = Shards { open: BTreeMap::new(), discarded: BTreeSet::new() };
-        Self { regions, shards: Mutex::new(shards), pool: Mutex::default() }
+        Self { regions, shards: Mutex::new(shards), spare: Mutex::default() }
     }
 
     /// The shards among `requested` that the contribution of `tile` of band `band` reaches.
@@ -117,11 +119,8 @@ impl<'a> OverlapAdd<'a> {
             let Some((reach, contribution)) = sum.waiting.remove(&next) else { break };
             sum.begun += 1;
             drop(sum);
-            if next == 0 {
-                pixels = lock(&self.pool).pop().unwrap_or_default();
-                pixels.clear();
-                pixels.resize(shard.rect.size().pixels(), 0.0);
-            }
+            let rows = (reach.bottom() - shard.rect.y).max(0) as usize;
+            pixels.reach(rows, || lock(&self.spare).pop().unwrap_or_default());
             add_rows(&mut pixels, shard.rect, &contribution, reach);
             if next + 1 == tiles {
                 lock(&self.shards).open.remove(&id);
@@ -144,7 +143,12 @@ impl<'a> OverlapAdd<'a> {
             return None;
         }
         let open = shards.open.entry(id).or_insert_with(|| {
-            let sum = Sum { begun: 0, waiting: BTreeMap::new(), pixels: Some(Vec::new()), discarded: false };
+            let sum = Sum {
+                begun: 0,
+                waiting: BTreeMap::new(),
+                pixels: Some(ShardPixels::new(rect.size())),
+                discarded: false,
+            };
             Arc::new(OpenShard { rect, sum: Mutex::new(sum) })
         });
         Some(Arc::clone(open))
@@ -170,11 +174,9 @@ impl<'a> OverlapAdd<'a> {
         }
     }
 
-    /// Returns the buffer of a shard for reuse.
-    pub(super) fn recycle(&self, pixels: Vec<f32>) {
-        if pixels.capacity() > 0 {
-            lock(&self.pool).push(pixels);
-        }
+    /// Returns the buffers of a shard for reuse.
+    pub(super) fn recycle(&self, pixels: ShardPixels) {
+        lock(&self.spare).extend(pixels.into_strips());
     }
 }
 
@@ -187,14 +189,13 @@ fn release(contribution: Arc<ComputedTile>, added: &dyn Fn(ComputedTile)) {
     Arc::into_inner(contribution).into_iter().for_each(added);
 }
 
-/// Adds the part of a contribution on the film rectangle `reach` that lies within `rect` to `pixels`, row-major, of `rect`.
-fn add_rows(pixels: &mut [f32], rect: Rect, contribution: &ComputedTile, reach: Rect) {
+/// Adds the part of a contribution on the film rectangle `reach` that lies within `rect` to `pixels`, of `rect`.
+fn add_rows(pixels: &mut ShardPixels, rect: Rect, contribution: &ComputedTile, reach: Rect) {
     let (values, stride) = contribution.pixels();
     let common = rect.intersect(reach);
     for y in common.y..common.bottom() {
-        let to = (y - rect.y) as usize * rect.width + (common.x - rect.x) as usize;
         let from = (y - reach.y) as usize * stride + (common.x - reach.x) as usize;
-        let to = &mut pixels[to..][..common.width];
+        let to = &mut pixels.row_mut((y - rect.y) as usize)[(common.x - rect.x) as usize..][..common.width];
         to.iter_mut().zip(&values[from..][..common.width]).for_each(|(t, f)| *t += f);
     }
 }

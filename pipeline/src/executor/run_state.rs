@@ -8,7 +8,8 @@ use super::ordered_adder::{OrderedAdder, TileId, TileOutput};
 use super::shard_writer::ShardWriter;
 use super::signal::Signal;
 use super::tile_source::{Batch, Claim, TileSource};
-use super::work::{BandInFlight, Work};
+use super::walk::Walk;
+use super::work::{BandInFlight, BandWork, Work};
 use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::flow::{ChartSource, FilmSink, SourceSinkError};
@@ -53,13 +54,13 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     /// Prepares bands, one ahead of the band being computed.
     pub(super) fn prepare_bands(&self) {
         for (position, band) in self.work.bands.iter().enumerate() {
-            let tiles = tiles_needed(&band.tiling, self.work.regions, &band.shards);
+            let (tiles, distance, waiting) = self.tiles(band);
             if tiles.is_empty() || !self.source.is_open() {
                 continue;
             }
             match self.clock.prepare.time(|| self.compute.prepare(position)) {
                 Ok(stages) => {
-                    if !self.source.offer(BandInFlight { position, stages, tiles }) {
+                    if !self.source.offer(BandInFlight { position, stages, tiles, distance, waiting }) {
                         break;
                     }
                 }
@@ -67,6 +68,15 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             }
         }
         self.source.end_of_bands();
+    }
+
+    /// The tiles of `band` in the order of computation, and the limits of [`Walk`], which do not concern GPUs.
+    fn tiles(&self, band: &BandWork) -> (Vec<(usize, usize)>, usize, usize) {
+        if self.work.gpus.is_empty() {
+            let walk = Walk::new(&band.tiling, self.work.regions, &band.shards);
+            return (walk.tiles, walk.distance, walk.waiting);
+        }
+        (tiles_needed(&band.tiling, self.work.regions, &band.shards), 0, 0)
     }
 
     /// See [`TileSource::claim_tile`].

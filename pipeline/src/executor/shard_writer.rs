@@ -1,16 +1,16 @@
 //! Finished shards: encoded by the workers, written by separate threads.
 //!
-//! The queue between them is short: workers wait for the disk instead of filling the memory with encoded shards.
+//! The number of encoded shards is limited: workers wait for the disk instead of filling the memory with them.
 
-use super::ENCODED_QUEUE_LENGTH;
 use super::Progress;
 use super::error::RunError;
 use super::overlap_add::FinishedShard;
 use super::signal::Signal;
+use crate::buffer::ShardPixels;
 use crate::clock::Clock;
 use crate::flow::FilmSink;
 use crate::plan::ShardId;
-use crossbeam::channel::{Receiver, Sender, bounded};
+use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,6 +21,8 @@ pub(super) struct ShardWriter<'a, S: FilmSink> {
     clock: &'a Clock,
     signal: &'a Signal,
     finished: Mutex<VecDeque<FinishedShard>>,
+    /// As many entries as encoded shards; full at the limit.
+    encoded: (Sender<()>, Receiver<()>),
     shards: AtomicU64,
     bytes: AtomicU64,
 }
@@ -29,15 +31,16 @@ pub(super) struct ShardWriter<'a, S: FilmSink> {
 pub(super) type Encoded<S> = (ShardId, <S as FilmSink>::Encoded);
 
 impl<'a, S: FilmSink> ShardWriter<'a, S> {
-    /// For `sink`.
-    pub(super) fn new(sink: &'a S, clock: &'a Clock, signal: &'a Signal) -> Self {
+    /// For `sink`, with `max_encoded` encoded shards at most.
+    pub(super) fn new(sink: &'a S, max_encoded: usize, clock: &'a Clock, signal: &'a Signal) -> Self {
         let (shards, bytes) = (AtomicU64::new(0), AtomicU64::new(0));
-        Self { sink, clock, signal, finished: Mutex::default(), shards, bytes }
+        let encoded = bounded(max_encoded.max(1));
+        Self { sink, clock, signal, finished: Mutex::default(), encoded, shards, bytes }
     }
 
     /// The queue from the workers to the writing threads.
     pub(super) fn queue() -> (Sender<Encoded<S>>, Receiver<Encoded<S>>) {
-        bounded(ENCODED_QUEUE_LENGTH)
+        unbounded()
     }
 
     /// Number of writing threads.
@@ -56,12 +59,21 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
         self.finished.lock().expect("no panic while held").pop_front()
     }
 
-    /// Encodes a shard; also returns its buffer, to be recycled.
-    pub(super) fn encode(&self, shard: FinishedShard) -> (Vec<f32>, Result<Encoded<S>, RunError>) {
+    /// Encodes a shard, once there are fewer encoded ones than the limit; also returns its buffers, to be recycled.
+    pub(super) fn encode(&self, shard: FinishedShard) -> (ShardPixels, Result<Encoded<S>, RunError>) {
         let FinishedShard { id, rect, pixels } = shard;
+        self.encoded.0.send(()).expect("its receiver is part of this");
         let encoded = self.clock.encode.time(|| self.sink.encode(id, rect, &pixels));
-        let encoded = encoded.map(|e| (id, e)).map_err(|source| RunError::Write { id, source });
+        let encoded = encoded.map(|e| (id, e)).map_err(|source| {
+            self.release();
+            RunError::Write { id, source }
+        });
         (pixels, encoded)
+    }
+
+    /// Makes way for another encoded shard.
+    fn release(&self) {
+        self.encoded.1.recv().expect("its sender is part of this");
     }
 
     /// Writes the shards of `queue` until it is closed; `failed` receives errors.
@@ -72,7 +84,9 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
         failed: &dyn Fn(RunError),
     ) {
         for (id, encoded) in queue {
-            match self.clock.write.time(|| self.sink.commit(encoded)) {
+            let committed = self.clock.write.time(|| self.sink.commit(encoded));
+            self.release();
+            match committed {
                 Ok(written) => {
                     self.shards.fetch_add(1, Ordering::Relaxed);
                     self.bytes.fetch_add(written, Ordering::Relaxed);

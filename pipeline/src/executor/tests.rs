@@ -1,7 +1,7 @@
 //! The scheduler without optics: every tile is added once for any number of threads; cost of scheduling.
 
 use super::*;
-use crate::buffer::TileBuffer;
+use crate::buffer::{ShardPixels, TileBuffer};
 use crate::cuda::CudaError;
 use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
 use crate::cuda::memory::Halvings;
@@ -111,8 +111,8 @@ struct Count(AtomicU64);
 impl FilmSink for Count {
     type Encoded = u64;
 
-    fn encode(&self, _id: ShardId, _rect: Rect, pixels: &[f32]) -> Result<u64, SourceSinkError> {
-        Ok(pixels.iter().filter(|v| **v == 1.0).count() as u64)
+    fn encode(&self, _id: ShardId, rect: Rect, pixels: &ShardPixels) -> Result<u64, SourceSinkError> {
+        Ok((0..rect.height).flat_map(|y| pixels.row(y)).filter(|v| **v == 1.0).count() as u64)
     }
     fn commit(&self, ones: u64) -> Result<u64, SourceSinkError> {
         self.0.fetch_add(ones, Ordering::Relaxed);
@@ -139,6 +139,7 @@ fn schedule(bands: usize, side: usize, threads: usize, time: TileTime) -> f64 {
         regions: &[window],
         bands: (0..bands).map(band).collect(),
         threads,
+        max_encoded_shards: 3,
         gpus: &[],
         cancel: &cancel,
     };

@@ -1,7 +1,7 @@
 //! The sequence of all tiles: bands one after the other, tiles of a band in order, claimed by workers and GPU queues.
 //!
-//! A thread prepares bands one ahead and offers them here. A worker may claim a tile at most [`super::MAX_TILES_AHEAD_PER_WORKER`] tiles per worker beyond the
-//! oldest one not yet added, which bounds memory. Batches that a GPU could not compute are requeued and claimed first.
+//! A thread prepares bands one ahead and offers them here. A worker claims a tile within the limits of the band's
+//! [`Walk`](super::walk::Walk), plus [`super::MAX_TILES_AHEAD_PER_WORKER`] tiles per worker, which bounds memory. Batches that a GPU could not compute are requeued and claimed first.
 
 use super::signal::Signal;
 use super::work::BandInFlight;
@@ -81,6 +81,13 @@ impl<B> State<B> {
         self.band.as_ref().map_or(0, |b| b.tiles.len() - self.next_tile)
     }
 
+    /// Whether the next tile is less than `ahead` tiles beyond the limits of its band.
+    fn is_within(&self, ahead: usize) -> bool {
+        let Some(band) = &self.band else { return false };
+        let distance = self.sequence - self.added;
+        distance < band.distance + ahead && distance - self.added_beyond.len() < band.waiting + ahead
+    }
+
     fn take(&mut self, count: usize) -> Batch<B> {
         let band = Arc::clone(self.band.as_ref().expect("it has tiles"));
         let (sequence, first) = (self.sequence, self.next_tile);
@@ -147,14 +154,14 @@ impl<'a, B> TileSource<'a, B> {
         self.taken.notify_all();
     }
 
-    /// Claims one tile for a worker, at most `ahead` tiles beyond the oldest one not yet added; `begun` is called with each new band.
+    /// Claims one tile for a worker, at most `ahead` tiles beyond the limits of the band's walk; `begun` is called with each new band.
     pub(super) fn claim_tile(&self, ahead: usize, begun: &dyn Fn(&BandInFlight<B>)) -> Claim<B> {
         let mut state = self.lock();
         self.next_band(&mut state, begun);
         if state.is_over(self.cancelled()) {
             return Claim::Over;
         }
-        let free = !self.cancelled() && state.tiles_left() > 0 && state.sequence < state.added + ahead;
+        let free = !self.cancelled() && state.tiles_left() > 0 && state.is_within(ahead);
         if free { Claim::Batch(state.take(1)) } else { Claim::None }
     }
 
@@ -218,9 +225,10 @@ impl<'a, B> TileSource<'a, B> {
                 state.added_beyond.pop_first();
                 state.added += 1;
             }
-            (state.is_over(self.cancelled()), state.added - before)
+            // A tile that is added beyond the oldest one makes way for one.
+            (state.is_over(self.cancelled()), (state.added - before).max(1))
         };
-        // As many more tiles are within the distance that workers may be ahead.
+        // As many more tiles are within the limits.
         if is_over { self.signal.notify_all() } else { self.signal.notify_workers(claimable) }
     }
 

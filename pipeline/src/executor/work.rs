@@ -18,6 +18,8 @@ pub struct Work<'a> {
     pub bands: Vec<BandWork>,
     /// Worker threads.
     pub threads: usize,
+    /// Shards that are encoded, or being encoded, and not yet written, at most.
+    pub max_encoded_shards: usize,
     /// Queues of the GPUs that compute the tiles; empty: the workers compute them.
     pub gpus: &'a [DeviceQueue],
     /// Set by the caller to stop early: tiles in flight are completed, and the shards that they finish are committed.
@@ -64,5 +66,9 @@ pub struct Summary {
 pub(super) struct BandInFlight<B> {
     pub(super) position: usize,
     pub(super) stages: B,
+    /// In the order in which they are claimed.
     pub(super) tiles: Vec<(usize, usize)>,
+    /// Limits of [`super::walk::Walk`]: distance of the claimed tile to the oldest one not yet added, and tiles not yet added.
+    pub(super) distance: usize,
+    pub(super) waiting: usize,
 }

@@ -23,32 +23,6 @@ fn non_finite_pixel_is_an_error_with_row_and_column() {
 
 /// `cargo test -p lenscube-formats --release --lib cost_of_finite_check -- --ignored --nocapture`
 #[test]
-#[ignore = "measurement: run alone, in release, with --nocapture"]
-fn cost_of_finite_check() {
-    let side = 2048;
-    let pixels: Vec<f32> = (0..side * side).map(|k| ((k as f32 * 0.37).sin() + 2.0) * 100.0).collect();
-    for codec in [Codec::None, Codec::Lz4, Codec::Zstd] {
-        let encoder = ShardEncoder::new(codec, SampleType::F32, 512, None).unwrap();
-        let best = |run: &dyn Fn()| {
-            let time = || {
-                let start = std::time::Instant::now();
-                run();
-                start.elapsed().as_secs_f64()
-            };
-            (0..7).map(|_| time()).fold(f64::INFINITY, f64::min)
-        };
-        let check = best(&|| check_finite(std::hint::black_box(&pixels), side).unwrap());
-        let encode = best(&|| drop(encoder.encode_pixels(&pixels, (side, side), (4, 4)).unwrap()));
-        println!(
-            "{codec:?}: check {:.2} ms, encode {:.2} ms: {:.2} %",
-            1e3 * check,
-            1e3 * encode,
-            100.0 * check / encode
-        );
-    }
-}
-
-#[test]
 fn inner_chunks_are_those_of_the_codec_chain_of_the_metadata() {
     let pixels: Vec<f32> = (0..30 * 25).map(|k| (k as f32 * 0.37).sin() + 2.0).collect();
     for sample in [SampleType::F32, SampleType::F16] {
