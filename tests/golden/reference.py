@@ -73,26 +73,33 @@ def covered(r, last, outside, what):
         raise ValueError(f"film and margin reach {r.max():.6g} mm, {what} ends at {last:.6g} mm")
 
 
-def remap(chart, shape, pitch, h_ideal, h_real, ri, axis=None, margin=0, scale=(1, 1), center=(0, 0),
-          method="bicubic", surround="edge", outside="error"):
-    """Chart -> remapped image on the film of `shape` grown by `margin`: (H + 2 margin, W + 2 margin).
-
-    outside='clamp': beyond the last field point, h/r and R of the last one.
-    """
-    h_ideal, h_real, ri = (np.asarray(a, float) for a in (h_ideal, h_real, ri))
+def places(chart_shape, shape, pitch, h_ideal, h_real, axis=None, margin=0, scale=(1, 1), center=(0, 0), outside="error"):
+    """(chart row, chart column, r [mm] clamped to the table) of every pixel of the film of `shape` grown by `margin`."""
+    h_ideal, h_real = np.asarray(h_ideal, float), np.asarray(h_real, float)
     assert h_ideal[0] == 0 and h_real[0] == 0 and (np.diff(h_real) > 0).all() and (np.diff(h_ideal) > 0).all()
     axis = ((shape[0] - 1) / 2, (shape[1] - 1) / 2) if axis is None else axis
     r, _, y, x = polar((shape[0] + 2 * margin, shape[1] + 2 * margin), pitch, (axis[0] + margin, axis[1] + margin))
     covered(r, h_real[-1], outside, "the table")
     rc = np.minimum(r, h_real[-1])
     mag = np.where(rc > 0, np.interp(rc, h_real, h_ideal) / np.where(rc > 0, rc, 1), h_ideal[1] / h_real[1])
-    cy = (chart.shape[0] - 1) / 2 + (y * mag - center[0]) / (pitch * scale[0])
-    cx = (chart.shape[1] - 1) / 2 + (x * mag - center[1]) / (pitch * scale[1])
+    cy = (chart_shape[0] - 1) / 2 + (y * mag - center[0]) / (pitch * scale[0])
+    cx = (chart_shape[1] - 1) / 2 + (x * mag - center[1]) / (pitch * scale[1])
+    return cy, cx, rc
+
+
+def remap(chart, shape, pitch, h_ideal, h_real, ri, axis=None, margin=0, scale=(1, 1), center=(0, 0),
+          method="bicubic", surround="edge", outside="error"):
+    """Chart -> remapped image on the film of `shape` grown by `margin`: (H + 2 margin, W + 2 margin).
+
+    outside='clamp': beyond the last field point, h/r and R of the last one.
+    """
+    chart = np.asarray(chart, float)
+    cy, cx, rc = places(chart.shape, shape, pitch, h_ideal, h_real, axis, margin, scale, center, outside)
     if min(scale) < 1:
-        v = box_mean(np.asarray(chart, float), cy, cx, max(1 / scale[0], 1), max(1 / scale[1], 1), surround)
+        v = box_mean(chart, cy, cx, max(1 / scale[0], 1), max(1 / scale[1], 1), surround)
     else:
-        v = sample(np.asarray(chart, float), cy, cx, method, surround)
-    return np.interp(rc, h_real, ri) * v
+        v = sample(chart, cy, cx, method, surround)
+    return np.interp(rc, np.asarray(h_real, float), np.asarray(ri, float)) * v
 
 
 def _scatter(img, k, u, j0, v0, j1, v1, first, count, ker, out):
