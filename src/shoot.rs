@@ -62,8 +62,8 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         }
     }
     if args.keep.is_none() {
-        RawStore::remove_raw(Path::new(&raw))?;
-        FilmStore::remove_film(Path::new(&film))?;
+        RawStore::remove(Path::new(&raw))?;
+        FilmStore::remove(Path::new(&film))?;
         std::fs::remove_dir(&directory).with_context(|| format!("removing {}", directory.display()))?;
     }
     Ok(0)
