@@ -1,7 +1,7 @@
 //! White gains and colour matrix of a development.
 
 use super::frame::Frame;
-use crate::args::{DemosaicArg, DevelopStyle};
+use crate::args::DevelopStyle;
 use crate::failure::usage;
 use anyhow::{Context, Result};
 use pipeline::colour::Illuminant;
@@ -33,9 +33,7 @@ pub fn resolve(frame: &Frame, style: &DevelopStyle, threads: usize) -> Result<Na
     let (gains, white) = gains(frame, style, light, &plane_of, threads)?;
     let (matrix, name) = matrix(frame, style, light, planes)?;
     let demosaic = match style.demosaic {
-        Some(DemosaicArg::Malvar) => Demosaic::Malvar,
-        Some(DemosaicArg::Bilinear) => Demosaic::Bilinear,
-        Some(DemosaicArg::Superpixel) => Demosaic::Superpixel,
+        Some(given) => given,
         None if is_bayer(frame, &plane_of, style.bin == 2) => Demosaic::Malvar,
         None => Demosaic::Bilinear,
     };
