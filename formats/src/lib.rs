@@ -11,6 +11,7 @@
 //! | [`mod@developed`], [`mod@dng`] | developed raws as PNG, TIFF, OpenEXR; raws as DNG |
 //! | [`mod@picture`] | pictures and plots for people |
 //! | [`mod@group`], [`mod@pyramid`] | what films and raws have in common: creation, locks, verification; smaller levels |
+//! | [`mod@parallel`] | work on numbered items on several threads |
 //! | [`mod@durable`] | directories and object stores with atomic, durable writes |
 //!
 //! # Adding a chart format
@@ -39,7 +40,7 @@ mod image;
 pub mod import;
 pub mod lens;
 mod npy;
-mod parallel;
+pub mod parallel;
 pub mod picture;
 pub mod pyramid;
 pub mod raw;

@@ -19,6 +19,7 @@ pub use mosaic::{Period, halve_mosaic, mosaic_below};
 pub use spec::{RawOutput, RawSpec};
 
 use crate::group::{GroupError, GroupKind, JobGroup, ShardFile, VerifyReport};
+use crate::parallel::Progress;
 use crate::shard::{Codec, SampleType, ShardEncoder, ShardError};
 
 /// The array of the kept signal.
@@ -185,11 +186,7 @@ impl RawStore {
     ///
     /// # Errors
     /// [`GroupError::Storage`] if the store cannot be read. Defects of the raw are findings, not errors.
-    pub fn verify(
-        &self,
-        threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
-    ) -> Result<VerifyReport, GroupError> {
+    pub fn verify(&self, threads: usize, progress: Progress<'_>) -> Result<VerifyReport, GroupError> {
         let files: Vec<_> = self.spec.all_shards().into_iter().map(|s| self.shard_file(s)).collect();
         let (bytes, of_shards) = self.group.check_files(&files, threads, progress)?;
         let (level_bytes, of_levels) = self.pyramid().check(threads)?;

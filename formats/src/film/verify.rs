@@ -4,6 +4,7 @@ use serde_json::Value;
 
 use super::store::FilmStore;
 use crate::group::{Finding, GroupError, VerifyReport, read_json};
+use crate::parallel::Progress;
 
 impl FilmStore {
     /// Checks the complete film on `threads` threads, each of which holds one shard; `progress` receives the numbers of shards done and
@@ -11,11 +12,7 @@ impl FilmStore {
     ///
     /// # Errors
     /// [`GroupError::Storage`] if the store cannot be read. Defects of the film are findings, not errors.
-    pub fn verify(
-        &self,
-        threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
-    ) -> Result<VerifyReport, GroupError> {
+    pub fn verify(&self, threads: usize, progress: Progress<'_>) -> Result<VerifyReport, GroupError> {
         let files = self.shard_files();
         let (bytes, of_shards) = self.group.check_files(&files, threads, progress)?;
         let of_metadata = self.check_metadata()?;

@@ -8,7 +8,7 @@ use pipeline::geometry::{Rect, Size};
 
 use super::{GroupError, JobGroup};
 use crate::durable::{DurableError, Store, fault_point, temp_name};
-use crate::parallel;
+use crate::parallel::{self, Progress};
 use crate::shard::{ShardDefect, ShardEncoder};
 
 /// A defect of a film or raw.
@@ -86,7 +86,7 @@ impl JobGroup {
         &self,
         files: &[ShardFile<'_>],
         threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
     ) -> Result<(u64, Vec<Finding>), GroupError> {
         let (bytes, found) = (AtomicU64::new(0), Mutex::new(Vec::new()));
         parallel::for_each::<GroupError>(threads, files.len(), progress, |n| {

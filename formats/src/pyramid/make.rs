@@ -6,7 +6,7 @@ use super::level::Level;
 use super::{Halving, LevelReader, Pyramid, PyramidState};
 use crate::chart::ChartStore;
 use crate::group::GroupError;
-use crate::parallel;
+use crate::parallel::{self, Progress};
 
 impl Pyramid<'_> {
     /// Makes the missing part of the pyramid on at most `threads` threads and in about `memory` bytes. Returns whether it is complete:
@@ -19,7 +19,7 @@ impl Pyramid<'_> {
         threads: usize,
         memory: usize,
         cancel: &AtomicBool,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
     ) -> Result<bool, GroupError> {
         let made = self.make_levels(threads, memory, cancel, progress);
         // If the film or raw was replaced, that is the error to report.
@@ -34,7 +34,7 @@ impl Pyramid<'_> {
         threads: usize,
         memory: usize,
         cancel: &AtomicBool,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
     ) -> Result<bool, GroupError> {
         self.check_complete()?;
         let (halving, stamp) = (self.0.halving()?, self.stamp()?);
