@@ -4,7 +4,7 @@ mod bands;
 mod bench;
 mod cache;
 mod chart;
-mod codec;
+mod choices;
 mod compare;
 mod demo;
 mod develop;
@@ -19,7 +19,6 @@ mod run;
 mod sensor;
 mod shoot;
 mod status;
-mod style;
 mod validate;
 mod values;
 mod work;
@@ -30,23 +29,18 @@ pub use cache::{CacheAction, CacheArgs};
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;
-pub use develop::{DemosaicArg, DevelopArgs, DevelopStyle, ToneArg};
+pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
-pub use export::{ExportArgs, ExportFormatArg, ExrCompressionArg};
-pub use import::{EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg};
+pub use export::{ExportArgs, ExportFormatArg};
+pub use import::ImportArgs;
 pub use lens::{
-    AimingArg, ConvertArgs, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ListArgs, ShowArgs,
-    TraceArgs,
+    ConvertArgs, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ListArgs, ShowArgs, TraceArgs,
 };
 pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use pyramid::{PyramidArgs, ViewArgs};
-pub use run::{
-    DtypeArg, FilmUnits, FitArg, InterpArg, NanArg, OutsideArg, ProcessArgs, RunArgs, Stage, SurroundArg,
-};
-pub use sensor::{
-    ExposeArgs, ResampleArg, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg,
-};
+pub use run::{FilmUnits, FitArg, ProcessArgs, RunArgs, Stage};
+pub use sensor::{ExposeArgs, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg};
 pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};
 pub use validate::{Quantity, ValidateArgs};

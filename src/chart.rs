@@ -54,7 +54,7 @@ fn draw(args: &GeneratedArgs) -> Result<()> {
         log_line(format!("note: {note}"));
     }
     let chart = Generator::new(spec).map_err(|e| usage(e.to_string()))?;
-    write(&chart, &args.out, args.codec.into(), threads(args.threads), args.overwrite)
+    write(&chart, &args.out, args.codec, threads(args.threads), args.overwrite)
 }
 
 /// Writes a generated chart to a store at `out`.

@@ -90,7 +90,7 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     demo.create("camera.png", |path| camera_sheet(dir, path, (&full, &regions), threads))?;
     demo.create("lens.png", |path| {
         let lens = LensData::open(LENS, &DesignArgs::default())?.sample(&CURVES_NM, &[0.0, CURVES_MM])?.lens;
-        Ok(lens_curves(&lens, args.style.into())?.write(path)?)
+        Ok(lens_curves(&lens, args.style)?.write(path)?)
     })?;
     print_summary(dir);
     Ok(0)

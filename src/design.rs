@@ -2,13 +2,13 @@
 
 mod format;
 
-use crate::args::{AimingArg, DesignArgs, ImagePlaneArg};
+use crate::args::{DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
 use format::Design;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::shelf::{self, ShelfLens};
-use pipeline::design::system::{ImagePlane, RayAiming, System};
+use pipeline::design::system::{ImagePlane, System};
 use pipeline::design::{ReadOptions, agf};
 use std::fs::File;
 use std::io::Read;
@@ -175,10 +175,7 @@ fn apply(mut system: System, args: &DesignArgs) -> Result<System> {
         system = system.with_image_plane(plane, args.defocus_mm)?;
     }
     if let Some(aiming) = args.aiming {
-        system.aiming = match aiming {
-            AimingArg::Real => RayAiming::Real,
-            AimingArg::Paraxial => RayAiming::Paraxial,
-        };
+        system.aiming = aiming;
     }
     Ok(system)
 }

@@ -1,7 +1,7 @@
-//! `lenscube develop`: raw → picture, in bands of rows.
+//! `lenscube develop`: raw → picture, in strips of rows.
 //!
-//! A band is read with its halo, developed, converted to codes and encoded on one thread, and appended in order (`formats::developed`), so
-//! memory holds a band per thread and the decoded chunks that two successive bands share.
+//! A strip is read with its halo, developed, converted to codes and encoded on one thread, and appended in order (`formats::developed`), so
+//! memory holds a strip per thread and the decoded chunks that two successive strips share.
 
 pub mod frame;
 pub mod recipe;
@@ -29,10 +29,10 @@ use std::time::Instant;
 const BASE: usize = 48 << 20;
 /// Default limit of memory, at most.
 const DEFAULT_MEMORY: u64 = 1 << 30;
-/// Rows of a band, and the least.
+/// Rows of a strip, and the least.
 const ROWS: [usize; 3] = [64, 32, 16];
-/// Bytes of a band per pixel: digital numbers, values, padded values, linear values, codes, filtered and encoded bytes.
-const BAND_PIXEL_BYTES: usize = 4 * 3 + 12 + 6 + 6 + 6;
+/// Bytes of a strip per pixel: digital numbers, values, padded values, linear values, codes, filtered and encoded bytes.
+const STRIP_PIXEL_BYTES: usize = 4 * 3 + 12 + 6 + 6 + 6;
 
 /// Format of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +79,7 @@ fn check_flags(style: &DevelopStyle, format: Format, out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A development of a frame, ready to make bands of rows.
+/// A development of a frame, ready to make strips of rows.
 pub struct Developer {
     /// The frame.
     pub frame: Frame,
@@ -231,23 +231,23 @@ impl Memory {
     fn plan(limit: u64, threads: usize, width: usize, raws: usize) -> Result<Self> {
         let limit = usize::try_from(limit).unwrap_or(usize::MAX) / 16 * 15;
         let chunk = RawSpec::chunk_shape();
-        // A row of chunks decoded once for all bands in it, and the next one where a band crosses to it.
+        // A row of chunks decoded once for all strips in it, and the next one where a strip crosses to it.
         let row = 4 * chunk.0 * (width.div_ceil(chunk.1) + 1) * chunk.1;
-        let band = |rows: usize| (rows + 16) * width * (BAND_PIXEL_BYTES + 4 * (raws - 1)) + (4 << 20);
-        let fit = |rows: usize, threads: usize| BASE + threads * band(rows) + raws * row <= limit;
+        let strip = |rows: usize| (rows + 16) * width * (STRIP_PIXEL_BYTES + 4 * (raws - 1)) + (4 << 20);
+        let fit = |rows: usize, threads: usize| BASE + threads * strip(rows) + raws * row <= limit;
         let choices = ROWS.iter().flat_map(|rows| (1..=threads).rev().map(move |t| (*rows, t)));
         let Some((rows, threads)) = choices
             .clone()
             .find(|(rows, t)| *t == threads && fit(*rows, *t))
             .or_else(|| choices.clone().rev().find(|(rows, t)| fit(*rows, *t)))
         else {
-            let least = (BASE + band(16) + raws * row) / 15 * 16;
+            let least = (BASE + strip(16) + raws * row) / 15 * 16;
             return Err(usage(format!(
                 "--memory: rows of {width} pixels need at least {}; give that much, or a --crop",
                 mib(least)
             )));
         };
-        let free = limit - BASE - threads * band(rows);
+        let free = limit - BASE - threads * strip(rows);
         Ok(Self { rows, threads, cache: (2 * row).min(free / raws) })
     }
 }

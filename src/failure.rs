@@ -3,9 +3,8 @@
 use formats::chart::{ChartError, WriteError};
 use formats::durable::{self, DurableError, LockError};
 use formats::export::ExportError;
-use formats::film::FilmError;
+use formats::group::GroupError;
 use formats::picture::PictureError;
-use formats::raw::RawError;
 use pipeline::cuda::CudaError;
 use pipeline::executor::RunError;
 use std::error::Error;
@@ -81,8 +80,7 @@ fn malformed_address(error: &(dyn Error + 'static)) -> bool {
     let storage = |e: Option<&DurableError>| e.is_some_and(address);
     storage(error.downcast_ref())
         || storage(error.downcast_ref::<std::io::Error>().and_then(|e| e.get_ref()?.downcast_ref()))
-        || matches!(error.downcast_ref(), Some(FilmError::Storage(e)) if address(e))
-        || matches!(error.downcast_ref(), Some(RawError::Storage(e)) if address(e))
+        || matches!(error.downcast_ref(), Some(GroupError::Storage(e)) if address(e))
         || matches!(error.downcast_ref(), Some(ChartError::Io(e)) if address(e))
         || matches!(error.downcast_ref(), Some(WriteError::Storage(e)) if address(e))
         || matches!(error.downcast_ref(), Some(PictureError::Storage(e)) if address(e))
@@ -92,8 +90,7 @@ fn malformed_address(error: &(dyn Error + 'static)) -> bool {
 /// Whether the same command may succeed later, by the type of the error (without its causes).
 pub fn retryable(error: &(dyn Error + 'static)) -> bool {
     let is = |retry: Option<bool>| retry.unwrap_or(false);
-    is(error.downcast_ref().map(FilmError::retryable))
-        || is(error.downcast_ref().map(RawError::retryable))
+    is(error.downcast_ref().map(GroupError::retryable))
         || is(error.downcast_ref().map(DurableError::retryable))
         || is(error.downcast_ref().map(ChartError::retryable))
         || is(error.downcast_ref().map(LockError::retryable))
@@ -114,29 +111,20 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         if retryable(cause) {
             return code::RETRY;
         }
-        let other_film = matches!(
-            cause.downcast_ref::<FilmError>(),
+        let other_group = matches!(
+            cause.downcast_ref::<GroupError>(),
             Some(
-                FilmError::Exists { .. }
-                    | FilmError::NotFilm { .. }
-                    | FilmError::Replaced { .. }
-                    | FilmError::Foreign { .. }
+                GroupError::Exists { .. }
+                    | GroupError::NotOfKind { .. }
+                    | GroupError::Replaced { .. }
+                    | GroupError::Foreign { .. }
             )
         );
         let other_chart = matches!(
             cause.downcast_ref::<WriteError>(),
             Some(WriteError::Exists { .. } | WriteError::NotChart { .. } | WriteError::Foreign { .. })
         );
-        let other_raw = matches!(
-            cause.downcast_ref::<RawError>(),
-            Some(
-                RawError::Exists { .. }
-                    | RawError::NotRaw { .. }
-                    | RawError::Replaced { .. }
-                    | RawError::Foreign { .. }
-            )
-        );
-        if other_film || other_chart || other_raw {
+        if other_group || other_chart {
             return code::OTHER_JOB;
         }
     }

@@ -9,7 +9,8 @@ use crate::engine::Engine;
 use crate::failure::{other_job, usage};
 use crate::progress::log_line;
 use anyhow::Result;
-use formats::film::{FilmError, FilmStore};
+use formats::film::FilmStore;
+use formats::group::GroupError;
 use std::path::Path;
 
 /// The film at `path`; `None` without a film, or if `--overwrite` removes it.
@@ -23,7 +24,7 @@ pub fn existing(path: &Path, overwrite: bool) -> Result<Option<FilmStore>> {
     match FilmStore::open(path, true) {
         Ok(store) => Ok(Some(store)),
         // These errors are reported where the film is opened.
-        Err(FilmError::NotFilm { .. } | FilmError::Damaged { .. } | FilmError::Spec { .. }) => Ok(None),
+        Err(GroupError::NotOfKind { .. } | GroupError::Damaged { .. } | GroupError::Spec { .. }) => Ok(None),
         Err(e) => Err(e.into()),
     }
 }

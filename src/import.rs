@@ -1,15 +1,11 @@
 //! `lenscube lens import`: converts exports of a lens design program to a lens pack.
 
-use crate::args::{
-    EvenWindowArg, ImportArgs, ImportFormatArg, OutwardArg, PsfRowsArg, SampleArg, band_indices,
-};
+use crate::args::{ImportArgs, band_indices};
 use crate::failure::{other_job, usage};
 use crate::progress::log_line;
 use anyhow::Result;
-use formats::import::window::{EvenWindow, Outward, RowOrder};
-use formats::import::{Format, ImportError, ImportOptions};
+use formats::import::{ImportError, ImportOptions};
 use formats::lens::LensPackError;
-use pipeline::lens::PsfSample;
 
 /// Runs the command.
 pub fn command(args: &ImportArgs) -> Result<()> {
@@ -45,12 +41,6 @@ pub fn command(args: &ImportArgs) -> Result<()> {
 }
 
 fn options(args: &ImportArgs) -> Result<ImportOptions> {
-    let format = args.from.map(|f| match f {
-        ImportFormatArg::Iset => Format::Iset,
-        ImportFormatArg::Listings => Format::Listings,
-        ImportFormatArg::Tables => Format::Tables,
-        ImportFormatArg::Npz => Format::Npz,
-    });
     // The number of wavelengths is not known yet, so ranges must have an end.
     let chosen = args.bands.as_deref().map(|text| {
         match text.split(',').any(|part| part.trim().ends_with(':') || part.contains("::")) {
@@ -60,27 +50,12 @@ fn options(args: &ImportArgs) -> Result<ImportOptions> {
     });
     let chosen = chosen.transpose().map_err(|e| usage(format!("--bands: {e}")))?;
     Ok(ImportOptions {
-        format,
+        format: args.from,
         name: args.name.clone(),
-        sample: args.psf_sample.map(|s| match s {
-            SampleArg::Point => PsfSample::Point,
-            SampleArg::Integrated => PsfSample::Integrated,
-        }),
-        even_window: args.even_window.map(|e| match e {
-            EvenWindowArg::Pad => EvenWindow::Pad,
-            EvenWindowArg::Crop => EvenWindow::Crop,
-            EvenWindowArg::Shift => EvenWindow::Shift,
-        }),
-        rows: match args.psf_rows {
-            PsfRowsArg::Top => RowOrder::Top,
-            PsfRowsArg::Bottom => RowOrder::Bottom,
-        },
-        outward: args.psf_outward.map(|o| match o {
-            OutwardArg::Right => Outward::Right,
-            OutwardArg::Down => Outward::Down,
-            OutwardArg::Left => Outward::Left,
-            OutwardArg::Up => Outward::Up,
-        }),
+        sample: args.psf_sample,
+        even_window: args.even_window,
+        rows: args.psf_rows,
+        outward: args.psf_outward,
         symmetric: args.symmetric_psf,
         without_psf: args.without_psf,
         bands: chosen,

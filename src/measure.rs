@@ -275,7 +275,7 @@ fn figure(args: &MeasureArgs, measured: &[Measurement], pitch_um: Option<f64>) -
         let axis = Axis::new("distance along the line (px)", 0.0, 0.0);
         let value = Axis::new("value", 0.0, 0.0);
         let profile = plot(axis, value, um("distance along the line"), &|f| f.curve.clone());
-        return stacked("Profile", &[profile], args.style.into());
+        return stacked("Profile", &[profile], args.style);
     }
     let axis = Axis::new("distance from the edge (px)", 0.0, 0.0);
     let spread = Axis::new("edge spread function", -0.05, 1.05);
@@ -287,7 +287,7 @@ fn figure(args: &MeasureArgs, measured: &[Measurement], pitch_um: Option<f64>) -
     };
     let mut mtf = plot(axis, Axis::new("MTF", 0.0, 1.05), top, &scaled);
     mtf.series.push(Series::line("", vec![(0.5 * lp_mm, 0.0), (0.5 * lp_mm, 1.05)], Colour::Muted).dashed(2));
-    stacked("Edge spread function and MTF (dotted: Nyquist frequency)", &[esf, mtf], args.style.into())
+    stacked("Edge spread function and MTF (dotted: Nyquist frequency)", &[esf, mtf], args.style)
 }
 
 /// Frequency axes: lp/mm below and cycles/px above if the pitch is known, else cycles/px below; and the units of the lower axis

@@ -40,10 +40,10 @@ use crate::pyramid;
 use anyhow::{Context, Result};
 use clap::ArgMatches;
 use display::Display;
-use film::FILM_LOCK;
 use forecast::Forecast;
 use formats::durable::{Lock, ProcessIdentity, fault_point, is_url, parent_of};
-use formats::film::{FilmError, FilmStore};
+use formats::film::FilmStore;
+use formats::group::{GroupError, JobGroup};
 use formats::lens::LensPackError;
 use monitor::{Monitor, RunFailure};
 use pipeline::band::BandStages;
@@ -106,7 +106,9 @@ pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> 
         cache::trim_after_run();
     }
     match code {
-        0 if args.pyramid => pyramid::make(&store, args.threads, args.memory, args.process.take_over),
+        0 if args.pyramid => {
+            pyramid::make(&store.pyramid(), args.threads, args.memory, args.process.take_over)
+        }
         code => Ok(code),
     }
 }
@@ -154,16 +156,16 @@ impl Task<'_> {
     fn lock(&self) -> Result<Option<Lock>> {
         match self.units {
             Some(units) => units.lock(self.store),
-            None => Ok(self.store.lock(FILM_LOCK, self.args.process.take_over)?),
+            None => Ok(self.store.group().lock(JobGroup::WHOLE, self.args.process.take_over)?),
         }
     }
 
     /// All `shards` are present; `verb` fits [`Task::name`].
     fn already_complete(&self, shards: usize, verb: &str) -> Result<u8> {
         // Removes temporary files of a run that was killed after its last shard. Fails on a read-only film, which is complete as well.
-        let _ = (self.lock(), self.store.sweep());
+        let _ = (self.lock(), self.store.group().sweep());
         fault_point("shards-made");
-        self.store.check_in_place()?;
+        self.store.group().check_in_place()?;
         log_line(format!("{} {verb} complete: {shards} shards, nothing to do", self.name()));
         record::nothing_to_do(self.jsonl, self.store, shards);
         Ok(0)
@@ -179,7 +181,7 @@ impl Task<'_> {
         if self.args.no_fsync {
             log_line("--no-fsync: a power failure may lose shards that were reported as written");
         }
-        let swept = self.store.sweep()?;
+        let swept = self.store.group().sweep()?;
         report_kept(&swept);
         if !swept.removed.is_empty() {
             log_line(format!("removed {} temporary files of an interrupted run", swept.removed.len()));
@@ -320,9 +322,9 @@ fn check_film_in_place(
     store: &FilmStore,
     outcome: Result<Summary, Box<RunFailure>>,
 ) -> Result<Summary, Box<RunFailure>> {
-    let error = match (store.check_in_place(), &outcome) {
+    let error = match (store.group().check_in_place(), &outcome) {
         (Ok(()), _) => return outcome,
-        (Err(e @ (FilmError::Replaced { .. } | FilmError::Recreated { .. })), _) | (Err(e), Ok(_)) => e,
+        (Err(e @ (GroupError::Replaced { .. } | GroupError::Recreated { .. })), _) | (Err(e), Ok(_)) => e,
         (Err(_), Err(_)) => return outcome,
     };
     let summary = outcome.map_or_else(|failure| failure.summary, Some);

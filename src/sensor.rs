@@ -24,7 +24,8 @@ use crate::interrupt;
 use crate::progress::{detail_line, log_line, report_kept};
 use anyhow::Result;
 use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries};
-use formats::raw::{RawError, RawSpec, RawStore};
+use formats::group::{Found, GroupError, GroupKind, JobGroup};
+use formats::raw::{RawSpec, RawStore};
 use formats::sensor::{SensorError, SensorFile};
 use resolve::Plan;
 use serde_json::Value;
@@ -94,9 +95,9 @@ fn expose_raw(args: &ExposeArgs, film: &str, raw: &Path) -> Result<u8> {
         )));
     }
     let store = match RawStore::create(raw, spec, plan.attributes(&settled), !args.no_fsync) {
-        Err(RawError::Exists { .. }) => match resumed(&plan, raw, !args.no_fsync)? {
+        Err(GroupError::Exists { .. }) => match resumed(&plan, raw, !args.no_fsync)? {
             Some(store) => store,
-            None => return Err(RawError::Exists { path: raw.into() }.into()),
+            None => return Err(GroupError::Exists { kind: GroupKind::Raw, path: raw.into() }.into()),
         },
         created => created?,
     };
@@ -107,8 +108,8 @@ fn expose_raw(args: &ExposeArgs, film: &str, raw: &Path) -> Result<u8> {
 fn resumed(plan: &Plan, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
     let store = match RawStore::open(path, fsync) {
         Ok(store) => store,
-        Err(RawError::NotRaw { found, .. }) if found == "nothing" => return Ok(None),
-        Err(e @ RawError::NotRaw { .. }) => return Err(other_job(e.to_string())),
+        Err(GroupError::NotOfKind { found: Found::Nothing, .. }) => return Ok(None),
+        Err(e @ GroupError::NotOfKind { .. }) => return Err(other_job(e.to_string())),
         Err(e) => return Err(e.into()),
     };
     sweep_entries(parent_of(&link_target(path)))?;
@@ -137,11 +138,11 @@ fn work(
 ) -> Result<u8> {
     let all = store.spec().all_shards();
     if store.missing(&all)?.is_empty() {
-        let _ = (store.lock(args.take_over), store.sweep());
+        let _ = (store.group().lock(JobGroup::WHOLE, args.take_over), store.group().sweep());
         log_line(format!("{} is complete: {} shards, nothing to do", store.path().display(), all.len()));
         return Ok(0);
     }
-    let lock = store.lock(args.take_over)?;
+    let lock = store.group().lock(JobGroup::WHOLE, args.take_over)?;
     if let Some(lock) = &lock {
         interrupt::release_on_exit(lock.path());
     }
@@ -149,7 +150,7 @@ fn work(
     if args.no_fsync {
         log_line("--no-fsync: a power failure may lose shards that were reported as written");
     }
-    let swept = store.sweep()?;
+    let swept = store.group().sweep()?;
     report_kept(&swept);
     let missing = store.missing(&all)?;
     if missing.len() < all.len() {
@@ -163,7 +164,7 @@ fn work(
     let settled = plan.settled_of(store)?;
     plan.log_start(store.spec(), &settled);
     let outcome = write::shards(plan, store, &settled, &missing, measured);
-    let outcome = outcome.and_then(|done| store.check_in_place().map(|()| done).map_err(Into::into));
+    let outcome = outcome.and_then(|done| store.group().check_in_place().map(|()| done).map_err(Into::into));
     record::write(plan, store, &outcome, start);
     let done = outcome?;
     warnings::after(plan, &settled, &done);
@@ -186,11 +187,11 @@ fn interrupted(message: &str) -> u8 {
 
 /// Removes the raw, unless a run holds its lock.
 fn remove(path: &Path, take_over: bool) -> Result<()> {
-    let _held = match RawStore::locks(path)?.is_empty() {
+    let _held = match JobGroup::locks(path)?.is_empty() {
         true => None,
-        false => Store::at(path)?.lock("runs", "whole", take_over)?,
+        false => Store::at(path)?.lock("runs", JobGroup::WHOLE, take_over)?,
     };
-    Ok(RawStore::remove_raw(path)?)
+    Ok(RawStore::remove(path)?)
 }
 
 /// Shards of a raw as they are laid out by this program.

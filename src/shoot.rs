@@ -1,6 +1,6 @@
 //! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other.
 
-use crate::args::{Cli, Command, DemosaicArg, ProgressArg, ShootArgs, check_directory};
+use crate::args::{Cli, Command, ProgressArg, ShootArgs, check_directory};
 use crate::failure::{other_job, usage};
 use crate::progress::log_line;
 use crate::{develop, run, sensor};
@@ -8,6 +8,7 @@ use anyhow::{Context, Result};
 use clap::Parser;
 use formats::film::FilmStore;
 use formats::raw::RawStore;
+use pipeline::develop::Demosaic;
 use std::path::{Path, PathBuf};
 
 /// Runs the command and returns its exit code.
@@ -62,8 +63,8 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         }
     }
     if args.keep.is_none() {
-        RawStore::remove_raw(Path::new(&raw))?;
-        FilmStore::remove_film(Path::new(&film))?;
+        RawStore::remove(Path::new(&raw))?;
+        FilmStore::remove(Path::new(&film))?;
         std::fs::remove_dir(&directory).with_context(|| format!("removing {}", directory.display()))?;
     }
     Ok(0)
@@ -93,7 +94,7 @@ fn option(flag: &str, value: Option<impl ToString>) -> Vec<String> {
     value.map_or(Vec::new(), |v| vec![format!("{flag}={}", v.to_string())])
 }
 
-fn name(demosaic: DemosaicArg) -> String {
+fn name(demosaic: Demosaic) -> String {
     format!("{demosaic:?}").to_lowercase()
 }
 

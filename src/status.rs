@@ -8,7 +8,8 @@ use crate::failure::{Coded, code};
 use crate::plan::{Plan, unit_list};
 use crate::progress::print;
 use anyhow::{Context, Result};
-use formats::film::{FilmError, FilmStore};
+use formats::film::FilmStore;
+use formats::group::GroupError;
 use report::{Status, UnitStatus};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -20,8 +21,8 @@ use std::path::{Path, PathBuf};
 pub fn open(path: &Path) -> Result<FilmStore> {
     FilmStore::open(path, true).map_err(|e| {
         let code = match &e {
-            FilmError::Damaged { .. } | FilmError::Attributes { .. } => code::WRONG,
-            FilmError::NotFilm { .. } => code::FAILED,
+            GroupError::Damaged { .. } | GroupError::Attributes { .. } => code::WRONG,
+            GroupError::NotOfKind { .. } => code::FAILED,
             _ => return e.into(),
         };
         Coded { code, message: e.to_string() }.into()

@@ -8,7 +8,8 @@ use crate::run::film::{digest, layout, lock_all};
 use crate::status;
 use anyhow::Result;
 use formats::durable::{DurableError, Lock, fault_point, remove_temp};
-use formats::film::{FilmStore, Finding, VerifyReport};
+use formats::film::FilmStore;
+use formats::group::{Finding, JobGroup, VerifyReport};
 use serde_json::{Value, json};
 
 /// Files removed by `--repair`.
@@ -26,7 +27,7 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     let store = status::open(&args.film)?;
     // No run may write meanwhile the files that would be removed.
     let locks = if args.repair { lock_all(&args.film, args.take_over)? } else { Vec::new() };
-    store.check_in_place()?;
+    store.group().check_in_place()?;
     fault_point("locked");
     let (bar, progress) = counting("verifying");
     let verdict = store.verify(job::threads(args.threads), &progress);
@@ -81,7 +82,7 @@ fn repair(store: &FilmStore, verdict: &VerifyReport, locked: &[Lock]) -> Result<
             done.shards += 1;
         }
     }
-    let locks = FilmStore::locks(store.path())?;
+    let locks = JobGroup::locks(store.path())?;
     let others = locks.iter().any(|(path, ..)| !locked.iter().any(|lock| lock.path() == path));
     for (path, dead) in &verdict.temp {
         if *dead == Some(true) || (dead.is_none() && !others) {
@@ -96,16 +97,6 @@ fn repair(store: &FilmStore, verdict: &VerifyReport, locked: &[Lock]) -> Result<
     Ok(done)
 }
 
-/// Kind, key and reason of a finding.
-fn fields(finding: &Finding) -> (&'static str, &str, &str) {
-    match finding {
-        Finding::Missing { key } => ("missing", key, "no such file"),
-        Finding::Bad { key, reason } => ("bad", key, reason),
-        Finding::Unreadable { key, reason } => ("unreadable", key, reason),
-        Finding::Metadata { key, reason } => ("metadata", key, reason),
-    }
-}
-
 fn json_report(
     store: &FilmStore,
     engines: &[String],
@@ -113,7 +104,7 @@ fn json_report(
     repair: Option<&Repair>,
 ) -> Value {
     let finding = |f: &Finding| {
-        let (kind, key, reason) = fields(f);
+        let (kind, key, reason) = f.fields();
         json!({ "kind": kind, "key": key, "reason": reason })
     };
     let temp: Vec<Value> = verdict.temp.iter().map(|t| json_path(&t.0)).collect();
@@ -132,7 +123,7 @@ fn json_report(
 
 fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, repair: Option<&Repair>) {
     for finding in &verdict.findings {
-        let (kind, key, reason) = fields(finding);
+        let (kind, key, reason) = finding.fields();
         print(format!("{kind}: {key}: {reason}"));
     }
     let path = store.path().display();

@@ -14,7 +14,7 @@ use crate::job;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use content::Content;
-use formats::film::PyramidState;
+use formats::pyramid::PyramidState;
 use guard::ServerState;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::process::{Command, Stdio};

@@ -153,12 +153,12 @@ fn peak_memory_stays_within_the_limit_for_unusual_remaps_chunks_and_psfs() {
     let place = Place::new();
     place.pack(&place.at("pack.lens.zarr"), 31, |_| ());
     within("a usual film", drawn, &place, &[], 260);
-    // Row bands of one film pixel, each 100 chart pixels wide, far off the axis, mirrored at the border.
+    // Strips of one film pixel, each 100 chart pixels wide, far off the axis, mirrored at the border.
     let place = Place::new();
     place.pack(&place.at("pack.lens.zarr"), 5, scaled(1.1));
     let off = ["--scale", "0.05", "--axis", "40,-30", "--center", "0.2,-0.3", "--surround", "mirror"];
     within("a small film of a large chart", "gen:siemens?size=6000&wavelengths=450,500", &place, &off, 260);
-    // Every row band of the film is computed from 15 times its height and width of chart.
+    // Every strip of the film is computed from 15 times its height and width of chart.
     let place = Place::new();
     place.pack(&place.at("pack.lens.zarr"), 5, scaled(15.0));
     within("a remap that stretches", drawn, &place, &[], 300);

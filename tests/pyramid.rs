@@ -151,7 +151,7 @@ fn raw_gets_levels_and_stays_the_same_raw() {
     assert!(files(&raw) == with_levels);
     // Without a shard of the raw there are no levels; a new raw has none.
     std::fs::remove_file(raw.join("raw/c/1/0/0")).unwrap();
-    assert_exit(&pyramid(&raw, ""), 4, &["1 of 2 shards are missing", "raw/c/1/0/0"]);
+    assert_exit(&pyramid(&raw, ""), 4, &["1 of 2 shards of the raw are missing", "raw/c/1/0/0"]);
     sensor(&film, &raw, &[&flags[..], &["--seed", "3", "--overwrite"]].concat()).ok();
     assert!(!raw.join("pyramid").exists());
 }

@@ -13,9 +13,9 @@ use std::path::Path;
 
 use pipeline::geometry::Size;
 
-use crate::developed::RowProgress;
 use crate::developed::strips::{Page, Value};
 use crate::export::ExportError;
+use crate::parallel::Progress;
 
 /// What a DNG says of its pixels.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,7 +49,7 @@ pub struct DngColour {
     pub neutral: [f64; 3],
 }
 
-/// Writes a DNG; `make` gives the digital numbers of a band of rows.
+/// Writes a DNG; `make` gives the digital numbers of a strip of rows.
 ///
 /// # Errors
 /// [`ExportError`], among them of a frame of 4 GiB or more; or the caller's. No file is created then.
@@ -57,7 +57,7 @@ pub fn write_dng<E: From<ExportError> + Send>(
     path: &Path,
     dng: &Dng<'_>,
     (rows, threads): (usize, usize),
-    progress: RowProgress<'_>,
+    progress: Progress<'_>,
     make: impl Fn(Range<usize>) -> Result<Vec<u16>, E> + Sync,
 ) -> Result<(), E> {
     let page = Page { path, size: dng.size, samples: (1, 2), rows, threads, tags: tags(dng) };
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn frame_of_4_gib_is_an_error() {
-        let never = |_| -> Result<Vec<u16>, ExportError> { unreachable!("no band is made") };
+        let never = |_| -> Result<Vec<u16>, ExportError> { unreachable!("no strip is made") };
         let dng = dng(Size::new(70_000, 40_000), None);
         let error = write_dng(Path::new("/nowhere/a.dng"), &dng, (64, 1), &|_, _| (), never);
         assert!(error.unwrap_err().to_string().contains("less than 4 GiB"));

@@ -5,7 +5,7 @@
 //!     film/c/BAND/ROW/COLUMN       a shard: see module `shard`
 //!     wavelength/                  f64, nm
 //!     y/, x/                       f64, mm from the optical axis, y down; or roi_0_y/, roi_0_x/, …
-//!     pyramid/                     smaller levels, on request: see module `film::pyramid`
+//!     pyramid/                     smaller levels, on request: see module `pyramid`
 //!     runs/                        records (`*.json`) and locks (`*.lock`) of runs, engines (`*.engine`)
 //!
 //! Shards are (1, `shard`, `shard`) pixels of inner chunks (1, `chunk`, `chunk`); an array smaller than a shard has shards of its size,
@@ -23,39 +23,22 @@
 //! | `provenance` | of the caller; `job_digest` and `layout_digest` identify the job |
 //! | `ome` | OME-Zarr metadata, if there is a pyramid |
 //!
-//! A shard is one file, absent or complete: a shard that exists is done. [`FilmStore::create`] publishes all metadata in one step. The
-//! bytes of a shard depend on its pixels and the layout only, so films can be compared file by file.
-//!
-//! # Films that are replaced
-//! In a directory a [`FilmStore`] works through a handle on the directory that was opened: if another film replaces it at its path
-//! (`--overwrite`), nothing is written to the new one. Every commit and lock compares the digests of job and layout at the path with
-//! those of the opened film ([`FilmStore::check_in_place`]). At a URL there are no handles and no locks: a film that is removed and
-//! created again between the comparison and the end of the following put receives that one object. Two jobs must not use the same
-//! URL at the same time.
+//! The bytes of a shard depend on its pixels and the layout only, so films can be compared file by file. Creation, locks, replacement:
+//! [`crate::group`].
 
 mod engines;
-mod error;
-mod in_place;
+mod levels;
 mod memory;
-mod pyramid;
-pub(crate) mod removal;
-mod runs;
+mod ome;
 mod shards;
 mod spec;
 mod store;
 mod verify;
 
 pub use crate::shard::{Codec, SampleType};
-pub use error::FilmError;
-pub use pyramid::PyramidState;
-pub use pyramid::halve::halve;
-pub use pyramid::level::level_sizes;
-pub(crate) use pyramid::{PYRAMID_GROUP, group, list, stamp, write_metadata};
 pub use shards::EncodedShard;
 pub use spec::{FilmOutput, FilmSpec};
 pub use store::FilmStore;
-pub(crate) use store::read_json;
-pub use verify::{Finding, VerifyReport};
 
 #[cfg(test)]
 mod tests;

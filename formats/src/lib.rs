@@ -3,13 +3,15 @@
 //! | module | content |
 //! |---|---|
 //! | [`mod@chart`] | input: Zarr stores, flat files, OpenEXR, images; writer of chart stores and their layout |
-//! | [`mod@film`] | output: the Zarr store of a film, its attributes, pyramid and verification |
+//! | [`mod@film`] | output: the Zarr store of a film and its attributes |
 //! | [`mod@lens`] | lens packs and their layout |
 //! | [`mod@import`] | lens data of other programs |
 //! | [`mod@export`] | films as OpenEXR, TIFF or flat files |
 //! | [`mod@raw`], [`mod@sensor`] | raws of a sensor; descriptions of sensors |
 //! | [`mod@developed`], [`mod@dng`] | developed raws as PNG, TIFF, OpenEXR; raws as DNG |
 //! | [`mod@picture`] | pictures and plots for people |
+//! | [`mod@group`], [`mod@pyramid`] | what films and raws have in common: creation, locks, verification; smaller levels |
+//! | [`mod@parallel`] | work on numbered items on several threads |
 //! | [`mod@durable`] | directories and object stores with atomic, durable writes |
 //!
 //! # Adding a chart format
@@ -32,13 +34,15 @@ pub mod dng;
 pub mod durable;
 pub mod export;
 pub mod film;
+pub mod group;
 mod hierarchy;
 mod image;
 pub mod import;
 pub mod lens;
 mod npy;
-mod parallel;
+pub mod parallel;
 pub mod picture;
+pub mod pyramid;
 pub mod raw;
 mod sample;
 pub mod sensor;

@@ -2,15 +2,18 @@
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 
+/// Receives numbers of items done and in total: ascending, from any thread.
+pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+
 /// Calls `work(0)` to `work(count − 1)`, each once, on `threads` threads; no call begins after an error. `progress` receives the numbers
 /// of items done and in total.
 ///
 /// # Errors
 /// The error of a call.
-pub(crate) fn for_each<E: Send>(
+pub fn for_each<E: Send>(
     threads: usize,
     count: usize,
-    progress: &(dyn Fn(u64, u64) + Sync),
+    progress: Progress<'_>,
     work: impl Fn(usize) -> Result<(), E> + Sync,
 ) -> Result<(), E> {
     let (next, done) = (AtomicUsize::new(0), AtomicU64::new(0));

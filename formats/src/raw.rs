@@ -3,38 +3,32 @@
 //! Arrays `raw` (frame, y, x) of u16, or `roi_0`, `roi_1`, … for windows of it; coordinates `frame`, `y` and `x` (mm) (`roi_0_y`, …), `exposure_s`
 //! (frame); optionally `signal` (y, x) f32, the electrons per second that every frame starts from. Shards (1, 2048, 2048), chunks of 512,
 //! blosc zstd 1 with bit shuffle and crc32c. Digital numbers have no NaN: the fill value is 0, empty chunks are kept, so present means done.
-//! `pyramid/` holds smaller levels on request. Created in one rename, opened and held, compared with its path before each commit: as films ([`crate::film`]).
+//! `pyramid/` holds smaller levels on request ([`crate::pyramid`]). Creation, locks, replacement: [`crate::group`].
 
-mod contents;
-mod error;
-mod pyramid;
+mod levels;
+mod mosaic;
+mod ome;
 mod spec;
-mod verify;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use pipeline::geometry::Rect;
 use serde_json::{Map, Value};
 
-pub use error::RawError;
-pub use pyramid::mosaic::{Period, halve_mosaic, mosaic_below};
+pub use mosaic::{Period, halve_mosaic, mosaic_below};
 pub use spec::{RawOutput, RawSpec};
-pub use verify::RawFinding;
 
-use crate::durable::{DurableError, Lock, LockOwner, Removal, Store, Sweep, fault_point, link_target};
-use crate::film::read_json;
-use crate::hierarchy::NewGroup;
+use crate::group::{GroupError, GroupKind, JobGroup, ShardFile, VerifyReport};
+use crate::parallel::Progress;
 use crate::shard::{Codec, SampleType, ShardEncoder, ShardError};
 
-/// What marks a group as a raw of ours.
-const SCHEMA: &str = "lenscube/raw/1";
 /// The array of the kept signal.
 pub const SIGNAL: &str = "signal";
 
 /// A raw on disk. Shards are encoded and committed on any number of threads.
 #[derive(Debug)]
 pub struct RawStore {
-    store: Store,
+    group: JobGroup,
     spec: RawSpec,
     attributes: Map<String, Value>,
     counts: ShardEncoder,
@@ -56,114 +50,84 @@ impl RawStore {
     /// Creates an empty raw at `path` with further `attributes`, among them `provenance` with `job_digest` and `layout_digest`.
     ///
     /// # Errors
-    /// [`RawError::Exists`] if something is there; [`RawError`] if files cannot be written.
+    /// [`GroupError::Exists`] if something exists at `path`; [`GroupError`] if files cannot be written.
     pub fn create(
         path: &Path,
         spec: RawSpec,
         attributes: Map<String, Value>,
         fsync: bool,
-    ) -> Result<Self, RawError> {
-        let exists = || RawError::Exists { path: path.into() };
-        let coordinates = spec.coordinates();
-        let mut ours: Vec<String> =
-            coordinates.iter().flat_map(|(n, _)| [format!("{n}/zarr.json"), format!("{n}/c/0")]).collect();
-        ours.extend(spec.arrays().into_iter().map(|(name, _)| format!("{name}/zarr.json")));
-        let mut group =
-            NewGroup::begin(path, fsync, move |key| ours.iter().any(|k| k == key))?.ok_or_else(exists)?;
-        for (name, coordinate) in coordinates {
-            group.coordinate(&name, coordinate)?;
-        }
-        for (name, metadata) in spec.arrays() {
-            group.array(&name, metadata)?;
-        }
-        let absent =
-            || DurableError::StoreMissing { path: group.store.root().into(), missing: "directory".into() };
-        let store = group.opened()?.ok_or_else(absent)?;
-        let all = spec.attributes(SCHEMA, &attributes);
-        if !group.publish(Value::Object(all))? {
-            return Err(exists());
-        }
-        Self::with(store, spec, attributes)
+    ) -> Result<Self, GroupError> {
+        let all = Value::Object(spec.attributes(&attributes));
+        let group = JobGroup::create(GroupKind::Raw, path, spec.coordinates(), spec.arrays(), all, fsync)?;
+        Self::new(group, spec, attributes)
     }
 
     /// Opens the raw at `path`.
     ///
     /// # Errors
-    /// [`RawError::NotRaw`] if there is none; [`RawError::Damaged`] if its metadata contradict each other.
-    pub fn open(path: &Path, fsync: bool) -> Result<Self, RawError> {
-        let store = open_store(path)?;
-        let mut all = raw_attributes(&store)?;
-        // Of the pyramid, and no part of the raw's identity.
-        all.shift_remove("ome");
-        let damaged = |key: &str| RawError::Damaged { path: path.join(key) };
-        let (spec, attributes) = RawSpec::from_attributes(all).ok_or_else(|| damaged("zarr.json"))?;
-        for (name, metadata) in spec.arrays() {
-            let key = format!("{name}/zarr.json");
-            if read_json(&store, &key)?.as_ref() != Some(&metadata) {
-                return Err(damaged(&key));
-            }
-        }
-        Self::with(store.with_fsync(fsync), spec, attributes)
+    /// [`GroupError::NotOfKind`] if there is none; [`GroupError::Damaged`] if its metadata are inconsistent.
+    pub fn open(path: &Path, fsync: bool) -> Result<Self, GroupError> {
+        let (group, mut attributes) = JobGroup::open(GroupKind::Raw, path, fsync)?;
+        // Of the pyramid, not of the raw's identity.
+        attributes.shift_remove("ome");
+        let (spec, attributes) = RawSpec::from_attributes(attributes)
+            .ok_or_else(|| group.damaged("zarr.json", "the attributes of a raw"))?;
+        group.check_arrays(&spec.arrays())?;
+        Self::new(group, spec, attributes)
     }
 
     /// Whether a raw of this program is at `path`.
     ///
     /// # Errors
-    /// [`RawError`] if the store does not answer.
-    pub fn is_one(path: &Path) -> Result<bool, RawError> {
-        match open_store(path).and_then(|store| raw_attributes(&store)) {
+    /// [`GroupError::Storage`] if the store cannot be read.
+    pub fn is_one(path: &Path) -> Result<bool, GroupError> {
+        match JobGroup::open(GroupKind::Raw, path, true) {
             Ok(_) => Ok(true),
-            Err(RawError::NotRaw { .. }) => Ok(false),
+            Err(GroupError::NotOfKind { .. }) => Ok(false),
             Err(e) => Err(e),
         }
     }
 
-    fn with(store: Store, spec: RawSpec, attributes: Map<String, Value>) -> Result<Self, RawError> {
-        let encoder = |sample| {
-            ShardEncoder::new(Codec::Zstd, sample, spec.chunk, None)
-                .map_err(|e| RawError::Codec { reason: e.to_string() })
-        };
+    fn new(group: JobGroup, spec: RawSpec, attributes: Map<String, Value>) -> Result<Self, GroupError> {
+        let encoder = |sample| ShardEncoder::new(Codec::Zstd, sample, spec.chunk, None).map_err(codec_error);
         Ok(Self {
             counts: encoder(SampleType::U16)?,
             signal: encoder(SampleType::F32)?,
-            store,
+            group,
             spec,
             attributes,
         })
     }
 
-    /// Removes the raw at `path`; nothing there is fine.
+    /// Removes the raw at `path`, if there is one. A symbolic link at `path` stays.
     ///
     /// # Errors
-    /// [`RawError::NotRaw`] for anything but a raw of this program; [`RawError::Foreign`] if it holds what it did not make.
-    pub fn remove_raw(path: &Path) -> Result<(), RawError> {
-        let place = link_target(path);
-        if !Store::at(&place)?.exists()? {
-            return Ok(());
-        }
-        let store = open_store(&place)?;
-        let known = match RawSpec::from_attributes(raw_attributes(&store)?) {
-            Some((spec, _)) => spec.all_shards().into_iter().map(|s| spec.key(s)).collect(),
-            None => Vec::new(),
-        };
-        match store.remove_all(known, contents::is_own)? {
-            Removal::Done => Ok(()),
-            Removal::Foreign(names) => Err(RawError::Foreign { path: path.into(), names }),
-            Removal::Replaced => Err(RawError::Recreated { path: path.into() }),
-        }
+    /// [`GroupError::NotOfKind`] for anything but a raw of this program; [`GroupError::Foreign`] if the raw's directory contains other files;
+    /// [`GroupError::Recreated`] if another run replaced it meanwhile. Nothing is removed then.
+    pub fn remove(path: &Path) -> Result<(), GroupError> {
+        JobGroup::remove(GroupKind::Raw, path, |attributes| {
+            let spec = RawSpec::from_attributes(attributes).map(|(spec, _)| spec);
+            let keys = |spec: RawSpec| spec.all_shards().into_iter().map(|s| spec.key(s)).collect();
+            (spec.map(keys).unwrap_or_default(), Vec::new())
+        })
     }
 
-    /// Its path or URL.
+    /// The raw's files: lock, records, whether it is still at its path.
+    pub fn group(&self) -> &JobGroup {
+        &self.group
+    }
+
+    /// Path or URL of the raw.
     pub fn path(&self) -> &Path {
-        self.store.root()
+        self.group.path()
     }
 
-    /// What it is.
+    /// Layout of the raw.
     pub fn spec(&self) -> &RawSpec {
         &self.spec
     }
 
-    /// All that it records of sensor, film and exposure.
+    /// Attributes except those of the layout: sensor, film, exposure, provenance.
     pub fn attributes(&self) -> &Map<String, Value> {
         &self.attributes
     }
@@ -171,103 +135,78 @@ impl RawStore {
     /// Those of `shards` that are missing.
     ///
     /// # Errors
-    /// [`RawError::Storage`] if the store does not answer.
-    pub fn missing(&self, shards: &[RawShard]) -> Result<Vec<RawShard>, RawError> {
+    /// [`GroupError::Storage`] if the store cannot be read.
+    pub fn missing(&self, shards: &[RawShard]) -> Result<Vec<RawShard>, GroupError> {
         let keys: Vec<String> = shards.iter().map(|&s| self.spec.key(s)).collect();
-        let found = self.store.sizes_of(&keys)?;
+        let found = self.group.store.sizes_of(&keys)?;
         Ok(std::iter::zip(shards, found).filter(|(_, size)| size.is_none()).map(|(s, _)| *s).collect())
     }
 
     /// Encodes and writes a shard of digital numbers, the pixels of [`RawSpec::shard_rect`] row by row. Returns the bytes written.
     ///
     /// # Errors
-    /// [`RawError::Storage`]; the shard then is as it was before. [`RawError::Replaced`] if another raw has taken its place.
-    pub fn commit_counts(&self, shard: RawShard, data: &[u16]) -> Result<u64, RawError> {
-        let rect = self.spec.shard_rect(shard);
-        let bytes = self.counts.encode_counts(data, (rect.height, rect.width), self.spec.grid(shard.output));
-        self.commit(shard, bytes)
+    /// [`GroupError::Storage`]; the shard is then unchanged. [`GroupError::Replaced`] or [`GroupError::Recreated`] if another raw has replaced
+    /// this one.
+    pub fn commit_counts(&self, shard: RawShard, data: &[u16]) -> Result<u64, GroupError> {
+        let file = self.shard_file(shard);
+        let size = (file.rect.height, file.rect.width);
+        self.commit(&file, self.counts.encode_counts(data, size, self.counts.chunks_of(file.shape)))
     }
 
-    /// The same of the signal.
+    /// As [`RawStore::commit_counts`], of the signal.
     ///
     /// # Errors
     /// As [`RawStore::commit_counts`].
-    pub fn commit_signal(&self, shard: RawShard, data: &[f32]) -> Result<u64, RawError> {
-        let rect = self.spec.shard_rect(shard);
-        let bytes = self.signal.encode(data, (rect.height, rect.width), self.spec.grid(shard.output));
-        self.commit(shard, bytes)
+    pub fn commit_signal(&self, shard: RawShard, data: &[f32]) -> Result<u64, GroupError> {
+        let file = self.shard_file(shard);
+        let size = (file.rect.height, file.rect.width);
+        self.commit(&file, self.signal.encode(data, size, self.signal.chunks_of(file.shape)))
     }
 
-    fn commit(&self, shard: RawShard, bytes: Result<Vec<u8>, ShardError>) -> Result<u64, RawError> {
-        let bytes = bytes.map_err(|e| RawError::Codec { reason: e.to_string() })?;
-        fault_point("commit");
-        self.check_in_place()?;
+    fn commit(&self, file: &ShardFile<'_>, bytes: Result<Vec<u8>, ShardError>) -> Result<u64, GroupError> {
+        let bytes = bytes.map_err(codec_error)?;
         let size = bytes.len() as u64;
-        self.in_place(self.store.write(&self.spec.key(shard), bytes))?;
+        self.group.commit(&file.key, bytes.into())?;
         Ok(size)
     }
 
-    /// Writes a file that is no part of the arrays, such as `runs/….json`.
-    ///
-    /// # Errors
-    /// As [`RawStore::commit_counts`].
-    pub fn write_record(&self, key: &str, bytes: &[u8]) -> Result<(), RawError> {
-        self.check_in_place()?;
-        self.in_place(self.store.write(key, bytes.to_vec()))
-    }
-
-    fn in_place<T>(&self, written: Result<T, DurableError>) -> Result<T, RawError> {
-        written.map_err(|e| self.check_in_place().err().unwrap_or(e.into()))
-    }
-
-    /// Fails unless this raw is still at its path.
-    ///
-    /// # Errors
-    /// [`RawError::Replaced`], [`RawError::Recreated`]; [`DurableError::StoreMissing`] if none is there.
-    pub fn check_in_place(&self) -> Result<(), RawError> {
-        let in_place = self.store.is_in_place()?;
-        let there = match in_place {
-            true => read_json(&self.store, "zarr.json")?,
-            false => read_json(&Store::at(self.path())?, "zarr.json")?,
-        };
-        let path = || self.path().into();
-        let own = Value::Object(self.attributes.clone());
-        match there {
-            None => Err(DurableError::StoreMissing { path: path(), missing: "zarr.json".into() }.into()),
-            Some(group) if identity(&group["attributes"]) != identity(&own) => {
-                Err(RawError::Replaced { path: path() })
-            }
-            Some(_) if in_place => Ok(()),
-            Some(_) => Err(RawError::Recreated { path: path() }),
+    /// A shard, as it is stored.
+    fn shard_file(&self, shard: RawShard) -> ShardFile<'_> {
+        let grid = self.spec.shard_grid(shard.output);
+        ShardFile {
+            key: self.spec.key(shard),
+            encoder: if shard.frame.is_some() { &self.counts } else { &self.signal },
+            shape: grid.shard,
+            rect: grid.shard_rect(shard.place.0, shard.place.1),
         }
     }
 
-    /// Takes the lock of the raw. `None`: the store has no locks.
+    /// Reads and checks every shard, of the raw and of its pyramid, on `threads` threads, each of which holds one shard; `progress` receives
+    /// the numbers of shards of the raw done and in total.
     ///
     /// # Errors
-    /// [`RawError::Locked`] if another process has it; as [`RawStore::check_in_place`].
-    pub fn lock(&self, take_over: bool) -> Result<Option<Lock>, RawError> {
-        self.check_in_place()?;
-        let lock = self.store.lock("runs", "whole", take_over);
-        self.check_in_place()?;
-        Ok(lock?)
+    /// [`GroupError::Storage`] if the store cannot be read. Defects of the raw are findings, not errors.
+    pub fn verify(&self, threads: usize, progress: Progress<'_>) -> Result<VerifyReport, GroupError> {
+        let files: Vec<_> = self.spec.all_shards().into_iter().map(|s| self.shard_file(s)).collect();
+        let (bytes, of_shards) = self.group.check_files(&files, threads, progress)?;
+        let (level_bytes, of_levels) = self.pyramid().check(threads)?;
+        self.group.check_in_place()?;
+        Ok(VerifyReport {
+            shards: files.len(),
+            bytes: bytes + level_bytes,
+            findings: [of_shards, of_levels].concat(),
+            temp: self.group.store.temp_files()?,
+        })
     }
 
-    /// The locks on the raw at `path`.
+    /// Removes a shard (of the raw or its pyramid) that a check found to be bad, unless it is intact by now. Returns whether it did.
     ///
     /// # Errors
-    /// [`RawError::Storage`] if they cannot be read.
-    #[allow(clippy::type_complexity, reason = "as `durable::locks`")]
-    pub fn locks(path: &Path) -> Result<Vec<(PathBuf, Option<Box<LockOwner>>, Option<bool>)>, RawError> {
-        Ok(Store::at(path)?.locks("runs")?)
-    }
-
-    /// Removes what dead processes of this host left in it.
-    ///
-    /// # Errors
-    /// [`RawError::Storage`] if it cannot be listed.
-    pub fn sweep(&self) -> Result<Sweep, RawError> {
-        Ok(self.store.sweep()?)
+    /// [`GroupError::Storage`] if it cannot be read or removed; as [`JobGroup::check_in_place`].
+    pub fn remove_bad(&self, key: &str) -> Result<bool, GroupError> {
+        let of_raw = self.spec.all_shards().into_iter().map(|s| self.shard_file(s));
+        let mut files = of_raw.chain(self.pyramid().shard_files());
+        files.find(|file| file.key == key).map_or(Ok(false), |file| self.group.remove_bad(&file))
     }
 
     /// Pixels of an output in sensor coordinates.
@@ -276,39 +215,8 @@ impl RawStore {
     }
 }
 
-/// What distinguishes one job's raw from another's.
-fn identity(attributes: &Value) -> [&Value; 2] {
-    ["job_digest", "layout_digest"].map(|key| &attributes["provenance"][key])
-}
-
-fn open_store(path: &Path) -> Result<Store, RawError> {
-    let store = Store::at(path)?;
-    match store.clone().opened()? {
-        Some(open) => Ok(open),
-        None => {
-            let found = if store.exists()? { "no readable zarr.json" } else { "nothing" };
-            Err(RawError::NotRaw { path: path.into(), found: found.into() })
-        }
-    }
-}
-
-fn raw_attributes(store: &Store) -> Result<Map<String, Value>, RawError> {
-    let path = store.root();
-    let not = |found: String| RawError::NotRaw { path: path.into(), found };
-    let mut group = match read_json(store, "zarr.json")? {
-        Some(group) => group,
-        None if store.exists()? => return Err(not("no readable zarr.json".into())),
-        None => return Err(not("nothing".into())),
-    };
-    match group["attributes"]["schema"].as_str() {
-        Some(SCHEMA) => {}
-        Some(other) => return Err(not(format!("schema {other:?}"))),
-        None => return Err(not("a Zarr node of another program".into())),
-    }
-    match group["attributes"].take() {
-        Value::Object(m) => Ok(m),
-        _ => Err(not("no attributes".into())),
-    }
+fn codec_error(e: ShardError) -> GroupError {
+    GroupError::Codec { reason: e.to_string() }
 }
 
 #[cfg(test)]

@@ -20,3 +20,13 @@ pub(crate) use check::ShardDefect;
 pub use codec::{Codec, SampleType};
 pub(crate) use codec::{sharding_metadata, sharding_of};
 pub(crate) use encode::{ShardEncoder, ShardError};
+
+use pipeline::geometry::{Rect, Size};
+use pipeline::plan::FilmRegion;
+
+/// The shards of an array with the pixels `rect`: squares of `shard` px; an array smaller than a shard has shards of its size, rounded up to
+/// inner chunks of `chunk` px.
+pub(crate) fn shard_grid(rect: Rect, shard: usize, chunk: usize) -> FilmRegion {
+    let side = |n: usize| shard.min(n.div_ceil(chunk) * chunk);
+    FilmRegion { rect, shard: Size::new(side(rect.height), side(rect.width)) }
+}

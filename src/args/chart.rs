@@ -1,8 +1,9 @@
 //! `lenscube chart`.
 
-use super::codec::CodecArg;
+use super::choices::{CODEC, one_of};
 use super::values::{bytes, pitch, positive, threads};
 use clap::{Args, Subcommand};
+use formats::film::Codec;
 use std::path::PathBuf;
 
 /// `lenscube chart`
@@ -62,8 +63,8 @@ pub struct ImageArgs {
     #[arg(long)]
     pub linear: bool,
     /// Compression of the store; zstd is smaller and slower
-    #[arg(long, value_enum, default_value_t = CodecArg::default())]
-    pub codec: CodecArg,
+    #[arg(long, value_parser = one_of(CODEC), default_value = "lz4")]
+    pub codec: Codec,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
@@ -133,8 +134,8 @@ pub struct GeneratedArgs {
     #[arg(long)]
     pub spokes: Option<String>,
     /// Compression of the store; zstd is smaller and slower
-    #[arg(long, value_enum, default_value_t = CodecArg::default())]
-    pub codec: CodecArg,
+    #[arg(long, value_parser = one_of(CODEC), default_value = "lz4")]
+    pub codec: Codec,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,

@@ -1,8 +1,9 @@
 //! `lenscube demo`.
 
-use super::style::StyleArg;
+use super::choices::{STYLE, one_of};
 use super::values::threads;
 use clap::Args;
+use formats::picture::style::Style;
 use std::path::PathBuf;
 
 /// `lenscube demo`
@@ -16,8 +17,8 @@ pub struct DemoArgs {
     #[arg(long, value_name = "PX", default_value_t = 2048, value_parser = clap::value_parser!(u32).range(64..=14141))]
     pub size: u32,
     /// Colours of the plots
-    #[arg(long, value_enum, default_value_t)]
-    pub style: StyleArg,
+    #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
+    pub style: Style,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,

@@ -1,7 +1,9 @@
 //! `lenscube develop`.
 
+use super::choices::{DEMOSAIC, one_of};
 use super::values::{bytes, number, roi, threads};
 use clap::{Args, ValueEnum};
+use pipeline::develop::Demosaic;
 use pipeline::geometry::Rect;
 use std::path::PathBuf;
 
@@ -47,8 +49,8 @@ pub struct DevelopStyle {
     #[arg(long, value_name = "LIGHT")]
     pub white: Option<String>,
     /// Interpolation of the planes [default: malvar for Bayer patterns, else bilinear]
-    #[arg(long, value_enum)]
-    pub demosaic: Option<DemosaicArg>,
+    #[arg(long, value_parser = one_of(DEMOSAIC))]
+    pub demosaic: Option<Demosaic>,
     /// 2: mean of 2 x 2 pixels of one filter (quad patterns become Bayer patterns)
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     pub bin: u8,
@@ -67,17 +69,6 @@ pub struct DevelopStyle {
     /// Bits of a sample of PNG and TIFF: 8 or 16 [default: 8]
     #[arg(long, value_parser = depth)]
     pub depth: Option<u32>,
-}
-
-/// `--demosaic`
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum DemosaicArg {
-    /// Gradient-corrected, for Bayer patterns
-    Malvar,
-    /// Tent over one period, any pattern
-    Bilinear,
-    /// One pixel per period
-    Superpixel,
 }
 
 /// `--tone`

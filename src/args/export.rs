@@ -1,7 +1,9 @@
 //! `lenscube export`.
 
+use super::choices::{COMPRESSION, one_of};
 use super::values::{bounded, bytes, roi, side, threads};
 use clap::{Args, ValueEnum};
+use formats::export::exr::ExrCompression;
 use pipeline::bounds;
 use pipeline::geometry::Rect;
 use std::path::{Path, PathBuf};
@@ -46,8 +48,8 @@ pub struct ExportArgs {
     #[arg(long, help_heading = "OpenEXR")]
     pub half: bool,
     /// EXR: lossless compression [default: zip]
-    #[arg(long, value_enum, help_heading = "OpenEXR")]
-    pub compression: Option<ExrCompressionArg>,
+    #[arg(long, value_parser = one_of(COMPRESSION), help_heading = "OpenEXR")]
+    pub compression: Option<ExrCompression>,
     /// Wavelengths in nm where the store has none
     #[arg(long, value_name = "NM", help_heading = "Selection")]
     pub wavelengths: Option<String>,
@@ -82,13 +84,4 @@ pub enum ExportFormatArg {
     Exr,
     Envi,
     Npy,
-}
-
-/// `--compression`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum ExrCompressionArg {
-    Zip,
-    Piz,
-    None,
 }

@@ -1,8 +1,12 @@
 //! `lenscube lens import`.
 
+use super::choices::{EVEN_WINDOW, FROM, PSF_OUTWARD, PSF_ROWS, PSF_SAMPLE, one_of};
 use super::values::{azimuths, bounded};
-use clap::{Args, ValueEnum};
+use clap::Args;
+use formats::import::Format;
+use formats::import::window::{EvenWindow, Outward, RowOrder};
 use pipeline::bounds;
+use pipeline::lens::PsfSample;
 use std::path::PathBuf;
 
 /// `lenscube lens import`
@@ -20,23 +24,23 @@ pub struct ImportArgs {
     #[arg(value_name = "OUT.lens.zarr")]
     pub out: PathBuf,
     /// Format of the source [default: by file names]
-    #[arg(long, value_enum)]
-    pub from: Option<ImportFormatArg>,
+    #[arg(long, value_parser = one_of(FROM))]
+    pub from: Option<Format>,
     /// Name of the lens [default: from the source]
     #[arg(long)]
     pub name: Option<String>,
     /// Meaning of a PSF sample: value at a point, or mean over its square [default: from the source]
-    #[arg(long, value_enum)]
-    pub psf_sample: Option<SampleArg>,
+    #[arg(long, value_parser = one_of(PSF_SAMPLE))]
+    pub psf_sample: Option<PsfSample>,
     /// Chief ray in a window of even size [default: from the source, else pad]
-    #[arg(long, value_enum)]
-    pub even_window: Option<EvenWindowArg>,
+    #[arg(long, value_parser = one_of(EVEN_WINDOW))]
+    pub even_window: Option<EvenWindow>,
     /// First row of a window in a file: top (largest y, as in OpticStudio) or bottom
-    #[arg(long, value_enum, default_value_t = PsfRowsArg::Top)]
-    pub psf_rows: PsfRowsArg,
+    #[arg(long, value_parser = one_of(PSF_ROWS), default_value = "top")]
+    pub psf_rows: RowOrder,
     /// Side of a window (top row first) that points away from the optical axis [default: from the source]
-    #[arg(long, value_enum)]
-    pub psf_outward: Option<OutwardArg>,
+    #[arg(long, value_parser = one_of(PSF_OUTWARD))]
+    pub psf_outward: Option<Outward>,
     /// Symmetrise windows about the meridional plane, as for a centred lens
     #[arg(long)]
     pub symmetric_psf: bool,
@@ -67,54 +71,4 @@ pub struct ImportArgs {
     /// Primary wavelength [default: from the source]
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub primary_nm: Option<f64>,
-}
-
-/// `--from`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ImportFormatArg {
-    /// Folder written by the ISET macros for Zemax or Code V
-    Iset,
-    /// Folder of OpticStudio text listings
-    Listings,
-    /// Folder of CSV tables and NPY windows
-    Tables,
-    /// NumPy archive
-    Npz,
-}
-
-/// `--psf-sample`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum SampleArg {
-    Point,
-    Integrated,
-}
-
-/// `--even-window`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum EvenWindowArg {
-    /// On sample N/2 (from 0); a zero row and column are added
-    Pad,
-    /// On sample N/2 (from 0); the first row and column are removed
-    Crop,
-    /// Between the four central samples; the window is shifted by half a sample
-    Shift,
-}
-
-/// `--psf-rows`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum PsfRowsArg {
-    Top,
-    Bottom,
-}
-
-/// `--psf-outward`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum OutwardArg {
-    Right,
-    Down,
-    Left,
-    Up,
 }

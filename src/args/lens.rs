@@ -1,10 +1,12 @@
 //! `lenscube lens`.
 
+use super::choices::{AIMING, STYLE, one_of};
 use super::import::ImportArgs;
-use super::style::StyleArg;
 use super::values::{bounded, pitch, positive};
 use clap::{Args, Subcommand, ValueEnum};
+use formats::picture::style::Style;
 use pipeline::bounds;
+use pipeline::design::system::RayAiming;
 use std::path::PathBuf;
 
 /// `lenscube lens`
@@ -89,8 +91,8 @@ pub struct ShowArgs {
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
     /// Colours of figures
-    #[arg(long, value_enum, default_value_t)]
-    pub style: StyleArg,
+    #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
+    pub style: Style,
     /// Spatial frequencies of the MTF against field, line pairs per mm
     #[arg(long, value_name = "F,…", value_parser = bounded(bounds::FREQUENCY_LP_MM), value_delimiter = ',', default_value = "10,20,40")]
     pub lp_mm: Vec<f64>,
@@ -145,8 +147,8 @@ pub struct DesignArgs {
     #[arg(long, value_name = "MM", value_parser = bounded(bounds::GIVEN_DISTANCE_MM))]
     pub object_distance_mm: Option<f64>,
     /// Ray aiming [default: as in the design]
-    #[arg(long, value_enum)]
-    pub aiming: Option<AimingArg>,
+    #[arg(long, value_parser = one_of(AIMING))]
+    pub aiming: Option<RayAiming>,
     /// Glass catalogue in AGF format, in addition to the built-in glasses; used first for designs that name it; repeatable
     #[arg(long, value_name = "FILE.agf")]
     pub glass_catalog: Vec<PathBuf>,
@@ -217,13 +219,4 @@ pub enum ImagePlaneArg {
     Rms,
     /// Maximum Strehl ratio on the axis
     Strehl,
-}
-
-/// `--aiming`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum AimingArg {
-    /// Through the real stop
-    Real,
-    /// Through the paraxial entrance pupil
-    Paraxial,
 }

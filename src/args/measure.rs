@@ -1,8 +1,9 @@
 //! `lenscube measure`.
 
-use super::style::StyleArg;
+use super::choices::{STYLE, one_of};
 use super::values::{bounded, pair};
 use clap::{ArgGroup, Args};
+use formats::picture::style::Style;
 use pipeline::bounds;
 use std::path::PathBuf;
 
@@ -47,8 +48,8 @@ pub struct MeasureArgs {
     #[arg(long, alias = "svg", value_name = "FILE", conflicts_with = "points")]
     pub plot: Option<PathBuf>,
     /// Colours of figures
-    #[arg(long, value_enum, default_value_t)]
-    pub style: StyleArg,
+    #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
+    pub style: Style,
 }
 
 /// Positions (row, column).

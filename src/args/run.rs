@@ -1,6 +1,6 @@
 //! Arguments of a job (`lenscube run`, `lenscube plan`).
 
-use super::codec::CodecArg;
+use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, one_of};
 use super::device::{Device, EngineArg};
 use super::values::{
     azimuths, bounded, bytes, keep_bits, odd, pair, pair_mm, pitch, positive, roi, scale, size, storage,
@@ -8,8 +8,12 @@ use super::values::{
 };
 use clap::{Args, ValueEnum};
 use formats::chart::AxisOrder;
+use formats::chart::NanPolicy;
+use formats::film::{Codec, SampleType};
 use pipeline::bounds;
+use pipeline::field::Outside;
 use pipeline::geometry::{Rect, Size};
+use pipeline::resample::{Interp, Surround};
 use std::path::PathBuf;
 
 /// A job: the arguments shared by `lenscube run` and `lenscube plan`.
@@ -93,23 +97,23 @@ pub struct RunArgs {
     #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true, help_heading = "Placement")]
     pub center: (f64, f64),
     /// Interpolation between chart pixels (bilinear reduces sharpness)
-    #[arg(long, value_enum, default_value_t = InterpArg::Bicubic, help_heading = "Placement")]
-    pub interp: InterpArg,
+    #[arg(long, value_parser = one_of(INTERP), default_value = "bicubic", help_heading = "Placement")]
+    pub interp: Interp,
     /// Values outside the chart
-    #[arg(long, value_enum, default_value_t = SurroundArg::Edge, help_heading = "Placement")]
-    pub surround: SurroundArg,
+    #[arg(long, value_parser = one_of(SURROUND), default_value = "edge", help_heading = "Placement")]
+    pub surround: Surround,
     /// Film beyond the lens's tables: error, or clamp to the last values
-    #[arg(long, value_enum, default_value_t = OutsideArg::Error, help_heading = "Lens")]
-    pub outside: OutsideArg,
+    #[arg(long, value_parser = one_of(OUTSIDE), default_value = "error", help_heading = "Lens")]
+    pub outside: Outside,
     /// NaN, infinity and declared fill values in the chart: error, or read as zero and count
-    #[arg(long, value_enum, default_value_t = NanArg::Error, help_heading = "Chart")]
-    pub nan: NanArg,
+    #[arg(long, value_parser = one_of(NAN), default_value = "error", help_heading = "Chart")]
+    pub nan: NanPolicy,
     /// relative: chart values x relative illumination; irradiance: W m-2 nm-1, from a radiance chart; photons: per s, nm and pixel
     #[arg(long, value_enum, default_value_t = FilmUnits::Relative, help_heading = "Film")]
     pub film_units: FilmUnits,
     /// Sample type of the film
-    #[arg(long, value_enum, default_value_t = DtypeArg::F32, help_heading = "Film")]
-    pub dtype: DtypeArg,
+    #[arg(long, value_parser = one_of(DTYPE), default_value = "f32", help_heading = "Film")]
+    pub dtype: SampleType,
     /// Shard side in pixels, a multiple of the chunk
     #[arg(long, default_value_t = 2048, value_parser = storage, help_heading = "Film")]
     pub shard: usize,
@@ -117,8 +121,8 @@ pub struct RunArgs {
     #[arg(long, default_value_t = 512, value_parser = storage, help_heading = "Film")]
     pub chunk: usize,
     /// Compression of the film; zstd, smaller and slower, for slow or costly storage [default: that of the film if it exists, else lz4]
-    #[arg(long, value_enum, help_heading = "Film")]
-    pub codec: Option<CodecArg>,
+    #[arg(long, value_parser = one_of(CODEC), help_heading = "Film")]
+    pub codec: Option<Codec>,
     /// Round samples to N bits of mantissa, so that they compress better: a relative error of at most 2^-(N+1) [default: all, 23 of
     /// f32 and 10 of f16]
     #[arg(long, value_name = "N", value_parser = keep_bits, help_heading = "Film")]
@@ -191,39 +195,6 @@ pub enum FitArg {
     Contain,
 }
 
-/// `--interp`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum InterpArg {
-    Bicubic,
-    Bilinear,
-}
-
-/// `--surround`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum SurroundArg {
-    Edge,
-    Black,
-    Mirror,
-}
-
-/// `--outside`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum OutsideArg {
-    Error,
-    Clamp,
-}
-
-/// `--nan`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum NanArg {
-    Error,
-    Zero,
-}
-
 /// `--film-units`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FilmUnits {
@@ -233,12 +204,4 @@ pub enum FilmUnits {
     Irradiance,
     /// Photons per second, nm and pixel
     Photons,
-}
-
-/// `--dtype`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum DtypeArg {
-    F32,
-    F16,
 }

@@ -1,10 +1,12 @@
 //! `lenscube sensor`.
 
+use super::choices::{RESAMPLE, one_of};
 use super::values::{bounded, bytes, number, pair_mm, positive, roi, threads};
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::NoiseSet;
+use pipeline::sensor::pixels::Resample;
 use std::path::PathBuf;
 
 /// `lenscube sensor FILM RAW.zarr …`, or one of its subcommands.
@@ -125,8 +127,8 @@ pub struct ExposeArgs {
     #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true, help_heading = "Placement")]
     pub center: (f64, f64),
     /// Interpolation of the film between its pixel edges
-    #[arg(long, value_enum, default_value_t = ResampleArg::Cubic, help_heading = "Placement")]
-    pub resample: ResampleArg,
+    #[arg(long, value_parser = one_of(RESAMPLE), default_value = "cubic", help_heading = "Placement")]
+    pub resample: Resample,
     /// Allow a film whose pixels are larger than the sensor's
     #[arg(long, help_heading = "Placement")]
     pub coarse_film: bool,
@@ -172,15 +174,6 @@ pub enum SizeArg {
     Native,
     /// Rows and columns.
     Px(Size),
-}
-
-/// Interpolation of the film's running integral.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ResampleArg {
-    /// Cubic Hermite
-    Cubic,
-    /// Linear: the film constant over a pixel
-    Area,
 }
 
 fn sensor_size(text: &str) -> Result<SizeArg, String> {

@@ -1,8 +1,9 @@
 //! `lenscube shoot`.
 
-use super::develop::DemosaicArg;
+use super::choices::{DEMOSAIC, one_of};
 use super::values::{bytes, pitch, positive, threads};
 use clap::Args;
+use pipeline::develop::Demosaic;
 use std::path::PathBuf;
 
 /// `lenscube shoot`
@@ -45,8 +46,8 @@ pub struct ShootArgs {
     #[arg(long, value_name = "LIGHT")]
     pub white: Option<String>,
     /// Interpolation of the planes
-    #[arg(long, value_enum)]
-    pub demosaic: Option<DemosaicArg>,
+    #[arg(long, value_parser = one_of(DEMOSAIC))]
+    pub demosaic: Option<Demosaic>,
     /// Division by the lens's relative illumination
     #[arg(long)]
     pub even_light: bool,

@@ -1,9 +1,10 @@
 //! `lenscube validate`.
 
+use super::choices::{STYLE, one_of};
 use super::device::{Device, EngineArg};
-use super::style::StyleArg;
 use super::values::{bytes, number, pitch, threads};
 use clap::Args;
+use formats::picture::style::Style;
 use std::path::PathBuf;
 
 /// `lenscube validate`
@@ -45,8 +46,8 @@ pub struct ValidateArgs {
     #[arg(long, value_name = "FILM")]
     pub timing: Option<PathBuf>,
     /// Colours of figures
-    #[arg(long, value_enum, default_value_t)]
-    pub style: StyleArg,
+    #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
+    pub style: Style,
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,

@@ -124,7 +124,7 @@ pub fn command(args: &ImageArgs) -> Result<()> {
         units: Some(plan.units),
         attributes,
     };
-    store(&picture, &meta, &args.out, args.codec.into(), threads, args.overwrite)?;
+    store(&picture, &meta, &args.out, args.codec, threads, args.overwrite)?;
     let negative = picture.negative_samples.into_inner();
     if negative > 0 {
         log_line(format!("note: {negative} negative samples were replaced by 0"));

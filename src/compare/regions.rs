@@ -3,13 +3,13 @@
 use super::Pair;
 use crate::develop::frame::Frame;
 use anyhow::Result;
+use formats::parallel;
 use formats::picture::image::Image;
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::NoiseSet;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Longest side of the picture of the difference.
 const MAX_SIDE: usize = 1600;
@@ -122,8 +122,8 @@ struct Sums {
     d2: f64,
 }
 
-/// Sums of a band of rows: regions by planes, and rows of the picture.
-struct Band {
+/// Sums of a strip of rows: regions by planes, and rows of the picture.
+struct Strip {
     sums: Vec<Sums>,
     picture: Vec<f32>,
 }
@@ -137,32 +137,24 @@ pub fn measure(pair: &Pair, grid: usize, threads: usize) -> Result<(Vec<Region>,
     let period = frame.sensor.pattern.rows.max(frame.sensor.pattern.columns);
     let block = size.height.max(size.width).div_ceil(MAX_SIDE).next_multiple_of(period);
     let step = ROWS.next_multiple_of(block);
-    let bands = size.height.div_ceil(step);
+    let strips = size.height.div_ceil(step);
     let work = Work { pair, size, grid: (rows, columns), planes: planes.len(), block };
-    let next = AtomicUsize::new(0);
-    let found: Mutex<Vec<Option<Result<Band>>>> = Mutex::new((0..bands).map(|_| None).collect());
-    let worker = || loop {
-        let k = next.fetch_add(1, Ordering::Relaxed);
-        if k >= bands {
-            return;
-        }
-        let band = work.band(Rect::new((k * step) as i64, 0, step.min(size.height - k * step), size.width));
-        if band.is_err() {
-            next.store(bands, Ordering::Relaxed);
-        }
-        found.lock().expect("no panic while held")[k] = Some(band);
-    };
-    std::thread::scope(|s| (0..threads.min(bands)).for_each(|_| drop(s.spawn(worker))));
-    // In the order of the bands, so that sums have the same bits for any number of threads.
+    let found: Mutex<Vec<Option<Strip>>> = Mutex::new((0..strips).map(|_| None).collect());
+    parallel::for_each::<anyhow::Error>(threads.min(strips), strips, &|_, _| (), |k| {
+        let rect = Rect::new((k * step) as i64, 0, step.min(size.height - k * step), size.width);
+        let strip = work.strip(rect)?;
+        found.lock().expect("no panic while held")[k] = Some(strip);
+        Ok(())
+    })?;
+    // In the order of the strips, so that sums have the same bits for any number of threads.
     let mut sums = vec![Sums::default(); rows * columns * planes.len()];
     let mut picture = Vec::new();
-    for band in found.into_inner().expect("no panic while held").into_iter().flatten() {
-        let band = band?;
-        for (all, one) in std::iter::zip(&mut sums, &band.sums) {
+    for strip in found.into_inner().expect("no panic while held").into_iter().flatten() {
+        for (all, one) in std::iter::zip(&mut sums, &strip.sums) {
             all.pixels += one.pixels;
             (all.a, all.b, all.d2) = (all.a + one.a, all.b + one.b, all.d2 + one.d2);
         }
-        picture.extend(band.picture);
+        picture.extend(strip.picture);
     }
     let regions = work.regions(&sums, &planes);
     Ok((regions, draw(&picture, size.width.div_ceil(block), block)))
@@ -177,7 +169,7 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    fn band(&self, rect: Rect) -> Result<Band> {
+    fn strip(&self, rect: Rect) -> Result<Strip> {
         let electrons = |f: &Frame| -> Result<Vec<f32>> {
             let (black, k) = (f.sensor.adc.black_dn as f32, (f.gain * f.sensor.adc.gain_dn_per_e) as f32);
             Ok(f.read(rect)?.iter().map(|v| (v - black) / k).collect())
@@ -209,7 +201,7 @@ impl Work<'_> {
             }
         }
         let picture = picture.into_iter().map(|(sum, n)| (sum / f64::from(n.max(1))) as f32).collect();
-        Ok(Band { sums, picture })
+        Ok(Strip { sums, picture })
     }
 
     fn regions(&self, sums: &[Sums], planes: &[String]) -> Vec<Region> {

@@ -48,7 +48,7 @@ impl Frame {
         let (path, array) = split_group(spec);
         let path = Path::new(path);
         let raw = RawStore::open(path, true).map_err(|e| match e {
-            formats::raw::RawError::NotRaw { .. } => usage(e.to_string()),
+            formats::group::GroupError::NotOfKind { .. } => usage(e.to_string()),
             e => e.into(),
         })?;
         let layout = raw.spec().clone();

@@ -1,15 +1,15 @@
 //! White gains and colour matrix of a development.
 
 use super::frame::Frame;
-use crate::args::{DemosaicArg, DevelopStyle};
+use crate::args::DevelopStyle;
 use crate::failure::usage;
 use anyhow::{Context, Result};
+use formats::parallel;
 use pipeline::colour::Illuminant;
 use pipeline::develop::{ColourMatrix, Demosaic, Recipe};
 use pipeline::geometry::Rect;
 use std::path::Path;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Rows that are summed together.
 const ROWS: usize = 512;
@@ -33,9 +33,7 @@ pub fn resolve(frame: &Frame, style: &DevelopStyle, threads: usize) -> Result<Na
     let (gains, white) = gains(frame, style, light, &plane_of, threads)?;
     let (matrix, name) = matrix(frame, style, light, planes)?;
     let demosaic = match style.demosaic {
-        Some(DemosaicArg::Malvar) => Demosaic::Malvar,
-        Some(DemosaicArg::Bilinear) => Demosaic::Bilinear,
-        Some(DemosaicArg::Superpixel) => Demosaic::Superpixel,
+        Some(given) => given,
         None if is_bayer(frame, &plane_of, style.bin == 2) => Demosaic::Malvar,
         None => Demosaic::Bilinear,
     };
@@ -122,9 +120,8 @@ fn grey_world(frame: &Frame, threads: usize) -> Result<Vec<f64>> {
     let (black, white) = frame.black_white_dn();
     let filters = frame.sensor.channels.len();
     let size = frame.rect.size();
-    let bands = size.height.div_ceil(ROWS);
-    let (next, total) = (AtomicUsize::new(0), Mutex::new((vec![(0u64, 0u64); filters], None)));
-    let one = |k: usize| -> Result<Vec<(u64, u64)>> {
+    let total = Mutex::new(vec![(0u64, 0u64); filters]);
+    let add_strip = |k: usize| -> Result<()> {
         let rect = Rect::new((k * ROWS) as i64, 0, ROWS.min(size.height - k * ROWS), size.width);
         let pixels = frame.read(rect)?;
         let mut sums = vec![(0, 0); filters];
@@ -135,26 +132,13 @@ fn grey_world(frame: &Frame, threads: usize) -> Result<Vec<f64>> {
                 *of = (of.0 + *dn as u64, of.1 + 1);
             }
         }
-        Ok(sums)
-    };
-    let work = || loop {
-        let k = next.fetch_add(1, Ordering::Relaxed);
-        if k >= bands {
-            return;
-        }
-        let found = one(k);
         let mut total = total.lock().expect("no panic while held");
-        match found {
-            Ok(sums) => std::iter::zip(&mut total.0, sums).for_each(|(t, s)| *t = (t.0 + s.0, t.1 + s.1)),
-            Err(e) => {
-                total.1.get_or_insert(e);
-                next.store(bands, Ordering::Relaxed);
-            }
-        }
+        std::iter::zip(total.iter_mut(), sums).for_each(|(t, s)| *t = (t.0 + s.0, t.1 + s.1));
+        Ok(())
     };
-    std::thread::scope(|s| (0..threads.min(bands)).for_each(|_| drop(s.spawn(work))));
-    let (sums, error) = total.into_inner().expect("no panic while held");
-    error.map_or(Ok(()), Err)?;
+    let strips = size.height.div_ceil(ROWS);
+    parallel::for_each(threads.min(strips), strips, &|_, _| (), add_strip)?;
+    let sums = total.into_inner().expect("no panic while held");
     let mean = |(c, (sum, n)): (usize, &(u64, u64))| {
         let mean = *sum as f64 / (*n).max(1) as f64 - black;
         match mean > 0.0 {

@@ -1,14 +1,14 @@
 //! Export of unconverted samples: EXR, TIFF of bands, ENVI, NPY.
 
 use super::{Input, Selected};
-use crate::args::{ExportArgs, ExportFormatArg, ExrCompressionArg};
+use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::usage;
 use crate::job::threads;
 use crate::memory::peak_resident;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::durable::parent_of;
-use formats::export::exr::{ExrCompression, ExrOptions, write_exr};
+use formats::export::exr::{ExrOptions, write_exr};
 use formats::export::flat::{write_envi, write_npy};
 use formats::export::regions::Regions;
 use formats::export::tiff::write_bands;
@@ -53,12 +53,8 @@ pub(super) fn write(
     let written = match (file, regions) {
         (ExportFormatArg::Exr, Some(regions)) => {
             print_plan(&regions, samples.chunk);
-            let packing = match args.compression {
-                None | Some(ExrCompressionArg::Zip) => ExrCompression::Zip,
-                Some(ExrCompressionArg::Piz) => ExrCompression::Piz,
-                Some(ExrCompressionArg::None) => ExrCompression::None,
-            };
-            let options = ExrOptions { half: args.half, compression: packing, regions };
+            let compression = args.compression.unwrap_or_default();
+            let options = ExrOptions { half: args.half, compression, regions };
             write_exr(args.target(), &samples, &options, &progress)?
         }
         (ExportFormatArg::TiffBands, _) => write_bands(args.target(), &samples, &progress)?,

@@ -1,14 +1,12 @@
 //! Step 1: arguments resolved without opening the chart or the lens: device, engine, options, threads.
 
-use crate::args::{InterpArg, NanArg, OutsideArg, RunArgs, Stage, SurroundArg};
+use crate::args::{RunArgs, Stage};
 use crate::device::DeviceSelection;
 use crate::film_engine;
 use anyhow::Result;
 use formats::chart::{Codec, NanPolicy};
 use pipeline::band::{Options, PsfBetween};
-use pipeline::field::Outside;
 use pipeline::remap::{ChartInterpolation, Stages};
-use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 
 /// Arguments of a job, resolved.
@@ -36,13 +34,9 @@ impl<'a> Arguments<'a> {
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
         let device = DeviceSelection::new(&given.device, given.engine.explicit(), film_engine)?;
-        let codec = given.codec.map(Into::into).or(film.map(|film| film.spec().codec)).unwrap_or_default();
-        let nan = match given.nan {
-            NanArg::Error => NanPolicy::Error,
-            NanArg::Zero => NanPolicy::Zero,
-        };
+        let codec = given.codec.or(film.map(|film| film.spec().codec)).unwrap_or_default();
         let options = options(given, device.simd);
-        Ok(Self { given, device, options, nan, codec, threads: threads(given.threads) })
+        Ok(Self { given, device, options, nan: given.nan, codec, threads: threads(given.threads) })
     }
 }
 
@@ -56,19 +50,9 @@ fn options(args: &RunArgs, simd: Simd) -> Options {
     Options {
         stages: Stages { ri: on(Stage::Ri), distortion: on(Stage::Distortion), svpsf: on(Stage::Svpsf) },
         interpolation: ChartInterpolation {
-            interp: match args.interp {
-                InterpArg::Bicubic => Interp::Bicubic,
-                InterpArg::Bilinear => Interp::Bilinear,
-            },
-            surround: match args.surround {
-                SurroundArg::Edge => Surround::Edge,
-                SurroundArg::Black => Surround::Black,
-                SurroundArg::Mirror => Surround::Mirror,
-            },
-            outside: match args.outside {
-                OutsideArg::Error => Outside::Error,
-                OutsideArg::Clamp => Outside::Clamp,
-            },
+            interp: args.interp,
+            surround: args.surround,
+            outside: args.outside,
         },
         azimuths: args.azimuths,
         psf_window: args.psf_window,

@@ -7,12 +7,13 @@
 
 use super::bands::JobPlan;
 use super::inputs::Inputs;
-use crate::args::{RunArgs, Stage, SurroundArg};
+use crate::args::{RunArgs, Stage};
 use crate::lens::source::UntracedLens;
 use anyhow::Result;
 use pipeline::design::describe::describe;
 use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::lens::LensBand;
+use pipeline::resample::Surround;
 use std::fmt::{self, Display, Formatter};
 
 /// Margin for half a PSF window beyond the film's corner, mm.
@@ -91,9 +92,9 @@ impl Coverage {
     /// A note if the chart does not reach much of the film.
     pub fn note(&self, args: &RunArgs) -> Option<String> {
         let shown = match args.surround {
-            SurroundArg::Edge => "the chart's edge pixels",
-            SurroundArg::Black => "black",
-            SurroundArg::Mirror => "the chart mirrored",
+            Surround::Edge => "the chart's edge pixels",
+            Surround::Black => "black",
+            Surround::Mirror => "the chart mirrored",
         };
         (self.beyond >= MIN_NOTED_SHARE).then(|| {
             format!(

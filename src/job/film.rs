@@ -1,7 +1,7 @@
 //! Layout and units of a job's film.
 
 use super::arguments::Arguments;
-use crate::args::{DtypeArg, FilmUnits, RunArgs};
+use crate::args::{FilmUnits, RunArgs};
 use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::Result;
@@ -64,10 +64,6 @@ pub fn film_spec(
         FilmUnits::Irradiance => "W m-2 nm-1".into(),
         FilmUnits::Photons => "s-1 nm-1".into(),
     };
-    let sample = match args.dtype {
-        DtypeArg::F32 => SampleType::F32,
-        DtypeArg::F16 => SampleType::F16,
-    };
     let spec = FilmSpec {
         outputs,
         film: frame.film,
@@ -75,11 +71,11 @@ pub fn film_spec(
         pitch_um: frame.pitch_um,
         axis_px: frame.axis_px,
         units,
-        sample,
+        sample: args.dtype,
         shard: args.shard,
         chunk: args.chunk,
         codec: arguments.codec,
-        keep_bits: keep_bits(args, sample)?,
+        keep_bits: keep_bits(args, args.dtype)?,
     };
     spec.check().map_err(|e| usage(e.to_string()))?;
     Ok(spec)

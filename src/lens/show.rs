@@ -41,7 +41,7 @@ pub fn command(args: &ShowArgs) -> Result<()> {
         false => print(text(&lens, &shown, &heights_mm, args)?.trim_end()),
     }
     match &args.plot {
-        Some(dir) => plots::write(dir, &lens, &nm, &heights_mm, &args.lp_mm, args.style.into()),
+        Some(dir) => plots::write(dir, &lens, &nm, &heights_mm, &args.lp_mm, args.style),
         None => Ok(()),
     }
 }

@@ -6,13 +6,11 @@ use crate::job::{Job, argument};
 use crate::open::Chart;
 use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, is_url, link_target, parent_of, sweep_entries};
-use formats::film::{FilmError, FilmSpec, FilmStore};
+use formats::film::{FilmSpec, FilmStore};
+use formats::group::{GroupError, JobGroup};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-
-/// The unit of work of a run without a plan, and the name of its lock.
-pub const FILM_LOCK: &str = "whole";
 
 /// BLAKE3 of a JSON value as it is written, 64 hexadecimal digits.
 pub fn digest(value: &Value) -> String {
@@ -85,7 +83,7 @@ pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
         fault_point("film-removed");
     }
     match FilmStore::create(path, job.film.clone(), provenance(job), fsync) {
-        Err(FilmError::Exists { .. }) => (),
+        Err(GroupError::Exists { .. }) => (),
         created => return Ok(created?),
     }
     // Temporary entries of a creation or removal that was killed.
@@ -110,7 +108,7 @@ pub fn expected_provenance(job: &Job, args: &RunArgs) -> Result<Map<String, Valu
 /// Not a film (exit code 3); the store.
 pub fn open_store(args: &RunArgs, hint: &str) -> Result<FilmStore> {
     FilmStore::open(&args.film, !args.no_fsync).map_err(|e| match e {
-        FilmError::NotFilm { .. } => other_job(format!("{e}{hint}")),
+        GroupError::NotOfKind { .. } => other_job(format!("{e}{hint}")),
         e => e.into(),
     })
 }
@@ -171,17 +169,17 @@ pub fn differences_from_plan(
 
 /// Removes the film, unless a run holds a lock on it.
 fn remove(path: &Path, take_over: bool) -> Result<()> {
-    let _locks = match FilmStore::locks(path)?.is_empty() {
+    let _locks = match JobGroup::locks(path)?.is_empty() {
         true => Vec::new(),
         false => lock_all(path, take_over)?,
     };
-    Ok(FilmStore::remove_film(path)?)
+    Ok(FilmStore::remove(path)?)
 }
 
 /// Locks every unit that any run has locked, and the complete film.
 pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
-    let mut units: BTreeSet<String> = [FILM_LOCK.to_owned()].into();
-    for (lock, _, _) in FilmStore::locks(path)? {
+    let mut units: BTreeSet<String> = [JobGroup::WHOLE.to_owned()].into();
+    for (lock, _, _) in JobGroup::locks(path)? {
         units.extend(lock.file_stem().map(|s| s.to_string_lossy().into_owned()));
     }
     let store = Store::at(path)?;

@@ -6,7 +6,8 @@ use crate::job::Job;
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::chart::ChartError;
-use formats::film::{FilmError, FilmStore};
+use formats::film::FilmStore;
+use formats::group::GroupError;
 use pipeline::cuda::CudaError;
 use pipeline::executor::{Progress, RunError, Summary};
 use pipeline::plan::ShardId;
@@ -143,8 +144,8 @@ fn is_local(error: &RunError) -> bool {
     }
     let cause = error.cause();
     match cause.downcast_ref() {
-        Some(FilmError::Storage(e)) => return !e.retryable(),
-        Some(FilmError::Replaced { .. } | FilmError::Recreated { .. }) => return false,
+        Some(GroupError::Storage(e)) => return !e.retryable(),
+        Some(GroupError::Replaced { .. } | GroupError::Recreated { .. }) => return false,
         _ => (),
     }
     match cause.downcast_ref::<ChartError>() {
@@ -185,7 +186,7 @@ impl Progress for Monitor<'_> {
     }
 
     fn continue_after(&self, error: &RunError) -> bool {
-        let storage = matches!(error.cause().downcast_ref(), Some(FilmError::Storage(_)));
+        let storage = matches!(error.cause().downcast_ref(), Some(GroupError::Storage(_)));
         let failed_writes = || self.failed_writes.fetch_add(1, Ordering::Relaxed) + 1;
         let unreachable = storage && failed_writes() >= MAX_FAILED_WRITES;
         if !self.keep_going || unreachable || !is_local(error) {

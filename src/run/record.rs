@@ -129,7 +129,7 @@ pub fn write(
     let seconds = record.finished_unix_s.unwrap_or(0);
     let name = format!("runs/{seconds}-{}-{}.json", ProcessIdentity::current().host, std::process::id());
     let text = serde_json::to_vec(&record).expect("a record is JSON");
-    if let Err(e) = store.write_record(&name, &text) {
+    if let Err(e) = store.group().write_record(&name, &text) {
         log_line(format!("note: the run's record {name} could not be written: {e}"));
     }
 }

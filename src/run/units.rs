@@ -8,7 +8,8 @@ use crate::plan::{self, CommandLine, Plan, unit_list};
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::durable::{Lock, LockError};
-use formats::film::{FilmError, FilmStore};
+use formats::film::FilmStore;
+use formats::group::GroupError;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -123,9 +124,9 @@ impl Units {
             long if long.len() > MAX_LIST_BYTES => blake3::hash(long.as_bytes()).to_hex()[..16].to_owned(),
             short => short,
         };
-        match store.lock(&format!("units-{}-{listed}", self.name), true) {
+        match store.group().lock(&format!("units-{}-{listed}", self.name), true) {
             Ok(lock) => Ok(lock),
-            Err(FilmError::Locked(held @ (LockError::Held { .. } | LockError::Elsewhere { .. }))) => {
+            Err(GroupError::Locked(held @ (LockError::Held { .. } | LockError::Elsewhere { .. }))) => {
                 log_line(format!("note: {held}; computing these units as well, both write the same bytes"));
                 Ok(None)
             }

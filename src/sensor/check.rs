@@ -5,8 +5,9 @@ use crate::failure::{Coded, code};
 use crate::job::threads;
 use crate::progress::{counting, json_path, print};
 use anyhow::Result;
-use formats::film::PyramidState;
-use formats::raw::{RawError, RawStore};
+use formats::group::{Finding, GroupError, JobGroup, VerifyReport};
+use formats::pyramid::PyramidState;
+use formats::raw::RawStore;
 use serde_json::json;
 use std::path::Path;
 
@@ -22,7 +23,7 @@ pub fn open(path: &Path) -> Result<Option<RawStore>> {
         return Ok(None);
     }
     RawStore::open(path, true).map(Some).map_err(|e| match e {
-        RawError::Damaged { .. } => Coded { code: code::WRONG, message: e.to_string() }.into(),
+        GroupError::Damaged { .. } => Coded { code: code::WRONG, message: e.to_string() }.into(),
         e => e.into(),
     })
 }
@@ -36,7 +37,7 @@ pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
     let all = raw.spec().all_shards();
     let missing: Vec<String> = raw.missing(&all)?.into_iter().map(|s| raw.spec().key(s)).collect();
     let (done, complete) = (all.len() - missing.len(), missing.is_empty());
-    let pyramid = raw.pyramid()?;
+    let pyramid = raw.pyramid().state()?;
     match args.json {
         true => print(serde_json::to_string_pretty(&json!({
             "raw": json_path(raw.path()),
@@ -68,40 +69,45 @@ pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
 pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
     let Some(raw) = open(&args.film)? else { return Ok(None) };
     // No run may write meanwhile the files that would be removed.
-    let _lock = if args.repair { raw.lock(args.take_over)? } else { None };
+    let _lock = if args.repair { raw.group().lock(JobGroup::WHOLE, args.take_over)? } else { None };
     let (bar, progress) = counting("verifying");
     let verified = raw.verify(threads(args.threads), &progress);
     bar.finish_and_clear();
-    let (bytes, findings) = verified?;
-    let bad = || findings.iter().filter(|f| f.reason.is_some() && f.removable);
+    let VerifyReport { shards, bytes, findings, .. } = verified?;
+    let mut removed = 0;
     if args.repair {
-        bad().try_for_each(|finding| raw.remove_bad(finding))?;
-        raw.sweep()?;
+        for finding in &findings {
+            if let Finding::Bad { key, .. } = finding {
+                removed += usize::from(raw.remove_bad(key)?);
+            }
+        }
+        raw.group().sweep()?;
     }
-    let line = |f: &formats::raw::RawFinding| match &f.reason {
-        Some(reason) => format!("bad {}: {reason}", f.key),
-        None => format!("missing {}", f.key),
+    let line = |f: &Finding| match f {
+        Finding::Missing { key } => format!("missing {key}"),
+        f => {
+            let (kind, key, reason) = f.fields();
+            format!("{kind} {key}: {reason}")
+        }
     };
     match args.json {
         true => print(serde_json::to_string_pretty(&json!({
             "raw": json_path(raw.path()),
-            "shards": raw.spec().all_shards().len(),
+            "shards": shards,
             "bytes": bytes,
             "findings": findings.iter().map(line).collect::<Vec<_>>(),
-            "removed": if args.repair { bad().count() } else { 0 },
+            "removed": removed,
         }))?),
         false => {
             print(format!(
-                "{}: raw, {} shards, {bytes} bytes read, {} defects",
+                "{}: raw, {shards} shards, {bytes} bytes read, {} defects",
                 raw.path().display(),
-                raw.spec().all_shards().len(),
                 findings.len()
             ));
             name(findings.iter().map(line));
-            if args.repair && bad().count() > 0 {
+            if removed > 0 {
                 print(format!(
-                    "{} bad shards removed; the same `lenscube sensor` makes those of the raw again, `lenscube pyramid` those of levels",
-                    bad().count()
+                    "{removed} bad shards removed; the same `lenscube sensor` makes those of the raw again, `lenscube pyramid` those of levels"
                 ));
             }
         }

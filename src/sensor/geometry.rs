@@ -2,7 +2,7 @@
 
 use super::film::Film;
 use super::resolve::check_rois;
-use crate::args::{ExposeArgs, ResampleArg, SizeArg, size_order_note};
+use crate::args::{ExposeArgs, SizeArg, size_order_note};
 use crate::failure::usage;
 use crate::progress::log_line;
 use anyhow::Result;
@@ -80,10 +80,7 @@ impl Geometry {
         };
         let rows = axis(film.size.height, size.height, centre.0).snapped();
         let columns = axis(film.size.width, size.width, centre.1).snapped();
-        let resample = match args.resample {
-            ResampleArg::Cubic => Resample::Cubic,
-            ResampleArg::Area => Resample::Area,
-        };
+        let resample = args.resample;
         let centre_mm =
             ((rows.centre_um - film.axis_um.0) * 1e-3, (columns.centre_um - film.axis_um.1) * 1e-3);
         let geometry = Self { rows, columns, resample, centre_mm };

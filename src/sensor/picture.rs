@@ -86,7 +86,7 @@ pub fn command(
         return Ok(code);
     }
     convert(args, &plan, &raw, (out, format))?;
-    RawStore::remove_raw(&raw)?;
+    RawStore::remove(&raw)?;
     log_line(format!("wrote {shown}: {} px", rect.size()));
     Ok(0)
 }

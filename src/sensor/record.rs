@@ -44,7 +44,7 @@ pub fn write(plan: &Plan, store: &RawStore, outcome: &Result<Done>, start: Insta
         "clipped_at_0": of(|d| d.black),
     });
     let name = format!("runs/{seconds}-{}-{}.json", ProcessIdentity::current().host, std::process::id());
-    if let Err(e) = store.write_record(&name, record.to_string().as_bytes()) {
+    if let Err(e) = store.group().write_record(&name, record.to_string().as_bytes()) {
         log_line(format!("note: the run's record {name} could not be written: {e}"));
     }
 }

@@ -6,7 +6,7 @@ use super::geometry::Geometry;
 use super::memory::{self, Memory, Needs};
 use super::signal::Kept;
 use super::{identity, open_sensor, warnings};
-use crate::args::{ExposeArgs, ResampleArg};
+use crate::args::ExposeArgs;
 use crate::develop::frame::split_group;
 use crate::failure::usage;
 use crate::job::threads;
@@ -17,6 +17,7 @@ use formats::durable::is_url;
 use formats::raw::{RawOutput, RawSpec, RawStore};
 use formats::sensor::SensorFile;
 use pipeline::geometry::{Rect, Size};
+use pipeline::sensor::pixels::Resample;
 use pipeline::sensor::spectrum::illuminance_weights;
 use pipeline::sensor::stream::BandWeights;
 use pipeline::sensor::{Exposure, Sensor};
@@ -121,7 +122,7 @@ impl Plan {
         let kept = Kept::open(path)?;
         let geometry_flags = args.size.is_some()
             || args.center != (0.0, 0.0)
-            || args.resample != ResampleArg::Cubic
+            || args.resample != Resample::Cubic
             || args.coarse_film;
         if geometry_flags || args.f_number.is_some() || args.film_lux.is_some() {
             return Err(usage(format!(

@@ -7,6 +7,7 @@ use crate::interrupt;
 use crate::progress::counting;
 use anyhow::Result;
 use formats::durable::fault_point;
+use formats::parallel::{self, Progress};
 use formats::raw::{RawShard, RawStore};
 use pipeline::geometry::Rect;
 use pipeline::sensor::SignalHistogram;
@@ -14,7 +15,7 @@ use pipeline::sensor::noise::{Exposer, clipped};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 
 /// What was made.
 #[derive(Clone, Debug, Default)]
@@ -66,7 +67,7 @@ struct Writer<'a> {
     settled: &'a Settled,
     done: Mutex<Done>,
     all: usize,
-    progress: &'a (dyn Fn(u64, u64) + Sync),
+    progress: Progress<'a>,
 }
 
 /// Missing shards by output and place.
@@ -115,7 +116,7 @@ impl Writer<'_> {
     fn expose_stored(&self, places: &Places, stored: Stored<'_>) -> Result<()> {
         let places: Vec<&Vec<RawShard>> = places.values().collect();
         let cancel = interrupt::cancel_flag();
-        self.parallel(places.len(), |k| {
+        parallel::for_each(self.plan.memory.threads.min(places.len()), places.len(), &|_, _| (), |k| {
             if cancel.load(Ordering::Relaxed) {
                 return Ok(());
             }
@@ -185,7 +186,7 @@ impl Writer<'_> {
             .range((output, (row, 0))..(output, (row + 1, 0)))
             .flat_map(|(_, shards)| shards.iter().copied())
             .collect();
-        self.parallel(shards.len(), |k| {
+        parallel::for_each(self.plan.memory.threads.min(shards.len()), shards.len(), &|_, _| (), |k| {
             let rect = self.store.spec().shard_rect(shards[k]);
             let first = (rect.x - window.x) as usize;
             let mut tile = Vec::with_capacity(rect.size().pixels());
@@ -233,22 +234,5 @@ impl Writer<'_> {
         done.pixels += signal.len() as u64;
         done.negative += signal.iter().filter(|v| **v < 0.0).count() as u64;
         done.histogram.add(signal);
-    }
-
-    /// Runs `work(0)` to `work(count − 1)` on the planned threads; the first error ends it.
-    fn parallel(&self, count: usize, work: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
-        let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
-        let worker = || loop {
-            let k = next.fetch_add(1, Ordering::Relaxed);
-            if k >= count {
-                return;
-            }
-            if let Err(e) = work(k) {
-                next.store(count, Ordering::Relaxed);
-                failed.lock().expect("no panic while held").get_or_insert(e);
-            }
-        };
-        std::thread::scope(|s| (0..self.plan.memory.threads.min(count)).for_each(|_| drop(s.spawn(worker))));
-        failed.into_inner().expect("no panic while held").map_or(Ok(()), Err)
     }
 }

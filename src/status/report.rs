@@ -5,7 +5,9 @@ use crate::progress::json_path;
 use crate::run::record::{Outcome, RunRecord};
 use anyhow::Result;
 use formats::durable::LockOwner;
-use formats::film::{FilmStore, PyramidState};
+use formats::film::FilmStore;
+use formats::group::JobGroup;
+use formats::pyramid::PyramidState;
 use serde::{Serialize, Serializer};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -113,7 +115,7 @@ impl Status {
             }
         }
         let parse = |run| serde_json::from_value(Value::Object(run)).ok();
-        let runs: Vec<RunRecord> = store.runs()?.into_iter().filter_map(parse).collect();
+        let runs: Vec<RunRecord> = store.group().runs()?.into_iter().filter_map(parse).collect();
         let lock = |(path, owner, dead): (PathBuf, _, Option<bool>)| LockStatus {
             path: json_path(&path),
             owner,
@@ -131,8 +133,8 @@ impl Status {
             bands,
             runs: RunTotals::new(&runs),
             last_run: runs.last().map(LastRun::new),
-            locks: FilmStore::locks(store.path())?.into_iter().map(lock).collect(),
-            pyramid: store.pyramid()?,
+            locks: JobGroup::locks(store.path())?.into_iter().map(lock).collect(),
+            pyramid: store.pyramid().state()?,
             program: attribute("program"),
             source: attribute("source"),
             engine: store.engine().map(str::to_owned),

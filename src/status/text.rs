@@ -1,7 +1,8 @@
 //! The status of a film as text.
 
 use super::report::{BandStatus, LockStatus, Status};
-use formats::film::{FilmStore, PyramidState};
+use formats::film::FilmStore;
+use formats::pyramid::PyramidState;
 use serde_json::Value;
 
 /// Missing shards and incomplete bands that are listed; `--json` lists all.

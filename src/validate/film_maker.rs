@@ -57,7 +57,7 @@ impl FilmMaker {
         // A temporary name: after a kill the next run in this directory removes the film.
         let path = self.dir.join(temp_name());
         let pixels = self.film_at(&path, chart, stages, rects, full_band);
-        let removed = FilmStore::remove_film(&path);
+        let removed = FilmStore::remove(&path);
         // An error of the run comes before one of the removal.
         let pixels = pixels?;
         removed?;

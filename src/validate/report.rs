@@ -44,7 +44,7 @@ pub fn html(args: &ValidateArgs, setup: &Setup, bands: &[Band], missed: &[String
             format!("<p class=\"miss\">Not met:</p><ul class=\"miss\">{}</ul>", lines.concat())
         }
     };
-    let figures = Figures { size: setup.size, pitch_um: setup.pitch_um, style: args.style.into() };
+    let figures = Figures { size: setup.size, pitch_um: setup.pitch_um, style: args.style };
     let body = [
         head,
         verdict,

@@ -17,7 +17,7 @@ pub fn newest_complete_run(film: Option<&Path>) -> Result<Value> {
         r.get("outcome").and_then(Value::as_str) == Some("complete")
             && r.get("pixels").and_then(Value::as_u64).is_some_and(|p| p >= film_pixels)
     };
-    let Some(run) = store.runs()?.into_iter().rfind(complete) else { return Ok(Value::Null) };
+    let Some(run) = store.group().runs()?.into_iter().rfind(complete) else { return Ok(Value::Null) };
     let windows = store.provenance().get("bands").and_then(Value::as_array).cloned().unwrap_or_default();
     let windows: Vec<u64> = windows.iter().filter_map(|b| b["psf_window_px"].as_u64()).collect();
     let core = |stages: &[&str]| stages.iter().filter_map(|s| run["core_s"][*s].as_f64()).sum::<f64>();

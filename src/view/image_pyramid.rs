@@ -10,8 +10,9 @@ use crate::open::Chart;
 use anyhow::{Context, Result, bail};
 use formats::chart::cache::Cache;
 use formats::chart::{NanPolicy, split_array};
-use formats::film::{FilmStore, PyramidState, halve, level_sizes};
+use formats::film::FilmStore;
 use formats::picture::exposure::{Exposure, Levels};
+use formats::pyramid::{PyramidState, halve, level_sizes};
 use formats::raw::{halve_mosaic, mosaic_below};
 use pipeline::colour::{Illuminant, srgb_weights};
 use pipeline::geometry::{Rect, Size};
@@ -74,7 +75,7 @@ pub struct ImagePyramid {
 pub fn open_film(spec: &str) -> Result<Option<(FilmStore, usize)>> {
     let (path, array) = split_array(spec);
     let store = match FilmStore::open(path.as_ref(), true) {
-        Err(formats::film::FilmError::NotFilm { .. }) => return Ok(None),
+        Err(formats::group::GroupError::NotOfKind { .. }) => return Ok(None),
         other => other?,
     };
     let names: Vec<&str> = store.spec().outputs.iter().map(|o| o.name.as_str()).collect();
@@ -95,13 +96,14 @@ impl ImagePyramid {
         let film = if generated { None } else { open_film(spec)? };
         let mosaic = if generated || film.is_some() { None } else { Mosaic::open(spec)? };
         let stored_levels = match (&film, &mosaic) {
-            (Some((store, _)), _) => store.pyramid()?,
+            (Some((store, _)), _) => store.pyramid().state()?,
             (_, Some(mosaic)) => mosaic.state,
             _ => PyramidState::None,
         };
         let open = |level: usize, share: usize| match (&film, &mosaic) {
             (Some((store, output)), _) => {
-                let array = format!("{}//{}", store.path().display(), store.level_path(*output, level));
+                let array =
+                    format!("{}//{}", store.path().display(), store.pyramid().level_path(*output, level));
                 // The bands of a level have the order of the film's. Shards that do not exist yet are NaN and shown as missing.
                 Chart::open(&array, wavelengths.filter(|_| level == 0), NanPolicy::Keep, memory / share)
             }

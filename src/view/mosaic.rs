@@ -9,8 +9,9 @@ use crate::develop::{plain_style, recipe};
 use crate::failure::{line, usage};
 use anyhow::{Result, anyhow};
 use formats::chart::{ChartOptions, ChartStore};
-use formats::film::PyramidState;
-use formats::raw::{Period, RawError, RawStore, SIGNAL};
+use formats::group::GroupError;
+use formats::pyramid::PyramidState;
+use formats::raw::{Period, RawStore, SIGNAL};
 use pipeline::colour::Illuminant;
 use pipeline::develop::{Development, Recipe, Shading};
 use pipeline::geometry::{Rect, Size};
@@ -42,7 +43,7 @@ impl Mosaic {
     pub fn open(spec: &str) -> Result<Option<Self>> {
         let (path, _) = split_group(spec);
         let raw = match RawStore::open(Path::new(path), true) {
-            Err(RawError::NotRaw { .. }) => return Ok(None),
+            Err(GroupError::NotOfKind { .. }) => return Ok(None),
             other => other?,
         };
         let frames = raw.spec().exposure_s.len();
@@ -50,7 +51,7 @@ impl Mosaic {
         let frame = all.swap_remove(0);
         let output = raw.spec().outputs.iter().position(|o| o.rect == frame.rect && o.name == frame.array());
         let output = output.ok_or_else(|| usage(format!("{spec}: no such array")))?;
-        let levels = formats::film::level_sizes(frame.rect.size()).len();
+        let levels = formats::pyramid::level_sizes(frame.rect.size()).len();
         let recipes = Illuminant::ALL.map(|light| {
             let style = DevelopStyle { white: Some(light.name().into()), ..plain_style() };
             (light, recipe::resolve(&frame, &style, 1).map(|named| named.recipe).map_err(|e| line(&e)))
@@ -62,8 +63,8 @@ impl Mosaic {
             recipes: recipes.into(),
             signal: signal.transpose()?,
             path: path.to_owned(),
-            levels: (0..levels).map(|level| raw.level_path(output, level)).collect(),
-            state: raw.pyramid()?,
+            levels: (0..levels).map(|level| raw.pyramid().level_path(output, level)).collect(),
+            state: raw.pyramid().state()?,
             frame,
         }))
     }

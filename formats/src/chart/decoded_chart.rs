@@ -22,6 +22,7 @@ use super::options::NanPolicy;
 use super::raster::RasterChart;
 use super::raster::bands::BandFile;
 use super::values::Values;
+use crate::parallel::Progress;
 use crate::sample::RasterSample;
 
 /// Receives samples in native byte order: (path of their file, band, row, column, samples). They are complete rows, or part of one.
@@ -35,7 +36,7 @@ pub(super) trait BandDecoder: Debug + Send + Sync {
         &self,
         bands: &[usize],
         threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
         sink: Sink<'_>,
     ) -> Result<(), ChartError>;
 
@@ -190,7 +191,7 @@ impl DecodedChart {
         bands: &[usize],
         directory: &Path,
         threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
     ) -> Result<(), ChartError> {
         let _decoding = self.decoding.lock().expect("no panic while decoding");
         if self.copy.get().is_some() {

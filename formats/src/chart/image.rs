@@ -26,6 +26,7 @@ use crate::durable::DurableError;
 use crate::image::header::{ImageHeader, alpha_error, header_error};
 use crate::image::whole::WholeImage;
 use crate::image::{png, tiff, whole};
+use crate::parallel::Progress;
 
 /// Transfer function of integer samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -146,7 +147,7 @@ impl ImageFile {
         transfer: Transfer,
         directory: &Path,
         threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
     ) -> Result<Box<dyn ChartSource>, ChartError> {
         let Self { path, header, decoder } = self;
         if let Decoder::Exr(exr) = decoder {

@@ -26,7 +26,7 @@ use super::values::Values;
 use crate::durable::DurableError;
 use crate::image::tiff_bands::{TiffBands, TiffPart};
 use crate::image::{gdal, png};
-use crate::parallel;
+use crate::parallel::{self, Progress};
 use crate::sample::{RasterSample, Sample};
 
 /// Memory of a PNG decoder besides its rows: compressed input, inflate window.
@@ -267,7 +267,7 @@ impl BandDecoder for Pictures {
         &self,
         bands: &[usize],
         threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
         sink: Sink<'_>,
     ) -> Result<(), ChartError> {
         let parts = self.parts(bands)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::band_chunks::BandChunkFile;
 use super::error::ChartError;
 use super::store::ChartStore;
-use crate::parallel;
+use crate::parallel::{self, Progress};
 
 impl ChartStore {
     /// Whether reading `bands` one after the other would decode chunks once per band: several of the bands share chunks, and these
@@ -31,7 +31,7 @@ impl ChartStore {
         bands: &[usize],
         directory: &Path,
         threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
     ) -> Result<(), ChartError> {
         if self.band_chunks.get().is_some() {
             return Ok(());

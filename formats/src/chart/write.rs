@@ -13,7 +13,7 @@ use serde_json::{Map, Value, json};
 
 use crate::durable::{DurableError, Removal, Store, is_temp_name, link_target};
 use crate::hierarchy::{NewGroup, array, coordinate};
-use crate::parallel;
+use crate::parallel::{self, Progress};
 use crate::shard::{Codec, SampleType, ShardEncoder, sharding_metadata};
 
 /// Side of a shard, px.
@@ -149,7 +149,7 @@ pub fn replace_chart(
     meta: &ChartMeta,
     codec: Codec,
     threads: usize,
-    progress: &(dyn Fn(u64, u64) + Sync),
+    progress: Progress<'_>,
 ) -> Result<WriteReport, WriteError> {
     let replace = match open_chart(path)? {
         Some(store @ Store::Directory(_)) => {
@@ -191,7 +191,7 @@ pub fn write_chart(
     meta: &ChartMeta,
     codec: Codec,
     threads: usize,
-    progress: &(dyn Fn(u64, u64) + Sync),
+    progress: Progress<'_>,
 ) -> Result<WriteReport, WriteError> {
     write(path, source, meta, codec, threads, progress, false)
 }
@@ -202,7 +202,7 @@ fn write(
     meta: &ChartMeta,
     codec: Codec,
     threads: usize,
-    progress: &(dyn Fn(u64, u64) + Sync),
+    progress: Progress<'_>,
     replace: bool,
 ) -> Result<WriteReport, WriteError> {
     let (size, bands) = (source.size(), meta.wavelengths_nm.len());

@@ -10,21 +10,22 @@ use ::exr::meta::header::{Header, LayerAttributes};
 use ::exr::meta::{BlockDescription, MetaData};
 use ::exr::prelude::{Compression, SmallVec, Vec2};
 
-use super::{Developed, RowProgress};
+use super::Developed;
 use crate::durable::{AtomicFile, DurableError};
 use crate::export::ExportError;
 use crate::export::in_order::in_order;
+use crate::parallel::Progress;
 
 /// Lines of a block of this compression.
 const LINES: usize = 16;
 
-/// Writes an OpenEXR file; `make` gives the linear values of a band of rows, pixel by pixel.
+/// Writes an OpenEXR file; `make` gives the linear values of a strip of rows, pixel by pixel.
 ///
 /// # Errors
 /// [`ExportError`] of the file, or the caller's; no file is created then.
 pub fn write_exr<E: From<ExportError> + Send>(
     picture: &Developed<'_>,
-    progress: RowProgress<'_>,
+    progress: Progress<'_>,
     make: impl Fn(Range<usize>) -> Result<Vec<f32>, E> + Sync,
 ) -> Result<(), E> {
     picture.check("OpenEXR", i32::MAX as usize)?;
@@ -60,11 +61,11 @@ fn blocks<E: From<ExportError> + Send>(
     p: &Developed<'_>,
     meta: &MetaData,
     writer: &mut (impl ChunksWriter + Send),
-    progress: RowProgress<'_>,
+    progress: Progress<'_>,
     make: &(impl Fn(Range<usize>) -> Result<Vec<f32>, E> + Sync),
 ) -> Result<(), E> {
     let encode = |k: usize| {
-        let rows = p.band(k);
+        let rows = p.strip(k);
         let values = make(rows.clone())?;
         let lines = values.chunks(LINES * p.size.width * p.channels);
         let block = |(i, values): (usize, &[f32])| {
@@ -89,11 +90,11 @@ fn blocks<E: From<ExportError> + Send>(
         };
         lines.enumerate().map(block).collect::<Result<Vec<_>, E>>()
     };
-    in_order(p.bands(), p.threads, encode, |k, chunks| {
+    in_order(p.strips(), p.threads, encode, |k, chunks| {
         for (index, chunk) in chunks {
             writer.write_chunk(index, chunk).map_err(|e| failed(p, e))?;
         }
-        progress(p.band(k).end as u64, p.size.height as u64);
+        progress(p.strip(k).end as u64, p.size.height as u64);
         Ok(())
     })
 }

@@ -1,7 +1,7 @@
 //! Developed raws as pictures: PNG and TIFF of 8 or 16 bits, OpenEXR of linear floats.
 //!
-//! A picture is made in bands of rows, on all threads at once; the caller's function makes the samples of a band, and the writers encode
-//! them on the same thread and append them in order. Memory holds one band per thread. Files have temporary names until they are complete.
+//! A picture is made in strips of rows, on all threads at once; the caller's function makes the samples of a strip, and the writers encode
+//! them on the same thread and append them in order. Memory holds one strip per thread. Files have temporary names until they are complete.
 
 mod exr;
 mod png;
@@ -40,11 +40,11 @@ pub struct Developed<'a> {
 }
 
 impl Developed<'_> {
-    fn bands(&self) -> usize {
+    fn strips(&self) -> usize {
         self.size.height.div_ceil(self.rows)
     }
 
-    fn band(&self, k: usize) -> Range<usize> {
+    fn strip(&self, k: usize) -> Range<usize> {
         k * self.rows..((k + 1) * self.rows).min(self.size.height)
     }
 
@@ -65,9 +65,6 @@ impl Developed<'_> {
         }
     }
 }
-
-/// Receives rows done, and all rows.
-pub type RowProgress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 
 #[cfg(test)]
 mod tests;

@@ -1,30 +1,31 @@
-//! PNG whose bands of rows are filtered and deflated on all threads.
+//! PNG whose strips of rows are filtered and deflated on all threads.
 //!
-//! A band is deflated for itself and ends with an empty stored block (a *sync flush*, RFC 1951), so bands follow each other as one stream;
-//! Adler-32 of the stream is combined from those of the bands. The first row of a band has the filter Sub, the others Up. Each band is one
-//! IDAT chunk. At most 3 % larger than one stream of the same level, as matches do not reach into the band before.
+//! A strip is deflated for itself and ends with an empty stored block (a *sync flush*, RFC 1951), so strips follow each other as one stream;
+//! Adler-32 of the stream is combined from those of the strips. The first row of a strip has the filter Sub, the others Up. Each strip is one
+//! IDAT chunk. At most 3 % larger than one stream of the same level, as matches do not reach into the strip before.
 
 use std::io::{BufWriter, Write};
 use std::ops::Range;
 
 use flate2::{Compress, Compression, Crc, FlushCompress, Status};
 
-use super::{Developed, RowProgress};
+use super::Developed;
 use crate::durable::{AtomicFile, DurableError};
 use crate::export::ExportError;
 use crate::export::in_order::in_order;
+use crate::parallel::Progress;
 
 const ADLER: u32 = 65521;
 /// Bytes that are summed before the remainder is taken: the largest count without overflow of u32.
 const ADLER_RUN: usize = 5552;
 
-/// Writes a PNG; `make` gives the samples (codes of the depth) of a band of rows.
+/// Writes a PNG; `make` gives the samples (codes of the depth) of a strip of rows.
 ///
 /// # Errors
 /// [`ExportError`] of the file, or the caller's; no file is created then.
 pub fn write_png<E: From<ExportError> + Send>(
     picture: &Developed<'_>,
-    progress: RowProgress<'_>,
+    progress: Progress<'_>,
     make: impl Fn(Range<usize>) -> Result<Vec<u16>, E> + Sync,
 ) -> Result<(), E> {
     picture.check("PNG", i32::MAX as usize)?;
@@ -32,22 +33,22 @@ pub fn write_png<E: From<ExportError> + Send>(
     let mut out = BufWriter::with_capacity(1 << 20, file.file());
     let failed = |e| E::from(ExportError::from(DurableError::io("write", picture.path, 0, e)));
     out.write_all(&header(picture)).map_err(failed)?;
-    let bands = picture.bands();
+    let strips = picture.strips();
     let mut sum = Sum { adler: 1, bytes: 0 };
     let encode = |k: usize| {
-        let rows = picture.band(k);
+        let rows = picture.strip(k);
         let samples = make(rows)?;
-        Ok::<_, E>(Band::new(picture, &samples, k == 0))
+        Ok::<_, E>(Strip::new(picture, &samples, k == 0))
     };
-    in_order(bands, picture.threads, encode, |k, mut band: Band| {
-        sum = sum.followed_by(band.sum);
-        if k + 1 == bands {
+    in_order(strips, picture.threads, encode, |k, mut strip: Strip| {
+        sum = sum.followed_by(strip.sum);
+        if k + 1 == strips {
             // An empty last block, and the checksum of all.
-            band.data.extend([3, 0]);
-            band.data.extend(sum.adler.to_be_bytes());
+            strip.data.extend([3, 0]);
+            strip.data.extend(sum.adler.to_be_bytes());
         }
-        out.write_all(&chunk(b"IDAT", &band.data)).map_err(failed)?;
-        progress(picture.band(k).end as u64, picture.size.height as u64);
+        out.write_all(&chunk(b"IDAT", &strip.data)).map_err(failed)?;
+        progress(picture.strip(k).end as u64, picture.size.height as u64);
         Ok(())
     })?;
     out.write_all(&chunk(b"IEND", &[])).map_err(failed)?;
@@ -115,13 +116,13 @@ impl Sum {
     }
 }
 
-/// An encoded band.
-struct Band {
+/// An encoded strip.
+struct Strip {
     data: Vec<u8>,
     sum: Sum,
 }
 
-impl Band {
+impl Strip {
     fn new(p: &Developed<'_>, samples: &[u16], first: bool) -> Self {
         let filtered = filtered(p, samples);
         let mut data = Vec::with_capacity(filtered.len() / 2 + 64);

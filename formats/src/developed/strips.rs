@@ -11,10 +11,11 @@ use ::tiff::encoder::{Rational, SRational, TiffEncoder, TiffKind, TiffKindBig, T
 use ::tiff::tags::Tag;
 use pipeline::geometry::Size;
 
-use super::{Developed, RowProgress};
+use super::Developed;
 use crate::durable::{AtomicFile, DurableError};
 use crate::export::ExportError;
 use crate::export::in_order::in_order;
+use crate::parallel::Progress;
 
 /// Bytes that a classic TIFF may have, a margin for tags left.
 const CLASSIC_BYTES: u64 = (1 << 32) - (1 << 24);
@@ -42,13 +43,13 @@ pub(crate) struct Page<'a> {
     pub(crate) tags: Vec<(u16, Value)>,
 }
 
-/// Writes a TIFF; `make` gives the samples (codes of the depth) of a band of rows.
+/// Writes a TIFF; `make` gives the samples (codes of the depth) of a strip of rows.
 ///
 /// # Errors
 /// [`ExportError`] of the file, or the caller's; no file is created then.
 pub fn write_tiff<E: From<ExportError> + Send>(
     picture: &Developed<'_>,
-    progress: RowProgress<'_>,
+    progress: Progress<'_>,
     make: impl Fn(Range<usize>) -> Result<Vec<u16>, E> + Sync,
 ) -> Result<(), E> {
     picture.check("TIFF", u32::MAX as usize)?;
@@ -83,10 +84,10 @@ impl Page<'_> {
         self.bytes() < CLASSIC_BYTES
     }
 
-    /// Writes the file; `make` gives the bytes of a band of rows.
+    /// Writes the file; `make` gives the bytes of a strip of rows.
     pub(crate) fn write<E: From<ExportError> + Send>(
         &self,
-        progress: RowProgress<'_>,
+        progress: Progress<'_>,
         make: impl Fn(Range<usize>) -> Result<Vec<u8>, E> + Sync,
     ) -> Result<(), E> {
         let file = AtomicFile::create(self.path).map_err(ExportError::from)?;
@@ -109,22 +110,22 @@ impl Page<'_> {
     fn strips<W: Write + Seek + Send, K: TiffKind + Send, E: From<ExportError> + Send>(
         &self,
         mut encoder: TiffEncoder<W, K>,
-        progress: RowProgress<'_>,
+        progress: Progress<'_>,
         make: impl Fn(Range<usize>) -> Result<Vec<u8>, E> + Sync,
     ) -> Result<(), E> {
         let fail = |e| failed(self.path, e);
         let mut page = encoder.image_directory().map_err(fail)?;
         let count = self.size.height.div_ceil(self.rows);
-        let band = |k: usize| k * self.rows..((k + 1) * self.rows).min(self.size.height);
+        let rows = |k: usize| k * self.rows..((k + 1) * self.rows).min(self.size.height);
         let mut strips: Vec<(u64, u64)> = Vec::with_capacity(count);
         in_order(
             count,
             self.threads,
-            |k| make(band(k)),
+            |k| make(rows(k)),
             |k, bytes: Vec<u8>| {
                 let offset = page.write_data(&bytes[..]).map_err(fail)?;
                 strips.push((offset, bytes.len() as u64));
-                progress(band(k).end as u64, self.size.height as u64);
+                progress(rows(k).end as u64, self.size.height as u64);
                 Ok(())
             },
         )?;

@@ -2,7 +2,7 @@
 //!
 //! NPY is one file, (bands, rows, columns). ENVI is two (NV5 Geospatial, "ENVI Header Files"): data, and a text `NAME.hdr`. Both are
 //! complete under temporary names before they are renamed, the header last ([`finish_together`]): until then an existing pair is
-//! unchanged, and a header is never beside the data of another export. Each thread reads a row band of one band at a time.
+//! unchanged, and a header is never beside the data of another export. Each thread reads a strip of rows of one band at a time.
 
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -89,18 +89,18 @@ fn write_samples(
     let file = AtomicFile::create(path)?;
     let failed = |bytes: usize| move |e| DurableError::io("write", path, bytes as u64, e);
     file.file().write_all_at(head, 0).map_err(failed(head.len()))?;
-    let (all, row_bands) = (samples.rect, samples.row_bands());
+    let (all, strips) = (samples.rect, samples.strips());
     let total = (samples.bands() * all.size().pixels()) as u64;
     let mut written = Written { bytes: head.len() as u64, missing: 0 };
     let make = |unit: usize| {
-        let (band, rows) = (unit / row_bands.len(), &row_bands[unit % row_bands.len()]);
+        let (band, rows) = (unit / strips.len(), &strips[unit % strips.len()]);
         let rect = Rect::new(rows.start, all.x, (rows.end - rows.start) as usize, all.width);
         let mut pixels = vec![0.0; rect.size().pixels()];
         let missing = samples.read(band, rect, &mut pixels)?;
         let bytes: Vec<u8> = pixels.iter().flat_map(|v| v.to_le_bytes()).collect();
         Ok::<_, ExportError>((bytes, missing))
     };
-    in_order(samples.bands() * row_bands.len(), samples.threads, make, |_, (bytes, missing)| {
+    in_order(samples.bands() * strips.len(), samples.threads, make, |_, (bytes, missing)| {
         file.file().write_all_at(&bytes, written.bytes).map_err(failed(bytes.len()))?;
         written.bytes += bytes.len() as u64;
         written.missing += missing;

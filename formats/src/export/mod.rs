@@ -10,7 +10,7 @@
 //! geotransform), OpenEXR's attributes `pixelPitchUm` and `originPx`. The origin is the upper left corner of the source.
 //!
 //! f32 files have the source's bits; NaN (missing shards) is kept and counted. Samples are read in the order of the file where possible:
-//! band by band in row bands that end at chunk edges of the source, or for tiles ([`regions`]) all bands of a region that fits in memory.
+//! band by band in strips of rows that end at chunk edges of the source, or for tiles ([`regions`]) all bands of a region that fits in memory.
 //! Files have temporary names until all files of the export are complete ([`crate::durable::AtomicFile`]).
 
 pub mod exr;
@@ -53,8 +53,8 @@ impl Samples<'_> {
         self.wavelengths_nm.len()
     }
 
-    /// Row bands of `rect`: the rows of one chunk of the source, but at least 64 and at most 512.
-    fn row_bands(&self) -> Vec<Range<i64>> {
+    /// Strips of `rect`: the rows of one chunk of the source, but at least 64 and at most 512.
+    fn strips(&self) -> Vec<Range<i64>> {
         let (first, end) = (self.rect.y, self.rect.bottom());
         let rows = self.chunk.height.clamp(64, 512) as i64;
         let starts = (first / rows..(end + rows - 1) / rows).map(|i| (i * rows).max(first));
@@ -77,8 +77,7 @@ pub struct Written {
     pub missing: u64,
 }
 
-/// Progress callback: samples done, samples in total.
-pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+pub use crate::parallel::Progress;
 
 /// Error of an export.
 #[derive(Debug, thiserror::Error)]

@@ -54,25 +54,25 @@ pub fn write_bands(
     let mut out = BufWriter::with_capacity(1 << 20, file.file());
     let mut encoder = TiffEncoder::new_big(&mut out).map_err(|e| failed(path, e))?;
     let mut picture = encoder.image_directory().map_err(|e| failed(path, e))?;
-    let row_bands = samples.row_bands();
+    let read_strips = samples.strips();
     let total = (bands * all.size().pixels()) as u64;
     let mut written = Written::default();
     let (mut done, mut offsets, mut counts) = (0, Vec::<u64>::new(), Vec::<u64>::new());
     for band in 0..bands {
         let make = |unit: usize| {
-            let rows = &row_bands[unit];
+            let rows = &read_strips[unit];
             let rect = Rect::new(rows.start, all.x, (rows.end - rows.start) as usize, all.width);
             let mut pixels = vec![0.0; rect.size().pixels()];
             let missing = samples.read(band, rect, &mut pixels)?;
             Ok::<_, ExportError>((pixels, missing))
         };
-        // The file's strips end at other rows than the row bands read.
+        // The file's strips end at other rows than those that are read.
         let mut pending: Vec<f32> = Vec::new();
-        in_order(row_bands.len(), samples.threads, make, |unit, (pixels, missing)| {
+        in_order(read_strips.len(), samples.threads, make, |unit, (pixels, missing)| {
             written.missing += missing;
             done += pixels.len() as u64;
             pending.extend(pixels);
-            let is_last = unit + 1 == row_bands.len();
+            let is_last = unit + 1 == read_strips.len();
             let whole = pending.len() / (strip_rows * all.width) * strip_rows * all.width;
             let end = if is_last { pending.len() } else { whole };
             for strip in pending[..end].chunks(strip_rows * all.width) {

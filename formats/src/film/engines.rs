@@ -5,10 +5,8 @@
 
 use serde_json::Value;
 
-use super::error::FilmError;
 use super::store::FilmStore;
-
-pub(super) const ENGINE_EXTENSION: &str = ".engine";
+use crate::group::{ENGINE_EXTENSION, GroupError};
 
 impl FilmStore {
     /// The engine that the film was created with; `None` if not recorded.
@@ -19,10 +17,10 @@ impl FilmStore {
     /// All engines that may have computed shards of the film, that of [`FilmStore::engine`] first (`unknown` if not recorded).
     ///
     /// # Errors
-    /// [`FilmError::Storage`] if the store cannot be read.
-    pub fn engines(&self) -> Result<Vec<String>, FilmError> {
+    /// [`GroupError::Storage`] if the store cannot be read.
+    pub fn engines(&self) -> Result<Vec<String>, GroupError> {
         let first = self.engine().unwrap_or("unknown").to_owned();
-        let names = self.store.names("runs")?;
+        let names = self.group.store.names("runs")?;
         let mut others: Vec<String> =
             names.iter().filter_map(|name| name.strip_suffix(ENGINE_EXTENSION)).map(str::to_owned).collect();
         others.retain(|name| *name != first);
@@ -33,8 +31,8 @@ impl FilmStore {
     /// Records that an engine other than [`FilmStore::engine`] computes shards.
     ///
     /// # Errors
-    /// [`FilmError::Storage`].
-    pub fn mark_engine(&self, engine: &str) -> Result<(), FilmError> {
-        self.write_record(&format!("runs/{engine}{ENGINE_EXTENSION}"), b"")
+    /// [`GroupError::Storage`].
+    pub fn mark_engine(&self, engine: &str) -> Result<(), GroupError> {
+        self.group.write_record(&format!("runs/{engine}{ENGINE_EXTENSION}"), b"")
     }
 }

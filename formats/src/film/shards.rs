@@ -5,9 +5,9 @@ use std::path::Path;
 use bytes::Bytes;
 use pipeline::geometry::{Rect, Size};
 
-use super::error::FilmError;
 use super::store::FilmStore;
-use crate::durable::{fault_point, is_url};
+use crate::durable::is_url;
+use crate::group::{GroupError, ShardFile};
 use crate::shard::ShardError;
 
 /// An encoded shard, to be committed.
@@ -46,32 +46,36 @@ impl FilmStore {
         self.spec.shard_grid(output).shard_rect(row, column)
     }
 
+    /// All shards, as they are stored.
+    pub(super) fn shard_files(&self) -> Vec<ShardFile<'_>> {
+        let file = |(output, band, (row, column)): (usize, usize, (usize, usize))| {
+            let grid = self.spec.shard_grid(output);
+            let (shape, rect) = (grid.shard, grid.shard_rect(row, column));
+            ShardFile { key: self.key(output, band, (row, column)), encoder: &self.encoder, shape, rect }
+        };
+        self.spec.all_shards().map(file).collect()
+    }
+
     /// All shards of the film: output, band, (row, column).
     pub fn all_shards(&self) -> impl Iterator<Item = (usize, usize, (usize, usize))> + '_ {
-        let of_output = |output: usize| {
-            let (down, across) = self.shards(output);
-            (0..self.spec.wavelengths_nm.len()).flat_map(move |band| {
-                (0..down).flat_map(move |i| (0..across).map(move |j| (output, band, (i, j))))
-            })
-        };
-        (0..self.spec.outputs.len()).flat_map(of_output)
+        self.spec.all_shards()
     }
 
     /// Key of a shard.
-    pub fn key(&self, output: usize, band: usize, (row, column): (usize, usize)) -> String {
-        format!("{}/c/{band}/{row}/{column}", self.spec.outputs[output].name)
+    pub fn key(&self, output: usize, band: usize, shard: (usize, usize)) -> String {
+        self.spec.key(output, band, shard)
     }
 
     /// Whether the shard exists, and so is done.
     ///
     /// # Errors
-    /// [`FilmError::Storage`] if the store cannot be read.
+    /// [`GroupError::Storage`] if the store cannot be read.
     pub fn shard_present(
         &self,
         output: usize,
         band: usize,
         shard: (usize, usize),
-    ) -> Result<bool, FilmError> {
+    ) -> Result<bool, GroupError> {
         Ok(self.shard_bytes(output, band, shard)?.is_some())
     }
 
@@ -79,7 +83,7 @@ impl FilmStore {
     /// pixels give the same bytes.
     ///
     /// # Errors
-    /// [`FilmError::NotFinite`] for NaN or infinity, [`FilmError::Overflow`] for a value beyond the range of f16; [`FilmError::Request`] for a
+    /// [`GroupError::NotFinite`] for NaN or infinity, [`GroupError::Overflow`] for a value beyond the range of f16; [`GroupError::Request`] for a
     /// shard outside the film or `data` of another length.
     pub fn encode_shard(
         &self,
@@ -87,7 +91,7 @@ impl FilmStore {
         band: usize,
         shard: (usize, usize),
         data: &[f32],
-    ) -> Result<EncodedShard, FilmError> {
+    ) -> Result<EncodedShard, GroupError> {
         let width = self.expected_rect(output, band, shard, data.len())?.width;
         let row = |y: usize| &data[y * width..][..width];
         self.encode_rows(output, band, shard, &row)
@@ -104,7 +108,7 @@ impl FilmStore {
         shard: (usize, usize),
         size: Size,
         row: &dyn Fn(usize) -> &'a [f32],
-    ) -> Result<EncodedShard, FilmError> {
+    ) -> Result<EncodedShard, GroupError> {
         self.expected_rect(output, band, shard, size.pixels())?;
         self.encode_rows(output, band, shard, row)
     }
@@ -116,7 +120,7 @@ impl FilmStore {
         band: usize,
         shard: (usize, usize),
         pixels: usize,
-    ) -> Result<Rect, FilmError> {
+    ) -> Result<Rect, GroupError> {
         let bands = self.spec.wavelengths_nm.len();
         let exists = output < self.spec.outputs.len() && band < bands && {
             let (down, across) = self.shards(output);
@@ -125,7 +129,7 @@ impl FilmStore {
         let rect = if exists { self.shard_rect(output, shard) } else { Rect::new(0, 0, 0, 0) };
         if !exists || pixels != rect.size().pixels() {
             let expected = rect.size().pixels();
-            return Err(FilmError::Request { output, band, shard, expected, found: pixels });
+            return Err(GroupError::Request { output, band, shard, expected, found: pixels });
         }
         Ok(rect)
     }
@@ -137,26 +141,26 @@ impl FilmStore {
         band: usize,
         shard: (usize, usize),
         row: &dyn Fn(usize) -> &'a [f32],
-    ) -> Result<EncodedShard, FilmError> {
+    ) -> Result<EncodedShard, GroupError> {
         let rect = self.shard_rect(output, shard);
-        let chunks = self.spec.chunks_of(self.spec.shard_grid(output).shard);
+        let chunks = self.encoder.chunks_of(self.spec.shard_grid(output).shard);
         let bytes =
             self.encoder.encode_rows(row, (rect.height, rect.width), chunks).map_err(|e| match e {
-                ShardError::Overflow { row, column, value } => FilmError::Overflow {
+                ShardError::Overflow { row, column, value } => GroupError::Overflow {
                     output: self.spec.outputs[output].name.clone(),
                     band,
                     row: rect.y + row as i64,
                     column: rect.x + column as i64,
                     value,
                 },
-                ShardError::NotFinite { row, column, value } => FilmError::NotFinite {
+                ShardError::NotFinite { row, column, value } => GroupError::NotFinite {
                     shard: self.key(output, band, shard),
                     band,
                     row: rect.y + row as i64,
                     column: rect.x + column as i64,
                     value,
                 },
-                ShardError::Codec(reason) => FilmError::Codec { reason },
+                ShardError::Codec(reason) => GroupError::Codec { reason },
             })?;
         Ok(EncodedShard { key: self.key(output, band, shard), bytes: bytes.into() })
     }
@@ -164,26 +168,23 @@ impl FilmStore {
     /// Writes a shard, durably and atomically; from then on it is present.
     ///
     /// # Errors
-    /// [`FilmError::Storage`]; the shard is then unchanged. [`FilmError::Replaced`] or [`FilmError::Recreated`] if another film has replaced
+    /// [`GroupError::Storage`]; the shard is then unchanged. [`GroupError::Replaced`] or [`GroupError::Recreated`] if another film has replaced
     /// this one; that film is then unchanged.
-    pub fn commit(&self, shard: &EncodedShard) -> Result<(), FilmError> {
-        fault_point("commit");
-        self.check_in_place()?;
-        fault_point("commit-checked");
-        self.report_replacement(self.store.write(&shard.key, shard.bytes.clone()))
+    pub fn commit(&self, shard: &EncodedShard) -> Result<(), GroupError> {
+        self.group.commit(&shard.key, shard.bytes.clone())
     }
 
     /// Size of a stored shard in bytes; `None` if it does not exist.
     ///
     /// # Errors
-    /// [`FilmError::Storage`] if the store cannot be read.
+    /// [`GroupError::Storage`] if the store cannot be read.
     pub fn shard_bytes(
         &self,
         output: usize,
         band: usize,
         shard: (usize, usize),
-    ) -> Result<Option<u64>, FilmError> {
-        Ok(self.store.size_of(&self.key(output, band, shard))?)
+    ) -> Result<Option<u64>, GroupError> {
+        Ok(self.group.store.size_of(&self.key(output, band, shard))?)
     }
 
     /// As [`FilmStore::shard_bytes`], of many shards; requests to an object store are concurrent.
@@ -193,9 +194,9 @@ impl FilmStore {
     pub fn shards_bytes(
         &self,
         shards: &[(usize, usize, (usize, usize))],
-    ) -> Result<Vec<Option<u64>>, FilmError> {
+    ) -> Result<Vec<Option<u64>>, GroupError> {
         let keys: Vec<String> = shards.iter().map(|&(o, b, s)| self.key(o, b, s)).collect();
-        Ok(self.store.sizes_of(&keys)?)
+        Ok(self.group.store.sizes_of(&keys)?)
     }
 
     /// Removes a shard, if it exists.
@@ -205,7 +206,7 @@ impl FilmStore {
         output: usize,
         band: usize,
         shard: (usize, usize),
-    ) -> Result<(), FilmError> {
-        Ok(self.store.remove(&self.key(output, band, shard))?)
+    ) -> Result<(), GroupError> {
+        Ok(self.group.store.remove(&self.key(output, band, shard))?)
     }
 }

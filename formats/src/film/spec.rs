@@ -4,12 +4,12 @@ use std::path::Path;
 
 use pipeline::bounds::{self, OutOfBounds};
 use pipeline::geometry::{Rect, Size};
-use pipeline::plan;
+use pipeline::plan::FilmRegion;
 use serde_json::{Map, Value, json};
 
-use super::error::FilmError;
+use crate::group::{GroupError, GroupKind};
 use crate::hierarchy::{array, coordinate};
-use crate::shard::{Codec, SampleType, sharding_metadata};
+use crate::shard::{Codec, SampleType, shard_grid, sharding_metadata};
 
 /// An array of a film: the complete film, or a region of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -66,14 +66,13 @@ impl FilmSpec {
     }
 
     /// The shards of an output.
-    pub fn shard_grid(&self, output: usize) -> plan::FilmRegion {
+    pub fn shard_grid(&self, output: usize) -> FilmRegion {
         self.grid_of(self.outputs[output].rect)
     }
 
     /// The shards of an array with the pixels `rect`.
-    pub(super) fn grid_of(&self, rect: Rect) -> plan::FilmRegion {
-        let side = |n: usize| self.shard.min(n.div_ceil(self.chunk) * self.chunk);
-        plan::FilmRegion { rect, shard: Size::new(side(rect.height), side(rect.width)) }
+    pub(super) fn grid_of(&self, rect: Rect) -> FilmRegion {
+        shard_grid(rect, self.shard, self.chunk)
     }
 
     /// (rows, columns) of a shard of output `output`.
@@ -82,17 +81,28 @@ impl FilmSpec {
         (shard.height, shard.width)
     }
 
-    /// Inner chunks (rows, columns) of a shard.
-    pub(super) fn chunks_of(&self, shard: Size) -> (usize, usize) {
-        (shard.height / self.chunk, shard.width / self.chunk)
+    /// All shards of the film: output, band, (row, column).
+    pub fn all_shards(&self) -> impl Iterator<Item = (usize, usize, (usize, usize))> + '_ {
+        let of_output = |output: usize| {
+            let (down, across) = self.shard_grid(output).count();
+            (0..self.wavelengths_nm.len()).flat_map(move |band| {
+                (0..down).flat_map(move |i| (0..across).map(move |j| (output, band, (i, j))))
+            })
+        };
+        (0..self.outputs.len()).flat_map(of_output)
+    }
+
+    /// Key of a shard.
+    pub fn key(&self, output: usize, band: usize, (row, column): (usize, usize)) -> String {
+        format!("{}/c/{band}/{row}/{column}", self.outputs[output].name)
     }
 
     /// Checks that every number is within [`bounds`] and every output inside the film.
     ///
     /// # Errors
-    /// [`FilmError::Spec`] or [`FilmError::Bounds`].
-    pub fn check(&self) -> Result<(), FilmError> {
-        let invalid = |what, expected, found: String| Err(FilmError::Spec { what, expected, found });
+    /// [`GroupError::Spec`] or [`GroupError::Bounds`].
+    pub fn check(&self) -> Result<(), GroupError> {
+        let invalid = |what, expected, found: String| Err(GroupError::Spec { what, expected, found });
         if self.chunk == 0 || self.shard == 0 || !self.shard.is_multiple_of(self.chunk) {
             let found = format!("shards of {}, chunks of {}", self.shard, self.chunk);
             return invalid("sides", "a shard that is a multiple of the chunk", found);
@@ -170,13 +180,13 @@ impl FilmSpec {
         all
     }
 
-    /// Zarr metadata of an output.
-    pub(super) fn array(&self, output: &FilmOutput) -> Value {
-        self.array_of(output, output.rect.size())
+    /// Name and Zarr metadata of the outputs.
+    pub(super) fn arrays(&self) -> Vec<(String, Value)> {
+        self.outputs.iter().map(|o| (o.name.clone(), self.array(o, o.rect.size()))).collect()
     }
 
     /// Zarr metadata of an array of `size` with the field of view of `output`.
-    pub(super) fn array_of(&self, output: &FilmOutput, size: Size) -> Value {
+    pub(super) fn array(&self, output: &FilmOutput, size: Size) -> Value {
         let shard = self.grid_of(size.rect()).shard;
         let (y, x) = Self::axes(&output.name);
         array(
@@ -190,14 +200,14 @@ impl FilmSpec {
     }
 
     /// Group attributes.
-    pub(super) fn attributes(&self, schema: &str, provenance: &Map<String, Value>) -> Value {
+    pub(super) fn attributes(&self, provenance: &Map<String, Value>) -> Value {
         let outputs: Vec<Value> = self
             .outputs
             .iter()
             .map(|o| json!({"name": o.name, "row": o.rect.y, "column": o.rect.x, "size": [o.rect.height, o.rect.width]}))
             .collect();
         let mut attributes = json!({
-            "schema": schema,
+            "schema": GroupKind::Film.schema(),
             "film_size": [self.film.height, self.film.width],
             "pitch_um": self.pitch_um,
             "axis_px": [self.axis_px.0, self.axis_px.1],
@@ -220,9 +230,12 @@ impl FilmSpec {
     pub(super) fn from_attributes(
         path: &Path,
         mut a: Map<String, Value>,
-    ) -> Result<(Self, Map<String, Value>), FilmError> {
-        let damaged =
-            || FilmError::Damaged { path: path.join("zarr.json"), expected: "the attributes of a film" };
+    ) -> Result<(Self, Map<String, Value>), GroupError> {
+        let damaged = || GroupError::Damaged {
+            kind: GroupKind::Film,
+            path: path.join("zarr.json"),
+            expected: "the attributes of a film",
+        };
         let provenance = match a.remove("provenance") {
             Some(Value::Object(m)) => m,
             _ => return Err(damaged()),
@@ -256,7 +269,7 @@ impl FilmSpec {
             })
         };
         let spec = parse().ok_or_else(damaged)?;
-        spec.check().map_err(|e| FilmError::Attributes { path: path.into(), reason: e.to_string() })?;
+        spec.check().map_err(|e| GroupError::Attributes { path: path.into(), reason: e.to_string() })?;
         Ok((spec, provenance))
     }
 }

@@ -1,5 +1,6 @@
 //! Creation, writing and verification of films.
 
+mod pyramid;
 mod replaced;
 mod url;
 
@@ -12,6 +13,7 @@ use serde_json::{Map, Value};
 use super::*;
 use crate::chart::{ChartOptions, ChartStore};
 use crate::durable::{DurableError, FileStep, Store, Sweep};
+use crate::group::{Finding, GroupError};
 
 fn spec() -> FilmSpec {
     FilmSpec {
@@ -102,15 +104,15 @@ fn existing_film_or_foreign_group_is_not_overwritten() {
     let path = dir.path().join("film.zarr");
     FilmStore::create(&path, spec(), provenance(), true).unwrap();
     let e = FilmStore::create(&path, spec(), provenance(), true).unwrap_err();
-    assert!(matches!(e, FilmError::Exists { .. }), "{e}");
+    assert!(matches!(e, GroupError::Exists { .. }), "{e}");
     let other = dir.path().join("thesis");
     std::fs::create_dir(&other).unwrap();
     std::fs::write(other.join("zarr.json"), r#"{"attributes": {"schema": "mine"}}"#).unwrap();
-    assert!(matches!(FilmStore::remove_film(&other), Err(FilmError::NotFilm { .. })));
+    assert!(matches!(FilmStore::remove(&other), Err(GroupError::NotOfKind { .. })));
     assert!(other.join("zarr.json").exists());
-    FilmStore::remove_film(&path).unwrap();
-    FilmStore::remove_film(&path).unwrap();
-    assert!(matches!(FilmStore::open(&path, true), Err(FilmError::NotFilm { .. })));
+    FilmStore::remove(&path).unwrap();
+    FilmStore::remove(&path).unwrap();
+    assert!(matches!(FilmStore::open(&path, true), Err(GroupError::NotOfKind { .. })));
     FilmStore::create(&path, spec(), provenance(), true).unwrap();
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2);
 }
@@ -123,7 +125,7 @@ fn changed_array_metadata_are_an_error_on_opening() {
     let file = path.join("film/zarr.json");
     let json = std::fs::read_to_string(&file).unwrap();
     std::fs::write(&file, json.replace("100", "101")).unwrap();
-    assert!(matches!(FilmStore::open(&path, false), Err(FilmError::Damaged { .. })));
+    assert!(matches!(FilmStore::open(&path, false), Err(GroupError::Damaged { .. })));
 }
 
 #[test]
@@ -151,7 +153,7 @@ fn f16_overflow_is_an_error_with_band_row_column() {
     film.encode_shard(0, 1, (1, 1), &pixels).unwrap();
     pixels[40 * 36 + 35] = 7e4;
     let e = film.encode_shard(0, 1, (1, 1), &pixels).unwrap_err();
-    assert!(matches!(e, FilmError::Overflow { band: 1, row: 104, column: 99, .. }), "{e}");
+    assert!(matches!(e, GroupError::Overflow { band: 1, row: 104, column: 99, .. }), "{e}");
 }
 
 #[test]
@@ -171,7 +173,7 @@ fn invalid_spec_is_rejected_before_anything_is_written() {
     let dir = tempfile::tempdir().unwrap();
     for spec in cases {
         let e = FilmStore::create(&dir.path().join("f"), spec, Map::new(), false).unwrap_err();
-        assert!(matches!(e, FilmError::Spec { .. } | FilmError::Bounds(_)), "{e}");
+        assert!(matches!(e, GroupError::Spec { .. } | GroupError::Bounds(_)), "{e}");
     }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
 }
@@ -189,13 +191,17 @@ fn verify_finds_and_names_every_defect() {
         let intact = film.verify(3, &|_, _| ()).unwrap();
         assert!(intact.findings.is_empty() && intact.temp.is_empty(), "{intact:?}");
         let file = |key: &str| path.join(key);
+        let check_shard = |film: &FilmStore| {
+            let files = film.shard_files();
+            film.group().check_file(files.iter().find(|f| f.key == "film/c/1/0/1").unwrap())
+        };
         // A flipped bit in any byte of a shard is found: all bytes are covered by a checksum.
         let good = std::fs::read(file("film/c/1/0/1")).unwrap();
         for k in (0..good.len()).step_by(good.len() / 97) {
             let mut bad = good.clone();
             bad[k] ^= 0x10;
             std::fs::write(file("film/c/1/0/1"), &bad).unwrap();
-            let (_, finding) = film.check_shard(0, 1, (0, 1)).unwrap();
+            let (_, finding) = check_shard(&film).unwrap();
             assert!(
                 matches!(&finding, Some(Finding::Bad { key, .. }) if key == "film/c/1/0/1"),
                 "{k}: {finding:?}"
@@ -203,12 +209,12 @@ fn verify_finds_and_names_every_defect() {
         }
         for cut in [&good[..good.len() - 1], &good[1..], &good[..10], &[]] {
             std::fs::write(file("film/c/1/0/1"), cut).unwrap();
-            assert!(film.check_shard(0, 1, (0, 1)).unwrap().1.is_some());
+            assert!(check_shard(&film).unwrap().1.is_some());
         }
         let mut pixels = vec![0.5; 64 * 36];
         pixels[3 * 36 + 2] = f32::NAN;
         let e = film.encode_shard(0, 1, (1, 1), &pixels).unwrap_err();
-        assert!(matches!(e, FilmError::NotFinite { band: 1, row: 67, column: 66, .. }), "{e}");
+        assert!(matches!(e, GroupError::NotFinite { band: 1, row: 67, column: 66, .. }), "{e}");
         // A shard by another program.
         let intact = film.encode_shard(0, 1, (1, 1), &vec![0.5; 64 * 36]).unwrap();
         let bytes = film.encoder.encode_unchecked(&pixels, (64, 36), (2, 2)).unwrap();
@@ -230,13 +236,13 @@ fn verify_finds_and_names_every_defect() {
 
 /// Everything in a directory or below a URL, by key.
 fn contents(film: &FilmStore) -> std::collections::BTreeMap<String, Vec<u8>> {
-    let names = |key: &str| film.store.names(key).unwrap();
+    let names = |key: &str| film.group().store.names(key).unwrap();
     let mut found = std::collections::BTreeMap::new();
     let mut todo = vec![String::new()];
     while let Some(key) = todo.pop() {
         for name in names(&key) {
             let key = if key.is_empty() { name } else { format!("{key}/{name}") };
-            match film.store.read(&key).unwrap() {
+            match film.group().store.read(&key).unwrap() {
                 Some(bytes) => drop(found.insert(key, bytes)),
                 None => todo.push(key),
             }

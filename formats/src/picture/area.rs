@@ -1,13 +1,13 @@
-//! Reduction by averaging over area, streamed: every source sample is read once, in row bands.
+//! Reduction by averaging over area, streamed: every source sample is read once, in strips.
 //!
 //!   out[i, j] = Σ w_ik·w_jl·in[k, l] / Σ w_ik·w_jl,   w_ik = overlap of output pixel i and source pixel k
 //! over the samples that are finite. Along an axis of n source and m output pixels (divided by their common factor)
 //! source pixel k is [k·m, (k+1)·m) and output pixel i is [i·n, (i+1)·n): the weights are whole numbers, exact in f64, at any ratio.
 //!
-//! Workers take units (one band of one row band) in order, row band by row band and within it band by band, and average them
+//! Workers take units (one band of one strip) in order, strip by strip and within it band by band, and average them
 //! in parallel. The averages are added in the order of the units, so the picture has the same bits for any number of threads.
-//! A worker holds one row band (at most 32 MiB, and a multiple of common chunk rows where that allows) and its averages;
-//! between row bands, one output row a band is kept.
+//! A worker holds one strip (at most 32 MiB, and a multiple of common chunk rows where that allows) and its averages;
+//! between strips, one output row a band is kept.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,9 +15,9 @@ use std::sync::{Condvar, Mutex};
 
 use super::{ChartSource, PictureError, Progress, Rect, Size, View};
 
-/// Rows of a row band: a multiple of the inner chunks of 256 or 512 rows that stores decode at once.
-const BAND_ROWS: usize = 512;
-/// Maximum bytes of a row band; wider images get fewer rows.
+/// Rows of a strip: a multiple of the inner chunks of 256 or 512 rows that stores decode at once.
+const STRIP_ROWS: usize = 512;
+/// Maximum bytes of a strip; wider images get fewer rows.
 const MAX_BAND_BYTES: usize = 32 << 20;
 
 /// Source and output pixels along one axis, divided by their common factor.
@@ -76,9 +76,9 @@ impl Grid {
         Ok(Self { region, out, rows: Axis::new(height, out.height), columns: Axis::new(width, out.width) })
     }
 
-    /// Row bands in rows of the region; their borders are at multiples of their height in the source.
-    fn row_bands(&self) -> Vec<Range<usize>> {
-        let mut height = BAND_ROWS;
+    /// Strips in rows of the region; their borders are at multiples of their height in the source.
+    fn strips(&self) -> Vec<Range<usize>> {
+        let mut height = STRIP_ROWS;
         while height > 1 && height * self.region.width * size_of::<f32>() > MAX_BAND_BYTES {
             height /= 2;
         }
@@ -88,12 +88,12 @@ impl Grid {
             .collect()
     }
 
-    /// Averages one row band.
-    fn average(&self, rows: &Range<usize>, pixels: &[f32]) -> BandAverage {
+    /// Averages one strip.
+    fn average(&self, rows: &Range<usize>, pixels: &[f32]) -> StripAverage {
         let width = self.region.width;
         let outputs = self.rows.outputs(rows.start, rows.end);
         let mut average =
-            BandAverage { first: outputs.start, rows: Vec::with_capacity(outputs.len()), missing: 0 };
+            StripAverage { first: outputs.start, rows: Vec::with_capacity(outputs.len()), missing: 0 };
         let mut column = vec![0f64; width];
         let mut all_finite = true;
         for i in outputs {
@@ -135,7 +135,7 @@ impl Grid {
         average
     }
 
-    /// Sum and weight of output pixel (i, j) over the finite samples of rows `inside` of a row band.
+    /// Sum and weight of output pixel (i, j) over the finite samples of rows `inside` of a strip.
     fn finite_sum(
         &self,
         (i, inside): (usize, Range<usize>),
@@ -167,14 +167,14 @@ fn means(sums: &Sums) -> Vec<f32> {
 }
 
 enum Row {
-    /// Means of an output row that lies in one row band.
+    /// Means of an output row that lies in one strip.
     Complete(Vec<f32>),
-    /// Contribution of this row band to an output row, and whether it is the last one.
+    /// Contribution of this strip to an output row, and whether it is the last one.
     Partial { sums: Sums, last: bool },
 }
 
-/// Averages of one band of a row band.
-struct BandAverage {
+/// Averages of one band of a strip.
+struct StripAverage {
     /// Output row of `rows[0]`.
     first: usize,
     rows: Vec<Row>,
@@ -207,15 +207,15 @@ pub(super) fn stream(
         total: (grid.region.size().pixels() * bands.len()) as u64,
         progress,
     };
-    let row_bands = grid.row_bands();
+    let strips = grid.strips();
     let next = AtomicUsize::new(0);
     let work = || {
         let _on_panic = WakeOnPanic(&merge);
         let mut pixels = Vec::new();
         loop {
             let unit = next.fetch_add(1, Ordering::Relaxed);
-            let (row_band, position) = (unit / bands.len().max(1), unit % bands.len().max(1));
-            let Some(rows) = row_bands.get(row_band).filter(|_| !bands.is_empty()) else { return };
+            let (strip, position) = (unit / bands.len().max(1), unit % bands.len().max(1));
+            let Some(rows) = strips.get(strip).filter(|_| !bands.is_empty()) else { return };
             let region = &grid.region;
             let rect = Rect::new(region.y + rows.start as i64, region.x, rows.len(), region.width);
             pixels.resize(rect.size().pixels(), 0.0);
@@ -250,7 +250,7 @@ struct State<'a, 'e> {
     next_unit: usize,
     error: Option<PictureError>,
     panicked: bool,
-    /// Per band: sums of the output row that continues in the next row band.
+    /// Per band: sums of the output row that continues in the next strip.
     partial: Vec<Option<Sums>>,
     missing: u64,
     read: u64,
@@ -264,7 +264,7 @@ impl OrderedMerge<'_, '_> {
         unit: usize,
         position: usize,
         samples: usize,
-        average: Result<BandAverage, PictureError>,
+        average: Result<StripAverage, PictureError>,
     ) -> bool {
         let locked = self.state.lock().expect("a worker panicked");
         let waiting = |s: &mut State<'_, '_>| s.next_unit != unit && s.error.is_none() && !s.panicked;
@@ -283,7 +283,7 @@ impl OrderedMerge<'_, '_> {
 }
 
 impl State<'_, '_> {
-    fn add(&mut self, position: usize, average: BandAverage) -> Result<(), PictureError> {
+    fn add(&mut self, position: usize, average: StripAverage) -> Result<(), PictureError> {
         self.missing += average.missing;
         for (i, row) in (average.first..).zip(average.rows) {
             match row {

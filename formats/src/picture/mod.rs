@@ -1,7 +1,7 @@
 //! Pictures of charts, films and lenses: PNG (and SVG) for viewing, never a data format.
 //!
 //! [`preview`] shows a stack of bands in colour ([`streamed`]: of any size), [`grey`] one band. Both read any [`ChartSource`] once
-//! (twice where the exposure is measured) in row bands, averaging over area (`area.rs`), so that memory holds the picture or
+//! (twice where the exposure is measured) in strips of rows, averaging over area (`area.rs`), so that memory holds the picture or
 //! only some of its rows, never the cube. [`exposure`] chooses the value that becomes white, [`tone`] converts values to bytes.
 //! Figures are SVG documents ([`figure`]) in a light or dark [`style`], and PNG files drawn from the same documents:
 //! [`mod@plot`] draws curves and shapes on axes, [`bands`] gives wavelengths their colours, [`curve`] plots the tables of a lens,
@@ -155,8 +155,7 @@ pub struct PictureSummary {
     pub missing_pixels: u64,
 }
 
-/// Receives the number of source samples read, and their total: ascending, from many threads.
-pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+pub use crate::parallel::Progress;
 
 /// Index of the band nearest to `wavelength_nm`.
 ///

@@ -40,7 +40,7 @@ impl VisibleBands {
         emit: &mut EmitRow<'_>,
     ) -> Result<u64, PictureError> {
         let last = self.bands.len() - 1;
-        // Rows to which some bands have not been added yet: those of one row band of the source.
+        // Rows to which some bands have not been added yet: those of one strip of the source.
         let mut incomplete: VecDeque<Vec<[f32; 3]>> = VecDeque::new();
         let mut first = 0;
         stream(source, &self.bands, grid, threads, progress, &mut |position, y, means| {

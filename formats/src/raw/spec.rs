@@ -2,11 +2,13 @@
 
 use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
+use pipeline::plan::FilmRegion;
 use serde_json::{Map, Value, json};
 
 use super::{RawShard, SIGNAL};
+use crate::group::GroupKind;
 use crate::hierarchy::{array, coordinate};
-use crate::shard::{Codec, SampleType, sharding_of};
+use crate::shard::{Codec, SampleType, shard_grid, sharding_of};
 
 /// One array of a raw: all of the sensor, or a window of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,41 +49,30 @@ impl RawSpec {
         (Self::LAYOUT.1, Self::LAYOUT.1)
     }
 
+    /// The shards of an output.
+    pub fn shard_grid(&self, output: usize) -> FilmRegion {
+        self.grid_of(self.outputs[output].rect)
+    }
+
+    /// The shards of an array with the pixels `rect`.
+    pub(super) fn grid_of(&self, rect: Rect) -> FilmRegion {
+        shard_grid(rect, self.shard, self.chunk)
+    }
+
     /// (rows, columns) of a shard of an output.
     pub fn shard_shape(&self, output: usize) -> (usize, usize) {
-        self.shard_shape_of(self.outputs[output].rect.size())
-    }
-
-    /// (rows, columns) of a shard of an array of `size`.
-    pub(super) fn shard_shape_of(&self, size: Size) -> (usize, usize) {
-        let side = |n: usize| self.shard.min(n.div_ceil(self.chunk) * self.chunk);
-        (side(size.height), side(size.width))
-    }
-
-    /// Pixels of a shard of an array of `size`, from its first pixel on.
-    pub(super) fn rect_of_shard(&self, size: Size, (i, j): (usize, usize)) -> Rect {
-        let (rows, columns) = self.shard_shape_of(size);
-        Rect::new((i * rows) as i64, (j * columns) as i64, rows, columns).intersect(size.rect())
-    }
-
-    /// Inner chunks (down, across) of a shard of an output.
-    pub(super) fn grid(&self, output: usize) -> (usize, usize) {
-        let (rows, columns) = self.shard_shape(output);
-        (rows / self.chunk, columns / self.chunk)
+        let shard = self.shard_grid(output).shard;
+        (shard.height, shard.width)
     }
 
     /// Shards (down, across) of an output.
     pub fn shards(&self, output: usize) -> (usize, usize) {
-        let (rows, columns) = self.shard_shape(output);
-        let rect = self.outputs[output].rect;
-        (rect.height.div_ceil(rows), rect.width.div_ceil(columns))
+        self.shard_grid(output).count()
     }
 
     /// Pixels of a shard, in sensor coordinates.
     pub fn shard_rect(&self, shard: RawShard) -> Rect {
-        let rect = self.outputs[shard.output].rect;
-        let part = self.rect_of_shard(rect.size(), shard.place);
-        Rect::new(rect.y + part.y, rect.x + part.x, part.height, part.width)
+        self.shard_grid(shard.output).shard_rect(shard.place.0, shard.place.1)
     }
 
     /// Every shard: the signal's first.
@@ -134,11 +125,12 @@ impl RawSpec {
 
     /// Metadata of an array of digital numbers of `size` with the field of view of `output`.
     pub(super) fn counts_array(&self, output: &RawOutput, size: Size) -> Value {
-        let ((rows, columns), (y, x)) = (self.shard_shape_of(size), Self::axes(&output.name));
+        let (shard, (y, x)) = (self.grid_of(size.rect()).shard, Self::axes(&output.name));
         let codecs = sharding_of(Codec::Zstd, SampleType::U16, &[1, self.chunk, self.chunk], false);
         let shape = [self.exposure_s.len(), size.height, size.width];
         let (dimensions, units) = (["frame", &y, &x], json!({"units": "DN"}));
-        let mut metadata = array(&shape, &[1, rows, columns], "uint16", codecs, &dimensions, units);
+        let mut metadata =
+            array(&shape, &[1, shard.height, shard.width], "uint16", codecs, &dimensions, units);
         metadata["fill_value"] = json!(0);
         metadata
     }
@@ -160,14 +152,14 @@ impl RawSpec {
         all
     }
 
-    pub(super) fn attributes(&self, schema: &str, further: &Map<String, Value>) -> Map<String, Value> {
+    pub(super) fn attributes(&self, further: &Map<String, Value>) -> Map<String, Value> {
         let outputs: Vec<Value> = self
             .outputs
             .iter()
             .map(|o| json!({"name": o.name, "row": o.rect.y, "column": o.rect.x, "size": [o.rect.height, o.rect.width]}))
             .collect();
         let own = json!({
-            "schema": schema,
+            "schema": GroupKind::Raw.schema(),
             "layout": {
                 "sensor_size": [self.sensor.height, self.sensor.width],
                 "pitch_um": self.pitch_um,

@@ -1,4 +1,9 @@
+//! Raws: creation, reading, replacement, verification.
+
+mod pyramid;
+
 use super::*;
+use crate::group::Finding;
 use pipeline::geometry::Size;
 use serde_json::json;
 
@@ -28,7 +33,10 @@ fn a_raw_is_created_filled_and_opened_again() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("raw.zarr");
     let raw = RawStore::create(&path, spec(), attributes("a"), false).unwrap();
-    assert!(matches!(RawStore::create(&path, spec(), attributes("a"), false), Err(RawError::Exists { .. })));
+    assert!(matches!(
+        RawStore::create(&path, spec(), attributes("a"), false),
+        Err(GroupError::Exists { .. })
+    ));
     let all = raw.spec().all_shards();
     assert_eq!(all.len(), 3 * 2);
     assert_eq!(raw.missing(&all).unwrap(), all);
@@ -49,7 +57,7 @@ fn a_raw_is_created_filled_and_opened_again() {
     let mut pixels = vec![0.0; 70 * 50];
     array.read_rect(1, spec().sensor.rect(), &mut pixels).unwrap();
     assert!(pixels.iter().all(|v| *v == 8.0));
-    RawStore::remove_raw(&path).unwrap();
+    RawStore::remove(&path).unwrap();
     assert!(!path.exists());
 }
 
@@ -58,13 +66,13 @@ fn another_raw_in_its_place_gets_nothing() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("raw.zarr");
     let old = RawStore::create(&path, spec(), attributes("a"), false).unwrap();
-    RawStore::remove_raw(&path).unwrap();
+    RawStore::remove(&path).unwrap();
     RawStore::create(&path, spec(), attributes("b"), false).unwrap();
     let shard = old.spec().all_shards()[1];
     let pixels = vec![0; old.spec().shard_rect(shard).size().pixels()];
-    assert!(matches!(old.commit_counts(shard, &pixels), Err(RawError::Replaced { .. })));
+    assert!(matches!(old.commit_counts(shard, &pixels), Err(GroupError::Replaced { .. })));
     std::fs::write(path.join("notes.txt"), "mine").unwrap();
-    assert!(matches!(RawStore::remove_raw(&path), Err(RawError::Foreign { .. })));
+    assert!(matches!(RawStore::remove(&path), Err(GroupError::Foreign { .. })));
 }
 
 #[test]
@@ -81,6 +89,31 @@ fn damaged_attributes_are_an_error() {
     ] {
         assert!(text.contains(from), "{from}");
         std::fs::write(&file, text.replace(from, to)).unwrap();
-        assert!(matches!(RawStore::open(&path, false), Err(RawError::Damaged { .. })), "{to}");
+        assert!(matches!(RawStore::open(&path, false), Err(GroupError::Damaged { .. })), "{to}");
     }
+}
+
+#[test]
+fn remove_bad_keeps_a_shard_that_is_intact_by_now() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("raw.zarr");
+    let raw = RawStore::create(&path, spec(), attributes("a"), false).unwrap();
+    let shard = *raw.spec().all_shards().last().unwrap();
+    let counts = vec![700; raw.spec().shard_rect(shard).size().pixels()];
+    raw.commit_counts(shard, &counts).unwrap();
+    let key = raw.spec().key(shard);
+    let intact = std::fs::read(path.join(&key)).unwrap();
+    std::fs::write(path.join(&key), &intact[..50]).unwrap();
+    let findings = raw.verify(2, &|_, _| ()).unwrap().findings;
+    assert!(
+        findings.iter().any(|f| matches!(f, Finding::Bad { key: bad, .. } if *bad == key)),
+        "{findings:?}"
+    );
+    // Another process makes it again between the check and the removal.
+    raw.commit_counts(shard, &counts).unwrap();
+    assert!(!raw.remove_bad(&key).unwrap());
+    assert!(std::fs::read(path.join(&key)).unwrap() == intact);
+    std::fs::write(path.join(&key), &intact[..50]).unwrap();
+    assert!(raw.remove_bad(&key).unwrap() && !path.join(&key).exists());
+    assert!(!raw.remove_bad(&key).unwrap() && !raw.remove_bad("raw/notes").unwrap());
 }

@@ -5,6 +5,7 @@ use std::iter::repeat_n;
 use std::num::NonZeroU64;
 use std::sync::Arc;
 
+use pipeline::geometry::Size;
 use serde_json::Value;
 use zarrs::array::codec::CodecChain;
 use zarrs::array::codec::api::BytesToBytesCodecTraits;
@@ -37,7 +38,7 @@ pub(crate) struct ShardEncoder {
     pub(super) bounded: BoundedChain,
     /// Decoder of indexes.
     pub(super) bounded_index: BoundedChain,
-    pub(super) sample: SampleType,
+    pub(crate) sample: SampleType,
     pub(super) data_type: DataType,
     /// Side of an inner chunk, px.
     pub(super) chunk: usize,
@@ -87,6 +88,11 @@ impl ShardEncoder {
             },
             chunk,
         })
+    }
+
+    /// Inner chunks (rows, columns) of a shard of `shape` pixels.
+    pub(crate) fn chunks_of(&self, shape: Size) -> (usize, usize) {
+        (shape.height / self.chunk, shape.width / self.chunk)
     }
 
     /// Encodes a shard of `rows` × `columns` inner chunks. `data` (`height` × `width`) is the part of the shard inside the image,

@@ -2,7 +2,7 @@
 //!
 //! Input of a tile is its chart rectangle ([`Remap::upload_rect`]) including the surround ([`Remap::fill`]) in a buffer of charts;
 //! output are its pixels in a buffer of remapped tiles. They do not depend on the division of the film into tiles, nor on the other
-//! tiles of a launch: a tile whose chart rectangle is too large may be divided into row bands.
+//! tiles of a launch: a tile whose chart rectangle is too large may be divided into strips of rows.
 #![allow(unsafe_code)]
 
 use super::Remap;

@@ -19,6 +19,7 @@ use super::header::{check_header, content};
 use crate::chart::decoded_chart::{BandDecoder, Sink};
 use crate::chart::error::ChartError;
 use crate::durable::DurableError;
+use crate::parallel::Progress;
 
 /// The blocks of a file.
 #[derive(Debug)]
@@ -37,7 +38,7 @@ impl BandDecoder for Blocks {
         &self,
         bands: &[usize],
         threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
         sink: Sink<'_>,
     ) -> Result<(), ChartError> {
         let damaged = |reason: String| ChartError::Damaged { path: self.path.clone(), reason };

@@ -16,7 +16,7 @@ use super::variables::Variable;
 use super::{filters, guarded};
 use crate::durable::DurableError;
 use crate::image::header::MAX_DECODED_BYTES;
-use crate::parallel;
+use crate::parallel::{self, Progress};
 use crate::sample::RasterSample;
 
 /// Bytes of a strip, unless one chunk is larger.
@@ -224,7 +224,7 @@ impl BandDecoder for ChunkGrid {
         &self,
         bands: &[usize],
         threads: usize,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        progress: Progress<'_>,
         sink: Sink<'_>,
     ) -> Result<(), ChartError> {
         let [_, down, across] = self.counts();

@@ -36,7 +36,7 @@ fn write_during_which_the_film_is_replaced_fails_and_leaves_the_new_film_unchang
             let film = film_of_job(&path, "a").with_directory(|d| {
                 d.with_fault(move |step, _| {
                     if step == at && !replaced.swap(true, Ordering::SeqCst) {
-                        FilmStore::remove_film(&target).unwrap();
+                        FilmStore::remove(&target).unwrap();
                         film_of_job(&target, digest);
                     }
                     Ok(())
@@ -45,11 +45,14 @@ fn write_during_which_the_film_is_replaced_fails_and_leaves_the_new_film_unchang
             let shard = film.encode_shard(0, 0, (0, 0), &[1.0; 64 * 64]).unwrap();
             let e = film.commit(&shard).unwrap_err();
             let expected = match digest {
-                "b" => matches!(e, FilmError::Replaced { .. }) && !e.retryable(),
-                _ => matches!(e, FilmError::Recreated { .. }) && e.retryable(),
+                "b" => matches!(e, GroupError::Replaced { .. }) && !e.retryable(),
+                _ => matches!(e, GroupError::Recreated { .. }) && e.retryable(),
             };
             assert!(expected, "{at:?}: {e}");
-            assert!(film.write_record("runs/1.json", b"{}").is_err() && film.lock("whole", false).is_err());
+            assert!(
+                film.group().write_record("runs/1.json", b"{}").is_err()
+                    && film.group().lock("whole", false).is_err()
+            );
             let fresh = film_of_job(&dir.path().join(format!("fresh-{n}-{digest}.zarr")), digest);
             assert_eq!(contents(&FilmStore::open(&path, false).unwrap()), contents(&fresh), "{at:?}");
             assert!(!path.join("runs").exists());
@@ -65,27 +68,28 @@ fn film_with_foreign_files_is_not_removed() {
     let path = dir.path().join("film.zarr");
     for foreign in ["chart.npy", "pack.lens.zarr/zarr.json", "film/notes.txt", "runs/job.json"] {
         let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
-        film.write_record("runs/1763740000-host-7.json", b"{}").unwrap();
-        film.write_record(foreign, b"mine").unwrap();
+        film.group().write_record("runs/1763740000-host-7.json", b"{}").unwrap();
+        film.group().write_record(foreign, b"mine").unwrap();
         let before = contents(&film);
-        let e = FilmStore::remove_film(&path).unwrap_err();
-        assert!(matches!(&e, FilmError::Foreign { names, .. } if *names == [foreign]), "{e}");
+        let e = FilmStore::remove(&path).unwrap_err();
+        assert!(matches!(&e, GroupError::Foreign { names, .. } if *names == [foreign]), "{e}");
         assert_eq!(contents(&film), before);
         std::fs::remove_file(path.join(foreign)).unwrap();
         if foreign.starts_with("pack") {
             // An empty directory is foreign, too.
-            assert!(matches!(FilmStore::remove_film(&path), Err(FilmError::Foreign { .. })));
+            assert!(matches!(FilmStore::remove(&path), Err(GroupError::Foreign { .. })));
             std::fs::remove_dir(path.join("pack.lens.zarr")).unwrap();
         }
-        FilmStore::remove_film(&path).unwrap();
+        FilmStore::remove(&path).unwrap();
     }
     // At a URL.
     let url = Path::new("memory://foreign/film.zarr");
     let film = FilmStore::create(url, spec(), provenance(), false).unwrap();
-    film.write_record("chart.npy", b"mine").unwrap();
-    assert!(matches!(FilmStore::remove_film(url), Err(FilmError::Foreign { .. })));
+    film.group().write_record("chart.npy", b"mine").unwrap();
+    assert!(matches!(FilmStore::remove(url), Err(GroupError::Foreign { .. })));
     assert!(
-        film.store.read("chart.npy").unwrap().is_some() && film.store.read("zarr.json").unwrap().is_some()
+        film.group().store.read("chart.npy").unwrap().is_some()
+            && film.group().store.read("zarr.json").unwrap().is_some()
     );
 }
 
@@ -96,7 +100,7 @@ fn symbolic_link_to_a_film_is_kept() {
     std::os::unix::fs::symlink("disk/film.zarr", &link).unwrap();
     // A dangling link; a link to a film; the same with a trailing slash.
     for path in [link.clone(), link.clone(), dir.path().join("film.zarr/")] {
-        FilmStore::remove_film(&path).unwrap();
+        FilmStore::remove(&path).unwrap();
         let film = FilmStore::create(&path, spec(), provenance(), false).unwrap();
         fill(&film);
         assert!(link.is_symlink() && real.join("film/c/0/0/0").is_file() && !real.is_symlink());

@@ -10,24 +10,30 @@ fn film_at_a_url_has_the_same_content_as_in_a_directory() {
     let both = [&path, url].map(|path| {
         let film = FilmStore::create(path, spec(), provenance(), false).unwrap();
         fill(&film);
-        film.write_record("runs/1-host-2.json", b"{}").unwrap();
+        film.group().write_record("runs/1-host-2.json", b"{}").unwrap();
         check(path, "film", Rect::new(0, 0, 150, 100), false);
         assert!(matches!(
             FilmStore::create(path, spec(), provenance(), false),
-            Err(FilmError::Exists { .. })
+            Err(GroupError::Exists { .. })
         ));
         FilmStore::open(path, false).unwrap()
     });
     assert_eq!(contents(&both[0]), contents(&both[1]));
     let film = &both[1];
-    assert!(film.lock("whole", false).unwrap().is_none() && film.sweep().unwrap() == Sweep::default());
-    assert_eq!((film.runs().unwrap().len(), film.verify(2, &|_, _| ()).unwrap().findings), (1, vec![]));
+    assert!(
+        film.group().lock("whole", false).unwrap().is_none()
+            && film.group().sweep().unwrap() == Sweep::default()
+    );
+    assert_eq!(
+        (film.group().runs().unwrap().len(), film.verify(2, &|_, _| ()).unwrap().findings),
+        (1, vec![])
+    );
     film.remove_shard(0, 1, (2, 1)).unwrap();
     let missing = Finding::Missing { key: "film/c/1/2/1".into() };
     assert_eq!(film.verify(2, &|_, _| ()).unwrap().findings, [missing]);
-    FilmStore::remove_film(url).unwrap();
-    assert!(!film.store.exists().unwrap());
-    assert!(matches!(FilmStore::open(url, false), Err(FilmError::NotFilm { .. })));
+    FilmStore::remove(url).unwrap();
+    assert!(!film.group().store.exists().unwrap());
+    assert!(matches!(FilmStore::open(url, false), Err(GroupError::NotOfKind { .. })));
 }
 
 #[test]
@@ -37,12 +43,12 @@ fn unfinished_creation_at_a_url_is_resumed_and_foreign_objects_are_an_error() {
     // From a creation that was killed.
     store.write("y/c/0", vec![0; 3]).unwrap();
     FilmStore::create(url, spec(), provenance(), false).unwrap();
-    FilmStore::remove_film(url).unwrap();
+    FilmStore::remove(url).unwrap();
     // A shard without a film may belong to any job.
     store.write("film/c/0/0/0", vec![0; 3]).unwrap();
-    assert!(matches!(FilmStore::create(url, spec(), provenance(), false), Err(FilmError::Exists { .. })));
-    assert!(matches!(FilmStore::open(url, false), Err(FilmError::NotFilm { .. })));
-    assert!(matches!(FilmStore::remove_film(url), Err(FilmError::NotFilm { .. })));
+    assert!(matches!(FilmStore::create(url, spec(), provenance(), false), Err(GroupError::Exists { .. })));
+    assert!(matches!(FilmStore::open(url, false), Err(GroupError::NotOfKind { .. })));
+    assert!(matches!(FilmStore::remove(url), Err(GroupError::NotOfKind { .. })));
 }
 
 #[test]
@@ -56,10 +62,10 @@ fn commit_at_a_url_fails_if_the_film_was_removed_or_replaced() {
     let film = job("a");
     let shard = film.encode_shard(0, 0, (0, 0), &[1.0; 64 * 64]).unwrap();
     film.commit(&shard).unwrap();
-    FilmStore::remove_film(url).unwrap();
+    FilmStore::remove(url).unwrap();
     let e = film.commit(&shard).unwrap_err();
-    assert!(matches!(e, FilmError::Storage(DurableError::StoreMissing { .. })) && e.retryable(), "{e}");
+    assert!(matches!(e, GroupError::Storage(DurableError::StoreMissing { .. })) && e.retryable(), "{e}");
     let other = job("b");
-    assert!(matches!(film.commit(&shard), Err(FilmError::Replaced { .. })));
+    assert!(matches!(film.commit(&shard), Err(GroupError::Replaced { .. })));
     assert!(!other.shard_present(0, 0, (0, 0)).unwrap());
 }

@@ -1,17 +1,15 @@
 //! The attribute `ome` of a film with a pyramid: OME-Zarr 0.5, `multiscales` and `omero`.
 //!
-//! Axes have the names of the arrays' dimensions, as version 0.5 requires. A pixel of level n is 2ⁿ film pixels wide, and the centre of
-//! its first pixel is (2ⁿ − 1)/2 film pixels from that of the film's: scale and translation in mm from the optical axis. `omero` is a
-//! hint for viewers: names of the bands, a range that clips at most 1 % of the last level, and three bands in red, green and blue, if
+//! `omero` is a hint for viewers: names of the bands, a range that clips at most 1 % of the last level, and three bands in red, green and blue, if
 //! there are as many; the others are not shown.
 
 use pipeline::geometry::Rect;
 use serde_json::{Value, json};
 
-use super::level::level_sizes;
-use crate::film::spec::FilmSpec;
-use crate::film::store::FilmStore;
+use super::spec::FilmSpec;
+use super::store::FilmStore;
 use crate::picture::exposure::{Exposure, Levels};
+use crate::pyramid::ome;
 
 /// Wavelengths in nm that resemble the primaries of a display, and their colours.
 const PRIMARIES: [(f64, &str); 3] = [(610.0, "FF0000"), (550.0, "00FF00"), (460.0, "0000FF")];
@@ -35,32 +33,15 @@ pub(super) fn ome_attribute(film: &FilmStore, whites: &[f64]) -> Value {
 
 fn multiscale(film: &FilmStore, output: usize) -> Value {
     let (spec, Rect { y, x, .. }) = (film.spec(), film.spec().outputs[output].rect);
-    let name = &spec.outputs[output].name;
-    let (rows, columns) = FilmSpec::axes(name);
+    let (rows, columns) = FilmSpec::axes(&spec.outputs[output].name);
     let pitch_mm = spec.pitch_um * 1e-3;
-    let dataset = |level: usize| {
-        let side = 2f64.powi(level as i32);
-        let first = |first: i64, axis: f64| (first as f64 - axis + (side - 1.0) / 2.0) * pitch_mm;
-        json!({
-            "path": film.level_path(output, level),
-            "coordinateTransformations": [
-                {"type": "scale", "scale": [1.0, side * pitch_mm, side * pitch_mm]},
-                {"type": "translation", "translation": [0.0, first(y, spec.axis_px.0), first(x, spec.axis_px.1)]},
-            ],
-        })
+    let first_mm = |from_first_px: f64| {
+        let mm = |first: i64, axis_px: f64| (first as f64 - axis_px + from_first_px) * pitch_mm;
+        (mm(y, spec.axis_px.0), mm(x, spec.axis_px.1))
     };
-    let levels = level_sizes(spec.outputs[output].rect.size()).len();
-    json!({
-        "name": name,
-        "axes": [
-            {"name": "wavelength", "type": "channel"},
-            {"name": rows, "type": "space", "unit": "millimeter"},
-            {"name": columns, "type": "space", "unit": "millimeter"},
-        ],
-        "datasets": (0..levels).map(dataset).collect::<Vec<_>>(),
-        "type": "mean",
-        "metadata": {"description": "mean over 2 x 2 pixels, missing ones left out"},
-    })
+    let axes = ["wavelength", &rows, &columns];
+    let description = "mean over 2 x 2 pixels, missing ones left out";
+    ome::multiscale(&film.pyramid(), output, axes, pitch_mm, first_mm, description)
 }
 
 /// Display colour of each band; `None` if it is not shown.

@@ -5,11 +5,14 @@ use std::io::Error;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use super::halve::halve;
-use super::*;
+use pipeline::geometry::{Rect, Size};
+use serde_json::{Map, json};
+
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
 use crate::durable::FileStep;
-use crate::film::{Codec, FilmOutput, FilmSpec, SampleType};
+use crate::film::{Codec, FilmOutput, FilmSpec, FilmStore, SampleType};
+use crate::group::{Finding, GroupError, read_json};
+use crate::pyramid::{PyramidState, halve, level_sizes};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -32,8 +35,8 @@ fn commit(film: &FilmStore, output: usize, band: usize, shard: (usize, usize), f
     film.commit(&film.encode_shard(output, band, shard, &pixels).unwrap()).unwrap();
 }
 
-fn make(film: &FilmStore) -> Result<bool, FilmError> {
-    film.make_pyramid(2, 1 << 30, &NEVER, &|_, _| ())
+fn make(film: &FilmStore) -> Result<bool, GroupError> {
+    film.pyramid().make(2, 1 << 30, &NEVER, &|_, _| ())
 }
 
 fn files(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
@@ -54,7 +57,7 @@ fn files(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 fn level(film: &FilmStore, output: usize, number: usize, band: usize) -> (Size, Vec<f32>) {
-    let spec = format!("{}//{}", film.path().display(), film.level_path(output, number));
+    let spec = format!("{}//{}", film.path().display(), film.pyramid().level_path(output, number));
     let options = ChartOptions {
         nan: NanPolicy::Keep,
         wavelengths_nm: Some(film.spec().wavelengths_nm.clone()),
@@ -74,7 +77,7 @@ fn every_level_is_the_mean_of_the_previous_one() {
         let film = film(&dir.path().join(k.to_string()), size, |s| s.sample = sample);
         let before = files(film.path());
         assert!(make(&film).unwrap());
-        assert_eq!(film.pyramid().unwrap(), PyramidState::Complete);
+        assert_eq!(film.pyramid().state().unwrap(), PyramidState::Complete);
         for (path, bytes) in before.iter().filter(|(p, _)| p.as_os_str() != "zarr.json") {
             assert_eq!(Some(bytes), files(film.path()).get(path), "{path:?} was touched");
         }
@@ -102,10 +105,10 @@ fn every_level_is_the_mean_of_the_previous_one() {
 fn pyramid_of_a_single_pixel_has_one_level() {
     let dir = tempfile::tempdir().unwrap();
     let film = film(&dir.path().join("one.zarr"), Size::new(1, 1), |_| ());
-    assert_eq!((film.pyramid_shards(), film.pyramid().unwrap()), (0, PyramidState::None));
+    assert_eq!((film.pyramid().shards(), film.pyramid().state().unwrap()), (0, PyramidState::None));
     assert!(make(&film).unwrap());
-    assert_eq!(film.pyramid().unwrap(), PyramidState::Complete);
-    let group = read_json(&film.store, "zarr.json").unwrap().unwrap();
+    assert_eq!(film.pyramid().state().unwrap(), PyramidState::Complete);
+    let group = read_json(&film.group().store, "zarr.json").unwrap().unwrap();
     let datasets = &group["attributes"]["ome"]["multiscales"][0]["datasets"];
     assert_eq!((datasets[0]["path"].as_str(), datasets.as_array().unwrap().len()), (Some("film"), 1));
     let again = files(film.path());
@@ -122,7 +125,7 @@ fn every_region_has_a_pyramid() {
     });
     assert!(make(&film).unwrap());
     assert_eq!(level(&film, 0, 1, 1).0, Size::new(200, 150));
-    let group = read_json(&film.store, "zarr.json").unwrap().unwrap();
+    let group = read_json(&film.group().store, "zarr.json").unwrap().unwrap();
     let ome = &group["attributes"]["ome"]["multiscales"];
     assert_eq!((&ome[0]["name"], &ome[1]["name"]), (&json!("roi_0"), &json!("roi_1")));
     assert_eq!(ome[0]["datasets"][1]["path"], "pyramid/roi_0/1");
@@ -151,23 +154,23 @@ fn interrupted_pyramid_is_resumed_to_the_same_bytes() {
                 if fails { Err(Error::from_raw_os_error(5)) } else { Ok(()) }
             })
         });
-        match partial.make_pyramid(1, 1, &NEVER, &|_, _| ()) {
+        match partial.pyramid().make(1, 1, &NEVER, &|_, _| ()) {
             Ok(done) => {
                 assert!(done && n > 7, "{n}");
                 break;
             }
-            Err(e) => assert!(matches!(e, FilmError::Storage(_)), "{e}"),
+            Err(e) => assert!(matches!(e, GroupError::Storage(_)), "{e}"),
         }
-        assert_ne!(partial.pyramid().unwrap(), PyramidState::Complete);
+        assert_ne!(partial.pyramid().state().unwrap(), PyramidState::Complete);
     }
-    assert_eq!(partial.pyramid().unwrap(), PyramidState::Complete);
+    assert_eq!(partial.pyramid().state().unwrap(), PyramidState::Complete);
     assert_eq!(files(&path), expected);
     // Cancelled after the current shard.
     let film = film(&dir.path().join("cancelled.zarr"), size, |_| ());
     let cancel = AtomicBool::new(false);
     let stop = |done: u64, _: u64| cancel.store(done == 3, Ordering::Relaxed);
-    assert!(!film.make_pyramid(1, 1, &cancel, &stop).unwrap());
-    assert_eq!(film.pyramid().unwrap(), PyramidState::Unfinished(3, film.pyramid_shards()));
+    assert!(!film.pyramid().make(1, 1, &cancel, &stop).unwrap());
+    assert_eq!(film.pyramid().state().unwrap(), PyramidState::Unfinished(3, film.pyramid().shards()));
     assert!(make(&film).unwrap());
     assert_eq!(files(film.path()), expected);
 }
@@ -180,7 +183,7 @@ fn pyramid_of_a_changed_film_is_stale() {
         let film = film(&path, Size::new(300, 300), |s| s.codec = codec);
         assert!(make(&film).unwrap());
         commit(&film, 0, 1, (2, 2), 3.0);
-        assert_eq!(film.pyramid().unwrap(), PyramidState::Stale);
+        assert_eq!(film.pyramid().state().unwrap(), PyramidState::Stale);
         let is_reported = |f: &FilmStore| {
             f.verify(1, &|_, _| ())
                 .unwrap()
@@ -190,7 +193,7 @@ fn pyramid_of_a_changed_film_is_stale() {
         };
         assert!(is_reported(&film));
         assert!(make(&film).unwrap());
-        assert_eq!(film.pyramid().unwrap(), PyramidState::Complete);
+        assert_eq!(film.pyramid().state().unwrap(), PyramidState::Complete);
         assert!(!is_reported(&film));
         let (_, found) = level(&film, 0, 1, 1);
         assert!(found[149 * 150 + 149] > 300.0);
@@ -205,7 +208,7 @@ fn incomplete_film_is_an_error_and_stays_unchanged() {
     let before = files(film.path());
     let e = make(&film).unwrap_err();
     assert!(
-        matches!(&e, FilmError::Incomplete { missing: 1, shards: 18, first, .. } if first == "film/c/1/0/2"),
+        matches!(&e, GroupError::Incomplete { missing: 1, shards: 18, first, .. } if first == "film/c/1/0/2"),
         "{e}"
     );
     assert_eq!(files(film.path()), before);
@@ -222,7 +225,7 @@ fn bad_shard_of_a_level_is_found_and_made_again() {
     let findings = film.verify(1, &|_, _| ()).unwrap().findings;
     assert!(findings.iter().any(|f| matches!(f, Finding::Bad { key: k, .. } if k == key)), "{findings:?}");
     assert!(film.remove_bad(key).unwrap() && !film.remove_bad("film/notes").unwrap());
-    assert!(matches!(film.pyramid().unwrap(), PyramidState::Unfinished(..)));
+    assert!(matches!(film.pyramid().state().unwrap(), PyramidState::Unfinished(..)));
     assert!(make(&film).unwrap());
     assert_eq!(files(film.path()), expected);
 }
@@ -237,22 +240,22 @@ fn pyramid_at_a_url_is_made_and_replaced_when_the_film_changes() {
     for factor in [1.0, 3.0] {
         for f in [&local, &remote] {
             shards.iter().for_each(|&(output, band, shard)| commit(f, output, band, shard, factor));
-            assert_ne!(f.pyramid().unwrap(), PyramidState::Complete, "factor {factor}");
+            assert_ne!(f.pyramid().state().unwrap(), PyramidState::Complete, "factor {factor}");
             assert!(make(f).unwrap());
-            assert_eq!(f.pyramid().unwrap(), PyramidState::Complete);
+            assert_eq!(f.pyramid().state().unwrap(), PyramidState::Complete);
         }
-        for (key, _) in remote.pyramid_metadata() {
-            assert!(remote.store.read(&format!("{key}/zarr.json")).unwrap().is_some(), "{key}");
+        for (key, _) in remote.pyramid().metadata() {
+            assert!(remote.group().store.read(&format!("{key}/zarr.json")).unwrap().is_some(), "{key}");
         }
-        for key in remote.pyramid_keys() {
-            let key = format!("{PYRAMID_GROUP}/{key}");
+        for key in remote.pyramid().keys() {
+            let key = format!("pyramid/{key}");
             assert!(
-                remote.store.read(&key).unwrap() == local.store.read(&key).unwrap(),
+                remote.group().store.read(&key).unwrap() == local.group().store.read(&key).unwrap(),
                 "{key}, factor {factor}"
             );
         }
     }
-    assert_eq!(remote.store.names("").unwrap(), local.store.names("").unwrap());
+    assert_eq!(remote.group().store.names("").unwrap(), local.group().store.names("").unwrap());
 }
 
 #[cfg(unix)]
@@ -263,5 +266,5 @@ fn path_that_is_not_utf_8_is_supported() {
     let f =
         film(&dir.path().join(std::ffi::OsStr::from_bytes(b"film-\xff.zarr")), Size::new(301, 277), |_| ());
     assert!(make(&f).unwrap());
-    assert_eq!(f.pyramid().unwrap(), PyramidState::Complete);
+    assert_eq!(f.pyramid().state().unwrap(), PyramidState::Complete);
 }

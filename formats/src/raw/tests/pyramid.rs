@@ -1,13 +1,15 @@
+//! Pyramids of raws compared with the definition; stale and damaged ones.
+
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
-use super::mosaic::{halve_mosaic, mosaic_below};
 use crate::chart::{ChartOptions, ChartStore};
-use crate::film::PyramidState;
-use crate::raw::{RawError, RawOutput, RawSpec, RawStore};
+use crate::group::{Finding, GroupError};
+use crate::pyramid::PyramidState;
+use crate::raw::{RawOutput, RawSpec, RawStore, halve_mosaic, mosaic_below};
 
 fn attributes(job: &str) -> Map<String, Value> {
     let all = json!({
@@ -48,8 +50,8 @@ fn raw(path: &Path, whole: bool) -> RawStore {
     raw
 }
 
-fn make(raw: &RawStore) -> Result<bool, RawError> {
-    raw.make_pyramid(2, 1 << 30, &AtomicBool::new(false), &|_, _| ())
+fn make(raw: &RawStore) -> Result<bool, GroupError> {
+    raw.pyramid().make(2, 1 << 30, &AtomicBool::new(false), &|_, _| ())
 }
 
 fn level(raw: &RawStore, array: &str, frame: usize) -> (Size, Vec<f32>) {
@@ -64,9 +66,9 @@ fn level(raw: &RawStore, array: &str, frame: usize) -> (Size, Vec<f32>) {
 fn levels_are_mosaics_of_means_over_one_filter() {
     let directory = tempfile::tempdir().unwrap();
     let raw = raw(&directory.path().join("raw.zarr"), true);
-    assert_eq!(raw.pyramid().unwrap(), PyramidState::None);
+    assert_eq!(raw.pyramid().state().unwrap(), PyramidState::None);
     assert!(make(&raw).unwrap());
-    assert_eq!(raw.pyramid().unwrap(), PyramidState::Complete);
+    assert_eq!(raw.pyramid().state().unwrap(), PyramidState::Complete);
     for frame in 0..2 {
         let mut below = level(&raw, "roi_0", frame);
         for (number, size) in [(1, Size::new(345, 267)), (2, Size::new(173, 134))] {
@@ -99,8 +101,8 @@ fn levels_are_mosaics_of_means_over_one_filter() {
     // It is the same raw as before, and removed with its levels.
     let again = RawStore::open(raw.path(), false).unwrap();
     assert_eq!((again.spec(), again.attributes()), (raw.spec(), raw.attributes()));
-    assert!(again.verify(2, &|_, _| ()).unwrap().1.is_empty());
-    RawStore::remove_raw(raw.path()).unwrap();
+    assert!(again.verify(2, &|_, _| ()).unwrap().findings.is_empty());
+    RawStore::remove(raw.path()).unwrap();
     assert!(!raw.path().exists());
 }
 
@@ -109,25 +111,26 @@ fn damaged_stale_and_incomplete_levels_are_found_and_replaced() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("raw.zarr");
     let partial = raw(&path, false);
-    assert!(matches!(make(&partial), Err(RawError::Incomplete { missing: 1, shards: 20, .. })));
-    RawStore::remove_raw(&path).unwrap();
+    assert!(matches!(make(&partial), Err(GroupError::Incomplete { missing: 1, shards: 20, .. })));
+    RawStore::remove(&path).unwrap();
     let raw = raw(&path, true);
     assert!(make(&raw).unwrap());
     let shard = path.join("pyramid/roi_0/1/c/1/0/1");
     let bytes = std::fs::read(&shard).unwrap();
     std::fs::write(&shard, b"no shard").unwrap();
-    let (_, findings) = raw.verify(1, &|_, _| ()).unwrap();
-    assert!(findings.len() == 1 && findings[0].key == "pyramid/roi_0/1/c/1/0/1" && findings[0].removable);
-    raw.remove_bad(&findings[0]).unwrap();
-    assert!(matches!(raw.pyramid().unwrap(), PyramidState::Unfinished(..)));
+    let findings = raw.verify(1, &|_, _| ()).unwrap().findings;
+    let [Finding::Bad { key, .. }] = &findings[..] else { panic!("{findings:?}") };
+    assert_eq!(key, "pyramid/roi_0/1/c/1/0/1");
+    assert!(raw.remove_bad(key).unwrap());
+    assert!(matches!(raw.pyramid().state().unwrap(), PyramidState::Unfinished(..)));
     assert!(make(&raw).unwrap());
     assert!(std::fs::read(&shard).unwrap() == bytes);
     // Another pixel of the raw: its levels are stale, and made again.
     let last = *raw.spec().all_shards().last().unwrap();
     raw.commit_counts(last, &vec![500; raw.spec().shard_rect(last).size().pixels()]).unwrap();
-    assert_eq!(raw.pyramid().unwrap(), PyramidState::Stale);
-    let (_, findings) = raw.verify(1, &|_, _| ()).unwrap();
-    assert!(findings.len() == 1 && !findings[0].removable, "{findings:?}");
+    assert_eq!(raw.pyramid().state().unwrap(), PyramidState::Stale);
+    let findings = raw.verify(1, &|_, _| ()).unwrap().findings;
+    assert!(matches!(&findings[..], [Finding::Metadata { .. }]), "{findings:?}");
     assert!(make(&raw).unwrap());
-    assert_eq!(raw.pyramid().unwrap(), PyramidState::Complete);
+    assert_eq!(raw.pyramid().state().unwrap(), PyramidState::Complete);
 }

@@ -1,59 +1,97 @@
-//! Errors of creating, opening and writing a film.
+//! Errors of creating, opening and writing films and raws.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use pipeline::bounds::OutOfBounds;
 
+use super::GroupKind;
 use crate::durable::{DurableError, LockError};
 
-/// A film cannot be created, opened or written.
+/// What is found instead of a film or raw.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Found {
+    /// Nothing.
+    Nothing,
+    /// Files without readable metadata of a group.
+    Unreadable,
+    /// A group of another schema.
+    Schema(String),
+    /// A Zarr node of another program.
+    OtherProgram,
+}
+
+impl fmt::Display for Found {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nothing => f.write_str("nothing"),
+            Self::Unreadable => f.write_str("no readable zarr.json"),
+            Self::Schema(schema) => write!(f, "schema {schema:?}"),
+            Self::OtherProgram => f.write_str("a Zarr node of another program"),
+        }
+    }
+}
+
+/// A film or raw cannot be created, opened or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum FilmError {
+pub enum GroupError {
     /// Something exists at the path.
     #[error(
-        "creating film {path}: it already exists: to resume it, run the command that created it; to replace it, add --overwrite"
+        "creating {kind} {path}: it already exists: to resume it, run the command that created it; to replace it, add --overwrite"
     )]
     Exists {
-        /// The film.
+        /// Kind.
+        kind: GroupKind,
+        /// Its path.
         path: PathBuf,
     },
-    /// Not a film of this program.
+    /// Not a group of this kind.
     #[error(
-        "opening film {path}: found {found}, expected a film of this program (group attribute schema = \"lenscube/film/1\"); nothing was changed"
+        "opening {kind} {path}: found {found}, expected a {kind} of this program (group attribute schema = {:?}); nothing was changed",
+        .kind.schema()
     )]
-    NotFilm {
-        /// The film.
+    NotOfKind {
+        /// Kind.
+        kind: GroupKind,
+        /// Its path.
         path: PathBuf,
         /// What was found.
-        found: String,
+        found: Found,
     },
-    /// The film's directory contains files that do not belong to the film.
+    /// The directory contains files that do not belong to the group.
     #[error(
-        "removing film {path}: it contains files that do not belong to the film: {}; nothing was removed: move them elsewhere, or choose another path",
+        "removing {kind} {path}: it contains files that do not belong to the {kind}: {}; nothing was removed: move them elsewhere, or choose another path",
         .names.join(", ")
     )]
     Foreign {
-        /// The film.
+        /// Kind.
+        kind: GroupKind,
+        /// Its path.
         path: PathBuf,
         /// The first few of them.
         names: Vec<String>,
     },
-    /// Another job's film replaced it.
+    /// Another job's group replaced it.
     #[error(
-        "film {path}: another job's film has replaced it since this command opened it; nothing was written to the other film; \
+        "{kind} {path}: another job's {kind} has replaced it since this command opened it; nothing was written to the other {kind}; \
          choose another path for one of the two"
     )]
     Replaced {
-        /// The film.
+        /// Kind.
+        kind: GroupKind,
+        /// Its path.
         path: PathBuf,
     },
     /// Another run of the same job created it again.
     #[error(
-        "film {path}: a run of the same job has created it again since this command opened it; run the same command again"
+        "{kind} {path}: a run of the same job has created it again since this command opened it; run the same command again"
     )]
     Recreated {
-        /// The film.
+        /// Kind.
+        kind: GroupKind,
+        /// Its path.
         path: PathBuf,
     },
     /// Another process holds the lock.
@@ -61,9 +99,11 @@ pub enum FilmError {
     Locked(#[from] LockError),
     /// Inconsistent metadata.
     #[error(
-        "opening film {path}: expected {expected}, which the file does not match; restore it from a backup, or create the film again with --overwrite"
+        "opening {kind} {path}: expected {expected}, which the file does not match; restore it from a backup, or create the {kind} again with --overwrite"
     )]
     Damaged {
+        /// Kind.
+        kind: GroupKind,
         /// The file.
         path: PathBuf,
         /// Its expected content.
@@ -140,12 +180,16 @@ pub enum FilmError {
         /// Pixels given.
         found: usize,
     },
-    /// A pyramid was requested of an incomplete film.
+    /// A pyramid was requested of an incomplete group.
     #[error(
-        "building the pyramid of {path}: {missing} of {shards} shards of the film are missing ({first} is the first); complete it by the same `lenscube run`, then make its pyramid"
+        "building the pyramid of {path}: {missing} of {shards} shards of the {kind} are missing ({first} is the first); \
+         complete it by the same `lenscube {}`, then make its pyramid",
+        .kind.command()
     )]
     Incomplete {
-        /// The film.
+        /// Kind.
+        kind: GroupKind,
+        /// Its path.
         path: PathBuf,
         /// Shards missing.
         missing: usize,
@@ -154,36 +198,34 @@ pub enum FilmError {
         /// Key of the first missing shard.
         first: String,
     },
-    /// Pixels of a level, or of the film, cannot be read.
-    #[error("building the pyramid: reading {array}, band {band}, {rect}: {reason}; see `lenscube verify`")]
+    /// Pixels of a level, or of the film or raw, cannot be read.
+    #[error("building the pyramid: reading {place}: {reason}; see `lenscube verify`")]
     Level {
-        /// The array.
-        array: String,
-        /// Band.
-        band: usize,
-        /// Its pixels.
-        rect: pipeline::geometry::Rect,
+        /// Array, and where in it.
+        place: String,
         /// The defect.
         reason: String,
     },
-    /// The film changed while its pyramid was made.
-    #[error("building the pyramid of {path}: the film changed meanwhile; run the command again")]
+    /// The group changed while its pyramid was made.
+    #[error("building the pyramid of {path}: the {kind} changed meanwhile; run the command again")]
     Changed {
-        /// The film.
+        /// Kind.
+        kind: GroupKind,
+        /// Its path.
         path: PathBuf,
     },
     /// The codec failed.
-    #[error("encoding the film: {reason}")]
+    #[error("encoding a shard: {reason}")]
     Codec {
         /// Its error.
         reason: String,
     },
     /// Error of the file system or object store.
-    #[error("writing the film: {0}")]
+    #[error(transparent)]
     Storage(#[from] DurableError),
 }
 
-impl FilmError {
+impl GroupError {
     /// Whether the disk is full.
     pub fn is_storage_full(&self) -> bool {
         matches!(self, Self::Storage(e) if e.is_storage_full())
@@ -194,7 +236,7 @@ impl FilmError {
         match self {
             Self::Storage(e) => e.retryable(),
             Self::Locked(e) => e.retryable(),
-            Self::Recreated { .. } => true,
+            Self::Recreated { .. } | Self::Changed { .. } => true,
             _ => false,
         }
     }

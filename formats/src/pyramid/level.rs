@@ -1,7 +1,7 @@
 //! The levels of a pyramid.
 
 use pipeline::geometry::Size;
-use pipeline::plan;
+use pipeline::plan::FilmRegion;
 
 /// Maximum side of the last level, px.
 const MAX_LAST_SIDE: usize = 256;
@@ -15,19 +15,20 @@ pub fn level_sizes(size: Size) -> Vec<Size> {
     std::iter::successors(Some(size), half).collect()
 }
 
-/// A level other than the film itself.
+/// A level other than the array itself.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Level {
+    /// Index of the array.
     pub(super) output: usize,
     /// From 1.
     pub(super) number: usize,
     /// Its shards; `rect` is the complete level.
-    pub(super) grid: plan::FilmRegion,
+    pub(super) grid: FilmRegion,
 }
 
 impl Level {
     /// All shards: band, (row, column).
-    pub(super) fn all_shards(&self, bands: usize) -> impl Iterator<Item = (usize, (usize, usize))> + use<> {
+    pub(super) fn shards(&self, bands: usize) -> impl Iterator<Item = (usize, (usize, usize))> + use<> {
         let (rows, columns) = self.grid.count();
         (0..bands).flat_map(move |b| (0..rows).flat_map(move |i| (0..columns).map(move |j| (b, (i, j)))))
     }
