@@ -35,8 +35,10 @@ pub(super) struct DraftSurface {
     pub(super) semi_diameter_mm: f64,
     /// Whether the semi-diameter was fixed by the designer.
     pub(super) is_fixed: bool,
-    /// Tilts and decentres of this surface, which has no other effect, and of those behind it.
+    /// Tilts and decentres of this surface and of those behind it.
     pub(super) coordinate_break: Option<Break>,
+    /// Tilts and decentres of the surfaces behind this one, before its thickness.
+    pub(super) break_behind: Option<Break>,
 }
 
 /// A prescription.
