@@ -13,6 +13,8 @@ use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::ray::Tracer;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface};
 
+mod chain;
+
 const UM: [f64; 3] = [0.4861, 0.5876, 0.6563];
 
 struct Entry {
@@ -86,9 +88,9 @@ fn surface(v: &[f64], before: Medium, direction: &mut f64) -> Surface {
         (0.0, _) => before,
         (1.0, 0.0) => Medium::Air,
         (a, b) => Medium::Glass(Glass {
-            name: "n".to_owned(),
+            name: format!("n2={a}+{b}/um2"),
             dispersion: Dispersion::new(1, &[a, 0.0, b, 0.0, 0.0, 0.0]).unwrap(),
-            range_um: (0.0, 9.0),
+            range_um: (0.1, 9.0),
         }),
     };
     let mut surface = Surface::new(*direction * v[0], 0.0, medium);
@@ -102,6 +104,13 @@ fn surface(v: &[f64], before: Medium, direction: &mut f64) -> Surface {
         surface.shape.aspheric = std::iter::once(0.0).chain(v[5..].iter().copied()).collect();
     }
     surface
+}
+
+#[test]
+fn every_lens_survives_all_formats() {
+    for entry in suite() {
+        chain::assert_survives_all_formats(&entry.system.name, &entry.system);
+    }
 }
 
 #[test]

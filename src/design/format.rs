@@ -41,6 +41,7 @@ impl Design {
     /// The design in a file of this name and content.
     pub fn new(path: &Path, bytes: Vec<u8>) -> Result<Self> {
         let plain = |format, bytes| Ok(Self { format, bytes, catalogues: Vec::new() });
+        check_content(&extension(path), &bytes)?;
         match extension(path).as_str() {
             "zmx" => plain(Format::Zmx, bytes),
             "seq" => plain(Format::CodeV, bytes),
@@ -78,6 +79,21 @@ impl Design {
             Format::Optiland => optiland::parse,
         };
         parse(&self.bytes, glasses, options)
+    }
+}
+
+/// Refuses files that are empty, or binary where a text is expected.
+fn check_content(extension: &str, bytes: &[u8]) -> Result<()> {
+    const ZIP: &[u8] = b"PK\x03\x04";
+    match extension {
+        "zos" => Ok(()),
+        _ if bytes.is_empty() => bail!("the file is empty"),
+        _ if bytes.starts_with(ZIP) => {
+            bail!("the file is a zip archive; unpack it and give the lens file in it")
+        }
+        "zar" | "len" => Ok(()),
+        _ if text::is_binary(bytes) => bail!("the file is binary, expected the text of a lens design"),
+        _ => Ok(()),
     }
 }
 

@@ -24,6 +24,8 @@ const FAN: i32 = 81;
 pub const MAX_PANELS: usize = 4;
 /// Film positions of the MTF through focus.
 const POSITIONS: i32 = 25;
+/// Parts of a side of a sample, over whose area the encircled energy spreads its light.
+const PARTS: usize = 4;
 /// Maximum half-width of its PSFs, samples.
 const MAX_HALF: usize = 220;
 
@@ -133,8 +135,8 @@ pub fn through_focus(system: &System, heights_mm: &[f64], lp_mm: f64) -> Result<
             }
         }
         for (dash, curve) in curves.into_iter().enumerate() {
-            series
-                .push(Series::line(field_name(system, height, tan), curve, Colour::Palette(i)).dashed(dash));
+            let name = field_name(system, height, tan);
+            series.push(Series::line(name, refined(&curve), Colour::Palette(i)).dashed(dash));
         }
     }
     let title = format!(
@@ -145,6 +147,28 @@ pub fn through_focus(system: &System, heights_mm: &[f64], lp_mm: f64) -> Result<
     );
     let (x, y) = (Axis::new("film position (mm)", 0.0, 0.0), Axis::new("MTF", 0.0, 1.05));
     Ok(Plot { series, styles: DIRECTIONS, ..Plot::new(title, x, y) })
+}
+
+/// A curve through equally spaced points: on each interval the cubic through the four nearest; not below 0.
+fn refined(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    const STEPS: usize = 8;
+    if points.len() < 4 {
+        return points.to_vec();
+    }
+    let at = |i: usize| {
+        let t = i as f64 / STEPS as f64;
+        let first = (t as usize).clamp(1, points.len() - 3) - 1;
+        let u = t - first as f64;
+        // Lagrange's weights for the nodes 0, 1, 2, 3.
+        let weight = |k: usize| {
+            let others = (0..4).filter(|j| *j != k);
+            others.map(|j| (u - j as f64) / (k as f64 - j as f64)).product::<f64>()
+        };
+        let sum =
+            |of: fn(&(f64, f64)) -> f64| (0..4).map(|k| weight(k) * of(&points[first + k])).sum::<f64>();
+        (sum(|p| p.0), sum(|p| p.1).max(0.0))
+    };
+    (0..=(points.len() - 1) * STEPS).map(at).collect()
 }
 
 /// PSF of the field point at `tan` in a window of at most [`MAX_HALF`] samples at 0.9 of the Nyquist pitch.
@@ -183,10 +207,14 @@ fn encircled(psf: &PsfWindow) -> Vec<(f64, f64)> {
     // Radii up to the edge of the window; rings of one sample.
     let rings = n / 2;
     let mut light = vec![0.0; rings + 1];
+    let part = |k: usize| ((k as f64 + 0.5) / PARTS as f64 - 0.5) * psf.pitch_um;
     for (x, y, v) in values() {
-        let ring = ((x - cx).hypot(y - cy) / psf.pitch_um).ceil() as usize;
-        if ring <= rings {
-            light[ring] += v / sum;
+        for k in 0..PARTS * PARTS {
+            let (dx, dy) = (x - cx + part(k % PARTS), y - cy + part(k / PARTS));
+            let ring = (dx.hypot(dy) / psf.pitch_um).ceil() as usize;
+            if ring <= rings {
+                light[ring] += v / sum / (PARTS * PARTS) as f64;
+            }
         }
     }
     let mut inside = 0.0;
@@ -220,12 +248,86 @@ mod tests {
     }
 
     #[test]
+    fn refined_curve_has_its_points_and_cubics_between_them() {
+        let cubic = |x: f64| 9.0 + x * (1.0 - x * (2.0 - 0.3 * x));
+        let points: Vec<(f64, f64)> = (0..6).map(|i| 0.5 * f64::from(i)).map(|x| (x, cubic(x))).collect();
+        let curve = refined(&points);
+        assert_eq!(curve.len(), 41);
+        assert!(curve.iter().all(|(x, y)| (y - cubic(*x)).abs() < 1e-12));
+        assert_eq!(refined(&points[..2]), points[..2]);
+    }
+
+    /// Coddington's equations along the chief ray: n' cos²i'/t' = n cos²i/t + φ, n'/s' = n/s + φ, φ = c (n' cos i' − n cos i).
+    #[test]
+    fn foci_of_the_double_gauss_are_those_of_coddingtons_equations() {
+        let (system, um) = (System::double_gauss_28(), 0.5876);
+        let tracer = Tracer::new(&system, um).unwrap();
+        let curvature = field_curvature(&system, &[587.6], 24.0, Axis::new("", 0.0, 0.0)).unwrap();
+        for k in [0, 20, 40, 60] {
+            let (height, tangential) = curvature.series[0].points[k];
+            let path = tracer.path(tracer.field_of_height(height).unwrap(), 0.0, 50.0).unwrap();
+            let step = |i: usize| {
+                let (dz, dx) = (path[i + 1].0 - path[i].0, path[i + 1].1 - path[i].1);
+                (dz / dz.hypot(dx), dx / dz.hypot(dx), dz.hypot(dx))
+            };
+            // Inverse distances to the tangential and sagittal focus.
+            let (mut inverse, mut n, mut cosine) = ([0.0, 0.0], 1.0, 1.0);
+            for (i, (surface, (vertex, _))) in system.surfaces.iter().zip(system.axis()).enumerate() {
+                let c = surface.shape.curvature;
+                let (z, x) = (path[i + 1].0 - vertex, path[i + 1].1);
+                let before = step(i);
+                cosine = before.0;
+                if i == system.image() {
+                    break;
+                }
+                let behind = step(i + 1);
+                let cos = |d: (f64, f64, f64)| d.0 * (1.0 - c * z) - d.1 * c * x;
+                let n2 = surface.medium.index(um).unwrap();
+                let (a, b) = (cos(before), cos(behind));
+                let power = c * (n2 * b - n * a);
+                let t = (n * a * a * inverse[0] + power) / (n2 * b * b);
+                let s = (n * inverse[1] + power) / n2;
+                inverse = [t, s].map(|v| v / (1.0 - v * behind.2));
+                n = n2;
+            }
+            for (found, inverse) in [tangential, curvature.series[1].points[k].1].into_iter().zip(inverse) {
+                assert!(
+                    (found - cosine / inverse).abs() < 1e-9,
+                    "{height} mm: {found}, {}",
+                    cosine / inverse
+                );
+            }
+        }
+    }
+
+    /// A wavefront is perpendicular to its rays: d(OPD)/dp = −Δx dL/dp.
+    #[test]
+    fn opd_fan_is_the_integral_of_the_ray_fan() {
+        let system = System::double_gauss_28();
+        let [rays, paths] = [Fan::Ray, Fan::Path].map(|f| fans(&system, &[587.6], &[20.0], f).unwrap());
+        let (rays, paths) = (&rays[0].series[0].points, &paths[0].series[0].points);
+        let tracer = Tracer::new(&system, 0.5876).unwrap();
+        let tan = tracer.field_of_height(20.0).unwrap();
+        let slope = |i: usize| {
+            let ray = tracer.ray(tan, rays[i].0, 0.0).unwrap();
+            -rays[i].1 * ray.l.d[0] / 0.5876
+        };
+        let step = 2.0 / f64::from(FAN - 1);
+        // Simpson's rule over two steps.
+        for i in (0..FAN as usize - 2).step_by(2) {
+            let integral = step / 3.0 * (slope(i) + 4.0 * slope(i + 1) + slope(i + 2));
+            let difference = paths[i + 2].1 - paths[i].1;
+            assert!((integral - difference).abs() < 1e-5, "{i}: {integral} {difference}");
+        }
+    }
+
+    #[test]
     fn encircled_energy_of_a_point_is_all_of_its_light() {
         let mut samples = vec![0.0; 121];
         samples[60] = 1.0;
         let psf = PsfWindow { size: 11, pitch_um: 2.0, sample: PsfSample::Point, energy: 0.9, samples };
         let curve = encircled(&psf);
-        assert_eq!(curve[0], (0.0, 0.9));
-        assert_eq!(curve.last(), Some(&(10.0, 0.9)));
+        assert_eq!(curve[0], (0.0, 0.0));
+        assert!((curve[1].1 - 0.9).abs() < 1e-12 && curve[5].0 == 10.0 && curve[5].1 == curve[1].1);
     }
 }

@@ -10,6 +10,18 @@ use pipeline::design::paraxial::Paraxial;
 use pipeline::design::ray::Tracer;
 use pipeline::design::system::Medium;
 
+/// Height of the figure over the largest radius of a surface or of the film.
+const MARGIN: f64 = 1.2;
+
+/// The point on the segment from `end` to `start` that is farthest from `end` and not higher than `max_mm`.
+fn within(start: (f64, f64), end: (f64, f64), max_mm: f64) -> (f64, f64) {
+    if start.1.abs() <= max_mm {
+        return start;
+    }
+    let t = (max_mm * start.1.signum() - end.1) / (start.1 - end.1);
+    (end.0 + t * (start.0 - end.0), end.1 + t * (start.1 - end.1))
+}
+
 /// Cross-section with rays of up to three field points at the primary wavelength.
 pub fn cross_section(system: &System) -> Result<Plot> {
     let primary = Paraxial::new(system, system.primary_um())?;
@@ -27,7 +39,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     };
     let line =
         |points, colour, width| Series::line("", points, colour).shaped(Shape::Line { width, dash: 0 });
-    let (mut rays, mut starts) = (Vec::new(), Vec::new());
+    let mut paths = Vec::new();
     let mut radius: Vec<f64> =
         system.surfaces.iter().map(|s| s.aperture_mm.unwrap_or(s.semi_diameter_mm)).collect();
     for (i, tan) in picked.iter().enumerate() {
@@ -40,11 +52,15 @@ pub fn cross_section(system: &System) -> Result<Plot> {
             for (r, (_, x)) in radius.iter_mut().zip(&path[1..]) {
                 *r = r.max(x.abs());
             }
-            starts.push(path[0].1.abs());
-            let shape = Shape::Line { width: 1.2, dash: i };
-            rays.push(Series::line(&name, path, Colour::Palette(2 * i)).shaped(shape));
+            paths.push((i, name.clone(), path));
         }
     }
+    let max_mm = MARGIN * radius.iter().copied().fold(0.0, f64::max);
+    let ray = |(i, name, mut path): (usize, String, Vec<(f64, f64)>)| {
+        path[0] = within(path[0], path[1], 0.96 * max_mm);
+        Series::line(name, path, Colour::Palette(2 * i)).shaped(Shape::Line { width: 1.2, dash: i })
+    };
+    let rays: Vec<_> = paths.into_iter().map(ray).collect();
     // Each surface up to its aperture radius, then flat up to the edge of the element.
     let outline = |i: usize, edge: f64| -> Vec<(f64, f64)> {
         let (shape, r) = (&system.surfaces[i].shape, radius[i]);
@@ -61,11 +77,19 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     for i in 0..system.image() {
         if matches!(system.surfaces[i].medium, Medium::Glass(_)) {
             let edge = radius[i].max(radius[i + 1]);
-            let mut around = outline(i, edge);
-            around.extend(outline(i + 1, edge).into_iter().rev());
-            glass.push(Series::line("", around.clone(), Colour::Glass).shaped(Shape::Area));
-            around.extend(around.first().copied());
-            edges.push(line(around, Colour::Muted, 1.4));
+            // Around the hole of a mirror there are two halves.
+            let hole = [i, i + 1].into_iter().filter(|k| system.surfaces[*k].is_mirror);
+            let hole = hole.filter_map(|k| system.surfaces[k].obscuration_mm).fold(0.0, f64::max);
+            let sides: &[f64] = if hole > 0.0 { &[-1.0, 1.0] } else { &[0.0] };
+            for side in sides {
+                let part =
+                    |i: usize| outline(i, edge).into_iter().filter(|p| side * p.1 >= side * side * hole);
+                let mut around: Vec<_> = part(i).collect();
+                around.extend(part(i + 1).collect::<Vec<_>>().into_iter().rev());
+                glass.push(Series::line("", around.clone(), Colour::Glass).shaped(Shape::Area));
+                around.extend(around.first().copied());
+                edges.push(line(around, Colour::Muted, 1.4));
+            }
         }
     }
     // A mirror from its hole to its rim.
@@ -76,7 +100,6 @@ pub fn cross_section(system: &System) -> Result<Plot> {
             edges.push(line(half, Colour::Ink, 2.4));
         }
     }
-    let max_mm = 1.06 * radius.iter().copied().chain(starts).fold(0.0, f64::max);
     let (stop, image) = (vertex(system.stop), vertex(system.image()));
     let open = primary.stop_radius_mm;
     for side in [-1.0, 1.0] {
@@ -92,4 +115,21 @@ pub fn cross_section(system: &System) -> Result<Plot> {
         equal_scale: true,
         ..Plot::new(title, x, Axis::new("height (mm)", -max_mm, max_mm))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pipeline::design::shelf::LENSES;
+
+    #[test]
+    fn rays_of_a_fisheye_start_within_the_figure() {
+        let fisheye = LENSES.iter().find(|l| l.name == "fisheye-170").unwrap().system();
+        let plot = cross_section(&fisheye).unwrap();
+        let largest = fisheye.surfaces.iter().map(|s| s.semi_diameter_mm).fold(0.0, f64::max);
+        let heights = plot.series.iter().flat_map(|s| &s.points).map(|p| p.1.abs());
+        assert!(heights.fold(0.0, f64::max) < 2.0 * largest.max(54.0));
+        assert_eq!(within((-10.0, 5.0), (0.0, 1.0), 3.0), (-5.0, 3.0));
+        assert_eq!(within((-10.0, -2.0), (0.0, 1.0), 3.0), (-10.0, -2.0));
+    }
 }

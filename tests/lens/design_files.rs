@@ -54,10 +54,14 @@ fn formats_that_are_not_read_name_the_way_out() {
         ("a.zos", b"ZoS\0".as_slice(), ["save the lens as .zmx", "a.zos"]),
         ("b.len", b"// OSLO 5.00 1 2\nLEN NEW \"x\" 1 2\nRD x\n", ["line 3", "`x` is not a number"]),
         ("c.len", b"\x01\0\0CODE", ["binary", "WRL"]),
-        ("d.zar", b"PK\x03\x04", ["not a ZAR archive", "save the lens as .zmx"]),
+        ("d.zar", b"ZAR before 2010", ["not a ZAR archive", "save the lens as .zmx"]),
         ("e.json", b"{\"surfaces\": []}", ["Optiland", "e.json"]),
         ("f.csv", b"a,b\n1,2\n", ["header row", "f.csv"]),
         ("g.seq", b"rdm;len\nfor ^i 1 3\nend for\n", ["line 2", "macro"]),
+        ("h.zmx", b"", ["h.zmx", "the file is empty"]),
+        ("i.zmx", b"PK\x03\x04MODE SEQ\n", ["zip archive", "unpack"]),
+        ("j.csv", b"radius\0\0thickness\n", ["binary", "text"]),
+        ("k.zmx", b"MODE SEQ\nENPD 33,3\n", ["line 2", "decimal point"]),
     ] {
         fs::write(at(&dir, name), bytes).unwrap();
         assert_exit(&lenscube(&["lens", "show", text(&at(&dir, name))]), FAILED, &words);
@@ -70,7 +74,15 @@ fn formats_that_are_not_read_name_the_way_out() {
 #[test]
 fn list_names_every_builtin_lens_with_its_source() {
     let words = lenscube(&["lens", "list"]).ok().stdout;
-    for word in ["phone", "triplet", "Sasián", "US 2021/0263286", "macro-100", "double-gauss-28-npz"] {
+    for word in [
+        "phone",
+        "triplet",
+        "machine vision",
+        "Sasián",
+        "US 2021/0263286",
+        "macro-100",
+        "double-gauss-28-npz",
+    ] {
         assert!(words.contains(word), "`{word}` is not in: {words}");
     }
     let listed: Value = serde_json::from_str(&lenscube(&["lens", "list", "--json"]).ok().stdout).unwrap();

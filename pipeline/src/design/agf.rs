@@ -7,7 +7,7 @@
 use super::error::DesignError;
 use super::glass::{Dispersion, Glass, GlassCatalog};
 use super::model_glass::LINES_UM;
-use super::text::decode;
+use super::text::{decode, number};
 use super::writing::number as decimal;
 
 /// Keywords that do not change the index at 20 °C.
@@ -91,18 +91,26 @@ fn read_line<'a>(
 pub fn write(catalogue: &GlassCatalog) -> Result<String, DesignError> {
     let mut text = String::new();
     for (i, glass) in catalogue.glasses().iter().enumerate() {
-        let Some((formula @ 1..14, coefficients)) = glass.dispersion.formula() else {
-            let problem = format!("the AGF format has no formula for glass {}", glass.name);
+        let Some((formula, coefficients)) = glass.dispersion.agf_formula() else {
+            let problem = format!(
+                "the AGF format has no formula for glass {}, a table of more than four indices",
+                glass.name
+            );
             return Err(DesignError::Catalogue { line: i + 1, problem });
         };
         let [f, d, c, _] = LINES_UM.map(|um| glass.dispersion.index(um));
-        let name: String = glass.name.chars().map(|c| if c.is_whitespace() { '_' } else { c }).collect();
+        let name = written_name(glass);
         let values: Vec<String> = coefficients.iter().map(|c| decimal(*c)).collect();
         text += &format!("NM {name} {formula} 0 {d:.6} {:.4} 0\n", (d - 1.0) / (f - c));
         text += &format!("CD {}\n", values.join(" "));
         text += &format!("LD {} {}\n", decimal(glass.range_um.0), decimal(glass.range_um.1));
     }
     Ok(text)
+}
+
+/// The name of a glass in the text of a catalogue: one word.
+pub(super) fn written_name(glass: &Glass) -> String {
+    glass.name.chars().map(|c| if c.is_whitespace() { '_' } else { c }).collect()
 }
 
 struct Draft {
@@ -123,10 +131,6 @@ impl Draft {
         catalog.add(Glass { name: self.name, dispersion, range_um });
         Ok(())
     }
-}
-
-fn number(word: &str) -> Option<f64> {
-    word.parse().ok().filter(|v: &f64| v.is_finite())
 }
 
 #[cfg(test)]

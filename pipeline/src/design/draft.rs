@@ -2,8 +2,8 @@
 //!
 //! Surfaces run from the object (0) to the image plane (last). A surface blocks light beyond its clear aperture or its fixed semi-diameter
 //! (which the design program treats as a floating aperture) if a refractive index changes there or it is curved; on dummy planes a semi-diameter is only drawn.
-//! Vignetting factors describe how much of the pupil the semi-diameters leave open, so where a file has factors and no aperture, its
-//! semi-diameters become apertures. A curved image surface is replaced by the plane through its vertex.
+//! Vignetting factors describe how much of the pupil the semi-diameters leave open, so where a file has factors, the semi-diameters of its
+//! surfaces without aperture become apertures. A curved image surface is replaced by the plane through its vertex.
 //! Files count z along the first light: behind an odd number of mirrors their thicknesses are negative. The system counts along the light.
 
 use super::error::DesignError;
@@ -35,8 +35,10 @@ pub(super) struct DraftSurface {
     pub(super) semi_diameter_mm: f64,
     /// Whether the semi-diameter was fixed by the designer.
     pub(super) is_fixed: bool,
-    /// Tilts and decentres of this surface, which has no other effect, and of those behind it.
+    /// Tilts and decentres of this surface and of those behind it.
     pub(super) coordinate_break: Option<Break>,
+    /// Tilts and decentres of the surfaces behind this one, before its thickness.
+    pub(super) break_behind: Option<Break>,
 }
 
 /// A prescription.
@@ -200,19 +202,23 @@ fn flatten_image(surfaces: &mut [Surface], notes: &mut Vec<String>) {
 }
 
 fn apertures_for_vignetting(surfaces: &mut [Surface], notes: &mut Vec<String>) {
-    if surfaces.iter().any(|s| s.aperture_mm.is_some()) {
-        notes.push("vignetting factors are not used: the design's apertures are traced".to_owned());
-        return;
-    }
+    let has_apertures = surfaces.iter().any(|s| s.aperture_mm.is_some());
     if surfaces.iter().all(|s| s.semi_diameter_mm <= 0.0) {
-        notes.push(
-            "vignetting factors are not used, and the design has no apertures: nothing is vignetted"
+        notes.push(match has_apertures {
+            true => "vignetting factors are not used: the design's apertures are traced".to_owned(),
+            false => "vignetting factors are not used, and the design has no apertures: nothing is vignetted"
                 .to_owned(),
-        );
+        });
         return;
     }
-    for surface in surfaces.iter_mut().rev().skip(1).filter(|s| s.semi_diameter_mm > 0.0) {
-        surface.aperture_mm = Some(surface.semi_diameter_mm * (1.0 + VIGNETTING_SLACK));
+    for surface in surfaces.iter_mut().rev().skip(1) {
+        let is_open = surface.semi_diameter_mm > surface.obscuration_mm.unwrap_or(0.0);
+        if is_open && surface.aperture_mm.is_none() {
+            surface.aperture_mm = Some(surface.semi_diameter_mm * (1.0 + VIGNETTING_SLACK));
+        }
     }
-    notes.push("vignetting factors are represented by the design's semi-diameters as apertures".to_owned());
+    let which = if has_apertures { " of surfaces without aperture" } else { "" };
+    notes.push(format!(
+        "vignetting factors are represented by the design's semi-diameters{which} as apertures"
+    ));
 }

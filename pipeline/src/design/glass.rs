@@ -64,9 +64,14 @@ impl Dispersion {
         Ok(Self { formula: TABLE, c: points.into_iter().flat_map(|(um, n)| [um, n]).collect() })
     }
 
-    /// Number of the formula and its coefficients; none for a table.
-    pub fn formula(&self) -> Option<(u8, &[f64])> {
-        (self.formula != TABLE).then_some((self.formula, &self.c))
+    /// Number of the formula of the AGF format and its coefficients: 10 for a table of up to four entries, whose polynomial is squared; none for a
+    /// longer table and the formulas of the built-in table.
+    pub fn agf_formula(&self) -> Option<(u8, Vec<f64>)> {
+        match self.formula {
+            1..14 => Some((self.formula, self.c.clone())),
+            TABLE if self.c.len() <= 8 => Some((10, squared_polynomial(&self.c))),
+            _ => None,
+        }
     }
 
     /// The index at `um`; NaN where the formula is not defined.
@@ -122,6 +127,32 @@ fn interpolated(table: &[f64], um: f64) -> f64 {
         others.map(|(_, p)| (x - p.0) / (near[i].0 - p.0)).product::<f64>()
     };
     near.iter().enumerate().map(|(i, p)| p.1 * weight(i)).sum()
+}
+
+/// Coefficients of formula 10 for the square of the polynomial in λ⁻² through the entries of `table` (λ, n, λ, n, …), up to four.
+fn squared_polynomial(table: &[f64]) -> Vec<f64> {
+    let points: Vec<(f64, f64)> = table.chunks_exact(2).map(|p| (1.0 / (p[0] * p[0]), p[1])).collect();
+    let mut n = [0.0; 4];
+    for (i, (x, y)) in points.iter().enumerate() {
+        // y Π (x − x_k) / (x_i − x_k), expanded.
+        let mut term = vec![*y];
+        for (_, (other, _)) in points.iter().enumerate().filter(|(k, _)| *k != i) {
+            term.push(0.0);
+            for j in (0..term.len()).rev() {
+                let lower = if j > 0 { term[j - 1] } else { 0.0 };
+                term[j] = (lower - other * term[j]) / (x - other);
+            }
+        }
+        n.iter_mut().zip(term).for_each(|(sum, t)| *sum += t);
+    }
+    // n² by power of λ⁻²; the second coefficient of formula 10 is that of λ².
+    let mut c = vec![0.0; 8];
+    for (i, a) in n.iter().enumerate() {
+        for (j, b) in n.iter().enumerate() {
+            c[if i + j == 0 { 0 } else { i + j + 1 }] += a * b;
+        }
+    }
+    c
 }
 
 /// A glass of a catalogue.
@@ -182,6 +213,22 @@ impl GlassCatalog {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn short_table_is_an_exact_formula() {
+        let entries = [(0.4047, 1.53024), (0.4861, 1.52237), (0.5876, 1.5168), (0.6563, 1.51432)];
+        for count in 1..=4 {
+            let table = Dispersion::table(&entries[..count]).unwrap();
+            let (formula, c) = table.agf_formula().unwrap();
+            let written = Dispersion::new(formula, &c).unwrap();
+            for um in [0.4047, 0.45, 0.55, 0.6563] {
+                let apart = written.index(um) - table.index(um);
+                assert!(apart.abs() < 1e-12, "{count} entries, {um} µm: {apart:e}");
+            }
+        }
+        let five = [entries.to_vec(), vec![(0.7, 1.51)]].concat();
+        assert!(Dispersion::table(&five).unwrap().agf_formula().is_none());
+    }
 
     #[test]
     fn formulas_agree_for_the_same_glass() {

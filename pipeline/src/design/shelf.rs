@@ -44,6 +44,7 @@ pub const LENSES: &[ShelfLens] = &[
     lens!("telephoto", "telephoto"),
     lens!("tessar", "Tessar"),
     lens!("triplet", "triplet"),
+    lens!("uv-105", "machine vision, UV"),
     lens!("wide-100", "wide angle"),
 ];
 
@@ -86,6 +87,7 @@ mod tests {
             ("mirror-500", 499.48, 6.7),
             ("mirrorless-50", 49.57, 1.85),
             ("triplet", 50.0, 4.0),
+            ("uv-105", 105.0, 4.5),
             (SAMPLE, 100.0, 3.0),
         ] {
             let system = ShelfLens::named(name).unwrap().system();

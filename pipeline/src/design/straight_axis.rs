@@ -1,8 +1,8 @@
 //! Coordinate breaks that leave all powered surfaces on one axis: returned tilts and decentres, and fold mirrors.
 //!
-//! A break changes the coordinates of all surfaces behind it, and itself has no thickness or power:
+//! A break changes the coordinates of a surface and of all behind it, or of these alone, before the thickness of its surface:
 //!
-//!     order 0:      v' = (Rx Ry Rz)ᵀ (v − δ)      δ = (decentre x, decentre y, 0), tilts about x, y and z
+//!     order 0:      v' = (Rx Ry Rz)ᵀ (v − δ)      δ = decentre, tilts about x, y and z, right-handed
 //!     else:         v' = (Rz Ry Rx)ᵀ v − δ
 //! The ray that starts along the axis is followed through the local coordinates of every surface. A plane mirror may be met at any angle: it
 //! folds the axis, which changes nothing for a rotationally symmetric beam. So may a plane without change of medium. Every other surface, the
@@ -19,8 +19,8 @@ const OFF_AXIS_RAD: f64 = 1e-8;
 /// Tilts and decentres of the surfaces behind a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Break {
-    /// Along x and y, mm.
-    pub(super) decentre_mm: [f64; 2],
+    /// Along x, y and z, mm.
+    pub(super) decentre_mm: Vector,
     /// About x, y and z, degrees.
     pub(super) tilt_deg: [f64; 3],
     /// Whether tilts, in the reverse order, come before decentres.
@@ -31,13 +31,23 @@ type Vector = [f64; 3];
 
 impl Break {
     fn is_tilt(&self) -> bool {
-        self.decentre_mm != [0.0; 2] || self.tilt_deg[..2] != [0.0; 2]
+        self.decentre_mm != [0.0; 3] || self.tilt_deg[..2] != [0.0; 2]
+    }
+
+    /// The break that undoes this one.
+    pub(super) fn undone(&self) -> Self {
+        let negative = |v: Vector| v.map(|c| if c == 0.0 { 0.0 } else { -c });
+        Self {
+            decentre_mm: negative(self.decentre_mm),
+            tilt_deg: negative(self.tilt_deg),
+            tilts_first: !self.tilts_first,
+        }
     }
 
     /// Point and direction in the coordinates behind the break.
     fn apply(&self, point: Vector, direction: Vector) -> (Vector, Vector) {
-        let [dx, dy] = self.decentre_mm;
-        let shifted = |v: Vector| [v[0] - dx, v[1] - dy, v[2]];
+        let [dx, dy, dz] = self.decentre_mm;
+        let shifted = |v: Vector| [v[0] - dx, v[1] - dy, v[2] - dz];
         match self.tilts_first {
             true => (shifted(self.turned(point)), self.turned(direction)),
             false => (self.turned(shifted(point)), self.turned(direction)),
@@ -66,7 +76,8 @@ pub(super) fn straighten(
     stop: Option<usize>,
     notes: &mut Vec<String>,
 ) -> Result<(), DesignError> {
-    if !surfaces.iter().any(|s| s.coordinate_break.is_some_and(|b| b.is_tilt())) {
+    let breaks = |s: &DraftSurface| [s.coordinate_break, s.break_behind].into_iter().flatten();
+    if !surfaces.iter().flat_map(breaks).any(|b| b.is_tilt()) {
         return Ok(());
     }
     let (mut point, mut direction) = ([0.0; 3], [0.0, 0.0, 1.0]);
@@ -90,8 +101,7 @@ pub(super) fn straighten(
             && real::hypot(direction[0], direction[1]) <= OFF_AXIS_RAD;
         let is_dummy = surface.shape.is_flat() && surface.glass == before && !surface.is_mirror;
         if !is_on_axis {
-            let may_tilt = surface.coordinate_break.is_some()
-                || (is_dummy && surface.clear_mm.is_none() && surface.obscuration_mm.is_none())
+            let may_tilt = (is_dummy && surface.clear_mm.is_none() && surface.obscuration_mm.is_none())
                 || (surface.is_mirror && surface.shape.is_flat());
             if !may_tilt || stop == Some(i) || i == image {
                 return Err(off_axis(i, last_break));
@@ -110,8 +120,15 @@ pub(super) fn straighten(
             parity = -parity;
             direction[2] = -direction[2];
         }
-        point = [hit[0], hit[1], -gap];
-        if i > 1 {
+        point = [hit[0], hit[1], 0.0];
+        if let Some(behind) = surface.break_behind {
+            (point, direction) = behind.apply(point, direction);
+            last_break = i;
+        }
+        point[2] -= gap;
+        if i == 1 {
+            surfaces[0].thickness_mm += travelled;
+        } else {
             // The light's direction before this surface, as the file has it.
             let before = if surfaces[i].is_mirror { -parity } else { parity };
             surfaces[i - 1].thickness_mm = before * travelled;
@@ -129,7 +146,7 @@ pub(super) fn straighten(
 fn off_axis(surface: usize, last_break: usize) -> DesignError {
     DesignError::Incomplete {
         problem: format!(
-            "has surface {surface} tilted or off the axis after the coordinate break of surface {last_break}: the lens must be rotationally \
+            "has surface {surface} tilted or off the axis after the tilt, decentre or coordinate break of surface {last_break}: the lens must be rotationally \
              symmetric"
         ),
     }
@@ -157,8 +174,9 @@ mod tests {
 
     #[test]
     fn returned_tilts_and_decentres_leave_the_gaps() {
-        let there = Break { decentre_mm: [3.0, -2.0], tilt_deg: [10.0, 20.0, 5.0], tilts_first: false };
-        let back = Break { decentre_mm: [-3.0, 2.0], tilt_deg: [-10.0, -20.0, -5.0], tilts_first: true };
+        let there = Break { decentre_mm: [3.0, -2.0, 1.0], tilt_deg: [10.0, 20.0, 5.0], tilts_first: false };
+        let back = there.undone();
+        assert_eq!((back.tilt_deg, back.tilts_first), ([-10.0, -20.0, -5.0], true));
         let at = |b, t| DraftSurface { coordinate_break: Some(b), ..plane(t) };
         let mut surfaces =
             vec![plane(f64::INFINITY), plane(4.0), at(there, 0.0), at(back, 7.0), curved(-9.0), plane(0.0)];

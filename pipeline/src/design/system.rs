@@ -180,6 +180,9 @@ impl System {
         if self.stop >= self.image() {
             return no("has no aperture stop before the image plane");
         }
+        if self.wavelengths_um.is_empty() {
+            return no("has no wavelengths");
+        }
         if self.wavelengths_um.get(self.primary).is_none() {
             return no("has no primary wavelength");
         }

@@ -117,6 +117,6 @@ pub(super) fn glass_form(glass: &Glass, catalogues: &[String]) -> GlassForm {
         |name: &str| GlassLibrary::new().find(name, catalogues).is_ok_and(|(found, _)| found == *glass);
     match maker_of_glass(glass) {
         Some(maker) if !is_found(&glass.name) => GlassForm::Named(format!("{}_{maker}", glass.name)),
-        _ => GlassForm::Named(glass.name.clone()),
+        _ => GlassForm::Named(agf::written_name(glass)),
     }
 }

@@ -1,6 +1,7 @@
 //! Commands of a sequence file: separated by line ends or `;`, continued by `&`, commented by `!`.
 
 use crate::design::error::DesignError;
+use crate::design::text;
 
 /// Highest number of a field or wavelength.
 const MAX_NUMBERED: usize = 1000;
@@ -24,8 +25,7 @@ impl Command<'_> {
         if word.starts_with('^') {
             return Err(self.error("a variable: this is a CODE V macro, expected a saved lens"));
         }
-        let value = word.parse().ok().filter(|v: &f64| v.is_finite());
-        value.ok_or_else(|| self.error(format!("`{word}` is not a number")))
+        text::number(word).ok_or_else(|| self.error(text::not_a_number(word)))
     }
 
     /// As `value`; `INF` and `INFINITY` are infinite.

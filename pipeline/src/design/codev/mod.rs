@@ -7,9 +7,11 @@
 //! solved where the saved last gap is 0; otherwise the saved gap holds. Unknown commands are ignored with a note.
 //! Lists may number their values (`WL W1 587.6`, `YAN F1 0 F2 14`); a glass may be a glass code.
 //! `REFL` for a glass and RMD REFL are mirrors, `CIR OBS` a central obscuration.
-//! Not supported, with a specific error: tilts and decentres, special surfaces, gratings, macros.
+//! Tilts and decentres (module `decentre`) are read if the surfaces are on one axis nevertheless: returned, reversed, or of plane mirrors.
+//! Not supported, with a specific error: other tilts and decentres, special surfaces, gratings, macros.
 
 mod command;
+mod decentre;
 mod private;
 
 use super::draft::{Draft, DraftSurface};
@@ -21,7 +23,9 @@ use super::system::{Aperture, FieldKind, ImagePlane, RayAiming, System};
 use super::text::decode;
 use crate::real;
 use command::{Command, cannot_be_curvatures, commands};
+use decentre::{Decentre, is_decentre};
 use private::PrivateCatalogue;
+use std::collections::BTreeMap;
 
 /// Commands that do not change the optics: labels, weights, solves and variables (their saved values hold), display, bookkeeping.
 const HARMLESS: &[&str] = &[
@@ -42,7 +46,7 @@ const MACRO: &[&str] = &[
 /// Commands for optics that are not rotationally symmetric or not modelled.
 const UNSUPPORTED: &[&str] = &[
     "GRT", "GRO", "GRS", "DIF", "HOE", "HWL", "CYL", "XTO", "YTO", "ANA", "AAS", "SPS", "SPA", "XYP", "ZRN",
-    "QBF", "QCN", "BEN", "DAR", "REV", "RET", "GLB", "UDS", "GRN", "FRE", "LAR", "INT", "NSS",
+    "QBF", "QCN", "RET", "GLB", "UDS", "GRN", "FRE", "LAR", "INT", "NSS",
 ];
 
 struct Reader<'a> {
@@ -57,6 +61,8 @@ struct Reader<'a> {
     y: Vec<f64>,
     wavelengths_nm: Vec<f64>,
     weights: Vec<f64>,
+    /// Tilts and decentres by surface.
+    decentres: BTreeMap<usize, Decentre>,
     has_image: bool,
     is_solved_for_image: bool,
 }
@@ -78,6 +84,7 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
         y: Vec::new(),
         wavelengths_nm: Vec::new(),
         weights: Vec::new(),
+        decentres: BTreeMap::new(),
         has_image: false,
         is_solved_for_image: false,
     };
@@ -156,14 +163,6 @@ impl Reader<'_> {
             }
             "SO" | "SI" | "S" => self.start_surface(&key, command)?,
             _ if key.len() > 1 && command.surface(0).is_some() => self.start_surface(&key, command)?,
-            "ADE" | "BDE" | "XDE" | "YDE" | "ZDE" => {
-                let named = usize::from(command.surface(1).is_some());
-                if command.value(1 + named)? != 0.0 {
-                    return Err(command.error(
-                        "tilts and decentres are not supported: the lens must be rotationally symmetric",
-                    ));
-                }
-            }
             _ if UNSUPPORTED.contains(&key.as_str()) => {
                 return Err(command.error("not supported: lenscube traces rotationally symmetric systems"));
             }
@@ -186,6 +185,13 @@ impl Reader<'_> {
         }
         if key == "STO" {
             self.draft.stop = Some(index);
+            return Ok(true);
+        }
+        if is_decentre(key) {
+            if index == 0 {
+                return Err(command.error("a tilt or decentre of the object is not supported"));
+            }
+            self.decentres.entry(index).or_default().read(key, command, value)?;
             return Ok(true);
         }
         let Some(surface) = self.draft.surfaces.get_mut(index) else { return Ok(false) };
@@ -268,6 +274,11 @@ impl Reader<'_> {
             return Err(incomplete("has no image surface (SI)"));
         }
         let mut draft = self.draft;
+        for (index, decentre) in &self.decentres {
+            if let Some(surface) = draft.surfaces.get_mut(*index) {
+                decentre.apply(surface, self.scale);
+            }
+        }
         if draft.stop.is_none() && draft.surfaces.len() > 2 {
             draft.stop = Some(1);
             draft.notes.push("no stop given (STO): the first surface is the stop".to_owned());

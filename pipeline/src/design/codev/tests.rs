@@ -76,12 +76,9 @@ fn mirrors_and_obscurations_count_along_the_light() {
 
 #[test]
 fn unsupported_optics_is_an_error_with_its_line() {
-    for (from, to, line) in [
-        ("NBK7_SCHOTT", "NBK99_SCHOTT", 11),
-        ("  CIR EDG 13", "  ADE 3.0", 16),
-        ("  CIR EDG 13", "  GRT", 16),
-        ("EPD 25.0", "EPD x", 3),
-    ] {
+    for (from, to, line) in
+        [("NBK7_SCHOTT", "NBK99_SCHOTT", 11), ("  CIR EDG 13", "  GRT", 16), ("EPD 25.0", "EPD x", 3)]
+    {
         let error = read(&DOUBLET.replace(from, to)).unwrap_err();
         assert!(matches!(&error, DesignError::Line { line: l, .. } if *l == line), "{to}: {error}");
     }
@@ -89,4 +86,39 @@ fn unsupported_optics_is_an_error_with_its_line() {
     let strict = ReadOptions { strict: true, configuration: None };
     assert!(macro_file.contains("macro"), "{macro_file}");
     assert!(parse(DOUBLET.replace("GO", "QQQ 1").as_bytes(), &GlassLibrary::new(), &strict).is_err());
+}
+
+/// Tilts and decentres whose surfaces are on one axis: gaps along it, and the focal length of the doublet.
+#[test]
+fn returned_reversed_and_bent_axes_are_straight() {
+    let straight = read(DOUBLET).unwrap();
+    let last = "S -129.94 95.951944\n  CIR EDG 13\n";
+    for (behind, folds) in [
+        // A plane that is tilted alone, one that is undone, and two fold mirrors.
+        ("S -129.94 50\nS 0 45.951944\n  ADE 30; YDE 2; DAR\n", false),
+        (
+            "S -129.94 50\nS 0 0\n  YDE 2; ADE 10; BDE -20; ZDE 4\nS 0 45.951944\n  REV; YDE 2; ADE 10; BDE -20; ZDE 4\n",
+            false,
+        ),
+        ("S -129.94 50\nS 0 -40 REFL\n  ADE 45; BEN; CIR 9\nS 0 5.951944 REFL\n  BEN; ADE -45\n", true),
+        ("S -129.94 50\nS 0 0 REFL\n  BDE 30; DAR\nS 0 -45.951944\n  BDE 60\n", true),
+    ] {
+        let system = read(&DOUBLET.replace(last, &format!("{behind}  CIR EDG 13\n"))).unwrap();
+        let gaps = |s: &System| s.surfaces.iter().map(|s| s.thickness_mm).sum::<f64>();
+        assert!((gaps(&system) - gaps(&straight)).abs() < 1e-9, "{behind}: {}", gaps(&system));
+        let (p, q) = (Paraxial::new(&straight, 0.5876).unwrap(), Paraxial::new(&system, 0.5876).unwrap());
+        assert!(
+            (p.effective_focal_length_mm.abs() - q.effective_focal_length_mm.abs()).abs() < 1e-9,
+            "{behind}"
+        );
+        let word = if folds { "fold the axis at" } else { "on one axis" };
+        assert!(system.notes.iter().any(|n| n.contains(word)), "{behind}: {:?}", system.notes);
+    }
+    // Without effect.
+    let none = read(&DOUBLET.replace("  CIR 12.0", "  CIR 12.0\n  DAR; XDE 0; ADE S1 0; CDE 20")).unwrap();
+    assert_eq!((none.surfaces, none.notes.len()), (straight.surfaces, 0));
+    for wrong in ["  ADE 3", "  DAR; YDE 1", "  REV; ADE 2", "  ADE S0 1"] {
+        let error = read(&DOUBLET.replace("  CIR 12.0", &format!("  CIR 12.0\n{wrong}"))).unwrap_err();
+        assert!(error.to_string().contains("tilt"), "{wrong}: {error}");
+    }
 }

@@ -1,6 +1,7 @@
 //! Reads Optiland's JSON.
 
-use super::json;
+use super::{OWN, json};
+use crate::design::agf;
 use crate::design::draft::{Draft, DraftSurface};
 use crate::design::error::DesignError;
 use crate::design::glass::Glass;
@@ -65,6 +66,10 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
             draft.notes.push("pickups and solves are not evaluated: the saved values hold".to_owned());
         }
     }
+    let mut glasses = glasses.clone();
+    if let Some(agf) = file.pointer("/lenscube/glasses_agf").and_then(Value::as_str) {
+        glasses.add(OWN, agf::parse(agf.as_bytes())?);
+    }
     let positions: Result<Vec<f64>, _> = surfaces.iter().map(|s| number(s, "/geometry/cs/z", 0.0)).collect();
     let positions = positions?;
     for (i, surface) in surfaces.iter().enumerate() {
@@ -73,8 +78,12 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
             DesignError::Incomplete { problem } => incomplete(format!("{problem} (surface {i})")),
             other => other,
         };
-        let mut read = read_surface(surface, glasses, &mut draft.notes).map_err(place)?;
+        let mut read = read_surface(surface, &glasses, &mut draft.notes).map_err(place)?;
         read.thickness_mm = next - positions[i];
+        if i > 0 {
+            let drawn = format!("/lenscube/semi_diameters_mm/{}", i - 1);
+            read.semi_diameter_mm = number(&file, &drawn, 0.0)?;
+        }
         if is_true(surface, "/is_stop") && draft.stop.replace(i).is_some() {
             return Err(incomplete(format!("has a second stop, surface {i}")));
         }
@@ -172,8 +181,12 @@ fn glass(
             Ok((n != 1.0).then(|| constant_glass(n)))
         }
         "AbbeMaterial" | "AbbeMaterialE" => {
+            let own = text(material, "/lenscube_glass");
+            if !own.is_empty() {
+                return Ok(Some(glasses.find(own, &[OWN.to_owned()])?.0));
+            }
             let (n, v) = (number(material, "/index", f64::NAN)?, number(material, "/abbe", f64::NAN)?);
-            let glass = model_glass(&format!("n={n},V={v}"), n, v, 0.0)?;
+            let glass = model_glass(&format!("n={n},V={v}"), n, v, number(material, "/dP_gF", 0.0)?)?;
             notes.push(format!("n_d = {n}, V_d = {v}: a model glass of these values"));
             Ok(Some(glass))
         }

@@ -1,13 +1,14 @@
 //! Writes Optiland's JSON.
 
-use super::json;
+use super::{OWN, json};
+use crate::design::agf;
 use crate::design::error::DesignError;
 use crate::design::glass::Glass;
 use crate::design::glass_library::maker_of_glass;
 use crate::design::model_glass::LINES_UM;
 use crate::design::surface::Shape;
 use crate::design::system::{Aperture, FieldKind, Medium, RayAiming, System};
-use crate::design::writing::{GlassForm, Written, glass_form, surfaces_along_z};
+use crate::design::writing::{GlassForm, Written, catalogues_of, glass_form, surfaces_along_z};
 use serde_json::{Value, json};
 
 /// The file of `system`. What it cannot hold is listed in the notes.
@@ -43,9 +44,10 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
         true => json!({"value": w.0, "is_primary": i == system.primary, "unit": "um", "weight": w.1}),
         false => json!({"value": w.0, "is_primary": i == system.primary, "unit": "um"}),
     };
-    if system.surfaces.iter().enumerate().any(|(i, s)| s.semi_diameter_mm > 0.0 && i != system.stop) {
-        notes.push("semi-diameters of drawings are left out".to_owned());
-    }
+    let own = catalogues_of(system, OWN).map(|(_, agf)| agf).unwrap_or_else(|e| {
+        notes.push(e.to_string());
+        None
+    });
     let air = json!({"type": "IdealMaterial", "index": 1.0, "absorp": 0.0});
     let first_z = system.object_distance_mm.map_or(-json::INFINITE, |d| -d);
     let mut surfaces = vec![json!({
@@ -57,7 +59,7 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
     for (i, surface) in surfaces_along_z(system).iter().enumerate() {
         let after = match &surface.medium {
             Medium::Air => air.clone(),
-            Medium::Glass(glass) => material(glass, &mut notes)?,
+            Medium::Glass(glass) => material(glass, own.is_some(), &mut notes)?,
         };
         let (outer, inner) = (surface.aperture_mm, surface.obscuration_mm);
         let aperture = (outer.is_some() || inner.is_some()).then(|| {
@@ -96,6 +98,11 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
         "pickups": [],
         "solves": {"solves": []},
         "surface_group": {"surfaces": surfaces},
+        // What the format does not have, for this program.
+        "lenscube": {
+            "semi_diameters_mm": system.surfaces.iter().map(|s| s.semi_diameter_mm).collect::<Vec<_>>(),
+            "glasses_agf": own,
+        },
     });
     Ok(Written { text: json::text(&file), catalogue: None, notes })
 }
@@ -128,15 +135,18 @@ fn geometry(shape: &Shape, z: f64) -> Value {
     })
 }
 
-fn material(glass: &Glass, notes: &mut Vec<String>) -> Result<Value, DesignError> {
+/// `has_own`: whether the file has a catalogue of the glasses that are not built in.
+fn material(glass: &Glass, has_own: bool, notes: &mut Vec<String>) -> Result<Value, DesignError> {
     let abbe = |n: f64, v: f64| json!({"type": "AbbeMaterial", "index": n, "abbe": v});
     match glass_form(glass, &[]) {
         GlassForm::Constant(n) => return Ok(json!({"type": "IdealMaterial", "index": n, "absorp": 0.0})),
         GlassForm::Model(n, v, delta) => {
             if delta != 0.0 {
-                notes.push(format!("glass {}: its ΔP_gF = {delta:.4} is left out", glass.name));
+                notes.push(format!("glass {}: Optiland does not use its ΔP_gF = {delta:.4}", glass.name));
             }
-            return Ok(abbe(n, v));
+            let mut material = abbe(n, v);
+            material["dP_gF"] = json!(delta);
+            return Ok(material);
         }
         GlassForm::Named(_) => (),
     }
@@ -157,8 +167,12 @@ fn material(glass: &Glass, notes: &mut Vec<String>) -> Result<Value, DesignError
     let [f, d, c, _] = LINES_UM.map(|um| glass.dispersion.index(um));
     let v = (d - 1.0) / (f - c);
     notes.push(format!(
-        "glass {} of a catalogue of its own is written by n_d = {d:.6} and V_d = {v:.3}",
+        "glass {} of a catalogue of its own: Optiland uses its n_d = {d:.6} and V_d = {v:.3}",
         glass.name
     ));
-    Ok(abbe(d, v))
+    let mut material = abbe(d, v);
+    if has_own {
+        material["lenscube_glass"] = json!(agf::written_name(glass));
+    }
+    Ok(material)
 }

@@ -1,6 +1,7 @@
 //! Commands of an OSLO lens file: separated by line ends or `;`, commented by `//`; words in quotes may hold blanks.
 
 use crate::design::error::DesignError;
+use crate::design::text;
 
 /// A command with its words.
 pub(super) struct Command<'a> {
@@ -22,8 +23,7 @@ impl Command<'_> {
     pub(super) fn value(&self, i: usize) -> Result<f64, DesignError> {
         let word =
             self.words.get(i).ok_or_else(|| self.error(format!("expected a number as word {}", i + 1)))?;
-        let value = word.parse().ok().filter(|v: &f64| v.is_finite());
-        value.ok_or_else(|| self.error(format!("`{word}` is not a number")))
+        text::number(word).ok_or_else(|| self.error(text::not_a_number(word)))
     }
 
     /// All values from word `first` on.

@@ -26,7 +26,7 @@ use super::glass_library::GlassLibrary;
 use super::paraxial::Paraxial;
 use super::reading::ReadOptions;
 use super::system::{ImagePlane, RayAiming, System};
-use super::text::decode;
+use super::text::{self, decode};
 use columns::Columns;
 use settings::Settings;
 
@@ -59,14 +59,11 @@ impl Line<'_> {
 
     /// A number, possibly infinite.
     fn number(&self, cell: &str) -> Result<f64, DesignError> {
-        let plain = cell.replace('−', "-");
-        let word = plain.trim_start_matches(['+', '-']).to_lowercase();
-        if matches!(word.as_str(), "inf" | "infinity" | "∞") {
-            return Ok(if plain.starts_with('-') { f64::NEG_INFINITY } else { f64::INFINITY });
+        if text::is_infinite(cell) {
+            return Ok(if cell.starts_with(['-', '−', '–']) { f64::NEG_INFINITY } else { f64::INFINITY });
         }
-        let text = if self.has_decimal_commas { plain.replace(',', ".") } else { plain };
-        let value = text.parse().ok().filter(|v: &f64| v.is_finite());
-        value.ok_or_else(|| self.error(format!("`{cell}` is not a number")))
+        let plain = if self.has_decimal_commas { cell.replace(',', ".") } else { cell.to_owned() };
+        text::number(&plain).ok_or_else(|| self.error(text::not_a_number(cell)))
     }
 }
 

@@ -9,6 +9,7 @@ use super::columns::plain;
 use crate::design::draft::Draft;
 use crate::design::error::DesignError;
 use crate::design::system::{Aperture, FieldKind, RayAiming};
+use crate::design::text;
 
 /// F, d and C lines, nm.
 const DEFAULT_NM: [f64; 3] = [486.132_7, 587.561_8, 656.272_5];
@@ -89,7 +90,10 @@ impl Settings {
             "wavelengthsnm" | "wavelengthnm" | "wavelengths" => self.nm = values()?,
             "weights" => self.weights = values()?,
             "primarynm" | "primarywavelengthnm" => self.primary_nm = Some(value()?),
-            "objectdistance" => self.object_distance = Some(value()?),
+            "objectdistance" => {
+                let is_finite = !line.cells[1..].iter().any(|c| text::is_infinite(c));
+                self.object_distance = Some(if is_finite { value()? } else { f64::INFINITY });
+            }
             "focallength" | "efl" | "f" => self.focal_length = Some(value()?),
             "aiming" => {
                 self.aiming = Some(match word().to_lowercase().as_str() {

@@ -13,6 +13,7 @@ use crate::design::draft::Draft;
 use crate::design::error::DesignError;
 use crate::design::glass::Glass;
 use crate::design::system::Aperture;
+use crate::design::text;
 
 /// A value of an operand in one configuration.
 pub(super) struct Operand {
@@ -31,8 +32,7 @@ impl Operand {
 
     fn value(&self) -> Result<f64, DesignError> {
         let word = self.words.get(3).map_or("", String::as_str);
-        let value = word.parse().ok().filter(|v: &f64| v.is_finite());
-        value.ok_or_else(|| self.error(format!("`{word}` is not a number")))
+        text::number(word).ok_or_else(|| self.error(text::not_a_number(word)))
     }
 
     fn ignored(&self) -> String {

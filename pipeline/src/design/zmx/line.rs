@@ -1,6 +1,7 @@
 //! A line of a .zmx file: a keyword and its values.
 
 use crate::design::error::DesignError;
+use crate::design::text;
 
 /// What a note says of optics or a keyword that is not read; an error where the caller is strict.
 pub(super) const IGNORED: &str = "was ignored";
@@ -43,8 +44,7 @@ impl Line<'_> {
     }
 
     fn finite(&self, word: &str) -> Result<f64, DesignError> {
-        let v: Option<f64> = word.parse().ok();
-        v.filter(|v| v.is_finite()).ok_or_else(|| self.error(format!("`{word}` is not a number")))
+        text::number(word).ok_or_else(|| self.error(text::not_a_number(word)))
     }
 
     pub(super) fn values(&self) -> Result<Vec<f64>, DesignError> {

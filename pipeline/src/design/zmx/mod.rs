@@ -164,11 +164,11 @@ impl Reader {
             "NAME" => draft.name = line.text.get(4..).unwrap_or_default().trim().to_owned(),
             "UNIT" => {
                 self.has_unit = true;
-                self.scale = match line.words.get(1) {
-                    Some(&"MM") => 1.0,
-                    Some(&"CM") => 10.0,
-                    Some(&("IN" | "INCH")) => 25.4,
-                    Some(&("METER" | "M")) => 1000.0,
+                self.scale = match line.words.get(1).map(|w| w.to_ascii_uppercase()).as_deref() {
+                    Some("MM") => 1.0,
+                    Some("CM") => 10.0,
+                    Some("IN" | "INCH") => 25.4,
+                    Some("METER" | "M") => 1000.0,
                     _ => return Err(line.error("expected the lens unit MM, CM, IN or METER")),
                 };
             }
@@ -270,8 +270,10 @@ impl Reader {
         let mut draft = self.draft;
         draft.wavelengths_um = self.waves.into_iter().map(|(_, um, weight)| (um, weight)).collect();
         let unit = match draft.field_kind {
-            None => return Err(incomplete("has no field type (FTYP)")),
-            Some(FieldKind::Angle) => 1.0,
+            None if self.x.iter().chain(&self.y).any(|v| *v != 0.0) => {
+                return Err(incomplete("has field points and no field type (FTYP)"));
+            }
+            None | Some(FieldKind::Angle) => 1.0,
             Some(_) => self.scale,
         };
         let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);

@@ -9,6 +9,7 @@ use crate::design::glass_library::GlassLibrary;
 use crate::design::model_glass::{constant_glass, model_glass};
 use crate::design::straight_axis::Break;
 use crate::design::surface::Shape;
+use crate::design::text;
 
 /// Surface types.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -69,7 +70,7 @@ impl Reader {
             "CONI" => draft.shape.conic = line.value(1)?,
             "DISZ" => {
                 draft.thickness_mm = match line.words.get(1) {
-                    Some(&"INFINITY") => f64::INFINITY,
+                    Some(word) if text::is_infinite(word) => f64::INFINITY,
                     _ => line.value(1)? * scale,
                 };
             }

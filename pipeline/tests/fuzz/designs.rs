@@ -1,140 +1,15 @@
-//! Fuzz targets of the pipeline: chart specifications, wavelength lists, .zmx, .seq, .len of OSLO, lens tables, Optiland's JSON, .zar, .agf.
+//! Readers of lens designs and glasses: .zmx, .seq, .len of OSLO, lens tables, Optiland's JSON, .zar, .agf.
 
-#[path = "../../tests/fuzz_support/mod.rs"]
-mod fuzz_support;
-
-use fuzz_support::extreme::magnitude;
-use fuzz_support::{Random, cases, damage_text, fuzz, print_row};
-use lenscube_pipeline::chart::{ChartSpec, Generator};
+use super::fuzz_support::{Random, damage_text, fuzz};
 use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::{
     ReadOptions, System, agf, codev, describe, optiland, oslo, shelf, table, zar, zmx,
 };
-use lenscube_pipeline::wavelengths;
-use proptest::prelude::*;
-use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
-use std::time::Instant;
-
-/// A runner with a fixed seed that shrinks what it finds.
-fn runner(few: usize) -> TestRunner {
-    let config = Config { cases: cases(few) as u32, failure_persistence: None, ..Config::default() };
-    TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha))
-}
-
-fn number() -> impl Strategy<Value = String> {
-    prop_oneof![
-        any::<f64>().prop_map(|v| v.to_string()),
-        any::<u64>().prop_map(|seed| format!("{:e}", magnitude(&mut Random(seed)))),
-        any::<u64>().prop_map(|seed| magnitude(&mut Random(seed)).to_string()),
-        (-1000i32..1_000_000).prop_map(|v| v.to_string()),
-        (0u32..2000).prop_map(|v| format!("{}", f64::from(v) / 4.0)),
-        prop::sample::select(vec![
-            "",
-            "nan",
-            "1e999",
-            "18446744073709551616",
-            "-0",
-            "µ",
-            " 7 ",
-            "+3",
-            "1e-320"
-        ])
-        .prop_map(String::from),
-    ]
-}
-
-#[test]
-fn chart_specifications_round_trip() {
-    let value = prop_oneof![
-        4 => number(),
-        1 => (number(), number()).prop_map(|(a, b)| format!("{a}x{b}")),
-        1 => (number(), number(), number()).prop_map(|(a, b, c)| format!("{a}:{b}:{c}")),
-        1 => (number(), number()).prop_map(|(a, b)| format!("{a},{b};{b},{a}")),
-        1 => prop::sample::select(vec!["D65", "A", "disc", "gaussian"]).prop_map(String::from),
-    ];
-    let key = prop::sample::select(vec![
-        "size",
-        "wavelengths",
-        "pitch_um",
-        "overscan",
-        "illuminant",
-        "value",
-        "count",
-        "blob",
-        "width_px",
-        "angle_deg",
-        "contrast",
-        "grid",
-        "centers",
-        "patch_px",
-        "spokes",
-        "sizé",
-        "",
-    ]);
-    let kind = prop::sample::select(vec![
-        "uniform",
-        "points",
-        "slanted-edge",
-        "siemens",
-        "checker",
-        "composite",
-        "x",
-    ]);
-    let setting = (key, value, prop::sample::select(vec!["=", "=", "=", "=", ""]))
-        .prop_map(|(k, v, e)| format!("{k}{e}{v}"));
-    let specs =
-        (kind, prop::collection::vec(setting, 0..4)).prop_map(|(k, s)| format!("{k}?{}", s.join("&")));
-    let (start, used) = (Instant::now(), std::cell::Cell::new(0));
-    let result = runner(300).run(&specs, |text| {
-        let Ok(spec) = text.parse::<ChartSpec>() else { return Ok(()) };
-        used.set(used.get() + 1);
-        // The written form is canonical.
-        let written = spec.to_string();
-        let again: ChartSpec = written.parse().map_err(|e| TestCaseError::fail(format!("{written}: {e}")))?;
-        prop_assert_eq!(again.to_string(), written);
-        // Generating a large chart is slow, and the target are specifications.
-        if spec.film.height.max(spec.film.width) <= 256 && spec.wavelengths_nm.len() <= 31 {
-            let _ = Generator::new(spec);
-        }
-        Ok(())
-    });
-    print_row(
-        "gen: specifications",
-        cases(300),
-        start.elapsed().as_secs_f64(),
-        usize::from(result.is_err()),
-        used.get(),
-    );
-    result.unwrap();
-    assert!(used.get() > 0);
-}
-
-#[test]
-fn wavelength_lists_round_trip() {
-    let range = prop::collection::vec(number(), 1..5).prop_map(|n| n.join(":"));
-    let list = prop::collection::vec(range, 0..4).prop_map(|n| n.join(","));
-    let (start, used) = (Instant::now(), std::cell::Cell::new(0));
-    let result = runner(500).run(&list, |list| {
-        let Ok(nm) = wavelengths::parse(&list) else { return Ok(()) };
-        used.set(used.get() + 1);
-        prop_assert!(nm.len() <= wavelengths::MAX_BANDS);
-        prop_assert_eq!(&wavelengths::parse(&wavelengths::format(&nm)).unwrap(), &nm);
-        Ok(())
-    });
-    print_row(
-        "wavelength lists",
-        cases(500),
-        start.elapsed().as_secs_f64(),
-        usize::from(result.is_err()),
-        used.get(),
-    );
-    result.unwrap();
-    assert!(used.get() > 0);
-}
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 #[test]
 fn damaged_prescriptions_do_not_panic() {
-    const LENS: &[u8] = include_bytes!("../data/double-gauss-28.zmx");
+    const LENS: &[u8] = include_bytes!("../../data/double-gauss-28.zmx");
     let glasses = GlassLibrary::new();
     let make = |r: &mut Random| {
         let mut bytes = LENS.to_vec();
@@ -153,7 +28,7 @@ fn damaged_prescriptions_do_not_panic() {
 fn damaged_sequence_files_do_not_panic() {
     const LENS: &[u8] = b"RDM;LEN\nPRV\nPWL 656.3 587.6 486.1\n'OWN' 1.514 1.517 1.522\n'LAU' LAU 2.3 0 0.02\nEND\nTITLE 'a doublet'\nEPD 25.0\nDIM M\nWL 587.6 486.1 &\n 656.3\nREF 1\nXAN 0.0 0.0\nYAN 0.0 1.0\n\
 SO 0.0 0.1e14\nS 61.47 6.0 NBK7_SCHOTT\n  STO\n  CIR 12.0\n  ASP; K -0.5; A 1e-7; B 1e-10\nS -44.64 2.5 620.364; SLB \"b\"\nS -129.94 95.9 'OWN'\nS 0 2\n  PIM\n\
-S -300 -40 REFL\n  CIR OBS 3\nS -90 50 REFL\nSI 0.0 0.1\nTHI S3 90\nGO\n";
+S -300 -40 REFL\n  CIR OBS 3\nS -90 50 REFL\nS 0 0\n  ADE 5; YDE 1\nS 0 2\n  REV; YDE 1; ADE 5\nS 0 -9 REFL\n  ADE 45; BEN\nSI 0.0 0.1\nTHI S3 90\nGO\n";
     let glasses = GlassLibrary::new();
     let make = |r: &mut Random| {
         let mut bytes = LENS.to_vec();
@@ -188,7 +63,7 @@ fn damaged_folded_prescriptions_do_not_panic() {
     let mirrors = "  TYPE COORDBRK\n  PARM 1 2\n  PARM 3 45\n  DISZ 0\nSURF 13\n  TYPE STANDARD\n  CURV 0\n  GLAS MIRROR\n  DISZ 0\nSURF 14\n  TYPE COORDBRK\n\
                    \x20 PARM 1 -2\n  PARM 3 45\n  PARM 6 0\n  DISZ -30\nSURF 15\n  TYPE EVENASPH\n  CURV 0.01\n  PARM 2 1e-7\n  CLAP 3 40 0\n  GLAS MIRROR\n  DISZ 60\nSURF 16\n\
                    \x20 TYPE STANDARD\n  CURV 0\n  DISZ 0\n";
-    let lens = String::from_utf8_lossy(include_bytes!("../data/double-gauss-28.zmx")).into_owned();
+    let lens = String::from_utf8_lossy(include_bytes!("../../data/double-gauss-28.zmx")).into_owned();
     let image = lens.rfind("SURF ").unwrap();
     let folded = format!("{}SURF 12\n{mirrors}", &lens[..image]);
     let glasses = GlassLibrary::new();
@@ -202,8 +77,14 @@ fn damaged_folded_prescriptions_do_not_panic() {
     fuzz(".zmx mirrors and breaks", 300, make, |bytes| parse(bytes).is_ok_and(|s| is_read_and_written(&s)));
 }
 
-/// Whether a damaged design is read, in its first or second configuration, and what is written of it read again.
+/// Whether what is written of a design is read again, and its first-order data are found. Always true of a case that a long run only reads: the
+/// rest takes ten times as long.
 fn is_read_and_written(system: &System) -> bool {
+    static ACCEPTED: AtomicUsize = AtomicUsize::new(0);
+    let is_long = std::env::var_os("LENSCUBE_FUZZ_CASES").is_some();
+    if is_long && !ACCEPTED.fetch_add(1, Ordering::Relaxed).is_multiple_of(16) {
+        return true;
+    }
     let glasses = GlassLibrary::new();
     let options = ReadOptions::default();
     if let Ok(written) = zmx::write(system, "own") {
@@ -220,7 +101,7 @@ fn is_read_and_written(system: &System) -> bool {
 
 #[test]
 fn damaged_configurations_do_not_panic() {
-    let lens = String::from_utf8_lossy(include_bytes!("../data/double-gauss-28.zmx")).into_owned();
+    let lens = String::from_utf8_lossy(include_bytes!("../../data/double-gauss-28.zmx")).into_owned();
     let operands = "MNUM 2 1\nTHIC 5 1 3.7 0\nTHIC 5 2 4.7 0\nGLSS 3 2 \"F2\" 0\nCRVT 2 2 -0.25 0\nAPER 0 2 8 0\nWAVE 1 2 0.6 0\nYFIE 2 2 5 0\n\
                     STPS 0 2 4 0\nSDIA 5 2 9 0\nCONN 2 2 1 0\n";
     let glasses = GlassLibrary::new();
