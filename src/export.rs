@@ -8,7 +8,7 @@ use crate::failure::{code, other_job, usage};
 use crate::interrupt;
 use crate::job::{chosen_bands, threads};
 use crate::memory::default_limit;
-use crate::open::Chart;
+use crate::open::{Chart, ChartFlags};
 use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::NanPolicy;
@@ -111,7 +111,15 @@ struct Input {
 impl Input {
     fn new(args: &ExportArgs, cache_bytes: usize) -> Result<Self> {
         // Shards that do not exist yet are NaN and shown as missing.
-        let chart = Chart::open(&args.film, args.wavelengths.as_deref(), NanPolicy::Keep, cache_bytes)?;
+        let flags = ChartFlags {
+            wavelengths: args.wavelengths.as_deref(),
+            var: args.var.as_deref(),
+            axes: args.axes.as_ref(),
+            nan: NanPolicy::Keep,
+            cache_bytes,
+            ..ChartFlags::default()
+        };
+        let chart = Chart::open_with(&args.film, &flags)?;
         let all_nm = chart.wavelengths_nm()?;
         let bands = match (&args.bands, args.band) {
             (Some(text), _) => chosen_bands(text, &all_nm)?,

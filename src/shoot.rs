@@ -35,6 +35,9 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     let (film, raw) = (text(&directory.join("film.zarr"))?, text(&directory.join("raw.zarr"))?);
     log_line("1/3  film");
     let mut words = command_line(args, &["run", "--lens", &args.lens]);
+    words.extend(option("--var", args.var.as_ref()));
+    words.extend(option("--axes", args.axes.as_ref()));
+    words.extend(option("--wavelengths", args.wavelengths.as_ref()));
     words.extend(option("--film-pitch-um", args.film_pitch_um));
     let code = execute(words, &[&args.chart, &film])?;
     if code != 0 {

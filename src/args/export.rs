@@ -3,6 +3,7 @@
 use super::choices::{COMPRESSION, one_of};
 use super::values::{bounded, bytes, roi, side, threads};
 use clap::{Args, ValueEnum};
+use formats::chart::AxisOrder;
 use formats::export::exr::ExrCompression;
 use pipeline::bounds;
 use pipeline::geometry::Rect;
@@ -50,6 +51,12 @@ pub struct ExportArgs {
     /// EXR: lossless compression [default: zip]
     #[arg(long, value_parser = one_of(COMPRESSION), help_heading = "OpenEXR")]
     pub compression: Option<ExrCompression>,
+    /// Array of a chart's file or store, as for `lenscube run`
+    #[arg(long, value_name = "NAME", help_heading = "Selection")]
+    pub var: Option<String>,
+    /// Axes of a chart's array, as for `lenscube run`
+    #[arg(long, value_name = "AXES", help_heading = "Selection")]
+    pub axes: Option<AxisOrder>,
     /// Wavelengths in nm where the store has none
     #[arg(long, value_name = "NM", help_heading = "Selection")]
     pub wavelengths: Option<String>,

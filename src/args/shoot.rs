@@ -3,6 +3,7 @@
 use super::choices::{DEMOSAIC, one_of};
 use super::values::{bytes, pitch, positive, threads};
 use clap::Args;
+use formats::chart::AxisOrder;
 use pipeline::develop::Demosaic;
 use std::path::PathBuf;
 
@@ -27,6 +28,15 @@ pub struct ShootArgs {
     /// Sensor, as for `lenscube sensor`
     #[arg(long, value_name = "NAME|FILE")]
     pub sensor: String,
+    /// Array of the chart, as for `lenscube run`
+    #[arg(long, value_name = "NAME")]
+    pub var: Option<String>,
+    /// Axes of the chart's array, as for `lenscube run`
+    #[arg(long, value_name = "AXES")]
+    pub axes: Option<AxisOrder>,
+    /// Wavelengths of the chart's bands in nm where it has none
+    #[arg(long, value_name = "NM")]
+    pub wavelengths: Option<String>,
     /// Film pitch where the chart has none
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub film_pitch_um: Option<f64>,

@@ -187,16 +187,25 @@ impl Directory {
     /// # Errors
     /// [`DurableError::Range`] if the file is too short; nothing is allocated then.
     pub fn read_range(&self, key: &str, offset: i64, length: u64) -> Result<Option<Vec<u8>>, DurableError> {
-        use std::os::unix::fs::FileExt;
+        use std::io::{ErrorKind, Read, Seek, SeekFrom};
         let path = self.path(key)?;
-        let Some((file, size)) = self.open(&path)? else { return Ok(None) };
+        let Some((mut file, size)) = self.open(&path)? else { return Ok(None) };
         let start = if offset < 0 { size.checked_sub(offset.unsigned_abs()) } else { Some(offset as u64) };
         let fits = |s: &u64| s.checked_add(length).is_some_and(|end| end <= size);
         let Some(start) = start.filter(fits) else {
             return Err(DurableError::Range { path, offset, length, size });
         };
-        let mut bytes = vec![0; length as usize];
-        self.step(FileStep::Read, &path, |_| file.read_exact_at(&mut bytes, start), length)?;
+        // Not zeroed first.
+        let mut bytes = Vec::with_capacity(length as usize);
+        let read = |_: &Path| {
+            bytes.clear();
+            file.seek(SeekFrom::Start(start))?;
+            match (&mut file).take(length).read_to_end(&mut bytes)? as u64 == length {
+                true => Ok(()),
+                false => Err(ErrorKind::UnexpectedEof.into()),
+            }
+        };
+        self.step(FileStep::Read, &path, read, length)?;
         Ok(Some(bytes))
     }
 

@@ -54,8 +54,6 @@ def shoot(chart: Chart, out: PathLike | None = None, *, temp_dir: PathLike | Non
     """
     out = Path(out) if out is not None else _films.temporary_folder() / "picture.png"
     with given(chart, dict(flags), temp_dir, pitch=True) as (name, flags_given):
-        if "wavelengths" in flags_given:
-            raise TypeError("shoot() takes wavelengths from a store; use run, sensor and develop for a cube in memory")
         execute(arguments(("shoot",), [name, out], flags_given))
     return Picture(out)
 

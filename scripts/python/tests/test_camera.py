@@ -37,6 +37,10 @@ def test_raws_are_compared(raws, tmp_path):
 def test_chart_becomes_a_picture_in_one_call(tmp_path):
     picture = lenscube.shoot("gen:checker?size=128&wavelengths=500:600:50&pitch_um=2", tmp_path / "p.png", lens="triplet", sensor="example-2um")
     assert picture.path.stat().st_size > 100
+    cube = numpy.full((3, 64, 64), 0.5, "f4")
+    flags = {"lens": "triplet", "sensor": "example-2um", "film_pitch_um": 2, "wavelengths": [500, 550, 600]}
+    first, second = (lenscube.shoot(a, tmp_path / f"{i}.png", axes=axes, **flags) for i, (a, axes) in enumerate([(cube, None), (cube.transpose(1, 2, 0), "y,x,wavelength")]))
+    assert first.path.read_bytes() == second.path.read_bytes()
 
 
 def test_edges_points_and_profiles_are_datasets(tmp_path):
