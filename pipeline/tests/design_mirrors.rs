@@ -1,7 +1,10 @@
 //! Mirrors, central obscurations and folded axes: design files, and the pupil and PSF of an obscured lens compared with closed forms.
 
+mod design_cases;
+
 use std::f64::consts::PI;
 
+use design_cases::{bessel_j1_over_x, system};
 use lenscube_pipeline::design::glass::{Dispersion, Glass};
 use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::illumination::{field_light, numerical_aperture};
@@ -11,7 +14,7 @@ use lenscube_pipeline::design::pupil::Pupil;
 use lenscube_pipeline::design::ray::Tracer;
 use lenscube_pipeline::design::spots::spot;
 use lenscube_pipeline::design::surface::Shape;
-use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface};
+use lenscube_pipeline::design::system::{Medium, Surface};
 use lenscube_pipeline::design::{DesignError, ReadOptions, System, optiland, table, zmx};
 
 /// Newtonian telescope: paraboloid of f = 300 mm, a plane mirror at 45 degrees 150 mm before it, the film beside the tube.
@@ -94,22 +97,6 @@ fn impossible_folds_and_obscurations_name_the_surface() {
     }
 }
 
-fn system(surfaces: Vec<Surface>, stop: usize, pupil_mm: f64) -> System {
-    System {
-        name: "test".to_owned(),
-        object_distance_mm: None,
-        surfaces,
-        stop,
-        aperture: Aperture::EntrancePupil(pupil_mm),
-        field_kind: FieldKind::Angle,
-        fields: vec![0.0],
-        wavelengths_um: vec![(0.55, 1.0)],
-        primary: 0,
-        aiming: RayAiming::Paraxial,
-        notes: Vec::new(),
-    }
-}
-
 /// A disc of radius 3 at 20 mm before a stop of radius 5: the open area is that of the stop less the overlap of the two discs.
 #[test]
 fn open_area_behind_a_disc_is_that_of_overlapping_circles() {
@@ -134,15 +121,6 @@ fn open_area_behind_a_disc_is_that_of_overlapping_circles() {
         let expected = PI * stop * stop - overlap;
         assert!((area / expected - 1.0).abs() < 1e-6, "tan {tan}: {area} against {expected}");
     }
-}
-
-fn bessel_j1_over_x(x: f64) -> f64 {
-    let (mut term, mut sum) = (0.5, 0.5);
-    for k in 1..80 {
-        term *= -(x * x / 4.0) / (f64::from(k) * f64::from(k + 1));
-        sum += term;
-    }
-    sum
 }
 
 /// PSF of an annulus of inner radius ε: (2 J₁(x)/x − ε² 2 J₁(εx)/(εx))² of the open lens's peak (Born & Wolf, 8.6.2).

@@ -1,7 +1,10 @@
 //! The tracer compared with known physics: Airy pattern, cos⁴ law, overlapping discs, symmetry, thin lenses.
 
+mod design_cases;
+
 use std::f64::consts::PI;
 
+use design_cases::{bessel_j1_over_x, system};
 use lenscube_pipeline::design::glass::{Dispersion, Glass};
 use lenscube_pipeline::design::illumination::{irradiance_sr, numerical_aperture, solid_angle_sr};
 use lenscube_pipeline::design::paraxial::Paraxial;
@@ -10,24 +13,8 @@ use lenscube_pipeline::design::pupil::Pupil;
 use lenscube_pipeline::design::ray::Tracer;
 use lenscube_pipeline::design::spots::spot;
 use lenscube_pipeline::design::surface::Shape;
-use lenscube_pipeline::design::system::{Aperture, FieldKind, ImagePlane, Medium, RayAiming, Surface};
+use lenscube_pipeline::design::system::{ImagePlane, Medium, RayAiming, Surface};
 use lenscube_pipeline::design::{DesignError, System, describe};
-
-fn system(surfaces: Vec<Surface>, stop: usize, pupil_mm: f64) -> System {
-    System {
-        name: "test".to_owned(),
-        object_distance_mm: None,
-        surfaces,
-        stop,
-        aperture: Aperture::EntrancePupil(pupil_mm),
-        field_kind: FieldKind::Angle,
-        fields: vec![0.0, 10.0],
-        wavelengths_um: vec![(0.55, 1.0)],
-        primary: 0,
-        aiming: RayAiming::Paraxial,
-        notes: Vec::new(),
-    }
-}
 
 fn flat(thickness: f64) -> Surface {
     Surface::new(0.0, thickness, Medium::Air)
@@ -44,15 +31,6 @@ fn stigmatic(pupil_mm: f64) -> System {
     back.shape =
         Shape { curvature: -1.0 / ((n - 1.0) * f), conic: -n * n, aspheric: vec![], ..Shape::default() };
     system(vec![Surface::new(0.0, 2.0, glass(n)), back, flat(0.0)], 0, pupil_mm)
-}
-
-fn bessel_j1_over_x(x: f64) -> f64 {
-    let (mut term, mut sum) = (0.5, 0.5);
-    for k in 1..80 {
-        term *= -(x * x / 4.0) / (f64::from(k) * f64::from(k + 1));
-        sum += term;
-    }
-    sum
 }
 
 #[test]

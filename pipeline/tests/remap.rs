@@ -3,13 +3,11 @@
 mod oracle;
 mod remap_cases;
 
-use lenscube_pipeline::band::{BandPlan, Options, PsfBetween};
+use lenscube_pipeline::band::BandPlan;
 use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::ChartSource;
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
-use lenscube_pipeline::lens::{Lens, PsfSample};
-use lenscube_pipeline::remap::{ChartInterpolation, Remap, RemapScratch};
-use lenscube_pipeline::resample::{Interp, Surround};
+use lenscube_pipeline::remap::{Remap, RemapScratch};
 use lenscube_pipeline::simd::{Isa, Simd};
 use libtest_mimic::{Arguments, Trial};
 use oracle::Noise;
@@ -31,29 +29,8 @@ fn film_beyond_the_tables_is_an_error_or_clamped() {
     let frame = Frame::centred(film, film, 2.0);
     let needed = frame.farthest_mm(film.rect());
     let band = band(&mut noise, 20, needed * 0.9);
-    let lens = Lens {
-        name: "short".into(),
-        distortion_focal_length_mm: 50.0,
-        effective_focal_length_mm: 50.0,
-        f_number: 2.0,
-        primary_wavelength_nm: 550.0,
-        object_distance_mm: None,
-        magnification: 0.0,
-        psf_sample: PsfSample::Integrated,
-        bands: vec![band.clone()],
-    };
-    let mut options = Options {
-        stages: FIRST_TWO,
-        interpolation: ChartInterpolation {
-            interp: Interp::Bicubic,
-            surround: Surround::Edge,
-            outside: Outside::Error,
-        },
-        azimuths: None,
-        psf_window: None,
-        between: PsfBetween::Error,
-        simd: Simd::PORTABLE,
-    };
+    let lens = oracle::lens("short", vec![band.clone()]);
+    let mut options = oracle::options(FIRST_TWO, Simd::PORTABLE);
     let error = BandPlan::new(&frame, &lens, 550.0, &options).unwrap_err().to_string();
     assert!(
         error.contains(&format!("{needed:.6}")) && error.contains(&format!("{:.6}", needed * 0.9)),

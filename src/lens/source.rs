@@ -1,46 +1,18 @@
-//! Lens of a run: a pack, or a design traced at the wavelengths of the job.
-//!
-//! A design is traced band by band. Tables and PSFs of a band depend on the design, the wavelength and the reach, never on the other
-//! bands of the job, so bands traced in one run, in several runs or cached ([`super::cache`]) are equal. Every wavelength is traced,
-//! none interpolated. The digest of the lens covers the recipes and the values of the bands: the digest
-//! therefore also covers the rounding of the computation.
-//!
-//! *Reach*: height of the film's corner plus the margin of the PSF, rounded up to 180 steps per decade so that films of similar
-//! size share their bands; it is increased if the window of a band is wider. PSFs are point samples, so one band serves films of any
-//! pitch; kernels meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most
-//! 2 µm: larger pixels only average over more. Wavelengths are rounded to 10⁻⁶ nm.
+//! Lens of a run: a pack, or a design traced at the wavelengths of the job ([`tracing`]).
 
-use super::cache::{self, Cache};
-use super::samples::design_reach_mm;
+mod tracing;
+
+use super::cache::Cache;
 use crate::args::DesignArgs;
 use crate::design::{self, DesignFile};
 use crate::open;
-use crate::progress::{jsonl, log_line, tracing_bar};
-use crate::trace::attributes;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, LensPackError};
-use pipeline::band::{BandPlan, LensBands, Options};
-use pipeline::design::trace::{Azimuths, LensTrace, MAX_NODES, PsfHeights, TraceOptions, with_threads};
-use pipeline::design::{DesignError, System};
-use pipeline::field::Outside;
+use pipeline::band::{LensBands, Options};
+use pipeline::design::System;
+use pipeline::design::trace::{LensTrace, TraceOptions};
 use pipeline::geometry::Frame;
-use pipeline::lens::{Lens, LensBand, LensError, PsfStack};
-use std::time::Instant;
-
-/// Reach beyond the film's corner at the first attempt, mm: half a window of 177 pixels of 2 µm, along the diagonal.
-const MARGIN_MM: f64 = 0.25;
-/// Minimum reach of the built-in lens, mm: the corner of the film of 14141² px of 2 µm. Smaller films share its bands.
-const BUILTIN_REACH_MM: f64 = 20.5;
-/// Maximum trace pitch, µm.
-const MAX_PITCH_UM: f64 = 2.0;
-/// Trace pitches in a decade (R10 series of preferred numbers).
-const PITCHES: [f64; 10] = [1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0];
-/// Relative amount by which a trace pitch may exceed the film's.
-const PITCH_TOLERANCE: f64 = 1e-3;
-/// Side of a PSF window, pixels of the trace pitch, from which a note is printed before tracing.
-const WIDE_WINDOW_PX: usize = 201;
-/// Height of the film's corner over that of the outermost field point, from which a note is printed.
-const BEYOND_FIELD: f64 = 1.05;
+use pipeline::lens::{Lens, LensBand, PsfStack};
 
 /// Lens that `--lens` names, before tracing.
 pub enum UntracedLens {
@@ -111,7 +83,7 @@ impl JobLens {
         match input {
             UntracedLens::Pack(pack) => Ok(Self::Pack(pack)),
             UntracedLens::Design(system, name, file) => {
-                let traced = trace(&system, &name, frame, wavelengths_nm, options, threads);
+                let traced = tracing::trace(&system, &name, frame, wavelengths_nm, options, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"))?;
                 Ok(Self::Traced(Box::new(Traced { file, ..traced })))
             }
@@ -215,234 +187,6 @@ impl JobLens {
         match self {
             Self::Pack(_) => &[],
             Self::Traced(traced) => &traced.details,
-        }
-    }
-}
-
-/// The largest trace pitch up to `film_pitch_um`.
-fn trace_pitch_um(film_pitch_um: f64) -> f64 {
-    let limit = film_pitch_um.min(MAX_PITCH_UM) * (1.0 + PITCH_TOLERANCE);
-    let mut unit = 1.0;
-    while limit < PITCHES[0] / unit {
-        unit *= 10.0;
-    }
-    // A quotient of short decimals, so that equal pitches have equal bits.
-    let below = PITCHES.iter().map(|p| p / unit).filter(|p| *p <= limit);
-    below.fold(PITCHES[0] / unit, f64::max)
-}
-
-/// `nm` rounded to 10⁻⁶ nm: 400.00000000000006 is 400.
-fn rounded_nm(nm: f64) -> f64 {
-    (nm * 1e6).round() / 1e6
-}
-
-/// Prints a note if the film lies beyond the design's field, before anything is traced.
-fn note_field(system: &System, name: &str, frame: &Frame) -> Result<()> {
-    let (corner_mm, field_mm) = (frame.farthest_mm(frame.film.rect()), design_reach_mm(system)?);
-    if field_mm > 0.0 && corner_mm > BEYOND_FIELD * field_mm {
-        log_line(format!(
-            "note: the film's corner at {corner_mm:.2} mm from the axis lies beyond the outermost field point of {name} at \
-             {field_mm:.2} mm, where the design does not define the image; `--film-size` makes the film smaller"
-        ));
-    }
-    Ok(())
-}
-
-/// Prints a note if PSFs are very wide, before they are traced.
-fn note_focus(system: &System, name: &str, options: &TraceOptions) -> Result<()> {
-    let estimate = LensTrace::new(system, options)?.estimate(0)?;
-    if options.window_px.is_none() && estimate.window_px >= WIDE_WINDOW_PX {
-        log_line(format!(
-            "note: PSFs of {name} are about {:.2} mm wide on this film ({} pixels of {} µm), which takes long to trace and to convolve; if \
-             the film is out of focus, `lenscube lens trace {name} FOCUSED.lens.zarr --image-plane paraxial` (or rms) makes a lens pack \
-             in focus for --lens",
-            1e-3 * estimate.window_px as f64 * options.film_pitch_um,
-            estimate.window_px,
-            options.film_pitch_um,
-        ));
-    }
-    Ok(())
-}
-
-/// `mm` rounded up to a multiple of 5 in its third digit: 20.35 to 20.5, 3.02 to 3.05.
-fn rounded_up(mm: f64) -> f64 {
-    let step = 5.0 * 10f64.powi(pipeline::real::log10(mm).floor() as i32 - 2);
-    // A multiple of the step, so that equal films have bitwise equal reaches.
-    (mm / step - 1e-9).ceil() * step
-}
-
-fn trace(
-    system: &System,
-    name: &str,
-    frame: &Frame,
-    wavelengths_nm: &[f64],
-    options: &Options,
-    threads: usize,
-) -> Result<Traced> {
-    note_field(system, name, frame)?;
-    let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
-    nm.sort_by(f64::total_cmp);
-    nm.dedup();
-    let start = Instant::now();
-    let mut tracer =
-        BandTracer { system, name, cache: Cache::open()?, threads, bar: tracing_bar(nm.len()), traced: 0 };
-    let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
-    let mut coarsest = (0.0, 0.0);
-    let bands = nm.len();
-    for (done, &nm) in nm.iter().enumerate() {
-        let (recipe, pack) = tracer.covering_film(nm, frame, options)?;
-        coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
-        let values = cache::values(&pack).map_or_else(|| pack.band_digest(0), |v| Ok(v.to_owned()))?;
-        recipes.push(format!("{recipe}-{values}"));
-        let merged = lens.get_or_insert_with(|| Lens { bands: Vec::new(), ..pack.lens().clone() });
-        merged.name.clone_from(&system.name);
-        merged.bands.extend(pack.lens().bands.iter().cloned());
-        packs.push(pack);
-        tracer.bar.inc(1);
-        jsonl::traced(done + 1, bands);
-    }
-    tracer.bar.finish_and_clear();
-    let (mut notes, mut details) = (Vec::new(), Vec::new());
-    if design::is_builtin(name) { &mut details } else { &mut notes }.extend(system.notes.iter().cloned());
-    if tracer.traced > 0 {
-        details.push(format!(
-            "{} of {} bands traced in {:.1} s and stored in {}",
-            tracer.traced,
-            nm.len(),
-            start.elapsed().as_secs_f64(),
-            tracer.cache.dir().display()
-        ));
-    }
-    let tolerance = TraceOptions::new(Vec::new(), 0.0).psf_tolerance;
-    if coarsest.0 > tolerance {
-        notes.push(format!(
-            "kernels between PSF nodes have errors up to {:.1} % (at {} nm) instead of {:.0} %, because a band has at most {MAX_NODES} nodes; \
-             `lenscube lens trace --max-nodes` makes a finer lens pack",
-            100.0 * coarsest.0,
-            coarsest.1,
-            100.0 * tolerance
-        ));
-    }
-    let lens = lens.context("the chart has no band")?;
-    let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
-    Ok(Traced { lens, packs, recipes, digest, notes, details, file: None, _cache: tracer.cache })
-}
-
-/// Maximum L1 error of kernels between the nodes of a traced band; 0 if it was not determined.
-fn kernel_error(pack: &LensPack) -> f64 {
-    let achieved = pack.attributes().psf_tolerance.as_ref();
-    achieved.and_then(|t| t["bands"][0]["kernel_l1"].as_f64()).unwrap_or(0.0)
-}
-
-/// Traces bands, or reads them from the cache.
-struct BandTracer<'a> {
-    system: &'a System,
-    name: &'a str,
-    cache: Cache,
-    threads: usize,
-    bar: indicatif::ProgressBar,
-    /// Number of bands that were not in the cache.
-    traced: usize,
-}
-
-impl BandTracer<'_> {
-    /// Band at `nm` with a reach that covers the film and the band's window.
-    fn covering_film(&mut self, nm: f64, frame: &Frame, options: &Options) -> Result<(String, LensPack)> {
-        let min_mm = if self.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
-        let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM).max(min_mm);
-        loop {
-            let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, frame, options)) {
-                Err(e) if options.interpolation.outside == Outside::Clamp => {
-                    // Trace up to the lens's own limit; beyond it the film uses the last values.
-                    let Some(DesignError::Height { reached_mm, .. }) = e.downcast_ref() else {
-                        return Err(e);
-                    };
-                    self.band(&trace_options(nm, 0.99 * reached_mm, frame, options))?
-                }
-                band => band?,
-            };
-            match BandPlan::new(frame, pack.lens(), nm, options) {
-                Err(LensError::Outside { needed_mm, .. }) if rounded_up(needed_mm) > reach_mm => {
-                    reach_mm = rounded_up(needed_mm);
-                }
-                // Other errors are reported when the job plans its bands.
-                _ => return Ok((recipe, pack)),
-            }
-        }
-    }
-
-    /// Band from the cache, or traced and stored there.
-    fn band(&mut self, options: &TraceOptions) -> Result<(String, LensPack)> {
-        let recipe = cache::recipe(self.system, options);
-        if let Some(pack) = self.cache.find(&recipe, options.wavelengths_nm[0]) {
-            return Ok((recipe, pack));
-        }
-        if self.traced == 0 {
-            log_line(format!(
-                "tracing the bands of {} that are not in {}",
-                self.name,
-                self.cache.dir().display()
-            ));
-            note_focus(self.system, self.name, options)?;
-        }
-        let bar = &self.bar;
-        let (header, band) = with_threads(self.threads, || {
-            let trace = LensTrace::new(self.system, options)?;
-            let nm = options.wavelengths_nm[0];
-            let band =
-                trace.band(0, &mut |p| bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs)))?;
-            Ok::<_, DesignError>((trace.header(), band))
-        })?;
-        let lens = Lens { bands: vec![band.tables.clone()], ..header };
-        let attributes = attributes(self.name, &DesignArgs::default(), options, &[band.report]);
-        self.traced += 1;
-        let pack = self.cache.insert(&recipe, &lens, &attributes, &band)?;
-        Ok((recipe, pack))
-    }
-}
-
-/// Trace options of a job. Without the PSF stage only two PSFs of a minimum window are traced.
-fn trace_options(nm: f64, reach_mm: f64, frame: &Frame, options: &Options) -> TraceOptions {
-    let mut trace = TraceOptions::new(vec![nm], reach_mm);
-    trace.film_pitch_um = trace_pitch_um(frame.pitch_um);
-    if !options.stages.svpsf {
-        trace.heights = PsfHeights::Given(vec![0.0, reach_mm]);
-        trace.azimuths = Azimuths::Given(4);
-        trace.window_px = Some(3);
-    }
-    trace
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nearby_pitches_and_wavelengths_share_their_bands() {
-        for (film, traced) in [
-            (2.0, 2.0),
-            (5.0, 2.0),
-            (1.999, 2.0),
-            (1.9, 1.6),
-            (1.12, 1.0),
-            (1.0, 1.0),
-            (0.9, 0.8),
-            (0.12, 0.1),
-            (0.0999, 0.08),
-            (0.005, 0.005),
-        ] {
-            assert_eq!(trace_pitch_um(film), traced, "{film}");
-        }
-        assert_eq!(rounded_nm(400.000_000_000_000_06), 400.0);
-        assert_eq!(rounded_nm(550.123_456_4), 550.123_456);
-    }
-
-    #[test]
-    fn reach_is_rounded_up_to_5_in_the_third_digit() {
-        for (mm, up) in
-            [(20.35, 20.5), (20.5, 20.5), (3.02, 3.05), (0.9701, 0.975), (99.7, 100.0), (100.0, 100.0)]
-        {
-            assert!((rounded_up(mm) - up).abs() < 1e-9, "{mm}: {}", rounded_up(mm));
         }
     }
 }

@@ -2,8 +2,11 @@
 //! Conventions as in `pipeline::geometry`.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+use lenscube_pipeline::band::{Options, PsfBetween};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
-use lenscube_pipeline::lens::LensBand;
+use lenscube_pipeline::lens::{Lens, LensBand, PsfSample};
+use lenscube_pipeline::remap::{ChartInterpolation, Stages};
+use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::simd::{Isa, Simd};
 use libtest_mimic::{Arguments, Trial};
 use std::f64::consts::TAU;
@@ -24,6 +27,37 @@ impl Image {
 
     pub fn at(&self, y: usize, x: usize) -> f64 {
         self.data[y * self.size.width + x]
+    }
+}
+
+/// A lens of 50 mm at F/2.
+pub fn lens(name: &str, bands: Vec<LensBand>) -> Lens {
+    Lens {
+        name: name.into(),
+        distortion_focal_length_mm: 50.0,
+        effective_focal_length_mm: 50.0,
+        f_number: 2.0,
+        primary_wavelength_nm: 550.0,
+        object_distance_mm: None,
+        magnification: 0.0,
+        psf_sample: PsfSample::Integrated,
+        bands,
+    }
+}
+
+/// Options of a run without flags, of some stages.
+pub fn options(stages: Stages, simd: Simd) -> Options {
+    Options {
+        stages,
+        interpolation: ChartInterpolation {
+            interp: Interp::Bicubic,
+            surround: Surround::Edge,
+            outside: lenscube_pipeline::field::Outside::Error,
+        },
+        azimuths: None,
+        psf_window: None,
+        between: PsfBetween::Error,
+        simd,
     }
 }
 

@@ -2,7 +2,9 @@
 
 #![allow(unsafe_code, reason = "kernels are launched directly")]
 
+#[path = "../emulated_cuda/mod.rs"]
 mod emulated_cuda;
+mod errors;
 
 use emulated_cuda::{Build, Case, PLAIN, SANITIZED_BUILD, Target};
 use lenscube_pipeline::cuda::handle::CudaStream;
@@ -12,7 +14,7 @@ use lenscube_pipeline::cuda::{CudaError, Device, devices};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-const PROBE: &str = include_str!("../ptx/probe.ptx");
+const PROBE: &str = include_str!("../../ptx/probe.ptx");
 
 fn scale(
     device: &Device,
@@ -148,127 +150,6 @@ fn kernel_access_beyond_its_memory_is_detected() {
     let _ = scale(&device, &stream, &from, &mut to, (1.0, 0.0));
     let _ = stream.synchronize();
 }
-
-fn missing_driver_is_reported_with_the_required_version() {
-    assert_eq!(devices(), Err(CudaError::NoDriver));
-    let error = Device::open(0).unwrap_err().to_string();
-    assert!(error.contains("no NVIDIA driver") && error.contains("12.2"), "{error}");
-}
-
-fn driver_without_gpu_is_reported() {
-    assert_eq!(devices(), Err(CudaError::NoDevice));
-    assert!(Device::open(0).unwrap_err().to_string().contains("no GPU"));
-}
-
-fn driver_start_error_is_reported_with_its_code() {
-    let error = devices().unwrap_err();
-    assert!(
-        matches!(&error, CudaError::Start { code } if code.contains("SYSTEM_DRIVER_MISMATCH, 803")),
-        "{error}"
-    );
-}
-
-fn old_driver_is_an_error_with_both_versions() {
-    assert_eq!(devices(), Err(CudaError::DriverTooOld { found: (12, 1) }));
-    let error = Device::open(0).unwrap_err().to_string();
-    assert!(error.contains("12.1") && error.contains("12.2"), "{error}");
-}
-
-fn old_device_is_an_error_with_its_capability() {
-    let error = Device::open(0).unwrap_err();
-    assert!(matches!(error, CudaError::DeviceTooOld { found: (7, 5), .. }), "{error}");
-}
-
-fn devices_are_listed_with_their_properties() {
-    let all = devices().unwrap();
-    assert_eq!(all.len(), 2);
-    assert_eq!(all.iter().map(|d| d.compute_capability).collect::<Vec<_>>(), [(9, 0), (8, 6)]);
-    assert_eq!(all.iter().map(|d| d.memory_bytes).collect::<Vec<_>>(), [2_000_000, 1_000_000]);
-    assert!(all[0].shared_bytes > all[1].shared_bytes && all[1].driver_version == (12, 4));
-    assert_eq!(Device::open(2).unwrap_err(), CudaError::NoSuchDevice { index: 2, count: 2 });
-    assert_eq!(Device::open(1).unwrap().memory().unwrap(), (1_000_000, 1_000_000));
-}
-
-fn out_of_memory_reports_requested_and_free_bytes() {
-    let device = Device::open(0).unwrap();
-    let stream = device.context.new_stream().unwrap();
-    let kept = device.allocate::<f32>(&stream, 200_000, "the chart").unwrap();
-    let error = device.allocate::<f32>(&stream, 100_000, "spectra").unwrap_err();
-    let CudaError::OutOfMemory { device: 0, requested_bytes, free_bytes, total_bytes, .. } = error else {
-        panic!("{error}");
-    };
-    assert_eq!((requested_bytes, free_bytes, total_bytes), (400_000, 200_000, 1_000_000));
-    let text = error.to_string();
-    assert!(text.contains("spectra") && text.contains("400000") && text.contains("200000"), "{text}");
-    // Freed memory can be allocated again.
-    drop(kept);
-    device.allocate::<f32>(&stream, 200_000, "spectra").unwrap();
-}
-
-fn broken(device: &Device, stream: &Arc<CudaStream>) -> CudaError {
-    let from = stream.clone_htod(&[1f32; 64]).unwrap();
-    let mut to = device.allocate::<f32>(stream, 64, "a test").unwrap();
-    for _ in 0..5 {
-        let done = scale(device, stream, &from, &mut to, (1.0, 0.0))
-            .and_then(|()| stream.synchronize().map_err(device.failed("waiting")));
-        if let Err(error) = done {
-            return error;
-        }
-    }
-    panic!("all launches succeeded");
-}
-
-fn failed_kernel_is_not_a_lost_device() {
-    let device = Device::open(0).unwrap();
-    let error = broken(&device, &device.context.new_stream().unwrap());
-    assert!(matches!(&error, CudaError::Kernel { device: 0, .. }) && !error.is_lost(), "{error}");
-    assert!(error.to_string().contains("ILLEGAL_ADDRESS"), "{error}");
-}
-
-fn lost_device_does_not_affect_other_devices() {
-    let (first, second) = (Device::open(0).unwrap(), Device::open(1).unwrap());
-    let stream = second.context.new_stream().unwrap();
-    let error = broken(&second, &stream);
-    assert!(matches!(&error, CudaError::Lost { device: 1, .. }) && error.is_lost(), "{error}");
-    assert!(second.memory().is_err() && stream.synchronize().is_err(), "a lost device stays lost");
-    let stream = first.context.new_stream().unwrap();
-    let from = stream.clone_htod(&[1f32; 64]).unwrap();
-    let mut to = first.allocate::<f32>(&stream, 64, "a test").unwrap();
-    for _ in 0..5 {
-        scale(&first, &stream, &from, &mut to, (2.0, 0.0)).unwrap();
-    }
-    assert_eq!(stream.clone_dtoh(&to).unwrap(), [2f32; 64]);
-}
-
-/// Codes of newer drivers are accepted too.
-fn error_code_is_classified(code: i32) {
-    let device = Device::open(0).unwrap();
-    let error = broken(&device, &device.context.new_stream().unwrap());
-    assert!(
-        error.to_string().contains(&format!(", {code})"))
-            || error.to_string().ends_with(&format!(", {code}")),
-        "{error}"
-    );
-    match code {
-        4242 => assert!(matches!(error, CudaError::Driver { .. }) && !error.retryable(), "{error}"),
-        _ => assert!(error.is_lost() && error.retryable(), "{error}"),
-    }
-}
-
-fn device_in_exclusive_use_is_not_lost() {
-    let error = Device::open(0).unwrap_err();
-    assert!(matches!(error, CudaError::InUse { .. }) && error.retryable() && !error.is_lost(), "{error}");
-    assert!(error.to_string().contains("in use by another process"), "{error}");
-}
-
-fn out_of_host_memory_is_not_out_of_device_memory() {
-    let device = Device::open(0).unwrap();
-    let error = device.allocate_pinned(100).unwrap_err();
-    assert_eq!(error, CudaError::OutOfHostMemory { device: 0, requested_bytes: 400 });
-    assert!(error.is_out_of_memory() && error.retryable());
-    assert_eq!(device.allocate_pinned(100).unwrap().as_slice(), [0f32; 100]);
-}
-
 fn main() -> ExitCode {
     let plain = Case::emulated;
     let must_fail = |case: Case| Case { must_fail: true, ..case };
@@ -280,7 +161,7 @@ fn main() -> ExitCode {
     let mut cases = vec![
         Case {
             name: "missing_driver_is_reported_with_the_required_version".into(),
-            run: missing_driver_is_reported_with_the_required_version,
+            run: errors::missing_driver_is_reported_with_the_required_version,
             target: Target::NoDriver,
             must_fail: false,
             long: false,
@@ -288,68 +169,72 @@ fn main() -> ExitCode {
         Case::device("events_order_streams", events_order_streams),
         Case::device("block_reverses_values_in_shared_memory", || assert!(reverse(1024))),
         Case::device("shuffles_sum_a_warp", shuffles_sum_a_warp),
-        plain("driver_without_gpu_is_reported", &[("DEVICES", "0")], driver_without_gpu_is_reported),
+        plain("driver_without_gpu_is_reported", &[("DEVICES", "0")], errors::driver_without_gpu_is_reported),
         plain(
             "driver_start_error_is_reported_with_its_code",
             &[("INIT", "803")],
-            driver_start_error_is_reported_with_its_code,
+            errors::driver_start_error_is_reported_with_its_code,
         ),
         plain(
             "old_driver_is_an_error_with_both_versions",
             &[("DRIVER", "12010")],
-            old_driver_is_an_error_with_both_versions,
+            errors::old_driver_is_an_error_with_both_versions,
         ),
         plain(
             "old_device_is_an_error_with_its_capability",
             &[("CAPABILITY", "7.5")],
-            old_device_is_an_error_with_its_capability,
+            errors::old_device_is_an_error_with_its_capability,
         ),
         plain(
             "devices_are_listed_with_their_properties",
             &[("DEVICES", "2"), ("CAPABILITY", "9.0,8.6"), ("MEMORY", "2e6,1e6"), ("DRIVER", "12040")],
-            devices_are_listed_with_their_properties,
+            errors::devices_are_listed_with_their_properties,
         ),
         plain(
             "out_of_memory_reports_requested_and_free_bytes",
             &[("MEMORY", "1e6")],
-            out_of_memory_reports_requested_and_free_bytes,
+            errors::out_of_memory_reports_requested_and_free_bytes,
         ),
         plain(
             "out_of_memory_reports_requested_and_free_bytes::deferred",
             &[("MEMORY", "1e6"), ("STREAMS", "deferred")],
-            out_of_memory_reports_requested_and_free_bytes,
+            errors::out_of_memory_reports_requested_and_free_bytes,
         ),
         plain(
             "failed_kernel_is_not_a_lost_device",
             &[("FAULTS", "kernel:0:3")],
-            failed_kernel_is_not_a_lost_device,
+            errors::failed_kernel_is_not_a_lost_device,
         ),
         plain(
             "lost_device_does_not_affect_other_devices",
             &[("DEVICES", "2"), ("FAULTS", "lost:1:2"), ("STREAMS", "deferred")],
-            lost_device_does_not_affect_other_devices,
+            errors::lost_device_does_not_affect_other_devices,
         ),
         plain("error_code_is_classified::226", &[("FAULTS", "error-226:0:2")], || {
-            error_code_is_classified(226)
+            errors::error_code_is_classified(226)
         }),
         plain(
             "error_code_is_classified::721",
             &[("FAULTS", "error-721:0:2"), ("STREAMS", "deferred")],
-            || error_code_is_classified(721),
+            || errors::error_code_is_classified(721),
         ),
         plain("error_code_is_classified::999", &[("FAULTS", "error-999:0:2")], || {
-            error_code_is_classified(999)
+            errors::error_code_is_classified(999)
         }),
         plain(
             "error_code_is_classified::4242",
             &[("FAULTS", "error-4242:0:2"), ("STREAMS", "deferred")],
-            || error_code_is_classified(4242),
+            || errors::error_code_is_classified(4242),
         ),
-        plain("device_in_exclusive_use_is_not_lost", &[("OPEN", "46")], device_in_exclusive_use_is_not_lost),
+        plain(
+            "device_in_exclusive_use_is_not_lost",
+            &[("OPEN", "46")],
+            errors::device_in_exclusive_use_is_not_lost,
+        ),
         plain(
             "out_of_host_memory_is_not_out_of_device_memory",
             &[("FAULTS", "host-memory:0:1")],
-            out_of_host_memory_is_not_out_of_device_memory,
+            errors::out_of_host_memory_is_not_out_of_device_memory,
         ),
         plain("events_order_streams::eager", &[], events_order_streams),
         plain("events_order_streams::deferred", &[("STREAMS", "deferred")], events_order_streams),

@@ -3,9 +3,11 @@
 
 extern crate pipeline as lenscube_pipeline;
 
+#[path = "../common/mod.rs"]
 mod common;
-#[path = "../pipeline/tests/emulated_cuda/mod.rs"]
+#[path = "../../pipeline/tests/emulated_cuda/mod.rs"]
 mod emulated_cuda;
+mod failures;
 
 use common::test_job::TestJob;
 use common::{CommandResult, assert_exit, bits, files, pairs, pixels, text};
@@ -272,130 +274,6 @@ fn gpu_check_script_passes_its_steps() {
     }
     assert!(out.join("gpu-check.tar.gz").metadata().unwrap().len() > 1000);
 }
-
-fn tiles_of_a_lost_device_are_computed_by_the_others() {
-    let job = TestJob::wide();
-    let expected = single_device_film(&job);
-    for streams in ["eager", "deferred"] {
-        for n in ["1", "4"] {
-            let fault = format!("lost:1:{n}");
-            let settings =
-                [("DEVICES", "2"), ("DELAY_US", "2000,0"), ("FAULTS", &fault), ("STREAMS", streams)];
-            assert_exit(
-                &run(&job, "cuda", &settings),
-                0,
-                &["GPU 1", "was removed after a failure", "is lost"],
-            );
-            assert!(record(&job.film)["devices"][1]["did"]["left"].is_string());
-            assert!(take_files(&job) == expected, "other bits after {settings:?}");
-        }
-    }
-}
-
-fn loss_of_the_last_device_exits_75() {
-    let job = TestJob::wide();
-    let expected = single_device_film(&job);
-    let faults: [(&str, Settings<'_>); 3] = [
-        ("cuda:0", &[("FAULTS", "lost:0:1")]),
-        ("cuda:0,0", &[("FAULTS", "lost:0:5"), ("STREAMS", "deferred")]),
-        ("cuda", &[("DEVICES", "2"), ("FAULTS", "lost:0:3,lost:1:2")]),
-    ];
-    for (device, settings) in faults {
-        assert_exit(
-            &run(&job, device, settings),
-            RETRY,
-            &["the last GPU failed", "is lost", "same command resumes"],
-        );
-        run(&job, device, &[]).ok();
-        assert!(take_files(&job) == expected, "other bits after {device} {settings:?}");
-    }
-}
-
-fn kernel_error_exits_1() {
-    let job = TestJob::wide();
-    let expected = single_device_film(&job);
-    assert_exit(
-        &run(&job, "cuda:0", &[("FAULTS", "kernel:0:3")]),
-        FAILED,
-        &["GPU 0", "kernel failed", "resumes"],
-    );
-    run(&job, "cuda:0", &[]).ok();
-    assert!(take_files(&job) == expected);
-}
-
-fn out_of_device_memory_continues_with_half_the_memory() {
-    let job = TestJob::wide();
-    let expected = single_device_film(&job);
-    // Allocation of tables, batch buffers, work buffers, and of the next band.
-    for n in ["memory:0:2", "memory:0:9", "memory:0:20", "memory:0:30,memory:0:37"] {
-        let ran = run(&job, "cuda:0", &[("FAULTS", n)]);
-        assert_exit(&ran, 0, &["half of its memory", "out of memory for"]);
-        assert!(take_files(&job) == expected, "other bits after {n}");
-    }
-}
-
-fn too_small_device_memory_is_an_error_with_the_needed_size() {
-    let job = TestJob::wide();
-    assert_exit(
-        &run(&job, "cuda:0", &[("MEMORY", "1e6")]),
-        FAILED,
-        &["GPU 0", "needs", "MiB", "--device cpu"],
-    );
-    assert_exit(&run(&job, "auto", &[("MEMORY", "1e6")]), 0, &["device: cpu (", "needs"]);
-    std::fs::remove_dir_all(&job.film).unwrap();
-    let mut command = command(&job, &job.film, "cuda:0", &[], "");
-    assert_exit(
-        &CommandResult::new(&command.args(["--memory", "64MiB"]).output().unwrap()),
-        USAGE,
-        &["--memory", "at least"],
-    );
-}
-
-fn unsuitable_driver_or_device_exits_2() {
-    let job = TestJob::wide();
-    let cases: [(&str, Settings<'_>, &[&str]); 4] = [
-        ("cuda", &[("DRIVER", "12010")], &["12.1", "12.2"]),
-        ("cuda", &[("DEVICES", "0")], &["no GPU"]),
-        ("cuda:0,3", &[("DEVICES", "2")], &["GPU 3", "2 GPUs are visible", "0 to 1"]),
-        ("cuda", &[("CAPABILITY", "7.5")], &["7.5", "8.0"]),
-    ];
-    for (device, settings, words) in cases {
-        assert_exit(&run(&job, device, settings), USAGE, words);
-        assert!(!job.film.exists(), "{settings:?}");
-    }
-    assert_exit(&run(&job, "auto", &[("DRIVER", "12010")]), 0, &["device: cpu (", "12.1"]);
-    std::fs::remove_dir_all(&job.film).unwrap();
-    assert_exit(&run(&job, "auto", &[]), 0, &["device: GPU 0"]);
-    assert_eq!(record(&job.film)["device"], "cuda:0");
-}
-
-fn missing_driver_exits_2_without_fallback_to_cpu() {
-    let job = TestJob::wide();
-    for device in ["cuda", "cuda:0"] {
-        let ran = job.run("", &["--device", device]);
-        assert_exit(&ran, USAGE, &["no NVIDIA driver", "--device cpu"]);
-        assert!(!job.film.exists());
-    }
-    assert_exit(&job.run("", &["--device", "auto", "-v"]), 0, &["device: cpu (", "no NVIDIA driver"]);
-    assert_eq!(record(&job.film)["device"], "cpu");
-}
-
-fn signal_downloads_tiles_in_flight_and_exits_130() {
-    let job = TestJob::wide();
-    let expected = single_device_film(&job);
-    let small = min_memory(&job);
-    let settings = [("DELAY_US", "20000"), ("MEMORY", &small)];
-    let mut command = command(&job, &job.film, "cuda:0", &settings, "write:9:stop");
-    let child =
-        command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::piped()).spawn().unwrap();
-    let mut stopped = common::test_job::StoppedRun(child);
-    assert!(stopped.wait_stopped(), "the run ended before it was stopped");
-    stopped.signal("TERM");
-    assert_exit(&stopped.run_to_end(), 130, &["stopping after the tiles in progress", "resumes"]);
-    run(&job, "cuda:0", &[]).ok();
-    assert!(take_files(&job) == expected);
-}
-
 fn main() -> ExitCode {
     let emulated: [(&str, fn()); 16] = [
         ("gpu_film_equals_cpu_film_within_tolerance", gpu_film_equals_cpu_film_within_tolerance),
@@ -421,20 +299,23 @@ fn main() -> ExitCode {
         ),
         (
             "tiles_of_a_lost_device_are_computed_by_the_others",
-            tiles_of_a_lost_device_are_computed_by_the_others,
+            failures::tiles_of_a_lost_device_are_computed_by_the_others,
         ),
-        ("loss_of_the_last_device_exits_75", loss_of_the_last_device_exits_75),
-        ("kernel_error_exits_1", kernel_error_exits_1),
+        ("loss_of_the_last_device_exits_75", failures::loss_of_the_last_device_exits_75),
+        ("kernel_error_exits_1", failures::kernel_error_exits_1),
         (
             "out_of_device_memory_continues_with_half_the_memory",
-            out_of_device_memory_continues_with_half_the_memory,
+            failures::out_of_device_memory_continues_with_half_the_memory,
         ),
         (
             "too_small_device_memory_is_an_error_with_the_needed_size",
-            too_small_device_memory_is_an_error_with_the_needed_size,
+            failures::too_small_device_memory_is_an_error_with_the_needed_size,
         ),
-        ("unsuitable_driver_or_device_exits_2", unsuitable_driver_or_device_exits_2),
-        ("signal_downloads_tiles_in_flight_and_exits_130", signal_downloads_tiles_in_flight_and_exits_130),
+        ("unsuitable_driver_or_device_exits_2", failures::unsuitable_driver_or_device_exits_2),
+        (
+            "signal_downloads_tiles_in_flight_and_exits_130",
+            failures::signal_downloads_tiles_in_flight_and_exits_130,
+        ),
     ];
     let trial = |name: &str, run: fn(), ignored: Option<&'static str>| {
         let run = move || {
@@ -447,7 +328,7 @@ fn main() -> ExitCode {
     let mut trials: Vec<Trial> = emulated.iter().map(|&(name, run)| trial(name, run, no_compiler)).collect();
     trials.push(trial(
         "missing_driver_exits_2_without_fallback_to_cpu",
-        missing_driver_exits_2_without_fallback_to_cpu,
+        failures::missing_driver_exits_2_without_fallback_to_cpu,
         emulated_cuda::has_driver().then_some(A_DRIVER),
     ));
     trials.push(trial(
