@@ -40,7 +40,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     let line =
         |points, colour, width| Series::line("", points, colour).shaped(Shape::Line { width, dash: 0 });
     let mut paths = Vec::new();
-    let mut radius: Vec<f64> =
+    let mut radius_mm: Vec<f64> =
         system.surfaces.iter().map(|s| s.aperture_mm.unwrap_or(s.semi_diameter_mm)).collect();
     for (i, tan) in picked.iter().enumerate() {
         let name = format!("{:.2} mm", tracer.chief_height_mm(*tan)?);
@@ -49,13 +49,13 @@ pub fn cross_section(system: &System) -> Result<Plot> {
                 continue;
             }
             let path = tracer.path(*tan, p, before)?;
-            for (r, (_, x)) in radius.iter_mut().zip(&path[1..]) {
+            for (r, (_, x)) in radius_mm.iter_mut().zip(&path[1..]) {
                 *r = r.max(x.abs());
             }
             paths.push((i, name.clone(), path));
         }
     }
-    let max_mm = MARGIN * radius.iter().copied().fold(0.0, f64::max);
+    let max_mm = MARGIN * radius_mm.iter().copied().fold(0.0, f64::max);
     let ray = |(i, name, mut path): (usize, String, Vec<(f64, f64)>)| {
         path[0] = within(path[0], path[1], 0.96 * max_mm);
         Series::line(name, path, Colour::Palette(2 * i)).shaped(Shape::Line { width: 1.2, dash: i })
@@ -63,7 +63,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     let rays: Vec<_> = paths.into_iter().map(ray).collect();
     // Each surface up to its aperture radius, then flat up to the edge of the element.
     let outline = |i: usize, edge: f64| -> Vec<(f64, f64)> {
-        let (shape, r) = (&system.surfaces[i].shape, radius[i]);
+        let (shape, r) = (&system.surfaces[i].shape, radius_mm[i]);
         let at = |k: i32| r * f64::from(k) / 24.0;
         let place = |k: i32| Some((vertex(i) + axis[i].1 * shape.sag_mm(at(k).abs())?, at(k)));
         let mut points: Vec<_> = (-24..=24).filter_map(place).collect();
@@ -76,7 +76,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     let (mut glass, mut edges) = (Vec::new(), Vec::new());
     for i in 0..system.image() {
         if matches!(system.surfaces[i].medium, Medium::Glass(_)) {
-            let edge = radius[i].max(radius[i + 1]);
+            let edge = radius_mm[i].max(radius_mm[i + 1]);
             // Around the hole of a mirror there are two halves.
             let hole = [i, i + 1].into_iter().filter(|k| system.surfaces[*k].is_mirror);
             let hole = hole.filter_map(|k| system.surfaces[k].obscuration_mm).fold(0.0, f64::max);
@@ -96,7 +96,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     for i in (0..system.image()).filter(|i| system.surfaces[*i].is_mirror) {
         let hole = system.surfaces[i].obscuration_mm.unwrap_or(0.0);
         for side in [-1.0, 1.0] {
-            let half = outline(i, radius[i]).into_iter().filter(|p| side * p.1 >= hole).collect();
+            let half = outline(i, radius_mm[i]).into_iter().filter(|p| side * p.1 >= hole).collect();
             edges.push(line(half, Colour::Ink, 2.4));
         }
     }
@@ -105,7 +105,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     for side in [-1.0, 1.0] {
         edges.push(line(vec![(stop, side * open), (stop, side * (open + 0.2 * max_mm))], Colour::Ink, 4.0));
     }
-    let film = radius[system.image()];
+    let film = radius_mm[system.image()];
     edges.push(line(vec![(image, -film), (image, film)], Colour::Ink, 3.0));
     let title =
         format!("{}: rays at {} nm by image height", system.name, short_number(system.primary_um() * 1e3));

@@ -87,11 +87,13 @@ pub fn mtf_frequency(samples: &LensSamples, name: &str, lp_mm: &[f64]) -> Plot {
 
 /// Nodes of a band on the film.
 pub fn nodes(name: &str, band: &LensBand) -> Plot {
-    let reach = band.psf_height_mm[band.psf_height_mm.len() - 1];
-    let circle = |r: f64, count: usize| {
-        (0..count).map(move |j| (TAU * j as f64 / count as f64).sin_cos()).map(move |(s, c)| (r * c, r * s))
+    let reach_mm = band.psf_height_mm[band.psf_height_mm.len() - 1];
+    let circle = |r_mm: f64, count: usize| {
+        (0..count)
+            .map(move |j| (TAU * j as f64 / count as f64).sin_cos())
+            .map(move |(s, c)| (r_mm * c, r_mm * s))
     };
-    let mut edge: Vec<_> = circle(reach, 180).collect();
+    let mut edge: Vec<_> = circle(reach_mm, 180).collect();
     edge.push(edge[0]);
     let places = std::iter::zip(&band.psf_height_mm, &band.azimuth_count);
     let dots = places.flat_map(|(&r, &count)| circle(r, count)).collect();
@@ -101,7 +103,7 @@ pub fn nodes(name: &str, band: &LensBand) -> Plot {
         band.psf_height_mm.len(),
         short_number(band.wavelength_nm)
     );
-    let max_mm = 1.04 * reach;
+    let max_mm = 1.04 * reach_mm;
     Plot {
         series: vec![
             Series::line("edge of the field", edge, Colour::Muted),

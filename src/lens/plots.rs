@@ -49,7 +49,7 @@ pub fn write(
         let axes = (height_axis(&samples.lens, &samples.primary, max_mm), axis);
         against_height(&samples.lens.bands, &format!("{name}: {title}"), axes, max_mm, value)
     };
-    let lateral_um = |band: &LensBand, r: f64| band.lateral_colour_um(&samples.primary, r);
+    let lateral_um = |band: &LensBand, r_mm: f64| band.lateral_colour_um(&samples.primary, r_mm);
     let mut plots = vec![
         ("relative-illumination", curves("relative illumination", illumination, &LensBand::illumination_at)),
         ("distortion", curves(&focal, distortion, &LensBand::distortion_percent)),

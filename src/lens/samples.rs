@@ -50,7 +50,7 @@ pub struct FieldFigures {
     pub ideal_height_mm: f64,
     pub illumination: f64,
     /// Solid angle of the bundle at the film relative to the axis; only of a design.
-    pub solid_angle: Option<f64>,
+    pub relative_solid_angle: Option<f64>,
     pub distortion_percent: f64,
     pub lateral_colour_um: f64,
     /// RMS radius: of the spot for a design, of the PSF inside its window for a pack.
@@ -179,7 +179,7 @@ impl LensSamples {
             height_mm: r,
             ideal_height_mm: band.ideal_height_at(r),
             illumination: band.illumination_at(r),
-            solid_angle: None,
+            relative_solid_angle: None,
             distortion_percent: band.distortion_percent(r),
             lateral_colour_um: band.lateral_colour_um(&self.primary, r),
             rms_um: field.spot.map_or_else(|| field.psf.rms_um(), |s| s.rms_um),
@@ -198,7 +198,7 @@ impl FieldFigures {
             "image_height_mm": self.height_mm,
             "ideal_height_mm": self.ideal_height_mm,
             "relative_illumination": self.illumination,
-            "relative_solid_angle": self.solid_angle,
+            "relative_solid_angle": self.relative_solid_angle,
             "distortion_percent": self.distortion_percent,
             "lateral_colour_um": self.lateral_colour_um,
             "rms_um": self.rms_um,

@@ -183,7 +183,7 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
             f.height_mm,
             optional(degrees, 4),
             f.illumination,
-            optional(f.solid_angle, 5),
+            optional(f.relative_solid_angle, 5),
             f.distortion_percent,
             f.lateral_colour_um,
             f.rms_um,

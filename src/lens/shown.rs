@@ -70,7 +70,7 @@ fn figures_of(f: &RayFigures, wavelength_nm: f64) -> FieldFigures {
         ideal_height_mm: f.ideal_height_mm,
         illumination: f.light.irradiance_sr / f.axis.irradiance_sr,
         // Undefined for collimated light.
-        solid_angle: Some(f.light.solid_angle_sr / f.axis.solid_angle_sr).filter(|v| v.is_finite()),
+        relative_solid_angle: Some(f.light.solid_angle_sr / f.axis.solid_angle_sr).filter(|v| v.is_finite()),
         distortion_percent: 100.0 * f.distortion,
         lateral_colour_um: f.lateral_colour_um,
         rms_um: f.spot.rms_um,

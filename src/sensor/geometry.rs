@@ -129,7 +129,7 @@ impl Geometry {
 }
 
 fn beyond(size: Size, pitch_um: f64, centre_um: (f64, f64), film: &Film) -> anyhow::Error {
-    let mm = |n: usize, pitch: f64| n as f64 * pitch * 1e-3;
+    let mm = |n: usize, pitch_um: f64| n as f64 * pitch_um * 1e-3;
     usage(format!(
         "a sensor of {:.4} x {:.4} mm (width x height) with its middle {:.4}, {:.4} mm (right, down) from the film's reaches beyond the \
          film of {:.4} x {:.4} mm; give a smaller --size or another --center, or make a larger film",

@@ -41,19 +41,21 @@ pub(super) fn image_heights(
     path: &Path,
     t: &Table,
     (w, waves): (usize, usize),
-    heights: Vec<f64>,
+    heights_mm: Vec<f64>,
 ) -> Result<Vec<f64>, ImportError> {
-    let sign = if heights.iter().all(|h| *h <= 0.0) { -1.0 } else { 1.0 };
-    let heights: Vec<f64> = heights.iter().map(|h| sign * h + 0.0).collect();
+    let sign = if heights_mm.iter().all(|h| *h <= 0.0) { -1.0 } else { 1.0 };
+    let heights_mm: Vec<f64> = heights_mm.iter().map(|h| sign * h + 0.0).collect();
     let bad = |h: usize, problem: String| {
         Err(ImportError::line(path, t.lines[h * waves + w], format!("wavelength {}: {problem}", w + 1)))
     };
-    if heights[0].abs() > 1e-6 {
-        return bad(0, format!("the first height is {} mm, expected 0", heights[0]));
+    if heights_mm[0].abs() > 1e-6 {
+        return bad(0, format!("the first height is {} mm, expected 0", heights_mm[0]));
     }
-    match heights.windows(2).position(|pair| pair[1] <= pair[0]) {
-        Some(h) => bad(h + 1, format!("height {} mm does not ascend from {} mm", heights[h + 1], heights[h])),
-        None => Ok(std::iter::once(0.0).chain(heights[1..].iter().copied()).collect()),
+    match heights_mm.windows(2).position(|pair| pair[1] <= pair[0]) {
+        Some(h) => {
+            bad(h + 1, format!("height {} mm does not ascend from {} mm", heights_mm[h + 1], heights_mm[h]))
+        }
+        None => Ok(std::iter::once(0.0).chain(heights_mm[1..].iter().copied()).collect()),
     }
 }
 

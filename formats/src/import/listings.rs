@@ -105,15 +105,15 @@ impl Found {
         if illumination.next().is_some() {
             return Err(bad(format!("holds two listings of relative illumination at {nm} nm")));
         }
-        let heights: Vec<f64> = distortion.field_deg.iter().map(ideal).collect();
-        let spline = Spline::mirrored(&heights, &distortion.image_height_mm, Parity::Odd);
+        let heights_mm: Vec<f64> = distortion.field_deg.iter().map(ideal).collect();
+        let spline = Spline::mirrored(&heights_mm, &distortion.image_height_mm, Parity::Odd);
         let mut psf = Vec::new();
         for p in self.psf.iter().filter(|p| at(p.wavelength_nm)) {
             let of_field = || p.field_deg.map(|deg| spline.at(ideal(&deg)));
-            let height = p.chief_ray_height_mm.or_else(of_field).ok_or_else(|| {
+            let height_mm = p.chief_ray_height_mm.or_else(of_field).ok_or_else(|| {
                 ImportError::file(&p.path, "states neither its chief ray nor its field in degrees")
             })?;
-            psf.push((p.path.clone(), if height.abs() < 1e-9 { 0.0 } else { height }));
+            psf.push((p.path.clone(), if height_mm.abs() < 1e-9 { 0.0 } else { height_mm }));
         }
         psf.sort_by(|a, b| a.1.total_cmp(&b.1));
         if psf.len() < 2 && !options.without_psf {
@@ -125,7 +125,7 @@ impl Found {
         }
         let band = SparseBand {
             wavelength_nm: nm,
-            distortion: (heights, distortion.image_height_mm.clone()),
+            distortion: (heights_mm, distortion.image_height_mm.clone()),
             illumination: (ri.field_deg.iter().map(ideal).collect(), ri.relative_illumination.clone()),
             psf_height_mm: psf.iter().map(|p| p.1).collect(),
             psf_energy: Vec::new(),

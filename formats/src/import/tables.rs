@@ -138,17 +138,17 @@ fn starts_band(
     bands: &[f64],
     nm: f64,
     last: Option<f64>,
-    height: f64,
+    height_mm: f64,
 ) -> Result<bool, ImportError> {
     let line = csv.rows[r].0;
     let bad = |problem: String| Err(ImportError::line(&csv.path, line, problem));
     match bands.last() {
         Some(&now) if now == nm => match last {
-            Some(last) if height > last => Ok(false),
-            last => bad(format!("height {height} mm does not ascend from {} mm", last.unwrap_or(0.0))),
+            Some(last) if height_mm > last => Ok(false),
+            last => bad(format!("height {height_mm} mm does not ascend from {} mm", last.unwrap_or(0.0))),
         },
         Some(&now) if nm < now => bad(format!("wavelength {nm} nm does not ascend from {now} nm")),
-        _ if height != 0.0 => bad(format!("the first height at {nm} nm is {height} mm, expected 0")),
+        _ if height_mm != 0.0 => bad(format!("the first height at {nm} nm is {height_mm} mm, expected 0")),
         _ => Ok(true),
     }
 }
