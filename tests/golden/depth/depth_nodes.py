@@ -4,8 +4,9 @@ Between two nodes V - h and V + h the PSF is interpolated linearly; its error ha
     e(V, h) = |(P(V - h) + P(V + h))/2 - P(V)|, as L1 (sum over film pixels) or as the largest error of the edge spread function,
 is C(V) h^2: the second derivative of P by V. C is measured at probing distances, the largest over the field points; the spacing allowed there is
     2 min(sqrt(tolerance_L1/C_L1), sqrt(tolerance_ESF/C_ESF))
-and nodes are placed so that the integral of 1/spacing between neighbours is the same, at most 1. Every mid-cell is then computed. If one fails, all of them
-become probes and the nodes are placed anew; cells that fail after ROUNDS of that are halved. A defocus is an optical path, so the PSF of a field point follows from one pupil function:
+and nodes are placed so that the integral of 1/spacing between neighbours is the same, at most 1. Every mid-cell is then computed. If one
+fails, all of them become probes and the nodes are placed anew; cells that fail after ROUNDS of that are halved.
+A defocus is an optical path, so the PSF of a field point follows from one pupil function:
     U(X, Y) = integral of A exp(2 pi i/wavelength (W + L X + M Y)) dL dM,   P = |U|^2 integrated over film pixels
 over the open pupil in direction cosines (L, M), W the path, even in M.
 """
@@ -13,7 +14,7 @@ import numpy as np
 
 from double_gauss import DoubleGauss
 
-PER_PIXEL = 4           # samples per film pixel: at most a quarter of the wavelength over twice the aperture's extent
+PER_PIXEL = 4           # Gauss-Legendre nodes per film pixel and direction; spacing below half of Nyquist's pitch
 ROUNDS = 4
 MARGIN = 0.95           # of a tolerance, for placing
 TERMS = 12              # degree of the polynomials in (L, M) that represent traced rays
@@ -73,7 +74,8 @@ def rim_share(s2, radius, step):
 def kernel(pupil, vergence, half_px):
     """P over (2 half_px + 1)^2 film pixels about the chief ray, sum 1."""
     n = (2 * half_px + 1) * PER_PIXEL
-    x = (np.arange(n) - (n - 1) / 2) * pupil.pitch / PER_PIXEL
+    at, weight = np.polynomial.legendre.leggauss(PER_PIXEL)
+    x = (np.arange(-half_px, half_px + 1)[:, None] + at / 2).ravel() * pupil.pitch
     extent = 0.36 if not isinstance(pupil, IdealPupil) else 2 * pupil.na
     count = int(np.ceil(1.25 * extent * x[-1] / pupil.um)) + 16
     l, m, share, w = pupil.function(vergence, count)
@@ -81,7 +83,7 @@ def kernel(pupil, vergence, half_px):
     u = np.exp(k * np.outer(x, l)) @ (share * np.exp(k * w)) @ (2 * np.cos(2 * np.pi / pupil.um * np.outer(m, x[n // 2:])))
     p = np.abs(u) ** 2
     p = np.concatenate([p[:, ::-1], p], 1)                                              # even in y
-    p = p.reshape(2 * half_px + 1, PER_PIXEL, -1, PER_PIXEL).sum((1, 3))
+    p = weight @ p.reshape(2 * half_px + 1, PER_PIXEL, -1, PER_PIXEL).transpose(0, 2, 1, 3) @ weight
     return p / p.sum()
 
 

@@ -27,16 +27,19 @@ DEFINITION
   K = f_s ∗ P, M = (o_s - f_s) ∗ P                                           known and missing behind the slab; P of its node farther from focus
   U_s       = max(w_s + min(2 K, max(0, 1 - w_s - sum_{near} w_j) K/(K + M)), FLOOR)      share of the pupil of which anything is known
   film      = sum_s T_s light_s/U_s,   T_s = prod_{j>s} (1 - w_j/U_j)         near to far; T is the share of light that passes slabs j > s
-WHY.  A ray that has passed slab s + 1 of a surface meets slab s of it: there U_s = 1 - w_s+1, and the two lights simply add, whatever is hidden behind
-("over" of two shares 1/2 would let 1/4 of the background through). Surfaces apart by more than the gap cover the pupil independently: U_s = 1. Where
-nothing else is known in reach K = 0 and U_s = w_s: the light of what is known stands for all. The bound 2 K makes U continuous where K fades out.
-PROPERTIES.  w_s <= U_s <= max(1, w_s), so with complete hidden sheets a chart of ones gives a convex mean of the e_d.  At constant depth w = U = 1 and
-film = light: the flat model's sum.
-LIMITS.  Shares multiply, so the film is exact where one of two surfaces is in focus or the rear one uniform, else the mean of a product is taken as the
-product of means.  A pixel of a tilted surface spreads as one of a surface parallel to the film: the factor 1 - (u - x) grad V/(V - V_f) is left out.
+WHY.  A ray that has passed slab s + 1 of a surface meets slab s of it: there U_s = 1 - w_s+1, and the two lights simply add, whatever is
+hidden behind ("over" of two shares 1/2 would let 1/4 of the background through). Surfaces apart by more than the gap cover the pupil
+independently: U_s = 1. Where nothing else is known in reach K = 0 and U_s = w_s: the light of what is known stands for all. The bound 2 K
+makes U continuous where K fades out.
+PROPERTIES.  w_s <= U_s <= max(1, w_s), so with complete hidden sheets a chart of ones gives a convex mean of the e_d.  At constant depth
+w = U = 1 and film = light: the flat model's sum.
+LIMITS.  Shares multiply: the film is exact where one of two surfaces is in focus or the rear one uniform, else the product of means stands for
+the mean of a product.  A pixel of a tilted surface spreads as one of a surface parallel to the film: the factor 1 - (u - x) grad V/(V - V_f) is
+left out (0.5 % of a ball's shadow if its depths are those of its front).  The gap is a guess: a surface so steep that it runs through more
+than EDGE_SHARE of its own blur within a window lets through light of what is hidden behind it.
 
-HIDDEN SURFACES.  Given as sheets, or invented (hidden_surface.py): pixels of slab s near a depth edge receive light and vergence extrapolated from
-all surfaces that are farther by more than the gap.
+HIDDEN SURFACES.  Given as sheets, or invented (hidden_surface.py): pixels near a depth edge receive light and vergence extrapolated from all
+surfaces that are farther by more than the gap.
 """
 import sys
 from collections import namedtuple
@@ -186,27 +189,24 @@ def invent(p, uncovered, lens):
     The grown film begins at row and column -margin, margin = half the widest window.
     """
     margin = max(lens.window(d) for d in range(len(lens.vergence))) // 2
-    slabs = lens.slabs()
-    b = behind(p[:, 0], uncovered)
+    slabs, b = lens.slabs(), behind(p[:, 0], uncovered)
     added, given = np.zeros_like(p[:, 0]), p.copy()
-    for s, (_, high) in enumerate(slabs):
-        donors = [k for k in range(s) if lens.separate(k, s)]
-        if not donors:
+    farther = [[k for k in range(s) if lens.separate(k, s)] for s in range(len(slabs))]
+    share = [sum((given[k, 0] for k in donors), np.zeros_like(uncovered)) for donors in farther]
+    edge = np.any([(given[s, 0] > 0) & grown_box(share[s] > 0, 1) for s in range(len(slabs))], axis=0)
+    for s, donors in enumerate(farther):
+        reach = max(lens.window(d) for d in range(slabs[s][1] + 1)) // 2
+        wanted = np.where(grown_box(edge, reach), np.minimum(given[s, 0], 1 - b[s]), 0.0)
+        if not donors or not (wanted > 0).any():
             continue
-        a, c, m = (sum(given[k, i] for k in donors) for i in range(3))
-        v = sum(given[k, 0] * lens.vergence[slabs[k][0]] + given[k, 2] * (lens.vergence[slabs[k][1]] - lens.vergence[slabs[k][0]]) for k in donors)
-        edge = (given[s, 0] > 0) & grown_box(a > 0, 1)
-        if not edge.any():
-            continue
-        reach = max(lens.window(d) for d in range(high + 1)) // 2
-        amount = np.where(grown_box(edge, reach), np.minimum(given[s, 0], 1 - b[s]), 0.0)
-        light, vergence, found = extrapolate(a, c, v, reach, margin)
-        amount = np.where(found, np.maximum(amount, 0.0), 0.0)
+        middle = lambda k: given[k, 0] * lens.vergence[slabs[k][0]] + given[k, 2] * (lens.vergence[slabs[k][1]] - lens.vergence[slabs[k][0]])
+        light, vergence, found = extrapolate(share[s], sum(given[k, 1] for k in donors), sum(middle(k) for k in donors), reach, margin)
+        amount = np.where(found, np.maximum(wanted, 0.0), 0.0)
         index = slab_of(np.where(found, vergence, lens.vergence[0]), lens.vergence)
         for k in range(s):
-            share = np.where(index == k, amount, 0.0)
-            p[k] += share, share * light, share * position(np.where(index == k, vergence, lens.vergence[k]), lens.vergence, k)
-            added[k] += share * light
+            here = np.where(index == k, amount, 0.0)
+            p[k] += here, here * light, here * position(np.where(index == k, vergence, lens.vergence[k]), lens.vergence, k)
+            added[k] += here * light
     return added
 
 

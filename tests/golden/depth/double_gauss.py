@@ -105,8 +105,8 @@ class DoubleGauss:
     def launch(self, t, vergence, x, y):
         """Rays of the object point (t, vergence) through the points (x, y) of the entrance pupil plane: starts, directions, path to the start.
 
-        The object lies at x = -sign t z, so that its image is on +x. Rays start on the plane z = -20 mm; the path is from the object point, or from a plane
-        wave through the centre of the entrance pupil.
+        The object lies at x = -sign t z, so that its image is on +x. Rays start on the plane z = -20 mm; the path is from the object
+        point, or from a plane wave through the centre of the entrance pupil.
         """
         tan = -self.sign * t
         toward = np.stack([x * vergence * 1e-3 - tan, y * vergence * 1e-3, np.ones_like(x)], 1)       # (pupil point - object point)/z
@@ -139,7 +139,9 @@ class DoubleGauss:
         return x, y
 
     def bundle(self, t, vergence, rings=12, spokes=32):
-        """Rays over the whole pupil: (pupil coordinates (N, 2), weights of the mean, film points from the chief ray's (N, 2), directions (N, 3), path - chief's)."""
+        """Rays over the whole pupil: (pupil coordinates (N, 2), weights of the mean, film points from the chief ray's (N, 2),
+        directions (N, 3), path - chief's).
+        """
         nodes, weights = np.polynomial.legendre.leggauss(rings)
         r2 = (nodes + 1) / 2                                          # even in r: Gauss in r^2, trapezoid in angle
         angle = (np.arange(spokes) + 0.5) * 2 * np.pi / spokes
@@ -181,7 +183,8 @@ class DoubleGauss:
         """Projected solid angle of the field point's bundle at the film, sr: the mean of |d(L, M)/d(p, q)| times pi."""
         nodes, weights = np.polynomial.legendre.leggauss(10)
         angle = (np.arange(24) + 0.5) * 2 * np.pi / 24
-        p, q = np.outer(np.sqrt((nodes + 1) / 2), np.cos(angle)).ravel(), np.outer(np.sqrt((nodes + 1) / 2), np.sin(angle)).ravel()
+        radius = np.sqrt((nodes + 1) / 2)
+        p, q = np.outer(radius, np.cos(angle)).ravel(), np.outer(radius, np.sin(angle)).ravel()
         lm = lambda p, q: self.run(*self.launch(t, vergence, *self.pupil_points(t, vergence, p, q))[:2])[1][:, :2]
         dp, dq = (lm(p + h, q) - lm(p - h, q)) / (2 * h), (lm(p, q + h) - lm(p, q - h)) / (2 * h)
         return np.pi * (np.repeat(weights / 2, 24) / 24 * np.abs(dp[:, 0] * dq[:, 1] - dp[:, 1] * dq[:, 0])).sum()

@@ -47,7 +47,7 @@ def up(w, x):
 
 
 def extrapolate(a, c, v, reach, margin):
-    """Light and vergence at every pixel: (light, vergence, found), from shares a, light c = a x light, v = a x vergence on the film grown by `margin`."""
+    """(light, vergence, found) at every pixel, from shares a, c = a x light, v = a x vergence on the film grown by `margin`."""
     levels = int(np.ceil(np.log2(2 * max(reach, 1))))
     side = 2 ** levels
     before = -(-margin // side) * side - margin                 # whole blocks before film pixel 0

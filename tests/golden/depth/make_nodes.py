@@ -25,8 +25,8 @@ def figures():
     out = {"focus": [], "chief": [], "light": [], "errors": [], "placement": []}
     for v in (0.0, 0.5, 1.0):
         lens = DoubleGauss(v)
-        out["focus"].append(dict(vergence=v, distortion_focal_length_mm=lens.f_d, film_mm=lens.film_gap, blur_per_dioptre_um=lens.diameter / 2 * lens.f_d,
-                                 entrance_pupil_mm=lens.pupil_z))
+        out["focus"].append(dict(vergence=v, distortion_focal_length_mm=lens.f_d, film_mm=lens.film_gap,
+                                 blur_per_dioptre_um=lens.diameter / 2 * lens.f_d, entrance_pupil_mm=lens.pupil_z))
     tan = [0.05, 0.1, 0.15, 0.2, 0.25]
     height, delta = DoubleGauss(0.5, real_aiming=True).chief(tan)
     out["chief"] = [dict(tan=t, height_mm=h, pupil_shift_mm=d) for t, h, d in zip(tan, height.tolist(), delta.tolist())]
@@ -41,7 +41,8 @@ def figures():
             out["errors"].append(dict(degrees=degrees, blur_px=blur, l1=l1, esf=esf))
     reach = 12 / pupils[0].blur_px
     found, l1, esf = nodes.place(pupils, 0.5 - reach, 0.5 + reach, 0.02, 1e-3)
-    out["placement"].append(dict(first=0.5 - reach, last=0.5 + reach, l1_tolerance=0.02, esf_tolerance=1e-3, l1=l1, esf=esf, vergence=found.tolist()))
+    out["placement"].append(dict(first=0.5 - reach, last=0.5 + reach, l1_tolerance=0.02, esf_tolerance=1e-3, l1=l1, esf=esf,
+                                 vergence=found.tolist()))
     return out
 
 
