@@ -137,6 +137,15 @@ fn apodisation_is_a_note_and_an_error_where_strict() {
 }
 
 #[test]
+fn more_surfaces_than_a_lens_has_are_an_error() {
+    let surfaces =
+        (0..1200).map(|i| format!("SURF {i}\n  TYPE STANDARD\n  CURV 0\n  DISZ 1\n")).collect::<String>();
+    let text = format!("MODE SEQ\nUNIT MM\nENPD 1\nFTYP 0 0 1 1\nWAVM 1 0.55 1\n{surfaces}");
+    let error = read(&text).unwrap_err().to_string();
+    assert!(error.contains("line 4010") && error.contains("more than 1000 surfaces"), "{error}");
+}
+
+#[test]
 fn extended_aspheres_of_any_norm_radius_are_read() {
     let even = OLD
         .replace("EVENASPH", "XASPHERE")

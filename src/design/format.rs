@@ -1,7 +1,7 @@
 //! File formats of designs: chosen by extension, read from bytes.
 
 use crate::failure::usage;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::zar::{self, Member};
 use pipeline::design::{DesignError, ReadOptions, System, codev, optiland, oslo, table, text, zmx};
@@ -9,6 +9,9 @@ use std::path::Path;
 
 /// Extensions of designs, in lower case.
 const EXTENSIONS: [&str; 7] = ["zmx", "seq", "len", "csv", "json", "zar", "zos"];
+
+/// Maximum size of the text of a design; a lens of a thousand surfaces has less than 1 MB.
+const MAX_TEXT_BYTES: usize = 8 << 20;
 
 /// A format with a reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +53,7 @@ impl Design {
             "json" => plain(Format::Optiland, bytes),
             "zar" => {
                 let (lens, catalogues) = zar::lens(&bytes)?;
+                check_content("zmx", &lens.data).with_context(|| lens.name.clone())?;
                 Ok(Self { format: Format::Zmx, bytes: lens.data, catalogues })
             }
             "zos" => bail!("files .zos are not read; save the lens as .zmx (in OpticStudio: File, Save As)"),
@@ -91,7 +95,11 @@ fn check_content(extension: &str, bytes: &[u8]) -> Result<()> {
         _ if bytes.starts_with(ZIP) => {
             bail!("the file is a zip archive; unpack it and give the lens file in it")
         }
-        "zar" | "len" => Ok(()),
+        "zar" => Ok(()),
+        _ if bytes.len() > MAX_TEXT_BYTES => {
+            bail!("the file has more than {MAX_TEXT_BYTES} bytes, so it is not a lens design")
+        }
+        "len" => Ok(()),
         _ if text::is_binary(bytes) => bail!("the file is binary, expected the text of a lens design"),
         _ => Ok(()),
     }

@@ -60,6 +60,7 @@ fn formats_that_are_not_read_name_the_way_out() {
         ("g.seq", b"rdm;len\nfor ^i 1 3\nend for\n", ["line 2", "macro"]),
         ("h.zmx", b"", ["h.zmx", "the file is empty"]),
         ("i.zmx", b"PK\x03\x04MODE SEQ\n", ["zip archive", "unpack"]),
+        ("l.zmx", "\n".repeat(9 << 20).as_bytes(), ["more than", "not a lens design"]),
         ("j.csv", b"radius\0\0thickness\n", ["binary", "text"]),
         ("k.zmx", b"MODE SEQ\nENPD 33,3\n", ["line 2", "decimal point"]),
     ] {

@@ -18,6 +18,9 @@ const INFINITE_MM: f64 = 1e9;
 /// Semi-diameters that stand for vignetting factors are enlarged by this share, so that rounding does not clip the axial beam.
 const VIGNETTING_SLACK: f64 = 1e-6;
 
+/// Maximum number of surfaces; readers stop there.
+pub(super) const MAX_SURFACES: usize = 1000;
+
 /// A surface, and the gap behind it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct DraftSurface {
@@ -73,6 +76,9 @@ impl Draft {
         let last = self.surfaces.len().saturating_sub(1);
         if last < 2 {
             return Err(incomplete("has fewer than three surfaces (object, one more, image)"));
+        }
+        if last > MAX_SURFACES {
+            return Err(incomplete(format!("has {last} surfaces, the maximum is {MAX_SURFACES}")));
         }
         let stop = match self.stop {
             Some(stop) if (1..last).contains(&stop) => stop,

@@ -27,8 +27,8 @@ const SIGNATURE: [u8; 2] = [0xEC, 0x03];
 const HEADER_BYTES: usize = 648;
 const NAME_AT: usize = 48;
 
-/// Maximum length of an unpacked member, bytes; a catalogue has 1 MB.
-const MAX_MEMBER_BYTES: u64 = 64 << 20;
+/// Maximum length of all unpacked members, bytes; a catalogue has 1 MB.
+const MAX_UNPACKED_BYTES: u64 = 64 << 20;
 
 fn incomplete(problem: impl Into<String>) -> DesignError {
     DesignError::Incomplete { problem: problem.into() }
@@ -40,7 +40,7 @@ fn incomplete(problem: impl Into<String>) -> DesignError {
 /// [`DesignError::Incomplete`] for bytes that are not such an archive.
 pub fn members(archive: &[u8], extensions: &[&str]) -> Result<Vec<Member>, DesignError> {
     let mut found = Vec::new();
-    let mut rest = archive;
+    let (mut rest, mut total) = (archive, 0_u64);
     while !rest.is_empty() {
         let at = archive.len() - rest.len();
         if rest.len() < HEADER_BYTES || rest[..2] != SIGNATURE {
@@ -67,8 +67,12 @@ pub fn members(archive: &[u8], extensions: &[&str]) -> Result<Vec<Member>, Desig
         if !extensions.iter().any(|e| lower.ends_with(&e.to_lowercase())) {
             continue;
         }
-        if unpacked > MAX_MEMBER_BYTES {
-            return Err(incomplete(format!("is a ZAR archive with a member {name} of {unpacked} bytes")));
+        total = total.saturating_add(if is_packed { unpacked } else { packed });
+        if total > MAX_UNPACKED_BYTES {
+            let problem = format!(
+                "is a ZAR archive whose files up to {name} have {total} bytes, more than {MAX_UNPACKED_BYTES}"
+            );
+            return Err(incomplete(problem));
         }
         let data = match is_packed {
             false => data.to_vec(),
@@ -252,6 +256,6 @@ mod tests {
         }
         let mut huge = whole;
         huge[24..32].copy_from_slice(&u64::MAX.to_le_bytes());
-        assert!(lens(&huge).is_err());
+        assert!(lens(&huge).unwrap_err().to_string().contains("more than"));
     }
 }

@@ -14,7 +14,7 @@ mod command;
 mod decentre;
 mod private;
 
-use super::draft::{Draft, DraftSurface};
+use super::draft::{Draft, DraftSurface, MAX_SURFACES};
 use super::error::DesignError;
 use super::glass::Glass;
 use super::glass_library::GlassLibrary;
@@ -231,6 +231,9 @@ impl Reader<'_> {
 
     fn start_surface(&mut self, key: &str, command: &Command<'_>) -> Result<(), DesignError> {
         let number = self.draft.surfaces.len();
+        if number > MAX_SURFACES {
+            return Err(command.error(format!("more than {MAX_SURFACES} surfaces")));
+        }
         if (key == "SO") != (number == 0) {
             return Err(command.error("expected the object (SO) first, then surfaces (S) and the image (SI)"));
         }

@@ -13,7 +13,7 @@ mod glass;
 mod pickup;
 mod surface;
 
-use super::draft::{Draft, DraftSurface};
+use super::draft::{Draft, DraftSurface, MAX_SURFACES};
 use super::error::DesignError;
 use super::glass_library::GlassLibrary;
 use super::reading::ReadOptions;
@@ -24,8 +24,6 @@ use command::{Command, commands};
 
 /// Gaps from here on are infinite, lens units.
 const INFINITE: f64 = 1e8;
-/// Largest number of surfaces.
-const MAX_SURFACES: usize = 10_000;
 /// Wavelengths of files without WV, µm: d, F, C.
 const DEFAULT_UM: [f64; 3] = [0.587_56, 0.486_13, 0.656_27];
 /// Field points, of the largest.

@@ -2,7 +2,7 @@
 
 use super::Line;
 use super::columns::{Column, Columns};
-use crate::design::draft::{Draft, DraftSurface};
+use crate::design::draft::{Draft, DraftSurface, MAX_SURFACES};
 use crate::design::error::DesignError;
 use crate::design::glass::Glass;
 use crate::design::glass_library::GlassLibrary;
@@ -60,6 +60,9 @@ impl<'a> Table<'a> {
         }
         if self.is_open {
             return Err(line.error("the surface before this one has no thickness"));
+        }
+        if draft.surfaces.len() > MAX_SURFACES {
+            return Err(line.error(format!("more than {MAX_SURFACES} surfaces")));
         }
         let role = role(self.columns.cell(line, Column::Surface));
         if draft.surfaces.is_empty() && role != Role::Object {

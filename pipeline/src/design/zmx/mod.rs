@@ -16,7 +16,7 @@ mod line;
 mod surface;
 mod write;
 
-use super::draft::Draft;
+use super::draft::{Draft, MAX_SURFACES};
 use super::error::DesignError;
 use super::glass_library::GlassLibrary;
 use super::reading::ReadOptions;
@@ -122,6 +122,9 @@ impl Reader {
     fn start_surface(&mut self, line: &Line<'_>) -> Result<(), DesignError> {
         if line.value(1)? != self.surface_count as f64 {
             return Err(line.error(format!("expected surface {}", self.surface_count)));
+        }
+        if self.surface_count > MAX_SURFACES {
+            return Err(line.error(format!("more than {MAX_SURFACES} surfaces")));
         }
         self.close_surface()?;
         self.surface_count += 1;
