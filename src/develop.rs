@@ -257,7 +257,7 @@ mod tests {
     use super::Memory;
 
     #[test]
-    fn widest_sensor_works_in_256_mib() {
+    fn widest_sensor_fits_in_256_mib() {
         let memory = Memory::plan(256 << 20, 2, 14141, 1).unwrap();
         assert!(memory.threads == 2 && memory.cache >= 28 << 20);
         assert!(Memory::plan(64 << 20, 2, 14141, 1).is_err());

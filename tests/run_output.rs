@@ -139,7 +139,7 @@ fn film_larger_than_the_disk_is_refused_before_it_is_created_unless_forced() {
 }
 
 #[test]
-fn film_and_status_tell_chart_and_lens_and_the_record_the_command_line() {
+fn film_and_status_name_chart_and_lens_and_the_record_has_the_command_line() {
     let job = Job::new(1.0);
     job.run("film.zarr", &[]).ok();
     let film = job.film("film.zarr");

@@ -184,7 +184,7 @@ pub(crate) fn pretty(v: &Value) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn crc32c_of_known_inputs() {
+    fn crc32c_of_known_inputs_equals_the_published_values() {
         // RFC 3720, B.4, and the usual check value.
         assert_eq!(super::crc32c(&[0; 32]), 0x8a91_36aa);
         assert_eq!(super::crc32c(b"123456789"), 0xe306_9283);

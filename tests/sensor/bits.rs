@@ -68,7 +68,7 @@ fn a_kept_signal_gives_the_raw_of_the_film() {
 
 /// The float64 model's signals within one unit in the last place of f32, and the bits of its raws.
 #[test]
-fn golden_signals_and_raws_of_the_float64_model() {
+fn signals_and_raws_equal_those_of_the_float64_model() {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/sensor");
     let file: Value = serde_json::from_slice(&std::fs::read(golden.join("cases.json")).unwrap()).unwrap();
     let bytes = std::fs::read(golden.join("signal.bin")).unwrap();

@@ -22,7 +22,7 @@ fn uniform_film_through_ideal_mono_counts_photons() {
 
 /// Units of the film: the same light as irradiance, photons and radiance.
 #[test]
-fn units_of_the_film_stand_for_the_same_light() {
+fn films_of_every_unit_give_the_same_signal() {
     let nm = [500.0, 600.0];
     let place = Place::new();
     let raw_of = |name: &str, units: &str, factor: &dyn Fn(usize) -> f64, flags: &[&str]| {

@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn format_by_first_bytes_or_extension_with_a_conversion() {
+    fn format_is_found_by_first_bytes_or_extension() {
         let dir = tempfile::tempdir().unwrap();
         let cases: [(&str, &[u8], &[&str]); 10] = [
             (

@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn scheme_of_urls_and_none_of_paths() {
+    fn urls_have_a_scheme_and_paths_have_none() {
         for (path, expected) in [
             ("s3://bucket/film.zarr", Some("s3")),
             ("https://host:9000/a", Some("https")),

@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn wavelengths_of_items_with_and_without_units() {
+    fn wavelengths_are_read_with_and_without_units() {
         for (items, expected) in [
             (
                 r#"<Item name="WAVELENGTH" sample="0">450</Item><Item name="WAVELENGTH" sample="1">550</Item>"#,
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn scale_and_offset_by_role() {
+    fn scale_and_offset_are_applied_by_role() {
         let items = r#"<Item name="SCALE" sample="1" role="scale">0.5</Item><Item name="OFFSET" sample="1" role="offset">-1</Item>"#;
         assert_eq!(parse(&xml(items), 2).unwrap().scaling, [(1.0, 0.0), (0.5, -1.0)]);
         let zero = r#"<Item name="SCALE" sample="1" role="scale">0</Item>"#;

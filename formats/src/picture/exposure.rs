@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn no_lit_pixel_means_exposure_1() {
+    fn exposure_is_1_without_a_lit_pixel() {
         for values in [vec![], vec![0.0; 9], vec![-1.0, f32::NAN, f32::INFINITY]] {
             assert_eq!(Exposure::Auto.factor(&levels(values)), 1.0);
         }

@@ -133,7 +133,7 @@ fn damaged_pictures_do_not_panic() {
 }
 
 #[test]
-fn band_pictures() {
+fn damaged_pictures_of_bands_do_not_panic() {
     let dir = directory();
     let at = dir.path().join("c.tif");
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pictures");

@@ -221,7 +221,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn esf_of_an_analytic_edge_within_1e_3() {
+    fn esf_of_an_analytic_edge_agrees_within_1e_3() {
         let rect = Rect::new(1000, 2000, 120, 110);
         for (degrees, sigma) in [(5.0f64, 1.0), (-5.0, 0.8), (95.0, 1.5), (50.0, 1.2), (185.0, 2.0)] {
             let line = EdgeLine { at_px: (1060.2, 2054.7), normal_rad: degrees.to_radians() };

@@ -119,7 +119,7 @@ fn seeds_and_frames_change_noise_and_the_die_stays() {
 }
 
 #[test]
-fn without_noise_the_formula_remains() {
+fn raw_without_noise_equals_the_formula() {
     let (signal, sensor) = (ramp(1.0), example());
     let still = raw(&signal, TILE, &sensor, &Exposure { noise: NoiseSet::NONE, ..exposure() });
     for (raw, s) in std::iter::zip(still, signal) {

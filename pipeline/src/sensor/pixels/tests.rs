@@ -24,7 +24,7 @@ fn one_to_one_is_the_film_and_k_to_one_the_mean_of_k() {
 }
 
 #[test]
-fn light_is_kept() {
+fn resampling_conserves_light() {
     for resample in BOTH {
         let t = taps(axis(36, 2.0, 13, 5.5), resample);
         let mut seen = [0.0; 36];
