@@ -6,7 +6,7 @@
 
 use crate::buffer::AlignedBuf;
 use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 /// (band index, node id).
 pub type SpectrumKey = (usize, usize);
@@ -16,21 +16,18 @@ type Entry = Arc<OnceLock<Arc<AlignedBuf>>>;
 /// Spectra, and the base kernels that up to eight of them are computed from.
 #[derive(Debug)]
 pub struct SpectrumCache {
+    limit: usize,
     spectra: Cache,
     base_kernels: Cache,
 }
 
-/// Base kernels have half of the limit, at most this, at least one part in [`BASE_KERNEL_PART`]. A base kernel is used again at the
-/// mirrored azimuths, half a film later, when the spectra of its first use are evicted: hence a separate limit. It takes ten times the time
-/// of a spectrum to build, and less memory: all 700 of a fine grid take 7 MB at 51 px, 62 MB at 151 px.
-const BASE_KERNEL_BYTES: usize = 64 << 20;
-const BASE_KERNEL_PART: usize = 8;
+/// Base kernels may take one part in this many of the limit; spectra have the rest. A base kernel is used again at the mirrored azimuths,
+/// half a film later, when the spectra of its first use are evicted: hence a limit of its own. It takes ten times the time of a spectrum
+/// to build, and less memory: all 700 of a fine grid take 7 MB at 51 px, 62 MB at 151 px.
+const BASE_KERNEL_PART: usize = 2;
 
-#[derive(Debug)]
-struct Cache {
-    limit: usize,
-    state: Mutex<State>,
-}
+#[derive(Debug, Default)]
+struct Cache(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
@@ -76,9 +73,7 @@ impl State {
 impl SpectrumCache {
     /// A cache of at most `limit` bytes, not counting evicted buffers still in use.
     pub fn new(limit: usize) -> Self {
-        let cache = |limit| Cache { limit, state: Mutex::default() };
-        let base_kernels = (limit / 2).min(BASE_KERNEL_BYTES.max(limit / BASE_KERNEL_PART));
-        Self { spectra: cache(limit - base_kernels), base_kernels: cache(base_kernels) }
+        Self { limit, spectra: Cache::default(), base_kernels: Cache::default() }
     }
 
     /// The spectrum of `key`, `bytes` long; if absent, built by `build` from a buffer to reuse.
@@ -88,7 +83,8 @@ impl SpectrumCache {
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        self.spectra.get(key, bytes, build)
+        let limit = self.limit - self.base_kernels.bytes().min(self.limit);
+        self.spectra.get(key, bytes, limit, build)
     }
 
     /// The same for base kernels.
@@ -98,25 +94,35 @@ impl SpectrumCache {
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        self.base_kernels.get(key, bytes, build)
+        self.base_kernels.get(key, bytes, self.limit / BASE_KERNEL_PART, build)
     }
 
     /// Spectra built so far: more than the nodes if the cache is smaller than the working set.
     pub fn built(&self) -> u64 {
-        self.spectra.state.lock().expect("no panic while held").built
+        self.spectra.lock().built
     }
 }
 
 impl Cache {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.0.lock().expect("no panic while held")
+    }
+
+    fn bytes(&self) -> usize {
+        self.lock().bytes
+    }
+
+    /// As [`SpectrumCache::get`], within `limit` bytes.
     fn get(
         &self,
         key: SpectrumKey,
         bytes: usize,
+        limit: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
         let mut buffer = AlignedBuf::default();
         let entry = {
-            let mut guard = self.state.lock().expect("no panic while held");
+            let mut guard = self.lock();
             let state = &mut *guard;
             state.clock += 1;
             let now = state.clock;
@@ -132,7 +138,7 @@ impl Cache {
                     state.by_age.insert(now, key);
                     state.bytes += bytes;
                     state.built += 1;
-                    state.evict(self.limit);
+                    state.evict(limit);
                     buffer = state.buffer(bytes);
                     entry
                 }
@@ -148,7 +154,7 @@ mod tests {
 
     #[test]
     fn least_recently_used_is_evicted_first() {
-        let cache = SpectrumCache::new(6 * 64);
+        let cache = SpectrumCache::new(3 * 64);
         let build = |v: f32| {
             move |mut b: AlignedBuf| {
                 b.reset(16);
@@ -165,6 +171,25 @@ mod tests {
         assert_eq!(cache.built(), 4);
         assert_eq!(cache.get((0, 1), 64, build(1.0))[0], 1.0);
         assert_eq!(cache.built(), 5);
+    }
+
+    #[test]
+    fn base_kernels_take_what_they_need_up_to_half_of_the_limit() {
+        let cache = SpectrumCache::new(8 * 64);
+        let filled = |mut b: AlignedBuf| {
+            b.reset(16);
+            b
+        };
+        for i in 0..8 {
+            cache.get((0, i), 64, filled);
+        }
+        cache.get((0, 0), 64, |_| unreachable!("no base kernels yet"));
+        for i in 0..6 {
+            cache.base_kernel((0, i), 64, filled);
+        }
+        cache.base_kernel((0, 2), 64, |_| unreachable!("four are kept"));
+        cache.get((0, 8), 64, filled);
+        assert_eq!((cache.spectra.bytes(), cache.base_kernels.bytes()), (4 * 64, 4 * 64));
     }
 
     #[test]
