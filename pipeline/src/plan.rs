@@ -87,8 +87,8 @@ pub struct FilmRegion {
 /// A shard of one band of one output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ShardId {
-    /// Band of the job.
-    pub band: usize,
+    /// Position of its band in the job, which need not be its band in the chart, the film or the lens.
+    pub position: usize,
     /// Index of the output region.
     pub region: usize,
     /// Shard row.

@@ -143,7 +143,7 @@ fn read_error_loses_exactly_the_dependent_shards(simd: Simd) {
         let (sink, lost) = (Sink::new(&regions, 2), LostShards::default());
         case.run_into(&regions, threads, 1 << 20, &Unreadable(&case.chart, 1, rect), &sink, &lost).unwrap();
         let (committed, lost) = (sink.committed.into_inner().unwrap(), lost.0.into_inner().unwrap());
-        assert!(!lost.is_empty() && lost.iter().all(|id| id.band == 1), "{lost:?}");
+        assert!(!lost.is_empty() && lost.iter().all(|id| id.position == 1), "{lost:?}");
         assert!(committed.is_disjoint(&lost), "a shard with unreadable pixels was committed");
         assert_eq!(committed.len() + lost.len(), 2 * 7 * 5, "neither committed nor lost");
         assert!(lost.len() < 7 * 5, "one unreadable rectangle lost the complete band");
@@ -154,7 +154,7 @@ fn read_error_loses_exactly_the_dependent_shards(simd: Simd) {
                 (shard.y..shard.bottom()).flat_map(|y| (shard.x..shard.right()).map(move |x| (y, x)))
             {
                 let at = y as usize * 620 + x as usize;
-                assert_eq!(films[0][id.band][at].to_bits(), full[0][id.band][at].to_bits(), "{id:?}");
+                assert_eq!(films[0][id.position][at].to_bits(), full[0][id.position][at].to_bits(), "{id:?}");
             }
         }
         let sink = Sink::new(&regions, 2);

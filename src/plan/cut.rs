@@ -93,9 +93,9 @@ fn unit(
     for &band in bands {
         let plan = &job.plans[band];
         let cols = |region: usize| 0..job.regions[region].count().1;
-        let shards = rows
-            .iter()
-            .flat_map(|&(region, row)| cols(region).map(move |col| ShardId { band, region, row, col }));
+        let shards = rows.iter().flat_map(|&(region, row)| {
+            cols(region).map(move |col| ShardId { position: band, region, row, col })
+        });
         let shards: BTreeSet<ShardId> = shards.collect();
         let tiles = tiles_needed(&plan.tiling, &job.regions, &shards);
         all.tiles_again += tiles.iter().filter(|t| !seen.insert((band, **t))).count();

@@ -49,7 +49,7 @@ impl Progress for Display<'_> {
         match self {
             Self::Bars(bars) => bars.shard(id, bytes),
             Self::Lines { jsonl, job, store } => {
-                let band = job.film_bands[id.band];
+                let band = job.film_bands[id.position];
                 jsonl.shard(&store.key(id.region, band, (id.row, id.col)), band, bytes);
             }
         }

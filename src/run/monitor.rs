@@ -105,8 +105,8 @@ impl<'a> Monitor<'a> {
                 return Err(Box::new(RunFailure { error, summary: None }));
             }
         };
-        for ((band, reason), what) in left_out.iter() {
-            log_line(format!("left out: {}: {reason}", place(job, store, *band, &what.shards)));
+        for ((position, reason), what) in left_out.iter() {
+            log_line(format!("left out: {}: {reason}", place(job, store, *position, &what.shards)));
         }
         let retry = left_out.values().all(|l| l.retry);
         let message =
@@ -126,15 +126,15 @@ fn shards_of(error: &RunError) -> BTreeSet<ShardId> {
 }
 
 /// `band 1 (500 nm), shard film/c/1/0/2 and 3 more`.
-fn place(job: &Job, store: &FilmStore, band: usize, shards: &BTreeSet<ShardId>) -> String {
-    let nm = job.plans[band].lens.wavelength_nm;
-    let first = shards.first().map(|id| store.key(id.region, job.film_bands[id.band], (id.row, id.col)));
+fn place(job: &Job, store: &FilmStore, position: usize, shards: &BTreeSet<ShardId>) -> String {
+    let nm = job.plans[position].lens.wavelength_nm;
+    let first = shards.first().map(|id| store.key(id.region, job.film_bands[id.position], (id.row, id.col)));
     let shards = match (first, shards.len()) {
         (None, _) => "all its shards".into(),
         (Some(first), 1) => format!("shard {first}"),
         (Some(first), n) => format!("shard {first} and {} more", n - 1),
     };
-    format!("band {} ({nm} nm), {shards}", job.film_bands[band])
+    format!("band {} ({nm} nm), {shards}", job.film_bands[position])
 }
 
 /// Whether other shards may succeed: the error is of one chunk of the chart, one value or one band, not of the complete store.

@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 /// Shards requested, present or not, per position of the job.
 pub fn requested(job: &Job, units: Option<&Units>) -> Vec<BTreeSet<ShardId>> {
-    let of = |(band, &film_band): (usize, &usize)| {
+    let of = |(position, &film_band): (usize, &usize)| {
         let mut shards = BTreeSet::new();
         for (region, area) in job.regions.iter().enumerate() {
             let (rows, cols) = area.count();
@@ -19,7 +19,7 @@ pub fn requested(job: &Job, units: Option<&Units>) -> Vec<BTreeSet<ShardId>> {
                 units.is_none_or(|u| u.contains(&job.film.outputs[region].name, film_band, *row))
             };
             for row in (0..rows).filter(in_units) {
-                shards.extend((0..cols).map(|col| ShardId { band, region, row, col }));
+                shards.extend((0..cols).map(|col| ShardId { position, region, row, col }));
             }
         }
         shards
@@ -36,7 +36,7 @@ pub fn missing(
     store: &FilmStore,
     requested: &[BTreeSet<ShardId>],
 ) -> Result<Vec<BTreeSet<ShardId>>> {
-    let key = |id: &ShardId| (id.region, job.film_bands[id.band], (id.row, id.col));
+    let key = |id: &ShardId| (id.region, job.film_bands[id.position], (id.row, id.col));
     let all: Vec<_> = requested.iter().flatten().map(key).collect();
     let mut present = store.shards_bytes(&all)?.into_iter();
     let missing = |requested: &BTreeSet<ShardId>| {

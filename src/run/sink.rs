@@ -18,7 +18,7 @@ impl FilmSink for FilmStoreSink<'_> {
     type Encoded = EncodedShard;
 
     fn encode(&self, id: ShardId, _: Rect, pixels: &ShardPixels) -> Result<EncodedShard, SourceSinkError> {
-        let (band, shard) = (self.film_bands[id.band], (id.row, id.col));
+        let (band, shard) = (self.film_bands[id.position], (id.row, id.col));
         Ok(self.store.encode_shard_rows(id.region, band, shard, pixels.size(), &|y| pixels.row(y))?)
     }
 

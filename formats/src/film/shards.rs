@@ -66,19 +66,6 @@ impl FilmStore {
         self.spec.key(output, band, shard)
     }
 
-    /// Whether the shard exists, and so is done.
-    ///
-    /// # Errors
-    /// [`GroupError::Storage`] if the store cannot be read.
-    pub fn shard_present(
-        &self,
-        output: usize,
-        band: usize,
-        shard: (usize, usize),
-    ) -> Result<bool, GroupError> {
-        Ok(self.shard_bytes(output, band, shard)?.is_some())
-    }
-
     /// Encodes a shard on the calling thread; `data` are its pixels inside the film ([`FilmStore::shard_rect`]), row by row. The same
     /// pixels give the same bytes.
     ///

@@ -54,7 +54,7 @@ impl RunError {
             Self::Prepare { position, .. } | Self::Read { position, .. } | Self::Device { position, .. } => {
                 *position
             }
-            Self::Write { id, .. } => id.band,
+            Self::Write { id, .. } => id.position,
         }
     }
 

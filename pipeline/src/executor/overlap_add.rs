@@ -60,17 +60,17 @@ impl<'a> OverlapAdd<'a> {
         Self { regions, shards: Mutex::new(shards), spare: Mutex::default() }
     }
 
-    /// The shards among `requested` that the contribution of `tile` of band `band` reaches.
+    /// The shards among `requested` that the contribution of `tile` of the band at `position` of the job reaches.
     pub(super) fn shards_reached(
         &self,
-        band: usize,
+        position: usize,
         tiling: &Tiling,
         requested: &BTreeSet<ShardId>,
         tile: (usize, usize),
     ) -> Vec<ShardId> {
         let reach = tiling.reach(tile);
         let ids = self.regions.iter().enumerate().flat_map(|(region, area)| {
-            area.touched(reach).map(move |(row, col)| ShardId { band, region, row, col })
+            area.touched(reach).map(move |(row, col)| ShardId { position, region, row, col })
         });
         ids.filter(|id| requested.contains(id)).collect()
     }

@@ -126,11 +126,11 @@ fn schedule(bands: usize, side: usize, threads: usize, time: TileTime) -> f64 {
     let blocks = Blocks { window: 1, fft: 0, block: TILE, tile: TILE };
     let window = FilmRegion { rect: film.rect(), shard: Size::new(8 * TILE, 8 * TILE) };
     let (rows, columns) = window.count();
-    let band = |band: usize| BandWork {
-        chart_band: band,
+    let band = |position: usize| BandWork {
+        chart_band: position,
         tiling: Tiling::new(film, Some(&blocks)),
         shards: (0..rows)
-            .flat_map(|row| (0..columns).map(move |col| ShardId { band, region: 0, row, col }))
+            .flat_map(|row| (0..columns).map(move |col| ShardId { position, region: 0, row, col }))
             .collect(),
     };
     let cancel = AtomicBool::new(false);

@@ -83,13 +83,13 @@ impl Walk {
         let mut missing = vec![0; tiles.len()];
         let (mut oldest, mut added) = (0, 0);
         let (mut distance, mut waiting) = (0, 0);
-        let band = shards.first().map_or(0, |id| id.band);
+        let position = shards.first().map_or(0, |id| id.position);
         for (index, &tile) in tiles.iter().enumerate() {
             distance = distance.max(index - oldest);
             waiting = waiting.max(index - added);
             let reach = tiling.reach(tile);
             let ids = regions.iter().enumerate().flat_map(|(region, area)| {
-                area.touched(reach).map(move |(row, col)| ShardId { band, region, row, col })
+                area.touched(reach).map(move |(row, col)| ShardId { position, region, row, col })
             });
             let ids: Vec<_> = ids.filter(|id| shards.contains(id)).collect();
             missing[index] = ids.len();
@@ -118,7 +118,8 @@ impl Walk {
     pub fn of_all(tiling: &Tiling, regions: &[FilmRegion]) -> Self {
         let shards = regions.iter().enumerate().flat_map(|(region, area)| {
             let (rows, columns) = area.count();
-            (0..rows).flat_map(move |row| (0..columns).map(move |col| ShardId { band: 0, region, row, col }))
+            (0..rows)
+                .flat_map(move |row| (0..columns).map(move |col| ShardId { position: 0, region, row, col }))
         });
         Self::new(tiling, regions, &shards.collect())
     }
@@ -192,7 +193,7 @@ mod tests {
         let film = Size::new(1000, 1000);
         let tiling = tiling(film, 31, 90);
         let regions = [FilmRegion { rect: film.rect(), shard: Size::new(300, 300) }];
-        let shards = [(0, 3), (2, 1)].map(|(row, col)| ShardId { band: 4, region: 0, row, col });
+        let shards = [(0, 3), (2, 1)].map(|(row, col)| ShardId { position: 4, region: 0, row, col });
         let shards = BTreeSet::from(shards);
         let mut walk = Walk::new(&tiling, &regions, &shards).tiles;
         walk.sort_unstable();

@@ -65,7 +65,7 @@ impl FilmSink for Sink {
     fn commit(&self, (id, rect, pixels): Self::Encoded) -> Result<u64, SourceSinkError> {
         assert!(self.committed.lock().unwrap().insert(id), "{id:?} committed twice");
         let window = self.regions[id.region].rect;
-        let film = &mut self.films.lock().unwrap()[id.region][id.band];
+        let film = &mut self.films.lock().unwrap()[id.region][id.position];
         for (i, v) in pixels.iter().enumerate() {
             let y = rect.y - window.y + (i / rect.width) as i64;
             let x = rect.x - window.x + (i % rect.width) as i64;
@@ -156,11 +156,12 @@ impl Case {
         progress: &dyn Progress,
     ) -> Result<Summary, RunError> {
         let plans = self.plans();
-        let every = |band: usize| {
+        let every = |position: usize| {
             regions.iter().enumerate().flat_map(move |(window, w)| {
                 let (rows, cols) = w.count();
-                (0..rows)
-                    .flat_map(move |row| (0..cols).map(move |col| ShardId { band, region: window, row, col }))
+                (0..rows).flat_map(move |row| {
+                    (0..cols).map(move |col| ShardId { position, region: window, row, col })
+                })
             })
         };
         let cancel = AtomicBool::new(false);
