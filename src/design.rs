@@ -6,6 +6,7 @@ use crate::args::{DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
 use format::Design;
+use pipeline::design::crossing::crossings;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::shelf::{self, ShelfLens};
 use pipeline::design::system::{ImagePlane, System};
@@ -77,7 +78,9 @@ pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<Design
         (Some(_), None) => Ok(s.with_checked_aiming()?),
         _ => Ok(s),
     });
-    Ok((system.with_context(|| format!("design {name}"))?, file))
+    let mut system = system.with_context(|| format!("design {name}"))?;
+    system.notes.extend(crossings(&system));
+    Ok((system, file))
 }
 
 /// Reads a file of at most [`MAX_BYTES`].

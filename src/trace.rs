@@ -25,8 +25,8 @@ const LONG_S: f64 = 10.0;
 const LARGE_MB: f64 = 1000.0;
 /// Samples of PSFs that a core computes in a second, measured on a Xeon with AVX-512.
 const SAMPLES_PER_S: f64 = 3e7;
-/// Time for the rays of a band over that for the rays of its estimate, measured with the built-in lenses: 40 to 80.
-const RAYS_PER_ESTIMATE: f64 = 60.0;
+/// Time for the rays of a band over that for the rays of its estimate, measured with the built-in lenses: 20 to 40.
+const RAYS_PER_ESTIMATE: f64 = 30.0;
 
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 use lenscube_pipeline::design::System;
 use lenscube_pipeline::design::glass::{Dispersion, Glass};
-use lenscube_pipeline::design::pupil::unit_interval;
+use lenscube_pipeline::design::quadrature::unit_interval;
 use lenscube_pipeline::design::ray::Tracer;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface};
 use lenscube_pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions};
@@ -104,7 +104,7 @@ fn check(name: &str, system: &System, height_mm: f64) {
     let tracer = Tracer::new(system, 0.55).unwrap();
     let last = tracer.field_of_height(height_mm).unwrap();
     let object: f64 = unit_interval(24)
-        .into_iter()
+        .iter()
         .map(|(u, w)| {
             let tan = last * u;
             let element = match system.object_distance_mm {

@@ -62,6 +62,10 @@ impl RemapStretch {
             _ if near(1e-3) => units("m", "µm"),
             _ if near(10.0) => units("tenths of a mm", "cm"),
             _ if near(0.1) => units("cm", "tenths of a mm"),
+            near_axis if near_axis < MAX_USUAL_STRETCH && self.range.1 > MAX_USUAL_STRETCH => {
+                "towards 90 degrees off the axis a flat chart is stretched without limit: make the film smaller (`--film-size`)"
+                    .into()
+            }
             _ => {
                 "check ideal_height and image_height of the lens, expected mm for both (`lenscube lens show`)"
                     .into()

@@ -8,7 +8,7 @@
 use crate::real;
 use std::f64::consts::PI;
 
-use super::pupil::unit_interval;
+use super::quadrature::unit_interval;
 
 /// Half-width of the interpolation kernel, samples.
 const HALF: i64 = 20;
@@ -36,7 +36,7 @@ impl FilmPixels {
             // Separately between neighbouring samples: the ends of the kernel are not smooth there.
             for near in a.floor() as i64..b.ceil() as i64 {
                 let (from, to) = (a.max(near as f64), b.min(near as f64 + 1.0));
-                for (t, g) in &quadrature {
+                for (t, g) in quadrature.iter() {
                     let u = from + (to - from) * t;
                     let sum: f64 = (near - HALF..=near + HALF + 1).map(|j| interpolant(u - j as f64)).sum();
                     for (j, w) in (first..=last).zip(&mut w) {

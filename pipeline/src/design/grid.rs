@@ -15,8 +15,9 @@ use std::f64::consts::PI;
 use rayon::prelude::*;
 
 use super::error::DesignError;
-use super::kernels::{Kernels, Pupils, l1, mean};
+use super::kernels::{Kernels, l1, mean};
 use super::options::{Azimuths, PsfHeights, TraceOptions};
+use super::pupils::Pupils;
 use super::refine::{
     Budget, CellError, MAX_AZIMUTHS, MIN_PSFS, NodeError, Refinement, max_psfs, max_samples, round_azimuths,
     summary,

@@ -1,6 +1,4 @@
-//! Film-pixel kernels of one band at any height and azimuth, with exact rotation, and the pupil functions they are computed from.
-//!
-//! The rays of a height are traced once, for its kernels of all azimuths and for the PSF of the pack.
+//! Film-pixel kernels of one band at any height and azimuth, with exact rotation.
 
 use std::collections::BTreeMap;
 
@@ -9,57 +7,7 @@ use rayon::prelude::*;
 use super::error::DesignError;
 use super::film_pixel::FilmPixels;
 use super::psf::{PsfGrid, PsfScratch, PupilFunction};
-use super::ray::Tracer;
-
-/// Pupil functions by real image height (mm, as bits, which are ordered).
-pub(crate) struct Pupils<'a> {
-    tracer: &'a Tracer<'a>,
-    functions: BTreeMap<u64, PupilFunction>,
-    /// Those of the first heights: the grids that others begin with.
-    first: Vec<PupilFunction>,
-}
-
-impl<'a> Pupils<'a> {
-    /// Traces those of the ascending `heights` [mm].
-    pub(crate) fn new(tracer: &'a Tracer<'a>, heights: &[f64]) -> Result<Self, DesignError> {
-        let mut pupils = Self { tracer, functions: BTreeMap::new(), first: Vec::new() };
-        pupils.trace(heights.iter().copied())?;
-        pupils.first = heights.iter().map(|h| pupils.at(*h).clone()).collect();
-        Ok(pupils)
-    }
-
-    /// Traces those of `heights` [mm] that are missing.
-    pub(crate) fn trace(&mut self, heights: impl Iterator<Item = f64>) -> Result<(), DesignError> {
-        let mut missing: Vec<u64> = heights.map(f64::to_bits).collect();
-        missing.sort_unstable();
-        missing.dedup();
-        missing.retain(|h| !self.functions.contains_key(h));
-        let traced: Result<Vec<(u64, PupilFunction)>, DesignError> = missing
-            .into_par_iter()
-            .map(|h| {
-                let tan = self.tracer.field_of_height(f64::from_bits(h))?;
-                Ok((h, PupilFunction::trace_from(self.tracer, tan, self.nearest(f64::from_bits(h)))?))
-            })
-            .collect();
-        self.functions.extend(traced?);
-        Ok(())
-    }
-
-    fn nearest(&self, height: f64) -> Option<&PupilFunction> {
-        let distance = |f: &&PupilFunction| (f.height_mm - height).abs();
-        self.first.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
-    }
-
-    /// That of `height` [mm], which has been traced.
-    pub(crate) fn at(&self, height: f64) -> &PupilFunction {
-        &self.functions[&height.to_bits()]
-    }
-
-    /// Removes all but those of `heights`.
-    pub(crate) fn keep(&mut self, heights: &[f64]) {
-        self.functions.retain(|h, _| heights.contains(&f64::from_bits(*h)));
-    }
-}
+use super::pupils::Pupils;
 
 /// Height [mm] and azimuth [rad] of a kernel, as bits.
 type Key = (u64, u64);
@@ -94,7 +42,7 @@ impl<'a> Kernels<'a> {
         pupils: &mut Pupils<'_>,
         requested: &[(f64, f64)],
     ) -> Result<usize, DesignError> {
-        pupils.trace(requested.iter().map(|(height, _)| *height))?;
+        pupils.prepare(requested.iter().map(|(height, _)| *height))?;
         let mut missing: Vec<Key> = requested.iter().map(|(h, a)| key(*h, *a)).collect();
         missing.sort_unstable();
         missing.dedup();

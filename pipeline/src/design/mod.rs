@@ -5,9 +5,11 @@
 //! 2. [`paraxial`]: pupils and focal lengths by first-order optics; [`mod@describe`] lists them.
 //! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`]; `aim` finds the pupil of each field
 //!    point, `field` the field point of an image height, `aiming_check` whether paraxial aiming is accurate enough.
-//! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling. [`bundle`]: its rays.
+//!    [`crossing`]: surfaces that cross.
+//! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling. [`bundle`]: its rays. `pupil_disc`: those over the whole pupil.
 //! 5. [`illumination`]: RI, the light of a bundle per area of the film. [`psf`]: a Huygens sum over its rays, by [`nufft`] and `fourier`. [`spots`]: spot
 //!    diagrams and best focus. [`field_figures`]: figures from rays alone.
+//!    `pupils`: the pupil functions of a band, interpolated between traced heights.
 //! 6. [`mod@trace`]: the tables of one band of a [`crate::lens::Lens`]: window chosen by energy, heights and azimuths by error.
 //!
 //! Coordinates: z along the light, the field point's image on +x; symmetric about the meridian y = 0. mm, wavelengths in µm.
@@ -18,6 +20,7 @@ mod aiming_check;
 pub mod bundle;
 mod chebyshev;
 pub mod codev;
+pub mod crossing;
 pub mod describe;
 mod draft;
 pub mod error;
@@ -39,7 +42,10 @@ pub mod oslo;
 pub mod paraxial;
 pub mod psf;
 pub mod pupil;
+mod pupil_disc;
 mod pupil_function;
+mod pupils;
+pub mod quadrature;
 pub mod ray;
 pub mod reading;
 mod refine;

@@ -15,7 +15,7 @@ use std::f64::consts::{PI, TAU};
 use rustfft::num_complex::Complex;
 
 use super::fourier::{Block, Fft, LANES, good_size};
-use super::pupil::unit_interval;
+use super::quadrature::unit_interval;
 use crate::real;
 
 /// Kernel width in cells.

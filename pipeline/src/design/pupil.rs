@@ -14,7 +14,30 @@ use crate::real;
 use std::f64::consts::PI;
 
 use super::error::DesignError;
+use super::quadrature::{rounded, unit_interval};
 use super::ray::Tracer;
+
+/// Overshoot at pupil coordinates (p, q), and its surface; negative inside.
+pub(super) type Overshoot<'a> = dyn Fn(f64, f64) -> (f64, usize) + 'a;
+
+/// Where the light of a field point passes its pupil.
+#[derive(Clone, Copy)]
+pub(super) struct Openings<'a> {
+    /// Maximum overshoot of the apertures, if there are any.
+    pub(super) over: Option<&'a Overshoot<'a>>,
+    /// Overshoot of the part that central obscurations hide, if there are any.
+    pub(super) hidden: Option<&'a Overshoot<'a>>,
+}
+
+/// Calls `with` with the openings of the field point at `tan`, determined by rays.
+pub(super) fn with_openings<T>(tracer: &Tracer<'_>, tan: f64, with: impl FnOnce(Openings<'_>) -> T) -> T {
+    let over = |p: f64, q: f64| tracer.overshoot(tan, p, q);
+    let hidden = |p: f64, q: f64| tracer.overshoot_of_hidden(tan, p, q);
+    with(Openings {
+        over: tracer.has_apertures().then_some(&over),
+        hidden: tracer.has_obscurations().then_some(&hidden),
+    })
+}
 
 /// An interval of θ with one rim.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,22 +56,17 @@ pub struct Segment {
 
 impl Segment {
     /// The upper half of the unit circle.
-    const OPEN: Self = Self { from: 0.0, to: PI, limit: None, centre: 0.0, sign: 1.0 };
+    pub(super) const OPEN: Self = Self { from: 0.0, to: PI, limit: None, centre: 0.0, sign: 1.0 };
 
     fn is_open(&self) -> bool {
         *self == Self::OPEN
     }
 
     /// B(θ) at ascending angles, to 1e-9.
-    pub fn radii(&self, tracer: &Tracer<'_>, tan: f64, angles: impl Iterator<Item = f64>) -> Vec<f64> {
-        if self.is_open() {
-            return angles.map(|_| 1.0).collect();
-        }
-        let over = |p: f64, q: f64| match self.sign > 0.0 {
-            true => tracer.overshoot(tan, p, q),
-            false => tracer.overshoot_of_hidden(tan, p, q),
-        };
-        let domain = Domain { over: &over, centre: self.centre };
+    pub(super) fn radii(&self, openings: Openings<'_>, angles: impl Iterator<Item = f64>) -> Vec<f64> {
+        let over = if self.sign > 0.0 { openings.over } else { openings.hidden };
+        let Some(over) = over.filter(|_| !self.is_open()) else { return angles.map(|_| 1.0).collect() };
+        let domain = Domain { over, centre: self.centre };
         let mut near = None;
         angles
             .map(|theta| {
@@ -69,7 +87,7 @@ pub struct Pupil {
 
 /// A domain of the pupil: the points where `over` is not positive.
 struct Domain<'a> {
-    over: &'a dyn Fn(f64, f64) -> (f64, usize),
+    over: &'a Overshoot<'a>,
     centre: f64,
 }
 
@@ -100,27 +118,30 @@ impl Pupil {
     /// # Errors
     /// [`DesignError::Ray`] if all rays are blocked.
     pub fn new(tracer: &Tracer<'_>, tan: f64) -> Result<Self, DesignError> {
+        with_openings(tracer, tan, Self::within).ok_or_else(|| {
+            tracer.ray_error(tan, 0.0, 0.0, "and all others are blocked by apertures".to_owned())
+        })
+    }
+
+    /// The open pupil within `openings`; none if all is blocked.
+    pub(super) fn within(openings: Openings<'_>) -> Option<Self> {
         let mut pupil = Self { segments: vec![Segment::OPEN] };
-        if tracer.has_apertures() {
-            let over = |p: f64, q: f64| tracer.overshoot(tan, p, q);
-            let angles = scan();
-            let is_open = angles.iter().all(|a| over(real::cos(*a), real::sin(*a)).0 <= 0.0);
+        if let Some(over) = openings.over {
+            let is_open = scan().iter().all(|a| over(real::cos(*a), real::sin(*a)).0 <= RIM);
             if !(is_open && over(0.0, 0.0).0 <= 0.0) {
-                let centre = find_centre(&over).ok_or_else(|| blocked(tracer, tan))?;
-                pupil.segments = Domain { over: &over, centre }.segments(1.0);
+                pupil.segments = Domain { over, centre: find_centre(over)? }.segments(1.0);
             }
         }
-        if tracer.has_obscurations() {
-            let over = |p: f64, q: f64| tracer.overshoot_of_hidden(tan, p, q);
-            if let Some(centre) = find_centre(&over) {
-                pupil.segments.extend(Domain { over: &over, centre }.segments(-1.0));
+        if let Some(over) = openings.hidden {
+            if let Some(centre) = find_centre(over) {
+                pupil.segments.extend(Domain { over, centre }.segments(-1.0));
             }
-            let area: f64 = pupil.nodes(tracer, tan, 4, 8).iter().map(|n| n.weight).sum();
+            let area: f64 = pupil.nodes_within(openings, 4, 8).iter().map(|n| n.weight).sum();
             if area <= MIN_AREA {
-                return Err(blocked(tracer, tan));
+                return None;
             }
         }
-        Ok(pupil)
+        Some(pupil)
     }
 
     /// Whether the same surfaces limit it in the same order.
@@ -132,11 +153,15 @@ impl Pupil {
 
     /// Quadrature nodes: `rings` in ρ, about `spokes` in θ over the half circle.
     pub fn nodes(&self, tracer: &Tracer<'_>, tan: f64, rings: usize, spokes: usize) -> Vec<PupilNode> {
+        with_openings(tracer, tan, |openings| self.nodes_within(openings, rings, spokes))
+    }
+
+    fn nodes_within(&self, openings: Openings<'_>, rings: usize, spokes: usize) -> Vec<PupilNode> {
         let radial = unit_interval(rings);
         let mut nodes = Vec::with_capacity(rings * (spokes + 8));
         for segment in &self.segments {
             let angles = self.angles(segment, spokes);
-            let rims = segment.radii(tracer, tan, angles.iter().map(|a| a.0));
+            let rims = segment.radii(openings, angles.iter().map(|a| a.0));
             for ((theta, wt), b) in angles.into_iter().zip(rims) {
                 let (s, c) = real::sin_cos(theta);
                 nodes.extend(radial.iter().map(|(rho, wr)| PupilNode {
@@ -157,8 +182,8 @@ impl Pupil {
         }
         let span = segment.to - segment.from;
         // Gauss-Legendre needs π/2 times the midpoint rule's density.
-        let n = (spokes as f64 * span / PI * 1.6).ceil() as usize + 6;
-        unit_interval(n).into_iter().map(|(t, w)| (segment.from + span * t, span * w)).collect()
+        let n = rounded((spokes as f64 * span / PI * 1.6).ceil() as usize + 6);
+        unit_interval(n).iter().map(|(t, w)| (segment.from + span * t, span * w)).collect()
     }
 }
 
@@ -166,17 +191,23 @@ fn scan() -> Vec<f64> {
     (0..SCAN).map(|i| PI * i as f64 / (SCAN - 1) as f64).collect()
 }
 
-fn blocked(tracer: &Tracer<'_>, tan: f64) -> DesignError {
-    tracer.ray_error(tan, 0.0, 0.0, "and all others are blocked by apertures".to_owned())
-}
-
-/// Middle of the part of the meridian where `over` is not positive.
-fn find_centre(over: &dyn Fn(f64, f64) -> (f64, usize)) -> Option<f64> {
+/// Middle of the part of the meridian where `over` is not positive, to [`RIM`]: a smooth function of the field angle.
+fn find_centre(over: &Overshoot<'_>) -> Option<f64> {
+    let is_open = |p: f64| over(p, 0.0).0 <= RIM;
+    let edge = |mut open: f64, mut closed: f64| {
+        while (open - closed).abs() > RIM {
+            let middle = 0.5 * (open + closed);
+            if is_open(middle) { open = middle } else { closed = middle }
+        }
+        open
+    };
     let open = |steps: i32| {
         let at: Vec<f64> = (0..=steps).map(|i| 2.0 * f64::from(i) / f64::from(steps) - 1.0).collect();
-        let first = at.iter().position(|p| over(*p, 0.0).0 <= 0.0)?;
-        let last = at.iter().rposition(|p| over(*p, 0.0).0 <= 0.0)?;
-        Some(0.5 * (at[first] + at[last]))
+        let first = at.iter().position(|p| is_open(*p))?;
+        let last = at.iter().rposition(|p| is_open(*p))?;
+        let from = if first == 0 { -1.0 } else { edge(at[first], at[first - 1]) };
+        let to = at.get(last + 1).map_or(1.0, |closed| edge(at[last], *closed));
+        Some(0.5 * (from + to))
     };
     // Finer if the open part is narrow.
     [64, 1024].into_iter().find_map(open)
@@ -227,7 +258,8 @@ impl Domain<'_> {
         let edge = -along + (along * along + 1.0 - self.centre * self.centre).max(0.0).sqrt();
         let over = |r: f64| (self.over)(self.centre + r * c, r * s);
         let outer = over(edge);
-        if outer.0 <= 0.0 {
+        // An aperture that touches the unit circle is not a rim of its own.
+        if outer.0 <= RIM {
             return (edge, None);
         }
         // The secant method within a bracket, from the rim nearby: the overshoot grows about as r²/B² − 1.
@@ -262,47 +294,5 @@ impl Domain<'_> {
             }
         }
         (r.clamp(low, high), Some(surface))
-    }
-}
-
-/// Gauss-Legendre nodes and weights on [0, 1], ascending.
-pub fn unit_interval(n: usize) -> Vec<(f64, f64)> {
-    let mut out = vec![(0.5, 1.0); n];
-    for i in 0..n.div_ceil(2) {
-        let mut x = real::cos(PI * (i as f64 + 0.75) / (n as f64 + 0.5));
-        let mut slope = 1.0;
-        for _ in 0..100 {
-            let (mut p, mut before) = (1.0, 0.0);
-            for k in 0..n {
-                let k = k as f64;
-                (p, before) = (((2.0 * k + 1.0) * x * p - k * before) / (k + 1.0), p);
-            }
-            slope = n as f64 * (x * p - before) / (x * x - 1.0);
-            let step = p / slope;
-            x -= step;
-            if step.abs() < 1e-15 {
-                break;
-            }
-        }
-        let w = 1.0 / ((1.0 - x * x) * slope * slope);
-        out[i] = (0.5 - 0.5 * x, w);
-        out[n - 1 - i] = (0.5 + 0.5 * x, w);
-    }
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn gauss_legendre_is_exact_up_to_its_degree() {
-        for n in [1_usize, 2, 5, 24, 300] {
-            let nodes = unit_interval(n);
-            for power in [0, 1, 2 * n - 1] {
-                let sum: f64 = nodes.iter().map(|(x, w)| w * x.powi(power as i32)).sum();
-                assert!((sum - 1.0 / (power as f64 + 1.0)).abs() < 1e-13, "n {n} power {power}");
-            }
-        }
     }
 }

@@ -11,27 +11,36 @@ use rustfft::num_complex::Complex;
 
 use super::chebyshev::{chebyshev, lagrange};
 use super::error::DesignError;
-use super::pupil::{Pupil, Segment, unit_interval};
+use super::pupil::{Openings, Pupil, Segment, with_openings};
+use super::quadrature::{rounded, unit_interval};
 use super::ray::{ImageRay, Tracer};
 
 /// Maximum error of the interpolated phase, rad, and relative error of the amplitude.
 const SMOOTH_TOLERANCE: f64 = 1e-5;
 /// Maximum half-width of a window for the phase tolerance, µm: 401 film pixels of 2 µm.
-const MAX_REACH_UM: f64 = 401.0;
+pub(super) const MAX_REACH_UM: f64 = 401.0;
 
 /// Points that a direction begins with (ρ, θ), and those from which on it is not refined.
 const POINTS: [(usize, usize); 2] = [(12, 14), (60, 70)];
 /// Places between the points where the error is determined: ρ, and the share of the segment in θ.
-const RHO: [f64; 4] = [0.013, 0.51, 0.96, 0.999];
-const THETA: [f64; 4] = [0.011, 0.34, 0.72, 0.988];
+pub(super) const RHO: [f64; 4] = [0.013, 0.51, 0.96, 0.999];
+pub(super) const THETA: [f64; 4] = [0.011, 0.34, 0.72, 0.988];
+
+/// Margin of the slopes between neighbouring points, which are below the maximum in between.
+const MARGIN: f64 = 1.03;
+/// Groups of rings of equal width in ρ that have their own quadrature.
+const RING_GROUPS: u8 = 4;
+/// Change of phase per unit of θ at the rim from which on they pay, rad: by diffraction at the corner of the window, and by aberrations.
+const WIDE: f64 = 400.0;
+const ABERRATED: f64 = 2000.0;
 
 /// The pupil function of a field point: phase, direction cosines and amplitude over the open pupil's upper half.
 #[derive(Clone, Debug)]
 pub struct PupilFunction {
     /// Wavelength, µm.
     pub wavelength_um: f64,
-    pupil: Pupil,
-    patches: Vec<Patch>,
+    pub(super) pupil: Pupil,
+    pub(super) patches: Vec<Patch>,
     /// Total energy of the field point, in the units of |U|²·µm².
     energy: f64,
     /// Real chief-ray height, mm.
@@ -42,15 +51,31 @@ pub struct PupilFunction {
 
 /// One segment of the pupil on a Chebyshev grid, θ as the fast index.
 #[derive(Clone, Debug)]
-struct Patch {
-    segment: Segment,
-    rings: usize,
-    spokes: usize,
+pub(super) struct Patch {
+    pub(super) segment: Segment,
+    pub(super) rings: usize,
+    pub(super) spokes: usize,
     /// W [µm], L, M, amplitude × B², flux / N × B², each rings × spokes; the last two negative behind an obscuration.
-    tables: [Vec<f64>; 5],
-    /// Bounds of |d(L, M)| and of |x dL + y dM| [µm] along ρ and along θ.
-    radial: (f64, f64),
-    angular: (f64, f64),
+    pub(super) tables: [Vec<f64>; 5],
+    /// Maxima of |d(L, M)| and of |dW| = |x dL + y dM| [µm]: along ρ from each ring to the next, and along θ, over ρ, on each ring.
+    radial: Vec<(f64, f64)>,
+    angular: Vec<(f64, f64)>,
+}
+
+/// Errors of the values of a patch: of the phase at the edge of the largest window in rad, of amplitude and flux relative to their maxima.
+struct Errors([f64; 5]);
+
+impl Errors {
+    fn new(wavelength_um: f64, patch: &Patch) -> Self {
+        let k = 2.0 * PI / wavelength_um;
+        let size = |table: &Vec<f64>| table.iter().fold(1e-300_f64, |a, v| a.max(v.abs()));
+        let [.., amplitude, flux] = &patch.tables;
+        Self([k, k * MAX_REACH_UM, k * MAX_REACH_UM, 1.0 / size(amplitude), 1.0 / size(flux)])
+    }
+
+    fn worst(&self, a: &[f64; 5], b: &[f64; 5]) -> f64 {
+        (0..5).map(|i| self.0[i] * (a[i] - b[i]).abs()).fold(0.0, f64::max)
+    }
 }
 
 /// A plane wavelet.
@@ -64,96 +89,81 @@ pub struct Wavelet {
     pub c: Complex<f64>,
 }
 
-/// Samples of the pupil function of one field point.
-struct Sampler<'a> {
-    tracer: &'a Tracer<'a>,
+/// Phase [µm], direction cosines, amplitude and flux / N at pupil coordinates (p, q).
+pub(super) type Values<'a> = dyn Fn(f64, f64) -> Result<[f64; 5], DesignError> + 'a;
+
+/// Calls `with` with the values of the rays of the field point at `tan`, whose chief ray is given.
+pub(super) fn with_ray_values<T>(
+    tracer: &Tracer<'_>,
     tan: f64,
-    chief: ImageRay,
+    chief: &ImageRay,
+    with: impl FnOnce(&Values<'_>) -> T,
+) -> T {
+    with(&|p, q| {
+        let r = tracer.ray(tan, p, q)?;
+        let (dx, dy) = (r.x.v - chief.x.v, r.y.v);
+        let path = r.path.v - chief.path.v - r.l.v * dx - r.m.v * dy;
+        Ok([path * 1e3, r.l.v, r.m.v, (r.flux * r.solid_angle() / r.n).sqrt(), r.flux / r.n])
+    })
+}
+
+/// Samples of the pupil function of one field point.
+pub(super) struct Sampler<'a> {
+    pub(super) wavelength_um: f64,
+    pub(super) openings: Openings<'a>,
+    pub(super) values: &'a Values<'a>,
 }
 
 impl Sampler<'_> {
-    /// Rim of `segment` at ascending angles; the search for it costs some rays each.
+    /// Rim of `segment` at ascending angles.
     fn rims(&self, segment: &Segment, angles: &[f64]) -> Vec<f64> {
-        segment.radii(self.tracer, self.tan, angles.iter().copied())
+        segment.radii(self.openings, angles.iter().copied())
     }
 
-    /// The values of [`Patch::tables`] at (ρ, θ) of `segment` with the rim `b`, and their ray.
-    fn at(
-        &self,
-        segment: &Segment,
-        rho: f64,
-        theta: f64,
-        b: f64,
-    ) -> Result<([f64; 5], ImageRay), DesignError> {
+    /// The values of [`Patch::tables`] at (ρ, θ) of `segment` with the rim `b`.
+    fn at(&self, segment: &Segment, rho: f64, theta: f64, b: f64) -> Result<[f64; 5], DesignError> {
         let (s, c) = real::sin_cos(theta);
-        let r = self.tracer.ray(self.tan, segment.centre + rho * b * c, rho * b * s)?;
-        let (dx, dy) = (r.x.v - self.chief.x.v, r.y.v);
-        let path = r.path.v - self.chief.path.v - r.l.v * dx - r.m.v * dy;
+        let [w, l, m, amplitude, flux] = (self.values)(segment.centre + rho * b * c, rho * b * s)?;
         let area = segment.sign * b * b;
-        let amplitude = (r.flux * r.solid_angle() / r.n).sqrt() * area;
-        Ok(([path * 1e3, r.l.v, r.m.v, amplitude, r.flux / r.n * area], r))
+        Ok([w, l, m, amplitude * area, flux * area])
     }
 
-    /// The patch of `segment` on a grid of `rings` × `spokes`; `extent` grows to that of its direction cosines.
-    fn patch(
-        &self,
-        segment: Segment,
-        (rings, spokes): (usize, usize),
-        extent: &mut (f64, f64, f64),
-    ) -> Result<Patch, DesignError> {
+    /// The patch of `segment` on a grid of `rings` × `spokes`.
+    fn patch(&self, segment: Segment, (rings, spokes): (usize, usize)) -> Result<Patch, DesignError> {
         let (rho, theta) = (chebyshev(rings, 0.0, 1.0), chebyshev(spokes, segment.from, segment.to));
         let rims = self.rims(&segment, &theta);
         let mut tables = [const { Vec::new() }; 5];
-        let (mut radial, mut angular) = ((0.0_f64, 0.0_f64), (0.0_f64, 0.0_f64));
         for r in &rho {
             for (t, b) in std::iter::zip(&theta, &rims) {
-                let (values, ray) = self.at(&segment, *r, *t, *b)?;
-                for (table, v) in tables.iter_mut().zip(values) {
-                    table.push(v);
-                }
-                *extent = (extent.0.min(ray.l.v), extent.1.max(ray.l.v), extent.2.max(ray.m.v));
-                let (s, c) = real::sin_cos(*t);
-                let shift = [(ray.x.v - self.chief.x.v) * 1e3, ray.y.v * 1e3];
-                for (bound, [p, q]) in [(&mut radial, [c, s]), (&mut angular, [-s * r, c * r])] {
-                    let (dl, dm) =
-                        (b * (ray.l.d[0] * p + ray.l.d[1] * q), b * (ray.m.d[0] * p + ray.m.d[1] * q));
-                    bound.0 = bound.0.max(real::hypot(dl, dm));
-                    bound.1 = bound.1.max((shift[0] * dl + shift[1] * dm).abs());
-                }
+                let values = self.at(&segment, *r, *t, *b)?;
+                tables.iter_mut().zip(values).for_each(|(table, v)| table.push(v));
             }
         }
-        Ok(Patch { segment, rings, spokes, tables, radial, angular })
+        Ok(Patch::new(segment, rings, spokes, tables))
     }
 
     /// Maximum error of `patch` at the places `rho` × `theta`, over the tolerance.
     fn error(&self, patch: &Patch, rho: &[f64], theta: &[f64]) -> Result<f64, DesignError> {
-        let k = 2.0 * PI / self.tracer.wavelength_um;
-        let size = |table: &Vec<f64>| table.iter().fold(1e-300_f64, |a, v| a.max(v.abs()));
-        let [.., amplitude, flux] = &patch.tables;
-        let weight = [k, k * MAX_REACH_UM, k * MAX_REACH_UM, 1.0 / size(amplitude), 1.0 / size(flux)];
+        let errors = Errors::new(self.wavelength_um, patch);
         let mut worst = 0.0_f64;
         for (t, b) in theta.iter().zip(self.rims(&patch.segment, theta)) {
             for r in rho {
-                let (expected, _) = self.at(&patch.segment, *r, *t, b)?;
-                let found = patch.at(*r, *t);
-                for i in 0..5 {
-                    worst = worst.max(weight[i] * (found[i] - expected[i]).abs());
-                }
+                let expected = self.at(&patch.segment, *r, *t, b)?;
+                worst = worst.max(errors.worst(&patch.at(*r, *t), &expected));
             }
         }
         Ok(worst / SMOOTH_TOLERANCE)
     }
 
     /// The patch of `segment`, refined from a grid of `points` on until its error is below the tolerance.
-    fn accurate_patch(
+    pub(super) fn accurate_patch(
         &self,
         segment: Segment,
         mut points: (usize, usize),
-        extent: &mut (f64, f64, f64),
     ) -> Result<Patch, DesignError> {
         let between = THETA.map(|t| segment.from + t * (segment.to - segment.from));
         loop {
-            let patch = self.patch(segment, points, extent)?;
+            let patch = self.patch(segment, points)?;
             if self.error(&patch, &RHO, &between)? < 1.0 {
                 return Ok(patch);
             }
@@ -174,6 +184,26 @@ impl Sampler<'_> {
     }
 }
 
+impl Sampler<'_> {
+    /// The patch of the unit circle, on a grid of at least `points`; none if the largest grid is not enough.
+    pub(super) fn open_patch(&self, points: Option<(usize, usize)>) -> Result<Option<Patch>, DesignError> {
+        let patch = self.accurate_patch(Segment::OPEN, points.unwrap_or(POINTS[0]))?;
+        let is_largest = patch.rings >= POINTS[1].0 || patch.spokes >= POINTS[1].1;
+        Ok(Some(patch).filter(|_| !is_largest))
+    }
+
+    /// The patches of `pupil`, beginning with the grids of `nearby` if it has the same rims.
+    pub(super) fn patches(
+        &self,
+        pupil: &Pupil,
+        nearby: Option<&PupilFunction>,
+    ) -> Result<Vec<Patch>, DesignError> {
+        let like = nearby.filter(|f| f.pupil.has_rims_of(pupil));
+        let points = |i: usize| like.map_or(POINTS[0], |f| (f.patches[i].rings, f.patches[i].spokes));
+        pupil.segments.iter().enumerate().map(|(i, s)| self.accurate_patch(*s, points(i))).collect()
+    }
+}
+
 impl PupilFunction {
     /// Traces the pupil function of the field point at tan(field angle) `tan`.
     ///
@@ -190,18 +220,27 @@ impl PupilFunction {
     pub fn trace_from(tracer: &Tracer<'_>, tan: f64, nearby: Option<&Self>) -> Result<Self, DesignError> {
         let pupil = Pupil::new(tracer, tan)?;
         let chief = tracer.ray(tan, 0.0, 0.0)?;
-        let sampler = Sampler { tracer, tan, chief };
-        let mut extent = (chief.l.v, chief.l.v, 0.0);
-        let like = nearby.filter(|f| f.pupil.has_rims_of(&pupil));
-        let mut patches = Vec::new();
-        for (i, segment) in pupil.segments.iter().enumerate() {
-            let points = like.map_or(POINTS[0], |f| (f.patches[i].rings, f.patches[i].spokes));
-            patches.push(sampler.accurate_patch(*segment, points, &mut extent)?);
-        }
-        let wavelength_um = tracer.wavelength_um;
+        let patches = with_openings(tracer, tan, |openings| {
+            with_ray_values(tracer, tan, &chief, |values| {
+                let sampler = Sampler { wavelength_um: tracer.wavelength_um, openings, values };
+                sampler.patches(&pupil, nearby)
+            })
+        })?;
+        Ok(Self::new(tracer.wavelength_um, pupil, patches, chief.x.v))
+    }
+
+    pub(super) fn new(wavelength_um: f64, pupil: Pupil, patches: Vec<Patch>, height_mm: f64) -> Self {
         let energy: f64 = patches.iter().map(|patch| patch.flux(&pupil)).sum();
         let energy = 2.0 * wavelength_um * wavelength_um * energy;
-        Ok(Self { wavelength_um, pupil, patches, energy, height_mm: chief.x.v, extent })
+        let extent = |table: usize, pick: fn(f64, f64) -> f64, first: f64| {
+            patches.iter().flat_map(|p| &p.tables[table]).fold(first, |a, v| pick(a, *v))
+        };
+        let extent = (
+            extent(1, f64::min, f64::INFINITY),
+            extent(1, f64::max, f64::NEG_INFINITY),
+            extent(2, f64::max, 0.0),
+        );
+        Self { wavelength_um, pupil, patches, energy, height_mm, extent }
     }
 
     /// Wavelets dense enough for a window of ± `reach_um` in x and y, rotated by `azimuth_rad`; `mirrored` adds the lower half of the
@@ -215,34 +254,43 @@ impl PupilFunction {
         for patch in &self.patches {
             // Bounds κ of the change of phase per unit of ρ and of θ. Gauss-Legendre converges from κ/4 nodes on, the midpoint rule on
             // the half circle from κ/2; the additional nodes reduce the error from O(1) to 1e-8.
-            let radial = k * (corner * patch.radial.0 + patch.radial.1);
-            let angular = k * (corner * patch.angular.0 + patch.angular.1);
-            let rings = unit_interval((radial / 4.0 + 2.0 * real::cbrt(radial)) as usize + 10);
-            let spokes = (angular / 2.0 + 2.0 * real::cbrt(angular)) as usize + 10;
-            let spokes = self.pupil.angles(&patch.segment, spokes);
-            let fine = patch.along_theta::<4>(&spokes);
-            let width = spokes.len();
             let to_ring = lagrange(patch.rings, 0.0, 1.0);
             let mut rows = [const { Vec::new() }; 4];
-            out.reserve(rings.len() * width * if mirrored { 2 } else { 1 });
-            for (rho, wr) in rings {
-                let weights = to_ring.weights(rho);
-                for (row, table) in rows.iter_mut().zip(&fine) {
-                    row.clear();
-                    row.resize(width, 0.0);
-                    for (w, source) in weights.iter().zip(table.chunks_exact(width)) {
-                        for (v, s) in row.iter_mut().zip(source) {
-                            *v += w * s;
+            let (diffraction, aberration) = patch.change(0.0, 1.0).1;
+            // Inner rings need fewer spokes, and where rays change least fewer rings.
+            let is_wide = k * corner * diffraction > WIDE || k * aberration > ABERRATED;
+            let groups = if is_wide { RING_GROUPS } else { 1 };
+            for group in 0..groups {
+                let [from, to] = [group, group + 1].map(|g| f64::from(g) / f64::from(groups));
+                let (along_rho, along_theta) = patch.change(from, to);
+                let radial = MARGIN * k * (corner * along_rho.0 + along_rho.1) * (to - from);
+                let angular = MARGIN * k * (corner * along_theta.0 + along_theta.1) * to;
+                let rings = unit_interval(rounded((radial / 4.0 + 2.0 * real::cbrt(radial)) as usize + 10));
+                let spokes = rounded((angular / 2.0 + 2.0 * real::cbrt(angular)) as usize + 10);
+                let spokes = self.pupil.angles(&patch.segment, spokes);
+                let fine = patch.along_theta::<4>(&spokes);
+                let width = spokes.len();
+                out.reserve(rings.len() * width * if mirrored { 2 } else { 1 });
+                for (share, wr) in rings.iter() {
+                    let (rho, wr) = (from + (to - from) * share, (to - from) * wr);
+                    let weights = to_ring.weights(rho);
+                    for (row, table) in rows.iter_mut().zip(&fine) {
+                        row.clear();
+                        row.resize(width, 0.0);
+                        for (w, source) in weights.iter().zip(table.chunks_exact(width)) {
+                            for (v, s) in row.iter_mut().zip(source) {
+                                *v += w * s;
+                            }
                         }
                     }
-                }
-                for (i, (_, wt)) in spokes.iter().enumerate() {
-                    let (sin_w, cos_w) = real::sin_cos(k * rows[0][i]);
-                    let c = Complex::new(cos_w, sin_w) * (rows[3][i] * wr * wt * rho);
-                    let (l, m) = (rows[1][i] - middle, rows[2][i]);
-                    out.push(Wavelet { l: l * cos - m * sin, m: l * sin + m * cos, c });
-                    if mirrored {
-                        out.push(Wavelet { l: l * cos + m * sin, m: l * sin - m * cos, c });
+                    for (i, (_, wt)) in spokes.iter().enumerate() {
+                        let (sin_w, cos_w) = real::sin_cos(k * rows[0][i]);
+                        let c = Complex::new(cos_w, sin_w) * (rows[3][i] * wr * wt * rho);
+                        let (l, m) = (rows[1][i] - middle, rows[2][i]);
+                        out.push(Wavelet { l: l * cos - m * sin, m: l * sin + m * cos, c });
+                        if mirrored {
+                            out.push(Wavelet { l: l * cos + m * sin, m: l * sin - m * cos, c });
+                        }
                     }
                 }
             }
@@ -263,6 +311,41 @@ impl PupilFunction {
 }
 
 impl Patch {
+    /// With the bounds of its tables' derivatives, from the differences between neighbouring points.
+    pub(super) fn new(segment: Segment, rings: usize, spokes: usize, tables: [Vec<f64>; 5]) -> Self {
+        let (rho, theta) = (chebyshev(rings, 0.0, 1.0), chebyshev(spokes, segment.from, segment.to));
+        let bound = |(most, shift): (f64, f64), a: usize, b: usize, step: f64| {
+            let slope = |table: &Vec<f64>| (table[b] - table[a]) / step;
+            let [w, l, m, ..] = &tables;
+            (most.max(real::hypot(slope(l), slope(m))), shift.max(slope(w).abs()))
+        };
+        let radial = (0..rings.saturating_sub(1))
+            .map(|i| {
+                let pairs = (i * spokes..(i + 1) * spokes).map(|at| (at, at + spokes));
+                pairs.fold((0.0, 0.0), |most, (a, b)| bound(most, a, b, rho[i + 1] - rho[i]))
+            })
+            .collect();
+        let angular = (0..rings)
+            .map(|i| {
+                let steps = (0..spokes.saturating_sub(1)).map(|j| (i * spokes + j, theta[j + 1] - theta[j]));
+                steps.fold((0.0, 0.0), |most, (at, step)| bound(most, at, at + 1, rho[i] * step))
+            })
+            .collect();
+        Self { segment, rings, spokes, tables, radial, angular }
+    }
+
+    /// Maxima of |d(L, M)| and |dW| between two values of ρ: along ρ, and along θ over ρ.
+    fn change(&self, from: f64, to: f64) -> ((f64, f64), (f64, f64)) {
+        let rho = chebyshev(self.rings, 0.0, 1.0);
+        let most = |a: (f64, f64), b: &(f64, f64)| (a.0.max(b.0), a.1.max(b.1));
+        // With the ring before and the ring behind.
+        let first = rho.partition_point(|r| *r < from).saturating_sub(1);
+        let last = rho.partition_point(|r| *r <= to).min(self.rings - 1);
+        let radial = &self.radial[first.min(self.radial.len())..last.min(self.radial.len())];
+        let maximum = |bounds: &[(f64, f64)]| bounds.iter().fold((0.0, 0.0), most);
+        (maximum(radial), maximum(&self.angular[first..=last]))
+    }
+
     /// The first N tables at the angles of `spokes`: rings × spokes.
     fn along_theta<const N: usize>(&self, spokes: &[(f64, f64)]) -> [Vec<f64>; N] {
         let basis = lagrange(self.spokes, self.segment.from, self.segment.to);
@@ -286,7 +369,8 @@ impl Patch {
         })
     }
 
-    fn at(&self, rho: f64, theta: f64) -> [f64; 5] {
+    /// The values at (ρ, θ).
+    pub(super) fn at(&self, rho: f64, theta: f64) -> [f64; 5] {
         let fine = self.along_theta::<5>(&[(theta, 1.0)]);
         let w = lagrange(self.rings, 0.0, 1.0).weights(rho);
         fine.map(|column| column.iter().zip(&w).map(|(a, b)| a * b).sum())
@@ -301,6 +385,6 @@ impl Patch {
             let rows = to_ring.weights(rho).into_iter().zip(fine.chunks_exact(angles.len()));
             rows.map(|(w, row)| w * row.iter().zip(&angles).map(|(v, a)| v * a.1).sum::<f64>()).sum()
         };
-        unit_interval(16).into_iter().map(|(rho, w)| w * rho * ring(rho)).sum()
+        unit_interval(16).iter().map(|(rho, w)| w * rho * ring(*rho)).sum()
     }
 }

@@ -201,7 +201,10 @@ impl<'a> Tracer<'a> {
         let advice = match self.system.aiming {
             _ if tan == 0.0 => "use a smaller aperture: the lens does not transmit the axial bundle",
             RayAiming::Paraxial => "use a smaller field, or aim rays at the real stop (`--aiming real`)",
-            RayAiming::Real => "use a smaller field",
+            RayAiming::Real if self.has_apertures => "use a smaller field",
+            RayAiming::Real => {
+                "use a smaller field, or give the surfaces their clear radii, which block such rays"
+            }
         };
         DesignError::Ray { px, py, field_tan: tan, wavelength_um: self.wavelength_um, problem, advice }
     }
@@ -305,6 +308,42 @@ impl<'a> Tracer<'a> {
     pub fn passes(&self, tan: f64, p: f64, q: f64) -> bool {
         let clip = self.clip(tan, p, q);
         clip.over.0 <= 0.0 && clip.hidden.0 > 0.0
+    }
+
+    /// The surfaces with an aperture, then those with an obscuration.
+    pub(super) fn limits(&self) -> [Vec<usize>; 2] {
+        let surfaces = || self.system.surfaces.iter().enumerate();
+        let apertures = surfaces().filter(|(_, s)| s.aperture_mm.is_some()).map(|(i, _)| i);
+        let obscurations = surfaces().filter(|(_, s)| s.obscuration_mm.is_some()).map(|(i, _)| i);
+        [apertures.collect(), obscurations.collect()]
+    }
+
+    /// r²/a² − 1 at each of [`Tracer::limits`] for the ray through (p, q), whatever blocks it.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if it does not reach the image.
+    pub(super) fn places(&self, tan: f64, p: f64, q: f64) -> Result<Vec<f64>, DesignError> {
+        let [x, y] = self.aim(tan, p, q)?;
+        let mut ray = self.launch(tan, x.v, y.v);
+        let (mut places, mut hidden) = (Vec::new(), Vec::new());
+        for (i, s) in self.system.surfaces.iter().enumerate() {
+            let lost = |why| self.lost(tan, p, q, Lost { surface: i, why });
+            s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
+            let place = |a: f64| (ray.p[0] * ray.p[0] + ray.p[1] * ray.p[1]) / (a * a) - 1.0;
+            places.extend(s.aperture_mm.map(place));
+            hidden.extend(s.obscuration_mm.map(place));
+            if i < self.system.image() {
+                self.bend(i, &mut ray).map_err(lost)?;
+                ray.p[2] -= s.thickness_mm;
+            }
+        }
+        places.append(&mut hidden);
+        Ok(places)
+    }
+
+    /// Number of surfaces; surfaces of obscurations are counted from here.
+    pub(super) fn surfaces(&self) -> usize {
+        self.system.surfaces.len()
     }
 
     fn clip(&self, tan: f64, p: f64, q: f64) -> Clip {

@@ -75,7 +75,10 @@ impl ShelfLens {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::design::bundle::Bundle;
+    use crate::design::describe::field_tan;
     use crate::design::paraxial::Paraxial;
+    use crate::design::ray::Tracer;
 
     /// Nominal focal length in mm and F-number, of the source or of the product that was made of it.
     #[test]
@@ -96,6 +99,18 @@ mod tests {
             // Lenses are engraved with rounded figures: a 50 mm lens has up to 52 mm.
             assert!((f / mm - 1.0).abs() < 0.03, "{name}: {f} mm");
             assert!((p.image_f_number() / f_number - 1.0).abs() < 0.03, "{name}: f/{}", p.image_f_number());
+        }
+    }
+
+    #[test]
+    fn light_of_the_outermost_field_point_of_every_lens_reaches_the_film() {
+        for lens in LENSES {
+            let system = lens.system();
+            let tracer = Tracer::new(&system, system.primary_um()).unwrap();
+            let tans = system.fields.iter().map(|f| field_tan(&system, &tracer.primary, *f).abs());
+            let bundle = Bundle::trace(&tracer, tans.fold(0.0, f64::max), 12, 16);
+            let bundle = bundle.unwrap_or_else(|e| panic!("{}: {e}", lens.name));
+            assert!(bundle.rays.len() >= 12 * 16 && bundle.chief.x.v > 1.0, "{}", lens.name);
         }
     }
 

@@ -13,10 +13,11 @@ use super::error::DesignError;
 pub use super::estimate::Estimate;
 use super::grid;
 use super::illumination::irradiance_table;
-use super::kernels::{Kernels, Pupils};
+use super::kernels::Kernels;
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 use super::paraxial::Paraxial;
 use super::psf::{PsfGrid, PsfScratch, PupilFunction};
+use super::pupils::Pupils;
 use super::ray::Tracer;
 pub use super::refine::NodeError;
 use super::system::System;
@@ -24,7 +25,7 @@ use super::window::{half_samples, window};
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Incremented when the results for the same design and options change.
-pub const TRACER_VERSION: u32 = 4;
+pub const TRACER_VERSION: u32 = 5;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -140,7 +141,7 @@ impl<'a> LensTrace<'a> {
         drop(kernels);
         report_step("PSFs", 0);
         pupils.keep(&chosen.heights);
-        pupils.trace(chosen.heights.iter().copied())?;
+        pupils.prepare(chosen.heights.iter().copied())?;
         let stack = stack(&pupils, &grid, &chosen.heights);
         report_step("PSFs", chosen.heights.len());
         let report = BandReport {

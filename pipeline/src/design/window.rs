@@ -10,9 +10,9 @@ use rayon::prelude::*;
 
 use super::bundle::Bundle;
 use super::error::DesignError;
-use super::kernels::Pupils;
 use super::options::TraceOptions;
 use super::psf::{PsfGrid, PsfScratch};
+use super::pupils::Pupils;
 use super::ray::Tracer;
 use super::refine::max_side;
 

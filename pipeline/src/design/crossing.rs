@@ -1,0 +1,79 @@
+//! Surfaces that cross within the aperture that light uses: such a prescription cannot be made, and rays go backwards there.
+//!
+//!     gap(r) = t + sag₂(r) − sag₁(r)      t thickness, sag towards +z of the light [mm]; behind a mirror sag₁ counts the other way
+//! The used radius of a surface is that of its meridional rays from three field points, as far as they pass its aperture.
+
+use super::describe::field_tan;
+use super::ray::Tracer;
+use super::system::System;
+
+/// Depth of a crossing that is not one of rounding, mm.
+const DEPTH_MM: f64 = 1e-5;
+/// Radii at which the gap is determined.
+const STEPS: u32 = 200;
+
+/// A note for each pair of neighbouring surfaces that cross.
+pub fn crossings(system: &System) -> Vec<String> {
+    let used = used_radii(system);
+    let pairs = system.surfaces.windows(2).enumerate().take(system.image().saturating_sub(1));
+    pairs
+        .filter_map(|(i, pair)| {
+            let radius = used[i].min(used[i + 1]);
+            let along = if pair[0].is_mirror { -1.0 } else { 1.0 };
+            let radii = (1..=STEPS).map(|k| radius * f64::from(k) / f64::from(STEPS));
+            let crosses = |r: &f64| {
+                let sags = pair[0].shape.sag_mm(*r).zip(pair[1].shape.sag_mm(*r));
+                sags.is_some_and(|(a, b)| pair[0].thickness_mm + b - along * a < -DEPTH_MM)
+            };
+            let at = radii.clone().find(crosses)?;
+            Some(format!(
+                "surfaces {} and {} cross at {at:.3} mm from the axis; light uses them up to {radius:.3} mm: check their radii and the \
+                 thickness of {} mm between them",
+                i + 1,
+                i + 2,
+                pair[0].thickness_mm,
+            ))
+        })
+        .collect()
+}
+
+/// Largest distance from the axis of a meridional ray at each surface, mm; 0 where no ray is known.
+fn used_radii(system: &System) -> Vec<f64> {
+    let mut used = vec![0.0_f64; system.surfaces.len()];
+    let Ok(tracer) = Tracer::new(system, system.primary_um()) else { return used };
+    let fields = system.fields.iter().map(|field| field_tan(system, &tracer.primary, *field).abs());
+    let last = fields.filter(|tan| tan.is_finite()).fold(0.0, f64::max);
+    for tan in [0.0, 0.7 * last, last] {
+        for p in (-10..=10).map(|i| f64::from(i) / 10.0).filter(|p| tracer.passes(tan, *p, 0.0)) {
+            for (radius, (_, x)) in used.iter_mut().zip(tracer.path(tan, p, 0.0).iter().flatten().skip(1)) {
+                *radius = radius.max(x.abs());
+            }
+        }
+    }
+    used
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::shelf::LENSES;
+
+    #[test]
+    fn only_a_thickness_that_is_too_small_makes_surfaces_cross() {
+        for lens in LENSES {
+            let notes = crossings(&lens.system());
+            assert!(notes.is_empty(), "{}: {notes:?}", lens.name);
+        }
+        let mut system = System::double_gauss_28();
+        // The first element: 8.75 mm thick, used up to 33 mm, where its faces are 8 mm nearer than on the axis.
+        system.surfaces[0].thickness_mm = 1.0;
+        let notes = crossings(&system);
+        assert!(notes.len() == 1 && notes[0].starts_with("surfaces 1 and 2 cross at "), "{notes:?}");
+        let mm: f64 = notes[0][26..].split(' ').next().unwrap().parse().unwrap();
+        let gap = |r: f64| {
+            let sag = |i: usize| system.surfaces[i].shape.sag_mm(r).unwrap();
+            1.0 + sag(1) - sag(0)
+        };
+        assert!(gap(mm) < 0.0 && gap(0.97 * mm) > 0.0, "{mm}");
+    }
+}
