@@ -34,6 +34,9 @@ const FRAGMENTATION_SHARE: f64 = 0.08;
 const BANDS_IN_MEMORY: usize = 3;
 /// Chart cache per worker below which neighbouring tiles decode the same chunks again.
 const MIN_CHART_CACHE: usize = 16 << 20;
+/// Memory per byte of decoded chunks in the cache: all threads allocate and free them, and the allocator keeps what it cannot reuse. 199 MiB of
+/// them took 70 MiB more.
+const CHART_CACHE_OVERHEAD: f64 = 1.4;
 /// Spectra per worker below which every block would compute its spectra again.
 const MIN_SPECTRA: usize = 24;
 
@@ -232,7 +235,7 @@ impl MemoryInputs<'_> {
         let useful = (self.chart_rows)(rows as usize);
         // Without chunks (a drawn chart) the cache may be absent.
         let min = if chunks > 0 { useful.min(self.threads * MIN_CHART_CACHE) } else { 0 };
-        (min.max(chunks), useful.max(chunks))
+        (with_overhead(min, chunks), with_overhead(useful, chunks))
     }
 
     /// Cache of spectra: minimum, those that the tiles of the outermost shard use, and those of all nodes of all bands.
@@ -342,13 +345,23 @@ impl Memory {
         Ok(Self {
             limit,
             planned: with_slack(used).min(limit),
-            chart_cache,
+            chart_cache: without_overhead(chart_cache, demand.chunks),
             spectra,
             pinned: pinned / gpus.queues.max(1),
             encoded_shards: queues::MIN_ENCODED_SHARDS + extra,
             decoders: decoders.min(inputs.threads),
         })
     }
+}
+
+/// Memory of a chart cache of `bytes`, of which `chunks` are of the chunks in use.
+fn with_overhead(bytes: usize, chunks: usize) -> usize {
+    chunks.saturating_add((bytes.saturating_sub(chunks) as f64 * CHART_CACHE_OVERHEAD) as usize)
+}
+
+/// The inverse of [`with_overhead`].
+fn without_overhead(memory: usize, chunks: usize) -> usize {
+    chunks + (memory.saturating_sub(chunks) as f64 / CHART_CACHE_OVERHEAD) as usize
 }
 
 /// Bytes in MiB, rounded up, for messages.

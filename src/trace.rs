@@ -25,7 +25,8 @@ const LONG_S: f64 = 10.0;
 const LARGE_MB: f64 = 1000.0;
 /// Samples of PSFs that a core computes in a second, measured on a Xeon with AVX-512.
 const SAMPLES_PER_S: f64 = 3e7;
-/// Time for the rays of a band over that for the rays of its estimate, measured with the built-in lenses: 20 to 40.
+/// Time for the rays of a band over that for the rays of its estimate. With it estimates from 1 s on are 0.5 to 2 of the time that the
+/// built-in lenses take (scripts/bench/2026-11-22-trace).
 const RAYS_PER_ESTIMATE: f64 = 30.0;
 
 /// Runs the command.
@@ -115,8 +116,9 @@ fn estimate(system: &System, options: &TraceOptions) -> Result<(f64, String)> {
         true => "; fewer `--wavelengths`, less `--energy` or a larger `--psf-tolerance` make it smaller",
         false => "",
     };
+    let time = if seconds < 1.0 { "less than 1".into() } else { format!("about {seconds:.0}") };
     let needed = format!(
-        "{} bands, estimated from rays: about {seconds:.0} s; windows of {} to {} px with at least {:.1} % of the light, PSFs of up to {} \
+        "{} bands, estimated from rays: {time} s; windows of {} to {} px with at least {:.1} % of the light, PSFs of up to {} \
          samples a side, at most {} nodes a band, about {megabytes:.0} MB uncompressed in all{way_out}",
         last + 1,
         estimates.iter().map(|e| e.window_px).min().unwrap_or(0),

@@ -70,8 +70,8 @@ fn nufft_psf_equals_the_direct_sum() {
         let worst = slow.iter().zip(&fast).map(|(a, b)| (a - b).abs() / peak).fold(0.0, f64::max);
         let l1 = slow.iter().zip(&fast).map(|(a, b)| (a - b).abs()).sum::<f64>() / slow.iter().sum::<f64>();
         println!("{um} µm, tan {tan}: {worst:.1e} of the peak, L1 {l1:.1e}");
-        // The transform is in f32.
-        assert!(worst < 5e-6 && l1 < 5e-6, "{um} µm: {worst:.2e} of the peak, L1 {l1:.2e}");
+        // The transform is in f32: 2e-6 to 1e-5 of the peak by the density of its points.
+        assert!(worst < 1e-5 && l1 < 1e-5, "{um} µm: {worst:.2e} of the peak, L1 {l1:.2e}");
     }
 }
 

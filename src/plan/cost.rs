@@ -8,11 +8,11 @@ use crate::open::Chart;
 use pipeline::band::BandPlan;
 use pipeline::remap::Remap;
 
-/// Reading and decoding, remap, overlap-add, encoding, writing: 45.9 + 28.9 + 6.6 + 45.9 + 2.6 core seconds for
+/// Reading and decoding, remap, overlap-add, encoding, writing: 50.7 + 18.4 + 7.6 + 22.2 + 4.1 core seconds for
 /// 31 bands of 14141² px, store to store, a chart with 1 % noise.
-const OTHER_STAGES_NS: f64 = 21.0;
-/// Kernels of a band: seconds per PSF sample, from 1.9 s for the 31 traced bands' 21 million samples.
-const KERNEL_S: f64 = 90e-9;
+const OTHER_STAGES_NS: f64 = 16.6;
+/// Kernels of a band: seconds per PSF sample, from 1.6 s for the 31 traced bands' 21 million samples.
+const KERNEL_S: f64 = 76e-9;
 /// Tiles on a GPU at a time: two batches.
 const GPU_TILES: usize = 2 * 16;
 
