@@ -91,7 +91,9 @@ def test_bar_shows_tracing_and_film(tmp_path, monkeypatch, capsys):
 
 
 INTERRUPTED = """
-import lenscube, sys
+import lenscube, signal, sys
+# Jobs that a shell starts in the background ignore SIGINT.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 def show(event):
     if event["event"] == "progress":
         print("running", flush=True)
