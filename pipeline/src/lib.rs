@@ -19,8 +19,8 @@
 //! of a [`lens`]. Remapping is a gather (each film pixel reads the chart), the PSF a scatter (each pixel of the remapped image spreads
 //! over its window), so the remapped image is computed on the film grown by half the PSF window.
 //!
-//! A tile on the CPU: [`executor`] claims the next tile of a band, [`stages`] remaps it and applies the PSF into a buffer of the tile
-//! and its tail, and the buffer is added to the film's open shards in tile order, so the sums have the same bits for any number of
+//! A tile on the CPU: a worker of [`executor`] claims the next tile of a band, in the order of the shards; [`stages`] remaps it and applies the PSF into a buffer of the tile
+//! and its tail, and the buffer is added to each open shard that it reaches after the tiles before it, row by row, so the sums have the same bits for any number of
 //! threads. A shard that no later tile reaches is encoded by a worker and committed by a writer. On a GPU: a queue per device claims a batch
 //! of tiles, workers read their chart rectangles into page-locked memory, the device remaps and applies the PSF, and a collector
 //! downloads the contributions, which are added in the same order.
@@ -59,7 +59,7 @@
 //! - **node**: a grid point of the PSF field (height, azimuth). **kernel**: its PSF integrated over film pixels. **spectrum**: the kernel's Fourier
 //!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels.
 //! - **tile**: unit of computing (about 512 px). **block**: unit of a Fourier transform. **shard**: a stored file of the film. **chunk**: a compressed part
-//!   of a store.
+//!   of a store. **strip**: consecutive rows that are in memory together. **walk**: the order in which workers compute the tiles of a band.
 //! - **film region**: a rectangle of the film (`--roi`). **job**: all that determines the pixels of a film. **unit**: a part of a planned job that
 //!   one process computes. **run**: one execution of a command on a film.
 //! - **batch**, **queue**, **worker**: tiles sent to a GPU together; the order of work of one device; a thread. **claim**, **requeue**, **commit**: take

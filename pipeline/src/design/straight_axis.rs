@@ -49,12 +49,12 @@ impl Break {
         let [dx, dy, dz] = self.decentre_mm;
         let shifted = |v: Vector| [v[0] - dx, v[1] - dy, v[2] - dz];
         match self.tilts_first {
-            true => (shifted(self.turned(point)), self.turned(direction)),
-            false => (self.turned(shifted(point)), self.turned(direction)),
+            true => (shifted(self.rotated(point)), self.rotated(direction)),
+            false => (self.rotated(shifted(point)), self.rotated(direction)),
         }
     }
 
-    fn turned(&self, v: Vector) -> Vector {
+    fn rotated(&self, v: Vector) -> Vector {
         let order = if self.tilts_first { [2, 1, 0] } else { [0, 1, 2] };
         order.into_iter().fold(v, |v, axis| {
             let (sin, cos) = real::sin_cos(self.tilt_deg[axis].to_radians());
