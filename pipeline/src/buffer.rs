@@ -71,7 +71,8 @@ impl ShardPixels {
 
     /// Adds strips of zeros until the first `rows` rows exist; `spare` supplies buffers.
     pub fn reach(&mut self, rows: usize, mut spare: impl FnMut() -> Vec<f32>) {
-        while self.strips.len() * STRIP_ROWS < rows.min(self.size.height) {
+        let allocated = Self::allocated_rows(self.size.height, rows);
+        while self.strips.len() * STRIP_ROWS < allocated {
             let rows = STRIP_ROWS.min(self.size.height - self.strips.len() * STRIP_ROWS);
             let mut strip = spare();
             strip.clear();

@@ -141,6 +141,21 @@ pub fn tiles_needed(
     tiles.into_iter().collect()
 }
 
+/// The shards among `requested`, of the band at `position`, that the contribution of `tile` reaches.
+pub fn shards_reached(
+    tiling: &Tiling,
+    regions: &[FilmRegion],
+    requested: &BTreeSet<ShardId>,
+    position: usize,
+    tile: (usize, usize),
+) -> Vec<ShardId> {
+    let reach = tiling.reach(tile);
+    let ids = regions.iter().enumerate().flat_map(|(region, area)| {
+        area.touched(reach).map(move |(row, col)| ShardId { position, region, row, col })
+    });
+    ids.filter(|id| requested.contains(id)).collect()
+}
+
 /// The tiles of [`tiles_needed`], in the order of the shards that they contribute to, each tile with the first of them: neighbouring
 /// tiles read the same chart and use the same PSFs, and few shards are begun at a time.
 pub fn tiles_by_shard(

@@ -6,7 +6,7 @@ use crate::buffer::{ShardPixels, TileBuffer};
 use crate::clock::Clock;
 use crate::cuda::pool::GpuTile;
 use crate::geometry::Size;
-use crate::plan::{FilmRegion, ShardId};
+use crate::plan::{FilmRegion, ShardId, shards_reached};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -86,7 +86,7 @@ impl<'a> OrderedAdder<'a> {
     /// The shards to compute that the contribution of a tile of the band at `position` reaches.
     pub(super) fn shards(&self, position: usize, tile: (usize, usize)) -> Vec<ShardId> {
         let work = &self.bands[position];
-        self.overlap.shards_reached(position, &work.tiling, &work.shards, tile)
+        shards_reached(&work.tiling, self.overlap.regions, &work.shards, position, tile)
     }
 
     /// Submits a tile. `finished` receives the shards that no later tile reaches, `added` each tile that has been added, with its

@@ -26,7 +26,7 @@ pub(super) struct FinishedShard {
 
 /// The shards under accumulation.
 pub(super) struct OverlapAdd<'a> {
-    regions: &'a [FilmRegion],
+    pub(super) regions: &'a [FilmRegion],
     shards: Mutex<Shards>,
     /// Strips of shards that have been encoded.
     spare: Mutex<Vec<Vec<f32>>>,
@@ -58,21 +58,6 @@ impl<'a> OverlapAdd<'a> {
     pub(super) fn new(regions: &'a [FilmRegion]) -> Self {
         let shards = Shards { open: BTreeMap::new(), discarded: BTreeSet::new() };
         Self { regions, shards: Mutex::new(shards), spare: Mutex::default() }
-    }
-
-    /// The shards among `requested` that the contribution of `tile` of the band at `position` of the job reaches.
-    pub(super) fn shards_reached(
-        &self,
-        position: usize,
-        tiling: &Tiling,
-        requested: &BTreeSet<ShardId>,
-        tile: (usize, usize),
-    ) -> Vec<ShardId> {
-        let reach = tiling.reach(tile);
-        let ids = self.regions.iter().enumerate().flat_map(|(region, area)| {
-            area.touched(reach).map(move |(row, col)| ShardId { position, region, row, col })
-        });
-        ids.filter(|id| requested.contains(id)).collect()
     }
 
     /// Submits the contribution of `tile` of `tiling` to the shards `ids`, which are those it reaches: adds it where it is the next, and

@@ -1,7 +1,8 @@
 //! The sequence of all tiles: bands one after the other, tiles of a band in order, claimed by workers and GPU queues.
 //!
 //! A thread prepares bands one ahead and offers them here. A worker claims a tile within the limits of the band's
-//! [`Walk`](super::walk::Walk), plus [`super::MAX_TILES_AHEAD_PER_WORKER`] tiles per worker, which bounds memory. Batches that a GPU could not compute are requeued and claimed first.
+//! [`Walk`](super::walk::Walk), plus [`super::MAX_TILES_AHEAD_PER_WORKER`] tiles per worker, which bounds memory. Batches that a GPU could
+//! not compute are requeued and claimed first.
 
 use super::signal::Signal;
 use super::work::BandInFlight;

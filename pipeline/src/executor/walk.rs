@@ -8,7 +8,7 @@
 
 use crate::buffer::ShardPixels;
 use crate::geometry::Rect;
-use crate::plan::{FilmRegion, ShardId, Tiling, tiles_by_shard};
+use crate::plan::{FilmRegion, ShardId, Tiling, shards_reached, tiles_by_shard};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Tiles of one band in the order of computation; see the module.
@@ -87,11 +87,7 @@ impl Walk {
         for (index, &tile) in tiles.iter().enumerate() {
             distance = distance.max(index - oldest);
             waiting = waiting.max(index - added);
-            let reach = tiling.reach(tile);
-            let ids = regions.iter().enumerate().flat_map(|(region, area)| {
-                area.touched(reach).map(move |(row, col)| ShardId { position, region, row, col })
-            });
-            let ids: Vec<_> = ids.filter(|id| shards.contains(id)).collect();
+            let ids = shards_reached(tiling, regions, shards, position, tile);
             missing[index] = ids.len();
             for id in ids {
                 let rect = regions[id.region].shard_rect(id.row, id.col);

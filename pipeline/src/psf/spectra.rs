@@ -83,7 +83,7 @@ impl SpectrumCache {
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        let limit = self.limit - self.base_kernels.bytes().min(self.limit);
+        let limit = || self.limit - self.base_kernels.bytes().min(self.limit);
         self.spectra.get(key, bytes, limit, build)
     }
 
@@ -94,7 +94,7 @@ impl SpectrumCache {
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        self.base_kernels.get(key, bytes, self.limit / BASE_KERNEL_PART, build)
+        self.base_kernels.get(key, bytes, || self.limit / BASE_KERNEL_PART, build)
     }
 
     /// Spectra built so far: more than the nodes if the cache is smaller than the working set.
@@ -112,12 +112,12 @@ impl Cache {
         self.lock().bytes
     }
 
-    /// As [`SpectrumCache::get`], within `limit` bytes.
+    /// As [`SpectrumCache::get`], within `limit` bytes, which is asked for when an entry is added.
     fn get(
         &self,
         key: SpectrumKey,
         bytes: usize,
-        limit: usize,
+        limit: impl FnOnce() -> usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
         let mut buffer = AlignedBuf::default();
@@ -138,7 +138,7 @@ impl Cache {
                     state.by_age.insert(now, key);
                     state.bytes += bytes;
                     state.built += 1;
-                    state.evict(limit);
+                    state.evict(limit());
                     buffer = state.buffer(bytes);
                     entry
                 }
