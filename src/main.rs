@@ -18,6 +18,7 @@ mod import;
 mod interrupt;
 mod job;
 mod lens;
+mod light_units;
 mod manual;
 mod measure;
 mod memory;

@@ -38,6 +38,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     words.extend(option("--var", args.var.as_ref()));
     words.extend(option("--axes", args.axes.as_ref()));
     words.extend(option("--wavelengths", args.wavelengths.as_ref()));
+    words.extend(option("--chart-units", args.chart_units.as_ref()));
     words.extend(option("--film-pitch-um", args.film_pitch_um));
     let code = execute(words, &[&args.chart, &film])?;
     if code != 0 {

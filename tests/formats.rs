@@ -94,6 +94,27 @@ fn chart_scale_is_noted_and_gives_another_job() {
 }
 
 #[test]
+fn chart_units_are_those_of_the_film() {
+    let films = Films::new();
+    let chart = "pictures/fortran-y-x-wavelength.npy";
+    let flags = ["--axes", "y,x,wavelength", "--wavelengths", NM];
+    let units = |film: &Path| {
+        let text = std::fs::read_to_string(film.join("film/zarr.json")).unwrap();
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["attributes"]["units"].clone()
+    };
+    films.run(chart, &flags).ok();
+    assert_eq!(units(&films.film(chart)), "relative");
+    let radiance = ["--chart-units", "µW cm-2 sr-1 nm-1"];
+    films.run(chart, &[&flags[..], &radiance, &["--overwrite"]].concat()).ok();
+    assert_eq!(units(&films.film(chart)), radiance[1]);
+    // A film in physical units says how to convert such a chart.
+    let ran =
+        films.run(chart, &[&flags[..], &radiance, &["--film-units", "photons", "--overwrite"]].concat()).ok();
+    assert!(ran.stderr.contains("--chart-scale 0.01 --chart-units 'W m-2 sr-1 nm-1'"), "{}", ran.stderr);
+    assert_exit(&films.run(chart, &["--chart-units", " "]), 2, &["--chart-units"]);
+}
+
+#[test]
 fn missing_wavelengths_and_misplaced_axes_are_usage_errors() {
     let films = Films::new();
     let words = ["numbered-tif", "name of each of the 3 pictures", "--wavelengths"];

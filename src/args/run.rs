@@ -4,7 +4,7 @@ use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, one_of};
 use super::device::{Device, EngineArg};
 use super::values::{
     azimuths, bounded, bytes, keep_bits, odd, pair, pair_mm, pitch, positive, roi, scale, size, storage,
-    threads,
+    threads, unit,
 };
 use clap::{Args, ValueEnum};
 use formats::chart::AxisOrder;
@@ -46,6 +46,9 @@ pub struct RunArgs {
     /// Factor of all chart values, e.g. 1e-4 for reflectance stored as integers to 10000 [default: 1]
     #[arg(long, value_name = "FACTOR", value_parser = positive, help_heading = "Chart")]
     pub chart_scale: Option<f64>,
+    /// Unit of the chart's values, e.g. 'W m-2 sr-1 nm-1' [default: that of its metadata]; the values are not changed
+    #[arg(long, value_name = "UNIT", value_parser = unit, help_heading = "Chart")]
+    pub chart_units: Option<String>,
     /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM", help_heading = "Chart")]
     pub wavelengths: Option<String>,

@@ -1,7 +1,7 @@
 //! `lenscube shoot`.
 
 use super::choices::{DEMOSAIC, one_of};
-use super::values::{bytes, pitch, positive, threads};
+use super::values::{bytes, pitch, positive, threads, unit};
 use clap::Args;
 use formats::chart::AxisOrder;
 use pipeline::develop::Demosaic;
@@ -37,6 +37,9 @@ pub struct ShootArgs {
     /// Wavelengths of the chart's bands in nm where it has none
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
+    /// Unit of the chart's values, as for `lenscube run`
+    #[arg(long, value_name = "UNIT", value_parser = unit)]
+    pub chart_units: Option<String>,
     /// Film pitch where the chart has none
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub film_pitch_um: Option<f64>,

@@ -93,6 +93,13 @@ pub(super) fn azimuths(text: &str) -> Result<usize, String> {
     }
 }
 
+pub(super) fn unit(text: &str) -> Result<String, String> {
+    match text.trim() {
+        t if !t.is_empty() && t.chars().count() <= 64 && !t.contains(char::is_control) => Ok(t.into()),
+        _ => Err("expected a unit of at most 64 characters, e.g. 'W m-2 sr-1 nm-1'".into()),
+    }
+}
+
 pub(super) fn keep_bits(text: &str) -> Result<u32, String> {
     match text.parse::<u32>() {
         Ok(n) if (1..=23).contains(&n) => Ok(n),

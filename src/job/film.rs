@@ -60,7 +60,7 @@ pub fn film_spec(
         outputs.push(FilmOutput { name: "film".into(), rect: frame.film.rect() });
     }
     let units = match args.film_units {
-        FilmUnits::Relative => chart.units().unwrap_or("relative").to_owned(),
+        FilmUnits::Relative => chart_units(args, chart).unwrap_or("relative").to_owned(),
         FilmUnits::Irradiance => "W m-2 nm-1".into(),
         FilmUnits::Photons => "s-1 nm-1".into(),
     };
@@ -79,6 +79,11 @@ pub fn film_spec(
     };
     spec.check().map_err(|e| usage(e.to_string()))?;
     Ok(spec)
+}
+
+/// Unit of the chart's values: `--chart-units`, else that of its metadata.
+pub fn chart_units<'a>(args: &'a RunArgs, chart: &'a Chart) -> Option<&'a str> {
+    args.chart_units.as_deref().or_else(|| chart.units())
 }
 
 /// `--keep-bits`; `None` if it keeps all bits.

@@ -1,5 +1,6 @@
 //! Identity of a job: everything that changes pixels, as readable JSON; its digest is the job digest.
 
+use super::film::chart_units;
 use super::inputs::Inputs;
 use crate::args::RunArgs;
 use crate::open::{Chart, is_builtin};
@@ -83,7 +84,7 @@ pub fn source(args: &RunArgs, chart: &Chart) -> Value {
         "chart": chart_path,
         "array": args.var,
         "chart_px": { "x": size.width, "y": size.height },
-        "chart_units": chart.units(),
+        "chart_units": chart_units(args, chart),
         "lens": if is_builtin(&args.lens) { args.lens.clone() } else { absolute(&args.lens) },
     })
 }

@@ -1,7 +1,9 @@
 //! Notes on a job, printed before it starts.
 
 use super::bands::JobPlan;
+use super::film::chart_units;
 use crate::args::{FilmUnits, RunArgs, Stage, size_order_note};
+use crate::light_units::{self, Quantity};
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
 use clap::ValueEnum;
@@ -46,12 +48,8 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
         }
         notes.extend(rotation_note(plan)?);
     }
-    if args.film_units != FilmUnits::Relative && chart.units().is_none_or(|u| !is_radiance(u)) {
-        notes.push(format!(
-            "--film-units {} requires a chart in spectral radiance, W m-2 sr-1 nm-1; the units of the chart are {}",
-            args.film_units.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned()),
-            chart.units().unwrap_or("not given")
-        ));
+    if args.film_units != FilmUnits::Relative {
+        notes.extend(radiance_note(args, chart));
     }
     Ok(notes)
 }
@@ -75,7 +73,19 @@ fn rotation_note(plan: &JobPlan) -> Result<Option<String>> {
     }))
 }
 
-fn is_radiance(units: &str) -> bool {
-    let u = units.replace(['^', '·', '*', ' '], "").to_lowercase();
-    u.contains("sr-1") && u.contains("nm-1") && u.starts_with('w')
+/// For films in physical units: what the chart lacks.
+fn radiance_note(args: &RunArgs, chart: &Chart) -> Option<String> {
+    let units = chart_units(args, chart);
+    let way_out = match units.and_then(light_units::parse) {
+        Some((Quantity::Radiance, 1.0)) => return None,
+        Some((Quantity::Radiance, factor)) => {
+            format!("convert its values with `--chart-scale {factor} --chart-units 'W m-2 sr-1 nm-1'`")
+        }
+        _ => "name them with --chart-units if they are that".into(),
+    };
+    Some(format!(
+        "--film-units {} requires a chart in spectral radiance, W m-2 sr-1 nm-1; the units of the chart are {}; {way_out}",
+        args.film_units.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned()),
+        units.unwrap_or("not given")
+    ))
 }

@@ -3,6 +3,7 @@
 use crate::args::ExposeArgs;
 use crate::develop::frame::split_group;
 use crate::failure::usage;
+use crate::light_units::{self, Quantity};
 use crate::status;
 use anyhow::{Result, bail};
 use formats::chart::{ChartError, ChartOptions, ChartStore};
@@ -67,25 +68,6 @@ impl ChartSource for Bands {
 
     fn prefetch(&self, band: usize, rect: Rect) {
         self.store.prefetch(self.order[band], rect);
-    }
-}
-
-/// What the film's units are.
-enum Units {
-    Irradiance,
-    Photons,
-    Radiance,
-    Relative,
-}
-
-fn classify(units: &str) -> Units {
-    let u = units.replace(['^', '·', '*', ' ', '(', ')'], "").to_lowercase();
-    let has = |word: &str| u.contains(word);
-    match () {
-        () if u.starts_with('w') && has("m-2") && has("sr-1") && has("nm-1") => Units::Radiance,
-        () if u.starts_with('w') && has("m-2") && has("nm-1") => Units::Irradiance,
-        () if u == "s-1nm-1" => Units::Photons,
-        () => Units::Relative,
     }
 }
 
@@ -184,16 +166,16 @@ fn in_order(wavelengths_nm: &[f64], path: &str) -> Result<(Vec<usize>, Vec<f64>)
 fn factors(store: &FilmStore, wavelengths_nm: &[f64], args: &ExposeArgs) -> Result<Option<Vec<f64>>> {
     let film = store.spec();
     let area_m2 = (film.pitch_um * 1e-6).powi(2);
-    Ok(match classify(&film.units) {
-        Units::Relative => None,
-        Units::Irradiance => Some(vec![1.0; wavelengths_nm.len()]),
-        Units::Photons => Some(wavelengths_nm.iter().map(|nm| HC_J_M / (nm * 1e-9) / area_m2).collect()),
-        Units::Radiance => match (args.f_number, recorded(store, wavelengths_nm)) {
+    let Some((quantity, factor)) = light_units::parse(&film.units) else { return Ok(None) };
+    let factors: Vec<f64> = match quantity {
+        Quantity::Irradiance => vec![1.0; wavelengths_nm.len()],
+        Quantity::Photons => wavelengths_nm.iter().map(|nm| HC_J_M / (nm * 1e-9) / area_m2).collect(),
+        Quantity::Radiance => match (args.f_number, recorded(store, wavelengths_nm)) {
             (Some(n), _) => {
                 let each = args.transmission.unwrap_or(1.0) * PI / (4.0 * n * n);
-                Some(vec![each; wavelengths_nm.len()])
+                vec![each; wavelengths_nm.len()]
             }
-            (None, Some(factors)) => Some(factors),
+            (None, Some(factors)) => factors,
             (None, None) => {
                 return Err(usage(format!(
                     "film {} holds radiance ({}) and no transmission and solid angle of its lens; give the lens's --f-number N (and \
@@ -203,7 +185,8 @@ fn factors(store: &FilmStore, wavelengths_nm: &[f64], args: &ExposeArgs) -> Resu
                 )));
             }
         },
-    })
+    };
+    Ok(Some(factors.iter().map(|f| f * factor).collect()))
 }
 
 /// τ·Ω of each band as the film records them.

@@ -1,4 +1,4 @@
-"""Charts in memory: written once into a temporary .npy file, which the program maps; their wavelengths and pitch become flags.
+"""Charts in memory: written once into a temporary .npy file, which the program maps; their wavelengths, pitch and unit become flags.
 
 Arrays of NumPy, and lazy ones of xarray, are written in slabs, those of Dask chunk by chunk: no second copy of the cube is made in memory.
 The file's time stamp is derived from its content. The program identifies a chart by shape, wavelengths and time stamp, so that the same
@@ -33,11 +33,11 @@ UM = {"m": 1e6, "cm": 1e4, "mm": 1e3} | dict.fromkeys(MICROMETRES, 1.0)
 
 @contextlib.contextmanager
 def given(
-    chart: Any, flags: dict[str, Any], temp_dir: str | os.PathLike[str] | None = None, pitch: bool = False
+    chart: Any, flags: dict[str, Any], temp_dir: str | os.PathLike[str] | None = None, for_film: bool = False
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """The program's name of a chart (a path, gen:…, Dataset, DataArray or array), and the flags with what the array adds.
 
-    With `pitch` the chart's pitch becomes film_pitch_um, where that is not given.
+    With `for_film` the chart's pitch and unit become film_pitch_um and chart_units, where those are not given.
     """
     if stored := registered(chart) or _mapped_file(chart):
         yield stored, flags
@@ -46,8 +46,10 @@ def given(
     flags = {name: value for name, value in flags.items() if name != "axes"}
     if flags.get("wavelengths") is None and (nm := wavelengths_nm(array)) is not None:
         flags["wavelengths"] = nm
-    if pitch and flags.get("film_pitch_um") is None and (um := pitch_um(array)) is not None:
+    if for_film and flags.get("film_pitch_um") is None and (um := pitch_um(array)) is not None:
         flags["film_pitch_um"] = um
+    if for_film and flags.get("chart_units") is None and str(array.attrs.get("units", "")).strip():
+        flags["chart_units"] = str(array.attrs["units"])
     folder = _folder(array.nbytes, temp_dir)
     try:
         path = folder / "chart.npy"

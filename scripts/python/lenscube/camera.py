@@ -53,7 +53,7 @@ def shoot(chart: Chart, out: PathLike | None = None, *, temp_dir: PathLike | Non
     >>> lenscube.shoot(cube, lens="double-gauss-28", sensor="sony-a7r2", film_pitch_um=4.5)
     """
     out = Path(out) if out is not None else _films.temporary_folder() / "picture.png"
-    with given(chart, dict(flags), temp_dir, pitch=True) as (name, flags_given):
+    with given(chart, dict(flags), temp_dir, for_film=True) as (name, flags_given):
         execute(arguments(("shoot",), [name, out], flags_given))
     return Picture(out)
 

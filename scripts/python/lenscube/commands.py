@@ -62,6 +62,7 @@ def run(
         dimensions wavelength, y and x in any order, or an array (wavelength, y, x), other orders with axes="y,x,wavelength". Samples u1, u2,
         f2, f4 or f8. A DataArray gives its wavelengths [nm, or as the attribute `units` says] by its coordinate, and the film pitch by its
         attribute `pitch_um` or evenly spaced coordinates x and y with a unit of length; else `wavelengths` [nm] and `film_pitch_um` do.
+        Its attribute `units` is that of the film (`chart_units`).
         A cube in memory is written once to a temporary file: of a store on disk pass the path.
     film: path of the film, a Zarr v3 group, or s3://BUCKET/PREFIX; None: a temporary folder, removed at the end of this process.
     progress: None: a bar on a terminal and in notebooks; True, False; or a function of the events of `--progress jsonl`.
@@ -79,14 +80,14 @@ def run(
         raise TypeError("run() has no keyword 'dry_run'; use forecast()")
     # No Path, which would shorten s3://.
     path = film if film is not None else _films.temporary_folder() / "film.zarr"
-    with given(chart, dict(flags), temp_dir, pitch=True) as (name, flags_given), Progress(progress) as shown:
+    with given(chart, dict(flags), temp_dir, for_film=True) as (name, flags_given), Progress(progress) as shown:
         run_process([name, path], flags_given, shown)
     return _films.open(path)
 
 
 def forecast(chart: Chart, film: PathLike, *, temp_dir: PathLike | None = None, **flags: "Unpack[f.Run]") -> str:
     """What `run` with the same arguments would read and write: bytes, time, memory, free space; nothing is written but traced lenses."""
-    with given(chart, dict(flags), temp_dir, pitch=True) as (name, flags_given):
+    with given(chart, dict(flags), temp_dir, for_film=True) as (name, flags_given):
         return execute(arguments(("run",), [name, film], {**flags_given, "dry_run": True}))
 
 

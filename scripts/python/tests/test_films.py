@@ -24,6 +24,13 @@ def test_film_is_that_of_the_program(cube, film, tmp_path):
     assert film.x.attrs["units"] == "mm" and float(film.x[1] - film.x[0]) == pytest.approx(5e-3)
 
 
+def test_unit_of_the_array_is_that_of_the_film(cube):
+    assert lenscube.run(cube, **FLAGS).film.attrs["units"] == "relative"
+    radiance = cube.assign_attrs(units="W m-2 sr-1 nm-1")
+    assert lenscube.run(radiance, **FLAGS).film.attrs["units"] == "W m-2 sr-1 nm-1"
+    assert lenscube.run(radiance, **FLAGS, chart_units="counts").film.attrs["units"] == "counts"
+
+
 def test_film_without_a_path_lasts_as_long_as_the_process(cube):
     flags = ", ".join(f"{k}={v!r}" for k, v in FLAGS.items())
     script = f"import lenscube; f = lenscube.run('gen:points?size=64&wavelengths=550', {flags}); print(float(f.film.mean()), f.encoding['source'])"
