@@ -263,11 +263,11 @@ impl MemoryInputs<'_> {
 
     fn demand(&self, gpus: &GpuDemand) -> Demand {
         let (workers, chart_area) = self.workers(gpus);
-        let ChunkMemory { count, decoding, values, .. } = self.chunks;
+        let ChunkMemory { count, decoding, values, read_ahead, .. } = self.chunks;
         let at_once = self.threads.min(count);
         let (decoding, chunks) = (at_once.saturating_mul(decoding), at_once.saturating_mul(values));
         let fixed = PROCESS_BYTES + self.shards(gpus) + self.lens();
-        let fixed = fixed.saturating_add(workers).saturating_add(decoding);
+        let fixed = fixed.saturating_add(workers).saturating_add(decoding).saturating_add(read_ahead);
         let chart_cache = self.chart_cache(chunks, gpus);
         let (min, shard_spectra, max) = self.spectra(gpus);
         let (spectra, encoded) = ((min, max), self.encoded());
@@ -371,11 +371,19 @@ pub fn mib(bytes: usize) -> String {
 
 /// Half of the available memory, at most 4 GiB.
 pub fn default_limit() -> u64 {
-    let available = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
-        let line = text.lines().find(|l| l.starts_with("MemAvailable:"))?;
-        line.split_whitespace().nth(1)?.parse::<u64>().ok()
-    });
-    available.map_or(2 << 30, |kib| kib * 512).min(4 << 30)
+    memory_information("MemAvailable:").map_or(2 << 30, |bytes| bytes / 2).min(4 << 30)
+}
+
+/// Memory of this machine, bytes, where the system reports it.
+pub fn machine_memory() -> Option<u64> {
+    memory_information("MemTotal:")
+}
+
+/// An entry of /proc/meminfo, bytes.
+fn memory_information(entry: &str) -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find(|l| l.starts_with(entry))?;
+    Some(line.split_whitespace().nth(1)?.parse::<u64>().ok()? << 10)
 }
 
 /// Peak resident memory of this process so far, bytes, where the system reports it.

@@ -58,6 +58,7 @@ mod options;
 pub mod pictures;
 mod raster;
 mod read;
+mod read_ahead;
 mod rechunk;
 mod store;
 mod temp_file;

@@ -41,6 +41,7 @@ mod url;
 mod zarr;
 
 pub use atomic_file::{AtomicFile, unnamed_temp_file};
+pub use direct::FileBytes;
 pub use directory::Directory;
 pub use error::{DurableError, passes};
 pub(crate) use error::{is_not_found, store_error};

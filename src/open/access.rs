@@ -3,6 +3,7 @@
 use super::Chart;
 use crate::args::size_order_note;
 use crate::failure::usage;
+use crate::memory::machine_memory;
 use crate::progress::{counting, log_line};
 use anyhow::{Context, Result};
 use formats::chart::{ChunkMemory, RasterSample};
@@ -82,6 +83,13 @@ impl Chart {
             Self::Store(s) => s.chunk_memory(bands),
             Self::Decoded(p) => p.chunk_memory(),
             Self::Raster(_) | Self::Generated(_) => ChunkMemory::default(),
+        }
+    }
+
+    /// Reads a store whose `bands` would fill the page cache past it: see [`ChartStore::read_past_page_cache`].
+    pub fn read_past_page_cache(&mut self, bands: &[usize], threads: usize) {
+        if let (Self::Store(store), Some(memory)) = (self, machine_memory()) {
+            store.read_past_page_cache(bands, threads, memory);
         }
     }
 

@@ -1,7 +1,12 @@
 //! Memory of reading charts, bytes; and the size of the chunk cache, once the memory of a run is planned.
 
 use super::cache::Cache;
+use super::read_ahead::ReadAhead;
 use super::store::ChartStore;
+use crate::durable::Store;
+
+/// Chunks read ahead per thread: those of the tiles that a thread announces before it reads them, and as many again that are being read.
+const CHUNKS_READ_AHEAD: usize = 8;
 
 /// Memory of decoding the chunks of a chart, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -12,6 +17,8 @@ pub struct ChunkMemory {
     pub decoding: usize,
     /// A decoded chunk as f32.
     pub values: usize,
+    /// Encoded chunks that are read ahead.
+    pub read_ahead: usize,
     /// A chunk of several bands while its bands are written to a temporary file; 0 where none are.
     pub rechunking: usize,
 }
@@ -32,10 +39,29 @@ impl ChartStore {
                 count,
                 decoding: one_band,
                 values: one_band,
+                read_ahead: 0,
                 rechunking: 2 * encoded + values + one_band,
             },
-            false => ChunkMemory { count, decoding: 2 * encoded, values, rechunking: 0 },
+            false => {
+                let read_ahead = self.read_ahead.as_ref().map_or(0, |ahead| ahead.bytes() as usize);
+                ChunkMemory { count, decoding: 2 * encoded, values, read_ahead, rechunking: 0 }
+            }
         }
+    }
+
+    /// Reads the chunks of `bands` past the page cache, with read-ahead for `threads` threads, if the page cache could not keep these
+    /// bands for another run: they hold more than half of the `memory` of the machine, bytes. To be called before the first read.
+    pub fn read_past_page_cache(&mut self, bands: &[usize], threads: usize, memory: u64) {
+        let chunk: u64 =
+            self.chunk_shape().iter().map(|&n| n as u64).product::<u64>() * self.sample().bytes() as u64;
+        let all = (bands.len() * self.size().pixels() * self.sample().bytes()) as u64;
+        let is_remote = matches!(&*self.layout.store, Store::Objects(_));
+        // Chunks of several bands are read once, and sorted into a temporary file.
+        if is_remote || all <= memory / 2 || self.chunk_shape()[0] > 1 {
+            return;
+        }
+        let limit = chunk * (CHUNKS_READ_AHEAD * threads) as u64;
+        self.read_ahead = Some(ReadAhead::new(self.layout.store.clone(), limit));
     }
 
     /// Keeps at most `bytes` of decoded chunks from now on; what is cached is dropped.

@@ -87,6 +87,7 @@ impl ChartStore {
             options,
             counters: Counters::default(),
             band_chunks: OnceLock::new(),
+            read_ahead: None,
             file_states: ChunkFileStates::default(),
         })
     }

@@ -12,6 +12,7 @@ use super::decoded::DecodedChunk;
 use super::error::ChartError;
 use super::store::ChartStore;
 use super::values::InvalidSample;
+use crate::durable::Store;
 
 impl ChartStore {
     /// A chunk, from the cache or decoded.
@@ -27,7 +28,12 @@ impl ChartStore {
     pub(super) fn load(&self, chunk_index: [usize; 3]) -> Result<DecodedChunk, ChartError> {
         let index = self.shard_index(chunk_index)?;
         let index = index.as_ref().and_then(|i| i.as_deref());
-        let encoded = self.layout.read_encoded(chunk_index, index)?;
+        let number = self.layout.chunk_number(chunk_index);
+        let encoded = match self.read_ahead.as_ref().and_then(|ahead| ahead.take(number)) {
+            Some(read) => self.layout.encoded(chunk_index, read)?,
+            None if self.read_ahead.is_some() => self.layout.read_direct(chunk_index, index)?,
+            None => self.layout.read_encoded(chunk_index, index)?,
+        };
         // After the read, so that the bytes are of the file that the identity describes.
         self.check_file_unchanged(chunk_index)?;
         let Some(encoded) = encoded else {
@@ -36,7 +42,7 @@ impl ChartStore {
         };
         self.counters.bytes_read.fetch_add(encoded.len() as u64, Relaxed);
         let start = Instant::now();
-        let decoded = self.layout.decode_chunk(chunk_index, encoded)?;
+        let decoded = self.layout.decode_chunk(chunk_index, &encoded)?;
         let chunk = self.convert(chunk_index, &decoded);
         self.counters.chunks_decoded.fetch_add(1, Relaxed);
         self.counters.decode_ns.fetch_add(start.elapsed().as_nanos() as u64, Relaxed);
@@ -243,12 +249,24 @@ impl ChartSource for ChartStore {
     }
 
     fn prefetch(&self, band: usize, rect: Rect) {
-        if band < self.bands() && self.band_chunks.get().is_none() {
-            for chunk_index in self.chunks_of(band, rect.intersect(self.size().rect())) {
-                if !self.cache.contains(self.layout.chunk_number(chunk_index)) {
-                    let index = self.shard_index(chunk_index).ok().flatten();
-                    self.layout.prefetch(chunk_index, index.as_ref().and_then(|i| i.as_deref()));
+        let is_local = matches!(&*self.layout.store, Store::Directory(_));
+        if band >= self.bands() || self.band_chunks.get().is_some() || !is_local {
+            return;
+        }
+        for chunk_index in self.chunks_of(band, rect.intersect(self.size().rect())) {
+            let number = self.layout.chunk_number(chunk_index);
+            if self.cache.contains(number) {
+                continue;
+            }
+            let index = self.shard_index(chunk_index).ok().flatten();
+            let place = self.layout.place(chunk_index, index.as_ref().and_then(|i| i.as_deref()));
+            match (place, &self.read_ahead) {
+                (Ok(Some(place)), Some(ahead)) => ahead.request(number, place),
+                (Ok(Some(place)), None) => {
+                    self.layout.store.will_read(&place.key, place.offset, place.length)
                 }
+                // The later read reports what is missing or damaged.
+                (Ok(None) | Err(_), _) => {}
             }
         }
     }

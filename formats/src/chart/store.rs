@@ -13,6 +13,7 @@ use super::decoded::DecodedChunk;
 use super::file_change::ChunkFileStates;
 use super::layout::Layout;
 use super::options::ChartOptions;
+use super::read_ahead::ReadAhead;
 use crate::sample::Sample;
 
 /// Counters of the work done by reading a chart.
@@ -58,6 +59,8 @@ pub struct ChartStore {
     pub(super) counters: Counters,
     /// Set by [`ChartStore::rechunk`].
     pub(super) band_chunks: OnceLock<BandChunkFile>,
+    /// Set by [`ChartStore::read_past_page_cache`].
+    pub(super) read_ahead: Option<ReadAhead>,
     /// Set by [`ChartStore::identity`].
     pub(super) file_states: ChunkFileStates,
 }

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use rustix::fs::{CWD, FileType};
 
+use super::direct::{self, FileBytes};
 use super::error::{DurableError, is_not_found};
 use super::step::FileStep;
 use super::temp::is_temp_name;
@@ -190,9 +191,7 @@ impl Directory {
         use std::io::{ErrorKind, Read, Seek, SeekFrom};
         let path = self.path(key)?;
         let Some((mut file, size)) = self.open(&path)? else { return Ok(None) };
-        let start = if offset < 0 { size.checked_sub(offset.unsigned_abs()) } else { Some(offset as u64) };
-        let fits = |s: &u64| s.checked_add(length).is_some_and(|end| end <= size);
-        let Some(start) = start.filter(fits) else {
+        let Some(start) = range_start(offset, length, size) else {
             return Err(DurableError::Range { path, offset, length, size });
         };
         // Not zeroed first.
@@ -207,6 +206,26 @@ impl Directory {
         };
         self.step(FileStep::Read, &path, read, length)?;
         Ok(Some(bytes))
+    }
+
+    /// As [`Directory::read_range`], from `offset`, past the page cache where the file system allows that.
+    ///
+    /// # Errors
+    /// As [`Directory::read_range`].
+    pub fn read_direct(
+        &self,
+        key: &str,
+        offset: u64,
+        length: u64,
+    ) -> Result<Option<FileBytes>, DurableError> {
+        let path = self.path(key)?;
+        let Some((file, size)) = self.open(&path)? else { return Ok(None) };
+        let at = i64::try_from(offset).unwrap_or(i64::MAX);
+        let Some(start) = range_start(at, length, size) else {
+            return Err(DurableError::Range { path, offset: at, length, size });
+        };
+        let read = |_: &Path| direct::read_exact(&file, start, length as usize);
+        Ok(Some(self.step(FileStep::Read, &path, read, length)?))
     }
 
     /// Hint to the kernel (POSIX_FADV_WILLNEED) to read `length` bytes of `key` from `offset` (0: to the end) ahead. Errors are
@@ -258,6 +277,12 @@ impl Directory {
         let injected = if step == FileStep::Write { Ok(()) } else { fault::inject(step) };
         injected.and_then(|()| act(path)).map_err(failed)
     }
+}
+
+/// Start of `length` bytes at `offset`, which counts from the end if it is negative; `None` if a file of `size` does not hold them.
+fn range_start(offset: i64, length: u64, size: u64) -> Option<u64> {
+    let start = if offset < 0 { size.checked_sub(offset.unsigned_abs())? } else { offset as u64 };
+    (start.checked_add(length)? <= size).then_some(start)
 }
 
 #[cfg(test)]

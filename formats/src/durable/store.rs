@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 
+use super::direct::FileBytes;
 use super::directory::Directory;
 use super::error::DurableError;
 use super::lock::{Lock, LockError, LockOwner, locks};
@@ -108,6 +109,22 @@ impl Store {
         match self {
             Self::Directory(d) => d.read_range(key, offset, length),
             Self::Objects(o) => o.read_range(key, offset, length),
+        }
+    }
+
+    /// `length` bytes of `key` from `offset` past the page cache, or `None` if there is no such key, or it is an object.
+    ///
+    /// # Errors
+    /// [`DurableError::Range`] if it is too short.
+    pub fn read_direct(
+        &self,
+        key: &str,
+        offset: u64,
+        length: u64,
+    ) -> Result<Option<FileBytes>, DurableError> {
+        match self {
+            Self::Directory(d) => d.read_direct(key, offset, length),
+            Self::Objects(_) => Ok(None),
         }
     }
 

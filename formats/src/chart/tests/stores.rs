@@ -1,6 +1,8 @@
 //! Values, metadata, identity and re-chunking of valid stores.
 
 use super::*;
+use crate::chart::cache::Cache;
+use pipeline::flow::ChartSource;
 
 fn check(chart: &ChartStore, bands: std::ops::Range<usize>) {
     let size = chart.size();
@@ -40,6 +42,39 @@ fn every_fixture_has_the_expected_pixels_and_decodes_each_chunk_once() {
         assert!(stats.bytes_read > 0 && stats.decode_ns > 0);
     }
     check(&open(&fixture("v3-two-dimensional")), 1..2);
+}
+
+#[test]
+fn charts_read_past_the_page_cache_have_the_same_pixels() {
+    for name in
+        ["v3-sharded", "v2-blosc", "v3-big-endian-gzip", "v3-transposed", "v3-index-first", "v2-float"]
+    {
+        let mut chart = open(&fixture(name));
+        let single_bands = chart.chunk_shape()[0] == 1;
+        chart.read_past_page_cache(&[0, 1, 2], 2, u64::MAX);
+        assert!(chart.read_ahead.is_none(), "{name}: fits into the memory");
+        chart.read_past_page_cache(&[0, 1, 2], 2, 0);
+        assert_eq!(chart.read_ahead.is_some(), single_bands, "{name}");
+        // Announced rectangles and others.
+        chart.prefetch(1, Rect::new(0, 0, 41, 20));
+        check(&chart, 0..3);
+        let chunks: usize = chart.layout.chunk_counts().iter().product();
+        assert_eq!(chart.stats().chunks_decoded as usize, chunks, "{name}: each chunk once");
+    }
+}
+
+#[test]
+fn damage_is_found_past_the_page_cache() {
+    let (_dir, path) = copied("v3-sharded");
+    let mut chart = open(&path);
+    chart.read_past_page_cache(&[0], 1, 0);
+    let shard = chart.layout.file_path([0, 0, 0]);
+    let bytes = std::fs::read(&shard).unwrap();
+    // The index has been read when the chunks before it are gone.
+    chart.prefetch(0, Rect::new(0, 0, 1, 1));
+    std::fs::write(&shard, &bytes[..1]).unwrap();
+    chart.cache = Cache::new(0);
+    assert!(matches!(all(&chart, 0), Err(ChartError::Corrupt { .. })));
 }
 
 #[test]
