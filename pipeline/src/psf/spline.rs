@@ -25,30 +25,66 @@ pub(crate) fn cumulative(t: f64) -> f64 {
     }
 }
 
-/// Solves (c_{i−1} + 4c_i + c_{i+1})/6 = f_i with c = 0 outside, in place on `line[first], line[first + step], …`.
-pub(crate) fn coefficients(line: &mut [f64], first: usize, step: usize, n: usize, upper: &mut [f64]) {
-    let mut previous = 0.0;
-    for i in 0..n {
-        let pivot = 1.0 / (4.0 - if i == 0 { 0.0 } else { upper[i - 1] });
-        upper[i] = pivot;
-        previous = (6.0 * line[first + i * step] - previous) * pivot;
-        line[first + i * step] = previous;
+/// Solves (c_{i−1} + 4c_i + c_{i+1})/6 = f_i with c = 0 outside, in place.
+pub(crate) fn coefficients(line: &mut [f64]) {
+    coefficients_of_columns(line, 1, &pivots(line.len()));
+}
+
+/// The pivots of the elimination for lines of `n` values.
+fn pivots(n: usize) -> Vec<f64> {
+    let next = |pivot: &mut f64, _| {
+        *pivot = 1.0 / (4.0 - *pivot);
+        Some(*pivot)
+    };
+    (0..n).scan(0.0, next).collect()
+}
+
+/// Solves the columns of a grid of `width` columns and a row for each pivot; rows are passed as vectors.
+fn coefficients_of_columns(grid: &mut [f64], width: usize, pivots: &[f64]) {
+    for (i, pivot) in pivots.iter().enumerate() {
+        let (above, row) = grid.split_at_mut(i * width);
+        let row = &mut row[..width];
+        match above.len().checked_sub(width) {
+            None => row.iter_mut().for_each(|v| *v = 6.0 * *v * pivot),
+            Some(last) => {
+                for (v, previous) in row.iter_mut().zip(&above[last..]) {
+                    *v = (6.0 * *v - previous) * pivot;
+                }
+            }
+        }
     }
-    for i in (0..n.saturating_sub(1)).rev() {
-        line[first + i * step] -= upper[i] * line[first + (i + 1) * step];
+    for (i, pivot) in pivots.iter().enumerate().rev().skip(1) {
+        let (rows, below) = grid.split_at_mut((i + 1) * width);
+        for (v, next) in rows[i * width..].iter_mut().zip(below) {
+            *v -= pivot * *next;
+        }
     }
+}
+
+/// An n × n image with rows and columns exchanged.
+fn transposed<T: Copy + Into<f64>>(image: &[T], n: usize) -> Vec<f64> {
+    // Rows of `image` at a time, so that its cache lines are used whole.
+    const ROWS: usize = 16;
+    let mut out = vec![0.0; n * n];
+    for first in (0..n).step_by(ROWS) {
+        let rows = first..(first + ROWS).min(n);
+        for (x, line) in out.chunks_exact_mut(n).enumerate() {
+            for y in rows.clone() {
+                line[y] = image[y * n + x].into();
+            }
+        }
+    }
+    out
 }
 
 /// Coefficients of an n × n image, both directions.
 pub(crate) fn coefficients_2d(image: &[f32], n: usize) -> Vec<f32> {
-    let mut c: Vec<f64> = image.iter().map(|&v| f64::from(v)).collect();
-    let mut upper = vec![0.0; n];
-    for i in 0..n {
-        coefficients(&mut c, i * n, 1, n, &mut upper);
-    }
-    for i in 0..n {
-        coefficients(&mut c, i, n, n, &mut upper);
-    }
+    let pivots = pivots(n);
+    // The lines along x as columns.
+    let mut lines = transposed(image, n);
+    coefficients_of_columns(&mut lines, n, &pivots);
+    let mut c = transposed(&lines, n);
+    coefficients_of_columns(&mut c, n, &pivots);
     c.into_iter().map(|v| v as f32).collect()
 }
 
@@ -60,11 +96,29 @@ mod tests {
     fn interpolant_passes_through_its_points() {
         let f: Vec<f64> = (0..9).map(|i| f64::from(i * i % 7)).collect();
         let mut c = f.clone();
-        coefficients(&mut c, 0, 1, 9, &mut [0.0; 9]);
+        coefficients(&mut c);
         let at = |i: usize| if (1..=9).contains(&i) { c[i - 1] } else { 0.0 };
         for i in 1..=9 {
             let value: f64 = weights(0.0).iter().enumerate().map(|(k, w)| w * at(i + k - 1)).sum();
             assert!((value - f[i - 1]).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn coefficients_of_an_image_interpolate_it() {
+        let n = 19;
+        let image: Vec<f32> = (0..n * n).map(|i| (i * i % 23) as f32).collect();
+        let c = coefficients_2d(&image, n);
+        let at = |y: isize, x: isize| match (0..n as isize).contains(&y) && (0..n as isize).contains(&x) {
+            true => f64::from(c[y as usize * n + x as usize]),
+            false => 0.0,
+        };
+        let w = [1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0];
+        for (y, x) in (0..n as isize).flat_map(|y| (0..n as isize).map(move |x| (y, x))) {
+            let terms =
+                (0..9).map(|k| w[k / 3] * w[k % 3] * at(y + k as isize / 3 - 1, x + k as isize % 3 - 1));
+            let value = f64::from(image[y as usize * n + x as usize]);
+            assert!((terms.sum::<f64>() - value).abs() < 1e-5, "{y}, {x}");
         }
     }
 

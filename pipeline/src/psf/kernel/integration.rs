@@ -35,13 +35,12 @@ pub(super) fn pixel_weights(samples: usize, ratio: f64, size: usize, kind: PsfSa
     // The spline's zero boundary lies two film pixels and 24 samples (0.27^24 = 2e-14) outside the window.
     let margin = 24 + (2.0 / ratio).ceil() as usize;
     let centre = (samples as f64 - 1.0) / 2.0;
-    let mut upper = vec![0.0; samples + 2 * margin + 1];
     let pixel = |i: usize| {
         let middle = i as f64 - (size as f64 - 1.0) / 2.0;
         let edges = (centre + (middle - 0.5) / ratio, centre + (middle + 0.5) / ratio);
         let weights = match kind {
-            PsfSample::Point => point_weights(edges, samples, margin, &mut upper),
-            PsfSample::Integrated => integrated_weights(edges, samples, margin, &mut upper),
+            PsfSample::Point => point_weights(edges, samples, margin),
+            PsfSample::Integrated => integrated_weights(edges, samples, margin),
         };
         let inside = &weights[margin..margin + samples];
         let range = significant(inside, NEGLIGIBLE);
@@ -59,7 +58,7 @@ pub(super) fn pixel_weights(samples: usize, ratio: f64, size: usize, kind: PsfSa
 }
 
 /// Weights of point samples between two edges, in samples from the first; `margin` more on either side.
-fn point_weights((a, b): (f64, f64), samples: usize, margin: usize, upper: &mut [f64]) -> Vec<f64> {
+fn point_weights((a, b): (f64, f64), samples: usize, margin: usize) -> Vec<f64> {
     let n = samples + 2 * margin;
     let mut w = vec![0.0; n + 1];
     for (s, w) in w[..n].iter_mut().enumerate() {
@@ -67,12 +66,12 @@ fn point_weights((a, b): (f64, f64), samples: usize, margin: usize, upper: &mut 
         *w = spline::cumulative(b - t) - spline::cumulative(a - t);
     }
     // B is symmetric: the weights of the values are B⁻¹ times those of the coefficients.
-    spline::coefficients(&mut w, 0, 1, n, upper);
+    spline::coefficients(&mut w[..n]);
     w
 }
 
 /// Weights of integrated samples between two edges.
-fn integrated_weights((a, b): (f64, f64), samples: usize, margin: usize, upper: &mut [f64]) -> Vec<f64> {
+fn integrated_weights((a, b): (f64, f64), samples: usize, margin: usize) -> Vec<f64> {
     let n = samples + 2 * margin;
     let mut w = vec![0.0; n + 1];
     for (edge, sign) in [(b, 1.0), (a, -1.0)] {
@@ -86,7 +85,7 @@ fn integrated_weights((a, b): (f64, f64), samples: usize, margin: usize, upper: 
             }
         }
     }
-    spline::coefficients(&mut w, 0, 1, n + 1, upper);
+    spline::coefficients(&mut w);
     // From weights of the cumulative sums to weights of the samples: Σ over the edges beyond.
     let mut beyond = w[n];
     for s in (0..n).rev() {
