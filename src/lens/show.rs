@@ -15,7 +15,7 @@ use anyhow::Result;
 use formats::lens::summary;
 use pipeline::design::ray::Tracer;
 use pipeline::design::shelf::ShelfLens;
-use pipeline::design::spots::polychromatic_spot;
+use pipeline::design::spots::{polychromatic_spot, weighted_tracers};
 use pipeline::design::{Description, System};
 use serde_json::{Value, json};
 
@@ -227,8 +227,9 @@ const RINGS: usize = 6;
 /// reach the image.
 fn spots(system: &System, heights_mm: &[f64]) -> Result<Vec<(f64, f64, f64)>> {
     let tracer = Tracer::new(system, system.primary_um())?;
+    let tracers = weighted_tracers(system)?;
     let spot = |mm: f64| {
-        let (rms, geo) = polychromatic_spot(system, tracer.field_of_height(mm).ok()?, RINGS).ok()?;
+        let (rms, geo) = polychromatic_spot(&tracers, tracer.field_of_height(mm).ok()?, RINGS).ok()?;
         Some((mm, rms, geo))
     };
     Ok(heights_mm.iter().filter_map(|mm| spot(*mm)).collect())

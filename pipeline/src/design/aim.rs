@@ -24,6 +24,10 @@ const MIN_STEP: f64 = STEP / 64.0;
 const MAX_ANGLE: f64 = 179.0 * PI / 360.0;
 /// Steps from the chief ray to a ray that cannot be aimed at directly.
 const PUPIL_STEPS: u32 = 12;
+/// Iterations of Newton's method; rays of real lenses need 3 to 8.
+const ITERATIONS: u32 = 20;
+/// Steps of the angle that are tried, 179 where none fails.
+const MAX_STEPS: u32 = 1000;
 
 /// The chief ray of one field angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +59,9 @@ impl Tracer<'_> {
         let [x, dx, dy] = if tan == 0.0 { [0.0, radius, radius] } else { self.chiefs().near(tan) };
         let direct = self.newton(tan, p, q, [x + p * dx, q * dy]);
         direct.or_else(|first| {
+            if (p, q) == (0.0, 0.0) {
+                return Err(first);
+            }
             let [x, y] = self.newton(tan, 0.0, 0.0, [x, 0.0]).map_err(|_| first.clone())?;
             let (mut at, mut by) = ([x.v, y.v], [x.d, y.d]);
             for step in 1..=PUPIL_STEPS {
@@ -72,9 +79,11 @@ impl Tracer<'_> {
     fn newton(&self, tan: f64, p: f64, q: f64, mut at: [f64; 2]) -> Result<[Dual; 2], DesignError> {
         let scale = self.stop_sign() * self.stop_radius_mm();
         let mut done = false;
-        for _ in 0..40 {
+        for _ in 0..ITERATIONS {
+            self.count_ray(tan)?;
             let ray = self.launch(tan, Dual::new(at[0], 1.0, 0.0), Dual::new(at[1], 0.0, 1.0));
-            let hit = self.run(ray, self.stop(), &mut None).map_err(|lost| self.lost(tan, p, q, lost))?.p;
+            let hit =
+                self.run(ray, self.stop(), &mut None).map_err(|lost| self.lost_in_search(tan, p, q, lost))?.p;
             let (a, b) = (hit[0].d, hit[1].d);
             let det = a[0] * b[1] - a[1] * b[0];
             // Columns of the inverse: d(pupil plane)/d(stop).
@@ -99,7 +108,8 @@ impl Tracer<'_> {
         let radius = self.primary.entrance_radius_mm;
         let axis = ChiefRay { angle: 0.0, tan: 0.0, at: [0.0, radius, radius], height_mm: 0.0 };
         let (mut rays, mut end, mut step) = (vec![axis], None, STEP);
-        while let Some(last) = rays.last().copied() {
+        for tried in 1..=MAX_STEPS {
+            let last = rays[rays.len() - 1];
             let angle = (last.angle + step).min(MAX_ANGLE);
             if angle <= last.angle {
                 break;
@@ -111,7 +121,7 @@ impl Tracer<'_> {
                     rays.push(ChiefRay { angle, tan, at, height_mm });
                     step = (2.0 * step).min(STEP);
                 }
-                Err(e) if step <= MIN_STEP => {
+                Err(e) if step <= MIN_STEP || tried == MAX_STEPS => {
                     end = Some(e);
                     break;
                 }

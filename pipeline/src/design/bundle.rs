@@ -10,10 +10,13 @@
 use super::error::DesignError;
 use super::illumination::{FieldLight, light_of};
 use super::pupil::Pupil;
-use super::ray::{ImageRay, Tracer};
+use super::ray::{Clip, ImageRay, Tracer};
 
 /// Mean over the azimuth of max(|cos|, |sin|), over four sides.
 const SIDE: f64 = 0.225_079;
+
+/// Rays that may be aimed for a bundle; real lenses need 3,000 to 12,000.
+const MAX_RAYS: u32 = 60_000;
 
 /// Rays of a field point.
 #[derive(Clone, Debug)]
@@ -36,14 +39,18 @@ impl Bundle {
     /// # Errors
     /// A ray that does not reach the image.
     pub fn trace(tracer: &Tracer<'_>, tan: f64, rings: usize, spokes: usize) -> Result<Self, DesignError> {
-        let nodes = Pupil::new(tracer, tan)?.nodes(tracer, tan, rings, spokes);
-        let rays: Result<_, DesignError> =
-            nodes.iter().map(|n| tracer.ray(tan, n.p, n.q).map(|r| (n.weight, r))).collect();
-        let hides = tracer.has_obscurations();
-        let is_hidden =
-            nodes.iter().map(|n| hides && tracer.overshoot_of_hidden(tan, n.p, n.q).0 <= 0.0).collect();
-        let chief = tracer.ray(tan, 0.0, 0.0)?;
-        Ok(Self { tan, wavelength_um: tracer.wavelength_um, chief, rays: rays?, is_hidden })
+        tracer.within_budget(tan, MAX_RAYS, |tracer| {
+            let nodes = Pupil::new(tracer, tan)?.nodes(tracer, tan, rings, spokes);
+            let (mut rays, mut is_hidden) =
+                (Vec::with_capacity(nodes.len()), Vec::with_capacity(nodes.len()));
+            for n in &nodes {
+                let mut clip = tracer.has_obscurations().then_some(Clip::NONE);
+                rays.push((n.weight, tracer.ray_in_apertures(tan, n.p, n.q, &mut clip)?));
+                is_hidden.push(clip.is_some_and(|c| c.is_hidden()));
+            }
+            let chief = tracer.ray(tan, 0.0, 0.0)?;
+            Ok(Self { tan, wavelength_um: tracer.wavelength_um, chief, rays, is_hidden })
+        })
     }
 
     /// Irradiance and solid angle of the field point.

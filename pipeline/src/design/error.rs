@@ -79,6 +79,22 @@ pub enum DesignError {
         /// The way out.
         advice: &'static str,
     },
+    /// The rays of a field point cannot be aimed within the budget of rays.
+    #[error(
+        "{rays} rays are not enough to find the rays of the field point at {:.4} degrees, {wavelength_um} µm, that pass the stop: {place}; check \
+         aspheric coefficients, radii and clear radii there, or aim rays at the paraxial pupil (`--aiming paraxial`)",
+        crate::real::atan(*.field_tan).to_degrees()
+    )]
+    Search {
+        /// Tangent of the field angle.
+        field_tan: f64,
+        /// Wavelength, µm.
+        wavelength_um: f64,
+        /// The budget.
+        rays: u32,
+        /// Where rays end.
+        place: String,
+    },
     /// The lens does not reach the requested image height.
     #[error(
         "the maximum real image height of the lens is {reached_mm:.4} mm of real image height at {wavelength_um} µm, {requested_mm:.4} mm requested: {problem}"

@@ -5,7 +5,7 @@
 //! 2. [`paraxial`]: pupils and focal lengths by first-order optics; [`mod@describe`] lists them.
 //! 3. [`ray`]: real rays from a field point through each [`surface`], with derivatives by [`scalar`]; `aim` finds the pupil of each field
 //!    point, `field` the field point of an image height, `aiming_check` whether paraxial aiming is accurate enough.
-//!    [`crossing`]: surfaces that cross.
+//!    `ray_budget`: the rays that a search may aim. [`crossing`]: surfaces that cross.
 //! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling. [`bundle`]: its rays. `pupil_disc`: those over the whole pupil.
 //! 5. [`illumination`]: RI, the light of a bundle per area of the film. [`psf`]: a Huygens sum over its rays, by [`nufft`] and `fourier`. [`spots`]: spot
 //!    diagrams and best focus. [`field_figures`]: figures from rays alone.
@@ -47,6 +47,7 @@ mod pupil_function;
 mod pupils;
 pub mod quadrature;
 pub mod ray;
+mod ray_budget;
 pub mod reading;
 mod refine;
 mod refocus;

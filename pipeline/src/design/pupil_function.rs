@@ -26,6 +26,9 @@ const POINTS: [(usize, usize); 2] = [(12, 14), (60, 70)];
 pub(super) const RHO: [f64; 4] = [0.013, 0.51, 0.96, 0.999];
 pub(super) const THETA: [f64; 4] = [0.011, 0.34, 0.72, 0.988];
 
+/// Rays that may be aimed for a pupil function; one with eight segments on the largest grids needs 400,000.
+const MAX_RAYS: u32 = 500_000;
+
 /// Margin of the slopes between neighbouring points, which are below the maximum in between.
 const MARGIN: f64 = 1.03;
 /// Groups of rings of equal width in ρ that have their own quadrature.
@@ -218,15 +221,17 @@ impl PupilFunction {
     /// # Errors
     /// As there.
     pub fn trace_from(tracer: &Tracer<'_>, tan: f64, nearby: Option<&Self>) -> Result<Self, DesignError> {
-        let pupil = Pupil::new(tracer, tan)?;
-        let chief = tracer.ray(tan, 0.0, 0.0)?;
-        let patches = with_openings(tracer, tan, |openings| {
-            with_ray_values(tracer, tan, &chief, |values| {
-                let sampler = Sampler { wavelength_um: tracer.wavelength_um, openings, values };
-                sampler.patches(&pupil, nearby)
-            })
-        })?;
-        Ok(Self::new(tracer.wavelength_um, pupil, patches, chief.x.v))
+        tracer.within_budget(tan, MAX_RAYS, |tracer| {
+            let pupil = Pupil::new(tracer, tan)?;
+            let chief = tracer.ray(tan, 0.0, 0.0)?;
+            let patches = with_openings(tracer, tan, |openings| {
+                with_ray_values(tracer, tan, &chief, |values| {
+                    let sampler = Sampler { wavelength_um: tracer.wavelength_um, openings, values };
+                    sampler.patches(&pupil, nearby)
+                })
+            })?;
+            Ok(Self::new(tracer.wavelength_um, pupil, patches, chief.x.v))
+        })
     }
 
     pub(super) fn new(wavelength_um: f64, pupil: Pupil, patches: Vec<Patch>, height_mm: f64) -> Self {

@@ -17,6 +17,8 @@ use super::psf::PupilFunction;
 use super::pupil_disc::Disc;
 use super::ray::Tracer;
 
+/// Rays that may be aimed over the whole pupil of a height; the largest grid needs 60,000.
+const MAX_RAYS: u32 = 100_000;
 /// Heights that a polynomial passes through.
 const STENCIL: usize = 6;
 /// Divisions of a cell of the first heights.
@@ -61,7 +63,7 @@ impl<'a> Pupils<'a> {
     fn add_nodes(&mut self, heights: &[f64]) -> Result<(), DesignError> {
         let Some((last, others)) = heights.split_last() else { return Ok(()) };
         let trace = |h: f64, size: Option<(usize, usize)>| match self.disc(h, size) {
-            Err(DesignError::Ray { .. }) => Ok(None),
+            Err(DesignError::Ray { .. } | DesignError::Search { .. }) => Ok(None),
             disc => disc.map(|disc| Some((h.to_bits(), disc))),
         };
         // The outermost field point has the largest aberrations: the others begin with its grid.
@@ -78,7 +80,8 @@ impl<'a> Pupils<'a> {
     }
 
     fn disc(&self, height: f64, size: Option<(usize, usize)>) -> Result<Disc, DesignError> {
-        Disc::trace(self.tracer, self.tracer.field_of_height(height)?, size)
+        let tan = self.tracer.field_of_height(height)?;
+        self.tracer.within_budget(tan, MAX_RAYS, |tracer| Disc::trace(tracer, tan, size))
     }
 
     /// Determines between which of the first heights others are interpolated, and adds nodes where necessary.

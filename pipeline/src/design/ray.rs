@@ -15,6 +15,7 @@ use std::sync::OnceLock;
 use super::aim::ChiefRays;
 use super::error::DesignError;
 use super::paraxial::Paraxial;
+use super::ray_budget::RayBudget;
 use super::scalar::{Dual, Scalar};
 use super::surface::{Ray, Stopped};
 use super::system::{RayAiming, System};
@@ -30,6 +31,7 @@ pub struct Tracer<'a> {
     has_apertures: bool,
     has_obscurations: bool,
     chiefs: OnceLock<ChiefRays>,
+    pub(super) budget: Option<RayBudget>,
     /// First-order properties at the primary wavelength, with the position of the pupil.
     pub primary: Paraxial,
     /// Wavelength, µm.
@@ -55,7 +57,17 @@ pub(super) struct Clip {
 }
 
 impl Clip {
-    const NONE: Self = Self { over: (f64::NEG_INFINITY, 0), hidden: (f64::INFINITY, 0) };
+    pub(super) const NONE: Self = Self { over: (f64::NEG_INFINITY, 0), hidden: (f64::INFINITY, 0) };
+
+    /// Whether the ray reaches the image: no aperture and no obscuration blocks it.
+    fn passes(&self) -> bool {
+        self.over.0 <= 0.0 && self.hidden.0 > 0.0
+    }
+
+    /// Whether it passes all apertures and an obscuration hides it.
+    pub(super) fn is_hidden(&self) -> bool {
+        self.over.0 <= 0.0 && self.hidden.0 <= 0.0
+    }
 }
 
 /// A ray in the image plane, with derivatives by the pupil coordinates p, q.
@@ -98,6 +110,7 @@ impl<'a> Tracer<'a> {
             stop_radius_mm: primary.stop_radius_mm,
             stop_sign: 1.0,
             chiefs: OnceLock::new(),
+            budget: None,
             has_apertures: system.surfaces.iter().any(|s| s.aperture_mm.is_some()),
             has_obscurations: system.surfaces.iter().any(|s| s.obscuration_mm.is_some()),
             primary,
@@ -248,13 +261,24 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`DesignError::Ray`] if it does not reach the image.
     pub fn ray(&self, tan: f64, p: f64, q: f64) -> Result<ImageRay, DesignError> {
+        self.ray_in_apertures(tan, p, q, &mut None)
+    }
+
+    /// [`Tracer::ray`]; `clip` collects its places in apertures.
+    pub(super) fn ray_in_apertures(
+        &self,
+        tan: f64,
+        p: f64,
+        q: f64,
+        clip: &mut Option<Clip>,
+    ) -> Result<ImageRay, DesignError> {
         let [x, y] = self.aim(tan, p, q)?;
         let start = self.launch(tan, x, y);
         let flux = match self.system.object_distance_mm {
             None => [x, y],
             Some(_) => [start.d[0], start.d[1]],
         };
-        let r = self.run(start, self.system.image(), &mut None).map_err(|lost| self.lost(tan, p, q, lost))?;
+        let r = self.run(start, self.system.image(), clip).map_err(|lost| self.lost(tan, p, q, lost))?;
         Ok(ImageRay {
             x: r.p[0],
             y: r.p[1],
@@ -306,8 +330,15 @@ impl<'a> Tracer<'a> {
 
     /// Whether the ray through (p, q) reaches the image: no aperture and no obscuration blocks it.
     pub fn passes(&self, tan: f64, p: f64, q: f64) -> bool {
-        let clip = self.clip(tan, p, q);
-        clip.over.0 <= 0.0 && clip.hidden.0 > 0.0
+        self.clip(tan, p, q).passes()
+    }
+
+    /// Intersection with the image plane, mm, of the ray through (p, q), if no aperture and no obscuration blocks it.
+    pub(super) fn landing(&self, tan: f64, p: f64, q: f64) -> Option<(f64, f64)> {
+        let [x, y] = self.aim(tan, p, q).ok()?;
+        let mut clip = Some(Clip::NONE);
+        let ray = self.run(self.launch(tan, x.v, y.v), self.system.image(), &mut clip).ok()?;
+        clip.is_some_and(|c| c.passes()).then_some((ray.p[0], ray.p[1]))
     }
 
     /// The surfaces with an aperture, then those with an obscuration.

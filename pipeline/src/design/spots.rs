@@ -14,6 +14,9 @@ use crate::real;
 /// Rings and spokes of rays over half the pupil.
 const RAYS: (usize, usize) = (24, 32);
 
+/// Rays that may be aimed for each point of a hexapolar pattern; real lenses need 3 to 8 where light passes.
+const RAYS_PER_POINT: u32 = 60;
+
 /// Spot size of one field point at one wavelength, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
@@ -59,18 +62,35 @@ pub(super) fn spot_of(bundle: &Bundle) -> Spot {
     }
 }
 
-/// RMS and GEO spot radius about the centroid, µm, of all wavelengths of the design with their weights, on a hexapolar pattern of
+/// Tracers of all wavelengths of the design that have a weight, with it.
+///
+/// # Errors
+/// As [`Tracer::new`].
+pub fn weighted_tracers(system: &System) -> Result<Vec<(Tracer<'_>, f64)>, DesignError> {
+    let wavelengths = system.wavelengths_um.iter().filter(|w| w.1 > 0.0);
+    wavelengths.map(|(um, weight)| Ok((Tracer::new(system, *um)?, *weight))).collect()
+}
+
+/// RMS and GEO spot radius about the centroid, µm, of `tracers` with their weights, on a hexapolar pattern of
 /// `rings` (6 k equal rays on ring k, one in the middle), as in design programs, for the field point at `tan`.
 ///
 /// # Errors
-/// A ray that does not reach the image.
-pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f64, f64), DesignError> {
+/// [`DesignError::Search`]; [`DesignError::Ray`] if no ray reaches the film.
+pub fn polychromatic_spot(
+    tracers: &[(Tracer<'_>, f64)],
+    tan: f64,
+    rings: usize,
+) -> Result<(f64, f64), DesignError> {
+    let mut points = hexapolar(tracers, tan, rings)?;
     // Behind a wide obscuration the coarse pattern may have no ray at all.
-    let mut points = hexapolar(system, tan, rings)?;
-    for finer in [4 * rings, 16 * rings] {
+    let is_obscured = tracers.iter().any(|(tracer, _)| tracer.has_obscurations());
+    for finer in [4 * rings, 16 * rings].into_iter().filter(|_| is_obscured) {
         if points.is_empty() {
-            points = hexapolar(system, tan, finer)?;
+            points = hexapolar(tracers, tan, finer)?;
         }
+    }
+    if let (true, Some((tracer, _))) = (points.is_empty(), tracers.first()) {
+        return Err(tracer.ray_error(tan, 0.0, 0.0, "and all others are blocked".to_owned()));
     }
     let total: f64 = points.iter().map(|p| p.0).sum();
     let mean = |of: fn(&(f64, f64, f64)) -> f64| points.iter().map(|p| p.0 * of(p)).sum::<f64>() / total;
@@ -81,25 +101,27 @@ pub fn polychromatic_spot(system: &System, tan: f64, rings: usize) -> Result<(f6
 }
 
 /// Weight and intersection with the film of the rays of a hexapolar pattern that reach it.
-fn hexapolar(system: &System, tan: f64, rings: usize) -> Result<Vec<(f64, f64, f64)>, DesignError> {
-    let mut points = Vec::new();
-    for (um, weight) in system.wavelengths_um.iter().filter(|w| w.1 > 0.0) {
-        let tracer = Tracer::new(system, *um)?;
-        for k in 0..=rings {
-            let count = if k == 0 { 1 } else { 6 * k };
-            for i in 0..count {
-                let (s, c) = real::sin_cos(2.0 * std::f64::consts::PI * i as f64 / count as f64);
-                let rho = k as f64 / rings.max(1) as f64;
-                // The first ray of a ring is perpendicular to the meridian.
-                let (p, q) = (rho * s, rho * c);
-                if tracer.passes(tan, p, q) {
-                    let ray = tracer.ray(tan, p, q)?;
-                    points.push((*weight, ray.x.v, ray.y.v));
+fn hexapolar(
+    tracers: &[(Tracer<'_>, f64)],
+    tan: f64,
+    rings: usize,
+) -> Result<Vec<(f64, f64, f64)>, DesignError> {
+    let one = |(tracer, weight): &(Tracer<'_>, f64)| {
+        tracer.within_budget(tan, RAYS_PER_POINT * (3 * rings * (rings + 1) + 1) as u32, |tracer| {
+            let mut points = Vec::new();
+            for k in 0..=rings {
+                let count = if k == 0 { 1 } else { 6 * k };
+                for i in 0..count {
+                    let (s, c) = real::sin_cos(2.0 * std::f64::consts::PI * i as f64 / count as f64);
+                    let rho = k as f64 / rings.max(1) as f64;
+                    // The first ray of a ring is perpendicular to the meridian.
+                    points.extend(tracer.landing(tan, rho * s, rho * c).map(|(x, y)| (*weight, x, y)));
                 }
             }
-        }
-    }
-    Ok(points)
+            Ok(points)
+        })
+    };
+    Ok(tracers.iter().map(one).collect::<Result<Vec<_>, _>>()?.concat())
 }
 
 /// Strehl ratio at the chief ray, the film moved back by `shift` mm.
