@@ -11,6 +11,7 @@
 mod arguments;
 mod bands;
 mod coverage;
+pub mod depth;
 mod film;
 mod frame;
 mod identity;
@@ -22,7 +23,7 @@ pub mod stretch;
 
 pub use arguments::threads;
 pub use bands::PlannedBands;
-pub use identity::{NUMERIC_VERSION, argument};
+pub use identity::{NUMERIC_VERSION, argument, contents};
 pub use inputs::chosen_bands;
 
 use crate::args::{Device, RunArgs};
@@ -49,6 +50,8 @@ pub struct Job {
     pub chart: Chart,
     /// The lens.
     pub lens: JobLens,
+    /// Surfaces at several distances.
+    pub depth: Option<depth::Depth>,
     /// Film, axis, placement of the chart.
     pub frame: Frame,
     /// Stages, interpolation and accuracy.
@@ -110,6 +113,9 @@ impl Job {
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
         let (memory, queues) = resources::allocate(&mut arguments, &inputs, &plan, &stretch)?;
         inputs.chart.set_cache_bytes(memory.chart_cache);
+        if let Some(depth) = &mut inputs.depth {
+            depth.set_cache_for_rows(resources::depth_rows(&plan, &stretch, &inputs.frame));
+        }
         inputs.chart.limit_values(film::max_chart_value(&plan.gains))?;
         let lens_digest = match planned {
             None => plan.lens.digest().map(str::to_owned),
@@ -121,6 +127,7 @@ impl Job {
         let mut notes = notes::notes(args, &inputs.chart, &plan)?;
         let coverage = Coverage::new(args, &inputs, &plan);
         notes.extend(coverage.note(args));
+        notes.extend(inputs.depth.iter().flat_map(|depth| depth.notes.clone()));
         notes.extend(stretch.note());
         let device = arguments.device;
         let mut details = plan.lens.details().to_vec();
@@ -134,6 +141,7 @@ impl Job {
             source: identity::source(args, &inputs.chart),
             chart_bands: inputs.chart_bands(),
             chart: inputs.chart,
+            depth: inputs.depth,
             lens: plan.lens,
             frame: inputs.frame,
             options: Options { simd: device.simd, ..arguments.options },

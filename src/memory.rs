@@ -13,8 +13,9 @@ use formats::chart::ChunkMemory;
 use formats::film::FilmSpec;
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::BandNeeds;
+use pipeline::depth::plan::{DepthPlan, NodePlan};
 use pipeline::executor::memory::{self as queues, Walk};
-use pipeline::geometry::{Frame, Size};
+use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::plan::FilmRegion;
 use pipeline::psf::memory as psf;
 use pipeline::remap::{Remap, memory as remap};
@@ -110,6 +111,10 @@ pub struct MemoryInputs<'a> {
     pub psf_reading: &'a dyn Fn(&BandPlan) -> usize,
     /// Bytes of reading the PSFs of any band of the lens.
     pub max_psf_reading: usize,
+    /// Surfaces at several distances; 0 for a flat chart.
+    pub surfaces: usize,
+    /// Caches of decoded chunks of their arrays.
+    pub surface_caches: usize,
 }
 
 /// Demand for memory, bytes.
@@ -157,6 +162,11 @@ impl MemoryInputs<'_> {
         };
         let area = self.max(|p| remap(p).chart_area_bytes(&p.tiling, chart)).saturating_mul(self.threads);
         let scratch = self.max(|p| {
+            if let Some(depth) = &p.depth {
+                let side = (p.tiling.tile() + 2 * depth.margin() + 8) as f64 * self.stretch.range.1.max(1.0);
+                let pixels = side * side / (self.frame.scale.0.min(1.0) * self.frame.scale.1.min(1.0));
+                return depth.scratch_bytes(&p.tiling, depth.slabs.count(), self.surfaces, pixels as usize);
+            }
             let coordinates = remap(p).scratch_bytes(&p.tiling, chart);
             stages::psf_scratch_bytes(p).saturating_add(coordinates)
         });
@@ -170,7 +180,10 @@ impl MemoryInputs<'_> {
 
     /// Film rows that a tile with its tail covers.
     fn reach_px(&self) -> usize {
-        self.max(|p| p.tiling.tile() + 2 * p.tiling.margin())
+        self.max(|p| {
+            let margin = p.depth.as_ref().map_or(p.tiling.margin(), DepthPlan::margin);
+            p.tiling.tile() + 2 * margin
+        })
     }
 
     /// Pixels of the film in all bands.
@@ -207,8 +220,12 @@ impl MemoryInputs<'_> {
 
     /// Kernels and tables of the bands in flight, and PSFs being read.
     fn lens(&self) -> usize {
-        let kernels = |p: &BandPlan| if p.grid.is_some() { stages::kernels_bytes(p) } else { 0 };
+        let has_psfs = |p: &BandPlan| p.grid.is_some() || p.depth.is_some();
+        let kernels = |p: &BandPlan| if has_psfs(p) { stages::kernels_bytes(p) } else { 0 };
         let reading = |p: &BandPlan| {
+            if let Some(depth) = &p.depth {
+                return 4 * depth.max_samples() + (self.psf_reading)(p);
+            }
             let stacks = if p.lens_bands.second.is_some() { 3 } else { 1 };
             let samples = p.lens.psf_height_mm.len() * p.lens.psf_size.pow(2);
             if p.grid.is_some() { 4 * stacks * samples + (self.psf_reading)(p) } else { 0 }
@@ -243,14 +260,29 @@ impl MemoryInputs<'_> {
         if gpus.queues > 0 {
             return (0, 0, 0);
         }
-        let spectrum = |p: &BandPlan| p.blocks.map_or(0, |b| b.spectrum_bytes());
+        let spectrum = |p: &BandPlan| match &p.depth {
+            None => p.blocks.map_or(0, |b| b.spectrum_bytes()),
+            Some(depth) => depth.nodes.iter().map(|n| n.blocks.spectrum_bytes()).max().unwrap_or(0),
+        };
+        let of_depth = |depth: &DepthPlan, rect: Rect| -> usize {
+            let of_node = |n: &NodePlan| {
+                psf::spectra_bytes(&n.blocks, &n.grid, rect.grown(depth.margin()), self.frame.axis_px)
+            };
+            depth.nodes.iter().map(of_node).sum()
+        };
         let nodes = |p: &BandPlan| {
+            if let Some(depth) = &p.depth {
+                return of_depth(depth, p.tiling.grown());
+            }
             let grid = p.blocks.zip(p.grid.as_ref());
             grid.map_or(0, |(blocks, grid)| {
                 psf::spectra_bytes(&blocks, grid, p.tiling.grown(), self.frame.axis_px)
             })
         };
         let of_shard = |p: &BandPlan| {
+            if let (Some(depth), Some(region)) = (&p.depth, self.regions.first()) {
+                return of_depth(depth, region.shard_rect(0, 0).grown(p.tiling.tile()));
+            }
             let grid = p.blocks.zip(p.grid.as_ref());
             grid.zip(self.regions.first()).map_or(0, |((blocks, grid), region)| {
                 let rect = region.shard_rect(0, 0).grown(p.tiling.margin() + p.tiling.tile());
@@ -268,6 +300,7 @@ impl MemoryInputs<'_> {
         let (decoding, chunks) = (at_once.saturating_mul(decoding), at_once.saturating_mul(values));
         let fixed = PROCESS_BYTES + self.shards(gpus) + self.lens();
         let fixed = fixed.saturating_add(workers).saturating_add(decoding).saturating_add(read_ahead);
+        let fixed = fixed.saturating_add(self.surface_caches);
         let chart_cache = self.chart_cache(chunks, gpus);
         let (min, shard_spectra, max) = self.spectra(gpus);
         let (spectra, encoded) = ((min, max), self.encoded());

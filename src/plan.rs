@@ -102,7 +102,17 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
     line.chart = Some(absolute_chart(&run.chart)?);
     line.film = Some(absolute_path(film)?);
     let lens = if is_builtin(&run.lens) { run.lens.clone() } else { absolute_path(&run.lens)? };
-    line.flags.retain(|flag| !flag.starts_with("--lens="));
+    let of_path = |flag: &String| {
+        flag.starts_with("--lens=") || flag.starts_with("--depth=") || flag.starts_with("--hidden=")
+    };
+    line.flags.retain(|flag| !of_path(flag));
+    for (flag, path) in std::iter::zip(std::iter::repeat("--hidden"), &run.hidden) {
+        line.flags.push(format!("{flag}={}", absolute_path(path)?));
+    }
+    if let Some(depth) = &run.depth {
+        let depth = if depth.parse::<f32>().is_ok() { depth.clone() } else { absolute_path(depth)? };
+        line.flags.push(format!("--depth={depth}"));
+    }
     line.flags.insert(0, format!("--lens={lens}"));
     Ok(line)
 }

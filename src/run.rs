@@ -32,6 +32,7 @@ use crate::failure::code;
 use crate::film_engine;
 use crate::interrupt;
 use crate::job::Job;
+use crate::job::depth::Depth;
 use crate::memory::mib;
 use crate::plan::CommandLine;
 use crate::progress::jsonl::Jsonl;
@@ -62,9 +63,11 @@ use units::Units;
 
 /// A band's stages could not be constructed.
 #[derive(Debug, thiserror::Error)]
-enum StageError {
+pub enum StageError {
+    /// Tables of the lens.
     #[error(transparent)]
     Lens(#[from] pipeline::lens::LensError),
+    /// The lens pack.
     #[error(transparent)]
     Pack(#[from] LensPackError),
 }
@@ -266,7 +269,8 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     fault_point("tiles-begin");
     let energy = Mutex::new(vec![None; job.plans.len()]);
     let prepare = |position: usize| prepare(job, position, &energy);
-    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare);
+    let sheets = job.depth.as_ref().map_or_else(Vec::new, Depth::sheets);
+    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare).with_sheets(&sheets);
     let sink = FilmStoreSink { store, film_bands: &job.film_bands };
     let result = run(&work, job.chart.source(), &sink, &compute, &monitor);
     monitor.display.finish();
@@ -300,6 +304,23 @@ fn display<'a>(task: &Task<'a>, job: &'a Job, tiles: &[(u64, u64)]) -> Display<'
     }
 }
 
+/// Constructs the stages of a band.
+///
+/// # Errors
+/// The PSFs cannot be read.
+pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
+    let (plan, gain) = (&job.plans[position], job.gains[position]);
+    if plan.depth.is_some() {
+        let read_psfs = |node: usize| Ok(job.lens.psf_of_node(plan.lens_bands.first, node)?);
+        return plan.depth_stages(position, &job.frame, job.lens.lens(), &job.options, gain, read_psfs);
+    }
+    let read_psfs = |band: usize| match plan.node {
+        Some(node) => Ok(job.lens.psf_of_node(band, node)?),
+        None => Ok::<_, StageError>(job.lens.psf(band)?),
+    };
+    plan.stages(position, &job.frame, &job.options, gain, read_psfs)
+}
+
 /// Constructs the stages of a band; `energy` receives the share of the light inside its PSF windows, the mean over heights.
 fn prepare(
     job: &Job,
@@ -307,8 +328,7 @@ fn prepare(
     energy: &Mutex<Vec<Option<f64>>>,
 ) -> Result<BandStages, SourceSinkError> {
     let plan = &job.plans[position];
-    let read_psfs = |band: usize| Ok::<_, StageError>(job.lens.psf(band)?);
-    let stages = plan.stages(position, &job.frame, &job.options, job.gains[position], read_psfs)?;
+    let stages = stages(job, position)?;
     if let Some(psf) = &stages.psf {
         let windows = std::iter::zip(&plan.lens.psf_energy, psf.kernels().energy());
         let mean = windows.map(|(pack, crop)| pack * crop).sum::<f64>() / plan.lens.psf_energy.len() as f64;

@@ -3,6 +3,9 @@
 //! At a wavelength of the lens a band uses that lens band's tables unchanged. Between two, heights and RI are interpolated linearly in λ at
 //! equal IDEAL height; PSFs, node by node, only with [`PsfBetween::Interpolate`].
 
+use crate::depth::DepthStage;
+use crate::depth::plan::{DepthPlan, VergenceRange};
+use crate::field::Outside;
 use crate::geometry::Frame;
 use crate::lens::{Lens, LensBand, LensError, PsfStack, linear};
 use crate::plan::Tiling;
@@ -87,6 +90,10 @@ pub struct BandPlan {
     pub blocks: Option<Blocks>,
     /// Its tiles.
     pub tiling: Tiling,
+    /// The lens's depth node whose PSFs it uses, for a flat chart and a lens with depth nodes.
+    pub node: Option<usize>,
+    /// Its depth stage, which replaces the others, for surfaces at several distances.
+    pub depth: Option<DepthPlan>,
 }
 
 /// The stages of one band.
@@ -96,6 +103,8 @@ pub struct BandStages {
     pub remap: Remap,
     /// PSF stage, if enabled.
     pub psf: Option<BandPsf>,
+    /// Depth stage, which replaces the others.
+    pub depth: Option<DepthStage>,
 }
 
 impl BandPlan {
@@ -139,7 +148,59 @@ impl BandPlan {
         if options.stages.ri || options.stages.distortion {
             check("image_height table", &tables.image_height_mm)?;
         }
-        Ok(Self { lens_bands, lens: tables, grid, blocks, tiling })
+        Ok(Self { lens_bands, lens: tables, grid, blocks, tiling, node: None, depth: None })
+    }
+
+    /// Plans the band at `wavelength_nm` for surfaces at vergences of `range`. A flat chart at a depth node of the lens is planned as by
+    /// [`BandPlan::new`] with that node's tables; all else gets a depth stage, which gathers.
+    ///
+    /// # Errors
+    /// As [`BandPlan::new`]; [`LensError::NoDepth`], [`LensError::Vergence`].
+    pub fn with_depth(
+        frame: &Frame,
+        lens: &Lens,
+        wavelength_nm: f64,
+        options: &Options,
+        range: VergenceRange,
+    ) -> Result<Self, LensError> {
+        let depth = lens.depth.as_ref().ok_or(LensError::NoDepth)?;
+        let lens_bands = LensBands::new(lens, wavelength_nm)?;
+        if let Some((second, _)) = lens_bands.second {
+            let (below_nm, above_nm) =
+                (lens.bands[lens_bands.first].wavelength_nm, lens.bands[second].wavelength_nm);
+            return Err(LensError::BetweenDepthBands { wavelength_nm, below_nm, above_nm });
+        }
+        let (tables, nodes) = (&lens.bands[lens_bands.first], &depth.bands[lens_bands.first]);
+        let clamp = options.interpolation.outside == Outside::Clamp;
+        if !clamp && !range.lies_within(nodes) {
+            let last = nodes.vergence[nodes.vergence.len() - 1];
+            return Err(LensError::Vergence {
+                wavelength_nm,
+                nearest_m: 1.0 / range.last,
+                farthest_m: 1.0 / range.first,
+                lens_nearest_m: 1.0 / last,
+                lens_farthest_m: 1.0 / nodes.vergence[0],
+            });
+        }
+        if let Some(node) = range.single_node(nodes) {
+            let flat = Lens { bands: vec![nodes.at_node(tables, node)], depth: None, ..lens.clone() };
+            return Ok(Self {
+                lens_bands,
+                node: Some(node),
+                ..Self::new(frame, &flat, wavelength_nm, options)?
+            });
+        }
+        let plan = DepthPlan::new(frame, depth, nodes, wavelength_nm, lens.psf_sample, range, options)?;
+        let needed = frame.farthest_mm(frame.film.rect().grown(plan.margin()));
+        let check =
+            |table, last_mm: f64| options.interpolation.outside.check(table, wavelength_nm, needed, last_mm);
+        for node in &plan.nodes {
+            check("psf_height table", node.last_height_mm)?;
+        }
+        check("image_height table", tables.image_height_mm[tables.image_height_mm.len() - 1])?;
+        let tiling = Tiling::new(frame.film, None);
+        let lens = tables.clone();
+        Ok(Self { lens_bands, lens, grid: None, blocks: None, tiling, node: None, depth: Some(plan) })
     }
 
     /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, only if the PSF stage is enabled;
@@ -167,7 +228,32 @@ impl BandPlan {
                 Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
             }
         };
-        Ok(BandStages { remap, psf })
+        Ok(BandStages { remap, psf, depth: None })
+    }
+
+    /// The depth stage of this band of `lens`, the `position`-th of the job. `stack` reads the PSFs of a depth node; `gain` as in
+    /// [`BandPlan::stages`].
+    ///
+    /// # Errors
+    /// Errors of `stack`.
+    ///
+    /// # Panics
+    /// The band is not one of [`BandPlan::with_depth`] with a depth stage.
+    pub fn depth_stages<E>(
+        &self,
+        position: usize,
+        frame: &Frame,
+        lens: &Lens,
+        options: &Options,
+        gain: f64,
+        stack: impl FnMut(usize) -> Result<PsfStack, E>,
+    ) -> Result<BandStages, E> {
+        let remap = Remap::new(frame, &self.lens, options.stages, options.interpolation, gain, options.simd);
+        let band = self.lens_bands.first;
+        let nodes = &lens.depth.as_ref().expect("planned with depth").bands[band];
+        let plan = self.depth.as_ref().expect("planned with depth");
+        let depth = plan.stage(position, frame, (&lens.bands[band], nodes), options, gain, stack)?;
+        Ok(BandStages { remap, psf: None, depth: Some(depth) })
     }
 }
 

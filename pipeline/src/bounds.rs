@@ -74,6 +74,16 @@ pub const FIELD_POINTS: Bound = bound("the number of field points", "", 2.0, 1e6
 pub const PSF_HEIGHTS: Bound = bound("the number of PSF heights", "", 2.0, 4096.0);
 /// Numbers in one table of a lens, all bands: 100 bands of 40,000 field points.
 pub const TABLE_NUMBERS: Bound = bound("the size of a lens table", "numbers", 1.0, 4_194_304.0);
+/// Depth nodes of a band.
+pub const DEPTH_NODES: Bound = bound("the number of depth nodes", "", 1.0, 4096.0);
+/// Vergence 1/z of an object in 1/m: infinity to 0.1 mm.
+pub const VERGENCE: Bound = bound("the vergence", "1/m", 0.0, 1e4);
+/// Distance between the points where chief rays cross the axis, mm.
+pub const PUPIL_SHIFT_MM: Bound = bound("the shift of the entrance pupil", "mm", -1e5, 1e5);
+/// Blur radius on the film per dioptre from focus, µm·m: a microlens to a telescope.
+pub const BLUR_PER_DIOPTRE_UM: Bound = bound("the blur per dioptre", "µm", 1e-6, 1e12);
+/// Object distance in focus, m from the entrance pupil.
+pub const FOCUS_M: Bound = bound("the focus distance", "m", 1e-4, f64::INFINITY);
 /// Bands of a chart or film.
 pub const BANDS: Bound = bound("the number of bands", "", 1.0, 10_000.0);
 /// Side of a film in pixels: 500 times that of a large sensor; its square still counts exactly in f64.

@@ -7,7 +7,10 @@
 //! Tables are dense: linear interpolation between field points is within 1e-4 px (about 1000 points to 25 mm).
 //! The PSF stack of one band may be large (traced: 60 MB), so stacks are read separately, band by band.
 
+pub mod depth;
+
 use crate::bounds::{self, Bound, OutOfBounds};
+use depth::LensDepth;
 use thiserror::Error;
 
 /// Meaning of one PSF sample.
@@ -40,6 +43,8 @@ pub struct Lens {
     pub psf_sample: PsfSample,
     /// The wavelengths, ascending.
     pub bands: Vec<LensBand>,
+    /// PSFs at several object distances, if it has them; the tables of [`Lens::bands`] are then those of the node nearest to focus.
+    pub depth: Option<LensDepth>,
 }
 
 impl Lens {
@@ -172,6 +177,39 @@ pub enum LensError {
         above_nm: f64,
         /// The differing property.
         what: &'static str,
+    },
+    /// The lens has one object distance only.
+    #[error(
+        "the lens has no depth nodes: its PSFs are those of one object distance, so it cannot image surfaces at several"
+    )]
+    NoDepth,
+    /// A chart band lies between two lens bands with depth nodes.
+    #[error(
+        "chart band {wavelength_nm} nm lies between the lens's {below_nm} and {above_nm} nm; PSFs of depth nodes are not interpolated over wavelength"
+    )]
+    BetweenDepthBands {
+        /// The chart band, nm.
+        wavelength_nm: f64,
+        /// The band below, nm.
+        below_nm: f64,
+        /// The band above, nm.
+        above_nm: f64,
+    },
+    /// Surfaces lie beyond the depth nodes.
+    #[error(
+        "the surfaces lie {nearest_m:.6} to {farthest_m:.6} m from the entrance pupil, the lens's depth nodes at {wavelength_nm} nm reach from {lens_nearest_m:.6} to {lens_farthest_m:.6} m; use a lens pack with more nodes, or the nearest node with `--outside clamp`"
+    )]
+    Vergence {
+        /// The band.
+        wavelength_nm: f64,
+        /// Nearest surface, m.
+        nearest_m: f64,
+        /// Farthest surface, m.
+        farthest_m: f64,
+        /// Nearest node, m.
+        lens_nearest_m: f64,
+        /// Farthest node, m.
+        lens_farthest_m: f64,
     },
 }
 

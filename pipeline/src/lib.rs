@@ -76,6 +76,7 @@ pub mod chart;
 pub mod clock;
 pub mod colour;
 pub mod cuda;
+pub mod depth;
 pub mod design;
 pub mod develop;
 pub mod executor;

@@ -20,9 +20,10 @@ mod extent;
 mod knots;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
-mod map;
+pub(crate) mod map;
 pub mod memory;
 mod reach;
+pub(crate) mod surround;
 
 use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, SourceSinkError};
@@ -41,6 +42,7 @@ use knots::Knots;
 #[cfg(target_arch = "x86_64")]
 use lanes::{Chart, FillAnchors, Resample};
 use map::{Map, Points, min_max};
+use surround::read_with_surround;
 
 /// The effects to compute; each can be switched off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -312,43 +314,12 @@ impl Remap {
         out: &mut [f32],
         s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
-        let inside = &mut s.inside;
-        let size = chart.size();
-        if size.rect().contains(rect) {
-            return chart.read(band, rect, out);
-        }
-        let surround = self.interpolation.surround;
-        let range = |first: i64, count: usize, n: usize| {
-            let indices = (0..count as i64).filter_map(|i| surround.index(first + i, n));
-            indices.fold(None, |range: Option<(usize, usize)>, i| {
-                Some(range.map_or((i, i), |(a, b)| (a.min(i), b.max(i))))
-            })
-        };
-        let rows = range(rect.y, rect.height, size.height);
-        let cols = range(rect.x, rect.width, size.width);
-        let (Some((y0, y1)), Some((x0, x1))) = (rows, cols) else {
-            out.fill(0.0);
-            return Ok(());
-        };
-        let part = Rect::new(y0 as i64, x0 as i64, y1 - y0 + 1, x1 - x0 + 1);
-        resize_exact(inside, part.size().pixels());
-        chart.read(band, part, &mut inside[..part.size().pixels()])?;
-        for (y, to) in out.chunks_exact_mut(rect.width).enumerate() {
-            let Some(row) = surround.index(rect.y + y as i64, size.height) else {
-                to.fill(0.0);
-                continue;
-            };
-            let from = &inside[(row - y0) * part.width..][..part.width];
-            for (x, to) in to.iter_mut().enumerate() {
-                *to = surround.index(rect.x + x as i64, size.width).map_or(0.0, |col| from[col - x0]);
-            }
-        }
-        Ok(())
+        read_with_surround(chart, band, rect, self.interpolation.surround, out, &mut s.inside)
     }
 }
 
 /// Resizes a buffer, discarding its values, without spare capacity: its size is part of the memory plan.
-fn resize_exact(buffer: &mut Vec<f32>, n: usize) {
+pub(crate) fn resize_exact(buffer: &mut Vec<f32>, n: usize) {
     if buffer.capacity() < n {
         *buffer = Vec::new();
         buffer.reserve_exact(n);

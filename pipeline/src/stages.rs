@@ -1,4 +1,4 @@
-//! Remap and PSF stages of a job as the executor's [`Compute`], on the CPU or on a GPU; and the memory they take.
+//! Remap and PSF stages of a job, or its depth stage, as the executor's [`Compute`], on the CPU or on a GPU; and the memory they take.
 
 use crate::band::{BandPlan, BandStages};
 use crate::buffer::TileBuffer;
@@ -6,6 +6,8 @@ use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
 use crate::cuda::memory::{DeviceQueue, Halvings};
+use crate::depth::DepthScratch;
+use crate::depth::sheet::Sheet;
 use crate::executor::Compute;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
@@ -22,6 +24,7 @@ pub struct StageCompute<'a> {
     frame: Frame,
     prepare: &'a Prepare<'a>,
     spectra: SpectrumCache,
+    sheets: &'a [Sheet<'a>],
 }
 
 /// Buffers of one worker.
@@ -30,12 +33,18 @@ pub struct StageScratch {
     remapped: Vec<f32>,
     remap: RemapScratch,
     psf: PsfScratch,
+    depth: DepthScratch,
 }
 
 impl<'a> StageCompute<'a> {
     /// For the film of `frame`, with a cache of `spectra_bytes` for node spectra; `prepare` constructs the stages of a band.
     pub fn new(frame: Frame, spectra_bytes: usize, prepare: &'a Prepare<'a>) -> Self {
-        Self { frame, prepare, spectra: SpectrumCache::new(spectra_bytes) }
+        Self { frame, prepare, spectra: SpectrumCache::new(spectra_bytes), sheets: &[] }
+    }
+
+    /// With the surfaces `sheets` for bands with a depth stage; the first one has the chart of the job.
+    pub fn with_sheets(self, sheets: &'a [Sheet<'a>]) -> Self {
+        Self { sheets, ..self }
     }
 }
 
@@ -61,7 +70,11 @@ impl Compute for StageCompute<'_> {
         scratch: &mut StageScratch,
         clock: &Clock,
     ) -> Result<(), SourceSinkError> {
-        let StageScratch { remapped, remap, psf } = scratch;
+        let StageScratch { remapped, remap, psf, depth } = scratch;
+        if let Some(stage) = &band.depth {
+            let (frame, sheets, spectra) = (&self.frame, self.sheets, &self.spectra);
+            return stage.compute(frame, chart, chart_band, sheets, tile, spectra, out, depth, clock);
+        }
         remapped.resize(tile.size().pixels(), 0.0);
         clock.remap.time(|| band.remap.apply(chart, chart_band, tile, remapped, remap))?;
         clock.svpsf.time(|| match &band.psf {
@@ -118,5 +131,8 @@ pub fn contribution_bytes(plan: &BandPlan) -> usize {
 
 /// Bytes of a band's kernels ([`memory::kernels_bytes`]).
 pub fn kernels_bytes(plan: &BandPlan) -> usize {
-    plan.blocks.map_or(0, |b| memory::kernels_bytes(&b, plan.lens.psf_height_mm.len(), plan.lens.psf_size))
+    let flat = |b| memory::kernels_bytes(&b, plan.lens.psf_height_mm.len(), plan.lens.psf_size);
+    plan.depth
+        .as_ref()
+        .map_or_else(|| plan.blocks.map_or(0, flat), crate::depth::plan::DepthPlan::kernels_bytes)
 }

@@ -1,5 +1,6 @@
 //! Flags whose values stand for values of the library, which knows no command line.
 
+use super::depth::{DepthKind, DepthMiss, DepthUnit};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use formats::chart::NanPolicy;
 use formats::export::exr::ExrCompression;
@@ -30,6 +31,14 @@ pub(super) const DEMOSAIC: Choices<Demosaic> = &[
     ("bilinear", "Tent over one period, any pattern", Demosaic::Bilinear),
     ("superpixel", "One pixel per period", Demosaic::Superpixel),
 ];
+pub(super) const DEPTH_KIND: Choices<DepthKind> = &[
+    ("planar", "Along the optical axis", DepthKind::Planar),
+    ("ray", "Along the ray from the entrance pupil", DepthKind::Ray),
+];
+pub(super) const DEPTH_MISS: Choices<DepthMiss> =
+    &[("error", "", DepthMiss::Error), ("far", "", DepthMiss::Far)];
+pub(super) const DEPTH_UNIT: Choices<DepthUnit> =
+    &[("m", "", DepthUnit::Metre), ("cm", "", DepthUnit::Centimetre), ("mm", "", DepthUnit::Millimetre)];
 pub(super) const DTYPE: Choices<SampleType> = &[("f32", "", SampleType::F32), ("f16", "", SampleType::F16)];
 pub(super) const EVEN_WINDOW: Choices<EvenWindow> = &[
     ("pad", "On sample N/2 (from 0); a zero row and column are added", EvenWindow::Pad),

@@ -1,7 +1,8 @@
 //! Step 1: arguments resolved without opening the chart or the lens: device, engine, options, threads.
 
-use crate::args::{RunArgs, Stage};
+use crate::args::{Device, RunArgs, Stage};
 use crate::device::DeviceSelection;
+use crate::failure::usage;
 use crate::film_engine;
 use anyhow::Result;
 use formats::chart::{Codec, NanPolicy};
@@ -31,9 +32,22 @@ impl<'a> Arguments<'a> {
     /// # Errors
     /// Device or engine not available; the film cannot be read.
     pub fn resolve(given: &'a RunArgs) -> Result<Self> {
+        if given.depth.is_some() && !given.stages.contains(&Stage::Svpsf) {
+            return Err(usage("--depth requires the stage svpsf"));
+        }
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
-        let device = DeviceSelection::new(&given.device, given.engine.explicit(), film_engine)?;
+        let device = match (&given.depth, &given.device) {
+            (Some(_), Device::Cuda(_)) => {
+                return Err(usage(format!(
+                    "--depth is computed on the CPU, not with --device {}",
+                    given.device
+                )));
+            }
+            (Some(_), Device::Auto) => &Device::Cpu,
+            (_, device) => device,
+        };
+        let device = DeviceSelection::new(device, given.engine.explicit(), film_engine)?;
         let codec = given.codec.or(film.map(|film| film.spec().codec)).unwrap_or_default();
         let options = options(given, device.simd);
         Ok(Self { given, device, options, nan: given.nan, codec, threads: threads(given.threads) })

@@ -36,8 +36,11 @@ impl JobPlan {
         let nm = inputs.wavelengths_nm();
         let lens = JobLens::new(lens, frame, &nm, options, arguments.threads)?;
         let plan = |&nm: &f64| {
-            BandPlan::new(frame, lens.lens(), nm, options)
-                .map_err(|e| light::with_likely_pitch(args, frame.pitch_um, e.into()))
+            let plan = match &inputs.depth {
+                None => BandPlan::new(frame, lens.lens(), nm, options),
+                Some(depth) => BandPlan::with_depth(frame, lens.lens(), nm, options, depth.range),
+            };
+            plan.map_err(|e| light::with_likely_pitch(args, frame.pitch_um, e.into()))
         };
         let bands: Vec<BandPlan> = nm.iter().map(plan).collect::<Result<_>>()?;
         let gains = bands.iter().map(|b| gain(args.film_units, b, frame)).collect();

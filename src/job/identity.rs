@@ -1,5 +1,6 @@
 //! Identity of a job: everything that changes pixels, as readable JSON; its digest is the job digest.
 
+use super::depth::Depth;
 use super::film::chart_units;
 use super::inputs::Inputs;
 use crate::args::RunArgs;
@@ -24,7 +25,7 @@ pub fn identity(
     keep_bits: Option<u32>,
     (lens_name, lens_digest): (&str, &str),
 ) -> Result<Map<String, Value>> {
-    let (content, mtimes) = inputs.chart.identity()?;
+    let (content, mtimes, surfaces) = contents(&inputs.chart, inputs.depth.as_ref())?;
     let frame = &inputs.frame;
     let value = json!({
         "numeric_version": NUMERIC_VERSION,
@@ -50,11 +51,25 @@ pub fn identity(
         "rois": args.roi.iter().map(|r| [r.x, r.y, r.width as i64, r.height as i64]).collect::<Vec<_>>(),
     });
     let Value::Object(mut map) = value else { unreachable!("an object is written above") };
+    if let Some(surfaces) = surfaces {
+        map.insert("depth".into(), surfaces);
+    }
     // Absent for all bits: the identity is then that of programs without this option.
     if let Some(bits) = keep_bits {
         map.insert("keep_bits".into(), bits.into());
     }
     Ok(map)
+}
+
+/// Content of the chart, modification times of all input files, and the surfaces at several distances.
+///
+/// # Errors
+/// The chunks cannot be listed.
+pub fn contents(chart: &Chart, depth: Option<&Depth>) -> Result<(Value, Value, Option<Value>)> {
+    let (content, mtimes) = chart.identity()?;
+    let Some(depth) = depth else { return Ok((content, mtimes, None)) };
+    let (surfaces, times) = depth.identity()?;
+    Ok((content, json!([mtimes, times]), Some(surfaces)))
 }
 
 /// A key of the identity or layout in the words of the command line.

@@ -2,6 +2,7 @@
 
 use super::arguments::Arguments;
 use super::coverage::field_height_mm;
+use super::depth::Depth;
 use super::frame::frame;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
@@ -25,6 +26,8 @@ pub struct Inputs {
     pub selected_bands: Vec<usize>,
     /// Their wavelengths, nm.
     pub selected_nm: Vec<f64>,
+    /// Surfaces at several distances.
+    pub depth: Option<Depth>,
     /// Bands of the film that this process computes; all, unless it does units of a plan.
     pub film_bands: Vec<usize>,
 }
@@ -56,7 +59,12 @@ impl Inputs {
         let frame = frame(args, &chart, &lens)?;
         let field_height_mm = field_height_mm(&lens)?;
         let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
-        Ok((Self { chart, frame, field_height_mm, selected_bands, selected_nm, film_bands }, lens))
+        lens.check_depth(&args.lens, args.depth.is_some())?;
+        let depth = match lens.distortion_focal_length_mm() {
+            Some(mm) => Depth::open(args, &frame, &all_nm, mm)?,
+            None => None,
+        };
+        Ok((Self { chart, frame, field_height_mm, selected_bands, selected_nm, depth, film_bands }, lens))
     }
 
     /// Bands of the chart that this process computes.

@@ -2,6 +2,7 @@
 
 use super::arguments::Arguments;
 use super::bands::JobPlan;
+use super::depth::Depth;
 use super::inputs::Inputs;
 use super::stretch::RemapStretch;
 use crate::device::DeviceSelection;
@@ -45,6 +46,11 @@ pub fn allocate(
         stretch,
         psf_reading: &|p: &BandPlan| plan.lens.psf_reading_bytes(p.lens_bands.first),
         max_psf_reading: plan.lens.max_reading_bytes(),
+        surfaces: inputs.depth.as_ref().map_or(0, Depth::count),
+        surface_caches: inputs
+            .depth
+            .as_ref()
+            .map_or(0, |depth| depth.cache_bytes(depth_rows(plan, stretch, &inputs.frame))),
     };
     let device = &mut arguments.device;
     let without_gpus = || Ok((Memory::plan(&memory, GpuDemand::default())?, Vec::new()));
@@ -65,6 +71,13 @@ pub fn allocate(
         }
         planned => planned,
     }
+}
+
+/// Rows of the chart under a tile of a depth stage with its margin.
+pub fn depth_rows(plan: &JobPlan, stretch: &RemapStretch, frame: &Frame) -> usize {
+    let rows = |band: &BandPlan| band.depth.as_ref().map_or(0, |d| band.tiling.tile() + 2 * d.margin());
+    let rows = plan.bands.iter().map(rows).max().unwrap_or(0);
+    (rows as f64 * stretch.range.1.max(1.0) / frame.scale.0.min(1.0)) as usize
 }
 
 /// Order of the tiles of the first band with each tiling.

@@ -5,6 +5,7 @@ mod tracing;
 use super::cache::Cache;
 use crate::args::DesignArgs;
 use crate::design::{self, DesignFile};
+use crate::failure::usage;
 use crate::open;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, LensPackError};
@@ -32,6 +33,34 @@ impl UntracedLens {
             return Ok(Self::Design(Box::new(system), name.to_owned(), file));
         }
         Ok(Self::Pack(Box::new(open::lens(name)?)))
+    }
+
+    /// The distortion focal length of a pack, mm.
+    pub fn distortion_focal_length_mm(&self) -> Option<f64> {
+        match self {
+            Self::Pack(pack) => Some(pack.lens().distortion_focal_length_mm),
+            Self::Design(..) => None,
+        }
+    }
+
+    /// Fails if `name` lacks the depth nodes that surfaces at several distances need (`has_depth`), or needs a distance.
+    ///
+    /// # Errors
+    /// Usage.
+    pub fn check_depth(&self, name: &str, has_depth: bool) -> Result<()> {
+        let has_nodes = match self {
+            Self::Pack(pack) => pack.lens().depth.is_some(),
+            Self::Design(..) => false,
+        };
+        match (has_depth, has_nodes) {
+            (true, false) => Err(usage(format!(
+                "--depth: lens `{name}` has the PSFs of one object distance; give a lens pack with depth nodes"
+            ))),
+            (false, true) => Err(usage(format!(
+                "lens `{name}` has depth nodes: give the distance of the chart's pixels, an array or one number in m, e.g. `--depth 2`"
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// Magnification (ideal height on the film over object height) and object distance in mm; none for an object at infinity.
@@ -116,6 +145,17 @@ impl JobLens {
         }
     }
 
+    /// PSFs of depth node `node` of band `band` of [`JobLens::lens`].
+    ///
+    /// # Errors
+    /// As [`LensPack::psf_of_node`].
+    pub fn psf_of_node(&self, band: usize, node: usize) -> Result<PsfStack, LensPackError> {
+        match self {
+            Self::Pack(pack) => pack.psf_of_node(band, node),
+            Self::Traced(_) => self.psf(band),
+        }
+    }
+
     /// Digest of the lens.
     ///
     /// # Errors
@@ -169,7 +209,10 @@ impl JobLens {
     /// Maximum over the bands of the bytes that reading the PSFs of a band needs; the digest reads all bands in sequence.
     pub fn max_reading_bytes(&self) -> usize {
         let bytes = |(b, band): (usize, &LensBand)| {
-            4 * band.psf_height_mm.len() * band.psf_size * band.psf_size + self.psf_reading_bytes(b)
+            let nodes = self.lens().depth.iter().flat_map(|depth| &depth.bands[b].nodes);
+            let samples = nodes.map(|node| node.psf_height_mm.len() * node.psf_size.pow(2)).max();
+            let samples = samples.unwrap_or(band.psf_height_mm.len() * band.psf_size * band.psf_size);
+            4 * samples + self.psf_reading_bytes(b)
         };
         self.lens().bands.iter().enumerate().map(bytes).max().unwrap_or(0)
     }

@@ -4,6 +4,7 @@ use super::file::Plan;
 use crate::args::RunArgs;
 use crate::job::Job;
 use crate::progress::log_line;
+use crate::run;
 use anyhow::Result;
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -23,8 +24,7 @@ pub fn measure(plan: &Plan, run: &RunArgs) -> Result<()> {
     let bands = plan.bands(&BTreeSet::from([unit.unit]));
     let job = Job::for_planned_bands(run, plan.planned_bands(&bands))?;
     let opening_s = start.elapsed().as_secs_f64();
-    let read_psfs = |band: usize| Ok::<_, anyhow::Error>(job.lens.psf(band)?);
-    job.plans[0].stages(0, &job.frame, &job.options, job.gains[0], read_psfs)?;
+    run::stages(&job, 0)?;
     let startup_s = start.elapsed().as_secs_f64();
     let share = startup_s / (startup_s + unit.cost.core_s / job.threads as f64);
     log_line(format!(

@@ -2,7 +2,7 @@
 
 use crate::args::RunArgs;
 use crate::failure::{other_job, usage};
-use crate::job::{Job, argument};
+use crate::job::{Job, argument, contents};
 use crate::open::Chart;
 use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, is_url, link_target, parent_of, sweep_entries};
@@ -233,8 +233,9 @@ fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Differen
 
 /// Fails if the chart changed since the job was resolved: shards may then be of different charts.
 pub fn check_chart_unchanged(job: &Job) -> Result<()> {
-    let (content, mtimes) = job.chart.identity()?;
-    if job.identity.get("chart") != Some(&content) || job.identity.get("chart_mtimes") != Some(&mtimes) {
+    let (content, mtimes, surfaces) = contents(&job.chart, job.depth.as_ref())?;
+    let found = [("chart", Some(content)), ("chart_mtimes", Some(mtimes)), ("depth", surfaces)];
+    if found.iter().any(|(key, value)| job.identity.get(*key) != value.as_ref()) {
         bail!(
             "the chart changed during the run, so the film may be of both versions; leave the chart unchanged and start again with \
              --overwrite"

@@ -220,6 +220,7 @@ pub fn lens(bands: Vec<LensBand>) -> Lens {
         magnification: 0.0,
         psf_sample: PsfSample::Integrated,
         bands,
+        depth: None,
     }
 }
 

@@ -96,6 +96,13 @@ fn from_attribute<'a>(find: &impl Fn(&str) -> Option<&'a Value>) -> Option<Vec<f
 
 /// Wavelengths in nm from the 1-D array beside the chart that has the name of the spectral dimension, or `wavelength`.
 fn coordinate(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f64>>, ChartError> {
+    // An array of two axes beside a cube, such as a depth, has no wavelengths of its own.
+    let is_plane_of_cube = |w: &Vec<f64>| layout.order.rank() == 2 && w.len() != 1;
+    Ok(beside(layout, names)?.filter(|w| !is_plane_of_cube(w)))
+}
+
+/// The 1-D array of [`coordinate`].
+fn beside(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f64>>, ChartError> {
     if layout.name.is_empty() {
         return Ok(None);
     }

@@ -77,6 +77,7 @@ impl ChartStore {
         let light = find("illuminant").and_then(Value::as_str).map(str::to_owned).or_else(drawn);
         Ok(Self {
             layout,
+            attributes,
             wavelengths_nm,
             pitch_um,
             film_size,

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, OnceLock};
 
 use pipeline::geometry::Size;
+use serde_json::{Map, Value};
 
 use super::band_chunks::BandChunkFile;
 use super::cache::Cache;
@@ -52,6 +53,8 @@ pub struct ChartStore {
     pub(super) pitch_um: Option<f64>,
     pub(super) film_size: Option<Size>,
     pub(super) units: Option<String>,
+    /// Attributes of the array.
+    pub(super) attributes: Map<String, Value>,
     pub(super) light: Option<String>,
     pub(super) cache: Cache<DecodedChunk>,
     /// Shard indexes; `None`: the shard is missing.
@@ -94,6 +97,11 @@ impl ChartStore {
     /// Unit of the values: attribute `units`.
     pub fn units(&self) -> Option<&str> {
         self.units.as_deref()
+    }
+
+    /// Text of the attribute `key` of its array.
+    pub fn text_attribute(&self, key: &str) -> Option<&str> {
+        self.attributes.get(key).and_then(Value::as_str)
     }
 
     /// Name of the illuminant of a white: attribute `illuminant`, or that of the drawn chart in the attribute `chart`.

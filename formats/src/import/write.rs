@@ -176,6 +176,7 @@ impl Imported {
             magnification: given.magnification,
             psf_sample: given.sample,
             bands,
+            depth: None,
         };
         lens.check_head().map_err(|(name, e)| ImportError::file(&given.path, format!("`{name}`: {e}")))?;
         Ok(Self { lens, source, notes: given.notes, path: given.path, read_windows })

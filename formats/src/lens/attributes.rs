@@ -2,12 +2,14 @@
 
 use super::error::LensPackError;
 use super::store::{MAX_METADATA_BYTES, PackStore};
-use pipeline::bounds::OutOfBounds;
+use pipeline::bounds::{Bound, OutOfBounds};
 use pipeline::lens::PsfSample;
 use serde_json::{Map, Value};
 
-/// The only schema that this program reads and writes.
+/// Schema of a pack with one object distance.
 pub const SCHEMA: &str = "lenscube/lens-pack/1";
+/// Schema of a pack with depth nodes.
+pub const DEPTH_SCHEMA: &str = "lenscube/lens-pack/2";
 
 /// Descriptive attributes of a pack: printed, not used in any calculation.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,10 +26,12 @@ pub struct PackAttributes {
     pub source: Option<Value>,
 }
 
-/// Attributes of a group with schema [`SCHEMA`].
+/// Attributes of a group with schema [`SCHEMA`] or [`DEPTH_SCHEMA`].
 pub(super) struct Attributes<'a> {
     store: &'a PackStore,
     map: Map<String, Value>,
+    /// Whether the pack has depth nodes.
+    pub(super) has_depth: bool,
 }
 
 impl<'a> Attributes<'a> {
@@ -57,7 +61,10 @@ impl<'a> Attributes<'a> {
             _ => Map::new(),
         };
         match attributes.get("schema") {
-            Some(Value::String(s)) if s == SCHEMA => Ok(Self { store, map: attributes }),
+            Some(Value::String(s)) if s == SCHEMA || s == DEPTH_SCHEMA => {
+                let has_depth = s == DEPTH_SCHEMA;
+                Ok(Self { store, map: attributes, has_depth })
+            }
             found => Err(LensPackError::Schema {
                 path: store.path.clone(),
                 found: found.map_or("missing".into(), Value::to_string),
@@ -107,6 +114,15 @@ impl<'a> Attributes<'a> {
                 _ => Err(self.invalid(name, "a number or null")),
             },
         }
+    }
+
+    /// A required number within `bound`; null and "Infinity" stand for infinity.
+    pub(super) fn bounded(&self, name: &'static str, bound: Bound) -> Result<f64, LensPackError> {
+        if !self.map.contains_key(name) {
+            return Err(self.invalid(name, "a number"));
+        }
+        let value = self.number_or_null(name)?.unwrap_or(f64::INFINITY);
+        bound.check(value).map_err(|e| self.out_of_bounds(name, &e))
     }
 
     /// The required `psf_sample`.

@@ -4,8 +4,10 @@
 //! a line of text, then f64: focal lengths, F-number, primary wavelength, object distance (NaN = infinity), magnification; u64: sample, B
 //! per band: f64 wavelength; u64 M, K, n; f64 tables; u64 azimuths; f64 energies, pitch, solid angle, transmission; f32 PSFs
 //! ```
+//! With depth nodes: of each band its head and tables, then per node vergence, tables and PSFs; of the lens the digests of its bands.
 //! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage.
 
+use pipeline::lens::depth::LensDepth;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Samples converted to bytes at a time.
@@ -28,6 +30,42 @@ pub fn band_digest(lens: &Lens, band: usize, stack: &PsfStack) -> String {
     let mut h = hasher_with_head(lens, 1);
     add_band(&mut h, &lens.bands[band], stack);
     h.finalize().to_hex().to_string()
+}
+
+/// Digest of band `band` of a lens with depth nodes; `psf` reads the PSFs of a node.
+pub(super) fn depth_band_digest<E>(
+    lens: &Lens,
+    depth: &LensDepth,
+    band: usize,
+    mut psf: impl FnMut(usize) -> Result<PsfStack, E>,
+) -> Result<String, E> {
+    let mut h = hasher_with_head(lens, 1);
+    let nodes = &depth.bands[band];
+    h.update(b"depth nodes\n");
+    add_f64(&mut h, &[depth.focus_distance_m, depth.blur_per_dioptre_um]);
+    add_counts(&mut h, &[nodes.nodes.len()]);
+    add_f64(&mut h, &nodes.pupil_shift_mm);
+    for (d, v) in nodes.vergence.iter().enumerate() {
+        add_f64(&mut h, &[*v]);
+        add_band(&mut h, &nodes.at_node(&lens.bands[band], d), &psf(d)?);
+    }
+    // Heights at V = 0 and illumination in focus.
+    add_tables(&mut h, &lens.bands[band]);
+    Ok(h.finalize().to_hex().to_string())
+}
+
+/// Digest of a lens with depth nodes from those of its bands.
+pub(super) fn depth_digest<E>(
+    lens: &Lens,
+    depth: &LensDepth,
+    bands: impl Iterator<Item = Result<String, E>>,
+) -> Result<String, E> {
+    let mut h = hasher_with_head(lens, lens.bands.len());
+    add_f64(&mut h, &[depth.focus_distance_m, depth.blur_per_dioptre_um]);
+    for digest in bands {
+        h.update(digest?.as_bytes());
+    }
+    Ok(h.finalize().to_hex().to_string())
 }
 
 fn hasher_with_head(lens: &Lens, bands: usize) -> blake3::Hasher {

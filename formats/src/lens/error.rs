@@ -80,11 +80,11 @@ pub enum LensPackError {
     Table { path: PathBuf, source: LensError },
     /// A PSF window does not sum to 1.
     #[error(
-        "{path}: array `psf/{band}`: the window at height {index} ({height_mm:.3} mm) sums to {sum}, expected 1 within 1e-3; divide each window by its sum and store the share of the total energy in psf_energy"
+        "{path}: array `{array}`: the window at height {index} ({height_mm:.3} mm) sums to {sum}, expected 1 within 1e-3; divide each window by its sum and store the share of the total energy in psf_energy"
     )]
     PsfSum {
         path: PathBuf,
-        band: usize,
+        array: String,
         index: usize,
         /// Real image height of the window, mm.
         height_mm: f64,

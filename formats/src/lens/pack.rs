@@ -89,13 +89,26 @@ impl LensPack {
     /// There is no such band; a chunk is missing or damaged; a sample is not finite; the sum of a window is not 1;
     /// [`LensPackError::Changed`].
     pub fn psf(&self, band: usize) -> Result<PsfStack, LensPackError> {
-        let stack = read::psf(&self.store, &self.lens, band)?;
+        if let Some(depth) = &self.lens.depth {
+            let focus = depth.focus();
+            return self.psf_of_node(band, depth.bands.get(band).map_or(0, |nodes| nodes.nearest(focus)));
+        }
+        let stack = read::psf(&self.store, &self.lens, band, None)?;
         let first = self.band_digests[band].get().filter(|_| self.store.may_change());
         let unchanged = match first {
             Some(first) => *first == digest::band_digest(&self.lens, band, &stack),
             None => self.hashed_file_is_unchanged()?,
         };
         if unchanged { Ok(stack) } else { Err(self.changed(format!("psf/{band} differs"))) }
+    }
+
+    /// Reads the PSFs of depth node `node` of band `band` of a pack with depth nodes: finite, every window of sum 1.
+    ///
+    /// # Errors
+    /// There is no such band; a chunk is missing or damaged; a sample is not finite; the sum of a window is not 1. Changes of the pack are
+    /// found by [`check_unchanged`](Self::check_unchanged).
+    pub fn psf_of_node(&self, band: usize, node: usize) -> Result<PsfStack, LensPackError> {
+        read::psf(&self.store, &self.lens, band, Some(node))
     }
 
     /// Bytes of memory for reading a band's PSFs, in addition to the samples: an encoded and a decoded chunk.
@@ -150,6 +163,11 @@ impl LensPack {
         if let Some(digest) = self.digest.get() {
             return Ok(digest);
         }
+        if let Some(depth) = &self.lens.depth {
+            let digests = (0..self.lens.bands.len()).map(|band| self.band_digest(band));
+            let digest = digest::depth_digest(&self.lens, depth, digests)?;
+            return Ok(self.digest.get_or_init(|| digest));
+        }
         let digest = digest::lens_digest(&self.lens, |band| {
             let stack = self.psf(band)?;
             self.band_digests[band].get_or_init(|| digest::band_digest(&self.lens, band, &stack));
@@ -160,6 +178,14 @@ impl LensPack {
 
     /// As [`digest`](Self::digest), of band `band` alone; reads only that band's PSFs.
     pub fn band_digest(&self, band: usize) -> Result<String, LensPackError> {
+        if let Some(depth) = &self.lens.depth {
+            if let Some(known) = self.band_digests[band].get() {
+                return Ok(known.clone());
+            }
+            let digest =
+                digest::depth_band_digest(&self.lens, depth, band, |node| self.psf_of_node(band, node))?;
+            return Ok(self.band_digests[band].get_or_init(|| digest).clone());
+        }
         let stack = self.psf(band)?;
         Ok(self.band_digests[band].get_or_init(|| digest::band_digest(&self.lens, band, &stack)).clone())
     }

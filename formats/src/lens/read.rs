@@ -3,6 +3,8 @@
 //! Tables are (bands, field points) or (bands, heights). A band with fewer of them ends its rows with NaN: its number of
 //! heights is the number of entries of `psf_height` before the first NaN, and `psf/<band>` has that many windows.
 
+mod depth;
+
 use super::array::PackArray;
 use super::attributes::{Attributes, PackAttributes};
 use super::error::LensPackError;
@@ -39,11 +41,7 @@ pub(super) fn lens(
     let image = tables.rows("image_height", Some((field_points, "bands, field points of ideal_height")))?;
     let illumination =
         tables.rows("relative_illumination", Some((field_points, "bands, field points of ideal_height")))?;
-    let heights = tables.rows("psf_height", None)?;
-    let same = Some((heights.width, "bands, heights of psf_height"));
-    let azimuths = tables.rows("azimuth_count", same)?;
-    let energy = tables.rows("psf_energy", same)?;
-    let pitch = tables.per_band("psf_pitch")?;
+    let flat_psfs = if head.has_depth { None } else { Some(PsfTables::open(&tables)?) };
     let f_number = head.positive("f_number")?;
     bounds::F_NUMBER.check(f_number).map_err(|e| head.out_of_bounds("f_number", &e))?;
     let solid_angle = tables.per_band_or("solid_angle", || {
@@ -57,26 +55,29 @@ pub(super) fn lens(
     let sample = head.sample()?;
     let (mut lens_bands, mut chunks) = (Vec::with_capacity(bands), Vec::with_capacity(bands));
     for b in 0..bands {
-        let psf_height_mm = heights.numbers(b)?;
-        let k = psf_height_mm.len();
-        let (psf_size, chunk_bytes) = psf_size(store, b, k)?;
-        let band = LensBand {
+        let mut band = LensBand {
             wavelength_nm: wavelength_nm[b],
             ideal_height_mm: ideal.numbers(b)?,
             image_height_mm: image.numbers(b)?,
             relative_illumination: illumination.numbers(b)?,
-            azimuth_count: azimuths.counts(b, k)?,
-            psf_size,
-            psf_pitch_um: pitch[b],
-            psf_energy: energy.first(b, k)?,
+            azimuth_count: Vec::new(),
+            psf_size: 1,
+            psf_pitch_um: 1.0,
+            psf_energy: Vec::new(),
             solid_angle_sr: solid_angle[b],
             transmission: transmission[b],
-            psf_height_mm,
+            psf_height_mm: Vec::new(),
         };
-        band.check().map_err(|source| LensPackError::Table { path: store.path.clone(), source })?;
+        if let Some(psfs) = &flat_psfs {
+            chunks.push(psfs.fill(b, &mut band)?);
+            band.check().map_err(|source| LensPackError::Table { path: store.path.clone(), source })?;
+        }
         lens_bands.push(band);
-        chunks.push(chunk_bytes);
     }
+    let depth = match head.has_depth {
+        true => Some(depth::read(&tables, &head, field_points, &mut lens_bands, &mut chunks)?),
+        false => None,
+    };
     let lens = Lens {
         name: head.text("name").unwrap_or_else(|| {
             notes.push("attribute `name` is missing: default, the file's name".into());
@@ -90,6 +91,7 @@ pub(super) fn lens(
         magnification: head.number_or_null("magnification")?.unwrap_or(0.0),
         psf_sample: sample,
         bands: lens_bands,
+        depth,
     };
     lens.check_head().map_err(|(name, e)| head.out_of_bounds(name, &e))?;
     let defocus_mm = head.number_or_null("defocus_mm")?;
@@ -106,18 +108,28 @@ pub(super) fn lens(
     Ok((lens, other, chunks))
 }
 
-/// Reads one band's windows: finite, each with sum 1.
-pub(super) fn psf(store: &PackStore, lens: &Lens, index: usize) -> Result<PsfStack, LensPackError> {
+/// Reads the windows of one band, of the depth node `node` of a pack that has some: finite, each with sum 1.
+pub(super) fn psf(
+    store: &PackStore,
+    lens: &Lens,
+    index: usize,
+    node: Option<usize>,
+) -> Result<PsfStack, LensPackError> {
     let bands = lens.bands.len();
     let band = lens.bands.get(index).ok_or_else(|| LensPackError::Band {
         path: store.path.clone(),
         band: index,
         bands,
     })?;
-    let name = format!("psf/{index}");
+    let (name, heights_mm, n, pitch_um) = match lens.depth.as_ref().zip(node) {
+        None => (format!("psf/{index}"), &band.psf_height_mm, band.psf_size, band.psf_pitch_um),
+        Some((depth, d)) => {
+            let node = &depth.bands[index].nodes[d];
+            (format!("psf/{index}/{d}"), &node.psf_height_mm, node.psf_size, node.psf_pitch_um)
+        }
+    };
     let array = PackArray::open(store, &name)?;
-    let n = band.psf_size;
-    array.expect_shape(&[band.psf_height_mm.len(), n, n], "heights, rows, columns")?;
+    array.expect_shape(&[heights_mm.len(), n, n], "heights, rows, columns")?;
     let samples = array.read_as(|v| v as f32)?;
     let mut values = samples.values;
     for (k, window) in values.chunks_exact_mut(n * n).enumerate() {
@@ -140,9 +152,9 @@ pub(super) fn psf(store: &PackStore, lens: &Lens, index: usize) -> Result<PsfSta
         if deviation > SUM_TOLERANCE {
             return Err(LensPackError::PsfSum {
                 path: store.path.clone(),
-                band: index,
+                array: name,
                 index: k,
-                height_mm: band.psf_height_mm[k],
+                height_mm: heights_mm[k],
                 sum,
             });
         }
@@ -150,12 +162,12 @@ pub(super) fn psf(store: &PackStore, lens: &Lens, index: usize) -> Result<PsfSta
             window.iter_mut().for_each(|v| *v = (f64::from(*v) / sum) as f32);
         }
     }
-    Ok(PsfStack { size: n, pitch_um: band.psf_pitch_um, sample: lens.psf_sample, samples: values })
+    Ok(PsfStack { size: n, pitch_um, sample: lens.psf_sample, samples: values })
 }
 
-/// Side of band `b`'s windows and bytes of a decoded chunk of them, from the metadata.
-fn psf_size(store: &PackStore, b: usize, k: usize) -> Result<(usize, usize), LensPackError> {
-    let array = PackArray::open(store, &format!("psf/{b}"))?;
+/// Side of the windows of the array `name` and bytes of a decoded chunk of them, from the metadata.
+fn psf_size(store: &PackStore, name: &str, k: usize) -> Result<(usize, usize), LensPackError> {
+    let array = PackArray::open(store, name)?;
     array.expect_float()?;
     match array.shape[..] {
         [_, rows, _] if !bounds::PSF_SIDE.contains(rows as f64) => {
@@ -168,15 +180,48 @@ fn psf_size(store: &PackStore, b: usize, k: usize) -> Result<(usize, usize), Len
     }
 }
 
+/// PSF tables of a pack without depth nodes.
+struct PsfTables<'a> {
+    heights: Rows<'a>,
+    azimuths: Rows<'a>,
+    energy: Rows<'a>,
+    pitch: Vec<f64>,
+}
+
+impl<'a> PsfTables<'a> {
+    fn open(tables: &'a Tables<'a>) -> Result<Self, LensPackError> {
+        let heights = tables.rows("psf_height", None)?;
+        let same = Some((heights.width, "bands, heights of psf_height"));
+        Ok(Self {
+            azimuths: tables.rows("azimuth_count", same)?,
+            energy: tables.rows("psf_energy", same)?,
+            pitch: tables.per_band("psf_pitch")?,
+            heights,
+        })
+    }
+
+    /// Fills the PSF tables of band `b`; the bytes of a decoded chunk of its PSFs.
+    fn fill(&self, b: usize, band: &mut LensBand) -> Result<usize, LensPackError> {
+        let heights = self.heights.numbers(b)?;
+        let k = heights.len();
+        let (size, chunk_bytes) = psf_size(self.heights.tables.store, &format!("psf/{b}"), k)?;
+        (band.psf_size, band.psf_pitch_um, band.psf_height_mm) = (size, self.pitch[b], heights);
+        (band.azimuth_count, band.psf_energy) = (self.azimuths.counts(b, k)?, self.energy.first(b, k)?);
+        Ok(chunk_bytes)
+    }
+}
+
 struct Tables<'a> {
     store: &'a PackStore,
     bands: usize,
 }
 
-/// A (bands, width) table.
+/// A (bands, width) table, or a (bands, nodes, width) one.
 struct Rows<'a> {
     tables: &'a Tables<'a>,
     name: &'static str,
+    /// Rows of a band.
+    per_band: usize,
     width: usize,
     values: Vec<f64>,
 }
@@ -236,11 +281,17 @@ impl Tables<'_> {
         };
         array.expect_shape(&[self.bands, width], axes)?;
         array.expect_at_most(&bounds::TABLE_NUMBERS)?;
-        Ok(Rows { tables: self, name, width, values: array.read()? })
+        Ok(Rows { tables: self, name, per_band: 1, width, values: array.read()? })
     }
 }
 
 impl Rows<'_> {
+    /// Error of a value of row `row`.
+    fn value(&self, row: usize, index: usize, value: f64, expected: &'static str) -> LensPackError {
+        let (band, node) = (row / self.per_band, row % self.per_band);
+        self.tables.value(self.name, band, node * self.width + index, value, expected)
+    }
+
     fn row(&self, b: usize) -> &[f64] {
         &self.values[b * self.width..][..self.width]
     }
@@ -250,25 +301,14 @@ impl Rows<'_> {
         let row = self.row(b);
         let count = row.iter().position(|v| v.is_nan()).unwrap_or(self.width);
         if let Some(i) = (count..self.width).find(|&i| !row[i].is_nan()) {
-            return Err(self.tables.value(
-                self.name,
-                b,
-                i,
-                row[i],
-                "NaN to the end of the row after the first NaN",
-            ));
+            return Err(self.value(b, i, row[i], "NaN to the end of the row after the first NaN"));
         }
         if let Some(i) = row[..count].iter().position(|v| v.is_infinite()) {
-            return Err(self.tables.value(self.name, b, i, row[i], "a finite number"));
+            return Err(self.value(b, i, row[i], "a finite number"));
         }
         if count < 2 {
-            return Err(self.tables.value(
-                self.name,
-                b,
-                count,
-                row.get(count).copied().unwrap_or(f64::NAN),
-                "at least 2 numbers",
-            ));
+            let found = row.get(count).copied().unwrap_or(f64::NAN);
+            return Err(self.value(b, count, found, "at least 2 numbers"));
         }
         Ok(row[..count].to_vec())
     }
@@ -277,7 +317,7 @@ impl Rows<'_> {
     fn first(&self, b: usize, k: usize) -> Result<Vec<f64>, LensPackError> {
         let row = &self.row(b)[..k];
         match row.iter().position(|v| !v.is_finite()) {
-            Some(i) => Err(self.tables.value(self.name, b, i, row[i], "a finite number")),
+            Some(i) => Err(self.value(b, i, row[i], "a finite number")),
             None => Ok(row.to_vec()),
         }
     }
@@ -286,7 +326,7 @@ impl Rows<'_> {
         let row = &self.row(b)[..k];
         let is_count = |v: f64| (0.0..=bounds::AZIMUTHS.max).contains(&v) && v.fract() == 0.0;
         match row.iter().position(|v| !is_count(*v)) {
-            Some(i) => Err(self.tables.value(self.name, b, i, row[i], "a whole number up to 7200")),
+            Some(i) => Err(self.value(b, i, row[i], "a whole number up to 7200")),
             None => Ok(row.iter().map(|&v| v as usize).collect()),
         }
     }

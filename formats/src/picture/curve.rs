@@ -114,6 +114,7 @@ mod tests {
             magnification: 0.0,
             psf_sample: pipeline::lens::PsfSample::Point,
             bands: (0..bands).map(band).collect(),
+            depth: None,
         }
     }
 

@@ -143,7 +143,8 @@ fn invalid_table_value_is_an_error_with_band_and_index() {
 #[test]
 fn window_not_finite_or_not_of_sum_one_is_an_error() {
     let e = error_after(|p| replace_array(p.join("psf/1"), "float64", &[3, 3, 3], &f64s(&[1.002 / 9.0; 27])));
-    let LensPackError::PsfSum { band: 1, index: 0, sum, .. } = e else { panic!("{e}") };
+    let LensPackError::PsfSum { ref array, index: 0, sum, .. } = e else { panic!("{e}") };
+    assert_eq!(array, "psf/1");
     assert!((sum - 1.002).abs() < 1e-6);
     let mut samples = [1.0 / 9.0; 27];
     samples[13] = f64::INFINITY;

@@ -37,6 +37,7 @@ fn small_lens() -> Lens {
         magnification: 0.0,
         psf_sample: PsfSample::Integrated,
         bands: vec![band(450.0, 6, 2, 5), band(550.0, 4, 3, 3)],
+        depth: None,
     }
 }
 

@@ -221,6 +221,7 @@ fn header(system: &System, primary: &Paraxial) -> Lens {
         magnification: primary.film_magnification(system.object_distance_mm),
         psf_sample: PsfSample::Point,
         bands: Vec::new(),
+        depth: None,
     }
 }
 

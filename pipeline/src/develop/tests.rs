@@ -219,6 +219,7 @@ fn shading_divides_by_lens_and_flat() {
         magnification: 0.0,
         psf_sample: crate::lens::PsfSample::Integrated,
         bands: vec![band],
+        depth: None,
     };
     // R = 1 - r/10 mm; 1 mm pixels, axis at (6, 8).
     let shading = LensShading::new(&lens, &[550.0], &[vec![2.0]], (1.0, (6.0, 8.0), 10.0)).unwrap();

@@ -59,6 +59,8 @@ pub trait Spectra {
 #[derive(Debug)]
 pub struct BandPsf {
     band: usize,
+    /// Id of the first node in the cache of spectra.
+    first_id: usize,
     grid: NodeGrid,
     kernels: Arc<NodeKernels>,
     blocks: Blocks,
@@ -77,7 +79,7 @@ struct Builder {
 /// Buffers of one worker; no allocation after the first tile of a band.
 #[derive(Debug, Default)]
 pub struct PsfScratch {
-    engine: Option<(usize, EngineScratch)>,
+    engine: Option<((usize, usize), EngineScratch)>,
 }
 
 impl BandPsf {
@@ -85,7 +87,20 @@ impl BandPsf {
     pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels, simd: Simd) -> Self {
         let blocks = Blocks::choose(kernels.size(), &grid);
         let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
-        Self { band, grid, kernels: Arc::new(kernels), blocks, engine, builders: Mutex::default() }
+        Self {
+            band,
+            first_id: 0,
+            grid,
+            kernels: Arc::new(kernels),
+            blocks,
+            engine,
+            builders: Mutex::default(),
+        }
+    }
+
+    /// The stage with node ids from `first_id` on: several stages of one band, of different depths, have spectra of their own.
+    pub(crate) fn with_first_id(self, first_id: usize) -> Self {
+        Self { first_id, ..self }
     }
 
     /// FFT size, block and tile side.
@@ -135,8 +150,9 @@ impl BandPsf {
         let tail = self.blocks.window - 1;
         out.stride = (tile.width + tail + 15).next_multiple_of(16);
         out.data.reset(out.stride * (tile.height + tail));
-        if s.engine.as_ref().is_none_or(|(band, _)| *band != self.band) {
-            s.engine = Some((self.band, engine.scratch()));
+        let stage = (self.band, self.first_id);
+        if s.engine.as_ref().is_none_or(|(other, _)| *other != stage) {
+            s.engine = Some((stage, engine.scratch()));
         }
         let (_, scratch) = s.engine.as_mut().expect("assigned above");
         let spectra = CachedSpectra { psf: self, engine, cache };
@@ -164,7 +180,7 @@ impl BandPsf {
 
     fn spectrum(&self, engine: &Engine, node: Node, cache: &SpectrumCache) -> Arc<AlignedBuf> {
         let bytes = engine.spectrum_len() * size_of::<f32>();
-        cache.get((self.band, self.grid.id(node)), bytes, |buffer| {
+        cache.get((self.band, self.first_id + self.grid.id(node)), bytes, |buffer| {
             let pooled = self.builders.lock().expect("no panic while held").pop();
             let mut b = pooled.unwrap_or_else(|| Builder {
                 kernel: vec![0.0; self.blocks.window * self.blocks.window],
@@ -172,7 +188,7 @@ impl BandPsf {
                 engine: engine.scratch(),
             });
             let symmetry = self.kernels.symmetry_of(&self.grid, node);
-            let key = (self.band, self.grid.id(symmetry.base));
+            let key = (self.band, self.first_id + self.grid.id(symmetry.base));
             let base = cache.base_kernel(key, size_of_val(&b.kernel[..]), |mut buffer| {
                 buffer.reset(b.kernel.len());
                 buffer.copy_from_slice(self.kernels.base_kernel(&self.grid, symmetry.base, &mut b.scratch));

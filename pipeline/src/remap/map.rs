@@ -18,18 +18,18 @@ pub(super) const PAD: usize = 16;
 
 /// Chart coordinates (cells and fractions) and gain of the pixels of a film rectangle, rows padded with their last pixel.
 #[derive(Debug, Default)]
-pub(super) struct Points {
-    pub(super) row: Vec<i32>,
-    pub(super) col: Vec<i32>,
-    pub(super) row_fraction: Vec<f32>,
-    pub(super) col_fraction: Vec<f32>,
-    pub(super) gain: Vec<f32>,
-    pub(super) stride: usize,
+pub(crate) struct Points {
+    pub(crate) row: Vec<i32>,
+    pub(crate) col: Vec<i32>,
+    pub(crate) row_fraction: Vec<f32>,
+    pub(crate) col_fraction: Vec<f32>,
+    pub(crate) gain: Vec<f32>,
+    pub(crate) stride: usize,
 }
 
 /// Map from film pixels to chart pixels.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Map<'a> {
+pub(crate) struct Map<'a> {
     pub(super) field: &'a Field,
     pub(super) axis_px: (f64, f64),
     /// Chart coordinates (row, column) of the axis.
@@ -39,7 +39,7 @@ pub(super) struct Map<'a> {
 }
 
 impl<'a> Map<'a> {
-    pub(super) fn new(frame: &Frame, field: &'a Field) -> Self {
+    pub(crate) fn new(frame: &Frame, field: &'a Field) -> Self {
         let centre = |n: usize| (n as f64 - 1.0) / 2.0;
         let pitch = frame.pitch_mm();
         Self {
@@ -55,7 +55,7 @@ impl<'a> Map<'a> {
 
     /// Chart row, chart column and gain (R × film units) of the film pixel (y, x).
     #[inline]
-    pub(super) fn at(&self, y: i64, x: i64) -> (f64, f64, f64) {
+    pub(crate) fn at(&self, y: i64, x: i64) -> (f64, f64, f64) {
         let (dy, dx) = (y as f64 - self.axis_px.0, x as f64 - self.axis_px.1);
         let (magnification, gain) = self.field.at((dy * dy + dx * dx).sqrt());
         let row = self.offset.0 + dy * magnification * self.per_scale.0;
@@ -118,7 +118,7 @@ impl<'a> Map<'a> {
 
     /// Fills `to` with the pixels of `rect`.
     #[inline(always)]
-    pub(super) fn fill(&self, rect: Rect, to: &mut Points) {
+    pub(crate) fn fill(&self, rect: Rect, to: &mut Points) {
         to.resize(rect);
         let rows = (to.row.chunks_exact_mut(to.stride).zip(to.col.chunks_exact_mut(to.stride)))
             .zip(to.row_fraction.chunks_exact_mut(to.stride).zip(to.col_fraction.chunks_exact_mut(to.stride)))
@@ -176,7 +176,7 @@ impl Points {
 
 /// Minimum and maximum; the length is a multiple of [`PAD`].
 #[inline(always)]
-pub(super) fn min_max(values: &[i32]) -> (i64, i64) {
+pub(crate) fn min_max(values: &[i32]) -> (i64, i64) {
     let (mut low, mut high) = ([i32::MAX; PAD], [i32::MIN; PAD]);
     for v in values.as_chunks::<PAD>().0 {
         for i in 0..PAD {

@@ -42,6 +42,7 @@ pub fn lens(name: &str, bands: Vec<LensBand>) -> Lens {
         magnification: 0.0,
         psf_sample: PsfSample::Integrated,
         bands,
+        depth: None,
     }
 }
 

@@ -88,6 +88,7 @@ pub fn write(path: &Path, synthetic: SyntheticLens) {
         magnification: 0.0,
         psf_sample: PsfSample::Point,
         bands: vec![band],
+        depth: None,
     };
     formats::lens::write(path, &lens, &PackAttributes::default(), [Ok::<_, LensPackError>(stack)]).unwrap();
 }

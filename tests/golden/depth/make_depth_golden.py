@@ -76,7 +76,7 @@ def write_pack(name, lenses, heights, focus, blur_px):
             "entrance_pupil_mm": 0.0, "entrance_pupil_diameter_mm": 25.0, "blur_per_dioptre_um": blur_px * PITCH_UM,
             "depth_tolerance": 0.02, "gaps_mm": {},
         })
-        put = lambda key, data: g.create_array(key, data=np.asarray(data), compressors=CODEC)
+        put = lambda key, data: g.create_array(key, data=np.asarray(data), compressors=CODEC, config={"write_empty_chunks": True})
         put("wavelength", 500.0 + 50 * np.arange(bands))
         for key, array in (("h_ideal", "ideal_height"), ("h_real", "image_height"), ("ri", "relative_illumination"), ("delta_mm", "pupil_shift")):
             put(array, np.stack([b[key] for b in lenses]))

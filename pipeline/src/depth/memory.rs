@@ -1,0 +1,36 @@
+//! Memory of the depth stage, bytes.
+
+use super::plan::DepthPlan;
+use crate::plan::Tiling;
+use crate::psf::memory;
+
+/// Planes of a tile beside those of its slabs: what is uncovered, shares behind, opened; the source and result of a convolution.
+const OTHER_PLANES: usize = 6;
+/// Tile-sized planes: light, K, M, T, the film, e of two nodes, the rest of the pupil, spare.
+const TILE_PLANES: usize = 12;
+/// Slab, position, share and chart of a chart pixel, per sheet; open share and what is read, of all.
+const BYTES_PER_SHEET_PIXEL: usize = 14;
+
+impl DepthPlan {
+    /// Scratch of one worker for tiles of `tiling` with at most `slabs` slabs in reach of one, and `sheets` sheets of which `chart_px` pixels lie
+    /// under a tile with its margin.
+    pub fn scratch_bytes(&self, tiling: &Tiling, slabs: usize, sheets: usize, chart_px: usize) -> usize {
+        let tile = tiling.tile();
+        let grown = (tile + 2 * self.margin()).pow(2);
+        let psf = self.nodes.iter().map(|n| memory::scratch_bytes(&n.blocks, n.samples)).max().unwrap_or(0);
+        let planes = 4 * grown * (3 * slabs + OTHER_PLANES) + 4 * tile * tile * (TILE_PLANES + slabs);
+        // Coordinates of the map, as in the remap stage.
+        let map = 44 * grown;
+        planes + map + psf + chart_px.saturating_mul(BYTES_PER_SHEET_PIXEL * sheets + 12)
+    }
+
+    /// PSFs of all nodes, ready for kernels.
+    pub fn kernels_bytes(&self) -> usize {
+        self.nodes.iter().map(|n| memory::kernels_bytes(&n.blocks, n.heights, n.samples)).sum()
+    }
+
+    /// Samples of the largest node's PSFs.
+    pub fn max_samples(&self) -> usize {
+        self.nodes.iter().map(|n| n.heights * n.samples * n.samples).max().unwrap_or(0)
+    }
+}

@@ -1,0 +1,50 @@
+//! Rectangles of a chart that extend beyond it.
+
+use super::resize_exact;
+use crate::flow::{ChartSource, SourceSinkError};
+use crate::geometry::Rect;
+use crate::resample::Surround;
+
+/// Fills `out` (row-major) with band `band` of `chart` on `rect`, with its `surround` outside the chart; `inside` is a buffer.
+///
+/// # Errors
+/// Errors of `chart`.
+pub(crate) fn read_with_surround(
+    chart: &dyn ChartSource,
+    band: usize,
+    rect: Rect,
+    surround: Surround,
+    out: &mut [f32],
+    inside: &mut Vec<f32>,
+) -> Result<(), SourceSinkError> {
+    let size = chart.size();
+    if size.rect().contains(rect) {
+        return chart.read(band, rect, out);
+    }
+    let range = |first: i64, count: usize, n: usize| {
+        let indices = (0..count as i64).filter_map(|i| surround.index(first + i, n));
+        indices.fold(None, |range: Option<(usize, usize)>, i| {
+            Some(range.map_or((i, i), |(a, b)| (a.min(i), b.max(i))))
+        })
+    };
+    let rows = range(rect.y, rect.height, size.height);
+    let cols = range(rect.x, rect.width, size.width);
+    let (Some((y0, y1)), Some((x0, x1))) = (rows, cols) else {
+        out.fill(0.0);
+        return Ok(());
+    };
+    let part = Rect::new(y0 as i64, x0 as i64, y1 - y0 + 1, x1 - x0 + 1);
+    resize_exact(inside, part.size().pixels());
+    chart.read(band, part, &mut inside[..part.size().pixels()])?;
+    for (y, to) in out.chunks_exact_mut(rect.width).enumerate() {
+        let Some(row) = surround.index(rect.y + y as i64, size.height) else {
+            to.fill(0.0);
+            continue;
+        };
+        let from = &inside[(row - y0) * part.width..][..part.width];
+        for (x, to) in to.iter_mut().enumerate() {
+            *to = surround.index(rect.x + x as i64, size.width).map_or(0.0, |col| from[col - x0]);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,107 @@
+//! One pass over depth and coverage arrays: every value is checked, the range of vergences is found.
+
+use crate::failure::usage;
+use crate::open::Chart;
+use anyhow::{Result, bail};
+use pipeline::depth::plan::VergenceRange;
+use pipeline::depth::sheet::Distance;
+use pipeline::flow::ChartSource;
+use pipeline::geometry::{Frame, Rect};
+
+/// Rows read together, at least.
+pub const MIN_ROWS: usize = 64;
+
+/// Rows of `chart` read together: those of a chunk.
+pub fn rows_at_a_time(chart: &Chart) -> usize {
+    chart.chunk_size().height.max(MIN_ROWS)
+}
+
+/// What was found in the depth arrays.
+pub struct Scan {
+    range: VergenceRange,
+    /// Pixels at infinity because nothing was met.
+    missed: u64,
+}
+
+impl Default for Scan {
+    fn default() -> Self {
+        Self { range: VergenceRange { first: f64::INFINITY, last: 0.0, is_opaque: true }, missed: 0 }
+    }
+}
+
+impl Scan {
+    /// Adds the array `source` of `name`, read `rows` rows at a time.
+    ///
+    /// # Errors
+    /// It cannot be read; a distance is not positive.
+    pub fn distances(
+        &mut self,
+        name: &str,
+        source: &dyn ChartSource,
+        rows: usize,
+        distance: &Distance,
+        frame: &Frame,
+    ) -> Result<()> {
+        for_each(source, rows, |row, column, value| {
+            let Some(v) = distance.vergence(value, Distance::ideal_mm(frame, row, column)) else {
+                return Err(usage(format!(
+                    "{name}: the depth at row {row}, column {column} is {value}, expected a distance above 0; `--depth-miss far` takes NaN, 0 \
+                     and negative numbers for infinity"
+                )));
+            };
+            self.missed += u64::from(value.is_nan() || value <= 0.0);
+            self.range.first = self.range.first.min(v);
+            self.range.last = self.range.last.max(v);
+            Ok(())
+        })
+    }
+
+    /// Vergences found; `is_opaque`: of one surface without holes.
+    pub fn range(&self, is_opaque: bool) -> VergenceRange {
+        VergenceRange { is_opaque, ..self.range }
+    }
+
+    /// Notes to print.
+    pub fn notes(&self) -> Vec<String> {
+        let note = format!(
+            "{} pixels of the depth arrays are NaN, 0 or negative and are taken for infinity (--depth-miss far)",
+            self.missed
+        );
+        if self.missed > 0 { vec![note] } else { Vec::new() }
+    }
+}
+
+/// Checks the coverage array of the surface `name`.
+///
+/// # Errors
+/// It cannot be read; a value outside 0 to 1.
+pub fn coverage(name: &str, chart: &Chart) -> Result<()> {
+    for_each(chart.source(), rows_at_a_time(chart), |row, column, value| {
+        if !(0.0..=1.0).contains(&value) {
+            bail!("{name}: the coverage at row {row}, column {column} is {value}, expected 0 to 1");
+        }
+        Ok(())
+    })
+}
+
+/// Calls `each` with row, column and value of every pixel.
+fn for_each(
+    source: &dyn ChartSource,
+    rows: usize,
+    mut each: impl FnMut(usize, usize, f32) -> Result<()>,
+) -> Result<()> {
+    let size = source.size();
+    let mut pixels = vec![0f32; rows.min(size.height) * size.width];
+    for first in (0..size.height).step_by(rows) {
+        let count = rows.min(size.height - first);
+        let pixels = &mut pixels[..count * size.width];
+        let rect = Rect::new(first as i64, 0, count, size.width);
+        source.read(0, rect, pixels).map_err(|e| anyhow::anyhow!(e))?;
+        for (y, line) in pixels.chunks_exact(size.width).enumerate() {
+            for (x, value) in line.iter().enumerate() {
+                each(first + y, x, *value)?;
+            }
+        }
+    }
+    Ok(())
+}
