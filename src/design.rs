@@ -163,17 +163,22 @@ fn catalogues_beside(design: &Path, names: &[String]) -> Vec<PathBuf> {
     paths
 }
 
-fn apply(mut system: System, args: &DesignArgs) -> Result<System> {
-    if let Some(distance) = args.object_distance_mm {
-        system = system.with_object_distance(Some(distance))?;
-    }
+/// The rule of `--image-plane` and `--focus-nm`.
+pub fn image_plane(args: &DesignArgs, system: &System) -> ImagePlane {
     let um = args.focus_nm.map_or(system.primary_um(), |nm| nm / 1e3);
-    let plane = match args.image_plane {
+    match args.image_plane {
         ImagePlaneArg::Design => ImagePlane::AsDesigned,
         ImagePlaneArg::Paraxial => ImagePlane::Paraxial(um),
         ImagePlaneArg::Rms => ImagePlane::BestRmsSpot(um),
         ImagePlaneArg::Strehl => ImagePlane::BestStrehl(um),
-    };
+    }
+}
+
+fn apply(mut system: System, args: &DesignArgs) -> Result<System> {
+    if let Some(distance) = args.object_distance_mm {
+        system = system.with_object_distance(Some(distance))?;
+    }
+    let plane = image_plane(args, &system);
     if (plane, args.defocus_mm) != (ImagePlane::AsDesigned, 0.0) {
         system = system.with_image_plane(plane, args.defocus_mm)?;
     }

@@ -6,18 +6,20 @@
 //! page-locked memory replaces the buffers of the workers. The rest is for node spectra (those of a shard first), shards that wait for
 //! the disk, and decoded chart chunks (up to what a row of shards reads, or two rows of a GPU's tiles). Nothing here changes a pixel.
 
+mod depth;
+
 use crate::failure::usage;
 use crate::job::stretch::RemapStretch;
 use anyhow::Result;
+use depth::largest_spectrum;
 use formats::chart::ChunkMemory;
 use formats::film::FilmSpec;
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::BandNeeds;
-use pipeline::depth::plan::{DepthPlan, NodePlan};
+use pipeline::depth::plan::DepthPlan;
 use pipeline::executor::memory::{self as queues, Walk};
-use pipeline::geometry::{Frame, Rect, Size};
+use pipeline::geometry::{Frame, Size};
 use pipeline::plan::FilmRegion;
-use pipeline::psf::memory as psf;
 use pipeline::remap::{Remap, memory as remap};
 use pipeline::stages;
 
@@ -163,9 +165,7 @@ impl MemoryInputs<'_> {
         let area = self.max(|p| remap(p).chart_area_bytes(&p.tiling, chart)).saturating_mul(self.threads);
         let scratch = self.max(|p| {
             if let Some(depth) = &p.depth {
-                let side = (p.tiling.tile() + 2 * depth.margin() + 8) as f64 * self.stretch.range.1.max(1.0);
-                let pixels = side * side / (self.frame.scale.0.min(1.0) * self.frame.scale.1.min(1.0));
-                return depth.scratch_bytes(&p.tiling, depth.slabs.count(), self.surfaces, pixels as usize);
+                return self.depth_scratch(p, depth);
             }
             let coordinates = remap(p).scratch_bytes(&p.tiling, chart);
             stages::psf_scratch_bytes(p).saturating_add(coordinates)
@@ -180,10 +180,8 @@ impl MemoryInputs<'_> {
 
     /// Film rows that a tile with its tail covers.
     fn reach_px(&self) -> usize {
-        self.max(|p| {
-            let margin = p.depth.as_ref().map_or(p.tiling.margin(), DepthPlan::margin);
-            p.tiling.tile() + 2 * margin
-        })
+        let margin = |p: &BandPlan| p.depth.as_ref().map_or(p.tiling.margin(), DepthPlan::margin);
+        self.max(|p| p.tiling.tile() + 2 * margin(p))
     }
 
     /// Pixels of the film in all bands.
@@ -260,36 +258,12 @@ impl MemoryInputs<'_> {
         if gpus.queues > 0 {
             return (0, 0, 0);
         }
-        let spectrum = |p: &BandPlan| match &p.depth {
-            None => p.blocks.map_or(0, |b| b.spectrum_bytes()),
-            Some(depth) => depth.nodes.iter().map(|n| n.blocks.spectrum_bytes()).max().unwrap_or(0),
-        };
-        let of_depth = |depth: &DepthPlan, rect: Rect| -> usize {
-            let of_node = |n: &NodePlan| {
-                psf::spectra_bytes(&n.blocks, &n.grid, rect.grown(depth.margin()), self.frame.axis_px)
-            };
-            depth.nodes.iter().map(of_node).sum()
-        };
-        let nodes = |p: &BandPlan| {
-            if let Some(depth) = &p.depth {
-                return of_depth(depth, p.tiling.grown());
-            }
-            let grid = p.blocks.zip(p.grid.as_ref());
-            grid.map_or(0, |(blocks, grid)| {
-                psf::spectra_bytes(&blocks, grid, p.tiling.grown(), self.frame.axis_px)
-            })
-        };
+        let nodes = |p: &BandPlan| self.spectra_of(p, p.tiling.grown());
         let of_shard = |p: &BandPlan| {
-            if let (Some(depth), Some(region)) = (&p.depth, self.regions.first()) {
-                return of_depth(depth, region.shard_rect(0, 0).grown(p.tiling.tile()));
-            }
-            let grid = p.blocks.zip(p.grid.as_ref());
-            grid.zip(self.regions.first()).map_or(0, |((blocks, grid), region)| {
-                let rect = region.shard_rect(0, 0).grown(p.tiling.margin() + p.tiling.tile());
-                psf::spectra_bytes(&blocks, grid, rect, self.frame.axis_px)
-            })
+            let shard = self.regions.first().map(|region| region.shard_rect(0, 0));
+            shard.map_or(0, |rect| self.spectra_of(p, rect.grown(p.tiling.margin() + p.tiling.tile())))
         };
-        let min = self.max(nodes).min(self.threads * MIN_SPECTRA * self.max(spectrum));
+        let min = self.max(nodes).min(self.threads * MIN_SPECTRA * self.max(largest_spectrum));
         (min, self.max(of_shard).max(min), self.bands.iter().map(nodes).sum())
     }
 

@@ -23,6 +23,7 @@ mod monitor;
 pub mod record;
 mod shards;
 mod sink;
+pub mod stages;
 mod units;
 
 use crate::args::{ProgressArg, RunArgs, RunCommand};
@@ -45,32 +46,19 @@ use forecast::Forecast;
 use formats::durable::{Lock, ProcessIdentity, fault_point, is_url, parent_of};
 use formats::film::FilmStore;
 use formats::group::{GroupError, JobGroup};
-use formats::lens::LensPackError;
 use monitor::{Monitor, RunFailure};
-use pipeline::band::BandStages;
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::{BandWork, Summary, Work, run};
-use pipeline::flow::SourceSinkError;
 use pipeline::plan::ShardId;
 use pipeline::stages::StageCompute;
 use serde_json::json;
 use sink::FilmStoreSink;
+use stages::prepare;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 use units::Units;
-
-/// A band's stages could not be constructed.
-#[derive(Debug, thiserror::Error)]
-pub enum StageError {
-    /// Tables of the lens.
-    #[error(transparent)]
-    Lens(#[from] pipeline::lens::LensError),
-    /// The lens pack.
-    #[error(transparent)]
-    Pack(#[from] LensPackError),
-}
 
 /// Runs the command, parsed from `matches`; the exit code.
 pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
@@ -302,39 +290,6 @@ fn display<'a>(task: &Task<'a>, job: &'a Job, tiles: &[(u64, u64)]) -> Display<'
             Display::Bars(Bars::new(names, &pixels, task.progress))
         }
     }
-}
-
-/// Constructs the stages of a band.
-///
-/// # Errors
-/// The PSFs cannot be read.
-pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
-    let (plan, gain) = (&job.plans[position], job.gains[position]);
-    if plan.depth.is_some() {
-        let read_psfs = |node: usize| Ok(job.lens.psf_of_node(plan.lens_bands.first, node)?);
-        return plan.depth_stages(position, &job.frame, job.lens.lens(), &job.options, gain, read_psfs);
-    }
-    let read_psfs = |band: usize| match plan.node {
-        Some(node) => Ok(job.lens.psf_of_node(band, node)?),
-        None => Ok::<_, StageError>(job.lens.psf(band)?),
-    };
-    plan.stages(position, &job.frame, &job.options, gain, read_psfs)
-}
-
-/// Constructs the stages of a band; `energy` receives the share of the light inside its PSF windows, the mean over heights.
-fn prepare(
-    job: &Job,
-    position: usize,
-    energy: &Mutex<Vec<Option<f64>>>,
-) -> Result<BandStages, SourceSinkError> {
-    let plan = &job.plans[position];
-    let stages = stages(job, position)?;
-    if let Some(psf) = &stages.psf {
-        let windows = std::iter::zip(&plan.lens.psf_energy, psf.kernels().energy());
-        let mean = windows.map(|(pack, crop)| pack * crop).sum::<f64>() / plan.lens.psf_energy.len() as f64;
-        energy.lock().expect("no panic while held")[position] = Some(mean);
-    }
-    Ok(stages)
 }
 
 /// `outcome`, unless the film was replaced during the run: then what the run wrote is lost, and that is the error.

@@ -1,12 +1,15 @@
 //! `lenscube lens trace`: traces a design into a lens pack.
 
-use crate::args::{DesignArgs, TraceArgs};
+mod depth;
+
+use crate::args::{DesignArgs, ImagePlaneArg, TraceArgs};
 use crate::design;
 use crate::failure::{other_job, usage};
 use crate::progress::{detail_line, log_line, tracing_bar};
 use anyhow::{Context, Result};
 use formats::lens::{LensPackError, LensPackWriter, MAX_ARRAY_SAMPLES, PackAttributes};
 use pipeline::design::System;
+use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::describe::field_tan;
 use pipeline::design::ray::Tracer;
 use pipeline::design::shelf::SAMPLE;
@@ -32,11 +35,14 @@ const RAYS_PER_ESTIMATE: f64 = 30.0;
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {
     let start = Instant::now();
-    let system = design::open(&args.design, &args.parameters)?;
+    let (system, depth) = system(args)?;
     for note in &system.notes {
         log_line(format!("note: {note}"));
     }
     let options = options(args, &system)?;
+    if let Some(depth) = depth {
+        return depth::trace(args, &system, &options, &depth, start);
+    }
     let (seconds, needed) =
         estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?;
     if seconds > LONG_S {
@@ -44,10 +50,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     } else {
         detail_line(needed)
     }
-    let mut pack = LensPackWriter::create(&args.out).map_err(|e| match e {
-        LensPackError::Exists { .. } => other_job(e.to_string()),
-        e => e.into(),
-    })?;
+    let mut pack = create_pack(&args.out)?;
     let bar = tracing_bar(options.wavelengths_nm.len());
     let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
@@ -80,6 +83,36 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         log_line(line);
     }
     Ok(())
+}
+
+/// The design, focused as `args` say, and the options of its depth nodes.
+fn system(args: &TraceArgs) -> Result<(System, Option<DepthOptions>)> {
+    let parameters = &args.parameters;
+    let system = match args.focus_m {
+        None => design::open(&args.design, parameters)?,
+        Some(focus_m) => {
+            let as_designed =
+                DesignArgs { image_plane: ImagePlaneArg::Design, defocus_mm: 0.0, ..parameters.clone() };
+            let system = design::open(&args.design, &as_designed)?;
+            let plane = design::image_plane(parameters, &system);
+            let focused = system.focused_at(1.0 / focus_m, plane, parameters.defocus_mm);
+            focused.with_context(|| format!("focusing {} at {focus_m} m", args.design))?
+        }
+    };
+    let Some(range) = args.depths_m else { return Ok((system, None)) };
+    let focus = match args.focus_m {
+        Some(focus_m) => 1.0 / focus_m,
+        None => system.object_vergence()?,
+    };
+    Ok((system, Some(DepthOptions { focus, range, tolerance: args.depth_tolerance })))
+}
+
+/// Begins the pack `out`.
+fn create_pack(out: &Path) -> Result<LensPackWriter> {
+    LensPackWriter::create(out).map_err(|e| match e {
+        LensPackError::Exists { .. } => other_job(e.to_string()),
+        e => e.into(),
+    })
 }
 
 /// Seconds that the trace takes, and what it needs, from rays of up to five bands.

@@ -8,42 +8,16 @@ use crate::depth::plan::{DepthPlan, VergenceRange};
 use crate::field::Outside;
 use crate::geometry::Frame;
 use crate::lens::{Lens, LensBand, LensError, PsfStack, linear};
+pub use crate::options::{Options, PsfBetween};
 use crate::plan::Tiling;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::{NodeKernels, film_window};
-use crate::remap::{ChartInterpolation, Remap, Stages};
-use crate::simd::Simd;
+use crate::remap::Remap;
 
 /// Wavelengths closer than this are the same, nm.
 const SAME_NM: f64 = 1e-6;
-
-/// Treatment of PSFs between two wavelengths of the lens.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PsfBetween {
-    /// An error.
-    Error,
-    /// Interpolate linearly in λ.
-    Interpolate,
-}
-
-/// Options of all bands of a job.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
-    /// Enabled stages.
-    pub stages: Stages,
-    /// Interpolation and surround of the chart.
-    pub interpolation: ChartInterpolation,
-    /// Azimuths per height in place of the lens's, a multiple of 4.
-    pub azimuths: Option<usize>,
-    /// Crop of the PSF window in film pixels, odd.
-    pub psf_window: Option<usize>,
-    /// PSFs between wavelengths of the lens.
-    pub between: PsfBetween,
-    /// Instruction set; affects the rounding only.
-    pub simd: Simd,
-}
 
 /// The lens bands that a wavelength is interpolated from: `first` only, or both with the share of `second`.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -282,7 +282,7 @@ impl LensBand {
 }
 
 /// Linear interpolation in an ascending table, and extrapolation by its first and last step.
-pub(crate) fn linear(xs: &[f64], ys: &[f64], at: f64) -> f64 {
+pub fn linear(xs: &[f64], ys: &[f64], at: f64) -> f64 {
     let i = xs.partition_point(|&x| x <= at).clamp(1, xs.len() - 1);
     ys[i - 1] + (at - xs[i - 1]) / (xs[i] - xs[i - 1]) * (ys[i] - ys[i - 1])
 }

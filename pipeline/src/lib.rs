@@ -10,6 +10,7 @@
 //! read                 chart rectangle under a part of a tile, inside the remap stage         flow
 //! remap                remapped(X, Y) = gain · R(r, λ) · chart((X, Y) · h(r, λ)/r)            remap, field, resample
 //! SVPSF                contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node          psf
+//! depth                in place of remap and SVPSF, for surfaces at several distances         depth
 //! overlap-add          shard += contribution, in tile order for each shard                    executor::overlap_add
 //! encode, commit       shards that no later tile reaches                                      executor, flow
 //! ```
@@ -18,6 +19,8 @@
 //! h is the ideal height of the field point whose chief ray lands at real height r, R its relative illumination; both come from the tables
 //! of a [`lens`]. Remapping is a gather (each film pixel reads the chart), the PSF a scatter (each pixel of the remapped image spreads
 //! over its window), so the remapped image is computed on the film grown by half the PSF window.
+//!
+//! Surfaces at several distances hide each other, which is not linear: [`depth`] computes each tile of the film from the chart under it and the margin of its PSFs.
 //!
 //! A tile on the CPU: a worker of [`executor`] claims the next tile of a band, in the order of the shards; [`stages`] remaps it and applies the PSF into a buffer of the tile
 //! and its tail, and the buffer is added to each open shard that it reaches after the tiles before it, row by row, so the sums have the same bits for any number of
@@ -62,6 +65,8 @@
 //!   of a store. **strip**: consecutive rows that are in memory together. **walk**: the order in which workers compute the tiles of a band.
 //! - **film region**: a rectangle of the film (`--roi`). **job**: all that determines the pixels of a film. **unit**: a part of a planned job that
 //!   one process computes. **run**: one execution of a command on a film.
+//! - **vergence**: 1/distance from the entrance pupil, in 1/m (dioptres). **depth node**: a vergence for which the lens has PSFs. **slab**: what lies
+//!   between two depth nodes. **sheet**: a surface with a chart, a distance and a coverage per chart pixel.
 //! - **batch**, **queue**, **worker**: tiles sent to a GPU together; the order of work of one device; a thread. **claim**, **requeue**, **commit**: take
 //!   a tile to compute it; return it after a failure; make a shard visible.
 //! - **engine**: an implementation of the arithmetic: avx512, avx2, portable, cuda-sm_NN. **fault**: an error injected by a test.
@@ -86,6 +91,7 @@ pub mod flow;
 pub mod geometry;
 pub mod lens;
 pub mod measure;
+pub mod options;
 pub mod plan;
 pub mod psf;
 pub mod real;

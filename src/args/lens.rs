@@ -196,9 +196,35 @@ pub struct TraceArgs {
     /// Pitch of the film that the pack is made for, µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
+    /// Object distance in focus, m from the entrance pupil: the film moves there. `--image-plane design` keeps its distance from the paraxial
+    /// image [default: the film and object distance of the design]
+    #[arg(long, value_name = "M", value_parser = focus_m, conflicts_with = "object_distance_mm", help_heading = "Depth")]
+    pub focus_m: Option<f64>,
+    /// Make a pack with depth nodes, for surfaces at NEAR to FAR m from the entrance pupil (`inf` allowed), for `run --depth`
+    #[arg(long, value_name = "NEAR:FAR", value_parser = depths, help_heading = "Depth")]
+    pub depths_m: Option<(f64, f64)>,
+    /// Maximum error of a kernel half-way between depth nodes, L1 at film pixels
+    #[arg(long, value_parser = positive, default_value = "0.02", requires = "depths_m", help_heading = "Depth")]
+    pub depth_tolerance: f64,
     /// Parameters of the design.
     #[command(flatten)]
     pub parameters: DesignArgs,
+}
+
+/// A distance in m, `inf` allowed.
+fn focus_m(text: &str) -> Result<f64, String> {
+    let metres = text.trim().parse().ok().filter(|m| bounds::FOCUS_M.contains(*m));
+    metres.ok_or_else(|| format!("`{text}`: expected a distance in m, {} or inf", bounds::FOCUS_M.min))
+}
+
+/// A range of distances in m, as vergences (farthest, nearest) in 1/m.
+fn depths(text: &str) -> Result<(f64, f64), String> {
+    let (near, far) = text.split_once(':').ok_or("expected NEAR:FAR in m, e.g. 0.5:inf")?;
+    let (near, far) = (focus_m(near)?, focus_m(far)?);
+    match near <= far && near.is_finite() {
+        true => Ok((1.0 / far, 1.0 / near)),
+        false => Err(format!("`{text}`: expected the nearer distance first, e.g. 0.5:inf")),
+    }
 }
 
 /// A configuration number.

@@ -6,6 +6,7 @@
 use crate::job::Job;
 use crate::open::Chart;
 use pipeline::band::BandPlan;
+use pipeline::depth::plan::{DepthPlan, NodePlan};
 use pipeline::remap::Remap;
 
 /// Reading and decoding, remap, overlap-add, encoding, writing: 50.7 + 18.4 + 7.6 + 22.2 + 4.1 core seconds for
@@ -26,8 +27,27 @@ fn pixels(plan: &BandPlan, tiles: &[(usize, usize)]) -> usize {
     tiles.iter().map(|&t| plan.tiling.rect(t).size().pixels()).sum()
 }
 
+/// Slabs of surfaces in reach of a tile: those of a scene with few edges.
+const SLABS_OF_A_TILE: usize = 3;
+/// Convolutions of a slab: light and share on two nodes, known and missing share; e of a node.
+const CONVOLUTIONS_OF_A_SLAB: f64 = 7.0;
+
+/// Cost of a film pixel of a depth stage, ns: the mean of its nodes on a tile with its margin.
+fn depth_ns(plan: &BandPlan, depth: &DepthPlan) -> f64 {
+    let node = |n: &NodePlan| {
+        let side = (plan.tiling.tile() + n.blocks.window) as f64 / plan.tiling.tile() as f64;
+        n.blocks.cost_ns(&n.grid) * side * side
+    };
+    let mean = depth.nodes.iter().map(node).sum::<f64>() / depth.nodes.len() as f64;
+    CONVOLUTIONS_OF_A_SLAB * depth.slabs.count().min(SLABS_OF_A_TILE) as f64 * mean
+}
+
 /// Seconds of one core.
 pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
+    if let Some(depth) = &plan.depth {
+        return pixels(plan, tiles) as f64 * (depth_ns(plan, depth) + OTHER_STAGES_NS) * 1e-9
+            + depth.nodes.iter().map(|n| (n.heights * n.samples.pow(2)) as f64 * KERNEL_S).sum::<f64>();
+    }
     let svpsf = plan.blocks.zip(plan.grid.as_ref()).map_or(0.0, |(blocks, grid)| blocks.cost_ns(grid));
     let samples = plan.lens.psf_height_mm.len() * plan.lens.psf_size.pow(2);
     let kernels = if plan.grid.is_some() { samples as f64 * KERNEL_S } else { 0.0 };

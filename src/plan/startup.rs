@@ -4,7 +4,7 @@ use super::file::Plan;
 use crate::args::RunArgs;
 use crate::job::Job;
 use crate::progress::log_line;
-use crate::run;
+use crate::run::stages::stages;
 use anyhow::Result;
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -24,7 +24,7 @@ pub fn measure(plan: &Plan, run: &RunArgs) -> Result<()> {
     let bands = plan.bands(&BTreeSet::from([unit.unit]));
     let job = Job::for_planned_bands(run, plan.planned_bands(&bands))?;
     let opening_s = start.elapsed().as_secs_f64();
-    run::stages(&job, 0)?;
+    stages(&job, 0)?;
     let startup_s = start.elapsed().as_secs_f64();
     let share = startup_s / (startup_s + unit.cost.core_s / job.threads as f64);
     log_line(format!(

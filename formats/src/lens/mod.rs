@@ -20,6 +20,24 @@
 //!
 //! In a PSF window the chief ray is at the central sample ((n−1)/2, (n−1)/2), the field point is on +x, and rows run down.
 //!
+//! # Depth nodes
+//!
+//! A pack of schema [`DEPTH_SCHEMA`] has the PSFs of several object distances on one film plane: D nodes, their tables and windows in place of
+//! those above; `relative_illumination` and `solid_angle` are those of the vergence in focus, `ideal_height` those of an object at infinity
+//! ([`pipeline::lens::depth`]).
+//!
+//! | array | shape | unit | contents |
+//! |---|---|---|---|
+//! | `vergence` | (B, D) | 1/m | 1/distance from the centre of the entrance pupil, ascending from 0 or more |
+//! | `psf_height`, `azimuth_count`, `psf_energy` | (B, D, K) | | as above, per node |
+//! | `psf/<band index>/<node index>` | (K, n, n) | 1 | as above; n of each node |
+//! | `psf_pitch` | (B, D) | µm | sample pitch of the node's PSFs |
+//! | `pupil_shift` | (B, M) | mm | from the centre of the entrance pupil to where the chief ray crosses the axis, towards the film; default 0 |
+//! | `etendue_ratio` | (B, D, M) | 1 | light of a bundle at the node over that in focus, at equal real height; default 1 |
+//!
+//! Attributes: `focus_distance_m` (`Infinity` allowed), `blur_per_dioptre_um`, `entrance_pupil_mm` (behind the first vertex),
+//! `entrance_pupil_diameter_mm`, `depth_tolerance` (maximum L1 error of a kernel half-way between nodes).
+//!
 //! # Values
 //!
 //! Tables are float32, float64 or of an integer type, PSFs float32 or float64. A band with fewer field points or heights than the widest ends its rows
@@ -61,7 +79,7 @@ mod summary;
 mod write;
 
 pub use array::MAX_SAMPLES as MAX_ARRAY_SAMPLES;
-pub use attributes::{PackAttributes, SCHEMA};
+pub use attributes::{DEPTH_SCHEMA, PackAttributes, SCHEMA};
 pub use digest::band_digest;
 pub use error::LensPackError;
 pub use hashed_file::HashedFile;

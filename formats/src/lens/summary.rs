@@ -7,6 +7,7 @@
 //! ```
 
 use super::pack::LensPack;
+use pipeline::lens::depth::LensDepth;
 use pipeline::lens::{LensBand, PsfSample};
 use serde::Serialize;
 use std::fmt;
@@ -51,6 +52,8 @@ pub struct LensSummary {
     pub psf_sample: &'static str,
     /// Consequences of sample kind and pitch.
     pub sampling: String,
+    /// Depth nodes and focus.
+    pub depth: Option<String>,
     /// Defaults used for missing arrays and attributes.
     pub notes: Vec<String>,
     /// The listed bands.
@@ -133,6 +136,7 @@ pub fn summary(pack: &LensPack, all_bands: bool, rotation_error: Option<f64>) ->
             PsfSample::Point => point_sampling(bands, lens.f_number),
             PsfSample::Integrated => integrated_sampling(rotation_error),
         },
+        depth: lens.depth.as_ref().map(depth_summary),
         notes: pack.notes().to_vec(),
         table,
     }
@@ -178,6 +182,22 @@ fn image_height(band: &LensBand, ideal: f64) -> f64 {
     let (x, y) = (&band.ideal_height_mm, &band.image_height_mm);
     let i = x.partition_point(|&v| v < ideal).clamp(1, x.len() - 1);
     y[i - 1] + (y[i] - y[i - 1]) * (ideal - x[i - 1]) / (x[i] - x[i - 1])
+}
+
+fn depth_summary(depth: &LensDepth) -> String {
+    let nodes = depth.bands.iter().map(|b| b.nodes.len());
+    let ends = depth.bands.iter().filter_map(|b| b.vergence.first().copied().zip(b.vergence.last().copied()));
+    let (first, last) =
+        ends.fold((f64::INFINITY, 0.0f64), |(a, z), (first, last)| (a.min(first), z.max(last)));
+    format!(
+        "{} to {} nodes a band at {:.4} to {:.4} m, in focus {:.4} m; the blur radius grows by {:.1} µm per dioptre; tables below: the node nearest to focus",
+        nodes.clone().min().unwrap_or(0),
+        nodes.max().unwrap_or(0),
+        1.0 / last,
+        1.0 / first,
+        depth.focus_distance_m,
+        depth.blur_per_dioptre_um
+    )
 }
 
 fn integrated_sampling(rotation_error: Option<f64>) -> String {
@@ -237,6 +257,9 @@ impl fmt::Display for LensSummary {
             None => writeln!(f)?,
         }
         writeln!(f, "sampling       {}", self.sampling)?;
+        if let Some(depth) = &self.depth {
+            writeln!(f, "depth          {depth}")?;
+        }
         for note in &self.notes {
             writeln!(f, "note           {note}")?;
         }

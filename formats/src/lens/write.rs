@@ -3,7 +3,9 @@
 //! Tables are f64, azimuth counts i32, PSFs f32; a chunk is one PSF height, or one row of a table; blosc (zstd 5, shuffle) + crc32c.
 //! Bands with fewer field points or heights are padded with NaN (azimuths: 0), see [`lens`](super).
 
-use super::attributes::{PackAttributes, SCHEMA};
+mod depth;
+
+use super::attributes::{DEPTH_SCHEMA, PackAttributes, SCHEMA};
 use super::error::LensPackError;
 use super::read::SUM_TOLERANCE;
 use super::sink::Sink;
@@ -16,12 +18,17 @@ use std::sync::Arc;
 use zarrs::array::{Array, ArrayBytes, ArrayToBytesCodecTraits, CodecOptions};
 use zarrs::metadata::ArrayMetadata;
 
+/// Band and depth node of a stack.
+type StackKey = (usize, Option<usize>);
+/// Side, pitch, number of heights and kind of samples of a stack.
+type StackShape = (usize, f64, usize, PsfSample);
+
 /// Writer of a pack: [`psf`](Self::psf) for every band in any order, then [`finish`](Self::finish). Dropped before that, it leaves no
 /// file.
 pub struct LensPackWriter {
     sink: Sink,
-    /// Side, pitch, number of heights and kind of samples of the stacks written so far.
-    written: BTreeMap<usize, (usize, f64, usize, PsfSample)>,
+    /// Side, pitch, number of heights and kind of samples of the stacks written so far, by band and depth node.
+    written: BTreeMap<StackKey, StackShape>,
 }
 
 /// Writes a complete pack, one band of PSFs at a time.
@@ -55,28 +62,39 @@ impl LensPackWriter {
     /// # Errors
     /// A window is not finite or does not sum to 1 within 1e-3; the band was written before; an error of the disk.
     pub fn psf(&mut self, band: usize, stack: &PsfStack) -> Result<(), LensPackError> {
+        self.stack(band, None, stack)
+    }
+
+    /// Writes the PSFs of a depth node of a band.
+    ///
+    /// # Errors
+    /// As [`LensPackWriter::psf`].
+    pub fn psf_of_node(&mut self, band: usize, node: usize, stack: &PsfStack) -> Result<(), LensPackError> {
+        self.stack(band, Some(node), stack)
+    }
+
+    fn stack(&mut self, band: usize, node: Option<usize>, stack: &PsfStack) -> Result<(), LensPackError> {
+        let name = node.map_or_else(|| format!("psf/{band}"), |d| format!("psf/{band}/{d}"));
         let n = stack.size;
         if n.is_multiple_of(2) || stack.samples.is_empty() || !stack.samples.len().is_multiple_of(n * n) {
             let samples = stack.samples.len();
-            return Err(
-                self.invalid(format!("psf/{band} has {samples} samples in windows of {n} × {n}, n odd"))
-            );
+            return Err(self.invalid(format!("{name} has {samples} samples in windows of {n} × {n}, n odd")));
         }
         let heights = stack.heights();
         for k in 0..heights {
             let sum: f64 = stack.window(k).iter().map(|&v| f64::from(v)).sum();
             if !sum.is_finite() || (sum - 1.0).abs() > SUM_TOLERANCE {
-                return Err(self.invalid(format!(
-                    "psf/{band}: the window at height index {k} sums to {sum}, expected 1"
-                )));
+                return Err(
+                    self.invalid(format!("{name}: the window at height index {k} sums to {sum}, expected 1"))
+                );
             }
         }
-        if self.written.insert(band, (n, stack.pitch_um, heights, stack.sample)).is_some() {
-            return Err(self.invalid(format!("psf/{band} was written twice")));
+        if self.written.insert((band, node), (n, stack.pitch_um, heights, stack.sample)).is_some() {
+            return Err(self.invalid(format!("{name} was written twice")));
         }
         let bytes = stack.samples.iter().flat_map(|v| v.to_ne_bytes()).collect::<Vec<u8>>();
         let shape = [heights, n, n];
-        self.array(&format!("psf/{band}"), "float32", &shape, "1", &["psf_height", "row", "column"], &bytes)
+        self.array(&name, "float32", &shape, "1", &["psf_height", "row", "column"], &bytes)
     }
 
     /// Writes tables and attributes and renames the pack to its final path.
@@ -90,27 +108,40 @@ impl LensPackWriter {
         self.table("ideal_height", "mm", "field_point", bands, |b| &b.ideal_height_mm)?;
         self.table("image_height", "mm", "field_point", bands, |b| &b.image_height_mm)?;
         self.table("relative_illumination", "1", "field_point", bands, |b| &b.relative_illumination)?;
-        self.table("psf_height", "mm", "psf_height", bands, |b| &b.psf_height_mm)?;
-        self.table("psf_energy", "1", "psf_height", bands, |b| &b.psf_energy)?;
-        self.column("psf_pitch", "um", bands, |b| b.psf_pitch_um)?;
         self.column("solid_angle", "sr", bands, |b| b.solid_angle_sr)?;
         self.column("transmission", "1", bands, |b| b.transmission)?;
-        let width = bands.iter().map(|b| b.azimuth_count.len()).max().unwrap_or(0);
-        let padded =
-            bands.iter().flat_map(|b| (0..width).map(|k| b.azimuth_count.get(k).map_or(0, |&j| j as i32)));
-        let bytes: Vec<u8> = padded.flat_map(i32::to_ne_bytes).collect();
-        let dims = ["wavelength", "psf_height"];
-        self.array("azimuth_count", "int32", &[bands.len(), width], "1", &dims, &bytes)?;
-        self.json("psf/zarr.json", &json!({"zarr_format": 3, "node_type": "group", "attributes": {}}))?;
+        match &lens.depth {
+            None => self.psf_tables(bands)?,
+            Some(depth) => self.depth_tables(depth)?,
+        }
+        let group = json!({"zarr_format": 3, "node_type": "group", "attributes": {}});
+        self.json("psf/zarr.json", &group)?;
+        for band in 0..lens.depth.as_ref().map_or(0, |depth| depth.bands.len()) {
+            self.json(&format!("psf/{band}/zarr.json"), &group)?;
+        }
         let root =
             json!({"zarr_format": 3, "node_type": "group", "attributes": root_attributes(lens, attributes)});
         self.json("zarr.json", &root)?;
         self.sink.finish()
     }
 
+    /// PSF tables of a lens without depth nodes.
+    fn psf_tables(&mut self, bands: &[LensBand]) -> Result<(), LensPackError> {
+        self.table("psf_height", "mm", "psf_height", bands, |b| &b.psf_height_mm)?;
+        self.table("psf_energy", "1", "psf_height", bands, |b| &b.psf_energy)?;
+        self.column("psf_pitch", "um", bands, |b| b.psf_pitch_um)?;
+        let width = bands.iter().map(|b| b.azimuth_count.len()).max().unwrap_or(0);
+        let padded =
+            bands.iter().flat_map(|b| (0..width).map(|k| b.azimuth_count.get(k).map_or(0, |&j| j as i32)));
+        let bytes: Vec<u8> = padded.flat_map(i32::to_ne_bytes).collect();
+        let dims = ["wavelength", "psf_height"];
+        self.array("azimuth_count", "int32", &[bands.len(), width], "1", &dims, &bytes)
+    }
+
     fn check(&self, lens: &Lens) -> Result<(), LensPackError> {
-        if lens.bands.is_empty() || self.written.keys().copied().ne(0..lens.bands.len()) {
-            let have: Vec<_> = self.written.keys().collect();
+        let expected = stacks(lens);
+        if lens.bands.is_empty() || self.written.keys().ne(expected.keys()) {
+            let have: Vec<_> = self.written.keys().map(|key| key.0).collect();
             let bands = lens.bands.len();
             return Err(self.invalid(format!("the lens has {bands} bands, PSFs were written for {have:?}")));
         }
@@ -118,14 +149,17 @@ impl LensPackWriter {
             return Err(self.invalid(format!("`{name}` is out of bounds: {e}")));
         }
         for (b, band) in lens.bands.iter().enumerate() {
-            band.check().map_err(|source| LensPackError::Table { path: self.sink.path.clone(), source })?;
-            let expected = (band.psf_size, band.psf_pitch_um, band.psf_height_mm.len(), lens.psf_sample);
-            if self.written[&b] != expected {
-                let list = |(side, pitch_um, heights, sample): (usize, f64, usize, PsfSample)| {
+            let nodes = lens.depth.as_ref().and_then(|depth| depth.bands.get(b));
+            let checked = band.check().and_then(|()| nodes.map_or(Ok(()), |nodes| nodes.check(band)));
+            checked.map_err(|source| LensPackError::Table { path: self.sink.path.clone(), source })?;
+        }
+        for (key, expected) in expected {
+            if self.written[&key] != expected {
+                let list = |(side, pitch_um, heights, sample): StackShape| {
                     let sample = if sample == PsfSample::Point { "point" } else { "integrated" };
                     format!("{heights} windows of {side} {sample} samples of {pitch_um} µm")
                 };
-                let (found, expected) = (list(self.written[&b]), list(expected));
+                let (found, expected, b) = (list(self.written[&key]), list(expected), key.0);
                 return Err(self.invalid(format!("psf/{b} has {found}, the lens's table {expected}")));
             }
         }
@@ -228,9 +262,25 @@ impl LensPackWriter {
     }
 }
 
+/// Side, pitch, number of heights and kind of samples of every stack of `lens`, by band and depth node.
+fn stacks(lens: &Lens) -> BTreeMap<StackKey, StackShape> {
+    let sample = lens.psf_sample;
+    let flat =
+        lens.bands.iter().enumerate().map(|(b, band)| {
+            ((b, None), (band.psf_size, band.psf_pitch_um, band.psf_height_mm.len(), sample))
+        });
+    let Some(depth) = &lens.depth else { return flat.collect() };
+    let nodes = depth.bands.iter().enumerate().flat_map(|(b, band)| {
+        band.nodes.iter().enumerate().map(move |(d, node)| {
+            ((b, Some(d)), (node.psf_size, node.psf_pitch_um, node.psf_height_mm.len(), sample))
+        })
+    });
+    nodes.collect()
+}
+
 fn root_attributes(lens: &Lens, other: &PackAttributes) -> Value {
-    json!({
-        "schema": SCHEMA,
+    let mut attributes = json!({
+        "schema": if lens.depth.is_some() { DEPTH_SCHEMA } else { SCHEMA },
         "name": lens.name,
         "distortion_focal_length_mm": lens.distortion_focal_length_mm,
         "effective_focal_length_mm": lens.effective_focal_length_mm,
@@ -247,5 +297,16 @@ fn root_attributes(lens: &Lens, other: &PackAttributes) -> Value {
         "frame": other.frame,
         "psf_tolerance": other.psf_tolerance,
         "source": other.source,
-    })
+    });
+    if let Some(depth) = &lens.depth {
+        attributes["focus_distance_m"] = match depth.focus_distance_m.is_finite() {
+            true => json!(depth.focus_distance_m),
+            false => json!("Infinity"),
+        };
+        attributes["blur_per_dioptre_um"] = json!(depth.blur_per_dioptre_um);
+        attributes["entrance_pupil_mm"] = json!(depth.entrance_pupil_mm);
+        attributes["entrance_pupil_diameter_mm"] = json!(depth.entrance_pupil_diameter_mm);
+        attributes["depth_tolerance"] = json!(depth.tolerance);
+    }
+    attributes
 }

@@ -3,12 +3,12 @@
 use super::DepthStage;
 use super::scene::Scene;
 use super::slabs::Slabs;
-use crate::band::Options;
 use crate::field::Field;
 use crate::geometry::Frame;
 use crate::lens::PsfSample;
 use crate::lens::depth::{BandDepth, LensDepth};
 use crate::lens::{LensBand, LensError, PsfStack};
+use crate::options::Options;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;

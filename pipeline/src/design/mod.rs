@@ -21,6 +21,7 @@ pub mod bundle;
 mod chebyshev;
 pub mod codev;
 pub mod crossing;
+pub mod depth;
 pub mod describe;
 mod draft;
 pub mod error;

@@ -168,7 +168,7 @@ impl<'a> LensTrace<'a> {
     }
 
     /// Ideal heights, real heights and G of [`super::illumination`], evenly spaced in ideal height.
-    fn dense(&self, tracer: &Tracer<'_>) -> Result<[Vec<f64>; 3], DesignError> {
+    pub(super) fn dense(&self, tracer: &Tracer<'_>) -> Result<[Vec<f64>; 3], DesignError> {
         let last = tracer.field_of_height(self.options.max_height_mm)?;
         let points = self.options.field_points;
         let tans: Vec<f64> = (0..points).map(|i| last * i as f64 / (points - 1) as f64).collect();

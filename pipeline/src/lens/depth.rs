@@ -17,6 +17,12 @@ pub struct LensDepth {
     pub focus_distance_m: f64,
     /// Blur radius on the film per dioptre from focus, µm·m: half the entrance pupil's diameter times the distortion focal length.
     pub blur_per_dioptre_um: f64,
+    /// Entrance pupil behind the first vertex, mm.
+    pub entrance_pupil_mm: f64,
+    /// Diameter of the entrance pupil, mm.
+    pub entrance_pupil_diameter_mm: f64,
+    /// Maximum L1 error of a kernel half-way between nodes for which they were chosen.
+    pub tolerance: f64,
     /// Nodes per band of the lens.
     pub bands: Vec<BandDepth>,
 }

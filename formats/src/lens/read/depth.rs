@@ -19,6 +19,9 @@ pub(super) fn read(
 ) -> Result<LensDepth, LensPackError> {
     let focus_distance_m = head.bounded("focus_distance_m", bounds::FOCUS_M)?;
     let blur_per_dioptre_um = head.bounded("blur_per_dioptre_um", bounds::BLUR_PER_DIOPTRE_UM)?;
+    let entrance_pupil_mm = head.bounded("entrance_pupil_mm", bounds::DEFOCUS_MM)?;
+    let entrance_pupil_diameter_mm = head.bounded("entrance_pupil_diameter_mm", bounds::PUPIL_MM)?;
+    let tolerance = head.positive("depth_tolerance")?;
     let vergence = tables.rows_of("vergence", None, None)?;
     let nodes = vergence.width;
     if !bounds::DEPTH_NODES.contains(nodes as f64) {
@@ -70,7 +73,14 @@ pub(super) fn read(
         depths.push(depth);
         chunks.push(chunk);
     }
-    Ok(LensDepth { focus_distance_m, blur_per_dioptre_um, bands: depths })
+    Ok(LensDepth {
+        focus_distance_m,
+        blur_per_dioptre_um,
+        entrance_pupil_mm,
+        entrance_pupil_diameter_mm,
+        tolerance,
+        bands: depths,
+    })
 }
 
 impl Tables<'_> {

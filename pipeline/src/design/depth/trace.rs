@@ -1,0 +1,170 @@
+//! PSFs of a lens at several object distances, on one film plane.
+//!
+//! Each depth node is a trace of its own ([`LensTrace::band`]) with the object at the node's vergence: heights, azimuths and window are chosen there.
+//! The tables of the band are those of an object at infinity (heights) and of the vergence in focus (light), see [`crate::lens::depth`]:
+//!
+//!     δ(r) = (h(r, V)/h(r, 0) − 1)·1000/V            at the last node; 0 with paraxial aiming
+//!     G(r, V)/G(r, V_f)                              G of [`crate::design::illumination`], on the object side
+//! The vergence in focus is a node, if it lies in the range.
+
+use super::nodes::{NodeOptions, Placement, place};
+use crate::design::error::DesignError;
+use crate::design::paraxial::Paraxial;
+use crate::design::ray::Tracer;
+use crate::design::system::{RayAiming, System};
+use crate::design::trace::{BandReport, LensTrace, OnProgress, TraceOptions};
+use crate::lens::depth::{BandDepth, DepthNode, LensDepth};
+use crate::lens::{LensBand, PsfStack, linear};
+
+/// Range of object distances and accuracy between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthOptions {
+    /// Vergence in focus, 1/m.
+    pub focus: f64,
+    /// Farthest and nearest vergence, 1/m.
+    pub range: (f64, f64),
+    /// Maximum L1 error of a kernel half-way between nodes.
+    pub tolerance: f64,
+}
+
+/// A band traced at its depth nodes, without PSFs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TracedDepth {
+    /// Tables of the band; its PSF tables are those of the node nearest to focus.
+    pub tables: LensBand,
+    /// Its nodes.
+    pub nodes: BandDepth,
+    /// Errors half-way between nodes.
+    pub placement: Placement,
+    /// Report of every node.
+    pub reports: Vec<BandReport>,
+}
+
+/// Head of the depth nodes of `system`, whose film is in focus at `options.focus`; without bands.
+///
+/// # Errors
+/// No first-order properties.
+pub fn header(system: &System, options: &DepthOptions) -> Result<LensDepth, DesignError> {
+    let primary = Paraxial::new(system, system.primary_um())?;
+    let radius_mm = primary.entrance_radius_mm;
+    Ok(LensDepth {
+        focus_distance_m: 1.0 / options.focus,
+        blur_per_dioptre_um: radius_mm * primary.distortion_focal_length_mm.abs(),
+        entrance_pupil_mm: primary.entrance_pupil_mm,
+        entrance_pupil_diameter_mm: 2.0 * radius_mm,
+        tolerance: options.tolerance,
+        bands: Vec::new(),
+    })
+}
+
+/// Traces band `index` of `trace` at its depth nodes and passes the PSFs of each node to `sink`.
+///
+/// # Errors
+/// A ray that does not reach the image; an object too near; [`DesignError::Sink`] for an error of `sink`.
+pub fn band<E: std::fmt::Display>(
+    system: &System,
+    trace: &TraceOptions,
+    index: usize,
+    options: &DepthOptions,
+    on_progress: OnProgress<'_>,
+    mut sink: impl FnMut(usize, &PsfStack) -> Result<(), E>,
+) -> Result<TracedDepth, DesignError> {
+    let nm = trace.wavelengths_nm[index];
+    let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
+    let placement = nodes(system, nm, trace, options, blur_px)?;
+    let far = Dense::new(&system.at_vergence(0.0)?, trace, nm)?;
+    let focused = Dense::new(&system.at_vergence(options.focus)?, trace, nm)?;
+    let in_focus: Vec<f64> = far.real.iter().map(|r| linear(&focused.real, &focused.light, *r)).collect();
+    let (mut list, mut reports, mut shift) = (Vec::new(), Vec::new(), vec![0.0; far.real.len()]);
+    let mut flat = None;
+    for (d, v) in placement.vergence.iter().enumerate() {
+        let moved = system.at_vergence(*v)?;
+        let traced = LensTrace::new(&moved, trace)?.band(index, on_progress)?;
+        sink(d, &traced.psf).map_err(|e| DesignError::Sink { wavelength_nm: nm, problem: e.to_string() })?;
+        let t = traced.tables;
+        let light: Vec<f64> = t.relative_illumination.iter().map(|r| r * t.solid_angle_sr).collect();
+        let ratio = |(r, in_focus): (&f64, &f64)| linear(&t.image_height_mm, &light, *r) / in_focus;
+        let etendue_ratio = std::iter::zip(&far.real, &in_focus).map(ratio).collect();
+        if d + 1 == placement.vergence.len() && *v > 0.0 && system.aiming == RayAiming::Real {
+            let moved = |(r, h): (&f64, &f64)| linear(&t.image_height_mm, &t.ideal_height_mm, *r) / h - 1.0;
+            let pairs = std::iter::zip(&far.real, &far.ideal).skip(1);
+            shift = std::iter::once(0.0).chain(pairs.map(|p| moved(p) * 1e3 / v)).collect();
+        }
+        reports.push(traced.report);
+        let node = DepthNode {
+            psf_height_mm: t.psf_height_mm,
+            azimuth_count: t.azimuth_count,
+            psf_energy: t.psf_energy,
+            psf_size: t.psf_size,
+            psf_pitch_um: t.psf_pitch_um,
+            etendue_ratio,
+        };
+        flat = Some(node.clone());
+        list.push(node);
+    }
+    let nodes = BandDepth { vergence: placement.vergence.clone(), nodes: list, pupil_shift_mm: shift };
+    let any = flat.expect("at least one node");
+    let mut tables = LensBand {
+        wavelength_nm: nm,
+        relative_illumination: in_focus.iter().map(|g| g / in_focus[0]).collect(),
+        ideal_height_mm: far.ideal,
+        image_height_mm: far.real,
+        psf_height_mm: any.psf_height_mm,
+        azimuth_count: any.azimuth_count,
+        psf_size: any.psf_size,
+        psf_pitch_um: any.psf_pitch_um,
+        psf_energy: any.psf_energy,
+        solid_angle_sr: in_focus[0],
+        transmission: 1.0,
+    };
+    let nearest = nodes.at_node(&tables, nodes.nearest(options.focus));
+    tables = LensBand {
+        ideal_height_mm: tables.ideal_height_mm,
+        relative_illumination: tables.relative_illumination,
+        ..nearest
+    };
+    Ok(TracedDepth { tables, nodes, placement, reports })
+}
+
+/// Nodes over the range of `options`, those on either side of focus apart.
+fn nodes(
+    system: &System,
+    nm: f64,
+    trace: &TraceOptions,
+    options: &DepthOptions,
+    blur_px: f64,
+) -> Result<Placement, DesignError> {
+    let (first, last) = options.range;
+    let node_options = |range| NodeOptions {
+        range,
+        focus: options.focus,
+        l1_tolerance: options.tolerance,
+        film_pitch_um: trace.film_pitch_um,
+        blur_px,
+        max_window_px: trace.max_window_px,
+    };
+    let heights = [0.0, trace.max_height_mm];
+    let of = |range| place(system, nm / 1e3, &heights, &node_options(range));
+    if !(first < options.focus && options.focus < last) {
+        return of((first, last));
+    }
+    let (far, near) = (of((first, options.focus))?, of((options.focus, last))?);
+    let vergence = far.vergence.iter().chain(&near.vergence[1..]).copied().collect();
+    Ok(Placement { vergence, l1: far.l1.max(near.l1), esf: far.esf.max(near.esf) })
+}
+
+/// Dense tables of a conjugate.
+struct Dense {
+    ideal: Vec<f64>,
+    real: Vec<f64>,
+    /// G, sr.
+    light: Vec<f64>,
+}
+
+impl Dense {
+    fn new(system: &System, trace: &TraceOptions, nm: f64) -> Result<Self, DesignError> {
+        let tracer = Tracer::new(system, nm / 1e3)?;
+        let [ideal, real, light] = LensTrace::new(system, trace)?.dense(&tracer)?;
+        Ok(Self { ideal, real, light })
+    }
+}

@@ -1,0 +1,248 @@
+//! `run --depth`: a flat film where the depth is constant, the same files however the film is computed, and bad input.
+
+mod common;
+
+use common::{
+    CommandResult, Noise, Picture, assert_exit, bits, files, lenscube, pixels, run, shards, text, write_pack,
+};
+use formats::lens::LensPack;
+use pipeline::geometry::Size;
+use pipeline::lens::Lens;
+use std::path::{Path, PathBuf};
+
+const SIZE: Size = Size::new(560, 530);
+const CHART: &str = "gen:composite?size=530x560&overscan=0";
+
+fn golden_pack() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip")
+}
+
+/// Writes a .npy file of f32.
+fn write_npy(path: &Path, size: Size, values: &[f32]) {
+    assert_eq!(values.len(), size.pixels());
+    let header =
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}", size.height, size.width);
+    let padding = 63 - (10 + header.len()) % 64;
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(((header.len() + padding + 1) as u16).to_le_bytes());
+    bytes.extend(header.bytes());
+    bytes.extend(std::iter::repeat_n(b' ', padding));
+    bytes.push(b'\n');
+    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    std::fs::write(path, bytes).unwrap();
+}
+
+struct Scene {
+    dir: tempfile::TempDir,
+    depth: PathBuf,
+}
+
+impl Scene {
+    /// A near disc with a noisy rim before a tilted floor and infinity: a film of several tiles with all slabs of the pack.
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let depth = dir.path().join("depth.npy");
+        let mut noise = Noise(11);
+        let values: Vec<f32> = (0..SIZE.pixels())
+            .map(|i| {
+                let (y, x) = ((i / SIZE.width) as f32, (i % SIZE.width) as f32);
+                let disc = (y - 250.0).hypot(x - 300.0) < 60.0 + 8.0 * noise.next();
+                let floor = 0.6 / (1e-3 * y + 0.1);
+                if disc {
+                    0.55
+                } else if y < 120.0 {
+                    f32::INFINITY
+                } else {
+                    floor
+                }
+            })
+            .collect();
+        write_npy(&depth, SIZE, &values);
+        Self { dir, depth }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn flags<'a>(depth: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+        let always = ["--wavelengths", "500", "--outside", "clamp", "--shard", "256", "--chunk", "128"];
+        [&["--depth", depth][..], &always, more].concat()
+    }
+
+    fn try_run(&self, film: &str, depth: &str, flags: &[&str]) -> CommandResult {
+        run(CHART, &self.path(film), text(&golden_pack()), &Self::flags(depth, flags))
+    }
+
+    fn run(&self, film: &str, flags: &[&str]) -> PathBuf {
+        self.try_run(film, text(&self.depth), flags).ok();
+        self.path(film)
+    }
+}
+
+#[test]
+fn threads_memory_interruption_and_regions_do_not_change_the_film() {
+    let scene = Scene::new();
+    let film = scene.run("first", &["--threads", "1"]);
+    let first = files(&film);
+    assert!(first.len() > 9, "several shards: {:?}", first.keys());
+    let again = scene.run("again", &["--threads", "3", "--memory", "700MiB"]);
+    assert!(files(&again) == first, "threads and memory");
+    for shard in shards(&again).into_iter().filter(|s| s.starts_with("film")).step_by(2) {
+        std::fs::remove_file(again.join(shard)).unwrap();
+    }
+    assert_exit(&scene.try_run("again", text(&scene.depth), &[]), 0, &["resuming"]);
+    assert!(files(&again) == first, "resumed");
+    assert_exit(&scene.try_run("again", text(&scene.depth), &[]), 0, &["nothing to do"]);
+    let region = scene.run("region", &["--roi", "250,260,200,190"]);
+    let (_, whole) = pixels(&film, "film");
+    let (size, part) = pixels(&region, "roi_0");
+    let row = |y: usize| &whole[0][(260 + y) * SIZE.width + 250..][..200];
+    let cut: Vec<f32> = (0..190).flat_map(row).copied().collect();
+    assert_eq!((size, bits(&part)), (Size::new(190, 200), bits(&[cut])));
+}
+
+#[test]
+fn units_give_the_bytes_of_a_single_run() {
+    let scene = Scene::new();
+    let expected = files(&scene.run("film", &[]));
+    let (film, plan) = (scene.path("planned"), scene.path("plan.json"));
+    let words = ["plan", CHART, text(&film), "--output", text(&plan)];
+    let unit_rows = ["--unit-rows", "1", "--lens"];
+    let flags = Scene::flags(text(&scene.depth), &[]);
+    let pack = golden_pack();
+    lenscube(&[&words[..], &unit_rows, &[text(&pack)], &flags].concat()).ok();
+    for unit in ["2", "0-1"] {
+        lenscube(&["run", "--plan", text(&plan), "--unit", unit, "--no-fsync"]).ok();
+    }
+    assert!(files(&film) == expected);
+}
+
+#[test]
+fn constant_depth_at_a_node_is_the_film_of_that_node_alone() {
+    let scene = Scene::new();
+    let pack = LensPack::open(golden_pack()).unwrap();
+    let depth = pack.lens().depth.clone().unwrap();
+    // The node in focus.
+    let node = depth.bands[0].nearest(depth.focus());
+    assert_eq!(depth.bands[0].vergence[node], 0.5);
+    let band = depth.bands[0].at_node(&pack.lens().bands[0], node);
+    let flat = Lens { bands: vec![band], depth: None, ..pack.lens().clone() };
+    let flat_pack = scene.path("flat.lens.zarr");
+    write_pack(&flat_pack, &flat, vec![pack.psf_of_node(0, node).unwrap()]);
+    let flags = ["--wavelengths", "500", "--outside", "clamp", "--shard", "256", "--chunk", "128"];
+    run(CHART, &scene.path("flat"), text(&flat_pack), &flags).ok();
+    let (_, expected) = pixels(&scene.path("flat"), "film");
+    for (name, unit, number, value) in [("number", "m", "2", None), ("array", "cm", "", Some(200.0))] {
+        let array = scene.path("constant.npy");
+        let spec = match value {
+            None => number,
+            Some(cm) => {
+                write_npy(&array, SIZE, &vec![cm; SIZE.pixels()]);
+                text(&array)
+            }
+        };
+        scene.try_run(name, spec, &["--depth-unit", unit]).ok();
+        assert_eq!(bits(&pixels(&scene.path(name), "film").1), bits(&expected), "{name}");
+    }
+}
+
+#[test]
+fn uniform_surfaces_with_complete_hidden_ones_stay_uniform() {
+    let scene = Scene::new();
+    let values: Vec<f32> = (0..SIZE.pixels())
+        .map(|i| {
+            let (y, x) = ((i / SIZE.width) as f32, (i % SIZE.width) as f32);
+            if (y - 250.0).hypot(x - 300.0) < 70.0 { 0.55 } else { 1.0 }
+        })
+        .collect();
+    let depth = scene.path("disc.npy");
+    write_npy(&depth, SIZE, &values);
+    // A wall of radiance 1 at 1 m, also behind the disc.
+    let wall = scene.path("wall.zarr");
+    Picture { size: SIZE, bands: vec![vec![1.0; SIZE.pixels()]] }.write(&wall);
+    for (path, bytes) in files(&wall.join("chart")) {
+        let to = wall.join("depth").join(path);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::write(to, bytes).unwrap();
+    }
+    let flags = Scene::flags(text(&depth), &["--stages", "svpsf", "--hidden", text(&wall)]);
+    let film = scene.path("film");
+    run("gen:uniform?size=530x560&overscan=0&value=1", &film, text(&golden_pack()), &flags).ok();
+    // Within the range of e = 1 - div(centroid) of the nodes, whose PSFs are not symmetric.
+    let (_, found) = pixels(&film, "film");
+    let (min, max) = found[0].iter().fold((f32::MAX, f32::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
+    assert!(min > 0.99 && max < 1.01, "{min} .. {max}");
+}
+
+#[test]
+fn bad_depths_are_errors_that_say_where() {
+    let scene = Scene::new();
+    let with = |at: usize, value: f32| {
+        let mut values = vec![1.5f32; SIZE.pixels()];
+        values[at] = value;
+        let path = scene.path("bad.npy");
+        write_npy(&path, SIZE, &values);
+        path
+    };
+    let at = 3 * SIZE.width + 7;
+    for value in [f32::NAN, 0.0, -2.0] {
+        let result = scene.try_run("film", text(&with(at, value)), &[]);
+        assert_exit(&result, 2, &["row 3, column 7", "expected a distance above 0", "--depth-miss far"]);
+    }
+    let far = scene.try_run("far", text(&with(at, 0.0)), &["--depth-miss", "far"]);
+    assert_exit(&far, 0, &["1 pixels of the depth arrays are NaN, 0 or negative"]);
+    let small = scene.path("small.npy");
+    write_npy(&small, Size::new(5, 4), &[1.0; 20]);
+    assert_exit(&scene.try_run("film", text(&small), &[]), 2, &["4x5 px, the chart has 530x560"]);
+    assert_exit(&scene.try_run("film", "nowhere.npy", &[]), 1, &["--depth nowhere.npy"]);
+    assert_exit(&scene.try_run("film", "0", &[]), 2, &["--depth 0: expected a distance above 0"]);
+    let depth = text(&scene.depth);
+    assert_exit(
+        &scene.try_run("film", depth, &["--stages", "ri,distortion"]),
+        2,
+        &["requires the stage svpsf"],
+    );
+    assert_exit(&scene.try_run("film", depth, &["--device", "cuda"]), 2, &["on the CPU"]);
+    let near =
+        run(CHART, &scene.path("film"), text(&golden_pack()), &["--depth", "0.1", "--wavelengths", "500"]);
+    assert_exit(&near, 1, &["0.100000 to 0.100000 m", "from 0.500000 to inf m", "--outside clamp"]);
+}
+
+#[test]
+fn lens_and_depth_must_fit() {
+    let scene = Scene::new();
+    let film = scene.path("film");
+    let without = run(CHART, &film, text(&golden_pack()), &["--wavelengths", "500"]);
+    assert_exit(&without, 2, &["has depth nodes", "--depth 2"]);
+    let flat = run(CHART, &film, "double-gauss-28-npz", &["--depth", "2"]);
+    assert_exit(&flat, 2, &["PSFs of one object distance"]);
+    let other = scene.run("other", &[]);
+    let changed = scene.try_run("other", "0.7", &[]);
+    assert_exit(&changed, 3, &["belongs to another job", "--depth"]);
+    assert!(other.exists());
+}
+
+#[test]
+fn coverage_outside_0_to_1_is_an_error() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/charts/three-planes.zarr");
+    let dir = tempfile::tempdir().unwrap();
+    let chart = dir.path().join("chart.zarr");
+    for (path, bytes) in files(&golden) {
+        let to = chart.join(path);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::write(to, bytes).unwrap();
+    }
+    // Distances in place of the coverage.
+    std::fs::remove_dir_all(chart.join("coverage")).unwrap();
+    let copy = |from: &str| {
+        std::fs::copy(chart.join("hidden/2/depth").join(from), chart.join("coverage").join(from)).unwrap()
+    };
+    std::fs::create_dir_all(chart.join("coverage/c/0")).unwrap();
+    copy("zarr.json");
+    copy("c/0/0");
+    let depth = format!("{}//depth", text(&chart));
+    let flags = ["--depth", &*depth, "--outside", "clamp"];
+    let result = run(text(&chart), &dir.path().join("film"), text(&golden_pack()), &flags);
+    assert_exit(&result, 1, &["the coverage at row", "expected 0 to 1"]);
+}
