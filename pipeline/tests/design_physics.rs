@@ -56,6 +56,47 @@ fn aberration_free_lens_gives_the_airy_pattern() {
     assert!(spot(&tracer, 0.0).unwrap().strehl > 1.0 - 1e-9);
 }
 
+/// A glass surface that is an ellipsoid of eccentricity 1/n images a distant axial point in the glass without aberration (Cartesian oval):
+/// semi-axes a and b, focus at a (1 + 1/n) behind the vertex.
+#[test]
+fn film_in_glass_has_the_focus_numerical_aperture_and_airy_pattern_of_its_index() {
+    let (n, radius): (f64, f64) = (1.5, 20.0);
+    let a = radius / (1.0 - 1.0 / (n * n));
+    let focus = a * (1.0 + 1.0 / n);
+    let cemented = |pupil_mm: f64| {
+        let mut front = Surface::new(1.0 / radius, focus, glass(n));
+        front.shape.conic = -1.0 / (n * n);
+        system(vec![front, flat(0.0)], 0, pupil_mm)
+    };
+    let wide = cemented(30.0);
+    let d = describe(&wide).unwrap();
+    assert!((d.effective_focal_length_mm - radius / (n - 1.0)).abs() < 1e-12, "for an index of 1 behind it");
+    assert!((d.paraxial_working_f_number - 40.0 / 30.0).abs() < 1e-12 && d.paraxial_focus_mm.abs() < 1e-12);
+    assert!((d.image_space_na - n * 0.25_f64.atan().sin()).abs() < 1e-12);
+    // From the point of the ellipsoid at height h to the focus.
+    let real_na = |h: f64| {
+        let sag = a * (1.0 - (1.0 - h * h / (a * radius)).sqrt());
+        n * (h / (focus - sag)).atan().sin()
+    };
+    assert!((d.real_na - real_na(15.0)).abs() < 1e-9, "{}", d.real_na);
+    let found = spot(&Tracer::new(&wide, 0.55).unwrap(), 0.0).unwrap();
+    assert!(found.geo_um < 1e-9 && (found.strehl - 1.0).abs() < 1e-9, "{found:?}");
+    let refocused = wide.with_image_plane(ImagePlane::AsDesigned, 0.005).unwrap();
+    let refocused = refocused.with_image_plane(ImagePlane::BestStrehl(0.55), 0.0).unwrap();
+    assert!((refocused.surfaces[0].thickness_mm - focus).abs() < 1e-6);
+    let narrow = cemented(1.0);
+    let tracer = Tracer::new(&narrow, 0.55).unwrap();
+    let f = PupilFunction::trace(&tracer, 0.0).unwrap();
+    let (half, pitch, na) = (20, 7.0, real_na(0.5));
+    let psf = PsfGrid::new(half, pitch).psf(&f, 0.0, &mut PsfScratch::default());
+    let peak = PI * (na / 0.55).powi(2) * pitch * pitch;
+    for (i, v) in psf.iter().enumerate() {
+        let at = |i: usize| (i as f64 - half as f64) * pitch;
+        let x = 2.0 * PI / 0.55 * na * at(i % (2 * half + 1)).hypot(at(i / (2 * half + 1)));
+        assert!((v / peak - (2.0 * bessel_j1_over_x(x)).powi(2)).abs() < 1e-4, "{i}");
+    }
+}
+
 #[test]
 fn nufft_psf_equals_the_direct_sum() {
     let system = System::double_gauss_28();

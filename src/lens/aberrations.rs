@@ -102,7 +102,9 @@ pub fn field_curvature(system: &System, nm: &[f64], max_mm: f64, x: Axis) -> Res
             let height = max_mm * f64::from(i) / 60.0;
             let ray = tracer.ray(tracer.field_of_height(height).ok()?, 0.0, 0.0).ok()?;
             // d(L/N) with L² + M² + N² = 1 and M = 0 on the meridian.
-            let tangential = -ray.x.d[0] / (ray.l.d[0] / ray.n.powi(3));
+            // The index in front of the film is the length of (l, 0, n).
+            let square = ray.l.v.powi(2) + ray.n.powi(2);
+            let tangential = -ray.x.d[0] / (ray.l.d[0] * square / ray.n.powi(3));
             let sagittal = -ray.y.d[1] / (ray.m.d[1] / ray.n);
             Some((height, tangential, sagittal))
         };

@@ -83,7 +83,7 @@ pub fn describe(system: &System) -> Result<Description, DesignError> {
         image_space_f_number: p.image_f_number(),
         paraxial_working_f_number: p.working_f_number(),
         working_f_number: 0.5 / na,
-        image_space_na: real::sin(real::atan(p.marginal_slope)),
+        image_space_na: p.image_index * real::sin(real::atan(p.marginal_slope)),
         real_na: na,
         entrance_pupil_position_mm: p.entrance_pupil_mm,
         entrance_pupil_diameter_mm: 2.0 * p.entrance_radius_mm,

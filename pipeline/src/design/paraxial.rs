@@ -15,11 +15,13 @@ use super::system::{Aperture, System};
 pub struct Paraxial {
     /// Wavelength, µm.
     pub wavelength_um: f64,
-    /// Effective focal length.
+    /// Index in front of the film.
+    pub image_index: f64,
+    /// Effective focal length, for an index of 1 on the side of the film.
     pub effective_focal_length_mm: f64,
     /// From the last surface before the image plane to the paraxial focus for an object at infinity.
     pub back_focal_length_mm: f64,
-    /// Slope of the chief ray in the actual image plane.
+    /// Derivative of the chief ray's height in the actual image plane by its slope at the entrance pupil.
     pub distortion_focal_length_mm: f64,
     /// Entrance pupil, from the first vertex.
     pub entrance_pupil_mm: f64,
@@ -91,7 +93,7 @@ impl Paraxial {
         let pupil = at_stop[1] / at_stop[0];
         // A ray with slope 1 through the pupil's centre, and one parallel to the axis at height 1.
         let chief = |v: [f64; 2]| v[1] - pupil * v[0];
-        let power = -u[0];
+        let power = -n * u[0];
         let efl = 1.0 / power;
         let distance = system.object_distance_mm.map(|d| d + pupil);
         if distance.is_some_and(|d| d <= 0.0) {
@@ -103,7 +105,7 @@ impl Paraxial {
         let radius = match system.aperture {
             Aperture::EntrancePupil(d) => d / 2.0,
             Aperture::ImageFNumber(f) => efl.abs() / f / 2.0,
-            Aperture::WorkingFNumber(f) => 1.0 / (2.0 * f * marginal(u).abs()),
+            Aperture::WorkingFNumber(f) => 1.0 / (2.0 * f * n * marginal(u).abs()),
             Aperture::ObjectNa(na) => na / (1.0 - na * na).sqrt() * distance.unwrap_or(0.0),
             Aperture::StopRadius(r) => r / at_stop[0].abs(),
         };
@@ -117,6 +119,7 @@ impl Paraxial {
         let exit = -chief(y) / chief(u);
         Ok(Self {
             wavelength_um: um,
+            image_index: n,
             effective_focal_length_mm: efl,
             back_focal_length_mm: -last[0] / u[0],
             distortion_focal_length_mm: f,
@@ -127,7 +130,7 @@ impl Paraxial {
             stop_radius_mm: radius * at_stop[0].abs(),
             marginal_slope: radius * marginal(u).abs(),
             marginal_height_mm: radius * marginal(y),
-            magnification: if distance.is_some() { slope / marginal(u) } else { 0.0 },
+            magnification: if distance.is_some() { slope / (n * marginal(u)) } else { 0.0 },
             angular_magnification: chief(u),
             total_track_mm: system.axis()[system.image()].0,
         }
@@ -168,7 +171,7 @@ impl Paraxial {
 
     /// Paraxial working F-number.
     pub fn working_f_number(&self) -> f64 {
-        1.0 / (2.0 * self.marginal_slope)
+        1.0 / (2.0 * self.image_index * self.marginal_slope)
     }
 
     /// Image-space F-number: focal length over entrance pupil diameter.

@@ -77,11 +77,11 @@ pub struct ImageRay {
     pub x: Dual,
     /// Intersection with the image plane, mm.
     pub y: Dual,
-    /// Direction cosine along x.
+    /// Optical direction cosine along x: times the index of the medium in front of the film, as are the others.
     pub l: Dual,
-    /// Direction cosine along y.
+    /// That along y.
     pub m: Dual,
-    /// Direction cosine along z.
+    /// That along z.
     pub n: f64,
     /// Optical path from the object's wavefront, mm.
     pub path: Dual,
@@ -279,12 +279,13 @@ impl<'a> Tracer<'a> {
             Some(_) => [start.d[0], start.d[1]],
         };
         let r = self.run(start, self.system.image(), clip).map_err(|lost| self.lost(tan, p, q, lost))?;
+        let index = Dual::of(self.indices[self.system.image()]);
         Ok(ImageRay {
             x: r.p[0],
             y: r.p[1],
-            l: r.d[0],
-            m: r.d[1],
-            n: r.d[2].v,
+            l: index * r.d[0],
+            m: index * r.d[1],
+            n: (index * r.d[2]).v,
             path: r.path,
             flux: (flux[0].d[0] * flux[1].d[1] - flux[0].d[1] * flux[1].d[0]).abs(),
         })

@@ -1,7 +1,7 @@
 //! A prescription: surfaces along the axis, stop, aperture, fields, wavelengths.
 //!
 //! Lengths in mm, wavelengths in µm. The object lies in air at `object_distance_mm` before surface 0 (`None` = infinity);
-//! `surfaces` are from the first surface to the image plane, which is the last, flat, and in air. Each surface has the distance to the
+//! `surfaces` are from the first surface to the image plane, which is the last and flat; it may lie in a glass (a sensor behind cement). Each surface has the distance to the
 //! next one and the medium in between. Rotationally symmetric: no tilts, no decentres.
 //!
 //! z counts along the light: behind an odd number of mirrors it runs against the z of the design file, so that thicknesses are positive
@@ -195,11 +195,6 @@ impl System {
         let image = &self.surfaces[self.image()];
         if !image.shape.is_flat() {
             return no("has a curved image surface; a film is flat");
-        }
-        if self.surfaces[self.image() - 1].medium != Medium::Air {
-            return no(
-                "has its image inside glass, which is not supported: end the glass with a surface before the image",
-            );
         }
         for s in &self.surfaces {
             let numbers = [s.shape.curvature, s.shape.conic, s.thickness_mm, s.semi_diameter_mm];
