@@ -11,6 +11,7 @@ use formats::lens::{LensPackError, LensPackWriter, MAX_ARRAY_SAMPLES, PackAttrib
 use pipeline::design::System;
 use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::describe::field_tan;
+use pipeline::design::image_circle::EDGE;
 use pipeline::design::ray::Tracer;
 use pipeline::design::shelf::SAMPLE;
 use pipeline::design::trace::{
@@ -249,7 +250,7 @@ fn options(args: &TraceArgs, system: &System) -> Result<TraceOptions> {
     Ok(options)
 }
 
-/// Largest height without `--max-height-mm`: of the given heights, or of the design's outermost field point.
+/// Largest height without `--max-height-mm`: of the given heights, of the design's outermost field point, or the image circle.
 fn max_height_mm(args: &TraceArgs, system: &System, given: Option<&[f64]>) -> Result<f64> {
     if args.design == SAMPLE {
         return Ok(SAMPLE_HEIGHT_MM);
@@ -261,10 +262,19 @@ fn max_height_mm(args: &TraceArgs, system: &System, given: Option<&[f64]>) -> Re
     let tans = system.fields.iter().map(|field| field_tan(system, &tracer.primary, *field).abs());
     let tan = tans.fold(0.0, f64::max);
     if tan == 0.0 {
-        return Err(usage(format!(
-            "{} has no field point off the axis; give the largest image height with `--max-height-mm`",
-            args.design
-        )));
+        let mm = tracer.image_circle_mm().ok_or_else(|| {
+            usage(format!(
+                "{} has no field point off the axis, and no clear aperture that ends its image circle; give the largest image height \
+                 with `--max-height-mm`",
+                args.design
+            ))
+        })?;
+        log_line(format!(
+            "heights up to {mm:.4} mm, the image circle: the design has no field point off the axis, and from there on the relative \
+             illumination is below {:.0} % (`--max-height-mm` for others)",
+            100.0 * EDGE
+        ));
+        return Ok(mm);
     }
     let mm = tracer.chief_height_mm(tan).with_context(|| {
         format!(

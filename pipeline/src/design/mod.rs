@@ -8,7 +8,7 @@
 //!    `ray_budget`: the rays that a search may aim. [`crossing`]: surfaces that cross.
 //! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling. [`bundle`]: its rays. `pupil_disc`: those over the whole pupil.
 //! 5. [`illumination`]: RI, the light of a bundle per area of the film. [`psf`]: a Huygens sum over its rays, by [`nufft`] and `fourier`. [`spots`]: spot
-//!    diagrams and best focus. [`field_figures`]: figures from rays alone.
+//!    diagrams and best focus. [`field_figures`]: figures from rays alone. [`image_circle`]: where vignetting ends the field.
 //!    `pupils`: the pupil functions of a band, interpolated between traced heights.
 //! 6. [`mod@trace`]: the tables of one band of a [`crate::lens::Lens`]: window chosen by energy, heights and azimuths by error.
 //!
@@ -34,6 +34,7 @@ pub mod glass;
 pub mod glass_library;
 mod grid;
 pub mod illumination;
+pub mod image_circle;
 mod kernels;
 pub mod model_glass;
 pub mod nufft;
