@@ -43,11 +43,16 @@ Glasses that are not built in are written into a catalogue OUT.agf beside a .zmx
 
 /// `lenscube lens list`
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  lenscube lens list --json | jq -r '.designs[].name'")]
+#[command(
+    after_help = "Example:\n  lenscube lens list --json | jq -r '.designs[].name'\n  lenscube lens list --plot shelf"
+)]
 pub struct ListArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+    /// Write a cross-section of each lens with rays into this directory: NAME.svg and NAME.png
+    #[arg(long, value_name = "DIR")]
+    pub plot: Option<PathBuf>,
 }
 
 /// `lenscube lens convert`

@@ -1,15 +1,22 @@
 //! `lenscube lens list`: the built-in lenses.
 
+use super::cross_section::cross_section;
 use crate::args::ListArgs;
-use crate::progress::print;
+use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
+use formats::durable::{create_directories, finish_together};
 use formats::lens::builtin_names;
+use formats::picture::style::Style;
 use pipeline::design::describe;
 use pipeline::design::shelf::LENSES;
 use serde_json::json;
+use std::path::Path;
 
 /// Runs the command.
 pub fn command(args: &ListArgs) -> Result<()> {
+    if let Some(dir) = &args.plot {
+        draw(dir)?;
+    }
     let (mut rows, mut values) = (String::new(), Vec::new());
     for lens in LENSES {
         let system = lens.system();
@@ -38,5 +45,20 @@ pub fn command(args: &ListArgs) -> Result<()> {
          Lens packs: {}",
         packs.join(", ")
     ));
+    Ok(())
+}
+
+/// Writes a cross-section of each lens into `dir`, as SVG and PNG.
+fn draw(dir: &Path) -> Result<()> {
+    create_directories(dir, true)?;
+    let mut files = Vec::new();
+    for lens in LENSES {
+        let figure = cross_section(&lens.system())?.figure(Style::Light);
+        for extension in ["svg", "png"] {
+            files.push(figure.file(&dir.join(format!("{}.{extension}", lens.name)))?);
+        }
+    }
+    finish_together(files)?;
+    log_line(format!("{}: SVG and PNG of {} lenses", dir.display(), LENSES.len()));
     Ok(())
 }

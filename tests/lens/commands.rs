@@ -157,6 +157,22 @@ fn show_design_prints_system_data_and_writes_plots() {
 }
 
 #[test]
+fn list_draws_every_built_in_lens() {
+    let dir = tempfile::tempdir().unwrap();
+    let shelf = dir.path().join("shelf");
+    let listed = json(lenscube(&["lens", "list", "--json", "--plot", text(&shelf)]));
+    let names: Vec<&str> =
+        listed["designs"].as_array().unwrap().iter().filter_map(|d| d["name"].as_str()).collect();
+    assert!(names.len() >= 14, "{names:?}");
+    for name in &names {
+        let svg = fs::read_to_string(shelf.join(format!("{name}.svg"))).unwrap();
+        assert!(svg.contains("z from the first surface (mm)"), "{name}");
+        assert!(fs::read(shelf.join(format!("{name}.png"))).unwrap().starts_with(b"\x89PNG"), "{name}");
+    }
+    assert_eq!(fs::read_dir(&shelf).unwrap().count(), 2 * names.len());
+}
+
+#[test]
 fn show_pack_prints_its_tables_and_rejects_design_flags() {
     let dir = tempfile::tempdir().unwrap();
     let pack = "double-gauss-28-npz";
