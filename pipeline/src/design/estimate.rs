@@ -53,7 +53,7 @@ impl LensTrace<'_> {
         let light =
             1.0 - bundles.iter().map(|b| b.light_outside(0.5 * film * window_px as f64)).fold(0.0, f64::max);
         let side = 2 * half_samples(window_px, film, pitch_um) + 1;
-        let limited = PSFS.min(max_psfs(options, side));
+        let limited = PSFS.min(max_psfs(options, side.pow(2) as f64));
         let (psfs, max_bytes) = match (&options.heights, options.azimuths) {
             (PsfHeights::Given(h), Azimuths::Given(_)) => (h.len(), 4 * side * side * h.len()),
             (PsfHeights::Given(h), _) => (limited.max(3 * h.len()), 4 * side * side * h.len()),

@@ -26,8 +26,8 @@ use super::refine::{
 /// Part of the tolerance for the grid: the rest is for the rotation of kernels, and keeps the median of the error over the film at
 /// half the tolerance (measured: 0.47 % for 1 %).
 const GRID_SHARE: f64 = 0.8;
-/// Number of probing heights, and that of expensive PSFs.
-const PROBES: [usize; 2] = [12, 6];
+/// Numbers of probing heights, and how many PSFs for each the budget must allow.
+const PROBES: [(usize, usize); 3] = [(12, 20), (6, 16), (3, 0)];
 /// Maximum of rounds of checking and refining.
 const MAX_ROUNDS: usize = 6;
 
@@ -59,8 +59,9 @@ pub(crate) fn choose(
     }
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
-    let max_psfs = max_psfs(options, kernels.grid().size());
-    let probe_count = PROBES[usize::from(max_psfs < 20 * PROBES[0])];
+    let max_psfs = max_psfs(options, pupils.mean(|f| kernels.grid().work(f)));
+    let allows = |(probes, each): &&(usize, usize)| max_psfs >= probes * each;
+    let probe_count = PROBES.iter().find(allows).map_or(3, |(probes, _)| *probes);
     let probes: Vec<f64> = (1..=probe_count).map(|i| last_mm * i as f64 / probe_count as f64).collect();
     report("probing", 0);
     let azimuth_need = match options.azimuths {

@@ -172,6 +172,12 @@ impl<'a> Pupils<'a> {
         &self.functions[&height.to_bits()]
     }
 
+    /// Mean of `value` over the axis, the middle and the edge of the field.
+    pub(crate) fn mean(&self, value: impl Fn(&PupilFunction) -> f64) -> f64 {
+        let last = self.first.len() - 1;
+        [0, last / 2, last].map(|i| value(self.at(self.first[i]))).iter().sum::<f64>() / 3.0
+    }
+
     /// Removes all but those of `heights` and of the first heights.
     pub(crate) fn keep(&mut self, heights: &[f64]) {
         let is_kept = |h: f64| heights.contains(&h) || self.first.contains(&h);

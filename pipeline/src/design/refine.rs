@@ -4,15 +4,17 @@
 //! [`super::grid`].
 
 use super::options::{MAX_NODES, TraceOptions};
+#[cfg(doc)]
+use super::psf::PsfGrid;
 
 /// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes: 134 MB in f32.
 const MAX_SAMPLES: f64 = (1_u64 << 25) as f64;
-/// Maximum samples that are computed for the choice of nodes with that default: about 5 s on two cores.
-const MAX_WORK: f64 = 2e8;
+/// Maximum work for the choice of nodes with that default, in samples ([`PsfGrid::work`]): about 5 s on two cores.
+const MAX_WORK: f64 = 3e8;
 /// Maximum side of the PSFs in samples with that default: 32 heights then have [`MAX_SAMPLES`].
 const MAX_SIDE: f64 = 1024.0;
 /// PSFs that are traced whatever their work.
-pub(super) const MIN_PSFS: usize = 80;
+pub(super) const MIN_PSFS: usize = 24;
 /// Maximum of azimuths of a height.
 pub(super) const MAX_AZIMUTHS: usize = 2880;
 
@@ -56,10 +58,9 @@ pub(super) fn max_side(options: &TraceOptions) -> usize {
     (MAX_SIDE * scale(options).max(1.0).sqrt()) as usize
 }
 
-/// Number of PSFs that can be traced for the choice of nodes.
-pub(super) fn max_psfs(options: &TraceOptions, side: usize) -> usize {
-    let samples = side as f64;
-    ((MAX_WORK * scale(options) / (samples * samples)) as usize).max(MIN_PSFS)
+/// Number of PSFs of `work` that can be traced for the choice of nodes.
+pub(super) fn max_psfs(options: &TraceOptions, work: f64) -> usize {
+    ((MAX_WORK * scale(options) / work) as usize).max(MIN_PSFS)
 }
 
 /// Limits of the nodes of a band.
