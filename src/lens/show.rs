@@ -170,7 +170,9 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
     out += &format!(
         "height: real image height; RI: relative illumination; distortion: relative to f tan w with f = {:.6} mm (distortion focal \
          length, {} nm);\nlateral: lateral colour relative to {} nm; {rms};\nStrehl: Strehl ratio at the chief ray; {window}.\n\n",
-        shown.lens.distortion_focal_length_mm, shown.lens.primary_wavelength_nm, shown.primary_nm,
+        shown.lens.distortion_focal_length_mm,
+        tidy_nm(shown.lens.primary_wavelength_nm),
+        tidy_nm(shown.primary_nm),
     );
     out += "     nm  height mm  field deg        RI    angle  distortion %  lateral um   RMS um   GEO um  Strehl  window um  light %\n";
     let optional = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
@@ -236,7 +238,8 @@ fn spots(system: &System, heights_mm: &[f64]) -> Result<Vec<(f64, f64, f64)>> {
 }
 
 fn design_text(name: &str, d: &Description) -> String {
-    let mut out = format!("{}  ({name}, a design; values at {} nm)\n", d.name, d.primary_wavelength_nm);
+    let mut out =
+        format!("{}  ({name}, a design; values at {} nm)\n", d.name, tidy_nm(d.primary_wavelength_nm));
     for (name, value, unit) in design_figures(d) {
         let value = match value.as_f64() {
             Some(v) => format!("{v:.6}"),
@@ -247,6 +250,11 @@ fn design_text(name: &str, d: &Description) -> String {
         out += &format!("{name:<26} {value:>14} {unit}\n");
     }
     out + "Pupil positions: entrance pupil from the first surface, exit pupil from the film. Working F-number: from real rays.\n"
+}
+
+/// Without the digits of rounding: 587.5618 for 587.5618000000001.
+fn tidy_nm(nm: f64) -> f64 {
+    (nm * 1e6).round() / 1e6
 }
 
 /// Number and size of the traced bands in the cache.

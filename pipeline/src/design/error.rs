@@ -39,7 +39,7 @@ pub enum DesignError {
         nearest: Vec<String>,
     },
     /// A wavelength outside the range of a glass's formula.
-    #[error("{wavelength_um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}")]
+    #[error("{um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}", um = tidy(.wavelength_um))]
     Wavelength {
         /// The glass.
         glass: String,
@@ -51,7 +51,7 @@ pub enum DesignError {
         last_um: f64,
     },
     /// The paraxial system has no finite focal length, pupil or image.
-    #[error("the design has no usable {what} at {wavelength_um} µm: {problem}")]
+    #[error("the design has no usable {what} at {um} µm: {problem}", um = tidy(.wavelength_um))]
     Paraxial {
         /// Which figure.
         what: &'static str,
@@ -62,9 +62,8 @@ pub enum DesignError {
     },
     /// A ray that the tables need does not reach the image.
     #[error(
-        "the ray at pupil ({px:.4}, {py:.4}) of the field point at {:.4} degrees, {wavelength_um} µm, {problem}; {advice}",
-        crate::real::atan(*.field_tan).to_degrees()
-    )]
+        "the ray at pupil ({px:.4}, {py:.4}) of the field point at {:.4} degrees, {um} µm, {problem}; {advice}",
+        crate::real::atan(*.field_tan).to_degrees(), um = tidy(.wavelength_um))]
     Ray {
         /// Pupil coordinates.
         px: f64,
@@ -81,10 +80,9 @@ pub enum DesignError {
     },
     /// The rays of a field point cannot be aimed within the budget of rays.
     #[error(
-        "{rays} rays are not enough to find the rays of the field point at {:.4} degrees, {wavelength_um} µm, that pass the stop: {place}; check \
+        "{rays} rays are not enough to find the rays of the field point at {:.4} degrees, {um} µm, that pass the stop: {place}; check \
          aspheric coefficients, radii and clear radii there, or aim rays at the paraxial pupil (`--aiming paraxial`)",
-        crate::real::atan(*.field_tan).to_degrees()
-    )]
+        crate::real::atan(*.field_tan).to_degrees(), um = tidy(.wavelength_um))]
     Search {
         /// Tangent of the field angle.
         field_tan: f64,
@@ -97,8 +95,7 @@ pub enum DesignError {
     },
     /// The lens does not reach the requested image height.
     #[error(
-        "the maximum real image height of the lens is {reached_mm:.4} mm of real image height at {wavelength_um} µm, {requested_mm:.4} mm requested: {problem}"
-    )]
+        "the maximum real image height of the lens is {reached_mm:.4} mm of real image height at {um} µm, {requested_mm:.4} mm requested: {problem}", um = tidy(.wavelength_um))]
     Height {
         /// Requested height, mm.
         requested_mm: f64,
@@ -111,9 +108,8 @@ pub enum DesignError {
     },
     /// The PSFs need a window larger than the maximum.
     #[error(
-        "a window of {max_px} film pixels, the maximum, holds {:.1} % of the light of the PSF at {height_mm:.3} mm and {wavelength_um} µm, at least {:.1} % requested: the lens is out of focus or the film's pixels are too fine; move the film (`--image-plane rms`), trace for coarser pixels (`--film-pitch-um`) or allow less light (`--energy`)",
-        100.0 * .held, 100.0 * .requested
-    )]
+        "a window of {max_px} film pixels, the maximum, holds {:.1} % of the light of the PSF at {height_mm:.3} mm and {um} µm, at least {:.1} % requested: the lens is out of focus or the film's pixels are too fine; move the film (`--image-plane rms`), trace for coarser pixels (`--film-pitch-um`) or allow less light (`--energy`)",
+        100.0 * .held, 100.0 * .requested, um = tidy(.wavelength_um))]
     Window {
         /// Maximum window, film pixels.
         max_px: usize,
@@ -144,6 +140,11 @@ pub enum DesignError {
         /// Error of the sink.
         problem: String,
     },
+}
+
+/// Without the digits of rounding: 0.5875618 for 0.5875617999999999.
+fn tidy(um: &f64) -> f64 {
+    (um * 1e9).round() / 1e9
 }
 
 fn nearest_words(nearest: &[String]) -> String {

@@ -46,7 +46,7 @@ const MACRO: &[&str] = &[
 /// Commands for optics that are not rotationally symmetric or not modelled.
 const UNSUPPORTED: &[&str] = &[
     "GRT", "GRO", "GRS", "DIF", "HOE", "HWL", "CYL", "XTO", "YTO", "ANA", "AAS", "SPS", "SPA", "XYP", "ZRN",
-    "QBF", "QCN", "RET", "GLB", "UDS", "GRN", "FRE", "LAR", "INT", "NSS",
+    "QBF", "QCN", "UDS", "GRN", "FRE", "LAR", "INT", "NSS",
 ];
 
 struct Reader<'a> {
@@ -163,6 +163,11 @@ impl Reader<'_> {
             }
             "SO" | "SI" | "S" => self.start_surface(&key, command)?,
             _ if key.len() > 1 && command.surface(0).is_some() => self.start_surface(&key, command)?,
+            "RET" | "GLB" => {
+                let problem = "a surface placed relative to an earlier one (RET, GLB) is not supported: give its distance from the surface \
+                               before as a thickness, without tilts";
+                return Err(command.error(problem));
+            }
             _ if UNSUPPORTED.contains(&key.as_str()) => {
                 return Err(command.error("not supported: lenscube traces rotationally symmetric systems"));
             }
@@ -218,6 +223,20 @@ impl Reader<'_> {
                     surface.obscuration_mm = Some(radius * scale).filter(|r| *r > 0.0);
                 }
                 _ => surface.clear_mm = Some(command.value(value)? * scale),
+            },
+            "REX" | "REY" | "ELX" | "ELY" => match command.words.get(value).map(|w| w.to_ascii_uppercase()) {
+                Some(kind) if kind == "EDG" || kind == "HOL" => {}
+                Some(kind) if kind == "OBS" => return Ok(false),
+                _ => {
+                    // Half a side of a rectangle, or a semi-axis of an ellipse.
+                    let half = command.value(value)? * scale;
+                    surface.clear_mm = Some(surface.clear_mm.map_or(half, |radius| radius.min(half)));
+                    self.draft.notes.push(format!(
+                        "line {}: `{}`: an aperture that is not a circle is replaced by the circle inside it",
+                        command.line,
+                        command.text.trim()
+                    ));
+                }
             },
             // A solve: its saved value stands in the surface's line.
             "THI" | "CUY" | "RDY" if command.value(value).is_err() => {}

@@ -75,6 +75,17 @@ fn mirrors_and_obscurations_count_along_the_light() {
 }
 
 #[test]
+fn apertures_that_are_not_circles_are_the_circle_inside_with_a_note() {
+    for (commands, radius) in [("REX 9; REY 7", 7.0), ("ELX 8; ELY 11", 8.0), ("REX EDG 3", 12.0)] {
+        let text = DOUBLET.replace("  CIR 12.0", &format!("  CIR 12.0; {commands}"));
+        let system = read(&text).unwrap();
+        assert_eq!(system.surfaces[0].aperture_mm, Some(radius), "{commands}");
+        let notes = system.notes.iter().filter(|n| n.contains("not a circle")).count();
+        assert_eq!(notes, if radius < 12.0 { 2 } else { 0 }, "{:?}", system.notes);
+    }
+}
+
+#[test]
 fn unsupported_optics_is_an_error_with_its_line() {
     for (from, to, line) in
         [("NBK7_SCHOTT", "NBK99_SCHOTT", 11), ("  CIR EDG 13", "  GRT", 16), ("EPD 25.0", "EPD x", 3)]
@@ -82,6 +93,8 @@ fn unsupported_optics_is_an_error_with_its_line() {
         let error = read(&DOUBLET.replace(from, to)).unwrap_err();
         assert!(matches!(&error, DesignError::Line { line: l, .. } if *l == line), "{to}: {error}");
     }
+    let returned = read(&DOUBLET.replace("  CIR EDG 13", "  RET S1")).unwrap_err().to_string();
+    assert!(returned.contains("`RET S1`") && returned.contains("as a thickness"), "{returned}");
     let macro_file = read("ver no\nlcl num ^x\nfor ^i 1 3\nend for\n").unwrap_err().to_string();
     let strict = ReadOptions { strict: true, configuration: None };
     assert!(macro_file.contains("macro"), "{macro_file}");

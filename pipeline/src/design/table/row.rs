@@ -191,7 +191,9 @@ impl<'a> Table<'a> {
             return Err(incomplete("has no surfaces below the header row"));
         }
         if draft.stop.is_none() {
-            return Err(incomplete("has no row marked `stop` in its first column `surface`"));
+            return Err(incomplete(
+                "has no row of the aperture stop: write `stop` there in a first column `surface`",
+            ));
         }
         if !self.has_image {
             draft.surfaces.push(DraftSurface::default());

@@ -212,6 +212,9 @@ fn kind(line: &Line<'_>) -> Result<Kind, DesignError> {
         Some(&"XASPHERE") => Ok(Kind::ExtendedEvenAsphere),
         Some(&"XODDASPH") => Ok(Kind::ExtendedOddAsphere),
         Some(&"COORDBRK") => Ok(Kind::CoordinateBreak),
+        Some(&"PARAXIAL") => Err(line.error(
+            "an ideal lens (PARAXIAL) has no glass to trace; put a real lens there, or leave it out if it only refocuses an afocal system",
+        )),
         Some(kind) => Err(line.error(format!("surface type {kind} is not supported: {symmetric}"))),
         None => Err(line.error("expected a surface type")),
     }
