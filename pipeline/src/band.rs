@@ -4,9 +4,9 @@
 //! equal IDEAL height; PSFs, node by node, only with [`PsfBetween::Interpolate`].
 
 use crate::depth::DepthStage;
-use crate::depth::plan::{DepthPlan, VergenceRange};
+use crate::depth::plan::{DepthPlan, Surfaces};
 use crate::field::Outside;
-use crate::geometry::Frame;
+use crate::geometry::{Frame, Rect};
 use crate::lens::{Lens, LensBand, LensError, PsfStack, linear};
 pub use crate::options::{Options, PsfBetween};
 use crate::plan::Tiling;
@@ -125,7 +125,7 @@ impl BandPlan {
         Ok(Self { lens_bands, lens: tables, grid, blocks, tiling, node: None, depth: None })
     }
 
-    /// Plans the band at `wavelength_nm` for surfaces at vergences of `range`. A flat chart at a depth node of the lens is planned as by
+    /// Plans the band at `wavelength_nm` for `surfaces`. A flat chart at a depth node of the lens is planned as by
     /// [`BandPlan::new`] with that node's tables; all else gets a depth stage, which gathers.
     ///
     /// # Errors
@@ -135,7 +135,7 @@ impl BandPlan {
         lens: &Lens,
         wavelength_nm: f64,
         options: &Options,
-        range: VergenceRange,
+        surfaces: &Surfaces,
     ) -> Result<Self, LensError> {
         let depth = lens.depth.as_ref().ok_or(LensError::NoDepth)?;
         let lens_bands = LensBands::new(lens, wavelength_nm)?;
@@ -146,17 +146,17 @@ impl BandPlan {
         }
         let (tables, nodes) = (&lens.bands[lens_bands.first], &depth.bands[lens_bands.first]);
         let clamp = options.interpolation.outside == Outside::Clamp;
-        if !clamp && !range.lies_within(nodes) {
+        if !clamp && !surfaces.lies_within(nodes) {
             let last = nodes.vergence[nodes.vergence.len() - 1];
             return Err(LensError::Vergence {
                 wavelength_nm,
-                nearest_m: 1.0 / range.last,
-                farthest_m: 1.0 / range.first,
+                nearest_m: 1.0 / surfaces.last,
+                farthest_m: 1.0 / surfaces.first,
                 lens_nearest_m: 1.0 / last,
                 lens_farthest_m: 1.0 / nodes.vergence[0],
             });
         }
-        if let Some(node) = range.single_node(nodes) {
+        if let Some(node) = surfaces.single_node(nodes) {
             let flat = Lens { bands: vec![nodes.at_node(tables, node)], depth: None, ..lens.clone() };
             return Ok(Self {
                 lens_bands,
@@ -164,11 +164,13 @@ impl BandPlan {
                 ..Self::new(frame, &flat, wavelength_nm, options)?
             });
         }
-        let plan = DepthPlan::new(frame, depth, nodes, wavelength_nm, lens.psf_sample, range, options)?;
+        let remap = Remap::new(frame, tables, options.stages, options.interpolation, 1.0, options.simd);
+        let chart_rect = |film: Rect| remap.approx_chart_rect(frame.chart, film);
+        let plan = DepthPlan::new(frame, lens, lens_bands.first, surfaces, options, chart_rect)?;
         let needed = frame.farthest_mm(frame.film.rect().grown(plan.margin()));
         let check =
             |table, last_mm: f64| options.interpolation.outside.check(table, wavelength_nm, needed, last_mm);
-        for node in &plan.nodes {
+        for node in plan.used() {
             check("psf_height table", node.last_height_mm)?;
         }
         check("image_height table", tables.image_height_mm[tables.image_height_mm.len() - 1])?;

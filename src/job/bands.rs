@@ -38,7 +38,7 @@ impl JobPlan {
         let plan = |&nm: &f64| {
             let plan = match &inputs.depth {
                 None => BandPlan::new(frame, lens.lens(), nm, options),
-                Some(depth) => BandPlan::with_depth(frame, lens.lens(), nm, options, depth.range),
+                Some(depth) => BandPlan::with_depth(frame, lens.lens(), nm, options, &depth.surfaces),
             };
             plan.map_err(|e| light::with_likely_pitch(args, frame.pitch_um, e.into()))
         };

@@ -7,10 +7,11 @@ use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::{Context, Result};
 use formats::chart::{ChartError, NanPolicy};
-use pipeline::depth::plan::VergenceRange;
+use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::{ConstantDepth, Distance, Sheet};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Frame;
+use pipeline::lens::Lens;
 use scan::Scan;
 use serde_json::{Value, json};
 
@@ -18,7 +19,7 @@ use serde_json::{Value, json};
 pub struct Depth {
     sheets: Vec<SheetInput>,
     /// Vergences of all surfaces.
-    pub range: VergenceRange,
+    pub surfaces: Surfaces,
     /// Notes to print.
     pub notes: Vec<String>,
 }
@@ -47,23 +48,18 @@ impl DepthInput {
 }
 
 impl Depth {
-    /// Opens and checks the surfaces of `args` for a chart on `frame` with bands at `wavelengths_nm`; `None` without `--depth`.
+    /// Opens and checks the surfaces of `args` for a chart on `frame` with bands at `wavelengths_nm` and `lens`; `None` without `--depth`.
     ///
     /// # Errors
     /// An array cannot be read, has another size than the chart, or contains a distance or coverage that is not valid.
-    pub fn open(
-        args: &RunArgs,
-        frame: &Frame,
-        wavelengths_nm: &[f64],
-        distortion_focal_length_mm: f64,
-    ) -> Result<Option<Self>> {
+    pub fn open(args: &RunArgs, frame: &Frame, wavelengths_nm: &[f64], lens: &Lens) -> Result<Option<Self>> {
         let Some(spec) = &args.depth else { return Ok(None) };
-        let ray_mm = distortion_focal_length_mm;
+        let ray_mm = lens.distortion_focal_length_mm;
         let mut sheets = vec![SheetInput::first(spec, args, frame, ray_mm)?];
         for group in &args.hidden {
             sheets.push(SheetInput::hidden(group, args, frame, wavelengths_nm, ray_mm)?);
         }
-        let mut scan = Scan::default();
+        let mut scan = Scan::new(frame.chart, node_range(lens));
         for (sheet, name) in std::iter::zip(&sheets, std::iter::once(spec).chain(&args.hidden)) {
             if let Some(coverage) = &sheet.coverage {
                 scan::coverage(name, coverage)?;
@@ -71,8 +67,9 @@ impl Depth {
             scan.distances(name, sheet.depth.source(), sheet.rows_at_a_time(), &sheet.distance, frame)?;
         }
         let is_opaque = matches!(&sheets[..], [only] if only.coverage.is_none());
-        let (range, notes) = (scan.range(is_opaque), scan.notes());
-        Ok(Some(Self { sheets, range, notes }))
+        let notes = scan.notes();
+        let surfaces = scan.surfaces(is_opaque);
+        Ok(Some(Self { sheets, surfaces, notes }))
     }
 
     /// The surfaces, as the depth stage reads them.
@@ -201,6 +198,13 @@ impl SheetInput {
             DepthInput::Constant(_) => scan::MIN_ROWS,
         }
     }
+}
+
+/// Vergences of the farthest and the nearest depth node of any band, 1/m.
+fn node_range(lens: &Lens) -> (f64, f64) {
+    let nodes = lens.depth.iter().flat_map(|depth| &depth.bands).flat_map(|band| &band.vergence);
+    let range = nodes.fold((f64::INFINITY, 0.0), |(a, z): (f64, f64), v| (a.min(*v), z.max(*v)));
+    if range.0 <= range.1 { range } else { (0.0, 0.0) }
 }
 
 /// Opens an array of one number per chart pixel.

@@ -60,9 +60,9 @@ impl Inputs {
         let field_height_mm = field_height_mm(&lens)?;
         let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
         lens.check_depth(&args.lens, args.depth.is_some())?;
-        let depth = match lens.distortion_focal_length_mm() {
-            Some(mm) => Depth::open(args, &frame, &all_nm, mm)?,
-            None => None,
+        let depth = match &lens {
+            UntracedLens::Pack(pack) => Depth::open(args, &frame, &all_nm, pack.lens())?,
+            UntracedLens::Design(..) => None,
         };
         Ok((Self { chart, frame, field_height_mm, selected_bands, selected_nm, depth, film_bands }, lens))
     }

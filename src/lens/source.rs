@@ -35,14 +35,6 @@ impl UntracedLens {
         Ok(Self::Pack(Box::new(open::lens(name)?)))
     }
 
-    /// The distortion focal length of a pack, mm.
-    pub fn distortion_focal_length_mm(&self) -> Option<f64> {
-        match self {
-            Self::Pack(pack) => Some(pack.lens().distortion_focal_length_mm),
-            Self::Design(..) => None,
-        }
-    }
-
     /// Fails if `name` lacks the depth nodes that surfaces at several distances need (`has_depth`), or needs a distance.
     ///
     /// # Errors

@@ -12,7 +12,7 @@ const TAPS: usize = 8;
 /// Bytes of the largest spectrum of `plan`.
 pub(super) fn largest_spectrum(plan: &BandPlan) -> usize {
     let flat = plan.blocks.map_or(0, |b| b.spectrum_bytes());
-    let nodes = plan.depth.iter().flat_map(|depth| &depth.nodes);
+    let nodes = plan.depth.iter().flat_map(DepthPlan::used);
     nodes.map(|n| n.blocks.spectrum_bytes()).fold(flat, usize::max)
 }
 
@@ -22,7 +22,7 @@ impl MemoryInputs<'_> {
         let side = plan.tiling.tile() + 2 * depth.margin() + TAPS;
         let side = side as f64 * self.stretch.range.1.max(1.0);
         let pixels = side * side / (self.frame.scale.0.min(1.0) * self.frame.scale.1.min(1.0));
-        depth.scratch_bytes(&plan.tiling, depth.slabs.count(), self.surfaces, pixels as usize)
+        depth.scratch_bytes(&plan.tiling, self.surfaces, pixels as usize)
     }
 
     /// Spectra of all nodes of `plan` that the film rectangle `rect` uses.
@@ -31,7 +31,7 @@ impl MemoryInputs<'_> {
         if let Some(depth) = &plan.depth {
             let rect = rect.grown(depth.margin());
             let of_node = |n: &NodePlan| psf::spectra_bytes(&n.blocks, &n.grid, rect, axis_px);
-            return depth.nodes.iter().map(of_node).sum();
+            return depth.used().map(of_node).sum();
         }
         let grid = plan.blocks.zip(plan.grid.as_ref());
         grid.map_or(0, |(blocks, grid)| psf::spectra_bytes(&blocks, grid, rect, axis_px))

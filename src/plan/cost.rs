@@ -38,15 +38,15 @@ fn depth_ns(plan: &BandPlan, depth: &DepthPlan) -> f64 {
         let side = (plan.tiling.tile() + n.blocks.window) as f64 / plan.tiling.tile() as f64;
         n.blocks.cost_ns(&n.grid) * side * side
     };
-    let mean = depth.nodes.iter().map(node).sum::<f64>() / depth.nodes.len() as f64;
-    CONVOLUTIONS_OF_A_SLAB * depth.slabs.count().min(SLABS_OF_A_TILE) as f64 * mean
+    let mean = depth.used().map(node).sum::<f64>() / depth.used().count() as f64;
+    CONVOLUTIONS_OF_A_SLAB * depth.max_slabs.min(SLABS_OF_A_TILE) as f64 * mean
 }
 
 /// Seconds of one core.
 pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
     if let Some(depth) = &plan.depth {
         return pixels(plan, tiles) as f64 * (depth_ns(plan, depth) + OTHER_STAGES_NS) * 1e-9
-            + depth.nodes.iter().map(|n| (n.heights * n.samples.pow(2)) as f64 * KERNEL_S).sum::<f64>();
+            + depth.used().map(|n| (n.heights * n.samples.pow(2)) as f64 * KERNEL_S).sum::<f64>();
     }
     let svpsf = plan.blocks.zip(plan.grid.as_ref()).map_or(0.0, |(blocks, grid)| blocks.cost_ns(grid));
     let samples = plan.lens.psf_height_mm.len() * plan.lens.psf_size.pow(2);

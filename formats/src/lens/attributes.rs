@@ -68,7 +68,7 @@ impl<'a> Attributes<'a> {
             found => Err(LensPackError::Schema {
                 path: store.path.clone(),
                 found: found.map_or("missing".into(), Value::to_string),
-                expected: SCHEMA,
+                expected: format!("\"{SCHEMA}\" or \"{DEPTH_SCHEMA}\""),
             }),
         }
     }

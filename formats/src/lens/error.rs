@@ -34,8 +34,8 @@ pub enum LensPackError {
     #[error("{path}: the zip archive cannot be read: {problem}; copy it again, it may be truncated")]
     Zip { path: PathBuf, problem: String },
     /// The schema is not supported.
-    #[error("{path}: attribute `schema` is {found}, expected \"{expected}\"; no other is supported")]
-    Schema { path: PathBuf, found: String, expected: &'static str },
+    #[error("{path}: attribute `schema` is {found}, expected {expected}; no other is supported")]
+    Schema { path: PathBuf, found: String, expected: String },
     /// An attribute is missing or invalid.
     #[error("{path}: attribute `{name}` {problem}")]
     Attribute { path: PathBuf, name: &'static str, problem: String },

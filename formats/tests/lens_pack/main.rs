@@ -3,7 +3,8 @@
 mod errors;
 mod reading;
 
-use lenscube_formats::lens::{LensPack, LensPackError, PackAttributes, write};
+use lenscube_formats::lens::{LensPack, LensPackError, LensPackWriter, PackAttributes, write};
+use pipeline::lens::depth::BandDepth;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use std::path::{Path, PathBuf};
 
@@ -68,6 +69,56 @@ fn write_small(path: &Path) -> Lens {
     let stacks = (0..lens.bands.len()).map(|b| Ok::<_, LensPackError>(small_psf(&lens, b)));
     write(path, &lens, &small_attributes(), stacks).unwrap();
     lens
+}
+
+/// A pack with depth nodes, two bands of different numbers of nodes.
+fn depth_pack() -> LensPack {
+    let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/depth/packs/two-bands.lens.zip");
+    LensPack::open(golden).unwrap()
+}
+
+#[test]
+fn pack_with_depth_nodes_is_equal_when_read_again() {
+    let (pack, tmp) = (depth_pack(), tempfile::tempdir().unwrap());
+    let depth = pack.lens().depth.as_ref().unwrap();
+    assert_eq!(depth.bands.iter().map(|b| b.nodes.len()).collect::<Vec<_>>(), [5, 6]);
+    let path = tmp.path().join("copy.lens.zarr");
+    let mut writer = LensPackWriter::create(&path).unwrap();
+    for (b, band) in depth.bands.iter().enumerate() {
+        for d in 0..band.nodes.len() {
+            writer.psf_of_node(b, d, &pack.psf_of_node(b, d).unwrap()).unwrap();
+        }
+    }
+    writer.finish(pack.lens(), &small_attributes()).unwrap();
+    let copy = LensPack::open(&path).unwrap();
+    assert_eq!(copy.lens(), pack.lens());
+    assert_eq!(copy.digest().unwrap(), pack.digest().unwrap());
+    assert!(copy.check_unchanged().is_ok());
+    // A node whose PSFs were not written.
+    let mut incomplete = LensPackWriter::create(tmp.path().join("incomplete.lens.zarr")).unwrap();
+    incomplete.psf_of_node(0, 0, &pack.psf_of_node(0, 0).unwrap()).unwrap();
+    let e = incomplete.finish(pack.lens(), &small_attributes()).unwrap_err();
+    assert!(e.to_string().contains("PSFs were written for"), "{e}");
+}
+
+#[test]
+fn invalid_depth_nodes_are_errors_with_their_table() {
+    let pack = depth_pack();
+    let band = &pack.lens().bands[0];
+    let nodes = &pack.lens().depth.as_ref().unwrap().bands[0];
+    let error = |change: &dyn Fn(&mut BandDepth)| {
+        let mut nodes = nodes.clone();
+        change(&mut nodes);
+        nodes.check(band).unwrap_err().to_string()
+    };
+    assert!(error(&|n| n.vergence[1] = 5.0).contains("vergence does not ascend at node 2"));
+    assert!(error(&|n| n.vergence[0] = -1.0).contains("vergence is out of bounds at index 0"));
+    assert!(error(&|n| n.pupil_shift_mm.truncate(3)).contains("pupil_shift does not have 100 field points"));
+    assert!(
+        error(&|n| n.nodes[2].etendue_ratio[7] = f64::NAN)
+            .contains("etendue_ratio is out of bounds at index 7")
+    );
+    assert!(error(&|n| n.nodes[1].azimuth_count[1] = 5).contains("azimuth_count is 5 at height 1"));
 }
 
 /// Reads tables and all PSFs; returns the first error.

@@ -58,8 +58,8 @@ pub(super) struct CompositeScratch {
 pub(super) struct Composite<'a> {
     pub(super) frame: &'a Frame,
     pub(super) slabs: &'a Slabs,
-    /// PSF stage of every node.
-    pub(super) psfs: &'a [BandPsf],
+    /// PSF stage of every node of the slabs that occur.
+    pub(super) psfs: &'a [Option<BandPsf>],
     pub(super) spectra: &'a SpectrumCache,
 }
 
@@ -87,6 +87,10 @@ impl Composite<'_> {
                 break; // nothing behind is visible
             }
         }
+    }
+
+    fn psf(&self, node: usize) -> &BandPsf {
+        self.psfs[node].as_ref().expect("a scene has surfaces in occupied slabs only")
     }
 
     /// Adds one slab to `film`; the largest T that remains.
@@ -231,7 +235,7 @@ impl Composite<'_> {
         value: impl Fn(usize) -> f32,
         s: &mut CompositeScratch,
     ) -> bool {
-        let psf = &self.psfs[node];
+        let psf = self.psf(node);
         let from = planes.rect.expect("computed before");
         let rect = tile.grown(psf.margin());
         resize_exact(&mut s.source, rect.size().pixels());
@@ -259,7 +263,7 @@ impl Composite<'_> {
         add: impl Fn(&mut f32, f32, usize),
     ) {
         // The contribution covers the tile grown by the whole window.
-        let (edge, stride) = (2 * self.psfs[node].margin(), s.scattered.stride);
+        let (edge, stride) = (2 * self.psf(node).margin(), s.scattered.stride);
         for (y, to) in to.chunks_exact_mut(tile.width).enumerate() {
             let from = &s.scattered.data[(y + edge) * stride + edge..][..tile.width];
             for (x, (to, v)) in std::iter::zip(to, from).enumerate() {

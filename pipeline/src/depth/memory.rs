@@ -12,12 +12,12 @@ const TILE_PLANES: usize = 12;
 const BYTES_PER_SHEET_PIXEL: usize = 14;
 
 impl DepthPlan {
-    /// Scratch of one worker for tiles of `tiling` with at most `slabs` slabs in reach of one, and `sheets` sheets of which `chart_px` pixels lie
-    /// under a tile with its margin.
-    pub fn scratch_bytes(&self, tiling: &Tiling, slabs: usize, sheets: usize, chart_px: usize) -> usize {
+    /// Scratch of one worker for tiles of `tiling` and `sheets` sheets of which `chart_px` pixels lie under a tile with its margin.
+    pub fn scratch_bytes(&self, tiling: &Tiling, sheets: usize, chart_px: usize) -> usize {
+        let slabs = self.max_slabs;
         let tile = tiling.tile();
         let grown = (tile + 2 * self.margin()).pow(2);
-        let psf = self.nodes.iter().map(|n| memory::scratch_bytes(&n.blocks, n.samples)).max().unwrap_or(0);
+        let psf = self.used().map(|n| memory::scratch_bytes(&n.blocks, n.samples)).max().unwrap_or(0);
         let planes = 4 * grown * (3 * slabs + OTHER_PLANES) + 4 * tile * tile * (TILE_PLANES + slabs);
         // Coordinates of the map, as in the remap stage.
         let map = 44 * grown;
@@ -26,11 +26,11 @@ impl DepthPlan {
 
     /// PSFs of all nodes, ready for kernels.
     pub fn kernels_bytes(&self) -> usize {
-        self.nodes.iter().map(|n| memory::kernels_bytes(&n.blocks, n.heights, n.samples)).sum()
+        self.used().map(|n| memory::kernels_bytes(&n.blocks, n.heights, n.samples)).sum()
     }
 
     /// Samples of the largest node's PSFs.
     pub fn max_samples(&self) -> usize {
-        self.nodes.iter().map(|n| n.heights * n.samples * n.samples).max().unwrap_or(0)
+        self.used().map(|n| n.heights * n.samples * n.samples).max().unwrap_or(0)
     }
 }

@@ -9,6 +9,7 @@
 
 mod composite;
 pub mod memory;
+pub mod occupancy;
 pub mod plan;
 mod scene;
 pub mod sheet;
@@ -30,8 +31,8 @@ use slabs::Slabs;
 pub struct DepthStage {
     scene: Scene,
     slabs: Slabs,
-    /// PSF stage of every depth node.
-    psfs: Vec<BandPsf>,
+    /// PSF stage of every depth node that the scene needs.
+    psfs: Vec<Option<BandPsf>>,
     /// Half the widest window, px.
     margin: usize,
 }
@@ -46,14 +47,9 @@ pub struct DepthScratch {
 }
 
 impl DepthStage {
-    fn new(scene: Scene, slabs: Slabs, psfs: Vec<BandPsf>) -> Self {
-        let margin = psfs.iter().map(BandPsf::margin).max().unwrap_or(0);
+    fn new(scene: Scene, slabs: Slabs, psfs: Vec<Option<BandPsf>>) -> Self {
+        let margin = psfs.iter().flatten().map(BandPsf::margin).max().unwrap_or(0);
         Self { scene, slabs, psfs, margin }
-    }
-
-    /// PSF stage of every depth node.
-    pub fn psfs(&self) -> &[BandPsf] {
-        &self.psfs
     }
 
     /// Computes the film of `tile` from `sheets` and band `band` of `chart` into `out`, without a tail.

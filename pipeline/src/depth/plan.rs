@@ -1,34 +1,37 @@
 //! Plan of the depth stage of one band: the nodes that its scene needs, their grids and FFT blocks.
 
 use super::DepthStage;
+use super::occupancy::Occupancy;
 use super::scene::Scene;
 use super::slabs::Slabs;
 use crate::field::Field;
-use crate::geometry::Frame;
-use crate::lens::PsfSample;
-use crate::lens::depth::{BandDepth, LensDepth};
-use crate::lens::{LensBand, LensError, PsfStack};
+use crate::geometry::{Frame, Rect};
+use crate::lens::depth::BandDepth;
+use crate::lens::{Lens, LensBand, LensError, PsfStack};
 use crate::options::Options;
+use crate::plan::Tiling;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::{NodeKernels, film_window};
 
-/// Range of vergences of a scene, 1/m.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VergenceRange {
+/// Vergences of the surfaces of a scene, 1/m.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surfaces {
     /// Farthest.
     pub first: f64,
     /// Nearest.
     pub last: f64,
-    /// Whether it is that of one surface without holes.
+    /// Whether they are those of one surface without holes.
     pub is_opaque: bool,
+    /// Where they occur.
+    pub occupancy: Occupancy,
 }
 
 /// Vergences outside a lens's nodes by less than this share are rounding of distances in f32.
 const ROUNDING: f64 = 1e-6;
 
-impl VergenceRange {
+impl Surfaces {
     /// The node whose vergence all of one opaque surface have, if there is one.
     pub fn single_node(&self, nodes: &BandDepth) -> Option<usize> {
         let d = nodes.nearest(self.first);
@@ -36,7 +39,7 @@ impl VergenceRange {
         (self.is_opaque && at(self.first) && at(self.last)).then_some(d)
     }
 
-    /// Whether `nodes` reach over it.
+    /// Whether `nodes` reach over all of them.
     pub fn lies_within(&self, nodes: &BandDepth) -> bool {
         let last = nodes.vergence[nodes.vergence.len() - 1];
         self.first >= nodes.vergence[0] * (1.0 - ROUNDING) && self.last <= last * (1.0 + ROUNDING)
@@ -52,11 +55,17 @@ pub struct DepthPlan {
     pub first_node: usize,
     /// The nodes, the farthest first.
     pub nodes: Vec<NodePlan>,
+    /// Slabs that have surfaces.
+    pub occupied: Vec<bool>,
+    /// Slabs with surfaces in reach of a tile, at most.
+    pub max_slabs: usize,
 }
 
 /// One depth node.
 #[derive(Clone, Debug)]
 pub struct NodePlan {
+    /// Whether it bounds an occupied slab.
+    pub is_used: bool,
     /// Node grid.
     pub grid: NodeGrid,
     /// FFT blocks.
@@ -70,26 +79,37 @@ pub struct NodePlan {
 }
 
 impl DepthPlan {
-    /// The nodes of `nodes` that a scene of `range` needs, on the film of `frame`.
+    /// The depth nodes of band `index` of `lens` that `surfaces` need, on the film of `frame`; `chart_rect` gives the chart under a film
+    /// rectangle.
     ///
     /// # Errors
-    /// A PSF window larger than the largest FFT admits.
+    /// A lens without depth nodes; a PSF window larger than the largest FFT admits.
     pub(crate) fn new(
         frame: &Frame,
-        lens: &LensDepth,
-        nodes: &BandDepth,
-        wavelength_nm: f64,
-        sample: PsfSample,
-        range: VergenceRange,
+        lens: &Lens,
+        index: usize,
+        surfaces: &Surfaces,
         options: &Options,
+        chart_rect: impl Fn(Rect) -> Rect,
     ) -> Result<Self, LensError> {
+        let (wavelength_nm, sample) = (lens.bands[index].wavelength_nm, lens.psf_sample);
+        let lens = lens.depth.as_ref().ok_or(LensError::NoDepth)?;
+        let nodes = &lens.bands[index];
         let blur_px = lens.blur_per_dioptre_um / frame.pitch_um;
         let all = Slabs::new(&nodes.vergence, lens.focus(), blur_px);
-        let (first, last) = (all.of(range.first), all.nodes(all.of(range.last)).1);
+        let (first, last) = (all.of(surfaces.first), all.nodes(all.of(surfaces.last)).1);
+        let slabs = Slabs::new(&nodes.vergence[first..=last], lens.focus(), blur_px);
+        let occupancy = &surfaces.occupancy;
+        let occupied = occupancy.slabs(&occupancy.within(frame.chart.rect()), &slabs);
+        let is_used = |d: usize| {
+            (0..slabs.count()).any(|s| occupied[s] && (slabs.nodes(s).0 == d || slabs.nodes(s).1 == d))
+        };
         let plan = |d: usize| {
             let node = &nodes.nodes[d];
             let full = film_window(node.psf_size, node.psf_pitch_um, frame.pitch_um, sample);
+            let is_used = is_used(d - first);
             let window = options.psf_window.map_or(full, |w| w.min(full));
+            let window = if is_used { window } else { 1 };
             if window > Blocks::widest_window() {
                 return Err(LensError::Table {
                     wavelength_nm,
@@ -108,18 +128,28 @@ impl DepthPlan {
             let blocks = Blocks::choose(window, &grid);
             let last_height_mm = node.psf_height_mm[node.psf_height_mm.len() - 1];
             let (heights, samples) = (node.psf_height_mm.len(), node.psf_size);
-            Ok(NodePlan { grid, blocks, heights, samples, last_height_mm })
+            Ok(NodePlan { is_used, grid, blocks, heights, samples, last_height_mm })
         };
-        Ok(Self {
-            slabs: Slabs::new(&nodes.vergence[first..=last], lens.focus(), blur_px),
-            first_node: first,
-            nodes: (first..=last).map(plan).collect::<Result<_, _>>()?,
-        })
+        let nodes = (first..=last).map(plan).collect::<Result<_, _>>()?;
+        let mut plan = Self { slabs, first_node: first, nodes, occupied, max_slabs: 1 };
+        let tiling = Tiling::new(frame.film, None);
+        let (rows, columns) = tiling.count();
+        for tile in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
+            let rect = chart_rect(tiling.rect(tile).grown(plan.margin()));
+            let in_reach = occupancy.slabs(&occupancy.within(rect), &plan.slabs);
+            plan.max_slabs = plan.max_slabs.max(in_reach.iter().filter(|is| **is).count());
+        }
+        Ok(plan)
+    }
+
+    /// The nodes whose PSFs are needed.
+    pub fn used(&self) -> impl Iterator<Item = &NodePlan> {
+        self.nodes.iter().filter(|node| node.is_used)
     }
 
     /// Half the widest window, px.
     pub fn margin(&self) -> usize {
-        self.nodes.iter().map(|node| node.blocks.window / 2).max().unwrap_or(0)
+        self.used().map(|node| node.blocks.window / 2).max().unwrap_or(0)
     }
 
     /// The stage at `position` of the job with the lens tables `band` and `nodes`; `stack` reads the PSFs of a depth node of the lens.
@@ -142,15 +172,24 @@ impl DepthPlan {
             Field::new(&tables, frame.pitch_mm(), options.stages.distortion, options.stages.ri, gain)
         });
         let same_map = !options.stages.distortion || nodes.pupil_shift_mm.iter().all(|shift| *shift == 0.0);
-        let scene = Scene::new(frame, &self.slabs, fields.collect(), same_map, options.interpolation);
+        let scene = Scene::new(
+            frame,
+            (&self.slabs, &self.occupied),
+            fields.collect(),
+            same_map,
+            options.interpolation,
+        );
         let mut psfs = Vec::with_capacity(self.nodes.len());
         let mut first_id = 0;
         for (d, node) in self.nodes.iter().enumerate() {
+            if !node.is_used {
+                psfs.push(None);
+                continue;
+            }
             let samples = stack(self.first_node + d)?;
             let kernels = NodeKernels::new(&samples, frame.pitch_um, options.psf_window, options.simd);
-            psfs.push(
-                BandPsf::new(position, node.grid.clone(), kernels, options.simd).with_first_id(first_id),
-            );
+            let psf = BandPsf::new(position, node.grid.clone(), kernels, options.simd);
+            psfs.push(Some(psf.with_first_id(first_id)));
             first_id += node.grid.len();
         }
         Ok(DepthStage::new(scene, self.slabs.clone(), psfs))

@@ -10,7 +10,7 @@
 //! [`crate::remap`]; shares and distances are those of the nearest chart pixel, since a distance between two surfaces is that of neither. Scale < 1:
 //! means over the film pixel. What no sheet covers is black behind everything: `uncovered`.
 
-use super::sheet::{Distance, InvalidDistance, Sheet};
+use super::sheet::{ChangedDistance, Distance, InvalidDistance, Sheet};
 use super::slabs::Slabs;
 use crate::field::Field;
 use crate::flow::{ChartSource, SourceSinkError};
@@ -26,6 +26,8 @@ use std::collections::BTreeSet;
 pub struct Scene {
     frame: Frame,
     slabs: Slabs,
+    /// Slabs that the scene was found to have.
+    occupied: Vec<bool>,
     /// Heights and gain at each slab's middle vergence.
     fields: Vec<Field>,
     /// Whether the map is the same for all slabs: no pupil shift.
@@ -80,15 +82,16 @@ pub(super) struct SceneScratch {
 type Cells = ((i64, i64), (i64, i64));
 
 impl Scene {
-    /// For `fields` at the middle of each of `slabs`; `same_map`: their heights are equal.
+    /// For `fields` at the middle of each of `slabs`, of which the scene has those `occupied`; `same_map`: their heights are equal.
     pub(super) fn new(
         frame: &Frame,
-        slabs: &Slabs,
+        (slabs, occupied): (&Slabs, &[bool]),
         fields: Vec<Field>,
         same_map: bool,
         interpolation: ChartInterpolation,
     ) -> Self {
-        Self { frame: *frame, slabs: slabs.clone(), fields, same_map, interpolation }
+        let (slabs, occupied) = (slabs.clone(), occupied.to_vec());
+        Self { frame: *frame, slabs, occupied, fields, same_map, interpolation }
     }
 
     /// The planes of the film rectangle `rect` of `sheets` and band `band` of `chart` into `planes`.
@@ -244,6 +247,9 @@ impl Scene {
                     let ideal = Distance::ideal_mm(&self.frame, row, column);
                     let v = distance.vergence(value, ideal).ok_or(InvalidDistance { row, column, value })?;
                     let slab = self.slabs.of(v);
+                    if !self.occupied[slab] {
+                        return Err(ChangedDistance { row, column, value }.into());
+                    }
                     last = (value, slab as u16, self.slabs.position(slab, v) as f32);
                 }
                 (to.slab[i], to.position[i]) = (last.1, last.2);

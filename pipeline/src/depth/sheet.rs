@@ -96,6 +96,20 @@ pub struct InvalidDistance {
     pub value: f32,
 }
 
+/// A distance at which the scene had no surface when the job was planned.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "the depth at row {row}, column {column} is {value}: the depth array changed after the run was planned; start again"
+)]
+pub struct ChangedDistance {
+    /// Row of the chart.
+    pub row: usize,
+    /// Column of the chart.
+    pub column: usize,
+    /// As stored.
+    pub value: f32,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,10 +3,11 @@
 use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::{Result, bail};
-use pipeline::depth::plan::VergenceRange;
+use pipeline::depth::occupancy::Occupancy;
+use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::Distance;
 use pipeline::flow::ChartSource;
-use pipeline::geometry::{Frame, Rect};
+use pipeline::geometry::{Frame, Rect, Size};
 
 /// Rows read together, at least.
 pub const MIN_ROWS: usize = 64;
@@ -18,18 +19,19 @@ pub fn rows_at_a_time(chart: &Chart) -> usize {
 
 /// What was found in the depth arrays.
 pub struct Scan {
-    range: VergenceRange,
+    surfaces: Surfaces,
     /// Pixels at infinity because nothing was met.
     missed: u64,
 }
 
-impl Default for Scan {
-    fn default() -> Self {
-        Self { range: VergenceRange { first: f64::INFINITY, last: 0.0, is_opaque: true }, missed: 0 }
-    }
-}
-
 impl Scan {
+    /// Nothing yet, for a chart of `size` and a lens with depth nodes over the vergences `nodes`.
+    pub fn new(size: Size, nodes: (f64, f64)) -> Self {
+        let occupancy = Occupancy::new(size, nodes);
+        let surfaces = Surfaces { first: f64::INFINITY, last: 0.0, is_opaque: true, occupancy };
+        Self { surfaces, missed: 0 }
+    }
+
     /// Adds the array `source` of `name`, read `rows` rows at a time.
     ///
     /// # Errors
@@ -50,15 +52,16 @@ impl Scan {
                 )));
             };
             self.missed += u64::from(value.is_nan() || value <= 0.0);
-            self.range.first = self.range.first.min(v);
-            self.range.last = self.range.last.max(v);
+            self.surfaces.first = self.surfaces.first.min(v);
+            self.surfaces.last = self.surfaces.last.max(v);
+            self.surfaces.occupancy.add(row, column, v);
             Ok(())
         })
     }
 
     /// Vergences found; `is_opaque`: of one surface without holes.
-    pub fn range(&self, is_opaque: bool) -> VergenceRange {
-        VergenceRange { is_opaque, ..self.range }
+    pub fn surfaces(self, is_opaque: bool) -> Surfaces {
+        Surfaces { is_opaque, ..self.surfaces }
     }
 
     /// Notes to print.
