@@ -29,7 +29,7 @@ pub struct Lens {
     pub name: String,
     /// Slope of the paraxial chief ray in this image plane at the primary wavelength, mm.
     pub distortion_focal_length_mm: f64,
-    /// Effective focal length, mm.
+    /// Effective focal length without its sign, which is negative for a relay or a Gregorian telescope, mm.
     pub effective_focal_length_mm: f64,
     /// Image-space F-number.
     pub f_number: f64,

@@ -3,10 +3,31 @@
 use std::f64::consts::PI;
 
 use lenscube_pipeline::design::film_pixel::FilmPixels;
+use lenscube_pipeline::design::glass::{Dispersion, Glass};
+use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::ray::Tracer;
-use lenscube_pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions, TracedBand};
+use lenscube_pipeline::design::system::{Aperture, Medium, Surface};
+use lenscube_pipeline::design::trace::{
+    Azimuths, LensTrace, PsfHeights, TraceOptions, TracedBand, lens_header,
+};
 use lenscube_pipeline::design::{DesignError, System, trace_lens};
+
+/// Two lenses of 50 mm, 150 mm apart: f₁f₂/(f₁ + f₂ − d) is negative, and the image of an object at 100 mm is real.
+#[test]
+fn focal_length_of_a_relay_has_no_sign_in_its_pack() {
+    let glass = || {
+        let dispersion = Dispersion::constant(1.5);
+        Medium::Glass(Glass { name: "n".to_owned(), dispersion, range_um: (0.0, 9.0) })
+    };
+    let lens = |gap| [Surface::new(0.02, 0.01, glass()), Surface::new(-0.02, gap, Medium::Air)];
+    let surfaces = [&lens(150.0)[..], &lens(100.0), &[Surface::new(0.0, 0.0, Medium::Air)]].concat();
+    let (aperture, object_distance_mm) = (Aperture::EntrancePupil(1.0), Some(100.0));
+    let relay = System { surfaces, stop: 0, aperture, object_distance_mm, ..System::double_gauss_28() };
+    let signed = Paraxial::new(&relay, relay.primary_um()).unwrap().effective_focal_length_mm;
+    assert!((signed + 50.0).abs() < 0.1, "{signed}");
+    assert_eq!(lens_header(&relay).unwrap().effective_focal_length_mm, -signed);
+}
 
 fn band(options: &TraceOptions) -> TracedBand {
     let system = System::double_gauss_28();

@@ -214,7 +214,7 @@ fn header(system: &System, primary: &Paraxial) -> Lens {
     Lens {
         name: system.name.clone(),
         distortion_focal_length_mm: primary.distortion_focal_length_mm.abs(),
-        effective_focal_length_mm: primary.effective_focal_length_mm,
+        effective_focal_length_mm: primary.effective_focal_length_mm.abs(),
         f_number: primary.image_f_number(),
         primary_wavelength_nm: system.primary_um() * 1e3,
         object_distance_mm: system.object_distance_mm,
