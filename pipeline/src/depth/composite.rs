@@ -46,7 +46,6 @@ pub(super) struct CompositeScratch {
     /// Shares of all slabs behind the present one.
     behind: Vec<f32>,
     light: Vec<f32>,
-    part: Vec<f32>,
     known: Vec<f32>,
     missing: Vec<f32>,
     opened: Vec<f32>,
@@ -278,8 +277,7 @@ impl CompositeScratch {
     fn reset(&mut self, n: usize, planes: &Planes) {
         let used = std::mem::take(&mut self.ones).into_values();
         self.free.extend(used.chain(std::mem::take(&mut self.shares).into_values()));
-        for plane in [&mut self.light, &mut self.part, &mut self.known, &mut self.missing, &mut self.passing]
-        {
+        for plane in [&mut self.light, &mut self.known, &mut self.missing, &mut self.passing] {
             resize_exact(plane, n);
         }
         resize_exact(&mut self.opened, planes.uncovered.len());

@@ -1,7 +1,7 @@
 //! Depth stage: a film of surfaces at several distances, in place of the stages remap and SVPSF.
 //!
 //! A distance per chart pixel ([`sheet`]) is converted to a vergence and divided into slabs between the lens's depth nodes ([`slabs`]). Each slab is
-//! remapped ([`scene`]), convolved with the kernels of its two nodes and composited with the slabs in front of it (`composite`). A composite is not
+//! remapped (`scene`), convolved with the kernels of its two nodes and composited with the slabs in front of it (`composite`). A composite is not
 //! linear, so tails cannot be added later: the stage gathers, each tile of the film reads the margin that its kernels need and writes its own pixels.
 //!
 //! Cost per slab of a tile: light on two nodes, its share of the pupil on two nodes, known and missing share, six convolutions, and e of each node

@@ -70,9 +70,9 @@ pub struct NodePlan {
     pub grid: NodeGrid,
     /// FFT blocks.
     pub blocks: Blocks,
-    /// Heights and samples of a window side of its PSFs.
+    /// Number of heights of its PSFs.
     pub heights: usize,
-    /// See [`NodePlan::heights`].
+    /// Samples of a side of their windows.
     pub samples: usize,
     /// Last REAL height of its PSFs, mm.
     pub last_height_mm: f64,

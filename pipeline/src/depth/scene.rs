@@ -129,7 +129,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Chart pixels under a film rectangle of `pixels`, at most, with the interpolation's taps.
+    /// Whether the chart is averaged over film pixels.
     fn averages(&self) -> bool {
         self.frame.scale.0.min(self.frame.scale.1) < 1.0
     }
