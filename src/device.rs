@@ -214,8 +214,9 @@ fn plan_queues(
         let sharing = devices.iter().filter(|d| d.index() == device.index()).count();
         let (free, _) = device.memory()?;
         let device_bytes = (free as f64 * USED_SHARE) as usize / sharing;
-        let queue = DeviceQueue { device: Arc::clone(device), device_bytes, host_bytes };
-        needs.iter().try_for_each(|needs| queue.plan(needs, Halvings::default()).map(|_| ()))?;
+        let needs = needs.iter().copied().fold(BandNeeds::default(), BandNeeds::max);
+        let queue = DeviceQueue { device: Arc::clone(device), device_bytes, host_bytes, needs };
+        queue.plan(&needs, Halvings::default())?;
         queues.push(queue);
     }
     Ok(queues)

@@ -108,10 +108,10 @@ impl Job {
     fn resolve(args: &RunArgs, planned: Option<PlannedBands<'_>>) -> Result<Self> {
         let mut arguments = Arguments::resolve(args)?;
         let (mut inputs, lens) = Inputs::open(&arguments, planned.map(|p| p.bands))?;
-        let plan = JobPlan::new(&arguments, &inputs, lens)?;
+        let mut plan = JobPlan::new(&arguments, &inputs, lens)?;
         light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
-        let (memory, queues) = resources::allocate(&mut arguments, &inputs, &plan, &stretch)?;
+        let (memory, queues) = resources::allocate(&mut arguments, &inputs, &mut plan, &stretch)?;
         inputs.chart.set_cache_bytes(memory.chart_cache);
         if let Some(depth) = &mut inputs.depth {
             depth.set_cache_for_rows(resources::depth_rows(&plan, &stretch, &inputs.frame));

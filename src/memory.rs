@@ -77,9 +77,9 @@ pub struct GpuDemand {
 impl GpuDemand {
     /// For `queues` queues that compute `bands`; no queues: the CPU computes.
     pub fn new(queues: usize, bands: &[BandNeeds]) -> Self {
-        let max = |f: fn(&BandNeeds) -> usize| bands.iter().map(f).max().unwrap_or(0);
-        let (min_pinned, max_pinned) = (max(BandNeeds::min_host_bytes), max(BandNeeds::max_host_bytes));
-        Self { queues, min_pinned, max_pinned, chart_area: 4 * max(|b| b.chart_px) }
+        let needs = bands.iter().copied().fold(BandNeeds::default(), BandNeeds::max);
+        let (min_pinned, max_pinned) = (needs.min_host_bytes(), needs.max_host_bytes());
+        Self { queues, min_pinned, max_pinned, chart_area: 4 * needs.chart_px }
     }
 }
 
@@ -197,10 +197,7 @@ impl MemoryInputs<'_> {
             0 => {
                 self.walks().map(|(_, walk)| queues::open_shard_pixels(walk, self.threads)).max().unwrap_or(0)
             }
-            queues => {
-                let tile = self.max(|p| p.tiling.tile());
-                queues::open_shard_pixels_of_gpus(self.regions, (tile, self.reach_px()), queues)
-            }
+            queues => queues::open_shard_pixels_of_gpus(self.regions, self.threads, queues),
         };
         let pixels = open + self.threads * largest;
         4 * pixels.min(all)
@@ -216,8 +213,15 @@ impl MemoryInputs<'_> {
         (self.film.encoded_bytes(largest), useful.saturating_sub(queues::MIN_ENCODED_SHARDS))
     }
 
-    /// Kernels and tables of the bands in flight, and PSFs being read.
-    fn lens(&self) -> usize {
+    /// Kernels and tables of the bands in flight, base kernels for GPUs, and PSFs being read.
+    fn lens(&self, gpus: &GpuDemand) -> usize {
+        // A queue is at two bands, and one is prepared.
+        let bands_in_memory = BANDS_IN_MEMORY.max(1 + 2 * gpus.queues);
+        // One for about four nodes.
+        let base_kernels = |p: &BandPlan| {
+            let nodes = p.grid.as_ref().map_or(0, |grid| grid.len() / 4 + grid.heights_px().len());
+            4 * nodes * p.blocks.map_or(0, |blocks| blocks.window.pow(2))
+        };
         let has_psfs = |p: &BandPlan| p.grid.is_some() || p.depth.is_some();
         let kernels = |p: &BandPlan| if has_psfs(p) { stages::kernels_bytes(p) } else { 0 };
         let reading = |p: &BandPlan| {
@@ -230,7 +234,7 @@ impl MemoryInputs<'_> {
         };
         // While the last of some consecutive bands is read.
         let kernels = (1..=self.bands.len()).map(|end| {
-            let bands = &self.bands[end.saturating_sub(BANDS_IN_MEMORY)..end];
+            let bands = &self.bands[end.saturating_sub(bands_in_memory)..end];
             bands.iter().map(kernels).sum::<usize>() + reading(&self.bands[end - 1])
         });
         let kernels = kernels.max().unwrap_or(0);
@@ -238,16 +242,17 @@ impl MemoryInputs<'_> {
         let tables = self.bands.iter().map(|p| 24 * field_points(p)).sum::<usize>();
         kernels.max(self.max_psf_reading)
             + tables
-            + BANDS_IN_MEMORY * remap::table_bytes(self.max(field_points))
+            + bands_in_memory * remap::table_bytes(self.max(field_points))
+            + gpus.queues * self.max(base_kernels)
     }
 
-    /// Cache of decoded chunks: minimum, and what a row of shards uses, or two rows of tiles of GPUs.
+    /// Cache of decoded chunks: minimum, and what a row of shards uses, or two rows of tiles of each GPU queue.
     fn chart_cache(&self, chunks: usize, gpus: &GpuDemand) -> (usize, usize) {
         let shard = self.regions.iter().map(|w| w.shard.height.min(w.rect.height)).max().unwrap_or(0);
         let rows = self.reach_px() + 64 + if gpus.queues == 0 { shard } else { 0 };
         let scale = self.frame.scale.0.min(self.frame.scale.1);
         let rows = rows as f64 * self.stretch.range.1.max(1.0) / scale.min(1.0);
-        let useful = (self.chart_rows)(rows as usize);
+        let useful = (self.chart_rows)(rows as usize).saturating_mul(gpus.queues.max(1));
         // Without chunks (a drawn chart) the cache may be absent.
         let min = if chunks > 0 { useful.min(self.threads * MIN_CHART_CACHE) } else { 0 };
         (with_overhead(min, chunks), with_overhead(useful, chunks))
@@ -272,7 +277,7 @@ impl MemoryInputs<'_> {
         let ChunkMemory { count, decoding, values, read_ahead, .. } = self.chunks;
         let at_once = self.threads.min(count);
         let (decoding, chunks) = (at_once.saturating_mul(decoding), at_once.saturating_mul(values));
-        let fixed = PROCESS_BYTES + self.shards(gpus) + self.lens();
+        let fixed = PROCESS_BYTES + self.shards(gpus) + self.lens(gpus);
         let fixed = fixed.saturating_add(workers).saturating_add(decoding).saturating_add(read_ahead);
         let fixed = fixed.saturating_add(self.surface_caches);
         let chart_cache = self.chart_cache(chunks, gpus);

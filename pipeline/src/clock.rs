@@ -45,6 +45,11 @@ impl StageClock {
     }
 }
 
+/// CPU time of this thread, s.
+pub(crate) fn thread_cpu_s() -> f64 {
+    thread_cpu_ns() as f64 * 1e-9
+}
+
 /// CPU time of this thread, ns.
 fn thread_cpu_ns() -> u64 {
     let t = clock_gettime(ClockId::ThreadCPUTime);

@@ -24,9 +24,10 @@
 //!
 //! A tile on the CPU: a worker of [`executor`] claims the next tile of a band, in the order of the shards; [`stages`] remaps it and applies the PSF into a buffer of the tile
 //! and its tail, and the buffer is added to each open shard that it reaches after the tiles before it, row by row, so the sums have the same bits for any number of
-//! threads. A shard that no later tile reaches is encoded by a worker and committed by a writer. On a GPU: a queue per device claims a batch
-//! of tiles, workers read their chart rectangles into page-locked memory, the device remaps and applies the PSF, and a collector
-//! downloads the contributions, which are added in the same order.
+//! threads. A shard that no later tile reaches is encoded by a worker and committed by a writer. On a GPU: a queue per device
+//! claims rows of shards of a band and divides their tiles into batches; workers read the chart rectangles into page-locked memory; the device
+//! remaps, applies the PSF and adds the contributions to film rows, in the same order; finished rows are downloaded once, and
+//! workers copy them to the shards.
 //!
 //! After the film: [`sensor`] exposes a camera's sensor to it, [`develop`] makes a picture of the raw.
 //!
@@ -67,8 +68,8 @@
 //!   one process computes. **run**: one execution of a command on a film.
 //! - **vergence**: 1/distance from the entrance pupil, in 1/m (dioptres). **depth node**: a vergence for which the lens has PSFs. **slab**: what lies
 //!   between two depth nodes. **sheet**: a surface with a chart, a distance and a coverage per chart pixel.
-//! - **batch**, **queue**, **worker**: tiles sent to a GPU together; the order of work of one device; a thread. **claim**, **requeue**, **commit**: take
-//!   a tile to compute it; return it after a failure; make a shard visible.
+//! - **batch**, **queue**, **worker**: tiles sent to a GPU together; the order of work of one device; a thread. **portion**: rows of shards of a band that one
+//!   GPU computes. **claim**, **requeue**, **commit**: take a tile or a portion to compute it; return it after a failure; make a shard visible.
 //! - **engine**: an implementation of the arithmetic: avx512, avx2, portable, cuda-sm_NN. **fault**: an error injected by a test.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

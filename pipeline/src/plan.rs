@@ -127,6 +127,12 @@ impl FilmRegion {
     }
 }
 
+/// Film columns from the first to the last of `regions`.
+pub fn film_columns(regions: &[FilmRegion]) -> std::ops::Range<i64> {
+    let first = regions.iter().map(|w| w.rect.x).min().unwrap_or(0);
+    first..regions.iter().map(|w| w.rect.right()).max().unwrap_or(first)
+}
+
 /// The tiles of one band that contribute to any of `shards`, row by row.
 pub fn tiles_needed(
     tiling: &Tiling,

@@ -3,9 +3,9 @@
 use crate::band::{BandPlan, BandStages};
 use crate::buffer::TileBuffer;
 use crate::clock::Clock;
-use crate::cuda::CudaError;
-use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
-use crate::cuda::memory::{DeviceQueue, Halvings};
+use crate::cuda::band::GpuBand;
+use crate::cuda::memory::QueueMemory;
+use crate::cuda::{CudaError, Device};
 use crate::depth::DepthScratch;
 use crate::depth::sheet::Sheet;
 use crate::executor::Compute;
@@ -15,6 +15,7 @@ use crate::plan::Tiling;
 use crate::psf::spectra::SpectrumCache;
 use crate::psf::{PsfScratch, memory};
 use crate::remap::RemapScratch;
+use std::sync::Arc;
 
 /// Constructs the stages of the band at a position of the job.
 pub type Prepare<'a> = dyn Fn(usize) -> Result<BandStages, SourceSinkError> + Sync + 'a;
@@ -108,12 +109,10 @@ impl Compute for StageCompute<'_> {
         &self,
         band: &BandStages,
         tiling: &Tiling,
-        tiles: &[(usize, usize)],
-        queue: &DeviceQueue,
-        halvings: Halvings,
-        streams: &Streams,
-    ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError> {
-        GpuBand::new(&self.frame, band, tiling, tiles, queue, halvings, streams)
+        device: &Arc<Device>,
+        memory: &QueueMemory,
+    ) -> Result<GpuBand, CudaError> {
+        GpuBand::new(&self.frame, band, tiling, device, memory)
     }
 }
 

@@ -10,7 +10,7 @@ use lenscube_pipeline::cuda::kernel_timer::KernelTimer;
 use lenscube_pipeline::cuda::{CudaError, Device};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{PsfSample, PsfStack};
-use lenscube_pipeline::psf::cuda::{PsfOnDevice, PsfTile};
+use lenscube_pipeline::psf::cuda::{PsfOnDevice, PsfStage, PsfTile};
 use lenscube_pipeline::psf::grid::{Node, NodeGrid};
 use lenscube_pipeline::psf::kernel::{KernelScratch, NodeKernels};
 use lenscube_pipeline::psf::spectra::SpectrumCache;
@@ -86,8 +86,8 @@ impl Film {
         (0..tile.size().pixels()).map(at).collect()
     }
 
-    fn stage(&self, device: &Arc<Device>, bytes: usize) -> Result<PsfOnDevice, CudaError> {
-        PsfOnDevice::new(device, &self.frame, &self.psf, bytes)
+    fn stage(&self, device: &Arc<Device>, bytes: usize) -> Result<PsfStage, CudaError> {
+        PsfStage::new(device, &self.frame, &self.psf, bytes)
     }
 
     fn min_bytes(&self) -> usize {
@@ -99,7 +99,7 @@ impl Film {
         &self,
         device: &Device,
         stream: &Arc<CudaStream>,
-        stage: &mut PsfOnDevice,
+        stage: &mut PsfStage,
         tiles: &[Rect],
     ) -> Vec<Vec<f32>> {
         let (mut remapped, mut contribution, mut batch) = (vec![7.0; 3], 5, Vec::new());

@@ -13,7 +13,7 @@ use pipeline::cuda::memory::MAX_TILES;
 use pipeline::cuda::{Device, bench as measured};
 use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::psf::BandPsf;
-use pipeline::psf::cuda::Partition;
+use pipeline::psf::cuda::{Partition, gpu_blocks};
 use std::sync::Arc;
 
 /// Number of values of a timed copy.
@@ -51,7 +51,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         ["gpu_svpsf_lens_gpx_s", "gpu_svpsf_lens_share", "gpu_svpsf_lens_bound_gpx_s"],
         &label,
     )?;
-    let tiles = row(&frame, psf.blocks().tile);
+    let tiles = row(&frame, gpu_blocks(psf.blocks()).tile);
     let rate = gpx(&tiles, measured::remap(device, &remap, &tiles, bench.rounds)?);
     bench.add_number("gpu_remap_gpx_s", rate, "Gpx/s", "GPU: RI + distortion remap, bicubic");
     bench.add_number(
@@ -75,7 +75,7 @@ fn psf_stage(
     keys: [&'static str; 3],
     label: &str,
 ) -> Result<()> {
-    let tiles = row(frame, psf.blocks().tile);
+    let tiles = row(frame, gpu_blocks(psf.blocks()).tile);
     let bytes = (device.memory()?.0 / 2) as usize;
     let rate = gpx(&tiles, measured::psf(device, frame, psf, &tiles, bytes, bench.rounds)?);
     let info = &device.info;

@@ -12,22 +12,74 @@ use anyhow::Result;
 use formats::film::FilmStore;
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda;
-use pipeline::cuda::memory::{BandNeeds, DeviceQueue};
+use pipeline::cuda::memory::{BandNeeds, DeviceQueue, MAX_TILES};
 use pipeline::executor::memory::Walk;
-use pipeline::geometry::Frame;
-use pipeline::psf::cuda::PsfOnDevice;
+use pipeline::geometry::{Frame, Size};
+use pipeline::plan::{FilmRegion, Tiling, film_columns};
+use pipeline::psf::cuda::{PsfOnDevice, gpu_blocks};
 use pipeline::remap::Remap;
 
-/// Divides the memory; opens a queue per GPU, none if the CPU computes. May change the device of `arguments`.
+/// One part in so many of the chart under a tile, for the tiles that are not examined.
+const CHART_MARGIN: usize = 32;
+
+/// Divides the memory; opens a queue per GPU, none if the CPU computes. May change the device of `arguments`, and the tiles of `plan` to
+/// those of a GPU.
 ///
 /// # Errors
 /// Memory or GPU too small.
 pub fn allocate(
     arguments: &mut Arguments<'_>,
     inputs: &Inputs,
+    plan: &mut JobPlan,
+    stretch: &RemapStretch,
+) -> Result<(Memory, Vec<DeviceQueue>)> {
+    if !arguments.device.devices.is_empty() {
+        let tiles_of_cpu: Vec<_> = plan.bands.iter().map(|band| (band.blocks, band.tiling)).collect();
+        set_gpu_tiles(&mut plan.bands, inputs.frame.film);
+        match allocate_with_gpus(arguments, inputs, plan, stretch) {
+            Err(error) if arguments.device.may_fall_back(&arguments.given.device) => {
+                arguments.device = DeviceSelection::cpu(&failure::line(&error));
+            }
+            planned => return planned,
+        }
+        for (band, (blocks, tiling)) in plan.bands.iter_mut().zip(tiles_of_cpu) {
+            (band.blocks, band.tiling) = (blocks, tiling);
+        }
+    }
+    Ok((divide(arguments, inputs, plan, stretch, GpuDemand::default())?, Vec::new()))
+}
+
+fn allocate_with_gpus(
+    arguments: &Arguments<'_>,
+    inputs: &Inputs,
     plan: &JobPlan,
     stretch: &RemapStretch,
 ) -> Result<(Memory, Vec<DeviceQueue>)> {
+    let (device, options) = (&arguments.device, &arguments.options);
+    let needs = |band| gpu_needs(&inputs.frame, options, band, &plan.regions);
+    let needs: Vec<BandNeeds> = plan.bands.iter().map(needs).collect();
+    let gpus = GpuDemand::new(device.devices.len(), &needs);
+    let memory = divide(arguments, inputs, plan, stretch, gpus)?;
+    let queues = device.queues(&arguments.given.device, &needs, memory.pinned)?;
+    Ok((memory, queues))
+}
+
+/// Gives every band the tiles of a GPU.
+fn set_gpu_tiles(bands: &mut [BandPlan], film: Size) {
+    for band in bands {
+        band.blocks = band.blocks.as_ref().map(gpu_blocks);
+        band.tiling = Tiling::new(film, band.blocks.as_ref());
+    }
+}
+
+/// Divides the memory.
+fn divide(
+    arguments: &Arguments<'_>,
+    inputs: &Inputs,
+    plan: &JobPlan,
+    stretch: &RemapStretch,
+    gpus: GpuDemand,
+) -> Result<Memory> {
     let args = arguments.given;
     let chart_rows = |rows: usize| inputs.chart.cache_for_rows(rows);
     let walks = walks(plan);
@@ -52,25 +104,7 @@ pub fn allocate(
             .as_ref()
             .map_or(0, |depth| depth.cache_bytes(depth_rows(plan, stretch, &inputs.frame))),
     };
-    let device = &mut arguments.device;
-    let without_gpus = || Ok((Memory::plan(&memory, GpuDemand::default())?, Vec::new()));
-    if device.devices.is_empty() {
-        return without_gpus();
-    }
-    let needs: Vec<BandNeeds> =
-        plan.bands.iter().map(|band| gpu_needs(&inputs.frame, &arguments.options, band)).collect();
-    let gpus = GpuDemand::new(device.devices.len(), &needs);
-    let with_gpus = Memory::plan(&memory, gpus).and_then(|planned| {
-        let queues = device.queues(&args.device, &needs, planned.pinned)?;
-        Ok((planned, queues))
-    });
-    match with_gpus {
-        Err(error) if device.may_fall_back(&args.device) => {
-            *device = DeviceSelection::cpu(&failure::line(&error));
-            without_gpus()
-        }
-        planned => planned,
-    }
+    Memory::plan(&memory, gpus)
 }
 
 /// Rows of the chart under a tile of a depth stage with its margin.
@@ -91,14 +125,23 @@ fn walks(plan: &JobPlan) -> Vec<(usize, Walk)> {
     walks
 }
 
-/// Memory that a band needs on a GPU. The largest rectangle of the chart is taken from nine tiles spread over the film; the run itself
-/// examines all tiles.
-fn gpu_needs(frame: &Frame, options: &Options, plan: &BandPlan) -> BandNeeds {
+/// Memory that a band needs on a GPU. The largest rectangle of the chart is taken from nine tiles spread over the film, with a margin; the
+/// run itself examines all tiles.
+fn gpu_needs(frame: &Frame, options: &Options, plan: &BandPlan, regions: &[FilmRegion]) -> BandNeeds {
     let remap = Remap::new(frame, &plan.lens, options.stages, options.interpolation, 1.0, options.simd);
     let (rows, cols) = plan.tiling.count();
     let spread = |n: usize| [0, n / 2, n - 1];
     let tiles: Vec<_> = spread(rows).iter().flat_map(|&i| spread(cols).map(|j| (i, j))).collect();
     let psf = plan.blocks.as_ref().zip(plan.grid.as_ref());
-    let min_psf = psf.map(|(blocks, grid)| PsfOnDevice::min_bytes(blocks, grid, plan.tiling.tile()));
-    cuda::band_needs(&remap, &plan.tiling, tiles.iter(), min_psf)
+    let psf = psf.map(|(blocks, grid)| {
+        let tile = plan.tiling.tile();
+        (
+            PsfOnDevice::min_bytes(blocks, grid, tile),
+            PsfOnDevice::max_bytes(blocks, grid, tile, MAX_TILES.min(rows * cols)),
+        )
+    });
+    let columns = film_columns(regions);
+    let columns = (columns.end - columns.start) as usize;
+    let needs = cuda::band_needs(&remap, &plan.tiling, tiles.iter(), columns, psf);
+    BandNeeds { chart_px: needs.chart_px + needs.chart_px / CHART_MARGIN, ..needs }
 }

@@ -231,7 +231,10 @@ fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
                 "upload_s": f.upload_s, "compute_s": f.compute_s, "download_s": f.download_s, "span_s": f.span_s,
                 "host": {
                     "descriptors_s": f.host.descriptors_s, "base_kernels_s": f.host.base_kernels_s,
-                    "wait_chart_s": f.waits.chart_s, "wait_output_s": f.waits.output_s, "wait_batch_s": f.waits.batch_s,
+                },
+                "launch": {
+                    "core_s": f.launch.core_s, "wait_plan_s": f.launch.plan_s, "wait_chart_s": f.launch.chart_s,
+                    "wait_strip_s": f.launch.strip_s, "wait_batch_s": f.launch.batch_s,
                 },
                 "bytes_up": f.bytes_up, "bytes_down": f.bytes_down, "left": f.removed,
             });

@@ -31,6 +31,11 @@ impl TestJob {
         Self::new(Size::new(24, 1400), &["--shard", "128", "--chunk", "64", "--outside", "clamp"])
     }
 
+    /// As [`TestJob::wide`], with eleven rows of shards a band.
+    pub fn tall() -> Self {
+        Self::new(Size::new(1400, 24), &["--shard", "128", "--chunk", "64", "--outside", "clamp"])
+    }
+
     /// Two bands of 2300 x 2300 px of a generated chart, for jobs with many tiles.
     pub fn drawn(layout: &'static [&'static str]) -> Self {
         let chart = "gen:composite?size=2300&wavelengths=450,500&pitch_um=2".into();

@@ -2,11 +2,12 @@
 
 use super::*;
 
+/// Also in the middle of a band, whose film rows are on the device.
 pub fn tiles_of_a_lost_device_are_computed_by_the_others() {
-    let job = TestJob::wide();
+    let job = TestJob::tall();
     let expected = single_device_film(&job);
     for streams in ["eager", "deferred"] {
-        for n in ["1", "4"] {
+        for n in ["1", "4", "9", "15"] {
             let fault = format!("lost:1:{n}");
             let settings =
                 [("DEVICES", "2"), ("DELAY_US", "2000,0"), ("FAULTS", &fault), ("STREAMS", streams)];
@@ -55,8 +56,8 @@ pub fn kernel_error_exits_1() {
 pub fn out_of_device_memory_continues_with_half_the_memory() {
     let job = TestJob::wide();
     let expected = single_device_film(&job);
-    // Allocation of tables, batch buffers, work buffers, and of the next band.
-    for n in ["memory:0:2", "memory:0:9", "memory:0:20", "memory:0:30,memory:0:37"] {
+    // Allocation of buffers, of charts, of a band's tables, of the next band's, and again after that.
+    for n in ["memory:0:2", "memory:0:7", "memory:0:9", "memory:0:14,memory:0:16"] {
         let ran = run(&job, "cuda:0", &[("FAULTS", n)]);
         assert_exit(&ran, 0, &["half of its memory", "out of memory for"]);
         assert!(take_files(&job) == expected, "other bits after {n}");
@@ -110,7 +111,7 @@ pub fn missing_driver_exits_2_without_fallback_to_cpu() {
 }
 
 pub fn signal_downloads_tiles_in_flight_and_exits_130() {
-    let job = TestJob::wide();
+    let job = TestJob::tall();
     let expected = single_device_film(&job);
     let small = min_memory(&job);
     let settings = [("DELAY_US", "20000"), ("MEMORY", &small)];

@@ -1,24 +1,31 @@
-//! One band on a device: its stages, the buffers of its batches, and the copies and launches of a batch.
+//! One band on a device: its stages, the plans of its batches, and the copies and launches of a batch.
+//!
+//! A thread plans batches ahead of their launch (`GpuBand::plan`): all that the CPU computes for the device. Another one enqueues them in
+//! that order (`QueueBuffers::enqueue`). The buffers serve all bands, in the order of the compute stream, so a band follows the last
+//! one without waiting for it.
 
+use super::batches::AddedTiles;
+use super::film_rows::FilmRows;
 use super::handle::{BLOCKING_EVENT, CudaEvent, CudaStream};
 use super::kernel_timer::{HostTimes, KernelTimer};
-use super::memory::{BandMemory, BandNeeds, DeviceQueue, Halvings};
-use super::pool::{GpuTile, Pinned};
-use super::slice::{CudaSlice, DeviceMemory, DeviceMemoryMut};
+use super::memory::{BandNeeds, QueueMemory};
+use super::pool::Pinned;
+use super::slice::{CudaSlice, DeviceMemoryMut};
 use super::{CudaError, Device};
 use crate::band::BandStages;
 use crate::geometry::{Frame, Rect};
 use crate::plan::Tiling;
-use crate::psf::cuda::{PsfOnDevice, PsfTile};
+use crate::psf::cuda::{PsfMemory, PsfOnDevice, PsfPlan, PsfPlanner, PsfTile};
 use crate::remap::Remap;
 use crate::remap::cuda::{RemapOnDevice, RemapTile};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The streams of a queue: uploads, kernels and downloads overlap.
 ///
 /// Events order the streams where one depends on another. A buffer is used again only after the host has waited for the event
-/// behind its last copy or kernel. `GpuBand::new` waits for its allocations and uploads. No call waits for the entire device, which other
-/// queues may use.
+/// behind its last copy or kernel. `GpuBand::new` and `QueueBuffers::new` wait for their allocations and uploads. No call waits for the
+/// entire device, which other queues may use.
 #[derive(Debug)]
 pub struct Streams {
     upload: Arc<CudaStream>,
@@ -42,107 +49,167 @@ impl Streams {
     }
 }
 
-/// Device memory of one batch.
-#[derive(Debug)]
-pub struct BatchBuffers {
-    charts: CudaSlice<f32>,
-    remapped: CudaSlice<f32>,
-    /// Output of the PSF stage, if the band has one.
-    contributions: Option<CudaSlice<f32>>,
-}
-
-/// A tile of a batch, its chart in page-locked memory.
-pub(crate) struct GpuBatchTile {
-    pub(crate) sequence: usize,
-    pub(crate) rect: Rect,
-    pub(crate) chart_rect: Rect,
-    pub(crate) chart: Pinned,
-    /// Destination of the download.
-    pub(crate) output: GpuTile,
-}
-
 /// Events around the work of a batch in each stream.
 pub(crate) struct BatchEvents {
     pub(crate) upload: [CudaEvent; 2],
     /// Around each sequence of kernels.
     pub(crate) kernels: Vec<[CudaEvent; 2]>,
     pub(crate) download: [CudaEvent; 2],
-    pub(crate) host: HostTimes,
 }
 
-/// Memory needs of a band: the maximum over `tiles`. `min_psf_bytes`: of its PSF stage, if it has one.
+/// Memory needs of a band: the maximum over `tiles`. `psf_bytes`: minimum of its PSF stage and what has an effect, if it has one.
 pub fn band_needs<'a>(
     remap: &Remap,
     tiling: &Tiling,
     tiles: impl Iterator<Item = &'a (usize, usize)>,
-    min_psf_bytes: Option<usize>,
+    film_columns: usize,
+    psf_bytes: Option<(usize, usize)>,
 ) -> BandNeeds {
-    let mut needs = BandNeeds { min_psf_bytes: min_psf_bytes.unwrap_or(0), ..BandNeeds::default() };
+    let (rows, tile_columns) = tiling.count();
+    let (min_psf_bytes, max_psf_bytes) = psf_bytes.unwrap_or_default();
+    let mut needs = BandNeeds {
+        tiles: rows * tile_columns,
+        tile_columns,
+        tile_rows: tiling.tile(),
+        tail_rows: 2 * tiling.margin(),
+        film_columns,
+        min_psf_bytes,
+        max_psf_bytes,
+        ..BandNeeds::default()
+    };
     for &tile in tiles {
         let rect = tiling.rect(tile);
         needs.chart_px = needs.chart_px.max(remap.upload_rect(rect).size().pixels());
         needs.remapped_px = needs.remapped_px.max(rect.size().pixels());
-        if min_psf_bytes.is_some() {
+        if psf_bytes.is_some() {
             needs.contribution_px = needs.contribution_px.max(tiling.reach(tile).size().pixels());
         }
     }
     needs
 }
 
-/// A band's stages on a device.
+/// Kernels and tables of a band on a device.
 #[derive(Debug)]
-pub struct GpuBand {
-    pub(crate) memory: BandMemory,
-    pub(crate) needs: BandNeeds,
+struct StagesOnDevice {
     remap: RemapOnDevice,
     psf: Option<PsfOnDevice>,
 }
 
+/// A band on a device, whose batches are planned in order.
+#[derive(Debug)]
+pub struct GpuBand {
+    stages: Arc<StagesOnDevice>,
+    planner: Option<PsfPlanner>,
+    tiling: Tiling,
+}
+
+/// A planned batch. It holds the band's tables: it must be kept until its kernels have run.
+#[derive(Debug)]
+pub struct BatchPlan {
+    stages: Arc<StagesOnDevice>,
+    tiling: Tiling,
+    pub(crate) added: AddedTiles,
+    pub(crate) tiles: Vec<RemapTile>,
+    psf: Option<PsfPlan>,
+    /// Values from one tile that is added to the next.
+    slot: usize,
+}
+
+impl BatchPlan {
+    /// Time of the host in planning.
+    pub(crate) fn host(&self) -> HostTimes {
+        self.psf.as_ref().map(|plan| plan.host).unwrap_or_default()
+    }
+}
+
 impl GpuBand {
-    /// `stages` for `tiles` of `tiling` within the bounds of `queue`, with its memory halved `halvings` times; and the buffers of the batches in flight.
+    /// `stages` with tiles of `tiling` on `device`, for a queue of `memory`; its tables are uploaded when this returns.
     pub(crate) fn new(
         frame: &Frame,
         stages: &BandStages,
         tiling: &Tiling,
-        tiles: &[(usize, usize)],
-        queue: &DeviceQueue,
-        halvings: Halvings,
-        streams: &Streams,
-    ) -> Result<(Self, Vec<BatchBuffers>), CudaError> {
-        let device = &queue.device;
-        let min_psf_bytes =
-            stages.psf.as_ref().map(|psf| PsfOnDevice::min_bytes(psf.blocks(), psf.grid(), tiling.tile()));
-        let needs = band_needs(&stages.remap, tiling, tiles.iter(), min_psf_bytes);
-        let memory = queue.plan(&needs, halvings)?;
+        device: &Arc<Device>,
+        memory: &QueueMemory,
+    ) -> Result<Self, CudaError> {
+        let psf = stages.psf.as_ref();
+        let planner =
+            psf.map(|psf| PsfPlanner::new(device.index(), frame, psf, memory.psf_bytes)).transpose()?;
         let remap = RemapOnDevice::new(device, &stages.remap)?;
-        let psf = stages.psf.as_ref().map(|psf| PsfOnDevice::new(device, frame, psf, memory.psf_bytes));
-        let psf = psf.transpose()?;
-        let buffers = || {
-            let allocate =
-                |px: usize, what| device.allocate::<f32>(&streams.compute, memory.tiles * px, what);
-            let scatters = needs.contribution_px > 0;
-            Ok(BatchBuffers {
-                charts: allocate(needs.chart_px, "charts")?,
-                remapped: allocate(needs.remapped_px, "remapped tiles")?,
-                contributions: scatters
-                    .then(|| allocate(needs.contribution_px, "contributions"))
-                    .transpose()?,
-            })
-        };
-        let buffers = (0..memory.batches).map(|_| buffers()).collect::<Result<_, _>>()?;
-        // Tables and memory are then valid on every stream.
-        streams.synchronize(device, "starting a band")?;
-        Ok((Self { memory, needs, remap, psf }, buffers))
+        let psf = psf.map(|psf| PsfOnDevice::new(device, psf)).transpose()?;
+        Ok(Self { stages: Arc::new(StagesOnDevice { remap, psf }), planner, tiling: *tiling })
     }
 
-    /// Enqueues upload, stages and download of `tiles`. `buffers` and `tiles` must not be touched before the last event.
+    /// Plans the next batch, of the tiles `added`, from charts on `chart_rects`.
+    pub(crate) fn plan(&mut self, added: AddedTiles, chart_rects: &[Rect]) -> Result<BatchPlan, CudaError> {
+        let rects: Vec<Rect> = added.range.tiles().map(|tile| self.tiling.rect(tile)).collect();
+        let margin = if self.planner.is_some() { self.tiling.margin() } else { 0 };
+        let pixels = |rect: &Rect| rect.size().pixels();
+        let remapped_slot = rects.iter().map(pixels).max().unwrap_or(0);
+        let slot = rects.iter().map(|rect| pixels(&rect.grown(margin))).max().unwrap_or(0);
+        let (mut chart_offset, mut tiles, mut psf_tiles) = (0, Vec::new(), Vec::new());
+        for (i, (&rect, &chart_rect)) in rects.iter().zip(chart_rects).enumerate() {
+            let remapped_offset = i * remapped_slot;
+            tiles.push(RemapTile { rect, chart_rect, chart_offset, remapped_offset });
+            chart_offset += pixels(&chart_rect);
+            let (contribution_offset, contribution_stride) = (i * slot, rect.width + 2 * margin);
+            psf_tiles.push(PsfTile { rect, remapped_offset, contribution_offset, contribution_stride });
+        }
+        let psf = self.planner.as_mut().map(|planner| planner.plan(&psf_tiles)).transpose()?;
+        Ok(BatchPlan { stages: Arc::clone(&self.stages), tiling: self.tiling, added, tiles, psf, slot })
+    }
+}
+
+/// Device memory of a queue for all its bands, but for the charts.
+#[derive(Debug)]
+pub(crate) struct QueueBuffers {
+    device: Arc<Device>,
+    remapped: CudaSlice<f32>,
+    /// Output of the PSF stage, and its memory, if there is one.
+    psf: Option<(CudaSlice<f32>, PsfMemory)>,
+    film: FilmRows,
+}
+
+impl QueueBuffers {
+    /// Buffers of `memory` for bands of `needs` on the film columns `columns`; and those of the charts of each batch in flight.
+    pub(crate) fn new(
+        device: &Arc<Device>,
+        streams: &Streams,
+        needs: &BandNeeds,
+        memory: &QueueMemory,
+        columns: Range<i64>,
+    ) -> Result<(Self, Vec<CudaSlice<f32>>), CudaError> {
+        let stream = &streams.compute;
+        let allocate = |px: usize, what| device.allocate::<f32>(stream, memory.tiles * px, what);
+        let psf = || {
+            Ok((
+                allocate(needs.contribution_px, "contributions")?,
+                PsfMemory::new(device, stream, memory.psf_bytes)?,
+            ))
+        };
+        let buffers = Self {
+            remapped: allocate(needs.remapped_px, "remapped tiles")?,
+            psf: (needs.contribution_px > 0).then(psf).transpose()?,
+            film: FilmRows::new(device, stream, columns, memory.film_rows)?,
+            device: Arc::clone(device),
+        };
+        let charts = (0..memory.batches).map(|_| allocate(needs.chart_px, "charts"));
+        let charts = charts.collect::<Result<_, _>>()?;
+        // The memory is then valid on every stream.
+        streams.synchronize(device, "allocating buffers")?;
+        Ok((buffers, charts))
+    }
+
+    /// Enqueues upload, stages, overlap-add and download of `plan`: its `charts` through `chart_buffer`, its finished film rows to `strips`.
+    /// None of them must be touched before the last event.
     pub(crate) fn enqueue(
         &mut self,
-        device: &Device,
         streams: &Streams,
-        buffers: &mut BatchBuffers,
-        tiles: &mut [GpuBatchTile],
+        plan: &BatchPlan,
+        charts: &[Pinned],
+        chart_buffer: &mut CudaSlice<f32>,
+        strips: &mut [Pinned],
     ) -> Result<BatchEvents, CudaError> {
+        let device = Arc::clone(&self.device);
         let record =
             |stream: &CudaStream, doing| stream.record_event(BLOCKING_EVENT).map_err(device.failed(doing));
         let wait = |stream: &CudaStream, event: &CudaEvent| {
@@ -151,61 +218,44 @@ impl GpuBand {
         let Streams { upload, compute, download } = streams;
 
         let upload_start = record(upload, "uploading charts")?;
-        let mut offset = 0;
-        for tile in &*tiles {
+        for (tile, chart) in plan.tiles.iter().zip(charts) {
             let n = tile.chart_rect.size().pixels();
-            let to = &mut buffers.charts.slice_mut(offset..offset + n);
-            upload.memcpy_htod(&tile.chart[..n], to).map_err(device.failed("uploading charts"))?;
-            offset += n;
+            let to = &mut chart_buffer.slice_mut(tile.chart_offset..tile.chart_offset + n);
+            upload.memcpy_htod(&chart[..n], to).map_err(device.failed("uploading charts"))?;
         }
         let upload_end = record(upload, "uploading charts")?;
 
         wait(compute, &upload_end)?;
-        let (kernels, host) = self.compute(device, compute, buffers, tiles)?;
-        wait(download, &record(compute, "computing")?)?;
-        let download_start = record(download, "downloading tiles")?;
-        let (from, mut offset) = (buffers.contributions.as_ref().unwrap_or(&buffers.remapped), 0);
-        for tile in tiles {
-            let to = tile.output.data_mut();
-            let n = to.len();
-            let part = from.slice(offset..offset + n);
-            download.memcpy_dtoh(&part, to).map_err(device.failed("downloading tiles"))?;
-            offset += n;
+        let mut timer = KernelTimer::new(&device, compute);
+        timer.start()?;
+        plan.stages.remap.launch(compute, &plan.tiles, chart_buffer, &mut self.remapped)?;
+        timer.stop()?;
+        let mut to_add = &self.remapped;
+        if let (Some(stage), Some(psf), Some((contributions, memory))) =
+            (&plan.stages.psf, &plan.psf, &mut self.psf)
+        {
+            stage.launch(compute, psf, memory, &self.remapped, contributions, &mut timer)?;
+            to_add = contributions;
         }
-        let download_end = record(download, "downloading tiles")?;
+        self.film.extend(compute, &plan.added)?;
+        timer.start()?;
+        self.film.add(compute, &plan.tiling, &plan.added, to_add, plan.slot)?;
+        timer.stop()?;
+        let kernels = timer.spans;
+
+        wait(download, &record(compute, "computing")?)?;
+        let download_start = record(download, "downloading film rows")?;
+        self.film.download(download, &plan.added, strips.iter_mut().map(|strip| &mut strip[..]))?;
+        let download_end = record(download, "downloading film rows")?;
         Ok(BatchEvents {
             upload: [upload_start, upload_end],
             kernels,
             download: [download_start, download_end],
-            host,
         })
     }
 
-    /// Remap and PSF stages; the events around their kernels, and the time of the host.
-    fn compute(
-        &mut self,
-        device: &Device,
-        stream: &Arc<CudaStream>,
-        buffers: &mut BatchBuffers,
-        tiles: &[GpuBatchTile],
-    ) -> Result<(Vec<[CudaEvent; 2]>, HostTimes), CudaError> {
-        let (mut chart_offset, mut remapped_offset, mut contribution_offset) = (0, 0, 0);
-        let (mut remap_tiles, mut psf_tiles) = (Vec::new(), Vec::new());
-        for GpuBatchTile { rect, chart_rect, output, .. } in tiles {
-            let (rect, chart_rect, contribution_stride) = (*rect, *chart_rect, output.stride);
-            remap_tiles.push(RemapTile { rect, chart_rect, chart_offset, remapped_offset });
-            psf_tiles.push(PsfTile { rect, remapped_offset, contribution_offset, contribution_stride });
-            chart_offset += chart_rect.size().pixels();
-            remapped_offset += rect.size().pixels();
-            contribution_offset += output.data().len();
-        }
-        let mut timer = KernelTimer::new(device, stream);
-        timer.start()?;
-        self.remap.launch(stream, &remap_tiles, &buffers.charts, &mut buffers.remapped)?;
-        timer.stop()?;
-        if let (Some(psf), Some(contributions)) = (&mut self.psf, &mut buffers.contributions) {
-            psf.launch(stream, &psf_tiles, &buffers.remapped, contributions, &mut timer)?;
-        }
-        Ok((timer.spans, timer.host))
+    /// The film rectangle of `rows`.
+    pub(crate) fn rect(&self, rows: &Range<i64>) -> Rect {
+        self.film.rect(rows)
     }
 }

@@ -6,7 +6,7 @@ use super::pool::Pinned;
 use super::{CudaError, Device};
 use crate::geometry::{Frame, Rect};
 use crate::psf::BandPsf;
-use crate::psf::cuda::{PsfOnDevice, PsfTile};
+use crate::psf::cuda::{PsfStage, PsfTile};
 use crate::remap::Remap;
 use crate::remap::cuda::{RemapOnDevice, RemapTile};
 use std::sync::Arc;
@@ -81,7 +81,7 @@ pub fn psf(
     let failed = |e| CudaError::new(device.index(), "measuring", e);
     let remapped = stream.clone_htod(&vec![0.5f32; remapped_offset]).map_err(failed)?;
     let mut contributions = stream.alloc_zeros::<f32>(contribution_offset).map_err(failed)?;
-    let mut stage = PsfOnDevice::new(device, frame, psf, bytes)?;
+    let mut stage = PsfStage::new(device, frame, psf, bytes)?;
     time_rounds(device, &stream, rounds, |timer| {
         stage.launch(&stream, &psf_tiles, &remapped, &mut contributions, timer)
     })

@@ -87,6 +87,8 @@ functions! {
     ctx_set_current = "cuCtxSetCurrent"(context: Handle);
     ctx_set_flags = "cuCtxSetFlags"(flags: c_uint);
     ctx_synchronize = "cuCtxSynchronize"();
+    device_get_default_mem_pool = "cuDeviceGetDefaultMemPool"(pool: *mut Handle, device: c_int);
+    mem_pool_set_attribute = "cuMemPoolSetAttribute"(pool: Handle, attribute: c_int, value: *mut c_void);
     mem_get_info = "cuMemGetInfo_v2"(free: *mut usize, total: *mut usize);
     mem_alloc = "cuMemAlloc_v2"(at: *mut Address, bytes: usize);
     mem_alloc_async = "cuMemAllocAsync"(at: *mut Address, bytes: usize, stream: Handle);

@@ -3,15 +3,30 @@
 use super::Device;
 use super::kernel_timer::HostTimes;
 
-/// Waiting of the thread that launches batches, s.
+/// Time of the thread that launches batches, s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct LaunchWaits {
-    /// For charts to be read.
+pub struct LaunchTimes {
+    /// CPU time.
+    pub core_s: f64,
+    /// Waiting for a plan.
+    pub plan_s: f64,
+    /// Waiting for charts to be read.
     pub chart_s: f64,
-    /// For page-locked buffers of contributions: for the overlap-add.
-    pub output_s: f64,
-    /// For a batch on the device to end.
+    /// Waiting for page-locked strips of film rows: for workers to copy them to shards.
+    pub strip_s: f64,
+    /// Waiting for a batch on the device to end.
     pub batch_s: f64,
+}
+
+impl LaunchTimes {
+    /// Adds those of `other`.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.core_s += other.core_s;
+        self.plan_s += other.plan_s;
+        self.chart_s += other.chart_s;
+        self.strip_s += other.strip_s;
+        self.batch_s += other.batch_s;
+    }
 }
 
 /// Counts and times of one GPU queue in a run.
@@ -31,17 +46,17 @@ pub struct GpuFigures {
     pub upload_s: f64,
     /// Time of the kernels, s.
     pub compute_s: f64,
-    /// Work of the launching thread.
+    /// Planning of batches.
     pub host: HostTimes,
-    /// Waiting of the launching thread.
-    pub waits: LaunchWaits,
+    /// The launching thread.
+    pub launch: LaunchTimes,
     /// Busy time of the download stream, s.
     pub download_s: f64,
     /// From the first upload's start to the last download's end, s.
     pub span_s: f64,
     /// Bytes of charts uploaded.
     pub bytes_up: u64,
-    /// Bytes of tiles downloaded.
+    /// Bytes of film rows downloaded.
     pub bytes_down: u64,
     /// Why the queue was removed before the end of the run.
     pub removed: Option<String>,

@@ -13,6 +13,8 @@ use std::sync::Arc;
 pub(crate) const BLOCKING_EVENT: u32 = 1;
 /// `CU_DEVICE_ATTRIBUTE_MEMORY_POOLS_SUPPORTED`.
 const MEMORY_POOLS: c_int = 115;
+/// `CU_MEMPOOL_ATTR_RELEASE_THRESHOLD`.
+const RELEASE_THRESHOLD: c_int = 4;
 
 /// The primary context of a device in this process.
 #[derive(Debug)]
@@ -44,7 +46,21 @@ impl CudaContext {
         context.bind()?;
         // SAFETY: applies to the context just made current.
         unsafe { driver::ctx_set_flags(BLOCKING_CONTEXT)? };
+        if context.pools {
+            context.keep_freed_memory()?;
+        }
         Ok(Arc::new(context))
+    }
+
+    /// Lets the device's pool keep what is freed for later allocations: otherwise each wait for a stream returns it to the system, and the
+    /// tables of the next band are allocated anew.
+    fn keep_freed_memory(&self) -> Result<(), DriverError> {
+        let (mut pool, mut all) = (ptr::null_mut(), u64::MAX);
+        // SAFETY: the first writes one handle; the second reads one 64-bit number.
+        unsafe {
+            driver::device_get_default_mem_pool(&mut pool, self.device)?;
+            driver::mem_pool_set_attribute(pool, RELEASE_THRESHOLD, ptr::from_mut(&mut all).cast())
+        }
     }
 
     /// Makes it current on this thread.

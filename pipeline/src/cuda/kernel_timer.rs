@@ -4,12 +4,12 @@ use super::handle::{BLOCKING_EVENT, CudaEvent, CudaStream};
 use super::{CudaError, Device};
 use std::time::Instant;
 
-/// Time of the host in the launches of one batch, s.
+/// Time of the host in planning one batch, s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HostTimes {
-    /// Descriptors, their order, and their upload.
+    /// Descriptors and their order.
     pub descriptors_s: f64,
-    /// Base kernels of the PSFs, and their upload.
+    /// Base kernels of the PSFs.
     pub base_kernels_s: f64,
 }
 
@@ -21,14 +21,12 @@ pub struct KernelTimer<'a> {
     started: Option<CudaEvent>,
     /// First and last event of each sequence.
     pub spans: Vec<[CudaEvent; 2]>,
-    /// Time of the host.
-    pub host: HostTimes,
 }
 
 impl<'a> KernelTimer<'a> {
     /// For kernels of `stream`.
     pub fn new(device: &'a Device, stream: &'a CudaStream) -> Self {
-        Self { device, stream, started: None, spans: Vec::new(), host: HostTimes::default() }
+        Self { device, stream, started: None, spans: Vec::new() }
     }
 
     /// Begins a sequence.

@@ -7,11 +7,13 @@
 #![allow(unsafe_code)]
 
 pub mod band;
+pub mod batches;
 pub mod bench;
 pub mod device;
 pub mod driver;
 pub mod error;
 mod figures;
+pub mod film_rows;
 pub mod handle;
 pub mod kernel_timer;
 pub mod launch;
@@ -24,4 +26,4 @@ pub(crate) mod upload_ring;
 pub use band::band_needs;
 pub use device::{Device, DeviceInfo, devices, listed_devices};
 pub use error::CudaError;
-pub use figures::{GpuFigures, LaunchWaits};
+pub use figures::{GpuFigures, LaunchTimes};

@@ -5,7 +5,7 @@
 
 use super::slice::PinnedHostSlice;
 use super::{CudaError, Device};
-use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
+use crossbeam::channel::{Receiver, Sender, unbounded};
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
@@ -46,29 +46,12 @@ pub(crate) struct PinnedPool {
 
 /// Interval between checks of `stopped` while waiting for a buffer.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Buffers up to this many times too long are kept for the next band: locking pages is slow.
-const MAX_EXCESS: f64 = 1.25;
 
 impl PinnedPool {
-    /// Without buffers.
-    pub(crate) fn new() -> Self {
+    /// At most `max` buffers of `len` values, allocated when they are needed.
+    pub(crate) fn new(max: usize, len: usize) -> Self {
         let (returns, free) = unbounded();
-        Self { returns, free, len: 0, allocated: 0, max: 0 }
-    }
-
-    /// Limits the pool to `max` buffers of at least `len` values.
-    pub(crate) fn resize(&mut self, max: usize, len: usize) {
-        self.max = max;
-        if len > self.len || MAX_EXCESS * (len as f64) < self.len as f64 {
-            self.len = len;
-        }
-    }
-
-    /// Frees the buffers that are not in use.
-    pub(crate) fn free_unused(&mut self) {
-        while self.free.try_recv().is_ok() {
-            self.allocated -= 1;
-        }
+        Self { returns, free, len, allocated: 0, max }
     }
 
     /// The channel by which buffers are returned.
@@ -76,69 +59,26 @@ impl PinnedPool {
         &self.returns
     }
 
-    /// A buffer; `None` if `stopped` while waiting for one. `unbounded` ignores the limit.
+    /// A buffer; `None` if `stopped` while waiting for one.
     pub(crate) fn take(
         &mut self,
         device: &Device,
-        unbounded: bool,
         stopped: &dyn Fn() -> bool,
     ) -> Result<Option<Pinned>, CudaError> {
+        if let Ok(pinned) = self.free.try_recv() {
+            return Ok(Some(pinned));
+        }
+        if self.allocated < self.max {
+            let pinned = Pinned::zeroed(device, self.len)?;
+            self.allocated += 1;
+            return Ok(Some(pinned));
+        }
         loop {
-            let may_allocate = self.allocated < self.max || unbounded;
-            let found = match may_allocate {
-                true => self.free.try_recv().map_err(|_| RecvTimeoutError::Timeout),
-                false => self.free.recv_timeout(POLL_INTERVAL),
-            };
-            match found {
-                Ok(pinned) if pinned.len() == self.len && (self.allocated <= self.max || unbounded) => {
-                    return Ok(Some(pinned));
-                }
-                // Of another length, or beyond the limit: freed.
-                Ok(_) => self.allocated -= 1,
-                Err(_) if may_allocate => {
-                    let pinned = Pinned::zeroed(device, self.len)?;
-                    self.allocated += 1;
-                    return Ok(Some(pinned));
-                }
+            match self.free.recv_timeout(POLL_INTERVAL) {
+                Ok(pinned) => return Ok(Some(pinned)),
                 Err(_) if stopped() => return Ok(None),
                 Err(_) => (),
             }
-        }
-    }
-}
-
-/// A tile computed by a GPU, in a pooled buffer that is returned on drop.
-#[derive(Debug)]
-pub(crate) struct GpuTile {
-    buffer: Option<Pinned>,
-    len: usize,
-    /// Values from one row to the next.
-    pub(crate) stride: usize,
-    returns: Sender<Pinned>,
-}
-
-impl GpuTile {
-    /// `len` values in rows of `stride`, to be downloaded to `buffer`.
-    pub(crate) fn new(buffer: Pinned, len: usize, stride: usize, pool: &PinnedPool) -> Self {
-        Self { buffer: Some(buffer), len, stride, returns: pool.returns.clone() }
-    }
-
-    /// The values, row-major.
-    pub(crate) fn data(&self) -> &[f32] {
-        &self.buffer.as_deref().expect("present until drop")[..self.len]
-    }
-
-    /// The values, row-major.
-    pub(crate) fn data_mut(&mut self) -> &mut [f32] {
-        &mut self.buffer.as_deref_mut().expect("present until drop")[..self.len]
-    }
-}
-
-impl Drop for GpuTile {
-    fn drop(&mut self) {
-        if let Some(buffer) = self.buffer.take() {
-            // Freed if the pool no longer exists.
-            let _ = self.returns.send(buffer);
         }
     }
 }

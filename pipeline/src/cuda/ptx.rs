@@ -5,6 +5,9 @@ pub const REMAP: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/r
 /// PSF stage: `psf.cu`.
 pub const PSF: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/psf.ptx"));
 
+/// Overlap-add: `overlap_add.cu`.
+pub const OVERLAP_ADD: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/ptx/overlap_add.ptx"));
+
 /// The version of the PTX language that `kernels` are written in, e.g. `8.2`, and their oldest target, e.g. `sm_80`.
 pub fn version(kernels: &str) -> Option<(&str, &str)> {
     let value = |key: &str| kernels.lines().find_map(|line| line.strip_prefix(key)).map(str::trim);
@@ -18,7 +21,7 @@ mod tests {
     #[test]
     fn every_kernel_has_one_version() {
         assert_eq!(version(REMAP), Some(("8.2", "sm_80")));
-        assert_eq!(version(PSF), version(REMAP));
+        assert_eq!([version(PSF), version(OVERLAP_ADD)], [version(REMAP); 2]);
         assert_eq!(version("no kernel"), None);
     }
 }

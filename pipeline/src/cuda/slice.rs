@@ -165,6 +165,16 @@ impl CudaStream {
         Ok(slice)
     }
 
+    /// Sets `to` to zeros.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn fill_zeros<T: DeviceRepr>(&self, to: &mut impl DeviceMemoryMut<T>) -> Result<(), DriverError> {
+        self.context.bind()?;
+        // SAFETY: it has that many bytes; zeros are a value of T.
+        unsafe { driver::memset(*to.address(), 0, to.len() * size_of::<T>(), self.handle) }
+    }
+
     /// Copies `from` to the first values of `to`.
     ///
     /// # Errors

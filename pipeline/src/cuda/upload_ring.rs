@@ -11,8 +11,8 @@ use bytemuck::Pod;
 use std::collections::VecDeque;
 use std::ops::Range;
 
-/// 32-bit values of the ring: lists of a batch take about 1 MB, a kernel of 401 px 0.6 MB.
-const LEN: usize = 1 << 20;
+/// 32-bit values of the ring: the lists of a batch take up to 4 MB, a kernel of 401 px 0.6 MB.
+const LEN: usize = 1 << 21;
 
 /// Page-locked host memory of a ring, bytes.
 pub const UPLOAD_RING_BYTES: usize = 4 * LEN;

@@ -5,12 +5,13 @@
 
 use crate::buffer::TileBuffer;
 use crate::clock::Clock;
-use crate::cuda::CudaError;
-use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
-use crate::cuda::memory::{DeviceQueue, Halvings};
+use crate::cuda::band::GpuBand;
+use crate::cuda::memory::QueueMemory;
+use crate::cuda::{CudaError, Device};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use crate::plan::Tiling;
+use std::sync::Arc;
 
 /// Remap and PSF stages of a job. Called from many threads at once.
 pub trait Compute: Sync {
@@ -68,8 +69,7 @@ pub trait Compute: Sync {
         scratch: &mut Self::Scratch,
     ) -> Result<(), SourceSinkError>;
 
-    /// The stages of `band` on the GPU of `queue`, for the tiles `tiles` of `tiling`, with its share of the device's memory halved
-    /// `halvings` times; and the batch buffers.
+    /// The stages of `band` with tiles of `tiling` on the GPU `device`, for a queue of `memory`.
     ///
     /// # Errors
     /// Those of the driver; too little memory.
@@ -77,9 +77,7 @@ pub trait Compute: Sync {
         &self,
         band: &Self::Band,
         tiling: &Tiling,
-        tiles: &[(usize, usize)],
-        queue: &DeviceQueue,
-        halvings: Halvings,
-        streams: &Streams,
-    ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError>;
+        device: &Arc<Device>,
+        memory: &QueueMemory,
+    ) -> Result<GpuBand, CudaError>;
 }

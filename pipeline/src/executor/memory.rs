@@ -2,7 +2,7 @@
 
 use super::MAX_TILES_AHEAD_PER_WORKER;
 pub use super::walk::Walk;
-use crate::cuda::memory::MAX_BATCHES;
+use crate::cuda::memory::STRIP_ROWS;
 use crate::plan::FilmRegion;
 
 /// Contributions of `contribution_bytes` computed by `threads` workers and not yet added.
@@ -15,20 +15,14 @@ pub fn open_shard_pixels(walk: &Walk, threads: usize) -> usize {
     walk.open_pixels(MAX_TILES_AHEAD_PER_WORKER * threads)
 }
 
-/// Pixels of all shards of one band of `regions` that the tiles of `gpu_queues` queues, of `tile_px`, each reaching over `reach_px` rows of
-/// the film, are added to at a time.
-pub fn open_shard_pixels_of_gpus(
-    regions: &[FilmRegion],
-    (tile_px, reach_px): (usize, usize),
-    gpu_queues: usize,
-) -> usize {
+/// Pixels of all shards of `regions` that `threads` workers copy the film rows of `gpu_queues` queues to at a time.
+pub fn open_shard_pixels_of_gpus(regions: &[FilmRegion], threads: usize, gpu_queues: usize) -> usize {
     let open = |w: &FilmRegion| {
-        // Rows of tiles that may have been added to beyond that of the oldest tile. A GPU queue adds its batches in order.
-        let rows_ahead = MAX_BATCHES * gpu_queues.saturating_sub(1);
-        let rows = ((reach_px + rows_ahead * tile_px).div_ceil(w.shard.height) + 1) * w.shard.height;
+        // The strips that are copied at a time follow one another; the rows of shards that they begin in and end in are incomplete.
+        let rows = ((threads * STRIP_ROWS).div_ceil(w.shard.height) + 1) * w.shard.height;
         rows.min(w.rect.height) * w.rect.width
     };
-    regions.iter().map(open).sum()
+    gpu_queues * regions.iter().map(open).sum::<usize>()
 }
 
 /// Pixels of the largest shard.

@@ -4,24 +4,24 @@
 //! ```text
 //! prepare thread   Compute::prepare(band)          → TileSource (one band ahead)
 //! worker           TileSource → Compute::compute   → OrderedAdder → ShardWriter
-//! GPU queue        TileSource → ChartReads (read by workers) → upload │ compute │ download → OrderedAdder
+//! GPU queue        TileSource → charts read by workers → upload │ compute │ download → film rows copied to shards by workers
 //! worker           ShardWriter: encode → queue → writing threads: commit
 //! ```
 //! [`Compute`] constructs the stages of a band and computes its tiles ([`crate::stages`] implements it). `tile_source` assigns tiles in
-//! one sequence and requeues those of a failed GPU; `ordered_adder` adds contributions in that order, so that the film has the same
-//! bits for any number of threads and devices; `shard_writer` encodes and writes. They have separate locks; `signal` wakes the
-//! workers. Workers compute tiles shard by shard (`walk`), GPUs row by row. Memory is bounded: a worker claims at most
+//! one sequence, or rows of shards to GPUs, and requeues those of a failed GPU; `ordered_adder` adds contributions in the order of the tiles,
+//! as GPUs do on the device, so that the film has the same bits for any number of threads or of devices; `shard_writer` encodes and
+//! writes. They have separate locks; `signal` wakes the workers. Workers compute tiles shard by shard (`walk`), GPUs row by row. Memory is bounded: a worker claims at most
 //! [`MAX_TILES_AHEAD_PER_WORKER`] tiles per worker more than the walk requires; a GPU queue is bounded by its batch buffers and
 //! page-locked buffers; [`Work::max_encoded_shards`]. [`memory`] computes what the queues hold.
 
-mod chart_reads;
 mod compute;
 mod error;
-mod gpu_collector;
 mod gpu_queue;
+mod gpu_tasks;
 pub mod memory;
 mod ordered_adder;
 mod overlap_add;
+mod portion;
 mod progress;
 mod run_state;
 mod shard_writer;
@@ -40,7 +40,7 @@ use crate::clock::{Clock, TimedChart};
 use crate::cuda::GpuFigures;
 use crate::cuda::memory::DeviceQueue;
 use crate::flow::{ChartSource, FilmSink};
-use chart_reads::ChartReads;
+use gpu_tasks::TaskQueue;
 use ordered_adder::OrderedAdder;
 use run_state::RunState;
 use shard_writer::ShardWriter;
@@ -75,7 +75,8 @@ pub fn run<C: Compute, S: FilmSink>(
         clock: &clock,
         signal: &signal,
         source: TileSource::new(&signal, work.cancel, work.gpus.len()),
-        reads: ChartReads::new(&signal),
+        reads: TaskQueue::new(&signal),
+        rows: TaskQueue::new(&signal),
         adder: OrderedAdder::new(work.film, work.regions, &work.bands, &clock),
         writer: ShardWriter::new(sink, work.max_encoded_shards, &clock, &signal),
         error: Mutex::new(None),

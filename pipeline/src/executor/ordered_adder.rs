@@ -4,7 +4,6 @@ use super::overlap_add::{FinishedShard, OverlapAdd};
 use super::work::BandWork;
 use crate::buffer::{ShardPixels, TileBuffer};
 use crate::clock::Clock;
-use crate::cuda::pool::GpuTile;
 use crate::geometry::Size;
 use crate::plan::{FilmRegion, ShardId, shards_reached};
 use std::sync::Mutex;
@@ -14,8 +13,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub(super) enum TileOutput {
     /// Computed by a worker.
     Cpu(TileBuffer),
-    /// Computed by a GPU.
-    Gpu(GpuTile),
     /// The chart could not be read: the shards that the tile reaches are dropped.
     Unreadable,
 }
@@ -39,7 +36,6 @@ impl ComputedTile {
     pub(super) fn pixels(&self) -> (&[f32], usize) {
         match &self.output {
             TileOutput::Cpu(buffer) => (&buffer.data, buffer.stride),
-            TileOutput::Gpu(tile) => (tile.data(), tile.stride),
             TileOutput::Unreadable => unreachable!("it is discarded, not added"),
         }
     }
@@ -71,6 +67,11 @@ impl<'a> OrderedAdder<'a> {
     /// A buffer for a worker's next tile.
     pub(super) fn buffer(&self) -> TileBuffer {
         self.free.lock().expect("no panic while held").pop().unwrap_or_default()
+    }
+
+    /// A buffer for a strip of a shard.
+    pub(super) fn strip(&self) -> Vec<f32> {
+        self.overlap.strip()
     }
 
     /// Recycles the buffers of an encoded shard.
@@ -119,8 +120,13 @@ impl<'a> OrderedAdder<'a> {
         }
         let rect = self.bands[place.position].tiling.rect(place.tile);
         let pixels = rect.intersect(self.film.rect()).size().pixels();
+        self.count(pixels);
+        added(place, pixels);
+    }
+
+    /// Counts a tile of `pixels` film pixels as added.
+    pub(super) fn count(&self, pixels: usize) {
         self.tiles.fetch_add(1, Ordering::Relaxed);
         self.pixels.fetch_add(pixels as u64, Ordering::Relaxed);
-        added(place, pixels);
     }
 }

@@ -105,7 +105,7 @@ impl<'a> OverlapAdd<'a> {
             sum.begun += 1;
             drop(sum);
             let rows = (reach.bottom() - shard.rect.y).max(0) as usize;
-            pixels.reach(rows, || lock(&self.spare).pop().unwrap_or_default());
+            pixels.reach(rows, || self.strip());
             add_rows(&mut pixels, shard.rect, &contribution, reach);
             if next + 1 == tiles {
                 lock(&self.shards).open.remove(&id);
@@ -157,6 +157,11 @@ impl<'a> OverlapAdd<'a> {
             pixels.into_iter().for_each(|pixels| self.recycle(pixels));
             waiting.into_values().for_each(|(_, contribution)| release(contribution, added));
         }
+    }
+
+    /// A buffer for a strip of a shard.
+    pub(super) fn strip(&self) -> Vec<f32> {
+        lock(&self.spare).pop().unwrap_or_default()
     }
 
     /// Returns the buffers of a shard for reuse.

@@ -2,9 +2,11 @@
 
 use super::Compute;
 use super::Progress;
-use super::chart_reads::ChartReads;
 use super::error::RunError;
+use super::gpu_tasks::{ChartRead, DownloadedRows, TaskQueue};
 use super::ordered_adder::{OrderedAdder, TileId, TileOutput};
+use super::overlap_add::FinishedShard;
+use super::portion::PortionEvents;
 use super::shard_writer::ShardWriter;
 use super::signal::Signal;
 use super::tile_source::{Batch, Claim, TileSource};
@@ -13,7 +15,8 @@ use super::work::{BandInFlight, BandWork, Work};
 use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::flow::{ChartSource, FilmSink, SourceSinkError};
-use crate::plan::tiles_needed;
+use crate::plan::{ShardId, tiles_needed};
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -26,7 +29,8 @@ pub(super) struct RunState<'a, C: Compute, S: FilmSink> {
     pub(super) clock: &'a Clock,
     pub(super) signal: &'a Signal,
     pub(super) source: TileSource<'a, C::Band>,
-    pub(super) reads: ChartReads<'a, C::Band>,
+    pub(super) reads: TaskQueue<'a, ChartRead<C::Band>>,
+    pub(super) rows: TaskQueue<'a, DownloadedRows<C::Band>>,
     pub(super) adder: OrderedAdder<'a>,
     pub(super) writer: ShardWriter<'a, S>,
     pub(super) error: Mutex<Option<RunError>>,
@@ -42,6 +46,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         self.error.lock().expect("no panic while held").get_or_insert(error);
         self.failed.store(true, Ordering::SeqCst);
         self.reads.close();
+        self.rows.close();
         self.source.close();
         self.signal.notify_all();
     }
@@ -54,13 +59,18 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     /// Prepares bands, one ahead of the band being computed.
     pub(super) fn prepare_bands(&self) {
         for (position, band) in self.work.bands.iter().enumerate() {
-            let (tiles, distance, waiting) = self.tiles(band);
-            if tiles.is_empty() || !self.source.is_open() {
+            let (items, distance, waiting) = self.items(band);
+            if items.is_empty() || !self.source.is_open() {
                 continue;
             }
             match self.clock.prepare.time(|| self.compute.prepare(position)) {
                 Ok(stages) => {
-                    if !self.source.offer(BandInFlight { position, stages, tiles, distance, waiting }) {
+                    let bands_after = self.work.bands[position + 1..].iter();
+                    let bands_after = bands_after.filter(|band| !band.shards.is_empty()).count();
+                    let counted = Mutex::default();
+                    let band =
+                        BandInFlight { position, stages, items, bands_after, distance, waiting, counted };
+                    if !self.source.offer(band) {
                         break;
                     }
                 }
@@ -70,13 +80,14 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         self.source.end_of_bands();
     }
 
-    /// The tiles of `band` in the order of computation, and the limits of [`Walk`], which do not concern GPUs.
-    fn tiles(&self, band: &BandWork) -> (Vec<(usize, usize)>, usize, usize) {
+    /// The tiles of `band` in the order of computation and the limits of [`Walk`]; for GPUs its rows of shards, without limits.
+    fn items(&self, band: &BandWork) -> (Vec<(usize, usize)>, usize, usize) {
         if self.work.gpus.is_empty() {
             let walk = Walk::new(&band.tiling, self.work.regions, &band.shards);
             return (walk.tiles, walk.distance, walk.waiting);
         }
-        (tiles_needed(&band.tiling, self.work.regions, &band.shards), 0, 0)
+        let rows: BTreeSet<_> = band.shards.iter().map(|id| (id.region, id.row)).collect();
+        (rows.into_iter().collect(), 0, 0)
     }
 
     /// See [`TileSource::claim_tile`].
@@ -86,15 +97,38 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         })
     }
 
-    /// See [`TileSource::claim_batch`].
-    pub(super) fn claim_batch(&self, max_tiles: &dyn Fn(&BandInFlight<C::Band>) -> usize) -> Claim<C::Band> {
-        self.source.claim_batch(max_tiles, &|band| self.report_band(band))
+    /// See [`TileSource::claim_portion`].
+    pub(super) fn claim_portion(&self) -> Claim<C::Band> {
+        self.source.claim_portion(&|band| self.report_band(band))
     }
 
     fn report_band(&self, band: &BandInFlight<C::Band>) {
-        let (tiling, film) = (&self.work.bands[band.position].tiling, self.work.film.rect());
-        let pixels = band.tiles.iter().map(|&t| tiling.rect(t).intersect(film).size().pixels() as u64);
-        self.progress.band(band.position, pixels.sum());
+        let work = &self.work.bands[band.position];
+        let of_tile = |&tile: &_| self.film_pixels(band.position, tile) as u64;
+        let pixels = match self.work.gpus.is_empty() {
+            true => band.items.iter().map(of_tile).sum(),
+            false => tiles_needed(&work.tiling, self.work.regions, &work.shards).iter().map(of_tile).sum(),
+        };
+        self.progress.band(band.position, pixels);
+    }
+
+    /// Number of film pixels of a tile of the band at `position`.
+    fn film_pixels(&self, position: usize, tile: (usize, usize)) -> usize {
+        self.work.bands[position].tiling.rect(tile).intersect(self.work.film.rect()).size().pixels()
+    }
+
+    /// Counts tiles of `band` that a GPU has added, unless they were counted before: another GPU may have computed them for other shards.
+    pub(super) fn count_tiles(
+        &self,
+        band: &BandInFlight<C::Band>,
+        tiles: impl Iterator<Item = (usize, usize)>,
+    ) {
+        let mut counted = band.counted.lock().expect("no panic while held");
+        for tile in tiles.filter(|tile| counted.insert(*tile)) {
+            let pixels = self.film_pixels(band.position, tile);
+            self.adder.count(pixels);
+            self.progress.tile(band.position, pixels);
+        }
     }
 
     /// Submits a tile, to be added in order.
@@ -102,19 +136,24 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         let finished = |shard| self.writer.push(shard);
         let added = |place: TileId, pixels| {
             self.progress.tile(place.position, pixels);
-            self.source.tile_added(place.sequence);
+            self.source.item_done(place.sequence);
         };
         self.adder.submit(place, output, &finished, &added);
     }
 
-    /// Fails because the chart under `tile` could not be read.
-    pub(super) fn unreadable(&self, position: usize, tile: (usize, usize), source: SourceSinkError) {
+    /// Fails because the chart under `tile`, which reaches `shards`, could not be read.
+    pub(super) fn unreadable(
+        &self,
+        position: usize,
+        tile: (usize, usize),
+        shards: Vec<ShardId>,
+        source: SourceSinkError,
+    ) {
         let rect = self.work.bands[position].tiling.rect(tile);
-        let shards = self.adder.shards(position, tile);
         self.fail(RunError::Read { position, rect, shards, source });
     }
 
-    /// Requeues a batch that a GPU could not compute.
+    /// Requeues rows of shards that a GPU could not compute.
     pub(super) fn requeue(&self, batch: Batch<C::Band>) {
         self.source.requeue(batch);
     }
@@ -126,5 +165,17 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         if left == 0 {
             self.fail(RunError::Device { position, source: Box::new(error) });
         }
+    }
+}
+
+impl<C: Compute, S: FilmSink> PortionEvents for RunState<'_, C, S> {
+    fn strip(&self) -> Vec<f32> {
+        self.adder.strip()
+    }
+    fn finished(&self, shard: FinishedShard) {
+        self.writer.push(shard);
+    }
+    fn row_done(&self, sequence: usize) {
+        self.source.item_done(sequence);
     }
 }

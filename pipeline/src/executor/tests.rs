@@ -2,13 +2,14 @@
 
 use super::*;
 use crate::buffer::{ShardPixels, TileBuffer};
-use crate::cuda::CudaError;
-use crate::cuda::band::{BatchBuffers, GpuBand, Streams};
-use crate::cuda::memory::Halvings;
+use crate::cuda::band::GpuBand;
+use crate::cuda::memory::QueueMemory;
+use crate::cuda::{CudaError, Device};
 use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
 use crate::plan::{FilmRegion, ShardId, Tiling};
 use crate::psf::blocks::Blocks;
+use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 
@@ -95,11 +96,9 @@ impl Compute for Ones {
         &self,
         _band: &(),
         _tiling: &Tiling,
-        _tiles: &[(usize, usize)],
-        _queue: &DeviceQueue,
-        _halvings: Halvings,
-        _streams: &Streams,
-    ) -> Result<(GpuBand, Vec<BatchBuffers>), CudaError> {
+        _device: &Arc<Device>,
+        _memory: &QueueMemory,
+    ) -> Result<GpuBand, CudaError> {
         unreachable!("no GPU")
     }
 }

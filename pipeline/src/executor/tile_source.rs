@@ -1,8 +1,9 @@
-//! The sequence of all tiles: bands one after the other, tiles of a band in order, claimed by workers and GPU queues.
+//! The sequence of all work items, bands one after the other: tiles that workers claim, or rows of shards that GPU queues claim.
 //!
 //! A thread prepares bands one ahead and offers them here. A worker claims a tile within the limits of the band's
-//! [`Walk`](super::walk::Walk), plus [`super::MAX_TILES_AHEAD_PER_WORKER`] tiles per worker, which bounds memory. Batches that a GPU could
-//! not compute are requeued and claimed first.
+//! [`Walk`](super::walk::Walk), plus [`super::MAX_TILES_AHEAD_PER_WORKER`] tiles per worker, which bounds memory. A GPU queue claims all
+//! rows of shards of a band, so that each spectrum is built by one GPU, and parts of a band where fewer bands are left than GPUs. Rows
+//! that a GPU could not compute are requeued and claimed first.
 
 use super::signal::Signal;
 use super::work::BandInFlight;
@@ -10,49 +11,40 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
-/// Consecutive tiles of one row of a band.
+/// Consecutive items of a band.
 pub(super) struct Batch<B> {
     pub(super) band: Arc<BandInFlight<B>>,
-    /// Index of its first tile in the band.
+    /// Index of its first item in the band.
     pub(super) first: usize,
     pub(super) count: usize,
-    /// Sequence number of its first tile among all tiles of the job.
+    /// Sequence number of its first item among all items of the job.
     pub(super) sequence: usize,
-    /// Whether a GPU could not compute it.
-    pub(super) requeued: bool,
 }
 
 impl<B> Batch<B> {
-    /// Its tiles with their sequence numbers.
-    pub(super) fn tiles(&self) -> impl Iterator<Item = (usize, (usize, usize))> + '_ {
-        (self.sequence..).zip(self.band.tiles[self.first..][..self.count].iter().copied())
+    /// Its items with their sequence numbers.
+    pub(super) fn items(&self) -> impl Iterator<Item = (usize, (usize, usize))> + '_ {
+        (self.sequence..).zip(self.band.items[self.first..][..self.count].iter().copied())
     }
 
-    /// Keeps `count` tiles and returns the rest, if any.
-    pub(super) fn split_off(&mut self, count: usize) -> Option<Self> {
-        let rest = self.count.saturating_sub(count);
-        self.count -= rest;
-        (rest > 0).then(|| Self {
-            band: Arc::clone(&self.band),
-            first: self.first + self.count,
-            count: rest,
-            sequence: self.sequence + self.count,
-            requeued: self.requeued,
-        })
+    /// The `count` items from index `first` of the batch.
+    pub(super) fn part(&self, first: usize, count: usize) -> Self {
+        let band = Arc::clone(&self.band);
+        Self { band, first: self.first + first, count, sequence: self.sequence + first }
     }
 }
 
 /// Result of a claim.
 pub(super) enum Claim<B> {
-    /// Tiles to compute.
+    /// Items to compute.
     Batch(Batch<B>),
     /// None now; the [`Signal`] is notified when there may be some.
     None,
-    /// All tiles have been added.
+    /// All items are done.
     Over,
 }
 
-/// Tiles in order; see the module.
+/// Items in order; see the module.
 pub(super) struct TileSource<'a, B> {
     signal: &'a Signal,
     cancel: &'a AtomicBool,
@@ -63,12 +55,12 @@ pub(super) struct TileSource<'a, B> {
 
 struct State<B> {
     band: Option<Arc<BandInFlight<B>>>,
-    next_tile: usize,
-    /// Tiles claimed so far.
+    next_item: usize,
+    /// Items claimed so far.
     sequence: usize,
-    /// Tiles added so far without a gap: the sequence number of the oldest tile not yet added.
+    /// Items done so far without a gap: the sequence number of the oldest item not yet done. A tile is done when it is added.
     added: usize,
-    /// Tiles added beyond it.
+    /// Items done beyond it.
     added_beyond: BTreeSet<usize>,
     offered: Option<BandInFlight<B>>,
     last_band_offered: bool,
@@ -78,8 +70,8 @@ struct State<B> {
 }
 
 impl<B> State<B> {
-    fn tiles_left(&self) -> usize {
-        self.band.as_ref().map_or(0, |b| b.tiles.len() - self.next_tile)
+    fn items_left(&self) -> usize {
+        self.band.as_ref().map_or(0, |b| b.items.len() - self.next_item)
     }
 
     /// Whether the next tile is less than `ahead` tiles beyond the limits of its band.
@@ -90,15 +82,15 @@ impl<B> State<B> {
     }
 
     fn take(&mut self, count: usize) -> Batch<B> {
-        let band = Arc::clone(self.band.as_ref().expect("it has tiles"));
-        let (sequence, first) = (self.sequence, self.next_tile);
+        let band = Arc::clone(self.band.as_ref().expect("it has items"));
+        let (sequence, first) = (self.sequence, self.next_item);
         self.sequence += count;
-        self.next_tile += count;
-        Batch { band, first, count, sequence, requeued: false }
+        self.next_item += count;
+        Batch { band, first, count, sequence }
     }
 
     fn is_over(&self, cancelled: bool) -> bool {
-        let no_more = cancelled || self.last_band_offered && self.offered.is_none() && self.tiles_left() == 0;
+        let no_more = cancelled || self.last_band_offered && self.offered.is_none() && self.items_left() == 0;
         no_more && self.added == self.sequence
     }
 }
@@ -108,7 +100,7 @@ impl<'a, B> TileSource<'a, B> {
     pub(super) fn new(signal: &'a Signal, cancel: &'a AtomicBool, gpus: usize) -> Self {
         let state = State {
             band: None,
-            next_tile: 0,
+            next_item: 0,
             sequence: 0,
             added: 0,
             added_beyond: BTreeSet::new(),
@@ -134,7 +126,7 @@ impl<'a, B> TileSource<'a, B> {
         !self.cancelled() && !self.lock().closed
     }
 
-    /// Offers the next band and waits until its tiles are next; `false`: no further bands are accepted.
+    /// Offers the next band and waits until its items are next; `false`: no further bands are accepted.
     pub(super) fn offer(&self, band: BandInFlight<B>) -> bool {
         let mut state = self.lock();
         state.offered = Some(band);
@@ -162,48 +154,41 @@ impl<'a, B> TileSource<'a, B> {
         if state.is_over(self.cancelled()) {
             return Claim::Over;
         }
-        let free = !self.cancelled() && state.tiles_left() > 0 && state.is_within(ahead);
+        let free = !self.cancelled() && state.items_left() > 0 && state.is_within(ahead);
         if free { Claim::Batch(state.take(1)) } else { Claim::None }
     }
 
-    /// Whether all tiles have been added.
+    /// Whether all items are done.
     pub(super) fn is_over(&self) -> bool {
         self.lock().is_over(self.cancelled())
     }
 
-    /// Claims a batch of at most `max_tiles` tiles for a GPU: requeued ones first, then the next tiles.
-    pub(super) fn claim_batch(
-        &self,
-        max_tiles: &dyn Fn(&BandInFlight<B>) -> usize,
-        begun: &dyn Fn(&BandInFlight<B>),
-    ) -> Claim<B> {
+    /// Claims rows of shards for a GPU: requeued ones first, then the next ones.
+    pub(super) fn claim_portion(&self, begun: &dyn Fn(&BandInFlight<B>)) -> Claim<B> {
         let mut state = self.lock();
-        if let Some((_, mut batch)) = state.requeued.pop_first() {
-            if let Some(rest) = batch.split_off(max_tiles(&batch.band).max(1)) {
-                state.requeued.insert(rest.sequence, rest);
-            }
+        if let Some((_, batch)) = state.requeued.pop_first() {
             return Claim::Batch(batch);
         }
         self.next_band(&mut state, begun);
         if state.is_over(self.cancelled()) {
             return Claim::Over;
         }
-        if state.tiles_left() == 0 || self.cancelled() {
+        if state.items_left() == 0 || self.cancelled() {
             return Claim::None;
         }
-        let count = batch_size(&state, max_tiles);
+        let count = portion_rows(&state);
         Claim::Batch(state.take(count))
     }
 
-    /// Begins the offered band once all tiles of the present one are claimed.
+    /// Begins the offered band once all items of the present one are claimed.
     fn next_band(&self, state: &mut State<B>, begun: &dyn Fn(&BandInFlight<B>)) {
-        if state.tiles_left() > 0 || self.cancelled() {
+        if state.items_left() > 0 || self.cancelled() {
             return;
         }
         if let Some(band) = state.offered.take() {
             begun(&band);
             state.band = Some(Arc::new(band));
-            state.next_tile = 0;
+            state.next_item = 0;
             self.taken.notify_all();
             self.signal.notify_all();
         }
@@ -211,13 +196,12 @@ impl<'a, B> TileSource<'a, B> {
 
     /// Requeues a batch that a GPU could not compute.
     pub(super) fn requeue(&self, batch: Batch<B>) {
-        let batch = Batch { requeued: true, ..batch };
         self.lock().requeued.insert(batch.sequence, batch);
         self.signal.notify_all();
     }
 
-    /// Counts the tile with number `sequence` as added.
-    pub(super) fn tile_added(&self, sequence: usize) {
+    /// Counts the item with number `sequence` as done.
+    pub(super) fn item_done(&self, sequence: usize) {
         let (is_over, claimable) = {
             let mut state = self.lock();
             let before = state.added;
@@ -244,15 +228,12 @@ impl<'a, B> TileSource<'a, B> {
     }
 }
 
-/// Number of tiles of the next batch: equal parts of a row, and fewer towards the end of a band where several GPUs share it, so that GPUs
-/// of unequal speed finish together.
-fn batch_size<B>(state: &State<B>, max_tiles: &dyn Fn(&BandInFlight<B>) -> usize) -> usize {
-    let band = state.band.as_ref().expect("it has tiles");
-    let left = &band.tiles[state.next_tile..];
-    let row = left.iter().take_while(|tile| tile.0 == left[0].0).count();
-    let part = row.div_ceil(row.div_ceil(max_tiles(band).max(1)));
+/// Rows of shards of the next portion: all, or fewer and fewer where the GPUs share the last bands, so that GPUs of unequal speed finish together.
+fn portion_rows<B>(state: &State<B>) -> usize {
+    let (left, bands_after) = (state.items_left(), state.band.as_ref().map_or(0, |band| band.bands_after));
     match state.gpus {
-        0 | 1 => part,
-        gpus => part.min(left.len().div_ceil(2 * gpus)),
+        0 | 1 => left,
+        gpus if bands_after >= gpus => left,
+        gpus => left.div_ceil(2 * gpus),
     }
 }

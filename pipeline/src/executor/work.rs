@@ -6,6 +6,7 @@ use crate::cuda::memory::DeviceQueue;
 use crate::geometry::Size;
 use crate::plan::{FilmRegion, ShardId, Tiling};
 use std::collections::BTreeSet;
+use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
 /// Tiles and shards to compute, and the threads and GPUs that compute them.
@@ -62,12 +63,16 @@ pub struct Summary {
     pub interrupted: bool,
 }
 
-/// A prepared band and the tiles to compute.
+/// A prepared band and its work.
 pub(super) struct BandInFlight<B> {
     pub(super) position: usize,
     pub(super) stages: B,
-    /// In the order in which they are claimed.
-    pub(super) tiles: Vec<(usize, usize)>,
+    /// In the order in which they are claimed: tiles (row, column); for GPUs rows of shards (region, row).
+    pub(super) items: Vec<(usize, usize)>,
+    /// Tiles that GPUs have added.
+    pub(super) counted: Mutex<BTreeSet<(usize, usize)>>,
+    /// Number of bands after this one.
+    pub(super) bands_after: usize,
     /// Limits of [`super::walk::Walk`]: distance of the claimed tile to the oldest one not yet added, and tiles not yet added.
     pub(super) distance: usize,
     pub(super) waiting: usize,

@@ -1,9 +1,9 @@
-//! A worker's loop: encodes a shard, else reads a chart rectangle for a GPU, else computes a tile.
+//! A worker's loop: encodes a shard, else copies film rows of a GPU to shards, else reads a chart rectangle for a GPU, else computes a tile.
 //!
 //! Shards come first, since encoding frees memory; where GPUs compute, workers claim no tiles.
 
 use super::Compute;
-use super::chart_reads::ChartRead;
+use super::gpu_tasks::{ChartRead, DownloadedRows};
 use super::ordered_adder::{TileId, TileOutput};
 use super::overlap_add::FinishedShard;
 use super::run_state::RunState;
@@ -11,13 +11,15 @@ use super::shard_writer::Encoded;
 use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
 use crate::flow::FilmSink;
+use crate::geometry::Rect;
 use crossbeam::channel::Sender;
 
 /// Distance, in tiles per worker, between the tile being computed and the one whose chart is prefetched: some tens of milliseconds.
-const READ_AHEAD: usize = 4;
+pub(super) const READ_AHEAD: usize = 4;
 
 enum Task<B> {
     Encode(FinishedShard),
+    Place(DownloadedRows<B>),
     Read(ChartRead<B>),
     Tile(Batch<B>),
     Over,
@@ -31,6 +33,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             match self.next_task() {
                 Task::Over => break,
                 Task::Encode(shard) => self.encode(shard, encoded),
+                Task::Place(rows) => self.place(rows),
                 Task::Read(read) => self.read_for_gpu(read, &mut scratch),
                 Task::Tile(batch) => self.compute_tile(&batch, &mut scratch),
             }
@@ -47,6 +50,9 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             }
             if let Some(shard) = self.writer.pop() {
                 return Task::Encode(shard);
+            }
+            if let Some(rows) = self.rows.pop() {
+                return Task::Place(rows);
             }
             if let Some(read) = self.reads.pop() {
                 return Task::Read(read);
@@ -77,16 +83,18 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
 
     fn compute_tile(&self, batch: &Batch<C::Band>, scratch: &mut C::Scratch) {
         let (band, work) = (&batch.band, &self.work.bands[batch.band.position]);
-        let tile = band.tiles[batch.first];
+        let tile = band.items[batch.first];
         let mut out = self.adder.buffer();
-        self.read_ahead(band, batch.first);
+        let later = band.items.get(batch.first + READ_AHEAD * self.work.threads.max(1));
+        self.read_ahead(band, later.map(|&tile| work.tiling.rect(tile)));
         let (rect, chart_band) = (work.tiling.rect(tile), work.chart_band);
         let done =
             self.compute.compute(&band.stages, self.chart, chart_band, rect, &mut out, scratch, self.clock);
         let output = match done {
             Ok(()) => TileOutput::Cpu(out),
             Err(source) => {
-                self.unreadable(band.position, tile, source);
+                let shards = self.adder.shards(band.position, tile);
+                self.unreadable(band.position, tile, shards, source);
                 TileOutput::Unreadable
             }
         };
@@ -94,8 +102,8 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     }
 
     fn read_for_gpu(&self, read: ChartRead<C::Band>, scratch: &mut C::Scratch) {
-        let ChartRead { band, index, rect, mut into, reply } = read;
-        self.read_ahead(&band, index);
+        let ChartRead { band, index, rect, later, mut into, reply } = read;
+        self.read_ahead(&band, later);
         let chart_band = self.work.bands[band.position].chart_band;
         let out = &mut into[..rect.size().pixels()];
         let done = self
@@ -106,12 +114,21 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         let _ = reply.send((index, into, done));
     }
 
-    /// Prefetches the chart under a later tile of the band.
-    fn read_ahead(&self, band: &BandInFlight<C::Band>, index: usize) {
-        let work = &self.work.bands[band.position];
-        if let Some(&tile) = band.tiles.get(index + READ_AHEAD * self.work.threads.max(1)) {
-            let rect = self.compute.chart_hint(&band.stages, self.chart.size(), work.tiling.rect(tile));
-            self.clock.remap.time(|| self.chart.prefetch(work.chart_band, rect));
+    /// Copies film rows of a GPU to their shards.
+    fn place(&self, rows: DownloadedRows<C::Band>) {
+        let DownloadedRows { portion, rect, values, returns } = rows;
+        let values_of_rect = &values[..rect.size().pixels()];
+        self.clock.add.time(|| portion.place(rect, values_of_rect, self));
+        // Freed if the pool no longer exists.
+        let _ = returns.send(values);
+    }
+
+    /// Prefetches the chart under the film rectangle of a later tile.
+    fn read_ahead(&self, band: &BandInFlight<C::Band>, later: Option<Rect>) {
+        if let Some(tile) = later {
+            let rect = self.compute.chart_hint(&band.stages, self.chart.size(), tile);
+            let chart_band = self.work.bands[band.position].chart_band;
+            self.clock.remap.time(|| self.chart.prefetch(chart_band, rect));
         }
     }
 }

@@ -36,7 +36,7 @@ const ALONG_Y: f64 = 0.55;
 const SPECTRUM: f64 = 0.7;
 
 /// Upper bound of a tile's side, px, unless one block is larger: the buffers of a tile stay in the caches.
-const TILE_SIDE: usize = 512;
+pub(super) const TILE_SIDE: usize = 512;
 
 /// The partition of one band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -119,5 +119,7 @@ const char *setting(const char *name);
 double setting(const char *name, int i, double otherwise);
 int driver_version();
 bool pinned(const void *at, size_t bytes);
+// EMULATED_CUDA_WORK=none: kernels, copies and fills do nothing, to time the host.
+bool idle();
 
 }  // namespace emulated

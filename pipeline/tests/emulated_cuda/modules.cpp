@@ -86,7 +86,7 @@ static CUresult check(const Function &f, dim3 grid, dim3 block, size_t shared) {
 }
 
 static CUresult execute(Device &d, const Function &f, dim3 grid, dim3 block, size_t shared, const Call &call) {
-    const char *error = run(grid, block, shared, call);
+    const char *error = idle() ? nullptr : run(grid, block, shared, call);
     if (d.delay_us) std::this_thread::sleep_for(std::chrono::microseconds(d.delay_us));
     return error ? wrong(LAUNCH_FAILED, "%s: %s", f.name.c_str(), error) : SUCCESS;
 }

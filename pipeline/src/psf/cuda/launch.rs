@@ -7,8 +7,6 @@ use crate::cuda::launch::{CudaFunction, LaunchConfig};
 use crate::cuda::ptx;
 use crate::cuda::slice::{CudaSlice, CudaView, CudaViewMut, DeviceMemory};
 use crate::cuda::{CudaError, Device};
-use bytemuck::Pod;
-use std::ops::Range;
 use std::sync::Arc;
 
 /// `CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES`.
@@ -45,37 +43,6 @@ impl Functions {
             add: device.kernel(ptx::PSF, "psf_add")?,
         })
     }
-}
-
-/// Lists of descriptors, concatenated for one upload. Each starts at a multiple of 16 bytes.
-#[derive(Debug, Default)]
-pub(super) struct Lists {
-    pub(super) words: Vec<u32>,
-}
-
-impl Lists {
-    /// Appends a list; its range of words.
-    pub(super) fn push<T: Pod>(&mut self, list: &[T]) -> Range<usize> {
-        let start = self.words.len();
-        self.words.extend_from_slice(bytemuck::cast_slice(list));
-        let end = self.words.len();
-        self.words.resize(end.next_multiple_of(4), 0);
-        start..end
-    }
-}
-
-/// Grows `buffer` to at least `len` words; its contents are lost then.
-pub(super) fn grow(
-    device: &Device,
-    stream: &Arc<CudaStream>,
-    buffer: &mut CudaSlice<u32>,
-    len: usize,
-) -> Result<(), CudaError> {
-    if buffer.len() < len {
-        *buffer = device.allocate(stream, 1, "blocks")?; // frees the old buffer before the new one is allocated
-        *buffer = device.allocate(stream, len, "blocks and images")?;
-    }
-    Ok(())
 }
 
 /// Device, stream and tables of the launches of a round.
@@ -138,8 +105,8 @@ impl Launcher<'_> {
         &self,
         count: usize,
         parts: &CudaView<'_, u32>,
-        base_kernels: &CudaSlice<f32>,
-        spectra: &mut CudaSlice<f32>,
+        base_kernels: &CudaViewMut<'_, u32>,
+        spectra: &mut CudaViewMut<'_, u32>,
     ) -> Result<(), CudaError> {
         let window = self.partition.window as i32;
         let mut launch = self.stream.launch_builder(&self.functions.spectra);
@@ -156,7 +123,7 @@ impl Launcher<'_> {
         count: usize,
         (jobs, weights): (&CudaView<'_, u32>, &CudaView<'_, u32>),
         packed: &CudaViewMut<'_, u32>,
-        spectra: &CudaSlice<f32>,
+        spectra: &CudaViewMut<'_, u32>,
         images: &mut CudaViewMut<'_, u32>,
     ) -> Result<(), CudaError> {
         let mut launch = self.stream.launch_builder(&self.functions.scatter);

@@ -7,6 +7,7 @@
 //! a pixel, n²/8 warp instructions, more than the 16 of a 51-px window's transforms from n = 11 on; below n = 11 the transforms
 //! (8 a pixel and more) are limited by the transfer.
 
+use crate::psf::blocks::{Blocks, TILE_SIDE};
 use crate::real;
 use std::f64::consts::TAU;
 
@@ -19,6 +20,15 @@ const POINTS: usize = 8192;
 
 /// Nodes of a block assumed by the cost: 4.6 at 78 px on 21 heights × 36 azimuths.
 const NODES: f64 = 5.0;
+
+/// The partition of a band into tiles for a GPU, where `blocks` is that of the CPU: the side of a tile is a multiple of the GPU's block, so
+/// that all blocks are full but those at the border of the film.
+pub fn gpu_blocks(blocks: &Blocks) -> Blocks {
+    match Partition::for_window(blocks.window) {
+        Partition { side: 0, .. } => *blocks,
+        Partition { block, .. } => Blocks { tile: block * (TILE_SIDE / block).max(1), ..*blocks },
+    }
+}
 
 /// The partition for one window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -158,6 +168,14 @@ mod tests {
             (256, 4, 97),
         ];
         assert_eq!(partitions, expected);
+    }
+
+    #[test]
+    fn tiles_of_a_gpu_are_multiples_of_its_block() {
+        let tile = |window| gpu_blocks(&Blocks { window, fft: 192, block: 142, tile: 426 }).tile;
+        assert_eq!([51, 151, 401].map(tile), [6 * 78, 4 * 106, 4 * 123]);
+        let copied = Blocks { window: 1, fft: 0, block: 512, tile: 512 };
+        assert_eq!(gpu_blocks(&copied), copied);
     }
 
     /// The numbers of `static_assert` in `psf.cu`.

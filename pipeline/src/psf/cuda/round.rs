@@ -161,21 +161,28 @@ impl Round {
         }
     }
 
-    /// Keeps the first `len` tiles.
-    pub(super) fn truncate(&mut self, len: usize) {
-        let first = self.tiles[len].first as usize;
-        self.tiles.truncate(len);
-        let Some(block) = self.blocks.get(first) else { return };
-        self.packed_rows = block.packed as usize;
-        let job = self.block_images[first].first as usize;
-        let weight = self.jobs[job].first as usize;
-        let group = self.groups.partition_point(|(first_job, _)| *first_job < job);
-        self.blocks.truncate(first);
-        self.block_images.truncate(first);
-        self.jobs.truncate(job);
-        self.weights.truncate(weight);
-        self.nodes.truncate(weight);
-        self.groups.truncate(group);
+    /// Appends the tiles of `other`.
+    pub(super) fn append(&mut self, other: Self) {
+        let (packed, image, job, weight) = (
+            self.packed_rows as u32,
+            self.block_images.len() as u32,
+            self.jobs.len() as u32,
+            self.weights.len() as u32,
+        );
+        self.tiles.extend(other.tiles.into_iter().map(|t| Tile { first: t.first + image, ..t }));
+        self.blocks.extend(other.blocks.into_iter().map(|b| Block { packed: b.packed + packed, ..b }));
+        self.block_images
+            .extend(other.block_images.into_iter().map(|b| BlockImages { first: b.first + job, ..b }));
+        let moved =
+            |j: Job| Job { packed: j.packed + packed, first: j.first + weight, end: j.end + weight, ..j };
+        self.jobs.extend(other.jobs.into_iter().map(moved));
+        self.weights.extend(other.weights);
+        self.nodes.extend(other.nodes);
+        let groups = other.groups.into_iter().map(|(j, w)| (j + job as usize, w + weight as usize));
+        self.groups.extend(groups);
+        self.packed_rows += other.packed_rows;
+        let ((rows, columns), of_other) = (self.max_contribution, other.max_contribution);
+        self.max_contribution = (rows.max(of_other.0), columns.max(of_other.1));
     }
 
     /// Jobs and weights of node group `i`.
@@ -214,5 +221,26 @@ mod tests {
         }
         assert_eq!(end, round.weights.len());
         assert_eq!(round.block_images.len(), round.blocks.len());
+    }
+
+    #[test]
+    fn appended_rounds_are_those_of_all_tiles() {
+        let grid = NodeGrid::new(&[0.0, 0.5, 1.0, 1.5, 2.0], &[1, 72, 72, 72, 72], 0.01);
+        let film = crate::geometry::Size::new(300, 300);
+        let (frame, partition) = (Frame::centred(film, film, 10.0), Partition::for_window(201));
+        let tile = |i: usize| PsfTile {
+            rect: Rect::new(-7, 90 * i as i64, 110, 90),
+            remapped_offset: 9900 * i,
+            contribution_offset: 200_000 * i,
+            contribution_stride: 400,
+        };
+        let (mut all, mut appended) = (Round::default(), Round::default());
+        for i in 0..3 {
+            all.add(&tile(i), &frame, &grid, &partition);
+            let mut one = Round::default();
+            one.add(&tile(i), &frame, &grid, &partition);
+            appended.append(one);
+        }
+        assert_eq!(format!("{all:?}"), format!("{appended:?}"));
     }
 }

@@ -1,5 +1,6 @@
-//! Queue of chart rectangles that workers read into page-locked memory for the GPU queues.
+//! What workers do for the GPU queues: reading charts into page-locked memory, and copying downloaded film rows to shards.
 
+use super::portion::Portion;
 use super::signal::Signal;
 use super::work::BandInFlight;
 use crate::cuda::pool::Pinned;
@@ -12,44 +13,56 @@ use std::sync::{Arc, Mutex};
 /// A chart rectangle to read for a tile.
 pub(super) struct ChartRead<B> {
     pub(super) band: Arc<BandInFlight<B>>,
-    /// Index of the tile in the band.
+    /// Index of the tile in its batch.
     pub(super) index: usize,
     pub(super) rect: Rect,
+    /// Film rectangle of a later tile, whose chart is prefetched.
+    pub(super) later: Option<Rect>,
     pub(super) into: Pinned,
     pub(super) reply: Sender<ChartReply>,
 }
 
-/// Index of the tile in the band, its buffer, and the result of reading.
+/// Index of the tile in its batch, its buffer, and the result of reading.
 pub(super) type ChartReply = (usize, Pinned, Result<(), SourceSinkError>);
 
-/// Queue of reads. After closing, reads are dropped together with their reply channels.
-pub(super) struct ChartReads<'a, B> {
-    signal: &'a Signal,
-    state: Mutex<(VecDeque<ChartRead<B>>, bool)>,
+/// Downloaded film rows.
+pub(super) struct DownloadedRows<B> {
+    pub(super) portion: Arc<Portion<B>>,
+    /// The film rectangle of `values`.
+    pub(super) rect: Rect,
+    pub(super) values: Pinned,
+    /// Returns the buffer to its pool.
+    pub(super) returns: Sender<Pinned>,
 }
 
-impl<'a, B> ChartReads<'a, B> {
+/// A queue of tasks for workers. After closing, tasks are dropped.
+pub(super) struct TaskQueue<'a, T> {
+    signal: &'a Signal,
+    state: Mutex<(VecDeque<T>, bool)>,
+}
+
+impl<'a, T> TaskQueue<'a, T> {
     /// An empty queue.
     pub(super) fn new(signal: &'a Signal) -> Self {
         Self { signal, state: Mutex::new((VecDeque::new(), false)) }
     }
 
-    /// Adds a read; dropped if the queue is closed.
-    pub(super) fn push(&self, read: ChartRead<B>) {
+    /// Adds a task; dropped if the queue is closed.
+    pub(super) fn push(&self, task: T) {
         let mut state = self.state.lock().expect("no panic while held");
         if !state.1 {
-            state.0.push_back(read);
+            state.0.push_back(task);
             drop(state);
             self.signal.notify_workers(1);
         }
     }
 
-    /// The next read.
-    pub(super) fn pop(&self) -> Option<ChartRead<B>> {
+    /// The next task.
+    pub(super) fn pop(&self) -> Option<T> {
         self.state.lock().expect("no panic while held").0.pop_front()
     }
 
-    /// Drops all reads, queued and future: the run has failed.
+    /// Drops all tasks, queued and future: the run has failed.
     pub(super) fn close(&self) {
         let dropped = {
             let mut state = self.state.lock().expect("no panic while held");
