@@ -7,7 +7,7 @@ use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::{code, other_job, usage};
 use crate::interrupt;
 use crate::job::{chosen_bands, threads};
-use crate::memory::default_limit;
+use crate::memory::machine::default_limit;
 use crate::open::{Chart, ChartFlags};
 use crate::progress::{counting, log_line};
 use anyhow::Result;

@@ -7,6 +7,7 @@
 //! the disk, and decoded chart chunks (up to what a row of shards reads, or two rows of a GPU's tiles). Nothing here changes a pixel.
 
 mod depth;
+pub mod machine;
 
 use crate::failure::usage;
 use crate::job::stretch::RemapStretch;
@@ -379,28 +380,4 @@ fn without_overhead(memory: usize, chunks: usize) -> usize {
 /// Bytes in MiB, rounded up, for messages.
 pub fn mib(bytes: usize) -> String {
     format!("{}MiB", bytes.div_ceil(1 << 20))
-}
-
-/// Half of the available memory, at most 4 GiB.
-pub fn default_limit() -> u64 {
-    memory_information("MemAvailable:").map_or(2 << 30, |bytes| bytes / 2).min(4 << 30)
-}
-
-/// Memory of this machine, bytes, where the system reports it.
-pub fn machine_memory() -> Option<u64> {
-    memory_information("MemTotal:")
-}
-
-/// An entry of /proc/meminfo, bytes.
-fn memory_information(entry: &str) -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find(|l| l.starts_with(entry))?;
-    Some(line.split_whitespace().nth(1)?.parse::<u64>().ok()? << 10)
-}
-
-/// Peak resident memory of this process so far, bytes, where the system reports it.
-pub fn peak_resident() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = text.lines().find(|l| l.starts_with("VmHWM:"))?;
-    Some(line.split_whitespace().nth(1)?.parse::<u64>().ok()? << 10)
 }

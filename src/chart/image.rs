@@ -10,7 +10,7 @@ use super::store;
 use crate::args::ImageArgs;
 use crate::failure::usage;
 use crate::job::threads;
-use crate::memory::default_limit;
+use crate::memory::machine::default_limit;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::ChartMeta;

@@ -4,7 +4,7 @@ use super::{Input, Selected};
 use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::usage;
 use crate::job::threads;
-use crate::memory::peak_resident;
+use crate::memory::machine::peak_resident;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::durable::parent_of;

@@ -4,7 +4,7 @@ use super::monitor::{Monitor, RunFailure};
 use super::units::Units;
 use crate::failure;
 use crate::job::Job;
-use crate::memory::peak_resident;
+use crate::memory::machine::peak_resident;
 use crate::open::Chart;
 use crate::progress::jsonl::Jsonl;
 use crate::progress::{detail_line, json_path, log_line, summary_details, summary_line};

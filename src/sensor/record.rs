@@ -3,7 +3,8 @@
 use super::resolve::{Plan, Source};
 use super::write::{Done, process_core_s};
 use crate::failure;
-use crate::memory::{mib, peak_resident};
+use crate::memory::machine::peak_resident;
+use crate::memory::mib;
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::durable::ProcessIdentity;

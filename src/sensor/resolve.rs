@@ -10,7 +10,7 @@ use crate::args::ExposeArgs;
 use crate::develop::frame::split_group;
 use crate::failure::usage;
 use crate::job::threads;
-use crate::memory::default_limit;
+use crate::memory::machine::default_limit;
 use crate::run::film::resolve_links;
 use anyhow::Result;
 use formats::durable::is_url;

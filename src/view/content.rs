@@ -5,7 +5,7 @@ use super::lens::Lens;
 use super::mosaic::Mosaic;
 use crate::args::ViewArgs;
 use crate::failure::{line, usage};
-use crate::memory::default_limit;
+use crate::memory::machine::default_limit;
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::picture::style::wavelength_colour;
