@@ -86,7 +86,7 @@ impl Chart {
         }
     }
 
-    /// Reads a store whose `bands` would fill the page cache past it: see [`ChartStore::read_past_page_cache`].
+    /// Reads a store whose `bands` would fill the page cache past it: see `ChartStore::read_past_page_cache`.
     pub fn read_past_page_cache(&mut self, bands: &[usize], threads: usize) {
         if let (Self::Store(store), Some(memory)) = (self, machine_memory()) {
             store.read_past_page_cache(bands, threads, memory);
