@@ -131,7 +131,8 @@ impl Job {
         notes.extend(stretch.note());
         let device = arguments.device;
         let mut details = plan.lens.details().to_vec();
-        match args.device == Device::Auto {
+        // Surfaces at several distances are computed on the CPU whatever devices there are.
+        match args.device == Device::Auto && args.depth.is_none() {
             true if device.no_gpu => details.push(device.reason),
             true => notes.push(device.reason),
             false => {}
