@@ -7,6 +7,8 @@ use crate::durable::Store;
 
 /// Chunks read ahead per thread: those of the tiles that a thread announces before it reads them, and as many again that are being read.
 const CHUNKS_READ_AHEAD: usize = 8;
+/// Maximum of the bytes read ahead: a chart of large chunks is read without.
+const MAX_READ_AHEAD: u64 = 64 << 20;
 
 /// Memory of decoding the chunks of a chart, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -60,7 +62,7 @@ impl ChartStore {
         if is_remote || all <= memory / 2 || self.chunk_shape()[0] > 1 {
             return;
         }
-        let limit = chunk * (CHUNKS_READ_AHEAD * threads) as u64;
+        let limit = chunk.saturating_mul((CHUNKS_READ_AHEAD * threads) as u64).min(MAX_READ_AHEAD);
         self.read_ahead = Some(ReadAhead::new(self.layout.store.clone(), limit));
     }
 
