@@ -8,12 +8,13 @@ use crate::depth::plan::{DepthPlan, Surfaces};
 use crate::field::Outside;
 use crate::geometry::{Frame, Rect};
 use crate::lens::{Lens, LensBand, LensError, PsfStack, linear};
+use crate::options::PsfTables;
 pub use crate::options::{Options, PsfBetween};
 use crate::plan::Tiling;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
-use crate::psf::kernel::{NodeKernels, film_window};
+use crate::psf::kernel::NodeKernels;
 use crate::remap::Remap;
 
 /// Wavelengths closer than this are the same, nm.
@@ -91,25 +92,17 @@ impl BandPlan {
         let tables = tables(lens, lens_bands, wavelength_nm, options)?;
         let (mut grid, mut blocks) = (None, None);
         if options.stages.svpsf {
-            let full = film_window(tables.psf_size, tables.psf_pitch_um, frame.pitch_um, lens.psf_sample);
-            let window = options.psf_window.map_or(full, |w| w.min(full));
-            if window > Blocks::widest_window() {
-                return Err(LensError::Table {
-                    wavelength_nm,
-                    table: "psf",
-                    problem: format!(
-                        "window covers {window} film pixels, at most {} can be convolved; crop it with `--psf-window`",
-                        Blocks::widest_window()
-                    ),
-                });
-            }
-            let azimuths = match options.azimuths {
-                Some(j) => tables.azimuth_count.iter().map(|&count| if count == 1 { 1 } else { j }).collect(),
-                None => tables.azimuth_count.clone(),
+            let psfs = PsfTables {
+                wavelength_nm,
+                window: "window",
+                size: tables.psf_size,
+                pitch_um: tables.psf_pitch_um,
+                sample: lens.psf_sample,
+                height_mm: &tables.psf_height_mm,
+                azimuth_count: &tables.azimuth_count,
             };
-            let nodes = NodeGrid::new(&tables.psf_height_mm, &azimuths, frame.pitch_mm());
-            blocks = Some(Blocks::choose(window, &nodes));
-            grid = Some(nodes);
+            let (nodes, of_nodes) = options.partition(frame, &psfs)?;
+            (grid, blocks) = (Some(nodes), Some(of_nodes));
         }
         let tiling = Tiling::new(frame.film, blocks.as_ref());
         let needed = frame.farthest_mm(frame.film.rect().grown(tiling.margin()));

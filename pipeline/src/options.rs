@@ -1,5 +1,10 @@
 //! Options of all bands of a job.
 
+use crate::geometry::Frame;
+use crate::lens::{LensError, PsfSample};
+use crate::psf::blocks::Blocks;
+use crate::psf::grid::NodeGrid;
+use crate::psf::kernel::film_window;
 use crate::remap::{ChartInterpolation, Stages};
 use crate::simd::Simd;
 
@@ -27,4 +32,50 @@ pub struct Options {
     pub between: PsfBetween,
     /// Instruction set; affects the rounding only.
     pub simd: Simd,
+}
+
+/// PSF tables of a band, or of one of its depth nodes.
+pub(crate) struct PsfTables<'a> {
+    pub(crate) wavelength_nm: f64,
+    /// What its window is called in errors.
+    pub(crate) window: &'a str,
+    /// Samples of a side, and their pitch, µm.
+    pub(crate) size: usize,
+    pub(crate) pitch_um: f64,
+    pub(crate) sample: PsfSample,
+    pub(crate) height_mm: &'a [f64],
+    pub(crate) azimuth_count: &'a [usize],
+}
+
+impl Options {
+    /// Node grid and FFT blocks of the PSFs of `tables` on the film of `frame`.
+    ///
+    /// # Errors
+    /// A window larger than the largest FFT admits.
+    pub(crate) fn partition(
+        &self,
+        frame: &Frame,
+        tables: &PsfTables<'_>,
+    ) -> Result<(NodeGrid, Blocks), LensError> {
+        let full = film_window(tables.size, tables.pitch_um, frame.pitch_um, tables.sample);
+        let window = self.psf_window.map_or(full, |w| w.min(full));
+        if window > Blocks::widest_window() {
+            return Err(LensError::Table {
+                wavelength_nm: tables.wavelength_nm,
+                table: "psf",
+                problem: format!(
+                    "{} covers {window} film pixels, at most {} can be convolved; crop it with `--psf-window`",
+                    tables.window,
+                    Blocks::widest_window()
+                ),
+            });
+        }
+        let azimuths: Vec<usize> = match self.azimuths {
+            Some(j) => tables.azimuth_count.iter().map(|&count| if count == 1 { 1 } else { j }).collect(),
+            None => tables.azimuth_count.to_vec(),
+        };
+        let grid = NodeGrid::new(tables.height_mm, &azimuths, frame.pitch_mm());
+        let blocks = Blocks::choose(window, &grid);
+        Ok((grid, blocks))
+    }
 }

@@ -8,12 +8,12 @@ use crate::field::Field;
 use crate::geometry::{Frame, Rect};
 use crate::lens::depth::BandDepth;
 use crate::lens::{Lens, LensBand, LensError, PsfStack};
-use crate::options::Options;
+use crate::options::{Options, PsfTables};
 use crate::plan::Tiling;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
-use crate::psf::kernel::{NodeKernels, film_window};
+use crate::psf::kernel::NodeKernels;
 
 /// Vergences of the surfaces of a scene, 1/m.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,26 +106,19 @@ impl DepthPlan {
         };
         let plan = |d: usize| {
             let node = &nodes.nodes[d];
-            let full = film_window(node.psf_size, node.psf_pitch_um, frame.pitch_um, sample);
             let is_used = is_used(d - first);
-            let window = options.psf_window.map_or(full, |w| w.min(full));
-            let window = if is_used { window } else { 1 };
-            if window > Blocks::widest_window() {
-                return Err(LensError::Table {
-                    wavelength_nm,
-                    table: "psf",
-                    problem: format!(
-                        "window of depth node {d} covers {window} film pixels, at most {} can be convolved; crop it with `--psf-window`",
-                        Blocks::widest_window()
-                    ),
-                });
-            }
-            let azimuths: Vec<usize> = match options.azimuths {
-                Some(j) => node.azimuth_count.iter().map(|&count| if count == 1 { 1 } else { j }).collect(),
-                None => node.azimuth_count.clone(),
+            // The PSFs of a node that is not used are not read.
+            let psf_window = if is_used { options.psf_window } else { Some(1) };
+            let psfs = PsfTables {
+                wavelength_nm,
+                window: &format!("window of depth node {d}"),
+                size: node.psf_size,
+                pitch_um: node.psf_pitch_um,
+                sample,
+                height_mm: &node.psf_height_mm,
+                azimuth_count: &node.azimuth_count,
             };
-            let grid = NodeGrid::new(&node.psf_height_mm, &azimuths, frame.pitch_mm());
-            let blocks = Blocks::choose(window, &grid);
+            let (grid, blocks) = Options { psf_window, ..*options }.partition(frame, &psfs)?;
             let last_height_mm = node.psf_height_mm[node.psf_height_mm.len() - 1];
             let (heights, samples) = (node.psf_height_mm.len(), node.psf_size);
             Ok(NodePlan { is_used, grid, blocks, heights, samples, last_height_mm })
