@@ -80,21 +80,24 @@ impl BandDepth {
         let (a, b) = (&self.nodes[low], &self.nodes[high]);
         let ratio = std::iter::zip(&a.etendue_ratio, &b.etendue_ratio).map(|(a, b)| (a + b) / 2.0);
         let shifted = std::iter::zip(&band.ideal_height_mm, &self.pupil_shift_mm);
-        LensBand {
-            wavelength_nm: band.wavelength_nm,
+        let mut tables = LensBand {
             ideal_height_mm: shifted.map(|(h, delta)| h + h * delta * 1e-3 * v).collect(),
-            image_height_mm: band.image_height_mm.clone(),
             relative_illumination: std::iter::zip(&band.relative_illumination, ratio)
                 .map(|(r, g)| r * g)
                 .collect(),
-            psf_height_mm: a.psf_height_mm.clone(),
-            azimuth_count: a.azimuth_count.clone(),
-            psf_size: a.psf_size,
-            psf_pitch_um: a.psf_pitch_um,
-            psf_energy: a.psf_energy.clone(),
-            solid_angle_sr: band.solid_angle_sr,
-            transmission: band.transmission,
-        }
+            ..band.clone()
+        };
+        self.set_psfs(&mut tables, low);
+        tables
+    }
+
+    /// Gives `band` the PSF tables of node `d`.
+    pub fn set_psfs(&self, band: &mut LensBand, d: usize) {
+        let node = &self.nodes[d];
+        band.psf_height_mm.clone_from(&node.psf_height_mm);
+        band.azimuth_count.clone_from(&node.azimuth_count);
+        band.psf_energy.clone_from(&node.psf_energy);
+        (band.psf_size, band.psf_pitch_um) = (node.psf_size, node.psf_pitch_um);
     }
 
     /// Checks the nodes of `band`, whose own tables are valid.

@@ -63,13 +63,7 @@ pub(super) fn read(
         };
         let invalid = |source| LensPackError::Table { path: tables.store.path.clone(), source };
         depth.check(band).map_err(invalid)?;
-        let in_focus = depth.at_node(band, depth.nearest(1.0 / focus_distance_m));
-        // Heights and illumination of the pack are those of V = 0 and of the vergence in focus.
-        *band = LensBand {
-            ideal_height_mm: std::mem::take(&mut band.ideal_height_mm),
-            relative_illumination: std::mem::take(&mut band.relative_illumination),
-            ..in_focus
-        };
+        depth.set_psfs(band, depth.nearest(1.0 / focus_distance_m));
         depths.push(depth);
         chunks.push(chunk);
     }

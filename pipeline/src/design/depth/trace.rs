@@ -76,7 +76,6 @@ pub fn band<E: std::fmt::Display>(
     let focused = Dense::new(&system.at_vergence(options.focus)?, trace, nm)?;
     let in_focus: Vec<f64> = far.real.iter().map(|r| linear(&focused.real, &focused.light, *r)).collect();
     let (mut list, mut reports, mut shift) = (Vec::new(), Vec::new(), vec![0.0; far.real.len()]);
-    let mut flat = None;
     for (d, v) in placement.vergence.iter().enumerate() {
         let moved = system.at_vergence(*v)?;
         let traced = LensTrace::new(&moved, trace)?.band(index, on_progress)?;
@@ -91,38 +90,30 @@ pub fn band<E: std::fmt::Display>(
             shift = std::iter::once(0.0).chain(pairs.map(|p| moved(p) * 1e3 / v)).collect();
         }
         reports.push(traced.report);
-        let node = DepthNode {
+        list.push(DepthNode {
             psf_height_mm: t.psf_height_mm,
             azimuth_count: t.azimuth_count,
             psf_energy: t.psf_energy,
             psf_size: t.psf_size,
             psf_pitch_um: t.psf_pitch_um,
             etendue_ratio,
-        };
-        flat = Some(node.clone());
-        list.push(node);
+        });
     }
     let nodes = BandDepth { vergence: placement.vergence.clone(), nodes: list, pupil_shift_mm: shift };
-    let any = flat.expect("at least one node");
     let mut tables = LensBand {
         wavelength_nm: nm,
         relative_illumination: in_focus.iter().map(|g| g / in_focus[0]).collect(),
         ideal_height_mm: far.ideal,
         image_height_mm: far.real,
-        psf_height_mm: any.psf_height_mm,
-        azimuth_count: any.azimuth_count,
-        psf_size: any.psf_size,
-        psf_pitch_um: any.psf_pitch_um,
-        psf_energy: any.psf_energy,
+        psf_height_mm: Vec::new(),
+        azimuth_count: Vec::new(),
+        psf_size: 1,
+        psf_pitch_um: 1.0,
+        psf_energy: Vec::new(),
         solid_angle_sr: in_focus[0],
         transmission: 1.0,
     };
-    let nearest = nodes.at_node(&tables, nodes.nearest(options.focus));
-    tables = LensBand {
-        ideal_height_mm: tables.ideal_height_mm,
-        relative_illumination: tables.relative_illumination,
-        ..nearest
-    };
+    nodes.set_psfs(&mut tables, nodes.nearest(options.focus));
     Ok(TracedDepth { tables, nodes, placement, reports })
 }
 
