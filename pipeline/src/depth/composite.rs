@@ -146,11 +146,9 @@ impl Composite<'_> {
         let (low, high) = self.slabs.nodes(slab.slab);
         let t = |i: usize| if slab.a[i] > 0.0 { slab.m[i] / slab.a[i] } else { 0.0 };
         to.fill(0.0);
-        if self.spread(low, planes, tile, |i| slab.c[i] * (1.0 - t(i)), s) {
-            self.add_scattered(low, tile, s, to, |to, v, _| *to += v);
-        }
-        if high != low && self.spread(high, planes, tile, |i| slab.c[i] * t(i), s) {
-            self.add_scattered(high, tile, s, to, |to, v, _| *to += v);
+        self.add_convolved(low, planes, tile, |i| slab.c[i] * (1.0 - t(i)), to, s);
+        if high != low {
+            self.add_convolved(high, planes, tile, |i| slab.c[i] * t(i), to, s);
         }
     }
 
@@ -190,8 +188,7 @@ impl Composite<'_> {
         }
         let mut ones = s.buffer(tile.size().pixels());
         ones.fill(0.0);
-        self.spread(node, planes, tile, |_| 1.0, s);
-        self.add_scattered(node, tile, s, &mut ones, |to, v, _| *to += v);
+        self.add_convolved(node, planes, tile, |_| 1.0, &mut ones, s);
         s.ones.insert(node, ones);
     }
 
@@ -216,13 +213,24 @@ impl Composite<'_> {
         let (mut known, mut missing) = (std::mem::take(&mut s.known), std::mem::take(&mut s.missing));
         known.fill(0.0);
         missing.fill(0.0);
-        if self.spread(node, planes, tile, known_of, s) {
-            self.add_scattered(node, tile, s, &mut known, |to, v, _| *to += v);
-        }
-        if self.spread(node, planes, tile, |i| opened[i] - known_of(i), s) {
-            self.add_scattered(node, tile, s, &mut missing, |to, v, _| *to += v);
-        }
+        self.add_convolved(node, planes, tile, known_of, &mut known, s);
+        self.add_convolved(node, planes, tile, |i| opened[i] - known_of(i), &mut missing, s);
         (s.known, s.missing, s.behind, s.opened) = (known, missing, behind, opened);
+    }
+
+    /// Adds the convolution of `value` (by index in the planes) with the kernels of `node` on `tile` to `to`.
+    fn add_convolved(
+        &self,
+        node: usize,
+        planes: &Planes,
+        tile: Rect,
+        value: impl Fn(usize) -> f32,
+        to: &mut [f32],
+        s: &mut CompositeScratch,
+    ) {
+        if self.spread(node, planes, tile, value, s) {
+            self.add_scattered(node, tile, s, to, |to, v, _| *to += v);
+        }
     }
 
     /// Convolves `value` (by index in the planes) with the kernels of `node` into `scattered`; `false`: all values are 0.
