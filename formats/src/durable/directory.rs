@@ -190,10 +190,7 @@ impl Directory {
     pub fn read_range(&self, key: &str, offset: i64, length: u64) -> Result<Option<Vec<u8>>, DurableError> {
         use std::io::{ErrorKind, Read, Seek, SeekFrom};
         let path = self.path(key)?;
-        let Some((mut file, size)) = self.open(&path)? else { return Ok(None) };
-        let Some(start) = range_start(offset, length, size) else {
-            return Err(DurableError::Range { path, offset, length, size });
-        };
+        let Some((mut file, start)) = self.open_range(&path, offset, length)? else { return Ok(None) };
         // Not zeroed first.
         let mut bytes = Vec::with_capacity(length as usize);
         let read = |_: &Path| {
@@ -219,11 +216,8 @@ impl Directory {
         length: u64,
     ) -> Result<Option<FileBytes>, DurableError> {
         let path = self.path(key)?;
-        let Some((file, size)) = self.open(&path)? else { return Ok(None) };
         let at = i64::try_from(offset).unwrap_or(i64::MAX);
-        let Some(start) = range_start(at, length, size) else {
-            return Err(DurableError::Range { path, offset: at, length, size });
-        };
+        let Some((file, start)) = self.open_range(&path, at, length)? else { return Ok(None) };
         let read = |_: &Path| direct::read_exact(&file, start, length as usize);
         Ok(Some(self.step(FileStep::Read, &path, read, length)?))
     }
@@ -262,6 +256,17 @@ impl Directory {
         }
     }
 
+    /// Opens the file at `path` for `length` bytes at `offset`, which counts from the end if it is negative; the file and their start.
+    fn open_range(&self, path: &Path, offset: i64, length: u64) -> Result<Option<(File, u64)>, DurableError> {
+        let Some((file, size)) = self.open(path)? else { return Ok(None) };
+        let start = if offset < 0 { size.checked_sub(offset.unsigned_abs()) } else { Some(offset as u64) };
+        let fits = |start: &u64| start.checked_add(length).is_some_and(|end| end <= size);
+        match start.filter(fits) {
+            Some(start) => Ok(Some((file, start))),
+            None => Err(DurableError::Range { path: path.into(), offset, length, size }),
+        }
+    }
+
     /// Executes one step, or fails with the error injected there.
     fn step<T>(
         &self,
@@ -277,12 +282,6 @@ impl Directory {
         let injected = if step == FileStep::Write { Ok(()) } else { fault::inject(step) };
         injected.and_then(|()| act(path)).map_err(failed)
     }
-}
-
-/// Start of `length` bytes at `offset`, which counts from the end if it is negative; `None` if a file of `size` does not hold them.
-fn range_start(offset: i64, length: u64, size: u64) -> Option<u64> {
-    let start = if offset < 0 { size.checked_sub(offset.unsigned_abs())? } else { offset as u64 };
-    (start.checked_add(length)? <= size).then_some(start)
 }
 
 #[cfg(test)]

@@ -49,7 +49,12 @@ impl Layout {
         let range = match index {
             Some(index) => self.range(chunk, index)?,
             None if self.is_sharded() => None,
-            None => self.store.size_of(&key)?.map(|bytes| (0, bytes)),
+            None => match self.store.size_of(&key)? {
+                Some(bytes) if bytes > self.max_encoded_bytes() => {
+                    return Err(self.corrupt_error(chunk, format!("it holds {bytes} bytes")));
+                }
+                size => size.map(|bytes| (0, bytes)),
+            },
         };
         Ok(range.map(|(offset, length)| Place { key, offset, length }))
     }
@@ -100,9 +105,6 @@ impl Layout {
     ) -> Result<Option<FileBytes>, ChartError> {
         match self.place(chunk, index)? {
             None => Ok(None),
-            Some(Place { length, .. }) if length > self.max_encoded_bytes() => {
-                Err(self.corrupt_error(chunk, format!("it holds {length} bytes")))
-            }
             Some(Place { key, offset, length }) => {
                 self.encoded(chunk, self.store.read_direct(&key, offset, length))
             }
