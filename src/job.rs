@@ -111,6 +111,8 @@ impl Job {
         let mut plan = JobPlan::new(&arguments, &inputs, lens)?;
         light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
+        let chart_bands = inputs.chart_bands();
+        inputs.chart.read_past_page_cache(&chart_bands, arguments.threads);
         let (memory, queues) = resources::allocate(&mut arguments, &inputs, &mut plan, &stretch)?;
         inputs.chart.set_cache_bytes(memory.chart_cache);
         if let Some(depth) = &mut inputs.depth {
@@ -140,7 +142,7 @@ impl Job {
         notes.extend(device.notes);
         Ok(Self {
             source: identity::source(args, &inputs.chart),
-            chart_bands: inputs.chart_bands(),
+            chart_bands,
             chart: inputs.chart,
             depth: inputs.depth,
             lens: plan.lens,

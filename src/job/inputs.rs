@@ -39,7 +39,7 @@ impl Inputs {
     /// Chart or lens cannot be opened; bands or geometry do not fit them; fewer bands than planned (exit code 3).
     pub fn open(arguments: &Arguments<'_>, film_bands: Option<&[usize]>) -> Result<(Self, UntracedLens)> {
         let args = arguments.given;
-        let mut chart = open_chart(args, arguments.nan)?;
+        let chart = open_chart(args, arguments.nan)?;
         let lens = UntracedLens::open(&args.lens)?;
         let all_nm = chart.wavelengths_nm()?;
         let selected_bands: Vec<usize> = match &args.bands {
@@ -54,8 +54,6 @@ impl Inputs {
                 all_nm.len()
             )));
         }
-        let chart_bands: Vec<usize> = film_bands.iter().map(|&b| selected_bands[b]).collect();
-        chart.read_past_page_cache(&chart_bands, arguments.threads);
         let frame = frame(args, &chart, &lens)?;
         let field_height_mm = field_height_mm(&lens)?;
         let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
