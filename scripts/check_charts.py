@@ -117,9 +117,11 @@ def rasters(films, cube, scratch):
         attributes = {} if scale is None else {"scale_factor": scale}
         expected = films.of_zarr(data, **attributes)
         for interleave in ("band", "pixel"):
-            for tiled in (False, True):
-                file = scratch / f"{dtype}-{interleave}-{tiled}.tif"
-                blocks = {"tiled": True, "blockxsize": 32, "blockysize": 16} if tiled else {}
+            for tiled, predictor in [(False, 1), (True, 1), (True, 2), (True, 3)]:
+                if predictor == (3 if scale else 2):
+                    continue  # of integers; of floats
+                file = scratch / f"{dtype}-{interleave}-{tiled}-{predictor}.tif"
+                blocks = {"tiled": True, "blockxsize": 32, "blockysize": 16, "predictor": predictor} if tiled else {}
                 with rasterio.open(file, "w", driver="GTiff", width=COLUMNS, height=ROWS, count=5, dtype=dtype, interleave=interleave,
                                    photometric="minisblack", compress="deflate", **blocks) as out:
                     out.write(data)

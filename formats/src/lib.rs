@@ -38,6 +38,7 @@ pub mod group;
 mod hierarchy;
 mod image;
 pub mod import;
+mod inflate;
 pub mod lens;
 mod npy;
 pub mod parallel;

@@ -139,6 +139,17 @@ impl RasterSample {
         }
     }
 
+    /// Copies every `step`-th sample of `from` to `out`.
+    pub(crate) fn gather(self, from: &[u8], step: usize, out: &mut [u8]) {
+        match (step, self.bytes()) {
+            (1, _) => out.copy_from_slice(&from[..out.len()]),
+            (_, 1) => gather::<1>(from, step, out),
+            (_, 2) => gather::<2>(from, step, out),
+            (_, 4) => gather::<4>(from, step, out),
+            _ => gather::<8>(from, step, out),
+        }
+    }
+
     /// As [`Sample::read`].
     pub(crate) fn read(self, bytes: &[u8], k: usize) -> f64 {
         match self {
@@ -183,5 +194,13 @@ impl RasterSample {
             Self::I16 => value,
             Self::Plain(sample) => sample.nearest(value),
         }
+    }
+}
+
+/// Copies every `step`-th sample of `N` bytes.
+fn gather<const N: usize>(from: &[u8], step: usize, out: &mut [u8]) {
+    let from = from.as_chunks::<N>().0;
+    for (n, to) in out.as_chunks_mut::<N>().0.iter_mut().enumerate() {
+        *to = from[n * step];
     }
 }

@@ -51,13 +51,13 @@ impl Chart {
 
     /// Bytes of the temporary file of [`Chart::sort_by_band`]; 0 without one.
     pub fn temporary_bytes(&self, bands: &[usize]) -> u64 {
-        let is_needed = match self {
-            Self::Raster(raster) => bands.len() > 1 && raster.needs_band_copy(),
-            Self::Store(store) => store.rechunk_needed(bands),
-            Self::Decoded(_) => true,
-            Self::Generated(_) => false,
+        let sample = match self {
+            Self::Raster(raster) if bands.len() > 1 && raster.needs_band_copy() => size_of::<f32>(),
+            Self::Store(store) if store.rechunk_needed(bands) => size_of::<f32>(),
+            Self::Decoded(chart) => chart.copied_sample().bytes(),
+            _ => 0,
         };
-        if is_needed { (bands.len() * self.size().pixels() * size_of::<f32>()) as u64 } else { 0 }
+        (bands.len() * self.size().pixels() * sample) as u64
     }
 
     /// Rows and columns of a chunk; one pixel where the chart has none.

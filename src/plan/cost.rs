@@ -60,7 +60,7 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
         Chart::Store(s) => s.sample().bytes(),
         Chart::Raster(r) => r.sample().bytes(),
         // As in the temporary file that it is decoded to.
-        Chart::Decoded(_) => size_of::<f32>(),
+        Chart::Decoded(chart) => chart.copied_sample().bytes(),
         Chart::Generated(_) => return 0,
     };
     let plan = &job.plans[band];

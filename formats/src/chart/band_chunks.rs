@@ -51,7 +51,7 @@ impl BandChunkFile {
     }
 
     pub(super) fn write(&self, band: usize, chunk: [usize; 2], data: &[f32]) -> Result<(), DurableError> {
-        self.file.write(self.offset(band, chunk), data)
+        self.file.write(self.offset(band, chunk), bytemuck::cast_slice(data))
     }
 
     pub(super) fn read(

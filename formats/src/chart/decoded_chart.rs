@@ -1,8 +1,9 @@
 //! Charts whose bands are decoded once, by several threads, to a temporary file from which they are read: pictures, TIFF, chunked
 //! arrays of HDF5.
 //!
-//! A [`BandDecoder`] gives the stored samples of the requested bands; they are converted to values and checked here. Other bands that lie
-//! in the same parts of a file are neither converted nor checked.
+//! A [`BandDecoder`] gives the stored samples of the requested bands. Integers all of which are valid are stored as they are, and converted when
+//! they are read; other samples are converted to values and checked here. Other bands that lie in the same parts of a file are neither
+//! converted nor checked.
 
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,10 @@ use super::raster::RasterChart;
 use super::raster::bands::BandFile;
 use super::values::Values;
 use crate::parallel::Progress;
-use crate::sample::RasterSample;
+use crate::sample::{RasterSample, Sample};
+
+/// Samples that are converted and checked at a time.
+const BLOCK_SAMPLES: usize = 16 << 10;
 
 /// Receives samples in native byte order: (path of their file, band, row, column, samples). They are complete rows, or part of one.
 pub(super) type Sink<'a> = &'a (dyn Fn(&Path, usize, usize, usize, &[u8]) -> Result<(), ChartError> + Sync);
@@ -168,6 +172,15 @@ impl DecodedChart {
         self.declared.files.iter().try_for_each(WatchedFile::check_unchanged)
     }
 
+    /// Sample type of the temporary file of [`DecodedChart::copy_bands`].
+    pub fn copied_sample(&self) -> RasterSample {
+        let Declared { sample, values, .. } = &self.declared;
+        match sample.is_integer() && !values.declares_no_data() {
+            true => *sample,
+            false => RasterSample::Plain(Sample::F32),
+        }
+    }
+
     /// Bytes of samples read so far, and pixels without data of the decoded bands that were read as 0.
     pub fn stats(&self) -> (u64, u64) {
         let (bytes, replaced) = self.copy.get().map_or((0, 0), RasterChart::stats);
@@ -176,8 +189,8 @@ impl DecodedChart {
 
     /// Memory of a thread while the bands are written to a temporary file.
     pub fn chunk_memory(&self) -> ChunkMemory {
-        let line = 24 * self.declared.size.width;
-        ChunkMemory { rechunking: line + self.decoder.thread_bytes(), ..ChunkMemory::default() }
+        let converted = size_of::<f32>() * BLOCK_SAMPLES;
+        ChunkMemory { rechunking: converted + self.decoder.thread_bytes(), ..ChunkMemory::default() }
     }
 
     /// Decodes `bands` on `threads` threads to a temporary file in `directory`, from which they are read from then on; other bands can no
@@ -197,17 +210,24 @@ impl DecodedChart {
         if self.copy.get().is_some() {
             return Ok(());
         }
-        let Declared { size, values, nan, .. } = &self.declared;
+        let Declared { size, sample, values, nan, .. } = &self.declared;
         let shape = [self.bands(), size.height, size.width];
-        let out = BandFile::create(directory, self.path(), bands, shape)?;
-        let sink = |file: &Path, band: usize, row: usize, column: usize, samples: &[u8]| {
-            self.store(&out, file, band, (row, column), samples)
+        let is_stored_as_is = self.copied_sample() == *sample && sample.is_integer();
+        let out = BandFile::create(directory, self.path(), bands, shape, self.copied_sample())?;
+        let sink = |file: &Path, band: usize, row: usize, column: usize, samples: &[u8]| match is_stored_as_is
+        {
+            true => Ok(out.write_samples(band, (row, column), samples)?),
+            false => self.store(&out, file, band, (row, column), samples),
         };
         let decoded = self.decoder.decode(out.bands(), threads, progress, &sink);
         self.check_unchanged()?;
         decoded?;
-        let (nm, max) = (self.declared.wavelengths_nm.clone(), values.max_magnitude);
-        let _ = self.copy.set(RasterChart::from_band_file(self.path(), out, *nan, nm, max)?);
+        let nm = self.declared.wavelengths_nm.clone();
+        let values = match is_stored_as_is {
+            true => values.clone(),
+            false => Values { max_magnitude: values.max_magnitude, ..Values::default() },
+        };
+        let _ = self.copy.set(RasterChart::from_band_file(self.path(), out, *nan, nm, values)?);
         Ok(())
     }
 
@@ -223,19 +243,30 @@ impl DecodedChart {
         if !out.contains(band) {
             return Ok(());
         }
+        if !out.contains(band) {
+            return Ok(());
+        }
         let Declared { size, sample, values, nan, .. } = &self.declared;
-        let mut pixels = Vec::with_capacity(samples.len() / sample.bytes());
-        match values.is_identity() {
-            true => sample.append(&mut pixels, samples),
-            false => sample.append_converted(&mut pixels, samples, values.converter(band)),
+        let at = |k: usize| (row + (column + k) / size.width, (column + k) % size.width);
+        let mut pixels = Vec::with_capacity(BLOCK_SAMPLES);
+        for (first, samples) in
+            (0..).step_by(BLOCK_SAMPLES).zip(samples.chunks(BLOCK_SAMPLES * sample.bytes()))
+        {
+            pixels.clear();
+            match values.is_identity() {
+                true => sample.append(&mut pixels, samples),
+                false => sample.append_converted(&mut pixels, samples, values.converter(band)),
+            }
+            let checked = values.check(band, &mut pixels, |k| sample.read(samples, k), *nan);
+            if let Some((k, invalid)) = checked.error {
+                let (row, column) = at(first + k);
+                return Err(invalid.into_error(file.into(), (band, row, column), values.max_magnitude));
+            }
+            self.replaced.fetch_add(checked.replaced, Relaxed);
+            let (row, column) = at(first);
+            out.write(band, row, column, &pixels)?;
         }
-        let checked = values.check(band, &mut pixels, |k| sample.read(samples, k), *nan);
-        if let Some((k, invalid)) = checked.error {
-            let pixel = (band, row + (column + k) / size.width, (column + k) % size.width);
-            return Err(invalid.into_error(file.into(), pixel, values.max_magnitude));
-        }
-        self.replaced.fetch_add(checked.replaced, Relaxed);
-        Ok(out.write(band, row, column, &pixels)?)
+        Ok(())
     }
 
     /// [`ChartSource::read`] with its own error type.

@@ -21,12 +21,13 @@ use super::exr::{self, ExrContent, ExrFile};
 use super::options::NanPolicy;
 use super::raster::RasterChart;
 use super::raster::bands::BandFile;
-use super::values::MAX_VALUE;
+use super::values::Values;
 use crate::durable::DurableError;
 use crate::image::header::{ImageHeader, alpha_error, header_error};
 use crate::image::whole::WholeImage;
 use crate::image::{png, tiff, whole};
 use crate::parallel::Progress;
+use crate::sample::{RasterSample, Sample};
 
 /// Transfer function of integer samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -158,7 +159,8 @@ impl ImageFile {
         }
         let Size { height, width } = header.size;
         let channels: Vec<usize> = (0..header.channels).collect();
-        let out = BandFile::create(directory, &path, &channels, [header.channels, height, width])?;
+        let shape = [header.channels, height, width];
+        let out = BandFile::create(directory, &path, &channels, shape, RasterSample::Plain(Sample::F32))?;
         let white = f64::from(header.white);
         let linear: Vec<f32> = (0..=header.white)
             .map(|v| match transfer {
@@ -188,7 +190,7 @@ impl ImageFile {
             let reason = format!("it holds {rows} rows of {height}");
             return Err(ChartError::Damaged { path, reason });
         }
-        Ok(Box::new(RasterChart::from_band_file(&path, out, NanPolicy::Error, None, MAX_VALUE)?))
+        Ok(Box::new(RasterChart::from_band_file(&path, out, NanPolicy::Error, None, Values::default())?))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Temporary files of f32 samples (native byte order) without a name: they vanish when closed, even if the process is killed.
+//! Temporary files of samples (native byte order) without a name: they vanish when closed, even if the process is killed.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -28,20 +28,19 @@ impl TempFile {
         })
     }
 
-    /// Writes `values` at byte `offset`.
-    pub(super) fn write(&self, offset: u64, values: &[f32]) -> Result<(), DurableError> {
-        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_ne_bytes()).collect();
+    /// Writes `bytes` at byte `offset`.
+    pub(super) fn write(&self, offset: u64, bytes: &[u8]) -> Result<(), DurableError> {
         self.file
-            .write_all_at(&bytes, offset)
+            .write_all_at(bytes, offset)
             .map_err(|e| DurableError::io("write", &self.path, bytes.len() as u64, e))
     }
 
-    /// Reads `count` values from byte `offset`.
+    /// Reads `count` f32 values from byte `offset`.
     pub(super) fn read(&self, offset: u64, count: usize) -> Result<Vec<f32>, DurableError> {
-        let mut bytes = vec![0; count * 4];
+        let mut values = vec![0.0f32; count];
         self.file
-            .read_exact_at(&mut bytes, offset)
-            .map_err(|e| DurableError::io("read", &self.path, bytes.len() as u64, e))?;
-        Ok(bytes.as_chunks().0.iter().map(|&b| f32::from_ne_bytes(b)).collect())
+            .read_exact_at(bytemuck::cast_slice_mut(&mut values), offset)
+            .map_err(|e| DurableError::io("read", &self.path, 4 * count as u64, e))?;
+        Ok(values)
     }
 }

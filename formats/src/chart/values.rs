@@ -81,7 +81,12 @@ pub(super) struct Checked {
 impl Values {
     /// Whether a value is its raw sample converted to f32.
     pub(super) fn is_identity(&self) -> bool {
-        self.no_data.is_empty() && self.scaling.is_empty() && self.valid == Self::default().valid
+        !self.declares_no_data() && self.scaling.is_empty()
+    }
+
+    /// Whether some finite samples stand for no data.
+    pub(super) fn declares_no_data(&self) -> bool {
+        !self.no_data.is_empty() || self.valid != Self::default().valid
     }
 
     /// All parameters of the conversion, for the chart's identity. Exact: bits of the numbers.

@@ -6,10 +6,12 @@
 //! | layout | strips or tiles; chunky, planar, or one band per page |
 //! | compression | none, LZW, deflate, PackBits, zstd; predictors |
 //!
-//! Reduced pages (overviews) and masks are skipped. A *chunk* is a strip or tile of one plane. Compressed chunks are decoded one at a
-//! time, each at most 256 MiB; rows of uncompressed ones are read directly, so these may have any size.
+//! Reduced pages (overviews) and masks are skipped. A *chunk* is a strip or tile of one plane. Compressed chunks are at most 256 MiB each when
+//! decoded; rows of uncompressed ones are read directly, so these may have any size.
 
 mod page;
+mod predictor;
+mod strip;
 
 use std::fs::File;
 use std::io::BufReader;
@@ -28,7 +30,7 @@ use page::{Page, PageLayout, check_page, open_decoder};
 
 /// Maximum number of pages.
 const MAX_PAGES: usize = 65_536;
-/// Ranges of chunks into which an image is divided for several threads.
+/// Ranges of strips into which an image is divided for several threads.
 const MAX_RANGES: usize = 64;
 /// Tags of GDAL.
 const GDAL_METADATA: Tag = Tag::Unknown(42112);
@@ -44,7 +46,7 @@ pub(crate) struct TiffBands {
     pub(crate) metadata: Option<String>,
     /// GDAL's no-data sample.
     pub(crate) no_data: Option<String>,
-    /// Encoded and decoded bytes of the largest unit of decoding.
+    /// Memory of decoding.
     pub(crate) decoder_bytes: usize,
     order: Order,
 }
@@ -63,11 +65,11 @@ pub(crate) struct TiffPart {
     /// First band in it: the only one, except of a chunky file.
     pub(crate) first_band: usize,
     page: usize,
-    /// Chunks of the plane.
-    chunks: Range<usize>,
+    /// Strips of the plane (module `strip`).
+    strips: Range<usize>,
 }
 
-/// Receives a row, or part of one: (band, row, column, samples in native byte order).
+/// Receives complete rows, or part of one: (band, row, column, samples in native byte order).
 pub(crate) type BandSink<'a, E> = &'a mut dyn FnMut(usize, usize, usize, &[u8]) -> Result<(), E>;
 
 impl TiffBands {
@@ -124,18 +126,18 @@ impl TiffBands {
     pub(crate) fn parts(&self, path: &Path, bands: &[usize]) -> Result<Vec<TiffPart>, ImageError> {
         if let Order::Pages(pages) = &self.order {
             let whole =
-                |&band: &usize| TiffPart { first_band: band, page: pages[band], chunks: 0..usize::MAX };
+                |&band: &usize| TiffPart { first_band: band, page: pages[band], strips: 0..usize::MAX };
             return Ok(bands.iter().map(whole).collect());
         }
         let page = Page::open(path, self, 0)?;
-        let chunks = page.chunks_per_plane();
+        let strips = page.strips_per_plane();
         if self.order == Order::Planar {
-            let plane = |&band: &usize| TiffPart { first_band: band, page: 0, chunks: 0..chunks };
+            let plane = |&band: &usize| TiffPart { first_band: band, page: 0, strips: 0..strips };
             return Ok(bands.iter().map(plane).collect());
         }
-        let step = chunks.div_ceil(MAX_RANGES);
-        let range = |first| TiffPart { first_band: 0, page: 0, chunks: first..(first + step).min(chunks) };
-        Ok((0..chunks).step_by(step).map(range).collect())
+        let step = strips.div_ceil(MAX_RANGES);
+        let range = |first| TiffPart { first_band: 0, page: 0, strips: first..(first + step).min(strips) };
+        Ok((0..strips).step_by(step).map(range).collect())
     }
 
     /// Decodes the samples of `bands` in a part.
@@ -148,9 +150,8 @@ impl TiffBands {
     ) -> Result<(), E> {
         let mut page = Page::open(path, self, part.page)?;
         let plane = if self.order == Order::Planar { part.first_band } else { 0 };
-        let chunks = page.chunks_per_plane();
-        for chunk in part.chunks.start..part.chunks.end.min(chunks) {
-            page.decode_chunk(path, (plane * chunks + chunk, chunk), part.first_band, bands, sink)?;
+        for strip in part.strips.start..part.strips.end.min(page.strips_per_plane()) {
+            page.decode_strip(path, (plane, strip), part.first_band, bands, sink)?;
         }
         Ok(())
     }

@@ -48,6 +48,13 @@ def by_gdal():
         f.write(N[:1].astype("f4"))
         f.build_overviews([2])
         f.update_tags(1, WAVELENGTH="400 nm")
+    for name, dtype, predictor, interleave in [("chunky-f32", "float32", 3, "pixel"), ("planar-u16", "uint16", 2, "band"), ("chunky-u8", "uint8", 2, "pixel")]:
+        with rasterio.open(to / f"tiled-big-endian-predictor-{name}.tif", "w", driver="GTiff", count=B, height=H, width=W, dtype=dtype,
+                           compress="deflate", predictor=predictor, interleave=interleave, tiled=True, blockxsize=16, blockysize=32,
+                           photometric="minisblack", ENDIANNESS="BIG") as f:
+            f.write(N.astype(dtype))
+            for k, nm in enumerate(NM, 1):
+                f.update_tags(k, WAVELENGTH=f"{nm} nm")
 
 
 def by_pillow_and_tifffile():

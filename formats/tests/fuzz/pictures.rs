@@ -143,6 +143,8 @@ fn damaged_pictures_of_bands_do_not_panic() {
         "tiff/chunky-lzw-u8.tif",
         "gdal/descriptions.tif",
         "gdal/scaled.tif",
+        "gdal/tiled-big-endian-predictor-chunky-f32.tif",
+        "gdal/tiled-big-endian-predictor-planar-u16.tif",
         "numbered-tif/band_2.tif",
         "png16/scene_400nm.png",
     ]

@@ -201,21 +201,7 @@ impl ChunkGrid {
         let [per_band, per_row, step] = self.order.to_chart(&strides, 0);
         let sample = self.sample.bytes();
         let from = &chunk[(band * per_band + row * per_row) * sample..];
-        match (step, sample) {
-            (1, _) => out.copy_from_slice(&from[..out.len()]),
-            (_, 1) => gather::<1>(from, step, out),
-            (_, 2) => gather::<2>(from, step, out),
-            (_, 4) => gather::<4>(from, step, out),
-            _ => gather::<8>(from, step, out),
-        }
-    }
-}
-
-/// Copies every `step`-th sample of `N` bytes.
-fn gather<const N: usize>(from: &[u8], step: usize, out: &mut [u8]) {
-    let from = from.as_chunks::<N>().0;
-    for (n, to) in out.as_chunks_mut::<N>().0.iter_mut().enumerate() {
-        *to = from[n * step];
+        self.sample.gather(from, step, out);
     }
 }
 
@@ -239,7 +225,7 @@ impl BandDecoder for ChunkGrid {
     fn thread_bytes(&self) -> usize {
         let encoded = self.stored.iter().map(|s| s.bytes as usize).max().unwrap_or(0);
         let strip = self.strip_chunks() * self.chunk_bytes();
-        // Two steps of the filters; values of a band and their bytes.
-        encoded + 2 * self.chunk_bytes() + strip + 8 * strip / self.sample.bytes() / self.chunk[0].max(1)
+        // Two steps of the filters.
+        encoded + 2 * self.chunk_bytes() + strip
     }
 }

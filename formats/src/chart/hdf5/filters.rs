@@ -4,6 +4,8 @@ use std::io::Read;
 
 use hdf5_pure::Filter;
 
+use crate::inflate;
+
 const DEFLATE: u16 = 1;
 const SHUFFLE: u16 = 2;
 const FLETCHER32: u16 = 3;
@@ -31,7 +33,12 @@ pub(super) fn invert(
             continue;
         }
         data = match filter.id {
-            DEFLATE => read_at_most(flate2::read::ZlibDecoder::new(&data[..]), limit)?,
+            DEFLATE => {
+                let mut out = vec![0; limit];
+                let length = inflate::zlib(&data, &mut out)?;
+                out.truncate(length);
+                out
+            }
             ZSTD => {
                 read_at_most(zstd::stream::read::Decoder::new(&data[..]).map_err(|e| e.to_string())?, limit)?
             }

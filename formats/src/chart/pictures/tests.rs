@@ -46,6 +46,9 @@ fn tiff_of_every_layout_has_the_expected_bands_and_wavelengths() {
         ("tiff/pages-f64.tif", None, None),
         ("gdal/descriptions.tif", Some(all), Some("counts")),
         ("gdal/scaled.tif", Some(all), None),
+        ("gdal/tiled-big-endian-predictor-chunky-f32.tif", Some(all), None),
+        ("gdal/tiled-big-endian-predictor-planar-u16.tif", Some(all), Some("counts")),
+        ("gdal/tiled-big-endian-predictor-chunky-u8.tif", Some(all), Some("counts")),
         ("gdal/bigtiff-overviews.tif", Some(&all[..1]), None),
     ] {
         let chart = tiff(name);

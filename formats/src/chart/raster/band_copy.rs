@@ -12,6 +12,7 @@ use super::layout::Interleave;
 use crate::chart::error::ChartError;
 use crate::chart::options::NanPolicy;
 use crate::chart::values::Values;
+use crate::sample::{RasterSample, Sample};
 
 /// Rows of a band shorter than this share too many pages with other bands to be read in place.
 const MIN_BIL_ROW_BYTES: u64 = 16 << 10;
@@ -56,7 +57,13 @@ impl RasterChart {
         progress: &dyn Fn(u64, u64),
     ) -> Result<(), ChartError> {
         let [_, rows, columns] = self.layout.shape;
-        let file = BandFile::create(directory, &self.path, bands, self.layout.shape)?;
+        let file = BandFile::create(
+            directory,
+            &self.path,
+            bands,
+            self.layout.shape,
+            RasterSample::Plain(Sample::F32),
+        )?;
         let (block_rows, block_columns) = self.copy_block();
         let mut buffer = vec![0.0f32; block_rows * block_columns];
         let mut done = 0;
@@ -87,13 +94,13 @@ impl RasterChart {
         Ok(())
     }
 
-    /// A chart of the values in `file`, which were decoded from `path`.
+    /// A chart of the samples in `file`, which were decoded from `path`, and their `values`.
     pub(in crate::chart) fn from_band_file(
         path: &Path,
         file: BandFile,
         nan: NanPolicy,
         wavelengths_nm: Option<Vec<f64>>,
-        max_magnitude: f32,
+        values: Values,
     ) -> Result<Self, ChartError> {
         let layout = file.layout();
         let (map, entries) = file.map()?;
@@ -104,7 +111,7 @@ impl RasterChart {
             sample: layout.sample,
             nan,
             wavelengths_nm,
-            values: Values { max_magnitude, ..Values::default() },
+            values,
             units: None,
             notes: Vec::new(),
             replaced: AtomicU64::new(0),

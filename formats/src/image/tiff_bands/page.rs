@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::BufReader;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use ::tiff::TiffError;
@@ -10,15 +9,17 @@ use ::tiff::decoder::{ChunkType, Decoder, Limits};
 use ::tiff::tags::{ByteOrder, Tag};
 use pipeline::geometry::Size;
 
-use super::{BandSink, TiffBands};
+use super::TiffBands;
+use super::predictor::Predictor;
+use super::strip::{Buffers, strip_chunks};
 use crate::durable::DurableError;
 use crate::image::header::{ImageError, MAX_DECODED_BYTES, guarded, header_error};
 use crate::sample::{RasterSample, Sample};
 
 /// Maximum size of the value of a tag.
 const MAX_TAG_BYTES: usize = 64 << 20;
-/// Bytes of an uncompressed chunk that are read at a time.
-const READ_BYTES: usize = 4 << 20;
+/// Bytes of uncompressed chunks that are read at a time.
+pub(super) const READ_BYTES: usize = 4 << 20;
 
 /// Properties of a page that all bands share.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,17 +30,32 @@ pub(super) struct PageLayout {
     pub(super) planar: bool,
 }
 
+/// How the samples of chunks are stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Coding {
+    /// As they are.
+    Raw,
+    /// Zlib streams.
+    Deflate(Predictor),
+    /// Otherwise, for the crate `tiff`.
+    Other,
+}
+
 /// An open page.
 pub(super) struct Page {
-    decoder: Decoder<BufReader<File>>,
-    file: File,
-    layout: PageLayout,
+    pub(super) decoder: Decoder<BufReader<File>>,
+    pub(super) file: File,
+    pub(super) layout: PageLayout,
     /// Columns and rows of a chunk.
-    chunk: (usize, usize),
-    offsets: Vec<u64>,
-    /// Whether chunks are neither compressed nor predicted.
-    raw: bool,
-    big_endian: bool,
+    pub(super) chunk: (usize, usize),
+    /// Whether chunks are tiles, complete at the image's edges, rather than strips of rows.
+    pub(super) is_tiled: bool,
+    pub(super) offsets: Vec<u64>,
+    /// Encoded bytes of the chunks.
+    pub(super) counts: Vec<u64>,
+    pub(super) coding: Coding,
+    pub(super) big_endian: bool,
+    pub(super) buffers: Buffers,
 }
 
 /// Opens a file twice: for the decoder, and for samples that need no decoding.
@@ -129,8 +145,8 @@ pub(super) fn check_page(
     let row = across.checked_mul(in_chunk * sample.bytes());
     let bytes = row.and_then(|n| n.checked_mul(down));
     let predictor = guarded(path, || decoder.find_tag_unsigned::<u16>(Tag::Predictor))?.unwrap_or(1);
-    let raw = is_raw(compression, predictor);
-    let limited = if raw { row } else { bytes };
+    let coding = coding(compression, predictor, sample);
+    let limited = if coding == Coding::Raw { row } else { bytes };
     let Some(bytes) = bytes.filter(|_| limited.is_some_and(|n| n <= MAX_DECODED_BYTES)) else {
         let found = format!("{across}x{down} px of {in_chunk} samples");
         return Err(header_error(path, "strips or tiles", "at most 256 MiB each when decoded", found));
@@ -145,16 +161,27 @@ pub(super) fn check_page(
         }
         encoded = encoded.max(count);
     }
-    let pixels = 12 * across * in_chunk;
-    let decoder_bytes = match raw {
-        true => bytes.min(READ_BYTES.max(row.unwrap_or(0))) + pixels,
-        false => bytes + usize::try_from(encoded).unwrap_or(usize::MAX).min(MAX_DECODED_BYTES) + pixels,
+    let side_by_side = strip_chunks(bytes, layout.size.width.div_ceil(across.max(1)));
+    let decoder_bytes = match coding {
+        Coding::Raw => 2 * (bytes * side_by_side).min(READ_BYTES.max(row.unwrap_or(0) * side_by_side)),
+        _ => {
+            bytes
+                + usize::try_from(encoded).unwrap_or(usize::MAX).min(MAX_DECODED_BYTES)
+                + bytes * side_by_side
+        }
     };
     Ok((layout, decoder_bytes))
 }
 
-fn is_raw(compression: u32, predictor: u16) -> bool {
-    compression == 1 && predictor == 1
+fn coding(compression: u32, predictor: u16, sample: RasterSample) -> Coding {
+    let is_float = !sample.is_integer();
+    match (compression, predictor) {
+        (1, 1) => Coding::Raw,
+        (8 | 32_946, 1) => Coding::Deflate(Predictor::None),
+        (8 | 32_946, 2) if !is_float => Coding::Deflate(Predictor::Horizontal),
+        (8 | 32_946, 3) if is_float => Coding::Deflate(Predictor::Float),
+        _ => Coding::Other,
+    }
 }
 
 /// Offsets and encoded sizes of the chunks of the current page.
@@ -184,97 +211,39 @@ impl Page {
             let reason = "it changed after it was opened".into();
             return Err(ImageError::Damaged { path: path.into(), reason });
         }
-        let (offsets, _) = chunk_list(path, &mut decoder)?;
+        let (offsets, counts) = chunk_list(path, &mut decoder)?;
         let (compression, predictor) = guarded(path, || {
             let compression = decoder.find_tag_unsigned::<u32>(Tag::Compression)?.unwrap_or(1);
             Ok::<_, TiffError>((compression, decoder.find_tag_unsigned::<u16>(Tag::Predictor)?.unwrap_or(1)))
         })?;
         let (across, down) = decoder.chunk_dimensions();
-        let down = (down as usize).min(match decoder.get_chunk_type() {
-            ChunkType::Strip => layout.size.height,
-            ChunkType::Tile => usize::MAX,
-        });
+        let is_tiled = decoder.get_chunk_type() == ChunkType::Tile;
+        let down = (down as usize).min(if is_tiled { usize::MAX } else { layout.size.height });
         let big_endian = decoder.byte_order() == ByteOrder::BigEndian;
-        let raw = is_raw(compression, predictor);
-        Ok(Self { decoder, file, layout, chunk: (across as usize, down), offsets, raw, big_endian })
+        let coding = coding(compression, predictor, layout.sample);
+        let (chunk, buffers) = ((across as usize, down), Buffers::default());
+        Ok(Self { decoder, file, layout, chunk, is_tiled, offsets, counts, coding, big_endian, buffers })
     }
 
     /// Samples of a pixel in a chunk.
-    fn samples_in_chunk(&self) -> usize {
+    pub(super) fn samples_in_chunk(&self) -> usize {
         if self.layout.planar { 1 } else { self.layout.samples }
     }
 
-    fn chunks_across(&self) -> usize {
+    /// Bytes of a pixel in a chunk.
+    pub(super) fn pixel_bytes(&self) -> usize {
+        self.samples_in_chunk() * self.layout.sample.bytes()
+    }
+
+    pub(super) fn chunks_across(&self) -> usize {
         self.layout.size.width.div_ceil(self.chunk.0)
     }
 
-    pub(super) fn chunks_per_plane(&self) -> usize {
-        self.chunks_across() * self.layout.size.height.div_ceil(self.chunk.1)
+    pub(super) fn chunk_rows(&self) -> usize {
+        self.layout.size.height.div_ceil(self.chunk.1)
     }
 
-    /// Decodes the chunk `index` of the file, `place` of its plane, whose first sample belongs to `first_band`; only samples of `bands`
-    /// are given to `sink`.
-    pub(super) fn decode_chunk<E: From<ImageError>>(
-        &mut self,
-        path: &Path,
-        (index, place): (usize, usize),
-        first_band: usize,
-        bands: &[usize],
-        sink: BandSink<'_, E>,
-    ) -> Result<(), E> {
-        let (across, down) = self.chunk;
-        let (row, column) = (place / self.chunks_across() * down, place % self.chunks_across() * across);
-        let height = down.min(self.layout.size.height - row);
-        let width = across.min(self.layout.size.width - column);
-        let (samples, sample) = (self.samples_in_chunk(), self.layout.sample.bytes());
-        let pixel = samples * sample;
-        let mut line = Vec::with_capacity(width * sample);
-        let mut put = |first: usize, bytes: &[u8], stride: usize| -> Result<(), E> {
-            for (y, bytes) in (first..).zip(bytes.chunks(stride)) {
-                let bytes = &bytes[..width * pixel];
-                if samples == 1 {
-                    sink(first_band, y, column, bytes)?;
-                    continue;
-                }
-                for &band in bands {
-                    line.clear();
-                    bytes
-                        .chunks_exact(pixel)
-                        .for_each(|p| line.extend_from_slice(&p[band * sample..(band + 1) * sample]));
-                    sink(first_band + band, y, column, &line)?;
-                }
-            }
-            Ok(())
-        };
-        if !self.raw {
-            // Of planar files the decoder does not cut chunks of later planes at the image's edges.
-            let (columns, rows) = self.decoder.chunk_data_dimensions(index as u32);
-            let stride = (columns as usize).max(width) * pixel;
-            let mut bytes = vec![0; (rows as usize).max(height) * stride];
-            guarded(path, || self.decoder.read_chunk_bytes(index as u32, &mut bytes))?;
-            return put(row, &bytes[..height * stride], stride);
-        }
-        let stride = across * pixel;
-        let rows = (READ_BYTES / stride).clamp(1, height);
-        let mut bytes = vec![0; rows * stride];
-        for first in (0..height).step_by(rows) {
-            let part = &mut bytes[..rows.min(height - first) * stride];
-            let at = self.offsets[index] + (first * stride) as u64;
-            match self.file.read_exact_at(part, at) {
-                Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
-                    let found = self.file.metadata().map_or(0, |m| m.len());
-                    let expected = at + part.len() as u64;
-                    return Err(ImageError::Short { path: path.into(), expected, found }.into());
-                }
-                other => {
-                    other.map_err(|e| ImageError::Io(DurableError::io("read", path, part.len() as u64, e)))?
-                }
-            }
-            if self.big_endian != cfg!(target_endian = "big") {
-                part.chunks_exact_mut(sample).for_each(<[u8]>::reverse);
-            }
-            put(row + first, part, stride)?;
-        }
-        Ok(())
+    pub(super) fn chunks_per_plane(&self) -> usize {
+        self.chunks_across() * self.chunk_rows()
     }
 }
