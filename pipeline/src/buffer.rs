@@ -69,13 +69,12 @@ impl ShardPixels {
         reached.next_multiple_of(STRIP_ROWS).min(height)
     }
 
-    /// Adds strips of zeros until the first `rows` rows exist; `spare` supplies buffers.
+    /// Adds strips until the first `rows` rows exist; `spare` supplies buffers, whose values remain.
     pub fn reach(&mut self, rows: usize, mut spare: impl FnMut() -> Vec<f32>) {
         let allocated = Self::allocated_rows(self.size.height, rows);
         while self.strips.len() * STRIP_ROWS < allocated {
             let rows = STRIP_ROWS.min(self.size.height - self.strips.len() * STRIP_ROWS);
             let mut strip = spare();
-            strip.clear();
             strip.resize(rows * self.size.width, 0.0);
             self.strips.push(strip);
         }

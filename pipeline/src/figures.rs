@@ -11,7 +11,7 @@
 //! Source: Goodman, Introduction to Fourier Optics, 6.3-6.4; Born & Wolf 9.1.
 
 use crate::lens::{LensBand, PsfSample, PsfStack, linear};
-use crate::psf::kernel::NodeKernels;
+use crate::psf::kernel::{KernelScratch, NodeKernels};
 use crate::real;
 use crate::simd::Simd;
 use std::f64::consts::PI;
@@ -164,7 +164,7 @@ impl PsfWindow {
             samples: self.samples.clone(),
         };
         let kernels = NodeKernels::new(&stack, film_pitch_um, None, Simd::PORTABLE);
-        (kernels.size(), kernels.unrotated(0).to_vec())
+        (kernels.size(), kernels.unrotated(0, &mut KernelScratch::default()).to_vec())
     }
 }
 

@@ -3,7 +3,7 @@
 //!     film[y, x] = Σ_tiles contribution_tile[y, x]
 //! The contribution of a tile covers the tile and its tail, half a PSF window on every side, so contributions overlap. f32 addition is not
 //! associative: each shard adds the tiles that reach it in their order in the tiling, whatever the order in which they are computed, so
-//! the film has the same bits for any number of threads. Shards are independent of each other, so threads add to different shards at a
+//! the film has the same bits for any number of threads. The first tile that reaches a pixel sets it, so that shards need not be zeroed. Shards are independent of each other, so threads add to different shards at a
 //! time: the thread that submits the next tile of a shard adds it and those that wait for it; the others only queue theirs.
 
 use super::ordered_adder::ComputedTile;
@@ -43,11 +43,27 @@ struct OpenShard {
     sum: Mutex<Sum>,
 }
 
+/// Where a contribution lies on the film.
+#[derive(Clone, Copy)]
+struct Place {
+    reach: Rect,
+    /// Row and column from which on (both) no earlier tile reaches its pixels.
+    first: (i64, i64),
+}
+
+impl Place {
+    fn new(tiling: &Tiling, (i, j): (usize, usize)) -> Self {
+        let above = i.checked_sub(1).map_or(i64::MIN, |i| tiling.reach((i, j)).bottom());
+        let left = j.checked_sub(1).map_or(i64::MIN, |j| tiling.reach((i, j)).right());
+        Self { reach: tiling.reach((i, j)), first: (above, left) }
+    }
+}
+
 struct Sum {
     /// Number of tiles added, or being added.
     begun: usize,
-    /// Contributions that wait for earlier ones, with their film rectangles, by position among the shard's tiles.
-    waiting: BTreeMap<usize, (Rect, Arc<ComputedTile>)>,
+    /// Contributions that wait for earlier ones, by position among the shard's tiles.
+    waiting: BTreeMap<usize, (Place, Arc<ComputedTile>)>,
     /// Absent while a thread adds.
     pixels: Option<ShardPixels>,
     discarded: bool,
@@ -72,7 +88,7 @@ impl<'a> OverlapAdd<'a> {
         finished: &dyn Fn(FinishedShard),
         added: &dyn Fn(ComputedTile),
     ) {
-        let contribution = Arc::new(contribution);
+        let (place, contribution) = (Place::new(tiling, tile), Arc::new(contribution));
         for id in ids {
             let rect = self.regions[id.region].shard_rect(id.row, id.col);
             let Some(shard) = self.open(*id, rect) else { continue };
@@ -80,7 +96,7 @@ impl<'a> OverlapAdd<'a> {
             let mut sum = lock(&shard.sum);
             if !sum.discarded {
                 let position = (tile.0 - i0) * (j1 - j0) + tile.1 - j0;
-                sum.waiting.insert(position, (tiling.reach(tile), Arc::clone(&contribution)));
+                sum.waiting.insert(position, (place, Arc::clone(&contribution)));
             }
             drop(sum);
             self.add_waiting(*id, &shard, (i1 - i0) * (j1 - j0), finished, added);
@@ -101,12 +117,12 @@ impl<'a> OverlapAdd<'a> {
         let Some(mut pixels) = sum.pixels.take() else { return };
         loop {
             let next = sum.begun;
-            let Some((reach, contribution)) = sum.waiting.remove(&next) else { break };
+            let Some((place, contribution)) = sum.waiting.remove(&next) else { break };
             sum.begun += 1;
             drop(sum);
-            let rows = (reach.bottom() - shard.rect.y).max(0) as usize;
+            let rows = (place.reach.bottom() - shard.rect.y).max(0) as usize;
             pixels.reach(rows, || self.strip());
-            add_rows(&mut pixels, shard.rect, &contribution, reach);
+            add_rows(&mut pixels, shard.rect, &contribution, place);
             if next + 1 == tiles {
                 lock(&self.shards).open.remove(&id);
                 finished(FinishedShard { id, rect: shard.rect, pixels });
@@ -179,13 +195,20 @@ fn release(contribution: Arc<ComputedTile>, added: &dyn Fn(ComputedTile)) {
     Arc::into_inner(contribution).into_iter().for_each(added);
 }
 
-/// Adds the part of a contribution on the film rectangle `reach` that lies within `rect` to `pixels`, of `rect`.
-fn add_rows(pixels: &mut ShardPixels, rect: Rect, contribution: &ComputedTile, reach: Rect) {
+/// Adds the part of a contribution at `place` that lies within `rect` to `pixels`, of `rect`.
+fn add_rows(pixels: &mut ShardPixels, rect: Rect, contribution: &ComputedTile, place: Place) {
     let (values, stride) = contribution.pixels();
+    let Place { reach, first } = place;
     let common = rect.intersect(reach);
     for y in common.y..common.bottom() {
         let from = (y - reach.y) as usize * stride + (common.x - reach.x) as usize;
+        let from = &values[from..][..common.width];
         let to = &mut pixels.row_mut((y - rect.y) as usize)[(common.x - rect.x) as usize..][..common.width];
-        to.iter_mut().zip(&values[from..][..common.width]).for_each(|(t, f)| *t += f);
+        let added = if y < first.0 { common.width } else { (first.1.max(common.x) - common.x) as usize };
+        let (from_added, from_set) = from.split_at(added.min(common.width));
+        let (to_added, to_set) = to.split_at_mut(from_added.len());
+        to_added.iter_mut().zip(from_added).for_each(|(t, f)| *t += f);
+        // As if added to 0, so that -0 becomes 0.
+        to_set.iter_mut().zip(from_set).for_each(|(t, f)| *t = 0.0 + f);
     }
 }

@@ -25,26 +25,40 @@ use crate::psf::grid::{Node, NodeGrid};
 use crate::simd::{Avx2, Avx512};
 use crate::simd::{Isa, Simd};
 use integration::{PixelWeights, integrate, pixel_weights};
-use rotation::{MARGIN, padded_coefficients, rotate, rotation_error};
+use rotation::{padded_coefficients, rotate, rotation_error};
+use std::sync::{Mutex, OnceLock};
 use symmetry::{MIRROR_TOLERANCE, asymmetry};
 
-/// Kernels of one band at the film's pitch.
+/// Kernels of one band at the film's pitch. A PSF is prepared when a kernel of its height is first computed.
 #[derive(Debug)]
 pub struct NodeKernels {
     /// Side of a kernel, film pixels.
     size: usize,
     /// Side of a PSF of the stack, samples.
     samples: usize,
-    /// Spline coefficients of every PSF, with margins.
-    coefficients: Vec<f32>,
-    /// The kernel of every height at azimuth 0.
-    unrotated: Vec<f32>,
+    heights: Vec<Height>,
     energy: Vec<f64>,
     /// Weights of the samples in each film pixel; `None` if the samples are film pixels.
     pixels: Option<Vec<PixelWeights>>,
     /// Whether all PSFs are symmetric about the meridian.
     mirrored: bool,
     simd: Simd,
+}
+
+/// The PSF of a height.
+#[derive(Debug)]
+struct Height {
+    /// Its samples until it is prepared, then empty.
+    window: Mutex<Vec<f32>>,
+    prepared: OnceLock<Prepared>,
+}
+
+#[derive(Debug)]
+struct Prepared {
+    /// Spline coefficients, with margins.
+    coefficients: Vec<f32>,
+    /// The kernel at azimuth 0.
+    unrotated: Vec<f32>,
 }
 
 /// Buffers of one worker; no allocation after the first kernel.
@@ -66,30 +80,25 @@ impl NodeKernels {
         let at_film_pitch = is_at_film_pitch(stack.pitch_um, film_pitch_um, stack.sample);
         let full = film_window(n, stack.pitch_um, film_pitch_um, stack.sample);
         let size = window.map_or(full, |w| w.min(full));
-        let mut kernels = Self {
+        let pixels = (!at_film_pitch).then(|| pixel_weights(n, ratio, size, stack.sample));
+        let share = film_share(pixels.as_deref(), n, size);
+        let windows = || (0..stack.heights()).map(|k| stack.window(k));
+        let energy = |window: &[f32]| {
+            let rows = window.chunks_exact(n).zip(&share);
+            let inside: f64 = rows.map(|(row, w)| w * lane_sum(row, &share, |v, w| f64::from(v) * w)).sum();
+            inside / lane_sum(window, window, |v, _| f64::from(v))
+        };
+        Self {
             size,
             samples: n,
-            coefficients: Vec::with_capacity(stack.heights() * (n + 2 * MARGIN).pow(2)),
-            unrotated: Vec::with_capacity(stack.heights() * size * size),
-            energy: Vec::new(),
-            pixels: (!at_film_pitch).then(|| pixel_weights(n, ratio, size, stack.sample)),
-            mirrored: (0..stack.heights()).all(|k| asymmetry(stack.window(k), n) <= MIRROR_TOLERANCE),
+            energy: windows().map(energy).collect(),
+            mirrored: windows().all(|window| asymmetry(window, n) <= MIRROR_TOLERANCE),
+            heights: windows()
+                .map(|window| Height { window: Mutex::new(window.to_vec()), prepared: OnceLock::new() })
+                .collect(),
+            pixels,
             simd,
-        };
-        let mut scratch = KernelScratch::default();
-        for k in 0..stack.heights() {
-            let window = stack.window(k);
-            kernels.coefficients.extend(padded_coefficients(window, n));
-            scratch.rotated.clear();
-            scratch.rotated.extend(window.iter().map(|&v| f64::from(v)));
-            let sum = kernels.to_film_pixels(&mut scratch);
-            let total: f64 = window.iter().map(|&v| f64::from(v)).sum();
-            kernels.energy.push(sum / total);
-            // A complete window of sum 1 keeps its bits.
-            let norm = if at_film_pitch && size == n && (sum - 1.0).abs() < 1e-6 { 1.0 } else { 1.0 / sum };
-            kernels.unrotated.extend(scratch.film.iter().map(|v| (v * norm) as f32));
         }
-        kernels
     }
 
     /// Side of a kernel in film pixels, odd.
@@ -103,9 +112,27 @@ impl NodeKernels {
     }
 
     /// The kernel of height `k` at azimuth 0.
-    pub fn unrotated(&self, k: usize) -> &[f32] {
-        let n = self.size * self.size;
-        &self.unrotated[k * n..][..n]
+    pub fn unrotated(&self, k: usize, s: &mut KernelScratch) -> &[f32] {
+        &self.prepared(k, s).unrotated
+    }
+
+    fn prepared(&self, k: usize, s: &mut KernelScratch) -> &Prepared {
+        let Height { window, prepared } = &self.heights[k];
+        prepared.get_or_init(|| {
+            let window = std::mem::take(&mut *window.lock().expect("no panic while held"));
+            self.prepare(&window, s)
+        })
+    }
+
+    fn prepare(&self, window: &[f32], s: &mut KernelScratch) -> Prepared {
+        let coefficients = padded_coefficients(window, self.samples, &mut s.rotated, &mut s.half);
+        s.rotated.clear();
+        s.rotated.extend(window.iter().map(|&v| f64::from(v)));
+        let sum = self.to_film_pixels(s);
+        // A complete window of sum 1 keeps its bits.
+        let is_complete = self.pixels.is_none() && self.size == self.samples && (sum - 1.0).abs() < 1e-6;
+        let norm = if is_complete { 1.0 } else { 1.0 / sum };
+        Prepared { coefficients, unrotated: s.film.iter().map(|v| (v * norm) as f32).collect() }
     }
 
     /// How the kernel of `node` follows from a base kernel.
@@ -116,18 +143,21 @@ impl NodeKernels {
     /// The kernel of the node `base` (see [`KernelSymmetry::base`]), row down.
     pub fn base_kernel<'a>(&'a self, grid: &NodeGrid, base: Node, s: &'a mut KernelScratch) -> &'a [f32] {
         if base.j == 0 {
-            return self.unrotated(base.k);
+            return self.unrotated(base.k, s);
         }
         let azimuth_rad = grid.azimuth_rad(base);
+        let coefficients = &self.prepared(base.k, s).coefficients;
         match self.simd.isa() {
-            Isa::Portable => self.rotated(base.k, azimuth_rad, s),
+            Isa::Portable => self.rotated(coefficients, azimuth_rad, s),
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => {
-                self.rotation(base.k, azimuth_rad).compute::<Avx512>(self.simd, &mut s.simd, &mut s.base);
+                let rotation = self.rotation(coefficients, azimuth_rad);
+                rotation.compute::<Avx512>(self.simd, &mut s.simd, &mut s.base);
             }
             #[cfg(target_arch = "x86_64")]
             Isa::Avx2 => {
-                self.rotation(base.k, azimuth_rad).compute::<Avx2>(self.simd, &mut s.simd, &mut s.base);
+                let rotation = self.rotation(coefficients, azimuth_rad);
+                rotation.compute::<Avx2>(self.simd, &mut s.simd, &mut s.base);
             }
             #[cfg(not(target_arch = "x86_64"))]
             Isa::Avx512 | Isa::Avx2 => unreachable!("Simd holds available instructions only"),
@@ -149,13 +179,15 @@ impl NodeKernels {
     /// Estimated L1 error of a rotation, relative to the light, the largest over all heights. Meaningful for integrated samples,
     /// whose pitch is too coarse for exact rotation.
     pub fn rotation_error(&self) -> f64 {
-        let errors = (0..self.energy.len()).map(|k| rotation_error(self.coefficients(k), self.samples));
+        let mut s = KernelScratch::default();
+        let errors = (0..self.energy.len())
+            .map(|k| rotation_error(&self.prepared(k, &mut s).coefficients, self.samples));
         errors.fold(0.0, f64::max)
     }
 
-    /// P_k rotated by `azimuth_rad` into `s.base`: plain f64 sums, the reference for SIMD.
-    fn rotated(&self, k: usize, azimuth_rad: f64, s: &mut KernelScratch) {
-        rotate(self.coefficients(k), self.samples, azimuth_rad, &mut s.rotated);
+    /// The PSF of `coefficients` rotated by `azimuth_rad` into `s.base`: plain f64 sums, the reference for SIMD.
+    fn rotated(&self, coefficients: &[f32], azimuth_rad: f64, s: &mut KernelScratch) {
+        rotate(coefficients, self.samples, azimuth_rad, &mut s.rotated);
         let sum = self.to_film_pixels(s);
         s.base.clear();
         s.base.extend(s.film.iter().map(|v| (v / sum) as f32));
@@ -163,20 +195,14 @@ impl NodeKernels {
 
     /// The same with SIMD.
     #[cfg(target_arch = "x86_64")]
-    fn rotation(&self, k: usize, azimuth_rad: f64) -> simd::RotatedKernel<'_> {
+    fn rotation<'a>(&'a self, coefficients: &'a [f32], azimuth_rad: f64) -> simd::RotatedKernel<'a> {
         simd::RotatedKernel {
-            coefficients: self.coefficients(k),
+            coefficients,
             samples: self.samples,
             azimuth_rad,
             pixels: self.pixels.as_deref(),
             size: self.size,
         }
-    }
-
-    /// Spline coefficients of the k-th PSF, with their margins.
-    fn coefficients(&self, k: usize) -> &[f32] {
-        let n = self.samples + 2 * MARGIN;
-        &self.coefficients[k * n * n..][..n * n]
     }
 
     /// Integrates `s.rotated` (samples²) over the film pixels, or crops it to them, into `s.film` (size²); returns its sum.
@@ -193,6 +219,32 @@ impl NodeKernels {
             }
         }
     }
+}
+
+/// Share of each sample of a row (or column) that lies inside the film window of `size` pixels.
+fn film_share(pixels: Option<&[PixelWeights]>, samples: usize, size: usize) -> Vec<f64> {
+    let mut share = vec![0.0; samples];
+    match pixels {
+        None => share[(samples - size) / 2..][..size].fill(1.0),
+        Some(pixels) => {
+            for pixel in pixels {
+                share[pixel.first..].iter_mut().zip(&pixel.weights).for_each(|(s, w)| *s += w);
+            }
+        }
+    }
+    share
+}
+
+/// Σ f(a_i, b_i) in eight interleaved partial sums.
+fn lane_sum<T: Copy>(a: &[f32], b: &[T], f: impl Fn(f32, T) -> f64) -> f64 {
+    let mut sums = [0.0; 8];
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    for (a, b) in a.iter().zip(b) {
+        for lane in 0..8 {
+            sums[lane] += f(a[lane], b[lane]);
+        }
+    }
+    sums.iter().sum::<f64>() + a_rest.iter().zip(b_rest).map(|(&a, &b)| f(a, b)).sum::<f64>()
 }
 
 /// Whether PSF samples are means over film pixels.
@@ -336,7 +388,8 @@ mod tests {
             let bases = (0..72).map(|j| kernels.symmetry_of(&grid, Node { k: 1, j }).base);
             for j in [7, 11, 13, 20, 34, 47, 52, 65] {
                 let mut direct = KernelScratch::default();
-                kernels.rotated(1, grid.azimuth_rad(Node { k: 1, j }), &mut direct);
+                let coefficients = kernels.prepared(1, &mut direct).coefficients.clone();
+                kernels.rotated(&coefficients, grid.azimuth_rad(Node { k: 1, j }), &mut direct);
                 let expanded = kernel_of(&kernels, &grid, j);
                 let l1: f32 = expanded.iter().zip(&direct.base).map(|(a, b)| (a - b).abs()).sum();
                 assert!(l1 < 2e-6, "azimuth {j} of 72: L1 {l1:.1e}");

@@ -19,12 +19,14 @@ pub fn scratch_bytes(blocks: &Blocks, samples: usize) -> usize {
     // Three complex planes; radius and azimuth of each pixel of a block.
     let engine = 3 * blocks.spectrum_bytes() + 8 * blocks.block * blocks.block;
     let window = blocks.window;
-    // Rotated samples, samples integrated along one axis, and along both; f64, the last one and its half also as f32.
-    let kernel = 8 * samples * samples + 12 * samples * window + 12 * window * window;
+    // To prepare a PSF: two planes of samples and the film window, f64. To rotate it: samples, samples integrated along one axis and
+    // their transpose, the film window and the kernel, f32.
+    let kernel = 20 * samples * samples + 8 * samples * window + 16 * window * window;
     2 * engine + kernel
 }
 
-/// PSFs of one band at `heights` field heights, ready for kernels: spline coefficients with margins, and base kernels.
+/// PSFs of one band at `heights` field heights, ready for kernels: spline coefficients with margins, and kernels at azimuth 0. Before they are
+/// ready, their samples, which are fewer.
 pub fn kernels_bytes(blocks: &Blocks, heights: usize, samples: usize) -> usize {
     4 * heights * ((samples + 8) * (samples + 8) + blocks.window * blocks.window)
 }

@@ -61,11 +61,11 @@ fn coefficients_of_columns(grid: &mut [f64], width: usize, pivots: &[f64]) {
     }
 }
 
-/// An n × n image with rows and columns exchanged.
-fn transposed<T: Copy + Into<f64>>(image: &[T], n: usize) -> Vec<f64> {
+/// Exchanges rows and columns of an n × n image.
+fn transpose<T: Copy + Into<f64>>(image: &[T], n: usize, out: &mut Vec<f64>) {
     // Rows of `image` at a time, so that its cache lines are used whole.
     const ROWS: usize = 16;
-    let mut out = vec![0.0; n * n];
+    out.resize(n * n, 0.0);
     for first in (0..n).step_by(ROWS) {
         let rows = first..(first + ROWS).min(n);
         for (x, line) in out.chunks_exact_mut(n).enumerate() {
@@ -74,18 +74,16 @@ fn transposed<T: Copy + Into<f64>>(image: &[T], n: usize) -> Vec<f64> {
             }
         }
     }
-    out
 }
 
-/// Coefficients of an n × n image, both directions.
-pub(crate) fn coefficients_2d(image: &[f32], n: usize) -> Vec<f32> {
+/// Coefficients of an n × n image, both directions, into `out`; `lines` is overwritten.
+pub(crate) fn coefficients_2d(image: &[f32], n: usize, lines: &mut Vec<f64>, out: &mut Vec<f64>) {
     let pivots = pivots(n);
     // The lines along x as columns.
-    let mut lines = transposed(image, n);
-    coefficients_of_columns(&mut lines, n, &pivots);
-    let mut c = transposed(&lines, n);
-    coefficients_of_columns(&mut c, n, &pivots);
-    c.into_iter().map(|v| v as f32).collect()
+    transpose(image, n, lines);
+    coefficients_of_columns(lines, n, &pivots);
+    transpose(lines, n, out);
+    coefficients_of_columns(out, n, &pivots);
 }
 
 #[cfg(test)]
@@ -108,9 +106,10 @@ mod tests {
     fn coefficients_of_an_image_interpolate_it() {
         let n = 19;
         let image: Vec<f32> = (0..n * n).map(|i| (i * i % 23) as f32).collect();
-        let c = coefficients_2d(&image, n);
+        let mut c = Vec::new();
+        coefficients_2d(&image, n, &mut Vec::new(), &mut c);
         let at = |y: isize, x: isize| match (0..n as isize).contains(&y) && (0..n as isize).contains(&x) {
-            true => f64::from(c[y as usize * n + x as usize]),
+            true => c[y as usize * n + x as usize],
             false => 0.0,
         };
         let w = [1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0];

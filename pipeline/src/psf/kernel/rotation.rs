@@ -10,14 +10,20 @@ pub(super) const MARGIN: usize = 4;
 /// kernels ten times slower.
 pub(in crate::psf) const NEGLIGIBLE_SAMPLE: f32 = 1e-20;
 
-/// Spline coefficients of an n × n PSF, (n + 2·[`MARGIN`])² values with margins of zeros.
-pub(super) fn padded_coefficients(psf: &[f32], n: usize) -> Vec<f32> {
+/// Spline coefficients of an n × n PSF, (n + 2·[`MARGIN`])² values with margins of zeros; `lines` and `grid` are overwritten.
+pub(super) fn padded_coefficients(
+    psf: &[f32],
+    n: usize,
+    lines: &mut Vec<f64>,
+    grid: &mut Vec<f64>,
+) -> Vec<f32> {
     let width = n + 2 * MARGIN;
     let mut out = vec![0.0; width * width];
-    let coefficients = spline::coefficients_2d(psf, n);
-    for (to, from) in out[MARGIN * width..].chunks_exact_mut(width).zip(coefficients.chunks_exact(n)) {
+    spline::coefficients_2d(psf, n, lines, grid);
+    for (to, from) in out[MARGIN * width..].chunks_exact_mut(width).zip(grid.chunks_exact(n)) {
         for (to, from) in to[MARGIN..MARGIN + n].iter_mut().zip(from) {
-            *to = if from.abs() < NEGLIGIBLE_SAMPLE { 0.0 } else { *from };
+            let from = *from as f32;
+            *to = if from.abs() < NEGLIGIBLE_SAMPLE { 0.0 } else { from };
         }
     }
     out
@@ -57,7 +63,8 @@ pub(super) fn rotation_error(coefficients: &[f32], n: usize) -> f64 {
     let (mut there, mut back, mut original) = (Vec::new(), Vec::new(), Vec::new());
     rotate(coefficients, n, std::f64::consts::FRAC_PI_4, &mut there);
     let there: Vec<f32> = there.iter().map(|&v| v as f32).collect();
-    rotate(&padded_coefficients(&there, n), n, -std::f64::consts::FRAC_PI_4, &mut back);
+    let rotated = padded_coefficients(&there, n, &mut Vec::new(), &mut Vec::new());
+    rotate(&rotated, n, -std::f64::consts::FRAC_PI_4, &mut back);
     rotate(coefficients, n, 0.0, &mut original);
     let l1: f64 = original.iter().zip(&back).map(|(a, b)| (a - b).abs()).sum();
     l1 / original.iter().sum::<f64>() / std::f64::consts::SQRT_2
