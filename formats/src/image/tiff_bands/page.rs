@@ -11,7 +11,7 @@ use pipeline::geometry::Size;
 
 use super::TiffBands;
 use super::predictor::Predictor;
-use super::strip::{Buffers, strip_chunks};
+use super::strip::{Buffers, STRIP_BYTES, strip_chunks};
 use crate::durable::DurableError;
 use crate::image::header::{ImageError, MAX_DECODED_BYTES, guarded, header_error};
 use crate::sample::{RasterSample, Sample};
@@ -162,12 +162,12 @@ pub(super) fn check_page(
         encoded = encoded.max(count);
     }
     let side_by_side = strip_chunks(bytes, layout.size.width.div_ceil(across.max(1)));
+    let strip_row = row.unwrap_or(0) * side_by_side;
+    let part = |limit: usize| (bytes * side_by_side).min(limit.max(strip_row));
     let decoder_bytes = match coding {
-        Coding::Raw => 2 * (bytes * side_by_side).min(READ_BYTES.max(row.unwrap_or(0) * side_by_side)),
+        Coding::Raw => 2 * part(READ_BYTES),
         _ => {
-            bytes
-                + usize::try_from(encoded).unwrap_or(usize::MAX).min(MAX_DECODED_BYTES)
-                + bytes * side_by_side
+            bytes + usize::try_from(encoded).unwrap_or(usize::MAX).min(MAX_DECODED_BYTES) + part(STRIP_BYTES)
         }
     };
     Ok((layout, decoder_bytes))

@@ -13,8 +13,8 @@ use super::predictor::{Predictor, add_horizontally, join_floats};
 use crate::durable::DurableError;
 use crate::image::header::{ImageError, MAX_DECODED_BYTES, guarded};
 
-/// Bytes of the decoded chunks of a strip, unless one is larger.
-const STRIP_BYTES: usize = 8 << 20;
+/// Bytes of the decoded chunks of a strip, unless one is larger; rows of such a one are given in parts of this size.
+pub(super) const STRIP_BYTES: usize = 8 << 20;
 
 /// Chunks of `bytes` side by side in a strip of an image of `across` of them.
 pub(super) fn strip_chunks(bytes: usize, across: usize) -> usize {
@@ -25,8 +25,10 @@ pub(super) fn strip_chunks(bytes: usize, across: usize) -> usize {
 #[derive(Default)]
 pub(super) struct Buffers {
     encoded: Vec<u8>,
-    /// Rows of a chunk.
+    /// Rows of a chunk, in native byte order.
     chunk: Vec<u8>,
+    /// Bytes of one of them.
+    stride: usize,
     /// Rows of the wanted bands, band after band.
     strip: Vec<u8>,
 }
@@ -66,6 +68,7 @@ impl Page {
         let wanted: &[usize] = if samples == 1 { &[0] } else { bands };
         let rows = match self.coding {
             Coding::Raw => (READ_BYTES / (columns.len() * across * self.pixel_bytes())).clamp(1, height),
+            _ if columns.len() == 1 => (STRIP_BYTES / (across * self.pixel_bytes())).clamp(1, height),
             _ => height,
         };
         let mut buffers = std::mem::take(&mut self.buffers);
@@ -77,9 +80,20 @@ impl Page {
                 let left = j * across - x;
                 let index = plane * self.chunks_per_plane() + chunk_row * self.chunks_across() + j;
                 let in_image = (across.min(width - left), height);
-                let stride = self.read_rows(path, index, in_image, part.clone(), &mut buffers)?;
-                let lines = buffers.chunk.chunks_exact(stride).take(count).enumerate();
-                for (line, from) in lines {
+                let first = match self.coding {
+                    Coding::Raw => {
+                        self.read_rows(path, index, part.clone(), &mut buffers)?;
+                        0
+                    }
+                    _ => {
+                        if start == 0 {
+                            self.decode_chunk(path, index, in_image, &mut buffers)?;
+                        }
+                        start
+                    }
+                };
+                let lines = buffers.chunk.chunks_exact(buffers.stride).skip(first).take(count);
+                for (line, from) in lines.enumerate() {
                     for (k, position) in wanted.iter().enumerate() {
                         let at = ((k * count + line) * width + left) * sample;
                         let to = &mut buffers.strip[at..at + in_image.0 * sample];
@@ -102,35 +116,41 @@ impl Page {
         Ok(())
     }
 
-    /// Reads `rows` of the chunk `index`, of which `in_image` columns and rows lie inside the image, in native byte order; returns the bytes of a row.
+    /// Reads `rows` of the uncompressed chunk `index`.
     fn read_rows(
+        &self,
+        path: &Path,
+        index: usize,
+        rows: Range<usize>,
+        buffers: &mut Buffers,
+    ) -> Result<(), ImageError> {
+        buffers.stride = self.chunk.0 * self.pixel_bytes();
+        buffers.chunk.resize(rows.len() * buffers.stride, 0);
+        let at = self.offsets[index] + (rows.start * buffers.stride) as u64;
+        self.read_at(path, at, &mut buffers.chunk)?;
+        self.to_native_order(&mut buffers.chunk);
+        Ok(())
+    }
+
+    /// Decodes the chunk `index`, of which (`width`, `height`) lie inside the image.
+    fn decode_chunk(
         &mut self,
         path: &Path,
         index: usize,
         (width, height): (usize, usize),
-        rows: Range<usize>,
         buffers: &mut Buffers,
-    ) -> Result<usize, ImageError> {
-        let stride = self.chunk.0 * self.pixel_bytes();
-        match self.coding {
-            Coding::Raw => {
-                buffers.chunk.resize(rows.len() * stride, 0);
-                self.read_at(path, self.offsets[index] + (rows.start * stride) as u64, &mut buffers.chunk)?;
-                self.to_native_order(&mut buffers.chunk);
-                return Ok(stride);
-            }
-            Coding::Deflate(predictor) if self.inflate(path, index, height, predictor, buffers)? => {
-                return Ok(stride);
-            }
-            _ => (),
+    ) -> Result<(), ImageError> {
+        if let Coding::Deflate(predictor) = self.coding
+            && self.inflate(path, index, height, predictor, buffers)?
+        {
+            return Ok(());
         }
         // Of planar files the decoder does not cut chunks of later planes at the image's edges.
         let (columns, rows) = self.decoder.chunk_data_dimensions(index as u32);
-        let stride = (columns as usize).max(width) * self.pixel_bytes();
+        buffers.stride = (columns as usize).max(width) * self.pixel_bytes();
         buffers.chunk.clear();
-        buffers.chunk.resize((rows as usize).max(height) * stride, 0);
-        guarded(path, || self.decoder.read_chunk_bytes(index as u32, &mut buffers.chunk))?;
-        Ok(stride)
+        buffers.chunk.resize((rows as usize).max(height) * buffers.stride, 0);
+        guarded(path, || self.decoder.read_chunk_bytes(index as u32, &mut buffers.chunk)).map(drop)
     }
 
     /// Decodes a deflated chunk; `false` if its stream is damaged or not of the expected size.
@@ -144,6 +164,7 @@ impl Page {
     ) -> Result<bool, ImageError> {
         let (across, down) = self.chunk;
         let stride = across * self.pixel_bytes();
+        buffers.stride = stride;
         let bytes = if self.is_tiled { down * stride } else { height * stride };
         let Some(encoded) = usize::try_from(self.counts[index]).ok().filter(|n| *n <= MAX_DECODED_BYTES)
         else {
