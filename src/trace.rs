@@ -27,8 +27,8 @@ const SAMPLE_HEIGHT_MM: f64 = 20.5;
 const LONG_S: f64 = 10.0;
 /// A pack that is larger is announced with the way to make it smaller, MB uncompressed.
 const LARGE_MB: f64 = 1000.0;
-/// Samples of PSFs that a core computes in a second, measured on a Xeon with AVX-512.
-const SAMPLES_PER_S: f64 = 3e7;
+/// Samples of PSFs that a core computes in a second, for wide PSFs, measured on a Xeon with AVX-512.
+const SAMPLES_PER_S: f64 = 1.5e7;
 /// Time for the rays of a band over that for the rays of its estimate. With it estimates from 1 s on are 0.5 to 2 of the time that the
 /// built-in lenses take (scripts/bench/2026-11-22-trace).
 const RAYS_PER_ESTIMATE: f64 = 30.0;
@@ -131,7 +131,7 @@ fn estimate(system: &System, options: &TraceOptions) -> Result<(f64, String)> {
         let shares: f64 = (0..bands.len()).map(share).sum();
         estimates.iter().enumerate().map(|(i, e)| share(i) * value(e)).sum::<f64>() / shares
     };
-    let samples = weighted(&|e| (e.psfs * e.side * e.side) as f64);
+    let samples = weighted(&|e| e.samples as f64);
     let cores = std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64);
     let seconds = (last + 1) as f64 * (ray_seconds + samples / SAMPLES_PER_S / cores);
     let largest = |value: fn(&Estimate) -> usize| estimates.iter().map(value).max().unwrap_or(0);

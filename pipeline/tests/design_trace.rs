@@ -9,7 +9,7 @@ use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::ray::Tracer;
 use lenscube_pipeline::design::system::{Aperture, Medium, Surface};
 use lenscube_pipeline::design::trace::{
-    Azimuths, LensTrace, PsfHeights, TraceOptions, TracedBand, lens_header,
+    Azimuths, LensTrace, PsfHeights, SharedNodes, TraceOptions, TracedBand, lens_header,
 };
 use lenscube_pipeline::design::{DesignError, System, trace_lens};
 
@@ -112,12 +112,37 @@ fn traced_band_is_within_its_tolerance_between_nodes() {
     assert!((t.image_height_mm[1000] - 12.0).abs() < 1e-9 && t.relative_illumination[0] == 1.0);
 }
 
+/// The band at 560 nm has the nodes of 550 nm, whatever is traced before it, and its told error holds.
+#[test]
+fn neighbouring_bands_share_nodes_that_do_not_depend_on_other_bands() {
+    let system = System::double_gauss_28();
+    let options = |nm| TraceOptions { psf_tolerance: 0.03, ..TraceOptions::new(vec![nm], 12.0) };
+    let trace = |nm, shared: &mut SharedNodes| {
+        LensTrace::new(&system, &options(nm)).unwrap().band_sharing(0, shared, &mut |_| ()).unwrap()
+    };
+    let mut shared = SharedNodes::default();
+    let others: Vec<TracedBand> = [550.0, 640.0].map(|nm| trace(nm, &mut shared)).to_vec();
+    let after = trace(560.0, &mut shared);
+    let alone = trace(560.0, &mut SharedNodes::default());
+    assert_eq!((&after.tables, &after.psf), (&alone.tables, &alone.psf));
+    assert_eq!(after.tables.psf_height_mm, others[0].tables.psf_height_mm);
+    assert_ne!(after.tables.psf_height_mm, others[1].tables.psf_height_mm);
+    assert!(after.report.psfs < alone.report.psfs && after.report.psfs < others[0].report.psfs);
+    let bound = after.report.psf_error.unwrap().worst;
+    let found = errors(&after, 12);
+    println!("bound {bound:.4}, found {found:.4?}");
+    assert!(bound <= 0.03 && found[found.len() - 1] <= 1.2 * bound);
+}
+
 /// The error bound with default options, in six bands; run by `scripts/check-long`.
 #[test]
 #[ignore = "long: scripts/check --full"]
 fn kernels_between_nodes_are_within_1_5_percent() {
-    for nm in [400.0, 440.0, 480.0, 550.0, 620.0, 700.0] {
-        let band = band(&TraceOptions::new(vec![nm], 20.5));
+    let (system, mut shared) = (System::double_gauss_28(), SharedNodes::default());
+    for nm in [400.0, 440.0, 480.0, 560.0, 620.0, 700.0] {
+        let options = TraceOptions::new(vec![nm], 20.5);
+        let trace = LensTrace::new(&system, &options).unwrap();
+        let band = trace.band_sharing(0, &mut shared, &mut |_| ()).unwrap();
         let found = errors(&band, 60);
         let (median, worst) = (found[30], found[59]);
         println!(

@@ -8,10 +8,10 @@ use super::options::{Azimuths, PsfHeights};
 use super::ray::Tracer;
 use super::refine::{max_psfs, max_samples};
 use super::trace::LensTrace;
-use super::window::{expected, half_samples};
+use super::window::{Windows, core_samples, expected, half_samples};
 
-/// PSFs that are computed for a band without a limit: 215 to 283 for the built-in lenses.
-const PSFS: usize = 250;
+/// PSFs that choose the nodes of a band without a limit: 125 to 270 for the built-in lenses.
+const PSFS: usize = 220;
 
 /// PSFs that a band has without a limit: 30 to 46 for the built-in lenses.
 const HEIGHTS: usize = 40;
@@ -25,8 +25,8 @@ pub struct Estimate {
     pub light: f64,
     /// Samples per side of a PSF.
     pub side: usize,
-    /// PSFs that are computed.
-    pub psfs: usize,
+    /// Samples that are computed: of the PSFs of the band, and of those that choose its nodes.
+    pub samples: usize,
     /// Size of the PSFs of the band, bytes.
     pub bytes: usize,
     /// Its maximum.
@@ -49,13 +49,17 @@ impl LensTrace<'_> {
         let film = options.film_pitch_um;
         let nyquist = bundles.iter().map(Bundle::nyquist_um).fold(f64::INFINITY, f64::min);
         let pitch_um = options.psf_pitch_um.unwrap_or(film / (film / (0.9 * nyquist)).ceil());
-        let window_px = options.window_px.unwrap_or_else(|| expected(options, bundles.iter(), pitch_um));
+        let Windows { px: window_px, core_px } = match options.window_px {
+            Some(px) => Windows { px, core_px: px },
+            None => expected(options, bundles.iter(), pitch_um),
+        };
         let light =
             1.0 - bundles.iter().map(|b| b.light_outside(0.5 * film * window_px as f64)).fold(0.0, f64::max);
         let side = 2 * half_samples(window_px, film, pitch_um) + 1;
-        let limited = PSFS.min(max_psfs(options, side.pow(2) as f64));
-        let (psfs, max_bytes) = match (&options.heights, options.azimuths) {
-            (PsfHeights::Given(h), Azimuths::Given(_)) => (h.len(), 4 * side * side * h.len()),
+        let core_side = 2 * core_samples(core_px, film, pitch_um).0 + 1;
+        let limited = PSFS.min(max_psfs(options, core_side.pow(2) as f64));
+        let (chosen_by, max_bytes) = match (&options.heights, options.azimuths) {
+            (PsfHeights::Given(h), Azimuths::Given(_)) => (0, 4 * side * side * h.len()),
             (PsfHeights::Given(h), _) => (limited.max(3 * h.len()), 4 * side * side * h.len()),
             (PsfHeights::ByError, _) => {
                 (limited, (4 * max_samples(options)).min(4 * side * side * options.max_nodes))
@@ -65,6 +69,7 @@ impl LensTrace<'_> {
             PsfHeights::Given(_) => max_bytes,
             PsfHeights::ByError => max_bytes.min(4 * side * side * HEIGHTS),
         };
-        Ok(Estimate { window_px, light, side, psfs, bytes, max_bytes })
+        let samples = chosen_by * core_side * core_side + bytes / 4;
+        Ok(Estimate { window_px, light, side, samples, bytes, max_bytes })
     }
 }

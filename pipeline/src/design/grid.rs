@@ -8,6 +8,8 @@
 //! cell centres is recorded as the bound.
 //! Budget: if the tolerance needs more than `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
 //! minimal; then the cells of the largest errors are refined as far as the budget allows.
+//! Kernels are compared in the window of 95 % of the light ([`super::window`]).
+//! Neighbouring wavelengths need nearly the same nodes: [`adopt`] takes those of another one if a few cells, measured at both, agree.
 //! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
 
 use std::f64::consts::PI;
@@ -31,31 +33,38 @@ const PROBES: [(usize, usize); 3] = [(12, 20), (6, 16), (3, 0)];
 /// Maximum of rounds of checking and refining.
 const MAX_ROUNDS: usize = 6;
 
-/// Chosen heights and azimuth counts, and the error bound, if checked.
+/// Cells that are measured before nodes of another wavelength are taken.
+const ADOPTED_CELLS: usize = 4;
+/// Largest error of nodes of another wavelength, over their error there.
+const ADOPTED_ERROR: f64 = 1.3;
+
+/// Chosen heights and azimuth counts, the errors of the cells between them, and the error bound, if checked.
+#[derive(Clone, Debug)]
 pub(crate) struct Chosen {
     pub(crate) heights: Vec<f64>,
     pub(crate) azimuths: Vec<usize>,
     pub(crate) error: Option<NodeError>,
+    cells: Vec<f64>,
 }
 
-/// Chooses heights from 0 to `last_mm` and their azimuth counts.
+/// Chooses heights from 0 to `last_mm` and their azimuth counts, for PSFs of `side` samples a side.
 pub(crate) fn choose(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
     options: &TraceOptions,
-    last_mm: f64,
+    (last_mm, side): (f64, usize),
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Chosen, DesignError> {
     let given = match &options.heights {
         PsfHeights::Given(h) => Some(h.clone()),
         PsfHeights::ByError => None,
     };
-    let with_axis = |heights: Vec<f64>, azimuths: Vec<usize>, error| {
+    let with_axis = |heights: Vec<f64>, azimuths: Vec<usize>, error, cells| {
         let azimuths = azimuths.into_iter().enumerate().map(|(k, j)| if k == 0 { 1 } else { j }).collect();
-        Chosen { heights, azimuths, error }
+        Chosen { heights, azimuths, error, cells }
     };
     if let (Some(heights), Azimuths::Given(j)) = (&given, options.azimuths) {
-        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None));
+        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, Vec::new()));
     }
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
@@ -77,7 +86,7 @@ pub(crate) fn choose(
     let budget = Budget {
         nodes: options.max_nodes,
         // A check of K heights traces about 3 K PSFs, the result K.
-        heights: (max_samples(options) / kernels.grid().size().pow(2)).min(left / 4).max(3),
+        heights: (max_samples(options) / side.pow(2)).min(left / 4).max(3),
     };
     // The least factor of the tolerance at which the nodes fit.
     let mut relaxed = 1.0_f64;
@@ -106,7 +115,8 @@ pub(crate) fn choose(
     pupils.keep(&[]);
     let mut errors = Vec::new();
     for round in 0..MAX_ROUNDS {
-        errors = check(kernels, pupils, &heights, &azimuths, report)?;
+        let all: Vec<usize> = (1..heights.len()).collect();
+        errors = check(kernels, pupils, (&heights, &azimuths), &all, report)?;
         let worst = errors.iter().map(|e: &CellError| e.total).fold(0.0, f64::max);
         if worst <= goal || round + 1 == MAX_ROUNDS {
             break;
@@ -133,32 +143,59 @@ pub(crate) fn choose(
         (heights, azimuths) = refined;
     }
     let error = summary(&errors, &heights, limited);
-    Ok(with_axis(heights, azimuths, Some(error)))
+    Ok(with_axis(heights, azimuths, Some(error), errors.iter().map(|e| e.total).collect()))
 }
 
+/// The nodes `other` of a neighbouring wavelength with their error here, estimated from a few cells; none if it exceeds the tolerance and the
+/// error there by too much.
+pub(crate) fn adopt(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    tolerance: f64,
+    other: &Chosen,
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Option<Chosen>, DesignError> {
+    let Some(there) = other.error else { return Ok(None) };
+    let count = other.cells.len();
+    // That of the largest error, and others over the whole field.
+    let worst = (0..count).max_by(|a, b| other.cells[*a].total_cmp(&other.cells[*b])).unwrap_or(0);
+    let mut cells: Vec<usize> = (1..ADOPTED_CELLS).map(|i| i * (count - 1) / (ADOPTED_CELLS - 1)).collect();
+    cells.push(worst);
+    cells.sort_unstable();
+    cells.dedup();
+    let measured: Vec<usize> = cells.iter().map(|cell| cell + 1).collect();
+    let errors = check(kernels, pupils, (&other.heights, &other.azimuths), &measured, report)?;
+    let ratios: Vec<f64> = errors.iter().zip(&cells).map(|(e, cell)| e.total / other.cells[*cell]).collect();
+    let largest = ratios.iter().copied().fold(0.0, f64::max);
+    let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+    let error = NodeError { worst: largest * there.worst, median: mean * there.median, ..there };
+    let is_within = error.worst <= tolerance.max(ADOPTED_ERROR * there.worst);
+    Ok(is_within.then(|| Chosen { error: Some(error), ..other.clone() }))
+}
+
+/// Errors of `cells`, each by the index of its upper height.
 fn check(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
-    heights: &[f64],
-    azimuths: &[usize],
+    (heights, azimuths): (&[f64], &[usize]),
+    cells: &[usize],
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Vec<CellError>, DesignError> {
     let half_step = |k: usize| if k == 0 { 0.0 } else { PI / azimuths[k] as f64 };
     let mut requested = Vec::new();
-    for k in 0..heights.len() {
-        requested.push((heights[k], 0.0));
-        requested.push((heights[k], half_step(k)));
-        if k > 0 {
-            requested.push((0.5 * (heights[k - 1] + heights[k]), 0.0));
+    for &k in cells {
+        requested.push((0.5 * (heights[k - 1] + heights[k]), 0.0));
+        for k in [k - 1, k] {
+            requested.extend([(heights[k], 0.0), (heights[k], half_step(k))]);
         }
     }
     report("checking", kernels.fill(pupils, &requested)?);
     let kernels = &*kernels;
     let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(k)));
     let angular = |k: usize, mean: &[f32]| l1(mean, kernels.at(heights[k], 0.0));
-    Ok((1..heights.len())
-        .into_par_iter()
-        .map(|k| {
+    Ok(cells
+        .par_iter()
+        .map(|&k| {
             let truth = kernels.at(0.5 * (heights[k - 1] + heights[k]), 0.0);
             let (a, b) = (between(k - 1), between(k));
             let unrotated = mean(kernels.at(heights[k - 1], 0.0), kernels.at(heights[k], 0.0));

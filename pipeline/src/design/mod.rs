@@ -54,6 +54,7 @@ pub mod reading;
 mod refine;
 mod refocus;
 pub mod scalar;
+mod shared_nodes;
 pub mod shelf;
 pub mod spots;
 mod straight_axis;

@@ -3,7 +3,7 @@
 //! Per band: dense chief-ray heights and RI; one sample pitch, film pitch / m with the minimum m that is 10 % finer than the
 //! Nyquist pitch λN/2 of the fastest, max oblique cone; one window, the minimum odd number of film pixels that contains the share
 //! `energy` of the energy of every sampled field point; then the PSFs, at heights and azimuth counts that `grid`
-//! chooses by error. Heights are REAL image heights in mm. Samples of one band at a time are in memory.
+//! chooses by the error of kernels in a smaller window (`window`). Heights are REAL image heights in mm. Samples of one band at a time are in memory.
 //! The same bits for any number of threads: each PSF is summed by one thread in a fixed order.
 //! Left out: transmission (1), and energy outside the window, whose share is recorded.
 
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::error::DesignError;
 pub use super::estimate::Estimate;
-use super::grid;
+use super::grid::{self, Chosen};
 use super::illumination::irradiance_table;
 use super::kernels::Kernels;
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
@@ -20,12 +20,13 @@ use super::psf::{PsfGrid, PsfScratch, PupilFunction};
 use super::pupils::Pupils;
 use super::ray::Tracer;
 pub use super::refine::NodeError;
+pub use super::shared_nodes::SharedNodes;
 use super::system::System;
-use super::window::{half_samples, window};
+use super::window::{Windows, core_samples, half_samples, window};
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Incremented when the results for the same design and options change.
-pub const TRACER_VERSION: u32 = 5;
+pub const TRACER_VERSION: u32 = 6;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -78,6 +79,17 @@ pub struct BandReport {
     pub psfs: usize,
 }
 
+/// What PSFs of a wavelength are computed with.
+pub(super) struct Sampled<'t> {
+    pub(super) pupils: Pupils<'t>,
+    last_mm: f64,
+    /// Window and samples of the PSFs, and those for the choice of nodes.
+    window_px: usize,
+    grid: PsfGrid,
+    pub(super) core_px: usize,
+    pub(super) core: PsfGrid,
+}
+
 /// Trace of a lens.
 #[derive(Debug)]
 pub struct LensTrace<'a> {
@@ -106,11 +118,33 @@ impl<'a> LensTrace<'a> {
         header(self.system, &self.primary)
     }
 
-    /// Traces band `index`.
+    /// Traces band `index`, with nodes of its own.
     ///
     /// # Errors
     /// A ray that does not reach the image.
     pub fn band(&self, index: usize, on_progress: OnProgress<'_>) -> Result<TracedBand, DesignError> {
+        self.band_at(index, None, on_progress)
+    }
+
+    /// Traces band `index` with nodes of `shared`, which belong to its wavelength, not to the other bands that are traced.
+    ///
+    /// # Errors
+    /// As [`LensTrace::band`].
+    pub fn band_sharing(
+        &self,
+        index: usize,
+        shared: &mut SharedNodes,
+        on_progress: OnProgress<'_>,
+    ) -> Result<TracedBand, DesignError> {
+        self.band_at(index, Some(shared), on_progress)
+    }
+
+    fn band_at(
+        &self,
+        index: usize,
+        shared: Option<&mut SharedNodes>,
+        on_progress: OnProgress<'_>,
+    ) -> Result<TracedBand, DesignError> {
         let options = self.options;
         let nm = options.wavelengths_nm[index];
         let tracer = Tracer::new(self.system, nm / 1e3)?;
@@ -121,24 +155,12 @@ impl<'a> LensTrace<'a> {
         };
         report_step("chief rays", 0);
         let [ideal, real, light] = self.dense(&tracer)?;
-        let last_mm = match &options.heights {
-            PsfHeights::ByError => options.max_height_mm,
-            PsfHeights::Given(h) => h.last().copied().unwrap_or(0.0),
+        let mut sampled = self.sampled(&tracer, &mut report_step)?;
+        let chosen = match shared {
+            None => self.choose(&mut sampled, &mut report_step)?,
+            Some(shared) => shared.choose(self, nm, &mut sampled, &mut report_step)?,
         };
-        report_step("window", 0);
-        // Those of the kernels that are examined first.
-        let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
-        let mut pupils = Pupils::new(&tracer, &heights)?;
-        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h)))?;
-        let window_px = match options.window_px {
-            Some(px) => px,
-            None => window(options, &tracer, (&heights, &pupils), pitch_um)?,
-        };
-        report_step("window", if options.window_px.is_some() { 0 } else { heights.len() });
-        let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
-        let mut kernels = Kernels::new(&grid, window_px, options.film_pitch_um);
-        let chosen = grid::choose(&mut kernels, &mut pupils, options, last_mm, &mut report_step)?;
-        drop(kernels);
+        let Sampled { mut pupils, grid, window_px, .. } = sampled;
         report_step("PSFs", 0);
         pupils.keep(&chosen.heights);
         pupils.prepare(chosen.heights.iter().copied())?;
@@ -159,12 +181,50 @@ impl<'a> LensTrace<'a> {
             psf_height_mm: chosen.heights,
             azimuth_count: chosen.azimuths,
             psf_size: grid.size(),
-            psf_pitch_um: pitch_um,
+            psf_pitch_um: grid.pitch_um(),
             psf_energy: stack.1,
             solid_angle_sr: light[0],
             transmission: 1.0,
         };
         Ok(TracedBand { tables, psf: stack.0, report })
+    }
+
+    /// Pupil functions, samples and windows of a wavelength.
+    pub(super) fn sampled<'t>(
+        &self,
+        tracer: &'t Tracer<'t>,
+        report: &mut dyn FnMut(&'static str, usize),
+    ) -> Result<Sampled<'t>, DesignError> {
+        let options = self.options;
+        let last_mm = match &options.heights {
+            PsfHeights::ByError => options.max_height_mm,
+            PsfHeights::Given(h) => h.last().copied().unwrap_or(0.0),
+        };
+        report("window", 0);
+        // Those of the kernels that are examined first.
+        let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
+        let pupils = Pupils::new(tracer, &heights)?;
+        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h)))?;
+        let Windows { px: window_px, core_px } = match options.window_px {
+            Some(px) => Windows { px, core_px: px },
+            None => window(options, tracer, (&heights, &pupils), pitch_um)?,
+        };
+        report("window", if options.window_px.is_some() { 0 } else { heights.len() });
+        let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
+        let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
+        let core = PsfGrid::new(core_half, core_pitch_um);
+        Ok(Sampled { pupils, last_mm, window_px, grid, core_px, core })
+    }
+
+    /// Chooses nodes at the wavelength of `sampled`.
+    pub(super) fn choose(
+        &self,
+        sampled: &mut Sampled<'_>,
+        report: &mut dyn FnMut(&'static str, usize),
+    ) -> Result<Chosen, DesignError> {
+        let Sampled { pupils, last_mm, grid, core_px, core, .. } = sampled;
+        let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
+        grid::choose(&mut kernels, pupils, self.options, (*last_mm, grid.size()), report)
     }
 
     /// Ideal heights, real heights and G of [`super::illumination`], evenly spaced in ideal height.
@@ -236,9 +296,9 @@ pub fn trace_lens<E: std::fmt::Display>(
     mut sink: impl FnMut(usize, TracedBand) -> Result<(), E>,
 ) -> Result<Lens, DesignError> {
     let trace = LensTrace::new(system, options)?;
-    let mut lens = trace.header();
+    let (mut lens, mut shared) = (trace.header(), SharedNodes::default());
     for (i, nm) in options.wavelengths_nm.iter().enumerate() {
-        let band = trace.band(i, on_progress)?;
+        let band = trace.band_sharing(i, &mut shared, on_progress)?;
         lens.bands.push(band.tables.clone());
         sink(i, band).map_err(|e| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() })?;
     }

@@ -3,6 +3,8 @@
 //!
 //! Limits: the maximum window; and the samples that the budget of the band allows ([`super::refine`]), as long as the share of the light
 //! does not fall below 95 % (or the request) by that. A window of the maximum size that contains less is an error.
+//! Nodes are chosen by the errors of kernels in a smaller window, of 95 % of the light: it needs a fifth of the samples where diffraction
+//! determines the windows, and the light that it leaves out has errors of the same relative size.
 //! The shares are sums of PSFs sampled 1.5 times coarser than those of the pack, still finer than the field's own Nyquist pitch, so the
 //! sums equal the integrals of |U|² but for the samples at the edges of the squares, between which they are interpolated.
 
@@ -20,14 +22,32 @@ use super::refine::max_side;
 const MAX_LEFT_OUT: f64 = 0.05;
 /// Pitch of the samples here over that of the pack's.
 const COARSER: f64 = 1.5;
+/// Share of the light in the window in which errors of kernels are measured.
+const CORE_LIGHT: f64 = 0.95;
 
-/// The window in film pixels.
+/// Samples to either side and pitch [µm] of PSFs whose kernels of `core_px` pixels are compared, not kept: coarser than `pitch_um` where a film
+/// pixel has at least two samples a side.
+pub(super) fn core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) -> (usize, f64) {
+    let coarse_um = (COARSER * pitch_um).min(0.5 * film_pitch_um).max(pitch_um);
+    (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
+}
+
+/// Windows of a band, odd numbers of film pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Windows {
+    /// That of its PSFs.
+    pub(super) px: usize,
+    /// That in which errors of kernels are measured.
+    pub(super) core_px: usize,
+}
+
+/// The windows of a band.
 pub(super) fn window(
     options: &TraceOptions,
     tracer: &Tracer<'_>,
     (heights, pupils): (&[f64], &Pupils<'_>),
     pitch_um: f64,
-) -> Result<usize, DesignError> {
+) -> Result<Windows, DesignError> {
     let (film, max) = (options.film_pitch_um, options.max_window_px);
     let allowed = options.energy.min(1.0 - MAX_LEFT_OUT);
     let fail = |height_mm: f64, held: f64| {
@@ -48,7 +68,7 @@ pub(super) fn window(
         return Err(fail(*height, 1.0 - widest(bundle)));
     }
     let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
-    let expected = expected(options, bundles.iter().map(|(_, b)| b), pitch_um);
+    let expected = expected(options, bundles.iter().map(|(_, b)| b), pitch_um).px;
     let mut px = (expected + expected / 4 + 8).clamp(65, max.max(65)).min(max) | 1;
     loop {
         let coarse_um = COARSER * pitch_um;
@@ -65,6 +85,8 @@ pub(super) fn window(
             let one = |held: &Vec<f64>| (1..=px / 2).find(|i| held[*i] >= energy).map(|i| 2 * i + 1);
             shares.iter().try_fold(3, |widest, held| one(held).map(|w| widest.max(w)))
         };
+        let core_px = least(options.energy.min(CORE_LIGHT)).map_or(px, |w| w + 2);
+        let windows = |px: usize| Windows { px, core_px: core_px.min(px) };
         let found = match (least(options.energy), least(allowed)) {
             (Some(w), _) if w <= budget => Some(w),
             (_, Some(w)) if w.max(budget) < px => Some(w.max(budget)),
@@ -77,26 +99,27 @@ pub(super) fn window(
             .fold((0.0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
         match found {
             // Margin for field points between the sampled ones.
-            Some(w) => return Ok((w + 2).min(max)),
+            Some(w) => return Ok(windows((w + 2).min(max))),
             None if px >= max && held < allowed => return Err(fail(height, held)),
-            None if px >= max => return Ok(max),
+            None if px >= max => return Ok(windows(max)),
             None => px = (2 * px - 1).min(max),
         }
     }
 }
 
-/// The window in film pixels as estimated from rays.
+/// The windows as estimated from rays.
 pub(super) fn expected<'b>(
     options: &TraceOptions,
     bundles: impl Iterator<Item = &'b Bundle> + Clone,
     pitch_um: f64,
-) -> usize {
+) -> Windows {
     let (film, max) = (options.film_pitch_um, options.max_window_px);
     let guess = |energy: f64| {
         bundles.clone().map(|b| b.window_px(energy, film, max).unwrap_or(max)).max().unwrap_or(max)
     };
     let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
-    guess(options.energy).min(guess(options.energy.min(1.0 - MAX_LEFT_OUT)).max(budget))
+    let px = guess(options.energy).min(guess(options.energy.min(1.0 - MAX_LEFT_OUT)).max(budget));
+    Windows { px, core_px: guess(options.energy.min(CORE_LIGHT)).min(px) }
 }
 
 /// Samples to either side of the centre in a window of `px` film pixels.

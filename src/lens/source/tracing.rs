@@ -20,7 +20,9 @@ use crate::trace::attributes;
 use anyhow::{Context, Result};
 use formats::lens::LensPack;
 use pipeline::band::{BandPlan, Options};
-use pipeline::design::trace::{Azimuths, LensTrace, MAX_NODES, PsfHeights, TraceOptions, with_threads};
+use pipeline::design::trace::{
+    Azimuths, LensTrace, MAX_NODES, PsfHeights, SharedNodes, TraceOptions, with_threads,
+};
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
@@ -108,8 +110,15 @@ pub(super) fn trace(
     nm.sort_by(f64::total_cmp);
     nm.dedup();
     let start = Instant::now();
-    let mut tracer =
-        BandTracer { system, name, cache: Cache::open()?, threads, bar: tracing_bar(nm.len()), traced: 0 };
+    let mut tracer = BandTracer {
+        system,
+        name,
+        cache: Cache::open()?,
+        shared: SharedNodes::default(),
+        threads,
+        bar: tracing_bar(nm.len()),
+        traced: 0,
+    };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     let mut coarsest = (0.0, 0.0);
     let bands = nm.len();
@@ -163,6 +172,7 @@ struct BandTracer<'a> {
     system: &'a System,
     name: &'a str,
     cache: Cache,
+    shared: SharedNodes,
     threads: usize,
     bar: indicatif::ProgressBar,
     /// Number of bands that were not in the cache.
@@ -209,12 +219,13 @@ impl BandTracer<'_> {
             ));
             note_focus(self.system, self.name, options)?;
         }
-        let bar = &self.bar;
+        let (bar, shared) = (&self.bar, &mut self.shared);
         let (header, band) = with_threads(self.threads, || {
             let trace = LensTrace::new(self.system, options)?;
             let nm = options.wavelengths_nm[0];
-            let band =
-                trace.band(0, &mut |p| bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs)))?;
+            let band = trace.band_sharing(0, shared, &mut |p| {
+                bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
+            })?;
             Ok::<_, DesignError>((trace.header(), band))
         })?;
         let lens = Lens { bands: vec![band.tables.clone()], ..header };
