@@ -75,8 +75,8 @@ impl Mul for Dual {
 impl Div for Dual {
     type Output = Self;
     fn div(self, o: Self) -> Self {
-        let v = self.v / o.v;
-        Self::new(v, (self.d[0] - v * o.d[0]) / o.v, (self.d[1] - v * o.d[1]) / o.v)
+        let (v, inverse) = (self.v / o.v, 1.0 / o.v);
+        Self::new(v, (self.d[0] - v * o.d[0]) * inverse, (self.d[1] - v * o.d[1]) * inverse)
     }
 }
 
@@ -96,6 +96,7 @@ impl Scalar for Dual {
     }
     fn sqrt(self) -> Self {
         let v = self.v.sqrt();
-        Self::new(v, 0.5 * self.d[0] / v, 0.5 * self.d[1] / v)
+        let slope = 0.5 / v;
+        Self::new(v, slope * self.d[0], slope * self.d[1])
     }
 }

@@ -5,6 +5,8 @@
 //! Pupil: polar Gauss-Legendre, with the vignetting of the PSF; [`polychromatic_spot`] uses the hexapolar rays of design programs instead.
 //! Source: Welford, chapters 6 and 13; Born & Wolf 9.1.
 
+use rayon::prelude::*;
+
 use super::bundle::Bundle;
 use super::error::DesignError;
 use super::ray::{ImageRay, Tracer};
@@ -109,19 +111,23 @@ fn hexapolar(
     let one = |(tracer, weight): &(Tracer<'_>, f64)| {
         tracer.within_budget(tan, RAYS_PER_POINT * (3 * rings * (rings + 1) + 1) as u32, |tracer| {
             let mut points = Vec::new();
-            for k in 0..=rings {
-                let count = if k == 0 { 1 } else { 6 * k };
-                for i in 0..count {
-                    let (s, c) = real::sin_cos(2.0 * std::f64::consts::PI * i as f64 / count as f64);
-                    let rho = k as f64 / rings.max(1) as f64;
-                    // The first ray of a ring is perpendicular to the meridian.
-                    points.extend(tracer.landing(tan, rho * s, rho * c).map(|(x, y)| (*weight, x, y)));
+            points.extend(tracer.landing(tan, 0.0, 0.0).map(|(x, y)| (*weight, x, y)));
+            // Rays k, of 6 k on ring k, from the one perpendicular to the meridian; those of the other half of the pupil are their mirror images.
+            for ring in 1..=rings as i32 {
+                let rho = f64::from(ring) / rings as f64;
+                for k in -(3 * ring / 2)..=3 * ring / 2 {
+                    let (s, c) = real::sin_cos(std::f64::consts::PI * f64::from(k) / f64::from(3 * ring));
+                    let Some((x, y)) = tracer.landing(tan, rho * s, rho * c) else { continue };
+                    points.push((*weight, x, y));
+                    if 2 * k.abs() != 3 * ring {
+                        points.push((*weight, x, -y));
+                    }
                 }
             }
             Ok(points)
         })
     };
-    Ok(tracers.iter().map(one).collect::<Result<Vec<_>, _>>()?.concat())
+    Ok(tracers.par_iter().map(one).collect::<Result<Vec<_>, _>>()?.concat())
 }
 
 /// Strehl ratio at the chief ray, the film moved back by `shift` mm.
