@@ -43,6 +43,7 @@ fn suite() -> Vec<Entry> {
             let system = System {
                 name: rest.to_owned(),
                 object_distance_mm: None,
+                is_telecentric: false,
                 surfaces: Vec::new(),
                 stop: 0,
                 aperture: Aperture::EntrancePupil(1.0),

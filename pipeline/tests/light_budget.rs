@@ -32,6 +32,7 @@ fn lens(rows: &[(f64, f64, f64, f64)], stop: usize, aperture: Aperture, object: 
     System {
         name: "lens".to_owned(),
         object_distance_mm: object,
+        is_telecentric: false,
         surfaces,
         stop,
         aperture,

@@ -21,7 +21,7 @@ impl System {
     /// # Errors
     /// No first-order properties.
     pub fn with_checked_aiming(mut self) -> Result<Self, DesignError> {
-        if self.aiming == RayAiming::Real {
+        if self.aiming == RayAiming::Real || self.is_telecentric {
             return Ok(self);
         }
         let real = Self { aiming: RayAiming::Real, ..self.clone() };

@@ -30,7 +30,7 @@ pub struct Description {
     pub total_track_mm: f64,
     /// Image plane to paraxial focus at this conjugate.
     pub paraxial_focus_mm: f64,
-    /// Focal length over entrance pupil diameter.
+    /// Focal length over entrance pupil diameter; 0 in a telecentric object space.
     pub image_space_f_number: f64,
     /// 1/(2 tan u') of the paraxial marginal ray.
     pub paraxial_working_f_number: f64,
@@ -40,7 +40,7 @@ pub struct Description {
     pub image_space_na: f64,
     /// Image-space numerical aperture of real rays on the axis.
     pub real_na: f64,
-    /// Entrance pupil position.
+    /// Entrance pupil position; infinite in a telecentric object space, as is the diameter.
     pub entrance_pupil_position_mm: f64,
     /// Entrance pupil diameter.
     pub entrance_pupil_diameter_mm: f64,
@@ -80,13 +80,16 @@ pub fn describe(system: &System) -> Result<Description, DesignError> {
         back_focal_length_mm: p.back_focal_length_mm,
         total_track_mm: p.total_track_mm,
         paraxial_focus_mm: p.focus_shift_mm(),
-        image_space_f_number: p.image_f_number(),
+        image_space_f_number: if system.is_telecentric { 0.0 } else { p.image_f_number() },
         paraxial_working_f_number: p.working_f_number(),
         working_f_number: 0.5 / na,
         image_space_na: p.image_index * real::sin(real::atan(p.marginal_slope)),
         real_na: na,
-        entrance_pupil_position_mm: p.entrance_pupil_mm,
-        entrance_pupil_diameter_mm: 2.0 * p.entrance_radius_mm,
+        entrance_pupil_position_mm: if system.is_telecentric { f64::INFINITY } else { p.entrance_pupil_mm },
+        entrance_pupil_diameter_mm: match system.is_telecentric {
+            true => f64::INFINITY,
+            false => 2.0 * p.entrance_radius_mm,
+        },
         exit_pupil_position_mm: p.exit_pupil_mm,
         exit_pupil_diameter_mm: 2.0 * p.exit_radius_mm,
         stop_radius_mm: p.stop_radius_mm,
@@ -95,7 +98,7 @@ pub fn describe(system: &System) -> Result<Description, DesignError> {
             Some(distance) => tan * (distance + p.entrance_pupil_mm) * p.magnification.abs(),
         },
         paraxial_film_height_mm: tan * p.distortion_focal_length_mm.abs(),
-        maximum_field_deg: real::atan(tan).to_degrees(),
+        maximum_field_deg: if system.is_telecentric { 0.0 } else { real::atan(tan).to_degrees() },
         angular_magnification: p.angular_magnification,
         magnification: p.magnification,
         object_distance_mm: system.object_distance_mm,

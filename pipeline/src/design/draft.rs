@@ -30,6 +30,8 @@ pub(super) struct DraftSurface {
     /// Glass behind it; none is air. A mirror's is that in front of it.
     pub(super) glass: Option<Glass>,
     pub(super) is_mirror: bool,
+    /// Focal length of an ideal thin lens, mm.
+    pub(super) ideal_focal_mm: Option<f64>,
     /// Clear aperture, mm.
     pub(super) clear_mm: Option<f64>,
     /// Radius of a central obscuration, mm.
@@ -60,6 +62,7 @@ pub(super) struct Draft {
     pub(super) primary: usize,
     pub(super) aiming: Option<RayAiming>,
     pub(super) has_vignetting_factors: bool,
+    pub(super) is_telecentric: bool,
     pub(super) notes: Vec<String>,
 }
 
@@ -122,10 +125,18 @@ impl Draft {
         if self.has_vignetting_factors {
             apertures_for_vignetting(&mut surfaces, &mut self.notes);
         }
-        let aiming = self.aiming.unwrap_or(RayAiming::Paraxial);
+        let mut aiming = self.aiming.unwrap_or(RayAiming::Paraxial);
+        if self.is_telecentric && aiming == RayAiming::Real {
+            aiming = RayAiming::Paraxial;
+            self.notes.push(
+                "the object space is telecentric: chief rays are parallel to the axis, rays are not aimed at the stop"
+                    .to_owned(),
+            );
+        }
         let system = System {
             name: self.name,
             object_distance_mm,
+            is_telecentric: self.is_telecentric,
             surfaces,
             stop: stop - 1,
             aperture,
@@ -155,8 +166,13 @@ fn surface(
     if is_image && draft.is_mirror {
         return Err(incomplete(format!("has a mirror as its image surface {number}")));
     }
-    let bends = draft.is_mirror || !draft.shape.is_flat() || draft.glass.as_ref() != before;
-    let fixed = (draft.is_fixed && bends && draft.semi_diameter_mm > 0.0).then_some(draft.semi_diameter_mm);
+    let bends = draft.is_mirror
+        || !draft.shape.is_flat()
+        || draft.ideal_focal_mm.is_some()
+        || draft.glass.as_ref() != before;
+    // The shadow of a mirror is drawn as large as its obscuration, and clips nothing else.
+    let inner = draft.obscuration_mm.unwrap_or(0.0);
+    let fixed = (draft.is_fixed && bends && draft.semi_diameter_mm > inner).then_some(draft.semi_diameter_mm);
     let shape = if *direction > 0.0 { draft.shape.clone() } else { draft.shape.reversed() };
     if draft.is_mirror {
         *direction = -*direction;
@@ -169,6 +185,7 @@ fn surface(
             *direction * draft.thickness_mm
         },
         medium: draft.glass.clone().map_or(Medium::Air, Medium::Glass),
+        ideal_focal_mm: draft.ideal_focal_mm,
         is_mirror: draft.is_mirror,
         aperture_mm: draft.clear_mm.or(fixed).filter(|_| !is_image),
         obscuration_mm: draft.obscuration_mm.filter(|r| !is_image && *r > 0.0),
@@ -177,7 +194,9 @@ fn surface(
 }
 
 fn note_virtual_image(surfaces: &[Surface], notes: &mut Vec<String>) {
-    let bends = |i: &usize| surfaces[*i].is_mirror || !surfaces[*i].shape.is_flat();
+    let bends = |i: &usize| {
+        surfaces[*i].is_mirror || surfaces[*i].ideal_focal_mm.is_some() || !surfaces[*i].shape.is_flat()
+    };
     let Some(last) = (0..surfaces.len() - 1).rev().find(bends) else { return };
     let gap: f64 = surfaces[last..].iter().map(|s| s.thickness_mm).sum();
     if gap < 0.0 {

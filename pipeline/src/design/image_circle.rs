@@ -51,6 +51,7 @@ mod tests {
         let system = System {
             name: "holes".to_owned(),
             object_distance_mm: None,
+            is_telecentric: false,
             surfaces: vec![hole, mirror, Surface::new(0.0, 0.0, Medium::Air)],
             stop: 1,
             aperture: Aperture::EntrancePupil(2.0 * a),

@@ -2,6 +2,7 @@
 //!
 //!     n' u' = n u − y c (n' − n),   y ← y + t u'      y height [mm], u slope (tan of the angle), c curvature, t gap
 //!     u' = u + 2 y c                                  mirror; z counts along the light before and behind it
+//!     n' u' = n u − y/f                               ideal lens
 //! All paraxial rays are linear combinations of two rays from the first vertex, (y, u) = (1, 0) and (0, 1).
 //! *Distortion focal length* = d(chief-ray height in the ACTUAL image plane)/d(tan of the field angle at the entrance pupil):
 //! it equals the effective focal length only when the film lies at the paraxial focus of an object at infinity.
@@ -23,7 +24,7 @@ pub struct Paraxial {
     pub back_focal_length_mm: f64,
     /// Derivative of the chief ray's height in the actual image plane by its slope at the entrance pupil.
     pub distortion_focal_length_mm: f64,
-    /// Entrance pupil, from the first vertex.
+    /// Entrance pupil, from the first vertex; 0 in a telecentric object space, where the light cone in the plane of the first vertex stands for it.
     pub entrance_pupil_mm: f64,
     /// Entrance pupil radius.
     pub entrance_radius_mm: f64,
@@ -39,7 +40,7 @@ pub struct Paraxial {
     pub marginal_height_mm: f64,
     /// Transverse magnification of the object's paraxial image, 0 for an object at infinity.
     pub magnification: f64,
-    /// Image-side over object-side slope of the chief ray.
+    /// Image-side over object-side slope of the chief ray; infinite in a telecentric object space.
     pub angular_magnification: f64,
     /// First surface to image plane, along z of the first surface.
     pub total_track_mm: f64,
@@ -70,13 +71,8 @@ impl Paraxial {
                 break;
             }
             let next = s.medium.index(um)?;
-            let c = s.shape.paraxial_curvature();
             for k in 0..2 {
-                u[k] = if s.is_mirror {
-                    u[k] + 2.0 * y[k] * c
-                } else {
-                    (n * u[k] - y[k] * c * (next - n)) / next
-                };
+                u[k] = s.slope_behind((y[k], u[k]), (n, next));
             }
             n = next;
             last = y;
@@ -84,15 +80,18 @@ impl Paraxial {
                 y[k] += s.thickness_mm * u[k];
             }
         }
-        if at_stop[0] == 0.0 {
+        if at_stop[0] == 0.0 && !system.is_telecentric {
             return bad(
                 "entrance pupil",
-                "the stop is imaged to infinity on the object side; telecentric object spaces are not supported",
+                "the stop is imaged to infinity on the object side; save the design with a telecentric object space",
             );
         }
-        let pupil = at_stop[1] / at_stop[0];
+        // In a telecentric object space the plane of the first vertex stands for that of the pupil.
+        let pupil = if system.is_telecentric { 0.0 } else { at_stop[1] / at_stop[0] };
         // A ray with slope 1 through the pupil's centre, and one parallel to the axis at height 1.
-        let chief = |v: [f64; 2]| v[1] - pupil * v[0];
+        let central = |v: [f64; 2]| v[1] - pupil * v[0];
+        let parallel = system.object_distance_mm.filter(|_| system.is_telecentric);
+        let chief = |v: [f64; 2]| parallel.map_or_else(|| central(v), |d| -d * v[0]);
         let power = -n * u[0];
         let efl = 1.0 / power;
         let distance = system.object_distance_mm.map(|d| d + pupil);
@@ -101,12 +100,13 @@ impl Paraxial {
         }
         // Marginal ray at height 1 in the pupil.
         let slope = distance.map_or(0.0, |d| 1.0 / d);
-        let marginal = |v: [f64; 2]| v[0] + slope * chief(v);
+        let marginal = |v: [f64; 2]| v[0] + slope * central(v);
         let radius = match system.aperture {
             Aperture::EntrancePupil(d) => d / 2.0,
             Aperture::ImageFNumber(f) => efl.abs() / f / 2.0,
             Aperture::WorkingFNumber(f) => 1.0 / (2.0 * f * n * marginal(u).abs()),
             Aperture::ObjectNa(na) => na / (1.0 - na * na).sqrt() * distance.unwrap_or(0.0),
+            Aperture::StopRadius(r) if system.is_telecentric => r / marginal(at_stop).abs(),
             Aperture::StopRadius(r) => r / at_stop[0].abs(),
         };
         if !(radius.is_finite() && radius > 0.0) {
@@ -117,6 +117,12 @@ impl Paraxial {
             return bad("distortion focal length", "the image plane lies in the exit pupil");
         }
         let exit = -chief(y) / chief(u);
+        // Image of the edge of the pupil: of a point, or of a direction.
+        let at_exit = |k: usize| y[k] + exit * u[k];
+        let (exit_radius, at_stop) = match parallel {
+            Some(d) => (at_exit(1) / d, marginal(at_stop)),
+            None => (at_exit(0), at_stop[0]),
+        };
         Ok(Self {
             wavelength_um: um,
             image_index: n,
@@ -126,12 +132,12 @@ impl Paraxial {
             entrance_pupil_mm: pupil,
             entrance_radius_mm: radius,
             exit_pupil_mm: exit,
-            exit_radius_mm: radius * (y[0] + exit * u[0]).abs(),
-            stop_radius_mm: radius * at_stop[0].abs(),
+            exit_radius_mm: radius * exit_radius.abs(),
+            stop_radius_mm: radius * at_stop.abs(),
             marginal_slope: radius * marginal(u).abs(),
             marginal_height_mm: radius * marginal(y),
             magnification: if distance.is_some() { slope / (n * marginal(u)) } else { 0.0 },
-            angular_magnification: chief(u),
+            angular_magnification: if system.is_telecentric { f64::INFINITY } else { chief(u) },
             total_track_mm: system.axis()[system.image()].0,
         }
         .with_signed_slope(marginal(u)))

@@ -2,7 +2,7 @@
 //!
 //! A field point on +x or −x (meridional plane y = 0) is given by t = tan of the chief ray's angle at the paraxial entrance pupil
 //! of the primary wavelength: a plane wave for an object at infinity, else a point at height −t·(distance to the pupil). The sign
-//! is that of an image on +x. Pupil coordinates (p, q) are in the unit disc:
+//! is that of an image on +x (`launch`; telecentric object spaces there, too). Pupil coordinates (p, q) are in the unit disc:
 //!   *paraxial aiming*: the point (p, q)·R of the paraxial entrance pupil plane (every wavelength shares it);
 //!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there), see `aim`.
 //! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a, a central obscuration by the
@@ -14,6 +14,7 @@ use std::sync::OnceLock;
 
 use super::aim::ChiefRays;
 use super::error::DesignError;
+use super::ideal_lens::{IdealLens, ideal_lenses};
 use super::paraxial::Paraxial;
 use super::ray_budget::RayBudget;
 use super::scalar::{Dual, Scalar};
@@ -25,6 +26,7 @@ use super::system::{RayAiming, System};
 pub struct Tracer<'a> {
     system: &'a System,
     indices: Vec<f64>,
+    ideal: Vec<Option<IdealLens>>,
     sign: f64,
     stop_radius_mm: f64,
     stop_sign: f64,
@@ -106,6 +108,7 @@ impl<'a> Tracer<'a> {
         let mut tracer = Self {
             system,
             indices: indices(system, system.primary_um())?,
+            ideal: Vec::new(),
             sign: primary.distortion_focal_length_mm.signum(),
             stop_radius_mm: primary.stop_radius_mm,
             stop_sign: 1.0,
@@ -116,6 +119,7 @@ impl<'a> Tracer<'a> {
             primary,
             wavelength_um: system.primary_um(),
         };
+        tracer.ideal = ideal_lenses(system, &tracer.indices);
         if system.aiming == RayAiming::Real
             && !matches!(system.aperture, super::system::Aperture::StopRadius(_))
         {
@@ -125,6 +129,7 @@ impl<'a> Tracer<'a> {
             tracer.stop_radius_mm = at_stop.map_err(|lost| tracer.lost(0.0, 1.0, 0.0, lost))?.p[0].abs();
         }
         tracer.indices = indices(system, um)?;
+        tracer.ideal = ideal_lenses(system, &tracer.indices);
         tracer.wavelength_um = um;
         let near_axis = tracer.launch(0.0, 1e-6 * tracer.primary.entrance_radius_mm, 0.0);
         tracer.stop_sign = tracer.run(near_axis, system.stop, &mut None).map_or(1.0, |r| r.p[0].signum());
@@ -144,24 +149,6 @@ impl<'a> Tracer<'a> {
     /// Whether any surface has a central obscuration.
     pub fn has_obscurations(&self) -> bool {
         self.has_obscurations
-    }
-
-    /// The ray of the field point at `tan` through the point (x, y) of the entrance pupil plane, mm.
-    pub(super) fn launch<T: Scalar>(&self, tan: impl Into<T>, x: T, y: T) -> Ray<T> {
-        let p = [x, y, T::of(self.primary.entrance_pupil_mm)];
-        let t = T::of(self.sign) * tan.into();
-        match self.system.object_distance_mm {
-            None => {
-                let n = T::of(1.0) / (T::of(1.0) + t * t).sqrt();
-                Ray { p, d: [t * n, T::of(0.0), n], path: t * n * x }
-            }
-            Some(distance) => {
-                let z = T::of(distance + self.primary.entrance_pupil_mm);
-                let dx = x + t * z;
-                let length = (dx * dx + y * y + z * z).sqrt();
-                Ray { p, d: [dx / length, y / length, z / length], path: length }
-            }
-        }
     }
 
     /// Traces `ray` to its intersection with surface `last`, without refraction there; `clip` collects its places in apertures.
@@ -193,12 +180,13 @@ impl<'a> Tracer<'a> {
         Ok(ray)
     }
 
-    /// Refracts or reflects `ray` at surface `i`.
+    /// Bends `ray` at surface `i`.
     fn bend<T: Scalar>(&self, i: usize, ray: &mut Ray<T>) -> Result<(), Stopped> {
-        let s = &self.system.surfaces[i];
-        match s.is_mirror {
-            true => s.shape.reflect(ray),
-            false => s.shape.refract(ray, self.indices[i], self.indices[i + 1]),
+        let (s, [n1, n2]) = (&self.system.surfaces[i], [self.indices[i], self.indices[i + 1]]);
+        match (&self.ideal[i], s.is_mirror) {
+            (Some(lens), _) => lens.bend(ray, n1, n2),
+            (None, true) => s.shape.reflect(ray),
+            (None, false) => s.shape.refract(ray, n1, n2),
         }
     }
 
@@ -244,6 +232,15 @@ impl<'a> Tracer<'a> {
     /// Sign of the magnification from entrance pupil to stop; pupil coordinates follow the entrance pupil.
     pub(super) fn stop_sign(&self) -> f64 {
         self.stop_sign
+    }
+
+    /// Sign of a field point for an image on +x.
+    pub(super) fn sign(&self) -> f64 {
+        self.sign
+    }
+
+    pub(super) fn is_telecentric(&self) -> bool {
+        self.system.is_telecentric
     }
 
     /// Object distance before the first surface, mm; none for an object at infinity.

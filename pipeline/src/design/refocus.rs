@@ -43,8 +43,15 @@ impl System {
     /// The same lens and film for an object at vergence `v`, 1/m from the centre of the entrance pupil; 0 = infinity.
     ///
     /// # Errors
-    /// An object at or behind the first surface; an error of first-order optics.
+    /// An object at or behind the first surface; a telecentric object space; an error of first-order optics.
     pub fn at_vergence(&self, v: f64) -> Result<Self, DesignError> {
+        if self.is_telecentric {
+            return Err(DesignError::Option {
+                option: "object distance from the entrance pupil",
+                value: format!("{} m", 1.0 / v),
+                expected: "a lens with an entrance pupil: the object space of this one is telecentric",
+            });
+        }
         let pupil_mm = Paraxial::new(self, self.primary_um())?.entrance_pupil_mm;
         // Beyond 1000 km the bundles of any lens are parallel to the last bit of its path lengths.
         let distance_mm = (v > 1e-6).then(|| 1e3 / v - pupil_mm);

@@ -99,7 +99,10 @@ pub(super) fn straighten(
         let hit = [0, 1].map(|k| point[k] + travelled * direction[k]);
         let is_on_axis = real::hypot(hit[0], hit[1]) <= OFF_AXIS_MM
             && real::hypot(direction[0], direction[1]) <= OFF_AXIS_RAD;
-        let is_dummy = surface.shape.is_flat() && surface.glass == before && !surface.is_mirror;
+        let is_dummy = surface.shape.is_flat()
+            && surface.glass == before
+            && !surface.is_mirror
+            && surface.ideal_focal_mm.is_none();
         if !is_on_axis {
             let may_tilt = (is_dummy && surface.clear_mm.is_none() && surface.obscuration_mm.is_none())
                 || (surface.is_mirror && surface.shape.is_flat());

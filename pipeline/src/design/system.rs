@@ -42,6 +42,8 @@ pub struct Surface {
     pub thickness_mm: f64,
     /// Medium behind it.
     pub medium: Medium,
+    /// Focal length of an ideal thin lens, mm, if the surface is one; its shape is then flat.
+    pub ideal_focal_mm: Option<f64>,
     /// Whether it reflects; the medium behind it is then that in front of it.
     pub is_mirror: bool,
     /// Radius of the aperture, mm; `None` = unlimited.
@@ -60,10 +62,20 @@ impl Surface {
             shape,
             thickness_mm,
             medium,
+            ideal_focal_mm: None,
             is_mirror: false,
             aperture_mm: None,
             obscuration_mm: None,
             semi_diameter_mm: 0.0,
+        }
+    }
+
+    /// Slope of a paraxial ray of height and slope (y, u) behind the surface, between indices n and n'.
+    pub(super) fn slope_behind(&self, (y, u): (f64, f64), (n, next): (f64, f64)) -> f64 {
+        match self.ideal_focal_mm {
+            Some(f) => (n * u - y / f) / next,
+            None if self.is_mirror => u + 2.0 * y * self.shape.paraxial_curvature(),
+            None => (n * u - y * self.shape.paraxial_curvature() * (next - n)) / next,
         }
     }
 }
@@ -125,6 +137,8 @@ pub struct System {
     pub name: String,
     /// Object distance before surface 0, mm; `None` = infinity.
     pub object_distance_mm: Option<f64>,
+    /// Whether the chief rays of all object points are parallel to the axis, wherever the stop is.
+    pub is_telecentric: bool,
     /// Surfaces, the last is the image plane.
     pub surfaces: Vec<Surface>,
     /// Index of the stop.
@@ -192,6 +206,9 @@ impl System {
         if self.object_distance_mm.is_some_and(|d| !(d.is_finite() && d > 0.0)) {
             return no("has an object that is not before the lens");
         }
+        if self.is_telecentric {
+            self.check_telecentric()?;
+        }
         let image = &self.surfaces[self.image()];
         if !image.shape.is_flat() {
             return no("has a curved image surface; a film is flat");
@@ -200,6 +217,10 @@ impl System {
             let numbers = [s.shape.curvature, s.shape.conic, s.thickness_mm, s.semi_diameter_mm];
             if numbers.iter().chain(&s.shape.aspheric).any(|v| !v.is_finite()) {
                 return no("has a surface with a number that is not finite");
+            }
+            let is_lens = |f: f64| f.is_finite() && f != 0.0 && !s.is_mirror && s.shape.is_flat();
+            if s.ideal_focal_mm.is_some_and(|f| !is_lens(f)) {
+                return no("has an ideal lens that is not flat or whose focal length is zero or not finite");
             }
             if [s.aperture_mm, s.obscuration_mm].iter().flatten().any(|a| !(a.is_finite() && *a > 0.0)) {
                 return no("has a surface whose aperture or obscuration is not a positive radius");
@@ -220,6 +241,27 @@ impl System {
         }
         if matches!(self.aperture, Aperture::ObjectNa(na) if na >= 1.0 || self.object_distance_mm.is_none()) {
             return no("gives an object-space NA that its object distance does not allow");
+        }
+        Ok(())
+    }
+
+    fn check_telecentric(&self) -> Result<(), DesignError> {
+        let no = |problem: &str| Err(DesignError::Incomplete { problem: problem.to_owned() });
+        if self.object_distance_mm.is_none() {
+            return no("has a telecentric object space and an object at infinity");
+        }
+        if matches!(self.aperture, Aperture::EntrancePupil(_) | Aperture::ImageFNumber(_)) {
+            return no(
+                "has a telecentric object space, whose aperture is an object-space NA, a working F-number or the radius of the stop",
+            );
+        }
+        if self.field_kind == FieldKind::Angle && self.fields.iter().any(|f| *f != 0.0) {
+            return no("has a telecentric object space, whose field points are heights, not angles");
+        }
+        if self.aiming == RayAiming::Real {
+            return no(
+                "has a telecentric object space, whose rays are not aimed at the stop: use `--aiming paraxial`",
+            );
         }
         Ok(())
     }

@@ -274,8 +274,14 @@ fn header(system: &System, primary: &Paraxial) -> Lens {
     Lens {
         name: system.name.clone(),
         distortion_focal_length_mm: primary.distortion_focal_length_mm.abs(),
-        effective_focal_length_mm: primary.effective_focal_length_mm.abs(),
-        f_number: primary.image_f_number(),
+        // An afocal relay has none.
+        effective_focal_length_mm: Some(primary.effective_focal_length_mm.abs())
+            .filter(|f| f.is_finite())
+            .unwrap_or(primary.distortion_focal_length_mm.abs()),
+        f_number: match system.is_telecentric {
+            true => primary.working_f_number(),
+            false => primary.image_f_number(),
+        },
         primary_wavelength_nm: system.primary_um() * 1e3,
         object_distance_mm: system.object_distance_mm,
         magnification: primary.film_magnification(system.object_distance_mm),

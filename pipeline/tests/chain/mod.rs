@@ -23,8 +23,8 @@ pub fn read(written: &Written, parse: Parse) -> System {
 /// The same but for names of model glasses, whose n_d and V_d are rounded, radii (1e-15) and, from positions, thicknesses (1e-12 mm).
 pub fn assert_same(name: &str, a: &System, b: &System) {
     assert_eq!(
-        (a.stop, a.primary, a.field_kind, a.aiming),
-        (b.stop, b.primary, b.field_kind, b.aiming),
+        (a.stop, a.primary, a.field_kind, a.aiming, a.is_telecentric),
+        (b.stop, b.primary, b.field_kind, b.aiming, b.is_telecentric),
         "{name}"
     );
     assert_eq!((&a.name, &a.wavelengths_um, &a.fields), (&b.name, &b.wavelengths_um, &b.fields), "{name}");
@@ -40,7 +40,11 @@ pub fn assert_same(name: &str, a: &System, b: &System) {
             "{name}"
         );
         assert!((s.thickness_mm - t.thickness_mm).abs() <= 1e-12 && s.aperture_mm == t.aperture_mm, "{name}");
-        assert_eq!((s.is_mirror, s.obscuration_mm), (t.is_mirror, t.obscuration_mm), "{name}");
+        assert_eq!(
+            (s.is_mirror, s.obscuration_mm, s.ideal_focal_mm),
+            (t.is_mirror, t.obscuration_mm, t.ideal_focal_mm),
+            "{name}"
+        );
         assert_eq!(s.semi_diameter_mm, t.semi_diameter_mm, "{name}");
         for (um, _) in &a.wavelengths_um {
             let apart = s.medium.index(*um).unwrap() - t.medium.index(*um).unwrap();

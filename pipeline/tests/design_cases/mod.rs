@@ -8,6 +8,7 @@ pub fn system(surfaces: Vec<Surface>, stop: usize, pupil_mm: f64) -> System {
     System {
         name: "test".to_owned(),
         object_distance_mm: None,
+        is_telecentric: false,
         surfaces,
         stop,
         aperture: Aperture::EntrancePupil(pupil_mm),

@@ -138,6 +138,9 @@ impl Reader<'_> {
             "FNO" => draft.aperture = Some(Aperture::ImageFNumber(first()?)),
             "NA" => draft.aperture = Some(Aperture::WorkingFNumber(0.5 / first()?)),
             "NAO" => draft.aperture = Some(Aperture::ObjectNa(first()?)),
+            "TEL" => {
+                draft.is_telecentric = !command.words.get(1).is_some_and(|w| w.starts_with(['n', 'N']));
+            }
             "WL" => command.read_list('W', &mut self.wavelengths_nm)?,
             "WTW" => command.read_list('W', &mut self.weights)?,
             "REF" => draft.primary = first()?.clamp(1.0, 1000.0) as usize - 1,

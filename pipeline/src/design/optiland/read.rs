@@ -56,11 +56,8 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
     let aiming = text(&file, "/ray_aiming/mode");
     draft.aiming =
         Some(if matches!(aiming, "" | "paraxial") { RayAiming::Paraxial } else { RayAiming::Real });
-    if is_true(&file, "/fields/object_space_telecentric")
-        || is_true(&file, "/aperture/object_space_telecentric")
-    {
-        return Err(incomplete("has a telecentric object space, which is not supported"));
-    }
+    draft.is_telecentric = is_true(&file, "/fields/object_space_telecentric")
+        || is_true(&file, "/aperture/object_space_telecentric");
     for solve in ["/pickups", "/solves/solves"] {
         if !list(&file, solve).is_empty() {
             draft.notes.push("pickups and solves are not evaluated: the saved values hold".to_owned());
@@ -128,6 +125,10 @@ fn read_surface(
     {
         draft.is_mirror = true;
     }
+    // The focal length of an ideal lens, in older and newer files.
+    let is_ideal = text(surface, "/type") == "ParaxialSurface";
+    let focal = if is_ideal { "/f" } else { "/interaction_model/focal_length" };
+    draft.ideal_focal_mm = Some(number(surface, focal, f64::NAN)?).filter(|f| is_ideal || !f.is_nan());
     let geometry = surface.get("geometry").unwrap_or(&Value::Null);
     let radius = number(geometry, "/radius", f64::INFINITY)?;
     draft.shape.curvature = if radius == 0.0 || radius.is_infinite() { 0.0 } else { 1.0 / radius };

@@ -18,13 +18,17 @@ use serde_json::{Value, json};
 pub fn write(system: &System) -> Result<Written, DesignError> {
     let mut notes = Vec::new();
     let aperture = match system.aperture {
-        Aperture::EntrancePupil(d) => json!({"type": "EPD", "value": d, "object_space_telecentric": false}),
-        Aperture::ImageFNumber(f) => {
-            json!({"type": "imageFNO", "value": f, "object_space_telecentric": false})
+        Aperture::EntrancePupil(d) => {
+            json!({"type": "EPD", "value": d, "object_space_telecentric": system.is_telecentric})
         }
-        Aperture::ObjectNa(na) => json!({"type": "objectNA", "value": na, "object_space_telecentric": false}),
+        Aperture::ImageFNumber(f) => {
+            json!({"type": "imageFNO", "value": f, "object_space_telecentric": system.is_telecentric})
+        }
+        Aperture::ObjectNa(na) => {
+            json!({"type": "objectNA", "value": na, "object_space_telecentric": system.is_telecentric})
+        }
         Aperture::StopRadius(r) => {
-            json!({"type": "float_by_stop_size", "value": 2.0 * r, "object_space_telecentric": false})
+            json!({"type": "float_by_stop_size", "value": 2.0 * r, "object_space_telecentric": system.is_telecentric})
         }
         Aperture::WorkingFNumber(_) => {
             let problem = "has a working F-number as aperture, which Optiland's JSON does not support: write .zmx or .csv";
@@ -66,7 +70,8 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
             json!({"type": "RadialAperture", "r_max": outer.unwrap_or(json::INFINITE), "r_min": inner.unwrap_or(0.0)})
         });
         surfaces.push(json!({
-            "type": "Surface",
+            "type": if surface.ideal_focal_mm.is_some() { "ParaxialSurface" } else { "Surface" },
+            "f": surface.ideal_focal_mm,
             "geometry": geometry(&surface.shape, z),
             "material_pre": before,
             "material_post": after.clone(),
@@ -88,7 +93,7 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
             "fields": system.fields.iter().map(field).collect::<Vec<_>>(),
             "telecentric": false,
             "field_type": kind,
-            "object_space_telecentric": false,
+            "object_space_telecentric": system.is_telecentric,
         },
         "wavelengths": {
             "wavelengths": system.wavelengths_um.iter().enumerate().map(wavelength).collect::<Vec<_>>(),

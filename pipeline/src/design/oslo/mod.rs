@@ -6,7 +6,7 @@
 //! blocks rays; without CHK it is drawn), CC, AD to AG (r⁴ to r¹⁰), ASP ASR with AS0, AS1, … (r⁰, r², …), pickups (PK) of these, and the solve
 //! `PY 0` of the last gap. Glasses: a name, one index, an index for each wavelength, `MOD` with a name and the same, or with n_d and V_d.
 //! Field points at 0, 0.7 and 1 of the largest. Rays are aimed at the real stop. Unknown commands are ignored with a note.
-//! Not supported, with a specific error: tilts and decentres, perfect lenses (PFL), other surface types, telecentric and afocal modes.
+//! Not supported, with a specific error: tilts and decentres, perfect lenses (PFL), other surface types, afocal modes.
 
 mod command;
 mod glass;
@@ -133,11 +133,12 @@ impl Reader<'_> {
                 }
             }
             "WW" => self.weights = command.values(1)?,
-            "TELE" | "AFO" | "AFC" if command.is_on() => {
-                let problem = "telecentric and afocal modes are not supported";
+            "TELE" => self.draft.is_telecentric = command.is_on(),
+            "AFO" | "AFC" if command.is_on() => {
+                let problem = "afocal modes are not supported";
                 return Err(command.error(problem));
             }
-            "TELE" | "AFO" | "AFC" => {}
+            "AFO" | "AFC" => {}
             "NXT" => {
                 if self.draft.surfaces.len() >= MAX_SURFACES {
                     return Err(command.error(format!("more than {MAX_SURFACES} surfaces")));

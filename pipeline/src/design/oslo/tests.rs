@@ -63,7 +63,7 @@ fn what_is_not_supported_is_an_error_with_its_line() {
         ("AP  CHK 6.5", "ASP ZER 4", 15),
         ("AP  CHK 6.5", "PU 0.1", 15),
         ("PK  GLA 1", "PK GLA 9", 33),
-        ("ANG  20.0", "TELE ON", 4),
+        ("ANG  20.0", "AFO ON", 4),
         ("UNI  1.0", "UNI 0", 6),
     ] {
         let error = read(&TRIPLET.replacen(from, to, 1)).unwrap_err();

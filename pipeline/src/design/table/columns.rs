@@ -1,7 +1,7 @@
 //! Columns of a lens table.
 //!
 //! Names without case, blanks, hyphens and units: radius (r) or curvature (c); thickness (t, d, distance); glass (material; `mirror` reflects); n (nd) and V (vd, abbe);
-//! dP_gF of a model glass; semi-diameter (sd) or diameter; aperture radius; obscuration radius; conic (k); a2, a4, a6, … and a1, a3, … of the asphere, the coefficients
+//! dP_gF of a model glass; semi-diameter (sd) or diameter; aperture radius; obscuration radius; conic (k); ideal f (focal length of an ideal thin lens); a2, a4, a6, … and a1, a3, … of the asphere, the coefficients
 //! of rⁿ. Columns for people (note, element, type) are skipped; others are ignored with a note.
 
 use super::Line;
@@ -23,6 +23,7 @@ pub(super) enum Column {
     ApertureRadius,
     ObscurationRadius,
     Conic,
+    IdealFocalLength,
     /// Coefficient of r^n.
     Coefficient(usize),
     Comment,
@@ -55,6 +56,7 @@ fn column(name: &str) -> Option<Column> {
         "apertureradius" | "clearradius" => Column::ApertureRadius,
         "obscurationradius" | "obscuration" | "holeradius" | "innerradius" => Column::ObscurationRadius,
         "conic" | "k" | "κ" | "kappa" | "conicconstant" => Column::Conic,
+        "idealf" | "idealfocallength" => Column::IdealFocalLength,
         "note" | "notes" | "comment" | "remark" | "element" | "type" => Column::Comment,
         _ => {
             let power = plain.strip_prefix(['a', 'α'])?.parse().ok()?;

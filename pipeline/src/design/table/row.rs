@@ -121,6 +121,7 @@ impl<'a> Table<'a> {
         let drawn = (finite(Column::SemiDiameter)?, finite(Column::Diameter)?);
         surface.semi_diameter_mm = drawn.0.or(drawn.1.map(|d| 0.5 * d)).unwrap_or(0.0) * scale;
         surface.clear_mm = finite(Column::ApertureRadius)?.map(|r| r * scale);
+        surface.ideal_focal_mm = finite(Column::IdealFocalLength)?.map(|f| f * scale);
         surface.obscuration_mm = finite(Column::ObscurationRadius)?.map(|r| r * scale);
         surface.is_mirror =
             ["mirror", "refl"].contains(&columns.cell(line, Column::Glass).to_lowercase().as_str());

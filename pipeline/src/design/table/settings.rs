@@ -2,7 +2,7 @@
 //!
 //! name; source, note (for people); unit (mm, cm, m, in); catalogues; one of f-number, working f-number, entrance pupil diameter (epd), object na, stop radius;
 //! one of field deg, object height, paraxial image height, real image height, each with its values; wavelengths nm; weights; primary nm; object
-//! distance; aiming (real, paraxial); focal length (as printed: it is compared).
+//! distance; aiming (real, paraxial); object space (telecentric); focal length (as printed: it is compared).
 
 use super::Line;
 use super::columns::plain;
@@ -27,6 +27,7 @@ pub(super) struct Settings {
     object_distance: Option<f64>,
     focal_length: Option<f64>,
     aiming: Option<RayAiming>,
+    is_telecentric: bool,
     notes: Vec<String>,
 }
 
@@ -94,6 +95,13 @@ impl Settings {
                 let is_finite = !line.cells[1..].iter().any(|c| text::is_infinite(c));
                 self.object_distance = Some(if is_finite { value()? } else { f64::INFINITY });
             }
+            "objectspace" => {
+                self.is_telecentric = match word().to_lowercase().as_str() {
+                    "telecentric" => true,
+                    "normal" => false,
+                    _ => return Err(line.error("expected telecentric or normal")),
+                };
+            }
             "focallength" | "efl" | "f" => self.focal_length = Some(value()?),
             "aiming" => {
                 self.aiming = Some(match word().to_lowercase().as_str() {
@@ -116,7 +124,8 @@ impl Settings {
         let scale = self.scale();
         draft.name = self.name;
         draft.notes.extend(self.notes);
-        draft.aiming = self.aiming.or(draft.aiming);
+        draft.is_telecentric = self.is_telecentric;
+        draft.aiming = self.aiming.or(draft.aiming.filter(|_| !self.is_telecentric));
         let (kind, fields) = self.fields.unwrap_or((FieldKind::Angle, vec![0.0]));
         draft.field_kind = Some(kind);
         let unit = if kind == FieldKind::Angle { 1.0 } else { scale };

@@ -46,6 +46,9 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
         "aiming".to_owned(),
         (if system.aiming == RayAiming::Real { "real" } else { "paraxial" }).to_owned(),
     ]);
+    if system.is_telecentric {
+        line(&["object space".to_owned(), "telecentric".to_owned()]);
+    }
 
     let longest = |f: fn(&crate::design::surface::Shape) -> usize| {
         system.surfaces.iter().map(|s| f(&s.shape)).max().unwrap_or(0)
@@ -54,6 +57,7 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
     let powers: Vec<usize> = (1..=2 * even.max(odd))
         .filter(|p| (p % 2 == 0 && p / 2 <= even) || (p % 2 == 1 && p.div_ceil(2) <= odd))
         .collect();
+    let has_ideal = system.surfaces.iter().any(|s| s.ideal_focal_mm.is_some());
     let fixed = [
         "surface",
         "radius",
@@ -67,7 +71,9 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
         "obscuration radius",
         "conic",
     ];
-    let header = fixed.iter().map(|c| (*c).to_owned()).chain(powers.iter().map(|p| format!("a{p}")));
+    let ideal = has_ideal.then(|| "ideal f".to_owned());
+    let header =
+        fixed.iter().map(|c| (*c).to_owned()).chain(ideal).chain(powers.iter().map(|p| format!("a{p}")));
     line(&header.collect::<Vec<_>>());
     if let Some(distance) = system.object_distance_mm {
         line(&["object".to_owned(), String::new(), number(distance)]);
@@ -97,6 +103,9 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
             surface.obscuration_mm.map_or_else(String::new, number),
             given(surface.shape.conic),
         ]);
+        if has_ideal {
+            cells.push(surface.ideal_focal_mm.map_or_else(String::new, number));
+        }
         for power in &powers {
             let coefficients = if power % 2 == 0 { &surface.shape.aspheric } else { &surface.shape.odd };
             cells.push(given(coefficients.get((power - 1) / 2).copied().unwrap_or(0.0)));

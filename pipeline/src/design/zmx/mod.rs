@@ -8,7 +8,7 @@
 //! Wavelengths and indices are relative to air at 20 °C, 1 atm. Coordinate breaks may fold the axis at plane mirrors or be undone.
 //! The inner radius of CLAP and OBSC from 0 are central obscurations. `GLAS MIRROR` reflects into the medium before it.
 //! An apodised pupil is read as a uniform one, with a note. Not supported, with a specific error: tilts, other surface types,
-//! telecentric objects, indices adjusted to another pressure.
+//! indices adjusted to another pressure.
 
 mod configuration;
 mod keywords;
@@ -207,9 +207,7 @@ impl Reader {
                     3 => FieldKind::RealImageHeight,
                     _ => return Err(line.error("expected a field type from 0 to 4")),
                 });
-                if line.value_or(2, 0.0)? != 0.0 {
-                    return Err(line.error("a telecentric object space is not supported"));
-                }
+                draft.is_telecentric = line.value_or(2, 0.0)? != 0.0;
                 self.field_count = line.value_or(3, 1.0)?.clamp(0.0, 1000.0) as usize;
                 self.wave_count = line.value_or(4, 0.0)?.clamp(0.0, 1000.0) as usize;
             }

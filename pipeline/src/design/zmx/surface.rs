@@ -22,6 +22,8 @@ enum Kind {
     ExtendedEvenAsphere,
     ExtendedOddAsphere,
     CoordinateBreak,
+    /// An ideal thin lens.
+    Ideal,
 }
 
 /// A value of a numbered parameter and the line that it is on.
@@ -155,6 +157,12 @@ impl Reader {
                 (Kind::EvenAsphere, i @ 1..=8) => (&mut shape.aspheric, i - 1, 2 * i),
                 (Kind::OddAsphere, i @ 1..=8) if i % 2 == 0 => (&mut shape.aspheric, i / 2 - 1, i),
                 (Kind::OddAsphere, i @ 1..=8) => (&mut shape.odd, i / 2, i),
+                (Kind::Ideal, 1) => {
+                    self.draft.ideal_focal_mm = Some(p.value * scale);
+                    continue;
+                }
+                // How that program computes the path; here it is always that of an ideal lens.
+                (Kind::Ideal, 2) => continue,
                 (Kind::CoordinateBreak, i @ 1..=2) => {
                     tilts.decentre_mm[i - 1] = p.value * scale;
                     continue;
@@ -173,6 +181,13 @@ impl Reader {
                 coefficients.resize(index + 1, 0.0);
             }
             coefficients[index] = p.value / scale.powi(power as i32 - 1);
+        }
+        if self.kind == Kind::Ideal {
+            *shape = Shape::default();
+        }
+        if self.kind == Kind::Ideal && self.draft.ideal_focal_mm.is_none() {
+            let problem = "has an ideal lens (PARAXIAL) without focal length (PARM 1)";
+            return Err(DesignError::Incomplete { problem: problem.to_owned() });
         }
         if matches!(self.kind, Kind::ExtendedEvenAsphere | Kind::ExtendedOddAsphere) {
             extended_terms(self.kind, &self.extra, scale, shape)?;
@@ -204,7 +219,7 @@ fn extended_terms(kind: Kind, extra: &[f64], scale: f64, shape: &mut Shape) -> R
 }
 
 fn kind(line: &Line<'_>) -> Result<Kind, DesignError> {
-    let symmetric = "lenscube traces rotationally symmetric lenses of types STANDARD, EVENASPH, ODDASPHE, XASPHERE and XODDASPH";
+    let symmetric = "lenscube traces rotationally symmetric lenses of types STANDARD, EVENASPH, ODDASPHE, XASPHERE, XODDASPH and PARAXIAL";
     match line.words.get(1) {
         Some(&"STANDARD") => Ok(Kind::Standard),
         Some(&"EVENASPH") => Ok(Kind::EvenAsphere),
@@ -212,9 +227,7 @@ fn kind(line: &Line<'_>) -> Result<Kind, DesignError> {
         Some(&"XASPHERE") => Ok(Kind::ExtendedEvenAsphere),
         Some(&"XODDASPH") => Ok(Kind::ExtendedOddAsphere),
         Some(&"COORDBRK") => Ok(Kind::CoordinateBreak),
-        Some(&"PARAXIAL") => Err(line.error(
-            "an ideal lens (PARAXIAL) has no glass to trace; put a real lens there, or leave it out if it only refocuses an afocal system",
-        )),
+        Some(&"PARAXIAL") => Ok(Kind::Ideal),
         Some(kind) => Err(line.error(format!("surface type {kind} is not supported: {symmetric}"))),
         None => Err(line.error("expected a surface type")),
     }

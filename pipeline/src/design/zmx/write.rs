@@ -35,7 +35,12 @@ pub fn write(system: &System, own: &str) -> Result<Written, DesignError> {
         FieldKind::ParaxialImageHeight => 2,
         FieldKind::RealImageHeight => 3,
     };
-    text += &format!("FTYP {kind} 0 {} {} 0 0 0\n", system.fields.len(), system.wavelengths_um.len());
+    text += &format!(
+        "FTYP {kind} {} {} {} 0 0 0\n",
+        u8::from(system.is_telecentric),
+        system.fields.len(),
+        system.wavelengths_um.len()
+    );
     let list = |values: &mut dyn Iterator<Item = f64>| values.map(number).collect::<Vec<_>>().join(" ");
     text += &format!("XFLN {}\n", list(&mut system.fields.iter().map(|_| 0.0)));
     text += &format!("YFLN {}\n", list(&mut system.fields.iter().copied()));
@@ -71,6 +76,10 @@ fn surface_lines(
             "has more than 120 terms in the asphere of surface {number_of_surface}, the maximum of .zmx"
         ),
     })?;
+    let (kind, terms) = match surface.ideal_focal_mm {
+        Some(f) => ("PARAXIAL", format!("  PARM 1 {}\n", number(f))),
+        None => (kind, terms),
+    };
     let mut text = format!("  TYPE {kind}\n  CURV {} 0 0 0 0 \"\"\n", number(shape.curvature));
     if shape.conic != 0.0 {
         text += &format!("  CONI {}\n", number(shape.conic));
