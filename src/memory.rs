@@ -17,7 +17,6 @@ use formats::chart::ChunkMemory;
 use formats::film::FilmSpec;
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::BandNeeds;
-use pipeline::depth::plan::DepthPlan;
 use pipeline::executor::memory::{self as queues, Walk};
 use pipeline::geometry::{Frame, Size};
 use pipeline::plan::FilmRegion;
@@ -181,7 +180,7 @@ impl MemoryInputs<'_> {
 
     /// Film rows that a tile with its tail covers.
     fn reach_px(&self) -> usize {
-        let margin = |p: &BandPlan| p.depth.as_ref().map_or(p.tiling.margin(), DepthPlan::margin);
+        let margin = |p: &BandPlan| p.depth.as_ref().map_or(p.tiling.margin(), |depth| depth.reach);
         self.max(|p| p.tiling.tile() + 2 * margin(p))
     }
 

@@ -12,7 +12,7 @@ pub mod unit_list;
 pub use command_line::CommandLine;
 pub use file::{Plan, Totals};
 
-use crate::args::{Device, EngineArg, PlanArgs, RunArgs};
+use crate::args::{Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs};
 use crate::failure::usage;
 use crate::film_engine;
 use crate::job::{Job, PlannedBands};
@@ -106,8 +106,9 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
         flag.starts_with("--lens=") || flag.starts_with("--depth=") || flag.starts_with("--hidden=")
     };
     line.flags.retain(|flag| !of_path(flag));
-    for (flag, path) in std::iter::zip(std::iter::repeat("--hidden"), &run.hidden) {
-        line.flags.push(format!("{flag}={}", absolute_path(path)?));
+    for group in &run.hidden {
+        let group = if group == NO_HIDDEN { group.clone() } else { absolute_path(group)? };
+        line.flags.push(format!("--hidden={group}"));
     }
     if let Some(depth) = &run.depth {
         let depth = if depth.parse::<f32>().is_ok() { depth.clone() } else { absolute_path(depth)? };

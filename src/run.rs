@@ -48,6 +48,8 @@ use formats::film::FilmStore;
 use formats::group::{GroupError, JobGroup};
 use monitor::{Monitor, RunFailure};
 use pipeline::cuda::memory::DeviceQueue;
+use pipeline::depth::SceneInputs;
+use pipeline::depth::invented::InventedLight;
 use pipeline::executor::{BandWork, Summary, Work, run};
 use pipeline::plan::ShardId;
 use pipeline::stages::StageCompute;
@@ -258,8 +260,11 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     let energy = Mutex::new(vec![None; job.plans.len()]);
     let prepare = |position: usize| prepare(job, position, &energy);
     let sheets = job.depth.as_ref().map_or_else(Vec::new, Depth::sheets);
-    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare).with_sheets(&sheets);
-    let sink = FilmStoreSink { store, film_bands: &job.film_bands };
+    let invented = job.film.has_invented.then(|| InventedLight::new(&job.regions));
+    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare)
+        .with_surfaces(SceneInputs { sheets: &sheets, invented: invented.as_ref() });
+    let (film_bands, light) = (&*job.film_bands, Mutex::default());
+    let sink = FilmStoreSink { store, film_bands, invented: invented.as_ref(), light };
     let result = run(&work, job.chart.source(), &sink, &compute, &monitor);
     monitor.display.finish();
     fault_point("shards-made");
@@ -268,6 +273,7 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     let energy = energy.into_inner().expect("no panic while held");
     record::write(job, store, task.units, &monitor, &outcome, &energy);
     let summary = outcome.map_err(|failure| failure.error)?;
+    print_invented(&sink);
     let left = (count.missing as u64).saturating_sub(summary.shards);
     if left > 0 {
         log_line(format!(
@@ -278,6 +284,17 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     }
     record::write_done_event(task.jsonl, job, &summary);
     Ok(0)
+}
+
+/// Prints the share of the light that comes from invented surfaces.
+fn print_invented(sink: &FilmStoreSink<'_>) {
+    let (light, invented) = *sink.light.lock().expect("no panic while held");
+    if light > 0.0 && sink.invented.is_some() {
+        let percent = 100.0 * invented / light;
+        detail_line(format!(
+            "{percent:.3} % of the light of these shards comes from invented surfaces (array `invented`)"
+        ));
+    }
 }
 
 /// Display of progress: bars, or JSON lines.

@@ -246,3 +246,80 @@ fn coverage_outside_0_to_1_is_an_error() {
     let result = run(text(&chart), &dir.path().join("film"), text(&golden_pack()), &flags);
     assert_exit(&result, 1, &["the coverage at row", "expected 0 to 1"]);
 }
+
+/// Distances of a disc at 0.55 m before a wall at 2 m, in focus.
+fn disc_before_wall() -> Vec<f32> {
+    let at = |i: usize| ((i / SIZE.width) as f32 - 250.0).hypot((i % SIZE.width) as f32 - 300.0);
+    (0..SIZE.pixels()).map(|i| if at(i) < 70.0 { 0.55 } else { 2.0 }).collect()
+}
+
+#[test]
+fn what_is_hidden_behind_an_edge_is_invented_there_alone() {
+    let scene = Scene::new();
+    let depth = scene.path("disc.npy");
+    write_npy(&depth, SIZE, &disc_before_wall());
+    let film = |name: &str, flags: &[&str]| {
+        scene.try_run(name, text(&depth), flags).ok();
+        pixels(&scene.path(name), "film").1.remove(0)
+    };
+    let (invented, none) = (film("invented", &[]), film("none", &["--hidden", "none"]));
+    // Sums over FFT blocks have their rounding everywhere in a tile.
+    let differs = |i: usize| (invented[i] - none[i]).abs() > 2e-6;
+    let distance = |i: usize| ((i / SIZE.width) as f32 - 250.0).hypot((i % SIZE.width) as f32 - 300.0);
+    assert!((0..SIZE.pixels()).any(|i| differs(i) && (distance(i) - 70.0).abs() < 8.0));
+    assert!((0..SIZE.pixels()).all(|i| !differs(i) || (distance(i) - 70.0).abs() < 30.0));
+    // Tiles of 512 px: those below have no edge in reach.
+    let below = 512 * SIZE.width;
+    assert_eq!(bits(&[invented[below..].to_vec()]), bits(&[none[below..].to_vec()]));
+    let (size, shares) = pixels(&scene.path("invented"), "invented");
+    assert_eq!(size, Size::new(9, 9));
+    // The disc reaches from block row 2 to 4 and column 3 to 5.
+    for (i, share) in shares[0].iter().enumerate() {
+        let around = (2..=5).contains(&(i / 9)) && (3..=5).contains(&(i % 9));
+        assert!((0.0..0.5).contains(share) && (around || *share == 0.0), "block {i}: {share}");
+    }
+    assert!(shares[0].iter().any(|share| *share > 1e-3));
+    assert!(!scene.path("none").join("invented").exists());
+    let other = scene.try_run("none", text(&depth), &[]);
+    assert_exit(&other, 3, &["belongs to another job", "--depth"]);
+    let both = scene.try_run("both", text(&depth), &["--hidden", "none", "--hidden", "a.zarr"]);
+    assert_exit(&both, 2, &["expected one or the other"]);
+}
+
+#[test]
+fn an_invented_wall_is_the_one_that_is_given_where_it_is_uniform() {
+    let scene = Scene::new();
+    let depth = scene.path("disc.npy");
+    let distances = disc_before_wall();
+    write_npy(&depth, SIZE, &distances);
+    // A black disc before a wall of radiance 1.
+    let picture = |name: &str, value: &dyn Fn(usize) -> f32| {
+        let path = scene.path(name);
+        Picture { size: SIZE, bands: vec![(0..SIZE.pixels()).map(value).collect()] }.write(&path);
+        path
+    };
+    let chart = picture("chart.zarr", &|i| if distances[i] < 0.6 { 0.0 } else { 1.0 });
+    let wall = picture("wall.zarr", &|_| 1.0);
+    for (path, bytes) in files(&picture("distance.zarr", &|_| 2.0).join("chart")) {
+        let to = wall.join("depth").join(path);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::write(to, bytes).unwrap();
+    }
+    let film = |name: &str, flags: &[&str]| {
+        let flags = Scene::flags(text(&depth), flags);
+        run(text(&chart), &scene.path(name), text(&golden_pack()), &flags).ok();
+        pixels(&scene.path(name), "film").1.remove(0)
+    };
+    let given = film("given", &["--stages", "svpsf", "--hidden", text(&wall)]);
+    let invented = film("invented", &["--stages", "svpsf"]);
+    let (mut worst, mut least) = (0f32, f32::MAX);
+    for (i, (a, b)) in std::iter::zip(&invented, &given).enumerate() {
+        worst = worst.max((a - b).abs());
+        if distances[i] == 2.0 {
+            least = least.min(*a);
+        }
+    }
+    assert!(worst < 1e-5, "{worst}");
+    // No fringe darker than the disc's own blur: half of it at a straight edge.
+    assert!(least > 0.4, "{least}");
+}

@@ -23,6 +23,9 @@ fn surfaces(about: &Value, chart: &Path) -> Vec<String> {
     let Some(hidden) = about["hidden"].as_str() else { return Vec::new() };
     let chart = text(chart);
     let mut flags = vec![format!("--depth={chart}//depth")];
+    if hidden == "none" {
+        flags.push("--hidden=none".into());
+    }
     if hidden == "given" {
         let groups = (1..).take_while(|i| Path::new(chart).join(format!("hidden/{i}")).exists());
         flags.extend(groups.map(|i| format!("--hidden={chart}//hidden/{i}")));
@@ -43,6 +46,9 @@ fn check(isa: Isa, case: &Path) -> Result<(), String> {
     let CommandResult { code, stderr, .. } = run_on(isa, text(&chart), &film, text(&there("lens")), &flags);
     if code != 0 {
         return Err(format!("exit {code}: {stderr}"));
+    }
+    if about["hidden"] == "invented" {
+        check_shares(&film, &case.join("expected.zarr"))?;
     }
     for part in about["compared"].as_array().unwrap() {
         let (size, got) = pixels(&film, part["array"].as_str().unwrap());
@@ -88,13 +94,26 @@ fn check(isa: Isa, case: &Path) -> Result<(), String> {
     Ok(())
 }
 
+/// Compares the shares of invented light with those of the model; the film has them in f16.
+fn check_shares(film: &Path, expected: &Path) -> Result<(), String> {
+    let (size, found) = pixels(film, "invented");
+    let (expected_size, expected) = pixels(expected, "invented_0");
+    assert_eq!(size, expected_size);
+    assert!(expected[0].iter().any(|share| *share > 0.01), "nothing is invented");
+    let differs = |(a, b): (&f32, &f32)| (a - b).abs() > 1e-3 * b.abs() + 1e-6;
+    match std::iter::zip(&found[0], &expected[0]).find(|pair| differs(*pair)) {
+        Some((found, expected)) => Err(format!("a block's invented share is {found}, expected {expected}")),
+        None => Ok(()),
+    }
+}
+
 /// Runs the cases of `folder` whose name starts with one of `prefixes`.
 fn cases(isa: Isa, folder: &str, prefixes: &[&str], expected: usize) {
     let all = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let mut names: Vec<_> =
         std::fs::read_dir(&all).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
-    names.retain(|n| !n.contains("invented") && prefixes.iter().any(|p| n.starts_with(p)));
+    names.retain(|n| prefixes.iter().any(|p| n.starts_with(p)));
     assert_eq!(names.len(), expected, "{names:?}");
     let wrong: Vec<_> =
         names.iter().filter_map(|n| Some(format!("{n}: {}", check(isa, &all.join(n)).err()?))).collect();
@@ -117,8 +136,8 @@ fn main() -> ExitCode {
         (
             "surfaces_at_several_distances",
             DEPTH,
-            &["hidden-given", "slanted-", "sheet-0-", "scale-below-one"],
-            4,
+            &["hidden-given", "slanted-", "sheet-0-", "scale-below-one", "invented"],
+            6,
         ),
     ];
     let mut trials = Vec::new();

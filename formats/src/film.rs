@@ -3,6 +3,7 @@
 //!     zarr.json                    group attributes (below), consolidated metadata
 //!     film/                        (wavelength, y, x), f32 or f16, fill NaN; or roi_0/, roi_1/, … for regions of the film
 //!     film/c/BAND/ROW/COLUMN       a shard: see module `shard`
+//!     invented/                    (wavelength, y, x), f16: share of invented light per block of pixels; or roi_0_invented/, …: see module `invented`
 //!     wavelength/                  f64, nm
 //!     y/, x/                       f64, mm from the optical axis, y down; or roi_0_y/, roi_0_x/, …
 //!     pyramid/                     smaller levels, on request: see module `pyramid`
@@ -20,6 +21,7 @@
 //! | `outputs` | `name`, `row`, `column`, `size` of each array, in film pixels |
 //! | `sample`, `shard`, `chunk`, `codec` | "float32" or "float16"; sides in pixels; "none", "lz4" or "zstd" |
 //! | `keep_bits` | bits of the mantissa that samples are rounded to; absent: all |
+//! | `has_invented` | true: the share of invented light is stored; absent: nothing was invented |
 //! | `provenance` | of the caller; `job_digest` and `layout_digest` identify the job |
 //! | `ome` | OME-Zarr metadata, if there is a pyramid |
 //!
@@ -27,6 +29,7 @@
 //! [`crate::group`].
 
 mod engines;
+mod invented;
 mod levels;
 mod memory;
 mod ome;

@@ -15,7 +15,8 @@ use crate::durable::{
     sweep_entries, temp_name,
 };
 
-fn bytes_and_crc() -> Value {
+/// Codecs of small arrays: samples in little-endian order and their checksum.
+pub(crate) fn bytes_and_crc() -> Value {
     json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}])
 }
 
@@ -48,9 +49,13 @@ pub(crate) fn coordinate(name: &str, unit: &str, long_name: &str, values: &[f64]
     let n = values.len();
     let attributes = json!({"units": unit, "long_name": long_name});
     let metadata = array(&[n], &[n], "float64", bytes_and_crc(), &[name], attributes);
-    let mut bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    (metadata, with_crc(values.iter().flat_map(|v| v.to_le_bytes()).collect()))
+}
+
+/// `bytes` with their checksum behind them.
+pub(crate) fn with_crc(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes.extend_from_slice(&crc32c(&bytes).to_le_bytes());
-    (metadata, bytes)
+    bytes
 }
 
 /// CRC-32C (Castagnoli, RFC 3720), bit by bit: coordinates are small.

@@ -6,8 +6,7 @@ use crate::clock::Clock;
 use crate::cuda::band::GpuBand;
 use crate::cuda::memory::QueueMemory;
 use crate::cuda::{CudaError, Device};
-use crate::depth::DepthScratch;
-use crate::depth::sheet::Sheet;
+use crate::depth::{DepthScratch, SceneInputs};
 use crate::executor::Compute;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
@@ -25,7 +24,7 @@ pub struct StageCompute<'a> {
     frame: Frame,
     prepare: &'a Prepare<'a>,
     spectra: SpectrumCache,
-    sheets: &'a [Sheet<'a>],
+    surfaces: SceneInputs<'a>,
 }
 
 /// Buffers of one worker.
@@ -40,12 +39,12 @@ pub struct StageScratch {
 impl<'a> StageCompute<'a> {
     /// For the film of `frame`, with a cache of `spectra_bytes` for node spectra; `prepare` constructs the stages of a band.
     pub fn new(frame: Frame, spectra_bytes: usize, prepare: &'a Prepare<'a>) -> Self {
-        Self { frame, prepare, spectra: SpectrumCache::new(spectra_bytes), sheets: &[] }
+        Self { frame, prepare, spectra: SpectrumCache::new(spectra_bytes), surfaces: SceneInputs::default() }
     }
 
-    /// With the surfaces `sheets` for bands with a depth stage; the first one has the chart of the job.
-    pub fn with_sheets(self, sheets: &'a [Sheet<'a>]) -> Self {
-        Self { sheets, ..self }
+    /// With `surfaces` for bands with a depth stage.
+    pub fn with_surfaces(self, surfaces: SceneInputs<'a>) -> Self {
+        Self { surfaces, ..self }
     }
 }
 
@@ -73,8 +72,8 @@ impl Compute for StageCompute<'_> {
     ) -> Result<(), SourceSinkError> {
         let StageScratch { remapped, remap, psf, depth } = scratch;
         if let Some(stage) = &band.depth {
-            let (frame, sheets, spectra) = (&self.frame, self.sheets, &self.spectra);
-            return stage.compute(frame, chart, chart_band, sheets, tile, spectra, out, depth, clock);
+            let (frame, surfaces, spectra) = (&self.frame, self.surfaces, &self.spectra);
+            return stage.compute(frame, chart, chart_band, surfaces, tile, spectra, out, depth, clock);
         }
         remapped.resize(tile.size().pixels(), 0.0);
         clock.remap.time(|| band.remap.apply(chart, chart_band, tile, remapped, remap))?;

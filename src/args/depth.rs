@@ -1,5 +1,9 @@
 //! Values of the depth flags.
 
+use super::RunArgs;
+use crate::failure::usage;
+use anyhow::Result;
+
 /// `--depth-unit`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the variants are the values of the flag")]
@@ -46,4 +50,23 @@ pub enum DepthMiss {
     Error,
     /// Infinity.
     Far,
+}
+
+/// `--hidden none`.
+pub const NO_HIDDEN: &str = "none";
+
+impl RunArgs {
+    /// The surfaces of `--hidden`.
+    ///
+    /// # Errors
+    /// `none` beside others.
+    pub fn given_hidden(&self) -> Result<&[String]> {
+        match &self.hidden[..] {
+            [only] if only == NO_HIDDEN => Ok(&[]),
+            all if all.iter().any(|group| group == NO_HIDDEN) => {
+                Err(usage(format!("--hidden {NO_HIDDEN} beside other surfaces: expected one or the other")))
+            }
+            all => Ok(all),
+        }
+    }
 }

@@ -72,8 +72,9 @@ pub struct RunArgs {
     #[arg(long, value_parser = one_of(DEPTH_MISS), default_value = "error", requires = "depth", help_heading = "Depth")]
     pub depth_miss: DepthMiss,
     /// Surface hidden behind the ones before it, the nearest first: Zarr group with arrays chart and depth, and coverage if it has holes, e.g.
-    /// CHART//hidden/1; repeatable
-    #[arg(long, value_name = "GROUP", requires = "depth", help_heading = "Depth")]
+    /// CHART//hidden/1; repeatable. none: nothing is invented [default: what is hidden behind edges is invented from what is around, and its share of the
+    /// light is stored in the film's array `invented`]
+    #[arg(long, value_name = "GROUP|none", requires = "depth", help_heading = "Depth")]
     pub hidden: Vec<String>,
     /// Stages to apply: relative illumination, distortion, spatially variant PSF
     #[arg(

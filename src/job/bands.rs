@@ -32,7 +32,7 @@ impl JobPlan {
     /// Layout of the film not possible; the lens does not cover film or wavelengths; tracing failed.
     pub fn new(arguments: &Arguments<'_>, inputs: &Inputs, lens: UntracedLens) -> Result<Self> {
         let (args, frame, options) = (arguments.given, &inputs.frame, &arguments.options);
-        let film = film_spec(arguments, frame, inputs.selected_nm.clone(), &inputs.chart)?;
+        let film = film_spec(arguments, frame, inputs.selected_nm.clone(), inputs)?;
         let nm = inputs.wavelengths_nm();
         let lens = JobLens::new(lens, frame, &nm, options, arguments.threads)?;
         let plan = |&nm: &f64| {

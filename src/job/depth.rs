@@ -56,11 +56,12 @@ impl Depth {
         let Some(spec) = &args.depth else { return Ok(None) };
         let ray_mm = lens.distortion_focal_length_mm;
         let mut sheets = vec![SheetInput::first(spec, args, frame, ray_mm)?];
-        for group in &args.hidden {
+        let given = args.given_hidden()?;
+        for group in given {
             sheets.push(SheetInput::hidden(group, args, frame, wavelengths_nm, ray_mm)?);
         }
         let mut scan = Scan::new(frame.chart, node_range(lens));
-        for (sheet, name) in std::iter::zip(&sheets, std::iter::once(spec).chain(&args.hidden)) {
+        for (sheet, name) in std::iter::zip(&sheets, std::iter::once(spec).chain(given)) {
             if let Some(coverage) = &sheet.coverage {
                 scan::coverage(name, coverage)?;
             }
@@ -68,7 +69,7 @@ impl Depth {
         }
         let is_opaque = matches!(&sheets[..], [only] if only.coverage.is_none());
         let notes = scan.notes();
-        let surfaces = scan.surfaces(is_opaque);
+        let surfaces = scan.surfaces(is_opaque, args.hidden.is_empty());
         Ok(Some(Self { sheets, surfaces, notes }))
     }
 
@@ -112,7 +113,8 @@ impl Depth {
                 "miss_is_far": sheet.distance.miss_is_far,
             }));
         }
-        Ok((Value::Array(content), Value::Array(mtimes)))
+        let content = json!({ "sheets": content, "is_invented": self.surfaces.is_invented });
+        Ok((content, Value::Array(mtimes)))
     }
 
     /// Bytes of caches of decoded chunks with which tiles of `rows` rows decode no chunk twice.

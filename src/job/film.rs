@@ -1,6 +1,7 @@
 //! Layout and units of a job's film.
 
 use super::arguments::Arguments;
+use super::inputs::Inputs;
 use crate::args::{FilmUnits, RunArgs};
 use crate::failure::usage;
 use crate::open::Chart;
@@ -37,9 +38,9 @@ pub fn film_spec(
     arguments: &Arguments<'_>,
     frame: &Frame,
     wavelengths_nm: Vec<f64>,
-    chart: &Chart,
+    inputs: &Inputs,
 ) -> Result<FilmSpec> {
-    let args = arguments.given;
+    let (args, chart) = (arguments.given, &inputs.chart);
     if args.chunk == 0 || args.shard == 0 || !args.shard.is_multiple_of(args.chunk) {
         return Err(usage(format!(
             "--shard {} is not a multiple of --chunk {}; e.g. `--shard 2048 --chunk 512`",
@@ -76,6 +77,7 @@ pub fn film_spec(
         chunk: args.chunk,
         codec: arguments.codec,
         keep_bits: keep_bits(args, args.dtype)?,
+        has_invented: inputs.depth.as_ref().is_some_and(|depth| depth.surfaces.is_invented),
     };
     spec.check().map_err(|e| usage(e.to_string()))?;
     Ok(spec)

@@ -110,7 +110,7 @@ fn divide(
 
 /// Rows of the chart under a tile of a depth stage with its margin.
 pub fn depth_rows(plan: &JobPlan, stretch: &RemapStretch, frame: &Frame) -> usize {
-    let rows = |band: &BandPlan| band.depth.as_ref().map_or(0, |d| band.tiling.tile() + 2 * d.margin());
+    let rows = |band: &BandPlan| band.depth.as_ref().map_or(0, |d| band.tiling.tile() + 2 * d.reach);
     let rows = plan.bands.iter().map(rows).max().unwrap_or(0);
     (rows as f64 * stretch.range.1.max(1.0) / frame.scale.0.min(1.0)) as usize
 }

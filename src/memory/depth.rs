@@ -19,7 +19,7 @@ pub(super) fn largest_spectrum(plan: &BandPlan) -> usize {
 impl MemoryInputs<'_> {
     /// Scratch of one worker for the depth stage `depth` of `plan`.
     pub(super) fn depth_scratch(&self, plan: &BandPlan, depth: &DepthPlan) -> usize {
-        let side = plan.tiling.tile() + 2 * depth.margin() + TAPS;
+        let side = plan.tiling.tile() + 2 * depth.reach + TAPS;
         let side = side as f64 * self.stretch.range.1.max(1.0);
         let pixels = side * side / (self.frame.scale.0.min(1.0) * self.frame.scale.1.min(1.0));
         depth.scratch_bytes(&plan.tiling, self.surfaces, pixels as usize)

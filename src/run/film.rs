@@ -205,9 +205,15 @@ pub fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>
     differing.map(|k| (k.clone(), show(recorded, k), show(requested, k))).collect()
 }
 
-/// As [`differences`], of layout, units and wavelengths; `keep_bits` is part of the identity.
+/// `recorded` with what is part of the identity from `requested`.
+fn recorded_with_identity(recorded: &FilmSpec, requested: &FilmSpec) -> FilmSpec {
+    let FilmSpec { keep_bits, has_invented, .. } = *requested;
+    FilmSpec { keep_bits, has_invented, ..recorded.clone() }
+}
+
+/// As [`differences`], of layout, units and wavelengths.
 fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Difference> {
-    if *requested == (FilmSpec { keep_bits: requested.keep_bits, ..recorded.clone() }) {
+    if *requested == recorded_with_identity(recorded, requested) {
         return Vec::new();
     }
     // As on the command line: lz4, f32.

@@ -45,6 +45,8 @@ pub struct FilmSpec {
     pub codec: Codec,
     /// Bits of the mantissa that samples are rounded to, fewer than those of `sample`; `None`: all.
     pub keep_bits: Option<u32>,
+    /// Whether the share of invented light is stored ([`super::FilmStore::encode_invented`]).
+    pub has_invented: bool,
 }
 
 impl FilmSpec {
@@ -62,6 +64,7 @@ impl FilmSpec {
             chunk: 256,
             codec: Codec::default(),
             keep_bits: None,
+            has_invented: false,
         }
     }
 
@@ -123,7 +126,8 @@ impl FilmSpec {
                 );
             }
             let valid = o.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-            let reserved = ["wavelength", "x", "y"].contains(&o.name.as_str());
+            let reserved =
+                ["wavelength", "x", "y"].contains(&o.name.as_str()) || o.name.ends_with("invented");
             if o.name.is_empty() || !valid || reserved || self.outputs[..k].iter().any(|p| p.name == o.name) {
                 return invalid(
                     "output name",
@@ -180,9 +184,13 @@ impl FilmSpec {
         all
     }
 
-    /// Name and Zarr metadata of the outputs.
+    /// Name and Zarr metadata of the outputs, and of their shares of invented light.
     pub(super) fn arrays(&self) -> Vec<(String, Value)> {
-        self.outputs.iter().map(|o| (o.name.clone(), self.array(o, o.rect.size()))).collect()
+        let outputs = self.outputs.iter().map(|o| (o.name.clone(), self.array(o, o.rect.size())));
+        let invented = (0..self.outputs.len()).filter(|_| self.has_invented);
+        outputs
+            .chain(invented.map(|output| (self.invented_name(output), self.invented_array(output))))
+            .collect()
     }
 
     /// Zarr metadata of an array of `size` with the field of view of `output`.
@@ -222,6 +230,9 @@ impl FilmSpec {
         });
         if let Some(bits) = self.keep_bits {
             attributes["keep_bits"] = bits.into();
+        }
+        if self.has_invented {
+            attributes["has_invented"] = true.into();
         }
         attributes
     }
@@ -265,6 +276,10 @@ impl FilmSpec {
                 keep_bits: match a.get("keep_bits") {
                     None => None,
                     Some(_) => Some(get(&a, "keep_bits")?),
+                },
+                has_invented: match a.get("has_invented") {
+                    None => false,
+                    Some(_) => get(&a, "has_invented")?,
                 },
             })
         };

@@ -63,9 +63,11 @@ impl FilmStore {
             let Ok((spec, _)) = FilmSpec::from_attributes(path, attributes) else {
                 return Default::default();
             };
-            let shards = spec.all_shards().map(|(o, b, s)| spec.key(o, b, s)).collect();
+            let invented = spec.all_shards().filter(|_| spec.has_invented);
+            let invented = invented.map(|(o, b, s)| spec.invented_key(o, b, s));
+            let shards = spec.all_shards().map(|(o, b, s)| spec.key(o, b, s)).chain(invented).collect();
             let coordinates = spec.coordinates().into_iter().map(|(name, _)| name);
-            (shards, spec.outputs.iter().map(|o| o.name.clone()).chain(coordinates).collect())
+            (shards, spec.arrays().into_iter().map(|(name, _)| name).chain(coordinates).collect())
         })
     }
 

@@ -35,12 +35,13 @@ pub(super) fn is_own(kind: GroupKind, arrays: &[String], key: &str) -> bool {
 /// Whether `name` is that of an array of any group of a kind, for a group whose attributes cannot be read.
 fn is_array_name(kind: GroupKind, name: &str) -> bool {
     let region = |name: &str| name.strip_prefix("roi_").is_some_and(is_number);
+    let invented = kind == GroupKind::Film && name.strip_suffix("_invented").is_some_and(region);
     let coordinate = name.strip_suffix("_y").or_else(|| name.strip_suffix("_x"));
     let own = match kind {
-        GroupKind::Film => matches!(name, "film" | "wavelength" | "y" | "x"),
+        GroupKind::Film => matches!(name, "film" | "invented" | "wavelength" | "y" | "x"),
         GroupKind::Raw => matches!(name, "raw" | "signal" | "frame" | "exposure_s" | "y" | "x"),
     };
-    own || region(name) || coordinate.is_some_and(region)
+    own || invented || region(name) || coordinate.is_some_and(region)
 }
 
 /// Whether `rest`, below an array, is its metadata or a chunk.

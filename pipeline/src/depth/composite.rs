@@ -63,16 +63,28 @@ pub(super) struct Composite<'a> {
 }
 
 impl Composite<'_> {
-    /// The film of `tile` from `planes`, whose rectangle contains the tile grown by half the widest window, into `film` (row-major).
-    pub(super) fn tile(&self, tile: Rect, planes: &Planes, film: &mut [f32], s: &mut CompositeScratch) {
+    /// The film of `tile` from `planes`, whose rectangle contains the tile grown by half the widest window, into `film` (row-major), and of it the invented
+    /// light into `invented`: empty if there is none.
+    pub(super) fn tile(
+        &self,
+        tile: Rect,
+        planes: &Planes,
+        film: &mut [f32],
+        invented: &mut Vec<f32>,
+        s: &mut CompositeScratch,
+    ) {
         let n = tile.size().pixels();
         film.fill(0.0);
+        invented.clear();
+        if planes.slabs.iter().any(|slab| !slab.invented.is_empty()) {
+            invented.resize(n, 0.0);
+        }
         s.reset(n, planes);
         if let [only] = &planes.slabs[..]
             && only.a.iter().all(|a| *a == 1.0)
         {
             let mut light = std::mem::take(&mut s.light);
-            self.light(only, planes, tile, &mut light, s);
+            self.light(only, &only.c, planes, tile, &mut light, s);
             film.copy_from_slice(&light);
             s.light = light;
             return;
@@ -82,7 +94,7 @@ impl Composite<'_> {
             for (behind, a) in std::iter::zip(&mut s.behind, &slab.a) {
                 *behind -= a;
             }
-            if self.slab(tile, planes, at, film, s) == 0.0 {
+            if self.slab(tile, planes, at, (film, invented), s) == 0.0 {
                 break; // nothing behind is visible
             }
         }
@@ -92,13 +104,13 @@ impl Composite<'_> {
         self.psfs[node].as_ref().expect("a scene has surfaces in occupied slabs only")
     }
 
-    /// Adds one slab to `film`; the largest T that remains.
+    /// Adds one slab to the film and its invented part; the largest T that remains.
     fn slab(
         &self,
         tile: Rect,
         planes: &Planes,
         at: usize,
-        film: &mut [f32],
+        (film, invented): (&mut [f32], &mut [f32]),
         s: &mut CompositeScratch,
     ) -> f32 {
         let (slab, n) = (&planes.slabs[at], tile.size().pixels());
@@ -107,7 +119,11 @@ impl Composite<'_> {
         let mut share = s.buffer(n);
         self.share(slab, planes, tile, &mut share, s);
         let mut light = std::mem::take(&mut s.light);
-        self.light(slab, planes, tile, &mut light, s);
+        self.light(slab, &slab.c, planes, tile, &mut light, s);
+        let mut light_invented = s.buffer(n);
+        if !slab.invented.is_empty() {
+            self.light(slab, &slab.invented, planes, tile, &mut light_invented, s);
+        }
         let near: Vec<usize> = (at + 1..planes.slabs.len())
             .take_while(|&j| !self.slabs.apart(slab.slab, planes.slabs[j].slab))
             .collect();
@@ -125,19 +141,23 @@ impl Composite<'_> {
             let rest = (2.0 * k).min(rest_of_pupil[i].max(0.0) * known).max(0.0);
             let u = (w + rest).max(FLOOR);
             film[i] += s.passing[i] * (light[i] / u);
+            if !slab.invented.is_empty() {
+                invented[i] += s.passing[i] * (light_invented[i] / u);
+            }
             s.passing[i] *= 1.0 - w / u;
             most = most.max(s.passing[i].abs());
         }
         s.light = light;
-        s.free.push(rest_of_pupil);
+        s.free.extend([rest_of_pupil, light_invented]);
         s.shares.insert(slab.slab, share);
         most
     }
 
-    /// light_s.
+    /// light_s of the light plane `c`.
     fn light(
         &self,
         slab: &SlabPlanes,
+        c: &[f32],
         planes: &Planes,
         tile: Rect,
         to: &mut [f32],
@@ -146,9 +166,9 @@ impl Composite<'_> {
         let (low, high) = self.slabs.nodes(slab.slab);
         let t = |i: usize| if slab.a[i] > 0.0 { slab.m[i] / slab.a[i] } else { 0.0 };
         to.fill(0.0);
-        self.add_convolved(low, planes, tile, |i| slab.c[i] * (1.0 - t(i)), to, s);
+        self.add_convolved(low, planes, tile, |i| c[i] * (1.0 - t(i)), to, s);
         if high != low {
-            self.add_convolved(high, planes, tile, |i| slab.c[i] * t(i), to, s);
+            self.add_convolved(high, planes, tile, |i| c[i] * t(i), to, s);
         }
     }
 

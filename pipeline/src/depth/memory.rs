@@ -8,6 +8,8 @@ use crate::psf::memory;
 const OTHER_PLANES: usize = 6;
 /// Tile-sized planes: light, K, M, T, the film, e of two nodes, the rest of the pupil, spare.
 const TILE_PLANES: usize = 12;
+/// Of a pixel that surfaces are extrapolated from: its slabs, edges, what is known there, and a third of it for the coarser levels.
+const BYTES_PER_SOURCE_PIXEL: usize = 22;
 /// Slab, position, share and chart of a chart pixel, per sheet; open share and what is read, of all.
 const BYTES_PER_SHEET_PIXEL: usize = 14;
 
@@ -16,12 +18,18 @@ impl DepthPlan {
     pub fn scratch_bytes(&self, tiling: &Tiling, sheets: usize, chart_px: usize) -> usize {
         let slabs = self.max_slabs;
         let tile = tiling.tile();
+        let read = (tile + 2 * self.reach).pow(2);
         let grown = (tile + 2 * self.margin()).pow(2);
         let psf = self.used().map(|n| memory::scratch_bytes(&n.blocks, n.samples)).max().unwrap_or(0);
-        let planes = 4 * grown * (3 * slabs + OTHER_PLANES) + 4 * tile * tile * (TILE_PLANES + slabs);
+        let planes =
+            4 * grown * OTHER_PLANES + 4 * read * 3 * slabs + 4 * tile * tile * (TILE_PLANES + slabs);
+        let hidden = match self.reach > self.margin() {
+            true => BYTES_PER_SOURCE_PIXEL * read + 4 * grown * (3 * slabs + slabs),
+            false => 0,
+        };
         // Coordinates of the map, as in the remap stage.
-        let map = 44 * grown;
-        planes + map + psf + chart_px.saturating_mul(BYTES_PER_SHEET_PIXEL * sheets + 12)
+        let map = 44 * read;
+        planes + hidden + map + psf + chart_px.saturating_mul(BYTES_PER_SHEET_PIXEL * sheets + 12)
     }
 
     /// PSFs of all nodes, ready for kernels.

@@ -1,13 +1,16 @@
 //! Depth stage: a film of surfaces at several distances, in place of the stages remap and SVPSF.
 //!
 //! A distance per chart pixel ([`sheet`]) is converted to a vergence and divided into slabs between the lens's depth nodes ([`slabs`]). Each slab is
-//! remapped (`scene`), convolved with the kernels of its two nodes and composited with the slabs in front of it (`composite`). A composite is not
+//! remapped (`scene`), what is hidden behind edges and not given is invented ([`hidden`]), and the slabs are convolved with the kernels of its two nodes and composited with the slabs in front of it (`composite`). A composite is not
 //! linear, so tails cannot be added later: the stage gathers, each tile of the film reads the margin that its kernels need and writes its own pixels.
 //!
 //! Cost per slab of a tile: light on two nodes, its share of the pupil on two nodes, known and missing share, six convolutions, and e of each node
 //! once a tile; planes that are 0 cost nothing.
 
 mod composite;
+mod extrapolate;
+pub mod hidden;
+pub mod invented;
 pub mod memory;
 pub mod occupancy;
 pub mod plan;
@@ -22,19 +25,36 @@ use crate::geometry::{Frame, Rect};
 use crate::psf::BandPsf;
 use crate::psf::spectra::SpectrumCache;
 use composite::{Composite, CompositeScratch};
+use hidden::{Hidden, HiddenScratch};
+use invented::InventedLight;
+use occupancy::Occupancy;
 use scene::{Planes, Scene, SceneScratch};
 use sheet::Sheet;
 use slabs::Slabs;
+use std::sync::Arc;
 
 /// The depth stage of one band.
 #[derive(Debug)]
 pub struct DepthStage {
+    /// Position of the band in the job.
+    position: usize,
     scene: Scene,
     slabs: Slabs,
     /// PSF stage of every depth node that the scene needs.
     psfs: Vec<Option<BandPsf>>,
     /// Half the widest window, px.
     margin: usize,
+    /// How hidden surfaces are invented, and where the scene has surfaces; `None`: they are not.
+    hidden: Option<(Hidden, Arc<Occupancy>)>,
+}
+
+/// Surfaces of a job.
+#[derive(Clone, Copy, Default)]
+pub struct SceneInputs<'a> {
+    /// Nearest first; the first one has the chart of the job.
+    pub sheets: &'a [Sheet<'a>],
+    /// Receives the invented light.
+    pub invented: Option<&'a InventedLight>,
 }
 
 /// Buffers of one worker.
@@ -42,17 +62,25 @@ pub struct DepthStage {
 pub struct DepthScratch {
     planes: Planes,
     scene: SceneScratch,
+    hidden: HiddenScratch,
     composite: CompositeScratch,
     film: Vec<f32>,
+    invented: Vec<f32>,
 }
 
 impl DepthStage {
-    fn new(scene: Scene, slabs: Slabs, psfs: Vec<Option<BandPsf>>) -> Self {
+    fn new(
+        position: usize,
+        scene: Scene,
+        slabs: Slabs,
+        psfs: Vec<Option<BandPsf>>,
+        hidden: Option<(Hidden, Arc<Occupancy>)>,
+    ) -> Self {
         let margin = psfs.iter().flatten().map(BandPsf::margin).max().unwrap_or(0);
-        Self { scene, slabs, psfs, margin }
+        Self { position, scene, slabs, psfs, margin, hidden }
     }
 
-    /// Computes the film of `tile` from `sheets` and band `band` of `chart` into `out`, without a tail.
+    /// Computes the film of `tile` from `surfaces` and band `band` of `chart` into `out`, without a tail.
     ///
     /// # Errors
     /// Those of the sources; a distance that is not positive.
@@ -62,22 +90,35 @@ impl DepthStage {
         frame: &Frame,
         chart: &dyn ChartSource,
         band: usize,
-        sheets: &[Sheet<'_>],
+        surfaces: SceneInputs<'_>,
         tile: Rect,
         spectra: &SpectrumCache,
         out: &mut TileBuffer,
         scratch: &mut DepthScratch,
         clock: &Clock,
     ) -> Result<(), SourceSinkError> {
-        let DepthScratch { planes, scene, composite, film } = scratch;
-        let grown = tile.grown(self.margin);
-        clock.remap.time(|| self.scene.planes(chart, band, sheets, grown, planes, scene))?;
+        let DepthScratch { planes, scene, hidden, composite, film, invented } = scratch;
+        let (whole, grown) = (frame.film.rect(), tile.grown(self.margin));
+        clock.remap.time(|| -> Result<(), SourceSinkError> {
+            let inventing = self.hidden.as_ref().filter(|(hidden, occupancy)| {
+                hidden.is_possible(&self.scene.present(hidden.edges(whole, tile), occupancy, scene))
+            });
+            let rect = inventing.map_or(grown, |(hidden, _)| hidden.sources(whole, tile));
+            self.scene.planes(chart, band, surfaces.sheets, rect, planes, scene)?;
+            if let Some((stage, _)) = inventing {
+                stage.add(whole, tile, planes, hidden);
+            }
+            Ok(())
+        })?;
         clock.svpsf.time(|| {
             let stage = Composite { frame, slabs: &self.slabs, psfs: &self.psfs, spectra };
             film.resize(tile.size().pixels(), 0.0);
-            stage.tile(tile, planes, film, composite);
+            stage.tile(tile, planes, film, invented, composite);
             out.copy(film, tile.width);
         });
+        if let Some(light) = surfaces.invented.filter(|_| !invented.is_empty()) {
+            light.add(self.position, tile, invented);
+        }
         Ok(())
     }
 }

@@ -1,6 +1,7 @@
 //! Plan of the depth stage of one band: the nodes that its scene needs, their grids and FFT blocks.
 
 use super::DepthStage;
+use super::hidden::Hidden;
 use super::occupancy::Occupancy;
 use super::scene::Scene;
 use super::slabs::Slabs;
@@ -14,6 +15,7 @@ use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::NodeKernels;
+use std::sync::Arc;
 
 /// Vergences of the surfaces of a scene, 1/m.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,7 +27,9 @@ pub struct Surfaces {
     /// Whether they are those of one surface without holes.
     pub is_opaque: bool,
     /// Where they occur.
-    pub occupancy: Occupancy,
+    pub occupancy: Arc<Occupancy>,
+    /// Whether surfaces hidden behind edges are invented.
+    pub is_invented: bool,
 }
 
 /// Vergences outside a lens's nodes by less than this share are rounding of distances in f32.
@@ -59,6 +63,10 @@ pub struct DepthPlan {
     pub occupied: Vec<bool>,
     /// Slabs with surfaces in reach of a tile, at most.
     pub max_slabs: usize,
+    /// How hidden surfaces are invented, and where the scene has surfaces; `None`: they are not.
+    pub hidden: Option<(Hidden, Arc<Occupancy>)>,
+    /// Film pixels beyond a tile that it reads, at most.
+    pub reach: usize,
 }
 
 /// One depth node.
@@ -123,16 +131,50 @@ impl DepthPlan {
             let (heights, samples) = (node.psf_height_mm.len(), node.psf_size);
             Ok(NodePlan { is_used, grid, blocks, heights, samples, last_height_mm })
         };
-        let nodes = (first..=last).map(plan).collect::<Result<_, _>>()?;
-        let mut plan = Self { slabs, first_node: first, nodes, occupied, max_slabs: 1 };
+        let nodes = (first..=last).map(plan).collect::<Result<Vec<NodePlan>, LensError>>()?;
+        let hidden = surfaces.is_invented.then(|| {
+            let windows: Vec<usize> =
+                nodes.iter().map(|n| if n.is_used { n.blocks.window } else { 0 }).collect();
+            (Hidden::new(&slabs, &occupied, &windows), Arc::clone(occupancy))
+        });
+        let mut plan = Self { slabs, first_node: first, nodes, occupied, max_slabs: 1, hidden, reach: 0 };
+        plan.reach = plan.margin();
         let tiling = Tiling::new(frame.film, None);
         let (rows, columns) = tiling.count();
         for tile in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
-            let rect = chart_rect(tiling.rect(tile).grown(plan.margin()));
-            let in_reach = occupancy.slabs(&occupancy.within(rect), &plan.slabs);
-            plan.max_slabs = plan.max_slabs.max(in_reach.iter().filter(|is| **is).count());
+            plan.reach_of_tile(frame.film.rect(), tiling.rect(tile), occupancy, &chart_rect);
         }
         Ok(plan)
+    }
+
+    /// Raises `max_slabs` and `reach` to those of a tile.
+    fn reach_of_tile(
+        &mut self,
+        film: Rect,
+        tile: Rect,
+        occupancy: &Occupancy,
+        chart_rect: impl Fn(Rect) -> Rect,
+    ) {
+        let within = |rect: Rect| occupancy.slabs(&occupancy.within(chart_rect(rect)), &self.slabs);
+        let mut in_reach = within(tile.grown(self.margin()));
+        let possible =
+            self.hidden.as_ref().filter(|(hidden, _)| hidden.is_possible(&within(hidden.edges(film, tile))));
+        if let Some((hidden, _)) = possible {
+            let rect = hidden.sources(film, tile);
+            let beyond = [
+                tile.y - rect.y,
+                tile.x - rect.x,
+                rect.bottom() - tile.bottom(),
+                rect.right() - tile.right(),
+            ];
+            self.reach = self.reach.max(beyond.into_iter().max().unwrap_or(0).max(0) as usize);
+            // An invented surface may lie in any slab between the others.
+            in_reach = within(rect);
+            let (first, last) = (in_reach.iter().position(|is| *is), in_reach.iter().rposition(|is| *is));
+            let between = first.unwrap_or(0)..=last.unwrap_or(0);
+            in_reach = self.occupied[between].to_vec();
+        }
+        self.max_slabs = self.max_slabs.max(in_reach.iter().filter(|is| **is).count());
     }
 
     /// The nodes whose PSFs are needed.
@@ -185,6 +227,6 @@ impl DepthPlan {
             psfs.push(Some(psf.with_first_id(first_id)));
             first_id += node.grid.len();
         }
-        Ok(DepthStage::new(scene, self.slabs.clone(), psfs))
+        Ok(DepthStage::new(position, scene, self.slabs.clone(), psfs, self.hidden.clone()))
     }
 }

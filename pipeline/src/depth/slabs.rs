@@ -43,6 +43,12 @@ impl Slabs {
         (s, (s + 1).min(self.vergence.len() - 1))
     }
 
+    /// Vergences of the nodes below and above slab `s`, 1/m.
+    pub fn ends(&self, s: usize) -> (f64, f64) {
+        let (low, high) = self.nodes(s);
+        (self.vergence[low], self.vergence[high])
+    }
+
     /// The slab of vergence `v`, or the one nearest to it.
     pub fn of(&self, v: f64) -> usize {
         let above = self.vergence.partition_point(|node| *node <= v);
@@ -51,8 +57,7 @@ impl Slabs {
 
     /// Position t of vergence `v` in slab `s`, 0 to 1.
     pub fn position(&self, s: usize, v: f64) -> f64 {
-        let (low, high) = self.nodes(s);
-        let (low, high) = (self.vergence[low], self.vergence[high]);
+        let (low, high) = self.ends(s);
         if high > low { ((v - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 }
     }
 

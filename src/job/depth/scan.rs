@@ -8,6 +8,7 @@ use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::Distance;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::{Frame, Rect, Size};
+use std::sync::Arc;
 
 /// Rows read together, at least.
 pub const MIN_ROWS: usize = 64;
@@ -19,7 +20,10 @@ pub fn rows_at_a_time(chart: &Chart) -> usize {
 
 /// What was found in the depth arrays.
 pub struct Scan {
-    surfaces: Surfaces,
+    /// Vergences of the farthest and the nearest surface, 1/m.
+    first: f64,
+    last: f64,
+    occupancy: Occupancy,
     /// Pixels at infinity because nothing was met.
     missed: u64,
 }
@@ -27,9 +31,7 @@ pub struct Scan {
 impl Scan {
     /// Nothing yet, for a chart of `size` and a lens with depth nodes over the vergences `nodes`.
     pub fn new(size: Size, nodes: (f64, f64)) -> Self {
-        let occupancy = Occupancy::new(size, nodes);
-        let surfaces = Surfaces { first: f64::INFINITY, last: 0.0, is_opaque: true, occupancy };
-        Self { surfaces, missed: 0 }
+        Self { first: f64::INFINITY, last: 0.0, occupancy: Occupancy::new(size, nodes), missed: 0 }
     }
 
     /// Adds the array `source` of `name`, read `rows` rows at a time.
@@ -52,16 +54,18 @@ impl Scan {
                 )));
             };
             self.missed += u64::from(value.is_nan() || value <= 0.0);
-            self.surfaces.first = self.surfaces.first.min(v);
-            self.surfaces.last = self.surfaces.last.max(v);
-            self.surfaces.occupancy.add(row, column, v);
+            self.first = self.first.min(v);
+            self.last = self.last.max(v);
+            self.occupancy.add(row, column, v);
             Ok(())
         })
     }
 
-    /// Vergences found; `is_opaque`: of one surface without holes.
-    pub fn surfaces(self, is_opaque: bool) -> Surfaces {
-        Surfaces { is_opaque, ..self.surfaces }
+    /// Vergences found; `is_opaque`: of one surface without holes; `invent`: what is hidden behind edges is invented.
+    pub fn surfaces(self, is_opaque: bool, invent: bool) -> Surfaces {
+        let Self { first, last, .. } = self;
+        let (occupancy, is_invented) = (Arc::new(self.occupancy), invent && first < last);
+        Surfaces { first, last, is_opaque, occupancy, is_invented }
     }
 
     /// Notes to print.

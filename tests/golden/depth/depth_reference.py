@@ -39,7 +39,7 @@ left out (0.5 % of a ball's shadow if its depths are those of its front).  The g
 than EDGE_SHARE of its own blur within a window lets through light of what is hidden behind it.
 
 HIDDEN SURFACES.  Given as sheets, or invented (hidden_surface.py): pixels near a depth edge receive light and vergence extrapolated from all
-surfaces that are farther by more than the gap.
+surfaces that are farther by more than the gap. They lie in slabs that the scene has: between two surfaces, in the nearer one of the two.
 """
 import sys
 from collections import namedtuple
@@ -55,7 +55,10 @@ from hidden_surface import extrapolate, grown_box  # noqa: E402
 FLOOR = 1e-3        # least U that is divided by
 EDGE_PX = 2.0       # a depth edge: blur radii that differ by more than this
 EDGE_SHARE = 0.25   # and than this share of the farther one's
-NOTHING = 1e-9     # K + M below this is rounding
+ROUNDING = 1e-6     # extrapolated vergences below a node by less than this share of the nodes' range are those of the node
+ROUNDED = 1e-9      # means over pixels below this are rounding of the summed areas
+PRESENT = 1e-4      # least share of a pixel with which a surface makes an edge
+NOTHING = 1e-9      # K + M below this is rounding
 BLOCK_PX = 64       # side of the film blocks whose invented share is stored
 
 
@@ -167,7 +170,8 @@ def planes(sheets, lens, shape, pitch, axis, margin, scale=(1, 1), center=(0, 0)
             open_ = open_ * np.where(index == s, 1 - coverage, 1.0)
             t = np.where(index == s, position(q.vergence, lens.vergence, s), 0.0)
             if area:
-                film += mean(share), mean(share * chart) * gain, mean(share * t)
+                of_sheet = np.array([mean(share), mean(share * chart) * gain, mean(share * t)])
+                film += np.where(of_sheet[0] > ROUNDED, of_sheet, 0)
             else:
                 a = nearest(share)
                 film += a, a * ref.sample(chart, cy, cx, method, surround) * gain, a * nearest(t)
@@ -193,7 +197,11 @@ def invent(p, uncovered, lens):
     added, given = np.zeros_like(p[:, 0]), p.copy()
     farther = [[k for k in range(s) if lens.separate(k, s)] for s in range(len(slabs))]
     share = [sum((given[k, 0] for k in donors), np.zeros_like(uncovered)) for donors in farther]
-    edge = np.any([(given[s, 0] > 0) & grown_box(share[s] > 0, 1) for s in range(len(slabs))], axis=0)
+    present = [k for k in range(len(slabs)) if (given[k, 0] > PRESENT).any()]
+    low, high = np.array([[lens.vergence[d] for d in slab] for slab in slabs]).T
+    gap = lambda s, k: -1 if s == k else max(low[k] - high[s], low[s] - high[k])
+    occupied = np.array([min(present, key=lambda k: gap(s, k)) for s in range(len(slabs))])     # the slab with surfaces nearest to a slab
+    edge = np.any([(given[s, 0] > PRESENT) & grown_box(share[s] > PRESENT, 1) for s in range(len(slabs))], axis=0)
     for s, donors in enumerate(farther):
         reach = max(lens.window(d) for d in range(slabs[s][1] + 1)) // 2
         wanted = np.where(grown_box(edge, reach), np.minimum(given[s, 0], 1 - b[s]), 0.0)
@@ -202,10 +210,13 @@ def invent(p, uncovered, lens):
         middle = lambda k: given[k, 0] * lens.vergence[slabs[k][0]] + given[k, 2] * (lens.vergence[slabs[k][1]] - lens.vergence[slabs[k][0]])
         light, vergence, found = extrapolate(share[s], sum(given[k, 1] for k in donors), sum(middle(k) for k in donors), reach, margin)
         amount = np.where(found, np.maximum(wanted, 0.0), 0.0)
-        index = slab_of(np.where(found, vergence, lens.vergence[0]), lens.vergence)
+        rounding = ROUNDING * (lens.vergence[-1] - lens.vergence[0])
+        index = slab_of(np.where(found, vergence, lens.vergence[0]) + rounding, lens.vergence)
+        index = np.minimum(occupied[index], s - 1)
         for k in range(s):
             here = np.where(index == k, amount, 0.0)
-            p[k] += here, here * light, here * position(np.where(index == k, vergence, lens.vergence[k]), lens.vergence, k)
+            t = np.clip(position(np.where(index == k, vergence, lens.vergence[k]), lens.vergence, k), 0, 1)
+            p[k] += here, here * light, here * t
             added[k] += here * light
     return added
 
