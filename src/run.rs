@@ -49,6 +49,7 @@ use formats::group::{GroupError, JobGroup};
 use monitor::{Monitor, RunFailure};
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::depth::SceneInputs;
+use pipeline::depth::counts::{Counts, SharedCounts};
 use pipeline::depth::invented::InventedLight;
 use pipeline::executor::{BandWork, Summary, Work, run};
 use pipeline::plan::ShardId;
@@ -260,9 +261,13 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     let energy = Mutex::new(vec![None; job.plans.len()]);
     let prepare = |position: usize| prepare(job, position, &energy);
     let sheets = job.depth.as_ref().map_or_else(Vec::new, Depth::sheets);
+    let counts = SharedCounts::default();
     let invented = job.film.has_invented.then(|| InventedLight::new(&job.regions));
-    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare)
-        .with_surfaces(SceneInputs { sheets: &sheets, invented: invented.as_ref() });
+    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare).with_surfaces(SceneInputs {
+        sheets: &sheets,
+        invented: invented.as_ref(),
+        counts: Some(&counts),
+    });
     let (film_bands, light) = (&*job.film_bands, Mutex::default());
     let sink = FilmStoreSink { store, film_bands, invented: invented.as_ref(), light };
     let result = run(&work, job.chart.source(), &sink, &compute, &monitor);
@@ -273,7 +278,7 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     let energy = energy.into_inner().expect("no panic while held");
     record::write(job, store, task.units, &monitor, &outcome, &energy);
     let summary = outcome.map_err(|failure| failure.error)?;
-    print_invented(&sink);
+    print_depth(&counts.sum(), &sink);
     let left = (count.missing as u64).saturating_sub(summary.shards);
     if left > 0 {
         log_line(format!(
@@ -286,8 +291,18 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     Ok(0)
 }
 
-/// Prints the share of the light that comes from invented surfaces.
-fn print_invented(sink: &FilmStoreSink<'_>) {
+/// Prints what the depth stage computed, and the share of the light that comes from invented surfaces.
+fn print_depth(counts: &Counts, sink: &FilmStoreSink<'_>) {
+    if counts.tiles > 0 {
+        detail_line(format!(
+            "depth: {} tiles, {:.1} slabs a tile, {} transforms of {:.1} nodes a block, {:.2} of the model",
+            counts.tiles,
+            counts.slabs_of_a_tile(),
+            counts.forward + counts.inverse,
+            counts.nodes(),
+            counts.of_model(),
+        ));
+    }
     let (light, invented) = *sink.light.lock().expect("no panic while held");
     if light > 0.0 && sink.invented.is_some() {
         let percent = 100.0 * invented / light;

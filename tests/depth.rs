@@ -323,3 +323,13 @@ fn an_invented_wall_is_the_one_that_is_given_where_it_is_uniform() {
     // No fringe darker than the disc's own blur: half of it at a straight edge.
     assert!(least > 0.4, "{least}");
 }
+
+#[test]
+fn a_slab_costs_what_the_model_says() {
+    let scene = Scene::new();
+    let result = scene.try_run("film", text(&scene.depth), &["-v"]);
+    assert_exit(&result, 0, &["slabs a tile"]);
+    let line = result.stderr.lines().find(|line| line.contains("of the model")).unwrap();
+    let share: f64 = line.split(' ').rev().nth(3).unwrap().parse().unwrap();
+    assert!(share <= 1.1, "{line}");
+}

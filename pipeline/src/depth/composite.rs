@@ -19,8 +19,12 @@
 //! Executable form in f64: tests/golden/depth/depth_reference.py. "Over" with normalised alpha: Ikoma et al., "Depth from defocus with learned optics",
 //! ICCP 2021.
 
-use super::scene::{Planes, SlabPlanes};
+mod convolve;
+
+use super::counts::Counts;
+use super::planes::{Planes, SlabPlanes};
 use super::slabs::Slabs;
+use super::wanted::Wanted;
 use crate::buffer::TileBuffer;
 use crate::geometry::{Frame, Rect};
 use crate::psf::spectra::SpectrumCache;
@@ -39,8 +43,10 @@ pub(super) struct CompositeScratch {
     psf: PsfScratch,
     source: Vec<f32>,
     scattered: TileBuffer,
-    /// e of the nodes in use.
-    ones: BTreeMap<usize, Vec<f32>>,
+    /// e of the nodes in use, and its blocks that have been added.
+    ones: BTreeMap<usize, (Vec<f32>, Vec<bool>)>,
+    /// Where the present slab is needed.
+    wanted: Wanted,
     /// w of the slabs composited so far, by slab.
     shares: BTreeMap<usize, Vec<f32>>,
     /// Shares of all slabs behind the present one.
@@ -51,6 +57,7 @@ pub(super) struct CompositeScratch {
     opened: Vec<f32>,
     passing: Vec<f32>,
     free: Vec<Vec<f32>>,
+    counts: Counts,
 }
 
 /// What composites the tiles of one band.
@@ -76,6 +83,8 @@ impl Composite<'_> {
         let n = tile.size().pixels();
         film.fill(0.0);
         invented.clear();
+        s.counts = Counts { tiles: 1, slabs: planes.slabs.len() as u64, ..Counts::default() };
+        s.psf.transforms = (0, 0);
         if planes.slabs.iter().any(|slab| !slab.invented.is_empty()) {
             invented.resize(n, 0.0);
         }
@@ -83,6 +92,7 @@ impl Composite<'_> {
         if let [only] = &planes.slabs[..]
             && only.a.iter().all(|a| *a == 1.0)
         {
+            s.counts.blocks_of_one = self.blocks(only.slab, tile);
             let mut light = std::mem::take(&mut s.light);
             self.light(only, &only.c, planes, tile, &mut light, s);
             film.copy_from_slice(&light);
@@ -91,6 +101,7 @@ impl Composite<'_> {
         }
         s.passing.fill(1.0);
         for (at, slab) in planes.slabs.iter().enumerate().rev() {
+            s.counts.blocks_of_several += self.blocks(slab.slab, tile);
             for (behind, a) in std::iter::zip(&mut s.behind, &slab.a) {
                 *behind -= a;
             }
@@ -102,6 +113,13 @@ impl Composite<'_> {
 
     fn psf(&self, node: usize) -> &BandPsf {
         self.psfs[node].as_ref().expect("a scene has surfaces in occupied slabs only")
+    }
+
+    /// FFT blocks of `tile` with the kernels of the wider node of slab `slab`.
+    fn blocks(&self, slab: usize, tile: Rect) -> u64 {
+        let psf = self.psf(self.slabs.wide(slab));
+        let (rect, side) = (tile.grown(psf.margin()), psf.blocks().block);
+        (rect.height.div_ceil(side) * rect.width.div_ceil(side)) as u64
     }
 
     /// Adds one slab to the film and its invented part; the largest T that remains.
@@ -116,6 +134,10 @@ impl Composite<'_> {
         let (slab, n) = (&planes.slabs[at], tile.size().pixels());
         let (low, high) = self.slabs.nodes(slab.slab);
         s.retire_ones(&[low, high]);
+        let margin = self.psf(low).margin().max(self.psf(high).margin());
+        let mut wanted = std::mem::take(&mut s.wanted);
+        wanted.set(tile, &s.passing, planes.rect.expect("computed before"), &slab.a, margin);
+        s.wanted = wanted;
         let mut share = s.buffer(n);
         self.share(slab, planes, tile, &mut share, s);
         let mut light = std::mem::take(&mut s.light);
@@ -134,7 +156,7 @@ impl Composite<'_> {
             rest_of_pupil.iter_mut().zip(w).for_each(|(rest, w)| *rest -= w);
         }
         let mut most = 0f32;
-        for i in 0..n {
+        for i in (0..n).filter(|&i| s.wanted.pixel(i)) {
             let (w, k, missing) = (share[i], s.known[i], s.missing[i]);
             let sum = k + missing;
             let known = if sum > NOTHING { k / sum } else { 0.0 };
@@ -145,6 +167,10 @@ impl Composite<'_> {
                 invented[i] += s.passing[i] * (light_invented[i] / u);
             }
             s.passing[i] *= 1.0 - w / u;
+        }
+        for (i, w) in share.iter_mut().enumerate() {
+            // Where the slab is not needed its share is not complete.
+            *w *= f32::from(u8::from(s.wanted.pixel(i)));
             most = most.max(s.passing[i].abs());
         }
         s.light = light;
@@ -196,20 +222,35 @@ impl Composite<'_> {
                 continue;
             }
             let ones = s.ones.remove(&node).expect("computed above");
-            self.add_scattered(node, tile, s, to, |to, v, i| *to += v / ones[i]);
+            self.add_scattered(node, tile, s, to, |to, v, i| {
+                // Where the slab is not needed e may be 0.
+                if s.wanted.pixel(i) {
+                    *to += v / ones.0[i];
+                }
+            });
             s.ones.insert(node, ones);
         }
     }
 
-    /// Computes e of `node` unless it is there.
+    /// Computes e of `node` where it is needed, unless it is there.
     fn ones(&self, node: usize, planes: &Planes, tile: Rect, s: &mut CompositeScratch) {
-        if s.ones.contains_key(&node) {
-            return;
+        let (mut ones, mut done) = s.ones.remove(&node).unwrap_or_else(|| {
+            let mut ones = s.buffer(tile.size().pixels());
+            ones.fill(0.0);
+            (ones, Vec::new())
+        });
+        let mut at = 0;
+        let add = |is_wanted: bool| {
+            done.resize(done.len().max(at + 1), false);
+            let add = is_wanted && !done[at];
+            done[at] |= add;
+            at += 1;
+            add
+        };
+        if self.spread_blocks(node, planes, tile, |_| 1.0, s, add) {
+            self.add_scattered(node, tile, s, &mut ones, |to, v, _| *to += v);
         }
-        let mut ones = s.buffer(tile.size().pixels());
-        ones.fill(0.0);
-        self.add_convolved(node, planes, tile, |_| 1.0, &mut ones, s);
-        s.ones.insert(node, ones);
+        s.ones.insert(node, (ones, done));
     }
 
     /// K and M of a slab, with the slabs `near` it.
@@ -237,73 +278,19 @@ impl Composite<'_> {
         self.add_convolved(node, planes, tile, |i| opened[i] - known_of(i), &mut missing, s);
         (s.known, s.missing, s.behind, s.opened) = (known, missing, behind, opened);
     }
-
-    /// Adds the convolution of `value` (by index in the planes) with the kernels of `node` on `tile` to `to`.
-    fn add_convolved(
-        &self,
-        node: usize,
-        planes: &Planes,
-        tile: Rect,
-        value: impl Fn(usize) -> f32,
-        to: &mut [f32],
-        s: &mut CompositeScratch,
-    ) {
-        if self.spread(node, planes, tile, value, s) {
-            self.add_scattered(node, tile, s, to, |to, v, _| *to += v);
-        }
-    }
-
-    /// Convolves `value` (by index in the planes) with the kernels of `node` into `scattered`; `false`: all values are 0.
-    fn spread(
-        &self,
-        node: usize,
-        planes: &Planes,
-        tile: Rect,
-        value: impl Fn(usize) -> f32,
-        s: &mut CompositeScratch,
-    ) -> bool {
-        let psf = self.psf(node);
-        let from = planes.rect.expect("computed before");
-        let rect = tile.grown(psf.margin());
-        resize_exact(&mut s.source, rect.size().pixels());
-        let first = (rect.y - from.y) as usize * from.width + (rect.x - from.x) as usize;
-        let mut any = false;
-        for (y, to) in s.source.chunks_exact_mut(rect.width).enumerate() {
-            for (x, to) in to.iter_mut().enumerate() {
-                *to = value(first + y * from.width + x);
-                any |= *to != 0.0;
-            }
-        }
-        if any {
-            psf.scatter(self.frame, rect, &s.source, self.spectra, &mut s.scattered, &mut s.psf);
-        }
-        any
-    }
-
-    /// Adds what [`Composite::spread`] computed on `tile` to `to` by `add`.
-    fn add_scattered(
-        &self,
-        node: usize,
-        tile: Rect,
-        s: &CompositeScratch,
-        to: &mut [f32],
-        add: impl Fn(&mut f32, f32, usize),
-    ) {
-        // The contribution covers the tile grown by the whole window.
-        let (edge, stride) = (2 * self.psf(node).margin(), s.scattered.stride);
-        for (y, to) in to.chunks_exact_mut(tile.width).enumerate() {
-            let from = &s.scattered.data[(y + edge) * stride + edge..][..tile.width];
-            for (x, (to, v)) in std::iter::zip(to, from).enumerate() {
-                add(to, *v, y * tile.width + x);
-            }
-        }
-    }
 }
 
 impl CompositeScratch {
+    /// Counts of the tile that was composited last.
+    pub(super) fn counts(&self) -> Counts {
+        let (forward, inverse) = self.psf.transforms;
+        Counts { forward, inverse, ..self.counts }
+    }
+
     /// Buffers for a tile of `n` pixels.
     fn reset(&mut self, n: usize, planes: &Planes) {
-        let used = std::mem::take(&mut self.ones).into_values();
+        self.wanted.everywhere();
+        let used = std::mem::take(&mut self.ones).into_values().map(|(ones, _)| ones);
         self.free.extend(used.chain(std::mem::take(&mut self.shares).into_values()));
         for plane in [&mut self.light, &mut self.known, &mut self.missing, &mut self.passing] {
             resize_exact(plane, n);
@@ -328,7 +315,7 @@ impl CompositeScratch {
         let (keep, retired) =
             std::mem::take(&mut self.ones).into_iter().partition(|(node, _)| nodes.contains(node));
         self.ones = keep;
-        let retired: BTreeMap<usize, Vec<f32>> = retired;
-        self.free.extend(retired.into_values());
+        let retired: BTreeMap<usize, (Vec<f32>, Vec<bool>)> = retired;
+        self.free.extend(retired.into_values().map(|(ones, _)| ones));
     }
 }

@@ -9,7 +9,7 @@
 //! The donors of a slab are the slabs below a first one, which grows with the slab. Everything is aligned to the film, so it does not depend on tiles.
 
 use super::extrapolate::{Extrapolation, Known, Pyramid, levels};
-use super::scene::{Planes, SlabPlanes, for_each_row};
+use super::planes::{Planes, SlabPlanes, for_each_row};
 use super::slabs::Slabs;
 use crate::geometry::Rect;
 use crate::remap::resize_exact;

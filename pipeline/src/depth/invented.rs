@@ -94,7 +94,8 @@ impl InventedLight {
             invented[block] += sum;
         }
         let share = |(light, invented): (&f64, &f64)| {
-            if *light == 0.0 { 0.0 } else { (invented / light) as f32 }
+            // Sums over FFT blocks leave rounding of either sign where there is none.
+            if *light == 0.0 { 0.0 } else { (invented / light).max(0.0) as f32 }
         };
         let shares = std::iter::zip(&light, &invented).map(share).collect();
         InventedShares { shares, light: light.iter().sum(), invented: invented.iter().sum() }

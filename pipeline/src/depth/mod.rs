@@ -5,18 +5,21 @@
 //! linear, so tails cannot be added later: the stage gathers, each tile of the film reads the margin that its kernels need and writes its own pixels.
 //!
 //! Cost per slab of a tile: light on two nodes, its share of the pupil on two nodes, known and missing share, six convolutions, and e of each node
-//! once a tile; planes that are 0 cost nothing.
+//! once a tile ([`counts`]). FFT blocks that are 0, or that reach no pixel where the slab is needed, cost nothing.
 
 mod composite;
+pub mod counts;
 mod extrapolate;
 pub mod hidden;
 pub mod invented;
 pub mod memory;
 pub mod occupancy;
 pub mod plan;
+mod planes;
 mod scene;
 pub mod sheet;
 pub mod slabs;
+mod wanted;
 
 use crate::buffer::TileBuffer;
 use crate::clock::Clock;
@@ -25,10 +28,12 @@ use crate::geometry::{Frame, Rect};
 use crate::psf::BandPsf;
 use crate::psf::spectra::SpectrumCache;
 use composite::{Composite, CompositeScratch};
+use counts::SharedCounts;
 use hidden::{Hidden, HiddenScratch};
 use invented::InventedLight;
 use occupancy::Occupancy;
-use scene::{Planes, Scene, SceneScratch};
+use planes::Planes;
+use scene::{Scene, SceneScratch};
 use sheet::Sheet;
 use slabs::Slabs;
 use std::sync::Arc;
@@ -55,6 +60,8 @@ pub struct SceneInputs<'a> {
     pub sheets: &'a [Sheet<'a>],
     /// Receives the invented light.
     pub invented: Option<&'a InventedLight>,
+    /// Receives counts.
+    pub counts: Option<&'a SharedCounts>,
 }
 
 /// Buffers of one worker.
@@ -116,6 +123,7 @@ impl DepthStage {
             stage.tile(tile, planes, film, invented, composite);
             out.copy(film, tile.width);
         });
+        surfaces.counts.iter().for_each(|counts| counts.add(composite.counts()));
         if let Some(light) = surfaces.invented.filter(|_| !invented.is_empty()) {
             light.add(self.position, tile, invented);
         }

@@ -36,6 +36,7 @@ use grid::{Node, NodeGrid};
 use kernel::{KernelScratch, NodeKernels};
 use polar::BlockPlace;
 use spectra::SpectrumCache;
+use std::cell::Cell;
 use std::sync::{Arc, Mutex};
 
 /// Pixels of a block of the remapped image inside a larger buffer.
@@ -80,6 +81,8 @@ struct Builder {
 #[derive(Debug, Default)]
 pub struct PsfScratch {
     engine: Option<((usize, usize), EngineScratch)>,
+    /// Transforms so far: forward, inverse.
+    pub(crate) transforms: (u64, u64),
 }
 
 impl BandPsf {
@@ -143,8 +146,27 @@ impl BandPsf {
         out: &mut TileBuffer,
         s: &mut PsfScratch,
     ) {
+        self.scatter_blocks(frame, tile, remapped, cache, out, s, |_| true);
+    }
+
+    /// As [`BandPsf::scatter`], of the blocks for which `is_wanted` is true. Blocks of zeros contribute nothing and are skipped.
+    #[allow(clippy::too_many_arguments, reason = "as of scatter")]
+    pub(crate) fn scatter_blocks(
+        &self,
+        frame: &Frame,
+        tile: Rect,
+        remapped: &[f32],
+        cache: &SpectrumCache,
+        out: &mut TileBuffer,
+        s: &mut PsfScratch,
+        mut is_wanted: impl FnMut(Rect) -> bool,
+    ) {
         let Some(engine) = &self.engine else {
-            return out.copy(remapped, tile.width);
+            out.copy(remapped, tile.width);
+            if !is_wanted(tile) {
+                out.data.fill(0.0);
+            }
+            return;
         };
         // Engines add panels of up to 16 columns, the last one partly zeros.
         let tail = self.blocks.window - 1;
@@ -155,9 +177,14 @@ impl BandPsf {
             s.engine = Some((stage, engine.scratch()));
         }
         let (_, scratch) = s.engine.as_mut().expect("assigned above");
-        let spectra = CachedSpectra { psf: self, engine, cache };
+        let spectra = CachedSpectra { psf: self, engine, cache, forward: Cell::new(0) };
         for block in tile.tiles(self.blocks.block, self.blocks.block) {
             let (y, x) = ((block.y - tile.y) as usize, (block.x - tile.x) as usize);
+            let rows = remapped.chunks(tile.width).skip(y).take(block.height);
+            let is_zero = || rows.clone().all(|row| row[x..x + block.width].iter().all(|v| *v == 0.0));
+            if !is_wanted(block) || is_zero() {
+                continue;
+            }
             let place = BlockPlace {
                 dy_px: block.y as f64 - frame.axis_px.0,
                 dx_px: block.x as f64 - frame.axis_px.1,
@@ -168,7 +195,9 @@ impl BandPsf {
             let stride = out.stride;
             let to = &mut out.data[y * stride + x..];
             engine.scatter(&view, &self.grid, &spectra, to, stride, scratch);
+            s.transforms.1 += 1;
         }
+        s.transforms.0 += spectra.forward.get();
     }
 
     /// Adds the spectrum of `node` to `cache` if absent.
@@ -207,10 +236,13 @@ struct CachedSpectra<'a> {
     psf: &'a BandPsf,
     engine: &'a Engine,
     cache: &'a SpectrumCache,
+    /// Spectra used: transforms of blocks.
+    forward: Cell<u64>,
 }
 
 impl Spectra for CachedSpectra<'_> {
     fn get(&self, node: Node) -> Arc<AlignedBuf> {
+        self.forward.set(self.forward.get() + 1);
         self.psf.spectrum(self.engine, node, self.cache)
     }
 }
