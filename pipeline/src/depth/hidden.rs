@@ -9,6 +9,7 @@
 //! The donors of a slab are the slabs below a first one, which grows with the slab. Everything is aligned to the film, so it does not depend on tiles.
 
 use super::extrapolate::{Extrapolation, Known, Pyramid, levels};
+use super::occupancy::Occupancy;
 use super::planes::{Planes, SlabPlanes, for_each_row};
 use super::slabs::Slabs;
 use crate::geometry::Rect;
@@ -72,10 +73,15 @@ impl Hidden {
     }
 
     /// Whether a surface of the slabs `present` may be hidden behind another one.
-    pub fn is_possible(&self, present: &[bool]) -> bool {
+    fn is_possible(&self, present: &[bool]) -> bool {
         let first = present.iter().position(|is| *is);
         let last = present.iter().rposition(|is| *is);
         first.zip(last).is_some_and(|(first, last)| first < self.donors[last])
+    }
+
+    /// Whether a surface may be hidden behind another one near it in the chart pixels `rect`.
+    pub fn may_be_in(&self, rect: Rect, occupancy: &Occupancy) -> bool {
+        occupancy.any_neighbourhood(rect, |bins| self.is_possible(&occupancy.slabs(bins, &self.slabs)))
     }
 
     /// The film rectangle in which an edge matters to `tile`.

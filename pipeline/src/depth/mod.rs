@@ -108,7 +108,7 @@ impl DepthStage {
         let (whole, grown) = (frame.film.rect(), tile.grown(self.margin));
         clock.remap.time(|| -> Result<(), SourceSinkError> {
             let inventing = self.hidden.as_ref().filter(|(hidden, occupancy)| {
-                hidden.is_possible(&self.scene.present(hidden.edges(whole, tile), occupancy, scene))
+                self.scene.may_hide(hidden.edges(whole, tile), hidden, occupancy)
             });
             let rect = inventing.map_or(grown, |(hidden, _)| hidden.sources(whole, tile));
             self.scene.planes(chart, band, surfaces.sheets, rect, planes, scene)?;

@@ -5,6 +5,7 @@
 
 use super::slabs::Slabs;
 use crate::geometry::{Rect, Size};
+use std::ops::Range;
 
 /// Side of a block, chart px.
 const BLOCK_PX: usize = 64;
@@ -45,14 +46,39 @@ impl Occupancy {
 
     /// The bins that occur in the chart pixels `rect` and within a block of them; all, for a chart that is repeated beyond its edge.
     pub fn within(&self, rect: Rect) -> Bins {
+        let (rows, cols) = self.blocks_of(rect);
+        self.union(rows, cols)
+    }
+
+    /// Whether `test` is true for the bins of any block of the chart pixels `rect`, or within a block of them, and of the blocks around it.
+    pub fn any_neighbourhood(&self, rect: Rect, mut test: impl FnMut(&Bins) -> bool) -> bool {
+        let (rows, cols) = self.blocks_of(rect);
+        let around = |i: usize, n: usize| i.saturating_sub(1)..(i + 2).min(n);
+        let all_rows = self.blocks.len() / self.columns.max(1);
+        let mut last = [0; WORDS];
+        rows.into_iter().any(|row| {
+            cols.clone().any(|col| {
+                let bins = self.union(around(row, all_rows), around(col, self.columns));
+                // Neighbouring blocks often have the same bins.
+                let is_new = std::mem::replace(&mut last, bins) != bins;
+                is_new && test(&bins)
+            })
+        })
+    }
+
+    /// Rows and columns of the blocks within a block of `rect`.
+    fn blocks_of(&self, rect: Rect) -> (Range<usize>, Range<usize>) {
         let rect = rect.grown(BLOCK_PX);
         let (height, width) = (self.size.height as i64, self.size.width as i64);
         // Beyond the chart its edge, or its mirror image, continues.
         let rows = if rect.y < 0 || rect.bottom() > height { 0..height } else { rect.y..rect.bottom() };
         let cols = if rect.x < 0 || rect.right() > width { 0..width } else { rect.x..rect.right() };
-        let blocks =
-            |r: std::ops::Range<i64>| r.start as usize / BLOCK_PX..(r.end as usize).div_ceil(BLOCK_PX);
-        let (rows, cols) = (blocks(rows), blocks(cols));
+        let blocks = |r: Range<i64>| r.start as usize / BLOCK_PX..(r.end as usize).div_ceil(BLOCK_PX);
+        (blocks(rows), blocks(cols))
+    }
+
+    /// All bins of some blocks.
+    fn union(&self, rows: Range<usize>, cols: Range<usize>) -> Bins {
         let mut all = [0; WORDS];
         for row in rows {
             for bins in &self.blocks[row * self.columns..][cols.clone()] {
@@ -96,6 +122,9 @@ mod tests {
         assert_eq!(of(Rect::new(200, 200, 100, 100)), [false, true, false, false, false]);
         assert_eq!(of(Rect::new(200, 900, 100, 100)), [false, false, false, false, true]);
         assert_eq!(of(Rect::new(200, 600, 100, 10)), [false, true, false, false, true]);
+        let both = |bins: &Bins| occupancy.slabs(bins, &slabs) == [false, true, false, false, true];
+        let near = |rect| occupancy.any_neighbourhood(rect, both);
+        assert!(near(Rect::new(200, 500, 100, 10)) && !near(Rect::new(200, 300, 100, 100)));
         assert_eq!(
             of(Rect::new(-5, 200, 100, 100)),
             [false, true, false, false, false],

@@ -157,8 +157,10 @@ impl DepthPlan {
     ) {
         let within = |rect: Rect| occupancy.slabs(&occupancy.within(chart_rect(rect)), &self.slabs);
         let mut in_reach = within(tile.grown(self.margin()));
-        let possible =
-            self.hidden.as_ref().filter(|(hidden, _)| hidden.is_possible(&within(hidden.edges(film, tile))));
+        let possible = self
+            .hidden
+            .as_ref()
+            .filter(|(hidden, _)| hidden.may_be_in(chart_rect(hidden.edges(film, tile)), occupancy));
         if let Some((hidden, _)) = possible {
             let rect = hidden.sources(film, tile);
             let beyond = [

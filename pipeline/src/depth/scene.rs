@@ -10,6 +10,7 @@
 //! [`crate::remap`]; shares and distances are those of the nearest chart pixel, since a distance between two surfaces is that of neither. Scale < 1:
 //! means over the film pixel. What no sheet covers is black behind everything: `uncovered`.
 
+use super::hidden::Hidden;
 use super::occupancy::Occupancy;
 use super::planes::{Planes, SlabPlanes};
 use super::sheet::{ChangedDistance, Distance, InvalidDistance, Sheet};
@@ -58,6 +59,9 @@ pub(super) struct SceneScratch {
     wy: Vec<f32>,
     wx: Vec<f32>,
 }
+
+/// Distance of the film pixels whose place on the chart is computed to find out what is there, px; the map is smooth, blocks of the occupancy are wider.
+const STEP_PX: usize = 16;
 
 /// First and last of rows and columns of the chart.
 type Cells = ((i64, i64), (i64, i64));
@@ -119,9 +123,23 @@ impl Scene {
         ((1.0 / self.frame.scale.0).max(1.0), (1.0 / self.frame.scale.1).max(1.0))
     }
 
-    /// Which slabs may have surfaces under `rect`, by where the scene was found to have them.
-    pub(super) fn present(&self, rect: Rect, occupancy: &Occupancy, s: &mut SceneScratch) -> Vec<bool> {
-        occupancy.slabs(&occupancy.within(self.chart_rect(rect, s)), &self.slabs)
+    /// Whether a surface may be hidden behind another one under `rect`, by where the scene was found to have surfaces.
+    pub(super) fn may_hide(&self, rect: Rect, hidden: &Hidden, occupancy: &Occupancy) -> bool {
+        let at_steps = |first: i64, end: i64| (first..end).step_by(STEP_PX).chain([end - 1]);
+        let (mut y, mut x) = ((i64::MAX, i64::MIN), (i64::MAX, i64::MIN));
+        for field in [&self.fields[0], &self.fields[self.fields.len() - 1]] {
+            let map = Map::new(&self.frame, field);
+            for row in at_steps(rect.y, rect.bottom()) {
+                for column in at_steps(rect.x, rect.right()) {
+                    let (row, col, _) = map.at(row, column);
+                    let (row, col) = (row.round() as i64, col.round() as i64);
+                    y = (y.0.min(row), y.1.max(row));
+                    x = (x.0.min(col), x.1.max(col));
+                }
+            }
+        }
+        let rect = Rect::new(y.0, x.0, (y.1 - y.0 + 1) as usize, (x.1 - x.0 + 1) as usize);
+        hidden.may_be_in(rect, occupancy)
     }
 
     /// The chart rectangle under `rect` for all slabs. Coordinates are linear in vergence, so the first and the last slab bound them.
