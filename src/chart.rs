@@ -7,9 +7,8 @@ use crate::failure::{other_job, usage};
 use crate::job::threads;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
-use formats::chart::{ChartMeta, Codec, WriteError, replace_chart, write_chart};
-use pipeline::chart::{ChartSpec, Generator, Kind};
-use pipeline::flow::ChartSource;
+use formats::chart::{ChartMeta, Codec, NewChart, SurfaceArray, WriteError, write_surfaces};
+use pipeline::chart::{ChartSpec, Generator, Kind, ScenePart};
 use serde_json::Map;
 use std::path::Path;
 
@@ -43,6 +42,8 @@ fn draw(args: &GeneratedArgs) -> Result<()> {
         ("patch_px", &args.patch_px),
         ("spokes", &args.spokes),
         ("noise", &args.noise),
+        ("near_m", &args.near_m),
+        ("far_m", &args.far_m),
     ];
     for (key, value) in settings {
         if let Some(value) = value {
@@ -69,30 +70,42 @@ pub fn write(chart: &Generator, out: &Path, codec: Codec, threads: usize, overwr
         units: Some(chart.units().to_owned()),
         attributes,
     };
-    store(chart, &meta, out, codec, threads, overwrite)
+    let parts = if chart.spec().has_depth() { &SURFACE_ARRAYS[..] } else { &[] };
+    let parts = parts.iter().filter_map(|(name, part)| Some((*name, chart.spec().scene_part(*part)?)));
+    let parts: Vec<(&str, Generator)> = parts
+        .map(|(name, spec)| Ok((name, Generator::new(spec)?)))
+        .collect::<Result<_, pipeline::chart::ChartError>>()?;
+    let surfaces: Vec<SurfaceArray<'_>> = parts
+        .iter()
+        .map(|(name, source)| {
+            let has_bands = source.units() == chart.units();
+            SurfaceArray { name, source, has_bands, units: source.units() }
+        })
+        .collect();
+    store(&NewChart { source: chart, meta: &meta, surfaces: &surfaces }, out, codec, threads, overwrite)
 }
 
-/// Writes a source as a chart and prints a summary.
-fn store(
-    source: &dyn ChartSource,
-    meta: &ChartMeta,
-    out: &Path,
-    codec: Codec,
-    threads: usize,
-    overwrite: bool,
-) -> Result<()> {
+/// Arrays of a depth scene beside its chart.
+const SURFACE_ARRAYS: [(&str, ScenePart); 4] = [
+    ("depth", ScenePart::Depth),
+    ("coverage", ScenePart::Coverage),
+    ("hidden/1/chart", ScenePart::Hidden),
+    ("hidden/1/depth", ScenePart::HiddenDepth),
+];
+
+/// Writes a chart and prints a summary.
+fn store(chart: &NewChart<'_>, out: &Path, codec: Codec, threads: usize, overwrite: bool) -> Result<()> {
     let (bar, progress) = counting("drawing");
-    let result = match overwrite {
-        true => replace_chart(out, source, meta, codec, threads, &progress),
-        false => write_chart(out, source, meta, codec, threads, &progress),
-    };
+    let result = write_surfaces(out, chart, codec, threads, overwrite, &progress);
     bar.finish_and_clear();
     let report = result.map_err(|e| match e {
         WriteError::Exists { .. } => other_job(format!("{e}, or replace it with --overwrite")),
         e => e.into(),
     })?;
+    let NewChart { source, meta, surfaces } = chart;
+    let with = if surfaces.is_empty() { "" } else { ", with distances and hidden surfaces" };
     log_line(format!(
-        "{}: {} bands of {} px for a film of {}, {} shards, {:.2} GB",
+        "{}: {} bands of {} px for a film of {}{with}, {} shards, {:.2} GB",
         out.display(),
         meta.wavelengths_nm.len(),
         source.size(),

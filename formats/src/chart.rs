@@ -30,6 +30,8 @@
 //!                          smaller chart; encoding: see module `shard`
 //!     wavelength/          f64, nm, one chunk: little-endian, crc32c
 //!
+//! [`write_surfaces`] adds the arrays of its surfaces ([`SurfaceArray`]): `depth`, `coverage`, `hidden/1/chart`, …
+//!
 //! # Reading
 //! Metadata are checked on opening. [`pipeline::flow::ChartSource::read`] then decodes each chunk once as long as it stays in a bounded
 //! cache, for any number of threads and overlapping requests, and checks its values ([`NanPolicy`], [`MAX_VALUE`]).
@@ -79,7 +81,9 @@ pub use raster::RasterChart;
 pub use raster::layout::{Interleave, RasterLayout};
 pub use store::{ChartStore, ReadStats};
 pub use values::MAX_VALUE;
-pub use write::{ChartMeta, WriteError, WriteReport, remove_chart, replace_chart, write_chart};
+pub use write::{
+    ChartMeta, NewChart, SurfaceArray, WriteError, WriteReport, remove_chart, write_chart, write_surfaces,
+};
 
 #[cfg(test)]
 mod tests;

@@ -14,6 +14,7 @@ use std::path::PathBuf;
     disable_help_subcommand = true,
     after_help = "Examples:\n  lenscube chart slanted-edge edges.zarr --size 14141 --grid 5 --angle-deg 5\n  \
 lenscube chart image photo.png chart.zarr --pitch-um 2\n  \
+lenscube chart depth-scene scene.zarr --size 1500x1000 --near-m 0.1 --far-m inf    # with distances and hidden surfaces\n  \
 lenscube run 'gen:composite?size=14141' film.zarr     # without a store"
 )]
 pub struct ChartArgs {
@@ -79,7 +80,7 @@ pub struct ImageArgs {
 /// `lenscube chart KIND`
 #[derive(Debug, Args)]
 pub struct GeneratedArgs {
-    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker or composite; or image, for a picture
+    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker, composite or depth-scene; or image, for a picture
     #[arg(value_name = "KIND")]
     pub kind: String,
     /// Zarr store to write, local or at s3://BUCKET/PREFIX
@@ -133,6 +134,12 @@ pub struct GeneratedArgs {
     /// siemens: pairs of dark and bright spokes
     #[arg(long)]
     pub spokes: Option<String>,
+    /// depth-scene: distance of its disc and nearest floor, m
+    #[arg(long, value_name = "M")]
+    pub near_m: Option<String>,
+    /// depth-scene: distance of its wall, m, or inf
+    #[arg(long, value_name = "M")]
+    pub far_m: Option<String>,
     /// Compression of the store; zstd is smaller and slower
     #[arg(long, value_parser = one_of(CODEC), default_value = "lz4")]
     pub codec: Codec,

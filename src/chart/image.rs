@@ -13,9 +13,9 @@ use crate::job::threads;
 use crate::memory::machine::default_limit;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
-use formats::chart::ChartMeta;
 use formats::chart::exr::ExrContent;
 use formats::chart::image::{ImageFile, Transfer};
+use formats::chart::{ChartMeta, NewChart};
 use formats::durable::{create_directories, parent_of};
 use pipeline::colour::Illuminant;
 use pipeline::flow::{ChartSource, SourceSinkError};
@@ -124,7 +124,8 @@ pub fn command(args: &ImageArgs) -> Result<()> {
         units: Some(plan.units),
         attributes,
     };
-    store(&picture, &meta, &args.out, args.codec, threads, args.overwrite)?;
+    let chart = NewChart { source: &picture, meta: &meta, surfaces: &[] };
+    store(&chart, &args.out, args.codec, threads, args.overwrite)?;
     let negative = picture.negative_samples.into_inner();
     if negative > 0 {
         log_line(format!("note: {negative} negative samples were replaced by 0"));

@@ -3,7 +3,7 @@
 //! The store becomes a chart when it is complete: until then files lie in a temp directory beside its path, and objects lack the group's
 //! metadata.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -12,9 +12,9 @@ use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
 use crate::durable::{DurableError, Removal, Store, is_temp_name, link_target};
-use crate::hierarchy::{NewGroup, array, coordinate};
+use crate::hierarchy::{self, NewGroup, coordinate};
 use crate::parallel::{self, Progress};
-use crate::shard::{Codec, SampleType, ShardEncoder, sharding_metadata};
+use crate::shard::{Codec, SampleType, ShardEncoder, sharding_of};
 
 /// Side of a shard, px.
 const SHARD: usize = 2048;
@@ -34,6 +34,30 @@ pub struct ChartMeta {
     pub units: Option<String>,
     /// Further attributes of the group.
     pub attributes: Map<String, Value>,
+}
+
+/// A chart to write.
+#[derive(Clone, Copy)]
+pub struct NewChart<'a> {
+    /// Its pixels.
+    pub source: &'a dyn ChartSource,
+    /// Its metadata.
+    pub meta: &'a ChartMeta,
+    /// Arrays of its surfaces in the same group.
+    pub surfaces: &'a [SurfaceArray<'a>],
+}
+
+/// An array of a surface: distances, coverage, or what is hidden behind.
+#[derive(Clone, Copy)]
+pub struct SurfaceArray<'a> {
+    /// Name in the chart's group: `depth`, `coverage`, `hidden/1/chart`, `hidden/1/depth`, `hidden/1/coverage`, …
+    pub name: &'a str,
+    /// Its pixels, finite.
+    pub source: &'a dyn ChartSource,
+    /// Whether it has the chart's bands; else it has one and no axis for it.
+    pub has_bands: bool,
+    /// Unit of the values.
+    pub units: &'a str,
 }
 
 /// Amount of data written.
@@ -137,21 +161,21 @@ fn open_chart(path: &Path) -> Result<Option<Store>, WriteError> {
     Ok(Some(store))
 }
 
-/// As [`write_chart`], but replaces an existing chart once the new one is complete. Objects at a URL cannot be replaced in one step:
-/// there the old chart is removed first.
+/// As [`write_chart`], with the arrays of its surfaces; `overwrite`: replaces an existing chart once the new one is complete. Objects at a URL
+/// cannot be replaced in one step: there the old chart is removed first.
 ///
 /// # Errors
-/// [`WriteError`]; in a directory the old chart is then unchanged. [`WriteError::NotChart`] for anything but a chart,
+/// [`WriteError`]; in a directory the old chart is then unchanged. With `overwrite` [`WriteError::NotChart`] for anything but a chart,
 /// [`WriteError::Foreign`] if it contains files that this program did not write.
-pub fn replace_chart(
+pub fn write_surfaces(
     path: &Path,
-    source: &dyn ChartSource,
-    meta: &ChartMeta,
+    chart: &NewChart<'_>,
     codec: Codec,
     threads: usize,
+    overwrite: bool,
     progress: Progress<'_>,
 ) -> Result<WriteReport, WriteError> {
-    let replace = match open_chart(path)? {
+    let replace = match if overwrite { open_chart(path)? } else { None } {
         Some(store @ Store::Directory(_)) => {
             if let Some(names) = store.foreign(is_own)? {
                 return Err(WriteError::Foreign { path: path.into(), names });
@@ -164,7 +188,7 @@ pub fn replace_chart(
         }
         None => false,
     };
-    write(path, source, meta, codec, threads, progress, replace)
+    write(path, chart, codec, threads, progress, replace)
 }
 
 /// Whether a chart written by this program may contain the file `key`.
@@ -173,9 +197,13 @@ fn is_own(key: &str) -> bool {
     let numbers = |parts: &[&str]| {
         !parts.is_empty() && parts.iter().all(|p| !p.is_empty() && p.bytes().all(|b| b.is_ascii_digit()))
     };
-    match parts[..] {
-        ["zarr.json"] | ["chart" | "wavelength", "zarr.json"] => true,
-        ["chart" | "wavelength", "c", ref indices @ ..] => numbers(indices),
+    let inside = match parts[..] {
+        ["hidden", sheet, ref inside @ ..] if numbers(&[sheet]) => inside,
+        _ => &parts[..],
+    };
+    match *inside {
+        ["zarr.json"] | ["chart" | "wavelength" | "depth" | "coverage" | "hidden", "zarr.json"] => true,
+        ["chart" | "wavelength" | "depth" | "coverage", "c", ref indices @ ..] => numbers(indices),
         _ => parts.iter().any(|part| is_temp_name(part)),
     }
 }
@@ -193,18 +221,18 @@ pub fn write_chart(
     threads: usize,
     progress: Progress<'_>,
 ) -> Result<WriteReport, WriteError> {
-    write(path, source, meta, codec, threads, progress, false)
+    write(path, &NewChart { source, meta, surfaces: &[] }, codec, threads, progress, false)
 }
 
 fn write(
     path: &Path,
-    source: &dyn ChartSource,
-    meta: &ChartMeta,
+    chart: &NewChart<'_>,
     codec: Codec,
     threads: usize,
     progress: Progress<'_>,
     replace: bool,
 ) -> Result<WriteReport, WriteError> {
+    let NewChart { source, meta, surfaces } = *chart;
     let (size, bands) = (source.size(), meta.wavelengths_nm.len());
     if size.pixels() == 0 || bands == 0 {
         return Err(WriteError::Empty { path: path.into(), bands, size });
@@ -213,12 +241,23 @@ fn write(
     let side = |n: usize| SHARD.min(n.div_ceil(CHUNK) * CHUNK);
     let (sh, sw) = (side(size.height), side(size.width));
     let tiles: Vec<Rect> = size.rect().tiles(sh, sw).collect();
-    let shard = move |band: usize, rect: &Rect| {
-        format!("chart/c/{band}/{}/{}", rect.y as usize / sh, rect.x as usize / sw)
+    let units = meta.units.as_deref().unwrap_or_default();
+    let first = SurfaceArray { name: "chart", source, has_bands: true, units };
+    let arrays: Vec<SurfaceArray<'_>> = std::iter::once(first).chain(surfaces.iter().copied()).collect();
+    // A shard: array, band, and the tile that it holds.
+    let mut shards = Vec::new();
+    for array in &arrays {
+        let bands = if array.has_bands { bands } else { 1 };
+        shards.extend((0..bands).flat_map(|band| tiles.iter().map(move |rect| (array, band, *rect))));
+    }
+    let key = |(array, band, rect): &(&SurfaceArray<'_>, usize, Rect)| {
+        let band = if array.has_bands { format!("{band}/") } else { String::new() };
+        format!("{}/c/{band}{}/{}", array.name, rect.y as usize / sh, rect.x as usize / sw)
     };
-    let mut own_keys: HashSet<String> =
-        (0..bands).flat_map(|band| tiles.iter().map(move |rect| shard(band, rect))).collect();
-    own_keys.extend(["chart/zarr.json", "wavelength/zarr.json", "wavelength/c/0"].map(str::to_owned));
+    let mut own_keys: HashSet<String> = shards.iter().map(key).collect();
+    own_keys.extend(["wavelength/zarr.json", "wavelength/c/0"].map(str::to_owned));
+    own_keys.extend(arrays.iter().map(|array| format!("{}/zarr.json", array.name)));
+    own_keys.extend(parents(&arrays).iter().map(|name| format!("{name}/zarr.json")));
     let mut group = match replace {
         true => NewGroup::replacing(path, true)?,
         false => NewGroup::begin(path, true, move |key| own_keys.contains(key))?.ok_or_else(exists)?,
@@ -226,37 +265,53 @@ fn write(
     let codec_error = |reason: String| WriteError::Codec { path: path.into(), reason };
     let encoder =
         ShardEncoder::new(codec, SampleType::F32, CHUNK, None).map_err(|e| codec_error(e.to_string()))?;
-    let total = bands * tiles.len();
     let bytes = AtomicU64::new(0);
-    parallel::for_each::<WriteError>(threads, total, progress, |n| {
-        let (band, rect) = (n / tiles.len(), tiles[n % tiles.len()]);
+    parallel::for_each::<WriteError>(threads, shards.len(), progress, |n| {
+        let (array, band, rect) = shards[n];
         let mut data = vec![0.0; rect.size().pixels()];
-        source.read(band, rect, &mut data).map_err(|source| WriteError::Source {
+        array.source.read(band, rect, &mut data).map_err(|source| WriteError::Source {
             path: path.into(),
             band,
             rect,
             source,
         })?;
+        let key = key(&shards[n]);
         let encoded = encoder
             .encode(&data, (rect.height, rect.width), (sh / CHUNK, sw / CHUNK))
-            .map_err(|e| codec_error(format!("band {band}, shard {}: {e}", shard(band, &rect))))?;
+            .map_err(|e| codec_error(format!("band {band}, shard {key}: {e}")))?;
         bytes.fetch_add(encoded.len() as u64, Relaxed);
-        Ok(group.store.write(&shard(band, &rect), encoded)?)
+        Ok(group.store.write(&key, encoded)?)
     })?;
     group.coordinate("wavelength", coordinate("wavelength", "nm", "wavelength", &meta.wavelengths_nm))?;
-    let chart = array(
-        &[bands, size.height, size.width],
-        &[1, sh, sw],
-        SampleType::F32.name(),
-        sharding_metadata(codec, SampleType::F32, CHUNK, false),
-        &["wavelength", "y", "x"],
-        meta.units.as_ref().map_or(json!({}), |u| json!({"units": u})),
-    );
-    group.array("chart", chart)?;
+    for name in parents(&arrays) {
+        group.array(&name, json!({"zarr_format": 3, "node_type": "group", "attributes": {}}))?;
+    }
+    for array in &arrays {
+        // Of sides (bands, rows, columns).
+        let along = |sides: [usize; 3]| sides[usize::from(!array.has_bands)..].to_vec();
+        let metadata = hierarchy::array(
+            &along([bands, size.height, size.width]),
+            &along([1, sh, sw]),
+            SampleType::F32.name(),
+            sharding_of(codec, SampleType::F32, &along([1, CHUNK, CHUNK]), false),
+            &["wavelength", "y", "x"][usize::from(!array.has_bands)..],
+            if array.units.is_empty() { json!({}) } else { json!({"units": array.units}) },
+        );
+        group.array(array.name, metadata)?;
+    }
     if !group.publish(attributes(meta))? {
         return Err(exists());
     }
-    Ok(WriteReport { shards: total as u64, bytes: bytes.into_inner() })
+    Ok(WriteReport { shards: shards.len() as u64, bytes: bytes.into_inner() })
+}
+
+/// The groups that hold `arrays`, below the chart's.
+fn parents(arrays: &[SurfaceArray<'_>]) -> BTreeSet<String> {
+    let of = |array: &SurfaceArray<'_>| {
+        let parts: Vec<&str> = array.name.split('/').collect();
+        (1..parts.len()).map(|n| parts[..n].join("/")).collect::<Vec<_>>()
+    };
+    arrays.iter().flat_map(of).collect()
 }
 
 fn attributes(meta: &ChartMeta) -> Value {

@@ -11,6 +11,7 @@
 
 mod composite;
 mod coverage;
+mod depth_scene;
 mod error;
 pub mod glyphs;
 mod inks;
@@ -22,12 +23,14 @@ mod sheet;
 mod spec;
 mod targets;
 
+pub use depth_scene::ScenePart;
 pub use error::ChartError;
 pub use sheet::EdgeSite;
 pub use spec::{ChartSpec, EdgePlaces, KINDS, Kind, PointShape};
 
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
+use depth_scene::DepthScene;
 use inks::Inks;
 use picture::Picture;
 use sheet::Sheet;
@@ -47,6 +50,8 @@ pub struct Generator {
     overscan_px: usize,
     chart: Size,
     picture: Picture,
+    /// Near objects of a depth scene, whose wall and floor are the picture.
+    scene: Option<DepthScene>,
     /// Radiance of every ink, per band.
     radiance: Vec<Vec<f32>>,
     points: Vec<(f64, f64)>,
@@ -64,6 +69,7 @@ impl Generator {
         let overscan_px = spec.overscan();
         let inks = Inks::new(spec.illuminant, spec.wavelengths_nm.clone());
         let mut sheet = Sheet::new(spec.film, overscan_px, inks);
+        let mut scene = None;
         match &spec.kind {
             Kind::Uniform { value } => sheet.uniform(*value),
             Kind::Points { count, shape, width_px } => sheet.points(*count, *shape, *width_px)?,
@@ -75,12 +81,16 @@ impl Generator {
             Kind::Siemens { spokes, grid } => sheet.siemens(*spokes, *grid),
             Kind::Checker => sheet.checker(),
             Kind::Composite => composite::draw(&mut sheet, spec.pitch_um),
+            Kind::DepthScene { near_m, far_m, part } => {
+                scene = Some(DepthScene::draw(&mut sheet, *near_m, *far_m, *part));
+            }
         }
         Ok(Self {
             overscan_px,
             chart: sheet.chart(),
             radiance: sheet.inks.into_bands(),
             picture: sheet.picture,
+            scene,
             points: sheet.points,
             edges: sheet.edges,
             patches: sheet.patches,
@@ -129,7 +139,10 @@ impl Generator {
 
     /// Unit of the values.
     pub const fn units(&self) -> &'static str {
-        UNITS
+        match self.spec.kind {
+            Kind::DepthScene { part, .. } => part.units(),
+            _ => UNITS,
+        }
     }
 
     /// Centres (row, column) of all isolated points and dots, film pixels: integers, so that each is symmetric in pixels.
@@ -175,8 +188,12 @@ impl ChartSource for Generator {
         if out.len() != rect.size().pixels() {
             return Err(format!("{rect} of band {band} does not fit a buffer of {} pixels", out.len()).into());
         }
-        self.picture.paint(inks, rect, out);
-        if self.spec.noise > 0.0 {
+        match &self.scene {
+            Some(scene) => scene.paint(&self.picture, inks, rect, out),
+            None => self.picture.paint(inks, rect, out),
+        }
+        let is_radiance = !matches!(self.spec.kind, Kind::DepthScene { part, .. } if !part.is_radiance());
+        if self.spec.noise > 0.0 && is_radiance {
             noise::add(self.spec.noise, band, rect, out);
         }
         Ok(())

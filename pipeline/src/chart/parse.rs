@@ -1,5 +1,6 @@
 //! Chart specifications as text, `KIND?key=value&key=value`: parsing of kinds and settings.
 
+use super::depth_scene::ScenePart;
 use super::error::{ChartError, bad_value};
 use super::spec::{ChartSpec, EdgePlaces, KINDS, Kind, MAX_SIDE, PointShape, SIZE_EXPECTED};
 use crate::geometry::Size;
@@ -29,6 +30,7 @@ impl Kind {
             "siemens" => Self::Siemens { spokes: 72, grid: 1 },
             "checker" => Self::Checker,
             "composite" => Self::Composite,
+            "depth-scene" => Self::DepthScene { near_m: 0.1, far_m: 1.0, part: ScenePart::Chart },
             _ => {
                 let names = KINDS.map(|(name, _)| name);
                 let (nearest, valid) = (nearest(name, &names), names.join(", "));
@@ -101,6 +103,15 @@ impl ChartSpec {
             ("centers", Kind::SlantedEdge { places, .. }) => *places = EdgePlaces::Centres(centres(value)?),
             ("patch_px", Kind::SlantedEdge { patch_px, .. }) => *patch_px = Some(count("patch_px", value)?),
             ("spokes", Kind::Siemens { spokes, .. }) => *spokes = count("spokes", value)?,
+            ("near_m", Kind::DepthScene { near_m, .. }) => *near_m = number("near_m", value)?,
+            ("far_m", Kind::DepthScene { far_m, .. }) => {
+                *far_m = if value.trim() == "inf" { f64::INFINITY } else { number("far_m", value)? };
+            }
+            ("part", Kind::DepthScene { part, .. }) => {
+                let found = ScenePart::ALL.iter().find(|(name, _)| *name == value);
+                let names = ScenePart::ALL.map(|(name, _)| name).join(", ");
+                *part = found.ok_or_else(|| bad_value("part", value, &format!("one of {names}")))?.1;
+            }
             ("grid", Kind::Siemens { grid, .. } | Kind::Esfr { grid, .. }) => *grid = count("grid", value)?,
             _ => {
                 let specific = KINDS.iter().find(|k| k.0 == name).map_or(&[][..], |k| k.1);

@@ -3,9 +3,10 @@
 //! As text `KIND?key=value&key=value` (`parse.rs`), e.g. `gen:composite?size=14141&wavelengths=400:700:10&pitch_um=2&overscan=200`. The
 //! `Display` of a [`ChartSpec`] writes every setting, so that equal charts have equal texts.
 
+use super::depth_scene::ScenePart;
 use super::error::{ChartError, bad_value};
 use super::noise;
-use crate::bounds::{BANDS, FILM_SIDE_PX, PITCH_UM, WAVELENGTH_NM};
+use crate::bounds::{self, BANDS, FILM_SIDE_PX, PITCH_UM, WAVELENGTH_NM};
 use crate::colour::{FIRST_NM, Illuminant, LAST_NM};
 use crate::geometry::Size;
 use crate::wavelengths;
@@ -17,7 +18,7 @@ pub(super) const SIZE_EXPECTED: &str = "a film size N or WxH, each side 1 to 100
 const MAX_ALONG: usize = 128;
 
 /// Name of every kind, and its settings beside `size`, `wavelengths`, `pitch_um`, `overscan`, `illuminant` and `noise`.
-pub const KINDS: [(&str, &[&str]); 8] = [
+pub const KINDS: [(&str, &[&str]); 9] = [
     ("uniform", &["value"]),
     ("points", &["count", "blob", "width_px"]),
     ("slanted-edge", &["angle_deg", "contrast", "grid", "centers", "patch_px"]),
@@ -26,6 +27,7 @@ pub const KINDS: [(&str, &[&str]); 8] = [
     ("siemens", &["spokes", "grid"]),
     ("checker", &[]),
     ("composite", &[]),
+    ("depth-scene", &["near_m", "far_m", "part"]),
 ];
 
 /// Shape of an isolated point.
@@ -102,6 +104,15 @@ pub enum Kind {
     Checker,
     /// Several targets in one picture, for visual inspection.
     Composite,
+    /// Wall, floor, disc and ball at several distances, with their distances and the surfaces hidden behind disc and ball.
+    DepthScene {
+        /// Distance of the disc and of the nearest floor from the entrance pupil, m.
+        near_m: f64,
+        /// Distance of the wall, m; infinity is allowed.
+        far_m: f64,
+        /// The array.
+        part: ScenePart,
+    },
 }
 
 impl Kind {
@@ -116,6 +127,7 @@ impl Kind {
             Self::Siemens { .. } => "siemens",
             Self::Checker => "checker",
             Self::Composite => "composite",
+            Self::DepthScene { .. } => "depth-scene",
         }
     }
 }
@@ -144,9 +156,24 @@ impl ChartSpec {
     /// Colour of a white: the illuminant where there are spectra of reflectance, else equal energy in every band.
     pub const fn light(&self) -> Illuminant {
         match self.kind {
-            Kind::Checker | Kind::Composite => self.illuminant,
+            Kind::Checker | Kind::Composite | Kind::DepthScene { .. } => self.illuminant,
             _ => Illuminant::E,
         }
+    }
+
+    /// Whether it is the picture of a depth scene, whose other arrays [`ChartSpec::scene_part`] gives.
+    pub const fn has_depth(&self) -> bool {
+        matches!(self.kind, Kind::DepthScene { part: ScenePart::Chart, .. })
+    }
+
+    /// The same scene's array `part`, if it is a depth scene: all bands of a radiance, else one.
+    pub fn scene_part(&self, part: ScenePart) -> Option<Self> {
+        let Kind::DepthScene { near_m, far_m, .. } = self.kind else { return None };
+        let mut spec = Self { kind: Kind::DepthScene { near_m, far_m, part }, ..self.clone() };
+        if !part.is_radiance() {
+            spec.wavelengths_nm.truncate(1);
+        }
+        Some(spec)
     }
 
     /// The default chart of a kind: 2048 px of 2 µm, 400..700 nm step 10 nm, D65.
@@ -239,6 +266,11 @@ impl ChartSpec {
                 along("grid", *grid)
             }
             Kind::Checker | Kind::Composite => Ok(()),
+            Kind::DepthScene { near_m, far_m, .. } => {
+                within("near_m", *near_m, bounds::FOCUS_M.min, 1e5, "0.0001 to 100000 m")?;
+                let farther = "more than near_m, or inf";
+                within("far_m", *far_m, near_m * (1.0 + 1e-6), f64::INFINITY, farther)
+            }
         }
     }
 }
@@ -274,6 +306,9 @@ impl std::fmt::Display for ChartSpec {
             Kind::DotGrid { count, width_px } => write!(f, "&count={count}&width_px={width_px}"),
             Kind::Siemens { spokes, grid } => write!(f, "&spokes={spokes}&grid={grid}"),
             Kind::Checker | Kind::Composite => Ok(()),
+            Kind::DepthScene { near_m, far_m, part } => {
+                write!(f, "&near_m={near_m}&far_m={far_m}&part={}", part.name())
+            }
         }
     }
 }

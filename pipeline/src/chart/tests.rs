@@ -23,7 +23,7 @@ impl Random {
     }
 }
 
-const CHARTS: [&str; 12] = [
+const CHARTS: [&str; 14] = [
     "checker?size=200x97&noise=0.2&wavelengths=550",
     "uniform?value=3.5&size=40",
     "points?size=301x200&count=5&overscan=7",
@@ -36,6 +36,8 @@ const CHARTS: [&str; 12] = [
     "checker?size=200x97&illuminant=A",
     "composite?size=700&wavelengths=450,550,650",
     "composite?size=1002x1301&wavelengths=550",
+    "depth-scene?size=400x300&wavelengths=550,600&noise=0.1",
+    "depth-scene?size=300x200&wavelengths=550&near_m=0.3&far_m=inf&part=depth",
 ];
 
 #[test]
@@ -277,6 +279,9 @@ fn invalid_specification_is_an_error_with_a_hint() {
         ("slanted-edge?centers=5000,5", "on the film"),
         ("slanted-edge?centers=50,50;52,50&patch_px=9", "apart"),
         ("siemens?spokes=1", "2 to 720"),
+        ("depth-scene?near_m=0", "0.0001 to 100000 m"),
+        ("depth-scene?near_m=2&far_m=2", "more than near_m"),
+        ("depth-scene?part=dept", "one of chart, depth, coverage"),
     ] {
         let error =
             spec.parse::<Generator>().err().unwrap_or_else(|| panic!("{spec} was accepted")).to_string();

@@ -111,3 +111,41 @@ fn chart_at_a_url_equals_the_one_in_a_directory() {
     let e = ChartStore::open("memory://chart/deep/c.zarr", ChartOptions::default()).unwrap_err();
     assert!(matches!(e, ChartError::NotFound { .. }), "{e}");
 }
+
+#[test]
+fn arrays_of_surfaces_lie_beside_the_chart() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, size) = (dir.path().join("c.zarr"), Size::new(600, 30));
+    let ramp = Ramp(size);
+    let array = |name, has_bands, units| SurfaceArray { name, source: &ramp, has_bands, units };
+    let surfaces = [
+        array("depth", false, "m"),
+        array("hidden/1/chart", true, "radiance"),
+        array("hidden/1/depth", false, "m"),
+    ];
+    let chart = NewChart { source: &ramp, meta: &meta(2), surfaces: &surfaces };
+    let write =
+        |overwrite| write_surfaces(&path, &chart, Codec::Lz4, 2, overwrite, &|_, _| {}).map(|r| r.shards);
+    assert_eq!(write(false).unwrap(), 6);
+    assert!(matches!(write(false), Err(WriteError::Exists { .. })));
+    assert_eq!(write(true).unwrap(), 6);
+    for (name, bands, units) in
+        [("depth", 1, "m"), ("hidden/1/chart", 2, "radiance"), ("chart", 2, "radiance")]
+    {
+        let chart = open(&path.join(name));
+        assert_eq!((chart.size(), chart.bands(), chart.units()), (size, bands, Some(units)), "{name}");
+        let last = all(&chart, bands - 1).unwrap();
+        assert_eq!(last[31], value(bands - 1, 1, 1), "{name}");
+    }
+    let metadata: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(path.join("zarr.json")).unwrap()).unwrap();
+    let members = metadata["consolidated_metadata"]["metadata"].as_object().unwrap();
+    let mut names: Vec<&String> = members.keys().collect();
+    names.sort();
+    assert_eq!(
+        names,
+        ["chart", "depth", "hidden", "hidden/1", "hidden/1/chart", "hidden/1/depth", "wavelength"]
+    );
+    remove_chart(&path).unwrap();
+    assert!(!path.exists());
+}
