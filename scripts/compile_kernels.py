@@ -1,4 +1,4 @@
-"""Compiles every .cu under pipeline/ to pipeline/ptx/NAME.ptx and assembles it; run by scripts/ptx.
+"""Compiles every .cu under pipeline/ to pipeline/ptx/NAME.ptx and assembles it to pipeline/ptx/NAME.sm_XX.cubin; run by scripts/ptx.
 
 Constants shared with Rust are defined once, in Rust: a line `// From cuda.rs: THREADS, TILES` of a .cu defines THREADS and TILES as
 the literals of `const THREADS: usize = 256;` etc. in that file (a path relative to the .cu).
@@ -7,10 +7,13 @@ the literals of `const THREADS: usize = 256;` etc. in that file (a path relative
 import ctypes
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
+import tempfile
 
 TARGET = "compute_80"
+# Architectures of the cubins, by the assembler that makes them: that of the oldest driver that supports the architecture.
 OLDER = ["sm_80", "sm_86", "sm_89", "sm_90"]
 NEWER = ["sm_100", "sm_120"]
 
@@ -50,9 +53,9 @@ def compile_ptx(nvrtc, source):
     return re.sub(rb"\b(add|sub|mul)\.(f32|f64)\b", rb"\1.rn.\2", text)
 
 
-def assemble(ptxas, ptx, architecture):
-    """(kernel, registers, stack bytes, spilled bytes) of every kernel on an architecture."""
-    command = [ptxas, "-v", f"-arch={architecture}", ptx, "-o", "/dev/null"]
+def assemble(ptxas, ptx, architecture, cubin):
+    """(kernel, registers, stack bytes, spilled bytes) of every kernel on an architecture; writes the binary to `cubin`."""
+    command = [ptxas, "-v", f"-arch={architecture}", ptx, "-o", cubin]
     run = subprocess.run(command, capture_output=True, text=True)
     if run.returncode:
         sys.exit(f"{ptx} on {architecture}: {run.stderr}")
@@ -73,6 +76,7 @@ def main():
     nvrtc = ctypes.CDLL(str(place / "12.2/nvidia/cuda_nvrtc/lib/libnvrtc.so.12"))
     assemblers = [(v, place / v / "nvidia/cuda_nvcc/bin/ptxas") for v in ("12.2", "12.9")]
     wrong, table = [], {}
+    scratch = pathlib.Path(tempfile.mkdtemp())
     for source in sorted(pathlib.Path("pipeline").rglob("*.cu")):
         there, fresh = pathlib.Path("pipeline/ptx", source.stem + ".ptx"), compile_ptx(nvrtc, source)
         if check and (not there.exists() or there.read_bytes() != fresh):
@@ -83,7 +87,16 @@ def main():
             there.write_bytes(fresh)
         for version, ptxas in assemblers:
             for architecture in OLDER + (NEWER if version != "12.2" else []):
-                for name, registers, stack, spilled in assemble(ptxas, there, architecture):
+                assembled = scratch / "cubin"
+                kernels = assemble(ptxas, there, architecture, assembled)
+                # Tests load their kernels as PTX.
+                if source.stem != "probe" and (architecture in NEWER or version == "12.2"):
+                    cubin = there.with_suffix(f".{architecture}.cubin")
+                    if not check:
+                        cubin.write_bytes(assembled.read_bytes())
+                    elif not cubin.exists() or cubin.read_bytes() != assembled.read_bytes():
+                        wrong.append(f"{cubin} differs from the output of the assembler, or is missing: run scripts/ptx")
+                for name, registers, stack, spilled in kernels:
                     table.setdefault(name, {})[version, architecture] = registers
                     if stack or spilled:
                         wrong.append(f"{name} on {architecture} ({version}): {stack} bytes of stack, {spilled} spilled")
@@ -92,6 +105,7 @@ def main():
     print("registers".ljust(width), *(f"{a[3:]}" + ("'" if v == "12.9" else "") for v, a in columns), sep="\t")
     for name, of in sorted(table.items()):
         print(name.ljust(width), *(of.get(c, "-") for c in columns), sep="\t")
+    shutil.rmtree(scratch)
     print("' by the assembler of 12.9, else of 12.2")
     for line in wrong:
         print(line, file=sys.stderr)

@@ -12,9 +12,14 @@ pub fn long() -> &'static str {
 
 fn lines() -> String {
     let isas = Isa::ALL.map(Isa::name).join(", ");
-    let kernels = ptx::version(ptx::PSF).map_or_else(
+    let kernels = ptx::version(&ptx::PSF).map_or_else(
         || "none".to_owned(),
-        |(version, target)| format!("PTX {version} for compute capability {} and newer", capability(target)),
+        |(version, target)| {
+            let cubins: Vec<_> =
+                ptx::PSF.cubins.iter().map(|((major, minor), _)| format!("{major}.{minor}")).collect();
+            let (oldest, cubins) = (capability(target), cubins.join(", "));
+            format!("PTX {version} for compute capability {oldest} and newer; cubins for {cubins}")
+        },
     );
     [
         env!("CARGO_PKG_VERSION").to_owned(),
@@ -44,7 +49,14 @@ mod tests {
     fn version_names_build_instruction_set_and_kernels() {
         let text = long();
         assert!(text.starts_with(env!("CARGO_PKG_VERSION")), "{text}");
-        for part in ["commit:", "rustc 1.", "features:", "portable", "PTX 8.2 for compute capability 8.0"] {
+        for part in [
+            "commit:",
+            "rustc 1.",
+            "features:",
+            "portable",
+            "PTX 8.2 for compute capability 8.0",
+            "cubins for 8.0",
+        ] {
             assert!(text.contains(part), "{part} in {text}");
         }
         assert_eq!(capability("sm_120"), "12.0");

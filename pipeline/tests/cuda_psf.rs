@@ -362,7 +362,7 @@ fn main() -> ExitCode {
     ));
     for (name, settings) in [
         ("reverse", &[("ORDER", "reverse")][..]),
-        ("random", &[("ORDER", "random"), ("CAPABILITY", "8.6")]),
+        ("random", &[("ORDER", "random"), ("CAPABILITY", "8.6"), ("CUBINS", "1")]),
         ("deferred", &[("STREAMS", "deferred"), ("CAPABILITY", "9.0")]),
         ("hasty", &[("STREAMS", "hasty")]),
     ] {

@@ -26,7 +26,10 @@ fn results_path() -> Option<PathBuf> {
 
 /// What a result holds for: the GPU, its driver, the program and its kernels.
 fn key(info: &DeviceInfo) -> String {
-    let kernels = blake3::hash([ptx::REMAP, ptx::PSF, ptx::OVERLAP_ADD].concat().as_bytes()).to_hex();
+    let kernels = blake3::hash(
+        [&ptx::REMAP, &ptx::PSF, &ptx::OVERLAP_ADD].map(|kernels| kernels.ptx).concat().as_bytes(),
+    )
+    .to_hex();
     let (driver, capability) = (info.driver_version, info.compute_capability);
     format!(
         "{} sm_{}{} driver {}.{} lenscube {} kernels {}",

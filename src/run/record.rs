@@ -215,7 +215,7 @@ fn print_summary(summary: Option<&Summary>, chart: &ChartFigures, energy: &[Opti
 /// Each queue's GPU, and its work unless the run was stopped by an error.
 fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
     let gpu = |(i, queue): (usize, &DeviceQueue)| {
-        let info = &queue.device.info;
+        let (info, loading) = (&queue.device.info, queue.device.kernel_loading());
         let mut value = json!({
             "index": info.index,
             "name": info.name,
@@ -223,7 +223,7 @@ fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
             "driver": format!("{}.{}", info.driver_version.0, info.driver_version.1),
             "device_bytes": queue.device_bytes,
             "host_bytes": queue.host_bytes,
-            "assembly_s": queue.device.assembly_s(),
+            "kernels": { "cubins": loading.cubins, "assembled": loading.assembled, "s": loading.seconds },
         });
         if let Some(f) = summary.and_then(|s| s.gpus.get(i)) {
             value["did"] = json!({

@@ -4,6 +4,7 @@ use super::driver::{self, DriverError};
 use super::error::{CudaError, NO_DEVICE, OLDEST_CAPABILITY, OUT_OF_MEMORY, Version};
 use super::handle::{CudaContext, CudaStream};
 use super::launch::{CudaFunction, CudaModule};
+use super::ptx::Kernels;
 use super::slice::{CudaSlice, DeviceRepr, PinnedHostSlice};
 use std::collections::HashMap;
 use std::ffi::{CStr, c_int};
@@ -121,6 +122,20 @@ impl DeviceInfo {
     }
 }
 
+/// How the kernels of a GPU came to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct KernelLoading {
+    /// Cubins that were loaded.
+    pub cubins: usize,
+    /// PTX files that the driver assembled, because there is no cubin for the GPU, the driver refused it, or [`FORCE_ASSEMBLY`] is set.
+    pub assembled: usize,
+    /// Time of both, s; the driver keeps the result of assembly for later processes.
+    pub seconds: f64,
+}
+
+/// Environment variable of the driver: 1 has kernels assembled from PTX although there are cubins.
+pub const FORCE_ASSEMBLY: &str = "CUDA_FORCE_PTX_JIT";
+
 /// An open GPU. It may be opened several times; the instances share only its memory.
 #[derive(Debug)]
 pub struct Device {
@@ -130,8 +145,7 @@ pub struct Device {
     pub context: Arc<CudaContext>,
     /// Loaded modules by the address of their PTX.
     modules: Mutex<HashMap<usize, Arc<CudaModule>>>,
-    /// Time of the driver's assembly of the kernels, s; the driver keeps the result for later processes.
-    assembly_s: Mutex<f64>,
+    loading: Mutex<KernelLoading>,
 }
 
 impl Device {
@@ -150,7 +164,7 @@ impl Device {
         }
         let failed = |e| CudaError::new(index, "opening it", e);
         let context = CudaContext::new(index).map_err(failed)?;
-        Ok(Arc::new(Self { info, context, modules: Mutex::default(), assembly_s: Mutex::default() }))
+        Ok(Arc::new(Self { info, context, modules: Mutex::default(), loading: Mutex::default() }))
     }
 
     /// Index in the driver's order.
@@ -180,29 +194,41 @@ impl Device {
         Ok((free as u64, total as u64))
     }
 
-    /// A kernel of `ptx`, which is assembled at first use.
+    /// The kernel `name` of `kernels`, which are loaded or assembled at first use.
     ///
     /// # Errors
     /// An error of the driver.
-    pub fn kernel(&self, ptx: &'static str, name: &str) -> Result<CudaFunction, CudaError> {
+    pub fn kernel(&self, kernels: &'static Kernels, name: &str) -> Result<CudaFunction, CudaError> {
         let mut modules = self.modules.lock().expect("no thread panics while it holds the lock");
-        let module = match modules.get(&ptx.as_ptr().addr()) {
+        let module = match modules.get(&kernels.ptx.as_ptr().addr()) {
             Some(module) => module,
             None => {
-                let start = Instant::now();
-                let loaded = CudaModule::load(&self.context, ptx);
-                *self.assembly_s.lock().expect("no thread panics while it holds the lock") +=
-                    start.elapsed().as_secs_f64();
-                let loaded = loaded.map_err(self.failed("assembling the kernels"))?;
-                modules.entry(ptx.as_ptr().addr()).or_insert(loaded)
+                let loaded = self.load(kernels)?;
+                modules.entry(kernels.ptx.as_ptr().addr()).or_insert(loaded)
             }
         };
         module.function(name).map_err(self.failed(&format!("loading the kernel {name}")))
     }
 
-    /// Seconds in which the driver has assembled kernels.
-    pub fn assembly_s(&self) -> f64 {
-        *self.assembly_s.lock().expect("no thread panics while it holds the lock")
+    fn load(&self, kernels: &'static Kernels) -> Result<Arc<CudaModule>, CudaError> {
+        let start = Instant::now();
+        let forced = std::env::var_os(FORCE_ASSEMBLY).is_some_and(|v| v == "1");
+        let cubin = kernels.cubin(self.info.compute_capability).filter(|_| !forced);
+        let cubin = cubin.and_then(|cubin| CudaModule::load_cubin(&self.context, cubin).ok());
+        let from_cubin = cubin.is_some();
+        let loaded = cubin.map_or_else(|| CudaModule::assemble(&self.context, kernels.ptx), Ok);
+        let mut loading = self.loading.lock().expect("no thread panics while it holds the lock");
+        loading.seconds += start.elapsed().as_secs_f64();
+        match from_cubin {
+            true => loading.cubins += 1,
+            false => loading.assembled += 1,
+        }
+        loaded.map_err(self.failed("assembling the kernels"))
+    }
+
+    /// How its kernels were loaded so far.
+    pub fn kernel_loading(&self) -> KernelLoading {
+        *self.loading.lock().expect("no thread panics while it holds the lock")
     }
 
     /// `len` uninitialised values of device memory for `what`, in the order of `stream`.

@@ -55,7 +55,7 @@ impl FilmRows {
     ) -> Result<Self, CudaError> {
         let width = (columns.end - columns.start) as usize;
         Ok(Self {
-            kernel: device.kernel(ptx::OVERLAP_ADD, "add_tiles")?,
+            kernel: device.kernel(&ptx::OVERLAP_ADD, "add_tiles")?,
             rows: device.allocate(stream, capacity * width, "film rows")?,
             device: Arc::clone(device),
             columns,

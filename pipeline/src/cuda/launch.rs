@@ -21,12 +21,28 @@ unsafe impl Sync for CudaModule {}
 
 impl CudaModule {
     /// Assembles the kernels of `ptx`.
-    pub(super) fn load(context: &Arc<CudaContext>, ptx: &str) -> Result<Arc<Self>, DriverError> {
-        context.bind()?;
+    pub(super) fn assemble(context: &Arc<CudaContext>, ptx: &str) -> Result<Arc<Self>, DriverError> {
         let text = CString::new(ptx).expect("PTX has no NUL");
+        // SAFETY: NUL-terminated text.
+        unsafe { Self::load(context, text.as_ptr().cast()) }
+    }
+
+    /// Loads the kernels of a cubin of this program, which `scripts/ptx` made.
+    pub(super) fn load_cubin(
+        context: &Arc<CudaContext>,
+        cubin: &'static [u8],
+    ) -> Result<Arc<Self>, DriverError> {
+        // SAFETY: a complete ELF file, whose headers give its size.
+        unsafe { Self::load(context, cubin.as_ptr().cast()) }
+    }
+
+    /// # Safety
+    /// `image` is NUL-terminated PTX or a complete cubin.
+    unsafe fn load(context: &Arc<CudaContext>, image: *const c_void) -> Result<Arc<Self>, DriverError> {
+        context.bind()?;
         let mut handle = ptr::null_mut();
-        // SAFETY: NUL-terminated text; writes one handle.
-        unsafe { driver::module_load_data(&mut handle, text.as_ptr().cast())? };
+        // SAFETY: as the caller guarantees; writes one handle.
+        unsafe { driver::module_load_data(&mut handle, image)? };
         Ok(Arc::new(Self { context: Arc::clone(context), handle }))
     }
 

@@ -123,7 +123,7 @@ impl RemapOnDevice {
         let steps = device_steps(&remap.field);
         let (buckets, _) = remap.field.buckets();
         let mut on_device = Self {
-            kernel: device.kernel(ptx::REMAP, name)?,
+            kernel: device.kernel(&ptx::REMAP, name)?,
             map: device_map(remap),
             steps: device.allocate(stream, steps.len(), "a band's field")?,
             buckets: device.allocate(stream, buckets.len(), "a band's field")?,

@@ -7,14 +7,16 @@ mod emulated_cuda;
 mod errors;
 
 use emulated_cuda::{Build, Case, PLAIN, SANITIZED_BUILD, Target};
+use lenscube_pipeline::cuda::device::FORCE_ASSEMBLY;
 use lenscube_pipeline::cuda::handle::CudaStream;
 use lenscube_pipeline::cuda::launch::LaunchConfig;
+use lenscube_pipeline::cuda::ptx::{self, Kernels};
 use lenscube_pipeline::cuda::slice::{CudaSlice, DeviceMemory};
 use lenscube_pipeline::cuda::{CudaError, Device, devices};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-const PROBE: &str = include_str!("../../ptx/probe.ptx");
+static PROBE: Kernels = Kernels::of_ptx(include_str!("../../ptx/probe.ptx"));
 
 fn scale(
     device: &Device,
@@ -23,7 +25,7 @@ fn scale(
     to: &mut CudaSlice<f32>,
     (a, b): (f32, f32),
 ) -> Result<(), CudaError> {
-    let kernel = device.kernel(PROBE, "probe_scale")?;
+    let kernel = device.kernel(&PROBE, "probe_scale")?;
     let n = from.len() as u32;
     let shape = LaunchConfig { grid_dim: (n.div_ceil(64), 1, 1), block_dim: (64, 1, 1), shared_mem_bytes: 0 };
     // SAFETY: the arguments are the kernel's, and both slices hold n values.
@@ -90,7 +92,7 @@ fn reverse(shared: u32) -> bool {
     let from: Vec<f32> = (0..512).map(|i| i as f32).collect();
     let there = stream.clone_htod(&from).unwrap();
     let back = device.allocate::<f32>(&stream, 512, "a test").unwrap();
-    let kernel = device.kernel(PROBE, "probe_reverse").unwrap();
+    let kernel = device.kernel(&PROBE, "probe_reverse").unwrap();
     let shape = LaunchConfig { grid_dim: (2, 1, 1), block_dim: (256, 1, 1), shared_mem_bytes: shared };
     // SAFETY: two blocks of 256 values each; `shared` is what is tested.
     unsafe { stream.launch_builder(&kernel).arg(&there).arg(&back).launch(shape) }.unwrap();
@@ -111,7 +113,7 @@ fn shuffles_sum_a_warp() {
     let stream = device.context.new_stream().unwrap();
     let there = stream.clone_htod(&(0..128).map(|i| i as f32).collect::<Vec<_>>()).unwrap();
     let sums = device.allocate::<f32>(&stream, 128, "a test").unwrap();
-    let kernel = device.kernel(PROBE, "probe_warp_sum").unwrap();
+    let kernel = device.kernel(&PROBE, "probe_warp_sum").unwrap();
     let shape = LaunchConfig { grid_dim: (2, 1, 1), block_dim: (64, 1, 1), shared_mem_bytes: 0 };
     // SAFETY: the kernel reads and writes one value a thread.
     unsafe { stream.launch_builder(&kernel).arg(&there).arg(&sums).launch(shape) }.unwrap();
@@ -124,7 +126,7 @@ fn barrier_reached_by_half_of_the_threads_is_an_error() {
     let device = Device::open(0).unwrap();
     let stream = device.context.new_stream().unwrap();
     let out = device.allocate::<f32>(&stream, 64, "a test").unwrap();
-    let kernel = device.kernel(PROBE, "probe_apart").unwrap();
+    let kernel = device.kernel(&PROBE, "probe_apart").unwrap();
     let shape = LaunchConfig { grid_dim: (1, 1, 1), block_dim: (64, 1, 1), shared_mem_bytes: 0 };
     // SAFETY: 64 values for 64 threads.
     let launched = unsafe { stream.launch_builder(&kernel).arg(&out).launch(shape) };
@@ -150,6 +152,20 @@ fn kernel_access_beyond_its_memory_is_detected() {
     let _ = scale(&device, &stream, &from, &mut to, (1.0, 0.0));
     let _ = stream.synchronize();
 }
+/// Numbers of cubins loaded and of PTX files assembled for one kernel.
+fn loaded_and_assembled() -> (usize, usize) {
+    let device = Device::open(0).unwrap();
+    device.kernel(&ptx::OVERLAP_ADD, "add_tiles").unwrap();
+    let loading = device.kernel_loading();
+    (loading.cubins, loading.assembled)
+}
+
+fn forced_assembly_ignores_cubins() {
+    // SAFETY: the process of this case has no other thread yet.
+    unsafe { std::env::set_var(FORCE_ASSEMBLY, "1") };
+    assert_eq!(loaded_and_assembled(), (0, 1));
+}
+
 fn main() -> ExitCode {
     let plain = Case::emulated;
     let must_fail = |case: Case| Case { must_fail: true, ..case };
@@ -235,6 +251,27 @@ fn main() -> ExitCode {
             "out_of_host_memory_is_not_out_of_device_memory",
             &[("FAULTS", "host-memory:0:1")],
             errors::out_of_host_memory_is_not_out_of_device_memory,
+        ),
+        plain("cubin_of_the_architecture_is_loaded::8.9", &[("CAPABILITY", "8.9"), ("CUBINS", "1")], || {
+            assert_eq!(loaded_and_assembled(), (1, 0));
+        }),
+        plain(
+            "cubin_of_the_architecture_is_loaded::12.1",
+            &[("CAPABILITY", "12.1"), ("CUBINS", "1")],
+            || {
+                assert_eq!(loaded_and_assembled(), (1, 0));
+            },
+        ),
+        plain("gpu_without_a_cubin_assembles", &[("CAPABILITY", "11.0"), ("CUBINS", "1")], || {
+            assert_eq!(loaded_and_assembled(), (0, 1));
+        }),
+        plain("refused_cubin_is_replaced_by_assembly", &[("CAPABILITY", "9.0")], || {
+            assert_eq!(loaded_and_assembled(), (0, 1));
+        }),
+        plain(
+            "forced_assembly_ignores_cubins",
+            &[("CAPABILITY", "9.0"), ("CUBINS", "1")],
+            forced_assembly_ignores_cubins,
         ),
         plain("events_order_streams::eager", &[], events_order_streams),
         plain("events_order_streams::deferred", &[("STREAMS", "deferred")], events_order_streams),

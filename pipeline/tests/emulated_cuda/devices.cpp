@@ -4,6 +4,7 @@
 //   EMULATED_CUDA_MEMORY=1e9,4e8         bytes of each (4 GiB)
 //   EMULATED_CUDA_CAPABILITY=9.0,8.6     compute capability of each (8.0)
 //   EMULATED_CUDA_DRIVER=12020           version (12020); newer PTX is rejected
+//   EMULATED_CUDA_CUBINS=1               cubins are loaded (their kernels are not executed: those built for the CPU are); else refused
 //   EMULATED_CUDA_DELAY_US=0,500         delay of every kernel of each, us
 //   EMULATED_CUDA_STREAMS, _ORDER        driver.h, cuda_cpu.h
 //   EMULATED_CUDA_FAULTS=lost:1:3,...    KIND:DEVICE:N, fault of the N-th (from 1) launch or allocation of a device:

@@ -1,7 +1,8 @@
 // Modules and launches of the emulated driver. Version, target, and entries with their parameters, maximum threads and static shared
-// memory are read from the PTX; the kernels themselves are compiled into this library.
+// memory are read from the PTX, architecture, names and static shared memory from a cubin; the kernels themselves are compiled into this library.
 #include "driver.h"
 #include "block.h"
+#include <elf.h>
 #include <regex>
 #include <thread>
 
@@ -72,6 +73,32 @@ static CUresult load(Device &d, Module &module, const std::string &ptx) {
     return SUCCESS;
 }
 
+// A cubin: an ELF file whose sections .text.NAME are kernels and .nv.shared.NAME their static shared memory. The architecture stands in the flags,
+// bits 0 to 7, or 8 to 15 since ABI version 8; it must have the device's major number and not be newer.
+static CUresult load_cubin(Device &d, Module &module, const char *image) {
+    if (!setting("CUBINS")) return NO_BINARY_FOR_GPU;
+    const auto &header = *reinterpret_cast<const Elf64_Ehdr *>(image);
+    const int architecture = header.e_flags >> (header.e_ident[EI_ABIVERSION] < 8 ? 0 : 8) & 0xff;
+    if (architecture / 10 != d.major || architecture % 10 > d.minor) return NO_BINARY_FOR_GPU;
+    const auto *sections = reinterpret_cast<const Elf64_Shdr *>(image + header.e_shoff);
+    const char *names = image + sections[header.e_shstrndx].sh_offset;
+    auto named = [&](int k, const std::string &prefix) {
+        const std::string name = names + sections[k].sh_name;
+        return name.compare(0, prefix.size(), prefix) ? std::string() : name.substr(prefix.size());
+    };
+    for (int k = 0; k < header.e_shnum; ++k) {
+        const std::string name = named(k, ".text.");
+        if (name.empty()) continue;
+        auto kernel = kernels().find(name);
+        if (kernel == kernels().end()) return wrong(INVALID_IMAGE, "the cubin's %s is not among the kernels built for the CPU", name.c_str());
+        size_t shared = 0;
+        for (int j = 0; j < header.e_shnum; ++j)
+            if (named(j, ".nv.shared.") == name) shared = sections[j].sh_size;
+        module.functions[name].reset(new Function{name, &d, &kernel->second, 1024, shared, 49152 - std::min<size_t>(shared, 49152)});
+    }
+    return module.functions.empty() ? INVALID_IMAGE : SUCCESS;
+}
+
 static CUresult check(const Function &f, dim3 grid, dim3 block, size_t shared) {
     const size_t threads = size_t(block.x) * block.y * block.z;
     const char *name = f.name.c_str();
@@ -101,7 +128,9 @@ CUresult cuModuleLoadData(CUmodule *handle, const void *image) {
     Current c;
     if (c.error) return c.error;
     auto module = std::make_unique<Module>();
-    if (CUresult error = load(*c.device, *module, static_cast<const char *>(image))) return error;
+    const char *bytes = static_cast<const char *>(image);
+    const bool is_cubin = !std::memcmp(bytes, ELFMAG, SELFMAG);
+    if (CUresult error = is_cubin ? load_cubin(*c.device, *module, bytes) : load(*c.device, *module, bytes)) return error;
     *handle = reinterpret_cast<CUmodule>(module.get());
     c.device->modules[module.get()] = std::move(module);
     return SUCCESS;

@@ -29,18 +29,18 @@ impl Functions {
     pub(super) fn load(device: &Device, partition: &Partition) -> Result<Self, CudaError> {
         let partition = Partition { side: partition.side.max(128), ..*partition }; // a window of 1 launches no transform
         let transform = |name| {
-            let kernel = device.kernel(ptx::PSF, &format!("psf_{name}_{}", partition.side))?;
+            let kernel = device.kernel(&ptx::PSF, &format!("psf_{name}_{}", partition.side))?;
             let set = kernel.set_attribute(MAX_DYNAMIC_SHARED, partition.shared_bytes() as i32);
             set.map_err(device.failed("setting the limit of shared memory"))?;
             Ok(kernel)
         };
         Ok(Self {
-            copy: device.kernel(ptx::PSF, "psf_copy")?,
-            pack: device.kernel(ptx::PSF, "psf_pack")?,
+            copy: device.kernel(&ptx::PSF, "psf_copy")?,
+            pack: device.kernel(&ptx::PSF, "psf_pack")?,
             spectra: transform("spectra")?,
             scatter: transform("scatter")?,
-            unfold: device.kernel(ptx::PSF, "psf_unfold")?,
-            add: device.kernel(ptx::PSF, "psf_add")?,
+            unfold: device.kernel(&ptx::PSF, "psf_unfold")?,
+            add: device.kernel(&ptx::PSF, "psf_add")?,
         })
     }
 }
