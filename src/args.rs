@@ -30,7 +30,7 @@ pub use cache::{CacheAction, CacheArgs};
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;
-pub use depth::{DepthKind, DepthMiss, DepthUnit, NO_HIDDEN};
+pub use depth::{DEPTH_TOLERANCE, DepthArgs, DepthKind, DepthMiss, DepthUnit, NO_HIDDEN};
 pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};

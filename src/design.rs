@@ -175,6 +175,16 @@ pub fn image_plane(args: &DesignArgs, system: &System) -> ImagePlane {
 }
 
 fn apply(mut system: System, args: &DesignArgs) -> Result<System> {
+    for (surface, mm) in &args.gap {
+        let gaps = system.image();
+        if !(1..=gaps).contains(surface) {
+            return Err(usage(format!(
+                "--gap {surface}={mm}: the design has gaps behind surfaces 1 to {gaps}"
+            )));
+        }
+        system.surfaces[surface - 1].thickness_mm = *mm;
+        system.check()?;
+    }
     if let Some(distance) = args.object_distance_mm {
         system = system.with_object_distance(Some(distance))?;
     }

@@ -1,8 +1,9 @@
-//! A job, resolved from its arguments before any pixel is computed, in four steps:
+//! A job, resolved from its arguments before any pixel is computed, in five steps:
 //!
 //! ```text
+//! Opened       chart, lens, names of the surfaces' arrays                  inputs
 //! Arguments    device, engine, options                                     arguments
-//! Inputs       chart, lens, bands, film geometry                           inputs, frame
+//! Inputs       bands, film geometry, surfaces                              inputs, frame, depth
 //! JobPlan      film layout, lens at the job's wavelengths, band plans      bands, film
 //! resources    memory, GPU queues                                          resources, stretch
 //! ```
@@ -36,7 +37,7 @@ use arguments::Arguments;
 use bands::JobPlan;
 use coverage::Coverage;
 use formats::film::FilmSpec;
-use inputs::Inputs;
+use inputs::{Inputs, Opened};
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::geometry::Frame;
@@ -106,8 +107,9 @@ impl Job {
     }
 
     fn resolve(args: &RunArgs, planned: Option<PlannedBands<'_>>) -> Result<Self> {
-        let mut arguments = Arguments::resolve(args)?;
-        let (mut inputs, lens) = Inputs::open(&arguments, planned.map(|p| p.bands))?;
+        let opened = Opened::new(args)?;
+        let mut arguments = Arguments::resolve(args, opened.has_depth())?;
+        let (mut inputs, lens) = Inputs::new(args, opened, planned.map(|p| p.bands))?;
         let mut plan = JobPlan::new(&arguments, &inputs, lens)?;
         light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
@@ -134,7 +136,7 @@ impl Job {
         let device = arguments.device;
         let mut details = plan.lens.details().to_vec();
         // Surfaces at several distances are computed on the CPU whatever devices there are.
-        match args.device == Device::Auto && args.depth.is_none() {
+        match args.device == Device::Auto && inputs.depth.is_none() {
             true if device.no_gpu => details.push(device.reason),
             true => notes.push(device.reason),
             false => {}

@@ -12,7 +12,7 @@ pub mod unit_list;
 pub use command_line::CommandLine;
 pub use file::{Plan, Totals};
 
-use crate::args::{Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs};
+use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs};
 use crate::failure::usage;
 use crate::film_engine;
 use crate::job::{Job, PlannedBands};
@@ -48,6 +48,8 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     file::check_place(&args.output)?;
     if let Some(path) = &args.lens_pack {
         run.lens = lens_pack::write(&run, path)?;
+        // The pack has them.
+        run.surfaces = DepthArgs { focus_m: None, gap: Vec::new(), depth_tolerance: None, ..run.surfaces };
     }
     let command = worker_command(&run, matches)?;
     let engine = film_engine::planned(&args.job)?;
@@ -102,16 +104,25 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
     line.chart = Some(absolute_chart(&run.chart)?);
     line.film = Some(absolute_path(film)?);
     let lens = if is_builtin(&run.lens) { run.lens.clone() } else { absolute_path(&run.lens)? };
+    let surfaces = &run.surfaces;
     let of_path = |flag: &String| {
-        flag.starts_with("--lens=") || flag.starts_with("--depth=") || flag.starts_with("--hidden=")
+        let is = |name: &str| flag.strip_prefix(name).is_some_and(|rest| rest.starts_with('='));
+        let of_pack = [
+            ("--focus-m", surfaces.focus_m.is_none()),
+            ("--gap", surfaces.gap.is_empty()),
+            ("--depth-tolerance", surfaces.depth_tolerance.is_none()),
+        ];
+        ["--lens", "--depth", "--hidden"].into_iter().any(is)
+            || of_pack.iter().any(|(name, has)| *has && is(name))
     };
     line.flags.retain(|flag| !of_path(flag));
-    for group in &run.hidden {
-        let group = if group == NO_HIDDEN { group.clone() } else { absolute_path(group)? };
+    for group in &run.surfaces.hidden {
+        let group = if group == NO_HIDDEN { group.clone() } else { absolute_chart(group)? };
         line.flags.push(format!("--hidden={group}"));
     }
-    if let Some(depth) = &run.depth {
-        let depth = if depth.parse::<f32>().is_ok() { depth.clone() } else { absolute_path(depth)? };
+    if let Some(depth) = &run.surfaces.depth {
+        let is_path = depth != "none" && depth.parse::<f32>().is_err();
+        let depth = if is_path { absolute_chart(depth)? } else { depth.clone() };
         line.flags.push(format!("--depth={depth}"));
     }
     line.flags.insert(0, format!("--lens={lens}"));

@@ -1,8 +1,50 @@
-//! Values of the depth flags.
+//! Surfaces at several distances: flags of a job, and their values.
 
-use super::RunArgs;
+use super::choices::{DEPTH_KIND, DEPTH_MISS, DEPTH_UNIT, one_of};
+use super::lens::{Gap, focus_m, gap};
+use super::values::positive;
 use crate::failure::usage;
 use anyhow::Result;
+use clap::Args;
+
+/// Surfaces at several distances, and the lens's focus.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Depth")]
+pub struct DepthArgs {
+    /// Object distance in focus, m from the entrance pupil (`inf` allowed), of a design: its film moves there [default: the film of the
+    /// design]. Without distances of pixels the chart lies there
+    #[arg(long, value_name = "M", value_parser = focus_m)]
+    pub focus_m: Option<f64>,
+    /// Gap behind a surface of a design, counted from 1, set before focusing, e.g. 7=3.25; repeatable
+    #[arg(long, value_name = "SURFACE=MM", value_parser = gap)]
+    pub gap: Vec<Gap>,
+    /// Distance of every chart pixel from the entrance pupil: array of the chart's size, PATH//depth of a Zarr store, .npy or ENVI, or one distance;
+    /// none: a flat chart [default: the array `depth` of the chart's group, with `coverage` and `hidden/1/…`; those of gen:depth-scene].
+    /// Needs a design, or a lens pack with depth nodes. An array `coverage` beside `depth` is the share of each pixel that the surface covers
+    #[arg(long, value_name = "PATH|DISTANCE|none")]
+    pub depth: Option<String>,
+    /// Unit of distances [default: the depth array's attribute unit, else m]
+    #[arg(long, value_parser = one_of(DEPTH_UNIT))]
+    pub depth_unit: Option<DepthUnit>,
+    /// Distances along the optical axis (planar), or along the ray to each pixel [default: the depth array's attribute kind, else planar]
+    #[arg(long, value_parser = one_of(DEPTH_KIND))]
+    pub depth_kind: Option<DepthKind>,
+    /// NaN, 0 and negative distances, which renderers write where a ray meets nothing: error, or infinity [default: error]
+    #[arg(long, value_parser = one_of(DEPTH_MISS))]
+    pub depth_miss: Option<DepthMiss>,
+    /// Surface hidden behind the ones before it, the nearest first: Zarr group with arrays chart and depth, and coverage if it has holes, e.g.
+    /// CHART//hidden/1; repeatable. none: nothing is invented [default: what is hidden behind edges is invented from what is around, and its share of the
+    /// light is stored in the film's array `invented`]
+    #[arg(long, value_name = "GROUP|none")]
+    pub hidden: Vec<String>,
+    /// Maximum error of a kernel half-way between the depth nodes of a design, L1 at film pixels [default: 0.02]
+    #[arg(long, value_name = "L1", value_parser = positive)]
+    pub depth_tolerance: Option<f64>,
+}
+
+/// Default of `--depth-tolerance`.
+pub const DEPTH_TOLERANCE: f64 = 0.02;
+
 
 /// `--depth-unit`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +97,7 @@ pub enum DepthMiss {
 /// `--hidden none`.
 pub const NO_HIDDEN: &str = "none";
 
-impl RunArgs {
+impl DepthArgs {
     /// The surfaces of `--hidden`.
     ///
     /// # Errors

@@ -154,6 +154,9 @@ pub struct DesignArgs {
     /// Ray aiming [default: as in the design]
     #[arg(long, value_parser = one_of(AIMING))]
     pub aiming: Option<RayAiming>,
+    /// Gap behind a surface, counted from 1, e.g. 7=3.25: focus of a lens that moves a group; repeatable
+    #[arg(long, value_name = "SURFACE=MM", value_parser = gap)]
+    pub gap: Vec<Gap>,
     /// Glass catalogue in AGF format, in addition to the built-in glasses; used first for designs that name it; repeatable
     #[arg(long, value_name = "FILE.agf")]
     pub glass_catalog: Vec<PathBuf>,
@@ -216,8 +219,18 @@ pub struct TraceArgs {
     pub parameters: DesignArgs,
 }
 
+/// A gap of a design: surface, counted from 1, and the distance to the next one in mm.
+pub type Gap = (usize, f64);
+
+/// A gap `SURFACE=MM`.
+pub(super) fn gap(text: &str) -> Result<Gap, String> {
+    let parts = text.split_once('=').and_then(|(n, mm)| Some((n.trim().parse().ok()?, mm)));
+    let (surface, mm) = parts.ok_or("expected SURFACE=MM, e.g. 7=3.25")?;
+    Ok((surface, bounded(bounds::DEFOCUS_MM)(mm)?))
+}
+
 /// A distance in m, `inf` allowed.
-fn focus_m(text: &str) -> Result<f64, String> {
+pub(super) fn focus_m(text: &str) -> Result<f64, String> {
     let metres = text.trim().parse().ok().filter(|m| bounds::FOCUS_M.contains(*m));
     metres.ok_or_else(|| format!("`{text}`: expected a distance in m, {} or inf", bounds::FOCUS_M.min))
 }

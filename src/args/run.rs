@@ -1,9 +1,7 @@
 //! Arguments of a job (`lenscube run`, `lenscube plan`).
 
-use super::choices::{
-    CODEC, DEPTH_KIND, DEPTH_MISS, DEPTH_UNIT, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, one_of,
-};
-use super::depth::{DepthKind, DepthMiss, DepthUnit};
+use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, one_of};
+use super::depth::DepthArgs;
 use super::device::{Device, EngineArg};
 use super::values::{
     azimuths, bounded, bytes, keep_bits, odd, pair, pair_mm, pitch, positive, roi, scale, size, storage,
@@ -58,24 +56,9 @@ pub struct RunArgs {
     /// Bands to compute: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]
     #[arg(long, help_heading = "Chart")]
     pub bands: Option<String>,
-    /// Distance of every chart pixel from the entrance pupil: array of the chart's size, PATH//depth of a Zarr store, .npy or ENVI, or one distance. Needs a
-    /// lens pack with depth nodes. An array `coverage` beside `depth` in its group is the share of each pixel that the surface covers
-    #[arg(long, value_name = "PATH|DISTANCE", help_heading = "Depth")]
-    pub depth: Option<String>,
-    /// Unit of distances [default: the depth array's attribute unit, else m]
-    #[arg(long, value_parser = one_of(DEPTH_UNIT), requires = "depth", help_heading = "Depth")]
-    pub depth_unit: Option<DepthUnit>,
-    /// Distances along the optical axis (planar), or along the ray to each pixel [default: the depth array's attribute kind, else planar]
-    #[arg(long, value_parser = one_of(DEPTH_KIND), requires = "depth", help_heading = "Depth")]
-    pub depth_kind: Option<DepthKind>,
-    /// NaN, 0 and negative distances, which renderers write where a ray meets nothing: error, or infinity
-    #[arg(long, value_parser = one_of(DEPTH_MISS), default_value = "error", requires = "depth", help_heading = "Depth")]
-    pub depth_miss: DepthMiss,
-    /// Surface hidden behind the ones before it, the nearest first: Zarr group with arrays chart and depth, and coverage if it has holes, e.g.
-    /// CHART//hidden/1; repeatable. none: nothing is invented [default: what is hidden behind edges is invented from what is around, and its share of the
-    /// light is stored in the film's array `invented`]
-    #[arg(long, value_name = "GROUP|none", requires = "depth", help_heading = "Depth")]
-    pub hidden: Vec<String>,
+    /// Surfaces at several distances.
+    #[command(flatten)]
+    pub surfaces: DepthArgs,
     /// Stages to apply: relative illumination, distortion, spatially variant PSF
     #[arg(
         long,

@@ -77,8 +77,14 @@ fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Resu
         between: PsfBetween::Interpolate,
         simd: bench.simd,
     };
-    let lens =
-        JobLens::new(UntracedLens::open(&bench.args.lens)?, frame, &[LENS_NM], &options, bench.threads)?;
+    let lens = JobLens::new(
+        UntracedLens::open(&bench.args.lens)?,
+        frame,
+        &[LENS_NM],
+        &options,
+        bench.threads,
+        None,
+    )?;
     let plan = BandPlan::new(frame, lens.lens(), LENS_NM, &options)?;
     plan.stages(0, frame, &options, 1.0, |band| anyhow::Ok(lens.psf(band)?))
 }

@@ -113,7 +113,7 @@ impl ShadingSource {
             format!("--shading {name}: expected none, a lens, or a raw of a uniform chart")
         })?;
         let film = FilmFrame::centred(film, film, film_um);
-        let lens = JobLens::new(lens, &film, &nm, &options(), threads)?;
+        let lens = JobLens::new(lens, &film, &nm, &options(), threads, None)?;
         let sensor = &frame.sensor;
         let weights: Vec<Vec<f64>> =
             (0..sensor.channels.len()).map(|c| sensor.band_weights(c, &nm)).collect();

@@ -1,11 +1,11 @@
-//! Step 1: arguments resolved without opening the chart or the lens: device, engine, options, threads.
+//! Step 2: arguments resolved: device, engine, options, threads.
 
 use crate::args::{Device, RunArgs, Stage};
 use crate::device::DeviceSelection;
 use crate::failure::usage;
 use crate::film_engine;
 use anyhow::Result;
-use formats::chart::{Codec, NanPolicy};
+use formats::chart::Codec;
 use pipeline::band::{Options, PsfBetween};
 use pipeline::remap::{ChartInterpolation, Stages};
 use pipeline::simd::Simd;
@@ -18,8 +18,6 @@ pub struct Arguments<'a> {
     pub device: DeviceSelection,
     /// Stages, interpolation and accuracy.
     pub options: Options,
-    /// Treatment of NaN in the chart.
-    pub nan: NanPolicy,
     /// Compression of the film.
     pub codec: Codec,
     /// Worker threads.
@@ -27,30 +25,32 @@ pub struct Arguments<'a> {
 }
 
 impl<'a> Arguments<'a> {
-    /// Resolves `given`.
+    /// Resolves `given`, for surfaces at several distances if `has_depth`.
     ///
     /// # Errors
     /// Device or engine not available; the film cannot be read.
-    pub fn resolve(given: &'a RunArgs) -> Result<Self> {
-        if given.depth.is_some() && !given.stages.contains(&Stage::Svpsf) {
-            return Err(usage("--depth requires the stage svpsf"));
+    pub fn resolve(given: &'a RunArgs, has_depth: bool) -> Result<Self> {
+        if has_depth && !given.stages.contains(&Stage::Svpsf) {
+            return Err(usage(
+                "--depth requires the stage svpsf; `--depth none` ignores the distances of the chart",
+            ));
         }
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
-        let device = match (&given.depth, &given.device) {
-            (Some(_), Device::Cuda(_)) => {
+        let device = match (has_depth, &given.device) {
+            (true, Device::Cuda(_)) => {
                 return Err(usage(format!(
                     "--depth is computed on the CPU, not with --device {}",
                     given.device
                 )));
             }
-            (Some(_), Device::Auto) => &Device::Cpu,
+            (true, Device::Auto) => &Device::Cpu,
             (_, device) => device,
         };
         let device = DeviceSelection::new(device, given.engine.explicit(), film_engine)?;
         let codec = given.codec.or(film.map(|film| film.spec().codec)).unwrap_or_default();
         let options = options(given, device.simd);
-        Ok(Self { given, device, options, nan: given.nan, codec, threads: threads(given.threads) })
+        Ok(Self { given, device, options, codec, threads: threads(given.threads) })
     }
 }
 

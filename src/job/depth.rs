@@ -1,8 +1,9 @@
 //! Distances of a job: the depth array, hidden surfaces and coverages, opened and checked before any pixel is computed.
 
 mod scan;
+pub mod surfaces;
 
-use crate::args::{DepthKind, DepthMiss, DepthUnit, RunArgs};
+use crate::args::{DepthArgs, DepthKind, DepthMiss, DepthUnit, RunArgs};
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::{Context, Result};
@@ -11,15 +12,17 @@ use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::{ConstantDepth, Distance, Sheet};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Frame;
-use pipeline::lens::Lens;
-use scan::Scan;
+use scan::{Position, Scan};
 use serde_json::{Value, json};
+use surfaces::SurfacePaths;
 
 /// Surfaces of a job.
 pub struct Depth {
     sheets: Vec<SheetInput>,
     /// Vergences of all surfaces.
     pub surfaces: Surfaces,
+    /// Vergences of the lens's depth nodes, the farthest and the nearest, 1/m.
+    pub range: (f64, f64),
     /// Notes to print.
     pub notes: Vec<String>,
 }
@@ -48,29 +51,48 @@ impl DepthInput {
 }
 
 impl Depth {
-    /// Opens and checks the surfaces of `args` for a chart on `frame` with bands at `wavelengths_nm` and `lens`; `None` without `--depth`.
+    /// Opens and checks the surfaces `paths` of `args`, the job's chart first, for a chart on `frame` with bands at `wavelengths_nm` and a lens of
+    /// distortion focal length `focal_mm`. `nodes`: vergences of its farthest and nearest depth node, 1/m; none if it is traced for the scene.
     ///
     /// # Errors
     /// An array cannot be read, has another size than the chart, or contains a distance or coverage that is not valid.
-    pub fn open(args: &RunArgs, frame: &Frame, wavelengths_nm: &[f64], lens: &Lens) -> Result<Option<Self>> {
-        let Some(spec) = &args.depth else { return Ok(None) };
-        let ray_mm = lens.distortion_focal_length_mm;
-        let mut sheets = vec![SheetInput::first(spec, args, frame, ray_mm)?];
-        let given = args.given_hidden()?;
-        for group in given {
-            sheets.push(SheetInput::hidden(group, args, frame, wavelengths_nm, ray_mm)?);
-        }
-        let mut scan = Scan::new(frame.chart, node_range(lens));
-        for (sheet, name) in std::iter::zip(&sheets, std::iter::once(spec).chain(given)) {
+    pub fn open(
+        args: &RunArgs,
+        paths: &[SurfacePaths],
+        frame: &Frame,
+        wavelengths_nm: &[f64],
+        focal_mm: f64,
+        nodes: Option<(f64, f64)>,
+    ) -> Result<Self> {
+        let open = |paths: &SurfacePaths| SheetInput::open(args, paths, frame, wavelengths_nm, focal_mm);
+        let sheets = paths.iter().map(open).collect::<Result<Vec<_>>>()?;
+        for (sheet, paths) in std::iter::zip(&sheets, paths) {
             if let Some(coverage) = &sheet.coverage {
-                scan::coverage(name, coverage)?;
+                scan::coverage(&paths.name, coverage)?;
             }
-            scan.distances(name, sheet.depth.source(), sheet.rows_at_a_time(), &sheet.distance, frame)?;
         }
+        let named: Vec<(&str, &SheetInput)> =
+            std::iter::zip(paths, &sheets).map(|(paths, sheet)| (&*paths.name, sheet)).collect();
+        let each = |add: &mut dyn FnMut(Position, f64)| -> Result<()> {
+            named.iter().try_for_each(|(name, sheet)| {
+                let (source, rows) = (sheet.depth.source(), sheet.rows_at_a_time());
+                scan::distances(name, source, rows, &sheet.distance, frame, &mut *add)
+            })
+        };
+        let range = match nodes {
+            Some(range) => range,
+            None => {
+                let mut range = (f64::INFINITY, 0f64);
+                each(&mut |_, v| range = (range.0.min(v), range.1.max(v)))?;
+                rounded_range(range)
+            }
+        };
+        let mut scan = Scan::new(frame.chart, range);
+        each(&mut |at, v| scan.add(at, v))?;
         let is_opaque = matches!(&sheets[..], [only] if only.coverage.is_none());
         let notes = scan.notes();
-        let surfaces = scan.surfaces(is_opaque, args.hidden.is_empty());
-        Ok(Some(Self { sheets, surfaces, notes }))
+        let surfaces = scan.surfaces(is_opaque, sheets.len() == 1 && args.surfaces.hidden.is_empty());
+        Ok(Self { surfaces, range, sheets, notes })
     }
 
     /// The surfaces, as the depth stage reads them.
@@ -137,43 +159,37 @@ impl Depth {
 }
 
 impl SheetInput {
-    /// The surface of the job's chart.
-    fn first(spec: &str, args: &RunArgs, frame: &Frame, ray_mm: f64) -> Result<Self> {
-        if let Ok(distance) = spec.parse::<f32>() {
-            let unit = args.depth_unit.unwrap_or(DepthUnit::Metre);
-            if distance.is_nan() || distance <= 0.0 {
-                return Err(usage(format!("--depth {spec}: expected a distance above 0, or an array")));
-            }
-            let depth = ConstantDepth { size: frame.chart, distance };
-            let distance = meaning(args, unit.metres(), args.depth_kind, ray_mm);
-            return Ok(Self { chart: None, depth: DepthInput::Constant(depth), coverage: None, distance });
-        }
-        let depth = array(spec, frame, "--depth")?;
-        let distance = declared(args, spec, &depth, ray_mm)?;
-        let coverage = match (&depth, group_of(spec)) {
-            (Chart::Store(_), Some(group)) => coverage(group, frame)?,
-            _ => None,
-        };
-        Ok(Self { chart: None, depth: DepthInput::Array(Box::new(depth)), coverage, distance })
-    }
-
-    /// A surface in a Zarr group.
-    fn hidden(
-        spec: &str,
+    fn open(
         args: &RunArgs,
+        paths: &SurfacePaths,
         frame: &Frame,
         wavelengths_nm: &[f64],
-        ray_mm: f64,
+        focal_mm: f64,
     ) -> Result<Self> {
-        let member = |name: &str| member(spec, name);
-        let nm = wavelengths_nm.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
-        let flags = ChartFlags { wavelengths: Some(&nm), nan: args.nan, ..ChartFlags::default() };
-        let chart = Chart::open_with(&member("chart"), &flags).with_context(|| format!("--hidden {spec}"))?;
-        check_size(&chart, frame, &member("chart"), "--hidden")?;
-        let depth = array(&member("depth"), frame, "--hidden")?;
-        let distance = declared(args, spec, &depth, ray_mm)?;
-        let coverage = coverage(spec, frame)?;
-        Ok(Self { chart: Some(chart), depth: DepthInput::Array(Box::new(depth)), coverage, distance })
+        let given = &args.surfaces;
+        let chart = paths.chart.as_ref().map(|spec| {
+            let nm = wavelengths_nm.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+            let flags = ChartFlags { wavelengths: Some(&nm), nan: args.nan, ..ChartFlags::default() };
+            let chart = Chart::open_with(spec, &flags).with_context(|| paths.name.clone())?;
+            check_size(&chart, frame, spec, &paths.name).map(|()| chart)
+        });
+        let chart = chart.transpose()?;
+        if let Ok(distance) = paths.depth.parse::<f32>() {
+            if distance.is_nan() || distance <= 0.0 {
+                return Err(usage(format!("{}: expected a distance above 0, or an array", paths.name)));
+            }
+            let depth = DepthInput::Constant(ConstantDepth { size: frame.chart, distance });
+            let metres = given.depth_unit.unwrap_or(DepthUnit::Metre).metres();
+            let distance = meaning(given, metres, given.depth_kind, focal_mm);
+            return Ok(Self { chart, depth, coverage: None, distance });
+        }
+        let depth = array(&paths.depth, frame, &paths.name)?;
+        let distance = declared(given, &paths.depth, &depth, focal_mm)?;
+        let coverage = match (&depth, &paths.coverage) {
+            (Chart::Store(_) | Chart::Generated(_), Some(spec)) => coverage(spec, frame)?,
+            _ => None,
+        };
+        Ok(Self { chart, depth: DepthInput::Array(Box::new(depth)), coverage, distance })
     }
 
     fn sheet(&self) -> Sheet<'_> {
@@ -202,68 +218,69 @@ impl SheetInput {
     }
 }
 
-/// Vergences of the farthest and the nearest depth node of any band, 1/m.
-fn node_range(lens: &Lens) -> (f64, f64) {
-    let nodes = lens.depth.iter().flat_map(|depth| &depth.bands).flat_map(|band| &band.vergence);
-    let range = nodes.fold((f64::INFINITY, 0.0), |(a, z): (f64, f64), v| (a.min(*v), z.max(*v)));
-    if range.0 <= range.1 { range } else { (0.0, 0.0) }
+/// `range` rounded outwards to twenty steps per power of ten of its width, so that similar scenes share the bands of a design.
+fn rounded_range((first, last): (f64, f64)) -> (f64, f64) {
+    if last <= first {
+        return (first, last);
+    }
+    let step = 10f64.powi(pipeline::real::log10(last - first).floor() as i32) / 20.0;
+    ((first / step).floor() * step, (last / step).ceil() * step)
+}
+
+/// Number of bands of an array.
+fn array_of(chart: &Chart) -> usize {
+    match chart {
+        Chart::Store(store) => store.bands(),
+        Chart::Raster(raster) => raster.bands(),
+        Chart::Decoded(decoded) => decoded.bands(),
+        Chart::Generated(generator) => generator.wavelengths_nm().len(),
+    }
+}
+
+/// Whether a store has no array of the requested name.
+fn is_missing(error: &anyhow::Error) -> bool {
+    error.downcast_ref().is_some_and(|e| matches!(e, ChartError::NoArray { .. }))
 }
 
 /// Opens an array of one number per chart pixel.
-fn array(spec: &str, frame: &Frame, flag: &str) -> Result<Chart> {
-    let flags = ChartFlags { nan: NanPolicy::Keep, ..ChartFlags::default() };
-    let chart = Chart::open_with(spec, &flags).with_context(|| format!("{flag} {spec}"))?;
-    let bands = match &chart {
-        Chart::Store(store) => store.bands(),
-        Chart::Raster(raster) => raster.bands(),
-        Chart::Decoded(_) | Chart::Generated(_) => {
-            return Err(usage(format!("{flag} {spec}: expected a Zarr array, .npy or ENVI file")));
-        }
-    };
-    if bands != 1 {
-        return Err(usage(format!(
-            "{flag} {spec}: the array has {bands} bands, expected rows and columns only"
-        )));
+fn array(spec: &str, frame: &Frame, name: &str) -> Result<Chart> {
+    // A drawn array has one band, whose wavelength has no meaning.
+    let wavelengths = spec.starts_with("gen:").then_some("550");
+    let flags = ChartFlags { nan: NanPolicy::Keep, wavelengths, ..ChartFlags::default() };
+    let chart = Chart::open_with(spec, &flags).with_context(|| name.to_owned())?;
+    if let Chart::Decoded(_) = chart {
+        return Err(usage(format!("{name}: expected a Zarr array, .npy or ENVI file")));
     }
-    check_size(&chart, frame, spec, flag)?;
+    let bands = array_of(&chart);
+    if bands != 1 {
+        return Err(usage(format!("{name}: the array has {bands} bands, expected rows and columns only")));
+    }
+    check_size(&chart, frame, spec, name)?;
     Ok(chart)
 }
 
-fn check_size(chart: &Chart, frame: &Frame, spec: &str, flag: &str) -> Result<()> {
+fn check_size(chart: &Chart, frame: &Frame, spec: &str, name: &str) -> Result<()> {
     let (found, expected) = (chart.size(), frame.chart);
+    let of = if name.ends_with(spec) { name.to_owned() } else { format!("{name}: {spec}") };
     match found == expected {
         true => Ok(()),
         false => Err(usage(format!(
-            "{flag} {spec}: {found} px, the chart has {expected}: arrays of surfaces are not resampled"
+            "{of}: {found} px, the chart has {expected}: arrays of surfaces are not resampled"
         ))),
     }
 }
 
-/// The group of the array `PATH//depth`; none for an array that is a store of its own.
-fn group_of(spec: &str) -> Option<&str> {
-    let (scheme, path) = spec.split_once("://").map_or((0, spec), |(scheme, path)| (scheme.len() + 3, path));
-    let at = scheme + path.rfind("//").map(|_| path.rfind('/'))??;
-    Some(spec[..at].trim_end_matches('/'))
-}
-
-/// The array `name` of a group `PATH` or `PATH//GROUP`.
-fn member(group: &str, name: &str) -> String {
-    let has_array = group.split_once("://").map_or(group, |(_, path)| path).contains("//");
-    format!("{group}{}{name}", if has_array { "/" } else { "//" })
-}
-
-/// The array `coverage` of a group, if there is one.
-fn coverage(group: &str, frame: &Frame) -> Result<Option<Chart>> {
-    let spec = member(group, "coverage");
-    match array(&spec, frame, "coverage") {
+/// The coverage `spec`, if there is one.
+fn coverage(spec: &str, frame: &Frame) -> Result<Option<Chart>> {
+    match array(spec, frame, spec) {
         Ok(chart) => Ok(Some(chart)),
-        Err(e) if e.downcast_ref().is_some_and(|e| matches!(e, ChartError::NoArray { .. })) => Ok(None),
+        Err(e) if is_missing(&e) => Ok(None),
         Err(e) => Err(e),
     }
 }
 
 /// What the numbers of `depth` mean: by the flags, else by its attributes.
-fn declared(args: &RunArgs, spec: &str, depth: &Chart, ray_mm: f64) -> Result<Distance> {
+fn declared(args: &DepthArgs, spec: &str, depth: &Chart, ray_mm: f64) -> Result<Distance> {
     let attribute = |key: &str| match depth {
         Chart::Store(store) => store.text_attribute(key),
         _ => None,
@@ -291,28 +308,23 @@ fn declared(args: &RunArgs, spec: &str, depth: &Chart, ray_mm: f64) -> Result<Di
     Ok(meaning(args, unit.metres(), kind, ray_mm))
 }
 
-fn meaning(args: &RunArgs, metres: f64, kind: Option<DepthKind>, ray_mm: f64) -> Distance {
+fn meaning(args: &DepthArgs, metres: f64, kind: Option<DepthKind>, ray_mm: f64) -> Distance {
     Distance {
         metres,
         ray_focal_mm: (kind == Some(DepthKind::Ray)).then_some(ray_mm),
-        miss_is_far: args.depth_miss == DepthMiss::Far,
+        miss_is_far: args.depth_miss == Some(DepthMiss::Far),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::rounded_range;
 
     #[test]
-    fn arrays_of_a_group_are_found_beside_each_other() {
-        for (spec, group, coverage) in [
-            ("a/c.zarr//depth", Some("a/c.zarr"), "a/c.zarr//coverage"),
-            ("c.zarr//hidden/1/depth", Some("c.zarr//hidden/1"), "c.zarr//hidden/1/coverage"),
-            ("s3://b/c.zarr//depth", Some("s3://b/c.zarr"), "s3://b/c.zarr//coverage"),
-        ] {
-            assert_eq!(group_of(spec), group);
-            assert_eq!(member(group.unwrap(), "coverage"), coverage);
-        }
-        assert_eq!([group_of("a/depth.npy"), group_of("s3://b/depth.zarr")], [None, None]);
+    fn ranges_are_rounded_outwards() {
+        let (first, last) = rounded_range((0.333_1, 2.511));
+        assert!((first - 0.3).abs() < 1e-12 && (last - 2.55).abs() < 1e-12, "{first} {last}");
+        assert_eq!(rounded_range((0.5, 0.5)), (0.5, 0.5));
+        assert_eq!(rounded_range((0.0, 0.07)).0, 0.0);
     }
 }

@@ -1,8 +1,8 @@
-//! Step 2: chart and lens opened, bands selected, film geometry resolved. Only metadata are read.
+//! Steps 1 and 3: chart and lens opened; bands selected, film geometry resolved. Of the chart only metadata are read.
 
-use super::arguments::Arguments;
 use super::coverage::field_height_mm;
 use super::depth::Depth;
+use super::depth::surfaces::SurfacePaths;
 use super::frame::frame;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
@@ -13,6 +13,31 @@ use anyhow::Result;
 use formats::chart::NanPolicy;
 use pipeline::geometry::Frame;
 use std::sync::Once;
+
+/// Chart, lens and names of the surfaces' arrays: what is opened first.
+pub struct Opened {
+    chart: Chart,
+    lens: UntracedLens,
+    surfaces: Vec<SurfacePaths>,
+}
+
+impl Opened {
+    /// Opens those of `args`.
+    ///
+    /// # Errors
+    /// Chart or lens cannot be opened.
+    pub fn new(args: &RunArgs) -> Result<Self> {
+        let chart = open_chart(args, args.nan)?;
+        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces)?;
+        let surfaces = SurfacePaths::of_job(args, &chart)?;
+        Ok(Self { chart, lens, surfaces })
+    }
+
+    /// Whether there are surfaces at several distances.
+    pub fn has_depth(&self) -> bool {
+        !self.surfaces.is_empty()
+    }
+}
 
 /// Inputs of a job.
 pub struct Inputs {
@@ -33,14 +58,12 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Opens the inputs for the bands `film_bands` of the film (`None`: all).
+    /// The inputs for the bands `film_bands` of the film (`None`: all).
     ///
     /// # Errors
-    /// Chart or lens cannot be opened; bands or geometry do not fit them; fewer bands than planned (exit code 3).
-    pub fn open(arguments: &Arguments<'_>, film_bands: Option<&[usize]>) -> Result<(Self, UntracedLens)> {
-        let args = arguments.given;
-        let chart = open_chart(args, arguments.nan)?;
-        let lens = UntracedLens::open(&args.lens)?;
+    /// Bands or geometry do not fit chart and lens; fewer bands than planned (exit code 3); surfaces that are not valid.
+    pub fn new(args: &RunArgs, opened: Opened, film_bands: Option<&[usize]>) -> Result<(Self, UntracedLens)> {
+        let Opened { chart, lens, surfaces } = opened;
         let all_nm = chart.wavelengths_nm()?;
         let selected_bands: Vec<usize> = match &args.bands {
             None => (0..all_nm.len()).collect(),
@@ -57,10 +80,15 @@ impl Inputs {
         let frame = frame(args, &chart, &lens)?;
         let field_height_mm = field_height_mm(&lens)?;
         let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
-        lens.check_depth(&args.lens, args.depth.is_some())?;
-        let depth = match &lens {
-            UntracedLens::Pack(pack) => Depth::open(args, &frame, &all_nm, pack.lens())?,
-            UntracedLens::Design(..) => None,
+        let nodes = lens.depth_nodes(&args.lens, !surfaces.is_empty())?;
+        let depth = match surfaces.is_empty() {
+            true => None,
+            false => {
+                let focal_mm = lens.distortion_focal_length_mm()?;
+                let depth = Depth::open(args, &surfaces, &frame, &all_nm, focal_mm, nodes)?;
+                let is_flat = lens.is_within_focus(&args.lens, &depth.surfaces, frame.pitch_um)?;
+                Some(depth).filter(|_| !is_flat)
+            }
         };
         Ok((Self { chart, frame, field_height_mm, selected_bands, selected_nm, depth, film_bands }, lens))
     }

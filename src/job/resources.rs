@@ -1,4 +1,4 @@
-//! Step 4: memory, and GPU queues within it. Under `--device auto` the CPU computes if the memory does not suffice for GPUs.
+//! Step 5: memory, and GPU queues within it. Under `--device auto` the CPU computes if the memory does not suffice for GPUs.
 
 use super::arguments::Arguments;
 use super::bands::JobPlan;

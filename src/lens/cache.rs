@@ -8,9 +8,10 @@
 use crate::progress::log_line;
 use anyhow::{Context, Result, bail};
 use formats::durable;
-use formats::lens::{HashedFile, LensPack, LensPackWriter, PackAttributes, band_digest};
-use pipeline::design::System;
-use pipeline::design::trace::{TRACER_VERSION, TraceOptions, TracedBand};
+use formats::lens::{HashedFile, LensPack, LensPackWriter, PackAttributes};
+use pipeline::design::depth::trace::DepthOptions;
+use pipeline::design::trace::{TRACER_VERSION, TraceOptions};
+use pipeline::design::{DesignError, System};
 use pipeline::lens::Lens;
 use serde_json::json;
 use std::ffi::OsString;
@@ -39,11 +40,18 @@ pub fn directory() -> Option<PathBuf> {
     Some(base.join("lenscube").join("lenses"))
 }
 
-/// Digest of all inputs of a traced band. `options` must hold its wavelength only.
-pub fn recipe(system: &System, options: &TraceOptions) -> String {
+/// What [`Cache::insert`] calls to write the PSFs of a band: its lens, attributes, and the digest of its values if it is known.
+pub type WriteBand<'a> =
+    &'a mut dyn FnMut(&mut LensPackWriter) -> Result<(Lens, PackAttributes, Option<String>)>;
+
+/// Digest of all inputs of a traced band. `options` must hold its wavelength only; `depth`: it is traced at depth nodes.
+pub fn recipe(system: &System, options: &TraceOptions, depth: Option<&DepthOptions>) -> String {
     // Name and notes do not change the result.
     let system = System { name: String::new(), notes: Vec::new(), ..system.clone() };
-    let text = format!("lenscube traced band, tracer {TRACER_VERSION}\n{system:?}\n{options:?}\n");
+    let mut text = format!("lenscube traced band, tracer {TRACER_VERSION}\n{system:?}\n{options:?}\n");
+    if let Some(depth) = depth {
+        text.push_str(&format!("{depth:?}\n"));
+    }
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }
 
@@ -100,21 +108,25 @@ impl Cache {
         None
     }
 
-    /// Stores a band and opens its entry. If the directory cannot be written, changes to a temporary directory.
-    pub fn insert(
-        &mut self,
-        recipe: &str,
-        lens: &Lens,
-        attributes: &PackAttributes,
-        band: &TracedBand,
-    ) -> Result<LensPack> {
-        match store(&self.dir, recipe, lens, attributes, band) {
-            Err(e) if !self.temporary => {
+    /// Stores the band that `write` writes and opens its entry. If the directory cannot be written, changes to a temporary directory and calls
+    /// `write` again.
+    pub fn insert(&mut self, recipe: &str, write: WriteBand<'_>) -> Result<LensPack> {
+        match store(&self.dir, recipe, write) {
+            Err(e) if !self.temporary && is_of_disk(&e) => {
                 *self = Self::open_temporary(&crate::failure::line(&e))?;
-                store(&self.dir, recipe, lens, attributes, band)
+                store(&self.dir, recipe, write)
             }
             stored => stored,
         }
+    }
+}
+
+/// Whether an error is one of writing, not of tracing.
+fn is_of_disk(error: &anyhow::Error) -> bool {
+    match error.downcast_ref() {
+        Some(DesignError::Sink { .. }) => true,
+        Some(_) => false,
+        None => true,
     }
 }
 
@@ -156,15 +168,9 @@ fn open(path: &Path, content: &str, recipe: &str, wavelength_nm: f64) -> Result<
     }
 }
 
-fn store(
-    dir: &Path,
-    recipe: &str,
-    lens: &Lens,
-    attributes: &PackAttributes,
-    band: &TracedBand,
-) -> Result<LensPack> {
+fn store(dir: &Path, recipe: &str, write_band: WriteBand<'_>) -> Result<LensPack> {
     let temp = dir.join(format!("{}.zip", durable::temp_name()));
-    let stored = write(&temp, recipe, lens, attributes, band).and_then(|sealed| {
+    let stored = write(&temp, recipe, write_band).and_then(|sealed| {
         let name = format!("{}-{}{EXTENSION}", &recipe[..DIGITS], &sealed.digest()[..DIGITS]);
         // Opened before the rename: after it another process may remove the file.
         let pack = LensPack::open_hashed(sealed)?;
@@ -177,19 +183,14 @@ fn store(
     })
 }
 
-fn write(
-    temp: &Path,
-    recipe: &str,
-    lens: &Lens,
-    attributes: &PackAttributes,
-    band: &TracedBand,
-) -> Result<HashedFile> {
-    let mut attributes = attributes.clone();
+fn write(temp: &Path, recipe: &str, write_band: WriteBand<'_>) -> Result<HashedFile> {
+    let mut writer = LensPackWriter::create(temp)?;
+    let (lens, mut attributes, values) = write_band(&mut writer)?;
     let source = attributes.source.get_or_insert_with(|| json!({}));
     source[RECIPE] = json!(recipe);
-    source[VALUES] = json!(band_digest(lens, 0, &band.psf));
-    let mut writer = LensPackWriter::create(temp)?;
-    writer.psf(0, &band.psf)?;
-    writer.finish(lens, &attributes)?;
+    if let Some(values) = values {
+        source[VALUES] = json!(values);
+    }
+    writer.finish(&lens, &attributes)?;
     Ok(HashedFile::open(temp)?)
 }

@@ -3,17 +3,25 @@
 mod tracing;
 
 use super::cache::Cache;
-use crate::args::DesignArgs;
+use crate::args::{DepthArgs, DesignArgs};
 use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{LensBands, Options};
+use pipeline::depth::plan::Surfaces;
 use pipeline::design::System;
+use pipeline::design::depth::trace::DepthOptions;
+use pipeline::design::paraxial::Paraxial;
+use pipeline::design::system::ImagePlane;
 use pipeline::design::trace::{LensTrace, TraceOptions};
 use pipeline::geometry::Frame;
 use pipeline::lens::{Lens, LensBand, PsfStack};
+
+/// Blur radius in film pixels up to which a surface is in focus: the L1 error of a PSF is then at most 2 %, by C·Δρ² with the C of the worst lens of
+/// those measured for [`pipeline::design::depth::nodes`], 9 % at 0.5 px.
+const SHARP_PX: f64 = 0.25;
 
 /// Lens that `--lens` names, before tracing.
 pub enum UntracedLens {
@@ -23,36 +31,105 @@ pub enum UntracedLens {
     Design(Box<System>, String, Option<DesignFile>),
 }
 
+/// Surfaces for which a design is traced at several object distances.
+#[derive(Clone, Copy)]
+pub struct TracedFor<'a> {
+    /// Vergences of the surfaces.
+    pub surfaces: &'a Surfaces,
+    /// Focus, range of the nodes, and accuracy between them.
+    pub options: DepthOptions,
+}
+
 impl UntracedLens {
     /// Opens a design, a pack, or a built-in lens.
     pub fn open(name: &str) -> Result<Self> {
+        Self::open_focused(name, &DepthArgs::default())
+    }
+
+    /// Opens a design with the gaps and the focus of `given`, or a pack.
+    ///
+    /// # Errors
+    /// Focus, gaps or tolerance for a pack; a design that cannot be focused there.
+    pub fn open_focused(name: &str, given: &DepthArgs) -> Result<Self> {
         if design::is_design(name) {
             let hint =
                 "for other glasses, focus or object distance create a lens pack with `lenscube lens trace`";
-            let (system, file) = design::open_file(name, &DesignArgs::default()).context(hint)?;
+            let args = DesignArgs { gap: given.gap.clone(), ..DesignArgs::default() };
+            let (mut system, file) = design::open_file(name, &args).context(hint)?;
+            if let Some(focus_m) = given.focus_m {
+                let focused = system.focused_at(1.0 / focus_m, ImagePlane::AsDesigned, 0.0);
+                system = focused.with_context(|| format!("focusing {name} at {focus_m} m"))?;
+            }
             return Ok(Self::Design(Box::new(system), name.to_owned(), file));
         }
-        Ok(Self::Pack(Box::new(open::lens(name)?)))
+        let pack = Box::new(open::lens(name)?);
+        match given.focus_m.is_some() || !given.gap.is_empty() || given.depth_tolerance.is_some() {
+            false => Ok(Self::Pack(pack)),
+            true => Err(usage(format!(
+                "--focus-m, --gap and --depth-tolerance are for designs; lens `{name}` is a lens pack, whose focus and depth nodes were set when it was traced"
+            ))),
+        }
     }
 
-    /// Fails if `name` lacks the depth nodes that surfaces at several distances need (`has_depth`), or needs a distance.
+    /// Vergences of a pack's farthest and nearest depth node, 1/m; none for a design, which is traced for the scene.
     ///
     /// # Errors
-    /// Usage.
-    pub fn check_depth(&self, name: &str, has_depth: bool) -> Result<()> {
-        let has_nodes = match self {
-            Self::Pack(pack) => pack.lens().depth.is_some(),
-            Self::Design(..) => false,
-        };
-        match (has_depth, has_nodes) {
-            (true, false) => Err(usage(format!(
-                "--depth: lens `{name}` has the PSFs of one object distance; give a lens pack with depth nodes"
-            ))),
-            (false, true) => Err(usage(format!(
+    /// Usage: a pack with nodes for a flat chart.
+    pub fn depth_nodes(&self, name: &str, has_depth: bool) -> Result<Option<(f64, f64)>> {
+        let Self::Pack(pack) = self else { return Ok(None) };
+        match (has_depth, &pack.lens().depth) {
+            (false, Some(_)) => Err(usage(format!(
                 "lens `{name}` has depth nodes: give the distance of the chart's pixels, an array or one number in m, e.g. `--depth 2`"
             ))),
-            _ => Ok(()),
+            _ => Ok(Some(node_range(pack.lens()))),
         }
+    }
+
+    /// Fails unless the surface `depth` lies within the depth of field of a pack without depth nodes: blurred by at most [`SHARP_PX`] film pixels
+    /// of `pitch_um`, so that its film is the flat one. `true` for such a surface, `false` for any other lens.
+    ///
+    /// # Errors
+    /// Usage: the surfaces are farther from focus, or there are several.
+    pub fn is_within_focus(&self, name: &str, surfaces: &Surfaces, pitch_um: f64) -> Result<bool> {
+        let Self::Pack(pack) = self else { return Ok(false) };
+        let lens = pack.lens();
+        if lens.depth.is_some() {
+            return Ok(false);
+        }
+        let focus = lens.object_distance_mm.map_or(0.0, |mm| 1e3 / mm);
+        let pupil_mm = lens.effective_focal_length_mm / lens.f_number;
+        let blur_px = pupil_mm / 2.0 * lens.distortion_focal_length_mm.abs() / pitch_um;
+        let blur = |v: f64| blur_px * (v - focus).abs();
+        let worst = blur(surfaces.first).max(blur(surfaces.last));
+        if worst <= SHARP_PX && surfaces.is_opaque {
+            return Ok(true);
+        }
+        let problem = match worst <= SHARP_PX {
+            true => "the scene has hidden surfaces or a coverage".to_owned(),
+            false => format!(
+                "its blur at {} to {} m is up to {worst:.1} px",
+                1.0 / surfaces.last,
+                1.0 / surfaces.first
+            ),
+        };
+        Err(usage(format!(
+            "lens `{name}` has the PSFs of one object distance, {} m, and {problem}: trace a pack with `lenscube lens trace DESIGN \
+             PACK --focus-m M --depths-m NEAR:FAR`, give a design with --focus-m, or `--depth none` for a flat chart",
+            1.0 / focus
+        )))
+    }
+
+    /// Distortion focal length, mm.
+    ///
+    /// # Errors
+    /// A design without first-order properties.
+    pub fn distortion_focal_length_mm(&self) -> Result<f64> {
+        Ok(match self {
+            Self::Pack(pack) => pack.lens().distortion_focal_length_mm,
+            Self::Design(system, ..) => {
+                Paraxial::new(system, system.primary_um())?.distortion_focal_length_mm
+            }
+        })
     }
 
     /// Magnification (ideal height on the film over object height) and object distance in mm; none for an object at infinity.
@@ -93,18 +170,21 @@ pub struct Traced {
 }
 
 impl JobLens {
-    /// Lens for bands at `wavelengths_nm` on the film of `frame`; traces the bands that are not in the cache.
+    /// Lens for bands at `wavelengths_nm` on the film of `frame`, for surfaces at several distances if `depth` has them; traces the bands that are not in the
+    /// cache.
     pub fn new(
         input: UntracedLens,
         frame: &Frame,
         wavelengths_nm: &[f64],
         options: &Options,
         threads: usize,
+        depth: Option<TracedFor<'_>>,
     ) -> Result<Self> {
         match input {
             UntracedLens::Pack(pack) => Ok(Self::Pack(pack)),
             UntracedLens::Design(system, name, file) => {
-                let traced = tracing::trace(&system, &name, frame, wavelengths_nm, options, threads);
+                let job = tracing::TracingJob { system: &system, name: &name, frame, options, depth };
+                let traced = tracing::trace(&job, wavelengths_nm, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"))?;
                 Ok(Self::Traced(Box::new(Traced { file, ..traced })))
             }
@@ -144,6 +224,7 @@ impl JobLens {
     pub fn psf_of_node(&self, band: usize, node: usize) -> Result<PsfStack, LensPackError> {
         match self {
             Self::Pack(pack) => pack.psf_of_node(band, node),
+            Self::Traced(traced) if traced.lens.depth.is_some() => traced.packs[band].psf_of_node(0, node),
             Self::Traced(_) => self.psf(band),
         }
     }
@@ -224,4 +305,11 @@ impl JobLens {
             Self::Traced(traced) => &traced.details,
         }
     }
+}
+
+/// Vergences of the farthest and the nearest depth node of any band, 1/m; 0 without any.
+fn node_range(lens: &Lens) -> (f64, f64) {
+    let nodes = lens.depth.iter().flat_map(|depth| &depth.bands).flat_map(|band| &band.vergence);
+    let range = nodes.fold((f64::INFINITY, 0.0), |(a, z): (f64, f64), v| (a.min(*v), z.max(*v)));
+    if range.0 <= range.1 { range } else { (0.0, 0.0) }
 }

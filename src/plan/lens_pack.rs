@@ -42,7 +42,14 @@ fn write_pack(job: &Job, run: &RunArgs, path: &Path) -> Result<String> {
     let mut pack = LensPackWriter::create(path)?;
     let lens = job.lens.lens();
     for band in 0..lens.bands.len() {
-        pack.psf(band, &job.lens.psf(band)?)?;
+        match &lens.depth {
+            None => pack.psf(band, &job.lens.psf(band)?)?,
+            Some(depth) => {
+                for node in 0..depth.bands[band].nodes.len() {
+                    pack.psf_of_node(band, node, &job.lens.psf_of_node(band, node)?)?;
+                }
+            }
+        }
     }
     let attributes = PackAttributes {
         image_plane: Some(format!("{:?}", DesignArgs::default().image_plane).to_lowercase()),

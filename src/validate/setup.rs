@@ -70,7 +70,7 @@ impl Setup {
         let frame = Frame::centred(film, film, args.film_pitch_um);
         let options = options();
         let source =
-            JobLens::new(UntracedLens::open(&args.lens)?, &frame, &wavelengths_nm, &options, threads)?;
+            JobLens::new(UntracedLens::open(&args.lens)?, &frame, &wavelengths_nm, &options, threads, None)?;
         let sample = source.lens().psf_sample;
         let window = |&nm: &f64| -> Result<usize> {
             let band = source.lens().bands.iter().find(|b| (b.wavelength_nm - nm).abs() < 1e-6);

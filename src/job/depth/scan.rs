@@ -18,6 +18,37 @@ pub fn rows_at_a_time(chart: &Chart) -> usize {
     chart.chunk_size().height.max(MIN_ROWS)
 }
 
+/// Row and column of a chart pixel, and whether a distance was found there.
+pub struct Position {
+    row: usize,
+    column: usize,
+    is_missed: bool,
+}
+
+/// Calls `add` with every pixel of the array `source` of `name`, read `rows` rows at a time, and its vergence in 1/m.
+///
+/// # Errors
+/// It cannot be read; a distance is not positive.
+pub fn distances(
+    name: &str,
+    source: &dyn ChartSource,
+    rows: usize,
+    distance: &Distance,
+    frame: &Frame,
+    add: &mut dyn FnMut(Position, f64),
+) -> Result<()> {
+    for_each(source, rows, |row, column, value| {
+        let Some(v) = distance.vergence(value, Distance::ideal_mm(frame, row, column)) else {
+            return Err(usage(format!(
+                "{name}: the depth at row {row}, column {column} is {value}, expected a distance above 0; `--depth-miss far` takes NaN, 0 \
+                 and negative numbers for infinity"
+            )));
+        };
+        add(Position { row, column, is_missed: value.is_nan() || value <= 0.0 }, v);
+        Ok(())
+    })
+}
+
 /// What was found in the depth arrays.
 pub struct Scan {
     /// Vergences of the farthest and the nearest surface, 1/m.
@@ -34,31 +65,12 @@ impl Scan {
         Self { first: f64::INFINITY, last: 0.0, occupancy: Occupancy::new(size, nodes), missed: 0 }
     }
 
-    /// Adds the array `source` of `name`, read `rows` rows at a time.
-    ///
-    /// # Errors
-    /// It cannot be read; a distance is not positive.
-    pub fn distances(
-        &mut self,
-        name: &str,
-        source: &dyn ChartSource,
-        rows: usize,
-        distance: &Distance,
-        frame: &Frame,
-    ) -> Result<()> {
-        for_each(source, rows, |row, column, value| {
-            let Some(v) = distance.vergence(value, Distance::ideal_mm(frame, row, column)) else {
-                return Err(usage(format!(
-                    "{name}: the depth at row {row}, column {column} is {value}, expected a distance above 0; `--depth-miss far` takes NaN, 0 \
-                     and negative numbers for infinity"
-                )));
-            };
-            self.missed += u64::from(value.is_nan() || value <= 0.0);
-            self.first = self.first.min(v);
-            self.last = self.last.max(v);
-            self.occupancy.add(row, column, v);
-            Ok(())
-        })
+    /// Adds a pixel of vergence `v`.
+    pub fn add(&mut self, at: Position, v: f64) {
+        self.missed += u64::from(at.is_missed);
+        self.first = self.first.min(v);
+        self.last = self.last.max(v);
+        self.occupancy.add(at.row, at.column, v);
     }
 
     /// Vergences found; `is_opaque`: of one surface without holes; `invent`: what is hidden behind edges is invented.

@@ -10,7 +10,7 @@
 //! pitch; kernels meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most
 //! 2 µm: larger pixels only average over more. Wavelengths are rounded to 10⁻⁶ nm.
 
-use super::Traced;
+use super::{Traced, TracedFor};
 use crate::args::DesignArgs;
 use crate::design;
 use crate::lens::cache::{self, Cache};
@@ -18,15 +18,17 @@ use crate::lens::samples::design_reach_mm;
 use crate::progress::{jsonl, log_line, tracing_bar};
 use crate::trace::attributes;
 use anyhow::{Context, Result};
-use formats::lens::LensPack;
+use formats::lens::{LensPack, band_digest};
 use pipeline::band::{BandPlan, Options};
+use pipeline::design::depth::trace::{band, header};
 use pipeline::design::trace::{
-    Azimuths, LensTrace, MAX_NODES, PsfHeights, SharedNodes, TraceOptions, with_threads,
+    Azimuths, BandReport, LensTrace, MAX_NODES, Progress, PsfHeights, SharedNodes, TraceOptions, lens_header,
+    with_threads,
 };
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
-use pipeline::lens::{Lens, LensError};
+use pipeline::lens::{Lens, LensError, PsfStack};
 use std::time::Instant;
 
 /// Reach beyond the film's corner at the first attempt, mm: half a window of 177 pixels of 2 µm, along the diagonal.
@@ -96,23 +98,37 @@ fn rounded_up(mm: f64) -> f64 {
     (mm / step - 1e-9).ceil() * step
 }
 
-/// Traces the bands at `wavelengths_nm` on the film of `frame`, or reads them from the cache.
-pub(super) fn trace(
-    system: &System,
-    name: &str,
-    frame: &Frame,
-    wavelengths_nm: &[f64],
-    options: &Options,
-    threads: usize,
-) -> Result<Traced> {
-    note_field(system, name, frame)?;
+/// A design and what it is traced for.
+#[derive(Clone, Copy)]
+pub(super) struct TracingJob<'a> {
+    pub(super) system: &'a System,
+    pub(super) name: &'a str,
+    pub(super) frame: &'a Frame,
+    pub(super) options: &'a Options,
+    /// Surfaces at several distances.
+    pub(super) depth: Option<TracedFor<'a>>,
+}
+
+impl TracingJob<'_> {
+    /// Plan of the band at `nm` with `lens`.
+    fn plan(&self, lens: &Lens, nm: f64) -> Result<BandPlan, LensError> {
+        match self.depth {
+            None => BandPlan::new(self.frame, lens, nm, self.options),
+            Some(depth) => BandPlan::with_depth(self.frame, lens, nm, self.options, depth.surfaces),
+        }
+    }
+}
+
+/// Traces the bands of `job` at `wavelengths_nm`, or reads them from the cache.
+pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize) -> Result<Traced> {
+    let (system, name) = (job.system, job.name);
+    note_field(system, name, job.frame)?;
     let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
     nm.sort_by(f64::total_cmp);
     nm.dedup();
     let start = Instant::now();
     let mut tracer = BandTracer {
-        system,
-        name,
+        job: *job,
         cache: Cache::open()?,
         shared: SharedNodes::default(),
         threads,
@@ -123,13 +139,16 @@ pub(super) fn trace(
     let mut coarsest = (0.0, 0.0);
     let bands = nm.len();
     for (done, &nm) in nm.iter().enumerate() {
-        let (recipe, pack) = tracer.covering_film(nm, frame, options)?;
+        let (recipe, pack) = tracer.covering_film(nm)?;
         coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
         let values = cache::values(&pack).map_or_else(|| pack.band_digest(0), |v| Ok(v.to_owned()))?;
         recipes.push(format!("{recipe}-{values}"));
         let merged = lens.get_or_insert_with(|| Lens { bands: Vec::new(), ..pack.lens().clone() });
         merged.name.clone_from(&system.name);
         merged.bands.extend(pack.lens().bands.iter().cloned());
+        if let (Some(all), Some(depth), true) = (&mut merged.depth, &pack.lens().depth, done > 0) {
+            all.bands.extend(depth.bands.iter().cloned());
+        }
         packs.push(pack);
         tracer.bar.inc(1);
         jsonl::traced(done + 1, bands);
@@ -169,8 +188,7 @@ fn kernel_error(pack: &LensPack) -> f64 {
 
 /// Traces bands, or reads them from the cache.
 struct BandTracer<'a> {
-    system: &'a System,
-    name: &'a str,
+    job: TracingJob<'a>,
     cache: Cache,
     shared: SharedNodes,
     threads: usize,
@@ -181,8 +199,9 @@ struct BandTracer<'a> {
 
 impl BandTracer<'_> {
     /// Band at `nm` with a reach that covers the film and the band's window.
-    fn covering_film(&mut self, nm: f64, frame: &Frame, options: &Options) -> Result<(String, LensPack)> {
-        let min_mm = if self.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
+    fn covering_film(&mut self, nm: f64) -> Result<(String, LensPack)> {
+        let TracingJob { frame, options, .. } = self.job;
+        let min_mm = if self.job.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
         let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM).max(min_mm);
         loop {
             let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, frame, options)) {
@@ -195,7 +214,7 @@ impl BandTracer<'_> {
                 }
                 band => band?,
             };
-            match BandPlan::new(frame, pack.lens(), nm, options) {
+            match self.job.plan(pack.lens(), nm) {
                 Err(LensError::Outside { needed_mm, .. }) if rounded_up(needed_mm) > reach_mm => {
                     reach_mm = rounded_up(needed_mm);
                 }
@@ -207,31 +226,46 @@ impl BandTracer<'_> {
 
     /// Band from the cache, or traced and stored there.
     fn band(&mut self, options: &TraceOptions) -> Result<(String, LensPack)> {
-        let recipe = cache::recipe(self.system, options);
+        let TracingJob { system, name, .. } = self.job;
+        let depth = self.job.depth.map(|depth| depth.options);
+        let recipe = cache::recipe(system, options, depth.as_ref());
         if let Some(pack) = self.cache.find(&recipe, options.wavelengths_nm[0]) {
             return Ok((recipe, pack));
         }
         if self.traced == 0 {
-            log_line(format!(
-                "tracing the bands of {} that are not in {}",
-                self.name,
-                self.cache.dir().display()
-            ));
-            note_focus(self.system, self.name, options)?;
+            log_line(format!("tracing the bands of {name} that are not in {}", self.cache.dir().display()));
+            if depth.is_none() {
+                note_focus(system, name, options)?;
+            }
         }
-        let (bar, shared) = (&self.bar, &mut self.shared);
-        let (header, band) = with_threads(self.threads, || {
-            let trace = LensTrace::new(self.system, options)?;
-            let nm = options.wavelengths_nm[0];
-            let band = trace.band_sharing(0, shared, &mut |p| {
-                bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
-            })?;
-            Ok::<_, DesignError>((trace.header(), band))
-        })?;
-        let lens = Lens { bands: vec![band.tables.clone()], ..header };
-        let attributes = attributes(self.name, &DesignArgs::default(), options, &[band.report]);
         self.traced += 1;
-        let pack = self.cache.insert(&recipe, &lens, &attributes, &band)?;
+        let (bar, threads, nm) = (&self.bar, self.threads, options.wavelengths_nm[0]);
+        let shared = &mut self.shared;
+        let mut progress = |p: Progress| bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
+        let with = |reports: &[BandReport]| attributes(name, &DesignArgs::default(), options, reports);
+        let Some(depth) = depth else {
+            let (header, band) = with_threads(threads, || {
+                let trace = LensTrace::new(system, options)?;
+                let band = trace.band_sharing(0, shared, &mut progress)?;
+                Ok::<_, DesignError>((trace.header(), band))
+            })?;
+            let lens = Lens { bands: vec![band.tables.clone()], ..header };
+            let values = band_digest(&lens, 0, &band.psf);
+            let pack = self.cache.insert(&recipe, &mut |pack| {
+                pack.psf(0, &band.psf)?;
+                Ok((lens.clone(), with(&[band.report]), Some(values.clone())))
+            })?;
+            return Ok((recipe, pack));
+        };
+        let pack = self.cache.insert(&recipe, &mut |pack| {
+            let (lens, report) = with_threads(threads, || {
+                let head = (lens_header(system)?, header(system, &depth)?);
+                let sink = |node: usize, stack: &PsfStack| pack.psf_of_node(0, node, stack);
+                let traced = band(system, options, 0, &depth, &mut progress, sink)?;
+                Ok::<_, DesignError>(traced.into_lens(head))
+            })?;
+            Ok((lens, with(&[report]), None))
+        })?;
         Ok((recipe, pack))
     }
 }

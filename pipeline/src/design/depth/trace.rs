@@ -14,7 +14,7 @@ use crate::design::ray::Tracer;
 use crate::design::system::{RayAiming, System};
 use crate::design::trace::{BandReport, LensTrace, OnProgress, TraceOptions};
 use crate::lens::depth::{BandDepth, DepthNode, LensDepth};
-use crate::lens::{LensBand, PsfStack, linear};
+use crate::lens::{Lens, LensBand, PsfStack, linear};
 
 /// Range of object distances and accuracy between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +38,17 @@ pub struct TracedDepth {
     pub placement: Placement,
     /// Report of every node.
     pub reports: Vec<BandReport>,
+}
+
+impl TracedDepth {
+    /// The lens of this band alone, with the heads of lens and nodes, and the report of the node nearest to focus.
+    pub fn into_lens(self, (mut lens, mut depth): (Lens, LensDepth)) -> (Lens, BandReport) {
+        let report = self.reports[self.nodes.nearest(depth.focus())];
+        lens.bands.push(self.tables);
+        depth.bands.push(self.nodes);
+        lens.depth = Some(depth);
+        (lens, report)
+    }
 }
 
 /// Head of the depth nodes of `system`, whose film is in focus at `options.focus`; without bands.

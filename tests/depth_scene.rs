@@ -1,0 +1,113 @@
+//! Scenes that bring their distances: `gen:depth-scene`, charts whose group holds them, and designs traced for the distances of a scene.
+
+mod common;
+
+use common::{CommandResult, assert_exit, bits, files, lenscube, pixels, run, text};
+use std::path::{Path, PathBuf};
+
+const SCENE: &str = "depth-scene?size=300x240&overscan=0&near_m=0.55&far_m=4&wavelengths=500";
+
+fn golden_pack() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip")
+}
+
+/// `lenscube chart` of [`SCENE`].
+fn write_scene(path: &Path) {
+    let flags =
+        ["--size", "300x240", "--overscan", "0", "--near-m", "0.55", "--far-m", "4", "--wavelengths", "500"];
+    let result = lenscube(&[&["chart", "depth-scene", text(path)][..], &flags].concat()).ok();
+    assert_exit(&result, 0, &["with distances and hidden surfaces"]);
+}
+
+#[test]
+fn a_scene_brings_its_distances_drawn_or_stored() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let store = path("scene.zarr");
+    write_scene(&store);
+    let film = |name: &str, chart: &str, flags: &[&str]| {
+        let always = ["--wavelengths", "500", "--outside", "clamp"];
+        run(chart, &path(name), text(&golden_pack()), &[&always, flags].concat()).ok();
+        bits(&pixels(&path(name), "film").1)
+    };
+    let drawn = film("drawn", &format!("gen:{SCENE}"), &[]);
+    assert!(drawn == film("stored", text(&store), &[]), "a store");
+    assert!(drawn == film("array", &format!("{}//chart", text(&store)), &[]), "an array of a store");
+    let (depth, hidden) = (format!("{}//depth", text(&store)), format!("{}//hidden/1", text(&store)));
+    assert!(drawn == film("named", text(&store), &["--depth", &depth, "--hidden", &hidden]), "named arrays");
+    let parts = |part: &str| format!("gen:{SCENE}&part={part}");
+    let alone = film("alone", &format!("gen:{SCENE}"), &["--depth", &parts("depth")]);
+    assert!(drawn != alone, "without what is hidden");
+    let one = film("one", &format!("gen:{SCENE}"), &["--depth", "2"]);
+    assert!(drawn != one, "one distance");
+}
+
+#[test]
+fn distances_without_a_lens_for_them_and_flags_without_distances_are_errors() {
+    let dir = tempfile::tempdir().unwrap();
+    let film = dir.path().join("film");
+    let try_run =
+        |chart: &str, lens: &str, flags: &[&str]| -> CommandResult { run(chart, &film, lens, flags) };
+    let scene = format!("gen:{SCENE}");
+    let flat_pack = try_run(&scene, "double-gauss-28-npz", &[]);
+    assert_exit(&flat_pack, 2, &["PSFs of one object distance, inf m", "px: trace a pack", "`--depth none`"]);
+    let pack = golden_pack();
+    assert_exit(&try_run(&scene, text(&pack), &["--focus-m", "1"]), 2, &["--focus-m", "are for designs"]);
+    assert_exit(&try_run(&scene, text(&pack), &["--depth", "none"]), 2, &["has depth nodes"]);
+    let flat = "gen:uniform?size=20";
+    for flag in [["--depth-unit", "mm"], ["--depth-miss", "far"], ["--hidden", "x.zarr"]] {
+        assert_exit(
+            &try_run(flat, "phone", &flag),
+            2,
+            &[flag[0], "requires the distance of every chart pixel"],
+        );
+    }
+    assert_exit(&try_run(flat, "phone", &["--gap", "99=1"]), 2, &["--gap 99=1", "gaps behind surfaces 1 to"]);
+    assert_exit(&try_run(flat, "phone", &["--focus-m", "0"]), 2, &["expected a distance in m"]);
+    let svpsf = try_run(&scene, text(&pack), &["--stages", "ri"]);
+    assert_exit(&svpsf, 2, &["requires the stage svpsf", "--depth none"]);
+}
+
+#[test]
+fn a_flat_pack_in_focus_gives_the_flat_film() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let chart = "gen:uniform?size=64&wavelengths=550";
+    let film = |name: &str, flags: &[&str]| run(chart, &path(name), "double-gauss-28-npz", flags);
+    film("flat", &[]).ok();
+    // The blur per dioptre is 829 px of 2 µm.
+    film("far", &["--depth", "4000"]).ok();
+    assert_eq!(bits(&pixels(&path("far"), "film").1), bits(&pixels(&path("flat"), "film").1));
+    assert_exit(&film("near", &["--depth", "2000"]), 2, &["its blur at 2000 to 2000 m is up to 0.4 px"]);
+}
+
+#[test]
+fn a_design_is_traced_for_the_distances_of_the_scene() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let chart = "gen:depth-scene?size=60x48&overscan=0&near_m=0.3&far_m=0.5&wavelengths=550";
+    let focus = ["--focus-m", "0.4", "--depth-tolerance", "0.1"];
+    let film = path("film");
+    run(chart, &film, "phone", &focus).ok();
+    let expected = files(&film);
+    // Once more, from the cache, and by units with the traced bands in a pack.
+    let (again, plan) = (path("again"), path("plan.json"));
+    let second = run(chart, &again, "phone", &focus).ok();
+    assert!(!second.stderr.contains("tracing the bands"), "{}", second.stderr);
+    assert!(files(&again) == expected, "from the cache");
+    let (planned, pack) = (path("planned"), path("phone.lens.zarr"));
+    let words = ["plan", chart, text(&planned), "--output", text(&plan), "--lens", "phone"];
+    lenscube(&[&words[..], &focus, &["--lens-pack", text(&pack)]].concat()).ok();
+    lenscube(&["run", "--plan", text(&plan), "--unit", "0", "--no-fsync"]).ok();
+    assert_eq!(bits(&pixels(&planned, "film").1), bits(&pixels(&film, "film").1), "by a plan");
+    // Another focus is another film, traced for it.
+    let near = path("near");
+    let other = run(chart, &near, "phone", &["--focus-m", "0.3", "--depth-tolerance", "0.1"]).ok();
+    assert_eq!(other.code, 0);
+    let (first, second) = (pixels(&film, "film").1, pixels(&near, "film").1);
+    let peak = first[0].iter().fold(0f32, |m, v| m.max(*v));
+    let difference = std::iter::zip(&first[0], &second[0]).fold(0f32, |m, (a, b)| m.max((a - b).abs()));
+    assert!(difference > 0.01 * peak, "{difference} of {peak}");
+    let changed = run(chart, &film, "phone", &["--focus-m", "0.3", "--depth-tolerance", "0.1"]);
+    assert_exit(&changed, 3, &["belongs to another job", "--lens (digest)"]);
+}
