@@ -3,6 +3,7 @@
 mod bands;
 mod bench;
 mod cache;
+mod camera;
 mod chart;
 mod choices;
 mod compare;
@@ -27,6 +28,7 @@ mod work;
 pub use bands::bands;
 pub use bench::BenchArgs;
 pub use cache::{CacheAction, CacheArgs};
+pub use camera::{CameraArgs, Renderer};
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;

@@ -4,6 +4,7 @@
 //! 14,141² px of 2 µm, which show the PSF. Both are made by the code of `lenscube run`. Last, what a camera records of the corner.
 
 mod camera;
+mod depth;
 mod directory;
 
 use crate::args::{Cli, Command, DemoArgs, DesignArgs, ProgressArg, check_directory};
@@ -49,6 +50,9 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     let dir = &args.dir;
     check_directory(dir)?;
     let mut demo = DemoDirectory::open(dir)?;
+    if args.depth {
+        return depth::command(args, &mut demo);
+    }
     let threads = threads(args.threads);
 
     log_line("1/5  chart: grid lines, test patterns, a ColorChecker, a spectrum; 31 bands, 400-700 nm");

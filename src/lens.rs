@@ -2,6 +2,7 @@
 
 mod aberrations;
 pub mod cache;
+mod camera;
 mod convert;
 mod cross_section;
 mod curves;
@@ -28,6 +29,7 @@ pub fn command(args: &LensArgs) -> Result<()> {
     match &args.command {
         LensCommand::Show(args) => show::command(args),
         LensCommand::Diff(args) => diff::command(args),
+        LensCommand::Camera(args) => camera::command(args),
         LensCommand::List(args) => list::command(args),
         LensCommand::Convert(args) => convert::command(args),
         LensCommand::Trace(args) => trace::command(args),

@@ -2,7 +2,7 @@
 
 mod depth;
 
-use crate::args::{DesignArgs, ImagePlaneArg, TraceArgs};
+use crate::args::{DesignArgs, TraceArgs};
 use crate::design;
 use crate::failure::{other_job, usage};
 use crate::progress::{detail_line, log_line, tracing_bar};
@@ -89,17 +89,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
 /// The design, focused as `args` say, and the options of its depth nodes.
 fn system(args: &TraceArgs) -> Result<(System, Option<DepthOptions>)> {
     let parameters = &args.parameters;
-    let system = match args.focus_m {
-        None => design::open(&args.design, parameters)?,
-        Some(focus_m) => {
-            let as_designed =
-                DesignArgs { image_plane: ImagePlaneArg::Design, defocus_mm: 0.0, ..parameters.clone() };
-            let system = design::open(&args.design, &as_designed)?;
-            let plane = design::image_plane(parameters, &system);
-            let focused = system.focused_at(1.0 / focus_m, plane, parameters.defocus_mm);
-            focused.with_context(|| format!("focusing {} at {focus_m} m", args.design))?
-        }
-    };
+    let system = design::focused(&args.design, parameters, args.focus_m)?;
     let Some(range) = args.depths_m else { return Ok((system, None)) };
     let focus = match args.focus_m {
         Some(focus_m) => 1.0 / focus_m,

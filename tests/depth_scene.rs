@@ -111,3 +111,78 @@ fn a_design_is_traced_for_the_distances_of_the_scene() {
     let changed = run(chart, &film, "phone", &["--focus-m", "0.3", "--depth-tolerance", "0.1"]);
     assert_exit(&changed, 3, &["belongs to another job", "--lens (digest)"]);
 }
+
+/// Numbers behind each `name` of a text.
+fn number_after(text: &str, name: &str) -> f64 {
+    let rest = text.split(name).nth(1).unwrap_or_else(|| panic!("no {name} in {text}"));
+    let number = |c: char| c.is_ascii_digit() || c == '.';
+    let rest = rest.trim_start_matches(|c| !number(c));
+    rest[..rest.find(|c| !number(c)).unwrap_or(rest.len())].parse().unwrap()
+}
+
+#[test]
+fn the_camera_of_a_lens_is_the_pinhole_at_its_entrance_pupil() {
+    let double_gauss = ["lens", "camera", "double-gauss-28", "--focus-m", "2", "--image-plane", "paraxial"];
+    let film = ["--film", "1400x1000", "--pitch-um", "2"];
+    let camera = |more: &[&str]| lenscube(&[&double_gauss[..], &film, more].concat()).ok().stdout;
+    let json: serde_json::Value = serde_json::from_str(&camera(&["--json"])).unwrap();
+    let value = |key: &str| json[key].as_f64().unwrap();
+    // First-order figures of tests/golden/depth/nodes.json, rounded.
+    assert!((value("pinhole_behind_first_vertex_mm") - 58.94).abs() < 0.01);
+    assert!((value("focal_length_mm") - 104.269).abs() < 1e-3);
+    assert!((value("blur_per_dioptre_um") / 2.0 - 868.8).abs() < 0.1);
+    // Near the axis this lens has no distortion of a pixel beyond the margin.
+    let (width, height) = (value("width_px"), value("height_px"));
+    assert_eq!((width - 1400.0, height - 1000.0), (2.0 * value("overscan_px"), 2.0 * value("overscan_px")));
+    assert!((64.0..=66.0).contains(&value("overscan_px")));
+    let tan = |px: f64| px * 0.002 / 2.0 / value("focal_length_mm");
+    let half = |deg: f64| (deg.to_radians() / 2.0).tan();
+    assert!((half(value("horizontal_fov_deg")) / tan(width) - 1.0).abs() < 1e-12);
+    assert!((half(value("vertical_fov_deg")) / tan(height) - 1.0).abs() < 1e-12);
+    let near =
+        |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-8, "{found} {expected}");
+    let blender = camera(&["--for", "blender"]);
+    near(18.0 / number_after(&blender, "36.0,"), tan(width));
+    // The narrower side, and the one that fov_axis names.
+    near(half(number_after(&camera(&["--for", "pbrt"]), "float fov")), tan(height));
+    near(half(number_after(&camera(&["--for", "mitsuba"]), "\"fov\" value")), tan(width));
+    // Blur of the nearest distance, 0.1666 dioptres from focus.
+    let wide: serde_json::Value = serde_json::from_str(&camera(&["--json", "--depths-m", "1.5:2"])).unwrap();
+    let expected = 12.0 + 1.2 * 868.8 / 6.0;
+    assert!((wide["overscan_px"].as_f64().unwrap() - expected).abs() < 3.0, "{wide}");
+}
+
+#[test]
+fn a_film_beyond_the_field_has_no_camera() {
+    let words = ["lens", "camera", "phone", "--film", "9000x600"];
+    assert_exit(&lenscube(&words), 1, &["camera of phone", "a smaller --film"]);
+}
+
+#[test]
+#[ignore = "long: traces three bands for three focus distances"]
+fn the_demo_pulls_the_focus_through_the_scene() {
+    let dir = tempfile::tempdir().unwrap();
+    let demo = dir.path().join("demo");
+    lenscube(&["demo", "--depth", "--dir", text(&demo)]).ok();
+    assert!(demo.join("focus.png").metadata().unwrap().len() > 100_000);
+    // The steepest step of the wall's checks, and the contrast of the disc's star.
+    let part = |film: &str, rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| -> Vec<Vec<f32>> {
+        let (size, bands) = pixels(&demo.join(film), "film");
+        rows.map(|y| bands[1][y * size.width..][columns.clone()].to_vec()).collect()
+    };
+    let range = |values: &mut dyn Iterator<Item = f32>| {
+        values.fold((f32::MAX, 0f32), |(low, high), v| (low.min(v), high.max(v)))
+    };
+    let wall = |film: &str| {
+        let rows = part(film, 20..100, 240..300);
+        let steps = rows.iter().flat_map(|row| row.windows(2)).map(|w| (w[1] - w[0]).abs());
+        steps.fold(0f32, f32::max) / range(&mut rows.iter().flatten().copied()).1
+    };
+    let disc = |film: &str| {
+        let (low, high) = range(&mut part(film, 130..160, 100..130).into_iter().flatten());
+        high / low
+    };
+    let [near, middle, far] = ["near.zarr", "middle.zarr", "far.zarr"].map(|film| (wall(film), disc(film)));
+    assert!(far.0 > 1.1 * middle.0 && middle.0 > 1.1 * near.0, "wall {near:?} {middle:?} {far:?}");
+    assert!(near.1 > 1.3 * middle.1 && middle.1 > 1.1 * far.1, "disc {near:?} {middle:?} {far:?}");
+}

@@ -1,5 +1,6 @@
 //! Flags whose values stand for values of the library, which knows no command line.
 
+use super::camera::Renderer;
 use super::depth::{DepthKind, DepthMiss, DepthUnit};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use formats::chart::NanPolicy;
@@ -65,6 +66,11 @@ pub(super) const PSF_ROWS: Choices<RowOrder> =
     &[("top", "", RowOrder::Top), ("bottom", "", RowOrder::Bottom)];
 pub(super) const PSF_SAMPLE: Choices<PsfSample> =
     &[("point", "", PsfSample::Point), ("integrated", "", PsfSample::Integrated)];
+pub(super) const RENDERER: Choices<Renderer> = &[
+    ("blender", "Python for Blender", Renderer::Blender),
+    ("mitsuba", "XML of Mitsuba 3", Renderer::Mitsuba),
+    ("pbrt", "PBRT-v4", Renderer::Pbrt),
+];
 pub(super) const RESAMPLE: Choices<Resample> = &[
     ("cubic", "Cubic Hermite", Resample::Cubic),
     ("area", "Linear: the film constant over a pixel", Resample::Area),

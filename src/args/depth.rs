@@ -45,7 +45,6 @@ pub struct DepthArgs {
 /// Default of `--depth-tolerance`.
 pub const DEPTH_TOLERANCE: f64 = 0.02;
 
-
 /// `--depth-unit`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the variants are the values of the flag")]

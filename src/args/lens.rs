@@ -1,5 +1,6 @@
 //! `lenscube lens`.
 
+use super::camera::CameraArgs;
 use super::choices::{AIMING, STYLE, one_of};
 use super::import::ImportArgs;
 use super::values::{bounded, pitch, positive};
@@ -29,6 +30,8 @@ pub enum LensCommand {
     Diff(Box<DiffArgs>),
     /// Trace a design into a lens pack: heights, relative illumination and PSFs
     Trace(Box<TraceArgs>),
+    /// Print the pinhole camera whose picture is the chart of a film, for a renderer
+    Camera(Box<CameraArgs>),
     /// List the built-in lenses with their sources
     List(ListArgs),
     /// Write a design in another format: .zmx, .csv (lens table) or .json (Optiland)
@@ -210,7 +213,7 @@ pub struct TraceArgs {
     pub focus_m: Option<f64>,
     /// Make a pack with depth nodes, for surfaces at NEAR to FAR m from the entrance pupil (`inf` allowed), for `run --depth`
     #[arg(long, value_name = "NEAR:FAR", value_parser = depths, help_heading = "Depth")]
-    pub depths_m: Option<(f64, f64)>,
+    pub depths_m: Option<Depths>,
     /// Maximum error of a kernel half-way between depth nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.02", requires = "depths_m", help_heading = "Depth")]
     pub depth_tolerance: f64,
@@ -235,8 +238,11 @@ pub(super) fn focus_m(text: &str) -> Result<f64, String> {
     metres.ok_or_else(|| format!("`{text}`: expected a distance in m, {} or inf", bounds::FOCUS_M.min))
 }
 
-/// A range of distances in m, as vergences (farthest, nearest) in 1/m.
-fn depths(text: &str) -> Result<(f64, f64), String> {
+/// A range of distances as vergences (farthest, nearest), 1/m.
+pub type Depths = (f64, f64);
+
+/// A range of distances in m, `NEAR:FAR`.
+pub(super) fn depths(text: &str) -> Result<Depths, String> {
     let (near, far) = text.split_once(':').ok_or("expected NEAR:FAR in m, e.g. 0.5:inf")?;
     let (near, far) = (focus_m(near)?, focus_m(far)?);
     match near <= far && near.is_finite() {
