@@ -3,7 +3,8 @@
 mod common;
 
 use common::{
-    CommandResult, Noise, Picture, assert_exit, bits, files, lenscube, pixels, run, shards, text, write_pack,
+    CommandResult, Noise, Picture, assert_exit, bits, files, lenscube, pixels, run, shards, text, write_npy,
+    write_pack,
 };
 use formats::lens::LensPack;
 use pipeline::geometry::Size;
@@ -15,21 +16,6 @@ const CHART: &str = "gen:composite?size=530x560&overscan=0";
 
 fn golden_pack() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip")
-}
-
-/// Writes a .npy file of f32.
-fn write_npy(path: &Path, size: Size, values: &[f32]) {
-    assert_eq!(values.len(), size.pixels());
-    let header =
-        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}", size.height, size.width);
-    let padding = 63 - (10 + header.len()) % 64;
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend(((header.len() + padding + 1) as u16).to_le_bytes());
-    bytes.extend(header.bytes());
-    bytes.extend(std::iter::repeat_n(b' ', padding));
-    bytes.push(b'\n');
-    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-    std::fs::write(path, bytes).unwrap();
 }
 
 struct Scene {

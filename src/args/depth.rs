@@ -1,6 +1,6 @@
 //! Surfaces at several distances: flags of a job, and their values.
 
-use super::choices::{DEPTH_KIND, DEPTH_MISS, DEPTH_UNIT, one_of};
+use super::choices::{DEPTH_EDGES, DEPTH_KIND, DEPTH_MISS, DEPTH_UNIT, one_of};
 use super::lens::{Gap, focus_m, gap};
 use super::values::positive;
 use crate::failure::usage;
@@ -18,7 +18,8 @@ pub struct DepthArgs {
     /// Gap behind a surface of a design, counted from 1, set before focusing, e.g. 7=3.25; repeatable
     #[arg(long, value_name = "SURFACE=MM", value_parser = gap)]
     pub gap: Vec<Gap>,
-    /// Distance of every chart pixel from the entrance pupil: array of the chart's size, PATH//depth of a Zarr store, .npy or ENVI, or one distance;
+    /// Distance of every chart pixel from the entrance pupil: array of the chart's size, PATH//depth of a Zarr store or HDF5 file, .npy,
+    /// ENVI, TIFF, a channel of an OpenEXR file (scene.exr//Z), raw samples (--depth-dtype); or one distance;
     /// none: a flat chart [default: the array `depth` of the chart's group, with `coverage` and `hidden/1/…`; those of gen:depth-scene].
     /// Needs a design, or a lens pack with depth nodes. An array `coverage` beside `depth` is the share of each pixel that the surface covers
     #[arg(long, value_name = "PATH|DISTANCE|none")]
@@ -32,9 +33,16 @@ pub struct DepthArgs {
     /// NaN, 0 and negative distances, which renderers write where a ray meets nothing: error, or infinity [default: error]
     #[arg(long, value_parser = one_of(DEPTH_MISS))]
     pub depth_miss: Option<DepthMiss>,
+    /// Sample type of a raw --depth file, rows and columns of the chart: f16, f32, f64, u8, u16; prefix `>` for big-endian
+    #[arg(long, value_name = "TYPE", requires = "depth")]
+    pub depth_dtype: Option<String>,
+    /// Pixels at a distance between those of two surfaces, as filtered depth has them at edges: keep (with a note), or snap to the nearer
+    /// surface [default: keep]
+    #[arg(long, value_parser = one_of(DEPTH_EDGES))]
+    pub depth_edges: Option<DepthEdges>,
     /// Surface hidden behind the ones before it, the nearest first: Zarr group with arrays chart and depth, and coverage if it has holes, e.g.
-    /// CHART//hidden/1; repeatable. none: nothing is invented [default: what is hidden behind edges is invented from what is around, and its share of the
-    /// light is stored in the film's array `invented`]
+    /// CHART//hidden/1, or a spectral OpenEXR file with a channel Z; repeatable. none: nothing is invented [default: what is hidden behind edges is
+    /// invented from what is around, and its share of the light is stored in the film's array `invented`]
     #[arg(long, value_name = "GROUP|none")]
     pub hidden: Vec<String>,
     /// Maximum error of a kernel half-way between the depth nodes of a design, L1 at film pixels [default: 0.02]
@@ -82,6 +90,15 @@ pub enum DepthKind {
     Planar,
     /// Along the ray from the entrance pupil.
     Ray,
+}
+
+/// `--depth-edges`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DepthEdges {
+    /// As stored.
+    Keep,
+    /// The nearer neighbour's distance.
+    Snap,
 }
 
 /// `--depth-miss`.

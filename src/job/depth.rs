@@ -1,13 +1,17 @@
 //! Distances of a job: the depth array, hidden surfaces and coverages, opened and checked before any pixel is computed.
 
+mod arrays;
+mod clean;
 mod scan;
 pub mod surfaces;
 
-use crate::args::{DepthArgs, DepthKind, DepthMiss, DepthUnit, RunArgs};
+use super::arguments::threads;
+use crate::args::{DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, RunArgs};
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::{Context, Result};
-use formats::chart::{ChartError, NanPolicy};
+use arrays::{array, check_size, coverage, temporary_directory};
+use clean::{CleanDepth, Edges};
 use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::{ConstantDepth, Distance, Sheet};
 use pipeline::flow::ChartSource;
@@ -15,6 +19,17 @@ use pipeline::geometry::Frame;
 use scan::{Position, Scan};
 use serde_json::{Value, json};
 use surfaces::SurfacePaths;
+
+/// What of a lens matters to distances.
+#[derive(Clone, Copy)]
+pub struct LensFacts {
+    /// Distortion focal length, mm.
+    pub focal_mm: f64,
+    /// Blur radius per dioptre, film px.
+    pub blur_px: f64,
+    /// Vergences of its farthest and nearest depth node, 1/m; none if it is traced for the scene.
+    pub nodes: Option<(f64, f64)>,
+}
 
 /// Surfaces of a job.
 pub struct Depth {
@@ -27,6 +42,11 @@ pub struct Depth {
     pub notes: Vec<String>,
 }
 
+/// Rounding of a 16-bit float, relative.
+const F16_HALF_STEP: f64 = 1.0 / 4096.0;
+/// Largest change of blur by rounding of distances that is not reported, px.
+const MAX_STEP_PX: f64 = 0.25;
+
 /// One surface.
 struct SheetInput {
     /// Its chart; none for the surface of the job's chart.
@@ -37,22 +57,21 @@ struct SheetInput {
 }
 
 enum DepthInput {
-    Array(Box<Chart>),
+    Array(Box<CleanDepth>),
     Constant(ConstantDepth),
 }
 
 impl DepthInput {
     fn source(&self) -> &dyn ChartSource {
         match self {
-            Self::Array(chart) => chart.source(),
+            Self::Array(depth) => depth.as_ref(),
             Self::Constant(depth) => depth,
         }
     }
 }
 
 impl Depth {
-    /// Opens and checks the surfaces `paths` of `args`, the job's chart first, for a chart on `frame` with bands at `wavelengths_nm` and a lens of
-    /// distortion focal length `focal_mm`. `nodes`: vergences of its farthest and nearest depth node, 1/m; none if it is traced for the scene.
+    /// Opens and checks the surfaces `paths` of `args`, the job's chart first, for a chart on `frame` with bands at `wavelengths_nm`.
     ///
     /// # Errors
     /// An array cannot be read, has another size than the chart, or contains a distance or coverage that is not valid.
@@ -61,11 +80,14 @@ impl Depth {
         paths: &[SurfacePaths],
         frame: &Frame,
         wavelengths_nm: &[f64],
-        focal_mm: f64,
-        nodes: Option<(f64, f64)>,
+        lens: LensFacts,
     ) -> Result<Self> {
-        let open = |paths: &SurfacePaths| SheetInput::open(args, paths, frame, wavelengths_nm, focal_mm);
-        let sheets = paths.iter().map(open).collect::<Result<Vec<_>>>()?;
+        let open = |paths: &SurfacePaths| SheetInput::open(args, paths, frame, wavelengths_nm, lens.focal_mm);
+        let mut sheets = paths.iter().map(open).collect::<Result<Vec<_>>>()?;
+        let mut notes = Vec::new();
+        for (sheet, paths) in std::iter::zip(&mut sheets, paths) {
+            notes.extend(sheet.edges(&paths.name, args.surfaces.depth_edges, frame, lens.blur_px)?);
+        }
         for (sheet, paths) in std::iter::zip(&sheets, paths) {
             if let Some(coverage) = &sheet.coverage {
                 scan::coverage(&paths.name, coverage)?;
@@ -79,7 +101,7 @@ impl Depth {
                 scan::distances(name, source, rows, &sheet.distance, frame, &mut *add)
             })
         };
-        let range = match nodes {
+        let range = match lens.nodes {
             Some(range) => range,
             None => {
                 let mut range = (f64::INFINITY, 0f64);
@@ -90,7 +112,11 @@ impl Depth {
         let mut scan = Scan::new(frame.chart, range);
         each(&mut |at, v| scan.add(at, v))?;
         let is_opaque = matches!(&sheets[..], [only] if only.coverage.is_none());
-        let notes = scan.notes();
+        notes.extend(scan.notes());
+        let nearest = scan.nearest();
+        for (name, sheet) in &named {
+            notes.extend(sheet.step_note(name, nearest * lens.blur_px));
+        }
         let surfaces = scan.surfaces(is_opaque, sheets.len() == 1 && args.surfaces.hidden.is_empty());
         Ok(Self { surfaces, range, sheets, notes })
     }
@@ -133,6 +159,7 @@ impl Depth {
                 "metres_per_unit": sheet.distance.metres,
                 "ray": sheet.distance.ray_focal_mm,
                 "miss_is_far": sheet.distance.miss_is_far,
+                "snapped": matches!(&sheet.depth, DepthInput::Array(depth) if depth.is_snapped()),
             }));
         }
         let content = json!({ "sheets": content, "is_invented": self.surfaces.is_invented });
@@ -148,7 +175,7 @@ impl Depth {
     pub fn set_cache_for_rows(&mut self, rows: usize) {
         for sheet in &mut self.sheets {
             let depth = match &mut sheet.depth {
-                DepthInput::Array(chart) => Some(chart.as_mut()),
+                DepthInput::Array(depth) => Some(&mut depth.chart),
                 DepthInput::Constant(_) => None,
             };
             for chart in sheet.chart.iter_mut().chain(depth).chain(&mut sheet.coverage) {
@@ -183,13 +210,47 @@ impl SheetInput {
             let distance = meaning(given, metres, given.depth_kind, focal_mm);
             return Ok(Self { chart, depth, coverage: None, distance });
         }
-        let depth = array(&paths.depth, frame, &paths.name)?;
+        let raw = given.depth_dtype.as_deref().filter(|_| paths.chart.is_none());
+        let depth = array(&paths.depth, frame, &paths.name, raw)?;
+        if let Chart::Decoded(decoded) = &depth {
+            decoded.copy_bands(&[0], &temporary_directory(args), threads(args.threads), &|_, _| ())?;
+        }
         let distance = declared(given, &paths.depth, &depth, focal_mm)?;
         let coverage = match (&depth, &paths.coverage) {
             (Chart::Store(_) | Chart::Generated(_), Some(spec)) => coverage(spec, frame)?,
             _ => None,
         };
-        Ok(Self { chart, depth: DepthInput::Array(Box::new(depth)), coverage, distance })
+        Ok(Self { chart, depth: DepthInput::Array(Box::new(CleanDepth::new(depth))), coverage, distance })
+    }
+
+    /// Looks for interpolated distances, which are replaced if asked for; a note on them.
+    fn edges(
+        &mut self,
+        name: &str,
+        edges: Option<DepthEdges>,
+        frame: &Frame,
+        blur_px: f64,
+    ) -> Result<Option<String>> {
+        let (rows, distance) = (self.rows_at_a_time(), self.distance);
+        let DepthInput::Array(depth) = &mut self.depth else { return Ok(None) };
+        let found = Edges { distance, frame: *frame, blur_px };
+        if edges == Some(DepthEdges::Snap) {
+            depth.snap(found);
+            return Ok(None);
+        }
+        Ok(found.find(depth, rows)?.note(name))
+    }
+
+    /// A note if a step of 16-bit distances is visible: `blur_px` is the blur radius of the nearest surface.
+    fn step_note(&self, name: &str, blur_px: f64) -> Option<String> {
+        let step_px = blur_px * F16_HALF_STEP;
+        let is_f16 = matches!(&self.depth, DepthInput::Array(depth) if depth.is_f16());
+        (is_f16 && step_px > MAX_STEP_PX).then(|| {
+            format!(
+                "{name}: the distances are 16-bit floats, whose rounding changes the blur of the nearest surface by up to {step_px:.2} px; save \
+                 them as 32-bit floats"
+            )
+        })
     }
 
     fn sheet(&self) -> Sheet<'_> {
@@ -203,7 +264,7 @@ impl SheetInput {
 
     fn charts(&self) -> impl Iterator<Item = &Chart> {
         let depth = match &self.depth {
-            DepthInput::Array(chart) => Some(chart.as_ref()),
+            DepthInput::Array(depth) => Some(&depth.chart),
             DepthInput::Constant(_) => None,
         };
         self.chart.iter().chain(depth).chain(&self.coverage)
@@ -212,7 +273,7 @@ impl SheetInput {
     /// Rows of the depth array that are read together while it is checked.
     fn rows_at_a_time(&self) -> usize {
         match &self.depth {
-            DepthInput::Array(chart) => scan::rows_at_a_time(chart),
+            DepthInput::Array(depth) => scan::rows_at_a_time(&depth.chart),
             DepthInput::Constant(_) => scan::MIN_ROWS,
         }
     }
@@ -225,58 +286,6 @@ fn rounded_range((first, last): (f64, f64)) -> (f64, f64) {
     }
     let step = 10f64.powi(pipeline::real::log10(last - first).floor() as i32) / 20.0;
     ((first / step).floor() * step, (last / step).ceil() * step)
-}
-
-/// Number of bands of an array.
-fn array_of(chart: &Chart) -> usize {
-    match chart {
-        Chart::Store(store) => store.bands(),
-        Chart::Raster(raster) => raster.bands(),
-        Chart::Decoded(decoded) => decoded.bands(),
-        Chart::Generated(generator) => generator.wavelengths_nm().len(),
-    }
-}
-
-/// Whether a store has no array of the requested name.
-fn is_missing(error: &anyhow::Error) -> bool {
-    error.downcast_ref().is_some_and(|e| matches!(e, ChartError::NoArray { .. }))
-}
-
-/// Opens an array of one number per chart pixel.
-fn array(spec: &str, frame: &Frame, name: &str) -> Result<Chart> {
-    // A drawn array has one band, whose wavelength has no meaning.
-    let wavelengths = spec.starts_with("gen:").then_some("550");
-    let flags = ChartFlags { nan: NanPolicy::Keep, wavelengths, ..ChartFlags::default() };
-    let chart = Chart::open_with(spec, &flags).with_context(|| name.to_owned())?;
-    if let Chart::Decoded(_) = chart {
-        return Err(usage(format!("{name}: expected a Zarr array, .npy or ENVI file")));
-    }
-    let bands = array_of(&chart);
-    if bands != 1 {
-        return Err(usage(format!("{name}: the array has {bands} bands, expected rows and columns only")));
-    }
-    check_size(&chart, frame, spec, name)?;
-    Ok(chart)
-}
-
-fn check_size(chart: &Chart, frame: &Frame, spec: &str, name: &str) -> Result<()> {
-    let (found, expected) = (chart.size(), frame.chart);
-    let of = if name.ends_with(spec) { name.to_owned() } else { format!("{name}: {spec}") };
-    match found == expected {
-        true => Ok(()),
-        false => Err(usage(format!(
-            "{of}: {found} px, the chart has {expected}: arrays of surfaces are not resampled"
-        ))),
-    }
-}
-
-/// The coverage `spec`, if there is one.
-fn coverage(spec: &str, frame: &Frame) -> Result<Option<Chart>> {
-    match array(spec, frame, spec) {
-        Ok(chart) => Ok(Some(chart)),
-        Err(e) if is_missing(&e) => Ok(None),
-        Err(e) => Err(e),
-    }
 }
 
 /// What the numbers of `depth` mean: by the flags, else by its attributes.

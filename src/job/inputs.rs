@@ -1,8 +1,8 @@
 //! Steps 1 and 3: chart and lens opened; bands selected, film geometry resolved. Of the chart only metadata are read.
 
 use super::coverage::field_height_mm;
-use super::depth::Depth;
 use super::depth::surfaces::SurfacePaths;
+use super::depth::{Depth, LensFacts};
 use super::frame::frame;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
@@ -84,8 +84,9 @@ impl Inputs {
         let depth = match surfaces.is_empty() {
             true => None,
             false => {
-                let focal_mm = lens.distortion_focal_length_mm()?;
-                let depth = Depth::open(args, &surfaces, &frame, &all_nm, focal_mm, nodes)?;
+                let (focal_mm, blur_um) = lens.focal_mm_and_blur_um()?;
+                let facts = LensFacts { focal_mm, blur_px: blur_um / frame.pitch_um, nodes };
+                let depth = Depth::open(args, &surfaces, &frame, &all_nm, facts)?;
                 let is_flat = lens.is_within_focus(&args.lens, &depth.surfaces, frame.pitch_um)?;
                 Some(depth).filter(|_| !is_flat)
             }

@@ -97,8 +97,7 @@ impl UntracedLens {
             return Ok(false);
         }
         let focus = lens.object_distance_mm.map_or(0.0, |mm| 1e3 / mm);
-        let pupil_mm = lens.effective_focal_length_mm / lens.f_number;
-        let blur_px = pupil_mm / 2.0 * lens.distortion_focal_length_mm.abs() / pitch_um;
+        let blur_px = self.focal_mm_and_blur_um()?.1 / pitch_um;
         let blur = |v: f64| blur_px * (v - focus).abs();
         let worst = blur(surfaces.first).max(blur(surfaces.last));
         if worst <= SHARP_PX && surfaces.is_opaque {
@@ -119,15 +118,23 @@ impl UntracedLens {
         )))
     }
 
-    /// Distortion focal length, mm.
+    /// Distortion focal length in mm, and blur radius per dioptre in µm.
     ///
     /// # Errors
     /// A design without first-order properties.
-    pub fn distortion_focal_length_mm(&self) -> Result<f64> {
+    pub fn focal_mm_and_blur_um(&self) -> Result<(f64, f64)> {
         Ok(match self {
-            Self::Pack(pack) => pack.lens().distortion_focal_length_mm,
+            Self::Pack(pack) => {
+                let lens = pack.lens();
+                let pupil_mm = lens.effective_focal_length_mm / lens.f_number;
+                let flat_um = pupil_mm / 2.0 * lens.distortion_focal_length_mm.abs();
+                let blur_um = lens.depth.as_ref().map_or(flat_um, |depth| depth.blur_per_dioptre_um);
+                (lens.distortion_focal_length_mm, blur_um)
+            }
             Self::Design(system, ..) => {
-                Paraxial::new(system, system.primary_um())?.distortion_focal_length_mm
+                let first = Paraxial::new(system, system.primary_um())?;
+                let focal_mm = first.distortion_focal_length_mm;
+                (focal_mm, first.entrance_radius_mm * focal_mm.abs())
             }
         })
     }

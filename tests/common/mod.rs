@@ -249,3 +249,18 @@ pub fn write_pack(path: &Path, lens: &Lens, stacks: Vec<PsfStack>) {
     let stacks = stacks.into_iter().map(Ok::<_, LensPackError>);
     formats::lens::write(path, lens, &PackAttributes::default(), stacks).unwrap();
 }
+
+/// Writes a .npy file of f32.
+pub fn write_npy(path: &Path, size: Size, values: &[f32]) {
+    assert_eq!(values.len(), size.pixels());
+    let header =
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}", size.height, size.width);
+    let padding = 63 - (10 + header.len()) % 64;
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(((header.len() + padding + 1) as u16).to_le_bytes());
+    bytes.extend(header.bytes());
+    bytes.extend(std::iter::repeat_n(b' ', padding));
+    bytes.push(b'\n');
+    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    std::fs::write(path, bytes).unwrap();
+}

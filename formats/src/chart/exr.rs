@@ -6,7 +6,7 @@
 //!
 //! Samples are compressed and bands interleave line by line, so the file is decoded once ([`DecodedChart`]). Sizes that a header
 //! declares are compared with the file's length and with a limit per block before memory is allocated; a decoder that panics is an
-//! error of the file. Not supported: several layers, deep data, subsampled channels, bispectral images.
+//! error of the file. [`open_channel`] reads one channel of any name. Not supported: several layers, deep data, subsampled channels, bispectral images.
 
 mod decode;
 mod header;
@@ -29,7 +29,7 @@ use crate::durable::DurableError;
 use crate::sample::{RasterSample, Sample};
 use decode::Blocks;
 pub use header::ExrContent;
-use header::{check_header, content, exr_error};
+use header::{check_header, content, exr_error, named_channel};
 
 /// An OpenEXR file whose header has been read.
 #[derive(Debug)]
@@ -52,6 +52,19 @@ pub fn is_supported_path(path: &Path) -> bool {
 /// # Errors
 /// [`ChartError`] if it is not an OpenEXR file, or its header is invalid or not supported.
 pub fn open(path: &Path, nan: NanPolicy) -> Result<ExrFile, ChartError> {
+    open_bands(path, &[], nan)
+}
+
+/// Reads the header of the OpenEXR file `path`; its only band is the first channel with one of `names`.
+///
+/// # Errors
+/// As [`open`]; there is no such channel.
+pub fn open_channel(path: &Path, names: &[&str], nan: NanPolicy) -> Result<DecodedChart, ChartError> {
+    let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+    Ok(open_bands(path, &names, nan)?.chart)
+}
+
+fn open_bands(path: &Path, wanted: &[String], nan: NanPolicy) -> Result<ExrFile, ChartError> {
     let file = File::open(path).map_err(|e| DurableError::io("open", path, 0, e))?;
     let meta = file.metadata().map_err(|e| DurableError::io("look up", path, 0, e))?;
     let read = || MetaData::read_from_unbuffered(file, false);
@@ -68,7 +81,10 @@ pub fn open(path: &Path, nan: NanPolicy) -> Result<ExrFile, ChartError> {
         return Err(exr_error(path, "layers", expected, headers.len().to_string()));
     };
     let block_bytes = check_header(path, header, meta.len())?;
-    let (content, channels) = content(path, header)?;
+    let (content, channels) = match wanted {
+        [] => content(path, header)?,
+        wanted => (ExrContent::Grey, vec![named_channel(path, header, wanted)?]),
+    };
     let text = |name: &str| match header.own_attributes.other.iter().find(|(k, _)| *k == name) {
         Some((_, AttributeValue::Text(t))) => Some(t.to_string()),
         _ => None,
@@ -105,10 +121,13 @@ pub fn open(path: &Path, nan: NanPolicy) -> Result<ExrFile, ChartError> {
         files: vec![WatchedFile::data(path, &meta)],
         nan,
     };
-    let blocks = Blocks { path: path.into(), size, channels, block_bytes };
+    let blocks = Blocks { path: path.into(), size, channels, wanted: wanted.to_vec(), block_bytes };
     Ok(ExrFile {
         chart: DecodedChart::new(declared, Box::new(blocks))?,
         content,
         has_alpha: header.channels.list.iter().any(|c| c.name == *"A"),
     })
 }
+
+#[cfg(test)]
+mod tests;

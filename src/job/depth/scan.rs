@@ -73,6 +73,11 @@ impl Scan {
         self.occupancy.add(at.row, at.column, v);
     }
 
+    /// Vergence of the nearest surface, 1/m.
+    pub fn nearest(&self) -> f64 {
+        self.last
+    }
+
     /// Vergences found; `is_opaque`: of one surface without holes; `invent`: what is hidden behind edges is invented.
     pub fn surfaces(self, is_opaque: bool, invent: bool) -> Surfaces {
         let Self { first, last, .. } = self;

@@ -3,12 +3,14 @@
 //! A chart's group may hold `depth`, `coverage`, `hidden/1/chart`, `hidden/1/depth`, `hidden/1/coverage`, `hidden/2/chart`, …; `gen:depth-scene` has
 //! such arrays, too. `--depth none` ignores them.
 
-use super::{array_of, is_missing};
+use super::arrays::{array_of, is_missing};
 use crate::args::{DepthArgs, RunArgs};
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
+use formats::chart::exr;
 use pipeline::chart::ScenePart;
+use std::path::Path;
 
 /// Arrays of one surface.
 #[derive(Clone)]
@@ -56,6 +58,10 @@ impl SurfacePaths {
     }
 
     fn hidden(group: &str) -> Self {
+        if exr::is_supported_path(Path::new(group)) {
+            let (name, chart) = (format!("--hidden {group}"), Some(group.to_owned()));
+            return Self { name, chart, depth: group.into(), coverage: None };
+        }
         let member = |name: &str| member(group, name);
         Self {
             name: format!("--hidden {group}"),
@@ -125,6 +131,7 @@ fn unused(given: &DepthArgs) -> Option<&'static str> {
         ("--depth-unit", given.depth_unit.is_some()),
         ("--depth-kind", given.depth_kind.is_some()),
         ("--depth-miss", given.depth_miss.is_some()),
+        ("--depth-edges", given.depth_edges.is_some()),
         ("--depth-tolerance", given.depth_tolerance.is_some()),
     ]
     .into_iter()

@@ -15,7 +15,7 @@ use ::exr::meta::header::Header;
 
 use pipeline::geometry::Size;
 
-use super::header::{check_header, content};
+use super::header::{check_header, content, named_channel};
 use crate::chart::decoded_chart::{BandDecoder, Sink};
 use crate::chart::error::ChartError;
 use crate::durable::DurableError;
@@ -28,6 +28,8 @@ pub(super) struct Blocks {
     pub(super) size: Size,
     /// Channel of the file per band.
     pub(super) channels: Vec<usize>,
+    /// Names of which the first one that exists is the only band; empty: the bands of the content.
+    pub(super) wanted: Vec<String>,
     /// Size of the largest decoded block.
     pub(super) block_bytes: usize,
 }
@@ -54,7 +56,11 @@ impl BandDecoder for Blocks {
         let header = meta.headers.first().ok_or_else(|| damaged("no layer".into()))?;
         // The file may have been replaced since it was opened.
         check_header(&self.path, header, u64::MAX)?;
-        if content(&self.path, header)?.1 != self.channels
+        let channels = match self.wanted.is_empty() {
+            true => content(&self.path, header)?.1,
+            false => vec![named_channel(&self.path, header, &self.wanted)?],
+        };
+        if channels != self.channels
             || (header.layer_size.height(), header.layer_size.width()) != (self.size.height, self.size.width)
         {
             return Err(damaged("it changed after it was opened".into()));

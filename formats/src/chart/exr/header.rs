@@ -40,7 +40,8 @@ pub(super) fn check_header(path: &Path, header: &Header, length: u64) -> Result<
     let (width, height) = (header.layer_size.width(), header.layer_size.height());
     let channels = &header.channels.list;
     if header.deep {
-        return Err(exr_error(path, "data", "flat pixels", "deep data".into()));
+        let expected = "flat pixels; flatten it, e.g. to one file for each of its surfaces";
+        return Err(exr_error(path, "data", expected, "deep data".into()));
     }
     if width == 0 || height == 0 || channels.is_empty() || channels.len() > MAX_CHANNELS {
         let found = format!("{} channels of {width}x{height} px", channels.len());
@@ -123,6 +124,20 @@ pub(super) fn content(path: &Path, header: &Header) -> Result<(ExrContent, Vec<u
         return Err(exr_error(path, "samples", "half or float", format!("`{}` of integers", names[i])));
     }
     Ok((content, channels))
+}
+
+/// The first channel of `header` with one of `wanted` as its name.
+pub(super) fn named_channel(path: &Path, header: &Header, wanted: &[String]) -> Result<usize, ChartError> {
+    let list = &header.channels.list;
+    let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
+    let found = wanted.iter().find_map(|name| names.iter().position(|n| n == name));
+    match found {
+        Some(i) if list[i].sample_type == SampleType::U32 => {
+            Err(exr_error(path, "samples", "half or float", format!("`{}` of integers", names[i])))
+        }
+        Some(i) => Ok(i),
+        None => Err(exr_error(path, "channel", &wanted.join(" or "), names.join(", "))),
+    }
 }
 
 /// Bands of a file whose channels are all named by a wavelength, such as `w420nm`, ascending; empty otherwise.

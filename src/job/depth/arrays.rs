@@ -1,0 +1,82 @@
+//! Arrays of distances and coverages: one number per chart pixel, from the formats of charts, a channel of OpenEXR, or raw samples.
+
+use crate::args::RunArgs;
+use crate::failure::usage;
+use crate::open::{Chart, ChartFlags};
+use anyhow::{Context, Result};
+use formats::chart::{ChartError, NanPolicy, exr, split_array};
+use formats::durable::{is_url, link_target, parent_of};
+use pipeline::geometry::Frame;
+use std::path::{Path, PathBuf};
+
+/// Number of bands of an array.
+pub fn array_of(chart: &Chart) -> usize {
+    match chart {
+        Chart::Store(store) => store.bands(),
+        Chart::Raster(raster) => raster.bands(),
+        Chart::Decoded(decoded) => decoded.bands(),
+        Chart::Generated(generator) => generator.wavelengths_nm().len(),
+    }
+}
+
+/// Whether a store has no array of the requested name.
+pub fn is_missing(error: &anyhow::Error) -> bool {
+    error.downcast_ref().is_some_and(|e| matches!(e, ChartError::NoArray { .. }))
+}
+
+/// Where arrays are decoded to: beside the film.
+pub fn temporary_directory(args: &RunArgs) -> PathBuf {
+    match is_url(&args.film) {
+        true => std::env::temp_dir(),
+        false => parent_of(&link_target(&args.film)).to_path_buf(),
+    }
+}
+
+/// Opens an array of one number per chart pixel; `dtype`: of raw samples of this type.
+pub fn array(spec: &str, frame: &Frame, name: &str, dtype: Option<&str>) -> Result<Chart> {
+    let shape = format!("1,{},{}", frame.chart.height, frame.chart.width);
+    // A drawn array has one band, whose wavelength has no meaning.
+    let wavelengths = spec.starts_with("gen:").then_some("550");
+    let raw = dtype.map(|dtype| (&*shape, dtype));
+    let flags = ChartFlags { nan: NanPolicy::Keep, wavelengths, raw, ..ChartFlags::default() };
+    let mut chart = match exr::is_supported_path(Path::new(split_array(spec).0)) {
+        true => open_exr(spec, NanPolicy::Keep),
+        false => Chart::open_with(spec, &flags),
+    }
+    .with_context(|| name.to_owned())?;
+    // Renderers write large numbers for infinity.
+    chart.limit_values(f32::MAX)?;
+    let bands = array_of(&chart);
+    if bands != 1 {
+        return Err(usage(format!("{name}: the array has {bands} bands, expected rows and columns only")));
+    }
+    check_size(&chart, frame, spec, name)?;
+    Ok(chart)
+}
+
+/// The channel that `FILE.exr//CHANNEL` names, else `Z` or `depth.Z`.
+fn open_exr(spec: &str, nan: NanPolicy) -> Result<Chart> {
+    let (file, channel) = split_array(spec);
+    let names = if channel.is_empty() { &["Z", "depth.Z"][..] } else { &[channel][..] };
+    Ok(Chart::Decoded(Box::new(exr::open_channel(Path::new(file), names, nan)?)))
+}
+
+pub fn check_size(chart: &Chart, frame: &Frame, spec: &str, name: &str) -> Result<()> {
+    let (found, expected) = (chart.size(), frame.chart);
+    let of = if name.ends_with(spec) { name.to_owned() } else { format!("{name}: {spec}") };
+    match found == expected {
+        true => Ok(()),
+        false => Err(usage(format!(
+            "{of}: {found} px, the chart has {expected}: arrays of surfaces are not resampled"
+        ))),
+    }
+}
+
+/// The coverage `spec`, if there is one.
+pub fn coverage(spec: &str, frame: &Frame) -> Result<Option<Chart>> {
+    match array(spec, frame, spec, None) {
+        Ok(chart) => Ok(Some(chart)),
+        Err(e) if is_missing(&e) => Ok(None),
+        Err(e) => Err(e),
+    }
+}

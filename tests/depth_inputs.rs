@@ -1,0 +1,129 @@
+//! Files of distances: formats, interpolated edges, 16-bit floats.
+
+mod common;
+
+use common::{CommandResult, assert_exit, bits, lenscube, pixels, run, text, write_npy};
+use pipeline::geometry::Size;
+use std::path::{Path, PathBuf};
+
+/// Rows and columns of the charts.
+const SIDE: usize = 96;
+const CHART: &str = "gen:checker?size=96&overscan=0&wavelengths=500";
+
+struct Inputs {
+    dir: tempfile::TempDir,
+}
+
+impl Inputs {
+    fn new() -> Self {
+        Self { dir: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// Writes raw samples.
+    fn raw(&self, name: &str, values: impl Iterator<Item = Vec<u8>>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::write(&path, values.flatten().collect::<Vec<u8>>()).unwrap();
+        path
+    }
+
+    fn try_run(&self, film: &str, depth: &str, flags: &[&str]) -> CommandResult {
+        let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip");
+        let always = ["--outside", "clamp", "--depth", depth];
+        run(CHART, &self.path(film), text(&pack), &[&always, flags].concat())
+    }
+
+    fn film(&self, name: &str, depth: &str, flags: &[&str]) -> Vec<Vec<u32>> {
+        self.try_run(name, depth, flags).ok();
+        bits(&pixels(&self.path(name), "film").1)
+    }
+}
+
+/// A near square before a far wall.
+fn square(row: usize, column: usize) -> f32 {
+    if (30..70).contains(&row) && (20..60).contains(&column) { 0.55 } else { 4.0 }
+}
+
+/// Values of all pixels.
+fn values(at: impl Fn(usize, usize) -> f32) -> Vec<f32> {
+    (0..SIDE * SIDE).map(|i| at(i / SIDE, i % SIDE)).collect()
+}
+
+#[test]
+fn raw_tiff_and_openexr_files_are_the_same_distances() {
+    let inputs = Inputs::new();
+    let f32s = inputs.raw("depth.raw", values(square).iter().map(|v| v.to_le_bytes().to_vec()));
+    let expected = inputs.film("raw", text(&f32s), &["--depth-dtype", "f32"]);
+    let big = inputs.raw("big.raw", values(square).iter().map(|v| f64::from(*v).to_be_bytes().to_vec()));
+    assert!(expected == inputs.film("big", text(&big), &["--depth-dtype", ">f64"]), "big-endian doubles");
+    let mm = inputs
+        .raw("mm.raw", values(square).iter().map(|v| ((v * 1e3).round() as u16).to_le_bytes().to_vec()));
+    let found = inputs.film("mm", text(&mm), &["--depth-dtype", "u16", "--depth-unit", "mm"]);
+    // 0.55 is no number of 32 bits.
+    let close = |(a, b): (&u32, &u32)| {
+        let (a, b) = (f32::from_bits(*a), f32::from_bits(*b));
+        (a - b).abs() <= 1e-5 * b.abs()
+    };
+    assert!(std::iter::zip(&found[0], &expected[0]).all(close), "millimetres");
+    // The same values through the program's own exports.
+    let npy = inputs.path("depth.npy");
+    write_npy(&npy, Size::new(SIDE, SIDE), &values(square));
+    for (name, format) in [("depth.exr", "exr"), ("depth.tif", "tiff-bands")] {
+        let out = inputs.path(name);
+        lenscube(&["export", text(&npy), text(&out), "--wavelengths", "550", "--format", format]).ok();
+    }
+    let exr = format!("{}//S0.550,000000nm", text(&inputs.path("depth.exr")));
+    assert!(inputs.film("exr", &exr, &[]) == expected, "OpenEXR");
+    assert!(inputs.film("tif", text(&inputs.path("depth.tif")), &[]) == expected, "TIFF");
+    let missing = inputs.try_run("none", text(&inputs.path("depth.exr")), &[]);
+    assert_exit(&missing, 1, &["depth.exr", "Z or depth.Z", "S0.550,000000nm"]);
+    assert_exit(&inputs.try_run("none", text(&f32s), &["--depth-dtype", "f64"]), 1, &["depth.raw", "bytes"]);
+}
+
+#[test]
+fn interpolated_edges_are_reported_or_snapped_to_the_nearer_surface() {
+    let inputs = Inputs::new();
+    let raw = |name: &str, at: &dyn Fn(usize, usize) -> f32| {
+        inputs.raw(name, values(at).iter().map(|v| v.to_le_bytes().to_vec()))
+    };
+    let f32s = ["--depth-dtype", "f32"];
+    // Columns 19 and 60, beside the square, are half-way.
+    let blurred = |row: usize, column: usize| match (30..70).contains(&row) && [19, 60].contains(&column) {
+        true => 1.0,
+        false => square(row, column),
+    };
+    let wide = |row: usize, column: usize| match (30..70).contains(&row) && [19, 60].contains(&column) {
+        true => 0.55,
+        false => square(row, column),
+    };
+    let (blurred, wide) = (raw("blurred.raw", &blurred), raw("wide.raw", &wide));
+    let noted = inputs.try_run("noted", text(&blurred), &f32s);
+    assert_exit(&noted, 0, &["80 of ", "e.g. row 30, column 19", "anti-aliased", "--depth-edges snap"]);
+    let clean = inputs.try_run("clean", text(&wide), &f32s);
+    assert!(clean.code == 0 && !clean.stderr.contains("anti-aliased"), "{}", clean.stderr);
+    let snapped = inputs.film("snapped", text(&blurred), &[&f32s[..], &["--depth-edges", "snap"]].concat());
+    assert!(snapped == inputs.film("clean", text(&wide), &f32s));
+    let resumed = inputs.try_run("snapped", text(&blurred), &f32s);
+    assert_exit(&resumed, 3, &["belongs to another job"]);
+}
+
+#[test]
+fn largest_f16_is_infinity() {
+    let inputs = Inputs::new();
+    // 65504 and infinity, 4 m elsewhere.
+    let raw = |name: &str, far: u16| {
+        inputs.raw(
+            name,
+            values(square)
+                .into_iter()
+                .map(move |v| if v < 1.0 { far } else { 0x4400 }.to_le_bytes().to_vec()),
+        )
+    };
+    let f16 = ["--depth-dtype", "f16"];
+    let largest = inputs.film("largest", text(&raw("largest.raw", 0x7bff)), &f16);
+    let infinite = inputs.film("infinite", text(&raw("infinite.raw", 0x7c00)), &f16);
+    assert!(largest == infinite);
+}
