@@ -26,6 +26,10 @@ const FINER: usize = 2;
 const BETA: f64 = 2.30 * WIDTH as f64;
 /// Degree of the polynomials that approximate φ, one per cell of its width: error below 1e-7.
 const DEGREE: usize = 11;
+/// Half of the cells of φ, which is even: the polynomials of the other half are those of −z.
+const HALF: usize = WIDTH / 2;
+/// Coefficients of one parity.
+const TERMS: usize = DEGREE.div_ceil(2);
 
 /// A point of the sum: s and t in cycles, and its coefficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +47,8 @@ pub struct Nufft {
     half: usize,
     cells: usize,
     fft: Fft,
-    phi: [[f32; WIDTH]; DEGREE + 1],
+    /// Coefficients of the even and odd powers of z, for the first half of the cells.
+    phi: [[[f32; HALF]; TERMS]; 2],
     deconvolve: Vec<f32>,
 }
 
@@ -238,18 +243,27 @@ impl Nufft {
     #[inline]
     fn cell(&self, cycles: f64) -> (usize, f64) {
         let edge = (cycles + 0.5) * self.cells as f64 - WIDTH as f64 / 2.0;
-        let first = edge.ceil();
-        (first as usize, first - edge)
+        let below = edge as usize;
+        let first = below + usize::from((below as f64) < edge);
+        (first, first as f64 - edge)
     }
 
     #[inline]
     fn weights(&self, inside: f64) -> [f32; WIDTH] {
         let z = (2.0 * inside - 1.0) as f32;
-        let mut v = self.phi[DEGREE];
-        for coefficients in self.phi[..DEGREE].iter().rev() {
-            for (v, c) in v.iter_mut().zip(coefficients) {
-                *v = *v * z + c;
+        let square = z * z;
+        let [even, odd] = &self.phi;
+        let (mut e, mut o) = (even[TERMS - 1], odd[TERMS - 1]);
+        for (even, odd) in even[..TERMS - 1].iter().zip(&odd[..TERMS - 1]).rev() {
+            for i in 0..HALF {
+                e[i] = e[i] * square + even[i];
+                o[i] = o[i] * square + odd[i];
             }
+        }
+        let mut v = [0.0; WIDTH];
+        for i in 0..HALF {
+            let odd = z * o[i];
+            (v[i], v[WIDTH - 1 - i]) = (e[i] + odd, e[i] - odd);
         }
         v
     }
@@ -275,12 +289,12 @@ impl Nufft {
     }
 }
 
-/// φ over each cell of its width as a polynomial of z = 2·inside − 1, by interpolation at Chebyshev points.
-fn kernel_polynomials() -> [[f32; WIDTH]; DEGREE + 1] {
+/// φ over each cell of the first half of its width as a polynomial of z = 2·inside − 1, by interpolation at Chebyshev points.
+fn kernel_polynomials() -> [[[f32; HALF]; TERMS]; 2] {
     let n = DEGREE + 1;
-    let mut out = [[0.0_f64; WIDTH]; DEGREE + 1];
+    let mut out = [[0.0_f64; HALF]; DEGREE + 1];
     let node = |i: usize| real::cos(PI * (i as f64 + 0.5) / n as f64);
-    for cell in 0..WIDTH {
+    for cell in 0..HALF {
         let value = |z: f64| kernel((cell as f64 + 0.5 * (z + 1.0)) * 2.0 / WIDTH as f64 - 1.0);
         // Chebyshev coefficients, then T_k as a power series.
         let (mut before, mut now) = (vec![0.0; n + 1], vec![0.0; n + 1]);
@@ -299,7 +313,7 @@ fn kernel_polynomials() -> [[f32; WIDTH]; DEGREE + 1] {
             now = next;
         }
     }
-    out.map(|row| row.map(|c| c as f32))
+    [0, 1].map(|parity| std::array::from_fn(|k| out[2 * k + parity].map(|c| c as f32)))
 }
 
 #[cfg(test)]
