@@ -21,7 +21,7 @@ from pathlib import Path
 SUFFIXES = {".zmx", ".seq", ".len", ".zar", ".zos", ".csv", ".json"}
 # Refusals that say what lenscube is not for.
 BY_DESIGN = re.compile(r"rotationally symmetric|surface type|only sequential|macro|binary|\.zos are not read|is it a sequential|"
-                       r"is it an Optiland|Optiland|is it a lens table|telecentric|extra data")
+                       r"is it an Optiland|Optiland|is it a lens table|extra data")
 
 
 def processor_seconds():
