@@ -35,6 +35,13 @@ fn newtonian_telescope_is_in_focus_and_its_obscuration_takes_its_light() {
         (system.surfaces[0].obscuration_mm, system.surfaces[1].obscuration_mm),
         (Some(20.0), Some(15.0))
     );
+    // The shadow of a curved mirror, drawn as large as it is.
+    let shadow = NEWTON.replace("CURV 0\n  DISZ 200\n", "CURV -0.01\n  DIAM 20 1\n  DISZ 200\n");
+    let shadow = &read(&shadow).unwrap().surfaces[0];
+    assert_eq!(
+        (shadow.shape.curvature, shadow.aperture_mm, shadow.obscuration_mm),
+        (-0.01, None, Some(20.0))
+    );
     let p = Paraxial::new(&system, 0.55).unwrap();
     assert!((p.effective_focal_length_mm - 300.0).abs() < 1e-9 && p.focus_shift_mm().abs() < 1e-9, "{p:?}");
     // The fold mirror turns the light back along z.

@@ -77,6 +77,22 @@ fn damaged_folded_prescriptions_do_not_panic() {
     fuzz(".zmx mirrors and breaks", 300, make, |bytes| parse(bytes).is_ok_and(|s| is_read_and_written(&s)));
 }
 
+#[test]
+fn damaged_telecentric_prescriptions_with_ideal_lenses_do_not_panic() {
+    const LENS: &[u8] = b"MODE SEQ\nUNIT MM\nOBNA 0.1 0\nRAIM 0 0\nFTYP 1 1 2 1\nYFLN 0 8\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  TYPE STANDARD\n  DISZ 100\n\
+SURF 1\n  TYPE PARAXIAL\n  PARM 1 100\n  PARM 2 1\n  DISZ 100\nSURF 2\n  STOP\n  TYPE STANDARD\n  DISZ 50\nSURF 3\n  TYPE PARAXIAL\n  PARM 1 60\n  DISZ 5\n\
+SURF 4\n  TYPE STANDARD\n  CURV 0.01\n  GLAS N-BK7\n  DISZ 3\nSURF 5\n  TYPE STANDARD\n  DISZ 45\nSURF 6\n  TYPE STANDARD\n  DISZ 0\n";
+    let glasses = GlassLibrary::new();
+    let parse = |bytes: &[u8]| zmx::parse(bytes, &glasses, &ReadOptions::default());
+    assert!(parse(LENS).is_ok_and(|s| is_read_and_written(&s)));
+    let make = |r: &mut Random| {
+        let mut bytes = LENS.to_vec();
+        damage_text(&mut bytes, r);
+        bytes
+    };
+    fuzz(".zmx telecentric", 300, make, |bytes| parse(bytes).is_ok_and(|s| is_read_and_written(&s)));
+}
+
 /// Whether what is written of a design is read again, and its first-order data are found. Always true of a case that a long run only reads: the
 /// rest takes ten times as long.
 fn is_read_and_written(system: &System) -> bool {
