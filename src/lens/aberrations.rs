@@ -6,7 +6,7 @@
 //! z = −x_p / (L/N)_p, sagittal z = −y_q / (M/N)_q (subscripts: derivatives), along the axis from the film. *MTF through focus*: of the PSF with
 //! diffraction, the film moved, field points fixed. Blocked rays are left out.
 
-use super::curves::short_number;
+use super::curves::{short_number, without_rounding};
 use anyhow::Result;
 use formats::picture::bands::{band_key, band_series};
 use formats::picture::plot::{Axis, Plot, Series};
@@ -49,7 +49,7 @@ pub fn fans(system: &System, nm: &[f64], heights_mm: &[f64], fan: Fan) -> Result
             let tracer = Tracer::new(system, nm_b / 1e3)?;
             let Ok(chief) = tracer.ray(tan, 0.0, 0.0) else { continue };
             for (dash, along) in [(0, true), (1, false)] {
-                let points = fan_points(&tracer, tan, &chief, along, fan);
+                let points = without_rounding(fan_points(&tracer, tan, &chief, along, fan));
                 series.push(band_series(nm, b, points).dashed(dash));
             }
         }

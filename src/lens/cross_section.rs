@@ -12,6 +12,8 @@ use pipeline::design::system::Medium;
 
 /// Height of the figure over the largest radius_mm of a surface or of the film.
 const MARGIN: f64 = 1.2;
+/// Rays from the centre of the pupil to its edge that are tried to find its open part.
+const PUPIL_STEPS: i32 = 32;
 
 /// The point on the segment from `end` to `start` that is farthest from `end` and not higher than `max_mm`.
 fn within(start: (f64, f64), end: (f64, f64), max_mm: f64) -> (f64, f64) {
@@ -20,6 +22,15 @@ fn within(start: (f64, f64), end: (f64, f64), max_mm: f64) -> (f64, f64) {
     }
     let t = (max_mm * start.1.signum() - end.1) / (start.1 - end.1);
     (end.0 + t * (start.0 - end.0), end.1 + t * (start.1 - end.1))
+}
+
+/// Five pupil coordinates over the part of the meridian that apertures leave open, without those behind an obscuration.
+fn open_pupil(tracer: &Tracer<'_>, tan: f64) -> Vec<f64> {
+    let passes = |p: &f64| tracer.passes(tan, *p, 0.0);
+    let open: Vec<f64> =
+        (-PUPIL_STEPS..=PUPIL_STEPS).map(|k| f64::from(k) / f64::from(PUPIL_STEPS)).filter(passes).collect();
+    let (Some(first), Some(last)) = (open.first(), open.last()) else { return Vec::new() };
+    (0..5).map(|k| first + (last - first) * f64::from(k) / 4.0).filter(passes).collect()
 }
 
 /// Cross-section with rays of up to three field points at the primary wavelength.
@@ -43,11 +54,8 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     let mut radius_mm: Vec<f64> =
         system.surfaces.iter().map(|s| s.aperture_mm.unwrap_or(s.semi_diameter_mm)).collect();
     for (i, tan) in picked.iter().enumerate() {
-        let name = format!("{:.2} mm", tracer.chief_height_mm(*tan)?);
-        for p in [-1.0, -0.5, 0.0, 0.5, 1.0] {
-            if !tracer.passes(*tan, p, 0.0) {
-                continue;
-            }
+        let name = format!("image at {:.2} mm", tracer.chief_height_mm(*tan)?);
+        for p in open_pupil(&tracer, *tan) {
             let path = tracer.path(*tan, p, before)?;
             for (r, (_, x)) in radius_mm.iter_mut().zip(&path[1..]) {
                 *r = r.max(x.abs());
@@ -92,6 +100,9 @@ pub fn cross_section(system: &System) -> Result<Plot> {
             }
         }
     }
+    for i in (0..system.image()).filter(|i| system.surfaces[*i].ideal_focal_mm.is_some()) {
+        edges.push(line(outline(i, radius_mm[i]), Colour::Muted, 2.4));
+    }
     // A mirror from its hole to its rim.
     for i in (0..system.image()).filter(|i| system.surfaces[*i].is_mirror) {
         let hole = system.surfaces[i].obscuration_mm.unwrap_or(0.0);
@@ -107,8 +118,8 @@ pub fn cross_section(system: &System) -> Result<Plot> {
     }
     let film = radius_mm[system.image()];
     edges.push(line(vec![(image, -film), (image, film)], Colour::Ink, 3.0));
-    let title =
-        format!("{}: rays at {} nm by image height", system.name, short_number(system.primary_um() * 1e3));
+    let nm = short_number((system.primary_um() * 1e4).round() / 10.0);
+    let title = format!("{}: rays at {nm} nm", system.name);
     let x = Axis::new("z from the first surface (mm)", -before, last + 0.04 * (last - first));
     Ok(Plot {
         series: glass.into_iter().chain(rays).chain(edges).collect(),

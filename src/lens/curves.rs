@@ -10,6 +10,13 @@ use std::f64::consts::TAU;
 
 /// Points of a curve.
 const POINTS: usize = 200;
+/// Values up to here, in the unit of their axis, are those of rounding errors.
+const ROUNDING: f64 = 1e-9;
+
+/// Points whose rounding errors are 0, so that they do not fill the axis where all values vanish.
+pub fn without_rounding(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    points.into_iter().map(|(x, y)| (x, if y.abs() < ROUNDING { 0.0 } else { y })).collect()
+}
 
 /// Heights, with the field angle of the largest for an object at infinity.
 pub fn height_axis(lens: &Lens, primary: &LensBand, max_mm: f64) -> Axis {
@@ -33,8 +40,8 @@ pub fn against_height(
 ) -> Plot {
     let nm: Vec<f64> = bands.iter().map(|b| b.wavelength_nm).collect();
     let height = |i: usize| max_mm * i as f64 / (POINTS - 1) as f64;
-    let points = |b: usize| (0..POINTS).map(|i| (height(i), value(&bands[b], height(i)))).collect();
-    let series = (0..bands.len()).map(|b| band_series(&nm, b, points(b))).collect();
+    let points = |b: usize| (0..POINTS).map(|i| (height(i), value(&bands[b], height(i)))).collect::<Vec<_>>();
+    let series = (0..bands.len()).map(|b| band_series(&nm, b, without_rounding(points(b)))).collect();
     Plot { series, key: band_key(&nm), ..Plot::new(title, x, y) }
 }
 
