@@ -208,7 +208,7 @@ impl DepthPlan {
             let tables = nodes.between(band, (self.first_node + low, self.first_node + high));
             Field::new(&tables, frame.pitch_mm(), options.stages.distortion, options.stages.ri, gain)
         });
-        let same_map = !options.stages.distortion || nodes.pupil_shift_mm.iter().all(|shift| *shift == 0.0);
+        let same_map = !options.stages.distortion || !nodes.has_pupil_shift();
         let scene = Scene::new(
             frame,
             (&self.slabs, &self.occupied),

@@ -262,7 +262,11 @@ impl Scene {
     }
 
     fn interpolate(&self, slab: usize, rect: Rect, from: Rect, to: &mut SlabPlanes, s: &mut SceneScratch) {
-        Map::new(&self.frame, &self.fields[slab]).fill(rect, &mut s.points);
+        let map = Map::new(&self.frame, &self.fields[slab]);
+        if !self.same_map {
+            map.fill(rect, &mut s.points);
+        }
+        // Else they are those that `cells` computed for slab 0.
         let p = &s.points;
         let id = slab as u16;
         for y in 0..rect.height {
@@ -289,7 +293,13 @@ impl Scene {
                         m += share * sheet.position[nearest];
                     }
                 }
-                (to.a[k], to.c[k], to.m[k]) = (a, c * p.gain[i], m);
+                if a > 0.0 {
+                    let gain = match self.same_map {
+                        true => map.at(rect.y + y as i64, rect.x + x as i64).2 as f32,
+                        false => p.gain[i],
+                    };
+                    (to.a[k], to.c[k], to.m[k]) = (a, c * gain, m);
+                }
             }
         }
     }

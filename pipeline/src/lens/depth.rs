@@ -10,6 +10,9 @@
 use super::{LensBand, LensError};
 use crate::bounds::{self, Bound};
 
+/// Pupil shifts up to this are rounding of a paraxially aimed trace, mm.
+const SHIFT_ROUNDING_MM: f64 = 1e-9;
+
 /// Depth nodes of all bands of a lens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LensDepth {
@@ -74,14 +77,20 @@ impl BandDepth {
         self.between(band, (d, d))
     }
 
+    /// Whether ideal heights change with the vergence: a pupil shift that is not rounding of its trace.
+    pub fn has_pupil_shift(&self) -> bool {
+        self.pupil_shift_mm.iter().any(|shift| shift.abs() > SHIFT_ROUNDING_MM)
+    }
+
     /// Heights and relative illumination half-way between two nodes; the PSF tables are those of the first.
     pub fn between(&self, band: &LensBand, (low, high): (usize, usize)) -> LensBand {
         let v = (self.vergence[low] + self.vergence[high]) / 2.0;
         let (a, b) = (&self.nodes[low], &self.nodes[high]);
         let ratio = std::iter::zip(&a.etendue_ratio, &b.etendue_ratio).map(|(a, b)| (a + b) / 2.0);
+        let unit = if self.has_pupil_shift() { 1e-3 * v } else { 0.0 };
         let shifted = std::iter::zip(&band.ideal_height_mm, &self.pupil_shift_mm);
         let mut tables = LensBand {
-            ideal_height_mm: shifted.map(|(h, delta)| h + h * delta * 1e-3 * v).collect(),
+            ideal_height_mm: shifted.map(|(h, delta)| h + h * delta * unit).collect(),
             relative_illumination: std::iter::zip(&band.relative_illumination, ratio)
                 .map(|(r, g)| r * g)
                 .collect(),
