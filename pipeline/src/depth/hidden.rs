@@ -1,7 +1,7 @@
 //! Invented surfaces: what lies behind a visible edge where no hidden surface is given.
 //!
 //! A blurred edge shows what is behind it. Near an edge in depth each slab s gets, at its own pixels, a surface behind it whose light and vergence are
-//! extrapolated ([`super::extrapolate`]) from all slabs that are farther and apart from it (its donors):
+//! extrapolated (push-pull, `extrapolate.rs`) from all slabs that are farther and apart from it (its donors):
 //!
 //!     edge     pixels of a slab with a donor of it among the 3 × 3 pixels around (shares above 10⁻⁴)
 //!     amount   min(a_s, 1 − b_s) within reach_s rows and columns of an edge            half the widest window of nodes up to the slab's nearer one
