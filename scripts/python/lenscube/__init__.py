@@ -14,6 +14,7 @@ them with their help. Values: numbers, texts and paths; a slice for a range (`ba
     sensor, develop, shoot, compare      film to raw, raw to picture, chart to picture, two raws
     export, measure                      pictures and data files; edges (MTF), points and profiles
     lens, lens_list, lens_trace, lens_diff    figures of lenses
+    lens_camera                               the pinhole camera of a scene
     status, verify, open                 films and raws on disk
     command, flags                       any other command of the program, and the flags of all
 
@@ -41,7 +42,7 @@ from .errors import (
     TemporaryError,
     UsageError,
 )
-from .lenses import lens, lens_diff, lens_list, lens_trace
+from .lenses import lens, lens_camera, lens_diff, lens_list, lens_trace
 
 describe(
     {
@@ -59,6 +60,7 @@ describe(
         ("compare",): compare,
         ("lens", "show"): lens,
         ("lens", "trace"): lens_trace,
+        ("lens", "camera"): lens_camera,
         ("lens", "diff"): lens_diff,
     }
 )
@@ -84,6 +86,7 @@ __all__ = [
     "flags",
     "forecast",
     "lens",
+    "lens_camera",
     "lens_diff",
     "lens_list",
     "lens_trace",

@@ -39,3 +39,13 @@ def lens_trace(design: PathLike, out: PathLike, **flags: "Unpack[f.LensTrace]") 
 def lens_diff(a: PathLike, b: PathLike, **flags: "Unpack[f.LensDiff]") -> dict[str, Any]:
     """Two lenses side by side: heights, relative illumination and kernels by wavelength and real image height [mm]."""
     return json.loads(execute(arguments(("lens", "diff"), [a, b], {**flags, "json": True})))
+
+
+def lens_camera(design: PathLike, **flags: "Unpack[f.LensCamera]") -> dict[str, Any]:
+    """The pinhole camera whose picture and depth are the chart of a film of `film` pixels (N or "WxH"): place, focal length, field of view.
+
+    Lengths in mm, angles in degrees. `command("lens", "camera", …)` prints it in the words of a renderer.
+
+    >>> lenscube.lens_camera("phone", film="900x600", focus_m=0.5)["horizontal_fov_deg"]
+    """
+    return json.loads(execute(arguments(("lens", "camera"), [design], {**flags, "json": True})))

@@ -13,6 +13,7 @@
 use super::{Traced, TracedFor};
 use crate::args::DesignArgs;
 use crate::design;
+use crate::failure::usage;
 use crate::lens::cache::{self, Cache};
 use crate::lens::samples::design_reach_mm;
 use crate::progress::{jsonl, log_line, tracing_bar};
@@ -75,6 +76,30 @@ fn note_field(system: &System, name: &str, frame: &Frame) -> Result<()> {
     Ok(())
 }
 
+/// Fails if a surface lies behind the first vertex, or is blurred by more than the PSFs of a trace hold: as windows of depth nodes, 1.2 times the
+/// blur radius and 12 px on either side.
+fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>) -> Result<()> {
+    let (system, options) = (job.system, depth.options);
+    let (far, near) = options.range;
+    system.at_vergence(near).with_context(|| format!("the nearest surface, at {} m", 1.0 / near))?;
+    let trace = trace_options(system.primary_um() * 1e3, 1.0, job.frame, job.options);
+    let max_mm = (trace.max_window_px as f64 / 2.0 - 12.0) / 1.2 * trace.film_pitch_um * 1e-3;
+    let blur_mm =
+        |v: f64| header(system, &options).map(|h| h.blur_per_dioptre_um * 1e-3 * (v - options.focus).abs());
+    let worst = if blur_mm(far)? > blur_mm(near)? { far } else { near };
+    match blur_mm(worst)? <= max_mm {
+        true => Ok(()),
+        false => Err(usage(format!(
+            "a surface at {:.4} m is blurred to a radius of {:.3} mm by {}, in focus at {} m; PSFs on this film hold {max_mm:.3} mm: choose a \
+             focus nearer to the scene (--focus-m), a scene of a shorter range of distances, or a lens with a smaller aperture",
+            1.0 / worst,
+            blur_mm(worst)?,
+            job.name,
+            1.0 / options.focus
+        ))),
+    }
+}
+
 /// Prints a note if PSFs are very wide, before they are traced.
 fn note_focus(system: &System, name: &str, options: &TraceOptions) -> Result<()> {
     let estimate = LensTrace::new(system, options)?.estimate(0)?;
@@ -123,6 +148,9 @@ impl TracingJob<'_> {
 pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize) -> Result<Traced> {
     let (system, name) = (job.system, job.name);
     note_field(system, name, job.frame)?;
+    if let Some(depth) = &job.depth {
+        check_blur(job, depth)?;
+    }
     let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
     nm.sort_by(f64::total_cmp);
     nm.dedup();
