@@ -168,7 +168,8 @@ fn a_film_beyond_the_field_has_no_camera() {
 fn the_demo_pulls_the_focus_through_the_scene() {
     let dir = tempfile::tempdir().unwrap();
     let demo = dir.path().join("demo");
-    lenscube(&["demo", "--depth", "--dir", text(&demo)]).ok();
+    let out = lenscube(&["demo", "--depth", "--dir", text(&demo)]).ok();
+    assert!(!out.stderr.contains("anti-aliased"), "the distances of the ball are its own: {}", out.stderr);
     assert!(demo.join("focus.png").metadata().unwrap().len() > 100_000);
     // The steepest step of the wall's checks, and the contrast of the disc's star.
     let part = |film: &str, rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| -> Vec<Vec<f32>> {

@@ -1,9 +1,10 @@
 //! Depth arrays as they are used: the largest number of 16-bit floats is infinity, and distances between two surfaces can be replaced.
 //!
-//! A renderer that filters its depth writes, in the pixels of an edge, distances at which there is no surface. Such a pixel lies strictly between two
-//! opposite neighbours (left and right, or above and below) whose blur differs by more than [`EDGE_PX`]:
+//! A renderer that filters its depth writes, in the pixels of an edge, distances at which there is no surface. Such a pixel lies between two opposite
+//! neighbours a, b (left and right, or above and below) whose blur differs by more than [`EDGE_PX`], apart from both by more than [`APART_PX`]: the
+//! last pixel of a curved surface before its silhouette lies between its neighbours as well, but close to one.
 //!
-//!     (V − V_a)·(V − V_b) < 0,   |V_a − V_b|·(blur per dioptre) > 2 px
+//!     (V − V_a)·(V − V_b) < 0,   |V_a − V_b|·s > 2 px,   |V − V_a|·s > 0.5 px,   |V − V_b|·s > 0.5 px,   s: blur per dioptre
 //! `--depth-edges snap` gives it the distance of the nearer one. It depends on the stored distances alone, so not on tiles.
 
 use crate::open::Chart;
@@ -15,6 +16,8 @@ use pipeline::geometry::{Frame, Rect, Size};
 
 /// Difference of two neighbours' blur radii from which on they are different surfaces, film px.
 const EDGE_PX: f64 = 2.0;
+/// Difference of blur radii from which on a pixel is apart from a neighbour, film px.
+const APART_PX: f64 = 0.5;
 /// Share of the pixels at edges from which on interpolated ones are reported.
 const REPORTED_SHARE: f64 = 1e-3;
 /// Largest finite number of 16-bit floats, which renderers write for infinity.
@@ -133,7 +136,9 @@ impl Edges {
                 continue;
             }
             found.is_edge = true;
-            if (v - vergence[a]) * (v - vergence[b]) < 0.0 && found.nearer.is_none() {
+            let is_between = (v - vergence[a]) * (v - vergence[b]) < 0.0;
+            let is_apart = |of: usize| (v - vergence[of]).abs() * self.blur_px > APART_PX;
+            if is_between && is_apart(a) && is_apart(b) && found.nearer.is_none() {
                 found.nearer = Some(if vergence[a] > vergence[b] { a } else { b });
             }
         }
