@@ -75,7 +75,7 @@ pub use decoded_chart::DecodedChart;
 pub use error::ChartError;
 pub use identity::ChartIdentity;
 pub use memory::ChunkMemory;
-pub use open::split_array;
+pub use open::{lacks_array, split_array};
 pub use options::{ChartOptions, NanPolicy};
 pub use raster::RasterChart;
 pub use raster::layout::{Interleave, RasterLayout};

@@ -94,6 +94,19 @@ impl ChartStore {
     }
 }
 
+/// Whether `spec` (`PATH//NAME`) names an array that a Zarr store lacks; `false` for files of other formats.
+///
+/// # Errors
+/// [`ChartError`] if the store cannot be read.
+pub fn lacks_array(spec: &str) -> Result<bool, ChartError> {
+    let (path, name) = split_array(spec);
+    let path = Path::new(path);
+    if !is_url(path) && !path.is_dir() {
+        return Ok(false);
+    }
+    Ok(Node::read(&Store::at(path)?, name)?.is_none_or(|n| !n.is_array))
+}
+
 type Found = (Arc<Store>, String, Map<String, Value>);
 
 /// The store, the array's name in it, and the attributes of its group.

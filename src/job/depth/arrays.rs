@@ -4,7 +4,7 @@ use crate::args::RunArgs;
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::{Context, Result};
-use formats::chart::{ChartError, NanPolicy, exr, split_array};
+use formats::chart::{ChartError, NanPolicy, exr, lacks_array, split_array};
 use formats::durable::{is_url, link_target, parent_of};
 use pipeline::geometry::Frame;
 use std::path::{Path, PathBuf};
@@ -74,6 +74,9 @@ pub fn check_size(chart: &Chart, frame: &Frame, spec: &str, name: &str) -> Resul
 
 /// The coverage `spec`, if there is one.
 pub fn coverage(spec: &str, frame: &Frame) -> Result<Option<Chart>> {
+    if lacks_array(spec)? {
+        return Ok(None);
+    }
     match array(spec, frame, spec, None) {
         Ok(chart) => Ok(Some(chart)),
         Err(e) if is_missing(&e) => Ok(None),

@@ -3,12 +3,12 @@
 //! A chart's group may hold `depth`, `coverage`, `hidden/1/chart`, `hidden/1/depth`, `hidden/1/coverage`, `hidden/2/chart`, …; `gen:depth-scene` has
 //! such arrays, too. `--depth none` ignores them.
 
-use super::arrays::{array_of, is_missing};
+use super::arrays::array_of;
 use crate::args::{DepthArgs, RunArgs};
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
-use formats::chart::exr;
+use formats::chart::{exr, lacks_array};
 use pipeline::chart::ScenePart;
 use std::path::Path;
 
@@ -140,11 +140,7 @@ fn unused(given: &DepthArgs) -> Option<&'static str> {
 
 /// Whether there is an array of rows and columns `spec` in a Zarr store.
 fn is_plane(spec: &str) -> Result<bool> {
-    match Chart::open_with(spec, &ChartFlags::default()) {
-        Ok(chart) => Ok(array_of(&chart) == 1),
-        Err(e) if is_missing(&e) => Ok(false),
-        Err(e) => Err(e),
-    }
+    Ok(!lacks_array(spec)? && array_of(&Chart::open_with(spec, &ChartFlags::default())?) == 1)
 }
 
 /// The group of the array `PATH//depth`; none for an array that is a store of its own.
