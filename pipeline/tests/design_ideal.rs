@@ -1,8 +1,10 @@
 //! Ideal thin lenses and telecentric object spaces compared with their closed forms.
 
 mod chain;
+mod design_cases;
 
 use chain::assert_survives_all_formats;
+use design_cases::system;
 use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::illumination::{irradiance_sr, numerical_aperture};
 use lenscube_pipeline::design::paraxial::Paraxial;
@@ -11,24 +13,6 @@ use lenscube_pipeline::design::spots::spot;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface};
 use lenscube_pipeline::design::trace::{LensTrace, TraceOptions};
 use lenscube_pipeline::design::{DesignError, ReadOptions, System, describe, zmx};
-
-/// A lens at 550 nm with its stop at surface `stop` and an object at infinity.
-fn system(surfaces: Vec<Surface>, stop: usize, pupil_mm: f64) -> System {
-    System {
-        name: String::new(),
-        object_distance_mm: None,
-        is_telecentric: false,
-        surfaces,
-        stop,
-        aperture: Aperture::EntrancePupil(pupil_mm),
-        field_kind: FieldKind::Angle,
-        fields: vec![0.0, 10.0],
-        wavelengths_um: vec![(0.55, 1.0)],
-        primary: 0,
-        aiming: RayAiming::Paraxial,
-        notes: Vec::new(),
-    }
-}
 
 fn flat(gap: f64) -> Surface {
     Surface::new(0.0, gap, Medium::Air)

@@ -210,9 +210,9 @@ impl DecodedChart {
         if self.copy.get().is_some() {
             return Ok(());
         }
-        let Declared { size, sample, values, nan, .. } = &self.declared;
+        let Declared { size, values, nan, .. } = &self.declared;
         let shape = [self.bands(), size.height, size.width];
-        let is_stored_as_is = self.copied_sample() == *sample && sample.is_integer();
+        let is_stored_as_is = self.copied_sample().is_integer();
         let out = BandFile::create(directory, self.path(), bands, shape, self.copied_sample())?;
         let sink = |file: &Path, band: usize, row: usize, column: usize, samples: &[u8]| match is_stored_as_is
         {

@@ -83,16 +83,17 @@ impl NodeKernels {
         let pixels = (!at_film_pitch).then(|| pixel_weights(n, ratio, size, stack.sample));
         let share = film_share(pixels.as_deref(), n, size);
         let windows = || (0..stack.heights()).map(|k| stack.window(k));
-        let energy = |window: &[f32]| {
+        let light: Vec<f64> = windows().map(|window| lane_sum(window, window, |v, _| f64::from(v))).collect();
+        let energy = |(window, light): (&[f32], &f64)| {
             let rows = window.chunks_exact(n).zip(&share);
             let inside: f64 = rows.map(|(row, w)| w * lane_sum(row, &share, |v, w| f64::from(v) * w)).sum();
-            inside / lane_sum(window, window, |v, _| f64::from(v))
+            inside / light
         };
         Self {
             size,
             samples: n,
-            energy: windows().map(energy).collect(),
-            mirrored: windows().all(|window| asymmetry(window, n) <= MIRROR_TOLERANCE),
+            energy: windows().zip(&light).map(energy).collect(),
+            mirrored: windows().zip(&light).all(|(psf, light)| asymmetry(psf, n) <= MIRROR_TOLERANCE * light),
             heights: windows()
                 .map(|window| Height { window: Mutex::new(window.to_vec()), prepared: OnceLock::new() })
                 .collect(),

@@ -1,4 +1,5 @@
 //! Lenses of a few surfaces, and functions of closed forms.
+#![allow(dead_code, reason = "each test binary uses its part")]
 
 use lenscube_pipeline::design::System;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, RayAiming, Surface};
@@ -6,7 +7,7 @@ use lenscube_pipeline::design::system::{Aperture, FieldKind, RayAiming, Surface}
 /// A lens at 550 nm with an entrance pupil, fields at 0 and 10 degrees and an object at infinity.
 pub fn system(surfaces: Vec<Surface>, stop: usize, pupil_mm: f64) -> System {
     System {
-        name: "test".to_owned(),
+        name: String::new(),
         object_distance_mm: None,
         is_telecentric: false,
         surfaces,
