@@ -1,6 +1,6 @@
 //! Writer of lens packs: PSFs band by band, then tables, then the group's own metadata.
 //!
-//! Tables are f64, azimuth counts i32, PSFs f32; a chunk is one PSF height, or one row of a table; blosc (zstd 5, shuffle) + crc32c.
+//! Tables are f64, azimuth counts i32, PSFs f32; a chunk is one PSF height, or one row of a table; blosc (lz4, shuffle) + crc32c.
 //! Bands with fewer field points or heights are padded with NaN (azimuths: 0), see [`lens`](super).
 
 mod depth;
@@ -221,7 +221,7 @@ impl LensPackWriter {
             "fill_value": fill,
             "codecs": [
                 {"name": "bytes", "configuration": {"endian": "little"}},
-                {"name": "blosc", "configuration": {"typesize": item, "cname": "zstd", "clevel": 5, "shuffle": "shuffle", "blocksize": 0}},
+                {"name": "blosc", "configuration": {"typesize": item, "cname": "lz4", "clevel": 5, "shuffle": "shuffle", "blocksize": 0}},
                 {"name": "crc32c"},
             ],
             "attributes": {"units": unit},

@@ -26,7 +26,7 @@ use super::window::{Windows, core_samples, half_samples, window};
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Incremented when the results for the same design and options change.
-pub const TRACER_VERSION: u32 = 6;
+pub const TRACER_VERSION: u32 = 7;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -311,6 +311,12 @@ pub fn trace_lens<E: std::fmt::Display>(
     Ok(lens)
 }
 
+/// `v` rounded to 16 significant bits, a relative error of at most 2⁻¹⁷: of an f32 the last byte is 0, which is worth a third of a compressed pack.
+/// The L1 difference of PSFs is 6e-6.
+fn rounded(v: f32) -> f32 {
+    f32::from_bits((v.to_bits() + 0x80) & !0xff)
+}
+
 /// The PSFs at `heights`, each of sum 1, and their shares of energy in the window.
 fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> (PsfStack, Vec<f64>) {
     let n = grid.size();
@@ -328,7 +334,7 @@ fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> (PsfStack, Vec
             grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
             let sum: f64 = psf.iter().map(|v| f64::from(*v)).sum();
             for (o, v) in out.iter_mut().zip(psf) {
-                *o = (f64::from(*v) / sum) as f32;
+                *o = rounded((f64::from(*v) / sum) as f32);
             }
             sum
         })
