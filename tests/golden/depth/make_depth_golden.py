@@ -16,22 +16,20 @@ Packs have the schema "lenscube/lens-pack/2"; their kernels are discs times nois
 import json
 import shutil
 import sys
-import tempfile
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import zarr
-from zarr.codecs import BloscCodec
 
 import depth_reference as depth
+import lens_pack
 from closed_forms import disc_area
 from depth_reference import ref
+from lens_pack import CODEC
 
 OUT = Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parent).resolve()
 PITCH_UM, PITCH = 2.0, 2e-3
 MAX_GAIN = 2.0
-CODEC = BloscCodec(cname="zstd", clevel=9, shuffle="shuffle")
 
 
 def make_pack(name, seed, vergence, focus, blur_px, reach_mm, shares, bands=1, points=100, moving=True):
@@ -54,7 +52,7 @@ def make_pack(name, seed, vergence, focus, blur_px, reach_mm, shares, bands=1, p
         ratio = 1 + (rng.uniform(-0.05, 0.05, (len(vergence[band]), 1)) if moving else np.zeros((len(vergence[band]), 1))) * q
         lenses.append(dict(h_real=h_real, h_ideal=h_ideal, ri=ri, vergence=np.asarray(vergence[band], float), kernels=grid,
                            delta_mm=delta_mm, ratio=ratio))
-    write_pack(name, lenses, reach_mm * np.array(shares), focus, blur_px)
+    lens_pack.write(OUT / "packs" / f"{name}.lens.zip", lenses, reach_mm * np.array(shares), focus, blur_px, PITCH_UM)
     for lens in lenses:
         # h(r, V) = h(r, 0) + f_D tan(theta) delta V/1000, f_D tan(theta) = h_ideal
         heights = [reach_mm * np.array(shares)] * len(lens["kernels"])
@@ -62,42 +60,6 @@ def make_pack(name, seed, vergence, focus, blur_px, reach_mm, shares, bands=1, p
         lens["model"] = depth.Lens(lens["h_ideal"], lens["h_real"], lens["ri"], lens["vergence"], heights, grid, blur_px, focus,
                                    lens["h_ideal"] * lens["delta_mm"] * 1e-3, lens["ratio"])
     return lenses, f"../../packs/{name}.lens.zip"
-
-
-def write_pack(name, lenses, heights, focus, blur_px):
-    most, bands = max(len(b["vergence"]) for b in lenses), len(lenses)
-    padded = lambda rows: np.stack([np.concatenate([r, np.full((most - len(r), *np.shape(r)[1:]), np.nan)]) for r in rows])
-    nodes = lambda value: padded([np.broadcast_to(value, (len(b["vergence"]), *np.shape(value))) for b in lenses])
-    with tempfile.TemporaryDirectory() as tmp:
-        g = zarr.open_group(tmp, mode="w", zarr_format=3, attributes={
-            "schema": "lenscube/lens-pack/2", "name": name, "distortion_focal_length_mm": 50.0, "effective_focal_length_mm": 50.0,
-            "f_number": 2.0, "primary_wavelength_nm": 500.0, "psf_sample": "integrated", "object_distance_mm": 1000 / focus,
-            "magnification": 0.0, "focus_distance_m": 1 / focus,
-            "entrance_pupil_mm": 0.0, "entrance_pupil_diameter_mm": 25.0, "blur_per_dioptre_um": blur_px * PITCH_UM,
-            "depth_tolerance": 0.02, "gaps_mm": {},
-        })
-        put = lambda key, data: g.create_array(key, data=np.asarray(data), compressors=CODEC, config={"write_empty_chunks": True})
-        put("wavelength", 500.0 + 50 * np.arange(bands))
-        for key, array in (("h_ideal", "ideal_height"), ("h_real", "image_height"), ("ri", "relative_illumination"), ("delta_mm", "pupil_shift")):
-            put(array, np.stack([b[key] for b in lenses]))
-        put("vergence", padded([b["vergence"] for b in lenses]))
-        put("vergence_count", np.array([len(b["vergence"]) for b in lenses], np.int32))
-        put("psf_height", nodes(heights))
-        put("azimuth_count", np.nan_to_num(nodes(np.where(heights > 0, 4, 1).astype(float))).astype(np.int32))
-        put("psf_energy", nodes(np.ones(len(heights))))
-        put("psf_pitch", nodes(np.array(PITCH_UM)))
-        put("etendue_ratio", padded([b["ratio"] for b in lenses]))
-        put("solid_angle", np.full(bands, 0.2))
-        put("transmission", np.ones(bands))
-        for i, b in enumerate(lenses):
-            for d, kernels in enumerate(b["kernels"]):
-                put(f"psf/{i}/{d}", kernels)
-        out = OUT / "packs" / f"{name}.lens.zip"
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with zipfile.ZipFile(out, "w") as z:
-            for path in sorted(p for p in Path(tmp).rglob("*") if p.is_file()):
-                info = zipfile.ZipInfo(f"{name}.lens.zarr/" + path.relative_to(tmp).as_posix(), (1980, 1, 1, 0, 0, 0))
-                z.writestr(info, path.read_bytes(), zipfile.ZIP_DEFLATED)
 
 
 def make_chart(name, seed, shape, sheets):

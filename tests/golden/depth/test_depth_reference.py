@@ -6,13 +6,14 @@ import numpy as np
 
 import depth_reference as depth
 import ray_integral as rays
+import scenes
 from closed_forms import disc_area, disc_kernel, edge_profile, overlap, thin_lens
 from depth_reference import Sheet, ref
 from hidden_surface import extrapolate
 from rows import Table
+from scenes import BLUR, FOCUS
 
 table = Table("depth: the float64 model")
-BLUR, FOCUS = 100.0, 2.0                                    # px per dioptre, 1/m
 
 
 def random_lens(rng, windows=(7, 11, 15, 9)):
@@ -118,73 +119,10 @@ def black_ball():
     table.below("black ball with the depths of its front: against rays", abs(np.interp(at, np.arange(700), round_) - truth).max(), 1e-2)
 
 
-def compare(sheets, surfaces, nodes, points, size=161, **kw):
-    """(largest, rms) error at film points (N, 2) of a film centred on 0, rays as truth."""
-    film = depth.film(sheets, thin_lens(nodes, BLUR, FOCUS), (size, size), 1.0, **kw).light
-    truth = rays.film_points(points, surfaces, BLUR, FOCUS)
-    e = film[points[:, 0] + size // 2, points[:, 1] + size // 2] - truth
-    return abs(e).max(), np.sqrt((e ** 2).mean())
-
-
-def two_planes():
-    """A black disc of 40 px radius before a checker; points within 20 px of its edge."""
-    y, x = np.mgrid[-180:181, -180:181]
-    disc = lambda y, x: np.floor(y + 0.5) ** 2 + np.floor(x + 0.5) ** 2 <= 1600
-    zone = np.argwhere(abs(np.hypot(y, x)[100:261, 100:261] - 40) <= 20) - 80
-    points = zone[np.random.default_rng(5).permutation(len(zone))[:120]]
-    cases = (("rho 20 and 10, uniform rear", 20, 10, 0, 2, (0.0, 0.0)),
-             ("near in focus, rear 15, checker 32", 0, -15, 32, 2, (0.0, 0.0)),
-             ("rear in focus, near 20, checker 32", 20, 0, 32, 2, (0.0, 0.0)), ("rho 20 and 10, checker 8", 20, 10, 8, 2, (6.5, 2.1)),
-             ("rho 20 and 10, checker 32", 20, 10, 32, 2, (17.4, 5.8)), ("rho 20 and -20, checker 32", 20, -20, 32, 2, (18.3, 6.2)),
-             ("rear in focus, near 20, checker 32, sheet 0 alone", 20, 0, 32, 1, (53.8, 13.7)),
-             ("the same with an invented sheet", 20, 0, 32, 0, (28.9, 4.1)), ("invented sheet, uniform rear in focus", 20, 0, 0, 0, (0.0, 0.0)))
-    for name, near, far, side, sheets, stated in cases:
-        low, high = FOCUS + far / BLUR, FOCUS + near / BLUR
-        pattern = rays.checker(side) if side else lambda y, x: np.ones(np.shape(x))
-        inside = disc(y, x)
-        front = Sheet(np.where(inside, 0.0, pattern(y, x)), np.where(inside, high, low))
-        wall = Sheet(pattern(y, x), np.full(x.shape, low))
-        surfaces = [rays.Plane(high, lambda y, x: np.zeros(len(x)), disc), rays.Plane(low, pattern)]
-        seen, nodes = [front, wall] if sheets == 2 else [front], [low, low + 0.01, high - 0.005, high + 0.005]
-        found = compare(seen, surfaces, nodes, points, invented=sheets == 0)
-        limits = [0.3, 0.1] if stated[0] == 0 else [1.2 * stated[0], 1.2 * stated[1] if sheets else 8.0]
-        for kind, value, figure, limit in zip(("max", "rms"), found, stated, limits):
-            table.below(f"two planes, {name}: {kind}, %", 100 * value, limit, figure)
-
-
-def slanted_plane():
-    y, x = np.mgrid[-170:171, -170:171]
-    points = np.random.default_rng(6).integers(-45, 46, (120, 2))
-    for slope, limit in ((0.02, 0.25), (0.1, 0.25)):
-        v = FOCUS + 0.2 + slope / BLUR * x
-        near = int(v.min() > FOCUS + 0.01)                  # the plane lies before the wall everywhere
-        nodes = np.append([FOCUS] * near, np.arange((v.min() if near else FOCUS) - 0.003, v.max() + 0.01, 0.01))
-        checker = rays.checker(8)
-        plane = Sheet(0.5 * checker(y, x), np.maximum(v, FOCUS))
-        surface = [rays.Plane(FOCUS + 0.2, lambda y, x: 0.5 * checker(y, x), slope=slope / BLUR)]
-        wall = Sheet(np.ones(x.shape), np.full(x.shape, FOCUS))
-        for name, sheets in (("nothing known behind it", [plane]), ("a white wall hidden behind it", [plane, wall])):
-            worst, _ = compare(sheets, surface, nodes, points, size=91)
-            table.below(f"slanted plane, checker 8, d rho/dx {slope}, {name}: max, %", 100 * worst, limit, 0.2)
-
-
-def three_surfaces():
-    """A near disc (rho 20), a disc behind it (rho 10) and a slanted plane (rho 0 to 3), checkers of 8 px on all."""
-    y, x = np.mgrid[-150:151, -150:151]
-    near = lambda y, x: (np.floor(y + 0.5) + 15) ** 2 + (np.floor(x + 0.5) + 15) ** 2 <= 900
-    middle = lambda y, x: (np.floor(y + 0.5) - 15) ** 2 + (np.floor(x + 0.5) - 10) ** 2 <= 900
-    c = rays.checker(8)
-    tilt, at = 0.02 / BLUR, FOCUS + 0.015
-    v = np.clip(at + tilt * x, FOCUS - 0.05, None)
-    top = np.where(near(y, x), FOCUS + 0.2, np.where(middle(y, x), FOCUS + 0.1, v))
-    sheets = [Sheet(c(y, x), top), Sheet(c(y, x), np.where(middle(y, x), FOCUS + 0.1, v), near(y, x) * 1.0),
-              Sheet(c(y, x), v, (near(y, x) | middle(y, x)) * 1.0)]
-    surfaces = [rays.Plane(FOCUS + 0.2, c, near), rays.Plane(FOCUS + 0.1, c, middle), rays.Plane(at, c, slope=tilt)]
-    nodes = np.concatenate([np.arange(FOCUS - 0.05, FOCUS + 0.055, 0.01), FOCUS + np.array([0.095, 0.105, 0.195, 0.205])])
-    points = np.random.default_rng(7).integers(-55, 56, (200, 2))
-    worst, rms = compare(sheets, surfaces, nodes, points, size=121)
-    table.below("near disc, middle disc, slanted plane, checker 8: max, %", 100 * worst, 18.0, 13.1)
-    table.below("the same: rms, %", 100 * rms, 5.0)
+def against_rays():
+    for name, limits, scene in scenes.two_planes() + scenes.slanted_planes() + scenes.three_surfaces():
+        film = depth.film(scene.sheets, thin_lens(scene.nodes, BLUR, FOCUS), (scene.size, scene.size), 1.0, invented=scene.invented).light
+        scenes.rows(table, name, limits, scene, film)
 
 
 def tilted_panel():
@@ -215,6 +153,6 @@ def push_pull():
 
 
 assert abs(disc_kernel(7.3).sum() - 1) < 1e-14
-for check in (constant_depth, chart_of_ones, half_plane, black_ball, two_planes, slanted_plane, three_surfaces, tilted_panel, push_pull):
+for check in (constant_depth, chart_of_ones, half_plane, black_ball, against_rays, tilted_panel, push_pull):
     check()
 table.end()

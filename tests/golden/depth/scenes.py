@@ -1,0 +1,92 @@
+"""Scenes before a thin lens with rays as truth: sheets of the model and the same surfaces for rays. Charts in px, contrast 1: errors are shares of the peak."""
+from dataclasses import dataclass
+
+import numpy as np
+
+import ray_integral as rays
+from depth_reference import Sheet
+
+BLUR, FOCUS = 100.0, 2.0                                    # px per dioptre, 1/m
+
+
+@dataclass
+class Scene:
+    sheets: list                                            # of the model, on a grid of odd sides about 0
+    surfaces: list                                          # of the rays, the nearest first
+    nodes: np.ndarray                                       # vergences of the lens's depth nodes
+    points: np.ndarray                                      # film points (N, 2), px from the centre
+    size: int                                               # side of the film, px
+    invented: bool = False
+
+    def errors(self, film):
+        """(largest, rms) difference of a film centred on 0 from rays."""
+        truth = rays.film_points(self.points, self.surfaces, BLUR, FOCUS)
+        e = film[self.points[:, 0] + self.size // 2, self.points[:, 1] + self.size // 2] - truth
+        return abs(e).max(), np.sqrt((e ** 2).mean())
+
+
+def rows(table, name, limits, scene, film):
+    """Rows of a film of `scene`; limits: (largest error [%], figure to compare it with), (rms, figure) or less."""
+    for kind, value, (limit, stated) in zip(("max", "rms"), scene.errors(film), limits):
+        table.below(f"{name}: {kind}, %", 100 * value, limit, stated)
+
+
+def two_planes():
+    """A black disc of 40 px radius before a checker; points within 20 px of its edge."""
+    y, x = np.mgrid[-180:181, -180:181]
+    disc = lambda y, x: np.floor(y + 0.5) ** 2 + np.floor(x + 0.5) ** 2 <= 1600
+    zone = np.argwhere(abs(np.hypot(y, x)[100:261, 100:261] - 40) <= 20) - 80
+    points = zone[np.random.default_rng(5).permutation(len(zone))[:120]]
+    cases = (("rho 20 and 10, uniform rear", 20, 10, 0, 2, (0.0, 0.0)),
+             ("near in focus, rear 15, checker 32", 0, -15, 32, 2, (0.0, 0.0)),
+             ("rear in focus, near 20, checker 32", 20, 0, 32, 2, (0.0, 0.0)), ("rho 20 and 10, checker 8", 20, 10, 8, 2, (6.5, 2.1)),
+             ("rho 20 and 10, checker 32", 20, 10, 32, 2, (17.4, 5.8)), ("rho 20 and -20, checker 32", 20, -20, 32, 2, (18.3, 6.2)),
+             ("rear in focus, near 20, checker 32, sheet 0 alone", 20, 0, 32, 1, (53.8, 13.7)),
+             ("the same with an invented sheet", 20, 0, 32, 0, (28.9, 4.1)), ("invented sheet, uniform rear in focus", 20, 0, 0, 0, (0.0, 0.0)))
+    out = []
+    for name, near, far, side, sheets, stated in cases:
+        low, high = FOCUS + far / BLUR, FOCUS + near / BLUR
+        pattern = rays.checker(side) if side else lambda y, x: np.ones(np.shape(x))
+        inside = disc(y, x)
+        front = Sheet(np.where(inside, 0.0, pattern(y, x)), np.where(inside, high, low))
+        wall = Sheet(pattern(y, x), np.full(x.shape, low))
+        surfaces = [rays.Plane(high, lambda y, x: np.zeros(len(x)), disc), rays.Plane(low, pattern)]
+        limits = [0.3, 0.1] if stated[0] == 0 else [1.2 * stated[0], 1.2 * stated[1] if sheets else 8.0]
+        scene = Scene([front, wall] if sheets == 2 else [front], surfaces, np.array([low, low + 0.01, high - 0.005, high + 0.005]), points, 161, sheets == 0)
+        out.append((f"two planes, {name}", tuple(zip(limits, stated)), scene))
+    return out
+
+
+def slanted_planes():
+    """A plane tilted so that its blur radius changes by 0.02 and 0.1 px per px."""
+    y, x = np.mgrid[-170:171, -170:171]
+    points = np.random.default_rng(6).integers(-45, 46, (120, 2))
+    out = []
+    for slope, limit in ((0.02, 0.25), (0.1, 0.25)):
+        v = FOCUS + 0.2 + slope / BLUR * x
+        near = int(v.min() > FOCUS + 0.01)                  # the plane lies before the wall everywhere
+        nodes = np.append([FOCUS] * near, np.arange((v.min() if near else FOCUS) - 0.003, v.max() + 0.01, 0.01))
+        checker = rays.checker(8)
+        plane = Sheet(0.5 * checker(y, x), np.maximum(v, FOCUS))
+        surface = [rays.Plane(FOCUS + 0.2, lambda y, x: 0.5 * checker(y, x), slope=slope / BLUR)]
+        wall = Sheet(np.ones(x.shape), np.full(x.shape, FOCUS))
+        for name, sheets in (("nothing known behind it", [plane]), ("a white wall hidden behind it", [plane, wall])):
+            out.append((f"slanted plane, checker 8, d rho/dx {slope}, {name}", ((limit, 0.2),), Scene(sheets, surface, nodes, points, 91)))
+    return out
+
+
+def three_surfaces():
+    """A near disc (rho 20), a disc behind it (rho 10) and a slanted plane (rho 0 to 3), checkers of 8 px on all."""
+    y, x = np.mgrid[-150:151, -150:151]
+    near = lambda y, x: (np.floor(y + 0.5) + 15) ** 2 + (np.floor(x + 0.5) + 15) ** 2 <= 900
+    middle = lambda y, x: (np.floor(y + 0.5) - 15) ** 2 + (np.floor(x + 0.5) - 10) ** 2 <= 900
+    c = rays.checker(8)
+    tilt, at = 0.02 / BLUR, FOCUS + 0.015
+    v = np.clip(at + tilt * x, FOCUS - 0.05, None)
+    top = np.where(near(y, x), FOCUS + 0.2, np.where(middle(y, x), FOCUS + 0.1, v))
+    sheets = [Sheet(c(y, x), top), Sheet(c(y, x), np.where(middle(y, x), FOCUS + 0.1, v), near(y, x) * 1.0),
+              Sheet(c(y, x), v, (near(y, x) | middle(y, x)) * 1.0)]
+    surfaces = [rays.Plane(FOCUS + 0.2, c, near), rays.Plane(FOCUS + 0.1, c, middle), rays.Plane(at, c, slope=tilt)]
+    nodes = np.concatenate([np.arange(FOCUS - 0.05, FOCUS + 0.055, 0.01), FOCUS + np.array([0.095, 0.105, 0.195, 0.205])])
+    points = np.random.default_rng(7).integers(-55, 56, (200, 2))
+    return [("near disc, middle disc, slanted plane, checker 8", ((18.0, 13.1), (5.0, None)), Scene(sheets, surfaces, nodes, points, 121))]
