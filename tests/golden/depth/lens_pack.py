@@ -1,4 +1,5 @@
 """Lens packs with depth nodes, schema "lenscube/lens-pack/2": written from kernels, and put together from packs of the program."""
+import shutil
 import tempfile
 import zipfile
 from pathlib import Path
@@ -61,7 +62,7 @@ def write(out, lenses, heights, focus, blur_px, pitch_um):
 
 def join(out, parts):
     """Pack `out` of one band with the nodes of all `parts`: packs of that band in order of vergence. Returns the vergences."""
-    parts = [zarr.open_group(p, mode="r") for p in parts]
+    stores, parts = parts, [zarr.open_group(p, mode="r") for p in parts]
     g = zarr.open_group(out, mode="w", zarr_format=3, attributes=dict(parts[0].attrs))
     put = putter(g)
     for key in OF_BAND:
@@ -69,8 +70,9 @@ def join(out, parts):
         put(key, parts[0][key][:])
     for key in OF_NODE:
         put(key, np.concatenate([p[key][0] for p in parts])[None])
-    stacks = [p[f"psf/0/{d}"] for p in parts for d in range(int(p["vergence_count"][0]))]
+    stacks = [store / "psf" / "0" / str(d) for store, p in zip(stores, parts) for d in range(int(p["vergence_count"][0]))]
     put("vergence_count", np.array([len(stacks)], np.int32))
+    g.create_group("psf/0")
     for d, stack in enumerate(stacks):
-        put(f"psf/0/{d}", stack[:])
+        shutil.copytree(stack, out / "psf" / "0" / str(d))
     return g["vergence"][0]
