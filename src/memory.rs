@@ -12,7 +12,7 @@ pub mod machine;
 use crate::failure::usage;
 use crate::job::stretch::RemapStretch;
 use anyhow::Result;
-use depth::largest_spectrum;
+use depth::{largest_psf, largest_spectrum, psfs_on_demand};
 use formats::chart::ChunkMemory;
 use formats::film::FilmSpec;
 use pipeline::band::{BandPlan, Options};
@@ -42,6 +42,8 @@ const MIN_CHART_CACHE: usize = 16 << 20;
 const CHART_CACHE_OVERHEAD: f64 = 1.4;
 /// Spectra per worker below which every block would compute its spectra again.
 const MIN_SPECTRA: usize = 24;
+/// PSFs of depth nodes per worker below which every kernel would read its PSF again: two heights of two nodes.
+const MIN_PSFS: usize = 4;
 
 /// How a run's memory is divided, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -222,11 +224,12 @@ impl MemoryInputs<'_> {
             let nodes = p.grid.as_ref().map_or(0, |grid| grid.len() / 4 + grid.heights_px().len());
             4 * nodes * p.blocks.map_or(0, |blocks| blocks.window.pow(2))
         };
-        let has_psfs = |p: &BandPlan| p.grid.is_some() || p.depth.is_some();
-        let kernels = |p: &BandPlan| if has_psfs(p) { stages::kernels_bytes(p) } else { 0 };
+        let kernels = |p: &BandPlan| if p.grid.is_some() { stages::kernels_bytes(p) } else { 0 };
         let reading = |p: &BandPlan| {
             if let Some(depth) = &p.depth {
-                return 4 * depth.max_samples() + (self.psf_reading)(p);
+                // Every worker reads PSFs on demand: samples, and what is kept of them, before they are in the cache.
+                return self.threads
+                    * (4 * depth.max_samples() + depth.max_psf_bytes() + (self.psf_reading)(p));
             }
             let stacks = if p.lens_bands.second.is_some() { 3 } else { 1 };
             let samples = p.lens.psf_height_mm.len() * p.lens.psf_size.pow(2);
@@ -268,8 +271,11 @@ impl MemoryInputs<'_> {
             let shard = self.regions.first().map(|region| region.shard_rect(0, 0));
             shard.map_or(0, |rect| self.spectra_of(p, rect.grown(p.tiling.margin() + p.tiling.tile())))
         };
+        let (psf, psfs) = (self.max(largest_psf), self.max(psfs_on_demand));
         let min = self.max(nodes).min(self.threads * MIN_SPECTRA * self.max(largest_spectrum));
-        (min, self.max(of_shard).max(min), self.bands.iter().map(nodes).sum())
+        let min = min + (self.threads * MIN_PSFS * psf).min(psfs);
+        let all = |p: &BandPlan| nodes(p) + psfs_on_demand(p);
+        (min, self.max(of_shard).max(min), self.bands.iter().map(all).sum())
     }
 
     fn demand(&self, gpus: &GpuDemand) -> Demand {

@@ -1,6 +1,6 @@
 //! `lenscube lens trace`: traces a design into a lens pack.
 
-mod depth;
+pub mod depth;
 
 use crate::args::{DesignArgs, TraceArgs};
 use crate::design;
@@ -28,7 +28,7 @@ const LONG_S: f64 = 10.0;
 /// A pack that is larger is announced with the way to make it smaller, MB uncompressed.
 const LARGE_MB: f64 = 1000.0;
 /// Samples of PSFs that a core computes in a second, for wide PSFs, measured on a Xeon with AVX-512.
-const SAMPLES_PER_S: f64 = 1.5e7;
+pub const SAMPLES_PER_S: f64 = 1.5e7;
 /// Time for the rays of a band over that for the rays of its estimate. With it estimates from 1 s on are 0.5 to 2 of the time that the
 /// built-in lenses take (scripts/bench/2026-11-22-trace).
 const RAYS_PER_ESTIMATE: f64 = 30.0;

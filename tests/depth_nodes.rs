@@ -2,7 +2,7 @@
 
 use pipeline::design::System;
 use pipeline::design::depth::nodes::{ESF_TOLERANCE, NodeOptions, place};
-use pipeline::design::depth::trace::{DepthOptions, band, header};
+use pipeline::design::depth::trace::{DepthOptions, band, header, nodes};
 use pipeline::design::illumination::irradiance_sr;
 use pipeline::design::ray::Tracer;
 use pipeline::design::shelf::ShelfLens;
@@ -91,6 +91,31 @@ fn nodes_lie_where_the_independent_model_places_them() {
 }
 
 #[test]
+fn nodes_of_similar_blur_share_heights_within_their_tolerance() {
+    let system = ShelfLens::named("phone").unwrap().system();
+    let system = system.focused_at(2.5, ImagePlane::Paraxial(system.primary_um()), 0.0).unwrap();
+    let trace = TraceOptions::new(vec![550.0], 2.0);
+    let options = DepthOptions { focus: 2.5, range: (2.5, 2.6), tolerance: 0.002 };
+    let placement = nodes(&system, &trace, 0, &options).unwrap();
+    assert!(placement.vergence.len() >= 3, "{placement:?}");
+    let sink = |_: usize, _: &_| Ok::<(), LensError>(());
+    let traced = band(&system, &trace, 0, (&options, placement), &mut |_| (), sink).unwrap();
+    let first = &traced.nodes.nodes[0];
+    let all = std::iter::zip(&traced.nodes.nodes, &traced.reports).skip(1);
+    let shared: Vec<_> = all.filter(|(node, _)| node.psf_height_mm == first.psf_height_mm).collect();
+    assert!(
+        !shared.is_empty(),
+        "{:?}",
+        traced.nodes.nodes.iter().map(|n| n.psf_height_mm.len()).collect::<Vec<_>>()
+    );
+    for (node, report) in shared {
+        assert_eq!(node.azimuth_count, first.azimuth_count);
+        assert!(2 * report.psfs < traced.reports[0].psfs, "{} of {}", report.psfs, traced.reports[0].psfs);
+        assert!(report.psf_error.unwrap().worst <= trace.psf_tolerance, "{report:?}");
+    }
+}
+
+#[test]
 fn chief_rays_of_real_aiming_cross_the_axis_where_the_independent_model_has_them() {
     let system = double_gauss(0.5, RayAiming::Real);
     // The model's wavelength: the pupil of another one is elsewhere.
@@ -104,7 +129,8 @@ fn chief_rays_of_real_aiming_cross_the_axis_where_the_independent_model_has_them
         stacks += 1;
         Ok::<(), LensError>(())
     };
-    let traced = band(&system, &trace, 0, &options, &mut |_| (), sink).unwrap();
+    let placement = nodes(&system, &trace, 0, &options).unwrap();
+    let traced = band(&system, &trace, 0, (&options, placement), &mut |_| (), sink).unwrap();
     assert_eq!(stacks, traced.nodes.nodes.len());
     traced.nodes.check(&traced.tables).unwrap();
     assert!(traced.nodes.vergence.contains(&0.5), "{:?}", traced.nodes.vergence);

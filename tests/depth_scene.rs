@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{CommandResult, assert_exit, bits, files, lenscube, pixels, run, text};
+use common::{CommandResult, assert_exit, bits, files, lenscube, pixels, run, text, write_npy};
 use std::path::{Path, PathBuf};
 
 const SCENE: &str = "depth-scene?size=300x240&overscan=0&near_m=0.55&far_m=4&wavelengths=500";
@@ -74,6 +74,29 @@ fn distances_without_a_lens_for_them_and_flags_without_distances_are_errors() {
 }
 
 #[test]
+fn what_depth_nodes_need_is_known_before_they_are_traced() {
+    let dir = tempfile::tempdir().unwrap();
+    let pack = dir.path().join("large.lens.zarr");
+    let trace = |depths: &str, more: &[&str]| {
+        let words = ["lens", "trace", "double-gauss-28", text(&pack), "--focus-m", "2", "--depths-m", depths];
+        lenscube(&[&words[..], more].concat())
+    };
+    let wide = trace("0.5:inf", &[]);
+    assert_exit(&wide, 2, &["blurred more widely than the largest PSF window, 639 px", "--depths-m 1.25"]);
+    let large = trace("1.5:3", &[]);
+    let needed =
+        ["depth nodes", "PSFs, windows of", "GB uncompressed", "core seconds", "--max-gb 16 is the limit"];
+    assert_exit(&large, 2, &needed);
+    assert_exit(&large, 2, &["fewer --wavelengths", "traces the nodes that its scene needs", "allows it"]);
+    assert_exit(
+        &trace("1.5:3", &["--wavelengths", "550", "--max-gb", "0.1"]),
+        2,
+        &["--max-gb 0.1 is the limit"],
+    );
+    assert!(!pack.exists());
+}
+
+#[test]
 fn a_flat_pack_in_focus_gives_the_flat_film() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);
@@ -95,6 +118,16 @@ fn a_design_is_traced_for_the_distances_of_the_scene() {
     let film = path("film");
     run(chart, &film, "phone", &focus).ok();
     let expected = files(&film);
+    // Two distances: the nodes around them alone are traced.
+    let planes = path("planes.npy");
+    let size = pipeline::geometry::Size::new(48, 60);
+    let distances: Vec<f32> = (0..48 * 60).map(|i| if i % 60 < 30 { 0.3 } else { 0.5 }).collect();
+    write_npy(&planes, size, &distances);
+    let words = ["--depth", text(&planes), "--hidden", "none", "--verbose"];
+    let two = run(chart, &path("two"), "phone", &[&focus[..], &words].concat()).ok();
+    let line = two.stderr.split("550 nm:").nth(1).unwrap_or_else(|| panic!("{}", two.stderr));
+    let nodes = (number_after(line, ""), number_after(line, " of "));
+    assert!(nodes.0 <= 4.0 && nodes.0 < nodes.1, "{nodes:?} of {}", two.stderr);
     // Once more, from the cache, and by units with the traced bands in a pack.
     let (again, plan) = (path("again"), path("plan.json"));
     let second = run(chart, &again, "phone", &focus).ok();

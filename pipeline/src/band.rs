@@ -15,6 +15,7 @@ use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::NodeKernels;
+use crate::psf::kernel::on_demand::PsfReader;
 use crate::remap::Remap;
 
 /// Wavelengths closer than this are the same, nm.
@@ -200,29 +201,27 @@ impl BandPlan {
         Ok(BandStages { remap, psf, depth: None })
     }
 
-    /// The depth stage of this band of `lens`, the `position`-th of the job. `stack` reads the PSFs of a depth node; `gain` as in
-    /// [`BandPlan::stages`].
-    ///
-    /// # Errors
-    /// Errors of `stack`.
+    /// The depth stage of this band of `lens`, the `position`-th of the job. `reader` reads a PSF of a depth node when a kernel of it is needed;
+    /// `gain` as in [`BandPlan::stages`].
     ///
     /// # Panics
     /// The band is not one of [`BandPlan::with_depth`] with a depth stage.
-    pub fn depth_stages<E>(
+    pub fn depth_stages(
         &self,
         position: usize,
         frame: &Frame,
         lens: &Lens,
         options: &Options,
         gain: f64,
-        stack: impl FnMut(usize) -> Result<PsfStack, E>,
-    ) -> Result<BandStages, E> {
+        reader: PsfReader,
+    ) -> BandStages {
         let remap = Remap::new(frame, &self.lens, options.stages, options.interpolation, gain, options.simd);
         let band = self.lens_bands.first;
         let nodes = &lens.depth.as_ref().expect("planned with depth").bands[band];
         let plan = self.depth.as_ref().expect("planned with depth");
-        let depth = plan.stage(position, frame, (&lens.bands[band], nodes), options, gain, stack)?;
-        Ok(BandStages { remap, psf: None, depth: Some(depth) })
+        let tables = (&lens.bands[band], nodes, lens.psf_sample);
+        let depth = plan.stage(position, frame, tables, options, gain, reader);
+        BandStages { remap, psf: None, depth: Some(depth) }
     }
 }
 

@@ -127,10 +127,8 @@ pub fn contribution_bytes(plan: &BandPlan) -> usize {
     4 * side * (side + 15).next_multiple_of(16)
 }
 
-/// Bytes of a band's kernels ([`memory::kernels_bytes`]).
+/// Bytes of a band's kernels ([`memory::kernels_bytes`]); those of depth nodes are in the cache of spectra.
 pub fn kernels_bytes(plan: &BandPlan) -> usize {
     let flat = |b| memory::kernels_bytes(&b, plan.lens.psf_height_mm.len(), plan.lens.psf_size);
-    plan.depth
-        .as_ref()
-        .map_or_else(|| plan.blocks.map_or(0, flat), crate::depth::plan::DepthPlan::kernels_bytes)
+    plan.blocks.map_or(0, flat)
 }

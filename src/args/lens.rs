@@ -217,6 +217,9 @@ pub struct TraceArgs {
     /// Maximum error of a kernel half-way between depth nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.02", requires = "depths_m", help_heading = "Depth")]
     pub depth_tolerance: f64,
+    /// Largest pack with depth nodes, GB uncompressed, as estimated before it is traced
+    #[arg(long, value_name = "GB", value_parser = positive, default_value = "16", requires = "depths_m", help_heading = "Depth")]
+    pub max_gb: f64,
     /// Parameters of the design.
     #[command(flatten)]
     pub parameters: DesignArgs,

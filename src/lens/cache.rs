@@ -5,6 +5,8 @@
 //! damaged or edited entry does not match its name and is traced again. An entry is written under a temporary name and renamed.
 //! Processes that trace the same band at the same time write the same bytes. Entries may be deleted at any time.
 
+mod placements;
+
 use crate::progress::log_line;
 use anyhow::{Context, Result, bail};
 use formats::durable;
@@ -44,13 +46,14 @@ pub fn directory() -> Option<PathBuf> {
 pub type WriteBand<'a> =
     &'a mut dyn FnMut(&mut LensPackWriter) -> Result<(Lens, PackAttributes, Option<String>)>;
 
-/// Digest of all inputs of a traced band. `options` must hold its wavelength only; `depth`: it is traced at depth nodes.
-pub fn recipe(system: &System, options: &TraceOptions, depth: Option<&DepthOptions>) -> String {
+/// Digest of all inputs of a traced band. `options` must hold its wavelength only; `depth`: it is traced at depth nodes of these vergences, or, without
+/// any, its nodes are placed.
+pub fn recipe(system: &System, options: &TraceOptions, depth: Option<(&DepthOptions, &[f64])>) -> String {
     // Name and notes do not change the result.
     let system = System { name: String::new(), notes: Vec::new(), ..system.clone() };
     let mut text = format!("lenscube traced band, tracer {TRACER_VERSION}\n{system:?}\n{options:?}\n");
-    if let Some(depth) = depth {
-        text.push_str(&format!("{depth:?}\n"));
+    if let Some((depth, nodes)) = depth {
+        text.push_str(&format!("{depth:?}\n{nodes:?}\n"));
     }
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }

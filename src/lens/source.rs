@@ -18,6 +18,8 @@ use pipeline::design::system::ImagePlane;
 use pipeline::design::trace::{LensTrace, TraceOptions};
 use pipeline::geometry::Frame;
 use pipeline::lens::{Lens, LensBand, PsfStack};
+use pipeline::psf::kernel::on_demand::PsfReader;
+use std::sync::Arc;
 
 /// Blur radius in film pixels up to which a surface is in focus: the L1 error of a PSF is then at most 2 %, by C·Δρ² with the C of the worst lens of
 /// those measured for [`pipeline::design::depth::nodes`], 9 % at 0.5 px.
@@ -156,7 +158,7 @@ impl UntracedLens {
 /// Lens of a job.
 pub enum JobLens {
     /// A lens pack with its bands.
-    Pack(Box<LensPack>),
+    Pack(Arc<LensPack>),
     /// A design, traced at the wavelengths of the job.
     Traced(Box<Traced>),
 }
@@ -164,7 +166,7 @@ pub enum JobLens {
 /// Design traced at the wavelengths of a job, ascending.
 pub struct Traced {
     lens: Lens,
-    packs: Vec<LensPack>,
+    packs: Vec<Arc<LensPack>>,
     /// Per band, the digests of its inputs and of its values.
     recipes: Vec<String>,
     digest: String,
@@ -188,7 +190,7 @@ impl JobLens {
         depth: Option<TracedFor<'_>>,
     ) -> Result<Self> {
         match input {
-            UntracedLens::Pack(pack) => Ok(Self::Pack(pack)),
+            UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
             UntracedLens::Design(system, name, file) => {
                 let job = tracing::TracingJob { system: &system, name: &name, frame, options, depth };
                 let traced = tracing::trace(&job, wavelengths_nm, threads);
@@ -236,6 +238,15 @@ impl JobLens {
         }
     }
 
+    /// Reader of the PSFs of the depth nodes of band `band` of [`JobLens::lens`], one at a time.
+    pub fn psf_reader(&self, band: usize) -> PsfReader {
+        let (pack, band) = match self {
+            Self::Pack(pack) => (Arc::clone(pack), band),
+            Self::Traced(traced) => (Arc::clone(&traced.packs[band]), 0),
+        };
+        Arc::new(move |node, height| Ok(pack.psf_of_height(band, node, height)?))
+    }
+
     /// Digest of the lens.
     ///
     /// # Errors
@@ -272,7 +283,7 @@ impl JobLens {
         match self {
             Self::Pack(pack) => Ok(pack.check_unchanged()?),
             Self::Traced(traced) => {
-                traced.packs.iter().try_for_each(LensPack::check_unchanged)?;
+                traced.packs.iter().try_for_each(|pack| pack.check_unchanged())?;
                 traced.file.as_ref().map_or(Ok(()), DesignFile::check_unchanged)
             }
         }

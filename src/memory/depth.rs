@@ -16,6 +16,16 @@ pub(super) fn largest_spectrum(plan: &BandPlan) -> usize {
     nodes.map(|n| n.blocks.spectrum_bytes()).fold(flat, usize::max)
 }
 
+/// Bytes of the largest PSF of a depth node of `plan`, ready for kernels.
+pub(super) fn largest_psf(plan: &BandPlan) -> usize {
+    plan.depth.as_ref().map_or(0, DepthPlan::max_psf_bytes)
+}
+
+/// Bytes of all PSFs of depth nodes of `plan`, ready for kernels.
+pub(super) fn psfs_on_demand(plan: &BandPlan) -> usize {
+    plan.depth.as_ref().map_or(0, DepthPlan::kernels_bytes)
+}
+
 impl MemoryInputs<'_> {
     /// Scratch of one worker for the depth stage `depth` of `plan`.
     pub(super) fn depth_scratch(&self, plan: &BandPlan, depth: &DepthPlan) -> usize {

@@ -24,8 +24,8 @@ pub enum StageError {
 pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
     let (plan, gain) = (&job.plans[position], job.gains[position]);
     if plan.depth.is_some() {
-        let read_psfs = |node: usize| Ok(job.lens.psf_of_node(plan.lens_bands.first, node)?);
-        return plan.depth_stages(position, &job.frame, job.lens.lens(), &job.options, gain, read_psfs);
+        let reader = job.lens.psf_reader(plan.lens_bands.first);
+        return Ok(plan.depth_stages(position, &job.frame, job.lens.lens(), &job.options, gain, reader));
     }
     let read_psfs = |band: usize| match plan.node {
         Some(node) => Ok(job.lens.psf_of_node(band, node)?),

@@ -1,12 +1,15 @@
 //! `lenscube lens trace --depths-m`: a pack with depth nodes.
 
-use super::{attributes, bytes_of, create_pack};
+use super::{LONG_S, SAMPLES_PER_S, attributes, bytes_of, create_pack};
 use crate::args::TraceArgs;
-use crate::progress::{log_line, tracing_bar};
+use crate::failure::usage;
+use crate::progress::{detail_line, log_line, tracing_bar};
 use anyhow::{Context, Result};
 use pipeline::design::System;
-use pipeline::design::depth::trace::{DepthOptions, band, header};
+use pipeline::design::depth::estimate::{DepthEstimate, estimate, expected_nodes, range_that_fits};
+use pipeline::design::depth::trace::{DepthOptions, band, header, nodes};
 use pipeline::design::trace::{Progress, TraceOptions, lens_header};
+use pipeline::psf::blocks::Blocks;
 use std::time::Instant;
 
 /// Traces all bands at their depth nodes into the pack of `args`.
@@ -20,6 +23,7 @@ pub fn trace(
     depth: &DepthOptions,
     start: Instant,
 ) -> Result<()> {
+    let options = &TraceOptions { max_window_px: Blocks::widest_window(), ..options.clone() };
     let tracing = || format!("tracing {}", args.design);
     let mut lens = lens_header(system).with_context(tracing)?;
     let mut head = header(system, depth).with_context(tracing)?;
@@ -30,6 +34,7 @@ pub fn trace(
         1.0 / depth.range.0,
         head.blur_per_dioptre_um / options.film_pitch_um
     ));
+    announce(args, system, options, depth).with_context(tracing)?;
     let mut pack = create_pack(&args.out)?;
     let bar = tracing_bar(options.wavelengths_nm.len());
     let mut reports = Vec::new();
@@ -39,7 +44,10 @@ pub fn trace(
             bar.set_message(format!("{nm} nm: {}", p.step));
         };
         let sink = |node: usize, stack: &_| pack.psf_of_node(index, node, stack);
-        let traced = band(system, options, index, depth, &mut progress, sink).with_context(tracing)?;
+        bar.set_message(format!("{nm} nm: placing depth nodes"));
+        let placement = nodes(system, options, index, depth).with_context(tracing)?;
+        let placed = (depth, placement);
+        let traced = band(system, options, index, placed, &mut progress, sink).with_context(tracing)?;
         let (placement, nodes) = (&traced.placement, &traced.reports);
         let windows = nodes.iter().map(|r| r.window_px);
         bar.suspend(|| {
@@ -68,4 +76,56 @@ pub fn trace(
         bytes_of(&args.out) as f64 * 1e-6,
     ));
     Ok(())
+}
+
+/// Prints what the depth nodes of all bands need, before any is traced.
+///
+/// # Errors
+/// Usage: PSFs are wider than the largest window; the pack is larger than `--max-gb`.
+fn announce(args: &TraceArgs, system: &System, options: &TraceOptions, depth: &DepthOptions) -> Result<()> {
+    let fits = range_that_fits(system, options, depth)?;
+    if depth.range.0 < fits.0 || fits.1 < depth.range.1 {
+        let farthest = if fits.0 > 0.0 { format!("{:.4}", 1.0 / fits.0) } else { "inf".to_owned() };
+        return Err(usage(format!(
+            "--depths-m: surfaces there are blurred more widely than the largest PSF window, {} px; with this focus it holds --depths-m \
+             {:.4}:{farthest}",
+            options.max_window_px,
+            1.0 / fits.1,
+        )));
+    }
+    let blur_px = header(system, depth)?.blur_per_dioptre_um / options.film_pitch_um;
+    let (bands, middle) = (options.wavelengths_nm.len(), options.wavelengths_nm.len() / 2);
+    let all = estimate(system, options, middle, depth, &expected_nodes(depth, blur_px))?.times(bands);
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let (seconds, text) = needed(&all, cores);
+    let gb = all.bytes as f64 * 1e-9;
+    if gb > args.max_gb {
+        return Err(usage(format!(
+            "{text}; --max-gb {} is the limit: a shorter range of --depths-m, fewer --wavelengths, a smaller --max-height-mm or a larger \
+             --depth-tolerance need less, `lenscube run CHART FILM --lens {} --focus-m M --depth DEPTH` traces the nodes that its scene needs, \
+             `--max-gb {}` allows it",
+            args.max_gb,
+            args.design,
+            gb.ceil()
+        )));
+    }
+    if seconds > LONG_S {
+        log_line(text)
+    } else {
+        detail_line(text)
+    }
+    Ok(())
+}
+
+/// Seconds on `cores` cores that depth nodes take to trace, and what they need.
+pub fn needed(estimate: &DepthEstimate, cores: usize) -> (f64, String) {
+    let DepthEstimate { nodes, psfs, window_px, bytes, samples } = *estimate;
+    let core_s = samples / SAMPLES_PER_S;
+    let text = format!(
+        "estimated from rays: about {nodes} depth nodes, {psfs} PSFs, windows of {} to {} px, {:.1} GB uncompressed, {core_s:.0} core seconds",
+        window_px.0,
+        window_px.1,
+        bytes as f64 * 1e-9
+    );
+    (core_s / cores as f64, text)
 }

@@ -11,6 +11,7 @@ use crate::bounded::BoundedChain;
 use pipeline::bounds::Bound;
 use serde_json::Value;
 use std::num::NonZeroU64;
+use std::ops::Range;
 use std::sync::Arc;
 use zarrs::array::Array;
 use zarrs::metadata::ArrayMetadata;
@@ -187,8 +188,20 @@ impl<'a> PackArray<'a> {
         &self,
         convert: impl Fn(f64) -> T,
     ) -> Result<Samples<T>, LensPackError> {
-        let chunks = self.chunk_indices();
-        let samples: u64 = self.shape.iter().product();
+        self.read_rows(0..self.shape[0] as usize, convert)
+    }
+
+    /// As [`read_as`](Self::read_as), of `rows` of the first axis, all of them for an array with one axis; other chunks are not read.
+    pub(super) fn read_rows<T: Copy + Default>(
+        &self,
+        rows: Range<usize>,
+        convert: impl Fn(f64) -> T,
+    ) -> Result<Samples<T>, LensPackError> {
+        let rows = rows.start as u64..rows.end as u64;
+        let mut chunks = self.chunk_indices();
+        let along = self.chunk[0].get();
+        chunks.retain(|index| index[0] * along < rows.end && rows.start < (index[0] + 1) * along);
+        let samples: u64 = (rows.end - rows.start) * self.shape[1..].iter().product::<u64>();
         let mut stored_bytes = 0u64;
         let mut missing = None;
         for index in &chunks {
@@ -213,7 +226,7 @@ impl<'a> PackArray<'a> {
         let mut values = vec![T::default(); samples as usize];
         for index in &chunks {
             if let Some(decoded) = self.decode(index)? {
-                self.copy_chunk(index, &decoded, &convert, &mut values);
+                self.copy_chunk(index, &decoded, &rows, &convert, &mut values);
             }
         }
         Ok(Samples { values, missing })
@@ -264,8 +277,15 @@ impl<'a> PackArray<'a> {
         Ok(Some(decoded))
     }
 
-    /// Copies the rows of a decoded chunk into `values`; samples beyond the array's edge are dropped.
-    fn copy_chunk<T>(&self, index: &[u64], decoded: &[u8], convert: &impl Fn(f64) -> T, values: &mut [T]) {
+    /// Copies the rows of a decoded chunk that lie in `range` of the first axis into `values`; samples beyond the array's edge are dropped.
+    fn copy_chunk<T>(
+        &self,
+        index: &[u64],
+        decoded: &[u8],
+        range: &Range<u64>,
+        convert: &impl Fn(f64) -> T,
+        values: &mut [T],
+    ) {
         let width = self.number.bytes();
         let rank = self.shape.len();
         let chunk: Vec<u64> = self.chunk.iter().map(|c| c.get()).collect();
@@ -274,10 +294,16 @@ impl<'a> PackArray<'a> {
         'rows: for r in 0..rows {
             let (mut rest, mut to, mut stride) = (r, 0, self.shape[rank - 1]);
             for axis in (0..rank - 1).rev() {
-                let at = index[axis] * chunk[axis] + rest % chunk[axis];
+                let mut at = index[axis] * chunk[axis] + rest % chunk[axis];
                 rest /= chunk[axis];
                 if at >= self.shape[axis] {
                     continue 'rows;
+                }
+                if axis == 0 {
+                    if !range.contains(&at) {
+                        continue 'rows;
+                    }
+                    at -= range.start;
                 }
                 to += at * stride;
                 stride *= self.shape[axis];

@@ -111,6 +111,17 @@ impl LensPack {
         read::psf(&self.store, &self.lens, band, Some(node))
     }
 
+    /// Reads the PSF at height index `height` of depth node `node` of band `band` of a pack with depth nodes, n × n samples.
+    ///
+    /// # Errors
+    /// As [`psf_of_node`](Self::psf_of_node).
+    ///
+    /// # Panics
+    /// There is no such node or height.
+    pub fn psf_of_height(&self, band: usize, node: usize, height: usize) -> Result<Vec<f32>, LensPackError> {
+        Ok(read::windows(&self.store, &self.lens, (band, Some(node)), Some(height))?.samples)
+    }
+
     /// Bytes of memory for reading a band's PSFs, in addition to the samples: an encoded and a decoded chunk.
     pub fn psf_reading_bytes(&self, band: usize) -> usize {
         // An encoded chunk may have twice the length of the decoded one.

@@ -115,6 +115,16 @@ pub(super) fn psf(
     index: usize,
     node: Option<usize>,
 ) -> Result<PsfStack, LensPackError> {
+    windows(store, lens, (index, node), None)
+}
+
+/// As [`psf`], or the window of one height only.
+pub(super) fn windows(
+    store: &PackStore,
+    lens: &Lens,
+    (index, node): (usize, Option<usize>),
+    only: Option<usize>,
+) -> Result<PsfStack, LensPackError> {
     let bands = lens.bands.len();
     let band = lens.bands.get(index).ok_or_else(|| LensPackError::Band {
         path: store.path.clone(),
@@ -130,9 +140,10 @@ pub(super) fn psf(
     };
     let array = PackArray::open(store, &name)?;
     array.expect_shape(&[heights_mm.len(), n, n], "heights, rows, columns")?;
-    let samples = array.read_as(|v| v as f32)?;
+    let rows = only.map_or(0..heights_mm.len(), |k| k..k + 1);
+    let samples = array.read_rows(rows.clone(), |v| v as f32)?;
     let mut values = samples.values;
-    for (k, window) in values.chunks_exact_mut(n * n).enumerate() {
+    for (k, window) in rows.zip(values.chunks_exact_mut(n * n)) {
         if let Some(i) = window.iter().position(|v| !v.is_finite()) {
             return Err(LensPackError::Value {
                 path: store.path.clone(),

@@ -102,6 +102,36 @@ fn pack_with_depth_nodes_is_equal_when_read_again() {
 }
 
 #[test]
+fn the_psf_of_one_height_is_that_of_all_heights() {
+    let (pack, tmp) = (depth_pack(), tempfile::tempdir().unwrap());
+    let path = tmp.path().join("copy.lens.zarr");
+    let mut writer = LensPackWriter::create(&path).unwrap();
+    let depth = pack.lens().depth.as_ref().unwrap();
+    let nodes =
+        || depth.bands.iter().enumerate().flat_map(|(b, band)| (0..band.nodes.len()).map(move |d| (b, d)));
+    for (b, d) in nodes() {
+        writer.psf_of_node(b, d, &pack.psf_of_node(b, d).unwrap()).unwrap();
+    }
+    writer.finish(pack.lens(), &small_attributes()).unwrap();
+    // With chunks of one height, and as the golden pack has them.
+    for pack in [&LensPack::open(&path).unwrap(), &pack] {
+        for (b, d) in nodes() {
+            let stack = pack.psf_of_node(b, d).unwrap();
+            for k in 0..stack.heights() {
+                assert_eq!(
+                    pack.psf_of_height(b, d, k).unwrap(),
+                    stack.window(k),
+                    "band {b}, node {d}, height {k}"
+                );
+            }
+        }
+    }
+    std::fs::remove_dir_all(path.join("psf/1/2/c")).unwrap();
+    let e = LensPack::open(&path).unwrap().psf_of_height(1, 2, 1).unwrap_err();
+    assert!(e.to_string().contains("psf/1/2"), "{e}");
+}
+
+#[test]
 fn invalid_depth_nodes_are_errors_with_their_table() {
     let pack = depth_pack();
     let band = &pack.lens().bands[0];

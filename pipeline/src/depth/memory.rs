@@ -37,8 +37,13 @@ impl DepthPlan {
         self.used().map(|n| memory::kernels_bytes(&n.blocks, n.heights, n.samples)).sum()
     }
 
-    /// Samples of the largest node's PSFs.
+    /// The largest PSF, ready for kernels.
+    pub fn max_psf_bytes(&self) -> usize {
+        self.used().map(|n| memory::kernels_bytes(&n.blocks, 1, n.samples)).max().unwrap_or(0)
+    }
+
+    /// Samples of the largest PSF.
     pub fn max_samples(&self) -> usize {
-        self.used().map(|n| n.heights * n.samples * n.samples).max().unwrap_or(0)
+        self.used().map(|n| n.samples * n.samples).max().unwrap_or(0)
     }
 }

@@ -26,6 +26,7 @@ use crate::clock::Clock;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect};
 use crate::psf::BandPsf;
+use crate::psf::kernel::on_demand::PsfSource;
 use crate::psf::spectra::SpectrumCache;
 use composite::{Composite, CompositeScratch};
 use counts::SharedCounts;
@@ -47,6 +48,8 @@ pub struct DepthStage {
     slabs: Slabs,
     /// PSF stage of every depth node that the scene needs.
     psfs: Vec<Option<BandPsf>>,
+    /// Where their PSFs are read from.
+    source: PsfSource,
     /// Half the widest window, px.
     margin: usize,
     /// How hidden surfaces are invented, and where the scene has surfaces; `None`: they are not.
@@ -80,17 +83,17 @@ impl DepthStage {
         position: usize,
         scene: Scene,
         slabs: Slabs,
-        psfs: Vec<Option<BandPsf>>,
+        (psfs, source): (Vec<Option<BandPsf>>, PsfSource),
         hidden: Option<(Hidden, Arc<Occupancy>)>,
     ) -> Self {
         let margin = psfs.iter().flatten().map(BandPsf::margin).max().unwrap_or(0);
-        Self { position, scene, slabs, psfs, margin, hidden }
+        Self { position, scene, slabs, psfs, source, margin, hidden }
     }
 
     /// Computes the film of `tile` from `surfaces` and band `band` of `chart` into `out`, without a tail.
     ///
     /// # Errors
-    /// Those of the sources; a distance that is not positive.
+    /// Those of the sources; a distance that is not positive; a PSF that cannot be read.
     #[allow(clippy::too_many_arguments, reason = "inputs, output, scratch and clock are independent")]
     pub fn compute(
         &self,
@@ -123,6 +126,7 @@ impl DepthStage {
             stage.tile(tile, planes, film, invented, composite);
             out.copy(film, tile.width);
         });
+        self.source.check()?;
         surfaces.counts.iter().for_each(|counts| counts.add(composite.counts()));
         if let Some(light) = surfaces.invented.filter(|_| !invented.is_empty()) {
             light.add(self.position, tile, invented);

@@ -6,15 +6,15 @@ use super::occupancy::Occupancy;
 use super::scene::Scene;
 use super::slabs::Slabs;
 use crate::field::Field;
-use crate::geometry::{Frame, Rect};
+use crate::geometry::{Frame, Rect, Size};
 use crate::lens::depth::BandDepth;
-use crate::lens::{Lens, LensBand, LensError, PsfStack};
+use crate::lens::{Lens, LensBand, LensError, PsfSample};
 use crate::options::{Options, PsfTables};
 use crate::plan::Tiling;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
-use crate::psf::kernel::NodeKernels;
+use crate::psf::kernel::on_demand::{KernelsOnDemand, PsfReader, PsfSource};
 use std::sync::Arc;
 
 /// Vergences of the surfaces of a scene, 1/m.
@@ -41,6 +41,19 @@ impl Surfaces {
         let d = nodes.nearest(self.first);
         let at = |v: f64| (nodes.vergence[d] - v).abs() <= ROUNDING * nodes.vergence[d].max(1e-6);
         (self.is_opaque && at(self.first) && at(self.last)).then_some(d)
+    }
+
+    /// Which of the depth nodes at `vergence` (1/m, ascending) of a lens focused at `focus` bound a slab that has surfaces on a chart of `size`.
+    pub fn nodes_in_use(&self, vergence: &[f64], focus: f64, size: Size) -> Vec<bool> {
+        // The blur is not used.
+        let slabs = Slabs::new(vergence, focus, 1.0);
+        let occupied = self.occupancy.slabs(&self.occupancy.within(size.rect()), &slabs);
+        let mut in_use = vec![false; vergence.len()];
+        for s in (0..slabs.count()).filter(|s| occupied[*s]) {
+            let (low, high) = slabs.nodes(s);
+            (in_use[low], in_use[high]) = (true, true);
+        }
+        in_use
     }
 
     /// Whether `nodes` reach over all of them.
@@ -82,6 +95,8 @@ pub struct NodePlan {
     pub heights: usize,
     /// Samples of a side of their windows.
     pub samples: usize,
+    /// Their pitch, µm.
+    pub pitch_um: f64,
     /// Last REAL height of its PSFs, mm.
     pub last_height_mm: f64,
 }
@@ -129,7 +144,8 @@ impl DepthPlan {
             let (grid, blocks) = Options { psf_window, ..*options }.partition(frame, &psfs)?;
             let last_height_mm = node.psf_height_mm[node.psf_height_mm.len() - 1];
             let (heights, samples) = (node.psf_height_mm.len(), node.psf_size);
-            Ok(NodePlan { is_used, grid, blocks, heights, samples, last_height_mm })
+            let pitch_um = node.psf_pitch_um;
+            Ok(NodePlan { is_used, grid, blocks, heights, samples, pitch_um, last_height_mm })
         };
         let nodes = (first..=last).map(plan).collect::<Result<Vec<NodePlan>, LensError>>()?;
         let hidden = surfaces.is_invented.then(|| {
@@ -189,20 +205,17 @@ impl DepthPlan {
         self.used().map(|node| node.blocks.window / 2).max().unwrap_or(0)
     }
 
-    /// The stage at `position` of the job with the lens tables `band` and `nodes`; `stack` reads the PSFs of a depth node of the lens.
-    ///
-    /// # Errors
-    /// Errors of `stack`.
-    #[allow(clippy::too_many_arguments, reason = "plan, lens, geometry and gain are independent")]
-    pub(crate) fn stage<E>(
+    /// The stage at `position` of the job with the lens tables `band` and `nodes`; `reader` reads a PSF of a depth node of the lens, of `sample`.
+    pub(crate) fn stage(
         &self,
         position: usize,
         frame: &Frame,
-        (band, nodes): (&LensBand, &BandDepth),
+        (band, nodes, sample): (&LensBand, &BandDepth, PsfSample),
         options: &Options,
         gain: f64,
-        mut stack: impl FnMut(usize) -> Result<PsfStack, E>,
-    ) -> Result<DepthStage, E> {
+        reader: PsfReader,
+    ) -> DepthStage {
+        let source = PsfSource::new(reader);
         let fields = (0..self.slabs.count()).map(|s| {
             let (low, high) = self.slabs.nodes(s);
             let tables = nodes.between(band, (self.first_node + low, self.first_node + high));
@@ -223,12 +236,42 @@ impl DepthPlan {
                 psfs.push(None);
                 continue;
             }
-            let samples = stack(self.first_node + d)?;
-            let kernels = NodeKernels::new(&samples, frame.pitch_um, options.psf_window, options.simd);
-            let psf = BandPsf::new(position, node.grid.clone(), kernels, options.simd);
-            psfs.push(Some(psf.with_first_id(first_id)));
+            let kernels = KernelsOnDemand::new(
+                (&source, self.first_node + d),
+                node.heights,
+                (node.samples, node.pitch_um, sample),
+                frame.pitch_um,
+                options.psf_window,
+                options.simd,
+            );
+            let id = (position, first_id);
+            psfs.push(Some(BandPsf::of_depth_node(id, node.grid.clone(), kernels, options.simd)));
             first_id += node.grid.len();
         }
-        Ok(DepthStage::new(position, scene, self.slabs.clone(), psfs, self.hidden.clone()))
+        DepthStage::new(position, scene, self.slabs.clone(), (psfs, source), self.hidden.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_of_empty_slabs_are_not_in_use() {
+        let size = Size::new(64, 64);
+        let mut occupancy = Occupancy::new(size, (0.0, 2.0));
+        for v in [0.3, 0.31, 1.7] {
+            occupancy.add(5, 5, v);
+        }
+        let surfaces = Surfaces {
+            first: 0.3,
+            last: 1.7,
+            is_opaque: true,
+            occupancy: Arc::new(occupancy),
+            is_invented: true,
+        };
+        let vergence = [0.0, 0.25, 0.5, 1.0, 1.5, 1.75, 2.0];
+        let in_use = surfaces.nodes_in_use(&vergence, 0.5, size);
+        assert_eq!(in_use, [false, true, true, false, true, true, false]);
     }
 }

@@ -6,8 +6,9 @@
 //! other bands are traced with it.
 
 use super::error::DesignError;
-use super::grid::{self, Chosen};
-use super::kernels::Kernels;
+#[cfg(doc)]
+use super::grid;
+use super::grid::Chosen;
 use super::options::{Azimuths, PsfHeights, TraceOptions};
 use super::ray::Tracer;
 use super::trace::{LensTrace, Sampled};
@@ -63,13 +64,10 @@ impl SharedNodes {
         if nearest == nm {
             return there.map_or_else(|| trace.choose(sampled, report), Ok);
         }
-        if let Some(there) = there {
-            let Sampled { pupils, core_px, core, .. } = &mut *sampled;
-            let mut kernels = Kernels::new(core, *core_px, trace.options.film_pitch_um);
-            let tolerance = trace.options.psf_tolerance;
-            if let Some(chosen) = grid::adopt(&mut kernels, pupils, tolerance, &there, report)? {
-                return Ok(chosen);
-            }
+        if let Some(there) = there
+            && let Some(chosen) = trace.adopt(sampled, &there, report)?
+        {
+            return Ok(chosen);
         }
         trace.choose(sampled, report)
     }

@@ -123,7 +123,7 @@ impl<'a> LensTrace<'a> {
     /// # Errors
     /// A ray that does not reach the image.
     pub fn band(&self, index: usize, on_progress: OnProgress<'_>) -> Result<TracedBand, DesignError> {
-        self.band_at(index, None, on_progress)
+        self.band_at(index, on_progress, |sampled, report| self.choose(sampled, report))
     }
 
     /// Traces band `index` with nodes of `shared`, which belong to its wavelength, not to the other bands that are traced.
@@ -136,14 +136,16 @@ impl<'a> LensTrace<'a> {
         shared: &mut SharedNodes,
         on_progress: OnProgress<'_>,
     ) -> Result<TracedBand, DesignError> {
-        self.band_at(index, Some(shared), on_progress)
+        let nm = self.options.wavelengths_nm[index];
+        self.band_at(index, on_progress, |sampled, report| shared.choose(self, nm, sampled, report))
     }
 
-    fn band_at(
+    /// Traces band `index` with nodes that `choose` selects.
+    pub(super) fn band_at(
         &self,
         index: usize,
-        shared: Option<&mut SharedNodes>,
         on_progress: OnProgress<'_>,
+        choose: impl FnOnce(&mut Sampled<'_>, &mut dyn FnMut(&'static str, usize)) -> Result<Chosen, DesignError>,
     ) -> Result<TracedBand, DesignError> {
         let options = self.options;
         let nm = options.wavelengths_nm[index];
@@ -156,10 +158,7 @@ impl<'a> LensTrace<'a> {
         report_step("chief rays", 0);
         let [ideal, real, light] = self.dense(&tracer)?;
         let mut sampled = self.sampled(&tracer, &mut report_step)?;
-        let chosen = match shared {
-            None => self.choose(&mut sampled, &mut report_step)?,
-            Some(shared) => shared.choose(self, nm, &mut sampled, &mut report_step)?,
-        };
+        let chosen = choose(&mut sampled, &mut report_step)?;
         let Sampled { mut pupils, grid, window_px, .. } = sampled;
         report_step("PSFs", 0);
         pupils.keep(&chosen.heights);
@@ -225,6 +224,18 @@ impl<'a> LensTrace<'a> {
         let Sampled { pupils, last_mm, grid, core_px, core, .. } = sampled;
         let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
         grid::choose(&mut kernels, pupils, self.options, (*last_mm, grid.size()), report)
+    }
+
+    /// The nodes `other` of a similar band if their error is about the same here ([`grid::adopt`]), else none.
+    pub(super) fn adopt(
+        &self,
+        sampled: &mut Sampled<'_>,
+        other: &Chosen,
+        report: &mut dyn FnMut(&'static str, usize),
+    ) -> Result<Option<Chosen>, DesignError> {
+        let Sampled { pupils, core_px, core, .. } = sampled;
+        let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
+        grid::adopt(&mut kernels, pupils, self.options.psf_tolerance, other, report)
     }
 
     /// Ideal heights, real heights and G of [`super::illumination`], evenly spaced in ideal height.

@@ -11,6 +11,8 @@
 //! between quarter turns, the rotation of the sample's own square ([`NodeKernels::rotation_error`] estimates it).
 
 mod integration;
+pub mod on_demand;
+mod resampler;
 mod rotation;
 #[cfg(target_arch = "x86_64")]
 mod simd;
@@ -21,28 +23,21 @@ pub use symmetry::KernelSymmetry;
 
 use crate::lens::{PsfSample, PsfStack};
 use crate::psf::grid::{Node, NodeGrid};
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{Avx2, Avx512};
-use crate::simd::{Isa, Simd};
-use integration::{PixelWeights, integrate, pixel_weights};
-use rotation::{padded_coefficients, rotate, rotation_error};
+use crate::simd::Simd;
+use integration::PixelWeights;
+use resampler::{Prepared, Resampler};
+use rotation::rotation_error;
 use std::sync::{Mutex, OnceLock};
 use symmetry::{MIRROR_TOLERANCE, asymmetry};
 
 /// Kernels of one band at the film's pitch. A PSF is prepared when a kernel of its height is first computed.
 #[derive(Debug)]
 pub struct NodeKernels {
-    /// Side of a kernel, film pixels.
-    size: usize,
-    /// Side of a PSF of the stack, samples.
-    samples: usize,
+    resampler: Resampler,
     heights: Vec<Height>,
     energy: Vec<f64>,
-    /// Weights of the samples in each film pixel; `None` if the samples are film pixels.
-    pixels: Option<Vec<PixelWeights>>,
     /// Whether all PSFs are symmetric about the meridian.
     mirrored: bool,
-    simd: Simd,
 }
 
 /// The PSF of a height.
@@ -51,14 +46,6 @@ struct Height {
     /// Its samples until it is prepared, then empty.
     window: Mutex<Vec<f32>>,
     prepared: OnceLock<Prepared>,
-}
-
-#[derive(Debug)]
-struct Prepared {
-    /// Spline coefficients, with margins.
-    coefficients: Vec<f32>,
-    /// The kernel at azimuth 0.
-    unrotated: Vec<f32>,
 }
 
 /// Buffers of one worker; no allocation after the first kernel.
@@ -76,12 +63,8 @@ impl NodeKernels {
     /// Prepares the kernels of `stack` for a film of `film_pitch_um`; `window` crops them to that many film pixels (odd).
     pub fn new(stack: &PsfStack, film_pitch_um: f64, window: Option<usize>, simd: Simd) -> Self {
         let n = stack.size;
-        let ratio = stack.pitch_um / film_pitch_um;
-        let at_film_pitch = is_at_film_pitch(stack.pitch_um, film_pitch_um, stack.sample);
-        let full = film_window(n, stack.pitch_um, film_pitch_um, stack.sample);
-        let size = window.map_or(full, |w| w.min(full));
-        let pixels = (!at_film_pitch).then(|| pixel_weights(n, ratio, size, stack.sample));
-        let share = film_share(pixels.as_deref(), n, size);
+        let resampler = Resampler::new((n, stack.pitch_um, stack.sample), film_pitch_um, window, simd);
+        let share = film_share(resampler.pixels(), n, resampler.size());
         let windows = || (0..stack.heights()).map(|k| stack.window(k));
         let light: Vec<f64> = windows().map(|window| lane_sum(window, window, |v, _| f64::from(v))).collect();
         let energy = |(window, light): (&[f32], &f64)| {
@@ -90,21 +73,18 @@ impl NodeKernels {
             inside / light
         };
         Self {
-            size,
-            samples: n,
+            resampler,
             energy: windows().zip(&light).map(energy).collect(),
-            mirrored: windows().zip(&light).all(|(psf, light)| asymmetry(psf, n) <= MIRROR_TOLERANCE * light),
+            mirrored: windows().zip(&light).all(|(psf, light)| is_mirrored(psf, n, *light)),
             heights: windows()
                 .map(|window| Height { window: Mutex::new(window.to_vec()), prepared: OnceLock::new() })
                 .collect(),
-            pixels,
-            simd,
         }
     }
 
     /// Side of a kernel in film pixels, odd.
     pub fn size(&self) -> usize {
-        self.size
+        self.resampler.size()
     }
 
     /// Share of the stack's window (sum 1) inside the film window, per height.
@@ -121,19 +101,8 @@ impl NodeKernels {
         let Height { window, prepared } = &self.heights[k];
         prepared.get_or_init(|| {
             let window = std::mem::take(&mut *window.lock().expect("no panic while held"));
-            self.prepare(&window, s)
+            self.resampler.prepare(&window, s)
         })
-    }
-
-    fn prepare(&self, window: &[f32], s: &mut KernelScratch) -> Prepared {
-        let coefficients = padded_coefficients(window, self.samples, &mut s.rotated, &mut s.half);
-        s.rotated.clear();
-        s.rotated.extend(window.iter().map(|&v| f64::from(v)));
-        let sum = self.to_film_pixels(s);
-        // A complete window of sum 1 keeps its bits.
-        let is_complete = self.pixels.is_none() && self.size == self.samples && (sum - 1.0).abs() < 1e-6;
-        let norm = if is_complete { 1.0 } else { 1.0 / sum };
-        Prepared { coefficients, unrotated: s.film.iter().map(|v| (v * norm) as f32).collect() }
     }
 
     /// How the kernel of `node` follows from a base kernel.
@@ -146,29 +115,13 @@ impl NodeKernels {
         if base.j == 0 {
             return self.unrotated(base.k, s);
         }
-        let azimuth_rad = grid.azimuth_rad(base);
         let coefficients = &self.prepared(base.k, s).coefficients;
-        match self.simd.isa() {
-            Isa::Portable => self.rotated(coefficients, azimuth_rad, s),
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => {
-                let rotation = self.rotation(coefficients, azimuth_rad);
-                rotation.compute::<Avx512>(self.simd, &mut s.simd, &mut s.base);
-            }
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => {
-                let rotation = self.rotation(coefficients, azimuth_rad);
-                rotation.compute::<Avx2>(self.simd, &mut s.simd, &mut s.base);
-            }
-            #[cfg(not(target_arch = "x86_64"))]
-            Isa::Avx512 | Isa::Avx2 => unreachable!("Simd holds available instructions only"),
-        }
-        &s.base
+        self.resampler.rotate(coefficients, grid.azimuth_rad(base), s)
     }
 
     /// Permutes `base`, the base kernel of `symmetry`, into `out` (size × size, row down).
     pub fn expand(&self, symmetry: &KernelSymmetry, base: &[f32], out: &mut [f32]) {
-        symmetry.expand(base, self.size, out);
+        symmetry.expand(base, self.size(), out);
     }
 
     /// The kernel of `node` into `out` (size × size, row down).
@@ -182,44 +135,14 @@ impl NodeKernels {
     pub fn rotation_error(&self) -> f64 {
         let mut s = KernelScratch::default();
         let errors = (0..self.energy.len())
-            .map(|k| rotation_error(&self.prepared(k, &mut s).coefficients, self.samples));
+            .map(|k| rotation_error(&self.prepared(k, &mut s).coefficients, self.resampler.samples()));
         errors.fold(0.0, f64::max)
     }
+}
 
-    /// The PSF of `coefficients` rotated by `azimuth_rad` into `s.base`: plain f64 sums, the reference for SIMD.
-    fn rotated(&self, coefficients: &[f32], azimuth_rad: f64, s: &mut KernelScratch) {
-        rotate(coefficients, self.samples, azimuth_rad, &mut s.rotated);
-        let sum = self.to_film_pixels(s);
-        s.base.clear();
-        s.base.extend(s.film.iter().map(|v| (v / sum) as f32));
-    }
-
-    /// The same with SIMD.
-    #[cfg(target_arch = "x86_64")]
-    fn rotation<'a>(&'a self, coefficients: &'a [f32], azimuth_rad: f64) -> simd::RotatedKernel<'a> {
-        simd::RotatedKernel {
-            coefficients,
-            samples: self.samples,
-            azimuth_rad,
-            pixels: self.pixels.as_deref(),
-            size: self.size,
-        }
-    }
-
-    /// Integrates `s.rotated` (samples²) over the film pixels, or crops it to them, into `s.film` (size²); returns its sum.
-    fn to_film_pixels(&self, s: &mut KernelScratch) -> f64 {
-        match &self.pixels {
-            Some(pixels) => integrate(pixels, &s.rotated, self.samples, &mut s.half, &mut s.film),
-            None => {
-                let edge = (self.samples - self.size) / 2;
-                s.film.clear();
-                for y in 0..self.size {
-                    s.film.extend_from_slice(&s.rotated[(y + edge) * self.samples + edge..][..self.size]);
-                }
-                s.film.iter().sum()
-            }
-        }
-    }
+/// Whether the PSF of `n` × `n` samples, with `light` in all, is its own mirror image about the meridian.
+fn is_mirrored(psf: &[f32], n: usize, light: f64) -> bool {
+    asymmetry(psf, n) <= MIRROR_TOLERANCE * light
 }
 
 /// Share of each sample of a row (or column) that lies inside the film window of `size` pixels.
@@ -390,7 +313,7 @@ mod tests {
             for j in [7, 11, 13, 20, 34, 47, 52, 65] {
                 let mut direct = KernelScratch::default();
                 let coefficients = kernels.prepared(1, &mut direct).coefficients.clone();
-                kernels.rotated(&coefficients, grid.azimuth_rad(Node { k: 1, j }), &mut direct);
+                kernels.resampler.rotated(&coefficients, grid.azimuth_rad(Node { k: 1, j }), &mut direct);
                 let expanded = kernel_of(&kernels, &grid, j);
                 let l1: f32 = expanded.iter().zip(&direct.base).map(|(a, b)| (a - b).abs()).sum();
                 assert!(l1 < 2e-6, "azimuth {j} of 72: L1 {l1:.1e}");

@@ -33,7 +33,8 @@ use crate::simd::Simd;
 use blocks::Blocks;
 use engine::{Engine, EngineScratch};
 use grid::{Node, NodeGrid};
-use kernel::{KernelScratch, NodeKernels};
+use kernel::on_demand::KernelsOnDemand;
+use kernel::{KernelScratch, KernelSymmetry, NodeKernels};
 use polar::BlockPlace;
 use spectra::SpectrumCache;
 use std::cell::Cell;
@@ -63,10 +64,17 @@ pub struct BandPsf {
     /// Id of the first node in the cache of spectra.
     first_id: usize,
     grid: NodeGrid,
-    kernels: Arc<NodeKernels>,
+    kernels: Kernels,
     blocks: Blocks,
     engine: Option<Engine>,
     builders: Mutex<Vec<Builder>>,
+}
+
+/// Where a stage's kernels come from.
+#[derive(Debug)]
+enum Kernels {
+    InMemory(Arc<NodeKernels>),
+    OnDemand(KernelsOnDemand),
 }
 
 /// Buffers for building a spectrum while a block is being computed.
@@ -89,21 +97,29 @@ impl BandPsf {
     /// The stage of band `band` of the job.
     pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels, simd: Simd) -> Self {
         let blocks = Blocks::choose(kernels.size(), &grid);
-        let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
-        Self {
-            band,
-            first_id: 0,
-            grid,
-            kernels: Arc::new(kernels),
-            blocks,
-            engine,
-            builders: Mutex::default(),
-        }
+        Self::with_kernels((band, 0), grid, Kernels::InMemory(Arc::new(kernels)), blocks, simd)
     }
 
-    /// The stage with node ids from `first_id` on: several stages of one band, of different depths, have spectra of their own.
-    pub(crate) fn with_first_id(self, first_id: usize) -> Self {
-        Self { first_id, ..self }
+    /// The stage of a depth node of band `band`, with node ids from `first_id` on: the stages of its depth nodes have spectra of their own.
+    pub(crate) fn of_depth_node(
+        (band, first_id): (usize, usize),
+        grid: NodeGrid,
+        kernels: KernelsOnDemand,
+        simd: Simd,
+    ) -> Self {
+        let blocks = Blocks::choose(kernels.size(), &grid);
+        Self::with_kernels((band, first_id), grid, Kernels::OnDemand(kernels), blocks, simd)
+    }
+
+    fn with_kernels(
+        (band, first_id): (usize, usize),
+        grid: NodeGrid,
+        kernels: Kernels,
+        blocks: Blocks,
+        simd: Simd,
+    ) -> Self {
+        let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
+        Self { band, first_id, grid, kernels, blocks, engine, builders: Mutex::default() }
     }
 
     /// FFT size, block and tile side.
@@ -116,14 +132,23 @@ impl BandPsf {
         &self.grid
     }
 
-    /// The kernels.
+    /// The kernels of a stage of [`BandPsf::new`].
+    ///
+    /// # Panics
+    /// The stage is that of a depth node, whose PSFs are read on demand.
     pub fn kernels(&self) -> &NodeKernels {
-        &self.kernels
+        match &self.kernels {
+            Kernels::InMemory(kernels) => kernels,
+            Kernels::OnDemand(_) => unreachable!("stages of depth nodes are used by the depth stage only"),
+        }
     }
 
-    /// The kernels, shared.
+    /// The kernels, shared; as [`BandPsf::kernels`].
     pub(crate) fn shared_kernels(&self) -> Arc<NodeKernels> {
-        Arc::clone(&self.kernels)
+        match &self.kernels {
+            Kernels::InMemory(kernels) => Arc::clone(kernels),
+            Kernels::OnDemand(_) => unreachable!("stages of depth nodes are used by the depth stage only"),
+        }
     }
 
     /// Half the window, film pixels: the distance over which a pixel contributes.
@@ -216,18 +241,54 @@ impl BandPsf {
                 scratch: KernelScratch::default(),
                 engine: engine.scratch(),
             });
-            let symmetry = self.kernels.symmetry_of(&self.grid, node);
+            let symmetry = self.symmetry_of(node, cache, &mut b.scratch);
             let key = (self.band, self.first_id + self.grid.id(symmetry.base));
             let base = cache.base_kernel(key, size_of_val(&b.kernel[..]), |mut buffer| {
                 buffer.reset(b.kernel.len());
-                buffer.copy_from_slice(self.kernels.base_kernel(&self.grid, symmetry.base, &mut b.scratch));
+                match &self.kernels {
+                    Kernels::InMemory(kernels) => {
+                        buffer.copy_from_slice(kernels.base_kernel(
+                            &self.grid,
+                            symmetry.base,
+                            &mut b.scratch,
+                        ));
+                    }
+                    Kernels::OnDemand(kernels) => {
+                        let psf = self.psf(kernels, symmetry.base.k, cache, &mut b.scratch);
+                        let base = kernels.base_kernel(&self.grid, symmetry.base, &psf, &mut b.scratch);
+                        buffer.copy_from_slice(base);
+                    }
+                }
                 buffer
             });
-            self.kernels.expand(&symmetry, &base, &mut b.kernel);
+            symmetry.expand(&base, self.blocks.window, &mut b.kernel);
             let spectrum = engine.spectrum(&b.kernel, &mut b.engine, buffer);
             self.builders.lock().expect("no panic while held").push(b);
             spectrum
         })
+    }
+}
+
+impl BandPsf {
+    fn symmetry_of(&self, node: Node, cache: &SpectrumCache, s: &mut KernelScratch) -> KernelSymmetry {
+        match &self.kernels {
+            Kernels::InMemory(kernels) => kernels.symmetry_of(&self.grid, node),
+            Kernels::OnDemand(kernels) => kernels.symmetry_of(&self.grid, node, || {
+                self.psf(kernels, node.k, cache, s);
+            }),
+        }
+    }
+
+    /// The prepared PSF of height `k`.
+    fn psf(
+        &self,
+        kernels: &KernelsOnDemand,
+        k: usize,
+        cache: &SpectrumCache,
+        s: &mut KernelScratch,
+    ) -> Arc<AlignedBuf> {
+        let key = (self.band, self.first_id + self.grid.id(Node { k, j: 0 }));
+        cache.psf(key, kernels.psf_bytes(), |buffer| kernels.prepare(k, buffer, s))
     }
 }
 

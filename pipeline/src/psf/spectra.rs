@@ -1,4 +1,4 @@
-//! Cache of node spectra and base kernels, bounded in bytes, least recently used evicted first.
+//! Cache of node spectra, base kernels, and PSFs that are read on demand, bounded in bytes, least recently used evicted first.
 //!
 //! Spectra are built on demand. A spectrum is a pure function of band and node, so one that is evicted and built again has the same
 //! bits. Two workers that need a node at the same time build it once: the second blocks until the first is done. Buffers of evicted
@@ -13,18 +13,21 @@ pub type SpectrumKey = (usize, usize);
 
 type Entry = Arc<OnceLock<Arc<AlignedBuf>>>;
 
-/// Spectra, and the base kernels that up to eight of them are computed from.
+/// Spectra, the base kernels that up to eight of them are computed from, and prepared PSFs of depth nodes.
 #[derive(Debug)]
 pub struct SpectrumCache {
     limit: usize,
     spectra: Cache,
     base_kernels: Cache,
+    psfs: Cache,
 }
 
 /// Base kernels may take one part in this many of the limit; spectra have the rest. A base kernel is used again at the mirrored azimuths,
 /// half a film later, when the spectra of its first use are evicted: hence a limit of its own. It takes ten times the time of a spectrum
 /// to build, and less memory: all 700 of a fine grid take 7 MB at 51 px, 62 MB at 151 px.
 const BASE_KERNEL_PART: usize = 2;
+/// Of PSFs that are read on demand: a quarter of the azimuths of a height have base kernels of it.
+const PSF_PART: usize = 4;
 
 #[derive(Debug, Default)]
 struct Cache(Mutex<State>);
@@ -73,7 +76,7 @@ impl State {
 impl SpectrumCache {
     /// A cache of at most `limit` bytes, not counting evicted buffers still in use.
     pub fn new(limit: usize) -> Self {
-        Self { limit, spectra: Cache::default(), base_kernels: Cache::default() }
+        Self { limit, spectra: Cache::default(), base_kernels: Cache::default(), psfs: Cache::default() }
     }
 
     /// The spectrum of `key`, `bytes` long; if absent, built by `build` from a buffer to reuse.
@@ -83,7 +86,7 @@ impl SpectrumCache {
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        let limit = || self.limit - self.base_kernels.bytes().min(self.limit);
+        let limit = || self.limit.saturating_sub(self.base_kernels.bytes() + self.psfs.bytes());
         self.spectra.get(key, bytes, limit, build)
     }
 
@@ -95,6 +98,16 @@ impl SpectrumCache {
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
         self.base_kernels.get(key, bytes, || self.limit / BASE_KERNEL_PART, build)
+    }
+
+    /// The same for prepared PSFs, by band and an id of the height.
+    pub fn psf(
+        &self,
+        key: SpectrumKey,
+        bytes: usize,
+        build: impl FnOnce(AlignedBuf) -> AlignedBuf,
+    ) -> Arc<AlignedBuf> {
+        self.psfs.get(key, bytes, || self.limit / PSF_PART, build)
     }
 
     /// Spectra built so far: more than the nodes if the cache is smaller than the working set.

@@ -10,10 +10,11 @@
 //! pitch; kernels meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most
 //! 2 µm: larger pixels only average over more. Wavelengths are rounded to 10⁻⁶ nm.
 
+mod depth;
+
 use super::{Traced, TracedFor};
 use crate::args::DesignArgs;
 use crate::design;
-use crate::failure::usage;
 use crate::lens::cache::{self, Cache};
 use crate::lens::samples::design_reach_mm;
 use crate::progress::{jsonl, log_line, tracing_bar};
@@ -21,15 +22,15 @@ use crate::trace::attributes;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, band_digest};
 use pipeline::band::{BandPlan, Options};
-use pipeline::design::depth::trace::{band, header};
 use pipeline::design::trace::{
-    Azimuths, BandReport, LensTrace, MAX_NODES, Progress, PsfHeights, SharedNodes, TraceOptions, lens_header,
-    with_threads,
+    Azimuths, BandReport, LensTrace, MAX_NODES, Progress, PsfHeights, SharedNodes, TraceOptions, with_threads,
 };
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
-use pipeline::lens::{Lens, LensError, PsfStack};
+use pipeline::lens::{Lens, LensError};
+use pipeline::psf::blocks::Blocks;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Reach beyond the film's corner at the first attempt, mm: half a window of 177 pixels of 2 µm, along the diagonal.
@@ -74,30 +75,6 @@ fn note_field(system: &System, name: &str, frame: &Frame) -> Result<()> {
         ));
     }
     Ok(())
-}
-
-/// Fails if a surface lies behind the first vertex, or is blurred by more than the PSFs of a trace hold: as windows of depth nodes, 1.2 times the
-/// blur radius and 12 px on either side.
-fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>) -> Result<()> {
-    let (system, options) = (job.system, depth.options);
-    let (far, near) = options.range;
-    system.at_vergence(near).with_context(|| format!("the nearest surface, at {} m", 1.0 / near))?;
-    let trace = trace_options(system.primary_um() * 1e3, 1.0, job.frame, job.options);
-    let max_mm = (trace.max_window_px as f64 / 2.0 - 12.0) / 1.2 * trace.film_pitch_um * 1e-3;
-    let blur_mm =
-        |v: f64| header(system, &options).map(|h| h.blur_per_dioptre_um * 1e-3 * (v - options.focus).abs());
-    let worst = if blur_mm(far)? > blur_mm(near)? { far } else { near };
-    match blur_mm(worst)? <= max_mm {
-        true => Ok(()),
-        false => Err(usage(format!(
-            "a surface at {:.4} m is blurred to a radius of {:.3} mm by {}, in focus at {} m; PSFs on this film hold {max_mm:.3} mm: choose a \
-             focus nearer to the scene (--focus-m), a scene of a shorter range of distances, or a lens with a smaller aperture",
-            1.0 / worst,
-            blur_mm(worst)?,
-            job.name,
-            1.0 / options.focus
-        ))),
-    }
 }
 
 /// Prints a note if PSFs are very wide, before they are traced.
@@ -149,7 +126,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     let (system, name) = (job.system, job.name);
     note_field(system, name, job.frame)?;
     if let Some(depth) = &job.depth {
-        check_blur(job, depth)?;
+        depth::check_blur(job, depth, &trace_options(system.primary_um() * 1e3, 1.0, job))?;
     }
     let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
     nm.sort_by(f64::total_cmp);
@@ -162,6 +139,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         threads,
         bar: tracing_bar(nm.len()),
         traced: 0,
+        is_announced: false,
     };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     let mut coarsest = (0.0, 0.0);
@@ -177,7 +155,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         if let (Some(all), Some(depth), true) = (&mut merged.depth, &pack.lens().depth, done > 0) {
             all.bands.extend(depth.bands.iter().cloned());
         }
-        packs.push(pack);
+        packs.push(Arc::new(pack));
         tracer.bar.inc(1);
         jsonl::traced(done + 1, bands);
     }
@@ -223,22 +201,25 @@ struct BandTracer<'a> {
     bar: indicatif::ProgressBar,
     /// Number of bands that were not in the cache.
     traced: usize,
+    /// Whether tracing was announced.
+    is_announced: bool,
 }
 
 impl BandTracer<'_> {
     /// Band at `nm` with a reach that covers the film and the band's window.
     fn covering_film(&mut self, nm: f64) -> Result<(String, LensPack)> {
-        let TracingJob { frame, options, .. } = self.job;
+        let job = self.job;
+        let TracingJob { frame, options, .. } = job;
         let min_mm = if self.job.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
         let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM).max(min_mm);
         loop {
-            let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, frame, options)) {
+            let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, &job)) {
                 Err(e) if options.interpolation.outside == Outside::Clamp => {
                     // Trace up to the lens's own limit; beyond it the film uses the last values.
                     let Some(DesignError::Height { reached_mm, .. }) = e.downcast_ref() else {
                         return Err(e);
                     };
-                    self.band(&trace_options(nm, 0.99 * reached_mm, frame, options))?
+                    self.band(&trace_options(nm, 0.99 * reached_mm, &job))?
                 }
                 band => band?,
             };
@@ -254,55 +235,54 @@ impl BandTracer<'_> {
 
     /// Band from the cache, or traced and stored there.
     fn band(&mut self, options: &TraceOptions) -> Result<(String, LensPack)> {
-        let TracingJob { system, name, .. } = self.job;
-        let depth = self.job.depth.map(|depth| depth.options);
-        let recipe = cache::recipe(system, options, depth.as_ref());
-        if let Some(pack) = self.cache.find(&recipe, options.wavelengths_nm[0]) {
+        let TracingJob { system, name, depth, .. } = self.job;
+        let nm = options.wavelengths_nm[0];
+        let with = |reports: &[BandReport]| attributes(name, &DesignArgs::default(), options, reports);
+        if let Some(depth) = &depth {
+            return self.depth_band(options, depth, &with);
+        }
+        let recipe = cache::recipe(system, options, None);
+        if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
         }
+        self.announce();
         if self.traced == 0 {
-            log_line(format!("tracing the bands of {name} that are not in {}", self.cache.dir().display()));
-            if depth.is_none() {
-                note_focus(system, name, options)?;
-            }
+            note_focus(system, name, options)?;
         }
         self.traced += 1;
-        let (bar, threads, nm) = (&self.bar, self.threads, options.wavelengths_nm[0]);
-        let shared = &mut self.shared;
+        let (bar, threads, shared) = (&self.bar, self.threads, &mut self.shared);
         let mut progress = |p: Progress| bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
-        let with = |reports: &[BandReport]| attributes(name, &DesignArgs::default(), options, reports);
-        let Some(depth) = depth else {
-            let (header, band) = with_threads(threads, || {
-                let trace = LensTrace::new(system, options)?;
-                let band = trace.band_sharing(0, shared, &mut progress)?;
-                Ok::<_, DesignError>((trace.header(), band))
-            })?;
-            let lens = Lens { bands: vec![band.tables.clone()], ..header };
-            let values = band_digest(&lens, 0, &band.psf);
-            let pack = self.cache.insert(&recipe, &mut |pack| {
-                pack.psf(0, &band.psf)?;
-                Ok((lens.clone(), with(&[band.report]), Some(values.clone())))
-            })?;
-            return Ok((recipe, pack));
-        };
+        let (header, band) = with_threads(threads, || {
+            let trace = LensTrace::new(system, options)?;
+            let band = trace.band_sharing(0, shared, &mut progress)?;
+            Ok::<_, DesignError>((trace.header(), band))
+        })?;
+        let lens = Lens { bands: vec![band.tables.clone()], ..header };
+        let values = band_digest(&lens, 0, &band.psf);
         let pack = self.cache.insert(&recipe, &mut |pack| {
-            let (lens, report) = with_threads(threads, || {
-                let head = (lens_header(system)?, header(system, &depth)?);
-                let sink = |node: usize, stack: &PsfStack| pack.psf_of_node(0, node, stack);
-                let traced = band(system, options, 0, &depth, &mut progress, sink)?;
-                Ok::<_, DesignError>(traced.into_lens(head))
-            })?;
-            Ok((lens, with(&[report]), None))
+            pack.psf(0, &band.psf)?;
+            Ok((lens.clone(), with(&[band.report]), Some(values.clone())))
         })?;
         Ok((recipe, pack))
+    }
+
+    /// Prints once that bands are traced.
+    fn announce(&mut self) {
+        if !std::mem::replace(&mut self.is_announced, true) {
+            let (name, dir) = (self.job.name, self.cache.dir().display());
+            log_line(format!("tracing the bands of {name} that are not in {dir}"));
+        }
     }
 }
 
 /// Trace options of a job. Without the PSF stage only two PSFs of a minimum window are traced.
-fn trace_options(nm: f64, reach_mm: f64, frame: &Frame, options: &Options) -> TraceOptions {
+fn trace_options(nm: f64, reach_mm: f64, job: &TracingJob<'_>) -> TraceOptions {
     let mut trace = TraceOptions::new(vec![nm], reach_mm);
-    trace.film_pitch_um = trace_pitch_um(frame.pitch_um);
-    if !options.stages.svpsf {
+    trace.film_pitch_um = trace_pitch_um(job.frame.pitch_um);
+    if job.depth.is_some() {
+        trace.max_window_px = Blocks::widest_window();
+    }
+    if !job.options.stages.svpsf {
         trace.heights = PsfHeights::Given(vec![0.0, reach_mm]);
         trace.azimuths = Azimuths::Given(4);
         trace.window_px = Some(3);

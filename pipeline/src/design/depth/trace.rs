@@ -1,6 +1,8 @@
 //! PSFs of a lens at several object distances, on one film plane.
 //!
-//! Each depth node is a trace of its own ([`LensTrace::band`]) with the object at the node's vergence: heights, azimuths and window are chosen there.
+//! Each depth node is a trace of its own ([`LensTrace`]) with the object at the node's vergence and a window of its own. Heights and azimuths are chosen
+//! at some nodes; others of a similar blur take those of the last chosen one as long as their errors are about the same
+//! ([`crate::design::grid::adopt`]): most of the PSFs that a trace computes serve that choice.
 //! The tables of the band are those of an object at infinity (heights) and of the vergence in focus (light), see [`crate::lens::depth`]:
 //!
 //!     δ(r) = (h(r, V)/h(r, 0) − 1)·1000/V            at the last node; 0 with paraxial aiming
@@ -9,6 +11,7 @@
 
 use super::nodes::{NodeOptions, Placement, place};
 use crate::design::error::DesignError;
+use crate::design::grid::Chosen;
 use crate::design::paraxial::Paraxial;
 use crate::design::ray::Tracer;
 use crate::design::system::{RayAiming, System};
@@ -68,7 +71,10 @@ pub fn header(system: &System, options: &DepthOptions) -> Result<LensDepth, Desi
     })
 }
 
-/// Traces band `index` of `trace` at its depth nodes and passes the PSFs of each node to `sink`.
+/// Blur radii that differ by no more than this, px, or this share of the one where heights and azimuths were chosen, are similar.
+const SIMILAR: (f64, f64) = (6.0, 0.3);
+
+/// Traces band `index` of `trace` at the depth nodes `placement` ([`nodes`], or some of them) and passes the PSFs of each node to `sink`.
 ///
 /// # Errors
 /// A ray that does not reach the image; an object too near; [`DesignError::Sink`] for an error of `sink`.
@@ -76,20 +82,32 @@ pub fn band<E: std::fmt::Display>(
     system: &System,
     trace: &TraceOptions,
     index: usize,
-    options: &DepthOptions,
+    (options, placement): (&DepthOptions, Placement),
     on_progress: OnProgress<'_>,
     mut sink: impl FnMut(usize, &PsfStack) -> Result<(), E>,
 ) -> Result<TracedDepth, DesignError> {
     let nm = trace.wavelengths_nm[index];
     let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
-    let placement = nodes(system, nm, trace, options, blur_px)?;
+    let mut chosen: Option<(f64, Chosen)> = None;
     let far = Dense::new(&system.at_vergence(0.0)?, trace, nm)?;
     let focused = Dense::new(&system.at_vergence(options.focus)?, trace, nm)?;
     let in_focus: Vec<f64> = far.real.iter().map(|r| linear(&focused.real, &focused.light, *r)).collect();
     let (mut list, mut reports, mut shift) = (Vec::new(), Vec::new(), vec![0.0; far.real.len()]);
     for (d, v) in placement.vergence.iter().enumerate() {
         let moved = system.at_vergence(*v)?;
-        let traced = LensTrace::new(&moved, trace)?.band(index, on_progress)?;
+        let lens = LensTrace::new(&moved, trace)?;
+        let blur = blur_px * (v - options.focus);
+        chosen = chosen.filter(|(at, _)| (blur - at).abs() <= SIMILAR.0.max(SIMILAR.1 * at.abs()));
+        let traced = lens.band_at(index, on_progress, |sampled, report| {
+            if let Some((_, chosen)) = &chosen
+                && let Some(adopted) = lens.adopt(sampled, chosen, report)?
+            {
+                return Ok(adopted);
+            }
+            let found = lens.choose(sampled, report)?;
+            chosen = Some((blur, found.clone()));
+            Ok(found)
+        })?;
         sink(d, &traced.psf).map_err(|e| DesignError::Sink { wavelength_nm: nm, problem: e.to_string() })?;
         let t = traced.tables;
         let light: Vec<f64> = t.relative_illumination.iter().map(|r| r * t.solid_angle_sr).collect();
@@ -128,14 +146,18 @@ pub fn band<E: std::fmt::Display>(
     Ok(TracedDepth { tables, nodes, placement, reports })
 }
 
-/// Nodes over the range of `options`, those on either side of focus apart.
-fn nodes(
+/// Depth nodes of band `index` of `trace` over the range of `options`, those on either side of focus apart.
+///
+/// # Errors
+/// A ray that does not reach the image; an object too near.
+pub fn nodes(
     system: &System,
-    nm: f64,
     trace: &TraceOptions,
+    index: usize,
     options: &DepthOptions,
-    blur_px: f64,
 ) -> Result<Placement, DesignError> {
+    let nm = trace.wavelengths_nm[index];
+    let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
     let (first, last) = options.range;
     let node_options = |range| NodeOptions {
         range,

@@ -37,7 +37,7 @@ impl KernelSymmetry {
     }
 
     /// Permutes the `n` × `n` pixels of the base kernel into `out`: exact.
-    pub(super) fn expand(&self, base: &[f32], n: usize, out: &mut [f32]) {
+    pub(in crate::psf) fn expand(&self, base: &[f32], n: usize, out: &mut [f32]) {
         let last = n - 1;
         for (y, to) in out.chunks_exact_mut(n).enumerate() {
             for (x, to) in to.iter_mut().enumerate() {

@@ -1,0 +1,216 @@
+//! Kernels of a depth node whose PSFs are read when a kernel of their height is computed, and kept in the cache of spectra.
+//!
+//! The nodes of a lens with large blurs have gigabytes of PSFs, of which a tile of the film needs a few heights of a few nodes. A prepared PSF is its
+//! spline coefficients and its kernel at azimuth 0, in one buffer. Symmetry is that of each height's own PSF.
+
+use super::resampler::{Prepared, Resampler};
+use super::{KernelScratch, KernelSymmetry, is_mirrored, lane_sum};
+use crate::buffer::AlignedBuf;
+use crate::flow::SourceSinkError;
+use crate::lens::PsfSample;
+use crate::psf::grid::{Node, NodeGrid};
+use crate::simd::Simd;
+use std::sync::{Arc, Mutex, OnceLock};
+
+/// Reads the samples of the PSF of (depth node, height).
+pub type PsfReader = Arc<dyn Fn(usize, usize) -> Result<Vec<f32>, SourceSinkError> + Send + Sync>;
+
+/// Where PSFs are read from, and the first error of it. What was computed after an error is not valid.
+#[derive(Clone)]
+pub struct PsfSource {
+    reader: PsfReader,
+    error: Arc<Mutex<Option<String>>>,
+}
+
+impl std::fmt::Debug for PsfSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PsfSource").finish_non_exhaustive()
+    }
+}
+
+impl PsfSource {
+    /// Reads by `reader`.
+    pub fn new(reader: PsfReader) -> Self {
+        Self { reader, error: Arc::default() }
+    }
+
+    /// Fails if a PSF could not be read.
+    ///
+    /// # Errors
+    /// The first error of the reader.
+    pub fn check(&self) -> Result<(), SourceSinkError> {
+        match &*self.error.lock().expect("no panic while held") {
+            Some(error) => Err(error.clone().into()),
+            None => Ok(()),
+        }
+    }
+
+    /// The samples, or zeros and a note of the error.
+    fn read(&self, node: usize, k: usize, samples: usize) -> Vec<f32> {
+        let problem = match (self.reader)(node, k) {
+            Ok(psf) if psf.len() == samples => return psf,
+            Ok(psf) => format!("PSF {k} of depth node {node} has {} samples, expected {samples}", psf.len()),
+            Err(error) => error.to_string(),
+        };
+        self.error.lock().expect("no panic while held").get_or_insert(problem);
+        vec![0.0; samples]
+    }
+}
+
+/// Kernels of one depth node.
+#[derive(Debug)]
+pub struct KernelsOnDemand {
+    resampler: Resampler,
+    source: PsfSource,
+    /// Index of the depth node in the lens.
+    node: usize,
+    /// Whether the PSF of each height is symmetric about the meridian, once it has been read.
+    mirrored: Vec<OnceLock<bool>>,
+}
+
+impl KernelsOnDemand {
+    /// Of depth node `node` with `heights` PSFs of `psf` (side in samples, pitch in µm, kind of samples), for a film of `film_pitch_um`; `window`
+    /// crops kernels to that many film pixels (odd).
+    pub fn new(
+        (source, node): (&PsfSource, usize),
+        heights: usize,
+        psf: (usize, f64, PsfSample),
+        film_pitch_um: f64,
+        window: Option<usize>,
+        simd: Simd,
+    ) -> Self {
+        Self {
+            resampler: Resampler::new(psf, film_pitch_um, window, simd),
+            source: source.clone(),
+            node,
+            mirrored: (0..heights).map(|_| OnceLock::new()).collect(),
+        }
+    }
+
+    /// Side of a kernel in film pixels, odd.
+    pub fn size(&self) -> usize {
+        self.resampler.size()
+    }
+
+    /// Bytes of a prepared PSF.
+    pub(in crate::psf) fn psf_bytes(&self) -> usize {
+        let (coefficients, kernel) = self.resampler.lengths();
+        (coefficients + kernel) * size_of::<f32>()
+    }
+
+    /// Reads and prepares the PSF of height `k` into `buffer`.
+    pub(in crate::psf) fn prepare(
+        &self,
+        k: usize,
+        mut buffer: AlignedBuf,
+        s: &mut KernelScratch,
+    ) -> AlignedBuf {
+        let n = self.resampler.samples();
+        let psf = self.source.read(self.node, k, n * n);
+        let light = lane_sum(&psf, &psf, |v, _| f64::from(v));
+        self.mirrored[k].get_or_init(|| is_mirrored(&psf, n, light));
+        let Prepared { coefficients, unrotated } = self.resampler.prepare(&psf, s);
+        buffer.reset(coefficients.len() + unrotated.len());
+        buffer[..coefficients.len()].copy_from_slice(&coefficients);
+        buffer[coefficients.len()..].copy_from_slice(&unrotated);
+        buffer
+    }
+
+    /// How the kernel of `node` follows from a base kernel; `read` makes its height be prepared if it never was.
+    pub(in crate::psf) fn symmetry_of(
+        &self,
+        grid: &NodeGrid,
+        node: Node,
+        read: impl FnOnce(),
+    ) -> KernelSymmetry {
+        if self.mirrored[node.k].get().is_none() {
+            read();
+        }
+        KernelSymmetry::new(grid, node, self.mirrored[node.k].get().copied().unwrap_or(false))
+    }
+
+    /// The kernel of the node `base` (see [`KernelSymmetry::base`]) of the prepared PSF of its height, row down.
+    pub(in crate::psf) fn base_kernel<'a>(
+        &self,
+        grid: &NodeGrid,
+        base: Node,
+        psf: &'a [f32],
+        s: &'a mut KernelScratch,
+    ) -> &'a [f32] {
+        let (coefficients, unrotated) = psf.split_at(self.resampler.lengths().0);
+        match base.j {
+            0 => unrotated,
+            _ => self.resampler.rotate(coefficients, grid.azimuth_rad(base), s),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lens::PsfStack;
+    use crate::psf::kernel::NodeKernels;
+
+    /// Two PSFs of 21 samples, the second not symmetric about the meridian.
+    fn stack() -> PsfStack {
+        let spot = |i: usize, skew: f64| {
+            let (y, x) = ((i / 21) as f64 - 10.0, (i % 21) as f64 - 10.0);
+            (-(x - 1.0).powi(2) / 9.0 - (y - skew).powi(2) / 5.0).exp()
+        };
+        let one = |skew: f64| {
+            let psf: Vec<f64> = (0..441).map(|i| spot(i, skew)).collect();
+            let sum: f64 = psf.iter().sum();
+            psf.into_iter().map(move |v| (v / sum) as f32)
+        };
+        let samples = one(0.0).chain(one(0.8)).collect();
+        PsfStack { size: 21, pitch_um: 0.7, sample: PsfSample::Point, samples }
+    }
+
+    #[test]
+    fn kernels_are_those_of_psfs_in_memory() {
+        let (stack, simd) = (stack(), Simd::detect());
+        let grid = NodeGrid::new(&[0.0, 1.0], &[1, 8], 2e-3);
+        let all = NodeKernels::new(&stack, 2.0, None, simd);
+        let samples = stack.samples.clone();
+        let reader: PsfReader = Arc::new(move |node, k| {
+            assert_eq!(node, 7);
+            Ok(samples[441 * k..][..441].to_vec())
+        });
+        let source = PsfSource::new(reader);
+        let shape = (21, 0.7, PsfSample::Point);
+        let kernels = KernelsOnDemand::new((&source, 7), 2, shape, 2.0, None, simd);
+        let (mut s, mut other) = (KernelScratch::default(), KernelScratch::default());
+        for (k, js) in [(0, 0..1), (1, 0..8)] {
+            let psf = kernels.prepare(k, AlignedBuf::default(), &mut s);
+            assert_eq!(psf.len() * 4, kernels.psf_bytes());
+            for j in js {
+                let symmetry = kernels.symmetry_of(&grid, Node { k, j }, || unreachable!("prepared"));
+                assert_eq!(symmetry, all.symmetry_of(&grid, Node { k, j }));
+                let base = kernels.base_kernel(&grid, symmetry.base, &psf, &mut s);
+                assert_eq!(
+                    base,
+                    all.base_kernel(&grid, symmetry.base, &mut other),
+                    "height {k}, azimuth {j}"
+                );
+            }
+        }
+        source.check().unwrap();
+    }
+
+    #[test]
+    fn the_first_error_of_reading_remains() {
+        let reader: PsfReader = Arc::new(|_, k| match k {
+            0 => Ok(vec![0.0; 9]),
+            _ => Err(format!("no height {k}").into()),
+        });
+        let source = PsfSource::new(reader);
+        let shape = (3, 2.0, PsfSample::Integrated);
+        let kernels = KernelsOnDemand::new((&source, 0), 3, shape, 2.0, None, Simd::PORTABLE);
+        let mut s = KernelScratch::default();
+        kernels.prepare(0, AlignedBuf::default(), &mut s);
+        source.check().unwrap();
+        kernels.prepare(2, AlignedBuf::default(), &mut s);
+        kernels.prepare(1, AlignedBuf::default(), &mut s);
+        assert_eq!([source.check(), source.check()].map(|e| e.unwrap_err().to_string()), ["no height 2"; 2]);
+    }
+}

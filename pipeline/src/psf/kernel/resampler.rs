@@ -1,0 +1,138 @@
+//! From the samples of one PSF to its kernels at the film's pitch: spline coefficients, rotation, integration over film pixels.
+
+use super::integration::{PixelWeights, integrate, pixel_weights};
+use super::rotation::{MARGIN, padded_coefficients, rotate};
+#[cfg(target_arch = "x86_64")]
+use super::simd;
+use super::{KernelScratch, film_window, is_at_film_pitch};
+use crate::lens::PsfSample;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{Avx2, Avx512};
+use crate::simd::{Isa, Simd};
+
+/// Computes kernels from PSFs of one window and pitch.
+#[derive(Debug)]
+pub(super) struct Resampler {
+    /// Side of a kernel, film pixels.
+    size: usize,
+    /// Side of a PSF, samples.
+    samples: usize,
+    /// Weights of the samples in each film pixel; `None` if the samples are film pixels.
+    pixels: Option<Vec<PixelWeights>>,
+    simd: Simd,
+}
+
+/// A PSF, ready for kernels.
+#[derive(Debug)]
+pub(super) struct Prepared {
+    /// Spline coefficients, with margins.
+    pub(super) coefficients: Vec<f32>,
+    /// The kernel at azimuth 0.
+    pub(super) unrotated: Vec<f32>,
+}
+
+impl Resampler {
+    /// For PSFs of `psf` (side in samples, pitch in µm, kind of samples) on a film of `film_pitch_um`; `window` crops kernels to that many film
+    /// pixels (odd).
+    pub(super) fn new(
+        (samples, pitch_um, sample): (usize, f64, PsfSample),
+        film_pitch_um: f64,
+        window: Option<usize>,
+        simd: Simd,
+    ) -> Self {
+        let ratio = pitch_um / film_pitch_um;
+        let full = film_window(samples, pitch_um, film_pitch_um, sample);
+        let size = window.map_or(full, |w| w.min(full));
+        let at_film_pitch = is_at_film_pitch(pitch_um, film_pitch_um, sample);
+        let pixels = (!at_film_pitch).then(|| pixel_weights(samples, ratio, size, sample));
+        Self { size, samples, pixels, simd }
+    }
+
+    pub(super) fn size(&self) -> usize {
+        self.size
+    }
+
+    pub(super) fn samples(&self) -> usize {
+        self.samples
+    }
+
+    pub(super) fn pixels(&self) -> Option<&[PixelWeights]> {
+        self.pixels.as_deref()
+    }
+
+    /// Lengths of [`Prepared::coefficients`] and [`Prepared::unrotated`].
+    pub(super) fn lengths(&self) -> (usize, usize) {
+        ((self.samples + 2 * MARGIN).pow(2), self.size.pow(2))
+    }
+
+    pub(super) fn prepare(&self, window: &[f32], s: &mut KernelScratch) -> Prepared {
+        let coefficients = padded_coefficients(window, self.samples, &mut s.rotated, &mut s.half);
+        s.rotated.clear();
+        s.rotated.extend(window.iter().map(|&v| f64::from(v)));
+        let sum = self.to_film_pixels(s);
+        // A complete window of sum 1 keeps its bits.
+        let is_complete = self.pixels.is_none() && self.size == self.samples && (sum - 1.0).abs() < 1e-6;
+        let norm = if is_complete { 1.0 } else { 1.0 / sum };
+        Prepared { coefficients, unrotated: s.film.iter().map(|v| (v * norm) as f32).collect() }
+    }
+
+    /// The kernel of `coefficients` rotated by `azimuth_rad`.
+    pub(super) fn rotate<'a>(
+        &self,
+        coefficients: &[f32],
+        azimuth_rad: f64,
+        s: &'a mut KernelScratch,
+    ) -> &'a [f32] {
+        match self.simd.isa() {
+            Isa::Portable => self.rotated(coefficients, azimuth_rad, s),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => {
+                let rotation = self.rotation(coefficients, azimuth_rad);
+                rotation.compute::<Avx512>(self.simd, &mut s.simd, &mut s.base);
+            }
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => {
+                let rotation = self.rotation(coefficients, azimuth_rad);
+                rotation.compute::<Avx2>(self.simd, &mut s.simd, &mut s.base);
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            Isa::Avx512 | Isa::Avx2 => unreachable!("Simd holds available instructions only"),
+        }
+        &s.base
+    }
+
+    /// The PSF of `coefficients` rotated by `azimuth_rad` into `s.base`: plain f64 sums, the reference for SIMD.
+    pub(super) fn rotated(&self, coefficients: &[f32], azimuth_rad: f64, s: &mut KernelScratch) {
+        rotate(coefficients, self.samples, azimuth_rad, &mut s.rotated);
+        let sum = self.to_film_pixels(s);
+        s.base.clear();
+        s.base.extend(s.film.iter().map(|v| (v / sum) as f32));
+    }
+
+    /// The same with SIMD.
+    #[cfg(target_arch = "x86_64")]
+    fn rotation<'a>(&'a self, coefficients: &'a [f32], azimuth_rad: f64) -> simd::RotatedKernel<'a> {
+        simd::RotatedKernel {
+            coefficients,
+            samples: self.samples,
+            azimuth_rad,
+            pixels: self.pixels.as_deref(),
+            size: self.size,
+        }
+    }
+
+    /// Integrates `s.rotated` (samples²) over the film pixels, or crops it to them, into `s.film` (size²); returns its sum.
+    fn to_film_pixels(&self, s: &mut KernelScratch) -> f64 {
+        match &self.pixels {
+            Some(pixels) => integrate(pixels, &s.rotated, self.samples, &mut s.half, &mut s.film),
+            None => {
+                let edge = (self.samples - self.size) / 2;
+                s.film.clear();
+                for y in 0..self.size {
+                    s.film.extend_from_slice(&s.rotated[(y + edge) * self.samples + edge..][..self.size]);
+                }
+                s.film.iter().sum()
+            }
+        }
+    }
+}
