@@ -288,8 +288,8 @@ template <int SIDE> struct KernelSource { // a part of a kernel, read from its b
     }
 };
 
-// All stages but the last. Reads values written before barrier 1, ends with barrier 4.
-template <int SIDE, class Source> DEVICE void forward(Shared<SIDE> &s, const Source &source) {
+// All stages but the last. Reads values written before barrier 1, ends with barrier 4. `prefetch()` is called before the stage along x.
+template <int SIDE, class Source, class Prefetch> DEVICE void forward(Shared<SIDE> &s, const Source &source, const Prefetch &prefetch) {
     typedef Layout<SIDE> C;
     const int width = source.width(), height = source.height();
     const int inverse = (1 << 20) / width + 1; // t / width = t * inverse >> 20 for t <= 2048
@@ -330,6 +330,7 @@ template <int SIDE, class Source> DEVICE void forward(Shared<SIDE> &s, const Sou
         for (int j = 0; j < 8; ++j) values[position<SIDE>(j, 0)] = a[j];
     }
     barrier<3>();
+    prefetch();
 #pragma unroll 1
     for (int t = thread(); t < POINTS / 16; t += THREADS) { // radix 16 over the columns j + LAST m; zeros beyond width
         const int row = t / C::LAST, j = t % C::LAST;
@@ -444,17 +445,23 @@ template <int SIDE> DEVICE void scatter(
         barrier<1>(); // job, weight and tables are written; the values of the previous node have been read
         if (thread() == 0 && n + 1 < reload(s.job.end)) s.weights[(n + 1) & 1] = weights[n + 1];
         const WeightedBlock<SIDE> source = {s, s.weights[n & 1], packed};
-        forward<SIDE>(s, source);
+        float4 kernel[Last::TASKS][C::LAST / 2]; // the thread's part of the spectrum: read while the stage along x is computed
+        forward<SIDE>(s, source, [&] {
+            const size_t number = reload(s.weights[n & 1].spectrum) + reload(s.job.part);
+            const float4 *spectrum = spectra + number * C::SPECTRUM + slice * (POINTS / 2) + Last::spectrum(thread(), 0, 0);
+#pragma unroll
+            for (int i = 0; i < Last::TASKS; ++i)
+#pragma unroll
+                for (int c = 0; c < C::LAST / 2; ++c) kernel[i][c] = __ldcg(spectrum + Last::spectrum(0, i, c));
+        });
         const int t0 = thread();
-        const size_t number = reload(s.weights[n & 1].spectrum) + reload(s.job.part);
-        const float4 *spectrum = spectra + number * C::SPECTRUM + slice * (POINTS / 2) + Last::spectrum(t0, 0, 0);
 #pragma unroll
         for (int i = 0; i < Last::TASKS; ++i) {
             Complex a[C::LAST];
             Last::transform(s, t0, i, a);
 #pragma unroll
             for (int c = 0; c < C::LAST / 2; ++c) {
-                const float4 k = __ldcg(spectrum + Last::spectrum(0, i, c));
+                const float4 k = kernel[i][c];
                 Complex &p = sum[i][2 * c], &q = sum[i][2 * c + 1];
                 const Complex e = a[2 * c], f = a[2 * c + 1];
                 p.re = fmaf(e.re, k.x, fmaf(-e.im, k.y, p.re));
@@ -477,7 +484,7 @@ template <int SIDE> DEVICE void spectra(const KernelPart *parts, const float *ba
     const KernelSource<SIDE> source = {base_kernels, window, parts[blockIdx.x / C::SLICES]};
     load_tables<SIDE>(s, tables, slice);
     barrier<1>();
-    forward<SIDE>(s, source);
+    forward<SIDE>(s, source, [] {});
     float4 *to = spectra + (size_t)source.part.spectrum * C::SPECTRUM + slice * (POINTS / 2);
 #pragma unroll 1
     for (int i = 0; i < Last::TASKS; ++i) {
