@@ -36,7 +36,7 @@ def compile_ptx(nvrtc, source):
     program, size = ctypes.c_void_p(), ctypes.c_size_t()
     text = source.read_bytes()
     nvrtc.nvrtcCreateProgram(ctypes.byref(program), text, source.name.encode(), 0, None, None)
-    options = [f"--gpu-architecture={TARGET}", "--std=c++17", *constants(source)]
+    options = [f"--gpu-architecture={TARGET}", "--std=c++17", f"--include-path={source.parent}", *constants(source)]
     array = (ctypes.c_char_p * len(options))(*[o.encode() for o in options])
     failed = nvrtc.nvrtcCompileProgram(program, len(options), array)
     nvrtc.nvrtcGetProgramLogSize(program, ctypes.byref(size))

@@ -1,8 +1,8 @@
-//! Descriptors that the kernels of `psf.cu` read: one structure here for each there.
+//! Descriptors that the kernels of `psf.cu` read: one structure here for each in `descriptors.cuh`.
 
 use bytemuck::{Pod, Zeroable};
 
-/// `Block` in `psf.cu`: a block of a tile's remapped pixels and its place about the optical axis.
+/// `Block` in `descriptors.cuh`: a block of a tile's remapped pixels and its place about the optical axis.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct Block {
@@ -26,7 +26,7 @@ pub(super) struct Block {
 }
 const _: () = assert!(size_of::<Block>() == 88);
 
-/// `Weight` in `psf.cu`: a node's weight over a block, and its spectrum.
+/// `Weight` in `descriptors.cuh`: a node's weight over a block, and its spectrum.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct Weight {
@@ -41,7 +41,7 @@ pub(super) struct Weight {
 }
 const _: () = assert!(size_of::<Weight>() == 32);
 
-/// `Job` in `psf.cu`: a node group of a block with one part of their kernels.
+/// `Job` in `descriptors.cuh`: a node group of a block with one part of their kernels.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct Job {
@@ -55,7 +55,7 @@ pub(super) struct Job {
 }
 const _: () = assert!(size_of::<Job>() == 32);
 
-/// `KernelPart` in `psf.cu`: a part of a node's kernel to be transformed.
+/// `KernelPart` in `descriptors.cuh`: a part of a node's kernel to be transformed.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct KernelPart {
@@ -70,7 +70,7 @@ pub(super) struct KernelPart {
 }
 const _: () = assert!(size_of::<KernelPart>() == 32);
 
-/// `Tile` in `psf.cu`: a tile's contribution and its blocks.
+/// `Tile` in `descriptors.cuh`: a tile's contribution and its blocks.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct Tile {
@@ -89,7 +89,7 @@ pub(super) struct Tile {
 }
 const _: () = assert!(size_of::<Tile>() == 56);
 
-/// `BlockImages` in `psf.cu`: the images of a block.
+/// `BlockImages` in `descriptors.cuh`: the images of a block.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct BlockImages {

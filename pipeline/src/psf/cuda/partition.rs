@@ -102,7 +102,7 @@ impl Partition {
         if self.side == 0 { 0 } else { 2 * POINTS * self.slices() * self.images() }
     }
 
-    /// Dynamic shared memory of a transform: `Shared` in `psf.cu`.
+    /// Dynamic shared memory of a transform: `Shared` in `transform.cuh`.
     pub(super) fn shared_bytes(&self) -> u32 {
         let (rows, last, fold) = (POINTS / self.side, self.side / 16, self.side / 8);
         let complex = rows * (self.side + self.side / 16) + last * 18 + rows + fold;
@@ -120,7 +120,7 @@ impl Partition {
         (length.div_ceil(side), side)
     }
 
-    /// Roots of unity in the order that `psf.cu` reads: along_y and fold of every slice, then along_x; (cos, sin) each.
+    /// Roots of unity in the order that `transform.cuh` reads: along_y and fold of every slice, then along_x; (cos, sin) each.
     pub(super) fn tables(&self) -> Vec<f32> {
         let side = self.side as f64;
         let mut table = Vec::new();
@@ -178,9 +178,9 @@ mod tests {
         assert_eq!(gpu_blocks(&copied), copied);
     }
 
-    /// The numbers of `static_assert` in `psf.cu`.
+    /// The numbers of `static_assert` in `transform.cuh`.
     #[test]
-    fn shared_memory_is_the_size_of_shared_in_psf_cu() {
+    fn shared_memory_is_the_size_of_shared_in_transform_cuh() {
         assert_eq!([51, 101].map(|n| Partition::for_window(n).shared_bytes()), [71_520, 72_544]);
     }
 
