@@ -227,7 +227,7 @@ fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
         });
         if let Some(f) = summary.and_then(|s| s.gpus.get(i)) {
             value["did"] = json!({
-                "tiles": f.tiles, "batches": f.batches, "pixels": f.pixels,
+                "tiles": f.tiles, "batches": f.batches, "pixels": f.pixels, "spectra": f.spectra,
                 "upload_s": f.upload_s, "compute_s": f.compute_s, "download_s": f.download_s, "span_s": f.span_s,
                 "host": {
                     "descriptors_s": f.host.descriptors_s, "base_kernels_s": f.host.base_kernels_s,

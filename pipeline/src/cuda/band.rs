@@ -10,7 +10,7 @@ use super::handle::{BLOCKING_EVENT, CudaEvent, CudaStream};
 use super::kernel_timer::{HostTimes, KernelTimer};
 use super::memory::{BandNeeds, QueueMemory};
 use super::pool::Pinned;
-use super::slice::{CudaSlice, DeviceMemoryMut};
+use super::slice::CudaSlice;
 use super::{CudaError, Device};
 use crate::band::BandStages;
 use crate::geometry::{Frame, Rect};
@@ -111,6 +111,8 @@ pub struct BatchPlan {
     pub(crate) added: AddedTiles,
     pub(crate) tiles: Vec<RemapTile>,
     psf: Option<PsfPlan>,
+    /// Values of the charts of its tiles, one after the other.
+    chart_len: usize,
     /// Values from one tile that is added to the next.
     slot: usize,
 }
@@ -119,6 +121,11 @@ impl BatchPlan {
     /// Time of the host in planning.
     pub(crate) fn host(&self) -> HostTimes {
         self.psf.as_ref().map(|plan| plan.host).unwrap_or_default()
+    }
+
+    /// Number of spectra of kernel parts that it builds.
+    pub(crate) fn spectra(&self) -> u64 {
+        self.psf.as_ref().map_or(0, PsfPlan::spectra)
     }
 }
 
@@ -132,8 +139,8 @@ impl GpuBand {
         memory: &QueueMemory,
     ) -> Result<Self, CudaError> {
         let psf = stages.psf.as_ref();
-        let planner =
-            psf.map(|psf| PsfPlanner::new(device.index(), frame, psf, memory.psf_bytes)).transpose()?;
+        let planner = |psf| PsfPlanner::new(device.index(), frame, psf, tiling.tile(), memory.psf_bytes);
+        let planner = psf.map(planner).transpose()?;
         let remap = RemapOnDevice::new(device, &stages.remap)?;
         let psf = psf.map(|psf| PsfOnDevice::new(device, psf)).transpose()?;
         Ok(Self { stages: Arc::new(StagesOnDevice { remap, psf }), planner, tiling: *tiling })
@@ -155,7 +162,15 @@ impl GpuBand {
             psf_tiles.push(PsfTile { rect, remapped_offset, contribution_offset, contribution_stride });
         }
         let psf = self.planner.as_mut().map(|planner| planner.plan(&psf_tiles)).transpose()?;
-        Ok(BatchPlan { stages: Arc::clone(&self.stages), tiling: self.tiling, added, tiles, psf, slot })
+        Ok(BatchPlan {
+            stages: Arc::clone(&self.stages),
+            tiling: self.tiling,
+            added,
+            tiles,
+            psf,
+            chart_len: chart_offset,
+            slot,
+        })
     }
 }
 
@@ -205,7 +220,7 @@ impl QueueBuffers {
         &mut self,
         streams: &Streams,
         plan: &BatchPlan,
-        charts: &[Pinned],
+        charts: &Pinned,
         chart_buffer: &mut CudaSlice<f32>,
         strips: &mut [Pinned],
     ) -> Result<BatchEvents, CudaError> {
@@ -218,11 +233,9 @@ impl QueueBuffers {
         let Streams { upload, compute, download } = streams;
 
         let upload_start = record(upload, "uploading charts")?;
-        for (tile, chart) in plan.tiles.iter().zip(charts) {
-            let n = tile.chart_rect.size().pixels();
-            let to = &mut chart_buffer.slice_mut(tile.chart_offset..tile.chart_offset + n);
-            upload.memcpy_htod(&chart[..n], to).map_err(device.failed("uploading charts"))?;
-        }
+        upload
+            .memcpy_htod(&charts[..plan.chart_len], chart_buffer)
+            .map_err(device.failed("uploading charts"))?;
         let upload_end = record(upload, "uploading charts")?;
 
         wait(compute, &upload_end)?;

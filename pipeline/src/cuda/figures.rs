@@ -42,6 +42,8 @@ pub struct GpuFigures {
     pub batches: u64,
     /// Remapped pixels of those tiles.
     pub pixels: u64,
+    /// Spectra of kernel parts built.
+    pub spectra: u64,
     /// Busy time of the upload stream, s.
     pub upload_s: f64,
     /// Time of the kernels, s.

@@ -3,7 +3,7 @@
 //! Ordinary page-locked memory in both directions: write-combined memory would be a little faster to upload from, but charts
 //! are checked for NaN after reading, and reading from write-combined memory is too slow.
 
-use super::slice::PinnedHostSlice;
+use super::slice::{PinnedHostSlice, PinnedPart};
 use super::{CudaError, Device};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 use std::ops::{Deref, DerefMut};
@@ -18,6 +18,16 @@ impl Pinned {
     /// `len` zeros.
     pub(crate) fn zeroed(device: &Device, len: usize) -> Result<Self, CudaError> {
         device.allocate_pinned(len.max(1)).map(Self)
+    }
+
+    /// Consecutive parts of these lengths, which several threads fill.
+    pub(crate) fn divide(self, lengths: impl Iterator<Item = usize>) -> Vec<PinnedPart<f32>> {
+        self.0.divide(lengths)
+    }
+
+    /// The buffer of these parts, which are all of it.
+    pub(crate) fn join(parts: Vec<PinnedPart<f32>>) -> Self {
+        Self(PinnedHostSlice::join(parts).expect("all parts of one buffer"))
     }
 }
 

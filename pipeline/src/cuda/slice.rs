@@ -3,7 +3,7 @@
 use super::driver::{self, Address, DriverError};
 use super::handle::{CudaContext, CudaStream};
 use std::marker::PhantomData;
-use std::ops::{Bound, RangeBounds};
+use std::ops::{Bound, Range, RangeBounds};
 use std::ptr;
 use std::sync::Arc;
 
@@ -285,6 +285,45 @@ impl<T> PinnedHostSlice<T> {
     pub fn as_mut_slice(&mut self) -> &mut [T] {
         // SAFETY: as above, and borrowed exclusively.
         unsafe { std::slice::from_raw_parts_mut(self.start, self.len) }
+    }
+}
+
+/// A part of page-locked host memory that was divided.
+#[derive(Debug)]
+pub struct PinnedPart<T> {
+    memory: Arc<PinnedHostSlice<T>>,
+    range: Range<usize>,
+}
+
+impl<T> PinnedHostSlice<T> {
+    /// Consecutive parts of these lengths, from the first value on.
+    ///
+    /// # Panics
+    /// If they are longer than the memory.
+    pub fn divide(self, lengths: impl Iterator<Item = usize>) -> Vec<PinnedPart<T>> {
+        let (memory, mut end) = (Arc::new(self), 0);
+        let part = |length| {
+            let range = end..end + length;
+            end = range.end;
+            assert!(end <= memory.len, "parts of {end} of {} values", memory.len);
+            PinnedPart { memory: Arc::clone(&memory), range }
+        };
+        lengths.map(part).collect()
+    }
+
+    /// The memory of these parts; `None` if a part of it is elsewhere.
+    pub fn join(parts: Vec<PinnedPart<T>>) -> Option<Self> {
+        let memory = parts.first().map(|part| Arc::clone(&part.memory));
+        drop(parts);
+        memory.and_then(Arc::into_inner)
+    }
+}
+
+impl<T> PinnedPart<T> {
+    /// The values.
+    pub fn as_mut_slice(&mut self) -> &mut [T] {
+        // SAFETY: initialised values; `divide` made disjoint parts, and the whole is not accessible before `join`, which takes all of them.
+        unsafe { std::slice::from_raw_parts_mut(self.memory.start.add(self.range.start), self.range.len()) }
     }
 }
 

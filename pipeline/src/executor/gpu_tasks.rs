@@ -4,6 +4,7 @@ use super::portion::Portion;
 use super::signal::Signal;
 use super::work::BandInFlight;
 use crate::cuda::pool::Pinned;
+use crate::cuda::slice::PinnedPart;
 use crate::flow::SourceSinkError;
 use crate::geometry::Rect;
 use crossbeam::channel::Sender;
@@ -18,12 +19,13 @@ pub(super) struct ChartRead<B> {
     pub(super) rect: Rect,
     /// Film rectangle of a later tile, whose chart is prefetched.
     pub(super) later: Option<Rect>,
-    pub(super) into: Pinned,
+    /// Its part of the page-locked buffer of the batch.
+    pub(super) into: PinnedPart<f32>,
     pub(super) reply: Sender<ChartReply>,
 }
 
-/// Index of the tile in its batch, its buffer, and the result of reading.
-pub(super) type ChartReply = (usize, Pinned, Result<(), SourceSinkError>);
+/// Index of the tile in its batch, its part of the buffer, and the result of reading.
+pub(super) type ChartReply = (usize, PinnedPart<f32>, Result<(), SourceSinkError>);
 
 /// Downloaded film rows.
 pub(super) struct DownloadedRows<B> {

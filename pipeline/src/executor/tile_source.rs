@@ -2,8 +2,8 @@
 //!
 //! A thread prepares bands one ahead and offers them here. A worker claims a tile within the limits of the band's
 //! [`Walk`](super::walk::Walk), plus [`super::MAX_TILES_AHEAD_PER_WORKER`] tiles per worker, which bounds memory. A GPU queue claims all
-//! rows of shards of a band, so that each spectrum is built by one GPU, and parts of a band where fewer bands are left than GPUs. Rows
-//! that a GPU could not compute are requeued and claimed first.
+//! rows of shards of a band, so that each spectrum is built by one GPU, and parts of a band where fewer bands are left than GPUs: two GPUs
+//! then build the spectra of the nodes at the border of their parts. Rows that a GPU could not compute are requeued and claimed first.
 
 use super::signal::Signal;
 use super::work::BandInFlight;
@@ -232,8 +232,47 @@ impl<'a, B> TileSource<'a, B> {
 fn portion_rows<B>(state: &State<B>) -> usize {
     let (left, bands_after) = (state.items_left(), state.band.as_ref().map_or(0, |band| band.bands_after));
     match state.gpus {
-        0 | 1 => left,
-        gpus if bands_after >= gpus => left,
+        gpus if bands_after + 1 >= gpus => left,
         gpus => left.div_ceil(2 * gpus),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows of shards of each portion of `bands` bands of `rows` rows.
+    fn portions(gpus: usize, bands: usize, rows: usize) -> Vec<usize> {
+        let (signal, cancel) = (Signal::default(), AtomicBool::new(false));
+        let source = TileSource::<()>::new(&signal, &cancel, gpus);
+        let mut counts = Vec::new();
+        for position in 0..bands {
+            let items = (0..rows).map(|row| (0, row)).collect();
+            let bands_after = bands - 1 - position;
+            let band = BandInFlight {
+                position,
+                stages: (),
+                items,
+                counted: Mutex::default(),
+                bands_after,
+                distance: 0,
+                waiting: 0,
+            };
+            source.lock().offered = Some(band);
+            let first = counts.len();
+            while counts[first..].iter().sum::<usize>() < rows {
+                let Claim::Batch(batch) = source.claim_portion(&|_| ()) else { panic!("no portion") };
+                assert_eq!(batch.band.position, position);
+                counts.push(batch.count);
+            }
+        }
+        counts
+    }
+
+    #[test]
+    fn bands_are_divided_only_where_fewer_are_left_than_gpus() {
+        assert_eq!(portions(1, 2, 7), [7, 7]);
+        assert_eq!(portions(2, 3, 7), [7, 7, 2, 2, 1, 1, 1]);
+        assert_eq!(portions(3, 3, 4), [4, 1, 1, 1, 1, 1, 1, 1, 1]);
     }
 }

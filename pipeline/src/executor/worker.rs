@@ -105,7 +105,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         let ChartRead { band, index, rect, later, mut into, reply } = read;
         self.read_ahead(&band, later);
         let chart_band = self.work.bands[band.position].chart_band;
-        let out = &mut into[..rect.size().pixels()];
+        let out = into.as_mut_slice();
         let done = self
             .clock
             .remap

@@ -1,4 +1,5 @@
 //! Jobs in memory: a random lens and chart, a sink that holds the film, and a chart that cannot be read everywhere.
+#![allow(dead_code, reason = "each test binary uses its part")]
 
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -6,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use lenscube_pipeline::band::{BandPlan, Options};
 use lenscube_pipeline::buffer::ShardPixels;
+use lenscube_pipeline::cuda::memory::DeviceQueue;
 use lenscube_pipeline::executor::{BandWork, Progress, RunError, Summary, Work, run};
 use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
@@ -128,7 +130,7 @@ pub fn case(simd: Simd, noise: &mut Noise, film: Size, chart: Size, windows: &[u
 }
 
 impl Case {
-    fn plans(&self) -> Vec<BandPlan> {
+    pub fn plans(&self) -> Vec<BandPlan> {
         let plan =
             |b: &LensBand| BandPlan::new(&self.frame, &self.lens, b.wavelength_nm, &self.options).unwrap();
         self.lens.bands.iter().map(plan).collect()
@@ -155,7 +157,21 @@ impl Case {
         sink: &Sink,
         progress: &dyn Progress,
     ) -> Result<Summary, RunError> {
-        let plans = self.plans();
+        self.run_plans(&self.plans(), regions, (threads, &[]), spectra_bytes, chart, sink, progress)
+    }
+
+    /// Runs `plans`, which hold the tiles of `gpus`, if there are any.
+    #[allow(clippy::too_many_arguments, reason = "as `run`")]
+    pub fn run_plans(
+        &self,
+        plans: &[BandPlan],
+        regions: &[FilmRegion],
+        (threads, gpus): (usize, &[DeviceQueue]),
+        spectra_bytes: usize,
+        chart: &dyn ChartSource,
+        sink: &Sink,
+        progress: &dyn Progress,
+    ) -> Result<Summary, RunError> {
         let every = |position: usize| {
             regions.iter().enumerate().flat_map(move |(window, w)| {
                 let (rows, cols) = w.count();
@@ -173,7 +189,7 @@ impl Case {
                 .collect(),
             threads,
             max_encoded_shards: 2,
-            gpus: &[],
+            gpus,
             cancel: &cancel,
         };
         let prepare = |i: usize| {

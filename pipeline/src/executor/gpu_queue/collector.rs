@@ -27,8 +27,8 @@ pub(super) struct Strips {
 pub(super) struct Launched<B> {
     pub(super) portion: Arc<Portion<B>>,
     pub(super) plan: BatchPlan,
-    pub(super) charts: Vec<Pinned>,
-    /// Returns the buffers of the charts to their pool.
+    pub(super) charts: Pinned,
+    /// Returns the buffer of the charts to its pool.
     pub(super) returns: Sender<Pinned>,
     /// Device memory of the charts.
     pub(super) buffer: CudaSlice<f32>,
@@ -68,9 +68,9 @@ impl<'s, 'a, 'b, C: Compute, S: FilmSink> Collector<'s, 'a, 'b, C, S> {
                 continue;
             }
             let Launched { portion, plan, charts, returns, buffer, strips, .. } = batch;
-            // Not received if the launching thread has ended.
+            // Not received if the launching thread, or the planning thread, has ended.
             let _ = self.free.send(buffer);
-            charts.into_iter().for_each(|chart| drop(returns.send(chart)));
+            let _ = returns.send(charts);
             portion.set_downloaded(plan.added.finished.end);
             self.session.run.count_tiles(&portion.batch.band, plan.added.range.tiles());
             for (rect, values) in strips.rects.into_iter().zip(strips.values) {
@@ -102,6 +102,7 @@ impl<'s, 'a, 'b, C: Compute, S: FilmSink> Collector<'s, 'a, 'b, C, S> {
         f.host.descriptors_s += plan.host().descriptors_s;
         f.host.base_kernels_s += plan.host().base_kernels_s;
         f.batches += 1;
+        f.spectra += plan.spectra();
         f.tiles += plan.tiles.len() as u64;
         f.pixels += plan.tiles.iter().map(|t| t.rect.size().pixels() as u64).sum::<u64>();
         f.bytes_up += bytes(&mut plan.tiles.iter().map(|t| t.chart_rect));

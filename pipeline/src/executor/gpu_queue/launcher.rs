@@ -8,7 +8,7 @@ use crate::cuda::band::QueueBuffers;
 use crate::cuda::film_rows::strips;
 use crate::cuda::kernel_timer::timed;
 use crate::cuda::memory::STRIP_ROWS;
-use crate::cuda::pool::PinnedPool;
+use crate::cuda::pool::{Pinned, PinnedPool};
 use crate::cuda::slice::CudaSlice;
 use crate::executor::Compute;
 use crate::executor::gpu_queue::collector::{Launched, Strips};
@@ -64,15 +64,16 @@ impl<'s, 'a, 'b, C: Compute, S: FilmSink> Launcher<'s, 'a, 'b, C, S> {
         }
         read.sort_by_key(|reply| reply.0);
         let position = portion.batch.band.position;
-        let mut charts = Vec::new();
-        for (tile, (_, chart, outcome)) in plan.added.range.tiles().zip(read) {
+        let mut parts = Vec::new();
+        for (tile, (_, part, outcome)) in plan.added.range.tiles().zip(read) {
             // The values of such a tile only reach shards that are discarded.
             if let Err(source) = outcome {
                 let shards = portion.discard(tile, &run.work.bands[position], run.work.regions, run);
                 run.unreadable(position, tile, shards, source);
             }
-            charts.push(chart);
+            parts.push(part);
         }
+        let charts = Pinned::join(parts);
         let free = timed(&mut self.times.batch_s, || self.free.recv());
         let Ok(mut buffer) = free else { return Ok(false) };
         if session.stopped() {

@@ -20,7 +20,7 @@ pub(super) struct Planned<B> {
     pub(super) portion: Arc<Portion<B>>,
     pub(super) plan: BatchPlan,
     pub(super) replies: Receiver<ChartReply>,
-    /// Returns the buffers of the charts to their pool.
+    /// Returns the buffer of the charts to its pool.
     pub(super) charts: Sender<Pinned>,
 }
 
@@ -36,7 +36,7 @@ impl<'s, 'a, 'b, C: Compute, S: FilmSink> Planner<'s, 'a, 'b, C, S> {
     /// Sends its batches to `planned`.
     pub(super) fn new(session: &'s Session<'a, 'b, C, S>, planned: Sender<Planned<C::Band>>) -> Self {
         let memory = &session.memory;
-        let charts = PinnedPool::new(memory.batches * memory.tiles, session.needs.chart_px);
+        let charts = PinnedPool::new(memory.batches, memory.tiles * session.needs.chart_px);
         Self { session, planned, charts, band: None }
     }
 
@@ -108,16 +108,13 @@ impl<'s, 'a, 'b, C: Compute, S: FilmSink> Planner<'s, 'a, 'b, C, S> {
         if largest > session.needs.chart_px {
             return Err(Failure::LargerChart(largest));
         }
-        let mut buffers = Vec::new();
-        for _ in &rects {
-            match self.charts.take(&session.queue.device, &|| session.stopped())? {
-                Some(buffer) => buffers.push(buffer),
-                None => return Ok(false),
-            }
-        }
+        let Some(buffer) = self.charts.take(&session.queue.device, &|| session.stopped())? else {
+            return Ok(false);
+        };
+        let parts = buffer.divide(rects.iter().map(|rect| rect.size().pixels()));
         let (reply, replies) = unbounded();
         let first = next - rects.len();
-        for (index, (into, &rect)) in buffers.into_iter().zip(&rects).enumerate() {
+        for (index, (into, &rect)) in parts.into_iter().zip(&rects).enumerate() {
             let later = portion.tiles.get(first + index + READ_AHEAD * run.work.threads.max(1));
             let later = later.map(|&tile| tiling.rect(tile));
             run.reads.push(ChartRead {

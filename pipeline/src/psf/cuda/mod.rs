@@ -233,7 +233,7 @@ impl PsfStage {
     pub fn new(device: &Arc<Device>, frame: &Frame, psf: &BandPsf, bytes: usize) -> Result<Self, CudaError> {
         let tile = psf.blocks().tile;
         let bytes = bytes.min(PsfOnDevice::max_bytes(psf.blocks(), psf.grid(), tile, MAX_TILES));
-        let planner = PsfPlanner::new(device.index(), frame, psf, bytes)?;
+        let planner = PsfPlanner::new(device.index(), frame, psf, tile, bytes)?;
         let stream = device.context.default_stream();
         let memory = PsfMemory::new(device, &stream, bytes)?;
         Ok(Self { stage: PsfOnDevice::new(device, psf)?, planner, memory })

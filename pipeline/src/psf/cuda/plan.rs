@@ -48,6 +48,18 @@ pub struct PsfPlan {
     pub host: HostTimes,
 }
 
+impl PsfPlan {
+    /// Number of spectra of kernel parts that it builds.
+    pub fn spectra(&self) -> u64 {
+        let steps = self.rounds.iter().flat_map(|round| &round.steps);
+        let built = |step: &PlannedStep| match step {
+            PlannedStep::Transform(count, _) => *count as u64,
+            _ => 0,
+        };
+        steps.map(built).sum()
+    }
+}
+
 /// As many tiles of a batch as fit in the scratch memory.
 #[derive(Debug)]
 pub(super) struct PlannedRound {
@@ -96,13 +108,19 @@ impl Lists {
 }
 
 impl PsfPlanner {
-    /// For `psf` on the device of this index, in at most `bytes` of its memory.
+    /// For `psf` on the device of this index, tiles of `tile_side` at most, in at most `bytes` of its memory.
     ///
     /// # Errors
     /// Less than [`super::PsfOnDevice::min_bytes`].
-    pub fn new(device: usize, frame: &Frame, psf: &BandPsf, bytes: usize) -> Result<Self, CudaError> {
+    pub fn new(
+        device: usize,
+        frame: &Frame,
+        psf: &BandPsf,
+        tile_side: usize,
+        bytes: usize,
+    ) -> Result<Self, CudaError> {
         let (grid, partition) = (psf.grid(), Partition::for_window(psf.blocks().window));
-        let budget = Budget::within(bytes, &partition, grid, psf.blocks().tile)
+        let budget = Budget::within(bytes, &partition, grid, tile_side)
             .map_err(|min| too_small(device, "the PSF stage of one tile", min.bytes(&partition), bytes))?;
         Ok(Self {
             device,
