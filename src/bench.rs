@@ -45,20 +45,25 @@ struct Bench<'a> {
 struct Figure {
     key: &'static str,
     value: Value,
-    /// Line of the text report.
-    line: String,
 }
 
 impl Bench<'_> {
     fn add_number(&mut self, key: &'static str, value: f64, unit: &str, label: &str) {
         let digits = if value < 10.0 { 2 } else { 1 };
         let line = format!("{label:<58} {value:>10.digits$} {unit}");
-        self.figures.push(Figure { key, value: json!((value * 1e4).round() / 1e4), line });
+        self.add(key, json!((value * 1e4).round() / 1e4), &line);
     }
 
     fn add_text(&mut self, key: &'static str, label: &str, value: &str) {
-        let line = format!("{label:<58} {value}");
-        self.figures.push(Figure { key, value: json!(value), line });
+        self.add(key, json!(value), &format!("{label:<58} {value}"));
+    }
+
+    /// Adds a figure; without `--json` its line is printed at once, so that it is known whatever fails later.
+    fn add(&mut self, key: &'static str, value: Value, line: &str) {
+        if !self.args.json {
+            print(line);
+        }
+        self.figures.push(Figure { key, value });
     }
 
     /// Median of `f` over the rounds.
@@ -154,17 +159,13 @@ pub fn command(args: &BenchArgs) -> Result<()> {
         log_line(format!("note: the job could not be measured: {reason}"));
         bench.add_text("job_error", "job: not measured", &reason);
     }
-    report(&bench);
+    if args.json {
+        report(&bench);
+    }
     Ok(())
 }
 
 fn report(bench: &Bench<'_>) {
-    if !bench.args.json {
-        for figure in &bench.figures {
-            print(&figure.line);
-        }
-        return;
-    }
     let mut map = Map::new();
     map.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
     map.insert("threads".into(), bench.threads.into());

@@ -21,9 +21,13 @@ const COPY_VALUES: usize = 16 << 20;
 /// Warp instructions per clock of one multiprocessor.
 const INSTRUCTIONS_PER_CLOCK: f64 = 4.0;
 /// Windows of the benchmark grid, px, and the keys of rate, share of the bound, and bound.
-const WINDOWS: [(usize, [&str; 3]); 2] = [
+const WINDOWS: [(usize, [&str; 3]); 6] = [
     (51, ["gpu_svpsf_gpx_s", "gpu_svpsf_share", "gpu_svpsf_bound_gpx_s"]),
+    (25, ["gpu_svpsf_25_gpx_s", "gpu_svpsf_25_share", "gpu_svpsf_25_bound_gpx_s"]),
+    (101, ["gpu_svpsf_101_gpx_s", "gpu_svpsf_101_share", "gpu_svpsf_101_bound_gpx_s"]),
     (151, ["gpu_svpsf_151_gpx_s", "gpu_svpsf_151_share", "gpu_svpsf_151_bound_gpx_s"]),
+    (201, ["gpu_svpsf_201_gpx_s", "gpu_svpsf_201_share", "gpu_svpsf_201_bound_gpx_s"]),
+    (401, ["gpu_svpsf_401_gpx_s", "gpu_svpsf_401_share", "gpu_svpsf_401_bound_gpx_s"]),
 ];
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
