@@ -191,6 +191,21 @@ fn the_camera_of_a_lens_is_the_pinhole_at_its_entrance_pupil() {
 }
 
 #[test]
+fn the_picture_breathes_with_focus_and_the_blur_per_dioptre_with_it() {
+    let inf = f64::INFINITY;
+    for (focus_m, blur_px, focal_mm) in [(inf, 829.1, 99.501), (2.0, 868.8, 104.269), (1.0, 912.6, 109.518)] {
+        let focus = focus_m.to_string();
+        let words = ["lens", "camera", "double-gauss-28", "--json", "--focus-m", &focus];
+        let film = ["--film", "1400x1000", "--pitch-um", "2", "--image-plane", "paraxial"];
+        let stdout = lenscube(&[&words[..], &film].concat()).ok().stdout;
+        let json: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        let value = |key: &str| json[key].as_f64().unwrap();
+        assert!((value("blur_per_dioptre_um") / 2.0 - blur_px).abs() < 0.1, "{focus} m: {json}");
+        assert!((value("focal_length_mm") - focal_mm).abs() < 1e-3, "{focus} m: {json}");
+    }
+}
+
+#[test]
 fn a_film_beyond_the_field_has_no_camera() {
     let words = ["lens", "camera", "phone", "--film", "9000x600"];
     assert_exit(&lenscube(&words), 1, &["camera of phone", "a smaller --film"]);
