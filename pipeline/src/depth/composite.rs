@@ -90,6 +90,7 @@ impl Composite<'_> {
         }
         s.reset(n, planes);
         if let [only] = &planes.slabs[..]
+            && only.a.len() == planes.uncovered.len()
             && only.a.iter().all(|a| *a == 1.0)
         {
             s.counts.blocks_of_one = self.blocks(only.slab, tile);
@@ -102,9 +103,7 @@ impl Composite<'_> {
         s.passing.fill(1.0);
         for (at, slab) in planes.slabs.iter().enumerate().rev() {
             s.counts.blocks_of_several += self.blocks(slab.slab, tile);
-            for (behind, a) in std::iter::zip(&mut s.behind, &slab.a) {
-                *behind -= a;
-            }
+            slab.part_of(&mut s.behind).iter_mut().zip(&slab.a).for_each(|(behind, a)| *behind -= a);
             if self.slab(tile, planes, at, (film, invented), s) == 0.0 {
                 break; // nothing behind is visible
             }
@@ -136,7 +135,8 @@ impl Composite<'_> {
         s.retire_ones(&[low, high]);
         let margin = self.psf(low).margin().max(self.psf(high).margin());
         let mut wanted = std::mem::take(&mut s.wanted);
-        wanted.set(tile, &s.passing, planes.rect.expect("computed before"), &slab.a, margin);
+        let rows = slab.rows_of(planes.rect.expect("computed before"));
+        wanted.set(tile, &s.passing, rows, &slab.a, margin);
         s.wanted = wanted;
         let mut share = s.buffer(n);
         self.share(slab, planes, tile, &mut share, s);
@@ -149,6 +149,10 @@ impl Composite<'_> {
         let near: Vec<usize> = (at + 1..planes.slabs.len())
             .take_while(|&j| !self.slabs.apart(slab.slab, planes.slabs[j].slab))
             .collect();
+        // Slabs farther away have no other ones near them.
+        let last = near.last().map_or(0, |&j| planes.slabs[j].slab);
+        let retired = s.shares.split_off(&(last + 1));
+        s.free.extend(retired.into_values());
         self.known_and_missing(slab, &near, planes, tile, s);
         let mut rest_of_pupil = s.buffer(n);
         rest_of_pupil.iter_mut().zip(&share).for_each(|(rest, w)| *rest = 1.0 - w);
@@ -190,11 +194,14 @@ impl Composite<'_> {
         s: &mut CompositeScratch,
     ) {
         let (low, high) = self.slabs.nodes(slab.slab);
-        let t = |i: usize| if slab.a[i] > 0.0 { slab.m[i] / slab.a[i] } else { 0.0 };
+        let t = |i: usize| {
+            let a = slab.at(&slab.a, i);
+            if a > 0.0 { slab.at(&slab.m, i) / a } else { 0.0 }
+        };
         to.fill(0.0);
-        self.add_convolved(low, planes, tile, |i| c[i] * (1.0 - t(i)), to, s);
+        self.add_convolved(low, planes, tile, |i| slab.at(c, i) * (1.0 - t(i)), to, s);
         if high != low {
-            self.add_convolved(high, planes, tile, |i| c[i] * t(i), to, s);
+            self.add_convolved(high, planes, tile, |i| slab.at(c, i) * t(i), to, s);
         }
     }
 
@@ -213,8 +220,11 @@ impl Composite<'_> {
             if of_high && high == low {
                 continue;
             }
-            let part = |i: usize| if of_high { slab.m[i] } else { slab.a[i] - slab.m[i] };
-            if (0..slab.a.len()).all(|i| part(i) == 0.0) {
+            let part = |i: usize| {
+                let m = slab.at(&slab.m, i);
+                if of_high { m } else { slab.at(&slab.a, i) - m }
+            };
+            if (slab.first..slab.first + slab.a.len()).all(|i| part(i) == 0.0) {
                 continue;
             }
             self.ones(node, planes, tile, s);
@@ -264,9 +274,9 @@ impl Composite<'_> {
     ) {
         let node = self.slabs.wide(slab.slab);
         let mut opened = std::mem::take(&mut s.opened);
-        opened.iter_mut().zip(&slab.a).for_each(|(o, a)| *o = 1.0 - a);
-        for &j in near {
-            opened.iter_mut().zip(&planes.slabs[j].a).for_each(|(o, a)| *o -= a);
+        opened.fill(1.0);
+        for slab in std::iter::once(slab).chain(near.iter().map(|&j| &planes.slabs[j])) {
+            slab.part_of(&mut opened).iter_mut().zip(&slab.a).for_each(|(o, a)| *o -= a);
         }
         opened.iter_mut().for_each(|o| *o = o.max(0.0));
         let behind = std::mem::take(&mut s.behind);
@@ -299,7 +309,7 @@ impl CompositeScratch {
         resize_exact(&mut self.behind, planes.uncovered.len());
         self.behind.copy_from_slice(&planes.uncovered);
         for slab in &planes.slabs {
-            self.behind.iter_mut().zip(&slab.a).for_each(|(sum, a)| *sum += a);
+            slab.part_of(&mut self.behind).iter_mut().zip(&slab.a).for_each(|(sum, a)| *sum += a);
         }
     }
 

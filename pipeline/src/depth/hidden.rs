@@ -126,7 +126,7 @@ impl Hidden {
             }
             for_each_row(from, grown, |i, k, width| {
                 let behind = &mut s.behind[k..k + width];
-                behind.iter_mut().zip(&slab.a[i..i + width]).for_each(|(behind, a)| *behind += a);
+                behind.iter_mut().zip(i..).for_each(|(behind, i)| *behind += slab.at(&slab.a, i));
             });
         }
         planes.crop(grown);
@@ -142,6 +142,7 @@ impl Hidden {
         }
         for slab in &planes.slabs {
             for (i, _) in slab.a.iter().enumerate().filter(|(_, a)| **a > PRESENT) {
+                let i = slab.first + i;
                 s.farthest[i] = s.farthest[i].min(slab.slab as u16);
                 s.nearest[i] = slab.slab as u16;
             }
@@ -169,9 +170,10 @@ impl Hidden {
     fn add_known(&self, donor: &SlabPlanes, known: &mut Known) {
         let (low, high) = self.slabs.ends(donor.slab);
         let (low, range) = (low as f32, (high - low) as f32);
-        for (i, (a, m)) in std::iter::zip(&donor.a, &donor.m).enumerate() {
+        for (k, (a, m)) in std::iter::zip(&donor.a, &donor.m).enumerate() {
+            let i = donor.first + k;
             known.a[i] += a;
-            known.c[i] += donor.c[i];
+            known.c[i] += donor.c[k];
             known.v[i] += a * low + m * range;
         }
     }
@@ -185,7 +187,7 @@ impl Hidden {
         for_each_row(from, grown, |i, k, width| {
             for x in 0..width {
                 let open = 1.0 - behind[k + x].min(1.0);
-                let value = if near_edge[k + x] { slab.a[i + x].min(open).max(0.0) } else { 0.0 };
+                let value = if near_edge[k + x] { slab.at(&slab.a, i + x).min(open).max(0.0) } else { 0.0 };
                 amount[k + x] = value;
                 any |= value > 0.0;
             }

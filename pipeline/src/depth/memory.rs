@@ -21,8 +21,10 @@ impl DepthPlan {
         let read = (tile + 2 * self.reach).pow(2);
         let grown = (tile + 2 * self.margin()).pow(2);
         let psf = self.used().map(|n| memory::scratch_bytes(&n.blocks, n.samples)).max().unwrap_or(0);
-        let planes =
-            4 * grown * OTHER_PLANES + 4 * read * 3 * slabs + 4 * tile * tile * (TILE_PLANES + slabs);
+        // Of the slabs their rows; one slab at a time is computed on all rows. Shares of slabs are kept while others near them follow.
+        let of_slabs = 12 * (tile + 2 * self.reach) * self.max_slab_rows + 12 * read;
+        let tile_planes = TILE_PLANES + slabs.min(self.max_near + 1);
+        let planes = 4 * grown * OTHER_PLANES + of_slabs + 4 * tile * tile * tile_planes;
         let hidden = match self.reach > self.margin() {
             true => BYTES_PER_SOURCE_PIXEL * read + 4 * grown * (3 * slabs + slabs),
             false => 0,

@@ -66,6 +66,20 @@ impl Occupancy {
         })
     }
 
+    /// Chart rows from the first to the last block under `rect`, or within a block of it, where each of `slabs` may have a surface, without those
+    /// of `rect` beyond the chart.
+    pub fn rows_of_slabs(&self, rect: Rect, slabs: &Slabs) -> Vec<usize> {
+        let (rows, cols) = self.blocks_of(rect);
+        let mut spans = vec![0..0; slabs.count()];
+        for row in rows {
+            let bins = self.union(row..row + 1, cols.clone());
+            for (span, _) in std::iter::zip(&mut spans, self.slabs(&bins, slabs)).filter(|(_, is)| *is) {
+                *span = if span.end == 0 { row..row + 1 } else { span.start..row + 1 };
+            }
+        }
+        spans.into_iter().map(|span| span.len() * BLOCK_PX).collect()
+    }
+
     /// Rows and columns of the blocks within a block of `rect`.
     fn blocks_of(&self, rect: Rect) -> (Range<usize>, Range<usize>) {
         let rect = rect.grown(BLOCK_PX);
@@ -122,6 +136,11 @@ mod tests {
         assert_eq!(of(Rect::new(200, 200, 100, 100)), [false, true, false, false, false]);
         assert_eq!(of(Rect::new(200, 900, 100, 100)), [false, false, false, false, true]);
         assert_eq!(of(Rect::new(200, 600, 100, 10)), [false, true, false, false, true]);
+        assert_eq!(
+            occupancy.rows_of_slabs(Rect::new(200, 600, 100, 10), &slabs),
+            [0, 256, 0, 0, 256],
+            "blocks 2 to 5"
+        );
         let both = |bins: &Bins| occupancy.slabs(bins, &slabs) == [false, true, false, false, true];
         let near = |rect| occupancy.any_neighbourhood(rect, both);
         assert!(near(Rect::new(200, 520, 100, 10)) && !near(Rect::new(200, 500, 100, 10)));

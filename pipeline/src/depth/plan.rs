@@ -63,6 +63,15 @@ impl Surfaces {
     }
 }
 
+/// Film rows over those of the chart, for distortion, and further ones, for interpolation.
+const ROWS: (f64, usize) = (1.2, 16);
+
+/// The largest number of slabs nearer than a slab and not apart from it.
+fn max_near(slabs: &Slabs) -> usize {
+    let of = |far: usize| (far + 1..slabs.count()).take_while(|&near| !slabs.apart(far, near)).count();
+    (0..slabs.count()).map(of).max().unwrap_or(0)
+}
+
 /// Plan of the depth stage of one band.
 #[derive(Clone, Debug)]
 pub struct DepthPlan {
@@ -78,6 +87,10 @@ pub struct DepthPlan {
     pub max_slabs: usize,
     /// How hidden surfaces are invented, and where the scene has surfaces; `None`: they are not.
     pub hidden: Option<(Hidden, Arc<Occupancy>)>,
+    /// Film rows of the slabs in reach of a tile, their sum, at most.
+    pub max_slab_rows: usize,
+    /// Slabs that are not apart from another one, at most.
+    pub max_near: usize,
     /// Film pixels beyond a tile that it reads, at most.
     pub reach: usize,
 }
@@ -153,25 +166,38 @@ impl DepthPlan {
                 nodes.iter().map(|n| if n.is_used { n.blocks.window } else { 0 }).collect();
             (Hidden::new(&slabs, &occupied, &windows), Arc::clone(occupancy))
         });
-        let mut plan = Self { slabs, first_node: first, nodes, occupied, max_slabs: 1, hidden, reach: 0 };
+        let (max_slabs, max_near) = (1, max_near(&slabs));
+        let mut plan = Self {
+            slabs,
+            first_node: first,
+            nodes,
+            occupied,
+            max_slabs,
+            hidden,
+            max_slab_rows: 0,
+            max_near,
+            reach: 0,
+        };
         plan.reach = plan.margin();
         let tiling = Tiling::new(frame.film, None);
         let (rows, columns) = tiling.count();
         for tile in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
-            plan.reach_of_tile(frame.film.rect(), tiling.rect(tile), occupancy, &chart_rect);
+            plan.reach_of_tile(frame, tiling.rect(tile), occupancy, &chart_rect);
         }
         Ok(plan)
     }
 
-    /// Raises `max_slabs` and `reach` to those of a tile.
+    /// Raises `max_slabs`, `max_slab_rows` and `reach` to those of a tile.
     fn reach_of_tile(
         &mut self,
-        film: Rect,
+        frame: &Frame,
         tile: Rect,
         occupancy: &Occupancy,
         chart_rect: impl Fn(Rect) -> Rect,
     ) {
+        let film = frame.film.rect();
         let within = |rect: Rect| occupancy.slabs(&occupancy.within(chart_rect(rect)), &self.slabs);
+        let mut read = tile.grown(self.margin());
         let mut in_reach = within(tile.grown(self.margin()));
         let possible = self
             .hidden
@@ -179,6 +205,7 @@ impl DepthPlan {
             .filter(|(hidden, _)| hidden.may_be_in(chart_rect(hidden.edges(film, tile)), occupancy));
         if let Some((hidden, _)) = possible {
             let rect = hidden.sources(film, tile);
+            read = rect;
             let beyond = [
                 tile.y - rect.y,
                 tile.x - rect.x,
@@ -193,6 +220,16 @@ impl DepthPlan {
             in_reach = self.occupied[between].to_vec();
         }
         self.max_slabs = self.max_slabs.max(in_reach.iter().filter(|is| **is).count());
+        let rect = chart_rect(read);
+        let is_inside = frame.chart.rect().contains(rect);
+        let rows = |of_chart: usize| match (of_chart, is_inside) {
+            (0, _) => 0,
+            // Beyond the chart its edge, or its mirror image, continues.
+            (_, false) => read.height,
+            (rows, true) => ((ROWS.0 * frame.scale.0 * rows as f64) as usize + ROWS.1).min(read.height),
+        };
+        let all = occupancy.rows_of_slabs(rect, &self.slabs).into_iter().map(rows).sum();
+        self.max_slab_rows = self.max_slab_rows.max(all);
     }
 
     /// The nodes whose PSFs are needed.

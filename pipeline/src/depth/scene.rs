@@ -95,8 +95,7 @@ impl Scene {
         let chart_rect = self.chart_rect(rect, s);
         let present = self.read(chart, band, sheets, chart_rect, s)?;
         planes.rect = Some(rect);
-        let used = std::mem::take(&mut planes.slabs);
-        planes.free.extend(used);
+        planes.slabs.clear();
         let n = rect.size().pixels();
         for slab in present {
             let mut to = SlabPlanes::zeros(planes.free.pop(), slab, n);
@@ -104,10 +103,8 @@ impl Scene {
                 true => self.average(&self.fields[slab], slab, rect, chart_rect, &mut to, s),
                 false => self.interpolate(slab, rect, chart_rect, &mut to, s),
             }
-            match to.is_empty() {
-                true => planes.free.push(to),
-                false => planes.slabs.push(to),
-            }
+            planes.slabs.extend(to.trimmed(rect.width));
+            planes.free.push(to);
         }
         self.uncovered(rect, chart_rect, &mut planes.uncovered, s);
         Ok(())

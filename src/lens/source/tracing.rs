@@ -211,7 +211,11 @@ impl BandTracer<'_> {
         let job = self.job;
         let TracingJob { frame, options, .. } = job;
         let min_mm = if self.job.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
-        let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM).max(min_mm);
+        let margin_mm = match &job.depth {
+            None => MARGIN_MM,
+            Some(depth) => depth::margin_mm(&job, depth, &trace_options(nm, 1.0, &job))?.max(MARGIN_MM),
+        };
+        let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + margin_mm).max(min_mm);
         loop {
             let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, &job)) {
                 Err(e) if options.interpolation.outside == Outside::Clamp => {

@@ -109,6 +109,21 @@ pub fn estimate(
     Ok(total)
 }
 
+/// Half the window of surfaces at the ends of the range of `options`, film px of `trace`, at most its largest one.
+///
+/// # Errors
+/// No first-order properties.
+pub fn half_window_px(
+    system: &System,
+    trace: &TraceOptions,
+    options: &DepthOptions,
+) -> Result<f64, DesignError> {
+    let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
+    let (first, last) = options.range;
+    let rho = blur_px * (first - options.focus).abs().max((last - options.focus).abs());
+    Ok((RIM * rho + RIM_PX).min(trace.max_window_px as f64 / 2.0))
+}
+
 /// Farthest and nearest vergence, 1/m, whose blur on film pixels of `trace` fits into its largest window.
 ///
 /// # Errors

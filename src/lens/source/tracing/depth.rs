@@ -15,7 +15,7 @@ use anyhow::{Context, Result};
 use formats::durable::free_bytes;
 use formats::lens::{LensPack, PackAttributes};
 use pipeline::design::DesignError;
-use pipeline::design::depth::estimate::{estimate, range_that_fits};
+use pipeline::design::depth::estimate::{estimate, half_window_px, range_that_fits};
 use pipeline::design::depth::nodes::Placement;
 use pipeline::design::depth::trace::{band, header, nodes};
 use pipeline::design::trace::{BandReport, Progress, TraceOptions, lens_header, with_threads};
@@ -45,6 +45,12 @@ pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &Tr
         1.0 / options.focus,
         1.0 / fits.1,
     )))
+}
+
+/// Half the diagonal of the largest window, mm.
+pub(super) fn margin_mm(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &TraceOptions) -> Result<f64> {
+    let half_px = half_window_px(job.system, trace, &depth.options)?;
+    Ok(std::f64::consts::SQRT_2 * half_px * trace.film_pitch_um * 1e-3)
 }
 
 /// Adds the samples of `stack` to a digest.
