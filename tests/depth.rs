@@ -327,3 +327,26 @@ fn a_slab_costs_what_the_model_says() {
     let share: f64 = line.split(' ').rev().nth(3).unwrap().parse().unwrap();
     assert!(share <= 1.1, "{line}");
 }
+
+#[test]
+fn verify_reads_the_invented_shares_and_repair_has_them_computed_again() {
+    let scene = Scene::new();
+    let depth = scene.path("disc.npy");
+    write_npy(&depth, SIZE, &disc_before_wall());
+    let film = scene.path("film");
+    scene.try_run("film", text(&depth), &[]).ok();
+    let verify = |flags: &[&str]| lenscube(&[&["verify", text(&film)], flags].concat());
+    assert_exit(&verify(&[]), 0, &["no defect"]);
+    let before = files(&film);
+    let (damaged, lost) = (film.join("invented/c/0/0/0"), film.join("invented/c/0/1/1"));
+    let mut bytes = std::fs::read(&damaged).unwrap();
+    bytes[0] ^= 1;
+    std::fs::write(&damaged, bytes).unwrap();
+    std::fs::remove_file(&lost).unwrap();
+    let lines = ["bad: invented/c/0/0/0: its checksum", "bad: invented/c/0/1/1: no such file", "2 defects"];
+    assert_exit(&verify(&[]), 4, &lines);
+    assert_exit(&verify(&["--repair"]), 4, &["removed 2 damaged shards"]);
+    scene.try_run("film", text(&depth), &[]).ok();
+    assert!(files(&film) == before);
+    assert_exit(&verify(&[]), 0, &["no defect"]);
+}

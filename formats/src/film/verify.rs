@@ -1,4 +1,4 @@
-//! Verification of a film: consistent metadata; every shard present, intact, and with finite pixels.
+//! Verification of a film: consistent metadata; every shard present, intact, and with finite pixels; the invented shares beside it.
 
 use serde_json::Value;
 
@@ -15,22 +15,27 @@ impl FilmStore {
     pub fn verify(&self, threads: usize, progress: Progress<'_>) -> Result<VerifyReport, GroupError> {
         let files = self.shard_files();
         let (bytes, of_shards) = self.group.check_files(&files, threads, progress)?;
+        let (share_bytes, of_shares) = self.check_invented()?;
         let of_metadata = self.check_metadata()?;
         let (level_bytes, of_levels) = self.pyramid().check(threads)?;
         self.group.check_in_place()?;
         Ok(VerifyReport {
             shards: files.len(),
-            bytes: bytes + level_bytes,
-            findings: [of_metadata, of_shards, of_levels].concat(),
+            bytes: bytes + share_bytes + level_bytes,
+            findings: [of_metadata, of_shards, of_shares, of_levels].concat(),
             temp: self.group.store.temp_files()?,
         })
     }
 
-    /// Removes a shard (of the film or its pyramid) that a check found to be bad, unless it is intact by now. Returns whether it did.
+    /// Removes a shard (of the film or its pyramid) that a check found to be bad, unless it is intact by now. Returns whether it did. With a bad chunk of
+    /// the array `invented` the shard beside it is removed: a run writes both.
     ///
     /// # Errors
     /// [`GroupError::Storage`] if it cannot be read or removed; as [`crate::group::JobGroup::check_in_place`].
     pub fn remove_bad(&self, key: &str) -> Result<bool, GroupError> {
+        if let Some(removed) = self.remove_bad_invented(key)? {
+            return Ok(removed);
+        }
         let mut files = self.shard_files().into_iter().chain(self.pyramid().shard_files());
         files.find(|file| file.key == key).map_or(Ok(false), |file| self.group.remove_bad(&file))
     }

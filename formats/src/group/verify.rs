@@ -110,19 +110,9 @@ impl JobGroup {
         let (key, rect) = (key.to_owned(), file.rect);
         // Codecs lengthen incompressible data slightly; a longer file is not read.
         let limit = (file.shape.pixels() * file.encoder.sample.bytes()) as u64 * 2 + (1 << 20);
-        let bytes = match self.store.read_at_most(&key, limit) {
-            Ok(Some(bytes)) => bytes,
-            Ok(None) => {
-                self.check_in_place()?;
-                return Ok((0, Some(Finding::Missing { key })));
-            }
-            Err(e @ DurableError::Length { .. }) => {
-                return Ok((0, Some(Finding::Bad { key, reason: e.to_string() })));
-            }
-            Err(e) if e.is_device_error() || !e.retryable() => {
-                return Ok((0, Some(Finding::Unreadable { key, reason: e.to_string() })));
-            }
-            Err(e) => return Err(e.into()),
+        let bytes = match self.read_to_check(&key, limit)? {
+            Ok(bytes) => bytes,
+            Err(finding) => return Ok((0, Some(finding))),
         };
         let defect =
             file.encoder.check(&bytes, (rect.height, rect.width), file.encoder.chunks_of(file.shape));
@@ -137,6 +127,27 @@ impl JobGroup {
             Finding::Bad { key, reason }
         });
         Ok((bytes.len() as u64, finding))
+    }
+
+    /// The bytes of the file `key`, or why it cannot be checked: it is missing, unreadable, or longer than `limit` bytes.
+    pub(crate) fn read_to_check(
+        &self,
+        key: &str,
+        limit: u64,
+    ) -> Result<Result<Vec<u8>, Finding>, GroupError> {
+        let key = key.to_owned();
+        match self.store.read_at_most(&key, limit) {
+            Ok(Some(bytes)) => Ok(Ok(bytes)),
+            Ok(None) => {
+                self.check_in_place()?;
+                Ok(Err(Finding::Missing { key }))
+            }
+            Err(e @ DurableError::Length { .. }) => Ok(Err(Finding::Bad { key, reason: e.to_string() })),
+            Err(e) if e.is_device_error() || !e.retryable() => {
+                Ok(Err(Finding::Unreadable { key, reason: e.to_string() }))
+            }
+            Err(e) => Err(e.into()),
+        }
     }
 
     /// Removes a shard that a check found to be bad, and returns whether it did: another process may have replaced it by an intact one
