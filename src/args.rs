@@ -9,6 +9,7 @@ mod choices;
 mod compare;
 mod demo;
 mod depth;
+mod depth_report;
 mod develop;
 mod device;
 mod export;
@@ -16,6 +17,7 @@ mod import;
 mod lens;
 mod manual;
 mod measure;
+mod placement;
 mod pyramid;
 mod run;
 mod sensor;
@@ -33,6 +35,7 @@ pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;
 pub use depth::{DEPTH_TOLERANCE, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, NO_HIDDEN};
+pub use depth_report::DepthReportArgs;
 pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};
@@ -42,8 +45,9 @@ pub use lens::{
 };
 pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;
+pub use placement::{FitArg, PlacementArgs};
 pub use pyramid::{PyramidArgs, ViewArgs};
-pub use run::{FilmUnits, FitArg, ProcessArgs, RunArgs, Stage};
+pub use run::{FilmUnits, ProcessArgs, RunArgs, Stage};
 pub use sensor::{ExposeArgs, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg};
 pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};
@@ -85,6 +89,8 @@ pub enum Command {
     Chart(Box<ChartArgs>),
     /// Trace, import, show and compare lenses
     Lens(LensArgs),
+    /// Report what distances of a chart's pixels mean for a run: blur, depth nodes, cost, suspicious pixels
+    Depth(Box<DepthReportArgs>),
     /// Simulate the film of a chart
     Run(Box<RunCommand>),
     /// Expose a camera's sensor to a film: the raw mosaic with noise

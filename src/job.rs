@@ -19,6 +19,7 @@ mod identity;
 mod inputs;
 mod light;
 mod notes;
+pub mod preview;
 mod resources;
 pub mod stretch;
 
@@ -118,7 +119,7 @@ impl Job {
         let (memory, queues) = resources::allocate(&mut arguments, &inputs, &mut plan, &stretch)?;
         inputs.chart.set_cache_bytes(memory.chart_cache);
         if let Some(depth) = &mut inputs.depth {
-            depth.set_cache_for_rows(resources::depth_rows(&plan, &stretch, &inputs.frame));
+            depth.set_cache_for_rows(resources::depth_rows(&plan.bands, &stretch, &inputs.frame));
         }
         inputs.chart.limit_values(film::max_chart_value(&plan.gains))?;
         let lens_digest = match planned {
@@ -131,7 +132,7 @@ impl Job {
         let mut notes = notes::notes(args, &inputs.chart, &plan)?;
         let coverage = Coverage::new(args, &inputs, &plan);
         notes.extend(coverage.note(args));
-        notes.extend(inputs.depth.iter().flat_map(|depth| depth.notes.clone()));
+        notes.append(&mut inputs.depth_notes);
         notes.extend(stretch.note());
         let device = arguments.device;
         let mut details = plan.lens.details().to_vec();

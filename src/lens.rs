@@ -19,6 +19,7 @@ mod spot_figure;
 use crate::args::{LensArgs, LensCommand};
 use crate::{import, trace};
 use anyhow::Result;
+pub use curves::short_number;
 use formats::lens::LensPack;
 use pipeline::lens::PsfSample;
 use pipeline::psf::kernel::NodeKernels;

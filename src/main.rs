@@ -6,6 +6,7 @@ mod cache;
 mod chart;
 mod compare;
 mod demo;
+mod depth;
 mod design;
 mod develop;
 mod device;
@@ -64,6 +65,7 @@ fn main() -> ExitCode {
 fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
     match command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
+        Command::Depth(args) => depth::command(args),
         Command::Run(args) => run::command(args, matches),
         Command::Sensor(args) => sensor::command(args),
         Command::Develop(args) => develop::command(args),

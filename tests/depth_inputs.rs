@@ -2,7 +2,9 @@
 
 mod common;
 
-use common::{CommandResult, assert_exit, bits, lenscube, pixels, run, text, write_npy};
+use common::{
+    CommandResult, Picture, assert_exit, bits, exr, lenscube, pixels, run, text, write_npy, write_pack,
+};
 use pipeline::geometry::Size;
 use std::path::{Path, PathBuf};
 
@@ -124,6 +126,100 @@ fn largest_f16_is_infinity() {
     };
     let f16 = ["--depth-dtype", "f16"];
     let largest = inputs.film("largest", text(&raw("largest.raw", 0x7bff)), &f16);
+    let again = inputs.try_run("again", text(&raw("again.raw", 0x7bff)), &f16);
+    assert_exit(
+        &again,
+        0,
+        &["1600 pixels, e.g. row 30, column 20, are at infinity", "65504 in 16-bit floats"],
+    );
     let infinite = inputs.film("infinite", text(&raw("infinite.raw", 0x7c00)), &f16);
     assert!(largest == infinite);
+}
+
+#[test]
+fn steps_of_16_bit_floats_are_reported_where_they_are_visible() {
+    let inputs = Inputs::new();
+    // In focus at 0.5 m; the blur radius grows by 1250 px of 0.5 µm per dioptre.
+    let band = common::identity_band(500.0, 1.0, 3);
+    let lens = pipeline::lens::Lens { object_distance_mm: Some(500.0), ..common::lens(vec![band.clone()]) };
+    let pack = inputs.path("near.lens.zarr");
+    write_pack(&pack, &lens, vec![common::delta(&band)]);
+    let raw = inputs.raw("half.raw", (0..SIDE * SIDE).map(|_| 0x3800u16.to_le_bytes().to_vec()));
+    let film = |name: &str, pitch: &str| {
+        let flags = ["--depth", text(&raw), "--depth-dtype", "f16", "--film-pitch-um", pitch];
+        run(CHART, &inputs.path(name), text(&pack), &flags)
+    };
+    assert_exit(
+        &film("fine", "0.5"),
+        0,
+        &["16-bit floats, whose rounding changes the blur", "up to 0.61 px"],
+    );
+    let coarse = film("coarse", "5");
+    assert!(coarse.code == 0 && !coarse.stderr.contains("16-bit"), "{}", coarse.stderr);
+}
+
+#[test]
+fn an_hdf5_array_is_the_same_distances() {
+    let inputs = Inputs::new();
+    let npy = inputs.path("depth.npy");
+    write_npy(&npy, Size::new(SIDE, SIDE), &values(square));
+    let hdf5 = Path::new(env!("CARGO_MANIFEST_DIR")).join("formats/tests/data/hdf5/depth.h5");
+    let found = inputs.film("hdf5", &format!("{}//scene/depth", text(&hdf5)), &[]);
+    assert!(found == inputs.film("npy", text(&npy), &[]));
+    let missing = inputs.try_run("none", &format!("{}//depth", text(&hdf5)), &[]);
+    assert_exit(&missing, 1, &["depth.h5", "scene/depth"]);
+}
+
+#[test]
+fn deep_openexr_files_are_refused_by_name() {
+    let inputs = Inputs::new();
+    let deep = inputs.path("deep.exr");
+    exr::write_deep(&deep, Size::new(SIDE, SIDE));
+    let result = inputs.try_run("film", text(&deep), &[]);
+    assert_exit(&result, 1, &["deep.exr", "deep data", "flatten it"]);
+}
+
+#[test]
+fn a_hidden_surface_in_an_openexr_file_is_that_of_a_store() {
+    let inputs = Inputs::new();
+    let (size, far) = (Size::new(SIDE, SIDE), vec![4.0; SIDE * SIDE]);
+    let ramp = values(|row, column| (row + 2 * column) as f32 / 300.0);
+    let depth = inputs.path("depth.npy");
+    write_npy(&depth, size, &values(square));
+    let file = inputs.path("behind.exr");
+    exr::write(&file, size, &[("S0.500,000000nm", &ramp), ("Z", &far)]);
+    let store = inputs.path("behind.zarr");
+    Picture { size, bands: vec![ramp] }.write(&store);
+    let flat = inputs.path("far.zarr");
+    Picture { size, bands: vec![far] }.write(&flat);
+    for (path, bytes) in common::files(&flat.join("chart")) {
+        let to = store.join("depth").join(path);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::write(to, bytes).unwrap();
+    }
+    let film = |name: &str, hidden: &Path| inputs.film(name, text(&depth), &["--hidden", text(hidden)]);
+    let found = film("exr", &file);
+    assert!(found == film("zarr", &store));
+    assert!(found != inputs.film("invented", text(&depth), &[]));
+}
+
+#[test]
+fn premultiplied_colours_without_coverage_are_an_error() {
+    let inputs = Inputs::new();
+    let size = Size::new(SIDE, SIDE);
+    let (light, depth) = (vec![0.5; SIDE * SIDE], inputs.path("depth.npy"));
+    write_npy(&depth, size, &values(square));
+    let film = |name: &str, alpha: &[f32], flags: &[&str]| {
+        let chart = inputs.path(&format!("{name}.exr"));
+        exr::write(&chart, size, &[("A", alpha), ("S0.500,000000nm", &light)]);
+        let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip");
+        let always = ["--outside", "clamp", "--film-pitch-um", "2"];
+        run(text(&chart), &inputs.path(name), text(&pack), &[&always, flags].concat())
+    };
+    let array = ["--depth", text(&depth)];
+    film("opaque", &vec![1.0; SIDE * SIDE], &array).ok();
+    let holes = values(|row, column| if (row, column) == (5, 7) { 0.25 } else { 1.0 });
+    let result = film("holes", &holes, &array);
+    assert_exit(&result, 2, &["alpha at row 5, column 7 is 0.25", "premultiplied", "depth and coverage"]);
+    assert_exit(&film("number", &holes, &["--depth", "0.7"]), 2, &["premultiplied"]);
 }

@@ -3,17 +3,14 @@
 use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, one_of};
 use super::depth::DepthArgs;
 use super::device::{Device, EngineArg};
-use super::values::{
-    azimuths, bounded, bytes, keep_bits, odd, pair, pair_mm, pitch, positive, roi, scale, size, storage,
-    threads, unit,
-};
+use super::placement::PlacementArgs;
+use super::values::{azimuths, bytes, keep_bits, odd, positive, roi, storage, threads, unit};
 use clap::{Args, ValueEnum};
 use formats::chart::AxisOrder;
 use formats::chart::NanPolicy;
 use formats::film::{Codec, SampleType};
-use pipeline::bounds;
 use pipeline::field::Outside;
-use pipeline::geometry::{Rect, Size};
+use pipeline::geometry::Rect;
 use pipeline::resample::{Interp, Surround};
 use std::path::PathBuf;
 
@@ -80,29 +77,9 @@ pub struct RunArgs {
     /// Interpolate PSFs between the lens's wavelengths (between bands 20 nm apart the kernel error can be 30 to 100 % (L1) in the blue)
     #[arg(long, help_heading = "Lens")]
     pub interpolate_psf: bool,
-    /// Film size in pixels: N or WxH [default: the chart's film_size, else its size times the scale]
-    #[arg(long, value_name = "WxH", value_parser = size, help_heading = "Film")]
-    pub film_size: Option<Size>,
-    /// Film pixel pitch in µm [default: the chart's pitch_um]
-    #[arg(long, value_name = "UM", value_parser = pitch, help_heading = "Film")]
-    pub film_pitch_um: Option<f64>,
-    /// Optical axis in film pixels [default: centre of the film]
-    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true, help_heading = "Placement")]
-    pub axis: Option<(f64, f64)>,
-    /// Film pixels per chart pixel
-    #[arg(long, value_name = "SX[,SY]", value_parser = scale, default_value = "1", help_heading = "Placement")]
-    pub scale: (f64, f64),
-    /// Chart pixel pitch at the object, mm. The scale is then |magnification| x this / film pitch. Needs a lens with a finite object
-    /// distance; replaces --scale
-    #[arg(long, value_name = "MM", value_parser = bounded(bounds::OBJECT_PITCH_MM), conflicts_with = "scale", help_heading = "Placement")]
-    pub chart_pitch_mm: Option<f64>,
-    /// Scale the chart to the film (--film-size), or without it to the lens's field: its width or height as the film's, the diagonal as the
-    /// film's or field's, or the complete chart inside. Replaces --scale
-    #[arg(long, value_enum, conflicts_with_all = ["scale", "chart_pitch_mm"], help_heading = "Placement")]
-    pub fit: Option<FitArg>,
-    /// Centre of the chart in mm from the optical axis
-    #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true, help_heading = "Placement")]
-    pub center: (f64, f64),
+    /// Size of the film, place of the chart.
+    #[command(flatten)]
+    pub placement: PlacementArgs,
     /// Interpolation between chart pixels (bilinear reduces sharpness)
     #[arg(long, value_parser = one_of(INTERP), default_value = "bicubic", help_heading = "Placement")]
     pub interp: Interp,
@@ -190,16 +167,6 @@ pub enum Stage {
     Distortion,
     /// Spatially variant PSF
     Svpsf,
-}
-
-/// `--fit`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the variants are the values of the flag")]
-pub enum FitArg {
-    Width,
-    Height,
-    Diagonal,
-    Contain,
 }
 
 /// `--film-units`.

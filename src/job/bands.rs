@@ -1,17 +1,14 @@
 //! Step 4: the film's layout, the lens ready at the job's wavelengths, and the plan of each band (tables, FFT blocks, tiles).
 
 use super::arguments::Arguments;
-use super::depth::Depth;
 use super::film::{film_spec, gain, regions};
 use super::inputs::Inputs;
 use super::light;
-use crate::args::{DEPTH_TOLERANCE, RunArgs};
 use crate::lens::source::{JobLens, TracedFor, UntracedLens};
 use anyhow::Result;
 use formats::film::FilmSpec;
 use formats::lens::LensPackError;
 use pipeline::band::BandPlan;
-use pipeline::design::depth::trace::DepthOptions;
 use pipeline::plan::FilmRegion;
 
 /// The planned bands of a job, and its film.
@@ -37,7 +34,13 @@ impl JobPlan {
         let (args, frame, options) = (arguments.given, &inputs.frame, &arguments.options);
         let film = film_spec(arguments, frame, inputs.selected_nm.clone(), inputs)?;
         let nm = inputs.wavelengths_nm();
-        let depth = inputs.depth.as_ref().map(|depth| traced_for(args, &lens, depth)).transpose()?;
+        let depth = match &inputs.depth {
+            None => None,
+            Some(depth) => {
+                let options = lens.depth_options(&args.surfaces, depth.range)?;
+                Some(TracedFor { surfaces: &depth.surfaces, options })
+            }
+        };
         let lens = JobLens::new(lens, frame, &nm, options, arguments.threads, depth)?;
         let plan = |&nm: &f64| {
             let plan = match &inputs.depth {
@@ -51,18 +54,6 @@ impl JobPlan {
         let regions = regions(&film);
         Ok(Self { lens, bands, gains, film, regions })
     }
-}
-
-/// What a design is traced for: the surfaces `depth`.
-fn traced_for<'a>(args: &RunArgs, lens: &UntracedLens, depth: &'a Depth) -> Result<TracedFor<'a>> {
-    let focus = match (args.surfaces.focus_m, lens) {
-        (Some(metres), _) => 1.0 / metres,
-        (None, UntracedLens::Design(system, ..)) => system.object_vergence()?,
-        (None, UntracedLens::Pack(_)) => 0.0,
-    };
-    let tolerance = args.surfaces.depth_tolerance.unwrap_or(DEPTH_TOLERANCE);
-    let options = DepthOptions { focus, range: depth.range, tolerance };
-    Ok(TracedFor { surfaces: &depth.surfaces, options })
 }
 
 /// What a process needs from a plan to do some of its bands.

@@ -1,8 +1,8 @@
 //! Distances of a job: the depth array, hidden surfaces and coverages, opened and checked before any pixel is computed.
 
-mod arrays;
+pub mod arrays;
 mod clean;
-mod scan;
+pub mod scan;
 pub mod surfaces;
 
 use super::arguments::threads;
@@ -10,14 +10,16 @@ use crate::args::{DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, RunArg
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::{Context, Result};
-use arrays::{array, check_size, coverage, temporary_directory};
+use arrays::{array, check_opaque, check_size, coverage, decode, temporary_directory};
 use clean::{CleanDepth, Edges};
+use formats::chart::NanPolicy;
 use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::{ConstantDepth, Distance, Sheet};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Frame;
-use scan::{Position, Scan};
+use scan::{Findings, Scan, Scanned};
 use serde_json::{Value, json};
+use std::path::PathBuf;
 use surfaces::SurfacePaths;
 
 /// What of a lens matters to distances.
@@ -31,9 +33,37 @@ pub struct LensFacts {
     pub nodes: Option<(f64, f64)>,
 }
 
+/// What surfaces are opened with.
+#[derive(Clone)]
+pub struct DepthRequest<'a> {
+    /// Flags of distances.
+    pub given: &'a DepthArgs,
+    /// Chart of the first surface, as given.
+    pub chart: &'a str,
+    /// Treatment of NaN in the charts of hidden surfaces.
+    pub nan: NanPolicy,
+    /// Where arrays are decoded to.
+    pub directory: PathBuf,
+    /// Threads that decode.
+    pub threads: usize,
+}
+
+impl<'a> DepthRequest<'a> {
+    /// That of a run.
+    pub fn new(args: &'a RunArgs) -> Self {
+        let directory = temporary_directory(&args.film);
+        let threads = threads(args.threads);
+        Self { given: &args.surfaces, chart: &args.chart, nan: args.nan, directory, threads }
+    }
+}
+
 /// Surfaces of a job.
 pub struct Depth {
     sheets: Vec<SheetInput>,
+    /// What was found in the depth array of each.
+    pub findings: Vec<Findings>,
+    /// Largest change of blur by the rounding of 16-bit distances, px; none without such.
+    pub f16_step_px: Option<f64>,
     /// Vergences of all surfaces.
     pub surfaces: Surfaces,
     /// Vergences of the lens's depth nodes, the farthest and the nearest, 1/m.
@@ -45,7 +75,7 @@ pub struct Depth {
 /// Rounding of a 16-bit float, relative.
 const F16_HALF_STEP: f64 = 1.0 / 4096.0;
 /// Largest change of blur by rounding of distances that is not reported, px.
-const MAX_STEP_PX: f64 = 0.25;
+pub const MAX_STEP_PX: f64 = 0.25;
 
 /// One surface.
 struct SheetInput {
@@ -71,54 +101,58 @@ impl DepthInput {
 }
 
 impl Depth {
-    /// Opens and checks the surfaces `paths` of `args`, the job's chart first, for a chart on `frame` with bands at `wavelengths_nm`.
+    /// Opens and checks the surfaces `paths` of `request`, the job's chart first, for a chart on `frame` with bands at `wavelengths_nm`. `on_row` receives
+    /// the vergences of each row of the first surface.
     ///
     /// # Errors
-    /// An array cannot be read, has another size than the chart, or contains a distance or coverage that is not valid.
+    /// An array cannot be read, has another size than the chart, or contains a distance or coverage that is not valid; a chart with premultiplied colours.
     pub fn open(
-        args: &RunArgs,
+        request: &DepthRequest<'_>,
         paths: &[SurfacePaths],
         frame: &Frame,
         wavelengths_nm: &[f64],
         lens: LensFacts,
+        on_row: &mut dyn FnMut(usize, &[f64]),
     ) -> Result<Self> {
-        let open = |paths: &SurfacePaths| SheetInput::open(args, paths, frame, wavelengths_nm, lens.focal_mm);
+        let open =
+            |paths: &SurfacePaths| SheetInput::open(request, paths, frame, wavelengths_nm, lens.focal_mm);
         let mut sheets = paths.iter().map(open).collect::<Result<Vec<_>>>()?;
-        let mut notes = Vec::new();
-        for (sheet, paths) in std::iter::zip(&mut sheets, paths) {
-            notes.extend(sheet.edges(&paths.name, args.surfaces.depth_edges, frame, lens.blur_px)?);
-        }
-        for (sheet, paths) in std::iter::zip(&sheets, paths) {
+        let is_snapped = request.given.depth_edges == Some(DepthEdges::Snap);
+        let (mut notes, mut findings, mut scan) = (Vec::new(), Vec::new(), Scan::new(frame.chart));
+        for (i, (sheet, paths)) in std::iter::zip(&mut sheets, paths).enumerate() {
+            let edges = Edges { distance: sheet.distance, frame: *frame, blur_px: lens.blur_px };
+            if let (true, DepthInput::Array(depth)) = (is_snapped, &mut sheet.depth) {
+                depth.snap(edges);
+            }
+            let (name, source) = (&*paths.name, sheet.depth.source());
+            let of = Scanned { name, source, rows: sheet.rows_at_a_time(), edges, nodes: lens.nodes };
+            let found = match i {
+                0 => scan.add(&of, on_row)?,
+                _ => scan.add(&of, &mut |_, _| ())?,
+            };
+            notes.extend(found.edge_note(name).filter(|_| !is_snapped));
+            notes.extend(found.infinity_note(name));
+            findings.push(found);
             if let Some(coverage) = &sheet.coverage {
-                scan::coverage(&paths.name, coverage)?;
+                scan::coverage(name, coverage)?;
             }
         }
-        let named: Vec<(&str, &SheetInput)> =
-            std::iter::zip(paths, &sheets).map(|(paths, sheet)| (&*paths.name, sheet)).collect();
-        let each = |add: &mut dyn FnMut(Position, f64)| -> Result<()> {
-            named.iter().try_for_each(|(name, sheet)| {
-                let (source, rows) = (sheet.depth.source(), sheet.rows_at_a_time());
-                scan::distances(name, source, rows, &sheet.distance, frame, &mut *add)
-            })
-        };
-        let range = match lens.nodes {
-            Some(range) => range,
-            None => {
-                let mut range = (f64::INFINITY, 0f64);
-                each(&mut |_, v| range = (range.0.min(v), range.1.max(v)))?;
-                rounded_range(range)
-            }
-        };
-        let mut scan = Scan::new(frame.chart, range);
-        each(&mut |at, v| scan.add(at, v))?;
+        let missed: u64 = findings.iter().map(Findings::missed).sum();
+        if missed > 0 {
+            notes.push(format!(
+                "{missed} pixels of the depth arrays are NaN, 0 or negative and are taken for infinity (--depth-miss far)"
+            ));
+        }
+        let step_px = scan.range().1 * lens.blur_px * F16_HALF_STEP;
+        for (sheet, paths) in std::iter::zip(&sheets, paths) {
+            notes.extend(sheet.step_note(&paths.name, step_px));
+        }
+        let has_f16 = sheets.iter().any(SheetInput::is_f16);
+        let range = lens.nodes.unwrap_or_else(|| rounded_range(scan.range()));
         let is_opaque = matches!(&sheets[..], [only] if only.coverage.is_none());
-        notes.extend(scan.notes());
-        let nearest = scan.nearest();
-        for (name, sheet) in &named {
-            notes.extend(sheet.step_note(name, nearest * lens.blur_px));
-        }
-        let surfaces = scan.surfaces(is_opaque, sheets.len() == 1 && args.surfaces.hidden.is_empty());
-        Ok(Self { surfaces, range, sheets, notes })
+        let surfaces = scan.surfaces(is_opaque, sheets.len() == 1 && request.given.hidden.is_empty());
+        let f16_step_px = has_f16.then_some(step_px);
+        Ok(Self { surfaces, range, sheets, findings, f16_step_px, notes })
     }
 
     /// The surfaces, as the depth stage reads them.
@@ -187,16 +221,16 @@ impl Depth {
 
 impl SheetInput {
     fn open(
-        args: &RunArgs,
+        request: &DepthRequest<'_>,
         paths: &SurfacePaths,
         frame: &Frame,
         wavelengths_nm: &[f64],
         focal_mm: f64,
     ) -> Result<Self> {
-        let given = &args.surfaces;
+        let given = request.given;
         let chart = paths.chart.as_ref().map(|spec| {
             let nm = wavelengths_nm.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
-            let flags = ChartFlags { wavelengths: Some(&nm), nan: args.nan, ..ChartFlags::default() };
+            let flags = ChartFlags { wavelengths: Some(&nm), nan: request.nan, ..ChartFlags::default() };
             let chart = Chart::open_with(spec, &flags).with_context(|| paths.name.clone())?;
             check_size(&chart, frame, spec, &paths.name).map(|()| chart)
         });
@@ -208,44 +242,38 @@ impl SheetInput {
             let depth = DepthInput::Constant(ConstantDepth { size: frame.chart, distance });
             let metres = given.depth_unit.unwrap_or(DepthUnit::Metre).metres();
             let distance = meaning(given, metres, given.depth_kind, focal_mm);
+            check_opaque(
+                paths.chart.as_deref().unwrap_or(request.chart),
+                &request.directory,
+                request.threads,
+            )?;
             return Ok(Self { chart, depth, coverage: None, distance });
         }
         let raw = given.depth_dtype.as_deref().filter(|_| paths.chart.is_none());
         let depth = array(&paths.depth, frame, &paths.name, raw)?;
-        if let Chart::Decoded(decoded) = &depth {
-            decoded.copy_bands(&[0], &temporary_directory(args), threads(args.threads), &|_, _| ())?;
-        }
+        decode(&depth, &request.directory, request.threads)?;
         let distance = declared(given, &paths.depth, &depth, focal_mm)?;
         let coverage = match (&depth, &paths.coverage) {
             (Chart::Store(_) | Chart::Generated(_), Some(spec)) => coverage(spec, frame)?,
             _ => None,
         };
+        if coverage.is_none() {
+            check_opaque(
+                paths.chart.as_deref().unwrap_or(request.chart),
+                &request.directory,
+                request.threads,
+            )?;
+        }
         Ok(Self { chart, depth: DepthInput::Array(Box::new(CleanDepth::new(depth))), coverage, distance })
     }
 
-    /// Looks for interpolated distances, which are replaced if asked for; a note on them.
-    fn edges(
-        &mut self,
-        name: &str,
-        edges: Option<DepthEdges>,
-        frame: &Frame,
-        blur_px: f64,
-    ) -> Result<Option<String>> {
-        let (rows, distance) = (self.rows_at_a_time(), self.distance);
-        let DepthInput::Array(depth) = &mut self.depth else { return Ok(None) };
-        let found = Edges { distance, frame: *frame, blur_px };
-        if edges == Some(DepthEdges::Snap) {
-            depth.snap(found);
-            return Ok(None);
-        }
-        Ok(found.find(depth, rows)?.note(name))
+    fn is_f16(&self) -> bool {
+        matches!(&self.depth, DepthInput::Array(depth) if depth.is_f16())
     }
 
-    /// A note if a step of 16-bit distances is visible: `blur_px` is the blur radius of the nearest surface.
-    fn step_note(&self, name: &str, blur_px: f64) -> Option<String> {
-        let step_px = blur_px * F16_HALF_STEP;
-        let is_f16 = matches!(&self.depth, DepthInput::Array(depth) if depth.is_f16());
-        (is_f16 && step_px > MAX_STEP_PX).then(|| {
+    /// A note if a step of 16-bit distances changes the blur of the nearest surface by `step_px` that is visible.
+    fn step_note(&self, name: &str, step_px: f64) -> Option<String> {
+        (self.is_f16() && step_px > MAX_STEP_PX).then(|| {
             format!(
                 "{name}: the distances are 16-bit floats, whose rounding changes the blur of the nearest surface by up to {step_px:.2} px; save \
                  them as 32-bit floats"

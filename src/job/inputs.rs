@@ -2,8 +2,8 @@
 
 use super::coverage::field_height_mm;
 use super::depth::surfaces::SurfacePaths;
-use super::depth::{Depth, LensFacts};
-use super::frame::frame;
+use super::depth::{Depth, DepthRequest, LensFacts};
+use super::frame::{Named, frame};
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::lens::source::UntracedLens;
@@ -29,7 +29,7 @@ impl Opened {
     pub fn new(args: &RunArgs) -> Result<Self> {
         let chart = open_chart(args, args.nan)?;
         let lens = UntracedLens::open_focused(&args.lens, &args.surfaces)?;
-        let surfaces = SurfacePaths::of_job(args, &chart)?;
+        let surfaces = SurfacePaths::of_job(&args.surfaces, &args.chart, &chart)?;
         Ok(Self { chart, lens, surfaces })
     }
 
@@ -53,6 +53,8 @@ pub struct Inputs {
     pub selected_nm: Vec<f64>,
     /// Surfaces at several distances.
     pub depth: Option<Depth>,
+    /// Notes on distances, also on those of a flat chart.
+    pub depth_notes: Vec<String>,
     /// Bands of the film that this process computes; all, unless it does units of a plan.
     pub film_bands: Vec<usize>,
 }
@@ -77,21 +79,34 @@ impl Inputs {
                 all_nm.len()
             )));
         }
-        let frame = frame(args, &chart, &lens)?;
+        let named = Named { chart_name: &args.chart, chart: &chart, lens_name: &args.lens, lens: &lens };
+        let frame = frame(&args.placement, named)?;
         let field_height_mm = field_height_mm(&lens)?;
         let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
         let nodes = lens.depth_nodes(&args.lens, !surfaces.is_empty())?;
-        let depth = match surfaces.is_empty() {
-            true => None,
+        let (depth, depth_notes) = match surfaces.is_empty() {
+            true => (None, Vec::new()),
             false => {
                 let (focal_mm, blur_um) = lens.focal_mm_and_blur_um()?;
                 let facts = LensFacts { focal_mm, blur_px: blur_um / frame.pitch_um, nodes };
-                let depth = Depth::open(args, &surfaces, &frame, &all_nm, facts)?;
+                let request = DepthRequest::new(args);
+                let mut depth = Depth::open(&request, &surfaces, &frame, &all_nm, facts, &mut |_, _| ())?;
                 let is_flat = lens.is_within_focus(&args.lens, &depth.surfaces, frame.pitch_um)?;
-                Some(depth).filter(|_| !is_flat)
+                let notes = std::mem::take(&mut depth.notes);
+                (Some(depth).filter(|_| !is_flat), notes)
             }
         };
-        Ok((Self { chart, frame, field_height_mm, selected_bands, selected_nm, depth, film_bands }, lens))
+        let inputs = Self {
+            chart,
+            frame,
+            field_height_mm,
+            selected_bands,
+            selected_nm,
+            depth,
+            depth_notes,
+            film_bands,
+        };
+        Ok((inputs, lens))
     }
 
     /// Bands of the chart that this process computes.

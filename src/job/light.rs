@@ -19,7 +19,7 @@ pub fn check(args: &RunArgs, bands: &[BandPlan]) -> Result<()> {
         let energy = &plan.lens.psf_energy;
         let mean = energy.iter().sum::<f64>() / energy.len() as f64;
         if mean < MIN_LIGHT {
-            let pitch_um = args.film_pitch_um.unwrap_or(plan.lens.psf_pitch_um);
+            let pitch_um = args.placement.film_pitch_um.unwrap_or(plan.lens.psf_pitch_um);
             let cause = likely_pitch(pitch_um)
                 .unwrap_or_else(|| "use a coarser --film-pitch-um, or a lens pack with wider windows".into());
             return Err(usage(format!(
@@ -34,7 +34,7 @@ pub fn check(args: &RunArgs, bands: &[BandPlan]) -> Result<()> {
 
 /// `error` of a band's plan, with the likely unit if the pitch is not that of a sensor.
 pub fn with_likely_pitch(args: &RunArgs, pitch_um: f64, error: anyhow::Error) -> anyhow::Error {
-    match likely_pitch(pitch_um).filter(|_| args.film_pitch_um.is_some()) {
+    match likely_pitch(pitch_um).filter(|_| args.placement.film_pitch_um.is_some()) {
         Some(cause) => usage(format!("{error}; {cause}")),
         None => error,
     }

@@ -20,7 +20,7 @@ const MIN_USUAL_ENERGY: f64 = 0.9;
 pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String>> {
     let mut notes = plan.lens.notes().to_vec();
     notes.extend(chart.notes());
-    notes.extend(args.film_size.and_then(|size| size_order_note("--film-size", size)));
+    notes.extend(args.placement.film_size.and_then(|size| size_order_note("--film-size", size)));
     if !chart.is_scaled_store() && (chart.has_integer_samples() || args.chart_scale.is_some()) {
         let samples = if chart.has_integer_samples() {
             "the chart's samples are integers"

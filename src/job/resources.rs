@@ -103,15 +103,15 @@ fn divide(
         surface_caches: inputs
             .depth
             .as_ref()
-            .map_or(0, |depth| depth.cache_bytes(depth_rows(plan, stretch, &inputs.frame))),
+            .map_or(0, |depth| depth.cache_bytes(depth_rows(&plan.bands, stretch, &inputs.frame))),
     };
     Memory::plan(&memory, gpus)
 }
 
 /// Rows of the chart under a tile of a depth stage with its margin.
-pub fn depth_rows(plan: &JobPlan, stretch: &RemapStretch, frame: &Frame) -> usize {
+pub fn depth_rows(bands: &[BandPlan], stretch: &RemapStretch, frame: &Frame) -> usize {
     let rows = |band: &BandPlan| band.depth.as_ref().map_or(0, |d| band.tiling.tile() + 2 * d.reach);
-    let rows = plan.bands.iter().map(rows).max().unwrap_or(0);
+    let rows = bands.iter().map(rows).max().unwrap_or(0);
     (rows as f64 * stretch.range.1.max(1.0) / frame.scale.0.min(1.0)) as usize
 }
 

@@ -1,13 +1,15 @@
 //! Lens of a run: a pack, or a design traced at the wavelengths of the job ([`tracing`]).
 
+mod estimate;
 mod tracing;
 
 use super::cache::Cache;
-use crate::args::{DepthArgs, DesignArgs};
+use crate::args::{DEPTH_TOLERANCE, DepthArgs, DesignArgs};
 use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
 use anyhow::{Context, Result};
+pub use estimate::estimated;
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{LensBands, Options};
 use pipeline::depth::plan::Surfaces;
@@ -17,6 +19,7 @@ use pipeline::design::paraxial::Paraxial;
 use pipeline::design::system::ImagePlane;
 use pipeline::design::trace::{LensTrace, TraceOptions};
 use pipeline::geometry::Frame;
+use pipeline::lens::depth::LensDepth;
 use pipeline::lens::{Lens, LensBand, PsfStack};
 use pipeline::psf::kernel::on_demand::PsfReader;
 use std::sync::Arc;
@@ -139,6 +142,30 @@ impl UntracedLens {
                 (focal_mm, first.entrance_radius_mm * focal_mm.abs())
             }
         })
+    }
+
+    /// Vergence in focus, 1/m.
+    ///
+    /// # Errors
+    /// A design without first-order properties.
+    pub fn focus(&self, given: &DepthArgs) -> Result<f64> {
+        Ok(match (given.focus_m, self) {
+            (Some(metres), _) => 1.0 / metres,
+            (None, Self::Design(system, ..)) => system.object_vergence()?,
+            (None, Self::Pack(pack)) => {
+                let flat = pack.lens().object_distance_mm.map_or(0.0, |mm| 1e3 / mm);
+                pack.lens().depth.as_ref().map_or(flat, LensDepth::focus)
+            }
+        })
+    }
+
+    /// What a design is traced for: surfaces over the vergences `range`, 1/m, with the flags `given`.
+    ///
+    /// # Errors
+    /// As [`UntracedLens::focus`].
+    pub fn depth_options(&self, given: &DepthArgs, range: (f64, f64)) -> Result<DepthOptions> {
+        let tolerance = given.depth_tolerance.unwrap_or(DEPTH_TOLERANCE);
+        Ok(DepthOptions { focus: self.focus(given)?, range, tolerance })
     }
 
     /// Magnification (ideal height on the film over object height) and object distance in mm; none for an object at infinity.

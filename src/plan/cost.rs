@@ -27,26 +27,40 @@ fn pixels(plan: &BandPlan, tiles: &[(usize, usize)]) -> usize {
     tiles.iter().map(|&t| plan.tiling.rect(t).size().pixels()).sum()
 }
 
-/// Slabs of surfaces in reach of a tile: those of a scene with few edges.
-const SLABS_OF_A_TILE: usize = 3;
-/// Convolutions of a slab: light and share on two nodes, known and missing share; e of a node.
-const CONVOLUTIONS_OF_A_SLAB: f64 = 7.0;
+/// Convolutions of a tile of one slab: its light on two nodes.
+const ONE_SLAB: f64 = 2.0;
+/// Share of the transforms of a model of all FFT blocks that are computed: others are 0, or nothing behind is visible. As counted on a scene of a phone
+/// (scripts/bench, depth).
+const COMPUTED: f64 = 0.64;
+/// Convolutions of each of several slabs in an FFT block that has surfaces of it: light and share on two nodes.
+const OWN_SLAB: f64 = 4.0 * COMPUTED;
+/// In a block that reaches pixels where the slab is needed: known and missing share, e of a node.
+const REACHED_SLAB: f64 = 3.0 * COMPUTED;
+/// Chart and distances of a slab, remapped, ns per pixel of a tile with its margin.
+const REMAP_OF_A_SLAB_NS: f64 = 22.0;
+/// Invented surfaces, ns per pixel of a tile with its margin.
+const INVENTED_NS: f64 = 220.0;
 
-/// Cost of a film pixel of a depth stage, ns: the mean of its nodes on a tile with its margin.
-fn depth_ns(plan: &BandPlan, depth: &DepthPlan) -> f64 {
-    let node = |n: &NodePlan| {
-        let side = (plan.tiling.tile() + n.blocks.window) as f64 / plan.tiling.tile() as f64;
-        n.blocks.cost_ns(&n.grid) * side * side
+/// Core seconds of a tile of a depth stage: convolutions at the mean cost of the nodes, with their kernels; remap.
+fn depth_tile_s(plan: &BandPlan, depth: &DepthPlan, tile: (usize, usize)) -> f64 {
+    let pixels = plan.tiling.rect(tile).size().pixels() as f64;
+    let grown = plan.tiling.rect(tile).grown(depth.margin()).size().pixels() as f64;
+    let of_node = |n: &NodePlan| n.blocks.cost_ns(&n.grid);
+    let convolution_ns = depth.used().map(of_node).sum::<f64>() / depth.used().count() as f64;
+    let work = depth.tile_work[tile.0 * plan.tiling.count().1 + tile.1];
+    let convolutions = match work.slabs {
+        0 | 1 => ONE_SLAB,
+        _ => OWN_SLAB * work.own + REACHED_SLAB * work.reached,
     };
-    let mean = depth.used().map(node).sum::<f64>() / depth.used().count() as f64;
-    CONVOLUTIONS_OF_A_SLAB * depth.max_slabs.min(SLABS_OF_A_TILE) as f64 * mean
+    let invented_ns = if work.may_invent { INVENTED_NS } else { 0.0 };
+    let remap_ns = REMAP_OF_A_SLAB_NS * work.slabs as f64 + invented_ns;
+    1e-9 * ((convolutions * convolution_ns + remap_ns) * grown + OTHER_STAGES_NS * pixels)
 }
 
 /// Seconds of one core.
 pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
     if let Some(depth) = &plan.depth {
-        return pixels(plan, tiles) as f64 * (depth_ns(plan, depth) + OTHER_STAGES_NS) * 1e-9
-            + depth.used().map(|n| (n.heights * n.samples.pow(2)) as f64 * KERNEL_S).sum::<f64>();
+        return tiles.iter().map(|tile| depth_tile_s(plan, depth, *tile)).sum();
     }
     let svpsf = plan.blocks.zip(plan.grid.as_ref()).map_or(0.0, |(blocks, grid)| blocks.cost_ns(grid));
     let samples = plan.lens.psf_height_mm.len() * plan.lens.psf_size.pow(2);

@@ -2,6 +2,7 @@
 #![allow(missing_docs, dead_code, reason = "each test binary uses a subset")]
 
 pub mod camera;
+pub mod exr;
 pub mod test_job;
 
 use formats::chart::{ChartMeta, ChartOptions, ChartStore, Codec, write_chart};

@@ -49,6 +49,11 @@ def main():
         # Sizes that are declared, without any data.
         for name, chunk in [("chunks", (1, 1 << 14, 1 << 14)), ("count", (1, 16, 16)), ("space", (1, 4096, 4096))]:
             f.create_dataset(f"huge/{name}", shape=(3, 1 << 16, 1 << 16), dtype="f4", chunks=chunk)
+    with h5py.File(HERE / "depth.h5", "w") as f:
+        # Distances in m: a near square before a far wall.
+        depth = np.full((96, 96), 4.0, "f4")
+        depth[30:70, 20:60] = 0.55
+        f.create_dataset("scene/depth", data=depth, chunks=(32, 40), compression="gzip", shuffle=True)
     with h5py.File(HERE / "latest.h5", "w", libver=("v110", "v110")) as f:
         f.create_dataset("fixed", data=N.astype("u1"), chunks=(1, 16, 16), compression="gzip")
         f.create_dataset("extensible", data=N.astype("u1"), chunks=(1, 16, 16), maxshape=(None, H, W))

@@ -83,7 +83,9 @@ pub struct DepthPlan {
     pub nodes: Vec<NodePlan>,
     /// Slabs that have surfaces.
     pub occupied: Vec<bool>,
-    /// Slabs with surfaces in reach of a tile, at most.
+    /// Work of each tile, row by row.
+    pub tile_work: Vec<TileWork>,
+    /// Slabs in reach of a tile, at most.
     pub max_slabs: usize,
     /// How hidden surfaces are invented, and where the scene has surfaces; `None`: they are not.
     pub hidden: Option<(Hidden, Arc<Occupancy>)>,
@@ -93,6 +95,22 @@ pub struct DepthPlan {
     pub max_near: usize,
     /// Film pixels beyond a tile that it reads, at most.
     pub reach: usize,
+}
+
+/// Side of the blocks for which work is estimated, px, at least.
+const MIN_ESTIMATE_PX: usize = 128;
+
+/// Work of a tile, an estimate: from vergences that occur in blocks of the chart, without slabs that only invented surfaces lie in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TileWork {
+    /// Slabs with surfaces in reach.
+    pub slabs: usize,
+    /// Slabs with surfaces in an FFT block of the tile with its margin, the mean.
+    pub own: f64,
+    /// Slabs with surfaces whose light reaches a pixel that the block reaches, the mean.
+    pub reached: f64,
+    /// Whether surfaces may be invented.
+    pub may_invent: bool,
 }
 
 /// One depth node.
@@ -166,13 +184,14 @@ impl DepthPlan {
                 nodes.iter().map(|n| if n.is_used { n.blocks.window } else { 0 }).collect();
             (Hidden::new(&slabs, &occupied, &windows), Arc::clone(occupancy))
         });
-        let (max_slabs, max_near) = (1, max_near(&slabs));
+        let max_near = max_near(&slabs);
         let mut plan = Self {
             slabs,
             first_node: first,
             nodes,
             occupied,
-            max_slabs,
+            tile_work: Vec::new(),
+            max_slabs: 1,
             hidden,
             max_slab_rows: 0,
             max_near,
@@ -182,19 +201,49 @@ impl DepthPlan {
         let tiling = Tiling::new(frame.film, None);
         let (rows, columns) = tiling.count();
         for tile in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
-            plan.reach_of_tile(frame, tiling.rect(tile), occupancy, &chart_rect);
+            let may_invent = plan.reach_of_tile(frame, tiling.rect(tile), occupancy, &chart_rect);
+            plan.tile_work.push(plan.work(tiling.rect(tile), occupancy, may_invent, &chart_rect));
         }
         Ok(plan)
     }
 
-    /// Raises `max_slabs`, `max_slab_rows` and `reach` to those of a tile.
+    /// Estimates the work of a tile.
+    fn work(
+        &self,
+        tile: Rect,
+        occupancy: &Occupancy,
+        may_invent: bool,
+        chart_rect: impl Fn(Rect) -> Rect,
+    ) -> TileWork {
+        let count = |rect: Rect| {
+            let slabs = occupancy.slabs(&occupancy.inside(chart_rect(rect)), &self.slabs);
+            slabs.into_iter().filter(|is| *is).count()
+        };
+        let mean =
+            |of: fn(&NodePlan) -> usize| self.used().map(of).sum::<usize>() / self.used().count().max(1);
+        let (side, margin) = (mean(|n| n.blocks.block).max(MIN_ESTIMATE_PX), mean(|n| n.blocks.window / 2));
+        let grown = tile.grown(margin);
+        let (mut own, mut reached, mut blocks) = (0, 0, 0);
+        for y in (grown.y..grown.bottom()).step_by(side) {
+            for x in (grown.x..grown.right()).step_by(side) {
+                let block = Rect::new(y, x, side, side);
+                own += count(block);
+                reached += count(block.grown(2 * margin));
+                blocks += 1;
+            }
+        }
+        let per_block = |n: usize| n as f64 / f64::from(blocks.max(1));
+        TileWork { slabs: count(grown), own: per_block(own), reached: per_block(reached), may_invent }
+    }
+
+    /// Raises `max_slabs`, `max_slab_rows` and `reach` to those of a tile; whether surfaces may be invented there.
     fn reach_of_tile(
         &mut self,
         frame: &Frame,
         tile: Rect,
         occupancy: &Occupancy,
         chart_rect: impl Fn(Rect) -> Rect,
-    ) {
+    ) -> bool {
         let film = frame.film.rect();
         let within = |rect: Rect| occupancy.slabs(&occupancy.within(chart_rect(rect)), &self.slabs);
         let mut read = tile.grown(self.margin());
@@ -203,6 +252,7 @@ impl DepthPlan {
             .hidden
             .as_ref()
             .filter(|(hidden, _)| hidden.may_be_in(chart_rect(hidden.edges(film, tile)), occupancy));
+        let may_invent = possible.is_some();
         if let Some((hidden, _)) = possible {
             let rect = hidden.sources(film, tile);
             read = rect;
@@ -230,6 +280,7 @@ impl DepthPlan {
         };
         let all = occupancy.rows_of_slabs(rect, &self.slabs).into_iter().map(rows).sum();
         self.max_slab_rows = self.max_slab_rows.max(all);
+        may_invent
     }
 
     /// The nodes whose PSFs are needed.
@@ -296,7 +347,7 @@ mod tests {
     #[test]
     fn nodes_of_empty_slabs_are_not_in_use() {
         let size = Size::new(64, 64);
-        let mut occupancy = Occupancy::new(size, (0.0, 2.0));
+        let mut occupancy = Occupancy::new(size);
         for v in [0.3, 0.31, 1.7] {
             occupancy.add(5, 5, v);
         }

@@ -30,7 +30,7 @@ from ._plan import Plan, plan
 from ._program import path as program
 from ._signatures import describe
 from .camera import compare, develop, sensor, shoot
-from .commands import chart, chart_image, command, export, forecast, measure, run, status, verify
+from .commands import chart, chart_image, command, depth, export, forecast, measure, run, status, verify
 from .errors import (
     CheckError,
     FailedError,
@@ -48,6 +48,7 @@ describe(
     {
         ("run",): run,
         ("plan",): plan,
+        ("depth",): depth,
         ("chart",): chart,
         ("chart", "image"): chart_image,
         ("export",): export,
@@ -81,6 +82,7 @@ __all__ = [
     "chart_image",
     "command",
     "compare",
+    "depth",
     "develop",
     "export",
     "flags",

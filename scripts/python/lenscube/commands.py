@@ -148,6 +148,16 @@ def status(film: Chart, **flags: "Unpack[f.Status]") -> dict[str, Any]:
     return json.loads(execute(arguments(("status",), [_films.path_of(film, "film")], {**flags, "json": True})))
 
 
+def depth(scene: PathLike, **flags: "Unpack[f.Depth]") -> dict[str, Any]:
+    """What the distances of a chart's pixels mean for a run with `lens`: blur in film pixels, depth nodes, slabs, time, memory, suspicious pixels.
+
+    `scene` as for `lenscube depth`. Distances that `run` would refuse are a CheckError, with the report in `output`.
+
+    >>> lenscube.depth("render.exr//Z", lens="phone", focus_m=1, film_pitch_um=1, plot="depth.png")["blur_px"]["greatest"]
+    """
+    return json.loads(execute(arguments(("depth",), [scene], {**flags, "json": True})))
+
+
 def verify(film: Chart, **flags: "Unpack[f.Verify]") -> dict[str, Any]:
     """Reads and checks a film or raw completely; its report. Damaged or missing parts are a CheckError, with the report in `output`."""
     return json.loads(execute(arguments(("verify",), [_films.path_of(film, "film")], {**flags, "json": True})))

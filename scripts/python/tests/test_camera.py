@@ -73,6 +73,21 @@ def test_lenses_are_dictionaries(tmp_path):
     assert camera["width_px"] - camera["height_px"] == 100
 
 
+def test_distances_are_looked_at_before_a_run(tmp_path):
+    distances = numpy.full((40, 60), 2, "f4")
+    distances[10:20, 5:9] = 1.5
+    numpy.save(tmp_path / "depth.npy", distances)
+    flags = {"lens": "triplet", "focus_m": 2, "film_pitch_um": 5}
+    found = lenscube.depth(tmp_path / "depth.npy", plot=tmp_path / "depth.png", **flags)
+    assert found["blur_px"]["least"] == 0 and found["nearest_m"] == pytest.approx(1.5)
+    assert (tmp_path / "depth.png").exists() and found["problems"] == []
+    distances[3, 4] = 0
+    numpy.save(tmp_path / "depth.npy", distances)
+    with pytest.raises(lenscube.CheckError) as error:
+        lenscube.depth(tmp_path / "depth.npy", **flags)
+    assert '"zero"' in error.value.output
+
+
 def test_charts_are_drawn_and_converted(tmp_path):
     drawn = lenscube.chart("uniform", tmp_path / "u.zarr", size=32, wavelengths=[500, 600], pitch_um=2)
     assert drawn.chart.dims == ("wavelength", "y", "x") and drawn.wavelength.values.tolist() == [500, 600]

@@ -1,6 +1,6 @@
 //! Arrays of distances and coverages: one number per chart pixel, from the formats of charts, a channel of OpenEXR, or raw samples.
 
-use crate::args::RunArgs;
+use super::scan;
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::{Context, Result};
@@ -24,20 +24,26 @@ pub fn is_missing(error: &anyhow::Error) -> bool {
     error.downcast_ref().is_some_and(|e| matches!(e, ChartError::NoArray { .. }))
 }
 
-/// Where arrays are decoded to: beside the film.
-pub fn temporary_directory(args: &RunArgs) -> PathBuf {
-    match is_url(&args.film) {
+/// Where arrays are decoded to: beside the film `film`.
+pub fn temporary_directory(film: &Path) -> PathBuf {
+    match is_url(film) {
         true => std::env::temp_dir(),
-        false => parent_of(&link_target(&args.film)).to_path_buf(),
+        false => parent_of(&link_target(film)).to_path_buf(),
     }
 }
 
 /// Opens an array of one number per chart pixel; `dtype`: of raw samples of this type.
 pub fn array(spec: &str, frame: &Frame, name: &str, dtype: Option<&str>) -> Result<Chart> {
     let shape = format!("1,{},{}", frame.chart.height, frame.chart.width);
+    let chart = open(spec, name, dtype.map(|dtype| (&*shape, dtype)))?;
+    check_size(&chart, frame, spec, name)?;
+    Ok(chart)
+}
+
+/// Opens an array of one number per pixel, of any size; `raw`: shape and type of raw samples.
+pub fn open(spec: &str, name: &str, raw: Option<(&str, &str)>) -> Result<Chart> {
     // A drawn array has one band, whose wavelength has no meaning.
     let wavelengths = spec.starts_with("gen:").then_some("550");
-    let raw = dtype.map(|dtype| (&*shape, dtype));
     let flags = ChartFlags { nan: NanPolicy::Keep, wavelengths, raw, ..ChartFlags::default() };
     let mut chart = match exr::is_supported_path(Path::new(split_array(spec).0)) {
         true => open_exr(spec, NanPolicy::Keep),
@@ -50,7 +56,6 @@ pub fn array(spec: &str, frame: &Frame, name: &str, dtype: Option<&str>) -> Resu
     if bands != 1 {
         return Err(usage(format!("{name}: the array has {bands} bands, expected rows and columns only")));
     }
-    check_size(&chart, frame, spec, name)?;
     Ok(chart)
 }
 
@@ -82,4 +87,35 @@ pub fn coverage(spec: &str, frame: &Frame) -> Result<Option<Chart>> {
         Err(e) if is_missing(&e) => Ok(None),
         Err(e) => Err(e),
     }
+}
+
+/// Decodes the only band of an array that is not read where it is, into `directory`.
+pub fn decode(chart: &Chart, directory: &Path, threads: usize) -> Result<()> {
+    match chart {
+        Chart::Decoded(decoded) => Ok(decoded.copy_bands(&[0], directory, threads, &|_, _| ())?),
+        Chart::Store(_) | Chart::Raster(_) | Chart::Generated(_) => Ok(()),
+    }
+}
+
+/// Fails if the chart `spec` has an alpha channel below 1: its colours are premultiplied, and nothing says what lies in the rest of such a pixel.
+///
+/// # Errors
+/// Usage: a pixel that is not opaque. The file cannot be read.
+pub fn check_opaque(spec: &str, directory: &Path, threads: usize) -> Result<()> {
+    let path = Path::new(spec);
+    if !exr::is_supported_path(path) || !exr::open(path, NanPolicy::Keep)?.has_alpha {
+        return Ok(());
+    }
+    let alpha = Chart::Decoded(Box::new(exr::open_channel(path, &["A"], NanPolicy::Keep)?));
+    decode(&alpha, directory, threads)?;
+    scan::for_each_row(alpha.source(), scan::MIN_ROWS, |y, values| {
+        match values.iter().position(|a| !matches!(a, 1.0..)) {
+            None => Ok(()),
+            Some(x) => Err(usage(format!(
+                "chart {spec}: alpha at row {y}, column {x} is {}, so its colours are premultiplied, and there is no coverage: write colours divided by alpha, \
+                 distances and alpha as the arrays chart, depth and coverage of a Zarr group, or render opaque pixels",
+                values[x]
+            ))),
+        }
+    })
 }

@@ -6,9 +6,10 @@
 //!
 //!     (V − V_a)·(V − V_b) < 0,   |V_a − V_b|·s > 2 px,   |V − V_a|·s > 0.5 px,   |V − V_b|·s > 0.5 px,   s: blur per dioptre
 //! `--depth-edges snap` gives it the distance of the nearer one. It depends on the stored distances alone, so not on tiles.
+//!
+//! An outlier differs by more than 2 px from all its four neighbours, which are of one surface.
 
 use crate::open::Chart;
-use anyhow::Result;
 use formats::chart::{RasterSample, Sample};
 use pipeline::depth::sheet::Distance;
 use pipeline::flow::{ChartSource, SourceSinkError};
@@ -18,8 +19,6 @@ use pipeline::geometry::{Frame, Rect, Size};
 const EDGE_PX: f64 = 2.0;
 /// Difference of blur radii from which on a pixel is apart from a neighbour, film px.
 const APART_PX: f64 = 0.5;
-/// Share of the pixels at edges from which on interpolated ones are reported.
-const REPORTED_SHARE: f64 = 1e-3;
 /// Largest finite number of 16-bit floats, which renderers write for infinity.
 const F16_MAX: f32 = 65504.0;
 
@@ -44,15 +43,15 @@ pub struct Edges {
     pub blur_px: f64,
 }
 
-/// Interpolated pixels of an array.
-#[derive(Debug, Default, PartialEq, Eq)]
-pub struct Found {
-    /// Pixels between neighbours of different surfaces.
-    edges: u64,
-    /// Of them, those at a distance between both.
-    between: u64,
-    /// Row and column of the first.
-    first: Option<(usize, usize)>,
+/// What the neighbours of a pixel show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Neighbourhood {
+    /// Whether two opposite neighbours are of different surfaces.
+    pub is_edge: bool,
+    /// Row and column, from the pixel, of the nearer one of two neighbours that it lies between.
+    pub nearer: Option<(isize, isize)>,
+    /// Whether its neighbours are of one surface, and it is not.
+    pub is_outlier: bool,
 }
 
 impl CleanDepth {
@@ -94,96 +93,70 @@ impl ChartSource for CleanDepth {
         let around = rect.grown(1).intersect(self.size().rect());
         let mut stored = vec![0.0; around.size().pixels()];
         self.read_stored(around, &mut stored)?;
-        let vergence = edges.vergences(around, &stored);
+        let rows = stored.chunks_exact(around.width).zip(around.y..);
+        let vergence: Vec<Vec<f64>> = rows
+            .map(|(row, y)| {
+                let v = |(value, x): (&f32, i64)| edges.vergence(*value, y as usize, x as usize);
+                row.iter().zip(around.x..).map(|at| v(at).unwrap_or(0.0)).collect()
+            })
+            .collect();
         let (first_y, first_x) = ((rect.y - around.y) as usize, (rect.x - around.x) as usize);
-        for (y, line) in out.chunks_exact_mut(rect.width).enumerate() {
-            for (x, value) in line.iter_mut().enumerate() {
-                let at = (first_y + y) * around.width + first_x + x;
-                *value = stored[edges.between(&vergence, around.size(), at).nearer.unwrap_or(at)];
+        for (y, line) in (first_y..).zip(out.chunks_exact_mut(rect.width)) {
+            let above = y.checked_sub(1).map(|y| &vergence[y][..]);
+            let below = vergence.get(y + 1).map(|row| &row[..]);
+            for (x, value) in (first_x..).zip(line) {
+                let (dy, dx) = edges.around(above, &vergence[y], below, x).nearer.unwrap_or_default();
+                *value = stored[y.strict_add_signed(dy) * around.width + x.strict_add_signed(dx)];
             }
         }
         Ok(())
     }
 }
 
-/// A pixel and its neighbours.
-struct Neighbours {
-    is_edge: bool,
-    /// The nearer one of two neighbours that the pixel lies between.
-    nearer: Option<usize>,
-}
-
 impl Edges {
-    /// Vergences of the pixels `stored` of `rect`, 1/m; 0 where there is no valid distance.
-    fn vergences(&self, rect: Rect, stored: &[f32]) -> Vec<f64> {
-        let at = |i: usize| (rect.y as usize + i / rect.width, rect.x as usize + i % rect.width);
-        let vergence = |(i, value): (usize, &f32)| {
-            let (row, column) = at(i);
-            self.distance.vergence(*value, Distance::ideal_mm(&self.frame, row, column)).unwrap_or(0.0)
-        };
-        stored.iter().enumerate().map(vergence).collect()
+    /// Vergence of the stored number `value` of a pixel, 1/m; `None` for a distance that is not valid.
+    pub fn vergence(&self, value: f32, row: usize, column: usize) -> Option<f64> {
+        self.distance.vergence(value, Distance::ideal_mm(&self.frame, row, column))
     }
 
-    /// Pixel `at` of `vergence`, an array of `size`.
-    fn between(&self, vergence: &[f64], size: Size, at: usize) -> Neighbours {
-        let (y, x) = (at / size.width, at % size.width);
-        let v = vergence[at];
-        let mut found = Neighbours { is_edge: false, nearer: None };
-        let pairs = [(x > 0 && x + 1 < size.width, 1), (y > 0 && y + 1 < size.height, size.width)];
-        for (_, step) in pairs.into_iter().filter(|(inside, _)| *inside) {
-            let (a, b) = (at - step, at + step);
-            if (vergence[a] - vergence[b]).abs() * self.blur_px <= EDGE_PX {
+    /// The neighbourhood of pixel `x` of `row` between the rows `above` and `below`, all of vergences.
+    pub fn around(
+        &self,
+        above: Option<&[f64]>,
+        row: &[f64],
+        below: Option<&[f64]>,
+        x: usize,
+    ) -> Neighbourhood {
+        let v = row[x];
+        let differ = |a: f64, b: f64, px: f64| (a - b).abs() * self.blur_px > px;
+        if let (true, Some(above), Some(below)) = (x > 0 && x + 1 < row.len(), above, below) {
+            let all = [row[x - 1], row[x + 1], above[x], below[x]];
+            // The usual case: one surface.
+            if all.iter().all(|n| !differ(v, *n, EDGE_PX / 2.0)) {
+                return Neighbourhood::default();
+            }
+        }
+        let across = (x > 0 && x + 1 < row.len()).then(|| [((0, -1), row[x - 1]), ((0, 1), row[x + 1])]);
+        let down = above.zip(below).map(|(above, below)| [((-1, 0), above[x]), ((1, 0), below[x])]);
+        let mut found = Neighbourhood::default();
+        for &[(to_a, a), (to_b, b)] in across.iter().chain(&down) {
+            if !differ(a, b, EDGE_PX) {
                 continue;
             }
             found.is_edge = true;
-            let is_between = (v - vergence[a]) * (v - vergence[b]) < 0.0;
-            let is_apart = |of: usize| (v - vergence[of]).abs() * self.blur_px > APART_PX;
-            if is_between && is_apart(a) && is_apart(b) && found.nearer.is_none() {
-                found.nearer = Some(if vergence[a] > vergence[b] { a } else { b });
+            let is_between = (v - a) * (v - b) < 0.0;
+            let is_apart = differ(v, a, APART_PX) && differ(v, b, APART_PX);
+            if is_between && is_apart && found.nearer.is_none() {
+                found.nearer = Some(if a > b { to_a } else { to_b });
             }
+        }
+        if let (Some([(_, a), (_, b)]), Some([(_, c), (_, d)])) = (across, down) {
+            let (far, near) = (a.min(b).min(c).min(d), a.max(b).max(c).max(d));
+            let is_beyond = |end: f64| differ(v, end, EDGE_PX);
+            found.is_outlier =
+                !differ(far, near, EDGE_PX) && (v < far && is_beyond(far) || v > near && is_beyond(near));
         }
         found
-    }
-
-    /// Looks for interpolated pixels in `depth`, read `rows` rows at a time.
-    ///
-    /// # Errors
-    /// It cannot be read.
-    pub fn find(&self, depth: &CleanDepth, rows: usize) -> Result<Found> {
-        let size = depth.size();
-        let mut found = Found::default();
-        for first in (0..size.height).step_by(rows) {
-            let part = Rect::new(first as i64, 0, rows.min(size.height - first), size.width);
-            let around = part.grown(1).intersect(size.rect());
-            let mut stored = vec![0.0; around.size().pixels()];
-            depth.read_stored(around, &mut stored).map_err(anyhow::Error::from_boxed)?;
-            let vergence = self.vergences(around, &stored);
-            let skipped = (part.y - around.y) as usize;
-            for i in 0..part.size().pixels() {
-                let pixel = self.between(&vergence, around.size(), i + skipped * size.width);
-                found.edges += u64::from(pixel.is_edge);
-                if pixel.nearer.is_some() {
-                    found.between += 1;
-                    found.first.get_or_insert((first + i / size.width, i % size.width));
-                }
-            }
-        }
-        Ok(found)
-    }
-}
-
-impl Found {
-    /// A note on the array `name`, if there are many.
-    pub fn note(&self, name: &str) -> Option<String> {
-        let (row, column) = self.first?;
-        let share = self.between as f64 / self.edges as f64;
-        (share >= REPORTED_SHARE).then(|| {
-            format!(
-                "{name}: {} of {} pixels at edges have a distance between those of their neighbours, e.g. row {row}, column {column}: the depth is \
-                 anti-aliased, and blur is wrong there; render it with one sample per pixel, or add `--depth-edges snap`",
-                self.between, self.edges
-            )
-        })
     }
 }
 

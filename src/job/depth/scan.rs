@@ -1,97 +1,221 @@
-//! One pass over depth and coverage arrays: every value is checked, the range of vergences is found.
+//! One pass over a depth array: every value is checked, the vergences that occur are collected, and what is suspicious is counted.
+//!
+//! Rows are read in strips of a chunk's rows; of their vergences three rows are held, so memory does not grow with the array's height.
 
+use super::clean::Edges;
 use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::{Result, bail};
 use pipeline::depth::occupancy::Occupancy;
 use pipeline::depth::plan::Surfaces;
-use pipeline::depth::sheet::Distance;
 use pipeline::flow::ChartSource;
-use pipeline::geometry::{Frame, Rect, Size};
+use pipeline::geometry::{Rect, Size};
 use std::sync::Arc;
 
 /// Rows read together, at least.
 pub const MIN_ROWS: usize = 64;
+/// Share of the pixels at edges from which on interpolated ones are reported.
+const REPORTED_SHARE: f64 = 1e-3;
+/// Vergences beyond the nodes of a lens by less than this share are rounding.
+const ROUNDING: f64 = 1e-6;
 
 /// Rows of `chart` read together: those of a chunk.
 pub fn rows_at_a_time(chart: &Chart) -> usize {
     chart.chunk_size().height.max(MIN_ROWS)
 }
 
-/// Row and column of a chart pixel, and whether a distance was found there.
-pub struct Position {
-    row: usize,
-    column: usize,
-    is_missed: bool,
+/// Pixels of a kind: their number, and row and column of the first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pixels {
+    /// Number.
+    pub count: u64,
+    /// Row and column of the first.
+    pub first: Option<(usize, usize)>,
 }
 
-/// Calls `add` with every pixel of the array `source` of `name`, read `rows` rows at a time, and its vergence in 1/m.
-///
-/// # Errors
-/// It cannot be read; a distance is not positive.
-pub fn distances(
-    name: &str,
-    source: &dyn ChartSource,
-    rows: usize,
-    distance: &Distance,
-    frame: &Frame,
-    add: &mut dyn FnMut(Position, f64),
-) -> Result<()> {
-    for_each(source, rows, |row, column, value| {
-        let Some(v) = distance.vergence(value, Distance::ideal_mm(frame, row, column)) else {
-            return Err(usage(format!(
-                "{name}: the depth at row {row}, column {column} is {value}, expected a distance above 0; `--depth-miss far` takes NaN, 0 \
-                 and negative numbers for infinity"
-            )));
+impl Pixels {
+    fn add(&mut self, row: usize, column: usize) {
+        self.count += 1;
+        self.first.get_or_insert((row, column));
+    }
+}
+
+/// What was found in the depth array of one surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Findings {
+    /// NaN, taken for infinity.
+    pub nan: Pixels,
+    /// 0, taken for infinity.
+    pub zero: Pixels,
+    /// Negative, taken for infinity.
+    pub negative: Pixels,
+    /// Infinite, at 10⁶ m or more, or the largest number of 16-bit floats.
+    pub infinite: Pixels,
+    /// Nearer than the nearest depth node of the lens.
+    pub nearer: Pixels,
+    /// Farther than the farthest depth node of the lens.
+    pub farther: Pixels,
+    /// Between neighbours of different surfaces.
+    pub edges: u64,
+    /// Of these, at a distance between both.
+    pub between: Pixels,
+    /// Single pixels before or behind the surface around them.
+    pub outliers: Pixels,
+}
+
+impl Findings {
+    /// A note on interpolated distances in the array `name`, if there are many.
+    pub fn edge_note(&self, name: &str) -> Option<String> {
+        let (row, column) = self.between.first?;
+        let (between, edges) = (self.between.count, self.edges);
+        (between as f64 / edges as f64 >= REPORTED_SHARE).then(|| {
+            format!(
+                "{name}: {between} of {edges} pixels at edges have a distance between those of their neighbours, e.g. row {row}, column {column}: the depth is \
+                 anti-aliased, and blur is wrong there; render it with one sample per pixel, or add `--depth-edges snap`"
+            )
+        })
+    }
+
+    /// A note on pixels of the array `name` at infinity.
+    pub fn infinity_note(&self, name: &str) -> Option<String> {
+        let (row, column) = self.infinite.first?;
+        Some(format!(
+            "{name}: {} pixels, e.g. row {row}, column {column}, are at infinity: infinite, 1e6 m or more, or 65504 in 16-bit floats",
+            self.infinite.count
+        ))
+    }
+
+    /// Pixels without a valid distance.
+    pub fn missed(&self) -> u64 {
+        self.nan.count + self.zero.count + self.negative.count
+    }
+
+    /// Counts pixel (`row`, `column`) with the stored number `value` and vergence `v`, for a lens with depth nodes over the vergences `nodes`.
+    fn add(&mut self, row: usize, column: usize, value: f32, v: f64, nodes: Option<(f64, f64)>) {
+        let kind = match value {
+            value if value.is_nan() => Some(&mut self.nan),
+            0.0 => Some(&mut self.zero),
+            value if value < 0.0 => Some(&mut self.negative),
+            _ if v == 0.0 => Some(&mut self.infinite),
+            _ => None,
         };
-        add(Position { row, column, is_missed: value.is_nan() || value <= 0.0 }, v);
-        Ok(())
-    })
+        kind.into_iter().for_each(|pixels| pixels.add(row, column));
+        if let Some((farthest, nearest)) = nodes {
+            if v > nearest * (1.0 + ROUNDING) {
+                self.nearer.add(row, column);
+            } else if v < farthest * (1.0 - ROUNDING) {
+                self.farther.add(row, column);
+            }
+        }
+    }
+
+    /// Counts what the neighbours of the pixels of row `y` show.
+    fn add_neighbours(
+        &mut self,
+        edges: &Edges,
+        y: usize,
+        (above, row, below): (Option<&[f64]>, &[f64], Option<&[f64]>),
+    ) {
+        for x in 0..row.len() {
+            let found = edges.around(above, row, below, x);
+            self.edges += u64::from(found.is_edge);
+            if found.nearer.is_some() {
+                self.between.add(y, x);
+            }
+            if found.is_outlier {
+                self.outliers.add(y, x);
+            }
+        }
+    }
 }
 
-/// What was found in the depth arrays.
+/// A depth array to scan.
+pub struct Scanned<'a> {
+    /// Name in messages.
+    pub name: &'a str,
+    /// The array.
+    pub source: &'a dyn ChartSource,
+    /// Rows read together.
+    pub rows: usize,
+    /// What its numbers mean, and what an edge is.
+    pub edges: Edges,
+    /// Vergences of a lens's farthest and nearest depth node, 1/m; none if it is traced for the scene.
+    pub nodes: Option<(f64, f64)>,
+}
+
+/// Vergences of all surfaces.
 pub struct Scan {
-    /// Vergences of the farthest and the nearest surface, 1/m.
-    first: f64,
-    last: f64,
+    /// Those of the farthest and the nearest surface, 1/m.
+    range: (f64, f64),
     occupancy: Occupancy,
-    /// Pixels at infinity because nothing was met.
-    missed: u64,
 }
 
 impl Scan {
-    /// Nothing yet, for a chart of `size` and a lens with depth nodes over the vergences `nodes`.
-    pub fn new(size: Size, nodes: (f64, f64)) -> Self {
-        Self { first: f64::INFINITY, last: 0.0, occupancy: Occupancy::new(size, nodes), missed: 0 }
+    /// Nothing yet, for a chart of `size`.
+    pub fn new(size: Size) -> Self {
+        Self { range: (f64::INFINITY, 0.0), occupancy: Occupancy::new(size) }
     }
 
-    /// Adds a pixel of vergence `v`.
-    pub fn add(&mut self, at: Position, v: f64) {
-        self.missed += u64::from(at.is_missed);
-        self.first = self.first.min(v);
-        self.last = self.last.max(v);
-        self.occupancy.add(at.row, at.column, v);
+    /// Adds the array `of`; `on_row` receives the vergences of each row.
+    ///
+    /// # Errors
+    /// It cannot be read; a distance is not valid.
+    pub fn add(&mut self, of: &Scanned<'_>, on_row: &mut dyn FnMut(usize, &[f64])) -> Result<Findings> {
+        let mut found = Findings::default();
+        let mut rows: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; of.source.size().width]);
+        let last = of.source.size().height - 1;
+        for_each_row(of.source, of.rows, |y, values| {
+            // Rows y − 2, y − 1 and y.
+            rows.rotate_left(1);
+            self.add_row(of, y, values, &mut rows[2], &mut found)?;
+            on_row(y, &rows[2]);
+            let [above, row, below] = &rows;
+            if y > 0 {
+                let above = (y > 1).then_some(&above[..]);
+                found.add_neighbours(&of.edges, y - 1, (above, row, Some(below)));
+            }
+            if y == last {
+                found.add_neighbours(&of.edges, y, ((y > 0).then_some(&row[..]), below, None));
+            }
+            Ok(())
+        })?;
+        Ok(found)
     }
 
-    /// Vergence of the nearest surface, 1/m.
-    pub fn nearest(&self) -> f64 {
-        self.last
+    /// Adds the row `y` of stored numbers `values`; their vergences.
+    fn add_row(
+        &mut self,
+        of: &Scanned<'_>,
+        y: usize,
+        values: &[f32],
+        vergences: &mut [f64],
+        found: &mut Findings,
+    ) -> Result<()> {
+        for (x, (value, vergence)) in std::iter::zip(values, vergences).enumerate() {
+            let Some(v) = of.edges.vergence(*value, y, x) else {
+                return Err(usage(format!(
+                    "{}: the depth at row {y}, column {x} is {value}, expected a distance above 0; `--depth-miss far` takes NaN, 0 \
+                     and negative numbers for infinity",
+                    of.name
+                )));
+            };
+            *vergence = v;
+            found.add(y, x, *value, v, of.nodes);
+            self.range = (self.range.0.min(v), self.range.1.max(v));
+            self.occupancy.add(y, x, v);
+        }
+        Ok(())
+    }
+
+    /// Vergences of the farthest and the nearest surface, 1/m.
+    pub fn range(&self) -> (f64, f64) {
+        self.range
     }
 
     /// Vergences found; `is_opaque`: of one surface without holes; `invent`: what is hidden behind edges is invented.
     pub fn surfaces(self, is_opaque: bool, invent: bool) -> Surfaces {
-        let Self { first, last, .. } = self;
-        let (occupancy, is_invented) = (Arc::new(self.occupancy), invent && first < last);
-        Surfaces { first, last, is_opaque, occupancy, is_invented }
-    }
-
-    /// Notes to print.
-    pub fn notes(&self) -> Vec<String> {
-        let note = format!(
-            "{} pixels of the depth arrays are NaN, 0 or negative and are taken for infinity (--depth-miss far)",
-            self.missed
-        );
-        if self.missed > 0 { vec![note] } else { Vec::new() }
+        let ((first, last), occupancy) = (self.range, Arc::new(self.occupancy));
+        Surfaces { first, last, is_opaque, occupancy, is_invented: invent && first < last }
     }
 }
 
@@ -100,19 +224,24 @@ impl Scan {
 /// # Errors
 /// It cannot be read; a value outside 0 to 1.
 pub fn coverage(name: &str, chart: &Chart) -> Result<()> {
-    for_each(chart.source(), rows_at_a_time(chart), |row, column, value| {
-        if !(0.0..=1.0).contains(&value) {
-            bail!("{name}: the coverage at row {row}, column {column} is {value}, expected 0 to 1");
+    for_each_row(chart.source(), rows_at_a_time(chart), |y, values| {
+        match values.iter().position(|value| !(0.0..=1.0).contains(value)) {
+            None => Ok(()),
+            Some(x) => {
+                bail!("{name}: the coverage at row {y}, column {x} is {}, expected 0 to 1", values[x])
+            }
         }
-        Ok(())
     })
 }
 
-/// Calls `each` with row, column and value of every pixel.
-fn for_each(
+/// Calls `each` with every row of `source`, read `rows` rows at a time.
+///
+/// # Errors
+/// It cannot be read; errors of `each`.
+pub fn for_each_row(
     source: &dyn ChartSource,
     rows: usize,
-    mut each: impl FnMut(usize, usize, f32) -> Result<()>,
+    mut each: impl FnMut(usize, &[f32]) -> Result<()>,
 ) -> Result<()> {
     let size = source.size();
     let mut pixels = vec![0f32; rows.min(size.height) * size.width];
@@ -120,11 +249,9 @@ fn for_each(
         let count = rows.min(size.height - first);
         let pixels = &mut pixels[..count * size.width];
         let rect = Rect::new(first as i64, 0, count, size.width);
-        source.read(0, rect, pixels).map_err(|e| anyhow::anyhow!(e))?;
-        for (y, line) in pixels.chunks_exact(size.width).enumerate() {
-            for (x, value) in line.iter().enumerate() {
-                each(first + y, x, *value)?;
-            }
+        source.read(0, rect, pixels).map_err(anyhow::Error::from_boxed)?;
+        for (y, row) in pixels.chunks_exact(size.width).enumerate() {
+            each(first + y, row)?;
         }
     }
     Ok(())

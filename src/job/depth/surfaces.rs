@@ -4,7 +4,7 @@
 //! such arrays, too. `--depth none` ignores them.
 
 use super::arrays::array_of;
-use crate::args::{DepthArgs, RunArgs};
+use crate::args::DepthArgs;
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
@@ -26,16 +26,15 @@ pub struct SurfacePaths {
 }
 
 impl SurfacePaths {
-    /// The surfaces of `args` with the chart `chart`, the one that it shows first; empty for a flat chart.
+    /// The surfaces of a job with the flags `given` and the chart `chart`, given as `spec`: the one that it shows first; empty for a flat chart.
     ///
     /// # Errors
     /// Flags of distances without distances; the chart's store cannot be read.
-    pub fn of_job(args: &RunArgs, chart: &Chart) -> Result<Vec<Self>> {
-        let given = &args.surfaces;
+    pub fn of_job(given: &DepthArgs, spec: &str, chart: &Chart) -> Result<Vec<Self>> {
         let mut found = match given.depth.as_deref() {
             Some("none") => Vec::new(),
             Some(depth) => vec![Self::first(depth)],
-            None => Self::of_chart(args, chart)?,
+            None => Self::of_chart(spec, chart)?,
         };
         let Some(first) = found.first() else {
             return match unused(given) {
@@ -52,7 +51,8 @@ impl SurfacePaths {
         Ok(found)
     }
 
-    fn first(depth: &str) -> Self {
+    /// The surface that the chart shows, with the distances `depth`.
+    pub fn first(depth: &str) -> Self {
         let coverage = group_of(depth).map(|group| member(group, "coverage"));
         Self { name: format!("--depth {depth}"), chart: None, depth: depth.into(), coverage }
     }
@@ -71,23 +71,22 @@ impl SurfacePaths {
         }
     }
 
-    /// Those beside the chart.
-    fn of_chart(args: &RunArgs, chart: &Chart) -> Result<Vec<Self>> {
+    /// Those beside the chart `chart`, given as `spec`.
+    ///
+    /// # Errors
+    /// Its store cannot be read.
+    pub fn of_chart(spec: &str, chart: &Chart) -> Result<Vec<Self>> {
         match chart {
             Chart::Generated(generator) => {
                 let part = |part| Some(format!("gen:{}", generator.spec().scene_part(part)?));
                 let (true, Some(depth)) = (generator.spec().has_depth(), part(ScenePart::Depth)) else {
                     return Ok(Vec::new());
                 };
-                let front = Self {
-                    name: args.chart.clone(),
-                    chart: None,
-                    depth,
-                    coverage: part(ScenePart::Coverage),
-                };
+                let front =
+                    Self { name: spec.to_owned(), chart: None, depth, coverage: part(ScenePart::Coverage) };
                 let behind = part(ScenePart::Hidden).zip(part(ScenePart::HiddenDepth));
                 let behind = behind.map(|(hidden, depth)| Self {
-                    name: format!("{}, hidden surface", args.chart),
+                    name: format!("{spec}, hidden surface"),
                     chart: Some(hidden),
                     depth,
                     coverage: None,

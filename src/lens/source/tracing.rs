@@ -12,6 +12,8 @@
 
 mod depth;
 
+pub(super) use depth::check_blur;
+
 use super::{Traced, TracedFor};
 use crate::args::DesignArgs;
 use crate::design;
@@ -22,6 +24,7 @@ use crate::trace::attributes;
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, band_digest};
 use pipeline::band::{BandPlan, Options};
+use pipeline::design::ray::Tracer;
 use pipeline::design::trace::{
     Azimuths, BandReport, LensTrace, MAX_NODES, Progress, PsfHeights, SharedNodes, TraceOptions, with_threads,
 };
@@ -100,6 +103,15 @@ fn rounded_up(mm: f64) -> f64 {
     (mm / step - 1e-9).ceil() * step
 }
 
+/// Reach of the first attempt for the film of `frame`, mm; with `clamp` at most the lens's own limit.
+pub(super) fn outermost_mm(system: &System, frame: &Frame, clamp: bool) -> Result<f64> {
+    let reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM);
+    match Tracer::new(system, system.primary_um())?.field_of_height(reach_mm) {
+        Err(DesignError::Height { reached_mm, .. }) if clamp => Ok(0.99 * reached_mm),
+        reached => Ok(reached.map(|_| reach_mm)?),
+    }
+}
+
 /// A design and what it is traced for.
 #[derive(Clone, Copy)]
 pub(super) struct TracingJob<'a> {
@@ -126,7 +138,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     let (system, name) = (job.system, job.name);
     note_field(system, name, job.frame)?;
     if let Some(depth) = &job.depth {
-        depth::check_blur(job, depth, &trace_options(system.primary_um() * 1e3, 1.0, job))?;
+        check_blur(job, depth, &trace_options(system.primary_um() * 1e3, 1.0, job))?;
     }
     let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
     nm.sort_by(f64::total_cmp);
@@ -280,7 +292,7 @@ impl BandTracer<'_> {
 }
 
 /// Trace options of a job. Without the PSF stage only two PSFs of a minimum window are traced.
-fn trace_options(nm: f64, reach_mm: f64, job: &TracingJob<'_>) -> TraceOptions {
+pub(super) fn trace_options(nm: f64, reach_mm: f64, job: &TracingJob<'_>) -> TraceOptions {
     let mut trace = TraceOptions::new(vec![nm], reach_mm);
     trace.film_pitch_um = trace_pitch_um(job.frame.pitch_um);
     if job.depth.is_some() {

@@ -26,7 +26,11 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 const LONG_S: f64 = 10.0;
 
 /// Fails if a surface lies behind the first vertex, or is blurred by more than the PSFs of a trace hold.
-pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &TraceOptions) -> Result<()> {
+pub(in crate::lens::source) fn check_blur(
+    job: &TracingJob<'_>,
+    depth: &TracedFor<'_>,
+    trace: &TraceOptions,
+) -> Result<()> {
     let (system, options) = (job.system, depth.options);
     let (far, near) = options.range;
     system.at_vergence(near).with_context(|| format!("the nearest surface, at {} m", 1.0 / near))?;
