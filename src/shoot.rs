@@ -1,6 +1,6 @@
 //! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other.
 
-use crate::args::{Cli, Command, ProgressArg, ShootArgs, check_directory};
+use crate::args::{Cli, Command, ProgressArg, RunArgs, ShootArgs, check_directory};
 use crate::failure::{other_job, usage};
 use crate::progress::log_line;
 use crate::{develop, run, sensor};
@@ -26,6 +26,12 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
             "{out} is not developed: --white, --demosaic and --even-light are for pictures"
         )));
     }
+    if args.even_light && (args.surfaces.focus_m.is_some() || !args.surfaces.gap.is_empty()) {
+        return Err(usage(
+            "--even-light divides by the relative illumination of the lens as designed, not of another focus: develop with `lenscube develop --shading` and a flat \
+             field, or give a lens pack traced with --focus-m",
+        ));
+    }
     if args.out.symlink_metadata().is_ok() && !args.overwrite {
         return Err(other_job(format!("{out} already exists; replace it with --overwrite")));
     }
@@ -40,7 +46,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     words.extend(option("--wavelengths", args.wavelengths.as_ref()));
     words.extend(option("--chart-units", args.chart_units.as_ref()));
     words.extend(option("--film-pitch-um", args.film_pitch_um));
-    let code = execute(words, &[&args.chart, &film])?;
+    let code = execute(args, words, &[&args.chart, &film])?;
     if code != 0 {
         return Ok(code);
     }
@@ -51,7 +57,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     );
     words.extend(option("--gain", args.gain));
     words.extend(option("--iso", args.iso));
-    let code = execute(words, &[&film, if developed { &raw } else { &out }])?;
+    let code = execute(args, words, &[&film, if developed { &raw } else { &out }])?;
     if code != 0 {
         return Ok(code);
     }
@@ -61,7 +67,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         words.extend(option("--white", args.white.as_ref()));
         words.extend(option("--demosaic", args.demosaic.map(name)));
         words.extend(option("--shading", args.even_light.then_some(&args.lens)));
-        let code = execute(words, &[&raw, &out])?;
+        let code = execute(args, words, &[&raw, &out])?;
         if code != 0 {
             return Ok(code);
         }
@@ -102,13 +108,17 @@ fn name(demosaic: Demosaic) -> String {
     format!("{demosaic:?}").to_lowercase()
 }
 
-fn execute(mut words: Vec<String>, paths: &[&String]) -> Result<u8> {
+/// Runs the command line `words` with `paths` behind it; a film with the surfaces of `args`.
+fn execute(args: &ShootArgs, mut words: Vec<String>, paths: &[&String]) -> Result<u8> {
     words.push("--".into());
     words.extend(paths.iter().map(|p| (*p).clone()));
     match Cli::try_parse_from(words).map_err(|e| usage(e.to_string()))?.command {
-        Command::Run(args) => run::run_job(&args.job, None, ProgressArg::Auto),
-        Command::Sensor(args) => sensor::command(&args),
-        Command::Develop(args) => develop::command(&args),
+        Command::Run(run) => {
+            let job = RunArgs { surfaces: args.surfaces.clone(), ..run.job };
+            run::run_job(&job, None, ProgressArg::Auto)
+        }
+        Command::Sensor(sensor) => sensor::command(&sensor),
+        Command::Develop(develop) => develop::command(&develop),
         _ => unreachable!("the command lines begin with run, sensor or develop"),
     }
 }

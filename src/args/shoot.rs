@@ -1,6 +1,7 @@
 //! `lenscube shoot`.
 
 use super::choices::{DEMOSAIC, one_of};
+use super::depth::DepthArgs;
 use super::values::{bytes, pitch, positive, threads, unit};
 use clap::Args;
 use formats::chart::AxisOrder;
@@ -11,7 +12,8 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  lenscube shoot 'gen:checker?size=2000' picture.png --lens double-gauss-28 --sensor example-2um\n  \
-lenscube shoot chart.zarr negative.dng --lens MY.zmx --sensor sony-a7r2 --exposure 10ms --keep shot\n\
+lenscube shoot chart.zarr negative.dng --lens MY.zmx --sensor sony-a7r2 --exposure 10ms --keep shot\n  \
+lenscube shoot scene.zarr picture.png --lens phone --focus-m 1 --depth depth.npy --sensor example-2um\n\
 The same as `lenscube run CHART DIR/film.zarr`, `lenscube sensor DIR/film.zarr DIR/raw.zarr` and `lenscube develop DIR/raw.zarr OUT`; those\n\
 commands have more options. Without --keep, DIR is OUT.shot and removed at the end; an interrupted command resumes."
 )]
@@ -40,6 +42,9 @@ pub struct ShootArgs {
     /// Unit of the chart's values, as for `lenscube run`
     #[arg(long, value_name = "UNIT", value_parser = unit)]
     pub chart_units: Option<String>,
+    /// Surfaces at several distances, and the lens's focus, as for `lenscube run`.
+    #[command(flatten)]
+    pub surfaces: DepthArgs,
     /// Film pitch where the chart has none
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub film_pitch_um: Option<f64>,

@@ -94,3 +94,25 @@ fn a_shot_is_run_sensor_and_develop() {
     lenscube(&[&["shoot", chart, text(&dng)], &own[..]].concat()).ok();
     assert!(dng.exists() && !place.at("five.dng.shot").exists());
 }
+
+#[test]
+fn a_shot_of_surfaces_at_several_distances_has_the_film_of_run() {
+    let place = Place::new();
+    let chart = "gen:checker?size=96&overscan=0&wavelengths=500&pitch_um=2";
+    let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip");
+    let (picture, depth, film) = (place.at("one.png"), place.at("depth.npy"), place.at("film.zarr"));
+    let near = |i: usize| if (30..70).contains(&(i / 96)) { 0.55 } else { 4.0 };
+    common::write_npy(
+        &depth,
+        pipeline::geometry::Size::new(96, 96),
+        &(0..96 * 96).map(near).collect::<Vec<f32>>(),
+    );
+    let surfaces = ["--depth", text(&depth), "--depth-unit", "m", "--hidden", "none"];
+    let shot = ["shoot", chart, text(&picture), "--lens", text(&pack), "--sensor", "ideal-mono"];
+    let kept = place.at("kept");
+    lenscube(&[&shot[..], &["--keep", text(&kept)], &surfaces].concat()).ok();
+    common::run(chart, &film, text(&pack), &surfaces).ok();
+    assert!(common::pixels(&film, "film") == common::pixels(&kept.join("film.zarr"), "film"));
+    let shading = lenscube(&[&shot[..], &["--overwrite", "--even-light", "--focus-m", "1"]].concat());
+    assert_exit(&shading, USAGE, &["--even-light", "another focus"]);
+}
