@@ -216,6 +216,12 @@ fn print_summary(summary: Option<&Summary>, chart: &ChartFigures, energy: &[Opti
 fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
     let gpu = |(i, queue): (usize, &DeviceQueue)| {
         let (info, loading) = (&queue.device.info, queue.device.kernel_loading());
+        let threads: Map<String, Value> = queue
+            .device
+            .thread_resources()
+            .into_iter()
+            .map(|(kernel, t)| (kernel, json!({ "registers": t.registers, "local_bytes": t.local_bytes })))
+            .collect();
         let mut value = json!({
             "index": info.index,
             "name": info.name,
@@ -223,7 +229,7 @@ fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
             "driver": format!("{}.{}", info.driver_version.0, info.driver_version.1),
             "device_bytes": queue.device_bytes,
             "host_bytes": queue.host_bytes,
-            "kernels": { "cubins": loading.cubins, "assembled": loading.assembled, "s": loading.seconds },
+            "kernels": { "cubins": loading.cubins, "assembled": loading.assembled, "s": loading.seconds, "threads": threads },
         });
         if let Some(f) = summary.and_then(|s| s.gpus.get(i)) {
             value["did"] = json!({

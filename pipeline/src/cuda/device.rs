@@ -6,7 +6,7 @@ use super::handle::{CudaContext, CudaStream};
 use super::launch::{CudaFunction, CudaModule};
 use super::ptx::Kernels;
 use super::slice::{CudaSlice, DeviceRepr, PinnedHostSlice};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ffi::{CStr, c_int};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -133,6 +133,20 @@ pub struct KernelLoading {
     pub seconds: f64,
 }
 
+/// What a thread of a kernel uses, as the driver reports it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ThreadResources {
+    /// Registers.
+    pub registers: i32,
+    /// Bytes of local memory: stack and spilled registers.
+    pub local_bytes: i32,
+}
+
+/// `CU_FUNC_ATTRIBUTE_NUM_REGS`.
+const REGISTERS: i32 = 4;
+/// `CU_FUNC_ATTRIBUTE_LOCAL_SIZE_BYTES`.
+const LOCAL_BYTES: i32 = 3;
+
 /// Environment variable of the driver: 1 has kernels assembled from PTX although there are cubins.
 pub const FORCE_ASSEMBLY: &str = "CUDA_FORCE_PTX_JIT";
 
@@ -146,6 +160,8 @@ pub struct Device {
     /// Loaded modules by the address of their PTX.
     modules: Mutex<HashMap<usize, Arc<CudaModule>>>,
     loading: Mutex<KernelLoading>,
+    /// By kernel.
+    resources: Mutex<BTreeMap<String, ThreadResources>>,
 }
 
 impl Device {
@@ -164,7 +180,8 @@ impl Device {
         }
         let failed = |e| CudaError::new(index, "opening it", e);
         let context = CudaContext::new(index).map_err(failed)?;
-        Ok(Arc::new(Self { info, context, modules: Mutex::default(), loading: Mutex::default() }))
+        let (modules, loading, resources) = Default::default();
+        Ok(Arc::new(Self { info, context, modules, loading, resources }))
     }
 
     /// Index in the driver's order.
@@ -207,7 +224,22 @@ impl Device {
                 modules.entry(kernels.ptx.as_ptr().addr()).or_insert(loaded)
             }
         };
-        module.function(name).map_err(self.failed(&format!("loading the kernel {name}")))
+        let load = || {
+            let kernel = module.function(name)?;
+            let (registers, local_bytes) = (kernel.attribute(REGISTERS)?, kernel.attribute(LOCAL_BYTES)?);
+            Ok((kernel, ThreadResources { registers, local_bytes }))
+        };
+        let (kernel, used) = load().map_err(self.failed(&format!("loading the kernel {name}")))?;
+        self.resources
+            .lock()
+            .expect("no thread panics while it holds the lock")
+            .insert(name.to_owned(), used);
+        Ok(kernel)
+    }
+
+    /// What a thread of each kernel uses that was loaded so far.
+    pub fn thread_resources(&self) -> BTreeMap<String, ThreadResources> {
+        self.resources.lock().expect("no thread panics while it holds the lock").clone()
     }
 
     fn load(&self, kernels: &'static Kernels) -> Result<Arc<CudaModule>, CudaError> {

@@ -111,6 +111,7 @@ functions! {
     module_load_data = "cuModuleLoadData"(module: *mut Handle, image: *const c_void);
     module_unload = "cuModuleUnload"(module: Handle);
     module_get_function = "cuModuleGetFunction"(function: *mut Handle, module: Handle, name: *const c_char);
+    func_get_attribute = "cuFuncGetAttribute"(value: *mut c_int, attribute: c_int, function: Handle);
     func_set_attribute = "cuFuncSetAttribute"(function: Handle, attribute: c_int, value: c_int);
     launch_kernel = "cuLaunchKernel"(function: Handle, grid_x: c_uint, grid_y: c_uint, grid_z: c_uint, block_x: c_uint,
         block_y: c_uint, block_z: c_uint, shared_bytes: c_uint, stream: Handle, arguments: *mut *mut c_void,

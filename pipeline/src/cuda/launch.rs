@@ -78,6 +78,18 @@ unsafe impl Send for CudaFunction {}
 unsafe impl Sync for CudaFunction {}
 
 impl CudaFunction {
+    /// Value of a `CU_FUNC_ATTRIBUTE_`.
+    ///
+    /// # Errors
+    /// An error of the driver.
+    pub fn attribute(&self, attribute: i32) -> Result<i32, DriverError> {
+        self.module.context.bind()?;
+        let mut value = 0;
+        // SAFETY: a function of a loaded module; writes one number.
+        unsafe { driver::func_get_attribute(&mut value, attribute, self.handle)? };
+        Ok(value)
+    }
+
     /// Sets a `CU_FUNC_ATTRIBUTE_`.
     ///
     /// # Errors

@@ -156,6 +156,7 @@ fn kernel_access_beyond_its_memory_is_detected() {
 fn loaded_and_assembled() -> (usize, usize) {
     let device = Device::open(0).unwrap();
     device.kernel(&ptx::OVERLAP_ADD, "add_tiles").unwrap();
+    assert!(device.thread_resources().keys().eq(["add_tiles"]));
     let loading = device.kernel_loading();
     (loading.cubins, loading.assembled)
 }
