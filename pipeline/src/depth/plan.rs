@@ -11,10 +11,10 @@ use crate::lens::depth::BandDepth;
 use crate::lens::{Lens, LensBand, LensError, PsfSample};
 use crate::options::{Options, PsfTables};
 use crate::plan::Tiling;
-use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::on_demand::{KernelsOnDemand, PsfReader, PsfSource};
+use crate::psf::{BandPsf, Builders};
 use std::sync::Arc;
 
 /// Vergences of the surfaces of a scene, 1/m.
@@ -303,7 +303,7 @@ impl DepthPlan {
         gain: f64,
         reader: PsfReader,
     ) -> DepthStage {
-        let source = PsfSource::new(reader);
+        let (source, builders) = (PsfSource::new(reader), Builders::default());
         let fields = (0..self.slabs.count()).map(|s| {
             let (low, high) = self.slabs.nodes(s);
             let tables = nodes.between(band, (self.first_node + low, self.first_node + high));
@@ -333,7 +333,8 @@ impl DepthPlan {
                 options.simd,
             );
             let id = (position, first_id);
-            psfs.push(Some(BandPsf::of_depth_node(id, node.grid.clone(), kernels, options.simd)));
+            let stage = BandPsf::of_depth_node(id, node.grid.clone(), kernels, options.simd, &builders);
+            psfs.push(Some(stage));
             first_id += node.grid.len();
         }
         DepthStage::new(position, scene, self.slabs.clone(), (psfs, source), self.hidden.clone())

@@ -67,7 +67,7 @@ pub struct BandPsf {
     kernels: Kernels,
     blocks: Blocks,
     engine: Option<Engine>,
-    builders: Mutex<Vec<Builder>>,
+    builders: Builders,
 }
 
 /// Where a stage's kernels come from.
@@ -77,12 +77,36 @@ enum Kernels {
     OnDemand(KernelsOnDemand),
 }
 
-/// Buffers for building a spectrum while a block is being computed.
-#[derive(Debug)]
+/// Buffers for building spectra while blocks are being computed, as many as are in use at a time; the stages of a band's depth nodes share them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Builders(Arc<Mutex<Vec<Builder>>>);
+
+#[derive(Debug, Default)]
 struct Builder {
     kernel: Vec<f32>,
     scratch: KernelScratch,
-    engine: EngineScratch,
+    engine: Option<(Blocks, EngineScratch)>,
+}
+
+impl Builders {
+    /// Calls `build` with buffers for `blocks` of `engine`: those of a kernel, to compute kernels, and of the engine.
+    fn with<T>(
+        &self,
+        blocks: &Blocks,
+        engine: &Engine,
+        build: impl FnOnce(&mut Vec<f32>, &mut KernelScratch, &mut EngineScratch) -> T,
+    ) -> T {
+        let mut builder = self.0.lock().expect("no panic while held").pop().unwrap_or_default();
+        let Builder { kernel, scratch, engine: of_engine } = &mut builder;
+        kernel.resize(blocks.window * blocks.window, 0.0);
+        if of_engine.as_ref().is_none_or(|(known, _)| known != blocks) {
+            *of_engine = Some((*blocks, engine.scratch()));
+        }
+        let (_, of_engine) = of_engine.as_mut().expect("assigned above");
+        let built = build(kernel, scratch, of_engine);
+        self.0.lock().expect("no panic while held").push(builder);
+        built
+    }
 }
 
 /// Buffers of one worker; no allocation after the first tile of a band.
@@ -97,7 +121,8 @@ impl BandPsf {
     /// The stage of band `band` of the job.
     pub fn new(band: usize, grid: NodeGrid, kernels: NodeKernels, simd: Simd) -> Self {
         let blocks = Blocks::choose(kernels.size(), &grid);
-        Self::with_kernels((band, 0), grid, Kernels::InMemory(Arc::new(kernels)), blocks, simd)
+        let kernels = Kernels::InMemory(Arc::new(kernels));
+        Self::with_kernels((band, 0), grid, kernels, blocks, (simd, Builders::default()))
     }
 
     /// The stage of a depth node of band `band`, with node ids from `first_id` on: the stages of its depth nodes have spectra of their own.
@@ -106,9 +131,11 @@ impl BandPsf {
         grid: NodeGrid,
         kernels: KernelsOnDemand,
         simd: Simd,
+        builders: &Builders,
     ) -> Self {
         let blocks = Blocks::choose(kernels.size(), &grid);
-        Self::with_kernels((band, first_id), grid, Kernels::OnDemand(kernels), blocks, simd)
+        let kernels = Kernels::OnDemand(kernels);
+        Self::with_kernels((band, first_id), grid, kernels, blocks, (simd, builders.clone()))
     }
 
     fn with_kernels(
@@ -116,10 +143,10 @@ impl BandPsf {
         grid: NodeGrid,
         kernels: Kernels,
         blocks: Blocks,
-        simd: Simd,
+        (simd, builders): (Simd, Builders),
     ) -> Self {
         let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
-        Self { band, first_id, grid, kernels, blocks, engine, builders: Mutex::default() }
+        Self { band, first_id, grid, kernels, blocks, engine, builders }
     }
 
     /// FFT size, block and tile side.
@@ -235,36 +262,15 @@ impl BandPsf {
     fn spectrum(&self, engine: &Engine, node: Node, cache: &SpectrumCache) -> Arc<AlignedBuf> {
         let bytes = engine.spectrum_len() * size_of::<f32>();
         cache.get((self.band, self.first_id + self.grid.id(node)), bytes, |buffer| {
-            let pooled = self.builders.lock().expect("no panic while held").pop();
-            let mut b = pooled.unwrap_or_else(|| Builder {
-                kernel: vec![0.0; self.blocks.window * self.blocks.window],
-                scratch: KernelScratch::default(),
-                engine: engine.scratch(),
-            });
-            let symmetry = self.symmetry_of(node, cache, &mut b.scratch);
-            let key = (self.band, self.first_id + self.grid.id(symmetry.base));
-            let base = cache.base_kernel(key, size_of_val(&b.kernel[..]), |mut buffer| {
-                buffer.reset(b.kernel.len());
-                match &self.kernels {
-                    Kernels::InMemory(kernels) => {
-                        buffer.copy_from_slice(kernels.base_kernel(
-                            &self.grid,
-                            symmetry.base,
-                            &mut b.scratch,
-                        ));
-                    }
-                    Kernels::OnDemand(kernels) => {
-                        let psf = self.psf(kernels, symmetry.base.k, cache, &mut b.scratch);
-                        let base = kernels.base_kernel(&self.grid, symmetry.base, &psf, &mut b.scratch);
-                        buffer.copy_from_slice(base);
-                    }
-                }
-                buffer
-            });
-            symmetry.expand(&base, self.blocks.window, &mut b.kernel);
-            let spectrum = engine.spectrum(&b.kernel, &mut b.engine, buffer);
-            self.builders.lock().expect("no panic while held").push(b);
-            spectrum
+            self.builders.with(&self.blocks, engine, |kernel, scratch, of_engine| {
+                let symmetry = self.symmetry_of(node, cache, scratch);
+                let key = (self.band, self.first_id + self.grid.id(symmetry.base));
+                let base = cache.base_kernel(key, size_of_val(&kernel[..]), |buffer| {
+                    self.base_kernel(symmetry.base, cache, buffer, scratch)
+                });
+                symmetry.expand(&base, self.blocks.window, kernel);
+                engine.spectrum(kernel, of_engine, buffer)
+            })
         })
     }
 }
@@ -277,6 +283,27 @@ impl BandPsf {
                 self.psf(kernels, node.k, cache, s);
             }),
         }
+    }
+
+    /// The base kernel of the node `base` in `buffer`.
+    fn base_kernel(
+        &self,
+        base: Node,
+        cache: &SpectrumCache,
+        mut buffer: AlignedBuf,
+        s: &mut KernelScratch,
+    ) -> AlignedBuf {
+        buffer.reset(self.blocks.window * self.blocks.window);
+        match &self.kernels {
+            Kernels::InMemory(kernels) => {
+                buffer.copy_from_slice(kernels.base_kernel(&self.grid, base, s));
+            }
+            Kernels::OnDemand(kernels) => {
+                let psf = self.psf(kernels, base.k, cache, s);
+                buffer.copy_from_slice(kernels.base_kernel(&self.grid, base, &psf, s));
+            }
+        }
+        buffer
     }
 
     /// The prepared PSF of height `k`.

@@ -79,6 +79,7 @@ impl BandTracer<'_> {
         let in_use = depth.surfaces.nodes_in_use(&all.vergence, depth.options.focus, frame.chart);
         let count = all.vergence.len();
         let placement = all.only(&in_use);
+        detail_line(format!("{nm} nm: {} of {count} depth nodes are needed", placement.vergence.len()));
         let recipe = cache::recipe(system, options, Some((&depth.options, &placement.vergence)));
         if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
@@ -86,7 +87,7 @@ impl BandTracer<'_> {
         self.announce();
         let estimate = estimate(system, options, 0, &depth.options, &placement.vergence)?;
         let (seconds, text) = needed(&estimate, threads);
-        let text = format!("{nm} nm: {} of {count} depth nodes are needed; {text}", placement.vergence.len());
+        let text = format!("{nm} nm: {text}");
         if seconds > LONG_S {
             log_line(text)
         } else {
