@@ -1,5 +1,6 @@
 //! Lens of a run: a pack, or a design traced at the wavelengths of the job ([`tracing`]).
 
+mod depth_nodes;
 mod estimate;
 mod tracing;
 

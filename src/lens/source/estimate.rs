@@ -5,7 +5,8 @@
 //! ([`LensTrace::estimate`]); heights and azimuths are typical ones, evenly spaced, on which the number of kernels that reach a block depends.
 
 use super::TracedFor;
-use super::tracing::{TracingJob, check_blur, outermost_mm, trace_options};
+use super::depth_nodes::check_blur;
+use super::tracing::{TracingJob, outermost_mm, trace_options};
 use anyhow::Result;
 use pipeline::band::Options;
 use pipeline::design::System;

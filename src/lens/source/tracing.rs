@@ -10,10 +10,7 @@
 //! pitch; kernels meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most
 //! 2 µm: larger pixels only average over more. Wavelengths are rounded to 10⁻⁶ nm.
 
-mod depth;
-
-pub(super) use depth::check_blur;
-
+use super::depth_nodes::{check_blur, margin_mm};
 use super::{Traced, TracedFor};
 use crate::args::DesignArgs;
 use crate::design;
@@ -205,16 +202,16 @@ fn kernel_error(pack: &LensPack) -> f64 {
 }
 
 /// Traces bands, or reads them from the cache.
-struct BandTracer<'a> {
-    job: TracingJob<'a>,
-    cache: Cache,
-    shared: SharedNodes,
-    threads: usize,
-    bar: indicatif::ProgressBar,
+pub(super) struct BandTracer<'a> {
+    pub(super) job: TracingJob<'a>,
+    pub(super) cache: Cache,
+    pub(super) shared: SharedNodes,
+    pub(super) threads: usize,
+    pub(super) bar: indicatif::ProgressBar,
     /// Number of bands that were not in the cache.
-    traced: usize,
+    pub(super) traced: usize,
     /// Whether tracing was announced.
-    is_announced: bool,
+    pub(super) is_announced: bool,
 }
 
 impl BandTracer<'_> {
@@ -223,11 +220,11 @@ impl BandTracer<'_> {
         let job = self.job;
         let TracingJob { frame, options, .. } = job;
         let min_mm = if self.job.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
-        let margin_mm = match &job.depth {
+        let beyond_mm = match &job.depth {
             None => MARGIN_MM,
-            Some(depth) => depth::margin_mm(&job, depth, &trace_options(nm, 1.0, &job))?.max(MARGIN_MM),
+            Some(depth) => margin_mm(&job, depth, &trace_options(nm, 1.0, &job))?.max(MARGIN_MM),
         };
-        let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + margin_mm).max(min_mm);
+        let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + beyond_mm).max(min_mm);
         loop {
             let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, &job)) {
                 Err(e) if options.interpolation.outside == Outside::Clamp => {
@@ -283,7 +280,7 @@ impl BandTracer<'_> {
     }
 
     /// Prints once that bands are traced.
-    fn announce(&mut self) {
+    pub(super) fn announce(&mut self) {
         if !std::mem::replace(&mut self.is_announced, true) {
             let (name, dir) = (self.job.name, self.cache.dir().display());
             log_line(format!("tracing the bands of {name} that are not in {dir}"));

@@ -5,10 +5,10 @@
 //! 3. The others are traced one by one into the cache entry of the band; PSFs are read from there when a kernel is computed, so memory holds neither while
 //!    they are traced nor afterwards more than a few of them.
 
-use super::{BandTracer, TracingJob};
+use super::TracedFor;
+use super::tracing::{BandTracer, TracingJob};
 use crate::failure::usage;
 use crate::lens::cache;
-use crate::lens::source::TracedFor;
 use crate::progress::{detail_line, log_line};
 use crate::trace::depth::needed;
 use anyhow::{Context, Result};
@@ -26,11 +26,7 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 const LONG_S: f64 = 10.0;
 
 /// Fails if a surface lies behind the first vertex, or is blurred by more than the PSFs of a trace hold.
-pub(in crate::lens::source) fn check_blur(
-    job: &TracingJob<'_>,
-    depth: &TracedFor<'_>,
-    trace: &TraceOptions,
-) -> Result<()> {
+pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &TraceOptions) -> Result<()> {
     let (system, options) = (job.system, depth.options);
     let (far, near) = options.range;
     system.at_vergence(near).with_context(|| format!("the nearest surface, at {} m", 1.0 / near))?;
