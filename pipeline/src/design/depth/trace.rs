@@ -2,7 +2,7 @@
 //!
 //! Each depth node is a trace of its own ([`LensTrace`]) with the object at the node's vergence and a window of its own. Heights and azimuths are chosen
 //! at some nodes; others of a similar blur take those of the last chosen one as long as their errors are about the same
-//! ([`crate::design::grid::adopt`]): most of the PSFs that a trace computes serve that choice.
+//! (`adopt` of the choice of nodes, design/grid.rs): most of the PSFs that a trace computes serve that choice.
 //! The tables of the band are those of an object at infinity (heights) and of the vergence in focus (light), see [`crate::lens::depth`]:
 //!
 //!     δ(r) = (h(r, V)/h(r, 0) − 1)·1000/V            at the last node; 0 with paraxial aiming
