@@ -1,7 +1,7 @@
 //! Figure of `lenscube depth`: distances, blur radii and slabs of tiles, each with its scale.
 
 use super::overview::Overview;
-use super::report::metres;
+use super::report::{distance_text, metres};
 use crate::job::preview::Preview;
 use crate::lens::short_number;
 use formats::picture::figure::{Anchor, Figure, Text};
@@ -39,7 +39,7 @@ pub fn figure(preview: &Preview, overview: &Overview, style: Style) -> Figure {
     let height = panels.iter().map(|panel| panel.image.size().height).max().unwrap_or(0).max(MIN_HEIGHT);
     let width: usize = panels.iter().map(|panel| panel.image.size().width + BAR).sum();
     let mut figure = Figure::new(Size::new(TOP + height + BELOW, LEFT + width + LEFT), style);
-    let title = format!("{}, in focus at {} m", preview.lens, metres(preview.focus));
+    let title = format!("{}, in focus at {}", preview.lens, distance_text(preview.focus));
     let most = (LEFT + width) as f64;
     figure.text(Text {
         size: 17.0,

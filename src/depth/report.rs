@@ -27,6 +27,11 @@ fn counts(found: &Findings) -> [(&'static str, &'static str, Pixels); 8] {
     ]
 }
 
+/// Distance of vergence `v` with its unit.
+pub fn distance_text(v: f64) -> String {
+    if v > 0.0 { format!("{} m", metres(v)) } else { "infinity".into() }
+}
+
 /// Distance of vergence `v`, m.
 pub fn metres(v: f64) -> String {
     if v > 0.0 { short_number(1.0 / v) } else { "inf".into() }
@@ -61,11 +66,11 @@ fn slabs(preview: &Preview, band: &PlannedBand) -> (f64, usize) {
 pub fn text(preview: &Preview, overview: &Overview) -> String {
     let Preview { frame, depth, .. } = preview;
     let mut lines: Vec<(&str, String)> = Vec::new();
-    let focus = metres(preview.focus);
+    let focus = distance_text(preview.focus);
     lines.push((
         "lens",
         format!(
-            "{}, in focus at {focus} m; the blur radius grows by {} px per dioptre",
+            "{}, in focus at {focus}; the blur radius grows by {} px per dioptre",
             preview.lens,
             short(preview.blur_px)
         ),
@@ -83,9 +88,9 @@ pub fn text(preview: &Preview, overview: &Overview) -> String {
     lines.push((
         "range",
         format!(
-            "{} to {} m ({} to {} 1/m)",
-            metres(surfaces.last),
-            metres(surfaces.first),
+            "{} to {} ({} to {} 1/m)",
+            distance_text(surfaces.last),
+            distance_text(surfaces.first),
             short_number(surfaces.first),
             short_number(surfaces.last)
         ),
@@ -126,7 +131,11 @@ pub fn text(preview: &Preview, overview: &Overview) -> String {
         for (_, what, Pixels { count, first }) in counts(found) {
             if let Some((row, column)) = first {
                 let of = if preview.names.len() > 1 { format!(" of {name}") } else { String::new() };
-                suspicious.push(format!("{count} pixels{of}, e.g. row {row}, column {column}: {what}"));
+                let place = format!("row {row}, column {column}");
+                suspicious.push(match count {
+                    1 => format!("1 pixel{of}, {place}: {what}"),
+                    _ => format!("{count} pixels{of}, e.g. {place}: {what}"),
+                });
             }
         }
     }
@@ -165,11 +174,11 @@ fn band_lines(preview: &Preview, band: &PlannedBand, lines: &mut Vec<(&'static s
         lines.push((
             "nodes",
             format!(
-                "{used} of {} at {} nm, {} to {} m{estimated}",
+                "{used} of {} at {} nm, {} to {}{estimated}",
                 all.len(),
                 short_number(band.nm),
-                metres(*last),
-                metres(*first)
+                distance_text(*last),
+                distance_text(*first)
             ),
         ));
     }

@@ -3,6 +3,7 @@
 use super::{LONG_S, SAMPLES_PER_S, attributes, bytes_of, create_pack};
 use crate::args::TraceArgs;
 use crate::failure::usage;
+use crate::lens::short_number;
 use crate::progress::{detail_line, log_line, tracing_bar};
 use anyhow::{Context, Result};
 use pipeline::design::System;
@@ -29,9 +30,9 @@ pub fn trace(
     let mut head = header(system, depth).with_context(tracing)?;
     log_line(format!(
         "focus at {} m, depth nodes from {} to {} m; the blur radius grows by {:.1} px per dioptre",
-        1.0 / depth.focus,
-        1.0 / depth.range.1,
-        1.0 / depth.range.0,
+        short_number(1.0 / depth.focus),
+        short_number(1.0 / depth.range.1),
+        short_number(1.0 / depth.range.0),
         head.blur_per_dioptre_um / options.film_pitch_um
     ));
     announce(args, system, options, depth).with_context(tracing)?;
