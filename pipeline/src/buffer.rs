@@ -2,6 +2,7 @@
 
 use crate::geometry::Size;
 use bytemuck::{Pod, Zeroable};
+use memmap2::MmapMut;
 
 /// One cache line of f32.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -9,26 +10,54 @@ use bytemuck::{Pod, Zeroable};
 struct Line([f32; 16]);
 
 /// `len` f32, initially zero, 64-byte aligned.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct AlignedBuf {
-    lines: Vec<Line>,
+    memory: Memory,
     len: usize,
+}
+
+#[derive(Debug)]
+enum Memory {
+    Heap(Vec<Line>),
+    /// Pages of its own, which go back to the system when it is dropped.
+    Mapped(MmapMut),
+}
+
+impl Default for Memory {
+    fn default() -> Self {
+        Self::Heap(Vec::new())
+    }
 }
 
 impl AlignedBuf {
     /// A buffer of `len` zeros.
     pub fn zeroed(len: usize) -> Self {
-        Self { lines: vec![Line::zeroed(); len.div_ceil(16)], len }
+        Self { memory: Memory::Heap(vec![Line::zeroed(); len.div_ceil(16)]), len }
+    }
+
+    /// An empty buffer with `bytes` allocated in pages of its own; without any if the system has none left.
+    pub fn mapped(bytes: usize) -> Self {
+        match MmapMut::map_anon(bytes.next_multiple_of(size_of::<Line>())) {
+            Ok(map) => Self { memory: Memory::Mapped(map), len: 0 },
+            Err(_) => Self::default(),
+        }
     }
 
     /// Bytes allocated.
     pub fn bytes(&self) -> usize {
-        self.lines.capacity() * size_of::<Line>()
+        match &self.memory {
+            Memory::Heap(lines) => lines.capacity() * size_of::<Line>(),
+            Memory::Mapped(map) => map.len(),
+        }
     }
 
     /// Resizes to `len` zeros, keeping the allocation where it is large enough.
     pub fn reset(&mut self, len: usize) {
-        self.lines.resize(len.div_ceil(16), Line::zeroed());
+        match &mut self.memory {
+            Memory::Heap(lines) => lines.resize(len.div_ceil(16), Line::zeroed()),
+            Memory::Mapped(map) if len * size_of::<f32>() <= map.len() => (),
+            Memory::Mapped(_) => self.memory = Memory::Heap(vec![Line::zeroed(); len.div_ceil(16)]),
+        }
         self.len = len;
         self.fill(0.0);
     }
@@ -37,13 +66,21 @@ impl AlignedBuf {
 impl std::ops::Deref for AlignedBuf {
     type Target = [f32];
     fn deref(&self) -> &[f32] {
-        &bytemuck::cast_slice(&self.lines)[..self.len]
+        let values: &[f32] = match &self.memory {
+            Memory::Heap(lines) => bytemuck::cast_slice(lines),
+            Memory::Mapped(map) => bytemuck::cast_slice(map),
+        };
+        &values[..self.len]
     }
 }
 
 impl std::ops::DerefMut for AlignedBuf {
     fn deref_mut(&mut self) -> &mut [f32] {
-        &mut bytemuck::cast_slice_mut(&mut self.lines)[..self.len]
+        let values: &mut [f32] = match &mut self.memory {
+            Memory::Heap(lines) => bytemuck::cast_slice_mut(lines),
+            Memory::Mapped(map) => bytemuck::cast_slice_mut(map),
+        };
+        &mut values[..self.len]
     }
 }
 
@@ -122,5 +159,22 @@ impl TileBuffer {
         self.stride = width;
         self.data.reset(pixels.len());
         self.data.copy_from_slice(pixels);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mapped_buffers_are_kept_while_they_are_large_enough() {
+        let mut buffer = AlignedBuf::mapped(1000);
+        assert_eq!((buffer.bytes(), buffer.len()), (1024, 0));
+        buffer.reset(256);
+        buffer[255] = 1.0;
+        buffer.reset(250);
+        assert_eq!((buffer.bytes(), buffer.iter().sum::<f32>()), (1024, 0.0));
+        buffer.reset(300);
+        assert!(buffer.len() == 300 && buffer.bytes() >= 1200 && buffer.iter().all(|v| *v == 0.0));
     }
 }

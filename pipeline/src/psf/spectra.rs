@@ -2,7 +2,8 @@
 //!
 //! Spectra are built on demand. A spectrum is a pure function of band and node, so one that is evicted and built again has the same
 //! bits. Two workers that need a node at the same time build it once: the second blocks until the first is done. Buffers of evicted
-//! spectra are reused: if freed by many threads, the allocator retains up to twice the bound.
+//! spectra are reused, and large ones have pages of their own: between buffers of several sizes, as those of several bands and depth nodes, the
+//! allocator would retain as much again as the bound.
 
 use crate::buffer::AlignedBuf;
 use std::collections::{BTreeMap, HashMap};
@@ -45,6 +46,8 @@ struct State {
 
 /// Largest number of evicted buffers kept for reuse; some may still be in use by a block.
 const MAX_RETIRED: usize = 8;
+/// Size from which on buffers have pages of their own, bytes.
+const MAPPED: usize = 128 << 10;
 
 impl State {
     fn evict(&mut self, limit: usize) {
@@ -59,7 +62,7 @@ impl State {
         }
     }
 
-    /// A retired buffer of `bytes` that is no longer in use, or an empty one. Those of another size, of another band, are freed: a spectrum in a
+    /// A retired buffer of `bytes` that is no longer in use, or a new one. Those of another size, of another band, are freed: a spectrum in a
     /// larger buffer would take more memory than is counted.
     fn buffer(&mut self, bytes: usize) -> AlignedBuf {
         for i in (0..self.retired.len()).rev() {
@@ -69,7 +72,7 @@ impl State {
                 Err(in_use) => self.retired.push(in_use),
             }
         }
-        AlignedBuf::default()
+        if bytes < MAPPED { AlignedBuf::default() } else { AlignedBuf::mapped(bytes) }
     }
 }
 
