@@ -3,6 +3,8 @@
 use crate::geometry::Size;
 use bytemuck::{Pod, Zeroable};
 use memmap2::MmapMut;
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// One cache line of f32.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -20,7 +22,34 @@ pub struct AlignedBuf {
 enum Memory {
     Heap(Vec<Line>),
     /// Pages of its own, which go back to the system when it is dropped.
-    Mapped(MmapMut),
+    Mapped(Pages),
+}
+
+/// A mapping, one of [`MAX_MAPPED`].
+#[derive(Debug)]
+struct Pages(MmapMut);
+
+/// Number of mappings.
+static MAPPED: AtomicUsize = AtomicUsize::new(0);
+/// Mappings that buffers may take, of the 65,530 that Linux grants a process.
+const MAX_MAPPED: usize = 20_000;
+
+impl Pages {
+    /// Zeroed pages, unless there are too many mappings.
+    fn new(bytes: usize) -> Option<Self> {
+        if MAPPED.load(Relaxed) >= MAX_MAPPED {
+            return None;
+        }
+        let map = MmapMut::map_anon(bytes).ok()?;
+        MAPPED.fetch_add(1, Relaxed);
+        Some(Self(map))
+    }
+}
+
+impl Drop for Pages {
+    fn drop(&mut self) {
+        MAPPED.fetch_sub(1, Relaxed);
+    }
 }
 
 impl Default for Memory {
@@ -35,19 +64,17 @@ impl AlignedBuf {
         Self { memory: Memory::Heap(vec![Line::zeroed(); len.div_ceil(16)]), len }
     }
 
-    /// An empty buffer with `bytes` allocated in pages of its own; without any if the system has none left.
+    /// An empty buffer with `bytes` allocated in pages of its own; with none allocated if that is not possible.
     pub fn mapped(bytes: usize) -> Self {
-        match MmapMut::map_anon(bytes.next_multiple_of(size_of::<Line>())) {
-            Ok(map) => Self { memory: Memory::Mapped(map), len: 0 },
-            Err(_) => Self::default(),
-        }
+        let pages = Pages::new(bytes.next_multiple_of(size_of::<Line>()));
+        Self { memory: pages.map_or_else(Memory::default, Memory::Mapped), len: 0 }
     }
 
     /// Bytes allocated.
     pub fn bytes(&self) -> usize {
         match &self.memory {
             Memory::Heap(lines) => lines.capacity() * size_of::<Line>(),
-            Memory::Mapped(map) => map.len(),
+            Memory::Mapped(pages) => pages.0.len(),
         }
     }
 
@@ -55,7 +82,7 @@ impl AlignedBuf {
     pub fn reset(&mut self, len: usize) {
         match &mut self.memory {
             Memory::Heap(lines) => lines.resize(len.div_ceil(16), Line::zeroed()),
-            Memory::Mapped(map) if len * size_of::<f32>() <= map.len() => (),
+            Memory::Mapped(pages) if len * size_of::<f32>() <= pages.0.len() => (),
             Memory::Mapped(_) => self.memory = Memory::Heap(vec![Line::zeroed(); len.div_ceil(16)]),
         }
         self.len = len;
@@ -68,7 +95,7 @@ impl std::ops::Deref for AlignedBuf {
     fn deref(&self) -> &[f32] {
         let values: &[f32] = match &self.memory {
             Memory::Heap(lines) => bytemuck::cast_slice(lines),
-            Memory::Mapped(map) => bytemuck::cast_slice(map),
+            Memory::Mapped(pages) => bytemuck::cast_slice(&pages.0),
         };
         &values[..self.len]
     }
@@ -78,7 +105,7 @@ impl std::ops::DerefMut for AlignedBuf {
     fn deref_mut(&mut self) -> &mut [f32] {
         let values: &mut [f32] = match &mut self.memory {
             Memory::Heap(lines) => bytemuck::cast_slice_mut(lines),
-            Memory::Mapped(map) => bytemuck::cast_slice_mut(map),
+            Memory::Mapped(pages) => bytemuck::cast_slice_mut(&mut pages.0),
         };
         &mut values[..self.len]
     }

@@ -47,7 +47,7 @@ struct State {
 /// Largest number of evicted buffers kept for reuse; some may still be in use by a block.
 const MAX_RETIRED: usize = 8;
 /// Size from which on buffers have pages of their own, bytes.
-const MAPPED: usize = 128 << 10;
+const MAPPED: usize = 32 << 10;
 
 impl State {
     fn evict(&mut self, limit: usize) {
