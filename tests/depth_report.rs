@@ -91,7 +91,7 @@ fn suspicious_pixels_are_counted_with_an_example() {
         &["2 pixels, e.g. row 10, column 20: NaN", "anti-aliased", "error       of a run", "--outside clamp"],
     );
     let clean = scene.depth("clean.npy", |_, _, z| z);
-    assert_exit(&report(&clean, &["--outside", "clamp"]), 0, &["0.55 to 4 m", "suspicious  no pixel"]);
+    assert_exit(&report(&clean, &["--outside", "clamp"]), 0, &["0.55 m to 4 m", "suspicious  no pixel"]);
 }
 
 #[test]
