@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Time of a band of 14141 x 14141 px on a GPU, store to store: each part of the pipeline alone, and which one is the bound.
 
-    model.py [measured.json]
+    model.py [measured.json [SHARE]]        SHARE: of the bound by issue that the PSF kernel reaches [0.4]
 
 The parts run beside each other (pipeline/src/executor/gpu_queue.rs), so a band takes as long as the longest of them. Core seconds of the
 workers and times of the two threads of the queue are measured (measured.json, by measure.py); kernels are counted from machine code
@@ -17,7 +17,7 @@ GB = PX * 4e-9
 CORES = [4, 16, 64]
 # An H200 with 132 multiprocessors of 4 schedulers at 1.755 GHz.
 INSTRUCTIONS_PER_S = 132 * 4 * 1.755e9
-SHARE_OF_ISSUE = 0.4  # 35 to 50 % of the bound by issue is expected
+SHARE_OF_ISSUE = float(sys.argv[2]) if len(sys.argv) > 2 else 0.4  # 35 to 50 % of the bound by issue is expected
 MEMORY_GB_PER_S = 4800 * 0.7
 LINK_GB_PER_S = {"PCIe 4": 22.0, "PCIe 5": 45.0}
 DISKS_GB_PER_S = [2.0, 6.0, 24.0]
