@@ -1,7 +1,7 @@
 //! Figure of `lenscube depth`: distances, blur radii and slabs of tiles, each with its scale.
 
 use super::overview::Overview;
-use super::report::{distance_text, metres};
+use super::report::{distance_text, mean_and_most, metres};
 use crate::job::preview::Preview;
 use crate::lens::short_number;
 use formats::picture::figure::{Anchor, Figure, Text};
@@ -101,7 +101,8 @@ fn slabs(preview: &Preview) -> Option<Panel> {
     let longest = film.height.max(film.width);
     let side = |n: usize| (n * SIDE).div_ceil(longest);
     let mut image = Image::new(Size::new(side(film.height), side(film.width)), inferno(0.0));
-    let most = slabs.iter().copied().max().unwrap_or(1).max(1);
+    let (mean, most) = mean_and_most(&slabs);
+    let most = most.max(1);
     let columns = tiling.count().1;
     for (y, row) in (0..image.size().height).map(|y| (y, y * longest / SIDE / tiling.tile())) {
         for (x, pixel) in image.row_mut(y).iter_mut().enumerate() {
@@ -109,7 +110,6 @@ fn slabs(preview: &Preview) -> Option<Panel> {
             *pixel = inferno(slabs[tile.min(slabs.len() - 1)] as f64 / most as f64);
         }
     }
-    let mean = slabs.iter().sum::<usize>() as f64 / slabs.len().max(1) as f64;
     let caption =
         format!("film of {} x {} px, tiles of {}; mean {mean:.1}", film.width, film.height, tiling.tile());
     let numbers =

@@ -56,9 +56,8 @@ fn windows(band: &PlannedBand) -> Option<(usize, usize)> {
     })
 }
 
-/// Slabs of a tile: mean and maximum.
-fn slabs(preview: &Preview, band: &PlannedBand) -> (f64, usize) {
-    let (_, slabs) = band.tile_slabs(&preview.frame);
+/// Mean and maximum of the slabs of tiles.
+pub fn mean_and_most(slabs: &[usize]) -> (f64, usize) {
     (slabs.iter().sum::<usize>() as f64 / slabs.len().max(1) as f64, slabs.iter().copied().max().unwrap_or(0))
 }
 
@@ -185,8 +184,8 @@ fn band_lines(preview: &Preview, band: &PlannedBand, lines: &mut Vec<(&'static s
     if let Some((least, most)) = windows(band) {
         lines.push(("windows", format!("{least} to {most} px (at most {} px)", Blocks::widest_window())));
     }
-    let (mean, most) = slabs(preview, band);
-    let tile = band.tile_slabs(&preview.frame).0.tile();
+    let (tiling, slabs) = band.tile_slabs(&preview.frame);
+    let ((mean, most), tile) = (mean_and_most(&slabs), tiling.tile());
     lines.push(("slabs", format!("{mean:.1} in reach of a tile of {tile} px on average, {most} at most")));
     lines.push(("time", format!(
         "about {} core seconds a band at the speed of a 2.2 GHz core with AVX-512, {:.1} times a flat film",
@@ -221,7 +220,7 @@ pub fn json(preview: &Preview, overview: &Overview) -> Value {
     };
     let band = preview.band.as_ref().map(|band| {
         let (tiling, tile_slabs) = band.tile_slabs(frame);
-        let (mean, most) = slabs(preview, band);
+        let (mean, most) = mean_and_most(&tile_slabs);
         json!({
             "wavelength_nm": band.nm,
             "node_vergences_per_m": band.vergences,
