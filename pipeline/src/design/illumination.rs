@@ -149,6 +149,7 @@ fn cubic(table: &[Option<f64>], i: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::design::System;
+    use crate::design::shelf::ShelfLens;
     use crate::design::system::RayAiming;
 
     #[test]
@@ -163,6 +164,24 @@ mod tests {
             for i in [0, 1, 17, 48, 99, 133, 150, 177, 201, 222, 250, 299, 300] {
                 let error = (table[i] - irradiance_sr(&tracer, tans[i]).unwrap()) / table[0];
                 assert!(error.abs() < 2e-6, "{i}: {error:e}");
+            }
+        }
+    }
+
+    /// Up to six surfaces limit the pupils of these lenses, some of them a few degrees of its rim.
+    #[test]
+    fn irradiance_equals_that_of_more_rays_where_many_surfaces_limit_the_pupil() {
+        for (name, heights_mm) in
+            [("fast-fifty", [3.551, 8.661, 14.05]), ("mirrorless-50", [7.764, 12.0, 20.0])]
+        {
+            let system = ShelfLens::named(name).unwrap().system();
+            let tracer = Tracer::new(&system, 0.55).unwrap();
+            for height in heights_mm {
+                let tan = tracer.field_of_height(height).unwrap();
+                let found = irradiance_sr(&tracer, tan).unwrap();
+                let more = Bundle::trace(&tracer, tan, 24, 300).unwrap().light(&tracer).unwrap();
+                let error = found / more.irradiance_sr - 1.0;
+                assert!(error.abs() < 5e-8, "{name}, {height} mm: {error:e}");
             }
         }
     }

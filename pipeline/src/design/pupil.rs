@@ -70,7 +70,10 @@ impl Segment {
         let mut near = None;
         angles
             .map(|theta| {
-                let r = domain.rim(theta, near, RIM).0;
+                let r = match (self.limit, near) {
+                    (Some(_), Some(near)) => domain.clipped_rim(theta, near, RIM).0,
+                    _ => domain.rim(theta, near, RIM).0,
+                };
                 near = Some(r);
                 r
             })
@@ -106,8 +109,10 @@ pub struct PupilNode {
 const SCAN: usize = 49;
 /// Minimum open area of the pupil, of π/2.
 const MIN_AREA: f64 = 1e-6;
+/// Maximum of corners between two of these angles: more are numerical noise where two apertures coincide.
+const MAX_CORNERS: usize = 4;
 /// Bisections of the angle of a corner between two rims.
-const CORNER_STEPS: usize = 24;
+const CORNER_STEPS: usize = 14;
 /// Accuracy of a rim, in its overshoot and in pupil coordinates: in general, and to find only the surface that limits it.
 const RIM: f64 = 1e-9;
 const RIM_IN_SCAN: f64 = 1e-4;
@@ -177,8 +182,7 @@ impl Pupil {
     /// Angles of a segment with their weights; `spokes` is the number on the half circle.
     pub fn angles(&self, segment: &Segment, spokes: usize) -> Vec<(f64, f64)> {
         if segment.is_open() {
-            let step = PI / spokes as f64;
-            return (0..spokes).map(|i| ((i as f64 + 0.5) * step, step)).collect();
+            return midpoints(spokes);
         }
         let span = segment.to - segment.from;
         // Gauss-Legendre needs π/2 times the midpoint rule's density.
@@ -187,30 +191,83 @@ impl Pupil {
     }
 }
 
+/// The midpoint rule on the half circle.
+fn midpoints(spokes: usize) -> Vec<(f64, f64)> {
+    let step = PI / spokes as f64;
+    (0..spokes).map(|i| ((i as f64 + 0.5) * step, step)).collect()
+}
+
 fn scan() -> Vec<f64> {
     (0..SCAN).map(|i| PI * i as f64 / (SCAN - 1) as f64).collect()
 }
 
 /// Middle of the part of the meridian where `over` is not positive, to [`RIM`]: a smooth function of the field angle.
 fn find_centre(over: &Overshoot<'_>) -> Option<f64> {
-    let is_open = |p: f64| over(p, 0.0).0 <= RIM;
-    let edge = |mut open: f64, mut closed: f64| {
-        while (open - closed).abs() > RIM {
-            let middle = 0.5 * (open + closed);
-            if is_open(middle) { open = middle } else { closed = middle }
-        }
-        open
+    // Towards `side` = ±1.
+    let edge = |side: f64, open: f64, closed: (f64, f64)| {
+        let along = |p: f64| over(side * p, 0.0);
+        side * zero(
+            &along,
+            (side * open, side * closed.0),
+            0.5 * side * (open + closed.0),
+            Some((side * closed.0, closed.1)),
+            RIM,
+        )
+        .0
     };
     let open = |steps: i32| {
-        let at: Vec<f64> = (0..=steps).map(|i| 2.0 * f64::from(i) / f64::from(steps) - 1.0).collect();
-        let first = at.iter().position(|p| is_open(*p))?;
-        let last = at.iter().rposition(|p| is_open(*p))?;
-        let from = if first == 0 { -1.0 } else { edge(at[first], at[first - 1]) };
-        let to = at.get(last + 1).map_or(1.0, |closed| edge(at[last], *closed));
+        let at: Vec<(f64, f64)> = (0..=steps)
+            .map(|i| 2.0 * f64::from(i) / f64::from(steps) - 1.0)
+            .map(|p| (p, over(p, 0.0).0))
+            .collect();
+        let first = at.iter().position(|(_, over)| *over <= RIM)?;
+        let last = at.iter().rposition(|(_, over)| *over <= RIM)?;
+        let from = if first == 0 { -1.0 } else { edge(-1.0, at[first].0, at[first - 1]) };
+        let to = at.get(last + 1).map_or(1.0, |closed| edge(1.0, at[last].0, *closed));
         Some(0.5 * (from + to))
     };
     // Finer if the open part is narrow.
-    [64, 1024].into_iter().find_map(open)
+    [16, 128, 1024].into_iter().find_map(open)
+}
+
+/// Where the overshoot `over` becomes 0 between `low`, where it is not positive, and `high`, and the surface that limits it there: the secant
+/// method within the bracket, to `tolerance` in either. It begins at `r`, and with `other`, a place with its overshoot; if not given, from a growth
+/// about as r²/B² − 1.
+fn zero(
+    over: &dyn Fn(f64) -> (f64, usize),
+    (mut low, mut high): (f64, f64),
+    mut r: f64,
+    mut other: Option<(f64, f64)>,
+    tolerance: f64,
+) -> (f64, usize) {
+    let mut poor = 0;
+    let mut surface = 0;
+    for _ in 0..100 {
+        let width = high - low;
+        let f = over(r);
+        if f.0 > 0.0 {
+            high = r
+        } else {
+            low = r
+        }
+        surface = f.1;
+        if f.0.abs() < tolerance || high - low < tolerance {
+            break;
+        }
+        poor = if high - low > 0.5 * width { poor + 1 } else { 0 };
+        let next = match other {
+            None => r / (1.0 + f.0).max(1e-4).sqrt(),
+            Some((at, value)) => r - f.0 * (r - at) / (f.0 - value),
+        };
+        other = Some((r, f.0));
+        let inside = next > low && next < high;
+        // Rays that end inside the lens have a constant overshoot, which stops the secant method.
+        r = if inside && poor < 4 { next } else { 0.5 * (low + high) };
+        if poor >= 4 {
+            poor = 0;
+        }
+    }
+    (r.clamp(low, high), surface)
 }
 
 impl Domain<'_> {
@@ -233,66 +290,62 @@ impl Domain<'_> {
             from = to;
         };
         for i in 1..SCAN {
-            if rims[i].1 == rims[i - 1].1 {
-                continue;
-            }
-            let (mut a, mut b) = (angles[i - 1], angles[i]);
+            let (mut a, mut limit) = (angles[i - 1], rims[i - 1].1);
             let mut near = rims[i].0;
-            // To 4e-9 rad: the error of an integral is of second order in that of a corner.
-            for _ in 0..CORNER_STEPS {
-                let mid = 0.5 * (a + b);
-                let rim = self.rim(mid, Some(near), RIM);
-                near = rim.0;
-                if rim.1 == rims[i - 1].1 { a = mid } else { b = mid }
+            // Other surfaces may limit the rim in between.
+            for _ in 0..MAX_CORNERS {
+                if limit == rims[i].1 {
+                    break;
+                }
+                let (mut b, mut next) = (angles[i], rims[i].1);
+                // To 4e-6 rad: the error of an integral is of second order in that of a corner.
+                for _ in 0..CORNER_STEPS {
+                    let mid = 0.5 * (a + b);
+                    let rim = if limit.is_some() && next.is_some() {
+                        let (r, surface) = self.clipped_rim(mid, near, RIM);
+                        (r, Some(surface))
+                    } else {
+                        self.rim(mid, Some(near), RIM)
+                    };
+                    near = rim.0;
+                    if rim.1 == limit { a = mid } else { (b, next) = (mid, rim.1) }
+                }
+                close(b, limit);
+                (a, limit) = (b, next);
             }
-            close(b, rims[i - 1].1);
+            if limit != rims[i].1 {
+                close(angles[i], limit);
+            }
         }
         close(PI, rims[SCAN - 1].1);
         segments
     }
 
-    /// B(θ) and the surface that limits it. `near` is the rim at a neighbouring angle.
+    /// Radius of the unit circle about the centre.
+    fn unit_circle(&self, theta: f64) -> f64 {
+        let along = self.centre * real::cos(theta);
+        -along + (along * along + 1.0 - self.centre * self.centre).max(0.0).sqrt()
+    }
+
+    /// B(θ) and the surface that limits it, none for the unit circle. `near` is the rim at a neighbouring angle.
     fn rim(&self, theta: f64, near: Option<f64>, tolerance: f64) -> (f64, Option<usize>) {
         let (s, c) = real::sin_cos(theta);
-        let along = self.centre * c;
-        let edge = -along + (along * along + 1.0 - self.centre * self.centre).max(0.0).sqrt();
-        let over = |r: f64| (self.over)(self.centre + r * c, r * s);
-        let outer = over(edge);
+        let edge = self.unit_circle(theta);
+        let outer = (self.over)(self.centre + edge * c, edge * s);
         // An aperture that touches the unit circle is not a rim of its own.
         if outer.0 <= RIM {
             return (edge, None);
         }
-        // The secant method within a bracket, from the rim nearby: the overshoot grows about as r²/B² − 1.
-        let (mut low, mut high) = (0.0, edge);
-        let (mut before, mut surface) = ((edge, outer.0), outer.1);
-        let mut r = near.filter(|r| *r > 0.0 && *r < edge).unwrap_or(edge / (1.0 + outer.0).sqrt());
-        let mut poor = 0;
-        for step in 0..100 {
-            let width = high - low;
-            let f = over(r);
-            if f.0 > 0.0 {
-                high = r;
-                surface = f.1;
-            } else {
-                low = r;
-            }
-            if f.0.abs() < tolerance || high - low < tolerance {
-                surface = f.1;
-                break;
-            }
-            poor = if high - low > 0.5 * width { poor + 1 } else { 0 };
-            let next = match step {
-                0 => r / (1.0 + f.0).max(1e-4).sqrt(),
-                _ => r - f.0 * (r - before.0) / (f.0 - before.1),
-            };
-            before = (r, f.0);
-            let inside = next > low && next < high;
-            // Rays that end inside the lens have a constant overshoot, which stops the secant method.
-            r = if inside && poor < 4 { next } else { 0.5 * (low + high) };
-            if poor >= 4 {
-                poor = 0;
-            }
-        }
-        (r.clamp(low, high), Some(surface))
+        let near = near.filter(|r| *r > 0.0 && *r < edge).unwrap_or(edge / (1.0 + outer.0).sqrt());
+        let (r, surface) = self.clipped_rim(theta, near, tolerance);
+        (r, Some(surface))
+    }
+
+    /// B(θ) where a surface limits it, and that surface, from `near`.
+    fn clipped_rim(&self, theta: f64, near: f64, tolerance: f64) -> (f64, usize) {
+        let (s, c) = real::sin_cos(theta);
+        let along = |r: f64| (self.over)(self.centre + r * c, r * s);
+        let edge = self.unit_circle(theta);
+        zero(&along, (0.0, edge), near.min(edge), None, tolerance)
     }
 }

@@ -189,11 +189,14 @@ impl Disc {
         worst
     }
 
-    /// The pupil function within the rims; none if no light passes.
+    /// The pupil function within the rims, beginning with the grids of `nearby`; none if no light passes.
     ///
     /// # Errors
     /// None of its own: the tables have a value everywhere.
-    pub(super) fn pupil_function(&self) -> Result<Option<PupilFunction>, DesignError> {
+    pub(super) fn pupil_function(
+        &self,
+        nearby: Option<&PupilFunction>,
+    ) -> Result<Option<PupilFunction>, DesignError> {
         let evaluator = Evaluator::new(self);
         let apertures = evaluator.apertures();
         let over = |p: f64, q: f64| evaluator.over(&apertures, p, q);
@@ -210,7 +213,7 @@ impl Disc {
         let patches = match pupil.segments == [self.patch.segment] {
             true => vec![self.patch.clone()],
             false => Sampler { wavelength_um: self.wavelength_um, openings, values: &values }
-                .patches(&pupil, None)?,
+                .patches(&pupil, nearby)?,
         };
         Ok(Some(PupilFunction::new(self.wavelength_um, pupil, patches, self.height_mm)))
     }
@@ -235,14 +238,22 @@ impl Weights {
     }
 }
 
-/// ΣΣ rho_i theta_j table_ij.
+/// ΣΣ rho_i theta_j table_ij, in four partial sums over j.
 fn sum(table: &[f64], rho: &[f64], theta: &[f64]) -> f64 {
-    let mut along = [0.0; 128];
-    let along = &mut along[..theta.len()];
+    let mut lanes = [0.0; 4];
+    let (theta4, theta_rest) = theta.as_chunks::<4>();
     for (row, w) in table.chunks_exact(theta.len()).zip(rho) {
-        along.iter_mut().zip(row).for_each(|(a, v)| *a += w * v);
+        let (row4, row_rest) = row.as_chunks::<4>();
+        let mut along = [0.0; 4];
+        for (v, t) in row4.iter().zip(theta4) {
+            (0..4).for_each(|i| along[i] += v[i] * t[i]);
+        }
+        for (along, (v, t)) in along.iter_mut().zip(row_rest.iter().zip(theta_rest)) {
+            *along += v * t;
+        }
+        (0..4).for_each(|i| lanes[i] += w * along[i]);
     }
-    along.iter().zip(theta).map(|(a, w)| a * w).sum()
+    lanes.iter().sum()
 }
 
 impl<'a> Evaluator<'a> {

@@ -147,9 +147,10 @@ impl<'a> Pupils<'a> {
 
     fn function(&self, height: f64) -> Result<PupilFunction, DesignError> {
         let is_smooth = self.smooth.iter().any(|(a, b)| *a <= height && height <= *b);
+        let nearest = self.nearest(height);
         let found = match self.nodes.get(&height.to_bits()) {
-            Some(node) => node.pupil_function()?,
-            None if is_smooth => Disc::between(&self.around(height, &[]), height).pupil_function()?,
+            Some(node) => node.pupil_function(nearest)?,
+            None if is_smooth => Disc::between(&self.around(height, &[]), height).pupil_function(nearest)?,
             None => None,
         };
         match found {
@@ -157,7 +158,7 @@ impl<'a> Pupils<'a> {
             // No light passes, which is an error of this: or not smooth here.
             None => {
                 let tan = self.tracer.field_of_height(height)?;
-                PupilFunction::trace_from(self.tracer, tan, self.nearest(height))
+                PupilFunction::trace_from(self.tracer, tan, nearest)
             }
         }
     }
