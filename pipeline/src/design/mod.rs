@@ -65,6 +65,7 @@ pub mod system;
 pub mod table;
 pub mod text;
 pub mod trace;
+mod wavelets;
 mod window;
 pub mod writing;
 pub mod zar;

@@ -17,7 +17,8 @@ use std::f64::consts::PI;
 use rustfft::num_complex::Complex;
 
 use super::nufft::{Nufft, NufftScratch, Point};
-pub use super::pupil_function::{PupilFunction, Wavelet};
+pub use super::pupil_function::PupilFunction;
+pub use super::wavelets::Wavelet;
 
 /// Computes PSFs on a window of n × n samples at one pitch.
 #[derive(Debug)]
@@ -46,11 +47,11 @@ impl PsfGrid {
         self.pitch_um
     }
 
-    /// Time for a PSF of `f`, in that for a sample: a point of the sum takes as long as two samples, and three of four PSFs need both halves
+    /// Time for a PSF of `f`, in that for a sample: a point of the sum takes as long as ten samples, and three of four PSFs need both halves
     /// of the pupil.
     pub(super) fn work(&self, f: &PupilFunction) -> f64 {
         let points = f.wavelets(self.reach_um(), 0.0, false).len();
-        self.size().pow(2) as f64 + 3.5 * points as f64
+        self.size().pow(2) as f64 + 17.5 * points as f64
     }
 
     fn reach_um(&self) -> f64 {

@@ -7,12 +7,10 @@
 use crate::real;
 use std::f64::consts::PI;
 
-use rustfft::num_complex::Complex;
-
 use super::chebyshev::{chebyshev, lagrange};
 use super::error::DesignError;
 use super::pupil::{Openings, Pupil, Segment, with_openings};
-use super::quadrature::{rounded, unit_interval};
+use super::quadrature::unit_interval;
 use super::ray::{ImageRay, Tracer};
 
 /// Maximum error of the interpolated phase, rad, and relative error of the amplitude.
@@ -28,14 +26,6 @@ pub(super) const THETA: [f64; 4] = [0.011, 0.34, 0.72, 0.988];
 
 /// Rays that may be aimed for a pupil function; one with eight segments on the largest grids needs 400,000.
 const MAX_RAYS: u32 = 500_000;
-
-/// Margin of the slopes between neighbouring points, which are below the maximum in between.
-const MARGIN: f64 = 1.03;
-/// Groups of rings of equal width in ρ that have their own quadrature.
-const RING_GROUPS: u8 = 4;
-/// Change of phase per unit of θ at the rim from which on they pay, rad: by diffraction at the corner of the window, and by aberrations.
-const WIDE: f64 = 400.0;
-const ABERRATED: f64 = 2000.0;
 
 /// The pupil function of a field point: phase, direction cosines and amplitude over the open pupil's upper half.
 #[derive(Clone, Debug)]
@@ -79,17 +69,6 @@ impl Errors {
     fn worst(&self, a: &[f64; 5], b: &[f64; 5]) -> f64 {
         (0..5).map(|i| self.0[i] * (a[i] - b[i]).abs()).fold(0.0, f64::max)
     }
-}
-
-/// A plane wavelet.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wavelet {
-    /// Direction cosine along x.
-    pub l: f64,
-    /// Direction cosine along y.
-    pub m: f64,
-    /// Complex amplitude at the chief ray's intersection.
-    pub c: Complex<f64>,
 }
 
 /// Phase [µm], direction cosines, amplitude and flux / N at pupil coordinates (p, q).
@@ -248,61 +227,6 @@ impl PupilFunction {
         Self { wavelength_um, pupil, patches, energy, height_mm, extent }
     }
 
-    /// Wavelets dense enough for a window of ± `reach_um` in x and y, rotated by `azimuth_rad`; `mirrored` adds the lower half of the
-    /// pupil.
-    pub fn wavelets(&self, reach_um: f64, azimuth_rad: f64, mirrored: bool) -> Vec<Wavelet> {
-        let k = 2.0 * PI / self.wavelength_um;
-        let corner = std::f64::consts::SQRT_2 * reach_um;
-        let (sin, cos) = real::sin_cos(azimuth_rad);
-        let middle = 0.5 * (self.extent.0 + self.extent.1);
-        let mut out = Vec::new();
-        for patch in &self.patches {
-            // Bounds κ of the change of phase per unit of ρ and of θ. Gauss-Legendre converges from κ/4 nodes on, the midpoint rule on
-            // the half circle from κ/2; the additional nodes reduce the error from O(1) to 1e-8.
-            let to_ring = lagrange(patch.rings, 0.0, 1.0);
-            let mut rows = [const { Vec::new() }; 4];
-            let (diffraction, aberration) = patch.change(0.0, 1.0).1;
-            // Inner rings need fewer spokes, and where rays change least fewer rings.
-            let is_wide = k * corner * diffraction > WIDE || k * aberration > ABERRATED;
-            let groups = if is_wide { RING_GROUPS } else { 1 };
-            for group in 0..groups {
-                let [from, to] = [group, group + 1].map(|g| f64::from(g) / f64::from(groups));
-                let (along_rho, along_theta) = patch.change(from, to);
-                let radial = MARGIN * k * (corner * along_rho.0 + along_rho.1) * (to - from);
-                let angular = MARGIN * k * (corner * along_theta.0 + along_theta.1) * to;
-                let rings = unit_interval(rounded((radial / 4.0 + 2.0 * real::cbrt(radial)) as usize + 10));
-                let spokes = rounded((angular / 2.0 + 2.0 * real::cbrt(angular)) as usize + 10);
-                let spokes = self.pupil.angles(&patch.segment, spokes);
-                let fine = patch.along_theta::<4>(&spokes);
-                let width = spokes.len();
-                out.reserve(rings.len() * width * if mirrored { 2 } else { 1 });
-                for (share, wr) in rings.iter() {
-                    let (rho, wr) = (from + (to - from) * share, (to - from) * wr);
-                    let weights = to_ring.weights(rho);
-                    for (row, table) in rows.iter_mut().zip(&fine) {
-                        row.clear();
-                        row.resize(width, 0.0);
-                        for (w, source) in weights.iter().zip(table.chunks_exact(width)) {
-                            for (v, s) in row.iter_mut().zip(source) {
-                                *v += w * s;
-                            }
-                        }
-                    }
-                    for (i, (_, wt)) in spokes.iter().enumerate() {
-                        let (sin_w, cos_w) = real::sin_cos(k * rows[0][i]);
-                        let c = Complex::new(cos_w, sin_w) * (rows[3][i] * wr * wt * rho);
-                        let (l, m) = (rows[1][i] - middle, rows[2][i]);
-                        out.push(Wavelet { l: l * cos - m * sin, m: l * sin + m * cos, c });
-                        if mirrored {
-                            out.push(Wavelet { l: l * cos + m * sin, m: l * sin - m * cos, c });
-                        }
-                    }
-                }
-            }
-        }
-        out
-    }
-
     /// Nyquist pitch of the PSF: λ over twice the larger extent of the direction cosines, µm.
     pub fn nyquist_um(&self) -> f64 {
         let (a, b, m) = self.extent;
@@ -340,7 +264,7 @@ impl Patch {
     }
 
     /// Maxima of |d(L, M)| and |dW| between two values of ρ: along ρ, and along θ over ρ.
-    fn change(&self, from: f64, to: f64) -> ((f64, f64), (f64, f64)) {
+    pub(super) fn change(&self, from: f64, to: f64) -> ((f64, f64), (f64, f64)) {
         let rho = chebyshev(self.rings, 0.0, 1.0);
         let most = |a: (f64, f64), b: &(f64, f64)| (a.0.max(b.0), a.1.max(b.1));
         // With the ring before and the ring behind.
@@ -351,8 +275,8 @@ impl Patch {
         (maximum(radial), maximum(&self.angular[first..=last]))
     }
 
-    /// The first N tables at the angles of `spokes`: rings × spokes.
-    fn along_theta<const N: usize>(&self, spokes: &[(f64, f64)]) -> [Vec<f64>; N] {
+    /// The tables at the angles of `spokes`: rings × spokes.
+    fn along_theta(&self, spokes: &[(f64, f64)]) -> [Vec<f64>; 5] {
         let basis = lagrange(self.spokes, self.segment.from, self.segment.to);
         // One row of weights per point of the grid.
         let mut weights = vec![0.0; self.spokes * spokes.len()];
@@ -376,7 +300,7 @@ impl Patch {
 
     /// The values at (ρ, θ).
     pub(super) fn at(&self, rho: f64, theta: f64) -> [f64; 5] {
-        let fine = self.along_theta::<5>(&[(theta, 1.0)]);
+        let fine = self.along_theta(&[(theta, 1.0)]);
         let w = lagrange(self.rings, 0.0, 1.0).weights(rho);
         fine.map(|column| column.iter().zip(&w).map(|(a, b)| a * b).sum())
     }
@@ -384,7 +308,7 @@ impl Patch {
     /// ∫∫ Φ/N dp dq over the patch.
     fn flux(&self, pupil: &Pupil) -> f64 {
         let angles = pupil.angles(&self.segment, 24);
-        let [.., fine] = self.along_theta::<5>(&angles);
+        let [.., fine] = self.along_theta(&angles);
         let to_ring = lagrange(self.rings, 0.0, 1.0);
         let ring = |rho: f64| -> f64 {
             let rows = to_ring.weights(rho).into_iter().zip(fine.chunks_exact(angles.len()));
