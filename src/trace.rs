@@ -1,6 +1,7 @@
 //! `lenscube lens trace`: traces a design into a lens pack.
 
 pub mod depth;
+mod writer;
 
 use crate::args::{DesignArgs, TraceArgs};
 use crate::design;
@@ -15,11 +16,13 @@ use pipeline::design::image_circle::EDGE;
 use pipeline::design::ray::Tracer;
 use pipeline::design::shelf::SAMPLE;
 use pipeline::design::trace::{
-    BandReport, Estimate, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens,
+    BandReport, Estimate, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand, node_wavelengths,
+    trace_lens,
 };
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
+use writer::write_beside;
 
 /// Largest height of the sample lens without `--max-height-mm`, mm: the corner of the examples' film of 14141² px of 2 µm.
 const SAMPLE_HEIGHT_MM: f64 = 20.5;
@@ -28,7 +31,7 @@ const LONG_S: f64 = 10.0;
 /// A pack that is larger is announced with the way to make it smaller, MB uncompressed.
 const LARGE_MB: f64 = 1000.0;
 /// Samples of PSFs that a core computes in a second, for wide PSFs, measured on a Xeon with AVX-512.
-pub const SAMPLES_PER_S: f64 = 1.5e7;
+pub const SAMPLES_PER_S: f64 = 2e7;
 /// Time for the rays of a band over that for the rays of its estimate. With it estimates from 1 s on are 0.5 to 2 of the time that the
 /// built-in lenses take (scripts/bench/2026-11-22-trace).
 const RAYS_PER_ESTIMATE: f64 = 30.0;
@@ -51,39 +54,46 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     } else {
         detail_line(needed)
     }
-    let mut pack = create_pack(&args.out)?;
+    let pack = create_pack(&args.out)?;
     let bar = tracing_bar(options.wavelengths_nm.len());
     let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
         bar.set_position(p.band as u64);
         bar.set_message(format!("{} nm: {} ({} PSFs)", options.wavelengths_nm[p.band], p.step, p.psfs));
     };
-    let result = trace_lens(&system, &options, &mut progress, |index, band: TracedBand| {
-        let r = &band.report;
-        let nodes: usize = band.tables.azimuth_count.iter().sum();
-        let bound = r.psf_error.map_or("given".into(), |e| {
-            let median =
-                format!("{:.2} % at {:.2} mm, median {:.2} %", 100.0 * e.worst, e.at_mm, 100.0 * e.median);
-            if e.limited { format!("{median} (limited by --max-nodes)") } else { median }
-        });
-        let line = format!(
-            "{} nm: window {} px with at least {:.2} % of the light, {} heights, {nodes} nodes, kernel error {bound}",
-            r.wavelength_nm,
-            r.window_px,
-            100.0 * r.min_energy,
-            band.tables.psf_height_mm.len(),
-        );
-        bar.suspend(|| log_line(line));
-        reports.push(*r);
-        pack.psf(index, &band.psf)
+    let result = write_beside(pack, |write| {
+        trace_lens(&system, &options, &mut progress, |index, band| {
+            bar.suspend(|| log_line(band_line(&band)));
+            reports.push(band.report);
+            write(index, band.psf)
+        })
     });
     bar.finish_and_clear();
-    let lens = result.with_context(|| format!("tracing {}", args.design))?;
+    let context = || format!("tracing {}", args.design);
+    let (traced, pack) = result.with_context(context)?;
+    let lens = traced.with_context(context)?;
     pack.finish(&lens, &attributes(&args.design, &args.parameters, &options, &reports))?;
     for line in summary(&args.out, &options, &reports, start.elapsed().as_secs_f64()) {
         log_line(line);
     }
     Ok(())
+}
+
+/// What is told of a band.
+fn band_line(TracedBand { tables, report, .. }: &TracedBand) -> String {
+    let nodes: usize = tables.azimuth_count.iter().sum();
+    let error = report.psf_error.map_or("given".into(), |e| {
+        let median =
+            format!("{:.2} % at {:.2} mm, median {:.2} %", 100.0 * e.worst, e.at_mm, 100.0 * e.median);
+        if e.limited { format!("{median} (limited by --max-nodes)") } else { median }
+    });
+    format!(
+        "{} nm: window {} px with at least {:.2} % of the light, {} heights, {nodes} nodes, kernel error {error}",
+        report.wavelength_nm,
+        report.window_px,
+        100.0 * report.min_energy,
+        tables.psf_height_mm.len(),
+    )
 }
 
 /// The design, focused as `args` say, and the options of its depth nodes.
@@ -121,9 +131,12 @@ fn estimate(system: &System, options: &TraceOptions) -> Result<(f64, String)> {
         let shares: f64 = (0..bands.len()).map(share).sum();
         estimates.iter().enumerate().map(|(i, e)| share(i) * value(e)).sum::<f64>() / shares
     };
-    let samples = weighted(&|e| e.samples as f64);
+    let bands_count = (last + 1) as f64;
+    let choices = node_wavelengths(&options.wavelengths_nm).len() as f64;
+    let samples =
+        bands_count * weighted(&|e| e.samples as f64) + choices * weighted(&|e| e.samples_of_choice as f64);
     let cores = std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64);
-    let seconds = (last + 1) as f64 * (ray_seconds + samples / SAMPLES_PER_S / cores);
+    let seconds = bands_count * ray_seconds + samples / SAMPLES_PER_S / cores;
     let largest = |value: fn(&Estimate) -> usize| estimates.iter().map(value).max().unwrap_or(0);
     let band_bytes = largest(|e| e.max_bytes);
     // The reader of packs accepts no larger array.
@@ -135,7 +148,7 @@ fn estimate(system: &System, options: &TraceOptions) -> Result<(f64, String)> {
             band_bytes as f64 * 1e-9
         )));
     }
-    let megabytes = 1e-6 * (last + 1) as f64 * weighted(&|e| e.bytes as f64);
+    let megabytes = 1e-6 * bands_count * weighted(&|e| e.bytes as f64);
     let way_out = match megabytes > LARGE_MB {
         true => "; fewer `--wavelengths`, less `--energy` or a larger `--psf-tolerance` make it smaller",
         false => "",

@@ -7,11 +7,16 @@ use super::error::DesignError;
 use super::options::{Azimuths, PsfHeights};
 use super::ray::Tracer;
 use super::refine::{max_psfs, max_samples};
+#[cfg(doc)]
+use super::shared_nodes::node_wavelengths;
 use super::trace::LensTrace;
 use super::window::{Windows, core_samples, expected, half_samples};
 
 /// PSFs that choose the nodes of a band without a limit: 125 to 270 for the built-in lenses.
 const PSFS: usize = 220;
+
+/// PSFs that determine the window of a band and the error of nodes chosen at another wavelength.
+const CHECKS: usize = 25;
 
 /// PSFs that a band has without a limit: 30 to 46 for the built-in lenses.
 const HEIGHTS: usize = 40;
@@ -25,8 +30,10 @@ pub struct Estimate {
     pub light: f64,
     /// Samples per side of a PSF.
     pub side: usize,
-    /// Samples that are computed: of the PSFs of the band, and of those that choose its nodes.
+    /// Samples that are computed: of the PSFs of the band, and of those that determine its window and check its nodes.
     pub samples: usize,
+    /// Samples of the PSFs that choose nodes, once for all bands of [`node_wavelengths`].
+    pub samples_of_choice: usize,
     /// Size of the PSFs of the band, bytes.
     pub bytes: usize,
     /// Its maximum.
@@ -69,7 +76,9 @@ impl LensTrace<'_> {
             PsfHeights::Given(_) => max_bytes,
             PsfHeights::ByError => max_bytes.min(4 * side * side * HEIGHTS),
         };
-        let samples = chosen_by * core_side * core_side + bytes / 4;
-        Ok(Estimate { window_px, light, side, samples, bytes, max_bytes })
+        let core_samples = core_side * core_side;
+        let samples = CHECKS.min(chosen_by) * core_samples + bytes / 4;
+        let samples_of_choice = chosen_by * core_samples;
+        Ok(Estimate { window_px, light, side, samples, samples_of_choice, bytes, max_bytes })
     }
 }

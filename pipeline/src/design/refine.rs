@@ -10,7 +10,7 @@ use super::psf::PsfGrid;
 /// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes: 134 MB in f32.
 const MAX_SAMPLES: f64 = (1_u64 << 25) as f64;
 /// Maximum work for the choice of nodes with that default, in samples ([`PsfGrid::work`]): 2 to 3 s on two cores.
-const MAX_WORK: f64 = 1.6e8;
+const MAX_WORK: f64 = 6e8;
 /// Maximum side of the PSFs in samples with that default: 32 heights then have [`MAX_SAMPLES`].
 const MAX_SIDE: f64 = 1024.0;
 /// PSFs that are traced whatever their work.

@@ -16,6 +16,18 @@ use super::trace::{LensTrace, Sampled};
 /// Distance of the wavelengths at which nodes are chosen, nm.
 const STEP_NM: f64 = 50.0;
 
+/// The wavelength at which the nodes of the band at `nm` are chosen, nm.
+fn nearest(nm: f64) -> f64 {
+    STEP_NM * (nm / STEP_NM).round().max(1.0)
+}
+
+/// The wavelengths at which the nodes of ascending `bands_nm` are chosen, nm.
+pub fn node_wavelengths(bands_nm: &[f64]) -> Vec<f64> {
+    let mut all: Vec<f64> = bands_nm.iter().map(|nm| nearest(*nm)).collect();
+    all.dedup();
+    all
+}
+
 /// Nodes chosen so far for one lens.
 #[derive(Debug, Default)]
 pub struct SharedNodes(Vec<Nodes>);
@@ -43,7 +55,7 @@ impl SharedNodes {
         if is_given {
             return trace.choose(sampled, report);
         }
-        let nearest = STEP_NM * (nm / STEP_NM).round().max(1.0);
+        let nearest = nearest(nm);
         // Nodes do not depend on the other wavelengths.
         let options = TraceOptions { wavelengths_nm: vec![nearest], ..options.clone() };
         let known = self.0.iter().find(|n| n.nm == nearest && n.options == options);

@@ -20,13 +20,13 @@ use super::psf::{PsfGrid, PsfScratch, PupilFunction};
 use super::pupils::Pupils;
 use super::ray::Tracer;
 pub use super::refine::NodeError;
-pub use super::shared_nodes::SharedNodes;
+pub use super::shared_nodes::{SharedNodes, node_wavelengths};
 use super::system::System;
 use super::window::{Windows, core_samples, half_samples, window};
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Incremented when the results for the same design and options change.
-pub const TRACER_VERSION: u32 = 7;
+pub const TRACER_VERSION: u32 = 8;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
