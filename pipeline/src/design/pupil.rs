@@ -311,12 +311,7 @@ impl Domain<'_> {
                 // To 4e-6 rad: the error of an integral is of second order in that of a corner.
                 for _ in 0..CORNER_STEPS {
                     let mid = 0.5 * (a + b);
-                    let rim = if limit.is_some() && next.is_some() {
-                        let (r, surface) = self.clipped_rim(mid, near, RIM);
-                        (r, Some(surface))
-                    } else {
-                        self.rim(mid, Some(near), RIM)
-                    };
+                    let rim = self.rim(mid, Some(near), RIM);
                     near = rim.0;
                     if rim.1 == limit { a = mid } else { (b, next) = (mid, rim.1) }
                 }
