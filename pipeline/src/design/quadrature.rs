@@ -5,7 +5,7 @@
 //! Their density grows towards both ends, so an oscillating integrand needs π/2 nodes per period of its middle. The map
 //!
 //!     x = ½ + asin(α t) / (2 asin α),   α = 1/cosh(c/n),   t ∈ [−1, 1]
-//! makes their density even, and about one node per period is enough ([`oscillating`]).
+//! makes their density even, and about one node per period is enough (`oscillating`).
 //! Source: Davis & Rabinowitz, Methods of Numerical Integration, 2.7; the map: Kosloff & Tal-Ezer, J. Comput. Phys. 104 (1993), section 2;
 //! in quadrature: Hale & Trefethen, SIAM J. Numer. Anal. 46 (2008).
 
