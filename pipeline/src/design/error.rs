@@ -39,7 +39,11 @@ pub enum DesignError {
         nearest: Vec<String>,
     },
     /// A wavelength outside the range of a glass's formula.
-    #[error("{um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}", um = tidy(.wavelength_um))]
+    #[error(
+        "{um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}; choose other wavelengths or give a catalogue (.agf) with its \
+         data there",
+        um = tidy(.wavelength_um)
+    )]
     Wavelength {
         /// The glass.
         glass: String,
