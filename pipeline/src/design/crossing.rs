@@ -1,11 +1,13 @@
 //! Surfaces that cross within the aperture that light uses: such a prescription cannot be made, and rays go backwards there.
 //!
 //!     gap(r) = t + sag₂(r) − sag₁(r)      t thickness, sag towards +z of the light [mm]; behind a mirror sag₁ counts the other way
+//! Planes of reference and diaphragms, which have the same medium on both sides, are left out: a stop may lie in the hollow of a lens.
 //! The used radius of a surface is that of its meridional rays from three field points, as far as they pass its aperture.
 
 use super::describe::field_tan;
+use super::error::tidy;
 use super::ray::Tracer;
-use super::system::System;
+use super::system::{Medium, System};
 
 /// Depth of a crossing that is not one of rounding, mm.
 const DEPTH_MM: f64 = 1e-5;
@@ -15,26 +17,40 @@ const STEPS: u32 = 200;
 /// A note for each pair of neighbouring surfaces that cross.
 pub fn crossings(system: &System) -> Vec<String> {
     let used = used_radii(system);
-    let pairs = system.surfaces.windows(2).enumerate().take(system.image().saturating_sub(1));
-    pairs
-        .filter_map(|(i, pair)| {
-            let radius = used[i].min(used[i + 1]);
-            let along = if pair[0].is_mirror { -1.0 } else { 1.0 };
+    let surfaces = &system.surfaces;
+    let boundaries: Vec<usize> = (0..system.image()).filter(|i| is_boundary(system, *i)).collect();
+    boundaries
+        .windows(2)
+        .filter_map(|pair| {
+            let (i, j) = (pair[0], pair[1]);
+            let thickness_mm: f64 = surfaces[i..j].iter().map(|s| s.thickness_mm).sum();
+            let radius = used[i].min(used[j]);
+            let along = if surfaces[i].is_mirror { -1.0 } else { 1.0 };
             let radii = (1..=STEPS).map(|k| radius * f64::from(k) / f64::from(STEPS));
             let crosses = |r: &f64| {
-                let sags = pair[0].shape.sag_mm(*r).zip(pair[1].shape.sag_mm(*r));
-                sags.is_some_and(|(a, b)| pair[0].thickness_mm + b - along * a < -DEPTH_MM)
+                let sags = surfaces[i].shape.sag_mm(*r).zip(surfaces[j].shape.sag_mm(*r));
+                sags.is_some_and(|(a, b)| thickness_mm + b - along * a < -DEPTH_MM)
             };
             let at = radii.clone().find(crosses)?;
             Some(format!(
                 "surfaces {} and {} cross at {at:.3} mm from the axis; light uses them up to {radius:.3} mm: check their radii and the \
                  thickness of {} mm between them",
                 i + 1,
-                i + 2,
-                pair[0].thickness_mm,
+                j + 1,
+                tidy(&thickness_mm),
             ))
         })
         .collect()
+}
+
+/// Whether the surface bends light.
+fn is_boundary(system: &System, index: usize) -> bool {
+    let before = match index {
+        0 => &Medium::Air,
+        _ => &system.surfaces[index - 1].medium,
+    };
+    let surface = &system.surfaces[index];
+    surface.is_mirror || surface.ideal_focal_mm.is_some() || surface.medium != *before
 }
 
 /// Largest distance from the axis of a meridional ray at each surface, mm; 0 where no ray is known.
@@ -75,5 +91,21 @@ mod tests {
             1.0 + sag(1) - sag(0)
         };
         assert!(gap(mm) < 0.0 && gap(0.97 * mm) > 0.0, "{mm}");
+    }
+
+    #[test]
+    fn diaphragm_in_the_hollow_of_a_lens_crosses_nothing() {
+        let mut system = System::double_gauss_28();
+        // The stop, a plane between two hollow faces, at the vertex of the one behind it.
+        let stop = (0..system.image()).find(|i| !is_boundary(&system, *i)).unwrap();
+        let gap_mm = system.surfaces[stop].thickness_mm;
+        system.surfaces[stop - 1].thickness_mm += gap_mm;
+        system.surfaces[stop].thickness_mm = 0.0;
+        // The pupil grows, so that elements cross; the stop crosses nothing.
+        let notes = crossings(&system);
+        let names = [format!("surfaces {} and", stop + 1), format!("and {} cross", stop + 1)];
+        assert!(!notes.iter().any(|note| names.iter().any(|name| note.contains(name))), "{notes:?}");
+        let sag = system.surfaces[stop + 1].shape.sag_mm(5.0).unwrap();
+        assert!(sag < -0.1, "the face behind the stop is not hollow: {sag}");
     }
 }

@@ -147,7 +147,7 @@ pub enum DesignError {
 }
 
 /// Without the digits of rounding: 0.5875618 for 0.5875617999999999.
-fn tidy(um: &f64) -> f64 {
+pub(super) fn tidy(um: &f64) -> f64 {
     (um * 1e9).round() / 1e9
 }
 
