@@ -22,9 +22,9 @@ use crate::real;
 const WIDTH: usize = 8;
 /// Cells per output.
 const FINER: f64 = 1.5;
-/// Minimum number of cells.
+/// Minimum number of cells: points up to 0.4 cycles have half a kernel's width of cells around them.
 const MIN_CELLS: usize = 64;
-/// Shape parameter: 0.95 of that whose spectrum begins to fall at the first alias, after which it falls fastest.
+/// Shape parameter γ π w (1 − 1/(2σ)) for σ cells per output (section 3 of the source), γ = 0.95.
 const BETA: f64 = 0.95 * PI * WIDTH as f64 * (1.0 - 0.5 / FINER);
 /// Degree of the polynomials that approximate φ, one per cell of its width: error below 1e-7.
 const DEGREE: usize = 11;
