@@ -227,6 +227,7 @@ class Round:
     def do_remove(self, s):
         self.event("the film is removed")
         self.removed = True
+        self.must_fail.clear()  # a run that was stopped before it opened the film makes its own now
         for _ in range(20):
             shutil.rmtree(self.film, ignore_errors=True)
             if not self.film.exists():

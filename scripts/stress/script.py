@@ -53,7 +53,9 @@ class ScriptWriter:
         lens = rng.choices(["built-in", "pack", "zip"], [5, 3, 1])[0]
         layout = rng.choice(LAYOUTS)
         other = rng.choices(OTHERS, [6, 3, 3, 1, 1, 1, 1])[0]
-        jobs = {"A": Job("A", chart, lens, ("--azimuths", "4", *layout))}
+        # A run without --codec keeps the codec of an existing film, so that B would not be another job.
+        codec = ("--codec", "lz4") if other[0] == "--codec" else ()
+        jobs = {"A": Job("A", chart, lens, ("--azimuths", "4", *codec, *layout))}
         flags = (*other, *layout) if other[0] == "--azimuths" else ("--azimuths", "4", *other, *layout)
         jobs["B"] = Job("B", chart if rng.random() < 0.7 else rng.choice(list(CHARTS)), lens, flags)
         second = rng.choice([m for m in machines if m != "A"] or ["A"])
