@@ -73,10 +73,13 @@ impl ChartStore {
         sharded.then(|| self.indexes.get(self.layout.file_number(chunk_index), read)).transpose()
     }
 
-    /// The chunks that hold the pixels of `rect` of `band`, row by row.
+    /// The chunks that hold the pixels of `rect` of `band`, row by row; those of an empty one are none, wherever it lies.
     fn chunks_of(&self, band: usize, rect: Rect) -> impl Iterator<Item = [usize; 3]> + use<> {
         let [bands, rows, columns] = self.layout.chunk_shape;
-        let range = |first: i64, end: i64, side: usize| first as usize / side..(end as usize).div_ceil(side);
+        let is_empty = rect.is_empty();
+        let range = |first: i64, end: i64, side: usize| {
+            if is_empty { 0..0 } else { first as usize / side..(end as usize).div_ceil(side) }
+        };
         let (down, across) = (range(rect.y, rect.bottom(), rows), range(rect.x, rect.right(), columns));
         down.flat_map(move |i| across.clone().map(move |j| [band / bands, i, j]))
     }

@@ -63,6 +63,27 @@ fn charts_read_past_the_page_cache_have_the_same_pixels() {
     }
 }
 
+/// A film's tiles may end far beyond the chart.
+#[test]
+fn rectangles_announced_beyond_the_chart_change_no_pixel() {
+    for name in ["v3-sharded", "v3-index-first", "v2-blosc", "v2-float"] {
+        for past_page_cache in [false, true] {
+            let mut chart = open(&fixture(name));
+            if past_page_cache {
+                chart.read_past_page_cache(&[0, 1, 2], 2, 0);
+            }
+            let Size { height, width } = chart.size();
+            for distance in (0..300).step_by(3) {
+                let (below, right) = (height as i64 + distance, width as i64 + distance);
+                chart.prefetch(0, Rect::new(below, 0, height, width));
+                chart.prefetch(0, Rect::new(0, right, height, width));
+                chart.prefetch(0, Rect::new(-below, -right, height, width));
+            }
+            check(&chart, 0..3);
+        }
+    }
+}
+
 #[test]
 fn damage_is_found_past_the_page_cache() {
     let (_dir, path) = copied("v3-sharded");
