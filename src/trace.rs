@@ -1,24 +1,24 @@
 //! `lenscube lens trace`: traces a design into a lens pack.
 
 pub mod depth;
+mod estimate;
 mod writer;
 
-use crate::args::{DesignArgs, TraceArgs};
+use crate::args::{DesignArgs, Store, TraceArgs};
 use crate::design;
 use crate::failure::{other_job, usage};
 use crate::progress::{detail_line, log_line, tracing_bar};
 use anyhow::{Context, Result};
-use formats::lens::{LensPackError, LensPackWriter, MAX_ARRAY_SAMPLES, PackAttributes};
+pub use estimate::SAMPLES_PER_S;
+use estimate::{Needed, estimate};
+use formats::lens::{LensPackError, LensPackWriter, PackAttributes};
 use pipeline::design::System;
 use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::describe::field_tan;
 use pipeline::design::image_circle::EDGE;
 use pipeline::design::ray::Tracer;
 use pipeline::design::shelf::SAMPLE;
-use pipeline::design::trace::{
-    BandReport, Estimate, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand, node_wavelengths,
-    trace_lens,
-};
+use pipeline::design::trace::{BandReport, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -28,13 +28,8 @@ use writer::write_beside;
 const SAMPLE_HEIGHT_MM: f64 = 20.5;
 /// A trace that takes longer is announced with what it needs, s.
 const LONG_S: f64 = 10.0;
-/// A pack that is larger is announced with the way to make it smaller, MB uncompressed.
-const LARGE_MB: f64 = 1000.0;
-/// Samples of PSFs that a core computes in a second, for wide PSFs, measured on a Xeon with AVX-512.
-pub const SAMPLES_PER_S: f64 = 2e7;
-/// Time for the rays of a band over that for the rays of its estimate. With it the estimates of 31 bands are 0.4 to 2.4 of the time that the
-/// built-in lenses take (scripts/bench/2026-11-22-trace).
-const RAYS_PER_ESTIMATE: f64 = 30.0;
+/// Maximum of the PSFs of a pack by default, MB uncompressed; above it the pack has pupil functions.
+const MAX_PSF_MB: f64 = 1000.0;
 
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {
@@ -47,12 +42,20 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     if let Some(depth) = depth {
         return depth::trace(args, &system, &options, &depth, start);
     }
-    let (seconds, needed) =
+    let Needed { seconds, psf_mb, text } =
         estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?;
     if seconds > LONG_S {
-        log_line(needed)
+        log_line(text)
     } else {
-        detail_line(needed)
+        detail_line(text)
+    }
+    let stored = args.store.unwrap_or_else(|| default_store(psf_mb));
+    if args.store.is_none() && stored == Store::Pupils {
+        log_line(format!(
+            "the pack has pupil functions, from which PSFs are computed when it is read: its PSFs would have {:.1} GB uncompressed \
+             (`--store psfs` stores them)",
+            1e-3 * psf_mb
+        ));
     }
     let pack = create_pack(&args.out)?;
     let bar = tracing_bar(options.wavelengths_nm.len());
@@ -61,11 +64,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         bar.set_position(p.band as u64);
         bar.set_message(format!("{} nm: {} ({} PSFs)", options.wavelengths_nm[p.band], p.step, p.psfs));
     };
-    let result = write_beside(pack, |write| {
+    let result = write_beside(pack, stored, |write| {
         trace_lens(&system, &options, &mut progress, |index, band| {
             bar.suspend(|| log_line(band_line(&band)));
             reports.push(band.report);
-            write(index, band.psf)
+            write(index, band)
         })
     });
     bar.finish_and_clear();
@@ -77,6 +80,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         log_line(line);
     }
     Ok(())
+}
+
+/// What a pack has by default if its PSFs would have `psf_mb` MB uncompressed.
+fn default_store(psf_mb: f64) -> Store {
+    if psf_mb > MAX_PSF_MB { Store::Pupils } else { Store::Psfs }
 }
 
 /// What is told of a band.
@@ -114,57 +122,6 @@ fn create_pack(out: &Path) -> Result<LensPackWriter> {
         LensPackError::Exists { .. } => other_job(e.to_string()),
         e => e.into(),
     })
-}
-
-/// Seconds that the trace takes, and what it needs, from rays of up to five bands.
-fn estimate(system: &System, options: &TraceOptions) -> Result<(f64, String)> {
-    let trace = LensTrace::new(system, options)?;
-    let last = options.wavelengths_nm.len() - 1;
-    let mut bands: Vec<usize> = (0..=4).map(|i| i * last / 4).collect();
-    bands.dedup();
-    let start = Instant::now();
-    let estimates = bands.iter().map(|&b| trace.estimate(b)).collect::<Result<Vec<Estimate>, _>>()?;
-    let ray_seconds = RAYS_PER_ESTIMATE * start.elapsed().as_secs_f64() / bands.len() as f64;
-    // The first and the last band stand for half as many bands as the others.
-    let share = |i: usize| if i == 0 || i + 1 == bands.len() { 0.5 } else { 1.0 };
-    let weighted = |value: &dyn Fn(&Estimate) -> f64| -> f64 {
-        let shares: f64 = (0..bands.len()).map(share).sum();
-        estimates.iter().enumerate().map(|(i, e)| share(i) * value(e)).sum::<f64>() / shares
-    };
-    let bands_count = (last + 1) as f64;
-    let choices = node_wavelengths(&options.wavelengths_nm).len() as f64;
-    let samples =
-        bands_count * weighted(&|e| e.samples as f64) + choices * weighted(&|e| e.samples_of_choice as f64);
-    let cores = std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64);
-    let seconds = bands_count * ray_seconds + samples / SAMPLES_PER_S / cores;
-    let largest = |value: fn(&Estimate) -> usize| estimates.iter().map(value).max().unwrap_or(0);
-    let band_bytes = largest(|e| e.max_bytes);
-    // The reader of packs accepts no larger array.
-    if band_bytes as u64 > 4 * MAX_ARRAY_SAMPLES {
-        let max_gb = 4e-9 * MAX_ARRAY_SAMPLES as f64;
-        return Err(usage(format!(
-            "the PSFs of a band would have {:.1} GB, a pack holds at most {max_gb:.1} GB a band; give fewer `--heights`, a coarser \
-             `--psf-pitch-um` or less `--energy`",
-            band_bytes as f64 * 1e-9
-        )));
-    }
-    let megabytes = 1e-6 * bands_count * weighted(&|e| e.bytes as f64);
-    let way_out = match megabytes > LARGE_MB {
-        true => "; fewer `--wavelengths`, less `--energy` or a larger `--psf-tolerance` make it smaller",
-        false => "",
-    };
-    let time = if seconds < 1.0 { "less than 1".into() } else { format!("about {seconds:.0}") };
-    let needed = format!(
-        "{} bands, estimated from rays: {time} s; windows of {} to {} px with at least {:.1} % of the light, PSFs of up to {} \
-         samples a side, at most {} nodes a band, about {megabytes:.0} MB uncompressed in all{way_out}",
-        last + 1,
-        estimates.iter().map(|e| e.window_px).min().unwrap_or(0),
-        largest(|e| e.window_px),
-        100.0 * estimates.iter().map(|e| e.light).fold(1.0, f64::min),
-        largest(|e| e.side),
-        options.max_nodes,
-    );
-    Ok((seconds, needed))
 }
 
 /// Attributes of a traced pack.
@@ -316,4 +273,14 @@ fn parse_heights(text: &str) -> Result<Vec<f64>, String> {
         return Err("expected FIRST:LAST:STEP with at most 10000 steps".into());
     }
     Ok((0..=((last - first) / step + 1e-9) as usize).map(|i| first + i as f64 * step).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packs_of_more_than_a_gigabyte_of_psfs_have_pupil_functions() {
+        assert_eq!([999.0, 1001.0].map(default_store), [Store::Psfs, Store::Pupils]);
+    }
 }

@@ -74,6 +74,8 @@ pub const FIELD_POINTS: Bound = bound("the number of field points", "", 2.0, 1e6
 pub const PSF_HEIGHTS: Bound = bound("the number of PSF heights", "", 2.0, 4096.0);
 /// Numbers in one table of a lens, all bands: 100 bands of 40,000 field points.
 pub const TABLE_NUMBERS: Bound = bound("the size of a lens table", "numbers", 1.0, 4_194_304.0);
+/// Numbers of the pupil functions of a band: those of the built-in lenses have up to 870,000.
+pub const PUPIL_NUMBERS: Bound = bound("the size of the pupil functions", "numbers", 1.0, 67_108_864.0);
 /// Depth nodes of a band.
 pub const DEPTH_NODES: Bound = bound("the number of depth nodes", "", 1.0, 4096.0);
 /// Vergence 1/z of an object in 1/m: infinity to 0.1 mm.

@@ -207,6 +207,10 @@ pub struct TraceArgs {
     /// Pitch of the film that the pack is made for, µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
+    /// What the pack has of the PSFs: their samples, or the pupil functions they are computed from when the pack is read, a hundredth of the bytes
+    /// [default: psfs up to 1 GB uncompressed, else pupils]
+    #[arg(long, value_enum, conflicts_with = "depths_m")]
+    pub store: Option<Store>,
     /// Object distance in focus, m from the entrance pupil: the film moves there. `--image-plane design` keeps its distance from the paraxial
     /// image [default: the film and object distance of the design]
     #[arg(long, value_name = "M", value_parser = focus_m, conflicts_with = "object_distance_mm", help_heading = "Depth")]
@@ -223,6 +227,14 @@ pub struct TraceArgs {
     /// Parameters of the design.
     #[command(flatten)]
     pub parameters: DesignArgs,
+}
+
+/// What a pack has of its PSFs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
+pub enum Store {
+    Psfs,
+    Pupils,
 }
 
 /// A gap of a design: surface, counted from 1, and the distance to the next one in mm.

@@ -2,8 +2,9 @@
 //!
 //! Each file of a pack is flushed to the disk before the next one is written. At most two bands are in memory.
 
+use crate::args::Store;
 use formats::lens::{LensPackError, LensPackWriter};
-use pipeline::lens::PsfStack;
+use pipeline::design::trace::TracedBand;
 use std::panic::resume_unwind;
 use std::sync::mpsc::sync_channel;
 use std::thread;
@@ -13,23 +14,27 @@ use std::thread;
 #[error("the lens pack was not written")]
 pub struct Stopped;
 
-/// Runs `trace` with a function that writes the PSFs of a band to `pack`; what `trace` returns, and the pack.
+/// Runs `trace` with a function that writes the PSFs of a band to `pack`, or their pupil functions; what `trace` returns, and the pack.
 ///
 /// # Errors
 /// The first error of writing.
 pub fn write_beside<T>(
     mut pack: LensPackWriter,
-    trace: impl FnOnce(&dyn Fn(usize, PsfStack) -> Result<(), Stopped>) -> T,
+    stored: Store,
+    trace: impl FnOnce(&dyn Fn(usize, TracedBand) -> Result<(), Stopped>) -> T,
 ) -> Result<(T, LensPackWriter), LensPackError> {
     thread::scope(|scope| {
         let (sender, bands) = sync_channel(0);
         let writer = scope.spawn(move || {
-            for (band, psf) in bands {
-                pack.psf(band, &psf)?;
+            for (index, TracedBand { psf, pupils, .. }) in bands {
+                match stored {
+                    Store::Psfs => pack.psf(index, &psf)?,
+                    Store::Pupils => pack.pupils(index, &pupils)?,
+                }
             }
             Ok(pack)
         });
-        let traced = trace(&|band, psf| sender.send((band, psf)).map_err(|_| Stopped));
+        let traced = trace(&|index, band| sender.send((index, band)).map_err(|_| Stopped));
         drop(sender);
         let pack = writer.join().unwrap_or_else(|panic| resume_unwind(panic))?;
         Ok((traced, pack))

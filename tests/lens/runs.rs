@@ -63,6 +63,33 @@ fn traced_bands_are_equal_in_one_run_in_two_runs_and_from_the_cache() {
 }
 
 #[test]
+fn film_of_a_pack_with_pupil_functions_is_that_of_the_pack_with_their_psfs() {
+    let job = DesignJob::new();
+    let film = |lens: &str, film: &str| {
+        let words = ["run", text(&job.at("chart")), text(&job.at(film)), "--lens", text(&job.at(lens))]
+            .map(str::to_owned);
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        lenscube(&[&words[..], &["--film-pitch-um", "10", "--no-fsync", "--bands", "1"]].concat())
+    };
+    for store in ["psfs", "pupils"] {
+        trace(text(&job.design), &job.at(&format!("{store}.lens.zarr")), &["--store", store]).ok();
+        film(&format!("{store}.lens.zarr"), store).ok();
+    }
+    assert!(bits(&pixels(&job.at("psfs"), "film").1) == bits(&pixels(&job.at("pupils"), "film").1));
+    let size =
+        |store: &str| files(&job.at(&format!("{store}.lens.zarr"))).values().map(Vec::len).sum::<usize>();
+    assert!(size("pupils") < size("psfs") / 2, "{} and {}", size("pupils"), size("psfs"));
+    // The digest of the pack is part of the job.
+    film("pupils.lens.zarr", "pupils").ok();
+    assert_exit(&film("psfs.lens.zarr", "pupils"), OTHER_JOB, &["belongs to another job", "lens"]);
+    let shown = lenscube(&["lens", "show", text(&job.at("pupils.lens.zarr")), "--json"]).ok();
+    assert!(shown.stdout.contains("\"stored\": \"pupil functions\""), "{}", shown.stdout);
+    let out = job.at("depth.lens.zarr");
+    let depth = ["--focus-m", "2", "--depths-m", "1:inf", "--store", "pupils"];
+    assert_exit(&trace(text(&job.design), &out, &depth), USAGE, &["--store", "--depths-m"]);
+}
+
+#[test]
 fn damaged_cache_entry_is_traced_again_and_unwritable_cache_is_a_note() {
     let job = DesignJob::new();
     job.run("cache", "fresh", &[]).ok();

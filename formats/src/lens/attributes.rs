@@ -10,6 +10,8 @@ use serde_json::{Map, Value};
 pub const SCHEMA: &str = "lenscube/lens-pack/1";
 /// Schema of a pack with depth nodes.
 pub const DEPTH_SCHEMA: &str = "lenscube/lens-pack/2";
+/// Schema of a pack with one object distance and pupil functions in place of PSFs.
+pub const PUPIL_SCHEMA: &str = "lenscube/lens-pack/3";
 
 /// Descriptive attributes of a pack: printed, not used in any calculation.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -26,12 +28,14 @@ pub struct PackAttributes {
     pub source: Option<Value>,
 }
 
-/// Attributes of a group with schema [`SCHEMA`] or [`DEPTH_SCHEMA`].
+/// Attributes of a group with schema [`SCHEMA`], [`DEPTH_SCHEMA`] or [`PUPIL_SCHEMA`].
 pub(super) struct Attributes<'a> {
     store: &'a PackStore,
     map: Map<String, Value>,
     /// Whether the pack has depth nodes.
     pub(super) has_depth: bool,
+    /// Whether the pack has pupil functions in place of PSFs.
+    pub(super) has_pupils: bool,
 }
 
 impl<'a> Attributes<'a> {
@@ -61,14 +65,14 @@ impl<'a> Attributes<'a> {
             _ => Map::new(),
         };
         match attributes.get("schema") {
-            Some(Value::String(s)) if s == SCHEMA || s == DEPTH_SCHEMA => {
-                let has_depth = s == DEPTH_SCHEMA;
-                Ok(Self { store, map: attributes, has_depth })
+            Some(Value::String(s)) if [SCHEMA, DEPTH_SCHEMA, PUPIL_SCHEMA].contains(&s.as_str()) => {
+                let (has_depth, has_pupils) = (s == DEPTH_SCHEMA, s == PUPIL_SCHEMA);
+                Ok(Self { store, map: attributes, has_depth, has_pupils })
             }
             found => Err(LensPackError::Schema {
                 path: store.path.clone(),
                 found: found.map_or("missing".into(), Value::to_string),
-                expected: format!("\"{SCHEMA}\" or \"{DEPTH_SCHEMA}\""),
+                expected: format!("\"{SCHEMA}\", \"{DEPTH_SCHEMA}\" or \"{PUPIL_SCHEMA}\""),
             }),
         }
     }

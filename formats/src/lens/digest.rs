@@ -5,24 +5,35 @@
 //! per band: f64 wavelength; u64 M, K, n; f64 tables; u64 azimuths; f64 energies, pitch, solid angle, transmission; f32 PSFs
 //! ```
 //! With depth nodes: of each band its head and tables, then per node vergence, tables and PSFs; of the lens the digests of its bands.
-//! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage.
+//! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage. Pupil functions in place
+//! of PSFs are hashed themselves (version of the tracer, segments, values: f64), so they have another digest than the PSFs they give.
 
+use super::stored::Stored;
+use pipeline::design::pupil_stack::PupilStack;
+use pipeline::design::trace::TRACER_VERSION;
 use pipeline::lens::depth::LensDepth;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Samples converted to bytes at a time.
 const BUFFER_SAMPLES: usize = 16384;
 
-/// Digest of all bands; `psf` reads the PSFs of one.
+/// Digest of all bands; `read` reads one.
 pub(super) fn lens_digest<E>(
     lens: &Lens,
-    mut psf: impl FnMut(usize) -> Result<PsfStack, E>,
+    mut read: impl FnMut(usize) -> Result<Stored, E>,
 ) -> Result<String, E> {
     let mut h = hasher_with_head(lens, lens.bands.len());
     for (b, band) in lens.bands.iter().enumerate() {
-        add_band(&mut h, band, &psf(b)?);
+        add_stored(&mut h, band, &read(b)?);
     }
     Ok(h.finalize().to_hex().to_string())
+}
+
+/// Digest of band `band` alone, stored as `stored`.
+pub(super) fn stored_digest(lens: &Lens, band: usize, stored: &Stored) -> String {
+    let mut h = hasher_with_head(lens, 1);
+    add_stored(&mut h, &lens.bands[band], stored);
+    h.finalize().to_hex().to_string()
 }
 
 /// Digest of band `band` alone, with PSFs `stack`: that of [`super::LensPack::band_digest`] of a pack of them.
@@ -96,6 +107,22 @@ fn add_band(h: &mut blake3::Hasher, band: &LensBand, stack: &PsfStack) {
         let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
         h.update(&bytes);
     }
+}
+
+fn add_stored(h: &mut blake3::Hasher, band: &LensBand, stored: &Stored) {
+    match stored {
+        Stored::Psfs(stack) => add_band(h, band, stack),
+        Stored::Pupils(pupils) => add_pupils(h, band, pupils),
+    }
+}
+
+fn add_pupils(h: &mut blake3::Hasher, band: &LensBand, pupils: &PupilStack) {
+    add_tables(h, band);
+    h.update(b"pupil functions\n");
+    let (segments, values) = pupils.parts();
+    add_counts(h, &[TRACER_VERSION as usize, segments.len(), values.len()]);
+    segments.iter().for_each(|numbers| add_f64(h, numbers));
+    add_f64(h, &values);
 }
 
 fn add_tables(h: &mut blake3::Hasher, band: &LensBand) {

@@ -1,5 +1,6 @@
 //! Errors of lens packs: pack, array, found and expected value, way out.
 
+use pipeline::design::pupil_stack::PupilError;
 use pipeline::lens::LensError;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -90,6 +91,9 @@ pub enum LensPackError {
         height_mm: f64,
         sum: f64,
     },
+    /// The pupil functions of a band are invalid.
+    #[error("{path}: array `{array}`: {source}")]
+    Pupil { path: PathBuf, array: String, source: PupilError },
     /// There is no such band.
     #[error("{path}: band {band} was requested, the pack has {bands}")]
     Band { path: PathBuf, band: usize, bands: usize },

@@ -38,6 +38,17 @@
 //! Attributes: `focus_distance_m` (`Infinity` allowed), `blur_per_dioptre_um`, `entrance_pupil_mm` (behind the first vertex),
 //! `entrance_pupil_diameter_mm`, `depth_tolerance` (maximum L1 error of a kernel half-way between nodes).
 //!
+//! # Pupil functions
+//!
+//! A pack of schema [`PUPIL_SCHEMA`] has the pupil functions of its PSFs, a hundredth of their bytes, in place of `psf/<band index>`; the PSFs are
+//! computed from them when they are read ([`pipeline::design::pupil_stack`]). S segments, P points of the largest one:
+//!
+//! | array | shape | unit | contents |
+//! |---|---|---|---|
+//! | `psf_size` | (B) | 1 | n, samples a window side |
+//! | `pupil_segment/<band index>` | (S, 8) | | of each segment: index of its height, rings, spokes, first and last angle in rad, index of the surface that limits it or −1, its centre on the meridian, 1 or −1 if an obscuration hides it |
+//! | `pupil/<band index>` | (S, 5, P) | | at rings × spokes Chebyshev points (then NaN): W in µm, L, M, √(Φ J / N) · B², Φ / N · B² |
+//!
 //! # Values
 //!
 //! Tables are float32, float64 or of an integer type, PSFs float32 or float64. A band with fewer field points or heights than the widest ends its rows
@@ -49,7 +60,7 @@
 //!
 //! | attribute | value |
 //! |---|---|
-//! | `schema` | [`SCHEMA`] |
+//! | `schema` | [`SCHEMA`], [`DEPTH_SCHEMA`] or [`PUPIL_SCHEMA`] |
 //! | `distortion_focal_length_mm`, `effective_focal_length_mm` | > 0 |
 //! | `f_number`, `primary_wavelength_nm` | > 0 |
 //! | `psf_sample` | `point`: point samples; `integrated`: each sample integrated over the pitch |
@@ -75,11 +86,12 @@ mod pack;
 mod read;
 mod sink;
 mod store;
+mod stored;
 mod summary;
 mod write;
 
 pub use array::MAX_SAMPLES as MAX_ARRAY_SAMPLES;
-pub use attributes::{DEPTH_SCHEMA, PackAttributes, SCHEMA};
+pub use attributes::{DEPTH_SCHEMA, PUPIL_SCHEMA, PackAttributes, SCHEMA};
 pub use digest::band_digest;
 pub use error::LensPackError;
 pub use hashed_file::HashedFile;

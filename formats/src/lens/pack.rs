@@ -7,10 +7,12 @@ use std::sync::OnceLock;
 use pipeline::lens::{Lens, PsfStack};
 
 use super::attributes::PackAttributes;
+use super::digest;
 use super::error::LensPackError;
 use super::hashed_file::HashedFile;
+use super::read::{self, Tables};
 use super::store::PackStore;
-use super::{digest, read};
+use super::stored::Stored;
 
 /// Built-in lens packs: name and .zip (`formats/data/SOURCES.md`).
 const BUILTIN: [(&str, &[u8]); 1] =
@@ -22,8 +24,10 @@ pub struct LensPack {
     lens: Lens,
     attributes: PackAttributes,
     notes: Vec<String>,
-    /// Bytes of one decoded chunk of PSFs, per band.
-    psf_chunk_bytes: Vec<usize>,
+    /// Whether it has pupil functions in place of PSFs.
+    has_pupils: bool,
+    /// Bytes of memory for reading the PSFs of each band, in addition to the samples.
+    reading_bytes: Vec<usize>,
     /// Digest of tables and PSFs as first read, of the pack and per band.
     digest: OnceLock<String>,
     band_digests: Vec<OnceLock<String>>,
@@ -57,10 +61,11 @@ impl LensPack {
 
     fn from_store(store: PackStore) -> Result<Self, LensPackError> {
         let mut notes = Vec::new();
-        let (lens, attributes, psf_chunk_bytes) = read::lens(&store, &mut notes)?;
+        let Tables { lens, attributes, has_pupils, reading_bytes } = read::tables(&store, &mut notes)?;
         let band_digests = vec![OnceLock::new(); lens.bands.len()];
         let digest = OnceLock::new();
-        Ok(Self { store, lens, attributes, notes, psf_chunk_bytes, digest, band_digests, hashed: None })
+        let hashed = None;
+        Ok(Self { store, lens, attributes, notes, has_pupils, reading_bytes, digest, band_digests, hashed })
     }
 
     /// The tables.
@@ -83,23 +88,41 @@ impl LensPack {
         &self.store.path
     }
 
-    /// Reads the PSFs of band `band`: finite, every window of sum 1, and equal to those read first.
+    /// Whether it has pupil functions, from which [`psf`](Self::psf) computes the PSFs.
+    pub fn has_pupils(&self) -> bool {
+        self.has_pupils
+    }
+
+    /// Reads the PSFs of band `band`, or computes them from its pupil functions on the calling thread: finite, every window of sum 1, and from
+    /// values equal to those read first.
     ///
     /// # Errors
-    /// There is no such band; a chunk is missing or damaged; a sample is not finite; the sum of a window is not 1;
+    /// There is no such band; a chunk is missing or damaged; a sample is not finite; the sum of a window is not 1; invalid pupil functions;
     /// [`LensPackError::Changed`].
     pub fn psf(&self, band: usize) -> Result<PsfStack, LensPackError> {
         if let Some(depth) = &self.lens.depth {
             let focus = depth.focus();
             return self.psf_of_node(band, depth.bands.get(band).map_or(0, |nodes| nodes.nearest(focus)));
         }
-        let stack = read::psf(&self.store, &self.lens, band, None)?;
+        match self.stored(band)? {
+            Stored::Psfs(stack) => Ok(stack),
+            Stored::Pupils(pupils) => read::psfs_of(&self.store, &self.lens, band, &pupils),
+        }
+    }
+
+    /// Reads band `band`, of values equal to those read first.
+    fn stored(&self, band: usize) -> Result<Stored, LensPackError> {
+        let stored = match self.has_pupils {
+            true => Stored::Pupils(read::pupils(&self.store, &self.lens, band)?),
+            false => Stored::Psfs(read::psf(&self.store, &self.lens, band, None)?),
+        };
         let first = self.band_digests[band].get().filter(|_| self.store.may_change());
         let unchanged = match first {
-            Some(first) => *first == digest::band_digest(&self.lens, band, &stack),
+            Some(first) => *first == digest::stored_digest(&self.lens, band, &stored),
             None => self.hashed_file_is_unchanged()?,
         };
-        if unchanged { Ok(stack) } else { Err(self.changed(format!("psf/{band} differs"))) }
+        let name = if self.has_pupils { "pupil" } else { "psf" };
+        if unchanged { Ok(stored) } else { Err(self.changed(format!("{name}/{band} differs"))) }
     }
 
     /// Reads the PSFs of depth node `node` of band `band` of a pack with depth nodes: finite, every window of sum 1.
@@ -122,10 +145,10 @@ impl LensPack {
         Ok(read::windows(&self.store, &self.lens, (band, Some(node)), Some(height))?.samples)
     }
 
-    /// Bytes of memory for reading a band's PSFs, in addition to the samples: an encoded and a decoded chunk.
+    /// Bytes of memory for reading a band's PSFs, in addition to the samples: an encoded and a decoded chunk, or pupil functions and the sums over
+    /// their rays.
     pub fn psf_reading_bytes(&self, band: usize) -> usize {
-        // An encoded chunk may have twice the length of the decoded one.
-        3 * self.psf_chunk_bytes.get(band).copied().unwrap_or_default()
+        self.reading_bytes.get(band).copied().unwrap_or_default()
     }
 
     /// Verifies that the pack is unchanged since it was opened: by size and times of its files, else by the values read.
@@ -149,7 +172,7 @@ impl LensPack {
             let Some(first) = first.get() else { continue };
             let digest = reopened.band_digest(band).map_err(|e| self.changed(e.to_string()))?;
             if digest != *first {
-                return Err(self.changed(format!("psf/{band} differs")));
+                return Err(self.changed(format!("band {band} differs")));
             }
         }
         Ok(())
@@ -166,7 +189,7 @@ impl LensPack {
 
     /// blake3 (hex) of all values that affect pixels; independent of directory or zip, chunks and codecs.
     ///
-    /// Computed once, by reading every PSF. Name, source and other descriptive attributes are not included.
+    /// Computed once, by reading every PSF or pupil function. Name, source and other descriptive attributes are not included.
     ///
     /// # Errors
     /// As [`psf`](Self::psf), for any band.
@@ -180,9 +203,9 @@ impl LensPack {
             return Ok(self.digest.get_or_init(|| digest));
         }
         let digest = digest::lens_digest(&self.lens, |band| {
-            let stack = self.psf(band)?;
-            self.band_digests[band].get_or_init(|| digest::band_digest(&self.lens, band, &stack));
-            Ok::<_, LensPackError>(stack)
+            let stored = self.stored(band)?;
+            self.band_digests[band].get_or_init(|| digest::stored_digest(&self.lens, band, &stored));
+            Ok::<_, LensPackError>(stored)
         })?;
         Ok(self.digest.get_or_init(|| digest))
     }
@@ -197,8 +220,8 @@ impl LensPack {
                 digest::depth_band_digest(&self.lens, depth, band, |node| self.psf_of_node(band, node))?;
             return Ok(self.band_digests[band].get_or_init(|| digest).clone());
         }
-        let stack = self.psf(band)?;
-        Ok(self.band_digests[band].get_or_init(|| digest::band_digest(&self.lens, band, &stack)).clone())
+        let stored = self.stored(band)?;
+        Ok(self.band_digests[band].get_or_init(|| digest::stored_digest(&self.lens, band, &stored)).clone())
     }
 }
 

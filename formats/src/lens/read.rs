@@ -4,33 +4,41 @@
 //! heights is the number of entries of `psf_height` before the first NaN, and `psf/<band>` has that many windows.
 
 mod depth;
+mod psfs;
+mod pupils;
 
 use super::array::PackArray;
 use super::attributes::{Attributes, PackAttributes};
 use super::error::LensPackError;
 use super::store::PackStore;
 use pipeline::bounds;
-use pipeline::lens::{Lens, LensBand, PsfStack};
+use pipeline::lens::{Lens, LensBand};
+pub(super) use psfs::{SUM_TOLERANCE, psf, psfs_of, windows};
+pub(super) use pupils::pupils;
 use std::f64::consts::PI;
 
-/// Maximum deviation of a window's sum from 1.
-pub(super) const SUM_TOLERANCE: f64 = 1e-3;
-/// A window whose sum deviates from 1 by less is not normalised: f32 rounding alone gives 1e-7.
-const SUM_EXACT: f64 = 1e-6;
+/// What a pack has but its PSFs or pupil functions.
+pub(super) struct Tables {
+    pub(super) lens: Lens,
+    pub(super) attributes: PackAttributes,
+    /// Whether it has pupil functions in place of PSFs.
+    pub(super) has_pupils: bool,
+    /// Bytes of memory for reading the PSFs of each band, in addition to the samples.
+    pub(super) reading_bytes: Vec<usize>,
+}
 
-/// Reads every table: the lens, descriptive attributes, and the bytes of one decoded chunk of each band's PSFs. `notes` lists the
-/// defaults used.
-pub(super) fn lens(
-    store: &PackStore,
-    notes: &mut Vec<String>,
-) -> Result<(Lens, PackAttributes, Vec<usize>), LensPackError> {
+/// Chunks in memory while an array is read: a decoded one, and an encoded one, which may have twice its length.
+const CHUNKS: usize = 3;
+
+/// Reads every table. `notes` lists the defaults used.
+pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Tables, LensPackError> {
     let head = Attributes::of_group(store)?;
     let wavelength = PackArray::open(store, "wavelength")?;
     let bands = match wavelength.shape[..] {
         [n] if bounds::BANDS.contains(n as f64) => n as usize,
         _ => return Err(wavelength.shape_error(format!("[bands], {}", bounds::BANDS))),
     };
-    let tables = Tables { store, bands };
+    let tables = Arrays { store, bands };
     let wavelength_nm = tables.per_band("wavelength")?;
     if let Some(b) = (1..bands).find(|&b| wavelength_nm[b] <= wavelength_nm[b - 1]) {
         let expected = "ascending wavelengths";
@@ -41,7 +49,7 @@ pub(super) fn lens(
     let image = tables.rows("image_height", Some((field_points, "bands, field points of ideal_height")))?;
     let illumination =
         tables.rows("relative_illumination", Some((field_points, "bands, field points of ideal_height")))?;
-    let flat_psfs = if head.has_depth { None } else { Some(PsfTables::open(&tables)?) };
+    let flat_psfs = if head.has_depth { None } else { Some(PsfTables::open(&tables, head.has_pupils)?) };
     let f_number = head.positive("f_number")?;
     bounds::F_NUMBER.check(f_number).map_err(|e| head.out_of_bounds("f_number", &e))?;
     let solid_angle = tables.per_band_or("solid_angle", || {
@@ -53,7 +61,7 @@ pub(super) fn lens(
         1.0
     })?;
     let sample = head.sample()?;
-    let (mut lens_bands, mut chunks) = (Vec::with_capacity(bands), Vec::with_capacity(bands));
+    let (mut lens_bands, mut reading_bytes) = (Vec::with_capacity(bands), Vec::with_capacity(bands));
     for b in 0..bands {
         let mut band = LensBand {
             wavelength_nm: wavelength_nm[b],
@@ -69,13 +77,13 @@ pub(super) fn lens(
             psf_height_mm: Vec::new(),
         };
         if let Some(psfs) = &flat_psfs {
-            chunks.push(psfs.fill(b, &mut band)?);
+            reading_bytes.push(psfs.fill(b, &mut band)?);
             band.check().map_err(|source| LensPackError::Table { path: store.path.clone(), source })?;
         }
         lens_bands.push(band);
     }
     let depth = match head.has_depth {
-        true => Some(depth::read(&tables, &head, field_points, &mut lens_bands, &mut chunks)?),
+        true => Some(depth::read(&tables, &head, field_points, &mut lens_bands, &mut reading_bytes)?),
         false => None,
     };
     let lens = Lens {
@@ -98,97 +106,14 @@ pub(super) fn lens(
     if let Some(Err(e)) = defocus_mm.map(|v| bounds::DEFOCUS_MM.check(v)) {
         return Err(head.out_of_bounds("defocus_mm", &e));
     }
-    let other = PackAttributes {
+    let attributes = PackAttributes {
         image_plane: head.text("image_plane"),
         defocus_mm,
         frame: head.text("frame"),
         psf_tolerance: head.any("psf_tolerance"),
         source: head.any("source"),
     };
-    Ok((lens, other, chunks))
-}
-
-/// Reads the windows of one band, of the depth node `node` of a pack that has some: finite, each with sum 1.
-pub(super) fn psf(
-    store: &PackStore,
-    lens: &Lens,
-    index: usize,
-    node: Option<usize>,
-) -> Result<PsfStack, LensPackError> {
-    windows(store, lens, (index, node), None)
-}
-
-/// As [`psf`], or the window of one height only.
-pub(super) fn windows(
-    store: &PackStore,
-    lens: &Lens,
-    (index, node): (usize, Option<usize>),
-    only: Option<usize>,
-) -> Result<PsfStack, LensPackError> {
-    let bands = lens.bands.len();
-    let band = lens.bands.get(index).ok_or_else(|| LensPackError::Band {
-        path: store.path.clone(),
-        band: index,
-        bands,
-    })?;
-    let (name, heights_mm, n, pitch_um) = match lens.depth.as_ref().zip(node) {
-        None => (format!("psf/{index}"), &band.psf_height_mm, band.psf_size, band.psf_pitch_um),
-        Some((depth, d)) => {
-            let node = &depth.bands[index].nodes[d];
-            (format!("psf/{index}/{d}"), &node.psf_height_mm, node.psf_size, node.psf_pitch_um)
-        }
-    };
-    let array = PackArray::open(store, &name)?;
-    array.expect_shape(&[heights_mm.len(), n, n], "heights, rows, columns")?;
-    let rows = only.map_or(0..heights_mm.len(), |k| k..k + 1);
-    let samples = array.read_rows(rows.clone(), |v| v as f32)?;
-    let mut values = samples.values;
-    for (k, window) in rows.zip(values.chunks_exact_mut(n * n)) {
-        if let Some(i) = window.iter().position(|v| !v.is_finite()) {
-            return Err(LensPackError::Value {
-                path: store.path.clone(),
-                array: name,
-                band: index,
-                index: k * n * n + i,
-                value: f64::from(window[i]),
-                expected: "a finite number",
-            });
-        }
-        let sum: f64 = window.iter().map(|&v| f64::from(v)).sum();
-        let deviation = (sum - 1.0).abs();
-        // A writer may omit chunks of zeros; then the sums are 1 without them.
-        if let (Some(chunk), true) = (&samples.missing, deviation > SUM_EXACT) {
-            return Err(array.missing_chunk(chunk.clone()));
-        }
-        if deviation > SUM_TOLERANCE {
-            return Err(LensPackError::PsfSum {
-                path: store.path.clone(),
-                array: name,
-                index: k,
-                height_mm: heights_mm[k],
-                sum,
-            });
-        }
-        if deviation > SUM_EXACT {
-            window.iter_mut().for_each(|v| *v = (f64::from(*v) / sum) as f32);
-        }
-    }
-    Ok(PsfStack { size: n, pitch_um, sample: lens.psf_sample, samples: values })
-}
-
-/// Side of the windows of the array `name` and bytes of a decoded chunk of them, from the metadata.
-fn psf_size(store: &PackStore, name: &str, k: usize) -> Result<(usize, usize), LensPackError> {
-    let array = PackArray::open(store, name)?;
-    array.expect_float()?;
-    match array.shape[..] {
-        [_, rows, _] if !bounds::PSF_SIDE.contains(rows as f64) => {
-            Err(array.shape_error(format!("[{k}, n, n] with n odd, {}", bounds::PSF_SIDE)))
-        }
-        [windows, rows, columns] if windows as usize == k && rows == columns && rows % 2 == 1 => {
-            Ok((rows as usize, array.chunk_bytes() as usize))
-        }
-        _ => Err(array.shape_error(format!("[{k}, n, n] with n odd ({k} heights of psf_height)"))),
-    }
+    Ok(Tables { lens, attributes, has_pupils: head.has_pupils, reading_bytes })
 }
 
 /// PSF tables of a pack without depth nodes.
@@ -197,39 +122,46 @@ struct PsfTables<'a> {
     azimuths: Rows<'a>,
     energy: Rows<'a>,
     pitch: Vec<f64>,
+    /// Sides of the windows that pupil functions have.
+    sides: Option<Vec<f64>>,
 }
 
 impl<'a> PsfTables<'a> {
-    fn open(tables: &'a Tables<'a>) -> Result<Self, LensPackError> {
+    fn open(tables: &'a Arrays<'a>, has_pupils: bool) -> Result<Self, LensPackError> {
         let heights = tables.rows("psf_height", None)?;
         let same = Some((heights.width, "bands, heights of psf_height"));
         Ok(Self {
             azimuths: tables.rows("azimuth_count", same)?,
             energy: tables.rows("psf_energy", same)?,
             pitch: tables.per_band("psf_pitch")?,
+            sides: if has_pupils { Some(tables.per_band("psf_size")?) } else { None },
             heights,
         })
     }
 
-    /// Fills the PSF tables of band `b`; the bytes of a decoded chunk of its PSFs.
+    /// Fills the PSF tables of band `b`; the bytes for reading its PSFs.
     fn fill(&self, b: usize, band: &mut LensBand) -> Result<usize, LensPackError> {
         let heights = self.heights.numbers(b)?;
         let k = heights.len();
-        let (size, chunk_bytes) = psf_size(self.heights.tables.store, &format!("psf/{b}"), k)?;
+        let tables = self.heights.tables;
+        let (size, reading_bytes) = match &self.sides {
+            Some(sides) => pupils::side(tables, b, k, sides[b])?,
+            None => psfs::size(tables.store, &format!("psf/{b}"), k)?,
+        };
         (band.psf_size, band.psf_pitch_um, band.psf_height_mm) = (size, self.pitch[b], heights);
         (band.azimuth_count, band.psf_energy) = (self.azimuths.counts(b, k)?, self.energy.first(b, k)?);
-        Ok(chunk_bytes)
+        Ok(reading_bytes)
     }
 }
 
-struct Tables<'a> {
+struct Arrays<'a> {
     store: &'a PackStore,
     bands: usize,
 }
 
 /// A (bands, width) table, or a (bands, nodes, width) one.
 struct Rows<'a> {
-    tables: &'a Tables<'a>,
+    tables: &'a Arrays<'a>,
     name: &'static str,
     /// Rows of a band.
     per_band: usize,
@@ -237,7 +169,7 @@ struct Rows<'a> {
     values: Vec<f64>,
 }
 
-impl Tables<'_> {
+impl Arrays<'_> {
     fn value(
         &self,
         array: &'static str,

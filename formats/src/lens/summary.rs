@@ -52,6 +52,8 @@ pub struct LensSummary {
     pub psf_sample: &'static str,
     /// Consequences of sample kind and pitch.
     pub sampling: String,
+    /// "PSFs", or "pupil functions" that PSFs are computed from.
+    pub stored: &'static str,
     /// Depth nodes and focus.
     pub depth: Option<String>,
     /// Defaults used for missing arrays and attributes.
@@ -136,6 +138,7 @@ pub fn summary(pack: &LensPack, all_bands: bool, rotation_error: Option<f64>) ->
             PsfSample::Point => point_sampling(bands, lens.f_number),
             PsfSample::Integrated => integrated_sampling(rotation_error),
         },
+        stored: if pack.has_pupils() { "pupil functions" } else { "PSFs" },
         depth: lens.depth.as_ref().map(depth_summary),
         notes: pack.notes().to_vec(),
         table,
@@ -256,7 +259,7 @@ impl fmt::Display for LensSummary {
             Some(deg) => writeln!(f, ", {deg:.3}°")?,
             None => writeln!(f)?,
         }
-        writeln!(f, "sampling       {}", self.sampling)?;
+        writeln!(f, "sampling       {}; stored as {}", self.sampling, self.stored)?;
         if let Some(depth) = &self.depth {
             writeln!(f, "depth          {depth}")?;
         }

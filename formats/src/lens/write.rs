@@ -4,8 +4,9 @@
 //! Bands with fewer field points or heights are padded with NaN (azimuths: 0), see [`lens`](super).
 
 mod depth;
+mod pupils;
 
-use super::attributes::{DEPTH_SCHEMA, PackAttributes, SCHEMA};
+use super::attributes::{DEPTH_SCHEMA, PUPIL_SCHEMA, PackAttributes, SCHEMA};
 use super::error::LensPackError;
 use super::read::SUM_TOLERANCE;
 use super::sink::Sink;
@@ -23,12 +24,14 @@ type StackKey = (usize, Option<usize>);
 /// Side, pitch, number of heights and kind of samples of a stack.
 type StackShape = (usize, f64, usize, PsfSample);
 
-/// Writer of a pack: [`psf`](Self::psf) for every band in any order, then [`finish`](Self::finish). Dropped before that, it leaves no
-/// file.
+/// Writer of a pack: [`psf`](Self::psf) or [`pupils`](Self::pupils) for every band in any order, then [`finish`](Self::finish). Dropped before
+/// that, it leaves no file.
 pub struct LensPackWriter {
     sink: Sink,
     /// Side, pitch, number of heights and kind of samples of the stacks written so far, by band and depth node.
     written: BTreeMap<StackKey, StackShape>,
+    /// Whether pupil functions are written in place of PSFs.
+    has_pupils: bool,
 }
 
 /// Writes a complete pack, one band of PSFs at a time.
@@ -54,7 +57,7 @@ impl LensPackWriter {
     /// # Errors
     /// The path exists, or no file can be created there.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, LensPackError> {
-        Ok(Self { sink: Sink::create(path.as_ref())?, written: BTreeMap::new() })
+        Ok(Self { sink: Sink::create(path.as_ref())?, written: BTreeMap::new(), has_pupils: false })
     }
 
     /// Writes one band's PSFs.
@@ -75,6 +78,9 @@ impl LensPackWriter {
 
     fn stack(&mut self, band: usize, node: Option<usize>, stack: &PsfStack) -> Result<(), LensPackError> {
         let name = node.map_or_else(|| format!("psf/{band}"), |d| format!("psf/{band}/{d}"));
+        if self.has_pupils {
+            return Err(self.invalid(format!("{name} after pupil functions of other bands")));
+        }
         let n = stack.size;
         if n.is_multiple_of(2) || stack.samples.is_empty() || !stack.samples.len().is_multiple_of(n * n) {
             let samples = stack.samples.len();
@@ -89,12 +95,17 @@ impl LensPackWriter {
                 );
             }
         }
-        if self.written.insert((band, node), (n, stack.pitch_um, heights, stack.sample)).is_some() {
-            return Err(self.invalid(format!("{name} was written twice")));
-        }
+        self.record(&name, (band, node), (n, stack.pitch_um, heights, stack.sample))?;
         let bytes = stack.samples.iter().flat_map(|v| v.to_ne_bytes()).collect::<Vec<u8>>();
         let shape = [heights, n, n];
         self.array(&name, "float32", &shape, "1", &["psf_height", "row", "column"], &bytes)
+    }
+
+    fn record(&mut self, name: &str, key: StackKey, shape: StackShape) -> Result<(), LensPackError> {
+        match self.written.insert(key, shape) {
+            Some(_) => Err(self.invalid(format!("{name} was written twice"))),
+            None => Ok(()),
+        }
     }
 
     /// Writes tables and attributes and renames the pack to its final path.
@@ -115,12 +126,19 @@ impl LensPackWriter {
             Some(depth) => self.depth_tables(depth)?,
         }
         let group = json!({"zarr_format": 3, "node_type": "group", "attributes": {}});
-        self.json("psf/zarr.json", &group)?;
+        let groups: &[&str] = if self.has_pupils { &["pupil", "pupil_segment"] } else { &["psf"] };
+        for name in groups {
+            self.json(&format!("{name}/zarr.json"), &group)?;
+        }
         for band in 0..lens.depth.as_ref().map_or(0, |depth| depth.bands.len()) {
             self.json(&format!("psf/{band}/zarr.json"), &group)?;
         }
-        let root =
+        let mut root =
             json!({"zarr_format": 3, "node_type": "group", "attributes": root_attributes(lens, attributes)});
+        if self.has_pupils {
+            self.column("psf_size", "1", bands, |b| b.psf_size as f64)?;
+            root["attributes"]["schema"] = json!(PUPIL_SCHEMA);
+        }
         self.json("zarr.json", &root)?;
         self.sink.finish()
     }
@@ -209,6 +227,17 @@ impl LensPackWriter {
         if let [first, _, ..] = chunk.as_mut_slice() {
             *first = 1;
         }
+        self.chunked_array((name, data_type), (shape, &chunk), (unit, dims), bytes)
+    }
+
+    /// Writes an array of name and type, in chunks of a shape, of a unit and names of its axes.
+    fn chunked_array(
+        &mut self,
+        (name, data_type): (&str, &str),
+        (shape, chunk): (&[usize], &[usize]),
+        (unit, dims): (&str, &[&str]),
+        bytes: &[u8],
+    ) -> Result<(), LensPackError> {
         let item = if data_type == "float64" { 8 } else { 4 };
         let fill = if data_type == "int32" { json!(0) } else { json!("NaN") };
         let metadata = json!({

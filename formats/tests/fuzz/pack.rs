@@ -5,9 +5,12 @@ use crate::fuzz_support::extreme::{integer, magnitude, name, text, wavelengths_n
 use crate::fuzz_support::{Random, damage, fuzz};
 use crate::{data, directory, json};
 use lenscube_formats::import::{self, ImportOptions};
-use lenscube_formats::lens::{LensPack, summary};
+use lenscube_formats::lens::{LensPack, LensPackWriter, PackAttributes, summary};
+use pipeline::design::shelf::ShelfLens;
+use pipeline::design::trace::{Azimuths, PsfHeights, TraceOptions, TracedBand, trace_lens};
 use serde_json::json;
 use std::io::{Cursor, Read, Write};
+use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
@@ -37,13 +40,72 @@ fn pack(entries: &Entries) -> Vec<u8> {
     zip.finish().unwrap().into_inner()
 }
 
-/// Small packs of this program (with crc32c) and of zarr-python (without).
+/// Small packs of this program (with crc32c), one with pupil functions, and of zarr-python (without).
 fn seeds() -> Vec<Vec<u8>> {
     let dir = directory();
     let out = dir.path().join("seed.zip");
     let options = ImportOptions { field_points: 11, ..ImportOptions::default() };
     import::write(&out, import::open(&data("tables-example"), &options).unwrap(), |_, _| ()).unwrap();
-    vec![std::fs::read(out).unwrap(), std::fs::read(data("zarr_python.lens.zip")).unwrap()]
+    let pupils = dir.path().join("pupils.zip");
+    let _ = write_pupils(&pupils);
+    [out, data("zarr_python.lens.zip"), pupils].map(|path| std::fs::read(path).unwrap()).into()
+}
+
+/// Writes a traced band with pupil functions, and returns it.
+fn write_pupils(path: &Path) -> TracedBand {
+    let system = ShelfLens::named("wide-100").unwrap().system();
+    let options = TraceOptions {
+        field_points: 11,
+        heights: PsfHeights::Given(vec![0.0, 4.0]),
+        azimuths: Azimuths::Given(8),
+        ..TraceOptions::new(vec![550.0], 4.0)
+    };
+    let mut pack = LensPackWriter::create(path).unwrap();
+    let mut traced = None;
+    let lens = trace_lens(&system, &options, &mut |_| (), |i, band| {
+        let written = pack.pupils(i, &band.pupils);
+        traced = Some(band);
+        written
+    });
+    pack.finish(&lens.unwrap(), &PackAttributes::default()).unwrap();
+    traced.unwrap()
+}
+
+/// A pack with pupil functions and up to three extreme numbers.
+fn extreme_pupils((entries, band): &(Entries, TracedBand), r: &mut Random) -> Vec<u8> {
+    let (segments, values) = band.pupils.parts();
+    let rows = values.len() / segments.len() / 5;
+    let mut tables = [
+        ("pupil/0", vec![segments.len(), 5, rows], values),
+        ("pupil_segment/0", vec![segments.len(), 8], segments.into_flattened()),
+        ("psf_size", vec![1], vec![band.pupils.size() as f64]),
+        ("psf_pitch", vec![1], vec![band.pupils.pitch_um()]),
+    ];
+    for _ in 0..=r.below(3) {
+        let table = &mut tables[r.below(4)].2;
+        let at = r.below(table.len());
+        table[at] = if r.below(3) == 0 { integer(r) as f64 } else { magnitude(r) };
+    }
+    let mut entries = entries.clone();
+    for (name, shape, values) in &tables {
+        entries.retain(|e| !e.0.starts_with(&format!("{name}/")));
+        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        put(&mut entries, (name, "float64"), shape, bytes);
+    }
+    pack(&entries)
+}
+
+/// Adds an uncompressed array of one chunk.
+fn put(entries: &mut Entries, (name, kind): (&str, &str), shape: &[usize], bytes: Vec<u8>) {
+    let metadata = json!({
+        "zarr_format": 3, "node_type": "array", "shape": shape, "data_type": kind, "fill_value": 0,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": shape}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "codecs": [{"name": "bytes", "configuration": {"endian": "little"}}], "attributes": {},
+    });
+    entries.push((format!("{name}/zarr.json"), metadata.to_string().into_bytes()));
+    let key = ["c", "c/0", "c/0/0", "c/0/0/0"][shape.len()];
+    entries.push((format!("{name}/{key}"), bytes));
 }
 
 fn damaged_pack(seeds: &[(Vec<u8>, Entries)], r: &mut Random) -> Vec<u8> {
@@ -151,15 +213,7 @@ fn extreme_pack(r: &mut Random) -> Vec<u8> {
             }
             _ => ("float64", values.iter().flat_map(|v| v.to_le_bytes()).collect()),
         };
-        let metadata = json!({
-            "zarr_format": 3, "node_type": "array", "shape": shape, "data_type": kind, "fill_value": 0,
-            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": shape}},
-            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
-            "codecs": [{"name": "bytes", "configuration": {"endian": "little"}}], "attributes": {},
-        });
-        entries.push((format!("{name}/zarr.json"), metadata.to_string().into_bytes()));
-        let key = ["c", "c/0", "c/0/0", "c/0/0/0"][shape.len()];
-        entries.push((format!("{name}/{key}"), bytes));
+        put(&mut entries, (name, kind), shape, bytes);
     }
     for name in names {
         // A further entry, a parent directory, or the name of an entry.
@@ -187,20 +241,32 @@ fn extreme_pack(r: &mut Random) -> Vec<u8> {
 
 #[test]
 fn extreme_lens_packs_are_errors_or_finite() {
-    fuzz("lens pack limits", 500, extreme_pack, |bytes| {
-        let Ok(pack) = LensPack::open_bytes(bytes.to_vec()) else { return false };
-        let _ = summary(&pack, true, None).to_string();
-        let lens = pack.lens();
-        assert!(
-            lens.bands.windows(2).all(|b| b[0].wavelength_nm < b[1].wavelength_nm),
-            "wavelengths do not ascend"
-        );
-        let finite = |v: &[f64]| v.iter().all(|v| v.is_finite());
-        for b in &lens.bands {
-            assert!(finite(&b.ideal_height_mm) && finite(&b.image_height_mm) && finite(&b.psf_height_mm));
-            assert!(finite(&b.relative_illumination) && finite(&b.psf_energy));
-            assert!(finite(&[b.wavelength_nm, b.psf_pitch_um, b.solid_angle_sr, b.transmission]));
-        }
-        (0..lens.bands.len()).all(|b| pack.psf(b).is_ok_and(|p| p.samples.iter().all(|v| v.is_finite())))
-    });
+    fuzz("lens pack limits", 500, extreme_pack, is_finite_pack);
+}
+
+#[test]
+fn extreme_pupil_functions_are_errors_or_finite() {
+    let dir = directory();
+    let path = dir.path().join("seed.zip");
+    let band = write_pupils(&path);
+    let seed = (unpack(&std::fs::read(path).unwrap()), band);
+    fuzz("pupil limits", 200, |r| extreme_pupils(&seed, r), is_finite_pack);
+}
+
+/// Whether a pack can be read; all that is read is finite.
+fn is_finite_pack(bytes: &[u8]) -> bool {
+    let Ok(pack) = LensPack::open_bytes(bytes.to_vec()) else { return false };
+    let _ = summary(&pack, true, None).to_string();
+    let lens = pack.lens();
+    assert!(
+        lens.bands.windows(2).all(|b| b[0].wavelength_nm < b[1].wavelength_nm),
+        "wavelengths do not ascend"
+    );
+    let finite = |v: &[f64]| v.iter().all(|v| v.is_finite());
+    for b in &lens.bands {
+        assert!(finite(&b.ideal_height_mm) && finite(&b.image_height_mm) && finite(&b.psf_height_mm));
+        assert!(finite(&b.relative_illumination) && finite(&b.psf_energy));
+        assert!(finite(&[b.wavelength_nm, b.psf_pitch_um, b.solid_angle_sr, b.transmission]));
+    }
+    (0..lens.bands.len()).all(|b| pack.psf(b).is_ok_and(|p| p.samples.iter().all(|v| v.is_finite())))
 }

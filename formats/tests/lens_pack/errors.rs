@@ -62,8 +62,8 @@ fn group_without_schema_or_required_attribute_is_an_error() {
     let root = |change: fn(&mut Value)| error_after(|p| edit_json(p.join("zarr.json"), change));
     assert!(matches!(root(|j| j["node_type"] = json!("array")), LensPackError::NotAPack { .. }));
     assert!(matches!(
-        root(|j| j["attributes"]["schema"] = json!("lenscube/lens-pack/3")),
-        LensPackError::Schema { found, .. } if found == "\"lenscube/lens-pack/3\""
+        root(|j| j["attributes"]["schema"] = json!("lenscube/lens-pack/9")),
+        LensPackError::Schema { found, .. } if found == "\"lenscube/lens-pack/9\""
     ));
     assert!(
         matches!(root(|j| j["attributes"] = json!({})), LensPackError::Schema { found, .. } if found == "missing")

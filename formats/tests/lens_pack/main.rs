@@ -1,6 +1,7 @@
 //! Lens packs through the public API: round trips, packs of zarr-python, invalid packs.
 
 mod errors;
+mod pupils;
 mod reading;
 
 use lenscube_formats::lens::{LensPack, LensPackError, LensPackWriter, PackAttributes, write};

@@ -9,7 +9,7 @@
 //! 4. [`pupil`]: the open (unvignetted) part of the pupil and its sampling. [`bundle`]: its rays. `pupil_disc`: those over the whole pupil.
 //! 5. [`illumination`]: RI, the light of a bundle per area of the film. [`psf`]: a Huygens sum over its rays, by [`nufft`] and `fourier`. [`spots`]: spot
 //!    diagrams and best focus. [`field_figures`]: figures from rays alone. [`image_circle`]: where vignetting ends the field.
-//!    `pupils`: the pupil functions of a band, interpolated between traced heights.
+//!    `pupils`: the pupil functions of a band, interpolated between traced heights. [`pupil_stack`]: those of its PSFs.
 //! 6. [`mod@trace`]: the tables of one band of a [`crate::lens::Lens`]: window chosen by energy, heights and azimuths by error.
 //!
 //! Coordinates: z along the light, the field point's image on +x; symmetric about the meridian y = 0. mm, wavelengths in µm.
@@ -48,6 +48,7 @@ pub mod psf;
 pub mod pupil;
 mod pupil_disc;
 mod pupil_function;
+pub mod pupil_stack;
 mod pupils;
 pub mod quadrature;
 pub mod ray;

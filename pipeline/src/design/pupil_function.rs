@@ -28,7 +28,7 @@ pub(super) const THETA: [f64; 4] = [0.011, 0.34, 0.72, 0.988];
 const MAX_RAYS: u32 = 500_000;
 
 /// The pupil function of a field point: phase, direction cosines and amplitude over the open pupil's upper half.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PupilFunction {
     /// Wavelength, µm.
     pub wavelength_um: f64,
@@ -43,7 +43,7 @@ pub struct PupilFunction {
 }
 
 /// One segment of the pupil on a Chebyshev grid, θ as the fast index.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Patch {
     pub(super) segment: Segment,
     pub(super) rings: usize,

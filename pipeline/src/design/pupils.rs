@@ -173,6 +173,11 @@ impl<'a> Pupils<'a> {
         &self.functions[&height.to_bits()]
     }
 
+    /// Those of `heights` [mm], which were prepared.
+    pub(crate) fn into_functions(mut self, heights: &[f64]) -> Vec<PupilFunction> {
+        heights.iter().filter_map(|h| self.functions.remove(&h.to_bits())).collect()
+    }
+
     /// Mean of `value` over the axis, the middle and the edge of the field.
     pub(crate) fn mean(&self, value: impl Fn(&PupilFunction) -> f64) -> f64 {
         let last = self.first.len() - 1;

@@ -1,7 +1,7 @@
 //! Depth nodes of a pack of schema [`DEPTH_SCHEMA`](super::super::attributes::DEPTH_SCHEMA): tables (bands, nodes, ...), rows past a band's last
 //! node unused.
 
-use super::{PackArray, Rows, Tables, psf_size};
+use super::{Arrays, PackArray, Rows, psfs};
 use crate::lens::attributes::Attributes;
 use crate::lens::error::LensPackError;
 use pipeline::bounds;
@@ -11,7 +11,7 @@ use pipeline::lens::depth::{BandDepth, DepthNode, LensDepth};
 /// Reads the depth nodes of `bands`, whose PSF tables become those of the node nearest to focus; `chunks` receives the bytes of the largest
 /// decoded chunk of PSFs of each band.
 pub(super) fn read(
-    tables: &Tables<'_>,
+    tables: &Arrays<'_>,
     head: &Attributes<'_>,
     field_points: usize,
     bands: &mut [LensBand],
@@ -45,7 +45,7 @@ pub(super) fn read(
             let at = b * nodes + d;
             let psf_height_mm = heights.numbers(at)?;
             let k = psf_height_mm.len();
-            let (psf_size, bytes) = psf_size(tables.store, &format!("psf/{b}/{d}"), k)?;
+            let (psf_size, bytes) = psfs::size(tables.store, &format!("psf/{b}/{d}"), k)?;
             chunk = chunk.max(bytes);
             list.push(DepthNode {
                 azimuth_count: azimuths.counts(at, k)?,
@@ -77,7 +77,7 @@ pub(super) fn read(
     })
 }
 
-impl Tables<'_> {
+impl Arrays<'_> {
     /// A required array (bands, width), or (bands, `nodes`, width), of a given width if it is known.
     fn rows_of(
         &self,
