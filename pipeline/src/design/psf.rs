@@ -54,7 +54,8 @@ impl PsfGrid {
         self.size().pow(2) as f64 + 17.5 * points as f64
     }
 
-    fn reach_um(&self) -> f64 {
+    /// Half a side of the window, µm.
+    pub(super) fn reach_um(&self) -> f64 {
         self.pitch_um * (self.size() / 2) as f64
     }
 
@@ -75,10 +76,29 @@ impl PsfGrid {
     ) {
         // Without rotation the two halves of the pupil are mirror images, and one is enough.
         let mirrored = azimuth_rad == 0.0;
-        let scale = self.pitch_um / f.wavelength_um;
         let wavelets = f.wavelets(self.reach_um(), azimuth_rad, !mirrored);
+        self.sum(f, &wavelets, mirrored, scratch, out);
+    }
+
+    /// [`PsfGrid::psf_into`] from the wavelets of `f` for this window, with their mirror images if `mirrored`.
+    pub(super) fn sum(
+        &self,
+        f: &PupilFunction,
+        wavelets: &[Wavelet],
+        mirrored: bool,
+        scratch: &mut PsfScratch,
+        out: &mut Vec<f32>,
+    ) {
+        let scale = self.pitch_um / f.wavelength_um;
         let points = wavelets.iter().map(|w| Point { s: w.l * scale, t: w.m * scale, c: w.c });
         self.nufft.power(points, mirrored, f.share(self.pitch_um), &mut scratch.0, out);
+    }
+
+    /// Whether the samples are finer than the Nyquist pitch of `wavelets` of `wavelength_um`, or 2 % coarser: that of a pupil function is from its
+    /// points, between which its directions are interpolated.
+    pub(super) fn resolves(&self, wavelength_um: f64, wavelets: &[Wavelet]) -> bool {
+        let most = wavelets.iter().fold(0.0_f64, |most, w| most.max(w.l.abs()).max(w.m.abs()));
+        2.0 * self.pitch_um * most <= 1.02 * wavelength_um
     }
 }
 

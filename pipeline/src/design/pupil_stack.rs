@@ -67,15 +67,26 @@ impl PupilStack {
     }
 
     /// Computes the PSFs, each of sum 1, on the calling thread.
-    pub fn psfs(&self) -> PsfStack {
+    ///
+    /// # Errors
+    /// Directions of a pupil whose Nyquist pitch is below that of the samples.
+    pub fn psfs(&self) -> Result<PsfStack, PupilError> {
         let n = self.size;
         let grid = PsfGrid::new(n / 2, self.pitch_um);
         let mut scratch = (PsfScratch::default(), Vec::new());
         let mut samples = vec![0.0; n * n * self.functions.len()];
+        let mut segment = 0;
         for (f, out) in self.functions.iter().zip(samples.chunks_exact_mut(n * n)) {
-            normalised(&grid, f, &mut scratch, out);
+            let wavelets = f.wavelets(grid.reach_um(), 0.0, false);
+            if !grid.resolves(f.wavelength_um, &wavelets) {
+                let problem = format!("has directions finer than samples of {} µm resolve", self.pitch_um);
+                return Err(PupilError { segment, problem });
+            }
+            grid.sum(f, &wavelets, true, &mut scratch.0, &mut scratch.1);
+            normalise(&scratch.1, out);
+            segment += f.patches.len();
         }
-        PsfStack { size: n, pitch_um: self.pitch_um, sample: PsfSample::Point, samples }
+        Ok(PsfStack { size: n, pitch_um: self.pitch_um, sample: PsfSample::Point, samples })
     }
 
     /// [`SEGMENT_NUMBERS`] of every segment, and their values: segments × [`VALUE_ROWS`] × width, the width that of the segment of most points, NaN
@@ -160,14 +171,8 @@ impl PupilStack {
     }
 }
 
-/// The PSF of `f` of sum 1 into `out`; its sum before, the share of the energy in the window.
-pub(super) fn normalised(
-    grid: &PsfGrid,
-    f: &PupilFunction,
-    (scratch, psf): &mut (PsfScratch, Vec<f32>),
-    out: &mut [f32],
-) -> f64 {
-    grid.psf_into(f, 0.0, scratch, psf);
+/// `psf` divided by its sum into `out`; the sum, its share of the energy.
+pub(super) fn normalise(psf: &[f32], out: &mut [f32]) -> f64 {
     let sum: f64 = psf.iter().map(|v| f64::from(*v)).sum();
     for (o, v) in out.iter_mut().zip(psf) {
         *o = rounded((f64::from(*v) / sum) as f32);

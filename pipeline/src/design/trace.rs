@@ -17,7 +17,7 @@ use super::kernels::Kernels;
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 use super::paraxial::Paraxial;
 use super::psf::{PsfGrid, PsfScratch, PupilFunction};
-use super::pupil_stack::{PupilStack, normalised};
+use super::pupil_stack::{PupilStack, normalise};
 use super::pupils::Pupils;
 use super::ray::Tracer;
 pub use super::refine::NodeError;
@@ -339,8 +339,9 @@ fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> (PsfStack, Vec
         .samples
         .par_chunks_exact_mut(n * n)
         .zip(heights)
-        .map_init(<(PsfScratch, Vec<f32>)>::default, |scratch, (out, h)| {
-            normalised(grid, pupils.at(*h), scratch, out)
+        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (out, h)| {
+            grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
+            normalise(psf, out)
         })
         .collect();
     (stack, energy)

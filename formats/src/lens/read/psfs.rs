@@ -63,8 +63,10 @@ pub fn psfs_of(
     index: usize,
     pupils: &PupilStack,
 ) -> Result<PsfStack, LensPackError> {
-    let mut stack = pupils.psfs();
-    let (n, name) = (stack.size, format!("pupil/{index}"));
+    let name = format!("pupil/{index}");
+    let invalid = |source| LensPackError::Pupil { path: store.path.clone(), array: name.clone(), source };
+    let mut stack = pupils.psfs().map_err(invalid)?;
+    let n = stack.size;
     let heights_mm = &lens.bands[index].psf_height_mm;
     for ((k, &height_mm), window) in heights_mm.iter().enumerate().zip(stack.samples.chunks_exact_mut(n * n))
     {
