@@ -3,7 +3,8 @@
 //! Files are named `RECIPE-CONTENT.lens.zip`, each part the first 32 hex digits of a blake3 digest. RECIPE is the digest of all
 //! inputs of the trace (design, wavelength, options, version of the tracer). CONTENT is the digest of the file, so a truncated,
 //! damaged or edited entry does not match its name and is traced again. An entry is written under a temporary name and renamed.
-//! Processes that trace the same band at the same time write the same bytes. Entries may be deleted at any time.
+//! Processes that trace the same band at the same time write the same bytes. Entries may be deleted at any time. Wide PSFs are stored as
+//! their pupil functions, a hundredth of the bytes.
 
 mod placements;
 

@@ -25,7 +25,10 @@ impl DesignJob {
     fn run(&self, cache: &str, film: &str, flags: &[&str]) -> CommandResult {
         let (chart, film) = (self.at("chart"), self.at(film));
         let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
-        command.args(["run", text(&chart), text(&film), "--lens", text(&self.design), "--no-fsync"]);
+        command.args(["run", text(&chart), text(&film), "--no-fsync"]);
+        if !flags.contains(&"--lens") {
+            command.args(["--lens", text(&self.design)]);
+        }
         if !flags.contains(&"--threads") {
             command.args(["--threads", "2"]);
         }
@@ -60,6 +63,21 @@ fn traced_bands_are_equal_in_one_run_in_two_runs_and_from_the_cache() {
     let names =
         |cache| job.entries(cache).iter().map(|p| p.file_name().unwrap().to_owned()).collect::<Vec<_>>();
     assert_eq!(names("cache"), names("other"));
+}
+
+#[test]
+fn wide_psfs_are_cached_as_pupil_functions_and_give_the_same_film() {
+    let job = DesignJob::new();
+    let run = |film: &str| job.run("cache", film, &["-v", "--bands", "0", "--lens", "cine-petzval"]).ok();
+    assert!(run("fresh").stderr.contains("1 of 1 bands traced"));
+    let entries = job.entries("cache");
+    let sizes: Vec<u64> = entries.iter().map(|path| fs::metadata(path).unwrap().len()).collect();
+    assert!(sizes.len() == 1 && sizes[0] < 1_000_000, "{sizes:?}");
+    let cached = LensPack::open(&entries[0]).unwrap();
+    let psfs = cached.psf(0).unwrap();
+    assert!(cached.has_pupils() && 4 * psfs.samples.len() > 32_000_000, "{} samples", psfs.samples.len());
+    assert!(!run("kept").stderr.contains("traced"));
+    assert!(files(&job.at("fresh")) == files(&job.at("kept")));
 }
 
 #[test]

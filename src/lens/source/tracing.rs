@@ -45,6 +45,8 @@ const PITCHES: [f64; 10] = [1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0];
 const PITCH_TOLERANCE: f64 = 1e-3;
 /// Side of a PSF window, pixels of the trace pitch, from which a note is printed before tracing.
 const WIDE_WINDOW_PX: usize = 201;
+/// Maximum of the PSFs of a band in the cache, bytes uncompressed; of larger ones their pupil functions are stored.
+const MAX_PSF_BYTES: usize = 32_000_000;
 /// Height of the film's corner over that of the outermost field point, from which a note is printed.
 const BEYOND_FIELD: f64 = 1.05;
 
@@ -272,8 +274,12 @@ impl BandTracer<'_> {
         })?;
         let lens = Lens { bands: vec![band.tables.clone()], ..header };
         let values = band_digest(&lens, 0, &band.psf);
+        let stores_pupils = size_of_val(&band.psf.samples[..]) > MAX_PSF_BYTES;
         let pack = self.cache.insert(&recipe, &mut |pack| {
-            pack.psf(0, &band.psf)?;
+            match stores_pupils {
+                true => pack.pupils(0, &band.pupils)?,
+                false => pack.psf(0, &band.psf)?,
+            }
             Ok((lens.clone(), with(&[band.report]), Some(values.clone())))
         })?;
         Ok((recipe, pack))
