@@ -39,8 +39,9 @@ def main():
         measured = json.load(f)
     print("Milliseconds a band of 14141 x 14141 px, store to store; in brackets: the bound")
     for name, case in measured["cases"].items():
-        core_s = sum(measured["core_s"].values())
-        print(f"\n{name}; workers {core_s:.2f} core s a band: " + ", ".join(f"{k} {v:.2f}" for k, v in measured["core_s"].items()))
+        planning_s = case["descriptors_core_s"] + case["base_kernels_core_s"]
+        core_s = sum(measured["core_s"].values()) + planning_s
+        print(f"\n{name}; workers {core_s:.2f} core s a band: " + ", ".join(f"{k} {v:.2f}" for k, v in measured["core_s"].items()) + f", planning {planning_s:.2f}")
         for link, rate in LINK_GB_PER_S.items():
             parts = {
                 "kernels": kernels_s(case),
@@ -51,7 +52,7 @@ def main():
             }
             for cores in CORES:
                 workers = max(1, cores - 2)
-                parts["planning thread"] = case["descriptors_core_s"] / min(cores, 8) + case["base_kernels_core_s"] / min(cores, 8)
+                parts["planning thread"] = planning_s / min(cores, 8)
                 of_host = dict(parts, workers=core_s / workers)
                 for disk in DISKS_GB_PER_S:
                     times = dict(of_host, disk=(measured["read_gb"] + measured["written_gb"]) / disk)
