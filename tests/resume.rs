@@ -103,6 +103,25 @@ fn first_signal_finishes_tiles_in_flight_second_stops_at_once() {
     assert!(files(&job.film) == expected && job.leftover_files().is_empty());
 }
 
+#[test]
+fn signal_ends_a_run_whose_tiles_wait_for_others_of_the_next_shards() {
+    // Five rows of five tiles a band, three rows of three shards.
+    let job = TestJob::drawn(&["--shard", "1024", "--chunk", "512", "--outside", "clamp"]);
+    let expected = job.expected_files();
+    for step in ["commit:1", "commit:2", "commit:4"] {
+        let run = job.stopped(step, &[]);
+        run.signal("INT");
+        assert_exit(
+            &run.run_to_end(),
+            INTERRUPTED,
+            &["stopping after the tiles in progress", "interrupted: "],
+        );
+        job.run("", &[]).ok();
+        assert!(files(&job.film) == expected, "after SIGINT at {step}");
+        fs::remove_dir_all(&job.film).unwrap();
+    }
+}
+
 /// Number of tiles of all bands, number of tiles in a row, and side of a tile in px, from the film's attributes.
 fn tiles(film: &Path) -> (u64, u64, u64) {
     let attributes = &read_json(&film.join("zarr.json"))["attributes"];

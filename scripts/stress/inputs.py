@@ -13,7 +13,7 @@ import time
 import zipfile
 from pathlib import Path
 
-SIZE = (184, 272)  # of the film; its longer side is enough for one pyramid level
+SIZE = (104, 480)  # of the film: two tiles a band, and enough for one pyramid level
 WAVELENGTHS = "450,500,550"
 PITCH_UM = "10"
 # Charts: the file for `run`, and the flags that it needs.

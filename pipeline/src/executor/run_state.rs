@@ -131,7 +131,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         }
     }
 
-    /// Submits a tile, to be added in order.
+    /// Submits a tile, to be added in order. The shards that it completes are queued for writing when this returns.
     pub(super) fn submit(&self, place: TileId, output: TileOutput) {
         let finished = |shard| self.writer.push(shard);
         let added = |place: TileId, pixels| {
@@ -139,6 +139,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             self.source.item_done(place.sequence);
         };
         self.adder.submit(place, output, &finished, &added);
+        self.source.tile_submitted();
     }
 
     /// Fails because the chart under `tile`, which reaches `shards`, could not be read.

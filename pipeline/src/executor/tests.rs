@@ -9,8 +9,9 @@ use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
 use crate::plan::{FilmRegion, ShardId, Tiling};
 use crate::psf::blocks::Blocks;
-use std::sync::Arc;
+use std::collections::BTreeSet;
 use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 const TILE: usize = 16;
@@ -36,13 +37,17 @@ enum TileTime {
     Asleep(Duration),
 }
 
-/// Fills each tile with 1.
-struct Ones {
+/// Fills the contribution of each tile with 1.
+struct Ones<'a> {
     time: TileTime,
     tiles: AtomicU64,
+    /// Pixels that a contribution is larger than its tile.
+    tail: usize,
+    /// Set after so many tiles.
+    cancel: Option<(u64, &'a AtomicBool)>,
 }
 
-impl Compute for Ones {
+impl Compute for Ones<'_> {
     type Band = ();
     type Scratch = ();
 
@@ -71,8 +76,12 @@ impl Compute for Ones {
             }
             TileTime::Asleep(time) => std::thread::sleep(time),
         }
-        self.tiles.fetch_add(1, Ordering::Relaxed);
-        out.copy(&vec![1.0; tile.size().pixels()], tile.width);
+        let tiles = self.tiles.fetch_add(1, Ordering::Relaxed) + 1;
+        if let Some((after, cancel)) = self.cancel {
+            cancel.fetch_or(tiles >= after, Ordering::Relaxed);
+        }
+        let (height, width) = (tile.height + self.tail, tile.width + self.tail);
+        out.copy(&vec![1.0; height * width], width);
         Ok(())
     }
     fn chart_hint(&self, _band: &(), _chart: Size, tile: Rect) -> Rect {
@@ -119,12 +128,12 @@ impl FilmSink for Count {
     }
 }
 
-/// Runs `bands` bands of a square film of `side` px; the seconds that it took.
-fn schedule(bands: usize, side: usize, threads: usize, time: TileTime) -> f64 {
+/// `bands` bands of a square film of `side` px, for PSFs of `window` px.
+fn bands_of(bands: usize, side: usize, window: usize) -> (FilmRegion, Vec<BandWork>) {
     let film = Size::new(side, side);
-    let blocks = Blocks { window: 1, fft: 0, block: TILE, tile: TILE };
-    let window = FilmRegion { rect: film.rect(), shard: Size::new(8 * TILE, 8 * TILE) };
-    let (rows, columns) = window.count();
+    let blocks = Blocks { window, fft: 0, block: TILE, tile: TILE };
+    let region = FilmRegion { rect: film.rect(), shard: Size::new(8 * TILE, 8 * TILE) };
+    let (rows, columns) = region.count();
     let band = |position: usize| BandWork {
         chart_band: position,
         tiling: Tiling::new(film, Some(&blocks)),
@@ -132,17 +141,26 @@ fn schedule(bands: usize, side: usize, threads: usize, time: TileTime) -> f64 {
             .flat_map(|row| (0..columns).map(move |col| ShardId { position, region: 0, row, col }))
             .collect(),
     };
+    (region, (0..bands).map(band).collect())
+}
+
+/// Runs `bands` bands of a square film of `side` px; the seconds that it took.
+fn schedule(bands: usize, side: usize, threads: usize, time: TileTime) -> f64 {
+    let film = Size::new(side, side);
+    let (region, work_of_bands) = bands_of(bands, side, 1);
+    let (rows, columns) = region.count();
     let cancel = AtomicBool::new(false);
     let work = Work {
         film,
-        regions: &[window],
-        bands: (0..bands).map(band).collect(),
+        regions: &[region],
+        bands: work_of_bands,
         threads,
         max_encoded_shards: 3,
         gpus: &[],
         cancel: &cancel,
     };
-    let (compute, sink) = (Ones { time, tiles: AtomicU64::new(0) }, Count::default());
+    let compute = Ones { time, tiles: AtomicU64::new(0), tail: 0, cancel: None };
+    let sink = Count::default();
     let summary = run(&work, &Blank(film), &sink, &compute, &()).unwrap();
     let tiles = (bands * side.div_ceil(TILE).pow(2)) as u64;
     assert_eq!((summary.tiles, compute.tiles.into_inner()), (tiles, tiles));
@@ -159,6 +177,54 @@ fn every_tile_is_added_once_for_any_number_of_threads() {
             schedule(bands, side, threads, TileTime::Busy(Duration::from_micros(3)));
         }
     }
+}
+
+/// Runs a band of 19 x 19 tiles and four shards whose PSFs reach three tiles, cancelled after `after` tiles: the tiles computed, and the
+/// shards written.
+fn cancelled(threads: usize, after: u64) -> (u64, u64) {
+    let (side, window) = (16 * TILE, 3 * TILE + 1);
+    let film = Size::new(side, side);
+    let (region, bands) = bands_of(1, side, window);
+    let cancel = AtomicBool::new(false);
+    let work =
+        Work { film, regions: &[region], bands, threads, max_encoded_shards: 3, gpus: &[], cancel: &cancel };
+    let time = TileTime::Busy(Duration::from_micros(3));
+    let compute = Ones { time, tiles: AtomicU64::new(0), tail: window - 1, cancel: Some((after, &cancel)) };
+    let summary = run(&work, &Blank(film), &Count::default(), &compute, &()).unwrap();
+    assert!(summary.interrupted);
+    (compute.tiles.into_inner(), summary.shards)
+}
+
+/// Tiles of [`cancelled`].
+const TILES: u64 = 19 * 19;
+
+#[test]
+fn cancelled_run_ends_at_any_tile_although_tiles_wait_for_others() {
+    let (done, ended) = mpsc::channel();
+    std::thread::spawn(move || {
+        for threads in [1, 2, 5] {
+            for after in 1..=TILES {
+                done.send((threads, after, cancelled(threads, after))).expect("the test runs");
+            }
+        }
+    });
+    let mut shards = BTreeSet::new();
+    for expected in 0..3 * TILES {
+        let minute = Duration::from_secs(60);
+        let got = ended.recv_timeout(minute);
+        let (threads, after, (tiles, written)) = got.unwrap_or_else(|e| panic!("run {expected}: {e}"));
+        assert!(
+            tiles >= after && tiles < after + threads as u64,
+            "{tiles} tiles computed, cancelled after {after}"
+        );
+        assert!(written < 4 || tiles == TILES, "all shards need all tiles");
+        shards.insert(written);
+    }
+    assert_eq!(
+        shards.into_iter().collect::<Vec<_>>(),
+        [0, 1, 2, 3, 4],
+        "shards that were complete are written"
+    );
 }
 
 /// CPU seconds of this process.

@@ -62,6 +62,8 @@ struct State<B> {
     added: usize,
     /// Items done beyond it.
     added_beyond: BTreeSet<usize>,
+    /// Tiles that workers have computed and submitted so far.
+    submitted: usize,
     offered: Option<BandInFlight<B>>,
     last_band_offered: bool,
     requeued: BTreeMap<usize, Batch<B>>,
@@ -89,9 +91,12 @@ impl<B> State<B> {
         Batch { band, first, count, sequence }
     }
 
+    /// Whether all items are done. Of a cancelled run all claimed tiles need only be submitted: a tile may wait for others of its shards
+    /// that are claimed after it, and those no longer are.
     fn is_over(&self, cancelled: bool) -> bool {
-        let no_more = cancelled || self.last_band_offered && self.offered.is_none() && self.items_left() == 0;
-        no_more && self.added == self.sequence
+        let all_claimed = self.last_band_offered && self.offered.is_none() && self.items_left() == 0;
+        (cancelled || all_claimed) && self.added == self.sequence
+            || cancelled && self.submitted == self.sequence
     }
 }
 
@@ -104,6 +109,7 @@ impl<'a, B> TileSource<'a, B> {
             sequence: 0,
             added: 0,
             added_beyond: BTreeSet::new(),
+            submitted: 0,
             offered: None,
             last_band_offered: false,
             requeued: BTreeMap::new(),
@@ -205,16 +211,30 @@ impl<'a, B> TileSource<'a, B> {
         let (is_over, claimable) = {
             let mut state = self.lock();
             let before = state.added;
-            state.added_beyond.insert(sequence);
+            if sequence >= state.added {
+                state.added_beyond.insert(sequence);
+            }
             while state.added_beyond.first() == Some(&state.added) {
                 state.added_beyond.pop_first();
                 state.added += 1;
             }
-            // A tile that is added beyond the oldest one makes way for one.
+            // A tile that is added beyond the oldest one lets one more be claimed.
             (state.is_over(self.cancelled()), (state.added - before).max(1))
         };
         // As many more tiles are within the limits.
         if is_over { self.signal.notify_all() } else { self.signal.notify_workers(claimable) }
+    }
+
+    /// Counts a tile that a worker has submitted.
+    pub(super) fn tile_submitted(&self) {
+        let is_over = {
+            let mut state = self.lock();
+            state.submitted += 1;
+            state.is_over(self.cancelled())
+        };
+        if is_over {
+            self.signal.notify_all();
+        }
     }
 
     /// Removes a GPU queue; returns the number of queues left and the position of the band in flight.

@@ -64,7 +64,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             };
             match claim {
                 Claim::Batch(batch) => return Task::Tile(batch),
-                // The last tile's shards were pushed before it was counted as added.
+                // The last tile's shards were pushed before it was counted as added, or as submitted.
                 Claim::Over => return self.writer.pop().map_or(Task::Over, Task::Encode),
                 Claim::None => self.signal.wait_as_worker(seen),
             }
