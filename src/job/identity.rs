@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// Version of the arithmetic: raised whenever the program computes other pixel values for the same job.
-pub const NUMERIC_VERSION: u32 = 3;
+pub const NUMERIC_VERSION: u32 = 4;
 
 /// The identity of a job with the lens `lens_name` of digest `lens_digest`.
 ///

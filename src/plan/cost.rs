@@ -27,8 +27,8 @@ fn pixels(plan: &BandPlan, tiles: &[(usize, usize)]) -> usize {
     tiles.iter().map(|&t| plan.tiling.rect(t).size().pixels()).sum()
 }
 
-/// Convolutions of a tile of one slab: its light on two nodes.
-const ONE_SLAB: f64 = 2.0;
+/// Convolutions of a tile of one slab: its light and share on two nodes, and e of both. At one distance the light alone is computed.
+const ONE_SLAB: f64 = 6.0;
 /// Share of the transforms of a model of all FFT blocks that are computed: others are 0, or nothing behind is visible. As counted on a scene of a phone
 /// (scripts/bench, depth).
 const COMPUTED: f64 = 0.64;

@@ -15,7 +15,8 @@
 //! Surfaces apart cover the pupil independently: U_s = 1. Where nothing else is known in reach K = 0 and U_s = w_s: what is known stands for all.
 //! Light and shares are convolved separately, so the film is exact where one of two surfaces is in focus or the rear one is uniform; else a product of
 //! means stands for the mean of a product over the pupil.
-//! A tile with one slab that covers it completely takes film = light: w = U there up to the variation of t, at most 10⁻⁴.
+//! A tile with one slab that covers it completely has K = 0, so film = light/w, and w = 1 where t is constant. Where distances vary within the slab w is not
+//! 1: 0.94 to 1.04 for stripes at both ends of a wide slab.
 //! Executable form in f64: tests/golden/depth/depth_reference.py. "Over" with normalised alpha: Ikoma et al., "Depth from defocus with learned optics",
 //! ICCP 2021.
 
@@ -93,11 +94,16 @@ impl Composite<'_> {
             && only.a.len() == planes.uncovered.len()
             && only.a.iter().all(|a| *a == 1.0)
         {
-            s.counts.blocks_of_one = self.blocks(only.slab, tile);
-            let mut light = std::mem::take(&mut s.light);
-            self.light(only, &only.c, planes, tile, &mut light, s);
-            film.copy_from_slice(&light);
-            s.light = light;
+            self.light(only, &only.c, planes, tile, film, s);
+            if only.m.iter().all(|m| *m == only.m[0]) {
+                s.counts.blocks_of_one = self.blocks(only.slab, tile);
+                return;
+            }
+            s.counts.blocks_of_several = self.blocks(only.slab, tile);
+            let mut share = s.buffer(n);
+            self.share(only, planes, tile, &mut share, s);
+            film.iter_mut().zip(&share).for_each(|(film, w)| *film /= w.max(FLOOR));
+            s.free.push(share);
             return;
         }
         s.passing.fill(1.0);

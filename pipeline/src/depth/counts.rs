@@ -1,6 +1,6 @@
 //! Transforms of the depth stage, counted, and those of its model.
 //!
-//!     model per FFT block of K nodes:  2 K + 1 for a tile of one slab,  5 K + 3 for each of several slabs
+//!     model per FFT block of K nodes:  2 K + 1 for a tile at one distance,  5 K + 3 for each slab of the other tiles
 //! light on two nodes with one inverse; light, share and known light with an inverse each.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -16,7 +16,7 @@ pub struct Counts {
     pub forward: u64,
     /// Inverse transforms: one per block.
     pub inverse: u64,
-    /// FFT blocks of tiles of one slab.
+    /// FFT blocks of tiles at one distance.
     pub blocks_of_one: u64,
     /// FFT blocks of the other tiles, each times the slabs of its tile.
     pub blocks_of_several: u64,
