@@ -121,7 +121,9 @@ impl Job {
         if let Some(depth) = &mut inputs.depth {
             depth.set_cache_for_rows(resources::depth_rows(&plan.bands, &stretch, &inputs.frame));
         }
-        inputs.chart.limit_values(film::max_chart_value(&plan.gains))?;
+        let max = film::max_chart_value(&plan.gains);
+        inputs.chart.limit_values(max)?;
+        inputs.depth.as_mut().map_or(Ok(()), |depth| depth.limit_values(max))?;
         let lens_digest = match planned {
             None => plan.lens.digest().map(str::to_owned),
             Some(planned) => planned.lens_digest(&plan.lens, &plan.bands),

@@ -189,18 +189,57 @@ fn a_hidden_surface_in_an_openexr_file_is_that_of_a_store() {
     let file = inputs.path("behind.exr");
     exr::write(&file, size, &[("S0.500,000000nm", &ramp), ("Z", &far)]);
     let store = inputs.path("behind.zarr");
-    Picture { size, bands: vec![ramp] }.write(&store);
-    let flat = inputs.path("far.zarr");
-    Picture { size, bands: vec![far] }.write(&flat);
-    for (path, bytes) in common::files(&flat.join("chart")) {
+    write_scene(&store, size, ramp, far);
+    let film = |name: &str, hidden: &Path| {
+        inputs.film(name, text(&depth), &["--hidden", text(hidden), "--wavelengths", "500"])
+    };
+    let found = film("exr", &file);
+    assert!(found == film("zarr", &store));
+    assert!(found != inputs.film("invented", text(&depth), &[]));
+    // The store has a band at 450 nm, the job's chart one at 500 nm.
+    let result = inputs.try_run("other", text(&depth), &["--hidden", text(&store)]);
+    assert_exit(&result, 2, &["bands at 450 nm, expected", "500 nm", "--wavelengths"]);
+}
+
+/// A store of a chart with one band at 450 nm, and its distances.
+fn write_scene(store: &Path, size: Size, light: Vec<f32>, distances: Vec<f32>) {
+    Picture { size, bands: vec![light] }.write(store);
+    let other = store.with_extension("depth");
+    Picture { size, bands: vec![distances] }.write(&other);
+    for (path, bytes) in common::files(&other.join("chart")) {
         let to = store.join("depth").join(path);
         std::fs::create_dir_all(to.parent().unwrap()).unwrap();
         std::fs::write(to, bytes).unwrap();
     }
-    let film = |name: &str, hidden: &Path| inputs.film(name, text(&depth), &["--hidden", text(hidden)]);
-    let found = film("exr", &file);
-    assert!(found == film("zarr", &store));
-    assert!(found != inputs.film("invented", text(&depth), &[]));
+}
+
+#[test]
+fn the_scale_of_the_chart_holds_for_hidden_surfaces_and_their_missing_chunks_are_told() {
+    let inputs = Inputs::new();
+    let size = Size::new(SIDE, SIDE);
+    let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip");
+    let film = |name: &str, gain: f32, flags: &[&str]| {
+        let (chart, behind) =
+            (inputs.path(&format!("{name}.zarr")), inputs.path(&format!("{name}-behind.zarr")));
+        write_scene(&chart, size, values(|_, column| gain * column as f32), values(square));
+        write_scene(&behind, size, values(|row, _| gain * row as f32), vec![4.0; SIDE * SIDE]);
+        if name == "missing" {
+            std::fs::remove_dir_all(behind.join("chart/c")).unwrap();
+        }
+        let always = ["--outside", "clamp", "--wavelengths", "500", "--hidden", text(&behind)];
+        let result = run(text(&chart), &inputs.path(name), text(&pack), &[&always, flags].concat());
+        assert_exit(&result, 0, &[]);
+        (bits(&pixels(&inputs.path(name), "film").1), result.stderr)
+    };
+    let plain = film("plain", 1.0, &[]);
+    assert!(plain.0 == film("scaled", 4.0, &["--chart-scale", "0.25"]).0);
+    let missing = film("missing", 1.0, &["--nan", "zero"]);
+    assert!(!plain.1.contains("missing") && missing.0 != plain.0);
+    assert!(
+        missing.1.contains("chunks are missing from distances, coverages or charts of hidden"),
+        "{}",
+        missing.1
+    );
 }
 
 #[test]

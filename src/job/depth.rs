@@ -2,6 +2,7 @@
 
 pub mod arrays;
 mod clean;
+mod hidden_chart;
 pub mod scan;
 pub mod surfaces;
 
@@ -9,10 +10,9 @@ use super::arguments::threads;
 use crate::args::{DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, RunArgs};
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use arrays::{array, check_opaque, check_size, coverage, decode, temporary_directory};
 use clean::{CleanDepth, Edges};
-use formats::chart::NanPolicy;
 use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::{ConstantDepth, Distance, Sheet};
 use pipeline::flow::ChartSource;
@@ -40,8 +40,8 @@ pub struct DepthRequest<'a> {
     pub given: &'a DepthArgs,
     /// Chart of the first surface, as given.
     pub chart: &'a str,
-    /// Treatment of NaN in the charts of hidden surfaces.
-    pub nan: NanPolicy,
+    /// Flags of the job's chart, which hold for those of hidden surfaces too; none if only distances are read.
+    pub flags: Option<ChartFlags<'a>>,
     /// Where arrays are decoded to.
     pub directory: PathBuf,
     /// Threads that decode.
@@ -53,7 +53,14 @@ impl<'a> DepthRequest<'a> {
     pub fn new(args: &'a RunArgs) -> Self {
         let directory = temporary_directory(&args.film);
         let threads = threads(args.threads);
-        Self { given: &args.surfaces, chart: &args.chart, nan: args.nan, directory, threads }
+        let flags = ChartFlags {
+            wavelengths: args.wavelengths.as_deref(),
+            axes: args.axes.as_ref(),
+            scale: args.chart_scale,
+            nan: args.nan,
+            ..ChartFlags::default()
+        };
+        Self { given: &args.surfaces, chart: &args.chart, flags: Some(flags), directory, threads }
     }
 }
 
@@ -160,8 +167,20 @@ impl Depth {
         self.sheets.iter().map(SheetInput::sheet).collect()
     }
 
-    fn charts(&self) -> impl Iterator<Item = &Chart> {
+    /// Charts of hidden surfaces, arrays of distances and coverages.
+    pub fn charts(&self) -> impl Iterator<Item = &Chart> {
         self.sheets.iter().flat_map(SheetInput::charts)
+    }
+
+    /// Rejects pixels of the charts of hidden surfaces beyond `max`.
+    ///
+    /// # Errors
+    /// The values of a chart cannot be limited.
+    pub fn limit_values(&mut self, max: f32) -> Result<()> {
+        self.sheets
+            .iter_mut()
+            .filter_map(|sheet| sheet.chart.as_mut())
+            .try_for_each(|chart| chart.limit_values(max))
     }
 
     /// Number of surfaces.
@@ -228,13 +247,14 @@ impl SheetInput {
         focal_mm: f64,
     ) -> Result<Self> {
         let given = request.given;
-        let chart = paths.chart.as_ref().map(|spec| {
-            let nm = wavelengths_nm.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
-            let flags = ChartFlags { wavelengths: Some(&nm), nan: request.nan, ..ChartFlags::default() };
-            let chart = Chart::open_with(spec, &flags).with_context(|| paths.name.clone())?;
-            check_size(&chart, frame, spec, &paths.name).map(|()| chart)
-        });
-        let chart = chart.transpose()?;
+        let chart = match (&paths.chart, &request.flags) {
+            (Some(spec), Some(flags)) => {
+                let chart = hidden_chart::open(spec, &paths.name, flags, wavelengths_nm)?;
+                check_size(&chart, frame, spec, &paths.name)?;
+                Some(chart)
+            }
+            _ => None,
+        };
         if let Ok(distance) = paths.depth.parse::<f32>() {
             if distance.is_nan() || distance <= 0.0 {
                 return Err(usage(format!("{}: expected a distance above 0, or an array", paths.name)));

@@ -150,7 +150,7 @@ impl Preview {
         let request = DepthRequest {
             given: &given,
             chart: &args.scene,
-            nan: NanPolicy::Error,
+            flags: None,
             directory: std::env::temp_dir(),
             threads: threads(args.threads),
         };

@@ -4,6 +4,7 @@ use super::monitor::{Monitor, RunFailure};
 use super::units::Units;
 use crate::failure;
 use crate::job::Job;
+use crate::job::depth::Depth;
 use crate::memory::machine::peak_resident;
 use crate::open::Chart;
 use crate::progress::jsonl::Jsonl;
@@ -125,6 +126,7 @@ pub fn write(
     let record = record(job, units, monitor, outcome, energy, &chart);
     let summary = outcome.as_ref().map_or_else(|failure| failure.summary.as_ref(), Some);
     print_summary(summary, &chart, energy);
+    print_hidden(job);
     // The process number alone is not unique: workers in containers often have the same one.
     let seconds = record.finished_unix_s.unwrap_or(0);
     let name = format!("runs/{seconds}-{}-{}.json", ProcessIdentity::current().host, std::process::id());
@@ -208,6 +210,23 @@ fn print_summary(summary: Option<&Summary>, chart: &ChartFigures, energy: &[Opti
         log_line(format!(
             "note: {} NaN or infinite pixels or fill values of the chart were read as 0",
             chart.nan_replaced
+        ));
+    }
+}
+
+/// Prints what was missing or replaced in the arrays of distances, and of hidden surfaces.
+fn print_hidden(job: &Job) {
+    let figures = job.depth.iter().flat_map(Depth::charts).map(ChartFigures::new);
+    let (missing, replaced) =
+        figures.fold((0, 0), |(m, n), f: ChartFigures| (m + f.missing_chunks, n + f.nan_replaced));
+    if missing > 0 {
+        log_line(format!(
+            "note: {missing} chunks are missing from distances, coverages or charts of hidden surfaces and were read as their fill values"
+        ));
+    }
+    if replaced > 0 {
+        log_line(format!(
+            "note: {replaced} NaN or infinite pixels or fill values of charts of hidden surfaces were read as 0"
         ));
     }
 }

@@ -1,0 +1,48 @@
+//! Charts of hidden surfaces: opened as the job's chart is, with bands at the same wavelengths.
+
+use crate::failure::usage;
+use crate::open::{Chart, ChartFlags};
+use anyhow::{Context, Result};
+use formats::chart::{exr, pictures};
+use std::path::Path;
+
+/// Largest difference of wavelengths that are the same, nm.
+const SAME_NM: f64 = 0.01;
+
+/// Opens the chart `spec` of the surface `name` for a job's chart with bands at `wavelengths_nm`; `flags` are those of the job's chart. `--wavelengths`, if given,
+/// names the bands of both.
+///
+/// # Errors
+/// It cannot be read, or its own wavelengths are others or in another order.
+pub fn open(spec: &str, name: &str, flags: &ChartFlags<'_>, wavelengths_nm: &[f64]) -> Result<Chart> {
+    let is_drawn = spec.starts_with("gen:");
+    let flags = ChartFlags {
+        axes: flags.axes.filter(|_| takes_axes(spec)),
+        scale: flags.scale.filter(|_| !is_drawn),
+        ..*flags
+    };
+    let list = |nm: &[f64]| nm.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    // Without wavelengths of its own it has those of the job's chart.
+    let of_file = || Chart::open_with(spec, &flags).and_then(|chart| chart.wavelengths_nm()).ok();
+    if let Some(own) = (flags.wavelengths.is_none() && !is_drawn).then(of_file).flatten() {
+        let is_same = |(a, b): (&f64, &f64)| (a - b).abs() <= SAME_NM;
+        if own.len() != wavelengths_nm.len() || !own.iter().zip(wavelengths_nm).all(is_same) {
+            return Err(usage(format!(
+                "{name}: chart `{spec}` has bands at {} nm, expected those of the job's chart in the same order, {} nm; if its wavelengths are wrong give \
+                 --wavelengths, which names the bands of both",
+                list(&own),
+                list(wavelengths_nm)
+            )));
+        }
+    }
+    let nm = list(wavelengths_nm);
+    Chart::open_with(spec, &ChartFlags { wavelengths: Some(&nm), ..flags }).with_context(|| name.to_owned())
+}
+
+/// Whether `--axes` applies: other formats declare their order.
+fn takes_axes(spec: &str) -> bool {
+    let path = Path::new(spec);
+    let declares =
+        exr::is_supported_path(path) || pictures::is_tiff(path) || pictures::is_set_of_pictures(spec);
+    !declares && !spec.starts_with("gen:")
+}
