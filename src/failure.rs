@@ -56,6 +56,22 @@ pub fn other_job(message: impl Into<String>) -> anyhow::Error {
     Coded { code: code::OTHER_JOB, message: message.into() }.into()
 }
 
+/// Runs `step`, a part of a command with `--overwrite` or without: with it, an output of another job is removed by `remove` and made again, and one
+/// of the same job is resumed.
+pub fn replacing_other_job(
+    overwrite: bool,
+    step: impl Fn() -> anyhow::Result<u8>,
+    remove: impl Fn() -> anyhow::Result<()>,
+) -> anyhow::Result<u8> {
+    match step() {
+        Err(e) if overwrite && exit_code(&e) == code::OTHER_JOB => {
+            remove()?;
+            step()
+        }
+        done => done,
+    }
+}
+
 /// The error and its causes in one line, as [`text`]. Control characters, which file names may contain, are escaped.
 pub fn line(error: &anyhow::Error) -> String {
     let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.into() };

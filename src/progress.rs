@@ -80,6 +80,19 @@ pub fn print(line: impl std::fmt::Display) {
     }
 }
 
+/// A number and its noun: `1 band`, `2 bands`.
+pub fn plural(n: usize, noun: &str) -> String {
+    format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
+}
+
+/// How an interrupted command is resumed: `--overwrite` would remove what there is of the output.
+pub fn resume_note(overwrite: bool) -> &'static str {
+    match overwrite {
+        false => "the same command resumes",
+        true => "without `--overwrite` the same command resumes",
+    }
+}
+
 /// A path as a JSON string; bytes that are not UTF-8 become U+FFFD.
 pub fn json_path(path: &Path) -> serde_json::Value {
     path.to_string_lossy().into_owned().into()

@@ -37,7 +37,7 @@ use crate::job::depth::Depth;
 use crate::memory::mib;
 use crate::plan::CommandLine;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{Bars, detail_line, json_path, log_line, report_kept};
+use crate::progress::{Bars, detail_line, json_path, log_line, report_kept, resume_note};
 use crate::pyramid;
 use anyhow::{Context, Result};
 use clap::ArgMatches;
@@ -78,7 +78,7 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
         }
     };
     if let Some(jsonl) = jsonl {
-        jsonl.end(&result);
+        jsonl.end(&result, resume_note(args.job.process.overwrite));
     }
     result
 }
@@ -282,8 +282,9 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     let left = (count.missing as u64).saturating_sub(summary.shards);
     if left > 0 {
         log_line(format!(
-            "interrupted: {left} of {} shards are left; the same command resumes",
-            count.missing
+            "interrupted: {left} of {} shards are left; {}",
+            count.missing,
+            resume_note(task.args.process.overwrite)
         ));
         return Ok(code::INTERRUPTED);
     }

@@ -21,7 +21,7 @@ mod write;
 use crate::args::{ExposeArgs, SensorArgs, SensorCommand};
 use crate::failure::{code, other_job, usage};
 use crate::interrupt;
-use crate::progress::{detail_line, log_line, report_kept};
+use crate::progress::{detail_line, log_line, report_kept, resume_note};
 use anyhow::Result;
 use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::group::{Found, GroupError, GroupKind, JobGroup};
@@ -55,31 +55,30 @@ fn expose(args: &ExposeArgs) -> Result<u8> {
         return Err(usage("expected FILM and RAW; see `lenscube sensor --help`"));
     };
     match picture::format_of(raw)? {
-        Some(format) => picture::command(args, (film, raw, format), |args| match &args.raw {
-            Some(raw) => expose_raw(args, film, raw),
+        Some(format) => picture::command(args, (film, raw, format), |args, plan| match &args.raw {
+            Some(raw) => expose_raw(args, plan, raw),
             None => unreachable!("the path of the raw is given above"),
         }),
-        None => expose_raw(args, film, raw),
+        None => expose_raw(args, &Plan::new(args, film)?, raw),
     }
 }
 
-/// Exposes `film` into the raw `raw`.
-fn expose_raw(args: &ExposeArgs, film: &str, raw: &Path) -> Result<u8> {
+/// Exposes the film of `plan` into the raw `raw`.
+fn expose_raw(args: &ExposeArgs, plan: &Plan, raw: &Path) -> Result<u8> {
     let start = Instant::now();
-    let plan = Plan::new(args, film)?;
     plan.keep_apart(raw)?;
     interrupt::listen();
     if args.overwrite {
         remove(raw, args.take_over)?;
         fault_point("raw-removed");
     }
-    if let Some(store) = resumed(&plan, raw, !args.no_fsync)? {
-        return work(args, &plan, &store, None, start);
+    if let Some(store) = resumed(plan, raw, !args.no_fsync)? {
+        return work(args, plan, &store, None, start);
     }
     plan.log_warnings();
     // Without exposures there is nothing to create yet: the signal comes first.
     let measured = match plan.needs_signal_first() {
-        true => match signal::measure(&plan, parent_of(&link_target(raw)))? {
+        true => match signal::measure(plan, parent_of(&link_target(raw)))? {
             Some(measured) => Some(measured),
             None => return Ok(interrupted("nothing was written; the same command starts again")),
         },
@@ -95,13 +94,13 @@ fn expose_raw(args: &ExposeArgs, film: &str, raw: &Path) -> Result<u8> {
         )));
     }
     let store = match RawStore::create(raw, spec, plan.attributes(&settled), !args.no_fsync) {
-        Err(GroupError::Exists { .. }) => match resumed(&plan, raw, !args.no_fsync)? {
+        Err(GroupError::Exists { .. }) => match resumed(plan, raw, !args.no_fsync)? {
             Some(store) => store,
             None => return Err(GroupError::Exists { kind: GroupKind::Raw, path: raw.into() }.into()),
         },
         created => created?,
     };
-    work(args, &plan, &store, measured, start)
+    work(args, plan, &store, measured, start)
 }
 
 /// The raw at `path`, if it is this job's own; `None` if nothing is there.
@@ -170,9 +169,10 @@ fn work(
     warnings::after(plan, &settled, &done);
     if done.left > 0 {
         return Ok(interrupted(&format!(
-            "{} of {} shards are missing; the same command resumes",
+            "{} of {} shards are missing; {}",
             done.left,
-            missing.len()
+            missing.len(),
+            resume_note(args.overwrite)
         )));
     }
     detail_line(record::details(plan, &done));
@@ -186,7 +186,7 @@ fn interrupted(message: &str) -> u8 {
 }
 
 /// Removes the raw, unless a run holds its lock.
-fn remove(path: &Path, take_over: bool) -> Result<()> {
+pub fn remove(path: &Path, take_over: bool) -> Result<()> {
     let _held = match JobGroup::locks(path)?.is_empty() {
         true => None,
         false => Store::at(path)?.lock("runs", JobGroup::WHOLE, take_over)?,

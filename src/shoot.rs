@@ -1,7 +1,7 @@
 //! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other.
 
 use crate::args::{Cli, Command, ProgressArg, RunArgs, ShootArgs, check_directory};
-use crate::failure::{other_job, usage};
+use crate::failure::{other_job, replacing_other_job, usage};
 use crate::progress::log_line;
 use crate::{develop, run, sensor};
 use anyhow::{Context, Result};
@@ -46,7 +46,11 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     words.extend(option("--wavelengths", args.wavelengths.as_ref()));
     words.extend(option("--chart-units", args.chart_units.as_ref()));
     words.extend(option("--film-pitch-um", args.film_pitch_um));
-    let code = execute(args, words, &[&args.chart, &film])?;
+    let code = replacing_other_job(
+        args.overwrite,
+        || execute(args, &words, &[&args.chart, &film]),
+        || run::film::remove(Path::new(&film), false),
+    )?;
     if code != 0 {
         return Ok(code);
     }
@@ -57,7 +61,16 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     );
     words.extend(option("--gain", args.gain));
     words.extend(option("--iso", args.iso));
-    let code = execute(args, words, &[&film, if developed { &raw } else { &out }])?;
+    let code = if developed {
+        replacing_other_job(
+            args.overwrite,
+            || execute(args, &words, &[&film, &raw]),
+            || sensor::remove(Path::new(&raw), false),
+        )?
+    } else {
+        words.extend(overwrite(args));
+        execute(args, &words, &[&film, &out])?
+    };
     if code != 0 {
         return Ok(code);
     }
@@ -67,7 +80,8 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         words.extend(option("--white", args.white.as_ref()));
         words.extend(option("--demosaic", args.demosaic.map(name)));
         words.extend(option("--shading", args.even_light.then_some(&args.lens)));
-        let code = execute(args, words, &[&raw, &out])?;
+        words.extend(overwrite(args));
+        let code = execute(args, &words, &[&raw, &out])?;
         if code != 0 {
             return Ok(code);
         }
@@ -94,10 +108,12 @@ fn command_line(args: &ShootArgs, words: &[&str]) -> Vec<String> {
     let mut all: Vec<String> = ["lenscube"].iter().chain(words).map(|w| (*w).to_owned()).collect();
     all.extend(option("--threads", args.threads));
     all.extend(option("--memory", args.memory));
-    if args.overwrite {
-        all.push("--overwrite".into());
-    }
     all
+}
+
+/// `--overwrite`, for the picture.
+fn overwrite(args: &ShootArgs) -> Option<String> {
+    args.overwrite.then(|| "--overwrite".to_owned())
 }
 
 fn option(flag: &str, value: Option<impl ToString>) -> Vec<String> {
@@ -109,7 +125,8 @@ fn name(demosaic: Demosaic) -> String {
 }
 
 /// Runs the command line `words` with `paths` behind it; a film with the surfaces of `args`.
-fn execute(args: &ShootArgs, mut words: Vec<String>, paths: &[&String]) -> Result<u8> {
+fn execute(args: &ShootArgs, words: &[String], paths: &[&String]) -> Result<u8> {
+    let mut words = words.to_vec();
     words.push("--".into());
     words.extend(paths.iter().map(|p| (*p).clone()));
     match Cli::try_parse_from(words).map_err(|e| usage(e.to_string()))?.command {

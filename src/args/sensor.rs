@@ -159,7 +159,7 @@ pub struct ExposeArgs {
     /// Do not wait for the disk after each shard: faster, unsafe against power failures
     #[arg(long, help_heading = "Machine")]
     pub no_fsync: bool,
-    /// Replace an existing raw or file
+    /// Replace an existing raw, or an existing file (the raw of an interrupted command is resumed)
     #[arg(long)]
     pub overwrite: bool,
     /// Take over a stale lock held by another host

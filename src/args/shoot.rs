@@ -15,7 +15,7 @@ use std::path::PathBuf;
 lenscube shoot chart.zarr negative.dng --lens MY.zmx --sensor sony-a7r2 --exposure 10ms --keep shot\n  \
 lenscube shoot scene.zarr picture.png --lens phone --focus-m 1 --depth depth.npy --sensor example-2um\n\
 The same as `lenscube run CHART DIR/film.zarr`, `lenscube sensor DIR/film.zarr DIR/raw.zarr` and `lenscube develop DIR/raw.zarr OUT`; those\n\
-commands have more options. Without --keep, DIR is OUT.shot and removed at the end; an interrupted command resumes."
+commands have more options. Without --keep, DIR is OUT.shot and removed at the end. The same command resumes after an interruption, also with --overwrite."
 )]
 pub struct ShootArgs {
     /// Chart, as for `lenscube run`
@@ -57,7 +57,7 @@ pub struct ShootArgs {
     /// Gain as ISO over the sensor's base ISO
     #[arg(long, value_parser = positive)]
     pub iso: Option<f64>,
-    /// Key of the frame's noises
+    /// Seed of the noise of each frame
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Light that becomes neutral, as for `lenscube develop`
@@ -78,7 +78,7 @@ pub struct ShootArgs {
     /// Maximum memory of each step, e.g. 1GiB
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub memory: Option<u64>,
-    /// Replace an existing picture, and film and raw of other jobs
+    /// Replace an existing picture, and film and raw of other jobs; those of this job are resumed
     #[arg(long)]
     pub overwrite: bool,
 }

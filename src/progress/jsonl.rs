@@ -123,11 +123,11 @@ impl Jsonl {
         self.write("shard", json!({ "key": key, "band": band, "bytes": bytes }));
     }
 
-    /// The last event of a command that was not completed.
-    pub fn end(&self, result: &anyhow::Result<u8>) {
+    /// The last event of a command that was not completed; `resume`: how it is resumed.
+    pub fn end(&self, result: &anyhow::Result<u8>, resume: &str) {
         let (code, message) = match result {
             Ok(0) => return,
-            Ok(code) => (*code, "interrupted; the same command resumes".to_owned()),
+            Ok(code) => (*code, format!("interrupted; {resume}")),
             Err(error) => (failure::exit_code(error), failure::line(error)),
         };
         let retry = [code::RETRY, code::INTERRUPTED].contains(&code);

@@ -168,7 +168,7 @@ pub fn differences_from_plan(
 }
 
 /// Removes the film, unless a run holds a lock on it.
-fn remove(path: &Path, take_over: bool) -> Result<()> {
+pub fn remove(path: &Path, take_over: bool) -> Result<()> {
     let _locks = match JobGroup::locks(path)?.is_empty() {
         true => Vec::new(),
         false => lock_all(path, take_over)?,

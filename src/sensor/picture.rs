@@ -6,13 +6,14 @@
 use super::resolve::Plan;
 use crate::args::ExposeArgs;
 use crate::develop::frame::Frame;
-use crate::failure::{other_job, usage};
+use crate::failure::{code, other_job, replacing_other_job, usage};
 use crate::interrupt;
 use crate::job::threads;
 use crate::progress::{counting, log_line};
 use anyhow::{Result, anyhow, bail};
 use formats::developed::{Developed, write_png, write_tiff};
 use formats::dng::{Dng, DngColour, write_dng};
+use formats::durable::fault_point;
 use formats::raw::{RawSpec, RawStore};
 use pipeline::colour::Illuminant;
 use pipeline::develop::{ColourMatrix, PlanePattern};
@@ -20,6 +21,7 @@ use pipeline::geometry::Rect;
 use pipeline::sensor::{NoiseSet, Sensor};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Rows of a strip.
@@ -55,11 +57,12 @@ pub fn format_of(out: &Path) -> Result<Option<FileFormat>> {
     })
 }
 
-/// Exposes one frame into `out`; `expose` makes a raw with the given arguments.
+/// Exposes one frame into `out`; `expose` makes the raw of a plan with the given arguments. With `--overwrite` a raw of the same job is resumed,
+/// one of another job replaced.
 pub fn command(
     args: &ExposeArgs,
     (film, out, format): (&str, &Path, FileFormat),
-    expose: impl Fn(&ExposeArgs) -> Result<u8>,
+    expose: impl Fn(&ExposeArgs, &Plan) -> Result<u8>,
 ) -> Result<u8> {
     let shown = out.display();
     let several =
@@ -81,11 +84,24 @@ pub fn command(
     let mut name = out.as_os_str().to_owned();
     name.push(".raw.zarr");
     let raw = PathBuf::from(name);
-    let code = expose(&ExposeArgs { raw: Some(raw.clone()), ..args.clone() })?;
+    let resuming = ExposeArgs { raw: Some(raw.clone()), overwrite: false, ..args.clone() };
+    let code = replacing_other_job(
+        args.overwrite,
+        || expose(&resuming, &plan),
+        || super::remove(&raw, args.take_over),
+    )?;
     if code != 0 {
         return Ok(code);
     }
-    convert(args, &plan, &raw, (out, format))?;
+    let cancel = interrupt::cancel_flag();
+    fault_point("file-begins");
+    match convert(args, &plan, &raw, (out, format), cancel) {
+        Err(_) if cancel.load(Relaxed) => {
+            log_line(format!("interrupted: {shown} was not written; the same command resumes"));
+            return Ok(code::INTERRUPTED);
+        }
+        converted => converted?,
+    }
     RawStore::remove(&raw)?;
     log_line(format!("wrote {shown}: {} px", rect.size()));
     Ok(0)
@@ -174,7 +190,13 @@ fn noise_profile(plan: &Plan, seconds: f64) -> (f64, f64) {
 }
 
 /// Writes the file from the raw.
-fn convert(args: &ExposeArgs, plan: &Plan, raw: &Path, (out, format): (&Path, FileFormat)) -> Result<()> {
+fn convert(
+    args: &ExposeArgs,
+    plan: &Plan,
+    raw: &Path,
+    (out, format): (&Path, FileFormat),
+    cancel: &AtomicBool,
+) -> Result<()> {
     let chunk = RawSpec::chunk_shape();
     let rect = plan.outputs[0].rect;
     let cache = 2 * 4 * chunk.0 * (rect.width.div_ceil(chunk.1) * chunk.1);
@@ -182,10 +204,9 @@ fn convert(args: &ExposeArgs, plan: &Plan, raw: &Path, (out, format): (&Path, Fi
     let frame = Frame::open(name, 0, cache)?;
     let (sensor, threads) = (&frame.sensor, threads(args.threads));
     let (bar, progress) = counting("writing");
-    let cancel = interrupt::cancel_flag();
     let read = |rows: Range<usize>| {
         if cancel.load(Relaxed) {
-            bail!("interrupted; the same command resumes");
+            bail!("interrupted");
         }
         frame.read(Rect::new(rows.start as i64, 0, rows.len(), rect.width))
     };

@@ -80,15 +80,22 @@ fn a_shot_is_run_sensor_and_develop() {
     develop(&raw, &three, &[]).ok();
     assert!(std::fs::read(&one).unwrap() == std::fs::read(&three).unwrap());
     assert!(files(&raw) == files(&kept.join("raw.zarr")));
-    // The same again finds film and raw complete; a raw of another sensor is not replaced.
+    // The same again finds film and raw complete, also with --overwrite; a raw of another sensor is replaced with it only.
     let again =
         lenscube(&[&["shoot", chart, text(&two), "--keep", text(&kept), "--overwrite"], &own[..]].concat());
     assert_exit(&again, 0, &["1/3  film", "3/3  picture"]);
+    assert_eq!(again.stderr.matches("nothing to do").count(), 2, "{}", again.stderr);
     let other = ["--lens", LENS, "--sensor", "ideal-mono"];
     let other = lenscube(
         &[&["shoot", chart, text(&place.at("four.png")), "--keep", text(&kept)], &other[..]].concat(),
     );
     assert_exit(&other, OTHER_JOB, &["another job"]);
+    let replaced = ["--lens", LENS, "--sensor", "ideal-mono", "--overwrite"];
+    let replaced = lenscube(
+        &[&["shoot", chart, text(&place.at("four.png")), "--keep", text(&kept)], &replaced[..]].concat(),
+    );
+    assert_exit(&replaced, 0, &["3/3  picture"]);
+    assert_eq!(replaced.stderr.matches("nothing to do").count(), 1, "{}", replaced.stderr);
     assert_exit(&lenscube(&[&["shoot", chart, text(&one)], &own[..]].concat()), OTHER_JOB, &["--overwrite"]);
     let dng = place.at("five.dng");
     lenscube(&[&["shoot", chart, text(&dng)], &own[..]].concat()).ok();

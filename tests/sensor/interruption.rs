@@ -80,8 +80,48 @@ fn interrupted_run_ends_with_130_and_resumes() {
     let whole = place.at("whole");
     sensor(&film, &whole, &flags).ok();
     let raw = place.at("raw");
-    let mut child = sensor_command(&film, &raw, &flags)
-        .env("LENSCUBE_FAULT", "commit:2:stop")
+    let ran = interrupted_at(&mut sensor_command(&film, &raw, &flags), "commit:2");
+    assert_exit(&ran, 130, &["interrupted: ", "; the same command resumes"]);
+    assert_exit(&sensor(&film, &raw, &flags), 0, &["resuming"]);
+    assert!(files(&raw) == files(&whole));
+    // With --overwrite the same command would begin again.
+    let over = [&flags[..], &["--overwrite"]].concat();
+    let ran = interrupted_at(&mut sensor_command(&film, &raw, &over), "commit:2");
+    assert_exit(&ran, 130, &["; without `--overwrite` the same command resumes"]);
+    assert_exit(&sensor(&film, &raw, &flags), 0, &["resuming"]);
+    assert!(files(&raw) == files(&whole));
+}
+
+/// Interrupted while the file is written from the complete raw: exit code 130, also with `--overwrite`, and the same command resumes.
+#[test]
+fn interrupted_file_ends_with_130_and_resumes() {
+    let place = Place::new();
+    let film = place.noise(Size::new(200, 160));
+    let out = place.at("out.dng");
+    let raw = place.at("out.dng.raw.zarr");
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms", "--seed", "3"];
+    let ran = interrupted_at(&mut sensor_command(&film, &out, &flags), "file-begins:1");
+    assert_exit(&ran, 130, &["interrupted: ", "out.dng was not written; the same command resumes"]);
+    assert!(raw.exists() && !out.exists());
+    assert_exit(&sensor(&film, &out, &flags), 0, &["nothing to do", "wrote"]);
+    let first = std::fs::read(&out).unwrap();
+    let other = ["--sensor", "example-2um", "--exposure", "5ms", "--seed", "4", "--overwrite"];
+    let ran = interrupted_at(&mut sensor_command(&film, &out, &other), "file-begins:1");
+    assert_exit(&ran, 130, &["the same command resumes"]);
+    assert!(raw.exists() && std::fs::read(&out).unwrap() == first);
+    assert_exit(&sensor(&film, &out, &other), 0, &["nothing to do", "wrote"]);
+    assert!(!raw.exists() && std::fs::read(&out).unwrap() != first);
+    // The raw of another job that an interrupted command left is replaced.
+    interrupted_at(&mut sensor_command(&film, &out, &other), "file-begins:1");
+    let over = [&flags[..], &["--overwrite"]].concat();
+    assert_exit(&sensor(&film, &out, &over), 0, &["wrote"]);
+    assert!(!raw.exists() && std::fs::read(&out).unwrap() == first);
+}
+
+/// The result of `command`, interrupted at the execution `at`, e.g. `commit:2`.
+fn interrupted_at(command: &mut Command, at: &str) -> CommandResult {
+    let mut child = command
+        .env("LENSCUBE_FAULT", format!("{at}:stop"))
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
@@ -101,8 +141,5 @@ fn interrupted_run_ends_with_130_and_resumes() {
     };
     signal("-INT");
     signal("-CONT");
-    let ran = CommandResult::new(&child.wait_with_output().unwrap());
-    assert_exit(&ran, 130, &["interrupted: ", "the same command resumes"]);
-    assert_exit(&sensor(&film, &raw, &flags), 0, &["resuming"]);
-    assert!(files(&raw) == files(&whole));
+    CommandResult::new(&child.wait_with_output().unwrap())
 }

@@ -10,7 +10,8 @@
 //! `any` does not include them. Points: `film-opened`, `job-ready` (chart opened, lens traced), `locked`, `tiles-begin`, `commit`
 //! (before the film's identity is checked), `commit-checked` (after that, before the write), `film-removed` (`--overwrite`,
 //! before the new film is created), `shards-made` (before the end of the run is reported), `verified`, `shard-aside`
-//! (`verify --repair`).
+//! (`verify --repair`); of `sensor`: `raw-removed` (`--overwrite`), `shards-begin`, `file-begins` (the raw is complete, its DNG, TIFF or
+//! PNG is not).
 
 #[cfg(not(debug_assertions))]
 mod disabled {
