@@ -9,6 +9,7 @@ mod quality;
 use crate::args::MeasureArgs;
 use crate::failure::usage;
 use crate::open::Chart;
+use crate::progress::print;
 use anyhow::{Context, Result};
 use formats::chart::NanPolicy;
 use formats::durable::{AtomicFile, finish_together};
@@ -58,9 +59,9 @@ pub fn command(args: &MeasureArgs) -> Result<()> {
         let nm = all_nm[band];
         let one =
             measure(args, &chart, band, nm).with_context(|| format!("measuring {} at {nm} nm", args.film))?;
-        println!("{nm} nm: {}", one.summary);
+        print(format!("{nm} nm: {}", one.summary));
         for remark in &one.remarks {
-            println!("{nm} nm: DOUBTFUL: {}", remark.text);
+            print(format!("{nm} nm: DOUBTFUL: {}", remark.text));
         }
         measured.push(one);
     }

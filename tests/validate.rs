@@ -149,6 +149,14 @@ fn measure_reports_edges_points_and_profiles_of_a_chart() {
         lenscube(&["measure", "gen:uniform?size=50&value=3&wavelengths=550", "--profile", "1,2,40,30"]).ok();
     assert!(ran.stdout.contains("3.000000 to 3.000000"), "{}", ran.stdout);
 
+    // As `| head -0`.
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut measure = std::process::Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    let ran =
+        measure.args(["measure", points, "--points", "161,159", "--half-px", "8"]).stdout(writer).status();
+    assert_eq!(ran.unwrap().code(), Some(0));
+
     for (words, word) in [
         (["measure", chart, "--edge", "2,157,3,277"], "is not inside the image"),
         (["measure", chart, "--edge", "222,157,221,163"], "at least 10 px"),
