@@ -255,6 +255,18 @@ fn dash_writes_the_bytes_of_the_file_to_standard_output() {
         );
         assert!(output.stdout == std::fs::read(&file).unwrap(), "{name}");
     }
+    // The temporary directory of a killed export is removed by the next one.
+    let temp = tempfile::tempdir().unwrap();
+    let export = |fault: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command
+            .args(["export", text(&path), "-", "-q"])
+            .env("TMPDIR", temp.path())
+            .env("LENSCUBE_FAULT", fault);
+        (command.output().unwrap().status.success(), std::fs::read_dir(temp.path()).unwrap().count())
+    };
+    assert_eq!(export("sync:1:kill"), (false, 1));
+    assert_eq!(export(""), (true, 0));
     let ran = lenscube(&["export", text(&path), "-", "--format", "envi"]);
     assert_eq!((ran.code, ran.stdout.as_str()), (2, ""), "{}", ran.stderr);
     let (size, bands) = flat(&dir.path().join("b.npy"));

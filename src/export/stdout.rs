@@ -4,6 +4,7 @@ use super::to_file;
 use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::usage;
 use anyhow::{Context, Result};
+use formats::durable;
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, IsTerminal};
 use std::path::PathBuf;
@@ -13,8 +14,10 @@ struct TempDirectory(PathBuf);
 
 impl TempDirectory {
     fn create() -> Result<Self> {
-        let name = format!("lenscube-export-{}", std::process::id());
-        let path = std::env::temp_dir().join(name);
+        let temp = std::env::temp_dir();
+        // Leftover directories of killed exports.
+        durable::sweep_entries(&temp)?;
+        let path = temp.join(durable::temp_name());
         fs::create_dir(&path)
             .with_context(|| format!("creating the temporary directory {}", path.display()))?;
         Ok(Self(path))
