@@ -1,13 +1,15 @@
 //! The plan file: readable JSON, one line per unit, and the digest of all other lines.
 
 use super::command_line::CommandLine;
-use crate::failure::{other_job, usage};
+use crate::failure::{code, exit_code, other_job, usage};
 use anyhow::{Context, Result};
 use formats::durable::{Directory, check_writable, link_target, parent_of};
 use formats::film::FilmStore;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Schema of a plan file.
@@ -149,12 +151,19 @@ impl Plan {
     /// Missing; not a plan, or an edited one (exit code 3).
     pub fn read(path: &Path) -> Result<(Self, String)> {
         let shown = path.display();
-        let text = std::fs::read_to_string(path).with_context(|| format!("reading the plan {shown}"))?;
         let not_plan = |what: &str| {
             other_job(format!(
                 "{shown} is not a plan file written by `lenscube plan` ({what}); make it again"
             ))
         };
+        let mut bytes = Vec::new();
+        File::open(path)
+            .and_then(|f| f.take(MAX_BYTES + 1).read_to_end(&mut bytes))
+            .with_context(|| format!("reading the plan {shown}"))?;
+        if bytes.len() as u64 > MAX_BYTES {
+            return Err(not_plan(&format!("it is larger than {MAX_BYTES} bytes")));
+        }
+        let text = String::from_utf8(bytes).map_err(|_| not_plan("it is not UTF-8"))?;
         let line = text.lines().nth(1).unwrap_or_default();
         let recorded = line.trim().strip_prefix("\"digest\": \"").and_then(|l| l.strip_suffix("\","));
         let recorded = recorded.ok_or_else(|| not_plan("its second line is not a digest"))?;
@@ -245,7 +254,10 @@ pub fn check_place(output: &Path) -> Result<()> {
     }
     check_writable(directory)?;
     if !output.is_dir() && output.symlink_metadata().is_ok() {
-        Plan::read(output).map_err(|_| other_file(output))?;
+        Plan::read(output).map_err(|e| match exit_code(&e) {
+            code::OTHER_JOB => other_file(output),
+            _ => e,
+        })?;
     }
     Ok(())
 }

@@ -98,6 +98,11 @@ fn plan_with_invalid_output_leaves_the_film_unchanged() {
         assert!(files(&job.film) == before, "{flags:?}");
     }
     assert_eq!(fs::read_to_string(&notes).unwrap(), "mine");
+    // A file that cannot be read is not reported as another file.
+    let looped = job.at("loop.json");
+    std::os::unix::fs::symlink("loop.json", &looped).unwrap();
+    let ran = of(&["-o", text(&looped)]);
+    assert!(!ran.stderr.contains("another file exists") && ran.code != 0, "{}", ran.stderr);
     // No film is created for a rejected plan.
     let new = job.at("new.zarr");
     let ran = CommandResult::new(&job.plan(&new, &["-o", text(&notes)]).output().unwrap());
