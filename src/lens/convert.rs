@@ -5,7 +5,7 @@ use crate::design;
 use crate::failure::{other_job, usage};
 use crate::progress::log_line;
 use anyhow::{Context, Result};
-use formats::durable::AtomicFile;
+use formats::durable::{AtomicFile, finish_together};
 use pipeline::design::{optiland, table, zmx};
 use std::path::Path;
 
@@ -33,14 +33,18 @@ pub fn command(args: &ConvertArgs) -> Result<()> {
     for note in &written.notes {
         log_line(format!("note: {}: {note}", out.display()));
     }
+    let (mut files, mut lines) = (Vec::new(), Vec::new());
     if let Some(catalogue) = &written.catalogue {
         let path = out.with_file_name(format!("{own}.agf"));
         check_absent(&path)?;
-        AtomicFile::with_text(&path, catalogue)?.finish()?;
-        log_line(format!("{}: glasses that are not built in, for {}", path.display(), out.display()));
+        files.push(AtomicFile::with_text(&path, catalogue)?);
+        lines.push(format!("{}: glasses that are not built in, for {}", path.display(), out.display()));
     }
-    AtomicFile::with_text(out, &written.text)?.finish()?;
-    log_line(format!("{}: {} surfaces", out.display(), system.surfaces.len()));
+    // The design last: until it is there, its catalogue is of no use.
+    files.push(AtomicFile::with_text(out, &written.text)?);
+    finish_together(files)?;
+    lines.push(format!("{}: {} surfaces", out.display(), system.surfaces.len()));
+    lines.iter().for_each(log_line);
     Ok(())
 }
 

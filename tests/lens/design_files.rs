@@ -38,6 +38,14 @@ fn own_glasses_are_written_beside_the_design_and_found_there() {
     let converted = lenscube(&["lens", "convert", text(&a), text(&b)]).ok();
     assert!(converted.stderr.contains("glass catalogue mine: entries not used: 1"), "{}", converted.stderr);
     assert!(fs::read_to_string(at(&dir, "my-lens.agf")).unwrap().contains("NM OWN 2"));
+    // Both files or none: after a failure the same command writes both.
+    let (d, catalogue) = (at(&dir, "d.zmx"), at(&dir, "d.agf"));
+    let words = ["lens", "convert", text(&a), text(&d)];
+    let mut failing = std::process::Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    let failed = failing.args(words).env("LENSCUBE_FAULT", "rename:2:28").output().unwrap();
+    assert!(!failed.status.success() && !d.exists() && !catalogue.exists());
+    lenscube(&words).ok();
+    assert!(d.exists() && catalogue.exists());
     fs::remove_file(at(&dir, "mine.AGF")).unwrap();
     lenscube(&["lens", "convert", text(&b), text(&at(&dir, "again.csv"))]).ok();
     assert_exit(
