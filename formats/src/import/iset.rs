@@ -62,14 +62,14 @@ pub fn open(folder: &Path, options: &ImportOptions) -> Result<Imported, ImportEr
     let (di_path, ri_path) = (file(&format!("{base}_DI_.dat"))?, file(&format!("{base}_RI_.dat"))?);
     let (di, ri) = (table(&di_path, shape)?, table(&ri_path, shape)?);
 
-    let efl = options.focal_length(&parms, p.number("efl").ok())?;
+    let efl = options.focal_length(&parms, p.optional_number("efl")?)?;
     let object = p.number("objDist")?;
     let finite = object.abs() < INFINITE_MM;
     let magnification = if finite { p.number("mag")? } else { 0.0 };
     let focal = focal_length(&p, &parms, options, (efl, magnification, max_height))?;
-    let (f_number, solid_angle_sr) = options.aperture(&parms, efl, p.number("fnumber").ok())?;
-    let effective = p.number("fnumber_eff").ok().filter(|n| *n > 0.0).map(|n| PI / (4.0 * n * n));
-    let primary = options.primary_nm(&parms, p.number("refWave").ok())?;
+    let (f_number, solid_angle_sr) = options.aperture(&parms, efl, p.optional_number("fnumber")?)?;
+    let effective = p.optional_number("fnumber_eff")?.filter(|n| *n > 0.0).map(|n| PI / (4.0 * n * n));
+    let primary = options.primary_nm(&parms, p.optional_number("refWave")?)?;
 
     let mut notes = Vec::new();
     let heights = psf_heights(options, ideal.len())?;
@@ -120,7 +120,7 @@ pub fn open(folder: &Path, options: &ImportOptions) -> Result<Imported, ImportEr
         source,
         notes,
     };
-    let pitch_um = p.number("psfSpacing").ok().map(|mm| mm * 1e3);
+    let pitch_um = p.optional_number("psfSpacing")?.map(|mm| mm * 1e3);
     Imported::new(lens, options, window_reader(files, options.clone(), pitch_um))
 }
 

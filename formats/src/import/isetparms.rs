@@ -91,6 +91,14 @@ impl Parameters {
         }
     }
 
+    /// A number that may be missing.
+    ///
+    /// # Errors
+    /// The value is not one number.
+    pub fn optional_number(&self, name: &str) -> Result<Option<f64>, ImportError> {
+        self.get(name).map(|_| self.number(name)).transpose()
+    }
+
     /// A required whole number of at least `min`.
     ///
     /// # Errors
@@ -190,6 +198,17 @@ mod tests {
         assert_eq!(p.list("wave").unwrap().1, [400.0, 475.0, 550.0, 625.0, 700.0]);
         assert_eq!((p.number("mag").unwrap(), p.number("efl").unwrap()), (-0.02, 5.5));
         assert_eq!(p.list("x").unwrap(), (5, &[1.0, 2.0, 3.0][..]));
+    }
+
+    #[test]
+    fn optional_number_may_be_missing_but_not_be_malformed() {
+        let p = parse("efl=[1 2]\nfnumber='four'\nmag=-0.5").unwrap();
+        assert_eq!(p.optional_number("mag").unwrap(), Some(-0.5));
+        assert_eq!(p.optional_number("psfSpacing").unwrap(), None);
+        for (name, word) in [("efl", "2 numbers"), ("fnumber", "is text")] {
+            let error = p.optional_number(name).unwrap_err().to_string();
+            assert!(error.contains(word), "{error}");
+        }
     }
 
     #[test]
