@@ -7,7 +7,7 @@ use crate::progress::log_line;
 use anyhow::{Context, Result, ensure};
 use formats::chart::Codec;
 use pipeline::chart::Generator;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -27,20 +27,20 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     for round in 0..bench.rounds {
         drop_from_page_cache(&chart)?;
         log_line(format!("     run {} of {}", round + 1, bench.rounds));
-        records.push(run(bench, &chart, &film)?);
+        let record = run(bench, &chart, &film)?;
+        records.push((number(&record, "wall_s")?, record));
     }
-    records.sort_by(|a, b| number(a, "wall_s").total_cmp(&number(b, "wall_s")));
-    let record = records.swap_remove(records.len() / 2);
+    records.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (wall, record) = records.swap_remove(records.len() / 2);
     let label = format!("job: {} bands ({wavelengths} nm), store to store", args.bands);
-    let wall = number(&record, "wall_s");
     bench.add_number("job_s", wall, "s", &label);
     let core = &record["core_s"];
-    let core_s: f64 = STAGES.iter().map(|s| number(core, s)).sum();
-    let disk_s = 1e-6
-        * (number(&record, "bytes_read") / bench.get("disk_read_mb_s")
-            + number(&record, "bytes_written") / bench.get("disk_write_mb_s"));
+    let stages_s = STAGES.iter().map(|s| number(core, s)).collect::<Result<Vec<_>>>()?;
+    let core_s: f64 = stages_s.iter().sum();
+    let (read, written) = (number(&record, "bytes_read")?, number(&record, "bytes_written")?);
+    let disk_s = 1e-6 * (read / bench.get("disk_read_mb_s") + written / bench.get("disk_write_mb_s"));
     let cores = std::thread::available_parallelism().map_or(1, usize::from).min(bench.threads) as f64;
-    let stream_s = add_streams(bench, &record);
+    let stream_s = add_streams(bench, &record)?;
     let bound = disk_s.max(core_s / cores).max(stream_s);
     let label = match stream_s > 0.0 {
         true => "  its bound, max(disk, core seconds / cores, GPU streams)",
@@ -50,26 +50,21 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.add_number("job_over_bound", wall / bound, "", "  time over bound");
     bench.add_number("job_disk_s", disk_s, "s", "  disk: bytes over the measured rates");
     bench.add_number("job_core_s", core_s, "s", "  core seconds of all stages");
-    for (stage, key) in STAGES.into_iter().zip(KEYS) {
-        bench.add_number(key, number(core, stage), "s", &format!("    {stage}"));
+    for ((stage, key), seconds) in STAGES.into_iter().zip(KEYS).zip(stages_s) {
+        bench.add_number(key, seconds, "s", &format!("    {stage}"));
     }
     // Shares of the wall time that the bounds of reading and writing are.
     for (key, bytes, rate, label) in [
-        ("job_read_of_wall", "bytes_read", "disk_read_mb_s", "  reading at the disk's rate, of the time"),
-        (
-            "job_write_of_wall",
-            "bytes_written",
-            "disk_write_mb_s",
-            "  writing at the disk's rate, of the time",
-        ),
+        ("job_read_of_wall", read, "disk_read_mb_s", "  reading at the disk's rate, of the time"),
+        ("job_write_of_wall", written, "disk_write_mb_s", "  writing at the disk's rate, of the time"),
     ] {
-        bench.add_number(key, 1e-6 * number(&record, bytes) / bench.get(rate) / wall, "", label);
+        bench.add_number(key, 1e-6 * bytes / bench.get(rate) / wall, "", label);
     }
-    bench.add_number("job_read_gb", number(&record, "bytes_read") * 1e-9, "GB", "  read");
-    bench.add_number("job_written_gb", number(&record, "bytes_written") * 1e-9, "GB", "  written");
+    bench.add_number("job_read_gb", read * 1e-9, "GB", "  read");
+    bench.add_number("job_written_gb", written * 1e-9, "GB", "  written");
     bench.add_number(
         "peak_rss_mib",
-        number(&record, "peak_resident_bytes") / f64::from(1 << 20),
+        number(&record, "peak_resident_bytes")? / f64::from(1 << 20),
         "MiB",
         "  peak memory",
     );
@@ -87,17 +82,26 @@ const STREAMS: [(&str, &str, &str); 3] = [
 ];
 
 /// Adds the busy shares of the streams, over all GPUs; the seconds of the busiest stream.
-fn add_streams(bench: &mut Bench<'_>, record: &Value) -> f64 {
-    let devices = record["devices"].as_array().map_or(&[][..], Vec::as_slice);
-    let sum = |key: &str| devices.iter().map(|d| number(&d["did"], key)).sum::<f64>();
-    let span = sum("span_s");
-    if span > 0.0 {
-        for (key, share, label) in STREAMS {
-            bench.add_number(share, sum(key) / span, "", label);
+///
+/// # Errors
+/// The record lacks a figure.
+fn add_streams(bench: &mut Bench<'_>, record: &Value) -> Result<f64> {
+    let devices = record["devices"].as_array().context("the run record has no list `devices`")?;
+    let (mut span_s, mut busy_s, mut busiest_s) = (0.0, [0.0; STREAMS.len()], 0.0f64);
+    for device in devices {
+        span_s += number(&device["did"], "span_s")?;
+        for (sum, (key, ..)) in busy_s.iter_mut().zip(STREAMS) {
+            let seconds = number(&device["did"], key)?;
+            *sum += seconds;
+            busiest_s = busiest_s.max(seconds);
         }
     }
-    let busiest = |d: &Value| STREAMS.iter().map(|s| number(&d["did"], s.0)).fold(0.0, f64::max);
-    devices.iter().map(busiest).fold(0.0, f64::max)
+    if span_s > 0.0 {
+        for (sum, (_, share, label)) in busy_s.into_iter().zip(STREAMS) {
+            bench.add_number(share, sum / span_s, "", label);
+        }
+    }
+    Ok(busiest_s)
 }
 
 /// Keys of the stages' core seconds in the report, in the order of [`STAGES`].
@@ -117,8 +121,12 @@ fn wavelengths(bands: u32) -> String {
     (0..bands).map(|i| nm(i).to_string()).collect::<Vec<_>>().join(",")
 }
 
-fn number(record: &Value, key: &str) -> f64 {
-    record[key].as_f64().unwrap_or(0.0)
+/// A figure of a run's record.
+///
+/// # Errors
+/// There is no such number.
+fn number(record: &Value, key: &str) -> Result<f64> {
+    record[key].as_f64().with_context(|| format!("the run record has no number `{key}`"))
 }
 
 /// Runs the job and reads its record.
@@ -136,11 +144,21 @@ fn run(bench: &Bench<'_>, chart: &Path, film: &Path) -> Result<Value> {
     let mut records = std::fs::read_dir(&runs).with_context(|| format!("listing {}", runs.display()))?;
     let record = records.next().context("the run wrote no record")??.path();
     let text = std::fs::read(&record).with_context(|| format!("reading {}", record.display()))?;
-    Ok(serde_json::from_slice(&text).unwrap_or(json!(null)))
+    serde_json::from_slice(&text).with_context(|| format!("parsing {}", record.display()))
 }
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn figure_missing_in_the_record_is_an_error() {
+        let record = serde_json::json!({ "wall_s": 2.5, "peak_resident_bytes": null });
+        assert_eq!(super::number(&record, "wall_s").unwrap(), 2.5);
+        for key in ["peak_resident_bytes", "bytes_read"] {
+            let error = super::number(&record, key).unwrap_err().to_string();
+            assert!(error.contains(&format!("`{key}`")), "{error}");
+        }
+    }
+
     #[test]
     fn wavelengths_are_evenly_spaced_over_the_bands_of_the_paper() {
         assert_eq!(super::wavelengths(1), "550");
