@@ -47,7 +47,7 @@ impl JobPlan {
                 None => BandPlan::new(frame, lens.lens(), nm, options),
                 Some(depth) => BandPlan::with_depth(frame, lens.lens(), nm, options, &depth.surfaces),
             };
-            plan.map_err(|e| light::with_likely_pitch(args, frame.pitch_um, e.into()))
+            plan.map_err(|e| light::with_likely_pitch(args, e.into()))
         };
         let bands: Vec<BandPlan> = nm.iter().map(plan).collect::<Result<_>>()?;
         let gains = bands.iter().map(|b| gain(args.film_units, b, frame)).collect();

@@ -19,9 +19,10 @@ pub fn check(args: &RunArgs, bands: &[BandPlan]) -> Result<()> {
         let energy = &plan.lens.psf_energy;
         let mean = energy.iter().sum::<f64>() / energy.len() as f64;
         if mean < MIN_LIGHT {
-            let pitch_um = args.placement.film_pitch_um.unwrap_or(plan.lens.psf_pitch_um);
-            let cause = likely_pitch(pitch_um)
-                .unwrap_or_else(|| "use a coarser --film-pitch-um, or a lens pack with wider windows".into());
+            let cause =
+                args.placement.film_pitch_um.and_then(likely_pitch).unwrap_or_else(|| {
+                    "use a coarser --film-pitch-um, or a lens pack with wider windows".into()
+                });
             return Err(usage(format!(
                 "at {} nm the PSF windows of the lens hold only {:.1} % of the light (mean over heights); {cause}",
                 plan.lens.wavelength_nm,
@@ -32,9 +33,9 @@ pub fn check(args: &RunArgs, bands: &[BandPlan]) -> Result<()> {
     Ok(())
 }
 
-/// `error` of a band's plan, with the likely unit if the pitch is not that of a sensor.
-pub fn with_likely_pitch(args: &RunArgs, pitch_um: f64, error: anyhow::Error) -> anyhow::Error {
-    match likely_pitch(pitch_um).filter(|_| args.placement.film_pitch_um.is_some()) {
+/// `error` of a band's plan, with the likely unit if `--film-pitch-um` is not the pitch of a sensor.
+pub fn with_likely_pitch(args: &RunArgs, error: anyhow::Error) -> anyhow::Error {
+    match args.placement.film_pitch_um.and_then(likely_pitch) {
         Some(cause) => usage(format!("{error}; {cause}")),
         None => error,
     }
