@@ -221,7 +221,7 @@ def every_day(place):
     process.communicate()
     require("Ctrl-C", process.returncode in (0, 130))
     task("lenses", ["lens", "show", "double-gauss-28-npz"], place, out=["focal length"])
-    task("cache", ["cache"], place, out=["traced bands"])
+    task("cache", ["cache"], place, out=["traced band"])
     lines = start([*film[:2], "lines.zarr", *film[3:], "--progress", "jsonl"], place).communicate()[0].splitlines()
     require("progress for programs", [json.loads(line)["event"] for line in (lines[0], lines[-1])] == ["start", "done"])
 

@@ -17,7 +17,7 @@ use crate::failure::usage;
 use crate::film_engine;
 use crate::job::{Job, PlannedBands};
 use crate::open::is_builtin;
-use crate::progress::{log_line, print};
+use crate::progress::{log_line, plural, print};
 use crate::run::film;
 use anyhow::Result;
 use clap::ArgMatches;
@@ -138,7 +138,6 @@ fn print_summary(plan: &Plan, path: &Path) {
     let max = |of: fn(&Totals) -> u64| plan.units.iter().map(|u| of(&u.cost)).max().unwrap_or(0) as f64;
     let core_s =
         |pick: fn(f64, f64) -> f64| plan.units.iter().map(|u| u.cost.core_s).reduce(pick).unwrap_or(0.0);
-    let plural = |n: usize, noun: &str| format!("{n} {noun}{}", if n == 1 { "" } else { "s" });
     log_line(format!(
         "{}: {}, 0 to {}, of at most {} x {} each, {shards} shards; tiles at unit borders are computed in both \
          units: {tiles_again} of {tiles} ({:.1} %)",

@@ -171,7 +171,7 @@ fn cache_of_traced_lenses_is_shown_trimmed_and_cleared() {
     assert!(cache(&[]).contains("0 traced bands, 0.0 MB"));
     std::fs::create_dir_all(&lenses).unwrap();
     let old = std::time::SystemTime::now() - std::time::Duration::from_secs(1000);
-    for name in ["a.lens.zip", "b.lens.zip", "other.txt"] {
+    for name in ["a.lens.zip", "b.lens.zip", "b.nodes.json", "other.txt"] {
         let path = lenses.join(name);
         std::fs::write(&path, vec![0; 1_000_000]).unwrap();
         if name == "a.lens.zip" {
@@ -179,12 +179,17 @@ fn cache_of_traced_lenses_is_shown_trimmed_and_cleared() {
             std::fs::File::options().write(true).open(&path).unwrap().set_times(times).unwrap();
         }
     }
-    assert!(cache(&["show"]).contains("2 traced bands, 2.0 MB"));
-    assert!(cache(&["trim"]).contains("removed: 0 bands"));
+    assert!(cache(&["show"]).contains("2 traced bands, depth nodes of 1 band, 3.0 MB"));
+    assert!(cache(&["trim"]).contains("removed: 0 traced bands, 0.0 MB"));
     assert!(
-        cache(&["trim", "--limit", "1500kB"]).contains("1 traced bands, 1.0 MB\nremoved: 1 bands, 1.0 MB")
+        cache(&["trim", "--limit", "2500kB"])
+            .contains("1 traced band, depth nodes of 1 band, 2.0 MB\nremoved: 1 traced band, 1.0 MB")
     );
     assert!(lenses.join("b.lens.zip").exists() && !lenses.join("a.lens.zip").exists());
-    assert!(cache(&["clear"]).contains("0 traced bands"));
+    assert!(
+        cache(&["clear"])
+            .contains("0 traced bands, 0.0 MB\nremoved: 1 traced band, depth nodes of 1 band, 2.0 MB")
+    );
+    assert!(!lenses.join("b.nodes.json").exists());
     assert!(lenses.join("other.txt").exists());
 }

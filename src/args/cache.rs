@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  lenscube cache\n  lenscube cache trim --limit 500MB\n  lenscube cache clear\n\
-The cache holds the traced bands of designs, in XDG_CACHE_HOME or ~/.cache. A run with a design trims it to 2 GB; what was used in \
+The cache holds the traced bands of designs, and their depth nodes, in XDG_CACHE_HOME or ~/.cache. A run with a design trims it to 2 GB; what was used in \
 the last hour stays. Removed bands are traced again, about half a second each."
 )]
 pub struct CacheArgs {
@@ -22,10 +22,10 @@ pub struct CacheArgs {
 /// The action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum CacheAction {
-    /// Print directory, number of bands and bytes
+    /// Print directory, number of entries and bytes
     Show,
-    /// Remove the least recently used bands beyond the limit
+    /// Remove the least recently used entries beyond the limit
     Trim,
-    /// Remove all bands
+    /// Remove all entries
     Clear,
 }

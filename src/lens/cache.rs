@@ -6,6 +6,7 @@
 //! Processes that trace the same band at the same time write the same bytes. Entries may be deleted at any time. Wide PSFs are stored as
 //! their pupil functions, a hundredth of the bytes.
 
+pub mod entries;
 mod placements;
 
 use crate::progress::log_line;

@@ -10,7 +10,7 @@ use super::{plots, rotation_error};
 use crate::args::ShowArgs;
 use crate::failure::usage;
 use crate::progress::print;
-use crate::trace::{bytes_of, heights, wavelengths};
+use crate::trace::{heights, wavelengths};
 use anyhow::Result;
 use formats::lens::summary;
 use pipeline::design::ray::Tracer;
@@ -257,13 +257,13 @@ fn tidy_nm(nm: f64) -> f64 {
     (nm * 1e6).round() / 1e6
 }
 
-/// Number and size of the traced bands in the cache.
+/// Number and size of the entries of the cache.
 fn cache_text() -> String {
     let Some(dir) = cache::directory() else { return String::new() };
-    let entries = std::fs::read_dir(&dir).map_or(0, |d| d.flatten().count());
+    let Ok(all) = cache::entries::entries(&dir) else { return String::new() };
     format!(
-        "`lenscube run` traces the bands of the chart and stores them in the cache: now {entries} bands of all designs, {:.0} MB, in {}\n",
-        bytes_of(&dir) as f64 * 1e-6,
+        "`lenscube run` traces the bands of the chart and stores them in the cache: now {}, of all designs, in {}\n",
+        cache::entries::described(&all),
         dir.display()
     )
 }

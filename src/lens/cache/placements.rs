@@ -10,7 +10,7 @@ use pipeline::design::depth::nodes::Placement;
 use serde_json::{Value, json};
 use std::path::Path;
 
-const EXTENSION: &str = ".nodes.json";
+pub(super) const EXTENSION: &str = ".nodes.json";
 
 impl Cache {
     /// Nodes of `recipe`. A damaged entry is removed with a note.
