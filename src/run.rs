@@ -96,9 +96,7 @@ pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> 
     let store = film::open(&job, args)?;
     fault_point("film-opened");
     let code = compute_missing(&Task { args, store: &store, units: None, jsonl, progress, start }, job)?;
-    if design::is_design(&args.lens) {
-        cache::trim_after_run();
-    }
+    trim_cache(args);
     match code {
         0 if args.pyramid => {
             pyramid::make(&store.pyramid(), args.threads, args.memory, args.process.take_over)
@@ -126,7 +124,16 @@ fn run_units(units: &Units, given: &RunCommand, matches: &ArgMatches, jsonl: Opt
     }
     let job = units.job(&args)?;
     fault_point("job-ready");
-    compute_missing(&task, job)
+    let code = compute_missing(&task, job)?;
+    trim_cache(&args);
+    Ok(code)
+}
+
+/// Trims the cache of traced bands after a run with a design.
+fn trim_cache(args: &RunArgs) {
+    if design::is_design(&args.lens) {
+        cache::trim_after_run();
+    }
 }
 
 /// The part of a job that this process computes.
