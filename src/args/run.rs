@@ -8,7 +8,7 @@ use super::values::{azimuths, bytes, keep_bits, odd, positive, roi, storage, thr
 use clap::{Args, ValueEnum};
 use formats::chart::AxisOrder;
 use formats::chart::NanPolicy;
-use formats::film::{Codec, SampleType};
+use formats::film::{Codec, FilmSpec, SampleType};
 use pipeline::field::Outside;
 use pipeline::geometry::Rect;
 use pipeline::resample::{Interp, Surround};
@@ -99,10 +99,10 @@ pub struct RunArgs {
     #[arg(long, value_parser = one_of(DTYPE), default_value = "f32", help_heading = "Film")]
     pub dtype: SampleType,
     /// Shard side in pixels, a multiple of the chunk
-    #[arg(long, default_value_t = 2048, value_parser = storage, help_heading = "Film")]
+    #[arg(long, default_value_t = FilmSpec::SHARD, value_parser = storage, help_heading = "Film")]
     pub shard: usize,
     /// Inner chunk side in pixels
-    #[arg(long, default_value_t = 512, value_parser = storage, help_heading = "Film")]
+    #[arg(long, default_value_t = FilmSpec::CHUNK, value_parser = storage, help_heading = "Film")]
     pub chunk: usize,
     /// Compression of the film; zstd, smaller and slower, for slow or costly storage [default: that of the film if it exists, else lz4]
     #[arg(long, value_parser = one_of(CODEC), help_heading = "Film")]

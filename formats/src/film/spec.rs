@@ -50,7 +50,12 @@ pub struct FilmSpec {
 }
 
 impl FilmSpec {
-    /// A complete film with the default layout: f32, shards of 2048 and chunks of 256 pixels, axis in the middle, relative units.
+    /// Default side of a shard in pixels.
+    pub const SHARD: usize = 2048;
+    /// Default side of a chunk in pixels.
+    pub const CHUNK: usize = 512;
+
+    /// A complete film with the default layout: f32, shards of 2048 and chunks of 512 pixels, axis in the middle, relative units.
     pub fn full_film(film: Size, wavelengths_nm: Vec<f64>, pitch_um: f64) -> Self {
         Self {
             outputs: vec![FilmOutput { name: "film".into(), rect: film.rect() }],
@@ -60,8 +65,8 @@ impl FilmSpec {
             axis_px: ((film.height as f64 - 1.0) / 2.0, (film.width as f64 - 1.0) / 2.0),
             units: "relative".into(),
             sample: SampleType::F32,
-            shard: 2048,
-            chunk: 256,
+            shard: Self::SHARD,
+            chunk: Self::CHUNK,
             codec: Codec::default(),
             keep_bits: None,
             has_invented: false,
