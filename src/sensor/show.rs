@@ -8,6 +8,7 @@ use formats::picture::plot::{Axis, Plot, Series, stacked};
 use formats::picture::style::Colour;
 use formats::sensor::{SensorFile, builtin_names};
 use pipeline::colour::Illuminant;
+use pipeline::geometry::Size;
 use pipeline::sensor::Sensor;
 use pipeline::sensor::emva::Bench;
 use std::path::Path;
@@ -46,7 +47,7 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
         Some(pitch) => format!("{pitch} µm"),
         None => format!("the film's (figures below for {DEFAULT_PITCH_UM} µm)"),
     };
-    let size = p.size.map_or("any".into(), |(h, w)| format!("{h} x {w} px"));
+    let size = p.size.map_or("any".into(), |(h, w)| format!("{} px", Size::new(h, w)));
     let mut lines = vec![
         format!("{}: {}", s.name, s.description),
         format!("  pixels            {pitch}, aperture {} µm, {size}", p.aperture_um),
