@@ -58,10 +58,8 @@ impl UntracedLens {
     /// Focus, gaps or tolerance for a pack; a design that cannot be focused there.
     pub fn open_focused(name: &str, given: &DepthArgs) -> Result<Self> {
         if design::is_design(name) {
-            let hint =
-                "for other glasses, focus or object distance create a lens pack with `lenscube lens trace`";
             let args = DesignArgs { gap: given.gap.clone(), ..DesignArgs::default() };
-            let (mut system, file) = design::open_file(name, &args).context(hint)?;
+            let (mut system, file) = design::open_file(name, &args)?;
             if let Some(focus_m) = given.focus_m {
                 let focused = system.focused_at(1.0 / focus_m, ImagePlane::AsDesigned, 0.0);
                 system = focused.with_context(|| format!("focusing {name} at {focus_m} m"))?;
