@@ -250,7 +250,8 @@ pub(super) fn gap(text: &str) -> Result<Gap, String> {
 /// A distance in m, `inf` allowed.
 pub(super) fn focus_m(text: &str) -> Result<f64, String> {
     let metres = text.trim().parse().ok().filter(|m| bounds::FOCUS_M.contains(*m));
-    metres.ok_or_else(|| format!("`{text}`: expected a distance in m, {} or inf", bounds::FOCUS_M.min))
+    metres
+        .ok_or_else(|| format!("`{text}`: expected a distance in m, {} or more, or inf", bounds::FOCUS_M.min))
 }
 
 /// A range of distances as vergences (farthest, nearest), 1/m.
