@@ -20,8 +20,9 @@ mod report;
 use crate::args::{CompareArgs, check_directory};
 use crate::develop::frame::Frame;
 use crate::develop::{Developer, plain_style};
-use crate::failure::{other_job, usage};
+use crate::failure::usage;
 use crate::job::threads;
+use crate::outputs::check_absent_in;
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::durable::{AtomicFile, create_directories, finish_together};
@@ -45,13 +46,7 @@ pub struct Pair {
 /// Runs the command and returns its exit code.
 pub fn command(args: &CompareArgs) -> Result<u8> {
     check_directory(&args.out)?;
-    let existing = FILES.iter().find(|f| args.out.join(f).exists());
-    if let Some(file) = existing.filter(|_| !args.overwrite) {
-        return Err(other_job(format!(
-            "{} already exists; replace an earlier comparison with --overwrite",
-            args.out.join(file).display()
-        )));
-    }
+    check_absent_in(&args.out, FILES, args.overwrite)?;
     let threads = threads(args.threads);
     let pair = Pair::open(args)?;
     log_line(pair.noise_note());

@@ -7,6 +7,7 @@ mod report;
 use crate::args::DepthReportArgs;
 use crate::failure::code;
 use crate::job::preview::{Opened, Preview};
+use crate::outputs::check_absent;
 use crate::progress::{log_line, print};
 use anyhow::Result;
 use overview::Overview;
@@ -14,6 +15,9 @@ use std::cell::RefCell;
 
 /// Runs the command; the exit code.
 pub fn command(args: &DepthReportArgs) -> Result<u8> {
+    if let Some(path) = &args.plot {
+        check_absent(path, args.overwrite)?;
+    }
     let opened = Opened::new(args)?;
     let overview = RefCell::new(Overview::new(opened.frame.chart, figure::SIDE));
     let (focus, blur_px) = (opened.focus, opened.blur_px());

@@ -8,11 +8,12 @@ pub mod recipe;
 mod shading;
 
 use crate::args::{DevelopArgs, DevelopStyle, ToneArg};
-use crate::failure::{code, other_job, usage};
+use crate::failure::{code, usage};
 use crate::interrupt;
 use crate::job::threads;
 use crate::memory::machine::{default_limit, peak_resident};
 use crate::memory::mib;
+use crate::outputs::check_absent;
 use crate::progress::{counting, log_line};
 use anyhow::{Result, bail};
 use formats::developed::{Developed, write_exr, write_png, write_tiff};
@@ -47,9 +48,7 @@ enum Format {
 pub fn command(args: &DevelopArgs) -> Result<u8> {
     let format = format_of(&args.out)?;
     check_flags(&args.style, format, &args.out)?;
-    if args.out.symlink_metadata().is_ok() && !args.overwrite {
-        return Err(other_job(format!("{} already exists; replace it with --overwrite", args.out.display())));
-    }
+    check_absent(&args.out, args.overwrite)?;
     let cancel = interrupt::cancel_flag_of_removable_output();
     match write(args, format) {
         Err(_) if cancel.load(Relaxed) => {

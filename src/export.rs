@@ -4,11 +4,12 @@ mod data;
 mod stdout;
 
 use crate::args::{ExportArgs, ExportFormatArg};
-use crate::failure::{code, other_job, usage};
+use crate::failure::{code, usage};
 use crate::interrupt;
 use crate::job::{chosen_bands, threads};
 use crate::memory::machine::default_limit;
 use crate::open::{Chart, ChartFlags};
+use crate::outputs::check_absent;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::NanPolicy;
@@ -48,9 +49,7 @@ fn to_file(args: &ExportArgs, file: ExportFormatArg) -> Result<u8> {
         ExportFormatArg::Envi => <[_; 2]>::from(envi_files(args.target())).to_vec(),
         _ => vec![args.target().to_owned()],
     };
-    if let Some(path) = outputs.iter().find(|p| p.symlink_metadata().is_ok()).filter(|_| !args.overwrite) {
-        return Err(other_job(format!("{} already exists; replace it with --overwrite", path.display())));
-    }
+    outputs.iter().try_for_each(|path| check_absent(path, args.overwrite))?;
     let cancel = interrupt::cancel_flag_of_removable_output();
     match write(args, file, cancel) {
         Err(_) if cancel.load(Relaxed) => {

@@ -24,6 +24,7 @@ mod manual;
 mod measure;
 mod memory;
 mod open;
+mod outputs;
 mod plan;
 mod progress;
 mod pyramid;

@@ -1,7 +1,8 @@
 //! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other.
 
 use crate::args::{Cli, Command, ProgressArg, RunArgs, ShootArgs, check_directory};
-use crate::failure::{other_job, replacing_other_job, usage};
+use crate::failure::{replacing_other_job, usage};
+use crate::outputs::check_absent;
 use crate::progress::log_line;
 use crate::{develop, run, sensor};
 use anyhow::{Context, Result};
@@ -32,9 +33,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
              field, or give a lens pack traced with --focus-m",
         ));
     }
-    if args.out.symlink_metadata().is_ok() && !args.overwrite {
-        return Err(other_job(format!("{out} already exists; replace it with --overwrite")));
-    }
+    check_absent(&args.out, args.overwrite)?;
     let directory = directory(args);
     check_directory(&directory)?;
     formats::durable::create_directories(&directory, true)?;

@@ -125,6 +125,9 @@ fn the_figure_has_three_panels() {
         assert!(figure.contains(&format!(">{words}")), "{words}");
     }
     assert_eq!(figure.matches("<image").count(), 3);
+    let again = ["--outside", "clamp", "--plot", text(&svg)];
+    assert_exit(&report(&depth, &again), 3, &["depth.svg already exists", "--overwrite"]);
+    report(&depth, &[&again[..], &["--overwrite"]].concat()).ok();
 }
 
 #[test]

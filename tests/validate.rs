@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{CommandResult, lenscube, text};
+use common::{CommandResult, assert_exit, lenscube, text};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -140,6 +140,14 @@ fn measure_reports_edges_points_and_profiles_of_a_chart() {
     {
         assert!(svg.contains(word), "{word}");
     }
+
+    // Another file is not replaced, and nothing is measured before that is known.
+    let written = fs::read_to_string(&csv).unwrap();
+    let again = ["measure", chart, "--edge", "222,157,212,277", "--csv", text(&csv)];
+    let ran = lenscube(&again);
+    assert_exit(&ran, 3, &["edge.csv already exists", "--overwrite"]);
+    assert_eq!((ran.stdout.as_str(), fs::read_to_string(&csv).unwrap()), ("", written));
+    lenscube(&[&again[..], &["--overwrite"]].concat()).ok();
 
     let points = "gen:points?size=301&count=3&overscan=10&wavelengths=550";
     let ran = lenscube(&["measure", points, "--points", "161,159;16.5,17", "--half-px", "8"]).ok();

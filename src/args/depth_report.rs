@@ -46,6 +46,9 @@ pub struct DepthReportArgs {
     /// Draw depth, blur radius, and slabs of each tile into this file: .png or .svg
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
+    /// Replace an existing figure
+    #[arg(long, requires = "plot")]
+    pub overwrite: bool,
     /// Colours of the figure
     #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
     pub style: Style,

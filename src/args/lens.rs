@@ -59,6 +59,9 @@ pub struct ListArgs {
 }
 
 /// `lenscube lens convert`
+    /// Replace existing figures
+    #[arg(long, requires = "plot")]
+    pub overwrite: bool,
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
     /// Design file, or name of a built-in design
@@ -70,6 +73,9 @@ pub struct ConvertArgs {
     /// Parameters of the design.
     #[command(flatten)]
     pub parameters: DesignArgs,
+    /// Replace existing files
+    #[arg(long)]
+    pub overwrite: bool,
 }
 
 /// `lenscube lens show`
@@ -101,6 +107,9 @@ pub struct ShowArgs {
     /// Colours of figures
     #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
     pub style: Style,
+    /// Replace existing figures
+    #[arg(long, requires = "plot")]
+    pub overwrite: bool,
     /// Spatial frequencies of the MTF against field, line pairs per mm
     #[arg(long, value_name = "F,…", value_parser = bounded(bounds::FREQUENCY_LP_MM), value_delimiter = ',', default_value = "10,20,40")]
     pub lp_mm: Vec<f64>,

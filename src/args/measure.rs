@@ -47,6 +47,9 @@ pub struct MeasureArgs {
     /// Write a plot of the curves, PNG or SVG by the extension
     #[arg(long, alias = "svg", value_name = "FILE", conflicts_with = "points")]
     pub plot: Option<PathBuf>,
+    /// Replace existing files
+    #[arg(long)]
+    pub overwrite: bool,
     /// Colours of figures
     #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
     pub style: Style,

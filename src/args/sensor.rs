@@ -52,6 +52,9 @@ pub struct SensorShowArgs {
     /// Write figures of quantum efficiency and signal-to-noise ratio into this directory
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
+    /// Replace existing figures
+    #[arg(long, requires = "plot")]
+    pub overwrite: bool,
 }
 
 /// `lenscube sensor validate`.
@@ -67,6 +70,9 @@ pub struct SensorValidateArgs {
     /// Write figures and the measured points into this directory
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Replace existing files there
+    #[arg(long, requires = "out")]
+    pub overwrite: bool,
     /// End with exit code 4 if a figure is outside its tolerance
     #[arg(long)]
     pub require: bool,

@@ -11,6 +11,7 @@ use crate::args::ImageArgs;
 use crate::failure::usage;
 use crate::job::threads;
 use crate::memory::machine::default_limit;
+use crate::outputs::check_absent;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::exr::ExrContent;
@@ -69,10 +70,7 @@ impl ChartSource for IlluminatedPicture {
 pub fn command(args: &ImageArgs) -> Result<()> {
     let light: Illuminant =
         args.illuminant.parse().map_err(|e| usage(format!("--illuminant {}: {e}", args.illuminant)))?;
-    if !args.overwrite && args.out.symlink_metadata().is_ok() {
-        let out = args.out.display();
-        return Err(crate::failure::other_job(format!("{out} already exists; replace it with --overwrite")));
-    }
+    check_absent(&args.out, args.overwrite)?;
     let file = ImageFile::open(&args.file)?;
     file.notes().iter().for_each(|note| log_line(format!("note: {note}")));
     let (scale, exposure) = match args.scale_to {

@@ -2,8 +2,9 @@
 
 use crate::args::ConvertArgs;
 use crate::design;
-use crate::failure::{other_job, usage};
-use crate::progress::log_line;
+use crate::failure::usage;
+use crate::outputs::check_absent;
+use crate::progress::{log_line, plural};
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, finish_together};
 use pipeline::design::{optiland, table, zmx};
@@ -19,7 +20,7 @@ pub fn command(args: &ConvertArgs) -> Result<()> {
     if !matches!(extension.as_str(), "zmx" | "csv" | "json") {
         return Err(usage(format!("{}: expected a file ending with .zmx, .csv or .json", out.display())));
     }
-    check_absent(out)?;
+    check_absent(out, args.overwrite)?;
     let system = design::open_unchecked(&args.design, &args.parameters)?;
     for note in &system.notes {
         log_line(format!("note: {note}"));
@@ -36,7 +37,7 @@ pub fn command(args: &ConvertArgs) -> Result<()> {
     let (mut files, mut lines) = (Vec::new(), Vec::new());
     if let Some(catalogue) = &written.catalogue {
         let path = out.with_file_name(format!("{own}.agf"));
-        check_absent(&path)?;
+        check_absent(&path, args.overwrite)?;
         files.push(AtomicFile::with_text(&path, catalogue)?);
         lines.push(format!("{}: glasses that are not built in, for {}", path.display(), out.display()));
     }
@@ -46,11 +47,4 @@ pub fn command(args: &ConvertArgs) -> Result<()> {
     lines.push(format!("{}: {} surfaces", out.display(), system.surfaces.len()));
     lines.iter().for_each(log_line);
     Ok(())
-}
-
-fn check_absent(path: &Path) -> Result<()> {
-    match path.symlink_metadata() {
-        Ok(_) => Err(other_job(format!("{} exists; remove it or give another name", path.display()))),
-        Err(_) => Ok(()),
-    }
 }

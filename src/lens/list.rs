@@ -1,7 +1,9 @@
 //! `lenscube lens list`: the built-in lenses.
 
 use super::cross_section::cross_section;
+use super::plots::EXTENSIONS;
 use crate::args::ListArgs;
+use crate::outputs::check_absent_in;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, finish_together};
@@ -15,6 +17,8 @@ use std::path::Path;
 /// Runs the command.
 pub fn command(args: &ListArgs) -> Result<()> {
     if let Some(dir) = &args.plot {
+        let files = LENSES.iter().flat_map(|lens| EXTENSIONS.map(|e| format!("{}.{e}", lens.name)));
+        check_absent_in(dir, files, args.overwrite)?;
         draw(dir)?;
     }
     let (mut rows, mut values) = (String::new(), Vec::new());
@@ -54,7 +58,7 @@ fn draw(dir: &Path) -> Result<()> {
     let mut files = Vec::new();
     for lens in LENSES {
         let figure = cross_section(&lens.system())?.figure(Style::Light);
-        for extension in ["svg", "png"] {
+        for extension in EXTENSIONS {
             files.push(figure.file(&dir.join(format!("{}.{extension}", lens.name)))?);
         }
     }

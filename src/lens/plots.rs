@@ -11,6 +11,7 @@ use super::curves::{against_height, height_axis, mtf_field, mtf_frequency, nodes
 use super::psf_figure::psf_figure;
 use super::samples::{LensData, evenly_spaced, nearest};
 use super::spot_figure::spot_figure;
+use crate::outputs::check_absent_in;
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::durable::{create_directories, finish_together};
@@ -19,10 +20,33 @@ use formats::picture::style::Style;
 use pipeline::lens::LensBand;
 use std::path::Path;
 
+/// Formats of a figure.
+pub const EXTENSIONS: [&str; 2] = ["svg", "png"];
+/// Figures of any lens.
+const FIGURES: [&str; 8] = [
+    "relative-illumination",
+    "distortion",
+    "lateral-colour",
+    "mtf-field",
+    "mtf-frequency",
+    "nodes",
+    "encircled-energy",
+    "psf",
+];
+/// Further figures of a design.
+const DESIGN_FIGURES: [&str; 6] = ["layout", "field-curvature", "mtf-focus", "ray-fans", "opd-fans", "spots"];
+
 /// Heights of the MTF against field.
 const MTF_HEIGHTS: usize = 25;
 
-/// Writes all figures that `lens` has data for into `dir`.
+/// Fails (exit code 3) if [`write()`] would replace a file, unless `overwrite`.
+pub fn check_absent(dir: &Path, lens: &LensData, overwrite: bool) -> Result<()> {
+    let more = if matches!(lens, LensData::Design(..)) { &DESIGN_FIGURES[..] } else { &[] };
+    let names = FIGURES.iter().chain(more).flat_map(|name| EXTENSIONS.map(|e| format!("{name}.{e}")));
+    check_absent_in(dir, names, overwrite)
+}
+
+/// Writes all figures that `lens` has data for into `dir`: [`FIGURES`], and [`DESIGN_FIGURES`] of a design.
 pub fn write(
     dir: &Path,
     lens: &LensData,
@@ -84,7 +108,7 @@ pub fn write(
     }
     let mut files = Vec::new();
     for (file, figure) in &figures {
-        for extension in ["svg", "png"] {
+        for extension in EXTENSIONS {
             files.push(figure.file(&dir.join(format!("{file}.{extension}")))?);
         }
     }

@@ -29,6 +29,9 @@ const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Runs the command.
 pub fn command(args: &ShowArgs) -> Result<()> {
     let lens = LensData::open(&args.lens, &args.design)?;
+    if let Some(dir) = &args.plot {
+        plots::check_absent(dir, &lens, args.overwrite)?;
+    }
     let nm = match &args.wavelengths {
         Some(text) => wavelengths(text)?,
         None if args.all_bands => lens.wavelengths_nm(),

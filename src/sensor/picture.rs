@@ -6,9 +6,10 @@
 use super::resolve::Plan;
 use crate::args::ExposeArgs;
 use crate::develop::frame::Frame;
-use crate::failure::{code, other_job, replacing_other_job, usage};
+use crate::failure::{code, replacing_other_job, usage};
 use crate::interrupt;
 use crate::job::threads;
+use crate::outputs::check_absent;
 use crate::progress::{counting, log_line};
 use anyhow::{Result, anyhow, bail};
 use formats::developed::{Developed, write_png, write_tiff};
@@ -73,9 +74,7 @@ pub fn command(
             out.with_extension("zarr").display()
         )));
     }
-    if out.symlink_metadata().is_ok() && !args.overwrite {
-        return Err(other_job(format!("{shown} already exists; replace it with --overwrite")));
-    }
+    check_absent(out, args.overwrite)?;
     let plan = Plan::new(args, film)?;
     let rect = plan.outputs[0].rect;
     if format == FileFormat::Dng {

@@ -2,6 +2,7 @@
 
 use super::open_sensor;
 use crate::args::{SensorShowArgs, check_directory};
+use crate::outputs::check_absent_in;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series, stacked};
@@ -16,6 +17,9 @@ use std::path::Path;
 /// Film pitch for sensors that have the film's.
 const DEFAULT_PITCH_UM: f64 = 2.0;
 
+/// Files of [`plots`].
+pub const FIGURES: [&str; 3] = ["quantum-efficiency.png", "signal-to-noise.png", "patches.png"];
+
 /// Lists the built-in sensors.
 pub fn list() -> Result<()> {
     for name in builtin_names() {
@@ -29,6 +33,9 @@ pub fn list() -> Result<()> {
 
 /// Shows one sensor.
 pub fn show(args: &SensorShowArgs) -> Result<()> {
+    if let Some(directory) = &args.plot {
+        check_absent_in(directory, FIGURES, args.overwrite)?;
+    }
     let file = open_sensor(&args.sensor, &args.set)?;
     let sensor = file.sensor(DEFAULT_PITCH_UM);
     figures(&file, &sensor).iter().for_each(print);
@@ -110,7 +117,7 @@ pub fn peak(sensor: &Sensor, channel: usize) -> (f64, f64) {
         .fold((first, 0.0), |best, new| if new.1 > best.1 { new } else { best })
 }
 
-/// Figures of quantum efficiency and signal-to-noise ratio.
+/// Writes [`FIGURES`]: quantum efficiency, signal-to-noise ratio, colours of a ColorChecker.
 pub fn plots(s: &Sensor, directory: &Path) -> Result<()> {
     check_directory(directory)?;
     std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;

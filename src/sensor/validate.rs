@@ -1,9 +1,10 @@
 //! `lenscube sensor validate`: EMVA 1288 on the sensor itself, against its description.
 
 use super::open_sensor;
-use super::show::{bench, write};
+use super::show::{FIGURES, bench, write};
 use crate::args::{SensorValidateArgs, check_directory};
 use crate::failure::code;
+use crate::outputs::check_absent_in;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series};
@@ -11,6 +12,17 @@ use formats::picture::style::Colour;
 use pipeline::sensor::emva::{Bench, DITHERED_DN, FRAME, Measured, SPATIAL_FRAMES, Stated};
 use std::fmt::Write as _;
 use std::path::Path;
+
+/// Files of a report, beside [`FIGURES`].
+const FILES: [&str; 7] = [
+    "photon-transfer.csv",
+    "figures.csv",
+    "photon-transfer.png",
+    "dsnu-histogram.png",
+    "dsnu-map.png",
+    "prnu-histogram.png",
+    "prnu-map.png",
+];
 
 /// A measured figure and the stated one.
 struct Row {
@@ -29,6 +41,9 @@ impl Row {
 
 /// Runs the command; the exit code.
 pub fn command(args: &SensorValidateArgs) -> Result<u8> {
+    if let Some(directory) = &args.out {
+        check_absent_in(directory, FILES.iter().chain(&FIGURES), args.overwrite)?;
+    }
     let file = open_sensor(&args.sensor, &args.set)?;
     let sensor = file.sensor(2.0);
     let bench = bench(&sensor, args.seed, args.die);

@@ -154,6 +154,20 @@ fn show_design_prints_system_data_and_writes_plots() {
         let png = fs::read(plots.join(format!("{file}.png"))).unwrap();
         assert!(png.starts_with(b"\x89PNG"), "{file}");
     }
+    assert_eq!(fs::read_dir(&plots).unwrap().count(), 2 * 14);
+    let again = [&["lens", "show", "double-gauss-28"], &small[..]].concat();
+    let ran = lenscube(&again);
+    assert_exit(&ran, OTHER_JOB, &["relative-illumination.svg already exists", "--overwrite"]);
+    assert_eq!(ran.stdout, "");
+    // Only what would be replaced is in the way.
+    fs::remove_dir_all(&plots).unwrap();
+    fs::create_dir(&plots).unwrap();
+    fs::write(plots.join("mine.svg"), "mine").unwrap();
+    fs::write(plots.join("spots.png"), "mine").unwrap();
+    assert_exit(&lenscube(&again), OTHER_JOB, &["spots.png already exists"]);
+    lenscube(&[&again[..], &["--overwrite"]].concat()).ok();
+    assert_eq!(fs::read(plots.join("mine.svg")).unwrap(), b"mine");
+    assert!(fs::read(plots.join("spots.png")).unwrap().starts_with(b"\x89PNG"));
 }
 
 #[test]
@@ -170,6 +184,7 @@ fn list_draws_every_built_in_lens() {
         assert!(fs::read(shelf.join(format!("{name}.png"))).unwrap().starts_with(b"\x89PNG"), "{name}");
     }
     assert_eq!(fs::read_dir(&shelf).unwrap().count(), 2 * names.len());
+    assert_exit(&lenscube(&["lens", "list", "--plot", text(&shelf)]), OTHER_JOB, &["already exists"]);
 }
 
 #[test]

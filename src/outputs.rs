@@ -1,0 +1,22 @@
+//! Files that a command writes where the user says: one that exists is replaced with `--overwrite` only.
+
+use crate::failure::other_job;
+use anyhow::Result;
+use std::path::Path;
+
+/// Fails (exit code 3) if something exists at `path`, unless `overwrite`.
+pub fn check_absent(path: &Path, overwrite: bool) -> Result<()> {
+    match overwrite || path.symlink_metadata().is_err() {
+        true => Ok(()),
+        false => Err(other_job(format!("{} already exists; replace it with --overwrite", path.display()))),
+    }
+}
+
+/// As [`check_absent`], of files in a directory.
+pub fn check_absent_in(
+    directory: &Path,
+    names: impl IntoIterator<Item = impl AsRef<Path>>,
+    overwrite: bool,
+) -> Result<()> {
+    names.into_iter().try_for_each(|name| check_absent(&directory.join(name), overwrite))
+}
