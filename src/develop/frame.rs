@@ -39,33 +39,39 @@ pub fn split_group(spec: &str) -> (&str, &str) {
     }
 }
 
+/// Index of the array `array` of the film or raw (`kind`) at `path`, which has the arrays `names`; the only one if `array` is empty.
+///
+/// # Errors
+/// Usage: no such array; several arrays and no name.
+pub fn array_index(kind: &str, path: &str, names: &[&str], array: &str) -> Result<usize> {
+    let list = names.join(", ");
+    match (array, names.len()) {
+        ("", 1) => Ok(0),
+        ("", _) => {
+            Err(usage(format!("{kind} {path} has the arrays {list}; name one, e.g. {path}//{}", names[0])))
+        }
+        (name, _) => names
+            .iter()
+            .position(|n| *n == name)
+            .ok_or_else(|| usage(format!("{kind} {path} has no array `{name}`; it has {list}"))),
+    }
+}
+
 impl Frame {
     /// Opens frame `frame` of the raw `PATH` or `PATH//array`, with a cache of decoded chunks.
     ///
     /// # Errors
     /// No raw, no such array or frame, no sensor (2); missing shards (1).
     pub fn open(spec: &str, frame: usize, cache_bytes: usize) -> Result<Self> {
-        let (path, array) = split_group(spec);
-        let path = Path::new(path);
+        let (name, array) = split_group(spec);
+        let path = Path::new(name);
         let raw = RawStore::open(path, true).map_err(|e| match e {
             formats::group::GroupError::NotOfKind { .. } => usage(e.to_string()),
             e => e.into(),
         })?;
         let layout = raw.spec().clone();
         let names: Vec<&str> = layout.outputs.iter().map(|o| o.name.as_str()).collect();
-        let output = match (array, names.len()) {
-            ("", 1) => 0,
-            ("", _) => {
-                let list = names.join(", ");
-                return Err(usage(format!(
-                    "raw {spec} has the arrays {list}; name one, e.g. {spec}//{}",
-                    names[0]
-                )));
-            }
-            (name, _) => names.iter().position(|n| *n == name).ok_or_else(|| {
-                usage(format!("raw {} has no array `{name}`; it has {}", path.display(), names.join(", ")))
-            })?,
-        };
+        let output = array_index("raw", name, &names, array)?;
         let frames = layout.exposure_s.len();
         if frame >= frames {
             return Err(usage(format!(

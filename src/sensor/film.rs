@@ -1,7 +1,7 @@
 //! The film as input of the sensor: complete, its bands in order of wavelength, its values as spectral irradiance.
 
 use crate::args::ExposeArgs;
-use crate::develop::frame::split_group;
+use crate::develop::frame::{array_index, split_group};
 use crate::failure::usage;
 use crate::light_units::{self, Quantity};
 use crate::status;
@@ -77,21 +77,8 @@ impl Film {
         let (path, array) = split_group(spec);
         let store = status::open(Path::new(path))?;
         let film = store.spec();
-        let output = match (array, film.outputs.len()) {
-            ("", 1) => 0,
-            ("", _) => {
-                let names: Vec<&str> = film.outputs.iter().map(|o| o.name.as_str()).collect();
-                return Err(usage(format!(
-                    "film {path} has the arrays {}; name one, e.g. {path}//{}",
-                    names.join(", "),
-                    names[0]
-                )));
-            }
-            (name, _) => film.outputs.iter().position(|o| o.name == name).ok_or_else(|| {
-                let names: Vec<&str> = film.outputs.iter().map(|o| o.name.as_str()).collect();
-                usage(format!("film {path} has no array `{name}`; it has {}", names.join(", ")))
-            })?,
-        };
+        let names: Vec<&str> = film.outputs.iter().map(|o| o.name.as_str()).collect();
+        let output = array_index("film", path, &names, array)?;
         check_complete(&store, output)?;
         let name = film.outputs[output].name.clone();
         let (order, wavelengths_nm) = in_order(&film.wavelengths_nm, path)?;

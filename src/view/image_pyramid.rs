@@ -5,6 +5,7 @@
 //! gamma, so a tile is summed once for all exposures.
 
 use super::mosaic::Mosaic;
+use crate::develop::frame::array_index;
 use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::{Context, Result, bail};
@@ -79,12 +80,7 @@ pub fn open_film(spec: &str) -> Result<Option<(FilmStore, usize)>> {
         other => other?,
     };
     let names: Vec<&str> = store.spec().outputs.iter().map(|o| o.name.as_str()).collect();
-    let output = match array {
-        "" => 0,
-        name => names.iter().position(|n| *n == name).ok_or_else(|| {
-            usage(format!("film {path} has no array `{name}`; its arrays are {}", names.join(", ")))
-        })?,
-    };
+    let output = array_index("film", path, &names, array)?;
     Ok(Some((store, output)))
 }
 
