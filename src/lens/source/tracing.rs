@@ -183,13 +183,14 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         ));
     }
     let tolerance = TraceOptions::new(Vec::new(), 0.0).psf_tolerance;
-    if coarsest.0 > tolerance {
+    let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+    if coarsest.0 > tolerance && percent(coarsest.0) != percent(tolerance) {
         notes.push(format!(
-            "kernels between PSF nodes have errors up to {:.1} % (at {} nm) instead of {:.0} %, because a band has at most {MAX_NODES} nodes; \
+            "kernels between PSF nodes have errors up to {} (at {} nm) instead of {}, because a band has at most {MAX_NODES} nodes; \
              `lenscube lens trace --max-nodes` makes a finer lens pack",
-            100.0 * coarsest.0,
+            percent(coarsest.0),
             coarsest.1,
-            100.0 * tolerance
+            percent(tolerance)
         ));
     }
     let lens = lens.context("the chart has no band")?;
