@@ -41,8 +41,8 @@ pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};
 pub use import::ImportArgs;
 pub use lens::{
-    ConvertArgs, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ListArgs, ShowArgs, Store,
-    TraceArgs,
+    ConvertArgs, DESIGN_FILES, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ListArgs,
+    ShowArgs, Store, TraceArgs,
 };
 pub use manual::{CompletionsArgs, ManArgs};
 pub use measure::MeasureArgs;

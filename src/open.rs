@@ -2,6 +2,7 @@
 
 mod access;
 
+use crate::args::DESIGN_FILES;
 use crate::design;
 use crate::failure::usage;
 use anyhow::Result;
@@ -219,7 +220,7 @@ pub fn lens(name: &str) -> Result<LensPack> {
     if !path.exists() && !name.contains(['/', '.']) {
         let known: Vec<_> = design::builtin_names().chain(builtin_names()).collect();
         return Err(usage(format!(
-            "`{name}` is neither a lens pack nor a built-in lens; give the path of a *.lens.zarr, its .zip or a design (.zmx, .seq, .csv, .zar, .json); built-in lenses: {}",
+            "`{name}` is neither a lens pack nor a built-in lens; give the path of a *.lens.zarr, its .zip or a design ({DESIGN_FILES}); built-in lenses: {}",
             known.join(", ")
         )));
     }

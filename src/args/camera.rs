@@ -1,7 +1,7 @@
 //! `lenscube lens camera`.
 
 use super::choices::{RENDERER, one_of};
-use super::lens::{Depths, DesignArgs, depths, focus_m};
+use super::lens::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::values::{pitch, size};
 use clap::Args;
 use pipeline::geometry::Size;
@@ -14,8 +14,8 @@ The picture of this camera, with its depth, is the CHART of `lenscube run CHART 
 elsewhere, or of another focal length, is a different picture, which nothing detects."
 )]
 pub struct CameraArgs {
-    /// Design file (.zmx, .seq, .csv, .zar, .json), or name of a built-in design (`lens list`)
-    #[arg(value_name = "DESIGN")]
+    /// Design file, or name of a built-in design
+    #[arg(value_name = "DESIGN", help = format!("Design file ({DESIGN_FILES}), or name of a built-in design (`lens list`)"))]
     pub design: String,
     /// Object distance in focus, m from the entrance pupil, or inf [default: the film of the design]
     #[arg(long, value_name = "M", value_parser = focus_m, conflicts_with = "object_distance_mm")]

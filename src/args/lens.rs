@@ -10,6 +10,9 @@ use pipeline::bounds;
 use pipeline::design::system::RayAiming;
 use std::path::PathBuf;
 
+/// Extensions of design files, for help and messages.
+pub const DESIGN_FILES: &str = ".zmx, .seq, .len, .csv, .zar, .json";
+
 /// `lenscube lens`
 #[derive(Debug, Args)]
 #[command(
@@ -56,12 +59,12 @@ pub struct ListArgs {
     /// Write a cross-section of each lens with rays into this directory: NAME.svg and NAME.png
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
-}
-
-/// `lenscube lens convert`
     /// Replace existing figures
     #[arg(long, requires = "plot")]
     pub overwrite: bool,
+}
+
+/// `lenscube lens convert`
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
     /// Design file, or name of a built-in design
@@ -70,23 +73,23 @@ pub struct ConvertArgs {
     /// File to write: .zmx, .csv or .json
     #[arg(value_name = "OUT")]
     pub out: PathBuf,
-    /// Parameters of the design.
-    #[command(flatten)]
-    pub parameters: DesignArgs,
     /// Replace existing files
     #[arg(long)]
     pub overwrite: bool,
+    /// Parameters of the design.
+    #[command(flatten)]
+    pub parameters: DesignArgs,
 }
 
 /// `lenscube lens show`
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  lenscube lens show double-gauss-28 --plot pictures\n  \
 lenscube lens show my.lens.zarr --all-bands\n  lenscube lens show my.zmx --wavelengths 450:650:50 --json\n\
-A design (.zmx, CODE V .seq, lens table .csv, .zar archive, Optiland .json, or a built-in name) is traced; of a pack the tables are shown. `run` traces double-gauss-28 at the \
+A design (.zmx, CODE V .seq, OSLO .len, lens table .csv, .zar archive, Optiland .json, or a built-in name) is traced; of a pack the tables are shown. `run` traces double-gauss-28 at the \
 wavelengths of the chart; the built-in pack double-gauss-28-npz has tables of the same lens made with other software.")]
 pub struct ShowArgs {
-    /// Lens pack (directory or .zip, also at a URL), design file (.zmx, .seq, .csv, .zar, .json), or name of a built-in lens
-    #[arg(value_name = "PACK|DESIGN")]
+    /// Lens pack, design file, or name of a built-in lens
+    #[arg(value_name = "PACK|DESIGN", help = format!("Lens pack (directory or .zip, also at a URL), design file ({DESIGN_FILES}), or name of a built-in lens"))]
     pub lens: String,
     /// Wavelengths to show, nm [default: those of the design; some of those of the pack]
     #[arg(long, value_name = "NM")]
@@ -104,12 +107,12 @@ pub struct ShowArgs {
     /// also spots, ray and OPD fans, field curvature, MTF through focus, cross-section
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
-    /// Colours of figures
-    #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
-    pub style: Style,
     /// Replace existing figures
     #[arg(long, requires = "plot")]
     pub overwrite: bool,
+    /// Colours of figures
+    #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
+    pub style: Style,
     /// Spatial frequencies of the MTF against field, line pairs per mm
     #[arg(long, value_name = "F,…", value_parser = bounded(bounds::FREQUENCY_LP_MM), value_delimiter = ',', default_value = "10,20,40")]
     pub lp_mm: Vec<f64>,
@@ -124,8 +127,8 @@ pub struct ShowArgs {
     after_help = "Example:\n  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650"
 )]
 pub struct DiffArgs {
-    /// Lens pack (also at a URL), design file (.zmx, .seq, .csv, .zar, .json), or name of a built-in lens
-    #[arg(value_name = "A")]
+    /// Lens pack, design file, or name of a built-in lens
+    #[arg(value_name = "A", help = format!("Lens pack (also at a URL), design file ({DESIGN_FILES}), or name of a built-in lens"))]
     pub a: String,
     /// The other lens
     #[arg(value_name = "B")]
@@ -185,8 +188,8 @@ pub struct DesignArgs {
 #[command(after_help = "Examples:\n  lenscube lens trace double-gauss-28 dg.lens.zarr\n  \
 lenscube lens trace my.zmx my.lens.zarr --wavelengths 450:650:50 --max-height-mm 21.6 --image-plane rms")]
 pub struct TraceArgs {
-    /// Design file (.zmx, .seq, .csv, .zar, .json), or name of a built-in design (`lens list`)
-    #[arg(value_name = "DESIGN")]
+    /// Design file, or name of a built-in design
+    #[arg(value_name = "DESIGN", help = format!("Design file ({DESIGN_FILES}), or name of a built-in design (`lens list`)"))]
     pub design: String,
     /// Lens pack to write, a directory or a .zip
     #[arg(value_name = "OUT.lens.zarr")]

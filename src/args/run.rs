@@ -3,6 +3,7 @@
 use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, one_of};
 use super::depth::DepthArgs;
 use super::device::{Device, EngineArg};
+use super::lens::DESIGN_FILES;
 use super::placement::PlacementArgs;
 use super::values::{azimuths, bytes, keep_bits, odd, positive, roi, storage, threads, unit};
 use clap::{Args, ValueEnum};
@@ -24,9 +25,11 @@ pub struct RunArgs {
     /// Film to write, a Zarr v3 group, local or at s3://BUCKET/PREFIX
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// Lens pack (directory or .zip, also at a URL), design (.zmx) to trace at the chart's wavelengths, or name of a built-in lens.
-    /// A file with the name of a built-in lens is given as ./NAME
-    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28", help_heading = "Lens")]
+    /// Lens pack, design to trace at the chart's wavelengths, or name of a built-in lens.
+    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28", help_heading = "Lens", help = format!(
+        "Lens pack (directory or .zip, also at a URL), design ({DESIGN_FILES}) to trace at the chart's wavelengths, or name of a built-in lens. \
+         A file with the name of a built-in lens is given as ./NAME"
+    ))]
     pub lens: String,
     /// Array of the chart's file or store, the same as CHART//NAME
     #[arg(long, value_name = "NAME", conflicts_with = "chart_shape", help_heading = "Chart")]

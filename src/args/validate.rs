@@ -2,6 +2,7 @@
 
 use super::choices::{STYLE, one_of};
 use super::device::{Device, EngineArg};
+use super::lens::DESIGN_FILES;
 use super::values::{bytes, number, pitch, threads};
 use clap::Args;
 use formats::picture::style::Style;
@@ -14,8 +15,8 @@ lenscube validate --lens my.lens.zarr --against my.zmx --wavelengths 450,550,650
 lenscube validate --out report --require ri=0.9999,distortion=0.01,esf=0.999\n\
 The report is report/report.html; curves are in report/curves as CSV, figures in report/summary.json.")]
 pub struct ValidateArgs {
-    /// Lens of the simulation: pack, design (.zmx) or name of a built-in lens
-    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
+    /// Lens of the simulation: pack, design or name of a built-in lens
+    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28", help = format!("Lens of the simulation: pack, design ({DESIGN_FILES}) or name of a built-in lens"))]
     pub lens: String,
     /// Lens whose data the films are compared with [default: the same lens]
     #[arg(long, value_name = "NAME|PACK|DESIGN")]

@@ -75,7 +75,7 @@ pub enum ProgressArg {
 #[command(after_help = "Examples:\n  lenscube plan chart.zarr film.zarr -o job.json\n  \
 sbatch --array=0-30 --wrap 'lenscube run --plan job.json --unit env:SLURM_ARRAY_TASK_ID'\n  \
 lenscube run --plan job.json --unit $(lenscube status --plan job.json --missing)\n\
-A plan is not changed once written: units may be computed in any order, on any host, more than once. A design (.zmx, or a \
+A plan is not changed once written: units may be computed in any order, on any host, more than once. A design (a file, or a \
 built-in lens) is traced here for all bands, into XDG_CACHE_HOME or ~/.cache; workers without this \
 directory trace the bands of their units again, about half a second each. --lens-pack stores the traced bands in a file instead.")]
 pub struct PlanArgs {

@@ -7,7 +7,7 @@ use pipeline::design::zar::{self, Member};
 use pipeline::design::{DesignError, ReadOptions, System, codev, optiland, oslo, table, text, zmx};
 use std::path::Path;
 
-/// Extensions of designs, in lower case.
+/// Extensions of designs, in lower case; those that are read are listed in [`crate::args::DESIGN_FILES`], `.zos` is an error.
 const EXTENSIONS: [&str; 7] = ["zmx", "seq", "len", "csv", "json", "zar", "zos"];
 
 /// Maximum size of the text of a design; a lens of a thousand surfaces has less than 1 MB.
@@ -114,4 +114,16 @@ fn format_of_len(bytes: &[u8]) -> Result<Format> {
     let is_oslo =
         |line: &str| line.starts_with("// OSLO") || line.trim_start().to_uppercase().starts_with("LEN NEW");
     Ok(if text.lines().take(20).any(is_oslo) { Format::Oslo } else { Format::CodeV })
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn extensions_that_are_read_are_those_of_the_help() {
+        let mut named: Vec<&str> = crate::args::DESIGN_FILES.split(", ").chain([".zos"]).collect();
+        let mut own: Vec<String> = super::EXTENSIONS.iter().map(|e| format!(".{e}")).collect();
+        named.sort_unstable();
+        own.sort_unstable();
+        assert_eq!(named, own);
+    }
 }

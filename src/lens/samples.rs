@@ -1,6 +1,6 @@
 //! Tables and PSFs of a lens at some wavelengths and heights, read from a pack or traced from a design.
 
-use crate::args::DesignArgs;
+use crate::args::{DESIGN_FILES, DesignArgs};
 use crate::design;
 use crate::failure::usage;
 use crate::open;
@@ -94,7 +94,7 @@ impl LensData {
         if *args != DesignArgs::default() {
             return Err(usage(format!(
                 "`{name}` is a lens pack with a fixed film plane and object distance; the flags for film plane, object, aiming \
-                 and glasses apply to designs only (.zmx, .seq, .csv, .zar, .json, {} and other built-in ones)",
+                 and glasses apply to designs only ({DESIGN_FILES}, {} and other built-in ones)",
                 design::BUILTIN
             )));
         }

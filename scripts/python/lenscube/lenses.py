@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def lens(name: PathLike, **flags: "Unpack[f.LensShow]") -> dict[str, Any]:
-    """Figures of a lens: a built-in name, a design (.zmx, .seq, .csv, .zar, .json) or a lens pack.
+    """Figures of a lens: a built-in name, a design (.zmx, .seq, .len, .csv, .zar, .json) or a lens pack.
 
     Focal lengths and positions in mm, wavelengths in nm, angles in degrees, relative illumination from 0 to 1, as the names of the fields say.
     plot="folder" writes figures: relative illumination, distortion, lateral colour, MTF, PSFs, spots, fans.
