@@ -24,7 +24,7 @@
 //! # Adding a codec of films and charts
 //!
 //! `shard/codec.rs` (`Codec`), `bounded.rs` (the bound of its decoded size; without one every read is an error), `Cargo.toml` (feature of `zarrs`),
-//! `film/memory.rs` (memory of encoding), `src/args/codec.rs`. Tests: `shard/encode/tests.rs`, `film/tests.rs`, `chart/tests/written.rs`,
+//! `film/memory.rs` (memory of encoding), `src/args/choices.rs`. Tests: `shard/encode/tests.rs`, `film/tests.rs`, `chart/tests/written.rs`,
 //! `formats/tests/fuzz/`, `scripts/check_interop.py`. Lens packs have their own list, in `lens/array.rs`.
 
 mod bounded;

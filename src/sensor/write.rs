@@ -26,13 +26,13 @@ pub struct Done {
     pub left: usize,
     /// Bytes of them.
     pub bytes: u64,
-    /// Sensor pixels whose signal was made, and those of them below 0.
+    /// Sensor pixels whose signal was made.
     pub pixels: u64,
-    /// Pixels of negative signal, which count as 0.
+    /// Those of them whose signal is below 0, which count as 0.
     pub negative: u64,
     /// Digital numbers made.
     pub numbers: u64,
-    /// Digital numbers at white or above, and at 0.
+    /// Digital numbers at white or above.
     pub white: u64,
     /// Digital numbers at 0.
     pub black: u64,

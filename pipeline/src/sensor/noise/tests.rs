@@ -74,7 +74,7 @@ fn crc32(values: &[u16]) -> u32 {
     })
 }
 
-/// The checksum is that of the float64 reference (tests/golden/sensor_reference.py).
+/// The checksum is that of the float64 reference (tests/golden/sensor/sensor_reference.py).
 #[test]
 fn raw_has_the_reference_bits_by_every_instruction_set() {
     let (signal, sensor) = (ramp(1.0), example());
