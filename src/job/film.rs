@@ -11,9 +11,7 @@ use formats::film::{FilmOutput, FilmSpec, SampleType};
 use pipeline::band::BandPlan;
 use pipeline::geometry::{Frame, Size};
 use pipeline::plan::FilmRegion;
-
-/// Planck's constant times the speed of light, J·m (SI, exact).
-const HC_J_M: f64 = 6.626_070_15e-34 * 299_792_458.0;
+use pipeline::sensor::HC_J_M;
 
 /// Film value per chart value on the axis: 1; irradiance, τ·Ω (E = L·τ·Ω·R); or photons, τ·Ω·λ/(hc)·pixel area.
 pub fn gain(units: FilmUnits, plan: &BandPlan, frame: &Frame) -> f64 {
