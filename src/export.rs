@@ -185,13 +185,8 @@ fn write(args: &ExportArgs, file: ExportFormatArg, cancel: &'static AtomicBool) 
 
 /// Writes a picture: all bands in colour, or one band in grey.
 fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> Result<()> {
-    let exposure = match args.exposure.as_str() {
-        "auto" => Exposure::Auto,
-        factor => match factor.parse::<f64>() {
-            Ok(f) if f.is_finite() && f > 0.0 => Exposure::Factor(f),
-            _ => return Err(usage(format!("--exposure {factor}: expected `auto` or a factor above 0"))),
-        },
-    };
+    let exposure: Exposure =
+        args.exposure.parse().map_err(|e| usage(format!("--exposure {}: {e}", args.exposure)))?;
     let white: White = args.white.parse().map_err(|e| usage(format!("--white {}: {e}", args.white)))?;
     let memory = buffer_bytes(args);
     let mut input = Input::new(args, memory / 4)?;
@@ -227,7 +222,7 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
 
 fn print_summary(out: &Path, shown: &PictureSummary) {
     log_line(format!(
-        "{}: {}x{} px, exposure {:.6} (use `--exposure {:.6}` for a comparable picture)",
+        "{}: {} px, exposure {:.6} (use `--exposure {:.6}` for a comparable picture)",
         out.display(),
         shown.size.width,
         shown.size.height,

@@ -42,7 +42,7 @@ pub struct ExportArgs {
     /// PNG, TIFF: illuminant shown as white: D65, A, E or auto
     #[arg(long, value_name = "NAME", default_value = "D65", help_heading = "Pictures")]
     pub white: String,
-    /// PNG, TIFF: multiplier of the values, or auto
+    /// PNG, TIFF: multiplier of the values; the percentile of the lit pixels that becomes white, e.g. 99.5%; or auto, the 99th
     #[arg(long, default_value = "auto", help_heading = "Pictures")]
     pub exposure: String,
     /// EXR: 16-bit floats

@@ -85,9 +85,8 @@ impl std::str::FromStr for Exposure {
             Some(percent) => number(percent).map(Self::Percentile),
             None => number(text).map(Self::Factor),
         };
-        parsed.filter(|e| e.check().is_ok()).ok_or_else(|| {
-            format!("exposure '{text}' must be auto, a percentile as in 99%, or a factor above 0")
-        })
+        let expected = "expected auto, a percentile of the lit pixels, e.g. 99.5%, or a factor above 0";
+        parsed.filter(|e| e.check().is_ok()).ok_or_else(|| expected.to_owned())
     }
 }
 
@@ -172,7 +171,7 @@ mod tests {
         assert_eq!("99.5%".parse(), Ok(Exposure::Percentile(99.5)));
         assert_eq!("1.8".parse(), Ok(Exposure::Factor(1.8)));
         for bad in ["", "0", "-1", "nan", "101%", "bright"] {
-            assert!(bad.parse::<Exposure>().unwrap_err().contains("99%"), "{bad}");
+            assert!(bad.parse::<Exposure>().unwrap_err().contains("99.5%"), "{bad}");
         }
     }
 }
