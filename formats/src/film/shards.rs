@@ -161,23 +161,10 @@ impl FilmStore {
         self.group.commit(&shard.key, shard.bytes.clone())
     }
 
-    /// Size of a stored shard in bytes; `None` if it does not exist.
+    /// Sizes of stored shards in bytes; `None` of those that do not exist. Requests to an object store are concurrent.
     ///
     /// # Errors
     /// [`GroupError::Storage`] if the store cannot be read.
-    pub fn shard_bytes(
-        &self,
-        output: usize,
-        band: usize,
-        shard: (usize, usize),
-    ) -> Result<Option<u64>, GroupError> {
-        Ok(self.group.store.size_of(&self.key(output, band, shard))?)
-    }
-
-    /// As [`FilmStore::shard_bytes`], of many shards; requests to an object store are concurrent.
-    ///
-    /// # Errors
-    /// As [`FilmStore::shard_bytes`].
     pub fn shards_bytes(
         &self,
         shards: &[(usize, usize, (usize, usize))],

@@ -42,11 +42,11 @@ fn fill(film: &FilmStore) {
             let r = film.shard_rect(output, (sy, sx));
             let pixels: Vec<f32> =
                 (r.y..r.bottom()).flat_map(|y| (r.x..r.right()).map(move |x| value(band, y, x))).collect();
-            assert!(film.shard_bytes(output, band, (sy, sx)).unwrap().is_none());
+            assert!(film.shards_bytes(&[(output, band, (sy, sx))]).unwrap()[0].is_none());
             let shard = film.encode_shard(output, band, (sy, sx), &pixels).unwrap();
             assert_eq!(shard.bytes(), film.encode_shard(output, band, (sy, sx), &pixels).unwrap().bytes());
             film.commit(&shard).unwrap();
-            assert!(film.shard_bytes(output, band, (sy, sx)).unwrap().is_some());
+            assert!(film.shards_bytes(&[(output, band, (sy, sx))]).unwrap()[0].is_some());
         }
     }
 }
@@ -140,7 +140,7 @@ fn full_disk_leaves_no_shard_and_is_retryable() {
     let shard = film.encode_shard(0, 0, (2, 1), &vec![1.0; 22 * 36]).unwrap();
     let e = film.commit(&shard).unwrap_err();
     assert!(e.is_storage_full() && e.retryable(), "{e}");
-    assert!(film.shard_bytes(0, 0, (2, 1)).unwrap().is_none());
+    assert!(film.shards_bytes(&[(0, 0, (2, 1))]).unwrap()[0].is_none());
     assert_eq!(std::fs::read_dir(path.join("film/c/0/2")).unwrap().count(), 0);
 }
 

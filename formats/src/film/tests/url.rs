@@ -67,5 +67,5 @@ fn commit_at_a_url_fails_if_the_film_was_removed_or_replaced() {
     assert!(matches!(e, GroupError::Storage(DurableError::StoreMissing { .. })) && e.retryable(), "{e}");
     let other = job("b");
     assert!(matches!(film.commit(&shard), Err(GroupError::Replaced { .. })));
-    assert!(other.shard_bytes(0, 0, (0, 0)).unwrap().is_none());
+    assert!(other.shards_bytes(&[(0, 0, (0, 0))]).unwrap()[0].is_none());
 }
