@@ -9,12 +9,8 @@
 //! Total energy: ∫∫ |U|² dX dY = λ² ∫∫ (Φ/N) dp dq (Parseval), so the share inside any window is known without a larger one.
 //! Method: W, L, M and the amplitude are smooth over the pupil, so they are interpolated from a few hundred rays
 //! ([`PupilFunction`]); the integrand oscillates, so the density of its quadrature follows from the window; the sum
-//! over its nodes is a nonuniform FFT ([`super::nufft`]). [`direct_sum`] is the same sum without FFT, for tests.
+//! over its nodes is a nonuniform FFT ([`super::nufft`]). Tests: the same sum without FFT.
 //! Source: Welford, chapter 4 (path); Goodman, Introduction to Fourier Optics, 3.10 (angular spectrum). Scalar; one polarisation.
-
-use std::f64::consts::PI;
-
-use rustfft::num_complex::Complex;
 
 use super::nufft::{Nufft, NufftScratch, Point};
 pub use super::pupil_function::PupilFunction;
@@ -102,21 +98,5 @@ impl PsfGrid {
     }
 }
 
-/// The Huygens sum without FFT: the same wavelets, summed for every sample.
-pub fn direct_sum(f: &PupilFunction, half: usize, pitch_um: f64, azimuth_rad: f64) -> Vec<f64> {
-    let wavelets = f.wavelets(pitch_um * half as f64, azimuth_rad, true);
-    let k = 2.0 * PI / f.wavelength_um;
-    let n = 2 * half + 1;
-    let at = |i: usize| (i as f64 - half as f64) * pitch_um;
-    let mut out = Vec::with_capacity(n * n);
-    for y in 0..n {
-        for x in 0..n {
-            let u: Complex<f64> = wavelets
-                .iter()
-                .map(|w| w.c * Complex::from_polar(1.0, k * (w.l * at(x) + w.m * at(y))))
-                .sum();
-            out.push(u.norm_sqr() * f.share(pitch_um));
-        }
-    }
-    out
-}
+#[cfg(test)]
+pub(super) mod tests;

@@ -194,7 +194,8 @@ impl<'a> Pupils<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::design::psf::{PsfGrid, PsfScratch, direct_sum};
+    use crate::design::psf::tests::direct_sum;
+    use crate::design::psf::{PsfGrid, PsfScratch};
     use crate::design::shelf::ShelfLens;
 
     /// L1 difference and distance of the centres [µm] of two PSFs of `n` samples a side.
