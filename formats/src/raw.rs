@@ -1,6 +1,6 @@
 //! The raw: digital numbers of a sensor, shard by shard, in a Zarr v3 group that other programs open as it is.
 //!
-//! Arrays `raw` (frame, y, x) of u16, or `roi_0`, `roi_1`, … for windows of it; coordinates `frame`, `y` and `x` (mm) (`roi_0_y`, …), `exposure_s`
+//! Arrays `raw` (frame, y, x) of u16, or `roi_0`, `roi_1`, … for regions of it; coordinates `frame`, `y` and `x` (mm) (`roi_0_y`, …), `exposure_s`
 //! (frame); optionally `signal` (y, x) f32, the electrons per second that every frame starts from. Shards (1, 2048, 2048), chunks of 512,
 //! blosc zstd 1 with bit shuffle and crc32c. Digital numbers have no NaN: the fill value is 0, empty chunks are kept, so present means done.
 //! `pyramid/` holds smaller levels on request ([`crate::pyramid`]). Creation, locks, replacement: [`crate::group`].

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// `lenscube develop`
 #[derive(Debug, Args, Clone)]
 #[command(after_help = "Examples:\n  lenscube develop raw.zarr picture.png\n  \
-lenscube develop bracket.zarr//roi_0 window.tif --frame 2 --depth 16 --white A\n  \
+lenscube develop bracket.zarr//roi_0 region.tif --frame 2 --depth 16 --white A\n  \
 lenscube develop raw.zarr linear.exr --matrix none --demosaic bilinear\n  \
 lenscube develop raw.zarr even.png --shading double-gauss-28 --exposure 0.5\n\
 Formats by extension: .png and .tif (8 or 16 bits), .exr (linear light, 32-bit floats)")]

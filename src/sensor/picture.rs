@@ -27,7 +27,7 @@ use std::sync::atomic::Ordering::Relaxed;
 
 /// Rows of a strip.
 const ROWS: usize = 64;
-/// Bytes that a classic TIFF cannot exceed.
+/// Pixels of 16 bits from which on a classic TIFF, of less than 4 GiB, is too small.
 const MAX_DNG_PIXELS: usize = ((1 << 32) - (1 << 24)) / 2;
 
 /// Format of a file.
@@ -120,7 +120,7 @@ fn check_dng(sensor: &Sensor, rect: Rect, out: &Path) -> Result<()> {
     }
     if rect.size().pixels() >= MAX_DNG_PIXELS {
         return Err(usage(format!(
-            "{}: {} pixels need 4 GiB or more, which DNG cannot hold; write .zarr, or a window with --roi",
+            "{}: {} pixels need 4 GiB or more, which DNG cannot hold; write .zarr, or a region with --roi",
             out.display(),
             rect.size()
         )));

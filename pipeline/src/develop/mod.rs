@@ -10,7 +10,7 @@
 //! ```
 //!
 //! Binning takes the mean of v over 2 × 2 pixels of one filter, before the gain. All values are f32. Pixels of the raw array count from its
-//! first pixel; the pattern is that of the sensor, so a window of a raw (`roi_0`) develops as that part of the whole, except at its border.
+//! first pixel; the pattern is that of the sensor, so a region of a raw (`roi_0`) develops as that part of the whole, except at its border.
 //! Not included (aesthetic choices): denoising, sharpening, tone curves, gamut mapping. Tests: against the model in float64.
 
 mod demosaic;

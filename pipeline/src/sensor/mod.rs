@@ -17,7 +17,7 @@
 //! every frame; shot, reset, read, converter and row noise belong to the frame.
 //!
 //! Left out: crosstalk, microlens shading, blooming, lag, non-linearity, rolling shutter. A raw of a given signal has the same bits on every
-//! machine, in any window, order and number of threads.
+//! machine, in any region, order and number of threads.
 
 pub mod emva;
 pub mod exposure;
