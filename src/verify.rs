@@ -1,9 +1,11 @@
 //! `lenscube verify`: reads a complete film, checks its shards and attributes, and lists what is wrong.
 
+pub mod verdict;
+
 use crate::args::VerifyArgs;
 use crate::failure::code;
 use crate::job;
-use crate::progress::{counting, json_path, log_line, print};
+use crate::progress::{counting, log_line, plural, print};
 use crate::run::film::{digest, layout, lock_all};
 use crate::status;
 use anyhow::Result;
@@ -11,13 +13,7 @@ use formats::durable::{DurableError, Lock, fault_point, remove_temp};
 use formats::film::FilmStore;
 use formats::group::{Finding, JobGroup, VerifyReport};
 use serde_json::{Value, json};
-
-/// Files removed by `--repair`.
-#[derive(Default)]
-struct Repair {
-    shards: usize,
-    temp: usize,
-}
+use verdict::Repair;
 
 /// Runs the command; the exit code.
 pub fn command(args: &VerifyArgs) -> Result<u8> {
@@ -103,22 +99,10 @@ fn json_report(
     verdict: &VerifyReport,
     repair: Option<&Repair>,
 ) -> Value {
-    let finding = |f: &Finding| {
-        let (kind, key, reason) = f.fields();
-        json!({ "kind": kind, "key": key, "reason": reason })
-    };
-    let temp: Vec<Value> = verdict.temp.iter().map(|t| json_path(&t.0)).collect();
-    json!({
-        "film": json_path(store.path()),
-        "sound": verdict.findings.is_empty(),
-        "engines": engines,
-        "keep_bits": store.spec().keep_bits,
-        "shards": verdict.shards,
-        "bytes": verdict.bytes,
-        "findings": verdict.findings.iter().map(finding).collect::<Vec<_>>(),
-        "temp_files": temp,
-        "repaired": repair.map(|r| json!({ "shards_removed": r.shards, "temp_files_removed": r.temp })),
-    })
+    let mut report = verdict::json(("film", store.path()), verdict, repair);
+    report.insert("engines".into(), json!(engines));
+    report.insert("keep_bits".into(), json!(store.spec().keep_bits));
+    report.into()
 }
 
 fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, repair: Option<&Repair>) {
@@ -128,9 +112,10 @@ fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, r
     }
     let path = store.path().display();
     let gb = verdict.bytes as f64 * 1e-9;
+    let shards = plural(verdict.shards, "shard");
     match verdict.findings.len() {
-        0 => print(format!("{path} is correct: no defect in {} shards, {gb:.3} GB", verdict.shards)),
-        n => print(format!("{path}: {n} defects in {} shards, {gb:.3} GB", verdict.shards)),
+        0 => print(format!("{path} is correct: no defect in {shards}, {gb:.3} GB")),
+        n => print(format!("{path}: {} in {shards}, {gb:.3} GB", plural(n, "defect"))),
     }
     if let Some(bits) = store.spec().keep_bits {
         log_line(format!("note: samples are rounded to {bits} bits of mantissa (--keep-bits)"));

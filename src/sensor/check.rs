@@ -3,7 +3,8 @@
 use crate::args::{StatusArgs, VerifyArgs};
 use crate::failure::{Coded, code};
 use crate::job::threads;
-use crate::progress::{counting, json_path, print};
+use crate::progress::{counting, json_path, plural, print};
+use crate::verify::verdict::{self, Repair};
 use anyhow::Result;
 use formats::group::{Finding, GroupError, JobGroup, VerifyReport};
 use formats::pyramid::PyramidState;
@@ -73,15 +74,15 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
     let (bar, progress) = counting("verifying");
     let verified = raw.verify(threads(args.threads), &progress);
     bar.finish_and_clear();
-    let VerifyReport { shards, bytes, findings, .. } = verified?;
-    let mut removed = 0;
+    let verdict = verified?;
+    let mut repair = Repair::default();
     if args.repair {
-        for finding in &findings {
+        for finding in &verdict.findings {
             if let Finding::Bad { key, .. } = finding {
-                removed += usize::from(raw.remove_bad(key)?);
+                repair.shards += usize::from(raw.remove_bad(key)?);
             }
         }
-        raw.group().sweep()?;
+        repair.temp = raw.group().sweep()?.removed.len();
     }
     let line = |f: &Finding| match f {
         Finding::Missing { key } => format!("missing {key}"),
@@ -91,18 +92,18 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
         }
     };
     match args.json {
-        true => print(serde_json::to_string_pretty(&json!({
-            "raw": json_path(raw.path()),
-            "shards": shards,
-            "bytes": bytes,
-            "findings": findings.iter().map(line).collect::<Vec<_>>(),
-            "removed": removed,
-        }))?),
+        true => {
+            let report = verdict::json(("raw", raw.path()), &verdict, args.repair.then_some(&repair));
+            print(serde_json::to_string_pretty(&report)?);
+        }
         false => {
             print(format!(
+            let VerifyReport { shards, bytes, findings, .. } = &verdict;
+            let removed = repair.shards;
                 "{}: raw, {shards} shards, {bytes} bytes read, {} defects",
                 raw.path().display(),
-                findings.len()
+                plural(shards, "shard"),
+                plural(findings.len(), "defect")
             ));
             name(findings.iter().map(line));
             if removed > 0 {
@@ -112,7 +113,7 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
             }
         }
     }
-    Ok(Some(if findings.is_empty() { 0 } else { code::WRONG }))
+    Ok(Some(if verdict.findings.is_empty() { 0 } else { code::WRONG }))
 }
 
 /// Prints the first few lines, and how many there are.

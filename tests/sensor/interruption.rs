@@ -57,6 +57,14 @@ fn status_and_verify_find_what_a_raw_lacks() {
         WRONG,
         &["missing raw/c/0/0/0", "bad raw/c/1/0/0", "1 bad shards removed"],
     );
+    let found = lenscube(&["verify", text(&raw), "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&found.stdout).unwrap();
+    let bad = serde_json::json!([
+        { "kind": "missing", "key": "raw/c/0/0/0", "reason": "no such file" },
+        { "kind": "missing", "key": "raw/c/1/0/0", "reason": "no such file" },
+    ]);
+    assert_eq!((&report["findings"], &report["sound"]), (&bad, &false.into()), "{report}");
+    assert_eq!((&report["temp_files"], &report["repaired"]), (&serde_json::json!([]), &().into()));
     sensor(&film, &raw, &flags).ok();
     assert!(files(&raw) == whole);
 }
