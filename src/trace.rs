@@ -147,7 +147,7 @@ pub fn attributes(
         image_plane: Some(format!("{:?}", place.image_plane).to_lowercase()),
         defocus_mm: Some(place.defocus_mm),
         frame: Some("field point on +x, row down; heights real unless named ideal; mm".into()),
-        psf_tolerance: Some(json!({ "asked_l1": options.psf_tolerance, "bands": bands })),
+        psf_tolerance: Some(json!({ "requested_l1": options.psf_tolerance, "bands": bands })),
         source: Some(json!({
             "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
             "design": design,

@@ -169,7 +169,7 @@ fn record(
         "pixels": count(&monitor.pixels),
         "bytes_written": count(&monitor.bytes),
         "bytes_read": chart.bytes_read,
-        "chart_pieces_decoded": chart.chunks_decoded,
+        "chart_chunks_decoded": chart.chunks_decoded,
         "spectra_built": summary.map(|s| s.spectra),
         "light_in_psf_window": energy,
         "interrupted": interrupted,
