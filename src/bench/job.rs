@@ -62,12 +62,10 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     }
     bench.add_number("job_read_gb", read * 1e-9, "GB", "  read");
     bench.add_number("job_written_gb", written * 1e-9, "GB", "  written");
-    bench.add_number(
-        "peak_rss_mib",
-        number(&record, "peak_resident_bytes")? / f64::from(1 << 20),
-        "MiB",
-        "  peak memory",
-    );
+    // Not known on every system.
+    if let Some(bytes) = record["peak_resident_bytes"].as_f64() {
+        bench.add_number("peak_rss_mib", bytes / f64::from(1 << 20), "MiB", "  peak memory");
+    }
     let scale = PAPER_BANDS / f64::from(args.bands) * (PAPER_PX / f64::from(args.size)).powi(2);
     let label = "forecast of the paper's job (31 bands of 14141 x 14141 px)";
     bench.add_number("forecast_paper_job_s", wall * scale, "s", label);
