@@ -219,7 +219,7 @@ def raws(store, env, here, reference):
     check(len(there) > 100 and there == of_file, "developments of the two raws differ")
     store.s3.delete_object(Bucket=BUCKET, Key="films/film.raw.zarr/raw/c/0/0/0")
     lenscube(env, 1, ["shards of frame 0 are missing"], "develop", raw, here / "never.png")
-    lenscube(env, 0, ["1 shards"], "sensor", film, raw, *flags)
+    lenscube(env, 0, ["1 shard,"], "sensor", film, raw, *flags)
     same_film(store.objects("films/film.raw.zarr"), files(here / "film.raw.zarr"), "a resumed raw")
 
 

@@ -5,7 +5,7 @@ mod image;
 use crate::args::{ChartArgs, ChartCommand, GeneratedArgs, size_order_note};
 use crate::failure::{other_job, usage};
 use crate::job::threads;
-use crate::progress::{counting, log_line};
+use crate::progress::{counting, log_line, plural};
 use anyhow::Result;
 use formats::chart::{ChartMeta, Codec, NewChart, SurfaceArray, WriteError, write_surfaces};
 use pipeline::chart::{ChartSpec, Generator, Kind, ScenePart};
@@ -105,12 +105,12 @@ fn store(chart: &NewChart<'_>, out: &Path, codec: Codec, threads: usize, overwri
     let NewChart { source, meta, surfaces } = chart;
     let with = if surfaces.is_empty() { "" } else { ", with distances and hidden surfaces" };
     log_line(format!(
-        "{}: {} bands of {} px for a film of {}{with}, {} shards, {:.2} GB",
+        "{}: {} of {} px for a film of {}{with}, {}, {:.2} GB",
         out.display(),
-        meta.wavelengths_nm.len(),
+        plural(meta.wavelengths_nm.len(), "band"),
         source.size(),
         meta.film_size.unwrap_or(source.size()),
-        report.shards,
+        plural(report.shards, "shard"),
         report.bytes as f64 * 1e-9
     ));
     Ok(())

@@ -224,8 +224,7 @@ fn print_summary(out: &Path, shown: &PictureSummary) {
     log_line(format!(
         "{}: {} px, exposure {:.6} (use `--exposure {:.6}` for a comparable picture)",
         out.display(),
-        shown.size.width,
-        shown.size.height,
+        shown.size,
         shown.exposure,
         shown.exposure
     ));

@@ -2,7 +2,7 @@
 
 use crate::args::{ImportArgs, band_indices};
 use crate::failure::{other_job, usage};
-use crate::progress::log_line;
+use crate::progress::{log_line, plural};
 use anyhow::Result;
 use formats::import::{ImportError, ImportOptions};
 use formats::lens::LensPackError;
@@ -36,7 +36,11 @@ pub fn command(args: &ImportArgs) -> Result<()> {
         ));
     })
     .map_err(classify)?;
-    log_line(format!("{}: {} bands; show it with `lenscube lens show {0}`", args.out.display(), nm.len()));
+    log_line(format!(
+        "{}: {}; show it with `lenscube lens show {0}`",
+        args.out.display(),
+        plural(nm.len(), "band")
+    ));
     Ok(())
 }
 

@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pipeline::executor::Progress;
 use pipeline::executor::Summary;
 use pipeline::plan::ShardId;
+use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -70,7 +71,7 @@ pub fn error_line(line: impl AsRef<str>) {
 }
 
 /// Writes a line of the result to stdout. A closed pipe (`| head`) is not an error.
-pub fn print(line: impl std::fmt::Display) {
+pub fn print(line: impl Display) {
     match writeln!(std::io::stdout(), "{line}") {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
             error_line(format!("lenscube: writing the result: {e}"));
@@ -81,8 +82,9 @@ pub fn print(line: impl std::fmt::Display) {
 }
 
 /// A number and its noun: `1 band`, `2 bands`.
-pub fn plural(n: usize, noun: &str) -> String {
-    format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
+pub fn plural(n: impl Display, noun: &str) -> String {
+    let n = n.to_string();
+    format!("{n} {noun}{}", if n == "1" { "" } else { "s" })
 }
 
 /// How an interrupted command is resumed: `--overwrite` would remove what there is of the output.
@@ -266,10 +268,10 @@ impl Progress for Bars {
 pub fn summary_line(s: &Summary) -> String {
     let rate = s.pixels as f64 / s.wall_s * 1e-6;
     format!(
-        "{} shards in {}, {rate:.1} Mpx/s, {} tiles; {:.2} GB written",
-        s.shards,
+        "{} in {}, {rate:.1} Mpx/s, {}; {:.2} GB written",
+        plural(s.shards, "shard"),
         duration(s.wall_s),
-        s.tiles,
+        plural(s.tiles, "tile"),
         s.bytes_written as f64 * 1e-9
     )
 }

@@ -6,7 +6,7 @@ use crate::interrupt;
 use crate::job;
 use crate::memory::machine::default_limit;
 use crate::memory::mib;
-use crate::progress::{counting, log_line, report_kept};
+use crate::progress::{counting, log_line, plural, report_kept};
 use crate::sensor::check::open as open_raw;
 use crate::status;
 use anyhow::Result;
@@ -36,8 +36,9 @@ pub fn make(
     if state == PyramidState::Complete {
         group.check_in_place()?;
         log_line(format!(
-            "the pyramid of {} is complete: {shards} shards, nothing to do",
-            group.path().display()
+            "the pyramid of {} is complete: {}, nothing to do",
+            group.path().display(),
+            plural(shards, "shard")
         ));
         return Ok(0);
     }
@@ -80,10 +81,10 @@ fn print_summary(pyramid: &Pyramid<'_>, start: Instant, limit: u64) {
     };
     let levels: Vec<String> = pyramid.arrays().into_iter().map(levels).collect();
     log_line(format!(
-        "{}: {}; {} shards in {:.1} s (memory at most {})",
+        "{}: {}; {} in {:.1} s (memory at most {})",
         pyramid.group().path().display(),
         levels.join(", "),
-        pyramid.shards(),
+        plural(pyramid.shards(), "shard"),
         start.elapsed().as_secs_f64(),
         mib(limit as usize)
     ));

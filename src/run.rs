@@ -37,7 +37,7 @@ use crate::job::depth::Depth;
 use crate::memory::mib;
 use crate::plan::CommandLine;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{Bars, detail_line, json_path, log_line, report_kept, resume_note};
+use crate::progress::{Bars, detail_line, json_path, log_line, plural, report_kept, resume_note};
 use crate::pyramid;
 use anyhow::{Context, Result};
 use clap::ArgMatches;
@@ -167,7 +167,7 @@ impl Task<'_> {
         let _ = (self.lock(), self.store.group().sweep());
         fault_point("shards-made");
         self.store.group().check_in_place()?;
-        log_line(format!("{} {verb} complete: {shards} shards, nothing to do", self.name()));
+        log_line(format!("{} {verb} complete: {}, nothing to do", self.name(), plural(shards, "shard")));
         record::nothing_to_do(self.jsonl, self.store, shards);
         Ok(0)
     }
@@ -371,13 +371,13 @@ fn print_start(job: &Job, shards: usize) {
         false => (format!(" and {}", gpus.join(", ")), "page-locked memory per GPU", job.memory.pinned),
     };
     log_line(format!(
-        "{}: {} bands, film {} px of {} µm, {} shards; {} threads{gpus}, engine {}",
+        "{}: {}, film {} px of {} µm, {}; {}{gpus}, engine {}",
         job.lens.lens().name,
-        job.plans.len(),
+        plural(job.plans.len(), "band"),
         frame.film,
         frame.pitch_um,
-        shards,
-        job.threads,
+        plural(shards, "shard"),
+        plural(job.threads, "thread"),
         job.engine,
     ));
     log_line(&job.coverage);

@@ -1,4 +1,4 @@
-//! `lenscube sensor`: film → signal → raw, and the raw's life: created, resumed, finished.
+//! `lenscube sensor`: film → signal → raw; the raw is created, resumed, or found complete.
 
 mod attributes;
 pub mod check;
@@ -21,7 +21,7 @@ mod write;
 use crate::args::{ExposeArgs, SensorArgs, SensorCommand};
 use crate::failure::{code, other_job, usage};
 use crate::interrupt;
-use crate::progress::{detail_line, log_line, report_kept, resume_note};
+use crate::progress::{detail_line, log_line, plural, report_kept, resume_note};
 use anyhow::Result;
 use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::group::{Found, GroupError, GroupKind, JobGroup};
@@ -138,7 +138,11 @@ fn work(
     let all = store.spec().all_shards();
     if store.missing(&all)?.is_empty() {
         let _ = (store.group().lock(JobGroup::WHOLE, args.take_over), store.group().sweep());
-        log_line(format!("{} is complete: {} shards, nothing to do", store.path().display(), all.len()));
+        log_line(format!(
+            "{} is complete: {}, nothing to do",
+            store.path().display(),
+            plural(all.len(), "shard")
+        ));
         return Ok(0);
     }
     let lock = store.group().lock(JobGroup::WHOLE, args.take_over)?;

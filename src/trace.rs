@@ -7,7 +7,7 @@ mod writer;
 use crate::args::{DesignArgs, Store, TraceArgs};
 use crate::design;
 use crate::failure::{other_job, usage};
-use crate::progress::{detail_line, log_line, tracing_bar};
+use crate::progress::{detail_line, log_line, plural, tracing_bar};
 use anyhow::{Context, Result};
 pub use estimate::SAMPLES_PER_S;
 use estimate::{Needed, estimate};
@@ -87,7 +87,7 @@ fn default_store(psf_mb: f64) -> Store {
     if psf_mb > MAX_PSF_MB { Store::Pupils } else { Store::Psfs }
 }
 
-/// What is told of a band.
+/// The line of a traced band: window, nodes, kernel error.
 fn band_line(TracedBand { tables, report, .. }: &TracedBand) -> String {
     let nodes: usize = tables.azimuth_count.iter().sum();
     let error = report.psf_error.map_or("given".into(), |e| {
@@ -175,9 +175,9 @@ fn summary(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: 
     [
         format!("{bound}; every window contains at least {:.2} % of the light", 100.0 * least),
         format!(
-            "{}: {} bands, {psfs} PSFs traced in {seconds:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0}`",
+            "{}: {}, {psfs} PSFs traced in {seconds:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0}`",
             out.display(),
-            reports.len(),
+            plural(reports.len(), "band"),
             bytes_of(out) as f64 * 1e-6,
         ),
     ]

@@ -121,7 +121,7 @@ fn the_figure_has_three_panels() {
     let svg = scene.path("depth.svg");
     report(&depth, &["--outside", "clamp", "--plot", text(&svg)]).ok();
     let figure = std::fs::read_to_string(&svg).unwrap();
-    for words in ["distance", "blur radius", "slabs in reach of a tile", "film of 600 x 400 px"] {
+    for words in ["distance", "blur radius", "slabs in reach of a tile", "film of 600x400 px"] {
         assert!(figure.contains(&format!(">{words}")), "{words}");
     }
     assert_eq!(figure.matches("<image").count(), 3);

@@ -43,14 +43,14 @@ fn default_output_is_three_lines_and_quiet_none() {
     let ran = job.run("default.zarr", &[]).ok();
     let lines: Vec<&str> = ran.stderr.lines().filter(|l| !l.starts_with("--no-fsync")).collect();
     assert_eq!(lines.len(), 3, "{}", ran.stderr);
-    assert!(lines[0].starts_with("test: 1 bands, film 64x64 px of 2 µm"), "{}", ran.stderr);
+    assert!(lines[0].starts_with("test: 1 band, film 64x64 px of 2 µm"), "{}", ran.stderr);
     assert!(
-        lines[1].starts_with("chart of 64 x 64 px: 0.128 x 0.128 mm, 0.147 x 0.147 degrees; "),
+        lines[1].starts_with("chart of 64x64 px: 0.128 x 0.128 mm, 0.147 x 0.147 degrees; "),
         "{}",
         ran.stderr
     );
     assert!(lines[1].ends_with("of the lens's field of 1.00 mm diameter"), "{}", ran.stderr);
-    assert!(lines[2].starts_with("1 shards in ") && lines[2].contains("GB written"), "{}", ran.stderr);
+    assert!(lines[2].starts_with("1 shard in ") && lines[2].contains("GB written"), "{}", ran.stderr);
     assert_eq!(job.run("quiet.zarr", &["-q", "--progress", "bar"]).ok().stderr, "");
     let error = job.run("default.zarr", &["-q", "--gain"]);
     assert_exit(&error, 2, &["--gain"]);
@@ -112,13 +112,9 @@ fn pitch_given_in_mm_is_a_usage_error_with_the_likely_unit() {
 fn dry_run_prints_the_forecast_and_writes_nothing() {
     let job = Job::new(1.0);
     let ran = job.run("film.zarr", &["--dry-run"]).ok();
-    for words in [
-        "lens    test: 1 bands",
-        "1 of 1 shards, film of 64 x 64 px",
-        "disk  ",
-        "core with AVX-512",
-        "memory  ",
-    ] {
+    for words in
+        ["lens    test: 1 band", "1 of 1 shards, film of 64x64 px", "disk  ", "core with AVX-512", "memory  "]
+    {
         assert!(ran.stdout.contains(words), "{words}: {}", ran.stdout);
     }
     assert!(!job.film("film.zarr").exists());
@@ -148,7 +144,7 @@ fn film_and_status_name_chart_and_lens_and_the_record_has_the_command_line() {
     let found = metadata.pointer("/attributes/provenance/source").expect("provenance");
     assert_eq!((&found["chart"], &found["chart_px"]["x"]), (&CHART.into(), &64.into()));
     let status = common::lenscube(&["status", text(&film)]).ok();
-    let line = format!("source  chart {CHART} of 64 x 64 px");
+    let line = format!("source  chart {CHART} of 64x64 px");
     assert!(status.stdout.contains(&line) && status.stdout.contains("pack.lens.zarr"), "{}", status.stdout);
     let record = std::fs::read_dir(film.join("runs")).unwrap().map(|e| e.unwrap().path());
     let record = record.into_iter().find(|p| p.extension().is_some_and(|e| e == "json")).expect("a record");

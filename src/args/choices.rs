@@ -29,7 +29,7 @@ pub(super) const COMPRESSION: Choices<ExrCompression> =
     &[("zip", "", ExrCompression::Zip), ("piz", "", ExrCompression::Piz), ("none", "", ExrCompression::None)];
 pub(super) const DEMOSAIC: Choices<Demosaic> = &[
     ("malvar", "Gradient-corrected, for Bayer patterns", Demosaic::Malvar),
-    ("bilinear", "Tent over one period, any pattern", Demosaic::Bilinear),
+    ("bilinear", "Linear over one period, any pattern", Demosaic::Bilinear),
     ("superpixel", "One pixel per period", Demosaic::Superpixel),
 ];
 pub(super) const DEPTH_EDGES: Choices<DepthEdges> =

@@ -78,8 +78,7 @@ fn depth(preview: &Preview, overview: &Overview) -> Panel {
             }
         }
     }
-    let size = preview.frame.chart;
-    let caption = format!("chart of {} x {} px", size.width, size.height);
+    let caption = format!("chart of {} px", preview.frame.chart);
     Panel { image, title: "distance", label: "m, linear in 1/m", numbers, caption }
 }
 
@@ -110,8 +109,7 @@ fn slabs(preview: &Preview) -> Option<Panel> {
             *pixel = inferno(slabs[tile.min(slabs.len() - 1)] as f64 / most as f64);
         }
     }
-    let caption =
-        format!("film of {} x {} px, tiles of {}; mean {mean:.1}", film.width, film.height, tiling.tile());
+    let caption = format!("film of {film} px, tiles of {}; mean {mean:.1}", tiling.tile());
     let numbers =
         ticks(most as f64).into_iter().filter(|(at, _)| (at * most as f64).fract().abs() < 1e-9).collect();
     Some(Panel { image, title: "slabs in reach of a tile", label: "slabs", numbers, caption })

@@ -74,13 +74,9 @@ pub fn text(preview: &Preview, overview: &Overview) -> String {
             short(preview.blur_px)
         ),
     ));
-    let (chart, film) = (frame.chart, frame.film);
     lines.push((
         "chart",
-        format!(
-            "{} x {} px, on a film of {} x {} px of {} um",
-            chart.width, chart.height, film.width, film.height, frame.pitch_um
-        ),
+        format!("{} px, on a film of {} px of {} µm", frame.chart, frame.film, frame.pitch_um),
     ));
     lines.extend(preview.names.iter().map(|name| ("surface", name.clone())));
     let surfaces = &depth.surfaces;

@@ -5,7 +5,7 @@ use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::usage;
 use crate::job::threads;
 use crate::memory::machine::peak_resident;
-use crate::progress::{counting, log_line};
+use crate::progress::{counting, log_line, plural};
 use anyhow::Result;
 use formats::durable::parent_of;
 use formats::export::exr::{ExrOptions, write_exr};
@@ -85,12 +85,11 @@ fn samples<'a>(
 }
 
 fn print_plan(regions: &Regions, chunk: Size) {
-    let Size { height, width } = regions.region;
     let decoding = match chunk.pixels() {
         1 => String::new(),
         _ => format!("; each chunk is decoded {:.2} times on average", regions.decoded),
     };
-    log_line(format!("reading blocks of {width}x{height} px of all bands, column by column{decoding}"));
+    log_line(format!("reading blocks of {} px of all bands, column by column{decoding}", regions.region));
     if regions.is_short_of_memory() {
         log_line("note: with more --memory chunks are decoded fewer times");
     }
@@ -100,11 +99,10 @@ fn print_summary(args: &ExportArgs, samples: &Samples<'_>, written: Written, sec
     let pixels = (samples.bands() * samples.rect.size().pixels()) as f64;
     let peak = peak_resident().map_or(String::new(), |p| format!(", peak memory {} MiB", p >> 20));
     log_line(format!(
-        "{}: {} bands of {}x{} px, {:.2} GB in {seconds:.1} s, {:.1} Mpx/s{peak}",
+        "{}: {} of {} px, {:.2} GB in {seconds:.1} s, {:.1} Mpx/s{peak}",
         args.out.display(),
-        samples.bands(),
-        samples.rect.width,
-        samples.rect.height,
+        plural(samples.bands(), "band"),
+        samples.rect.size(),
         written.bytes as f64 * 1e-9,
         pixels / seconds * 1e-6,
     ));

@@ -135,8 +135,7 @@ fn share_beyond(frame: &Frame, regions: &[Rect], band: Option<&LensBand>) -> f64
 
 impl Display for Coverage {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let Size { height, width } = self.chart;
-        write!(f, "chart of {width} x {height} px: {} x {} mm", short(self.mm.0), short(self.mm.1))?;
+        write!(f, "chart of {} px: {} x {} mm", self.chart, short(self.mm.0), short(self.mm.1))?;
         if let Some((x, y)) = self.degrees {
             write!(f, ", {} x {} degrees", short(x), short(y))?;
         }

@@ -131,13 +131,14 @@ fn text(args: &CameraArgs, camera: &Pinhole) -> String {
     format!(
         "pinhole                 {:.4} mm behind the first vertex, on the axis, looking along it\n\
          focal length            {:.6} mm\n\
-         picture                 {width} x {height} px of {} µm: {:.4} x {:.4} mm\n\
+         picture                 {} px of {} µm: {:.4} x {:.4} mm\n\
          field of view           {:.6} x {:.6} deg\n\
          overscan                {} px on each side of the film of {}\n\
          blur radius             {:.3} px per dioptre from focus\n\
-         use its picture with    lenscube run CHART FILM --lens {}{focus} --film-size {}x{} --film-pitch-um {}",
+         use its picture with    lenscube run CHART FILM --lens {}{focus} --film-size {} --film-pitch-um {}",
         camera.pupil_mm,
         camera.focal_mm,
+        camera.size,
         camera.pitch_um,
         camera.side_mm(width),
         camera.side_mm(height),
@@ -147,8 +148,7 @@ fn text(args: &CameraArgs, camera: &Pinhole) -> String {
         args.film,
         camera.blur_um / camera.pitch_um,
         args.design,
-        args.film.width,
-        args.film.height,
+        args.film,
         args.pitch_um,
     )
 }

@@ -8,7 +8,6 @@ use crate::progress::{log_line, plural};
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, finish_together};
 use pipeline::design::{optiland, table, zmx};
-use std::path::Path;
 
 /// Runs the command.
 pub fn command(args: &ConvertArgs) -> Result<()> {
@@ -44,7 +43,7 @@ pub fn command(args: &ConvertArgs) -> Result<()> {
     // The design last: until it is there, its catalogue is of no use.
     files.push(AtomicFile::with_text(out, &written.text)?);
     finish_together(files)?;
-    lines.push(format!("{}: {} surfaces", out.display(), system.surfaces.len()));
+    lines.push(format!("{}: {}", out.display(), plural(system.surfaces.len(), "surface")));
     lines.iter().for_each(log_line);
     Ok(())
 }

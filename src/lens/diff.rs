@@ -157,10 +157,10 @@ fn text(
     }
     out += &format!(
         "\nheight: real image height; ideal: ideal image height; RI: relative illumination; lateral: lateral colour relative to {} nm;\nwindow: side of the PSF window; light: share of the light inside it; PSF L1: L1 distance of the film \
-         kernels at {} um pitch, in the smaller window, each with sum 1\n",
+         kernels at {} µm pitch, in the smaller window, each with sum 1\n",
         samples.0.primary.wavelength_nm, args.film_pitch_um
     );
-    out += "     nm  height mm |  ideal mm: A, B - A   |    RI: A, B - A    | distortion %: A, B - A | lateral um: A, B - A | window um: A, B |  light: A, B   | PSF L1\n";
+    out += "     nm  height mm |  ideal mm: A, B - A   |    RI: A, B - A    | distortion %: A, B - A | lateral µm: A, B - A | window µm: A, B |  light: A, B   | PSF L1\n";
     for p in pairs {
         let (a, b) = (&p.a, &p.b);
         out += &format!(

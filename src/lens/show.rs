@@ -177,7 +177,7 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
         tidy_nm(shown.lens.primary_wavelength_nm),
         tidy_nm(shown.primary_nm),
     );
-    out += "     nm  height mm  field deg        RI    angle  distortion %  lateral um   RMS um   GEO um  Strehl  window um  light %\n";
+    out += "     nm  height mm  field deg        RI    angle  distortion %  lateral µm   RMS µm   GEO µm  Strehl  window µm  light %\n";
     let optional = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
     for f in &shown.fields {
         let tan = f.ideal_height_mm / shown.lens.distortion_focal_length_mm;
@@ -207,7 +207,7 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
             "\nPolychromatic spots: all wavelengths of the design by weight, {RINGS} rings of rays, radius about the centroid\n"
         );
         for (mm, rms, geo) in spots(system, heights_mm)? {
-            out += &format!("{mm:9.4} mm   RMS {rms:.3} um   GEO {geo:.3} um\n");
+            out += &format!("{mm:9.4} mm   RMS {rms:.3} µm   GEO {geo:.3} µm\n");
         }
     }
     Ok(out)

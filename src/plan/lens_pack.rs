@@ -5,7 +5,7 @@ use crate::args::{DesignArgs, RunArgs};
 use crate::failure::{other_job, usage};
 use crate::job::Job;
 use crate::lens::source::JobLens;
-use crate::progress::log_line;
+use crate::progress::{log_line, plural};
 use crate::trace::bytes_of;
 use anyhow::{Context, Result};
 use formats::durable::{parent_of, publish, remove_temp, sweep_entries, temp_name};
@@ -33,7 +33,7 @@ pub fn write(run: &RunArgs, path: &Path) -> Result<String> {
         remove_temp(&temp)?;
     }
     made.with_context(|| format!("writing the lens pack {name}"))?;
-    log_line(format!("{name}: {} bands, {:.1} MB", job.plans.len(), bytes_of(path) as f64 * 1e-6));
+    log_line(format!("{name}: {}, {:.1} MB", plural(job.plans.len(), "band"), bytes_of(path) as f64 * 1e-6));
     Ok(name.to_owned())
 }
 

@@ -9,7 +9,7 @@ use crate::failure::{Coded, code};
 use crate::job::Job;
 use crate::memory::mib;
 use crate::plan::cost;
-use crate::progress::{duration, print as print_line};
+use crate::progress::{duration, plural, print as print_line};
 use anyhow::Result;
 use formats::chart::Codec;
 use formats::durable::{Store, free_bytes, is_url, link_target, parent_of};
@@ -136,7 +136,12 @@ pub fn print(args: &RunArgs) -> Result<()> {
     };
     let forecast = Forecast::new(&job, &args.film, &missing)?;
     let (read, core_s) = work(&job, &missing);
-    print_line(format!("lens    {}: {} bands, engine {}", job.lens.lens().name, job.plans.len(), job.engine));
+    print_line(format!(
+        "lens    {}: {}, engine {}",
+        job.lens.lens().name,
+        plural(job.plans.len(), "band"),
+        job.engine
+    ));
     print_line(format!("chart   {}", job.coverage));
     print_line(format!("reads   {} of the chart before compression", gb(read)));
     if forecast.temporary > 0 {
@@ -145,13 +150,11 @@ pub fn print(args: &RunArgs) -> Result<()> {
             gb(forecast.temporary)
         ));
     }
-    let film = job.frame.film;
     print_line(format!(
-        "writes  {}: {} of {all} shards, film of {} x {} px, at most {} before compression",
+        "writes  {}: {} of {all} shards, film of {} px, at most {} before compression",
         args.film.display(),
         forecast.shards,
-        film.width,
-        film.height,
+        job.frame.film,
         gb(forecast.written)
     ));
     if let Some(free) = forecast.free {

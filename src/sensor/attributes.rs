@@ -3,7 +3,7 @@
 use super::resolve::{Plan, Source, empty};
 use super::settle::Settled;
 use crate::memory::mib;
-use crate::progress::log_line;
+use crate::progress::{log_line, plural};
 use crate::run::film::digest;
 use formats::raw::RawSpec;
 use pipeline::colour::Illuminant;
@@ -125,18 +125,18 @@ impl Plan {
         let s = &self.sensor;
         let centre = spec.centre_mm;
         log_line(format!(
-            "{}: {} px of {} µm, middle {:.4}, {:.4} mm (down, right) from the axis; {} frames, gain {}; seed {}, die {}, noise {}; {} threads, memory {}",
+            "{}: {} px of {} µm, middle {:.4}, {:.4} mm (down, right) from the axis; {}, gain {}; seed {}, die {}, noise {}; {}, memory {}",
             s.name,
             spec.sensor,
             spec.pitch_um,
             centre.0,
             centre.1,
-            spec.exposure_s.len(),
+            plural(spec.exposure_s.len(), "frame"),
             self.gain,
             self.exposure.seed,
             self.exposure.die,
             self.exposure.noise,
-            self.memory.threads,
+            plural(self.memory.threads, "thread"),
             mib(self.memory.limit),
         ));
         let mut times = settled.exposure_s.clone();

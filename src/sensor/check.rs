@@ -53,9 +53,10 @@ pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
             let state = if complete { "complete" } else { "incomplete" };
             let (frames, size) = (raw.spec().exposure_s.len(), raw.spec().sensor);
             print(format!(
-                "{}: raw, {state}: {done} of {} shards; {frames} frames of {size} px",
+                "{}: raw, {state}: {done} of {} shards; {} of {size} px",
                 raw.path().display(),
-                all.len()
+                all.len(),
+                plural(frames, "frame")
             ));
             if pyramid != PyramidState::None {
                 print(format!("pyramid {}", pyramid.name()));
@@ -97,10 +98,10 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
             print(serde_json::to_string_pretty(&report)?);
         }
         false => {
-            print(format!(
             let VerifyReport { shards, bytes, findings, .. } = &verdict;
             let removed = repair.shards;
-                "{}: raw, {shards} shards, {bytes} bytes read, {} defects",
+            print(format!(
+                "{}: raw, {}, {bytes} bytes read, {}",
                 raw.path().display(),
                 plural(shards, "shard"),
                 plural(findings.len(), "defect")

@@ -5,7 +5,7 @@ use super::write::{Done, process_core_s};
 use crate::failure;
 use crate::memory::machine::peak_resident;
 use crate::memory::mib;
-use crate::progress::log_line;
+use crate::progress::{log_line, plural};
 use anyhow::Result;
 use formats::durable::ProcessIdentity;
 use formats::raw::RawStore;
@@ -58,11 +58,11 @@ fn rest_s(done: &Done) -> f64 {
 /// Core seconds, for `-v`.
 pub fn details(plan: &Plan, done: &Done) -> String {
     format!(
-        "core seconds: film and signal {:.1}, noise {:.1}, encoding and writing {:.1}, on {} threads",
+        "core seconds: film and signal {:.1}, noise {:.1}, encoding and writing {:.1}, on {}",
         rest_s(done),
         done.noise_s,
         done.write_s,
-        plan.memory.threads
+        plural(plan.memory.threads, "thread")
     )
 }
 
@@ -70,8 +70,8 @@ pub fn details(plan: &Plan, done: &Done) -> String {
 pub fn summary(done: &Done, start: Instant) -> String {
     let wall = start.elapsed().as_secs_f64();
     format!(
-        "{} shards, {:.1} Mpx exposed in {wall:.1} s; {:.2} % at white, {} at 0; {} written, peak memory {}",
-        done.shards,
+        "{}, {:.1} Mpx exposed in {wall:.1} s; {:.2} % at white, {} at 0; {} written, peak memory {}",
+        plural(done.shards, "shard"),
         done.numbers as f64 / 1e6,
         100.0 * done.white as f64 / done.numbers.max(1) as f64,
         done.black,

@@ -37,7 +37,7 @@ impl Plan {
                     histogram.seconds(&self.sensor, self.gain, given.unwrap_or(1.0), *fill, *percentile);
                 let seconds = seconds.ok_or_else(|| {
                     usage(format!(
-                        "--exposure auto: the film is dark at the {percentile} th percentile; give a time"
+                        "--exposure auto: the film is dark at the {percentile}th percentile; give a time"
                     ))
                 })?;
                 match (given, self.relative()) {

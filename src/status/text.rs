@@ -1,6 +1,7 @@
 //! The status of a film as text.
 
 use super::report::{BandStatus, LockStatus, Status};
+use crate::progress::plural;
 use formats::film::FilmStore;
 use formats::pyramid::PyramidState;
 use serde_json::Value;
@@ -62,13 +63,13 @@ fn job(store: &FilmStore, status: &Status) -> String {
     let stages: Vec<&str> = ["ri", "distortion", "svpsf"].into_iter().filter(applied).collect();
     let spec = store.spec();
     format!(
-        "  job     {} through {} ({}), film {} px of {} µm, {} bands; digest {:.DIGITS$}, layout {:.DIGITS$}",
+        "  job     {} through {} ({}), film {} px of {} µm, {}; digest {:.DIGITS$}, layout {:.DIGITS$}",
         text(&status.program),
         text(&status.job["lens_name"]),
         stages.join(", "),
         spec.film,
         spec.pitch_um,
-        spec.wavelengths_nm.len(),
+        plural(spec.wavelengths_nm.len(), "band"),
         text(&status.job_digest),
         text(&status.layout_digest)
     )
@@ -80,7 +81,7 @@ fn source(source: &Value) -> Option<String> {
     let units = source["chart_units"].as_str().map_or(String::new(), |u| format!(" in {u}"));
     let array = source["array"].as_str().map_or(String::new(), |a| format!("//{a}"));
     Some(format!(
-        "  source  chart {chart}{array} of {} x {} px{units}; lens {}",
+        "  source  chart {chart}{array} of {}x{} px{units}; lens {}",
         px["x"],
         px["y"],
         text(&source["lens"])

@@ -4,7 +4,7 @@ use super::{LONG_S, SAMPLES_PER_S, attributes, bytes_of, create_pack};
 use crate::args::TraceArgs;
 use crate::failure::usage;
 use crate::lens::short_number;
-use crate::progress::{detail_line, log_line, tracing_bar};
+use crate::progress::{detail_line, log_line, plural, tracing_bar};
 use anyhow::{Context, Result};
 use pipeline::design::System;
 use pipeline::design::depth::estimate::{DepthEstimate, estimate, expected_nodes, range_that_fits};
@@ -70,9 +70,9 @@ pub fn trace(
     lens.depth = Some(head);
     pack.finish(&lens, &attributes(&args.design, &args.parameters, options, &reports))?;
     log_line(format!(
-        "{}: {} bands, {nodes} depth nodes traced in {:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0} --depth DEPTH`",
+        "{}: {}, {nodes} depth nodes traced in {:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0} --depth DEPTH`",
         args.out.display(),
-        lens.bands.len(),
+        plural(lens.bands.len(), "band"),
         start.elapsed().as_secs_f64(),
         bytes_of(&args.out) as f64 * 1e-6,
     ));

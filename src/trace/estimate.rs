@@ -1,6 +1,7 @@
 //! What a trace needs, estimated from rays before it begins.
 
 use crate::failure::usage;
+use crate::progress::plural;
 use anyhow::Result;
 use formats::lens::MAX_ARRAY_SAMPLES;
 use pipeline::design::System;
@@ -61,9 +62,9 @@ pub fn estimate(system: &System, options: &TraceOptions) -> Result<Needed> {
     let psf_mb = 1e-6 * bands_count * weighted(&|e| e.bytes as f64);
     let time = if seconds < 1.0 { "less than 1".into() } else { format!("about {seconds:.0}") };
     let text = format!(
-        "{} bands, estimated from rays: {time} s; windows of {} to {} px with at least {:.1} % of the light, PSFs of up to {} \
+        "{}, estimated from rays: {time} s; windows of {} to {} px with at least {:.1} % of the light, PSFs of up to {} \
          samples a side, at most {} nodes a band, about {psf_mb:.0} MB uncompressed in all",
-        last + 1,
+        plural(last + 1, "band"),
         estimates.iter().map(|e| e.window_px).min().unwrap_or(0),
         largest(|e| e.window_px),
         100.0 * estimates.iter().map(|e| e.light).fold(1.0, f64::min),

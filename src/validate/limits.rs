@@ -4,6 +4,7 @@ use super::band::Band;
 use super::distortion::mean_max;
 use super::edge::EdgeResult;
 use crate::args::Quantity;
+use crate::progress::plural;
 
 /// Worst value of a quantity.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,9 +42,9 @@ pub fn worst(bands: &[Band], what: Quantity) -> Worst {
 pub fn summary(bands: &[Band]) -> String {
     let [ri, distortion, esf] = [Quantity::Ri, Quantity::Distortion, Quantity::Esf].map(|q| worst(bands, q));
     format!(
-        "worst of {} bands: relative illumination, IoU {:.6} % ({}); distortion, mean error {:.5} px ({}); edge spread function, IoU \
+        "worst of {}: relative illumination, IoU {:.6} % ({}); distortion, mean error {:.5} px ({}); edge spread function, IoU \
          {:.4} % ({})",
-        bands.len(),
+        plural(bands.len(), "band"),
         100.0 * ri.value,
         ri.at,
         distortion.value,

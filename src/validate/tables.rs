@@ -3,6 +3,7 @@
 use super::band::Band;
 use super::distortion::mean_max;
 use super::edge::EdgeResult;
+use crate::progress::plural;
 use serde_json::Value;
 
 /// Text as HTML.
@@ -107,7 +108,8 @@ pub fn times_table(times: &Value) -> String {
         format!("{} core time ({} per core)", clock(number(key)), clock(share))
     };
     let windows = &times["psf_window_px"];
-    let film = format!("{} x {} px, {} bands", times["film_px"][1], times["film_px"][0], times["bands"]);
+    let film =
+        format!("{}x{} px, {}", times["film_px"][1], times["film_px"][0], plural(&times["bands"], "band"));
     let psf = match (windows["least"].as_u64(), windows["most"].as_u64()) {
         (Some(a), Some(b)) => format!("{a} to {b} px"),
         _ => "none".into(),
