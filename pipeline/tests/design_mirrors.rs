@@ -83,6 +83,44 @@ fn folded_systems_are_written_along_z_and_read_again() {
     }
 }
 
+/// A lens in front of a prism of glass: a path of 20 mm, straight or folded at 45 degrees after 10 mm.
+fn prism(folded: bool, operands: &str) -> String {
+    let glass = "GLAS N-BK7 0 0 1.5 40";
+    let fold = format!(
+        "SURF 4\n  TYPE COORDBRK\n  PARM 3 45\n  DISZ 0\nSURF 5\n  TYPE STANDARD\n  GLAS MIRROR\n  DISZ 0\n\
+         SURF 6\n  TYPE COORDBRK\n  PARM 3 45\n  DISZ -10\n  {glass}\nSURF 7\n  TYPE STANDARD\n  DISZ -30\nSURF 8\n"
+    );
+    let (length, rest) = match folded {
+        true => (10, fold),
+        false => (20, "SURF 4\n  TYPE STANDARD\n  DISZ 30\nSURF 5\n".to_owned()),
+    };
+    format!(
+        "MODE SEQ\nUNIT MM\nENPD 10\nGCAT SCHOTT\nRAIM 0 0\nFTYP 0 0 1 1\nYFLN 0\nWAVM 1 0.5876 1\nPWAV 1\nSURF 0\n  TYPE STANDARD\n\
+         \x20 DISZ INFINITY\nSURF 1\n  STOP\n  TYPE STANDARD\n  CURV 0.02\n  DISZ 5\n  {glass}\nSURF 2\n  TYPE STANDARD\n  CURV -0.02\n  DISZ 5\n\
+         SURF 3\n  TYPE STANDARD\n  DISZ {length}\n  {glass}\n{rest}  TYPE STANDARD\n  DISZ 0\n{operands}"
+    )
+}
+
+/// Coordinate breaks behind a mirror, or behind a glass of another configuration, continue the medium before them.
+#[test]
+fn prism_is_of_glass_behind_its_mirror() {
+    let paraxial = |text: &str, configuration| {
+        let options = ReadOptions { strict: false, configuration };
+        let system = zmx::parse(text.as_bytes(), &GlassLibrary::new(), &options).unwrap();
+        let p = Paraxial::new(&system, 0.5876).unwrap();
+        [p.effective_focal_length_mm.abs(), p.focus_shift_mm()]
+    };
+    let (straight, folded) = (prism(false, ""), prism(true, ""));
+    let same = |a: [f64; 2], b: [f64; 2]| (0..2).all(|k| (a[k] - b[k]).abs() < 1e-9);
+    let (a, b) = (paraxial(&straight, None), paraxial(&folded, None));
+    assert!(same(a, b), "{a:?} {b:?}");
+    // The prism of another configuration, in place of the saved one.
+    let operands = "MNUM 2 1\nGLSS 3 1 \"N-BK7\" 0\nGLSS 3 2 \"F2\" 0\n";
+    let heavy = straight.replacen("DISZ 20\n  GLAS N-BK7", "DISZ 20\n  GLAS F2", 1);
+    let (a, b) = (paraxial(&heavy, None), paraxial(&prism(true, operands), Some(2)));
+    assert!(same(a, b), "{a:?} {b:?}");
+}
+
 #[test]
 fn impossible_folds_and_obscurations_name_the_surface() {
     for (from, to, words) in [

@@ -27,8 +27,10 @@ pub(super) struct DraftSurface {
     pub(super) shape: Shape,
     /// Distance to the next surface, mm; may be infinite.
     pub(super) thickness_mm: f64,
-    /// Glass behind it; none is air. A mirror's is that in front of it.
+    /// Glass behind it; none is air. Not used for a mirror and where `keeps_medium`: it is that in front of it.
     pub(super) glass: Option<Glass>,
+    /// Whether the medium in front of it continues behind it.
+    pub(super) keeps_medium: bool,
     pub(super) is_mirror: bool,
     /// Focal length of an ideal thin lens, mm.
     pub(super) ideal_focal_mm: Option<f64>,
@@ -108,7 +110,7 @@ impl Draft {
             other => other,
         };
         for i in 1..last {
-            if self.surfaces[i].is_mirror {
+            if self.surfaces[i].is_mirror || self.surfaces[i].keeps_medium {
                 self.surfaces[i].glass = self.surfaces[i - 1].glass.clone();
             }
         }

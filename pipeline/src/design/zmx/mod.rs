@@ -134,8 +134,7 @@ impl Reader {
 
     fn close_surface(&mut self) -> Result<(), DesignError> {
         if self.surface_count > self.draft.surfaces.len() {
-            let before = self.draft.surfaces.last().and_then(|s| s.glass.as_ref());
-            let surface = std::mem::take(&mut self.open).finish(before, self.scale)?;
+            let surface = std::mem::take(&mut self.open).finish(self.scale)?;
             self.draft.surfaces.push(surface);
         }
         Ok(())

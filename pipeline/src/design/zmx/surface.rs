@@ -142,8 +142,8 @@ impl Reader {
         Ok(None)
     }
 
-    /// The surface. `before` is the glass in front of it, which a coordinate break leaves as it is.
-    pub(super) fn finish(mut self, before: Option<&Glass>, scale: f64) -> Result<DraftSurface, DesignError> {
+    /// The surface.
+    pub(super) fn finish(mut self, scale: f64) -> Result<DraftSurface, DesignError> {
         let error = |p: &Parameter, problem: &str| DesignError::Line {
             line: p.line,
             text: p.quote.clone(),
@@ -193,7 +193,7 @@ impl Reader {
             extended_terms(self.kind, &self.extra, scale, shape)?;
         }
         if self.kind == Kind::CoordinateBreak {
-            self.draft.glass = before.cloned();
+            self.draft.keeps_medium = true;
             self.draft.coordinate_break = Some(tilts);
         }
         Ok(self.draft)
