@@ -3,7 +3,7 @@
 use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::shelf::LENSES;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming};
-use lenscube_pipeline::design::{ReadOptions, System, agf, codev, optiland, table, zmx};
+use lenscube_pipeline::design::{DesignError, ReadOptions, System, agf, codev, optiland, table, zmx};
 
 mod chain;
 use chain::assert_survives_all_formats;
@@ -94,6 +94,7 @@ fn optilands_own_files_are_read() {
     );
     assert_eq!((system.surfaces[0].thickness_mm, system.surfaces[1].thickness_mm), (5.0, 75.0));
     assert!((system.surfaces[0].medium.index(0.587_6).unwrap() - 1.620_4).abs() < 1e-3);
+    assert_keys_of_version_0_6(&text, &parse);
     for (from, to, word) in [
         ("\"Plane\", \"cs\": {\"x\"", "\"Zernike\", \"cs\": {\"x\"", "Zernike"),
         ("\"rx\": 0.0", "\"rx\": 0.1", "tilt"),
@@ -106,4 +107,30 @@ fn optilands_own_files_are_read() {
         let error = parse(&text.replace(from, to)).unwrap_err().to_string();
         assert!(error.contains(word), "{to}: {error}");
     }
+}
+
+/// Field type, telecentricity and ray aiming under their keys of version 0.6 and later; both generations of keys are written.
+fn assert_keys_of_version_0_6(old: &str, parse: &dyn Fn(&str) -> Result<System, DesignError>) {
+    let new = |kind: &str, telecentric: bool| {
+        let fields = format!("\"telecentric\": {telecentric}, \"field_definition\": {{\"field_type\": \"{kind}\"}}");
+        let aiming = "\"ray_tracer\": {\"ray_aiming_config\": {\"mode\": \"robust\"}}, \"surface_group\"";
+        old.replace("\"field_type\": \"angle\"", &fields).replace("\"surface_group\"", aiming)
+    };
+    for (kind, expected) in [
+        ("AngleField", FieldKind::Angle),
+        ("ObjectHeightField", FieldKind::ObjectHeight),
+        ("ParaxialImageHeightField", FieldKind::ParaxialImageHeight),
+        ("RealImageHeightField", FieldKind::RealImageHeight),
+    ] {
+        let system = parse(&new(kind, false)).unwrap();
+        assert_eq!((system.field_kind, system.aiming), (expected, RayAiming::Real), "{kind}");
+        let written = optiland::write(&system).unwrap().text;
+        assert!(written.contains(kind) && written.contains("ray_aiming_config"), "{written}");
+    }
+    assert!(parse(&new("PolarField", false)).unwrap_err().to_string().contains("PolarField"));
+    let near = new("ObjectHeightField", true).replace("-Infinity", "-300.0");
+    let system = parse(&near.replace("\"EPD\", \"value\": 10", "\"objectNA\", \"value\": 0.05")).unwrap();
+    assert!(system.is_telecentric);
+    let written = optiland::write(&system).unwrap().text;
+    assert!(written.contains("\"telecentric\": true"), "{written}");
 }

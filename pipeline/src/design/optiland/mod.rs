@@ -6,6 +6,7 @@
 //! AbbeMaterial (n_d and V_d). RadialAperture clips. What Optiland has no data for is written in an object `lenscube` (semi-diameters, an AGF catalogue of
 //! glasses that are not built in) and keys `lenscube_glass` and `dP_gF` of an AbbeMaterial, which Optiland does not read.
 //! The inner radius of a RadialAperture is a central obscuration.
+//! Field type, telecentric object space and ray aiming have other keys since version 0.6: both are read, and both are written.
 //! Not supported, with a specific error: tilts and decentres, other geometries and materials.
 
 mod json;

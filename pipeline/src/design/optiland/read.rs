@@ -53,10 +53,14 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
     }
     let mut draft = Draft { name: text(&file, "/name").to_owned(), ..Draft::default() };
     // Without the setting rays are aimed at the paraxial entrance pupil.
-    let aiming = text(&file, "/ray_aiming/mode");
+    let aiming = match text(&file, "/ray_tracer/ray_aiming_config/mode") {
+        "" => text(&file, "/ray_aiming/mode"),
+        mode => mode,
+    };
     draft.aiming =
         Some(if matches!(aiming, "" | "paraxial") { RayAiming::Paraxial } else { RayAiming::Real });
-    draft.is_telecentric = is_true(&file, "/fields/object_space_telecentric")
+    draft.is_telecentric = is_true(&file, "/fields/telecentric")
+        || is_true(&file, "/fields/object_space_telecentric")
         || is_true(&file, "/aperture/object_space_telecentric");
     for solve in ["/pickups", "/solves/solves"] {
         if !list(&file, solve).is_empty() {
@@ -214,15 +218,18 @@ fn glass(
 
 fn fields(file: &Value, draft: &mut Draft) -> Result<(), DesignError> {
     let fields = list(file, "/fields/fields");
-    let kind = match text(file, "/fields/field_type") {
-        "" => fields.first().map_or("angle", |f| text(f, "/field_type")),
-        kind => kind,
+    // Of version 0.6 and later, else of the versions before.
+    let definition = file.pointer("/fields/field_definition").filter(|d| !d.is_null());
+    let kind = match (definition, text(file, "/fields/field_type")) {
+        (Some(d), _) => d.get("field_type").and_then(Value::as_str).unwrap_or("none"),
+        (None, "") => fields.first().map_or("angle", |f| text(f, "/field_type")),
+        (None, kind) => kind,
     };
     draft.field_kind = Some(match kind {
-        "angle" | "" => FieldKind::Angle,
-        "object_height" => FieldKind::ObjectHeight,
-        "paraxial_image_height" => FieldKind::ParaxialImageHeight,
-        "real_image_height" => FieldKind::RealImageHeight,
+        "AngleField" | "angle" | "" => FieldKind::Angle,
+        "ObjectHeightField" | "object_height" => FieldKind::ObjectHeight,
+        "ParaxialImageHeightField" | "paraxial_image_height" => FieldKind::ParaxialImageHeight,
+        "RealImageHeightField" | "real_image_height" => FieldKind::RealImageHeight,
         other => return Err(incomplete(format!("has fields of type `{other}`, which is not supported"))),
     });
     for field in fields {

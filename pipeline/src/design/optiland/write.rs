@@ -35,11 +35,11 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
             return Err(DesignError::Incomplete { problem: problem.to_owned() });
         }
     };
-    let kind = match system.field_kind {
-        FieldKind::Angle => "angle",
-        FieldKind::ObjectHeight => "object_height",
-        FieldKind::ParaxialImageHeight => "paraxial_image_height",
-        FieldKind::RealImageHeight => "real_image_height",
+    let (kind, definition) = match system.field_kind {
+        FieldKind::Angle => ("angle", "AngleField"),
+        FieldKind::ObjectHeight => ("object_height", "ObjectHeightField"),
+        FieldKind::ParaxialImageHeight => ("paraxial_image_height", "ParaxialImageHeightField"),
+        FieldKind::RealImageHeight => ("real_image_height", "RealImageHeightField"),
     };
     let field = |y: &f64| json!({"field_type": kind, "x": 0.0, "y": y, "vx": 0.0, "vy": 0.0});
     // Older versions of the program accept no weight.
@@ -91,7 +91,8 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
         "aperture": aperture,
         "fields": {
             "fields": system.fields.iter().map(field).collect::<Vec<_>>(),
-            "telecentric": false,
+            "telecentric": system.is_telecentric,
+            "field_definition": {"field_type": definition},
             "field_type": kind,
             "object_space_telecentric": system.is_telecentric,
         },
@@ -99,6 +100,7 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
             "wavelengths": system.wavelengths_um.iter().enumerate().map(wavelength).collect::<Vec<_>>(),
             "polarization": "ignore",
         },
+        "ray_tracer": {"ray_aiming_config": {"mode": aiming, "max_iter": 10, "tol": 1e-6}},
         "ray_aiming": {"mode": aiming},
         "pickups": [],
         "solves": {"solves": []},
