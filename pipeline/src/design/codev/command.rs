@@ -2,6 +2,7 @@
 
 use crate::design::error::DesignError;
 use crate::design::text;
+use std::ops::RangeInclusive;
 
 /// Highest number of a field or wavelength.
 const MAX_NUMBERED: usize = 1000;
@@ -36,6 +37,12 @@ impl Command<'_> {
         }
     }
 
+    /// Whether word `i` is the name of a solve for a thickness or curvature, or of a pickup.
+    pub(super) fn is_solve(&self, i: usize) -> bool {
+        const SOLVES: [&str; 7] = ["HMY", "HCY", "UMY", "UCY", "IMY", "ICY", "PIK"];
+        self.words.get(i).is_some_and(|w| SOLVES.contains(&w.to_ascii_uppercase().as_str()))
+    }
+
     /// Reads values in order, or numbered by words such as `F2` before them, into `list`.
     pub(super) fn read_list(&self, label: char, list: &mut Vec<f64>) -> Result<(), DesignError> {
         let number = |word: &str| {
@@ -68,6 +75,19 @@ impl Command<'_> {
     pub(super) fn surface(&self, i: usize) -> Option<usize> {
         let word = self.words.get(i)?;
         word.strip_prefix(['S', 's'])?.parse().ok()
+    }
+
+    /// The numbers of the surfaces that a word names: `S3`, `SO` (object), `SI` (image, number `image`), or a range such as `S1..5`.
+    pub(super) fn surfaces(&self, i: usize, image: Option<usize>) -> Option<RangeInclusive<usize>> {
+        let word = self.words.get(i)?.to_ascii_uppercase();
+        let number = |name: &str| match name {
+            "O" => Some(0),
+            "I" => image,
+            digits => digits.parse().ok(),
+        };
+        let names = word.strip_prefix('S')?;
+        let (first, last) = names.split_once("..").unwrap_or((names, names));
+        Some(number(first)?..=number(last.strip_prefix('S').unwrap_or(last))?)
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! Commands are separated by line ends or `;`, continued by `&`, commented by `!`, and not case-sensitive. A surface is `S r t glass` (object `SO`, image
 //! `SI`): radius (curvature without `RDM`), thickness, glass behind it; commands up to the next surface qualify it. Read: DIM, EPD, FNO, NA,
-//! NAO, WL (nm), REF, WTW, PRV to END (private glasses), XAN/YAN, XOB/YOB, XIM/YIM, XRI/YRI, STO, K, A to J (r⁴ to r²⁰), CIR, and RDY, CUY, THI of a numbered surface.
+//! NAO, WL (nm), REF, WTW, PRV to END (private glasses), XAN/YAN, XOB/YOB, XIM/YIM, XRI/YRI, STO, K, A to J (r⁴ to r²⁰), CIR, and RDY, CUY, THI of a surface
+//! (`S3`, `SO`, `SI`) or of several (`S1..5`).
 //! Rays are aimed at the real stop. The image surface's thickness is the defocus, added to the last gap. A paraxial image solve (PIM) is
 //! solved where the saved last gap is 0; otherwise the saved gap holds. Unknown commands are ignored with a note.
 //! Lists may number their values (`WL W1 587.6`, `YAN F1 0 F2 14`); a glass may be a glass code.
@@ -144,14 +145,12 @@ impl Reader<'_> {
             "WL" => command.read_list('W', &mut self.wavelengths_nm)?,
             "WTW" => command.read_list('W', &mut self.weights)?,
             "REF" => draft.primary = first()?.clamp(1.0, 1000.0) as usize - 1,
-            "XAN" | "XOB" | "XIM" | "XRI" => command.read_list('F', &mut self.x)?,
+            "XAN" | "XOB" | "XIM" | "XRI" => {
+                draft.field_kind.get_or_insert(field_kind(&key));
+                command.read_list('F', &mut self.x)?;
+            }
             "YAN" | "YOB" | "YIM" | "YRI" => {
-                draft.field_kind = Some(match key.as_str() {
-                    "YAN" => FieldKind::Angle,
-                    "YOB" => FieldKind::ObjectHeight,
-                    "YIM" => FieldKind::ParaxialImageHeight,
-                    _ => FieldKind::RealImageHeight,
-                });
+                draft.field_kind = Some(field_kind(&key));
                 command.read_list('F', &mut self.y)?;
             }
             "VUX" | "VLX" | "VUY" | "VLY" => {
@@ -180,17 +179,35 @@ impl Reader<'_> {
         Ok(true)
     }
 
-    /// Commands that qualify the last surface, or the one that they name.
+    /// Commands that qualify the last surface, or those that they name.
     fn read_qualifier(&mut self, key: &str, command: &Command<'_>) -> Result<bool, DesignError> {
-        let named = command.surface(1);
-        let value = usize::from(named.is_some()) + 1;
-        let last = self.draft.surfaces.len().saturating_sub(1);
-        let index = named.unwrap_or(last);
-        let scale = self.scale;
         if key == "PIM" {
             self.is_solved_for_image = !command.words.get(1).is_some_and(|w| w.starts_with(['n', 'N']));
             return Ok(true);
         }
+        let last = self.draft.surfaces.len().saturating_sub(1);
+        let Some(named) = command.surfaces(1, self.has_image.then_some(last)) else {
+            return self.qualify(last, key, command, 1);
+        };
+        if *named.end() > last {
+            return Err(command.error(format!("there is no surface {} before this command", named.end())));
+        }
+        let mut is_known = true;
+        for index in named {
+            is_known &= self.qualify(index, key, command, 2)?;
+        }
+        Ok(is_known)
+    }
+
+    /// Applies a command to surface `index`; its value is word `value`.
+    fn qualify(
+        &mut self,
+        index: usize,
+        key: &str,
+        command: &Command<'_>,
+        value: usize,
+    ) -> Result<bool, DesignError> {
+        let scale = self.scale;
         if key == "STO" {
             self.draft.stop = Some(index);
             return Ok(true);
@@ -241,10 +258,10 @@ impl Reader<'_> {
                     ));
                 }
             },
-            // A solve: its saved value stands in the surface's line.
-            "THI" | "CUY" | "RDY" if command.value(value).is_err() => {}
-            "THI" => surface.thickness_mm = command.value(value)? * scale,
-            "RDY" => surface.shape.curvature = curvature(command.value(value)?, true, scale),
+            // Its saved value stands in the surface's line.
+            "THI" | "CUY" | "RDY" if command.is_solve(value) => {}
+            "THI" => surface.thickness_mm = command.value_or_infinite(value)? * scale,
+            "RDY" => surface.shape.curvature = curvature(command.value_or_infinite(value)?, true, scale),
             "CUY" => surface.shape.curvature = curvature(command.value(value)?, false, scale),
             _ => return Ok(false),
         }
@@ -255,6 +272,9 @@ impl Reader<'_> {
         let number = self.draft.surfaces.len();
         if number > MAX_SURFACES {
             return Err(command.error(format!("more than {MAX_SURFACES} surfaces")));
+        }
+        if self.has_image {
+            return Err(command.error("a surface behind the image (SI)"));
         }
         if (key == "SO") != (number == 0) {
             return Err(command.error("expected the object (SO) first, then surfaces (S) and the image (SI)"));
@@ -343,6 +363,16 @@ fn unit_mm(command: &Command<'_>) -> Result<f64, DesignError> {
         Some('C' | 'c') => Ok(10.0),
         Some('I' | 'i') => Ok(25.4),
         _ => Err(command.error("expected the lens unit M (mm), C (cm) or I (inch)")),
+    }
+}
+
+/// Kind of the field values of a command such as `YAN`.
+fn field_kind(key: &str) -> FieldKind {
+    match &key[1..] {
+        "AN" => FieldKind::Angle,
+        "OB" => FieldKind::ObjectHeight,
+        "IM" => FieldKind::ParaxialImageHeight,
+        _ => FieldKind::RealImageHeight,
     }
 }
 

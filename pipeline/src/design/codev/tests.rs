@@ -135,3 +135,31 @@ fn returned_reversed_and_bent_axes_are_straight() {
         assert!(error.to_string().contains("tilt"), "{wrong}: {error}");
     }
 }
+
+#[test]
+fn commands_of_named_surfaces_are_read_wherever_they_stand() {
+    let with = |commands: &str| read(&DOUBLET.replace("GO\n", &format!("{commands}\nGO\n")));
+    let straight = read(DOUBLET).unwrap();
+    assert_eq!(with("THI SO 500").unwrap().object_distance_mm, Some(500.0));
+    assert_eq!(with("THI SO 500; THI s0 INF").unwrap(), straight);
+    let gap = |s: &System| s.surfaces[2].thickness_mm;
+    assert!((gap(&with("THI SI 0.5").unwrap()) - gap(&straight) - 0.5).abs() < 1e-12);
+    let curvatures = |s: &System| s.surfaces.iter().map(|s| s.shape.curvature).collect::<Vec<_>>();
+    assert_eq!(curvatures(&with("RDY S1 INF").unwrap())[0], 0.0);
+    assert_eq!(curvatures(&with("RDY S1..2 80; CUY S3..I 0").unwrap()), [1.0 / 80.0, 1.0 / 80.0, 0.0, 0.0]);
+    // Solves: the saved values hold.
+    assert_eq!(with("CUY S3 UMY -0.125; THI S3 HMY 0").unwrap(), straight);
+    for (command, words) in [
+        ("THI S1 X", "`X` is not a number"),
+        ("THI S9 5", "no surface 9"),
+        ("RDY S1..9 50", "no surface 9"),
+        ("CUY S1 INF", "not a number"),
+        ("S 0 1", "behind the image"),
+    ] {
+        let error = with(command).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("line 19"), "{command}: {error}");
+    }
+    let heights = read(&DOUBLET.replace("YAN 0.0 1.0 ! degrees\n", "").replace("XAN 0.0 0.0", "XIM 0.0 2.0"));
+    let heights = heights.unwrap();
+    assert_eq!((heights.field_kind, heights.fields), (FieldKind::ParaxialImageHeight, vec![0.0, 2.0]));
+}
