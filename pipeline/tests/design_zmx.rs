@@ -16,7 +16,7 @@ UNIT IN X W X CM
 FNUM 4.0 1
 GFAC 0 0
 GCAT SCHOTT
-RAIM 1.0E-8 1 1 1 0 0
+RAIM 1.0E-8 2 1 1 0 0
 FTYP 2 0 2 1
 XFLD 0 0
 YFLD 0 0.1
@@ -71,6 +71,23 @@ fn units_apertures_and_aspheres_are_converted_to_mm() {
     let p = Paraxial::new(&s, 0.55).unwrap();
     assert!((p.working_f_number() - 4.0).abs() < 1e-12);
     assert!((describe(&s).unwrap().paraxial_film_height_mm - 2.54).abs() < 1e-9);
+}
+
+/// Paraxial ray aiming aims at the paraxial radius of the stop, real ray aiming at the height of the real marginal ray there.
+#[test]
+fn paraxial_ray_aiming_keeps_the_paraxial_stop() {
+    let behind = OLD.replacen("  STOP\n", "", 1).replacen("SURF 2\n", "SURF 2\n  STOP\n", 1);
+    let real = read(&behind).unwrap();
+    let paraxial = read(&behind.replacen("RAIM 1.0E-8 2", "RAIM 1.0E-8 1", 1)).unwrap();
+    let radius = Paraxial::new(&real, 0.55).unwrap().stop_radius_mm;
+    assert_eq!((paraxial.aiming, paraxial.stop), (RayAiming::Real, 1));
+    assert!(matches!(paraxial.aperture, Aperture::StopRadius(r) if (r - radius).abs() < 1e-12));
+    // As with the stop's own size for the aperture.
+    let floating = behind.replacen("FNUM 4.0 1", "FLOA", 1);
+    let floating = floating.replacen("DIAM 0.4 0", &format!("DIAM {} 0", radius / 25.4), 1);
+    let na = |s: &System| describe(s).unwrap().real_na;
+    let (a, b) = (na(&paraxial), na(&read(&floating).unwrap()));
+    assert!((a - b).abs() < 1e-9 && (a - na(&real)).abs() > 1e-4, "{a} {b} {}", na(&real));
 }
 
 #[test]

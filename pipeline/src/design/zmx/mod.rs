@@ -6,6 +6,7 @@
 //! Lengths are converted from lens units to mm. Apertures: CLAP and FLAP (outer radius), the inner radius of a ring-shaped OBSC, the circle
 //! inside SQAP and ELAP, and a fixed semi-diameter (DIAM with flag 1) where rays bend. Of pickups and solves the saved values are used.
 //! Wavelengths and indices are relative to air at 20 °C, 1 atm. Coordinate breaks may fold the axis at plane mirrors or be undone.
+//! Paraxial ray aiming (RAIM 1) is real aiming at the paraxial radius of the stop, which becomes the aperture.
 //! The inner radius of CLAP and OBSC from 0 are central obscurations. `GLAS MIRROR` reflects into the medium before it.
 //! An apodised pupil is read as a uniform one, with a note. Not supported, with a specific error: tilts, other surface types,
 //! indices adjusted to another pressure.
@@ -19,6 +20,7 @@ mod write;
 use super::draft::{Draft, MAX_SURFACES};
 use super::error::DesignError;
 use super::glass_library::GlassLibrary;
+use super::paraxial::Paraxial;
 use super::reading::ReadOptions;
 use super::system::{Aperture, FieldKind, RayAiming, System};
 use super::text::decode;
@@ -96,6 +98,8 @@ struct Reader {
     waves: Vec<(usize, f64, f64)>,
     open: surface::Reader,
     in_surface: bool,
+    /// Whether rays are aimed at the paraxial radius of the stop, not at that of the real marginal ray.
+    has_paraxial_stop: bool,
     /// Whether the lines of surfaces are indented, once the first has been read.
     are_surfaces_indented: Option<bool>,
     surface_count: usize,
@@ -194,8 +198,10 @@ impl Reader {
             // The radius is that of the stop's surface, read later.
             "FLOA" => draft.aperture = Some(Aperture::StopRadius(0.0)),
             "RAIM" => {
-                let is_off = line.value_or(2, 0.0)? == 0.0;
-                draft.aiming = Some(if is_off { RayAiming::Paraxial } else { RayAiming::Real });
+                // 0: off, 1: paraxial, 2: real.
+                let mode = line.value_or(2, 0.0)?;
+                draft.aiming = Some(if mode == 0.0 { RayAiming::Paraxial } else { RayAiming::Real });
+                self.has_paraxial_stop = mode == 1.0;
             }
             "FTYP" => {
                 draft.field_kind = Some(match first()? as i64 {
@@ -282,7 +288,12 @@ impl Reader {
         if draft.aiming.is_none() {
             draft.notes.push("no ray aiming given: rays are aimed at the paraxial entrance pupil".to_owned());
         }
-        draft.finish()
+        let mut system = draft.finish()?;
+        if self.has_paraxial_stop && !system.is_telecentric {
+            let primary = Paraxial::new(&system, system.primary_um())?;
+            system.aperture = Aperture::StopRadius(primary.stop_radius_mm);
+        }
+        Ok(system)
     }
 
     /// Changes the saved configuration into the requested one.
