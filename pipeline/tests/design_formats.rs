@@ -3,7 +3,7 @@
 use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::shelf::LENSES;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming};
-use lenscube_pipeline::design::{DesignError, ReadOptions, System, agf, codev, optiland, table, zmx};
+use lenscube_pipeline::design::{DesignError, ReadOptions, System, agf, codev, describe, optiland, table, zmx};
 
 mod chain;
 use chain::assert_survives_all_formats;
@@ -126,6 +126,18 @@ fn assert_keys_of_version_0_6(old: &str, parse: &dyn Fn(&str) -> Result<System, 
         assert_eq!((system.field_kind, system.aiming), (expected, RayAiming::Real), "{kind}");
         let written = optiland::write(&system).unwrap().text;
         assert!(written.contains(kind) && written.contains("ray_aiming_config"), "{written}");
+    }
+    // Optiland's paraxial image height is that on the film, which is not at the focus here.
+    let system = parse(&new("ParaxialImageHeightField", false)).unwrap();
+    let heights = |s: &System| describe(s).map(|d| (d.paraxial_film_height_mm, d.paraxial_image_height_mm));
+    let (film, image) = heights(&system).unwrap();
+    assert!((film - 5.0).abs() < 1e-9 && (image - 5.0).abs() > 0.1, "{film} {image}");
+    for again in [
+        parse(&optiland::write(&system).unwrap().text).unwrap(),
+        chain::read(&zmx::write(&system, "own").unwrap(), zmx::parse),
+        chain::read(&table::write(&system, "own").unwrap(), table::parse),
+    ] {
+        assert!((heights(&again).unwrap().0 - film).abs() < 1e-9);
     }
     assert!(parse(&new("PolarField", false)).unwrap_err().to_string().contains("PolarField"));
     let near = new("ObjectHeightField", true).replace("-Infinity", "-300.0");

@@ -70,7 +70,9 @@ fn units_apertures_and_aspheres_are_converted_to_mm() {
     assert!((front.aperture_mm.unwrap() - 10.16).abs() < 1e-12 && s.surfaces[1].aperture_mm.is_none());
     let p = Paraxial::new(&s, 0.55).unwrap();
     assert!((p.working_f_number() - 4.0).abs() < 1e-12);
-    assert!((describe(&s).unwrap().paraxial_film_height_mm - 2.54).abs() < 1e-9);
+    // In the paraxial image plane, behind which the film lies.
+    let d = describe(&s).unwrap();
+    assert!((d.paraxial_image_height_mm - 2.54).abs() < 1e-9 && d.paraxial_focus_mm.abs() > 0.1);
 }
 
 /// Paraxial ray aiming aims at the paraxial radius of the stop, real ray aiming at the height of the real marginal ray there.

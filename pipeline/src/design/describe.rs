@@ -93,10 +93,7 @@ pub fn describe(system: &System) -> Result<Description, DesignError> {
         exit_pupil_position_mm: p.exit_pupil_mm,
         exit_pupil_diameter_mm: 2.0 * p.exit_radius_mm,
         stop_radius_mm: p.stop_radius_mm,
-        paraxial_image_height_mm: match system.object_distance_mm {
-            None => tan * p.effective_focal_length_mm.abs(),
-            Some(distance) => tan * (distance + p.entrance_pupil_mm) * p.magnification.abs(),
-        },
+        paraxial_image_height_mm: tan * p.image_scale_mm(system.object_distance_mm),
         paraxial_film_height_mm: tan * p.distortion_focal_length_mm.abs(),
         maximum_field_deg: if system.is_telecentric { 0.0 } else { real::atan(tan).to_degrees() },
         angular_magnification: p.angular_magnification,
@@ -112,7 +109,7 @@ pub fn field_tan(system: &System, primary: &Paraxial, field: f64) -> f64 {
         (FieldKind::ObjectHeight, Some(distance)) => field / (distance + primary.entrance_pupil_mm),
         // Undefined for an object at infinity; the design program lists 0.
         (FieldKind::ObjectHeight, None) => 0.0,
-        (FieldKind::ParaxialImageHeight, _) => field / primary.distortion_focal_length_mm.abs(),
+        (FieldKind::ParaxialImageHeight, distance) => field / primary.image_scale_mm(distance),
         (FieldKind::RealImageHeight, _) => {
             let exact = Tracer::new(system, system.primary_um()).and_then(|t| t.field_of_height(field.abs()));
             exact.unwrap_or(field / primary.distortion_focal_length_mm.abs())

@@ -175,6 +175,14 @@ impl Paraxial {
         object_distance_mm.map_or(0.0, |d| -self.distortion_focal_length_mm / (d + self.entrance_pupil_mm))
     }
 
+    /// Height in the PARAXIAL image plane over tan(field angle), positive.
+    pub fn image_scale_mm(&self, object_distance_mm: Option<f64>) -> f64 {
+        match object_distance_mm {
+            None => self.effective_focal_length_mm.abs(),
+            Some(d) => (d + self.entrance_pupil_mm) * self.magnification.abs(),
+        }
+    }
+
     /// Paraxial working F-number.
     pub fn working_f_number(&self) -> f64 {
         1.0 / (2.0 * self.image_index * self.marginal_slope)

@@ -102,7 +102,7 @@ pub enum FieldKind {
     Angle,
     /// Object height, mm.
     ObjectHeight,
-    /// Paraxial image height at the primary wavelength, mm.
+    /// Height in the paraxial image plane (not that of the film) at the primary wavelength, mm.
     ParaxialImageHeight,
     /// Real height of the chief ray of the primary wavelength in the image plane, mm.
     RealImageHeight,

@@ -7,14 +7,28 @@
 //! glasses that are not built in) and keys `lenscube_glass` and `dP_gF` of an AbbeMaterial, which Optiland does not read.
 //! The inner radius of a RadialAperture is a central obscuration.
 //! Field type, telecentric object space and ray aiming have other keys since version 0.6: both are read, and both are written.
+//! Its paraxial image heights are those of the chief ray on the film; here they are heights in the paraxial image plane, and are converted.
 //! Not supported, with a specific error: tilts and decentres, other geometries and materials.
 
 mod json;
 mod read;
 mod write;
 
+use super::error::DesignError;
+use super::paraxial::Paraxial;
+use super::system::{FieldKind, System};
+
 /// Name of the catalogue of glasses in the file.
 const OWN: &str = "LENSCUBE";
 
 pub use read::parse;
 pub use write::write;
+
+/// Field values of Optiland over those of the system: paraxial heights on the film over those in the paraxial image plane, 1 for other kinds.
+fn film_height_scale(system: &System) -> Result<f64, DesignError> {
+    if system.field_kind != FieldKind::ParaxialImageHeight {
+        return Ok(1.0);
+    }
+    let p = Paraxial::new(system, system.primary_um())?;
+    Ok(p.distortion_focal_length_mm.abs() / p.image_scale_mm(system.object_distance_mm))
+}

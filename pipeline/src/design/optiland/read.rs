@@ -1,6 +1,6 @@
 //! Reads Optiland's JSON.
 
-use super::{OWN, json};
+use super::{OWN, film_height_scale, json};
 use crate::design::agf;
 use crate::design::draft::{Draft, DraftSurface};
 use crate::design::error::DesignError;
@@ -110,7 +110,10 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
             )));
         }
     });
-    draft.finish()
+    let mut system = draft.finish()?;
+    let scale = 1.0 / film_height_scale(&system)?;
+    system.fields.iter_mut().for_each(|field| *field *= scale);
+    Ok(system)
 }
 
 fn read_surface(

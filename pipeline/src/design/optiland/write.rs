@@ -1,6 +1,6 @@
 //! Writes Optiland's JSON.
 
-use super::{OWN, json};
+use super::{OWN, film_height_scale, json};
 use crate::design::agf;
 use crate::design::error::DesignError;
 use crate::design::glass::Glass;
@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 /// The file of `system`. What it cannot hold is listed in the notes.
 ///
 /// # Errors
-/// [`DesignError::Incomplete`] for an aperture that the format does not have.
+/// [`DesignError::Incomplete`] for an aperture that the format does not have; no first-order properties, for paraxial image heights.
 pub fn write(system: &System) -> Result<Written, DesignError> {
     let mut notes = Vec::new();
     let aperture = match system.aperture {
@@ -41,7 +41,8 @@ pub fn write(system: &System) -> Result<Written, DesignError> {
         FieldKind::ParaxialImageHeight => ("paraxial_image_height", "ParaxialImageHeightField"),
         FieldKind::RealImageHeight => ("real_image_height", "RealImageHeightField"),
     };
-    let field = |y: &f64| json!({"field_type": kind, "x": 0.0, "y": y, "vx": 0.0, "vy": 0.0});
+    let scale = film_height_scale(system)?;
+    let field = |y: &f64| json!({"field_type": kind, "x": 0.0, "y": y * scale, "vx": 0.0, "vy": 0.0});
     // Older versions of the program accept no weight.
     let are_weighted = system.wavelengths_um.iter().any(|w| w.1 != 1.0);
     let wavelength = |(i, w): (usize, &(f64, f64))| match are_weighted {
