@@ -13,7 +13,7 @@ use super::surface::Shape;
 use super::system::{Aperture, FieldKind, Medium, RayAiming, Surface, System};
 
 /// Object distances from here on count as infinite, mm.
-const INFINITE_MM: f64 = 1e9;
+pub(super) const INFINITE_MM: f64 = 1e9;
 
 /// Semi-diameters that stand for vignetting factors are enlarged by this share, so that rounding does not clip the axial beam.
 const VIGNETTING_SLACK: f64 = 1e-6;

@@ -15,7 +15,7 @@ mod command;
 mod decentre;
 mod private;
 
-use super::draft::{Draft, DraftSurface, MAX_SURFACES};
+use super::draft::{Draft, DraftSurface, INFINITE_MM, MAX_SURFACES};
 use super::error::DesignError;
 use super::glass::Glass;
 use super::glass_library::GlassLibrary;
@@ -323,6 +323,12 @@ impl Reader<'_> {
             if let Some(surface) = draft.surfaces.get_mut(*index) {
                 decentre.apply(surface, self.scale);
             }
+        }
+        if let Some(Aperture::ImageFNumber(f)) = draft.aperture
+            && draft.surfaces[0].thickness_mm.abs() < INFINITE_MM
+        {
+            // FNO is that of the paraxial marginal ray at the conjugates used.
+            draft.aperture = Some(Aperture::WorkingFNumber(f));
         }
         if draft.stop.is_none() && draft.surfaces.len() > 2 {
             draft.stop = Some(1);

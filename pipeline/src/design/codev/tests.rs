@@ -163,3 +163,16 @@ fn commands_of_named_surfaces_are_read_wherever_they_stand() {
     let heights = heights.unwrap();
     assert_eq!((heights.field_kind, heights.fields), (FieldKind::ParaxialImageHeight, vec![0.0, 2.0]));
 }
+
+/// FNO and NA are those of the paraxial marginal ray at the conjugates used.
+#[test]
+fn f_number_of_a_near_object_is_that_of_its_image() {
+    let at = |so: &str, aperture: &str| {
+        read(&DOUBLET.replace("SO 0.0 0.1e14", so).replace("EPD 25.0", aperture)).unwrap()
+    };
+    let near = at("SO 0.0 250", "FNO 8");
+    let p = Paraxial::new(&near, near.primary_um()).unwrap();
+    assert!((p.working_f_number() - 8.0).abs() < 1e-9, "{}", p.working_f_number());
+    assert_eq!(near.aperture, at("SO 0.0 250", "NA 0.0625").aperture);
+    assert_eq!(at("SO 0.0 0.1e14", "FNO 8").aperture, Aperture::ImageFNumber(8.0));
+}
