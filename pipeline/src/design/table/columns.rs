@@ -2,9 +2,10 @@
 //!
 //! Names without case, blanks, hyphens and units: radius (r) or curvature (c); thickness (t, d, distance); glass (material; `mirror` reflects); n (nd) and V (vd, abbe);
 //! dP_gF of a model glass; semi-diameter (sd) or diameter; aperture radius; obscuration radius; conic (k); ideal f (focal length of an ideal thin lens); a2, a4, a6, … and a1, a3, … of the asphere, the coefficients
-//! of rⁿ. Columns for people (note, element, type) are skipped; others are ignored with a note.
+//! of rⁿ. A unit in brackets must be that of the table. Columns for people (note, element, type) are skipped; others are ignored with a note.
 
 use super::Line;
+use super::units::{self, Unit};
 use crate::design::error::DesignError;
 
 /// Meaning of a column.
@@ -27,6 +28,24 @@ pub(super) enum Column {
     /// Coefficient of r^n.
     Coefficient(usize),
     Comment,
+}
+
+impl Column {
+    /// Whether its values are lengths or their powers.
+    fn has_length(self) -> bool {
+        matches!(
+            self,
+            Self::Radius
+                | Self::Curvature
+                | Self::Thickness
+                | Self::SemiDiameter
+                | Self::Diameter
+                | Self::ApertureRadius
+                | Self::ObscurationRadius
+                | Self::IdealFocalLength
+                | Self::Coefficient(_)
+        )
+    }
 }
 
 /// Highest power of an asphere's column.
@@ -79,10 +98,14 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    pub(super) fn new(line: &Line<'_>, strict: bool) -> Result<Self, DesignError> {
+    /// `scale` is the lens unit in mm.
+    pub(super) fn new(line: &Line<'_>, scale: f64, strict: bool) -> Result<Self, DesignError> {
         let columns: Vec<Option<Column>> = line.cells.iter().map(|cell| column(cell)).collect();
         let mut notes = Vec::new();
         for (i, (cell, column)) in line.cells.iter().zip(&columns).enumerate() {
+            if column.is_some_and(Column::has_length) {
+                units::check(line, cell, Unit::Length(scale))?;
+            }
             match column {
                 None if strict => {
                     return Err(line.error(format!("column `{cell}` is not known, and --strict allows none")));

@@ -18,6 +18,7 @@
 mod columns;
 mod row;
 mod settings;
+mod units;
 mod write;
 
 use super::draft::Draft;
@@ -123,7 +124,11 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
     for line in (0..header_row).filter(|i| !is_blank(lines[*i])).map(split_line) {
         settings.read(&line, options.strict)?;
     }
-    let columns = Columns::new(&split_line(header_row), options.strict)?;
+    // A line with the unit may follow the settings that it holds for.
+    for line in (0..header_row).filter(|i| !is_blank(lines[*i])).map(split_line) {
+        settings.check_unit(&line)?;
+    }
+    let columns = Columns::new(&split_line(header_row), settings.scale(), options.strict)?;
     let mut draft = Draft { aiming: Some(RayAiming::Real), ..Draft::default() };
     draft.notes.extend(columns.notes.iter().cloned());
     let mut table = row::Table::new(&columns, settings.scale(), glasses, settings.catalogues.clone());

@@ -6,6 +6,7 @@
 
 use super::Line;
 use super::columns::plain;
+use super::units::{self, Unit};
 use crate::design::draft::Draft;
 use crate::design::error::DesignError;
 use crate::design::system::{Aperture, FieldKind, RayAiming};
@@ -48,6 +49,22 @@ impl Settings {
     /// Object distance in lens units.
     pub(super) fn object_distance(&self) -> Result<Option<f64>, DesignError> {
         Ok(self.object_distance)
+    }
+
+    /// Checks the unit in the name of a setting, when all settings have been read.
+    pub(super) fn check_unit(&self, line: &Line<'_>) -> Result<(), DesignError> {
+        let expected = match plain(line.cell(0)).as_str() {
+            "entrancepupildiameter" | "epd" | "stopradius" | "objectheight" | "paraxialimageheight"
+            | "imageheight" | "realimageheight" | "objectdistance" | "focallength" | "efl" | "f" => {
+                Unit::Length(self.scale())
+            }
+            "fielddeg" | "fielddegrees" | "fieldangle" | "fieldangledeg" => Unit::Degrees,
+            "wavelengthsnm" | "wavelengthnm" | "wavelengths" | "primarynm" | "primarywavelengthnm" => {
+                Unit::Length(1e-6)
+            }
+            _ => return Ok(()),
+        };
+        units::check(line, line.cell(0), expected)
     }
 
     pub(super) fn read(&mut self, line: &Line<'_>, strict: bool) -> Result<(), DesignError> {

@@ -93,3 +93,34 @@ fn printed_values_that_differ_are_noted() {
     assert!(notes.iter().any(|n| n.contains("N-LAK9") && n.contains("1.7")), "{notes:?}");
     assert!(notes.iter().any(|n| n.contains("focal length is 60 mm")), "{notes:?}");
 }
+
+/// Values are read in the unit of the table, degrees and nm, whatever a name says: another unit is an error.
+#[test]
+fn units_in_names_must_be_those_of_the_table() {
+    for (from, to, line) in [
+        ("radius (mm)", "radius (cm)", 8),
+        ("thickness,", "thickness [inch],", 8),
+        ("A4", "a4 (cm^-3)", 8),
+        ("field deg", "field angle (rad)", 4),
+        ("wavelengths nm", "wavelengths (µm)", 5),
+        ("focal length", "focal length (m)", 6),
+        ("f-number, 4", "unit, in", 8),
+    ] {
+        let error = read(&TRIPLET.replace(from, to)).unwrap_err();
+        assert!(matches!(&error, DesignError::Line { line: l, .. } if *l == line), "{to}: {error}");
+    }
+    let plain = read(TRIPLET).unwrap();
+    for (from, to) in [
+        ("field deg", "field angle (deg)"),
+        ("wavelengths nm", "wavelengths [nm]"),
+        ("A4", "A4 (mm^-3)"),
+        ("thickness", "thickness (axial)"),
+        ("n_d", "n (d)"),
+    ] {
+        assert_eq!(read(&TRIPLET.replace(from, to)).unwrap(), plain, "{to}");
+    }
+    let inches = TRIPLET.replace("f-number, 4", "f-number, 4\nunit, in").replace("(mm)", "(in)");
+    let inches = read(&inches).unwrap();
+    let apart = inches.surfaces[0].shape.curvature * 25.4 - plain.surfaces[0].shape.curvature;
+    assert!(apart.abs() < 1e-15);
+}
