@@ -139,6 +139,11 @@ fn assert_keys_of_version_0_6(old: &str, parse: &dyn Fn(&str) -> Result<System, 
     ] {
         assert!((heights(&again).unwrap().0 - film).abs() < 1e-9);
     }
+    let gaussian = old.replace("{\"version\"", "{\"apodization\": {\"type\": \"GaussianApodization\"}, \"version\"");
+    let notes = parse(&gaussian).unwrap().notes;
+    assert!(notes.iter().any(|n| n.contains("GaussianApodization")), "{notes:?}");
+    let strict = optiland::parse(gaussian.as_bytes(), &GlassLibrary::new(), &chain::STRICT).unwrap_err();
+    assert!(strict.to_string().contains("apodised"), "{strict}");
     assert!(parse(&new("PolarField", false)).unwrap_err().to_string().contains("PolarField"));
     let near = new("ObjectHeightField", true).replace("-Infinity", "-300.0");
     let system = parse(&near.replace("\"EPD\", \"value\": 10", "\"objectNA\", \"value\": 0.05")).unwrap();

@@ -33,7 +33,7 @@ const HARMLESS: &[&str] = &[
     "LEN", "GO", "END", "INI", "SLB", "LBL", "TEM", "WTF", "CCY", "THC", "GLC", "KC", "AC", "BC", "CC", "DC",
     "EC", "FC", "GC", "HC", "JC", "CUM", "THM", "GLM", "VER", "CHK", "OUT", "VIE", "SPH", "CON", "ASP",
     "SUR", "LCT", "MFL", "CUF", "FAB", "PRO", "CA", "NOR", "IFO", "NRD", "CAO", "PRS", "VCO", "SAV", "TOW",
-    "TIL", "SSI", "BUF", "WRI", "DEL", "POX", "POY", "DER", "CLS", "PUI", "PUX", "PUY", "DDM", "RSI", "ZLB",
+    "TIL", "SSI", "BUF", "WRI", "DEL", "POX", "POY", "DER", "CLS", "PUX", "PUY", "DDM", "RSI", "ZLB",
     "TMP", "PRE", "TCE", "DLF", "DLR", "DLT", "DLN", "DLA", "DLB", "DLX", "DLY", "AUT", "OAL", "EFL", "PIK",
     "WTA", "IMC", "MAX", "MIN", "CCL", "DNG", "GSG", "SPT", "FFO",
 ];
@@ -108,9 +108,18 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
     }
     for command in commands {
         if !reader.read(&command)? {
-            let problem = "is not a known command and was ignored";
+            let (problem, error) = match command.words[0].eq_ignore_ascii_case("PUI") {
+                true => (
+                    "the apodisation of the pupil was ignored, its amplitude is uniform",
+                    "an apodised pupil is not supported, and --strict allows none",
+                ),
+                false => (
+                    "is not a known command and was ignored",
+                    "this command is not known, and --strict allows none",
+                ),
+            };
             if strict {
-                return Err(command.error("this command is not known, and --strict allows none"));
+                return Err(command.error(error));
             }
             let quote: String = command.text.trim().chars().take(80).collect();
             reader.draft.notes.push(format!("line {}: `{quote}` {problem}", command.line));
@@ -158,6 +167,8 @@ impl Reader<'_> {
                 command.read_list('F', &mut factors)?;
                 draft.has_vignetting_factors |= factors.iter().any(|v| *v != 0.0);
             }
+            // Intensity at the edge of the pupil.
+            "PUI" => return Ok(first()? == 1.0),
             "ZOO" => {
                 if command.words.get(1).is_some_and(|n| n.parse::<f64>().is_ok_and(|n| n > 1.0)) {
                     draft.notes.push("zoom lens: the first position is read".to_owned());

@@ -176,3 +176,14 @@ fn f_number_of_a_near_object_is_that_of_its_image() {
     assert_eq!(near.aperture, at("SO 0.0 250", "NA 0.0625").aperture);
     assert_eq!(at("SO 0.0 0.1e14", "FNO 8").aperture, Aperture::ImageFNumber(8.0));
 }
+
+#[test]
+fn apodisation_is_a_note_and_an_error_where_strict() {
+    let strict = ReadOptions { strict: true, configuration: None };
+    let text = |value: &str| DOUBLET.replace("DIM M", &format!("DIM M\nPUI {value}; PUX 1; PUY 1"));
+    let system = read(&text("0.135335")).unwrap();
+    assert!(matches!(&system.notes[..], [n] if n.contains("line 5") && n.contains("apodisation")));
+    let error = parse(text("0.135335").as_bytes(), &GlassLibrary::new(), &strict).unwrap_err();
+    assert!(error.to_string().contains("apodised"), "{error}");
+    assert!(parse(text("1").as_bytes(), &GlassLibrary::new(), &strict).is_ok());
+}

@@ -67,6 +67,17 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
             draft.notes.push("pickups and solves are not evaluated: the saved values hold".to_owned());
         }
     }
+    let apodisation = text(&file, "/apodization/type");
+    if !matches!(apodisation, "" | "UniformApodization") {
+        if options.strict {
+            return Err(incomplete(format!(
+                "has an apodised pupil ({apodisation}), which is not supported, and --strict allows none"
+            )));
+        }
+        draft.notes.push(format!(
+            "the apodisation of the pupil ({apodisation}) was ignored, its amplitude is uniform"
+        ));
+    }
     let mut glasses = glasses.clone();
     if let Some(agf) = file.pointer("/lenscube/glasses_agf").and_then(Value::as_str) {
         glasses.add(OWN, agf::parse(agf.as_bytes())?);
