@@ -155,6 +155,17 @@ fn apodisation_is_a_note_and_an_error_where_strict() {
 }
 
 #[test]
+fn offsets_of_a_glass_are_a_note_and_an_error_where_strict() {
+    let glass = |values: &str| OLD.replacen("N-BK7 0 0 1.5 40 0 0 0 0 0 0", &format!("N-BK7 {values}"), 1);
+    let offset = glass("4 0 1.5168 64.17 0 0 0 0 0.0005 0.5");
+    let notes = read(&offset).unwrap().notes;
+    assert!(notes.iter().any(|n| n.contains("line 27") && n.contains("offset")), "{notes:?}");
+    let strict = |text: &str| zmx::parse(text.as_bytes(), &GlassLibrary::new(), &STRICT);
+    assert!(matches!(strict(&offset), Err(DesignError::Line { line: 27, .. })));
+    assert!(strict(&glass("4 0 1.5168 64.17 0 0 0 0 0 0")).is_ok());
+}
+
+#[test]
 fn more_surfaces_than_a_lens_has_are_an_error() {
     let surfaces =
         (0..1200).map(|i| format!("SURF {i}\n  TYPE STANDARD\n  CURV 0\n  DISZ 1\n")).collect::<String>();

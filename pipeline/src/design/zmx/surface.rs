@@ -1,7 +1,7 @@
 //! A surface of a .zmx file.
 
 use super::keywords::is_harmless_in_surface;
-use super::line::Line;
+use super::line::{IGNORED, Line};
 use crate::design::draft::DraftSurface;
 use crate::design::error::DesignError;
 use crate::design::glass::Glass;
@@ -241,7 +241,14 @@ fn glass(line: &Line<'_>, context: &Context<'_>) -> Result<(Glass, Option<String
     // 1: a model glass of n_d, V_d and the deviation of its partial dispersion. Old files have one beside each catalogue glass.
     let is_model = name.starts_with("___") || (found.is_err() && line.value_or(2, 0.0)? == 1.0);
     if !is_model {
-        return found.map_err(|e| line.error(e.to_string()));
+        let (glass, note) = found.map_err(|e| line.error(e.to_string()))?;
+        // 4: n_d and V_d differ from the catalogue's by the last two values.
+        let is_offset = line.value_or(2, 0.0)? == 4.0
+            && (line.value_or(10, 0.0)? != 0.0 || line.value_or(11, 0.0)? != 0.0);
+        let offset = is_offset.then(|| {
+            format!("line {}: `{}`: the offset of the glass's n_d and V_d {IGNORED}", line.number, line.quote())
+        });
+        return Ok((glass, offset.or(note)));
     }
     let (n_d, v_d, deviation) = (line.value(4)?, line.value_or(5, 0.0)?, line.value_or(6, 0.0)?);
     if v_d == 0.0 {
