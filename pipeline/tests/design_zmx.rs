@@ -75,6 +75,12 @@ fn units_apertures_and_aspheres_are_converted_to_mm() {
     assert!((d.paraxial_image_height_mm - 2.54).abs() < 1e-9 && d.paraxial_focus_mm.abs() > 0.1);
 }
 
+#[test]
+fn unit_behind_the_entrance_pupil_holds_for_it() {
+    let text = OLD.replacen("UNIT IN X W X CM\nFNUM 4.0 1\n", "ENPD 0.4\nUNIT IN X W X CM\n", 1);
+    assert_eq!(read(&text).unwrap().aperture, Aperture::EntrancePupil(0.4 * 25.4));
+}
+
 /// Paraxial ray aiming aims at the paraxial radius of the stop, real ray aiming at the height of the real marginal ray there.
 #[test]
 fn paraxial_ray_aiming_keeps_the_paraxial_stop() {

@@ -179,7 +179,7 @@ impl Reader {
                 };
             }
             "GCAT" => self.catalogues.extend(line.words[1..].iter().map(|w| (*w).to_owned())),
-            "ENPD" => draft.aperture = Some(Aperture::EntrancePupil(first()? * self.scale)),
+            "ENPD" => draft.aperture = Some(Aperture::EntrancePupil(first()?)),
             "FNUM" => {
                 let is_working = line.value_or(2, 0.0)? != 0.0;
                 let f = first()?;
@@ -271,6 +271,10 @@ impl Reader {
         self.waves.sort_by_key(|w| w.0);
         if self.wave_count > 0 {
             self.waves.truncate(self.wave_count);
+        }
+        // UNIT may stand behind it.
+        if let Some(Aperture::EntrancePupil(diameter)) = &mut self.draft.aperture {
+            *diameter *= self.scale;
         }
         self.apply_configuration(glasses, strict)?;
         let mut draft = self.draft;
