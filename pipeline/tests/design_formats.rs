@@ -3,7 +3,9 @@
 use lenscube_pipeline::design::glass_library::GlassLibrary;
 use lenscube_pipeline::design::shelf::LENSES;
 use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming};
-use lenscube_pipeline::design::{DesignError, ReadOptions, System, agf, codev, describe, optiland, table, zmx};
+use lenscube_pipeline::design::{
+    DesignError, ReadOptions, System, agf, codev, describe, optiland, table, zmx,
+};
 
 mod chain;
 use chain::assert_survives_all_formats;
@@ -112,7 +114,8 @@ fn optilands_own_files_are_read() {
 /// Field type, telecentricity and ray aiming under their keys of version 0.6 and later; both generations of keys are written.
 fn assert_keys_of_version_0_6(old: &str, parse: &dyn Fn(&str) -> Result<System, DesignError>) {
     let new = |kind: &str, telecentric: bool| {
-        let fields = format!("\"telecentric\": {telecentric}, \"field_definition\": {{\"field_type\": \"{kind}\"}}");
+        let fields =
+            format!("\"telecentric\": {telecentric}, \"field_definition\": {{\"field_type\": \"{kind}\"}}");
         let aiming = "\"ray_tracer\": {\"ray_aiming_config\": {\"mode\": \"robust\"}}, \"surface_group\"";
         old.replace("\"field_type\": \"angle\"", &fields).replace("\"surface_group\"", aiming)
     };
@@ -139,7 +142,8 @@ fn assert_keys_of_version_0_6(old: &str, parse: &dyn Fn(&str) -> Result<System, 
     ] {
         assert!((heights(&again).unwrap().0 - film).abs() < 1e-9);
     }
-    let gaussian = old.replace("{\"version\"", "{\"apodization\": {\"type\": \"GaussianApodization\"}, \"version\"");
+    let gaussian =
+        old.replace("{\"version\"", "{\"apodization\": {\"type\": \"GaussianApodization\"}, \"version\"");
     let notes = parse(&gaussian).unwrap().notes;
     assert!(notes.iter().any(|n| n.contains("GaussianApodization")), "{notes:?}");
     let strict = optiland::parse(gaussian.as_bytes(), &GlassLibrary::new(), &chain::STRICT).unwrap_err();

@@ -54,10 +54,17 @@ impl Settings {
     /// Checks the unit in the name of a setting, when all settings have been read.
     pub(super) fn check_unit(&self, line: &Line<'_>) -> Result<(), DesignError> {
         let expected = match plain(line.cell(0)).as_str() {
-            "entrancepupildiameter" | "epd" | "stopradius" | "objectheight" | "paraxialimageheight"
-            | "imageheight" | "realimageheight" | "objectdistance" | "focallength" | "efl" | "f" => {
-                Unit::Length(self.scale())
-            }
+            "entrancepupildiameter"
+            | "epd"
+            | "stopradius"
+            | "objectheight"
+            | "paraxialimageheight"
+            | "imageheight"
+            | "realimageheight"
+            | "objectdistance"
+            | "focallength"
+            | "efl"
+            | "f" => Unit::Length(self.scale()),
             "fielddeg" | "fielddegrees" | "fieldangle" | "fieldangledeg" => Unit::Degrees,
             "wavelengthsnm" | "wavelengthnm" | "wavelengths" | "primarynm" | "primarywavelengthnm" => {
                 Unit::Length(1e-6)

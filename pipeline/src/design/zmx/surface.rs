@@ -246,7 +246,11 @@ fn glass(line: &Line<'_>, context: &Context<'_>) -> Result<(Glass, Option<String
         let is_offset = line.value_or(2, 0.0)? == 4.0
             && (line.value_or(10, 0.0)? != 0.0 || line.value_or(11, 0.0)? != 0.0);
         let offset = is_offset.then(|| {
-            format!("line {}: `{}`: the offset of the glass's n_d and V_d {IGNORED}", line.number, line.quote())
+            format!(
+                "line {}: `{}`: the offset of the glass's n_d and V_d {IGNORED}",
+                line.number,
+                line.quote()
+            )
         });
         return Ok((glass, offset.or(note)));
     }
