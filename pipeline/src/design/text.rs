@@ -15,7 +15,9 @@ pub fn decode(bytes: &[u8]) -> String {
             Err(_) => bytes.iter().map(|b| char::from(*b)).collect(),
         },
     };
-    if text.contains('\r') && !text.contains('\n') { text.replace('\r', "\n") } else { text }
+    // Some writers end a file of CR lines with LF.
+    let has_lf = text.trim_end_matches(['\r', '\n']).contains('\n');
+    if text.contains('\r') && !has_lf { text.replace("\r\n", "\n").replace('\r', "\n") } else { text }
 }
 
 /// Whether bytes are no text in any of these encodings: a NUL in other than UTF-16.
@@ -83,6 +85,7 @@ mod tests {
             be().collect(),
             latin1,
             text.replace('\n', "\r").into_bytes(),
+            "MODE SEQ\rNAME Gauß 1\r\n".as_bytes().to_vec(),
         ] {
             assert_eq!(decode(&bytes), text);
             assert!(!is_binary(&bytes));
