@@ -6,7 +6,7 @@
 //! (`S3`, `SO`, `SI`) or of several (`S1..5`).
 //! Rays are aimed at the real stop. The image surface's thickness is the defocus, added to the last gap. A paraxial image solve (PIM) is
 //! solved where the saved last gap is 0; otherwise the saved gap holds. Unknown commands are ignored with a note.
-//! Lists may number their values (`WL W1 587.6`, `YAN F1 0 F2 14`); a glass may be a glass code.
+//! Lists may number their values (`WL W1 587.6`, `YAN F1 0 F2 14`); a glass may be a glass code, or n_d and V_d.
 //! `REFL` for a glass and RMD REFL are mirrors, `CIR OBS` a central obscuration.
 //! Tilts and decentres (module `decentre`) are read if the surfaces are on one axis nevertheless: returned, reversed, or of plane mirrors.
 //! Not supported, with a specific error: other tilts and decentres, special surfaces, gratings, macros.
@@ -208,7 +208,9 @@ impl Reader<'_> {
         if command.words.get(3).is_some_and(|name| name.eq_ignore_ascii_case("REFL")) {
             surface.is_mirror = true;
         } else if let Some(name) = command.words.get(3) {
-            let (glass, note) = self.glass(name, command)?;
+            // n_d and V_d in two words.
+            let model = command.value(3).and_then(|n| Ok(format!("{n}:{}", command.value(4)?)));
+            let (glass, note) = self.glass(model.as_deref().unwrap_or(name), command)?;
             surface.glass = glass;
             self.draft.notes.extend(note);
         }

@@ -187,3 +187,11 @@ fn apodisation_is_a_note_and_an_error_where_strict() {
     assert!(error.to_string().contains("apodised"), "{error}");
     assert!(parse(text("1").as_bytes(), &GlassLibrary::new(), &strict).is_ok());
 }
+
+#[test]
+fn glass_in_two_words_is_a_model_glass() {
+    let [a, b] =
+        ["1.5168 64.17", "1.5168:64.17"].map(|glass| read(&DOUBLET.replace("NBK7_SCHOTT", glass)).unwrap());
+    assert_eq!((&a.surfaces, &a.notes), (&b.surfaces, &b.notes));
+    assert!((a.surfaces[0].medium.index(0.587_561_8).unwrap() - 1.5168).abs() < 1e-9);
+}
