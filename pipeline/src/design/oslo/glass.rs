@@ -4,7 +4,7 @@ use super::command::Command;
 use crate::design::error::DesignError;
 use crate::design::glass::{Dispersion, Glass};
 use crate::design::glass_library::GlassLibrary;
-use crate::design::model_glass::{constant_glass, model_glass};
+use crate::design::model_glass::{constant_glass, glass_code, model_glass};
 
 /// Abbe numbers are above this, indices below.
 const MAX_INDEX: f64 = 10.0;
@@ -22,7 +22,9 @@ impl Line {
         let word = command.words.get(1).ok_or_else(|| command.error("expected a glass"))?.trim_matches('"');
         let is_model = word.eq_ignore_ascii_case("MOD");
         let first = if is_model { 2 } else { 1 };
-        let is_number = |i: usize| command.words.get(i).is_some_and(|w| w.parse::<f64>().is_ok());
+        // A glass code of digits is a name.
+        let is_number = |w: &&str| w.parse::<f64>().is_ok() && glass_code(w).is_none();
+        let is_number = |i: usize| command.words.get(i).is_some_and(is_number);
         let is_named = !is_number(first);
         let name =
             if is_named { command.words.get(first).map_or(word, |w| w.trim_matches('"')) } else { "model" };

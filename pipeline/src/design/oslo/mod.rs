@@ -4,7 +4,7 @@
 //! surface (the first is the object), `END` ends it. Read: UNI (mm in a lens unit), EBR (entrance beam radius), NAO, NAP, FNB, ANG (degrees), OBH,
 //! GIH, WV (µm; the first is the primary wavelength), WW; of a surface RD, CV, TH, AST (stop), AIR, GLA, RFL and RFH (mirrors), AP CHK (an aperture that
 //! blocks rays; without CHK it is drawn), CC, AD to AG (r⁴ to r¹⁰), ASP ASR with AS0, AS1, … (r⁰, r², …), pickups (PK) of these, and the solve
-//! `PY 0` of the last gap. Glasses: a name, one index, an index for each wavelength, `MOD` with a name and the same, or with n_d and V_d.
+//! `PY 0` of the last gap. Glasses: a name, a glass code, one index, an index for each wavelength, `MOD` with a name and the same, or with n_d and V_d.
 //! Field points at 0, 0.7 and 1 of the largest. Rays are aimed at the real stop. Unknown commands are ignored with a note.
 //! Not supported, with a specific error: tilts and decentres, perfect lenses (PFL), other surface types, afocal modes.
 

@@ -77,3 +77,11 @@ fn what_is_not_supported_is_an_error_with_its_line() {
         assert!(read(text).is_err(), "{text}");
     }
 }
+
+#[test]
+fn glass_codes_are_model_glasses() {
+    let system = read(&TRIPLET.replacen("GLA F2", "GLA 620364", 1)).unwrap();
+    let glasses = system.surfaces.iter().map(|s| s.medium.index(0.587_561_8).unwrap());
+    assert!(glasses.into_iter().any(|n| (n - 1.620).abs() < 1e-9), "{system:?}");
+    assert!(system.notes.iter().any(|n| n.contains("glass code 620364")), "{:?}", system.notes);
+}
