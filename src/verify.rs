@@ -71,11 +71,16 @@ fn check_digests(store: &FilmStore) -> Vec<Finding> {
 /// remain as long as a unit is locked that was not when the check began: its worker may be writing them.
 fn repair(store: &FilmStore, verdict: &VerifyReport, locked: &[Lock]) -> Result<Repair> {
     let mut done = Repair::default();
+    // The group's metadata determine the coordinates.
+    let of_group = |f: &Finding| matches!(f, Finding::Metadata { key, .. } if key == "zarr.json");
+    let is_layout_known = !verdict.findings.iter().any(of_group);
     for finding in &verdict.findings {
-        if let Finding::Bad { key, .. } = finding
-            && store.remove_bad(key)?
-        {
-            done.shards += 1;
+        match finding {
+            Finding::Bad { key, .. } => done.shards += usize::from(store.remove_bad(key)?),
+            Finding::Metadata { key, .. } if is_layout_known => {
+                done.coordinates += usize::from(store.restore_coordinate(key)?)
+            }
+            _ => {}
         }
     }
     let locks = JobGroup::locks(store.path())?;
@@ -137,5 +142,12 @@ fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, r
             "removed {} damaged shards and {} temporary files; the same `lenscube run` computes the missing shards",
             done.shards, done.temp
         ));
+        if done.coordinates > 0 {
+            log_line(format!("wrote {} again", plural(done.coordinates, "damaged coordinate")));
+        }
+        let is_metadata = |finding: &&Finding| matches!(finding, Finding::Metadata { .. });
+        if verdict.findings.iter().filter(is_metadata).count() > done.coordinates {
+            log_line("metadata cannot be repaired: `lenscube run … --overwrite` computes the film anew");
+        }
     }
 }

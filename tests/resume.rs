@@ -294,7 +294,12 @@ fn verify_names_bad_files_and_repair_allows_a_run_to_replace_them() {
     assert_ne!(lenscube(&["verify", film]).code, 0);
     fs::write(&group, good).unwrap();
     fs::write(at("y/c/0"), [0; 12]).unwrap();
-    assert_exit(&lenscube(&["verify", film]), WRONG, &["metadata: y/c/0: "]);
+    fs::remove_file(at("wavelength/c/0")).unwrap();
+    let found = ["metadata: y/c/0: ", "metadata: wavelength/c/0: "];
+    assert_exit(&lenscube(&["verify", film]), WRONG, &found);
+    assert_exit(&lenscube(&["verify", film, "--repair"]), WRONG, &["wrote 2 damaged coordinates again"]);
+    assert_exit(&lenscube(&["verify", film]), 0, &["is correct"]);
+    assert!(files(&job.film) == expected);
 }
 
 #[test]

@@ -11,6 +11,8 @@ pub struct Repair {
     pub shards: usize,
     /// Temporary files.
     pub temp: usize,
+    /// Coordinates whose values were written again.
+    pub coordinates: usize,
 }
 
 /// Verdict and repair of the film or raw (`kind`) at `path`.
@@ -25,7 +27,9 @@ pub fn json(
     };
     let temp: Vec<Value> = verdict.temp.iter().map(|t| json_path(&t.0)).collect();
     let findings: Vec<Value> = verdict.findings.iter().map(finding).collect();
-    let repaired = repair.map(|r| json!({ "shards_removed": r.shards, "temp_files_removed": r.temp }));
+    let repaired = repair.map(|r| {
+        json!({ "shards_removed": r.shards, "temp_files_removed": r.temp, "coordinates_restored": r.coordinates })
+    });
     [
         (kind, json_path(path)),
         ("sound", verdict.findings.is_empty().into()),

@@ -40,6 +40,18 @@ impl FilmStore {
         files.find(|file| file.key == key).map_or(Ok(false), |file| self.group.remove_bad(&file))
     }
 
+    /// Writes the values of a coordinate again if `key` is their file; whether it is.
+    ///
+    /// # Errors
+    /// [`GroupError::Storage`] if it cannot be written; as [`crate::group::JobGroup::check_in_place`].
+    pub fn restore_coordinate(&self, key: &str) -> Result<bool, GroupError> {
+        let coordinates = self.spec.coordinates();
+        let Some((_, (_, bytes))) = coordinates.into_iter().find(|(name, _)| values_key(name) == key) else {
+            return Ok(false);
+        };
+        self.group.commit(key, bytes.into()).map(|()| true)
+    }
+
     /// Compares arrays, coordinates and consolidated metadata with the attributes.
     fn check_metadata(&self) -> Result<Vec<Finding>, GroupError> {
         let mut findings = Vec::new();
@@ -66,7 +78,7 @@ impl FilmStore {
             check(name, metadata)?;
         }
         for (name, (_, bytes)) in &coordinates {
-            let key = format!("{name}/c/0");
+            let key = values_key(name);
             if self.group.store.read_at_most(&key, bytes.len() as u64).ok().flatten().as_ref() != Some(bytes)
             {
                 mismatch(&key, "it differs from the coordinate of this film");
@@ -74,4 +86,9 @@ impl FilmStore {
         }
         Ok(findings)
     }
+}
+
+/// File of the values of a coordinate.
+fn values_key(name: &str) -> String {
+    format!("{name}/c/0")
 }
