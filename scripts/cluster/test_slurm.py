@@ -102,7 +102,8 @@ def array(test):
     job = test.submit()
     unit = test.kill_a_node()
     wait_until(lambda: not output("squeue", "-h", "-j", job, "-t", "all", "-o", "%T").replace("COMPLETED", "").strip() or gone(job), "the array ends", 300)
-    attempts = (test.place / f"{unit}.out").read_text().count("shards in ")
+    told = (test.place / f"{unit}.out").read_text()
+    attempts = told.count("shards in ") + told.count("shard in ")
     if test.missing():
         print(f"resubmitted: {test.missing()}")
         job = test.submit()
