@@ -371,6 +371,20 @@ fn raw_is_shown_developed_and_as_its_mosaic() {
     assert!(ran.code == 1 && ran.stderr.contains("1 of 1 shards of frame 1 are missing"), "{}", ran.stderr);
 }
 
+#[test]
+fn film_of_several_arrays_needs_the_name_of_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let film = dir.path().join("film.zarr");
+    let chart = "gen:checker?size=64&pitch_um=5&wavelengths=550";
+    let lens = ["--lens", "double-gauss-28-npz", "--stages", "ri,distortion"];
+    let regions = ["--roi", "0,0,20,20", "--roi", "30,30,20,20"];
+    lenscube(&[&["run", chart, text(&film)], &lens[..], &regions].concat()).ok();
+    for words in [["view", text(&film)], ["view", &format!("{}//x", text(&film))]] {
+        let ran = lenscube(&words);
+        assert!(ran.code == 2 && ran.stderr.contains("roi_0, roi_1"), "{}", ran.stderr);
+    }
+}
+
 /// Linear channels of a picture.
 fn colours(path: &std::path::Path) -> Vec<Vec<f32>> {
     let file = ImageFile::open(path).unwrap();
