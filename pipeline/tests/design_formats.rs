@@ -129,6 +129,7 @@ fn assert_keys_of_version_0_6(old: &str, parse: &dyn Fn(&str) -> Result<System, 
         assert_eq!((system.field_kind, system.aiming), (expected, RayAiming::Real), "{kind}");
         let written = optiland::write(&system).unwrap().text;
         assert!(written.contains(kind) && written.contains("ray_aiming_config"), "{written}");
+        assert!(written.contains("-Infinity") && !written.contains("300"), "{written}");
     }
     // Optiland's paraxial image height is that on the film, which is not at the focus here.
     let system = parse(&new("ParaxialImageHeightField", false)).unwrap();
