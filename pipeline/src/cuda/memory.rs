@@ -61,7 +61,8 @@ fn halved(bytes: usize, min: usize, times: u32) -> usize {
     (0..times).fold(bytes, |left, _| if left > min { (left / 2).max(min) } else { left / 2 })
 }
 
-/// Maximum of tiles in a batch: a 426-px tile is 36 thread blocks, an H200 holds 264 at once; 128 tiles are 17 times as many.
+/// Maximum of tiles in a batch: a 426-px tile is 36 thread blocks, an H200 runs 132 at once, one on each multiprocessor as
+/// registers allow; 128 tiles are 35 times as many.
 pub const MAX_TILES: usize = 128;
 /// Film rows of a strip, the unit of downloads.
 pub const STRIP_ROWS: usize = 64;

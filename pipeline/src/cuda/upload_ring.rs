@@ -11,7 +11,7 @@ use bytemuck::Pod;
 use std::collections::VecDeque;
 use std::ops::Range;
 
-/// 32-bit values of the ring: the lists of a batch take up to 4 MB, a kernel of 401 px 0.6 MB.
+/// 32-bit values of the ring: the lists of a batch take up to 4 MB, its base kernels of 51 px as many; larger uploads are copied in parts.
 const LEN: usize = 1 << 21;
 
 /// Page-locked host memory of a ring, bytes.

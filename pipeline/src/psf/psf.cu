@@ -12,7 +12,8 @@
 // A transform of SIDE x SIDE real values has SIDE / 2 spectral rows (right-angle transform along y, psf/simd/block.rs):
 //     Z_k = sum_y x_y exp(-2 pi i y (2k - 1/2) / SIDE),   k < SIDE / 2
 // A thread block holds the ROWS rows k = SLICES q + slice of them: all 64 of SIDE 128, every fourth of SIDE 256. That is always
-// 8192 complex values = 64 KB, the maximum with two thread blocks a multiprocessor on sm_80 and sm_90, one on sm_86 and sm_89.
+// 8192 complex values = 64 KB of shared memory. A multiprocessor runs one thread block at a time: 512 threads of 128 registers
+// (psf_spectra: 72) leave too few of its 65536 for a second.
 // With y = j + 8i and q = k + FIRST l the sum separates into
 //     i:  FIRST values k of  sum_i x_y fold_i exp(-2 pi i (i mod FIRST) k / FIRST),   fold_i = exp(-2 pi i 8i (2 slice - 1/2) / SIDE)
 //     j:  times along_y = exp(-2 pi i j (2 (SLICES k + slice) - 1/2) / SIDE), then radix 8

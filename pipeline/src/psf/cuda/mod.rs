@@ -201,7 +201,7 @@ fn sublist<T>(list: &Range<usize>, range: &Range<usize>) -> Range<usize> {
     list.start + range.start * words..list.start + range.end * words
 }
 
-/// Uploads base kernels to their pool entries.
+/// Uploads base kernels to their pool entries, those of consecutive entries by one copy.
 fn upload_base_kernels(
     launcher: &Launcher<'_>,
     kernels: &[(usize, Vec<f32>)],
@@ -209,10 +209,10 @@ fn upload_base_kernels(
     ring: &mut UploadRing,
 ) -> Result<(), CudaError> {
     let len = launcher.partition.window * launcher.partition.window;
-    for (entry, kernel) in kernels {
-        let entry = &mut to.slice_mut(entry * len..(entry + 1) * len);
-        let words: &[u32] = bytemuck::cast_slice(kernel);
-        ring.upload(launcher.device, launcher.stream, words, entry, "uploading kernels")?;
+    for (first, kernels) in kernels {
+        let entries = &mut to.slice_mut(first * len..first * len + kernels.len());
+        let words: &[u32] = bytemuck::cast_slice(kernels);
+        ring.upload(launcher.device, launcher.stream, words, entries, "uploading kernels")?;
     }
     Ok(())
 }

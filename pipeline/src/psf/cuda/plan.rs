@@ -82,7 +82,7 @@ pub(super) struct PlannedRound {
 /// A step of a round.
 #[derive(Debug)]
 pub(super) enum PlannedStep {
-    /// Upload of base kernels to these entries of their pool.
+    /// Uploads of base kernels, each to consecutive entries of their pool from this one on.
     UploadBaseKernels(Vec<(usize, Vec<f32>)>),
     /// Transform of so many kernel parts, which are in these words.
     Transform(usize, Range<usize>),
@@ -230,13 +230,21 @@ impl PsfPlanner {
         }
     }
 
-    /// The base kernels of `nodes`, with their entries.
+    /// The base kernels of `nodes`, each with its first entry.
     fn base_kernels(&self, nodes: &[(usize, Node)]) -> Vec<(usize, Vec<f32>)> {
         let compute = |s: &mut KernelScratch, &(entry, node): &(usize, Node)| {
             (entry, self.kernels.base_kernel(&self.grid, node, s).to_vec())
         };
-        nodes.par_iter().map_init(KernelScratch::default, compute).collect()
+        joined(nodes.par_iter().map_init(KernelScratch::default, compute).collect())
     }
+}
+
+/// `kernels` by their entries, those of consecutive entries as one: new entries follow one another until the pool is full, so that a batch has
+/// one upload of base kernels.
+fn joined(mut kernels: Vec<(usize, Vec<f32>)>) -> Vec<(usize, Vec<f32>)> {
+    kernels.sort_unstable_by_key(|(entry, _)| *entry);
+    let consecutive = kernels.chunk_by(|(a, _), (b, _)| a + 1 == *b);
+    consecutive.map(|run| (run[0].0, run.iter().map(|(_, k)| &k[..]).collect::<Vec<_>>().concat())).collect()
 }
 
 /// `requested` bytes for `what`, of which there are `available`.
@@ -248,5 +256,18 @@ fn too_small(device: usize, what: &str, requested: usize, available: usize) -> C
         requested_bytes,
         free_bytes,
         total_bytes: free_bytes,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernels_of_consecutive_entries_are_one_upload() {
+        let kernel = |entry: usize| (entry, vec![entry as f32, -(entry as f32)]);
+        let all = joined([5, 3, 9, 4].map(kernel).to_vec());
+        assert_eq!(all, [(3, vec![3.0, -3.0, 4.0, -4.0, 5.0, -5.0]), kernel(9)]);
+        assert_eq!(joined(Vec::new()), []);
     }
 }
