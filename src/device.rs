@@ -3,6 +3,7 @@
 //! `--device cuda` and `--engine NAME` are used or are an error. Otherwise the film's engine is used where this machine has it, else
 //! the fastest device; the log reports the choice and its reason.
 
+pub mod driver;
 pub mod verdict;
 
 use crate::args::Device;
@@ -169,39 +170,56 @@ fn open(requested: &Device, required: Option<Version>) -> Result<Opened, OpenErr
     };
     // Only the listed GPUs are read: another may be broken, or in use.
     let infos = if listed.is_empty() { cuda::devices()? } else { cuda::listed_devices(listed)? };
+    let mut notes = Vec::new();
+    let infos = if *requested == Device::Auto { without_failed(infos, &mut notes)? } else { infos };
     let first = infos.first().ok_or(CudaError::NoDevice)?.compute_capability;
     let engine = Engine::Cuda(required.unwrap_or(first));
     let (used, other): (Vec<_>, Vec<_>) = infos.into_iter().partition(|info| engine_of(info) == engine);
-    let name = |d: &cuda::DeviceInfo| format!("GPU {} ({}, {})", d.index, d.name, engine_of(d));
-    let others = other.iter().map(name).collect::<Vec<_>>().join(", ");
+    let others = names(&other);
     if used.is_empty() || !(listed.is_empty() || other.is_empty()) {
         return Err(OpenError::Engine(format!(
             "all GPUs of a run must have the same compute capability, here {engine}; found {others}"
         )));
     }
-    let mut notes = Vec::new();
     if !other.is_empty() {
         notes.push(format!(
             "not used: {others}; all GPUs of a run must have the same compute capability, here {engine}"
         ));
     }
     if *requested == Device::Auto {
-        let verdicts: Vec<Verdict> = used.iter().map(verdict).collect();
-        if verdicts.contains(&Verdict::Failed) {
-            return Err(OpenError::Engine(
-                "`lenscube device check` has found other films than the CPU's on these GPUs".into(),
-            ));
-        }
-        let unknown = used.iter().zip(verdicts).filter(|(_, verdict)| *verdict == Verdict::Unknown);
-        let unknown = unknown.map(|(info, _)| name(info)).collect::<Vec<_>>().join(", ");
+        let unknown: Vec<_> = used.iter().filter(|info| verdict(info) == Verdict::Unknown).collect();
         if !unknown.is_empty() {
             notes.push(format!(
-                "films of {unknown} have not been compared with the CPU's on this machine: `lenscube device check` does so in seconds"
+                "films of {} have not been compared with the CPU's on this machine: `lenscube device check` does so in seconds",
+                names(unknown)
             ));
         }
     }
     let devices = used.iter().map(|info| cuda::Device::open(info.index)).collect::<Result<_, _>>()?;
     Ok((devices, notes))
+}
+
+/// Names of GPUs for messages.
+fn names<'a>(infos: impl IntoIterator<Item = &'a cuda::DeviceInfo>) -> String {
+    let name = |d: &cuda::DeviceInfo| format!("GPU {} ({}, {})", d.index, d.name, engine_of(d));
+    infos.into_iter().map(name).collect::<Vec<_>>().join(", ")
+}
+
+/// The GPUs without those that `device check` has found wrong, with a note on these.
+fn without_failed(
+    infos: Vec<cuda::DeviceInfo>,
+    notes: &mut Vec<String>,
+) -> Result<Vec<cuda::DeviceInfo>, OpenError> {
+    let (failed, others): (Vec<_>, Vec<_>) =
+        infos.into_iter().partition(|info| verdict(info) == Verdict::Failed);
+    let found = format!("`lenscube device check` has found other films than the CPU's on {}", names(&failed));
+    if others.is_empty() {
+        return Err(OpenError::Engine(found));
+    }
+    if !failed.is_empty() {
+        notes.push(format!("not used: {found}"));
+    }
+    Ok(others)
 }
 
 fn plan_queues(

@@ -2,10 +2,11 @@
 //!
 //! The check computes regions of the film of the built-in lens tables at the centre, the edge and the corner on the CPU and on the GPU.
 //! Their largest difference is compared with [`TOLERANCE`] of the peak, the bound of every engine against the float64 model. The
-//! verdict is stored in the user's cache for this GPU, driver and program; `--device auto` reports a GPU without one, and does
+//! verdict is stored in the user's cache for this card (by its UUID), driver and program; `--device auto` reports a GPU without one, and does
 //! not use a GPU that has failed.
 
 use crate::args::{Device, DeviceArgs, DeviceCommand, EngineArg};
+use crate::device::driver;
 use crate::device::verdict::{Verdict, store, verdict};
 use crate::engine::Engine;
 use crate::failure::{code, usage};
@@ -14,6 +15,7 @@ use crate::progress::{log_line, print};
 use crate::validate::FilmMaker;
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, temp_name};
+use formats::group::GroupError;
 use pipeline::cuda::{self, DeviceInfo};
 use pipeline::geometry::Rect;
 use pipeline::simd::{Isa, Simd};
@@ -49,17 +51,16 @@ fn list() {
         Err(error) => print(format!("no GPU   {error}")),
         Ok(devices) => devices.iter().for_each(|info| {
             let DeviceInfo { index, name, memory_bytes, multiprocessors, .. } = info;
-            let (driver, engine) = (info.driver_version, Engine::Cuda(info.compute_capability));
+            let engine = Engine::Cuda(info.compute_capability);
             let verdict = match verdict(info) {
                 Verdict::Passed => "equal to the CPU within the tolerance",
                 Verdict::Failed => "DIFFERENT from the CPU",
                 Verdict::Unknown => "not compared with the CPU: run `lenscube device check`",
             };
             print(format!(
-                "cuda:{index}   {name}, {:.0} GB, {multiprocessors} multiprocessors, driver {}.{}, engine {engine}; {verdict}",
+                "cuda:{index}   {name}, {:.0} GB, {multiprocessors} multiprocessors, {}, engine {engine}; {verdict}",
                 *memory_bytes as f64 * 1e-9,
-                driver.0,
-                driver.1,
+                driver::description(info),
             ));
         }),
     }
@@ -100,7 +101,15 @@ fn check_one(info: &DeviceInfo, dir: &Path) -> Result<bool> {
     };
     let mut worst = 0.0f64;
     for stages in STAGES {
-        let (of_cpu, of_gpu) = (film(Device::Cpu, stages)?, film(Device::Cuda(vec![info.index]), stages)?);
+        let of_cpu = film(Device::Cpu, stages)?;
+        let of_gpu = match film(Device::Cuda(vec![info.index]), stages) {
+            Err(error) if is_not_finite(&error) => {
+                print(format!("cuda:{} {stages:<20} {error:#}", info.index));
+                worst = f64::INFINITY;
+                continue;
+            }
+            film => film?,
+        };
         for (region, (name, ..)) in REGIONS.iter().enumerate() {
             let difference = largest_difference(&of_cpu, &of_gpu, region);
             worst = worst.max(difference);
@@ -122,6 +131,11 @@ fn check_one(info: &DeviceInfo, dir: &Path) -> Result<bool> {
         log_line(format!("note: the result cannot be stored: {error:#}"));
     }
     Ok(passed)
+}
+
+/// Whether the film has a value that cannot be stored: the chart has none, and the CPU has computed the same film.
+fn is_not_finite(error: &anyhow::Error) -> bool {
+    error.chain().any(|e| matches!(e.downcast_ref(), Some(GroupError::NotFinite { .. })))
 }
 
 /// The largest difference in a region over all bands, as a share of the band's largest value; infinite for NaN.

@@ -5,13 +5,15 @@ extern crate pipeline as lenscube_pipeline;
 
 #[path = "../common/mod.rs"]
 mod common;
+mod device_check;
 #[path = "../../pipeline/tests/emulated_cuda/mod.rs"]
 mod emulated_cuda;
 mod failures;
+mod gpu_check;
 
 use common::test_job::TestJob;
 use common::{CommandResult, assert_exit, bits, files, pairs, pixels, text};
-use emulated_cuda::{A_DRIVER, NO_COMPILER, PLAIN};
+use emulated_cuda::{A_DRIVER, LONG, NO_COMPILER, PLAIN};
 use libtest_mimic::{Arguments, Trial};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -21,6 +23,7 @@ use std::process::{Command, ExitCode};
 const FAILED: i32 = 1;
 const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;
+const WRONG: i32 = 4;
 const RETRY: i32 = 75;
 const KILLED: i32 = -1;
 /// Maximum difference of GPU and CPU films, as a share of the peak.
@@ -224,68 +227,8 @@ fn out_of_page_locked_memory_continues_with_half_and_exits_75_at_the_minimum() {
     assert!(take_files(&job) == expected);
 }
 
-fn device_check_compares_films_and_auto_reports_unchecked_gpus() {
-    let dir = tempfile::tempdir().unwrap();
-    let lenscube = |arguments: &[&str], settings: Settings<'_>| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
-        command.args(arguments).env("XDG_CACHE_HOME", dir.path());
-        command.envs(emulated_cuda::environment(PLAIN).unwrap()).envs(emulated_cuda::settings(settings));
-        CommandResult::new(&command.output().unwrap())
-    };
-    let list = || lenscube(&["device", "list"], &[]);
-    assert!(list().stdout.contains("cuda:0   Emulated GPU 8.0") && list().stdout.contains("not compared"));
-    let film = dir.path().join("film.zarr");
-    let chart = "gen:siemens?size=256&wavelengths=550";
-    let run = || lenscube(&["run", chart, text(&film), "--overwrite", "--stages", "ri", "--no-fsync"], &[]);
-    assert_exit(&run(), 0, &["have not been compared with the CPU's", "lenscube device check"]);
-    let checked = lenscube(&["device", "check"], &[]);
-    assert_exit(&checked, 0, &[]);
-    assert!(checked.stdout.contains("passed (tolerance 2e-6)"), "{}", checked.stdout);
-    assert_eq!(checked.stdout.matches("largest difference").count(), 6, "{}", checked.stdout);
-    assert!(list().stdout.contains("equal to the CPU"));
-    let ran = run();
-    assert!(ran.code == 0 && !ran.stderr.contains("device check"), "{}", ran.stderr);
-    // A stored failure: the GPU is not used by `auto`.
-    let results = dir.path().join("lenscube/device-checks.json");
-    let failed = std::fs::read_to_string(&results).unwrap().replace("true", "false");
-    std::fs::write(&results, failed).unwrap();
-    assert_exit(&run(), 0, &["device: cpu (", "found other films"]);
-    assert_exit(&lenscube(&["device", "check", "--device", "cuda:3"], &[]), USAGE, &["GPU 3"]);
-    assert_exit(&lenscube(&["device", "check"], &[("FAULTS", "kernel:0:3")]), FAILED, &["a kernel failed"]);
-}
-
-/// All steps of `scripts/gpu-check`; the benchmark, too slow on an emulated GPU, with kernels and copies that do nothing.
-fn gpu_check_script_passes_its_steps() {
-    let dir = tempfile::tempdir().unwrap();
-    let check = |steps: &str, emulated: Settings<'_>| {
-        let out = dir.path().join("out");
-        let mut command = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/gpu-check"));
-        command.arg(&out).env("LENSCUBE", env!("CARGO_BIN_EXE_lenscube")).env("TMPDIR", dir.path());
-        command.envs(emulated_cuda::environment(PLAIN).unwrap()).envs(emulated_cuda::settings(emulated));
-        let settings = [
-            ("SIZE", "600"),
-            // Shards are finished band by band: the run is killed after one of them.
-            ("BANDS", "3"),
-            ("ROI", "64"),
-            ("LENS", "double-gauss-28-npz"),
-            ("FLAGS", "--shard 128 --chunk 64"),
-            ("STEPS", steps),
-        ];
-        command.envs(settings.map(|(name, value)| (format!("GPU_CHECK_{name}"), value)));
-        let ran = CommandResult::new(&command.output().unwrap());
-        assert_exit(&ran, 0, &[]);
-        assert!(out.join("gpu-check.tar.gz").metadata().unwrap().len() > 500);
-        ran.stdout
-    };
-    let table = check("1 2 3 4 5 7 8 9", &[]) + &check("6", &[("WORK", "none")]);
-    for row in ["3 regions, scale 0.7", "4 full job, cuda:0,0", "5 SIGKILL at 40 % and resume", "6 bench"] {
-        let line = table.lines().rev().find(|line| line.starts_with(row));
-        assert!(line.is_some_and(|line| !line.contains("FAILED")), "{row}: {table}");
-    }
-}
-
 fn main() -> ExitCode {
-    let emulated: [(&str, fn()); 16] = [
+    let emulated: [(&str, fn()); 17] = [
         ("gpu_film_equals_cpu_film_within_tolerance", gpu_film_equals_cpu_film_within_tolerance),
         (
             "queues_stream_order_and_memory_do_not_change_bits",
@@ -305,7 +248,11 @@ fn main() -> ExitCode {
         ),
         (
             "device_check_compares_films_and_auto_reports_unchecked_gpus",
-            device_check_compares_films_and_auto_reports_unchecked_gpus,
+            device_check::device_check_compares_films_and_auto_reports_unchecked_gpus,
+        ),
+        (
+            "verdict_of_a_card_does_not_hold_for_another_of_its_name",
+            device_check::verdict_of_a_card_does_not_hold_for_another_of_its_name,
         ),
         (
             "tiles_of_a_lost_device_are_computed_by_the_others",
@@ -341,10 +288,10 @@ fn main() -> ExitCode {
         failures::missing_driver_exits_2_without_fallback_to_cpu,
         emulated_cuda::has_driver().then_some(A_DRIVER),
     ));
-    trials.push(trial(
-        "gpu_check_script_passes_its_steps",
-        gpu_check_script_passes_its_steps,
-        Some(no_compiler.unwrap_or("long: scripts/check --full")),
-    ));
+    let long: [(&str, fn()); 2] = [
+        ("gpu_check_script_passes_its_steps", gpu_check::gpu_check_script_passes_its_steps),
+        ("gpu_check_script_reports_failures", gpu_check::gpu_check_script_reports_failures),
+    ];
+    trials.extend(long.map(|(name, run)| trial(name, run, Some(no_compiler.unwrap_or(LONG)))));
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

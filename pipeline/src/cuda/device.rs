@@ -14,10 +14,12 @@ use std::time::Instant;
 /// Properties of a GPU, read without opening it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeviceInfo {
-    /// Index in the driver's order, from 0.
+    /// Index in the driver's order, from 0: the fastest GPU first, unless `CUDA_DEVICE_ORDER` is `PCI_BUS_ID`.
     pub index: usize,
     /// Name.
     pub name: String,
+    /// UUID: unlike the index it is the same in any order of the GPUs; that of the instance where a GPU is divided (MIG).
+    pub uuid: [u8; 16],
     /// Compute capability, e.g. (9, 0).
     pub compute_capability: Version,
     /// Total memory.
@@ -86,12 +88,13 @@ mod attribute {
 impl DeviceInfo {
     fn read(index: usize, driver_version: Version) -> Result<Self, CudaError> {
         let read = || -> Result<Self, DriverError> {
-            let (mut device, mut memory, mut name) = (0, 0, [0; 256]);
-            // SAFETY: `device` comes from the driver; each writes one value, or a name no longer than its buffer.
+            let (mut device, mut memory, mut name, mut uuid) = (0, 0, [0; 256], [0; 16]);
+            // SAFETY: `device` comes from the driver; each writes one value, 16 bytes, or a name no longer than its buffer.
             unsafe {
                 driver::device_get(&mut device, index as c_int)?;
                 driver::device_total_mem(&mut memory, device)?;
                 driver::device_get_name(name.as_mut_ptr(), name.len() as c_int, device)?;
+                driver::device_get_uuid(uuid.as_mut_ptr(), device)?;
             }
             // SAFETY: NUL-terminated by the driver; the last byte was 0 before.
             let name = unsafe { CStr::from_ptr(name.as_ptr()) };
@@ -106,6 +109,7 @@ impl DeviceInfo {
             Ok(Self {
                 index,
                 name: name.to_string_lossy().into_owned(),
+                uuid,
                 compute_capability: (
                     attribute(attribute::COMPUTE_CAPABILITY_MAJOR)?,
                     attribute(attribute::COMPUTE_CAPABILITY_MINOR)?,

@@ -80,6 +80,7 @@ functions! {
     device_get_count = "cuDeviceGetCount"(count: *mut c_int);
     device_get = "cuDeviceGet"(device: *mut c_int, index: c_int);
     device_get_name = "cuDeviceGetName"(name: *mut c_char, len: c_int, device: c_int);
+    device_get_uuid = "cuDeviceGetUuid_v2"(uuid: *mut u8, device: c_int);
     device_total_mem = "cuDeviceTotalMem_v2"(bytes: *mut usize, device: c_int);
     device_get_attribute = "cuDeviceGetAttribute"(value: *mut c_int, attribute: c_int, device: c_int);
     primary_ctx_retain = "cuDevicePrimaryCtxRetain"(context: *mut Handle, device: c_int);

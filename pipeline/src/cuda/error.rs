@@ -51,7 +51,7 @@ pub enum CudaError {
     )]
     NoDevice,
     /// The index is beyond the last GPU.
-    #[error("opening GPU {index}: {count} GPUs are visible to this process (indices {}), numbered from 0 as `nvidia-smi -L` lists them", indices(*.count))]
+    #[error("opening GPU {index}: {count} GPUs are visible to this process (indices {}), numbered from 0 as `lenscube device list` lists them", indices(*.count))]
     NoSuchDevice {
         /// The requested index.
         index: usize,

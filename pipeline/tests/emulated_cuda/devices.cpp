@@ -1,6 +1,7 @@
 // Devices, contexts, settings and errors of the emulated driver. Settings are environment variables:
 //
 //   EMULATED_CUDA_DEVICES=2              number of devices (1)
+//   EMULATED_CUDA_UUID=2,1               UUID of each, as the value of its bytes (number of the device, from 1)
 //   EMULATED_CUDA_MEMORY=1e9,4e8         bytes of each (4 GiB)
 //   EMULATED_CUDA_CAPABILITY=9.0,8.6     compute capability of each (8.0)
 //   EMULATED_CUDA_DRIVER=12020           version (12020); newer PTX is rejected
@@ -160,7 +161,7 @@ CUresult cuDeviceGetName(char *name, int length, CUdevice device) {
 
 CUresult cuDeviceGetUuid_v2(char *uuid, CUdevice device) {
     if (!find(device)) return INVALID_DEVICE;
-    std::memset(uuid, device + 1, 16);
+    std::memset(uuid, int(setting("UUID", device, device + 1)), 16);
     return SUCCESS;
 }
 
