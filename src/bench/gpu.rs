@@ -6,7 +6,7 @@
 
 use super::stages::{benchmark, lens_stages};
 use super::{Bench, FILM_MM, median};
-use crate::device::DeviceSelection;
+use crate::device::{DeviceSelection, driver};
 use crate::progress::log_line;
 use anyhow::{Context, Result};
 use pipeline::cuda::memory::MAX_TILES;
@@ -34,10 +34,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let choice = DeviceSelection::new(&bench.args.device, bench.args.engine.explicit(), None)?;
     let device = choice.devices.first().context("no GPU to measure")?;
     let info = &device.info;
-    log_line(format!(
-        "     GPU {} ({}), driver {}.{}",
-        info.index, info.name, info.driver_version.0, info.driver_version.1
-    ));
+    log_line(format!("     GPU {} ({}), {}", info.index, info.name, driver::description(info)));
     bench.add_text("gpu", "gpu", &info.name);
     let film = Size::new(bench.args.size as usize, bench.args.size as usize);
     let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.size));
@@ -55,7 +52,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         ["gpu_svpsf_lens_gpx_s", "gpu_svpsf_lens_share", "gpu_svpsf_lens_bound_gpx_s"],
         &label,
     )?;
-    let tiles = row(&frame, gpu_blocks(psf.blocks()).tile);
+    let tiles = batch(&frame, gpu_blocks(psf.blocks()).tile);
     let rate = gpx(&tiles, measured::remap(device, &remap, &tiles, bench.rounds)?);
     bench.add_number("gpu_remap_gpx_s", rate, "Gpx/s", "GPU: RI + distortion remap, bicubic");
     bench.add_number(
@@ -79,7 +76,7 @@ fn psf_stage(
     keys: [&'static str; 3],
     label: &str,
 ) -> Result<()> {
-    let tiles = row(frame, gpu_blocks(psf.blocks()).tile);
+    let tiles = batch(frame, gpu_blocks(psf.blocks()).tile);
     let bytes = (device.memory()?.0 / 2) as usize;
     let rate = gpx(&tiles, measured::psf(device, frame, psf, &tiles, bytes, bench.rounds)?);
     let info = &device.info;
@@ -92,15 +89,33 @@ fn psf_stage(
     Ok(())
 }
 
-/// Tiles of one batch: a row at a third of the film's height.
-fn row(frame: &Frame, side: usize) -> Vec<Rect> {
-    let (side, film) = (side.min(frame.film.height), frame.film);
-    let count = (film.width / side).clamp(1, MAX_TILES);
-    let y = ((film.height - side) / 3) as i64;
-    (0..count).map(|i| Rect::new(y, (i * side) as i64, side, side)).collect()
+/// Tiles of one batch, as many as those of a run: complete rows from a third of the film's height on.
+fn batch(frame: &Frame, side: usize) -> Vec<Rect> {
+    let film = frame.film;
+    let side = side.min(film.height).min(film.width);
+    let top = (film.height - side) / 3;
+    let columns = (film.width / side).min(MAX_TILES);
+    let rows = (MAX_TILES / columns).min((film.height - top) / side);
+    Rect::new(top as i64, 0, rows * side, columns * side).tiles(side, side).collect()
 }
 
 fn gpx(tiles: &[Rect], seconds: Vec<f64>) -> f64 {
     let pixels: usize = tiles.iter().map(|t| t.size().pixels()).sum();
     pixels as f64 * 1e-9 / median(seconds)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batch_has_as_many_complete_rows_as_a_run() {
+        for (side, film, expected) in [(426, 14_141, 3 * 33), (90, 14_141, 128), (426, 600, 1), (426, 300, 1)]
+        {
+            let film = Size::new(film, film);
+            let tiles = batch(&Frame::centred(film, film, 1.0), side);
+            assert_eq!(tiles.len(), expected, "{side} px on {film:?}");
+            assert!(tiles.iter().all(|tile| film.rect().contains(*tile)));
+        }
+    }
 }
