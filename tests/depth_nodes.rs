@@ -91,6 +91,25 @@ fn nodes_lie_where_the_independent_model_places_them() {
 }
 
 #[test]
+fn range_narrower_than_a_cell_is_placed_whatever_the_rounding_of_its_bounds() {
+    let system = ShelfLens::named("phone").unwrap().system();
+    let system = system.focused_at(0.25, ImagePlane::Paraxial(system.primary_um()), 0.0).unwrap();
+    // 0.05 + 0.1 is above 0.25 - 0.1 by one unit in the last place.
+    let range = (0.05, 0.25);
+    let options = NodeOptions {
+        range,
+        focus: 0.25,
+        l1_tolerance: 0.02,
+        film_pitch_um: 1.0,
+        blur_px: 3.0,
+        max_window_px: 401,
+    };
+    let found = place(&system, 0.55, &[0.0], &options).unwrap();
+    assert_eq!(found.vergence.first().copied().zip(found.vergence.last().copied()), Some(range));
+    assert!(found.l1 <= options.l1_tolerance && found.esf <= ESF_TOLERANCE, "{found:?}");
+}
+
+#[test]
 fn nodes_of_similar_blur_share_heights_within_their_tolerance() {
     let system = ShelfLens::named("phone").unwrap().system();
     let system = system.focused_at(2.5, ImagePlane::Paraxial(system.primary_um()), 0.0).unwrap();

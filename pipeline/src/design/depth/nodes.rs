@@ -99,11 +99,11 @@ pub fn place(
     let reach = (first - options.focus).abs().max((last - options.focus).abs()) * blur;
     // Closer to each other near focus, where C changes most.
     let ratio = real::pow(reach.max(2.0), 1.0 / (PROBES - 2) as f64);
+    // Where h is half of the range, the bounds of v ± h within it are equal but for rounding.
+    let (low, high) = (first + h, (last - h).max(first + h));
     let side = (0..PROBES).map(|i| if i == 0 { 0.0 } else { ratio.powi(i as i32 - 1) / blur });
-    let mut probes: Vec<f64> = side
-        .flat_map(|s| [options.focus - s, options.focus + s])
-        .map(|v| v.clamp(first + h, last - h))
-        .collect();
+    let mut probes: Vec<f64> =
+        side.flat_map(|s| [options.focus - s, options.focus + s]).map(|v| v.clamp(low, high)).collect();
     probes.sort_by(f64::total_cmp);
     probes.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
     let found = kernels.errors(&probes.iter().map(|v| (*v, h)).collect::<Vec<_>>())?;
