@@ -123,6 +123,10 @@ impl RawStrips {
             return Err(header_error(path, "strips", format!("{strips}, rows of at most 256 MiB"), found));
         }
         for (strip, &offset) in self.offsets.iter().enumerate() {
+            if offset == 0 {
+                let expected = "all stored; `gdal_translate IN OUT` writes those of a sparse file";
+                return Err(header_error(path, "strips", expected, format!("strip {strip} is not stored")));
+            }
             let strip_rows = rows.min(header.size.height - strip * rows) as u64;
             let end = strip_rows.checked_mul(bytes).and_then(|n| n.checked_add(offset));
             if end.is_none_or(|end| end > length) {

@@ -6,6 +6,8 @@
 //! | layout | strips or tiles; chunky, planar, or one band per page |
 //! | compression | none, LZW, deflate, PackBits, zstd; predictors |
 //!
+//! A chunk that a sparse file (GDAL's `SPARSE_OK`) does not store, with offset and size 0, holds the no-data sample, or 0 without one.
+//!
 //! Reduced pages (overviews) and masks are skipped. A *chunk* is a strip or tile of one plane. Compressed chunks are at most 256 MiB each when
 //! decoded; rows of uncompressed ones are read directly, so these may have any size.
 
@@ -120,6 +122,13 @@ impl TiffBands {
     /// Samples of a pixel of a page.
     fn samples(&self) -> usize {
         if matches!(self.order, Order::Pages(_)) { 1 } else { self.bands }
+    }
+
+    /// GDAL's no-data sample; the error is a text that is not a number.
+    pub(crate) fn no_data_value(&self) -> Result<Option<f64>, String> {
+        let Some(text) = &self.no_data else { return Ok(None) };
+        let text = text.trim_end_matches('\0').trim();
+        text.parse().map(Some).map_err(|_| text.chars().take(40).collect())
     }
 
     /// The parts that hold `bands`, each to be decoded once, in any order.

@@ -53,6 +53,8 @@ pub(super) struct Page {
     pub(super) offsets: Vec<u64>,
     /// Encoded bytes of the chunks.
     pub(super) counts: Vec<u64>,
+    /// A sample of the chunks that are not stored, native byte order.
+    pub(super) fill: Vec<u8>,
     pub(super) coding: Coding,
     pub(super) big_endian: bool,
     pub(super) buffers: Buffers,
@@ -159,6 +161,10 @@ pub(super) fn check_page(
             let (path, expected) = (path.into(), end.unwrap_or(u64::MAX));
             return Err(ImageError::Short { path, expected, found: length });
         }
+        if offset == 0 && count > 0 {
+            let reason = format!("a strip or tile of {count} bytes at the position 0 of the file");
+            return Err(ImageError::Damaged { path: path.into(), reason });
+        }
         encoded = encoded.max(count);
     }
     let side_by_side = strip_chunks(bytes, layout.size.width.div_ceil(across.max(1)));
@@ -222,7 +228,26 @@ impl Page {
         let big_endian = decoder.byte_order() == ByteOrder::BigEndian;
         let coding = coding(compression, predictor, layout.sample);
         let (chunk, buffers) = ((across as usize, down), Buffers::default());
-        Ok(Self { decoder, file, layout, chunk, is_tiled, offsets, counts, coding, big_endian, buffers })
+        // A text that is not a number was an error of the file.
+        let fill = layout.sample.encode(bands.no_data_value().ok().flatten().unwrap_or(0.0));
+        Ok(Self {
+            decoder,
+            file,
+            layout,
+            chunk,
+            is_tiled,
+            offsets,
+            counts,
+            fill,
+            coding,
+            big_endian,
+            buffers,
+        })
+    }
+
+    /// Whether the file does not store the chunk `index`.
+    pub(super) fn is_sparse(&self, index: usize) -> bool {
+        (self.offsets.get(index), self.counts.get(index)) == (Some(&0), Some(&0))
     }
 
     /// Samples of a pixel in a chunk.

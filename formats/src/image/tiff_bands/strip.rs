@@ -33,6 +33,14 @@ pub(super) struct Buffers {
     strip: Vec<u8>,
 }
 
+impl Buffers {
+    /// Sets `rows` rows of the chunk to the sample `fill`.
+    fn fill(&mut self, fill: &[u8], rows: usize) {
+        self.chunk.resize(rows * self.stride, 0);
+        self.chunk.chunks_exact_mut(fill.len()).for_each(|sample| sample.copy_from_slice(fill));
+    }
+}
+
 impl Page {
     fn strip_chunks(&self) -> usize {
         let (across, down) = self.chunk;
@@ -125,6 +133,10 @@ impl Page {
         buffers: &mut Buffers,
     ) -> Result<(), ImageError> {
         buffers.stride = self.chunk.0 * self.pixel_bytes();
+        if self.is_sparse(index) {
+            buffers.fill(&self.fill, rows.len());
+            return Ok(());
+        }
         buffers.chunk.resize(rows.len() * buffers.stride, 0);
         let at = self.offsets[index] + (rows.start * buffers.stride) as u64;
         self.read_at(path, at, &mut buffers.chunk)?;
@@ -140,6 +152,11 @@ impl Page {
         (width, height): (usize, usize),
         buffers: &mut Buffers,
     ) -> Result<(), ImageError> {
+        if self.is_sparse(index) {
+            buffers.stride = self.chunk.0 * self.pixel_bytes();
+            buffers.fill(&self.fill, height);
+            return Ok(());
+        }
         if let Coding::Deflate(predictor) = self.coding
             && self.inflate(path, index, height, predictor, buffers)?
         {
