@@ -31,6 +31,9 @@ pub(super) fn parse_values(
     for key in ["_FillValue", "missing_value"] {
         let Some(v) = attributes.get(key).filter(|v| !v.is_null()) else { continue };
         let list = if let Value::Array(list) = v { list.as_slice() } else { std::slice::from_ref(v) };
+        if list.is_empty() {
+            return Err((key, "a number", "an empty list".into()));
+        }
         for v in list {
             let raw = number(v).or_else(|| base64_f64(v)).ok_or((key, "a number", v.to_string()))?;
             values.no_data.push(sample.nearest(raw));
@@ -69,6 +72,29 @@ pub(super) fn parse_values(
         values.scaling = vec![scaling];
     }
     Ok(values)
+}
+
+/// Numbers of a coordinate with `attributes` that is stored as `raw`, times `factor`. Packed ones are rounded to 10⁻⁶.
+pub(super) fn coordinate(
+    attributes: &Map<String, Value>,
+    raw: Vec<f64>,
+    factor: f64,
+) -> Result<Vec<f64>, AttributeError> {
+    let values = parse_values(attributes, RasterSample::Plain(Sample::F64), None)?;
+    if let Some(missing) = raw.iter().find(|v| values.is_no_data(**v)) {
+        return Err((
+            "coordinate",
+            "numbers other than its fill value and within its valid range",
+            missing.to_string(),
+        ));
+    }
+    Ok(match values.scaling.first() {
+        None => raw.into_iter().map(|v| v * factor).collect(),
+        // 4505 · 0.1 is 450.5, not 450.50000000000006.
+        Some((scale, offset)) => {
+            raw.into_iter().map(|v| ((v * scale + offset) * factor * 1e6).round() / 1e6).collect()
+        }
+    })
 }
 
 fn factor(attributes: &Map<String, Value>, key: &'static str) -> Result<Option<f64>, AttributeError> {
@@ -174,6 +200,7 @@ mod tests {
             ("add_offset", json!(null), Sample::U16),
             ("_FillValue", json!({"a": 1}), Sample::F32),
             ("_FillValue", json!("none"), Sample::F32),
+            ("_FillValue", json!([]), Sample::F32),
             ("missing_value", json!([1, "x"]), Sample::F32),
             ("valid_range", json!([1]), Sample::F32),
             ("valid_range", json!([2, 1]), Sample::F32),

@@ -5,6 +5,7 @@ use serde_json::Value;
 use zarrs::array::{Array, DataType, data_type};
 
 use super::axes::{AxisOrder, axis_of};
+use super::conventions;
 use super::error::ChartError;
 use super::layout::Layout;
 use super::node::{Node, open_array};
@@ -137,7 +138,9 @@ fn beside(layout: &Layout, names: Option<&[String]>) -> Result<Option<Vec<f64>>,
             Some(e) => e.into(),
             None => invalid("a 1-D array of at most 10^6 numbers", found),
         })?;
-        return Ok(Some(values.into_iter().map(|v| v * to_nm).collect()));
+        let nm = conventions::coordinate(array.attributes(), values, to_nm)
+            .map_err(|(what, expected, found)| invalid(&format!("{what}: {expected}"), found))?;
+        return Ok(Some(nm));
     }
     Ok(None)
 }

@@ -112,7 +112,8 @@ impl Values {
         self.scaling.get(band).or(self.scaling.first()).copied().unwrap_or((1.0, 0.0))
     }
 
-    fn is_no_data(&self, raw: f64) -> bool {
+    /// Whether a raw sample stands for no data by the attributes.
+    pub(super) fn is_no_data(&self, raw: f64) -> bool {
         raw < self.valid.0 || raw > self.valid.1 || self.no_data.contains(&raw)
     }
 

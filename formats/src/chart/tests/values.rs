@@ -288,3 +288,22 @@ fn coordinate_that_decodes_to_more_than_its_size_is_an_error() {
     let e = open_error(&path).to_string();
     assert!(e.contains("wavelength") && e.contains("expected"), "{e}");
 }
+
+#[test]
+fn packed_wavelengths_are_unpacked() {
+    let (_dir, path) = copied("v3-sharded");
+    let file = path.join("wavelength/zarr.json");
+    let stored: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    let write = |attributes: Value| {
+        let mut metadata = stored.clone();
+        for (key, value) in attributes.as_object().unwrap() {
+            metadata["attributes"][key] = value.clone();
+        }
+        std::fs::write(&file, metadata.to_string()).unwrap();
+    };
+    write(json!({"scale_factor": 0.1, "add_offset": 400}));
+    assert_eq!(open(&path).wavelengths_nm(), Some(&[440.0, 441.0, 442.05][..]));
+    write(json!({"scale_factor": 0.1, "_FillValue": 410}));
+    let e = open_error(&path).to_string();
+    assert!(e.contains("wavelength") && e.contains("fill value") && e.contains("410"), "{e}");
+}
