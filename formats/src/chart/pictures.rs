@@ -32,6 +32,9 @@ use crate::sample::{RasterSample, Sample};
 /// Memory of a PNG decoder besides its rows: compressed input, inflate window.
 const PNG_DECODER_BYTES: usize = 2 << 20;
 
+/// Tag of GDAL's no-data sample, for messages.
+const NO_DATA: &str = "GDAL no-data value (tag 42113)";
+
 /// Files; if there are several, each is one band.
 #[derive(Debug)]
 struct Pictures(Vec<PictureFile>);
@@ -136,7 +139,9 @@ pub fn open_set(spec: &str, nan: NanPolicy) -> Result<DecodedChart, ChartError> 
     if found.ignored > 0 {
         notes.push(format!("{} other files in {spec} are not used", found.ignored));
     }
-    chart(Path::new(spec), all, wavelengths_nm, Values::default(), notes, nan)
+    let values = values_of_set(&all)?;
+    notes.extend(scaling_note(&values));
+    chart(Path::new(spec), all, wavelengths_nm, values, notes, nan)
 }
 
 /// Opens a TIFF with one or more bands.
@@ -148,26 +153,55 @@ pub fn open_tiff(path: &Path, nan: NanPolicy) -> Result<DecodedChart, ChartError
     let Format::Tiff(tiff) = &opened.file.format else {
         return Err(header_error(path, "first bytes", "those of a TIFF", "something else"));
     };
+    let (values, wavelengths_nm) = gdal_values(path, tiff)?;
+    let notes = scaling_note(&values).into_iter().collect();
+    chart(path, vec![opened], wavelengths_nm, values, notes, nan)
+}
+
+/// The conversion of samples and the wavelengths that GDAL's tags in a TIFF declare.
+fn gdal_values(path: &Path, tiff: &TiffBands) -> Result<(Values, Option<Vec<f64>>), ChartError> {
     let metadata = match &tiff.metadata {
         None => gdal::GdalMetadata::default(),
         Some(xml) => gdal::parse(xml, tiff.bands)
             .map_err(|found| header_error(path, "GDAL metadata (tag 42112)", "valid XML", found))?,
     };
-    let mut values = Values { scaling: metadata.scaling, ..Values::default() };
-    if let Some(text) = &tiff.no_data {
-        let text = text.trim_end_matches('\0').trim();
-        let number = text.parse::<f64>().map_err(|_| {
-            let found = format!("`{}`", text.chars().take(40).collect::<String>());
-            header_error(path, "GDAL no-data value (tag 42113)", "a number", found)
-        })?;
-        // NaN is no data in any case.
-        values.no_data.extend(Some(opened.sample.nearest(number)).filter(|v| v.is_finite()));
+    let no_data =
+        tiff.no_data_value().map_err(|text| header_error(path, NO_DATA, "a number", format!("`{text}`")))?;
+    // NaN is no data in any case.
+    let no_data = no_data.map(|v| tiff.sample.nearest(v)).filter(|v| v.is_finite());
+    let values =
+        Values { scaling: metadata.scaling, no_data: no_data.into_iter().collect(), ..Values::default() };
+    Ok((values, metadata.wavelengths_nm))
+}
+
+/// The conversion of samples of a set of pictures: scale and offset of each, one no-data value for all.
+fn values_of_set(all: &[Opened]) -> Result<Values, ChartError> {
+    let mut set = Values::default();
+    let mut scaling = Vec::new();
+    for (k, opened) in all.iter().enumerate() {
+        let path = &opened.file.path;
+        let values = match &opened.file.format {
+            Format::Png => Values::default(),
+            Format::Tiff(tiff) => gdal_values(path, tiff)?.0,
+        };
+        if k == 0 {
+            set.no_data.clone_from(&values.no_data);
+        } else if values.no_data != set.no_data {
+            let shown = |v: &Values| v.no_data.first().map_or("none".to_owned(), f64::to_string);
+            let expected = format!("{}, as in {}", shown(&set), name_of(&all[0].file.path));
+            return Err(header_error(path, NO_DATA, expected, shown(&values)));
+        }
+        scaling.push(values.scaling.first().copied().unwrap_or((1.0, 0.0)));
     }
-    let mut notes = Vec::new();
-    if !values.scaling.is_empty() {
-        notes.push("the TIFF's GDAL scale and offset are applied: value = sample · scale + offset".into());
+    if scaling.iter().any(|s| *s != (1.0, 0.0)) {
+        set.scaling = scaling;
     }
-    chart(path, vec![opened], metadata.wavelengths_nm, values, notes, nan)
+    Ok(set)
+}
+
+fn scaling_note(values: &Values) -> Option<String> {
+    let note = "the TIFF's GDAL scale and offset are applied: value = sample · scale + offset";
+    (!values.scaling.is_empty()).then(|| note.into())
 }
 
 fn chart(

@@ -7,6 +7,8 @@ use super::*;
 use ::tiff::encoder::{Compression, TiffEncoder, colortype};
 use pipeline::flow::ChartSource;
 
+mod gdal;
+
 const SIZE: Size = Size::new(37, 41);
 
 fn fixture(name: &str) -> PathBuf {
