@@ -10,6 +10,7 @@
 //! | `data gain values`, `data offset values` | value = sample · gain + offset, one of each per band |
 //! | `reflectance scale factor` | reflectance = sample / factor |
 //!
+//! `major frame offsets`, `minor frame offsets` and `file compression` other than 0 are errors.
 //! Gains together with a factor are an error: their order is not defined.
 
 use std::collections::HashMap;
@@ -104,6 +105,7 @@ pub(super) fn parse(text: &str) -> Result<Envi, HeaderError> {
         1 => false,
         other => return Err(("byte order", "0 or 1".into(), other.to_string())),
     };
+    check_stored_as_is(&keys)?;
     let mut values = Values::default();
     if let Some(t) = keys.get("data ignore value") {
         let ignore =
@@ -120,6 +122,29 @@ pub(super) fn parse(text: &str) -> Result<Envi, HeaderError> {
         Some(list) => wavelengths(list, keys.get("wavelength units").map(String::as_str), shape[0])?,
     };
     Ok(Envi { layout, wavelengths_nm, values, notes })
+}
+
+/// Fails if samples are compressed, or other bytes lie between those of lines or bands.
+fn check_stored_as_is(keys: &HashMap<String, String>) -> Result<(), HeaderError> {
+    let expected = [
+        ("major frame offsets", "0, without bytes between the frames"),
+        ("minor frame offsets", "0, without bytes between the frames"),
+        ("file compression", "0; decompress the data file, e.g. by gunzip"),
+    ];
+    for (key, expected) in expected {
+        let Some(text) = keys.get(key) else { continue };
+        let is_zero = |n: &str| n.trim().parse::<f64>() == Ok(0.0);
+        let list = text.trim().trim_start_matches('{').trim_end_matches('}');
+        if !list.split(',').all(is_zero) {
+            let found = text.chars().take(40).collect();
+            return Err((
+                key,
+                format!("{expected}; or let `gdal_translate -of ENVI IN OUT` rewrite it"),
+                found,
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// (gain, offset) of each band, or one pair for all; empty if samples are values.

@@ -216,6 +216,14 @@ fn malformed_header_is_an_error_that_names_the_property() {
         ("bands = 3", "bands = 18446744073709551615", "wavelength"),
         ("header offset = 4", "header offset = 18446744073709551615", "shape"),
         ("header offset = 4", "header offset = 4", "expected 214 bytes"),
+        ("byte order = 1", "byte order = 1\nmajor frame offsets = {8, 0}", "major frame offsets"),
+        ("byte order = 1", "byte order = 1\nminor frame offsets = {0, 2}", "minor frame offsets"),
+        ("byte order = 1", "byte order = 1\nfile compression = 1", "file compression"),
+        (
+            "byte order = 1",
+            "byte order = 1\nmajor frame offsets = {0, 0}\nfile compression = 0",
+            "expected 214",
+        ),
     ] {
         fs::write(&hdr, ENVI.replace(from, to)).unwrap();
         let error = RasterChart::open(&hdr, NanPolicy::Error).unwrap_err().to_string();
