@@ -84,7 +84,7 @@ impl TiffBands {
         let (metadata, no_data) = (text(&mut decoder, GDAL_METADATA)?, text(&mut decoder, GDAL_NODATA)?);
         let mut pages = vec![0];
         for page in 1.. {
-            if layout.samples > 1 || !decoder.more_images() {
+            if !decoder.more_images() {
                 break;
             }
             if page == MAX_PAGES {
@@ -97,6 +97,11 @@ impl TiffBands {
             // Bit 0: a reduced image; bit 2: a mask.
             if kind.unwrap_or(0) & 0b101 != 0 {
                 continue;
+            }
+            if layout.samples > 1 {
+                let expected = "one where a pixel has several samples; `gdal_translate GTIFF_DIR:1:IN OUT` writes page 1 alone";
+                let found = format!("page {} after one of {} samples per pixel", page + 1, layout.samples);
+                return Err(header_error(path, "pages", expected, found));
             }
             let (other, bytes) = check_page(path, &mut decoder, length)?;
             if other != layout {
@@ -119,16 +124,16 @@ impl TiffBands {
         Ok(Self { size, bands, sample, metadata, no_data, decoder_bytes, order })
     }
 
-    /// Samples of a pixel of a page.
-    fn samples(&self) -> usize {
-        if matches!(self.order, Order::Pages(_)) { 1 } else { self.bands }
-    }
-
     /// GDAL's no-data sample; the error is a text that is not a number.
     pub(crate) fn no_data_value(&self) -> Result<Option<f64>, String> {
         let Some(text) = &self.no_data else { return Ok(None) };
         let text = text.trim_end_matches('\0').trim();
         text.parse().map(Some).map_err(|_| text.chars().take(40).collect())
+    }
+
+    /// Samples of a pixel of a page.
+    fn samples(&self) -> usize {
+        if matches!(self.order, Order::Pages(_)) { 1 } else { self.bands }
     }
 
     /// The parts that hold `bands`, each to be decoded once, in any order.
