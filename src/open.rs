@@ -100,7 +100,7 @@ impl Chart {
         }
         let (file, array) = split_array(spec);
         if hdf5::is_hdf5(Path::new(file)) {
-            return match hdf5::open(Path::new(file), array, flags.axes, nan)? {
+            return match hdf5::open(Path::new(file), array, flags.axes, nan, declared.is_some())? {
                 Hdf5Chart::Raster(chart) => Self::raster(*chart, declared, scale),
                 Hdf5Chart::Decoded(chart) => Self::decoded(*chart, declared, scale),
             };

@@ -171,6 +171,58 @@ fn an_hdf5_array_is_the_same_distances() {
 }
 
 #[test]
+fn arrays_and_attributes_of_an_hdf5_group_are_those_of_a_surface() {
+    let inputs = Inputs::new();
+    let mm: Vec<f32> = values(square).iter().map(|v| v * 1e3).collect();
+    let write = |name: &str, coverage: Option<f32>| {
+        let path = inputs.path(name);
+        let mut file = hdf5_pure::FileBuilder::new();
+        let mut group = file.create_group("scene");
+        let side = SIDE as u64;
+        let chart = values(|row, column| if (row / 8 + column / 8) % 2 == 0 { 1.0 } else { 0.25 });
+        group.create_dataset("chart").with_f32_data(&chart).with_shape(&[1, side, side]);
+        let unit = hdf5_pure::AttrValue::String("nm".into());
+        group.create_dataset("wavelength").with_f64_data(&[500.0]).with_shape(&[1]).set_attr("units", unit);
+        let unit = hdf5_pure::AttrValue::String("mm".into());
+        group
+            .create_dataset("depth")
+            .with_f32_data(&mm)
+            .with_shape(&[side, side])
+            .with_chunks(&[32, 32])
+            .set_attr("units", unit);
+        if let Some(opaque) = coverage {
+            let values = values(|row, _| if row < 48 { opaque } else { 1.0 });
+            group
+                .create_dataset("coverage")
+                .with_f32_data(&values)
+                .with_shape(&[side, side])
+                .with_chunks(&[32, 32]);
+        }
+        file.add_group(group.finish());
+        file.write(&path).unwrap();
+        path
+    };
+    let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip");
+    let film = |name: &str, file: &Path, flags: &[&str]| {
+        let chart = format!("{}//scene/chart", text(file));
+        let flags = [&["--outside", "clamp", "--film-pitch-um", "2"], flags].concat();
+        run(&chart, &inputs.path(name), text(&pack), &flags).ok();
+        bits(&pixels(&inputs.path(name), "film").1)
+    };
+    let npy = inputs.path("depth.npy");
+    write_npy(&npy, Size::new(SIDE, SIDE), &mm);
+    let (opaque, half) = (write("opaque.h5", None), write("half.h5", Some(0.5)));
+    let expected = film("npy", &opaque, &["--depth", text(&npy), "--depth-unit", "mm"]);
+    let depth = format!("{}//scene/depth", text(&opaque));
+    assert!(film("given", &opaque, &["--depth", &depth]) == expected, "unit of --depth");
+    assert!(film("found", &opaque, &[]) == expected, "depth beside the chart");
+    let covered = film("half", &half, &[]);
+    assert!(covered != expected, "coverage beside the chart");
+    let depth = format!("{}//scene/depth", text(&half));
+    assert!(film("half-given", &opaque, &["--depth", &depth]) == covered, "coverage beside --depth");
+}
+
+#[test]
 fn deep_openexr_files_are_refused_by_name() {
     let inputs = Inputs::new();
     let deep = inputs.path("deep.exr");

@@ -73,6 +73,7 @@ pub use crate::shard::Codec;
 pub use axes::{AxisOrder, AxisOrderError};
 pub use decoded_chart::DecodedChart;
 pub use error::ChartError;
+pub use header::FileArray;
 pub use identity::ChartIdentity;
 pub use memory::ChunkMemory;
 pub use open::{lacks_array, split_array};

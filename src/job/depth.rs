@@ -11,7 +11,9 @@ use crate::args::{DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, RunArg
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
-use arrays::{array, check_opaque, check_size, coverage, decode, temporary_directory};
+use arrays::{
+    array, check_opaque, check_size, coverage, decode, hdf5_array, temporary_directory, text_attribute,
+};
 use clean::{CleanDepth, Edges};
 use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::{ConstantDepth, Distance, Sheet};
@@ -273,10 +275,15 @@ impl SheetInput {
         let depth = array(&paths.depth, frame, &paths.name, raw)?;
         decode(&depth, &request.directory, request.threads)?;
         let distance = declared(given, &paths.depth, &depth, focal_mm)?;
-        let coverage = match (&depth, &paths.coverage) {
-            (Chart::Store(_) | Chart::Generated(_), Some(spec)) => coverage(spec, frame)?,
+        let is_in_group =
+            matches!(depth, Chart::Store(_) | Chart::Generated(_)) || hdf5_array(&depth).is_some();
+        let coverage = match &paths.coverage {
+            Some(spec) if is_in_group => coverage(spec, frame)?,
             _ => None,
         };
+        if let Some(coverage) = &coverage {
+            decode(coverage, &request.directory, request.threads)?;
+        }
         if coverage.is_none() {
             check_opaque(
                 paths.chart.as_deref().unwrap_or(request.chart),
@@ -338,10 +345,7 @@ fn rounded_range((first, last): (f64, f64)) -> (f64, f64) {
 
 /// What the numbers of `depth` mean: by the flags, else by its attributes.
 fn declared(args: &DepthArgs, spec: &str, depth: &Chart, ray_mm: f64) -> Result<Distance> {
-    let attribute = |key: &str| match depth {
-        Chart::Store(store) => store.text_attribute(key),
-        _ => None,
-    };
+    let attribute = |key: &str| text_attribute(depth, key);
     let unit = match (args.depth_unit, attribute("unit").or_else(|| attribute("units"))) {
         (Some(unit), _) => unit,
         (None, None) => DepthUnit::Metre,

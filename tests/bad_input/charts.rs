@@ -21,6 +21,9 @@ fn missing_or_foreign_chart_exits_1_and_names_the_path() {
     assert_invalid(&at("cube.mat"), &["MATLAB before v7.3", "scipy.io.loadmat", "--axes"]);
     fs::write(at("cube.xyz"), "1 2 3").unwrap();
     assert_invalid(&at("cube.xyz"), &["unsupported format .xyz; supported: Zarr"]);
+    let made = std::process::Command::new("mkfifo").arg(at("pipe.npy")).status().unwrap();
+    assert!(made.success());
+    assert_invalid(&at("pipe.npy"), &["pipe.npy", "expected a regular file", "a pipe"]);
     assert_invalid(&job.pack, &["no array", "chart", "wavelength"]);
     fs::write(at("empty/zarr.json"), "{\"zarr_format\": 3,").unwrap();
     assert_invalid(&at("empty"), &["empty", "JSON"]);

@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 
 use super::error::ChartError;
 use super::file_change::WatchedFile;
-use super::header::{check_declared_wavelengths, check_wavelengths, header_error};
+use super::header::{FileArray, check_declared_wavelengths, check_wavelengths, header_error};
 use super::memory::ChunkMemory;
 use super::options::NanPolicy;
 use super::raster::RasterChart;
@@ -59,6 +59,8 @@ pub(super) struct Declared {
     pub(super) wavelengths_nm: Option<Vec<f64>>,
     pub(super) values: Values,
     pub(super) units: Option<String>,
+    /// The array, if the file has several.
+    pub(super) array: Option<FileArray>,
     /// Remarks for the user, one line each.
     pub(super) notes: Vec<String>,
     /// What determines the samples, for the chart's identity.
@@ -141,6 +143,11 @@ impl DecodedChart {
     pub fn units(&self) -> Option<&str> {
         let is_count = self.sample().is_integer() && self.declared.values.scaling.is_empty();
         self.declared.units.as_deref().or(is_count.then_some("counts"))
+    }
+
+    /// Its array, if the file has several.
+    pub fn array(&self) -> Option<&FileArray> {
+        self.declared.array.as_ref()
     }
 
     /// Whether several files are one band each.

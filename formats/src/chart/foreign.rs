@@ -1,10 +1,11 @@
 //! Files of formats that are not read: the format by its first bytes or extension, and how to convert it.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use super::error::ChartError;
+use super::header::open_regular;
+use crate::durable::DurableError;
 
 /// Formats that are read, for messages.
 const SUPPORTED: &str = "Zarr v2 and v3, HDF5 (.h5, .mat v7.3, NetCDF-4), .npy, ENVI (.hdr), multi-band TIFF, spectral OpenEXR, a folder or pattern of grey PNG or TIFF \
@@ -72,10 +73,13 @@ fn format_of(extension: &str, first: &[u8]) -> Option<&'static Format> {
 
 /// The error for a file that no reader supports.
 pub(super) fn unsupported(path: &Path) -> ChartError {
+    let file = match open_regular(path) {
+        Ok(file) => file,
+        Err(e) => return e,
+    };
     let mut first = Vec::new();
-    if let Ok(file) = File::open(path) {
-        // What cannot be read has no signature.
-        let _ = file.take(FIRST_BYTES).read_to_end(&mut first);
+    if let Err(e) = file.take(FIRST_BYTES).read_to_end(&mut first) {
+        return DurableError::io("read", path, 0, e).into();
     }
     let extension = path.extension().map_or(String::new(), |e| e.to_string_lossy().to_lowercase());
     let stem = path.file_stem().map_or(String::new(), |s| s.to_string_lossy().into_owned());
@@ -97,6 +101,20 @@ pub(super) fn unsupported(path: &Path) -> ChartError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn file_without_permission_is_an_error_of_the_file_system() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.h5");
+        std::fs::write(&path, [0; 9]).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o000)).unwrap();
+        // Root may read every file.
+        let expected =
+            if std::fs::File::open(&path).is_ok() { "no HDF5 signature" } else { "ermission denied" };
+        let error = unsupported(&path).to_string();
+        assert!(error.contains(expected) && error.contains("a.h5"), "{error}");
+    }
 
     #[test]
     fn format_is_found_by_first_bytes_or_extension() {

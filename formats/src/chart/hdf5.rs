@@ -39,7 +39,7 @@ use super::coordinates::axis_order;
 use super::decoded_chart::{Declared, DecodedChart};
 use super::error::ChartError;
 use super::file_change::{WatchedFile, modified_ns};
-use super::header::header_error;
+use super::header::{FileArray, header_error};
 use super::options::NanPolicy;
 use super::raster::RasterChart;
 use super::raster::layout::RasterLayout;
@@ -64,15 +64,17 @@ pub enum Hdf5Chart {
 
 /// Whether `path` is an HDF5 file, by its signature.
 pub fn is_hdf5(path: &Path) -> bool {
+    // Before it is opened: opening a pipe would wait for its writer.
+    if !path.is_file() {
+        return false;
+    }
     let Ok(file) = File::open(path) else { return false };
     let mut found = [0; 8];
-    path.is_file()
-        && SIGNATURE_OFFSETS
-            .iter()
-            .any(|&at| file.read_exact_at(&mut found, at).is_ok() && found == *SIGNATURE)
+    SIGNATURE_OFFSETS.iter().any(|&at| file.read_exact_at(&mut found, at).is_ok() && found == *SIGNATURE)
 }
 
-/// Opens the array `requested` (empty: the only one) of the file at `path`; `axes` are its axes as h5py, xarray or MATLAB show them.
+/// Opens the array `requested` (empty: the only one) of the file at `path`; `axes` are its axes as h5py, xarray or MATLAB show them. Wavelengths in the file
+/// are not read if the caller `replaces_wavelengths`.
 ///
 /// # Errors
 /// [`ChartError`] if the file is damaged, there is no such array, or it is not supported.
@@ -81,6 +83,7 @@ pub fn open(
     requested: &str,
     axes: Option<&AxisOrder>,
     nan: NanPolicy,
+    replaces_wavelengths: bool,
 ) -> Result<Hdf5Chart, ChartError> {
     let file = File::open(path).map_err(|e| DurableError::io("open", path, 0, e))?;
     let meta = file.metadata().map_err(|e| DurableError::io("look up", path, 0, e))?;
@@ -95,22 +98,42 @@ pub fn open(
         sample_type::of(&guarded(path, || dataset.datatype())?).map_err(|found| {
             header_error(path, "samples", sample_type::EXPECTED, format!("{found} in {full_name}"))
         })?;
-    let siblings = guarded(path, || variables::group(&hdf5, group))?;
-    let (order, mut notes) = match attributes.contains_key("MATLAB_class") {
-        true => matlab_order(path, &full_name, &sides, axes)?,
+    let groups = guarded(path, || variables::groups(&hdf5, group))?;
+    let (order, names, mut notes) = match attributes.contains_key("MATLAB_class") {
+        true => {
+            let (order, notes) = matlab_order(path, &full_name, &sides, axes)?;
+            (order, None, notes)
+        }
         false => {
-            let names = guarded(path, || dimensions::names(&siblings, &attributes, &sides))?;
+            let names = guarded(path, || dimensions::names(&groups, &attributes, &sides))?;
+            let has_references =
+                || guarded(path, || Ok(dataset.attr_datatypes()?.contains_key("DIMENSION_LIST")));
+            if names.is_none() && axes.is_none() && has_references()? {
+                let expected =
+                    "dimensions with names; give the axes of the array by --axes, e.g. --axes wavelength,y,x";
+                let found = format!(
+                    "dimension scales attached by references (DIMENSION_LIST) to {full_name} {sides:?}"
+                );
+                return Err(header_error(path, "order of dimensions", expected, found));
+            }
             let order = axis_order(&sides, names.as_deref(), axes)
                 .map_err(|(expected, found)| header_error(path, "order of dimensions", expected, found))?;
-            let names =
-                names.map_or_else(|| "without names of axes".into(), |n| format!("({})", n.join(", ")));
-            let note = format!("array {full_name} {sides:?}, {names}, is read as {order}");
-            (order, vec![note])
+            let shown = names.as_ref().map_or_else(
+                || "without names of axes".into(),
+                |n: &Vec<String>| format!("({})", n.join(", ")),
+            );
+            let note = format!("array {full_name} {sides:?}, {shown}, is read as {order}");
+            (order, names, vec![note])
         }
     };
     let shape = order.to_chart(&sides, 1);
-    let wavelengths_nm = dimensions::wavelengths(path, &siblings, &attributes, name, shape[0])?;
-    let json = attributes::to_json(&attributes);
+    let spectral = order.axes().iter().position(|&axis| axis == 0);
+    let spectral = names.as_deref().zip(spectral).map(|(names, k)| names[k].as_str());
+    let wavelengths_nm = match replaces_wavelengths {
+        true => None,
+        false => dimensions::wavelengths(path, &groups, &attributes, (name, spectral), shape[0])?,
+    };
+    let json = attributes::read(path, &full_name, dataset)?;
     let values = parse_values(&json, sample, None).map_err(|(what, expected, found)| {
         header_error(path, what, expected, format!("{found} in {full_name}"))
     })?;
@@ -120,11 +143,13 @@ pub fn open(
         ));
     }
     let units = json.get("units").and_then(|u| u.as_str()).map(str::to_owned);
+    let array = FileArray { path: full_name.clone(), attributes: json };
     match guarded(path, || dataset.layout())? {
         Layout::Contiguous { address: Some(offset), .. } => {
             let layout =
                 RasterLayout { shape, interleave: order.interleave(), sample, little_endian, offset };
-            let chart = RasterChart::described(path, layout, (wavelengths_nm, values, units, notes), nan)?;
+            let chart =
+                RasterChart::described(array, path, layout, (wavelengths_nm, values, units, notes), nan)?;
             Ok(Hdf5Chart::Raster(Box::new(chart)))
         }
         Layout::Chunked { chunk_shape, .. } => {
@@ -145,6 +170,7 @@ pub fn open(
                 wavelengths_nm,
                 values,
                 units,
+                array: Some(array),
                 notes,
                 content: json!({ "hdf5": full_name, "bytes": meta.len(), "layout": grid.description() }),
                 mtimes: json!(modified_ns(&meta) as u64),

@@ -8,7 +8,6 @@
 //! The format is detected from the first bytes. Rows are decoded one by one into the temporary file, so memory does not grow with
 //! the image, except of JPEG and WebP ([`ImageFile::decoder_bytes`]).
 
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -18,6 +17,7 @@ use pipeline::geometry::Size;
 
 use super::error::ChartError;
 use super::exr::{self, ExrContent, ExrFile};
+use super::header::open_regular;
 use super::options::NanPolicy;
 use super::raster::RasterChart;
 use super::raster::bands::BandFile;
@@ -60,8 +60,8 @@ impl ImageFile {
     /// [`ChartError`] if the format is unknown, or the header is invalid or not supported.
     pub fn open(path: &Path) -> Result<Self, ChartError> {
         let mut first = Vec::new();
-        let file = match File::open(path) {
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+        let file = match open_regular(path) {
+            Err(ChartError::NotFound { .. }) => {
                 return Err(header_error(
                     path,
                     "file",
@@ -70,7 +70,7 @@ impl ImageFile {
                 )
                 .into());
             }
-            other => other.map_err(|e| DurableError::io("open", path, 0, e))?,
+            other => other?,
         };
         file.take(12).read_to_end(&mut first).map_err(|e| DurableError::io("read", path, 0, e))?;
         let (header, decoder) = match &first[..] {

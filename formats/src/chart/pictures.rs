@@ -227,6 +227,7 @@ fn chart(
         wavelengths_nm,
         values,
         units: None,
+        array: None,
         notes,
         content,
         mtimes,

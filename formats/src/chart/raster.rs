@@ -33,7 +33,7 @@ use serde_json::{Value, json};
 
 use super::error::ChartError;
 use super::file_change::WatchedFile;
-use super::header::check_declared_wavelengths;
+use super::header::{FileArray, check_declared_wavelengths};
 use super::options::NanPolicy;
 use super::values::Values;
 use crate::durable::DurableError;
@@ -58,6 +58,7 @@ pub struct RasterChart {
     wavelengths_nm: Option<Vec<f64>>,
     values: Values,
     units: Option<String>,
+    array: Option<FileArray>,
     notes: Vec<String>,
     replaced: AtomicU64,
     bytes_read: AtomicU64,
@@ -113,6 +114,11 @@ impl RasterChart {
     /// Unit of the values, if the file declares it.
     pub fn units(&self) -> Option<&str> {
         self.units.as_deref()
+    }
+
+    /// Its array, if the file has several.
+    pub fn array(&self) -> Option<&FileArray> {
+        self.array.as_ref()
     }
 
     /// Remarks on the interpretation of the header, one line each.

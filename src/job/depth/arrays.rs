@@ -4,7 +4,7 @@ use super::scan;
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::{Context, Result};
-use formats::chart::{ChartError, NanPolicy, exr, lacks_array, split_array};
+use formats::chart::{ChartError, FileArray, NanPolicy, exr, lacks_array, split_array};
 use formats::durable::{is_url, link_target, parent_of};
 use pipeline::geometry::Frame;
 use std::path::{Path, PathBuf};
@@ -16,6 +16,23 @@ pub fn array_of(chart: &Chart) -> usize {
         Chart::Raster(raster) => raster.bands(),
         Chart::Decoded(decoded) => decoded.bands(),
         Chart::Generated(generator) => generator.wavelengths_nm().len(),
+    }
+}
+
+/// The array of an HDF5 file that a chart was opened from, and the path of the file.
+pub fn hdf5_array(chart: &Chart) -> Option<(&Path, &FileArray)> {
+    match chart {
+        Chart::Raster(raster) => Some((raster.path(), raster.array()?)),
+        Chart::Decoded(decoded) => Some((decoded.path(), decoded.array()?)),
+        Chart::Store(_) | Chart::Generated(_) => None,
+    }
+}
+
+/// An attribute of an array that is text.
+pub fn text_attribute<'a>(chart: &'a Chart, key: &str) -> Option<&'a str> {
+    match chart {
+        Chart::Store(store) => store.text_attribute(key),
+        _ => hdf5_array(chart)?.1.text_attribute(key),
     }
 }
 

@@ -3,7 +3,7 @@
 //! A chart's group may hold `depth`, `coverage`, `hidden/1/chart`, `hidden/1/depth`, `hidden/1/coverage`, `hidden/2/chart`, …; `gen:depth-scene` has
 //! such arrays, too. `--depth none` ignores them.
 
-use super::arrays::array_of;
+use super::arrays::{array_of, hdf5_array, is_missing};
 use crate::args::DepthArgs;
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
@@ -104,22 +104,33 @@ impl SurfacePaths {
                     }
                     _ => group.to_owned(),
                 };
-                let depth = member(&group, "depth");
-                if !is_plane(&depth)? {
-                    return Ok(Vec::new());
-                }
-                let mut found = vec![Self { name: depth.clone(), ..Self::first(&depth) }];
-                for number in 1.. {
-                    let hidden = member(&group, &format!("hidden/{number}"));
-                    if !is_plane(&member(&hidden, "depth"))? {
-                        break;
-                    }
-                    found.push(Self { name: hidden.clone(), ..Self::hidden(&hidden) });
-                }
-                Ok(found)
+                Self::of_group(&group)
             }
-            Chart::Raster(_) | Chart::Decoded(_) => Ok(Vec::new()),
+            Chart::Raster(_) | Chart::Decoded(_) => match hdf5_array(chart) {
+                None => Ok(Vec::new()),
+                Some((file, array)) => Self::of_group(&match array.path.rsplit_once('/') {
+                    None => file.display().to_string(),
+                    Some((group, _)) => format!("{}//{group}", file.display()),
+                }),
+            },
         }
+    }
+
+    /// Those of a group of a Zarr store or an HDF5 file.
+    fn of_group(group: &str) -> Result<Vec<Self>> {
+        let depth = member(group, "depth");
+        if !is_plane(&depth)? {
+            return Ok(Vec::new());
+        }
+        let mut found = vec![Self { name: depth.clone(), ..Self::first(&depth) }];
+        for number in 1.. {
+            let hidden = member(group, &format!("hidden/{number}"));
+            if !is_plane(&member(&hidden, "depth"))? {
+                break;
+            }
+            found.push(Self { name: hidden.clone(), ..Self::hidden(&hidden) });
+        }
+        Ok(found)
     }
 }
 
@@ -137,9 +148,16 @@ fn unused(given: &DepthArgs) -> Option<&'static str> {
     .find_map(|(flag, is_given)| is_given.then_some(flag))
 }
 
-/// Whether there is an array of rows and columns `spec` in a Zarr store.
+/// Whether there is an array of rows and columns `spec` in a Zarr store or an HDF5 file.
 fn is_plane(spec: &str) -> Result<bool> {
-    Ok(!lacks_array(spec)? && array_of(&Chart::open_with(spec, &ChartFlags::default())?) == 1)
+    if lacks_array(spec)? {
+        return Ok(false);
+    }
+    match Chart::open_with(spec, &ChartFlags::default()) {
+        Ok(chart) => Ok(array_of(&chart) == 1),
+        Err(e) if is_missing(&e) => Ok(false),
+        Err(e) => Err(e),
+    }
 }
 
 /// The group of the array `PATH//depth`; none for an array that is a store of its own.

@@ -1,12 +1,46 @@
 //! Attributes of HDF5 as JSON, as those of Zarr are.
 
 use std::collections::HashMap;
+use std::path::Path;
 
-use hdf5_pure::AttrValue;
+use hdf5_pure::{AttrValue, Dataset};
 use serde_json::{Map, Value, json};
 
-/// The attributes that are numbers or text; a list of one is its element.
-pub(super) fn to_json(attributes: &HashMap<String, AttrValue>) -> Map<String, Value> {
+use super::super::error::ChartError;
+use super::super::header::header_error;
+use super::{guarded, sample_type};
+
+/// Attributes of which the values of samples depend.
+const CONVERSION: [&str; 8] = [
+    "_FillValue",
+    "missing_value",
+    "valid_range",
+    "valid_min",
+    "valid_max",
+    "scale_factor",
+    "add_offset",
+    "_Unsigned",
+];
+
+/// The attributes of `dataset`, called `name`, that are numbers or text; a list of one is its element.
+///
+/// # Errors
+/// One that the values of samples depend on is of another type.
+pub(super) fn read(path: &Path, name: &str, dataset: &Dataset) -> Result<Map<String, Value>, ChartError> {
+    let attributes = guarded(path, || dataset.attrs())?;
+    let json = to_json(&attributes);
+    let types = guarded(path, || dataset.attr_datatypes())?;
+    match CONVERSION.iter().find(|key| types.contains_key(**key) && !json.contains_key(**key)) {
+        None => Ok(json),
+        Some(key) => {
+            let expected = "a number of up to 64 bits (of floats, 32 or 64) or text; write it as f64";
+            let found = format!("{} in {name}", sample_type::describe(&types[*key]));
+            Err(header_error(path, key, expected, found))
+        }
+    }
+}
+
+fn to_json(attributes: &HashMap<String, AttrValue>) -> Map<String, Value> {
     let converted = attributes.iter().filter_map(|(key, value)| Some((key.clone(), one(value)?)));
     converted.collect()
 }

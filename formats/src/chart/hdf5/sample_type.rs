@@ -45,6 +45,11 @@ pub(super) fn of(t: &Datatype) -> Result<(RasterSample, bool), String> {
     }
 }
 
+/// The type of an attribute, for messages.
+pub(super) fn describe(t: &Datatype) -> String {
+    of(t).map_or_else(|other| other, |(sample, _)| sample.name().to_owned())
+}
+
 fn is_half(layout: &FloatingPointLayout) -> bool {
     let FloatingPointLayout { bit_offset, bit_precision, exponent_location, exponent_size, .. } = *layout;
     let FloatingPointLayout { mantissa_location, mantissa_size, exponent_bias, .. } = *layout;

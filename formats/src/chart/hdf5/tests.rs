@@ -7,8 +7,14 @@ use super::*;
 use crate::chart::ChartError;
 use pipeline::flow::ChartSource;
 
+mod written;
+
 const SIZE: Size = Size::new(37, 41);
 const NM: [f64; 3] = [400.0, 410.0, 420.5];
+
+fn open(path: &Path, array: &str, axes: Option<&AxisOrder>, nan: NanPolicy) -> Result<Hdf5Chart, ChartError> {
+    super::open(path, array, axes, nan, false)
+}
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/hdf5").join(name)

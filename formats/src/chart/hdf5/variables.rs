@@ -34,8 +34,19 @@ fn join(group: &str, name: &str) -> String {
 }
 
 /// The group at `path`; empty for the root.
-pub(super) fn group(file: &File, path: &str) -> Result<Group, Error> {
+fn group(file: &File, path: &str) -> Result<Group, Error> {
     if path.is_empty() { Ok(file.root()) } else { file.group(path) }
+}
+
+/// The group at `path` and those above it, up to the root.
+pub(super) fn groups(file: &File, path: &str) -> Result<Vec<Group>, Error> {
+    let mut groups = vec![group(file, path)?];
+    let mut inner = path;
+    while !inner.is_empty() {
+        inner = inner.rsplit_once('/').map_or("", |(outer, _)| outer);
+        groups.push(group(file, inner)?);
+    }
+    Ok(groups)
 }
 
 /// The array `requested`; if that is empty, the only array of three axes, else the only one of two.
@@ -74,7 +85,14 @@ pub(super) fn select(path: &Path, file: &File, requested: &str) -> Result<Variab
             _ => return Err(none(format!("selected, and several have {words} axes"), &all)),
         }
     }
-    Err(none("of three or two axes".into(), &all))
+    // An array of one band, row or column.
+    let places: Vec<usize> =
+        (0..all.len()).filter(|&k| all[k].dataset.shape().is_ok_and(|s| s.len() == 3)).collect();
+    match places[..] {
+        [] => Err(none("of three or two axes".into(), &all)),
+        [only] => Ok(all.swap_remove(only)),
+        _ => Err(none("selected, and several have three axes".into(), &all)),
+    }
 }
 
 /// Name, shape and sample type, for messages.

@@ -113,6 +113,7 @@ impl RasterChart {
             wavelengths_nm,
             values,
             units: None,
+            array: None,
             notes: Vec::new(),
             replaced: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),

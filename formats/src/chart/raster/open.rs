@@ -1,6 +1,5 @@
 //! Opening flat files.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize};
@@ -15,7 +14,7 @@ use super::{RasterChart, envi, npy_layout};
 use crate::chart::axes::AxisOrder;
 use crate::chart::error::ChartError;
 use crate::chart::file_change::{WatchedFile, modified_ns};
-use crate::chart::header::{check_wavelengths, header_error};
+use crate::chart::header::{FileArray, check_wavelengths, header_error, open_regular};
 use crate::chart::options::NanPolicy;
 use crate::chart::values::Values;
 use crate::durable::DurableError;
@@ -32,6 +31,7 @@ struct Description {
     wavelengths_nm: Option<Vec<f64>>,
     values: Values,
     units: Option<String>,
+    array: Option<FileArray>,
     notes: Vec<String>,
     header: Option<WatchedFile>,
 }
@@ -77,7 +77,8 @@ impl RasterChart {
             data.ok_or_else(|| header_error(&hdr, "data file", "a file beside it of the same name", "none"))?;
         let envi::Envi { layout, wavelengths_nm, values, notes } = envi;
         let header = Some(WatchedFile::header(&hdr, MAX_HEADER_BYTES, &text));
-        Self::map(&data, layout, Description { wavelengths_nm, values, units: None, notes, header }, nan)
+        let description = Description { wavelengths_nm, values, notes, header, ..Description::default() };
+        Self::map(&data, layout, description, nan)
     }
 
     /// Opens raw samples.
@@ -88,14 +89,21 @@ impl RasterChart {
         Self::map(path, layout, Description::default(), nan)
     }
 
-    /// Opens samples of `layout` in a file of another format, which declares wavelengths, conversion, unit and notes.
+    /// Opens samples of `layout` in an array of a file of another format, which declares wavelengths, conversion, unit and notes.
     pub(in crate::chart) fn described(
+        array: FileArray,
         path: &Path,
         layout: RasterLayout,
         (wavelengths_nm, values, units, notes): (Option<Vec<f64>>, Values, Option<String>, Vec<String>),
         nan: NanPolicy,
     ) -> Result<Self, ChartError> {
-        Self::map(path, layout, Description { wavelengths_nm, values, units, notes, header: None }, nan)
+        let array = Some(array);
+        Self::map(
+            path,
+            layout,
+            Description { wavelengths_nm, values, units, array, notes, header: None },
+            nan,
+        )
     }
 
     fn map(
@@ -104,7 +112,7 @@ impl RasterChart {
         description: Description,
         nan: NanPolicy,
     ) -> Result<Self, ChartError> {
-        let Description { wavelengths_nm, values, units, notes, header } = description;
+        let Description { wavelengths_nm, values, units, array, notes, header } = description;
         let [bands, rows, columns] = layout.shape;
         if let Err(e) = bounds::chart_size(bands, Size::new(rows, columns)) {
             return Err(header_error(path, e.bound.name, e.bound.to_string(), e.found));
@@ -113,7 +121,7 @@ impl RasterChart {
             return Err(header_error(path, "shape", "at most 2^60 bytes", format!("{:?}", layout.shape)));
         };
         check_wavelengths(path, wavelengths_nm.as_deref().unwrap_or_default())?;
-        let file = open_file(path)?;
+        let file = open_regular(path)?;
         let meta = file.metadata().map_err(|e| DurableError::io("look up", path, 0, e))?;
         if meta.len() < expected {
             return Err(ChartError::Short { path: path.into(), expected, found: meta.len() });
@@ -139,6 +147,7 @@ impl RasterChart {
             wavelengths_nm,
             values,
             units,
+            array,
             notes,
             replaced: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),
@@ -164,14 +173,7 @@ fn has_extension(path: &Path, extension: &str) -> bool {
 /// The first bytes of a file, at most `limit`.
 fn read_start(path: &Path, limit: u64) -> Result<Vec<u8>, ChartError> {
     let mut bytes = Vec::new();
-    let read = open_file(path)?.take(limit).read_to_end(&mut bytes);
+    let read = open_regular(path)?.take(limit).read_to_end(&mut bytes);
     read.map_err(|e| DurableError::io("read", path, 0, e))?;
     Ok(bytes)
-}
-
-fn open_file(path: &Path) -> Result<File, ChartError> {
-    match File::open(path) {
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Err(ChartError::NotFound { path: path.into() }),
-        other => Ok(other.map_err(|e| DurableError::io("open", path, 0, e))?),
-    }
 }
