@@ -68,11 +68,9 @@ fn expose_raw(args: &ExposeArgs, plan: &Plan, raw: &Path) -> Result<u8> {
     let start = Instant::now();
     plan.keep_apart(raw)?;
     interrupt::listen();
-    if args.overwrite {
-        remove(raw, args.take_over)?;
-        fault_point("raw-removed");
-    }
-    if let Some(store) = resumed(plan, raw, !args.no_fsync)? {
+    if !args.overwrite
+        && let Some(store) = resumed(plan, raw, !args.no_fsync)?
+    {
         return work(args, plan, &store, None, start);
     }
     plan.log_warnings();
@@ -92,6 +90,11 @@ fn expose_raw(args: &ExposeArgs, plan: &Plan, raw: &Path) -> Result<u8> {
             spec.exposure_s.len(),
             spec.outputs.len()
         )));
+    }
+    // Only now, when all that can fail before the first pixel has passed.
+    if args.overwrite {
+        remove(raw, args.take_over)?;
+        fault_point("raw-removed");
     }
     let store = match RawStore::create(raw, spec, plan.attributes(&settled), !args.no_fsync) {
         Err(GroupError::Exists { .. }) => match resumed(plan, raw, !args.no_fsync)? {

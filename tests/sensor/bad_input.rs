@@ -1,7 +1,7 @@
 //! Bad input: one clear error, or a warning with figures and ways out.
 
 use crate::common::camera::{IRRADIANCE, Place, develop, sensor, write_film};
-use crate::common::{assert_exit, lenscube, text};
+use crate::common::{assert_exit, files, lenscube, text};
 use crate::{OTHER_JOB, USAGE, WRONG};
 use formats::film::{Codec, FilmSpec, FilmStore};
 use pipeline::geometry::Size;
@@ -180,4 +180,29 @@ fn warnings_name_figures_and_ways_out() {
         0,
         &["warning: dark current of", "exceeds the signal's median"],
     );
+}
+
+/// What fails before the first pixel leaves a raw that was to be replaced.
+#[test]
+fn a_failed_overwrite_keeps_the_raw() {
+    let place = Place::new();
+    let film = place.noise(Size::new(40, 40));
+    let raw = place.raw("raw.zarr", &film, &["--sensor", "example-2um", "--exposure", "1ms"]);
+    let before = files(&raw);
+    let dark = place.film_named("dark.film", Size::new(40, 40), |_, _, _| 0.0);
+    let relative = place.at("relative.film");
+    write_film(&relative, Size::new(40, 40), &[550.0], (2.0, "relative"), |_, _, _| 0.0);
+    let nan = film_with_nan(&place, (3, 4));
+    let own = ["--sensor", "example-2um", "--overwrite"];
+    for (film, flags, code) in [
+        (&film, &["--exposure", "1ms,2ms", "--frames", "9000"][..], USAGE),
+        (&dark, &["--exposure", "auto"], USAGE),
+        (&relative, &["--exposure", "1ms", "--film-lux", "10"], USAGE),
+        (&nan, &["--exposure", "auto"], 1),
+    ] {
+        assert_eq!(sensor(film, &raw, &[&own[..], flags].concat()).code, code, "{flags:?}");
+        assert!(files(&raw) == before, "{flags:?}");
+    }
+    sensor(&film, &raw, &[&own[..], &["--exposure", "2ms"]].concat()).ok();
+    assert!(files(&raw) != before);
 }
