@@ -60,11 +60,11 @@ def given(
 
 
 def _mapped_file(chart: Any) -> str | None:
-    """The .npy file of which an array is the complete map (`np.load(…, mmap_mode="r")`)."""
+    """The .npy file of which an array is the complete map (`np.load(…, mmap_mode="r")`); a copy-on-write map may differ from its file."""
     import numpy
 
     name = getattr(chart, "filename", None)
-    if not isinstance(chart, numpy.memmap) or name is None or not str(name).endswith(".npy"):
+    if not isinstance(chart, numpy.memmap) or name is None or not str(name).endswith(".npy") or chart.mode == "c":
         return None
     whole = numpy.load(name, mmap_mode="r")
     same = [(a.shape, a.dtype, a.strides, a.offset) for a in (chart, whole)]

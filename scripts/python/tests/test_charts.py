@@ -101,6 +101,14 @@ def test_mapped_files_are_passed_by_name(cube, tmp_path):
         assert not os.path.exists(path)
 
 
+def test_a_changed_copy_on_write_map_is_written_with_its_changes(cube, tmp_path):
+    numpy.save(tmp_path / "cube.npy", cube.values)
+    mapped = numpy.load(tmp_path / "cube.npy", mmap_mode="c")
+    mapped *= 5
+    with _charts.given(mapped, {}) as (path, _):
+        assert path != str(tmp_path / "cube.npy") and (numpy.load(path) == 5 * cube.values).all()
+
+
 def test_a_full_folder_is_an_error_before_anything_is_written():
     huge = xarray.DataArray(dask.array.zeros((31, 1 << 20, 1 << 20), "f4", chunks=(1, 4096, 4096)), dims=("wavelength", "y", "x"))
     with pytest.raises(OSError, match="temp_dir"), _charts.given(huge, {}):
