@@ -63,6 +63,36 @@ def test_opened_films_stand_for_their_paths(film, tmp_path):
     assert film_tif.dims == ("y", "x", "channel") and film_tif.dtype == "u2"
 
 
+def test_an_opened_film_is_its_path_after_a_change_of_folder(cube, tmp_path, monkeypatch):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path / "a")
+    first = lenscube.run(cube, "film.zarr", **FLAGS)
+    monkeypatch.chdir(tmp_path / "b")
+    lenscube.run(2 * cube, "film.zarr", **FLAGS)
+    line = {"profile": (0, 30, 63, 30)}
+    assert lenscube.measure(first, **line).equals(lenscube.measure(tmp_path / "a/film.zarr", **line))
+
+
+@pytest.mark.parametrize("chunks", ["auto", None])
+def test_a_film_that_was_loaded_stands_for_its_path_until_its_values_change(film, monkeypatch, chunks):
+    opened = xarray.open_zarr
+    monkeypatch.setattr(xarray, "open_zarr", lambda path: opened(path, chunks=chunks))
+    path = film.encoding["source"]
+    loaded = lenscube.open(path).load()
+    assert lenscube.status(loaded)["complete"]
+    loaded.film[1, 2, 3] += 1
+    with pytest.raises(TypeError, match="unchanged"):
+        lenscube.status(loaded)
+    assigned = lenscube.open(path)
+    float(assigned.film.mean())
+    assert lenscube.status(assigned)["complete"]
+    assigned.film[0] = 0
+    with pytest.raises(TypeError, match="unchanged"):
+        lenscube.status(assigned)
+    assert (lenscube.measure(assigned, profile=(0, 30, 63, 30)).profile.values[0] == 0).all()
+
+
 def test_errors_are_exceptions_of_their_exit_codes(cube, film, tmp_path):
     with pytest.raises(lenscube.UsageError, match="film-size") as caught:
         lenscube.run(cube, tmp_path / "f.zarr", **{**FLAGS, "film_size": "many"})
