@@ -4,7 +4,7 @@
 //! its rows), and its pixels are averaged in bins of 1/4 px of distance. Its plateaus are the samples beyond 3/4 of the half width.
 //! Doubtful figures have remarks, meaningless ones are errors ([`quality`]).
 
-mod quality;
+pub mod quality;
 
 use crate::args::MeasureArgs;
 use crate::failure::usage;
@@ -28,7 +28,7 @@ use serde_json::{Value, json};
 use std::fmt::Write;
 
 /// Start of the plateau, as a share of the half width.
-const PLATEAU: f64 = 0.75;
+pub const PLATEAU: f64 = 0.75;
 /// Maximum frequency of MTF plots, twice the film's Nyquist frequency.
 const MAX_CY_PX: f64 = 1.0;
 /// Cache of decoded chunks.

@@ -1,7 +1,7 @@
 //! The page of a comparison: figures over image height, MTF, tables.
 
 use super::Pair;
-use super::edges::Edge;
+use super::edges::{Edge, EdgeMtf};
 use super::patches::Patch;
 use super::regions::{Difference, Region};
 use crate::progress::print;
@@ -16,6 +16,9 @@ th,td{padding:2px 8px;border:1px solid #ccc;text-align:right}th{background:#f2f2
 @media print{body{padding:0;font-size:11px}tr,img,svg{break-inside:avoid}}";
 /// Highest frequency that is shown, cycles per pixel.
 const MAX_CY_PX: f64 = 0.6;
+
+/// Names of the raws.
+const RAWS: [&str; 2] = ["A", "B"];
 
 /// SNR and difference over image height, and the MTF of each edge.
 pub fn figures(pair: &Pair, regions: &[Region], edges: &[Edge]) -> Figure {
@@ -33,7 +36,7 @@ pub fn figures(pair: &Pair, regions: &[Region], edges: &[Edge]) -> Figure {
     let mut snr = Plot::new("", axis(), Axis::new("SNR of a pixel (dB)", 0.0, 0.0));
     let mut ratio = Plot::new("", axis(), Axis::new("difference / its noise", 0.0, 0.0));
     for (i, plane) in planes.iter().enumerate() {
-        for (raw, name) in ["A", "B"].iter().enumerate() {
+        for (raw, name) in RAWS.iter().enumerate() {
             let points = over_height(&|r| r.snr_db(raw), plane);
             let dots = Shape::Dots(if raw == 0 { 3.5 } else { 2.0 });
             snr.series.push(Series::distinct(format!("{plane} in {name}"), points, 2 * i + raw).shaped(dots));
@@ -51,8 +54,8 @@ pub fn figures(pair: &Pair, regions: &[Region], edges: &[Edge]) -> Figure {
             Axis::new(format!("MTF, edge {k}"), 0.0, 1.05),
         );
         for (i, curve) in edge.curves.iter().enumerate() {
-            for (raw, name) in ["A", "B"].iter().enumerate() {
-                let Ok(mtf) = &curve.mtf[raw] else { continue };
+            for (raw, name) in RAWS.iter().enumerate() {
+                let Ok(EdgeMtf { mtf, .. }) = &curve.measured[raw] else { continue };
                 let points = std::iter::zip(&mtf.frequency_cy_px, &mtf.modulation);
                 let points = points.filter(|(f, _)| **f <= MAX_CY_PX).map(|(f, m)| (*f, *m)).collect();
                 plot.series
@@ -93,16 +96,16 @@ pub fn html(
         figures.to_svg_element()
     );
     if !edges.is_empty() {
-        let mut table =
-            vec![["edge", "plane", "MTF50 A (cycles/px)", "MTF50 B (cycles/px)"].map(String::from).to_vec()];
+        let head = ["edge", "plane", "MTF50 A (cycles/px)", "MTF50 B (cycles/px)", "doubtful"];
+        let mut table = vec![head.map(String::from).to_vec()];
         for (k, edge) in edges.iter().enumerate() {
             for curve in &edge.curves {
-                let figure = |raw: usize| match (&curve.mtf[raw], curve.mtf50(raw)) {
-                    (Err(e), _) => e.clone(),
-                    (_, None) => "above 1".into(),
-                    (_, Some(f)) => format!("{f:.4}"),
-                };
-                table.push(vec![k.to_string(), curve.name.clone(), figure(0), figure(1)]);
+                let remarks: Vec<String> = (0..2)
+                    .flat_map(|raw| curve.remarks(raw).map(move |r| format!("{}: {r}", RAWS[raw])))
+                    .collect();
+                let cells =
+                    [k.to_string(), curve.name.clone(), curve.mtf50(0), curve.mtf50(1), remarks.join("; ")];
+                table.push(cells.to_vec());
             }
         }
         body += &format!("<h2>Edges</h2>{}", rows(table));
@@ -179,15 +182,12 @@ pub fn print_summary(regions: &[Region], edges: &[Edge], patches: &[Patch]) {
             mean(&Region::equivalent_e),
         ));
     }
-    let figure = |f: Option<f64>| f.map_or("none".into(), |f| format!("{f:.4}"));
     for (k, edge) in edges.iter().enumerate() {
         for c in &edge.curves {
-            print(format!(
-                "edge {k}, {}: MTF50 {} and {} cycles/px",
-                c.name,
-                figure(c.mtf50(0)),
-                figure(c.mtf50(1))
-            ));
+            print(format!("edge {k}, {}: MTF50 {} and {} cycles/px", c.name, c.mtf50(0), c.mtf50(1)));
+            for (raw, name) in RAWS.iter().enumerate() {
+                c.remarks(raw).for_each(|r| print(format!("edge {k}, {} in {name}: DOUBTFUL: {r}", c.name)));
+            }
         }
     }
     if !patches.is_empty() {

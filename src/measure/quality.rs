@@ -21,6 +21,7 @@ const LOW_CONTRAST: f64 = 0.1;
 const MAX_UNEVENNESS: f64 = 0.03;
 
 /// A remark: its name for programs, and its text.
+#[derive(Debug)]
 pub struct Remark {
     name: &'static str,
     /// For the user.

@@ -3,6 +3,7 @@
 use crate::common::camera::{LENS, Place};
 use crate::common::{self, assert_exit, lenscube, text};
 use crate::{OTHER_JOB, USAGE};
+use pipeline::geometry::Size;
 use std::path::Path;
 
 #[test]
@@ -67,4 +68,45 @@ fn comparison_of_raws_finds_what_differs() {
     assert_exit(&compare(&a, &b, &place.at("no"), &["--edge", "1,1,5,200"]), USAGE, &["not inside the raw"]);
     assert_exit(&compare(&a, &b, &place.at("no"), &["--patch", "200,200,50,50"]), USAGE, &["not inside"]);
     assert!(!place.at("no").exists());
+}
+
+#[test]
+fn edges_that_measure_refuses_are_not_compared() {
+    let place = Place::new();
+    let film = place.film_named("u.film", Size::new(300, 300), |_, _, _| 1e-3);
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms"];
+    let raws =
+        ["1", "2"].map(|s| place.raw(&format!("{s}.zarr"), &film, &[&flags[..], &["--seed", s]].concat()));
+    let compare = |edge: &str| {
+        let words = ["compare", text(&raws[0]), text(&raws[1]), "--out"];
+        lenscube(&[&words[..], &[text(&place.at("no")), "--edge", edge]].concat())
+    };
+    for edge in ["150,100,155,180", "100,100,105,180"] {
+        assert_exit(&compare(edge), USAGE, &["--edge", edge]);
+    }
+    assert_exit(&compare("150,100,151,105"), USAGE, &["5.1 px apart"]);
+    assert!(!place.at("no").exists());
+}
+
+#[test]
+fn other_noise_is_named_and_another_place_is_refused() {
+    let place = Place::new();
+    let film = place.film_named("u.film", Size::new(60, 60), |_, _, _| 1e-3);
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms"];
+    let raw = |name: &str, more: &[&str]| place.raw(name, &film, &[&flags[..], more].concat());
+    let a = raw("a.zarr", &["--size", "30"]);
+    let compare = |b: &Path, out: &str| {
+        lenscube(&["compare", text(&a), text(b), "--out", text(&place.at(out)), "--grid", "1"])
+    };
+    for (name, more, differ) in [
+        ("noisy", &["--set", "noise.read_noise_e=200"][..], "differ in sensor electronics: "),
+        ("warm", &["--temperature", "60"], "differ in temperature: "),
+        ("gain", &["--gain", "2", "--seed", "2"], "differ in seed, gain: "),
+    ] {
+        let b = raw(name, &[&["--size", "30"], more].concat());
+        let ran = compare(&b, &format!("{name}.out")).ok();
+        assert!(ran.stderr.contains(differ), "{}", ran.stderr);
+    }
+    let moved = raw("moved.zarr", &["--size", "30", "--center", "0.02,0"]);
+    assert_exit(&compare(&moved, "no"), USAGE, &["middles in mm"]);
 }
