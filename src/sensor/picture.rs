@@ -169,14 +169,14 @@ fn colour(sensor: &Sensor, light: Illuminant) -> Result<DngColour> {
     })
 }
 
-/// S and O of the noise profile: only of noises that are on.
+/// S and O of the noise profile: only of noises that are on. The variance is S·x + O of x = (DN − black)/(white − black), which contains the
+/// mean dark charge: S·x has its shot noise.
 fn noise_profile(plan: &Plan, seconds: f64) -> (f64, f64) {
     let (s, e) = (&plan.sensor, &plan.exposure);
     let on = |noise, sigma: f64| if e.noise.has(noise) { sigma } else { 0.0 };
     let n = &s.noise;
     let dark = on(NoiseSet::DARK, s.dark_current_e_per_s(e.temperature_c) * seconds);
-    let electrons = on(NoiseSet::SHOT, dark)
-        + (dark * n.dark_nonuniformity).powi(2)
+    let electrons = (dark * n.dark_nonuniformity).powi(2)
         + on(NoiseSet::READ, n.read_noise_e).powi(2)
         + on(NoiseSet::RESET, n.reset_noise_e).powi(2)
         + on(NoiseSet::DSNU, n.dsnu_e).powi(2)

@@ -1,9 +1,10 @@
 //! Raws as DNG, TIFF and PNG; pictures in one command.
 
-use crate::common::camera::{LENS, Place, develop};
+use crate::common::camera::{LENS, Place, attributes, develop, frame};
 use crate::common::{self, assert_exit, files, lenscube, text};
 use crate::{CHECKER, OTHER_JOB, USAGE, linear};
 use formats::chart::image::Transfer;
+use pipeline::geometry::Size;
 use std::path::Path;
 use std::process::Command;
 
@@ -122,4 +123,36 @@ fn a_shot_of_surfaces_at_several_distances_has_the_film_of_run() {
     assert!(common::pixels(&film, "film") == common::pixels(&kept.join("film.zarr"), "film"));
     let shading = lenscube(&[&shot[..], &["--overwrite", "--even-light", "--focus-m", "1"]].concat());
     assert_exit(&shading, USAGE, &["--even-light", "another focus"]);
+}
+
+/// The numbers x = (DN − black)/(white − black) of a DNG contain the dark charge, so S·x + O has its shot noise once.
+#[test]
+fn noise_profile_of_a_dng_is_that_of_its_dark_frame() {
+    let place = Place::new();
+    let film = place.film_named("dark.film", Size::new(200, 200), |_, _, _| 1e-12);
+    let dng = place.at("dark.dng");
+    let flags = ["--sensor", "example-2um", "--exposure", "1s", "--temperature", "60"];
+    let noises = ["--noise", "shot,dark,read", "--set", "noise.dark_nonuniformity=0"];
+    let toggles = [&flags[..], &noises].concat();
+    let out = lenscube(&[&["sensor", text(&film), text(&dng)], &toggles[..]].concat());
+    assert_exit(&out, 0, &[]);
+    let (s, o) = noise_profile(&std::fs::read(&dng).unwrap());
+    let raw = place.raw("dark.zarr", &film, &toggles);
+    let a = attributes(&raw);
+    let (black, white) = (a["black_dn"].as_f64().unwrap(), a["white_dn"].as_f64().unwrap());
+    let x: Vec<f64> =
+        frame(&raw, "raw", 0).1.iter().map(|v| (f64::from(*v) - black) / (white - black)).collect();
+    let mean = x.iter().sum::<f64>() / x.len() as f64;
+    let variance = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len() as f64;
+    // 40 000 pixels determine the variance to 0.7 %.
+    let ratio = (s * mean + o) / variance;
+    assert!(s * mean > 0.1 * o && (0.97..1.03).contains(&ratio), "{ratio}: S {s}, O {o}, mean {mean}");
+}
+
+/// S and O of the tag NoiseProfile (51041) of a little-endian DNG.
+fn noise_profile(bytes: &[u8]) -> (f64, f64) {
+    let tag = bytes.windows(4).position(|w| w == [0x61, 0xc7, 12, 0]).unwrap();
+    let at = u32::from_le_bytes(bytes[tag + 8..tag + 12].try_into().unwrap()) as usize;
+    let number = |k: usize| f64::from_le_bytes(bytes[at + 8 * k..][..8].try_into().unwrap());
+    (number(0), number(1))
 }
