@@ -197,8 +197,11 @@ impl Writer<'_> {
         })
     }
 
-    /// One shard of the signal `tile` of the pixels `rect`.
+    /// One shard of the signal `tile` of the pixels `rect`; nothing after an interruption.
     fn shard(&self, shard: RawShard, rect: Rect, tile: &[f32]) -> Result<()> {
+        if interrupt::cancel_flag().load(Ordering::Relaxed) {
+            return Ok(());
+        }
         let start_s = thread_core_s();
         let mut exposed_s = start_s;
         let bytes = match shard.frame {

@@ -92,6 +92,11 @@ fn interrupted_run_ends_with_130_and_resumes() {
     assert_exit(&ran, 130, &["interrupted: ", "; the same command resumes"]);
     assert_exit(&sensor(&film, &raw, &flags), 0, &["resuming"]);
     assert!(files(&raw) == files(&whole));
+    // All frames of one row of shards.
+    let small = place.film_named("small.film", Size::new(300, 300), |_, _, _| 1e-3);
+    let frames = ["--sensor", "example-2um", "--exposure", "5ms", "--frames", "1000", "--threads", "1"];
+    let ran = interrupted_at(&mut sensor_command(&small, &place.at("frames"), &frames), "commit:2");
+    assert_exit(&ran, 130, &["interrupted: ", "; the same command resumes"]);
     // With --overwrite the same command would begin again.
     let over = [&flags[..], &["--overwrite"]].concat();
     let ran = interrupted_at(&mut sensor_command(&film, &raw, &over), "commit:2");
