@@ -109,11 +109,13 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
     lines
 }
 
-/// Wavelength and value of the highest quantum efficiency of a channel on a grid of 5 nm.
+/// Wavelength (nm) and value of the highest quantum efficiency of a channel on a grid of 5 nm and at the nodes of its curves.
 pub fn peak(sensor: &Sensor, channel: usize) -> (f64, f64) {
     let (first, last) = sensor.channels[channel].curve.range_nm();
     let grid = (60..=400).map(|i| f64::from(i) * 5.0).filter(|nm| (first..=last).contains(nm));
-    grid.map(|nm| (nm, sensor.quantum_efficiency(channel, nm)))
+    let nodes = sensor.nodes_nm(channel).into_iter().filter(|nm| (first..=last).contains(nm));
+    grid.chain(nodes)
+        .map(|nm| (nm, sensor.quantum_efficiency(channel, nm)))
         .fold((first, 0.0), |best, new| if new.1 > best.1 { new } else { best })
 }
 

@@ -29,3 +29,18 @@ fn sensors_are_listed_shown_and_validated() {
     assert_eq!(std::fs::read_dir(&out).unwrap().count(), 10);
     assert_exit(&lenscube(&["sensor", "show", "no-such"]), USAGE, &["built in are"]);
 }
+
+/// A filter narrower than the grid on which its maximum is sought.
+#[test]
+fn the_peak_of_a_narrow_filter_is_that_of_its_nodes() {
+    let place = Place::new();
+    let toml = place.at("narrow.toml");
+    std::fs::write(place.at("narrow.csv"), "wavelength_nm,Y\n551,0\n552,0.4\n552.5,0.8\n553,0.4\n554,0\n")
+        .unwrap();
+    let description = "schema = \"lenscube/sensor/1\"\nname = \"narrow\"\ndescription = \"one line\"\n\
+        [pixel]\npitch_um = 2.0\nfull_well_e = 1000\n[noise]\n[adc]\nbits = 10\ngain_dn_per_e = 0.5\nblack_dn = 64\n\
+        [spectral]\nfile = \"narrow.csv\"\nquantity = \"quantum_efficiency\"\n[cfa]\npattern = [[\"Y\"]]\n\
+        Y = { column = \"Y\", plane = \"Y\" }\n[source]\n\"*\" = \"assumed\"\n";
+    std::fs::write(&toml, description).unwrap();
+    assert_exit(&lenscube(&["sensor", "show", text(&toml)]), 0, &["quantum efficiency 80.0 % at 552.5 nm"]);
+}

@@ -60,8 +60,8 @@ impl Sensor {
         self.filters.iter().fold(value, |v, filter| v * filter.at(nm))
     }
 
-    /// Nodes of all curves in a channel's response, ascending.
-    fn nodes_nm(&self, channel: usize) -> Vec<f64> {
+    /// Nodes of all curves in a channel's response, ascending, nm.
+    pub fn nodes_nm(&self, channel: usize) -> Vec<f64> {
         let curves = self.filters.iter().chain([&self.channels[channel].curve]);
         let mut nodes: Vec<f64> = curves.flat_map(|c| c.wavelengths_nm.iter().copied()).collect();
         nodes.sort_by(f64::total_cmp);
