@@ -4,7 +4,7 @@ use crate::failure::usage;
 use anyhow::Result;
 
 /// Longest exposure, s.
-const MAX_SECONDS: f64 = 3600.0;
+pub(super) const MAX_SECONDS: f64 = 3600.0;
 
 /// What the exposure is.
 #[derive(Clone, Debug, PartialEq)]

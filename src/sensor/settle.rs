@@ -1,6 +1,6 @@
 //! Exposure times and the scale of a relative film: given, found from the signal, or recorded by the raw.
 
-use super::exposure::Times;
+use super::exposure::{MAX_SECONDS, Times};
 use super::resolve::Plan;
 use super::signal::Measured;
 use crate::failure::usage;
@@ -43,6 +43,12 @@ impl Plan {
                 match (given, self.relative()) {
                     // Only the product of scale and time is known.
                     (None, true) => (vec![self.nominal_s], seconds / self.nominal_s),
+                    _ if seconds > MAX_SECONDS => {
+                        return Err(usage(format!(
+                            "--exposure auto: the film needs {seconds:.3e} s, at most {MAX_SECONDS} s are allowed; give a time, a higher --gain, \
+                             or a smaller share of saturation, e.g. --exposure auto:0.1"
+                        )));
+                    }
                     _ => (vec![seconds], given.unwrap_or(1.0)),
                 }
             }

@@ -1,5 +1,6 @@
 //! Warnings and notes about a raw: light that the film does not hold, clipping, a low black, negative light.
 
+use super::exposure::Times;
 use super::resolve::Plan;
 use super::settle::Settled;
 use super::write::Done;
@@ -99,14 +100,20 @@ pub fn after(plan: &Plan, settled: &Settled, done: &Done) {
         return;
     }
     let white = share(done.white, done.numbers);
+    let automatic = matches!(plan.times, Times::Auto { .. });
     if white > CLIPPED {
-        log_line(format!(
-            "warning: {:.1} % of the pixels are clipped at white; a shorter exposure, or --exposure auto",
-            100.0 * white
-        ));
+        let way_out = match automatic {
+            true => "a smaller share of saturation or a higher percentile, --exposure auto:FILL@PERCENTILE",
+            false => "a shorter exposure, or --exposure auto",
+        };
+        log_line(format!("warning: {:.1} % of the pixels are clipped at white; {way_out}", 100.0 * white));
     }
     if done.lit == 0 {
-        log_line("warning: no pixel is above 10 % of white; a longer exposure, a gain, or --exposure auto");
+        let way_out = match automatic {
+            true => "a greater share of saturation, --exposure auto:FILL",
+            false => "a longer exposure, a gain, or --exposure auto",
+        };
+        log_line(format!("warning: no pixel is above 10 % of white; {way_out}"));
     }
     let median = done.histogram.value_at(50.0) * settled.scale;
     let dark = match plan.exposure.noise.has(pipeline::sensor::NoiseSet::DARK) {

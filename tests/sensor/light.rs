@@ -89,6 +89,15 @@ fn automatic_exposure_fills_the_well() {
     let at = f64::from(pixels[(0.999 * pixels.len() as f64) as usize - 1]);
     let filled = (at - black) / (white - black);
     assert!(filled <= 0.9005 && filled > 0.899, "{filled}");
+    let faint = place.film_named("faint.film", Size::new(30, 30), |_, _, _| 1e-14);
+    let flags = ["--sensor", "example-2um", "--exposure", "auto"];
+    assert_exit(&sensor(&faint, &place.at("no"), &flags), USAGE, &["at most 3600 s"]);
+    let ran = sensor(&film, &place.at("low"), &[&flags[..3], &["auto:0.05"]].concat()).ok();
+    assert!(
+        ran.stderr.contains("no pixel is above 10 %") && ran.stderr.contains("auto:FILL"),
+        "{}",
+        ran.stderr
+    );
     let dark = place.at("dark.film");
     write_film(&dark, Size::new(30, 30), &[500.0], (2.0, IRRADIANCE), |_, _, _| 0.0);
     assert_exit(
