@@ -8,6 +8,9 @@ use formats::chart::cache::Cache;
 use formats::lens::builtin_names;
 use formats::picture::image::Image;
 use pipeline::colour::srgb_encode;
+use pipeline::design::System;
+use pipeline::design::illumination::irradiance_sr;
+use pipeline::design::ray::Tracer;
 use pipeline::figures::PsfWindow;
 use pipeline::geometry::Size;
 use serde_json::{Map, Value, json};
@@ -19,6 +22,9 @@ const STEPS_PER_MM: f64 = 100.0;
 const DECADES: f64 = 4.0;
 /// Size of the cache of field points.
 const CACHE_BYTES: usize = 16 << 20;
+
+/// Relative difference of irradiances that rounding explains: a shift of the film by 1e-6 of its distance from the exit pupil gives 2e-6.
+const SAME_IRRADIANCE: f64 = 1e-6;
 
 /// Lens of the film.
 pub struct Lens {
@@ -40,11 +46,14 @@ impl Lens {
     /// Opens the lens `name`, or without a name the built-in lens that the film's provenance names.
     pub fn open(name: Option<&str>, provenance: &Map<String, Value>) -> Result<Self> {
         let job = provenance.get("job").cloned().unwrap_or_default();
+        let band = provenance.get("bands").map(|bands| bands[0].clone()).unwrap_or_default();
         let (film_lens, digest) = (job["lens_name"].as_str(), job["lens_digest"].as_str());
         let is_film_lens = |data: &LensData| -> Result<bool> {
             Ok(match data {
                 LensData::Pack(pack) => Some(pack.digest().context("reading the lens")?) == digest,
-                LensData::Design(..) => Some(data.name()) == film_lens,
+                LensData::Design(system, _) => {
+                    Some(data.name()) == film_lens && is_as_recorded(system, &band)?
+                }
             })
         };
         let field_points = Cache::new(CACHE_BYTES);
@@ -60,6 +69,12 @@ impl Lens {
             let data = LensData::open(builtin, &DesignArgs::default())?;
             if is_film_lens(&data)? {
                 return Ok(Self { data, note: None, field_points });
+            }
+            if data.name() == film_lens {
+                return Err(anyhow!(
+                    "the film was made with {film_lens} of another focus, gap or parameter than the built-in design; name a lens pack of it \
+                     (`lenscube lens trace`) with --lens"
+                ));
             }
         }
         Err(anyhow!("the film was made with {film_lens}, which is not built in; name its file with --lens"))
@@ -80,6 +95,15 @@ impl Lens {
             Ok((FieldPoint { figures, psf: field.psf }, bytes))
         })
     }
+}
+
+/// Whether a design has the irradiance on the axis (sr) that the film records of its lens in `band`, which another focus, gap or glass changes; `true`
+/// where none is recorded.
+fn is_as_recorded(system: &System, band: &Value) -> Result<bool> {
+    let recorded = band["wavelength_nm"].as_f64().zip(band["solid_angle_sr"].as_f64());
+    let Some((nm, recorded_sr)) = recorded else { return Ok(true) };
+    let own_sr = irradiance_sr(&Tracer::new(system, nm / 1e3)?, 0.0)?;
+    Ok((own_sr / recorded_sr - 1.0).abs() <= SAME_IRRADIANCE)
 }
 
 impl FieldPoint {
@@ -109,5 +133,28 @@ impl FieldPoint {
             }
         }
         image
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_design_of_another_focus_is_not_the_film_lens() {
+        let of = |focus_m| {
+            let system = design::focused("phone", &DesignArgs::default(), focus_m).unwrap();
+            let light_sr = irradiance_sr(&Tracer::new(&system, 0.55).unwrap(), 0.0).unwrap();
+            let band = json!({ "wavelength_nm": 550.0, "solid_angle_sr": light_sr });
+            let Value::Object(provenance) = json!({ "job": { "lens_name": system.name }, "bands": [band] })
+            else {
+                unreachable!("an object is written above")
+            };
+            provenance
+        };
+        assert_eq!(Lens::open(None, &of(None)).unwrap().note, None);
+        let other = Lens::open(None, &of(Some(0.1))).map(|lens| lens.name().to_owned());
+        assert!(other.unwrap_err().to_string().contains("another focus"));
+        assert!(Lens::open(Some("phone"), &of(Some(100.0))).unwrap().note.is_some());
     }
 }
