@@ -24,14 +24,26 @@ use crate::failure::usage;
 use crate::job::threads;
 use crate::outputs::check_absent_in;
 use crate::progress::log_line;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, create_directories, finish_together};
 use formats::raw::RawSpec;
 use serde_json::{Value, json};
+use std::io::ErrorKind;
+use std::path::Path;
 
 /// Files of a comparison.
 const FILES: [&str; 7] =
     ["report.html", "difference.png", "compare.json", "regions.csv", "mtf.csv", "patches.csv", "figures.png"];
+
+/// Parts of a raw's job that determine its noise, and their names for people.
+const NOISES: [(&str, &str); 6] = [
+    ("seed", "seed"),
+    ("die", "die"),
+    ("noise", "noises"),
+    ("electronics", "sensor electronics"),
+    ("gain", "gain"),
+    ("temperature_c", "temperature"),
+];
 
 /// Two frames of the same pixels.
 pub struct Pair {
@@ -39,8 +51,8 @@ pub struct Pair {
     pub frames: [Frame; 2],
     /// Names for people.
     pub names: [String; 2],
-    /// Whether both draw the same random numbers.
-    pub common_noise: bool,
+    /// What differs in the noises, in words for people; nothing: both raws have the same noise.
+    pub noise_differs: Vec<&'static str>,
 }
 
 /// Runs the command and returns its exit code.
@@ -85,7 +97,7 @@ pub fn command(args: &CompareArgs) -> Result<u8> {
     }
     let all = json!({
         "raws": pair.names,
-        "common_noise": pair.common_noise,
+        "common_noise": pair.noise_differs.is_empty(),
         "regions": regions.iter().map(regions::Region::json).collect::<Vec<_>>(),
         "edges": edges.iter().map(edges::Edge::json).collect::<Vec<_>>(),
         "patches": patches.iter().map(patches::Patch::json).collect::<Vec<_>>(),
@@ -97,6 +109,12 @@ pub fn command(args: &CompareArgs) -> Result<u8> {
     let html = report::html(&pair, &difference, &figures, &regions, &edges, &patches);
     files.push(AtomicFile::with_text(&args.out.join("report.html"), &html)?);
     finish_together(files)?;
+    let written = |file: &str| match file {
+        "mtf.csv" => !edges.is_empty(),
+        "patches.csv" => !patches.is_empty(),
+        _ => true,
+    };
+    FILES.iter().filter(|f| !written(f)).try_for_each(|f| remove_earlier(&args.out.join(f)))?;
     report::print_summary(&regions, &edges, &patches);
     log_line(format!("wrote {}", args.out.join("report.html").display()));
     Ok(0)
@@ -115,6 +133,12 @@ impl Pair {
             ("pixels", a.rect.to_string(), b.rect.to_string()),
             ("pitch in µm", a.spec.pitch_um.to_string(), b.spec.pitch_um.to_string()),
             ("pattern", pattern(a), pattern(b)),
+            ("sensor sizes", a.spec.sensor.to_string(), b.spec.sensor.to_string()),
+            (
+                "middles in mm (down, right)",
+                format!("{:?}", a.spec.centre_mm),
+                format!("{:?}", b.spec.centre_mm),
+            ),
         ];
         if let Some((what, first, second)) = differs.iter().find(|(_, a, b)| a != b) {
             return Err(usage(format!(
@@ -122,21 +146,31 @@ impl Pair {
                 args.first, args.second
             )));
         }
-        let noise = |f: &Frame| -> Vec<Value> {
-            let job = f.attributes.get("provenance").map(|p| p["job"].clone()).unwrap_or_default();
-            ["seed", "die", "noise"].iter().map(|key| job[*key].clone()).collect()
-        };
-        let common_noise = noise(a) == noise(b) && !noise(a).contains(&Value::Null);
-        Ok(Self { common_noise, names: [args.first.clone(), args.second.clone()], frames })
+        let job = |f: &Frame| f.attributes.get("provenance").map(|p| p["job"].clone()).unwrap_or_default();
+        let jobs = [job(a), job(b)];
+        let differs = |key: &str| jobs[0][key] != jobs[1][key] || !jobs.iter().all(Value::is_object);
+        let noise_differs = NOISES.iter().filter(|n| differs(n.0)).map(|n| n.1).collect();
+        Ok(Self { noise_differs, names: [args.first.clone(), args.second.clone()], frames })
     }
 
     fn noise_note(&self) -> String {
-        match self.common_noise {
+        match self.noise_differs.is_empty() {
             true => "both raws have the same seed, die and noises: their difference is that of the films and exposures alone".into(),
-            false => "note: the raws differ in seed, die or noises: their difference contains the noise of both; expose them with the same \
-                      --seed and --die"
-                .into(),
+            false => {
+                let differ = self.noise_differs.join(", ");
+                format!("note: the raws differ in {differ}: their difference contains the noise of both; expose them with the same {differ}")
+            }
         }
+    }
+}
+
+/// Removes a file of an earlier comparison.
+fn remove_earlier(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => {
+            Err(e).with_context(|| format!("removing {} of an earlier comparison", path.display()))
+        }
+        _ => Ok(()),
     }
 }
 

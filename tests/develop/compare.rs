@@ -63,6 +63,10 @@ fn comparison_of_raws_finds_what_differs() {
     let ratio = number("difference_sigma_e") / number("noise_equivalent_difference_e");
     assert!((0.85..1.02).contains(&ratio), "{ratio}");
     assert_exit(&compare(&a, &b, &out, &[]), OTHER_JOB, &["--overwrite"]);
+    // A comparison that replaces another leaves none of its tables.
+    compare(&a, &b, &out, &["--overwrite"]).ok();
+    assert!(out.join("report.html").exists());
+    assert!(!out.join("mtf.csv").exists() && !out.join("patches.csv").exists());
     let small = place.raw("small.zarr", &sharp, &[&flags[..], &["--size", "100"]].concat());
     assert_exit(&compare(&a, &small, &place.at("no"), &[]), USAGE, &["pixels differ"]);
     assert_exit(&compare(&a, &b, &place.at("no"), &["--edge", "1,1,5,200"]), USAGE, &["not inside the raw"]);
