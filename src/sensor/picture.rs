@@ -221,6 +221,12 @@ fn convert(
     );
     if format == FileFormat::Dng {
         let pattern = dng_pattern(sensor, (rect.y as usize, rect.x as usize));
+        if pattern.as_ref().is_some_and(|p| p.len() == 4) {
+            log_line(format!(
+                "note: {}: raw developers may not know quad patterns (LibRaw 0.22 shows wrong colours); `lenscube develop` of a .zarr does",
+                out.display()
+            ));
+        }
         let light = frame.light().unwrap_or_default();
         let dng = Dng {
             size: rect.size(),

@@ -51,6 +51,8 @@ fn a_frame_becomes_a_file_and_resumes() {
     bad("b.dng", &[&own[..], &["--keep-signal"]].concat(), &["one frame"]);
     let other = r#"cfa.pattern=[["R","G","B"]]"#;
     bad("b.dng", &[&own[..], &["--set", other]].concat(), &["Bayer and quad", "1 x 3"]);
+    let quad = r#"cfa.pattern=[["R","R","G","G"],["R","R","G","G"],["G","G","B","B"],["G","G","B","B"]]"#;
+    assert_exit(&sensor(&place.at("quad.dng"), &["--set", quad]), 0, &["note: ", "quad.dng", "LibRaw"]);
 }
 
 #[test]
