@@ -98,6 +98,8 @@ pub const SAMPLES: Bound = bound("the number of samples", "", 1.0, (1u64 << 50) 
 pub const SCALE: Bound = bound("the scale", "film pixels per chart pixel", 1e-3, 1e3);
 /// Optical axis in film pixels from the film's first pixel.
 pub const AXIS_PX: Bound = bound("the optical axis", "px", -1e7, 1e7);
+/// Position on a film, chart or raw in pixels.
+pub const POSITION_PX: Bound = bound("the position", "px", -1e7, 1e7);
 /// Centre of the chart in mm from the axis.
 pub const CENTER_MM: Bound = bound("the centre of the chart", "mm", -1e7, 1e7);
 /// Pitch of the chart's pixels in object space, mm: 1 nm to 1000 km (a planet seen by a probe).

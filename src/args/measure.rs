@@ -1,7 +1,7 @@
 //! `lenscube measure`.
 
 use super::choices::{STYLE, one_of};
-use super::values::{bounded, pair};
+use super::values::{bounded, pair_within};
 use clap::{ArgGroup, Args};
 use formats::picture::style::Style;
 use pipeline::bounds;
@@ -60,16 +60,28 @@ pub struct MeasureArgs {
 pub struct Places(pub Vec<(f64, f64)>);
 
 fn places(text: &str) -> Result<Places, String> {
-    let place = |t: &str| pair(t).map(|(x, y)| (y, x));
+    let place = |t: &str| pair_within(bounds::POSITION_PX, t).map(|(x, y)| (y, x));
     text.split(';').map(place).collect::<Result<_, _>>().map(Places)
 }
 
 pub(super) fn four(text: &str) -> Result<[f64; 4], String> {
-    let list: Vec<f64> = text.split(',').map(bounded(bounds::AXIS_PX)).collect::<Result<_, _>>()?;
+    let list: Vec<f64> = text.split(',').map(bounded(bounds::POSITION_PX)).collect::<Result<_, _>>()?;
     let four: [f64; 4] = list.try_into().map_err(|_| "expected four numbers X0,Y0,X1,Y1")?;
     let [x0, y0, x1, y1] = four;
     match (x1 - x0).hypot(y1 - y0) {
         d if (1.0..=1e6).contains(&d) => Ok(four),
         d => Err(format!("the two positions are {d} px apart, expected 1 to 1e6")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_out_of_range_are_called_so() {
+        for error in [four("1e300,0,1,1").unwrap_err(), places("1e300,0").unwrap_err()] {
+            assert!(error.contains("the position"), "{error}");
+        }
     }
 }

@@ -20,7 +20,7 @@ pub(super) fn bounded(bound: Bound) -> impl Fn(&str) -> Result<f64, String> + Cl
 }
 
 /// Two numbers `X,Y` within a bound.
-fn pair_within(bound: Bound, text: &str) -> Result<(f64, f64), String> {
+pub(super) fn pair_within(bound: Bound, text: &str) -> Result<(f64, f64), String> {
     let (a, b) = text.split_once(',').ok_or("expected two numbers X,Y")?;
     let one = bounded(bound);
     Ok((one(a)?, one(b)?))
