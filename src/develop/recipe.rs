@@ -8,6 +8,8 @@ use formats::parallel;
 use pipeline::colour::Illuminant;
 use pipeline::develop::{ColourMatrix, Demosaic, Recipe};
 use pipeline::geometry::Rect;
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -186,13 +188,16 @@ fn matrix(frame: &Frame, style: &DevelopStyle, light: Illuminant, planes: usize)
 /// Three rows of numbers, separated by blanks, commas or semicolons; `#` begins a comment.
 fn read_matrix(path: &Path, planes: usize) -> Result<Rows> {
     let shown = path.display();
-    let size = std::fs::metadata(path).with_context(|| format!("--matrix {shown}"))?.len();
-    if size > MAX_MATRIX_BYTES {
+    let file = File::open(path).with_context(|| format!("--matrix {shown}"))?;
+    let mut bytes = Vec::new();
+    // Devices and pipes have no size.
+    file.take(MAX_MATRIX_BYTES + 1).read_to_end(&mut bytes).with_context(|| format!("--matrix {shown}"))?;
+    if bytes.len() as u64 > MAX_MATRIX_BYTES {
         return Err(usage(format!(
-            "--matrix {shown}: expected three rows of {planes} numbers, found {size} bytes"
+            "--matrix {shown}: expected three rows of {planes} numbers, found more than {MAX_MATRIX_BYTES} bytes"
         )));
     }
-    let text = std::fs::read_to_string(path).with_context(|| format!("--matrix {shown}"))?;
+    let text = String::from_utf8(bytes).with_context(|| format!("--matrix {shown}"))?;
     let mut rows = Vec::new();
     for (k, line) in text.lines().enumerate() {
         let line = line.split('#').next().unwrap_or_default();

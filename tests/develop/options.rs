@@ -137,6 +137,7 @@ fn developments_that_are_not_possible_are_one_clear_error() {
     bad(&film, "out.png", &[], &["expected a raw of this program"]);
     std::fs::write(place.at("matrix"), "1 0 0\n0 x 0\n0 0 1\n").unwrap();
     bad(&array, "out.png", &["--matrix", text(&place.at("matrix"))], &["line 2", "3 numbers"]);
+    bad(&array, "out.png", &["--matrix", "/dev/zero"], &["/dev/zero", "more than 65536 bytes"]);
     let quad = [
         "--sensor",
         "example-2um",
