@@ -10,6 +10,7 @@ use clap::Parser;
 use formats::film::FilmStore;
 use formats::raw::RawStore;
 use pipeline::develop::Demosaic;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Runs the command and returns its exit code.
@@ -88,7 +89,12 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     if args.keep.is_none() {
         RawStore::remove(Path::new(&raw))?;
         FilmStore::remove(Path::new(&film))?;
-        std::fs::remove_dir(&directory).with_context(|| format!("removing {}", directory.display()))?;
+        match std::fs::remove_dir(&directory) {
+            Err(e) if e.kind() == ErrorKind::DirectoryNotEmpty => {
+                log_line(format!("note: {} contains files of yours and was not removed", directory.display()))
+            }
+            removed => removed.with_context(|| format!("removing {}", directory.display()))?,
+        }
     }
     Ok(0)
 }

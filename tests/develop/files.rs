@@ -103,6 +103,12 @@ fn a_shot_is_run_sensor_and_develop() {
     let dng = place.at("five.dng");
     lenscube(&[&["shoot", chart, text(&dng)], &own[..]].concat()).ok();
     assert!(dng.exists() && !place.at("five.dng.shot").exists());
+    let (six, mine) = (place.at("six.dng"), place.at("six.dng.shot/mine.txt"));
+    std::fs::create_dir(place.at("six.dng.shot")).unwrap();
+    std::fs::write(&mine, "mine").unwrap();
+    let shot = lenscube(&[&["shoot", chart, text(&six)], &own[..]].concat());
+    assert_exit(&shot, 0, &["note: ", "six.dng.shot", "was not removed"]);
+    assert!(six.exists() && std::fs::read_dir(place.at("six.dng.shot")).unwrap().count() == 1);
 }
 
 #[test]
