@@ -386,6 +386,21 @@ fn film_of_several_arrays_needs_the_name_of_one() {
 }
 
 /// Linear channels of a picture.
+#[test]
+fn raw_of_few_rows_is_shown_without_smaller_levels() {
+    let place = Place::new();
+    for (rows, levels, developed) in [(1, 1, 404), (3, 2, 200)] {
+        let film = place.film_named(&format!("{rows}.film"), Size::new(rows, 700), |_, _, _| 1e-3);
+        let raw = place.raw(&format!("{rows}.raw"), &film, &["--sensor", "example-2um", "--exposure", "5ms"]);
+        let server = Server::start(&[text(&raw)]);
+        assert!(server.get_text("/api/content").contains(&format!(r#""levels":{levels},"#)));
+        server.body("/api/pixel?x=1&y=0&frame=0&white=D65");
+        let tile =
+            |mode: &str| server.get(&format!("/tile/film/0/0_0.png?frame=0&{mode}&exposure=1&gamma=1"));
+        assert_eq!((tile("mosaic=1").0, tile("white=D65").0), (200, developed));
+    }
+}
+
 fn colours(path: &std::path::Path) -> Vec<Vec<f32>> {
     let file = ImageFile::open(path).unwrap();
     let size = file.size();

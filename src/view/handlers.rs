@@ -5,6 +5,7 @@ use super::error::HttpError;
 use super::guard::{ServerState, guard};
 use super::image_pyramid::{ImagePyramid, LinearValues, Mode};
 use super::lens::FieldPoint;
+use super::mosaic::Mosaic;
 use super::query::{self, Query};
 use anyhow::Result;
 use axum::Router;
@@ -187,7 +188,7 @@ async fn pixel(State(state): SharedState, query: Query) -> Answer {
     ServerState::run_blocking(&state, move |content, cancel| {
         let (y, x) = query.pixel(content.film.size())?;
         let mut reading = content.pixel(y, x, cancel)?;
-        if content.film.mosaic.is_some()
+        if content.film.mosaic.as_ref().is_some_and(Mosaic::is_developable)
             && let mode @ Mode::Developed(..) = query.mode(&content.film)?
         {
             let mut one = Image::new(Size::new(1, 1), [0; 3]);

@@ -112,7 +112,12 @@ impl ImagePyramid {
             None => (0..all_nm.len()).collect(),
             Some(nm) => bands_at(&all_nm, nm, spec)?,
         };
-        let sizes = level_sizes(full.size());
+        let mut sizes = level_sizes(full.size());
+        if let Some(mosaic) = &mosaic {
+            // A smaller level has no pixels of some filters.
+            let whole = |s: &Size| s.height >= mosaic.period.0 && s.width >= mosaic.period.1;
+            sizes.truncate(sizes.iter().take_while(|s| whole(s)).count().max(1));
+        }
         let mut stored = vec![Some(full)];
         for level in 1..sizes.len() {
             let stored_level =

@@ -35,6 +35,13 @@ pub struct Mosaic {
     pub state: PyramidState,
 }
 
+/// The recipe of a frame, if it can be developed.
+fn recipe(frame: &Frame, style: &DevelopStyle) -> Result<Recipe> {
+    let recipe = recipe::resolve(frame, style, 1)?.recipe;
+    Development::new(recipe.clone(), (frame.rect.y as usize, frame.rect.x as usize))?;
+    Ok(recipe)
+}
+
 impl Mosaic {
     /// The raw `PATH` or `PATH//array`; none if it is no raw.
     ///
@@ -54,7 +61,7 @@ impl Mosaic {
         let levels = formats::pyramid::level_sizes(frame.rect.size()).len();
         let recipes = Illuminant::ALL.map(|light| {
             let style = DevelopStyle { white: Some(light.name().into()), ..plain_style() };
-            (light, recipe::resolve(&frame, &style, 1).map(|named| named.recipe).map_err(|e| line(&e)))
+            (light, recipe(&frame, &style).map_err(|e| line(&e)))
         });
         let signal =
             raw.spec().signal.then(|| ChartStore::open_at(Path::new(path), SIGNAL, ChartOptions::default()));

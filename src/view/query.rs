@@ -63,6 +63,9 @@ impl Query {
         if frame.is_none() && self.value("band").is_some() {
             return Ok(Mode::Band(self.band(pyramid)?));
         }
+        if pyramid.mosaic.as_ref().is_some_and(|mosaic| !mosaic.is_developable()) {
+            return Err(HttpError::not_found("the raw cannot be developed; add mosaic=1"));
+        }
         let light: Result<Illuminant, String> = self.value("white").unwrap_or("D65").parse();
         let light = light.map_err(|e| HttpError::bad_request(format!("white: {e}")))?;
         Ok(frame.map_or(Mode::Colour(light), |frame| Mode::Developed(frame, light)))
