@@ -46,6 +46,12 @@ fn bad_input_is_one_clear_error() {
     bad(&with("example-2um", &["--exposure", "1ms,2ms", "--frames", "9000"]), &["18000 frames"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--noise", "loud"]), &["unknown noise source"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--film-lux", "100"]), &["relative films"]);
+    let white_is_black =
+        ["--set", "adc.bits=8", "--set", "adc.black_dn=254", "--set", "adc.gain_dn_per_e=1e-6"];
+    bad(
+        &with("example-2um", &[&["--exposure", "1ms"], &white_is_black[..]].concat()),
+        &["adc.gain_dn_per_e", "1 DN above the black of 254 DN"],
+    );
     bad(&with("example-2um", &["--exposure", "1ms", "--memory", "50MiB"]), &["too small", "at least"]);
     let raw = place.at("raw.exr");
     assert_exit(

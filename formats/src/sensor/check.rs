@@ -173,9 +173,19 @@ pub(super) fn pattern(
     Ok((names, Pattern { rows: rows.len(), columns, channels }))
 }
 
-/// No channel gives more than one electron a photon.
-pub(super) fn efficiency(path: &Path, file: &SensorFile) -> Result<(), SensorError> {
+/// Saturation is at least one digital number above black, and no channel gives more than one electron a photon.
+pub(super) fn sensor(path: &Path, file: &SensorFile) -> Result<(), SensorError> {
     let sensor = file.sensor(1.0);
+    let (black, white) = (sensor.adc.black_dn, sensor.white_dn(1.0));
+    if white < black + 1.0 {
+        let found = format!(
+            "{}, whose saturation of {} e- is {white} DN",
+            sensor.adc.gain_dn_per_e,
+            sensor.saturation_e(1.0)
+        );
+        let expected = format!("a white at least 1 DN above the black of {black} DN");
+        return Err(wrong(path, "adc.gain_dn_per_e", expected, found));
+    }
     for (k, channel) in sensor.channels.iter().enumerate() {
         for nm in &channel.curve.wavelengths_nm {
             let found = sensor.quantum_efficiency(k, *nm);

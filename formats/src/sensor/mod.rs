@@ -122,7 +122,7 @@ impl SensorFile {
         let channels = curves.channels(&names)?;
         let filters = curves.filters()?;
         let file = Self { text, set, channels, filters, pattern };
-        check::efficiency(path, &file)?;
+        check::sensor(path, &file)?;
         Ok(file)
     }
 
