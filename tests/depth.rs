@@ -164,7 +164,8 @@ fn a_uniform_surface_of_several_distances_in_one_slab_stays_uniform() {
     let scene = Scene::new();
     // Stripes at both ends of the slab between the nodes at 0.93 and 1.3 1/m.
     let depth = scene.path("stripes.npy");
-    let distance = |i: usize| if i / SIZE.width / 16 % 2 == 0 { 1.0 / 0.9301 } else { 1.0 / 1.2999 };
+    let distance =
+        |i: usize| if (i / SIZE.width / 16).is_multiple_of(2) { 1.0 / 0.9301 } else { 1.0 / 1.2999 };
     write_npy(&depth, SIZE, &(0..SIZE.pixels()).map(distance).collect::<Vec<f32>>());
     let film = scene.path("film");
     let flags = Scene::flags(text(&depth), &["--stages", "svpsf", "--hidden", "none"]);
