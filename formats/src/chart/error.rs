@@ -212,7 +212,7 @@ pub enum ChartError {
     },
     /// Not enough disk space for the temporary file.
     #[error(
-        "re-chunking chart {path}: {needed} bytes are needed in {directory}, {free} are free; choose another directory for temporary files"
+        "chart {path}: a temporary copy of its bands needs {needed} bytes in {directory}, {free} are free; free some there"
     )]
     Space {
         /// The chart.
@@ -229,7 +229,11 @@ pub enum ChartError {
 impl ChartError {
     /// Whether the same call may succeed later without a change by the user.
     pub fn retryable(&self) -> bool {
-        matches!(self, Self::Io(e) if e.retryable())
+        match self {
+            Self::Io(e) => e.retryable(),
+            Self::Space { .. } => true,
+            _ => false,
+        }
     }
 }
 

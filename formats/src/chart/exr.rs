@@ -29,7 +29,7 @@ use crate::durable::DurableError;
 use crate::sample::{RasterSample, Sample};
 use decode::Blocks;
 pub use header::ExrContent;
-use header::{check_header, content, exr_error, named_channel};
+use header::{check_header, content, exr_error, named_channel, notes};
 
 /// An OpenEXR file whose header has been read.
 #[derive(Debug)]
@@ -116,7 +116,7 @@ fn open_bands(path: &Path, wanted: &[String], nan: NanPolicy) -> Result<ExrFile,
         values: Values::default(),
         units: text("emissiveUnits").filter(|u| u != "unknown"),
         array: None,
-        notes: Vec::new(),
+        notes: notes(header, &content),
         content: json!({ "exr": description, "bytes": meta.len() }),
         mtimes: json!(modified_ns(&meta) as u64),
         files: vec![WatchedFile::data(path, &meta)],

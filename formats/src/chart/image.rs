@@ -97,7 +97,8 @@ impl ImageFile {
                 }
                 let channels = if exr.content == ExrContent::Rgb { 3 } else { 1 };
                 let size = exr.chart.size();
-                (ImageHeader { size, channels, white: 0, notes: Vec::new() }, Decoder::Exr(Box::new(exr)))
+                let notes = exr.chart.notes().to_vec();
+                (ImageHeader { size, channels, white: 0, notes }, Decoder::Exr(Box::new(exr)))
             }
             _ => {
                 let expected = "those of a PNG, JPEG, WebP, TIFF or OpenEXR image";

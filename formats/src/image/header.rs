@@ -66,6 +66,30 @@ pub(super) const ALPHA_NOTE: &str = "its alpha channel is dropped, and must be o
 pub(super) const PROFILE_NOTE: &str =
     "it has a colour profile, which is not applied: its samples are interpreted as sRGB";
 
+/// Chromaticities of red, green, blue and white of sRGB (IEC 61966-2-1).
+const SRGB_PRIMARIES: [(f32, f32); 4] = [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)];
+
+/// A note if the chromaticities of red, green, blue and white that a file declares are not those of sRGB.
+pub(crate) fn primaries_note(found: [(f32, f32); 4]) -> Option<String> {
+    let is_same = |a: f32, b: f32| (a - b).abs() < 2e-3;
+    let same = std::iter::zip(found, SRGB_PRIMARIES).all(|(a, b)| is_same(a.0, b.0) && is_same(a.1, b.1));
+    let [red, green, blue, white] = found.map(|(x, y)| format!("({x:.4}, {y:.4})"));
+    (!same).then(|| {
+        format!(
+            "its primaries (red {red}, green {green}, blue {blue}, white {white}) are not converted: its colours are interpreted as sRGB"
+        )
+    })
+}
+
+/// A note on an orientation (Exif, TIFF) other than 1.
+pub(super) fn orientation_note(source: &str, orientation: u32) -> Option<String> {
+    (orientation != 1).then(|| {
+        format!(
+            "its {source} orientation ({orientation}) is not applied: rows and columns are as stored, not as a viewer shows them"
+        )
+    })
+}
+
 /// Removes the last channel, alpha, of the `samples` of a row.
 ///
 /// # Errors

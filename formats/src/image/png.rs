@@ -4,12 +4,12 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use ::png::{BitDepth, ColorType, Decoder, Limits, Reader, Transformations};
+use ::png::{BitDepth, ColorType, Decoder, Limits, Reader, ScaledFloat, Transformations};
 use pipeline::geometry::Size;
 
 use super::header::{
     ALPHA_NOTE, ImageError, ImageHeader, MAX_DECODED_BYTES, PROFILE_NOTE, RowSink, guarded, header_error,
-    without_alpha,
+    primaries_note, without_alpha,
 };
 use crate::durable::DurableError;
 
@@ -50,10 +50,24 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, PngRows), ImageError> {
     if info.icc_profile.is_some() {
         notes.push(PROFILE_NOTE.into());
     }
+    if let Some(code) = info.coding_independent_code_points
+        && (code.color_primaries != 1 || !matches!(code.transfer_function, 1 | 13))
+    {
+        notes.push(format!(
+            "its code points (cICP: colour primaries {}, transfer function {}) are not applied: its samples are interpreted as sRGB",
+            code.color_primaries, code.transfer_function
+        ));
+    }
+    if let Some(found) = info.chrm_chunk
+        && info.srgb.is_none()
+    {
+        let xy = |(x, y): (ScaledFloat, ScaledFloat)| (x.into_value(), y.into_value());
+        notes.extend(primaries_note([xy(found.red), xy(found.green), xy(found.blue), xy(found.white)]));
+    }
     if has_alpha {
         notes.push(ALPHA_NOTE.into());
     }
-    if let Some(gamma) = info.gama_chunk.map(::png::ScaledFloat::into_value)
+    if let Some(gamma) = info.gama_chunk.map(ScaledFloat::into_value)
         && info.srgb.is_none()
         && (gamma - 0.45455).abs() > 0.01
     {

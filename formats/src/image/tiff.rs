@@ -6,13 +6,13 @@ use std::io::BufReader;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use ::tiff::ColorType;
 use ::tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use ::tiff::tags::{ByteOrder, Tag};
+use ::tiff::{ColorType, TiffError};
 use pipeline::geometry::Size;
 
 use super::header::{
-    ImageError, ImageHeader, MAX_DECODED_BYTES, RowSink, alpha_error, guarded, header_error,
+    ImageError, ImageHeader, MAX_DECODED_BYTES, RowSink, alpha_error, guarded, header_error, orientation_note,
 };
 use crate::durable::DurableError;
 
@@ -60,10 +60,19 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, TiffRows), ImageError> {
             _ => None,
         };
         let profile = decoder.find_tag(Tag::IccProfile).is_ok_and(|t| t.is_some());
-        let tags = (size, colour, photometric, planar, format, extra, profile);
-        Ok::<_, ::tiff::TiffError>((decoder, tags, strips))
+        let orientation = number(&mut decoder, Tag::Orientation)?;
+        let tags = (size, colour, photometric, planar, format, extra, profile, orientation);
+        Ok::<_, TiffError>((decoder, tags, strips))
     };
-    let (decoder, (size, colour, photometric, planar, format, extra, profile), strips) = guarded(path, read)?;
+    let read = guarded(path, || match read() {
+        Err(TiffError::UnsupportedError(reason)) => Ok(Err(reason)),
+        other => other.map(Ok),
+    })?;
+    let (decoder, tags, strips) = read.map_err(|reason| {
+        let expected = "grey or RGB of 8 or 16 bits; `magick IN -type TrueColor OUT.tif` converts others";
+        header_error(path, "colour", expected, reason.to_string())
+    })?;
+    let (size, colour, photometric, planar, format, extra, profile, orientation) = tags;
     if !extra.is_empty() || matches!(colour, ColorType::RGBA(_) | ColorType::GrayA(_)) {
         return Err(alpha_error(path));
     }
@@ -96,6 +105,7 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, TiffRows), ImageError> {
             "it has a colour profile, which is not applied: its samples are interpreted as sRGB".into(),
         );
     }
+    notes.extend(orientation.and_then(|o| orientation_note("TIFF", o)));
     if decoder.more_images() {
         notes.push("it has more pages; only the first is read".into());
     }

@@ -12,7 +12,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::header::{
     ALPHA_NOTE, ImageError, ImageHeader, MAX_DECODED_BYTES, PROFILE_NOTE, RowSink, guarded, header_error,
-    without_alpha,
+    orientation_note, without_alpha,
 };
 use crate::durable::DurableError;
 
@@ -67,11 +67,8 @@ pub(crate) fn open_jpeg(path: &Path) -> Result<(ImageHeader, WholeImage), ImageE
     if decoder.icc_profile().is_some() {
         notes.push(PROFILE_NOTE.into());
     }
-    if let Some(orientation) = decoder.exif().and_then(|exif| orientation(exif)).filter(|o| *o != 1) {
-        notes.push(format!(
-            "its Exif orientation ({orientation}) is not applied: rows and columns are as stored, not as a viewer shows them"
-        ));
-    }
+    let orientation = decoder.exif().and_then(|exif| orientation(exif));
+    notes.extend(orientation.and_then(|o| orientation_note("Exif", o.into())));
     let header = ImageHeader { size, channels, white: 255, notes };
     Ok((header, WholeImage { decoder: Decoder::Jpeg(Box::new(decoder)), has_alpha: false, bytes }))
 }

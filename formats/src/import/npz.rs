@@ -48,7 +48,7 @@ struct Arrays<'a> {
 }
 
 /// Names of the arrays that are used.
-const KNOWN: [&str; 15] = [
+const KNOWN: [&str; 16] = [
     "wavelength_nm",
     "wavelength_um",
     "ideal_height_mm",
@@ -63,6 +63,7 @@ const KNOWN: [&str; 15] = [
     "psf_pitch_um",
     "pixel_um",
     "f_number",
+    "primary_nm",
     "distortion_focal_length_mm",
 ];
 
@@ -152,7 +153,7 @@ fn convert(mut arrays: Arrays<'_>, options: &ImportOptions) -> Result<Imported, 
     let archive_focal = arrays.scalar(&["distortion_focal_length_mm"])?.unwrap_or(efl);
     let focal = options.distortion_focal_length_mm.unwrap_or(archive_focal);
     let (f_number, solid_angle_sr) = options.aperture(path, efl, arrays.scalar(&["f_number"])?)?;
-    let primary = options.primary_nm(path, None)?;
+    let primary = options.primary_nm(path, arrays.scalar(&["primary_nm"])?)?;
     let table = [bands, heights];
     let ideal = arrays.shaped(&["ideal_height_mm"], &[&[heights], &table])?;
     let real = arrays.shaped(&["image_height_mm", "real_height_mm"], &[&table])?;

@@ -35,6 +35,12 @@ pub(super) const LENS_FILE: &str = "lens.csv";
 pub fn open(folder: &Path, options: &ImportOptions) -> Result<Imported, ImportError> {
     let lens = Keys(Csv::read(&folder.join(LENS_FILE))?);
     let path = lens.0.path.clone();
+    for (k, (line, row)) in lens.0.rows.iter().enumerate() {
+        if lens.0.rows[..k].iter().any(|(_, earlier)| earlier[0] == row[0]) {
+            let problem = format!("`{}` is given twice", row[0].chars().take(40).collect::<String>());
+            return Err(ImportError::line(&path, *line, problem));
+        }
+    }
     let mut options = options.clone();
     options.sample =
         options.sample.or(

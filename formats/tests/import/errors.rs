@@ -186,6 +186,11 @@ fn malformed_plain_tables_are_errors() {
     check_changed_example("lens.csv", replaced("even_window,shift\n", ""), &["8 × 8", "--even-window"]);
     check_changed_example(
         "lens.csv",
+        replaced("even_window,shift\n", "even_window,shift\neven_window,pad\n"),
+        &["lens.csv, line", "`even_window` is given twice"],
+    );
+    check_changed_example(
+        "lens.csv",
         replaced("point", "dots"),
         &["lens.csv, line 9", "`dots`, expected point or integrated"],
     );

@@ -84,6 +84,26 @@ fn missing_option_of_an_archive_is_an_error_naming_it() {
 }
 
 #[test]
+fn primary_wavelength_is_that_of_the_archive() {
+    use std::io::Write;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("lens.npz");
+    std::fs::copy(data("double-gauss-28-550nm.npz"), &path).unwrap();
+    let file = std::fs::File::options().read(true).write(true).open(&path).unwrap();
+    let mut archive = zip::ZipWriter::new_append(file).unwrap();
+    archive.start_file("primary_nm.npy", zip::write::SimpleFileOptions::default()).unwrap();
+    let header = "{'descr': '<f8', 'fortran_order': False, 'shape': (), }";
+    let header = format!("{header:<117}\n");
+    archive.write_all(b"\x93NUMPY\x01\x00").unwrap();
+    archive.write_all(&(header.len() as u16).to_le_bytes()).unwrap();
+    archive.write_all(header.as_bytes()).unwrap();
+    archive.write_all(&551.5f64.to_le_bytes()).unwrap();
+    archive.finish().unwrap();
+    let (_keep, pack) = pack(&path, &ImportOptions { primary_wavelength_nm: None, ..npz() });
+    assert_eq!(pack.lens().primary_wavelength_nm, 551.5);
+}
+
+#[test]
 fn mirrored_windows_are_symmetric_and_others_unchanged() {
     let path = data("double-gauss-28-550nm.npz");
     let (_a, as_given) = pack(&path, &ImportOptions { symmetric: false, ..npz() });

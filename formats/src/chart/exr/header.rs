@@ -8,6 +8,7 @@ use ::exr::meta::header::Header;
 
 use crate::chart::error::ChartError;
 use crate::chart::header::header_error;
+use crate::image::header::primaries_note;
 
 /// Maximum size in bytes of a decoded block. Each thread holds one, and the `exr` crate allocates as much memory for the compressed
 /// bytes of a block as its header declares, up to the size of a complete tile, before it reads them.
@@ -124,6 +125,24 @@ pub(super) fn content(path: &Path, header: &Header) -> Result<(ExrContent, Vec<u
         return Err(exr_error(path, "samples", "half or float", format!("`{}` of integers", names[i])));
     }
     Ok((content, channels))
+}
+
+/// Remarks on attributes that are not applied: a data window other than the display window, and other primaries than sRGB's.
+pub(super) fn notes(header: &Header, content: &ExrContent) -> Vec<String> {
+    let (window, at, size) =
+        (header.shared_attributes.display_window, header.own_attributes.layer_position, header.layer_size);
+    let mut notes = Vec::new();
+    if (window.position, window.size) != (at, size) {
+        notes.push(format!(
+            "its data window is read ({}x{} px at row {}, column {}), not its display window ({}x{} px at row {}, column {})",
+            size.width(), size.height(), at.y(), at.x(),
+            window.size.width(), window.size.height(), window.position.y(), window.position.x()
+        ));
+    }
+    if let (Some(c), ExrContent::Rgb) = (header.shared_attributes.chromaticities, content) {
+        notes.extend(primaries_note([c.red, c.green, c.blue, c.white].map(|xy| (xy.x(), xy.y()))));
+    }
+    notes
 }
 
 /// The first channel of `header` with one of `wanted` as its name.

@@ -141,6 +141,7 @@ fn size_without_data_is_limited_by_the_disk() {
     let memory = Path::new("/dev/shm");
     let error = chart.copy_bands(&[0, 1, 2], memory, 1, &|_, _| ()).unwrap_err();
     assert!(matches!(error, ChartError::Space { needed: 51_539_607_552, .. }), "{error}");
+    assert!(error.retryable() && error.to_string().contains("temporary copy of its bands"), "{error}");
 }
 
 #[test]

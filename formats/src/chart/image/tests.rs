@@ -366,3 +366,51 @@ fn oversized_dimensions_are_an_error_before_memory_is_allocated() {
     bytes[tag + 8..tag + 12].copy_from_slice(&4_000_000_000u32.to_le_bytes());
     assert!(dir.decode(&bytes).is_err());
 }
+
+#[test]
+fn primaries_and_orientation_are_noted() {
+    let dir = tempfile::tempdir().unwrap();
+    let notes = |name: &str, bytes: &[u8]| {
+        let path = dir.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        ImageFile::open(&path).unwrap().notes().to_vec()
+    };
+    let png = |set: &dyn Fn(&mut ::png::Info<'_>)| {
+        let mut info = ::png::Info::with_size(2, 2);
+        (info.color_type, info.bit_depth) = (ColorType::Rgb, BitDepth::Eight);
+        set(&mut info);
+        let mut bytes = Vec::new();
+        let encoder = ::png::Encoder::with_info(&mut bytes, info).unwrap();
+        encoder.write_header().unwrap().write_image_data(&[7; 12]).unwrap();
+        bytes
+    };
+    let chromaticities =
+        |red| ::png::SourceChromaticities::new((0.3127, 0.329), red, (0.3, 0.6), (0.15, 0.06));
+    let srgb = png(&|info| info.chrm_chunk = Some(chromaticities((0.64, 0.33))));
+    assert_eq!(notes("srgb.png", &srgb), [""; 0]);
+    let p3 = png(&|info| info.chrm_chunk = Some(chromaticities((0.68, 0.32))));
+    let found = notes("p3.png", &p3);
+    assert!(found.len() == 1 && found[0].contains("red (0.6800, 0.3200)"), "{found:?}");
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+    let mut image = encoder.new_image::<colortype::Gray8>(2, 2).unwrap();
+    image.encoder().write_tag(::tiff::tags::Tag::Orientation, 6u16).unwrap();
+    image.write_data(&[7; 4]).unwrap();
+    let found = notes("turned.tif", &bytes.into_inner());
+    assert!(found.len() == 1 && found[0].contains("TIFF orientation (6)"), "{found:?}");
+}
+
+#[test]
+fn palette_of_a_tiff_is_called_unsupported() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("palette.tif");
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+    let mut image = encoder.new_image::<colortype::Gray8>(2, 2).unwrap();
+    image.encoder().write_tag(::tiff::tags::Tag::PhotometricInterpretation, 3u16).unwrap();
+    image.encoder().write_tag(::tiff::tags::Tag::ColorMap, &[0u16; 768][..]).unwrap();
+    image.write_data(&[7; 4]).unwrap();
+    fs::write(&path, bytes.into_inner()).unwrap();
+    let error = ImageFile::open(&path).err().expect("a palette is not read").to_string();
+    assert!(error.contains("grey or RGB of 8 or 16 bits") && !error.contains("damaged"), "{error}");
+}
