@@ -386,9 +386,9 @@ fn primaries_and_orientation_are_noted() {
     };
     let chromaticities =
         |red| ::png::SourceChromaticities::new((0.3127, 0.329), red, (0.3, 0.6), (0.15, 0.06));
-    let srgb = png(&|info| info.chrm_chunk = Some(chromaticities((0.64, 0.33))));
+    let srgb = png(&|info| info.source_chromaticities = Some(chromaticities((0.64, 0.33))));
     assert_eq!(notes("srgb.png", &srgb), [""; 0]);
-    let p3 = png(&|info| info.chrm_chunk = Some(chromaticities((0.68, 0.32))));
+    let p3 = png(&|info| info.source_chromaticities = Some(chromaticities((0.68, 0.32))));
     let found = notes("p3.png", &p3);
     assert!(found.len() == 1 && found[0].contains("red (0.6800, 0.3200)"), "{found:?}");
     let mut bytes = std::io::Cursor::new(Vec::new());
