@@ -4,7 +4,7 @@ use crate::progress::json_path;
 use formats::group::{Finding, VerifyReport};
 use serde_json::{Map, Value, json};
 
-/// Files removed by `--repair`.
+/// What `--repair` did.
 #[derive(Default)]
 pub struct Repair {
     /// Bad shards.
