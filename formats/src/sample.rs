@@ -127,18 +127,6 @@ impl RasterSample {
         }
     }
 
-    /// The bytes (native byte order) of `value`; integers are rounded towards 0 and limited to their range, NaN is 0.
-    pub(crate) fn encode(self, value: f64) -> Vec<u8> {
-        match self {
-            Self::I16 => (value as i16).to_ne_bytes().to_vec(),
-            Self::Plain(Sample::U8) => vec![value as u8],
-            Self::Plain(Sample::U16) => (value as u16).to_ne_bytes().to_vec(),
-            Self::Plain(Sample::F16) => half::f16::from_f64(value).to_ne_bytes().to_vec(),
-            Self::Plain(Sample::F32) => (value as f32).to_ne_bytes().to_vec(),
-            Self::Plain(Sample::F64) => value.to_ne_bytes().to_vec(),
-        }
-    }
-
     /// Short name, as in `--chart-dtype`'s terms: bits and kind.
     pub const fn name(self) -> &'static str {
         match self {

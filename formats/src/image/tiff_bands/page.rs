@@ -229,7 +229,7 @@ impl Page {
         let coding = coding(compression, predictor, layout.sample);
         let (chunk, buffers) = ((across as usize, down), Buffers::default());
         // A text that is not a number was an error of the file.
-        let fill = layout.sample.encode(bands.no_data_value().ok().flatten().unwrap_or(0.0));
+        let fill = layout.sample.to_ne_bytes(bands.no_data_value().ok().flatten().unwrap_or(0.0));
         Ok(Self {
             decoder,
             file,
