@@ -23,17 +23,21 @@ pub fn open(spec: &str, name: &str, flags: &ChartFlags<'_>, wavelengths_nm: &[f6
     };
     let list = |nm: &[f64]| nm.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
     // Without wavelengths of its own it has those of the job's chart.
-    let of_file = || Chart::open_with(spec, &flags).and_then(|chart| chart.wavelengths_nm()).ok();
-    if let Some(own) = (flags.wavelengths.is_none() && !is_drawn).then(of_file).flatten() {
+    if flags.wavelengths.is_none()
+        && !is_drawn
+        && let Ok(chart) = Chart::open_with(spec, &flags)
+        && let Ok(own) = chart.wavelengths_nm()
+    {
         let is_same = |(a, b): (&f64, &f64)| (a - b).abs() <= SAME_NM;
-        if own.len() != wavelengths_nm.len() || !own.iter().zip(wavelengths_nm).all(is_same) {
-            return Err(usage(format!(
-                "{name}: chart `{spec}` has bands at {} nm, expected those of the job's chart in the same order, {} nm; if its wavelengths are wrong give \
-                 --wavelengths, which names the bands of both",
-                list(&own),
-                list(wavelengths_nm)
-            )));
+        if own.len() == wavelengths_nm.len() && own.iter().zip(wavelengths_nm).all(is_same) {
+            return Ok(chart);
         }
+        return Err(usage(format!(
+            "{name}: chart `{spec}` has bands at {} nm, expected those of the job's chart in the same order, {} nm; if its wavelengths are wrong give \
+             --wavelengths, which names the bands of both",
+            list(&own),
+            list(wavelengths_nm)
+        )));
     }
     let nm = list(wavelengths_nm);
     Chart::open_with(spec, &ChartFlags { wavelengths: Some(&nm), ..flags }).with_context(|| name.to_owned())
