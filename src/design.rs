@@ -6,13 +6,12 @@ use crate::args::{DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
 use format::Design;
+use formats::durable::read_file_at_most;
 use pipeline::design::crossing::crossings;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::shelf::{self, ShelfLens};
 use pipeline::design::system::{ImagePlane, System};
 use pipeline::design::{ReadOptions, agf};
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Name of the built-in design that examples use.
@@ -98,15 +97,12 @@ pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<Design
 /// Reads a file of at most [`MAX_BYTES`].
 fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     let reading = || format!("reading {}", path.display());
-    let mut bytes = Vec::new();
-    File::open(path).and_then(|f| f.take(MAX_BYTES + 1).read_to_end(&mut bytes)).with_context(reading)?;
-    match bytes.len() as u64 > MAX_BYTES {
-        true => bail!(
+    read_file_at_most(path, MAX_BYTES).with_context(reading)?.with_context(|| {
+        format!(
             "{} is larger than {MAX_BYTES} bytes, so it is not a design or glass catalogue",
             path.display()
-        ),
-        false => Ok(bytes),
-    }
+        )
+    })
 }
 
 fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {

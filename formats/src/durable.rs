@@ -48,7 +48,9 @@ pub(crate) use error::{is_not_found, store_error};
 pub use fault::point as fault_point;
 pub use file_group::finish_together;
 pub(crate) use file_state::FileState;
-pub use file_system::{check_writable, create_directories, evict, free_bytes, link_target, parent_of};
+pub use file_system::{
+    check_writable, create_directories, evict, free_bytes, link_target, parent_of, read_file_at_most,
+};
 pub use lock::{Lock, LockError, LockOwner, locks};
 pub use objects::{ObjectState, Objects};
 pub use process::ProcessIdentity;

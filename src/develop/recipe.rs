@@ -4,12 +4,11 @@ use super::frame::Frame;
 use crate::args::DevelopStyle;
 use crate::failure::usage;
 use anyhow::{Context, Result};
+use formats::durable::read_file_at_most;
 use formats::parallel;
 use pipeline::colour::Illuminant;
 use pipeline::develop::{ColourMatrix, Demosaic, Recipe};
 use pipeline::geometry::Rect;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -188,15 +187,12 @@ fn matrix(frame: &Frame, style: &DevelopStyle, light: Illuminant, planes: usize)
 /// Three rows of numbers, separated by blanks, commas or semicolons; `#` begins a comment.
 fn read_matrix(path: &Path, planes: usize) -> Result<Rows> {
     let shown = path.display();
-    let file = File::open(path).with_context(|| format!("--matrix {shown}"))?;
-    let mut bytes = Vec::new();
-    // Devices and pipes have no size.
-    file.take(MAX_MATRIX_BYTES + 1).read_to_end(&mut bytes).with_context(|| format!("--matrix {shown}"))?;
-    if bytes.len() as u64 > MAX_MATRIX_BYTES {
-        return Err(usage(format!(
+    let bytes = read_file_at_most(path, MAX_MATRIX_BYTES).with_context(|| format!("--matrix {shown}"))?;
+    let bytes = bytes.ok_or_else(|| {
+        usage(format!(
             "--matrix {shown}: expected three rows of {planes} numbers, found more than {MAX_MATRIX_BYTES} bytes"
-        )));
-    }
+        ))
+    })?;
     let text = String::from_utf8(bytes).with_context(|| format!("--matrix {shown}"))?;
     let mut rows = Vec::new();
     for (k, line) in text.lines().enumerate() {

@@ -3,13 +3,11 @@
 use super::command_line::CommandLine;
 use crate::failure::{code, exit_code, other_job, usage};
 use anyhow::{Context, Result};
-use formats::durable::{Directory, check_writable, link_target, parent_of};
+use formats::durable::{Directory, check_writable, link_target, parent_of, read_file_at_most};
 use formats::film::FilmStore;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Schema of a plan file.
@@ -156,13 +154,9 @@ impl Plan {
                 "{shown} is not a plan file written by `lenscube plan` ({what}); make it again"
             ))
         };
-        let mut bytes = Vec::new();
-        File::open(path)
-            .and_then(|f| f.take(MAX_BYTES + 1).read_to_end(&mut bytes))
-            .with_context(|| format!("reading the plan {shown}"))?;
-        if bytes.len() as u64 > MAX_BYTES {
-            return Err(not_plan(&format!("it is larger than {MAX_BYTES} bytes")));
-        }
+        let bytes = read_file_at_most(path, MAX_BYTES)
+            .with_context(|| format!("reading the plan {shown}"))?
+            .ok_or_else(|| not_plan(&format!("it is larger than {MAX_BYTES} bytes")))?;
         let text = String::from_utf8(bytes).map_err(|_| not_plan("it is not UTF-8"))?;
         let line = text.lines().nth(1).unwrap_or_default();
         let recorded = line.trim().strip_prefix("\"digest\": \"").and_then(|l| l.strip_suffix("\","));

@@ -1,7 +1,7 @@
 //! Queries and operations on paths: directories, links, permissions, free space, page cache.
 
 use std::fs::File;
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::CWD;
@@ -9,6 +9,16 @@ use rustix::fs::CWD;
 use super::error::DurableError;
 use super::handle;
 use super::url::is_url;
+
+/// Content of the file at `path`; `None` if it has more than `max` bytes. Of devices and pipes, which have no size, no more is read.
+///
+/// # Errors
+/// It cannot be read.
+pub fn read_file_at_most(path: &Path, max: u64) -> std::io::Result<Option<Vec<u8>>> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(max + 1).read_to_end(&mut bytes)?;
+    Ok(Some(bytes).filter(|bytes| bytes.len() as u64 <= max))
+}
 
 /// Flushes a directory's entries to the disk.
 pub(super) fn sync_directory(path: &Path) -> std::io::Result<()> {
