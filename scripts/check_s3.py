@@ -178,7 +178,7 @@ def status_and_verify(store, env, reference):
     same_film(store.objects("films/film.zarr"), reference, "a repaired film")
     lenscube(env, 3, ["belongs to another job", "interp"], *run(film), "--interp", "bilinear")
     lenscube(env, 1, ["found nothing"], "status", s3("nowhere.zarr"))
-    lenscube(env, 2, ["its own chart"], *run(s3("film.zarr/inside.zarr"), film))
+    lenscube(env, 2, ["lies in the chart"], *run(s3("film.zarr/inside.zarr"), film))
 
 
 def other_programs(store, film_path):

@@ -32,7 +32,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 /// Files of a comparison.
-const FILES: [&str; 7] =
+pub const FILES: [&str; 7] =
     ["report.html", "difference.png", "compare.json", "regions.csv", "mtf.csv", "patches.csv", "figures.png"];
 
 /// Parts of a raw's job that determine its noise, and their names for people.

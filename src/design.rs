@@ -141,6 +141,12 @@ fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFi
     Ok((system, Some(DesignFile { path: path.into(), digest })))
 }
 
+/// Glass catalogues beside the design `path` that are read with it; none of a file that is no design.
+pub fn catalogues_of(path: &Path) -> Vec<PathBuf> {
+    let design = read_bytes(path).and_then(|bytes| Design::new(path, bytes));
+    design.map_or(Vec::new(), |design| catalogues_beside(path, &design.catalogue_names()))
+}
+
 /// Adds the usable glasses of a catalogue that came with a design; returns a note on the others.
 fn add_usable(glasses: &mut GlassLibrary, name: &str, bytes: &[u8]) -> Option<String> {
     let (catalogue, problems) = agf::parse_usable(bytes);

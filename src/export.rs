@@ -22,7 +22,7 @@ use formats::picture::streamed::{ColourFile, write_streamed};
 use formats::picture::{PictureSummary, View, nearest_band};
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Memory of the program without buffers: code, stacks of the threads, allocator.
@@ -42,14 +42,28 @@ pub fn command(args: &ExportArgs) -> Result<u8> {
     }
 }
 
+/// The files that are written; none to standard output.
+///
+/// # Errors
+/// Usage: no format has the extension.
+pub fn files(args: &ExportArgs) -> Result<Vec<PathBuf>> {
+    match args.out == Path::new("-") {
+        true => Ok(Vec::new()),
+        false => Ok(files_of(args, format_of(args)?)),
+    }
+}
+
+fn files_of(args: &ExportArgs, file: ExportFormatArg) -> Vec<PathBuf> {
+    match file {
+        ExportFormatArg::Envi => <[_; 2]>::from(envi_files(args.target())).to_vec(),
+        _ => vec![args.target().to_owned()],
+    }
+}
+
 /// Writes the file, or the two files, of [`ExportArgs::target`].
 fn to_file(args: &ExportArgs, file: ExportFormatArg) -> Result<u8> {
     check_flags(args, file)?;
-    let outputs = match file {
-        ExportFormatArg::Envi => <[_; 2]>::from(envi_files(args.target())).to_vec(),
-        _ => vec![args.target().to_owned()],
-    };
-    outputs.iter().try_for_each(|path| check_absent(path, args.overwrite))?;
+    files_of(args, file).iter().try_for_each(|path| check_absent(path, args.overwrite))?;
     let cancel = interrupt::cancel_flag_of_removable_output();
     match write(args, file, cancel) {
         Err(_) if cancel.load(Relaxed) => {

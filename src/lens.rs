@@ -3,12 +3,12 @@
 mod aberrations;
 pub mod cache;
 mod camera;
-mod convert;
+pub mod convert;
 mod cross_section;
 mod curves;
 mod diff;
 mod list;
-mod plots;
+pub mod plots;
 mod psf_figure;
 pub mod samples;
 mod show;

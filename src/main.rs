@@ -25,6 +25,7 @@ mod measure;
 mod memory;
 mod open;
 mod outputs;
+mod paths;
 mod plan;
 mod progress;
 mod pyramid;
@@ -64,6 +65,7 @@ fn main() -> ExitCode {
 
 /// Runs `command`, parsed from `matches`; the exit code.
 fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
+    paths::check(command)?;
     match command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
         Command::Depth(args) => depth::command(args),

@@ -1,4 +1,11 @@
-//! Files that a command writes where the user says: one that exists is replaced with `--overwrite` only.
+//! Files that a command writes where the user says: never in place of its inputs ([`Guard`]), and one that exists is replaced with `--overwrite`
+//! only.
+
+mod guard;
+mod job;
+mod place;
+
+pub use guard::Guard;
 
 use crate::failure::other_job;
 use anyhow::Result;

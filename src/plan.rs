@@ -5,7 +5,6 @@ pub mod cost;
 mod cut;
 mod file;
 mod lens_pack;
-mod outputs;
 mod startup;
 pub mod unit_list;
 
@@ -44,7 +43,6 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     // The devices of the workers are not needed here.
     let mut run = RunArgs { device: Device::Cpu, engine: EngineArg::Auto, ..args.job.clone() };
     // All outputs are checked before any is touched.
-    outputs::check_apart(args)?;
     file::check_place(&args.output)?;
     if let Some(path) = &args.lens_pack {
         run.lens = lens_pack::write(&run, path)?;
@@ -55,7 +53,6 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     let engine = film_engine::planned(&args.job)?;
     let mut job = Job::new(&run)?;
     job.engine = engine;
-    film::check_apart(&job, &run.film)?;
     let plan = make(&job, &run, command, args.unit_rows)?;
     plan.check_output(&args.output)?;
     let store = film::open(&job, &run)?;

@@ -2,9 +2,9 @@
 //!
 //! Order of checks, each before anything that a later one may change:
 //!
-//! 1. [`Job::new`], before the film is opened for writing: arguments, the film's recorded engine and the device; metadata of chart and lens, film geometry;
+//! 1. [`Guard`]: the film is no input of the job, contains none and lies in none.
+//! 2. [`Job::new`], before the film is opened for writing: arguments, the film's recorded engine and the device; metadata of chart and lens, film geometry;
 //!    film layout, the lens traced or read for all bands; memory; limit of chart values; identity (digests of lens and chart).
-//! 2. [`film::check_apart`]: the film neither contains its chart nor lies in its chart or lens pack.
 //! 3. [`film::open`]: the film is created. If something exists at its path, temporary files beside it are removed and it is opened: metadata,
 //!    then identity and layout (exit code 3; `--trust-input` accepts other modification times of the chart).
 //! 4. An explicit `--engine` is the film's (exit code 3). If all shards are present: exit code 0.
@@ -13,8 +13,8 @@
 //! 7. During the run: the film is in place before each shard is committed, and chart files are unchanged when they are read.
 //! 8. At the end: the film is in place, chart and lens are unchanged.
 //!
-//! Units of a plan: the digest, schema and numeric version of the plan, the list of units and the arguments; the film (opened, not created)
-//! against the plan; step 4 for these units; then step 1 and the comparison of the job with the plan, and steps 5 to 8.
+//! Units of a plan: the digest, schema and numeric version of the plan, the list of units and the arguments; step 1; the film (opened, not
+//! created) against the plan; step 4 for these units; then step 2 and the comparison of the job with the plan, and steps 5 to 8.
 
 mod display;
 pub mod film;
@@ -35,6 +35,7 @@ use crate::interrupt;
 use crate::job::Job;
 use crate::job::depth::Depth;
 use crate::memory::mib;
+use crate::outputs::Guard;
 use crate::plan::CommandLine;
 use crate::progress::jsonl::Jsonl;
 use crate::progress::{Bars, detail_line, json_path, log_line, plural, report_kept, resume_note};
@@ -90,7 +91,6 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
 pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> Result<u8> {
     let start = Instant::now();
     let job = Job::new(args)?;
-    film::check_apart(&job, &args.film)?;
     forecast::check_space_of_new_film(&job, args)?;
     interrupt::listen();
     let store = film::open(&job, args)?;
@@ -112,6 +112,7 @@ fn run_units(units: &Units, given: &RunCommand, matches: &ArgMatches, jsonl: Opt
         jsonl.set_plan(&units.name, &units.listed());
     }
     let args = units.args(&given.job, &CommandLine::given(matches)?)?;
+    Guard::of_job(&args).reads("plan", &units.path).check()?;
     interrupt::listen();
     let store = units.film(&args)?;
     film_engine::check_explicit(&store, &args)?;

@@ -27,10 +27,27 @@ use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries
 use formats::group::{Found, GroupError, GroupKind, JobGroup};
 use formats::raw::{RawSpec, RawStore};
 use formats::sensor::{SensorError, SensorFile};
+pub use picture::temporary_raw;
 use resolve::Plan;
 use serde_json::Value;
 use std::path::Path;
 use std::time::Instant;
+
+/// Names of the files of `sensor show --plot`.
+pub use show::FIGURES;
+
+/// Names of the files of `sensor validate --out`.
+pub fn validation_files() -> impl Iterator<Item = &'static str> {
+    validate::FILES.into_iter().chain(show::FIGURES)
+}
+
+/// Whether `out` is a file of one frame, as opposed to a raw.
+///
+/// # Errors
+/// Usage: a file of another kind.
+pub fn is_file(out: &Path) -> Result<bool> {
+    Ok(picture::format_of(out)?.is_some())
+}
 
 /// Runs the command; the exit code.
 pub fn command(args: &SensorArgs) -> Result<u8> {
@@ -66,7 +83,6 @@ fn expose(args: &ExposeArgs) -> Result<u8> {
 /// Exposes the film of `plan` into the raw `raw`.
 fn expose_raw(args: &ExposeArgs, plan: &Plan, raw: &Path) -> Result<u8> {
     let start = Instant::now();
-    plan.keep_apart(raw)?;
     interrupt::listen();
     if !args.overwrite
         && let Some(store) = resumed(plan, raw, !args.no_fsync)?

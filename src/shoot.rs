@@ -38,7 +38,8 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     let directory = directory(args);
     check_directory(&directory)?;
     formats::durable::create_directories(&directory, true)?;
-    let (film, raw) = (text(&directory.join("film.zarr"))?, text(&directory.join("raw.zarr"))?);
+    let [film, raw] = STORES.map(|name| text(&directory.join(name)));
+    let (film, raw) = (film?, raw?);
     log_line("1/3  film");
     let mut words = command_line(args, &["run", "--lens", &args.lens]);
     words.extend(option("--var", args.var.as_ref()));
@@ -99,8 +100,16 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     Ok(0)
 }
 
+/// Whether `out` is a digital negative, which is not developed.
+pub fn is_negative(out: &Path) -> bool {
+    out.extension().is_some_and(|e| e.eq_ignore_ascii_case("dng"))
+}
+
+/// Names of film and raw in [`directory`].
+pub const STORES: [&str; 2] = ["film.zarr", "raw.zarr"];
+
 /// Where film and raw lie.
-fn directory(args: &ShootArgs) -> PathBuf {
+pub fn directory(args: &ShootArgs) -> PathBuf {
     args.keep.clone().unwrap_or_else(|| {
         let mut name = args.out.as_os_str().to_owned();
         name.push(".shot");

@@ -34,6 +34,17 @@ use serde_json::Value;
 use setup::Setup;
 use std::path::Path;
 
+/// Files of a report, in its directory.
+pub const FILES: [&str; 7] = [
+    "report.html",
+    "summary.json",
+    "curves/ri.csv",
+    "curves/departure.csv",
+    "curves/distortion.csv",
+    "curves/esf.csv",
+    "curves/mtf.csv",
+];
+
 /// Maximum size of an earlier `summary.json` that is read.
 const MAX_SUMMARY_BYTES: u64 = 64 << 20;
 

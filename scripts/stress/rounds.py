@@ -18,7 +18,7 @@ EXPORTS = ["npy", "png"]  # other formats contain the path of the film
 # Documented exit codes of each kind of command.
 CODES = {"run": {0, 1, 3, 75, 130}, "unit": {0, 1, 3, 75, 130}, "plan": {0, 1, 3, 75, 130}, "repair": {0, 1, 3, 4, 75, 130},
          "verify": {0, 1, 3, 4, 75, 130}, "status": {0, 1, 3, 4, 75}, "status-plan": {0, 1, 3, 4, 75},
-         "pyramid": {0, 1, 3, 4, 75, 130}, "export": {0, 1, 3, 4, 75, 130}}
+         "pyramid": {0, 1, 3, 4, 75, 130}, "export": {0, 1, 3, 4, 75, 130}, "into-input": {2}}
 ENDED_BY_SIGNAL = {-signal.SIGKILL, -signal.SIGINT, -signal.SIGTERM}
 
 
@@ -83,6 +83,7 @@ class Round:
             "status-plan": ["status", "--plan", plan, "--missing", *arguments],
             "pyramid": ["pyramid", self.film, *arguments],
             "export": ["export", self.film, self.folder / "out" / f"{name}.{EXPORTS[self.number % 2]}", *arguments],
+            "into-input": ["export", chart, chart, "--format", "npy", "--overwrite", *arguments],
         }[kind]]
 
     def begin(self, name, kind, job, machine, arguments, fault=None, phase="script"):

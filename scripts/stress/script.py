@@ -79,7 +79,7 @@ class ScriptWriter:
     def start(self, kind, job, at, machine=None, arguments=(), fault=None):
         self.count += 1
         name = f"{self.count}-{kind}-{job}"
-        threads = [] if kind in ("status", "status-plan", "export") else ["--threads", str(self.rng.choice([1, 2]))]
+        threads = [] if kind in ("status", "status-plan", "export", "into-input") else ["--threads", str(self.rng.choice([1, 2]))]
         arguments = [*threads, *arguments]
         self.step("start", at, name=name, machine=machine or self.machine(), kind=kind, job=job, arguments=arguments, fault=fault)
         return name
@@ -219,7 +219,8 @@ class ScriptWriter:
 
     def other_commands(self):
         """Commands that inspect or repair the film, foreign files, and removal of the film."""
-        for kind, share in [("repair", 0.15), ("status", 0.15), ("status-plan", 0.1), ("pyramid", 0.15), ("export", 0.2)]:
+        for kind, share in [("repair", 0.15), ("status", 0.15), ("status-plan", 0.1), ("pyramid", 0.15), ("export", 0.2),
+                            ("into-input", 0.1)]:
             if self.rng.random() < share:
                 at = self.rng.uniform(0.2, 2.0)
                 arguments = ["--take-over"] if kind in ("repair", "pyramid") and self.rng.random() < 0.3 else []

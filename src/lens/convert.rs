@@ -8,13 +8,23 @@ use crate::progress::{log_line, plural};
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, finish_together};
 use pipeline::design::{optiland, table, zmx};
+use std::path::{Path, PathBuf};
+
+/// Name of the catalogue of the design `out`: one word.
+fn catalogue_name(out: &Path) -> String {
+    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+    stem.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect()
+}
+
+/// The file of glasses that are not built in, written beside the design `out` if it has any.
+pub fn catalogue_path(out: &Path) -> PathBuf {
+    out.with_file_name(format!("{}.agf", catalogue_name(out)))
+}
 
 /// Runs the command.
 pub fn command(args: &ConvertArgs) -> Result<()> {
     let out = &args.out;
-    let stem = out.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    // The name of a catalogue is one word.
-    let own: String = stem.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
+    let own = catalogue_name(out);
     let extension = out.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if !matches!(extension.as_str(), "zmx" | "csv" | "json") {
         return Err(usage(format!("{}: expected a file ending with .zmx, .csv or .json", out.display())));
@@ -35,7 +45,7 @@ pub fn command(args: &ConvertArgs) -> Result<()> {
     }
     let (mut files, mut lines) = (Vec::new(), Vec::new());
     if let Some(catalogue) = &written.catalogue {
-        let path = out.with_file_name(format!("{own}.agf"));
+        let path = catalogue_path(out);
         check_absent(&path, args.overwrite)?;
         files.push(AtomicFile::with_text(&path, catalogue)?);
         lines.push(format!("{}: glasses that are not built in, for {}", path.display(), out.display()));

@@ -39,6 +39,11 @@ const DESIGN_FIGURES: [&str; 6] = ["layout", "field-curvature", "mtf-focus", "ra
 /// Heights of the MTF against field.
 const MTF_HEIGHTS: usize = 25;
 
+/// Names of all files that [`write()`] may write.
+pub fn all_files() -> impl Iterator<Item = String> {
+    FIGURES.iter().chain(&DESIGN_FIGURES).flat_map(|name| EXTENSIONS.map(|e| format!("{name}.{e}")))
+}
+
 /// Fails (exit code 3) if [`write()`] would replace a file, unless `overwrite`.
 pub fn check_absent(dir: &Path, lens: &LensData, overwrite: bool) -> Result<()> {
     let more = if matches!(lens, LensData::Design(..)) { &DESIGN_FIGURES[..] } else { &[] };

@@ -1,16 +1,15 @@
 //! The film of a job: created, or opened to be resumed if it belongs to the same job; its provenance attributes; its locks.
 
 use crate::args::RunArgs;
-use crate::failure::{other_job, usage};
+use crate::failure::other_job;
 use crate::job::{Job, argument, contents};
-use crate::open::Chart;
 use anyhow::{Result, bail};
-use formats::durable::{Lock, Store, fault_point, is_url, link_target, parent_of, sweep_entries};
+use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::film::{FilmSpec, FilmStore};
 use formats::group::{GroupError, JobGroup};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// BLAKE3 of a JSON value as it is written, 64 hexadecimal digits.
 pub fn digest(value: &Value) -> String {
@@ -20,56 +19,6 @@ pub fn digest(value: &Value) -> String {
 /// What changes the film's files and not its pixels, for the layout digest.
 pub fn layout(spec: &FilmSpec) -> Value {
     json!({ "dtype": spec.sample, "shard": spec.shard, "chunk": spec.chunk, "codec": spec.codec })
-}
-
-/// Fails if the film contains its own chart, which `--overwrite` would remove, or lies inside its chart or lens pack, whose files it
-/// would change.
-pub fn check_apart(job: &Job, film: &Path) -> Result<()> {
-    if let Chart::Store(chart) = &job.chart {
-        check_apart_from_chart(film, chart.path())?;
-    }
-    match job.lens.pack() {
-        // A pack inside the film is permitted: `--overwrite` removes no file that the film did not create.
-        Some(pack)
-            if !is_url(film) && resolve_links(parent_of(film)).starts_with(resolve_links(pack.path())) =>
-        {
-            Err(not_apart("lies inside", film, "lens pack", pack.path()))
-        }
-        _ => Ok(()),
-    }
-}
-
-fn check_apart_from_chart(film: &Path, chart: &Path) -> Result<()> {
-    let error = |relation: &str| Err(not_apart(relation, film, "chart", chart));
-    if is_url(film) {
-        // URLs have no links to resolve.
-        return match (chart.starts_with(film), film.starts_with(chart)) {
-            (true, _) => error("contains"),
-            (_, true) => error("lies inside"),
-            _ => Ok(()),
-        };
-    }
-    let Ok(chart_path) = chart.canonicalize() else { return Ok(()) };
-    match film.canonicalize() {
-        Ok(film_path) if chart_path.starts_with(&film_path) => error("contains"),
-        _ if resolve_links(film).starts_with(&chart_path) => error("lies inside"),
-        _ => Ok(()),
-    }
-}
-
-fn not_apart(relation: &str, film: &Path, what: &str, input: &Path) -> anyhow::Error {
-    let (film, input) = (film.display(), input.display());
-    usage(format!("{film} {relation} its own {what}, {input}; choose another path"))
-}
-
-/// The path with the links of its existing part resolved.
-pub fn resolve_links(path: &Path) -> PathBuf {
-    let parent = parent_of(path);
-    match (path.canonicalize(), path.file_name()) {
-        (Ok(real), _) => real,
-        (Err(_), Some(name)) if parent != path => resolve_links(parent).join(name),
-        _ => path.into(),
-    }
 }
 
 /// Creates the film, or opens it to be resumed.

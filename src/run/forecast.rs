@@ -125,7 +125,6 @@ fn is_resumed(args: &RunArgs) -> Result<bool> {
 /// Those of the run before its first shard; the disk is too small.
 pub fn print(args: &RunArgs) -> Result<()> {
     let job = Job::new(args)?;
-    film::check_apart(&job, &args.film)?;
     // Fails if a film of another job is there.
     film::expected_provenance(&job, args)?;
     let requested = shards::requested(&job, None);

@@ -19,7 +19,8 @@ const MAX_LIST_BYTES: usize = 64;
 
 /// Units of a plan.
 pub struct Units {
-    path: PathBuf,
+    /// The plan's file.
+    pub path: PathBuf,
     plan: Plan,
     /// First digits of the plan's digest.
     pub name: String,

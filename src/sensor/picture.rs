@@ -58,6 +58,13 @@ pub fn format_of(out: &Path) -> Result<Option<FileFormat>> {
     })
 }
 
+/// The raw beside the file `out`.
+pub fn temporary_raw(out: &Path) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(".raw.zarr");
+    name.into()
+}
+
 /// Exposes one frame into `out`; `expose` makes the raw of a plan with the given arguments. With `--overwrite` a raw of the same job is resumed,
 /// one of another job replaced.
 pub fn command(
@@ -80,9 +87,7 @@ pub fn command(
     if format == FileFormat::Dng {
         check_dng(&plan.sensor, rect, out)?;
     }
-    let mut name = out.as_os_str().to_owned();
-    name.push(".raw.zarr");
-    let raw = PathBuf::from(name);
+    let raw = temporary_raw(out);
     let resuming = ExposeArgs { raw: Some(raw.clone()), overwrite: false, ..args.clone() };
     let code = replacing_other_job(
         args.overwrite,

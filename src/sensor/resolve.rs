@@ -11,9 +11,7 @@ use crate::develop::frame::split_group;
 use crate::failure::usage;
 use crate::job::threads;
 use crate::memory::machine::default_limit;
-use crate::run::film::resolve_links;
 use anyhow::Result;
-use formats::durable::is_url;
 use formats::raw::{RawOutput, RawSpec, RawStore};
 use formats::sensor::SensorFile;
 use pipeline::geometry::{Rect, Size};
@@ -215,27 +213,6 @@ impl Plan {
         match &self.source {
             Source::Film(_, geometry) => geometry.size(),
             Source::Kept(kept) => kept.spec.sensor,
-        }
-    }
-
-    /// Fails if the raw would lie in its own film, or hold it.
-    pub fn keep_apart(&self, raw: &Path) -> Result<()> {
-        let input = match &self.source {
-            Source::Film(film, _) => &film.path,
-            Source::Kept(kept) => &kept.path,
-        };
-        let (a, b) = if is_url(raw) || is_url(input) {
-            (raw.into(), input.clone())
-        } else {
-            (resolve_links(raw), resolve_links(input))
-        };
-        match a.starts_with(&b) || b.starts_with(&a) {
-            true => Err(usage(format!(
-                "one of {} and its film {} lies inside the other; choose another path",
-                raw.display(),
-                input.display()
-            ))),
-            false => Ok(()),
         }
     }
 

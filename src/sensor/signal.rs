@@ -18,12 +18,10 @@ use serde_json::Value;
 use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The signal that a raw kept.
 pub struct Kept {
-    /// The raw.
-    pub path: PathBuf,
     store: ChartStore,
     /// Its layout.
     pub spec: RawSpec,
@@ -68,7 +66,6 @@ impl Kept {
             wavelengths_nm: serde_json::from_value(a("film_wavelengths_nm"))?,
             store: ChartStore::open_at(path, SIGNAL, options)?,
             spec: raw.spec().clone(),
-            path: path.into(),
         })
     }
 }

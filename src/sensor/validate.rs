@@ -14,7 +14,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 /// Files of a report, beside [`FIGURES`].
-const FILES: [&str; 7] = [
+pub const FILES: [&str; 7] = [
     "photon-transfer.csv",
     "figures.csv",
     "photon-transfer.png",

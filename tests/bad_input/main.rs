@@ -4,6 +4,7 @@ mod charts;
 #[path = "../common/mod.rs"]
 mod common;
 mod flags;
+mod inputs_kept;
 mod lens_packs;
 mod outputs;
 

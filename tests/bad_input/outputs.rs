@@ -30,7 +30,10 @@ fn overwrite_replaces_films_and_charts_only() {
     fs::write(at("thesis/chapter-1.tex"), "It was a dark and stormy night").unwrap();
     fs::write(at("notes.txt"), "buy milk").unwrap();
     Picture::noise(6, Size::new(8, 9), 1).write(&at("other.zarr"));
-    for output in [at("thesis"), at("notes.txt"), job.pack.clone(), at("other.zarr")] {
+    fs::create_dir(at("packs")).unwrap();
+    let other = at("packs/other.lens.zarr");
+    assert!(Command::new("cp").arg("-r").args([&job.pack, &other]).status().unwrap().success());
+    for output in [at("thesis"), at("notes.txt"), other, at("other.zarr")] {
         let before = files(job.dir.path());
         for flags in [&["--overwrite"][..], &[]] {
             let ran = run(text(&job.chart), &output, text(&job.pack), flags);
@@ -54,7 +57,7 @@ fn overwrite_replaces_films_and_charts_only() {
     let array = format!("{}//film", text(&job.film));
     for chart in [text(&job.film), &array] {
         let ran = run(chart, &job.film, text(&job.pack), &["--overwrite"]);
-        assert_error_line(&ran, USAGE, &["film.zarr", "own chart"]);
+        assert_error_line(&ran, USAGE, &["film.zarr", "the chart"]);
         assert!(files(&job.film) == before, "the film changed although it was its own chart");
     }
 }

@@ -89,8 +89,8 @@ fn plan_with_invalid_output_leaves_the_film_unchanged() {
         (&["-o", text(&notes)][..], OTHER_JOB, "another file exists"),
         (&["-o", text(&job.at("a.json"))], OTHER_JOB, "another file exists"),
         (&["-o", text(&job.at("no/such/directory/job.json"))], USAGE, "no/such/directory"),
-        (&["-o", text(&job.film)], USAGE, "lies inside the film"),
-        (&["-o", text(&job.film.join("job.json"))], USAGE, "lies inside the film"),
+        (&["-o", text(&job.film)], USAGE, "lies in FILM"),
+        (&["-o", text(&job.film.join("job.json"))], USAGE, "lies in FILM"),
     ] {
         let ran = of(flags);
         assert_eq!(ran.code, code, "{flags:?}: {}", ran.stderr);
@@ -207,6 +207,6 @@ fn film_inside_its_lens_pack_exits_2() {
     let before = files(&pack);
     let film = pack.join("psf/film.zarr");
     let ran = common::run(text(&job.chart), &film, text(&pack), &[]);
-    assert!(ran.code == USAGE && ran.stderr.contains("lies inside its own lens pack"), "{}", ran.stderr);
+    assert!(ran.code == USAGE && ran.stderr.contains("lies in the lens"), "{}", ran.stderr);
     assert!(files(&pack) == before);
 }

@@ -63,10 +63,10 @@ fn bad_input_is_one_clear_error() {
     assert_exit(
         &sensor(&film, &inside, &with("example-2um", &["--exposure", "1ms"])),
         USAGE,
-        &["lies inside the other"],
+        &["lies in the film"],
     );
     let other = sensor(&film, &film, &with("example-2um", &["--exposure", "1ms"]));
-    assert_exit(&other, USAGE, &["lies inside the other"]);
+    assert_exit(&other, USAGE, &["is the film"]);
     std::fs::create_dir(place.at("mine")).unwrap();
     std::fs::write(place.at("mine/notes.txt"), "mine").unwrap();
     assert_exit(

@@ -101,6 +101,11 @@ pub fn is_set_of_pictures(spec: &str) -> bool {
     find::is_pattern(spec) || find::is_folder(Path::new(spec))
 }
 
+/// The files of a pattern of file names; `None` if `spec` is none, nothing if no file matches.
+pub fn files_of_pattern(spec: &str) -> Option<Vec<PathBuf>> {
+    find::is_pattern(spec).then(|| find::pictures(spec).map_or(Vec::new(), |found| found.paths))
+}
+
 /// Whether `path` is a TIFF file, by its first bytes.
 pub fn is_tiff(path: &Path) -> bool {
     path.is_file() && matches!(find::kind(path), Ok(find::Kind::Tiff))

@@ -24,6 +24,8 @@ mod npy_layout;
 mod open;
 mod samples;
 
+pub(super) use open::beside;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 

@@ -170,6 +170,15 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
+/// The other file of an ENVI pair: the data of a header, or the header of data.
+pub fn beside(path: &Path) -> Option<PathBuf> {
+    match () {
+        () if is_npy(path) => None,
+        () if is_envi_header(path) => envi::data_of(path),
+        () => envi::header_of(path),
+    }
+}
+
 /// The first bytes of a file, at most `limit`.
 fn read_start(path: &Path, limit: u64) -> Result<Vec<u8>, ChartError> {
     let mut bytes = Vec::new();

@@ -1,0 +1,140 @@
+//! The one check of a command's paths: no output is an input or another output, lies in one, or contains one.
+
+use super::place::{Place, Relation};
+use crate::failure::usage;
+use crate::open::is_builtin;
+use anyhow::Result;
+use formats::chart::files_of;
+use formats::durable::is_url;
+use std::path::{Path, PathBuf};
+
+/// Inputs and outputs of a command.
+#[derive(Debug, Default)]
+pub struct Guard {
+    inputs: Vec<Input>,
+    outputs: Vec<Output>,
+}
+
+/// A file or directory that is read.
+#[derive(Debug)]
+struct Input {
+    /// What it is, for messages.
+    what: &'static str,
+    /// As it was given.
+    given: String,
+    file: PathBuf,
+}
+
+/// A file or directory that is written.
+#[derive(Debug)]
+struct Output {
+    /// Flag or name of the position.
+    argument: &'static str,
+    path: PathBuf,
+}
+
+impl Guard {
+    /// Adds an input.
+    pub fn reads(self, what: &'static str, path: &Path) -> Self {
+        self.reads_as(what, &path.display().to_string(), [path.to_path_buf()])
+    }
+
+    /// Adds the files of an input that was given as `given`.
+    pub fn reads_as(
+        mut self,
+        what: &'static str,
+        given: &str,
+        files: impl IntoIterator<Item = PathBuf>,
+    ) -> Self {
+        let input = |file| Input { what, given: given.to_owned(), file };
+        self.inputs.extend(files.into_iter().map(input));
+        self
+    }
+
+    /// Adds a chart or a film with all of its files; nothing of `gen:KIND?…`.
+    pub fn reads_chart(self, what: &'static str, spec: &str) -> Self {
+        self.reads_as(what, spec, files_of(spec))
+    }
+
+    /// Adds a lens pack or a design; nothing of a built-in lens.
+    pub fn reads_lens(self, name: &str) -> Self {
+        if is_builtin(name) { self } else { self.reads("lens", Path::new(name)) }
+    }
+
+    /// Adds an output: `argument` is its flag or the name of its position.
+    pub fn writes(mut self, argument: &'static str, path: impl Into<PathBuf>) -> Self {
+        self.outputs.push(Output { argument, path: path.into() });
+        self
+    }
+
+    /// Adds the files `names` in a directory; other files there may be inputs.
+    pub fn writes_in(
+        self,
+        argument: &'static str,
+        directory: &Path,
+        names: impl IntoIterator<Item = impl AsRef<Path>>,
+    ) -> Self {
+        names.into_iter().fold(self, |guard, name| guard.writes(argument, directory.join(name)))
+    }
+
+    /// Adds an output that is optional.
+    pub fn may_write(self, argument: &'static str, path: Option<&PathBuf>) -> Self {
+        path.into_iter().fold(self, |guard, path| guard.writes(argument, path))
+    }
+
+    /// Fails (exit code 2) if an output is, lies in or contains an input or another output.
+    pub fn check(&self) -> Result<()> {
+        let inputs: Vec<Place> = self.inputs.iter().map(|input| Place::new(&input.file)).collect();
+        let outputs: Vec<Place> = self.outputs.iter().map(|output| Place::new(&output.path)).collect();
+        for (k, (output, place)) in self.outputs.iter().zip(&outputs).enumerate() {
+            for (input, other) in self.inputs.iter().zip(&inputs) {
+                if let Some(relation) = place.relation_to(other) {
+                    let part = match input.given == input.file.to_string_lossy()
+                        || input.given.split("//").next() == input.file.to_str()
+                    {
+                        true => String::new(),
+                        false => format!("{}, of ", input.file.display()),
+                    };
+                    let other = format!("{part}the {} {}", input.what, input.given);
+                    return Err(conflict(output, place, relation, &other, "which this command reads"));
+                }
+            }
+            for (earlier, other) in self.outputs.iter().zip(&outputs).take(k) {
+                if let Some(relation) = place.relation_to(other) {
+                    let other = format!("{} {}", earlier.argument, earlier.path.display());
+                    return Err(conflict(output, place, relation, &other, "which this command writes"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Paths of the inputs and of the outputs.
+    #[cfg(test)]
+    pub fn paths(&self) -> [Vec<&Path>; 2] {
+        [
+            self.inputs.iter().map(|input| &*input.file).collect(),
+            self.outputs.iter().map(|output| &*output.path).collect(),
+        ]
+    }
+}
+
+fn conflict(output: &Output, place: &Place, relation: Relation, other: &str, role: &str) -> anyhow::Error {
+    let relation = match relation {
+        Relation::Same => "is",
+        Relation::Inside => "lies in",
+        Relation::Around => "contains",
+        Relation::Linked => "is a hard link to a file of",
+    };
+    let Output { argument, path } = output;
+    let leads = match std::path::absolute(path) {
+        Ok(absolute) if absolute != place.path && !is_url(path) => {
+            format!(" (a link to {})", place.path.display())
+        }
+        _ => String::new(),
+    };
+    usage(format!(
+        "{argument} {}{leads} {relation} {other}, {role}; choose another path for {argument}",
+        path.display()
+    ))
+}

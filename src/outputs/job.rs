@@ -1,0 +1,24 @@
+//! Inputs and the film of a job.
+
+use super::guard::Guard;
+use crate::args::{DepthArgs, RunArgs};
+
+impl Guard {
+    /// Inputs and the film of a job.
+    pub fn of_job(args: &RunArgs) -> Self {
+        Self::default()
+            .reads_chart("chart", &args.chart)
+            .reads_surfaces(&args.surfaces)
+            .reads_lens(&args.lens)
+            .writes("FILM", &args.film)
+    }
+
+    /// Adds distances and hidden surfaces.
+    pub fn reads_surfaces(self, args: &DepthArgs) -> Self {
+        let is_path = |depth: &&String| *depth != "none" && depth.parse::<f64>().is_err();
+        let depth = args.depth.iter().filter(is_path);
+        let guard = depth.fold(self, |guard, depth| guard.reads_chart("depth array", depth));
+        let hidden = args.given_hidden().unwrap_or_default();
+        hidden.iter().fold(guard, |guard, group| guard.reads_chart("hidden surface", group))
+    }
+}
