@@ -4,6 +4,7 @@
 pub mod jsonl;
 
 use crate::args::ProgressArg;
+use crate::failure;
 use formats::durable::Sweep;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pipeline::executor::Progress;
@@ -74,8 +75,9 @@ pub fn error_line(line: impl AsRef<str>) {
 pub fn print(line: impl Display) {
     match writeln!(std::io::stdout(), "{line}") {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            error_line(format!("lenscube: writing the result: {e}"));
-            std::process::exit(i32::from(crate::failure::code::FAILED));
+            let error = anyhow::Error::from(e).context("writing the result");
+            error_line(format!("lenscube: {}", failure::line(&error)));
+            std::process::exit(failure::exit_code(&error).into());
         }
         _ => (),
     }

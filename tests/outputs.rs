@@ -209,3 +209,44 @@ fn fifo_as_lock_file_is_an_error_without_blocking() {
     std::fs::remove_file(&lock).unwrap();
     job.run("", &[]).ok();
 }
+
+#[test]
+fn full_disk_is_a_temporary_error_of_every_writer() {
+    let dir = tempfile::tempdir().unwrap();
+    let (chart, out) = (dir.path().join("chart.zarr"), dir.path().join("out"));
+    Picture::noise(3, Size::new(40, 50), 3).write(&chart);
+    std::fs::create_dir(&out).unwrap();
+    let measure = ["measure", text(&chart), "--profile", "0,0,30,30"];
+    let export = ["export", text(&chart)];
+    let at = |name: &str| text(&out.join(name)).to_owned();
+    for words in [
+        &[&export[..], &[&at("a.png")]].concat()[..],
+        &[&export[..], &[&at("a.png"), "--band", "450"]].concat(),
+        &[&export[..], &[&at("a.tif")]].concat(),
+        &[&export[..], &[&at("a.tif"), "--format", "tiff-bands"]].concat(),
+        &[&export[..], &[&at("a.exr")]].concat(),
+        &[&export[..], &[&at("a.npy")]].concat(),
+        &[&export[..], &[&at("a.hdr")]].concat(),
+        &[&measure[..], &["--plot", &at("a.png")]].concat(),
+        &[&measure[..], &["--plot", &at("a.svg"), "--csv", &at("a.csv"), "--json", &at("a.json")]].concat(),
+        &["lens", "convert", "double-gauss-28", &at("a.zmx")],
+    ] {
+        let faults = inject_at_every(&["write"], "28", &|fault| lenscube(fault, words), &mut |fault, ran| {
+            let end = if ran.stderr.contains("fault injected by") { 75 } else { 0 };
+            assert_eq!(ran.code, end, "{words:?}, {fault}: {}", ran.stderr);
+            assert_eq!(end == 75, ran.stderr.contains("no space left"), "{words:?}, {fault}: {}", ran.stderr);
+            assert_eq!(end == 75, files(&out).is_empty(), "{words:?}, {fault}");
+            files(&out).into_keys().for_each(|name| std::fs::remove_file(out.join(name)).unwrap());
+        });
+        assert!(faults >= 1, "{words:?}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(target_os = "linux"), ignore = "unavailable: no /dev/full")]
+fn full_disk_behind_standard_output_is_a_temporary_error() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let ran = CommandResult::new(&command.args(["lens", "list"]).stdout(full).output().unwrap());
+    common::assert_error_line(&ran, 75, &["writing the result", "No space left"]);
+}

@@ -27,6 +27,7 @@ mod fault;
 mod file_group;
 mod file_state;
 mod file_system;
+mod file_writer;
 mod handle;
 mod lock;
 mod objects;
@@ -51,6 +52,7 @@ pub(crate) use file_state::FileState;
 pub use file_system::{
     check_writable, create_directories, evict, free_bytes, link_target, parent_of, read_file_at_most,
 };
+pub use file_writer::FileWriter;
 pub use lock::{Lock, LockError, LockOwner, locks};
 pub use objects::{ObjectState, Objects};
 pub use process::ProcessIdentity;

@@ -30,7 +30,7 @@ pub fn write_exr<E: From<ExportError> + Send>(
 ) -> Result<(), E> {
     picture.check("OpenEXR", i32::MAX as usize)?;
     let file = AtomicFile::create(picture.path).map_err(ExportError::from)?;
-    let out = BufWriter::with_capacity(1 << 20, file.file());
+    let out = BufWriter::with_capacity(1 << 20, file.writer());
     // The encoder's error type cannot carry the caller's: it is stored here.
     let mut first_error = None;
     let headers = SmallVec::from_vec(vec![header(picture)]);

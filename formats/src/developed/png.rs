@@ -30,7 +30,7 @@ pub fn write_png<E: From<ExportError> + Send>(
 ) -> Result<(), E> {
     picture.check("PNG", i32::MAX as usize)?;
     let file = AtomicFile::create(picture.path).map_err(ExportError::from)?;
-    let mut out = BufWriter::with_capacity(1 << 20, file.file());
+    let mut out = BufWriter::with_capacity(1 << 20, file.writer());
     let failed = |e| E::from(ExportError::from(DurableError::io("write", picture.path, 0, e)));
     out.write_all(&header(picture)).map_err(failed)?;
     let strips = picture.strips();

@@ -91,7 +91,7 @@ impl Page<'_> {
         make: impl Fn(Range<usize>) -> Result<Vec<u8>, E> + Sync,
     ) -> Result<(), E> {
         let file = AtomicFile::create(self.path).map_err(ExportError::from)?;
-        let mut out = BufWriter::with_capacity(1 << 20, file.file());
+        let mut out = BufWriter::with_capacity(1 << 20, file.writer());
         match self.is_classic() {
             true => {
                 let encoder = TiffEncoder::new_generic(&mut out).map_err(|e| failed(self.path, e))?;

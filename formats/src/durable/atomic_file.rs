@@ -10,6 +10,7 @@ use rustix::fs::{Mode, OFlags};
 use super::error::DurableError;
 use super::fault;
 use super::file_system::{link_target, parent_of};
+use super::file_writer::FileWriter;
 use super::rename::{flush_directory, rename};
 use super::step::FileStep;
 use super::sweep::sweep_entries;
@@ -53,7 +54,7 @@ impl AtomicFile {
     /// Begins a file with contents `text`.
     pub fn with_text(path: &Path, text: &str) -> Result<Self, DurableError> {
         let created = Self::create(path)?;
-        let written = created.file().write_all(text.as_bytes());
+        let written = created.writer().write_all(text.as_bytes());
         written.map_err(|e| DurableError::io("write", path, text.len() as u64, e))?;
         Ok(created)
     }
@@ -61,6 +62,11 @@ impl AtomicFile {
     /// The open file, empty at first.
     pub fn file(&self) -> &File {
         &self.file
+    }
+
+    /// A writer into the file, from where the last one ended.
+    pub fn writer(&self) -> FileWriter<'_> {
+        FileWriter::new(&self.file)
     }
 
     /// Flushes the file to the disk and renames it to its final path.

@@ -78,7 +78,7 @@ pub fn write_exr(
 ) -> Result<Written, ExportError> {
     let (header, order) = header(path, samples, options)?;
     let file = AtomicFile::create(path)?;
-    let out = BufWriter::with_capacity(1 << 20, file.file());
+    let out = BufWriter::with_capacity(1 << 20, file.writer());
     // The encoder's error type cannot carry an ExportError: it is stored here.
     let mut first_error = None;
     let mut missing = 0;

@@ -4,7 +4,7 @@
 //! complete under temporary names before they are renamed, the header last ([`finish_together`]): until then an existing pair is
 //! unchanged, and a header is never beside the data of another export. Each thread reads a strip of rows of one band at a time.
 
-use std::os::unix::fs::FileExt;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use pipeline::geometry::Rect;
@@ -88,7 +88,8 @@ fn write_samples(
 ) -> Result<(AtomicFile, Written), ExportError> {
     let file = AtomicFile::create(path)?;
     let failed = |bytes: usize| move |e| DurableError::io("write", path, bytes as u64, e);
-    file.file().write_all_at(head, 0).map_err(failed(head.len()))?;
+    let mut out = file.writer();
+    out.write_all(head).map_err(failed(head.len()))?;
     let (all, strips) = (samples.rect, samples.strips());
     let total = (samples.bands() * all.size().pixels()) as u64;
     let mut written = Written { bytes: head.len() as u64, missing: 0 };
@@ -101,7 +102,7 @@ fn write_samples(
         Ok::<_, ExportError>((bytes, missing))
     };
     in_order(samples.bands() * strips.len(), samples.threads, make, |_, (bytes, missing)| {
-        file.file().write_all_at(&bytes, written.bytes).map_err(failed(bytes.len()))?;
+        out.write_all(&bytes).map_err(failed(bytes.len()))?;
         written.bytes += bytes.len() as u64;
         written.missing += missing;
         progress((written.bytes - head.len() as u64) / 4, total);

@@ -51,7 +51,7 @@ pub fn write_bands(
         .max((all.height * bands).div_ceil(MAX_STRIPS))
         .clamp(1, all.height.max(1));
     let file = AtomicFile::create(path)?;
-    let mut out = BufWriter::with_capacity(1 << 20, file.file());
+    let mut out = BufWriter::with_capacity(1 << 20, file.writer());
     let mut encoder = TiffEncoder::new_big(&mut out).map_err(|e| failed(path, e))?;
     let mut picture = encoder.image_directory().map_err(|e| failed(path, e))?;
     let read_strips = samples.strips();

@@ -1,11 +1,10 @@
 //! Atomic writing of PNG and TIFF files: temporary name in the same folder → write → fsync → rename.
 
-use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use super::PictureError;
-use crate::durable::AtomicFile;
+use crate::durable::{AtomicFile, FileWriter};
 use pipeline::geometry::Size;
 use tiff::encoder::colortype::ColorType;
 
@@ -15,13 +14,21 @@ const CHUNK_BYTES: usize = 1 << 16;
 /// A temporary file filled by `fill`; [`AtomicFile::finish`] renames it.
 fn temporary_file<T>(
     path: &Path,
-    fill: impl FnOnce(&mut BufWriter<&File>) -> Result<T, PictureError>,
+    fill: impl FnOnce(&mut BufWriter<FileWriter<'_>>) -> Result<T, PictureError>,
 ) -> Result<(AtomicFile, T), PictureError> {
     let file = AtomicFile::create(path)?;
-    let mut out = BufWriter::new(file.file());
-    let done = fill(&mut out)?;
-    out.into_inner().map_err(|e| PictureError::Write { path: path.to_owned(), source: e.into_error() })?;
-    Ok((file, done))
+    let mut out = BufWriter::new(file.writer());
+    let filled = fill(&mut out).and_then(|done| {
+        out.flush().map_err(|source| PictureError::Write { path: path.to_owned(), source }).map(|()| done)
+    });
+    // The error of the system first: encoders make a text of it.
+    let error = out.get_ref().error(path);
+    drop(out);
+    match (filled, error) {
+        (Ok(done), _) => Ok((file, done)),
+        (Err(_), Some(error)) => Err(error.into()),
+        (Err(error), None) => Err(error),
+    }
 }
 
 /// A side in pixels, at most `max`.
