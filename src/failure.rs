@@ -1,5 +1,6 @@
 //! Errors of the command: one line for the user, one exit code for scripts.
 
+use crate::file_size;
 use formats::chart::{ChartError, WriteError};
 use formats::durable::{self, DurableError, LockError};
 use formats::export::ExportError;
@@ -11,7 +12,7 @@ use std::error::Error;
 
 /// Exit codes; documented in `--help`, stable.
 pub mod code {
-    /// The command failed.
+    /// The command failed. Also where a file would exceed the limit of `ulimit -f`: the same command fails until that is raised.
     pub const FAILED: u8 = 1;
     /// The command line is not valid.
     pub const USAGE: u8 = 2;
@@ -78,7 +79,7 @@ pub fn line(error: &anyhow::Error) -> String {
     text(error).chars().map(escaped).collect()
 }
 
-/// The error and its causes; a cause that an outer error contains is not repeated.
+/// The error and its causes, and what to do about a file that is too large; a cause that an outer error contains is not repeated.
 pub fn text(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -86,6 +87,9 @@ pub fn text(error: &anyhow::Error) -> String {
             let colon = if line.is_empty() { "" } else { ": " };
             line = format!("{line}{colon}{cause}");
         }
+    }
+    if let Some(advice) = file_size::advice(error) {
+        line = format!("{line}; {advice}");
     }
     line
 }

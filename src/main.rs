@@ -14,6 +14,7 @@ mod device_check;
 mod engine;
 mod export;
 mod failure;
+mod file_size;
 mod film_engine;
 mod import;
 mod interrupt;
@@ -45,6 +46,7 @@ use progress::{Verbosity, error_line, set_verbosity};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    file_size::catch_signal();
     // First of all, so that no message or file repeats a URL with credentials.
     if let Err(error) = args::check_urls(std::env::args_os().skip(1)) {
         return report(&error);

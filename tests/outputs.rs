@@ -243,6 +243,31 @@ fn full_disk_is_a_temporary_error_of_every_writer() {
 }
 
 #[test]
+fn limit_of_file_sizes_is_an_error_that_names_limit_and_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let (chart, out) = (dir.path().join("chart.zarr"), dir.path().join("out"));
+    Picture::noise(3, Size::new(200, 200), 3).write(&chart);
+    std::fs::create_dir(&out).unwrap();
+    for (name, flags) in [
+        ("a.png", &[][..]),
+        ("a.tif", &[]),
+        ("b.tif", &["--format", "tiff-bands"]),
+        ("a.exr", &[]),
+        ("a.npy", &[]),
+        ("a.hdr", &[]),
+    ] {
+        let file = out.join(name);
+        let script = "ulimit -f 8; exec \"$0\" \"$@\"";
+        let mut command = Command::new("sh");
+        command.args(["-c", script, env!("CARGO_BIN_EXE_lenscube"), "export", text(&chart), text(&file)]);
+        let ran = CommandResult::new(&command.args(flags).output().unwrap());
+        let named = if name == "a.hdr" { out.join("a.bsq") } else { file };
+        common::assert_error_line(&ran, 1, &[text(&named), "(ulimit -f) of ", " bytes is reached"]);
+        assert!(files(&out).is_empty(), "{name}");
+    }
+}
+
+#[test]
 #[cfg_attr(not(target_os = "linux"), ignore = "unavailable: no /dev/full")]
 fn full_disk_behind_standard_output_is_a_temporary_error() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
