@@ -1,11 +1,13 @@
 //! Decoding of Zarr chunks with a bound on the memory that each decompressor may allocate.
 //!
 //! zarrs allocates what a compressed chunk declares or decodes to: a zstd frame of 1 MB can declare 32 GB. Here the output of each
-//! decompressor is limited to the size that the array's metadata imply at its position in the codec chain:
+//! decompressor is limited to the size that the array's metadata imply. The first compression decodes to n bytes, the samples; one above
+//! another, whose overhead depends on its encoder, to at most n + n/4 + 64 KiB, at any position: bounds of zarrs grow by 14 % with each
+//! gzip. A chain has at most [`MAX_CODECS`] codecs.
 //!
 //! | codec | bound |
 //! |---|---|
-//! | zstd | the buffer's size; a frame that needs more is an error (RFC 8878) |
+//! | zstd | the buffer's size if it is known; else reading stops one byte beyond the bound (RFC 8878) |
 //! | gzip, zlib | reading stops one byte beyond the bound (RFC 1952, RFC 1950) |
 //! | blosc | `nbytes` of the header, checked first (README_CHUNK_FORMAT: u32 LE at 4); the library limits its inner codecs to it |
 //! | crc32c, shuffle | output not longer than the input |
@@ -24,6 +26,11 @@ use zarrs::array::codec::{
     ZstdCodec,
 };
 use zarrs::array::{ArrayToBytesCodecTraits, BytesRepresentation, CodecOptions, DataType, FillValue};
+
+/// Maximum number of codecs of a chain, array codecs and checksums included; chains in use have up to 5.
+pub(crate) const MAX_CODECS: usize = 16;
+/// Maximum compression ratio of deflate (zlib.net/zlib_tech.html).
+const MAX_DEFLATE_RATIO: usize = 1032;
 
 /// The codecs of an array's chunks, for decoding.
 #[derive(Debug)]
@@ -56,8 +63,12 @@ impl BoundedChain {
     /// A decoder for `chain`.
     ///
     /// # Errors
-    /// A description of the first codec whose output cannot be bounded.
+    /// A description of the first codec whose output cannot be bounded, or of a chain that is too long.
     pub(crate) fn new(chain: &CodecChain) -> Result<Self, String> {
+        let codecs = chain.array_to_array_codecs().len() + 1 + chain.bytes_to_bytes_codecs().len();
+        if codecs > MAX_CODECS {
+            return Err(format!("a chain of {codecs} codecs, more than the maximum of {MAX_CODECS}"));
+        }
         let bytes = chain.array_to_bytes_codec();
         let any = bytes.as_any();
         if !(any.is::<BytesCodec>() || any.is::<PackBitsCodec>()) {
@@ -98,13 +109,14 @@ impl BoundedChain {
         fill: &FillValue,
     ) -> Result<Vec<u8>, String> {
         let mut size = self.array.encoded_representation(shape, t, fill).map_err(|e| e.to_string())?;
+        let samples = size.size().ok_or("samples without a maximum size")?;
         let mut steps = Vec::with_capacity(self.compression.len());
         for (kind, codec) in &self.compression {
-            steps.push((*kind, codec, size));
+            steps.push((*kind, codec, size, Bound::of(&size, samples)?));
             size = codec.encoded_representation(&size);
         }
-        for (kind, codec, size) in steps.into_iter().rev() {
-            bytes = Cow::Owned(undo_codec(kind, codec.as_ref(), bytes, &size)?);
+        for (kind, codec, size, bound) in steps.into_iter().rev() {
+            bytes = Cow::Owned(undo_codec(kind, codec.as_ref(), bytes, &size, bound)?);
         }
         self.array
             .decode(bytes, shape, t, fill, &single_threaded())
@@ -131,26 +143,25 @@ pub(crate) fn single_threaded() -> CodecOptions {
     CodecOptions::default().with_concurrent_target(1).with_chunk_concurrent_minimum(1)
 }
 
-/// Decodes the output of one codec; `size` is the size of its encoder's input.
+/// Decodes the output of one codec; `size` is the size of its encoder's input, within `bound`.
 fn undo_codec(
     kind: Kind,
     codec: &dyn BytesToBytesCodecTraits,
     bytes: Cow<'_, [u8]>,
     size: &BytesRepresentation,
+    bound: Bound,
 ) -> Result<Vec<u8>, String> {
-    let bound = match *size {
-        BytesRepresentation::FixedSize(bytes) => Bound { bytes, exact: true },
-        // The input of this codec was another codec's output, whose overhead depends on the encoder.
-        BytesRepresentation::BoundedSize(bytes) => {
-            Bound { bytes: bytes.saturating_add(bytes / 4).saturating_add(64 << 10), exact: false }
-        }
-        BytesRepresentation::UnboundedSize => return Err("a codec without a maximum size".into()),
-    };
     let limit = usize::try_from(bound.bytes).map_err(|_| format!("a chunk of {} bytes", bound.bytes))?;
     let decoded = match kind {
-        Kind::Zstd => zstd::bulk::decompress(&bytes, limit).map_err(|e| format!("{e}; {bound}"))?,
-        Kind::Gzip => inflate(flate2::read::GzDecoder::new(&*bytes), limit)?,
-        Kind::Zlib => inflate(flate2::read::ZlibDecoder::new(&*bytes), limit)?,
+        Kind::Zstd if bound.exact => {
+            zstd::bulk::decompress(&bytes, limit).map_err(|e| format!("{e}; {bound}"))?
+        }
+        Kind::Zstd => {
+            let decoder = zstd::stream::read::Decoder::with_buffer(&*bytes).map_err(|e| e.to_string())?;
+            read_at_most(decoder, limit, 0)?
+        }
+        Kind::Gzip => read_at_most(flate2::read::GzDecoder::new(&*bytes), limit, inflated_at_most(&bytes))?,
+        Kind::Zlib => read_at_most(flate2::read::ZlibDecoder::new(&*bytes), limit, inflated_at_most(&bytes))?,
         Kind::Blosc => {
             let field = bytes.get(4..8).and_then(|b| b.first_chunk().copied());
             let claimed = u64::from(u32::from_le_bytes(field.ok_or("it is too short for a blosc header")?));
@@ -165,14 +176,32 @@ fn undo_codec(
     Ok(decoded)
 }
 
-/// The complete output of `decoder`, truncated to `limit` + 1 bytes.
-fn inflate(decoder: impl Read, limit: usize) -> Result<Vec<u8>, String> {
-    let mut decoded = Vec::with_capacity(limit);
+/// The complete output of `decoder`, truncated to `limit` + 1 bytes. The buffer has `expected` bytes, at most `limit`, and grows while
+/// more is read.
+fn read_at_most(decoder: impl Read, limit: usize, expected: usize) -> Result<Vec<u8>, String> {
+    let mut decoded = Vec::with_capacity(limit.min(expected));
     decoder.take(limit as u64 + 1).read_to_end(&mut decoded).map_err(|e| e.to_string())?;
     Ok(decoded)
 }
 
+/// Bytes that deflated data can decode to.
+fn inflated_at_most(deflated: &[u8]) -> usize {
+    deflated.len().saturating_mul(MAX_DEFLATE_RATIO)
+}
+
 impl Bound {
+    /// Of a codec whose encoder's input has `size`, in a chain whose samples take `samples` bytes.
+    fn of(size: &BytesRepresentation, samples: u64) -> Result<Self, String> {
+        match *size {
+            BytesRepresentation::FixedSize(bytes) => Ok(Self { bytes, exact: true }),
+            // The input was another codec's output, whose overhead depends on the encoder.
+            BytesRepresentation::BoundedSize(_) => {
+                Ok(Self { bytes: samples.saturating_add(samples / 4).saturating_add(64 << 10), exact: false })
+            }
+            BytesRepresentation::UnboundedSize => Err("a codec without a maximum size".into()),
+        }
+    }
+
     fn check(&self, found: u64) -> Result<(), String> {
         match found == self.bytes || (found < self.bytes && !self.exact) {
             true => Ok(()),

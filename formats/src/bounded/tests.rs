@@ -101,6 +101,50 @@ fn bomb_below_a_second_compression_is_an_error() {
 }
 
 #[test]
+fn chain_is_decoded_up_to_the_maximum_length_and_rejected_beyond() {
+    let gzip = json!({"name": "gzip", "configuration": {"level": 1}});
+    let of = |compressions: usize| -> Value {
+        [vec![little_endian()], vec![gzip.clone(); compressions]].concat().into()
+    };
+    let samples: Vec<u8> = (0..SAMPLES).flat_map(|k| (k as f32).sqrt().to_ne_bytes()).collect();
+    let shape = [NonZeroU64::new(SAMPLES).unwrap()];
+    let (t, fill) = (data_type::float32(), FillValue::from(0f32));
+    let longest = of(MAX_CODECS - 1);
+    let array = zarrs::array::ArrayBytes::new_flen(samples.clone());
+    let encoded = chain(longest.clone()).encode(array, &shape, &t, &fill, &single_threaded()).unwrap();
+    assert_eq!(decode(&longest, &encoded).unwrap(), samples);
+    for compressions in [MAX_CODECS, 150] {
+        let error = decode(&of(compressions), &encoded).unwrap_err();
+        assert!(
+            error.contains(&format!("{} codecs", compressions + 1)) && error.contains("of 16"),
+            "{error}"
+        );
+    }
+    let transpose = json!({"name": "transpose", "configuration": {"order": [0]}});
+    let error = decode(&[vec![transpose; 16], vec![little_endian()]].concat().into(), &[]).unwrap_err();
+    assert!(error.contains("17 codecs"), "{error}");
+}
+
+/// The bound of an inner compression is the same at each position.
+#[test]
+fn output_below_a_chain_of_compressions_is_bounded_by_the_samples() {
+    let gzip = json!({"name": "gzip", "configuration": {"level": 1}});
+    let zstd = json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}});
+    let bound = SAMPLES * 4 + SAMPLES + (64 << 10);
+    for compressions in [1, MAX_CODECS - 2] {
+        for (outer, bomb) in
+            [(&gzip, bombs::gzip_zeros(8 << 20)), (&zstd, bombs::zstd_without_content_size(1 << 16))]
+        {
+            let inner = vec![gzip.clone(); compressions];
+            let codecs = [vec![little_endian()], inner, vec![outer.clone()]].concat().into();
+            let error = decode(&codecs, &bomb).unwrap_err();
+            let expected = format!("decodes to {} bytes or more, expected at most {bound}", bound + 1);
+            assert!(error.contains(&expected), "{compressions}: {error}");
+        }
+    }
+}
+
+#[test]
 fn nested_shards_are_rejected() {
     let index = json!([little_endian(), {"name": "crc32c"}]);
     let shard = json!({"name": "sharding_indexed", "configuration": {

@@ -27,7 +27,8 @@ const V3: [Codec; 4] = [Codec::None, Codec::Zstd, Codec::Gzip, Codec::Blosc];
 
 struct Store {
     path: PathBuf,
-    codec: Codec,
+    /// In the order of encoding.
+    codecs: Vec<Codec>,
     /// Bytes of a sample.
     bytes: usize,
     checksum: bool,
@@ -36,23 +37,24 @@ struct Store {
     v2: bool,
 }
 
-fn codecs(codec: Codec, bytes: usize, checksum: bool) -> Vec<Value> {
+fn codecs(codecs: &[Codec], bytes: usize, checksum: bool) -> Vec<Value> {
     let mut list = vec![json!({"name": "bytes", "configuration": {"endian": "little"}})];
-    list.extend(match codec {
+    list.extend(codecs.iter().filter_map(|codec| match codec {
         Codec::None | Codec::Zlib => None,
         Codec::Zstd => Some(json!({"name": "zstd", "configuration": {"level": 1, "checksum": false}})),
         Codec::Gzip => Some(json!({"name": "gzip", "configuration": {"level": 1}})),
         Codec::Blosc => Some(json!({"name": "blosc", "configuration":
             {"typesize": bytes, "cname": "zstd", "clevel": 1, "shuffle": "noshuffle", "blocksize": 0}})),
-    });
+    }));
     list.extend(checksum.then(|| json!({"name": "crc32c"})));
     list
 }
 
 impl Store {
-    fn v3(root: &Path, codec: Codec, bytes: usize, checksum: bool, sharded: Option<bool>) -> Self {
-        let path = root.join(format!("v3-{codec:?}-{bytes}-{checksum}-{sharded:?}"));
-        let inner = codecs(codec, bytes, checksum);
+    fn v3(root: &Path, chain: &[Codec], bytes: usize, checksum: bool, sharded: Option<bool>) -> Self {
+        let names: String = chain.iter().map(|codec| format!("-{codec:?}")).collect();
+        let path = root.join(format!("v3{names}-{bytes}-{checksum}-{sharded:?}"));
+        let inner = codecs(chain, bytes, checksum);
         let codecs = match sharded {
             None => json!(inner),
             Some(first) => json!([{"name": "sharding_indexed", "configuration": {
@@ -69,7 +71,7 @@ impl Store {
         });
         fs::create_dir_all(path.join("c/0/0")).unwrap();
         fs::write(path.join("zarr.json"), metadata.to_string()).unwrap();
-        Self { path, codec, bytes, checksum, sharded, v2: false }
+        Self { path, codecs: chain.to_vec(), bytes, checksum, sharded, v2: false }
     }
 
     fn v2(root: &Path, codec: Codec) -> Self {
@@ -90,7 +92,7 @@ impl Store {
         fs::create_dir_all(&path).unwrap();
         fs::write(path.join(".zarray"), metadata.to_string()).unwrap();
         fs::write(path.join(".zattrs"), r#"{"wavelengths_nm": [550]}"#).unwrap();
-        Self { path, codec, bytes: 4, checksum: false, sharded: None, v2: true }
+        Self { path, codecs: vec![codec], bytes: 4, checksum: false, sharded: None, v2: true }
     }
 
     fn chunk_file(&self) -> PathBuf {
@@ -98,14 +100,16 @@ impl Store {
     }
 
     fn encode(&self, count: usize, bombs: &Bombs, r: &mut Random) -> Vec<u8> {
-        let data = samples(count, self.bytes, r);
-        let mut out = match self.codec {
-            Codec::None => data,
-            Codec::Zstd => zstd(&data, r),
-            Codec::Gzip => bombs.gzip(&data, r),
-            Codec::Zlib => bombs.zlib(&data, r),
-            Codec::Blosc => blosc(&data, self.bytes, r),
-        };
+        let mut out = samples(count, self.bytes, r);
+        for codec in &self.codecs {
+            out = match codec {
+                Codec::None => out,
+                Codec::Zstd => zstd(&out, r),
+                Codec::Gzip => bombs.gzip(&out, r),
+                Codec::Zlib => bombs.zlib(&out, r),
+                Codec::Blosc => blosc(&out, self.bytes, r),
+            };
+        }
         if self.checksum {
             let sum = crc32c(&out);
             out.extend(sum.to_le_bytes());
@@ -144,11 +148,18 @@ fn damaged_chart_chunks_do_not_panic() {
     let mut stores = Vec::new();
     for codec in V3 {
         for bytes in [2, 4, 8] {
-            stores.push(Store::v3(dir.path(), codec, bytes, bytes == 8, None));
+            stores.push(Store::v3(dir.path(), &[codec], bytes, bytes == 8, None));
         }
         for (checksum, first) in [(false, false), (true, true)] {
-            stores.push(Store::v3(dir.path(), codec, 4, checksum, Some(first)));
+            stores.push(Store::v3(dir.path(), &[codec], 4, checksum, Some(first)));
         }
+    }
+    // Compressions above others, up to the maximum length of a chain.
+    for chain in
+        [&[Codec::Gzip, Codec::Zstd][..], &[Codec::Zstd, Codec::Blosc, Codec::Gzip], &[Codec::Gzip; 15]]
+    {
+        stores.push(Store::v3(dir.path(), chain, 4, false, None));
+        stores.push(Store::v3(dir.path(), &chain[1..], 4, true, Some(false)));
     }
     stores.extend(
         [Codec::None, Codec::Zstd, Codec::Gzip, Codec::Zlib, Codec::Blosc].map(|c| Store::v2(dir.path(), c)),

@@ -12,7 +12,7 @@ use zarrs::array::{
 use zarrs::metadata_ext::codec::sharding::{ShardingCodecConfigurationV1, ShardingIndexLocation};
 
 use super::{Layout, ShardIndex};
-use crate::bounded::BoundedChain;
+use crate::bounded::{BoundedChain, MAX_CODECS};
 use crate::chart::axes::AxisOrder;
 use crate::chart::conventions;
 use crate::chart::error::ChartError;
@@ -84,8 +84,10 @@ impl Layout {
             ));
         }
         let bounded = |chain: &CodecChain| {
-            let expected = "bytes (and transpose) under zstd, gzip, zlib, blosc, shuffle and crc32c";
-            BoundedChain::new(chain).map_err(|found| invalid("codecs", expected, found))
+            let expected = format!(
+                "bytes (and transpose) under zstd, gzip, zlib, blosc, shuffle and crc32c, at most {MAX_CODECS} in all"
+            );
+            BoundedChain::new(chain).map_err(|found| invalid("codecs", &expected, found))
         };
         let (mut chunk_shape, mut chain, mut index) = (file_shape.clone(), None, None);
         if let ArrayMetadata::V3(m) = array.metadata()

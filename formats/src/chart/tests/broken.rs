@@ -1,6 +1,7 @@
 //! Invalid, damaged and incomplete stores: an error each, never a panic.
 
 use super::*;
+use serde_json::Value;
 
 fn with_nan(policy: NanPolicy) -> ChartOptions {
     ChartOptions { nan: policy, ..ChartOptions::default() }
@@ -55,6 +56,37 @@ fn oversized_shapes_are_an_error_before_memory_is_allocated() {
     let (_dir, path) = copied("v3-index-first");
     edit(&path, |s| s.replace("32,", "2000000000000000,"));
     assert!(open_error(&path).to_string().contains("inner chunks"));
+}
+
+#[test]
+fn chain_of_too_many_codecs_is_an_error_before_memory_is_allocated() {
+    let gzip = r#"{"name": "gzip", "configuration": {"level": 1}}"#;
+    let many = |count: usize| [gzip].repeat(count).join(", ");
+    let expect = |path: &Path, count: &str| {
+        let e = open_error(path).to_string();
+        assert!(e.contains("array") && e.contains(count) && e.contains("at most 16 in all"), "{e}");
+    };
+    // An array without shards, the inner chunks of a shard, its index.
+    for (name, file, list) in [
+        ("v3-bip-zstd", "zarr.json", "/codecs"),
+        ("v3-sharded", "chart/zarr.json", "/codecs/0/configuration/codecs"),
+        ("v3-sharded", "chart/zarr.json", "/codecs/0/configuration/index_codecs"),
+    ] {
+        let (_dir, path) = copied(name);
+        let mut json: Value = serde_json::from_slice(&std::fs::read(path.join(file)).unwrap()).unwrap();
+        let codecs = json.pointer_mut(list).and_then(Value::as_array_mut).unwrap();
+        let (more, length) = (format!("[{}]", many(150)), codecs.len() + 150);
+        codecs.extend(serde_json::from_str::<Vec<Value>>(&more).unwrap());
+        std::fs::write(path.join(file), json.to_string()).unwrap();
+        expect(&path, &format!("{length} codecs"));
+    }
+    // Filters and compressor of format 2.
+    let (_dir, path) = copied("v2-big-endian-fortran");
+    let mut json: Value = serde_json::from_slice(&std::fs::read(path.join(".zarray")).unwrap()).unwrap();
+    let shuffle = serde_json::json!({"id": "shuffle", "elementsize": 4});
+    json["filters"] = vec![shuffle; 150].into();
+    std::fs::write(path.join(".zarray"), json.to_string()).unwrap();
+    expect(&path, "codecs");
 }
 
 #[test]
