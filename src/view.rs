@@ -8,6 +8,7 @@ mod image_pyramid;
 mod lens;
 mod mosaic;
 mod query;
+mod server;
 
 use crate::args::ViewArgs;
 use crate::job;
@@ -51,24 +52,20 @@ async fn serve(content: Content, args: &ViewArgs, threads: usize) -> Result<()> 
     let url = format!("http://127.0.0.1:{port}/");
     let state = Arc::new(ServerState::new(content, port, threads));
     let mut signals = signals().context("listening for Ctrl-C")?;
-    let (shutdown, shutdown_requested) = tokio::sync::oneshot::channel::<()>();
-    let server = axum::serve(listener, handlers::router(state.clone())).with_graceful_shutdown(async {
-        // A dropped sender requests the shutdown as well.
-        let _ = shutdown_requested.await;
-    });
+    let (shutdown, stopping) = tokio::sync::watch::channel(());
+    let router = handlers::router(state.clone());
+    let mut serving = tokio::spawn(server::serve(listener, router, stopping));
     print(&url);
     log_line("stop with Ctrl-C");
     if args.open {
         open_browser(&url);
     }
-    let mut serving = tokio::spawn(server.into_future());
     tokio::select! {
-        failed = &mut serving => return Ok(failed.context("serving the page")??),
+        ended = &mut serving => return ended.context("serving the page"),
         _ = signals.recv() => (),
     }
     state.stop();
-    let _ = shutdown.send(());
-    // Browsers keep idle connections open.
+    drop(shutdown);
     let _ = tokio::time::timeout(SHUTDOWN_TIMEOUT, serving).await;
     Ok(())
 }

@@ -22,7 +22,20 @@ struct Server {
 impl Server {
     fn start(words: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
-        command.arg("view").args(words).stdout(Stdio::piped()).stderr(Stdio::null());
+        command.arg("view").args(words);
+        Self::start_as(command)
+    }
+
+    /// With at most `descriptors` open files.
+    fn start_with_descriptors(words: &[&str], descriptors: usize) -> Self {
+        let mut command = Command::new("sh");
+        let limited = format!("ulimit -n {descriptors} && exec \"$0\" view \"$@\"");
+        command.args(["-c", &limited, env!("CARGO_BIN_EXE_lenscube")]).args(words);
+        Self::start_as(command)
+    }
+
+    fn start_as(mut command: Command) -> Self {
+        command.stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
         let mut url = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
@@ -178,6 +191,32 @@ fn invalid_paths_and_parameters_return_4xx() {
     assert_eq!(server.get("/api/pixel?x=705&y=0").0, 400);
     assert_eq!(server.get(&format!("/api/pixel?x={}&y=0", "9".repeat(5000))).0, 400);
     assert!((400..500).contains(&server.get(&format!("/{}", "a".repeat(70_000))).0));
+}
+
+#[test]
+fn connections_without_a_complete_request_do_not_block_others() {
+    let job = film();
+    let server = Server::start_with_descriptors(&[text(&job.film)], 40);
+    let connect = |sent: &str| {
+        let mut stream = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
+        stream.write_all(sent.as_bytes()).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        stream
+    };
+    // More than the server may open: silent ones, parts of a head, and idle ones after a complete request.
+    let host = format!("Host: 127.0.0.1:{}\r\n", server.port);
+    let head = format!("GET / HTTP/1.1\r\n{host}");
+    let complete = format!("GET /icon.svg HTTP/1.1\r\n{host}\r\n");
+    let held: Vec<TcpStream> = (0..48).map(|n| connect([&complete, "", "GET /", &head][n % 4])).collect();
+    for path in ["/", "/api/content", "/tile/film/0/0_0.png?band=0&exposure=1&gamma=1"] {
+        assert_eq!(server.get(path).0, 200, "{path}");
+    }
+    // The server has closed them, also those that nothing was sent to.
+    for mut stream in held {
+        let mut answer = Vec::new();
+        let ended = stream.read_to_end(&mut answer).map_err(|e| e.kind());
+        assert!(ended.is_ok() || ended == Err(std::io::ErrorKind::ConnectionReset), "{ended:?}");
+    }
 }
 
 #[test]
