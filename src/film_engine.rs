@@ -24,7 +24,12 @@ pub fn existing(path: &Path, overwrite: bool) -> Result<Option<FilmStore>> {
     match FilmStore::open(path, true) {
         Ok(store) => Ok(Some(store)),
         // These errors are reported where the film is opened.
-        Err(GroupError::NotOfKind { .. } | GroupError::Damaged { .. } | GroupError::Spec { .. }) => Ok(None),
+        Err(
+            GroupError::NotOfKind { .. }
+            | GroupError::Damaged { .. }
+            | GroupError::ArrayMetadata { .. }
+            | GroupError::Spec { .. },
+        ) => Ok(None),
         Err(e) => Err(e.into()),
     }
 }

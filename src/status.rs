@@ -19,9 +19,19 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// As described; the store cannot be read.
 pub fn open(path: &Path) -> Result<FilmStore> {
-    FilmStore::open(path, true).map_err(|e| {
+    opened(FilmStore::open(path, true))
+}
+
+/// As [`open`], of a film that was opened otherwise.
+///
+/// # Errors
+/// As [`open`].
+pub fn opened(film: Result<FilmStore, GroupError>) -> Result<FilmStore> {
+    film.map_err(|e| {
         let code = match &e {
-            GroupError::Damaged { .. } | GroupError::Attributes { .. } => code::WRONG,
+            GroupError::Damaged { .. } | GroupError::ArrayMetadata { .. } | GroupError::Attributes { .. } => {
+                code::WRONG
+            }
             GroupError::NotOfKind { .. } => code::FAILED,
             _ => return e.into(),
         };

@@ -1,5 +1,6 @@
 //! `lenscube verify`: reads a complete film, checks its shards and attributes, and lists what is wrong.
 
+pub mod repair;
 pub mod verdict;
 
 use crate::args::VerifyArgs;
@@ -9,18 +10,18 @@ use crate::progress::{counting, log_line, plural, print};
 use crate::run::film::{digest, layout, lock_all};
 use crate::status;
 use anyhow::Result;
-use formats::durable::{DurableError, Lock, fault_point, remove_temp};
+use formats::durable::fault_point;
 use formats::film::FilmStore;
-use formats::group::{Finding, JobGroup, VerifyReport};
-use serde_json::{Value, json};
-use verdict::Repair;
+use formats::group::{Finding, VerifyReport};
+use repair::{Repair, Target};
+use serde_json::{Map, Value, json};
 
 /// Runs the command; the exit code.
 pub fn command(args: &VerifyArgs) -> Result<u8> {
     if let Some(code) = crate::sensor::check::verify(args)? {
         return Ok(code);
     }
-    let store = status::open(&args.film)?;
+    let store = status::opened(FilmStore::open_to_verify(&args.film, true))?;
     // No run may write meanwhile the files that would be removed.
     let locks = if args.repair { lock_all(&args.film, args.take_over)? } else { Vec::new() };
     store.group().check_in_place()?;
@@ -30,8 +31,14 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     bar.finish_and_clear();
     let mut verdict = verdict?;
     fault_point("verified");
-    verdict.findings.extend(check_digests(&store));
-    let repair = if args.repair { Some(repair(&store, &verdict, &locks)?) } else { None };
+    verdict.findings.extend(check_digests(store.provenance(), &layout(store.spec())));
+    verdict.findings.extend(check_keep_bits(&store));
+    let target = Target {
+        group: store.group(),
+        remove_bad: &|key| store.remove_bad(key),
+        restore: &|key| store.restore(key),
+    };
+    let repair = args.repair.then(|| repair::repair(&target, &verdict, &locks)).transpose()?;
     drop(locks);
     let engines = store.engines()?;
     match args.json {
@@ -43,59 +50,25 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     Ok(if verdict.findings.is_empty() { 0 } else { code::WRONG })
 }
 
-/// Digests in the attributes that differ from those of the attributes' contents.
-fn check_digests(store: &FilmStore) -> Vec<Finding> {
-    let attributes = store.provenance();
-    let computed = |key: &str| attributes.get(key).map(digest);
-    let pairs = [("job_digest", computed("job")), ("layout_digest", Some(digest(&layout(store.spec()))))];
-    let recorded = |key: &str| attributes.get(key).and_then(Value::as_str);
-    let planned_bits = attributes.get("job").and_then(|job| job.get("keep_bits")).and_then(Value::as_u64);
-    let bits_differ = planned_bits != store.spec().keep_bits.map(u64::from);
-    let keep_bits = bits_differ.then(|| Finding::Metadata {
-        key: "zarr.json".into(),
-        reason: "keep_bits differs from that of its job".into(),
-    });
+/// Digests in the `provenance` of a film or raw of `layout` that differ from those of what they are the digests of.
+pub fn check_digests(provenance: &Map<String, Value>, layout: &Value) -> Vec<Finding> {
+    let pairs = [("job_digest", provenance.get("job").map(digest)), ("layout_digest", Some(digest(layout)))];
+    let recorded = |key: &str| provenance.get(key).and_then(Value::as_str);
     let wrong = pairs
         .into_iter()
         .filter(|(key, computed)| computed.is_none() || recorded(key) != computed.as_deref());
-    wrong
-        .map(|(key, _)| Finding::Metadata {
-            key: "zarr.json".into(),
-            reason: format!("{key} does not match the attributes that it is the digest of"),
-        })
-        .chain(keep_bits)
-        .collect()
+    let finding = |(key, _)| Finding::Attributes {
+        reason: format!("{key} does not match the attributes that it is the digest of"),
+    };
+    wrong.map(finding).collect()
 }
 
-/// Removes bad shards, and temporary files except those of live processes of this host. Files of processes that cannot be looked up
-/// remain as long as a unit is locked that was not when the check began: its worker may be writing them.
-fn repair(store: &FilmStore, verdict: &VerifyReport, locked: &[Lock]) -> Result<Repair> {
-    let mut done = Repair::default();
-    // The group's metadata determine the coordinates.
-    let of_group = |f: &Finding| matches!(f, Finding::Metadata { key, .. } if key == "zarr.json");
-    let is_layout_known = !verdict.findings.iter().any(of_group);
-    for finding in &verdict.findings {
-        match finding {
-            Finding::Bad { key, .. } => done.shards += usize::from(store.remove_bad(key)?),
-            Finding::Metadata { key, .. } if is_layout_known => {
-                done.coordinates += usize::from(store.restore_coordinate(key)?)
-            }
-            _ => {}
-        }
-    }
-    let locks = JobGroup::locks(store.path())?;
-    let others = locks.iter().any(|(path, ..)| !locked.iter().any(|lock| lock.path() == path));
-    for (path, dead) in &verdict.temp {
-        if *dead == Some(true) || (dead.is_none() && !others) {
-            match remove_temp(path) {
-                Ok(()) => done.temp += 1,
-                // A file of another user; it does not affect the film.
-                Err(e @ DurableError::Permission { .. }) => log_line(format!("note: {e}")),
-                Err(e) => return Err(e.into()),
-            }
-        }
-    }
-    Ok(done)
+/// The rounding of a film that differs from that of its job.
+fn check_keep_bits(store: &FilmStore) -> Option<Finding> {
+    let job = store.provenance().get("job");
+    let planned = job.and_then(|job| job.get("keep_bits")).and_then(Value::as_u64);
+    (planned != store.spec().keep_bits.map(u64::from))
+        .then(|| Finding::Attributes { reason: "keep_bits differs from that of its job".into() })
 }
 
 fn json_report(
@@ -142,12 +115,6 @@ fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, r
             "removed {} damaged shards and {} temporary files; the same `lenscube run` computes the missing shards",
             done.shards, done.temp
         ));
-        if done.coordinates > 0 {
-            log_line(format!("wrote {} again", plural(done.coordinates, "damaged coordinate")));
-        }
-        let is_metadata = |finding: &&Finding| matches!(finding, Finding::Metadata { .. });
-        if verdict.findings.iter().filter(is_metadata).count() > done.coordinates {
-            log_line("metadata cannot be repaired: `lenscube run … --overwrite` computes the film anew");
-        }
+        repair::print_restored(done, verdict, "run");
     }
 }

@@ -292,7 +292,20 @@ fn verify_names_bad_files_and_repair_allows_a_run_to_replace_them() {
     assert_exit(&lenscube(&["verify", film]), WRONG, &["film/zarr.json"]);
     fs::write(&group, &good[..good.len() / 2]).unwrap();
     assert_ne!(lenscube(&["verify", film]).code, 0);
+    // Nothing is restored from attributes that do not match their digest.
+    fs::write(&group, good.replace("\"pitch_um\": ", "\"pitch_um\": 1")).unwrap();
+    let found = ["the attributes do not match their digest", "metadata: y/c/0", "cannot be repaired"];
+    assert_exit(&lenscube(&["verify", film, "--repair"]), WRONG, &found);
     fs::write(&group, good).unwrap();
+    assert!(files(&job.film) == expected);
+    for key in ["y/zarr.json", "film/zarr.json"] {
+        fs::remove_file(at(key)).unwrap();
+    }
+    assert_exit(&lenscube(&["status", film]), WRONG, &["film/zarr.json is missing", "verify", "--repair"]);
+    let found = ["metadata: y/zarr.json: no such file", "metadata: film/zarr.json: no such file"];
+    assert_exit(&lenscube(&["verify", film]), WRONG, &found);
+    assert_exit(&lenscube(&["verify", film, "--repair"]), WRONG, &["wrote 2 damaged metadata files again"]);
+    assert_exit(&lenscube(&["verify", film]), 0, &["is correct"]);
     fs::write(at("y/c/0"), [0; 12]).unwrap();
     fs::remove_file(at("wavelength/c/0")).unwrap();
     let found = ["metadata: y/c/0: ", "metadata: wavelength/c/0: "];

@@ -23,6 +23,7 @@
 //! | `keep_bits` | bits of the mantissa that samples are rounded to; absent: all |
 //! | `has_invented` | true: the share of invented light is stored; absent: nothing was invented |
 //! | `provenance` | of the caller; `job_digest` and `layout_digest` identify the job |
+//! | `attributes_digest` | BLAKE3 digest of the attributes above |
 //! | `ome` | OME-Zarr metadata, if there is a pyramid |
 //!
 //! The bytes of a shard depend on its pixels and the layout only, so films can be compared file by file. Creation, locks, replacement:

@@ -2,7 +2,7 @@
 //!
 //! All metadata of a group is published in one step. A shard is one file, absent or complete: a shard that exists is done. Group attribute
 //! `schema` names the kind, `provenance` holds the digests of job and layout (`job_digest`, `layout_digest`) that identify the group; `runs/`
-//! has records (`*.json`), locks (`*.lock`) and marks of engines (`*.engine`).
+//! has records (`*.json`), locks (`*.lock`) and marks of engines (`*.engine`). Attribute `attributes_digest`: see module `derived`.
 //!
 //! # Groups that are replaced
 //! In a directory a [`JobGroup`] works through a handle on the directory that was opened: if another group replaces it at its path
@@ -10,6 +10,7 @@
 //! ([`JobGroup::check_in_place`]). At a URL there are no handles and no locks: a group that is removed and created again between the
 //! comparison and the end of the following put receives that one object. Two jobs must not use the same URL at the same time.
 
+mod derived;
 mod error;
 mod removal;
 mod verify;
@@ -23,6 +24,7 @@ use serde_json::{Map, Value};
 use crate::durable::{DurableError, Lock, LockOwner, Removal, Store, Sweep, fault_point, link_target};
 use crate::hierarchy::NewGroup;
 
+pub(crate) use derived::{Derived, OME, PYRAMID_GROUP, metadata_key};
 pub use error::{Found, GroupError};
 pub(crate) use removal::ENGINE_EXTENSION;
 pub(crate) use verify::ShardFile;
@@ -80,24 +82,23 @@ impl JobGroup {
     /// Lock of the complete group.
     pub const WHOLE: &str = "whole";
 
-    /// Creates a group without shards: `coordinates` (name, metadata and chunk), `arrays` (name, metadata), group `attributes`. `fsync: false`
-    /// is faster, but a power failure may lose committed shards.
+    /// Creates a group without shards: arrays and coordinates, group `attributes`. `fsync: false` is faster, but a power failure may lose
+    /// committed shards.
     ///
     /// # Errors
     /// [`GroupError::Exists`] if something exists at `path`; [`GroupError::Storage`].
     pub(crate) fn create(
         kind: GroupKind,
         path: &Path,
-        coordinates: Vec<(String, (Value, Vec<u8>))>,
-        arrays: Vec<(String, Value)>,
+        Derived { coordinates, arrays }: Derived,
         attributes: Value,
         fsync: bool,
     ) -> Result<Self, GroupError> {
         let exists = || GroupError::Exists { kind, path: path.into() };
         // Keys of a group whose creation did not finish: it has no shards.
-        let keys = |name: &str| [format!("{name}/zarr.json"), format!("{name}/c/0")];
+        let keys = |name: &str| [metadata_key(name), derived::values_key(name)];
         let mut own_keys: Vec<String> = coordinates.iter().flat_map(|(name, _)| keys(name)).collect();
-        own_keys.extend(arrays.iter().map(|(name, _)| format!("{name}/zarr.json")));
+        own_keys.extend(arrays.iter().map(|(name, _)| metadata_key(name)));
         let mut group =
             NewGroup::begin(path, fsync, move |key| own_keys.iter().any(|k| k == key))?.ok_or_else(exists)?;
         for (name, coordinate) in coordinates {
@@ -110,13 +111,13 @@ impl JobGroup {
             || DurableError::StoreMissing { path: group.store.root().into(), missing: "directory".into() };
         let store = group.opened()?.ok_or_else(vanished)?;
         let identity = identity(&attributes);
-        if !group.publish(attributes)? {
+        if !group.publish(derived::with_digest(attributes))? {
             return Err(exists());
         }
         Ok(Self { store, kind, identity })
     }
 
-    /// Opens the group at `path`, and reads its attributes.
+    /// Opens the group at `path`, and reads its attributes, without those of its pyramid.
     ///
     /// # Errors
     /// [`GroupError::NotOfKind`] if there is no such group; [`GroupError::Storage`].
@@ -141,16 +142,17 @@ impl JobGroup {
         }
         let attributes = attributes.unwrap_or_default();
         let identity = identity(&attributes);
-        let Value::Object(attributes) = attributes else { return Err(not(Found::OtherProgram)) };
+        let Value::Object(mut attributes) = attributes else { return Err(not(Found::OtherProgram)) };
+        derived::without_own(&mut attributes);
         Ok((Self { store: store.with_fsync(fsync), kind, identity }, attributes))
     }
 
     /// Fails unless the stored metadata of `arrays` are as given.
     pub(crate) fn check_arrays(&self, arrays: &[(String, Value)]) -> Result<(), GroupError> {
         for (name, metadata) in arrays {
-            let key = format!("{name}/zarr.json");
+            let key = metadata_key(name);
             if read_json(&self.store, &key)?.as_ref() != Some(metadata) {
-                return Err(self.damaged(&key, "the metadata of its layout"));
+                return Err(GroupError::ArrayMetadata { kind: self.kind, path: self.path().into(), key });
             }
         }
         Ok(())
@@ -290,3 +292,6 @@ pub(crate) fn read_json(store: &Store, key: &str) -> Result<Option<Value>, Durab
     let bytes = store.read_at_most(key, MAX_METADATA_BYTES)?;
     Ok(bytes.and_then(|b| serde_json::from_slice(&b).ok()))
 }
+
+#[cfg(test)]
+mod tests;

@@ -148,17 +148,7 @@ impl NewGroup {
 
     /// Writes the group's metadata and moves the group to its path. `false` if the path was taken meanwhile.
     pub(crate) fn publish(mut self, attributes: Value) -> Result<bool, DurableError> {
-        let metadata = json!({
-            "zarr_format": 3,
-            "node_type": "group",
-            "attributes": attributes,
-            "consolidated_metadata": {
-                "kind": "inline",
-                "must_understand": false,
-                "metadata": std::mem::take(&mut self.arrays)
-            }
-        });
-        let bytes = pretty(&metadata);
+        let bytes = pretty(&group_metadata(attributes, std::mem::take(&mut self.arrays)));
         match &self.store {
             Store::Objects(objects) => objects.write_new("zarr.json", bytes.into()),
             Store::Directory(directory) => {
@@ -180,6 +170,16 @@ impl Drop for NewGroup {
             let _ = std::fs::remove_dir_all(directory.root());
         }
     }
+}
+
+/// Metadata of a group with `attributes` and the copies `members` of the metadata of its nodes.
+pub(crate) fn group_metadata(attributes: Value, members: Map<String, Value>) -> Value {
+    json!({
+        "zarr_format": 3,
+        "node_type": "group",
+        "attributes": attributes,
+        "consolidated_metadata": { "kind": "inline", "must_understand": false, "metadata": members }
+    })
 }
 
 pub(crate) fn pretty(v: &Value) -> Vec<u8> {

@@ -18,21 +18,19 @@ mod halve;
 mod level;
 mod make;
 pub(crate) mod ome;
+mod verify;
 
 use pipeline::geometry::{Rect, Size};
 use pipeline::plan::FilmRegion;
 use serde_json::{Map, Value, json};
 
 use crate::chart::{ChartOptions, ChartStore};
-use crate::group::{Finding, GroupError, GroupKind, JobGroup, ShardFile, read_json};
+use crate::group::{GroupError, GroupKind, JobGroup, OME, PYRAMID_GROUP, ShardFile, metadata_key, read_json};
 use crate::hierarchy::pretty;
 use crate::shard::ShardEncoder;
 pub use halve::halve;
 use level::Level;
 pub use level::level_sizes;
-
-/// Group of the levels.
-const PYRAMID_GROUP: &str = "pyramid";
 
 /// State of a pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -146,8 +144,8 @@ impl<'a> Pyramid<'a> {
     pub fn state(&self) -> Result<PyramidState, GroupError> {
         let store = &self.group().store;
         let group = read_json(store, "zarr.json")?.unwrap_or_default();
-        let Some(pyramid_group) = read_json(store, &format!("{PYRAMID_GROUP}/zarr.json"))? else {
-            let has_ome = group["attributes"].get("ome").is_some();
+        let Some(pyramid_group) = read_json(store, &metadata_key(PYRAMID_GROUP))? else {
+            let has_ome = group["attributes"].get(OME).is_some();
             return Ok(if has_ome { PyramidState::Stale } else { PyramidState::None });
         };
         if pyramid_group != self.pyramid_group(&self.stamp()?) {
@@ -155,14 +153,14 @@ impl<'a> Pyramid<'a> {
         }
         let metadata = self.metadata();
         for (key, metadata) in &metadata {
-            if read_json(store, &format!("{key}/zarr.json"))?.as_ref() != Some(metadata) {
+            if read_json(store, &metadata_key(key))?.as_ref() != Some(metadata) {
                 return Ok(PyramidState::Stale);
             }
         }
         let keys: Vec<String> = self.shard_files().into_iter().map(|file| file.key).collect();
         let done = store.sizes_of(&keys)?.iter().flatten().count();
         let copies = &group["consolidated_metadata"]["metadata"];
-        let is_listed = group["attributes"].get("ome").is_some()
+        let is_listed = group["attributes"].get(OME).is_some()
             && copies.get(PYRAMID_GROUP) == Some(&pyramid_group)
             && metadata.iter().all(|(key, metadata)| copies.get(key) == Some(metadata));
         Ok(if is_listed && done == keys.len() {
@@ -253,51 +251,35 @@ impl<'a> Pyramid<'a> {
         Ok(hash.finalize().to_hex().to_string())
     }
 
-    /// Checks all shards of the pyramid, if there is one; returns the bytes read and the defects.
-    pub(crate) fn check(&self, threads: usize) -> Result<(u64, Vec<Finding>), GroupError> {
-        let finding =
-            |reason: String| vec![Finding::Metadata { key: format!("{PYRAMID_GROUP}/zarr.json"), reason }];
-        let unlisted = match self.state()? {
-            PyramidState::None => return Ok((0, Vec::new())),
-            PyramidState::Stale => {
-                let stale =
-                    "the pyramid was made of pixels that have changed since; run `lenscube pyramid` again";
-                return Ok((0, finding(stale.into())));
-            }
-            PyramidState::Unfinished(done, all) if done == all => finding(format!(
-                "the {}'s group does not list the pyramid; `lenscube pyramid` completes it",
-                self.group().kind
-            )),
-            PyramidState::Unfinished(..) | PyramidState::Complete => Vec::new(),
-        };
-        let (bytes, found) = self.group().check_files(&self.shard_files(), threads, &|_, _| ())?;
-        Ok((bytes, [unlisted, found].concat()))
-    }
-
     /// Writes the metadata of a new pyramid, last that of its group, without which the pyramid is started again. Removes an earlier
     /// pyramid, first from the list of the film or raw.
     fn write_metadata(&self, stamp: &str) -> Result<(), GroupError> {
         let store = &self.group().store;
         let group = read_json(store, "zarr.json")?.unwrap_or_default();
-        if group["attributes"].get("ome").is_some() {
+        if group["attributes"].get(OME).is_some() {
             store.write("zarr.json", pretty(&listed(group, None, Vec::new())))?;
         }
         if !store.names(PYRAMID_GROUP)?.is_empty() {
             store.remove_tree(PYRAMID_GROUP, self.keys())?;
         }
         for (key, metadata) in self.metadata() {
-            store.write(&format!("{key}/zarr.json"), pretty(&metadata))?;
+            store.write(&metadata_key(&key), pretty(&metadata))?;
         }
-        Ok(store.write(&format!("{PYRAMID_GROUP}/zarr.json"), pretty(&self.pyramid_group(stamp)))?)
+        Ok(store.write(&metadata_key(PYRAMID_GROUP), pretty(&self.pyramid_group(stamp)))?)
+    }
+
+    /// `group`, the metadata of the film or raw, with the complete pyramid.
+    fn listed(&self, group: Value, stamp: &str) -> Result<Value, GroupError> {
+        let mut members = vec![(PYRAMID_GROUP.to_owned(), self.pyramid_group(stamp))];
+        members.extend(self.metadata());
+        Ok(listed(group, Some(self.0.ome_attribute()?), members))
     }
 
     /// Adds the complete pyramid to the metadata of the film or raw.
     fn list(&self, stamp: &str) -> Result<(), GroupError> {
         let store = &self.group().store;
-        let mut members = vec![(PYRAMID_GROUP.to_owned(), self.pyramid_group(stamp))];
-        members.extend(self.metadata());
         let group = read_json(store, "zarr.json")?.unwrap_or_default();
-        let new = listed(group.clone(), Some(self.0.ome_attribute()?), members);
+        let new = self.listed(group.clone(), stamp)?;
         if new != group {
             store.write("zarr.json", pretty(&new))?;
         }
@@ -313,8 +295,8 @@ fn zarr_group(attributes: Value) -> Value {
 /// Metadata of a film or raw with the attribute `ome` and the consolidated metadata `members` of its pyramid, or without them.
 fn listed(mut group: Value, ome: Option<Value>, members: Vec<(String, Value)>) -> Value {
     if let Some(attributes) = group["attributes"].as_object_mut() {
-        attributes.shift_remove("ome");
-        attributes.extend(ome.map(|ome| ("ome".to_owned(), ome)));
+        attributes.shift_remove(OME);
+        attributes.extend(ome.map(|ome| (OME.to_owned(), ome)));
     }
     if let Some(copies) = group["consolidated_metadata"]["metadata"].as_object_mut() {
         let below = format!("{PYRAMID_GROUP}/");

@@ -58,21 +58,28 @@ impl RawStore {
         fsync: bool,
     ) -> Result<Self, GroupError> {
         let all = Value::Object(spec.attributes(&attributes));
-        let group = JobGroup::create(GroupKind::Raw, path, spec.coordinates(), spec.arrays(), all, fsync)?;
+        let group = JobGroup::create(GroupKind::Raw, path, spec.derived(), all, fsync)?;
         Self::new(group, spec, attributes)
     }
 
     /// Opens the raw at `path`.
     ///
     /// # Errors
-    /// [`GroupError::NotOfKind`] if there is none; [`GroupError::Damaged`] if its metadata are inconsistent.
+    /// [`GroupError::NotOfKind`] if there is none; [`GroupError::Damaged`] or [`GroupError::ArrayMetadata`] if its metadata are inconsistent.
     pub fn open(path: &Path, fsync: bool) -> Result<Self, GroupError> {
-        let (group, mut attributes) = JobGroup::open(GroupKind::Raw, path, fsync)?;
-        // Of the pyramid, not of the raw's identity.
-        attributes.shift_remove("ome");
+        let raw = Self::open_to_verify(path, fsync)?;
+        raw.group.check_arrays(&raw.spec.arrays())?;
+        Ok(raw)
+    }
+
+    /// As [`RawStore::open`], with any metadata of the arrays: [`RawStore::verify`] checks them.
+    ///
+    /// # Errors
+    /// As [`RawStore::open`].
+    pub fn open_to_verify(path: &Path, fsync: bool) -> Result<Self, GroupError> {
+        let (group, attributes) = JobGroup::open(GroupKind::Raw, path, fsync)?;
         let (spec, attributes) = RawSpec::from_attributes(attributes)
             .ok_or_else(|| group.damaged("zarr.json", "the attributes of a raw"))?;
-        group.check_arrays(&spec.arrays())?;
         Self::new(group, spec, attributes)
     }
 
@@ -181,20 +188,21 @@ impl RawStore {
         }
     }
 
-    /// Reads and checks every shard, of the raw and of its pyramid, on `threads` threads, each of which holds one shard; `progress` receives
-    /// the numbers of shards of the raw done and in total.
+    /// Checks metadata, coordinates and every shard, of the raw and of its pyramid, on `threads` threads, each of which holds one shard;
+    /// `progress` receives the numbers of shards of the raw done and in total.
     ///
     /// # Errors
     /// [`GroupError::Storage`] if the store cannot be read. Defects of the raw are findings, not errors.
     pub fn verify(&self, threads: usize, progress: Progress<'_>) -> Result<VerifyReport, GroupError> {
         let files: Vec<_> = self.spec.all_shards().into_iter().map(|s| self.shard_file(s)).collect();
         let (bytes, of_shards) = self.group.check_files(&files, threads, progress)?;
+        let of_metadata = self.group.check_derived(&self.spec.derived())?;
         let (level_bytes, of_levels) = self.pyramid().check(threads)?;
         self.group.check_in_place()?;
         Ok(VerifyReport {
             shards: files.len(),
             bytes: bytes + level_bytes,
-            findings: [of_shards, of_levels].concat(),
+            findings: [of_metadata, of_shards, of_levels].concat(),
             temp: self.group.store.temp_files()?,
         })
     }
@@ -207,6 +215,16 @@ impl RawStore {
         let of_raw = self.spec.all_shards().into_iter().map(|s| self.shard_file(s));
         let mut files = of_raw.chain(self.pyramid().shard_files());
         files.find(|file| file.key == key).map_or(Ok(false), |file| self.group.remove_bad(&file))
+    }
+
+    /// Writes metadata or values of a coordinate again if `key` is a file that follows from the attributes, of the raw or its pyramid; whether
+    /// it does.
+    ///
+    /// # Errors
+    /// [`GroupError::Storage`] if it cannot be written; as [`JobGroup::check_in_place`].
+    pub fn restore(&self, key: &str) -> Result<bool, GroupError> {
+        let of_raw = self.group.restore_derived(key, &self.spec.derived())?;
+        Ok(self.pyramid().restore(key)? || of_raw)
     }
 
     /// Pixels of an output in sensor coordinates.

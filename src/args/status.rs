@@ -37,7 +37,7 @@ pub struct VerifyArgs {
     /// Film or raw: PATH or URL
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// Remove bad shards and temporary files; the same `run` computes the shards again
+    /// Write metadata and coordinates again that are wrong; remove bad shards and temporary files: the same `run` computes the shards again
     #[arg(long)]
     pub repair: bool,
     /// With --repair: take over a stale lock held by another host

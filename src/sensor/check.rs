@@ -4,12 +4,15 @@ use crate::args::{StatusArgs, VerifyArgs};
 use crate::failure::{Coded, code};
 use crate::job::threads;
 use crate::progress::{counting, json_path, plural, print};
-use crate::verify::verdict::{self, Repair};
+use crate::run::film::lock_all;
+use crate::verify::check_digests;
+use crate::verify::repair::{self, Target, repair};
+use crate::verify::verdict;
 use anyhow::Result;
-use formats::group::{Finding, GroupError, JobGroup, VerifyReport};
+use formats::group::{Finding, GroupError, VerifyReport};
 use formats::pyramid::PyramidState;
 use formats::raw::RawStore;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::Path;
 
 /// Defects that are named on the terminal; `--json` names all.
@@ -20,11 +23,20 @@ const NAMED: usize = 8;
 /// # Errors
 /// A damaged one (4); the store cannot be read.
 pub fn open(path: &Path) -> Result<Option<RawStore>> {
+    opened(path, RawStore::open)
+}
+
+fn opened(
+    path: &Path,
+    open: impl Fn(&Path, bool) -> Result<RawStore, GroupError>,
+) -> Result<Option<RawStore>> {
     if !RawStore::is_one(path).unwrap_or(false) {
         return Ok(None);
     }
-    RawStore::open(path, true).map(Some).map_err(|e| match e {
-        GroupError::Damaged { .. } => Coded { code: code::WRONG, message: e.to_string() }.into(),
+    open(path, true).map(Some).map_err(|e| match e {
+        GroupError::Damaged { .. } | GroupError::ArrayMetadata { .. } => {
+            Coded { code: code::WRONG, message: e.to_string() }.into()
+        }
         e => e.into(),
     })
 }
@@ -69,22 +81,25 @@ pub fn status(args: &StatusArgs) -> Result<Option<u8>> {
 
 /// The exit code of `verify`, if `args` name a raw.
 pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
-    let Some(raw) = open(&args.film)? else { return Ok(None) };
+    let Some(raw) = opened(&args.film, RawStore::open_to_verify)? else { return Ok(None) };
     // No run may write meanwhile the files that would be removed.
-    let _lock = if args.repair { raw.group().lock(JobGroup::WHOLE, args.take_over)? } else { None };
+    let locks = if args.repair { lock_all(&args.film, args.take_over)? } else { Vec::new() };
+    raw.group().check_in_place()?;
     let (bar, progress) = counting("verifying");
     let verified = raw.verify(threads(args.threads), &progress);
     bar.finish_and_clear();
-    let verdict = verified?;
-    let mut repair = Repair::default();
-    if args.repair {
-        for finding in &verdict.findings {
-            if let Finding::Bad { key, .. } = finding {
-                repair.shards += usize::from(raw.remove_bad(key)?);
-            }
-        }
-        repair.temp = raw.group().sweep()?.removed.len();
-    }
+    let mut verdict = verified?;
+    let provenance =
+        raw.attributes().get("provenance").and_then(Value::as_object).cloned().unwrap_or_default();
+    let layout = provenance.get("layout").cloned().unwrap_or_default();
+    verdict.findings.extend(check_digests(&provenance, &layout));
+    let target = Target {
+        group: raw.group(),
+        remove_bad: &|key| raw.remove_bad(key),
+        restore: &|key| raw.restore(key),
+    };
+    let repair = args.repair.then(|| repair(&target, &verdict, &locks)).transpose()?;
+    drop(locks);
     let line = |f: &Finding| match f {
         Finding::Missing { key } => format!("missing {key}"),
         f => {
@@ -94,12 +109,11 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
     };
     match args.json {
         true => {
-            let report = verdict::json(("raw", raw.path()), &verdict, args.repair.then_some(&repair));
+            let report = verdict::json(("raw", raw.path()), &verdict, repair.as_ref());
             print(serde_json::to_string_pretty(&report)?);
         }
         false => {
             let VerifyReport { shards, bytes, findings, .. } = &verdict;
-            let removed = repair.shards;
             print(format!(
                 "{}: raw, {}, {bytes} bytes read, {}",
                 raw.path().display(),
@@ -107,7 +121,10 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
                 plural(findings.len(), "defect")
             ));
             name(findings.iter().map(line));
-            if removed > 0 {
+            if let Some(done) = &repair {
+                repair::print_restored(done, &verdict, "sensor");
+            }
+            if let Some(removed) = repair.map(|done| done.shards).filter(|n| *n > 0) {
                 print(format!(
                     "{removed} bad shards removed; the same `lenscube sensor` makes those of the raw again, `lenscube pyramid` those of levels"
                 ));

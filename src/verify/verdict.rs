@@ -1,19 +1,9 @@
 //! The verdict of `verify --json`, the same of films and raws.
 
+use super::repair::Repair;
 use crate::progress::json_path;
 use formats::group::{Finding, VerifyReport};
 use serde_json::{Map, Value, json};
-
-/// What `--repair` did.
-#[derive(Default)]
-pub struct Repair {
-    /// Bad shards.
-    pub shards: usize,
-    /// Temporary files.
-    pub temp: usize,
-    /// Coordinates whose values were written again.
-    pub coordinates: usize,
-}
 
 /// Verdict and repair of the film or raw (`kind`) at `path`.
 pub fn json(
@@ -28,7 +18,12 @@ pub fn json(
     let temp: Vec<Value> = verdict.temp.iter().map(|t| json_path(&t.0)).collect();
     let findings: Vec<Value> = verdict.findings.iter().map(finding).collect();
     let repaired = repair.map(|r| {
-        json!({ "shards_removed": r.shards, "temp_files_removed": r.temp, "coordinates_restored": r.coordinates })
+        json!({
+            "shards_removed": r.shards,
+            "temp_files_removed": r.temp,
+            "coordinates_restored": r.coordinates,
+            "metadata_restored": r.metadata,
+        })
     });
     [
         (kind, json_path(path)),

@@ -69,6 +69,37 @@ fn status_and_verify_find_what_a_raw_lacks() {
     assert!(files(&raw) == whole);
 }
 
+/// Coordinates and metadata of a raw follow from its attributes: found, and written again with the same bytes.
+#[test]
+fn verify_finds_and_restores_coordinates_and_metadata_of_a_raw() {
+    let place = Place::new();
+    let film = place.noise(Size::new(20, 30));
+    let raw = place.at("raw");
+    sensor(&film, &raw, &["--sensor", "example-2um", "--exposure", "1ms,2ms"]).ok();
+    let whole = files(&raw);
+    for name in ["exposure_s", "frame", "x", "y"] {
+        let values = raw.join(name).join("c/0");
+        let mut bytes = std::fs::read(&values).unwrap();
+        bytes[3] ^= 1;
+        std::fs::write(&values, bytes).unwrap();
+    }
+    std::fs::remove_dir_all(raw.join("frame")).unwrap();
+    std::fs::remove_file(raw.join("raw/zarr.json")).unwrap();
+    let found = ["6 defects", "metadata x/c/0", "metadata frame/zarr.json", "metadata raw/zarr.json"];
+    assert_exit(&lenscube(&["verify", text(&raw)]), WRONG, &found);
+    let repaired = ["wrote 4 damaged coordinates again", "wrote 2 damaged metadata files again"];
+    assert_exit(&lenscube(&["verify", text(&raw), "--repair"]), WRONG, &repaired);
+    assert_exit(&lenscube(&["verify", text(&raw)]), 0, &["0 defects"]);
+    assert!(files(&raw) == whole);
+    // Attributes follow from nothing.
+    let group = raw.join("zarr.json");
+    let text_of = std::fs::read_to_string(&group).unwrap();
+    std::fs::write(&group, text_of.replacen("\"black_dn\": ", "\"black_dn\": 1", 1)).unwrap();
+    let found =
+        ["attributes do not match their digest", "cannot be repaired", "lenscube sensor … --overwrite"];
+    assert_exit(&lenscube(&["verify", text(&raw), "--repair"]), WRONG, &found);
+}
+
 #[test]
 fn a_full_disk_is_worth_a_retry() {
     let place = Place::new();

@@ -7,7 +7,7 @@ use pipeline::geometry::{Rect, Size};
 use pipeline::plan::FilmRegion;
 use serde_json::{Map, Value, json};
 
-use crate::group::{GroupError, GroupKind};
+use crate::group::{Derived, GroupError, GroupKind};
 use crate::hierarchy::{array, coordinate};
 use crate::shard::{Codec, SampleType, shard_grid, sharding_metadata};
 
@@ -170,6 +170,11 @@ impl FilmSpec {
     /// Names of the (y, x) coordinates of an output.
     pub(super) fn axes(name: &str) -> (String, String) {
         if name == "film" { ("y".into(), "x".into()) } else { (format!("{name}_y"), format!("{name}_x")) }
+    }
+
+    /// The files that follow from the attributes.
+    pub(super) fn derived(&self) -> Derived {
+        Derived { coordinates: self.coordinates(), arrays: self.arrays() }
     }
 
     /// The coordinate arrays of all outputs: name, metadata, chunk.

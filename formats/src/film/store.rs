@@ -31,19 +31,27 @@ impl FilmStore {
     ) -> Result<Self, GroupError> {
         spec.check()?;
         let attributes = spec.attributes(&provenance);
-        let (coordinates, arrays) = (spec.coordinates(), spec.arrays());
-        let group = JobGroup::create(GroupKind::Film, path, coordinates, arrays, attributes, fsync)?;
+        let group = JobGroup::create(GroupKind::Film, path, spec.derived(), attributes, fsync)?;
         Self::new(group, spec, provenance)
     }
 
     /// Opens the film at `path`.
     ///
     /// # Errors
-    /// [`GroupError::NotOfKind`] if there is none; [`GroupError::Damaged`] if its metadata are inconsistent.
+    /// [`GroupError::NotOfKind`] if there is none; [`GroupError::Damaged`] or [`GroupError::ArrayMetadata`] if its metadata are inconsistent.
     pub fn open(path: &Path, fsync: bool) -> Result<Self, GroupError> {
+        let film = Self::open_to_verify(path, fsync)?;
+        film.group.check_arrays(&film.spec.arrays())?;
+        Ok(film)
+    }
+
+    /// As [`FilmStore::open`], with any metadata of the arrays: [`FilmStore::verify`] checks them.
+    ///
+    /// # Errors
+    /// As [`FilmStore::open`].
+    pub fn open_to_verify(path: &Path, fsync: bool) -> Result<Self, GroupError> {
         let (group, attributes) = JobGroup::open(GroupKind::Film, path, fsync)?;
         let (spec, provenance) = FilmSpec::from_attributes(path, attributes)?;
-        group.check_arrays(&spec.arrays())?;
         Self::new(group, spec, provenance)
     }
 

@@ -125,7 +125,7 @@ fn changed_array_metadata_are_an_error_on_opening() {
     let file = path.join("film/zarr.json");
     let json = std::fs::read_to_string(&file).unwrap();
     std::fs::write(&file, json.replace("100", "101")).unwrap();
-    assert!(matches!(FilmStore::open(&path, false), Err(GroupError::Damaged { .. })));
+    assert!(matches!(FilmStore::open(&path, false), Err(GroupError::ArrayMetadata { .. })));
 }
 
 #[test]

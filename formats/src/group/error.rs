@@ -109,6 +109,19 @@ pub enum GroupError {
         /// Its expected content.
         expected: &'static str,
     },
+    /// Metadata of an array that differ from those of the attributes.
+    #[error(
+        "opening {kind} {path}: {key} is missing or is not the metadata of its layout; `lenscube verify {path} --repair` writes it again",
+        path = .path.display()
+    )]
+    ArrayMetadata {
+        /// Kind.
+        kind: GroupKind,
+        /// Its path.
+        path: PathBuf,
+        /// The file.
+        key: String,
+    },
     /// An invalid layout.
     #[error("layout of the film: {what}: expected {expected}, found {found}")]
     Spec {

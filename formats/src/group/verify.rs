@@ -33,7 +33,12 @@ pub enum Finding {
         /// The defect.
         reason: String,
     },
-    /// Metadata or coordinates that contradict the group's attributes.
+    /// Attributes of the group that contradict their digests; nothing else has them.
+    Attributes {
+        /// The defect.
+        reason: String,
+    },
+    /// Metadata or coordinates that contradict the group's attributes, or a pyramid its metadata.
     Metadata {
         /// The file.
         key: String,
@@ -49,6 +54,7 @@ impl Finding {
             Self::Missing { key } => ("missing", key, "no such file"),
             Self::Bad { key, reason } => ("bad", key, reason),
             Self::Unreadable { key, reason } => ("unreadable", key, reason),
+            Self::Attributes { reason } => ("metadata", "zarr.json", reason),
             Self::Metadata { key, reason } => ("metadata", key, reason),
         }
     }

@@ -6,7 +6,7 @@ use pipeline::plan::FilmRegion;
 use serde_json::{Map, Value, json};
 
 use super::{RawShard, SIGNAL};
-use crate::group::GroupKind;
+use crate::group::{Derived, GroupKind};
 use crate::hierarchy::{array, coordinate};
 use crate::shard::{Codec, SampleType, shard_grid, sharding_of};
 
@@ -101,6 +101,11 @@ impl RawSpec {
     /// Names of the (y, x) coordinates of an output.
     pub(super) fn axes(name: &str) -> (String, String) {
         if name == "raw" { ("y".into(), "x".into()) } else { (format!("{name}_y"), format!("{name}_x")) }
+    }
+
+    /// The files that follow from the attributes.
+    pub(super) fn derived(&self) -> Derived {
+        Derived { coordinates: self.coordinates(), arrays: self.arrays() }
     }
 
     pub(super) fn coordinates(&self) -> Vec<(String, (Value, Vec<u8>))> {
