@@ -1,12 +1,8 @@
 """Stores on disk as xarray objects."""
 
-import atexit
 import os
-import shutil
-import tempfile
 import warnings
 import weakref
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -88,10 +84,3 @@ def path_of(value: Any, what: str) -> str:
     if path := registered(value):
         return path
     raise TypeError(f"a {what} is a path, or the Dataset that this package returned, unchanged; found {type(value).__name__}")
-
-
-def temporary_folder() -> Path:
-    """A folder for results without a path, removed at the end of this process."""
-    folder = Path(tempfile.mkdtemp(prefix="lenscube-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import _films
+from . import _films, _temporary
 from ._arguments import arguments
 from ._charts import given
 from ._picture import Picture
@@ -29,7 +29,7 @@ def sensor(film: Chart, raw: PathLike | None = None, **flags: "Unpack[f.Sensor]"
 
     Returns `raw` (frame, y [mm], x [mm]) u16 in digital numbers, lazy, with the coordinate `exposure_s`; a Picture of a file.
     """
-    path = os.fspath(raw if raw is not None else _films.temporary_folder() / "raw.zarr")
+    path = os.fspath(raw if raw is not None else _temporary.folder_until_exit() / "raw.zarr")
     execute(arguments(("sensor",), [_films.path_of(film, "film"), path], flags))
     return Picture(path) if path.lower().endswith((".dng", ".tif", ".tiff", ".png")) else _films.open(path)
 
@@ -40,7 +40,7 @@ def develop(raw: Any, out: PathLike | None = None, **flags: "Unpack[f.Develop]")
     raw: the Dataset of `sensor` or `open`, or a path; out: .png, .tif (depth=16) or .exr (linear light); None: a temporary PNG, which a notebook
     shows. `develop(raw, "p.tif", depth=16).to_xarray()` has the samples (y, x, channel).
     """
-    out = Path(out) if out is not None else _films.temporary_folder() / "picture.png"
+    out = Path(out) if out is not None else _temporary.folder_until_exit() / "picture.png"
     execute(arguments(("develop",), [_films.path_of(raw, "raw"), out], flags))
     return Picture(out)
 
@@ -52,7 +52,7 @@ def shoot(chart: Chart, out: PathLike | None = None, *, temp_dir: PathLike | Non
 
     >>> lenscube.shoot(cube, lens="double-gauss-28", sensor="sony-a7r2", film_pitch_um=4.5)
     """
-    out = Path(out) if out is not None else _films.temporary_folder() / "picture.png"
+    out = Path(out) if out is not None else _temporary.folder_until_exit() / "picture.png"
     with given(chart, dict(flags), temp_dir, for_film=True) as (name, flags_given):
         execute(arguments(("shoot",), [name, out], flags_given))
     return Picture(out)

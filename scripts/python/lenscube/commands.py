@@ -3,12 +3,11 @@
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import _films
+from . import _films, _temporary
 from ._arguments import arguments
 from ._charts import given
 from ._picture import Picture
@@ -79,7 +78,7 @@ def run(
     if "dry_run" in flags:
         raise TypeError("run() has no keyword 'dry_run'; use forecast()")
     # No Path, which would shorten s3://.
-    path = film if film is not None else _films.temporary_folder() / "film.zarr"
+    path = film if film is not None else _temporary.folder_until_exit() / "film.zarr"
     with given(chart, dict(flags), temp_dir, for_film=True) as (name, flags_given), Progress(progress) as shown:
         run_process([name, path], flags_given, shown)
     return _films.open(path)
@@ -115,7 +114,7 @@ def export(film: Chart, out: PathLike | None = None, **flags: "Unpack[f.Export]"
 
     >>> lenscube.export(film, crop=(100, 100, 400, 300))      # x, y, width, height [px]
     """
-    out = Path(out) if out is not None else _films.temporary_folder() / "picture.png"
+    out = Path(out) if out is not None else _temporary.folder_until_exit() / "picture.png"
     with given(film, dict(flags)) as (name, flags_given):
         execute(arguments(("export",), [name, out], flags_given))
     return Picture(out)
@@ -135,8 +134,8 @@ def measure(film: Chart, **flags: "Unpack[f.Measure]") -> "xarray.Dataset":
     """
     from ._measured import dataset
 
-    with given(film, dict(flags)) as (name, flags_given), tempfile.TemporaryDirectory(prefix="lenscube-") as folder:
-        result = Path(folder) / "measured.json"
+    with given(film, dict(flags)) as (name, flags_given), _temporary.folder() as folder:
+        result = folder / "measured.json"
         if "json" in flags_given:
             raise TypeError("measure() returns the figures; write them with Dataset.to_netcdf, to_dataframe, …")
         printed = execute(arguments(("measure",), [name], {**flags_given, "json": result}))
