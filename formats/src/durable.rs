@@ -15,6 +15,7 @@
 //! | `directory`, `handle` | [`Directory`]: keys of a directory, by system calls relative to an open directory |
 //! | `objects` | [`Objects`]: keys below a URL |
 //! | `atomic_file`, `file_group`, `rename` | replacement of one file, of files that belong together, of a directory |
+//! | `hashed_file` | [`HashedFile`]: an open file and the digest of its bytes |
 //! | `temp`, `sweep`, `process` | temporary names, their removal, identity of the process that made them |
 //! | `lock`, `removal` | lock files; removal of a store without files of others |
 //! | `error`, `step`, `fault` | errors; steps of an operation; errors injected by tests |
@@ -29,6 +30,7 @@ mod file_state;
 mod file_system;
 mod file_writer;
 mod handle;
+mod hashed_file;
 mod lock;
 mod objects;
 mod process;
@@ -53,6 +55,7 @@ pub use file_system::{
     check_writable, create_directories, evict, free_bytes, link_target, parent_of, read_file_at_most,
 };
 pub use file_writer::FileWriter;
+pub use hashed_file::HashedFile;
 pub use lock::{Lock, LockError, LockOwner, locks};
 pub use objects::{ObjectState, Objects};
 pub use process::ProcessIdentity;

@@ -11,8 +11,8 @@ mod placements;
 
 use crate::progress::log_line;
 use anyhow::{Context, Result, bail};
-use formats::durable;
-use formats::lens::{HashedFile, LensPack, LensPackWriter, PackAttributes};
+use formats::durable::{self, HashedFile};
+use formats::lens::{LensPack, LensPackWriter, PackAttributes};
 use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::trace::{TRACER_VERSION, TraceOptions};
 use pipeline::design::{DesignError, System};

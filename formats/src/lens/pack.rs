@@ -9,10 +9,10 @@ use pipeline::lens::{Lens, PsfStack};
 use super::attributes::PackAttributes;
 use super::digest;
 use super::error::LensPackError;
-use super::hashed_file::HashedFile;
 use super::read::{self, Tables};
 use super::store::PackStore;
 use super::stored::Stored;
+use crate::durable::HashedFile;
 
 /// Built-in lens packs: name and .zip (`formats/data/SOURCES.md`).
 const BUILTIN: [(&str, &[u8]); 1] =

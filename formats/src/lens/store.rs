@@ -4,8 +4,7 @@
 //! that a header states.
 
 use super::error::LensPackError;
-use super::hashed_file::HashedFile;
-use crate::durable::{DurableError, FileState, Objects, is_not_found, is_url, passes};
+use crate::durable::{DurableError, FileState, HashedFile, Objects, is_not_found, is_url, passes};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;

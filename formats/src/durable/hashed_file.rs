@@ -5,7 +5,7 @@ use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use crate::durable::FileState;
+use super::file_state::FileState;
 
 /// Bytes hashed at a time.
 const BUFFER_BYTES: usize = 1 << 20;
@@ -13,7 +13,7 @@ const BUFFER_BYTES: usize = 1 << 20;
 /// An open file and the blake3 of its bytes. It remains readable when its name is removed or given to another file.
 #[derive(Debug)]
 pub struct HashedFile {
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     file: File,
     state: FileState,
     digest: String,
@@ -43,12 +43,12 @@ impl HashedFile {
     }
 
     /// A second handle of the open file, with the same file position.
-    pub(super) fn try_clone(&self) -> io::Result<File> {
+    pub(crate) fn try_clone(&self) -> io::Result<File> {
         self.file.try_clone()
     }
 
     /// Whether the open file still has the bytes that were hashed.
-    pub(super) fn is_unchanged(&self) -> io::Result<bool> {
+    pub(crate) fn is_unchanged(&self) -> io::Result<bool> {
         let state = FileState::from_metadata(&self.file.metadata()?);
         Ok(state == self.state || hash(&self.file)? == self.digest)
     }
