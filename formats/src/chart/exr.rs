@@ -22,7 +22,7 @@ use serde_json::json;
 
 use super::decoded_chart::{Declared, DecodedChart};
 use super::error::ChartError;
-use super::file_change::{WatchedFile, modified_ns};
+use super::file_change::{WatchedFile, modified_json};
 use super::options::NanPolicy;
 use super::values::Values;
 use crate::durable::DurableError;
@@ -118,7 +118,7 @@ fn open_bands(path: &Path, wanted: &[String], nan: NanPolicy) -> Result<ExrFile,
         array: None,
         notes: notes(header, &content),
         content: json!({ "exr": description, "bytes": meta.len() }),
-        mtimes: json!(modified_ns(&meta) as u64),
+        mtimes: modified_json(&meta),
         files: vec![WatchedFile::data(path, &meta)],
         nan,
     };

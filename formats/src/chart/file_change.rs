@@ -12,17 +12,24 @@ use std::collections::HashMap;
 use std::fs::{File, Metadata};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{Error, Read};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::time::UNIX_EPOCH;
+
+use serde_json::{Value, json};
 
 use super::error::ChartError;
 use crate::durable::{DurableError, FileState};
 
-/// Time of last modification in ns since 1970; 0 if unknown.
-pub(super) fn modified_ns(meta: &Metadata) -> u128 {
-    let time = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-    time.map_or(0, |t| t.as_nanos())
+/// Time of last modification in ns since 1970, negative before.
+pub(super) fn modified_ns(meta: &Metadata) -> i128 {
+    i128::from(meta.mtime()) * 1_000_000_000 + i128::from(meta.mtime_nsec())
+}
+
+/// [`modified_ns`] for a chart's identity.
+pub(super) fn modified_json(meta: &Metadata) -> Value {
+    let ns = modified_ns(meta);
+    if ns < 0 { json!(ns as i64) } else { json!(ns as u64) }
 }
 
 fn look_up_error(path: &Path, e: Error) -> DurableError {

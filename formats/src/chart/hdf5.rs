@@ -38,7 +38,7 @@ use super::conventions::parse_values;
 use super::coordinates::axis_order;
 use super::decoded_chart::{Declared, DecodedChart};
 use super::error::ChartError;
-use super::file_change::{WatchedFile, modified_ns};
+use super::file_change::{WatchedFile, modified_json};
 use super::header::{FileArray, header_error};
 use super::options::NanPolicy;
 use super::raster::RasterChart;
@@ -173,7 +173,7 @@ pub fn open(
                 array: Some(array),
                 notes,
                 content: json!({ "hdf5": full_name, "bytes": meta.len(), "layout": grid.description() }),
-                mtimes: json!(modified_ns(&meta) as u64),
+                mtimes: modified_json(&meta),
                 files: vec![WatchedFile::data(path, &meta)],
                 nan,
             };

@@ -15,11 +15,11 @@ mod names;
 use std::path::{Path, PathBuf};
 
 use pipeline::geometry::Size;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::decoded_chart::{BandDecoder, Declared, DecodedChart, Sink};
 use super::error::ChartError;
-use super::file_change::{WatchedFile, modified_ns};
+use super::file_change::{WatchedFile, modified_json};
 use super::header::header_error;
 use super::options::NanPolicy;
 use super::values::Values;
@@ -65,7 +65,7 @@ struct Opened {
     sample: RasterSample,
     watched: WatchedFile,
     bytes: u64,
-    modified_ns: u64,
+    modified: Value,
 }
 
 fn open_picture(path: &Path) -> Result<Opened, ChartError> {
@@ -76,7 +76,7 @@ fn open_picture(path: &Path) -> Result<Opened, ChartError> {
         sample,
         watched: WatchedFile::data(path, &meta),
         bytes: meta.len(),
-        modified_ns: modified_ns(&meta) as u64,
+        modified: modified_json(&meta),
     };
     match find::kind(path)? {
         find::Kind::Png => {
@@ -222,7 +222,7 @@ fn chart(
     let names: Vec<_> =
         opened.iter().map(|o| json!({ "name": name_of(&o.file.path), "bytes": o.bytes })).collect();
     let content = json!({ "pictures": names, "layout": format!("{size}, {bands} bands, {}", sample.code()) });
-    let mtimes = json!(opened.iter().map(|o| o.modified_ns).collect::<Vec<_>>());
+    let mtimes = Value::Array(opened.iter().map(|o| o.modified.clone()).collect());
     let (pictures, files) = opened.into_iter().map(|o| (o.file, o.watched)).unzip();
     let declared = Declared {
         path: path.into(),

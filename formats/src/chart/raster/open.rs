@@ -13,7 +13,7 @@ use super::mapped::MappedFile;
 use super::{RasterChart, envi, npy_layout};
 use crate::chart::axes::AxisOrder;
 use crate::chart::error::ChartError;
-use crate::chart::file_change::{WatchedFile, modified_ns};
+use crate::chart::file_change::{WatchedFile, modified_json};
 use crate::chart::header::{FileArray, check_wavelengths, header_error, open_regular};
 use crate::chart::options::NanPolicy;
 use crate::chart::values::Values;
@@ -133,7 +133,7 @@ impl RasterChart {
                 "wavelengths_nm": wavelengths_nm,
                 "values": values.identity(),
             }),
-            json!(modified_ns(&meta) as u64),
+            modified_json(&meta),
         );
         let files = header.into_iter().chain([WatchedFile::data(path, &meta)]).collect();
         let map = MappedFile::new(file, expected).map_err(|e| DurableError::io("map", path, expected, e))?;

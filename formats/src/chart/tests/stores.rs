@@ -212,6 +212,20 @@ fn identity_depends_on_the_chart_and_not_on_its_location() {
 }
 
 #[test]
+fn modification_times_before_1970_are_told_apart() {
+    let (_dir, path) = copied("v3-sharded");
+    let chart = open(&path);
+    let file = std::fs::File::open(path.join("chart/c/0/0/0")).unwrap();
+    let times_at = |seconds_before: u64| {
+        let time = std::time::UNIX_EPOCH - std::time::Duration::from_secs(seconds_before);
+        file.set_modified(time).unwrap();
+        chart.identity().unwrap().mtimes
+    };
+    let [at_1970, before, long_before] = [0, 1, 86400].map(times_at);
+    assert!(at_1970 != before && before != long_before && long_before != at_1970);
+}
+
+#[test]
 fn removed_chart_is_an_error_rather_than_missing_chunks() {
     let (_dir, path) = copied("v3-sharded");
     let chart = open(&path);
