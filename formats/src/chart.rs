@@ -3,7 +3,7 @@
 //! | source | type |
 //! |---|---|
 //! | Zarr v2 or v3 array, in a directory or at a URL | [`ChartStore`] |
-//! | flat file: `.npy`, ENVI, raw samples | [`RasterChart`] |
+//! | flat file: `.npy` (CF attributes in `NAME.npy.attributes.json`), ENVI, raw samples | [`RasterChart`] |
 //! | HDF5, NetCDF-4, MATLAB 7.3 | module [`hdf5`] |
 //! | OpenEXR with spectral channels | [`exr::open`] |
 //! | grey PNG or TIFF per band; TIFF of several bands | module [`pictures`] |

@@ -1,4 +1,4 @@
-//! Attributes of an array that define its values (CF conventions 1.11, as written by xarray and netCDF).
+//! Attributes of an array (Zarr, HDF5, or beside a `.npy` file) that define its values (CF conventions 1.11, as written by xarray and netCDF).
 //!
 //! | attribute | meaning here |
 //! |---|---|

@@ -7,14 +7,15 @@
 //! | BIP | (row, column, band): ENVI | one per pixel, all bands of a pixel contiguous |
 //! | | columns slower than rows: NPY (also Fortran order), raw | one per column of the file |
 //!
-//! Only the requested rectangle is copied, and converted to f32; integers are values, scaled only if an ENVI header requires it
-//! ([`envi`]). Pages behind the reader are released, so a file of any size takes the memory of a few rows. Where bands interleave
+//! Only the requested rectangle is copied, and converted to f32; integers are values, scaled only if an ENVI header ([`envi`]) or the
+//! attributes beside a `.npy` file ([`attributes`]) require it. Pages behind the reader are released, so a file of any size takes the memory of a few rows. Where bands interleave
 //! finer than pages, reading band by band would fetch the entire file once per band: [`RasterChart::copy_bands`] first copies the
 //! bands to a temporary file in BSQ order, in one pass.
 //!
 //! A file may be truncated while it is mapped. The lost part then reads as zeros ([`mapped`]), and the read fails.
 //! Not supported: ENVI's georeference and bad band list.
 
+mod attributes;
 mod band_copy;
 pub(super) mod bands;
 mod envi;
@@ -67,7 +68,7 @@ pub struct RasterChart {
     /// Per band: rows whose pages were released.
     released_rows: Vec<AtomicUsize>,
     identity: (Value, Value),
-    /// The data file and its header.
+    /// The data file, and its header or attributes.
     files: Vec<WatchedFile>,
 }
 

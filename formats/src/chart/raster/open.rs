@@ -8,6 +8,7 @@ use pipeline::bounds;
 use pipeline::geometry::Size;
 use serde_json::json;
 
+use super::attributes::{self, Attributes};
 use super::layout::RasterLayout;
 use super::mapped::MappedFile;
 use super::{RasterChart, envi, npy_layout};
@@ -50,7 +51,8 @@ impl RasterChart {
         Self::open_with_axes(path, None, nan)
     }
 
-    /// Opens a `.npy` file, whose axes are `axes` or else (bands, rows, columns), an ENVI header, or the data file beside one.
+    /// Opens a `.npy` file, whose axes are `axes` or else (bands, rows, columns), with the attributes beside it; an ENVI header, or the data
+    /// file beside one.
     ///
     /// # Errors
     /// [`ChartError`] if the header is invalid or not supported, or the file is shorter than the header implies.
@@ -59,7 +61,14 @@ impl RasterChart {
             let head = read_start(path, npy::MAX_HEADER_BYTES)?;
             let layout =
                 npy_layout::parse(&head, axes).map_err(|(what, e, f)| header_error(path, what, e, f))?;
-            return Self::map(path, layout, Description::default(), nan);
+            let declared = attributes::read(path, layout.sample)?;
+            let description = declared.map(|Attributes { values, file, note }| Description {
+                values,
+                notes: note.into_iter().collect(),
+                header: Some(file),
+                ..Description::default()
+            });
+            return Self::map(path, layout, description.unwrap_or_default(), nan);
         }
         if axes.is_some() {
             let found = "--axes for an ENVI file, whose header declares the order (interleave)";
@@ -180,7 +189,7 @@ pub fn beside(path: &Path) -> Option<PathBuf> {
 }
 
 /// The first bytes of a file, at most `limit`.
-fn read_start(path: &Path, limit: u64) -> Result<Vec<u8>, ChartError> {
+pub(super) fn read_start(path: &Path, limit: u64) -> Result<Vec<u8>, ChartError> {
     let mut bytes = Vec::new();
     let read = open_regular(path)?.take(limit).read_to_end(&mut bytes);
     read.map_err(|e| DurableError::io("read", path, 0, e))?;

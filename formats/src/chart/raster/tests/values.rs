@@ -20,6 +20,34 @@ fn nan_is_an_error_with_band_row_column_or_a_counted_zero() {
 }
 
 #[test]
+fn attributes_beside_a_npy_file_apply_as_those_of_a_stored_array() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, beside) = (directory.path().join("n.npy"), directory.path().join("n.npy.attributes.json"));
+    let bytes = [0u16, 1, 10000, 65535].map(u16::to_le_bytes).concat();
+    fs::write(&path, npy("<u2", "(2, 2)", &bytes)).unwrap();
+    let plain = RasterChart::open(&path, NanPolicy::Zero).unwrap();
+    let before = plain.identity().unwrap();
+    fs::write(&beside, r#"{"units": "1", "note": {"a": "NaN"}}"#).unwrap();
+    assert_eq!(RasterChart::open(&path, NanPolicy::Zero).unwrap().identity().unwrap(), before);
+    let packed = r#"{"scale_factor": 1e-4, "add_offset": 0.5, "_FillValue": 65535, "valid_min": 1}"#;
+    fs::write(&beside, packed).unwrap();
+    let chart = RasterChart::open(&path, NanPolicy::Zero).unwrap();
+    let mut out = [9.0; 4];
+    chart.read_rect(0, Rect::new(0, 0, 2, 2), &mut out).unwrap();
+    assert_eq!((out, chart.stats().1), ([0.0, 0.5001, 1.5, 0.0], 2));
+    assert!(chart.notes()[0].contains("0.0001") && chart.identity().unwrap().0 != before.0);
+    fs::write(&beside, packed.replace("0.5", "0.25")).unwrap();
+    assert!(matches!(chart.identity(), Err(ChartError::Changed { .. })));
+    for (wrong, words) in
+        [("[1]", "a JSON object"), (r#"{"_FillValue": "none"}"#, "_FillValue: expected a number")]
+    {
+        fs::write(&beside, wrong).unwrap();
+        let e = RasterChart::open(&path, NanPolicy::Zero).unwrap_err().to_string();
+        assert!(e.contains(words) && e.contains("n.npy.attributes.json"), "{e}");
+    }
+}
+
+#[test]
 fn too_large_values_and_declared_fill_values_are_distinguished() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name);
