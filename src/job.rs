@@ -25,7 +25,7 @@ pub mod stretch;
 
 pub use arguments::threads;
 pub use bands::PlannedBands;
-pub use identity::{NUMERIC_VERSION, argument, contents};
+pub use identity::{Contents, DIGEST, MTIMES, NUMERIC_VERSION, argument, contents};
 pub use inputs::chosen_bands;
 
 use crate::args::{Device, RunArgs};
@@ -129,8 +129,14 @@ impl Job {
             Some(planned) => planned.lens_digest(&plan.lens, &plan.bands),
         };
         let lens = (plan.lens.lens().name.as_str(), &*lens_digest.context("reading the lens pack")?);
-        let identity =
-            identity::identity(args, arguments.options.stages, &inputs, plan.film.keep_bits, lens)?;
+        let identity = identity::identity(
+            args,
+            arguments.options.stages,
+            &inputs,
+            plan.film.keep_bits,
+            lens,
+            arguments.check_input,
+        )?;
         let mut notes = notes::notes(args, &inputs.chart, &plan)?;
         let coverage = Coverage::new(args, &inputs, &plan);
         notes.extend(coverage.note(args));

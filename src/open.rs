@@ -2,6 +2,8 @@
 
 mod access;
 
+pub use access::check_has_files;
+
 use crate::args::DESIGN_FILES;
 use crate::design;
 use crate::failure::usage;

@@ -6,7 +6,7 @@
 //! 2. [`Job::new`], before the film is opened for writing: arguments, the film's recorded engine and the device; metadata of chart and lens, film geometry;
 //!    film layout, the lens traced or read for all bands; memory; limit of chart values; identity (digests of lens and chart).
 //! 3. [`film::open`]: the film is created. If something exists at its path, temporary files beside it are removed and it is opened: metadata,
-//!    then identity and layout (exit code 3; `--trust-input` accepts other modification times of the chart).
+//!    then identity and layout (exit code 3; `--trust-input` accepts other modification times of the chart; with `--check-input` the content of its files is compared instead).
 //! 4. An explicit `--engine` is the film's (exit code 3). If all shards are present: exit code 0.
 //! 5. Lock; temporary files of ended processes are removed; missing shards are listed again.
 //! 6. The engine is the film's, or is recorded in it with `--mixed-engines` (exit code 3). Then a chart with interleaved bands is copied.
@@ -119,8 +119,10 @@ fn run_units(units: &Units, given: &RunCommand, matches: &ArgMatches, jsonl: Opt
     fault_point("film-opened");
     let progress = given.work.progress;
     let task = Task { args: &args, store: &store, units: Some(units), jsonl, progress, start };
-    // Checked before the chart and the lens are opened.
-    if let Some(shards) = units.completed_shards(&store)? {
+    // Checked before the chart and the lens are opened, unless the chart's content is to be compared in any case.
+    if !args.check_input
+        && let Some(shards) = units.completed_shards(&store)?
+    {
         return task.already_complete(shards, "are");
     }
     let job = units.job(&args)?;

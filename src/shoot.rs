@@ -47,6 +47,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     words.extend(option("--wavelengths", args.wavelengths.as_ref()));
     words.extend(option("--chart-units", args.chart_units.as_ref()));
     words.extend(option("--film-pitch-um", args.film_pitch_um));
+    words.extend(args.check_input.then(|| "--check-input".to_owned()));
     let code = replacing_other_job(
         args.overwrite,
         || execute(args, &words, &[&args.chart, &film]),

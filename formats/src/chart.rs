@@ -39,6 +39,7 @@
 mod axes;
 mod band_chunks;
 pub mod cache;
+mod content;
 mod conventions;
 mod coordinates;
 mod decoded;

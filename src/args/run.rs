@@ -136,6 +136,10 @@ pub struct RunArgs {
     /// Resume although the chart's files have new modification times; names and sizes must be unchanged
     #[arg(long, help_heading = "Existing film")]
     pub trust_input: bool,
+    /// Identify the chart by the content of its files (not at URLs), which are read once more before and after the run, instead of their
+    /// modification times [default: as the film was created]
+    #[arg(long, help_heading = "Existing film")]
+    pub check_input: bool,
     /// Make the pyramid afterwards, as `lenscube pyramid` does
     #[arg(long, help_heading = "Film")]
     pub pyramid: bool,

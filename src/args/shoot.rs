@@ -42,6 +42,9 @@ pub struct ShootArgs {
     /// Unit of the chart's values, as for `lenscube run`
     #[arg(long, value_name = "UNIT", value_parser = unit)]
     pub chart_units: Option<String>,
+    /// Identify the chart by the content of its files, as for `lenscube run`
+    #[arg(long)]
+    pub check_input: bool,
     /// Surfaces at several distances, and the lens's focus, as for `lenscube run`.
     #[command(flatten)]
     pub surfaces: DepthArgs,

@@ -1,11 +1,13 @@
 //! Step 2: arguments resolved: device, engine, options, threads.
 
+use super::identity::DIGEST;
 use crate::args::{Device, RunArgs, Stage};
 use crate::device::DeviceSelection;
 use crate::failure::usage;
 use crate::film_engine;
 use anyhow::Result;
 use formats::chart::Codec;
+use formats::film::FilmStore;
 use pipeline::band::{Options, PsfBetween};
 use pipeline::remap::{ChartInterpolation, Stages};
 use pipeline::simd::Simd;
@@ -22,6 +24,8 @@ pub struct Arguments<'a> {
     pub codec: Codec,
     /// Worker threads.
     pub threads: usize,
+    /// Whether the chart is identified by the content of its files: `--check-input`, or as the film was created.
+    pub check_input: bool,
 }
 
 impl<'a> Arguments<'a> {
@@ -37,6 +41,7 @@ impl<'a> Arguments<'a> {
         }
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
+        let check_input = given.check_input || film.as_ref().is_some_and(has_content_digest);
         let device = match (has_depth, &given.device) {
             (true, Device::Cuda(_)) => {
                 return Err(usage(format!(
@@ -50,8 +55,13 @@ impl<'a> Arguments<'a> {
         let device = DeviceSelection::new(device, given.engine.explicit(), film_engine)?;
         let codec = given.codec.or(film.map(|film| film.spec().codec)).unwrap_or_default();
         let options = options(given, device.simd);
-        Ok(Self { given, device, options, codec, threads: threads(given.threads) })
+        Ok(Self { given, device, options, codec, threads: threads(given.threads), check_input })
     }
+}
+
+/// Whether a film was created with `--check-input`.
+fn has_content_digest(film: &FilmStore) -> bool {
+    film.provenance().get("job").is_some_and(|job| job.get(DIGEST).is_some())
 }
 
 /// Worker threads: as given, else all cores.

@@ -190,6 +190,14 @@ impl Depth {
         self.sheets.len()
     }
 
+    /// Digests of the bytes of its files.
+    ///
+    /// # Errors
+    /// As [`Chart::content_digest`].
+    pub fn content_digests(&self) -> Result<Value> {
+        self.charts().map(Chart::content_digest).collect()
+    }
+
     /// What determines pixels, and the modification times of the files.
     ///
     /// # Errors

@@ -14,23 +14,30 @@ use std::path::Path;
 /// Version of the arithmetic: raised whenever the program computes other pixel values for the same job.
 pub const NUMERIC_VERSION: u32 = 4;
 
-/// The identity of a job with the lens `lens_name` of digest `lens_digest`.
+/// Key of the modification times of the input files.
+pub const MTIMES: &str = "chart_mtimes";
+/// Key of the digests of the input files' bytes, of a job with `--check-input`; it has no modification times.
+pub const DIGEST: &str = "chart_digest";
+
+/// The identity of a job with the lens `lens_name` of digest `lens_digest`; with the content of the input files if `check_input`.
 ///
 /// # Errors
-/// The chart's chunks cannot be listed.
+/// The chart's chunks cannot be listed; its files cannot be read.
 pub fn identity(
     args: &RunArgs,
     stages: Stages,
     inputs: &Inputs,
     keep_bits: Option<u32>,
     (lens_name, lens_digest): (&str, &str),
+    check_input: bool,
 ) -> Result<Map<String, Value>> {
-    let (content, mtimes, surfaces) = contents(&inputs.chart, inputs.depth.as_ref())?;
+    let Contents { content, files: (key, files), surfaces } =
+        contents(&inputs.chart, inputs.depth.as_ref(), check_input)?;
     let frame = &inputs.frame;
     let value = json!({
         "numeric_version": NUMERIC_VERSION,
         "chart": content,
-        "chart_mtimes": mtimes,
+        (key): files,
         "chart_bands": inputs.selected_bands,
         "lens_name": lens_name,
         "lens_digest": lens_digest,
@@ -61,22 +68,45 @@ pub fn identity(
     Ok(map)
 }
 
-/// Content of the chart, modification times of all input files, and the surfaces at several distances.
+/// What identifies the inputs.
+pub struct Contents {
+    /// Everything that determines the chart's values except its samples.
+    pub content: Value,
+    /// State of all input files: [`MTIMES`] or [`DIGEST`], and its value.
+    pub files: (&'static str, Value),
+    /// The surfaces at several distances.
+    pub surfaces: Option<Value>,
+}
+
+/// What identifies the inputs: by the content of their files if `check_input`, else by their modification times.
 ///
 /// # Errors
-/// The chunks cannot be listed.
-pub fn contents(chart: &Chart, depth: Option<&Depth>) -> Result<(Value, Value, Option<Value>)> {
+/// The chunks cannot be listed; the files cannot be read, changed, or are at a URL (`check_input`).
+pub fn contents(chart: &Chart, depth: Option<&Depth>, check_input: bool) -> Result<Contents> {
+    let digests = match check_input {
+        false => None,
+        true => Some([chart.content_digest()?, depth.map_or(Ok(Value::Null), Depth::content_digests)?]),
+    };
+    // After the digests: the files that were read are those that were opened.
     let (content, mtimes) = chart.identity()?;
-    let Some(depth) = depth else { return Ok((content, mtimes, None)) };
-    let (surfaces, times) = depth.identity()?;
-    Ok((content, json!([mtimes, times]), Some(surfaces)))
+    let (surfaces, times) = depth.map(Depth::identity).transpose()?.unzip();
+    let state = |of_chart, of_depth: Option<Value>| match of_depth {
+        None => of_chart,
+        Some(of_depth) => json!([of_chart, of_depth]),
+    };
+    let files = match digests {
+        None => (MTIMES, state(mtimes, times)),
+        Some([of_chart, of_depth]) => (DIGEST, state(of_chart, depth.map(|_| of_depth))),
+    };
+    Ok(Contents { content, files, surfaces })
 }
 
 /// A key of the identity or layout in the words of the command line.
 pub fn argument(key: &str) -> String {
     match key {
         "chart" => "chart".into(),
-        "chart_mtimes" => "modification times of the chart".into(),
+        MTIMES => "modification times of the chart".into(),
+        DIGEST => "content of the chart".into(),
         "chart_bands" => "--bands".into(),
         "lens_name" | "lens_digest" => format!("--lens ({})", key.trim_start_matches("lens_")),
         "rois" => "--roi".into(),

@@ -7,11 +7,12 @@ use super::frame::{Named, frame};
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::lens::source::UntracedLens;
-use crate::open::{Chart, ChartFlags};
+use crate::open::{Chart, ChartFlags, check_has_files};
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::chart::NanPolicy;
 use pipeline::geometry::Frame;
+use std::path::Path;
 use std::sync::Once;
 
 /// Chart, lens and names of the surfaces' arrays: what is opened first.
@@ -27,6 +28,9 @@ impl Opened {
     /// # Errors
     /// Chart or lens cannot be opened.
     pub fn new(args: &RunArgs) -> Result<Self> {
+        if args.check_input {
+            check_has_files(Path::new(&args.chart))?;
+        }
         let chart = open_chart(args, args.nan)?;
         let lens = UntracedLens::open_focused(&args.lens, &args.surfaces)?;
         let surfaces = SurfacePaths::of_job(&args.surfaces, &args.chart, &chart)?;

@@ -7,6 +7,7 @@ use crate::memory::machine::machine_memory;
 use crate::progress::{counting, log_line};
 use anyhow::{Context, Result};
 use formats::chart::{ChunkMemory, RasterSample};
+use formats::durable::is_url;
 use pipeline::chart::Kind;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Size;
@@ -218,6 +219,22 @@ impl Chart {
         }
     }
 
+    /// Digest of the bytes of its files, all of which are read; null if it is generated. For `--check-input`.
+    ///
+    /// # Errors
+    /// Usage: it is at a URL. A file cannot be read, or changes meanwhile.
+    pub fn content_digest(&self) -> Result<Value> {
+        Ok(match self {
+            Self::Store(s) => {
+                check_has_files(s.path())?;
+                json!(s.content_digest()?)
+            }
+            Self::Raster(r) => json!(r.content_digest()?),
+            Self::Decoded(p) => json!(p.content_digest()?),
+            Self::Generated(_) => Value::Null,
+        })
+    }
+
     /// Identity for the job's digest: its content (names and sizes of files, parameters), and the modification times of its files.
     pub fn identity(&self) -> Result<(Value, Value)> {
         Ok(match self {
@@ -229,6 +246,21 @@ impl Chart {
             Self::Decoded(p) => p.identity()?,
             Self::Generated(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
+    }
+}
+
+/// Fails for a URL, which `--check-input` does not read.
+///
+/// # Errors
+/// Usage.
+pub fn check_has_files(path: &Path) -> Result<()> {
+    match is_url(path) {
+        true => Err(usage(format!(
+            "--check-input: expected local files, found {}, whose objects are identified by their ETags; leave it out, or copy the chart to a \
+             local disk",
+            path.display()
+        ))),
+        false => Ok(()),
     }
 }
 

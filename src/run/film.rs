@@ -2,7 +2,7 @@
 
 use crate::args::RunArgs;
 use crate::failure::other_job;
-use crate::job::{Job, argument, contents};
+use crate::job::{Contents, DIGEST, Job, MTIMES, argument, contents};
 use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::film::{FilmSpec, FilmStore};
@@ -74,13 +74,17 @@ fn check_same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
     let recorded = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
     let differing =
         [differences(&recorded, &job.identity), layout_differences(store.spec(), &job.film)].concat();
-    let trusted = |key: &&str| args.trust_input && *key == "chart_mtimes";
+    let trusted = |key: &&str| args.trust_input && is_trustable(key, &recorded);
     let keys: Vec<&str> = differing.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
     if keys.is_empty() {
         return Ok(());
     }
     let remedy = match keys[..] {
-        ["chart_mtimes"] => {
+        _ if keys.iter().all(|k| is_trustable(k, &recorded)) && keys.contains(&DIGEST) => {
+            "the film was created without --check-input, so the content of its chart is not recorded; if its pixels are the same, \
+             continue with --trust-input, else start again with --overwrite"
+        }
+        [MTIMES] => {
             "files of the chart have the same names and sizes but new modification times; if their pixels are the same, continue \
              with --trust-input, else start again with --overwrite"
         }
@@ -97,6 +101,12 @@ fn check_same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
     )))
 }
 
+/// Whether `--trust-input` accepts that `key` differs: modification times, or a content that the film, created without `--check-input`, does
+/// not record.
+fn is_trustable(key: &str, recorded: &Map<String, Value>) -> bool {
+    key == MTIMES || (key == DIGEST && !recorded.contains_key(DIGEST))
+}
+
 /// Differences between the planned identity and layout and those found; `None` if there are none.
 pub fn differences_from_plan(
     (planned, planned_layout): (&Map<String, Value>, &Value),
@@ -107,9 +117,11 @@ pub fn differences_from_plan(
     if let (Some(planned), Some(found)) = (planned_layout.as_object(), found_layout.as_object()) {
         differing.extend(differences(planned, found));
     }
-    differing.retain(|d| !(args.trust_input && d.0 == "chart_mtimes"));
-    let hint =
-        |key: &str| if key == "chart_mtimes" { ": if its pixels are the same, --trust-input" } else { "" };
+    differing.retain(|d| !(args.trust_input && is_trustable(&d.0, planned)));
+    let hint = |key: &str| match is_trustable(key, planned) {
+        true => ": if its pixels are the same, --trust-input",
+        false => "",
+    };
     let list = differing
         .iter()
         .map(|(key, planned, found)| format!("{key} (planned {planned}, found {found}){}", hint(key)));
@@ -188,8 +200,9 @@ fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Differen
 
 /// Fails if the chart changed since the job was resolved: shards may then be of different charts.
 pub fn check_chart_unchanged(job: &Job) -> Result<()> {
-    let (content, mtimes, surfaces) = contents(&job.chart, job.depth.as_ref())?;
-    let found = [("chart", Some(content)), ("chart_mtimes", Some(mtimes)), ("depth", surfaces)];
+    let by_content = job.identity.contains_key(DIGEST);
+    let Contents { content, files, surfaces } = contents(&job.chart, job.depth.as_ref(), by_content)?;
+    let found = [("chart", Some(content)), (files.0, Some(files.1)), ("depth", surfaces)];
     if found.iter().any(|(key, value)| job.identity.get(*key) != value.as_ref()) {
         bail!(
             "the chart changed during the run, so the film may be of both versions; leave the chart unchanged and start again with \

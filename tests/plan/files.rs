@@ -149,3 +149,25 @@ fn moved_or_touched_chart_exits_3_and_a_chart_at_another_path_is_accepted() {
     common::assert_exit(&planned.run("1", &["--trust-input"]), 0, &[]);
     assert!(files(&planned.place.film) == expected);
 }
+
+#[test]
+fn a_plan_with_check_input_compares_the_content_of_the_chart() {
+    let planned = Planned::new(place(), &["--unit-rows", "8", "--check-input"]);
+    let expected = planned.single_run(&["--check-input"]);
+    planned.run("0", &[]).ok();
+    // Its band 1, the one that is missing, with the same size and time.
+    let file = planned.place.chart.join("chart/c/1/0/0");
+    let (good, modified) = (fs::read(&file).unwrap(), fs::metadata(&file).unwrap().modified().unwrap());
+    let mut bytes = good.clone();
+    *bytes.last_mut().unwrap() ^= 1;
+    fs::write(&file, bytes).unwrap();
+    fs::File::options().write(true).open(&file).unwrap().set_modified(modified).unwrap();
+    for flags in [&[][..], &["--trust-input"]] {
+        common::assert_exit(&planned.run("1", flags), OTHER_JOB, &["differs from the plan", "chart_digest"]);
+    }
+    common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &["differs from the plan"]);
+    fs::write(&file, good).unwrap();
+    planned.run("1", &[]).ok();
+    common::assert_exit(&planned.run("0-1", &[]), 0, &["complete"]);
+    assert!(files(&planned.place.film) == expected);
+}

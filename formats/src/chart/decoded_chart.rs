@@ -175,6 +175,10 @@ impl DecodedChart {
         Ok(self.identity.clone())
     }
 
+    pub(super) fn files(&self) -> &[WatchedFile] {
+        &self.declared.files
+    }
+
     fn check_unchanged(&self) -> Result<(), ChartError> {
         self.declared.files.iter().try_for_each(WatchedFile::check_unchanged)
     }

@@ -7,6 +7,8 @@
 //! Chunks of a Zarr array in a directory ([`ChunkFileStates`]): size and modification time, as listed for the chart's identity and
 //! compared after each read. So a killed run leaves no shard computed from a file that changed after that, and the film can be
 //! resumed once the chart is restored. Objects are replaced as one, and their ETags are compared at the end of a run.
+//!
+//! A write through a memory mapping to a page that the system has not yet written back changes no time: `content` compares the bytes.
 
 use std::collections::HashMap;
 use std::fs::{File, Metadata};
@@ -60,6 +62,11 @@ impl WatchedFile {
     /// A header file, of whose first `limit` bytes `text` was read.
     pub(super) fn header(path: &Path, limit: u64, text: &[u8]) -> Self {
         Self { path: path.into(), state: State::Header { limit, digest: blake3::hash(text) } }
+    }
+
+    /// Path of a data file; `None` for a header.
+    pub(super) fn data_path(&self) -> Option<&Path> {
+        matches!(self.state, State::Data(_)).then_some(&*self.path)
     }
 
     /// Checks that the path still leads to the same file in the same state.

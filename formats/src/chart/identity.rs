@@ -63,7 +63,7 @@ impl ChartStore {
     }
 
     /// The files with pixels of the array. A directory is listed; objects are looked up by the keys that the array may have.
-    fn chunk_files(&self) -> Result<Vec<ChunkFile>, DurableError> {
+    pub(super) fn chunk_files(&self) -> Result<Vec<ChunkFile>, DurableError> {
         let mut files = Vec::new();
         let objects = match &*self.layout.store {
             Store::Directory(_) => {

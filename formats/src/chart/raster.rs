@@ -69,7 +69,7 @@ pub struct RasterChart {
     released_rows: Vec<AtomicUsize>,
     identity: (Value, Value),
     /// The data file, and its header or attributes.
-    files: Vec<WatchedFile>,
+    pub(super) files: Vec<WatchedFile>,
 }
 
 impl RasterChart {
