@@ -1,19 +1,18 @@
 """Charts in memory: written once into a temporary .npy file, which the program maps; their wavelengths, pitch and unit become flags.
 
 Arrays of NumPy, and lazy ones of xarray, are written in slabs, those of Dask chunk by chunk: no second copy of the cube is made in memory.
-The file's time stamp is derived from its content. The program identifies a chart by shape, wavelengths and time stamp, so that the same
-array resumes a film, also from another session, and a changed one is another job.
+The map of a complete .npy file is passed by its name, read-only meanwhile. An array is identified by its content (`check_input`), so that
+the same one resumes a film, also from another session, and a changed one is another job.
 """
 
 import contextlib
-import hashlib
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from . import _temporary
 from ._films import registered
 
 if TYPE_CHECKING:
@@ -37,10 +36,17 @@ def given(
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """The program's name of a chart (a path, gen:…, Dataset, DataArray or array), and the flags with what the array adds.
 
-    With `for_film` the chart's pitch and unit become film_pitch_um and chart_units, where those are not given.
+    With `for_film` an array is identified by its content, and its pitch and unit become film_pitch_um and chart_units, where those are
+    not given.
     """
-    if stored := registered(chart) or _mapped_file(chart):
+    if stored := registered(chart):
         yield stored, flags
+        return
+    if for_film and flags.get("check_input") is None:
+        flags = {**flags, "check_input": True}
+    if mapped := _mapped_file(chart):
+        with _read_only(chart):
+            yield mapped, flags
         return
     array = standard(chart, flags.get("axes"))
     flags = {name: value for name, value in flags.items() if name != "axes"}
@@ -50,25 +56,49 @@ def given(
         flags["film_pitch_um"] = um
     if for_film and flags.get("chart_units") is None and str(array.attrs.get("units", "")).strip():
         flags["chart_units"] = str(array.attrs["units"])
-    folder = _folder(array.nbytes, temp_dir)
-    try:
+    with _temporary.folder(temp_dir) as folder:
+        _check_space(folder, array.nbytes)
         path = folder / "chart.npy"
         write(path, array)
         yield str(path), flags
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _mapped_file(chart: Any) -> str | None:
-    """The .npy file of which an array is the complete map (`np.load(…, mmap_mode="r")`); a copy-on-write map may differ from its file."""
+    """The .npy file of which an array is the complete map (`np.load(…, mmap_mode="r")`), unless another file has its name by now.
+
+    A copy-on-write map may differ from its file.
+    """
     import numpy
 
     name = getattr(chart, "filename", None)
     if not isinstance(chart, numpy.memmap) or name is None or not str(name).endswith(".npy") or chart.mode == "c":
         return None
-    whole = numpy.load(name, mmap_mode="r")
+    chart.flush()
+    try:
+        whole = numpy.load(name, mmap_mode="r")
+    except (OSError, ValueError):
+        return None
     same = [(a.shape, a.dtype, a.strides, a.offset) for a in (chart, whole)]
-    return str(name) if same[0] == same[1] else None
+    return str(name) if same[0] == same[1] and _same_bytes(chart, whole) else None
+
+
+def _same_bytes(a: "numpy.ndarray", b: "numpy.ndarray") -> bool:
+    """Whether two arrays of the same strides without gaps have the same bytes. Two maps of one file share its pages."""
+    import numpy
+
+    flat = [m.reshape(-1, order="A").view("u1") for m in (a, b)]
+    slabs = (slice(first, first + SLAB_BYTES) for first in range(0, flat[0].size, SLAB_BYTES))
+    return all(numpy.array_equal(flat[0][slab], flat[1][slab]) for slab in slabs)
+
+
+@contextlib.contextmanager
+def _read_only(chart: "numpy.ndarray") -> Iterator[None]:
+    writeable = chart.flags.writeable
+    chart.flags.writeable = False
+    try:
+        yield
+    finally:
+        chart.flags.writeable = writeable
 
 
 def standard(chart: Any, axes: str | None) -> "xarray.DataArray":
@@ -146,18 +176,15 @@ def pitch_um(array: "xarray.DataArray") -> float | None:
     return float(f"{found[0]:.9g}") if abs(found[0] - found[1]) <= 1e-6 * found[0] else None
 
 
-def _folder(nbytes: int, temp_dir: str | os.PathLike[str] | None) -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="lenscube-", dir=temp_dir))
+def _check_space(folder: Path, nbytes: int) -> None:
     free = shutil.disk_usage(folder).free
     if free < nbytes:
-        folder.rmdir()
         text = f"{nbytes * 1e-9:.1f} GB of the chart do not fit in {folder.parent} ({free * 1e-9:.1f} GB free)"
         raise OSError(f"{text}: give another temp_dir, or store the chart and pass its path")
-    return folder
 
 
 def write(path: Path, array: "xarray.DataArray") -> None:
-    """Writes (wavelength, y, x) as .npy, with a time stamp that is derived from the content."""
+    """Writes (wavelength, y, x) as .npy."""
     import numpy
 
     out = numpy.lib.format.open_memmap(path, "w+", array.dtype.newbyteorder("="), array.shape)
@@ -168,14 +195,6 @@ def write(path: Path, array: "xarray.DataArray") -> None:
     else:
         _write_slabs(array, out)
     out.flush()
-    digest = hashlib.blake2b(digest_size=8)
-    # After the header, in the order of the file.
-    for band in out:
-        digest.update(band)
-    # 60 bits of nanoseconds: a date between 1970 and 2006.
-    modified_ns = int.from_bytes(digest.digest(), "big") >> 4
-    del out
-    os.utime(path, ns=(modified_ns, modified_ns))
 
 
 def _write_slabs(array: "xarray.DataArray", out: "numpy.ndarray") -> None:
