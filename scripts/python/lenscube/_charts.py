@@ -1,4 +1,5 @@
-"""Charts in memory: written once into a temporary .npy file, which the program maps; their wavelengths, pitch and unit become flags.
+"""Charts in memory: written once into a temporary .npy file, which the program maps; their wavelengths, pitch and unit become flags, their
+other attributes a file beside it, which the program reads as those of a stored array.
 
 Arrays of NumPy, and lazy ones of xarray, are written in slabs, those of Dask chunk by chunk: no second copy of the cube is made in memory.
 The map of a complete .npy file is passed by its name, read-only meanwhile. An array is identified by its content (`check_input`), so that
@@ -6,9 +7,11 @@ the same one resumes a film, also from another session, and a changed one is ano
 """
 
 import contextlib
+import json
+import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,12 +69,14 @@ def given(
 def _mapped_file(chart: Any) -> str | None:
     """The .npy file of which an array is the complete map (`np.load(…, mmap_mode="r")`), unless another file has its name by now.
 
-    A copy-on-write map may differ from its file.
+    A copy-on-write map may differ from its file, and attributes beside the file are not those of the array.
     """
     import numpy
 
     name = getattr(chart, "filename", None)
     if not isinstance(chart, numpy.memmap) or name is None or not str(name).endswith(".npy") or chart.mode == "c":
+        return None
+    if _beside(Path(name)).exists():
         return None
     chart.flush()
     try:
@@ -184,7 +189,7 @@ def _check_space(folder: Path, nbytes: int) -> None:
 
 
 def write(path: Path, array: "xarray.DataArray") -> None:
-    """Writes (wavelength, y, x) as .npy."""
+    """Writes (wavelength, y, x) as .npy, and its attributes beside it, from which the program takes scale, offset and missing values."""
     import numpy
 
     out = numpy.lib.format.open_memmap(path, "w+", array.dtype.newbyteorder("="), array.shape)
@@ -195,6 +200,26 @@ def write(path: Path, array: "xarray.DataArray") -> None:
     else:
         _write_slabs(array, out)
     out.flush()
+    if array.attrs:
+        _beside(path).write_text(json.dumps(_plain(array.attrs)))
+
+
+def _beside(path: Path) -> Path:
+    """Where the program looks for the attributes of a .npy file."""
+    return path.with_name(f"{path.name}.attributes.json")
+
+
+def _plain(value: Any) -> Any:
+    """An attribute as JSON; numbers that JSON lacks by their names in Zarr, values of other types as text."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
 
 
 def _write_slabs(array: "xarray.DataArray", out: "numpy.ndarray") -> None:

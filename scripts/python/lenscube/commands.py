@@ -61,7 +61,8 @@ def run(
         dimensions wavelength, y and x in any order, or an array (wavelength, y, x), other orders with axes="y,x,wavelength". Samples u1, u2,
         f2, f4 or f8. A DataArray gives its wavelengths [nm, or as the attribute `units` says] by its coordinate, and the film pitch by its
         attribute `pitch_um` or evenly spaced coordinates x and y with a unit of length; else `wavelengths` [nm] and `film_pitch_um` do.
-        Its attribute `units` is that of the film (`chart_units`).
+        Its attribute `units` is that of the film (`chart_units`); `scale_factor`, `add_offset`, `_FillValue`, `missing_value` and the valid
+        range apply as in a store (xarray has applied those of a store that it opened with `decode_cf`).
         A cube in memory is written once to a temporary file, and identified by its content: of a store on disk pass the path.
     film: path of the film, a Zarr v3 group, or s3://BUCKET/PREFIX; None: a temporary folder, removed at the end of this process.
     progress: None: a bar on a terminal and in notebooks; True, False; or a function of the events of `--progress jsonl`.
