@@ -1,5 +1,6 @@
 //! `lenscube verify`: reads a complete film, checks its shards and attributes, and lists what is wrong.
 
+pub mod digests;
 pub mod repair;
 pub mod verdict;
 
@@ -7,14 +8,15 @@ use crate::args::VerifyArgs;
 use crate::failure::code;
 use crate::job;
 use crate::progress::{counting, log_line, plural, print};
-use crate::run::film::{digest, layout, lock_all};
+use crate::run::film::{layout, lock_all};
 use crate::status;
 use anyhow::Result;
+use digests::check_digests;
 use formats::durable::fault_point;
 use formats::film::FilmStore;
 use formats::group::{Finding, VerifyReport};
 use repair::{Repair, Target};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 /// Runs the command; the exit code.
 pub fn command(args: &VerifyArgs) -> Result<u8> {
@@ -48,19 +50,6 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
         false => print_report(&store, &engines, &verdict, repair.as_ref()),
     }
     Ok(if verdict.findings.is_empty() { 0 } else { code::WRONG })
-}
-
-/// Digests in the `provenance` of a film or raw of `layout` that differ from those of what they are the digests of.
-pub fn check_digests(provenance: &Map<String, Value>, layout: &Value) -> Vec<Finding> {
-    let pairs = [("job_digest", provenance.get("job").map(digest)), ("layout_digest", Some(digest(layout)))];
-    let recorded = |key: &str| provenance.get(key).and_then(Value::as_str);
-    let wrong = pairs
-        .into_iter()
-        .filter(|(key, computed)| computed.is_none() || recorded(key) != computed.as_deref());
-    let finding = |(key, _)| Finding::Attributes {
-        reason: format!("{key} does not match the attributes that it is the digest of"),
-    };
-    wrong.map(finding).collect()
 }
 
 /// The rounding of a film that differs from that of its job.

@@ -5,7 +5,7 @@ use crate::failure::{Coded, code};
 use crate::job::threads;
 use crate::progress::{counting, json_path, plural, print};
 use crate::run::film::lock_all;
-use crate::verify::check_digests;
+use crate::verify::digests::check_digests;
 use crate::verify::repair::{self, Target, repair};
 use crate::verify::verdict;
 use anyhow::Result;

@@ -6,7 +6,7 @@ use super::Pyramid;
 use crate::group::{Finding, GroupError, OME, PYRAMID_GROUP, metadata_key, read_json};
 use crate::hierarchy::pretty;
 
-/// The metadata of a pyramid's group: what it must be, and the two places where it is stored.
+/// Where the stamp of the present pixels is recorded.
 struct Stamped {
     stamp: String,
     /// Whether `pyramid/zarr.json` exists.
