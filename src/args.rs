@@ -34,7 +34,9 @@ pub use camera::{CameraArgs, Renderer};
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;
-pub use depth::{DEPTH_TOLERANCE, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, NO_HIDDEN};
+pub use depth::{
+    CoverageLight, DEPTH_TOLERANCE, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, NO_HIDDEN,
+};
 pub use depth_report::DepthReportArgs;
 pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};

@@ -25,7 +25,7 @@ pub mod stretch;
 
 pub use arguments::threads;
 pub use bands::PlannedBands;
-pub use identity::{Contents, DIGEST, MTIMES, NUMERIC_VERSION, argument, contents};
+pub use identity::{Contents, DIGEST, MTIMES, argument, contents, numeric_version};
 pub use inputs::chosen_bands;
 
 use crate::args::{Device, RunArgs};

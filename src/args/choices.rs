@@ -1,7 +1,7 @@
 //! Flags whose values stand for values of the library, which knows no command line.
 
 use super::camera::Renderer;
-use super::depth::{DepthEdges, DepthKind, DepthMiss, DepthUnit};
+use super::depth::{CoverageLight, DepthEdges, DepthKind, DepthMiss, DepthUnit};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use formats::chart::NanPolicy;
 use formats::export::exr::ExrCompression;
@@ -32,6 +32,8 @@ pub(super) const DEMOSAIC: Choices<Demosaic> = &[
     ("bilinear", "Linear over one period, any pattern", Demosaic::Bilinear),
     ("superpixel", "One pixel per period", Demosaic::Superpixel),
 ];
+pub(super) const COVERAGE_LIGHT: Choices<CoverageLight> =
+    &[("straight", "", CoverageLight::Straight), ("premultiplied", "", CoverageLight::Premultiplied)];
 pub(super) const DEPTH_EDGES: Choices<DepthEdges> =
     &[("keep", "", DepthEdges::Keep), ("snap", "", DepthEdges::Snap)];
 pub(super) const DEPTH_KIND: Choices<DepthKind> = &[

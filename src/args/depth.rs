@@ -1,6 +1,6 @@
 //! Surfaces at several distances: flags of a job, and their values.
 
-use super::choices::{DEPTH_EDGES, DEPTH_KIND, DEPTH_MISS, DEPTH_UNIT, one_of};
+use super::choices::{COVERAGE_LIGHT, DEPTH_EDGES, DEPTH_KIND, DEPTH_MISS, DEPTH_UNIT, one_of};
 use super::lens::{Gap, focus_m, gap};
 use super::values::positive;
 use crate::failure::usage;
@@ -40,6 +40,11 @@ pub struct DepthArgs {
     /// surface [default: keep]
     #[arg(long, value_parser = one_of(DEPTH_EDGES))]
     pub depth_edges: Option<DepthEdges>,
+    /// Light of pixels that a surface covers in part, by its array coverage: that of the surface alone (straight), or multiplied by the coverage, as
+    /// compositing programs and OpenEXR files have it (premultiplied), by which it is then divided [default: straight, with a note; an error for
+    /// OpenEXR files with alpha]
+    #[arg(long, value_parser = one_of(COVERAGE_LIGHT))]
+    pub coverage_light: Option<CoverageLight>,
     /// Surface hidden behind the ones before it, the nearest first: Zarr group with arrays chart and depth, and coverage if it has holes, e.g.
     /// CHART//hidden/1, or a spectral OpenEXR file with a channel Z; repeatable. none: nothing is invented [default: what is hidden behind edges is
     /// invented from what is around, and its share of the light is stored in the film's array `invented`]
@@ -108,6 +113,15 @@ pub enum DepthMiss {
     Error,
     /// Infinity.
     Far,
+}
+
+/// `--coverage-light`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CoverageLight {
+    /// Of the surface alone.
+    Straight,
+    /// Multiplied by the coverage.
+    Premultiplied,
 }
 
 /// `--hidden none`.

@@ -7,7 +7,7 @@ pub mod scan;
 pub mod surfaces;
 
 use super::arguments::threads;
-use crate::args::{DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, RunArgs};
+use crate::args::{CoverageLight, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, RunArgs};
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
@@ -50,6 +50,13 @@ pub struct DepthRequest<'a> {
     pub threads: usize,
 }
 
+/// What mends premultiplied colours without a coverage.
+const NO_COVERAGE: &str = "and there is no coverage: write colours divided by alpha, distances and alpha as the arrays chart, depth and coverage of a \
+                           Zarr group, or render opaque pixels";
+/// What mends premultiplied colours beside a coverage.
+const COVERAGE_LIGHT: &str = "and there is a coverage: add `--coverage-light premultiplied`, which divides them by it, or `--coverage-light straight` if \
+                              they are the colours of the surface";
+
 impl<'a> DepthRequest<'a> {
     /// That of a run.
     pub fn new(args: &'a RunArgs) -> Self {
@@ -63,6 +70,12 @@ impl<'a> DepthRequest<'a> {
             ..ChartFlags::default()
         };
         Self { given: &args.surfaces, chart: &args.chart, flags: Some(flags), directory, threads }
+    }
+
+    /// Fails if the chart of the surface `paths` has premultiplied colours, which `way_out` mends.
+    fn check_opaque(&self, paths: &SurfacePaths, way_out: &str) -> Result<()> {
+        let spec = paths.chart.as_deref().unwrap_or(self.chart);
+        check_opaque(spec, way_out, &self.directory, self.threads)
     }
 }
 
@@ -91,8 +104,9 @@ struct SheetInput {
     /// Its chart; none for the surface of the job's chart.
     chart: Option<Chart>,
     depth: DepthInput,
-    coverage: Option<Chart>,
     distance: Distance,
+    /// Whether the light of its chart is multiplied by its coverage.
+    is_premultiplied: bool,
 }
 
 enum DepthInput {
@@ -105,6 +119,13 @@ impl DepthInput {
         match self {
             Self::Array(depth) => depth.as_ref(),
             Self::Constant(depth) => depth,
+        }
+    }
+
+    fn coverage(&self) -> Option<&Chart> {
+        match self {
+            Self::Array(depth) => depth.coverage.as_ref(),
+            Self::Constant(_) => None,
         }
     }
 }
@@ -134,17 +155,25 @@ impl Depth {
                 depth.snap(edges);
             }
             let (name, source) = (&*paths.name, sheet.depth.source());
-            let of = Scanned { name, source, rows: sheet.rows_at_a_time(), edges, nodes: lens.nodes };
+            let coverage = sheet.depth.coverage().map(Chart::source);
+            let of =
+                Scanned { name, source, coverage, rows: sheet.rows_at_a_time(), edges, nodes: lens.nodes };
             let found = match i {
                 0 => scan.add(&of, on_row)?,
                 _ => scan.add(&of, &mut |_, _| ())?,
             };
             notes.extend(found.edge_note(name).filter(|_| !is_snapped));
             notes.extend(found.infinity_note(name));
+            let is_drawn = matches!(sheet.depth.coverage(), Some(Chart::Generated(_)));
+            let is_known = is_drawn || request.given.coverage_light.is_some();
+            notes.extend(found.coverage_note(name).filter(|_| !is_known));
             findings.push(found);
-            if let Some(coverage) = &sheet.coverage {
-                scan::coverage(name, coverage)?;
-            }
+        }
+        if scan.range().0 > scan.range().1 {
+            return Err(usage(format!(
+                "{}: the coverage of all pixels is 0, expected a surface somewhere",
+                paths.iter().map(|paths| &*paths.name).collect::<Vec<_>>().join(", ")
+            )));
         }
         let missed: u64 = findings.iter().map(Findings::missed).sum();
         if missed > 0 {
@@ -158,7 +187,7 @@ impl Depth {
         }
         let has_f16 = sheets.iter().any(SheetInput::is_f16);
         let range = lens.nodes.unwrap_or_else(|| rounded_range(scan.range()));
-        let is_opaque = matches!(&sheets[..], [only] if only.coverage.is_none());
+        let is_opaque = matches!(&sheets[..], [only] if only.depth.coverage().is_none());
         let surfaces = scan.surfaces(is_opaque, sheets.len() == 1 && request.given.hidden.is_empty());
         let f16_step_px = has_f16.then_some(step_px);
         Ok(Self { surfaces, range, sheets, findings, f16_step_px, notes })
@@ -215,15 +244,20 @@ impl Depth {
                 DepthInput::Constant(depth) => json!(depth.distance),
                 DepthInput::Array(_) => Value::Null,
             };
-            content.push(json!({
+            let mut of_sheet = json!({
                 "arrays": arrays,
-                "has_coverage": sheet.coverage.is_some(),
+                "has_coverage": sheet.depth.coverage().is_some(),
                 "constant": constant,
                 "metres_per_unit": sheet.distance.metres,
                 "ray": sheet.distance.ray_focal_mm,
                 "miss_is_far": sheet.distance.miss_is_far,
                 "snapped": matches!(&sheet.depth, DepthInput::Array(depth) if depth.is_snapped()),
-            }));
+            });
+            // Absent for straight light: the identity is then that of programs without this option.
+            if sheet.is_premultiplied {
+                of_sheet["premultiplied"] = true.into();
+            }
+            content.push(of_sheet);
         }
         let content = json!({ "sheets": content, "is_invented": self.surfaces.is_invented });
         Ok((content, Value::Array(mtimes)))
@@ -237,11 +271,11 @@ impl Depth {
     /// Sets the caches to hold tiles of `rows` rows.
     pub fn set_cache_for_rows(&mut self, rows: usize) {
         for sheet in &mut self.sheets {
-            let depth = match &mut sheet.depth {
-                DepthInput::Array(depth) => Some(&mut depth.chart),
-                DepthInput::Constant(_) => None,
+            let (depth, coverage) = match &mut sheet.depth {
+                DepthInput::Array(depth) => (Some(&mut depth.chart), depth.coverage.as_mut()),
+                DepthInput::Constant(_) => (None, None),
             };
-            for chart in sheet.chart.iter_mut().chain(depth).chain(&mut sheet.coverage) {
+            for chart in sheet.chart.iter_mut().chain(depth).chain(coverage) {
                 chart.set_cache_bytes(chart.cache_for_rows(rows));
             }
         }
@@ -272,12 +306,8 @@ impl SheetInput {
             let depth = DepthInput::Constant(ConstantDepth { size: frame.chart, distance });
             let metres = given.depth_unit.unwrap_or(DepthUnit::Metre).metres();
             let distance = meaning(given, metres, given.depth_kind, focal_mm);
-            check_opaque(
-                paths.chart.as_deref().unwrap_or(request.chart),
-                &request.directory,
-                request.threads,
-            )?;
-            return Ok(Self { chart, depth, coverage: None, distance });
+            request.check_opaque(paths, NO_COVERAGE)?;
+            return Ok(Self { chart, depth, distance, is_premultiplied: false });
         }
         let raw = given.depth_dtype.as_deref().filter(|_| paths.chart.is_none());
         let depth = array(&paths.depth, frame, &paths.name, raw)?;
@@ -292,14 +322,15 @@ impl SheetInput {
         if let Some(coverage) = &coverage {
             decode(coverage, &request.directory, request.threads)?;
         }
-        if coverage.is_none() {
-            check_opaque(
-                paths.chart.as_deref().unwrap_or(request.chart),
-                &request.directory,
-                request.threads,
-            )?;
+        match (&coverage, given.coverage_light) {
+            (None, _) => request.check_opaque(paths, NO_COVERAGE)?,
+            (Some(_), None) => request.check_opaque(paths, COVERAGE_LIGHT)?,
+            (Some(_), Some(_)) => {}
         }
-        Ok(Self { chart, depth: DepthInput::Array(Box::new(CleanDepth::new(depth))), coverage, distance })
+        let is_premultiplied =
+            coverage.is_some() && given.coverage_light == Some(CoverageLight::Premultiplied);
+        let depth = DepthInput::Array(Box::new(CleanDepth::new(depth, coverage)));
+        Ok(Self { chart, depth, distance, is_premultiplied })
     }
 
     fn is_f16(&self) -> bool {
@@ -320,7 +351,8 @@ impl SheetInput {
         Sheet {
             chart: self.chart.as_ref().map(Chart::source),
             depth: self.depth.source(),
-            coverage: self.coverage.as_ref().map(Chart::source),
+            coverage: self.depth.coverage().map(Chart::source),
+            is_premultiplied: self.is_premultiplied,
             distance: self.distance,
         }
     }
@@ -330,7 +362,7 @@ impl SheetInput {
             DepthInput::Array(depth) => Some(&depth.chart),
             DepthInput::Constant(_) => None,
         };
-        self.chart.iter().chain(depth).chain(&self.coverage)
+        self.chart.iter().chain(depth).chain(self.depth.coverage())
     }
 
     /// Rows of the depth array that are read together while it is checked.

@@ -11,8 +11,15 @@ use pipeline::remap::Stages;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Version of the arithmetic: raised whenever the program computes other pixel values for the same job.
-pub const NUMERIC_VERSION: u32 = 4;
+/// Version of the arithmetic of flat charts: raised whenever the program computes other pixel values for the same job.
+const NUMERIC_VERSION: u32 = 4;
+/// That of surfaces at several distances, at least [`NUMERIC_VERSION`].
+const DEPTH_NUMERIC_VERSION: u32 = 5;
+
+/// Version of the arithmetic of a job with surfaces at several distances, or without.
+pub const fn numeric_version(has_depth: bool) -> u32 {
+    if has_depth { DEPTH_NUMERIC_VERSION } else { NUMERIC_VERSION }
+}
 
 /// Key of the modification times of the input files.
 pub const MTIMES: &str = "chart_mtimes";
@@ -35,7 +42,7 @@ pub fn identity(
         contents(&inputs.chart, inputs.depth.as_ref(), check_input)?;
     let frame = &inputs.frame;
     let value = json!({
-        "numeric_version": NUMERIC_VERSION,
+        "numeric_version": numeric_version(surfaces.is_some()),
         "chart": content,
         (key): files,
         "chart_bands": inputs.selected_bands,

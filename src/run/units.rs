@@ -3,7 +3,7 @@
 use super::film;
 use crate::args::RunArgs;
 use crate::failure::other_job;
-use crate::job::{Job, NUMERIC_VERSION};
+use crate::job::{Job, numeric_version};
 use crate::plan::{self, CommandLine, Plan, unit_list};
 use crate::progress::log_line;
 use anyhow::Result;
@@ -35,9 +35,10 @@ impl Units {
     pub fn read(path: PathBuf, unit: Option<&str>) -> Result<Self> {
         let (plan, name) = Plan::read(&path)?;
         let planned = plan.job.get("numeric_version").and_then(Value::as_u64);
-        if planned != Some(u64::from(NUMERIC_VERSION)) {
+        let computed = numeric_version(plan.job.contains_key("depth"));
+        if planned != Some(u64::from(computed)) {
             return Err(other_job(format!(
-                "{} was made by {}, numeric version {}; this is {}, numeric version {NUMERIC_VERSION}, which computes \
+                "{} was made by {}, numeric version {}; this is {}, numeric version {computed}, which computes \
                  other pixels: compute all units with that program, or plan a new film with this one",
                 path.display(),
                 plan.program,

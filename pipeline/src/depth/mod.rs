@@ -19,6 +19,7 @@ mod planes;
 mod scene;
 pub mod sheet;
 pub mod slabs;
+mod surface;
 mod wanted;
 
 use crate::buffer::TileBuffer;

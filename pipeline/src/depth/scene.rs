@@ -7,21 +7,23 @@
 //!     m = Σ_q share_q·t_q             share times position in the slab
 //!     share_q = [V_q in slab]·coverage_q·Π_{p<q, same slab} (1 − coverage_p)      per chart pixel: "over" in the order of the sheets
 //! The map from film to chart and R are those of the slab's middle vergence ([`crate::lens::depth`]). Scale ≥ 1: charts are interpolated as in
-//! [`crate::remap`]; shares and distances are those of the nearest chart pixel, since a distance between two surfaces is that of neither. Scale < 1:
-//! means over the film pixel. What no sheet covers is black behind everything: `uncovered`.
+//! [`crate::remap`], within one surface (`surface`); shares and distances are those of the nearest chart pixel, since a distance between two surfaces is
+//! that of neither. Scale < 1: means over the film pixel. Neither values nor distances where the coverage is 0 count. What no sheet covers is black behind
+//! everything: `uncovered`.
 
 use super::hidden::Hidden;
 use super::occupancy::Occupancy;
 use super::planes::{Planes, SlabPlanes};
 use super::sheet::{ChangedDistance, Distance, InvalidDistance, Sheet};
 use super::slabs::Slabs;
+use super::surface::{Surface, beyond_chart, uncovered};
 use crate::field::Field;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect};
 use crate::remap::map::{Map, Points, min_max};
 use crate::remap::surround::read_with_surround;
 use crate::remap::{ChartInterpolation, resize_exact};
-use crate::resample::{Interp, Surround, bicubic, bilinear, box_span, box_weights};
+use crate::resample::{Surround, box_span, box_weights};
 use std::collections::BTreeSet;
 
 /// What determines the planes of one band.
@@ -41,9 +43,11 @@ pub struct Scene {
 /// Pixels of one sheet on a rectangle of the chart.
 #[derive(Debug, Default)]
 struct SheetPixels {
+    /// Slab, or that of pixels that are not covered or beyond the chart.
     slab: Vec<u16>,
     position: Vec<f32>,
     share: Vec<f32>,
+    /// Light of the surface alone.
     chart: Vec<f32>,
 }
 
@@ -53,6 +57,8 @@ pub(super) struct SceneScratch {
     sheets: Vec<SheetPixels>,
     /// Product of (1 − coverage) over all sheets.
     open: Vec<f32>,
+    /// Coverages of a sheet whose light is multiplied by them.
+    coverage: Vec<f32>,
     raw: Vec<f32>,
     inside: Vec<f32>,
     points: Points,
@@ -200,6 +206,9 @@ impl Scene {
                     read_with_surround(source, 0, rect, surround, &mut to.share, &mut s.inside)?;
                 }
             }
+            if sheet.is_premultiplied {
+                s.coverage.clone_from(&to.share);
+            }
             read_with_surround(sheet.depth, 0, rect, surround, &mut s.raw, &mut s.inside)?;
             self.place(&sheet.distance, rect, &s.raw, to)?;
             for i in 0..n {
@@ -209,11 +218,18 @@ impl Scene {
                     to.share[i] -= (coverage * over.share[i]).min(to.share[i]);
                 }
                 s.open[i] *= 1.0 - coverage;
-                present[usize::from(to.slab[i])] |= to.share[i] > 0.0;
+                if to.share[i] > 0.0 {
+                    present[usize::from(to.slab[i])] = true;
+                }
             }
             if to.share.iter().any(|share| *share > 0.0) {
                 let from = sheet.chart.unwrap_or(chart);
                 read_with_surround(from, band, rect, surround, &mut to.chart, &mut s.inside)?;
+                if sheet.is_premultiplied {
+                    let covered = |(_, coverage): &(&mut f32, &f32)| **coverage > 0.0;
+                    let all = to.chart.iter_mut().zip(&s.coverage).filter(covered);
+                    all.for_each(|(light, coverage)| *light /= coverage);
+                }
             } else {
                 to.chart.fill(0.0);
             }
@@ -221,7 +237,7 @@ impl Scene {
         Ok((0..present.len()).filter(|&slab| present[slab]).collect())
     }
 
-    /// Slab and position of the distances `raw` on `rect` of the chart. Outside a chart with a black surround the share becomes 0.
+    /// Slab and position of the distances `raw` on `rect` of the chart where its share is not 0. Outside a chart with a black surround the share becomes 0.
     fn place(
         &self,
         distance: &Distance,
@@ -239,9 +255,13 @@ impl Scene {
             for (x, column) in columns.iter().enumerate() {
                 let i = y * rect.width + x;
                 let (Some(row), Some(column)) = (row, *column) else {
-                    (to.slab[i], to.position[i], to.share[i]) = (0, 0.0, 0.0);
+                    (to.slab[i], to.position[i], to.share[i]) = (beyond_chart(self.slabs.count()), 0.0, 0.0);
                     continue;
                 };
+                if to.share[i] <= 0.0 {
+                    (to.slab[i], to.position[i]) = (uncovered(self.slabs.count()), 0.0);
+                    continue;
+                }
                 let value = raw[i];
                 if value != last.0 || distance.ray_focal_mm.is_some() {
                     let ideal = Distance::ideal_mm(&self.frame, row, column);
@@ -265,7 +285,7 @@ impl Scene {
         }
         // Else they are those that `cells` computed for slab 0.
         let p = &s.points;
-        let id = slab as u16;
+        let (id, is_of) = (slab as u16, self.of_surface(slab));
         for y in 0..rect.height {
             for x in 0..rect.width {
                 let (i, k) = (y * p.stride + x, y * rect.width + x);
@@ -277,14 +297,13 @@ impl Scene {
                 for sheet in s.sheets.iter().filter(|sheet| sheet.slab[nearest] == id) {
                     let share = sheet.share[nearest];
                     if share > 0.0 {
-                        let value = match self.interpolation.interp {
-                            Interp::Bicubic => {
-                                bicubic(&sheet.chart[(row - 1) * from.width + col - 1..], from.width, fy, fx)
-                            }
-                            Interp::Bilinear => {
-                                bilinear(&sheet.chart[row * from.width + col..], from.width, fy, fx)
-                            }
+                        let surface = Surface {
+                            chart: &sheet.chart,
+                            slab: &sheet.slab,
+                            is_of: &is_of,
+                            stride: from.width,
                         };
+                        let value = surface.value(self.interpolation.interp, row * from.width + col, fy, fx);
                         a += share;
                         c += share * value;
                         m += share * sheet.position[nearest];
@@ -299,6 +318,16 @@ impl Scene {
                 }
             }
         }
+    }
+
+    /// Whether chart pixels of each slab number are of the surface of `slab`.
+    fn of_surface(&self, slab: usize) -> Vec<bool> {
+        let count = self.slabs.count();
+        let mut is_of: Vec<bool> =
+            (0..count).map(|other| !self.slabs.apart(slab.min(other), slab.max(other))).collect();
+        is_of.resize(usize::from(beyond_chart(count)) + 1, false);
+        is_of[usize::from(beyond_chart(count))] = true;
+        is_of
     }
 
     fn average(

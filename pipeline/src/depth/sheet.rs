@@ -58,8 +58,10 @@ pub struct Sheet<'a> {
     pub chart: Option<&'a dyn ChartSource>,
     /// Distances, band 0.
     pub depth: &'a dyn ChartSource,
-    /// Share of each pixel that it covers, 0 to 1, band 0; `None`: 1.
+    /// Share of each pixel that it covers, 0 to 1, band 0; `None`: 1. Where it is 0 neither light nor distance count.
     pub coverage: Option<&'a dyn ChartSource>,
+    /// Whether the light of its chart is multiplied by the coverage; else it is that of the surface alone.
+    pub is_premultiplied: bool,
     /// What a distance means.
     pub distance: Distance,
 }

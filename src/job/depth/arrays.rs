@@ -114,23 +114,22 @@ pub fn decode(chart: &Chart, directory: &Path, threads: usize) -> Result<()> {
     }
 }
 
-/// Fails if the chart `spec` has an alpha channel below 1: its colours are premultiplied, and nothing says what lies in the rest of such a pixel.
+/// Fails if the chart `spec` has an alpha channel below 1: its colours are premultiplied, which `way_out` mends.
 ///
 /// # Errors
 /// Usage: a pixel that is not opaque. The file cannot be read.
-pub fn check_opaque(spec: &str, directory: &Path, threads: usize) -> Result<()> {
+pub fn check_opaque(spec: &str, way_out: &str, directory: &Path, threads: usize) -> Result<()> {
     let path = Path::new(spec);
     if !exr::is_supported_path(path) || !exr::open(path, NanPolicy::Keep)?.has_alpha {
         return Ok(());
     }
     let alpha = Chart::Decoded(Box::new(exr::open_channel(path, &["A"], NanPolicy::Keep)?));
     decode(&alpha, directory, threads)?;
-    scan::for_each_row(alpha.source(), scan::MIN_ROWS, |y, values| {
+    scan::for_each_row(&[Some(alpha.source())], scan::MIN_ROWS, |y, [values]| {
         match values.iter().position(|a| !matches!(a, 1.0..)) {
             None => Ok(()),
             Some(x) => Err(usage(format!(
-                "chart {spec}: alpha at row {y}, column {x} is {}, so its colours are premultiplied, and there is no coverage: write colours divided by alpha, \
-                 distances and alpha as the arrays chart, depth and coverage of a Zarr group, or render opaque pixels",
+                "chart {spec}: alpha at row {y}, column {x} is {}, so its colours are premultiplied, {way_out}",
                 values[x]
             ))),
         }

@@ -5,7 +5,9 @@
 //! last pixel of a curved surface before its silhouette lies between its neighbours as well, but close to one.
 //!
 //!     (V − V_a)·(V − V_b) < 0,   |V_a − V_b|·s > 2 px,   |V − V_a|·s > 0.5 px,   |V − V_b|·s > 0.5 px,   s: blur per dioptre
-//! `--depth-edges snap` gives it the distance of the nearer one. It depends on the stored distances alone, so not on tiles.
+//! `--depth-edges snap` gives it the distance of the nearer one. It depends on the stored distances and the coverage alone, so not on tiles.
+//!
+//! Where the coverage is 0 there is no surface: what is stored there is not a distance.
 //!
 //! An outlier differs by more than 2 px from all its four neighbours, which are of one surface.
 
@@ -26,6 +28,8 @@ const F16_MAX: f32 = 65504.0;
 pub struct CleanDepth {
     /// As stored.
     pub chart: Chart,
+    /// Share of each pixel that the surface covers, if it has holes.
+    pub coverage: Option<Chart>,
     /// Stored numbers from here on are infinity.
     far_value: f32,
     /// Finds interpolated pixels, which are replaced.
@@ -55,10 +59,10 @@ pub struct Neighbourhood {
 }
 
 impl CleanDepth {
-    /// The array `chart`.
-    pub fn new(chart: Chart) -> Self {
+    /// The array `chart` of a surface with `coverage`.
+    pub fn new(chart: Chart, coverage: Option<Chart>) -> Self {
         let far_value = if is_f16(&chart) { F16_MAX } else { f32::INFINITY };
-        Self { chart, far_value, snap: None }
+        Self { chart, coverage, far_value, snap: None }
     }
 
     /// Replaces the pixels that `edges` finds.
@@ -93,13 +97,19 @@ impl ChartSource for CleanDepth {
         let around = rect.grown(1).intersect(self.size().rect());
         let mut stored = vec![0.0; around.size().pixels()];
         self.read_stored(around, &mut stored)?;
-        let rows = stored.chunks_exact(around.width).zip(around.y..);
-        let vergence: Vec<Vec<f64>> = rows
-            .map(|(row, y)| {
-                let v = |(value, x): (&f32, i64)| edges.vergence(*value, y as usize, x as usize);
-                row.iter().zip(around.x..).map(|at| v(at).unwrap_or(0.0)).collect()
-            })
-            .collect();
+        let mut covered = vec![1.0; stored.len()];
+        if let Some(coverage) = &self.coverage {
+            coverage.source().read(0, around, &mut covered)?;
+        }
+        let row = |y: usize| {
+            let at = |x: usize| {
+                let (i, x) = (y * around.width + x, around.x as usize + x);
+                let v = |value| edges.vergence(value, around.y as usize + y, x).unwrap_or(0.0);
+                if covered[i] > 0.0 { v(stored[i]) } else { f64::NAN }
+            };
+            (0..around.width).map(at).collect()
+        };
+        let vergence: Vec<Vec<f64>> = (0..around.height).map(row).collect();
         let (first_y, first_x) = ((rect.y - around.y) as usize, (rect.x - around.x) as usize);
         for (y, line) in (first_y..).zip(out.chunks_exact_mut(rect.width)) {
             let above = y.checked_sub(1).map(|y| &vergence[y][..]);
@@ -119,7 +129,7 @@ impl Edges {
         self.distance.vergence(value, Distance::ideal_mm(&self.frame, row, column))
     }
 
-    /// The neighbourhood of pixel `x` of `row` between the rows `above` and `below`, all of vergences.
+    /// The neighbourhood of pixel `x` of `row` between the rows `above` and `below`, all of vergences; NaN where there is no surface.
     pub fn around(
         &self,
         above: Option<&[f64]>,

@@ -61,6 +61,8 @@ pub struct Findings {
     pub between: Pixels,
     /// Single pixels before or behind the surface around them.
     pub outliers: Pixels,
+    /// Covered in part.
+    pub partly_covered: Pixels,
 }
 
 impl Findings {
@@ -74,6 +76,16 @@ impl Findings {
                  anti-aliased, and blur is wrong there; render it with one sample per pixel, or add `--depth-edges snap`"
             )
         })
+    }
+
+    /// A note on pixels of the array `name` that are covered in part, whose light is taken as that of the surface alone.
+    pub fn coverage_note(&self, name: &str) -> Option<String> {
+        let (row, column) = self.partly_covered.first?;
+        Some(format!(
+            "{name}: {} pixels, e.g. row {row}, column {column}, are covered in part; their light is taken for that of the surface alone: if it is \
+             multiplied by the coverage, add `--coverage-light premultiplied`, else `--coverage-light straight`",
+            self.partly_covered.count
+        ))
     }
 
     /// A note on pixels of the array `name` at infinity.
@@ -135,6 +147,8 @@ pub struct Scanned<'a> {
     pub name: &'a str,
     /// The array.
     pub source: &'a dyn ChartSource,
+    /// Share of each pixel that the surface covers; none: 1. Where it is 0 there is no distance.
+    pub coverage: Option<&'a dyn ChartSource>,
     /// Rows read together.
     pub rows: usize,
     /// What its numbers mean, and what an edge is.
@@ -156,18 +170,18 @@ impl Scan {
         Self { range: (f64::INFINITY, 0.0), occupancy: Occupancy::new(size) }
     }
 
-    /// Adds the array `of`; `on_row` receives the vergences of each row.
+    /// Adds the array `of`; `on_row` receives the vergences of each row, NaN where there is no surface.
     ///
     /// # Errors
-    /// It cannot be read; a distance is not valid.
+    /// It cannot be read; a distance or a coverage is not valid.
     pub fn add(&mut self, of: &Scanned<'_>, on_row: &mut dyn FnMut(usize, &[f64])) -> Result<Findings> {
         let mut found = Findings::default();
         let mut rows: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; of.source.size().width]);
         let last = of.source.size().height - 1;
-        for_each_row(of.source, of.rows, |y, values| {
+        for_each_row(&[Some(of.source), of.coverage], of.rows, |y, [values, coverage]| {
             // Rows y − 2, y − 1 and y.
             rows.rotate_left(1);
-            self.add_row(of, y, values, &mut rows[2], &mut found)?;
+            self.add_row(of, y, (values, coverage), &mut rows[2], &mut found)?;
             on_row(y, &rows[2]);
             let [above, row, below] = &rows;
             if y > 0 {
@@ -182,16 +196,28 @@ impl Scan {
         Ok(found)
     }
 
-    /// Adds the row `y` of stored numbers `values`; their vergences.
+    /// Adds the row `y` of stored numbers `values` and their coverages, none if all are 1; their vergences.
     fn add_row(
         &mut self,
         of: &Scanned<'_>,
         y: usize,
-        values: &[f32],
+        (values, coverage): (&[f32], &[f32]),
         vergences: &mut [f64],
         found: &mut Findings,
     ) -> Result<()> {
         for (x, (value, vergence)) in std::iter::zip(values, vergences).enumerate() {
+            if let Some(share) = coverage.get(x) {
+                if !(0.0..=1.0).contains(share) {
+                    bail!("{}: the coverage at row {y}, column {x} is {share}, expected 0 to 1", of.name);
+                }
+                if *share == 0.0 {
+                    *vergence = f64::NAN;
+                    continue;
+                }
+                if *share < 1.0 {
+                    found.partly_covered.add(y, x);
+                }
+            }
             let Some(v) = of.edges.vergence(*value, y, x) else {
                 return Err(usage(format!(
                     "{}: the depth at row {y}, column {x} is {value}, expected a distance above 0; `--depth-miss far` takes NaN, 0 \
@@ -219,39 +245,29 @@ impl Scan {
     }
 }
 
-/// Checks the coverage array of the surface `name`.
+/// Calls `each` with every row of `sources`, which have one size, read `rows` rows at a time; the row of a source that is absent is empty.
 ///
 /// # Errors
-/// It cannot be read; a value outside 0 to 1.
-pub fn coverage(name: &str, chart: &Chart) -> Result<()> {
-    for_each_row(chart.source(), rows_at_a_time(chart), |y, values| {
-        match values.iter().position(|value| !(0.0..=1.0).contains(value)) {
-            None => Ok(()),
-            Some(x) => {
-                bail!("{name}: the coverage at row {y}, column {x} is {}, expected 0 to 1", values[x])
+/// A source cannot be read; errors of `each`.
+pub fn for_each_row<const N: usize>(
+    sources: &[Option<&dyn ChartSource>; N],
+    rows: usize,
+    mut each: impl FnMut(usize, &[&[f32]; N]) -> Result<()>,
+) -> Result<()> {
+    let Some(size) = sources.iter().flatten().map(|source| source.size()).next() else { return Ok(()) };
+    let rows = rows.min(size.height);
+    let mut pixels = sources.map(|source| vec![0f32; source.map_or(0, |_| rows * size.width)]);
+    for first in (0..size.height).step_by(rows) {
+        let rect = Rect::new(first as i64, 0, rows.min(size.height - first), size.width);
+        for (source, pixels) in std::iter::zip(sources, &mut pixels) {
+            if let Some(source) = source {
+                let part = &mut pixels[..rect.size().pixels()];
+                source.read(0, rect, part).map_err(anyhow::Error::from_boxed)?;
             }
         }
-    })
-}
-
-/// Calls `each` with every row of `source`, read `rows` rows at a time.
-///
-/// # Errors
-/// It cannot be read; errors of `each`.
-pub fn for_each_row(
-    source: &dyn ChartSource,
-    rows: usize,
-    mut each: impl FnMut(usize, &[f32]) -> Result<()>,
-) -> Result<()> {
-    let size = source.size();
-    let mut pixels = vec![0f32; rows.min(size.height) * size.width];
-    for first in (0..size.height).step_by(rows) {
-        let count = rows.min(size.height - first);
-        let pixels = &mut pixels[..count * size.width];
-        let rect = Rect::new(first as i64, 0, count, size.width);
-        source.read(0, rect, pixels).map_err(anyhow::Error::from_boxed)?;
-        for (y, row) in pixels.chunks_exact(size.width).enumerate() {
-            each(first + y, row)?;
+        for y in 0..rect.height {
+            let of = |i: usize| pixels[i].get(y * size.width..(y + 1) * size.width).unwrap_or_default();
+            each(first + y, &std::array::from_fn(of))?;
         }
     }
     Ok(())

@@ -142,6 +142,7 @@ fn unused(given: &DepthArgs) -> Option<&'static str> {
         ("--depth-kind", given.depth_kind.is_some()),
         ("--depth-miss", given.depth_miss.is_some()),
         ("--depth-edges", given.depth_edges.is_some()),
+        ("--coverage-light", given.coverage_light.is_some()),
         ("--depth-tolerance", given.depth_tolerance.is_some()),
     ]
     .into_iter()

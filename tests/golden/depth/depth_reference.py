@@ -14,8 +14,9 @@ CONVENTIONS (those of ../reference.py, and)
 
 DEFINITION
   share_q   = [V_q in slab] cov_q prod_{p<q, same slab} (1 - cov_p)        per chart pixel ("over" in sheet order within a slab)
-  a, c, m   = share_q, chart_q share_q R, share_q t_q  at the film pixel, summed over q.  Scale >= 1: chart by bicubic interpolation, share
-              and V of the nearest chart pixel (a distance is never interpolated).  Scale < 1: means over the film pixel.
+  a, c, m   = share_q, chart_q share_q R, share_q t_q  at the film pixel, summed over q.  Scale >= 1: chart by interpolation within one surface
+              (surface_value), share and V of the nearest chart pixel (a distance is never interpolated).  Scale < 1: means over the film pixel.
+              Where cov_q is 0 neither chart nor V count.
               Map and R at the slab's middle vergence:  h(r, V) = h(r, 0) + shift(r) V,  R(r) G(r, V)/G(r, V_f), G the mean of the two nodes
   b_s       = min(1, sum_{k<s} a_k + uncovered)                              covered behind the slab
   e_d       = 1 ∗ P_d                                                        a chart of ones through one node: 1 - div(centroid)
@@ -148,11 +149,38 @@ def position(vergence, nodes, s):
     return (vergence - nodes[s]) / (nodes[s + 1] - nodes[s]) if len(nodes) > 1 else np.zeros_like(vergence)
 
 
+def surface_value(chart, of_surface, cy, cx, method, surround):
+    """Chart at float (cy, cx) from the pixels `of_surface` alone.
+
+    mean = sum b v/sum b over those of the 2 x 2, b: bilinear weights.  Bicubic: sum w v + (1 - sum w) mean over those of the 4 x 4, w: bicubic weights,
+    so that a pixel of another surface counts as the mean; with all pixels of the surface, bicubic interpolation.  Beyond a chart with black surround
+    all pixels are of the surface.
+    """
+    y0, x0 = np.floor(cy).astype(np.int64), np.floor(cx).astype(np.int64)
+
+    def sums(method):
+        (wy, o), (wx, _) = ref.taps(cy - y0, method), ref.taps(cx - x0, method)
+        weight, value = np.zeros(cy.shape), np.zeros(cy.shape)
+        for i, a in enumerate(wy):
+            for k, b in enumerate(wx):
+                y, x = y0 + o + i, x0 + o + k
+                other = ref.fetch(~of_surface * 1.0, y, x, surround)
+                weight, value = weight + a * b * (1 - other), value + a * b * (1 - other) * ref.fetch(chart, y, x, surround)
+        return weight, value
+    weight, value = sums("bilinear")
+    mean = np.divide(value, weight, out=np.zeros_like(value), where=weight > 0)
+    if method == "bilinear":
+        return mean
+    weight, value = sums(method)
+    return value + (1 - weight) * mean
+
+
 def planes(sheets, lens, shape, pitch, axis, margin, scale=(1, 1), center=(0, 0), method="bicubic", surround="edge", outside="error"):
     """Planes (a, c, m) of every slab on the film grown by `margin`: (S, 3, H + 2 margin, W + 2 margin), and the uncovered share."""
-    charts = [np.asarray(q.chart, float) for q in sheets]
     cover = [np.ones(q.chart.shape) if q.coverage is None else np.asarray(q.coverage, float) for q in sheets]
-    slab = [slab_of(q.vergence, lens.vergence) for q in sheets]
+    charts = [np.where(c > 0, q.chart, 0.0) for c, q in zip(cover, sheets)]
+    vergences = [np.where(c > 0, q.vergence, lens.vergence[0]) for c, q in zip(cover, sheets)]
+    slab = [slab_of(v, lens.vergence) for v in vergences]
     area = min(scale) < 1
     box = [max(1 / v, 1) for v in scale]
     out = []
@@ -165,16 +193,18 @@ def planes(sheets, lens, shape, pitch, axis, margin, scale=(1, 1), center=(0, 0)
         nearest = lambda v: ref.fetch(v, np.floor(cy + 0.5).astype(int), np.floor(cx + 0.5).astype(int), surround)
         mean = lambda v: ref.box_mean(v, cy, cx, *box, surround)
         film, open_ = np.zeros((3, *r.shape)), np.ones(charts[0].shape)
-        for chart, coverage, index, q in zip(charts, cover, slab, sheets):
+        one_surface = np.array([not lens.separate(min(s, k), max(s, k)) for k in range(len(lens.slabs()))])
+        for chart, coverage, index, v in zip(charts, cover, slab, vergences):
             share = np.where(index == s, coverage, 0.0) * open_
             open_ = open_ * np.where(index == s, 1 - coverage, 1.0)
-            t = np.where(index == s, position(q.vergence, lens.vergence, s), 0.0)
+            t = np.where(index == s, position(v, lens.vergence, s), 0.0)
             if area:
                 of_sheet = np.array([mean(share), mean(share * chart) * gain, mean(share * t)])
                 film += np.where(of_sheet[0] > ROUNDED, of_sheet, 0)
             else:
                 a = nearest(share)
-                film += a, a * ref.sample(chart, cy, cx, method, surround) * gain, a * nearest(t)
+                value = surface_value(chart, (coverage > 0) & one_surface[index], cy, cx, method, surround)
+                film += a, a * np.where(a > 0, value, 0.0) * gain, a * nearest(t)
         if s == 0:
             known = 1 - np.prod([1 - v for v in cover], axis=0)
             uncovered = 1 - (mean(known) if area else nearest(known))

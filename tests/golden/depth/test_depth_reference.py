@@ -152,7 +152,28 @@ def push_pull():
     table.below("push-pull of ones: from 1", abs(extrapolate(a, a, a, 9, 12)[0][found] - 1).max(), 1e-14)
 
 
+def uncovered_pixels():
+    """A noisy disc in a sheet with coverage before a wall, at places between pixels: what is stored where the coverage is 0 does not matter."""
+    rng = np.random.default_rng(10)
+    y, x = np.mgrid[-60:61, -60:61]
+    cover, light = np.clip(20.5 - np.hypot(y - 0.3, x + 0.2), 0, 1), rng.random(y.shape)
+    lens = thin_lens([FOCUS, FOCUS + 0.01, FOCUS + 0.195, FOCUS + 0.205], BLUR, FOCUS)
+    wall = Sheet(np.ones(y.shape), np.full(y.shape, FOCUS))
+    film = lambda light, v, **kw: depth.film([Sheet(light, v, cover), wall], lens, (51, 51), 1.0, (25.4, 24.9), **kw).light
+    near = np.full(y.shape, FOCUS + 0.2)
+    for name, kw in (("bicubic", {}), ("bilinear", dict(method="bilinear")), ("scale 0.7", dict(scale=(0.7, 0.7)))):
+        plain = film(light, near, **kw)
+        changed = film(np.where(cover > 0, light, 1e9), np.where(cover > 0, near, np.nan), **kw)
+        table.below(f"light and distances where the coverage is 0, {name}: change of the film", abs(changed - plain).max(), 0.0)
+    # In one sheet without coverage: a white disc on a black wall has the film of a white sheet with coverage.
+    white, inside = np.ones(y.shape), cover >= 0.5
+    both = [Sheet(np.where(inside, 1.0, 0.0), np.where(inside, near, FOCUS)), Sheet(0 * white, np.full(y.shape, FOCUS))]
+    alone = [Sheet(white, near, inside * 1.0), Sheet(0 * white, np.full(y.shape, FOCUS))]
+    a, b = (depth.film(s, lens, (51, 51), 1.0, (25.4, 24.9)).light for s in (both, alone))
+    table.below("a surface beside another one in a sheet: as in a sheet of its own", abs(a - b).max(), 1e-14)
+
+
 assert abs(disc_kernel(7.3).sum() - 1) < 1e-14
-for check in (constant_depth, chart_of_ones, half_plane, black_ball, against_rays, tilted_panel, push_pull):
+for check in (constant_depth, chart_of_ones, half_plane, black_ball, against_rays, tilted_panel, push_pull, uncovered_pixels):
     check()
 table.end()
