@@ -1,9 +1,9 @@
-//! Edges of surfaces: pixels that are not covered or covered in part.
+//! Edges of surfaces: pixels that are not covered or covered in part, and what is invented behind edges.
 
 mod common;
 
 use common::{
-    CommandResult, Noise, Picture, assert_exit, bits, exr, files, lenscube, pixels, run, text,
+    CommandResult, Noise, Picture, assert_exit, bits, exr, files, lenscube, pixels, run, text, write_npy,
 };
 use pipeline::geometry::Size;
 use std::path::{Path, PathBuf};
@@ -200,4 +200,42 @@ fn light_multiplied_by_the_coverage_is_divided_by_it() {
     assert!(difference(&found, &expected) < 1e-6, "{}", difference(&found, &expected));
     let flat = run("gen:uniform?size=20", &scene.path("flat"), "phone", &["--coverage-light", "straight"]);
     assert_exit(&flat, 2, &["--coverage-light requires the distance of every chart pixel"]);
+}
+
+#[test]
+fn what_is_invented_does_not_depend_on_where_the_film_begins_and_ends() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    const CHART: usize = 200;
+    let (mut noise, chart, depth) = (Noise(7), path("chart.zarr"), path("depth.npy"));
+    let light = values(CHART, |_, _| noise.next());
+    Picture { size: Size::new(CHART, CHART), bands: vec![light] }.write(&chart);
+    // Near discs in the film and across its corner, before a wall in focus.
+    let is_near = |y: usize, x: usize| {
+        [(100.0, 104.0, 22.0), (58.0, 55.0, 18.0)]
+            .iter()
+            .any(|(cy, cx, r)| (y as f32 - cy).hypot(x as f32 - cx) < *r)
+    };
+    write_npy(&depth, Size::new(CHART, CHART), &values(CHART, |y, x| if is_near(y, x) { 0.55 } else { 2.0 }));
+    let film = |name: &str, size: &str, axis: &str| {
+        let place = ["--film-size", size, "--axis", axis, "--film-pitch-um", "2", "--scale", "1,1"];
+        let always = ["--depth", text(&depth), "--wavelengths", "500", "--outside", "clamp"];
+        let flags = [&always[..], &["--stages", "svpsf"], &place].concat();
+        run(text(&chart), &path(name), text(&pack()), &flags).ok();
+        let (size, mut bands) = pixels(&path(name), "film");
+        (size, bands.remove(0))
+    };
+    let (small_size, small) = film("small", "90x90", "44.5,44.5");
+    let (shares, invented) = pixels(&path("small"), "invented");
+    assert!(shares == Size::new(2, 2) && invented[0][0] > 0.01, "{invented:?}");
+    for (name, size, axis, (dy, dx)) in
+        [("large", "121x117", "57.5,53.5", (9, 13)), ("shifted", "91x90", "45.5,44.5", (0, 1))]
+    {
+        let (large_size, large) = film(name, size, axis);
+        let part: Vec<f32> = (0..small_size.height)
+            .flat_map(|y| large[(y + dy) * large_size.width + dx..][..small_size.width].to_vec())
+            .collect();
+        let difference = difference(&small, &part);
+        assert!(difference < 2e-6, "{name}: {difference}");
+    }
 }

@@ -1,14 +1,15 @@
 //! Invented surfaces: what lies behind a visible edge where no hidden surface is given.
 //!
 //! A blurred edge shows what is behind it. Near an edge in depth each slab s gets, at its own pixels, a surface behind it whose light and vergence are
-//! extrapolated (push-pull, `extrapolate.rs`) from all slabs that are farther and apart from it (its donors):
+//! extrapolated (`extrapolate.rs`) from all slabs that are farther and apart from it (its donors):
 //!
 //!     edge     pixels of a slab with a donor of it among the 3 × 3 pixels around (shares above 10⁻⁴)
 //!     amount   min(a_s, 1 − b_s) within reach_s rows and columns of an edge            half the widest window of nodes up to the slab's nearer one
 //!     k        slab of the extrapolated V, or the occupied one nearest to it:  a_k += amount,  c_k += amount · light,  m_k += amount · t
-//! The donors of a slab are the slabs below a first one, which grows with the slab. Everything is aligned to the film, so it does not depend on tiles.
+//! The donors of a slab are the slabs below a first one, which grows with the slab. A result depends on the pixels around it alone, so neither on tiles nor
+//! on where the film begins and ends.
 
-use super::extrapolate::{Extrapolation, Known, Pyramid, levels};
+use super::extrapolate::{Extrapolation, Known, levels, support};
 use super::occupancy::Occupancy;
 use super::planes::{Planes, SlabPlanes, for_each_row};
 use super::slabs::Slabs;
@@ -84,29 +85,27 @@ impl Hidden {
         occupancy.any_neighbourhood(rect, |bins| self.is_possible(&occupancy.slabs(bins, &self.slabs)))
     }
 
+    /// Largest reach of a slab, px.
+    fn max_reach(&self) -> usize {
+        self.reach.iter().max().copied().unwrap_or(0)
+    }
+
     /// The film rectangle in which an edge matters to `tile`.
-    pub fn edges(&self, film: Rect, tile: Rect) -> Rect {
-        let reach = self.reach.iter().max().copied().unwrap_or(0);
-        tile.grown(self.margin + reach + 1).intersect(film.grown(self.margin))
+    pub fn edges(&self, tile: Rect) -> Rect {
+        tile.grown(self.margin + self.max_reach() + 1)
     }
 
-    /// The film rectangle on which the invented surfaces of `tile` depend.
-    pub fn sources(&self, film: Rect, tile: Rect) -> Rect {
-        let reach = self.reach.iter().max().copied().unwrap_or(0);
-        let film = film.grown(self.margin);
-        let pyramid = Pyramid::new(film, tile.grown(self.margin), levels(reach)).pixels().intersect(film);
-        let edges = tile.grown(self.margin + reach + 1).intersect(film);
-        let (y, x) = (pyramid.y.min(edges.y), pyramid.x.min(edges.x));
-        let (bottom, right) = (pyramid.bottom().max(edges.bottom()), pyramid.right().max(edges.right()));
-        Rect::new(y, x, (bottom - y) as usize, (right - x) as usize)
+    /// The film rectangle on which the invented surfaces of `tile` depend, in part beyond the film.
+    pub fn sources(&self, tile: Rect) -> Rect {
+        let reach = self.max_reach();
+        tile.grown(self.margin + support(levels(reach)).max(reach + 1))
     }
 
-    /// Adds the invented surfaces of `tile` of `film` to `planes`, which reach over [`Hidden::sources`]; they then reach over the tile grown by half the
-    /// widest window.
-    pub(super) fn add(&self, film: Rect, tile: Rect, planes: &mut Planes, s: &mut HiddenScratch) {
+    /// Adds the invented surfaces of `tile` to `planes`, which reach over [`Hidden::sources`]; they then reach over the tile grown by half the widest
+    /// window.
+    pub(super) fn add(&self, tile: Rect, planes: &mut Planes, s: &mut HiddenScratch) {
         let (from, grown) = (planes.rect.expect("computed before"), tile.grown(self.margin));
         self.edge(from, planes, s);
-        let film = film.grown(self.margin);
         let n = from.size().pixels();
         for plane in [&mut s.known.a, &mut s.known.c, &mut s.known.v] {
             resize_exact(plane, n);
@@ -121,8 +120,9 @@ impl Hidden {
                 self.add_known(donor, &mut s.known);
                 donors += 1;
             }
-            if donors > 0 && self.amount(from, grown, slab, s) {
-                self.invent(slab.slab, (film, from, grown), (&mut added, free), s);
+            let needed = if donors > 0 { self.amount(from, grown, slab, s) } else { None };
+            if let Some(part) = needed {
+                self.invent(slab.slab, (from, grown, part), (&mut added, free), s);
             }
             for_each_row(from, grown, |i, k, width| {
                 let behind = &mut s.behind[k..k + width];
@@ -178,36 +178,43 @@ impl Hidden {
         }
     }
 
-    /// Computes how much is hidden behind `slab`; `false`: nothing.
-    fn amount(&self, from: Rect, grown: Rect, slab: &SlabPlanes, s: &mut HiddenScratch) -> bool {
+    /// Computes how much is hidden behind `slab` in `grown`; the part of it outside of which that is nothing.
+    fn amount(&self, from: Rect, grown: Rect, slab: &SlabPlanes, s: &mut HiddenScratch) -> Option<Rect> {
         near(&s.edge, from, grown, self.reach[slab.slab], &mut s.near_edge, &mut s.columns);
         resize_exact(&mut s.amount, grown.size().pixels());
-        let mut any = false;
+        let (mut rows, mut columns) = ((usize::MAX, 0), (usize::MAX, 0));
         let HiddenScratch { amount, near_edge, behind, .. } = s;
         for_each_row(from, grown, |i, k, width| {
             for x in 0..width {
                 let open = 1.0 - behind[k + x].min(1.0);
                 let value = if near_edge[k + x] { slab.at(&slab.a, i + x).min(open).max(0.0) } else { 0.0 };
                 amount[k + x] = value;
-                any |= value > 0.0;
+                if value > 0.0 {
+                    let y = k / width;
+                    (rows, columns) = ((rows.0.min(y), y), (columns.0.min(x), columns.1.max(x)));
+                }
             }
         });
-        any
+        let part = |(y, last_y): (usize, usize), (x, last_x): (usize, usize)| {
+            Rect::new(grown.y + y as i64, grown.x + x as i64, last_y - y + 1, last_x - x + 1)
+        };
+        (rows.0 != usize::MAX).then(|| part(rows, columns))
     }
 
-    /// Extrapolates the donors of slab `of` to where their amount is not 0, into the slabs `added`, made of `free` buffers.
+    /// Extrapolates the donors of slab `of` to `part` of `grown`, where their amount is not 0, into the slabs `added`, made of `free` buffers.
     fn invent(
         &self,
         of: usize,
-        (film, from, grown): (Rect, Rect, Rect),
+        (from, grown, part): (Rect, Rect, Rect),
         (added, free): (&mut Vec<SlabPlanes>, &mut Vec<SlabPlanes>),
         s: &mut HiddenScratch,
     ) {
         let vergence = self.slabs.vergence();
         let rounding = ROUNDING * (vergence[vergence.len() - 1] - vergence[0]);
-        let pyramid = Pyramid::new(film, grown, levels(self.reach[of]));
+        let first = (part.y - grown.y) as usize * grown.width + (part.x - grown.x) as usize;
         let HiddenScratch { known, extrapolation, amount, .. } = s;
-        extrapolation.run(known, from, &pyramid, |i, (light, v, found)| {
+        extrapolation.run(known, from, (part, levels(self.reach[of])), |i, (light, v, found)| {
+            let i = first + i / part.width * grown.width + i % part.width;
             let share = amount[i];
             if !found || share == 0.0 {
                 return;

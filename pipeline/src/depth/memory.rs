@@ -8,8 +8,10 @@ use crate::psf::memory;
 const OTHER_PLANES: usize = 6;
 /// Tile-sized planes: light, K, M, T, the film, e of two nodes, the rest of the pupil, spare.
 const TILE_PLANES: usize = 12;
-/// Of a pixel that surfaces are extrapolated from: its slabs, edges, what is known there, and a third of it for the coarser levels.
-const BYTES_PER_SOURCE_PIXEL: usize = 22;
+/// Of a pixel that surfaces are extrapolated from: its slabs, edges, what is known there, the present level of the extrapolation and a plane of it.
+const BYTES_PER_SOURCE_PIXEL: usize = 33;
+/// Of a pixel of a tile with its margin: whether an edge is near, what lies behind it, what is hidden there, sums of the extrapolation.
+const BYTES_PER_HIDDEN_PIXEL: usize = 25;
 /// Slab, position, share and chart of a chart pixel, per sheet; open share and what is read, of all.
 const BYTES_PER_SHEET_PIXEL: usize = 14;
 
@@ -26,7 +28,7 @@ impl DepthPlan {
         let tile_planes = TILE_PLANES + slabs.min(self.max_near + 1);
         let planes = 4 * grown * OTHER_PLANES + of_slabs + 4 * tile * tile * tile_planes;
         let hidden = match self.reach > self.margin() {
-            true => BYTES_PER_SOURCE_PIXEL * read + 4 * grown * (3 * slabs + slabs),
+            true => BYTES_PER_SOURCE_PIXEL * read + grown * (BYTES_PER_HIDDEN_PIXEL + 16 * slabs),
             false => 0,
         };
         // Coordinates of the map, as in the remap stage.

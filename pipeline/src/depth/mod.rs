@@ -109,15 +109,16 @@ impl DepthStage {
         clock: &Clock,
     ) -> Result<(), SourceSinkError> {
         let DepthScratch { planes, scene, hidden, composite, film, invented } = scratch;
-        let (whole, grown) = (frame.film.rect(), tile.grown(self.margin));
+        let grown = tile.grown(self.margin);
         clock.remap.time(|| -> Result<(), SourceSinkError> {
-            let inventing = self.hidden.as_ref().filter(|(hidden, occupancy)| {
-                self.scene.may_hide(hidden.edges(whole, tile), hidden, occupancy)
-            });
-            let rect = inventing.map_or(grown, |(hidden, _)| hidden.sources(whole, tile));
+            let inventing = self
+                .hidden
+                .as_ref()
+                .filter(|(hidden, occupancy)| self.scene.may_hide(hidden.edges(tile), hidden, occupancy));
+            let rect = inventing.map_or(grown, |(hidden, _)| hidden.sources(tile));
             self.scene.planes(chart, band, surfaces.sheets, rect, planes, scene)?;
             if let Some((stage, _)) = inventing {
-                stage.add(whole, tile, planes, hidden);
+                stage.add(tile, planes, hidden);
             }
             Ok(())
         })?;

@@ -122,10 +122,14 @@ impl Occupancy {
     /// Rows and columns of the blocks within a block of `rect`.
     fn blocks_of(&self, rect: Rect) -> (Range<usize>, Range<usize>) {
         let rect = rect.grown(BLOCK_PX);
-        let (height, width) = (self.size.height as i64, self.size.width as i64);
-        // Beyond the chart its edge, or its mirror image, continues.
-        let rows = if rect.y < 0 || rect.bottom() > height { 0..height } else { rect.y..rect.bottom() };
-        let cols = if rect.x < 0 || rect.right() > width { 0..width } else { rect.x..rect.right() };
+        // Beyond the chart its edge, or its mirror image, continues: what lies within the same distance of the edge.
+        let inside = |first: i64, end: i64, n: usize| {
+            let n = n as i64;
+            let (before, after) = ((-first).clamp(0, n), (end - n).clamp(0, n));
+            first.clamp(0, n - after)..end.clamp(before, n)
+        };
+        let rows = inside(rect.y, rect.bottom(), self.size.height);
+        let cols = inside(rect.x, rect.right(), self.size.width);
         let blocks = |r: Range<i64>| r.start as usize / BLOCK_PX..(r.end as usize).div_ceil(BLOCK_PX);
         (blocks(rows), blocks(cols))
     }
@@ -190,12 +194,10 @@ mod tests {
         let both = |bins: &Bins| occupancy.slabs(bins, &slabs) == [false, true, false, false, true];
         let near = |rect| occupancy.any_neighbourhood(rect, both);
         assert!(near(Rect::new(200, 520, 100, 10)) && !near(Rect::new(200, 500, 100, 10)));
-        assert_eq!(
-            of(Rect::new(-5, 200, 100, 100)),
-            [false, true, false, false, false],
-            "rows of its columns"
-        );
-        assert_eq!(of(Rect::new(200, 1270, 10, 100)), [false, true, false, false, true], "all columns");
+        assert_eq!(of(Rect::new(-5, 200, 100, 100)), [false, true, false, false, false]);
+        assert_eq!(of(Rect::new(200, 1270, 10, 100)), [false, false, false, false, true]);
+        assert_eq!(of(Rect::new(200, 1270, 10, 600)), [false, true, false, false, true], "a mirror image");
+        assert_eq!(of(Rect::new(-900, -700, 2000, 10)), [false, true, false, false, true]);
         let inside = |rect| occupancy.slabs(&occupancy.inside(rect), &slabs);
         for rect in [Rect::new(200, 1270, 10, 100), Rect::new(-50, 1300, 10, 9), Rect::new(0, 640, 1, 1)] {
             assert_eq!(inside(rect), [false, false, false, false, true]);

@@ -244,17 +244,16 @@ impl DepthPlan {
         occupancy: &Occupancy,
         chart_rect: impl Fn(Rect) -> Rect,
     ) -> bool {
-        let film = frame.film.rect();
         let within = |rect: Rect| occupancy.slabs(&occupancy.within(chart_rect(rect)), &self.slabs);
         let mut read = tile.grown(self.margin());
         let mut in_reach = within(tile.grown(self.margin()));
         let possible = self
             .hidden
             .as_ref()
-            .filter(|(hidden, _)| hidden.may_be_in(chart_rect(hidden.edges(film, tile)), occupancy));
+            .filter(|(hidden, _)| hidden.may_be_in(chart_rect(hidden.edges(tile)), occupancy));
         let may_invent = possible.is_some();
         if let Some((hidden, _)) = possible {
-            let rect = hidden.sources(film, tile);
+            let rect = hidden.sources(tile);
             read = rect;
             let beyond = [
                 tile.y - rect.y,

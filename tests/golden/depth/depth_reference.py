@@ -40,7 +40,8 @@ left out (0.5 % of a ball's shadow if its depths are those of its front).  The g
 than EDGE_SHARE of its own blur within a window lets through light of what is hidden behind it.
 
 HIDDEN SURFACES.  Given as sheets, or invented (hidden_surface.py): pixels near a depth edge receive light and vergence extrapolated from all
-surfaces that are farther by more than the gap. They lie in slabs that the scene has: between two surfaces, in the nearer one of the two.
+surfaces that are farther by more than the gap. They lie in slabs that the scene has: between two surfaces, in the nearer one of the two. What is known
+beyond the film counts, as far as the extrapolation reaches.
 """
 import sys
 from collections import namedtuple
@@ -51,7 +52,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import reference as ref  # noqa: E402
-from hidden_surface import extrapolate, grown_box  # noqa: E402
+from hidden_surface import extrapolate, grown_box, support  # noqa: E402
 
 FLOOR = 1e-3        # least U that is divided by
 EDGE_PX = 2.0       # a depth edge: blur radii that differ by more than this
@@ -217,12 +218,14 @@ def behind(a, uncovered):
     return np.minimum(1, np.cumsum(a, axis=0) - a + uncovered)
 
 
-def invent(p, uncovered, lens):
-    """Adds to planes p (S, 3, h, w) the surfaces hidden behind depth edges, extrapolated; returns the light added: (S, h, w).
+def beyond(lens):
+    """Pixels beyond the film with its margin that invented surfaces depend on."""
+    reach = max(lens.window(d) for d in range(len(lens.vergence))) // 2
+    return max(support(reach), reach + 1)
 
-    The grown film begins at row and column -margin, margin = half the widest window.
-    """
-    margin = max(lens.window(d) for d in range(len(lens.vergence))) // 2
+
+def invent(p, uncovered, lens):
+    """Adds to planes p (S, 3, h, w) the surfaces hidden behind depth edges, extrapolated; returns the light added: (S, h, w)."""
     slabs, b = lens.slabs(), behind(p[:, 0], uncovered)
     added, given = np.zeros_like(p[:, 0]), p.copy()
     farther = [[k for k in range(s) if lens.separate(k, s)] for s in range(len(slabs))]
@@ -238,7 +241,7 @@ def invent(p, uncovered, lens):
         if not donors or not (wanted > 0).any():
             continue
         middle = lambda k: given[k, 0] * lens.vergence[slabs[k][0]] + given[k, 2] * (lens.vergence[slabs[k][1]] - lens.vergence[slabs[k][0]])
-        light, vergence, found = extrapolate(share[s], sum(given[k, 1] for k in donors), sum(middle(k) for k in donors), reach, margin)
+        light, vergence, found = extrapolate(share[s], sum(given[k, 1] for k in donors), sum(middle(k) for k in donors), reach)
         amount = np.where(found, np.maximum(wanted, 0.0), 0.0)
         rounding = ROUNDING * (lens.vergence[-1] - lens.vergence[0])
         index = slab_of(np.where(found, vergence, lens.vergence[0]) + rounding, lens.vergence)
@@ -285,7 +288,12 @@ def film(sheets, lens, shape, pitch, axis=None, invented=False, outside="error",
     axis = ((shape[0] - 1) / 2, (shape[1] - 1) / 2) if axis is None else axis
     margin = max(lens.window(d) for d in range(len(lens.vergence))) // 2
     p, uncovered = planes(sheets, lens, shape, pitch, axis, margin, outside=outside, **kw)
-    added = invent(p, uncovered, lens) if invented else None
+    added = None
+    if invented:
+        more = beyond(lens)
+        p, uncovered = planes(sheets, lens, shape, pitch, axis, margin + more, outside="clamp", **kw)
+        added = invent(p, uncovered, lens)
+        p, uncovered, added = (v[..., more:-more, more:-more] for v in (p, uncovered, added))
     spread = [Spread(shape, margin, pitch, axis, np.asarray(r, float), g, outside) for r, g in zip(lens.r_grid, lens.grid)]
     return composite(p, uncovered, spread, lens, added)
 

@@ -42,7 +42,7 @@ def two_planes():
              ("rear in focus, near 20, checker 32", 20, 0, 32, 2, (0.0, 0.0)), ("rho 20 and 10, checker 8", 20, 10, 8, 2, (6.5, 2.1)),
              ("rho 20 and 10, checker 32", 20, 10, 32, 2, (17.4, 5.8)), ("rho 20 and -20, checker 32", 20, -20, 32, 2, (18.3, 6.2)),
              ("rear in focus, near 20, checker 32, sheet 0 alone", 20, 0, 32, 1, (53.8, 13.7)),
-             ("the same with an invented sheet", 20, 0, 32, 0, (28.9, 4.1)), ("invented sheet, uniform rear in focus", 20, 0, 0, 0, (0.0, 0.0)))
+             ("the same with an invented sheet", 20, 0, 32, 0, (45.1, 9.1)), ("invented sheet, uniform rear in focus", 20, 0, 0, 0, (0.0, 0.0)))
     out = []
     for name, near, far, side, sheets, stated in cases:
         low, high = FOCUS + far / BLUR, FOCUS + near / BLUR
@@ -51,7 +51,7 @@ def two_planes():
         front = Sheet(np.where(inside, 0.0, pattern(y, x)), np.where(inside, high, low))
         wall = Sheet(pattern(y, x), np.full(x.shape, low))
         surfaces = [rays.Plane(high, lambda y, x: np.zeros(len(x)), disc), rays.Plane(low, pattern)]
-        limits = [0.3, 0.1] if stated[0] == 0 else [1.2 * stated[0], 1.2 * stated[1] if sheets else 8.0]
+        limits = [0.3, 0.1] if stated[0] == 0 else [1.2 * stated[0], 1.2 * stated[1]]
         scene = Scene([front, wall] if sheets == 2 else [front], surfaces, np.array([low, low + 0.01, high - 0.005, high + 0.005]), points, 161, sheets == 0)
         out.append((f"two planes, {name}", tuple(zip(limits, stated)), scene))
     return out

@@ -9,7 +9,7 @@ import ray_integral as rays
 import scenes
 from closed_forms import disc_area, disc_kernel, edge_profile, overlap, thin_lens
 from depth_reference import Sheet, ref
-from hidden_surface import extrapolate
+from hidden_surface import extrapolate, support
 from rows import Table
 from scenes import BLUR, FOCUS
 
@@ -140,16 +140,30 @@ def tilted_panel():
     table.below("tilted panel before a uniform wall: invented sheet against the given one", abs(invented - given).max(), 0.05)
 
 
-def push_pull():
+def extrapolation():
     rng = np.random.default_rng(8)
     a = (rng.random((90, 100)) > 0.9) * 1.0
     values = [rng.random(a.shape) * a, rng.random(a.shape) * a]
-    light, vergence, found = extrapolate(a, *values, 9, 12)
-    wider = extrapolate(np.pad(a, 5), *(np.pad(v, 5) for v in values), 9, 17)
-    moved = max(abs(w[5:-5, 5:-5] - v).max() for w, v in zip(wider, (light, vergence)))
-    table.below("push-pull: another first pixel of the array", moved, 1e-15)
-    table.below("push-pull: known pixels keep their value", abs((light - values[0])[a == 1]).max(), 1e-15)
-    table.below("push-pull of ones: from 1", abs(extrapolate(a, a, a, 9, 12)[0][found] - 1).max(), 1e-14)
+    light, vergence, found = extrapolate(a, *values, 9)
+    # Weights that leave the array are lost: pixels that depend on it alone are compared.
+    moved = extrapolate(np.pad(a, ((5, 0), (3, 0))), *(np.pad(v, ((5, 0), (3, 0))) for v in values), 9)
+    inside = np.s_[support(9):-support(9), support(9):-support(9)]
+    shifted = max(abs(m[5:, 3:] - v)[inside].max() for m, v in zip(moved, (light, vergence)))
+    table.below("extrapolation: another first pixel of the array", shifted, 1e-15)
+    table.below("extrapolation: known pixels keep their value", abs((light - values[0])[a == 1]).max(), 1e-15)
+    table.below("extrapolation of ones: from 1", abs(extrapolate(a, a, a, 9)[0][found] - 1).max(), 1e-14)
+
+
+def noise_behind_discs():
+    """Two near discs, one at the corner of the smaller film, before noise in focus: film, larger film, film that begins elsewhere."""
+    y, x = np.mgrid[:220, :220]
+    near = (np.hypot(y - 110.2, x - 104.7) < 24) | (np.hypot(y - 60, x - 57) < 20)
+    sheet = Sheet(np.random.default_rng(9).random(y.shape), np.where(near, FOCUS + 0.2, FOCUS))
+    lens = thin_lens([FOCUS, FOCUS + 0.01, FOCUS + 0.195, FOCUS + 0.205], BLUR, FOCUS)
+    film = lambda size, axis: depth.film([sheet], lens, (size, size), 1.0, (axis, axis), invented=True)
+    small, large, moved = film(100, 49.5), film(131, 62.5), film(101, 50.5)
+    table.below("invented surfaces: a film of another size", abs(large.light[13:113, 13:113] - small.light).max(), 1e-12)
+    table.below("invented surfaces: a film that begins elsewhere", abs(moved.light[1:, 1:] - small.light).max(), 1e-12)
 
 
 def uncovered_pixels():
@@ -174,6 +188,7 @@ def uncovered_pixels():
 
 
 assert abs(disc_kernel(7.3).sum() - 1) < 1e-14
-for check in (constant_depth, chart_of_ones, half_plane, black_ball, against_rays, tilted_panel, push_pull, uncovered_pixels):
+for check in (constant_depth, chart_of_ones, half_plane, black_ball, against_rays, tilted_panel, extrapolation, noise_behind_discs,
+              uncovered_pixels):
     check()
 table.end()
