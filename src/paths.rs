@@ -124,7 +124,9 @@ fn of_lens(command: &LensCommand) -> Guard {
             .reads_as("design", &args.design, catalogues(&args.design))
             .writes("OUT", &args.out)
             .writes("OUT", catalogue_path(&args.out)),
-        LensCommand::Import(args) => guard.reads("source", &args.source).writes("OUT.lens.zarr", &args.out),
+        LensCommand::Import(args) => guard
+            .reads_as("source", &args.source.display().to_string(), entries(&args.source))
+            .writes("OUT.lens.zarr", &args.out),
         LensCommand::List(args) => guard.may_write("--plot", args.plot.as_ref()),
         LensCommand::Diff(_) | LensCommand::Camera(_) => guard,
     }
@@ -156,6 +158,14 @@ fn of_shot(args: &ShootArgs) -> Guard {
 /// Glass catalogues that are given.
 fn design(guard: Guard, args: &DesignArgs) -> Guard {
     args.glass_catalog.iter().fold(guard, |guard, path| guard.reads("glass catalogue", path))
+}
+
+/// What is in a folder of exports, where a pack may be written under another name; else the path itself.
+fn entries(source: &Path) -> Vec<PathBuf> {
+    match std::fs::read_dir(source) {
+        Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
+        Err(_) => vec![source.into()],
+    }
 }
 
 /// Glass catalogues beside a design.

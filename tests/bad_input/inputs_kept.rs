@@ -154,7 +154,8 @@ const REFUSED: &[(&str, &str, &str)] = &[
     ),
     // Lenses.
     ("lens trace design.zmx design.zmx", "OUT.lens.zarr design.zmx is", "lens design.zmx"),
-    ("lens import tables tables/x.lens.zarr", "OUT.lens.zarr tables/x.lens.zarr lies in", "source tables"),
+    ("lens import tables tables/a.csv", "OUT.lens.zarr tables/a.csv is tables/a.csv, of", "source tables"),
+    ("lens import tables tables", "OUT.lens.zarr tables contains tables/", "source tables"),
     ("lens convert design.zmx design.zmx $", "OUT design.zmx is", "lens design.zmx"),
     (
         "lens convert design.zmx glass.json --glass-catalog glass.agf $",

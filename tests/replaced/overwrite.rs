@@ -18,10 +18,11 @@ fn overwrite_of_a_film_with_foreign_files_exits_3() {
         command.args(["run", text(&job.chart), film, "--lens", text(lens), "--overwrite"]);
         CommandResult::new(&command.args(JOB_B).args(["--shard", "64", "--chunk", "32"]).output().unwrap())
     };
-    for lens in [&pack, &job.pack] {
+    let others = ["cube.npy", "image.exr", "job.json", "pack.lens.zip", "nothing was removed"];
+    for (lens, code, names) in [(&pack, USAGE, &["contains the lens"][..]), (&job.pack, OTHER_JOB, &others)] {
         let ran = overwrite(lens);
-        assert_eq!(ran.code, OTHER_JOB, "{}", ran.stderr);
-        for name in ["cube.npy", "image.exr", "job.json", "pack.lens.zip", "nothing was removed"] {
+        assert_eq!(ran.code, code, "{}", ran.stderr);
+        for name in names {
             assert!(ran.stderr.contains(name), "{name}: {}", ran.stderr);
         }
         assert!(files(&job.film) == before);
