@@ -62,7 +62,7 @@ mod tests {
             ("c.hdr", &["c.hdr", "c.img"][..]),
             ("c.img", &["c.img", "c.hdr"]),
             ("c.tif", &["c.tif"]),
-            ("d.npy", &["d.npy"]),
+            ("d.npy", &["d.npy", "d.npy.attributes.json"]),
             ("*.png", &["450.png", "500.png"]),
             ("s.zarr", &["s.zarr"]),
             ("s.zarr//group/a", &["s.zarr"]),

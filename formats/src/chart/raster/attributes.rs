@@ -48,7 +48,8 @@ pub(super) fn read(path: &Path, sample: RasterSample) -> Result<Option<Attribute
     Ok(Some(Attributes { values, note, file: WatchedFile::header(&file, MAX_BYTES, &text) }))
 }
 
-fn beside(path: &Path) -> PathBuf {
+/// The file with the attributes of the `.npy` file `path`, which need not exist.
+pub(super) fn beside(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".attributes.json");
     name.into()

@@ -179,10 +179,10 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// The other file of an ENVI pair: the data of a header, or the header of data.
+/// The other file of an ENVI pair, the data of a header or the header of data; the attributes of a `.npy` file, whether or not they exist.
 pub fn beside(path: &Path) -> Option<PathBuf> {
     match () {
-        () if is_npy(path) => None,
+        () if is_npy(path) => Some(attributes::beside(path)),
         () if is_envi_header(path) => envi::data_of(path),
         () => envi::header_of(path),
     }
