@@ -13,7 +13,7 @@ use crate::outputs::check_absent;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::NanPolicy;
-use formats::durable::parent_of;
+use formats::durable::{fault_point, parent_of};
 use formats::export::flat::envi_files;
 use formats::picture::exposure::Exposure;
 use formats::picture::grey::{GreyOptions, write_grey};
@@ -172,6 +172,7 @@ impl ChartSource for Selected<'_> {
     }
 
     fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
+        fault_point("export-reads");
         if self.cancel.load(Relaxed) {
             return Err("interrupted".into());
         }

@@ -3,7 +3,7 @@
 
 use crate::failure::code;
 use crate::progress::log_line;
-use formats::durable::Lock;
+use formats::durable::{Lock, fault_signal_handled};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -44,6 +44,7 @@ fn signal() {
     let again = CANCEL.swap(true, Ordering::SeqCst);
     if RUNNING.load(Ordering::SeqCst) && !again {
         log_line("stopping after the tiles in progress; press Ctrl-C again to stop at once");
+        fault_signal_handled();
         return;
     }
     if let Some(path) = LOCK.lock().expect("no panic while held").as_deref() {

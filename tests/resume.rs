@@ -67,11 +67,10 @@ fn lock_of_another_host_requires_take_over() {
 fn first_signal_finishes_tiles_in_flight_second_stops_at_once() {
     let job = TestJob::large();
     let expected = job.expected_files();
-    for signal in ["TERM", "INT"] {
-        let run = job.stopped("write:14", &[]);
-        run.signal(signal);
+    // All writes wait until the signal is handled: of sixty shards most are not computed then.
+    for signal in ["terminate", "interrupt"] {
         assert_exit(
-            &run.run_to_end(),
+            &job.run(&format!("write:14+:{signal}"), &[]),
             INTERRUPTED,
             &["stopping after the tiles in progress", "interrupted: ", "resumes"],
         );
@@ -79,22 +78,14 @@ fn first_signal_finishes_tiles_in_flight_second_stops_at_once() {
         assert_eq!(records(&job.film)[0]["outcome"], "interrupted");
         assert!(!shards(&job.film).is_empty());
         job.run("", &[]).ok();
-        assert!(files(&job.film) == expected, "after SIG{signal}");
+        assert!(files(&job.film) == expected, "after {signal}");
         fs::remove_dir_all(&job.film).unwrap();
     }
-    // The run stops at every write, so it is still running at the second signal: one tile covers sixteen shards.
+    // The tile in progress at the first signal covers sixteen shards: the second is sent at a write of one of them.
     let job = TestJob::drawn(&["--shard", "128", "--chunk", "64", "--outside", "clamp"]);
     let expected = job.expected_files();
-    let mut run = job.stopped("write:12+", &[]);
-    run.signal("INT");
-    for _ in 0..3 {
-        run.signal("CONT");
-        std::thread::sleep(std::time::Duration::from_millis(100));
-        assert!(run.wait_stopped());
-    }
-    run.signal("INT");
     assert_exit(
-        &run.run_to_end(),
+        &job.run("write:12:interrupt,write:14+:interrupt", &[]),
         INTERRUPTED,
         &["press Ctrl-C again to stop at once", "stopped; the same command resumes"],
     );
@@ -108,11 +99,9 @@ fn signal_ends_a_run_whose_tiles_wait_for_others_of_the_next_shards() {
     // Five rows of five tiles a band, three rows of three shards.
     let job = TestJob::drawn(&["--shard", "1024", "--chunk", "512", "--outside", "clamp"]);
     let expected = job.expected_files();
-    for step in ["commit:1", "commit:2", "commit:4"] {
-        let run = job.stopped(step, &[]);
-        run.signal("INT");
+    for step in ["commit:1+", "commit:2+", "commit:4+"] {
         assert_exit(
-            &run.run_to_end(),
+            &job.run(&format!("{step}:interrupt"), &[]),
             INTERRUPTED,
             &["stopping after the tiles in progress", "interrupted: "],
         );

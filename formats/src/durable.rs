@@ -48,7 +48,7 @@ pub use direct::FileBytes;
 pub use directory::Directory;
 pub use error::{DurableError, passes};
 pub(crate) use error::{is_not_found, store_error};
-pub use fault::point as fault_point;
+pub use fault::{point as fault_point, signal_handled as fault_signal_handled};
 pub use file_group::finish_together;
 pub(crate) use file_state::FileState;
 pub use file_system::{

@@ -121,8 +121,14 @@ def agent():
         code = process.poll()
         if code is not None:
             return {"state": "ended", "code": code}
-        stat = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        return {"state": "stopped" if stat[0] == "T" else "running"}
+        # Stopped: every thread; one that waits for the disk ends its system call first.
+        states = set()
+        for task in Path(f"/proc/{process.pid}/task").glob("*"):
+            try:
+                states.add((task / "stat").read_text().rsplit(")", 1)[1].split()[0])
+            except OSError:
+                continue  # a thread that has ended
+        return {"state": "stopped" if "T" in states and states <= set("TZX") else "running"}
 
     def send(r):
         process = running[r["id"]]

@@ -115,18 +115,28 @@ impl TestJob {
 pub struct StoppedRun(pub Child);
 
 impl StoppedRun {
-    /// Waits until the process has stopped or ended; whether it has stopped.
+    /// Waits until the process has stopped or ended; whether it has stopped. Stopped: every thread; one that waits for the disk ends its
+    /// system call first.
     pub fn wait_stopped(&mut self) -> bool {
         let start = Instant::now();
         loop {
-            assert!(start.elapsed() < Duration::from_secs(60), "neither stopped nor ended");
-            let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.0.id())).unwrap_or_default();
-            match stat.rsplit_once(") ").and_then(|s| s.1.chars().next()) {
-                Some('T') => return true,
-                None | Some('Z' | 'X') => return false,
-                _ => std::thread::sleep(Duration::from_millis(2)),
+            assert!(start.elapsed() < Duration::from_secs(300), "neither stopped nor ended");
+            let states = self.states();
+            if states.iter().all(|state| matches!(state, 'Z' | 'X')) {
+                return false;
             }
+            if states.iter().all(|state| matches!(state, 'T' | 'Z' | 'X')) {
+                return true;
+            }
+            std::thread::sleep(Duration::from_millis(2));
         }
+    }
+
+    /// States of the threads, of those that have not ended.
+    fn states(&self) -> Vec<char> {
+        let tasks = std::fs::read_dir(format!("/proc/{}/task", self.0.id())).into_iter().flatten().flatten();
+        let stats = tasks.filter_map(|task| std::fs::read_to_string(task.path().join("stat")).ok());
+        stats.filter_map(|stat| stat.rsplit_once(") ").and_then(|s| s.1.chars().next())).collect()
     }
 
     pub fn signal(&self, name: &str) {

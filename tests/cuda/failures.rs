@@ -115,13 +115,9 @@ pub fn signal_downloads_tiles_in_flight_and_exits_130() {
     let expected = single_device_film(&job);
     let small = min_memory(&job);
     let settings = [("DELAY_US", "20000"), ("MEMORY", &small)];
-    let mut command = command(&job, &job.film, "cuda:0", &settings, "write:9:stop");
-    let child =
-        command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::piped()).spawn().unwrap();
-    let mut stopped = common::test_job::StoppedRun(child);
-    assert!(stopped.wait_stopped(), "the run ended before it was stopped");
-    stopped.signal("TERM");
-    assert_exit(&stopped.run_to_end(), 130, &["stopping after the tiles in progress", "resumes"]);
+    let mut command = command(&job, &job.film, "cuda:0", &settings, "write:9+:terminate");
+    let ran = CommandResult::new(&command.output().unwrap());
+    assert_exit(&ran, 130, &["stopping after the tiles in progress", "resumes"]);
     run(&job, "cuda:0", &[]).ok();
     assert!(take_files(&job) == expected);
 }
