@@ -1,7 +1,8 @@
 #!/usr/bin/env -S python3 -SE
 """Fake of lenscube with the same command line, exit codes and events; a complete unit is a file in the film's folder `done`.
 
-`fake` in the plan sets failures: {"7": {"code": 75, "times": 2}} fails unit 7 twice, {"5": {"seconds": 3}} lengthens unit 5.
+`fake` in the plan sets failures: {"7": {"code": 75, "times": 2}} fails unit 7 twice, {"5": {"held": true}} holds unit 5 until the film's
+folder has a file `released`, {"5": {"endless": true}} until it is stopped.
 """
 import ctypes, json, os, signal, sys, time
 
@@ -34,13 +35,13 @@ def run(plan, film, unit, die):
     if die:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
     behaviour = plan.get("fake", {}).get(str(unit), {})
+    stopped = []
+    signal.signal(signal.SIGTERM, lambda *_: stopped.append(1))
     send_event("start", pid=os.getpid())
     with open(f"{film}/tries", "a") as tries:
         tries.write(f"{unit}\n")
-    stopped = []
-    signal.signal(signal.SIGTERM, lambda *_: stopped.append(1))
-    end = time.monotonic() + behaviour.get("seconds", 0)
-    while time.monotonic() < end and not stopped:
+    held = lambda: behaviour.get("endless") or behaviour.get("held") and not os.path.exists(f"{film}/released")
+    while held() and not stopped:
         time.sleep(0.02)
     if stopped:
         send_event("error", code=130, retry=True, message="interrupted")

@@ -45,7 +45,7 @@ def sbatch(tmp_path, code: int, restarts: int | None = None) -> tuple[int, str, 
         (tmp_path / name).chmod(0o755)
     env = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_CPUS_PER_TASK": "4", "SLURM_ARRAY_TASK_ID": "7", "SLURM_JOB_ID": "42"}
     env |= {"LENSCUBE_PAUSE": "0"} | ({"SLURM_RESTART_COUNT": str(restarts)} if restarts is not None else {})
-    done = subprocess.run(["bash", HERE / "slurm.sbatch", "job.json", "--memory", "4GiB"], env=env, capture_output=True, timeout=30)
+    done = subprocess.run(["bash", HERE / "slurm.sbatch", "job.json", "--memory", "4GiB"], env=env, capture_output=True, timeout=600)
     read = [(tmp_path / n).read_text().strip() if (tmp_path / n).exists() else "" for n in ("run", "requeued")]
     return done.returncode, *read
 
