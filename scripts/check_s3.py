@@ -227,23 +227,29 @@ def kill_and_resume(store, reference):
     """SIGKILL at several moments; the same command resumes. Only complete shards remain after a kill."""
     def killed_after(first):
         film, name = s3(f"killed-{first}.zarr"), f"films/killed-{first}.zarr"
-        puts = []
+        puts, killed = set(), threading.Event()
 
         def rule(_, method, path):
+            """Shards beyond the first ones never reach the store: their requests wait for the kill."""
             if method == "PUT" and "/film/c/" in path:
-                puts.append(path)
-                return 0.05
+                with count_lock:
+                    if path in puts or len(puts) < first:
+                        puts.add(path)
+                        return None
+                killed.wait()
+                return "reset"
         proxy = Proxy(("127.0.0.1", store.port), rule)
-        p = start(environment(proxy.port), *run(film))
-        while len(puts) < first and p.poll() is None:
-            time.sleep(0.005)
+        shards = lambda: {k: v for k, v in store.objects(name).items() if "film/c/" in k}
+        p = start(environment(proxy.port, AWS_TIMEOUT="600 seconds"), *run(film))
+        while len(shards()) < first and p.poll() is None:
+            time.sleep(0.02)
         p.send_signal(signal.SIGKILL)
         p.communicate()
         check(p.returncode == -signal.SIGKILL, f"the run ended with {p.returncode} before it was killed")
+        killed.set()
         proxy.close()
-        time.sleep(0.3)  # requests in flight may still arrive
-        found = {k: v for k, v in store.objects(name).items() if "film/c/" in k}
-        check(0 < len(found) < SHARDS and all(v == reference[k] for k, v in found.items()), f"{len(found)} shards after kill -9")
+        found = shards()
+        check(len(found) == first and all(v == reference[k] for k, v in found.items()), f"{len(found)} shards after kill -9, expected {first}")
         lenscube(environment(store.port), 0, ["resuming"], *run(film))
         same_film(store.objects(name), reference, "a film resumed after kill -9")
     with ThreadPoolExecutor(3) as pool:
@@ -344,14 +350,17 @@ def permanent_errors(store, env, here):
 def replaced(store):
     """There are no locks on a store, so a film may be replaced during a run, which must not write its shards into the other."""
     name = "films/replaced.zarr"
-    replaced = []
+    replaced, lock = [], threading.Lock()
 
     def rule(_, method, path):
-        if method == "PUT" and path.endswith("/film/c/0/1/1") and not replaced:
-            group = json.loads(store.get(f"{name}/zarr.json"))
-            group["attributes"]["provenance"]["job_digest"] = "another"
-            replaced.append(1)
-            store.put(f"{name}/zarr.json", json.dumps(group))
+        """Shards that are put meanwhile wait until the film is replaced."""
+        if method == "PUT" and "/film/c/" in path:
+            with lock:
+                if path.endswith("/film/c/0/1/1") and not replaced:
+                    group = json.loads(store.get(f"{name}/zarr.json"))
+                    group["attributes"]["provenance"]["job_digest"] = "another"
+                    store.put(f"{name}/zarr.json", json.dumps(group))
+                    replaced.append(1)
     proxy = Proxy(("127.0.0.1", store.port), rule)
     lenscube(environment(proxy.port), 3, ["another job"], *run(s3("replaced.zarr")))
     proxy.close()
@@ -377,10 +386,20 @@ def encrypted(store, here, reference):
 
 
 def in_flight(store):
-    """Number of concurrent puts if each takes long."""
-    proxy = Proxy(("127.0.0.1", store.port), lambda n, m, path: 0.3 if m == "PUT" and "/film/c/" in path else None)
+    """Number of concurrent puts if each takes long: the first waits for the second."""
+    puts, second = set(), threading.Event()
+
+    def rule(_, method, path):
+        if method == "PUT" and "/film/c/" in path:
+            with count_lock:
+                puts.add(path)
+                if len(puts) > 1:
+                    second.set()
+            second.wait(300)
+            return 0.3
+    proxy = Proxy(("127.0.0.1", store.port), rule)
     begin = time.monotonic()
-    lenscube(environment(proxy.port), 0, [], *run(s3("slow.zarr")))
+    lenscube(environment(proxy.port, AWS_TIMEOUT="600 seconds"), 0, [], *run(s3("slow.zarr")))
     record = next(json.loads(v) for k, v in store.objects("films/slow.zarr").items() if k.startswith("runs/"))
     print(f"  puts of 300 ms: {proxy.max_puts} concurrent, {time.monotonic() - begin:.1f} s; {proxy.requests} requests; "
           f"peak {record['peak_resident_bytes'] / 2**20:.0f} MiB")

@@ -59,15 +59,15 @@ class Proxy:
             self.requests += 1
             n = self.requests
         put = to.command == "PUT"
-        fault = self.rule(n, to.command, to.path)
-        if fault:
-            with self.lock:
-                self.faults += 1
         if put:
             with self.lock:
                 self.puts += 1
                 self.max_puts = max(self.max_puts, self.puts)
         try:
+            fault = self.rule(n, to.command, to.path)
+            if fault:
+                with self.lock:
+                    self.faults += 1
             self.respond(to, fault)
         finally:
             if put:
