@@ -81,7 +81,12 @@ pub(super) fn png_file<T>(
                 encoder.set_deflate_compression(png::DeflateCompression::Level(1));
             }
         }
-        encoder.add_text_chunk("Comment".into(), comment.into()).map_err(encode)?;
+        // Plain text of a PNG is Latin-1.
+        match comment.chars().all(|c| c <= '\u{ff}') {
+            true => encoder.add_text_chunk("Comment".into(), comment.into()),
+            false => encoder.add_itxt_chunk("Comment".into(), comment.into()),
+        }
+        .map_err(encode)?;
         let mut writer = encoder.write_header().map_err(encode)?;
         let mut stream = writer.stream_writer_with_size(CHUNK_BYTES).map_err(encode)?;
         let done = fill(&mut stream)?;
