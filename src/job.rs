@@ -32,6 +32,7 @@ use crate::args::{Device, RunArgs};
 use crate::engine::Engine;
 use crate::lens::source::JobLens;
 use crate::memory::Memory;
+use crate::memory::machine::excess_note;
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use arguments::Arguments;
@@ -142,6 +143,7 @@ impl Job {
         notes.extend(coverage.note(args));
         notes.append(&mut inputs.depth_notes);
         notes.extend(stretch.note());
+        notes.extend(excess_note(memory.planned));
         let device = arguments.device;
         let mut details = plan.lens.details().to_vec();
         // Surfaces at several distances are computed on the CPU whatever devices there are.

@@ -6,6 +6,7 @@
 //! page-locked memory replaces the buffers of the workers. The rest is for node spectra (those of a shard first), shards that wait for
 //! the disk, and decoded chart chunks (up to what a row of shards reads, or two rows of a GPU's tiles). Nothing here changes a pixel.
 
+mod cgroup;
 mod depth;
 pub mod machine;
 

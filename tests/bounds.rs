@@ -370,3 +370,32 @@ fn lens_name_of_64_bytes_is_not_shortened_like_a_digest() {
     edit(&pack.join("zarr.json"), |j| j["attributes"]["name"] = json!(name));
     check(&place.run(text(&chart), &pack, &[]), OTHER_JOB, &["--lens (name)", &name]);
 }
+
+#[test]
+fn memory_is_planned_within_the_limit_of_the_address_space() {
+    let place = Place::new();
+    let limited = |limit_kib: u64, words: &[&str]| {
+        let script = format!("ulimit -v {limit_kib}; exec \"$0\" \"$@\"");
+        let mut command = Command::new("sh");
+        command.args(["-c", &script, env!("CARGO_BIN_EXE_lenscube"), "run"]).args(words);
+        CommandResult::new(&command.output().unwrap())
+    };
+    let lens = ["--lens", "double-gauss-28-npz", "--threads", "2"];
+    let film = place.at("film.zarr");
+    // At most half of what is left is the default, and that suffices.
+    let words = [&["gen:composite?size=500&wavelengths=550", text(&film), "--verbose"], &lens[..]].concat();
+    let ran = limited(1_500_000, &words).ok();
+    let limit = ran.stderr.lines().find_map(|line| line.strip_prefix("memory limit ")?.split_once("MiB"));
+    let limit: u64 = limit.unwrap_or_else(|| panic!("{}", ran.stderr)).0.parse().unwrap();
+    assert!((300..=1_500_000 / 2048).contains(&limit), "{}", ran.stderr);
+    assert!(!ran.stderr.contains("ulimit"), "{}", ran.stderr);
+    // A larger one is reported where the job would use it.
+    let (large, out) = ("gen:composite?size=14141&wavelengths=400:700:10", place.at("large.zarr"));
+    let words = [&[large, text(&out), "--dry-run", "--memory", "8GiB"], &lens[..]].concat();
+    let ran = limited(1_500_000, &words).ok();
+    assert!(ran.stdout.contains("left of the address space (ulimit -v)"), "{}", ran.stdout);
+    // Too little for the job is one error, and nothing is written.
+    let words = [&[large, text(&out)], &lens[..]].concat();
+    check(&limited(400_000, &words), USAGE, &["--memory ", "is too small", "raise the limit"]);
+    assert!(!out.exists());
+}

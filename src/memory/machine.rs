@@ -1,13 +1,54 @@
 //! Memory of this machine and of this process, as the system reports it.
 
+use super::cgroup::{self, Room};
+use super::mib;
+use std::path::Path;
+
+/// The largest default limit.
+const MAX_DEFAULT: u64 = 4 << 30;
+/// Available memory where the system does not report it.
+const UNKNOWN: u64 = 4 << 30;
+
 /// Half of the available memory, at most 4 GiB.
 pub fn default_limit() -> u64 {
-    bytes_of("/proc/meminfo", "MemAvailable:").map_or(2 << 30, |bytes| bytes / 2).min(4 << 30)
+    (available().map_or(UNKNOWN, |(bytes, _)| bytes) / 2).min(MAX_DEFAULT)
 }
 
-/// Memory of this machine, bytes, where the system reports it.
+/// Memory that this process can have, bytes, and what limits it: the machine, a control group (of a container or a batch job), or the size of its
+/// address space (`ulimit -v`). `None` where the system reports nothing.
+pub fn available() -> Option<(u64, &'static str)> {
+    let machine = bytes_of("/proc/meminfo", "MemAvailable:").map(|bytes| (bytes, "of this machine"));
+    let group = group().map(|room| (room.left, "of the control group (cgroup) of this process"));
+    let space = address_space_left().map(|bytes| (bytes, "of the address space (ulimit -v)"));
+    [machine, group, space].into_iter().flatten().min_by_key(|(bytes, _)| *bytes)
+}
+
+/// Memory of this machine, or of the control group if that is less, bytes, where the system reports it.
 pub fn machine_memory() -> Option<u64> {
-    bytes_of("/proc/meminfo", "MemTotal:")
+    let group = group().map(|room| room.limit);
+    bytes_of("/proc/meminfo", "MemTotal:").into_iter().chain(group).min()
+}
+
+/// A note if `planned` bytes are more than this process can have.
+pub fn excess_note(planned: usize) -> Option<String> {
+    let (bytes, what) = available()?;
+    (planned as u64 > bytes).then(|| {
+        format!(
+            "the expected peak of {} is more than the {} that are left {what}: the system may end the run; use a smaller --memory",
+            mib(planned),
+            mib(bytes as usize)
+        )
+    })
+}
+
+fn group() -> Option<Room> {
+    cgroup::room(&|path: &Path| std::fs::read_to_string(path).ok())
+}
+
+/// What is left of the limit of the address space, bytes; `None` without a limit.
+fn address_space_left() -> Option<u64> {
+    let limit = rustix::process::getrlimit(rustix::process::Resource::As).current?;
+    Some(limit.saturating_sub(bytes_of("/proc/self/status", "VmSize:").unwrap_or(0)))
 }
 
 /// The bytes of `entry` in a file of `NAME: N kB` lines.
