@@ -3,6 +3,7 @@
 use crate::file_size;
 use formats::chart::{ChartError, WriteError};
 use formats::durable::{self, DurableError, LockError};
+use formats::escape;
 use formats::export::ExportError;
 use formats::group::GroupError;
 use formats::picture::PictureError;
@@ -73,10 +74,9 @@ pub fn replacing_other_job(
     }
 }
 
-/// The error and its causes in one line, as [`text`]. Control characters, which file names may contain, are escaped.
+/// The error and its causes in one line, as [`text`]; characters that a terminal obeys, which file names may contain, are escaped.
 pub fn line(error: &anyhow::Error) -> String {
-    let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.into() };
-    text(error).chars().map(escaped).collect()
+    escape::one_line(&text(error)).into_owned()
 }
 
 /// The error and its causes, and what to do about a file that is too large; a cause that an outer error contains is not repeated.

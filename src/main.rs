@@ -1,5 +1,8 @@
 //! The command `lenscube`: parses the arguments, runs a command, turns an error into one line and an exit code.
 
+// Output goes through `terminal`.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::print_stdout, clippy::print_stderr))]
+
 mod args;
 mod bench;
 mod cache;
@@ -34,6 +37,7 @@ mod run;
 mod sensor;
 mod shoot;
 mod status;
+mod terminal;
 mod trace;
 mod validate;
 mod verify;
@@ -42,7 +46,9 @@ mod view;
 
 use args::{Cli, Command};
 use clap::{ArgMatches, CommandFactory, FromArgMatches};
+use formats::escape;
 use progress::{Verbosity, error_line, set_verbosity};
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -51,8 +57,7 @@ fn main() -> ExitCode {
     if let Err(error) = args::check_urls(std::env::args_os().skip(1)) {
         return report(&error);
     }
-    let matches = Cli::command().get_matches();
-    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let (cli, matches) = parsed(std::env::args_os()).unwrap_or_else(|answer| exit_with_answer(answer));
     set_verbosity(match (cli.quiet, cli.verbose) {
         (true, _) => Verbosity::Quiet,
         (_, true) => Verbosity::Verbose,
@@ -63,6 +68,23 @@ fn main() -> ExitCode {
         Ok(code) => ExitCode::from(code),
         Err(error) => report(&error),
     }
+}
+
+/// The arguments `words`, of which the first is the program.
+fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<(Cli, ArgMatches), clap::Error> {
+    let matches = Cli::command().try_get_matches_from(words)?;
+    Ok((Cli::from_arg_matches(&matches)?, matches))
+}
+
+/// Prints the parser's answer, help or an error, and ends the process. An error quotes the arguments: they are parsed again, escaped.
+fn exit_with_answer(answer: clap::Error) -> ! {
+    let words = std::env::args_os().map(|word| escape::one_line(&word.to_string_lossy()).into_owned().into());
+    if let Err(again) = parsed(words) {
+        again.exit();
+    }
+    // Arguments that are not UTF-8.
+    error_line(answer.to_string().trim_end());
+    std::process::exit(answer.exit_code())
 }
 
 /// Runs `command`, parsed from `matches`; the exit code.

@@ -6,11 +6,12 @@ mod page;
 
 use crate::args::{Cli, CompletionsArgs, ManArgs};
 use crate::progress::{log_line, print};
+use crate::terminal;
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use formats::durable::create_directories;
 use page::page;
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::path::Path;
 
 /// Writes the completions of a shell to stdout.
@@ -46,7 +47,7 @@ fn write(command: &clap::Command, prefix: &str, dir: &Path) -> Result<usize> {
 
 /// A closed pipe (`| head`) is not an error.
 fn to_stdout(bytes: &[u8]) -> Result<()> {
-    match std::io::stdout().write_all(bytes) {
+    match terminal::copy(&mut &bytes[..]) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e).context("writing the result"),
         _ => Ok(()),
     }

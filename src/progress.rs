@@ -5,13 +5,13 @@ pub mod jsonl;
 
 use crate::args::ProgressArg;
 use crate::failure;
+use crate::terminal;
 use formats::durable::Sweep;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pipeline::executor::Progress;
 use pipeline::executor::Summary;
 use pipeline::plan::ShardId;
 use std::fmt::Display;
-use std::io::{IsTerminal, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Mutex, OnceLock};
@@ -68,12 +68,12 @@ pub fn detail_line(line: impl AsRef<str>) {
 
 /// Writes a line to stderr in any case.
 pub fn error_line(line: impl AsRef<str>) {
-    let _ = writeln!(std::io::stderr(), "{}", line.as_ref());
+    terminal::error_line(line.as_ref());
 }
 
 /// Writes a line of the result to stdout. A closed pipe (`| head`) is not an error.
 pub fn print(line: impl Display) {
-    match writeln!(std::io::stdout(), "{line}") {
+    match terminal::result_line(&line.to_string()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
             let error = anyhow::Error::from(e).context("writing the result");
             error_line(format!("lenscube: {}", failure::line(&error)));
@@ -122,7 +122,7 @@ pub fn counting(doing: &str) -> (ProgressBar, impl Fn(u64, u64) + Sync + use<>) 
         bar.set_draw_target(ProgressDrawTarget::hidden());
     }
     let (updated, doing, start) = (bar.clone(), doing.to_owned(), Instant::now());
-    let lines = (!std::io::stderr().is_terminal()).then(|| Mutex::new(start));
+    let lines = (!terminal::is_stderr()).then(|| Mutex::new(start));
     let update = move |done: u64, all: u64| {
         updated.set_length(all);
         updated.set_position(done);
@@ -180,7 +180,7 @@ impl Bars {
         let has_bar = match progress {
             ProgressArg::Bar => true,
             ProgressArg::Plain => false,
-            _ => std::io::stderr().is_terminal(),
+            _ => terminal::is_stderr(),
         };
         let bar = (is_shown && has_bar).then(|| {
             let style =

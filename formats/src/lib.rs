@@ -13,6 +13,7 @@
 //! | [`mod@group`], [`mod@pyramid`] | what films and raws have in common: creation, locks, verification; smaller levels |
 //! | [`mod@parallel`] | work on numbered items on several threads |
 //! | [`mod@durable`] | directories and object stores with atomic, durable writes |
+//! | [`mod@escape`] | text of files and arguments as a terminal may print it |
 //!
 //! # Adding a chart format
 //!
@@ -27,11 +28,15 @@
 //! `film/memory.rs` (memory of encoding), `src/args/choices.rs`. Tests: `shard/encode/tests.rs`, `film/tests.rs`, `chart/tests/written.rs`,
 //! `formats/tests/fuzz/`, `scripts/check_interop.py`. Lens packs have their own list, in `lens/array.rs`.
 
+// The command prints.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::print_stdout, clippy::print_stderr))]
+
 mod bounded;
 pub mod chart;
 pub mod developed;
 pub mod dng;
 pub mod durable;
+pub mod escape;
 pub mod export;
 pub mod film;
 pub mod group;

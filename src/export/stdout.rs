@@ -3,10 +3,11 @@
 use super::to_file;
 use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::usage;
+use crate::terminal;
 use anyhow::{Context, Result};
 use formats::durable;
 use std::fs::{self, File};
-use std::io::{self, ErrorKind, IsTerminal};
+use std::io::ErrorKind;
 use std::path::PathBuf;
 
 /// A directory that is removed when dropped.
@@ -37,7 +38,7 @@ pub fn command(args: &ExportArgs) -> Result<u8> {
     if format == ExportFormatArg::Envi {
         return Err(usage("-: an ENVI image is two files; use another --format, or a path"));
     }
-    if io::stdout().is_terminal() {
+    if terminal::is_stdout() {
         return Err(usage("-: standard output is a terminal; redirect it, e.g. `> film.png`"));
     }
     let directory = TempDirectory::create()?;
@@ -47,9 +48,9 @@ pub fn command(args: &ExportArgs) -> Result<u8> {
         return Ok(code);
     }
     let mut file = File::open(&path).context("reading the temporary file")?;
-    match io::copy(&mut file, &mut io::stdout().lock()) {
+    match terminal::copy(&mut file) {
         // As `| head`.
         Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(0),
-        copied => copied.map(|_| 0).context("writing to standard output"),
+        copied => copied.map(|()| 0).context("writing to standard output"),
     }
 }

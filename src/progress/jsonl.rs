@@ -11,8 +11,8 @@
 //! With a plan each line also has `plan`, the first digits of its digest, and `units`, the list of units that are computed.
 
 use crate::failure::{self, code};
+use crate::terminal;
 use serde_json::{Map, Value, json};
-use std::io::Write;
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -77,8 +77,7 @@ impl Jsonl {
         if let Value::Object(fields) = fields {
             line.extend(fields);
         }
-        let mut out = std::io::stdout().lock();
-        let _ = writeln!(out, "{}", Value::Object(line)).and_then(|()| out.flush());
+        let _ = terminal::result_line(&Value::Object(line).to_string());
     }
 
     /// The computation begins: numbers of shards, tiles and film pixels to compute.

@@ -5,6 +5,7 @@ use std::path::Path;
 use reqwest::Url;
 
 use super::error::DurableError;
+use crate::escape;
 
 const CREDENTIALS: &str = "credentials in a URL are not supported, because URLs are printed and stored; set AWS_ACCESS_KEY_ID and \
                            AWS_SECRET_ACCESS_KEY";
@@ -97,8 +98,7 @@ pub(super) fn redacted(url: &str) -> String {
     let rest = rest.rsplit_once('@').map_or(rest, |(_, rest)| rest);
     let rest = rest.split(['?', '#']).next().unwrap_or_default();
     let slashes = if url.contains("://") { "//" } else { "" };
-    let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
-    format!("{head}:{slashes}{rest}").chars().map(escaped).collect()
+    escape::one_line(&format!("{head}:{slashes}{rest}")).into_owned()
 }
 
 /// Validates the name of a bucket: letters, digits, `.`, `-`, `_` (Amazon S3 User Guide, "General purpose bucket naming rules", old ones

@@ -16,6 +16,7 @@ use rustix::io::Errno;
 
 use super::super::error::DurableError;
 use super::error::{LockError, process_name};
+use crate::escape;
 
 /// The wait is reported after this time.
 pub(super) const REPORT_AFTER: Duration = Duration::from_secs(2);
@@ -38,18 +39,20 @@ pub(super) fn hold(directory: &Path, note: Duration, limit: Duration) -> Result<
         }
         if waited >= note && !reported {
             reported = true;
-            // A closed stderr is no reason to end.
-            let _ = writeln!(
-                std::io::stderr(),
-                "waiting at most {} s for {} to release the flock of {}",
-                limit.as_secs(),
-                process_name(holder(&file)),
-                directory.display()
-            );
+            report_wait(limit, &file, directory);
         }
         std::thread::sleep(PAUSE);
     }
     Ok(file)
+}
+
+/// Reports the wait on stderr. A closed stderr is no reason to end.
+#[allow(clippy::disallowed_methods, reason = "the wait is reported while it lasts, and the text is escaped")]
+fn report_wait(limit: Duration, file: &File, directory: &Path) {
+    let (seconds, holder) = (limit.as_secs(), process_name(holder(file)));
+    let directory = directory.display();
+    let text = format!("waiting at most {seconds} s for {holder} to release the flock of {directory}");
+    let _ = writeln!(std::io::stderr(), "{}", escape::lines(&text));
 }
 
 /// Id of the process that holds `flock` on a file. Lines of /proc/locks: `1: FLOCK  ADVISORY  WRITE <pid> <major>:<minor>:<inode> 0 EOF`.
