@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Import circles between source files of different folders: none are allowed.
+"""Import circles between source files of different folders, and between folders: none are allowed.
 
 An edge leads from a file to each file that its `use` lines and `crate::` paths name; test modules are left out. A file `a.rs` with a
 folder `a/` beside it belongs to that folder as well as to the one that it lies in. Exit code 1 if there is no folder to which all
-files of a circle belong; with --all the circles within a folder are printed as well.
+files of a circle belong, or if a circle of the files and folders in one folder, each folder taken as a whole, has two folders. With
+--all other circles are printed as well.
 """
 
 import re
@@ -133,6 +134,28 @@ def folders(path, found):
     return {path[:-1], path} if has_children else {path[:-1]}
 
 
+def circles_of_folders(graph, found):
+    """Circles of the files and folders in one folder: (folder, members that are folders, other members, the edges between them)."""
+    parents = {path[:n] for path in found for n in range(len(path))}
+    out = []
+    for parent in sorted(parents):
+        depth = len(parent)
+        between = {}
+        for path, targets in graph.items():
+            for target in targets:
+                inside = path[:depth] == parent == target[:depth] and min(len(path), len(target)) > depth
+                if inside and path[depth] != target[depth]:
+                    between.setdefault((path[depth], target[depth]), []).append((path, target))
+        names = {name for edge in between for name in edge}
+        of_names = {(name,): {(b,) for a, b in between if a == name} for name in names}
+        for component in circles(of_names):
+            members = {name for (name,) in component}
+            are_folders = {name for name in members if parent + (name,) in parents}
+            edges_inside = {edge: files for edge, files in between.items() if set(edge) <= members}
+            out.append((parent, are_folders, members - are_folders, edges_inside))
+    return out
+
+
 def main():
     sys.setrecursionlimit(10_000)
     failed = False
@@ -148,6 +171,13 @@ def main():
                 print(f"{crate}: {kind}:")
                 for path in sorted(component):
                     print(f"  {'/'.join(path)} -> {', '.join(sorted('/'.join(t) for t in graph[path] & inside))}")
+        for parent, are_folders, others, between in circles_of_folders(graph, found):
+            several = len(are_folders) > 1
+            failed |= several
+            if several or (are_folders and "--all" in sys.argv[1:]):
+                print(f"{crate}: circle of folders in {'/'.join(parent) or 'its root'}: {', '.join(sorted(are_folders | others))}")
+                for (a, b), files in sorted(between.items()):
+                    print(f"  {a} -> {b}: {', '.join('/'.join(x) + ' -> ' + '/'.join(y) for x, y in files[:3])}")
     return failed
 
 

@@ -17,7 +17,7 @@ from check_dependencies import ROOT, packages
 
 # Beside the Rust packages: the viewer's page contains OpenSeadragon, and blosc-src contains c-blosc without its licence.
 OTHERS = [
-    ("OpenSeadragon", "BSD-3-Clause", ROOT / "src/view/page/openseadragon.LICENSE.txt"),
+    ("OpenSeadragon", "BSD-3-Clause", ROOT / "src/commands/view/page/openseadragon.LICENSE.txt"),
     ("c-blosc", "BSD-3-Clause", ROOT / "scripts/licences/c-blosc.txt"),
 ]
 NAMES = ("license", "licence", "copying", "notice", "unlicense")

@@ -12,6 +12,7 @@ mod depth;
 mod depth_report;
 mod develop;
 mod device;
+pub mod engine;
 mod export;
 mod import;
 mod lens;
@@ -25,6 +26,7 @@ mod shoot;
 mod status;
 mod validate;
 mod values;
+pub mod version;
 mod work;
 
 pub use bands::bands;
@@ -66,7 +68,7 @@ use std::path::Path;
 
 /// Simulate the sensor-plane image (film) that a lens forms of a multispectral chart.
 #[derive(Debug, Parser)]
-#[command(name = "lenscube", version, long_version = crate::version::long(), max_term_width = 110)]
+#[command(name = "lenscube", version, long_version = crate::args::version::long(), max_term_width = 110)]
 #[command(
     after_help = "Start here:  lenscube demo\nExit codes: 0 complete, 1 failed, 2 usage, 3 the output belongs to \
 another job, 4 a check found errors or missing parts, 75 temporary error (retry), 130 interrupted (the same command resumes)"

@@ -7,7 +7,7 @@ pub mod driver;
 pub mod verdict;
 
 use crate::args::Device;
-use crate::engine::Engine;
+use crate::args::engine::Engine;
 use crate::failure::usage;
 use anyhow::Result;
 use pipeline::cuda::error::Version;

@@ -1,6 +1,7 @@
 //! Errors of the command: one line for the user, one exit code for scripts.
 
-use crate::file_size;
+pub mod file_size;
+
 use formats::chart::{ChartError, WriteError};
 use formats::durable::{self, DurableError, LockError};
 use formats::escape;

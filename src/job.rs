@@ -11,28 +11,34 @@
 
 mod arguments;
 mod bands;
+pub mod cost;
 mod coverage;
 pub mod depth;
 mod film;
+pub mod film_engine;
 mod frame;
 mod identity;
 mod inputs;
+pub mod lens;
 mod light;
+pub mod light_units;
+pub mod memory;
 mod notes;
 pub mod preview;
 mod resources;
+pub mod stages;
 pub mod stretch;
 
-pub use arguments::threads;
+pub use arguments::{default_options, threads};
 pub use bands::PlannedBands;
 pub use identity::{Contents, DIGEST, MTIMES, argument, contents, numeric_version};
 pub use inputs::chosen_bands;
 
+use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};
-use crate::engine::Engine;
-use crate::lens::source::JobLens;
-use crate::memory::Memory;
-use crate::memory::machine::excess_note;
+use crate::job::lens::JobLens;
+use crate::job::memory::Memory;
+use crate::machine::excess_note;
 use crate::open::Chart;
 use anyhow::{Context, Result};
 use arguments::Arguments;

@@ -1,50 +1,22 @@
 //! The command `lenscube`: parses the arguments, runs a command, turns an error into one line and an exit code.
 
-// Output goes through `terminal`.
+// Output goes through `progress::terminal`.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::print_stdout, clippy::print_stderr))]
 
 mod args;
-mod bench;
-mod cache;
-mod chart;
-mod compare;
-mod demo;
-mod depth;
+mod camera;
+mod commands;
 mod design;
-mod develop;
 mod device;
-mod device_check;
-mod engine;
-mod export;
 mod failure;
-mod file_size;
-mod film_engine;
-mod import;
-mod interrupt;
+mod film;
 mod job;
-mod lens;
-mod light_units;
-mod manual;
-mod measure;
-mod memory;
+mod machine;
 mod open;
 mod outputs;
-mod paths;
-mod plan;
 mod progress;
-mod pyramid;
-mod run;
-mod sensor;
-mod shoot;
-mod status;
-mod terminal;
-mod trace;
-mod validate;
-mod verify;
-mod version;
-mod view;
 
-use args::{Cli, Command};
+use args::Cli;
 use clap::{ArgMatches, CommandFactory, FromArgMatches};
 use formats::escape;
 use progress::{Verbosity, error_line, set_verbosity};
@@ -52,7 +24,7 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    file_size::catch_signal();
+    failure::file_size::catch_signal();
     // First of all, so that no message or file repeats a URL with credentials.
     if let Err(error) = args::check_urls(std::env::args_os().skip(1)) {
         return report(&error);
@@ -64,7 +36,7 @@ fn main() -> ExitCode {
         _ => Verbosity::Normal,
     });
     let (_, matches) = matches.subcommand().expect("a subcommand is required");
-    match run(&cli.command, matches) {
+    match commands::run(&cli.command, matches) {
         Ok(code) => ExitCode::from(code),
         Err(error) => report(&error),
     }
@@ -85,35 +57,6 @@ fn exit_with_answer(answer: clap::Error) -> ! {
     // Arguments that are not UTF-8.
     error_line(answer.to_string().trim_end());
     std::process::exit(answer.exit_code())
-}
-
-/// Runs `command`, parsed from `matches`; the exit code.
-fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
-    paths::check(command)?;
-    match command {
-        Command::Chart(args) => chart::command(args).map(|()| 0),
-        Command::Depth(args) => depth::command(args),
-        Command::Run(args) => run::command(args, matches),
-        Command::Sensor(args) => sensor::command(args),
-        Command::Develop(args) => develop::command(args),
-        Command::Shoot(args) => shoot::command(args),
-        Command::Compare(args) => compare::command(args),
-        Command::Plan(args) => plan::command(args, matches),
-        Command::Status(args) => status::command(args),
-        Command::Verify(args) => verify::command(args),
-        Command::Lens(args) => lens::command(args).map(|()| 0),
-        Command::Export(args) => export::command(args),
-        Command::Demo(args) => demo::command(args),
-        Command::Pyramid(args) => pyramid::command(args),
-        Command::View(args) => view::command(args).map(|()| 0),
-        Command::Validate(args) => validate::command(args),
-        Command::Measure(args) => measure::command(args).map(|()| 0),
-        Command::Bench(args) => bench::command(args).map(|()| 0),
-        Command::Device(args) => device_check::command(args),
-        Command::Cache(args) => cache::command(args).map(|()| 0),
-        Command::Completions(args) => manual::completions(args).map(|()| 0),
-        Command::Man(args) => manual::man(args).map(|()| 0),
-    }
 }
 
 fn report(error: &anyhow::Error) -> ExitCode {

@@ -1,11 +1,12 @@
 //! Output to the user: log lines on stderr, results on stdout, progress bars on a terminal, progress lines elsewhere. `--quiet` leaves
 //! errors and results, `--verbose` adds details.
 
+pub mod interrupt;
 pub mod jsonl;
+pub mod terminal;
 
 use crate::args::ProgressArg;
 use crate::failure;
-use crate::terminal;
 use formats::durable::Sweep;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pipeline::executor::Progress;
@@ -325,4 +326,27 @@ pub fn summary_details(
         ));
     }
     lines
+}
+
+/// Number with at most four digits after the point, without trailing zeros.
+pub fn short_number(v: f64) -> String {
+    let text = format!("{v:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// Bytes in MiB, rounded up, for messages.
+pub fn mib(bytes: usize) -> String {
+    format!("{}MiB", bytes.div_ceil(1 << 20))
+}
+
+/// Defects that are named on the terminal; `--json` names all.
+const NAMED: usize = 8;
+
+/// Prints the first few lines, and how many there are.
+pub fn print_first(lines: impl Iterator<Item = String>) {
+    let lines: Vec<String> = lines.collect();
+    lines.iter().take(NAMED).for_each(print);
+    if lines.len() > NAMED {
+        print(format!("and {} more; --json names all", lines.len() - NAMED));
+    }
 }

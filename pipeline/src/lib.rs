@@ -43,10 +43,10 @@
 //! - its own module with the equation at the head, and a switch in `remap::Stages`;
 //! - [`band`]: `BandStages`, `BandPlan::stages`; [`mod@plan`] and `psf/blocks.rs` if it enlarges the tile; `stages.rs`: `StageCompute::compute`, its
 //!   buffers and their memory; `clock.rs`: its time;
-//! - GPU: a `.cu` file beside the module (`scripts/ptx` compiles it to `pipeline/ptx`), `cuda/band.rs`, `cuda/memory.rs`,
+//! - GPU: a `.cu` file beside the module (`scripts/ptx` compiles it to `pipeline/ptx`), `stages/cuda/band.rs`, `cuda/memory.rs`,
 //!   `tests/emulated_cuda/modules.cpp`;
-//! - command: `src/args/run.rs` (`Stage`), `src/job/` (`arguments.rs`, `identity.rs` with a new `NUMERIC_VERSION`, `notes.rs`), `src/memory.rs`,
-//!   `src/plan/cost.rs`, `src/status/text.rs`, `src/progress.rs`, `src/run/record.rs`, `src/bench/`, `src/validate/`;
+//! - command: `src/args/run.rs` (`Stage`), `src/job/` (`arguments.rs`, `identity.rs` with a new `NUMERIC_VERSION`, `notes.rs`, `memory.rs`, `cost.rs`),
+//!   `src/progress.rs`, and in `src/commands/` `status/text.rs`, `run/record.rs`, `bench/`, `validate/`;
 //! - tests: `tests/oracle/` and `tests/flow.rs` of this package, `tests/golden/make_golden.py`.
 //!
 //! Chart formats and codecs: head of the package `formats`.

@@ -1,19 +1,23 @@
 //! Remap and PSF stages of a job, or its depth stage, as the executor's [`Compute`], on the CPU or on a GPU; and the memory they take.
 
+mod compute;
+pub mod cuda;
+
+pub use compute::Compute;
+
 use crate::band::{BandPlan, BandStages};
 use crate::buffer::TileBuffer;
 use crate::clock::Clock;
-use crate::cuda::band::GpuBand;
 use crate::cuda::memory::QueueMemory;
 use crate::cuda::{CudaError, Device};
 use crate::depth::{DepthScratch, SceneInputs};
-use crate::executor::Compute;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
 use crate::plan::Tiling;
 use crate::psf::spectra::SpectrumCache;
 use crate::psf::{PsfScratch, memory};
 use crate::remap::RemapScratch;
+use crate::stages::cuda::band::GpuBand;
 use std::sync::Arc;
 
 /// Constructs the stages of the band at a position of the job.

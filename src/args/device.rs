@@ -1,6 +1,6 @@
 //! `--device`, `--engine` and `lenscube device`.
 
-use crate::engine::Engine;
+use crate::args::engine::Engine;
 use clap::{Args, Subcommand};
 use std::fmt;
 use std::str::FromStr;

@@ -2,7 +2,7 @@
 //! of the CPU. A result holds for one card, by its UUID: cards of the same name may differ, one of them being defective.
 
 use super::driver;
-use crate::lens::cache;
+use crate::machine::user_cache;
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, create_directories};
 use pipeline::cuda::DeviceInfo;
@@ -23,7 +23,7 @@ pub enum Verdict {
 
 /// File of the stored results.
 fn results_path() -> Option<PathBuf> {
-    Some(cache::directory()?.parent()?.join("device-checks.json"))
+    Some(user_cache()?.join("device-checks.json"))
 }
 
 /// What a result holds for: one GPU, its driver, the program and its kernels as PTX and cubins.

@@ -4,12 +4,14 @@ use super::identity::DIGEST;
 use crate::args::{Device, RunArgs, Stage};
 use crate::device::DeviceSelection;
 use crate::failure::usage;
-use crate::film_engine;
+use crate::job::film_engine;
 use anyhow::Result;
 use formats::chart::Codec;
 use formats::film::FilmStore;
 use pipeline::band::{Options, PsfBetween};
+use pipeline::field::Outside;
 use pipeline::remap::{ChartInterpolation, Stages};
+use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 
 /// Arguments of a job, resolved.
@@ -82,5 +84,21 @@ fn options(args: &RunArgs, simd: Simd) -> Options {
         psf_window: args.psf_window,
         between: if args.interpolate_psf { PsfBetween::Interpolate } else { PsfBetween::Error },
         simd,
+    }
+}
+
+/// Options of a run without flags.
+pub fn default_options() -> Options {
+    Options {
+        stages: Stages { ri: true, distortion: true, svpsf: true },
+        interpolation: ChartInterpolation {
+            interp: Interp::Bicubic,
+            surround: Surround::Edge,
+            outside: Outside::Error,
+        },
+        azimuths: None,
+        psf_window: None,
+        between: PsfBetween::Error,
+        simd: Simd::detect(),
     }
 }

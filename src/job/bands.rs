@@ -4,7 +4,7 @@ use super::arguments::Arguments;
 use super::film::{film_spec, gain, regions};
 use super::inputs::Inputs;
 use super::light;
-use crate::lens::source::{JobLens, TracedFor, UntracedLens};
+use crate::job::lens::{JobLens, TracedFor, UntracedLens};
 use anyhow::Result;
 use formats::film::FilmSpec;
 use formats::lens::LensPackError;

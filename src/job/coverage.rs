@@ -8,7 +8,7 @@
 use super::bands::JobPlan;
 use super::inputs::Inputs;
 use crate::args::{RunArgs, Stage};
-use crate::lens::source::UntracedLens;
+use crate::job::lens::UntracedLens;
 use anyhow::Result;
 use pipeline::design::describe::describe;
 use pipeline::geometry::{Frame, Rect, Size};

@@ -3,7 +3,7 @@
 use super::coverage::filled_height_mm;
 use crate::args::{FitArg, PlacementArgs};
 use crate::failure::usage;
-use crate::lens::source::UntracedLens;
+use crate::job::lens::UntracedLens;
 use crate::open::Chart;
 use anyhow::Result;
 use clap::ValueEnum;

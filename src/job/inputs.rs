@@ -6,7 +6,7 @@ use super::depth::{Depth, DepthRequest, LensFacts};
 use super::frame::{Named, frame};
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
-use crate::lens::source::UntracedLens;
+use crate::job::lens::UntracedLens;
 use crate::open::{Chart, ChartFlags, check_has_files};
 use crate::progress::log_line;
 use anyhow::Result;

@@ -3,7 +3,7 @@
 use super::bands::JobPlan;
 use super::film::chart_units;
 use crate::args::{FilmUnits, RunArgs, Stage, size_order_note};
-use crate::light_units::{self, Quantity};
+use crate::job::light_units::{self, Quantity};
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
 use clap::ValueEnum;
@@ -63,7 +63,7 @@ fn rotation_note(plan: &JobPlan) -> Result<Option<String>> {
     if tables.psf_sample != PsfSample::Integrated || !rotated {
         return Ok(None);
     }
-    Ok(crate::lens::rotation_error(pack)?.map(|error| {
+    Ok(crate::job::lens::rotation_error(pack)?.map(|error| {
         format!(
             "the PSFs of the lens pack are integrated over their pitch: rotation by multiples of 90° is exact, other angles use \
              cubic interpolation (estimated L1 error {:.0} %, worst height at {:.0} nm). A pack with point samples avoids it",

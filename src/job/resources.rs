@@ -7,18 +7,18 @@ use super::inputs::Inputs;
 use super::stretch::RemapStretch;
 use crate::device::DeviceSelection;
 use crate::failure;
-use crate::memory::machine::default_limit;
-use crate::memory::{GpuDemand, Memory, MemoryInputs};
+use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
+use crate::machine::default_limit;
 use anyhow::Result;
 use formats::film::FilmStore;
 use pipeline::band::{BandPlan, Options};
-use pipeline::cuda;
 use pipeline::cuda::memory::{BandNeeds, DeviceQueue, MAX_TILES};
 use pipeline::executor::memory::Walk;
 use pipeline::geometry::{Frame, Size};
 use pipeline::plan::{FilmRegion, Tiling, film_columns};
 use pipeline::psf::cuda::{PsfOnDevice, gpu_blocks};
 use pipeline::remap::Remap;
+use pipeline::stages;
 
 /// One part in so many of the chart under a tile, for the tiles that are not examined.
 const CHART_MARGIN: usize = 32;
@@ -143,6 +143,6 @@ fn gpu_needs(frame: &Frame, options: &Options, plan: &BandPlan, regions: &[FilmR
     });
     let columns = film_columns(regions);
     let columns = (columns.end - columns.start) as usize;
-    let needs = cuda::band_needs(&remap, &plan.tiling, tiles.iter(), columns, psf);
+    let needs = stages::cuda::band_needs(&remap, &plan.tiling, tiles.iter(), columns, psf);
     BandNeeds { chart_px: needs.chart_px + needs.chart_px / CHART_MARGIN, ..needs }
 }

@@ -3,7 +3,7 @@
 use super::Chart;
 use crate::args::size_order_note;
 use crate::failure::usage;
-use crate::memory::machine::machine_memory;
+use crate::machine::machine_memory;
 use crate::progress::{counting, log_line};
 use anyhow::{Context, Result};
 use formats::chart::{ChunkMemory, RasterSample};

@@ -11,7 +11,7 @@
 //! With a plan each line also has `plan`, the first digits of its digest, and `units`, the list of units that are computed.
 
 use crate::failure::{self, code};
-use crate::terminal;
+use crate::progress::terminal;
 use serde_json::{Map, Value, json};
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};

@@ -1,4 +1,4 @@
-//! NVIDIA GPUs through the CUDA driver: devices, memory, streams, launches, errors, and one band on a device.
+//! NVIDIA GPUs through the CUDA driver: devices, memory, streams, launches, errors. No optics: one band on a device is [`crate::stages::cuda`].
 //!
 //! At run time only the driver library is needed (`libcuda.so.1`, 12.2 or newer). It is loaded at the first use of a GPU, so the
 //! program also starts without it. Kernels are CUDA C beside the CPU stages that they mirror (`remap/remap.cu`,
@@ -7,14 +7,10 @@
 //! this, and tests run the same `.cu` source on the CPU.
 #![allow(unsafe_code)]
 
-pub mod band;
-pub mod batches;
-pub mod bench;
 pub mod device;
 pub mod driver;
 pub mod error;
 mod figures;
-pub mod film_rows;
 pub mod handle;
 pub mod kernel_timer;
 pub mod launch;
@@ -24,7 +20,6 @@ pub mod ptx;
 pub mod slice;
 pub(crate) mod upload_ring;
 
-pub use band::band_needs;
 pub use device::{Device, DeviceInfo, devices, listed_devices};
 pub use error::CudaError;
 pub use figures::{GpuFigures, LaunchTimes};

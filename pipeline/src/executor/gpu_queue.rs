@@ -9,7 +9,7 @@
 //! Three streams, ordered by events: while one batch is computed, the next is uploaded and the last one downloaded. The planner is ahead of
 //! the launcher by as many batches as there are buffers for, also across bands: the device does not wait for the host between bands. A
 //! portion is a band, or a part of one where fewer bands are left than GPUs; a device adds all tiles that reach its shards in the order of
-//! the tiles ([`crate::cuda::film_rows`]), so the film has the same bits for any number of GPUs, and tiles at the border of two portions are
+//! the tiles ([`crate::stages::cuda::film_rows`]), so the film has the same bits for any number of GPUs, and tiles at the border of two portions are
 //! computed by both.
 //!
 //! A session is the time between two failures: if the device fails, the rows of shards that are not downloaded are requeued for the
@@ -20,14 +20,14 @@ mod collector;
 mod launcher;
 mod planner;
 
-use super::Compute;
 use super::portion::Portion;
 use super::run_state::RunState;
-use crate::cuda::band::{QueueBuffers, Streams};
 use crate::cuda::memory::{BandNeeds, DeviceQueue, Halvings, QueueMemory};
 use crate::cuda::{CudaError, GpuFigures};
 use crate::flow::FilmSink;
 use crate::plan::film_columns;
+use crate::stages::Compute;
+use crate::stages::cuda::band::{QueueBuffers, Streams};
 use collector::Collector;
 use crossbeam::channel::{bounded, unbounded};
 use launcher::Launcher;

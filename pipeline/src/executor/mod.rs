@@ -1,5 +1,5 @@
 //! The scheduler: claims tiles, computes them, adds their contributions in order, writes finished shards. Independent of the
-//! equations of the stages; of a GPU's stages it knows the buffers and streams ([`crate::cuda::band`]).
+//! equations of the stages; of a GPU's stages it knows the buffers and streams ([`crate::stages::cuda::band`]).
 //!
 //! ```text
 //! prepare thread   Compute::prepare(band)          → TileSource (one band ahead)
@@ -14,7 +14,6 @@
 //! [`MAX_TILES_AHEAD_PER_WORKER`] tiles per worker more than the walk requires; a GPU queue is bounded by its batch buffers and
 //! page-locked buffers; [`Work::max_encoded_shards`]. [`memory`] computes what the queues hold.
 
-mod compute;
 mod error;
 mod gpu_queue;
 mod gpu_tasks;
@@ -31,7 +30,6 @@ mod walk;
 mod work;
 mod worker;
 
-pub use compute::Compute;
 pub use error::RunError;
 pub use progress::Progress;
 pub use work::{BandWork, Summary, Work};
@@ -40,6 +38,7 @@ use crate::clock::{Clock, TimedChart};
 use crate::cuda::GpuFigures;
 use crate::cuda::memory::DeviceQueue;
 use crate::flow::{ChartSource, FilmSink};
+use crate::stages::Compute;
 use gpu_tasks::TaskQueue;
 use ordered_adder::OrderedAdder;
 use run_state::RunState;

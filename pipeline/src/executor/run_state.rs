@@ -1,6 +1,5 @@
 //! State shared by all threads of a run: the parts of the scheduler, and the first error.
 
-use super::Compute;
 use super::Progress;
 use super::error::RunError;
 use super::gpu_tasks::{ChartRead, DownloadedRows, TaskQueue};
@@ -16,6 +15,7 @@ use crate::clock::Clock;
 use crate::cuda::CudaError;
 use crate::flow::{ChartSource, FilmSink, SourceSinkError};
 use crate::plan::{ShardId, tiles_needed};
+use crate::stages::Compute;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};

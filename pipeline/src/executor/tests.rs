@@ -2,13 +2,13 @@
 
 use super::*;
 use crate::buffer::{ShardPixels, TileBuffer};
-use crate::cuda::band::GpuBand;
 use crate::cuda::memory::QueueMemory;
 use crate::cuda::{CudaError, Device};
 use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
 use crate::plan::{FilmRegion, ShardId, Tiling};
 use crate::psf::blocks::Blocks;
+use crate::stages::cuda::band::GpuBand;
 use std::collections::BTreeSet;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, mpsc};

@@ -2,7 +2,6 @@
 //!
 //! Shards come first, since encoding frees memory; where GPUs compute, workers claim no tiles.
 
-use super::Compute;
 use super::gpu_tasks::{ChartRead, DownloadedRows};
 use super::ordered_adder::{TileId, TileOutput};
 use super::overlap_add::FinishedShard;
@@ -12,6 +11,7 @@ use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
 use crate::flow::FilmSink;
 use crate::geometry::Rect;
+use crate::stages::Compute;
 use crossbeam::channel::Sender;
 
 /// Distance, in tiles per worker, between the tile being computed and the one whose chart is prefetched: some tens of milliseconds.

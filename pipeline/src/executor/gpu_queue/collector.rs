@@ -2,15 +2,15 @@
 
 use super::{Failure, Session};
 use crate::cuda::CudaError;
-use crate::cuda::band::{BatchEvents, BatchPlan};
 use crate::cuda::handle::CudaEvent;
 use crate::cuda::pool::Pinned;
 use crate::cuda::slice::CudaSlice;
-use crate::executor::Compute;
 use crate::executor::gpu_tasks::DownloadedRows;
 use crate::executor::portion::Portion;
 use crate::flow::FilmSink;
 use crate::geometry::Rect;
+use crate::stages::Compute;
+use crate::stages::cuda::band::{BatchEvents, BatchPlan};
 use crossbeam::channel::{Receiver, Sender};
 use std::sync::Arc;
 

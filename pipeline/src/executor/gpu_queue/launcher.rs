@@ -4,16 +4,16 @@ use super::planner::Planned;
 use super::{Failure, Session};
 use crate::clock::thread_cpu_s;
 use crate::cuda::LaunchTimes;
-use crate::cuda::band::QueueBuffers;
-use crate::cuda::film_rows::strips;
 use crate::cuda::kernel_timer::timed;
 use crate::cuda::memory::STRIP_ROWS;
 use crate::cuda::pool::{Pinned, PinnedPool};
 use crate::cuda::slice::CudaSlice;
-use crate::executor::Compute;
 use crate::executor::gpu_queue::collector::{Launched, Strips};
 use crate::executor::gpu_tasks::ChartReply;
 use crate::flow::FilmSink;
+use crate::stages::Compute;
+use crate::stages::cuda::band::QueueBuffers;
+use crate::stages::cuda::film_rows::strips;
 use crossbeam::channel::{Receiver, Sender};
 
 /// The launching thread.

@@ -1,16 +1,16 @@
 //! The first thread of a GPU queue: claims portions and plans their batches.
 
 use super::{Failure, Session};
-use crate::cuda::band::{BatchPlan, GpuBand};
-use crate::cuda::batches::{AddedTiles, batches};
 use crate::cuda::pool::{Pinned, PinnedPool};
-use crate::executor::Compute;
 use crate::executor::gpu_tasks::{ChartRead, ChartReply};
 use crate::executor::portion::Portion;
 use crate::executor::tile_source::{Batch, Claim};
 use crate::executor::worker::READ_AHEAD;
 use crate::flow::FilmSink;
 use crate::geometry::Rect;
+use crate::stages::Compute;
+use crate::stages::cuda::band::{BatchPlan, GpuBand};
+use crate::stages::cuda::batches::{AddedTiles, batches};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

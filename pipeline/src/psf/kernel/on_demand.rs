@@ -6,14 +6,16 @@
 use super::resampler::{Prepared, Resampler};
 use super::{KernelScratch, KernelSymmetry, is_mirrored, lane_sum};
 use crate::buffer::AlignedBuf;
-use crate::flow::SourceSinkError;
 use crate::lens::PsfSample;
 use crate::psf::grid::{Node, NodeGrid};
 use crate::simd::Simd;
 use std::sync::{Arc, Mutex, OnceLock};
 
+/// Error of a reader of PSFs.
+pub type PsfReadError = Box<dyn std::error::Error + Send + Sync>;
+
 /// Reads the samples of the PSF of (depth node, height).
-pub type PsfReader = Arc<dyn Fn(usize, usize) -> Result<Vec<f32>, SourceSinkError> + Send + Sync>;
+pub type PsfReader = Arc<dyn Fn(usize, usize) -> Result<Vec<f32>, PsfReadError> + Send + Sync>;
 
 /// Where PSFs are read from, and the first error of it. What was computed after an error is not valid.
 #[derive(Clone)]
@@ -38,7 +40,7 @@ impl PsfSource {
     ///
     /// # Errors
     /// The first error of the reader.
-    pub fn check(&self) -> Result<(), SourceSinkError> {
+    pub fn check(&self) -> Result<(), PsfReadError> {
         match &*self.error.lock().expect("no panic while held") {
             Some(error) => Err(error.clone().into()),
             None => Ok(()),

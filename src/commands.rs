@@ -1,0 +1,56 @@
+//! The commands, a module each: arguments to a report and an exit code. What several commands share lies beside this module.
+
+mod bench;
+mod cache;
+mod chart;
+mod compare;
+mod demo;
+mod depth;
+mod develop;
+mod device;
+mod export;
+mod lens;
+mod manual;
+mod measure;
+mod paths;
+mod plan;
+mod pyramid;
+mod run;
+mod sensor;
+mod shoot;
+mod status;
+mod validate;
+mod verify;
+mod view;
+
+use crate::args::Command;
+use clap::ArgMatches;
+
+/// Runs `command`, parsed from `matches`; the exit code.
+pub fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
+    paths::check(command)?;
+    match command {
+        Command::Chart(args) => chart::command(args).map(|()| 0),
+        Command::Depth(args) => depth::command(args),
+        Command::Run(args) => run::command(args, matches),
+        Command::Sensor(args) => sensor::command(args),
+        Command::Develop(args) => develop::command(args),
+        Command::Shoot(args) => shoot::command(args),
+        Command::Compare(args) => compare::command(args),
+        Command::Plan(args) => plan::command(args, matches),
+        Command::Status(args) => status::command(args),
+        Command::Verify(args) => verify::command(args),
+        Command::Lens(args) => lens::command(args).map(|()| 0),
+        Command::Export(args) => export::command(args),
+        Command::Demo(args) => demo::command(args),
+        Command::Pyramid(args) => pyramid::command(args),
+        Command::View(args) => view::command(args).map(|()| 0),
+        Command::Validate(args) => validate::command(args),
+        Command::Measure(args) => measure::command(args).map(|()| 0),
+        Command::Bench(args) => bench::command(args).map(|()| 0),
+        Command::Device(args) => device::command(args),
+        Command::Cache(args) => cache::command(args).map(|()| 0),
+        Command::Completions(args) => manual::completions(args).map(|()| 0),
+        Command::Man(args) => manual::man(args).map(|()| 0),
+    }
+}

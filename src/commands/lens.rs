@@ -1,0 +1,32 @@
+//! `lenscube lens`: creates, shows and compares lenses; the lens of a run.
+
+mod aberrations;
+mod camera;
+pub mod convert;
+mod cross_section;
+mod curves;
+mod diff;
+mod import;
+mod list;
+pub mod plots;
+mod psf_figure;
+mod show;
+mod shown;
+mod spot_figure;
+pub mod trace;
+
+use crate::args::{LensArgs, LensCommand};
+use anyhow::Result;
+
+/// Runs the command.
+pub fn command(args: &LensArgs) -> Result<()> {
+    match &args.command {
+        LensCommand::Show(args) => show::command(args),
+        LensCommand::Diff(args) => diff::command(args),
+        LensCommand::Camera(args) => camera::command(args),
+        LensCommand::List(args) => list::command(args),
+        LensCommand::Convert(args) => convert::command(args),
+        LensCommand::Trace(args) => trace::command(args),
+        LensCommand::Import(args) => import::command(args),
+    }
+}

@@ -1,0 +1,251 @@
+//! `lenscube lens trace`: traces a design into a lens pack.
+
+pub mod depth;
+mod estimate;
+mod writer;
+
+use crate::args::{Store, TraceArgs};
+use crate::design;
+use crate::failure::{other_job, usage};
+use crate::job::lens::attributes::attributes;
+use crate::progress::{detail_line, log_line, plural, tracing_bar};
+use anyhow::{Context, Result};
+use estimate::{Needed, estimate};
+use formats::lens::{LensPackError, LensPackWriter};
+use pipeline::design::System;
+use pipeline::design::depth::trace::DepthOptions;
+use pipeline::design::describe::field_tan;
+use pipeline::design::image_circle::EDGE;
+use pipeline::design::ray::Tracer;
+use pipeline::design::shelf::SAMPLE;
+use pipeline::design::trace::{BandReport, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens};
+use std::path::Path;
+use std::time::Instant;
+use writer::write_beside;
+
+/// Largest height of the sample lens without `--max-height-mm`, mm: the corner of the examples' film of 14141² px of 2 µm.
+const SAMPLE_HEIGHT_MM: f64 = 20.5;
+/// A trace that takes longer is announced with what it needs, s.
+const LONG_S: f64 = 10.0;
+/// Maximum of the PSFs of a pack by default, MB uncompressed; above it the pack has pupil functions.
+const MAX_PSF_MB: f64 = 1000.0;
+
+/// Runs the command.
+pub fn command(args: &TraceArgs) -> Result<()> {
+    let start = Instant::now();
+    let (system, depth) = system(args)?;
+    for note in &system.notes {
+        log_line(format!("note: {note}"));
+    }
+    let options = options(args, &system)?;
+    if let Some(depth) = depth {
+        return depth::trace(args, &system, &options, &depth, start);
+    }
+    let Needed { seconds, psf_mb, text } =
+        estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?;
+    if seconds > LONG_S {
+        log_line(text)
+    } else {
+        detail_line(text)
+    }
+    let stored = args.store.unwrap_or_else(|| default_store(psf_mb));
+    if args.store.is_none() && stored == Store::Pupils {
+        log_line(format!(
+            "the pack has pupil functions, from which PSFs are computed when it is read: its PSFs would have {:.1} GB uncompressed \
+             (`--store psfs` stores them)",
+            1e-3 * psf_mb
+        ));
+    }
+    let pack = create_pack(&args.out)?;
+    let bar = tracing_bar(options.wavelengths_nm.len());
+    let mut reports: Vec<BandReport> = Vec::new();
+    let mut progress = |p: Progress| {
+        bar.set_position(p.band as u64);
+        bar.set_message(format!("{} nm: {} ({} PSFs)", options.wavelengths_nm[p.band], p.step, p.psfs));
+    };
+    let result = write_beside(pack, stored, |write| {
+        trace_lens(&system, &options, &mut progress, |index, band| {
+            bar.suspend(|| log_line(band_line(&band)));
+            reports.push(band.report);
+            write(index, band)
+        })
+    });
+    bar.finish_and_clear();
+    let context = || format!("tracing {}", args.design);
+    let (traced, pack) = result.with_context(context)?;
+    let lens = traced.with_context(context)?;
+    pack.finish(&lens, &attributes(&args.design, &args.parameters, &options, &reports))?;
+    for line in summary(&args.out, &options, &reports, start.elapsed().as_secs_f64()) {
+        log_line(line);
+    }
+    Ok(())
+}
+
+/// What a pack has by default if its PSFs would have `psf_mb` MB uncompressed.
+fn default_store(psf_mb: f64) -> Store {
+    if psf_mb > MAX_PSF_MB { Store::Pupils } else { Store::Psfs }
+}
+
+/// The line of a traced band: window, nodes, kernel error.
+fn band_line(TracedBand { tables, report, .. }: &TracedBand) -> String {
+    let nodes: usize = tables.azimuth_count.iter().sum();
+    let error = report.psf_error.map_or("given".into(), |e| {
+        let median =
+            format!("{:.2} % at {:.2} mm, median {:.2} %", 100.0 * e.worst, e.at_mm, 100.0 * e.median);
+        if e.limited { format!("{median} (limited by --max-nodes)") } else { median }
+    });
+    format!(
+        "{} nm: window {} px with at least {:.2} % of the light, {} heights, {nodes} nodes, kernel error {error}",
+        report.wavelength_nm,
+        report.window_px,
+        100.0 * report.min_energy,
+        tables.psf_height_mm.len(),
+    )
+}
+
+/// The design, focused as `args` say, and the options of its depth nodes.
+fn system(args: &TraceArgs) -> Result<(System, Option<DepthOptions>)> {
+    let parameters = &args.parameters;
+    let system = design::focused(&args.design, parameters, args.focus_m)?;
+    let Some(range) = args.depths_m else { return Ok((system, None)) };
+    let focus = match args.focus_m {
+        Some(focus_m) => 1.0 / focus_m,
+        None => system.object_vergence()?,
+    };
+    Ok((system, Some(DepthOptions { focus, range, tolerance: args.depth_tolerance })))
+}
+
+/// Begins the pack `out`.
+fn create_pack(out: &Path) -> Result<LensPackWriter> {
+    LensPackWriter::create(out).map_err(|e| match e {
+        LensPackError::Exists { .. } => other_job(e.to_string()),
+        e => e.into(),
+    })
+}
+
+/// Summary over all bands: kernel error, light inside the windows, time, size, use.
+fn summary(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: f64) -> [String; 2] {
+    let bound = reports.iter().filter_map(|r| Some(r.psf_error?.worst)).reduce(f64::max).map_or_else(
+        || "given heights, kernel error not measured".to_owned(),
+        |worst| {
+            format!(
+                "kernel error at most {:.2} % (requested {} %)",
+                100.0 * worst,
+                100.0 * options.psf_tolerance
+            )
+        },
+    );
+    let least = reports.iter().map(|r| r.min_energy).fold(1.0, f64::min);
+    let psfs: usize = reports.iter().map(|r| r.psfs).sum();
+    [
+        format!("{bound}; every window contains at least {:.2} % of the light", 100.0 * least),
+        format!(
+            "{}: {}, {psfs} PSFs traced in {seconds:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0}`",
+            out.display(),
+            plural(reports.len(), "band"),
+            bytes_of(out) as f64 * 1e-6,
+        ),
+    ]
+}
+
+/// Size of a file or directory tree, bytes; unreadable entries count as 0.
+pub fn bytes_of(path: &Path) -> u64 {
+    match std::fs::read_dir(path) {
+        Ok(entries) => entries.flatten().map(|e| bytes_of(&e.path())).sum(),
+        Err(_) => std::fs::metadata(path).map_or(0, |m| m.len()),
+    }
+}
+
+fn options(args: &TraceArgs, system: &System) -> Result<TraceOptions> {
+    let wavelengths = wavelengths(&args.wavelengths)?;
+    let given = args.heights.as_deref().map(heights).transpose()?;
+    let max_mm = match args.max_height_mm {
+        Some(mm) => mm,
+        None => max_height_mm(args, system, given.as_deref())?,
+    };
+    let mut options = TraceOptions::new(wavelengths, max_mm);
+    options.energy = args.energy;
+    options.psf_tolerance = args.psf_tolerance;
+    options.max_nodes = args.max_nodes;
+    options.psf_pitch_um = args.psf_pitch_um;
+    options.film_pitch_um = args.film_pitch_um;
+    if let Some(given) = given {
+        options.heights = PsfHeights::Given(given);
+    }
+    Ok(options)
+}
+
+/// Largest height without `--max-height-mm`: of the given heights, of the design's outermost field point, or the image circle.
+fn max_height_mm(args: &TraceArgs, system: &System, given: Option<&[f64]>) -> Result<f64> {
+    if args.design == SAMPLE {
+        return Ok(SAMPLE_HEIGHT_MM);
+    }
+    if let Some(mm) = given.and_then(|list| list.iter().copied().reduce(f64::max)).filter(|mm| *mm > 0.0) {
+        return Ok(mm);
+    }
+    let tracer = Tracer::new(system, system.primary_um())?;
+    let tans = system.fields.iter().map(|field| field_tan(system, &tracer.primary, *field).abs());
+    let tan = tans.fold(0.0, f64::max);
+    if tan == 0.0 {
+        let mm = tracer.image_circle_mm().ok_or_else(|| {
+            usage(format!(
+                "{} has no field point off the axis, and no clear aperture that ends its image circle; give the largest image height \
+                 with `--max-height-mm`",
+                args.design
+            ))
+        })?;
+        log_line(format!(
+            "heights up to {mm:.4} mm, the image circle: the design has no field point off the axis, and from there on the relative \
+             illumination is below {:.0} % (`--max-height-mm` for others)",
+            100.0 * EDGE
+        ));
+        return Ok(mm);
+    }
+    let mm = tracer.chief_height_mm(tan).with_context(|| {
+        format!(
+            "the outermost field point of {}; give a smaller image height with `--max-height-mm`",
+            args.design
+        )
+    })?;
+    log_line(format!(
+        "heights up to {mm:.4} mm, of the design's outermost field point (`--max-height-mm` for others)"
+    ));
+    Ok(mm)
+}
+
+/// Parses `--wavelengths`; ascending.
+pub fn wavelengths(text: &str) -> Result<Vec<f64>> {
+    let list = pipeline::wavelengths::parse(text);
+    let mut list = list.map_err(|e| usage(format!("--wavelengths {text}: {e}")))?;
+    list.sort_by(f64::total_cmp);
+    Ok(list)
+}
+
+/// Parses `--heights`: `0:21:1` (both ends included) or `0,3,7.5`, real image heights in mm.
+pub fn heights(text: &str) -> Result<Vec<f64>> {
+    parse_heights(text).map_err(|e| usage(format!("--heights {text}: {e}")))
+}
+
+fn parse_heights(text: &str) -> Result<Vec<f64>, String> {
+    let number = |t: &str| {
+        let v = t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
+        v.ok_or(format!("`{t}` is not a height in mm"))
+    };
+    let fields: Vec<&str> = text.split(':').collect();
+    let [first, last, step] = fields[..] else { return text.split(',').map(number).collect() };
+    let (first, last, step) = (number(first)?, number(last)?, number(step)?);
+    if !(step > 0.0 && last > first && (last - first) / step <= 10_000.0) {
+        return Err("expected FIRST:LAST:STEP with at most 10000 steps".into());
+    }
+    Ok((0..=((last - first) / step + 1e-9) as usize).map(|i| first + i as f64 * step).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packs_of_more_than_a_gigabyte_of_psfs_have_pupil_functions() {
+        assert_eq!([999.0, 1001.0].map(default_store), [Store::Psfs, Store::Pupils]);
+    }
+}

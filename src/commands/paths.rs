@@ -1,0 +1,207 @@
+//! Inputs and outputs among the arguments of each command, checked before it begins ([`Guard`]).
+
+use super::{compare, export, lens, sensor, shoot, validate};
+use crate::args::{
+    ChartArgs, ChartCommand, Command, DesignArgs, DevelopStyle, ExposeArgs, LensCommand, PlanArgs,
+    SensorCommand, ShootArgs,
+};
+use crate::camera::frame::split_group;
+use crate::commands::lens::convert::catalogue_path;
+use crate::design::{catalogues_of, is_design};
+use crate::open::is_builtin;
+use crate::outputs::Guard;
+use anyhow::Result;
+use formats::sensor::builtin_names;
+use std::path::{Path, PathBuf};
+
+#[cfg(test)]
+mod tests;
+
+/// Fails (exit code 2) if an output of the command is, lies in or contains an input or another output. Nothing is changed; inputs are not
+/// opened, except a design that `lens convert` may write a catalogue beside.
+pub fn check(command: &Command) -> Result<()> {
+    of_command(command)?.check()
+}
+
+/// Inputs and outputs of a command. Of `run --plan` the job is not known yet: [`Guard::of_job`].
+fn of_command(command: &Command) -> Result<Guard> {
+    let guard = Guard::default();
+    Ok(match command {
+        Command::Demo(args) => guard.writes("--dir", &args.dir),
+        Command::Chart(args) => of_chart(args),
+        Command::Lens(args) => of_lens(&args.command),
+        Command::Depth(args) => guard
+            .reads_chart("scene", &args.scene)
+            .reads_surfaces(&args.surfaces)
+            .reads_lens(&args.lens)
+            .may_write("--plot", args.plot.as_ref()),
+        Command::Run(args) if args.work.plan.is_none() => Guard::of_job(&args.job),
+        Command::Sensor(args) => match &args.command {
+            Some(SensorCommand::List) => guard,
+            Some(SensorCommand::Show(args)) => in_directory(
+                reads_sensor(guard, &args.sensor),
+                "--plot",
+                args.plot.as_deref(),
+                sensor::FIGURES,
+            ),
+            Some(SensorCommand::Validate(args)) => in_directory(
+                reads_sensor(guard, &args.sensor),
+                "--out",
+                args.out.as_deref(),
+                sensor::validation_files(),
+            ),
+            None => of_exposure(&args.expose)?,
+        },
+        Command::Develop(args) => {
+            style(guard.reads_chart("raw", split_group(&args.raw).0), &args.style).writes("OUT", &args.out)
+        }
+        Command::Shoot(args) => of_shot(args),
+        Command::Compare(args) => guard
+            .reads_chart("raw", split_group(&args.first).0)
+            .reads_chart("raw", split_group(&args.second).0)
+            .writes_in("--out", &args.out, compare::FILES),
+        Command::Plan(args) => of_plan(args),
+        Command::Export(args) => {
+            let guard = guard.reads_chart("film", &args.film);
+            export::files(args)?.into_iter().fold(guard, |guard, path| guard.writes("OUT", path))
+        }
+        Command::Validate(args) => {
+            let against =
+                args.against.iter().fold(guard.reads_lens(&args.lens), |g, lens| g.reads_lens(lens));
+            let timed = args.timing.iter().fold(against, |guard, film| guard.reads("film", film));
+            timed.writes_in("--out", &args.out, validate::FILES)
+        }
+        Command::Measure(args) => guard
+            .reads_chart("film", &args.film)
+            .may_write("--csv", args.csv.as_ref())
+            .may_write("--json", args.json.as_ref())
+            .may_write("--plot", args.plot.as_ref()),
+        Command::Man(args) => guard.may_write("DIR", args.dir.as_ref()),
+        // What `pyramid` and `verify --repair` write belongs to their input; `bench` writes into a temporary directory; the others print.
+        Command::Run(_)
+        | Command::Pyramid(_)
+        | Command::Verify(_)
+        | Command::Bench(_)
+        | Command::Status(_)
+        | Command::View(_)
+        | Command::Device(_)
+        | Command::Cache(_)
+        | Command::Completions(_) => guard,
+    })
+}
+
+fn of_plan(args: &PlanArgs) -> Guard {
+    // In a directory the plan's file name follows from its digest.
+    let plan = match args.output.is_dir() {
+        true => args.output.join("plan-DIGEST.json"),
+        false => args.output.clone(),
+    };
+    Guard::of_job(&args.job).writes("--output", plan).may_write("--lens-pack", args.lens_pack.as_ref())
+}
+
+fn of_chart(args: &ChartArgs) -> Guard {
+    let guard = Guard::default();
+    match (&args.convert, &args.generated) {
+        (Some(ChartCommand::Image(args)), _) => {
+            guard.reads("picture", &args.file).writes("OUT.zarr", &args.out)
+        }
+        (None, Some(args)) => guard.writes("OUT.zarr", &args.out),
+        (None, None) => guard,
+    }
+}
+
+fn of_lens(command: &LensCommand) -> Guard {
+    let guard = Guard::default();
+    match command {
+        LensCommand::Show(args) => {
+            let guard = design(guard.reads_lens(&args.lens), &args.design);
+            in_directory(guard, "--plot", args.plot.as_deref(), lens::plots::all_files())
+        }
+        LensCommand::Trace(args) => {
+            design(guard.reads_lens(&args.design), &args.parameters).writes("OUT.lens.zarr", &args.out)
+        }
+        LensCommand::Convert(args) => design(guard.reads_lens(&args.design), &args.parameters)
+            .reads_as("design", &args.design, catalogues(&args.design))
+            .writes("OUT", &args.out)
+            .writes("OUT", catalogue_path(&args.out)),
+        LensCommand::Import(args) => guard
+            .reads_as("source", &args.source.display().to_string(), entries(&args.source))
+            .writes("OUT.lens.zarr", &args.out),
+        LensCommand::List(args) => guard.may_write("--plot", args.plot.as_ref()),
+        LensCommand::Diff(_) | LensCommand::Camera(_) => guard,
+    }
+}
+
+fn of_exposure(args: &ExposeArgs) -> Result<Guard> {
+    let guard =
+        args.film.iter().fold(Guard::default(), |guard, film| guard.reads_chart("film", split_group(film).0));
+    let guard = args.sensor.iter().fold(guard, |guard, sensor| reads_sensor(guard, sensor));
+    let Some(out) = &args.raw else { return Ok(guard) };
+    let guard = guard.writes("RAW", out);
+    Ok(match sensor::is_file(out)? {
+        true => guard.writes("the temporary raw", sensor::temporary_raw(out)),
+        false => guard,
+    })
+}
+
+fn of_shot(args: &ShootArgs) -> Guard {
+    let guard = Guard::default().reads_chart("chart", &args.chart).reads_surfaces(&args.surfaces);
+    let guard = reads_sensor(guard.reads_lens(&args.lens), &args.sensor);
+    let directory = if args.keep.is_some() { "--keep" } else { "the temporary directory" };
+    let guard = guard.writes("OUT", &args.out).writes_in(directory, &shoot::directory(args), shoot::STORES);
+    match shoot::is_negative(&args.out) {
+        true => guard.writes("the temporary raw", sensor::temporary_raw(&args.out)),
+        false => guard,
+    }
+}
+
+/// Glass catalogues that are given.
+fn design(guard: Guard, args: &DesignArgs) -> Guard {
+    args.glass_catalog.iter().fold(guard, |guard, path| guard.reads("glass catalogue", path))
+}
+
+/// What is in a folder of exports, where a pack may be written under another name; else the path itself.
+fn entries(source: &Path) -> Vec<PathBuf> {
+    match std::fs::read_dir(source) {
+        Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
+        Err(_) => vec![source.into()],
+    }
+}
+
+/// Glass catalogues beside a design.
+fn catalogues(name: &str) -> Vec<PathBuf> {
+    if is_builtin(name) { Vec::new() } else { catalogues_of(Path::new(name)) }
+}
+
+fn reads_sensor(guard: Guard, name: &str) -> Guard {
+    match builtin_names().contains(&name) {
+        true => guard,
+        false => guard.reads("sensor description", Path::new(name)),
+    }
+}
+
+/// Matrix and shading of a development.
+fn style(guard: Guard, style: &DevelopStyle) -> Guard {
+    let guard = match style.matrix.as_str() {
+        "fitted" | "none" => guard,
+        file => guard.reads("matrix", Path::new(file)),
+    };
+    match style.shading.as_str() {
+        "none" => guard,
+        lens if is_builtin(lens) || is_design(lens) => guard.reads_lens(lens),
+        flat => guard.reads_chart("shading", split_group(flat).0),
+    }
+}
+
+/// The files `names` in a directory that is optional.
+fn in_directory(
+    guard: Guard,
+    argument: &'static str,
+    directory: Option<&Path>,
+    names: impl IntoIterator<Item = impl AsRef<Path>>,
+) -> Guard {
+    match directory {
+        Some(directory) => guard.writes_in(argument, directory, names),
+        None => guard,
+    }
+}

@@ -1,0 +1,117 @@
+//! Division of a job into units, bands × shard rows, with the cost of each.
+//!
+//! Tiles whose tails reach two units are computed by both, about one row of tiles per boundary. So a unit is a complete band, unless
+//! that makes fewer than [`MIN_UNITS`] units; then bands are divided as long as at most [`MAX_TWICE`] of the tiles are computed twice.
+//! Bands of little cost are grouped, so that start-up remains a small share. Shard rows are counted through all arrays of the
+//! film, one after the other. The division depends on the job alone.
+
+use super::file::{Shards, Totals, Unit};
+use crate::job::Job;
+use crate::job::cost;
+use pipeline::plan::ShardId;
+use pipeline::plan::tiles_needed;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Units that suffice to balance the load of some workers.
+const MIN_UNITS: usize = 24;
+/// Share of the tiles that may be computed twice to reach [`MIN_UNITS`].
+const MAX_TWICE: f64 = 0.1;
+/// Maximum number of units by default: many clusters limit array jobs to 1001.
+const MAX_UNITS: usize = 1000;
+/// Core seconds below which a unit is grouped with the next band: twenty times a worker's start-up.
+const MIN_CORE_S: f64 = 4.0;
+
+/// The film's arrays and their shards.
+pub fn outputs(job: &Job) -> BTreeMap<String, Shards> {
+    let of = |(i, area): (usize, &pipeline::plan::FilmRegion)| {
+        let (rows, columns) = area.count();
+        (job.film.outputs[i].name.clone(), Shards { rows, columns })
+    };
+    job.regions.iter().enumerate().map(of).collect()
+}
+
+/// Divides the job, into units of `unit_rows` shard rows if given.
+pub fn units(job: &Job, unit_rows: Option<usize>) -> Vec<Unit> {
+    let rows: Vec<(usize, usize)> = job
+        .regions
+        .iter()
+        .enumerate()
+        .flat_map(|(region, area)| (0..area.count().0).map(move |row| (region, row)))
+        .collect();
+    let bands: Vec<usize> = (0..job.plans.len()).collect();
+    let cut = |group: usize, unit_rows: usize| -> Vec<Unit> {
+        let mut units = Vec::new();
+        for bands in bands.chunks(group) {
+            let mut seen = BTreeSet::new();
+            for rows in rows.chunks(unit_rows) {
+                units.push(unit(job, units.len(), bands, rows, &mut seen));
+            }
+        }
+        units
+    };
+    if let Some(unit_rows) = unit_rows {
+        return cut(1, unit_rows);
+    }
+    let whole_bands = cut(1, rows.len());
+    let core_s = whole_bands.iter().map(|u| u.cost.core_s).sum::<f64>();
+    let affordable = (core_s / MIN_CORE_S) as usize;
+    let max_parts = MIN_UNITS.min(affordable).div_ceil(bands.len()).min(rows.len());
+    for parts in (2..=max_parts).rev() {
+        let units = cut(1, rows.len().div_ceil(parts));
+        let sum = |of: fn(&Totals) -> usize| units.iter().map(|u| of(&u.cost)).sum::<usize>() as f64;
+        if sum(|c| c.tiles_again) <= MAX_TWICE * sum(|c| c.tiles) {
+            return units;
+        }
+    }
+    let group = bands.len().div_ceil(affordable.clamp(1, MAX_UNITS).min(bands.len()));
+    if group == 1 { whole_bands } else { cut(group, rows.len()) }
+}
+
+/// Sums of costs.
+pub fn totals(units: &[Unit]) -> Totals {
+    let add = |a: Totals, u: &Unit| Totals {
+        shards: a.shards + u.cost.shards,
+        tiles: a.tiles + u.cost.tiles,
+        tiles_again: a.tiles_again + u.cost.tiles_again,
+        bytes_read: a.bytes_read + u.cost.bytes_read,
+        bytes_written: a.bytes_written + u.cost.bytes_written,
+        core_s: cost::rounded(a.core_s + u.cost.core_s),
+        gpu_bytes: a.gpu_bytes.max(u.cost.gpu_bytes),
+    };
+    units.iter().fold(Totals::default(), add)
+}
+
+/// The unit of `bands` and `rows` (region, shard row); `seen`, the tiles of the units before it, is extended by its own.
+fn unit(
+    job: &Job,
+    number: usize,
+    bands: &[usize],
+    rows: &[(usize, usize)],
+    seen: &mut BTreeSet<(usize, (usize, usize))>,
+) -> Unit {
+    let mut all = Totals::default();
+    for &band in bands {
+        let plan = &job.plans[band];
+        let cols = |region: usize| 0..job.regions[region].count().1;
+        let shards = rows.iter().flat_map(|&(region, row)| {
+            cols(region).map(move |col| ShardId { position: band, region, row, col })
+        });
+        let shards: BTreeSet<ShardId> = shards.collect();
+        let tiles = tiles_needed(&plan.tiling, &job.regions, &shards);
+        all.tiles_again += tiles.iter().filter(|t| !seen.insert((band, **t))).count();
+        all.tiles += tiles.len();
+        all.shards += shards.len();
+        let sample = job.film.sample.bytes();
+        let pixels = |s: &ShardId| job.regions[s.region].shard_rect(s.row, s.col).size().pixels();
+        all.bytes_written += (shards.iter().map(pixels).sum::<usize>() * sample) as u64;
+        all.bytes_read += cost::bytes_read(job, band, &tiles);
+        all.core_s = cost::rounded(all.core_s + cost::core_s(plan, &tiles));
+        all.gpu_bytes = all.gpu_bytes.max(cost::gpu_bytes(plan, &tiles));
+    }
+    let mut ranges = BTreeMap::new();
+    for &(region, row) in rows {
+        let range = ranges.entry(job.film.outputs[region].name.clone()).or_insert((row, row));
+        range.1 = row + 1;
+    }
+    Unit { unit: number, bands: bands.to_vec(), rows: ranges, cost: all }
+}

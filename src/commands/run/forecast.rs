@@ -1,0 +1,173 @@
+//! What a run will read and write, its time, memory and disk space, before it starts: `run --dry-run`, and the refusal of a film for which
+//! the disk is too small.
+//!
+//! Bytes are those before compression; their number after it is unknown. A film is refused if its disk lacks [`MIN_WRITTEN_SHARE`] of them.
+
+use super::shards;
+use crate::args::RunArgs;
+use crate::failure::{Coded, code};
+use crate::film;
+use crate::job::Job;
+use crate::job::cost;
+use crate::progress::mib;
+use crate::progress::{duration, plural, print as print_line};
+use anyhow::Result;
+use formats::chart::Codec;
+use formats::durable::{Store, free_bytes, is_url, link_target, parent_of};
+use pipeline::plan::ShardId;
+use pipeline::plan::tiles_needed;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Share of a compressed film's bytes that it needs at least: lz4 leaves 56 % of a chart with 1 % noise.
+const MIN_WRITTEN_SHARE: f64 = 0.5;
+
+/// What a run writes, and the disk space for it.
+pub struct Forecast<'a> {
+    film: &'a Path,
+    shards: usize,
+    /// Bytes of film written.
+    written: u64,
+    /// Share of `written` that the disk needs at least.
+    min_share: f64,
+    /// Bytes of the temporary file beside the film.
+    temporary: u64,
+    /// Bytes free where the film is written; `None` at a URL.
+    free: Option<u64>,
+}
+
+impl<'a> Forecast<'a> {
+    /// For the shards `missing`, per position of the job.
+    ///
+    /// # Errors
+    /// The free space cannot be determined.
+    pub fn new(job: &Job, film: &'a Path, missing: &[BTreeSet<ShardId>]) -> Result<Self> {
+        let of = |s: &ShardId| job.regions[s.region].shard_rect(s.row, s.col).size().pixels() as u64;
+        let pixels: u64 = missing.iter().flatten().map(of).sum();
+        let needed = std::iter::zip(&job.chart_bands, missing).filter(|(_, missing)| !missing.is_empty());
+        let bands: Vec<usize> = needed.map(|(band, _)| *band).collect();
+        Ok(Self {
+            film,
+            shards: missing.iter().map(BTreeSet::len).sum(),
+            written: pixels * job.film.sample.bytes() as u64,
+            min_share: if job.film.codec == Codec::None { 1.0 } else { MIN_WRITTEN_SHARE },
+            temporary: job.chart.temporary_bytes(&bands),
+            free: if is_url(film) { None } else { Some(free_bytes(existing(film))?) },
+        })
+    }
+
+    /// Fails if the disk is too small, unless `force`.
+    ///
+    /// # Errors
+    /// Exit code 75: the same command may succeed once there is space.
+    pub fn check_space(&self, force: bool) -> Result<()> {
+        let least = (self.written as f64 * self.min_share) as u64 + self.temporary;
+        let Some(free) = self.free.filter(|free| least > *free && !force) else { return Ok(()) };
+        let temporary = match self.temporary {
+            0 => String::new(),
+            bytes => format!(" and {} for the chart's bands in a temporary file", gb(bytes)),
+        };
+        let message = format!(
+            "{}: the disk is too small: the film has {} before compression{temporary}, {} are free; free some space, compute a part \
+             (--bands, --roi), or start anyway with --force",
+            self.film.display(),
+            gb(self.written),
+            gb(free)
+        );
+        Err(Coded { code: code::RETRY, message }.into())
+    }
+}
+
+/// Bytes of chart that the shards `missing` need, before compression, and their core seconds.
+fn work(job: &Job, missing: &[BTreeSet<ShardId>]) -> (u64, f64) {
+    let with_shards = missing.iter().enumerate().filter(|(_, shards)| !shards.is_empty());
+    with_shards.fold((0, 0.0), |(read, core_s), (position, shards)| {
+        let plan = &job.plans[position];
+        let tiles = tiles_needed(&plan.tiling, &job.regions, shards);
+        (read + cost::bytes_read(job, position, &tiles), core_s + cost::core_s(plan, &tiles))
+    })
+}
+
+/// The first existing path among `path` and the directories above it.
+fn existing(path: &Path) -> &Path {
+    let mut path = path;
+    while !path.exists() && parent_of(path) != path {
+        path = parent_of(path);
+    }
+    path
+}
+
+fn gb(bytes: u64) -> String {
+    format!("{:.2} GB", bytes as f64 * 1e-9)
+}
+
+/// Fails if the disk is too small for a film that is created, before one that it replaces is removed; unless `--force`.
+///
+/// # Errors
+/// As [`Forecast::check_space`].
+pub fn check_space_of_new_film(job: &Job, args: &RunArgs) -> Result<()> {
+    match is_resumed(args)? {
+        // Only the missing shards need space.
+        true => Ok(()),
+        false => {
+            Forecast::new(job, &args.film, &shards::requested(job, None))?.check_space(args.process.force)
+        }
+    }
+}
+
+/// Whether a film is there and remains.
+fn is_resumed(args: &RunArgs) -> Result<bool> {
+    Ok(!args.process.overwrite && Store::at(&link_target(&args.film))?.exists()?)
+}
+
+/// Prints the forecast of the run of `args`; nothing is written, except the cache of traced lenses.
+///
+/// # Errors
+/// Those of the run before its first shard; the disk is too small.
+pub fn print(args: &RunArgs) -> Result<()> {
+    let job = Job::new(args)?;
+    // Fails if a film of another job is there.
+    film::expected_provenance(&job, args)?;
+    let requested = shards::requested(&job, None);
+    let all: usize = requested.iter().map(BTreeSet::len).sum();
+    let missing = match is_resumed(args)? {
+        true => shards::missing(&job, &film::open_store(args, "")?, &requested)?,
+        false => requested,
+    };
+    let forecast = Forecast::new(&job, &args.film, &missing)?;
+    let (read, core_s) = work(&job, &missing);
+    print_line(format!(
+        "lens    {}: {}, engine {}",
+        job.lens.lens().name,
+        plural(job.plans.len(), "band"),
+        job.engine
+    ));
+    print_line(format!("chart   {}", job.coverage));
+    print_line(format!("reads   {} of the chart before compression", gb(read)));
+    if forecast.temporary > 0 {
+        print_line(format!(
+            "        {} in a temporary file beside the film, sorted by band",
+            gb(forecast.temporary)
+        ));
+    }
+    print_line(format!(
+        "writes  {}: {} of {all} shards, film of {} px, at most {} before compression",
+        args.film.display(),
+        forecast.shards,
+        job.frame.film,
+        gb(forecast.written)
+    ));
+    if let Some(free) = forecast.free {
+        print_line(format!("disk    {} free", gb(free)));
+    }
+    print_line(format!(
+        "time    about {} on {} threads at the speed of a 2.2 GHz core with AVX-512 (`lenscube bench` measures this machine's)",
+        duration(core_s / job.threads as f64),
+        job.threads
+    ));
+    print_line(format!("memory  {} of at most {}", mib(job.memory.planned), mib(job.memory.limit)));
+    for note in &job.notes {
+        print_line(format!("note    {note}"));
+    }
+    forecast.check_space(args.process.force)
+}

@@ -1,0 +1,81 @@
+//! What determines the pixels of a raw, readable; and its attributes.
+
+use super::film::Film;
+use super::geometry::Geometry;
+use crate::args::ExposeArgs;
+use crate::film::digest;
+use pipeline::sensor::{QuantumEfficiencyOf, Sensor};
+use serde_json::{Map, Value, json};
+
+/// Raised whenever the program gives other digital numbers for the same job.
+const NUMERIC_VERSION: u32 = 1;
+
+/// What determines the signal: film, the optical part of the sensor, geometry.
+pub fn of_signal(film: &Film, sensor: &Sensor, geometry: &Geometry) -> Value {
+    json!({
+        "film": film.identity,
+        "film_factors": digest(&json!(film.factors)),
+        "optics": optics(sensor),
+        "geometry": geometry.identity(),
+    })
+}
+
+/// Digest of the optical parameters of a sensor.
+pub fn optics(sensor: &Sensor) -> String {
+    let curves: Vec<Value> =
+        sensor.channels.iter().map(|c| json!([c.curve.wavelengths_nm, c.curve.values])).collect();
+    let filters: Vec<Value> = sensor.filters.iter().map(|f| json!([f.wavelengths_nm, f.values])).collect();
+    let p = &sensor.pixel;
+    digest(&json!({
+        "pitch_um": p.pitch_um,
+        "aperture_um": p.aperture_um,
+        "of_pixel": p.quantum_efficiency_of == QuantumEfficiencyOf::Pixel,
+        "curves": curves,
+        "per_energy": sensor.per_energy,
+        "filters": filters,
+        "pattern": [sensor.pattern.rows, sensor.pattern.columns],
+        "channels": sensor.pattern.channels,
+    }))
+}
+
+/// Digest of the electronic parameters of a sensor.
+fn electronics(sensor: &Sensor) -> String {
+    let (p, n, a) = (&sensor.pixel, &sensor.noise, &sensor.adc);
+    digest(&json!([
+        [p.full_well_e, p.dark_current_e_per_s, p.dark_reference_c, p.dark_doubling_k],
+        [n.read_noise_e, n.reset_noise_e, n.adc_noise_dn, n.dsnu_e, n.prnu, n.dark_nonuniformity],
+        [n.column_offset_e, n.column_gain, n.row_noise_e],
+        [f64::from(a.bits), a.gain_dn_per_e, a.black_dn],
+    ]))
+}
+
+/// All that changes pixels.
+pub fn of_job(
+    args: &ExposeArgs,
+    signal: &Value,
+    sensor: &Sensor,
+    gain: f64,
+    relative: bool,
+) -> Map<String, Value> {
+    let nominal = relative.then(|| args.nominal.clone());
+    let value = json!({
+        "numeric_version": NUMERIC_VERSION,
+        "signal": signal,
+        "sensor": sensor.name,
+        "electronics": electronics(sensor),
+        "exposure": args.exposure,
+        "frames": args.frames,
+        "gain": gain,
+        "seed": args.seed,
+        "die": args.die,
+        "noise": args.noise.to_string(),
+        "temperature_c": args.temperature,
+        "film_lux": args.film_lux,
+        "film_scale": args.film_scale,
+        "nominal": nominal,
+        "keep_signal": args.keep_signal,
+        "rois": args.roi.iter().map(|r| [r.x, r.y, r.width as i64, r.height as i64]).collect::<Vec<_>>(),
+    });
+    let Value::Object(map) = value else { unreachable!("an object is written above") };
+    map
+}

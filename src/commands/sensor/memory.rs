@@ -1,0 +1,106 @@
+//! Memory of a run, planned before the first pixel.
+//!
+//! Fixed: the program; the signal of a row of shards (two planes if illuminance is summed); the rows finished by a block of the film. Per
+//! thread: the film pixels of a row block and column block, their sums, a shard of digital numbers and its encoded bytes. The rest is a cache of decoded
+//! chunks where column blocks share film columns, at most two columns of chunks of all bands.
+
+use crate::failure::usage;
+use crate::progress::mib;
+use anyhow::Result;
+
+/// The program, its threads' stacks, the allocator's slack.
+const BASE: usize = 48 << 20;
+/// Of each thread: a chunk on its way, lanes.
+const WORKER: usize = 6 << 20;
+/// Maximum default limit.
+pub const DEFAULT: u64 = 1 << 30;
+/// Minimum rows of a block of the film.
+const BLOCK_ROWS: usize = 512;
+
+/// What a run's memory depends on.
+pub struct Needs {
+    /// Width of the widest output in pixels.
+    pub width: usize,
+    /// Rows and columns of the largest shard.
+    pub shard: (usize, usize),
+    /// Bands of the film.
+    pub bands: usize,
+    /// Rows and columns of the film's chunks.
+    pub chunk: (usize, usize),
+    /// Film pixels a sensor pixel.
+    pub ratio: f64,
+    /// Whether film columns belong to one column block each.
+    pub aligned: bool,
+    /// Planes of the pass.
+    pub planes: usize,
+}
+
+/// How a run's memory is spent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// All of it, bytes.
+    pub limit: usize,
+    /// Worker threads.
+    pub threads: usize,
+    /// Decoded chunks of the film, bytes.
+    pub cache: usize,
+    /// Rows and columns of the film that a worker reads at a time.
+    pub block: (usize, usize),
+}
+
+impl Memory {
+    /// Plans within `limit` bytes with at most `threads` threads.
+    pub fn plan(limit: u64, threads: usize, needs: &Needs) -> Result<Self> {
+        let limit = usize::try_from(limit).unwrap_or(usize::MAX);
+        let block = (BLOCK_ROWS.div_ceil(needs.chunk.0) * needs.chunk.0, needs.chunk.1);
+        let rows = (block.0 as f64 / needs.ratio).ceil() as usize + 1;
+        let signal = 4 * needs.width * (needs.shard.0 + needs.planes * rows);
+        let film_columns = (needs.width as f64 * needs.ratio) as usize;
+        let carry = if needs.aligned { 0 } else { 2 * 8 * 4 * needs.bands * film_columns };
+        let shard = needs.shard.0 * needs.shard.1;
+        let block_bytes = 4 * block.0 * (block.1 + 16)
+            + 8 * needs.planes * rows * ((block.1 as f64 / needs.ratio) as usize + 2);
+        let worker = WORKER + (4 * needs.chunk.0 * needs.chunk.1 * 2 + block_bytes).max(shard * (4 + 2 + 2));
+        let fixed = BASE + signal + carry;
+        let usable = limit / 16 * 15;
+        let fit = (1..=threads).rev().find(|n| fixed + n * worker <= usable);
+        let Some(threads) = fit else {
+            let minimum = (fixed + worker) / 15 * 16;
+            return Err(usage(format!(
+                "--memory {} is too small: rows of {} pixels need at least {}; give that much, or a smaller --size",
+                mib(limit),
+                needs.width,
+                mib(minimum)
+            )));
+        };
+        let column = 4 * needs.chunk.0 * needs.chunk.1 * needs.bands * (block.0 / needs.chunk.0);
+        let wanted = if needs.aligned { 0 } else { column.saturating_mul(threads + 2) };
+        Ok(Self { limit, threads, cache: wanted.min(usable - fixed - threads * worker), block })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn needs(aligned: bool) -> Needs {
+        Needs {
+            width: 14141,
+            shard: (2048, 2048),
+            bands: 31,
+            chunk: (512, 512),
+            ratio: 1.0,
+            aligned,
+            planes: 1,
+        }
+    }
+
+    #[test]
+    fn largest_sensor_works_in_256_mib_and_100_mib_is_an_error() {
+        let memory = Memory::plan(256 << 20, 2, &needs(true)).unwrap();
+        assert!(memory.threads >= 1 && memory.cache == 0);
+        assert!(Memory::plan(100 << 20, 2, &needs(true)).unwrap_err().to_string().contains("too small"));
+        let memory = Memory::plan(1 << 30, 2, &Needs { ratio: 2.75, width: 5142, ..needs(false) }).unwrap();
+        assert_eq!((memory.threads, memory.cache), (2, (4 * 31) << 20));
+    }
+}

@@ -1,0 +1,81 @@
+//! The record that a run leaves in the raw, and its last line.
+
+use super::resolve::{Plan, Source};
+use super::write::{Done, process_core_s};
+use crate::failure;
+use crate::machine::peak_resident;
+use crate::progress::mib;
+use crate::progress::{log_line, plural};
+use anyhow::Result;
+use formats::durable::ProcessIdentity;
+use formats::raw::RawStore;
+use serde_json::json;
+use std::time::{Instant, SystemTime};
+
+/// Keeps what the run did, however it ended.
+pub fn write(plan: &Plan, store: &RawStore, outcome: &Result<Done>, start: Instant) {
+    let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
+    let done = outcome.as_ref().ok();
+    let of = |f: fn(&Done) -> u64| done.map(f);
+    let (bytes_read, chunks) = match &plan.source {
+        Source::Film(film, _) => Some(film.stats()).unzip(),
+        Source::Kept(_) => (None, None),
+    };
+    let record = json!({
+        "finished_unix_s": seconds,
+        "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+        "outcome": match done { None => "failed", Some(d) if d.left > 0 => "interrupted", Some(_) => "complete" },
+        "error": outcome.as_ref().err().map(failure::line),
+        "host": ProcessIdentity::current().host,
+        "threads": plan.memory.threads,
+        "memory_limit_bytes": plan.memory.limit,
+        "peak_resident_bytes": peak_resident(),
+        "wall_s": start.elapsed().as_secs_f64(),
+        "core_s": done.map(|d| json!({
+            "film_and_signal": rest_s(d), "noise": d.noise_s, "encode_and_write": d.write_s
+        })),
+        "shards": of(|d| d.shards as u64),
+        "bytes_written": of(|d| d.bytes),
+        "bytes_read": bytes_read,
+        "chunks_decoded": chunks,
+        "signal_pixels": of(|d| d.pixels),
+        "negative_pixels": of(|d| d.negative),
+        "digital_numbers": of(|d| d.numbers),
+        "clipped_at_white": of(|d| d.white),
+        "clipped_at_0": of(|d| d.black),
+    });
+    let name = format!("runs/{seconds}-{}-{}.json", ProcessIdentity::current().host, std::process::id());
+    if let Err(e) = store.group().write_record(&name, record.to_string().as_bytes()) {
+        log_line(format!("note: the run's record {name} could not be written: {e}"));
+    }
+}
+
+/// Core seconds of reading the film and making the signal: all but those of the shards.
+fn rest_s(done: &Done) -> f64 {
+    (process_core_s() - done.noise_s - done.write_s).max(0.0)
+}
+
+/// Core seconds, for `-v`.
+pub fn details(plan: &Plan, done: &Done) -> String {
+    format!(
+        "core seconds: film and signal {:.1}, noise {:.1}, encoding and writing {:.1}, on {}",
+        rest_s(done),
+        done.noise_s,
+        done.write_s,
+        plural(plan.memory.threads, "thread")
+    )
+}
+
+/// What was done, in a line.
+pub fn summary(done: &Done, start: Instant) -> String {
+    let wall = start.elapsed().as_secs_f64();
+    format!(
+        "{}, {:.1} Mpx exposed in {wall:.1} s; {:.2} % at white, {} at 0; {} written, peak memory {}",
+        plural(done.shards, "shard"),
+        done.numbers as f64 / 1e6,
+        100.0 * done.white as f64 / done.numbers.max(1) as f64,
+        done.black,
+        mib(done.bytes as usize),
+        peak_resident().map_or("unknown".into(), |b| mib(b as usize)),
+    )
+}

@@ -1,0 +1,196 @@
+//! The signal before exposure: kept by another raw, or measured first because the exposure follows from it.
+
+use super::film::Film;
+use super::geometry::Geometry;
+use super::resolve::{Plan, Source};
+use crate::failure::usage;
+use crate::progress::counting;
+use crate::progress::interrupt;
+use anyhow::{Context, Result, bail};
+use formats::chart::{ChartOptions, ChartStore};
+use formats::durable::{free_bytes, is_url, unnamed_temp_file};
+use formats::raw::{RawSpec, RawStore, SIGNAL};
+use formats::sensor::SensorFile;
+use pipeline::geometry::Rect;
+use pipeline::sensor::SignalHistogram;
+use pipeline::sensor::stream::{BandWeights, Deliver, Pass};
+use serde_json::Value;
+use std::fs::File;
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+/// The signal that a raw kept.
+pub struct Kept {
+    store: ChartStore,
+    /// Its layout.
+    pub spec: RawSpec,
+    /// Its sensor.
+    pub sensor: SensorFile,
+    /// Identity of the signal.
+    pub signal_identity: Value,
+    /// What it records of the film.
+    pub film: Value,
+    /// Wavelengths of the film's bands, nm.
+    pub wavelengths_nm: Vec<f64>,
+    /// Whether the film's values are relative.
+    pub relative: bool,
+}
+
+impl Kept {
+    /// Opens the raw at `path`.
+    pub fn open(path: &Path) -> Result<Self> {
+        let raw = RawStore::open(path, true)?;
+        let shown = path.display();
+        if !raw.spec().signal {
+            return Err(usage(format!(
+                "{shown} has not kept its signal; start from its film, or make it with --keep-signal"
+            )));
+        }
+        let shards: Vec<_> = raw.spec().all_shards().into_iter().filter(|s| s.frame.is_none()).collect();
+        let missing = raw.missing(&shards)?;
+        if !missing.is_empty() {
+            bail!(
+                "{shown}: {} of {} shards of its signal are missing; finish it by the same `lenscube sensor`",
+                missing.len(),
+                shards.len()
+            );
+        }
+        let a = |key: &str| raw.attributes().get(key).cloned().unwrap_or_default();
+        let options = ChartOptions { cache_bytes: 0, ..ChartOptions::default() };
+        Ok(Self {
+            sensor: SensorFile::from_record(path, &a("sensor"))?,
+            signal_identity: a("signal_identity"),
+            relative: a("film")["relative"].as_bool().context("the raw does not record its film")?,
+            film: a("film"),
+            wavelengths_nm: serde_json::from_value(a("film_wavelengths_nm"))?,
+            store: ChartStore::open_at(path, SIGNAL, options)?,
+            spec: raw.spec().clone(),
+        })
+    }
+}
+
+/// A whole signal that is on a disk.
+#[derive(Clone, Copy)]
+pub enum Stored<'a> {
+    /// Of another raw.
+    Kept(&'a Kept),
+    /// In a temporary file of rows of this width.
+    Temp(&'a File, usize),
+}
+
+impl Stored<'_> {
+    /// The pixels of `rect`, row by row.
+    pub fn read(&self, rect: Rect, out: &mut [f32]) -> Result<()> {
+        match self {
+            Self::Kept(kept) => Ok(kept.store.read_rect(0, rect, out)?),
+            Self::Temp(file, width) => {
+                let mut bytes = vec![0; rect.width * 4];
+                for (i, line) in out.chunks_mut(rect.width).enumerate() {
+                    let first = (rect.y as usize + i) * width + rect.x as usize;
+                    file.read_exact_at(&mut bytes, first as u64 * 4)
+                        .context("reading the temporary signal")?;
+                    std::iter::zip(line, bytes.as_chunks().0).for_each(|(v, b)| *v = f32::from_le_bytes(*b));
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+/// A signal that was measured before the exposure.
+pub struct Measured {
+    /// The temporary file; none where the signal is kept.
+    file: Option<File>,
+    /// Its values.
+    pub histogram: SignalHistogram,
+    /// Mean illuminance over the sensor of a relative film of scale 1, lx.
+    pub mean_lux: Option<f64>,
+}
+
+impl Measured {
+    /// The signal.
+    pub fn stored<'a>(&'a self, plan: &'a Plan) -> Option<Stored<'a>> {
+        self.file.as_ref().map(|file| Stored::Temp(file, plan.size().width))
+    }
+}
+
+/// Rows of a kept signal that are looked at together.
+const ROWS: usize = 512;
+
+/// Measures the signal of the whole sensor; a film's is written into a nameless file in `directory`. `None`: interrupted.
+pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
+    let mut histogram = SignalHistogram::default();
+    let (film, geometry) = match &plan.source {
+        Source::Film(film, geometry) => (film, geometry),
+        Source::Kept(kept) => {
+            let size = kept.spec.sensor;
+            let mut rows = Vec::new();
+            for first in (0..size.height).step_by(ROWS) {
+                let rect = Rect::new(first as i64, 0, ROWS.min(size.height - first), size.width);
+                rows.resize(rect.size().pixels(), 0.0);
+                Stored::Kept(kept).read(rect, &mut rows)?;
+                histogram.add(&rows);
+            }
+            return Ok(Some(Measured { file: None, histogram, mean_lux: None }));
+        }
+    };
+    let size = plan.size();
+    let temp = std::env::temp_dir();
+    let directory = if is_url(directory) { &temp } else { directory };
+    formats::durable::create_directories(directory, true)?;
+    let (needed, free) = (size.pixels() as u64 * 4, free_bytes(directory)?);
+    if free < needed {
+        return Err(std::io::Error::new(
+            std::io::ErrorKind::StorageFull,
+            format!("{}: the signal takes {needed} bytes for a while, {free} are free", directory.display()),
+        )
+        .into());
+    }
+    let file = unnamed_temp_file(directory)?;
+    let planes = plan.planes(film, plan.sums_lux());
+    let mut lux = plan.sums_lux().then_some(0.0);
+    let (bar, progress) = counting("measuring the signal");
+    let mut deliver = |first: usize, planes: &[Vec<f32>]| {
+        histogram.add(&planes[0]);
+        if let (Some(lux), Some(plane)) = (&mut lux, planes.get(1)) {
+            // Row by row, in order: the sum has the same bits whatever the blocks.
+            for row in plane.chunks(size.width) {
+                *lux += row.iter().map(|v| f64::from(*v)).sum::<f64>();
+            }
+        }
+        let bytes: Vec<u8> = planes[0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        file.write_all_at(&bytes, (first * size.width) as u64 * 4)?;
+        progress((first + planes[0].len() / size.width) as u64, size.height as u64);
+        Ok(())
+    };
+    let whole = pass(plan, (film, geometry), size.rect(), &planes, 0..size.height, &mut deliver)?;
+    bar.finish_and_clear();
+    let mean_lux = lux.map(|sum| sum / size.pixels() as f64);
+    Ok(whole.then_some(Measured { file: Some(file), histogram, mean_lux }))
+}
+
+/// Computes rows of a window of the sensor from the film; `false`: interrupted.
+pub fn pass(
+    plan: &Plan,
+    (film, geometry): (&Film, &Geometry),
+    window: Rect,
+    planes: &[BandWeights],
+    rows: Range<usize>,
+    deliver: &mut Deliver<'_>,
+) -> Result<bool> {
+    let (row_taps, column_taps) = geometry.taps(window)?;
+    let pass = Pass {
+        film: &film.bands,
+        bands: film.wavelengths_nm.len(),
+        sensor: &plan.sensor,
+        rows: &row_taps,
+        columns: &column_taps,
+        window,
+        planes,
+        block: plan.memory.block,
+        threads: plan.memory.threads,
+        cancel: interrupt::cancel_flag(),
+    };
+    pass.run(rows, deliver).map_err(anyhow::Error::from_boxed)
+}

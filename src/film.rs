@@ -1,0 +1,262 @@
+//! The film of a job: created, or opened to be resumed if it belongs to the same job; its provenance attributes; its locks.
+
+pub mod record;
+pub mod reported;
+
+use crate::args::RunArgs;
+use crate::failure::other_job;
+use crate::job::{Contents, DIGEST, Job, MTIMES, argument, contents};
+use anyhow::{Result, bail};
+use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
+use formats::film::{FilmSpec, FilmStore};
+use formats::group::{GroupError, JobGroup};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// BLAKE3 of a JSON value as it is written, 64 hexadecimal digits.
+pub fn digest(value: &Value) -> String {
+    blake3::hash(value.to_string().as_bytes()).to_hex().to_string()
+}
+
+/// What changes the film's files and not its pixels, for the layout digest.
+pub fn layout(spec: &FilmSpec) -> Value {
+    json!({ "dtype": spec.sample, "shard": spec.shard, "chunk": spec.chunk, "codec": spec.codec })
+}
+
+/// Creates the film, or opens it to be resumed.
+///
+/// # Errors
+/// It belongs to another job (exit code 3); the store.
+pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
+    let (path, fsync) = (args.film.as_path(), !args.no_fsync);
+    if args.process.overwrite {
+        remove(path, args.process.take_over)?;
+        fault_point("film-removed");
+    }
+    match FilmStore::create(path, job.film.clone(), provenance(job), fsync) {
+        Err(GroupError::Exists { .. }) => (),
+        created => return Ok(created?),
+    }
+    // Temporary entries of a creation or removal that was killed.
+    sweep_entries(parent_of(&link_target(path)))?;
+    open_existing(job, args)
+}
+
+/// Provenance of the film of a job, or what it will be once the film is created; nothing is changed.
+///
+/// # Errors
+/// As [`open`] of an existing film.
+pub fn expected_provenance(job: &Job, args: &RunArgs) -> Result<Map<String, Value>> {
+    if args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
+        return Ok(provenance(job));
+    }
+    Ok(open_existing(job, args)?.provenance().clone())
+}
+
+/// Opens the film of `args`; `hint` is added to the error if there is none.
+///
+/// # Errors
+/// Not a film (exit code 3); the store.
+pub fn open_store(args: &RunArgs, hint: &str) -> Result<FilmStore> {
+    FilmStore::open(&args.film, !args.no_fsync).map_err(|e| match e {
+        GroupError::NotOfKind { .. } => other_job(format!("{e}{hint}")),
+        e => e.into(),
+    })
+}
+
+/// Opens the film if it belongs to the job.
+fn open_existing(job: &Job, args: &RunArgs) -> Result<FilmStore> {
+    let store = open_store(args, "")?;
+    check_same_job(&store, job, args)?;
+    Ok(store)
+}
+
+/// Fails if the film belongs to another job.
+fn check_same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
+    let recorded = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
+    let differing =
+        [differences(&recorded, &job.identity), layout_differences(store.spec(), &job.film)].concat();
+    let trusted = |key: &&str| args.trust_input && is_trustable(key, &recorded);
+    let keys: Vec<&str> = differing.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
+    if keys.is_empty() {
+        return Ok(());
+    }
+    let remedy = match keys[..] {
+        _ if keys.iter().all(|k| is_trustable(k, &recorded)) && keys.contains(&DIGEST) => {
+            "the film was created without --check-input, so the content of its chart is not recorded; if its pixels are the same, \
+             continue with --trust-input, else start again with --overwrite"
+        }
+        [MTIMES] => {
+            "files of the chart have the same names and sizes but new modification times; if their pixels are the same, continue \
+             with --trust-input, else start again with --overwrite"
+        }
+        _ => "choose another path, or start again with --overwrite",
+    };
+    let list: Vec<String> = differing
+        .iter()
+        .map(|(key, film, requested)| format!("{} (film {film}, requested {requested})", argument(key)))
+        .collect();
+    Err(other_job(format!(
+        "{} exists and belongs to another job: {}; {remedy}",
+        store.path().display(),
+        list.join(", ")
+    )))
+}
+
+/// Whether `--trust-input` accepts that `key` differs: modification times, or a content that the film, created without `--check-input`, does
+/// not record.
+fn is_trustable(key: &str, recorded: &Map<String, Value>) -> bool {
+    key == MTIMES || (key == DIGEST && !recorded.contains_key(DIGEST))
+}
+
+/// Differences between the planned identity and layout and those found; `None` if there are none.
+pub fn differences_from_plan(
+    (planned, planned_layout): (&Map<String, Value>, &Value),
+    (found, found_layout): (&Map<String, Value>, &Value),
+    args: &RunArgs,
+) -> Option<String> {
+    let mut differing = differences(planned, found);
+    if let (Some(planned), Some(found)) = (planned_layout.as_object(), found_layout.as_object()) {
+        differing.extend(differences(planned, found));
+    }
+    differing.retain(|d| !(args.trust_input && is_trustable(&d.0, planned)));
+    let hint = |key: &str| match is_trustable(key, planned) {
+        true => ": if its pixels are the same, --trust-input",
+        false => "",
+    };
+    let list = differing
+        .iter()
+        .map(|(key, planned, found)| format!("{key} (planned {planned}, found {found}){}", hint(key)));
+    Some(list.collect::<Vec<_>>().join(", ")).filter(|list| !list.is_empty())
+}
+
+/// Removes the film, unless a run holds a lock on it.
+pub fn remove(path: &Path, take_over: bool) -> Result<()> {
+    let _locks = match JobGroup::locks(path)?.is_empty() {
+        true => Vec::new(),
+        false => lock_all(path, take_over)?,
+    };
+    Ok(FilmStore::remove(path)?)
+}
+
+/// Locks every unit that any run has locked, and the complete film.
+pub fn lock_all(path: &Path, take_over: bool) -> Result<Vec<Lock>> {
+    let mut units: BTreeSet<String> = [JobGroup::WHOLE.to_owned()].into();
+    for (lock, _, _) in JobGroup::locks(path)? {
+        units.extend(lock.file_stem().map(|s| s.to_string_lossy().into_owned()));
+    }
+    let store = Store::at(path)?;
+    let locks = units.iter().filter_map(|unit| store.lock("runs", unit, take_over).transpose());
+    Ok(locks.collect::<Result<_, _>>()?)
+}
+
+/// Key, recorded value, requested value.
+pub type Difference = (String, String, String);
+
+/// Keys that differ.
+pub fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>) -> Vec<Difference> {
+    let show = |map: &Map<String, Value>, key: &String| match map.get(key) {
+        None => "nothing".to_owned(),
+        // Digests are shortened; the length alone is not enough, a lens's name may be as long.
+        Some(Value::String(s)) if s.len() == 64 && s.bytes().all(|b| b.is_ascii_hexdigit()) => {
+            format!("{}…", &s[..12])
+        }
+        Some(v) => v.to_string(),
+    };
+    let keys: BTreeSet<&String> = requested.keys().chain(recorded.keys()).collect();
+    let differing = keys.into_iter().filter(|k| requested.get(*k) != recorded.get(*k));
+    differing.map(|k| (k.clone(), show(recorded, k), show(requested, k))).collect()
+}
+
+/// `recorded` with what is part of the identity from `requested`.
+fn recorded_with_identity(recorded: &FilmSpec, requested: &FilmSpec) -> FilmSpec {
+    let FilmSpec { keep_bits, has_invented, .. } = *requested;
+    FilmSpec { keep_bits, has_invented, ..recorded.clone() }
+}
+
+/// As [`differences`], of layout, units and wavelengths.
+fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Difference> {
+    if *requested == recorded_with_identity(recorded, requested) {
+        return Vec::new();
+    }
+    // As on the command line: lz4, f32.
+    let name = |variant: String| variant.to_lowercase();
+    let all = [
+        ("shard", recorded.shard.to_string(), requested.shard.to_string()),
+        ("chunk", recorded.chunk.to_string(), requested.chunk.to_string()),
+        ("codec", name(format!("{:?}", recorded.codec)), name(format!("{:?}", requested.codec))),
+        ("dtype", name(format!("{:?}", recorded.sample)), name(format!("{:?}", requested.sample))),
+        ("units", recorded.units.clone(), requested.units.clone()),
+        ("wavelengths", format!("{:?}", recorded.wavelengths_nm), format!("{:?}", requested.wavelengths_nm)),
+    ];
+    let differing = all.into_iter().filter(|d| d.1 != d.2);
+    let mut differing: Vec<Difference> = differing.map(|(key, a, b)| (key.into(), a, b)).collect();
+    if differing.is_empty() {
+        let outputs = |spec: &FilmSpec| {
+            spec.outputs.iter().map(|o| format!("{} of {}", o.name, o.rect)).collect::<Vec<_>>().join("; ")
+        };
+        differing.push(("outputs".into(), outputs(recorded), outputs(requested)));
+    }
+    differing
+}
+
+/// Fails if the chart changed since the job was resolved: shards may then be of different charts.
+pub fn check_chart_unchanged(job: &Job) -> Result<()> {
+    let by_content = job.identity.contains_key(DIGEST);
+    let Contents { content, files, surfaces } = contents(&job.chart, job.depth.as_ref(), by_content)?;
+    let found = [("chart", Some(content)), (files.0, Some(files.1)), ("depth", surfaces)];
+    if found.iter().any(|(key, value)| job.identity.get(*key) != value.as_ref()) {
+        bail!(
+            "the chart changed during the run, so the film may be of both versions; leave the chart unchanged and start again with \
+             --overwrite"
+        );
+    }
+    Ok(())
+}
+
+/// Provenance attributes of the film: nothing that differs from run to run.
+fn provenance(job: &Job) -> Map<String, Value> {
+    let identity = Value::Object(job.identity.clone());
+    let layout = layout(&job.film);
+    let lens = job.lens.lens();
+    let bands: Vec<Value> = job
+        .plans
+        .iter()
+        .map(|p| {
+            json!({
+                "wavelength_nm": p.lens.wavelength_nm,
+                "transmission": p.lens.transmission,
+                "solid_angle_sr": p.lens.solid_angle_sr,
+                "psf_window_px": p.blocks.map(|b| b.window),
+                "fft": p.blocks.map(|b| b.fft),
+                "tile_px": p.tiling.tile(),
+            })
+        })
+        .collect();
+    let value = json!({
+        "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+        "job_digest": digest(&identity),
+        "job": identity,
+        "source": job.source,
+        "layout_digest": digest(&layout),
+        "layout": layout,
+        "engine": job.engine.to_string(),
+        "lens": {
+            "name": lens.name,
+            "f_number": lens.f_number,
+            "effective_focal_length_mm": lens.effective_focal_length_mm,
+            "distortion_focal_length_mm": lens.distortion_focal_length_mm,
+        },
+        "bands": bands,
+    });
+    match value {
+        Value::Object(mut map) => {
+            if let Some(light) = job.chart.light() {
+                map.insert("light".into(), light.into());
+            }
+            map
+        }
+        _ => unreachable!("an object is written above"),
+    }
+}

@@ -1,0 +1,57 @@
+//! Films and raws, opened to report on them: a damaged one is a finding (exit code 4).
+
+use crate::failure::{Coded, code};
+use anyhow::Result;
+use formats::film::FilmStore;
+use formats::group::GroupError;
+use formats::raw::RawStore;
+use std::path::Path;
+
+/// Opens a film to report on it: a missing film is a failure (exit code 1), a damaged one a finding (4).
+///
+/// # Errors
+/// As described; the store cannot be read.
+pub fn film(path: &Path) -> Result<FilmStore> {
+    opened_film(FilmStore::open(path, true))
+}
+
+/// As [`film`], of a film that was opened otherwise.
+///
+/// # Errors
+/// As [`film`].
+pub fn opened_film(film: Result<FilmStore, GroupError>) -> Result<FilmStore> {
+    film.map_err(|e| {
+        let code = match &e {
+            GroupError::Damaged { .. } | GroupError::ArrayMetadata { .. } | GroupError::Attributes { .. } => {
+                code::WRONG
+            }
+            GroupError::NotOfKind { .. } => code::FAILED,
+            _ => return e.into(),
+        };
+        Coded { code, message: e.to_string() }.into()
+    })
+}
+
+/// The raw at `path`; `None` if it is none.
+///
+/// # Errors
+/// A damaged one (4); the store cannot be read.
+pub fn raw(path: &Path) -> Result<Option<RawStore>> {
+    opened_raw(path, RawStore::open)
+}
+
+/// As [`raw`], opened by `open`.
+pub fn opened_raw(
+    path: &Path,
+    open: impl Fn(&Path, bool) -> Result<RawStore, GroupError>,
+) -> Result<Option<RawStore>> {
+    if !RawStore::is_one(path).unwrap_or(false) {
+        return Ok(None);
+    }
+    open(path, true).map(Some).map_err(|e| match e {
+        GroupError::Damaged { .. } | GroupError::ArrayMetadata { .. } => {
+            Coded { code: code::WRONG, message: e.to_string() }.into()
+        }
+        e => e.into(),
+    })
+}

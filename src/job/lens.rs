@@ -1,0 +1,377 @@
+//! Lens of a run: a pack, or a design traced at the wavelengths of the job ([`tracing`]).
+
+pub mod attributes;
+pub mod cache;
+pub mod depth_nodes;
+mod estimate;
+pub mod samples;
+mod tracing;
+
+use super::lens::cache::Cache;
+use crate::args::{DEPTH_TOLERANCE, DepthArgs, DesignArgs};
+use crate::design::{self, DesignFile};
+use crate::failure::usage;
+use crate::open;
+use anyhow::{Context, Result};
+pub use estimate::estimated;
+use formats::lens::{LensPack, LensPackError};
+use pipeline::band::{LensBands, Options};
+use pipeline::depth::plan::Surfaces;
+use pipeline::design::System;
+use pipeline::design::depth::trace::DepthOptions;
+use pipeline::design::paraxial::Paraxial;
+use pipeline::design::system::ImagePlane;
+use pipeline::design::trace::{LensTrace, TraceOptions};
+use pipeline::geometry::Frame;
+use pipeline::lens::PsfSample;
+use pipeline::lens::depth::LensDepth;
+use pipeline::lens::{Lens, LensBand, PsfStack};
+use pipeline::psf::kernel::NodeKernels;
+use pipeline::psf::kernel::on_demand::PsfReader;
+use pipeline::simd::Simd;
+use std::sync::Arc;
+
+/// Blur radius in film pixels up to which a surface is in focus: the L1 error of a PSF is then at most 2 %, by C·Δρ² with the C of the worst lens of
+/// those measured for [`pipeline::design::depth::nodes`], 9 % at 0.5 px.
+const SHARP_PX: f64 = 0.25;
+
+/// Lens that `--lens` names, before tracing.
+pub enum UntracedLens {
+    /// Tables and PSFs in a file, or built in.
+    Pack(Box<LensPack>),
+    /// A design, its name, and its file unless it is built in.
+    Design(Box<System>, String, Option<DesignFile>),
+}
+
+/// Surfaces for which a design is traced at several object distances.
+#[derive(Clone, Copy)]
+pub struct TracedFor<'a> {
+    /// Vergences of the surfaces.
+    pub surfaces: &'a Surfaces,
+    /// Focus, range of the nodes, and accuracy between them.
+    pub options: DepthOptions,
+}
+
+impl UntracedLens {
+    /// Opens a design, a pack, or a built-in lens.
+    pub fn open(name: &str) -> Result<Self> {
+        Self::open_focused(name, &DepthArgs::default())
+    }
+
+    /// Opens a design with the gaps and the focus of `given`, or a pack.
+    ///
+    /// # Errors
+    /// Focus, gaps or tolerance for a pack; a design that cannot be focused there.
+    pub fn open_focused(name: &str, given: &DepthArgs) -> Result<Self> {
+        if design::is_design(name) {
+            let args = DesignArgs { gap: given.gap.clone(), ..DesignArgs::default() };
+            let (mut system, file) = design::open_file(name, &args)?;
+            if let Some(focus_m) = given.focus_m {
+                let focused = system.focused_at(1.0 / focus_m, ImagePlane::AsDesigned, 0.0);
+                system = focused.with_context(|| format!("focusing {name} at {focus_m} m"))?;
+            }
+            return Ok(Self::Design(Box::new(system), name.to_owned(), file));
+        }
+        let pack = Box::new(open::lens(name)?);
+        match given.focus_m.is_some() || !given.gap.is_empty() || given.depth_tolerance.is_some() {
+            false => Ok(Self::Pack(pack)),
+            true => Err(usage(format!(
+                "--focus-m, --gap and --depth-tolerance are for designs; lens `{name}` is a lens pack, whose focus and depth nodes were set when it was traced"
+            ))),
+        }
+    }
+
+    /// Vergences of a pack's farthest and nearest depth node, 1/m; none for a design, which is traced for the scene.
+    ///
+    /// # Errors
+    /// Usage: a pack with nodes for a flat chart.
+    pub fn depth_nodes(&self, name: &str, has_depth: bool) -> Result<Option<(f64, f64)>> {
+        let Self::Pack(pack) = self else { return Ok(None) };
+        match (has_depth, &pack.lens().depth) {
+            (false, Some(_)) => Err(usage(format!(
+                "lens `{name}` has depth nodes: give the distance of the chart's pixels, an array or one number in m, e.g. `--depth 2`"
+            ))),
+            _ => Ok(Some(node_range(pack.lens()))),
+        }
+    }
+
+    /// Fails unless the surface `depth` lies within the depth of field of a pack without depth nodes: blurred by at most [`SHARP_PX`] film pixels
+    /// of `pitch_um`, so that its film is the flat one. `true` for such a surface, `false` for any other lens.
+    ///
+    /// # Errors
+    /// Usage: the surfaces are farther from focus, or there are several.
+    pub fn is_within_focus(&self, name: &str, surfaces: &Surfaces, pitch_um: f64) -> Result<bool> {
+        let Self::Pack(pack) = self else { return Ok(false) };
+        let lens = pack.lens();
+        if lens.depth.is_some() {
+            return Ok(false);
+        }
+        let focus = lens.object_distance_mm.map_or(0.0, |mm| 1e3 / mm);
+        let blur_px = self.focal_mm_and_blur_um()?.1 / pitch_um;
+        let blur = |v: f64| blur_px * (v - focus).abs();
+        let worst = blur(surfaces.first).max(blur(surfaces.last));
+        if worst <= SHARP_PX && surfaces.is_opaque {
+            return Ok(true);
+        }
+        let problem = match worst <= SHARP_PX {
+            true => "the scene has hidden surfaces or a coverage".to_owned(),
+            false => format!(
+                "its blur at {} to {} m is up to {worst:.1} px",
+                1.0 / surfaces.last,
+                1.0 / surfaces.first
+            ),
+        };
+        Err(usage(format!(
+            "lens `{name}` has the PSFs of one object distance, {} m, and {problem}: trace a pack with `lenscube lens trace DESIGN \
+             PACK --focus-m M --depths-m NEAR:FAR`, give a design with --focus-m, or `--depth none` for a flat chart",
+            1.0 / focus
+        )))
+    }
+
+    /// Distortion focal length in mm, and blur radius per dioptre in µm.
+    ///
+    /// # Errors
+    /// A design without first-order properties.
+    pub fn focal_mm_and_blur_um(&self) -> Result<(f64, f64)> {
+        Ok(match self {
+            Self::Pack(pack) => {
+                let lens = pack.lens();
+                let pupil_mm = lens.effective_focal_length_mm / lens.f_number;
+                let flat_um = pupil_mm / 2.0 * lens.distortion_focal_length_mm.abs();
+                let blur_um = lens.depth.as_ref().map_or(flat_um, |depth| depth.blur_per_dioptre_um);
+                (lens.distortion_focal_length_mm, blur_um)
+            }
+            Self::Design(system, ..) => {
+                let first = Paraxial::new(system, system.primary_um())?;
+                let focal_mm = first.distortion_focal_length_mm;
+                (focal_mm, first.entrance_radius_mm * focal_mm.abs())
+            }
+        })
+    }
+
+    /// Vergence in focus, 1/m.
+    ///
+    /// # Errors
+    /// A design without first-order properties.
+    pub fn focus(&self, given: &DepthArgs) -> Result<f64> {
+        Ok(match (given.focus_m, self) {
+            (Some(metres), _) => 1.0 / metres,
+            (None, Self::Design(system, ..)) => system.object_vergence()?,
+            (None, Self::Pack(pack)) => {
+                let flat = pack.lens().object_distance_mm.map_or(0.0, |mm| 1e3 / mm);
+                pack.lens().depth.as_ref().map_or(flat, LensDepth::focus)
+            }
+        })
+    }
+
+    /// What a design is traced for: surfaces over the vergences `range`, 1/m, with the flags `given`.
+    ///
+    /// # Errors
+    /// As [`UntracedLens::focus`].
+    pub fn depth_options(&self, given: &DepthArgs, range: (f64, f64)) -> Result<DepthOptions> {
+        let tolerance = given.depth_tolerance.unwrap_or(DEPTH_TOLERANCE);
+        Ok(DepthOptions { focus: self.focus(given)?, range, tolerance })
+    }
+
+    /// Magnification (ideal height on the film over object height) and object distance in mm; none for an object at infinity.
+    pub fn conjugate(&self) -> Result<Option<(f64, f64)>> {
+        let (magnification, distance) = match self {
+            Self::Pack(pack) => (pack.lens().magnification, pack.lens().object_distance_mm),
+            Self::Design(system, ..) => {
+                let options = TraceOptions::new(Vec::from([system.primary_um() * 1e3]), 1e-3);
+                let header = LensTrace::new(system, &options)?.header();
+                (header.magnification, header.object_distance_mm)
+            }
+        };
+        Ok(distance.map(|d| (magnification, d)))
+    }
+}
+
+/// Lens of a job.
+pub enum JobLens {
+    /// A lens pack with its bands.
+    Pack(Arc<LensPack>),
+    /// A design, traced at the wavelengths of the job.
+    Traced(Box<Traced>),
+}
+
+/// Design traced at the wavelengths of a job, ascending.
+pub struct Traced {
+    lens: Lens,
+    packs: Vec<Arc<LensPack>>,
+    /// Per band, the digests of its inputs and of its values.
+    recipes: Vec<String>,
+    digest: String,
+    notes: Vec<String>,
+    details: Vec<String>,
+    /// File of the design, unless it is built in.
+    file: Option<DesignFile>,
+    /// Keeps a temporary cache until the packs are closed.
+    _cache: Cache,
+}
+
+impl JobLens {
+    /// Lens for bands at `wavelengths_nm` on the film of `frame`, for surfaces at several distances if `depth` has them; traces the bands that are not in the
+    /// cache.
+    pub fn new(
+        input: UntracedLens,
+        frame: &Frame,
+        wavelengths_nm: &[f64],
+        options: &Options,
+        threads: usize,
+        depth: Option<TracedFor<'_>>,
+    ) -> Result<Self> {
+        match input {
+            UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
+            UntracedLens::Design(system, name, file) => {
+                let job = tracing::TracingJob { system: &system, name: &name, frame, options, depth };
+                let traced = tracing::trace(&job, wavelengths_nm, threads);
+                let traced = traced.with_context(|| format!("tracing {name}"))?;
+                Ok(Self::Traced(Box::new(Traced { file, ..traced })))
+            }
+        }
+    }
+
+    pub fn lens(&self) -> &Lens {
+        match self {
+            Self::Pack(pack) => pack.lens(),
+            Self::Traced(traced) => &traced.lens,
+        }
+    }
+
+    /// The lens pack; none for a design.
+    pub fn pack(&self) -> Option<&LensPack> {
+        match self {
+            Self::Pack(pack) => Some(pack),
+            Self::Traced(_) => None,
+        }
+    }
+
+    /// PSFs of band `band` of [`JobLens::lens`].
+    ///
+    /// # Errors
+    /// As [`LensPack::psf`].
+    pub fn psf(&self, band: usize) -> Result<PsfStack, LensPackError> {
+        match self {
+            Self::Pack(pack) => pack.psf(band),
+            Self::Traced(traced) => traced.packs[band].psf(0),
+        }
+    }
+
+    /// PSFs of depth node `node` of band `band` of [`JobLens::lens`].
+    ///
+    /// # Errors
+    /// As [`LensPack::psf_of_node`].
+    pub fn psf_of_node(&self, band: usize, node: usize) -> Result<PsfStack, LensPackError> {
+        match self {
+            Self::Pack(pack) => pack.psf_of_node(band, node),
+            Self::Traced(traced) if traced.lens.depth.is_some() => traced.packs[band].psf_of_node(0, node),
+            Self::Traced(_) => self.psf(band),
+        }
+    }
+
+    /// Reader of the PSFs of the depth nodes of band `band` of [`JobLens::lens`], one at a time.
+    pub fn psf_reader(&self, band: usize) -> PsfReader {
+        let (pack, band) = match self {
+            Self::Pack(pack) => (Arc::clone(pack), band),
+            Self::Traced(traced) => (Arc::clone(&traced.packs[band]), 0),
+        };
+        Arc::new(move |node, height| Ok(pack.psf_of_height(band, node, height)?))
+    }
+
+    /// Digest of the lens.
+    ///
+    /// # Errors
+    /// As [`LensPack::digest`].
+    pub fn digest(&self) -> Result<&str, LensPackError> {
+        match self {
+            Self::Pack(pack) => pack.digest(),
+            Self::Traced(traced) => Ok(&traced.digest),
+        }
+    }
+
+    /// Digest of the tables and PSFs of one band, independent of the other bands: of a design its recipe and values, of a pack
+    /// the bands that it is interpolated from.
+    ///
+    /// # Errors
+    /// As [`LensPack::psf`].
+    pub fn band_digest(&self, choice: LensBands) -> Result<String, LensPackError> {
+        let digest = |band: usize| match self {
+            Self::Pack(pack) => pack.band_digest(band),
+            Self::Traced(traced) => Ok(traced.recipes[band].clone()),
+        };
+        let first = digest(choice.first)?;
+        Ok(match choice.second {
+            None => first,
+            Some((second, _)) => format!("{first}+{}", digest(second)?),
+        })
+    }
+
+    /// Checks that the pack, or the design's file, has not changed since it was opened.
+    ///
+    /// # Errors
+    /// It changed.
+    pub fn check_unchanged(&self) -> Result<()> {
+        match self {
+            Self::Pack(pack) => Ok(pack.check_unchanged()?),
+            Self::Traced(traced) => {
+                traced.packs.iter().try_for_each(|pack| pack.check_unchanged())?;
+                traced.file.as_ref().map_or(Ok(()), DesignFile::check_unchanged)
+            }
+        }
+    }
+
+    /// Bytes that reading the PSFs of a band of [`JobLens::lens`] needs in addition to the samples.
+    pub fn psf_reading_bytes(&self, band: usize) -> usize {
+        match self {
+            Self::Pack(pack) => pack.psf_reading_bytes(band),
+            Self::Traced(traced) => traced.packs[band].psf_reading_bytes(0),
+        }
+    }
+
+    /// Maximum over the bands of the bytes that reading the PSFs of a band needs; the digest reads all bands in sequence.
+    pub fn max_reading_bytes(&self) -> usize {
+        let bytes = |(b, band): (usize, &LensBand)| {
+            let nodes = self.lens().depth.iter().flat_map(|depth| &depth.bands[b].nodes);
+            let samples = nodes.map(|node| node.psf_height_mm.len() * node.psf_size.pow(2)).max();
+            let samples = samples.unwrap_or(band.psf_height_mm.len() * band.psf_size * band.psf_size);
+            4 * samples + self.psf_reading_bytes(b)
+        };
+        self.lens().bands.iter().enumerate().map(bytes).max().unwrap_or(0)
+    }
+
+    /// Notes for the user.
+    pub fn notes(&self) -> &[String] {
+        match self {
+            Self::Pack(pack) => pack.notes(),
+            Self::Traced(traced) => &traced.notes,
+        }
+    }
+
+    /// Notes for `--verbose`: those on the glasses of a built-in design.
+    pub fn details(&self) -> &[String] {
+        match self {
+            Self::Pack(_) => &[],
+            Self::Traced(traced) => &traced.details,
+        }
+    }
+}
+
+/// Vergences of the farthest and the nearest depth node of any band, 1/m; 0 without any.
+fn node_range(lens: &Lens) -> (f64, f64) {
+    let nodes = lens.depth.iter().flat_map(|depth| &depth.bands).flat_map(|band| &band.vergence);
+    let range = nodes.fold((f64::INFINITY, 0.0), |(a, z): (f64, f64), v| (a.min(*v), z.max(*v)));
+    if range.0 <= range.1 { range } else { (0.0, 0.0) }
+}
+
+/// Estimated L1 error of rotating the kernels of an integrated pack at the primary wavelength; none for point samples.
+pub fn rotation_error(pack: &LensPack) -> Result<Option<f64>> {
+    let lens = pack.lens();
+    if lens.psf_sample != PsfSample::Integrated || lens.bands.is_empty() {
+        return Ok(None);
+    }
+    let band = samples::nearest_band(&lens.bands, lens.primary_wavelength_nm);
+
+    let kernels = NodeKernels::new(&pack.psf(band)?, lens.bands[band].psf_pitch_um, None, Simd::PORTABLE);
+    Ok(Some(kernels.rotation_error()))
+}

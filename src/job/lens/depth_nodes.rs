@@ -1,0 +1,161 @@
+//! Tracing of the depth nodes that the surfaces of a job need.
+//!
+//! 1. The nodes of the range are placed ([`pipeline::design::depth::nodes`]), without their PSFs; their vergences are cached.
+//! 2. Nodes that bound no slab with surfaces are left out: an empty interval of distances becomes one slab.
+//! 3. The others are traced one by one into the cache entry of the band; PSFs are read from there when a kernel is computed, so memory holds neither while
+//!    they are traced nor afterwards more than a few of them.
+
+use super::TracedFor;
+use super::tracing::{BandTracer, TracingJob};
+use crate::failure::usage;
+use crate::job::lens::cache;
+use crate::progress::{detail_line, log_line};
+use anyhow::{Context, Result};
+use formats::durable::free_bytes;
+use formats::lens::{LensPack, PackAttributes};
+use pipeline::design::DesignError;
+use pipeline::design::depth::estimate::DepthEstimate;
+use pipeline::design::depth::estimate::{estimate, half_window_px, range_that_fits};
+use pipeline::design::depth::nodes::Placement;
+use pipeline::design::depth::trace::{band, header, nodes};
+use pipeline::design::trace::{BandReport, Progress, TraceOptions, lens_header, with_threads};
+use pipeline::lens::PsfStack;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+/// Samples of PSFs that a core computes in a second, for wide PSFs, measured on a Xeon with AVX-512.
+pub const SAMPLES_PER_S: f64 = 2e7;
+
+/// Seconds of one core from which on the trace of a band is announced.
+const LONG_S: f64 = 10.0;
+
+/// Fails if a surface lies behind the first vertex, or is blurred by more than the PSFs of a trace hold.
+pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &TraceOptions) -> Result<()> {
+    let (system, options) = (job.system, depth.options);
+    let (far, near) = options.range;
+    system.at_vergence(near).with_context(|| format!("the nearest surface, at {} m", 1.0 / near))?;
+    let fits = range_that_fits(system, trace, &options)?;
+    if fits.0 <= far && near <= fits.1 {
+        return Ok(());
+    }
+    let worst = if near > fits.1 { near } else { far };
+    let blur_mm = 1e-3 * header(system, &options)?.blur_per_dioptre_um * (worst - options.focus).abs();
+    let farthest = if fits.0 > 0.0 { format!("{:.4} m", 1.0 / fits.0) } else { "infinity".to_owned() };
+    Err(usage(format!(
+        "a surface at {:.4} m is blurred to a radius of {blur_mm:.3} mm by {}, in focus at {} m; PSFs on this film hold surfaces from {:.4} m \
+         to {farthest}: choose a focus nearer to the scene (--focus-m), a scene of a shorter range of distances, or a lens with a smaller aperture",
+        1.0 / worst,
+        job.name,
+        1.0 / options.focus,
+        1.0 / fits.1,
+    )))
+}
+
+/// Half the diagonal of the largest window, mm.
+pub(super) fn margin_mm(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &TraceOptions) -> Result<f64> {
+    let half_px = half_window_px(job.system, trace, &depth.options)?;
+    Ok(std::f64::consts::SQRT_2 * half_px * trace.film_pitch_um * 1e-3)
+}
+
+/// Adds the samples of `stack` to a digest.
+fn add_samples(digest: &mut blake3::Hasher, stack: &PsfStack) {
+    for samples in stack.samples.chunks(1 << 14) {
+        let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
+        digest.update(&bytes);
+    }
+}
+
+impl BandTracer<'_> {
+    /// Band with the depth nodes that the surfaces of `depth` need, from the cache, or traced and stored there; `with` makes its attributes.
+    pub(super) fn depth_band(
+        &mut self,
+        options: &TraceOptions,
+        depth: &TracedFor<'_>,
+        with: &dyn Fn(&[BandReport]) -> PackAttributes,
+    ) -> Result<(String, LensPack)> {
+        let TracingJob { system, frame, .. } = self.job;
+        let (nm, threads) = (options.wavelengths_nm[0], self.threads);
+        let all = self.placement(options, depth)?;
+        let in_use = depth.surfaces.nodes_in_use(&all.vergence, depth.options.focus, frame.chart);
+        let count = all.vergence.len();
+        let placement = all.only(&in_use);
+        detail_line(format!("{nm} nm: {} of {count} depth nodes are needed", placement.vergence.len()));
+        let recipe = cache::recipe(system, options, Some((&depth.options, &placement.vergence)));
+        if let Some(pack) = self.cache.find(&recipe, nm) {
+            return Ok((recipe, pack));
+        }
+        self.announce();
+        let estimate = estimate(system, options, 0, &depth.options, &placement.vergence)?;
+        let (seconds, text) = needed(&estimate, threads);
+        let text = format!("{nm} nm: {text}");
+        if seconds > LONG_S {
+            log_line(text)
+        } else {
+            detail_line(text)
+        }
+        let free = free_bytes(self.cache.dir())?;
+        if estimate.bytes > free {
+            return Err(usage(format!(
+                "the PSFs of the depth nodes at {nm} nm take about {:.1} GB, {} has {:.1} GB free: a larger --depth-tolerance, a scene of a shorter \
+                 range of distances or a smaller film need less; XDG_CACHE_HOME sets another directory",
+                estimate.bytes as f64 * 1e-9,
+                self.cache.dir().display(),
+                free as f64 * 1e-9
+            )));
+        }
+        self.traced += 1;
+        let (bar, nodes) = (&self.bar, placement.vergence.len());
+        let pack = self.cache.insert(&recipe, &mut |pack| {
+            let done = AtomicUsize::new(0);
+            let mut progress = |p: Progress| {
+                bar.set_message(format!(
+                    "{nm} nm: depth node {} of {nodes}, {}",
+                    done.load(Relaxed) + 1,
+                    p.step
+                ));
+            };
+            let mut values = blake3::Hasher::new();
+            let (lens, report) = with_threads(threads, || {
+                let head = (lens_header(system)?, header(system, &depth.options)?);
+                let sink = |node: usize, stack: &PsfStack| {
+                    done.store(node + 1, Relaxed);
+                    add_samples(&mut values, stack);
+                    pack.psf_of_node(0, node, stack)
+                };
+                let nodes = (&depth.options, placement.clone());
+                let traced = band(system, options, 0, nodes, &mut progress, sink)?;
+                Ok::<_, DesignError>(traced.into_lens(head))
+            })?;
+            // All tables, in digits from which the same numbers are read.
+            values.update(format!("{:?}{:?}", lens.bands, lens.depth).as_bytes());
+            Ok((lens, with(&[report]), Some(values.finalize().to_hex().to_string())))
+        })?;
+        Ok((recipe, pack))
+    }
+
+    /// Depth nodes of the whole range, from the cache, or determined and stored there.
+    fn placement(&mut self, options: &TraceOptions, depth: &TracedFor<'_>) -> Result<Placement> {
+        let recipe = cache::recipe(self.job.system, options, Some((&depth.options, &[])));
+        if let Some(placement) = self.cache.find_nodes(&recipe) {
+            return Ok(placement);
+        }
+        self.announce();
+        self.bar.set_message(format!("{} nm: placing depth nodes", options.wavelengths_nm[0]));
+        let place = || nodes(self.job.system, options, 0, &depth.options);
+        let placement = with_threads(self.threads, place)?;
+        self.cache.insert_nodes(&recipe, &placement)?;
+        Ok(placement)
+    }
+}
+
+/// Seconds on `cores` cores that depth nodes take to trace, and what they need.
+pub fn needed(estimate: &DepthEstimate, cores: usize) -> (f64, String) {
+    let DepthEstimate { nodes, psfs, window_px, bytes, samples } = *estimate;
+    let core_s = samples / SAMPLES_PER_S;
+    let text = format!(
+        "estimated from rays: about {nodes} depth nodes, {psfs} PSFs, windows of {} to {} px, {:.1} GB uncompressed, {core_s:.0} core seconds",
+        window_px.0,
+        window_px.1,
+        bytes as f64 * 1e-9
+    );
+    (core_s / cores as f64, text)
+}

@@ -1,0 +1,345 @@
+//! Tracing of a design at the wavelengths of a job.
+//!
+//! A design is traced band by band. Tables and PSFs of a band depend on the design, the wavelength and the reach, never on the other
+//! bands of the job, so bands traced in one run, in several runs or cached ([`crate::job::lens::cache`]) are equal. Every wavelength is traced,
+//! none interpolated. The digest of the lens covers the recipes and the values of the bands: the digest
+//! therefore also covers the rounding of the computation.
+//!
+//! *Reach*: height of the film's corner plus the margin of the PSF, rounded up to 180 steps per decade so that films of similar
+//! size share their bands; it is increased if the window of a band is wider. PSFs are point samples, so one band serves films of any
+//! pitch; kernels meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most
+//! 2 µm: larger pixels only average over more. Wavelengths are rounded to 10⁻⁶ nm.
+
+use super::attributes::attributes;
+use super::depth_nodes::{check_blur, margin_mm};
+use super::{Traced, TracedFor};
+use crate::args::DesignArgs;
+use crate::design;
+use crate::job::lens::cache::{self, Cache};
+use crate::job::lens::samples::design_reach_mm;
+use crate::progress::{jsonl, log_line, tracing_bar};
+use anyhow::{Context, Result};
+use formats::lens::{LensPack, band_digest};
+use pipeline::band::{BandPlan, Options};
+use pipeline::design::ray::Tracer;
+use pipeline::design::trace::{
+    Azimuths, BandReport, LensTrace, MAX_NODES, Progress, PsfHeights, SharedNodes, TraceOptions, with_threads,
+};
+use pipeline::design::{DesignError, System};
+use pipeline::field::Outside;
+use pipeline::geometry::Frame;
+use pipeline::lens::{Lens, LensError};
+use pipeline::psf::blocks::Blocks;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Reach beyond the film's corner at the first attempt, mm: half a window of 177 pixels of 2 µm, along the diagonal.
+const MARGIN_MM: f64 = 0.25;
+/// Minimum reach of the built-in lens, mm: the corner of the film of 14141² px of 2 µm. Smaller films share its bands.
+const BUILTIN_REACH_MM: f64 = 20.5;
+/// Maximum trace pitch, µm.
+const MAX_PITCH_UM: f64 = 2.0;
+/// Trace pitches in a decade (R10 series of preferred numbers).
+const PITCHES: [f64; 10] = [1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0];
+/// Relative amount by which a trace pitch may exceed the film's.
+const PITCH_TOLERANCE: f64 = 1e-3;
+/// Side of a PSF window, pixels of the trace pitch, from which a note is printed before tracing.
+const WIDE_WINDOW_PX: usize = 201;
+/// Maximum of the PSFs of a band in the cache, bytes uncompressed; of larger ones their pupil functions are stored.
+const MAX_PSF_BYTES: usize = 32_000_000;
+/// Height of the film's corner over that of the outermost field point, from which a note is printed.
+const BEYOND_FIELD: f64 = 1.05;
+
+/// The largest trace pitch up to `film_pitch_um`.
+fn trace_pitch_um(film_pitch_um: f64) -> f64 {
+    let limit = film_pitch_um.min(MAX_PITCH_UM) * (1.0 + PITCH_TOLERANCE);
+    let mut unit = 1.0;
+    while limit < PITCHES[0] / unit {
+        unit *= 10.0;
+    }
+    // A quotient of short decimals, so that equal pitches have equal bits.
+    let below = PITCHES.iter().map(|p| p / unit).filter(|p| *p <= limit);
+    below.fold(PITCHES[0] / unit, f64::max)
+}
+
+/// `nm` rounded to 10⁻⁶ nm: 400.00000000000006 is 400.
+fn rounded_nm(nm: f64) -> f64 {
+    (nm * 1e6).round() / 1e6
+}
+
+/// Prints a note if the film lies beyond the design's field, before anything is traced.
+fn note_field(system: &System, name: &str, frame: &Frame) -> Result<()> {
+    let (corner_mm, field_mm) = (frame.farthest_mm(frame.film.rect()), design_reach_mm(system)?);
+    if field_mm > 0.0 && corner_mm > BEYOND_FIELD * field_mm {
+        log_line(format!(
+            "note: the film's corner at {corner_mm:.2} mm from the axis lies beyond the outermost field point of {name} at \
+             {field_mm:.2} mm, where the design does not define the image; `--film-size` makes the film smaller"
+        ));
+    }
+    Ok(())
+}
+
+/// Prints a note if PSFs are very wide, before they are traced.
+fn note_focus(system: &System, name: &str, options: &TraceOptions) -> Result<()> {
+    let estimate = LensTrace::new(system, options)?.estimate(0)?;
+    if options.window_px.is_none() && estimate.window_px >= WIDE_WINDOW_PX {
+        log_line(format!(
+            "note: PSFs of {name} are about {:.2} mm wide on this film ({} pixels of {} µm), which takes long to trace and to convolve; if \
+             the film is out of focus, `lenscube lens trace {name} FOCUSED.lens.zarr --image-plane paraxial` (or rms) makes a lens pack \
+             in focus for --lens",
+            1e-3 * estimate.window_px as f64 * options.film_pitch_um,
+            estimate.window_px,
+            options.film_pitch_um,
+        ));
+    }
+    Ok(())
+}
+
+/// `mm` rounded up to a multiple of 5 in its third digit: 20.35 to 20.5, 3.02 to 3.05.
+fn rounded_up(mm: f64) -> f64 {
+    let step = 5.0 * 10f64.powi(pipeline::real::log10(mm).floor() as i32 - 2);
+    // A multiple of the step, so that equal films have bitwise equal reaches.
+    (mm / step - 1e-9).ceil() * step
+}
+
+/// Reach of the first attempt for the film of `frame`, mm; with `clamp` at most the lens's own limit.
+pub(super) fn outermost_mm(system: &System, frame: &Frame, clamp: bool) -> Result<f64> {
+    let reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM);
+    match Tracer::new(system, system.primary_um())?.field_of_height(reach_mm) {
+        Err(DesignError::Height { reached_mm, .. }) if clamp => Ok(0.99 * reached_mm),
+        reached => Ok(reached.map(|_| reach_mm)?),
+    }
+}
+
+/// A design and what it is traced for.
+#[derive(Clone, Copy)]
+pub(super) struct TracingJob<'a> {
+    pub(super) system: &'a System,
+    pub(super) name: &'a str,
+    pub(super) frame: &'a Frame,
+    pub(super) options: &'a Options,
+    /// Surfaces at several distances.
+    pub(super) depth: Option<TracedFor<'a>>,
+}
+
+impl TracingJob<'_> {
+    /// Plan of the band at `nm` with `lens`.
+    fn plan(&self, lens: &Lens, nm: f64) -> Result<BandPlan, LensError> {
+        match self.depth {
+            None => BandPlan::new(self.frame, lens, nm, self.options),
+            Some(depth) => BandPlan::with_depth(self.frame, lens, nm, self.options, depth.surfaces),
+        }
+    }
+}
+
+/// Traces the bands of `job` at `wavelengths_nm`, or reads them from the cache.
+pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize) -> Result<Traced> {
+    let (system, name) = (job.system, job.name);
+    note_field(system, name, job.frame)?;
+    if let Some(depth) = &job.depth {
+        check_blur(job, depth, &trace_options(system.primary_um() * 1e3, 1.0, job))?;
+    }
+    let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
+    nm.sort_by(f64::total_cmp);
+    nm.dedup();
+    let start = Instant::now();
+    let mut tracer = BandTracer {
+        job: *job,
+        cache: Cache::open()?,
+        shared: SharedNodes::default(),
+        threads,
+        bar: tracing_bar(nm.len()),
+        traced: 0,
+        is_announced: false,
+    };
+    let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
+    let mut coarsest = (0.0, 0.0);
+    let bands = nm.len();
+    for (done, &nm) in nm.iter().enumerate() {
+        let (recipe, pack) = tracer.covering_film(nm)?;
+        coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
+        let values = cache::values(&pack).map_or_else(|| pack.band_digest(0), |v| Ok(v.to_owned()))?;
+        recipes.push(format!("{recipe}-{values}"));
+        let merged = lens.get_or_insert_with(|| Lens { bands: Vec::new(), ..pack.lens().clone() });
+        merged.name.clone_from(&system.name);
+        merged.bands.extend(pack.lens().bands.iter().cloned());
+        if let (Some(all), Some(depth), true) = (&mut merged.depth, &pack.lens().depth, done > 0) {
+            all.bands.extend(depth.bands.iter().cloned());
+        }
+        packs.push(Arc::new(pack));
+        tracer.bar.inc(1);
+        jsonl::traced(done + 1, bands);
+    }
+    tracer.bar.finish_and_clear();
+    let (mut notes, mut details) = (Vec::new(), Vec::new());
+    if design::is_builtin(name) { &mut details } else { &mut notes }.extend(system.notes.iter().cloned());
+    if tracer.traced > 0 {
+        details.push(format!(
+            "{} of {} bands traced in {:.1} s and stored in {}",
+            tracer.traced,
+            nm.len(),
+            start.elapsed().as_secs_f64(),
+            tracer.cache.dir().display()
+        ));
+    }
+    let tolerance = TraceOptions::new(Vec::new(), 0.0).psf_tolerance;
+    let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+    if coarsest.0 > tolerance && percent(coarsest.0) != percent(tolerance) {
+        notes.push(format!(
+            "kernels between PSF nodes have errors up to {} (at {} nm) instead of {}, because a band has at most {MAX_NODES} nodes; \
+             `lenscube lens trace --max-nodes` makes a finer lens pack",
+            percent(coarsest.0),
+            coarsest.1,
+            percent(tolerance)
+        ));
+    }
+    let lens = lens.context("the chart has no band")?;
+    let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
+    Ok(Traced { lens, packs, recipes, digest, notes, details, file: None, _cache: tracer.cache })
+}
+
+/// Maximum L1 error of kernels between the nodes of a traced band; 0 if it was not determined.
+fn kernel_error(pack: &LensPack) -> f64 {
+    let achieved = pack.attributes().psf_tolerance.as_ref();
+    achieved.and_then(|t| t["bands"][0]["kernel_l1"].as_f64()).unwrap_or(0.0)
+}
+
+/// Traces bands, or reads them from the cache.
+pub(super) struct BandTracer<'a> {
+    pub(super) job: TracingJob<'a>,
+    pub(super) cache: Cache,
+    pub(super) shared: SharedNodes,
+    pub(super) threads: usize,
+    pub(super) bar: indicatif::ProgressBar,
+    /// Number of bands that were not in the cache.
+    pub(super) traced: usize,
+    /// Whether tracing was announced.
+    pub(super) is_announced: bool,
+}
+
+impl BandTracer<'_> {
+    /// Band at `nm` with a reach that covers the film and the band's window.
+    fn covering_film(&mut self, nm: f64) -> Result<(String, LensPack)> {
+        let job = self.job;
+        let TracingJob { frame, options, .. } = job;
+        let min_mm = if self.job.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
+        let beyond_mm = match &job.depth {
+            None => MARGIN_MM,
+            Some(depth) => margin_mm(&job, depth, &trace_options(nm, 1.0, &job))?.max(MARGIN_MM),
+        };
+        let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + beyond_mm).max(min_mm);
+        loop {
+            let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, &job)) {
+                Err(e) if options.interpolation.outside == Outside::Clamp => {
+                    // Trace up to the lens's own limit; beyond it the film uses the last values.
+                    let Some(DesignError::Height { reached_mm, .. }) = e.downcast_ref() else {
+                        return Err(e);
+                    };
+                    self.band(&trace_options(nm, 0.99 * reached_mm, &job))?
+                }
+                band => band?,
+            };
+            match self.job.plan(pack.lens(), nm) {
+                Err(LensError::Outside { needed_mm, .. }) if rounded_up(needed_mm) > reach_mm => {
+                    reach_mm = rounded_up(needed_mm);
+                }
+                // Other errors are reported when the job plans its bands.
+                _ => return Ok((recipe, pack)),
+            }
+        }
+    }
+
+    /// Band from the cache, or traced and stored there.
+    fn band(&mut self, options: &TraceOptions) -> Result<(String, LensPack)> {
+        let TracingJob { system, name, depth, .. } = self.job;
+        let nm = options.wavelengths_nm[0];
+        let with = |reports: &[BandReport]| attributes(name, &DesignArgs::default(), options, reports);
+        if let Some(depth) = &depth {
+            return self.depth_band(options, depth, &with);
+        }
+        let recipe = cache::recipe(system, options, None);
+        if let Some(pack) = self.cache.find(&recipe, nm) {
+            return Ok((recipe, pack));
+        }
+        self.announce();
+        if self.traced == 0 {
+            note_focus(system, name, options)?;
+        }
+        self.traced += 1;
+        let (bar, threads, shared) = (&self.bar, self.threads, &mut self.shared);
+        let mut progress = |p: Progress| bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
+        let (header, band) = with_threads(threads, || {
+            let trace = LensTrace::new(system, options)?;
+            let band = trace.band_sharing(0, shared, &mut progress)?;
+            Ok::<_, DesignError>((trace.header(), band))
+        })?;
+        let lens = Lens { bands: vec![band.tables.clone()], ..header };
+        let values = band_digest(&lens, 0, &band.psf);
+        let stores_pupils = size_of_val(&band.psf.samples[..]) > MAX_PSF_BYTES;
+        let pack = self.cache.insert(&recipe, &mut |pack| {
+            match stores_pupils {
+                true => pack.pupils(0, &band.pupils)?,
+                false => pack.psf(0, &band.psf)?,
+            }
+            Ok((lens.clone(), with(&[band.report]), Some(values.clone())))
+        })?;
+        Ok((recipe, pack))
+    }
+
+    /// Prints once that bands are traced.
+    pub(super) fn announce(&mut self) {
+        if !std::mem::replace(&mut self.is_announced, true) {
+            let (name, dir) = (self.job.name, self.cache.dir().display());
+            log_line(format!("tracing the bands of {name} that are not in {dir}"));
+        }
+    }
+}
+
+/// Trace options of a job. Without the PSF stage only two PSFs of a minimum window are traced.
+pub(super) fn trace_options(nm: f64, reach_mm: f64, job: &TracingJob<'_>) -> TraceOptions {
+    let mut trace = TraceOptions::new(vec![nm], reach_mm);
+    trace.film_pitch_um = trace_pitch_um(job.frame.pitch_um);
+    if job.depth.is_some() {
+        trace.max_window_px = Blocks::widest_window();
+    }
+    if !job.options.stages.svpsf {
+        trace.heights = PsfHeights::Given(vec![0.0, reach_mm]);
+        trace.azimuths = Azimuths::Given(4);
+        trace.window_px = Some(3);
+    }
+    trace
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nearby_pitches_and_wavelengths_share_their_bands() {
+        for (film, traced) in [
+            (2.0, 2.0),
+            (5.0, 2.0),
+            (1.999, 2.0),
+            (1.9, 1.6),
+            (1.12, 1.0),
+            (1.0, 1.0),
+            (0.9, 0.8),
+            (0.12, 0.1),
+            (0.0999, 0.08),
+            (0.005, 0.005),
+        ] {
+            assert_eq!(trace_pitch_um(film), traced, "{film}");
+        }
+        assert_eq!(rounded_nm(400.000_000_000_000_06), 400.0);
+        assert_eq!(rounded_nm(550.123_456_4), 550.123_456);
+    }
+
+    #[test]
+    fn reach_is_rounded_up_to_5_in_the_third_digit() {
+        for (mm, up) in
+            [(20.35, 20.5), (20.5, 20.5), (3.02, 3.05), (0.9701, 0.975), (99.7, 100.0), (100.0, 100.0)]
+        {
+            assert!((rounded_up(mm) - up).abs() < 1e-9, "{mm}: {}", rounded_up(mm));
+        }
+    }
+}
