@@ -35,7 +35,7 @@ const MAX_ROUNDS: usize = 6;
 
 /// Cells that are measured before nodes of another wavelength are taken.
 const ADOPTED_CELLS: usize = 4;
-/// Largest error of nodes of another wavelength, over their error there.
+/// Largest error of nodes of another wavelength where the budget limits them, over their error there.
 const ADOPTED_ERROR: f64 = 1.3;
 
 /// Chosen heights and azimuth counts, the errors of the cells between them, and the error bound, if checked.
@@ -169,8 +169,14 @@ pub(crate) fn adopt(
     let largest = ratios.iter().copied().fold(0.0, f64::max);
     let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
     let error = NodeError { worst: largest * there.worst, median: mean * there.median, ..there };
-    let is_within = error.worst <= tolerance.max(ADOPTED_ERROR * there.worst);
-    Ok(is_within.then(|| Chosen { error: Some(error), ..other.clone() }))
+    let is_adopted = are_good_enough(tolerance, there.worst, error.worst);
+    Ok(is_adopted.then(|| Chosen { error: Some(error), ..other.clone() }))
+}
+
+/// Whether nodes with the error `there` at the wavelength where they were chosen are taken where it is `here`: within the tolerance, or about as
+/// large as there where the budget did not allow the tolerance.
+fn are_good_enough(tolerance: f64, there: f64, here: f64) -> bool {
+    here <= tolerance || (there > tolerance && here <= ADOPTED_ERROR * there)
 }
 
 /// Errors of `cells`, each by the index of its upper height.
@@ -296,5 +302,17 @@ fn between(x: &[f64], y: &[f64], at: f64) -> f64 {
         0 => y[0],
         _ if i == x.len() => y[i - 1],
         _ => y[i - 1] + (y[i] - y[i - 1]) * (at - x[i - 1]) / (x[i] - x[i - 1]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_of_another_wavelength_stay_within_the_tolerance_that_they_had() {
+        assert!(are_good_enough(0.01, 0.008, 0.01));
+        assert!(!are_good_enough(0.01, 0.008, 0.0101), "less than 1.3 times the error there");
+        assert!(are_good_enough(0.01, 0.02, 0.025) && !are_good_enough(0.01, 0.02, 0.027));
     }
 }

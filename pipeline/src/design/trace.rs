@@ -28,6 +28,8 @@ use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Incremented when the results for the same design and options change.
 pub const TRACER_VERSION: u32 = 8;
+/// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
+pub const NODES_VERSION: u32 = 2;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {

@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use formats::durable::{self, HashedFile};
 use formats::lens::{LensPack, LensPackWriter, PackAttributes};
 use pipeline::design::depth::trace::DepthOptions;
-use pipeline::design::trace::{TRACER_VERSION, TraceOptions};
+use pipeline::design::trace::{NODES_VERSION, TRACER_VERSION, TraceOptions};
 use pipeline::design::{DesignError, System};
 use pipeline::lens::Lens;
 use serde_json::json;
@@ -49,7 +49,9 @@ pub type WriteBand<'a> =
 pub fn recipe(system: &System, options: &TraceOptions, depth: Option<(&DepthOptions, &[f64])>) -> String {
     // Name and notes do not change the result.
     let system = System { name: String::new(), notes: Vec::new(), ..system.clone() };
-    let mut text = format!("lenscube traced band, tracer {TRACER_VERSION}\n{system:?}\n{options:?}\n");
+    let mut text = format!(
+        "lenscube traced band, tracer {TRACER_VERSION}, nodes {NODES_VERSION}\n{system:?}\n{options:?}\n"
+    );
     if let Some((depth, nodes)) = depth {
         text.push_str(&format!("{depth:?}\n{nodes:?}\n"));
     }
