@@ -4,15 +4,16 @@ pub mod attributes;
 pub mod cache;
 pub mod depth_nodes;
 mod estimate;
+mod reach;
 pub mod samples;
 mod tracing;
 
-use super::lens::cache::Cache;
 use crate::args::{DEPTH_TOLERANCE, DepthArgs, DesignArgs};
 use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
 use anyhow::{Context, Result};
+use cache::Cache;
 pub use estimate::estimated;
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{LensBands, Options};

@@ -32,7 +32,10 @@ impl DesignJob {
         if !flags.contains(&"--threads") {
             command.args(["--threads", "2"]);
         }
-        command.args(["--film-pitch-um", "10"]).args(flags);
+        if !flags.contains(&"--film-pitch-um") {
+            command.args(["--film-pitch-um", "10"]);
+        }
+        command.args(flags);
         CommandResult::new(&command.env("XDG_CACHE_HOME", self.at(cache)).output().unwrap())
     }
 
@@ -65,10 +68,42 @@ fn traced_bands_are_equal_in_one_run_in_two_runs_and_from_the_cache() {
     assert_eq!(names("cache"), names("other"));
 }
 
+/// Attributes of a film.
+fn attributes(film: &Path) -> Value {
+    let text = fs::read_to_string(film.join("zarr.json")).unwrap();
+    serde_json::from_str::<Value>(&text).unwrap()["attributes"].clone()
+}
+
+#[test]
+fn film_beside_another_has_its_lens_and_its_pixels() {
+    let job = DesignJob::new();
+    // The chart lies about the axis, which is 6 px farther to the right and 5 px farther down on the second film.
+    let film = |name: &str, flags: &[&str]| {
+        job.run("cache", name, &[&["--bands", "0", "--surround", "black"], flags].concat()).ok();
+        let digest = attributes(&job.at(name))["provenance"]["job"]["lens_digest"].clone();
+        assert!(digest.is_string(), "{}", attributes(&job.at(name)));
+        (digest, pixels(&job.at(name), "film"))
+    };
+    let (lens, (size, whole)) = film("whole", &[]);
+    let (moved_lens, (moved_size, moved)) = film("moved", &["--film-size", "50x46", "--axis", "25.5,28.5"]);
+    assert_eq!(lens, moved_lens);
+    assert_eq!(job.entries("cache").len(), 1, "both films have the bands of the lens");
+    let peak = whole[0].iter().fold(0f32, |a, v| a.max(*v));
+    for y in 0..size.height.min(moved_size.height - 5) {
+        for x in 0..size.width {
+            let (a, b) = (whole[0][y * size.width + x], moved[0][(y + 5) * moved_size.width + x + 6]);
+            assert!((a - b).abs() <= 2e-6 * peak, "({x}, {y}): {a} and {b} of {peak}");
+        }
+    }
+}
+
 #[test]
 fn wide_psfs_are_cached_as_pupil_functions_and_give_the_same_film() {
     let job = DesignJob::new();
-    let run = |film: &str| job.run("cache", film, &["-v", "--bands", "0", "--lens", "cine-petzval"]).ok();
+    let run = |film: &str| {
+        let flags = ["-v", "--bands", "0", "--lens", "cine-petzval", "--film-pitch-um", "2"];
+        job.run("cache", film, &flags).ok()
+    };
     assert!(run("fresh").stderr.contains("1 of 1 bands traced"));
     let entries = job.entries("cache");
     let sizes: Vec<u64> = entries.iter().map(|path| fs::metadata(path).unwrap().len()).collect();

@@ -50,8 +50,9 @@ pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &Tr
     )))
 }
 
-/// Half the diagonal of the largest window, mm.
-pub(super) fn margin_mm(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &TraceOptions) -> Result<f64> {
+/// Half the diagonal of the largest window that the blur of the surfaces of `job` needs, mm; 0 for a flat chart.
+pub(super) fn margin_mm(job: &TracingJob<'_>, trace: &TraceOptions) -> Result<f64> {
+    let Some(depth) = &job.depth else { return Ok(0.0) };
     let half_px = half_window_px(job.system, trace, &depth.options)?;
     Ok(std::f64::consts::SQRT_2 * half_px * trace.film_pitch_um * 1e-3)
 }

@@ -5,16 +5,17 @@
 //! ([`LensTrace::estimate`]); heights and azimuths are typical ones, evenly spaced, on which the number of kernels that reach a block depends.
 
 use super::TracedFor;
-use super::depth_nodes::check_blur;
-use super::tracing::{TracingJob, outermost_mm, trace_options};
+use super::depth_nodes::{check_blur, margin_mm};
+use super::reach::Reach;
+use super::tracing::{TracingJob, trace_options};
 use anyhow::Result;
 use pipeline::band::Options;
-use pipeline::design::System;
 use pipeline::design::depth::estimate::{estimate, expected_nodes};
 use pipeline::design::depth::nodes::{ESF_TOLERANCE, Placement};
 use pipeline::design::depth::trace::{header, nodes};
 use pipeline::design::ray::Tracer;
 use pipeline::design::trace::{LensTrace, lens_header};
+use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
 use pipeline::lens::depth::{BandDepth, DepthNode};
@@ -50,9 +51,18 @@ pub fn estimated(
 ) -> Result<EstimatedLens> {
     let job = TracingJob { system, name, frame, options, depth: Some(traced_for) };
     let nm = system.primary_um() * 1e3;
-    check_blur(&job, &traced_for, &trace_options(nm, 1.0, &job))?;
+    let at_primary = trace_options(nm, 1.0, &job);
+    check_blur(&job, &traced_for, &at_primary)?;
     let depth = &traced_for.options;
-    let reach_mm = outermost_mm(system, frame, options.interpolation.outside == Outside::Clamp)?;
+    let reach = Reach::new(&job, margin_mm(&job, &at_primary)?)?;
+    let tracer = Tracer::new(system, system.primary_um())?;
+    let wanted_mm = reach.of(&tracer, frame.farthest_mm(frame.film.rect()))[0].reach_mm;
+    let reach_mm = match tracer.field_of_height(wanted_mm) {
+        Err(DesignError::Height { reached_mm, .. }) if options.interpolation.outside == Outside::Clamp => {
+            0.99 * reached_mm
+        }
+        reached => reached.map(|_| wanted_mm)?,
+    };
     let trace = trace_options(nm, reach_mm, &job);
     let mut head = header(system, depth)?;
     let blur_px = head.blur_per_dioptre_um / trace.film_pitch_um;

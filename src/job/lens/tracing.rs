@@ -5,13 +5,13 @@
 //! none interpolated. The digest of the lens covers the recipes and the values of the bands: the digest
 //! therefore also covers the rounding of the computation.
 //!
-//! *Reach*: height of the film's corner plus the margin of the PSF, rounded up to 180 steps per decade so that films of similar
-//! size share their bands; it is increased if the window of a band is wider. PSFs are point samples, so one band serves films of any
-//! pitch; kernels meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most
-//! 2 µm: larger pixels only average over more. Wavelengths are rounded to 10⁻⁶ nm.
+//! How far a band is traced belongs to the lens ([`super::reach`]). PSFs are point samples, so one band serves films of any pitch; kernels
+//! meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most 2 µm: larger pixels only
+//! average over more. Wavelengths are rounded to 10⁻⁶ nm.
 
 use super::attributes::attributes;
 use super::depth_nodes::{check_blur, margin_mm};
+use super::reach::{BandReach, Reach};
 use super::{Traced, TracedFor};
 use crate::args::DesignArgs;
 use crate::design;
@@ -33,10 +33,6 @@ use pipeline::psf::blocks::Blocks;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Reach beyond the film's corner at the first attempt, mm: half a window of 177 pixels of 2 µm, along the diagonal.
-const MARGIN_MM: f64 = 0.25;
-/// Minimum reach of the built-in lens, mm: the corner of the film of 14141² px of 2 µm. Smaller films share its bands.
-const BUILTIN_REACH_MM: f64 = 20.5;
 /// Maximum trace pitch, µm.
 const MAX_PITCH_UM: f64 = 2.0;
 /// Trace pitches in a decade (R10 series of preferred numbers).
@@ -51,7 +47,7 @@ const MAX_PSF_BYTES: usize = 32_000_000;
 const BEYOND_FIELD: f64 = 1.05;
 
 /// The largest trace pitch up to `film_pitch_um`.
-fn trace_pitch_um(film_pitch_um: f64) -> f64 {
+pub(super) fn trace_pitch_um(film_pitch_um: f64) -> f64 {
     let limit = film_pitch_um.min(MAX_PITCH_UM) * (1.0 + PITCH_TOLERANCE);
     let mut unit = 1.0;
     while limit < PITCHES[0] / unit {
@@ -95,22 +91,6 @@ fn note_focus(system: &System, name: &str, options: &TraceOptions) -> Result<()>
     Ok(())
 }
 
-/// `mm` rounded up to a multiple of 5 in its third digit: 20.35 to 20.5, 3.02 to 3.05.
-fn rounded_up(mm: f64) -> f64 {
-    let step = 5.0 * 10f64.powi(pipeline::real::log10(mm).floor() as i32 - 2);
-    // A multiple of the step, so that equal films have bitwise equal reaches.
-    (mm / step - 1e-9).ceil() * step
-}
-
-/// Reach of the first attempt for the film of `frame`, mm; with `clamp` at most the lens's own limit.
-pub(super) fn outermost_mm(system: &System, frame: &Frame, clamp: bool) -> Result<f64> {
-    let reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + MARGIN_MM);
-    match Tracer::new(system, system.primary_um())?.field_of_height(reach_mm) {
-        Err(DesignError::Height { reached_mm, .. }) if clamp => Ok(0.99 * reached_mm),
-        reached => Ok(reached.map(|_| reach_mm)?),
-    }
-}
-
 /// A design and what it is traced for.
 #[derive(Clone, Copy)]
 pub(super) struct TracingJob<'a> {
@@ -136,15 +116,18 @@ impl TracingJob<'_> {
 pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize) -> Result<Traced> {
     let (system, name) = (job.system, job.name);
     note_field(system, name, job.frame)?;
+    let at_primary = trace_options(system.primary_um() * 1e3, 1.0, job);
     if let Some(depth) = &job.depth {
-        check_blur(job, depth, &trace_options(system.primary_um() * 1e3, 1.0, job))?;
+        check_blur(job, depth, &at_primary)?;
     }
+    let reach = Reach::new(job, margin_mm(job, &at_primary)?)?;
     let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
     nm.sort_by(f64::total_cmp);
     nm.dedup();
     let start = Instant::now();
     let mut tracer = BandTracer {
         job: *job,
+        reach,
         cache: Cache::open()?,
         shared: SharedNodes::default(),
         threads,
@@ -156,7 +139,10 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     let mut coarsest = (0.0, 0.0);
     let bands = nm.len();
     for (done, &nm) in nm.iter().enumerate() {
+        let before = tracer.traced;
         let (recipe, pack) = tracer.covering_film(nm)?;
+        // With another reach at the second attempt it is still one band.
+        tracer.traced = tracer.traced.min(before + 1);
         coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
         let values = cache::values(&pack).map_or_else(|| pack.band_digest(0), |v| Ok(v.to_owned()))?;
         recipes.push(format!("{recipe}-{values}"));
@@ -207,6 +193,7 @@ fn kernel_error(pack: &LensPack) -> f64 {
 /// Traces bands, or reads them from the cache.
 pub(super) struct BandTracer<'a> {
     pub(super) job: TracingJob<'a>,
+    reach: Reach<'a>,
     pub(super) cache: Cache,
     pub(super) shared: SharedNodes,
     pub(super) threads: usize,
@@ -218,19 +205,33 @@ pub(super) struct BandTracer<'a> {
 }
 
 impl BandTracer<'_> {
-    /// Band at `nm` with a reach that covers the film and the band's window.
+    /// Band at `nm` whose reach covers the film and the band's window.
     fn covering_film(&mut self, nm: f64) -> Result<(String, LensPack)> {
         let job = self.job;
-        let TracingJob { frame, options, .. } = job;
-        let min_mm = if self.job.name == design::BUILTIN { BUILTIN_REACH_MM } else { 0.0 };
-        let beyond_mm = match &job.depth {
-            None => MARGIN_MM,
-            Some(depth) => margin_mm(&job, depth, &trace_options(nm, 1.0, &job))?.max(MARGIN_MM),
-        };
-        let mut reach_mm = rounded_up(frame.farthest_mm(frame.film.rect()) + beyond_mm).max(min_mm);
+        let chief_rays = Tracer::new(job.system, nm / 1e3)?;
+        let corner_mm = job.frame.farthest_mm(job.frame.film.rect());
+        let reaches = self.reach.of(&chief_rays, corner_mm);
+        let (last, others) = reaches.split_last().context("a band has a reach")?;
+        for reach in others {
+            match self.covering_window(nm, &chief_rays, *reach) {
+                Err(e) if is_of_lens(&e) => (),
+                found => return found,
+            }
+        }
+        self.covering_window(nm, &chief_rays, *last)
+    }
+
+    /// Band at `nm` up to `reach`, or up to the wider reach that its window needs.
+    fn covering_window(
+        &mut self,
+        nm: f64,
+        chief_rays: &Tracer<'_>,
+        mut reach: BandReach,
+    ) -> Result<(String, LensPack)> {
+        let job = self.job;
         loop {
-            let (recipe, pack) = match self.band(&trace_options(nm, reach_mm, &job)) {
-                Err(e) if options.interpolation.outside == Outside::Clamp => {
+            let (recipe, pack) = match self.band(&trace_options(nm, reach.reach_mm, &job)) {
+                Err(e) if job.options.interpolation.outside == Outside::Clamp => {
                     // Trace up to the lens's own limit; beyond it the film uses the last values.
                     let Some(DesignError::Height { reached_mm, .. }) = e.downcast_ref() else {
                         return Err(e);
@@ -239,11 +240,15 @@ impl BandTracer<'_> {
                 }
                 band => band?,
             };
-            match self.job.plan(pack.lens(), nm) {
-                Err(LensError::Outside { needed_mm, .. }) if rounded_up(needed_mm) > reach_mm => {
-                    reach_mm = rounded_up(needed_mm);
-                }
-                // Other errors are reported when the job plans its bands.
+            let wider =
+                self.reach.wider(chief_rays, reach, &pack).or_else(|| match job.plan(pack.lens(), nm) {
+                    // E.g. film pixels much larger than those of the trace.
+                    Err(LensError::Outside { needed_mm, .. }) => Some(BandReach::up_to(needed_mm)),
+                    // Other errors are reported when the job plans its bands.
+                    _ => None,
+                });
+            match wider {
+                Some(wider) if wider.reach_mm > reach.reach_mm => reach = wider,
                 _ => return Ok((recipe, pack)),
             }
         }
@@ -261,8 +266,8 @@ impl BandTracer<'_> {
         if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
         }
-        self.announce();
-        if self.traced == 0 {
+        if !self.is_announced {
+            self.announce();
             note_focus(system, name, options)?;
         }
         self.traced += 1;
@@ -293,6 +298,11 @@ impl BandTracer<'_> {
             log_line(format!("tracing the bands of {name} that are not in {dir}"));
         }
     }
+}
+
+/// Whether an error is one of the lens, not of writing.
+fn is_of_lens(error: &anyhow::Error) -> bool {
+    error.downcast_ref().is_some_and(|e| !matches!(e, DesignError::Sink { .. }))
 }
 
 /// Trace options of a job. Without the PSF stage only two PSFs of a minimum window are traced.
@@ -332,14 +342,5 @@ mod tests {
         }
         assert_eq!(rounded_nm(400.000_000_000_000_06), 400.0);
         assert_eq!(rounded_nm(550.123_456_4), 550.123_456);
-    }
-
-    #[test]
-    fn reach_is_rounded_up_to_5_in_the_third_digit() {
-        for (mm, up) in
-            [(20.35, 20.5), (20.5, 20.5), (3.02, 3.05), (0.9701, 0.975), (99.7, 100.0), (100.0, 100.0)]
-        {
-            assert!((rounded_up(mm) - up).abs() < 1e-9, "{mm}: {}", rounded_up(mm));
-        }
     }
 }

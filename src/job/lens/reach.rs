@@ -1,0 +1,214 @@
+//! Reach of a traced band: the real image height up to which a design is traced.
+//!
+//! Nodes, tables and windows of a band depend on its reach, so the reach belongs to the lens, not to the film: films of any size and axis within
+//! the same *step* have the same bands. Steps are image heights:
+//!
+//! 1. the design's outermost field point F, and below it F/√2, F/2, … F/16: each has half the area of the one above. One step for all films would give
+//!    small ones the wide windows and the sparse nodes of the edge of the field;
+//! 2. beyond F, and for designs with an axial field point alone, 20 steps a decade from F or from 1 mm.
+//!
+//! A band reaches beyond its step by half the diagonal of its PSF window, whatever the film needs. Where a lens cannot be traced so far, the margin
+//! is smaller, and at last the band reaches as far as its film needs.
+
+use super::tracing::{TracingJob, trace_options, trace_pitch_um};
+use crate::design;
+use super::samples::design_reach_mm;
+use anyhow::Result;
+use formats::lens::LensPack;
+use pipeline::design::ray::Tracer;
+use pipeline::design::trace::LensTrace;
+use pipeline::real;
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// Minimum reach beyond a step, mm: half a window of 177 pixels of 2 µm, along the diagonal.
+const MARGIN_MM: f64 = 0.25;
+/// A further step of the built-in lens, mm: with the margin the reach of its reference tables.
+const BUILTIN_STEP_MM: f64 = 20.25;
+/// Steps below the outermost field point.
+const STEPS_WITHIN: u32 = 8;
+/// Steps in a decade beyond the outermost field point.
+const STEPS_PER_DECADE: f64 = 20.0;
+/// Maximum reach over the largest image height of a chief ray.
+const OF_FARTHEST: f64 = 0.99;
+/// Relative amount by which a film may exceed a step: rounding from pixels to mm.
+const ROUNDING: f64 = 1e-9;
+/// Film pitches over their trace pitch, at most: the largest ratio of two trace pitches.
+const LARGER_PITCH: f64 = 1.3;
+/// Windows over their estimate from rays.
+const OVER_ESTIMATE: f64 = 1.1;
+
+/// `mm` rounded up to a multiple of 5 in its third digit: 20.35 to 20.5, 3.02 to 3.05.
+fn rounded_up(mm: f64) -> f64 {
+    let step = 5.0 * 10f64.powi(real::log10(mm).floor() as i32 - 2);
+    // A multiple of the step, so that equal films have bitwise equal reaches.
+    (mm / step - 1e-9).ceil() * step
+}
+
+/// Steps of the lens of a job.
+pub(super) struct Reach<'a> {
+    job: TracingJob<'a>,
+    /// Image height of the outermost field point, mm; 0 if all are on the axis.
+    field_mm: f64,
+    /// Steps up to it, mm, ascending.
+    steps_mm: Vec<f64>,
+    /// Half the diagonal of the windows of surfaces out of focus, mm.
+    blur_mm: f64,
+    /// Upper bound of the pitch of films with the job's trace pitch, µm.
+    film_pitch_um: f64,
+}
+
+/// How far a band is traced.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct BandReach {
+    /// Its step, mm; none if the reach is that of a film.
+    pub(super) step_mm: Option<f64>,
+    /// Its reach, mm.
+    pub(super) reach_mm: f64,
+}
+
+impl BandReach {
+    /// The reach of a film that needs `mm`.
+    pub(super) fn up_to(mm: f64) -> Self {
+        Self { step_mm: None, reach_mm: rounded_up(mm) }
+    }
+}
+
+impl<'a> Reach<'a> {
+    /// The steps of the lens of `job`; `blur_mm`: half the diagonal of the windows of surfaces out of focus.
+    ///
+    /// # Errors
+    /// A design without first-order properties.
+    pub(super) fn new(job: &TracingJob<'a>, blur_mm: f64) -> Result<Self> {
+        let field_mm = design_reach_mm(job.system)?;
+        let mut steps_mm: Vec<f64> = match job.name == design::BUILTIN {
+            true => vec![field_mm, BUILTIN_STEP_MM],
+            false => (0..=STEPS_WITHIN).map(|k| field_mm * real::pow(0.5, 0.5 * f64::from(k))).collect(),
+        };
+        steps_mm.retain(|mm| *mm > 0.0);
+        steps_mm.sort_by(f64::total_cmp);
+        let film_pitch_um = LARGER_PITCH * trace_pitch_um(job.frame.pitch_um);
+        Ok(Self { job: *job, field_mm, steps_mm, blur_mm, film_pitch_um })
+    }
+
+    /// The smallest step from `mm` on, mm.
+    fn step_mm(&self, mm: f64) -> f64 {
+        let within = self.steps_mm.iter().find(|step| mm <= **step * (1.0 + ROUNDING));
+        within.copied().unwrap_or_else(|| {
+            let first_mm = if self.field_mm > 0.0 { self.field_mm } else { 1.0 };
+            let k = (STEPS_PER_DECADE * real::log10(mm / first_mm) - ROUNDING).ceil();
+            first_mm * real::pow(10.0, k / STEPS_PER_DECADE)
+        })
+    }
+
+    /// The reaches of the band of `tracer` for a film up to `film_mm` from the axis: each is tried if the lens cannot be traced up to the ones before.
+    pub(super) fn of(&self, tracer: &Tracer<'_>, film_mm: f64) -> Vec<BandReach> {
+        let step_mm = self.step_mm(film_mm);
+        let window_mm = self.window_mm(tracer.wavelength_um, step_mm).max(self.blur_mm);
+        let (margin_mm, last_mm) = (window_mm.max(MARGIN_MM), OF_FARTHEST * tracer.farthest_field().0);
+        let own = BandReach::up_to(film_mm + margin_mm);
+        let mut of_step = vec![rounded_up(step_mm + margin_mm), rounded_up(step_mm + window_mm)];
+        of_step.dedup();
+        of_step.retain(|mm| *mm <= last_mm);
+        if of_step.is_empty() && own.reach_mm <= last_mm {
+            of_step.push(last_mm);
+        }
+        let of_film = of_step.last().is_none_or(|mm| own.reach_mm < *mm).then_some(own);
+        let of_step = of_step.into_iter().map(|reach_mm| BandReach { step_mm: Some(step_mm), reach_mm });
+        of_step.chain(of_film).collect()
+    }
+
+    /// Half the diagonal of the kernels that are expected from rays at `um` up to `step_mm`, mm; 0 without an estimate.
+    fn window_mm(&self, um: f64, step_mm: f64) -> f64 {
+        let options = trace_options(1e3 * um, step_mm, &self.job);
+        let estimate = LensTrace::new(self.job.system, &options).and_then(|trace| trace.estimate(0));
+        estimate.map_or(0.0, |e| {
+            self.half_diagonal_mm(OVER_ESTIMATE * e.window_px as f64 * options.film_pitch_um)
+        })
+    }
+
+    /// Half the diagonal of the kernels of windows of `side_um`, mm: up to two film pixels wider.
+    fn half_diagonal_mm(&self, side_um: f64) -> f64 {
+        1e-3 * FRAC_1_SQRT_2 * (side_um + 2.0 * self.film_pitch_um)
+    }
+
+    /// The wider reach that the window of the traced band `pack` needs beyond its step; none if `traced` is enough.
+    pub(super) fn wider(&self, tracer: &Tracer<'_>, traced: BandReach, pack: &LensPack) -> Option<BandReach> {
+        let step_mm = traced.step_mm?;
+        let lens = pack.lens();
+        let of_band = lens.bands.iter().map(|band| band.psf_size as f64 * band.psf_pitch_um);
+        let nodes = lens.depth.iter().flat_map(|depth| &depth.bands).flat_map(|band| &band.nodes);
+        let of_nodes = nodes.map(|node| node.psf_size as f64 * node.psf_pitch_um);
+        let side_um = of_band.chain(of_nodes).fold(0.0, f64::max);
+        let needed_mm = step_mm + self.half_diagonal_mm(side_um);
+        let reach_mm = rounded_up(needed_mm);
+        let is_reached = reach_mm <= OF_FARTHEST * tracer.farthest_field().0;
+        (needed_mm > traced.reach_mm && is_reached).then_some(BandReach { step_mm: Some(step_mm), reach_mm })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pipeline::band::{Options, PsfBetween};
+    use pipeline::design::shelf::ShelfLens;
+    use pipeline::field::Outside;
+    use pipeline::geometry::{Frame, Size};
+    use pipeline::remap::{ChartInterpolation, Stages};
+    use pipeline::resample::{Interp, Surround};
+    use pipeline::simd::Simd;
+
+    /// The reaches of a film up to `film_mm` from the axis of a Double Gauss with these steps, without PSFs.
+    fn reaches(field_mm: f64, steps_mm: &[f64], film_mm: f64) -> Vec<BandReach> {
+        let system = ShelfLens::named("double-gauss-28").unwrap().system();
+        let size = Size::new(9, 9);
+        let options = Options {
+            stages: Stages { ri: true, distortion: true, svpsf: false },
+            interpolation: ChartInterpolation {
+                interp: Interp::Bicubic,
+                surround: Surround::Edge,
+                outside: Outside::Error,
+            },
+            azimuths: None,
+            psf_window: None,
+            between: PsfBetween::Error,
+            simd: Simd::detect(),
+        };
+        let frame = Frame::centred(size, size, 2.0);
+        let job = TracingJob { system: &system, name: "test", frame: &frame, options: &options, depth: None };
+        let reach = Reach { field_mm, steps_mm: steps_mm.to_vec(), ..Reach::new(&job, 0.0).unwrap() };
+        reach.of(&Tracer::new(&system, 0.55).unwrap(), film_mm)
+    }
+
+    #[test]
+    fn films_within_a_step_have_one_reach() {
+        let of =
+            |field_mm: f64, steps_mm: &[f64], film_mm: f64| reaches(field_mm, steps_mm, film_mm)[0].reach_mm;
+        let one = |film_mm: f64| of(20.0, &[20.0], film_mm);
+        assert!([0.1, 3.0, 11.0, 20.0, 20.0 * (1.0 + 1e-12)].iter().all(|mm| one(*mm) == 20.5));
+        let two = |film_mm: f64| of(20.0, &[5.0, 20.0], film_mm);
+        assert_eq!([0.1, 5.0, 5.1, 20.0].map(two), [5.25, 5.25, 20.5, 20.5]);
+        // Beyond the field and without one: 20 steps a decade.
+        assert!([21.0, 22.4].iter().all(|mm| one(*mm) == one(20.1)) && one(22.5) > one(20.1));
+        let axial = |film_mm: f64| of(0.0, &[], film_mm);
+        assert!(axial(8.95) == axial(10.0) && axial(10.01) > axial(10.0));
+    }
+
+    #[test]
+    fn reach_ends_before_the_last_chief_ray_and_with_the_film() {
+        let system = ShelfLens::named("double-gauss-28").unwrap().system();
+        let last_mm = 0.99 * Tracer::new(&system, 0.55).unwrap().farthest_field().0;
+        let within = BandReach { step_mm: Some(last_mm), reach_mm: last_mm };
+        let film_mm = last_mm - 1.0;
+        assert_eq!(reaches(last_mm, &[last_mm], film_mm), [within, BandReach::up_to(film_mm + 0.25)]);
+        assert_eq!(reaches(last_mm, &[last_mm], last_mm), [BandReach::up_to(last_mm + 0.25)]);
+    }
+
+    #[test]
+    fn reach_is_rounded_up_to_5_in_the_third_digit() {
+        for (mm, up) in
+            [(20.35, 20.5), (20.5, 20.5), (3.02, 3.05), (0.9701, 0.975), (99.7, 100.0), (100.0, 100.0)]
+        {
+            assert!((rounded_up(mm) - up).abs() < 1e-9, "{mm}: {}", rounded_up(mm));
+        }
+    }
+}
