@@ -2,8 +2,8 @@
 
 mod cgroup;
 
-use cgroup::Room;
 use crate::progress::mib;
+use cgroup::Room;
 use std::ffi::OsString;
 use std::path::Path;
 use std::path::PathBuf;

@@ -98,6 +98,27 @@ fn film_beside_another_has_its_lens_and_its_pixels() {
 }
 
 #[test]
+fn bands_of_coarse_pixels_are_traced_for_them() {
+    let job = DesignJob::new();
+    // Out of focus at 2.3 µm: no window of 401 pixels of 2 µm holds the light.
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    command.args(["run", "gen:uniform?size=24&wavelengths=2300", text(&job.at("film")), "--no-fsync"]);
+    command.args(["--threads", "2", "--lens", "double-gauss-28", "--film-pitch-um", "20"]);
+    CommandResult::new(&command.env("XDG_CACHE_HOME", job.at("cache")).output().unwrap()).ok();
+    // Uniform but for relative illumination.
+    let film = pixels(&job.at("film"), "film").1.concat();
+    let (least, most) = film.iter().fold((f32::MAX, 0f32), |(a, z), v| (a.min(*v), z.max(*v)));
+    assert!(least > 0.0 && most < 1.001 * least, "{least} to {most}");
+    let packs: Vec<LensPack> =
+        job.entries("cache").iter().map(|path| LensPack::open(path).unwrap()).collect();
+    for pack in &packs {
+        let source = pack.attributes().source.clone().unwrap();
+        assert_eq!(source["film_pitch_um"], 20.0, "{source}");
+    }
+    assert_eq!(packs.len(), 1);
+}
+
+#[test]
 fn wide_psfs_are_cached_as_pupil_functions_and_give_the_same_film() {
     let job = DesignJob::new();
     let run = |film: &str| {

@@ -32,6 +32,13 @@ pub(super) fn core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) ->
     (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
 }
 
+/// Side of the window that is examined first, at least, and by how much it exceeds the estimate from rays, µm; on pixels below [`FINE_UM`] as many pixels
+/// as on those.
+const FIRST_UM: f64 = 130.0;
+const SPARE_UM: f64 = 16.0;
+/// Pixels up to which the window that is examined first is in pixels, µm.
+const FINE_UM: f64 = 2.0;
+
 /// Windows of a band, odd numbers of film pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Windows {
@@ -69,7 +76,9 @@ pub(super) fn window(
     }
     let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
     let expected = expected(options, bundles.iter().map(|(_, b)| b), pitch_um).px;
-    let mut px = (expected + expected / 4 + 8).clamp(65, max.max(65)).min(max) | 1;
+    let spare = |um: f64, least: f64| (um / film).clamp(least, um / FINE_UM) as usize;
+    let first = spare(FIRST_UM, 9.0);
+    let mut px = (expected + expected / 4 + spare(SPARE_UM, 2.0)).clamp(first, max.max(first)).min(max) | 1;
     loop {
         let coarse_um = COARSER * pitch_um;
         let grid = PsfGrid::new(half_samples(px, film, coarse_um) + 1, coarse_um);

@@ -24,8 +24,8 @@ use pipeline::lens::{Lens, LensBand};
 /// PSF heights of a node and azimuths of each: those of traced lenses are 40 to 54 and 32 to 96.
 const HEIGHTS: usize = 48;
 const AZIMUTHS: usize = 64;
-/// Range of blur radii, film px, up to which nodes are placed as by a trace; of a larger one they are as many as usual.
-const PLACED_PX: f64 = 16.0;
+/// Range of blur radii, film px and µm, up to which nodes are placed as by a trace; of a larger one they are as many as usual.
+const PLACED: (f64, f64) = (16.0, 32.0);
 /// Field points of the tables.
 const FIELD_POINTS: usize = 65;
 
@@ -66,7 +66,9 @@ pub fn estimated(
     let trace = trace_options(nm, reach_mm, &job);
     let mut head = header(system, depth)?;
     let blur_px = head.blur_per_dioptre_um / trace.film_pitch_um;
-    let placement = match (depth.range.1 - depth.range.0) * blur_px <= PLACED_PX {
+    let placement = match (depth.range.1 - depth.range.0) * blur_px
+        <= PLACED.0.min(PLACED.1 / trace.film_pitch_um)
+    {
         true => nodes(system, &trace, 0, depth)?,
         false => {
             Placement { vergence: expected_nodes(depth, blur_px), l1: depth.tolerance, esf: ESF_TOLERANCE }

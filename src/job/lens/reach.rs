@@ -10,9 +10,9 @@
 //! A band reaches beyond its step by half the diagonal of its PSF window, whatever the film needs. Where a lens cannot be traced so far, the margin
 //! is smaller, and at last the band reaches as far as its film needs.
 
+use super::samples::design_reach_mm;
 use super::tracing::{TracingJob, trace_options, trace_pitch_um};
 use crate::design;
-use super::samples::design_reach_mm;
 use anyhow::Result;
 use formats::lens::LensPack;
 use pipeline::design::ray::Tracer;

@@ -6,8 +6,8 @@
 //! therefore also covers the rounding of the computation.
 //!
 //! How far a band is traced belongs to the lens ([`super::reach`]). PSFs are point samples, so one band serves films of any pitch; kernels
-//! meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most 2 µm: larger pixels only
-//! average over more. Wavelengths are rounded to 10⁻⁶ nm.
+//! meet their tolerance on pixels of the *trace pitch*, the film's rounded down to ten steps per decade and at most 50 µm: larger pixels only
+//! average over more. Coarser pixels need fewer nodes and admit wider PSFs. Wavelengths are rounded to 10⁻⁶ nm.
 
 use super::attributes::attributes;
 use super::depth_nodes::{check_blur, margin_mm};
@@ -34,7 +34,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Maximum trace pitch, µm.
-const MAX_PITCH_UM: f64 = 2.0;
+const MAX_PITCH_UM: f64 = 50.0;
+/// Trace pitch up to which windows have the same limit in pixels, µm; those of coarser ones may have [`MAX_SIDE`] samples at most.
+const FINE_PITCH_UM: f64 = 2.0;
+/// Maximum samples of a side of a PSF for coarse pixels: those of 639 pixels of 2 µm at f/1.2 and 400 nm.
+const MAX_SIDE: f64 = 6400.0;
 /// Trace pitches in a decade (R10 series of preferred numbers).
 const PITCHES: [f64; 10] = [1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0];
 /// Relative amount by which a trace pitch may exceed the film's.
@@ -49,7 +53,7 @@ const BEYOND_FIELD: f64 = 1.05;
 /// The largest trace pitch up to `film_pitch_um`.
 pub(super) fn trace_pitch_um(film_pitch_um: f64) -> f64 {
     let limit = film_pitch_um.min(MAX_PITCH_UM) * (1.0 + PITCH_TOLERANCE);
-    let mut unit = 1.0;
+    let mut unit = 0.1;
     while limit < PITCHES[0] / unit {
         unit *= 10.0;
     }
@@ -312,12 +316,24 @@ pub(super) fn trace_options(nm: f64, reach_mm: f64, job: &TracingJob<'_>) -> Tra
     if job.depth.is_some() {
         trace.max_window_px = Blocks::widest_window();
     }
+    if trace.film_pitch_um > FINE_PITCH_UM {
+        trace.max_window_px = trace.max_window_px.min(window_of_samples(job.system, &trace, MAX_SIDE));
+    }
     if !job.options.stages.svpsf {
         trace.heights = PsfHeights::Given(vec![0.0, reach_mm]);
         trace.azimuths = Azimuths::Given(4);
         trace.window_px = Some(3);
     }
     trace
+}
+
+/// The largest window of about `side` samples near the axis, film pixels of `trace`.
+fn window_of_samples(system: &System, trace: &TraceOptions, side: f64) -> usize {
+    let on_axis = TraceOptions { max_height_mm: 1e-3, ..trace.clone() };
+    let estimate = LensTrace::new(system, &on_axis).and_then(|trace| trace.estimate(0));
+    // Errors are those of the trace itself.
+    let px = estimate.map_or(f64::INFINITY, |e| side * e.window_px as f64 / e.side as f64);
+    (px.clamp(3.0, 2000.0) as usize - 1) | 1
 }
 
 #[cfg(test)]
@@ -328,7 +344,13 @@ mod tests {
     fn nearby_pitches_and_wavelengths_share_their_bands() {
         for (film, traced) in [
             (2.0, 2.0),
-            (5.0, 2.0),
+            (2.4, 2.0),
+            (2.5, 2.5),
+            (5.0, 5.0),
+            (9.99, 8.0),
+            (20.0, 20.0),
+            (48.0, 40.0),
+            (85.0, 50.0),
             (1.999, 2.0),
             (1.9, 1.6),
             (1.12, 1.0),

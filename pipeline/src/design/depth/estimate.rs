@@ -21,8 +21,9 @@ const TOLERANCE: f64 = 0.02;
 const HEIGHTS: usize = 16;
 /// Work of choosing window, heights and azimuths, and of placing the node, in PSFs.
 const OTHER_PSFS: usize = 24;
-/// Half a window beyond the blur radius with its rim, px.
-const RIM_PX: f64 = 12.0;
+/// Half a window beyond the blur radius with its rim: at most and at least, px, and µm.
+const RIM_PX: (f64, f64) = (12.0, 2.0);
+const RIM_UM: f64 = 24.0;
 /// Half a window over the blur radius: aberrations widen the rim.
 const RIM: f64 = 1.2;
 
@@ -109,6 +110,11 @@ pub fn estimate(
     Ok(total)
 }
 
+/// Half a window beyond the blur radius with its rim, film px.
+pub(super) fn rim_px(film_pitch_um: f64) -> f64 {
+    (RIM_UM / film_pitch_um).clamp(RIM_PX.1, RIM_PX.0)
+}
+
 /// Half the window of surfaces at the ends of the range of `options`, film px of `trace`, at most its largest one.
 ///
 /// # Errors
@@ -121,7 +127,7 @@ pub fn half_window_px(
     let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
     let (first, last) = options.range;
     let rho = blur_px * (first - options.focus).abs().max((last - options.focus).abs());
-    Ok((RIM * rho + RIM_PX).min(trace.max_window_px as f64 / 2.0))
+    Ok((RIM * rho + rim_px(trace.film_pitch_um)).min(trace.max_window_px as f64 / 2.0))
 }
 
 /// Farthest and nearest vergence, 1/m, whose blur on film pixels of `trace` fits into its largest window.
@@ -134,7 +140,7 @@ pub fn range_that_fits(
     options: &DepthOptions,
 ) -> Result<(f64, f64), DesignError> {
     let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
-    let reach = (trace.max_window_px as f64 / 2.0 - RIM_PX) / RIM / blur_px;
+    let reach = (trace.max_window_px as f64 / 2.0 - rim_px(trace.film_pitch_um)) / RIM / blur_px;
     Ok(((options.focus - reach).max(0.0), options.focus + reach))
 }
 

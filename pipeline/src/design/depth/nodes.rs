@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
+use super::estimate::rim_px;
 use crate::design::error::DesignError;
 use crate::design::film_pixel::FilmPixels;
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
@@ -31,6 +32,8 @@ const STRICTER: (usize, f64) = (8, 0.85);
 const PROBES: usize = 9;
 /// Points at which the density is integrated.
 const FINE: usize = 20_001;
+/// Pixels up to which windows are multiples of 8 pixels, µm.
+const FINE_UM: f64 = 2.0;
 /// Largest ESF error half-way between nodes.
 pub const ESF_TOLERANCE: f64 = 1e-3;
 
@@ -225,10 +228,12 @@ impl<'a> Kernels<'a> {
         Ok(Self { system, um, heights_mm, options, pitch_um, computed: BTreeMap::new() })
     }
 
-    /// Half a window that holds the blur at `v` with its rim, px; a multiple of 8, so that neighbours share kernels.
+    /// Half a window that holds the blur at `v` with its rim, px; a multiple of 8, of 2 on coarse pixels, so that neighbours share kernels.
     fn half_px(&self, v: f64) -> usize {
         let radius = (v - self.options.focus).abs() * self.options.blur_px;
-        (8 * ((1.2 * radius + 12.0) / 8.0).ceil() as usize).min(self.options.max_window_px / 2)
+        let (rim, film) = (rim_px(self.options.film_pitch_um), self.options.film_pitch_um);
+        let step = if film > FINE_UM { 2 } else { 8 };
+        (step * ((1.2 * radius + rim) / step as f64).ceil() as usize).min(self.options.max_window_px / 2)
     }
 
     /// Errors half-way between v − h and v + h, for all `cells` (v, h).
