@@ -28,9 +28,11 @@ pub mod quantile;
 pub mod random;
 pub mod spectrum;
 pub mod stream;
+mod variance;
 
 pub use exposure::{Exposure, NoiseSet, SignalHistogram};
 pub use spectrum::Curve;
+pub use variance::NoiseVariance;
 
 /// Pixels of a row that are computed together.
 pub const LANES: usize = 128;
@@ -193,23 +195,14 @@ impl Sensor {
 
     /// Standard deviation of a pixel in the dark over pixels and frames, DN, rounding included.
     pub fn dark_sigma_dn(&self, gain: f64, seconds: f64, temperature_c: Option<f64>) -> f64 {
-        let (n, k) = (&self.noise, gain * self.adc.gain_dn_per_e);
-        let dark = self.dark_current_e_per_s(temperature_c) * seconds;
-        let charge = dark
-            + (dark * n.dark_nonuniformity).powi(2)
-            + n.read_noise_e.powi(2)
-            + n.reset_noise_e.powi(2)
-            + n.dsnu_e.powi(2)
-            + n.column_offset_e.powi(2)
-            + n.row_noise_e.powi(2);
-        (k * k * charge + n.adc_noise_dn.powi(2) + 1.0 / 12.0).sqrt()
+        let dark_e = self.dark_current_e_per_s(temperature_c) * seconds;
+        let variance = self.noise_variance(NoiseSet::ALL, gain, dark_e, dark_e);
+        gain * self.adc.gain_dn_per_e * variance.total_e2().sqrt()
     }
 
     /// Ratio of saturation to the temporal noise of the dark at gain 1 and no exposure.
     pub fn dynamic_range(&self) -> f64 {
-        let (n, k) = (&self.noise, self.adc.gain_dn_per_e);
-        let own = n.read_noise_e.powi(2) + n.reset_noise_e.powi(2) + n.row_noise_e.powi(2);
-        let noise_e = (own + (n.adc_noise_dn.powi(2) + 1.0 / 12.0) / (k * k)).sqrt();
+        let noise_e = self.noise_variance(NoiseSet::ALL, 1.0, 0.0, 0.0).temporal_e2.sqrt();
         self.saturation_e(1.0) / noise_e
     }
 

@@ -248,26 +248,12 @@ fn sigma_e(frame: &Frame, mean_e: f64) -> f64 {
     let job = frame.attributes.get("provenance").map(|p| &p["job"]);
     let noise = job.and_then(|j| j["noise"].as_str()).and_then(|n| n.parse().ok()).unwrap_or(NoiseSet::ALL);
     let temperature_c = job.and_then(|j| j["temperature_c"].as_f64());
-    let on = |one: NoiseSet, sigma: f64| if noise.has(one) { sigma * sigma } else { 0.0 };
-    let (n, k) = (&s.noise, frame.gain * s.adc.gain_dn_per_e);
-    let dark = if noise.has(NoiseSet::DARK) {
-        s.dark_current_e_per_s(temperature_c) * frame.exposure_s()
-    } else {
-        0.0
+    let dark_e = match noise.has(NoiseSet::DARK) {
+        true => s.dark_current_e_per_s(temperature_c) * frame.exposure_s(),
+        false => 0.0,
     };
     // The mean contains the dark charge.
-    let charge = mean_e.max(0.0);
-    let variance = if noise.has(NoiseSet::SHOT) { charge } else { 0.0 }
-        + on(NoiseSet::PRNU, n.prnu * (charge - dark).max(0.0))
-        + on(NoiseSet::DARK, n.dark_nonuniformity * dark)
-        + on(NoiseSet::READ, n.read_noise_e)
-        + on(NoiseSet::RESET, n.reset_noise_e)
-        + on(NoiseSet::DSNU, n.dsnu_e)
-        + on(NoiseSet::COLUMN, n.column_offset_e)
-        + on(NoiseSet::COLUMN, n.column_gain * charge)
-        + on(NoiseSet::ROW, n.row_noise_e)
-        + (on(NoiseSet::ADC, n.adc_noise_dn) + 1.0 / 12.0) / (k * k);
-    variance.sqrt()
+    s.noise_variance(noise, frame.gain, mean_e.max(0.0), dark_e).total_e2().sqrt()
 }
 
 fn draw(picture: &[f32], width: usize, block: usize) -> Difference {

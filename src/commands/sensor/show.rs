@@ -10,8 +10,8 @@ use formats::picture::style::Colour;
 use formats::sensor::{SensorFile, builtin_names};
 use pipeline::colour::Illuminant;
 use pipeline::geometry::Size;
-use pipeline::sensor::Sensor;
 use pipeline::sensor::emva::Bench;
+use pipeline::sensor::{NoiseSet, Sensor};
 use std::path::Path;
 
 /// Film pitch for sensors that have the film's.
@@ -185,13 +185,8 @@ fn signal_to_noise_plots(s: &Sensor) -> Vec<Plot> {
 
 /// EMVA 1288 signal-to-noise ratio of a mean charge; `total`: with the fixed patterns.
 fn signal_to_noise(s: &Sensor, electrons: f64, total: bool) -> f64 {
-    let (n, k) = (&s.noise, s.adc.gain_dn_per_e);
-    let own = n.read_noise_e.powi(2) + n.reset_noise_e.powi(2) + n.row_noise_e.powi(2);
-    let temporal = electrons + own + (n.adc_noise_dn.powi(2) + 1.0 / 12.0) / (k * k);
-    let fixed = n.dsnu_e.powi(2)
-        + n.column_offset_e.powi(2)
-        + (n.prnu.powi(2) + n.column_gain.powi(2)) * electrons * electrons;
-    electrons / (temporal + if total { fixed } else { 0.0 }).sqrt()
+    let variance = s.noise_variance(NoiseSet::ALL, 1.0, electrons, 0.0);
+    electrons / if total { variance.total_e2() } else { variance.temporal_e2 }.sqrt()
 }
 
 /// Writes a figure and logs its path.
