@@ -14,6 +14,7 @@ mod develop;
 mod device;
 pub mod engine;
 mod export;
+mod help;
 mod import;
 mod lens;
 mod manual;
@@ -43,12 +44,13 @@ pub use depth_report::DepthReportArgs;
 pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};
+pub use help::command;
 pub use import::ImportArgs;
 pub use lens::{
     ConvertArgs, DESIGN_FILES, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ListArgs,
     ShowArgs, Store, TraceArgs,
 };
-pub use manual::{CompletionsArgs, ManArgs};
+pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use placement::{FitArg, PlacementArgs};
 pub use pyramid::{PyramidArgs, ViewArgs};
@@ -68,7 +70,7 @@ use std::path::Path;
 
 /// Simulate the sensor-plane image (film) that a lens forms of a multispectral chart.
 #[derive(Debug, Parser)]
-#[command(name = "lenscube", version, long_version = crate::args::version::long(), max_term_width = 110)]
+#[command(name = "lenscube", version, long_version = crate::args::version::long(), max_term_width = 110, disable_help_subcommand = true)]
 #[command(
     after_help = "Start here:  lenscube demo\nExit codes: 0 complete, 1 failed, 2 usage, 3 the output belongs to \
 another job, 4 a check found errors or missing parts, 75 temporary error (retry), 130 interrupted (the same command resumes)"
@@ -128,6 +130,8 @@ pub enum Command {
     Device(DeviceArgs),
     /// Show, trim or clear the cache of traced lenses
     Cache(CacheArgs),
+    /// Print a page of the guide, or the help of a command
+    Help(HelpArgs),
     /// Print the completion script of a shell
     Completions(CompletionsArgs),
     /// Write the manual pages

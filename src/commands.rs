@@ -9,6 +9,7 @@ mod depth;
 mod develop;
 mod device;
 mod export;
+mod help;
 mod lens;
 mod manual;
 mod measure;
@@ -50,6 +51,7 @@ pub fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::Bench(args) => bench::command(args).map(|()| 0),
         Command::Device(args) => device::command(args),
         Command::Cache(args) => cache::command(args).map(|()| 0),
+        Command::Help(args) => help::command(args).map(|()| 0),
         Command::Completions(args) => manual::completions(args).map(|()| 0),
         Command::Man(args) => manual::man(args).map(|()| 0),
     }

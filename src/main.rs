@@ -12,12 +12,13 @@ mod failure;
 mod film;
 mod job;
 mod machine;
+mod manual;
 mod open;
 mod outputs;
 mod progress;
 
 use args::Cli;
-use clap::{ArgMatches, CommandFactory, FromArgMatches};
+use clap::{ArgMatches, FromArgMatches};
 use formats::escape;
 use progress::{Verbosity, error_line, set_verbosity};
 use std::ffi::OsString;
@@ -44,7 +45,7 @@ fn main() -> ExitCode {
 
 /// The arguments `words`, of which the first is the program.
 fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<(Cli, ArgMatches), clap::Error> {
-    let matches = Cli::command().try_get_matches_from(words)?;
+    let matches = args::command().try_get_matches_from(words)?;
     Ok((Cli::from_arg_matches(&matches)?, matches))
 }
 

@@ -31,3 +31,14 @@ pub struct ManArgs {
     #[arg(long, conflicts_with = "dir")]
     pub json: bool,
 }
+
+/// `lenscube help`
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  lenscube help charts     # a page of the guide\n  lenscube help lens trace"
+)]
+pub struct HelpArgs {
+    /// A page of the guide, or a command [default: the commands and the pages]
+    #[arg(value_name = "TOPIC")]
+    pub topic: Vec<String>,
+}

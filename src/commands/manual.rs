@@ -1,10 +1,12 @@
-//! `lenscube completions` and `lenscube man`: shell completions and manual pages, generated from the argument definitions.
+//! `lenscube completions` and `lenscube man`: shell completions and manual pages, generated from the argument definitions and the guide.
 
 mod completion;
 mod listing;
 mod page;
 
 use crate::args::{Cli, CompletionsArgs, ManArgs};
+use crate::manual::PAGES;
+use crate::manual::roff::manual_page;
 use crate::progress::terminal;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
@@ -30,7 +32,7 @@ pub fn man(args: &ManArgs) -> Result<()> {
     }
     let Some(dir) = &args.dir else { return to_stdout(&page(cli)?) };
     create_directories(dir, true)?;
-    let pages = write(&cli, "", dir)?;
+    let pages = write(&cli, "", dir)? + write_guide(dir)?;
     log_line(format!("{pages} pages in {}; try `man {}/lenscube.1`", dir.display(), dir.display()));
     Ok(())
 }
@@ -43,6 +45,15 @@ fn write(command: &clap::Command, prefix: &str, dir: &Path) -> Result<usize> {
     std::fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))?;
     let subcommands = command.get_subcommands().filter(|c| c.get_name() != "help");
     subcommands.map(|c| write(c, &format!("{name}-"), dir)).try_fold(1, |sum, pages| Ok(sum + pages?))
+}
+
+/// Writes the pages of the guide, section 7 of the manual; their number.
+fn write_guide(dir: &Path) -> Result<usize> {
+    for page in PAGES {
+        let path = dir.join(format!("lenscube-{}.7", page.name));
+        std::fs::write(&path, manual_page(page)).with_context(|| format!("writing {}", path.display()))?;
+    }
+    Ok(PAGES.len())
 }
 
 /// A closed pipe (`| head`) is not an error.

@@ -86,6 +86,7 @@ fn of_command(command: &Command) -> Result<Guard> {
         | Command::View(_)
         | Command::Device(_)
         | Command::Cache(_)
+        | Command::Help(_)
         | Command::Completions(_) => guard,
     })
 }

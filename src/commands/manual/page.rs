@@ -1,6 +1,7 @@
 //! A manual page: that of clap, with the sections EXAMPLES, EXIT STATUS, ENVIRONMENT and FILES (man-pages(7)).
 
 use crate::failure::code;
+use crate::manual::roff::escape;
 use anyhow::{Context, Result};
 use clap_mangen::Man;
 
@@ -87,13 +88,6 @@ fn definitions(title: &str, all: &[(impl AsRef<str>, &str)]) -> String {
         out += &format!(".TP\n\\fB{}\\fR\n{}\n", escape(term.as_ref()), escape(text));
     }
     out
-}
-
-/// Text as roff prints it unchanged.
-fn escape(text: &str) -> String {
-    let text = text.replace('\\', "\\e").replace('-', "\\-");
-    // A leading dot or apostrophe would begin a request.
-    if text.starts_with(['.', '\'']) { format!("\\&{text}") } else { text }
 }
 
 #[cfg(test)]

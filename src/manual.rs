@@ -1,0 +1,48 @@
+//! The guide: pages of Markdown that `lenscube help TOPIC` prints, `lenscube man` writes as manual pages, and this module holds as documentation.
+
+pub mod roff;
+
+/// A page of the guide.
+#[derive(Clone, Copy, Debug)]
+pub struct Page {
+    /// Name, as in `lenscube help NAME`.
+    pub name: &'static str,
+    /// What it is about.
+    pub about: &'static str,
+    /// Markdown.
+    pub text: &'static str,
+}
+
+macro_rules! pages {
+    ($($name:ident: $about:literal,)*) => {
+        $(
+            #[doc = include_str!(concat!("manual/guide/", stringify!($name), ".md"))]
+            mod $name {}
+        )*
+        /// All pages, in the order of the guide.
+        pub const PAGES: &[Page] = &[$(Page {
+            name: stringify!($name),
+            about: $about,
+            text: include_str!(concat!("manual/guide/", stringify!($name), ".md")),
+        }),*];
+    };
+}
+
+pages! {
+    charts: "formats and axes, wavelengths, units, pictures, drawn charts, missing data",
+    lenses: "designs, tables and listings, lens packs, tracing and its cache",
+    depth: "distances per pixel, hidden surfaces, focus",
+    films: "stores, resume, export, pyramids, the viewer, exit codes, reproducibility",
+    camera: "sensors, raws, development, comparison of lenses under the same noise",
+    python: "the package, arrays and data sets",
+    clusters: "plans and units, Dask, Slurm, Kubernetes, S3",
+    gpus: "devices, what is required, what was measured",
+    model: "equations and conventions",
+    accuracy: "what was compared with what, and speed",
+    limits: "what is left out",
+}
+
+/// The page `name`.
+pub fn page(name: &str) -> Option<&'static Page> {
+    PAGES.iter().find(|page| page.name == name)
+}
