@@ -2,7 +2,7 @@
 //!
 //! A batch in flight holds its tiles' charts, page-locked and on the device; remapped tiles and contributions are those of one batch, as the
 //! kernels of batches follow one another. With two batches, copies and kernels overlap; a third lets the workers read for the next batch
-//! meanwhile. Film rows on the device ([`super::film_rows`]) are those of the batches in flight and a tail; their downloads go to page-locked
+//! meanwhile. Film rows on the device ([`crate::stages::cuda::film_rows`]) are those of the batches in flight and a tail; their downloads go to page-locked
 //! strips of [`STRIP_ROWS`] rows, from which workers copy them to shards. None of this changes any sum.
 
 use super::upload_ring::UPLOAD_RING_BYTES;
