@@ -306,7 +306,7 @@ fn completions_and_manual_pages_include_every_command() {
     let names: Vec<String> =
         std::fs::read_dir(&pages).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     let help = lenscube(&["--help"]).ok().stdout;
-    let commands = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap();
+    let commands = help.split("Simulate:").nth(1).unwrap().split("Options:").next().unwrap();
     let commands = commands
         .lines()
         .filter(|l| l.starts_with("  ") && !l.starts_with("   "))
@@ -317,6 +317,12 @@ fn completions_and_manual_pages_include_every_command() {
         count += 1;
     }
     assert!(count > 10 && names.contains(&"lenscube-lens-trace.1".to_owned()), "{names:?}");
+    let charts = lenscube(&["help", "charts"]).ok().stdout;
+    assert!(charts.starts_with("# Charts\n") && names.contains(&"lenscube-charts.7".to_owned()), "{charts}");
+    assert!(lenscube(&["help", "lens", "trace"]).ok().stdout.contains("--max-nodes"));
+    assert!(lenscube(&["help"]).ok().stdout.contains("limits"));
+    let unknown = lenscube(&["help", "chart", "nowhere"]);
+    assert!(unknown.code == 2 && unknown.stderr.contains("accuracy"), "{}", unknown.stderr);
     let page = std::fs::read_to_string(pages.join("lenscube-view.1")).unwrap();
     assert!(page.contains(".TH lenscube") && page.contains("\\-\\-port"), "{page}");
     assert!(lenscube(&["man"]).ok().stdout.contains(".TH lenscube"));
