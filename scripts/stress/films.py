@@ -56,7 +56,7 @@ def film_files(film):
 
 
 def film_digest(path, name):
-    """Digest of a file of a film; of its metadata without the paths of chart and lens, which may be copies, and their digest."""
+    """Digest of a file of a film; of its metadata without the paths of chart and lens, which may be copies, and the digests over them."""
     if Path(name).name != "zarr.json":
         return digest(path)
     try:
@@ -67,7 +67,7 @@ def film_digest(path, name):
 
 
 def without_paths(fields):
-    return {key: value for key, value in fields.items() if key not in ("source", "film_stamp")}
+    return {key: value for key, value in fields.items() if key not in ("source", "film_stamp", "attributes_digest")}
 
 
 class CleanFilms:

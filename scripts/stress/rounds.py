@@ -337,9 +337,16 @@ class Round:
                 return job
         return None
 
+    def is_of_first_inputs(self, job):
+        """Whether the film is that of the chart and pack of the beginning. Units compare the bands of the pack that they use, so those of a plan also
+        complete the film of a pack that differed in other bands; a run of the restored pack is another job then."""
+        chart = self.states[f"chart-{self.script.jobs[job].chart}"][0]
+        clean = self.clean(job, chart, self.lens_states(job)[0])
+        return isinstance(clean, CleanFilm) and clean.provenance == provenance(self.film)
+
     def finish(self):
         job = self.resume()
-        if job is None or (self.changed() and not self.restored()):
+        if job is None or (self.changed() and not self.restored()) or not self.is_of_first_inputs(job):
             job = self.script.last
             if not self.overwrite(job):
                 return

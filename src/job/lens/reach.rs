@@ -149,30 +149,18 @@ impl<'a> Reach<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pipeline::band::{Options, PsfBetween};
+    use crate::job::default_options;
+    use pipeline::band::Options;
     use pipeline::design::shelf::ShelfLens;
-    use pipeline::field::Outside;
     use pipeline::geometry::{Frame, Size};
-    use pipeline::remap::{ChartInterpolation, Stages};
-    use pipeline::resample::{Interp, Surround};
-    use pipeline::simd::Simd;
+    use pipeline::remap::Stages;
 
     /// The reaches of a film up to `film_mm` from the axis of a Double Gauss with these steps, without PSFs.
     fn reaches(field_mm: f64, steps_mm: &[f64], film_mm: f64) -> Vec<BandReach> {
         let system = ShelfLens::named("double-gauss-28").unwrap().system();
         let size = Size::new(9, 9);
-        let options = Options {
-            stages: Stages { ri: true, distortion: true, svpsf: false },
-            interpolation: ChartInterpolation {
-                interp: Interp::Bicubic,
-                surround: Surround::Edge,
-                outside: Outside::Error,
-            },
-            azimuths: None,
-            psf_window: None,
-            between: PsfBetween::Error,
-            simd: Simd::detect(),
-        };
+        let stages = Stages { ri: true, distortion: true, svpsf: false };
+        let options = Options { stages, ..default_options() };
         let frame = Frame::centred(size, size, 2.0);
         let job = TracingJob { system: &system, name: "test", frame: &frame, options: &options, depth: None };
         let reach = Reach { field_mm, steps_mm: steps_mm.to_vec(), ..Reach::new(&job, 0.0).unwrap() };
