@@ -3,10 +3,9 @@
 mod cgroup;
 
 use crate::progress::mib;
-use cgroup::Room;
+use cgroup::GroupMemory;
 use std::ffi::OsString;
-use std::path::Path;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The largest default limit.
 const MAX_DEFAULT: u64 = 4 << 30;
@@ -22,14 +21,14 @@ pub fn default_limit() -> u64 {
 /// address space (`ulimit -v`). `None` where the system reports nothing.
 pub fn available() -> Option<(u64, &'static str)> {
     let machine = bytes_of("/proc/meminfo", "MemAvailable:").map(|bytes| (bytes, "of this machine"));
-    let group = group().map(|room| (room.left, "of the control group (cgroup) of this process"));
+    let group = group().map(|memory| (memory.left, "of the control group (cgroup) of this process"));
     let space = address_space_left().map(|bytes| (bytes, "of the address space (ulimit -v)"));
     [machine, group, space].into_iter().flatten().min_by_key(|(bytes, _)| *bytes)
 }
 
 /// Memory of this machine, or of the control group if that is less, bytes, where the system reports it.
 pub fn machine_memory() -> Option<u64> {
-    let group = group().map(|room| room.limit);
+    let group = group().map(|memory| memory.limit);
     bytes_of("/proc/meminfo", "MemTotal:").into_iter().chain(group).min()
 }
 
@@ -45,8 +44,8 @@ pub fn excess_note(planned: usize) -> Option<String> {
     })
 }
 
-fn group() -> Option<Room> {
-    cgroup::room(&|path: &Path| std::fs::read_to_string(path).ok())
+fn group() -> Option<GroupMemory> {
+    cgroup::group_memory(&|path: &Path| std::fs::read_to_string(path).ok())
 }
 
 /// What is left of the limit of the address space, bytes; `None` without a limit.

@@ -1,4 +1,4 @@
-//! `lenscube lens`: creates, shows and compares lenses; the lens of a run.
+//! `lenscube lens`: creates, shows and compares lenses.
 
 mod aberrations;
 mod camera;

@@ -7,8 +7,7 @@ mod verdict;
 
 use crate::args::VerifyArgs;
 use crate::failure::code;
-use crate::film::reported;
-use crate::film::{layout, lock_all};
+use crate::film::{layout, lock_all, reported};
 use crate::job;
 use crate::progress::{counting, log_line, plural, print};
 use anyhow::Result;

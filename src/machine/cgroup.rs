@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// Memory of the tightest group, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Room {
+pub struct GroupMemory {
     /// The lowest limit.
     pub limit: u64,
     /// The least that is left of any limit.
@@ -43,10 +43,10 @@ const V2: Names = Names {
 };
 
 /// Memory that the groups of this process leave; `None` without a limit.
-pub fn room(read: Read<'_>) -> Option<Room> {
+pub fn group_memory(read: Read<'_>) -> Option<GroupMemory> {
     let groups = read(Path::new("/proc/self/cgroup"))?;
     let mounts = read(Path::new("/proc/self/mountinfo"))?;
-    let rooms = groups.lines().filter_map(|line| {
+    let memories = groups.lines().filter_map(|line| {
         let [_, controllers, group] = line.splitn(3, ':').collect::<Vec<_>>()[..] else { return None };
         let names = match controllers {
             "" => &V2,
@@ -57,15 +57,15 @@ pub fn room(read: Read<'_>) -> Option<Room> {
             mounts.lines().filter_map(Mount::parse).find(|mount| mount.is_of(controllers.is_empty()))?;
         tightest(mount.groups_from(group).iter().filter_map(|place| of_group(read, place, names)))
     });
-    tightest(rooms)
+    tightest(memories)
 }
 
-fn tightest(rooms: impl Iterator<Item = Room>) -> Option<Room> {
-    rooms.reduce(|a, b| Room { limit: a.limit.min(b.limit), left: a.left.min(b.left) })
+fn tightest(memories: impl Iterator<Item = GroupMemory>) -> Option<GroupMemory> {
+    memories.reduce(|a, b| GroupMemory { limit: a.limit.min(b.limit), left: a.left.min(b.left) })
 }
 
 /// Limit of one group; `None` if it has none.
-fn of_group(read: Read<'_>, place: &Path, names: &Names) -> Option<Room> {
+fn of_group(read: Read<'_>, place: &Path, names: &Names) -> Option<GroupMemory> {
     let stat = read(&place.join("memory.stat")).unwrap_or_default();
     let entry = |name: &str| {
         let line = stat.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
@@ -80,7 +80,7 @@ fn of_group(read: Read<'_>, place: &Path, names: &Names) -> Option<Room> {
         return None;
     }
     let used = number(names.usage)?.saturating_sub(entry(names.inactive).unwrap_or(0));
-    Some(Room { limit, left: limit.saturating_sub(used) })
+    Some(GroupMemory { limit, left: limit.saturating_sub(used) })
 }
 
 /// A mounted hierarchy.

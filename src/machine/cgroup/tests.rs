@@ -7,15 +7,15 @@ const V1_MOUNTS: &str = "31 23 0:28 / /sys/fs/cgroup rw - tmpfs tmpfs rw,mode=75
                          35 31 0:32 / /sys/fs/cgroup/memory rw,relatime - cgroup cgroup rw,memory\n\
                          41 31 0:38 / /sys/fs/cgroup/unified rw - cgroup2 cgroup2 rw\n";
 
-/// The room that files with these texts describe.
-fn room_of(files: &[(&str, &str)]) -> Option<Room> {
+/// The memory that files with these texts describe.
+fn memory_of(files: &[(&str, &str)]) -> Option<GroupMemory> {
     let files: BTreeMap<&Path, &str> = files.iter().map(|(path, text)| (Path::new(*path), *text)).collect();
-    room(&|path| files.get(path).map(|text| (*text).to_owned()))
+    group_memory(&|path| files.get(path).map(|text| (*text).to_owned()))
 }
 
-fn v2<'a>(more: &[(&'a str, &'a str)]) -> Option<Room> {
+fn v2<'a>(more: &[(&'a str, &'a str)]) -> Option<GroupMemory> {
     let head = [("/proc/self/cgroup", "0::/user/job\n"), ("/proc/self/mountinfo", V2_MOUNT)];
-    room_of(&[&head, more].concat())
+    memory_of(&[&head, more].concat())
 }
 
 #[test]
@@ -26,7 +26,7 @@ fn version_2_counts_inactive_file_pages_as_available() {
         ("/sys/fs/cgroup/user/job/memory.current", "700\n"),
         ("/sys/fs/cgroup/user/job/memory.stat", "anon 100\ninactive_anon 9\ninactive_file 200\nslab 3\n"),
     ];
-    assert_eq!(v2(&files), Some(Room { limit: 1000, left: 500 }));
+    assert_eq!(v2(&files), Some(GroupMemory { limit: 1000, left: 500 }));
 }
 
 #[test]
@@ -36,7 +36,7 @@ fn version_2_high_limits_as_max_does() {
         ("/sys/fs/cgroup/user/job/memory.high", "800\n"),
         ("/sys/fs/cgroup/user/job/memory.current", "700\n"),
     ];
-    assert_eq!(v2(&files), Some(Room { limit: 800, left: 100 }));
+    assert_eq!(v2(&files), Some(GroupMemory { limit: 800, left: 100 }));
 }
 
 #[test]
@@ -48,10 +48,10 @@ fn every_group_above_limits() {
         ("/sys/fs/cgroup/user/memory.current", "1900\n"),
         ("/sys/fs/cgroup/user/memory.stat", "inactive_file 50\n"),
     ];
-    assert_eq!(v2(&files), Some(Room { limit: 1000, left: 150 }));
+    assert_eq!(v2(&files), Some(GroupMemory { limit: 1000, left: 150 }));
     // More used than allowed: a limit that was lowered.
     let files = [("/sys/fs/cgroup/user/memory.max", "5\n"), ("/sys/fs/cgroup/user/memory.current", "9\n")];
-    assert_eq!(v2(&files), Some(Room { limit: 5, left: 0 }));
+    assert_eq!(v2(&files), Some(GroupMemory { limit: 5, left: 0 }));
 }
 
 #[test]
@@ -63,10 +63,10 @@ fn no_limit_is_none() {
     ];
     assert_eq!(v2(&max), None);
     assert_eq!(v2(&[]), None);
-    assert_eq!(room_of(&[]), None);
+    assert_eq!(memory_of(&[]), None);
     // Not Linux's text.
     assert_eq!(
-        room_of(&[("/proc/self/cgroup", "x\n0:\n"), ("/proc/self/mountinfo", "31 23 - \n -\n")]),
+        memory_of(&[("/proc/self/cgroup", "x\n0:\n"), ("/proc/self/mountinfo", "31 23 - \n -\n")]),
         None
     );
     // Version 1: the largest number of pages.
@@ -76,7 +76,7 @@ fn no_limit_is_none() {
         ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "9223372036854771712\n"),
         ("/sys/fs/cgroup/memory/memory.usage_in_bytes", "700\n"),
     ];
-    assert_eq!(room_of(&files), None);
+    assert_eq!(memory_of(&files), None);
 }
 
 #[test]
@@ -91,7 +91,7 @@ fn version_1_has_its_own_names_and_the_limit_of_hidden_ancestors() {
             "inactive_file 1\nhierarchical_memory_limit 900\ntotal_inactive_file 100\n",
         ),
     ];
-    assert_eq!(room_of(&files), Some(Room { limit: 900, left: 300 }));
+    assert_eq!(memory_of(&files), Some(GroupMemory { limit: 900, left: 300 }));
 }
 
 #[test]
@@ -108,9 +108,12 @@ fn group_of_a_container_is_found_where_it_is_mounted() {
             ("/sys/fs/my cgroup/inner/memory.usage_in_bytes", "200\n"),
         ]
     };
-    assert_eq!(room_of(&files("4:memory:/docker/4f3a\n")), Some(Room { limit: 1000, left: 300 }));
-    assert_eq!(room_of(&files("4:memory:/docker/4f3a/inner\n")), Some(Room { limit: 400, left: 200 }));
+    assert_eq!(memory_of(&files("4:memory:/docker/4f3a\n")), Some(GroupMemory { limit: 1000, left: 300 }));
+    assert_eq!(
+        memory_of(&files("4:memory:/docker/4f3a/inner\n")),
+        Some(GroupMemory { limit: 400, left: 200 })
+    );
     // A group that is not below the mounted one.
-    assert_eq!(room_of(&files("4:memory:/docker/other\n")), Some(Room { limit: 1000, left: 300 }));
-    assert_eq!(room_of(&files("4:memory:/../other\n")), Some(Room { limit: 1000, left: 300 }));
+    assert_eq!(memory_of(&files("4:memory:/docker/other\n")), Some(GroupMemory { limit: 1000, left: 300 }));
+    assert_eq!(memory_of(&files("4:memory:/../other\n")), Some(GroupMemory { limit: 1000, left: 300 }));
 }
