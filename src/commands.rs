@@ -22,6 +22,7 @@ mod shoot;
 mod status;
 mod validate;
 mod verify;
+#[cfg(feature = "view")]
 mod view;
 
 use crate::args::Command;
@@ -45,7 +46,10 @@ pub fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::Export(args) => export::command(args),
         Command::Demo(args) => demo::command(args),
         Command::Pyramid(args) => pyramid::command(args),
+        #[cfg(feature = "view")]
         Command::View(args) => view::command(args).map(|()| 0),
+        #[cfg(not(feature = "view"))]
+        Command::View(_) => Err(anyhow::anyhow!("{}", formats::features::missing("view"))),
         Command::Validate(args) => validate::command(args),
         Command::Measure(args) => measure::command(args).map(|()| 0),
         Command::Bench(args) => bench::command(args).map(|()| 0),

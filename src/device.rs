@@ -87,7 +87,10 @@ impl DeviceSelection {
                 .map_err(|e| unavailable(&format!("--device {requested}"), e)),
             Device::Auto => Ok(open(requested, None).map_or_else(
                 |e| {
-                    let no_gpu = matches!(e, OpenError::Cuda(CudaError::NoDriver | CudaError::NoDevice));
+                    let no_gpu = matches!(
+                        e,
+                        OpenError::Cuda(CudaError::NotBuilt | CudaError::NoDriver | CudaError::NoDevice)
+                    );
                     Self { no_gpu, ..Self::cpu(&e.to_string()) }
                 },
                 Self::gpus,
@@ -244,7 +247,8 @@ fn plan_queues(
 fn unavailable(flag: &str, error: OpenError) -> anyhow::Error {
     match error {
         OpenError::Cuda(
-            error @ (CudaError::NoDriver
+            error @ (CudaError::NotBuilt
+            | CudaError::NoDriver
             | CudaError::DriverTooOld { .. }
             | CudaError::NoDevice
             | CudaError::NoSuchDevice { .. }

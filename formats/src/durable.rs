@@ -13,7 +13,7 @@
 //! |---|---|
 //! | `store` | [`Store`]: one interface to directories and objects |
 //! | `directory`, `handle` | [`Directory`]: keys of a directory, by system calls relative to an open directory |
-//! | `objects` | [`Objects`]: keys below a URL |
+//! | `objects` | [`Objects`]: keys below a URL; `no_objects` in a build without the feature `s3` |
 //! | `atomic_file`, `file_group`, `rename` | replacement of one file, of files that belong together, of a directory |
 //! | `hashed_file` | [`HashedFile`]: an open file and the digest of its bytes |
 //! | `temp`, `sweep`, `process` | temporary names, their removal, identity of the process that made them |
@@ -32,6 +32,10 @@ mod file_writer;
 mod handle;
 mod hashed_file;
 mod lock;
+#[cfg(feature = "s3")]
+mod objects;
+#[cfg(not(feature = "s3"))]
+#[path = "durable/no_objects.rs"]
 mod objects;
 mod process;
 mod removal;

@@ -38,6 +38,7 @@ pub mod dng;
 pub mod durable;
 pub mod escape;
 pub mod export;
+pub mod features;
 pub mod film;
 pub mod group;
 mod hierarchy;

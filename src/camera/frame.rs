@@ -14,6 +14,7 @@ use std::path::Path;
 /// A frame of one array of a raw.
 pub struct Frame {
     store: ChartStore,
+    #[cfg(feature = "view")]
     array: String,
     frame: usize,
     /// Layout of the raw.
@@ -96,8 +97,19 @@ impl Frame {
         };
         let store = ChartStore::open_at(path, names[output], options)?;
         let rect = layout.outputs[output].rect;
+        #[cfg(feature = "view")]
         let array = names[output].to_owned();
-        Ok(Self { store, array, frame, rect, attributes, sensor, gain, spec: layout })
+        Ok(Self {
+            store,
+            #[cfg(feature = "view")]
+            array,
+            frame,
+            rect,
+            attributes,
+            sensor,
+            gain,
+            spec: layout,
+        })
     }
 
     /// Digital numbers of pixels of the array.
@@ -129,6 +141,7 @@ impl Frame {
     }
 
     /// Name of the array.
+    #[cfg(feature = "view")]
     pub fn array(&self) -> &str {
         &self.array
     }

@@ -3,7 +3,7 @@
 use rustix::io::Errno;
 use rustix::process::{Resource, Signal, getrlimit};
 use std::error::Error;
-use tokio::signal::unix::{SignalKind, signal};
+use std::sync::Arc;
 
 /// Takes the signal (SIGXFSZ) by which a write beyond the limit would end the process; the write then fails with EFBIG. Without a limit nothing
 /// is done.
@@ -11,11 +11,8 @@ pub fn catch_signal() {
     if getrlimit(Resource::Fsize).current.is_none() {
         return;
     }
-    // A handler of the system is installed once, and remains when the runtime ends. Without it the process ends by the signal, as by default.
-    if let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() {
-        let _inside = runtime.enter();
-        let _ = signal(SignalKind::from_raw(Signal::XFSZ.as_raw()));
-    }
+    // Without the handler the process ends by the signal, as by default.
+    let _ = signal_hook::flag::register(Signal::XFSZ.as_raw(), Arc::default());
 }
 
 /// What to do about an error caused by a file that is too large; `None` for other errors.

@@ -7,6 +7,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use base64::Engine;
+#[cfg(feature = "figures")]
 use resvg::{tiny_skia, usvg};
 
 use super::PictureError;
@@ -254,10 +255,22 @@ impl Figure {
         svg + "</svg>\n"
     }
 
+    /// An error: this build draws none.
+    ///
+    /// # Errors
+    /// Always.
+    #[cfg(not(feature = "figures"))]
+    pub fn to_image(&self, _scale: f64) -> Result<Image, PictureError> {
+        let problem =
+            format!("PNG of figures cannot be drawn, SVG can: {}", crate::features::missing("figures"));
+        Err(PictureError::Setting { setting: "figure", problem })
+    }
+
     /// The figure as pixels, `scale` pixels per px.
     ///
     /// # Errors
     /// If the image would have no pixels, or more than 2³¹ bytes.
+    #[cfg(feature = "figures")]
     pub fn to_image(&self, scale: f64) -> Result<Image, PictureError> {
         let failed = |problem: String| PictureError::Setting { setting: "figure", problem };
         let tree = usvg::Tree::from_str(&self.document("", true), &usvg::Options::default())

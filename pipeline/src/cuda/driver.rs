@@ -4,7 +4,9 @@
 //! Results are integers: newer drivers return codes that are not listed here, and an integer outside the list of a Rust enum (such
 //! as cudarc's result type) is undefined behaviour. Signatures and constants are those of `cuda.h` 12.2.
 
+#[cfg(feature = "cuda")]
 use cudarc::driver::sys;
+#[cfg(feature = "cuda")]
 use libloading::Library;
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 use std::fmt;
@@ -23,7 +25,11 @@ pub struct DriverError(pub c_int);
 /// The driver library cannot be used.
 #[derive(Clone, Debug)]
 pub(super) enum LoadError {
+    /// This build has no functions of the driver.
+    #[cfg(not(feature = "cuda"))]
+    NotBuilt,
     /// There is no driver library.
+    #[cfg(feature = "cuda")]
     NoLibrary,
     /// Older than [`OLDEST_DRIVER`].
     TooOld(Version),
@@ -143,18 +149,39 @@ fn missing(error: impl fmt::Display) -> LoadError {
 }
 
 /// The library; called once.
-fn open() -> Option<&'static Library> {
+#[cfg(feature = "cuda")]
+fn open() -> Result<&'static Library, LoadError> {
     // SAFETY: loads the library, whose initialisation runs no code of this program. Checked first: `culib` panics without it.
     unsafe {
         match Library::new("libcuda.so.1") {
-            Ok(library) => Some(Box::leak(Box::new(library))),
-            Err(_) => sys::is_culib_present().then(|| sys::culib()),
+            Ok(library) => Ok(Box::leak(Box::new(library))),
+            Err(_) if sys::is_culib_present() => Ok(sys::culib()),
+            Err(_) => Err(LoadError::NoLibrary),
         }
     }
 }
 
+/// None: this build loads no library.
+#[cfg(not(feature = "cuda"))]
+#[derive(Debug)]
+enum Library {}
+
+#[cfg(not(feature = "cuda"))]
+impl Library {
+    /// # Safety
+    /// Cannot be called.
+    unsafe fn get<T>(&self, _symbol: &[u8]) -> Result<&T, String> {
+        match *self {}
+    }
+}
+
+#[cfg(not(feature = "cuda"))]
+fn open() -> Result<&'static Library, LoadError> {
+    Err(LoadError::NotBuilt)
+}
+
 fn load() -> Result<(Functions, Version), LoadError> {
-    let library = open().ok_or(LoadError::NoLibrary)?;
+    let library = open()?;
     let mut version = 0;
     {
         // SAFETY: the library is loaded, and this is the type of the function in the driver's header.

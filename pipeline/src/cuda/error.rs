@@ -35,6 +35,11 @@ pub enum CudaError {
         dotted(&OLDEST_DRIVER)
     )]
     NoDriver,
+    /// This build has no functions of the driver.
+    #[error(
+        "looking for GPUs: this build of lenscube lacks the feature `cuda`; build it by `cargo install --path .`, or compute on the CPU"
+    )]
+    NotBuilt,
     /// The driver does not accept the PTX version of the kernels.
     #[error(
         "looking for GPUs: the NVIDIA driver supports CUDA {}, {} or newer is needed; update the driver, or compute on the CPU",
@@ -175,7 +180,10 @@ impl CudaError {
     /// Error of loading the driver.
     pub(super) fn load(error: LoadError) -> Self {
         match error {
+            #[cfg(feature = "cuda")]
             LoadError::NoLibrary => Self::NoDriver,
+            #[cfg(not(feature = "cuda"))]
+            LoadError::NotBuilt => Self::NotBuilt,
             LoadError::TooOld(found) => Self::DriverTooOld { found },
             LoadError::Function(code) => Self::Start { code },
         }

@@ -8,7 +8,8 @@ use serde_json::{Map, Value, json};
 
 use super::super::error::ChartError;
 use super::super::header::header_error;
-use super::{guarded, sample_type};
+use super::guard::guarded;
+use super::sample_type;
 
 /// Attributes of which the values of samples depend.
 const CONVERSION: [&str; 8] = [

@@ -20,7 +20,7 @@ use super::super::coordinates::nm_per_unit;
 use super::super::error::ChartError;
 use super::super::header::header_error;
 use super::attributes::{self, numbers};
-use super::guarded;
+use super::guard::guarded;
 
 type Attributes = HashMap<String, AttrValue>;
 

@@ -1,11 +1,14 @@
 //! Arrays in files by other software (`tests/data/make_hdf5.py`), and damaged files.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::*;
 use crate::chart::ChartError;
+use crate::chart::axes::AxisOrder;
+use crate::chart::options::NanPolicy;
 use pipeline::flow::ChartSource;
+use pipeline::geometry::Size;
 
 mod written;
 
@@ -224,7 +227,7 @@ fn order_of_a_matlab_array_is_declared_or_implied_by_its_sides() {
     let path = Path::new("cube.mat");
     let order = |sides: &[usize], declared: Option<&str>| {
         let declared = declared.map(|d| d.parse().unwrap());
-        matlab_order(path, "rad", sides, declared.as_ref()).map(|(order, _)| order.to_string())
+        super::read::matlab_order(path, "rad", sides, declared.as_ref()).map(|(order, _)| order.to_string())
     };
     assert_eq!(order(&[31, 512, 482], None).unwrap(), "(wavelength, x, y)");
     assert_eq!(order(&[482, 512], None).unwrap(), "(x, y)");

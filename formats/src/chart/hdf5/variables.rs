@@ -5,7 +5,8 @@ use std::path::Path;
 use hdf5_pure::{Dataset, Error, File, Group};
 
 use super::super::error::ChartError;
-use super::{guarded, sample_type};
+use super::guard::guarded;
+use super::sample_type;
 
 /// Levels of groups that are searched.
 const MAX_DEPTH: usize = 4;

@@ -99,6 +99,7 @@ impl RasterChart {
     }
 
     /// Opens samples of `layout` in an array of a file of another format, which declares wavelengths, conversion, unit and notes.
+    #[cfg(feature = "hdf5")]
     pub(in crate::chart) fn described(
         array: FileArray,
         path: &Path,
