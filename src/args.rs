@@ -54,7 +54,7 @@ pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use placement::{FitArg, PlacementArgs};
 pub use pyramid::{PyramidArgs, ViewArgs};
-pub use run::{FilmUnits, ProcessArgs, RunArgs, Stage};
+pub use run::{FilmUnits, ProcessArgs, RunArgs};
 pub use sensor::{ExposeArgs, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg};
 pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};

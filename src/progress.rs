@@ -9,6 +9,7 @@ use crate::args::ProgressArg;
 use crate::failure;
 use formats::durable::Sweep;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use pipeline::clock::Phase;
 use pipeline::executor::Progress;
 use pipeline::executor::Summary;
 use pipeline::plan::ShardId;
@@ -286,21 +287,18 @@ pub fn summary_details(
     peak: Option<u64>,
     outside_window: (f64, f64),
 ) -> Vec<String> {
-    let t = &s.core;
     let gb = |b: u64| b as f64 * 1e-9;
+    let phase = |phase: &Phase| {
+        let spectra =
+            if *phase == Phase::Svpsf { format!(" ({} spectra)", s.spectra) } else { String::new() };
+        format!("{} {:.1}{spectra}", phase.name(), s.core.of(*phase))
+    };
+    let waiting = |phase| s.times.of(phase) - s.core.of(phase);
     let mut lines = vec![format!(
-        "core seconds: read {:.1}, remap {:.1}, svpsf {:.1} ({} spectra), add {:.1}, encode {:.1}, write {:.1}, \
-             prepare {:.1}; waiting for the disk: read {:.1}, write {:.1}",
-        t.read_s,
-        t.remap_s,
-        t.svpsf_s,
-        s.spectra,
-        t.add_s,
-        t.encode_s,
-        t.write_s,
-        t.prepare_s,
-        s.times.read_s - t.read_s,
-        s.times.write_s - t.write_s
+        "core seconds: {}; waiting for the disk: read {:.1}, write {:.1}",
+        Phase::ALL.iter().map(phase).collect::<Vec<_>>().join(", "),
+        waiting(Phase::Read),
+        waiting(Phase::Write)
     )];
     lines.extend(s.gpus.iter().map(|d| {
         let busy = |seconds: f64| 100.0 * seconds / d.span_s.max(1e-9);

@@ -11,8 +11,9 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
-use lenscube_pipeline::remap::{ChartInterpolation, Remap, RemapScratch, Stages};
+use lenscube_pipeline::remap::{ChartInterpolation, Remap, RemapScratch};
 use lenscube_pipeline::resample::{Interp, Surround};
+use lenscube_pipeline::stage::{Stage, Stages};
 use shared::{CpuTime, FILM, PITCH_UM, available};
 
 const TILE: usize = 512;
@@ -47,7 +48,7 @@ fn remap(c: &mut Criterion<CpuTime>) {
     let lens = lens(frame.farthest_mm(frame.film.rect()) + 1e-6);
     let chart = Chart((0..2 * PERIOD * PERIOD).map(|i| (i * 7919 % 1009) as f32 / 1009.0).collect());
     let half = (FILM / 4) as i64;
-    let stages = Stages { ri: true, distortion: true, svpsf: false };
+    let stages = Stages::of(&[Stage::Ri, Stage::Distortion]);
     for (place, rect) in
         [("halfway", Rect::new(half, half, TILE, TILE)), ("corner", Rect::new(0, 0, TILE, TILE))]
     {

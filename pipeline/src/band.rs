@@ -17,6 +17,7 @@ use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::NodeKernels;
 use crate::psf::kernel::on_demand::PsfReader;
 use crate::remap::Remap;
+use crate::stage::Stage;
 
 /// Wavelengths closer than this are the same, nm.
 const SAME_NM: f64 = 1e-6;
@@ -92,7 +93,7 @@ impl BandPlan {
         let lens_bands = LensBands::new(lens, wavelength_nm)?;
         let tables = tables(lens, lens_bands, wavelength_nm, options)?;
         let (mut grid, mut blocks) = (None, None);
-        if options.stages.svpsf {
+        if options.stages.has(Stage::Svpsf) {
             let psfs = PsfTables {
                 wavelength_nm,
                 window: "window",
@@ -110,10 +111,10 @@ impl BandPlan {
         let check = |table, last: &[f64]| {
             options.interpolation.outside.check(table, wavelength_nm, needed, last[last.len() - 1])
         };
-        if options.stages.svpsf {
+        if options.stages.has(Stage::Svpsf) {
             check("psf_height table", &tables.psf_height_mm)?;
         }
-        if options.stages.ri || options.stages.distortion {
+        if options.stages.has(Stage::Ri) || options.stages.has(Stage::Distortion) {
             check("image_height table", &tables.image_height_mm)?;
         }
         Ok(Self { lens_bands, lens: tables, grid, blocks, tiling, node: None, depth: None })
@@ -236,7 +237,7 @@ fn tables(
     let Some((second, share)) = lens_bands.second else { return Ok(first.clone()) };
     let second = &lens.bands[second];
     let (below_nm, above_nm) = (first.wavelength_nm, second.wavelength_nm);
-    if options.stages.svpsf {
+    if options.stages.has(Stage::Svpsf) {
         if options.between == PsfBetween::Error {
             return Err(LensError::BetweenBands { wavelength_nm, below_nm, above_nm });
         }

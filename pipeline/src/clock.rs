@@ -1,4 +1,4 @@
-//! Time of a run by stage, summed over all threads: wall time and CPU time.
+//! Time of a run by phase, summed over all threads: wall time and CPU time.
 //!
 //! The two differ by waiting, for the disk or for a core. Σ CPU time / cores is a lower bound of a run's duration.
 
@@ -8,33 +8,63 @@ use rustix::time::{ClockId, clock_gettime};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
 
-/// Seconds per stage, summed over threads.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StageTimes {
+/// A phase of a run whose time is counted: a stage, or what every film takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
     /// Reading and decoding the chart.
-    pub read_s: f64,
+    Read,
     /// RI, distortion and interpolation.
-    pub remap_s: f64,
+    Remap,
     /// SVPSF, including kernels and spectra.
-    pub svpsf_s: f64,
+    Svpsf,
     /// Overlap-add.
-    pub add_s: f64,
+    Add,
     /// Encoding shards.
-    pub encode_s: f64,
+    Encode,
     /// Writing shards.
-    pub write_s: f64,
+    Write,
     /// Preparing bands: PSF stacks and their splines, outside the workers.
-    pub prepare_s: f64,
+    Prepare,
 }
 
-/// Time counters of one stage.
+impl Phase {
+    /// All, in the order of records.
+    pub const ALL: [Self; 7] =
+        [Self::Read, Self::Remap, Self::Svpsf, Self::Add, Self::Encode, Self::Write, Self::Prepare];
+
+    /// Its name in records.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Read => "read",
+            Self::Remap => "remap",
+            Self::Svpsf => "svpsf",
+            Self::Add => "add",
+            Self::Encode => "encode",
+            Self::Write => "write",
+            Self::Prepare => "prepare",
+        }
+    }
+}
+
+/// Seconds of each phase, summed over threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PhaseTimes([f64; Phase::ALL.len()]);
+
+impl PhaseTimes {
+    /// Seconds of `phase`.
+    pub const fn of(&self, phase: Phase) -> f64 {
+        self.0[phase as usize]
+    }
+}
+
+/// Time counters of one phase.
 #[derive(Debug, Default)]
-pub(crate) struct StageClock {
+pub(crate) struct PhaseClock {
     wall_ns: AtomicU64,
     cpu_ns: AtomicU64,
 }
 
-impl StageClock {
+impl PhaseClock {
     /// Runs `f` and adds its time.
     pub(crate) fn time<T>(&self, f: impl FnOnce() -> T) -> T {
         let (wall, cpu) = (Instant::now(), thread_cpu_ns());
@@ -56,53 +86,43 @@ fn thread_cpu_ns() -> u64 {
     t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
 }
 
-/// Clocks of all stages. Reading is part of the remap stage and is subtracted from it in [`StageTimes`].
+/// Clocks of all phases. Reading is a part of the remap phase and is subtracted from it in [`PhaseTimes`].
 #[derive(Debug, Default)]
-pub struct Clock {
-    pub(crate) read: StageClock,
-    pub(crate) remap: StageClock,
-    pub(crate) svpsf: StageClock,
-    pub(crate) add: StageClock,
-    pub(crate) encode: StageClock,
-    pub(crate) write: StageClock,
-    pub(crate) prepare: StageClock,
-}
+pub struct Clock([PhaseClock; Phase::ALL.len()]);
 
 impl Clock {
+    /// The counters of `phase`.
+    pub(crate) const fn of(&self, phase: Phase) -> &PhaseClock {
+        &self.0[phase as usize]
+    }
+
     /// Wall time.
-    pub(crate) fn wall(&self) -> StageTimes {
+    pub(crate) fn wall(&self) -> PhaseTimes {
         self.times(|s| &s.wall_ns)
     }
 
     /// CPU time.
-    pub(crate) fn core(&self) -> StageTimes {
+    pub(crate) fn core(&self) -> PhaseTimes {
         self.times(|s| &s.cpu_ns)
     }
 
-    fn times(&self, counter: impl Fn(&StageClock) -> &AtomicU64) -> StageTimes {
-        let seconds = |s: &StageClock| counter(s).load(Relaxed) as f64 * 1e-9;
-        StageTimes {
-            read_s: seconds(&self.read),
-            remap_s: seconds(&self.remap) - seconds(&self.read),
-            svpsf_s: seconds(&self.svpsf),
-            add_s: seconds(&self.add),
-            encode_s: seconds(&self.encode),
-            write_s: seconds(&self.write),
-            prepare_s: seconds(&self.prepare),
-        }
+    fn times(&self, counter: impl Fn(&PhaseClock) -> &AtomicU64) -> PhaseTimes {
+        let mut seconds = Phase::ALL.map(|phase| counter(self.of(phase)).load(Relaxed) as f64 * 1e-9);
+        seconds[Phase::Remap as usize] -= seconds[Phase::Read as usize];
+        PhaseTimes(seconds)
     }
 }
 
 /// A chart whose reading time is measured.
 pub(crate) struct TimedChart<'a> {
     chart: &'a dyn ChartSource,
-    read: &'a StageClock,
+    read: &'a PhaseClock,
 }
 
 impl<'a> TimedChart<'a> {
     /// `chart`, its time added to `clock`.
     pub(crate) fn new(chart: &'a dyn ChartSource, clock: &'a Clock) -> Self {
-        Self { chart, read: &clock.read }
+        Self { chart, read: clock.of(Phase::Read) }
     }
 }
 
@@ -124,9 +144,9 @@ mod tests {
 
     #[test]
     fn waiting_takes_no_cpu_time() {
-        let stage = StageClock::default();
-        stage.time(|| std::thread::sleep(std::time::Duration::from_millis(30)));
-        let (wall, cpu) = (stage.wall_ns.load(Relaxed), stage.cpu_ns.load(Relaxed));
+        let phase = PhaseClock::default();
+        phase.time(|| std::thread::sleep(std::time::Duration::from_millis(30)));
+        let (wall, cpu) = (phase.wall_ns.load(Relaxed), phase.cpu_ns.load(Relaxed));
         assert!(wall >= 30_000_000 && cpu < wall / 3, "wall {wall} ns, CPU {cpu} ns");
     }
 }

@@ -101,6 +101,7 @@ pub mod remap;
 pub mod resample;
 pub mod sensor;
 pub mod simd;
+pub mod stage;
 pub mod stages;
 pub mod wavelengths;
 mod words;

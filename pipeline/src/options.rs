@@ -5,8 +5,9 @@ use crate::lens::{LensError, PsfSample};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::film_window;
-use crate::remap::{ChartInterpolation, Stages};
+use crate::remap::ChartInterpolation;
 use crate::simd::Simd;
+use crate::stage::Stages;
 
 /// Treatment of PSFs between two wavelengths of the lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -35,6 +35,7 @@ use crate::simd::Simd;
 use crate::simd::lanes::{Dispatch, Lanes};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{Avx2, Avx512, Isa};
+use crate::stage::{Stage, Stages};
 #[cfg(target_arch = "x86_64")]
 use anchors::Anchors;
 #[cfg(target_arch = "x86_64")]
@@ -43,17 +44,6 @@ use knots::Knots;
 use lanes::{Chart, FillAnchors, Resample};
 use map::{Map, Points, min_max};
 use surround::read_with_surround;
-
-/// The effects to compute; each can be switched off.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stages {
-    /// Relative illumination.
-    pub ri: bool,
-    /// Radial distortion.
-    pub distortion: bool,
-    /// Spatially variant PSF.
-    pub svpsf: bool,
-}
 
 /// How the chart is interpolated and extended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,7 +125,8 @@ impl Remap {
         gain: f64,
         simd: Simd,
     ) -> Self {
-        let field = Field::new(band, frame.pitch_mm(), stages.distortion, stages.ri, gain);
+        let field =
+            Field::new(band, frame.pitch_mm(), stages.has(Stage::Distortion), stages.has(Stage::Ri), gain);
         Self {
             frame: *frame,
             #[cfg(target_arch = "x86_64")]

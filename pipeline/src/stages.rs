@@ -2,20 +2,22 @@
 
 mod compute;
 pub mod cuda;
+mod description;
 
 pub use compute::Compute;
+pub use description::{Cost, DESCRIPTIONS, Description, default_stages, described};
 
 use crate::band::{BandPlan, BandStages};
 use crate::buffer::TileBuffer;
-use crate::clock::Clock;
+use crate::clock::{Clock, Phase};
 use crate::cuda::memory::QueueMemory;
 use crate::cuda::{CudaError, Device};
 use crate::depth::{DepthScratch, SceneInputs};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
 use crate::plan::Tiling;
+use crate::psf::PsfScratch;
 use crate::psf::spectra::SpectrumCache;
-use crate::psf::{PsfScratch, memory};
 use crate::remap::RemapScratch;
 use crate::stages::cuda::band::GpuBand;
 use std::sync::Arc;
@@ -80,8 +82,8 @@ impl Compute for StageCompute<'_> {
             return stage.compute(frame, chart, chart_band, surfaces, tile, spectra, out, depth, clock);
         }
         remapped.resize(tile.size().pixels(), 0.0);
-        clock.remap.time(|| band.remap.apply(chart, chart_band, tile, remapped, remap))?;
-        clock.svpsf.time(|| match &band.psf {
+        clock.of(Phase::Remap).time(|| band.remap.apply(chart, chart_band, tile, remapped, remap))?;
+        clock.of(Phase::Svpsf).time(|| match &band.psf {
             Some(stage) => stage.scatter(&self.frame, tile, remapped, &self.spectra, out, psf),
             None => out.copy(remapped, tile.width),
         });
@@ -119,20 +121,13 @@ impl Compute for StageCompute<'_> {
     }
 }
 
-/// Bytes of the PSF stage's scratch of one worker, and of the remapped tile.
-pub fn psf_scratch_bytes(plan: &BandPlan) -> usize {
-    let scratch = plan.blocks.map_or(0, |blocks| memory::scratch_bytes(&blocks, plan.lens.psf_size));
-    4 * plan.tiling.tile().pow(2) + scratch
+/// Bytes of a remapped tile.
+pub fn remapped_bytes(plan: &BandPlan) -> usize {
+    4 * plan.tiling.tile().pow(2)
 }
 
 /// Bytes of a tile's contribution: the tile and its tail, rows padded to whole cache lines.
 pub fn contribution_bytes(plan: &BandPlan) -> usize {
     let side = plan.tiling.tile() + 2 * plan.tiling.margin();
     4 * side * (side + 15).next_multiple_of(16)
-}
-
-/// Bytes of a band's kernels ([`memory::kernels_bytes`]); those of depth nodes are in the cache of spectra.
-pub fn kernels_bytes(plan: &BandPlan) -> usize {
-    let flat = |b| memory::kernels_bytes(&b, plan.lens.psf_height_mm.len(), plan.lens.psf_size);
-    plan.blocks.map_or(0, flat)
 }

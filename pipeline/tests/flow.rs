@@ -8,8 +8,8 @@ use flow_case::{LostShards, Sink, Unreadable, case};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{PsfSample, PsfStack};
 use lenscube_pipeline::plan::FilmRegion;
-use lenscube_pipeline::remap::Stages;
 use lenscube_pipeline::simd::Simd;
+use lenscube_pipeline::stage::{Stage, Stages};
 use oracle::{Image, Noise, errors};
 use std::process::ExitCode;
 
@@ -73,7 +73,7 @@ fn point_keeps_its_sum_and_coma_points_outwards(simd: Simd) {
     let mut on_axis = vec![0f32; 121];
     on_axis[5 * 11 + 5] = 1.0;
     case.stacks[0].samples = [on_axis, tail.clone(), tail.clone(), tail.clone(), tail].concat();
-    case.options.stages = Stages { ri: false, distortion: false, svpsf: true };
+    case.options.stages = Stages::of(&[Stage::Svpsf]);
     case.frame.scale = (1.0, 1.0);
     let last = case.frame.farthest_mm(film.rect().grown(5));
     case.lens.bands[0].psf_height_mm = vec![0.0, 0.05, 0.1, 0.2, last];
@@ -104,7 +104,7 @@ fn uniform_chart_gives_one_minus_the_divergence_of_the_psf_centroid(simd: Simd) 
     let mut case = case(simd, &mut noise, film, film, &[25]);
     case.frame = Frame::centred(film, film, 2.0);
     case.chart.0[0] = Image::new(film, |_, _| 1.0);
-    case.options.stages = Stages { ri: false, distortion: false, svpsf: true };
+    case.options.stages = Stages::of(&[Stage::Svpsf]);
     case.options.azimuths = Some(144);
     case.lens.psf_sample = PsfSample::Point;
     let n = 49;

@@ -15,6 +15,9 @@ use pipeline::field::Outside;
 use pipeline::lens::PsfSample;
 use pipeline::resample::{Interp, Surround};
 use pipeline::sensor::pixels::Resample;
+use pipeline::stage::Stage;
+use pipeline::stages::DESCRIPTIONS;
+use std::sync::LazyLock;
 
 /// Name, help (may be empty), value.
 type Choices<T> = &'static [(&'static str, &'static str, T)];
@@ -94,4 +97,22 @@ pub(super) fn one_of<T: Copy + Send + Sync>(choices: Choices<T>) -> impl TypedVa
         let chosen = choices.iter().find(|choice| choice.0 == name);
         chosen.expect("the parser accepts no other name").2
     })
+}
+
+/// Parses the name of a stage.
+pub(super) fn stage() -> impl TypedValueParser<Value = Stage> {
+    let names = DESCRIPTIONS.iter().map(|d| PossibleValue::new(d.name).help(d.help));
+    PossibleValuesParser::new(names).map(|name| {
+        let named = DESCRIPTIONS.iter().find(|d| d.name == name);
+        named.expect("one of the possible values").stage
+    })
+}
+
+/// The stages without `--stages`, as typed.
+pub(super) fn default_stages() -> &'static str {
+    static NAMES: LazyLock<String> = LazyLock::new(|| {
+        let on = DESCRIPTIONS.iter().filter(|d| d.on_by_default);
+        on.map(|d| d.name).collect::<Vec<_>>().join(",")
+    });
+    &NAMES
 }

@@ -1,6 +1,6 @@
 //! Arguments of a job (`lenscube run`, `lenscube plan`).
 
-use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, one_of};
+use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, default_stages, one_of, stage};
 use super::depth::DepthArgs;
 use super::device::{Device, EngineArg};
 use super::lens::DESIGN_FILES;
@@ -13,6 +13,7 @@ use formats::film::{Codec, FilmSpec, SampleType};
 use pipeline::field::Outside;
 use pipeline::geometry::Rect;
 use pipeline::resample::{Interp, Surround};
+use pipeline::stage::Stage;
 use std::path::PathBuf;
 
 /// A job: the arguments shared by `lenscube run` and `lenscube plan`.
@@ -62,9 +63,9 @@ pub struct RunArgs {
     /// Stages to apply: relative illumination, distortion, spatially variant PSF
     #[arg(
         long,
-        value_enum,
+        value_parser = stage(),
         value_delimiter = ',',
-        default_value = "ri,distortion,svpsf",
+        default_value = default_stages(),
         help_heading = "Lens"
     )]
     pub stages: Vec<Stage>,
@@ -163,17 +164,6 @@ pub struct ProcessArgs {
     /// Take over a stale lock held by another host
     #[arg(long, help_heading = "Existing film")]
     pub take_over: bool,
-}
-
-/// `--stages`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Stage {
-    /// Relative illumination
-    Ri,
-    /// Radial distortion
-    Distortion,
-    /// Spatially variant PSF
-    Svpsf,
 }
 
 /// `--film-units`.

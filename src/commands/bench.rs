@@ -43,27 +43,27 @@ struct Bench<'a> {
 
 /// One value of the report.
 struct Figure {
-    key: &'static str,
+    key: String,
     value: Value,
 }
 
 impl Bench<'_> {
-    fn add_number(&mut self, key: &'static str, value: f64, unit: &str, label: &str) {
+    fn add_number(&mut self, key: &str, value: f64, unit: &str, label: &str) {
         let digits = if value < 10.0 { 2 } else { 1 };
         let line = format!("{label:<58} {value:>10.digits$} {unit}");
         self.add(key, json!((value * 1e4).round() / 1e4), &line);
     }
 
-    fn add_text(&mut self, key: &'static str, label: &str, value: &str) {
+    fn add_text(&mut self, key: &str, label: &str, value: &str) {
         self.add(key, json!(value), &format!("{label:<58} {value}"));
     }
 
     /// Adds a figure; without `--json` its line is printed at once, so that it is known whatever fails later.
-    fn add(&mut self, key: &'static str, value: Value, line: &str) {
+    fn add(&mut self, key: &str, value: Value, line: &str) {
         if !self.args.json {
             print(line);
         }
-        self.figures.push(Figure { key, value });
+        self.figures.push(Figure { key: key.to_owned(), value });
     }
 
     /// Median of `f` over the rounds.
@@ -175,6 +175,6 @@ fn report(bench: &Bench<'_>) {
     map.insert("size_px".into(), bench.args.size.into());
     map.insert("bands".into(), bench.args.bands.into());
     map.insert("lens".into(), bench.args.lens.clone().into());
-    map.extend(bench.figures.iter().map(|f| (f.key.to_owned(), f.value.clone())));
+    map.extend(bench.figures.iter().map(|f| (f.key.clone(), f.value.clone())));
     print(format!("{:#}", Value::Object(map)));
 }

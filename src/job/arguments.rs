@@ -1,7 +1,7 @@
 //! Step 2: arguments resolved: device, engine, options, threads.
 
 use super::identity::DIGEST;
-use crate::args::{Device, RunArgs, Stage};
+use crate::args::{Device, RunArgs};
 use crate::device::DeviceSelection;
 use crate::failure::usage;
 use crate::job::film_engine;
@@ -10,9 +10,11 @@ use formats::chart::Codec;
 use formats::film::FilmStore;
 use pipeline::band::{Options, PsfBetween};
 use pipeline::field::Outside;
-use pipeline::remap::{ChartInterpolation, Stages};
+use pipeline::remap::ChartInterpolation;
 use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
+use pipeline::stage::{Stage, Stages};
+use pipeline::stages::{default_stages, described};
 
 /// Arguments of a job, resolved.
 pub struct Arguments<'a> {
@@ -44,14 +46,19 @@ impl<'a> Arguments<'a> {
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
         let check_input = given.check_input || film.as_ref().is_some_and(has_content_digest);
-        let device = match (has_depth, &given.device) {
-            (true, Device::Cuda(_)) => {
+        let not_on_gpus = described(Stages::of(&given.stages)).find(|stage| !stage.on_gpus);
+        let on_cpu = match not_on_gpus {
+            Some(stage) => Some(format!("the stage {}", stage.name)),
+            None => has_depth.then(|| "--depth".to_owned()),
+        };
+        let device = match (on_cpu, &given.device) {
+            (Some(what), Device::Cuda(_)) => {
                 return Err(usage(format!(
-                    "--depth is computed on the CPU, not with --device {}",
+                    "{what} is computed on the CPU, not with --device {}",
                     given.device
                 )));
             }
-            (true, Device::Auto) => &Device::Cpu,
+            (Some(_), Device::Auto) => &Device::Cpu,
             (_, device) => device,
         };
         let device = DeviceSelection::new(device, given.engine.explicit(), film_engine)?;
@@ -72,9 +79,8 @@ pub fn threads(given: Option<usize>) -> usize {
 }
 
 fn options(args: &RunArgs, simd: Simd) -> Options {
-    let on = |s: Stage| args.stages.contains(&s);
     Options {
-        stages: Stages { ri: on(Stage::Ri), distortion: on(Stage::Distortion), svpsf: on(Stage::Svpsf) },
+        stages: Stages::of(&args.stages),
         interpolation: ChartInterpolation {
             interp: args.interp,
             surround: args.surround,
@@ -90,7 +96,7 @@ fn options(args: &RunArgs, simd: Simd) -> Options {
 /// Options of a run without flags.
 pub fn default_options() -> Options {
     Options {
-        stages: Stages { ri: true, distortion: true, svpsf: true },
+        stages: default_stages(),
         interpolation: ChartInterpolation {
             interp: Interp::Bicubic,
             surround: Surround::Edge,

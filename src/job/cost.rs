@@ -8,12 +8,11 @@ use crate::open::Chart;
 use pipeline::band::BandPlan;
 use pipeline::depth::plan::{DepthPlan, NodePlan};
 use pipeline::remap::Remap;
+use pipeline::stages::DESCRIPTIONS;
 
 /// Reading and decoding, remap, overlap-add, encoding, writing: 50.7 + 18.4 + 7.6 + 22.2 + 4.1 core seconds for
 /// 31 bands of 14141² px, store to store, a chart with 1 % noise.
 const OTHER_STAGES_NS: f64 = 16.6;
-/// Kernels of a band: seconds per PSF sample, from 1.6 s for the 31 traced bands' 21 million samples.
-const KERNEL_S: f64 = 76e-9;
 /// Tiles on a GPU at a time: two batches.
 const GPU_TILES: usize = 2 * 16;
 
@@ -62,10 +61,10 @@ pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
     if let Some(depth) = &plan.depth {
         return tiles.iter().map(|tile| depth_tile_s(plan, depth, *tile)).sum();
     }
-    let svpsf = plan.blocks.zip(plan.grid.as_ref()).map_or(0.0, |(blocks, grid)| blocks.cost_ns(grid));
-    let samples = plan.lens.psf_height_mm.len() * plan.lens.psf_size.pow(2);
-    let kernels = if plan.grid.is_some() { samples as f64 * KERNEL_S } else { 0.0 };
-    pixels(plan, tiles) as f64 * (svpsf + OTHER_STAGES_NS) * 1e-9 + kernels
+    let costs = || DESCRIPTIONS.iter().map(|stage| (stage.cost)(plan));
+    let (pixel_ns, band_s) =
+        (costs().map(|c| c.pixel_ns).sum::<f64>(), costs().map(|c| c.band_s).sum::<f64>());
+    pixels(plan, tiles) as f64 * (pixel_ns + OTHER_STAGES_NS) * 1e-9 + band_s
 }
 
 /// Bytes of chart read for `tiles` (row by row); what two rows of tiles share is counted once.

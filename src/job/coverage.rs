@@ -7,13 +7,14 @@
 
 use super::bands::JobPlan;
 use super::inputs::Inputs;
-use crate::args::{RunArgs, Stage};
+use crate::args::RunArgs;
 use crate::job::lens::UntracedLens;
 use anyhow::Result;
 use pipeline::design::describe::describe;
 use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::lens::LensBand;
 use pipeline::resample::Surround;
+use pipeline::stage::Stage;
 use std::fmt::{self, Display, Formatter};
 
 /// Margin for half a PSF window beyond the film's corner, mm.

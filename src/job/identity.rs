@@ -7,7 +7,8 @@ use crate::args::RunArgs;
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
 use formats::durable::is_url;
-use pipeline::remap::Stages;
+use pipeline::stage::Stages;
+use pipeline::stages::DESCRIPTIONS;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -48,7 +49,7 @@ pub fn identity(
         "chart_bands": inputs.selected_bands,
         "lens_name": lens_name,
         "lens_digest": lens_digest,
-        "stages": { "ri": stages.ri, "distortion": stages.distortion, "svpsf": stages.svpsf },
+        "stages": named_stages(stages),
         "film_size": [frame.film.height, frame.film.width],
         "film_pitch_um": frame.pitch_um,
         "axis_px": { "x": frame.axis_px.1, "y": frame.axis_px.0 },
@@ -73,6 +74,12 @@ pub fn identity(
         map.insert("keep_bits".into(), bits.into());
     }
     Ok(map)
+}
+
+/// Each stage by its name: true where it is applied.
+fn named_stages(stages: Stages) -> Value {
+    let named = DESCRIPTIONS.iter().filter(|d| d.always_in_identity || stages.has(d.stage));
+    named.map(|d| (d.name.to_owned(), Value::Bool(stages.has(d.stage)))).collect::<Map<_, _>>().into()
 }
 
 /// What identifies the inputs.

@@ -21,7 +21,7 @@ use pipeline::executor::memory::{self as queues, Walk};
 use pipeline::geometry::{Frame, Size};
 use pipeline::plan::FilmRegion;
 use pipeline::remap::{Remap, memory as remap};
-use pipeline::stages;
+use pipeline::stages::{self, described};
 
 /// The program itself, its threads' stacks, metadata of the stores.
 const PROCESS_BYTES: usize = 40 << 20;
@@ -170,7 +170,9 @@ impl MemoryInputs<'_> {
                 return self.depth_scratch(p, depth);
             }
             let coordinates = remap(p).scratch_bytes(&p.tiling, chart);
-            stages::psf_scratch_bytes(p).saturating_add(coordinates)
+            let of_stages =
+                described(self.options.stages).map(|stage| (stage.scratch_bytes)(p)).sum::<usize>();
+            of_stages.saturating_add(stages::remapped_bytes(p)).saturating_add(coordinates)
         });
         let contributions = self.walks().map(|(plan, walk)| {
             queues::contributions_bytes(walk, stages::contribution_bytes(plan), self.threads)
@@ -182,8 +184,8 @@ impl MemoryInputs<'_> {
 
     /// Film rows that a tile with its tail covers.
     fn reach_px(&self) -> usize {
-        let margin = |p: &BandPlan| p.depth.as_ref().map_or(p.tiling.margin(), |depth| depth.reach);
-        self.max(|p| p.tiling.tile() + 2 * margin(p))
+        let reach = |p: &BandPlan| described(self.options.stages).map(|stage| (stage.reach_px)(p)).max();
+        self.max(|p| p.tiling.tile() + 2 * reach(p).unwrap_or(0))
     }
 
     /// Pixels of the film in all bands.
@@ -224,7 +226,8 @@ impl MemoryInputs<'_> {
             let nodes = p.grid.as_ref().map_or(0, |grid| grid.len() / 4 + grid.heights_px().len());
             4 * nodes * p.blocks.map_or(0, |blocks| blocks.window.pow(2))
         };
-        let kernels = |p: &BandPlan| if p.grid.is_some() { stages::kernels_bytes(p) } else { 0 };
+        let of_stages =
+            |p: &BandPlan| described(self.options.stages).map(|stage| (stage.table_bytes)(p)).sum::<usize>();
         let reading = |p: &BandPlan| {
             if let Some(depth) = &p.depth {
                 // Every worker reads PSFs on demand: samples, and what is kept of them, before they are in the cache.
@@ -238,7 +241,7 @@ impl MemoryInputs<'_> {
         // While the last of some consecutive bands is read.
         let kernels = (1..=self.bands.len()).map(|end| {
             let bands = &self.bands[end.saturating_sub(bands_in_memory)..end];
-            bands.iter().map(kernels).sum::<usize>() + reading(&self.bands[end - 1])
+            bands.iter().map(of_stages).sum::<usize>() + reading(&self.bands[end - 1])
         });
         let kernels = kernels.max().unwrap_or(0);
         let field_points = |p: &BandPlan| p.lens.ideal_height_mm.len();

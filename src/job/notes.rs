@@ -2,12 +2,13 @@
 
 use super::bands::JobPlan;
 use super::film::chart_units;
-use crate::args::{FilmUnits, RunArgs, Stage, size_order_note};
+use crate::args::{FilmUnits, RunArgs, size_order_note};
 use crate::job::light_units::{self, Quantity};
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
 use clap::ValueEnum;
 use pipeline::lens::PsfSample;
+use pipeline::stage::Stage;
 use std::path::Path;
 
 /// Share of the energy in the PSF windows below which a note is printed.

@@ -24,9 +24,10 @@ use pipeline::field::Outside;
 use pipeline::geometry::Frame;
 use pipeline::lens::Lens;
 use pipeline::plan::Tiling;
-use pipeline::remap::{ChartInterpolation, Stages};
+use pipeline::remap::ChartInterpolation;
 use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
+use pipeline::stages::default_stages;
 use std::path::Path;
 
 /// Distances, lens and film, before the distances are read.
@@ -296,7 +297,7 @@ fn memory(
 /// The options of a run without flags.
 fn options_of(outside: Outside) -> Options {
     Options {
-        stages: Stages { ri: true, distortion: true, svpsf: true },
+        stages: default_stages(),
         interpolation: ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside },
         azimuths: None,
         psf_window: None,

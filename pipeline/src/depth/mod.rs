@@ -23,7 +23,7 @@ mod surface;
 mod wanted;
 
 use crate::buffer::TileBuffer;
-use crate::clock::Clock;
+use crate::clock::{Clock, Phase};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect};
 use crate::psf::BandPsf;
@@ -110,7 +110,7 @@ impl DepthStage {
     ) -> Result<(), SourceSinkError> {
         let DepthScratch { planes, scene, hidden, composite, film, invented } = scratch;
         let grown = tile.grown(self.margin);
-        clock.remap.time(|| -> Result<(), SourceSinkError> {
+        clock.of(Phase::Remap).time(|| -> Result<(), SourceSinkError> {
             let inventing = self
                 .hidden
                 .as_ref()
@@ -122,7 +122,7 @@ impl DepthStage {
             }
             Ok(())
         })?;
-        clock.svpsf.time(|| {
+        clock.of(Phase::Svpsf).time(|| {
             let stage = Composite { frame, slabs: &self.slabs, psfs: &self.psfs, spectra };
             film.resize(tile.size().pixels(), 0.0);
             stage.tile(tile, planes, film, invented, composite);

@@ -15,6 +15,7 @@ use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::on_demand::{KernelsOnDemand, PsfReader, PsfSource};
 use crate::psf::{BandPsf, Builders};
+use crate::stage::Stage;
 use std::sync::Arc;
 
 /// Vergences of the surfaces of a scene, 1/m.
@@ -306,9 +307,15 @@ impl DepthPlan {
         let fields = (0..self.slabs.count()).map(|s| {
             let (low, high) = self.slabs.nodes(s);
             let tables = nodes.between(band, (self.first_node + low, self.first_node + high));
-            Field::new(&tables, frame.pitch_mm(), options.stages.distortion, options.stages.ri, gain)
+            Field::new(
+                &tables,
+                frame.pitch_mm(),
+                options.stages.has(Stage::Distortion),
+                options.stages.has(Stage::Ri),
+                gain,
+            )
         });
-        let same_map = !options.stages.distortion || !nodes.has_pupil_shift();
+        let same_map = !options.stages.has(Stage::Distortion) || !nodes.has_pupil_shift();
         let scene = Scene::new(
             frame,
             (&self.slabs, &self.occupied),

@@ -3,7 +3,7 @@
 use super::overlap_add::{FinishedShard, OverlapAdd};
 use super::work::BandWork;
 use crate::buffer::{ShardPixels, TileBuffer};
-use crate::clock::Clock;
+use crate::clock::{Clock, Phase};
 use crate::geometry::Size;
 use crate::plan::{FilmRegion, ShardId, shards_reached};
 use std::sync::Mutex;
@@ -103,7 +103,7 @@ impl<'a> OrderedAdder<'a> {
         let ids = self.shards(place.position, place.tile);
         let added = |computed| self.added_tile(computed, added);
         let computed = ComputedTile { place, output };
-        self.clock.add.time(|| match computed.output {
+        self.clock.of(Phase::Add).time(|| match computed.output {
             TileOutput::Unreadable => {
                 self.overlap.discard(&ids, &added);
                 added(computed);

@@ -11,7 +11,7 @@ use super::signal::Signal;
 use super::tile_source::{Batch, Claim, TileSource};
 use super::walk::Walk;
 use super::work::{BandInFlight, BandWork, Work};
-use crate::clock::Clock;
+use crate::clock::{Clock, Phase};
 use crate::cuda::CudaError;
 use crate::flow::{ChartSource, FilmSink, SourceSinkError};
 use crate::plan::{ShardId, tiles_needed};
@@ -63,7 +63,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             if items.is_empty() || !self.source.is_open() {
                 continue;
             }
-            match self.clock.prepare.time(|| self.compute.prepare(position)) {
+            match self.clock.of(Phase::Prepare).time(|| self.compute.prepare(position)) {
                 Ok(stages) => {
                     let bands_after = self.work.bands[position + 1..].iter();
                     let bands_after = bands_after.filter(|band| !band.shards.is_empty()).count();

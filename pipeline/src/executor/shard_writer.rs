@@ -7,7 +7,7 @@ use super::error::RunError;
 use super::overlap_add::FinishedShard;
 use super::signal::Signal;
 use crate::buffer::ShardPixels;
-use crate::clock::Clock;
+use crate::clock::{Clock, Phase};
 use crate::flow::FilmSink;
 use crate::plan::ShardId;
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
@@ -63,7 +63,7 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
     pub(super) fn encode(&self, shard: FinishedShard) -> (ShardPixels, Result<Encoded<S>, RunError>) {
         let FinishedShard { id, rect, pixels } = shard;
         self.encoded.0.send(()).expect("its receiver is part of this");
-        let encoded = self.clock.encode.time(|| self.sink.encode(id, rect, &pixels));
+        let encoded = self.clock.of(Phase::Encode).time(|| self.sink.encode(id, rect, &pixels));
         let encoded = encoded.map(|e| (id, e)).map_err(|source| {
             self.release();
             RunError::Write { id, source }
@@ -84,7 +84,7 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
         failed: &dyn Fn(RunError),
     ) {
         for (id, encoded) in queue {
-            let committed = self.clock.write.time(|| self.sink.commit(encoded));
+            let committed = self.clock.of(Phase::Write).time(|| self.sink.commit(encoded));
             self.release();
             match committed {
                 Ok(written) => {

@@ -1,6 +1,6 @@
 //! Input and result of a run.
 
-use crate::clock::StageTimes;
+use crate::clock::PhaseTimes;
 use crate::cuda::GpuFigures;
 use crate::cuda::memory::DeviceQueue;
 use crate::geometry::Size;
@@ -42,9 +42,9 @@ pub struct BandWork {
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
     /// Thread time per stage, waiting included.
-    pub times: StageTimes,
+    pub times: PhaseTimes,
     /// CPU time per stage.
-    pub core: StageTimes,
+    pub core: PhaseTimes,
     /// Wall time, s.
     pub wall_s: f64,
     /// Tiles computed.

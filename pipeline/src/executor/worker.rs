@@ -9,6 +9,7 @@ use super::run_state::RunState;
 use super::shard_writer::Encoded;
 use super::tile_source::{Batch, Claim};
 use super::work::BandInFlight;
+use crate::clock::Phase;
 use crate::flow::FilmSink;
 use crate::geometry::Rect;
 use crate::stages::Compute;
@@ -108,7 +109,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         let out = into.as_mut_slice();
         let done = self
             .clock
-            .remap
+            .of(Phase::Remap)
             .time(|| self.compute.read_chart(&band.stages, self.chart, chart_band, rect, out, scratch));
         // Not received if the GPU queue was removed.
         let _ = reply.send((index, into, done));
@@ -118,7 +119,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     fn place(&self, rows: DownloadedRows<C::Band>) {
         let DownloadedRows { portion, rect, values, returns } = rows;
         let values_of_rect = &values[..rect.size().pixels()];
-        self.clock.add.time(|| portion.place(rect, values_of_rect, self));
+        self.clock.of(Phase::Add).time(|| portion.place(rect, values_of_rect, self));
         // Freed if the pool no longer exists.
         let _ = returns.send(values);
     }
@@ -128,7 +129,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
         if let Some(tile) = later {
             let rect = self.compute.chart_hint(&band.stages, self.chart.size(), tile);
             let chart_band = self.work.bands[band.position].chart_band;
-            self.clock.remap.time(|| self.chart.prefetch(chart_band, rect));
+            self.clock.of(Phase::Remap).time(|| self.chart.prefetch(chart_band, rect));
         }
     }
 }

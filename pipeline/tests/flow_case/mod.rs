@@ -13,9 +13,9 @@ use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::plan::{FilmRegion, ShardId};
-use lenscube_pipeline::remap::Stages;
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stages::StageCompute;
+use lenscube_pipeline::stages::default_stages;
 
 use crate::oracle::{self, Grid, Image, Noise, Tables};
 
@@ -125,7 +125,7 @@ pub fn case(simd: Simd, noise: &mut Noise, film: Size, chart: Size, windows: &[u
     });
     let chart = Chart(images.collect());
     let lens = oracle::lens("random", bands);
-    let options = oracle::options(Stages { ri: true, distortion: true, svpsf: true }, simd);
+    let options = oracle::options(default_stages(), simd);
     Case { frame, lens, stacks, chart, options }
 }
 

@@ -5,9 +5,10 @@
 use lenscube_pipeline::band::{Options, PsfBetween};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, PsfSample};
-use lenscube_pipeline::remap::{ChartInterpolation, Stages};
+use lenscube_pipeline::remap::ChartInterpolation;
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::simd::{Isa, Simd};
+use lenscube_pipeline::stage::Stages;
 use libtest_mimic::{Arguments, Trial};
 use std::f64::consts::TAU;
 use std::process::ExitCode;

@@ -5,8 +5,9 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensBand;
-use lenscube_pipeline::remap::{ChartInterpolation, Stages};
+use lenscube_pipeline::remap::ChartInterpolation;
 use lenscube_pipeline::resample::{Interp, Surround};
+use lenscube_pipeline::stage::{Stage, Stages};
 
 /// An implementation of the remap stage.
 pub trait Engine {
@@ -55,8 +56,8 @@ impl ChartSource for Chart {
     }
 }
 
-const ALL: Stages = Stages { ri: true, distortion: true, svpsf: true };
-pub const FIRST_TWO: Stages = Stages { ri: true, distortion: true, svpsf: false };
+const ALL: Stages = Stages::of(&[Stage::Ri, Stage::Distortion, Stage::Svpsf]);
+pub const FIRST_TWO: Stages = Stages::of(&[Stage::Ri, Stage::Distortion]);
 
 pub fn noise_chart(noise: &mut Noise, size: Size) -> Chart {
     let data = (0..size.pixels()).map(|_| f64::from(noise.next() as f32)).collect();
@@ -250,7 +251,7 @@ fn coordinates_equal_the_exact_map(engine: &dyn Engine) {
             surround: Surround::Edge,
             outside: Outside::Error,
         };
-        let stages = Stages { ri: false, ..FIRST_TWO };
+        let stages = FIRST_TWO.without(Stage::Ri);
         let job = Job { frame: &frame, lens: &lens, stages, interpolation, gain: 1.0 };
         for rows in [false, true] {
             let exact = |i: usize| {

@@ -7,12 +7,10 @@ use crate::progress::log_line;
 use anyhow::{Context, Result, ensure};
 use formats::chart::Codec;
 use pipeline::chart::Generator;
+use pipeline::clock::Phase;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
-
-/// Stages in the record of a run.
-const STAGES: [&str; 7] = ["read", "remap", "svpsf", "add", "encode", "write", "prepare"];
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let args = bench.args;
@@ -35,7 +33,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let label = format!("job: {} bands ({wavelengths} nm), store to store", args.bands);
     bench.add_number("job_s", wall, "s", &label);
     let core = &record["core_s"];
-    let stages_s = STAGES.iter().map(|s| number(core, s)).collect::<Result<Vec<_>>>()?;
+    let stages_s = Phase::ALL.iter().map(|p| number(core, p.name())).collect::<Result<Vec<_>>>()?;
     let core_s: f64 = stages_s.iter().sum();
     let (read, written) = (number(&record, "bytes_read")?, number(&record, "bytes_written")?);
     let disk_s = 1e-6 * (read / bench.get("disk_read_mb_s") + written / bench.get("disk_write_mb_s"));
@@ -50,8 +48,9 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.add_number("job_over_bound", wall / bound, "", "  time over bound");
     bench.add_number("job_disk_s", disk_s, "s", "  disk: bytes over the measured rates");
     bench.add_number("job_core_s", core_s, "s", "  core seconds of all stages");
-    for ((stage, key), seconds) in STAGES.into_iter().zip(KEYS).zip(stages_s) {
-        bench.add_number(key, seconds, "s", &format!("    {stage}"));
+    for (phase, seconds) in Phase::ALL.iter().zip(stages_s) {
+        let name = phase.name();
+        bench.add_number(&format!("job_core_{name}_s"), seconds, "s", &format!("    {name}"));
     }
     // Shares of the wall time that the bounds of reading and writing are.
     for (key, bytes, rate, label) in [
@@ -101,17 +100,6 @@ fn add_streams(bench: &mut Bench<'_>, record: &Value) -> Result<f64> {
     }
     Ok(busiest_s)
 }
-
-/// Keys of the stages' core seconds in the report, in the order of [`STAGES`].
-const KEYS: [&str; 7] = [
-    "job_core_read_s",
-    "job_core_remap_s",
-    "job_core_svpsf_s",
-    "job_core_add_s",
-    "job_core_encode_s",
-    "job_core_write_s",
-    "job_core_prepare_s",
-];
 
 /// `bands` wavelengths of 400..700 nm step 10, evenly spaced.
 fn wavelengths(bands: u32) -> String {

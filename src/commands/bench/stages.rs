@@ -15,9 +15,11 @@ use pipeline::psf::grid::NodeGrid;
 use pipeline::psf::kernel::NodeKernels;
 use pipeline::psf::spectra::SpectrumCache;
 use pipeline::psf::{BandPsf, PsfScratch};
-use pipeline::remap::{ChartInterpolation, Remap, RemapScratch, Stages};
+use pipeline::remap::{ChartInterpolation, Remap, RemapScratch};
 use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
+use pipeline::stage::Stage;
+use pipeline::stages::default_stages;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Benchmark grid of the PSF field: 21 heights to 20 mm, 36 azimuths each, windows of 51 px.
@@ -70,7 +72,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
 /// Stages of the lens's band.
 fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Result<BandStages> {
     let options = Options {
-        stages: Stages { ri: true, distortion: true, svpsf },
+        stages: if svpsf { default_stages() } else { default_stages().without(Stage::Svpsf) },
         interpolation: ChartInterpolation { interp, surround: Surround::Edge, outside: Outside::Clamp },
         azimuths: None,
         psf_window: None,

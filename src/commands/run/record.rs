@@ -12,7 +12,7 @@ use crate::progress::jsonl::Jsonl;
 use crate::progress::{detail_line, json_path, log_line, summary_details, summary_line};
 use formats::durable::ProcessIdentity;
 use formats::film::FilmStore;
-use pipeline::clock::StageTimes;
+use pipeline::clock::{Phase, PhaseTimes};
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::Summary;
 use serde_json::{Map, Value, json};
@@ -136,8 +136,8 @@ fn record(
         "spectra_built": summary.map(|s| s.spectra),
         "light_in_psf_window": energy,
         "interrupted": interrupted,
-        "thread_s": summary.map(|s| stage_seconds(&s.times)),
-        "core_s": summary.map(|s| stage_seconds(&s.core)),
+        "thread_s": summary.map(|s| seconds_by_phase(&s.times)),
+        "core_s": summary.map(|s| seconds_by_phase(&s.core)),
     });
     let Value::Object(details) = details else { unreachable!("an object is written above") };
     RunRecord {
@@ -232,9 +232,10 @@ fn gpus(job: &Job, summary: Option<&Summary>) -> Vec<Value> {
     job.queues.iter().enumerate().map(gpu).collect()
 }
 
-fn stage_seconds(t: &StageTimes) -> Value {
-    json!({
-        "read": t.read_s, "remap": t.remap_s, "svpsf": t.svpsf_s, "add": t.add_s,
-        "encode": t.encode_s, "write": t.write_s, "prepare": t.prepare_s,
-    })
+fn seconds_by_phase(times: &PhaseTimes) -> Value {
+    Phase::ALL
+        .iter()
+        .map(|&phase| (phase.name().to_owned(), json!(times.of(phase))))
+        .collect::<Map<_, _>>()
+        .into()
 }

@@ -59,8 +59,8 @@ fn text(value: &Value) -> &str {
 }
 
 fn job(store: &FilmStore, status: &Status) -> String {
-    let applied = |stage: &&str| status.job["stages"][*stage] == true;
-    let stages: Vec<&str> = ["ri", "distortion", "svpsf"].into_iter().filter(applied).collect();
+    let applied = status.job["stages"].as_object().into_iter().flatten().filter(|(_, on)| **on == true);
+    let stages: Vec<&str> = applied.map(|(name, _)| name.as_str()).collect();
     let spec = store.spec();
     format!(
         "  job     {} through {} ({}), film {} px of {} µm, {}; digest {:.DIGITS$}, layout {:.DIGITS$}",

@@ -153,13 +153,13 @@ mod tests {
     use pipeline::band::Options;
     use pipeline::design::shelf::ShelfLens;
     use pipeline::geometry::{Frame, Size};
-    use pipeline::remap::Stages;
+    use pipeline::stage::{Stage, Stages};
 
     /// The reaches of a film up to `film_mm` from the axis of a Double Gauss with these steps, without PSFs.
     fn reaches(field_mm: f64, steps_mm: &[f64], film_mm: f64) -> Vec<BandReach> {
         let system = ShelfLens::named("double-gauss-28").unwrap().system();
         let size = Size::new(9, 9);
-        let stages = Stages { ri: true, distortion: true, svpsf: false };
+        let stages = Stages::of(&[Stage::Ri, Stage::Distortion]);
         let options = Options { stages, ..default_options() };
         let frame = Frame::centred(size, size, 2.0);
         let job = TracingJob { system: &system, name: "test", frame: &frame, options: &options, depth: None };

@@ -319,7 +319,7 @@ pub(super) fn trace_options(nm: f64, reach_mm: f64, job: &TracingJob<'_>) -> Tra
     if trace.film_pitch_um > FINE_PITCH_UM {
         trace.max_window_px = trace.max_window_px.min(window_of_samples(job.system, &trace, MAX_SIDE));
     }
-    if !job.options.stages.svpsf {
+    if !job.options.stages.has(pipeline::stage::Stage::Svpsf) {
         trace.heights = PsfHeights::Given(vec![0.0, reach_mm]);
         trace.azimuths = Azimuths::Given(4);
         trace.window_px = Some(3);
