@@ -126,7 +126,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         if let Some(coded) = cause.downcast_ref::<Coded>() {
             return coded.code;
         }
-        if malformed_address(cause) {
+        if malformed_address(cause) || matches!(cause.downcast_ref(), Some(ChartError::Usage(_))) {
             return code::USAGE;
         }
         if retryable(cause) {

@@ -39,7 +39,7 @@ use crate::args::{Device, RunArgs};
 use crate::job::lens::JobLens;
 use crate::job::memory::Memory;
 use crate::machine::excess_note;
-use crate::open::Chart;
+use crate::open::{self, Chart};
 use anyhow::{Context, Result};
 use arguments::Arguments;
 use bands::JobPlan;
@@ -122,7 +122,7 @@ impl Job {
         light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
         let chart_bands = inputs.chart_bands();
-        inputs.chart.read_past_page_cache(&chart_bands, arguments.threads);
+        open::read_past_page_cache(&mut inputs.chart, &chart_bands, arguments.threads);
         let (memory, queues) = resources::allocate(&mut arguments, &inputs, &mut plan, &stretch)?;
         inputs.chart.set_cache_bytes(memory.chart_cache);
         if let Some(depth) = &mut inputs.depth {

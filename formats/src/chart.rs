@@ -36,6 +36,7 @@
 //! Metadata are checked on opening. [`pipeline::flow::ChartSource::read`] then decodes each chunk once as long as it stays in a bounded
 //! cache, for any number of threads and overlapping requests, and checks its values ([`NanPolicy`], [`MAX_VALUE`]).
 
+mod any;
 mod axes;
 mod band_chunks;
 pub mod cache;
@@ -72,6 +73,7 @@ mod write;
 pub use crate::npy::parse_dtype;
 pub use crate::sample::{RasterSample, Sample};
 pub use crate::shard::Codec;
+pub use any::{Chart, ChartRequest, check_has_files};
 pub use axes::{AxisOrder, AxisOrderError};
 pub use decoded_chart::DecodedChart;
 pub use error::ChartError;

@@ -17,10 +17,9 @@
 //!
 //! # Adding a chart format
 //!
-//! Samples in a flat file: `chart/raster/` (`open.rs`, `layout.rs`, `samples.rs`). Any other: `chart/FORMAT.rs`, which implements
-//! `pipeline::flow::ChartSource` and the functions of `chart/exr.rs` (identity, limit of values, wavelengths, figures), and is exported by
-//! `chart.rs`. In the command: `src/open.rs` (`Chart`), `src/run/record.rs` (`ChartFigures`), `src/plan/cost.rs` (`bytes_read`), the list of
-//! formats in `src/args/run.rs`. Tests: `tests/invariance.rs`, `formats/tests/fuzz/`.
+//! `chart/FORMAT.rs`, whose bands a `BandDecoder` decodes for a `DecodedChart` (`chart/exr.rs` is one), and its row in `chart/any.rs`. Samples in
+//! a flat file: `chart/raster/` (`open.rs`, `layout.rs`, `samples.rs`). Say it in `chart/foreign.rs` (what is supported) and in the guide's page
+//! `charts`. Tests: `tests/invariance.rs`, `formats/tests/fuzz/`.
 //!
 //! # Adding a codec of films and charts
 //!

@@ -13,7 +13,7 @@ use crate::commands::run;
 use crate::failure::usage;
 use crate::job::lens::samples::LensData;
 use crate::job::threads;
-use crate::open::Chart;
+use crate::open::{self, Chart};
 use crate::progress::{log_line, print};
 use anyhow::Result;
 use clap::Parser;
@@ -128,7 +128,7 @@ fn region(cells: f64) -> Rect {
 }
 
 fn picture(source: &str, region: Option<Rect>, exposure: Exposure, threads: usize) -> Result<(Image, f64)> {
-    let chart = Chart::open(source, None, NanPolicy::Keep, 256 << 20)?;
+    let chart = open::chart(source, None, NanPolicy::Keep, 256 << 20)?;
     let view = View { region, max_side: Some(2048), threads };
     let options = PreviewOptions { view, exposure, ..PreviewOptions::default() };
     let (image, shown) = preview(chart.source(), &chart.wavelengths_nm()?, &options, &|_, _| ())?;
@@ -138,7 +138,7 @@ fn picture(source: &str, region: Option<Rect>, exposure: Exposure, threads: usiz
 /// Writes chart.png and returns its exposure for film.png.
 fn chart_picture(dir: &Path, out: &Path, size: usize, threads: usize) -> Result<f64> {
     let source = text(&dir.join("chart.zarr"));
-    let chart = Chart::open(&source, None, NanPolicy::Keep, 0)?;
+    let chart = open::chart(&source, None, NanPolicy::Keep, 0)?;
     let edge = (chart.size().height - size) / 2;
     let middle = Rect::new(edge as i64, edge as i64, size, size);
     let (image, exposure) = picture(&source, Some(middle), Exposure::Auto, threads)?;
@@ -154,7 +154,7 @@ fn film_picture(dir: &Path, out: &Path, exposure: f64, threads: usize) -> Result
 
 /// Writes regions.png: chart and film side by side at 100 %.
 fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()> {
-    let chart = Chart::open(full, None, NanPolicy::Keep, 0)?;
+    let chart = open::chart(full, None, NanPolicy::Keep, 0)?;
     let edge = ((chart.size().height - FULL_PX) / 2) as i64;
     let mut pairs = Vec::new();
     for (i, (region, (name, cells))) in regions.iter().zip(STATIONS).enumerate() {
@@ -170,7 +170,7 @@ fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()>
     }
     let (last, (name, _)) = (STATIONS.len() - 1, STATIONS[STATIONS.len() - 1]);
     let corner =
-        Chart::open(&format!("{}//roi_{last}", text(&dir.join("regions.zarr"))), None, NanPolicy::Keep, 0)?;
+        open::chart(&format!("{}//roi_{last}", text(&dir.join("regions.zarr"))), None, NanPolicy::Keep, 0)?;
     let one_band = |nm: f64| -> Result<Crop> {
         Ok(Crop { image: grey(&corner, nm)?, caption: format!("film, {name}, {nm:.0} nm only") })
     };
@@ -181,7 +181,7 @@ fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()>
 
 /// Writes camera.png: the corner of the film as the observer sees it, beside the camera's picture.
 fn camera_sheet(dir: &Path, out: &Path, (full, regions): (&str, &[Rect]), threads: usize) -> Result<()> {
-    let chart = Chart::open(full, None, NanPolicy::Keep, 0)?;
+    let chart = open::chart(full, None, NanPolicy::Keep, 0)?;
     let edge = ((chart.size().height - FULL_PX) / 2) as i64;
     let last = regions.len() - 1;
     let region = regions[last];

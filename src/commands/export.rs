@@ -7,7 +7,7 @@ use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::{code, usage};
 use crate::job::{chosen_bands, threads};
 use crate::machine::default_limit;
-use crate::open::{Chart, ChartFlags};
+use crate::open::{self, Chart, ChartFlags};
 use crate::outputs::check_absent;
 use crate::progress::interrupt;
 use crate::progress::{counting, log_line};
@@ -132,7 +132,7 @@ impl Input {
             cache_bytes,
             ..ChartFlags::default()
         };
-        let chart = Chart::open_with(&args.film, &flags)?;
+        let chart = open::chart_with(&args.film, &flags)?;
         let all_nm = chart.wavelengths_nm()?;
         let bands = match (&args.bands, args.band) {
             (Some(text), _) => chosen_bands(text, &all_nm)?,
@@ -206,7 +206,7 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
     let memory = buffer_bytes(args);
     let mut input = Input::new(args, memory / 4)?;
     let threads = threads(args.threads);
-    input.chart.sort_by_band(&input.bands, parent_of(args.target()), threads)?;
+    open::sort_by_band(&mut input.chart, &input.bands, parent_of(args.target()), threads)?;
     let region = input.region;
     let max_side = match file {
         ColourFile::Png => Some(args.max_side.unwrap_or(DEFAULT_PNG_SIDE)),

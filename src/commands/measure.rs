@@ -8,7 +8,7 @@ pub mod quality;
 
 use crate::args::MeasureArgs;
 use crate::failure::usage;
-use crate::open::Chart;
+use crate::open::{self, Chart};
 use crate::outputs::check_absent;
 use crate::progress::print;
 use anyhow::{Context, Result};
@@ -51,7 +51,7 @@ type Position = (f64, f64);
 pub fn command(args: &MeasureArgs) -> Result<()> {
     let outputs = [&args.csv, &args.json, &args.plot];
     outputs.into_iter().flatten().try_for_each(|path| check_absent(path, args.overwrite))?;
-    let chart = Chart::open(&args.film, args.wavelengths.as_deref(), NanPolicy::Keep, CACHE_BYTES)?;
+    let chart = open::chart(&args.film, args.wavelengths.as_deref(), NanPolicy::Keep, CACHE_BYTES)?;
     let all_nm = chart.wavelengths_nm()?;
     let bands = match args.band {
         Some(nm) => vec![nearest_band(&all_nm, nm)?],

@@ -35,6 +35,7 @@ use crate::job::Job;
 use crate::job::depth::Depth;
 use crate::job::film_engine;
 use crate::job::stages::prepare;
+use crate::open;
 use crate::outputs::Guard;
 use crate::progress::interrupt;
 use crate::progress::jsonl::Jsonl;
@@ -362,7 +363,7 @@ fn sort_chart_by_band(job: &mut Job, film: &Path, missing: &[BTreeSet<ShardId>])
     let bands: Vec<usize> = needed.map(|(band, _)| *band).collect();
     let temp = std::env::temp_dir();
     let directory = if is_url(film) { &temp } else { parent_of(film) };
-    job.chart.sort_by_band(&bands, directory, job.memory.decoders)
+    open::sort_by_band(&mut job.chart, &bands, directory, job.memory.decoders)
 }
 
 fn print_start(job: &Job, shards: usize) {

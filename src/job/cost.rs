@@ -4,7 +4,6 @@
 //! measured on the paper's job (scripts/bench). Bytes are those before compression.
 
 use crate::job::Job;
-use crate::open::Chart;
 use pipeline::band::BandPlan;
 use pipeline::depth::plan::{DepthPlan, NodePlan};
 use pipeline::remap::Remap;
@@ -69,13 +68,7 @@ pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
 
 /// Bytes of chart read for `tiles` (row by row); what two rows of tiles share is counted once.
 pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
-    let sample = match &job.chart {
-        Chart::Store(s) => s.sample().bytes(),
-        Chart::Raster(r) => r.sample().bytes(),
-        // As in the temporary file that it is decoded to.
-        Chart::Decoded(chart) => chart.copied_sample().bytes(),
-        Chart::Generated(_) => return 0,
-    };
+    let sample = job.chart.sample_bytes();
     let plan = &job.plans[band];
     let options = &job.options;
     let remap = Remap::new(

@@ -11,9 +11,7 @@ use crate::args::{CoverageLight, DepthArgs, DepthEdges, DepthKind, DepthMiss, De
 use crate::failure::usage;
 use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
-use arrays::{
-    array, check_opaque, check_size, coverage, decode, hdf5_array, temporary_directory, text_attribute,
-};
+use arrays::{array, check_opaque, check_size, coverage, decode, temporary_directory};
 use clean::{CleanDepth, Edges};
 use pipeline::depth::plan::Surfaces;
 use pipeline::depth::sheet::{ConstantDepth, Distance, Sheet};
@@ -211,7 +209,7 @@ impl Depth {
         self.sheets
             .iter_mut()
             .filter_map(|sheet| sheet.chart.as_mut())
-            .try_for_each(|chart| chart.limit_values(max))
+            .try_for_each(|chart| Ok(chart.limit_values(max)?))
     }
 
     /// Number of surfaces.
@@ -224,7 +222,7 @@ impl Depth {
     /// # Errors
     /// As [`Chart::content_digest`].
     pub fn content_digests(&self) -> Result<Value> {
-        self.charts().map(Chart::content_digest).collect()
+        self.charts().map(|chart| Ok(chart.content_digest()?)).collect()
     }
 
     /// What determines pixels, and the modification times of the files.
@@ -314,7 +312,7 @@ impl SheetInput {
         decode(&depth, &request.directory, request.threads)?;
         let distance = declared(given, &paths.depth, &depth, focal_mm)?;
         let is_in_group =
-            matches!(depth, Chart::Store(_) | Chart::Generated(_)) || hdf5_array(&depth).is_some();
+            matches!(depth, Chart::Store(_) | Chart::Generated(_)) || depth.hdf5_array().is_some();
         let coverage = match &paths.coverage {
             Some(spec) if is_in_group => coverage(spec, frame)?,
             _ => None,
@@ -385,7 +383,7 @@ fn rounded_range((first, last): (f64, f64)) -> (f64, f64) {
 
 /// What the numbers of `depth` mean: by the flags, else by its attributes.
 fn declared(args: &DepthArgs, spec: &str, depth: &Chart, ray_mm: f64) -> Result<Distance> {
-    let attribute = |key: &str| text_attribute(depth, key);
+    let attribute = |key: &str| depth.text_attribute(key);
     let unit = match (args.depth_unit, attribute("unit").or_else(|| attribute("units"))) {
         (Some(unit), _) => unit,
         (None, None) => DepthUnit::Metre,

@@ -7,7 +7,7 @@ use super::frame::{Named, frame};
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::job::lens::UntracedLens;
-use crate::open::{Chart, ChartFlags, check_has_files};
+use crate::open::{self, Chart, ChartFlags, check_has_files};
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::chart::NanPolicy;
@@ -145,5 +145,5 @@ fn open_chart(args: &RunArgs, nan: NanPolicy) -> Result<Chart> {
         nan,
         cache_bytes: 0,
     };
-    Chart::open_with(&args.chart, &flags)
+    open::chart_with(&args.chart, &flags)
 }

@@ -4,7 +4,7 @@ use super::bands::JobPlan;
 use super::film::chart_units;
 use crate::args::{FilmUnits, RunArgs, size_order_note};
 use crate::job::light_units::{self, Quantity};
-use crate::open::{Chart, is_builtin};
+use crate::open::{self, Chart, is_builtin};
 use anyhow::Result;
 use clap::ValueEnum;
 use pipeline::lens::PsfSample;
@@ -20,7 +20,7 @@ const MIN_USUAL_ENERGY: f64 = 0.9;
 /// The lens pack cannot be read.
 pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String>> {
     let mut notes = plan.lens.notes().to_vec();
-    notes.extend(chart.notes());
+    notes.extend(open::notes(chart));
     notes.extend(args.placement.film_size.and_then(|size| size_order_note("--film-size", size)));
     if !chart.is_scaled_store() && (chart.has_integer_samples() || args.chart_scale.is_some()) {
         let samples = if chart.has_integer_samples() {

@@ -13,7 +13,7 @@ use crate::job::cost::core_s;
 use crate::job::lens::{TracedFor, UntracedLens, estimated};
 use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
 use crate::machine::default_limit;
-use crate::open::{Chart, ChartFlags};
+use crate::open::{self, Chart, ChartFlags};
 use anyhow::Result;
 use formats::chart::{NanPolicy, exr};
 use formats::film::FilmSpec;
@@ -120,7 +120,7 @@ fn scene(args: &DepthReportArgs) -> Result<(Chart, Vec<SurfacePaths>)> {
         return Ok((arrays::open(spec, spec, None)?, vec![SurfacePaths::first(spec)]));
     }
     let flags = ChartFlags { nan: NanPolicy::Keep, ..ChartFlags::default() };
-    let chart = Chart::open_with(spec, &flags)?;
+    let chart = open::chart_with(spec, &flags)?;
     let is_array = args.surfaces.depth.is_none() && SurfacePaths::of_chart(spec, &chart)?.is_empty();
     let depth = if is_array { Some(spec.clone()) } else { args.surfaces.depth.clone() };
     let mut paths = SurfacePaths::of_job(&DepthArgs { depth, ..args.surfaces.clone() }, spec, &chart)?;

@@ -11,6 +11,9 @@ use crate::image::header::ImageError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ChartError {
+    /// A name or a request that no chart can have: an error of the command line.
+    #[error("{0}")]
+    Usage(String),
     /// No file or directory.
     #[error(
         "opening chart {path}: not found; expected a Zarr store (PATH or PATH//array), a .npy file, HDF5 (.mat v7.3, NetCDF-4), an ENVI header (.hdr), a multi-band TIFF, a spectral .exr, or a folder or pattern of pictures"

@@ -5,6 +5,7 @@ use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::usage;
 use crate::job::threads;
 use crate::machine::peak_resident;
+use crate::open;
 use crate::progress::{counting, log_line, plural};
 use anyhow::Result;
 use formats::durable::parent_of;
@@ -46,7 +47,7 @@ pub(super) fn write(
     // Opened again with the cache size now known; the first time only metadata were read.
     drop(first);
     let mut input = Input::new(args, cache)?;
-    input.chart.sort_by_band(&input.bands, parent_of(args.target()), threads)?;
+    open::sort_by_band(&mut input.chart, &input.bands, parent_of(args.target()), threads)?;
     let source = input.source(cancel);
     let samples = samples(&input, &source, &description, threads);
     let (bar, progress) = counting("writing");

@@ -30,20 +30,14 @@ struct ChartFigures {
 
 impl ChartFigures {
     fn new(chart: &Chart) -> Self {
-        let flat = |(bytes, nan_replaced)| Self { bytes_read: Some(bytes), nan_replaced, ..Self::default() };
-        match chart {
-            Chart::Store(s) => {
-                let s = s.stats();
-                Self {
-                    bytes_read: Some(s.bytes_read),
-                    chunks_decoded: Some(s.chunks_decoded),
-                    missing_chunks: s.missing_chunks,
-                    nan_replaced: s.nan_replaced,
-                }
-            }
-            Chart::Raster(r) => flat(r.stats()),
-            Chart::Decoded(p) => flat(p.stats()),
-            Chart::Generated(_) => Self::default(),
+        let Some(stats) = chart.stats() else { return Self::default() };
+        // Counted for stores alone.
+        let chunks_decoded = matches!(chart, Chart::Store(_)).then_some(stats.chunks_decoded);
+        Self {
+            bytes_read: Some(stats.bytes_read),
+            chunks_decoded,
+            missing_chunks: stats.missing_chunks,
+            nan_replaced: stats.nan_replaced,
         }
     }
 }

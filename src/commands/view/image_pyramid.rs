@@ -7,7 +7,7 @@
 use super::mosaic::Mosaic;
 use crate::camera::frame::array_index;
 use crate::failure::usage;
-use crate::open::Chart;
+use crate::open::{self, Chart};
 use anyhow::{Context, Result, bail};
 use formats::chart::cache::Cache;
 use formats::chart::{NanPolicy, split_array};
@@ -101,10 +101,10 @@ impl ImagePyramid {
                 let array =
                     format!("{}//{}", store.path().display(), store.pyramid().level_path(*output, level));
                 // The bands of a level have the order of the film's. Shards that do not exist yet are NaN and shown as missing.
-                Chart::open(&array, wavelengths.filter(|_| level == 0), NanPolicy::Keep, memory / share)
+                open::chart(&array, wavelengths.filter(|_| level == 0), NanPolicy::Keep, memory / share)
             }
             (_, Some(mosaic)) => Ok(Chart::Store(Box::new(mosaic.level(level, memory / share)?))),
-            _ => Chart::open(spec, wavelengths, NanPolicy::Keep, memory / share),
+            _ => open::chart(spec, wavelengths, NanPolicy::Keep, memory / share),
         };
         let full = open(0, 4)?;
         let all_nm = full.wavelengths_nm()?;

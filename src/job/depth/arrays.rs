@@ -2,39 +2,12 @@
 
 use super::scan;
 use crate::failure::usage;
-use crate::open::{Chart, ChartFlags};
+use crate::open::{self, Chart, ChartFlags};
 use anyhow::{Context, Result};
-use formats::chart::{ChartError, FileArray, NanPolicy, exr, lacks_array, split_array};
+use formats::chart::{ChartError, NanPolicy, exr, lacks_array, split_array};
 use formats::durable::{is_url, link_target, parent_of};
 use pipeline::geometry::Frame;
 use std::path::{Path, PathBuf};
-
-/// Number of bands of an array.
-pub fn array_of(chart: &Chart) -> usize {
-    match chart {
-        Chart::Store(store) => store.bands(),
-        Chart::Raster(raster) => raster.bands(),
-        Chart::Decoded(decoded) => decoded.bands(),
-        Chart::Generated(generator) => generator.wavelengths_nm().len(),
-    }
-}
-
-/// The array of an HDF5 file that a chart was opened from, and the path of the file.
-pub fn hdf5_array(chart: &Chart) -> Option<(&Path, &FileArray)> {
-    match chart {
-        Chart::Raster(raster) => Some((raster.path(), raster.array()?)),
-        Chart::Decoded(decoded) => Some((decoded.path(), decoded.array()?)),
-        Chart::Store(_) | Chart::Generated(_) => None,
-    }
-}
-
-/// An attribute of an array that is text.
-pub fn text_attribute<'a>(chart: &'a Chart, key: &str) -> Option<&'a str> {
-    match chart {
-        Chart::Store(store) => store.text_attribute(key),
-        _ => hdf5_array(chart)?.1.text_attribute(key),
-    }
-}
 
 /// Whether a store has no array of the requested name.
 pub fn is_missing(error: &anyhow::Error) -> bool {
@@ -64,12 +37,12 @@ pub fn open(spec: &str, name: &str, raw: Option<(&str, &str)>) -> Result<Chart> 
     let flags = ChartFlags { nan: NanPolicy::Keep, wavelengths, raw, ..ChartFlags::default() };
     let mut chart = match exr::is_supported_path(Path::new(split_array(spec).0)) {
         true => open_exr(spec, NanPolicy::Keep),
-        false => Chart::open_with(spec, &flags),
+        false => open::chart_with(spec, &flags),
     }
     .with_context(|| name.to_owned())?;
     // Renderers write large numbers for infinity.
     chart.limit_values(f32::MAX)?;
-    let bands = array_of(&chart);
+    let bands = chart.bands();
     if bands != 1 {
         return Err(usage(format!("{name}: the array has {bands} bands, expected rows and columns only")));
     }

@@ -12,7 +12,6 @@
 //! An outlier differs by more than 2 px from all its four neighbours, which are of one surface.
 
 use crate::open::Chart;
-use formats::chart::{RasterSample, Sample};
 use pipeline::depth::sheet::Distance;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Frame, Rect, Size};
@@ -61,7 +60,7 @@ pub struct Neighbourhood {
 impl CleanDepth {
     /// The array `chart` of a surface with `coverage`.
     pub fn new(chart: Chart, coverage: Option<Chart>) -> Self {
-        let far_value = if is_f16(&chart) { F16_MAX } else { f32::INFINITY };
+        let far_value = if chart.is_f16() { F16_MAX } else { f32::INFINITY };
         Self { chart, coverage, far_value, snap: None }
     }
 
@@ -167,18 +166,5 @@ impl Edges {
                 !differ(far, near, EDGE_PX) && (v < far && is_beyond(far) || v > near && is_beyond(near));
         }
         found
-    }
-}
-
-/// Whether the numbers of a file have 16 bits.
-fn is_f16(chart: &Chart) -> bool {
-    match chart {
-        Chart::Store(store) => store.sample() == Sample::F16,
-        Chart::Raster(raster) => raster.sample() == RasterSample::Plain(Sample::F16),
-        // Channels of OpenEXR are decoded to 32 bits.
-        Chart::Decoded(decoded) => {
-            decoded.identity().is_ok_and(|(content, _)| content["exr"]["channels"][0]["sample"] == "f16")
-        }
-        Chart::Generated(_) => false,
     }
 }

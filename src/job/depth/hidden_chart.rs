@@ -1,7 +1,7 @@
 //! Charts of hidden surfaces: opened as the job's chart is, with bands at the same wavelengths.
 
 use crate::failure::usage;
-use crate::open::{Chart, ChartFlags};
+use crate::open::{self, Chart, ChartFlags};
 use anyhow::{Context, Result};
 use formats::chart::{exr, pictures};
 use std::path::Path;
@@ -25,7 +25,7 @@ pub fn open(spec: &str, name: &str, flags: &ChartFlags<'_>, wavelengths_nm: &[f6
     // Without wavelengths of its own it has those of the job's chart.
     if flags.wavelengths.is_none()
         && !is_drawn
-        && let Ok(chart) = Chart::open_with(spec, &flags)
+        && let Ok(chart) = open::chart_with(spec, &flags)
         && let Ok(own) = chart.wavelengths_nm()
     {
         let is_same = |(a, b): (&f64, &f64)| (a - b).abs() <= SAME_NM;
@@ -40,7 +40,7 @@ pub fn open(spec: &str, name: &str, flags: &ChartFlags<'_>, wavelengths_nm: &[f6
         )));
     }
     let nm = list(wavelengths_nm);
-    Chart::open_with(spec, &ChartFlags { wavelengths: Some(&nm), ..flags }).with_context(|| name.to_owned())
+    open::chart_with(spec, &ChartFlags { wavelengths: Some(&nm), ..flags }).with_context(|| name.to_owned())
 }
 
 /// Whether `--axes` applies: other formats declare their order.

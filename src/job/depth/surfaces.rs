@@ -3,10 +3,10 @@
 //! A chart's group may hold `depth`, `coverage`, `hidden/1/chart`, `hidden/1/depth`, `hidden/1/coverage`, `hidden/2/chart`, …; `gen:depth-scene` has
 //! such arrays, too. `--depth none` ignores them.
 
-use super::arrays::{array_of, hdf5_array, is_missing};
+use super::arrays::is_missing;
 use crate::args::DepthArgs;
 use crate::failure::usage;
-use crate::open::{Chart, ChartFlags};
+use crate::open::{self, Chart, ChartFlags};
 use anyhow::Result;
 use formats::chart::{exr, lacks_array};
 use pipeline::chart::ScenePart;
@@ -106,7 +106,7 @@ impl SurfacePaths {
                 };
                 Self::of_group(&group)
             }
-            Chart::Raster(_) | Chart::Decoded(_) => match hdf5_array(chart) {
+            Chart::Raster(_) | Chart::Decoded(_) => match chart.hdf5_array() {
                 None => Ok(Vec::new()),
                 Some((file, array)) => Self::of_group(&match array.path.rsplit_once('/') {
                     None => file.display().to_string(),
@@ -154,8 +154,8 @@ fn is_plane(spec: &str) -> Result<bool> {
     if lacks_array(spec)? {
         return Ok(false);
     }
-    match Chart::open_with(spec, &ChartFlags::default()) {
-        Ok(chart) => Ok(array_of(&chart) == 1),
+    match open::chart_with(spec, &ChartFlags::default()) {
+        Ok(chart) => Ok(chart.bands() == 1),
         Err(e) if is_missing(&e) => Ok(false),
         Err(e) => Err(e),
     }

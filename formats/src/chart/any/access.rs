@@ -1,18 +1,19 @@
 //! What a job needs of a chart of any format.
 
-use super::Chart;
-use crate::args::size_order_note;
-use crate::failure::usage;
-use crate::machine::machine_memory;
-use crate::progress::{counting, log_line};
-use anyhow::{Context, Result};
-use formats::chart::{ChunkMemory, RasterSample};
-use formats::durable::is_url;
+use std::path::Path;
+
 use pipeline::chart::Kind;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Size;
 use serde_json::{Value, json};
-use std::path::Path;
+
+use super::Chart;
+use crate::chart::error::ChartError;
+use crate::chart::header::FileArray;
+use crate::chart::memory::ChunkMemory;
+use crate::chart::store::ReadStats;
+use crate::durable::is_url;
+use crate::sample::{RasterSample, Sample};
 
 impl Chart {
     /// The pixels.
@@ -25,29 +26,40 @@ impl Chart {
         }
     }
 
-    /// Sorts the chart by band into a temporary file in `directory`, if its bands would otherwise be fetched or decoded once per band;
-    /// prints that.
-    pub fn sort_by_band(&mut self, bands: &[usize], directory: &Path, threads: usize) -> Result<()> {
-        let (bar, progress) = counting("sorting the chart by band");
+    /// What is said before the chart is sorted by band into a temporary file; `None` if its bands are read as they are stored.
+    pub fn sorting_note(&self, bands: &[usize]) -> Option<String> {
+        let copying =
+            |reason: &str| format!("copying the chart's bands once into a temporary file ({reason})");
         match self {
             Self::Raster(raster) if bands.len() > 1 && raster.needs_band_copy() => {
-                log_line(copying_bands("they are interleaved"));
-                raster.copy_bands(bands, directory, &progress)?;
+                Some(copying("they are interleaved"))
             }
-            Self::Store(store) if store.rechunk_needed(bands) => {
-                log_line(copying_bands("chunks span several of them"));
-                store.rechunk(bands, directory, threads, &progress)?;
-            }
-            Self::Decoded(chart) => {
-                log_line(
-                    "the chart's files are compressed or in parts: decoding its bands once into a temporary file",
-                );
-                chart.copy_bands(bands, directory, threads, &progress)?;
-            }
-            _ => (),
+            Self::Store(store) if store.rechunk_needed(bands) => Some(copying("chunks span several of them")),
+            Self::Decoded(_) => Some(
+                "the chart's files are compressed or in parts: decoding its bands once into a temporary file"
+                    .into(),
+            ),
+            _ => None,
         }
-        bar.finish_and_clear();
-        Ok(())
+    }
+
+    /// Sorts the chart by band into a temporary file in `directory`; `progress` receives the steps done and all.
+    ///
+    /// # Errors
+    /// The chart cannot be read; the file cannot be written.
+    pub fn sort_by_band(
+        &mut self,
+        bands: &[usize],
+        directory: &Path,
+        threads: usize,
+        progress: &(dyn Fn(u64, u64) + Sync),
+    ) -> Result<(), ChartError> {
+        match self {
+            Self::Raster(raster) => raster.copy_bands(bands, directory, progress),
+            Self::Store(store) => store.rechunk(bands, directory, threads, progress),
+            Self::Decoded(chart) => chart.copy_bands(bands, directory, threads, progress),
+            Self::Generated(_) => Ok(()),
+        }
     }
 
     /// Bytes of the temporary file of [`Chart::sort_by_band`]; 0 without one.
@@ -87,13 +99,6 @@ impl Chart {
         }
     }
 
-    /// Reads a store whose `bands` would fill the page cache past it: see `ChartStore::read_past_page_cache`.
-    pub fn read_past_page_cache(&mut self, bands: &[usize], threads: usize) {
-        if let (Self::Store(store), Some(memory)) = (self, machine_memory()) {
-            store.read_past_page_cache(bands, threads, memory);
-        }
-    }
-
     /// Sets the size of the cache of decoded chunks, or of drawn edges, and empties it.
     pub fn set_cache_bytes(&mut self, bytes: usize) {
         match self {
@@ -103,20 +108,82 @@ impl Chart {
         }
     }
 
+    /// Number of bands.
+    pub fn bands(&self) -> usize {
+        match self {
+            Self::Store(s) => s.bands(),
+            Self::Raster(r) => r.bands(),
+            Self::Decoded(p) => p.bands(),
+            Self::Generated(g) => g.wavelengths_nm().len(),
+        }
+    }
+
+    /// Bytes of a sample as it is read: those of the temporary file of a decoded chart; 0 for a generated one.
+    pub fn sample_bytes(&self) -> usize {
+        match self {
+            Self::Store(s) => s.sample().bytes(),
+            Self::Raster(r) => r.sample().bytes(),
+            Self::Decoded(p) => p.copied_sample().bytes(),
+            Self::Generated(_) => 0,
+        }
+    }
+
+    /// Whether the numbers of its file have 16 bits.
+    pub fn is_f16(&self) -> bool {
+        match self {
+            Self::Store(s) => s.sample() == Sample::F16,
+            Self::Raster(r) => r.sample() == RasterSample::Plain(Sample::F16),
+            // Channels of OpenEXR are decoded to 32 bits.
+            Self::Decoded(p) => {
+                p.identity().is_ok_and(|(content, _)| content["exr"]["channels"][0]["sample"] == "f16")
+            }
+            Self::Generated(_) => false,
+        }
+    }
+
+    /// What was read so far; `None` for a generated chart.
+    pub fn stats(&self) -> Option<ReadStats> {
+        let flat =
+            |(bytes_read, nan_replaced)| ReadStats { bytes_read, nan_replaced, ..ReadStats::default() };
+        match self {
+            Self::Store(s) => Some(s.stats()),
+            Self::Raster(r) => Some(flat(r.stats())),
+            Self::Decoded(p) => Some(flat(p.stats())),
+            Self::Generated(_) => None,
+        }
+    }
+
+    /// The array of an HDF5 file that it was opened from, and the path of the file.
+    pub fn hdf5_array(&self) -> Option<(&Path, &FileArray)> {
+        match self {
+            Self::Raster(raster) => Some((raster.path(), raster.array()?)),
+            Self::Decoded(decoded) => Some((decoded.path(), decoded.array()?)),
+            Self::Store(_) | Self::Generated(_) => None,
+        }
+    }
+
+    /// An attribute of its array that is text.
+    pub fn text_attribute(&self, key: &str) -> Option<&str> {
+        match self {
+            Self::Store(store) => store.text_attribute(key),
+            _ => self.hdf5_array()?.1.text_attribute(key),
+        }
+    }
+
     /// Size in pixels.
     pub fn size(&self) -> Size {
         self.source().size()
     }
 
     /// Wavelength of every band in nm.
-    pub fn wavelengths_nm(&self) -> Result<Vec<f64>> {
+    pub fn wavelengths_nm(&self) -> Result<Vec<f64>, ChartError> {
         match self {
             Self::Generated(g) => Ok(g.wavelengths_nm().to_vec()),
             Self::Raster(r) => {
                 r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
             }
             Self::Decoded(p) => p.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| match p.is_set() {
-                true => usage(format!(
+                true => ChartError::Usage(format!(
                     "chart {}: expected one number of 200 to 2500 (nm) at the same position in the name of each of the {} pictures; give \
                      the wavelengths in their order, e.g. `--wavelengths 400:700:10`",
                     p.path().display(),
@@ -168,7 +235,7 @@ impl Chart {
     }
 
     /// Limits the magnitude of values to `max`; larger ones are an error. Call it before pixels are read.
-    pub fn limit_values(&mut self, max: f32) -> Result<()> {
+    pub fn limit_values(&mut self, max: f32) -> Result<(), ChartError> {
         match self {
             Self::Store(s) => s.limit_values(max),
             Self::Raster(r) => r.limit_values(max),
@@ -177,7 +244,7 @@ impl Chart {
                 if let Kind::Uniform { value } = g.spec().kind
                     && value.abs() > f64::from(max)
                 {
-                    return Err(usage(format!(
+                    return Err(ChartError::Usage(format!(
                         "chart `gen:uniform`: value={value:e}: expected at most {max:e} in magnitude, so that 32-bit sums do \
                          not overflow"
                     )));
@@ -200,7 +267,7 @@ impl Chart {
             }
             Self::Raster(r) => r.notes().to_vec(),
             Self::Decoded(p) => p.notes().to_vec(),
-            Self::Generated(g) => size_order_note("size", g.spec().film).into_iter().collect(),
+            Self::Generated(_) => Vec::new(),
         }
     }
 
@@ -223,7 +290,7 @@ impl Chart {
     ///
     /// # Errors
     /// Usage: it is at a URL. A file cannot be read, or changes meanwhile.
-    pub fn content_digest(&self) -> Result<Value> {
+    pub fn content_digest(&self) -> Result<Value, ChartError> {
         Ok(match self {
             Self::Store(s) => {
                 check_has_files(s.path())?;
@@ -236,10 +303,10 @@ impl Chart {
     }
 
     /// Identity for the job's digest: its content (names and sizes of files, parameters), and the modification times of its files.
-    pub fn identity(&self) -> Result<(Value, Value)> {
+    pub fn identity(&self) -> Result<(Value, Value), ChartError> {
         Ok(match self {
             Self::Store(s) => {
-                let identity = s.identity().context("listing the chart's chunks")?;
+                let identity = s.identity()?;
                 (json!({ "store": identity.content }), json!(identity.mtimes))
             }
             Self::Raster(r) => r.identity()?,
@@ -253,9 +320,9 @@ impl Chart {
 ///
 /// # Errors
 /// Usage.
-pub fn check_has_files(path: &Path) -> Result<()> {
+pub fn check_has_files(path: &Path) -> Result<(), ChartError> {
     match is_url(path) {
-        true => Err(usage(format!(
+        true => Err(ChartError::Usage(format!(
             "--check-input: expected local files, found {}, whose objects are identified by their ETags; leave it out, or copy the chart to a \
              local disk",
             path.display()
@@ -264,12 +331,8 @@ pub fn check_has_files(path: &Path) -> Result<()> {
     }
 }
 
-fn copying_bands(reason: &str) -> String {
-    format!("copying the chart's bands once into a temporary file ({reason})")
-}
-
-fn no_wavelengths(path: &Path, bands: usize) -> anyhow::Error {
-    usage(format!(
+fn no_wavelengths(path: &Path, bands: usize) -> ChartError {
+    ChartError::Usage(format!(
         "chart {} has no wavelengths for its {bands} bands; give them, e.g. `--wavelengths 400:700:10`",
         path.display()
     ))

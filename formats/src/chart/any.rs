@@ -1,0 +1,207 @@
+//! A chart of any format, opened by its name on the command line.
+//!
+//! A format is a row of [`FORMATS`]; the first that recognises a name opens it. Its pixels are read by one of three types: a Zarr array
+//! ([`ChartStore`]), a file that is mapped into memory ([`RasterChart`]), or one that is decoded to a temporary file ([`DecodedChart`]).
+
+mod access;
+
+pub use access::check_has_files;
+
+use std::path::Path;
+
+use pipeline::chart::{ChartSpec, Generator};
+
+use super::axes::AxisOrder;
+use super::decoded_chart::DecodedChart;
+use super::error::ChartError;
+use super::exr::{self, ExrContent, ExrFile};
+use super::hdf5::{self, Hdf5Chart};
+use super::open::split_array;
+use super::options::{ChartOptions, NanPolicy};
+use super::pictures;
+use super::raster::RasterChart;
+use super::raster::layout::RasterLayout;
+use super::store::ChartStore;
+use crate::durable::is_url;
+use crate::npy::parse_dtype;
+
+/// A chart of any format.
+pub enum Chart {
+    /// A Zarr array.
+    Store(Box<ChartStore>),
+    /// A flat file.
+    Raster(Box<RasterChart>),
+    /// Pictures, one per band, a TIFF of several bands, a chunked array of HDF5, or a spectral OpenEXR file.
+    Decoded(Box<DecodedChart>),
+    /// Generated on demand.
+    Generated(Box<Generator>),
+}
+
+/// How a chart is read.
+#[derive(Clone, Copy, Default)]
+pub struct ChartRequest<'a> {
+    /// Wavelengths of the bands in nm in place of the file's.
+    pub wavelengths_nm: Option<&'a [f64]>,
+    /// Shape and sample type: the file holds raw samples.
+    pub raw: Option<(&'a str, &'a str)>,
+    /// Order of the axes.
+    pub axes: Option<&'a AxisOrder>,
+    /// Factor of all values.
+    pub scale: Option<f64>,
+    /// NaN and fill values.
+    pub nan: NanPolicy,
+    /// Bytes of decoded chunks that are cached.
+    pub cache_bytes: usize,
+}
+
+/// A format of charts in files.
+struct Format {
+    /// Why `--axes` does not apply to it, if it does not.
+    declares_axes: Option<&'static str>,
+    /// Whether the name is one of a chart of this format.
+    detects: fn(&str) -> bool,
+    /// Opens it.
+    open: fn(&str, &ChartRequest<'_>) -> Result<Chart, ChartError>,
+}
+
+/// The formats of files, in the order in which a name is compared with them; what none recognises is a Zarr store.
+static FORMATS: [Format; 5] = [
+    Format {
+        declares_axes: Some("OpenEXR declares its order"),
+        detects: |spec| exr::is_supported_path(Path::new(spec)),
+        open: |spec, request| decoded(spectral(exr::open(Path::new(spec), request.nan)?)?, request),
+    },
+    Format {
+        declares_axes: Some("TIFF declares its order"),
+        detects: |spec| pictures::is_tiff(Path::new(spec)),
+        open: |spec, request| decoded(pictures::open_tiff(Path::new(spec), request.nan)?, request),
+    },
+    Format {
+        declares_axes: None,
+        detects: |spec| hdf5::is_hdf5(Path::new(split_array(spec).0)),
+        open: |spec, request| {
+            let (file, array) = split_array(spec);
+            let declared = request.wavelengths_nm.is_some();
+            match hdf5::open(Path::new(file), array, request.axes, request.nan, declared)? {
+                Hdf5Chart::Raster(chart) => raster(*chart, request),
+                Hdf5Chart::Decoded(chart) => decoded(*chart, request),
+            }
+        },
+    },
+    Format {
+        declares_axes: None,
+        detects: |spec| RasterChart::is_supported_path(Path::new(spec)),
+        open: |spec, request| {
+            check_local(spec)?;
+            raster(RasterChart::open_with_axes(Path::new(spec), request.axes, request.nan)?, request)
+        },
+    },
+    Format {
+        declares_axes: Some("each picture is a band"),
+        detects: pictures::is_set_of_pictures,
+        open: |spec, request| decoded(pictures::open_set(spec, request.nan)?, request),
+    },
+];
+
+impl Chart {
+    /// Opens `PATH`, `PATH//array`, a folder or pattern of pictures, or `gen:KIND?…`.
+    ///
+    /// # Errors
+    /// [`ChartError::Usage`] if the name or the request is invalid; else that the chart cannot be opened.
+    pub fn open(spec: &str, request: &ChartRequest<'_>) -> Result<Self, ChartError> {
+        if let Some((shape, dtype)) = request.raw {
+            return raster(raw(spec, shape, dtype, request)?, request);
+        }
+        if let Some(drawn) = spec.strip_prefix("gen:") {
+            return generated(drawn, request);
+        }
+        let Some(format) = FORMATS.iter().find(|format| (format.detects)(spec)) else {
+            let options = ChartOptions {
+                cache_bytes: request.cache_bytes,
+                nan: request.nan,
+                wavelengths_nm: request.wavelengths_nm.map(<[f64]>::to_vec),
+                axes: request.axes.cloned(),
+                scale: request.scale.unwrap_or(1.0),
+            };
+            return Ok(Self::Store(Box::new(ChartStore::open(spec, options)?)));
+        };
+        if let (Some(declared), Some(_)) = (format.declares_axes, request.axes) {
+            return Err(ChartError::Usage(format!(
+                "--axes applies to Zarr and HDF5 arrays, .npy and raw samples; chart `{spec}`: {declared}"
+            )));
+        }
+        (format.open)(spec, request)
+    }
+}
+
+/// A chart that is drawn.
+fn generated(drawn: &str, request: &ChartRequest<'_>) -> Result<Chart, ChartError> {
+    let given = [("--axes", request.axes.is_some()), ("--chart-scale", request.scale.is_some())];
+    if let Some((flag, _)) = given.iter().find(|(_, given)| *given) {
+        return Err(ChartError::Usage(format!("{flag} applies to charts in files, not to `gen:{drawn}`")));
+    }
+    let mut spec: ChartSpec =
+        drawn.parse().map_err(|e| ChartError::Usage(format!("chart `gen:{drawn}`: {e}")))?;
+    if let Some(nm) = request.wavelengths_nm {
+        spec.wavelengths_nm = nm.to_vec();
+    }
+    let generator =
+        Generator::new(spec).map_err(|e| ChartError::Usage(format!("chart `gen:{drawn}`: {e}")))?;
+    Ok(Chart::Generated(Box::new(generator)))
+}
+
+/// Opens raw samples of `shape` (`BANDS,ROWS,COLUMNS`, or the sides along `--axes`) and NumPy's type `dtype`.
+fn raw(spec: &str, shape: &str, dtype: &str, request: &ChartRequest<'_>) -> Result<RasterChart, ChartError> {
+    check_local(spec)?;
+    let standard = "wavelength,y,x".parse::<AxisOrder>().expect("a valid order");
+    let axes = request.axes.unwrap_or(&standard);
+    let sides: Option<Vec<usize>> = shape.split(',').map(|w| w.trim().parse().ok()).collect();
+    let invalid = || {
+        ChartError::Usage(format!("--chart-shape {shape}: expected the sides along {axes}, e.g. 31,512,512"))
+    };
+    let sides = sides.ok_or_else(invalid)?;
+    let Some((sample, little_endian)) = parse_dtype(dtype) else {
+        return Err(ChartError::Usage(format!(
+            "--chart-dtype {dtype}: expected u8, u16, f16, f32 or f64, prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8"
+        )));
+    };
+    let layout = RasterLayout::raw(&sides, axes, sample, little_endian).map_err(|_| invalid())?;
+    RasterChart::raw(Path::new(spec), layout, request.nan)
+}
+
+fn raster(chart: RasterChart, request: &ChartRequest<'_>) -> Result<Chart, ChartError> {
+    let chart = chart.with_scale(request.scale.unwrap_or(1.0));
+    Ok(Chart::Raster(Box::new(match request.wavelengths_nm {
+        Some(nm) => chart.with_wavelengths(nm.to_vec())?,
+        None => chart,
+    })))
+}
+
+fn decoded(chart: DecodedChart, request: &ChartRequest<'_>) -> Result<Chart, ChartError> {
+    let chart = chart.with_scale(request.scale.unwrap_or(1.0));
+    Ok(Chart::Decoded(Box::new(match request.wavelengths_nm {
+        Some(nm) => chart.with_wavelengths(nm.to_vec())?,
+        None => chart,
+    })))
+}
+
+/// The chart of a file with wavelengths.
+fn spectral(file: ExrFile) -> Result<DecodedChart, ChartError> {
+    if matches!(file.content, ExrContent::Spectral { .. }) {
+        return Ok(file.chart);
+    }
+    let path = file.chart.path().display();
+    Err(ChartError::Usage(format!(
+        "chart {path}: a colour image without wavelengths; convert it with `lenscube chart image {path} CHART.zarr`"
+    )))
+}
+
+/// Fails for a URL: flat files are mapped into memory.
+fn check_local(spec: &str) -> Result<(), ChartError> {
+    match is_url(Path::new(spec)) {
+        true => Err(ChartError::Usage(format!(
+            "chart `{spec}`: only Zarr stores are supported at a URL; copy the file to a local disk"
+        ))),
+        false => Ok(()),
+    }
+}
