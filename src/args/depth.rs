@@ -8,7 +8,7 @@ use anyhow::Result;
 use clap::Args;
 
 /// Surfaces at several distances, and the lens's focus.
-#[derive(Clone, Debug, Default, Args)]
+#[derive(Clone, Debug, Default, PartialEq, Args)]
 #[command(next_help_heading = "Depth")]
 pub struct DepthArgs {
     /// Object distance in focus, m from the entrance pupil (`inf` allowed), of a design: its film moves there [default: the film of the

@@ -66,15 +66,13 @@ fn open_sensor(name: &str, set: &[String]) -> Result<SensorFile> {
     })
 }
 
-fn expose(args: &ExposeArgs) -> Result<u8> {
+/// Exposes a sensor to a film; the exit code.
+pub fn expose(args: &ExposeArgs) -> Result<u8> {
     let (Some(film), Some(raw)) = (&args.film, &args.raw) else {
         return Err(usage("expected FILM and RAW; see `lenscube sensor --help`"));
     };
     match picture::format_of(raw)? {
-        Some(format) => picture::command(args, (film, raw, format), |args, plan| match &args.raw {
-            Some(raw) => expose_raw(args, plan, raw),
-            None => unreachable!("the path of the raw is given above"),
-        }),
+        Some(format) => picture::command(args, (film, raw, format), expose_raw),
         None => expose_raw(args, &Plan::new(args, film)?, raw),
     }
 }

@@ -65,12 +65,12 @@ pub fn temporary_raw(out: &Path) -> PathBuf {
     name.into()
 }
 
-/// Exposes one frame into `out`; `expose` makes the raw of a plan with the given arguments. With `--overwrite` a raw of the same job is resumed,
+/// Exposes one frame into `out`; `expose` makes the raw of a plan at a path with the given arguments. With `--overwrite` a raw of the same job is resumed,
 /// one of another job replaced.
 pub fn command(
     args: &ExposeArgs,
     (film, out, format): (&str, &Path, FileFormat),
-    expose: impl Fn(&ExposeArgs, &Plan) -> Result<u8>,
+    expose: impl Fn(&ExposeArgs, &Plan, &Path) -> Result<u8>,
 ) -> Result<u8> {
     let shown = out.display();
     let several =
@@ -91,7 +91,7 @@ pub fn command(
     let resuming = ExposeArgs { raw: Some(raw.clone()), overwrite: false, ..args.clone() };
     let code = replacing_other_job(
         args.overwrite,
-        || expose(&resuming, &plan),
+        || expose(&resuming, &plan, &raw),
         || super::remove(&raw, args.take_over),
     )?;
     if code != 0 {

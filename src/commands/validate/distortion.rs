@@ -9,6 +9,7 @@
 use super::film_maker::{RegionPixels, inside_film};
 use super::reference::ReferenceBand;
 use super::setup::Setup;
+use crate::args::Stage;
 use anyhow::{Context, Result};
 use pipeline::chart::Generator;
 use pipeline::geometry::Rect;
@@ -74,7 +75,7 @@ pub fn simulate(setup: &Setup, psf: bool) -> Result<PointFilm> {
         inside_film(rect, setup.size, "a point near the border")
     };
     let rects: Vec<Rect> = points.iter().map(rect).collect::<Result<_>>()?;
-    let stages = if psf { "ri,distortion,svpsf" } else { "ri,distortion" };
+    let stages = if psf { Stage::ALL } else { Stage::REMAP };
     let pixels = setup.simulate(&chart, stages, &rects)?;
     Ok(PointFilm { points, rects, pixels, psf })
 }

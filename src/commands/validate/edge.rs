@@ -16,6 +16,7 @@ use super::film_maker::inside_film;
 use super::interpolated_lens::InterpolatedLens;
 use super::reference::ReferenceBand;
 use super::setup::Setup;
+use crate::args::Stage;
 use anyhow::{Context, Result};
 use pipeline::geometry::Rect;
 use pipeline::measure::agreement::{Agreement, agreement};
@@ -130,7 +131,7 @@ pub fn simulate(setup: &Setup, places: &[EdgePlace]) -> Result<Vec<EdgeFilm>> {
             inside_film(rect, setup.size, &format!("the edge at the {}", p.name))
         });
         let rects: Vec<Rect> = rects.collect::<Result<_>>()?;
-        let mut bands = setup.simulate(&chart, "ri,distortion,svpsf", &rects)?;
+        let mut bands = setup.simulate(&chart, Stage::ALL, &rects)?;
         for (i, (place, rect)) in edges.into_iter().zip(rects).enumerate() {
             let pixels = bands.iter_mut().map(|band| std::mem::take(&mut band[i])).collect();
             films.push(EdgeFilm { place: place.clone(), rect, pixels });

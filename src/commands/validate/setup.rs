@@ -4,7 +4,7 @@ use super::edge::{angles, places};
 use super::film_maker::{FilmMaker, RegionPixels};
 use super::progress::Steps;
 use super::reference::{ReferenceBand, ReferenceLens};
-use crate::args::ValidateArgs;
+use crate::args::{Stage, ValidateArgs};
 use crate::job::default_options;
 use crate::job::lens::{JobLens, UntracedLens};
 use crate::job::threads;
@@ -103,7 +103,7 @@ impl Setup {
     }
 
     /// Simulates the film of `chart` by `stages` and reads its regions `rects`.
-    pub fn simulate(&self, chart: &str, stages: &str, rects: &[Rect]) -> Result<RegionPixels> {
+    pub fn simulate(&self, chart: &str, stages: &[Stage], rects: &[Rect]) -> Result<RegionPixels> {
         let pixels = self.film_maker.simulate(chart, stages, rects)?;
         self.steps.step();
         Ok(pixels)
