@@ -12,7 +12,8 @@ use crate::failure::usage;
 use crate::job::threads;
 use crate::machine::default_limit;
 use anyhow::Result;
-use formats::raw::{RawOutput, RawSpec, RawStore};
+use formats::group::Output;
+use formats::raw::{RawSpec, RawStore};
 use formats::sensor::SensorFile;
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::pixels::Resample;
@@ -46,7 +47,7 @@ pub struct Plan {
     pub(super) film_scale: Option<f64>,
     /// Seed, die, noises, temperature.
     pub exposure: Exposure,
-    pub(super) outputs: Vec<RawOutput>,
+    pub(super) outputs: Vec<Output>,
     pub(super) keep_signal: bool,
     /// All that changes pixels.
     pub identity: Map<String, Value>,
@@ -290,10 +291,10 @@ fn gain(args: &ExposeArgs, sensor: &Sensor) -> Result<f64> {
     }
 }
 
-fn outputs(args: &ExposeArgs, size: Size) -> Vec<RawOutput> {
-    let window = |(i, rect): (usize, &Rect)| RawOutput { name: format!("roi_{i}"), rect: *rect };
+fn outputs(args: &ExposeArgs, size: Size) -> Vec<Output> {
+    let window = |(i, rect): (usize, &Rect)| Output { name: format!("roi_{i}"), rect: *rect };
     match args.roi.is_empty() {
-        true => vec![RawOutput { name: "raw".into(), rect: size.rect() }],
+        true => vec![Output { name: "raw".into(), rect: size.rect() }],
         false => args.roi.iter().enumerate().map(window).collect(),
     }
 }
