@@ -1,4 +1,4 @@
-//! Memory of this machine and of this process, as the system reports it.
+//! Cores and memory of this machine, and memory of this process, as the system reports it.
 
 mod cgroup;
 
@@ -11,6 +11,11 @@ use std::path::{Path, PathBuf};
 const MAX_DEFAULT: u64 = 4 << 30;
 /// Available memory where the system does not report it.
 const UNKNOWN: u64 = 4 << 30;
+
+/// Worker threads: as given, else all cores.
+pub fn threads(given: Option<usize>) -> usize {
+    given.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+}
 
 /// Half of the available memory, at most 4 GiB.
 pub fn default_limit() -> u64 {

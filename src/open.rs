@@ -1,8 +1,6 @@
 //! Opens charts (stores, files, generators) and lens packs by the names in the arguments.
 
-mod access;
-
-pub use access::check_has_files;
+pub mod access;
 
 use crate::args::DESIGN_FILES;
 use crate::design;

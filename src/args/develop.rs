@@ -138,8 +138,8 @@ mod tests {
 
     #[test]
     fn request_has_the_defaults_of_the_flags() {
-        let matches =
-            DevelopArgs::augment_args(Command::new("develop")).get_matches_from(["develop", "raw", "out.png"]);
+        let matches = DevelopArgs::augment_args(Command::new("develop"))
+            .get_matches_from(["develop", "raw", "out.png"]);
         assert_eq!(DevelopArgs::from_arg_matches(&matches).unwrap(), DevelopArgs::new("raw", "out.png"));
     }
 }

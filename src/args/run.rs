@@ -2,8 +2,8 @@
 
 use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, one_of};
 use super::depth::DepthArgs;
+use super::design::DESIGN_FILES;
 use super::device::{Device, EngineArg};
-use super::lens::DESIGN_FILES;
 use super::placement::PlacementArgs;
 use super::values::{azimuths, bytes, keep_bits, odd, positive, roi, storage, threads, unit};
 use clap::{Args, ValueEnum};

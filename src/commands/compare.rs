@@ -21,7 +21,7 @@ use crate::args::{CompareArgs, DevelopStyle, check_directory};
 use crate::camera::Developer;
 use crate::camera::frame::Frame;
 use crate::failure::usage;
-use crate::job::threads;
+use crate::machine::threads;
 use crate::outputs::check_absent_in;
 use crate::progress::log_line;
 use anyhow::{Context, Result};

@@ -12,7 +12,7 @@ use crate::commands::chart::write;
 use crate::commands::run;
 use crate::failure::usage;
 use crate::job::lens::samples::LensData;
-use crate::job::threads;
+use crate::machine::threads;
 use crate::open::Chart;
 use crate::progress::{log_line, print};
 use anyhow::Result;

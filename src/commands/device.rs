@@ -11,7 +11,7 @@ use crate::commands::validate::FilmMaker;
 use crate::device::driver;
 use crate::device::verdict::{Verdict, store, verdict};
 use crate::failure::{code, usage};
-use crate::job::threads;
+use crate::machine::threads;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, temp_name};

@@ -1,13 +1,14 @@
 //! Steps 1 and 3: chart and lens opened; bands selected, film geometry resolved. Of the chart only metadata are read.
 
-use super::coverage::field_height_mm;
 use super::depth::surfaces::SurfacePaths;
 use super::depth::{Depth, DepthRequest, LensFacts};
+use super::field_height::field_height_mm;
 use super::frame::{Named, frame};
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::job::lens::UntracedLens;
-use crate::open::{Chart, ChartFlags, check_has_files};
+use crate::open::access::check_has_files;
+use crate::open::{Chart, ChartFlags};
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::chart::NanPolicy;

@@ -7,12 +7,12 @@
 //! the disk, and decoded chart chunks (up to what a row of shards reads, or two rows of a GPU's tiles). Nothing here changes a pixel.
 
 mod depth;
+mod spectra;
 
 use crate::failure::usage;
 use crate::job::stretch::RemapStretch;
 use crate::progress::mib;
 use anyhow::Result;
-use depth::{largest_psf, largest_spectrum, psfs_on_demand};
 use formats::chart::ChunkMemory;
 use formats::film::FilmSpec;
 use pipeline::band::{BandPlan, Options};
@@ -22,6 +22,7 @@ use pipeline::geometry::{Frame, Size};
 use pipeline::plan::FilmRegion;
 use pipeline::remap::{Remap, memory as remap};
 use pipeline::stages;
+use spectra::{largest_psf, largest_spectrum, psfs_on_demand};
 
 /// The program itself, its threads' stacks, metadata of the stores.
 const PROCESS_BYTES: usize = 40 << 20;

@@ -9,8 +9,7 @@
 use super::store;
 use crate::args::ImageArgs;
 use crate::failure::usage;
-use crate::job::threads;
-use crate::machine::default_limit;
+use crate::machine::{default_limit, threads};
 use crate::outputs::check_absent;
 use crate::progress::{counting, log_line};
 use anyhow::Result;

@@ -8,7 +8,7 @@ use crate::args::{DemoArgs, DepthArgs, ProgressArg, RunArgs};
 use crate::commands::chart::write;
 use crate::commands::run;
 use crate::failure::usage;
-use crate::job::threads;
+use crate::machine::threads;
 use crate::progress::{log_line, print};
 use anyhow::Result;
 use formats::chart::Codec;

@@ -69,7 +69,8 @@ impl CommandLine {
         let all = self.flags.iter().chain(&overrides.flags).cloned();
         let all = all.chain(["--".to_owned()]).chain(paths);
         // A later flag replaces an earlier one.
-        let command = RunArgs::augment_args(Command::new("run")).no_binary_name(true).args_override_self(true);
+        let command =
+            RunArgs::augment_args(Command::new("run")).no_binary_name(true).args_override_self(true);
         let matches = command.try_get_matches_from(all);
         matches.and_then(|matches| RunArgs::from_arg_matches(&matches)).map_err(|e| usage(first_line(&e)))
     }

@@ -2,15 +2,15 @@
 
 use super::exposure::{Times, time};
 use super::film::Film;
-use super::geometry::Geometry;
+use super::geometry::{Geometry, check_rois};
+use super::kept::Kept;
 use super::memory::{self, Memory, Needs};
-use super::signal::Kept;
-use super::{identity, open_sensor, warnings};
+use super::open::open_sensor;
+use super::{identity, warnings};
 use crate::args::ExposeArgs;
 use crate::camera::frame::split_group;
 use crate::failure::usage;
-use crate::job::threads;
-use crate::machine::default_limit;
+use crate::machine::{default_limit, threads};
 use anyhow::Result;
 use formats::group::Output;
 use formats::raw::{RawSpec, RawStore};
@@ -117,7 +117,12 @@ impl Plan {
         Self::with(args, source, (file, sensor), times, memory, (signal_identity, relative, size), notes)
     }
 
-    fn of_kept(args: &ExposeArgs, path: &Path, times: Times, (limit, threads): (u64, usize)) -> Result<Self> {
+    fn of_kept(
+        args: &ExposeArgs,
+        path: &Path,
+        times: Times,
+        (limit, threads): (u64, usize),
+    ) -> Result<Self> {
         let kept = Kept::open(path)?;
         let geometry_flags = args.size.is_some()
             || args.center != (0.0, 0.0)
@@ -241,17 +246,6 @@ impl Plan {
     /// Whether illuminance is to be summed.
     pub fn sums_lux(&self) -> bool {
         self.film_lux.is_some()
-    }
-}
-
-/// Fails for regions that are not inside the sensor.
-pub fn check_rois(args: &ExposeArgs, size: Size) -> Result<()> {
-    match args.roi.iter().find(|r| !size.rect().contains(**r)) {
-        None => Ok(()),
-        Some(roi) => Err(usage(format!(
-            "--roi {},{},{},{} is not inside the sensor of {size} pixels",
-            roi.x, roi.y, roi.width, roi.height
-        ))),
     }
 }
 

@@ -1,13 +1,13 @@
 //! Setup of a validation: film geometry, lens of the simulated films, reference lens; paths between chart and film.
 
-use super::edge::{angles, places};
+use super::edge_places::{angles, places};
 use super::film_maker::{FilmMaker, RegionPixels};
 use super::progress::Steps;
 use super::reference::{ReferenceBand, ReferenceLens};
 use crate::args::{Stage, ValidateArgs};
 use crate::job::default_options;
 use crate::job::lens::{JobLens, UntracedLens};
-use crate::job::threads;
+use crate::machine::threads;
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, sweep_entries};
 use pipeline::geometry::{Frame, Rect, Size};
