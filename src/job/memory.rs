@@ -9,8 +9,8 @@
 mod depth;
 mod spectra;
 
-use crate::failure::usage;
 use crate::job::stretch::RemapStretch;
+use crate::machine::MemoryLimit;
 use crate::progress::mib;
 use anyhow::Result;
 use formats::chart::ChunkMemory;
@@ -89,7 +89,7 @@ impl GpuDemand {
 /// What the demand for memory depends on.
 pub struct MemoryInputs<'a> {
     /// Limit, bytes.
-    pub limit: u64,
+    pub limit: MemoryLimit,
     /// Film, axis, chart.
     pub frame: &'a Frame,
     /// Accuracy and stages.
@@ -329,7 +329,7 @@ impl Memory {
     /// # Errors
     /// Usage: the limit is too small; with the cause and the remedy.
     pub fn plan(inputs: &MemoryInputs<'_>, gpus: GpuDemand) -> Result<Self> {
-        let limit = usize::try_from(inputs.limit).unwrap_or(usize::MAX);
+        let limit = usize::try_from(inputs.limit.bytes).unwrap_or(usize::MAX);
         let usable = (limit as f64 * (1.0 - FRAGMENTATION_SHARE)) as usize;
         let with_slack = |bytes: usize| (bytes as f64 / (1.0 - FRAGMENTATION_SHARE)) as usize;
         let demand = inputs.demand(&gpus);
@@ -338,16 +338,14 @@ impl Memory {
         let min = demand.fixed.saturating_add(caches).saturating_add(min_pinned);
         if min > usable {
             let why = inputs.explain(&demand, min - usable, with_slack(min));
-            return Err(usage(format!("--memory {} is too small: {why}", mib(limit))));
+            return Err(inputs.limit.too_small(why));
         }
         // Nothing else is allocated while bands are written to a temporary file.
         let rechunking = inputs.chunks.rechunking;
         let decoders = usable.saturating_sub(PROCESS_BYTES) / rechunking.max(1);
         if decoders == 0 {
-            return Err(usage(format!(
-                "--memory {} is too small: sorting the chart by band requires {} per chunk; raise the limit, or re-chunk the chart, \
-                 e.g. into (1, 512, 512)",
-                mib(limit),
+            return Err(inputs.limit.too_small(format!(
+                "sorting the chart by band requires {} per chunk; raise the limit, or re-chunk the chart, e.g. into (1, 512, 512)",
                 mib(with_slack(PROCESS_BYTES.saturating_add(rechunking))),
             )));
         }

@@ -11,7 +11,7 @@ use crate::failure::{line, usage};
 use crate::job::cost::core_s;
 use crate::job::lens::{TracedFor, UntracedLens, estimated};
 use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
-use crate::machine::{default_limit, threads};
+use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
 use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
 use formats::chart::{NanPolicy, exr};
@@ -272,7 +272,7 @@ fn memory(
         UntracedLens::Design(..) => 0,
     };
     let inputs = MemoryInputs {
-        limit: args.memory.unwrap_or_else(default_limit),
+        limit: MemoryLimit::new(args.memory, MAX_DEFAULT),
         frame,
         options: &options,
         bands,

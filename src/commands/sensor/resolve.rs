@@ -10,7 +10,7 @@ use super::{identity, warnings};
 use crate::args::ExposeArgs;
 use crate::camera::frame::split_group;
 use crate::failure::usage;
-use crate::machine::{default_limit, threads};
+use crate::machine::{MemoryLimit, threads};
 use anyhow::Result;
 use formats::group::Output;
 use formats::raw::{RawSpec, RawStore};
@@ -73,7 +73,7 @@ impl Plan {
             ));
         }
         let threads = threads(args.threads);
-        let limit = args.memory.unwrap_or_else(|| default_limit().min(memory::DEFAULT));
+        let limit = MemoryLimit::new(args.memory, memory::DEFAULT);
         let (path, array) = split_group(film);
         if array.is_empty() && RawStore::is_one(Path::new(path)).unwrap_or(false) {
             return Self::of_kept(args, Path::new(path), times, (limit, threads));
@@ -121,7 +121,7 @@ impl Plan {
         args: &ExposeArgs,
         path: &Path,
         times: Times,
-        (limit, threads): (u64, usize),
+        (limit, threads): (MemoryLimit, usize),
     ) -> Result<Self> {
         let kept = Kept::open(path)?;
         let geometry_flags = args.size.is_some()
